@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import warnings
 from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
@@ -11,13 +12,23 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core
-from .errors import ArgumentError, SimulationError, SimulationInterrupted, of_argument
+from .errors import ArgumentError, InertiaWarning, SimulationError, SimulationInterrupted, of_argument
 
 if TYPE_CHECKING:
     from ._core import Scene
     from ._results import RolloutGradients
 
-__all__ = ["PD", "ContactMotion", "ContactState", "MomentumCorrection", "MotionEnergy", "Trajectory", "Violation"]
+__all__ = [
+    "PD",
+    "ContactMotion",
+    "ContactState",
+    "EnergyAudit",
+    "MomentumCorrection",
+    "MotionEnergy",
+    "StopImpact",
+    "Trajectory",
+    "Violation",
+]
 
 _Array = NDArray[np.float64]
 _Number = TypeVar("_Number", np.float64, np.int8)
@@ -112,6 +123,55 @@ class ContactMotion(NamedTuple):
     """The deepest that a contact was under its plane at a step's end, before it was moved out, (...), m."""
 
 
+class EnergyAudit(NamedTuple):
+    """Where the energy of a run went, (...) each, J: the work of everything that acts at the joints, from the start to the last row.
+
+    Examples
+    --------
+    >>> import phipsi
+    >>> scene = phipsi.scenes.chain(3)
+    >>> path = scene.simulate([0.3] * scene.nv, [0.0] * scene.nv, dt=1e-3, steps=100)
+    >>> bool(abs(path.energy_audit().remainder) < 1e-6)
+    True
+    """
+
+    torque: _Array
+    """Work of tau."""
+    damping: _Array
+    """Work of damping; zero or negative."""
+    friction: _Array
+    """Work of dry friction."""
+    control: _Array
+    """Work of pd."""
+    stops: _Array
+    """Work of the joint stops."""
+    contacts: _Array
+    """Work of contacts: impacts and sliding friction; zero without contacts."""
+    change: _Array
+    """Change of kinetic, potential and spring energy."""
+    remainder: _Array
+    """Change minus all works: the error of the integrator, and that of the works, which are sums over steps."""
+    share: _Array
+    """The remainder relative to the largest of: the range of the kinetic energy, the range of the potential energy, and each work."""
+
+
+class StopImpact(NamedTuple):
+    """A joint that met one of its stops."""
+
+    joint: str
+    """Name of the joint."""
+    limit: str
+    """Which stop: "lower" or "upper"."""
+    time: float
+    """When, at the end of a step or substep, s."""
+    speed: float
+    """How fast the joint moved, rad/s or m/s."""
+    impulse: float
+    """The impulse of the stop on the joint, N m s or N s."""
+    state: int | tuple[int, ...] | None
+    """Index of the state in the batch; None for a single state."""
+
+
 class Violation(NamedTuple):
     """A limit that a trajectory breaks in some recorded row."""
 
@@ -159,6 +219,22 @@ class Trajectory:
     """The contacts of the scene; None where it has none."""
     record_every: int = field(default=1, repr=False)
     """Steps between two rows."""
+    integrator: str = field(default="", repr=False)
+    """The method that advanced states: of "auto", the one that was chosen, "rk4" or "rosenbrock-2"."""
+    friction_speed: float = field(default=0.0, repr=False)
+    """Below this speed friction was regularized, rad/s or m/s; 0: exact Coulomb friction."""
+    limits: str = field(default="report", repr=False)
+    """Whether joint limits were stops: "stop" or "report"."""
+    stops: list[StopImpact] = field(default_factory=list, repr=False)
+    """Impacts of joints on their stops, by state and time. A joint that rests on a stop has none."""
+    works: tuple[_Array, ...] = field(default=(), repr=False)
+    """The works of energy_audit, (...) each, J."""
+    substeps: NDArray[np.int_] = field(default_factory=lambda: np.array(1), repr=False)
+    """The largest number of substeps that a step was divided into, (...)."""
+    events: NDArray[np.int_] = field(default_factory=lambda: np.array(0), repr=False)
+    """The number of substeps in which a joint stuck, began to slide, or met or left a stop, (...)."""
+    estimated_error: _Array = field(default_factory=lambda: np.array(0.0), repr=False)
+    """With accuracy, the sum of the estimated errors of all substeps, (...); else zero, and error_estimate gives one."""
     given: dict[str, Any] | None = field(default=None, repr=False)
     """The other arguments of Scene.simulate, for vjp; arrays are copies. None where a simulator went there."""
 
@@ -185,6 +261,64 @@ class Trajectory:
         rotors = 0.5 * ((self.armature - self.scene.armature) * self.qd**2).sum(axis=-1)
         return MotionEnergy(np.asarray(energy.kinetic + rotors), np.asarray(energy.potential), self._springs())
 
+    def energy_audit(self) -> EnergyAudit:
+        """Where the energy went from the start to the last row: the work of torques, damping, friction, control, stops and contacts, and what they do not explain.
+
+        Works are accumulated in every step, whether it has a row or not. The energy of what is passive grows by no more than the remainder.
+
+        Returns
+        -------
+        EnergyAudit
+            Work of each kind, change of the energy, and the remainder, (...) each, J.
+
+        Raises
+        ------
+        ArgumentError
+            Where a simulator went there, whose first row is not known.
+        """
+        self._known()
+        energy = self.energy()
+        change = np.asarray(energy.total[..., -1] - energy.total[..., 0])
+        torque, damping, friction, control, stops = (np.asarray(work) for work in self.works)
+        contacts = np.zeros(change.shape)
+        if self.contacts is not None:
+            contacts = -np.asarray(self.contacts.lost_in_impacts + self.contacts.lost_in_friction)
+        works = [torque, damping, friction, control, stops, contacts]
+        remainder = np.asarray(change - sum(works))
+        ranges = [np.ptp(part, axis=-1) for part in (energy.kinetic, energy.potential + energy.spring)]
+        scale = np.max([np.abs(size) for size in (*works, *ranges)], axis=0)
+        share = np.asarray(np.abs(remainder) / np.where(scale > 0.0, scale, 1.0))
+        return EnergyAudit(*works, change, remainder, share)
+
+    def error_estimate(self) -> _Array:
+        """Estimated error of the configuration in every row, (..., rows), rad or m: the largest entry of the difference to a run with half the step, times 2.
+
+        The run is made again with half the step, which takes twice its time. For a method of order 1 the difference times 2 is the error to first order; at order 2 and more
+        it is an upper estimate. Where motion is chaotic the estimate grows as the error does.
+
+        Returns
+        -------
+        array
+            The estimate, (..., rows); zero in the first row.
+
+        Raises
+        ------
+        ArgumentError
+            Where tau was a function, and where a simulator went there.
+        SimulationError
+            Where the run with half the step fails.
+        """
+        given = {name: value for name, value in self._known().items() if value is not None}
+        if "tau_steps" in given:
+            given["tau_steps"] = np.repeat(np.asarray(given["tau_steps"])[..., : self.steps, :], 2, axis=-2)
+        own = {"method": self.method, "armature": self.armature, "stiffness": self.stiffness, "rest": self.rest}
+        rows, steps = 2 * self.record_every, 2 * self.steps
+        finer = self.scene.simulate(
+            self.q[..., 0, :], self.qd[..., 0, :], dt=0.5 * self.dt, steps=steps, record_every=rows, **own, **given
+        )
+        difference: _Array = 2.0 * np.abs(self.scene.difference(self.q, finer.q)).max(axis=-1, initial=0.0)
+        return difference
+
     def torques(self) -> _Array:
         """What acts at the joints in every row, (..., rows, nv), N m or N: tau of the step that begins there (of the last step in the last row), springs, damping,
         friction and pd.
@@ -200,7 +334,8 @@ class Trajectory:
             return usual if given.get(name) is None else read(name, given[name])
 
         u = -own("damping", scene.damping) * v - self.stiffness * self._displacement(self.rest, self.q)
-        u -= own("friction", scene.friction) * v / np.sqrt(v**2 + given["friction_speed"] ** 2)
+        speed = self.friction_speed
+        u -= own("friction", scene.friction) * (v / np.sqrt(v**2 + speed**2) if speed > 0.0 else np.sign(v))
         if given.get("tau") is not None:
             u = u + read("tau", given["tau"])[..., None, :]
         if given.get("tau_steps") is not None and self.steps:
@@ -270,6 +405,8 @@ class Trajectory:
         """How Scene.simulate was called, for Scene.simulate_vjp."""
         given = self._known()
         given.pop("baumgarte", None)
+        if given.pop("accuracy") is not None:
+            raise of_argument(ArgumentError, "accuracy", "found a run with error control; expected one with fixed steps, which have gradients")
         if given.pop("conserve_momentum"):
             raise of_argument(ArgumentError, "conserve_momentum", "found True; expected a run without it, whose steps have gradients")
         if "tau_steps" in given:
@@ -286,7 +423,7 @@ class Trajectory:
         return dict(self.given)
 
     def violations(self) -> list[Violation]:
-        """The limits of position and velocity that recorded rows break, in the order of the joints; none is ever enforced."""
+        """The limits of position and velocity that recorded rows break, in the order of the joints; velocities are never bounded, positions with limits="stop"."""
         found = []
         limits = self.scene.limits
         for joint in self.scene.joint_names:
@@ -336,7 +473,21 @@ def trajectory_of(
         q, qd = q[..., :rows, :], qd[..., :rows, :]
         if about.get("contacts") is not None:
             about["contacts"] = _first_rows(about["contacts"], rows, q.ndim - 2)
-    return Trajectory(scene, t, q, qd, dt, steps, record_every=record_every, given=_kept(given), **about)
+    return Trajectory(scene, t, q, qd, dt, steps, record_every=record_every, given=_kept(given), **_outcome(about))
+
+
+def _outcome(about: dict[str, Any]) -> dict[str, Any]:
+    """The fields of a trajectory, with counts as integers and impacts by name."""
+    most, events, error, unsettled = about.pop("counts")
+    if np.any(unsettled):
+        message = (
+            f"in {int(np.sum(unsettled))} steps no torques of friction and joint stops agree, because the mass matrix is indefinite: a link's inertia is not physical; a joint was held"
+            " in place (strict=True on loading names such links)"
+        )
+        warnings.warn(message, InertiaWarning, stacklevel=2)
+    about["stops"] = [StopImpact(*impact) for impact in about["stops"]]
+    counts = (np.asarray(count).astype(np.int_) for count in (most, events))
+    return about | dict(zip(("substeps", "events"), counts)) | {"estimated_error": np.asarray(error)}
 
 
 def contacts_of(names: tuple[str, ...], rows: _Array, told: _Array) -> ContactMotion:
@@ -368,7 +519,7 @@ def _first_rows(contacts: ContactMotion, rows: int, axis: int) -> ContactMotion:
 
 def only_now(q: _Array, qd: _Array, *, scene: Scene, dt: float, steps: int, **about: Any) -> Trajectory:
     """The trajectory of one row, where `steps` steps of a simulator have come; about: the other fields of Trajectory."""
-    return Trajectory(scene, np.array([steps * dt]), q, qd, dt, steps, **about)
+    return Trajectory(scene, np.array([steps * dt]), q, qd, dt, steps, **_outcome(about))
 
 
 def stopped(

@@ -12,7 +12,7 @@
 
 use super::manifold::advance;
 use super::method::Method;
-use super::properties::{Gains, Properties, joint_of_row};
+use super::properties::{FRICTION_SPEED, Gains, Properties, joint_of_row};
 use super::step::{Checked, Law, Scratch, accelerations};
 use crate::error::Error;
 use crate::filter::Form;
@@ -125,7 +125,7 @@ impl<'a> Adaptive<'a> {
             solver: Solver::default(),
             rtol: 1e-9,
             atol: 1e-9,
-            properties: Properties::of(scene),
+            properties: Properties { friction_speed: FRICTION_SPEED, ..Properties::of(scene) },
             gains: None,
             most_steps: 10_000_000,
         }
@@ -173,6 +173,10 @@ impl<'a> Adaptive<'a> {
         self.scene.check_no_connections("adaptive steps")?;
         self.scene.check_no_contacts("adaptive steps")?;
         self.properties.check(self.scene)?;
+        if self.properties.friction_speed == 0.0 {
+            let expected = "a positive speed: the solvers need smooth friction";
+            return Err(Error::argument("friction_speed", "0", expected));
+        }
         if let Some(gains) = &self.gains {
             gains.check(self.scene, 1)?;
         }

@@ -13,7 +13,7 @@
 //! more right side and a reverse product, all O(N), on the same sweeps as forward dynamics.
 
 use super::method::STAGES;
-use super::step::{Law, Scratch, add_scaled, clear, finish_stage, rounded_speed, set_friction, stage};
+use super::step::{By, Scratch, add_scaled, clear, finish_stage, rounded_speed, set_friction, stage};
 use crate::batch::accelerations::Call;
 use crate::batch::arms::{Target, Vectorised};
 use crate::batch::{factor::with_factor, products};
@@ -197,44 +197,44 @@ fn at_stage<T: Real>(s: &mut Scratch<T>, i: usize) -> Call<'_, T> {
 /// From the gradients by the step's end to those by its start, the step being from `s.q` and `s.v`; gives the lanes in doubt as bits.
 #[inline(always)]
 pub(super) fn backward<T: Real, S: BackwardSolver<T>>(
-    law: &Law,
+    by @ (law, scheme): By<'_>,
     s: &mut Scratch<T>,
     to: &mut StepGradients<T>,
     solver: &mut S,
 ) -> u64 {
-    let last = law.tableau.stages - 1;
+    let last = scheme.tableau.stages - 1;
     let mut doubt = 0;
     if law.rubs {
-        set_friction(law, s);
+        set_friction(by, s);
     }
     for i in 0..last {
-        stage(law, s, i);
+        stage(by, s, i);
         doubt |= solver.factor(at_stage(s, i));
-        finish_stage(law, s, i);
+        finish_stage(by, s, i);
     }
     for i in (0..=last).rev() {
-        stage(law, s, i);
+        stage(by, s, i);
         doubt |= solver.factor(at_stage(s, i));
         if i == last {
-            finish_stage(law, s, i);
-            to.of_end(law, s);
+            finish_stage(by, s, i);
+            to.of_end(by, s);
         }
-        add_scaled(&mut to.m[i], law.tableau.gamma[i][i], &to.l[i]);
+        add_scaled(&mut to.m[i], scheme.tableau.gamma[i][i], &to.l[i]);
         to.c.copy_from_slice(&to.l[i]);
         let StepGradients { m, stage_parameters, of_dynamics, .. } = to;
         doubt |= solver.gradients(at_stage(s, i), &m[i], stage_parameters, of_dynamics);
-        to.of_torques(law, s, i);
-        to.of_stage(law, s, i);
+        to.of_torques(by, s, i);
+        to.of_stage(by, s, i);
     }
-    to.of_friction(law, s);
+    to.of_friction(by, s);
     doubt
 }
 
 impl<T: Real> StepGradients<T> {
     /// Of where the step ended, and nothing yet of all else.
     #[inline(always)]
-    fn of_end(&mut self, law: &Law, s: &Scratch<T>) {
-        let t = &law.tableau;
+    fn of_end(&mut self, (_, scheme): By<'_>, s: &Scratch<T>) {
+        let t = &scheme.tableau;
         let Self { end, start, acting, parameters, l, m, x, chord, increment, .. } = self;
         for numbers in acting {
             clear(numbers);
@@ -262,8 +262,8 @@ impl<T: Real> StepGradients<T> {
 
     /// Of what acts at the joints in stage `i`: springs, damping, friction and the control law, at `of_dynamics`.
     #[inline(always)]
-    fn of_torques(&mut self, law: &Law, s: &Scratch<T>, i: usize) {
-        let t = &law.tableau;
+    fn of_torques(&mut self, (law, scheme): By<'_>, s: &Scratch<T>, i: usize) {
+        let t = &scheme.tableau;
         let nv = s.rows.len();
         let Self { acting, parameters, stage_parameters, l, m, c, of_dynamics, chord, spring, .. } = self;
         for (sum, &more) in parameters.as_flattened_mut().iter_mut().zip(stage_parameters.as_flattened()) {
@@ -285,7 +285,7 @@ impl<T: Real> StepGradients<T> {
             // d/dv of v/sqrt(v^2 + v0^2) is v0^2/sqrt(v^2 + v0^2)^3.
             let rubbing = of.friction * (slower * slower) * slower * v.constant(v0 * v0);
             by_v[row] = by_v[row].minus_product(of.damping + of.derivative + rubbing, u_bar);
-            if law.implicit {
+            if scheme.implicit {
                 let (stiffness, damping) = (of.stiffness + of.proportional, of.damping + of.derivative + s.chord[row]);
                 let (mut moved, mut sped) = (s.c[row] * hg, v.constant(0.0));
                 for j in 0..i {
@@ -323,8 +323,8 @@ impl<T: Real> StepGradients<T> {
 
     /// Of the state of stage `i`, on to the stages before it and to the step's start.
     #[inline(always)]
-    fn of_stage(&mut self, law: &Law, s: &Scratch<T>, i: usize) {
-        let t = &law.tableau;
+    fn of_stage(&mut self, (_, scheme): By<'_>, s: &Scratch<T>, i: usize) {
+        let t = &scheme.tableau;
         let nv = s.rows.len();
         let Self { start: [start_q, start_v], l, m, x, c, of_dynamics, .. } = self;
         let (by_q, by_v) = of_dynamics[..2 * nv].split_at(nv);
@@ -356,8 +356,8 @@ impl<T: Real> StepGradients<T> {
 
     /// Of friction's damping at the step's start, f/sqrt(v^2 + v0^2), which implicit methods take.
     #[inline(always)]
-    fn of_friction(&mut self, law: &Law, s: &Scratch<T>) {
-        if !law.implicit {
+    fn of_friction(&mut self, (law, scheme): By<'_>, s: &Scratch<T>) {
+        if !scheme.implicit || !law.rubs {
             return;
         }
         for (row, of) in s.rows.iter().enumerate() {

@@ -220,6 +220,14 @@ impl<T: Real> Keeper<T> {
         }
     }
 
+    /// [`Keeper::correct`], if there is a tree whose momentum is conserved.
+    #[inline(always)]
+    pub fn correct_if_kept(&mut self, model: &Model<T>, q: &mut [T], v: &mut [T]) {
+        if self.keeps() {
+            self.correct(model, q, v);
+        }
+    }
+
     /// Gives every tree at `q` with rates `v` what it has at [`Keeper::time`].
     #[inline(always)]
     pub fn correct(&mut self, model: &Model<T>, q: &mut [T], v: &mut [T]) {

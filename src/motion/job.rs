@@ -2,9 +2,11 @@
 
 use super::contact::RECORD;
 use super::step::Law;
+use super::substeps::StopImpact;
 use super::torque::Torque;
 use crate::scene::Scene;
 use std::ops::Range;
+use std::sync::{Mutex, PoisonError};
 
 /// Where the recorded rows of a few neighbouring states go: (state, row, coordinate).
 pub(super) struct Rows<'a> {
@@ -39,8 +41,36 @@ pub(super) struct Job<'a, 'r> {
     pub states: Range<usize>,
     /// The step that each of them began at.
     pub begun: &'a [usize],
-    /// (q, qd) of each, one after another, and where momentum is kept what is kept and the largest corrections; in and out.
+    /// The values of [`Law::width`] of each, one after another; in and out.
     pub current: &'a mut [f64],
     pub torque: &'a Torque<'a>,
     pub rows: Option<&'a mut Rows<'r>>,
+    /// Where impacts on stops go.
+    pub impacts: Option<&'a Impacts>,
+}
+
+/// Impacts on stops, from all threads.
+#[derive(Debug, Default)]
+pub(super) struct Impacts {
+    found: Mutex<Vec<StopImpact>>,
+}
+
+/// The largest number of impacts that a run reports.
+const MOST_IMPACTS: usize = 1 << 20;
+
+impl Impacts {
+    /// Those of one step of a state, which begins at `time`.
+    pub fn add(&self, impacts: &[StopImpact], state: usize, time: f64) {
+        let mut found = self.found.lock().unwrap_or_else(PoisonError::into_inner);
+        if found.len() < MOST_IMPACTS {
+            found.extend(impacts.iter().map(|impact| StopImpact { state, time: time + impact.time, ..*impact }));
+        }
+    }
+
+    /// All of them, by state and time, and none afterwards.
+    pub fn take(&self) -> Vec<StopImpact> {
+        let mut all = std::mem::take(&mut *self.found.lock().unwrap_or_else(PoisonError::into_inner));
+        all.sort_by(|a, b| a.state.cmp(&b.state).then(a.time.total_cmp(&b.time)).then(a.row.cmp(&b.row)));
+        all
+    }
 }

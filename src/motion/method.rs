@@ -42,8 +42,11 @@ pub(crate) const STAGES: usize = 4;
 /// A method by which a state is advanced.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Method {
-    /// v' = v + h a(q, v), then q' = q exp(h v'). Order 1; symplectic for constant M.
+    /// [`Method::Rosenbrock2`], or [`Method::RungeKutta4`] where bounds at the start show that springs, damping and gains are slow at this step. Steps in which
+    /// joints rotate too far for the method are divided.
     #[default]
+    Auto,
+    /// v' = v + h a(q, v), then q' = q exp(h v'). Order 1; symplectic for constant M.
     SemiImplicitEuler,
     /// The classical explicit method of order 4.
     RungeKutta4,
@@ -64,7 +67,8 @@ pub enum Method {
 const SHORT: [(&str, Method); 2] = [("semi-implicit", Method::SemiImplicitEuler), ("implicit", Method::ImplicitEuler)];
 
 /// Every method of scenes without contacts, with its name.
-pub const METHODS: [(&str, Method); 5] = [
+pub const METHODS: [(&str, Method); 6] = [
+    ("auto", Method::Auto),
     ("semi-implicit-euler", Method::SemiImplicitEuler),
     ("rk4", Method::RungeKutta4),
     ("implicit-euler", Method::ImplicitEuler),
@@ -101,12 +105,12 @@ impl Method {
         METHODS.iter().chain(&OF_CONTACTS).find(|(_, method)| *method == self).map_or("", |(name, _)| name)
     }
 
-    /// The power of the step that its error falls with, on smooth motion.
+    /// The power of the step that its error falls with, on smooth motion; of [`Method::Auto`], at least.
     #[must_use]
     pub fn order(self) -> u32 {
         match self {
             Self::SemiImplicitEuler | Self::ImplicitEuler | Self::Contact => 1,
-            Self::Rosenbrock2 => 2,
+            Self::Auto | Self::Rosenbrock2 => 2,
             Self::Rosenbrock3 => 3,
             Self::RungeKutta4 => 4,
         }
@@ -115,7 +119,7 @@ impl Method {
     /// Whether springs and damping are taken implicitly.
     #[must_use]
     pub fn is_implicit(self) -> bool {
-        matches!(self, Self::ImplicitEuler | Self::Rosenbrock2 | Self::Rosenbrock3 | Self::Contact)
+        matches!(self, Self::Auto | Self::ImplicitEuler | Self::Rosenbrock2 | Self::Rosenbrock3 | Self::Contact)
     }
 
     pub(crate) fn tableau(self) -> Tableau {
@@ -134,7 +138,7 @@ impl Method {
                 gamma: [o; STAGES],
                 weights: [1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0],
             },
-            Self::Rosenbrock2 => {
+            Self::Auto | Self::Rosenbrock2 => {
                 let g = 1.0 - std::f64::consts::FRAC_1_SQRT_2;
                 Tableau {
                     stages: 2,
@@ -180,6 +184,36 @@ impl Tableau {
         self.alpha.iter_mut().chain(&mut self.gamma).flatten().for_each(|x| *x *= step);
         self.weights.iter_mut().for_each(|x| *x *= step);
         self
+    }
+}
+
+/// A method at some step.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Scheme {
+    /// The step, s.
+    pub step: f64,
+    /// The coefficients, times the step.
+    pub tableau: Tableau,
+    /// Whether springs, damping and control law are implicit.
+    pub implicit: bool,
+    /// The step times weights of the stages' accelerations that sum to zero: an estimate of the error in the velocities.
+    pub error: [f64; STAGES],
+    /// A step is short enough where joints rotate by less than this angle, rad, or where the estimate is below this share of the fastest joint velocity.
+    pub angle: f64,
+    pub share: f64,
+}
+
+impl Scheme {
+    pub fn new(method: Method, step: f64) -> Self {
+        let t = 1.0 / 6.0;
+        // The explicit method conserves energy to its error only; the implicit ones damp what is fast.
+        let (error, angle, share) = match method {
+            Method::RungeKutta4 => ([t, -t, -t, t], 0.05, 1e-6),
+            Method::Rosenbrock3 => ([-0.5, 0.0, 0.0, 0.5], 0.1, 1e-3),
+            _ => ([-0.5, 0.5, 0.0, 0.0], 0.1, 1e-3),
+        };
+        let error = error.map(|weight| weight * step);
+        Self { step, tableau: method.tableau().times(step), implicit: method.is_implicit(), error, angle, share }
     }
 }
 

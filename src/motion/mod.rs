@@ -58,6 +58,9 @@ pub(crate) mod rollout;
 pub(crate) mod simulator;
 mod step;
 mod stepper;
+mod stops;
+mod substeps;
+mod tally;
 mod torque;
 
 #[cfg(feature = "adaptive")]
@@ -68,6 +71,8 @@ pub use contact::{ContactReport, ContactState};
 pub use gradient::{RecordedRows, RolloutGradients};
 pub use method::{METHODS, Method};
 pub use properties::{FRICTION_SPEED, Gains, Properties};
-pub use rollout::{Records, Rollout, Settings};
+pub use rollout::{Limits, Records, Rollout, Settings};
 pub use simulator::Simulator;
+pub use substeps::StopImpact;
+pub use tally::Tally;
 pub use torque::{StepFault, Torque};

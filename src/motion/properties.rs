@@ -4,7 +4,7 @@ use crate::error::{Error, check_finite, check_length};
 use crate::scene::Scene;
 use std::collections::HashMap;
 
-/// The speed below which friction falls off, rad/s or m/s, unless another is given.
+/// The speed below which regularized friction falls off, rad/s or m/s, where friction is not exact and no other is given.
 pub const FRICTION_SPEED: f64 = 1e-2;
 
 /// Properties of the joints in simulation, by degree of freedom; copied from a scene and free to change.
@@ -18,10 +18,10 @@ pub struct Properties {
     pub stiffness: Vec<f64>,
     /// Configuration where the springs are at rest, (nq).
     pub rest: Vec<f64>,
-    /// Coulomb friction f, (nv), N m or N: the torque -f v / sqrt(v^2 + v0^2), smooth, and within 1 % of f from 7 v0 on.
+    /// Coulomb friction f, (nv), N m or N.
     pub friction: Vec<f64>,
-    /// v0, rad/s or m/s. Below it friction is viscous, f/v0: an explicit step is stable only where h f/v0 is small beside the
-    /// inertia. Joints creep where true friction would stick.
+    /// v0, rad/s or m/s. Zero: exact Coulomb friction, which holds a joint at rest; in scenes with contacts, connections or coupled joints it stands for
+    /// [`FRICTION_SPEED`]. Positive: the regularized torque -f v / sqrt(v^2 + v0^2), within 1 % of f from 7 v0 on, and viscous below v0, so that joints creep.
     pub friction_speed: f64,
 }
 
@@ -39,7 +39,7 @@ impl Properties {
             stiffness: vec![0.0; nv],
             rest: scene.neutral(),
             friction: vec![0.0; nv],
-            friction_speed: FRICTION_SPEED,
+            friction_speed: 0.0,
         };
         let root = scene.source().root_joint(String::new());
         for joint in scene.joints() {
@@ -65,8 +65,8 @@ impl Properties {
             check_positive(scene, name, values)?;
         }
         scene.check_configuration("rest", &self.rest)?;
-        if !(self.friction_speed.is_finite() && self.friction_speed > 0.0) {
-            let expected = "a speed, finite and positive";
+        if !(self.friction_speed.is_finite() && self.friction_speed >= 0.0) {
+            let expected = "a speed, finite; zero for exact Coulomb friction";
             return Err(Error::argument("friction_speed", format!("{}", self.friction_speed), expected));
         }
         Ok(())

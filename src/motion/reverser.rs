@@ -127,10 +127,14 @@ fn through(
     let (nq, nv, states) = (job.scene.nq(), job.scene.nv(), job.states.len());
     let room =
         |width: usize| memory::filled("steps", states * rows * width, f64::NAN).map_err(|error| job.refuse(error));
-    let (mut q, mut qd, mut current) = (room(nq)?, room(nv)?, start.to_vec());
-    for (state, at) in current.chunks_exact((nq + nv).max(1)).enumerate() {
+    let width = job.law.width(job.scene);
+    let (mut q, mut qd, mut current) = (room(nq)?, room(nv)?, vec![0.0; states * width]);
+    for (at, start) in current.chunks_exact_mut(width).zip(start.chunks_exact((nq + nv).max(1))) {
+        at[..nq + nv].copy_from_slice(start);
+    }
+    for (state, at) in current.chunks_exact(width).enumerate() {
         q[state * rows * nq..][..nq].copy_from_slice(&at[..nq]);
-        qd[state * rows * nv..][..nv].copy_from_slice(&at[nq..]);
+        qd[state * rows * nv..][..nv].copy_from_slice(&at[nq..nq + nv]);
     }
     let mut kept = Rows {
         q: &mut q,
@@ -150,7 +154,9 @@ fn through(
         current: &mut current,
         torque: job.torque,
         rows: Some(&mut kept),
+        impacts: None,
     })?;
+    let mut current = start.to_vec();
     for row in (0..rows).rev() {
         for (state, at) in current.chunks_exact_mut((nq + nv).max(1)).enumerate() {
             at[..nq].copy_from_slice(&q[(state * rows + row) * nq..][..nq]);
@@ -210,7 +216,7 @@ impl Checked {
     #[inline(never)]
     fn step(&mut self, job: &Job<'_>) -> Result<(), (String, Error)> {
         let Self { scratch, gradients, solver } = self;
-        backward(job.law, scratch, gradients, solver);
+        backward((job.law, &job.law.scheme), scratch, gradients, solver);
         if let Some(lost) = solver.lost.take() {
             let joint = job.scene.joint_of_body(lost.stage).map(|joint| joint.name.clone()).unwrap_or_default();
             return Err((joint, job.scene.singular(lost)));
@@ -363,7 +369,7 @@ impl<T: Vectorised<Number = f64>, I: Target> Work for Step<'_, T, I> {
             let at = (n - first) * nv;
             take_states(&mut s.torque, count, |lane| &torque.state(job.states.start + lane)[at..at + nv]);
         }
-        let doubt = backward(job.law, s, gradients, solver);
+        let doubt = backward((job.law, &job.law.scheme), s, gradients, solver);
         let mut worst = T::one();
         for numbers in gradients.start.iter().chain(&gradients.acting) {
             for &x in numbers {

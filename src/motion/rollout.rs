@@ -3,18 +3,23 @@
 use super::conserve::{self, Correction, KEPT, Keeper};
 use super::constrained::{Stabilisation, check_start};
 use super::contact::{self, ContactReport, RECORD};
-use super::job::{Job, Rows};
+use super::job::{Impacts, Job, Rows};
 use super::method::Method;
-use super::properties::{Gains, Properties};
+use super::properties::{FRICTION_SPEED, Gains, Properties};
 use super::step::Law;
 use super::stepper::Stepper;
+use super::stops::SetValued;
+use super::substeps::StopImpact;
+use super::tally::{TALLY, Tally};
 use super::torque::{StepFault, Torque};
 use crate::batch::arms::Arm;
 use crate::batch::{Batch, Fault, Pool};
 use crate::dynamics::contacts::ContactScratch;
+use crate::dynamics::{factorise, solve};
 use crate::error::Error;
 use crate::filter::{FORMS, Form};
 use crate::scene::Scene;
+use crate::workspace::Workspace;
 use crate::{memory, watch};
 use std::borrow::Borrow;
 use std::sync::{Mutex, PoisonError};
@@ -41,6 +46,24 @@ pub struct Settings {
     pub conserve_momentum: bool,
     /// What keeps the states of a scene with connections on them.
     pub stabilisation: Stabilisation,
+    /// Whether joint limits are stops.
+    pub limits: Limits,
+    /// The coefficient of restitution of the stops, 0 to 1.
+    pub restitution: f64,
+    /// Error control: each step of `dt` is made in substeps whose estimated error, in rad, m, and relative to the fastest joint velocity where that exceeds 1, is at most this; none: fixed steps.
+    pub accuracy: Option<f64>,
+}
+
+/// What a joint limit does in a simulation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Limits {
+    /// It stops the joint, where the scene has neither contacts nor connections nor coupled joints; there it is reported.
+    #[default]
+    Auto,
+    /// It stops the joint; an error where the scene has contacts, connections or coupled joints.
+    Stop,
+    /// It does nothing.
+    Report,
 }
 
 impl Settings {
@@ -57,6 +80,9 @@ impl Settings {
             arm: Arm::of_process(),
             conserve_momentum: false,
             stabilisation: Stabilisation::default(),
+            limits: Limits::default(),
+            restitution: 0.0,
+            accuracy: None,
         }
     }
 }
@@ -94,6 +120,8 @@ pub struct Records<'a> {
 pub struct Rollout<S> {
     scene: S,
     pub(super) law: Law,
+    /// As it was given.
+    method: Method,
     keeper: Keeper<f64>,
     pub(super) form: Form,
     pub(super) arm: Arm,
@@ -104,6 +132,7 @@ pub struct Rollout<S> {
     begun: Vec<usize>,
     done: usize,
     pool: Pool<Stepper>,
+    impacts: Impacts,
 }
 
 impl std::fmt::Debug for Stepper {
@@ -127,7 +156,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
     pub fn new(scene: S, settings: Settings, q: &[f64], qd: &[f64]) -> Result<Self, Error> {
         let coupling = scene.borrow().shared_coupling();
         let holds: &Scene = scene.borrow().tree();
-        let Settings { dt, method, form, properties, gains, arm, conserve_momentum, stabilisation } = settings;
+        let Settings { dt, method, form, mut properties, gains, arm, conserve_momentum, stabilisation, .. } = settings;
         if !(dt.is_finite() && dt > 0.0) {
             return Err(Error::argument("dt", format!("{dt}"), "a step in s, finite and positive"));
         }
@@ -145,6 +174,29 @@ impl<S: Borrow<Scene>> Rollout<S> {
         if conserve_momentum {
             holds.check_no_connections("conserve_momentum")?;
         }
+        let restitution = settings.restitution;
+        if !(0.0..=1.0).contains(&restitution) {
+            return Err(Error::argument("restitution", format!("{restitution}"), "a number from 0 to 1"));
+        }
+        let is_tree = coupling.is_none() && holds.constraints().is_empty() && holds.contacts().is_empty();
+        if settings.limits == Limits::Stop && !is_tree {
+            let found = "\"stop\" for a scene with contacts, connections or coupled joints";
+            return Err(Error::argument("limits", found, "\"report\" for this scene"));
+        }
+        let accuracy = settings.accuracy;
+        if let Some(accuracy) = accuracy
+            && !(accuracy.is_finite() && accuracy >= 1e-12)
+        {
+            return Err(Error::argument("accuracy", format!("{accuracy}"), "a bound on the error, 1e-12 or more"));
+        }
+        if accuracy.is_some() && (!is_tree || conserve_momentum || method != Method::Auto) {
+            let found = "error control with contacts, connections, coupled joints, conserve_momentum or a method";
+            return Err(Error::argument("accuracy", found, "None for this scene and these settings"));
+        }
+        let stops = is_tree && settings.limits != Limits::Report;
+        if !is_tree && properties.friction_speed == 0.0 {
+            properties.friction_speed = FRICTION_SPEED;
+        }
         let (nq, nv) = (holds.nq(), holds.nv());
         let states = q.len().checked_div(nq).unwrap_or(1);
         if q.len() != states * nq || qd.len() != states * nv {
@@ -157,8 +209,19 @@ impl<S: Borrow<Scene>> Rollout<S> {
         if let Some(gains) = &gains {
             gains.check(holds, states)?;
         }
+        let chosen = match method {
+            Method::Auto => match (choose(holds, dt, &properties, gains.as_ref(), q), accuracy) {
+                (Method::Rosenbrock2, Some(_)) => Method::Rosenbrock3,
+                (chosen, _) => chosen,
+            },
+            method => method,
+        };
         let roots = if conserve_momentum { conserve::roots(holds, &properties, gains.as_ref())? } else { Vec::new() };
-        let mut law = Law::new(holds.model(), dt, method, (properties, gains), roots).with_coupling(coupling);
+        let mut law = Law::new(holds.model(), dt, chosen, (properties, gains), roots).with_coupling(coupling);
+        law.divides = method == Method::Auto && is_tree;
+        law.restitution = restitution;
+        law.accuracy = accuracy;
+        law.set_valued = set_valued(holds, &law.properties, stops);
         if !holds.constraints().is_empty() {
             law.connected = Some(stabilisation);
         }
@@ -166,7 +229,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let current = memory::filled("q, qd", states.saturating_mul(law.width(holds)), 0.0)?;
         let begun = memory::filled("q, qd", states, 0)?;
         let pool = Pool::default();
-        let mut rollout = Self { scene, law, keeper, form, arm, states, current, begun, done: 0, pool };
+        let mut rollout =
+            Self { scene, law, method, keeper, form, arm, states, current, begun, done: 0, pool, impacts: Impacts::default() };
         for state in 0..states {
             watch::check_at(state, 1_024)?;
             let (q, qd) = (&q[state * nq..(state + 1) * nq], &qd[state * nv..(state + 1) * nv]);
@@ -190,7 +254,9 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let Self { scene, law, keeper, current, .. } = self;
         let scene: &Scene = (*scene).borrow().tree();
         let width = law.width(scene);
-        let (moving, kept) = current[state * width..(state + 1) * width].split_at_mut(q.len() + qd.len());
+        let (moving, rest) = current[state * width..(state + 1) * width].split_at_mut(q.len() + qd.len());
+        let (tally, kept) = rest.split_at_mut(TALLY);
+        tally.fill(0.0);
         let (own_q, own_qd) = moving.split_at_mut(q.len());
         own_q.copy_from_slice(q);
         own_qd.copy_from_slice(qd);
@@ -215,17 +281,38 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// What it was made with; a copy.
     #[must_use]
     pub fn settings(&self) -> Settings {
-        let Law { step, method, properties, gains, roots, connected, .. } = &self.law;
+        let Law { step, properties, gains, roots, connected, restitution, set_valued, .. } = &self.law;
+        let stops = set_valued.iter().any(|of| of.stops);
         Settings {
             dt: *step,
-            method: *method,
+            method: self.method,
             form: self.form,
             properties: properties.clone(),
             gains: gains.clone(),
             arm: self.arm,
             conserve_momentum: !roots.is_empty(),
             stabilisation: connected.unwrap_or_default(),
+            limits: if stops { Limits::Stop } else { Limits::Report },
+            restitution: *restitution,
+            accuracy: self.law.accuracy,
         }
+    }
+
+    /// The method that advances states: of [`Method::Auto`], the one that was chosen.
+    #[must_use]
+    pub fn chosen_method(&self) -> Method {
+        self.law.method
+    }
+
+    /// What one state accumulated since it began: works, and substeps.
+    #[must_use]
+    pub fn tally(&self, index: usize) -> Tally {
+        Tally::of(&self.of_state(index)[self.scene().nq() + self.scene().nv()..])
+    }
+
+    /// The impacts of joints on their stops since the last call, by state and time; those before a step that failed are among them.
+    pub fn take_impacts(&mut self) -> Vec<StopImpact> {
+        self.impacts.take()
     }
 
     /// How many steps were made.
@@ -287,7 +374,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// What the steps of one state told of its contacts since it began; none for a scene without.
     #[must_use]
     pub fn contact_report(&self, index: usize) -> Option<ContactReport> {
-        let kept = &self.of_state(index)[self.scene().nq() + self.scene().nv()..];
+        let kept = &self.of_state(index)[self.scene().nq() + self.scene().nv() + TALLY..];
         if self.law.method == Method::Contact { ContactReport::of(kept) } else { None }
     }
 
@@ -299,7 +386,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let points = scene.contact_points();
         let mut out = vec![0.0; RECORD * points.len()];
         if self.law.method == Method::Contact {
-            let kept = &self.of_state(index)[q.len() + v.len()..];
+            let kept = &self.of_state(index)[q.len() + v.len() + TALLY..];
             let mut rows = ContactScratch::new(scene.model(), points);
             contact::record(scene.model(), points, &mut rows, (q, v), (kept, self.law.step), &mut out);
         }
@@ -318,7 +405,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         const ONE_BODY: usize = 100;
         /// About as many times as long through connections, one state at a time.
         const CONNECTED: usize = 20;
-        let one_by_one = ONE_BODY * self.law.tableau.stages * self.scene().model().bodies.len().max(1);
+        let one_by_one = ONE_BODY * self.law.scheme.tableau.stages * self.scene().model().bodies.len().max(1);
         if self.law.connected.is_some() {
             return CONNECTED * one_by_one;
         }
@@ -350,7 +437,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let pieces = self.pieces(records, first, last).map_err(refuse)?;
         let fault: Mutex<Option<StepFault>> = Mutex::new(None);
         let cost = self.cost().saturating_mul(steps);
-        let Self { scene, law, form, arm, current, begun, pool, .. } = self;
+        let Self { scene, law, form, arm, current, begun, pool, impacts, .. } = self;
+        let impacts = &*impacts;
         let scene: &Scene = (*scene).borrow().tree();
         // The lanes know no contacts.
         let arm = if law.method == Method::Contact { Arm::Baseline } else { *arm };
@@ -378,6 +466,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
                     current,
                     torque,
                     rows,
+                    impacts: Some(impacts),
                 };
                 if let Err(found) = stepper.run(job) {
                     let mut fault = fault.lock().unwrap_or_else(PoisonError::into_inner);
@@ -507,6 +596,62 @@ fn check_method(scene: &Scene, method: Method, conserve_momentum: bool) -> Resul
         return Err(Error::argument("method", found, expected));
     }
     if conserve_momentum { scene.check_no_contacts("conserve_momentum") } else { Ok(()) }
+}
+
+/// The rows with exact friction or stops.
+fn set_valued(scene: &Scene, properties: &Properties, stops: bool) -> Vec<SetValued> {
+    let exact = properties.friction_speed == 0.0;
+    let mut rows = Vec::new();
+    for joint in scene.joints() {
+        let (lower, upper) = (joint.limits.lower, joint.limits.upper);
+        let bounded = stops && joint.v.len() == 1 && joint.q.len() == 1 && (lower.is_finite() || upper.is_finite());
+        for row in joint.v.clone() {
+            let friction = if exact { properties.friction[row] } else { 0.0 };
+            if friction > 0.0 || bounded {
+                let (lower, upper) = if bounded { (lower, upper) } else { (f64::NEG_INFINITY, f64::INFINITY) };
+                rows.push(SetValued { row, coordinate: joint.q.start, friction, stops: bounded, lower, upper });
+            }
+        }
+    }
+    rows
+}
+
+/// The fastest rates of springs and damping times the step, up to which [`Method::Auto`] is explicit: far from the bound of its stability, 2.8, for inertias change with q.
+const SLOW: f64 = 0.1;
+
+/// What [`Method::Auto`] stands for: the explicit method of order 4 where the rates of springs, damping and gains are slow at this step, by the bounds sum d (M^-1)_jj and sum k (M^-1)_jj
+/// at the first state, and friction is exact.
+fn choose(scene: &Scene, dt: f64, properties: &Properties, gains: Option<&Gains>, q: &[f64]) -> Method {
+    let (nq, nv) = (scene.nq(), scene.nv());
+    let with = |own: &[f64], law: Option<&[f64]>| -> Vec<f64> {
+        own.iter().enumerate().map(|(i, x)| x + law.map_or(0.0, |law| law[i])).collect()
+    };
+    let damping = with(&properties.damping, gains.map(|gains| &gains.derivative[..]));
+    let stiffness = with(&properties.stiffness, gains.map(|gains| &gains.proportional[..]));
+    let rubs = properties.friction_speed > 0.0 && properties.friction.iter().any(|&f| f > 0.0);
+    if rubs || !scene.constraints().is_empty() || !scene.contacts().is_empty() {
+        return Method::Rosenbrock2;
+    }
+    if damping.iter().chain(&stiffness).all(|&x| x == 0.0) {
+        return Method::RungeKutta4;
+    }
+    // Each (M^-1)_jj is at most one over the inertia of the joint with everything else free, which one solve with the factor gives.
+    let Some(q) = q.get(..nq) else { return Method::Rosenbrock2 };
+    let mut model = scene.model().clone();
+    model.system.noise.clone_from(&properties.armature);
+    let mut workspace = Workspace::new(&model).in_form(Form::Auto);
+    factorise(&model, &mut workspace, q, |_, _| {});
+    let (mut unit, mut column) = (vec![0.0; nv], vec![0.0; nv]);
+    let (mut fast, mut square) = (0.0, 0.0);
+    for row in (0..nv).filter(|&row| damping[row] > 0.0 || stiffness[row] > 0.0) {
+        unit[row] = 1.0;
+        solve(&model, &mut workspace, &unit, &mut column);
+        unit[row] = 0.0;
+        fast += damping[row] * column[row];
+        square += stiffness[row] * column[row];
+    }
+    let slow = dt * fast <= SLOW && dt * dt * square <= SLOW * SLOW;
+    if slow { Method::RungeKutta4 } else { Method::Rosenbrock2 }
 }
 
 /// Row 0: the states at the start.

@@ -3,6 +3,9 @@
 use super::conserve::Correction;
 use super::contact::ContactReport;
 use super::rollout::{Rollout, Settings};
+use super::method::Method;
+use super::substeps::StopImpact;
+use super::tally::Tally;
 use super::torque::{StepFault, Torque};
 use crate::batch::{Broadcast, Fault};
 use crate::error::Error;
@@ -120,6 +123,23 @@ impl<S: Borrow<Scene>> Simulator<S> {
     #[must_use]
     pub fn correction(&self, index: usize) -> Option<Correction> {
         self.rollout.correction(index)
+    }
+
+    /// As [`Rollout::chosen_method`].
+    #[must_use]
+    pub fn chosen_method(&self) -> Method {
+        self.rollout.chosen_method()
+    }
+
+    /// As [`Rollout::tally`].
+    #[must_use]
+    pub fn tally(&self, index: usize) -> Tally {
+        self.rollout.tally(index)
+    }
+
+    /// As [`Rollout::take_impacts`].
+    pub fn take_impacts(&mut self) -> Vec<StopImpact> {
+        self.rollout.take_impacts()
     }
 
     /// What the steps of one state told of its contacts since it began or was reset; none for a scene without.

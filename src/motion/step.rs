@@ -1,10 +1,17 @@
-//! One step of one state, or of one state a lane, by any method.
+//! One elementary step of one state, or of one state per lane, by any method.
+//!
+//! Joints with exact Coulomb friction or with stops have a *mode* during the step, which their state at its start decides: locked (at rest, held by friction or by a stop),
+//! or moving in one direction, with constant friction against it. In these modes the motion is smooth, and the step has the order of its method. The step also evaluates whether
+//! the modes hold until its end ([`Scratch::consistent`]) and whether it is short enough ([`Scratch::short_enough`]); where one fails,
+//! [`substeps`](super::substeps) does the step with shorter ones and with the set-valued law.
 
 use super::conserve::{KEPT, Keeper};
 use super::constrained::Stabilisation;
 use super::contact;
 use super::manifold::{advance, carry_back};
-use super::method::{Method, STAGES, Tableau};
+use super::method::{Method, STAGES, Scheme};
+use super::stops::SetValued;
+use super::tally::TALLY;
 use super::properties::{Gains, Properties};
 use crate::batch::accelerations::{Call, by_covariance, watched};
 use crate::batch::arms::{Target, Vectorised};
@@ -12,10 +19,10 @@ use crate::dynamics;
 use crate::dynamics::auto::Errors;
 use crate::dynamics::coupled::CoupledAccelerations;
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
-use crate::filter::Form;
 use crate::filter::pivots::LostPivot;
+use crate::filter::{Form, HingeMap, Rows};
 use crate::model::Model;
-use crate::scalar::Real;
+use crate::scalar::{Real, larger};
 use crate::scene::{Coupling, Scene};
 use crate::workspace::Workspace;
 use std::sync::Arc;
@@ -23,19 +30,30 @@ use std::sync::Arc;
 /// What every step of a rollout has in common, in numbers of one state.
 #[derive(Debug, Clone)]
 pub(super) struct Law {
+    /// The step of the run, s.
     pub step: f64,
+    /// What advances a state; never [`Method::Auto`].
     pub method: Method,
-    /// The coefficients, times the step.
-    pub tableau: Tableau,
-    pub implicit: bool,
+    /// Whether the method was chosen by [`Method::Auto`], which also divides steps that are too long.
+    pub divides: bool,
+    /// The method at the step of the run.
+    pub scheme: Scheme,
     pub properties: Properties,
     pub gains: Option<Gains>,
     /// The bodies that trees begin with whose momentum is kept; empty where it is left to the method.
     pub roots: Vec<usize>,
     /// How joints follow each other, where some do; the numbers are then those of the tree.
     pub coupling: Option<Arc<Coupling>>,
-    /// Whether some joint has friction.
+    /// Whether some joint has regularized friction.
     pub rubs: bool,
+    /// The bound on the error of a substep, where the substeps are chosen by it.
+    pub accuracy: Option<f64>,
+    /// The rows with exact friction or stops.
+    pub set_valued: Vec<SetValued>,
+    /// The coefficient of restitution of the stops.
+    pub restitution: f64,
+    /// Whether each degree of freedom is a rotation.
+    pub rotates: Vec<bool>,
     /// Of a scene with connections, what keeps states on them.
     pub connected: Option<Stabilisation>,
     /// Bodies whose joints have a spring, and bodies that the control law pulls.
@@ -58,10 +76,14 @@ impl Law {
         Self {
             step,
             method,
-            tableau: method.tableau().times(step),
-            implicit: method.is_implicit(),
+            divides: false,
+            scheme: Scheme::new(method, step),
             coupling: None,
-            rubs: properties.friction.iter().any(|&f| f != 0.0),
+            rubs: properties.friction_speed > 0.0 && properties.friction.iter().any(|&f| f != 0.0),
+            accuracy: None,
+            set_valued: Vec::new(),
+            restitution: 0.0,
+            rotates: rotations(model),
             sprung: stiff(&properties.stiffness),
             pulled: gains.as_ref().map_or_else(|| vec![false; model.bodies.len()], |g| stiff(&g.proportional)),
             properties,
@@ -76,9 +98,9 @@ impl Law {
         Self { coupling, ..self }
     }
 
-    /// Whether steps are those of a tree whose joints are independent: what the lanes know.
-    pub fn is_a_free_tree(&self) -> bool {
-        self.coupling.is_none() && self.connected.is_none()
+    /// Whether steps are vectorized: those of a tree whose joints are independent, without error control.
+    pub fn is_vectorized(&self) -> bool {
+        self.coupling.is_none() && self.connected.is_none() && self.accuracy.is_none()
     }
 
     /// The same for a way back, which tells of springs that are not there too: how far every joint is from rest.
@@ -94,12 +116,12 @@ impl Law {
         steps as f64 * self.step
     }
 
-    /// How many numbers a rollout has of each state: q, qd, and where momentum is kept, what is kept and two corrections; of a scene with
-    /// contacts, their impulses and what is told of them.
+    /// The number of values that a rollout stores per state: q, qd, the [`Tally`](super::tally); where momentum is conserved, its value and two corrections; of a scene
+    /// with contacts, their impulses and their report.
     pub fn width(&self, scene: &Scene) -> usize {
         let kept = if self.roots.is_empty() { 0 } else { KEPT * self.roots.len() + 2 };
         let touching = if self.method == Method::Contact { contact::width(scene.contact_points().len()) } else { 0 };
-        scene.nq() + scene.nv() + kept + touching
+        scene.nq() + scene.nv() + TALLY + kept + touching
     }
 
     /// Damping and stiffness of one degree of freedom, the control law's with the joint's own.
@@ -108,10 +130,10 @@ impl Law {
         self.gains.as_ref().map_or((d, k), |gains| (d + gains.derivative[row], k + gains.proportional[row]))
     }
 
-    /// Measurement noise r + h g d + h^2 g^2 k of every row, but for friction's part.
-    pub fn noise(&self) -> Vec<f64> {
+    /// Measurement noise r + h g d + h^2 g^2 k of every row in a step by `scheme`, without that of regularized friction and of locked joints.
+    pub fn noise(&self, scheme: &Scheme) -> Vec<f64> {
         // All stages of a method have the same g.
-        let hg = if self.implicit { self.tableau.gamma[0][0] } else { 0.0 };
+        let hg = if scheme.implicit { scheme.tableau.gamma[0][0] } else { 0.0 };
         let armature = self.properties.armature.iter().enumerate();
         armature
             .map(|(row, r)| {
@@ -120,6 +142,30 @@ impl Law {
             })
             .collect()
     }
+}
+
+/// Measurement noise of a locked joint, in kg m^2 or kg: as large as numbers allow whose products with inertias are numbers. Its acceleration is then exactly zero beside any
+/// other, and noise times acceleration is the torque that holds it.
+pub(super) const LOCKED: f64 = 1e200;
+/// That of a joint which may be locked and is not, where there are several lanes: a row has noise in all of them or in none. It changes no digit of a pivot, and its sign makes the
+/// pivot of a joint without inertia a lost one.
+const FREE: f64 = -1e-200;
+/// What makes zero pass where zero or more is allowed.
+const BARELY: f64 = 1e-300;
+
+/// Whether each degree of freedom is a rotation.
+fn rotations(model: &Model<f64>) -> Vec<bool> {
+    let mut rotates = Vec::new();
+    for stage in &model.system.stages {
+        match stage.rows {
+            Rows::None => {}
+            Rows::One(HingeMap::Axis(i)) => rotates.push(i < 3),
+            Rows::One(HingeMap::Screw(_)) => rotates.push(true),
+            Rows::Angular => rotates.extend([true; 3]),
+            Rows::Six => rotates.extend([false, false, false, true, true, true]),
+        }
+    }
+    rotates
 }
 
 /// One row's constants in the scalar of the lanes.
@@ -132,6 +178,22 @@ pub(super) struct RowTerms<T> {
     pub friction: T,
     pub proportional: T,
     pub derivative: T,
+}
+
+/// A row with exact friction or stops, in the scalar of the lanes.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct ModeTerms<T> {
+    pub row: usize,
+    /// Its coordinate in q, and the bounds on it; infinite where it has none.
+    pub coordinate: usize,
+    pub lower: T,
+    pub upper: T,
+    pub friction: T,
+    /// One where it is locked in this step, else zero.
+    pub locked: T,
+    /// One where it is at its lower, and at its upper stop.
+    pub at_lower: T,
+    pub at_upper: T,
 }
 
 /// The arrays of a step.
@@ -161,6 +223,16 @@ pub(super) struct Scratch<T: Real> {
     pub u: Vec<T>,
     /// Friction's damping, f / sqrt(v^2 + v0^2) at the step's start.
     pub chord: Vec<T>,
+    /// Rows with exact friction or stops, and their friction in this step, zero where they are locked.
+    pub modes: Vec<ModeTerms<T>>,
+    pub dry: Vec<T>,
+    /// What the control law gave in this step, N m s or N s.
+    pub control: Vec<T>,
+    /// Positive where all modes hold until the step's end; and where the step is short enough.
+    pub consistent: T,
+    pub short_enough: T,
+    /// What acted during the run: see [`tally`](super::tally).
+    pub tally: [T; TALLY],
     /// How far the stage is from where the springs are at rest, and from the control law's target.
     pub displaced: Vec<T>,
     pub displaced_target: Vec<T>,
@@ -170,7 +242,13 @@ pub(super) struct Scratch<T: Real> {
 impl<T: Real> Scratch<T> {
     pub fn new(scene_model: &Model<f64>, law: &Law) -> Self {
         let mut of_step = scene_model.clone();
-        of_step.system.noise = law.noise();
+        of_step.system.noise = law.noise(&law.scheme);
+        if T::LANES > 1 {
+            for of in &law.set_valued {
+                let noise = &mut of_step.system.noise[of.row];
+                *noise = if *noise == 0.0 { FREE } else { *noise };
+            }
+        }
         let constants = SweepModel::new(&of_step);
         let model = of_step.cast::<T>();
         let (nq, nv) = (model.nq, model.nv());
@@ -186,6 +264,16 @@ impl<T: Real> Scratch<T> {
                 proportional: T::from_f64(kp),
                 derivative: T::from_f64(kd),
             }
+        };
+        let mode = |of: &SetValued| ModeTerms {
+            row: of.row,
+            coordinate: of.coordinate,
+            lower: T::from_f64(of.lower),
+            upper: T::from_f64(of.upper),
+            friction: T::from_f64(of.friction),
+            locked: T::zero(),
+            at_lower: T::zero(),
+            at_upper: T::zero(),
         };
         let coordinates = || vec![T::zero(); nq];
         let rates = || vec![T::zero(); nv];
@@ -209,10 +297,28 @@ impl<T: Real> Scratch<T> {
             c: rates(),
             u: rates(),
             chord: rates(),
+            modes: law.set_valued.iter().map(mode).collect(),
+            dry: rates(),
+            control: rates(),
+            consistent: T::one(),
+            short_enough: T::one(),
+            tally: [T::zero(); TALLY],
             displaced: rates(),
             displaced_target: rates(),
             keeper: Keeper::new(&model, &law.roots),
             model,
+        }
+    }
+}
+
+impl<T: Real> Scratch<T> {
+    /// Sets the measurement noise of a scheme.
+    pub fn adopt(&mut self, law: &Law, scheme: &Scheme) {
+        for ((row, noise), of_model) in
+            self.rows.iter_mut().zip(law.noise(scheme)).zip(&mut self.model.system.noise)
+        {
+            row.noise = T::from_f64(noise);
+            *of_model = row.noise;
         }
     }
 }
@@ -333,25 +439,28 @@ pub(super) fn add_scaled<T: Real>(sum: &mut [T], c: f64, x: &[T]) {
     }
 }
 
-/// The accelerations of the state that [`Scratch::set_stage`] has set, in `m[0]`, by a law that takes nothing implicitly.
+/// The accelerations of the state that [`Scratch::set_stage`] has set, in `m[0]`, with nothing implicit.
 #[cfg(feature = "adaptive")]
 pub(super) fn accelerations<T: Real, S: Solver<T>>(law: &Law, s: &mut Scratch<T>, solver: &mut S) {
-    forces(law, s, 0);
+    forces((law, &law.scheme), s, 0);
     solver.solve((&s.model, &s.constants), &mut s.sweeps, (&s.q_stage, &s.v_stage, &s.u), &mut s.m[0]);
 }
 
-/// From `q`, `v` to `q_next`, `v_next`; gives the lanes in doubt as bits.
+/// From `q`, `v` to `q_next`, `v_next` by one step of a scheme; gives the lanes whose error estimate exceeds its bound as bits.
 #[inline(always)]
-pub(super) fn step<T: Real, S: Solver<T>>(law: &Law, s: &mut Scratch<T>, solver: &mut S) -> u64 {
-    let t = &law.tableau;
+pub(super) fn step<T: Real, S: Solver<T>>(by @ (law, scheme): By<'_>, s: &mut Scratch<T>, solver: &mut S) -> u64 {
+    let t = &scheme.tableau;
     let mut doubt = 0;
     if law.rubs {
-        set_friction(law, s);
+        set_friction(by, s);
     }
+    set_modes(by, s);
+    clear(&mut s.control);
     for i in 0..t.stages {
-        stage(law, s, i);
+        stage(by, s, i);
         doubt |= solver.solve((&s.model, &s.constants), &mut s.sweeps, (&s.q_stage, &s.v_stage, &s.u), &mut s.m[i]);
-        finish_stage(law, s, i);
+        observe_locks(s, i);
+        finish_stage(by, s, i);
     }
     clear(&mut s.x);
     s.v_next.copy_from_slice(&s.v);
@@ -360,10 +469,85 @@ pub(super) fn step<T: Real, S: Solver<T>>(law: &Law, s: &mut Scratch<T>, solver:
         add_scaled(&mut s.v_next, t.weights[i], &s.m[i]);
     }
     advance(&s.model, &s.q, &s.x, &mut s.q_next);
-    if s.keeper.keeps() {
-        s.keeper.correct(&s.model, &mut s.q_next, &mut s.v_next);
-    }
+    observe_end(by, s);
     doubt
+}
+
+/// What a step is made by: what all steps of the run have in common, and a scheme at some step.
+pub(super) type By<'a> = (&'a Law, &'a Scheme);
+
+/// The mode of each row with exact friction or stops, from the state at the step's start.
+#[inline(always)]
+pub(super) fn set_modes<T: Real>((law, scheme): By<'_>, s: &mut Scratch<T>) {
+    let hg = if scheme.implicit && law.rubs { scheme.tableau.gamma[0][0] } else { 0.0 };
+    s.consistent = s.v.first().map_or_else(T::one, |v| v.constant(1.0));
+    for (mode, of) in s.modes.iter_mut().zip(&law.set_valued) {
+        let (v, q) = (s.v[mode.row], s.q[mode.coordinate]);
+        let (o, at_rest) = (v.constant(0.0), v.one_if_zero());
+        if of.stops {
+            mode.at_lower = larger(q - mode.lower, o).one_if_zero();
+            mode.at_upper = larger(mode.upper - q, o).one_if_zero();
+        }
+        if of.friction > 0.0 {
+            mode.locked = at_rest;
+            s.dry[mode.row] = -(mode.friction * v * (v.abs() + at_rest).recip());
+        } else {
+            mode.locked = at_rest * larger(mode.at_lower, mode.at_upper);
+        }
+        let moving = s.chord[mode.row].mul_add(v.constant(hg), s.rows[mode.row].noise);
+        s.model.system.noise[mode.row] = mode.locked.mul_add(v.constant(LOCKED), moving);
+    }
+}
+
+/// Whether the torques that hold locked rows in stage `i` are within their bounds; their accelerations become exactly zero.
+#[inline(always)]
+fn observe_locks<T: Real>(s: &mut Scratch<T>, i: usize) {
+    for mode in &s.modes {
+        let m = &mut s.m[i][mode.row];
+        let held = -(*m * mode.locked * m.constant(LOCKED));
+        let (endless, barely) = (m.constant(LOCKED), m.constant(BARELY));
+        let below = mode.at_lower.mul_add(endless, mode.friction - held);
+        let above = mode.at_upper.mul_add(endless, mode.friction + held);
+        s.consistent = s.consistent.worst(below + barely).worst(above + barely);
+        *m *= m.constant(1.0) - mode.locked;
+    }
+}
+
+/// Whether sliding joints still slide at the step's end, whether all are within their stops, and whether the step was short enough.
+#[inline(always)]
+fn observe_end<T: Real>(by @ (law, scheme): By<'_>, s: &mut Scratch<T>) {
+    for (mode, of) in s.modes.iter().zip(&law.set_valued) {
+        let (v, next, q) = (s.v[mode.row], s.v_next[mode.row], s.q_next[mode.coordinate]);
+        if of.friction > 0.0 {
+            s.consistent = s.consistent.worst(v.mul_add(next, mode.locked));
+        }
+        if of.stops {
+            let barely = q.constant(BARELY);
+            s.consistent = s.consistent.worst(q - mode.lower + barely).worst(mode.upper - q + barely);
+        }
+    }
+    if law.divides {
+        let (fastest, error) = fastest_and_error(by, s);
+        let slow = fastest.constant(scheme.angle) - fastest * fastest.constant(scheme.step);
+        let exact = fastest.mul_add(fastest.constant(scheme.share), -error);
+        s.short_enough = larger(slow, exact) + slow.constant(BARELY);
+    }
+}
+
+/// The fastest rotation of a joint in a step, rad/s, and an estimate of the error in these velocities.
+#[inline(always)]
+pub(super) fn fastest_and_error<T: Real>((law, scheme): By<'_>, s: &Scratch<T>) -> (T, T) {
+    let zero = s.v.first().map_or_else(T::zero, |v| v.constant(0.0));
+    let (mut fastest, mut worst) = (zero, zero);
+    for (row, _) in law.rotates.iter().enumerate().filter(|(_, rotates)| **rotates) {
+        let mut error = zero;
+        for i in 0..scheme.tableau.stages {
+            error = s.m[i][row].mul_add(error.constant(scheme.error[i]), error);
+        }
+        fastest = larger(fastest, larger(s.v[row].abs(), s.v_next[row].abs()));
+        worst = larger(worst, error.abs());
+    }
+    (fastest, worst)
 }
 
 /// Zero.
@@ -376,8 +560,8 @@ pub(super) fn clear<T: Real>(numbers: &mut [T]) {
 
 /// Increment, configuration, velocity, carried velocity and torque of stage `i`, from the stages before it.
 #[inline(always)]
-pub(super) fn stage<T: Real>(law: &Law, s: &mut Scratch<T>, i: usize) {
-    let t = &law.tableau;
+pub(super) fn stage<T: Real>(by @ (_, scheme): By<'_>, s: &mut Scratch<T>, i: usize) {
+    let t = &scheme.tableau;
     s.v_stage.copy_from_slice(&s.v);
     if i == 0 {
         s.q_stage.copy_from_slice(&s.q);
@@ -395,44 +579,48 @@ pub(super) fn stage<T: Real>(law: &Law, s: &mut Scratch<T>, i: usize) {
             add_scaled(&mut s.c, t.gamma[i][j], &s.m[j]);
         }
     }
-    forces(law, s, i);
+    forces(by, s, i);
 }
 
 /// The rate of the increment in stage `i`, whose accelerations are there.
 #[inline(always)]
-pub(super) fn finish_stage<T: Real>(law: &Law, s: &mut Scratch<T>, i: usize) {
+pub(super) fn finish_stage<T: Real>((_, scheme): By<'_>, s: &mut Scratch<T>, i: usize) {
     s.l[i].copy_from_slice(&s.c);
-    add_scaled(&mut s.l[i], law.tableau.gamma[i][i], &s.m[i]);
+    add_scaled(&mut s.l[i], scheme.tableau.gamma[i][i], &s.m[i]);
 }
 
 /// Friction as damping, f / sqrt(v^2 + v0^2) at the step's start: never zero where f is not, so a row has noise in all lanes or
 /// in none. Taken implicitly, it cannot turn a velocity round.
 #[inline(always)]
-pub(super) fn set_friction<T: Real>(law: &Law, s: &mut Scratch<T>) {
-    let hg = law.tableau.gamma[0][0];
+pub(super) fn set_friction<T: Real>((law, scheme): By<'_>, s: &mut Scratch<T>) {
+    let hg = scheme.tableau.gamma[0][0];
     for (row, of) in s.rows.iter().enumerate() {
         if law.properties.friction[row] == 0.0 {
             continue;
         }
         let chord = of.friction * rounded_speed(law, s.v[row]).recip();
         s.chord[row] = chord;
-        if law.implicit {
+        if scheme.implicit {
             s.model.system.noise[row] = chord.mul_add(chord.constant(hg), of.noise);
         }
     }
 }
 
-/// sqrt(v^2 + v0^2).
+/// sqrt(v^2 + v0^2), never zero.
 #[inline(always)]
 pub(super) fn rounded_speed<T: Real>(law: &Law, v: T) -> T {
-    let v0 = v.constant(law.properties.friction_speed);
-    v.mul_add(v, v0 * v0).sqrt()
+    let v0 = law.properties.friction_speed;
+    if v0 == 0.0 {
+        // Exact: the quotient with it is the sign.
+        return v.abs() + v.one_if_zero();
+    }
+    v.mul_add(v, v.constant(v0 * v0)).sqrt()
 }
 
 /// The right side of stage `i`.
 #[inline(always)]
-fn forces<T: Real>(law: &Law, s: &mut Scratch<T>, i: usize) {
-    let t = &law.tableau;
+pub(super) fn forces<T: Real>((law, scheme): By<'_>, s: &mut Scratch<T>, i: usize) {
+    let t = &scheme.tableau;
     for (k, body) in s.model.bodies.iter().enumerate() {
         let stage = &s.model.system.stages[k];
         let (row, at) = (stage.first_row, body.q);
@@ -448,14 +636,17 @@ fn forces<T: Real>(law: &Law, s: &mut Scratch<T>, i: usize) {
         let mut u = s.torque[row];
         u = u.minus_product(of.damping, v);
         u = u.minus_product(of.stiffness, s.displaced[row]);
-        u = u.minus_product(of.derivative, v - s.target_rate[row]);
-        u = u.minus_product(of.proportional, s.displaced_target[row]);
-        let mut damping = of.damping + of.derivative;
+        let mut control = v.constant(0.0);
+        if law.gains.is_some() {
+            control = control.minus_product(of.derivative, v - s.target_rate[row]);
+            control = control.minus_product(of.proportional, s.displaced_target[row]);
+        }
+        let mut damping = of.damping;
         if law.rubs {
             u = u.minus_product(of.friction * v, rounded_speed(law, v).recip());
             damping += s.chord[row];
         }
-        if law.implicit {
+        if scheme.implicit {
             let c = s.c[row];
             let (mut moved, mut sped) = (c * c.constant(t.gamma[i][i]), c.constant(0.0));
             for j in 0..i {
@@ -463,9 +654,19 @@ fn forces<T: Real>(law: &Law, s: &mut Scratch<T>, i: usize) {
                 moved = s.l[j][row].mul_add(gamma, moved);
                 sped = s.m[j][row].mul_add(gamma, sped);
             }
-            u = u.minus_product(of.stiffness + of.proportional, moved);
+            u = u.minus_product(of.stiffness, moved);
             u = u.minus_product(damping, sped);
+            if law.gains.is_some() {
+                control = control.minus_product(of.proportional, moved);
+                control = control.minus_product(of.derivative, sped);
+            }
         }
-        s.u[row] = u;
+        s.u[row] = u + control;
+        if law.gains.is_some() {
+            s.control[row] = control.mul_add(control.constant(t.weights[i]), s.control[row]);
+        }
+    }
+    for mode in &s.modes {
+        s.u[mode.row] += s.dry[mode.row];
     }
 }

@@ -4,10 +4,12 @@ use super::conserve::KEPT;
 use super::constrained::{Closed, Constrained, Stabilisation};
 use super::contact::Toucher;
 use super::faults::{FARTHEST, fault_of};
-use super::job::Job;
+use super::job::{Impacts, Job};
 use super::method::Method;
 use super::properties::of_state;
 use super::step::{Checked, Law, Plain, Scratch, Watched, step};
+use super::substeps::Substeps;
+use super::tally::{TALLY, add_work};
 use super::torque::{StepFault, Torque};
 use crate::batch::arms::{Arm, Baseline, Target, Vectorised, Work, take_states};
 use crate::dynamics::auto::Errors;
@@ -22,6 +24,7 @@ use crate::scene::Scene;
 use pulp::x86::V3;
 #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
 use pulp::x86::V4;
+use std::ops::Range;
 
 /// What advances states, whatever its scalar.
 trait Stepping: Send + Sync {
@@ -101,6 +104,7 @@ impl<T: Vectorised<Number = f64>, I: Target> Compiled<T, I> {
 struct Alone {
     scratch: Scratch<f64>,
     solver: Checked,
+    substeps: Substeps,
     /// Of a scene with connections, whose steps are all of this kind.
     closed: Option<Closed>,
 }
@@ -110,25 +114,31 @@ impl Alone {
     fn new(scene: &Scene, law: &Law, form: Form) -> Self {
         let model = scene.model();
         let closed = law.connected.map(|_| Closed::new(scene, form));
-        Self { scratch: Scratch::new(model, law), solver: Checked::new(model, law.coupling.clone(), form), closed }
+        let scratch = Scratch::new(model, law);
+        let substeps = Substeps::new(law, &scratch);
+        Self { scratch, solver: Checked::new(model, law.coupling.clone(), form), substeps, closed }
     }
 
     /// The step of one state; the joint and the error, where there is none.
     #[inline(never)]
     fn step(&mut self, scene: &Scene, law: &Law) -> Result<(), (String, Error)> {
         let mut lost = None;
+        self.substeps.impacts.clear();
         if let Some(closed) = &mut self.closed {
             let alpha = if let Some(Stabilisation::Baumgarte(rate)) = law.connected { Some(rate) } else { None };
             let mut solver = Constrained { scene, scratch: closed, alpha };
-            step(law, &mut self.scratch, &mut solver);
+            step((law, &law.scheme), &mut self.scratch, &mut solver);
+            add_work(law, &mut self.scratch);
             match solver.finish(&mut self.scratch) {
                 Ok(()) => {}
                 Err((_, Some(error))) => return Err((String::new(), error)),
                 Err((found, None)) => lost = found,
             }
         } else {
-            step(law, &mut self.scratch, &mut self.solver);
-            lost = self.solver.lost.take();
+            let Self { scratch, solver, substeps, .. } = self;
+            substeps.advance(law, scratch, solver, &mut |_, _, _| {});
+            lost = solver.lost.take();
+            scratch.keeper.correct_if_kept(&scratch.model, &mut scratch.q_next, &mut scratch.v_next);
         }
         if let Some(coupling) = &law.coupling {
             // Joints follow each other exactly, not but for the rounding of many steps.
@@ -158,6 +168,7 @@ pub(super) fn take_lane<T: Vectorised<Number = f64>>(one: &mut Scratch<f64>, s: 
     ] {
         scatter(from, lane, to);
     }
+    scatter(&s.tally, lane, &mut one.tally);
 }
 
 /// Numbers into one lane of an array.
@@ -189,12 +200,13 @@ impl<T: Vectorised<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
     #[inline(always)]
     fn call(self) -> Result<(), StepFault> {
         let Self { scratch: s, target, form, checked, job } = self;
-        let Job { scene, law, steps, states, begun, current, torque, mut rows } = job;
+        let Job { scene, law, steps, states, begun, current, torque, mut rows, impacts } = job;
         let (count, nq, nv) = (states.len(), scene.nq(), scene.nv());
         let width = law.width(scene);
         take_states(&mut s.q, count, |lane| &current[lane * width..][..nq]);
         take_states(&mut s.v, count, |lane| &current[lane * width + nq..][..nv]);
-        let (kept, end) = (nq + nv, nq + nv + KEPT * law.roots.len());
+        take_states(&mut s.tally, count, |lane| &current[lane * width + nq + nv..][..TALLY]);
+        let (kept, end) = (nq + nv + TALLY, nq + nv + TALLY + KEPT * law.roots.len());
         if s.keeper.keeps() {
             take_states(&mut s.keeper.start, count, |lane| &current[lane * width + kept..][..end - kept]);
             take_states(&mut s.keeper.largest, count, |lane| &current[lane * width + end..][..2]);
@@ -222,15 +234,26 @@ impl<T: Vectorised<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
                     *time = law.time(n + 1 - begun);
                 }
             }
+            let by = (law, &law.scheme);
             let mut doubt = match form {
-                // The lanes know free trees only: one state after another.
-                _ if !law.is_a_free_tree() => u64::MAX,
-                Form::Covariance => step(law, s, &mut plain) | strayed(law, s),
-                _ => step(law, s, &mut watched) | strayed(law, s),
+                // One state after another.
+                _ if !law.is_vectorized() => u64::MAX,
+                Form::Covariance => step(by, s, &mut plain),
+                _ => step(by, s, &mut watched),
             };
+            let tally = s.tally;
+            if law.is_vectorized() {
+                s.keeper.correct_if_kept(&s.model, &mut s.q_next, &mut s.v_next);
+                doubt |= unsound(law, s);
+                add_work(law, s);
+            }
             doubt &= u64::MAX >> (64 - count);
             if doubt != 0 {
-                outcome = again(s, (scene, law, form), checked, (n, states.start), doubt);
+                // What these lanes accumulated is void.
+                let accumulated = std::mem::replace(&mut s.tally, tally);
+                let mut counted = accumulated;
+                outcome = again(s, (scene, law, form), checked, (n, &states, begun, impacts), (doubt, &mut counted));
+                s.tally = counted;
                 if outcome.is_err() {
                     break;
                 }
@@ -255,6 +278,7 @@ impl<T: Vectorised<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
             let current = &mut current[lane * width..(lane + 1) * width];
             scatter(&s.q, lane, &mut current[..nq]);
             scatter(&s.v, lane, &mut current[nq..nq + nv]);
+            scatter(&s.tally, lane, &mut current[nq + nv..nq + nv + TALLY]);
             if s.keeper.keeps() {
                 scatter(&s.keeper.largest, lane, &mut current[end..]);
             }
@@ -264,9 +288,9 @@ impl<T: Vectorised<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
 }
 
 #[allow(clippy::eq_op)] // x - x is zero where x is finite, else NaN
-/// The lanes whose next state is not finite, or further away than a joint moves in one step.
+/// The lanes whose next state is not finite, or further away than a joint moves in one step; whose modes did not hold; and whose step was too long.
 #[inline(always)]
-fn strayed<T: Vectorised>(law: &Law, s: &Scratch<T>) -> u64 {
+fn unsound<T: Vectorised>(law: &Law, s: &Scratch<T>) -> u64 {
     let mut worst = T::one();
     let limit = FARTHEST / law.step;
     for &v in &s.v_next {
@@ -280,18 +304,18 @@ fn strayed<T: Vectorised>(law: &Law, s: &Scratch<T>) -> u64 {
             worst += c - c;
         }
     }
-    lanes_but::<T>(|lane| worst.lane(lane) >= 0.0)
+    lanes_but::<T>(|lane| worst.lane(lane) >= 0.0 && s.consistent.lane(lane) > 0.0 && s.short_enough.lane(lane) > 0.0)
 }
 
-/// The step once more, with every check, for the lanes in doubt.
+/// Recomputes the step of some lanes one by one: with every check, in substeps, and with the set-valued law. `tally` is what these lanes accumulate.
 #[cold]
 #[inline(never)]
 fn again<T: Vectorised<Number = f64>>(
     s: &mut Scratch<T>,
     (scene, law, form): (&Scene, &Law, Form),
     alone: &mut Option<Box<Alone>>,
-    (n, first): (usize, usize),
-    mut doubt: u64,
+    (n, states, begun, impacts): (usize, &Range<usize>, &[usize], Option<&Impacts>),
+    (mut doubt, tally): (u64, &mut [T]),
 ) -> Result<(), StepFault> {
     let alone = alone.get_or_insert_with(|| Box::new(Alone::new(scene, law, form)));
     while doubt != 0 {
@@ -301,9 +325,15 @@ fn again<T: Vectorised<Number = f64>>(
         take_lane(one, s, lane);
         scatter(&s.keeper.start, lane, &mut one.keeper.start);
         one.keeper.time = s.keeper.time.lanes()[lane];
-        let state = first + lane;
+        let state = states.start + lane;
         alone.step(scene, law).map_err(|(joint, error)| StepFault { step: n, state, joint, error })?;
+        if let Some(impacts) = impacts
+            && !alone.substeps.impacts.is_empty()
+        {
+            impacts.add(&alone.substeps.impacts, state, law.time(n - begun[lane]));
+        }
         let one = &alone.scratch;
+        fill(tally, lane, &one.tally);
         fill(&mut s.q_next, lane, &one.q_next);
         fill(&mut s.v_next, lane, &one.v_next);
         fill(&mut s.keeper.correction, lane, &one.keeper.correction);

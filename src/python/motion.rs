@@ -10,11 +10,10 @@ use super::interrupts::detached;
 use super::object::{Object, imported};
 use super::output::{Output, from_numbers};
 use super::scene::PyScene;
-use super::stepping::{BLOCK, Blocks, Keywords, Stopped, about, largest_corrections};
+use super::stepping::{BLOCK, Blocks, Keywords, Stopped, about, largest_corrections, set_outcome};
 use crate::batch::broadcast_axes;
 use crate::error::{Error, check_finite};
 use crate::memory;
-use crate::motion::properties::FRICTION_SPEED;
 use crate::motion::{Properties, Records, Rollout, Torque};
 use crate::scene::{Coupling, Scene};
 use pyo3::prelude::*;
@@ -83,19 +82,20 @@ impl PyScene {
     /// to 1e-5, or tau raises, with the rows of the finished steps;
     /// ConstraintError for a start that does not meet the connections; SimulationInterrupted (a KeyboardInterrupt) on Ctrl-C, likewise;
     /// OutOfMemoryError where the rows have no room; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
-    #[pyo3(signature = (q, qd, *, dt, steps, tau=None, tau_steps=None, method=None, record_every=None, pd=None,
-                        armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=FRICTION_SPEED, form="auto",
-                        progress=None, conserve_momentum=false, baumgarte=None),
-           text_signature = "($self, q, qd, *, dt, steps, tau=None, tau_steps=None, method='rk4', record_every=1, \
-                             pd=None, armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=0.01, \
-                             form='auto', progress=None, conserve_momentum=False, baumgarte=None)")]
+    #[pyo3(signature = (q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, method=None, record_every=None, pd=None,
+                        armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=None, form="auto",
+                        progress=None, conserve_momentum=false, baumgarte=None, limits=None, restitution=0.0, accuracy=None, duration=None),
+           text_signature = "($self, q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, method='auto', record_every=1, \
+                             pd=None, armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=None, \
+                             form='auto', progress=None, conserve_momentum=False, baumgarte=None, limits=None, \
+                             restitution=0.0, accuracy=None, duration=None)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulate<'py>(
         slf: &Bound<'py, Self>,
         q: &Object<'py>,
         qd: &Object<'py>,
-        dt: f64,
-        steps: &Object<'py>,
+        dt: Option<f64>,
+        steps: Option<&Object<'py>>,
         tau: Option<&Object<'py>>,
         tau_steps: Option<&Object<'py>>,
         method: Option<&str>,
@@ -106,16 +106,20 @@ impl PyScene {
         stiffness: Option<&Object<'py>>,
         rest: Option<&Object<'py>>,
         friction: Option<&Object<'py>>,
-        friction_speed: f64,
+        friction_speed: Option<f64>,
         form: &str,
         progress: Option<&Object<'py>>,
         conserve_momentum: bool,
         baumgarte: Option<f64>,
+        limits: Option<&str>,
+        restitution: f64,
+        accuracy: Option<f64>,
+        duration: Option<f64>,
     ) -> PyResult<Object<'py>> {
         let (py, own) = (slf.py(), slf.get());
         let scene = &own.scene;
         let (nq, nv) = (scene.tree().nq(), scene.tree().nv());
-        let steps = count("steps", steps, 0)?;
+        let (dt, steps) = length_of_run(dt, steps, duration, accuracy.is_some())?;
         let every = count_or("record_every", record_every, 1, 1)?;
         let keywords = Keywords {
             dt,
@@ -130,6 +134,9 @@ impl PyScene {
             form,
             conserve_momentum,
             baumgarte,
+            limits,
+            restitution,
+            accuracy,
         };
         let (mut settings, pd) = keywords.read(own)?;
         let q = own.on_tree(py, own.configuration("q", q)?, Coupling::configuration)?;
@@ -169,6 +176,8 @@ impl PyScene {
         let plan = Plan { given: &given, batch: &batch, steps, dt, progress, nv, own };
         let stopped = run(py, &mut rollout, &mut records, &plan).err();
         fields.set_item("steps", rollout.steps())?;
+        let (impacts, made) = (rollout.take_impacts(), (rollout.chosen_method(), &rollout.settings()));
+        set_outcome(&fields, &batch, own, made, |state| rollout.tally(state), &impacts)?;
         if conserve_momentum {
             let largest = largest_corrections(py, &batch, |state| rollout.correction(state))?;
             fields.set_item("momentum_correction", largest)?;
@@ -200,6 +209,40 @@ impl PyScene {
     fn ode<'py>(slf: &Bound<'py, Self>, given: Option<&Bound<'py, PyDict>>) -> PyResult<Object<'py>> {
         slf.get().scene.check_no_contacts("ode")?;
         imported!(slf.py(), "phipsi._ode", "Ode")?.call((slf,), given)
+    }
+}
+
+/// The step and the number of steps: `steps`, or `duration` over the step; with error control, rows every thousandth of the duration.
+fn length_of_run(
+    dt: Option<f64>,
+    steps: Option<&Object<'_>>,
+    duration: Option<f64>,
+    controlled: bool,
+) -> PyResult<(f64, usize)> {
+    const ROWS: f64 = 1000.0;
+    if let Some(duration) = duration
+        && !(duration.is_finite() && duration > 0.0)
+    {
+        return Err(Error::argument("duration", format!("{duration}"), "a time in s, finite and positive").into());
+    }
+    let dt = match (dt, duration) {
+        (Some(dt), _) => dt,
+        (None, Some(duration)) if controlled => duration / ROWS,
+        _ => return Err(Error::argument("dt", "None", "a step in s; it may be left out with accuracy and duration").into()),
+    };
+    match (steps, duration) {
+        (Some(steps), None) => Ok((dt, count("steps", steps, 0)?)),
+        (None, Some(duration)) => {
+            let found = (duration / dt).round();
+            if !((1.0..1e15).contains(&found)) || !((found * dt - duration).abs() <= 1e-6 * duration) {
+                let expected = "a multiple of dt; or steps";
+                return Err(Error::argument("duration", format!("{duration} with dt {dt}"), expected).into());
+            }
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // in these bounds
+            Ok((dt, found as usize))
+        }
+        (None, None) => Err(Error::argument("steps", "None", "a number of steps, or duration").into()),
+        (Some(_), Some(_)) => Err(Error::argument("duration", "steps as well", "one of the two").into()),
     }
 }
 

@@ -8,7 +8,7 @@ use super::scene::PyScene;
 use super::simulator::PySimulator;
 use crate::error::Error;
 use crate::memory;
-use crate::motion::{Gains, Properties, Settings, Stabilisation};
+use crate::motion::{Gains, Limits, Properties, Settings, Stabilisation};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -30,7 +30,7 @@ impl PySimulator {
 impl PySimulator {
     /// The keywords of Scene.simulator that give these settings.
     fn keywords<'py>(&self, py: Python<'py>, settings: Settings) -> PyResult<Bound<'py, PyDict>> {
-        let Settings { dt, method, form, properties, gains, conserve_momentum, stabilisation, arm: _ } = settings;
+        let Settings { dt, method, form, properties, gains, conserve_momentum, stabilisation, .. } = settings.clone();
         let keywords = PyDict::new(py);
         keywords.set_item("dt", dt)?;
         keywords.set_item("method", method.name())?;
@@ -40,6 +40,9 @@ impl PySimulator {
             keywords.set_item("baumgarte", rate)?;
         }
         keywords.set_item("friction_speed", properties.friction_speed)?;
+        keywords.set_item("limits", if settings.limits == Limits::Stop { Some("stop") } else { Some("report") })?;
+        keywords.set_item("restitution", settings.restitution)?;
+        keywords.set_item("accuracy", settings.accuracy)?;
         let own = self.scene.get();
         let is_given = own.scene.coupling().is_none() || properties != Properties::of(&own.scene);
         // What joints that follow each other have of the scene is not only on the independent ones.

@@ -14,7 +14,6 @@ use super::stepping::Keywords;
 use crate::batch::{Fault, broadcast_axes};
 use crate::error::{Error, check_finite};
 use crate::memory;
-use crate::motion::properties::FRICTION_SPEED;
 use crate::motion::{RecordedRows, Rollout, RolloutGradients};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
@@ -34,12 +33,12 @@ impl PyScene {
     /// (..., nv), tau (..., steps, nv) where tau_steps was given, parameters (..., bodies, 10) or None. Where no torque was given, tau is as for a constant one.
     ///
     /// Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument; SingularJointError; OutOfMemoryError.
-    #[pyo3(signature = (q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, method="rk4", record_every=None,
-                        pd=None, armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=FRICTION_SPEED,
-                        form="auto", parameters=false),
-           text_signature = "($self, q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, method='rk4', \
+    #[pyo3(signature = (q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, method="auto", record_every=None,
+                        pd=None, armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=None,
+                        form="auto", parameters=false, limits=None, restitution=0.0),
+           text_signature = "($self, q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, method='auto', \
                              record_every=1, pd=None, armature=None, damping=None, stiffness=None, rest=None, friction=None, \
-                             friction_speed=0.01, form='auto', parameters=False)")]
+                             friction_speed=None, form='auto', parameters=False, limits=None, restitution=0.0)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulate_vjp<'py>(
         slf: &Bound<'py, Self>,
@@ -59,9 +58,11 @@ impl PyScene {
         stiffness: Option<&Object<'py>>,
         rest: Option<&Object<'py>>,
         friction: Option<&Object<'py>>,
-        friction_speed: f64,
+        friction_speed: Option<f64>,
         form: &str,
         parameters: bool,
+        limits: Option<&str>,
+        restitution: f64,
     ) -> PyResult<Object<'py>> {
         let (py, own) = (slf.py(), slf.get());
         let scene = &own.scene;
@@ -84,6 +85,9 @@ impl PyScene {
             form,
             conserve_momentum: false,
             baumgarte: None,
+            limits,
+            restitution,
+            accuracy: None,
         };
         let (mut settings, pd) = keywords.read(own)?;
         let given = Given::read(tau, tau_steps, steps, own)?;

@@ -12,11 +12,10 @@ use super::motion::Room;
 use super::object::{Object, imported};
 use super::output::{Output, from_numbers};
 use super::scene::PyScene;
-use super::stepping::{Blocks, Keywords, Stopped, about, largest_corrections};
+use super::stepping::{Blocks, Keywords, Stopped, about, largest_corrections, set_outcome};
 use crate::batch::{Broadcast, broadcast_axes};
 use crate::error::{Error, check_finite};
 use crate::memory;
-use crate::motion::properties::FRICTION_SPEED;
 use crate::motion::{Method, Simulator, Torque};
 use crate::scene::{Coupling, Scene};
 use numpy::{PyArray1, PyArrayMethods};
@@ -82,9 +81,11 @@ impl PyScene {
     ///
     /// Raises OutOfMemoryError for more states than there is room for; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
     #[pyo3(signature = (q, qd=None, *, dt, method=None, pd=None, armature=None, damping=None, stiffness=None, rest=None,
-                        friction=None, friction_speed=FRICTION_SPEED, form="auto", conserve_momentum=false, baumgarte=None),
-           text_signature = "($self, q, qd=None, *, dt, method='rk4', pd=None, armature=None, damping=None, stiffness=None, \
-                             rest=None, friction=None, friction_speed=0.01, form='auto', conserve_momentum=False, baumgarte=None)")]
+                        friction=None, friction_speed=None, form="auto", conserve_momentum=false, baumgarte=None, limits=None,
+                        restitution=0.0, accuracy=None),
+           text_signature = "($self, q, qd=None, *, dt, method='auto', pd=None, armature=None, damping=None, stiffness=None, \
+                             rest=None, friction=None, friction_speed=None, form='auto', conserve_momentum=False, baumgarte=None, \
+                             limits=None, restitution=0.0, accuracy=None)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulator<'py>(
         slf: &Bound<'py, Self>,
@@ -98,10 +99,13 @@ impl PyScene {
         stiffness: Option<&Object<'py>>,
         rest: Option<&Object<'py>>,
         friction: Option<&Object<'py>>,
-        friction_speed: f64,
+        friction_speed: Option<f64>,
         form: &str,
         conserve_momentum: bool,
         baumgarte: Option<f64>,
+        limits: Option<&str>,
+        restitution: f64,
+        accuracy: Option<f64>,
     ) -> PyResult<PySimulator> {
         let (py, own) = (slf.py(), slf.get());
         let keywords = Keywords {
@@ -117,6 +121,9 @@ impl PyScene {
             form,
             conserve_momentum,
             baumgarte,
+            limits,
+            restitution,
+            accuracy,
         };
         let (mut settings, pd) = keywords.read(own)?;
         let [q, qd] = own.state_of_tree(py, q, qd)?;
@@ -224,6 +231,8 @@ impl PySimulator {
     fn now<'py>(&self, py: Python<'py>, moving: &Simulator<Held>) -> PyResult<Object<'py>> {
         let fields = about(self.scene.bind(py), &moving.settings())?;
         fields.set_item("steps", moving.steps())?;
+        let made = (moving.chosen_method(), &moving.settings());
+        set_outcome(&fields, &self.batch, self.scene.get(), made, |state| moving.tally(state), &[])?;
         if self.conserve_momentum {
             let largest = largest_corrections(py, &self.batch, |state| moving.correction(state))?;
             fields.set_item("momentum_correction", largest)?;

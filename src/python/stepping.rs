@@ -8,10 +8,14 @@ use super::object::{Object, imported};
 use super::output::from_numbers;
 use super::scene::PyScene;
 use crate::batch::Fault;
-use crate::motion::{Correction, Method, Properties, Settings, Stabilisation, StepFault};
+use crate::error::Error;
+use crate::motion::properties::joint_of_row;
+use crate::motion::{
+    Correction, Limits, Method, Properties, Settings, Stabilisation, StepFault, StopImpact, Tally,
+};
 use crate::scene::Coupling;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyDict, PyTuple};
 use std::time::{Duration, Instant};
 
 /// Between reports of progress, and between looks at signals.
@@ -27,7 +31,10 @@ pub(super) struct Keywords<'a, 'py> {
     pub stiffness: Option<&'a Object<'py>>,
     pub rest: Option<&'a Object<'py>>,
     pub friction: Option<&'a Object<'py>>,
-    pub friction_speed: f64,
+    pub friction_speed: Option<f64>,
+    pub limits: Option<&'a str>,
+    pub restitution: f64,
+    pub accuracy: Option<f64>,
     pub form: &'a str,
     pub conserve_momentum: bool,
     pub baumgarte: Option<f64>,
@@ -37,11 +44,19 @@ impl<'py> Keywords<'_, 'py> {
     /// The settings that they are, but for the control law, whose targets may be those of a batch.
     pub fn read(&self, own: &PyScene) -> PyResult<(Settings, Option<Pd<'py>>)> {
         let mut settings = Settings::new(&own.scene, self.dt);
-        match self.method {
-            Some(method) => settings.method = Method::named(method)?,
-            None if own.scene.contacts().is_empty() => settings.method = Method::RungeKutta4,
-            None => {}
+        match self.method.map(Method::named).transpose()? {
+            // The default of a scene with contacts is the method that it has.
+            None | Some(Method::Auto) => {}
+            Some(method) => settings.method = method,
         }
+        settings.limits = match self.limits {
+            None => Limits::Auto,
+            Some("stop") => Limits::Stop,
+            Some("report") => Limits::Report,
+            Some(other) => return Err(Error::argument("limits", format!("{other:?}"), "\"stop\" or \"report\"").into()),
+        };
+        settings.restitution = self.restitution;
+        settings.accuracy = self.accuracy;
         settings.conserve_momentum = self.conserve_momentum;
         settings.stabilisation = self.baumgarte.map_or(Stabilisation::Projection, Stabilisation::Baumgarte);
         settings.form = read_form(self.form)?;
@@ -59,7 +74,7 @@ impl<'py> Keywords<'_, 'py> {
         if let Some(rest) = self.rest {
             properties.rest = own.expanded(input::state("rest", rest, own.coordinates())?, Coupling::configuration);
         }
-        properties.friction_speed = self.friction_speed;
+        properties.friction_speed = self.friction_speed.unwrap_or(0.0);
         let pd = self.pd.map(|pd| Pd::read(pd, own)).transpose()?;
         Ok((settings, pd))
     }
@@ -83,6 +98,9 @@ impl<'py> Keywords<'_, 'py> {
             }
         }
         given.set_item("friction_speed", self.friction_speed)?;
+        given.set_item("limits", self.limits)?;
+        given.set_item("restitution", self.restitution)?;
+        given.set_item("accuracy", self.accuracy)?;
         given.set_item("form", self.form)?;
         given.set_item("conserve_momentum", self.conserve_momentum)?;
         given.set_item("baumgarte", self.baumgarte)?;
@@ -102,6 +120,42 @@ pub(super) fn about<'py>(scene: &Bound<'py, PyScene>, settings: &Settings) -> Py
         fields.set_item(name, from_numbers(py, numbers, &[numbers.len()])?)?;
     }
     Ok(fields)
+}
+
+/// What the joints of a run did and what acted on them: the fields of a trajectory that are known at its end.
+pub(super) fn set_outcome<'py>(
+    fields: &Bound<'py, PyDict>,
+    batch: &[usize],
+    own: &PyScene,
+    (chosen, settings): (Method, &Settings),
+    tally: impl Fn(usize) -> Tally,
+    impacts: &[StopImpact],
+) -> PyResult<()> {
+    let py = fields.py();
+    fields.set_item("integrator", chosen.name())?;
+    fields.set_item("friction_speed", settings.properties.friction_speed)?;
+    fields.set_item("limits", if settings.limits == Limits::Stop { "stop" } else { "report" })?;
+    let states = batch.iter().product();
+    let each = |of: &dyn Fn(&Tally) -> f64| -> PyResult<Object<'py>> {
+        let values: Vec<f64> = (0..states).map(|state| of(&tally(state))).collect();
+        from_numbers(py, &values, batch)
+    };
+    let works: [&dyn Fn(&Tally) -> f64; 5] =
+        [&|t| t.torque, &|t| t.damping, &|t| t.friction, &|t| t.control, &|t| t.stops];
+    let works = works.into_iter().map(each).collect::<PyResult<Vec<_>>>()?;
+    fields.set_item("works", PyTuple::new(py, works)?)?;
+    let counts: [&dyn Fn(&Tally) -> f64; 4] =
+        [&|t| t.most_substeps.max(1.0), &|t| t.events, &|t| t.error, &|t| t.unsettled];
+    let counts = counts.into_iter().map(each).collect::<PyResult<Vec<_>>>()?;
+    fields.set_item("counts", PyTuple::new(py, counts)?)?;
+    let mut found = Vec::with_capacity(impacts.len());
+    for StopImpact { state, row, upper, time, speed, impulse } in impacts {
+        let index = (!batch.is_empty()).then(|| batch_index(py, *state, batch)).transpose()?;
+        let joint = joint_of_row(own.scene.tree(), *row);
+        let limit = if *upper { "upper" } else { "lower" };
+        found.push((joint, limit, time, speed, impulse, index).into_pyobject(py)?);
+    }
+    fields.set_item("stops", PyTuple::new(py, found)?)
 }
 
 /// The largest corrections of each state of a batch, which keep its momentum, as a MomentumCorrection.

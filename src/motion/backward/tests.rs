@@ -133,9 +133,9 @@ impl Case {
             to.end.clone_from(&self.end);
         }
         let mut solver = InLanes::new(Baseline, Form::Auto, (&s.model, &s.constants));
-        assert_eq!(backward(&self.law, &mut s, &mut both[0], &mut solver), 0);
+        assert_eq!(backward((&self.law, &self.law.scheme), &mut s, &mut both[0], &mut solver), 0);
         let mut checked = CheckedBackward::new(&s.model, Form::Auto);
-        backward(&self.law, &mut s, &mut both[1], &mut checked);
+        backward((&self.law, &self.law.scheme), &mut s, &mut both[1], &mut checked);
         assert!(checked.lost.is_none());
         both
     }
@@ -145,7 +145,7 @@ impl Case {
         let mut s = self.scratch::<Number>();
         set(&mut s);
         let mut solver = General(Workspace::new(&s.model));
-        step(&self.law, &mut s, &mut solver);
+        step((&self.law, &self.law.scheme), &mut s, &mut solver);
         let mut sum = DoubleDouble::from_f64(0.0);
         for (k, body) in s.model.bodies.iter().enumerate() {
             let row = s.model.system.stages[k].first_row;
@@ -226,7 +226,7 @@ fn gradients_by_the_state() {
 #[test]
 fn gradients_by_what_acts_at_the_joints() {
     each_method(|name, case, gradients| {
-        let hg = if case.law.implicit { case.law.tableau.gamma[0][0] } else { 0.0 };
+        let hg = if case.law.scheme.implicit { case.law.scheme.tableau.gamma[0][0] } else { 0.0 };
         for row in 0..case.scene.nv() {
             let found = |kind: usize| gradients.acting[kind][row];
             near(

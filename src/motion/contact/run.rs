@@ -3,6 +3,7 @@
 use super::super::job::Job;
 use super::super::properties::of_state;
 use super::super::step::{Law, Scratch};
+use super::super::tally::TALLY;
 use super::super::torque::{StepFault, Torque};
 use super::kept::RECORD;
 use super::step::Touching;
@@ -42,10 +43,12 @@ impl Toucher {
         let (nq, nv, points) = (scene.nq(), scene.nv(), scene.contact_points());
         let current = &mut job.current[lane * width..(lane + 1) * width];
         let (q, rest) = current.split_at_mut(nq);
-        let (v, kept) = rest.split_at_mut(nv);
+        let (v, rest) = rest.split_at_mut(nv);
+        let (tally, kept) = rest.split_at_mut(TALLY);
         let Self { scratch: s, touching } = self;
         s.q.copy_from_slice(q);
         s.v.copy_from_slice(v);
+        s.tally.copy_from_slice(tally);
         if let Some(gains) = &law.gains {
             s.target.copy_from_slice(of_state(&gains.target, nq, state));
             s.target_rate.copy_from_slice(of_state(&gains.target_rate, nv, state));
@@ -88,6 +91,7 @@ impl Toucher {
         }
         q.copy_from_slice(&s.q);
         v.copy_from_slice(&s.v);
+        tally.copy_from_slice(&s.tally);
         outcome
     }
 }

@@ -2,6 +2,7 @@
 
 use super::super::faults::fault_of;
 use super::super::step::{Checked, Law, Scratch, step};
+use super::super::tally::add_work;
 use super::kept::ContactReport;
 use super::project::out_of_planes;
 use crate::contact::{Cone, ContactState, Effort, Impact, Limits, Told, impact, passive};
@@ -61,7 +62,7 @@ impl Touching {
         s: &mut Scratch<f64>,
         kept: &mut [f64],
     ) -> Result<(), (String, Error)> {
-        step(law, s, &mut self.solver);
+        step((law, &law.scheme), s, &mut self.solver);
         let lost = self.solver.lost.take();
         if let Some(fault) = fault_of(scene, law, s, lost) {
             return Err(fault);
@@ -74,6 +75,7 @@ impl Touching {
         let before = Before { gaps: self.rows.gaps.clone(), start, free };
         let outcome = self.touch(scene, h, s, &before, kept)?;
         move_along(h, s);
+        add_work(law, s);
         let ends = axes_of_free_joints(&s.model, &s.q, &s.q_next);
         let workspace = &mut self.solver.workspace;
         let (depth, iterations) =

@@ -1,0 +1,394 @@
+//! One step of one state in substeps: short enough for fast motion, and by the set-valued law where joints stick, slip, or meet a stop.
+//!
+//! A substep whose modes do not hold until its end is an *event*: one step of the implicit Euler method with the law of [`stops`](super::stops) at its end. Its error is of second
+//! order in the step, and events are few, so the order of a method up to two remains. At a stop the joint ends the step on it, and with the velocity of the rebound, or
+//! at rest where the rebound would end within the step.
+
+use super::manifold::advance;
+use super::method::{Method, Scheme};
+use super::step::{
+    By, Checked, LOCKED, Law, Scratch, Solver, clear, fastest_and_error, set_friction, stage, step,
+};
+use super::stops::{Graph, Hold, Piece, settle};
+use super::tally::{ERROR, EVENTS, FRICTION, LENGTH, MOST, STOPS, SUBSTEPS, UNSETTLED, add_work};
+use crate::dynamics;
+
+/// A step is divided into at most so many substeps.
+const MOST_SUBSTEPS: u32 = 1 << 10;
+
+/// With error control, the first and the shortest substep, parts of the step.
+const FIRST: f64 = 1e-2;
+const SHORTEST: f64 = 1e-7;
+
+/// Joints rotate by no more than this in an event, rad, unless the substep is as short as this, in the shortest.
+const TURN_OF_EVENT: f64 = 5e-3;
+const SHORTEST_EVENT: u32 = 1 << 4;
+
+/// Substeps of one length before a longer one is tried.
+const CALM: u32 = 4;
+
+/// Parts of velocities, and of torques, that are rounding.
+const ROUNDING: f64 = 1e-13;
+const ROUNDING_OF_TORQUES: f64 = 1e-11;
+
+/// A joint that met one of its stops.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StopImpact {
+    /// Index of the state in the batch.
+    pub state: usize,
+    /// The degree of freedom, an index in qd.
+    pub row: usize,
+    /// Whether it was the upper stop.
+    pub upper: bool,
+    /// When, at the end of a substep, s.
+    pub time: f64,
+    /// How fast it moved, rad/s or m/s.
+    pub speed: f64,
+    /// The impulse of the stop on it, N m s or N s.
+    pub impulse: f64,
+}
+
+/// Scratch for substeps.
+#[derive(Debug)]
+pub(super) struct Substeps {
+    q: Vec<f64>,
+    v: Vec<f64>,
+    torque: Vec<f64>,
+    given: Vec<f64>,
+    noise: Vec<f64>,
+    graphs: Vec<Graph>,
+    pieces: Vec<Piece>,
+    /// Joints that met a stop, with the time since the step's start.
+    pub impacts: Vec<StopImpact>,
+}
+
+impl Substeps {
+    pub fn new(law: &Law, s: &Scratch<f64>) -> Self {
+        let (q, v) = (vec![0.0; s.q.len()], vec![0.0; s.v.len()]);
+        let count = law.set_valued.len();
+        Self {
+            q,
+            torque: v.clone(),
+            given: v.clone(),
+            noise: v.clone(),
+            v,
+            graphs: Vec::with_capacity(count),
+            pieces: Vec::with_capacity(count),
+            impacts: Vec::new(),
+        }
+    }
+
+    /// From `q`, `v` to `q_next`, `v_next` in one step of the run; `visit` is called before each substep is accepted, with the state at its start still in `q` and `v`.
+    pub fn advance(
+        &mut self,
+        law: &Law,
+        s: &mut Scratch<f64>,
+        solver: &mut Checked,
+        visit: &mut dyn FnMut(&Scheme, &Scratch<f64>, Option<&Event<'_>>),
+    ) {
+        self.q.copy_from_slice(&s.q);
+        self.v.copy_from_slice(&s.v);
+        self.impacts.clear();
+        match law.accuracy {
+            Some(accuracy) => self.controlled(law, accuracy, s, solver),
+            None => self.through(law, s, solver, visit),
+        }
+        s.q_next.copy_from_slice(&s.q);
+        s.v_next.copy_from_slice(&s.v);
+        s.q.copy_from_slice(&self.q);
+        s.v.copy_from_slice(&self.v);
+    }
+
+    /// All substeps, in place; stops where a pivot is lost or a result is not finite.
+    fn through(
+        &mut self,
+        law: &Law,
+        s: &mut Scratch<f64>,
+        solver: &mut Checked,
+        visit: &mut dyn FnMut(&Scheme, &Scratch<f64>, Option<&Event<'_>>),
+    ) {
+        // Lengths count in the shortest substep.
+        let shortest = law.step / f64::from(MOST_SUBSTEPS);
+        let mut size = MOST_SUBSTEPS;
+        let (mut left, mut calm, mut made) = (MOST_SUBSTEPS, 0, 0_u32);
+        while left > 0 {
+            size = size.min(left);
+            let scheme = Scheme::new(law.method, shortest * f64::from(size));
+            s.adopt(law, &scheme);
+            step((law, &scheme), s, solver);
+            if solver.lost.is_some() {
+                break;
+            }
+            if !(s.short_enough > 0.0) && size > 1 {
+                (size, calm) = (shorter((law, &scheme), s, size), 0);
+                continue;
+            }
+            if s.consistent > 0.0 {
+                visit(&scheme, s, None);
+                add_work(law, s);
+            } else if law.divides && size > SHORTEST_EVENT && !(scheme.step * fastest_and_error((law, &scheme), s).0 <= TURN_OF_EVENT) {
+                (size, calm) = (size / 2, 0);
+                continue;
+            } else if s.v_next.iter().all(|v| v.is_finite()) {
+                let time = shortest * f64::from(MOST_SUBSTEPS - left + size);
+                let event = self.event(law, scheme.step, s, solver, time);
+                visit(&event.scheme, s, Some(&event));
+                s.tally[EVENTS] += 1.0;
+            }
+            std::mem::swap(&mut s.q, &mut s.q_next);
+            std::mem::swap(&mut s.v, &mut s.v_next);
+            if !s.v.iter().chain(&s.q).all(|x| x.is_finite()) {
+                break;
+            }
+            left -= size;
+            made += 1;
+            calm += 1;
+            if calm >= CALM && left % (2 * size) == 0 {
+                (size, calm) = (2 * size, 0);
+            }
+        }
+        s.tally[SUBSTEPS] += f64::from(made);
+        s.tally[MOST] = s.tally[MOST].max(f64::from(made));
+    }
+
+    /// All substeps, in place, each so long that the difference between one step and two of half its length meets the bound; a change of modes ends a substep, by bisection.
+    fn controlled(
+        &mut self,
+        law: &Law,
+        accuracy: f64,
+        s: &mut Scratch<f64>,
+        solver: &mut Checked,
+    ) {
+        let order = f64::from(law.method.order());
+        let (mut left, mut made) = (1.0, 0.0);
+        let mut length = if s.tally[LENGTH] > 0.0 { s.tally[LENGTH] } else { FIRST };
+        let (mut q, mut v) = (s.q.clone(), s.v.clone());
+        let (mut whole_q, mut whole_v) = (q.clone(), v.clone());
+        while left > 0.0 {
+            let is_last = length >= left;
+            let part = if is_last { left } else { length };
+            q.copy_from_slice(&s.q);
+            v.copy_from_slice(&s.v);
+            let tally = s.tally;
+            let scheme = Scheme::new(law.method, law.step * part);
+            s.adopt(law, &scheme);
+            step((law, &scheme), s, solver);
+            whole_q.copy_from_slice(&s.q_next);
+            whole_v.copy_from_slice(&s.v_next);
+            let mut consistent = s.consistent > 0.0;
+            let half = Scheme::new(law.method, 0.5 * law.step * part);
+            s.adopt(law, &half);
+            for _ in 0..2 {
+                if consistent {
+                    step((law, &half), s, solver);
+                    consistent = s.consistent > 0.0;
+                    add_work(law, s);
+                    std::mem::swap(&mut s.q, &mut s.q_next);
+                    std::mem::swap(&mut s.v, &mut s.v_next);
+                }
+            }
+            if solver.lost.is_some() {
+                break;
+            }
+            let size = |x: &[f64], y: &[f64]| x.iter().zip(y).fold(0.0_f64, |most, (x, y)| most.max((x - y).abs()));
+            let fastest = v.iter().fold(1.0_f64, |most, v| most.max(v.abs()));
+            let error = size(&s.q, &whole_q).max(size(&s.v, &whole_v) / fastest) / (order.exp2() - 1.0);
+            if consistent && error <= accuracy {
+                s.tally[ERROR] += error;
+                made += 2.0;
+                left = if is_last { 0.0 } else { left - part };
+                let longer = 0.9 * (accuracy / error.max(1e-300)).powf(1.0 / (order + 1.0));
+                // One that ends where a row is due does not shorten the next.
+                length = if is_last { length.max(part * longer.min(5.0)) } else { part * longer.clamp(0.3, 5.0) };
+                continue;
+            }
+            s.tally = tally;
+            s.q.copy_from_slice(&q);
+            s.v.copy_from_slice(&v);
+            if part <= SHORTEST {
+                if consistent {
+                    // Nothing shorter helps: the step is taken, and the report has its error.
+                    std::mem::swap(&mut s.q, &mut whole_q);
+                    std::mem::swap(&mut s.v, &mut whole_v);
+                    s.tally[ERROR] += error;
+                } else {
+                    self.event(law, scheme.step, s, solver, law.step * (1.0 - left + part));
+                    s.tally[EVENTS] += 1.0;
+                    std::mem::swap(&mut s.q, &mut s.q_next);
+                    std::mem::swap(&mut s.v, &mut s.v_next);
+                }
+                if !s.v.iter().chain(&s.q).all(|x| x.is_finite()) {
+                    break;
+                }
+                made += 1.0;
+                left = if is_last { 0.0 } else { left - part };
+                length = FIRST;
+                continue;
+            }
+            let shorter = 0.9 * (accuracy / error).powf(1.0 / (order + 1.0));
+            length = part * if consistent && shorter.is_finite() { shorter.clamp(0.1, 0.5) } else { 0.25 };
+            length = length.max(SHORTEST);
+        }
+        s.tally[LENGTH] = length;
+        s.tally[SUBSTEPS] += made;
+        s.tally[MOST] = s.tally[MOST].max(made);
+    }
+
+    /// One implicit Euler step with the set-valued law, to `q_next`, `v_next`.
+    fn event(
+        &mut self,
+        law: &Law,
+        h: f64,
+        s: &mut Scratch<f64>,
+        solver: &mut Checked,
+        time: f64,
+    ) -> Event<'_> {
+        let scheme = Scheme::new(Method::ImplicitEuler, h);
+        let by = (law, &scheme);
+        s.adopt(law, &scheme);
+        if law.rubs {
+            set_friction(by, s);
+        }
+        clear(&mut s.dry);
+        clear(&mut s.control);
+        stage(by, s, 0);
+        self.given.copy_from_slice(&s.u);
+        self.noise.copy_from_slice(&s.model.system.noise);
+        self.graphs.clear();
+        self.pieces.clear();
+        for of in &law.set_valued {
+            let graph = Graph::new(of, (s.q[of.coordinate], s.v[of.row]), h);
+            self.graphs.push(graph);
+            self.pieces.push(graph.piece(s.v[of.row]));
+        }
+        let free = self.solve(law, h, s, solver);
+        for (x, next) in s.x.iter_mut().zip(&s.v_next) {
+            *x = h * next;
+        }
+        // Positions are those of joints that reach their stops; velocities those of the rebound.
+        let mut rebounds = false;
+        let mut reached = Vec::new();
+        for (i, of) in law.set_valued.iter().enumerate() {
+            let Some((velocity, hold)) = self.graphs[i].velocity(self.pieces[i]) else { continue };
+            let (bound, toward) = match hold {
+                Hold::Friction => continue,
+                Hold::Lower => (of.lower, -1.0),
+                Hold::Upper => (of.upper, 1.0),
+            };
+            let (q, v) = (s.q[of.coordinate], s.v[of.row]);
+            if toward * (q - bound) > 0.0 {
+                continue;
+            }
+            reached.push((of.coordinate, bound));
+            if toward * v > 0.0 || velocity != 0.0 {
+                let back = law.restitution * v;
+                let rests = !(back * toward > 2.0 * h * free[of.row].abs());
+                let Piece::At(k) = self.pieces[i] else { continue };
+                self.graphs[i] = self.graphs[i].rebounding(k, if rests { 0.0 } else { -back }, of.friction);
+                self.pieces[i] = self.graphs[i].piece(if rests { 0.0 } else { -back });
+                rebounds = true;
+            }
+        }
+        let speeds: Vec<f64> = law.set_valued.iter().map(|of| s.v[of.row]).collect();
+        if rebounds {
+            self.solve(law, h, s, solver);
+        }
+        advance(&s.model, &s.q, &s.x, &mut s.q_next);
+        for (coordinate, bound) in reached {
+            s.q_next[coordinate] = bound;
+        }
+        for (i, of) in law.set_valued.iter().enumerate() {
+            let (piece, graph) = (self.pieces[i], &self.graphs[i]);
+            let torque = match piece {
+                Piece::At(_) => self.torque[of.row] - self.given[of.row],
+                Piece::Between(_) => graph.torque(piece),
+            };
+            let rubbing = torque.clamp(-of.friction, of.friction);
+            let along = 0.5 * h * (s.v[of.row] + s.v_next[of.row]);
+            s.tally[FRICTION] += rubbing * along;
+            s.tally[STOPS] += (torque - rubbing) * along;
+            let upper = match graph.velocity(piece) {
+                Some((_, Hold::Lower)) if speeds[i] < 0.0 => false,
+                Some((_, Hold::Upper)) if speeds[i] > 0.0 => true,
+                _ => continue,
+            };
+            let impulse = h * (torque - rubbing);
+            self.impacts.push(StopImpact { state: 0, row: of.row, upper, time, speed: speeds[i].abs(), impulse });
+        }
+        add_work(law, s);
+        Event { scheme, graphs: &self.graphs, pieces: &self.pieces }
+    }
+
+    /// Accelerations and velocities at the end under the set-valued law; the accelerations of the first pieces.
+    fn solve(
+        &mut self,
+        law: &Law,
+        h: f64,
+        s: &mut Scratch<f64>,
+        solver: &mut Checked,
+    ) -> Vec<f64> {
+        let Self { torque, given, noise, graphs, pieces, .. } = self;
+        let mut free = Vec::new();
+        let settled = settle(pieces, |pieces, found| {
+            s.u.copy_from_slice(given);
+            s.model.system.noise.copy_from_slice(noise);
+            for ((of, graph), &piece) in law.set_valued.iter().zip(&*graphs).zip(pieces) {
+                if let Some((velocity, _)) = graph.velocity(piece) {
+                    s.model.system.noise[of.row] = LOCKED;
+                    s.u[of.row] = LOCKED * ((velocity - s.v[of.row]) / h);
+                } else {
+                    s.u[of.row] += graph.torque(piece);
+                }
+            }
+            solver.solve((&s.model, &s.constants), &mut s.sweeps, (&s.q, &s.v, &s.u), &mut s.m[0]);
+            s.model.system.noise.copy_from_slice(noise);
+            for (row, next) in s.v_next.iter_mut().enumerate() {
+                *next = h.mul_add(s.m[0][row], s.v[row]);
+            }
+            for ((of, graph), &piece) in law.set_valued.iter().zip(&*graphs).zip(pieces) {
+                if let Some((velocity, _)) = graph.velocity(piece) {
+                    s.v_next[of.row] = velocity;
+                    s.m[0][of.row] = (velocity - s.v[of.row]) / h;
+                }
+            }
+            if free.is_empty() {
+                free.clone_from(&s.m[0]);
+            }
+            dynamics::inverse_dynamics(&s.model, &mut solver.workspace, &s.q, &s.v, &s.m[0], &[], torque);
+            let size = |x: &[f64]| x.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
+            let slow = ROUNDING * size(&s.v_next).max(size(&s.v));
+            for (i, ((of, graph), &piece)) in law.set_valued.iter().zip(&*graphs).zip(pieces).enumerate() {
+                let row = of.row;
+                let small = ROUNDING_OF_TORQUES * (torque[row].abs() + given[row].abs() + of.friction);
+                let change = match piece {
+                    Piece::At(_) => graph.contradicted(piece, torque[row] - given[row], small),
+                    Piece::Between(_) => graph.contradicted(piece, s.v_next[row], slow),
+                };
+                found.extend(change.map(|piece| (i, piece)));
+            }
+        });
+        s.tally[UNSETTLED] += f64::from(u8::from(!settled));
+        free
+    }
+}
+
+/// The length that the error estimate of a refused substep asks for: its half or less.
+fn shorter(by: By<'_>, s: &Scratch<f64>, size: u32) -> u32 {
+    let (fastest, error) = fastest_and_error(by, s);
+    let excess = error / (by.1.share * fastest);
+    let mut shorter = size / 2;
+    // The estimate falls with the square of the step at least.
+    let mut reached = 4.0;
+    while shorter > 1 && !(excess <= reached) && reached < 1e6 {
+        shorter /= 2;
+        reached *= 4.0;
+    }
+    shorter
+}
+
+/// An event that was solved: the graph and the piece of each row with friction or stops, of its velocities.
+pub(super) struct Event<'a> {
+    pub scheme: Scheme,
+    pub graphs: &'a [Graph],
+    pub pieces: &'a [Piece],
+}

@@ -1,0 +1,90 @@
+//! What a rollout accumulates of each state beside q and qd: the work of everything that acts at the joints, and the number of substeps.
+//!
+//! With x the displacement of a step, and w = h (v + v')/2 its mean velocity times the step, the work of a torque that acts with the impulse p is p w/h, which for constant M is
+//! the kinetic energy that it gives; that of a given torque, constant in the step, is tau x. What the change of the energy exceeds the sum by is the error of the method.
+
+use super::step::{Law, Scratch};
+use crate::scalar::Real;
+
+/// The number of values.
+pub(super) const TALLY: usize = 11;
+
+const TORQUE: usize = 0;
+const DAMPING: usize = 1;
+pub(super) const FRICTION: usize = 2;
+const CONTROL: usize = 3;
+pub(super) const STOPS: usize = 4;
+/// Steps of the method itself, and those with the set-valued law.
+pub(super) const SUBSTEPS: usize = 5;
+/// The most substeps of one step.
+pub(super) const MOST: usize = 6;
+pub(super) const EVENTS: usize = 7;
+/// With error control: the sum of the errors of all substeps, and the length that the next one begins with.
+pub(super) const ERROR: usize = 8;
+pub(super) const LENGTH: usize = 9;
+/// Events without a solution.
+pub(super) const UNSETTLED: usize = 10;
+
+/// What one state accumulated since it began.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Tally {
+    /// Work of the torques that were given, J.
+    pub torque: f64,
+    /// Work of damping, J; zero or negative.
+    pub damping: f64,
+    /// Work of friction, J.
+    pub friction: f64,
+    /// Work of the control law, J.
+    pub control: f64,
+    /// Work of the stops, J.
+    pub stops: f64,
+    /// The number of substeps in all steps that were divided or had an event.
+    pub substeps: f64,
+    /// The largest number of substeps of one step.
+    pub most_substeps: f64,
+    /// The number of substeps in which a joint stuck, slipped, or hit or left a stop.
+    pub events: f64,
+    /// With error control, the sum of the estimated errors of all substeps, rad, m, and relative to the fastest joint velocity where that exceeds 1.
+    pub error: f64,
+    /// The number of events whose friction and stop torques contradict each other, because the mass matrix is indefinite; a joint was then locked.
+    pub unsettled: f64,
+}
+
+impl Tally {
+    /// Of the values that a rollout stores.
+    pub(super) fn of(values: &[f64]) -> Self {
+        let at = |i: usize| values.get(i).copied().unwrap_or(0.0);
+        Self {
+            torque: at(TORQUE),
+            damping: at(DAMPING),
+            friction: at(FRICTION),
+            control: at(CONTROL),
+            stops: at(STOPS),
+            substeps: at(SUBSTEPS),
+            most_substeps: at(MOST),
+            events: at(EVENTS),
+            error: at(ERROR),
+            unsettled: at(UNSETTLED),
+        }
+    }
+}
+
+/// Adds the work of an elementary step from `q`, `v` to `q_next`, `v_next`, whose displacement is `x`; that of exact friction in the modes of the step.
+#[inline(always)]
+pub(super) fn add_work<T: Real>(law: &Law, s: &mut Scratch<T>) {
+    for (row, of) in s.rows.iter().enumerate() {
+        let (v, next, x) = (s.v[row], s.v_next[row], s.x[row]);
+        let mean = (v + next) * v.constant(0.5);
+        s.tally[TORQUE] = s.torque[row].mul_add(x, s.tally[TORQUE]);
+        s.tally[DAMPING] = s.tally[DAMPING].minus_product(of.damping * x, mean);
+        if law.gains.is_some() {
+            s.tally[CONTROL] = s.control[row].mul_add(mean, s.tally[CONTROL]);
+        }
+        if law.rubs {
+            s.tally[FRICTION] = s.tally[FRICTION].minus_product(s.chord[row] * x, mean);
+        }
+    }
+    for mode in &s.modes {
+        s.tally[FRICTION] = s.dry[mode.row].mul_add(s.x[mode.row], s.tally[FRICTION]);
+    }
+}
