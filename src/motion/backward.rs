@@ -13,7 +13,11 @@
 //! more right side and a reverse product, all O(N), on the same sweeps as forward dynamics.
 
 use super::method::STAGES;
-use super::step::{By, Scratch, add_scaled, clear, finish_stage, rounded_speed, set_friction, stage};
+use super::step::{
+    By, LOCKED, Scratch, add_scaled, clear, finish_stage, finish_step, observe_locks, rounded_speed, set_friction,
+    set_modes, stage,
+};
+use super::substeps::Lock;
 use crate::batch::accelerations::Call;
 use crate::batch::arms::{Target, Vectorised};
 use crate::batch::{factor::with_factor, products};
@@ -24,7 +28,7 @@ use crate::dynamics::sweeps::SweepModel;
 use crate::filter::Form;
 use crate::filter::pivots::LostPivot;
 use crate::model::Model;
-use crate::scalar::Real;
+use crate::scalar::{Real, lanes_but};
 use crate::workspace::Workspace;
 
 /// Gradients by what a step begins with, and by what acts during it; starts as NaN.
@@ -182,6 +186,43 @@ impl BackwardSolver<f64> for CheckedBackward {
     }
 }
 
+/// The solution of an event, whose accelerations are known.
+pub(super) struct OfEvent<'a> {
+    pub solver: &'a mut CheckedBackward,
+    pub accelerations: &'a [f64],
+}
+
+impl BackwardSolver<f64> for OfEvent<'_> {
+    fn factor(&mut self, call: Call<'_, f64>) -> u64 {
+        call.qdd.copy_from_slice(self.accelerations);
+        0
+    }
+
+    fn gradients(
+        &mut self,
+        call: Call<'_, f64>,
+        cotangent: &[f64],
+        parameters: &mut [Parameters<f64>],
+        out: &mut [f64],
+    ) -> u64 {
+        let CheckedBackward { workspace, products, lost } = &mut *self.solver;
+        let Call { scene: (model, _), state: (q, qd, _), wrenches, .. } = call;
+        let pivots = dynamics::factorise(model, workspace, q, |_, _| {});
+        if lost.is_none() {
+            *lost = workspace.lost_pivot(model, &pivots);
+        }
+        let mut u_bar = vec![f64::NAN; cotangent.len()];
+        dynamics::solve(model, workspace, cotangent, &mut u_bar);
+        let negative: Vec<f64> = u_bar.iter().map(|x| -x).collect();
+        let constants = &mut Constants { parameters, ..Constants::default() };
+        let state = (q, qd, self.accelerations);
+        derivatives::inverse_dynamics_vjp(model, products, state, wrenches, &negative, (constants, out));
+        let last = out.len() - u_bar.len();
+        out[last..].copy_from_slice(&u_bar);
+        0
+    }
+}
+
 /// What [`BackwardSolver`] reads and writes at stage `i`.
 #[inline(always)]
 fn at_stage<T: Real>(s: &mut Scratch<T>, i: usize) -> Call<'_, T> {
@@ -194,32 +235,53 @@ fn at_stage<T: Real>(s: &mut Scratch<T>, i: usize) -> Call<'_, T> {
     }
 }
 
-/// From the gradients by the step's end to those by its start, the step being from `s.q` and `s.v`; gives the lanes in doubt as bits.
+/// From the gradients by the step's end to those by its start, the step being from `s.q` and `s.v`; gives the lanes whose error estimate exceeds its bound, whose modes do not
+/// hold until the end, or whose step is too long, as bits. `locks`: those of an event, in one state; none for a step whose modes follow from its start.
 #[inline(always)]
 pub(super) fn backward<T: Real, S: BackwardSolver<T>>(
     by @ (law, scheme): By<'_>,
     s: &mut Scratch<T>,
     to: &mut StepGradients<T>,
     solver: &mut S,
+    locks: Option<&[Lock]>,
 ) -> u64 {
     let last = scheme.tableau.stages - 1;
     let mut doubt = 0;
     if law.rubs {
         set_friction(by, s);
     }
+    set_modes(by, s);
+    if let Some(locks) = locks {
+        set_locks(by, s, locks);
+    } else {
+        // A joint at rest stays at rest, whatever follows from it.
+        release(s, &mut to.end[1]);
+    }
     for i in 0..last {
         stage(by, s, i);
         doubt |= solver.factor(at_stage(s, i));
+        observe_locks(s, i);
         finish_stage(by, s, i);
     }
     for i in (0..=last).rev() {
         stage(by, s, i);
         doubt |= solver.factor(at_stage(s, i));
+        observe_locks(s, i);
         if i == last {
             finish_stage(by, s, i);
             to.of_end(by, s);
+            if locks.is_none() {
+                finish_step(by, s);
+                doubt |= lanes_but::<T>(|lane| s.consistent.lane(lane) > 0.0 && s.short_enough.lane(lane) > 0.0);
+            }
+        }
+        if locks.is_none() {
+            release(s, &mut to.l[i]);
         }
         add_scaled(&mut to.m[i], scheme.tableau.gamma[i][i], &to.l[i]);
+        if locks.is_none() {
+            release(s, &mut to.m[i]);
+        }
         to.c.copy_from_slice(&to.l[i]);
         let StepGradients { m, stage_parameters, of_dynamics, .. } = to;
         doubt |= solver.gradients(at_stage(s, i), &m[i], stage_parameters, of_dynamics);
@@ -227,7 +289,32 @@ pub(super) fn backward<T: Real, S: BackwardSolver<T>>(
         to.of_stage(by, s, i);
     }
     to.of_friction(by, s);
+    match locks {
+        Some(locks) => to.of_locks(s, locks),
+        None => release(s, &mut to.start[1]),
+    }
     doubt
+}
+
+/// Zero in the rows that are locked.
+#[inline(always)]
+fn release<T: Real>(s: &Scratch<T>, rates: &mut [T]) {
+    for mode in &s.modes {
+        let free = mode.locked.constant(1.0) - mode.locked;
+        rates[mode.row] *= free;
+    }
+}
+
+/// The modes of an event.
+fn set_locks<T: Real>((law, scheme): By<'_>, s: &mut Scratch<T>, locks: &[Lock]) {
+    let hg = if law.rubs { scheme.tableau.gamma[0][0] } else { 0.0 };
+    for (mode, lock) in s.modes.iter_mut().zip(locks) {
+        (mode.locked, mode.target) = (T::from_f64(lock.locked), T::from_f64(lock.target));
+        s.dry[mode.row] = T::from_f64(lock.torque);
+        let of = &s.rows[mode.row];
+        let moving = s.chord[mode.row].mul_add(T::from_f64(hg), of.noise);
+        s.model.system.noise[mode.row] = if lock.locked > 0.0 { T::from_f64(LOCKED) } else { moving };
+    }
 }
 
 impl<T: Real> StepGradients<T> {
@@ -281,7 +368,10 @@ impl<T: Real> StepGradients<T> {
             acting[ARMATURE][row] += noise_bar;
             acting[DAMPING][row] = acting[DAMPING][row].minus_product(v, u_bar);
             acting[STIFFNESS][row] = acting[STIFFNESS][row].minus_product(s.displaced[row], u_bar);
-            acting[FRICTION][row] = acting[FRICTION][row].minus_product(v * slower, u_bar);
+            // That of rows with exact friction is in their modes.
+            if law.rubs || law.properties.friction[row] == 0.0 {
+                acting[FRICTION][row] = acting[FRICTION][row].minus_product(v * slower, u_bar);
+            }
             // d/dv of v/sqrt(v^2 + v0^2) is v0^2/sqrt(v^2 + v0^2)^3.
             let rubbing = of.friction * (slower * slower) * slower * v.constant(v0 * v0);
             by_v[row] = by_v[row].minus_product(of.damping + of.derivative + rubbing, u_bar);
@@ -303,6 +393,10 @@ impl<T: Real> StepGradients<T> {
                 acting[STIFFNESS][row] += by_stiffness;
                 chord[row] += by_damping;
             }
+        }
+        for (mode, of) in s.modes.iter().zip(&law.set_valued).filter(|(_, of)| of.friction > 0.0) {
+            let by_friction = s.dry[mode.row] * mode.friction.recip();
+            acting[FRICTION][of.row] = by_friction.mul_add(by_u[of.row], acting[FRICTION][of.row]);
         }
         for (k, body) in s.model.bodies.iter().enumerate() {
             let stage = &s.model.system.stages[k];
@@ -351,6 +445,19 @@ impl<T: Real> StepGradients<T> {
         }
         for (l, &alpha) in l.iter_mut().zip(&t.alpha[i][..i]) {
             add_scaled(l, alpha, x);
+        }
+    }
+
+    /// Of the accelerations that an event locks rows at, which follow from its start.
+    fn of_locks(&mut self, s: &Scratch<T>, locks: &[Lock]) {
+        let nv = s.rows.len();
+        let Self { start: [start_q, start_v], of_dynamics, .. } = self;
+        let by_u = &of_dynamics[2 * nv..];
+        for (mode, lock) in s.modes.iter().zip(locks).filter(|(_, lock)| lock.locked > 0.0) {
+            let by_target = by_u[mode.row] * T::from_f64(LOCKED);
+            let [by_q, by_v] = lock.slopes;
+            start_q[mode.row] = by_target.mul_add(T::from_f64(by_q), start_q[mode.row]);
+            start_v[mode.row] = by_target.mul_add(T::from_f64(by_v), start_v[mode.row]);
         }
     }
 

@@ -33,9 +33,7 @@ pub(super) fn fault_of(scene: &Scene, law: &Law, s: &Scratch<f64>, lost: Option<
     let error = Error::Argument {
         argument: format!("rate of joint {joint:?}"),
         found: format!("{} after a step of {} s, from {}", s.v_next[row], law.step, s.v[row]),
-        expected: format!(
-            "a rate below {limit:.1e}: motion has diverged; take a smaller dt, or method=\"auto\""
-        ),
+        expected: format!("a rate below {limit:.1e}: motion has diverged; take a smaller dt, or method=\"auto\""),
     };
     Some((joint, error))
 }

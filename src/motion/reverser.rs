@@ -1,11 +1,13 @@
 //! A few states at once, one in each lane, backward through all steps of a rollout, compiled for one arm.
 
-use super::backward::{ACTING, CheckedBackward, InLanes, StepGradients, TORQUE, backward};
+use super::backward::{ACTING, CheckedBackward, InLanes, OfEvent, StepGradients, TORQUE, backward};
 use super::gradient::{Layout, RecordedRows};
 use super::job::{self, Rows};
+use super::method::Scheme;
 use super::properties::of_state;
-use super::step::{Law, Scratch, clear};
+use super::step::{self, By, Law, Scratch, add_scaled, clear};
 use super::stepper::{Stepper, fill, scatter, take_lane};
+use super::substeps::{Event, Locks, Substeps};
 use super::torque::{StepFault, Torque};
 use crate::batch::arms::{Arm, Baseline, Target, Vectorised, Work, take_states};
 use crate::dynamics::derivatives::Parameters;
@@ -196,11 +198,34 @@ struct Compiled<T: Vectorised, I> {
     checked: Option<Box<Checked>>,
 }
 
-/// One state, for the steps that a lane was in doubt at.
+/// One state, for steps that the lanes do not make: with every check, in substeps, and with the set-valued law.
 struct Checked {
     scratch: Scratch<f64>,
     gradients: StepGradients<f64>,
     solver: CheckedBackward,
+    /// The way forward, and its substeps.
+    forward: step::Checked,
+    substeps: Substeps,
+    made: Vec<Substep>,
+}
+
+/// A substep of the way forward.
+struct Substep {
+    q: Vec<f64>,
+    v: Vec<f64>,
+    scheme: Scheme,
+    /// Of an event: what rows are locked at, and which end at a stop.
+    event: Option<(Vec<Locks>, Vec<usize>)>,
+}
+
+impl Substep {
+    fn new(law: &Law, scheme: &Scheme, s: &Scratch<f64>, event: Option<&Event<'_>>) -> Self {
+        let event = event.map(|event| {
+            let reached = event.reached.iter().map(|&(i, _)| law.set_valued[i].row).collect();
+            (event.locks.to_vec(), reached)
+        });
+        Self { q: s.q.clone(), v: s.v.clone(), scheme: *scheme, event }
+    }
 }
 
 impl Checked {
@@ -209,15 +234,46 @@ impl Checked {
         let scratch = Scratch::new(job.scene.model(), job.law);
         let gradients = StepGradients::new(&scratch.model, job.layout.bodies > 0);
         let solver = CheckedBackward::new(&scratch.model, form);
-        Self { scratch, gradients, solver }
+        let forward = step::Checked::new(job.scene.model(), None, form);
+        let substeps = Substeps::new(job.law, &scratch);
+        Self { scratch, gradients, solver, forward, substeps, made: Vec::new() }
     }
 
     /// Back through the step of one state; the joint and the error, where it cannot be.
     #[inline(never)]
     fn step(&mut self, job: &Job<'_>) -> Result<(), (String, Error)> {
-        let Self { scratch, gradients, solver } = self;
-        backward((job.law, &job.law.scheme), scratch, gradients, solver);
-        if let Some(lost) = solver.lost.take() {
+        let Self { scratch, gradients, solver, forward, substeps, made } = self;
+        let law = job.law;
+        made.clear();
+        substeps.advance(law, scratch, forward, &mut |scheme, s, event| {
+            made.push(Substep::new(law, scheme, s, event));
+        });
+        let mut sums: Option<Vec<Vec<f64>>> = None;
+        for Substep { q, v, scheme, event } in made.drain(..).rev() {
+            scratch.q.copy_from_slice(&q);
+            scratch.v.copy_from_slice(&v);
+            scratch.adopt(law, &scheme);
+            let by = (law, &scheme);
+            match event {
+                None => {
+                    backward(by, scratch, gradients, solver, None);
+                }
+                Some((locks, reached)) => through_event(by, scratch, gradients, solver, (&locks, &reached)),
+            }
+            let StepGradients { start, end, .. } = &mut *gradients;
+            std::mem::swap(start, end);
+            let acting = gradients.results().skip(2);
+            match &mut sums {
+                None => sums = Some(acting.map(|numbers| numbers.to_vec()).collect()),
+                Some(sums) => sums.iter_mut().zip(acting).for_each(|(sum, more)| add_scaled(sum, 1.0, more)),
+            }
+        }
+        let StepGradients { start, end, .. } = &mut *gradients;
+        std::mem::swap(start, end);
+        for (numbers, sum) in gradients.results().skip(2).zip(sums.into_iter().flatten()) {
+            numbers.copy_from_slice(&sum);
+        }
+        if let Some(lost) = forward.lost.take().or(solver.lost.take()) {
             let joint = job.scene.joint_of_body(lost.stage).map(|joint| joint.name.clone()).unwrap_or_default();
             return Err((joint, job.scene.singular(lost)));
         }
@@ -225,6 +281,38 @@ impl Checked {
         results
             .try_for_each(|numbers| job.scene.check_result("gradients", numbers))
             .map_err(|error| (String::new(), error))
+    }
+}
+
+/// Back through an event: where joints rebound, once for the positions and once for the velocities at its end.
+fn through_event(
+    by: By<'_>,
+    s: &mut Scratch<f64>,
+    gradients: &mut StepGradients<f64>,
+    solver: &mut CheckedBackward,
+    (locks, reached): (&[Locks], &[usize]),
+) {
+    // What ends at a stop ends there wherever it began.
+    for &row in reached {
+        gradients.end[0][row] = 0.0;
+    }
+    let mut through = |gradients: &mut StepGradients<f64>, locks: &Locks| {
+        let mut solver = OfEvent { solver: &mut *solver, accelerations: &locks.accelerations };
+        backward(by, s, gradients, &mut solver, Some(&locks.rows));
+    };
+    let [for_positions, for_velocities] = locks else {
+        locks.iter().for_each(|locks| through(gradients, locks));
+        return;
+    };
+    let by_velocity = gradients.end[1].clone();
+    gradients.end[1].fill(0.0);
+    through(gradients, for_positions);
+    let first: Vec<Vec<f64>> = gradients.results().map(|numbers| numbers.to_vec()).collect();
+    gradients.end[0].fill(0.0);
+    gradients.end[1].copy_from_slice(&by_velocity);
+    through(gradients, for_velocities);
+    for (sum, more) in gradients.results().zip(first) {
+        add_scaled(sum, 1.0, &more);
     }
 }
 
@@ -369,7 +457,7 @@ impl<T: Vectorised<Number = f64>, I: Target> Work for Step<'_, T, I> {
             let at = (n - first) * nv;
             take_states(&mut s.torque, count, |lane| &torque.state(job.states.start + lane)[at..at + nv]);
         }
-        let doubt = backward((job.law, &job.law.scheme), s, gradients, solver);
+        let doubt = backward((job.law, &job.law.scheme), s, gradients, solver, None);
         let mut worst = T::one();
         for numbers in gradients.start.iter().chain(&gradients.acting) {
             for &x in numbers {

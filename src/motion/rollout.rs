@@ -229,8 +229,20 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let current = memory::filled("q, qd", states.saturating_mul(law.width(holds)), 0.0)?;
         let begun = memory::filled("q, qd", states, 0)?;
         let pool = Pool::default();
-        let mut rollout =
-            Self { scene, law, method, keeper, form, arm, states, current, begun, done: 0, pool, impacts: Impacts::default() };
+        let mut rollout = Self {
+            scene,
+            law,
+            method,
+            keeper,
+            form,
+            arm,
+            states,
+            current,
+            begun,
+            done: 0,
+            pool,
+            impacts: Impacts::default(),
+        };
         for state in 0..states {
             watch::check_at(state, 1_024)?;
             let (q, qd) = (&q[state * nq..(state + 1) * nq], &qd[state * nv..(state + 1) * nv]);
@@ -629,7 +641,7 @@ fn choose(scene: &Scene, dt: f64, properties: &Properties, gains: Option<&Gains>
     let damping = with(&properties.damping, gains.map(|gains| &gains.derivative[..]));
     let stiffness = with(&properties.stiffness, gains.map(|gains| &gains.proportional[..]));
     let rubs = properties.friction_speed > 0.0 && properties.friction.iter().any(|&f| f > 0.0);
-    if rubs || !scene.constraints().is_empty() || !scene.contacts().is_empty() {
+    if rubs || !scene.contacts().is_empty() {
         return Method::Rosenbrock2;
     }
     if damping.iter().chain(&stiffness).all(|&x| x == 0.0) {

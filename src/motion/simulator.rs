@@ -2,8 +2,8 @@
 
 use super::conserve::Correction;
 use super::contact::ContactReport;
-use super::rollout::{Rollout, Settings};
 use super::method::Method;
+use super::rollout::{Rollout, Settings};
 use super::substeps::StopImpact;
 use super::tally::Tally;
 use super::torque::{StepFault, Torque};

@@ -10,9 +10,9 @@ use super::constrained::Stabilisation;
 use super::contact;
 use super::manifold::{advance, carry_back};
 use super::method::{Method, STAGES, Scheme};
+use super::properties::{Gains, Properties};
 use super::stops::SetValued;
 use super::tally::TALLY;
-use super::properties::{Gains, Properties};
 use crate::batch::accelerations::{Call, by_covariance, watched};
 use crate::batch::arms::{Target, Vectorised};
 use crate::dynamics;
@@ -189,8 +189,9 @@ pub(super) struct ModeTerms<T> {
     pub lower: T,
     pub upper: T,
     pub friction: T,
-    /// One where it is locked in this step, else zero.
+    /// One where it is locked in this step, else zero; and its acceleration then, which is not zero in an event only.
     pub locked: T,
+    pub target: T,
     /// One where it is at its lower, and at its upper stop.
     pub at_lower: T,
     pub at_upper: T,
@@ -272,6 +273,7 @@ impl<T: Real> Scratch<T> {
             upper: T::from_f64(of.upper),
             friction: T::from_f64(of.friction),
             locked: T::zero(),
+            target: T::zero(),
             at_lower: T::zero(),
             at_upper: T::zero(),
         };
@@ -314,9 +316,7 @@ impl<T: Real> Scratch<T> {
 impl<T: Real> Scratch<T> {
     /// Sets the measurement noise of a scheme.
     pub fn adopt(&mut self, law: &Law, scheme: &Scheme) {
-        for ((row, noise), of_model) in
-            self.rows.iter_mut().zip(law.noise(scheme)).zip(&mut self.model.system.noise)
-        {
+        for ((row, noise), of_model) in self.rows.iter_mut().zip(law.noise(scheme)).zip(&mut self.model.system.noise) {
             row.noise = T::from_f64(noise);
             *of_model = row.noise;
         }
@@ -392,6 +392,15 @@ impl Checked {
         Self { workspace: Workspace::new(model).in_form(form), form, coupled, lost: None }
     }
 
+    /// M^-1 of a right side, with the noise of the model.
+    pub fn factorise_and_solve(&mut self, model: &Model<f64>, q: &[f64], right: &[f64], out: &mut [f64]) {
+        let pivots = dynamics::factorise(model, &mut self.workspace, q, |_, _| {});
+        dynamics::solve(model, &mut self.workspace, right, out);
+        if self.lost.is_none() {
+            self.lost = self.workspace.lost_pivot(model, &pivots);
+        }
+    }
+
     /// The accelerations of joints that follow each other; the pivot that is lost, where one is.
     fn solve_coupled(
         (solver, coupling): &mut (CoupledAccelerations, Arc<Coupling>),
@@ -462,6 +471,14 @@ pub(super) fn step<T: Real, S: Solver<T>>(by @ (law, scheme): By<'_>, s: &mut Sc
         observe_locks(s, i);
         finish_stage(by, s, i);
     }
+    finish_step(by, s);
+    doubt
+}
+
+/// The end of a step whose stages are there, and whether it is consistent and short enough.
+#[inline(always)]
+pub(super) fn finish_step<T: Real>(by @ (_, scheme): By<'_>, s: &mut Scratch<T>) {
+    let t = &scheme.tableau;
     clear(&mut s.x);
     s.v_next.copy_from_slice(&s.v);
     for i in 0..t.stages {
@@ -470,7 +487,6 @@ pub(super) fn step<T: Real, S: Solver<T>>(by @ (law, scheme): By<'_>, s: &mut Sc
     }
     advance(&s.model, &s.q, &s.x, &mut s.q_next);
     observe_end(by, s);
-    doubt
 }
 
 /// What a step is made by: what all steps of the run have in common, and a scheme at some step.
@@ -483,6 +499,7 @@ pub(super) fn set_modes<T: Real>((law, scheme): By<'_>, s: &mut Scratch<T>) {
     s.consistent = s.v.first().map_or_else(T::one, |v| v.constant(1.0));
     for (mode, of) in s.modes.iter_mut().zip(&law.set_valued) {
         let (v, q) = (s.v[mode.row], s.q[mode.coordinate]);
+        mode.target = v.constant(0.0);
         let (o, at_rest) = (v.constant(0.0), v.one_if_zero());
         if of.stops {
             mode.at_lower = larger(q - mode.lower, o).one_if_zero();
@@ -499,9 +516,9 @@ pub(super) fn set_modes<T: Real>((law, scheme): By<'_>, s: &mut Scratch<T>) {
     }
 }
 
-/// Whether the torques that hold locked rows in stage `i` are within their bounds; their accelerations become exactly zero.
+/// Whether the torques that hold locked rows in stage `i` are within their bounds; their accelerations become exactly what they are locked at.
 #[inline(always)]
-fn observe_locks<T: Real>(s: &mut Scratch<T>, i: usize) {
+pub(super) fn observe_locks<T: Real>(s: &mut Scratch<T>, i: usize) {
     for mode in &s.modes {
         let m = &mut s.m[i][mode.row];
         let held = -(*m * mode.locked * m.constant(LOCKED));
@@ -509,7 +526,7 @@ fn observe_locks<T: Real>(s: &mut Scratch<T>, i: usize) {
         let below = mode.at_lower.mul_add(endless, mode.friction - held);
         let above = mode.at_upper.mul_add(endless, mode.friction + held);
         s.consistent = s.consistent.worst(below + barely).worst(above + barely);
-        *m *= m.constant(1.0) - mode.locked;
+        *m = mode.target.mul_add(mode.locked, *m * (m.constant(1.0) - mode.locked));
     }
 }
 

@@ -48,23 +48,47 @@ pub(super) struct Graph {
     velocities: [f64; 3],
     holds: [Hold; 3],
     torques: [f64; 4],
+    /// The derivatives of the bounds by q and v.
+    slopes: [[f64; 2]; 2],
+}
+
+/// A velocity that bounds a joint, and its derivatives by q and v.
+#[derive(Debug, Clone, Copy)]
+struct Bound {
+    velocity: f64,
+    slopes: [f64; 2],
 }
 
 impl Graph {
     /// Of a row at `q` and `v` in a step `h`.
     pub fn new(of: &SetValued, (q, v): (f64, f64), h: f64) -> Self {
-        let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
+        let never = |velocity| Bound { velocity, slopes: [0.0; 2] };
+        let (mut low, mut high) = (never(f64::NEG_INFINITY), never(f64::INFINITY));
         if of.stops {
             let (below, above) = (of.lower - q, of.upper - q);
-            low = if below > 0.0 { returning(below, v, h) } else { below / h };
-            high = if above < 0.0 { -returning(-above, -v, h) } else { above / h };
+            let touch = |gap: f64| Bound { velocity: gap / h, slopes: [-1.0 / h, 0.0] };
+            low = if below > 0.0 { returning(below, v, h) } else { touch(below) };
+            high = if above < 0.0 {
+                let Bound { velocity, slopes: [by_q, by_v] } = returning(-above, -v, h);
+                Bound { velocity: -velocity, slopes: [by_q, by_v] }
+            } else {
+                touch(above)
+            };
         }
-        Self::between(low, high.max(low), of.friction)
+        let mut graph = Self::between(low.velocity, high.velocity.max(low.velocity), of.friction);
+        graph.slopes = [low.slopes, high.slopes];
+        graph
     }
 
     /// With these bounds on the velocity.
     fn between(low: f64, high: f64, friction: f64) -> Self {
-        let mut graph = Self { count: 0, velocities: [0.0; 3], holds: [Hold::Friction; 3], torques: [0.0; 4] };
+        let mut graph = Self {
+            count: 0,
+            velocities: [0.0; 3],
+            holds: [Hold::Friction; 3],
+            torques: [0.0; 4],
+            slopes: [[0.0; 2]; 2],
+        };
         graph.torques[0] = if low < 0.0 { friction } else { -friction };
         if low > f64::NEG_INFINITY {
             let above = graph.torques[0];
@@ -91,14 +115,28 @@ impl Graph {
         self.torques[self.count] = torque_above;
     }
 
-    /// The same with another velocity at one of the stops: that of a rebound, or rest.
-    pub fn rebounding(&self, at: usize, velocity: f64, friction: f64) -> Self {
+    /// The same with another velocity at one of the stops, -e v: that of a rebound, or rest.
+    pub fn rebounding(&self, at: usize, (restitution, v): (f64, f64), friction: f64) -> Self {
+        let velocity = -restitution * v;
         let stop = |hold: Hold, usual: f64| {
             (0..self.count).find(|&k| self.holds[k] == hold).map_or(usual, |k| self.velocities[k])
         };
         let (mut low, mut high) = (stop(Hold::Lower, f64::NEG_INFINITY), stop(Hold::Upper, f64::INFINITY));
-        if self.holds[at] == Hold::Lower { low = velocity } else { high = velocity }
-        Self::between(low, high.max(low), friction)
+        let at_lower = self.holds[at] == Hold::Lower;
+        *(if at_lower { &mut low } else { &mut high }) = velocity;
+        let mut graph = Self::between(low, high.max(low), friction);
+        graph.slopes = self.slopes;
+        graph.slopes[usize::from(!at_lower)] = [0.0, -restitution];
+        graph
+    }
+
+    /// The derivatives by q and v of the velocity that a row is locked at.
+    pub fn slopes(&self, hold: Hold) -> [f64; 2] {
+        match hold {
+            Hold::Friction => [0.0; 2],
+            Hold::Lower => self.slopes[0],
+            Hold::Upper => self.slopes[1],
+        }
     }
 
     /// The piece that a row at this velocity begins in; one that moves toward a stop is not yet at it.
@@ -151,11 +189,19 @@ impl Graph {
     }
 }
 
-/// The velocity of a joint that is outside of a stop by `outside`, toward the stop, at the end of a step from velocity `v`.
-fn returning(outside: f64, v: f64, h: f64) -> f64 {
+/// The velocity of a joint that is outside of its lower stop by `outside`, at the end of a step from velocity `v`.
+fn returning(outside: f64, v: f64, h: f64) -> Bound {
     let wanted = (outside / RETURN).max(AT_LEAST);
+    let by_q = if wanted > AT_LEAST { -1.0 / RETURN } else { 0.0 };
     let reached = v.max(0.0) + h * wanted / RETURN;
-    wanted.min(reached).min(outside / h)
+    let by_v = if v > 0.0 { 1.0 } else { 0.0 };
+    let choices = [
+        Bound { velocity: wanted, slopes: [by_q, 0.0] },
+        Bound { velocity: reached, slopes: [h * by_q / RETURN, by_v] },
+        Bound { velocity: outside / h, slopes: [-1.0 / h, 0.0] },
+    ];
+    let [first, others @ ..] = choices;
+    others.into_iter().fold(first, |least, other| if other.velocity < least.velocity { other } else { least })
 }
 
 /// A piece of a graph: one of the velocities where it is vertical, or what lies below the k-th of them.

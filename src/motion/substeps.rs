@@ -6,9 +6,7 @@
 
 use super::manifold::advance;
 use super::method::{Method, Scheme};
-use super::step::{
-    By, Checked, LOCKED, Law, Scratch, Solver, clear, fastest_and_error, set_friction, stage, step,
-};
+use super::step::{By, Checked, LOCKED, Law, Scratch, clear, fastest_and_error, set_friction, stage, step};
 use super::stops::{Graph, Hold, Piece, settle};
 use super::tally::{ERROR, EVENTS, FRICTION, LENGTH, MOST, STOPS, SUBSTEPS, UNSETTLED, add_work};
 use crate::dynamics;
@@ -58,6 +56,8 @@ pub(super) struct Substeps {
     noise: Vec<f64>,
     graphs: Vec<Graph>,
     pieces: Vec<Piece>,
+    locks: Vec<Locks>,
+    reached: Vec<(usize, f64)>,
     /// Joints that met a stop, with the time since the step's start.
     pub impacts: Vec<StopImpact>,
 }
@@ -74,6 +74,8 @@ impl Substeps {
             v,
             graphs: Vec::with_capacity(count),
             pieces: Vec::with_capacity(count),
+            locks: Vec::new(),
+            reached: Vec::new(),
             impacts: Vec::new(),
         }
     }
@@ -126,7 +128,10 @@ impl Substeps {
             if s.consistent > 0.0 {
                 visit(&scheme, s, None);
                 add_work(law, s);
-            } else if law.divides && size > SHORTEST_EVENT && !(scheme.step * fastest_and_error((law, &scheme), s).0 <= TURN_OF_EVENT) {
+            } else if law.divides
+                && size > SHORTEST_EVENT
+                && !(scheme.step * fastest_and_error((law, &scheme), s).0 <= TURN_OF_EVENT)
+            {
                 (size, calm) = (size / 2, 0);
                 continue;
             } else if s.v_next.iter().all(|v| v.is_finite()) {
@@ -152,13 +157,7 @@ impl Substeps {
     }
 
     /// All substeps, in place, each so long that the difference between one step and two of half its length meets the bound; a change of modes ends a substep, by bisection.
-    fn controlled(
-        &mut self,
-        law: &Law,
-        accuracy: f64,
-        s: &mut Scratch<f64>,
-        solver: &mut Checked,
-    ) {
+    fn controlled(&mut self, law: &Law, accuracy: f64, s: &mut Scratch<f64>, solver: &mut Checked) {
         let order = f64::from(law.method.order());
         let (mut left, mut made) = (1.0, 0.0);
         let mut length = if s.tally[LENGTH] > 0.0 { s.tally[LENGTH] } else { FIRST };
@@ -235,14 +234,7 @@ impl Substeps {
     }
 
     /// One implicit Euler step with the set-valued law, to `q_next`, `v_next`.
-    fn event(
-        &mut self,
-        law: &Law,
-        h: f64,
-        s: &mut Scratch<f64>,
-        solver: &mut Checked,
-        time: f64,
-    ) -> Event<'_> {
+    fn event(&mut self, law: &Law, h: f64, s: &mut Scratch<f64>, solver: &mut Checked, time: f64) -> Event<'_> {
         let scheme = Scheme::new(Method::ImplicitEuler, h);
         let by = (law, &scheme);
         s.adopt(law, &scheme);
@@ -262,12 +254,14 @@ impl Substeps {
             self.pieces.push(graph.piece(s.v[of.row]));
         }
         let free = self.solve(law, h, s, solver);
+        self.locks.clear();
+        self.note_locks(law, h, s);
         for (x, next) in s.x.iter_mut().zip(&s.v_next) {
             *x = h * next;
         }
         // Positions are those of joints that reach their stops; velocities those of the rebound.
         let mut rebounds = false;
-        let mut reached = Vec::new();
+        self.reached.clear();
         for (i, of) in law.set_valued.iter().enumerate() {
             let Some((velocity, hold)) = self.graphs[i].velocity(self.pieces[i]) else { continue };
             let (bound, toward) = match hold {
@@ -279,90 +273,113 @@ impl Substeps {
             if toward * (q - bound) > 0.0 {
                 continue;
             }
-            reached.push((of.coordinate, bound));
+            self.reached.push((i, bound));
             if toward * v > 0.0 || velocity != 0.0 {
                 let back = law.restitution * v;
                 let rests = !(back * toward > 2.0 * h * free[of.row].abs());
                 let Piece::At(k) = self.pieces[i] else { continue };
-                self.graphs[i] = self.graphs[i].rebounding(k, if rests { 0.0 } else { -back }, of.friction);
-                self.pieces[i] = self.graphs[i].piece(if rests { 0.0 } else { -back });
+                let restitution = if rests { 0.0 } else { law.restitution };
+                self.graphs[i] = self.graphs[i].rebounding(k, (restitution, v), of.friction);
+                self.pieces[i] = self.graphs[i].piece(-restitution * v);
                 rebounds = true;
             }
         }
-        let speeds: Vec<f64> = law.set_valued.iter().map(|of| s.v[of.row]).collect();
         if rebounds {
             self.solve(law, h, s, solver);
+            self.note_locks(law, h, s);
         }
         advance(&s.model, &s.q, &s.x, &mut s.q_next);
-        for (coordinate, bound) in reached {
-            s.q_next[coordinate] = bound;
+        for (row, bound) in &self.reached {
+            s.q_next[law.set_valued[*row].coordinate] = *bound;
         }
         for (i, of) in law.set_valued.iter().enumerate() {
-            let (piece, graph) = (self.pieces[i], &self.graphs[i]);
-            let torque = match piece {
-                Piece::At(_) => self.torque[of.row] - self.given[of.row],
-                Piece::Between(_) => graph.torque(piece),
-            };
+            let (piece, graph, torque) = (self.pieces[i], &self.graphs[i], self.torque[of.row]);
             let rubbing = torque.clamp(-of.friction, of.friction);
             let along = 0.5 * h * (s.v[of.row] + s.v_next[of.row]);
             s.tally[FRICTION] += rubbing * along;
             s.tally[STOPS] += (torque - rubbing) * along;
             let upper = match graph.velocity(piece) {
-                Some((_, Hold::Lower)) if speeds[i] < 0.0 => false,
-                Some((_, Hold::Upper)) if speeds[i] > 0.0 => true,
+                Some((_, Hold::Lower)) if s.v[of.row] < 0.0 => false,
+                Some((_, Hold::Upper)) if s.v[of.row] > 0.0 => true,
                 _ => continue,
             };
             let impulse = h * (torque - rubbing);
-            self.impacts.push(StopImpact { state: 0, row: of.row, upper, time, speed: speeds[i].abs(), impulse });
+            self.impacts.push(StopImpact { state: 0, row: of.row, upper, time, speed: s.v[of.row].abs(), impulse });
         }
         add_work(law, s);
-        Event { scheme, graphs: &self.graphs, pieces: &self.pieces }
+        Event { scheme, locks: &self.locks, reached: &self.reached }
+    }
+
+    /// Stores what the rows are locked at in the solution at hand, or the torque of those that move.
+    fn note_locks(&mut self, law: &Law, h: f64, s: &Scratch<f64>) {
+        let each = law.set_valued.iter().zip(&self.graphs).zip(&self.pieces).map(|((of, graph), &piece)| {
+            let Some((velocity, hold)) = graph.velocity(piece) else {
+                return Lock { locked: 0.0, torque: graph.torque(piece), target: 0.0, slopes: [0.0; 2] };
+            };
+            let [by_q, by_v] = graph.slopes(hold);
+            let target = (velocity - s.v[of.row]) / h;
+            Lock { locked: 1.0, torque: 0.0, target, slopes: [by_q / h, (by_v - 1.0) / h] }
+        });
+        self.locks.push(Locks { rows: each.collect(), accelerations: s.m[0].clone() });
     }
 
     /// Accelerations and velocities at the end under the set-valued law; the accelerations of the first pieces.
-    fn solve(
-        &mut self,
-        law: &Law,
-        h: f64,
-        s: &mut Scratch<f64>,
-        solver: &mut Checked,
-    ) -> Vec<f64> {
+    ///
+    /// With a' = a - c, where c has the accelerations of the locked rows and zeros: (M + N + locks) a' = u + r - bias - (M + N) c, and the torque that holds a locked row is the lock's
+    /// noise times -a'.
+    fn solve(&mut self, law: &Law, h: f64, s: &mut Scratch<f64>, solver: &mut Checked) -> Vec<f64> {
         let Self { torque, given, noise, graphs, pieces, .. } = self;
-        let mut free = Vec::new();
+        let (mut free, mut right) = (Vec::new(), vec![0.0; given.len()]);
         let settled = settle(pieces, |pieces, found| {
-            s.u.copy_from_slice(given);
-            s.model.system.noise.copy_from_slice(noise);
-            for ((of, graph), &piece) in law.set_valued.iter().zip(&*graphs).zip(pieces) {
+            let rows = || law.set_valued.iter().zip(&*graphs).zip(pieces);
+            s.m[0].fill(0.0);
+            for ((of, graph), &piece) in rows() {
                 if let Some((velocity, _)) = graph.velocity(piece) {
-                    s.model.system.noise[of.row] = LOCKED;
-                    s.u[of.row] = LOCKED * ((velocity - s.v[of.row]) / h);
-                } else {
-                    s.u[of.row] += graph.torque(piece);
+                    s.m[0][of.row] = (velocity - s.v[of.row]) / h;
                 }
             }
-            solver.solve((&s.model, &s.constants), &mut s.sweeps, (&s.q, &s.v, &s.u), &mut s.m[0]);
             s.model.system.noise.copy_from_slice(noise);
-            for (row, next) in s.v_next.iter_mut().enumerate() {
-                *next = h.mul_add(s.m[0][row], s.v[row]);
+            dynamics::inverse_dynamics(&s.model, &mut solver.workspace, &s.q, &s.v, &s.m[0], &[], torque);
+            for ((right, given), torque) in right.iter_mut().zip(&*given).zip(&*torque) {
+                *right = given - torque;
             }
-            for ((of, graph), &piece) in law.set_valued.iter().zip(&*graphs).zip(pieces) {
+            for ((of, graph), &piece) in rows() {
+                if graph.velocity(piece).is_some() {
+                    s.model.system.noise[of.row] = LOCKED;
+                } else {
+                    right[of.row] += graph.torque(piece);
+                }
+            }
+            solver.factorise_and_solve(&s.model, &s.q, &right, &mut s.m[1]);
+            s.model.system.noise.copy_from_slice(noise);
+            for ((of, graph), &piece) in rows() {
+                // What holds a locked row, and how large the torques are that it is the rest of.
+                let held = graph.velocity(piece).map(|_| -(LOCKED * s.m[1][of.row]));
+                torque[of.row] = held.unwrap_or_else(|| graph.torque(piece));
+                right[of.row] = right[of.row].abs() + given[of.row].abs() + of.friction;
+                if held.is_some() {
+                    s.m[1][of.row] = 0.0;
+                }
+            }
+            let [m, rest, ..] = &mut s.m;
+            for (row, next) in s.v_next.iter_mut().enumerate() {
+                m[row] += rest[row];
+                *next = h.mul_add(m[row], s.v[row]);
+            }
+            for ((of, graph), &piece) in rows() {
                 if let Some((velocity, _)) = graph.velocity(piece) {
                     s.v_next[of.row] = velocity;
-                    s.m[0][of.row] = (velocity - s.v[of.row]) / h;
                 }
             }
             if free.is_empty() {
                 free.clone_from(&s.m[0]);
             }
-            dynamics::inverse_dynamics(&s.model, &mut solver.workspace, &s.q, &s.v, &s.m[0], &[], torque);
             let size = |x: &[f64]| x.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
             let slow = ROUNDING * size(&s.v_next).max(size(&s.v));
-            for (i, ((of, graph), &piece)) in law.set_valued.iter().zip(&*graphs).zip(pieces).enumerate() {
-                let row = of.row;
-                let small = ROUNDING_OF_TORQUES * (torque[row].abs() + given[row].abs() + of.friction);
+            for (i, ((of, graph), &piece)) in rows().enumerate() {
                 let change = match piece {
-                    Piece::At(_) => graph.contradicted(piece, torque[row] - given[row], small),
-                    Piece::Between(_) => graph.contradicted(piece, s.v_next[row], slow),
+                    Piece::At(_) => graph.contradicted(piece, torque[of.row], ROUNDING_OF_TORQUES * right[of.row]),
+                    Piece::Between(_) => graph.contradicted(piece, s.v_next[of.row], slow),
                 };
                 found.extend(change.map(|piece| (i, piece)));
             }
@@ -386,9 +403,32 @@ fn shorter(by: By<'_>, s: &Scratch<f64>, size: u32) -> u32 {
     shorter
 }
 
-/// An event that was solved: the graph and the piece of each row with friction or stops, of its velocities.
+/// The solution of an event.
 pub(super) struct Event<'a> {
     pub scheme: Scheme,
-    pub graphs: &'a [Graph],
-    pub pieces: &'a [Piece],
+    /// Of each row with friction or stops: for positions and velocities, or where joints rebound, for positions, then for velocities.
+    pub locks: &'a [Locks],
+    /// Rows that end at a stop, indices in the list of these, and where.
+    pub reached: &'a [(usize, f64)],
+}
+
+/// One solution of the set-valued law.
+#[derive(Debug, Clone)]
+pub(super) struct Locks {
+    /// Of each row with friction or stops.
+    pub rows: Vec<Lock>,
+    /// The accelerations of all joints.
+    pub accelerations: Vec<f64>,
+}
+
+/// What one row is locked at in an event, or the torque of one that moves.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Lock {
+    /// One where it is locked, else zero.
+    pub locked: f64,
+    /// The torque of friction where it moves.
+    pub torque: f64,
+    /// The acceleration where it is locked, and its derivatives by q and v of the row.
+    pub target: f64,
+    pub slopes: [f64; 2],
 }

@@ -228,7 +228,11 @@ fn length_of_run(
     let dt = match (dt, duration) {
         (Some(dt), _) => dt,
         (None, Some(duration)) if controlled => duration / ROWS,
-        _ => return Err(Error::argument("dt", "None", "a step in s; it may be left out with accuracy and duration").into()),
+        _ => {
+            return Err(
+                Error::argument("dt", "None", "a step in s; it may be left out with accuracy and duration").into()
+            );
+        }
     };
     match (steps, duration) {
         (Some(steps), None) => Ok((dt, count("steps", steps, 0)?)),

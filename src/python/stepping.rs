@@ -10,9 +10,7 @@ use super::scene::PyScene;
 use crate::batch::Fault;
 use crate::error::Error;
 use crate::motion::properties::joint_of_row;
-use crate::motion::{
-    Correction, Limits, Method, Properties, Settings, Stabilisation, StepFault, StopImpact, Tally,
-};
+use crate::motion::{Correction, Limits, Method, Properties, Settings, Stabilisation, StepFault, StopImpact, Tally};
 use crate::scene::Coupling;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
