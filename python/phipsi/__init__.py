@@ -32,7 +32,17 @@ from ._core import (
 from ._cuda import CompiledForCuda
 from ._identify import Identification
 from ._load import load
-from ._motion import PD, ContactMotion, ContactState, MomentumCorrection, MotionEnergy, Trajectory, Violation
+from ._motion import (
+    PD,
+    ContactMotion,
+    ContactState,
+    EnergyAudit,
+    MomentumCorrection,
+    MotionEnergy,
+    StopImpact,
+    Trajectory,
+    Violation,
+)
 from ._ode import Ode
 from ._results import (
     Accuracy,
@@ -68,6 +78,7 @@ __all__ = [
     "ContactMotion",
     "ContactState",
     "Energy",
+    "EnergyAudit",
     "Estimate",
     "Factor",
     "ForwardDynamicsDerivatives",
@@ -95,6 +106,7 @@ __all__ = [
     "Scene",
     "SceneBuilder",
     "Simulator",
+    "StopImpact",
     "Trajectory",
     "Violation",
     "__version__",

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ._functions import Function as _Function
 from ._identify import Identification
-from ._motion import PD, ContactMotion, MomentumCorrection, Trajectory
+from ._motion import PD, ContactMotion, MomentumCorrection, StopImpact, Trajectory
 from ._ode import Ode
 from ._results import (
     Accuracy,
@@ -82,7 +82,7 @@ _Errors: TypeAlias = Literal["raise", "nan"]
 _Form: TypeAlias = Literal["auto", "covariance", "joseph", "square-root"]
 _Frame: TypeAlias = Literal["local", "world", "local-world-aligned"]
 _Kind: TypeAlias = Literal["spatial", "classical"]
-_Method: TypeAlias = Literal["semi-implicit-euler", "rk4", "implicit-euler", "rosenbrock-2", "rosenbrock-3", "contact"]
+_Method: TypeAlias = Literal["auto", "semi-implicit-euler", "rk4", "implicit-euler", "rosenbrock-2", "rosenbrock-3", "contact"]
 _Ignored: TypeAlias = Literal["equality", "flexes", "fluid", "gravcomp", "nonlinear", "plugins", "tendons"]
 _Switch: TypeAlias = Literal[
     "fixed_joints",
@@ -366,7 +366,7 @@ class Scene:
         steps: int,
         tau: ArrayLike | None = None,
         tau_steps: ArrayLike | None = None,
-        method: _Method = "rk4",
+        method: _Method = "auto",
         record_every: int = 1,
         pd: PD | tuple[ArrayLike, ...] | None = None,
         armature: ArrayLike | None = None,
@@ -374,9 +374,11 @@ class Scene:
         stiffness: ArrayLike | None = None,
         rest: ArrayLike | None = None,
         friction: ArrayLike | None = None,
-        friction_speed: float = 0.01,
+        friction_speed: float | None = None,
         form: Literal["auto", "covariance"] = "auto",
         parameters: bool = False,
+        limits: Literal["stop", "report"] | None = None,
+        restitution: float = 0.0,
     ) -> RolloutGradients:
         """Gradients of a function of a trajectory, by the adjoint of every step: Trajectory.vjp with everything said once more.
 
@@ -398,11 +400,11 @@ class Scene:
         q: ArrayLike,
         qd: ArrayLike,
         *,
-        dt: float,
-        steps: int,
+        dt: float | None = None,
+        steps: int | None = None,
         tau: ArrayLike | Callable[[float, _Array, _Array], ArrayLike] | None = None,
         tau_steps: ArrayLike | None = None,
-        method: _Method = "rk4",
+        method: _Method = "auto",
         record_every: int = 1,
         pd: PD | tuple[ArrayLike, ...] | None = None,
         armature: ArrayLike | None = None,
@@ -410,11 +412,15 @@ class Scene:
         stiffness: ArrayLike | None = None,
         rest: ArrayLike | None = None,
         friction: ArrayLike | None = None,
-        friction_speed: float = 0.01,
+        friction_speed: float | None = None,
         form: Literal["auto", "covariance"] = "auto",
         progress: Callable[[int, int], object] | None = None,
         conserve_momentum: bool = False,
         baumgarte: float | None = None,
+        limits: Literal["stop", "report"] | None = None,
+        restitution: float = 0.0,
+        accuracy: float | None = None,
+        duration: float | None = None,
     ) -> Trajectory:
         """Advances states in time: fixed steps, whole batches, springs and damping implicitly where the method says so.
 
@@ -460,17 +466,20 @@ class Scene:
         qd: ArrayLike | None = None,
         *,
         dt: float,
-        method: _Method = "rk4",
+        method: _Method = "auto",
         pd: PD | tuple[ArrayLike, ...] | None = None,
         armature: ArrayLike | None = None,
         damping: ArrayLike | None = None,
         stiffness: ArrayLike | None = None,
         rest: ArrayLike | None = None,
         friction: ArrayLike | None = None,
-        friction_speed: float = 0.01,
+        friction_speed: float | None = None,
         form: Literal["auto", "covariance"] = "auto",
         conserve_momentum: bool = False,
         baumgarte: float | None = None,
+        limits: Literal["stop", "report"] | None = None,
+        restitution: float = 0.0,
+        accuracy: float | None = None,
     ) -> Simulator:
         """States to advance step by step: an object that keeps them, and its scratch, between the steps.
 
@@ -1839,6 +1848,7 @@ class Simulator:
     @property
     def momentum_correction(self) -> MomentumCorrection | None:
         """The largest corrections that conserve_momentum made in each state since it began or was reset, a MomentumCorrection; None without it."""
+    def take_stops(self) -> list[StopImpact]: ...
     def __reduce__(self) -> tuple[Any, tuple[Any, ...]]: ...
 
 @final

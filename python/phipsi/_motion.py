@@ -485,7 +485,6 @@ def _outcome(about: dict[str, Any]) -> dict[str, Any]:
             " in place (strict=True on loading names such links)"
         )
         warnings.warn(message, InertiaWarning, stacklevel=2)
-    about["stops"] = [StopImpact(*impact) for impact in about["stops"]]
     counts = (np.asarray(count).astype(np.int_) for count in (most, events))
     return about | dict(zip(("substeps", "events"), counts)) | {"estimated_error": np.asarray(error)}
 

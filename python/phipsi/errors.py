@@ -162,7 +162,7 @@ class InertiaWarning(UserWarning):
 
 
 class LimitWarning(UserWarning):
-    """Limits in a URDF that mean nothing, lower above upper or velocity or effort below zero; they are taken as none."""
+    """Limits in a URDF that mean nothing (lower above upper, velocity or effort below zero), which are taken as none; or joints that start outside of their limits."""
 
 
 class LongCodeWarning(UserWarning):

@@ -208,7 +208,7 @@ impl Scheme {
         let t = 1.0 / 6.0;
         // The explicit method conserves energy to its error only; the implicit ones damp what is fast.
         let (error, angle, share) = match method {
-            Method::RungeKutta4 => ([t, -t, -t, t], 0.05, 1e-6),
+            Method::RungeKutta4 => ([t, -t, -t, t], 0.05, 2e-7),
             Method::Rosenbrock3 => ([-0.5, 0.0, 0.0, 0.5], 0.1, 1e-3),
             _ => ([-0.5, 0.5, 0.0, 0.0], 0.1, 1e-3),
         };

@@ -234,7 +234,7 @@ impl Checked {
         let scratch = Scratch::new(job.scene.model(), job.law);
         let gradients = StepGradients::new(&scratch.model, job.layout.bodies > 0);
         let solver = CheckedBackward::new(&scratch.model, form);
-        let forward = step::Checked::new(job.scene.model(), None, form);
+        let forward = step::Checked::new(job.scene.model(), None, form).with_kernels();
         let substeps = Substeps::new(job.law, &scratch);
         Self { scratch, gradients, solver, forward, substeps, made: Vec::new() }
     }

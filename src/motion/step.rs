@@ -14,7 +14,7 @@ use super::properties::{Gains, Properties};
 use super::stops::SetValued;
 use super::tally::TALLY;
 use crate::batch::accelerations::{Call, by_covariance, watched};
-use crate::batch::arms::{Target, Vectorised};
+use crate::batch::arms::{Baseline, Target, Vectorised};
 use crate::dynamics;
 use crate::dynamics::auto::Errors;
 use crate::dynamics::coupled::CoupledAccelerations;
@@ -381,6 +381,8 @@ impl<T: Vectorised, I: Target> Solver<T> for Watched<T, I> {
 pub(super) struct Checked {
     pub workspace: Workspace<f64>,
     form: Form,
+    /// Whether the kernels come first, which leave no factor in the workspace.
+    kernels_first: bool,
     coupled: Option<(CoupledAccelerations, Arc<Coupling>)>,
     /// The first pivot that was lost, since it was last taken.
     pub lost: Option<LostPivot>,
@@ -389,7 +391,12 @@ pub(super) struct Checked {
 impl Checked {
     pub fn new(model: &Model<f64>, coupling: Option<Arc<Coupling>>, form: Form) -> Self {
         let coupled = coupling.map(|of| (CoupledAccelerations::new(model, of.sums()), of));
-        Self { workspace: Workspace::new(model).in_form(form), form, coupled, lost: None }
+        Self { workspace: Workspace::new(model).in_form(form), form, kernels_first: false, coupled, lost: None }
+    }
+
+    /// The same with the kernels first, whose results stay where their error estimate meets its bound.
+    pub fn with_kernels(self) -> Self {
+        Self { kernels_first: self.coupled.is_none(), ..self }
     }
 
     /// M^-1 of a right side, with the noise of the model.
@@ -419,11 +426,22 @@ impl Checked {
 impl Solver<f64> for Checked {
     fn solve(
         &mut self,
-        (model, _): (&Model<f64>, &SweepModel<f64>),
-        _scratch: &mut SweepScratch<f64>,
+        (model, constants): (&Model<f64>, &SweepModel<f64>),
+        scratch: &mut SweepScratch<f64>,
         (q, v, u): (&[f64], &[f64], &[f64]),
         qdd: &mut [f64],
     ) -> u64 {
+        if self.kernels_first {
+            let call = Call { scene: (model, constants), scratch, state: (q, v, u), wrenches: &[], qdd: &mut *qdd };
+            let doubt = if self.form == Form::Covariance {
+                by_covariance(Baseline, call)
+            } else {
+                watched(Baseline, call, &mut Errors::unknown())
+            };
+            if doubt & 1 == 0 {
+                return 0;
+            }
+        }
         if let Some(coupled) = &mut self.coupled {
             let lost = Self::solve_coupled(coupled, self.form, model, (q, v, u), qdd);
             self.lost = self.lost.take().or(lost);

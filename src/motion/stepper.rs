@@ -116,7 +116,7 @@ impl Alone {
         let closed = law.connected.map(|_| Closed::new(scene, form));
         let scratch = Scratch::new(model, law);
         let substeps = Substeps::new(law, &scratch);
-        Self { scratch, solver: Checked::new(model, law.coupling.clone(), form), substeps, closed }
+        Self { scratch, solver: Checked::new(model, law.coupling.clone(), form).with_kernels(), substeps, closed }
     }
 
     /// The step of one state; the joint and the error, where there is none.

@@ -8,8 +8,9 @@ use super::manifold::advance;
 use super::method::{Method, Scheme};
 use super::step::{By, Checked, LOCKED, Law, Scratch, clear, fastest_and_error, set_friction, stage, step};
 use super::stops::{Graph, Hold, Piece, settle};
-use super::tally::{ERROR, EVENTS, FRICTION, LENGTH, MOST, STOPS, SUBSTEPS, UNSETTLED, add_work};
+use super::tally::{ERROR, EVENTS, FRICTION, LENGTH, MOST, STOPS, SUBSTEPS, TALLY, UNSETTLED, WORKS, add_work};
 use crate::dynamics;
+use crate::workspace::Workspace;
 
 /// A step is divided into at most so many substeps.
 const MOST_SUBSTEPS: u32 = 1 << 10;
@@ -20,7 +21,7 @@ const SHORTEST: f64 = 1e-7;
 
 /// Joints rotate by no more than this in an event, rad, unless the substep is as short as this, in the shortest.
 const TURN_OF_EVENT: f64 = 5e-3;
-const SHORTEST_EVENT: u32 = 1 << 4;
+const SHORTEST_EVENT: u32 = 1;
 
 /// Substeps of one length before a longer one is tried.
 const CALM: u32 = 4;
@@ -136,8 +137,16 @@ impl Substeps {
                 continue;
             } else if s.v_next.iter().all(|v| v.is_finite()) {
                 let time = shortest * f64::from(MOST_SUBSTEPS - left + size);
-                let event = self.event(law, scheme.step, s, solver, time);
-                visit(&event.scheme, s, Some(&event));
+                let (tally, impacts) = (s.tally, self.impacts.len());
+                self.event(law, scheme.step, s, solver, time);
+                if law.divides && size > 1 && !conserves(law, s, &tally, &mut solver.workspace) {
+                    s.tally = tally;
+                    self.impacts.truncate(impacts);
+                    (size, calm) = (size / 2, 0);
+                    continue;
+                }
+                let scheme = Scheme::new(Method::ImplicitEuler, scheme.step);
+                visit(&scheme, s, Some(&Event { locks: &self.locks, reached: &self.reached }));
                 s.tally[EVENTS] += 1.0;
             }
             std::mem::swap(&mut s.q, &mut s.q_next);
@@ -234,7 +243,7 @@ impl Substeps {
     }
 
     /// One implicit Euler step with the set-valued law, to `q_next`, `v_next`.
-    fn event(&mut self, law: &Law, h: f64, s: &mut Scratch<f64>, solver: &mut Checked, time: f64) -> Event<'_> {
+    fn event(&mut self, law: &Law, h: f64, s: &mut Scratch<f64>, solver: &mut Checked, time: f64) {
         let scheme = Scheme::new(Method::ImplicitEuler, h);
         let by = (law, &scheme);
         s.adopt(law, &scheme);
@@ -307,7 +316,6 @@ impl Substeps {
             self.impacts.push(StopImpact { state: 0, row: of.row, upper, time, speed: s.v[of.row].abs(), impulse });
         }
         add_work(law, s);
-        Event { scheme, locks: &self.locks, reached: &self.reached }
     }
 
     /// Stores what the rows are locked at in the solution at hand, or the torque of those that move.
@@ -403,9 +411,22 @@ fn shorter(by: By<'_>, s: &Scratch<f64>, size: u32) -> u32 {
     shorter
 }
 
+/// The largest part of the kinetic energy that the error of an event may be.
+const ENERGY: f64 = 1e-2;
+
+/// Whether the energy changes by the work in an event, up to the error that it may have; `tally` is that before it.
+fn conserves(law: &Law, s: &mut Scratch<f64>, tally: &[f64; TALLY], workspace: &mut Workspace<f64>) -> bool {
+    s.model.system.noise.copy_from_slice(&law.properties.armature);
+    let before = dynamics::energy(&s.model, workspace, &s.q, &s.v);
+    let after = dynamics::energy(&s.model, workspace, &s.q_next, &s.v_next);
+    let change = after.kinetic - before.kinetic + after.potential - before.potential;
+    let springs: f64 = s.rows.iter().zip(&s.displaced).zip(&s.x).map(|((of, away), x)| -of.stiffness * away * x).sum();
+    let works: f64 = WORKS.map(|i| s.tally[i] - tally[i]).iter().sum();
+    (change - works - springs).abs() <= ENERGY * before.kinetic.max(after.kinetic) + f64::MIN_POSITIVE
+}
+
 /// The solution of an event.
 pub(super) struct Event<'a> {
-    pub scheme: Scheme,
     /// Of each row with friction or stops: for positions and velocities, or where joints rebound, for positions, then for velocities.
     pub locks: &'a [Locks],
     /// Rows that end at a stop, indices in the list of these, and where.

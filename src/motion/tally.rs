@@ -14,6 +14,8 @@ const DAMPING: usize = 1;
 pub(super) const FRICTION: usize = 2;
 const CONTROL: usize = 3;
 pub(super) const STOPS: usize = 4;
+/// All that are works.
+pub(super) const WORKS: [usize; 5] = [TORQUE, DAMPING, FRICTION, CONTROL, STOPS];
 /// Steps of the method itself, and those with the set-valued law.
 pub(super) const SUBSTEPS: usize = 5;
 /// The most substeps of one step.

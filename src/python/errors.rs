@@ -152,11 +152,16 @@ pub(super) fn warn_beyond(py: Python<'_>, scene: &Scene, known: &[SceneWarning])
             SceneWarning::NotUnderstood { .. } => "UnknownTagWarning",
             SceneWarning::Limits { .. } => "LimitWarning",
         };
-        let text = CString::new(warning.to_string().replace('\0', "\\0")).unwrap_or_default();
-        let class = classes(py)?.getattr(class)?;
-        let class = class.cast_into::<PyType>().unwrap_or_else(|_| py.get_type::<PyUserWarning>());
-        // Functions of a compiled module have no Python frame of their own: level 1 is the caller's line.
-        PyErr::warn(py, &class, &text, 1)?;
+        warn_as(py, class, &warning.to_string())?;
     }
     Ok(())
+}
+
+/// Issues a warning of one of the classes of phipsi.errors, at the caller's line.
+pub(super) fn warn_as(py: Python<'_>, class: &str, text: &str) -> PyResult<()> {
+    let text = CString::new(text.replace('\0', "\\0")).unwrap_or_default();
+    let class = classes(py)?.getattr(class)?;
+    let class = class.cast_into::<PyType>().unwrap_or_else(|_| py.get_type::<PyUserWarning>());
+    // Functions of a compiled module have no Python frame of their own: level 1 is the caller's line.
+    PyErr::warn(py, &class, &text, 1)
 }

@@ -12,7 +12,9 @@ use super::motion::Room;
 use super::object::{Object, imported};
 use super::output::{Output, from_numbers};
 use super::scene::PyScene;
-use super::stepping::{Blocks, Keywords, Stopped, about, largest_corrections, set_outcome};
+use super::stepping::{
+    Blocks, Keywords, Stopped, about, largest_corrections, set_outcome, stop_impacts, warn_of_start,
+};
 use crate::batch::{Broadcast, broadcast_axes};
 use crate::error::{Error, check_finite};
 use crate::memory;
@@ -72,14 +74,36 @@ pub(crate) struct PySimulator {
 
 #[pymethods]
 impl PyScene {
-    /// States to advance step by step: an object that keeps them, and its scratch, between the steps.
+    /// Creates a simulator: states that are advanced call by call, as a controller or a learner does.
     ///
-    /// q: (..., nq); qd: (..., nv), zero if not given; leading axes broadcast to those of the batch. dt, method, form, pd, armature, damping,
-    /// stiffness, rest, friction, friction_speed, conserve_momentum, baumgarte: as in simulate, for all steps.
+    /// Parameters
+    /// ----------
+    /// q : (..., nq)
+    ///     Configurations at the start.
+    /// qd : (..., nv), optional
+    ///     Joint velocities at the start; zero by default. Leading axes broadcast to those of the batch.
+    /// dt : float
+    ///     Step, s.
+    /// method, pd, armature, damping, stiffness, rest, friction, friction_speed, form, conserve_momentum, baumgarte, limits, restitution, accuracy
+    ///     As in simulate, for all steps.
     ///
-    /// Returns a phipsi.Simulator. Simulator.step(tau) costs what forward dynamics does, a stage, and some tenths of a microsecond.
+    /// Returns
+    /// -------
+    /// Simulator
+    ///     Simulator.step(tau) costs one forward dynamics per stage, and some tenths of a microsecond.
     ///
-    /// Raises OutOfMemoryError for more states than there is room for; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+    /// Raises
+    /// ------
+    /// OutOfMemoryError, ShapeError, NotFiniteError, ArgumentError
+    ///     Each names the argument and the state.
+    ///
+    /// Examples
+    /// --------
+    /// >>> import phipsi
+    /// >>> simulator = phipsi.scenes.chain(3).simulator([0.3, 0.2, 0.1], dt=1e-3)
+    /// >>> simulator.step(steps=10)
+    /// >>> simulator.steps
+    /// 10
     #[pyo3(signature = (q, qd=None, *, dt, method=None, pd=None, armature=None, damping=None, stiffness=None, rest=None,
                         friction=None, friction_speed=None, form="auto", conserve_momentum=false, baumgarte=None, limits=None,
                         restitution=0.0, accuracy=None),
@@ -140,7 +164,9 @@ impl PyScene {
         let (scene, method) = (slf.clone().unbind(), settings.method);
         let held = Held(scene.clone_ref(py));
         let moving = detached(py, || Simulator::new(held, settings, &all_q, &all_qd))?;
-        let moving = Mutex::new(moving.map_err(|error| of_batch(py, &error, &batch))?);
+        let moving = moving.map_err(|error| of_batch(py, &error, &batch))?;
+        warn_of_start(py, own.scene.tree(), &moving.settings(), &all_q)?;
+        let moving = Mutex::new(moving);
         Ok(PySimulator { scene, batch, dt, method, conserve_momentum, moving })
     }
 }
@@ -372,6 +398,17 @@ impl PySimulator {
     #[getter]
     fn batch<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
         PyTuple::new(py, &self.batch)
+    }
+
+    /// Returns the impacts of joints on their stops since the last call, and forgets them.
+    ///
+    /// Returns
+    /// -------
+    /// list of StopImpact
+    ///     By state and time; times are those of each state.
+    fn take_stops<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
+        let impacts = self.moving()?.take_impacts();
+        stop_impacts(py, &self.batch, self.scene.get(), &impacts)
     }
 
     /// The contacts now, a ContactMotion: force of the last step, impulse of all impacts since the state began or was reset; None for a scene without contacts.

@@ -2,7 +2,7 @@
 
 use super::choice::read_form;
 use super::control::Pd;
-use super::errors::{batch_index, fault};
+use super::errors::{batch_index, fault, warn_as};
 use super::input;
 use super::object::{Object, imported};
 use super::output::from_numbers;
@@ -11,9 +11,9 @@ use crate::batch::Fault;
 use crate::error::Error;
 use crate::motion::properties::joint_of_row;
 use crate::motion::{Correction, Limits, Method, Properties, Settings, Stabilisation, StepFault, StopImpact, Tally};
-use crate::scene::Coupling;
+use crate::scene::{Coupling, Scene};
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyTuple};
+use pyo3::types::{PyDict, PyList, PyTuple};
 use std::time::{Duration, Instant};
 
 /// Between reports of progress, and between looks at signals.
@@ -120,6 +120,28 @@ pub(super) fn about<'py>(scene: &Bound<'py, PyScene>, settings: &Settings) -> Py
     Ok(fields)
 }
 
+/// Warns of joints that start outside of their stops.
+pub(super) fn warn_of_start(py: Python<'_>, scene: &Scene, settings: &Settings, q: &[f64]) -> PyResult<()> {
+    if settings.limits != Limits::Stop || scene.nq() == 0 {
+        return Ok(());
+    }
+    let mut outside = Vec::new();
+    for joint in scene.joints().iter().filter(|joint| joint.q.len() == 1 && joint.v.len() == 1) {
+        let (lower, upper) = (joint.limits.lower, joint.limits.upper);
+        let starts = q.chunks_exact(scene.nq()).map(|q| q[joint.q.start]);
+        if let Some(q) = starts.into_iter().find(|q| !(lower..=upper).contains(q)) {
+            let (limit, bound) = if q < lower { ("lower", lower) } else { ("upper", upper) };
+            outside.push(format!("joint {:?} at {q} beyond its {limit} limit {bound}", joint.name));
+        }
+    }
+    let Some(first) = outside.first() else { return Ok(()) };
+    let more = if outside.len() > 1 { format!(" and {} more", outside.len() - 1) } else { String::new() };
+    let text = format!(
+        "q: found {first}{more}; the stops move them back within about half a second; limits=\"report\" switches the stops off"
+    );
+    warn_as(py, "LimitWarning", &text)
+}
+
 /// What the joints of a run did and what acted on them: the fields of a trajectory that are known at its end.
 pub(super) fn set_outcome<'py>(
     fields: &Bound<'py, PyDict>,
@@ -146,14 +168,25 @@ pub(super) fn set_outcome<'py>(
         [&|t| t.most_substeps.max(1.0), &|t| t.events, &|t| t.error, &|t| t.unsettled];
     let counts = counts.into_iter().map(each).collect::<PyResult<Vec<_>>>()?;
     fields.set_item("counts", PyTuple::new(py, counts)?)?;
-    let mut found = Vec::with_capacity(impacts.len());
+    fields.set_item("stops", stop_impacts(py, batch, own, impacts)?)
+}
+
+/// Impacts as a list of StopImpact.
+pub(super) fn stop_impacts<'py>(
+    py: Python<'py>,
+    batch: &[usize],
+    own: &PyScene,
+    impacts: &[StopImpact],
+) -> PyResult<Object<'py>> {
+    let class = imported!(py, "phipsi._motion", "StopImpact")?;
+    let found = PyList::empty(py);
     for StopImpact { state, row, upper, time, speed, impulse } in impacts {
         let index = (!batch.is_empty()).then(|| batch_index(py, *state, batch)).transpose()?;
         let joint = joint_of_row(own.scene.tree(), *row);
         let limit = if *upper { "upper" } else { "lower" };
-        found.push((joint, limit, time, speed, impulse, index).into_pyobject(py)?);
+        found.append(class.call1((joint, limit, time, speed, impulse, index))?)?;
     }
-    fields.set_item("stops", PyTuple::new(py, found)?)
+    Ok(found.into_any())
 }
 
 /// The largest corrections of each state of a batch, which keep its momentum, as a MomentumCorrection.

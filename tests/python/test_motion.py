@@ -64,16 +64,17 @@ def test_torques_as_constant_array_and_function_are_the_same(arm: phipsi.Scene) 
         seen.append((t, q.copy(), qd.copy()))
         return steps[:, len(seen) - 1]
 
-    one = arm.simulate(q, qd, dt=1e-3, steps=6, tau_steps=steps)
-    other = arm.simulate(q, qd, dt=1e-3, steps=6, tau=function)
+    one = arm.simulate(q, qd, dt=1e-3, steps=6, tau_steps=steps, limits="report")
+    other = arm.simulate(q, qd, dt=1e-3, steps=6, tau=function, limits="report")
     assert_same_bits(one.q, other.q)
     assert len(seen) == 6
     for i, (t, q_seen, qd_seen) in enumerate(seen):
         assert_near(t, i * 1e-3, product(1, 1.0))
         assert_same_bits(q_seen, one.q[:, i])
         assert_same_bits(qd_seen, one.qd[:, i])
-    held = arm.simulate(q, qd, dt=1e-3, steps=6, tau=tau)
-    assert_same_bits(held.q, arm.simulate(q, qd, dt=1e-3, steps=6, tau_steps=np.repeat(tau[:, None], 6, axis=1)).q)
+    held = arm.simulate(q, qd, dt=1e-3, steps=6, tau=tau, limits="report")
+    again = arm.simulate(q, qd, dt=1e-3, steps=6, tau_steps=np.repeat(tau[:, None], 6, axis=1), limits="report")
+    assert_same_bits(held.q, again.q)
 
 
 def test_properties_come_from_the_builder_and_a_call_may_override_them() -> None:
@@ -113,8 +114,9 @@ def test_pd_goes_to_its_target_however_stiff(arm: phipsi.Scene) -> None:
     law = phipsi.PD(1e8, 1e6, target)
     path = arm.simulate(arm.neutral(), np.zeros(arm.nv), dt=1e-2, steps=500, method="implicit-euler", pd=law)
     assert_near(path.q[-1], target, 1e-5)
+    assert_near(arm.simulate(arm.neutral(), np.zeros(arm.nv), dt=1e-2, steps=500, pd=law).q[-1], target, 1e-5)
     with pytest.raises(errors.SimulationError, match="diverged"):
-        arm.simulate(arm.neutral(), np.zeros(arm.nv), dt=1e-2, steps=500, pd=law)
+        arm.simulate(arm.neutral(), np.zeros(arm.nv), dt=1e-2, steps=500, method="rk4", pd=law, limits="report")
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -151,7 +153,7 @@ def test_momentum_that_cannot_be_kept_is_refused(floating: phipsi.Scene, arm: ph
     q, qd, _ = random_states(floating, 6, (3,))
     push = np.zeros((3, floating.nv))
     push[1, 2] = 0.5
-    keep = {"dt": 1e-3, "steps": 4, "conserve_momentum": True}
+    keep = {"dt": 1e-3, "steps": 4, "conserve_momentum": True, "limits": "report"}
     with pytest.raises(errors.ArgumentError, match="conserve_momentum: found joint .* on the base"):
         arm.simulate(arm.neutral(), np.zeros(arm.nv), **keep)
     with pytest.raises(errors.ArgumentError, match="conserve_momentum: found damping 0.1 along free joint"):
@@ -167,11 +169,9 @@ def test_momentum_that_cannot_be_kept_is_refused(floating: phipsi.Scene, arm: ph
     assert caught.value.step == 2 and caught.value.trajectory.momentum_correction is not None
 
 
-def test_limits_are_reported_and_not_enforced() -> None:
+def test_limits_are_reported_and_not_enforced_with_limits_report() -> None:
     scene = pendulum(lower=-0.2, upper=0.5, velocity=1.0)
-    path = scene.simulate(
-        [0.6], [0.0], dt=1e-3, steps=1000, method="rk4"
-    )
+    path = scene.simulate([0.6], [0.0], dt=1e-3, steps=1000, method="rk4", limits="report")
     found = {violation.limit: violation for violation in path.violations()}
     assert set(found) == {"lower", "upper", "velocity"}
     assert found["upper"].time == 0.0 and found["upper"].worst == 0.6
@@ -204,7 +204,7 @@ BAD = {
     "damping": ({"damping": -1.0}, errors.ArgumentError, "damping"),
     "stiffness": ({"stiffness": np.zeros(3)}, errors.ShapeError, "stiffness"),
     "rest": ({"rest": np.zeros(3)}, errors.ShapeError, "rest"),
-    "friction_speed": ({"friction_speed": 0.0}, errors.ArgumentError, "friction_speed"),
+    "friction_speed": ({"friction_speed": -0.1}, errors.ArgumentError, "friction_speed"),
     "q": ({"q": np.full(7, np.nan)}, errors.NotFiniteError, "q"),
 }
 
@@ -239,7 +239,7 @@ def test_divergence_is_told_with_step_joint_and_state(arm: phipsi.Scene) -> None
     q = np.zeros((2, 3, 7))
     q[1, 2, 4] = 0.5
     with pytest.raises(errors.SimulationError) as caught:
-        arm.simulate(q, np.zeros(7), dt=1e-2, steps=1000, stiffness=[0, 0, 0, 0, 1e6, 0, 0])
+        arm.simulate(q, np.zeros(7), dt=1e-2, steps=1000, stiffness=[0, 0, 0, 0, 1e6, 0, 0], method="rk4", limits="report")
     error = caught.value
     assert error.state == (1, 2) and error.joint in arm.joint_names and error.joint in str(error)
     assert len(error.trajectory) == error.step + 1

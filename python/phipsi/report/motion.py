@@ -21,6 +21,8 @@ from .structure import Tree
 
 #: What a state file may say.
 KEYS = ("q", "qd", "tau")
+#: The largest share of the energy exchanged that may be the error of the integrator, without a warning.
+SHARE = 0.01
 #: Figures of the robot in a stroboscopic picture.
 FLASHES = 9
 

@@ -22,6 +22,12 @@ from .structure import Tree
 MOST_ROWS = 1200
 #: Values that the mouse shows at once, at the most.
 MOST_TOGETHER = 12
+#: Impacts that the page lists.
+MOST_IMPACTS = 40
+#: Rows of the energy table that are always there, and their names.
+ALWAYS = ("change", "remainder")
+KINDS = {"torque": "work of given torques", "damping": "work of damping", "friction": "work of dry friction", "control": "work of the control law"}
+KINDS |= {"stops": "work of joint stops", "contacts": "work of contacts", "change": "change of the energy", "remainder": "remainder"}
 #: Colours of curves, one after the other.
 INKS = (*COLOURS[:6], "#8c564b", "#7f7f7f", "#17becf", "#bcbd22")
 
@@ -35,10 +41,12 @@ class Run(Findings):
     tree: Tree
     torque: Array
     """What acts at the joints beside springs, damping and friction, (rows, nv), N m or N."""
+    error: float | None = None
+    """The estimated error at the end, rad or m."""
 
     def head(self) -> dict[str, Any]:
         path = self.path
-        return {"name": self.name, "steps": path.steps, "dt": path.dt, "method": path.method, "joints": list(path.scene.joint_names)}
+        return {"name": self.name, "steps": path.steps, "dt": path.dt, "method": path.integrator, "joints": list(path.scene.joint_names)}
 
 
 def _view(run: Run, _: Reporter) -> dict[str, Any]:
@@ -88,9 +96,34 @@ def _shown(run: Run) -> dict[str, Any]:
 def _limits(run: Run) -> Sequence[Block]:
     broken = run.path.violations()
     if not broken:
-        return ["No recorded row is beyond a limit of position or speed."]
-    rows = [(one.joint, one.limit, f"{one.bound:g}", f"{one.time:.3g}", f"{one.worst:.4g}") for one in broken]
-    return ["Limits are told, never enforced.", Table(("joint", "limit", "at", "first beyond it, s", "worst"), rows, 2)]
+        blocks: list[Block] = ["No recorded row is beyond a limit of position or speed."]
+    else:
+        rows = [(one.joint, one.limit, f"{one.bound:g}", f"{one.time:.3g}", f"{one.worst:.4g}") for one in broken]
+        blocks = [Table(("joint", "limit", "at", "first beyond it, s", "worst"), rows, 2)]
+    if run.path.limits == "stop":
+        found = run.path.stops
+        blocks.append(f"Joint limits were stops, with {len(found)} impacts." + (f" The first {MOST_IMPACTS}:" if len(found) > MOST_IMPACTS else ""))
+        hits = [(one.joint, one.limit, f"{one.time:.4g}", f"{one.speed:.3g}", f"{one.impulse:.3g}") for one in found[:MOST_IMPACTS]]
+        if hits:
+            blocks.append(Table(("joint", "stop", "time, s", "speed, rad/s or m/s", "impulse, N m s or N s"), hits, 2))
+    else:
+        blocks.append("Joint limits were not enforced.")
+    return blocks
+
+
+def _energy(run: Run) -> Sequence[Block]:
+    audit = run.path.energy_audit()
+    rows = [(KINDS.get(kind, kind), f"{float(value):.4g}") for kind, value in audit._asdict().items() if kind != "share" and (value != 0.0 or kind in ALWAYS)]
+    share = 100.0 * float(audit.share)
+    verdict = f"The remainder, the error of the integrator, is {share:.2g} % of the energy exchanged."
+    if audit.share > motion.SHARE:
+        verdict += " **That is more than 1 %: take a smaller step, or error control.**"
+    blocks: list[Block] = [Table(("work or change", "J"), rows, 1), verdict]
+    if run.path.estimated_error > 0.0:
+        blocks.append(f"Estimated error of all substeps together: {float(run.path.estimated_error):.1e} rad or m.")
+    elif run.error is not None:
+        blocks.append(f"Estimated error of the configuration at the end, from a run with half the step: {run.error:.1e} rad or m.")
+    return blocks
 
 
 def _pictures(_: Run) -> Sequence[Block]:
@@ -107,6 +140,7 @@ RUN: Layout[Run] = Layout(
     (
         Section("view", "The motion", _view, shown=_shown),
         Section("curves", "Over time", plots=lambda run: [over_time(run)], blocks=_over_time),
+        Section("energy", "Energy and error", blocks=_energy),
         Section("limits", "Limits", blocks=_limits),
         Section("pictures", "In one picture", plots=lambda run: [motion.stroboscope(run.path, run.tree)], blocks=_pictures),
         provenance(),

@@ -20,7 +20,9 @@ from .terminal import line
 
 #: The exit code of a run that was stopped, as shells have it.
 STOPPED = 130
-METHODS = ("semi-implicit-euler", "rk4", "implicit-euler", "rosenbrock-2", "rosenbrock-3")
+METHODS = ("auto", "semi-implicit-euler", "rk4", "implicit-euler", "rosenbrock-2", "rosenbrock-3")
+#: The fields of an energy audit that are works.
+WORKS = ("torque", "damping", "friction", "control", "stops", "contacts")
 #: Rows of a trajectory, unless --record-every says otherwise.
 ROWS = 2000
 
@@ -35,7 +37,10 @@ ROWS = 2000
 )
 @click.option("--time", "duration", type=float, default=2.0, show_default=True, help="How long, s.")
 @click.option("--dt", type=float, default=1e-3, show_default=True, help="The step, s.")
-@click.option("--method", type=click.Choice(METHODS), default="rk4", show_default=True, help="How steps are made.")
+@click.option("--method", type=click.Choice(METHODS), default="auto", show_default=True, help="Integration method.")
+@click.option("--limits", type=click.Choice(("stop", "report")), help="Whether joint limits are stops.  [default: stop, without loops]")
+@click.option("--restitution", type=float, default=0.0, show_default=True, help="Coefficient of restitution of the stops.")
+@click.option("--accuracy", type=float, help="Error control: the largest estimated error of a substep, rad or m.")
 @click.option("--record-every", type=click.IntRange(1), help=f"A row after so many steps.  [default: about {ROWS} rows]")
 @click.option("--hold", nargs=2, type=float, metavar="KP KD", help="Hold the start with a control law of these gains.")
 @click.option("--csv", "table", is_flag=True, help="The trajectory as CSV, too.")
@@ -49,6 +54,9 @@ def simulate(
     duration: float,
     dt: float,
     method: Any,
+    limits: Any,
+    restitution: float,
+    accuracy: float | None,
     record_every: int | None,
     hold: tuple[float, float] | None,
     table: bool,
@@ -57,8 +65,8 @@ def simulate(
     """Simulate a robot: a page with the robot in motion and curves over time, and trajectory.npz.
 
     Damping, friction, stiffness and armature are those of the file. The state file has q, qd and tau (held throughout), each a
-    list or, in JSON, a mapping from joint names: {"q": {"elbow": 0.5}}. Limits are reported, never enforced. Ctrl-C stops
-    and writes what was computed. A start that is off the connections of a MuJoCo model is moved onto them. Without ROBOT.urdf, the bundled arm.
+    list or, in JSON, a mapping from joint names: {"q": {"elbow": 0.5}}. The page reports where the energy went and the estimated
+    error; a warning says if the integrator's share of the energy exceeds 1 %. Ctrl-C stops and writes what was computed. A start that is off the connections of a MuJoCo model is moved onto them. Without ROBOT.urdf, the bundled arm.
 
     Exit code 1: the motion diverged or a pivot was lost (what came before is written); 2: bad input; 130: stopped.
     """
@@ -83,7 +91,7 @@ def simulate(
             with reporter(console) as says:
                 path = scene.simulate(
                     q, qd, dt=dt, steps=steps, tau=start.get("tau"), method=method, record_every=every, pd=law,
-                    progress=says.counter("Simulating"),
+                    limits=limits, restitution=restitution, accuracy=accuracy, progress=says.counter("Simulating"),
                 )  # fmt: skip
         except errors.SimulationError as error:
             code, path, said = BEYOND, error.trajectory, str(error)
@@ -97,7 +105,8 @@ def simulate(
         torque = np.zeros_like(path.qd) + start.get("tau", 0.0)
         if hold is not None:
             torque = torque + hold[0] * scene.difference(path.q, q) - hold[1] * path.qd
-        files += pipeline.write(RUN, pipeline.collect(RUN, Run(False, name, path, tree_of(scene), torque), Silent()), output)
+        run = Run(False, name, path, tree_of(scene), torque, _error(path) if code == 0 else None)
+        files += pipeline.write(RUN, pipeline.collect(RUN, run, Silent()), output)
     if as_json:
         echo_json({"name": name, **_numbers(path), "error": said, "files": map(str, files)})
     else:
@@ -108,25 +117,46 @@ def simulate(
         raise SystemExit(code)
 
 
+def _error(path: Trajectory) -> float | None:
+    """The estimated error at the end, if there is one."""
+    if path.estimated_error > 0.0 or path.contacts is not None:
+        return None
+    try:
+        return float(path.error_estimate()[-1])
+    except errors.PhipsiError:
+        return None
+
+
 def _numbers(path: Trajectory) -> dict[str, Any]:
     """The run in figures: where it ended, its energy, what it broke."""
     energy = path.energy()
     about: dict[str, Any] = {"steps": path.steps, "dt": path.dt, "method": path.method, "t": path.t[-1], "q": path.q[-1], "qd": path.qd[-1]}
     about["energy"] = {name: values[[0, -1]] for name, values in (*energy._asdict().items(), ("total", energy.total))}
+    about |= {"integrator": path.integrator, "substeps": path.substeps, "stops": path.stops, "energy_audit": path.energy_audit()._asdict()}
     return about | {"drift": path.drift.max(), "violations": path.violations()}
 
 
 def _tell(name: str, path: Trajectory) -> None:
     """The run in a line, and the limits that it broke."""
-    total = path.energy().total
+    total, audit = path.energy().total, path.energy_audit()
     click.echo(
-        f"{name}: {path.steps} steps of {path.dt:g} s by {path.method}; "
+        f"{name}: {path.steps} steps of {path.dt:g} s by {path.integrator}; "
         f"energy from {total[0]:.6g} to {total[-1]:.6g} J"
     )
+    works = {kind: float(getattr(audit, kind)) for kind in WORKS if getattr(audit, kind) != 0.0}
+    if works:
+        click.echo("work: " + ", ".join(f"{kind} {work:.4g} J" for kind, work in works.items()))
+    if audit.share > motion.SHARE:
+        click.echo(
+            f"warning: the integrator's error is {float(audit.remainder):.3g} J, {100 * float(audit.share):.1f} % of the energy exchanged; take a smaller --dt, or --accuracy",
+            err=True,
+        )
+    if path.stops:
+        click.echo(f"{len(path.stops)} impacts on joint stops, the first by {path.stops[0].joint} at t = {path.stops[0].time:.4g} s")
     if path.scene.connection_names:
         click.echo(f"connections open by {path.drift.max():.1e} m or rad at the most")
     for found in path.violations():
         click.echo(
             f"beyond its limit: {found.joint}, {found.limit} {found.bound:g}, first at t = {found.time:g} s, "
-            f"worst {found.worst:.4g} (not enforced)"
+            f"worst {found.worst:.4g}"
         )
