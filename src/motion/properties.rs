@@ -20,7 +20,7 @@ pub struct Properties {
     pub rest: Vec<f64>,
     /// Coulomb friction f, (nv), N m or N.
     pub friction: Vec<f64>,
-    /// v0, rad/s or m/s. Zero: exact Coulomb friction, which holds a joint at rest; in scenes with contacts, connections or coupled joints it stands for
+    /// v0, rad/s or m/s. Zero: exact Coulomb friction, which holds a joint at rest; in scenes with contacts or connections it stands for
     /// [`FRICTION_SPEED`]. Positive: the regularized torque -f v / sqrt(v^2 + v0^2), within 1 % of f from 7 v0 on, and viscous below v0, so that joints creep.
     pub friction_speed: f64,
 }

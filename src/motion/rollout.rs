@@ -18,10 +18,11 @@ use crate::dynamics::contacts::ContactScratch;
 use crate::dynamics::{factorise, solve};
 use crate::error::Error;
 use crate::filter::{FORMS, Form};
-use crate::scene::Scene;
+use crate::scene::{Coupling, Scene};
 use crate::workspace::Workspace;
 use crate::{memory, watch};
 use std::borrow::Borrow;
+use std::collections::HashMap;
 use std::sync::{Mutex, PoisonError};
 
 /// What does not change during a rollout.
@@ -57,10 +58,10 @@ pub struct Settings {
 /// What a joint limit does in a simulation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Limits {
-    /// It stops the joint, where the scene has neither contacts nor connections nor coupled joints; there it is reported.
+    /// It stops the joint, where the scene has neither contacts nor connections; there it is reported.
     #[default]
     Auto,
-    /// It stops the joint; an error where the scene has contacts, connections or coupled joints.
+    /// It stops the joint; an error where the scene has contacts or connections.
     Stop,
     /// It does nothing.
     Report,
@@ -178,9 +179,9 @@ impl<S: Borrow<Scene>> Rollout<S> {
         if !(0.0..=1.0).contains(&restitution) {
             return Err(Error::argument("restitution", format!("{restitution}"), "a number from 0 to 1"));
         }
-        let is_tree = coupling.is_none() && holds.constraints().is_empty() && holds.contacts().is_empty();
+        let is_tree = holds.constraints().is_empty() && holds.contacts().is_empty();
         if settings.limits == Limits::Stop && !is_tree {
-            let found = "\"stop\" for a scene with contacts, connections or coupled joints";
+            let found = "\"stop\" for a scene with contacts or connections";
             return Err(Error::argument("limits", found, "\"report\" for this scene"));
         }
         let accuracy = settings.accuracy;
@@ -189,7 +190,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         {
             return Err(Error::argument("accuracy", format!("{accuracy}"), "a bound on the error, 1e-12 or more"));
         }
-        if accuracy.is_some() && (!is_tree || conserve_momentum || method != Method::Auto) {
+        if accuracy.is_some() && (!is_tree || coupling.is_some() || conserve_momentum || method != Method::Auto) {
             let found = "error control with contacts, connections, coupled joints, conserve_momentum or a method";
             return Err(Error::argument("accuracy", found, "None for this scene and these settings"));
         }
@@ -221,7 +222,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         law.divides = method == Method::Auto && is_tree;
         law.restitution = restitution;
         law.accuracy = accuracy;
-        law.set_valued = set_valued(holds, &law.properties, stops);
+        law.set_valued = set_valued(holds, law.coupling.as_deref(), &law.properties, stops);
         if !holds.constraints().is_empty() {
             law.connected = Some(stabilisation);
         }
@@ -610,18 +611,33 @@ fn check_method(scene: &Scene, method: Method, conserve_momentum: bool) -> Resul
     if conserve_momentum { scene.check_no_contacts("conserve_momentum") } else { Ok(()) }
 }
 
-/// The rows with exact friction or stops.
-fn set_valued(scene: &Scene, properties: &Properties, stops: bool) -> Vec<SetValued> {
+/// The rows with exact friction or stops; where joints are coupled, the independent ones, with the friction and the limits of those that follow.
+fn set_valued(scene: &Scene, coupling: Option<&Coupling>, properties: &Properties, stops: bool) -> Vec<SetValued> {
     let exact = properties.friction_speed == 0.0;
+    let reduced = coupling.map(|coupling| {
+        let friction = coupling.torques(&coupling.reduce_friction(&properties.friction));
+        let limits: HashMap<usize, _> =
+            coupling.independent_coordinates_at().iter().copied().zip(coupling.limits()).collect();
+        (friction, limits)
+    });
     let mut rows = Vec::new();
     for joint in scene.joints() {
-        let (lower, upper) = (joint.limits.lower, joint.limits.upper);
-        let bounded = stops && joint.v.len() == 1 && joint.q.len() == 1 && (lower.is_finite() || upper.is_finite());
+        let own = (joint.limits.lower, joint.limits.upper);
+        let (friction, limits) = match &reduced {
+            None => (&properties.friction, Some(own)),
+            // A joint that follows another has neither.
+            Some((friction, limits)) => (friction, limits.get(&joint.q.start).copied()),
+        };
+        let bounds = limits.filter(|(lower, upper)| {
+            let one = joint.v.len() == 1 && joint.q.len() == 1;
+            stops && one && (lower.is_finite() || upper.is_finite())
+        });
+        let (lower, upper) = bounds.unwrap_or((f64::NEG_INFINITY, f64::INFINITY));
         for row in joint.v.clone() {
-            let friction = if exact { properties.friction[row] } else { 0.0 };
-            if friction > 0.0 || bounded {
-                let (lower, upper) = if bounded { (lower, upper) } else { (f64::NEG_INFINITY, f64::INFINITY) };
-                rows.push(SetValued { row, coordinate: joint.q.start, friction, stops: bounded, lower, upper });
+            let friction = if exact { friction[row] } else { 0.0 };
+            if friction > 0.0 || bounds.is_some() {
+                let coordinate = joint.q.start;
+                rows.push(SetValued { row, coordinate, friction, stops: bounds.is_some(), lower, upper });
             }
         }
     }

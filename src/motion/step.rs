@@ -401,6 +401,13 @@ impl Checked {
 
     /// M^-1 of a right side, with the noise of the model.
     pub fn factorise_and_solve(&mut self, model: &Model<f64>, q: &[f64], right: &[f64], out: &mut [f64]) {
+        if let Some((solver, coupling)) = &mut self.coupled {
+            solver.set_noise(&model.system.noise);
+            let lost = solver.factorise(coupling.sums(), self.form, q, None);
+            solver.solve(coupling.sums(), right, out);
+            self.lost = self.lost.take().or(lost);
+            return;
+        }
         let pivots = dynamics::factorise(model, &mut self.workspace, q, |_, _| {});
         dynamics::solve(model, &mut self.workspace, right, out);
         if self.lost.is_none() {

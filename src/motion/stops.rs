@@ -250,3 +250,6 @@ pub(super) fn settle(pieces: &mut [Piece], mut contradictions: impl FnMut(&[Piec
     }
     false
 }
+
+#[cfg(test)]
+mod tests;

@@ -346,6 +346,9 @@ impl Substeps {
                     s.m[0][of.row] = (velocity - s.v[of.row]) / h;
                 }
             }
+            if let Some(coupling) = &law.coupling {
+                s.m[0] = coupling.rates(&coupling.independent_rates(&s.m[0]));
+            }
             s.model.system.noise.copy_from_slice(noise);
             dynamics::inverse_dynamics(&s.model, &mut solver.workspace, &s.q, &s.v, &s.m[0], &[], torque);
             for ((right, given), torque) in right.iter_mut().zip(&*given).zip(&*torque) {

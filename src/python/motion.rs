@@ -85,8 +85,8 @@ impl PyScene {
     ///     Configuration where springs are at rest, instead of the scene's.
     /// friction_speed : float, optional
     ///     Zero or None: exact Coulomb friction. A joint at rest stays exactly at rest while friction can hold it. Positive: regularized friction
-    ///     -f v / sqrt(v^2 + friction_speed^2), with which joints creep, rad/s or m/s. None stands for 0.01 in scenes with contacts, connections or
-    ///     coupled joints, where friction is always regularized: Trajectory.friction_speed reports it.
+    ///     -f v / sqrt(v^2 + friction_speed^2), with which joints creep, rad/s or m/s. None stands for 0.01 in scenes with contacts or
+    ///     connections, where friction is always regularized: Trajectory.friction_speed reports it.
     /// form : str
     ///     "auto" recomputes a step whose estimated error exceeds the tolerance in square-root form; "covariance" checks the pivots only.
     /// progress : callable, optional
@@ -100,7 +100,7 @@ impl PyScene {
     ///     J qdd + J' qd = -2 a J qd - a^2 error.
     /// limits : str, optional
     ///     "stop": joint limits are stops that a joint with one degree of freedom does not pass. "report": limits do nothing, and Trajectory.violations lists them.
-    ///     None: "stop", but "report" in scenes with contacts, connections or coupled joints. A joint that starts outside of its limits is moved back without a
+    ///     None: "stop", but "report" in scenes with contacts or connections. A joint that starts outside of its limits is moved back without a
     ///     jump of its velocity, with a LimitWarning.
     /// restitution : float
     ///     Coefficient of restitution of the stops, 0 to 1. A rebound that would end within the step is none.

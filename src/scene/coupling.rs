@@ -143,6 +143,21 @@ impl Coupling {
         out
     }
 
+    /// The limits of each independent coordinate: its own, and those of the joints that follow it.
+    pub(crate) fn limits(&self) -> Vec<(f64, f64)> {
+        let mut out = vec![(f64::NEG_INFINITY, f64::INFINITY); self.independent_q.len()];
+        for joint in self.tree.joints.iter().filter(|joint| joint.q.len() == 1) {
+            let Coordinate { index, multiplier, offset } = self.q[joint.q.start];
+            if multiplier == 0.0 {
+                continue;
+            }
+            let [a, b] = [joint.limits.lower, joint.limits.upper].map(|bound| (bound - offset) / multiplier);
+            let (lower, upper) = out[index];
+            out[index] = (lower.max(a.min(b)), upper.min(a.max(b)));
+        }
+        out
+    }
+
     /// Where the springs of the tree, (nv) and (nq), leave the independent coordinates at rest: at their mean, weighted by stiffness.
     #[must_use]
     pub fn reduce_rest(&self, stiffness: &[f64], rest: &[f64]) -> Vec<f64> {
