@@ -54,6 +54,7 @@ mod properties;
 mod reference;
 mod rollout_gradients;
 mod scene_errors;
+mod set_valued;
 mod singular_joints;
 #[cfg(feature = "stochastic")]
 mod stochastic;

@@ -253,9 +253,6 @@ pub(super) fn backward<T: Real, S: BackwardSolver<T>>(
     set_modes(by, s);
     if let Some(locks) = locks {
         set_locks(by, s, locks);
-    } else {
-        // A joint at rest stays at rest, whatever follows from it.
-        release(s, &mut to.end[1]);
     }
     for i in 0..last {
         stage(by, s, i);
@@ -291,6 +288,7 @@ pub(super) fn backward<T: Real, S: BackwardSolver<T>>(
     to.of_friction(by, s);
     match locks {
         Some(locks) => to.of_locks(s, locks),
+        // A joint at rest stays at rest, whatever follows from it.
         None => release(s, &mut to.start[1]),
     }
     doubt

@@ -76,6 +76,7 @@ impl Closed {
 impl Solver<f64> for Constrained<'_> {
     fn solve(
         &mut self,
+        _estimates: bool,
         (model, _): (&Model<f64>, &SweepModel<f64>),
         _scratch: &mut SweepScratch<f64>,
         (q, v, u): (&[f64], &[f64], &[f64]),

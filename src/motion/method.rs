@@ -37,7 +37,7 @@
 use crate::error::Error;
 
 /// The most stages that a method has.
-pub(crate) const STAGES: usize = 4;
+pub(crate) const STAGES: usize = 7;
 
 /// A method by which a state is advanced.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
@@ -50,6 +50,9 @@ pub enum Method {
     SemiImplicitEuler,
     /// The classical explicit method of order 4.
     RungeKutta4,
+    /// The explicit method of order 5 of J. R. Dormand and P. J. Prince, J. Comp. Appl. Math. 6, 1980, 19-26, whose embedded method of order 4 estimates the error of a step; what error
+    /// control takes where nothing is stiff.
+    DormandPrince5,
     /// The linearly implicit Euler step, order 1: springs and damping at the end of the step, whatever their size. L-stable
     /// for them: what is faster than the step is damped.
     ImplicitEuler,
@@ -67,10 +70,11 @@ pub enum Method {
 const SHORT: [(&str, Method); 2] = [("semi-implicit", Method::SemiImplicitEuler), ("implicit", Method::ImplicitEuler)];
 
 /// Every method of scenes without contacts, with its name.
-pub const METHODS: [(&str, Method); 6] = [
+pub const METHODS: [(&str, Method); 7] = [
     ("auto", Method::Auto),
     ("semi-implicit-euler", Method::SemiImplicitEuler),
     ("rk4", Method::RungeKutta4),
+    ("dormand-prince-5", Method::DormandPrince5),
     ("implicit-euler", Method::ImplicitEuler),
     ("rosenbrock-2", Method::Rosenbrock2),
     ("rosenbrock-3", Method::Rosenbrock3),
@@ -113,6 +117,7 @@ impl Method {
             Self::Auto | Self::Rosenbrock2 => 2,
             Self::Rosenbrock3 => 3,
             Self::RungeKutta4 => 4,
+            Self::DormandPrince5 => 5,
         }
     }
 
@@ -123,44 +128,53 @@ impl Method {
     }
 
     pub(crate) fn tableau(self) -> Tableau {
-        let o = [0.0; STAGES];
+        let row = |values: &[f64]| -> [f64; STAGES] { std::array::from_fn(|j| values.get(j).copied().unwrap_or(0.0)) };
+        let rows = |values: &[&[f64]]| -> [[f64; STAGES]; STAGES] {
+            std::array::from_fn(|i| row(values.get(i).copied().unwrap_or_default()))
+        };
         match self {
             // The position sees the velocity at the end of the step; forces do not.
-            Self::SemiImplicitEuler | Self::ImplicitEuler | Self::Contact => Tableau {
-                stages: 1,
-                alpha: [o; STAGES],
-                gamma: [[1.0, 0.0, 0.0, 0.0], o, o, o],
-                weights: [1.0, 0.0, 0.0, 0.0],
-            },
+            Self::SemiImplicitEuler | Self::ImplicitEuler | Self::Contact => {
+                Tableau { stages: 1, alpha: rows(&[]), gamma: rows(&[&[1.0]]), weights: row(&[1.0]) }
+            }
             Self::RungeKutta4 => Tableau {
                 stages: 4,
-                alpha: [o, [0.5, 0.0, 0.0, 0.0], [0.0, 0.5, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]],
-                gamma: [o; STAGES],
-                weights: [1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0],
+                alpha: rows(&[&[], &[0.5], &[0.0, 0.5], &[0.0, 0.0, 1.0]]),
+                gamma: rows(&[]),
+                weights: row(&[1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0]),
             },
+            Self::DormandPrince5 => {
+                let weights = [35.0 / 384.0, 0.0, 500.0 / 1113.0, 125.0 / 192.0, -2187.0 / 6784.0, 11.0 / 84.0];
+                let alpha = rows(&[
+                    &[],
+                    &[1.0 / 5.0],
+                    &[3.0 / 40.0, 9.0 / 40.0],
+                    &[44.0 / 45.0, -56.0 / 15.0, 32.0 / 9.0],
+                    &[19372.0 / 6561.0, -25360.0 / 2187.0, 64448.0 / 6561.0, -212.0 / 729.0],
+                    &[9017.0 / 3168.0, -355.0 / 33.0, 46732.0 / 5247.0, 49.0 / 176.0, -5103.0 / 18656.0],
+                    &weights,
+                ]);
+                Tableau { stages: 7, alpha, gamma: rows(&[]), weights: row(&weights) }
+            }
             Self::Auto | Self::Rosenbrock2 => {
                 let g = 1.0 - std::f64::consts::FRAC_1_SQRT_2;
-                Tableau {
-                    stages: 2,
-                    alpha: [o, [1.0, 0.0, 0.0, 0.0], o, o],
-                    gamma: [[g, 0.0, 0.0, 0.0], [-2.0 * g, g, 0.0, 0.0], o, o],
-                    weights: [0.5, 0.5, 0.0, 0.0],
-                }
+                let gamma = rows(&[&[g], &[-2.0 * g, g]]);
+                Tableau { stages: 2, alpha: rows(&[&[], &[1.0]]), gamma, weights: row(&[0.5, 0.5]) }
             }
             Self::Rosenbrock3 => {
                 let g = 1.0 / 3.0;
-                let alpha = [
-                    o,
-                    [0.43, 0.0, 0.0, 0.0],
-                    [0.76, -0.342_311_564_274_196_3, 0.0, 0.0],
-                    [0.05, 1.319_192_490_141_570_6, -0.524_975_613_684_137_7, 0.0],
-                ];
-                let gamma = [
-                    [g, 0.0, 0.0, 0.0],
-                    [-0.211_431_805_443_481_3, g, 0.0, 0.0],
-                    [-0.555_783_210_976_123_3, 0.834_520_966_160_829_2, g, 0.0],
-                    [0.118_164_642_334_620_23, -0.476_420_318_084_064_3, 0.180_705_465_958_677_85, g],
-                ];
+                let alpha = rows(&[
+                    &[],
+                    &[0.43],
+                    &[0.76, -0.342_311_564_274_196_3],
+                    &[0.05, 1.319_192_490_141_570_6, -0.524_975_613_684_137_7],
+                ]);
+                let gamma = rows(&[
+                    &[g],
+                    &[-0.211_431_805_443_481_3, g],
+                    &[-0.555_783_210_976_123_3, 0.834_520_966_160_829_2, g],
+                    &[0.118_164_642_334_620_23, -0.476_420_318_084_064_3, 0.180_705_465_958_677_85, g],
+                ]);
                 // The last stage is the step's end.
                 let weights = std::array::from_fn(|j| alpha[3][j] + gamma[3][j]);
                 Tableau { stages: 4, alpha, gamma, weights }
@@ -196,8 +210,10 @@ pub(crate) struct Scheme {
     pub tableau: Tableau,
     /// Whether springs, damping and control law are implicit.
     pub implicit: bool,
-    /// The step times weights of the stages' accelerations that sum to zero: an estimate of the error in the velocities.
+    /// The step times weights of the stages that sum to zero: an estimate of the error.
     pub error: [f64; STAGES],
+    /// Whether the estimate is that of an embedded method, which error control can go by.
+    pub embedded: bool,
     /// A step is short enough where joints rotate by less than this angle, rad, or where the estimate is below this share of the fastest joint velocity.
     pub angle: f64,
     pub share: f64,
@@ -206,14 +222,28 @@ pub(crate) struct Scheme {
 impl Scheme {
     pub fn new(method: Method, step: f64) -> Self {
         let t = 1.0 / 6.0;
-        // The explicit method conserves energy to its error only; the implicit ones damp what is fast.
+        // Those of the method less those of its embedded method.
+        let embedded =
+            [71.0 / 57600.0, 0.0, -71.0 / 16695.0, 71.0 / 1920.0, -17253.0 / 339_200.0, 22.0 / 525.0, -0.025];
+        let o = 0.0;
+        // The explicit methods conserve energy to their error only; the implicit ones damp what is fast.
         let (error, angle, share) = match method {
-            Method::RungeKutta4 => ([t, -t, -t, t], 0.05, 2e-7),
-            Method::Rosenbrock3 => ([-0.5, 0.0, 0.0, 0.5], 0.1, 1e-3),
-            _ => ([-0.5, 0.5, 0.0, 0.0], 0.1, 1e-3),
+            Method::RungeKutta4 => ([t, -t, -t, t, o, o, o], 0.05, 2e-7),
+            Method::DormandPrince5 => (embedded, 0.05, 2e-7),
+            Method::Rosenbrock3 => ([-0.5, o, o, 0.5, o, o, o], 0.1, 1e-3),
+            _ => ([-0.5, 0.5, o, o, o, o, o], 0.1, 1e-3),
         };
         let error = error.map(|weight| weight * step);
-        Self { step, tableau: method.tableau().times(step), implicit: method.is_implicit(), error, angle, share }
+        let embedded = method == Method::DormandPrince5;
+        Self {
+            step,
+            tableau: method.tableau().times(step),
+            implicit: method.is_implicit(),
+            error,
+            embedded,
+            angle,
+            share,
+        }
     }
 }
 

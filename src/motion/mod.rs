@@ -3,7 +3,7 @@
 //! The equations of motion, with s the [displacement](crate::joints::Motion::displacement) of a spring from rest:
 //!
 //! ```text
-//! M(q) dv/dt + bias(q, v) = u - d v - f v / sqrt(v^2 + v0^2) - k s(q)          (joint by joint: damping, friction, spring)
+//! M(q) dv/dt + bias(q, v) = u - d v - k s(q) + r          (joint by joint: damping, spring, and r, the torque of friction and stops)
 //! dq/dt = v on the manifold: q(t + h) = q(t) exp(h v) for a constant v
 //! ```
 //!
@@ -16,6 +16,10 @@
 //!
 //! The diagonal on the left is the covariance of measurement noise, as armature is: the filter takes it in the pivot,
 //! D = H P^- H* + r + h d + h^2 k, and the step costs what an explicit one does.
+//!
+//! Friction and stops are a set-valued law: r = -f sign(v), any torque between -f and f at rest, and any torque away from a stop at the stop. A joint that is held is *locked*:
+//! measurement noise without bound makes its gain zero, so the filter passes it as if it were fixed, still in O(N). `stops` has the law, `substeps` the steps in which a joint
+//! sticks, slips or meets a stop, and `tally` the works.
 //!
 //! Scenes with connections move through them: accelerations meet J qdd + J' qd = 0, and a [`Stabilisation`] keeps positions and velocities on them.
 //!

@@ -211,10 +211,12 @@ impl<S: Borrow<Scene>> Rollout<S> {
             gains.check(holds, states)?;
         }
         let chosen = match method {
-            Method::Auto => match (choose(holds, dt, &properties, gains.as_ref(), q), accuracy) {
-                (Method::Rosenbrock2, Some(_)) => Method::Rosenbrock3,
-                (chosen, _) => chosen,
+            // With error control the step follows from the accuracy, and explicit methods are stable up to longer ones.
+            Method::Auto if accuracy.is_some() => match choose(holds, CONTROLLED, &properties, gains.as_ref(), q) {
+                Method::RungeKutta4 => Method::DormandPrince5,
+                _ => Method::Rosenbrock3,
             },
+            Method::Auto => choose(holds, dt, &properties, gains.as_ref(), q),
             method => method,
         };
         let roots = if conserve_momentum { conserve::roots(holds, &properties, gains.as_ref())? } else { Vec::new() };
@@ -646,6 +648,9 @@ fn set_valued(scene: &Scene, coupling: Option<&Coupling>, properties: &Propertie
 
 /// The fastest rates of springs and damping times the step, up to which [`Method::Auto`] is explicit: far from the bound of its stability, 2.8, for inertias change with q.
 const SLOW: f64 = 0.1;
+
+/// A step that is a tenth of what error control takes for motion of some rad/s, s.
+const CONTROLLED: f64 = 1e-3;
 
 /// What [`Method::Auto`] stands for: the explicit method of order 4 where the rates of springs, damping and gains are slow at this step, by the bounds sum d (M^-1)_jj and sum k (M^-1)_jj
 /// at the first state, and friction is exact.

@@ -52,8 +52,8 @@ pub(super) struct Law {
     pub set_valued: Vec<SetValued>,
     /// The coefficient of restitution of the stops.
     pub restitution: f64,
-    /// Whether each degree of freedom is a rotation.
-    pub rotates: Vec<bool>,
+    /// What the error estimate makes of each degree of freedom.
+    pub kinds: Vec<RateKind>,
     /// Of a scene with connections, what keeps states on them.
     pub connected: Option<Stabilisation>,
     /// Bodies whose joints have a spring, and bodies that the control law pulls.
@@ -83,7 +83,7 @@ impl Law {
             accuracy: None,
             set_valued: Vec::new(),
             restitution: 0.0,
-            rotates: rotations(model),
+            kinds: rate_kinds(model),
             sprung: stiff(&properties.stiffness),
             pulled: gains.as_ref().map_or_else(|| vec![false; model.bodies.len()], |g| stiff(&g.proportional)),
             properties,
@@ -153,19 +153,30 @@ const FREE: f64 = -1e-200;
 /// What makes zero pass where zero or more is allowed.
 const BARELY: f64 = 1e-300;
 
-/// Whether each degree of freedom is a rotation.
-fn rotations(model: &Model<f64>) -> Vec<bool> {
-    let mut rotates = Vec::new();
+/// What the error estimate makes of one degree of freedom.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum RateKind {
+    /// A rotation: how far it goes in a step, and how exact it is, decide about substeps.
+    Rotation,
+    /// A linear velocity in axes that rotate: how exact it is decides, too.
+    InRotatingAxes,
+    /// A translation along an axis of the parent.
+    Translation,
+}
+
+fn rate_kinds(model: &Model<f64>) -> Vec<RateKind> {
+    use RateKind::{InRotatingAxes, Rotation, Translation};
+    let mut kinds = Vec::new();
     for stage in &model.system.stages {
         match stage.rows {
             Rows::None => {}
-            Rows::One(HingeMap::Axis(i)) => rotates.push(i < 3),
-            Rows::One(HingeMap::Screw(_)) => rotates.push(true),
-            Rows::Angular => rotates.extend([true; 3]),
-            Rows::Six => rotates.extend([false, false, false, true, true, true]),
+            Rows::One(HingeMap::Axis(3..)) => kinds.push(Translation),
+            Rows::One(_) => kinds.push(Rotation),
+            Rows::Angular => kinds.extend([Rotation; 3]),
+            Rows::Six => kinds.extend([InRotatingAxes, InRotatingAxes, InRotatingAxes, Rotation, Rotation, Rotation]),
         }
     }
-    rotates
+    kinds
 }
 
 /// One row's constants in the scalar of the lanes.
@@ -334,9 +345,10 @@ impl<T: Real> Scratch<T> {
 
 /// How the accelerations of a stage are found.
 pub(super) trait Solver<T: Real> {
-    /// Writes qdd; gives the lanes that it doubts as bits.
+    /// Writes qdd; gives the lanes whose error estimate exceeds its bound as bits. `estimates`: whether the error is estimated, else only pivots are checked.
     fn solve(
         &mut self,
+        estimates: bool,
         scene: (&Model<T>, &SweepModel<T>),
         scratch: &mut SweepScratch<T>,
         state: (&[T], &[T], &[T]),
@@ -351,6 +363,7 @@ impl<T: Vectorised, I: Target> Solver<T> for Plain<I> {
     #[inline(always)]
     fn solve(
         &mut self,
+        _estimates: bool,
         scene: (&Model<T>, &SweepModel<T>),
         scratch: &mut SweepScratch<T>,
         state: (&[T], &[T], &[T]),
@@ -360,20 +373,21 @@ impl<T: Vectorised, I: Target> Solver<T> for Plain<I> {
     }
 }
 
-/// The same, watched.
+/// The same with an error estimate in the first stage of a step, whose later stages are near.
 pub(super) struct Watched<T, I>(pub I, pub Errors<T>);
 
 impl<T: Vectorised, I: Target> Solver<T> for Watched<T, I> {
     #[inline(always)]
     fn solve(
         &mut self,
+        estimates: bool,
         scene: (&Model<T>, &SweepModel<T>),
         scratch: &mut SweepScratch<T>,
         state: (&[T], &[T], &[T]),
         qdd: &mut [T],
     ) -> u64 {
         let call = Call { scene, scratch, state, wrenches: &[], qdd };
-        watched(self.0, call, &mut self.1)
+        if estimates { watched(self.0, call, &mut self.1) } else { by_covariance(self.0, call) }
     }
 }
 
@@ -433,6 +447,7 @@ impl Checked {
 impl Solver<f64> for Checked {
     fn solve(
         &mut self,
+        estimates: bool,
         (model, constants): (&Model<f64>, &SweepModel<f64>),
         scratch: &mut SweepScratch<f64>,
         (q, v, u): (&[f64], &[f64], &[f64]),
@@ -440,7 +455,7 @@ impl Solver<f64> for Checked {
     ) -> u64 {
         if self.kernels_first {
             let call = Call { scene: (model, constants), scratch, state: (q, v, u), wrenches: &[], qdd: &mut *qdd };
-            let doubt = if self.form == Form::Covariance {
+            let doubt = if self.form == Form::Covariance || !estimates {
                 by_covariance(Baseline, call)
             } else {
                 watched(Baseline, call, &mut Errors::unknown())
@@ -477,7 +492,7 @@ pub(super) fn add_scaled<T: Real>(sum: &mut [T], c: f64, x: &[T]) {
 #[cfg(feature = "adaptive")]
 pub(super) fn accelerations<T: Real, S: Solver<T>>(law: &Law, s: &mut Scratch<T>, solver: &mut S) {
     forces((law, &law.scheme), s, 0);
-    solver.solve((&s.model, &s.constants), &mut s.sweeps, (&s.q_stage, &s.v_stage, &s.u), &mut s.m[0]);
+    solver.solve(true, (&s.model, &s.constants), &mut s.sweeps, (&s.q_stage, &s.v_stage, &s.u), &mut s.m[0]);
 }
 
 /// From `q`, `v` to `q_next`, `v_next` by one step of a scheme; gives the lanes whose error estimate exceeds its bound as bits.
@@ -492,7 +507,8 @@ pub(super) fn step<T: Real, S: Solver<T>>(by @ (law, scheme): By<'_>, s: &mut Sc
     clear(&mut s.control);
     for i in 0..t.stages {
         stage(by, s, i);
-        doubt |= solver.solve((&s.model, &s.constants), &mut s.sweeps, (&s.q_stage, &s.v_stage, &s.u), &mut s.m[i]);
+        let state = (&s.q_stage[..], &s.v_stage[..], &s.u[..]);
+        doubt |= solver.solve(i == 0, (&s.model, &s.constants), &mut s.sweeps, state, &mut s.m[i]);
         observe_locks(s, i);
         finish_stage(by, s, i);
     }
@@ -569,27 +585,33 @@ fn observe_end<T: Real>(by @ (law, scheme): By<'_>, s: &mut Scratch<T>) {
         }
     }
     if law.divides {
-        let (fastest, error) = fastest_and_error(by, s);
+        let [(fastest, error), (linear, linear_error)] = speeds_and_errors(by, s);
+        let share = fastest.constant(scheme.share);
         let slow = fastest.constant(scheme.angle) - fastest * fastest.constant(scheme.step);
-        let exact = fastest.mul_add(fastest.constant(scheme.share), -error);
+        let exact = fastest.mul_add(share, -error).worst(linear.mul_add(share, -linear_error));
         s.short_enough = larger(slow, exact) + slow.constant(BARELY);
     }
 }
 
-/// The fastest rotation of a joint in a step, rad/s, and an estimate of the error in these velocities.
+/// The fastest rotation of a joint in a step, rad/s, and an estimate of the error in these velocities; and the same of linear velocities in rotating axes, m/s.
 #[inline(always)]
-pub(super) fn fastest_and_error<T: Real>((law, scheme): By<'_>, s: &Scratch<T>) -> (T, T) {
+pub(super) fn speeds_and_errors<T: Real>((law, scheme): By<'_>, s: &Scratch<T>) -> [(T, T); 2] {
     let zero = s.v.first().map_or_else(T::zero, |v| v.constant(0.0));
-    let (mut fastest, mut worst) = (zero, zero);
-    for (row, _) in law.rotates.iter().enumerate().filter(|(_, rotates)| **rotates) {
+    let mut found = [(zero, zero); 2];
+    for (row, kind) in law.kinds.iter().enumerate() {
+        let (speed, worst) = match kind {
+            RateKind::Rotation => &mut found[0],
+            RateKind::InRotatingAxes => &mut found[1],
+            RateKind::Translation => continue,
+        };
         let mut error = zero;
         for i in 0..scheme.tableau.stages {
             error = s.m[i][row].mul_add(error.constant(scheme.error[i]), error);
         }
-        fastest = larger(fastest, larger(s.v[row].abs(), s.v_next[row].abs()));
-        worst = larger(worst, error.abs());
+        *speed = larger(*speed, larger(s.v[row].abs(), s.v_next[row].abs()));
+        *worst = larger(*worst, error.abs());
     }
-    (fastest, worst)
+    found
 }
 
 /// Zero.

@@ -1,12 +1,12 @@
 //! One step of one state in substeps: short enough for fast motion, and by the set-valued law where joints stick, slip, or meet a stop.
 //!
 //! A substep whose modes do not hold until its end is an *event*: one step of the implicit Euler method with the law of [`stops`](super::stops) at its end. Its error is of second
-//! order in the step, and events are few, so the order of a method up to two remains. At a stop the joint ends the step on it, and with the velocity of the rebound, or
-//! at rest where the rebound would end within the step.
+//! order in the step where joints stick or slip, and such events are few, so the order of a method up to two remains; the instant of an impact is known to a step only, an error of
+//! first order. At a stop the joint ends the step on it, and with the velocity of the rebound, or at rest where the rebound would end within the step.
 
 use super::manifold::advance;
 use super::method::{Method, Scheme};
-use super::step::{By, Checked, LOCKED, Law, Scratch, clear, fastest_and_error, set_friction, stage, step};
+use super::step::{By, Checked, LOCKED, Law, Scratch, clear, set_friction, speeds_and_errors, stage, step};
 use super::stops::{Graph, Hold, Piece, settle};
 use super::tally::{ERROR, EVENTS, FRICTION, LENGTH, MOST, STOPS, SUBSTEPS, TALLY, UNSETTLED, WORKS, add_work};
 use crate::dynamics;
@@ -131,7 +131,7 @@ impl Substeps {
                 add_work(law, s);
             } else if law.divides
                 && size > SHORTEST_EVENT
-                && !(scheme.step * fastest_and_error((law, &scheme), s).0 <= TURN_OF_EVENT)
+                && !(scheme.step * speeds_and_errors((law, &scheme), s)[0].0 <= TURN_OF_EVENT)
             {
                 (size, calm) = (size / 2, 0);
                 continue;
@@ -165,9 +165,10 @@ impl Substeps {
         s.tally[MOST] = s.tally[MOST].max(f64::from(made));
     }
 
-    /// All substeps, in place, each so long that the difference between one step and two of half its length meets the bound; a change of modes ends a substep, by bisection.
+    /// All substeps, in place, each so long that its estimated error meets the bound: by the embedded method, or as the difference between one step and two of half its length; a change of modes ends a substep, by bisection.
     fn controlled(&mut self, law: &Law, accuracy: f64, s: &mut Scratch<f64>, solver: &mut Checked) {
-        let order = f64::from(law.method.order());
+        // That of the error estimate.
+        let order = f64::from(law.method.order()) - f64::from(u8::from(law.scheme.embedded));
         let (mut left, mut made) = (1.0, 0.0);
         let mut length = if s.tally[LENGTH] > 0.0 { s.tally[LENGTH] } else { FIRST };
         let (mut q, mut v) = (s.q.clone(), s.v.clone());
@@ -184,23 +185,34 @@ impl Substeps {
             whole_q.copy_from_slice(&s.q_next);
             whole_v.copy_from_slice(&s.v_next);
             let mut consistent = s.consistent > 0.0;
-            let half = Scheme::new(law.method, 0.5 * law.step * part);
-            s.adopt(law, &half);
-            for _ in 0..2 {
-                if consistent {
-                    step((law, &half), s, solver);
-                    consistent = s.consistent > 0.0;
-                    add_work(law, s);
-                    std::mem::swap(&mut s.q, &mut s.q_next);
-                    std::mem::swap(&mut s.v, &mut s.v_next);
+            let fastest = v.iter().fold(1.0_f64, |most, v| most.max(v.abs()));
+            let error = if scheme.embedded {
+                let [of_q, of_v] = [&s.l, &s.m].map(|stages| {
+                    let row = |row: usize| scheme.error.iter().zip(stages).map(|(e, k)| e * k[row]).sum::<f64>().abs();
+                    (0..v.len()).map(row).fold(0.0, f64::max)
+                });
+                add_work(law, s);
+                std::mem::swap(&mut s.q, &mut s.q_next);
+                std::mem::swap(&mut s.v, &mut s.v_next);
+                of_q.max(of_v / fastest)
+            } else {
+                let half = Scheme::new(law.method, 0.5 * law.step * part);
+                s.adopt(law, &half);
+                for _ in 0..2 {
+                    if consistent {
+                        step((law, &half), s, solver);
+                        consistent = s.consistent > 0.0;
+                        add_work(law, s);
+                        std::mem::swap(&mut s.q, &mut s.q_next);
+                        std::mem::swap(&mut s.v, &mut s.v_next);
+                    }
                 }
-            }
+                let size = |x: &[f64], y: &[f64]| x.iter().zip(y).fold(0.0_f64, |most, (x, y)| most.max((x - y).abs()));
+                size(&s.q, &whole_q).max(size(&s.v, &whole_v) / fastest) / (f64::from(law.method.order()).exp2() - 1.0)
+            };
             if solver.lost.is_some() {
                 break;
             }
-            let size = |x: &[f64], y: &[f64]| x.iter().zip(y).fold(0.0_f64, |most, (x, y)| most.max((x - y).abs()));
-            let fastest = v.iter().fold(1.0_f64, |most, v| most.max(v.abs()));
-            let error = size(&s.q, &whole_q).max(size(&s.v, &whole_v) / fastest) / (order.exp2() - 1.0);
             if consistent && error <= accuracy {
                 s.tally[ERROR] += error;
                 made += 2.0;
@@ -402,8 +414,9 @@ impl Substeps {
 
 /// The length that the error estimate of a refused substep asks for: its half or less.
 fn shorter(by: By<'_>, s: &Scratch<f64>, size: u32) -> u32 {
-    let (fastest, error) = fastest_and_error(by, s);
-    let excess = error / (by.1.share * fastest);
+    let excess = speeds_and_errors(by, s)
+        .iter()
+        .fold(0.0_f64, |most, (speed, error)| most.max(if *error > 0.0 { error / (by.1.share * speed) } else { 0.0 }));
     let mut shorter = size / 2;
     // The estimate falls with the square of the step at least.
     let mut reached = 4.0;
@@ -414,7 +427,7 @@ fn shorter(by: By<'_>, s: &Scratch<f64>, size: u32) -> u32 {
     shorter
 }
 
-/// The largest part of the kinetic energy that the error of an event may be.
+/// The largest part of the kinetic energy, or of the largest work, that the error of an event may be.
 const ENERGY: f64 = 1e-2;
 
 /// Whether the energy changes by the work in an event, up to the error that it may have; `tally` is that before it.
@@ -424,8 +437,9 @@ fn conserves(law: &Law, s: &mut Scratch<f64>, tally: &[f64; TALLY], workspace: &
     let after = dynamics::energy(&s.model, workspace, &s.q_next, &s.v_next);
     let change = after.kinetic - before.kinetic + after.potential - before.potential;
     let springs: f64 = s.rows.iter().zip(&s.displaced).zip(&s.x).map(|((of, away), x)| -of.stiffness * away * x).sum();
-    let works: f64 = WORKS.map(|i| s.tally[i] - tally[i]).iter().sum();
-    (change - works - springs).abs() <= ENERGY * before.kinetic.max(after.kinetic) + f64::MIN_POSITIVE
+    let works = WORKS.map(|i| s.tally[i] - tally[i]);
+    let exchanged = works.iter().fold(before.kinetic.max(after.kinetic), |most, work| most.max(work.abs()));
+    (change - works.iter().sum::<f64>() - springs).abs() <= ENERGY * exchanged + f64::MIN_POSITIVE
 }
 
 /// The solution of an event.

@@ -60,7 +60,7 @@ impl PySceneBuilder {
     /// seen from the parent's. axis: (3,), in the child's frame, of any length. pitch: m/rad, for a screw. armature: kg m^2
     /// or kg for each degree of freedom, part of the mass matrix. damping (N m s/rad or N s/m), friction (N m or N),
     /// stiffness (N m/rad or N/m) and rest (the joint's coordinates there, None: the neutral ones): simulation only. lower, upper,
-    /// velocity, effort: limits, reported and never enforced. mimic: a joint that this one should follow, as mimic_multiplier
+    /// velocity, effort: limits; lower and upper are stops in simulations, the others are reported. mimic: a joint that this one should follow, as mimic_multiplier
     /// times its coordinate plus mimic_offset (rad or m); build(mimic="couple") has it follow.
     ///
     /// Raises SceneError for an unknown type or a missing pitch; ShapeError or ArgumentError for arrays, naming the joint;

@@ -45,7 +45,7 @@ impl PyScene {
     /// Limits by degree of freedom, as the named tuple Limits(lower, upper, velocity, effort) of arrays (nv,).
     ///
     /// rad or m, rad/s or m/s, N m or N; infinite where there is none; a joint of several degrees of freedom repeats its own.
-    /// Reported, never enforced.
+    /// Positions are stops in simulations (limits="report" switches them off); velocity and effort are reported only.
     #[getter]
     fn limits<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         let column = |of: fn(&Limits) -> f64| {

@@ -245,6 +245,13 @@ impl PyScene {
             let told = reports(py, &batch, |state| rollout.contact_report(state))?;
             fields.set_item("contacts", contact_motion(slf, out_contacts.finish().into_any(), told)?)?;
         }
+        let last = |of: &dyn Fn(usize) -> Vec<f64>, width: usize, rates: bool| -> PyResult<Object<'py>> {
+            let values: Vec<f64> = (0..states).flat_map(of).collect();
+            own.of_scene(from_numbers(py, &values, &[&batch[..], &[width]].concat())?, rates)
+        };
+        let ends =
+            (last(&|i| rollout.state(i).0.to_vec(), nq, false)?, last(&|i| rollout.state(i).1.to_vec(), nv, true)?);
+        fields.set_item("end", ends)?;
         let whole = (own.of_scene(out_q.finish().into_any(), false)?, own.of_scene(out_qd.finish().into_any(), true)?);
         let trajectory = imported!(py, "phipsi._motion", "trajectory_of")?.call(whole, Some(&fields))?;
         match stopped {
@@ -259,8 +266,8 @@ impl PyScene {
     /// The equations of motion for SciPy's solve_ivp: right side and Jacobian in tangent coordinates, and a solver with error control
     /// on the manifold.
     ///
-    /// tau: (nv,), constant, or a function of (t, q, qd), which is asked at every stage. pd, damping, stiffness, rest, friction,
-    /// friction_speed: as in simulate. Returns an Ode; Ode.solve(q, qd, t_span, method=..., rtol=..., atol=...) gives a Trajectory.
+    /// tau: (nv,), constant, or a function of (t, q, qd), which is asked at every stage. pd, damping, stiffness, rest, friction:
+    /// as in simulate; friction_speed: positive, rad/s or m/s, for the solvers need smooth friction. Returns an Ode; Ode.solve(q, qd, t_span, method=..., rtol=..., atol=...) gives a Trajectory.
     ///
     /// Raises ImportError without SciPy; ShapeError, NotFiniteError, ArgumentError.
     #[pyo3(signature = (**given),

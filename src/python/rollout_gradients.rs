@@ -24,7 +24,7 @@ impl PyScene {
     ///
     /// q: (..., rows, nq); qd: (..., rows, nv): the rows that simulate recorded, the first at the start. cotangent_q, cotangent_qd: (..., rows, nv), the gradients of the
     /// function by these, that by q in the tangent space of each row, as dq in inverse_dynamics_jvp. dt, steps, tau, tau_steps, method, record_every, pd, armature, damping,
-    /// stiffness, rest, friction, friction_speed, form: as simulate had them; tau is an array. parameters: whether to give the gradients by inertias too.
+    /// stiffness, rest, friction, friction_speed, form, limits, restitution: as simulate had them; tau is an array. parameters: whether to give the gradients by inertias too.
     ///
     /// Steps between rows are made again: with record_every=1 none is. O(N) a stage of a step; steps after the last row change nothing. The memory of a thread grows with the
     /// root of the steps between two rows.

@@ -26,7 +26,7 @@ pub struct LinkDescription {
     pub inertial: Option<Inertial>,
 }
 
-/// Limits of a joint, reported and never enforced.
+/// Limits of a joint: positions are stops in simulations, the others are reported.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limits {
     /// Smallest position, rad or m.

@@ -85,7 +85,7 @@ pub struct Joint {
     pub q: Range<usize>,
     /// Its degrees of freedom in qd, qdd, tau.
     pub v: Range<usize>,
-    /// Its limits, reported and never enforced.
+    /// Its limits: positions are stops in simulations, the others are reported.
     pub limits: Limits,
 }
 

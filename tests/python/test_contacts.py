@@ -296,7 +296,7 @@ def test_methods_and_scenes_belong_together() -> None:
         with pytest.raises(ArgumentError, match='method.*"contact"'):
             scene.simulator(at(), dt=1e-3, method=method)
     tree = scene.without_contacts()
-    assert tree.simulate(at(), along(0), dt=1e-3, steps=1).method == "rk4"
+    assert tree.simulate(at(), along(0), dt=1e-3, steps=1).method == "auto"
     with pytest.raises(ArgumentError, match="no contacts"):
         tree.simulate(at(), along(0), dt=1e-3, steps=1, method="contact")
     with pytest.raises(ArgumentError, match="conserve_momentum"):

@@ -93,7 +93,7 @@ def test_springs_and_damping_are_mujocos(pair: tuple[phipsi.Scene, There]) -> No
     mass = scene.mass_matrix(q)
     # A step of a thousandth of a thousandth of a second: the rates change by what acts.
     dt = 1e-6
-    path = scene.simulate(q, qd, dt=dt, steps=1, method="semi-implicit-euler", friction=0.0)
+    path = scene.simulate(q, qd, dt=dt, steps=1, method="semi-implicit-euler", friction=0.0, limits="report")
     acting = mass @ (path.qd[-1] - qd) / dt + scene.bias_torque(q, qd)
     expected = phipsi.mujoco.to_forces(scene, q, there.data.qfrc_passive)
     assert np.max(np.abs(acting - expected), initial=0.0) <= 1e-4 * max(1.0, np.max(np.abs(expected), initial=0.0))

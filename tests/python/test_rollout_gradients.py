@@ -80,7 +80,7 @@ def test_of_explicit_steps_as_the_product_of_dense_jacobians(seed: int, method: 
     q, qd, _ = random_states(scene, seed)
     steps, dt, nv = 12, 0.01, scene.nv
     tau = np.random.default_rng(seed).uniform(-2, 2, (steps, nv))
-    path = scene.simulate(q, qd, dt=dt, steps=steps, tau_steps=tau, method=method)
+    path = scene.simulate(q, qd, dt=dt, steps=steps, tau_steps=tau, method=method, limits="report")
     by_q, by_qd = cotangents(path)
     found = path.vjp(by_q, by_qd)
     bar, of_tau = np.concatenate([by_q[-1], by_qd[-1]]), np.zeros((steps, nv))
@@ -326,7 +326,7 @@ def test_a_run_that_kept_its_momentum() -> None:
 
 
 def test_where_a_simulator_went(arm: phipsi.Scene) -> None:
-    simulator = arm.simulator(np.zeros(arm.nq), dt=1.0)
+    simulator = arm.simulator(np.zeros(arm.nq), dt=1.0, limits="report")
     with pytest.raises(SimulationError) as caught:
         simulator.step(np.full(arm.nv, 1e300), 1000)
     with pytest.raises(ArgumentError, match="trajectory: found where a simulator went"):

@@ -193,6 +193,8 @@ def cost(options: Options) -> Section:
         common.progress(f"cost: {name}")
         scene, random = load(file, floating), np.random.default_rng(0)
         q = scene.integrate(scene.neutral(), random.uniform(-0.2, 0.2, (states, scene.nv)))
+        first = scene.nq - len(scene.limits.lower[6 if floating else 0 :])
+        q[:, first:] = np.clip(q[:, first:], scene.limits.lower[-(scene.nq - first) :] + 1e-3, scene.limits.upper[-(scene.nq - first) :] - 1e-3)
         qd, tau, out = random.uniform(-0.1, 0.1, (states, scene.nv)), np.zeros((states, scene.nv)), np.empty((states, scene.nv))
         methods = list(dict.fromkeys((options.method, "semi-implicit-euler", "rk4", "rosenbrock-2")))
 

@@ -176,6 +176,7 @@ struct General(Workspace<Number>);
 impl Solver<Number> for General {
     fn solve(
         &mut self,
+        _estimates: bool,
         (model, _): (&Model<Number>, &SweepModel<Number>),
         _scratch: &mut crate::dynamics::sweeps::SweepScratch<Number>,
         (q, v, u): (&[Number], &[Number], &[Number]),
