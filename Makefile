@@ -17,6 +17,7 @@
 #   make leaving-out   counts with valgrind what each switch saves: writes the table of docs/leaving-out.md
 #   make numerics  after make peers: errors on extreme scenes beside the peers', writes docs/numerics.md, its plots and the figures of README.md (ten minutes)
 #   make motion [OUT=report]   after make peers: the study of integrators, beside the peers' (some minutes)
+#   make robustness  after make test: which simulations finish, their errors, energy and times, compared with MuJoCo: writes docs/motion-robustness.md (ten minutes)
 #   make inverse-kinematics   beside pink, mink and dynibo, in .venv-ik: writes docs/inverse-kinematics-times.md (ten minutes)
 #   make closed-loops   forward dynamics through connections beside Pinocchio's: writes docs/closed-loops-times.md (a minute)
 #   make compiled  after make peers: robots compiled for themselves beside the scene's own calls and CasADi's code: writes docs/compiled-times.md (some minutes)
@@ -41,7 +42,7 @@ PEERS := .venv-peers/bin/python
 WHEELS := target/wheels
 SOURCES := Cargo.toml Cargo.lock pyproject.toml PACKAGE.md README.md $(shell find src python assets -type f -not -name '*.pyc')
 
-.PHONY: dev report test test-rust test-python test-jax docs check manylinux sdist oldest bench numerics motion instructions auto-states derivatives leaving-out inverse-kinematics closed-loops compiled embedded roofline picture peers peers-there peers-phipsi stub clean
+.PHONY: dev report test test-rust test-python test-jax docs check manylinux sdist oldest bench numerics motion robustness instructions auto-states derivatives leaving-out inverse-kinematics closed-loops compiled embedded roofline picture peers peers-there peers-phipsi stub clean
 
 # One interpreter of the project's own; the system's packages are never touched.
 $(BIN)/python:
@@ -174,6 +175,9 @@ numerics: peers-phipsi
 
 motion: peers-phipsi
 	$(PEERS) benches/study.py motion -o $(OUT) $(STUDY)
+
+robustness: $(VENV)/test
+	$(BIN)/python benches/motion_robustness.py --markdown docs/motion-robustness.md
 
 # Builds the bench, runs it under valgrind, compares with benches/instructions/expected.json.
 instructions:

@@ -183,8 +183,8 @@ fn every_instruction_set_has_the_same_modes() {
         rollout.advance(300, &Torque::Zero, None).unwrap();
         rollout
     };
-    let first = of(ARMS[0]);
-    for arm in ARMS {
+    let first = of(ARMS[0].1);
+    for (_, arm) in ARMS {
         let other = of(arm);
         for state in 0..states {
             let (a, b) = (first.state(state), other.state(state));
@@ -220,7 +220,7 @@ fn energy_does_not_grow_and_its_works_add_up() {
 #[test]
 fn fast_motion_is_divided_and_keeps_its_energy() {
     let chain = phipsi::scenes::chain(3).unwrap();
-    let weightless = chain.with_gravity([0.0; 3]).unwrap();
+    let weightless = chain.source().clone().gravity([0.0; 3]).build().unwrap();
     let (q, v) = ([0.3, 0.8, -0.5], [100.0, -150.0, 200.0]);
     let energy = |q: &[f64], v: &[f64]| weightless.energy(&mut weightless.workspace(), q, v).unwrap().kinetic;
     let mut rollout = Rollout::new(&weightless, Settings::new(&weightless, 1e-3), &q, &v).unwrap();

@@ -82,7 +82,7 @@ _Errors: TypeAlias = Literal["raise", "nan"]
 _Form: TypeAlias = Literal["auto", "covariance", "joseph", "square-root"]
 _Frame: TypeAlias = Literal["local", "world", "local-world-aligned"]
 _Kind: TypeAlias = Literal["spatial", "classical"]
-_Method: TypeAlias = Literal["auto", "semi-implicit-euler", "rk4", "implicit-euler", "rosenbrock-2", "rosenbrock-3", "contact"]
+_Method: TypeAlias = Literal["auto", "semi-implicit-euler", "rk4", "dormand-prince-5", "implicit-euler", "rosenbrock-2", "rosenbrock-3", "contact"]
 _Ignored: TypeAlias = Literal["equality", "flexes", "fluid", "gravcomp", "nonlinear", "plugins", "tendons"]
 _Switch: TypeAlias = Literal[
     "fixed_joints",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import warnings
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core
-from .errors import ArgumentError, InertiaWarning, SimulationError, SimulationInterrupted, of_argument
+from .errors import ArgumentError, InertiaWarning, LimitWarning, SimulationError, SimulationInterrupted, of_argument
 
 if TYPE_CHECKING:
     from ._core import Scene
@@ -124,7 +124,7 @@ class ContactMotion(NamedTuple):
 
 
 class EnergyAudit(NamedTuple):
-    """Where the energy of a run went, (...) each, J: the work of everything that acts at the joints, from the start to the last row.
+    """Where the energy of a run went, (...) each, J: the work of everything that acts at the joints, from the start to the last step.
 
     Examples
     --------
@@ -152,7 +152,7 @@ class EnergyAudit(NamedTuple):
     remainder: _Array
     """Change minus all works: the error of the integrator, and that of the works, which are sums over steps."""
     share: _Array
-    """The remainder relative to the largest of: the range of the kinetic energy, the range of the potential energy, and each work."""
+    """The remainder relative to the largest of: the kinetic energy, the range of the potential energy, and each work."""
 
 
 class StopImpact(NamedTuple):
@@ -220,13 +220,15 @@ class Trajectory:
     record_every: int = field(default=1, repr=False)
     """Steps between two rows."""
     integrator: str = field(default="", repr=False)
-    """The method that advanced states: of "auto", the one that was chosen, "rk4" or "rosenbrock-2"."""
+    """The method that advanced states: of "auto", the one that was chosen: "rk4" or "rosenbrock-2", with accuracy "dormand-prince-5" or "rosenbrock-3", and "contact"."""
     friction_speed: float = field(default=0.0, repr=False)
     """Below this speed friction was regularized, rad/s or m/s; 0: exact Coulomb friction."""
     limits: str = field(default="report", repr=False)
     """Whether joint limits were stops: "stop" or "report"."""
     stops: list[StopImpact] = field(default_factory=list, repr=False)
     """Impacts of joints on their stops, by state and time. A joint that rests on a stop has none."""
+    end: tuple[_Array, _Array] | None = field(default=None, repr=False)
+    """The state after the last step, q (..., nq) and qd (..., nv), which has a row of its own only where record_every divides the number of steps."""
     works: tuple[_Array, ...] = field(default=(), repr=False)
     """The works of energy_audit, (...) each, J."""
     substeps: NDArray[np.int_] = field(default_factory=lambda: np.array(1), repr=False)
@@ -262,7 +264,7 @@ class Trajectory:
         return MotionEnergy(np.asarray(energy.kinetic + rotors), np.asarray(energy.potential), self._springs())
 
     def energy_audit(self) -> EnergyAudit:
-        """Where the energy went from the start to the last row: the work of torques, damping, friction, control, stops and contacts, and what they do not explain.
+        """Where the energy went from the start to the last step: the work of torques, damping, friction, control, stops and contacts, and what they do not explain.
 
         Works are accumulated in every step, whether it has a row or not. The energy of what is passive grows by no more than the remainder.
 
@@ -276,25 +278,29 @@ class Trajectory:
         ArgumentError
             Where a simulator went there, whose first row is not known.
         """
-        self._known()
+        if self.given is None:
+            self._known()
         energy = self.energy()
-        change = np.asarray(energy.total[..., -1] - energy.total[..., 0])
+        last = replace(self, q=self.end[0][..., None, :], qd=self.end[1][..., None, :]).energy() if self.end is not None else energy
+        change = np.asarray(last.total[..., -1] - energy.total[..., 0])
         torque, damping, friction, control, stops = (np.asarray(work) for work in self.works)
         contacts = np.zeros(change.shape)
         if self.contacts is not None:
-            contacts = -np.asarray(self.contacts.lost_in_impacts + self.contacts.lost_in_friction)
+            contacts = contacts - self.contacts.lost_in_impacts - self.contacts.lost_in_friction
         works = [torque, damping, friction, control, stops, contacts]
         remainder = np.asarray(change - sum(works))
-        ranges = [np.ptp(part, axis=-1) for part in (energy.kinetic, energy.potential + energy.spring)]
-        scale = np.max([np.abs(size) for size in (*works, *ranges)], axis=0)
+        sizes = [energy.kinetic.max(axis=-1), np.ptp(energy.potential + energy.spring, axis=-1)]
+        rounding = 1e-12 * (np.abs(energy.kinetic) + np.abs(energy.potential) + np.abs(energy.spring)).max(axis=-1)
+        scale = np.max([np.abs(size) for size in (*works, *sizes, rounding)], axis=0)
         share = np.asarray(np.abs(remainder) / np.where(scale > 0.0, scale, 1.0))
         return EnergyAudit(*works, change, remainder, share)
 
     def error_estimate(self) -> _Array:
-        """Estimated error of the configuration in every row, (..., rows), rad or m: the largest entry of the difference to a run with half the step, times 2.
+        """Estimated error of the configuration in every row, (..., rows), rad or m: the largest entry of the difference to a more accurate run, times 2.
 
-        The run is made again with half the step, which takes twice its time. For a method of order 1 the difference times 2 is the error to first order; at order 2 and more
-        it is an upper estimate. Where motion is chaotic the estimate grows as the error does.
+        A run with method="auto" is made again with error control (accuracy=1e-7), which resolves impacts, sticking, and vibrations that the step damps. With another method,
+        momentum conservation, contacts, connections or coupled joints it is made again with a third of the step: the estimate is then unreliable where modes of friction or stops
+        change. Errors of the model cannot be seen, such as those of regularized friction. Where motion is chaotic the estimate grows as the error does.
 
         Returns
         -------
@@ -304,24 +310,32 @@ class Trajectory:
         Raises
         ------
         ArgumentError
-            Where tau was a function, and where a simulator went there.
+            Where tau was a function, where a simulator went there, and with accuracy, which has estimated_error.
         SimulationError
-            Where the run with half the step fails.
+            Where the more accurate run fails.
         """
         given = {name: value for name, value in self._known().items() if value is not None}
-        if "tau_steps" in given:
-            given["tau_steps"] = np.repeat(np.asarray(given["tau_steps"])[..., : self.steps, :], 2, axis=-2)
-        own = {"method": self.method, "armature": self.armature, "stiffness": self.stiffness, "rest": self.rest}
-        rows, steps = 2 * self.record_every, 2 * self.steps
-        finer = self.scene.simulate(
-            self.q[..., 0, :], self.qd[..., 0, :], dt=0.5 * self.dt, steps=steps, record_every=rows, **own, **given
-        )
-        difference: _Array = 2.0 * np.abs(self.scene.difference(self.q, finer.q)).max(axis=-1, initial=0.0)
+        if given.pop("accuracy", None) is not None:
+            raise of_argument(ArgumentError, "accuracy", "found a run with error control; expected one with fixed steps: estimated_error has the sum of its errors")
+        scene, start = self.scene, (self.q[..., 0, :], self.qd[..., 0, :])
+        given |= {"method": self.method, "armature": self.armature, "stiffness": self.stiffness, "rest": self.rest}
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", LimitWarning)
+            try:
+                accurate = scene.simulate(*start, dt=self.dt, steps=self.steps, record_every=self.record_every, accuracy=1e-7, **given)
+            except ArgumentError:
+                # What has no error control.
+                if "tau_steps" in given:
+                    given["tau_steps"] = np.repeat(np.asarray(given["tau_steps"])[..., : self.steps, :], 3, axis=-2)
+                accurate = scene.simulate(*start, dt=self.dt / 3, steps=3 * self.steps, record_every=3 * self.record_every, **given)
+        difference: _Array = 2.0 * np.abs(scene.difference(self.q, accurate.q)).max(axis=-1, initial=0.0)
         return difference
 
     def torques(self) -> _Array:
         """What acts at the joints in every row, (..., rows, nv), N m or N: tau of the step that begins there (of the last step in the last row), springs, damping,
         friction and pd.
+
+        The torque of stops, and that of exact friction on a joint at rest, follow from the motion and are not among them.
 
         Raises ArgumentError where tau was a function, and where a simulator went there.
         """

@@ -13,7 +13,10 @@
 use super::manifold::advance;
 use super::method::Method;
 use super::properties::{FRICTION_SPEED, Gains, Properties, joint_of_row};
-use super::step::{Checked, Law, Scratch, accelerations};
+use super::scratch::Scratch;
+use super::solver::Checked;
+use super::step::accelerations;
+use super::step_settings::StepSettings;
 use crate::error::Error;
 use crate::filter::Form;
 use crate::joints::quaternion::quaternion_rotation;
@@ -188,7 +191,7 @@ impl<'a> Adaptive<'a> {
 /// The right side around a centre.
 struct Field<'a> {
     scene: &'a Scene,
-    law: Law,
+    law: StepSettings,
     scratch: Scratch<f64>,
     solver: Checked,
     torque: TorqueLaw<'a>,
@@ -202,7 +205,7 @@ impl<'a> Field<'a> {
     fn new(of: &Adaptive<'a>, torque: TorqueLaw<'a>) -> Self {
         // Of the method only its being explicit is used: M is what it is.
         let laws = (of.properties.clone(), of.gains.clone());
-        let law = Law::new(of.scene.model(), 1.0, Method::RungeKutta4, laws, Vec::new());
+        let law = StepSettings::new(of.scene.model(), 1.0, Method::RungeKutta4, laws, Vec::new());
         let mut scratch = Scratch::new(of.scene.model(), &law);
         let solver = Checked::new(of.scene.model(), None, Form::Auto);
         if let Some(gains) = &of.gains {

@@ -13,10 +13,10 @@
 //! more right side and a reverse product, all O(N), on the same sweeps as forward dynamics.
 
 use super::method::STAGES;
-use super::step::{
-    By, LOCKED, Scratch, add_scaled, clear, finish_stage, finish_step, observe_locks, rounded_speed, set_friction,
-    set_modes, stage,
-};
+use super::modes::{LOCKED, observe_locks, set_modes};
+use super::scratch::{Scratch, add_scaled, clear};
+use super::step::{finish_stage, finish_step, rounded_speed, set_friction, stage};
+use super::step_settings::By;
 use super::substeps::Lock;
 use crate::batch::accelerations::Call;
 use crate::batch::arms::{Target, Vectorised};
@@ -267,10 +267,6 @@ pub(super) fn backward<T: Real, S: BackwardSolver<T>>(
         if i == last {
             finish_stage(by, s, i);
             to.of_end(by, s);
-            if locks.is_none() {
-                finish_step(by, s);
-                doubt |= lanes_but::<T>(|lane| s.consistent.lane(lane) > 0.0 && s.short_enough.lane(lane) > 0.0);
-            }
         }
         if locks.is_none() {
             release(s, &mut to.l[i]);
@@ -288,8 +284,12 @@ pub(super) fn backward<T: Real, S: BackwardSolver<T>>(
     to.of_friction(by, s);
     match locks {
         Some(locks) => to.of_locks(s, locks),
-        // A joint at rest stays at rest, whatever follows from it.
-        None => release(s, &mut to.start[1]),
+        None => {
+            // A joint at rest stays at rest, whatever follows from it.
+            release(s, &mut to.start[1]);
+            finish_step(by, s);
+            doubt |= lanes_but::<T>(|lane| s.consistent.lane(lane) > 0.0 && s.short_enough.lane(lane) > 0.0);
+        }
     }
     doubt
 }

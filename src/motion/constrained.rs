@@ -1,6 +1,7 @@
 //! Steps of scenes with connections: accelerations through them, and positions and velocities that stay on them.
 
-use super::step::{Scratch, Solver};
+use super::scratch::Scratch;
+use super::solver::Solver;
 use crate::dynamics::constraints::{
     ConstraintScratch, NoDirection, Outcome, RowsAre, constrained_dynamics, errors_of_rows, project_positions,
     project_velocities, rates_of_rows,
@@ -15,17 +16,6 @@ use crate::workspace::Workspace;
 
 /// A state may begin so far from the connections, m or rad, and m/s or rad/s.
 const AT_START: f64 = 1e-6;
-
-/// What keeps a motion on the connections.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub enum Stabilisation {
-    /// Positions and velocities are projected after each step, by moves of least kinetic energy.
-    #[default]
-    Projection,
-    /// Accelerations are those of J qdd + J' qd = -2 a J qd - a^2 error, with this a in 1/s: errors fall as t exp(-a t), and nothing is projected. J.
-    /// Baumgarte, Computer Methods in Applied Mechanics and Engineering 1, 1972, 1-16.
-    Baumgarte(f64),
-}
 
 /// One state, its accelerations through the connections.
 pub(super) struct Constrained<'a> {

@@ -1,7 +1,8 @@
 //! What is wrong with a step.
 
 use super::properties::joint_of_row;
-use super::step::{Law, Scratch};
+use super::scratch::Scratch;
+use super::step_settings::StepSettings;
 use crate::error::Error;
 use crate::filter::pivots::LostPivot;
 use crate::scene::Scene;
@@ -10,7 +11,12 @@ use crate::scene::Scene;
 pub(super) const FARTHEST: f64 = 1e9;
 
 /// What is wrong with a checked step: the joint and the error.
-pub(super) fn fault_of(scene: &Scene, law: &Law, s: &Scratch<f64>, lost: Option<LostPivot>) -> Option<(String, Error)> {
+pub(super) fn fault_of(
+    scene: &Scene,
+    law: &StepSettings,
+    s: &Scratch<f64>,
+    lost: Option<LostPivot>,
+) -> Option<(String, Error)> {
     let limit = FARTHEST / law.step;
     let strayed = s.v_next.iter().position(|v| !(v.abs() <= limit));
     let finite = s.v.iter().chain(&s.q).all(|x| x.is_finite());

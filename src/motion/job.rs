@@ -1,7 +1,7 @@
 //! Some steps of neighbouring states, and where their rows go.
 
 use super::contact::RECORD;
-use super::step::Law;
+use super::step_settings::StepSettings;
 use super::substeps::StopImpact;
 use super::torque::Torque;
 use crate::scene::Scene;
@@ -34,14 +34,14 @@ impl Rows<'_> {
 /// Some steps of neighbouring states, as many as there are lanes or fewer.
 pub(super) struct Job<'a, 'r> {
     pub scene: &'a Scene,
-    pub law: &'a Law,
+    pub law: &'a StepSettings,
     /// The steps, counted from the start of the run.
     pub steps: Range<usize>,
     /// Which states of the batch.
     pub states: Range<usize>,
     /// The step that each of them began at.
     pub begun: &'a [usize],
-    /// The values of [`Law::width`] of each, one after another; in and out.
+    /// The values of [`StepSettings::width`] of each, one after another; in and out.
     pub current: &'a mut [f64],
     pub torque: &'a Torque<'a>,
     pub rows: Option<&'a mut Rows<'r>>,

@@ -208,11 +208,11 @@ pub(crate) struct Scheme {
     pub step: f64,
     /// The coefficients, times the step.
     pub tableau: Tableau,
-    /// Whether springs, damping and control law are implicit.
+    /// True if springs, damping and control law are implicit.
     pub implicit: bool,
     /// The step times weights of the stages that sum to zero: an estimate of the error.
     pub error: [f64; STAGES],
-    /// Whether the estimate is that of an embedded method, which error control can go by.
+    /// True if the estimate is that of an embedded method, which error control can go by.
     pub embedded: bool,
     /// A step is short enough where joints rotate by less than this angle, rad, or where the estimate is below this share of the fastest joint velocity.
     pub angle: f64,

@@ -48,6 +48,7 @@
 #[cfg(feature = "adaptive")]
 pub(crate) mod adaptive;
 mod backward;
+mod choice;
 mod conserve;
 mod constrained;
 mod contact;
@@ -56,26 +57,32 @@ mod gradient;
 mod job;
 pub(crate) mod manifold;
 pub(crate) mod method;
+mod modes;
 pub(crate) mod properties;
 mod reverser;
 pub(crate) mod rollout;
+mod scratch;
+mod settings;
 pub(crate) mod simulator;
+mod solver;
 mod step;
+mod step_settings;
 mod stepper;
 mod stops;
 mod substeps;
 mod tally;
 mod torque;
+mod works;
 
 #[cfg(feature = "adaptive")]
 pub use adaptive::{Adaptive, Failure, Solution, Solver, TorqueLaw};
 pub use conserve::Correction;
-pub use constrained::Stabilisation;
 pub use contact::{ContactReport, ContactState};
 pub use gradient::{RecordedRows, RolloutGradients};
 pub use method::{METHODS, Method};
 pub use properties::{FRICTION_SPEED, Gains, Properties};
-pub use rollout::{Limits, Records, Rollout, Settings};
+pub use rollout::{Records, Rollout};
+pub use settings::{Limits, Settings, Stabilisation};
 pub use simulator::Simulator;
 pub use substeps::StopImpact;
 pub use tally::Tally;

@@ -5,7 +5,9 @@ use super::gradient::{Layout, RecordedRows};
 use super::job::{self, Rows};
 use super::method::Scheme;
 use super::properties::of_state;
-use super::step::{self, By, Law, Scratch, add_scaled, clear};
+use super::scratch::{Scratch, add_scaled, clear};
+use super::solver;
+use super::step_settings::{By, StepSettings};
 use super::stepper::{Stepper, fill, scatter, take_lane};
 use super::substeps::{Event, Locks, Substeps};
 use super::torque::{StepFault, Torque};
@@ -30,7 +32,7 @@ const KEPT_WHOLE: usize = 256;
 /// Neighbouring states that go back through all steps, as many as there are lanes or fewer.
 pub(super) struct Job<'a> {
     pub scene: &'a Scene,
-    pub law: &'a Law,
+    pub law: &'a StepSettings,
     pub torque: &'a Torque<'a>,
     pub rows: &'a RecordedRows<'a>,
     /// How many rows there are of a state.
@@ -204,7 +206,7 @@ struct Checked {
     gradients: StepGradients<f64>,
     solver: CheckedBackward,
     /// The way forward, and its substeps.
-    forward: step::Checked,
+    forward: solver::Checked,
     substeps: Substeps,
     made: Vec<Substep>,
 }
@@ -219,7 +221,7 @@ struct Substep {
 }
 
 impl Substep {
-    fn new(law: &Law, scheme: &Scheme, s: &Scratch<f64>, event: Option<&Event<'_>>) -> Self {
+    fn new(law: &StepSettings, scheme: &Scheme, s: &Scratch<f64>, event: Option<&Event<'_>>) -> Self {
         let event = event.map(|event| {
             let reached = event.reached.iter().map(|&(i, _)| law.set_valued[i].row).collect();
             (event.locks.to_vec(), reached)
@@ -234,7 +236,7 @@ impl Checked {
         let scratch = Scratch::new(job.scene.model(), job.law);
         let gradients = StepGradients::new(&scratch.model, job.layout.bodies > 0);
         let solver = CheckedBackward::new(&scratch.model, form);
-        let forward = step::Checked::new(job.scene.model(), None, form).with_kernels();
+        let forward = solver::Checked::new(job.scene.model(), None, form).with_kernels();
         let substeps = Substeps::new(job.law, &scratch);
         Self { scratch, gradients, solver, forward, substeps, made: Vec::new() }
     }
@@ -292,7 +294,7 @@ fn through_event(
     solver: &mut CheckedBackward,
     (locks, reached): (&[Locks], &[usize]),
 ) {
-    // What ends at a stop ends there wherever it began.
+    // A joint that ends the step at a stop ends there for every start nearby.
     for &row in reached {
         gradients.end[0][row] = 0.0;
     }

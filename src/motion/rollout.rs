@@ -1,92 +1,27 @@
 //! A batch of states through time: on threads, in lanes, some steps at a call.
 
+use super::choice::{CONTROLLED, choose, set_valued};
 use super::conserve::{self, Correction, KEPT, Keeper};
-use super::constrained::{Stabilisation, check_start};
+use super::constrained::check_start;
 use super::contact::{self, ContactReport, RECORD};
 use super::job::{Impacts, Job, Rows};
 use super::method::Method;
-use super::properties::{FRICTION_SPEED, Gains, Properties};
-use super::step::Law;
+use super::properties::FRICTION_SPEED;
+use super::settings::{Limits, Settings, Stabilisation};
+use super::step_settings::StepSettings;
 use super::stepper::Stepper;
-use super::stops::SetValued;
 use super::substeps::StopImpact;
 use super::tally::{TALLY, Tally};
 use super::torque::{StepFault, Torque};
 use crate::batch::arms::Arm;
 use crate::batch::{Batch, Fault, Pool};
 use crate::dynamics::contacts::ContactScratch;
-use crate::dynamics::{factorise, solve};
 use crate::error::Error;
 use crate::filter::{FORMS, Form};
-use crate::scene::{Coupling, Scene};
-use crate::workspace::Workspace;
+use crate::scene::Scene;
 use crate::{memory, watch};
 use std::borrow::Borrow;
-use std::collections::HashMap;
 use std::sync::{Mutex, PoisonError};
-
-/// What does not change during a rollout.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Settings {
-    /// The step, s.
-    pub dt: f64,
-    /// How a state is advanced.
-    pub method: Method,
-    /// How the filter carries P: [`Form::Auto`] watches the covariance form and redoes a step whose digits are in doubt in
-    /// square-root form; [`Form::Covariance`] watches its pivots only, in less time. No other.
-    pub form: Form,
-    /// What the joints do by themselves.
-    pub properties: Properties,
-    /// A control law, if there is one.
-    pub gains: Option<Gains>,
-    /// The instructions to use; the baseline where this processor lacks them.
-    pub arm: Arm,
-    /// Whether floating trees keep their momentum, and their mass centre its parabola, to rounding: each step ends with a rigid motion of
-    /// the tree, as large as the step's error in them ([`Rollout::correction`] tells). Every tree must hang on the base by a free joint
-    /// without armature, damping, spring, friction, control law or torque.
-    pub conserve_momentum: bool,
-    /// What keeps the states of a scene with connections on them.
-    pub stabilisation: Stabilisation,
-    /// Whether joint limits are stops.
-    pub limits: Limits,
-    /// The coefficient of restitution of the stops, 0 to 1.
-    pub restitution: f64,
-    /// Error control: each step of `dt` is made in substeps whose estimated error, in rad, m, and relative to the fastest joint velocity where that exceeds 1, is at most this; none: fixed steps.
-    pub accuracy: Option<f64>,
-}
-
-/// What a joint limit does in a simulation.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Limits {
-    /// It stops the joint, where the scene has neither contacts nor connections; there it is reported.
-    #[default]
-    Auto,
-    /// It stops the joint; an error where the scene has contacts or connections.
-    Stop,
-    /// It does nothing.
-    Report,
-}
-
-impl Settings {
-    /// The default method, [`Method::Contact`] for a scene with contacts, with the properties of the scene.
-    #[must_use]
-    pub fn new(scene: &Scene, dt: f64) -> Self {
-        let properties = Properties::of(scene);
-        Self {
-            dt,
-            method: if scene.contacts().is_empty() { Method::default() } else { Method::Contact },
-            form: Form::Auto,
-            properties,
-            gains: None,
-            arm: Arm::of_process(),
-            conserve_momentum: false,
-            stabilisation: Stabilisation::default(),
-            limits: Limits::default(),
-            restitution: 0.0,
-            accuracy: None,
-        }
-    }
-}
 
 /// Where a rollout records: (states, rows, nq) and (states, rows, nv), row 0 the state at the start, row i after i * every steps.
 #[derive(Debug)]
@@ -120,7 +55,7 @@ pub struct Records<'a> {
 #[derive(Debug)]
 pub struct Rollout<S> {
     scene: S,
-    pub(super) law: Law,
+    pub(super) law: StepSettings,
     /// As it was given.
     method: Method,
     keeper: Keeper<f64>,
@@ -220,7 +155,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             method => method,
         };
         let roots = if conserve_momentum { conserve::roots(holds, &properties, gains.as_ref())? } else { Vec::new() };
-        let mut law = Law::new(holds.model(), dt, chosen, (properties, gains), roots).with_coupling(coupling);
+        let mut law = StepSettings::new(holds.model(), dt, chosen, (properties, gains), roots).with_coupling(coupling);
         law.divides = method == Method::Auto && is_tree;
         law.restitution = restitution;
         law.accuracy = accuracy;
@@ -296,7 +231,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// What it was made with; a copy.
     #[must_use]
     pub fn settings(&self) -> Settings {
-        let Law { step, properties, gains, roots, connected, restitution, set_valued, .. } = &self.law;
+        let StepSettings { step, properties, gains, roots, connected, restitution, set_valued, .. } = &self.law;
         let stops = set_valued.iter().any(|of| of.stops);
         Settings {
             dt: *step,
@@ -319,7 +254,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         self.law.method
     }
 
-    /// What one state accumulated since it began: works, and substeps.
+    /// The works and the numbers of substeps of one state since it began.
     #[must_use]
     pub fn tally(&self, index: usize) -> Tally {
         Tally::of(&self.of_state(index)[self.scene().nq() + self.scene().nv()..])
@@ -611,80 +546,6 @@ fn check_method(scene: &Scene, method: Method, conserve_momentum: bool) -> Resul
         return Err(Error::argument("method", found, expected));
     }
     if conserve_momentum { scene.check_no_contacts("conserve_momentum") } else { Ok(()) }
-}
-
-/// The rows with exact friction or stops; where joints are coupled, the independent ones, with the friction and the limits of those that follow.
-fn set_valued(scene: &Scene, coupling: Option<&Coupling>, properties: &Properties, stops: bool) -> Vec<SetValued> {
-    let exact = properties.friction_speed == 0.0;
-    let reduced = coupling.map(|coupling| {
-        let friction = coupling.torques(&coupling.reduce_friction(&properties.friction));
-        let limits: HashMap<usize, _> =
-            coupling.independent_coordinates_at().iter().copied().zip(coupling.limits()).collect();
-        (friction, limits)
-    });
-    let mut rows = Vec::new();
-    for joint in scene.joints() {
-        let own = (joint.limits.lower, joint.limits.upper);
-        let (friction, limits) = match &reduced {
-            None => (&properties.friction, Some(own)),
-            // A joint that follows another has neither.
-            Some((friction, limits)) => (friction, limits.get(&joint.q.start).copied()),
-        };
-        let bounds = limits.filter(|(lower, upper)| {
-            let one = joint.v.len() == 1 && joint.q.len() == 1;
-            stops && one && (lower.is_finite() || upper.is_finite())
-        });
-        let (lower, upper) = bounds.unwrap_or((f64::NEG_INFINITY, f64::INFINITY));
-        for row in joint.v.clone() {
-            let friction = if exact { friction[row] } else { 0.0 };
-            if friction > 0.0 || bounds.is_some() {
-                let coordinate = joint.q.start;
-                rows.push(SetValued { row, coordinate, friction, stops: bounds.is_some(), lower, upper });
-            }
-        }
-    }
-    rows
-}
-
-/// The fastest rates of springs and damping times the step, up to which [`Method::Auto`] is explicit: far from the bound of its stability, 2.8, for inertias change with q.
-const SLOW: f64 = 0.1;
-
-/// A step that is a tenth of what error control takes for motion of some rad/s, s.
-const CONTROLLED: f64 = 1e-3;
-
-/// What [`Method::Auto`] stands for: the explicit method of order 4 where the rates of springs, damping and gains are slow at this step, by the bounds sum d (M^-1)_jj and sum k (M^-1)_jj
-/// at the first state, and friction is exact.
-fn choose(scene: &Scene, dt: f64, properties: &Properties, gains: Option<&Gains>, q: &[f64]) -> Method {
-    let (nq, nv) = (scene.nq(), scene.nv());
-    let with = |own: &[f64], law: Option<&[f64]>| -> Vec<f64> {
-        own.iter().enumerate().map(|(i, x)| x + law.map_or(0.0, |law| law[i])).collect()
-    };
-    let damping = with(&properties.damping, gains.map(|gains| &gains.derivative[..]));
-    let stiffness = with(&properties.stiffness, gains.map(|gains| &gains.proportional[..]));
-    let rubs = properties.friction_speed > 0.0 && properties.friction.iter().any(|&f| f > 0.0);
-    if rubs || !scene.contacts().is_empty() {
-        return Method::Rosenbrock2;
-    }
-    if damping.iter().chain(&stiffness).all(|&x| x == 0.0) {
-        return Method::RungeKutta4;
-    }
-    // Each (M^-1)_jj is at most one over the inertia of the joint with everything else free, which one solve with the factor gives.
-    let Some(q) = q.get(..nq) else { return Method::Rosenbrock2 };
-    let mut model = scene.model().clone();
-    model.system.noise.clone_from(&properties.armature);
-    let mut workspace = Workspace::new(&model).in_form(Form::Auto);
-    factorise(&model, &mut workspace, q, |_, _| {});
-    let (mut unit, mut column) = (vec![0.0; nv], vec![0.0; nv]);
-    let (mut fast, mut square) = (0.0, 0.0);
-    for row in (0..nv).filter(|&row| damping[row] > 0.0 || stiffness[row] > 0.0) {
-        unit[row] = 1.0;
-        solve(&model, &mut workspace, &unit, &mut column);
-        unit[row] = 0.0;
-        fast += damping[row] * column[row];
-        square += stiffness[row] * column[row];
-    }
-    let slow = dt * fast <= SLOW && dt * dt * square <= SLOW * SLOW;
-    if slow { Method::RungeKutta4 } else { Method::Rosenbrock2 }
 }
 
 /// Row 0: the states at the start.

@@ -3,7 +3,8 @@
 use super::conserve::Correction;
 use super::contact::ContactReport;
 use super::method::Method;
-use super::rollout::{Rollout, Settings};
+use super::rollout::Rollout;
+use super::settings::Settings;
 use super::substeps::StopImpact;
 use super::tally::Tally;
 use super::torque::{StepFault, Torque};

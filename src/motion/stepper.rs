@@ -1,16 +1,21 @@
 //! A few states at once, one in each lane, through many steps compiled for one arm.
 
 use super::conserve::KEPT;
-use super::constrained::{Closed, Constrained, Stabilisation};
+use super::constrained::{Closed, Constrained};
 use super::contact::Toucher;
 use super::faults::{FARTHEST, fault_of};
 use super::job::{Impacts, Job};
 use super::method::Method;
 use super::properties::of_state;
-use super::step::{Checked, Law, Plain, Scratch, Watched, step};
+use super::scratch::Scratch;
+use super::settings::Stabilisation;
+use super::solver::{Checked, Plain, Watched};
+use super::step::step;
+use super::step_settings::StepSettings;
 use super::substeps::Substeps;
-use super::tally::{TALLY, add_work};
+use super::tally::TALLY;
 use super::torque::{StepFault, Torque};
+use super::works::add_work;
 use crate::batch::arms::{Arm, Baseline, Target, Vectorised, Work, take_states};
 use crate::dynamics::auto::Errors;
 use crate::error::Error;
@@ -72,7 +77,7 @@ impl Stepper {
 }
 
 /// Scratch in the scalar of an arm, for one state or for several.
-fn scratch(model: &Model<f64>, law: &Law, arm: Arm, alone: bool) -> Box<dyn Stepping> {
+fn scratch(model: &Model<f64>, law: &StepSettings, arm: Arm, alone: bool) -> Box<dyn Stepping> {
     let on_arm: Option<Box<dyn Stepping>> = match (arm, alone) {
         (Arm::Baseline, _) => None,
         #[cfg(target_arch = "x86_64")]
@@ -94,7 +99,7 @@ struct Compiled<T: Vectorised, I> {
 
 impl<T: Vectorised<Number = f64>, I: Target> Compiled<T, I> {
     /// None where this processor does not have them.
-    fn boxed(model: &Model<f64>, law: &Law) -> Option<Box<dyn Stepping>> {
+    fn boxed(model: &Model<f64>, law: &StepSettings) -> Option<Box<dyn Stepping>> {
         let target = I::here()?;
         Some(Box::new(Self { scratch: Scratch::new(model, law), target }))
     }
@@ -111,7 +116,7 @@ struct Alone {
 
 impl Alone {
     #[cold]
-    fn new(scene: &Scene, law: &Law, form: Form) -> Self {
+    fn new(scene: &Scene, law: &StepSettings, form: Form) -> Self {
         let model = scene.model();
         let closed = law.connected.map(|_| Closed::new(scene, form));
         let scratch = Scratch::new(model, law);
@@ -121,7 +126,7 @@ impl Alone {
 
     /// The step of one state; the joint and the error, where there is none.
     #[inline(never)]
-    fn step(&mut self, scene: &Scene, law: &Law) -> Result<(), (String, Error)> {
+    fn step(&mut self, scene: &Scene, law: &StepSettings) -> Result<(), (String, Error)> {
         let mut lost = None;
         self.substeps.impacts.clear();
         if let Some(closed) = &mut self.closed {
@@ -249,7 +254,7 @@ impl<T: Vectorised<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
             }
             doubt &= u64::MAX >> (64 - count);
             if doubt != 0 {
-                // What these lanes accumulated is void.
+                // These lanes add the values of their recomputed step instead.
                 let accumulated = std::mem::replace(&mut s.tally, tally);
                 let mut counted = accumulated;
                 outcome = again(s, (scene, law, form), checked, (n, &states, begun, impacts), (doubt, &mut counted));
@@ -290,7 +295,7 @@ impl<T: Vectorised<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
 #[allow(clippy::eq_op)] // x - x is zero where x is finite, else NaN
 /// The lanes whose next state is not finite, or further away than a joint moves in one step; whose modes did not hold; and whose step was too long.
 #[inline(always)]
-fn unsound<T: Vectorised>(law: &Law, s: &Scratch<T>) -> u64 {
+fn unsound<T: Vectorised>(law: &StepSettings, s: &Scratch<T>) -> u64 {
     let mut worst = T::one();
     let limit = FARTHEST / law.step;
     for &v in &s.v_next {
@@ -312,7 +317,7 @@ fn unsound<T: Vectorised>(law: &Law, s: &Scratch<T>) -> u64 {
 #[inline(never)]
 fn again<T: Vectorised<Number = f64>>(
     s: &mut Scratch<T>,
-    (scene, law, form): (&Scene, &Law, Form),
+    (scene, law, form): (&Scene, &StepSettings, Form),
     alone: &mut Option<Box<Alone>>,
     (n, states, begun, impacts): (usize, &Range<usize>, &[usize], Option<&Impacts>),
     (mut doubt, tally): (u64, &mut [T]),

@@ -15,9 +15,10 @@
 //! that contradict their piece move to the neighboring one together, and one by one where that does not reduce their number (block principal pivoting, J. J. Judice and
 //! F. M. Pires, Computers and Operations Research 21, 1994, 587-596; single pivots after K. G. Murty end in finitely many).
 
-/// A joint outside of its stops returns with this time constant, s, and at this velocity at least, rad/s or m/s. It gains speed as slowly: a jump would give energy.
+/// A joint outside of its stops returns with this time constant, s, and between these velocities, rad/s or m/s. It gains speed as slowly: a jump would give energy.
 const RETURN: f64 = 0.05;
 const AT_LEAST: f64 = 1e-3;
+const AT_MOST: f64 = 1.0;
 
 /// The friction and the stops of one degree of freedom.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -27,10 +28,17 @@ pub(super) struct SetValued {
     pub coordinate: usize,
     /// Coulomb friction, N m or N.
     pub friction: f64,
-    /// Whether it has stops, and where: infinite where there is none.
+    /// True if it has stops, and where: infinite where there is none.
     pub stops: bool,
     pub lower: f64,
     pub upper: f64,
+}
+
+impl SetValued {
+    /// True if the joint is outside of its stops.
+    pub fn is_outside(&self, q: &[f64]) -> bool {
+        self.stops && !(self.lower..=self.upper).contains(&q[self.coordinate])
+    }
 }
 
 /// A point of the graph where the velocity is one value and the torque is any of an interval.
@@ -159,6 +167,17 @@ impl Graph {
         if let Piece::At(k) = piece { Some((self.velocities[k], self.holds[k])) } else { None }
     }
 
+    /// A velocity moved into its piece.
+    pub fn within(&self, piece: Piece, v: f64) -> f64 {
+        match piece {
+            Piece::At(k) => self.velocities[k],
+            Piece::Between(k) => {
+                let above = if k < self.count { v.min(self.velocities[k]) } else { v };
+                if k > 0 { above.max(self.velocities[k - 1]) } else { above }
+            }
+        }
+    }
+
     /// The torque where the row moves, else zero.
     pub fn torque(&self, piece: Piece) -> f64 {
         if let Piece::Between(k) = piece { self.torques[k] } else { 0.0 }
@@ -191,8 +210,8 @@ impl Graph {
 
 /// The velocity of a joint that is outside of its lower stop by `outside`, at the end of a step from velocity `v`.
 fn returning(outside: f64, v: f64, h: f64) -> Bound {
-    let wanted = (outside / RETURN).max(AT_LEAST);
-    let by_q = if wanted > AT_LEAST { -1.0 / RETURN } else { 0.0 };
+    let wanted = (outside / RETURN).clamp(AT_LEAST, AT_MOST);
+    let by_q = if wanted > AT_LEAST && wanted < AT_MOST { -1.0 / RETURN } else { 0.0 };
     let reached = v.max(0.0) + h * wanted / RETURN;
     let by_v = if v > 0.0 { 1.0 } else { 0.0 };
     let choices = [

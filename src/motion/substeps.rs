@@ -6,10 +6,16 @@
 
 use super::manifold::advance;
 use super::method::{Method, Scheme};
-use super::step::{By, Checked, LOCKED, Law, Scratch, clear, set_friction, speeds_and_errors, stage, step};
+use super::modes::{LOCKED, speeds_and_errors};
+use super::scratch::{Scratch, clear};
+use super::solver::Checked;
+use super::step::{set_friction, stage, step};
+use super::step_settings::{By, StepSettings};
 use super::stops::{Graph, Hold, Piece, settle};
-use super::tally::{ERROR, EVENTS, FRICTION, LENGTH, MOST, STOPS, SUBSTEPS, TALLY, UNSETTLED, WORKS, add_work};
+use super::tally::{ERROR, EVENTS, FRICTION, LENGTH, MOST, STOPS, SUBSTEPS, TALLY, UNSETTLED, WORKS};
+use super::works::add_work;
 use crate::dynamics;
+use crate::watch;
 use crate::workspace::Workspace;
 
 /// A step is divided into at most so many substeps.
@@ -18,6 +24,10 @@ const MOST_SUBSTEPS: u32 = 1 << 10;
 /// With error control, the first and the shortest substep, parts of the step.
 const FIRST: f64 = 1e-2;
 const SHORTEST: f64 = 1e-7;
+/// A joint outside of its stops returns in substeps of this length, s: each is an event.
+const RETURNING: f64 = 5e-4;
+/// With error control, a step is given up after so many substeps.
+const MOST_CONTROLLED: usize = 1_000_000;
 
 /// Joints rotate by no more than this in an event, rad, unless the substep is as short as this, in the shortest.
 const TURN_OF_EVENT: f64 = 5e-3;
@@ -37,7 +47,7 @@ pub struct StopImpact {
     pub state: usize,
     /// The degree of freedom, an index in qd.
     pub row: usize,
-    /// Whether it was the upper stop.
+    /// True if it was the upper stop.
     pub upper: bool,
     /// When, at the end of a substep, s.
     pub time: f64,
@@ -64,7 +74,7 @@ pub(super) struct Substeps {
 }
 
 impl Substeps {
-    pub fn new(law: &Law, s: &Scratch<f64>) -> Self {
+    pub fn new(law: &StepSettings, s: &Scratch<f64>) -> Self {
         let (q, v) = (vec![0.0; s.q.len()], vec![0.0; s.v.len()]);
         let count = law.set_valued.len();
         Self {
@@ -84,7 +94,7 @@ impl Substeps {
     /// From `q`, `v` to `q_next`, `v_next` in one step of the run; `visit` is called before each substep is accepted, with the state at its start still in `q` and `v`.
     pub fn advance(
         &mut self,
-        law: &Law,
+        law: &StepSettings,
         s: &mut Scratch<f64>,
         solver: &mut Checked,
         visit: &mut dyn FnMut(&Scheme, &Scratch<f64>, Option<&Event<'_>>),
@@ -105,7 +115,7 @@ impl Substeps {
     /// All substeps, in place; stops where a pivot is lost or a result is not finite.
     fn through(
         &mut self,
-        law: &Law,
+        law: &StepSettings,
         s: &mut Scratch<f64>,
         solver: &mut Checked,
         visit: &mut dyn FnMut(&Scheme, &Scratch<f64>, Option<&Event<'_>>),
@@ -120,6 +130,7 @@ impl Substeps {
             s.adopt(law, &scheme);
             step((law, &scheme), s, solver);
             if solver.lost.is_some() {
+                s.v.fill(f64::NAN);
                 break;
             }
             if !(s.short_enough > 0.0) && size > 1 {
@@ -166,10 +177,10 @@ impl Substeps {
     }
 
     /// All substeps, in place, each so long that its estimated error meets the bound: by the embedded method, or as the difference between one step and two of half its length; a change of modes ends a substep, by bisection.
-    fn controlled(&mut self, law: &Law, accuracy: f64, s: &mut Scratch<f64>, solver: &mut Checked) {
+    fn controlled(&mut self, law: &StepSettings, accuracy: f64, s: &mut Scratch<f64>, solver: &mut Checked) {
         // That of the error estimate.
         let order = f64::from(law.method.order()) - f64::from(u8::from(law.scheme.embedded));
-        let (mut left, mut made) = (1.0, 0.0);
+        let (mut left, mut made, mut tried) = (1.0, 0.0, 0_usize);
         let mut length = if s.tally[LENGTH] > 0.0 { s.tally[LENGTH] } else { FIRST };
         let (mut q, mut v) = (s.q.clone(), s.v.clone());
         let (mut whole_q, mut whole_v) = (q.clone(), v.clone());
@@ -210,7 +221,10 @@ impl Substeps {
                 let size = |x: &[f64], y: &[f64]| x.iter().zip(y).fold(0.0_f64, |most, (x, y)| most.max((x - y).abs()));
                 size(&s.q, &whole_q).max(size(&s.v, &whole_v) / fastest) / (f64::from(law.method.order()).exp2() - 1.0)
             };
-            if solver.lost.is_some() {
+            tried += 1;
+            let interrupted = tried % 256 == 0 && watch::check().is_err();
+            if solver.lost.is_some() || tried > MOST_CONTROLLED || interrupted {
+                s.v.fill(f64::NAN);
                 break;
             }
             if consistent && error <= accuracy {
@@ -225,7 +239,9 @@ impl Substeps {
             s.tally = tally;
             s.q.copy_from_slice(&q);
             s.v.copy_from_slice(&v);
-            if part <= SHORTEST {
+            let returns =
+                !consistent && scheme.step <= RETURNING && law.set_valued.iter().any(|of| of.is_outside(&s.q));
+            if part <= SHORTEST || returns {
                 if consistent {
                     // Nothing shorter helps: the step is taken, and the report has its error.
                     std::mem::swap(&mut s.q, &mut whole_q);
@@ -255,7 +271,7 @@ impl Substeps {
     }
 
     /// One implicit Euler step with the set-valued law, to `q_next`, `v_next`.
-    fn event(&mut self, law: &Law, h: f64, s: &mut Scratch<f64>, solver: &mut Checked, time: f64) {
+    fn event(&mut self, law: &StepSettings, h: f64, s: &mut Scratch<f64>, solver: &mut Checked, time: f64) {
         let scheme = Scheme::new(Method::ImplicitEuler, h);
         let by = (law, &scheme);
         s.adopt(law, &scheme);
@@ -281,9 +297,10 @@ impl Substeps {
             *x = h * next;
         }
         // Positions are those of joints that reach their stops; velocities those of the rebound.
-        let mut rebounds = false;
         self.reached.clear();
+        let mut hits = Vec::new();
         for (i, of) in law.set_valued.iter().enumerate() {
+            let Piece::At(k) = self.pieces[i] else { continue };
             let Some((velocity, hold)) = self.graphs[i].velocity(self.pieces[i]) else { continue };
             let (bound, toward) = match hold {
                 Hold::Friction => continue,
@@ -296,18 +313,15 @@ impl Substeps {
             }
             self.reached.push((i, bound));
             if toward * v > 0.0 || velocity != 0.0 {
-                let back = law.restitution * v;
-                let rests = !(back * toward > 2.0 * h * free[of.row].abs());
-                let Piece::At(k) = self.pieces[i] else { continue };
-                let restitution = if rests { 0.0 } else { law.restitution };
-                self.graphs[i] = self.graphs[i].rebounding(k, (restitution, v), of.friction);
-                self.pieces[i] = self.graphs[i].piece(-restitution * v);
-                rebounds = true;
+                let (back, slowing) = (law.restitution * v * toward, free[of.row].abs());
+                // A rebound that ends within the step, or that is no higher than the error, is none.
+                let height = law.accuracy.unwrap_or(0.0).max(1e-14 * (1.0 + q.abs()));
+                let rests = !(back > 2.0 * h * slowing && back * back > 2.0 * slowing * height);
+                hits.push((i, k, if rests { 0.0 } else { law.restitution }));
             }
         }
-        if rebounds {
-            self.solve(law, h, s, solver);
-            self.note_locks(law, h, s);
+        if !hits.is_empty() {
+            self.rebound(law, h, s, solver, &hits);
         }
         advance(&s.model, &s.q, &s.x, &mut s.q_next);
         for (row, bound) in &self.reached {
@@ -315,8 +329,14 @@ impl Substeps {
         }
         for (i, of) in law.set_valued.iter().enumerate() {
             let (piece, graph, torque) = (self.pieces[i], &self.graphs[i], self.torque[of.row]);
-            let rubbing = torque.clamp(-of.friction, of.friction);
             let along = 0.5 * h * (s.v[of.row] + s.v_next[of.row]);
+            let at_a_stop = graph.velocity(piece).is_some_and(|(_, hold)| hold != Hold::Friction);
+            // Friction opposes the motion; at rest it takes up what it can.
+            let rubbing = if at_a_stop && along != 0.0 {
+                -of.friction * along.signum()
+            } else {
+                torque.clamp(-of.friction, of.friction)
+            };
             s.tally[FRICTION] += rubbing * along;
             s.tally[STOPS] += (torque - rubbing) * along;
             let upper = match graph.velocity(piece) {
@@ -330,8 +350,43 @@ impl Substeps {
         add_work(law, s);
     }
 
+    /// The velocities after impacts on stops, by J. J. Moreau's law: those of the rebounds, with restitution halved until the impacts give no kinetic energy.
+    fn rebound(
+        &mut self,
+        law: &StepSettings,
+        h: f64,
+        s: &mut Scratch<f64>,
+        solver: &mut Checked,
+        hits: &[(usize, usize, f64)],
+    ) {
+        const HALVINGS: i32 = 8;
+        let (graphs, pieces, reached) = (self.graphs.clone(), self.pieces.clone(), s.v_next.clone());
+        let energy = |s: &mut Scratch<f64>, v: &[f64], solver: &mut Checked| {
+            s.model.system.noise.copy_from_slice(&law.properties.armature);
+            dynamics::kinetic_energy(&s.model, &mut solver.workspace, &s.q, v)
+        };
+        let (before, held) = (s.v.clone(), energy(s, &reached, solver));
+        let most = energy(s, &before, solver).max(held);
+        for halving in 0..=HALVINGS {
+            let part = if halving == HALVINGS { 0.0 } else { 0.5_f64.powi(halving) };
+            (self.graphs, self.pieces) = (graphs.clone(), pieces.clone());
+            for &(i, k, restitution) in hits {
+                let (of, kept) = (&law.set_valued[i], part * restitution);
+                self.graphs[i] = graphs[i].rebounding(k, (kept, s.v[of.row]), of.friction);
+                self.pieces[i] = self.graphs[i].piece(-kept * s.v[of.row]);
+            }
+            self.solve(law, h, s, solver);
+            let after = s.v_next.clone();
+            if energy(s, &after, solver) <= most * (1.0 + 1e-12) {
+                break;
+            }
+        }
+        s.model.system.noise.copy_from_slice(&self.noise);
+        self.note_locks(law, h, s);
+    }
+
     /// Stores what the rows are locked at in the solution at hand, or the torque of those that move.
-    fn note_locks(&mut self, law: &Law, h: f64, s: &Scratch<f64>) {
+    fn note_locks(&mut self, law: &StepSettings, h: f64, s: &Scratch<f64>) {
         let each = law.set_valued.iter().zip(&self.graphs).zip(&self.pieces).map(|((of, graph), &piece)| {
             let Some((velocity, hold)) = graph.velocity(piece) else {
                 return Lock { locked: 0.0, torque: graph.torque(piece), target: 0.0, slopes: [0.0; 2] };
@@ -347,7 +402,7 @@ impl Substeps {
     ///
     /// With a' = a - c, where c has the accelerations of the locked rows and zeros: (M + N + locks) a' = u + r - bias - (M + N) c, and the torque that holds a locked row is the lock's
     /// noise times -a'.
-    fn solve(&mut self, law: &Law, h: f64, s: &mut Scratch<f64>, solver: &mut Checked) -> Vec<f64> {
+    fn solve(&mut self, law: &StepSettings, h: f64, s: &mut Scratch<f64>, solver: &mut Checked) -> Vec<f64> {
         let Self { torque, given, noise, graphs, pieces, .. } = self;
         let (mut free, mut right) = (Vec::new(), vec![0.0; given.len()]);
         let settled = settle(pieces, |pieces, found| {
@@ -376,7 +431,7 @@ impl Substeps {
             solver.factorise_and_solve(&s.model, &s.q, &right, &mut s.m[1]);
             s.model.system.noise.copy_from_slice(noise);
             for ((of, graph), &piece) in rows() {
-                // What holds a locked row, and how large the torques are that it is the rest of.
+                // The torque that holds a locked row, and the size of the torques whose difference it is.
                 let held = graph.velocity(piece).map(|_| -(LOCKED * s.m[1][of.row]));
                 torque[of.row] = held.unwrap_or_else(|| graph.torque(piece));
                 right[of.row] = right[of.row].abs() + given[of.row].abs() + of.friction;
@@ -397,16 +452,22 @@ impl Substeps {
             if free.is_empty() {
                 free.clone_from(&s.m[0]);
             }
-            let size = |x: &[f64]| x.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
-            let slow = ROUNDING * size(&s.v_next).max(size(&s.v));
+            let fastest = s.m[0].iter().fold(0.0_f64, |most, a| most.max(a.abs()));
             for (i, ((of, graph), &piece)) in rows().enumerate() {
                 let change = match piece {
                     Piece::At(_) => graph.contradicted(piece, torque[of.row], ROUNDING_OF_TORQUES * right[of.row]),
-                    Piece::Between(_) => graph.contradicted(piece, s.v_next[of.row], slow),
+                    Piece::Between(_) => {
+                        let slow = ROUNDING * s.v[of.row].abs() + ROUNDING_OF_TORQUES * h * fastest;
+                        graph.contradicted(piece, s.v_next[of.row], slow)
+                    }
                 };
                 found.extend(change.map(|piece| (i, piece)));
             }
         });
+        // Rounding moves no joint out of a stop, and turns none round.
+        for ((of, graph), &piece) in law.set_valued.iter().zip(&*graphs).zip(&*pieces) {
+            s.v_next[of.row] = graph.within(piece, s.v_next[of.row]);
+        }
         s.tally[UNSETTLED] += f64::from(u8::from(!settled));
         free
     }
@@ -430,8 +491,8 @@ fn shorter(by: By<'_>, s: &Scratch<f64>, size: u32) -> u32 {
 /// The largest part of the kinetic energy, or of the largest work, that the error of an event may be.
 const ENERGY: f64 = 1e-2;
 
-/// Whether the energy changes by the work in an event, up to the error that it may have; `tally` is that before it.
-fn conserves(law: &Law, s: &mut Scratch<f64>, tally: &[f64; TALLY], workspace: &mut Workspace<f64>) -> bool {
+/// True if the energy changes by the work in an event, up to the error that it may have; `tally` is that before it.
+fn conserves(law: &StepSettings, s: &mut Scratch<f64>, tally: &[f64; TALLY], workspace: &mut Workspace<f64>) -> bool {
     s.model.system.noise.copy_from_slice(&law.properties.armature);
     let before = dynamics::energy(&s.model, workspace, &s.q, &s.v);
     let after = dynamics::energy(&s.model, workspace, &s.q_next, &s.v_next);
@@ -459,7 +520,7 @@ pub(super) struct Locks {
     pub accelerations: Vec<f64>,
 }
 
-/// What one row is locked at in an event, or the torque of one that moves.
+/// The acceleration that one row is locked at in an event, or the torque of one that moves.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Lock {
     /// One where it is locked, else zero.

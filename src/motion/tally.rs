@@ -1,18 +1,15 @@
-//! What a rollout accumulates of each state beside q and qd: the work of everything that acts at the joints, and the number of substeps.
+//! Values that a rollout accumulates per state: the work of everything that acts at the joints, and the number of substeps.
 //!
 //! With x the displacement of a step, and w = h (v + v')/2 its mean velocity times the step, the work of a torque that acts with the impulse p is p w/h, which for constant M is
 //! the kinetic energy that it gives; that of a given torque, constant in the step, is tau x. What the change of the energy exceeds the sum by is the error of the method.
 
-use super::step::{Law, Scratch};
-use crate::scalar::Real;
-
 /// The number of values.
 pub(super) const TALLY: usize = 11;
 
-const TORQUE: usize = 0;
-const DAMPING: usize = 1;
+pub(super) const TORQUE: usize = 0;
+pub(super) const DAMPING: usize = 1;
 pub(super) const FRICTION: usize = 2;
-const CONTROL: usize = 3;
+pub(super) const CONTROL: usize = 3;
 pub(super) const STOPS: usize = 4;
 /// All that are works.
 pub(super) const WORKS: [usize; 5] = [TORQUE, DAMPING, FRICTION, CONTROL, STOPS];
@@ -27,7 +24,7 @@ pub(super) const LENGTH: usize = 9;
 /// Events without a solution.
 pub(super) const UNSETTLED: usize = 10;
 
-/// What one state accumulated since it began.
+/// Works, and numbers of substeps, of one state since it began.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Tally {
     /// Work of the torques that were given, J.
@@ -68,25 +65,5 @@ impl Tally {
             error: at(ERROR),
             unsettled: at(UNSETTLED),
         }
-    }
-}
-
-/// Adds the work of an elementary step from `q`, `v` to `q_next`, `v_next`, whose displacement is `x`; that of exact friction in the modes of the step.
-#[inline(always)]
-pub(super) fn add_work<T: Real>(law: &Law, s: &mut Scratch<T>) {
-    for (row, of) in s.rows.iter().enumerate() {
-        let (v, next, x) = (s.v[row], s.v_next[row], s.x[row]);
-        let mean = (v + next) * v.constant(0.5);
-        s.tally[TORQUE] = s.torque[row].mul_add(x, s.tally[TORQUE]);
-        s.tally[DAMPING] = s.tally[DAMPING].minus_product(of.damping * x, mean);
-        if law.gains.is_some() {
-            s.tally[CONTROL] = s.control[row].mul_add(mean, s.tally[CONTROL]);
-        }
-        if law.rubs {
-            s.tally[FRICTION] = s.tally[FRICTION].minus_product(s.chord[row] * x, mean);
-        }
-    }
-    for mode in &s.modes {
-        s.tally[FRICTION] = s.dry[mode.row].mul_add(s.x[mode.row], s.tally[FRICTION]);
     }
 }

@@ -72,7 +72,8 @@ impl PyScene {
     /// method : str
     ///     "auto" (the default) is "rosenbrock-2" (order 2), or "rk4" (explicit, order 4) where springs, damping and gains are slow at this step, by bounds at the
     ///     first state: Trajectory.integrator reports which. "auto" divides steps in which joints rotate too far for the method, into at most 1024 substeps. The other
-    ///     methods never divide for accuracy: "semi-implicit-euler" (order 1), "rk4", "implicit-euler" (order 1), "rosenbrock-2", "rosenbrock-3" (order 3). The implicit ones take
+    ///     methods never divide for accuracy: "semi-implicit-euler" (order 1), "rk4", "dormand-prince-5" (order 5), "implicit-euler" (order 1), "rosenbrock-2",
+    ///     "rosenbrock-3" (order 3). The implicit ones take
     ///     springs, damping and pd as measurement noise r + h d + h^2 k at the cost of an explicit stage, and are L-stable for them. Scenes with contacts have one
     ///     method, "contact" (order 1), which "auto" stands for.
     /// record_every : int

@@ -137,12 +137,12 @@ pub(super) fn warn_of_start(py: Python<'_>, scene: &Scene, settings: &Settings, 
     let Some(first) = outside.first() else { return Ok(()) };
     let more = if outside.len() > 1 { format!(" and {} more", outside.len() - 1) } else { String::new() };
     let text = format!(
-        "q: found {first}{more}; the stops move them back within about half a second; limits=\"report\" switches the stops off"
+        "q: found {first}{more}; the stops move them back, at 1 rad/s or m/s at most; limits=\"report\" switches the stops off"
     );
     warn_as(py, "LimitWarning", &text)
 }
 
-/// What the joints of a run did and what acted on them: the fields of a trajectory that are known at its end.
+/// Sets the fields of a trajectory that are known at its end: works, numbers of substeps, impacts on stops.
 pub(super) fn set_outcome<'py>(
     fields: &Bound<'py, PyDict>,
     batch: &[usize],

@@ -14,6 +14,9 @@ STEP = EPS ** (1 / 3)
 ESTIMATE_SPREAD = 20.0
 """How many times the estimated error of forward dynamics the true one may be here; over random scenes tests/auto has the bound."""
 
+AUDIT = 0.01
+"""The largest share of the exchanged energy that the integrator's error may have in a run with a step of some milliseconds; `phipsi simulate` warns above it."""
+
 SIGMAS = 6.0
 """Standard errors that an estimate may be off: one in two billion is further, and the seeds are fixed."""
 
@@ -77,3 +80,17 @@ def sampling(samples: int, spread: ArrayLike) -> np.ndarray:
 def square_root(sensitivity: float) -> float:
     """What the square-root form may be off in the max-norm, beside the problem's own sensitivity to one unit in the last place."""
     return max(20.0 * sensitivity, 1e-13)
+
+
+def of_order(order: int, step: float, scale: float) -> float:
+    """For a method of that order with that step; scale is the derivative that its error is proportional to, times the duration."""
+    return scale * step**order
+
+
+EVENT_STEP = 1e-6
+"""Step of a central difference through impacts and sticking: so short that joints stick, slip and meet their stops in the same substeps."""
+
+
+def through_events(scale: float) -> float:
+    """For a derivative by differences with EVENT_STEP: rounding of the function over the step, over some hundred steps of motion."""
+    return 1e-7 * scale

@@ -20,7 +20,7 @@ from .terminal import line
 
 #: The exit code of a run that was stopped, as shells have it.
 STOPPED = 130
-METHODS = ("auto", "semi-implicit-euler", "rk4", "implicit-euler", "rosenbrock-2", "rosenbrock-3")
+METHODS = ("auto", "semi-implicit-euler", "rk4", "dormand-prince-5", "implicit-euler", "rosenbrock-2", "rosenbrock-3")
 #: The fields of an energy audit that are works.
 WORKS = ("torque", "damping", "friction", "control", "stops", "contacts")
 #: Rows of a trajectory, unless --record-every says otherwise.
@@ -38,7 +38,7 @@ ROWS = 2000
 @click.option("--time", "duration", type=float, default=2.0, show_default=True, help="How long, s.")
 @click.option("--dt", type=float, default=1e-3, show_default=True, help="The step, s.")
 @click.option("--method", type=click.Choice(METHODS), default="auto", show_default=True, help="Integration method.")
-@click.option("--limits", type=click.Choice(("stop", "report")), help="Whether joint limits are stops.  [default: stop, without loops]")
+@click.option("--limits", type=click.Choice(("stop", "report")), help="Whether joint limits are stops.  [default: stop; report with contacts or connections]")
 @click.option("--restitution", type=float, default=0.0, show_default=True, help="Coefficient of restitution of the stops.")
 @click.option("--accuracy", type=float, help="Error control: the largest estimated error of a substep, rad or m.")
 @click.option("--record-every", type=click.IntRange(1), help=f"A row after so many steps.  [default: about {ROWS} rows]")

@@ -2,7 +2,9 @@
 
 use super::*;
 use crate::batch::arms::Baseline;
-use crate::motion::step::{Solver, step};
+use crate::motion::solver::Solver;
+use crate::motion::step::step;
+use crate::motion::step_settings::StepSettings;
 use crate::motion::{Gains, METHODS, Method, Properties};
 use crate::scalar::{DoubleDouble, Dual};
 use crate::scene::{Inertial, JointDescription, JointKind, LinkDescription, Scene, SceneBuilder};
@@ -70,7 +72,7 @@ fn scene() -> Scene {
 /// A step's law where everything acts, its state, and the gradients at its end.
 struct Case {
     scene: Scene,
-    law: Law,
+    law: StepSettings,
     q: Vec<f64>,
     v: Vec<f64>,
     torque: Vec<f64>,
@@ -101,7 +103,7 @@ impl Case {
             target,
             target_rate: many(&mut random, nv, 0.3),
         };
-        let law = Law::new(scene.model(), step, method, (properties, Some(gains)), Vec::new()).backward();
+        let law = StepSettings::new(scene.model(), step, method, (properties, Some(gains)), Vec::new()).backward();
         let (v, torque, end) = (
             many(&mut random, nv, 1.0),
             many(&mut random, nv, 5.0),

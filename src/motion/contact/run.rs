@@ -2,7 +2,8 @@
 
 use super::super::job::Job;
 use super::super::properties::of_state;
-use super::super::step::{Law, Scratch};
+use super::super::scratch::Scratch;
+use super::super::step_settings::StepSettings;
 use super::super::tally::TALLY;
 use super::super::torque::{StepFault, Torque};
 use super::kept::RECORD;
@@ -21,7 +22,7 @@ pub(in crate::motion) struct Toucher {
 
 impl Toucher {
     #[cold]
-    pub fn new(scene: &Scene, law: &Law, form: Form) -> Self {
+    pub fn new(scene: &Scene, law: &StepSettings, form: Form) -> Self {
         Self { scratch: Scratch::new(scene.model(), law), touching: Touching::new(scene, form) }
     }
 

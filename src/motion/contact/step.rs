@@ -1,8 +1,11 @@
 //! One step of one state.
 
 use super::super::faults::fault_of;
-use super::super::step::{Checked, Law, Scratch, step};
-use super::super::tally::add_work;
+use super::super::scratch::Scratch;
+use super::super::solver::Checked;
+use super::super::step::step;
+use super::super::step_settings::StepSettings;
+use super::super::works::add_work;
 use super::kept::ContactReport;
 use super::project::out_of_planes;
 use crate::contact::{Cone, ContactState, Effort, Impact, Limits, Told, impact, passive};
@@ -58,7 +61,7 @@ impl Touching {
     pub fn step(
         &mut self,
         scene: &Scene,
-        law: &Law,
+        law: &StepSettings,
         s: &mut Scratch<f64>,
         kept: &mut [f64],
     ) -> Result<(), (String, Error)> {

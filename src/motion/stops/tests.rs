@@ -15,7 +15,7 @@ fn row(random: &mut Draw, row: usize) -> (SetValued, f64) {
     (SetValued { row, coordinate: row, friction, stops, lower, upper }, q)
 }
 
-/// Whether torque and velocity are a point of the graph.
+/// True if torque and velocity are a point of the graph.
 fn holds(graph: &Graph, v: f64, torque: f64, tolerance: f64) -> bool {
     (0..=graph.count).any(|k| {
         let below = k == 0 || v >= graph.velocities[k - 1] - tolerance;

@@ -1,0 +1,89 @@
+//! What a rollout decides when it begins: the method that `Method::Auto` stands for, and the rows with exact friction or stops.
+
+use super::method::Method;
+use super::properties::{Gains, Properties};
+use super::stops::SetValued;
+use crate::dynamics::{factorise, solve};
+use crate::filter::Form;
+use crate::scene::{Coupling, Scene};
+use crate::workspace::Workspace;
+use std::collections::HashMap;
+
+/// The rows with exact friction or stops; where joints are coupled, the independent ones, with the friction and the limits of those that follow.
+pub(super) fn set_valued(
+    scene: &Scene,
+    coupling: Option<&Coupling>,
+    properties: &Properties,
+    stops: bool,
+) -> Vec<SetValued> {
+    let exact = properties.friction_speed == 0.0;
+    let reduced = coupling.map(|coupling| {
+        let friction = coupling.torques(&coupling.reduce_friction(&properties.friction));
+        let limits: HashMap<usize, _> =
+            coupling.independent_coordinates_at().iter().copied().zip(coupling.limits()).collect();
+        (friction, limits)
+    });
+    let mut rows = Vec::new();
+    for joint in scene.joints() {
+        let own = (joint.limits.lower, joint.limits.upper);
+        let (friction, limits) = match &reduced {
+            None => (&properties.friction, Some(own)),
+            // A joint that follows another has neither.
+            Some((friction, limits)) => (friction, limits.get(&joint.q.start).copied()),
+        };
+        let bounds = limits.filter(|(lower, upper)| {
+            let one = joint.v.len() == 1 && joint.q.len() == 1;
+            stops && one && (lower.is_finite() || upper.is_finite())
+        });
+        let (lower, upper) = bounds.unwrap_or((f64::NEG_INFINITY, f64::INFINITY));
+        for row in joint.v.clone() {
+            let friction = if exact { friction[row] } else { 0.0 };
+            if friction > 0.0 || bounds.is_some() {
+                let coordinate = joint.q.start;
+                rows.push(SetValued { row, coordinate, friction, stops: bounds.is_some(), lower, upper });
+            }
+        }
+    }
+    rows
+}
+
+/// The fastest rates of springs and damping times the step, up to which [`Method::Auto`] is explicit: below the bound of its stability, 2.8, for inertias change with q.
+const SLOW: f64 = 0.5;
+
+/// A step that is a tenth of what error control takes for motion of some rad/s, s.
+pub(super) const CONTROLLED: f64 = 1e-3;
+
+/// What [`Method::Auto`] stands for: the explicit method of order 4 where the rates of springs, damping and gains are slow at this step, by the bounds sum d (M^-1)_jj and sum k (M^-1)_jj
+/// at the first state, and friction is exact.
+pub(super) fn choose(scene: &Scene, dt: f64, properties: &Properties, gains: Option<&Gains>, q: &[f64]) -> Method {
+    let (nq, nv) = (scene.nq(), scene.nv());
+    let with = |own: &[f64], law: Option<&[f64]>| -> Vec<f64> {
+        own.iter().enumerate().map(|(i, x)| x + law.map_or(0.0, |law| law[i])).collect()
+    };
+    let damping = with(&properties.damping, gains.map(|gains| &gains.derivative[..]));
+    let stiffness = with(&properties.stiffness, gains.map(|gains| &gains.proportional[..]));
+    let rubs = properties.friction_speed > 0.0 && properties.friction.iter().any(|&f| f > 0.0);
+    if rubs || !scene.contacts().is_empty() {
+        return Method::Rosenbrock2;
+    }
+    if damping.iter().chain(&stiffness).all(|&x| x == 0.0) {
+        return Method::RungeKutta4;
+    }
+    // Each (M^-1)_jj is at most one over the inertia of the joint with everything else free, which one solve with the factor gives.
+    let Some(q) = q.get(..nq) else { return Method::Rosenbrock2 };
+    let mut model = scene.model().clone();
+    model.system.noise.clone_from(&properties.armature);
+    let mut workspace = Workspace::new(&model).in_form(Form::Auto);
+    factorise(&model, &mut workspace, q, |_, _| {});
+    let (mut unit, mut column) = (vec![0.0; nv], vec![0.0; nv]);
+    let (mut fast, mut square) = (0.0, 0.0);
+    for row in (0..nv).filter(|&row| damping[row] > 0.0 || stiffness[row] > 0.0) {
+        unit[row] = 1.0;
+        solve(&model, &mut workspace, &unit, &mut column);
+        unit[row] = 0.0;
+        fast += damping[row] * column[row];
+        square += stiffness[row] * column[row];
+    }
+    let slow = dt * fast <= SLOW && dt * dt * square <= SLOW * SLOW;
+    if slow { Method::RungeKutta4 } else { Method::Rosenbrock2 }
+}

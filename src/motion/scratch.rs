@@ -1,0 +1,196 @@
+//! The arrays of a step, of one state or of one state per lane.
+
+use super::conserve::Keeper;
+use super::method::{STAGES, Scheme};
+use super::step_settings::StepSettings;
+use super::stops::SetValued;
+use super::tally::TALLY;
+use crate::dynamics::sweeps::{SweepModel, SweepScratch};
+use crate::model::Model;
+use crate::scalar::Real;
+
+/// That of a joint which may be locked and is not, where there are several lanes: a row has noise in all of them or in none. It changes no digit of a pivot, and its sign makes the
+/// pivot of a joint without inertia a lost one.
+const FREE: f64 = -1e-200;
+/// One row's constants in the scalar of the lanes.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct RowTerms<T> {
+    /// Noise without friction's part.
+    pub noise: T,
+    pub damping: T,
+    pub stiffness: T,
+    pub friction: T,
+    pub proportional: T,
+    pub derivative: T,
+}
+
+/// A row with exact friction or stops, in the scalar of the lanes.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct ModeTerms<T> {
+    pub row: usize,
+    /// Its coordinate in q, and the bounds on it; infinite where it has none.
+    pub coordinate: usize,
+    pub lower: T,
+    pub upper: T,
+    pub friction: T,
+    /// One where it is locked in this step, else zero; and its acceleration then, which is not zero in an event only.
+    pub locked: T,
+    pub target: T,
+    /// One where it is at its lower, and at its upper stop.
+    pub at_lower: T,
+    pub at_upper: T,
+}
+
+/// The arrays of a step.
+#[derive(Debug)]
+pub(super) struct Scratch<T: Real> {
+    pub model: Model<T>,
+    pub constants: SweepModel<T>,
+    pub sweeps: SweepScratch<T>,
+    pub rows: Vec<RowTerms<T>>,
+    pub rest: Vec<T>,
+    pub target: Vec<T>,
+    pub target_rate: Vec<T>,
+    /// The torque that is given, held over the step.
+    pub torque: Vec<T>,
+    pub q: Vec<T>,
+    pub v: Vec<T>,
+    pub q_next: Vec<T>,
+    pub v_next: Vec<T>,
+    /// Stages: rates of the increment, and accelerations.
+    pub l: [Vec<T>; STAGES],
+    pub m: [Vec<T>; STAGES],
+    /// Increment, configuration, velocity, carried velocity and torque of a stage.
+    pub x: Vec<T>,
+    pub q_stage: Vec<T>,
+    pub v_stage: Vec<T>,
+    pub c: Vec<T>,
+    pub u: Vec<T>,
+    /// Friction's damping, f / sqrt(v^2 + v0^2) at the step's start.
+    pub chord: Vec<T>,
+    /// Rows with exact friction or stops, and their friction in this step, zero where they are locked.
+    pub modes: Vec<ModeTerms<T>>,
+    pub dry: Vec<T>,
+    /// What the control law gave in this step, N m s or N s.
+    pub control: Vec<T>,
+    /// Positive where all modes hold until the step's end; and where the step is short enough.
+    pub consistent: T,
+    pub short_enough: T,
+    /// What acted during the run: see [`tally`](super::tally).
+    pub tally: [T; TALLY],
+    /// How far the stage is from where the springs are at rest, and from the control law's target.
+    pub displaced: Vec<T>,
+    pub displaced_target: Vec<T>,
+    pub keeper: Keeper<T>,
+}
+
+impl<T: Real> Scratch<T> {
+    pub fn new(scene_model: &Model<f64>, law: &StepSettings) -> Self {
+        let mut of_step = scene_model.clone();
+        of_step.system.noise = law.noise(&law.scheme);
+        if T::LANES > 1 {
+            for of in &law.set_valued {
+                let noise = &mut of_step.system.noise[of.row];
+                *noise = if *noise == 0.0 { FREE } else { *noise };
+            }
+        }
+        let constants = SweepModel::new(&of_step);
+        let model = of_step.cast::<T>();
+        let (nq, nv) = (model.nq, model.nv());
+        let row = |row: usize| {
+            let p = &law.properties;
+            let (kp, kd) =
+                law.gains.as_ref().map_or((0.0, 0.0), |gains| (gains.proportional[row], gains.derivative[row]));
+            RowTerms {
+                noise: T::from_f64(of_step.system.noise[row]),
+                damping: T::from_f64(p.damping[row]),
+                stiffness: T::from_f64(p.stiffness[row]),
+                friction: T::from_f64(p.friction[row]),
+                proportional: T::from_f64(kp),
+                derivative: T::from_f64(kd),
+            }
+        };
+        let mode = |of: &SetValued| ModeTerms {
+            row: of.row,
+            coordinate: of.coordinate,
+            lower: T::from_f64(of.lower),
+            upper: T::from_f64(of.upper),
+            friction: T::from_f64(of.friction),
+            locked: T::zero(),
+            target: T::zero(),
+            at_lower: T::zero(),
+            at_upper: T::zero(),
+        };
+        let coordinates = || vec![T::zero(); nq];
+        let rates = || vec![T::zero(); nv];
+        Self {
+            sweeps: SweepScratch::new(&model, &constants),
+            constants,
+            rows: (0..nv).map(row).collect(),
+            rest: law.properties.rest.iter().map(|&x| T::from_f64(x)).collect(),
+            target: coordinates(),
+            target_rate: rates(),
+            torque: rates(),
+            q: coordinates(),
+            v: rates(),
+            q_next: coordinates(),
+            v_next: rates(),
+            l: std::array::from_fn(|_| rates()),
+            m: std::array::from_fn(|_| rates()),
+            x: rates(),
+            q_stage: coordinates(),
+            v_stage: rates(),
+            c: rates(),
+            u: rates(),
+            chord: rates(),
+            modes: law.set_valued.iter().map(mode).collect(),
+            dry: rates(),
+            control: rates(),
+            consistent: T::one(),
+            short_enough: T::one(),
+            tally: [T::zero(); TALLY],
+            displaced: rates(),
+            displaced_target: rates(),
+            keeper: Keeper::new(&model, &law.roots),
+            model,
+        }
+    }
+}
+
+impl<T: Real> Scratch<T> {
+    /// Sets the measurement noise of a scheme.
+    pub fn adopt(&mut self, law: &StepSettings, scheme: &Scheme) {
+        for ((row, noise), of_model) in self.rows.iter_mut().zip(law.noise(scheme)).zip(&mut self.model.system.noise) {
+            row.noise = T::from_f64(noise);
+            *of_model = row.noise;
+        }
+    }
+}
+
+#[cfg(feature = "adaptive")]
+impl<T: Real> Scratch<T> {
+    /// The state that [`accelerations`] are of.
+    pub fn set_stage(&mut self, q: &[T], v: &[T]) {
+        self.q_stage.copy_from_slice(q);
+        self.v_stage.copy_from_slice(v);
+    }
+}
+
+/// sum + c x, in place.
+#[inline(always)]
+pub(super) fn add_scaled<T: Real>(sum: &mut [T], c: f64, x: &[T]) {
+    if c == 0.0 {
+        return;
+    }
+    for (sum, &x) in sum.iter_mut().zip(x) {
+        *sum = x.mul_add(x.constant(c), *sum);
+    }
+}
+
+/// Zero.
+#[inline(always)]
+pub(super) fn clear<T: Real>(numbers: &mut [T]) {
+    for x in numbers {
+        *x = x.constant(0.0);
+    }
+}

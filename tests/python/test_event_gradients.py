@@ -1,0 +1,120 @@
+"""Gradients through sliding, sticking, impacts, rebounds, divided steps, returns to limits and control laws, against central differences of the same steps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from motion_scenes import robot, start
+from tolerances import EVENT_STEP, assert_near, assert_same_bits, product, size, through_events
+
+import phipsi
+
+STEPS = 150
+
+CASES: dict[str, tuple[dict[str, float], float, dict[str, object]]] = {
+    "sliding": ({}, 1.0, {"steps": 20}),
+    "sticking": ({"friction": 1.0}, 1.0, {}),
+    "stuck": ({"friction": 30.0}, 1.0, {"steps": 40}),
+    "impact": ({"friction": 0.0, "range_of_motion": 0.35}, 1.0, {}),
+    "impact and friction": ({"range_of_motion": 0.35}, 1.0, {}),
+    "rebound": ({"range_of_motion": 0.35}, 1.0, {"restitution": 0.6}),
+    "divided steps": ({"friction": 0.0}, 60.0, {"steps": 5, "limits": "report"}),
+    "return to a limit": ({"range_of_motion": 0.2}, 0.1, {"steps": 40}),
+    "control law": ({}, 1.0, {"pd": phipsi.PD(100.0, 10.0, np.array([0.2, -0.1, 0.1]), np.array([0.1, 0.0, -0.2]))}),
+    "implicit Euler": ({}, 1.0, {"method": "implicit-euler"}),
+    "order three": ({"range_of_motion": 0.35}, 1.0, {"method": "rosenbrock-3"}),
+}
+"""Of each case: the robot, how fast it starts, and arguments of simulate."""
+
+#: What must have happened in some robot of a case, by field of the trajectory.
+HAPPENS = {"sticking": "events", "stuck": "events", "impact": "stops", "impact and friction": "stops", "rebound": "stops", "return to a limit": "events", "order three": "stops"}
+
+
+def differences(scene: phipsi.Scene, q: np.ndarray, qd: np.ndarray, seed: int, **given: object) -> phipsi.Trajectory:
+    """Compares every gradient of a random function of the rows with central differences."""
+    random = np.random.default_rng(seed)
+    steps = int(given.setdefault("steps", STEPS))  # type: ignore[call-overload]
+    given.setdefault("dt", 1e-3)
+    given |= {"record_every": 5, "friction": scene.friction, "damping": scene.damping}
+    tau = random.uniform(-0.3, 0.3, (steps, scene.nv))
+    path = scene.simulate(q, qd, tau_steps=tau, **given)
+    weights = random.normal(size=(2, len(path), scene.nv))
+    found = path.vjp(*weights)
+
+    def value(q: np.ndarray = q, qd: np.ndarray = qd, tau: np.ndarray = tau, **changed: object) -> float:
+        other = scene.simulate(q, qd, tau_steps=tau, **{**given, **changed})
+        return float(np.sum(weights[0] * scene.difference(path.q, other.q)) + np.sum(weights[1] * other.qd))
+
+    def compare(kind: str, gradient: float, *ends: float) -> None:
+        slope = (ends[0] - ends[1]) / (2 * EVENT_STEP)
+        assert abs(gradient - slope) <= through_events(size(*found[:3])), f"{kind}: {gradient} against {slope}"
+
+    for i, unit in enumerate(EVENT_STEP * np.eye(scene.nv)):
+        compare("q", found.q[i], *(value(q=scene.integrate(q, change)) for change in (unit, -unit)))
+        if qd[i] != 0.0:
+            # From rest, friction acts against either change.
+            compare("qd", found.qd[i], *(value(qd=qd + change) for change in (unit, -unit)))
+        for kind, values in (("friction", scene.friction), ("damping", scene.damping)):
+            if values[i] > 0.0:
+                compare(kind, getattr(found, kind)[i], *(value(**{kind: values + change}) for change in (unit, -unit)))
+        for n in (0, steps // 2, steps - 1):
+            changed = np.zeros_like(tau)
+            changed[n] = unit
+            compare("tau", found.tau[n, i], *(value(tau=tau + change) for change in (changed, -changed)))
+    return path
+
+
+@pytest.mark.filterwarnings("ignore:q. found joint .* limit:phipsi.errors.LimitWarning")
+@pytest.mark.parametrize("case", CASES)
+def test_gradients_are_those_of_the_steps_that_were_made(case: str) -> None:
+    make, speed, given = CASES[case]
+    paths = []
+    for seed in range(4):
+        scene = robot(seed, **make)  # type: ignore[arg-type]
+        q, qd = start(scene, seed)
+        if case == "stuck":
+            qd[0] = 0.0
+        paths.append(differences(scene, q if speed >= 1.0 else 1.5 * q, speed * qd, seed, **given))
+    if case in HAPPENS:
+        assert any(bool(getattr(path, HAPPENS[case])) for path in paths)
+    if case == "divided steps":
+        assert all(path.substeps > 4 for path in paths)
+
+
+def test_gradients_of_a_floating_robot_that_sticks() -> None:
+    """With a long step, for which the second stage of a free joint is far from the first."""
+    scene = robot(2, floating_base=True)
+    q, qd = start(scene, 2)
+    assert differences(scene, q, qd, 2, dt=1e-2, steps=40).events > 0
+
+
+def test_a_stuck_joint_has_no_gradient_by_its_torque() -> None:
+    scene = robot(0, friction=1e3)
+    path = scene.simulate(np.zeros(3), np.zeros(3), dt=1e-3, steps=20, tau=[0.1, 0.1, 0.1])
+    found = path.vjp(np.ones((21, 3)), np.ones((21, 3)))
+    assert not path.qd.any() and not found.tau.any()
+    assert_near(found.q, np.full(3, 21.0), product(21, 21.0))
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.6])
+def test_a_batch_has_the_gradients_of_its_states(restitution: float) -> None:
+    scene = robot(1, range_of_motion=0.35)
+    starts = [start(scene, seed) for seed in range(11)]
+    q, qd = (np.stack(values) for values in zip(*starts, strict=True))
+    given = {"dt": 1e-3, "steps": 200, "restitution": restitution, "record_every": 10}
+    path = scene.simulate(q, qd, **given)
+    assert path.events.any() and path.stops
+    weights = np.random.default_rng(1).normal(size=(2, 11, 21, 3))
+    whole = path.vjp(*weights)
+    for i in range(11):
+        alone = scene.simulate(q[i], qd[i], **given).vjp(*weights[:, i])
+        for one, of_all in zip(alone[:-1], whole[:-1], strict=True):
+            assert_near(one, of_all[i], product(3 * 200, size(of_all[i])))
+    before = phipsi.get_num_threads()
+    try:
+        phipsi.set_num_threads(3)
+        again = path.vjp(*weights)
+    finally:
+        phipsi.set_num_threads(before)
+    for one, other in zip(again[:-1], whole[:-1], strict=True):
+        assert_same_bits(one, other)
