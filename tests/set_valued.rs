@@ -40,7 +40,7 @@ fn what_friction_can_hold_does_not_move_at_all() {
     chain.bias_torque(&mut chain.workspace(), &q, &[0.0; 7], &mut gravity).unwrap();
     for (name, method) in METHODS {
         let mut settings = Settings { method, ..Settings::new(&chain, 1e-3) };
-        settings.properties.friction = gravity.iter().map(|g| 1.01 * g.abs()).collect();
+        settings.properties.friction = gravity.iter().map(|g| 1.01 * g.abs() + 1e-9).collect();
         let mut rollout = Rollout::new(&chain, settings, &q, &[0.0; 7]).unwrap();
         rollout.advance(1000, &Torque::Zero, None).unwrap();
         assert_eq!(rollout.state(0), (&q[..], &[0.0; 7][..]), "{name}");
@@ -219,14 +219,14 @@ fn energy_does_not_grow_and_its_works_add_up() {
 
 #[test]
 fn fast_motion_is_divided_and_keeps_its_energy() {
-    let chain = phipsi::scenes::chain(3).unwrap();
+    let chain = crate::common::swinging(3);
     let weightless = chain.source().clone().gravity([0.0; 3]).build().unwrap();
     let (q, v) = ([0.3, 0.8, -0.5], [100.0, -150.0, 200.0]);
     let energy = |q: &[f64], v: &[f64]| weightless.energy(&mut weightless.workspace(), q, v).unwrap().kinetic;
     let mut rollout = Rollout::new(&weightless, Settings::new(&weightless, 1e-3), &q, &v).unwrap();
     rollout.advance(1000, &Torque::Zero, None).unwrap();
     let (found, start) = (energy(rollout.state(0).0, rollout.state(0).1), energy(&q, &v));
-    assert!(rollout.tally(0).most_substeps > 2.0);
+    assert!(rollout.tally(0).most_substeps >= 2.0, "{:?}", rollout.tally(0));
     assert!((found - start).abs() <= 1e-3 * start, "{found} {start}");
     assert_eq!(rollout.chosen_method(), Method::RungeKutta4);
 }

@@ -245,7 +245,8 @@ pub(super) fn backward<T: Real, S: BackwardSolver<T>>(
     solver: &mut S,
     locks: Option<&[Lock]>,
 ) -> u64 {
-    let last = scheme.tableau.stages - 1;
+    // Stages without weight only estimate the error.
+    let last = scheme.tableau.weights.iter().rposition(|&weight| weight != 0.0).unwrap_or(0);
     let mut doubt = 0;
     if law.rubs {
         set_friction(by, s);

@@ -74,7 +74,10 @@ pub(super) fn choose(scene: &Scene, dt: f64, properties: &Properties, gains: Opt
     let mut model = scene.model().clone();
     model.system.noise.clone_from(&properties.armature);
     let mut workspace = Workspace::new(&model).in_form(Form::Auto);
-    factorise(&model, &mut workspace, q, |_, _| {});
+    let pivots = factorise(&model, &mut workspace, q, |_, _| {});
+    if workspace.lost_pivot(&model, &pivots).is_some() {
+        return Method::Rosenbrock2;
+    }
     let (mut unit, mut column) = (vec![0.0; nv], vec![0.0; nv]);
     let (mut fast, mut square) = (0.0, 0.0);
     for row in (0..nv).filter(|&row| damping[row] > 0.0 || stiffness[row] > 0.0) {

@@ -56,8 +56,9 @@ pub struct Records<'a> {
 pub struct Rollout<S> {
     scene: S,
     pub(super) law: StepSettings,
-    /// As it was given.
+    /// As they were given.
     method: Method,
+    limits: Limits,
     keeper: Keeper<f64>,
     pub(super) form: Form,
     pub(super) arm: Arm,
@@ -158,6 +159,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let mut law = StepSettings::new(holds.model(), dt, chosen, (properties, gains), roots).with_coupling(coupling);
         law.divides = method == Method::Auto && is_tree;
         law.restitution = restitution;
+        law.stops = stops;
         law.accuracy = accuracy;
         law.set_valued = set_valued(holds, law.coupling.as_deref(), &law.properties, stops);
         if !holds.constraints().is_empty() {
@@ -171,6 +173,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             scene,
             law,
             method,
+            limits: settings.limits,
             keeper,
             form,
             arm,
@@ -231,8 +234,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// What it was made with; a copy.
     #[must_use]
     pub fn settings(&self) -> Settings {
-        let StepSettings { step, properties, gains, roots, connected, restitution, set_valued, .. } = &self.law;
-        let stops = set_valued.iter().any(|of| of.stops);
+        let StepSettings { step, properties, gains, roots, connected, restitution, .. } = &self.law;
         Settings {
             dt: *step,
             method: self.method,
@@ -242,7 +244,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             arm: self.arm,
             conserve_momentum: !roots.is_empty(),
             stabilisation: connected.unwrap_or_default(),
-            limits: if stops { Limits::Stop } else { Limits::Report },
+            limits: self.limits,
             restitution: *restitution,
             accuracy: self.law.accuracy,
         }
@@ -252,6 +254,12 @@ impl<S: Borrow<Scene>> Rollout<S> {
     #[must_use]
     pub fn chosen_method(&self) -> Method {
         self.law.method
+    }
+
+    /// True if joint limits are stops.
+    #[must_use]
+    pub fn has_stops(&self) -> bool {
+        self.law.stops
     }
 
     /// The works and the numbers of substeps of one state since it began.

@@ -132,6 +132,12 @@ impl<S: Borrow<Scene>> Simulator<S> {
         self.rollout.chosen_method()
     }
 
+    /// As [`Rollout::has_stops`].
+    #[must_use]
+    pub fn has_stops(&self) -> bool {
+        self.rollout.has_stops()
+    }
+
     /// As [`Rollout::tally`].
     #[must_use]
     pub fn tally(&self, index: usize) -> Tally {

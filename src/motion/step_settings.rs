@@ -35,6 +35,8 @@ pub(super) struct StepSettings {
     pub accuracy: Option<f64>,
     /// The rows with exact friction or stops.
     pub set_valued: Vec<SetValued>,
+    /// True if joint limits are stops.
+    pub stops: bool,
     /// The coefficient of restitution of the stops.
     pub restitution: f64,
     /// What the error estimate makes of each degree of freedom.
@@ -67,6 +69,7 @@ impl StepSettings {
             rubs: properties.friction_speed > 0.0 && properties.friction.iter().any(|&f| f != 0.0),
             accuracy: None,
             set_valued: Vec::new(),
+            stops: false,
             restitution: 0.0,
             kinds: rate_kinds(model),
             sprung: stiff(&properties.stiffness),

@@ -223,7 +223,7 @@ impl PyScene {
         fields.set_item("given", keywords.given(py, (tau, tau_steps))?)?;
         let rollout = detached(py, || Rollout::new(scene, settings, &all_q[..], &all_qd[..]))?;
         let mut rollout = rollout.map_err(|error| of_batch(py, &error, &batch))?;
-        warn_of_start(py, scene.tree(), &rollout.settings(), &all_q)?;
+        warn_of_start(py, scene.tree(), rollout.has_stops(), &all_q)?;
         drop((all_q, all_qd));
         if conserve_momentum {
             let torque = given.torque(&batch, (steps, nv))?;
@@ -236,7 +236,8 @@ impl PyScene {
         let plan = Plan { given: &given, batch: &batch, steps, dt, progress, nv, own };
         let stopped = run(py, &mut rollout, &mut records, &plan).err();
         fields.set_item("steps", rollout.steps())?;
-        let (impacts, made) = (rollout.take_impacts(), (rollout.chosen_method(), &rollout.settings()));
+        let (impacts, made) =
+            (rollout.take_impacts(), (rollout.chosen_method(), &rollout.settings(), rollout.has_stops()));
         set_outcome(&fields, &batch, own, made, |state| rollout.tally(state), &impacts)?;
         if conserve_momentum {
             let largest = largest_corrections(py, &batch, |state| rollout.correction(state))?;

@@ -40,7 +40,12 @@ impl PySimulator {
             keywords.set_item("baumgarte", rate)?;
         }
         keywords.set_item("friction_speed", properties.friction_speed)?;
-        keywords.set_item("limits", if settings.limits == Limits::Stop { Some("stop") } else { Some("report") })?;
+        let limits = match settings.limits {
+            Limits::Auto => None,
+            Limits::Stop => Some("stop"),
+            Limits::Report => Some("report"),
+        };
+        keywords.set_item("limits", limits)?;
         keywords.set_item("restitution", settings.restitution)?;
         keywords.set_item("accuracy", settings.accuracy)?;
         let own = self.scene.get();

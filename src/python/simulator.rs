@@ -165,7 +165,7 @@ impl PyScene {
         let held = Held(scene.clone_ref(py));
         let moving = detached(py, || Simulator::new(held, settings, &all_q, &all_qd))?;
         let moving = moving.map_err(|error| of_batch(py, &error, &batch))?;
-        warn_of_start(py, own.scene.tree(), &moving.settings(), &all_q)?;
+        warn_of_start(py, own.scene.tree(), moving.has_stops(), &all_q)?;
         let moving = Mutex::new(moving);
         Ok(PySimulator { scene, batch, dt, method, conserve_momentum, moving })
     }
@@ -257,7 +257,7 @@ impl PySimulator {
     fn now<'py>(&self, py: Python<'py>, moving: &Simulator<Held>) -> PyResult<Object<'py>> {
         let fields = about(self.scene.bind(py), &moving.settings())?;
         fields.set_item("steps", moving.steps())?;
-        let made = (moving.chosen_method(), &moving.settings());
+        let made = (moving.chosen_method(), &moving.settings(), moving.has_stops());
         set_outcome(&fields, &self.batch, self.scene.get(), made, |state| moving.tally(state), &[])?;
         if self.conserve_momentum {
             let largest = largest_corrections(py, &self.batch, |state| moving.correction(state))?;

@@ -121,8 +121,8 @@ pub(super) fn about<'py>(scene: &Bound<'py, PyScene>, settings: &Settings) -> Py
 }
 
 /// Warns of joints that start outside of their stops.
-pub(super) fn warn_of_start(py: Python<'_>, scene: &Scene, settings: &Settings, q: &[f64]) -> PyResult<()> {
-    if settings.limits != Limits::Stop || scene.nq() == 0 {
+pub(super) fn warn_of_start(py: Python<'_>, scene: &Scene, stops: bool, q: &[f64]) -> PyResult<()> {
+    if !stops || scene.nq() == 0 {
         return Ok(());
     }
     let mut outside = Vec::new();
@@ -147,14 +147,14 @@ pub(super) fn set_outcome<'py>(
     fields: &Bound<'py, PyDict>,
     batch: &[usize],
     own: &PyScene,
-    (chosen, settings): (Method, &Settings),
+    (chosen, settings, stops): (Method, &Settings, bool),
     tally: impl Fn(usize) -> Tally,
     impacts: &[StopImpact],
 ) -> PyResult<()> {
     let py = fields.py();
     fields.set_item("integrator", chosen.name())?;
     fields.set_item("friction_speed", settings.properties.friction_speed)?;
-    fields.set_item("limits", if settings.limits == Limits::Stop { "stop" } else { "report" })?;
+    fields.set_item("limits", if stops { "stop" } else { "report" })?;
     let states = batch.iter().product();
     let each = |of: &dyn Fn(&Tally) -> f64| -> PyResult<Object<'py>> {
         let values: Vec<f64> = (0..states).map(|state| of(&tally(state))).collect();

@@ -135,7 +135,8 @@ impl Case {
             to.end.clone_from(&self.end);
         }
         let mut solver = InLanes::new(Baseline, Form::Auto, (&s.model, &s.constants));
-        assert_eq!(backward((&self.law, &self.law.scheme), &mut s, &mut both[0], &mut solver, None), 0);
+        let doubt = backward((&self.law, &self.law.scheme), &mut s, &mut both[0], &mut solver, None);
+        assert_eq!(doubt, 0, "{:?}: {:?}, {:?}", self.law.method, s.consistent, s.short_enough);
         let mut checked = CheckedBackward::new(&s.model, Form::Auto);
         backward((&self.law, &self.law.scheme), &mut s, &mut both[1], &mut checked, None);
         assert!(checked.lost.is_none());
