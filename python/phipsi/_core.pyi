@@ -251,7 +251,7 @@ class Scene:
         """Limits by degree of freedom, as the named tuple Limits(lower, upper, velocity, effort) of arrays (nv,).
 
         rad or m, rad/s or m/s, N m or N; infinite where there is none; a joint of several degrees of freedom repeats its own.
-        Reported, never enforced.
+        Positions are stops in simulations (limits="report" switches them off); velocity and effort are reported only.
         """
 
     def q_index(self, joint: str, /) -> slice[int, int, int]:
@@ -384,7 +384,7 @@ class Scene:
 
         q: (..., rows, nq); qd: (..., rows, nv): the rows that simulate recorded, the first at the start. cotangent_q, cotangent_qd: (..., rows, nv), the gradients of the
         function by these, that by q in the tangent space of each row, as dq in inverse_dynamics_jvp. dt, steps, tau, tau_steps, method, record_every, pd, armature, damping,
-        stiffness, rest, friction, friction_speed, form: as simulate had them; tau is an array. parameters: whether to give the gradients by inertias too.
+        stiffness, rest, friction, friction_speed, form, limits, restitution: as simulate had them; tau is an array. parameters: whether to give the gradients by inertias too.
 
         Steps between rows are made again: with record_every=1 none is. O(N) a stage of a step; steps after the last row change nothing. The memory of a thread grows with the
         root of the steps between two rows.
@@ -422,42 +422,101 @@ class Scene:
         accuracy: float | None = None,
         duration: float | None = None,
     ) -> Trajectory:
-        """Advances states in time: fixed steps, whole batches, springs and damping implicitly where the method says so.
+        """Simulates states in time: one state or a batch, with a step that is stable for stiff springs, damping, gains, dry friction and joint stops.
 
-        With d damping, f friction, k stiffness, v0 friction_speed, differences on the manifold,
+        With d damping, f friction, k stiffness and differences on the manifold,
 
-            M(q) dv/dt + bias(q, v) = tau - d v - f v / sqrt(v^2 + v0^2) - k (q - rest) + kp (target - q) + kd (target_rate - v)
+            M(q) dv/dt + bias(q, v) = tau - d v - f sign(v) - k (q - rest) + kp (target - q) + kd (target_rate - v) + stops
 
         and dq/dt = v on the manifold: quaternions stay unit, free joints move on SE(3).
 
-        q: (..., nq); qd: (..., nv); leading axes broadcast. dt: s, finite and positive. steps: how many. tau: (..., nv), constant, or a function of
-        (t, q, qd) that is called once a step with the whole batch and returns (..., nv); tau_steps: (..., steps, nv) instead. Either is held over
-        each step, so that a function is followed to first order in dt by every method. pd: PD(kp, kd, target, target_rate), followed within the step.
-        method: "contact" (order 1) in a scene with contacts, which moves by no other and needs not name it; "semi-implicit-euler" (order 1), "rk4"
-        (order 4), "implicit-euler" (order 1), "rosenbrock-2" (order 2) or "rosenbrock-3" (order 3). "contact" and the last three take springs,
-        damping, friction and pd implicitly, as measurement noise r + h d + h^2 k, at the cost of an explicit stage each; they are L-stable for them:
-        what is faster than the step is damped, not followed. record_every: a row after so many steps. armature, damping, stiffness, friction: (nv,)
-        or a number, rest: (nq,), instead of the scene's. friction_speed: rad/s or m/s, where friction becomes viscous. form: "auto" does a step whose
-        digits are in doubt once more in square-root form; "covariance" watches the pivots only. progress: called with (steps done, steps) some twenty
-        times a second at the most. conserve_momentum: each floating tree keeps its momentum, and its mass centre the parabola that weight gives it,
-        to rounding: a step ends with a rigid motion of the tree, as large as the step's error in them, which leaves the order as it is and costs
-        O(N). Every tree must hang on the base by a free joint that nothing acts along: no tau, pd, damping, stiffness, friction or armature there
-        (ArgumentError). baumgarte: of a scene with connections; None: positions and velocities are projected onto them after each step (see project);
-        a rate a in 1/s: accelerations take errors back instead, J qdd + J' qd = -2 a J qd - a^2 error.
+        Parameters
+        ----------
+        q : (..., nq)
+            Configurations at the start. Leading axes of all arguments broadcast.
+        qd : (..., nv)
+            Joint velocities at the start, rad/s or m/s.
+        dt : float
+            Step, s. With accuracy and duration it is the time between rows, a thousandth of duration by default.
+        steps : int
+            Number of steps; or give duration.
+        tau : (..., nv), or callable
+            Torque, constant, or a function of (t, q, qd) that is called once per step with the whole batch and returns (..., nv). Held over each step: a
+            function is followed to first order in dt by every method.
+        tau_steps : (..., steps, nv)
+            Torque of each step, instead of tau.
+        method : str
+            "auto" (the default) is "rosenbrock-2" (order 2), or "rk4" (explicit, order 4) where springs, damping and gains are slow at this step, by bounds at the
+            first state: Trajectory.integrator reports which. "auto" divides steps in which joints rotate too far for the method, into at most 1024 substeps. The other
+            methods never divide for accuracy: "semi-implicit-euler" (order 1), "rk4", "dormand-prince-5" (order 5), "implicit-euler" (order 1), "rosenbrock-2",
+            "rosenbrock-3" (order 3). The implicit ones take
+            springs, damping and pd as measurement noise r + h d + h^2 k at the cost of an explicit stage, and are L-stable for them. Scenes with contacts have one
+            method, "contact" (order 1), which "auto" stands for.
+        record_every : int
+            Steps between two rows.
+        pd : PD(kp, kd, target, target_rate)
+            Control law that is evaluated within the step.
+        armature, damping, stiffness, friction : (nv,) or float, optional
+            Instead of the scene's.
+        rest : (nq,), optional
+            Configuration where springs are at rest, instead of the scene's.
+        friction_speed : float, optional
+            Zero or None: exact Coulomb friction. A joint at rest stays exactly at rest while friction can hold it. Positive: regularized friction
+            -f v / sqrt(v^2 + friction_speed^2), with which joints creep, rad/s or m/s. None stands for 0.01 in scenes with contacts or
+            connections, where friction is always regularized: Trajectory.friction_speed reports it.
+        form : str
+            "auto" recomputes a step whose estimated error exceeds the tolerance in square-root form; "covariance" checks the pivots only.
+        progress : callable, optional
+            Called with (steps done, steps) at most twenty times per second.
+        conserve_momentum : bool
+            Each floating tree conserves its momentum, and its center of mass follows its parabola, to rounding: each step ends with a rigid motion of the tree,
+            as large as the step's error in them, O(N). Every tree must be connected to the base by a free joint without tau, pd, damping, stiffness, friction
+            or armature.
+        baumgarte : float, optional
+            For scenes with connections. None: positions and velocities are projected onto them after each step (see project). A rate a in 1/s:
+            J qdd + J' qd = -2 a J qd - a^2 error.
+        limits : str, optional
+            "stop": joint limits are stops that a joint with one degree of freedom does not pass. "report": limits do nothing, and Trajectory.violations lists them.
+            None: "stop", but "report" in scenes with contacts or connections. A joint that starts outside of its limits is moved back without a
+            jump of its velocity, with a LimitWarning.
+        restitution : float
+            Coefficient of restitution of the stops, 0 to 1. A rebound that would end within the step is none.
+        accuracy : float, optional
+            Error control: the estimated error of each substep, in rad or m and relative to the fastest joint velocity where that exceeds 1, is at most this. Changes between
+            sticking and sliding and impacts on stops are located within 1e-7 dt. Trajectory.estimated_error is the sum of the estimates.
+        duration : float, optional
+            Simulated time, s, instead of steps.
 
-        In a scene with contacts (see SceneBuilder.contact) each step ends with impulses that meet their law: no contact goes through its plane, none
-        pulls, |tangential force| <= mu times the normal force, and against the slip where there is some. Approaches faster than what gravity gives in
-        a step rebound by Poisson's law, kept from raising the kinetic energy. What starts under a plane is moved out by the first step, and
-        contacts.depth tells. O(N + m^2 depth + m^3) for m rows of contacts that touch.
+        Returns
+        -------
+        Trajectory
+            Rows t (rows,), q (..., rows, nq), qd (..., rows, nv), the first at the start; integrator, substeps, events and stops; energy_audit() and error_estimate();
+            momentum_correction, drift and contacts where they apply. Bit for bit the same for any number of threads.
 
-        Returns a Trajectory: t (rows,), q (..., rows, nq), qd (..., rows, nv), rows = steps // record_every + 1, the first the start;
-        momentum_correction, the largest that conserve_momentum made, else None; drift, how far rows are from the connections; contacts, gaps, slip,
-        forces, impulses and states by name, a ContactMotion, else None. The same bits for any number of threads.
+        Raises
+        ------
+        SimulationError
+            Motion diverges, a pivot is lost, connections cannot hold, no impulses meet the law of contacts to 1e-5, or tau raises. .trajectory has the rows of the finished steps.
+        SimulationInterrupted
+            Ctrl-C (a KeyboardInterrupt), likewise.
+        ConstraintError
+            A start that does not meet the connections.
+        OutOfMemoryError, ShapeError, NotFiniteError, ArgumentError
+            Each names the argument and the state.
 
-        Raises SimulationError where motion diverges, a pivot is lost, connections cannot hold, no impulses are found that meet the law of contacts
-        to 1e-5, or tau raises, with the rows of the finished steps;
-        ConstraintError for a start that does not meet the connections; SimulationInterrupted (a KeyboardInterrupt) on Ctrl-C, likewise;
-        OutOfMemoryError where the rows have no room; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+        Notes
+        -----
+        O(N) per stage. A step in which a joint sticks, slips or meets a stop is one implicit Euler step whose set-valued law is solved by block principal pivoting, with one
+        factorization per pivot; a short substep where joints are fast. In scenes with contacts (see SceneBuilder.contact) each step ends with impulses that meet their law, and
+        approaches faster than what gravity gives in a step rebound by Poisson's law; O(N + m^2 depth + m^3) for m rows of contacts that touch.
+
+        Examples
+        --------
+        >>> import phipsi
+        >>> scene = phipsi.scenes.chain(3)
+        >>> path = scene.simulate([0.3, 0.2, 0.1], [0.0] * 3, dt=1e-3, steps=1000, record_every=100)
+        >>> path.q.shape, path.integrator
+        ((11, 3), 'rk4')
         """
 
     def simulator(
@@ -481,14 +540,36 @@ class Scene:
         restitution: float = 0.0,
         accuracy: float | None = None,
     ) -> Simulator:
-        """States to advance step by step: an object that keeps them, and its scratch, between the steps.
+        """Creates a simulator: states that are advanced call by call, as a controller or a learner does.
 
-        q: (..., nq); qd: (..., nv), zero if not given; leading axes broadcast to those of the batch. dt, method, form, pd, armature, damping,
-        stiffness, rest, friction, friction_speed, conserve_momentum, baumgarte: as in simulate, for all steps.
+        Parameters
+        ----------
+        q : (..., nq)
+            Configurations at the start.
+        qd : (..., nv), optional
+            Joint velocities at the start; zero by default. Leading axes broadcast to those of the batch.
+        dt : float
+            Step, s.
+        method, pd, armature, damping, stiffness, rest, friction, friction_speed, form, conserve_momentum, baumgarte, limits, restitution, accuracy
+            As in simulate, for all steps.
 
-        Returns a phipsi.Simulator. Simulator.step(tau) costs what forward dynamics does, a stage, and some tenths of a microsecond.
+        Returns
+        -------
+        Simulator
+            Simulator.step(tau) costs one forward dynamics per stage, and some tenths of a microsecond.
 
-        Raises OutOfMemoryError for more states than there is room for; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+        Raises
+        ------
+        OutOfMemoryError, ShapeError, NotFiniteError, ArgumentError
+            Each names the argument and the state.
+
+        Examples
+        --------
+        >>> import phipsi
+        >>> simulator = phipsi.scenes.chain(3).simulator([0.3, 0.2, 0.1], dt=1e-3)
+        >>> simulator.step(steps=10)
+        >>> simulator.steps
+        10
         """
     def ode(
         self,
@@ -504,8 +585,8 @@ class Scene:
         """The equations of motion for SciPy's solve_ivp: right side and Jacobian in tangent coordinates, and a solver with error control
         on the manifold.
 
-        tau: (nv,), constant, or a function of (t, q, qd), which is asked at every stage. pd, damping, stiffness, rest, friction,
-        friction_speed: as in simulate. Returns an Ode; Ode.solve(q, qd, t_span, method=..., rtol=..., atol=...) gives a Trajectory.
+        tau: (nv,), constant, or a function of (t, q, qd), which is asked at every stage. pd, damping, stiffness, rest, friction:
+        as in simulate; friction_speed: positive, rad/s or m/s, for the solvers need smooth friction. Returns an Ode; Ode.solve(q, qd, t_span, method=..., rtol=..., atol=...) gives a Trajectory.
 
         Raises ImportError without SciPy; ShapeError, NotFiniteError, ArgumentError.
         """
@@ -1673,7 +1754,7 @@ class SceneBuilder:
         seen from the parent's. axis: (3,), in the child's frame, of any length. pitch: m/rad, for a screw. armature: kg m^2
         or kg for each degree of freedom, part of the mass matrix. damping (N m s/rad or N s/m), friction (N m or N),
         stiffness (N m/rad or N/m) and rest (the joint's coordinates there, None: the neutral ones): simulation only. lower, upper,
-        velocity, effort: limits, reported and never enforced. mimic: a joint that this one should follow, as mimic_multiplier
+        velocity, effort: limits; lower and upper are stops in simulations, the others are reported. mimic: a joint that this one should follow, as mimic_multiplier
         times its coordinate plus mimic_offset (rad or m); build(mimic="couple") has it follow.
 
         Raises SceneError for an unknown type or a missing pitch; ShapeError or ArgumentError for arrays, naming the joint;
@@ -1848,7 +1929,14 @@ class Simulator:
     @property
     def momentum_correction(self) -> MomentumCorrection | None:
         """The largest corrections that conserve_momentum made in each state since it began or was reset, a MomentumCorrection; None without it."""
-    def take_stops(self) -> list[StopImpact]: ...
+    def take_stops(self) -> list[StopImpact]:
+        """Returns the impacts of joints on their stops since the last call, and forgets them.
+
+        Returns
+        -------
+        list of StopImpact
+            By state and time; times are those of each state.
+        """
     def __reduce__(self) -> tuple[Any, tuple[Any, ...]]: ...
 
 @final

@@ -283,14 +283,13 @@ pub(super) fn backward<T: Real, S: BackwardSolver<T>>(
         to.of_stage(by, s, i);
     }
     to.of_friction(by, s);
-    match locks {
-        Some(locks) => to.of_locks(s, locks),
-        None => {
-            // A joint at rest stays at rest, whatever follows from it.
-            release(s, &mut to.start[1]);
-            finish_step(by, s);
-            doubt |= lanes_but::<T>(|lane| s.consistent.lane(lane) > 0.0 && s.short_enough.lane(lane) > 0.0);
-        }
+    if let Some(locks) = locks {
+        to.of_locks(s, locks);
+    } else {
+        // A joint at rest stays at rest, whatever follows from it.
+        release(s, &mut to.start[1]);
+        finish_step(by, s);
+        doubt |= lanes_but::<T>(|lane| s.consistent.lane(lane) > 0.0 && s.short_enough.lane(lane) > 0.0);
     }
     doubt
 }

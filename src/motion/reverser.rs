@@ -303,7 +303,9 @@ fn through_event(
         backward(by, s, gradients, &mut solver, Some(&locks.rows));
     };
     let [for_positions, for_velocities] = locks else {
-        locks.iter().for_each(|locks| through(gradients, locks));
+        for locks in locks {
+            through(gradients, locks);
+        }
         return;
     };
     let by_velocity = gradients.end[1].clone();

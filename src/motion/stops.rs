@@ -150,7 +150,7 @@ impl Graph {
     /// The piece that a row at this velocity begins in; one that moves toward a stop is not yet at it.
     pub fn piece(&self, v: f64) -> Piece {
         let below = (0..self.count).find(|&k| v <= self.velocities[k]).unwrap_or(self.count);
-        if below < self.count && v == self.velocities[below] {
+        if below < self.count && v >= self.velocities[below] {
             return Piece::At(below);
         }
         let finite = |k: usize| self.torques[k].is_finite();
@@ -249,7 +249,9 @@ pub(super) fn settle(pieces: &mut [Piece], mut contradictions: impl FnMut(&[Piec
             patience = patience.saturating_sub(1);
         }
         if patience > 0 {
-            found.iter().for_each(|&(at, piece)| pieces[at] = piece);
+            for &(at, piece) in &found {
+                pieces[at] = piece;
+            }
             continue;
         }
         if before == Some((row, piece)) {
@@ -263,7 +265,9 @@ pub(super) fn settle(pieces: &mut [Piece], mut contradictions: impl FnMut(&[Piec
         if found.is_empty() {
             break;
         }
-        found.iter().for_each(|&(at, piece)| pieces[at] = piece);
+        for &(at, piece) in &found {
+            pieces[at] = piece;
+        }
         found.clear();
         contradictions(pieces, &mut found);
     }

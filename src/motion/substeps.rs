@@ -57,6 +57,9 @@ pub struct StopImpact {
     pub impulse: f64,
 }
 
+/// Sees each substep that is accepted: its scheme, its start, and the solution of an event.
+type Visitor<'a> = dyn FnMut(&Scheme, &Scratch<f64>, Option<&Event<'_>>) + 'a;
+
 /// Scratch for substeps.
 #[derive(Debug)]
 pub(super) struct Substeps {
@@ -92,13 +95,7 @@ impl Substeps {
     }
 
     /// From `q`, `v` to `q_next`, `v_next` in one step of the run; `visit` is called before each substep is accepted, with the state at its start still in `q` and `v`.
-    pub fn advance(
-        &mut self,
-        law: &StepSettings,
-        s: &mut Scratch<f64>,
-        solver: &mut Checked,
-        visit: &mut dyn FnMut(&Scheme, &Scratch<f64>, Option<&Event<'_>>),
-    ) {
+    pub fn advance(&mut self, law: &StepSettings, s: &mut Scratch<f64>, solver: &mut Checked, visit: &mut Visitor<'_>) {
         self.q.copy_from_slice(&s.q);
         self.v.copy_from_slice(&s.v);
         self.impacts.clear();
@@ -113,13 +110,7 @@ impl Substeps {
     }
 
     /// All substeps, in place; stops where a pivot is lost or a result is not finite.
-    fn through(
-        &mut self,
-        law: &StepSettings,
-        s: &mut Scratch<f64>,
-        solver: &mut Checked,
-        visit: &mut dyn FnMut(&Scheme, &Scratch<f64>, Option<&Event<'_>>),
-    ) {
+    fn through(&mut self, law: &StepSettings, s: &mut Scratch<f64>, solver: &mut Checked, visit: &mut Visitor<'_>) {
         // Lengths count in the shortest substep.
         let shortest = law.step / f64::from(MOST_SUBSTEPS);
         let mut size = MOST_SUBSTEPS;

@@ -18,7 +18,7 @@ impl PySimulator {
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Object<'py>, Object<'py>)> {
         let (q, qd) = (self.q(py)?, self.qd(py)?);
         let moving = self.moving()?;
-        let keywords = self.keywords(py, moving.settings())?;
+        let keywords = self.keywords(py, &moving.settings())?;
         let (numbers, begun, done) = moving.numbers();
         let numbers = from_numbers(py, numbers, &[numbers.len()])?;
         let rebuild = py.import("phipsi._core")?.getattr("_rebuild_simulator")?;
@@ -29,7 +29,7 @@ impl PySimulator {
 
 impl PySimulator {
     /// The keywords of Scene.simulator that give these settings.
-    fn keywords<'py>(&self, py: Python<'py>, settings: Settings) -> PyResult<Bound<'py, PyDict>> {
+    fn keywords<'py>(&self, py: Python<'py>, settings: &Settings) -> PyResult<Bound<'py, PyDict>> {
         let Settings { dt, method, form, properties, gains, conserve_momentum, stabilisation, .. } = settings.clone();
         let keywords = PyDict::new(py);
         keywords.set_item("dt", dt)?;

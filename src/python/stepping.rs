@@ -30,12 +30,12 @@ pub(super) struct Keywords<'a, 'py> {
     pub rest: Option<&'a Object<'py>>,
     pub friction: Option<&'a Object<'py>>,
     pub friction_speed: Option<f64>,
-    pub limits: Option<&'a str>,
-    pub restitution: f64,
-    pub accuracy: Option<f64>,
     pub form: &'a str,
     pub conserve_momentum: bool,
     pub baumgarte: Option<f64>,
+    pub limits: Option<&'a str>,
+    pub restitution: f64,
+    pub accuracy: Option<f64>,
 }
 
 impl<'py> Keywords<'_, 'py> {
