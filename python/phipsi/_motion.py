@@ -293,7 +293,7 @@ class Trajectory:
         rounding = 1e-12 * (np.abs(energy.kinetic) + np.abs(energy.potential) + np.abs(energy.spring)).max(axis=-1)
         scale = np.max([np.abs(size) for size in (*works, *sizes, rounding)], axis=0)
         share = np.asarray(np.abs(remainder) / np.where(scale > 0.0, scale, 1.0))
-        return EnergyAudit(*works, change, remainder, share)
+        return EnergyAudit(torque, damping, friction, control, stops, contacts, change, remainder, share)
 
     def error_estimate(self) -> _Array:
         """Estimated error of the configuration in every row, (..., rows), rad or m: the largest entry of the difference to a more accurate run, times 2.

@@ -23,7 +23,7 @@ pub struct Settings {
     /// The instructions to use; the baseline where this processor lacks them.
     pub arm: Arm,
     /// Whether floating trees keep their momentum, and their mass centre its parabola, to rounding: each step ends with a rigid motion of
-    /// the tree, as large as the step's error in them ([`Rollout::correction`] tells). Every tree must hang on the base by a free joint
+    /// the tree, as large as the step's error in them (see [`Rollout::correction`](super::Rollout::correction)). Every tree must hang on the base by a free joint
     /// without armature, damping, spring, friction, control law or torque.
     pub conserve_momentum: bool,
     /// What keeps the states of a scene with connections on them.
