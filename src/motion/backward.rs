@@ -462,7 +462,7 @@ impl<T: Real> StepGradients<T> {
     /// Of friction's damping at the step's start, f/sqrt(v^2 + v0^2), which implicit methods take.
     #[inline(always)]
     fn of_friction(&mut self, (law, scheme): By<'_>, s: &Scratch<T>) {
-        if !scheme.implicit || !law.rubs {
+        if !scheme.implicit || law.properties.friction_speed == 0.0 {
             return;
         }
         for (row, of) in s.rows.iter().enumerate() {

@@ -9,7 +9,7 @@ use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::model::Model;
 use crate::scalar::Real;
 
-/// That of a joint which may be locked and is not, where there are several lanes: a row has noise in all of them or in none. It changes no digit of a pivot, and its sign makes the
+/// That of a joint which may be locked and is not, in the kernels: a row has noise in all lanes or in none. It changes no digit of a pivot, and its sign makes the
 /// pivot of a joint without inertia a lost one.
 const FREE: f64 = -1e-200;
 /// One row's constants in the scalar of the lanes.
@@ -88,11 +88,9 @@ impl<T: Real> Scratch<T> {
     pub fn new(scene_model: &Model<f64>, law: &StepSettings) -> Self {
         let mut of_step = scene_model.clone();
         of_step.system.noise = law.noise(&law.scheme);
-        if T::LANES > 1 {
-            for of in &law.set_valued {
-                let noise = &mut of_step.system.noise[of.row];
-                *noise = if *noise == 0.0 { FREE } else { *noise };
-            }
+        for of in &law.set_valued {
+            let noise = &mut of_step.system.noise[of.row];
+            *noise = if *noise == 0.0 { FREE } else { *noise };
         }
         let constants = SweepModel::new(&of_step);
         let model = of_step.cast::<T>();
