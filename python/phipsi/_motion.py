@@ -324,7 +324,7 @@ class Trajectory:
             try:
                 accurate = scene.simulate(*start, dt=self.dt, steps=self.steps, record_every=self.record_every, accuracy=1e-7, **given)
             except ArgumentError:
-                # What has no error control.
+                # This method or scene has no error control.
                 if "tau_steps" in given:
                     given["tau_steps"] = np.repeat(np.asarray(given["tau_steps"])[..., : self.steps, :], 3, axis=-2)
                 accurate = scene.simulate(*start, dt=self.dt / 3, steps=3 * self.steps, record_every=3 * self.record_every, **given)

@@ -1,4 +1,4 @@
-//! What a rollout decides when it begins: the method that `Method::Auto` stands for, and the rows with exact friction or stops.
+//! Decisions at the start of a rollout: the method that `Method::Auto` stands for, and the rows with exact friction or stops.
 
 use super::method::Method;
 use super::properties::{Gains, Properties};

@@ -10,7 +10,7 @@ use crate::scalar::{Real, larger};
 /// Measurement noise of a locked joint, in kg m^2 or kg: as large as numbers allow whose products with inertias are numbers. Its acceleration is then exactly zero beside any
 /// other, and noise times acceleration is the torque that holds it.
 pub(super) const LOCKED: f64 = 1e200;
-/// What makes zero pass where zero or more is allowed.
+/// Added to a value that may be zero, so that a test for positive values accepts it.
 const BARELY: f64 = 1e-300;
 
 /// The mode of each row with exact friction or stops, from the state at the step's start.
@@ -37,7 +37,7 @@ pub(super) fn set_modes<T: Real>((law, scheme): By<'_>, s: &mut Scratch<T>) {
     }
 }
 
-/// Whether the torques that hold locked rows in stage `i` are within their bounds; their accelerations become exactly what they are locked at.
+/// Tests the torques that hold locked rows in stage `i` against their bounds, and sets the accelerations of these rows to exactly their targets.
 #[inline(always)]
 pub(super) fn observe_locks<T: Real>(s: &mut Scratch<T>, i: usize) {
     for mode in &s.modes {
@@ -51,7 +51,7 @@ pub(super) fn observe_locks<T: Real>(s: &mut Scratch<T>, i: usize) {
     }
 }
 
-/// Whether sliding joints still slide at the step's end, whether all are within their stops, and whether the step was short enough.
+/// Tests that sliding joints still slide at the end of the step, that all joints are within their stops, and that the step was short enough.
 #[inline(always)]
 pub(super) fn observe_end<T: Real>(by @ (law, scheme): By<'_>, s: &mut Scratch<T>) {
     for (mode, of) in s.modes.iter().zip(&law.set_valued) {

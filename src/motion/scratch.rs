@@ -71,12 +71,12 @@ pub(super) struct Scratch<T: Real> {
     /// Rows with exact friction or stops, and their friction in this step, zero where they are locked.
     pub modes: Vec<ModeTerms<T>>,
     pub dry: Vec<T>,
-    /// What the control law gave in this step, N m s or N s.
+    /// The impulse of the control law in this step, N m s or N s.
     pub control: Vec<T>,
     /// Positive where all modes hold until the step's end; and where the step is short enough.
     pub consistent: T,
     pub short_enough: T,
-    /// What acted during the run: see [`tally`](super::tally).
+    /// Works and numbers of substeps of the run: see [`tally`](super::tally).
     pub tally: [T; TALLY],
     /// How far the stage is from where the springs are at rest, and from the control law's target.
     pub displaced: Vec<T>,

@@ -28,7 +28,7 @@ pub struct Settings {
     pub conserve_momentum: bool,
     /// What keeps the states of a scene with connections on them.
     pub stabilisation: Stabilisation,
-    /// Whether joint limits are stops.
+    /// The effect of joint limits.
     pub limits: Limits,
     /// The coefficient of restitution of the stops, 0 to 1.
     pub restitution: f64,
@@ -36,7 +36,7 @@ pub struct Settings {
     pub accuracy: Option<f64>,
 }
 
-/// What a joint limit does in a simulation.
+/// The effect of a joint limit in a simulation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Limits {
     /// It stops the joint, where the scene has neither contacts nor connections; there it is reported.
@@ -69,7 +69,7 @@ impl Settings {
     }
 }
 
-/// What keeps a motion on the connections.
+/// How a motion is kept on the connections.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Stabilisation {
     /// Positions and velocities are projected after each step, by moves of least kinetic energy.

@@ -66,7 +66,7 @@ impl<T: Vectorised, I: Target> Solver<T> for Watched<T, I> {
 pub(super) struct Checked {
     pub workspace: Workspace<f64>,
     form: Form,
-    /// Whether the kernels come first, which leave no factor in the workspace.
+    /// True if the kernels are tried first; they leave no factor in the workspace.
     kernels_first: bool,
     coupled: Option<(CoupledAccelerations, Arc<Coupling>)>,
     /// The first pivot that was lost, since it was last taken.

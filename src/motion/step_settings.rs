@@ -1,4 +1,4 @@
-//! What all steps of a rollout have in common: the method, properties of the joints, the control law, and the rows with a set-valued law.
+//! Settings common to all steps of a rollout: the method, properties of the joints, the control law, and the rows with a set-valued law.
 
 use super::conserve::KEPT;
 use super::contact;
@@ -12,14 +12,14 @@ use crate::model::Model;
 use crate::scene::{Coupling, Scene};
 use std::sync::Arc;
 
-/// What every step of a rollout has in common, in numbers of one state.
+/// Settings common to all steps of a rollout, as scalars of one state.
 #[derive(Debug, Clone)]
 pub(super) struct StepSettings {
     /// The step of the run, s.
     pub step: f64,
-    /// What advances a state; never [`Method::Auto`].
+    /// The method that advances a state; never [`Method::Auto`].
     pub method: Method,
-    /// Whether the method was chosen by [`Method::Auto`], which also divides steps that are too long.
+    /// True if [`Method::Auto`] chose the method, which also divides steps that are too long.
     pub divides: bool,
     /// The method at the step of the run.
     pub scheme: Scheme,
@@ -29,7 +29,7 @@ pub(super) struct StepSettings {
     pub roots: Vec<usize>,
     /// How joints follow each other, where some do; the numbers are then those of the tree.
     pub coupling: Option<Arc<Coupling>>,
-    /// Whether some joint has regularized friction.
+    /// True if some joint has regularized friction.
     pub rubs: bool,
     /// The bound on the error of a substep, where the substeps are chosen by it.
     pub accuracy: Option<f64>,
