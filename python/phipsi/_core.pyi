@@ -476,9 +476,8 @@ class Scene:
             For scenes with connections. None: positions and velocities are projected onto them after each step (see project). A rate a in 1/s:
             J qdd + J' qd = -2 a J qd - a^2 error.
         limits : str, optional
-            "stop": joint limits are stops that a joint with one degree of freedom does not pass. "report": limits do nothing, and Trajectory.violations lists them.
-            None: "stop", but "report" in scenes with contacts or connections. A joint that starts outside of its limits is moved back without a
-            jump of its velocity, with a LimitWarning.
+            "stop", the default: joint limits are stops that a joint with one degree of freedom does not pass. "report": limits do nothing, and
+            Trajectory.violations lists them. A joint that starts outside of its limits is moved back without a jump of its velocity, with a LimitWarning.
         restitution : float
             Coefficient of restitution of the stops, 0 to 1. A rebound that would end within the step is none.
         accuracy : float, optional

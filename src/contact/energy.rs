@@ -20,7 +20,7 @@ pub(crate) fn passive(cone: &Cone, u: &DVector<f64>, p: DVector<f64>) -> (DVecto
 }
 
 /// The largest part s of [0, 1] for which p1 + s p2 does not raise the kinetic energy, where p1 alone does not.
-pub(super) fn expansion_kept(cone: &Cone, u: &DVector<f64>, p1: &DVector<f64>, p2: &DVector<f64>) -> f64 {
+pub(crate) fn expansion_kept(cone: &Cone, u: &DVector<f64>, p1: &DVector<f64>, p2: &DVector<f64>) -> f64 {
     if work(cone, u, &(p1 + p2)) <= 0.0 {
         return 1.0;
     }

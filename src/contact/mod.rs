@@ -25,7 +25,7 @@ mod solve;
 mod tests;
 mod told;
 
-pub(crate) use energy::{Impact, impact, passive};
+pub(crate) use energy::{Impact, expansion_kept, impact, passive};
 pub use law::ContactState;
 pub(crate) use law::{Cone, Limits};
 pub(crate) use told::{Effort, Told};

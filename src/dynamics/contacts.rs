@@ -2,6 +2,8 @@
 //!
 //! The rows of a contact are t1, t2, n of its plane: u = J v is the velocity of the material point of the link nearest to the plane. A unit force
 //! along a row, run inward to the base, collects innovations W; G = W* W as for [connections](super::constraints), never a difference.
+//!
+//! Joint limits are further contacts without friction, numbered after the others: the normal velocity is that of the joint, away from the limit, and the two tangents are zero.
 
 use crate::filter::{innovations, smoother};
 use crate::kinematics::{joint_motion, placements_base_to_tip};
@@ -11,13 +13,46 @@ use crate::spatial::{RigidShift, angular, dot, linear, spatial, sum, zero};
 use crate::workspace::Workspace;
 use nalgebra::{DMatrix, DVector, Vector3, Vector6};
 
-/// Scratch of contacts, about 400 bytes a body and 24 nv for each contact.
+/// A joint limit as a row of the contact law.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct LimitRow {
+    /// The body that the joint carries.
+    pub body: usize,
+    /// The degree of freedom, an index in v, and the coordinate, an index in q.
+    pub row: usize,
+    pub coordinate: usize,
+    /// True if it is the upper limit.
+    pub upper: bool,
+    /// The limit, rad or m.
+    pub bound: f64,
+}
+
+impl LimitRow {
+    /// +1 for a lower limit, -1 for an upper one: the direction away from it.
+    pub fn sign(&self) -> f64 {
+        if self.upper { -1.0 } else { 1.0 }
+    }
+
+    /// The distance to the limit at `q`, rad or m; negative outside.
+    pub fn gap(&self, q: &[f64]) -> f64 {
+        self.sign() * (q[self.coordinate] - self.bound)
+    }
+
+    /// The velocity away from the limit, rad/s or m/s.
+    pub fn velocity(&self, v: &[f64]) -> f64 {
+        self.sign() * v[self.row]
+    }
+}
+
+/// Scratch of contacts and joint limits, about 400 bytes a body and 24 nv for each contact.
 #[derive(Debug, Clone)]
 pub(crate) struct ContactScratch {
     shift: Vec<RigidShift<f64>>,
     /// From each body to the base.
     places: Vec<RigidShift<f64>>,
-    /// How far each contact is above its plane, m.
+    /// The joint limits.
+    pub limits: Vec<LimitRow>,
+    /// The distance of each contact to its plane, m, and of each joint to its limit, rad or m.
     pub gaps: Vec<f64>,
     /// Unit forces along the rows of each contact, on its body.
     units: Vec<[Vector6<f64>; 3]>,
@@ -25,23 +60,24 @@ pub(crate) struct ContactScratch {
     /// W*, a row of nv for each row of the contacts that touch.
     whitened: Vec<f64>,
     state: Vec<Vector6<f64>>,
-    still: Vec<f64>,
+    torque: Vec<f64>,
     /// What [`ContactScratch::respond`] gives, (nv).
     pub response: Vec<f64>,
 }
 
 impl ContactScratch {
-    pub fn new(model: &Model<f64>, points: &[ContactPoint]) -> Self {
+    pub fn new(model: &Model<f64>, points: &[ContactPoint], limits: Vec<LimitRow>) -> Self {
         let (bodies, nv) = (model.bodies.len(), model.nv());
         Self {
             shift: vec![RigidShift::identity(); bodies],
             places: vec![RigidShift::identity(); bodies],
-            gaps: vec![f64::NAN; points.len()],
+            gaps: vec![f64::NAN; points.len() + limits.len()],
+            limits,
             units: vec![[zero(); 3]; points.len()],
             velocity: vec![zero(); bodies],
             whitened: Vec::new(),
             state: vec![zero(); bodies],
-            still: vec![0.0; nv],
+            torque: vec![0.0; nv],
             response: vec![0.0; nv],
         }
     }
@@ -65,9 +101,12 @@ impl ContactScratch {
                 spatial(&arm.cross(&force), &force)
             });
         }
+        for (gap, limit) in self.gaps[points.len()..].iter_mut().zip(&self.limits) {
+            *gap = limit.gap(q);
+        }
     }
 
-    /// J v of all contacts, m/s, where [`ContactScratch::place`] was. O(N + contacts).
+    /// J v of all contacts, m/s, and of all joint limits, where [`ContactScratch::place`] was. O(N + contacts).
     pub fn velocities(&mut self, model: &Model<f64>, points: &[ContactPoint], v: &[f64]) -> DVector<f64> {
         for (k, stage) in model.system.stages.iter().enumerate() {
             let own = joint_motion(&model.bodies[k], stage.first_row, v);
@@ -76,7 +115,11 @@ impl ContactScratch {
                 None => own,
             };
         }
-        DVector::from_fn(3 * points.len(), |i, _| dot(&self.units[i / 3][i % 3], &self.velocity[points[i / 3].body]))
+        DVector::from_fn(3 * self.gaps.len(), |i, _| match (points.get(i / 3), i % 3) {
+            (Some(point), row) => dot(&self.units[i / 3][row], &self.velocity[point.body]),
+            (None, 2) => self.limits[i / 3 - points.len()].velocity(v),
+            (None, _) => 0.0,
+        })
     }
 
     /// G of the contacts `near`, with the factor of M in the workspace. O(m depth + m^2 depth) for m rows.
@@ -91,19 +134,29 @@ impl ContactScratch {
         self.whitened.clear();
         self.whitened.resize(m * nv, 0.0);
         for row in 0..m {
-            let (i, point) = (near[row / 3], &points[near[row / 3]]);
-            // A force on a body lowers the force that its joint has to transmit.
-            let mut z = -self.units[i][row % 3];
+            let i = near[row / 3];
+            // A force on a body lowers the force that its joint has to transmit; a limit acts as a torque of its joint.
+            let (mut z, mut next) = match points.get(i) {
+                Some(point) => (-self.units[i][row % 3], Some(point.body)),
+                None if row % 3 == 2 => {
+                    let limit = &self.limits[i - points.len()];
+                    self.torque[limit.row] = limit.sign();
+                    (zero(), Some(limit.body))
+                }
+                None => continue,
+            };
             let out = &mut self.whitened[row * nv..(row + 1) * nv];
-            for &k in &point.path {
-                innovations::through_stage((system, k), &workspace.measured, &self.still, &mut z, out);
+            while let Some(k) = next {
+                innovations::through_stage((system, k), &workspace.measured, &self.torque, &mut z, out);
                 let stage = &system.stages[k];
                 let joint = stage.first_row..stage.first_row + stage.rows.count();
                 for (out, measured) in out[joint.clone()].iter_mut().zip(&workspace.measured[joint]) {
                     *out *= measured.pivot_inverse.sqrt();
                 }
                 z = self.shift[k].force_to_parent(&z);
+                next = stage.parent;
             }
+            self.torque.fill(0.0);
         }
         let whitened = DMatrix::from_column_slice(nv, m, &self.whitened);
         let mut gram = whitened.tr_mul(&whitened);
@@ -122,13 +175,19 @@ impl ContactScratch {
     ) {
         self.state.fill(zero());
         for (at, &i) in near.iter().enumerate() {
+            let Some(point) = points.get(i) else {
+                let limit = &self.limits[i - points.len()];
+                self.torque[limit.row] += limit.sign() * impulses[3 * at + 2];
+                continue;
+            };
             for (row, unit) in self.units[i].iter().enumerate() {
-                self.state[points[i].body] -= unit * impulses[3 * at + row];
+                self.state[point.body] -= unit * impulses[3 * at + row];
             }
         }
         let Workspace { measured, co_state, .. } = workspace;
-        innovations::sweep(&model.system, &self.shift, measured, &self.still, &mut self.state, &mut self.response);
+        innovations::sweep(&model.system, &self.shift, measured, &self.torque, &mut self.state, &mut self.response);
         smoother::sweep(&model.system, &self.shift, measured, co_state, &mut self.response);
+        self.torque.fill(0.0);
     }
 }
 

@@ -17,6 +17,12 @@ use crate::workspace::Workspace;
 /// A state may begin so far from the connections, m or rad, and m/s or rad/s.
 const AT_START: f64 = 1e-6;
 
+/// The fix that the error of a step suggests.
+const SMALLER: &str = "a step after which small moves meet the connections: take a smaller dt";
+
+/// The lost pivot, or the error, that a step ends with.
+pub(super) type Failure = (Option<LostPivot>, Option<Error>);
+
 /// One state, its accelerations through the connections.
 pub(super) struct Constrained<'a> {
     pub scene: &'a Scene,
@@ -26,7 +32,7 @@ pub(super) struct Constrained<'a> {
 
 /// Scratch of one state.
 pub(super) struct Closed {
-    workspace: Workspace<f64>,
+    pub workspace: Workspace<f64>,
     rows: ConstraintScratch,
     /// The first fault since it was last taken.
     fault: Option<Fault>,
@@ -83,9 +89,8 @@ impl Solver<f64> for Constrained<'_> {
 
 impl Constrained<'_> {
     /// The end of a step: `q_next` and `v_next` onto the connections, unless accelerations do that; what went wrong in the step.
-    pub fn finish(&mut self, s: &mut Scratch<f64>) -> Result<(), (Option<LostPivot>, Option<Error>)> {
-        let Closed { workspace, rows, fault } = &mut *self.scratch;
-        match fault.take() {
+    pub fn finish(&mut self, s: &mut Scratch<f64>) -> Result<(), Failure> {
+        match self.scratch.fault.take() {
             Some(Fault::Lost(lost)) => return Err((Some(lost), None)),
             Some(Fault::Error(error)) => return Err((None, Some(error))),
             None => {}
@@ -95,24 +100,37 @@ impl Constrained<'_> {
             return Ok(());
         }
         let scene = self.scene;
-        let system = (scene.model(), scene.constraints());
-        let told = |at| (None, Some(scene.no_direction(at)));
-        let positions = project_positions(system, workspace, rows, &mut s.q_next).map_err(told)?;
-        if let Some(lost) = workspace.lost_pivot(scene.model(), &positions.pivots) {
+        self.positions_onto_connections(scene.model(), &mut s.q_next)?;
+        self.velocities_onto_connections(scene.model(), &s.q_next, &mut s.v_next)
+    }
+
+    /// Moves `q` onto the connections.
+    pub(super) fn positions_onto_connections(&mut self, model: &Model<f64>, q: &mut [f64]) -> Result<(), Failure> {
+        let (scene, Closed { workspace, rows, .. }) = (self.scene, &mut *self.scratch);
+        let positions = project_positions((model, scene.constraints()), workspace, rows, q)
+            .map_err(|at| (None, Some(scene.no_direction(at))))?;
+        if let Some(lost) = workspace.lost_pivot(model, &positions.pivots) {
             return Err((Some(lost), None));
         }
-        let smaller = "a step after which small moves meet the connections: take a smaller dt";
-        if let Some(row) = positions.stays {
-            return Err((None, Some(scene.open_at("the end of a step", row, positions.left, "m or rad", smaller))));
+        let Some(row) = positions.stays else { return Ok(()) };
+        Err((None, Some(scene.open_at("the end of a step", row, positions.left, "m or rad", SMALLER))))
+    }
+
+    /// Removes from `v` what opens the connections at `q`; the factor of the mass matrix at `q` is then in the workspace.
+    pub(super) fn velocities_onto_connections(
+        &mut self,
+        model: &Model<f64>,
+        q: &[f64],
+        v: &mut [f64],
+    ) -> Result<(), Failure> {
+        let (scene, Closed { workspace, rows, .. }) = (self.scene, &mut *self.scratch);
+        let velocities = project_velocities((model, scene.constraints()), workspace, rows, (q, v))
+            .map_err(|at| (None, Some(scene.no_direction(at))))?;
+        if let Some(lost) = workspace.lost_pivot(model, &velocities.pivots) {
+            return Err((Some(lost), None));
         }
-        let velocities = project_velocities(system, workspace, rows, (&s.q_next, &mut s.v_next)).map_err(told)?;
-        if let Some(row) = velocities.stays {
-            return Err((
-                None,
-                Some(scene.open_at("the end of a step", row, velocities.left, "m/s or rad/s", smaller)),
-            ));
-        }
-        Ok(())
+        let Some(row) = velocities.stays else { return Ok(()) };
+        Err((None, Some(scene.open_at("the end of a step", row, velocities.left, "m/s or rad/s", SMALLER))))
     }
 }
 

@@ -49,12 +49,14 @@
 pub(crate) mod adaptive;
 mod backward;
 mod choice;
+mod closed_stops;
 mod conserve;
 mod constrained;
 mod contact;
 mod faults;
 mod gradient;
 mod job;
+mod limit_rows;
 pub(crate) mod manifold;
 pub(crate) mod method;
 mod modes;

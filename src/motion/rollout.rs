@@ -116,10 +116,6 @@ impl<S: Borrow<Scene>> Rollout<S> {
             return Err(Error::argument("restitution", format!("{restitution}"), "a number from 0 to 1"));
         }
         let is_tree = holds.constraints().is_empty() && holds.contacts().is_empty();
-        if settings.limits == Limits::Stop && !is_tree {
-            let found = "\"stop\" for a scene with contacts or connections";
-            return Err(Error::argument("limits", found, "\"report\" for this scene"));
-        }
         let accuracy = settings.accuracy;
         if let Some(accuracy) = accuracy
             && !(accuracy.is_finite() && accuracy >= 1e-12)
@@ -130,7 +126,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             let found = "error control with contacts, connections, coupled joints, conserve_momentum or a method";
             return Err(Error::argument("accuracy", found, "None for this scene and these settings"));
         }
-        let stops = is_tree && settings.limits != Limits::Report;
+        let stops = settings.limits == Limits::Stop;
         if !is_tree && properties.friction_speed == 0.0 {
             properties.friction_speed = FRICTION_SPEED;
         }
@@ -161,7 +157,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         law.restitution = restitution;
         law.stops = stops;
         law.accuracy = accuracy;
-        law.set_valued = set_valued(holds, law.coupling.as_deref(), &law.properties, stops);
+        law.set_valued = set_valued(holds, law.coupling.as_deref(), &law.properties, stops && is_tree);
         if !holds.constraints().is_empty() {
             law.connected = Some(stabilisation);
         }
@@ -345,7 +341,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let mut out = vec![0.0; RECORD * points.len()];
         if self.law.method == Method::Contact {
             let kept = &self.of_state(index)[q.len() + v.len() + TALLY..];
-            let mut rows = ContactScratch::new(scene.model(), points);
+            let mut rows = ContactScratch::new(scene.model(), points, Vec::new());
             contact::record(scene.model(), points, &mut rows, (q, v), (kept, self.law.step), &mut out);
         }
         out

@@ -39,12 +39,10 @@ pub struct Settings {
 /// The effect of a joint limit in a simulation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Limits {
-    /// It stops the joint, where the scene has neither contacts nor connections; there it is reported.
+    /// It stops the joint.
     #[default]
-    Auto,
-    /// It stops the joint; an error where the scene has contacts or connections.
     Stop,
-    /// It does nothing.
+    /// It does not act on the joint.
     Report,
 }
 

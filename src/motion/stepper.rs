@@ -5,6 +5,7 @@ use super::constrained::{Closed, Constrained};
 use super::contact::Toucher;
 use super::faults::{FARTHEST, fault_of};
 use super::job::{Impacts, Job};
+use super::limit_rows::limit_rows;
 use super::method::Method;
 use super::properties::of_state;
 use super::scratch::Scratch;
@@ -18,6 +19,7 @@ use super::torque::{StepFault, Torque};
 use super::works::add_work;
 use crate::batch::arms::{Arm, Baseline, Target, Vectorised, Work, take_states};
 use crate::dynamics::auto::Errors;
+use crate::dynamics::contacts::LimitRow;
 use crate::error::Error;
 use crate::filter::Form;
 use crate::model::Model;
@@ -111,14 +113,15 @@ struct Alone {
     solver: Checked,
     substeps: Substeps,
     /// Of a scene with connections, whose steps are all of this kind.
-    closed: Option<Closed>,
+    closed: Option<(Closed, Vec<LimitRow>)>,
 }
 
 impl Alone {
     #[cold]
     fn new(scene: &Scene, law: &StepSettings, form: Form) -> Self {
         let model = scene.model();
-        let closed = law.connected.map(|_| Closed::new(scene, form));
+        let limits = if law.stops { limit_rows(scene) } else { Vec::new() };
+        let closed = law.connected.map(|_| (Closed::new(scene, form), limits));
         let scratch = Scratch::new(model, law);
         let substeps = Substeps::new(law, &scratch);
         Self { scratch, solver: Checked::new(model, law.coupling.clone(), form).with_kernels(), substeps, closed }
@@ -129,16 +132,17 @@ impl Alone {
     fn step(&mut self, scene: &Scene, law: &StepSettings) -> Result<(), (String, Error)> {
         let mut lost = None;
         self.substeps.impacts.clear();
-        if let Some(closed) = &mut self.closed {
+        if let Some((closed, limits)) = &mut self.closed {
             let alpha = if let Some(Stabilisation::Baumgarte(rate)) = law.connected { Some(rate) } else { None };
             let mut solver = Constrained { scene, scratch: closed, alpha };
             step((law, &law.scheme), &mut self.scratch, &mut solver);
-            add_work(law, &mut self.scratch);
-            match solver.finish(&mut self.scratch) {
-                Ok(()) => {}
+            let finished = solver.finish(&mut self.scratch);
+            match finished.and_then(|()| solver.stop(law, limits, &mut self.scratch)) {
+                Ok(impacts) => self.substeps.impacts.extend(impacts),
                 Err((_, Some(error))) => return Err((String::new(), error)),
                 Err((found, None)) => lost = found,
             }
+            add_work(law, &mut self.scratch);
         } else {
             let Self { scratch, solver, substeps, .. } = self;
             substeps.advance(law, scratch, solver, &mut |_, _, _| {});

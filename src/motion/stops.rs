@@ -62,8 +62,8 @@ pub(super) struct Graph {
 
 /// A velocity that bounds a joint, and its derivatives by q and v.
 #[derive(Debug, Clone, Copy)]
-struct Bound {
-    velocity: f64,
+pub(super) struct Bound {
+    pub velocity: f64,
     slopes: [f64; 2],
 }
 
@@ -209,7 +209,7 @@ impl Graph {
 }
 
 /// The velocity of a joint that is outside of its lower stop by `outside`, at the end of a step from velocity `v`.
-fn returning(outside: f64, v: f64, h: f64) -> Bound {
+pub(super) fn returning(outside: f64, v: f64, h: f64) -> Bound {
     let wanted = (outside / RETURN).clamp(AT_LEAST, AT_MOST);
     let by_q = if wanted > AT_LEAST && wanted < AT_MOST { -1.0 / RETURN } else { 0.0 };
     let reached = v.max(0.0) + h * wanted / RETURN;

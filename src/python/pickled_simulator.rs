@@ -41,8 +41,7 @@ impl PySimulator {
         }
         keywords.set_item("friction_speed", properties.friction_speed)?;
         let limits = match settings.limits {
-            Limits::Auto => None,
-            Limits::Stop => Some("stop"),
+            Limits::Stop => None,
             Limits::Report => Some("report"),
         };
         keywords.set_item("limits", limits)?;

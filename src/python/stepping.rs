@@ -48,8 +48,7 @@ impl<'py> Keywords<'_, 'py> {
             Some(method) => settings.method = method,
         }
         settings.limits = match self.limits {
-            None => Limits::Auto,
-            Some("stop") => Limits::Stop,
+            None | Some("stop") => Limits::Stop,
             Some("report") => Limits::Report,
             Some(other) => return Err(Error::argument("limits", format!("{other:?}"), "\"stop\" or \"report\"").into()),
         };

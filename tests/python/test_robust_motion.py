@@ -190,17 +190,6 @@ def test_reported_limits_let_the_joint_pass() -> None:
     assert stopped.limits == "stop" and stopped.q.min() == -0.3 and stopped.violations() == [] and stopped.stops[0].limit == "lower"
 
 
-def test_stops_are_refused_where_they_are_not_enforced() -> None:
-    ball = phipsi.SceneBuilder().link("ball", 2.0, inertia=0.01 * np.eye(3)).contact("ground", "ball", radius=0.1, friction=0.5).build(floating_base=True)
-    hung = phipsi.SceneBuilder().link("body", 1.0, inertia=0.1 * np.eye(3)).connect("hook", "point", "body").build(floating_base=True)
-    for scene in (ball, hung):
-        for call in (scene.simulate, scene.simulator):
-            steps = {"steps": 1} if call == scene.simulate else {}
-            with pytest.raises(ArgumentError, match='limits: found "stop" for a scene with contacts'):
-                call(scene.neutral(), np.zeros(6), dt=1e-3, limits="stop", **steps)
-        assert scene.simulate(scene.neutral(), np.zeros(6), dt=1e-3, steps=1).limits == "report"
-
-
 def test_coupled_joints_stop_and_stick_together() -> None:
     builder = phipsi.SceneBuilder().link("base")
     for name, joint in (("one", {"lower": -0.4, "upper": 0.3, "friction": 0.2}), ("two", {"mimic": "one", "mimic_multiplier": 2.0, "friction": 0.6})):

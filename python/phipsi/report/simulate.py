@@ -38,7 +38,7 @@ ROWS = 2000
 @click.option("--time", "duration", type=float, default=2.0, show_default=True, help="How long, s.")
 @click.option("--dt", type=float, default=1e-3, show_default=True, help="The step, s.")
 @click.option("--method", type=click.Choice(METHODS), default="auto", show_default=True, help="Integration method.")
-@click.option("--limits", type=click.Choice(("stop", "report")), help="Whether joint limits are stops.  [default: stop; report with contacts or connections]")
+@click.option("--limits", type=click.Choice(("stop", "report")), help="Whether joint limits are stops.  [default: stop]")
 @click.option("--restitution", type=float, default=0.0, show_default=True, help="Coefficient of restitution of the stops.")
 @click.option("--accuracy", type=float, help="Error control: the largest estimated error of a substep, rad or m.")
 @click.option("--record-every", type=click.IntRange(1), help=f"A row after so many steps.  [default: about {ROWS} rows]")

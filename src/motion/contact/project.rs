@@ -19,8 +19,8 @@ const STEPS: usize = 5;
 /// The Newton steps finish what a solve leaves.
 const ROUGH: Effort = Effort { tolerance: 1e-6, attempts: usize::MAX, iterations: usize::MAX };
 
-/// Moves `q` by the least kinetic energy until no gap is below zero: min d M d/2 with gap + `J_n` d >= 0, some Newton steps. Velocities stay as they
-/// are. Gives the depth that was found, m, and the iterations.
+/// Moves `q` by the least kinetic energy until no contact is below its plane: min d M d/2 with gap + `J_n` d >= 0, some Newton steps. No joint moves past
+/// its limit, or further out. Velocities stay as they are. Gives the depth that was found, m, and the iterations.
 pub(super) fn out_of_planes(
     model: &Model<f64>,
     points: &[ContactPoint],
@@ -31,7 +31,7 @@ pub(super) fn out_of_planes(
     let (mut depth, mut iterations) = (0.0, 0);
     for k in 0..STEPS {
         rows.place(model, points, q);
-        let lowest = rows.gaps.iter().fold(0.0_f64, |lowest, &gap| lowest.min(gap));
+        let lowest = rows.gaps[..points.len()].iter().fold(0.0_f64, |lowest, &gap| lowest.min(gap));
         if k == 0 {
             depth = -lowest;
         }
@@ -39,16 +39,17 @@ pub(super) fn out_of_planes(
             break;
         }
         // What is no further above than the deepest is below may be pushed under by the move.
-        let near: Vec<usize> = (0..points.len()).filter(|&i| rows.gaps[i] < depth).collect();
+        let near: Vec<usize> = (0..rows.gaps.len()).filter(|&i| rows.gaps[i] < depth).collect();
+        let gap = |i: usize| if i < points.len() { rows.gaps[i] } else { rows.gaps[i].max(0.0) };
         let pivots = factorise(model, workspace, q, |_, _| {});
         if let Some(lost) = workspace.lost_pivot(model, &pivots) {
             return Err(lost);
         }
+        let c = DVector::from_fn(3 * near.len(), |i, _| if i % 3 == 2 { gap(near[i / 3]) } else { 0.0 });
         let cone = Cone::new(rows.gram(model, points, workspace, &near), vec![0.0; near.len()]);
         if cone.lengths.iter().any(|r| !r.is_finite()) {
             break;
         }
-        let c = DVector::from_fn(3 * near.len(), |i, _| if i % 3 == 2 { rows.gaps[near[i / 3]] } else { 0.0 });
         let (push, told) = cone.solve(&c, None, &Limits::beside(&c), ROUGH);
         iterations += told.iterations;
         rows.respond(model, points, workspace, &near, &push);

@@ -23,7 +23,7 @@ pub(in crate::motion) struct Toucher {
 impl Toucher {
     #[cold]
     pub fn new(scene: &Scene, law: &StepSettings, form: Form) -> Self {
-        Self { scratch: Scratch::new(scene.model(), law), touching: Touching::new(scene, form) }
+        Self { scratch: Scratch::new(scene.model(), law), touching: Touching::new(scene, law, form) }
     }
 
     /// Runs a job; the fault is that of its earliest step, then of its lowest state.
@@ -74,6 +74,11 @@ impl Toucher {
             if let Err((joint, error)) = touching.step(scene, law, s, kept) {
                 outcome = Err(StepFault { step: n, state, joint, error });
                 break;
+            }
+            if let Some(impacts) = job.impacts
+                && !touching.impacts.is_empty()
+            {
+                impacts.add(&touching.impacts, state, law.time(n - job.begun[lane]));
             }
             std::mem::swap(&mut s.q, &mut s.q_next);
             std::mem::swap(&mut s.v, &mut s.v_next);

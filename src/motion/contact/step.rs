@@ -1,10 +1,13 @@
 //! One step of one state.
 
 use super::super::faults::fault_of;
+use super::super::limit_rows::{least_velocity, limit_rows, rebounds, settle_at};
 use super::super::scratch::Scratch;
 use super::super::solver::Checked;
 use super::super::step::step;
 use super::super::step_settings::StepSettings;
+use super::super::substeps::StopImpact;
+use super::super::tally::STOPS;
 use super::super::works::add_work;
 use super::kept::ContactReport;
 use super::project::out_of_planes;
@@ -29,6 +32,8 @@ const LATE: f64 = 1e-12;
 pub(super) struct Touching {
     solver: Checked,
     pub rows: ContactScratch,
+    /// Joints that met a stop in the last step.
+    pub impacts: Vec<StopImpact>,
 }
 
 /// Where contacts are and how they move when a step begins.
@@ -47,13 +52,17 @@ struct Outcome {
     held: DVector<f64>,
     states: Vec<ContactState>,
     report: ContactReport,
+    /// Velocities at the end, where joints that reach a stop end the step slower than they moved in it.
+    slowed: Option<Vec<f64>>,
 }
 
 impl Touching {
-    pub fn new(scene: &Scene, form: Form) -> Self {
+    pub fn new(scene: &Scene, law: &StepSettings, form: Form) -> Self {
+        let limits = if law.stops { limit_rows(scene) } else { Vec::new() };
         Self {
             solver: Checked::new(scene.model(), None, form),
-            rows: ContactScratch::new(scene.model(), scene.contact_points()),
+            rows: ContactScratch::new(scene.model(), scene.contact_points(), limits),
+            impacts: Vec::new(),
         }
     }
 
@@ -76,8 +85,11 @@ impl Touching {
         let start = self.rows.velocities(&s.model, points, &s.v);
         let free = self.rows.velocities(&s.model, points, &s.v_next);
         let before = Before { gaps: self.rows.gaps.clone(), start, free };
-        let outcome = self.touch(scene, h, s, &before, kept)?;
+        let mut outcome = self.touch(scene, law, s, &before, kept)?;
         move_along(h, s);
+        if let Some(slowed) = outcome.slowed.take() {
+            s.v_next = slowed;
+        }
         add_work(law, s);
         let ends = axes_of_free_joints(&s.model, &s.q, &s.q_next);
         let workspace = &mut self.solver.workspace;
@@ -87,6 +99,7 @@ impl Touching {
         for (row, turn) in ends {
             turned(&mut s.v_next[row..], &turn);
         }
+        self.settle(law, s, &before, &outcome, points.len());
         keep(kept, &outcome, points.len());
         #[allow(clippy::cast_precision_loss)] // a count
         let iterations = outcome.report.iterations + iterations as f64;
@@ -98,22 +111,24 @@ impl Touching {
     fn touch(
         &mut self,
         scene: &Scene,
-        h: f64,
+        law: &StepSettings,
         s: &mut Scratch<f64>,
         before: &Before,
         kept: &[f64],
     ) -> Result<Outcome, (String, Error)> {
-        let Self { solver, rows } = self;
-        let (workspace, points) = (&mut solver.workspace, scene.contact_points());
+        let Self { solver, rows, .. } = self;
+        let (workspace, points, h) = (&mut solver.workspace, scene.contact_points(), law.step);
         let Before { gaps, start, free } = before;
-        let n = points.len();
-        let mut near: Vec<usize> = (0..n).filter(|&i| gaps[i] <= 0.0 || gaps[i] + h * free[3 * i + 2] <= 0.0).collect();
+        let (n, all_rows) = (points.len(), gaps.len());
+        let mut near: Vec<usize> =
+            (0..all_rows).filter(|&i| gaps[i] <= 0.0 || gaps[i] + h * free[3 * i + 2] <= 0.0).collect();
         let mut outcome = Outcome {
             near: Vec::new(),
             hit: None,
             held: DVector::zeros(0),
             states: Vec::new(),
             report: ContactReport::nothing(),
+            slowed: None,
         };
         if near.is_empty() {
             return Ok(outcome);
@@ -126,10 +141,10 @@ impl Touching {
         let rest_speed = s.model.gravity.norm() * h;
         let v_free = s.v_next.clone();
         let mut iterations = 0;
-        for _ in 0..=n {
+        for _ in 0..=all_rows {
             let pick =
                 |all: &dyn Fn(usize) -> f64| DVector::from_fn(3 * near.len(), |i, _| all(3 * near[i / 3] + i % 3));
-            let friction = near.iter().map(|&i| points[i].friction).collect();
+            let friction = near.iter().map(|&i| points.get(i).map_or(0.0, |point| point.friction)).collect();
             let cone = Cone::new(rows.gram(&s.model, points, workspace, &near), friction);
             if let Some(at) = cone.lengths.iter().position(|r| !r.is_finite()) {
                 let found = "a point that nothing can move in this configuration";
@@ -139,26 +154,36 @@ impl Touching {
             let free_here = pick(&|i| free[i]);
             let rebound: Vec<f64> = near
                 .iter()
-                .map(|&i| if start[3 * i + 2] < -rest_speed { points[i].restitution } else { 0.0 })
+                .map(|&i| match (points.get(i), start[3 * i + 2]) {
+                    (Some(point), speed) if speed < -rest_speed => point.restitution,
+                    (None, speed) if rebounds(speed, free[3 * i + 2], law.restitution) => law.restitution,
+                    _ => 0.0,
+                })
                 .collect();
             let mut u = free_here.clone();
-            let mut warm = Some(pick(&|i| kept[i]));
-            let mut hit = None;
+            let mut warm = Some(pick(&|i| if i < 3 * n { kept[i] } else { 0.0 }));
+            let touching = near.iter().filter(|&&i| i < n).count();
+            let (mut hit, mut lost) = (None, 0.0);
             if rebound.iter().any(|&e| e > 0.0) {
                 let middle = (pick(&|i| start[i]) + &u) * 0.5;
                 let struck = impact(&cone, &middle, &rebound, Effort::default());
-                u += &cone.g * &struck.impulses;
+                let change = &cone.g * &struck.impulses;
+                lost = -(0..3 * touching).map(|i| struck.impulses[i] * (middle[i] + 0.5 * change[i])).sum::<f64>();
+                u += change;
                 warm = None;
                 hit = Some(struck);
             }
             let mut c = u.clone();
             for (at, &i) in near.iter().enumerate() {
-                c[3 * at + 2] += gaps[i].max(0.0) / h;
+                c[3 * at + 2] -=
+                    if i < n { -gaps[i].max(0.0) / h } else { least_velocity(gaps[i], start[3 * i + 2], h) };
             }
             let mut limits = Limits::beside(&c);
             limits.scale = limits.scale.max(free_here.amax());
             let (held, mut told) = cone.impulses(&c, warm.as_ref(), &limits, Effort::default());
-            let (held, mut impulse_kept) = passive(&cone, &u, held);
+            // A joint that returns from outside of its limits gains energy.
+            let returns = near.iter().any(|&i| i >= n && gaps[i] < 0.0);
+            let (mut held, mut impulse_kept) = if returns { (held, 1.0) } else { passive(&cone, &u, held) };
             let mut all = held.clone();
             if let Some(hit) = &hit {
                 all += &hit.impulses;
@@ -171,17 +196,35 @@ impl Touching {
                 *v = v_free[i] + rows.response[i];
             }
             let after = rows.velocities(&s.model, points, &s.v_next);
-            let late = |i: &usize| !near.contains(i) && gaps[*i] + h * after[3 * *i + 2] < -LATE;
-            let late: Vec<usize> = (0..n).filter(late).collect();
+            let late = |i: &usize| !near.contains(i) && gaps[*i].max(0.0) + h * after[3 * *i + 2] < -LATE;
+            let late: Vec<usize> = (0..all_rows).filter(late).collect();
             if late.is_empty() {
+                let arrives = |at: usize| near[at] >= n && gaps[near[at]] > 0.0 && held[3 * at + 2] > 0.0;
+                let arriving: Vec<usize> = (touching..near.len()).filter(|&at| arrives(at)).collect();
+                let mut after = after;
+                if !arriving.is_empty() {
+                    for at in arriving {
+                        c[3 * at + 2] = u[3 * at + 2];
+                    }
+                    let (slower, more) = cone.impulses(&c, Some(&held), &limits, Effort::default());
+                    let (slower, part) = if returns { (slower, 1.0) } else { passive(&cone, &u, slower) };
+                    (told, impulse_kept, iterations) =
+                        (told.with(more), impulse_kept.min(part), iterations + more.iterations);
+                    all += &slower - &held;
+                    held = slower;
+                    rows.respond(&s.model, points, workspace, &near, &all);
+                    let slowed: Vec<f64> = v_free.iter().zip(&rows.response).map(|(v, dv)| v + dv).collect();
+                    after = rows.velocities(&s.model, points, &slowed);
+                    outcome.slowed = Some(slowed);
+                }
                 let after_here = pick(&|i| after[i]);
                 let landed = |at: usize| start[3 * near[at] + 2] < -rest_speed;
-                outcome.report =
-                    report(&told, iterations, impulse_kept, hit.as_ref(), (&held, &u, &after_here), &landed);
+                let (hit_now, velocities) = ((lost, hit.as_ref()), (&held, &u, &after_here));
+                outcome.report = report(&told, iterations, impulse_kept, hit_now, velocities, (touching, &landed));
                 check(scene, &near, &told)?;
                 outcome.states = cone.states(&held, &c, &limits);
                 if let Some(hit) = &hit {
-                    rebounds(&cone, &hit.impulses, &mut outcome.states);
+                    states_of_rebounds(&cone, &hit.impulses, &mut outcome.states);
                 }
                 (outcome.near, outcome.hit, outcome.held) = (near, hit, held);
                 break;
@@ -191,10 +234,32 @@ impl Touching {
         }
         Ok(outcome)
     }
+
+    /// Ends the step of joints at their stops: their work and their impacts.
+    fn settle(
+        &mut self,
+        law: &StepSettings,
+        s: &mut Scratch<f64>,
+        before: &Before,
+        outcome: &Outcome,
+        contacts: usize,
+    ) {
+        self.impacts.clear();
+        let h = law.step;
+        for (at, &i) in outcome.near.iter().enumerate().filter(|(_, i)| **i >= contacts) {
+            let (limit, start) = (self.rows.limits[i - contacts], before.start[3 * i + 2]);
+            let struck = outcome.hit.as_ref().map_or(0.0, |hit| hit.impulses[3 * at + 2]);
+            let impulse = outcome.held[3 * at + 2] + struck;
+            let rests = (struck == 0.0 && impulse > 0.0).then(|| least_velocity(before.gaps[i].min(0.0), start, h));
+            let ends = (&mut s.q_next[..], &mut s.v_next[..]);
+            self.impacts.extend(settle_at(&limit, (h, start), (impulse, rests), ends));
+            s.tally[STOPS] += 0.5 * impulse * limit.sign() * (s.v[limit.row] + s.v_next[limit.row]);
+        }
+    }
 }
 
 /// What the contacts do that an impact touched and nothing holds any more: what they did in it.
-fn rebounds(cone: &Cone, impulses: &DVector<f64>, states: &mut [ContactState]) {
+fn states_of_rebounds(cone: &Cone, impulses: &DVector<f64>, states: &mut [ContactState]) {
     /// Parts of the largest impulse, and of the bound of friction, that are rounding.
     const ROUNDING: f64 = 1e-9;
     let largest = impulses.amax();
@@ -207,17 +272,17 @@ fn rebounds(cone: &Cone, impulses: &DVector<f64>, states: &mut [ContactState]) {
     }
 }
 
-/// What is told of a step: u before the impulses that hold, `after` behind them.
+/// The report of a step, with contact velocities u before the impulses that hold and `after` them; the first rows are those of contacts.
 fn report(
     told: &Told,
     iterations: usize,
     impulse_kept: f64,
-    hit: Option<&Impact>,
+    (lost, hit): (f64, Option<&Impact>),
     (held, u, after): (&DVector<f64>, &DVector<f64>, &DVector<f64>),
-    landed: &dyn Fn(usize) -> bool,
+    (touching, landed): (usize, &dyn Fn(usize) -> bool),
 ) -> ContactReport {
-    let (mut impacts, mut friction) = (hit.map_or(0.0, |hit| -hit.work), 0.0);
-    for at in 0..held.len() / 3 {
+    let (mut impacts, mut friction) = (lost, 0.0);
+    for at in 0..touching {
         let (p, u, after) = (held.fixed_rows::<3>(3 * at), u.fixed_rows::<3>(3 * at), after.fixed_rows::<3>(3 * at));
         if landed(at) {
             impacts -= 0.5 * p.dot(&(u + after));
@@ -248,9 +313,10 @@ fn check(scene: &Scene, near: &[usize], told: &Told) -> Result<(), (String, Erro
     Err((String::new(), Error::argument(named(scene, near), found, expected)))
 }
 
-/// The words for some contacts.
+/// The words for some contacts; joint limits can always be met.
 fn named(scene: &Scene, which: &[usize]) -> String {
-    let names: Vec<String> = which.iter().take(8).map(|&i| format!("{:?}", scene.contact_points()[i].name)).collect();
+    let points = which.iter().filter_map(|&i| scene.contact_points().get(i));
+    let names: Vec<String> = points.take(8).map(|point| format!("{:?}", point.name)).collect();
     let more = if which.len() > names.len() { ", ..." } else { "" };
     format!("contact{} {}{more}", if which.len() == 1 { "" } else { "s" }, names.join(", "))
 }
@@ -266,7 +332,7 @@ fn keep(kept: &mut [f64], outcome: &Outcome, contacts: usize) {
     let (struck, states) = struck.split_at_mut(3 * contacts);
     held.fill(0.0);
     states[..contacts].fill(ContactState::Open.number());
-    for (at, &i) in outcome.near.iter().enumerate() {
+    for (at, &i) in outcome.near.iter().enumerate().filter(|(_, i)| **i < contacts) {
         states[i] = outcome.states[at].number();
         for row in 0..3 {
             held[3 * i + row] = outcome.held[3 * at + row];

@@ -1,0 +1,180 @@
+//! Joint stops of scenes with connections: a step that would end past a limit is made again with impulses at the limits that act, of order 1 (J. J. Moreau's time stepping).
+//!
+//! ```text
+//! v_free: velocities at the end without stops, on the connections      columns w_j = P M^-1 e_j, P the projection onto the connections of least kinetic energy
+//! 0 <= u + gap/h perpendicular to p >= 0, u = e_j (v_free + W p)        q' = q exp(h (v_free + W p)), onto the connections
+//! 0 <= u - e max(-u_start, 0) perpendicular to p >= 0                   v' = v_free + W p, onto the connections
+//! ```
+
+use super::constrained::{Constrained, Failure};
+use super::limit_rows::{least_velocity, rebounds, settle_at};
+use super::manifold::advance;
+use super::scratch::Scratch;
+use super::step_settings::StepSettings;
+use super::substeps::StopImpact;
+use super::tally::STOPS;
+use crate::contact::{Cone, Effort, Limits, Told, expansion_kept};
+use crate::dynamics::contacts::LimitRow;
+use crate::dynamics::{factorise, solve};
+use crate::error::Error;
+use nalgebra::{DMatrix, DVector};
+
+/// A limit that was not near and ends further outside joins, rad or m.
+const LATE: f64 = 1e-12;
+
+/// A residual above it is an error.
+const REFUSED: f64 = 1e-5;
+
+/// The limits that act in a step.
+struct Acting {
+    near: Vec<usize>,
+    /// P M^-1 e_j of each, away from its limit.
+    columns: Vec<Vec<f64>>,
+    cone: Cone,
+}
+
+impl Constrained<'_> {
+    /// Keeps joints within their limits: makes the step again where `q_next` is past one. The impacts.
+    pub(super) fn stop(
+        &mut self,
+        law: &StepSettings,
+        limits: &[LimitRow],
+        s: &mut Scratch<f64>,
+    ) -> Result<Vec<StopImpact>, Failure> {
+        let past = |limit: &LimitRow| !(limit.gap(&s.q_next) >= -LATE) || limit.gap(&s.q) < 0.0;
+        if !s.q_next.iter().chain(&s.v_next).all(|x| x.is_finite()) || !limits.iter().any(past) {
+            return Ok(Vec::new());
+        }
+        let noise = std::mem::replace(&mut s.model.system.noise, law.properties.armature.clone());
+        let outcome = self.stopped(law, limits, s);
+        s.model.system.noise = noise;
+        outcome
+    }
+
+    fn stopped(
+        &mut self,
+        law: &StepSettings,
+        limits: &[LimitRow],
+        s: &mut Scratch<f64>,
+    ) -> Result<Vec<StopImpact>, Failure> {
+        let h = law.step;
+        let mut free = s.v_next.clone();
+        self.velocities_onto_connections(&s.model, &s.q, &mut free)?;
+        let start: Vec<f64> = limits.iter().map(|limit| limit.velocity(&s.v)).collect();
+        let least: Vec<f64> =
+            limits.iter().zip(&start).map(|(limit, &u)| least_velocity(limit.gap(&s.q), u, h)).collect();
+        let ends = |v: &[f64], i: usize| limits[i].velocity(v) - least[i];
+        let mut acting =
+            Acting { near: Vec::new(), columns: Vec::new(), cone: Cone::new(DMatrix::zeros(0, 0), vec![]) };
+        let mut next = free.clone();
+        for _ in 0..=limits.len() {
+            let late = |&i: &usize| !acting.near.contains(&i) && h * ends(&next, i) < -LATE;
+            let late: Vec<usize> = (0..limits.len()).filter(late).collect();
+            if late.is_empty() {
+                break;
+            }
+            self.join(&mut acting, &late, limits, s)?;
+            let c = acting.rows(|i| ends(&free, i));
+            next = acting.moved(&free, &self.solved(&acting, &c, limits)?);
+        }
+        for (x, v) in s.x.iter_mut().zip(&next) {
+            *x = h * v;
+        }
+        advance(&s.model, &s.q, &s.x, &mut s.q_next);
+        if self.alpha.is_none() {
+            self.positions_onto_connections(&s.model, &mut s.q_next)?;
+        }
+        // Velocities at the end: at rest at the stops, or those of rebounds, as far as they give no kinetic energy.
+        let u = acting.rows(|i| limits[i].velocity(&free));
+        let returning = |i: usize| if limits[i].gap(&s.q) < 0.0 { least[i] } else { 0.0 };
+        let rest = self.solved(&acting, &acting.rows(|i| limits[i].velocity(&free) - returning(i)), limits)?;
+        let back = |i: usize| {
+            let speed = limits[i].velocity(&free);
+            if rebounds(start[i], speed, law.restitution) { -law.restitution * start[i] } else { returning(i) }
+        };
+        let mut all = rest.clone();
+        let elastic = acting.near.iter().any(|&i| back(i) > returning(i));
+        if elastic {
+            let bounced = self.solved(&acting, &acting.rows(|i| limits[i].velocity(&free) - back(i)), limits)?;
+            let more = bounced - &rest;
+            all += &more * expansion_kept(&acting.cone, &u, &rest, &more);
+        }
+        s.v_next = acting.moved(&free, &all);
+        if self.alpha.is_none() {
+            self.velocities_onto_connections(&s.model, &s.q_next, &mut s.v_next)?;
+        }
+        let mut impacts = Vec::new();
+        for (at, &i) in acting.near.iter().enumerate() {
+            let (limit, impulse) = (&limits[i], all[3 * at + 2]);
+            let rests = (!elastic && impulse > 0.0).then(|| returning(i));
+            impacts.extend(settle_at(limit, (h, start[i]), (impulse, rests), (&mut s.q_next, &mut s.v_next)));
+            s.tally[STOPS] += 0.5 * impulse * limit.sign() * (s.v[limit.row] + s.v_next[limit.row]);
+        }
+        Ok(impacts)
+    }
+
+    /// Adds limits to those that act.
+    fn join(
+        &mut self,
+        acting: &mut Acting,
+        late: &[usize],
+        limits: &[LimitRow],
+        s: &Scratch<f64>,
+    ) -> Result<(), Failure> {
+        for &i in late {
+            let (mut torque, mut column) = (vec![0.0; s.v.len()], vec![0.0; s.v.len()]);
+            torque[limits[i].row] = limits[i].sign();
+            // The factor at q; a pivot that is lost there has ended the step already.
+            factorise(&s.model, &mut self.scratch.workspace, &s.q, |_, _| {});
+            solve(&s.model, &mut self.scratch.workspace, &torque, &mut column);
+            self.velocities_onto_connections(&s.model, &s.q, &mut column)?;
+            acting.near.push(i);
+            acting.columns.push(column);
+        }
+        let n = acting.near.len();
+        let mut g = DMatrix::zeros(3 * n, 3 * n);
+        for (a, &i) in acting.near.iter().enumerate() {
+            for (b, column) in acting.columns.iter().enumerate() {
+                g[(3 * a + 2, 3 * b + 2)] = limits[i].velocity(column);
+            }
+        }
+        let symmetric = 0.5 * (&g + g.transpose());
+        acting.cone = Cone::new(symmetric, vec![0.0; n]);
+        Ok(())
+    }
+
+    /// Impulses by the law, for normal velocities c.
+    fn solved(&self, acting: &Acting, c: &DVector<f64>, limits: &[LimitRow]) -> Result<DVector<f64>, Failure> {
+        let (impulses, told): (_, Told) = acting.cone.impulses(c, None, &Limits::beside(c), Effort::default());
+        let open = acting.cone.lengths.iter().position(|r| !r.is_finite());
+        if told.residual <= REFUSED && open.is_none() {
+            return Ok(impulses);
+        }
+        let joint = |at: usize| {
+            let row = limits[acting.near[at]].row;
+            self.scene.joints().iter().find(|joint| joint.v.start == row).map_or("", |joint| &joint.name)
+        };
+        let argument = format!("limit of joint {:?}", joint(open.unwrap_or(0)));
+        let found =
+            format!("a stop that the connections do not let the joint leave, a residual of {:.1e}", told.residual);
+        Err((None, Some(Error::argument(argument, found, "limits=\"report\" for a joint that the connections hold"))))
+    }
+}
+
+impl Acting {
+    /// Normal rows, of the limits that act.
+    fn rows(&self, of: impl Fn(usize) -> f64) -> DVector<f64> {
+        DVector::from_fn(3 * self.near.len(), |row, _| if row % 3 == 2 { of(self.near[row / 3]) } else { 0.0 })
+    }
+
+    /// Velocities after impulses.
+    fn moved(&self, v: &[f64], impulses: &DVector<f64>) -> Vec<f64> {
+        let mut moved = v.to_vec();
+        for (at, column) in self.columns.iter().enumerate() {
+            for (v, change) in moved.iter_mut().zip(column) {
+                *v += change * impulses[3 * at + 2];
+            }
+        }
+        moved
+    }
+}

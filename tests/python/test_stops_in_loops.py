@@ -1,0 +1,166 @@
+"""Joint stops in scenes with contacts and in scenes with connections."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import phipsi
+
+
+def two_blocks(*, upper: float, closed: bool, floor: bool = False) -> phipsi.Scene:
+    """Blocks of 2 and 3 kg on level slides; `closed`: coupled, so that they move together; `floor`: the second rests on a point of a third body."""
+    builder = phipsi.SceneBuilder().link("base").link("left", 2.0).link("right", 3.0)
+    builder.joint("left", "prismatic", "base", "left", axis=(1, 0, 0), lower=-1.0, upper=1.0)
+    builder.joint("right", "prismatic", "base", "right", axis=(1, 0, 0), lower=-upper, upper=upper)
+    if closed:
+        builder.couple("together", "left", "right")
+    if floor:
+        builder.link("ball", 1.0, inertia=0.01 * np.eye(3)).joint("ball", "floating", "base", "ball")
+        builder.contact("ground", "ball", radius=0.1, friction=0.5)
+    return builder.build()
+
+
+def four_bar(lower: float, upper: float, offset: float = 0.0) -> phipsi.Scene:
+    """The linkage of docs/how-to/closed-loops.md, with a limit of its rocker."""
+
+    def bar(name: str, parent: str, at: tuple[float, float, float], length: float, **joint: float) -> None:
+        builder.link(name, 1.0, (0, 0, length / 2), np.diag([length**2 / 12] * 2 + [1e-3]))
+        kind = "revolute" if joint else "continuous"
+        builder.joint(name, kind, parent, name, xyz=at, axis=(0, 1, 0), **joint)
+
+    builder = phipsi.SceneBuilder().link("ground")
+    bar("crank", "ground", (offset, 0, 0), 0.2)
+    bar("coupler", "crank", (0, 0, 0.2), 0.4)
+    bar("rocker", "ground", (offset + 0.3, 0, 0), 0.3, lower=lower, upper=upper)
+    builder.connect("pin", "axis", "coupler", "rocker", xyz=(0, 0, 0.4), other_xyz=(0, 0, 0.3), axis=(0, 1, 0))
+    return builder.build()
+
+
+def test_a_stop_of_one_joint_stops_what_is_coupled_to_it() -> None:
+    scene = two_blocks(upper=0.2505, closed=True)
+    path = scene.simulate(np.zeros(2), np.ones(2), dt=1e-3, steps=500)
+    assert path.limits == "stop"
+    assert np.array_equal(path.q[-1], [0.2505, 0.2505]) or np.abs(path.q[-1] - 0.2505).max() < 1e-12
+    assert np.abs(path.qd[-1]).max() < 1e-12 and path.violations() == []
+    [impact] = path.stops
+    assert (impact.joint, impact.limit) == ("right", "upper")
+    assert abs(impact.time - 0.251) < 1e-9 and abs(impact.speed - 1.0) < 1e-9 and abs(impact.impulse + 5.0) < 1e-9
+    assert abs(path.works[4] + 0.5 * 5.0) < 1e-9
+
+
+@pytest.mark.parametrize("restitution", [0.5, 1.0])
+def test_rebounds_of_coupled_joints_have_the_restitution(restitution: float) -> None:
+    path = two_blocks(upper=0.25, closed=True).simulate(np.zeros(2), np.ones(2), dt=1e-3, steps=300, restitution=restitution)
+    assert np.abs(path.qd[-1] + restitution).max() < 1e-9 and abs(path.stops[0].impulse + 5.0 * (1 + restitution)) < 1e-9
+
+
+def test_a_pushed_linkage_rests_exactly_on_its_stop() -> None:
+    free = four_bar(-10.0, 10.0)
+    q, _, _ = free.project([0.5, 0.8, 0.2], np.zeros(3))
+    passed = free.simulate(q, np.zeros(3), tau=[-8.0, 0, 0], dt=1e-3, steps=400, damping=0.05)
+    bound = float(0.5 * (passed.q[:, 2].min() + q[2]))
+    scene = four_bar(bound, 10.0)
+    path = scene.simulate(q, np.zeros(3), tau=[-8.0, 0, 0], dt=1e-3, steps=2000, damping=0.05)
+    assert path.q[:, 2].min() >= bound - 1e-5 and abs(path.q[-1, 2] - bound) < 1e-9 and np.abs(path.qd[-1]).max() < 1e-9
+    assert path.drift.max() < 1e-12 and path.stops and all((s.joint, s.limit) == ("rocker", "lower") for s in path.stops)
+    reported = scene.simulate(q, np.zeros(3), tau=[-8.0, 0, 0], dt=1e-3, steps=400, damping=0.05, limits="report")
+    assert np.array_equal(reported.q, passed.q) and reported.violations()[0].joint == "rocker"
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.7, 1.0])
+def test_stops_give_a_linkage_no_energy(restitution: float) -> None:
+    q, qd, _ = four_bar(-10.0, 10.0).project([0.5, 0.8, 0.2], [4.0, 0.0, 0.0])
+    path = four_bar(q[2] - 0.2, q[2] + 0.2).simulate(q, qd, dt=2e-4, steps=5000, restitution=restitution)
+    energy = path.energy().total
+    assert path.stops and energy.max() <= energy[0] + 1e-3 * np.ptp(path.energy().kinetic)
+    assert abs(path.energy_audit().remainder) < 0.02 * np.ptp(path.energy().kinetic)
+
+
+def test_a_linkage_that_starts_outside_of_a_limit_returns_slowly() -> None:
+    q, _, _ = four_bar(-10.0, 10.0).project([0.5, 0.8, 0.2], np.zeros(3))
+    scene = four_bar(q[2] + 0.05, 10.0)
+    with pytest.warns(phipsi.errors.LimitWarning, match="rocker"):
+        path = scene.simulate(q, np.zeros(3), dt=1e-3, steps=1000, tau=[-4.0, 0, 0], damping=0.2)
+    assert 0.5e-3 < np.diff(path.q[:, 2]).max() < 1.001e-3 and abs(path.q[-1, 2] - q[2] - 0.05) < 1e-6 and path.drift.max() < 1e-12
+
+
+def test_stops_act_beside_a_contact() -> None:
+    with_floor, alone = (two_blocks(upper=0.25, closed=False, floor=floor) for floor in (True, False))
+    q, qd = np.concatenate([np.zeros(4), [0.1, 0, 0, 0, 1.0]]), np.array([0.5, 1.0, 0, 0, 0, 0, 0, 0])
+    for restitution in (0.0, 0.5):
+        path = with_floor.simulate(q, qd, dt=1e-3, steps=400, restitution=restitution)
+        other = alone.simulate(q[:2], qd[:2], dt=1e-3, steps=400, restitution=restitution)
+        assert (path.limits, path.integrator) == ("stop", "contact")
+        assert np.abs(path.q[:, :2] - other.q).max() < 2e-3 and np.abs(path.qd[-1, :2] - other.qd[-1]).max() < 1e-9
+        [impact], [expected] = path.stops, other.stops
+        assert (impact.joint, impact.limit) == ("right", "upper") and abs(impact.impulse - expected.impulse) < 1e-9
+        assert abs(impact.speed - 1.0) < 1e-9 and abs(path.works[4] - other.works[4]) < 1e-9
+        assert np.allclose(path.contacts.force["ground"][-1], [0, 0, 9.81])
+
+
+def leg(upper: float) -> phipsi.Scene:
+    """A body on a foot with a knee whose upper limit is given, above the floor; a slide keeps it upright."""
+    builder = phipsi.SceneBuilder().link("base").link("body", 4.0, inertia=0.05 * np.eye(3))
+    builder.link("thigh", 1.0, (0, 0, -0.15), 0.01 * np.eye(3)).link("shin", 0.7, (0, 0, -0.15), 0.007 * np.eye(3))
+    builder.joint("rail", "prismatic", "base", "body", axis=(0, 0, 1))
+    builder.joint("hip", "revolute", "body", "thigh", axis=(0, 1, 0), lower=-1.5, upper=1.5)
+    builder.joint("knee", "revolute", "thigh", "shin", xyz=(0, 0, -0.3), axis=(0, 1, 0), lower=0.0, upper=upper)
+    return builder.contact("foot", "shin", xyz=(0, 0, -0.3), friction=0.0).build()
+
+
+def test_a_leg_folds_to_the_stop_of_its_knee_and_stays_there() -> None:
+    scene = leg(1.2)
+    q = np.array([0.3 * np.cos(0.4) + 0.3 * np.cos(0.4), -0.4, 0.8])
+    path = scene.simulate(q, np.zeros(3), dt=1e-3, steps=3000, damping=[0.0, 2.0, 2.0])
+    assert path.q[:, 2].max() <= 1.2 and path.q[-1, 2] == 1.2 and path.qd[-1, 2] == 0.0
+    assert path.contacts.converged and path.contacts.depth < 1e-4 and scene.contact_gaps(path.q[-1])[0] > -1e-9
+    assert {("knee", "upper")} <= {(s.joint, s.limit) for s in path.stops} and len(path.stops) < 10
+    # In equilibrium the foot carries the weight.
+    assert np.allclose(path.contacts.force["foot"][-1], [0, 0, 5.7 * 9.81], atol=0.5)
+    audit = path.energy_audit()
+    assert audit.stops < 0.0 and audit.share < 0.02
+    reported = scene.simulate(q, np.zeros(3), dt=1e-3, steps=3000, damping=[0.0, 2.0, 2.0], limits="report")
+    assert reported.q[:, 2].max() > 1.3 and reported.stops == []
+
+
+def test_simulators_and_batches_stop_as_single_runs_do() -> None:
+    q = np.array([[0.5526, -0.4, 0.8], [0.6, -0.3, 0.5], [0.7, 0.1, 0.2]])
+    scene = leg(0.9)
+    batch = scene.simulate(q, np.zeros((3, 3)), dt=1e-3, steps=700)
+    assert [impact.state for impact in batch.stops] == sorted(impact.state for impact in batch.stops)
+    simulator = scene.simulator(q, np.zeros((3, 3)), dt=1e-3)
+    simulator.step(steps=300)
+    simulator.step(steps=400)
+    stops = simulator.take_stops()
+    assert np.array_equal(simulator.q, batch.q[:, -1]) and stops == batch.stops and simulator.take_stops() == []
+    for k in range(3):
+        single = scene.simulate(q[k], np.zeros(3), dt=1e-3, steps=700)
+        assert np.array_equal(single.q, batch.q[k]) and [s.impulse for s in single.stops] == [s.impulse for s in batch.stops if s.state == k]
+
+
+def test_a_stop_and_momentum_of_a_floating_robot_with_contacts() -> None:
+    """In flight no contact acts: stops are internal, so momentum is conserved."""
+    builder = phipsi.SceneBuilder().link("hull", 2.0, inertia=0.1 * np.eye(3)).link("arm", 1.0, (0.3, 0, 0), 0.02 * np.eye(3))
+    builder.joint("arm", "revolute", "hull", "arm", axis=(0, 1, 0), lower=-0.5, upper=0.5).contact("ground", "hull", radius=0.2, friction=0.5)
+    scene = builder.build(floating_base=True, gravity=(0, 0, 0))
+    q = np.array([0, 0, 5.0, 0, 0, 0, 1.0, 0.0])
+    path = scene.simulate(q, [0, 0, 0, 0, 0, 0, 3.0], dt=1e-3, steps=400)
+    assert path.q[:, 7].max() == 0.5 and path.qd[-1, 6] == 0.0 and len(path.stops) == 1
+    momentum = scene.momentum(path.q, path.qd)
+    assert np.abs(momentum[-1] - momentum[0]).max() < 2e-2 * np.abs(momentum[0]).max()  # a step of order 1
+
+
+def test_limits_are_checked_by_name() -> None:
+    with pytest.raises(phipsi.errors.ArgumentError, match='limits: found "bounce"; expected "stop" or "report"'):
+        two_blocks(upper=1.0, closed=True).simulate(np.zeros(2), np.zeros(2), dt=1e-3, steps=1, limits="bounce")
+
+
+
+
+def test_a_joint_outside_of_its_limit_returns_beside_a_contact() -> None:
+    scene = two_blocks(upper=0.25, closed=False, floor=True)
+    q, tau = np.array([0.0, 0.35, 0, 0, 0.1, 0, 0, 0, 1.0]), np.array([0, 2.0, 0, 0, 0, 0, 0, 0])
+    with pytest.warns(phipsi.errors.LimitWarning, match="right"):
+        path = scene.simulate(q, np.zeros(8), tau=tau, dt=1e-3, steps=1000, damping=[0, 30.0, *[0.0] * 6])
+    assert 0.5e-3 < -np.diff(path.q[:, 1]).min() < 1.001e-3 and path.q[-1, 1] == 0.25 and path.qd[-1, 1] == 0.0
