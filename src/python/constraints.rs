@@ -99,6 +99,7 @@ impl PyScene {
         wrenches: Option<&Object<'py>>,
         errors: &str,
     ) -> PyResult<Object<'py>> {
+        self.scene.check_independent()?;
         let algorithm = Algorithm::ConstrainedDynamics(read_form(form)?);
         let keywords = Keywords { wrenches, out: None, dtype: None, errors, info: false };
         let given = [("q", q), ("qd", qd), ("tau", tau)];

@@ -1,0 +1,248 @@
+"""What each public method of a scene does in scenes with connections, contacts or coupled joints: one call of each, and the table of docs/methods-by-scene.md.
+
+`python tests/python/methods_by_scene.py docs/methods-by-scene.md` writes the page.
+"""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import phipsi
+
+KINDS = ("connections", "contacts", "mimic")
+
+
+class State(NamedTuple):
+    """One state of a scene, and directions."""
+
+    q: np.ndarray
+    qd: np.ndarray
+    tau: np.ndarray
+    qdd: np.ndarray
+
+
+Call = Callable[[phipsi.Scene, State], Any]
+
+
+def _tip(scene: phipsi.Scene) -> str:
+    return scene.link_names[-1]
+
+
+def _target(scene: phipsi.Scene, state: State) -> phipsi.tasks.Position:
+    return phipsi.tasks.Position(_tip(scene), scene.placement(state.q, _tip(scene))[:3, 3] + [0.01, 0.0, -0.01])
+
+
+def _vjp(scene: phipsi.Scene, s: State) -> Any:
+    path = scene.simulate(s.q, s.qd, tau=s.tau, dt=1e-3, steps=3)
+    return scene.simulate_vjp(path.q, path.qd, np.ones((4, scene.nv)), np.ones((4, scene.nv)), tau=s.tau, dt=1e-3, steps=3)
+
+
+def _extras(scene: phipsi.Scene) -> tuple[Any, ...]:
+    """What a changed scene must keep."""
+    return scene.connection_names, scene.contact_names, scene.nv, scene.link_names
+
+
+def _identify(scene: phipsi.Scene, s: State) -> Any:
+    random = np.random.default_rng(5)
+    q, qd, qdd = (s.q + 0.1 * random.normal(size=(40, scene.nq)), *random.normal(size=(2, 40, scene.nv)))
+    return scene.identify(q, qd, qdd, scene.inverse_dynamics(q, qd, qdd) + 0.01 * random.normal(size=(40, scene.nv))).parameters
+
+
+#: A call of each method that takes a state of the scene, or makes another scene.
+CALLS: dict[str, Call] = {
+    "acceleration": lambda scene, s: scene.acceleration(s.q, s.qd, s.qdd, _tip(scene)),
+    "bias_torque": lambda scene, s: scene.bias_torque(s.q, s.qd),
+    "center_of_mass": lambda scene, s: scene.center_of_mass(s.q),
+    "center_of_mass_acceleration": lambda scene, s: scene.center_of_mass_acceleration(s.q, s.qd, s.qdd),
+    "center_of_mass_jacobian": lambda scene, s: scene.center_of_mass_jacobian(s.q),
+    "center_of_mass_velocity": lambda scene, s: scene.center_of_mass_velocity(s.q, s.qd),
+    "centroidal_momentum_matrix": lambda scene, s: scene.centroidal_momentum_matrix(s.q),
+    "centroidal_momentum_matrix_rate": lambda scene, s: scene.centroidal_momentum_matrix_rate(s.q, s.qd),
+    "constrained_dynamics": lambda scene, s: scene.constrained_dynamics(s.q, s.qd, s.tau).qdd,
+    "constrained_inverse_dynamics": lambda scene, s: scene.constrained_inverse_dynamics(s.q, s.qd, s.qdd).tau,
+    "constrained_mass_matrix_inverse": lambda scene, s: scene.constrained_mass_matrix_inverse(s.q),
+    "constraint_bias": lambda scene, s: scene.constraint_bias(s.q, s.qd),
+    "constraint_error": lambda scene, s: scene.constraint_error(s.q),
+    "constraint_jacobian": lambda scene, s: scene.constraint_jacobian(s.q),
+    "contact_gaps": lambda scene, s: scene.contact_gaps(s.q),
+    "contact_velocities": lambda scene, s: scene.contact_velocities(s.q, s.qd),
+    "coriolis_matrix": lambda scene, s: scene.coriolis_matrix(s.q, s.qd),
+    "difference": lambda scene, s: scene.difference(s.q, scene.neutral()),
+    "energy": lambda scene, s: scene.energy(s.q, s.qd),
+    "estimate": lambda scene, s: scene.estimate(s.q, s.qd, s.tau, noise=0.1).acceleration,
+    "factor": lambda scene, s: scene.factor(s.q).solve(s.tau),
+    "forward_dynamics": lambda scene, s: scene.forward_dynamics(s.q, s.qd, s.tau),
+    "forward_dynamics_derivatives": lambda scene, s: scene.forward_dynamics_derivatives(s.q, s.qd, s.tau),
+    "forward_dynamics_hvp": lambda scene, s: scene.forward_dynamics_hvp(s.q, s.qd, s.tau, s.qdd, s.qd, s.qdd, s.tau),
+    "forward_dynamics_jvp": lambda scene, s: scene.forward_dynamics_jvp(s.q, s.qd, s.tau, s.qd, s.qdd, s.tau),
+    "forward_dynamics_vjp": lambda scene, s: scene.forward_dynamics_vjp(s.q, s.qd, s.tau, s.qdd),
+    "gravity_torque": lambda scene, s: scene.gravity_torque(s.q),
+    "identify": _identify,
+    "integrate": lambda scene, s: scene.integrate(s.q, s.qd),
+    "inverse_dynamics": lambda scene, s: scene.inverse_dynamics(s.q, s.qd, s.qdd),
+    "inverse_dynamics_derivatives": lambda scene, s: scene.inverse_dynamics_derivatives(s.q, s.qd, s.qdd),
+    "inverse_dynamics_hvp": lambda scene, s: scene.inverse_dynamics_hvp(s.q, s.qd, s.qdd, s.tau, s.qd, s.qdd, s.tau),
+    "inverse_dynamics_jvp": lambda scene, s: scene.inverse_dynamics_jvp(s.q, s.qd, s.qdd, s.qd, s.qdd, s.tau),
+    "inverse_dynamics_vjp": lambda scene, s: scene.inverse_dynamics_vjp(s.q, s.qd, s.qdd, s.tau),
+    "inverse_kinematics": lambda scene, s: scene.inverse_kinematics(_target(scene, s), s.q, seed=1).q,
+    "inverse_kinematics_rates": lambda scene, s: scene.inverse_kinematics_rates(_target(scene, s), s.q, dt=0.01),
+    "jacobian": lambda scene, s: scene.jacobian(s.q, _tip(scene)),
+    "jacobian_rate": lambda scene, s: scene.jacobian_rate(s.q, s.qd, _tip(scene)),
+    "jacobian_rate_product": lambda scene, s: scene.jacobian_rate_product(s.q, s.qd, _tip(scene)),
+    "kinetic_energy": lambda scene, s: scene.kinetic_energy(s.q, s.qd),
+    "linearize": lambda scene, s: scene.linearize(s.q, s.qd, s.tau),
+    "lock": lambda scene, s: _extras(scene.lock([scene.joint_names[1]], s.q)),
+    "mass_matrix": lambda scene, s: scene.mass_matrix(s.q),
+    "mass_matrix_derivative": lambda scene, s: scene.mass_matrix_derivative(s.q, s.qd),
+    "mass_matrix_inverse": lambda scene, s: scene.mass_matrix_inverse(s.q),
+    "momentum": lambda scene, s: scene.momentum(s.q, s.qd),
+    "ode": lambda scene, s: scene.ode(tau=s.tau).solve(s.q, s.qd, (0.0, 0.01)).qd[-1],
+    "operational_inertia": lambda scene, s: scene.operational_inertia(s.q, _tip(scene), directions=np.eye(6)[1:2]),
+    "operational_inverse_inertia": lambda scene, s: scene.operational_inverse_inertia(s.q, _tip(scene)),
+    "placement": lambda scene, s: scene.placement(s.q, _tip(scene)),
+    "placements": lambda scene, s: scene.placements(s.q),
+    "plan": lambda scene, s: scene.plan(),
+    "project": lambda scene, s: scene.project(s.q + 0.01, s.qd),
+    "random_model": lambda scene, s: scene.random_model(s.q, s.qd).sample_torque(3, seed=1),
+    "simulate": lambda scene, s: scene.simulate(s.q, s.qd, tau=s.tau, dt=1e-3, steps=3).qd,
+    "simulate_vjp": _vjp,
+    "simulator": lambda scene, s: _stepped(scene, s),
+    "to_c": lambda scene, s: scene.to_c(functions=["forward_dynamics"]),
+    "to_cuda": lambda scene, s: scene.to_cuda(functions=["forward_dynamics"]),
+    "to_rust": lambda scene, s: scene.to_rust(functions=["forward_dynamics"]),
+    "to_urdf": lambda scene, s: scene.to_urdf(),
+    "to_builder": lambda scene, s: _extras(scene.to_builder().build(mimic="couple")),
+    "with_inertias": lambda scene, s: _extras(scene.with_inertias({_tip(scene): (2.0, (0, 0, 0.1), np.eye(3))})),
+    "with_payload": lambda scene, s: _extras(scene.with_payload(_tip(scene), 1.0, (0, 0, 0.1))),
+    "with_properties": lambda scene, s: _extras(scene.with_properties(damping=2.0)),
+    "velocity": lambda scene, s: scene.velocity(s.q, s.qd, _tip(scene)),
+}
+
+
+def _stepped(scene: phipsi.Scene, s: State) -> np.ndarray:
+    simulator = scene.simulator(s.q, s.qd, dt=1e-3)
+    simulator.step(s.tau, steps=3)
+    return simulator.qd
+
+
+def _links(builder: phipsi.SceneBuilder, mimic: dict[str, Any] | None = None) -> phipsi.SceneBuilder:
+    """A crank, a coupler and a rocker in a plane, none of them balanced; the rocker follows another joint if `mimic` is given."""
+    for name, parent, at, length in (("crank", "ground", (0, 0, 0), 0.2), ("coupler", "crank", (0, 0, 0.2), 0.4), ("rocker", "ground", (0.3, 0, 0), 0.3)):
+        builder.link(name, 1.0, (0.01, 0, 0.4 * length), np.diag([0.01, 0.012, 0.003]))
+        builder.joint(name, "revolute", parent, name, xyz=at, axis=(0, 1, 0), lower=-3.0, upper=3.0, damping=0.1, **(mimic or {} if name == "rocker" else {}))
+    return builder
+
+
+def scene_of(kind: str) -> tuple[phipsi.Scene, phipsi.Scene, State]:
+    """A scene of a kind, the tree without what makes it of this kind, and a state of it."""
+    builder = _links(phipsi.SceneBuilder().link("ground"))
+    q = np.array([0.5, 0.8, 0.2])
+    if kind == "mimic":
+        tree = builder.build()
+        scene = _links(phipsi.SceneBuilder().link("ground"), mimic={"mimic": "crank", "mimic_multiplier": -0.5, "mimic_offset": 0.1}).build(mimic="couple")
+        q = q[: scene.nq]
+    elif kind == "connections":
+        builder.connect("pin", "axis", "coupler", "rocker", xyz=(0, 0, 0.4), other_xyz=(0, 0, 0.3), axis=(0, 1, 0))
+        scene = builder.build()
+        tree, q = scene.without_connections(), scene.project(q, np.zeros(3))[0]
+    else:
+        builder.contact("foot", "rocker", xyz=(0, 0, 0.3), friction=0.5)
+        scene = builder.build()
+        tree = scene.without_contacts()
+        q[2] = np.pi / 2
+    qd = np.linspace(0.3, -0.2, scene.nv)
+    if kind == "connections":
+        qd = scene.project(q, qd)[1]
+    return scene, tree, State(q, qd, np.linspace(-2.0, 1.0, scene.nv), np.linspace(0.5, 1.0, scene.nv))
+
+
+def outcome(name: str, kind: str) -> tuple[str, str]:
+    """What a method does: "acts", where its result differs from the tree's; "tree", where it does not; "yes", for coupled joints; "refused", with the message."""
+    scene, tree, state = scene_of(kind)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            found = CALLS[name](scene, state)
+        except (ValueError, phipsi.errors.PhipsiError) as error:
+            return "refused", f"{type(error).__name__}: {error}"
+        if kind == "mimic":
+            return "yes", ""
+        try:
+            of_tree = CALLS[name](tree, state)
+        except (ValueError, phipsi.errors.PhipsiError) as error:
+            return "acts", f"the tree: {error}"
+    return ("tree" if _same(found, of_tree) else "acts"), ""
+
+
+def _same(found: Any, expected: Any) -> bool:
+    if isinstance(found, tuple | list):
+        return len(found) == len(expected) and all(map(_same, found, expected))
+    if isinstance(found, np.ndarray | float | np.floating):
+        return np.shape(found) == np.shape(expected) and bool(np.allclose(found, expected, rtol=1e-9, atol=1e-12))
+    return str(found) == str(expected)
+
+
+#: Methods that take no state: constructors, names and indices, pictures. `check` and `identify` have tests of their own.
+WITHOUT_STATE = frozenset(
+    ["check", "connection_rows", "from_mujoco", "from_pinocchio", "from_urdf", "joint", "link", "neutral", "q_index", "show", "v_index", "without_connections", "without_contacts"]
+)
+
+MEANING = {
+    "acts": "the result includes them",
+    "tree": "the quantity is defined by the tree alone: the result is that of the same scene without them",
+    "yes": "takes independent coordinates, one for each joint that follows no other",
+    "refused": "raises an error that names them",
+}
+
+#: What each method does, for connections, contacts, coupled joints, in this order; a method that is not listed: "tree", "tree", "yes".
+EXPECTED: dict[str, tuple[str, str, str]] = {
+    **dict.fromkeys(["constrained_dynamics", "constrained_inverse_dynamics", "constrained_mass_matrix_inverse", "constraint_bias"], ("acts", "tree", "refused")),
+    **dict.fromkeys(["constraint_error", "constraint_jacobian", "project"], ("acts", "tree", "refused")),
+    **dict.fromkeys(["contact_gaps", "contact_velocities"], ("tree", "acts", "refused")),
+    **dict.fromkeys(["forward_dynamics", "forward_dynamics_derivatives", "forward_dynamics_jvp", "forward_dynamics_vjp", "linearize"], ("acts", "tree", "yes")),
+    **dict.fromkeys(["inverse_kinematics", "inverse_kinematics_rates", "plan"], ("acts", "tree", "yes")),
+    **dict.fromkeys(["simulate", "simulator"], ("acts", "acts", "yes")),
+    **dict.fromkeys(["lock", "to_builder", "with_inertias", "with_payload", "with_properties"], ("acts", "acts", "yes")),
+    **dict.fromkeys(["estimate", "forward_dynamics_hvp", "identify", "to_c", "to_cuda", "to_rust"], ("refused", "tree", "refused")),
+    **dict.fromkeys(["factor", "inverse_dynamics_hvp", "operational_inertia", "operational_inverse_inertia", "random_model"], ("tree", "tree", "refused")),
+    "ode": ("refused", "refused", "yes"),
+    "simulate_vjp": ("refused", "refused", "refused"),
+    "to_urdf": ("refused", "refused", "yes"),
+}
+
+
+def expected(name: str, kind: str) -> str:
+    """What a method does in scenes of a kind."""
+    return EXPECTED.get(name, ("tree", "tree", "yes"))[KINDS.index(kind)]
+
+
+def page() -> str:
+    """The page docs/methods-by-scene.md."""
+    lines = [
+        "# Methods by kind of scene",
+        "",
+        "What each method of a scene does with [connections](how-to/closed-loops.md), [contacts](how-to/contacts.md) and [coupled joints](how-to/mimic.md) (`mimic=\"couple\"`). "
+        "Written by `python tests/python/methods_by_scene.py docs/methods-by-scene.md`; a test calls every method and compares the result with the table.",
+        "",
+        *(f"- **{word}**: {meaning}." for word, meaning in MEANING.items()),
+        "",
+        "Kinematics, momentum, energy, the mass matrix and inverse dynamics describe the tree, and connections and contacts do not change them: the forces of connections are an argument of the "
+        "equations of motion, not a part of these quantities. `constrained_mass_matrix_inverse` and `constrained_inverse_dynamics` are the counterparts with connections. Contacts act in `simulate` and in simulators only.",
+        "",
+        "| method | connections | contacts | coupled joints |",
+        "| --- | --- | --- | --- |",
+        *(f"| `{name}` | {' | '.join(expected(name, kind) for kind in KINDS)} |" for name in sorted(CALLS)),
+        "",
+        f"Methods without a state of the scene: {', '.join(f'`{name}`' for name in sorted(WITHOUT_STATE))}.",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    Path(sys.argv[1]).write_text(page(), encoding="utf-8")
