@@ -22,6 +22,10 @@ use nalgebra::{DMatrix, DVector};
 /// A limit that was not near and ends further outside joins, rad or m.
 const LATE: f64 = 1e-12;
 
+/// A joint that the projection onto the connections moves further out of its limit, rad or m, is corrected, so often at the most.
+const CURVED: f64 = 1e-9;
+const CORRECTIONS: usize = 3;
+
 /// A residual above it is an error.
 const REFUSED: f64 = 1e-5;
 
@@ -63,31 +67,49 @@ impl Constrained<'_> {
         let start: Vec<f64> = limits.iter().map(|limit| limit.velocity(&s.v)).collect();
         let least: Vec<f64> =
             limits.iter().zip(&start).map(|(limit, &u)| least_velocity(limit.gap(&s.q), u, h)).collect();
-        let ends = |v: &[f64], i: usize| limits[i].velocity(v) - least[i];
         let mut acting =
             Acting { near: Vec::new(), columns: Vec::new(), cone: Cone::new(DMatrix::zeros(0, 0), vec![]) };
-        let mut next = free.clone();
-        for _ in 0..=limits.len() {
-            let late = |&i: &usize| !acting.near.contains(&i) && h * ends(&next, i) < -LATE;
-            let late: Vec<usize> = (0..limits.len()).filter(late).collect();
-            if late.is_empty() {
+        let mut bent = vec![0.0; limits.len()];
+        for correction in 0..=CORRECTIONS {
+            let mut next = free.clone();
+            for _ in 0..=limits.len() {
+                let wanted = |i: usize| least[i] - bent[i];
+                if !acting.near.is_empty() {
+                    let impulses = self.solved(&acting, |i| limits[i].velocity(&free), wanted, limits)?;
+                    next = acting.moved(&free, &impulses);
+                }
+                let ends = |i: usize| h * (limits[i].velocity(&next) - wanted(i));
+                let late = |&i: &usize| !acting.near.contains(&i) && ends(i) < -LATE;
+                let late: Vec<usize> = (0..limits.len()).filter(late).collect();
+                if late.is_empty() {
+                    break;
+                }
+                self.join(&mut acting, &late, limits, s)?;
+            }
+            for (x, v) in s.x.iter_mut().zip(&next) {
+                *x = h * v;
+            }
+            advance(&s.model, &s.q, &s.x, &mut s.q_next);
+            if self.alpha.is_some() {
                 break;
             }
-            self.join(&mut acting, &late, limits, s)?;
-            let c = acting.rows(|i| ends(&free, i));
-            next = acting.moved(&free, &self.solved(&acting, &c, limits)?);
-        }
-        for (x, v) in s.x.iter_mut().zip(&next) {
-            *x = h * v;
-        }
-        advance(&s.model, &s.q, &s.x, &mut s.q_next);
-        if self.alpha.is_none() {
             self.positions_onto_connections(&s.model, &mut s.q_next)?;
+            // The projection moves joints by the curvature of the connections.
+            let mut worst = 0.0_f64;
+            for (i, limit) in limits.iter().enumerate() {
+                let straight = limit.gap(&s.q) + h * limit.velocity(&next);
+                let gap = limit.gap(&s.q_next);
+                bent[i] = (gap - straight) / h;
+                worst = worst.max(straight.min(0.0) - gap);
+            }
+            if worst <= CURVED || correction == CORRECTIONS {
+                break;
+            }
         }
         // Velocities at the end: at rest at the stops, or those of rebounds, as far as they give no kinetic energy.
         let u = acting.rows(|i| limits[i].velocity(&free));
         let returning = |i: usize| if limits[i].gap(&s.q) < 0.0 { least[i] } else { 0.0 };
-        let rest = self.solved(&acting, &acting.rows(|i| limits[i].velocity(&free) - returning(i)), limits)?;
+        let rest = self.solved(&acting, |i| limits[i].velocity(&free), returning, limits)?;
         let back = |i: usize| {
             let speed = limits[i].velocity(&free);
             if rebounds(start[i], speed, law.restitution) { -law.restitution * start[i] } else { returning(i) }
@@ -95,7 +117,7 @@ impl Constrained<'_> {
         let mut all = rest.clone();
         let elastic = acting.near.iter().any(|&i| back(i) > returning(i));
         if elastic {
-            let bounced = self.solved(&acting, &acting.rows(|i| limits[i].velocity(&free) - back(i)), limits)?;
+            let bounced = self.solved(&acting, |i| limits[i].velocity(&free), back, limits)?;
             let more = bounced - &rest;
             all += &more * expansion_kept(&acting.cone, &u, &rest, &more);
         }
@@ -143,21 +165,34 @@ impl Constrained<'_> {
         Ok(())
     }
 
-    /// Impulses by the law, for normal velocities c.
-    fn solved(&self, acting: &Acting, c: &DVector<f64>, limits: &[LimitRow]) -> Result<DVector<f64>, Failure> {
-        let (impulses, told): (_, Told) = acting.cone.impulses(c, None, &Limits::beside(c), Effort::default());
-        let open = acting.cone.lengths.iter().position(|r| !r.is_finite());
-        if told.residual <= REFUSED && open.is_none() {
-            return Ok(impulses);
+    /// Impulses by the law, so that the velocities `free` become at least `least`. Where the connections do not let all joints return or rebound as fast, they only do not move
+    /// further out, which is always possible.
+    fn solved(
+        &self,
+        acting: &Acting,
+        free: impl Fn(usize) -> f64,
+        least: impl Fn(usize) -> f64,
+        limits: &[LimitRow],
+    ) -> Result<DVector<f64>, Failure> {
+        let mut residual = f64::NAN;
+        for most in [f64::INFINITY, 0.0] {
+            let c = acting.rows(|i| free(i) - least(i).min(most));
+            // Contradictory rows are found out soon; the second problem has a solution.
+            let attempts = if most > 0.0 { 1 } else { usize::MAX };
+            let effort = Effort { attempts, ..Effort::default() };
+            let (impulses, told): (_, Told) = acting.cone.impulses(&c, None, &Limits::beside(&c), effort);
+            if told.residual <= REFUSED {
+                return Ok(impulses);
+            }
+            residual = told.residual;
         }
-        let joint = |at: usize| {
-            let row = limits[acting.near[at]].row;
-            self.scene.joints().iter().find(|joint| joint.v.start == row).map_or("", |joint| &joint.name)
-        };
-        let argument = format!("limit of joint {:?}", joint(open.unwrap_or(0)));
-        let found =
-            format!("a stop that the connections do not let the joint leave, a residual of {:.1e}", told.residual);
-        Err((None, Some(Error::argument(argument, found, "limits=\"report\" for a joint that the connections hold"))))
+        let names = acting.near.iter().filter_map(|&i| {
+            let row = limits[i].row;
+            self.scene.joints().iter().find(|joint| joint.v.start == row).map(|joint| format!("{:?}", joint.name))
+        });
+        let argument = format!("limits of joints {}", names.collect::<Vec<_>>().join(", "));
+        let found = format!("stops that act together with the connections, a residual of {residual:.1e}");
+        Err((None, Some(Error::argument(argument, found, "a smaller dt, or limits=\"report\""))))
     }
 }
 

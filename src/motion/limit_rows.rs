@@ -9,7 +9,7 @@ use crate::scene::Scene;
 const ROUNDING: f64 = 1e-12;
 
 /// A joint that moves toward its stop more slowly rests on it, rad/s or m/s.
-const RESTS: f64 = 1e-9;
+const RESTS: f64 = 1e-3;
 
 /// The limits of all joints with one degree of freedom, two rows for a joint that has both.
 pub(super) fn limit_rows(scene: &Scene) -> Vec<LimitRow> {
