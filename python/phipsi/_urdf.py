@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from ._load import expanded, is_xacro
+from ._xacro import expanded, is_xacro
 from ._results import Joint
 from .errors import ArgumentError, of_argument
 

@@ -51,9 +51,9 @@ def state(scene: phipsi.Scene, there: There) -> tuple[np.ndarray, np.ndarray]:
 
 def test_bodies_are_where_mujoco_has_them(pair: tuple[phipsi.Scene, There]) -> None:
     scene, there = pair
-    places = scene.placements(state(scene, there)[0])
+    places, names = scene.placements(state(scene, there)[0]), phipsi._mjcf.Names(there.model)
     for body in range(there.model.nbody):
-        place = places[phipsi.mujoco.body_name(there.model, body)]
+        place = places[names.bodies[body]]
         assert_near(place[:3, 3], there.data.xpos[body], recursion(scene.nv, size(there.data.xpos)))
         assert_near(place[:3, :3], there.data.xmat[body].reshape(3, 3), recursion(scene.nv, 1.0))
 
@@ -154,7 +154,7 @@ REFUSED = {
         "tendon 'rope'",
     ),
     "gravcomp": (FLOATING.replace('name="arm"', 'name="arm" gravcomp="0.5"'), "gravcomp 0.5 at the body 'arm'"),
-    "fluid": (with_('<option density="1.2"/>'), "medium of density 1.2"),
+    "fluid": (with_('<option density="1000"/>'), "medium of density 1000"),
     "nonlinear": (FLOATING.replace("<freejoint/>", '<joint name="loose" type="free" stiffness="2"/>', 1), "stiffness at the free joint 'loose'"),
 }
 
@@ -216,8 +216,8 @@ def test_what_is_no_model(source: object, kind: type[Exception], message: str) -
 
 
 def test_an_unknown_name_to_ignore() -> None:
-    with pytest.raises(ArgumentError, match="ignore: found 'contacts'; expected names of equality"):
-        phipsi.Scene.from_mujoco(ARM, ignore=["contacts"])
+    with pytest.raises(ArgumentError, match="ignore: found 'contact'; expected names of actuators"):
+        phipsi.Scene.from_mujoco(ARM, ignore=["contact"])
 
 
 @pytest.mark.parametrize("call", ["to_state", "from_state"])
