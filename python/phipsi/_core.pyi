@@ -83,7 +83,22 @@ _Form: TypeAlias = Literal["auto", "covariance", "joseph", "square-root"]
 _Frame: TypeAlias = Literal["local", "world", "local-world-aligned"]
 _Kind: TypeAlias = Literal["spatial", "classical"]
 _Method: TypeAlias = Literal["auto", "semi-implicit-euler", "rk4", "dormand-prince-5", "implicit-euler", "rosenbrock-2", "rosenbrock-3", "contact"]
-_Ignored: TypeAlias = Literal["equality", "flexes", "fluid", "gravcomp", "nonlinear", "plugins", "tendons"]
+_Ignored: TypeAlias = Literal[
+    "actuators",
+    "armature",
+    "contacts",
+    "equality",
+    "flexes",
+    "fluid",
+    "friction",
+    "gravcomp",
+    "limits",
+    "mocap",
+    "nonlinear",
+    "plugins",
+    "softness",
+    "tendons",
+]
 _Switch: TypeAlias = Literal[
     "fixed_joints",
     "base_links",

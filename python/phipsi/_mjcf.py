@@ -185,8 +185,28 @@ def has_passive_forces(model: mujoco.MjModel) -> bool:
 
 
 def equalities(model: mujoco.MjModel) -> list[int]:
-    """The equality constraints that act."""
-    return [at for at in range(model.neq) if model.eq_active0[at]] if has_constraints(model, "EQUALITY") else []
+    """The equality constraints that act; those between two bodies that cannot move against each other do not."""
+    if not has_constraints(model, "EQUALITY"):
+        return []
+    return [at for at in range(model.neq) if model.eq_active0[at] and not _is_idle(model, at)]
+
+
+def _is_idle(model: mujoco.MjModel, at: int) -> bool:
+    if model.eq_type[at] not in (EQUALITY_CONNECT, EQUALITY_WELD):
+        return False
+    first, second = connected(model, at)
+    return bool(model.body_weldid[first] == model.body_weldid[second])
+
+
+def connected(model: mujoco.MjModel, at: int) -> tuple[int, int]:
+    """The two bodies of an equality constraint of kind connect or weld."""
+    ends = int(model.eq_obj1id[at]), int(model.eq_obj2id[at])
+    return ends if model.eq_objtype[at] == OBJECT_BODY else (int(model.site_bodyid[ends[0]]), int(model.site_bodyid[ends[1]]))
+
+
+def stops(model: mujoco.MjModel) -> tuple[Any, Any]:
+    """Where the stops of joints are, (njnt,) each: they act from the margin on, as if they stood there."""
+    return model.jnt_range[:, 0] + model.jnt_margin, model.jnt_range[:, 1] - model.jnt_margin
 
 
 def joint_actuators(model: mujoco.MjModel) -> Iterator[tuple[int, int, float]]:

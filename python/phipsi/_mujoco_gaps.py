@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ._mjcf import BALL, EQUALITY_CONNECT, EQUALITY_JOINT, EQUALITY_WELD, FREE, OBJECT_BODY, TRANSMISSION_JOINT, WIDTHS, Names
-from ._mjcf import equalities, field, has_constraints, has_passive_forces, is_disabled, joint_actuators
+from ._mjcf import BALL, EQUALITY_CONNECT, EQUALITY_JOINT, EQUALITY_WELD, FREE, SLIDE, WIDTHS, Names
+from ._mjcf import connected, equalities, field, has_constraints, has_passive_forces, is_disabled, joint_actuators, stops
 from .errors import ArgumentError, ModelWarning, SceneError
 
 if TYPE_CHECKING:
@@ -96,9 +96,7 @@ def _of_equalities(model: mujoco.MjModel, names: Names) -> Iterator[Gap]:
             yield Gap("equality", what, "connections are of kind connect, weld and joint, that one linear")
             continue
         if kind != EQUALITY_JOINT:
-            ends = [int(model.eq_obj1id[at]), int(model.eq_obj2id[at])]
-            bodies = ends if model.eq_objtype[at] == OBJECT_BODY else [int(model.site_bodyid[site]) for site in ends]
-            for body in moved.intersection(bodies):
+            for body in moved.intersection(connected(model, at)):
                 yield Gap("mocap", f"{what} with the body {names.bodies[body]!r}, which is moved by the program (mocap)", "scenes hold it where the file places it")
         if _is_soft(model.eq_solref[at], model.eq_solimp[at]):
             yield Gap("softness", f"{what}, which is softer than MuJoCo's default (solref, solimp)", "connections are rigid", False)
@@ -173,6 +171,10 @@ def _of_joints(model: mujoco.MjModel, names: Names) -> Iterator[Gap]:
     if has_constraints(model, "LIMIT"):
         for at in _where((model.jnt_type == BALL) & (model.jnt_limited != 0)):
             yield Gap("limits", f"limits of the ball joint {names.joints[at]!r}", "ball joints have no limits", False)
+        low, high = stops(model)
+        for at in _where((model.jnt_type >= SLIDE) & (model.jnt_limited != 0) & (low > high)):
+            what = f"limits of the joint {names.joints[at]!r}, whose margin {model.jnt_margin[at]:g} is more than half of the range {model.jnt_range[at].tolist()}"
+            yield Gap("limits", what, "both stops act at once")
 
 
 def _of_actuators(model: mujoco.MjModel) -> Iterator[Gap]:

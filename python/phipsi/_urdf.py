@@ -30,6 +30,9 @@ def to_urdf(scene: Scene, path: str | os.PathLike[str] | None, name: str) -> str
     if scene.connection_names:
         names = ", ".join(map(repr, scene.connection_names[:8]))
         raise of_argument(ArgumentError, "scene", f"found connections ({names}), which URDF has not; expected a tree: scene.without_connections()")
+    if scene.contact_names:
+        names = ", ".join(map(repr, scene.contact_names[:8]))
+        raise of_argument(ArgumentError, "scene", f"found contacts ({names}), which URDF has not; expected none: scene.without_contacts()")
     robot = ElementTree.Element("robot", name=name)
     shapes, materials = _shapes(scene.file)
     robot.extend(materials)

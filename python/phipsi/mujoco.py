@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from ._arguments import leading, vectors
 from ._core import Scene, SceneBuilder
 from ._mjcf import BALL, EQUALITY_JOINT, EQUALITY_WELD, FREE, HINGE, OBJECT_BODY, SLIDE, WIDTHS, Names
-from ._mjcf import compiled, equalities, field, has_constraints, is_disabled, joint_actuators
+from ._mjcf import compiled, connected, equalities, field, has_constraints, is_disabled, joint_actuators, stops
 from ._mujoco_gaps import check
 from .errors import SceneError
 
@@ -81,6 +81,7 @@ class _Reader:
         self.actuators: dict[int, list[tuple[int, float]]] = {}
         for at, joint, gear in joint_actuators(model):
             self.actuators.setdefault(joint, []).append((at, gear))
+        self.low, self.high = stops(model)
         # A MimicWarning is not due for joints that a connection ties.
         self.mimics = self._mimics() if "equality" in ignore else {}
 
@@ -136,7 +137,8 @@ class _Reader:
                 self.scene.link(name).joint(names.joint(f"{name}/fixed"), "fixed", names.bodies[body], name, **where)
 
     def _is_limited(self, joint: int) -> bool:
-        return bool(self.model.jnt_limited[joint]) and has_constraints(self.model, "LIMIT")
+        is_possible = self.low[joint] <= self.high[joint] or "limits" not in self.ignore
+        return bool(self.model.jnt_limited[joint]) and is_possible and has_constraints(self.model, "LIMIT")
 
     def _kind(self, joint: int) -> Any:
         kind = KINDS[int(self.model.jnt_type[joint])]
@@ -168,9 +170,7 @@ class _Reader:
             found |= {"stiffness": float(model.jnt_stiffness[joint]), "rest": np.roll(rest, -1) if kind == BALL else rest}
         if kind in (HINGE, SLIDE):
             if self._is_limited(joint):
-                # MuJoCo's stops act from the margin on, as if they stood there.
-                margin = float(model.jnt_margin[joint])
-                found |= {"lower": float(model.jnt_range[joint, 0]) + margin, "upper": float(model.jnt_range[joint, 1]) - margin}
+                found |= {"lower": float(self.low[joint]), "upper": float(self.high[joint])}
             if (effort := self._effort(joint)) is not None:
                 found["effort"] = effort
         return found
@@ -188,20 +188,19 @@ class _Reader:
     def _add_connection(self, at: int) -> None:
         """An equality constraint as a rigid connection: solref and solimp are not read."""
         model, names = self.model, self.names
-        kind, data, ends = model.eq_type[at], model.eq_data[at], (int(model.eq_obj1id[at]), int(model.eq_obj2id[at]))
-        name = names.equalities[at]
+        kind, data, name = model.eq_type[at], model.eq_data[at], names.equalities[at]
+        ends = int(model.eq_obj1id[at]), int(model.eq_obj2id[at])
         if kind == EQUALITY_JOINT:
             offset, slope = self._line(at)
             other = names.joints[ends[1]] if ends[1] >= 0 else None
             self.scene.couple(name, names.joints[ends[0]], other, multiplier=slope, offset=offset)
             return
+        bodies = connected(model, at)
         if model.eq_objtype[at] == OBJECT_BODY:
-            bodies = ends
             first, second = _Frame(np.eye(3), data[0:3]), _Frame(np.eye(3), data[3:6])
             if kind == EQUALITY_WELD:
                 first, second = _Frame(rotation(data[6:10]), data[3:6]), _Frame(np.eye(3), data[0:3])
         else:
-            bodies = (int(model.site_bodyid[ends[0]]), int(model.site_bodyid[ends[1]]))
             first, second = (_Frame(rotation(model.site_quat[site]), model.site_pos[site]) for site in ends)
         # A weld without a scale of torques resists none.
         is_weld = kind == EQUALITY_WELD and data[10] != 0.0
