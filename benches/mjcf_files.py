@@ -131,7 +131,7 @@ def main() -> None:
             "",
             f"Written by benches/mjcf_files.py, which reads each file by `phipsi.load(file)`, with MuJoCo {mujoco.__version__}. The files are not part of this repository.",
             "",
-            "A file with several parts that a scene does not have is counted once for each. Names of kinds are those that `ignore` takes: see [Scene.from_mujoco](reference/scene.md#phipsi.Scene.from_mujoco).",
+            "A file with several parts that a scene does not have is counted once for each. Names of kinds are those that `ignore` takes: see [read a robot](how-to/read-a-robot.md#from-mujoco).",
             "",
             *lines,
         ]

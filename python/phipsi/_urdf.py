@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from ._xacro import expanded, is_xacro
+from ._xacro import expanded_again
 from ._results import Joint
 from .errors import ArgumentError, of_argument
 
@@ -62,9 +62,11 @@ def _shapes(file: Path | None) -> tuple[dict[str, list[ElementTree.Element]], li
     """The shapes of links by name, and the materials, of a URDF or xacro that is still there; files of meshes beside it get their whole path."""
     if file is None or not file.is_file():
         return {}, []
-    text = file.read_text(encoding="utf-8", errors="replace")
+    text = expanded_again(file, file.read_text(encoding="utf-8", errors="replace"))
+    if text is None:
+        return {}, []
     try:
-        robot = ElementTree.fromstring(expanded(file) if is_xacro(text) else text)
+        robot = ElementTree.fromstring(text)
     except ElementTree.ParseError:
         return {}, []
     if robot.tag != "robot":

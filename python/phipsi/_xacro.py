@@ -7,12 +7,13 @@ import importlib
 import os
 import re
 import threading
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
-from .errors import ArgumentError, SceneError
+from .errors import ArgumentError, MeshWarning, SceneError
 
 COMMENT = re.compile("<!--.*?-->", re.DOTALL)
 #: The name of an argument that a file declares.
@@ -48,7 +49,7 @@ def expanded(source: str | os.PathLike[str], arguments: Mapping[str, str] | None
             else:
                 document = xacro.process_file(os.fspath(file), mappings=given)
         except Exception as error:  # xacro raises what Python's eval raises
-            _raise_of(error)
+            _raise_of(error, given.missing)
         texts = [str(source)] if file is None else [Path(name).read_text(encoding="utf-8", errors="replace") for name in (file, *xacro.all_includes)]
     known = given.asked.union(*(DECLARED.findall(COMMENT.sub("", text)) for text in texts))
     for name in arguments or {}:
@@ -57,12 +58,25 @@ def expanded(source: str | os.PathLike[str], arguments: Mapping[str, str] | None
     return str(document.toxml())
 
 
+def expanded_again(file: Path, text: str) -> str | None:
+    """The URDF of a file that a scene was read from, for its shapes; None, and a MeshWarning, where it is a xacro that is not expanded without arguments."""
+    if not is_xacro(text):
+        return text
+    try:
+        return expanded(file)
+    except (SceneError, ArgumentError, ImportError) as error:
+        reason = "it needs arguments" if isinstance(error, ArgumentError) else str(error).removeprefix("source: ")
+        warnings.warn(f"shapes of the xacro {file.name!r} are omitted, as it cannot be expanded again: {reason}", MeshWarning, stacklevel=2)
+        return None
+
+
 class _Arguments(dict[str, str]):
     """Values of arguments, and the names that xacro has asked for."""
 
     def __init__(self, values: Mapping[str, str]) -> None:
         super().__init__(values)
         self.asked: set[str] = set()
+        self.missing: str | None = None
 
     def __contains__(self, name: object) -> bool:
         self.asked.add(str(name))
@@ -72,6 +86,10 @@ class _Arguments(dict[str, str]):
         self.asked.add(name)
         return super().__getitem__(name)
 
+    def __missing__(self, name: str) -> str:
+        self.missing = name
+        raise KeyError(name)
+
 
 def _closest(name: str, known: set[str]) -> str:
     if not known:
@@ -80,15 +98,14 @@ def _closest(name: str, known: set[str]) -> str:
     return f"expected {like[0]!r}?" if like else f"expected names of {', '.join(map(repr, sorted(known)))}"
 
 
-def _raise_of(error: Exception) -> None:
+def _raise_of(error: Exception, missing: str | None) -> NoReturn:
     """The error of phipsi for one that xacro raised; the causes of XacroException are in its attribute exc."""
+    if missing is not None:
+        raise ArgumentError(f"xacro_arguments: found none for {missing!r}, which the file needs; expected xacro_arguments={{{missing!r}: ...}}") from None
     causes: list[BaseException] = [error]
     while (cause := getattr(causes[-1], "exc", None) or causes[-1].__cause__) is not None and cause not in causes:
         causes.append(cause)
     for cause in causes:
-        if type(cause).__name__ == "ArgException":
-            name = str(cause.args[0])
-            raise ArgumentError(f"xacro_arguments: found none for {name!r}, which the file needs; expected xacro_arguments={{{name!r}: ...}}") from None
         if isinstance(cause, _NoPackage):
             raise SceneError(f"source: {cause}") from None
     raise SceneError(f"source: xacro cannot expand it: {type(error).__name__}: {' '.join(str(error).split())}") from None

@@ -198,10 +198,15 @@ def _first(model: pinocchio.Model, *fields: str) -> Any:
 
 
 def _add_frames(builder: SceneBuilder, model: pinocchio.Model, links: list[str], names: _Taken) -> None:
-    """Bodies that are fixed to others: their mass is in those already."""
+    """Bodies that are fixed to others, whose mass is in those already, and operational frames."""
     import pinocchio as pin
 
     own = set(links)
+    for frame in model.frames:
+        if frame.type == pin.FrameType.OP_FRAME:
+            link = names.link(frame.name)
+            where: dict[str, Any] = {"xyz": np.array(frame.placement.translation), "rotation": np.array(frame.placement.rotation)}
+            builder.link(link).joint(names.joint(f"{link}/fixed"), "fixed", links[frame.parentJoint], link, **where)
     for body in _bodies(model):
         if body.name in own:
             continue

@@ -225,3 +225,13 @@ def test_made_up_names_do_not_clash() -> None:
     assert {"tip", "move", "move_x"} <= set(scene.link_names)
     q, _ = phipsi.pinocchio.to_state(scene, model, np.arange(5.0))
     assert q.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
+
+
+def test_operational_frames_are_links() -> None:
+    model = of("RX", "RZ")
+    frame = pin.Frame("tool", 2, 0, pin.SE3.Random(), pin.FrameType.OP_FRAME)
+    model.addFrame(frame)
+    scene, data, q = phipsi.Scene.from_pinocchio(model), model.createData(), np.array([0.3, -0.4])
+    pin.framesForwardKinematics(model, data, q)
+    there = data.oMf[model.getFrameId("tool")].homogeneous
+    assert_near(scene.placement(q, "tool"), there, recursion(scene.nv, size(there)))

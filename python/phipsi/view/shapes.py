@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from .._core import Scene
 from .._load import root_of
 from .._mjcf import Names, compiled
-from .._xacro import expanded, is_xacro
+from .._xacro import expanded_again
 from ..errors import ArgumentError, MeshWarning
 from ..mujoco import rotation
 
@@ -61,7 +61,8 @@ def of_file(scene: Scene, urdf: str | os.PathLike[str] | None) -> list[Shape]:
     text = file.read_text(encoding="utf-8", errors="replace")
     if root_of(text) == "mujoco":
         return list(of_mujoco(scene, file))
-    return list(_of_file(scene, file, expanded(file) if is_xacro(text) else text))
+    expanded = expanded_again(file, text)
+    return [] if expanded is None else list(_of_file(scene, file, expanded))
 
 
 def stand_ins(scene: Scene) -> list[Shape]:
