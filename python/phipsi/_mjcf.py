@@ -51,6 +51,9 @@ def compiled(source: Any, strict: bool = False) -> tuple[mujoco.MjModel, Path | 
         try:
             model = mujoco.MjModel.from_xml_string(source) if file is None else mujoco.MjModel.from_xml_path(str(file))
         except ValueError:
+            if not hasattr(mujoco.MjSpec, "attach"):
+                # Specifications of the first versions do not give access to all that is to be omitted.
+                raise
             specification = mujoco.MjSpec.from_string(source) if file is None else mujoco.MjSpec.from_file(str(file))
             lost = _omit_lost_files(specification, Path() if file is None else file.parent)
             if not lost:
@@ -93,7 +96,8 @@ def _omit_lost_files(specification: mujoco.MjSpec, folder: Path) -> list[str]:
     for material in specification.materials:
         material.textures = ["" if name in textures else name for name in material.textures]
     for lost in (*meshes.values(), *fields.values(), *textures.values(), *skins):
-        specification.delete(lost)
+        # Elements delete themselves in older versions.
+        specification.delete(lost) if hasattr(specification, "delete") else lost.delete()
     return [repr(lost.file or "of a texture") for lost in (*meshes.values(), *fields.values(), *skins, *textures.values())]
 
 
@@ -101,11 +105,11 @@ class _Files:
     """Whether files that a specification names are there."""
 
     def __init__(self, specification: mujoco.MjSpec, folder: Path) -> None:
-        self.compiler, self.folder, self.strip = specification.compiler, folder, bool(getattr(specification, "strippath", False))
+        self.specification, self.folder = specification, folder
 
     def __call__(self, directory: str, file: str) -> bool:
-        name = Path(file).name if self.strip else file
-        return not file or (self.folder / getattr(self.compiler, directory) / name).is_file()
+        name = Path(file).name if self.specification.strippath else file
+        return not file or (self.folder / getattr(self.specification, directory) / name).is_file()
 
 
 def _gives_inertia(specification: mujoco.MjSpec, geom: Any) -> bool:
@@ -201,7 +205,13 @@ def _is_idle(model: mujoco.MjModel, at: int) -> bool:
 def connected(model: mujoco.MjModel, at: int) -> tuple[int, int]:
     """The two bodies of an equality constraint of kind connect or weld."""
     ends = int(model.eq_obj1id[at]), int(model.eq_obj2id[at])
-    return ends if model.eq_objtype[at] == OBJECT_BODY else (int(model.site_bodyid[ends[0]]), int(model.site_bodyid[ends[1]]))
+    return ends if ties_bodies(model, at) else (int(model.site_bodyid[ends[0]]), int(model.site_bodyid[ends[1]]))
+
+
+def ties_bodies(model: mujoco.MjModel, at: int) -> bool:
+    """Whether an equality constraint names bodies: sites otherwise, which the first versions with MjSpec do not have there."""
+    types = field(model, "eq_objtype")
+    return types is None or bool(types[at] == OBJECT_BODY)
 
 
 def stops(model: mujoco.MjModel) -> tuple[Any, Any]:

@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ._arguments import leading, vectors
 from ._core import Scene, SceneBuilder
-from ._mjcf import BALL, EQUALITY_JOINT, EQUALITY_WELD, FREE, HINGE, OBJECT_BODY, SLIDE, WIDTHS, Names
-from ._mjcf import compiled, connected, equalities, field, has_constraints, is_disabled, joint_actuators, stops
+from ._mjcf import BALL, EQUALITY_JOINT, EQUALITY_WELD, FREE, HINGE, SLIDE, WIDTHS, Names
+from ._mjcf import compiled, connected, equalities, field, has_constraints, is_disabled, joint_actuators, stops, ties_bodies
 from ._mujoco_gaps import check
 from .errors import SceneError
 
@@ -196,7 +196,7 @@ class _Reader:
             self.scene.couple(name, names.joints[ends[0]], other, multiplier=slope, offset=offset)
             return
         bodies = connected(model, at)
-        if model.eq_objtype[at] == OBJECT_BODY:
+        if ties_bodies(model, at):
             first, second = _Frame(np.eye(3), data[0:3]), _Frame(np.eye(3), data[3:6])
             if kind == EQUALITY_WELD:
                 first, second = _Frame(rotation(data[6:10]), data[3:6]), _Frame(np.eye(3), data[0:3])

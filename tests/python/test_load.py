@@ -190,7 +190,7 @@ def test_a_package_that_is_not_found(xacro_file: Path) -> None:
         phipsi.load(xacro_file)
     with pytest.raises(SceneError, match="no folder 'parts' anywhere, as the source is text"):
         phipsi.load(text)
-    # What xacro is told for one file does not last.
+    # The packages of one file are not those of the next.
     assert phipsi.load(XACRO).nv == 2
 
 
