@@ -36,12 +36,10 @@ def compiled(source: Any, strict: bool = False) -> tuple[mujoco.MjModel, Path | 
         raise ImportError('Scene.from_mujoco: found no package mujoco; install it with: pip install "phipsi[mujoco]"') from None
     if isinstance(source, mujoco.MjModel):
         return source, None
-    if isinstance(source, mujoco.MjSpec):
-        return source.compile(), None
-    if not isinstance(source, str | os.PathLike):
+    if not isinstance(source, str | os.PathLike | mujoco.MjSpec):
         raise ArgumentError(f"source: found {type(source).__name__}; expected a path, XML, mujoco.MjModel or mujoco.MjSpec")
     file = None
-    if not (isinstance(source, str) and source.lstrip().startswith("<")):
+    if not isinstance(source, mujoco.MjSpec) and not (isinstance(source, str) and source.lstrip().startswith("<")):
         file = Path(source)
         if not file.is_file():
             raise SceneError(f"source: found {str(source)[:100]!r}, which is no file; expected the path of a model, or XML")
@@ -49,13 +47,13 @@ def compiled(source: Any, strict: bool = False) -> tuple[mujoco.MjModel, Path | 
         if file is not None and file.suffix == ".mjb":
             return mujoco.MjModel.from_binary_path(str(file)), None
         try:
-            model = mujoco.MjModel.from_xml_string(source) if file is None else mujoco.MjModel.from_xml_path(str(file))
+            model = _compile(source, file)
         except ValueError:
             if not hasattr(mujoco.MjSpec, "attach"):
                 # Specifications of the first versions do not give access to all that is to be omitted.
                 raise
-            specification = mujoco.MjSpec.from_string(source) if file is None else mujoco.MjSpec.from_file(str(file))
-            lost = _omit_lost_files(specification, Path() if file is None else file.parent)
+            specification = _specification(source, file)
+            lost = _omit_lost_files(specification, Path(specification.modelfiledir) if file is None else file.parent)
             if not lost:
                 raise
             model = specification.compile()
@@ -65,6 +63,23 @@ def compiled(source: Any, strict: bool = False) -> tuple[mujoco.MjModel, Path | 
             raise
         raise SceneError(f"source: MuJoCo cannot read it: {' '.join(str(error).split())}") from None
     return model, None if file is None else file.resolve()
+
+
+def _compile(source: Any, file: Path | None) -> mujoco.MjModel:
+    import mujoco
+
+    if file is not None:
+        return mujoco.MjModel.from_xml_path(str(file))
+    return mujoco.MjModel.from_xml_string(source) if isinstance(source, str) else source.compile()
+
+
+def _specification(source: Any, file: Path | None) -> mujoco.MjSpec:
+    """A specification that may be changed."""
+    import mujoco
+
+    if file is not None:
+        return mujoco.MjSpec.from_file(str(file))
+    return mujoco.MjSpec.from_string(source) if isinstance(source, str) else source.copy()
 
 
 def _report_lost_files(lost: list[str], strict: bool) -> None:

@@ -209,6 +209,7 @@ def test_unequal_numbers_of_one_joint_are_refused() -> None:
         (3, ArgumentError, "source: found int"),
         ("<mujoco><worldbody><bdy/></worldbody></mujoco>", SceneError, "MuJoCo cannot read it.*bdy"),
         ("missing.xml", SceneError, "'missing.xml', which is no file"),
+        (mujoco.MjSpec.from_string('<mujoco><worldbody><body><joint/></body></worldbody></mujoco>'), SceneError, "MuJoCo cannot read it: .*mass and inertia"),
     ],
 )
 def test_what_is_no_model(source: object, kind: type[Exception], message: str) -> None:
@@ -341,6 +342,11 @@ def test_missing_meshes_that_no_inertia_depends_on(tmp_path: Path) -> None:
     assert (scene.total_mass, scene.file) == (2.0, file.resolve())
     with pytest.raises(SceneError, match="found no file 'shell.stl' and 1 more"):
         phipsi.load(file, strict=True)
+    specification = mujoco.MjSpec.from_file(str(file))
+    with pytest.warns(MeshWarning, match="found no file 'shell.stl' and 1 more"):
+        assert phipsi.load(specification).total_mass == 2.0
+    # A caller's specification stays as it is.
+    assert [mesh.file for mesh in specification.meshes] == ["shell.stl"]
     # Of a body without <inertial> the mesh gives the inertia, unless it has no mass.
     without = MESHES.replace('<inertial pos="0 0 1" mass="2" diaginertia="1 1 1"/>', "{}")
     file.write_text(without.format(""))
