@@ -22,6 +22,8 @@ DECLARED = re.compile(r"""<xacro:arg\b[^>]*?\bname\s*=\s*["']([^"']+)["']""")
 PACKAGE = re.compile(r"<name>\s*([^<]*?)\s*</name>")
 #: The environment variables that list folders of packages.
 SEARCHED = ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH")
+#: The arguments that files were expanded with, for their shapes; None if they were expanded with different ones.
+_arguments: dict[Path, dict[str, str] | None] = {}
 #: xacro keeps what it reads in variables of its module.
 _one_at_a_time = threading.Lock()
 
@@ -55,19 +57,26 @@ def expanded(source: str | os.PathLike[str], arguments: Mapping[str, str] | None
     for name in arguments or {}:
         if name not in known:
             raise ArgumentError(f"xacro_arguments: found {name!r}, which the file does not have; {_closest(name, known)}")
+    if file is not None:
+        used = {name: str(value) for name, value in (arguments or {}).items()}
+        _arguments[file.resolve()] = used if _arguments.setdefault(file.resolve(), used) == used else None
     return str(document.toxml())
 
 
 def expanded_again(file: Path, text: str) -> str | None:
-    """The URDF of a file that a scene was read from, for its shapes; None, and a MeshWarning, where it is a xacro that is not expanded without arguments."""
+    """The URDF of a file that a scene was read from, for its shapes; None, and a MeshWarning, where it is a xacro whose arguments are not known."""
     if not is_xacro(text):
         return text
-    try:
-        return expanded(file)
-    except (SceneError, ArgumentError, ImportError) as error:
-        reason = "it needs arguments" if isinstance(error, ArgumentError) else str(error).removeprefix("source: ")
-        warnings.warn(f"shapes of the xacro {file.name!r} are omitted, as it cannot be expanded again: {reason}", MeshWarning, stacklevel=2)
-        return None
+    arguments = _arguments.get(file.resolve(), {})
+    if arguments is None:
+        reason = "it was read with different arguments"
+    else:
+        try:
+            return expanded(file, arguments)
+        except (SceneError, ArgumentError, ImportError) as error:
+            reason = "it needs arguments" if isinstance(error, ArgumentError) else str(error).removeprefix("source: ")
+    warnings.warn(f"shapes of the xacro {file.name!r} are omitted, as it cannot be expanded again: {reason}", MeshWarning, stacklevel=2)
+    return None
 
 
 class _Arguments(dict[str, str]):

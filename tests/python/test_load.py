@@ -56,11 +56,18 @@ def test_shapes_of_a_xacro_are_written_back(xacro_file: Path) -> None:
     assert phipsi.load(xacro_file).to_urdf().count('<sphere radius="2.0"') == 2
 
 
-def test_shapes_of_a_xacro_that_needs_arguments_are_omitted(xacro_file: Path) -> None:
-    """to_urdf takes no arguments of xacro."""
-    xacro_file.write_text(XACRO.replace('<xacro:arg name="mass" default="2.0"/>', ""))
+def test_shapes_of_a_xacro_with_arguments(xacro_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are those of the arguments that it was read with, or omitted where these are not known."""
+    shape = '<visual><geometry><sphere radius="$(arg mass)"/></geometry></visual>'
+    xacro_file.write_text(XACRO.replace('<xacro:arg name="mass" default="2.0"/>', "").replace("</inertial>", f"</inertial>{shape}"))
     scene = phipsi.load(xacro_file, xacro_arguments={"mass": "3"})
-    with pytest.warns(MeshWarning, match="shapes of the xacro 'rods.urdf.xacro' are omitted, as it cannot be expanded again: it needs arguments"):
+    assert scene.to_urdf().count('<sphere radius="3"') == 2
+    other = phipsi.load(xacro_file, xacro_arguments={"mass": "4"})
+    with pytest.warns(MeshWarning, match="shapes of the xacro 'rods.urdf.xacro' are omitted, as .* it was read with different arguments"):
+        assert "sphere" not in other.to_urdf()
+    # Another process does not know them.
+    monkeypatch.setattr("phipsi._xacro._arguments", {})
+    with pytest.warns(MeshWarning, match="it needs arguments"):
         text = scene.to_urdf()
     assert phipsi.load(text).total_mass == 6.0
 
