@@ -80,7 +80,9 @@ def apart(file: Path) -> Result:
     process.start()
     sender.close()
     try:
-        found = receiver.recv() if receiver.poll(LIMIT) else Result(file, "crashed", ("too long",), f"more than {LIMIT} s")
+        found = (
+            receiver.recv() if receiver.poll(LIMIT) else Result(file, "crashed", ("too long",), f"more than {LIMIT} s")
+        )
     except EOFError:
         found = Result(file, "crashed", ("process ended",), "the process ended")
     if process.is_alive():
@@ -97,15 +99,25 @@ def files(folder: Path) -> list[Path]:
 
 def table(found: dict[str, list[Result]]) -> list[str]:
     """Rows of Markdown: a repository each, then the kinds of refusals and of warnings."""
-    lines = ["| repository | models | read | of these without a warning | refused by name | crashed | files that MuJoCo does not compile |", "| --- |" + " --- |" * 6]
+    lines = [
+        "| repository | models | read | of these without a warning | refused by name | crashed | files that MuJoCo does not compile |",
+        "| --- |" + " --- |" * 6,
+    ]
     for name, results in [*found.items(), ("all", [one for results in found.values() for one in results])]:
         of = Counter(one.outcome for one in results)
         silent = sum(one.outcome == "read" and not one.kinds for one in results)
-        lines.append(f"| {name} | {len(results) - of['not a model']} | {of['read']} | {silent} | {of['refused']} | {of['crashed']} | {of['not a model']} |")
+        lines.append(
+            f"| {name} | {len(results) - of['not a model']} | {of['read']} | {silent} | {of['refused']} | {of['crashed']} | {of['not a model']} |"
+        )
     lines += ["", "| kind | files that are refused | files that are read with a warning |", "| --- | --- | --- |"]
     all_of = [one for results in found.values() for one in results if one.outcome in ("refused", "read")]
-    refused, warned = (Counter(kind for one in all_of if one.outcome == outcome for kind in one.kinds) for outcome in ("refused", "read"))
-    lines += [f"| {kind} | {refused[kind] or ''} | {warned[kind] or ''} |" for kind, _ in (refused + warned).most_common()]
+    refused, warned = (
+        Counter(kind for one in all_of if one.outcome == outcome for kind in one.kinds)
+        for outcome in ("refused", "read")
+    )
+    lines += [
+        f"| {kind} | {refused[kind] or ''} | {warned[kind] or ''} |" for kind, _ in (refused + warned).most_common()
+    ]
     return lines
 
 
@@ -123,7 +135,11 @@ def main() -> None:
     lines = table(found)
     print("\n".join(lines))
     if given.list is not None:
-        rows = [f"{one.outcome}\t{','.join(one.kinds)}\t{one.seconds:.2f}\t{one.file}\t{one.text}" for results in found.values() for one in results]
+        rows = [
+            f"{one.outcome}\t{','.join(one.kinds)}\t{one.seconds:.2f}\t{one.file}\t{one.text}"
+            for results in found.values()
+            for one in results
+        ]
         given.list.write_text("\n".join(rows) + "\n", encoding="utf-8")
     if given.markdown is not None:
         page = [

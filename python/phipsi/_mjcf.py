@@ -1,4 +1,4 @@
-"""Models of MuJoCo as MuJoCo compiles them: files, text and specifications; the names of their elements; which of their parts are switched off."""
+"""Models of MuJoCo as MuJoCo compiles them: of files, text and specifications; names of elements; what is switched off."""
 
 from __future__ import annotations
 
@@ -26,23 +26,29 @@ HIDDEN = 5
 
 
 def compiled(source: Any, strict: bool = False) -> tuple[mujoco.MjModel, Path | None]:
-    """The compiled model of a file, of XML, of a specification or of a model itself; and the file, where there is one.
+    """The compiled model of a file, XML, a specification or a model itself; and the file, if there is one.
 
-    Missing files of meshes and textures are reported by a MeshWarning (SceneError if strict), if no inertia depends on them.
+    Missing files of meshes and textures give a MeshWarning (SceneError if strict), if no inertia depends on them.
     """
     try:
         import mujoco
     except ImportError:
-        raise ImportError('Scene.from_mujoco: found no package mujoco; install it with: pip install "phipsi[mujoco]"') from None
+        raise ImportError(
+            'Scene.from_mujoco: found no package mujoco; install it with: pip install "phipsi[mujoco]"'
+        ) from None
     if isinstance(source, mujoco.MjModel):
         return source, None
     if not isinstance(source, str | os.PathLike | mujoco.MjSpec):
-        raise ArgumentError(f"source: found {type(source).__name__}; expected a path, XML, mujoco.MjModel or mujoco.MjSpec")
+        raise ArgumentError(
+            f"source: found {type(source).__name__}; expected a path, XML, mujoco.MjModel or mujoco.MjSpec"
+        )
     file = None
     if not isinstance(source, mujoco.MjSpec) and not (isinstance(source, str) and source.lstrip().startswith("<")):
         file = Path(source)
         if not file.is_file():
-            raise SceneError(f"source: found {str(source)[:100]!r}, which is no file; expected the path of a model, or XML")
+            raise SceneError(
+                f"source: found {str(source)[:100]!r}, which is no file; expected the path of a model, or XML"
+            )
     try:
         if file is not None and file.suffix == ".mjb":
             return mujoco.MjModel.from_binary_path(str(file)), None
@@ -91,13 +97,17 @@ def _report_lost_files(lost: list[str], strict: bool) -> None:
 
 
 def _omit_lost_files(specification: mujoco.MjSpec, folder: Path) -> list[str]:
-    """Replaces what has no file in a specification; the files. SceneError where an inertia is computed from a missing mesh."""
+    """Replaces what has no file; the files. SceneError where an inertia is computed from a missing mesh."""
     import mujoco
 
     has_file = _Files(specification, folder)
     meshes = {mesh.name: mesh for mesh in specification.meshes if not has_file("meshdir", mesh.file)}
     fields = {field.name: field for field in specification.hfields if not has_file("meshdir", field.file)}
-    textures = {texture.name: texture for texture in specification.textures if not all(has_file("texturedir", file) for file in (texture.file, *texture.cubefiles))}
+    textures = {
+        texture.name: texture
+        for texture in specification.textures
+        if not all(has_file("texturedir", file) for file in (texture.file, *texture.cubefiles))
+    }
     skins = [skin for skin in specification.skins if not has_file("meshdir", skin.file)]
     for geom in specification.geoms:
         lost = meshes.get(geom.meshname) or fields.get(geom.hfieldname)
@@ -105,7 +115,10 @@ def _omit_lost_files(specification: mujoco.MjSpec, folder: Path) -> list[str]:
             continue
         if _gives_inertia(specification, geom):
             body = geom.parent.name
-            raise SceneError(f"source: found no file {lost.file!r}, from which the inertia of body {body!r} is computed; expected the file, or <inertial> in the body")
+            raise SceneError(
+                f"source: found no file {lost.file!r}, from which the inertia of body {body!r} is computed; "
+                "expected the file, or <inertial> in the body"
+            )
         geom.type, geom.size, geom.mass, geom.group = mujoco.mjtGeom.mjGEOM_SPHERE, [0.001, 0.0, 0.0], 0.0, HIDDEN
         geom.meshname = geom.hfieldname = ""
     for material in specification.materials:
@@ -113,7 +126,9 @@ def _omit_lost_files(specification: mujoco.MjSpec, folder: Path) -> list[str]:
     for lost in (*meshes.values(), *fields.values(), *textures.values(), *skins):
         # Elements delete themselves in older versions.
         specification.delete(lost) if hasattr(specification, "delete") else lost.delete()
-    return [repr(lost.file or "of a texture") for lost in (*meshes.values(), *fields.values(), *skins, *textures.values())]
+    return [
+        repr(lost.file or "of a texture") for lost in (*meshes.values(), *fields.values(), *skins, *textures.values())
+    ]
 
 
 class _Files:
@@ -132,7 +147,13 @@ def _gives_inertia(specification: mujoco.MjSpec, geom: Any) -> bool:
     body, compiler = geom.parent, specification.compiler
     first, last = compiler.inertiagrouprange
     from_geoms = int(compiler.inertiafromgeom)
-    if geom.mass == 0.0 or geom.density == 0.0 or not first <= geom.group <= last or from_geoms == 0 or (from_geoms == 2 and body.explicitinertial):
+    if (
+        geom.mass == 0.0
+        or geom.density == 0.0
+        or not first <= geom.group <= last
+        or from_geoms == 0
+        or (from_geoms == 2 and body.explicitinertial)
+    ):
         return False
     while body is not None and body.name != "world":
         if body.joints:
@@ -144,7 +165,7 @@ def _gives_inertia(specification: mujoco.MjSpec, geom: Any) -> bool:
 class Names:
     """Names of the elements of a model; those that have none in the file get one that no other has.
 
-    Bodies and sites become links and share one set of names; joints, those that fix one link to another included, have a second one.
+    Bodies and sites become links and share one set of names; joints, fixed ones included, have a second one.
     """
 
     def __init__(self, model: mujoco.MjModel) -> None:
@@ -153,7 +174,10 @@ class Names:
         self.joints = self._complete(_own(model, model.name_jntadr), "joint", self._joints)
         self.equalities = self._complete(_own(model, model.name_eqadr), "equality ", set())
         #: Of sites: a site that has the name of a body gets another one, and one without a name gets none.
-        self.sites = [name and self.link(name if name not in self._links else f"{name}/site") for name in _own(model, model.name_siteadr)]
+        self.sites = [
+            name and self.link(name if name not in self._links else f"{name}/site")
+            for name in _own(model, model.name_siteadr)
+        ]
 
     @staticmethod
     def _complete(own: list[str], kind: str, taken: set[str]) -> list[str]:
@@ -190,7 +214,9 @@ def is_disabled(model: mujoco.MjModel, *flags: str) -> bool:
 
     # Older versions have one flag for springs and dampers.
     bits: Any = mujoco.mjtDisableBit
-    return all(model.opt.disableflags & int(getattr(bits, f"mjDSBL_{flag}", None) or bits.mjDSBL_PASSIVE) for flag in flags)
+    return all(
+        model.opt.disableflags & int(getattr(bits, f"mjDSBL_{flag}", None) or bits.mjDSBL_PASSIVE) for flag in flags
+    )
 
 
 def has_constraints(model: mujoco.MjModel, kind: str) -> bool:
@@ -199,7 +225,7 @@ def has_constraints(model: mujoco.MjModel, kind: str) -> bool:
 
 
 def has_passive_forces(model: mujoco.MjModel) -> bool:
-    """Whether MuJoCo computes passive forces: with springs and dampers off it has neither a medium nor gravity compensation."""
+    """Whether MuJoCo has passive forces: without springs and dampers it has no medium and no gravity compensation."""
     return not is_disabled(model, "SPRING", "DAMPER")
 
 
@@ -224,7 +250,7 @@ def connected(model: mujoco.MjModel, at: int) -> tuple[int, int]:
 
 
 def ties_bodies(model: mujoco.MjModel, at: int) -> bool:
-    """Whether an equality constraint names bodies: sites otherwise, which the first versions with MjSpec do not have there."""
+    """Whether an equality constraint names bodies: sites otherwise, which the first versions do not have there."""
     types = field(model, "eq_objtype")
     return types is None or bool(types[at] == OBJECT_BODY)
 

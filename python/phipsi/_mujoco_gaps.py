@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ._mjcf import BALL, EQUALITY_CONNECT, EQUALITY_JOINT, EQUALITY_WELD, FREE, SLIDE, WIDTHS, Names
-from ._mjcf import connected, equalities, field, has_constraints, has_passive_forces, is_disabled, joint_actuators, stops
+from ._mjcf import (
+    connected,
+    equalities,
+    field,
+    has_constraints,
+    has_passive_forces,
+    is_disabled,
+    joint_actuators,
+    stops,
+)
 from .errors import ArgumentError, ModelWarning, SceneError
 
 if TYPE_CHECKING:
@@ -61,7 +70,9 @@ def check(model: mujoco.MjModel, names: Names, ignore: Collection[str], strict: 
     refused = {name: of for name, of in found.items() if strict or any(gap.is_refused for gap in of)}
     if refused:
         what = "; ".join(_text(of) for of in refused.values())
-        raise SceneError(f"source: found {what}; expected a model without, or to read it without them: ignore={tuple(refused)!r}")
+        raise SceneError(
+            f"source: found {what}; expected a model without, or to read it without them: ignore={tuple(refused)!r}"
+        )
     for name, of in found.items():
         text = f"source: found {_text(of)}; ignore={(name,)!r} reads it without this warning, strict=True refuses it"
         warnings.warn(text, ModelWarning, stacklevel=3)
@@ -84,7 +95,12 @@ def gaps(model: mujoco.MjModel, names: Names, ignore: Collection[str]) -> Iterat
     yield from _of_actuators(model)
     if "contacts" not in ignore and (pair := colliding(model)):
         one, other = (names.bodies[body] for body in pair)
-        yield Gap("contacts", f"geoms that collide, of {one!r} and {other!r} for instance", "bodies pass through each other, as contacts of a file are not read", False)
+        yield Gap(
+            "contacts",
+            f"geoms that collide, of {one!r} and {other!r} for instance",
+            "bodies pass through each other, as contacts of a file are not read",
+            False,
+        )
 
 
 def _of_equalities(model: mujoco.MjModel, names: Names) -> Iterator[Gap]:
@@ -97,9 +113,18 @@ def _of_equalities(model: mujoco.MjModel, names: Names) -> Iterator[Gap]:
             continue
         if kind != EQUALITY_JOINT:
             for body in moved.intersection(connected(model, at)):
-                yield Gap("mocap", f"{what} with the body {names.bodies[body]!r}, which is moved by the program (mocap)", "scenes hold it where the file places it")
+                yield Gap(
+                    "mocap",
+                    f"{what} with the body {names.bodies[body]!r}, which is moved by the program (mocap)",
+                    "scenes hold it where the file places it",
+                )
         if _is_soft(model.eq_solref[at], model.eq_solimp[at]):
-            yield Gap("softness", f"{what}, which is softer than MuJoCo's default (solref, solimp)", "connections are rigid", False)
+            yield Gap(
+                "softness",
+                f"{what}, which is softer than MuJoCo's default (solref, solimp)",
+                "connections are rigid",
+                False,
+            )
 
 
 def _is_soft(solref: Any, solimp: Any) -> bool:
@@ -113,7 +138,9 @@ def _is_soft(solref: Any, solimp: Any) -> bool:
 
 def _of_tendons(model: mujoco.MjModel) -> Iterator[Gap]:
     forces = ["armature"]
-    forces += ["stiffness", "stiffnesspoly"] * (not is_disabled(model, "SPRING")) + ["damping", "dampingpoly"] * (not is_disabled(model, "DAMPER"))
+    forces += ["stiffness", "stiffnesspoly"] * (not is_disabled(model, "SPRING")) + ["damping", "dampingpoly"] * (
+        not is_disabled(model, "DAMPER")
+    )
     forces += ["frictionloss"] * has_constraints(model, "FRICTIONLOSS")
     acting = [values for name in forces if (values := field(model, f"tendon_{name}")) is not None]
     limited = model.tendon_limited if has_constraints(model, "LIMIT") else np.zeros(model.ntendon)
@@ -123,7 +150,9 @@ def _of_tendons(model: mujoco.MjModel) -> Iterator[Gap]:
         if any(np.any(values[at]) for values in acting):
             yield Gap("tendons", f"{what}, with springs, losses or armature", "scenes have no tendons")
         elif limited[at]:
-            yield Gap("tendons", f"{what}, with limits", "scenes have no tendons, and it does not limit the joints", False)
+            yield Gap(
+                "tendons", f"{what}, with limits", "scenes have no tendons, and it does not limit the joints", False
+            )
 
 
 def _of_bodies(model: mujoco.MjModel, names: Names) -> Iterator[Gap]:
@@ -131,7 +160,11 @@ def _of_bodies(model: mujoco.MjModel, names: Names) -> Iterator[Gap]:
         yield Gap("flexes", f"{model.nflex} deformable objects (flex)", "bodies are rigid")
     if has_passive_forces(model) and not is_disabled(model, "GRAVITY"):
         for at in _where(model.body_gravcomp):
-            yield Gap("gravcomp", f"gravcomp {model.body_gravcomp[at]:g} at the body {names.bodies[at]!r}", "weight acts on all bodies")
+            yield Gap(
+                "gravcomp",
+                f"gravcomp {model.body_gravcomp[at]:g} at the body {names.bodies[at]!r}",
+                "weight acts on all bodies",
+            )
     option = model.opt
     if has_passive_forces(model) and (option.density or option.viscosity):
         is_air = option.density <= AIR[0] and option.viscosity <= AIR[1] and not np.any(option.wind)
@@ -143,7 +176,8 @@ def _of_bodies(model: mujoco.MjModel, names: Names) -> Iterator[Gap]:
     for at in _where(model.body_mocapid >= 0):
         below = np.flatnonzero(model.body_parentid == at)
         if len(below):
-            what = f"the body {names.bodies[at]!r}, which is moved by the program (mocap) and carries {names.bodies[below[0]]!r}"
+            carried = names.bodies[below[0]]
+            what = f"the body {names.bodies[at]!r}, which is moved by the program (mocap) and carries {carried!r}"
             yield Gap("mocap", what, "scenes hold it where the file places it")
 
 
@@ -165,20 +199,28 @@ def _of_joints(model: mujoco.MjModel, names: Names) -> Iterator[Gap]:
         if model.jnt_stiffness[at] and not is_disabled(model, springs):
             yield Gap("nonlinear", f"stiffness at the free joint {name!r}", "its spring differs from phipsi's")
         # Rows of the linear velocity are along axes of the world there, along those of the body here.
-        for kind, values, acts in (("armature", model.dof_armature, True), ("friction", model.dof_frictionloss, has_constraints(model, "FRICTIONLOSS"))):
+        for kind, values, acts in (
+            ("armature", model.dof_armature, True),
+            ("friction", model.dof_frictionloss, has_constraints(model, "FRICTIONLOSS")),
+        ):
             if acts and np.any(values[dofs]):
-                yield Gap(kind, f"{kind} {values[dofs][0]:g} at the free joint {name!r}", "MuJoCo applies it along axes of the world, phipsi along those of the body")
+                yield Gap(
+                    kind,
+                    f"{kind} {values[dofs][0]:g} at the free joint {name!r}",
+                    "MuJoCo applies it along axes of the world, phipsi along those of the body",
+                )
     if has_constraints(model, "LIMIT"):
         for at in _where((model.jnt_type == BALL) & (model.jnt_limited != 0)):
             yield Gap("limits", f"limits of the ball joint {names.joints[at]!r}", "ball joints have no limits", False)
         low, high = stops(model)
         for at in _where((model.jnt_type >= SLIDE) & (model.jnt_limited != 0) & (low > high)):
-            what = f"limits of the joint {names.joints[at]!r}, whose margin {model.jnt_margin[at]:g} is more than half of the range {model.jnt_range[at].tolist()}"
+            margin, between = model.jnt_margin[at], model.jnt_range[at].tolist()
+            what = f"limits of the joint {names.joints[at]!r}, whose margin {margin:g} is more than half of the range {between}"
             yield Gap("limits", what, "both stops act at once")
 
 
 def _of_actuators(model: mujoco.MjModel) -> Iterator[Gap]:
-    """Armature and damping of actuators act on the mechanism, driven or not; those of hinges and slides are added to the joint's."""
+    """Armature and damping of actuators act without a control too; those of hinges and slides are added to the joint's."""
     read = {at for at, _, _ in joint_actuators(model)}
     for at in range(len(model.actuator_trntype)):
         for what in ("armature", "damping", "dampingpoly"):
@@ -209,7 +251,9 @@ def colliding(model: mujoco.MjModel) -> tuple[int, int] | None:
         may = (may != 0) & (rigid[other] != rigid[body])
         if filters_parents:
             # A body does not collide with its parent, unless that is fixed to the world.
-            of_parent = ((above[other] == rigid[body]) & (rigid[body] != 0)) | ((above[body] == rigid[other]) & (rigid[other] != 0))
+            of_parent = ((above[other] == rigid[body]) & (rigid[body] != 0)) | (
+                (above[body] == rigid[other]) & (rigid[other] != 0)
+            )
             may &= ~of_parent
         for found in other[may].tolist():
             if (body << 16) + found not in excluded:
@@ -224,4 +268,8 @@ def _where(condition: Any) -> list[int]:
 
 def _rows(values: Any) -> list[int]:
     """Rows that are not zero."""
-    return [] if values is None or not len(values) else _where(np.any(np.reshape(values, (len(values), -1)) != 0.0, axis=1))
+    return (
+        []
+        if values is None or not len(values)
+        else _where(np.any(np.reshape(values, (len(values), -1)) != 0.0, axis=1))
+    )

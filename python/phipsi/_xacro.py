@@ -52,11 +52,17 @@ def expanded(source: str | os.PathLike[str], arguments: Mapping[str, str] | None
                 document = xacro.process_file(os.fspath(file), mappings=given)
         except Exception as error:  # xacro raises what Python's eval raises
             _raise_of(error, given.missing)
-        texts = [str(source)] if file is None else [Path(name).read_text(encoding="utf-8", errors="replace") for name in (file, *xacro.all_includes)]
+        texts = (
+            [str(source)]
+            if file is None
+            else [Path(name).read_text(encoding="utf-8", errors="replace") for name in (file, *xacro.all_includes)]
+        )
     known = given.asked.union(*(DECLARED.findall(COMMENT.sub("", text)) for text in texts))
     for name in arguments or {}:
         if name not in known:
-            raise ArgumentError(f"xacro_arguments: found {name!r}, which the file does not have; {_closest(name, known)}")
+            raise ArgumentError(
+                f"xacro_arguments: found {name!r}, which the file does not have; {_closest(name, known)}"
+            )
     if file is not None:
         used = {name: str(value) for name, value in (arguments or {}).items()}
         _arguments[file.resolve()] = used if _arguments.setdefault(file.resolve(), used) == used else None
@@ -64,7 +70,7 @@ def expanded(source: str | os.PathLike[str], arguments: Mapping[str, str] | None
 
 
 def expanded_again(file: Path, text: str) -> str | None:
-    """The URDF of a file that a scene was read from, for its shapes; None, and a MeshWarning, where it is a xacro whose arguments are not known."""
+    """The URDF of a scene's file, for its shapes; None, and a MeshWarning, for a xacro whose arguments are not known."""
     if not is_xacro(text):
         return text
     arguments = _arguments.get(file.resolve(), {})
@@ -75,7 +81,11 @@ def expanded_again(file: Path, text: str) -> str | None:
             return expanded(file, arguments)
         except (SceneError, ArgumentError, ImportError) as error:
             reason = "it needs arguments" if isinstance(error, ArgumentError) else str(error).removeprefix("source: ")
-    warnings.warn(f"shapes of the xacro {file.name!r} are omitted, as it cannot be expanded again: {reason}", MeshWarning, stacklevel=2)
+    warnings.warn(
+        f"shapes of the xacro {file.name!r} are omitted, as it cannot be expanded again: {reason}",
+        MeshWarning,
+        stacklevel=2,
+    )
     return None
 
 
@@ -110,14 +120,19 @@ def _closest(name: str, known: set[str]) -> str:
 def _raise_of(error: Exception, missing: str | None) -> NoReturn:
     """The error of phipsi for one that xacro raised; the causes of XacroException are in its attribute exc."""
     if missing is not None:
-        raise ArgumentError(f"xacro_arguments: found none for {missing!r}, which the file needs; expected xacro_arguments={{{missing!r}: ...}}") from None
+        raise ArgumentError(
+            f"xacro_arguments: found none for {missing!r}, which the file needs; "
+            f"expected xacro_arguments={{{missing!r}: ...}}"
+        ) from None
     causes: list[BaseException] = [error]
     while (cause := getattr(causes[-1], "exc", None) or causes[-1].__cause__) is not None and cause not in causes:
         causes.append(cause)
     for cause in causes:
         if isinstance(cause, _NoPackage):
             raise SceneError(f"source: {cause}") from None
-    raise SceneError(f"source: xacro cannot expand it: {type(error).__name__}: {' '.join(str(error).split())}") from None
+    raise SceneError(
+        f"source: xacro cannot expand it: {type(error).__name__}: {' '.join(str(error).split())}"
+    ) from None
 
 
 class _NoPackage(Exception):
@@ -143,7 +158,8 @@ def _finding(file: Path | None) -> Iterator[None]:
             where = "above or beside the file" if file is not None else "anywhere, as the source is text"
             variables = " or ".join(SEARCHED)
             raise _NoPackage(
-                f"found $(find {package}), and no folder {package!r} {where}; expected the folder that contains it in the environment variable {variables}"
+                f"found $(find {package}), and no folder {package!r} {where}; "
+                f"expected the folder that contains it in the environment variable {variables}"
             ) from None
 
     substitution._eval_find = substitution._eval_dict["find"] = find
@@ -159,7 +175,9 @@ def _package(name: str, file: Path | None) -> Path | None:
     for folder in above:
         if _is_package(folder, name):
             return folder
-    listed = [Path(folder) for variable in SEARCHED for folder in os.environ.get(variable, "").split(os.pathsep) if folder]
+    listed = [
+        Path(folder) for variable in SEARCHED for folder in os.environ.get(variable, "").split(os.pathsep) if folder
+    ]
     for folder in (*listed, *above):
         for candidate in (folder, folder / name, folder / "share" / name):
             if _is_package(candidate, name) and candidate.is_dir():

@@ -1,4 +1,4 @@
-"""Every field of MjModel that changes accelerations, contacts and actuation disabled: the scene follows it, or it is refused or reported by name."""
+"""Each field of MjModel that changes accelerations, without contacts and actuation, is followed or refused by name."""
 
 from __future__ import annotations
 
@@ -47,12 +47,27 @@ def with_(element: str) -> str:
 
 MODELS = {
     "tree": MODEL,
-    "connect": with_('<equality><connect body1="tool" body2="leg" anchor=".1 .2 .3"/><joint joint1="elbow" joint2="knee" polycoef=".1 .5 0 0 0"/></equality>'),
-    "weld": with_('<equality><weld body1="tool" body2="leg" relpose=".1 .2 .3 .5 .5 .5 .5" anchor=".1 .1 0"/></equality>'),
-    "sites": with_('<equality><connect site1="on_arm" site2="on_trunk"/><weld site1="on_tool" site2="base"/></equality>'),
+    "connect": with_(
+        '<equality><connect body1="tool" body2="leg" anchor=".1 .2 .3"/><joint joint1="elbow" joint2="knee" polycoef=".1 .5 0 0 0"/></equality>'
+    ),
+    "weld": with_(
+        '<equality><weld body1="tool" body2="leg" relpose=".1 .2 .3 .5 .5 .5 .5" anchor=".1 .1 0"/></equality>'
+    ),
+    "sites": with_(
+        '<equality><connect site1="on_arm" site2="on_trunk"/><weld site1="on_tool" site2="base"/></equality>'
+    ),
 }
 #: How soft constraints are and how MuJoCo solves for their forces: constraints of a scene are rigid, and docs/how-to/read-a-robot.md says so.
-SOFTNESS = {"solref", "solimp", "invweight0", "opt.timestep", "opt.tolerance", "opt.iterations", "opt.impratio", "opt.noslip_iterations"}
+SOFTNESS = {
+    "solref",
+    "solimp",
+    "invweight0",
+    "opt.timestep",
+    "opt.tolerance",
+    "opt.iterations",
+    "opt.impratio",
+    "opt.noslip_iterations",
+}
 SOFTNESS |= {"mjENBL_DIAGEXACT", "mjDSBL_REFSAFE", "mjDSBL_WARMSTART", "mjDSBL_ISLAND", "mjENBL_SLEEP", "torquescale"}
 
 
@@ -75,7 +90,9 @@ class Seen:
         self.friction = np.zeros(model.nv)
         self.stops: dict[int, float] = {}
         rows: dict[int, list[float]] = defaultdict(list)
-        for kind, at, position, margin, friction in zip(data.efc_type, data.efc_id, data.efc_pos, data.efc_margin, data.efc_frictionloss, strict=True):
+        for kind, at, position, margin, friction in zip(
+            data.efc_type, data.efc_id, data.efc_pos, data.efc_margin, data.efc_frictionloss, strict=True
+        ):
             if kind == kinds.mjCNSTR_FRICTION_DOF:
                 self.friction[at] = friction
             elif kind == kinds.mjCNSTR_LIMIT_JOINT:
@@ -84,7 +101,12 @@ class Seen:
                 rows[int(at)].append(float(position))
         # Lengths, as axes differ: the number of rows, the distance and, of a weld, the sine of half the angle.
         self.errors = {
-            at: (len(values), float(np.linalg.norm(values[:3])), float(np.linalg.norm(values[3:])) / (model.eq_data[at, 10] or 1.0)) for at, values in rows.items()
+            at: (
+                len(values),
+                float(np.linalg.norm(values[:3])),
+                float(np.linalg.norm(values[3:])) / (model.eq_data[at, 10] or 1.0),
+            )
+            for at, values in rows.items()
         }
 
     def numbers(self) -> list[float]:
@@ -125,7 +147,11 @@ def changed(text: str) -> Iterator[tuple[str, mujoco.MjModel]]:
     for owner in ("", "opt."):
         for name in dir(base.opt if owner else base):
             values = getattr(base.opt if owner else base, name)
-            if name.startswith("_") or (isinstance(values, float) and not owner) or not isinstance(values, np.ndarray | float):
+            if (
+                name.startswith("_")
+                or (isinstance(values, float) and not owner)
+                or not isinstance(values, np.ndarray | float)
+            ):
                 continue
             if isinstance(values, np.ndarray) and (values.dtype.kind not in "fb" or not values.flags.writeable):
                 continue
@@ -142,9 +168,16 @@ def changed(text: str) -> Iterator[tuple[str, mujoco.MjModel]]:
                     if name == "eq_data" and at[1] in range(6, 10):
                         entries[at[0], 6:10] /= np.linalg.norm(entries[at[0], 6:10])
                 yield "torquescale" if name == "eq_data" and at[1] == 10 else f"{owner}{name}", model
-    for flags, kind, prefix in (("disableflags", mujoco.mjtDisableBit, "mjDSBL_"), ("enableflags", mujoco.mjtEnableBit, "mjENBL_")):
+    for flags, kind, prefix in (
+        ("disableflags", mujoco.mjtDisableBit, "mjDSBL_"),
+        ("enableflags", mujoco.mjtEnableBit, "mjENBL_"),
+    ):
         # The first two are for other states of the scene; the third needs an integrator of its own.
-        for name in {name for name in dir(kind) if name.startswith(prefix)} - {"mjDSBL_CONTACT", "mjDSBL_ACTUATION", "mjENBL_IPC"}:
+        for name in {name for name in dir(kind) if name.startswith(prefix)} - {
+            "mjDSBL_CONTACT",
+            "mjDSBL_ACTUATION",
+            "mjENBL_IPC",
+        }:
             model = copy.copy(base)
             setattr(model.opt, flags, getattr(model.opt, flags) ^ int(getattr(kind, name)))
             yield name, model
@@ -172,15 +205,42 @@ def test_every_field_is_followed_or_refused(kind: str) -> None:
         except AssertionError as error:
             raise AssertionError(f"{name} is not followed: {error}") from error
         else:
-            is_soft = len(seen.numbers()) == len(there.numbers()) and np.allclose(seen.numbers(), there.numbers(), rtol=1e-12, atol=1e-12)
+            is_soft = len(seen.numbers()) == len(there.numbers()) and np.allclose(
+                seen.numbers(), there.numbers(), rtol=1e-12, atol=1e-12
+            )
             found["soft" if is_soft else "followed"].add(name)
-    unknown = {name for name in found["soft"] if name not in SOFTNESS and not any(name.endswith(end) for end in SOFTNESS)}
+    unknown = {
+        name for name in found["soft"] if name not in SOFTNESS and not any(name.endswith(end) for end in SOFTNESS)
+    }
     assert not unknown, f"changes accelerations, and nothing in the scene: {unknown}"
     # The walk is over what it should be.
-    assert found["followed"] >= {"body_mass", "body_ipos", "body_iquat", "dof_damping", "jnt_axis", "jnt_pos", "jnt_stiffness", "qpos_spring", "opt.gravity"}
-    assert found["refused"] >= {"dof_armature", "dof_frictionloss", "dof_dampingpoly", "jnt_stiffnesspoly", "opt.density", "opt.viscosity"}
+    assert found["followed"] >= {
+        "body_mass",
+        "body_ipos",
+        "body_iquat",
+        "dof_damping",
+        "jnt_axis",
+        "jnt_pos",
+        "jnt_stiffness",
+        "qpos_spring",
+        "opt.gravity",
+    }
+    assert found["refused"] >= {
+        "dof_armature",
+        "dof_frictionloss",
+        "dof_dampingpoly",
+        "jnt_stiffnesspoly",
+        "opt.density",
+        "opt.viscosity",
+    }
     if kind == "tree":
-        assert found["followed"] >= {"actuator_armature", "actuator_damping", "actuator_gear", "jnt_range", "jnt_margin"}
+        assert found["followed"] >= {
+            "actuator_armature",
+            "actuator_damping",
+            "actuator_gear",
+            "jnt_range",
+            "jnt_margin",
+        }
 
 
 def joint(name: str, attributes: str) -> str:
@@ -195,7 +255,11 @@ PARTS = {
     "wind": ("fluid", False, with_('<option density="1.2" wind="5 0 0"/>')),
     "air": ("fluid", True, with_('<option density="1.225" viscosity="1.8e-5"/>')),
     "weld to a mocap body": ("mocap", False, with_('<equality><weld body1="marker" body2="tool"/></equality>')),
-    "on a mocap body": ("mocap", False, MODEL.replace('<geom size="0.1"/>', '<geom size="0.1"/><body><joint/><geom size=".1"/></body>')),
+    "on a mocap body": (
+        "mocap",
+        False,
+        MODEL.replace('<geom size="0.1"/>', '<geom size="0.1"/><body><joint/><geom size=".1"/></body>'),
+    ),
     "stiff tendon": ("tendons", False, with_(TENDON.format('stiffness="3"'))),
     "damped tendon": ("tendons", False, with_(TENDON.format('damping="3"'))),
     "dry tendon": ("tendons", False, with_(TENDON.format('frictionloss="3"'))),
@@ -205,10 +269,26 @@ PARTS = {
     "armature of a free joint": ("armature", False, joint("free", 'armature=".5"')),
     "friction of a free joint": ("friction", False, joint("free", 'frictionloss=".5"')),
     "stiffness of a free joint": ("nonlinear", False, joint("free", 'stiffness=".5"')),
-    "actuator of a tendon": ("actuators", False, with_(TENDON.format("") + '<actuator><motor tendon="rope" armature=".1"/></actuator>')),
-    "equality of tendons": ("equality", False, with_(TENDON.format("") + '<equality><tendon tendon1="rope"/></equality>')),
-    "curved equality": ("equality", False, with_('<equality><joint joint1="elbow" joint2="knee" polycoef="0 1 1 0 0"/></equality>')),
-    "soft equality": ("softness", True, with_('<equality><connect body1="tool" body2="leg" anchor=".1 .2 .3" solref="-100 -1"/></equality>')),
+    "actuator of a tendon": (
+        "actuators",
+        False,
+        with_(TENDON.format("") + '<actuator><motor tendon="rope" armature=".1"/></actuator>'),
+    ),
+    "equality of tendons": (
+        "equality",
+        False,
+        with_(TENDON.format("") + '<equality><tendon tendon1="rope"/></equality>'),
+    ),
+    "curved equality": (
+        "equality",
+        False,
+        with_('<equality><joint joint1="elbow" joint2="knee" polycoef="0 1 1 0 0"/></equality>'),
+    ),
+    "soft equality": (
+        "softness",
+        True,
+        with_('<equality><connect body1="tool" body2="leg" anchor=".1 .2 .3" solref="-100 -1"/></equality>'),
+    ),
     "contacts": ("contacts", True, MODEL.replace('contact="disable" ', "")),
 }
 
@@ -267,7 +347,12 @@ def bodies(first: str, second: str, extra: str = "", flags: str = "") -> str:
         (bodies("", "", flags='contact="disable"'), False),
         (bodies("", "", flags='constraint="disable"'), False),
         (bodies('contype="0" conaffinity="0"', "", flags='filterparent="disable"'), True),
-        (bodies('name="x" contype="0" conaffinity="0"', 'name="y"', '<contact><pair geom1="x" geom2="y"/></contact>'), True),
+        (
+            bodies(
+                'name="x" contype="0" conaffinity="0"', 'name="y"', '<contact><pair geom1="x" geom2="y"/></contact>'
+            ),
+            True,
+        ),
     ],
 )
 def test_contacts_are_reported_where_mujoco_finds_them(text: str, collides: bool) -> None:
