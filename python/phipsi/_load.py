@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from ._core import Scene
+from ._xacro import COMMENT, expanded, is_xacro
 from .errors import ArgumentError, SceneError
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-COMMENT = re.compile("<!--.*?-->", re.DOTALL)
 #: The root element of a file.
 ROOT = re.compile(r"<\s*([A-Za-z_][\w:.-]*)")
 EXPECTED = "a path of URDF, xacro or MJCF, such a text, a name of robot_descriptions, or a model of MuJoCo or Pinocchio"
@@ -32,6 +32,7 @@ def load(
     leave_out: Collection[Any] | None = None,
     xacro_arguments: Mapping[str, str] | None = None,
     mimic: Literal["couple", "free"] = "free",
+    ignore: Collection[Any] = (),
 ) -> Scene:
     """The scene of a robot, whatever it comes as.
 
@@ -39,10 +40,14 @@ def load(
     robot_descriptions, as "ur5e_description", where that package is there; or mujoco.MjModel, mujoco.MjSpec, pinocchio.Model.
     floating_base: puts a free joint under the root link of a URDF; models of MuJoCo and Pinocchio say themselves what floats.
     gravity: (3,), m/s^2; None: (0, 0, -9.81), or what the model says. strict, leave_out: as in Scene.from_urdf.
-    xacro_arguments: values of the file's <xacro:arg>. mimic: whether joints of a URDF with <mimic> follow, as in Scene.from_urdf.
+    xacro_arguments: values of the file's <xacro:arg>. mimic: whether joints of a URDF with <mimic> follow, as in Scene.from_urdf. ignore: parts of a MuJoCo
+    model to omit, as in Scene.from_mujoco.
 
-    Raises as Scene.from_urdf, Scene.from_mujoco and Scene.from_pinocchio do; ImportError where a package is missing; ArgumentError for what is none of
-    these, and for arguments that the source has no use for.
+    $(find package) of a xacro is the folder of that name, or the one whose package.xml has it, above or beside the file or in a folder of ROS_PACKAGE_PATH or
+    AMENT_PREFIX_PATH; then it is looked up as ROS does.
+
+    Raises as Scene.from_urdf, Scene.from_mujoco and Scene.from_pinocchio do; ImportError where a package is missing; ArgumentError for a source that is none of
+    these, for arguments that the source has no use for, and for xacro_arguments that the file does not have or that it needs and that are missing.
     """
     options: dict[str, Any] = {"gravity": gravity, "strict": strict, "leave_out": leave_out}
     package = type(source).__module__.partition(".")[0]
@@ -50,7 +55,10 @@ def load(
         _has_no_use(floating_base, "floating_base", source)
         _has_no_use(xacro_arguments, "xacro_arguments", source)
         _has_no_use(mimic != "free", "mimic", source)
-        return Scene.from_mujoco(source, **options) if package == "mujoco" else Scene.from_pinocchio(source, **options)
+        if package == "mujoco":
+            return Scene.from_mujoco(source, **options, ignore=ignore)
+        _has_no_use(ignore, "ignore", source)
+        return Scene.from_pinocchio(source, **options)
     if not isinstance(source, str | os.PathLike):
         raise ArgumentError(f"source: found {type(source).__name__}; expected {EXPECTED}")
     if isinstance(source, str) and re.fullmatch(r"\w+_description", source) and not Path(source).exists():
@@ -61,7 +69,8 @@ def load(
         _has_no_use(floating_base, "floating_base", source)
         _has_no_use(xacro_arguments, "xacro_arguments", source)
         _has_no_use(mimic != "free", "mimic", source)
-        return Scene.from_mujoco(source, **options)
+        return Scene.from_mujoco(source, **options, ignore=ignore)
+    _has_no_use(ignore, "ignore", source)
     if gravity is None:
         del options["gravity"]
     options.update(floating_base=floating_base, mimic=mimic)
@@ -88,11 +97,6 @@ def root_of(text: str) -> str:
     return found[1] if found else ""
 
 
-def is_xacro(text: str) -> bool:
-    """Whether a text has elements of xacro: what xacro has expanded may still name them."""
-    return "<xacro:" in COMMENT.sub("", text)
-
-
 def described(name: str) -> str:
     """The file of a module of robot_descriptions."""
     if find_spec("robot_descriptions") is None:
@@ -109,25 +113,6 @@ def described(name: str) -> str:
         if hasattr(module, field):
             return str(getattr(module, field))
     raise SceneError(f"source: found the module {name} of robot_descriptions without URDF_PATH, XACRO_PATH and MJCF_PATH; expected one of them")
-
-
-def expanded(source: str | os.PathLike[str], arguments: Mapping[str, str] | None = None) -> str:
-    """The URDF of a xacro, file or text."""
-    try:
-        import xacro
-    except ImportError:
-        raise ImportError("source: found a xacro and no package xacro; install it with: pip install xacro") from None
-    mappings = {name: str(value) for name, value in (arguments or {}).items()}
-    try:
-        if isinstance(source, str) and source.lstrip().startswith("<"):
-            xacro.init_stacks(None)
-            document = xacro.parse(source)
-            xacro.process_doc(document, mappings=mappings)
-        else:
-            document = xacro.process_file(os.fspath(source), mappings=mappings)
-    except Exception as error:  # xacro raises what Python's eval raises
-        raise SceneError(f"source: xacro cannot expand it: {type(error).__name__}: {' '.join(str(error).split())}") from None
-    return str(document.toxml())
 
 
 def _of_file(scene: Scene, file: Path | None) -> Scene:

@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from ._load import expanded, is_xacro
+from ._xacro import expanded_again
 from ._results import Joint
 from .errors import ArgumentError, of_argument
 
@@ -30,6 +30,9 @@ def to_urdf(scene: Scene, path: str | os.PathLike[str] | None, name: str) -> str
     if scene.connection_names:
         names = ", ".join(map(repr, scene.connection_names[:8]))
         raise of_argument(ArgumentError, "scene", f"found connections ({names}), which URDF has not; expected a tree: scene.without_connections()")
+    if scene.contact_names:
+        names = ", ".join(map(repr, scene.contact_names[:8]))
+        raise of_argument(ArgumentError, "scene", f"found contacts ({names}), which URDF has not; expected none: scene.without_contacts()")
     robot = ElementTree.Element("robot", name=name)
     shapes, materials = _shapes(scene.file)
     robot.extend(materials)
@@ -59,9 +62,11 @@ def _shapes(file: Path | None) -> tuple[dict[str, list[ElementTree.Element]], li
     """The shapes of links by name, and the materials, of a URDF or xacro that is still there; files of meshes beside it get their whole path."""
     if file is None or not file.is_file():
         return {}, []
-    text = file.read_text(encoding="utf-8", errors="replace")
+    text = expanded_again(file, file.read_text(encoding="utf-8", errors="replace"))
+    if text is None:
+        return {}, []
     try:
-        robot = ElementTree.fromstring(expanded(file) if is_xacro(text) else text)
+        robot = ElementTree.fromstring(text)
     except ElementTree.ParseError:
         return {}, []
     if robot.tag != "robot":

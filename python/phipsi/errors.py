@@ -19,6 +19,7 @@ __all__ = [
     "LongCodeWarning",
     "MeshWarning",
     "MimicWarning",
+    "ModelWarning",
     "NotFiniteError",
     "OutOfMemoryError",
     "PhipsiError",
@@ -173,12 +174,16 @@ class MimicWarning(UserWarning):
     """A joint that should follow another; it is taken as an independent coordinate."""
 
 
+class ModelWarning(UserWarning):
+    """Parts of a MuJoCo model that a scene does not have and that were omitted: contacts, limits of tendons and ball joints, air, soft constraints."""
+
+
 class UnknownTagWarning(UserWarning):
     """Elements, attributes or text of a URDF that are not understood and were passed over: one warning for a file."""
 
 
 class MeshWarning(UserWarning):
-    """Shapes of a URDF that are not drawn, because their file was not found or cannot be read."""
+    """Shapes of a URDF or MuJoCo model that are not drawn, because their file was not found or cannot be read."""
 
 
 class BadStateWarning(UserWarning):

@@ -12,7 +12,7 @@ Pinocchio's spatial vectors are linear first, phipsi's angular first.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -46,13 +46,13 @@ def read(model: pinocchio.Model, gravity: ArrayLike | None, strict: bool, leave_
     if not isinstance(model, pin.Model):
         raise ArgumentError(f"model: found {type(model).__name__}; expected pinocchio.Model")
     links = _own_links(model)
-    builder = SceneBuilder()
+    builder, names = SceneBuilder(), _Taken([*links, *(body.name for body in _bodies(model))], model.names)
     for joint, link in enumerate(links):
         inertia = model.inertias[joint]
         builder.link(link, mass=float(inertia.mass), com=np.array(inertia.lever), inertia=_symmetric(inertia.inertia))
         if joint:
-            _add_joint(builder, model, joint, links)
-    _add_frames(builder, model, links)
+            _add_joint(builder, model, joint, links, names)
+    _add_frames(builder, model, links, names)
     return builder.build(gravity=np.array(model.gravity.linear) if gravity is None else gravity, strict=strict, leave_out=leave_out)
 
 
@@ -65,10 +65,8 @@ def _own_links(model: pinocchio.Model) -> list[str]:
         if body.placement.isIdentity(0.0):
             links.setdefault(body.parentJoint, body.name)
     for joint in range(model.njoints):
-        name = model.names[joint]
-        while joint not in links and name in taken:
-            name += "_"
-        links.setdefault(joint, name)
+        if joint not in links:
+            links[joint] = _fresh(model.names[joint], taken)
     return [links[joint] for joint in range(model.njoints)]
 
 
@@ -78,7 +76,29 @@ def _bodies(model: pinocchio.Model) -> Iterator[Any]:
     return (frame for frame in model.frames if frame.type == pin.FrameType.BODY)
 
 
-def _add_joint(builder: SceneBuilder, model: pinocchio.Model, joint: int, links: list[str]) -> None:
+class _Taken:
+    """Names that links and joints have, so that made-up ones do not clash with them."""
+
+    def __init__(self, links: Iterable[str], joints: Iterable[str]) -> None:
+        self.links, self.joints = set(links), set(joints)
+
+    def link(self, name: str) -> str:
+        """A name of a link that is not taken."""
+        return _fresh(name, self.links)
+
+    def joint(self, name: str) -> str:
+        """A name of a joint that is not taken."""
+        return _fresh(name, self.joints)
+
+
+def _fresh(name: str, taken: set[str]) -> str:
+    while name in taken:
+        name += "_"
+    taken.add(name)
+    return name
+
+
+def _add_joint(builder: SceneBuilder, model: pinocchio.Model, joint: int, links: list[str], names: _Taken) -> None:
     """A joint, or the three slides of a translation."""
     place, name = model.jointPlacements[joint], model.names[joint]
     xyz, rotation = np.array(place.translation), np.array(place.rotation)
@@ -86,9 +106,10 @@ def _add_joint(builder: SceneBuilder, model: pinocchio.Model, joint: int, links:
     parent = links[model.parents[joint]]
     for part in parts:
         kind, axis, pitch = (part.kind, part.axis, None) if part.kind else _of_one(model.joints[joint])
-        child = links[joint] if part is parts[-1] else f"{links[joint]}/{part.name}"
+        child = links[joint] if part is parts[-1] else names.link(f"{links[joint]}/{part.name}")
         if child != links[joint]:
             builder.link(child)
+        names.joints.add(part.name)
         numbers = _numbers(model, part, kind, name)
         builder.joint(part.name, kind, parent, child, xyz=xyz, rotation=rotation, axis=axis, pitch=pitch, **numbers)
         parent, xyz, rotation = child, np.zeros(3), np.eye(3)
@@ -114,8 +135,10 @@ def _parts(model: pinocchio.Model, joint: int) -> Iterator[_Part]:
     if kind in KINDS:
         yield _Part(name, KINDS[kind], up, q, v)
     elif kind == TRANSLATION:
+        known = set(model.names)
         for at, axis in enumerate(np.eye(3)):
-            yield _Part(f"{name}_{'xyz'[at]}", "prismatic", axis, slice(q.start + at, q.start + at + 1), slice(v.start + at, v.start + at + 1))
+            # Two translations cannot get the same name, as those end by the axis and underscores.
+            yield _Part(_fresh(f"{name}_{'xyz'[at]}", known), "prismatic", axis, slice(q.start + at, q.start + at + 1), slice(v.start + at, v.start + at + 1))
     elif there.nv == 1 and not kind.startswith(("JointModelMimic", "JointModelComposite")):
         yield _Part(name, None, up, q, v)
     else:
@@ -149,10 +172,16 @@ def _numbers(model: pinocchio.Model, part: _Part, kind: str, name: str) -> dict[
     """Armature, losses and limits of a joint, as SceneBuilder.joint takes them."""
     found: dict[str, Any] = {}
     friction = _first(model, "upperDryFrictionLimit", "friction")
+    lower = getattr(model, "lowerDryFrictionLimit", None)
+    if lower is not None and np.any(lower[part.v] != -friction[part.v]):
+        raise SceneError(f"model: found dry friction from {lower[part.v].tolist()} to {friction[part.v].tolist()} at the joint {name!r}; expected limits of one size")
     for ours, values in (("armature", model.armature), ("damping", model.damping), ("friction", friction)):
         own = np.array(values[part.v])
         if np.any(own != own[0]):
             raise SceneError(f"model: found {ours} {own.tolist()} at the joint {name!r}; expected one number for all its axes")
+        if kind == "planar" and ours != "damping" and own[0]:
+            why = "Pinocchio applies it along axes of the body, phipsi along those of the parent"
+            raise SceneError(f"model: found {ours} {own[0]:g} at the planar joint {name!r}; expected zero, or joints PX, PY and RZ in its place: {why}")
         found[ours] = float(own[0])
     # A joint without limits, and one of several coordinates, has none that phipsi could hold.
     if kind in ("revolute", "prismatic", "screw"):
@@ -168,17 +197,21 @@ def _first(model: pinocchio.Model, *fields: str) -> Any:
     return next(getattr(model, field) for field in fields if hasattr(model, field))
 
 
-def _add_frames(builder: SceneBuilder, model: pinocchio.Model, links: list[str]) -> None:
-    """Bodies that are fixed to others: their mass is in those already."""
+def _add_frames(builder: SceneBuilder, model: pinocchio.Model, links: list[str], names: _Taken) -> None:
+    """Bodies that are fixed to others, whose mass is in those already, and operational frames."""
     import pinocchio as pin
 
-    own, fixed = set(links), set(model.names)
+    own = set(links)
+    for frame in model.frames:
+        if frame.type == pin.FrameType.OP_FRAME:
+            link = names.link(frame.name)
+            where: dict[str, Any] = {"xyz": np.array(frame.placement.translation), "rotation": np.array(frame.placement.rotation)}
+            builder.link(link).joint(names.joint(f"{link}/fixed"), "fixed", links[frame.parentJoint], link, **where)
     for body in _bodies(model):
         if body.name in own:
             continue
         above = model.frames[_first(body, "parentFrame", "previousFrame")]
-        name = above.name if above.type == pin.FrameType.FIXED_JOINT and above.name not in fixed else f"{body.name}/fixed"
-        fixed.add(name)
+        name = names.joint(above.name if above.type == pin.FrameType.FIXED_JOINT and above.name not in names.joints else f"{body.name}/fixed")
         place = body.placement
         builder.link(body.name)
         builder.joint(name, "fixed", links[body.parentJoint], body.name, xyz=np.array(place.translation), rotation=np.array(place.rotation))

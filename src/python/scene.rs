@@ -131,18 +131,24 @@ impl PyScene {
 
     /// The scene of a MuJoCo model: its bodies, joints, armature, damping, frictionloss, springs and limits. Needs phipsi[mujoco].
     ///
-    /// source: a path of MJCF, URDF or .mjb, as MuJoCo reads them, XML, mujoco.MjModel or mujoco.MjSpec. gravity: (3,), m/s^2; None: the model's. strict: unphysical
-    /// inertias raise instead of warning. leave_out: as in Scene.from_urdf. ignore: what of the model is passed over, of "equality", "flexes", "fluid",
-    /// "gravcomp", "nonlinear" (springs, damping, plasticity), "plugins" and "tendons".
+    /// source: a path of MJCF, URDF or .mjb, as MuJoCo reads them, XML, mujoco.MjModel or mujoco.MjSpec. gravity: (3,), m/s^2; None: the model's. strict: what is
+    /// warned about raises. leave_out: as in Scene.from_urdf. ignore: names of parts of the model to omit, without a warning: "actuators" (armature and damping of those
+    /// that do not act on a hinge or slide), "armature" and "friction" (of free joints), "contacts", "equality", "flexes", "fluid", "gravcomp", "limits" (of ball
+    /// joints), "mocap", "nonlinear" (springs, damping, plasticity), "plugins", "softness" (of equality constraints) and "tendons".
     ///
     /// Joints and bodies keep their names and order; a joint whose anchor is off its body's origin, or that is not its body's last, moves a link
-    /// "body/joint". phipsi.mujoco takes states and forces from MuJoCo's conventions to phipsi's and back: they differ at ball and free joints.
-    /// Equality constraints connect, weld and joint (linear) become connections, by their names or "equality 0" and so on; they hold exactly, where MuJoCo's give way (solref and solimp are
-    /// not read). Contacts, actuators and sensors are not read; an actuator's forcerange gives the joint's effort limit, ball joints get no limits.
+    /// "body/joint". Sites with names become links that are fixed to their bodies. Bodies and joints without a name get "body3", "joint0" and so on; where the file has such a name, or a
+    /// site has that of a body, "_" is appended or "/site". phipsi.mujoco converts states and forces: the conventions differ at ball and free joints.
     ///
-    /// Raises SceneError for a model that cannot be read, and for what acts in it and is not ignored, by name: other equality constraints, tendons with springs, losses,
-    /// armature or limits, gravcomp, a medium, plugins, deformable objects, nonlinear springs and damping, springs of free joints; ImportError without
-    /// the extra; ArgumentError for other sources. Warns as SceneBuilder.build does: MimicWarning for joints that an ignored equality ties linearly.
+    /// Equality constraints connect, weld and joint (linear) become connections, by their names or "equality 0" and so on; they are rigid: solref and solimp are
+    /// not read, neither are those of limits and friction. Armature and damping of actuators are added to those of their joint, times the square of the gear ratio; their
+    /// forcerange gives the joint's effort limit. Stops are at range, moved inward by margin. Controls, sensors and the integrator are not read.
+    ///
+    /// Raises SceneError for a model that cannot be read, and for parts of it that change the motion and that scenes do not have, by name, with the `ignore` that omits them: other
+    /// equality constraints, tendons with springs, losses or armature, gravcomp, a medium denser than air, plugins, deformable objects, nonlinear springs and damping, springs, friction
+    /// and armature of free joints, mocap bodies that carry or hold others. Raises ImportError without the extra; ArgumentError for other sources. Warns ModelWarning for contacts, limits of
+    /// tendons and ball joints, air and soft equality constraints, which are omitted; MeshWarning for missing files that no inertia depends on; otherwise as SceneBuilder.build does, with
+    /// MimicWarning for joints that an ignored equality ties linearly.
     #[staticmethod]
     #[pyo3(signature = (source, *, gravity=None, strict=false, leave_out=None, ignore=None),
            text_signature = "(source, *, gravity=None, strict=False, leave_out=None, ignore=())")]
@@ -165,7 +171,8 @@ impl PyScene {
     /// Joints keep their names, bodies those of their frames, in depth-first order. phipsi.pinocchio takes states from Pinocchio's conventions to phipsi's and
     /// back. A body that is fixed to another keeps its frame; its mass is in the other one, as Pinocchio has it.
     ///
-    /// Raises SceneError, naming the joint, for composite and mimic joints and for those of Euler angles; ImportError without Pinocchio; ArgumentError for
+    /// Raises SceneError, naming the joint, for composite and mimic joints, for those of Euler angles, and for planar joints with armature or friction (Pinocchio applies
+    /// them along axes of the body, phipsi along those of the parent); ImportError without Pinocchio; ArgumentError for
     /// what is no model. Warns as SceneBuilder.build does.
     #[staticmethod]
     #[pyo3(signature = (model, *, gravity=None, strict=false, leave_out=None),
@@ -264,7 +271,7 @@ impl PyScene {
     /// stiffness and rest are attributes of <dynamics>, which other programs pass over. Shapes are those of the scene's file, where it is a URDF that is still there. A revolute joint without limits is written as
     /// continuous.
     ///
-    /// Raises ArgumentError for what URDF cannot hold, naming the joint: screw and universal joints, springs at joints of several coordinates, losses of a
+    /// Raises ArgumentError for what URDF cannot hold, by name: connections, contacts, screw and universal joints, springs at joints of several coordinates, losses of a
     /// floating base.
     #[pyo3(signature = (path=None, *, name="robot"))]
     fn to_urdf<'py>(slf: &Bound<'py, Self>, path: Option<&Object<'py>>, name: &str) -> PyResult<Object<'py>> {

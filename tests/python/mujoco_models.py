@@ -20,6 +20,7 @@ ARM = """
 <mujoco model="arm">
   <compiler angle="radian"/>
   <option gravity="0.3 -0.2 -9.7"/>
+  <option><flag contact="disable"/></option>
   <default><default class="rod"><geom type="capsule" size="0.03" fromto="0 0 0 0 0 0.4"/></default></default>
   <worldbody>
     <geom type="plane" size="2 2 0.1"/>
@@ -47,6 +48,7 @@ ARM = """
 
 FLOATING = """
 <mujoco>
+  <option><flag contact="disable"/></option>
   <default><geom type="box" size="0.1 0.2 0.05" pos="0.02 0.03 -0.01"/></default>
   <worldbody>
     <body name="trunk" pos="1 2 3" euler="30 20 10">

@@ -299,3 +299,39 @@ def test_the_library_needs_numpy_alone() -> None:
 def test_the_command_is_installed() -> None:
     done = subprocess.run([sys.executable, "-m", "phipsi.cli", "--version"], capture_output=True, text=True, check=True)
     assert phipsi.__version__ in done.stdout
+
+
+CONTACTS = '<mujoco><worldbody><geom size="1"/><body name="arm"><joint/><geom size="1"/></body></worldbody>{}</mujoco>'
+TENDON = '<tendon><fixed name="rope" stiffness="2"><joint joint="hinge" coef="1"/></fixed></tendon>'
+
+
+def test_messages_suggest_options_that_the_command_takes(tmp_path: Path) -> None:
+    """Whatever a message of load suggests."""
+    pytest.importorskip("mujoco")
+    robot = tmp_path / "robot.xml"
+    robot.write_text(CONTACTS.format(""), encoding="utf-8")
+    result = run("info", str(robot))
+    assert result.exit_code == 0 and "--ignore contacts reads it without this warning, --strict refuses it" in " ".join(result.output.split())
+    assert "warning" not in run("info", str(robot), "--ignore", "contacts").output
+    strict = run("info", str(robot), "--strict")
+    assert strict.exit_code == 2 and "--ignore contacts" in strict.output
+    robot.write_text(CONTACTS.format(TENDON).replace("<joint/>", '<joint name="hinge"/>').replace('<body name="arm">', '<body name="arm" gravcomp="1">'), encoding="utf-8")
+    for command in (["info"], ["check"], ["simulate", "-o", str(tmp_path)], ["report", "-o", str(tmp_path)]):
+        refused = run(*command, str(robot))
+        assert refused.exit_code == 2 and "--ignore tendons --ignore gravcomp" in refused.output
+    assert run("info", str(robot), "--ignore", "tendons", "--ignore", "gravcomp").exit_code == 0
+    wrong = run("info", str(robot), "--ignore", "tendon")
+    assert wrong.exit_code == 2 and "ignore: found 'tendon'; expected names of" in " ".join(wrong.output.split())
+
+
+def test_arguments_of_a_xacro(tmp_path: Path) -> None:
+    pytest.importorskip("xacro")
+    robot = tmp_path / "robot.urdf.xacro"
+    robot.write_text(MASSLESS_TIP.replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ').replace('mass value="1"', 'mass value="$(arg mass)"').replace("</robot>", '<xacro:if value="false"/></robot>'))
+    missing = run("info", str(robot))
+    assert missing.exit_code == 2 and "--xacro-argument mass=VALUE" in missing.output
+    assert run("info", str(robot), "--xacro-argument", "mass=2").exit_code == 0
+    unknown = run("info", str(robot), "--xacro-argument", "mass=2", "--xacro-argument", "mas=2")
+    assert unknown.exit_code == 2 and "expected 'mass'?" in unknown.output
+    wrong = run("info", str(robot), "--xacro-argument", "mass")
+    assert wrong.exit_code == 2 and "expected NAME=VALUE" in wrong.output

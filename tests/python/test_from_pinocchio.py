@@ -40,7 +40,9 @@ def of(*kinds: str, seed: int = 0) -> pin.Model:
         model.addBodyFrame(f"link{at}", joint, pin.SE3.Identity(), 0)
         if at % 2 == 0:
             parent = joint
-    model.armature[:] = np.repeat(draw.uniform(0, 0.1, model.njoints - 1), [joint.nv for joint in model.joints[1:]])
+    # Armature of planar joints is refused.
+    armature = [0.0 if joint.shortname() == "JointModelPlanar" else draw.uniform(0, 0.1) for joint in model.joints[1:]]
+    model.armature[:] = np.repeat(armature, [joint.nv for joint in model.joints[1:]])
     model.gravity.linear[:] = [0.3, -0.4, -9.0]
     return model
 
@@ -165,3 +167,71 @@ def test_a_state_of_another_length() -> None:
 def test_a_scene_of_another_model() -> None:
     with pytest.raises(ArgumentError, match="scene: found no joint 'RX0'"):
         phipsi.pinocchio.to_state(phipsi.Scene.from_pinocchio(of("RZ")), of("RX"), np.zeros(1))
+
+
+def test_planar_joints_in_motion() -> None:
+    """With equal armature elsewhere: forces turn with the body's axes, and accelerations with them and their rotation."""
+    model = of("RX", "planar", "RZ")
+    scene, data, draw = phipsi.Scene.from_pinocchio(model), model.createData(), np.random.default_rng(4)
+    q_there = pin.integrate(model, pin.neutral(model), draw.standard_normal(model.nv))
+    v_there, tau_there = draw.standard_normal((2, model.nv))
+    joint = model.joints[2]
+    rows = slice(joint.idx_v, joint.idx_v + 3)
+    acceleration = pin.aba(model, data, q_there, v_there, tau_there)
+    u, v, turn = v_there[rows]
+    acceleration[rows] += [-turn * v, turn * u, 0.0]
+    q, qd = phipsi.pinocchio.to_state(scene, model, q_there, v_there)
+    tau = phipsi.pinocchio.to_state(scene, model, q_there, tau_there)[1]
+    expected = phipsi.pinocchio.to_state(scene, model, q_there, acceleration)[1]
+    assert_near(scene.forward_dynamics(q, qd, tau), expected, inverse(float(np.linalg.cond(scene.mass_matrix(q))), size(expected)))
+
+
+@pytest.mark.parametrize("what", ["armature", "friction"])
+def test_planar_joints_with_losses_along_axes_of_the_body_are_refused(what: str) -> None:
+    model = of("planar")
+    model.armature[:] = 0.0
+    assert phipsi.Scene.from_pinocchio(model).nv == 3
+    if what == "armature":
+        model.armature[:] = 0.1
+    else:
+        model.upperDryFrictionLimit[:], model.lowerDryFrictionLimit[:] = 0.1, -0.1
+    with pytest.raises(SceneError, match=f"{what} 0.1 at the planar joint 'planar0'; expected zero, or joints PX, PY and RZ"):
+        phipsi.Scene.from_pinocchio(model)
+
+
+def test_dry_friction_of_two_sizes_is_refused() -> None:
+    model = of("RX")
+    if not hasattr(model, "lowerDryFrictionLimit"):
+        pytest.skip("this Pinocchio has one limit of dry friction")
+    model.upperDryFrictionLimit[:], model.lowerDryFrictionLimit[:] = 0.2, -0.1
+    with pytest.raises(SceneError, match=r"dry friction from \[-0.1\] to \[0.2\] at the joint 'RX0'"):
+        phipsi.Scene.from_pinocchio(model)
+
+
+def test_made_up_names_do_not_clash() -> None:
+    """A translation becomes three joints and two links more; bodies that are fixed to others get a joint."""
+    model = pin.Model()
+    first = model.addJoint(0, pin.JointModelTranslation(), pin.SE3.Identity(), "move")
+    second = model.addJoint(first, pin.JointModelRX(), pin.SE3.Identity(), "move_x")
+    third = model.addJoint(second, pin.JointModelRX(), pin.SE3.Identity(), "tip/fixed")
+    for joint in (first, second, third):
+        model.appendBodyToJoint(joint, pin.Inertia.FromBox(1.0, 0.2, 0.3, 0.4), pin.SE3.Random())
+    model.addBodyFrame("move/move_y", first, pin.SE3.Identity(), 0)
+    model.addBodyFrame("move_x", first, pin.SE3.Random(), 0)
+    model.addBodyFrame("move", third, pin.SE3.Random(), 0)
+    model.addBodyFrame("tip", third, pin.SE3.Random(), 0)
+    scene = phipsi.Scene.from_pinocchio(model)
+    assert scene.joint_names == ("move_x_", "move_y", "move_z", "move_x", "tip/fixed")
+    assert {"tip", "move", "move_x"} <= set(scene.link_names)
+    q, _ = phipsi.pinocchio.to_state(scene, model, np.arange(5.0))
+    assert q.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
+
+
+def test_operational_frames_are_links() -> None:
+    model = of("RX", "RZ")
+    frame = pin.Frame("tool", 2, 0, pin.SE3.Random(), pin.FrameType.OP_FRAME)
+    model.addFrame(frame)
+    scene, data, q = phipsi.Scene.from_pinocchio(model), model.createData(), np.array([0.3, -0.4])
+    pin.framesForwardKinematics(model, data, q)
+    there = data.oMf[model.getFrameId("tool")].homogeneous
+    assert_near(scene.placement(q, "tool"), there, recursion(scene.nv, size(there)))

@@ -11,7 +11,7 @@ import pytest
 from mujoco_models import ARM
 
 import phipsi
-from phipsi.errors import ArgumentError, SceneError
+from phipsi.errors import ArgumentError, MeshWarning, SceneError
 
 XACRO = """<?xml version="1.0"?>
 <robot name="rods" xmlns:xacro="http://www.ros.org/wiki/xacro">
@@ -54,6 +54,22 @@ def test_shapes_of_a_xacro_are_written_back(xacro_file: Path) -> None:
     shape = '<visual><geometry><sphere radius="$(arg mass)"/></geometry></visual>'
     xacro_file.write_text(XACRO.replace("</inertial>", f"</inertial>{shape}"))
     assert phipsi.load(xacro_file).to_urdf().count('<sphere radius="2.0"') == 2
+
+
+def test_shapes_of_a_xacro_with_arguments(xacro_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are those of the arguments that it was read with, or omitted where these are not known."""
+    shape = '<visual><geometry><sphere radius="$(arg mass)"/></geometry></visual>'
+    xacro_file.write_text(XACRO.replace('<xacro:arg name="mass" default="2.0"/>', "").replace("</inertial>", f"</inertial>{shape}"))
+    scene = phipsi.load(xacro_file, xacro_arguments={"mass": "3"})
+    assert scene.to_urdf().count('<sphere radius="3"') == 2
+    other = phipsi.load(xacro_file, xacro_arguments={"mass": "4"})
+    with pytest.warns(MeshWarning, match="shapes of the xacro 'rods.urdf.xacro' are omitted, as .* it was read with different arguments"):
+        assert "sphere" not in other.to_urdf()
+    # Another process does not know them.
+    monkeypatch.setattr("phipsi._xacro._arguments", {})
+    with pytest.warns(MeshWarning, match="it needs arguments"):
+        text = scene.to_urdf()
+    assert phipsi.load(text).total_mass == 6.0
 
 
 def test_what_xacro_has_expanded_is_a_urdf(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -123,3 +139,69 @@ def test_arguments_without_use(given: dict[str, object]) -> None:
 def test_arguments_of_xacro_for_a_urdf() -> None:
     with pytest.raises(ArgumentError, match="xacro_arguments: found"):
         phipsi.load(phipsi.BUNDLED_ARM, xacro_arguments={"a": "b"})
+
+
+def test_an_unknown_argument_of_xacro(xacro_file: Path) -> None:
+    with pytest.raises(ArgumentError, match=r"xacro_arguments: found 'mas', which the file does not have; expected 'mass'\?"):
+        phipsi.load(xacro_file, xacro_arguments={"mas": "3"})
+    with pytest.raises(ArgumentError, match="found 'xyzzy', which the file does not have; expected names of 'mass'"):
+        phipsi.load(XACRO, xacro_arguments={"xyzzy": "3"})
+    with pytest.raises(ArgumentError, match="found 'mass', which the file does not have; expected none"):
+        phipsi.load(XACRO.replace('<xacro:arg name="mass" default="2.0"/>', "").replace("$(arg mass)", "1"), xacro_arguments={"mass": "3"})
+
+
+def test_an_argument_that_is_declared_where_it_is_not_needed(xacro_file: Path) -> None:
+    """In a branch that is not taken, or in a file that is included."""
+    branch = '<xacro:if value="false"><xacro:arg name="tool" default="none"/></xacro:if><xacro:include filename="more.xacro"/>'
+    xacro_file.write_text(XACRO.replace('<link name="base"/>', f'<link name="base"/>{branch}'))
+    (xacro_file.parent / "more.xacro").write_text('<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="more" default="1"/></robot>')
+    assert phipsi.load(xacro_file, xacro_arguments={"tool": "none", "more": "2"}).nv == 2
+
+
+def test_a_missing_argument_of_xacro_is_named(xacro_file: Path) -> None:
+    for inside in ("$(arg mass)", "${xacro.arg('mass')}"):
+        text = XACRO.replace('<xacro:arg name="mass" default="2.0"/>', "").replace("$(arg mass)", inside)
+        xacro_file.write_text(text)
+        for source in (text, xacro_file):
+            with pytest.raises(ArgumentError, match=r"xacro_arguments: found none for 'mass', which the file needs; expected xacro_arguments={'mass': \.\.\.}"):
+                phipsi.load(source)
+
+
+@pytest.mark.parametrize("variable", [None, "ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH", "package.xml", "above"])
+def test_packages_are_found_without_ros(variable: str | None, xacro_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside the file, above it, by its package.xml, and in folders of the environment."""
+    for name in ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"):
+        monkeypatch.delenv(name, raising=False)
+    place = xacro_file.parent / "parts"
+    if variable in ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"):
+        elsewhere = xacro_file.parent / "elsewhere"
+        place = elsewhere / ("parts" if variable == "ROS_PACKAGE_PATH" else "share/parts")
+        monkeypatch.setenv(variable, f"/nowhere:{elsewhere}")
+    elif variable == "package.xml":
+        place = xacro_file.parent
+        (place / "package.xml").write_text("<package><name>parts</name></package>")
+    elif variable == "above":
+        xacro_file = place / "robots" / xacro_file.name
+        xacro_file.parent.mkdir(parents=True)
+    place.mkdir(parents=True, exist_ok=True)
+    (place / "mass.xacro").write_text('<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:property name="kilograms" value="5.0"/></robot>')
+    include = '<xacro:include filename="$(find parts)/mass.xacro"/><link name="base"/>'
+    xacro_file.write_text(XACRO.replace('<link name="base"/>', include).replace("$(arg mass)", "${kilograms}"))
+    assert phipsi.load(xacro_file).total_mass == 10.0
+
+
+def test_a_package_that_is_not_found(xacro_file: Path) -> None:
+    text = XACRO.replace('<link name="base"/>', '<xacro:include filename="$(find parts)/mass.xacro"/><link name="base"/>')
+    xacro_file.write_text(text)
+    with pytest.raises(SceneError, match=r"found \$\(find parts\), and no folder 'parts' above or beside the file; expected .* ROS_PACKAGE_PATH or AMENT_PREFIX_PATH"):
+        phipsi.load(xacro_file)
+    with pytest.raises(SceneError, match="no folder 'parts' anywhere, as the source is text"):
+        phipsi.load(text)
+    # The packages of one file are not those of the next.
+    assert phipsi.load(XACRO).nv == 2
+
+
+@pytest.mark.parametrize("source", [phipsi.BUNDLED_ARM, XACRO])
+def test_parts_to_ignore_of_a_urdf(source: str) -> None:
+    with pytest.raises(ArgumentError, match="ignore: found .* which has no use for it"):
+        phipsi.load(source, ignore=["tendons"])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+import types
 import warnings
 from pathlib import Path
 
@@ -14,7 +16,7 @@ from tolerances import assert_near, inverse, product, recursion, size
 
 import phipsi
 import phipsi.mujoco
-from phipsi.errors import ArgumentError, MimicWarning, SceneError, ShapeError
+from phipsi.errors import ArgumentError, MeshWarning, MimicWarning, SceneError, ShapeError
 
 MODELS = {"arm": ARM, "floating": FLOATING} | {f"random-{seed}": random_model(seed) for seed in range(12)}
 MODELS |= {path.stem: str(path) for path in shipped()}
@@ -51,9 +53,9 @@ def state(scene: phipsi.Scene, there: There) -> tuple[np.ndarray, np.ndarray]:
 
 def test_bodies_are_where_mujoco_has_them(pair: tuple[phipsi.Scene, There]) -> None:
     scene, there = pair
-    places = scene.placements(state(scene, there)[0])
+    places, names = scene.placements(state(scene, there)[0]), phipsi._mjcf.Names(there.model)
     for body in range(there.model.nbody):
-        place = places[phipsi.mujoco.body_name(there.model, body)]
+        place = places[names.bodies[body]]
         assert_near(place[:3, 3], there.data.xpos[body], recursion(scene.nv, size(there.data.xpos)))
         assert_near(place[:3, :3], there.data.xmat[body].reshape(3, 3), recursion(scene.nv, 1.0))
 
@@ -154,7 +156,7 @@ REFUSED = {
         "tendon 'rope'",
     ),
     "gravcomp": (FLOATING.replace('name="arm"', 'name="arm" gravcomp="0.5"'), "gravcomp 0.5 at the body 'arm'"),
-    "fluid": (with_('<option density="1.2"/>'), "medium of density 1.2"),
+    "fluid": (with_('<option density="1000"/>'), "medium of density 1000"),
     "nonlinear": (FLOATING.replace("<freejoint/>", '<joint name="loose" type="free" stiffness="2"/>', 1), "stiffness at the free joint 'loose'"),
 }
 
@@ -208,6 +210,7 @@ def test_unequal_numbers_of_one_joint_are_refused() -> None:
         (3, ArgumentError, "source: found int"),
         ("<mujoco><worldbody><bdy/></worldbody></mujoco>", SceneError, "MuJoCo cannot read it.*bdy"),
         ("missing.xml", SceneError, "'missing.xml', which is no file"),
+        (mujoco.MjSpec.from_string('<mujoco><worldbody><body><joint/></body></worldbody></mujoco>'), SceneError, "MuJoCo cannot read it: .*mass and inertia"),
     ],
 )
 def test_what_is_no_model(source: object, kind: type[Exception], message: str) -> None:
@@ -216,8 +219,8 @@ def test_what_is_no_model(source: object, kind: type[Exception], message: str) -
 
 
 def test_an_unknown_name_to_ignore() -> None:
-    with pytest.raises(ArgumentError, match="ignore: found 'contacts'; expected names of equality"):
-        phipsi.Scene.from_mujoco(ARM, ignore=["contacts"])
+    with pytest.raises(ArgumentError, match="ignore: found 'contact'; expected names of actuators"):
+        phipsi.Scene.from_mujoco(ARM, ignore=["contact"])
 
 
 @pytest.mark.parametrize("call", ["to_state", "from_state"])
@@ -248,3 +251,109 @@ def test_a_motion_is_mujocos() -> None:
     expected, rates = state(scene, there)
     assert np.max(np.abs(path.q[-1] - expected)) < 1e-6
     assert np.max(np.abs(path.qd[-1] - rates)) < 1e-5
+
+
+NAMED = """<mujoco><option><flag contact="disable"/></option><worldbody><site name="floor"/>
+  <body><joint/><geom size=".1"/><site name="body1" pos="1 2 3" euler="0 0 90"/><site/>
+    <body name="body1"><joint name="joint0"/><joint axis="1 0 0" name="x"/><geom size=".1"/>
+      <body name="body1/joint0"><joint/><geom size=".1"/><site name="arm"/></body></body>
+    <body name="arm" pos="0 0 1"><geom size=".1"/></body></body>
+  <body name="b"><joint name="arm/fixed"/><geom size=".1"/></body></worldbody>
+  <equality><connect body1="b" body2="body1" anchor="0 0 0"/><connect name="equality 0" body1="b" body2="arm" anchor="0 0 0"/></equality></mujoco>"""
+
+
+def test_made_up_names_do_not_clash_with_names_of_the_file() -> None:
+    scene = phipsi.load(NAMED)
+    assert scene.joint_names == ("joint0_", "joint0", "x", "joint3", "arm/fixed")
+    assert set(scene.link_names) == {"world", "floor", "body1_", "body1/site", "body1/joint0_", "body1", "body1/joint0", "arm/site", "arm", "b"}
+    assert scene.connection_names == ("equality 0_", "equality 0")
+
+
+def test_sites_are_links() -> None:
+    """Where MuJoCo has them; they add nothing to the motion."""
+    model = mujoco.MjModel.from_xml_string(NAMED)
+    scene, data = phipsi.load(model), mujoco.MjData(model)
+    data.qpos[:] = np.random.default_rng(0).standard_normal(model.nq)
+    mujoco.mj_forward(model, data)
+    placements = scene.placements(data.qpos)
+    for site, name in ((0, "floor"), (1, "body1/site"), (3, "arm/site")):
+        assert_near(placements[name][:3, 3], data.site_xpos[site], recursion(scene.nv, size(data.site_xpos)))
+        assert_near(placements[name][:3, :3], data.site_xmat[site].reshape(3, 3), recursion(scene.nv, 1.0))
+    assert scene.nv == model.nv and scene.total_mass == pytest.approx(model.body_mass.sum())
+
+
+def test_actuators_with_several_controls() -> None:
+    text = ARM.replace("</actuator>", '<pid joint="roll" kp="3" forcelimited="true" forcerange="-2 2" gear="3"/><motor joint="turn" forcelimited="true" forcerange="-1 1"/></actuator>')
+    scene = phipsi.load(text)
+    assert (scene.joints["yaw"].effort, scene.joints["roll"].effort, scene.joints["turn"].effort) == (15.0, 6.0, 1.0)
+
+
+def test_margins_move_stops() -> None:
+    text = ARM.replace('range="-2 2"', 'range="-2 2" margin="0.25"')
+    assert (phipsi.load(text).joints["yaw"].lower, phipsi.load(text).joints["yaw"].upper) == (-1.75, 1.75)
+    text = text.replace('margin="0.25"', 'margin="2.5"')
+    with pytest.raises(SceneError, match=r"limits of the joint 'yaw', whose margin 2.5 .*ignore=\('limits',\)"):
+        phipsi.load(text)
+    assert phipsi.load(text, ignore=["limits"]).joints["yaw"].type == "continuous"
+
+
+def test_constraints_between_bodies_that_cannot_move_apart_are_none() -> None:
+    text = FLOATING.replace('<body name="fixture"', '<body name="pole"/><body name="fixture"')
+    scene = phipsi.load(text.replace("</mujoco>", '<equality><weld body1="pole" body2="fixture"/></equality></mujoco>'))
+    assert scene.connection_names == ()
+
+
+def test_models_are_read_in_linear_time() -> None:
+    """Steps of the interpreter are counted, as a time would differ from run to run."""
+
+    def steps(count: int) -> int:
+        arms = "".join(f'<body><joint name="j{at}"/><geom size=".1" contype="0" conaffinity="0"/></body>' for at in range(count))
+        motors = "".join(f'<motor joint="j{at}" forcelimited="true" forcerange="-1 1"/>' for at in range(count))
+        model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{arms}</worldbody><actuator>{motors}</actuator></mujoco>")
+        seen = 0
+
+        def trace(frame: types.FrameType, event: str, argument: object) -> object:
+            nonlocal seen
+            frame.f_trace_opcodes = True
+            seen += 1
+            return trace
+
+        before = sys.gettrace()
+        sys.settrace(trace)  # type: ignore[arg-type]
+        try:
+            phipsi.load(model)
+        finally:
+            sys.settrace(before)
+        return seen
+
+    steps(5)
+    assert steps(80) <= 2.2 * steps(40)
+
+
+MESHES = """<mujoco><compiler meshdir="parts"/><option><flag contact="disable"/></option>
+  <asset><mesh name="shell" file="shell.stl"/><texture name="wood" type="2d" file="wood.png"/><material name="wood" texture="wood"/></asset>
+  <worldbody><geom type="mesh" mesh="shell" material="wood"/><body name="arm"><joint name="hinge"/>
+  <inertial pos="0 0 1" mass="2" diaginertia="1 1 1"/><geom name="part" type="mesh" mesh="shell"/></body></worldbody></mujoco>"""
+
+
+def test_missing_meshes_that_no_inertia_depends_on(tmp_path: Path) -> None:
+    file = tmp_path / "arm.xml"
+    file.write_text(MESHES)
+    with pytest.warns(MeshWarning, match="found no file 'shell.stl' and 1 more"):
+        scene = phipsi.load(file)
+    assert (scene.total_mass, scene.file) == (2.0, file.resolve())
+    with pytest.raises(SceneError, match="found no file 'shell.stl' and 1 more"):
+        phipsi.load(file, strict=True)
+    specification = mujoco.MjSpec.from_file(str(file))
+    with pytest.warns(MeshWarning, match="found no file 'shell.stl' and 1 more"):
+        assert phipsi.load(specification).total_mass == 2.0
+    # A caller's specification stays as it is.
+    assert [mesh.file for mesh in specification.meshes] == ["shell.stl"]
+    # Of a body without <inertial> the mesh gives the inertia, unless it has no mass.
+    without = MESHES.replace('<inertial pos="0 0 1" mass="2" diaginertia="1 1 1"/>', "{}")
+    file.write_text(without.format(""))
+    with pytest.raises(SceneError, match="found no file 'shell.stl', from which the inertia of body 'arm' is computed"):
+        phipsi.load(file)
+    file.write_text(without.format('<geom size=".1"/>').replace('name="part"', 'name="part" density="0"'))
+    with pytest.warns(MeshWarning):
+        assert phipsi.load(file).total_mass == pytest.approx(1000.0 * 4.0 / 3.0 * np.pi * 0.1**3)

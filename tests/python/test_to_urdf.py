@@ -127,3 +127,12 @@ def test_armature_alone_is_read_by_pinocchio() -> None:
     text = builder.joint("hinge", "revolute", "base", "arm", armature=0.5, lower=-1, upper=1, velocity=1, effort=1).build().to_urdf()
     assert pin.buildModelFromXML(text).nv == 1
     assert phipsi.Scene.from_urdf(text).armature[0] == 0.5
+
+
+def test_contacts_are_refused_by_name() -> None:
+    builder = phipsi.SceneBuilder().link("base").link("arm", 1.0, (0.1, 0.0, 0.0), np.eye(3)).joint("hinge", "revolute", "base", "arm", axis=(0, 1, 0))
+    scene = builder.contact("toe", "arm", xyz=(0.2, 0.0, 0.0), friction=0.5).build()
+    with pytest.raises(ArgumentError, match=r"scene: found contacts \('toe'\).*scene.without_contacts\(\)") as caught:
+        scene.to_urdf()
+    assert caught.value.argument == "scene"
+    assert phipsi.Scene.from_urdf(scene.without_contacts().to_urdf()).nv == 1

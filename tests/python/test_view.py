@@ -76,7 +76,7 @@ def test_shapes_of_a_file(robot: Path) -> None:
 
 
 #: A body with a shape of each kind that MuJoCo has, where it has them.
-MUJOCO = """<mujoco><asset><mesh name="tetra" vertex="0 0 0 1 0 0 0 1 0 0 0 1"/><material name="red" rgba="1 0 0 1"/></asset><worldbody>
+MUJOCO = """<mujoco><option><flag contact="disable"/></option><asset><mesh name="tetra" vertex="0 0 0 1 0 0 0 1 0 0 0 1"/><material name="red" rgba="1 0 0 1"/></asset><worldbody>
 <geom type="plane" size="1 1 1"/><body name="arm" pos="0 0 1"><joint axis="0 1 0"/>
 <geom type="box" size="0.1 0.2 0.3" pos="1 2 3" euler="0 0 90" rgba="0 0 1 1"/><geom type="sphere" size="0.2"/><geom type="capsule" size="0.1 0.4"/>
 <geom type="cylinder" size="0.1 0.4"/><geom type="ellipsoid" size="0.1 0.2 0.3"/><geom type="mesh" mesh="tetra" material="red"/>

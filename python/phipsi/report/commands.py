@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -43,15 +44,30 @@ def _typed_errors() -> Iterator[None]:
     try:
         yield
     except (errors.PhipsiError, OSError, ImportError) as error:
-        raise BadInput(" ".join(str(error).split())) from None
+        raise BadInput(_as_options(" ".join(str(error).split()))) from None
+
+
+def _as_options(text: str) -> str:
+    """A message, with the keyword arguments of load that it suggests as options of the commands."""
+    text = re.sub(r"\bignore=\(([^)]*)\)", lambda found: " ".join(f"--ignore {name}" for name in re.findall(r"'(\w+)'", found[1])), text)
+    text = re.sub(r"\bxacro_arguments=\{'(\w+)': \.\.\.\}", r"--xacro-argument \1=VALUE", text)
+    return re.sub(r'\bmimic="(\w+)"', r"--mimic \1", text.replace("strict=True", "--strict").replace("floating_base=True", "--floating-base"))
 
 
 def _load(robot: Path | None, floating_base: bool, mimic: Mimic = "free") -> tuple[Scene, str, str, list[str]]:
     """Scene, name, source and warnings, of which the first are shown."""
+    reading = click.get_current_context().meta
     with warnings.catch_warnings(record=True) as caught, _typed_errors():
         warnings.simplefilter("always")
-        scene = load(_core.BUNDLED_ARM if robot is None else str(robot), floating_base=floating_base, mimic=mimic)
-    texts = [str(one.message) for one in caught]
+        scene = load(
+            _core.BUNDLED_ARM if robot is None else str(robot),
+            floating_base=floating_base,
+            mimic=mimic,
+            strict=reading.get(STRICT, False),
+            ignore=reading.get(IGNORE, ()),
+            xacro_arguments=dict(reading.get(XACRO_ARGUMENTS, ())),
+        )
+    texts = [_as_options(str(one.message)) for one in caught]
     for text in [f"warning: {text}" for text in texts[:3]] + [f"and {len(texts) - 3} more warnings"] * (len(texts) > 3):
         terminal.line(Console(stderr=True), text, "yellow")
     if robot is None:
@@ -60,7 +76,36 @@ def _load(robot: Path | None, floating_base: bool, mimic: Mimic = "free") -> tup
 
 
 ROBOT = click.argument("robot", metavar="[ROBOT.urdf]", required=False, type=click.Path(path_type=Path))
-FLOATING = click.option("--floating-base", is_flag=True, help="Put a free joint under the root link.")
+#: How a robot is read, where the context of a command keeps it.
+STRICT, IGNORE, XACRO_ARGUMENTS = (f"{__name__}.{name}" for name in ("strict", "ignore", "xacro_arguments"))
+
+
+def _keep(key: str) -> Callable[[click.Context, click.Parameter, Any], None]:
+    """Keeps an option in the context."""
+    return lambda context, _, value: context.meta.__setitem__(key, value)
+
+
+def _pair(_: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
+    for value in values:
+        if "=" not in value:
+            raise click.BadParameter(f"found {value!r}; expected NAME=VALUE", param=parameter)
+    pairs = tuple((name, value) for name, _, value in (one.partition("=") for one in values))
+    click.get_current_context().meta[XACRO_ARGUMENTS] = pairs
+    return pairs
+
+
+def FLOATING(command: Callable[..., Any]) -> Callable[..., Any]:
+    """The options of how a robot is read; only --floating-base is an argument of the command."""
+    for option in (
+        click.option("--xacro-argument", multiple=True, metavar="NAME=VALUE", expose_value=False, callback=_pair, help="Value of an <xacro:arg>; repeatable."),
+        click.option("--ignore", multiple=True, metavar="PART", expose_value=False, callback=_keep(IGNORE), help="Part of a MuJoCo model to omit; repeatable."),
+        click.option("--strict", is_flag=True, expose_value=False, callback=_keep(STRICT), help="Refuse what is warned about otherwise."),
+        click.option("--floating-base", is_flag=True, help="Put a free joint under the root link."),
+    ):
+        command = option(command)
+    return command
+
+
 MIMIC = click.option(
     "--mimic", type=click.Choice(("couple", "free")), default="free", show_default=True, help="Whether joints of a URDF with <mimic> follow."
 )

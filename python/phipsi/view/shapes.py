@@ -16,9 +16,11 @@ import yourdfpy
 from numpy.typing import NDArray
 
 from .._core import Scene
-from .._load import expanded, is_xacro, root_of
+from .._load import root_of
+from .._mjcf import Names, compiled
+from .._xacro import expanded_again
 from ..errors import ArgumentError, MeshWarning
-from ..mujoco import body_name, compiled, rotation
+from ..mujoco import rotation
 
 _Array = NDArray[np.float64]
 
@@ -59,7 +61,8 @@ def of_file(scene: Scene, urdf: str | os.PathLike[str] | None) -> list[Shape]:
     text = file.read_text(encoding="utf-8", errors="replace")
     if root_of(text) == "mujoco":
         return list(of_mujoco(scene, file))
-    return list(_of_file(scene, file, expanded(file) if is_xacro(text) else text))
+    expanded = expanded_again(file, text)
+    return [] if expanded is None else list(_of_file(scene, file, expanded))
 
 
 def stand_ins(scene: Scene) -> list[Shape]:
@@ -207,9 +210,9 @@ def of_mujoco(scene: Scene, file: Path) -> Iterator[Shape]:
 
     kinds = mujoco.mjtGeom
     model, _ = compiled(file)
-    known = set(scene.link_names)
+    known, bodies = set(scene.link_names), Names(model).bodies
     for at in range(model.ngeom):
-        link, (x, y, z) = body_name(model, model.geom_bodyid[at]), model.geom_size[at]
+        link, (x, y, z) = bodies[model.geom_bodyid[at]], model.geom_size[at]
         if model.geom_group[at] not in SHOWN or link not in known:
             continue
         kind = model.geom_type[at]

@@ -1,0 +1,158 @@
+"""How phipsi.load reads the MJCF files of public repositories: read, read with warnings, refused by name, crashed.
+
+Usage: python benches/mjcf_files.py FOLDER [--markdown FILE] [--list FILE]
+
+FOLDER has one folder per repository, with a file COMMIT (commit and date) if the page is to name it. Each file whose root element is <mujoco> is read in a
+process of its own. Files that MuJoCo itself does not compile, with their meshes or without, are counted apart: most are parts that other files include.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import re
+import time
+import warnings
+from collections import Counter
+from pathlib import Path
+from typing import NamedTuple
+
+import mujoco
+import phipsi
+from phipsi._load import root_of
+from phipsi.errors import PhipsiError
+
+#: Seconds after which a file counts as crashed.
+LIMIT = 120
+IGNORE = re.compile(r"ignore=\(([^)]*)\)")
+#: Parts of a refusal or warning: the kind, in the table, and how a message of it is recognized.
+OTHER = {
+    "MuJoCo does not compile it": "MuJoCo cannot read it",
+    "inertia of a missing mesh": "from which the inertia of body",
+    "unequal numbers of one joint": "expected one number for all its axes",
+    "inertia that no body can have": "no body has such an inertia",
+    "no mass moves": "have no mass",
+    "missing meshes or textures": "found no file",
+}
+
+
+class Result(NamedTuple):
+    """How one file was read."""
+
+    file: Path
+    outcome: str
+    """read, refused, crashed or not a model."""
+    kinds: tuple[str, ...]
+    text: str
+    seconds: float = 0.0
+
+
+def kinds_of(text: str) -> tuple[str, ...]:
+    """The kinds of a message: names for `ignore`, or one of OTHER."""
+    if found := IGNORE.search(text):
+        return tuple(re.findall(r"'(\w+)'", found[1]))
+    return next(((kind,) for kind, part in OTHER.items() if part in text), ("others",))
+
+
+def read(file: Path) -> Result:
+    """Reads one file."""
+    start = time.perf_counter()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            phipsi.load(file)
+        except PhipsiError as error:
+            kinds = kinds_of(str(error))
+            outcome = "not a model" if kinds == ("MuJoCo does not compile it",) else "refused"
+            return Result(file, outcome, kinds, str(error), time.perf_counter() - start)
+        except Exception as error:  # noqa: BLE001  # what is to be found
+            return Result(file, "crashed", (type(error).__name__,), f"{type(error).__name__}: {error}")
+    texts = [str(one.message) for one in caught]
+    kinds = tuple(dict.fromkeys(kind for text in texts for kind in kinds_of(text)))
+    return Result(file, "read", kinds, " | ".join(texts), time.perf_counter() - start)
+
+
+def apart(file: Path) -> Result:
+    """Reads one file in a process of its own, which may end in any way."""
+    context = multiprocessing.get_context("fork")
+    receiver, sender = context.Pipe(False)
+    process = context.Process(target=lambda: sender.send(read(file)))
+    process.start()
+    sender.close()
+    try:
+        found = (
+            receiver.recv() if receiver.poll(LIMIT) else Result(file, "crashed", ("too long",), f"more than {LIMIT} s")
+        )
+    except EOFError:
+        found = Result(file, "crashed", ("process ended",), "the process ended")
+    if process.is_alive():
+        process.terminate()
+    process.join()
+    return found
+
+
+def files(folder: Path) -> list[Path]:
+    """The MJCF files of a folder."""
+    candidates = sorted(file for file in folder.rglob("*") if file.suffix in (".xml", ".mjcf") and file.is_file())
+    return [file for file in candidates if root_of(file.read_text(encoding="utf-8", errors="replace")) == "mujoco"]
+
+
+def table(found: dict[str, list[Result]]) -> list[str]:
+    """Rows of Markdown: a repository each, then the kinds of refusals and of warnings."""
+    lines = [
+        "| repository | models | read | of these without a warning | refused by name | crashed | files that MuJoCo does not compile |",
+        "| --- |" + " --- |" * 6,
+    ]
+    for name, results in [*found.items(), ("all", [one for results in found.values() for one in results])]:
+        of = Counter(one.outcome for one in results)
+        silent = sum(one.outcome == "read" and not one.kinds for one in results)
+        lines.append(
+            f"| {name} | {len(results) - of['not a model']} | {of['read']} | {silent} | {of['refused']} | {of['crashed']} | {of['not a model']} |"
+        )
+    lines += ["", "| kind | files that are refused | files that are read with a warning |", "| --- | --- | --- |"]
+    all_of = [one for results in found.values() for one in results if one.outcome in ("refused", "read")]
+    refused, warned = (
+        Counter(kind for one in all_of if one.outcome == outcome for kind in one.kinds)
+        for outcome in ("refused", "read")
+    )
+    lines += [
+        f"| {kind} | {refused[kind] or ''} | {warned[kind] or ''} |" for kind, _ in (refused + warned).most_common()
+    ]
+    return lines
+
+
+def main() -> None:
+    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    arguments.add_argument("folder", type=Path)
+    arguments.add_argument("--markdown", type=Path, help="page to write")
+    arguments.add_argument("--list", type=Path, help="file for the outcome and message of each file")
+    given = arguments.parse_args()
+    found: dict[str, list[Result]] = {}
+    for repository in sorted(path for path in given.folder.iterdir() if path.is_dir()):
+        commit = repository / "COMMIT"
+        name = f"{repository.name} ({commit.read_text().strip()})" if commit.is_file() else repository.name
+        found[name] = [apart(file) for file in files(repository)]
+    lines = table(found)
+    print("\n".join(lines))
+    if given.list is not None:
+        rows = [
+            f"{one.outcome}\t{','.join(one.kinds)}\t{one.seconds:.2f}\t{one.file}\t{one.text}"
+            for results in found.values()
+            for one in results
+        ]
+        given.list.write_text("\n".join(rows) + "\n", encoding="utf-8")
+    if given.markdown is not None:
+        page = [
+            "# MJCF files of public repositories",
+            "",
+            f"Written by benches/mjcf_files.py, which reads each file by `phipsi.load(file)`, with MuJoCo {mujoco.__version__}. The files are not part of this repository.",
+            "",
+            "A file with several parts that a scene does not have is counted once for each. Names of kinds are those that `ignore` takes: see [read a robot](how-to/read-a-robot.md#from-mujoco).",
+            "",
+            *lines,
+        ]
+        given.markdown.write_text("\n".join(page) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,274 @@
+"""Models of MuJoCo as MuJoCo compiles them: of files, text and specifications; names of elements; what is switched off."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .errors import ArgumentError, MeshWarning, SceneError
+
+if TYPE_CHECKING:
+    import mujoco
+
+#: Types of joints, as MuJoCo numbers them.
+FREE, BALL, SLIDE, HINGE = range(4)
+#: mjtEq, mjtTrn, mjtObj: the values that are looked for.
+EQUALITY_CONNECT, EQUALITY_WELD, EQUALITY_JOINT = range(3)
+TRANSMISSION_JOINT = (0, 1)
+OBJECT_BODY = 1
+#: The number of degrees of freedom of a joint, by its type.
+WIDTHS = {FREE: 6, BALL: 3, SLIDE: 1, HINGE: 1}
+#: A group of geoms that neither MuJoCo nor phipsi draws.
+HIDDEN = 5
+
+
+def compiled(source: Any, strict: bool = False) -> tuple[mujoco.MjModel, Path | None]:
+    """The compiled model of a file, XML, a specification or a model itself; and the file, if there is one.
+
+    Missing files of meshes and textures give a MeshWarning (SceneError if strict), if no inertia depends on them.
+    """
+    try:
+        import mujoco
+    except ImportError:
+        raise ImportError(
+            'Scene.from_mujoco: found no package mujoco; install it with: pip install "phipsi[mujoco]"'
+        ) from None
+    if isinstance(source, mujoco.MjModel):
+        return source, None
+    if not isinstance(source, str | os.PathLike | mujoco.MjSpec):
+        raise ArgumentError(
+            f"source: found {type(source).__name__}; expected a path, XML, mujoco.MjModel or mujoco.MjSpec"
+        )
+    file = None
+    if not isinstance(source, mujoco.MjSpec) and not (isinstance(source, str) and source.lstrip().startswith("<")):
+        file = Path(source)
+        if not file.is_file():
+            raise SceneError(
+                f"source: found {str(source)[:100]!r}, which is no file; expected the path of a model, or XML"
+            )
+    try:
+        if file is not None and file.suffix == ".mjb":
+            return mujoco.MjModel.from_binary_path(str(file)), None
+        try:
+            model = _compile(source, file)
+        except ValueError:
+            if not hasattr(mujoco.MjSpec, "attach"):
+                # Specifications of the first versions do not give access to all that is to be omitted.
+                raise
+            specification = _specification(source, file)
+            lost = _omit_lost_files(specification, Path(specification.modelfiledir) if file is None else file.parent)
+            if not lost:
+                raise
+            model = specification.compile()
+            _report_lost_files(lost, strict)
+    except (ValueError, mujoco.FatalError) as error:
+        if isinstance(error, SceneError):
+            raise
+        raise SceneError(f"source: MuJoCo cannot read it: {' '.join(str(error).split())}") from None
+    return model, None if file is None else file.resolve()
+
+
+def _compile(source: Any, file: Path | None) -> mujoco.MjModel:
+    import mujoco
+
+    if file is not None:
+        return mujoco.MjModel.from_xml_path(str(file))
+    return mujoco.MjModel.from_xml_string(source) if isinstance(source, str) else source.compile()
+
+
+def _specification(source: Any, file: Path | None) -> mujoco.MjSpec:
+    """A specification that may be changed."""
+    import mujoco
+
+    if file is not None:
+        return mujoco.MjSpec.from_file(str(file))
+    return mujoco.MjSpec.from_string(source) if isinstance(source, str) else source.copy()
+
+
+def _report_lost_files(lost: list[str], strict: bool) -> None:
+    more = f" and {len(lost) - 1} more" if len(lost) > 1 else ""
+    text = f"source: found no file {lost[0]}{more}; expected the meshes and textures beside the model"
+    if strict:
+        raise SceneError(text)
+    warnings.warn(f"{text}; inertias do not depend on them, and they are not drawn", MeshWarning, stacklevel=2)
+
+
+def _omit_lost_files(specification: mujoco.MjSpec, folder: Path) -> list[str]:
+    """Replaces what has no file; the files. SceneError where an inertia is computed from a missing mesh."""
+    import mujoco
+
+    has_file = _Files(specification, folder)
+    meshes = {mesh.name: mesh for mesh in specification.meshes if not has_file("meshdir", mesh.file)}
+    fields = {field.name: field for field in specification.hfields if not has_file("meshdir", field.file)}
+    textures = {
+        texture.name: texture
+        for texture in specification.textures
+        if not all(has_file("texturedir", file) for file in (texture.file, *texture.cubefiles))
+    }
+    skins = [skin for skin in specification.skins if not has_file("meshdir", skin.file)]
+    for geom in specification.geoms:
+        lost = meshes.get(geom.meshname) or fields.get(geom.hfieldname)
+        if lost is None:
+            continue
+        if _gives_inertia(specification, geom):
+            body = geom.parent.name
+            raise SceneError(
+                f"source: found no file {lost.file!r}, from which the inertia of body {body!r} is computed; "
+                "expected the file, or <inertial> in the body"
+            )
+        geom.type, geom.size, geom.mass, geom.group = mujoco.mjtGeom.mjGEOM_SPHERE, [0.001, 0.0, 0.0], 0.0, HIDDEN
+        geom.meshname = geom.hfieldname = ""
+    for material in specification.materials:
+        material.textures = ["" if name in textures else name for name in material.textures]
+    for lost in (*meshes.values(), *fields.values(), *textures.values(), *skins):
+        # Elements delete themselves in older versions.
+        specification.delete(lost) if hasattr(specification, "delete") else lost.delete()
+    return [
+        repr(lost.file or "of a texture") for lost in (*meshes.values(), *fields.values(), *skins, *textures.values())
+    ]
+
+
+class _Files:
+    """Whether files that a specification names are there."""
+
+    def __init__(self, specification: mujoco.MjSpec, folder: Path) -> None:
+        self.specification, self.folder = specification, folder
+
+    def __call__(self, directory: str, file: str) -> bool:
+        name = Path(file).name if self.specification.strippath else file
+        return not file or (self.folder / getattr(self.specification, directory) / name).is_file()
+
+
+def _gives_inertia(specification: mujoco.MjSpec, geom: Any) -> bool:
+    """Whether the inertia of a body that moves is computed from a geom."""
+    body, compiler = geom.parent, specification.compiler
+    first, last = compiler.inertiagrouprange
+    from_geoms = int(compiler.inertiafromgeom)
+    if (
+        geom.mass == 0.0
+        or geom.density == 0.0
+        or not first <= geom.group <= last
+        or from_geoms == 0
+        or (from_geoms == 2 and body.explicitinertial)
+    ):
+        return False
+    while body is not None and body.name != "world":
+        if body.joints:
+            return True
+        body = body.parent
+    return False
+
+
+class Names:
+    """Names of the elements of a model; those that have none in the file get one that no other has.
+
+    Bodies and sites become links and share one set of names; joints, fixed ones included, have a second one.
+    """
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self._links, self._joints = set[str](), set[str]()
+        self.bodies = self._complete(_own(model, model.name_bodyadr), "body", self._links)
+        self.joints = self._complete(_own(model, model.name_jntadr), "joint", self._joints)
+        self.equalities = self._complete(_own(model, model.name_eqadr), "equality ", set())
+        #: Of sites: a site that has the name of a body gets another one, and one without a name gets none.
+        self.sites = [
+            name and self.link(name if name not in self._links else f"{name}/site")
+            for name in _own(model, model.name_siteadr)
+        ]
+
+    @staticmethod
+    def _complete(own: list[str], kind: str, taken: set[str]) -> list[str]:
+        taken.update(own)
+        return [name or _fresh(f"{kind}{at}", taken) for at, name in enumerate(own)]
+
+    def link(self, name: str) -> str:
+        """A name for a link that the file does not have."""
+        return _fresh(name, self._links)
+
+    def joint(self, name: str) -> str:
+        """A name for a joint that the file does not have."""
+        return _fresh(name, self._joints)
+
+
+def _own(model: mujoco.MjModel, addresses: Any) -> list[str]:
+    """The names at these addresses; empty where there is none."""
+    return [model.names[at : model.names.index(b"\0", at)].decode("utf-8", "replace") for at in addresses.tolist()]
+
+
+def _fresh(name: str, taken: set[str]) -> str:
+    while name in taken:
+        name += "_"
+    taken.add(name)
+    return name
+
+
+# What is switched off
+
+
+def is_disabled(model: mujoco.MjModel, *flags: str) -> bool:
+    """Whether all of these parts are switched off, each a name of mjtDisableBit without mjDSBL_."""
+    import mujoco
+
+    # Older versions have one flag for springs and dampers.
+    bits: Any = mujoco.mjtDisableBit
+    return all(
+        model.opt.disableflags & int(getattr(bits, f"mjDSBL_{flag}", None) or bits.mjDSBL_PASSIVE) for flag in flags
+    )
+
+
+def has_constraints(model: mujoco.MjModel, kind: str) -> bool:
+    """Whether constraints of a kind act: EQUALITY, LIMIT, FRICTIONLOSS or CONTACT."""
+    return not is_disabled(model, kind) and not is_disabled(model, "CONSTRAINT")
+
+
+def has_passive_forces(model: mujoco.MjModel) -> bool:
+    """Whether MuJoCo has passive forces: without springs and dampers it has no medium and no gravity compensation."""
+    return not is_disabled(model, "SPRING", "DAMPER")
+
+
+def equalities(model: mujoco.MjModel) -> list[int]:
+    """The equality constraints that act; those between two bodies that cannot move against each other do not."""
+    if not has_constraints(model, "EQUALITY"):
+        return []
+    return [at for at in range(model.neq) if model.eq_active0[at] and not _is_idle(model, at)]
+
+
+def _is_idle(model: mujoco.MjModel, at: int) -> bool:
+    if model.eq_type[at] not in (EQUALITY_CONNECT, EQUALITY_WELD):
+        return False
+    first, second = connected(model, at)
+    return bool(model.body_weldid[first] == model.body_weldid[second])
+
+
+def connected(model: mujoco.MjModel, at: int) -> tuple[int, int]:
+    """The two bodies of an equality constraint of kind connect or weld."""
+    ends = int(model.eq_obj1id[at]), int(model.eq_obj2id[at])
+    return ends if ties_bodies(model, at) else (int(model.site_bodyid[ends[0]]), int(model.site_bodyid[ends[1]]))
+
+
+def ties_bodies(model: mujoco.MjModel, at: int) -> bool:
+    """Whether an equality constraint names bodies: sites otherwise, which the first versions do not have there."""
+    types = field(model, "eq_objtype")
+    return types is None or bool(types[at] == OBJECT_BODY)
+
+
+def stops(model: mujoco.MjModel) -> tuple[Any, Any]:
+    """Where the stops of joints are, (njnt,) each: they act from the margin on, as if they stood there."""
+    return model.jnt_range[:, 0] + model.jnt_margin, model.jnt_range[:, 1] - model.jnt_margin
+
+
+def joint_actuators(model: mujoco.MjModel) -> Iterator[tuple[int, int, float]]:
+    """Actuators of hinges and slides: their index, the joint and the gear ratio."""
+    outputs = getattr(model, "actuator_outadr", range(model.nu))
+    for at, kind in enumerate(model.actuator_trntype.tolist()):
+        joint = int(model.actuator_trnid[at, 0])
+        if kind in TRANSMISSION_JOINT and model.jnt_type[joint] in (HINGE, SLIDE):
+            yield at, joint, float(model.actuator_gear[outputs[at], 0])
+
+
+def field(model: mujoco.MjModel, name: str) -> Any:
+    """A field that older versions of MuJoCo do not have; None there."""
+    return getattr(model, name, None)

@@ -1,0 +1,275 @@
+"""What acts in a model of MuJoCo and has no place in a scene: refused, or reported by a warning, by name."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Collection, Iterator
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ._mjcf import BALL, EQUALITY_CONNECT, EQUALITY_JOINT, EQUALITY_WELD, FREE, SLIDE, WIDTHS, Names
+from ._mjcf import (
+    connected,
+    equalities,
+    field,
+    has_constraints,
+    has_passive_forces,
+    is_disabled,
+    joint_actuators,
+    stops,
+)
+from .errors import ArgumentError, ModelWarning, SceneError
+
+if TYPE_CHECKING:
+    import mujoco
+
+#: What a model may have that a scene has not, and that `ignore` may name.
+IGNORED = (
+    "actuators",
+    "armature",
+    "contacts",
+    "equality",
+    "flexes",
+    "fluid",
+    "friction",
+    "gravcomp",
+    "limits",
+    "mocap",
+    "nonlinear",
+    "plugins",
+    "softness",
+    "tendons",
+)
+#: Density, kg/m^3, and viscosity, Pa s, that no air exceeds.
+AIR = (1.3, 2e-5)
+#: MuJoCo's default impedance of constraints, and their stiffness by inertia there, 1/s^2.
+IMPEDANCE, STIFFNESS = 0.95, 1.0 / (0.95 * 0.02) ** 2
+
+
+class Gap(NamedTuple):
+    """A part of a model that a scene does not have."""
+
+    name: str
+    """As `ignore` names it."""
+    found: str
+    consequence: str
+    is_refused: bool = True
+    """Whether the motion without it is another one; a warning if it need not be."""
+
+
+def check(model: mujoco.MjModel, names: Names, ignore: Collection[str], strict: bool) -> None:
+    """Raises SceneError for what acts in a model and cannot be read, or warns; what `ignore` names is passed over."""
+    for name in ignore:
+        if name not in IGNORED:
+            raise ArgumentError(f"ignore: found {name!r}; expected names of {', '.join(IGNORED)}")
+    found: dict[str, list[Gap]] = {}
+    for gap in gaps(model, names, ignore):
+        if gap.name not in ignore:
+            found.setdefault(gap.name, []).append(gap)
+    refused = {name: of for name, of in found.items() if strict or any(gap.is_refused for gap in of)}
+    if refused:
+        what = "; ".join(_text(of) for of in refused.values())
+        raise SceneError(
+            f"source: found {what}; expected a model without, or to read it without them: ignore={tuple(refused)!r}"
+        )
+    for name, of in found.items():
+        text = f"source: found {_text(of)}; ignore={(name,)!r} reads it without this warning, strict=True refuses it"
+        warnings.warn(text, ModelWarning, stacklevel=3)
+
+
+def _text(of: list[Gap]) -> str:
+    """The first of these, a refused one if there is one, and how many more there are."""
+    first = next((gap for gap in of if gap.is_refused), of[0])
+    more = f" and {len(of) - 1} more" if len(of) > 1 else ""
+    return f"{first.found}{more}: {first.consequence}"
+
+
+def gaps(model: mujoco.MjModel, names: Names, ignore: Collection[str]) -> Iterator[Gap]:
+    """All of them."""
+    if "equality" not in ignore:
+        yield from _of_equalities(model, names)
+    yield from _of_tendons(model)
+    yield from _of_bodies(model, names)
+    yield from _of_joints(model, names)
+    yield from _of_actuators(model)
+    if "contacts" not in ignore and (pair := colliding(model)):
+        one, other = (names.bodies[body] for body in pair)
+        yield Gap(
+            "contacts",
+            f"geoms that collide, of {one!r} and {other!r} for instance",
+            "bodies pass through each other, as contacts of a file are not read",
+            False,
+        )
+
+
+def _of_equalities(model: mujoco.MjModel, names: Names) -> Iterator[Gap]:
+    moved = {body for body in range(model.nbody) if model.body_mocapid[body] >= 0}
+    for at in equalities(model):
+        what, kind = f"the equality constraint {names.equalities[at]!r}", int(model.eq_type[at])
+        is_curved = kind == EQUALITY_JOINT and np.any(model.eq_data[at][2:5])
+        if is_curved or kind not in (EQUALITY_CONNECT, EQUALITY_WELD, EQUALITY_JOINT):
+            yield Gap("equality", what, "connections are of kind connect, weld and joint, that one linear")
+            continue
+        if kind != EQUALITY_JOINT:
+            for body in moved.intersection(connected(model, at)):
+                yield Gap(
+                    "mocap",
+                    f"{what} with the body {names.bodies[body]!r}, which is moved by the program (mocap)",
+                    "scenes hold it where the file places it",
+                )
+        if _is_soft(model.eq_solref[at], model.eq_solimp[at]):
+            yield Gap(
+                "softness",
+                f"{what}, which is softer than MuJoCo's default (solref, solimp)",
+                "connections are rigid",
+                False,
+            )
+
+
+def _is_soft(solref: Any, solimp: Any) -> bool:
+    """Whether a constraint yields more than one with MuJoCo's default parameters."""
+    if solref[0] > 0.0:
+        stiffness = 1.0 / (max(solimp[1], 1e-6) * solref[0] * max(solref[1], 1e-6)) ** 2
+    else:
+        stiffness = -solref[0] / max(solimp[1], 1e-6) ** 2
+    return bool(solimp[1] < IMPEDANCE or stiffness < 0.99 * STIFFNESS)
+
+
+def _of_tendons(model: mujoco.MjModel) -> Iterator[Gap]:
+    forces = ["armature"]
+    forces += ["stiffness", "stiffnesspoly"] * (not is_disabled(model, "SPRING")) + ["damping", "dampingpoly"] * (
+        not is_disabled(model, "DAMPER")
+    )
+    forces += ["frictionloss"] * has_constraints(model, "FRICTIONLOSS")
+    acting = [values for name in forces if (values := field(model, f"tendon_{name}")) is not None]
+    limited = model.tendon_limited if has_constraints(model, "LIMIT") else np.zeros(model.ntendon)
+    for at in range(model.ntendon):
+        name = model.tendon(at).name
+        what = f"the tendon {name!r}" if name else f"tendon number {at}"
+        if any(np.any(values[at]) for values in acting):
+            yield Gap("tendons", f"{what}, with springs, losses or armature", "scenes have no tendons")
+        elif limited[at]:
+            yield Gap(
+                "tendons", f"{what}, with limits", "scenes have no tendons, and it does not limit the joints", False
+            )
+
+
+def _of_bodies(model: mujoco.MjModel, names: Names) -> Iterator[Gap]:
+    if model.nflex:
+        yield Gap("flexes", f"{model.nflex} deformable objects (flex)", "bodies are rigid")
+    if has_passive_forces(model) and not is_disabled(model, "GRAVITY"):
+        for at in _where(model.body_gravcomp):
+            yield Gap(
+                "gravcomp",
+                f"gravcomp {model.body_gravcomp[at]:g} at the body {names.bodies[at]!r}",
+                "weight acts on all bodies",
+            )
+    option = model.opt
+    if has_passive_forces(model) and (option.density or option.viscosity):
+        is_air = option.density <= AIR[0] and option.viscosity <= AIR[1] and not np.any(option.wind)
+        wind = f" and wind {option.wind.tolist()}" if np.any(option.wind) else ""
+        what = f"a medium of density {option.density:g} and viscosity {option.viscosity:g}{wind}"
+        yield Gap("fluid", what, "bodies move in vacuum", not is_air)
+    for at in _where(model.body_plugin >= 0):
+        yield Gap("plugins", f"a plugin at the body {names.bodies[at]!r}", "plugins are not read")
+    for at in _where(model.body_mocapid >= 0):
+        below = np.flatnonzero(model.body_parentid == at)
+        if len(below):
+            carried = names.bodies[below[0]]
+            what = f"the body {names.bodies[at]!r}, which is moved by the program (mocap) and carries {carried!r}"
+            yield Gap("mocap", what, "scenes hold it where the file places it")
+
+
+def _of_joints(model: mujoco.MjModel, names: Names) -> Iterator[Gap]:
+    springs, damping = "SPRING", "DAMPER"
+    joint_of = model.dof_jntid
+    for name, flag, of_dof, consequence in (
+        ("jnt_stiffnesspoly", springs, False, "springs are linear"),
+        ("jnt_springyield", springs, False, "springs are linear"),
+        ("dof_dampingpoly", damping, True, "damping is linear"),
+    ):
+        for at in [] if is_disabled(model, flag) else _rows(field(model, name)):
+            yield Gap("nonlinear", f"{name} at the joint {names.joints[joint_of[at] if of_dof else at]!r}", consequence)
+    plastic = field(model, "jnt_plasticadr")
+    for at in [] if plastic is None else _where(plastic >= 0):
+        yield Gap("nonlinear", f"plasticity at the joint {names.joints[at]!r}", "springs are elastic")
+    for at in _where(model.jnt_type == FREE):
+        name, dofs = names.joints[at], slice(model.jnt_dofadr[at], model.jnt_dofadr[at] + WIDTHS[FREE])
+        if model.jnt_stiffness[at] and not is_disabled(model, springs):
+            yield Gap("nonlinear", f"stiffness at the free joint {name!r}", "its spring differs from phipsi's")
+        # Rows of the linear velocity are along axes of the world there, along those of the body here.
+        for kind, values, acts in (
+            ("armature", model.dof_armature, True),
+            ("friction", model.dof_frictionloss, has_constraints(model, "FRICTIONLOSS")),
+        ):
+            if acts and np.any(values[dofs]):
+                yield Gap(
+                    kind,
+                    f"{kind} {values[dofs][0]:g} at the free joint {name!r}",
+                    "MuJoCo applies it along axes of the world, phipsi along those of the body",
+                )
+    if has_constraints(model, "LIMIT"):
+        for at in _where((model.jnt_type == BALL) & (model.jnt_limited != 0)):
+            yield Gap("limits", f"limits of the ball joint {names.joints[at]!r}", "ball joints have no limits", False)
+        low, high = stops(model)
+        for at in _where((model.jnt_type >= SLIDE) & (model.jnt_limited != 0) & (low > high)):
+            margin, between = model.jnt_margin[at], model.jnt_range[at].tolist()
+            what = f"limits of the joint {names.joints[at]!r}, whose margin {margin:g} is more than half of the range {between}"
+            yield Gap("limits", what, "both stops act at once")
+
+
+def _of_actuators(model: mujoco.MjModel) -> Iterator[Gap]:
+    """Armature and damping of actuators act without a control too; those of hinges and slides are added to the joint's."""
+    read = {at for at, _, _ in joint_actuators(model)}
+    for at in range(len(model.actuator_trntype)):
+        for what in ("armature", "damping", "dampingpoly"):
+            values = field(model, f"actuator_{what}")
+            if values is None or not np.any(values[at]) or (what != "armature" and is_disabled(model, "DAMPER")):
+                continue
+            name = model.actuator(at).name if len(model.actuator_trntype) == model.nu else ""
+            of = f"the actuator {name!r}" if name else f"actuator number {at}"
+            if what == "dampingpoly":
+                yield Gap("nonlinear", f"{what} at {of}", "damping is linear")
+            elif at not in read:
+                yield Gap("actuators", f"{what} at {of}", "it is read at actuators of hinges and slides only")
+
+
+def colliding(model: mujoco.MjModel) -> tuple[int, int] | None:
+    """Two bodies whose geoms may collide, as MuJoCo selects them; None if no bodies may."""
+    if not has_constraints(model, "CONTACT"):
+        return None
+    if model.npair:
+        return int(model.geom_bodyid[model.pair_geom1[0]]), int(model.geom_bodyid[model.pair_geom2[0]])
+    types, affinities, rigid = model.body_contype, model.body_conaffinity, model.body_weldid
+    above = rigid[model.body_parentid[rigid]]
+    filters_parents, excluded = not is_disabled(model, "FILTERPARENT"), set(model.exclude_signature.tolist())
+    bodies = np.flatnonzero(types | affinities)
+    for at, body in enumerate(bodies.tolist()):
+        other = bodies[at + 1 :]
+        may = (types[body] & affinities[other]) | (types[other] & affinities[body])
+        may = (may != 0) & (rigid[other] != rigid[body])
+        if filters_parents:
+            # A body does not collide with its parent, unless that is fixed to the world.
+            of_parent = ((above[other] == rigid[body]) & (rigid[body] != 0)) | (
+                (above[body] == rigid[other]) & (rigid[other] != 0)
+            )
+            may &= ~of_parent
+        for found in other[may].tolist():
+            if (body << 16) + found not in excluded:
+                return body, found
+    return None
+
+
+def _where(condition: Any) -> list[int]:
+    """Indices of what is true, or not zero."""
+    return [int(at) for at in np.flatnonzero(condition)]
+
+
+def _rows(values: Any) -> list[int]:
+    """Rows that are not zero."""
+    return (
+        []
+        if values is None or not len(values)
+        else _where(np.any(np.reshape(values, (len(values), -1)) != 0.0, axis=1))
+    )
