@@ -82,7 +82,7 @@ def integrate(scene: Scene, errors: Errors = "raise") -> Call:
     def derivatives(q: Array, v: Array) -> tuple[Array, ...]:
         if errors == "raise":
             return coordinates.integrated(q, v)
-        bad = np.isnan(value(q, v)).any(axis=-1)
+        bad = np.asarray(np.isnan(value(q, v)).any(axis=-1))
         q, v = (np.where(bad[..., None], harmless, array) for harmless, array in ((scene.neutral(), q), (0.0, v)))
         return tuple(np.where(bad[..., None, None], np.nan, one) for one in coordinates.integrated(q, v))
 

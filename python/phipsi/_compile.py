@@ -249,7 +249,8 @@ def compile(  # noqa: A001  # phipsi.compile
 
 def _compiled(scene: Scene, functions: tuple[Function, ...], options: dict[str, Any]) -> Compiled:
     """What pickle calls."""
-    return compile(scene, functions, **options)
+    made: Compiled = compile(scene, functions, **options)
+    return made
 
 
 def _command(command: str) -> list[str]:

@@ -42,6 +42,8 @@ UNKNOWN = 1e-8
 SHARE = 1e-3
 #: The least noise, relative to the torques: a multiple of the rounding of the regressor, which would count as knowledge with less.
 ROUNDING = 2.0**-36
+#: The largest torque, whose square is a number.
+LARGEST = 1e100
 #: Of a body that cannot be, principal second moments below this share of the largest one are raised to it; and the least radius of gyration, of the robot's size.
 SLENDER, SMALL = 1e-3, 1e-2
 
@@ -146,6 +148,8 @@ class _Data:
         # Reports what is not finite, by the index of the state.
         scene.inverse_dynamics(q, qd, qdd)
         seen = np.isfinite(tau)
+        if (largest := float(np.max(np.abs(tau), where=seen, initial=0.0))) > LARGEST:
+            raise of_argument(ArgumentError, "tau", f"found {largest:g}; expected torques below {LARGEST:g}, in N m or N")
         if not seen.any():
             raise of_argument(ArgumentError, "tau", "found no measured torque: all are NaN; expected some numbers")
         self.fit, self.own, self.nv = tuple(fit), own_parameters(scene), scene.nv
@@ -221,12 +225,12 @@ class _Data:
         triangle = _triangle(np.concatenate([rows / weight for rows, weight, count in zip(self.triangles, weights, self.counts, strict=True) if count]))
         return triangle[:, :-1], triangle[:, -1]
 
-    def residual(self, z: _Array) -> _Array:
+    def residual(self, z: NDArray[Any]) -> _Array:
         """Root mean square by degree of freedom of what multiples of the prior leave, (nv,); NaN where no torque was measured."""
         return self._mean([np.linalg.norm(rows @ np.append(z, -1.0)) for rows in self.triangles])
 
     def _mean(self, norms: list[Any]) -> _Array:
-        return np.where(self.counts > 0, np.array(norms) / np.sqrt(np.maximum(self.counts, 1)), np.nan)
+        return np.asarray(np.where(self.counts > 0, np.array(norms) / np.sqrt(np.maximum(self.counts, 1)), np.nan))
 
     def least(self) -> _Array:
         """The least noise, (nv,): rounding of the torques, and of what makes them up."""
@@ -252,6 +256,9 @@ class _Data:
     def deviation(self) -> _Array:
         """Standard deviation of the torques by degree of freedom, (nv,): what no parameters explain, bodies or not; NaN where none was measured."""
         least, measured = self.least(), int(np.sum(self.counts))
+        if np.nanmax(least) <= np.finfo(float).tiny:
+            message = "found states at which no torque depends on any parameter, and torques of zero; expected states that move, or noise, the standard deviation of the torques"
+            raise of_argument(ArgumentError, "q", message)
         weights = np.where(self.counts > 0, 1.0, np.nan)
         for _ in range(2):
             triangle, target = self.weighted(weights)
@@ -341,9 +348,9 @@ def _nearest(body: str, moments: _Array, size: float) -> _Array:
     com = moments[:3, 3] / mass
     values, axes = np.linalg.eigh(moments[:3, :3] - mass * np.outer(com, com))
     values = np.maximum(values, max(SLENDER * float(values.max()), mass * (SMALL * size) ** 2))
-    found = moments.copy()
-    found[:3, :3] = (axes * values) @ axes.T + mass * np.outer(com, com)
-    return found
+    nearest = moments.copy()
+    nearest[:3, :3] = (axes * values) @ axes.T + mass * np.outer(com, com)
+    return nearest
 
 
 def _size(scene: Scene) -> float:

@@ -26,7 +26,7 @@ _Array = NDArray[np.float64]
 ROWS, COLUMNS = np.triu_indices(4)
 BASIS = np.array([[[float({a, b} == {i, j}) for b in range(4)] for a in range(4)] for i, j in zip(ROWS, COLUMNS, strict=True)])
 ORTHONORMAL = BASIS / np.linalg.norm(BASIS, axis=(1, 2), keepdims=True)
-#: The most steps. Robots take 10 to 60.
+#: The most steps. Torques that contradict every possible body by more than about 1e5 standard deviations can take more. Robots take 10 to 60.
 STEPS = 300
 #: By how much a step lowers mu at most, and after a step that was cut short; how close a step goes to a singular matrix.
 FALL, CAUTIOUS, WITHIN = 0.1, 0.5, 0.95
@@ -139,7 +139,8 @@ def most_probable(triangle: _Array, target: _Array, bodies: int, trust: float) -
             return primal.z(), _root_of_covariance(triangle @ primal.to_z(), primal, trust)
         before = moved
     found = f"no minimum in {STEPS} steps (Z S is {scaling.mean:.1e} of {last:.1e}, the last step {moved:.1e} standard deviations)"
-    raise PhipsiError(f"identify: found {found}; expected torques in N m or N and noise, their standard deviation, of a size that they can have")
+    expected = "torques in N m or N with the signs of inverse_dynamics, or noise=... that is not far below what no body explains"
+    raise PhipsiError(f"identify: found {found}; expected {expected}")
 
 
 def _start(gradient: _Array, bodies: int, least: float) -> _Blocks:

@@ -67,7 +67,7 @@ def test_a_broken_library_is_built_again(scene: phipsi.Scene, tmp_path: Path, co
 
 
 def unwritable(tmp_path: Path, kind: str) -> Path:
-    """A cache that no library can be written to, whoever asks."""
+    """A cache that no library can be written to, by root neither."""
     file = tmp_path / "file"
     file.write_text("in the way", encoding="utf-8")
     if kind == "rights":

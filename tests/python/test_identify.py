@@ -11,7 +11,7 @@ from tolerances import SIGMAS, assert_near, product, recursion, size
 
 import phipsi
 from phipsi._identify import own_parameters, to_moments, to_parameters
-from phipsi.errors import ArgumentError, InertiaWarning, NotFiniteError, ShapeError
+from phipsi.errors import ArgumentError, InertiaWarning, NotFiniteError, PhipsiError, ShapeError
 
 
 def arm(seed: int, bodies: int = 6, base: bool = False, **joints: float) -> phipsi.Scene:
@@ -206,6 +206,45 @@ def test_a_joint_without_measured_torques_has_no_noise() -> None:
     assert np.all(np.abs(found.noise[[0, 1, 3, 4, 5]] / 0.1 - 1.0) < SIGMAS / np.sqrt(2 * 200))
 
 
+def test_torques_that_contradict_all_bodies_are_reported() -> None:
+    """Without noise and with the wrong sign: 1e10 standard deviations from what any body gives."""
+    scene = arm(9, bodies=3)
+    q, qd, qdd = states(scene, 60)
+    with pytest.raises(PhipsiError, match="identify: found no minimum in .* steps .*expected torques in N m or N with the signs of inverse_dynamics, or noise"):
+        scene.identify(q, qd, qdd, -10.0 * scene.inverse_dynamics(q, qd, qdd))
+
+
+def test_states_that_tell_nothing() -> None:
+    """A slide across gravity, at rest."""
+    scene = phipsi.SceneBuilder().link("base").link("cart", 1.0, (0, 0, 0), np.eye(3)).joint("slide", "prismatic", "base", "cart", axis=(1, 0, 0)).build()
+    zero = np.zeros((20, 1))
+    with pytest.raises(ArgumentError, match="q: found states at which no torque depends on any parameter"):
+        scene.identify(zero, zero, zero, zero)
+    found = scene.identify(zero, zero, zero, zero, noise=1.0)
+    assert found.known == 0
+    assert_near(found.parameters, own_parameters(scene), 1e-12)
+
+
+def test_joints_alone() -> None:
+    scene = arm(9)
+    q, qd, qdd = states(scene, 100)
+    found = scene.identify(q, qd, qdd, scene.inverse_dynamics(q, qd, qdd) + 0.3 * qd, fit=["damping"], keep=scene.body_names)
+    assert_near(list(found.joints["damping"].values()), np.full(6, 0.3), 1e-9)
+
+
+@pytest.mark.parametrize("scale", [-10.0, -0.01, 1.0, 1e3, 1e6, 1e-6])
+@pytest.mark.parametrize("trust", [1e-3, 1.0, 1e9])
+def test_data_of_other_units_and_signs(scale: float, trust: float) -> None:
+    """With the noise of good sensors the least value is found, however far it is from the model."""
+    scene = arm(9, bodies=3)
+    q, qd, qdd = states(scene, 60)
+    tau = scale * scene.inverse_dynamics(q, qd, qdd)
+    tau += 1e-3 * size(tau) * np.random.default_rng(0).standard_normal(tau.shape)
+    found = scene.identify(q, qd, qdd, tau, trust=trust)
+    assert all(np.linalg.eigvalsh(to_moments(one))[0] > 0.0 for one in found.parameters)
+    assert np.all(np.isfinite(found.deviations)) and np.all(np.isfinite(found.after))
+
+
 def test_blocks_of_states_are_one_problem() -> None:
     """More states than are read at once: as with the rows in one matrix."""
     scene = arm(5, bodies=3)
@@ -303,6 +342,7 @@ GOOD: dict[str, Any] = {"noise": 0.1}
         ({"qd": np.full((10, 6), np.inf)}, NotFiniteError, "qd"),
         ({"tau": np.full((10, 6), np.inf)}, ArgumentError, "tau: found an infinity"),
         ({"tau": np.full((10, 6), np.nan)}, ArgumentError, "tau: found no measured torque: all are NaN"),
+        ({"tau": np.full((10, 6), 1e150)}, ArgumentError, "tau: found 1e.150; expected torques below 1e.100"),
         ({"tau": np.full((10, 6), True)}, ArgumentError, "tau: found dtype bool"),
         ({"noise": 1e-15}, ArgumentError, r"noise: found 1e-15 at index 0; expected at least \d\.\de-\d+"),
         ({"noise": np.nan}, ArgumentError, "noise: found nan"),
