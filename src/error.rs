@@ -297,7 +297,7 @@ fn shortened(text: &str) -> Cow<'_, str> {
     Cow::Owned(found)
 }
 
-/// Whether a byte is part of a word or of digits.
+/// True for the bytes of words and of digits.
 fn is_in_word(byte: u8) -> bool {
     byte.is_ascii_alphanumeric() || byte == b'.' || byte == b'_' || byte >= 0x80
 }
