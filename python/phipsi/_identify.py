@@ -91,8 +91,8 @@ def identify(
         return _identified(scene, _Data(scene, q, qd, qdd, tau, fit, keep, friction_speed), noise, trust)
     except MemoryError:
         size = 10 * len(scene.body_names) + 1
-        size = 8 * scene.nv * size * (size + CHUNK)
-        error = of_argument(OutOfMemoryError, "q", f"no room for {size} bytes, several times; expected more memory, or a scene with fewer bodies (Scene.lock)")
+        size = 8 * scene.nv * (size * (size + CHUNK) + 10 * len(np.asarray(q)))
+        error = of_argument(OutOfMemoryError, "q", f"no room for {size} bytes; expected fewer states, or fewer bodies (Scene.lock)")
         error.bytes = size
         raise error from None
 
