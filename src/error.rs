@@ -3,6 +3,8 @@
 //! Every message names the argument, link or joint, what was found, what was expected, and the remedy where there is
 //! one. The checks take the name of the argument, so no message is written twice.
 
+use std::borrow::Cow;
+
 use thiserror::Error as ThisError;
 
 /// What went wrong, with the name of the thing that was at fault.
@@ -10,7 +12,7 @@ use thiserror::Error as ThisError;
 #[non_exhaustive]
 pub enum Error {
     /// A scene that cannot be built: cycle, unknown parent, negative mass, malformed XML.
-    #[error("{subject}: found {found}; expected {expected}")]
+    #[error("{subject}: found {}; expected {}", shortened(found), shortened(expected))]
     Scene {
         /// The link, joint, element or file at fault, for instance `joint "elbow"`.
         subject: String,
@@ -42,7 +44,7 @@ pub enum Error {
         state: Option<usize>,
     },
     /// An argument of the right shape whose value cannot be used.
-    #[error("{argument}: found {found}; expected {expected}")]
+    #[error("{argument}: found {}; expected {}", shortened(found), shortened(expected))]
     Argument {
         /// Name of the argument.
         argument: String,
@@ -87,7 +89,7 @@ pub enum Error {
         state: Option<usize>,
     },
     /// Connections that cannot hold: they contradict each other, or a state does not meet them.
-    #[error("{}{}: found {}; expected {}", of_connections(&fault.connections), in_state(*state), fault.found, fault.expected)]
+    #[error("{}{}: found {}; expected {}", of_connections(&fault.connections), in_state(*state), shortened(&fault.found), shortened(&fault.expected))]
     Constraint {
         /// Which, and what is wrong with them.
         fault: Box<ConstraintFault>,
@@ -258,6 +260,48 @@ pub(crate) fn number(value: f64) -> String {
     }
 }
 
+/// A number of more characters than this is written with an exponent in messages; shorter ones have all digits of their `f64`.
+const LONGEST_NUMBER: usize = 24;
+
+/// A message whose long numbers, as `Display` writes 1e70, have exponents. Names, which are quoted, stay.
+fn shortened(text: &str) -> Cow<'_, str> {
+    if text.len() <= LONGEST_NUMBER {
+        return Cow::Borrowed(text);
+    }
+    let (mut found, mut copied, mut quoted, mut at) = (String::new(), 0, false, 0);
+    let bytes = text.as_bytes();
+    while at < bytes.len() {
+        if bytes[at] == b'\\' {
+            at += 2;
+        } else if bytes[at] == b'"' {
+            quoted = !quoted;
+            at += 1;
+        } else if quoted || !is_in_word(bytes[at]) {
+            at += 1;
+        } else {
+            let end = at + bytes[at..].iter().take_while(|&&byte| is_in_word(byte)).count();
+            let word = text.get(at..end).unwrap_or_default().trim_end_matches('.');
+            let is_number = word.bytes().all(|byte| byte.is_ascii_digit() || byte == b'.');
+            if let (true, true, Ok(value)) = (word.len() > LONGEST_NUMBER, is_number, word.parse::<f64>()) {
+                found.push_str(&text[copied..at]);
+                found.push_str(&number(value));
+                copied = at + word.len();
+            }
+            at = end;
+        }
+    }
+    if copied == 0 {
+        return Cow::Borrowed(text);
+    }
+    found.push_str(&text[copied..]);
+    Cow::Owned(found)
+}
+
+/// True for the bytes of words and of digits.
+fn is_in_word(byte: u8) -> bool {
+    byte.is_ascii_alphanumeric() || byte == b'.' || byte == b'_' || byte >= 0x80
+}
+
 /// Checks the length of a slice that must hold one state.
 pub(crate) fn check_length(argument: &str, found: usize, expected: usize) -> Result<(), Error> {
     if found == expected {
@@ -277,5 +321,35 @@ pub(crate) fn check_finite(argument: &str, values: &[f64]) -> Result<(), Error> 
         Some(index) => {
             Err(Error::NotFinite { argument: argument.to_owned(), index, value: values[index], state: None })
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn long_numbers_have_exponents() {
+        for (given, expected) in [
+            (
+                format!("{} after a step of {} s, from {}", 1e70, 1e-3, -2.5e200),
+                "1e70 after a step of 0.001 s, from -2.5e200",
+            ),
+            (format!("{}; then {}.", 1e-30, f64::MAX), "1e-30; then 1.7976931348623157e308."),
+            (
+                "-1.2345678901234567, 123456789012345.67 and NaN, all short".to_owned(),
+                "-1.2345678901234567, 123456789012345.67 and NaN, all short",
+            ),
+            (format!("joint \"a\\\"{0}\" and j{0}", 1e40), &format!("joint \"a\\\"{0}\" and j{0}", 1e40)),
+            (
+                "ein Gelenk mit Ümlauten in ünendlich vielen Wörtern".to_owned(),
+                "ein Gelenk mit Ümlauten in ünendlich vielen Wörtern",
+            ),
+            ("ends in an escape of many characters \\".to_owned(), "ends in an escape of many characters \\"),
+        ] {
+            assert_eq!(shortened(&given), expected);
+        }
+        let error = Error::argument("dt", format!("{}", -1e70), "a step in s, finite and positive");
+        assert_eq!(error.to_string(), "dt: found -1e70; expected a step in s, finite and positive");
     }
 }

@@ -20,7 +20,7 @@ from .errors import ArgumentError, ShapeError, of_argument
 if TYPE_CHECKING:
     from ._core import Scene
 
-__all__ = ["array_of", "check_tree", "flags", "is_masked", "leading", "split_mask", "states_of", "vectors"]
+__all__ = ["array_of", "check_tree", "flags", "is_masked", "leading", "not_numbers", "split_mask", "states_of", "vectors"]
 
 #: Lists within lists are looked into so deep: one may hold itself.
 DEEPEST = 8
@@ -38,7 +38,7 @@ def array_of(name: str, value: Any, joints: Joints, width: int) -> NDArray[Any]:
     except MemoryError:
         raise
     except Exception as cause:
-        raise _no_numbers(name, f"what NumPy cannot read ({cause})") from cause
+        raise not_numbers(name, f"what NumPy cannot read ({cause})") from cause
     if array.dtype.kind not in "fiu":
         raise _of_dtype(name, value, array.dtype)
     return array
@@ -301,14 +301,15 @@ def _of_dtype(name: str, value: Any, dtype: np.dtype[Any]) -> ArgumentError:
     is_sequence = type(value) in (list, tuple)
     # Truth values and complex numbers are what their dtype says.
     if isinstance(value, np.ndarray) or (is_sequence and dtype.kind in "bc"):
-        return _no_numbers(name, f"dtype {dtype}")
+        return not_numbers(name, f"dtype {dtype}")
     if is_sequence:
         culprits = (f" (entry {at} is {_described(entry)})" for _, at, entry in _strange(name, value) if not isinstance(entry, np.ndarray))
-        return _no_numbers(name, f"dtype {dtype}{next(culprits, '')}")
-    return _no_numbers(name, f"dtype {dtype} from {_described(value)}", _remedy(value))
+        return not_numbers(name, f"dtype {dtype}{next(culprits, '')}")
+    return not_numbers(name, f"dtype {dtype} from {_described(value)}", _remedy(value))
 
 
-def _no_numbers(name: str, found: str, remedy: str = "") -> ArgumentError:
+def not_numbers(name: str, found: str, remedy: str = "") -> ArgumentError:
+    """The error for an argument that is no array of real numbers."""
     return _refused(name, found, f"an array of real numbers (float64; float32 and integers are converted){remedy}")
 
 

@@ -2,31 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import pickle
+import warnings
+from collections.abc import Callable, Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ._arguments import not_numbers
 from ._coordinates import Array, Coordinates
+from .errors import BadStateWarning, PhipsiError, ShapeError, of_argument
 
 if TYPE_CHECKING:
     from ._core import Scene
 
-#: One array of results, or one a derivative, from the arguments; leading axes are batches and broadcast.
+#: One array of results, or one per derivative, from the arguments; leading axes are batches and broadcast.
 Host = Callable[..., Any]
+Errors = Literal["raise", "nan"]
 
 
 class Call:
     """A function of a scene: its value, its derivatives by each argument (by the numbers of q, not by its tangent), and the shape of a result."""
 
-    def __init__(self, value: Host, derivatives: Host, widths: tuple[int, ...], size: int) -> None:
+    def __init__(self, value: Host, derivatives: Host, names: tuple[str, ...], widths: tuple[int, ...], size: int) -> None:
         self.value = value
         self.derivatives = derivatives
-        #: How many numbers each argument and the result have.
+        #: Names of the arguments, and how many numbers each argument and the result have.
+        self.names = names
         self.widths = widths
         self.size = size
+        # An empty batch: the scene checks its options now and not in the callback of a compiled graph.
+        value(*(np.zeros((0, width)) for width in widths))
 
 
 def _by_coordinates(coordinates: Coordinates, q: Array, by_tangent: NDArray[np.float64]) -> Array:
@@ -34,67 +42,158 @@ def _by_coordinates(coordinates: Coordinates, q: Array, by_tangent: NDArray[np.f
 
 
 @lru_cache(maxsize=32)
-def forward_dynamics(scene: Scene, form: str) -> Call:
+def forward_dynamics(scene: Scene, form: str, errors: Errors = "raise") -> Call:
     """qdd of (q, qd, tau)."""
     coordinates = Coordinates(scene)
 
     def value(q: Array, qd: Array, tau: Array) -> Array:
-        return np.asarray(scene.forward_dynamics(coordinates.normalised(q), qd, tau, form=form))  # type: ignore[call-overload]
+        return np.asarray(scene.forward_dynamics(coordinates.normalised(q), qd, tau, form=form, errors=errors))  # type: ignore[call-overload]
 
     def derivatives(q: Array, qd: Array, tau: Array) -> tuple[Array, ...]:
-        by_q, by_qd, minv = scene.forward_dynamics_derivatives(coordinates.normalised(q), qd, tau, form=form)  # type: ignore[arg-type]
+        by_q, by_qd, minv = scene.forward_dynamics_derivatives(coordinates.normalised(q), qd, tau, form=form, errors=errors)  # type: ignore[arg-type]
         return _by_coordinates(coordinates, q, by_q), by_qd, minv
 
-    return Call(value, derivatives, (scene.nq, scene.nv, scene.nv), scene.nv)
+    return Call(value, derivatives, ("q", "qd", "tau"), (scene.nq, scene.nv, scene.nv), scene.nv)
 
 
 @lru_cache(maxsize=32)
-def inverse_dynamics(scene: Scene) -> Call:
+def inverse_dynamics(scene: Scene, errors: Errors = "raise") -> Call:
     """tau of (q, qd, qdd)."""
     coordinates = Coordinates(scene)
 
     def value(q: Array, qd: Array, qdd: Array) -> Array:
-        return np.asarray(scene.inverse_dynamics(coordinates.normalised(q), qd, qdd))
+        return np.asarray(scene.inverse_dynamics(coordinates.normalised(q), qd, qdd, errors=errors))
 
     def derivatives(q: Array, qd: Array, qdd: Array) -> tuple[Array, ...]:
-        by_q, by_qd, mass = scene.inverse_dynamics_derivatives(coordinates.normalised(q), qd, qdd)
+        by_q, by_qd, mass = scene.inverse_dynamics_derivatives(coordinates.normalised(q), qd, qdd, errors=errors)
         return _by_coordinates(coordinates, q, by_q), by_qd, mass
 
-    return Call(value, derivatives, (scene.nq, scene.nv, scene.nv), scene.nv)
+    return Call(value, derivatives, ("q", "qd", "qdd"), (scene.nq, scene.nv, scene.nv), scene.nv)
 
 
 @lru_cache(maxsize=32)
-def integrate(scene: Scene) -> Call:
+def integrate(scene: Scene, errors: Errors = "raise") -> Call:
     """q (+) v of (q, v)."""
     coordinates = Coordinates(scene)
 
     def value(q: Array, v: Array) -> Array:
-        return np.asarray(scene.integrate(coordinates.normalised(q), v))
+        return np.asarray(scene.integrate(coordinates.normalised(q), v, errors=errors))
 
-    return Call(value, coordinates.integrated, (scene.nq, scene.nv), scene.nq)
+    def derivatives(q: Array, v: Array) -> tuple[Array, ...]:
+        if errors == "raise":
+            return coordinates.integrated(q, v)
+        bad = np.asarray(np.isnan(value(q, v)).any(axis=-1))
+        q, v = (np.where(bad[..., None], harmless, array) for harmless, array in ((scene.neutral(), q), (0.0, v)))
+        return tuple(np.where(bad[..., None, None], np.nan, one) for one in coordinates.integrated(q, v))
+
+    return Call(value, derivatives, ("q", "v"), (scene.nq, scene.nv), scene.nq)
 
 
 class Rollout:
-    """States through time with torques of their own in every step, as functions of plain numbers: the rows, and the gradients of a scalar of them."""
+    """States through time with torques of their own in every step, as functions of plain numbers: the rows, and the gradients of a scalar of them.
 
-    def __init__(self, scene: Scene, record_every: int, **given: Any) -> None:
-        self.scene, self.record_every, self.given = scene, record_every, given
+    Two of them are equal if their scene is the same object and their options are equal, so that JAX compiles their callbacks once.
+    """
+
+    names = ("q", "qd", "tau")
+
+    def __init__(self, scene: Scene, record_every: int, errors: Errors = "raise", **options: Any) -> None:
+        self.scene, self.record_every, self.errors, self.options = scene, record_every, errors, options
         self.coordinates = Coordinates(scene)
+        # No state and no step: the scene checks its options now and not in the callback of a compiled graph.
+        q, qd, tau = np.zeros((0, scene.nq)), np.zeros((0, scene.nv)), np.zeros((0, 0, scene.nv))
+        self._rows(q, qd, tau)
+        scene.integrate(q, qd, errors=errors)
+        try:
+            self._key: Any = (scene, record_every, errors, pickle.dumps(sorted(options.items())))
+        except Exception:  # what cannot be pickled has no key but itself
+            self._key = (id(self),)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Rollout) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)
 
     def value(self, q: Array, qd: Array, tau: Array) -> tuple[Array, Array]:
         """The rows of (q, qd, tau): (..., rows, nq) and (..., rows, nv)."""
+        if self.errors == "raise":
+            return self._rows(q, qd, tau)
+        batch = np.broadcast_shapes(q.shape[:-1], qd.shape[:-1], tau.shape[:-2])
+        q, qd = (np.broadcast_to(array, (*batch, array.shape[-1])).reshape(-1, array.shape[-1]) for array in (q, qd))
+        tau = np.broadcast_to(tau, (*batch, *tau.shape[-2:])).reshape(-1, *tau.shape[-2:])
+        reasons: dict[int, PhipsiError] = {}
+        rows = self.rows(tau.shape[-2])
+        found = (np.full((len(q), rows, self.scene.nq), np.nan), np.full((len(q), rows, self.scene.nv), np.nan))
+        good = np.isfinite(q).all(-1) & np.isfinite(qd).all(-1) & np.isfinite(tau).all((-1, -2))
+        for turn, _ in self.coordinates.turns:
+            good &= q[:, turn].any(-1)
+        left = np.flatnonzero(good)
+        for state in np.setdiff1d(np.arange(len(q)), left):
+            try:
+                self._rows(q[state], qd[state], tau[state])
+            except PhipsiError as reason:
+                reasons[int(state)] = reason
+        while len(left):
+            try:
+                found[0][left], found[1][left] = self._rows(q[left], qd[left], tau[left])
+                break
+            except PhipsiError as reason:
+                at = getattr(reason, "state", None)
+                if not isinstance(at, int):
+                    raise
+                reasons[int(left[at])] = self._alone(q[left[at]], qd[left[at]], tau[left[at]], reason)
+                left = np.delete(left, at)
+        if reasons:
+            self._warn(reasons, batch)
+        return found[0].reshape(*batch, rows, -1), found[1].reshape(*batch, rows, -1)
+
+    def gradients(self, q: Array, tau: Array, rows: Array, rates: Array, by_rows: Array, by_rates: Array) -> tuple[Array, Array, Array]:
+        """By q, qd and tau, given those by the rows and their rates; NaN where the rows are NaN."""
+        if self.errors == "raise":
+            return self._gradients(q, tau, rows, rates, by_rows, by_rates)
+        batch = np.broadcast_shapes(q.shape[:-1], *(array.shape[:-2] for array in (tau, rows, rates, by_rows, by_rates)))
+        given = [np.broadcast_to(q, (*batch, q.shape[-1]))]
+        given += [np.broadcast_to(array, (*batch, *array.shape[-2:])) for array in (tau, rows, rates, by_rows, by_rates)]
+        bad = np.isnan(given[2]).any((-1, -2))
+        found = tuple(np.full(shape, np.nan) for shape in (given[0].shape, (*batch, self.scene.nv), given[1].shape))
+        for whole, part in zip(found, self._gradients(*(array[~bad] for array in given)), strict=True):
+            whole[~bad] = part
+        return found  # type: ignore[return-value]
+
+    def _rows(self, q: Array, qd: Array, tau: Array) -> tuple[Array, Array]:
         path = self.scene.simulate(self.coordinates.normalised(q), qd, tau_steps=tau, **self._steps(tau))
         return path.q, path.qd
 
-    def gradients(self, q: Array, tau: Array, rows: Array, rates: Array, by_rows: Array, by_rates: Array) -> tuple[Array, Array, Array]:
-        """By q, qd and tau, where those by the rows and their rates are given."""
+    def _gradients(self, q: Array, tau: Array, rows: Array, rates: Array, by_rows: Array, by_rates: Array) -> tuple[Array, Array, Array]:
         rows = self.coordinates.normalised(rows)
         by_tangents = np.einsum("...i,...ij->...j", by_rows, self.coordinates.changes(rows))
         found = self.scene.simulate_vjp(rows, rates, by_tangents, by_rates, tau_steps=tau, **self._steps(tau))
         return np.einsum("...i,...ij->...j", found.q, self.coordinates.tangents(q)), found.qd, found.tau
 
+    def _alone(self, q: Array, qd: Array, tau: Array, reason: PhipsiError) -> PhipsiError:
+        """The error of one state alone, whose message names no place among the states that were left."""
+        try:
+            self._rows(q, qd, tau)
+        except PhipsiError as alone:
+            return alone
+        return reason
+
+    @staticmethod
+    def _warn(reasons: dict[int, PhipsiError], batch: tuple[int, ...]) -> None:
+        """One warning for all bad states of a batch."""
+        states = sorted(reasons)
+        where = [tuple(int(at) for at in np.unravel_index(state, batch)) if batch else () for state in states]
+        several = "is" if len(states) == 1 else "are"
+        first = f"{reasons[states[0]]} (index {where[0]} of the batch {batch})" if batch else str(reasons[states[0]])
+        text = f"{len(states)} of {int(np.prod(batch))} states could not be computed and {several} NaN: {first} (the warning's .states and .reasons have all)"
+        warning = BadStateWarning(text)
+        warning.states = tuple(at[0] if len(at) == 1 else at for at in where)
+        warning.reasons = tuple(reasons[state] for state in states)
+        warnings.warn(warning, stacklevel=2)
+
     def _steps(self, tau: Array) -> dict[str, Any]:
-        return {**self.given, "steps": tau.shape[-2], "record_every": self.record_every}
+        return {**self.options, "steps": tau.shape[-2], "record_every": self.record_every}
 
     def rows(self, steps: int) -> int:
         """How many rows so many steps give."""
@@ -104,3 +203,24 @@ class Rollout:
 def on_host(function: Host, arrays: tuple[ArrayLike, ...]) -> Any:
     """Calls a function with float64 arrays."""
     return function(*(np.asarray(array, dtype=np.float64) for array in arrays))
+
+
+def batch_of(names: Sequence[str], shapes: Sequence[tuple[int, ...]], own: Sequence[tuple[int | None, ...]]) -> tuple[int, ...]:
+    """The leading axes that the arguments broadcast to; ShapeError as the scene's methods raise it. own: the trailing axes of each, None for any length."""
+    batch: tuple[int, ...] = ()
+    for name, shape, trailing in zip(names, shapes, own, strict=True):
+        fits = len(shape) >= len(trailing) and all(want in (None, has) for has, want in zip(shape[len(shape) - len(trailing) :], trailing, strict=True))
+        if not fits:
+            expected = ", ".join("steps" if width is None else str(width) for width in trailing)
+            raise of_argument(ShapeError, name, f"found shape {tuple(shape)}; expected (..., {expected})")
+        leading = tuple(shape[: len(shape) - len(trailing)])
+        try:
+            batch = np.broadcast_shapes(batch, leading)
+        except ValueError:
+            raise of_argument(ShapeError, name, f"found leading axes {leading}; expected ones that broadcast with {batch} of {names[0]}") from None
+    return batch
+
+
+def refuse_dtype(name: str, dtype: Any) -> None:
+    """Raises what the scene's methods raise for numbers that are not real."""
+    raise not_numbers(name, f"dtype {str(dtype).removeprefix('torch.')}")

@@ -6,11 +6,15 @@ import ctypes
 import hashlib
 import os
 import platform
+import shlex
 import shutil
+import signal
 import subprocess
 import tempfile
 import warnings
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from functools import cache as cached
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, overload
 
@@ -20,7 +24,7 @@ from numpy.typing import NDArray
 from ._batches import Batches, entry
 from ._cuda import CompiledForCuda, compile_for_cuda
 from ._functions import ARGUMENTS, FUNCTIONS, IN_FORM, Function, Functions, parts, shapes, symbol
-from .errors import ArgumentError, LongCodeWarning, of_argument
+from .errors import ArgumentError, CacheWarning, LongCodeWarning, of_argument
 
 if TYPE_CHECKING:
     from ._core import Scene
@@ -69,10 +73,16 @@ class Compiled(Functions[_Array]):
     def __init__(self, scene: Scene, functions: tuple[Function, ...], library: Path, form: Literal["auto", "covariance"], dtype: str) -> None:
         super().__init__(scene, functions, dtype)
         self.library, self.form = library, form
+        #: The options of the call of compile, for pickling.
+        self._options: dict[str, Any] = {"form": form, "dtype": dtype}
         self._is_rounded = self.dtype != np.float64
         code = ctypes.CDLL(str(library))
         self._code = {parts(function): self._batches(code, function) for function in functions}
         self._keywords = {parts(function): self._fixed(parts(function)) for function in functions}
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickles the scene and the options; unpickling compiles again, or loads from the cache."""
+        return _compiled, (self.scene, self.functions, self._options)
 
     def _fixed(self, function: tuple[str, ...]) -> dict[str, Any]:
         """Arguments of the scene's method that were chosen when it was compiled."""
@@ -196,8 +206,9 @@ def compile(  # noqa: A001  # phipsi.compile
 
     functions: as of to_c, of one link ("placement", link), ("jacobian", link) or ("jacobian", link, frame); None: all that are of no one link. device: "cpu" or "cuda", which needs CuPy (phipsi[cuda]) and a GPU. form: "auto" hands states that may have lost digits to the scene, "covariance"
     does not look, and takes less time (docs/compiled-times.md): derivatives and products of forward dynamics are watched by an inverse mass matrix more; None: "auto", and "covariance" of float32 and on a GPU, where "auto" is not to be had. dtype: "float64" or "float32", the numbers of the code and of results; on the CPU, arguments of
-    float64 are rounded to it. compiler: its command; None: that of the environment variable CC, or cc. flags: for this processor and of how fast the code is to be; None: -O3 for this
-    processor. cache: a directory that keeps libraries by scene, compiler and flags, so that the next call takes no time; None: phipsi/compiled where the user's caches are. These three are of device="cpu".
+    float64 are rounded to it. compiler: its command, with arguments where it needs some ("ccache gcc"); None: that of the environment variable CC, or cc. flags: for this processor and of how fast the code is to be; None: -O3 for this
+    processor. cache: a directory that keeps libraries by scene, compiler and flags, so that the next call takes no time; None: phipsi/compiled where the user's caches are. A library in it that cannot be loaded is built
+    again; a directory that cannot be written is replaced by a temporary one, with a CacheWarning. These three are of device="cpu".
 
     Warns (LongCodeWarning) before the compiler begins on code that it takes long for, as for the derivatives of a humanoid. Raises ArgumentError where there is no compiler, or it fails, where there is no GPU, and as to_c; ImportError without CuPy.
     """
@@ -214,22 +225,66 @@ def compile(  # noqa: A001  # phipsi.compile
             if value is not None:
                 raise of_argument(ArgumentError, argument, f"found {value!r} with device='cuda', whose compiler is NVRTC; expected None")
         return compile_for_cuda(scene, known, dtype)
-    command = compiler or os.environ.get("CC") or "cc"
-    found = shutil.which(command)
-    if found is None:
-        raise of_argument(ArgumentError, "compiler", f"found no {command}; expected a C compiler (GCC or Clang): install one, or name it")
+    found = _command(compiler or os.environ.get("CC") or "cc")
     kept: Literal["auto", "covariance"] = form or ("auto" if dtype == "float64" else "covariance")
     files = scene.to_c(name="robot", functions=_written(known) if kept == "auto" else known, dtype=dtype, batches=True)
     own = ("-mcpu=native",) if platform.machine() in ("aarch64", "arm64") else ("-march=native",)
     told = [*ALWAYS, *(("-O3", *own) if flags is None else flags)]
-    into = (_caches() if cache is None else Path(cache)) / _key(files, found, told)
+    key = _key(files, found, told)
+    into = _writable((_caches() if cache is None else Path(cache)) / key)
     library = into / "robot.so"
-    if not library.exists():
+    made = None
+    if _is_whole(library):
+        with suppress(OSError):
+            made = Compiled(scene, known, library, kept, dtype)
+    if made is None:
         if (operations := files["robot.c"].count("\n    const lanes ")) > LONG:
             message = f"functions: found {operations} operations in all, which a compiler takes about {operations * SECONDS_EACH:.0f} s for; expected fewer functions, or some patience"
             warnings.warn(message, LongCodeWarning, stacklevel=2)
-        _build(files, [found, *told], library)
-    return Compiled(scene, known, library, kept, dtype)
+        _build(files, [*found, *told], library)
+        made = Compiled(scene, known, library, kept, dtype)
+    made._options |= {"compiler": compiler, "flags": None if flags is None else list(flags), "cache": cache}
+    return made
+
+
+def _compiled(scene: Scene, functions: tuple[Function, ...], options: dict[str, Any]) -> Compiled:
+    """What pickle calls."""
+    made: Compiled = compile(scene, functions, **options)
+    return made
+
+
+def _command(command: str) -> list[str]:
+    """A compiler's command as a list: a path, spaces and all, or a program with its arguments."""
+    try:
+        parts = [command] if shutil.which(command) else shlex.split(command)
+    except ValueError as error:
+        raise of_argument(ArgumentError, "compiler", f"found {command!r}, which is no command ({error}); expected a C compiler (GCC or Clang)") from None
+    found = shutil.which(parts[0]) if parts else None
+    if found is None:
+        raise of_argument(ArgumentError, "compiler", f"found no {command}; expected a C compiler (GCC or Clang): install one, or name it")
+    return [found, *parts[1:]]
+
+
+def _writable(directory: Path) -> Path:
+    """The directory, made if it was not there; or one of the same name in a temporary cache, until this process ends."""
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        if not _is_whole(directory / "robot.so"):
+            tempfile.TemporaryFile(dir=directory).close()
+        return directory
+    except OSError as error:
+        why = f"found {str(directory.parent)!r}, which cannot be written ({error.strerror})"
+        message = f"cache: {why}; the library is built in a temporary directory of this process; expected a directory of your own"
+        warnings.warn(message, CacheWarning, stacklevel=3)
+        into = Path(_temporary().name) / directory.name
+        into.mkdir(exist_ok=True)
+        return into
+
+
+@cached
+def _temporary() -> tempfile.TemporaryDirectory[str]:
+    """A cache that is removed when this process ends."""
+    return tempfile.TemporaryDirectory(prefix="phipsi-")
 
 
 def _written(functions: tuple[Function, ...]) -> tuple[Any, ...]:
@@ -244,10 +299,10 @@ def _caches() -> Path:
     return (Path(there) if there else Path.home() / ".cache") / "phipsi" / "compiled"
 
 
-def _key(files: dict[str, str], compiler: str, flags: list[str]) -> str:
+def _key(files: dict[str, str], compiler: list[str], flags: list[str]) -> str:
     """What the machine code depends on, as a name."""
-    version = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=False).stdout
-    parts = [files["robot.c"], files["robot.h"], compiler, version, *flags, platform.machine(), _processor()]
+    version = _run([*compiler, "--version"]).stdout
+    parts = [files["robot.c"], files["robot.h"], *compiler, version, *flags, platform.machine(), _processor()]
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:32]
 
 
@@ -262,12 +317,51 @@ def _processor() -> str:
 
 def _build(files: dict[str, str], command: list[str], library: Path) -> None:
     """Compiles in a directory of its own; whoever is first leaves the library for all."""
-    library.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=library.parent) as directory:
         for name in ("robot.c", "robot.h"):
             (Path(directory) / name).write_text(files[name], encoding="utf-8")
-        done = subprocess.run([*command, "robot.c", "-lm", "-o", "robot.so"], cwd=directory, capture_output=True, text=True, check=False)
-        if done.returncode != 0:
-            said = done.stderr.strip()[-500:]
+        done = _run([*command, "robot.c", "-lm", "-o", "robot.so"], directory)
+        made = Path(directory) / "robot.so"
+        if done.returncode != 0 or not made.is_file():
+            said = done.stderr.strip()[-500:] or f"exit code {done.returncode}, and no library"
             raise of_argument(ArgumentError, "compiler", f"found that {command[0]} failed: {said}; expected GCC or Clang with flags that it knows")
-        os.replace(Path(directory) / "robot.so", library)
+        digest = Path(directory) / "digest"
+        digest.write_text(_digest(made), encoding="utf-8")
+        os.replace(made, library)
+        os.replace(digest, library.with_suffix(".sha256"))
+
+
+def _digest(library: Path) -> str:
+    """What tells a library from any other."""
+    return hashlib.sha256(library.read_bytes()).hexdigest()
+
+
+def _is_whole(library: Path) -> bool:
+    """Whether a library is there as it was built. One that was cut off, on a full disk for instance, would end the process that loads it."""
+    try:
+        return _digest(library) == library.with_suffix(".sha256").read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return False
+
+
+def _run(command: list[str], directory: str | None = None) -> subprocess.CompletedProcess[str]:
+    """Runs a compiler, with its temporary files in the directory. Where this is interrupted all of its processes are ended."""
+    environment = None if directory is None else {**os.environ, "TMPDIR": directory}
+    pipe: Any = subprocess.PIPE
+    try:
+        # In a group of its own: the command is a driver, which starts others.
+        process = subprocess.Popen(command, cwd=directory, stdout=pipe, stderr=pipe, text=True, errors="replace", env=environment, start_new_session=True)
+    except OSError as error:
+        raise of_argument(ArgumentError, "compiler", f"found that {command[0]} cannot be run ({error.strerror}); expected GCC or Clang") from None
+    with process:
+        try:
+            out, err = process.communicate()
+        except BaseException:
+            with suppress(ProcessLookupError):
+                if hasattr(os, "killpg"):
+                    os.killpg(process.pid, signal.SIGKILL)
+                else:
+                    process.kill()
+            process.wait()
+            raise
+    return subprocess.CompletedProcess(command, process.returncode, out, err)

@@ -68,10 +68,11 @@ class Coordinates:
         self._plain = tuple(np.array(plain, dtype=np.intp).reshape(-1, 2).T)
 
     def normalised(self, q: Array) -> Array:
-        """The same configurations, quaternions of norm one: (..., nq)."""
+        """The same configurations, quaternions of norm one: (..., nq). A quaternion without a norm stays as it is, for the scene to report."""
         q = np.array(q, dtype=np.float64)
         for turn, _ in self.turns:
-            q[..., turn] /= np.linalg.norm(q[..., turn], axis=-1, keepdims=True)
+            norm = np.linalg.norm(q[..., turn], axis=-1, keepdims=True)
+            q[..., turn] /= np.where((norm > 0) & (norm < np.inf), norm, 1.0)
         return q
 
     def tangents(self, q: Array) -> Array:
@@ -81,7 +82,9 @@ class Coordinates:
         t[..., in_v, in_q] = 1.0
         for turn, angular in self.turns:
             v, s = q[..., turn][..., :3], q[..., turn][..., 3, None, None]
-            scale = 2.0 / np.sum(q[..., turn] ** 2, axis=-1)[..., None, None]
+            # A zero quaternion has no tangent: infinite here, and its results are NaN or were refused before.
+            with np.errstate(divide="ignore", over="ignore"):
+                scale = 2.0 / np.sum(q[..., turn] ** 2, axis=-1)[..., None, None]
             t[..., angular, turn] = scale * np.concatenate([s * np.eye(3) - skew(v), -v[..., None]], axis=-1)
         for place, turn, linear, _ in self.moves:
             t[..., linear, place] = np.swapaxes(rotation(q[..., turn]), -1, -2)

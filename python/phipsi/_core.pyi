@@ -1525,12 +1525,14 @@ class Scene:
         of them, relatively. keep: names of body_names whose inertias stay. friction_speed: rad/s or m/s, where friction becomes viscous.
 
         What is not fitted is the model's: its armature, damping, friction and springs are part of the torques. Maximum a posteriori with a Wishart prior on
-        each body's second moments of mass; convex. Memory for 10 k nv bodies numbers, and some tens of Newton steps of O((10 bodies)^3).
+        each body's second moments of mass; convex. States are read in blocks: memory does not grow with k. 10 to 60 steps of O((10 bodies)^3).
 
         Returns a phipsi.Identification: the new scene, parameters with standard deviations, noise, residuals before and after, and how many
         combinations of parameters the motion tells.
 
-        Raises ArgumentError for too few measurements, unknown names, and bodies of the model whose inertia no body can have, by name; ShapeError and NotFiniteError for arrays.
+        Bodies of the model whose inertia no body can have start from the nearest that one can have, with an InertiaWarning.
+
+        Raises ArgumentError for too few measurements, unknown names, noise below the rounding of the torques, and bodies of the model without mass, by name; ShapeError and NotFiniteError for arrays.
         """
     def plan(self) -> Plan:
         """What this scene does not need and was left out when it was built, why, and what that saved."""
@@ -1695,7 +1697,7 @@ class Scene:
         forces: (at, force), (k, n, 3) each, arrows at points in the base frame, m, and N; None: those of the contacts or connections of a Trajectory, where
         they are known. They are drawn to scale, with one on the ground that says how many newtons it is.
         urdf: the file whose meshes are drawn; None: the one that the scene was read from. Links without a shape there are drawn as capsules of their
-        inertia. to: a file that gets the page, which holds all it needs and opens without phipsi or a network; nothing is served then. port: of
+        inertia. to: a file (.html or .htm) that gets the page, which holds all it needs and opens without phipsi or a network; nothing is served then. port: of
         127.0.0.1; 0: any that is free. title: of the panel. browser: whether to open one.
 
         Returns a phipsi.view.Viewer: update(q) moves the robot, wait() keeps a script going, close() ends it; with `to` the path of the page.

@@ -41,6 +41,10 @@ class CompiledForCuda(Functions[Any]):
         module = cupy.RawModule(code=source, options=OPTIONS)
         self._kernels = {parts(function): module.get_function(f"robot_{symbol(function)}") for function in functions}
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickles the scene and the options; unpickling compiles again."""
+        return compile_for_cuda, (self.scene, self.functions, self.dtype.name)
+
     def _run(self, function: tuple[str, ...], given: tuple[Any, ...], out: Any = None, errors: _Errors = "raise", more: dict[str, Any] | None = None) -> Any:
         kernel, cupy = self._kernels.get(function), self._numpy
         if kernel is None:

@@ -6,12 +6,14 @@ friction of the joints. With the regressor Y, measured torques tau and their sta
     1/2 sum ((tau - Y x) / s)^2 + trust/2 sum over bodies (tr(J0^-1 J) - log det J)
 
 is least. J, 4x4 and linear in x, holds the second moments of a body's mass; a body can have x where J is positive definite, and the logarithm keeps it so. The
-second sum is the prior, of Wishart's kind: its mode J0 is the body of the model. The function is convex: Newton's steps find its least value, with the
-prior's weight lowered from where it balances the data. Everything is computed in multiples z of the prior, J = L Z L^T with J0 = L L^T, where the prior's mode is Z = 1.
+second sum is the prior, of Wishart's kind: its mode J0 is the body of the model. The function is convex; _most_probable finds its least value. Everything is computed in
+multiples z of the prior, J = L Z L^T with J0 = L L^T, where the prior's mode is Z = 1. The rows of Y are read in blocks of states and kept as a triangle for each degree
+of freedom, so that memory does not grow with the number of states.
 """
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Collection
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -20,7 +22,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _core
 from ._arguments import check_tree
-from .errors import ArgumentError, OutOfMemoryError, PhipsiError, ShapeError, of_argument
+from ._most_probable import BASIS, COLUMNS, ROWS, most_probable
+from .errors import ArgumentError, InertiaWarning, OutOfMemoryError, ShapeError, of_argument
 
 if TYPE_CHECKING:
     from ._core import Scene
@@ -31,20 +34,18 @@ _Array = NDArray[np.float64]
 
 #: What of the joints may be found too.
 JOINTS = ("armature", "damping", "friction")
-#: States whose regressors are computed at once.
+#: The least number of states whose regressors are computed at once.
 CHUNK = 256
-#: By how much the prior's weight falls from round to round, and the most of Newton's steps within one.
-FALL, STEPS = 8.0, 200
-#: Newton's decrement, over the prior's weight, that ends a round, and the last one.
-LOOSE, TIGHT = 1e-2, 1e-16
 #: Combinations of parameters that the motion tells by less than this share of the best known one count as unknown.
 UNKNOWN = 1e-8
 #: Where the model has no armature, damping or friction, the prior's mode is this share of what would explain the torques alone.
 SHARE = 1e-3
-#: The entries of a symmetric 4x4 matrix on and above its diagonal; the symmetric matrices of one of them, and those as unit vectors.
-ROWS, COLUMNS = np.triu_indices(4)
-BASIS = np.array([[[float({a, b} == {i, j}) for b in range(4)] for a in range(4)] for i, j in zip(ROWS, COLUMNS, strict=True)])
-ORTHONORMAL = BASIS / np.linalg.norm(BASIS, axis=(1, 2), keepdims=True)
+#: The least noise, relative to the torques: a multiple of the rounding of the regressor, which would count as knowledge with less.
+ROUNDING = 2.0**-36
+#: The largest torque, whose square is a number.
+LARGEST = 1e100
+#: Of a body that cannot be, principal second moments below this share of the largest one are raised to it; and the least radius of gyration, of the robot's size.
+SLENDER, SMALL = 1e-3, 1e-2
 
 
 class Identification(NamedTuple):
@@ -59,7 +60,7 @@ class Identification(NamedTuple):
     joints: dict[str, dict[str, float]]
     """What was fitted of "armature", "damping" and "friction": from it to numbers by joint name."""
     noise: _Array
-    """Standard deviation of the torques, (nv,), N m or N: as given, or as residuals have it."""
+    """Standard deviation of the torques, (nv,), N m or N: as given, or as residuals have it, at least 1.5e-11 of the torques; NaN where none was measured."""
     before: _Array
     """Root mean square of measured torques less the model's, (nv,), N m or N; NaN where none was measured."""
     after: _Array
@@ -89,23 +90,22 @@ def identify(
     try:
         return _identified(scene, _Data(scene, q, qd, qdd, tau, fit, keep, friction_speed), noise, trust)
     except MemoryError:
-        size = 8 * len(np.asarray(q)) * scene.nv * 10 * len(scene.body_names)
-        error = of_argument(OutOfMemoryError, "q", f"no room for {size} bytes, several times; expected fewer states")
+        size = 10 * len(scene.body_names) + 1
+        size = 8 * scene.nv * (size * (size + CHUNK) + 10 * len(np.asarray(q)))
+        error = of_argument(OutOfMemoryError, "q", f"no room for {size} bytes; expected fewer states, or fewer bodies (Scene.lock)")
         error.bytes = size
         raise error from None
 
 
 def _identified(scene: Scene, data: _Data, noise: ArrayLike | None, trust: float) -> Identification:
-    weights = data.deviation() if noise is None else _noise(noise, scene.nv)
-    rows = data.scaled / weights[data.dof][:, None]
-    orthogonal, triangle = np.linalg.qr(rows)
-    target = orthogonal.T @ (data.torques / weights[data.dof])
-    z, spread = _most_probable(triangle, target, data.bodies, trust)
+    weights = data.deviation() if noise is None else data.checked_noise(noise)
+    triangle, target = data.weighted(weights)
+    z, root = most_probable(triangle, target, data.bodies, trust)
     parameters, deviations = data.own.copy(), np.zeros_like(data.own)
     for at, body in enumerate(data.free):
         part = slice(10 * at, 10 * at + 10)
         parameters[body] = data.to_parameters[at] @ z[part]
-        deviations[body] = np.sqrt(np.diag(data.to_parameters[at] @ spread[part, part] @ data.to_parameters[at].T))
+        deviations[body] = np.linalg.norm(data.to_parameters[at] @ root[part], axis=1)
     joints: dict[str, dict[str, float]] = {name: {} for name in data.fit}
     for (name, joint, mode), value in zip(data.extras, z[10 * data.bodies :], strict=True):
         joints[name][joint] = float(mode * value)
@@ -116,26 +116,17 @@ def _identified(scene: Scene, data: _Data, noise: ArrayLike | None, trust: float
         deviations,
         joints,
         weights,
-        data.residual(data.mode),
+        data.residual(data.model),
         data.residual(z),
         int(np.sum(singular > UNKNOWN * singular[0])) if singular.size else 0,
     )
-
-
-def _noise(noise: ArrayLike, nv: int) -> _Array:
-    found = np.asarray(noise, float)
-    if found.shape not in ((), (nv,)):
-        raise of_argument(ShapeError, "noise", f"found shape {found.shape}; expected () or ({nv},)")
-    if not (np.all(np.isfinite(found)) and np.all(found > 0.0)):
-        raise of_argument(ArgumentError, "noise", f"found {found.min()}; expected finite standard deviations above zero")
-    return np.array(np.broadcast_to(found, (nv,)))
 
 
 # The data
 
 
 class _Data:
-    """Measured torques, less what is not fitted, and how they change with multiples of the prior."""
+    """Measured torques, less what is not fitted, and how they change with multiples of the prior: as one triangle for each degree of freedom."""
 
     def __init__(
         self, scene: Scene, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, tau: ArrayLike, fit: Collection[str], keep: Collection[str], slow: float
@@ -147,39 +138,39 @@ class _Data:
             if name not in scene.body_names:
                 raise of_argument(ArgumentError, "keep", f"found {name!r}; expected names of scene.body_names")
         q, qd, qdd = (np.array(_core._numbers(*one)) for one in (("q", q, scene, True), ("qd", qd, scene), ("qdd", qdd, scene)))
-        tau = np.array(tau, float)
+        tau = np.array(_core._numbers("tau", tau, scene))
         count = len(q) if q.ndim == 2 else 0
         for name, array, size in (("q", q, scene.nq), ("qd", qd, scene.nv), ("qdd", qdd, scene.nv), ("tau", tau, scene.nv)):
             if array.shape != (count, size) or count == 0:
                 raise of_argument(ShapeError, name, f"found shape {array.shape}; expected (k, {size}), as many states as q has")
         if np.any(np.isinf(tau)):
             raise of_argument(ArgumentError, "tau", "found an infinity; expected numbers, NaN where a torque was not measured")
-        self.fit, self.own = tuple(fit), own_parameters(scene)
+        # Reports what is not finite, by the index of the state.
+        scene.inverse_dynamics(q, qd, qdd)
+        seen = np.isfinite(tau)
+        if (largest := float(np.max(np.abs(tau), where=seen, initial=0.0))) > LARGEST:
+            raise of_argument(ArgumentError, "tau", f"found {largest:g}; expected torques below {LARGEST:g}, in N m or N")
+        if not seen.any():
+            raise of_argument(ArgumentError, "tau", "found no measured torque: all are NaN; expected some numbers")
+        self.fit, self.own, self.nv = tuple(fit), own_parameters(scene), scene.nv
         names = scene.body_names
         self.free = [at for at, name in enumerate(names) if name not in keep]
         self.bodies = len(self.free)
-        self.to_parameters = [_from_multiples(names[at], self.own[at]) for at in self.free]
-        rows = _regressor(scene, q, qd, qdd)
+        self.to_parameters, self.model = self._prior(scene)
         sliding = qd / np.sqrt(qd**2 + slow**2)
-        columns: dict[str, Any] = {"armature": qdd, "damping": qd, "friction": sliding}
+        columns: dict[str, _Array] = {"armature": qdd, "damping": qd, "friction": sliding}
         values: dict[str, Any] = {"armature": scene.armature, "damping": scene.damping, "friction": scene.friction}
         # Inverse dynamics has armature and the bodies; the rest is what the joints do by themselves.
         known = _springs(scene, q)
         for name in JOINTS:
             if name not in fit:
                 known = known + values[name] * columns[name]
-        kept = [at for at in range(len(names)) if at not in self.free]
-        known = known + np.einsum("kibp,bp->ki", rows[:, :, kept], self.own[kept])
-        each = [np.einsum("kip,pr->kir", rows[:, :, body], self.to_parameters[at]) for at, body in enumerate(self.free)]
         self.extras: list[tuple[str, str, float]] = []
-        mode = [np.tile(np.eye(4)[ROWS, COLUMNS], self.bodies)]
-        seen = np.isfinite(tau)
+        of_extras: list[tuple[slice, _Array]] = []
         for name in fit:
             for joint in scene.joint_names:
                 of = scene.v_index(joint)
-                column = np.zeros((count, scene.nv))
-                column[:, of] = columns[name][:, of]
-                moved = float(np.sqrt(np.mean(column[seen] ** 2))) if seen.any() else 0.0
+                moved = float(np.sqrt(np.sum(columns[name][:, of][seen[:, of]] ** 2) / np.sum(seen)))
                 # A floating base has none of them, and a joint that stands still does not tell.
                 if scene.joints[joint].type == "floating" or moved == 0.0:
                     continue
@@ -188,51 +179,110 @@ class _Data:
                 if prior == 0.0:
                     continue
                 self.extras.append((name, joint, prior))
-                each.append((prior * column)[:, :, None])
-                mode.append(np.array([model / prior]))
-        self.mode = np.concatenate(mode)
-        scaled = np.concatenate(each, axis=2) if each else np.zeros((count, scene.nv, 0))
-        self.nv = scene.nv
-        self.dof = np.nonzero(seen)[1]
-        self.scaled = scaled[seen]
-        self.torques = (tau - known)[seen]
-        if not self.scaled.shape[1]:
+                of_extras.append((of, prior * columns[name][:, of]))
+                self.model = np.append(self.model, model / prior)
+        width = len(self.model)
+        if not width:
             raise of_argument(ArgumentError, "keep", "found all bodies, and nothing of the joints to fit; expected something to find")
+        #: Torques that were measured, for each degree of freedom.
+        self.counts = np.sum(seen, axis=0)
+        #: The triangle of [rows, torques] for each degree of freedom, (r, width + 1), r at most the number of columns that are not zero.
+        self.triangles = [np.zeros((0, width + 1)) for _ in range(self.nv)]
+        for begin in range(0, count, chunk := max(CHUNK, 2 * width)):
+            part = slice(begin, begin + chunk)
+            rows = _regressor(scene, q[part], qd[part], qdd[part])
+            block = np.zeros((self.nv, len(rows), width + 1))
+            kept = [at for at in range(len(names)) if at not in self.free]
+            block[:, :, -1] = (tau[part] - known[part] - np.einsum("kibp,bp->ki", rows[:, :, kept], self.own[kept])).T
+            for at, body in enumerate(self.free):
+                block[:, :, 10 * at : 10 * at + 10] = np.einsum("kip,pr->ikr", rows[:, :, body], self.to_parameters[at])
+            for at, (of, column) in enumerate(of_extras, 10 * self.bodies):
+                block[of, :, at] = column[part].T
+            block[~seen[part].T] = 0.0
+            self.triangles = [_triangle(np.concatenate(both)) for both in zip(self.triangles, block, strict=True)]
 
-    def residual(self, z: _Array) -> _Array:
-        """Root mean square by degree of freedom of what multiples of the prior leave."""
-        squares = (self.torques - self.scaled @ z) ** 2
-        counts = np.bincount(self.dof, minlength=self.nv)
-        with np.errstate(invalid="ignore"):
-            return np.sqrt(np.bincount(self.dof, squares, minlength=self.nv) / counts)
+    def _prior(self, scene: Scene) -> tuple[list[_Array], _Array]:
+        """For each body that is fitted the matrix from the entries of Z to parameters, (10, 10); and the z of the model."""
+        matrices, model, mended = [], [], []
+        size = _size(scene)
+        for at in self.free:
+            body, moments = scene.body_names[at], to_moments(self.own[at])
+            try:
+                root = np.linalg.cholesky(moments)
+            except np.linalg.LinAlgError:
+                root = np.linalg.cholesky(_nearest(body, moments, size))
+                mended.append(body)
+            matrices.append(np.array([to_parameters(root @ unit @ root.T) for unit in BASIS]).T)
+            model.append(np.linalg.solve(matrices[-1], self.own[at]))
+        if mended:
+            found = f"found inertias of {', '.join(map(repr, mended))} that no body can have"
+            text = f"scene: {found}; identification starts from the nearest possible ones (keep=[...] leaves a body as it is)"
+            warnings.warn(text, InertiaWarning, stacklevel=5)
+        return matrices, np.concatenate([*model, np.zeros(0)])
+
+    def weighted(self, weights: _Array) -> tuple[_Array, _Array]:
+        """The triangle of all rows over their standard deviations, and the torques in its rows."""
+        triangle = _triangle(np.concatenate([rows / weight for rows, weight, count in zip(self.triangles, weights, self.counts, strict=True) if count]))
+        return triangle[:, :-1], triangle[:, -1]
+
+    def residual(self, z: NDArray[Any]) -> _Array:
+        """Root mean square by degree of freedom of what multiples of the prior leave, (nv,); NaN where no torque was measured."""
+        return self._mean([np.linalg.norm(rows @ np.append(z, -1.0)) for rows in self.triangles])
+
+    def _mean(self, norms: list[Any]) -> _Array:
+        return np.asarray(np.where(self.counts > 0, np.array(norms) / np.sqrt(np.maximum(self.counts, 1)), np.nan))
+
+    def least(self) -> _Array:
+        """The least noise, (nv,): rounding of the torques, and of what makes them up."""
+        found = ROUNDING * self._mean([np.linalg.norm(rows * np.append(self.model, 1.0)) for rows in self.triangles])
+        # A torque that nothing changes is as uncertain as the largest.
+        return np.where(found == 0.0, max(float(np.nanmax(found)), float(np.finfo(float).tiny)), found)
+
+    def checked_noise(self, noise: ArrayLike) -> _Array:
+        """Given standard deviations, (nv,)."""
+        found = np.asarray(_core._numbers("noise", noise))
+        if found.shape not in ((), (self.nv,)):
+            raise of_argument(ShapeError, "noise", f"found shape {found.shape}; expected () or ({self.nv},)")
+        if not (np.all(np.isfinite(found)) and np.all(found > 0.0)):
+            raise of_argument(ArgumentError, "noise", f"found {found.min()}; expected finite standard deviations above zero")
+        found = np.array(np.broadcast_to(found, (self.nv,)))
+        least = self.least()
+        if np.any(below := found < least):
+            at = int(np.argmax(below))
+            message = f"found {found[at]:g} at index {at}; expected at least {least[at]:.1e}, below which rounding of the torques counts as knowledge"
+            raise of_argument(ArgumentError, "noise", message)
+        return found
 
     def deviation(self) -> _Array:
-        """Standard deviation of the torques by degree of freedom, (nv,): what no parameters explain, bodies or not."""
-        weights = np.ones(self.nv)
-        counts = np.bincount(self.dof, minlength=self.nv)
-        # Rounding, where the model explains all.
-        least = np.finfo(float).eps * max(float(np.max(np.abs(self.torques), initial=0.0)), np.finfo(float).tiny)
+        """Standard deviation of the torques by degree of freedom, (nv,): what no parameters explain, bodies or not; NaN where none was measured."""
+        least, measured = self.least(), int(np.sum(self.counts))
+        if np.nanmax(least) <= np.finfo(float).tiny:
+            message = "found states at which no torque depends on any parameter, and torques of zero; expected states that move, or noise, the standard deviation of the torques"
+            raise of_argument(ArgumentError, "q", message)
+        weights = np.where(self.counts > 0, 1.0, np.nan)
         for _ in range(2):
-            rows = self.scaled / weights[self.dof][:, None]
-            z, _, rank, _ = np.linalg.lstsq(rows, self.torques / weights[self.dof], rcond=UNKNOWN)
-            if len(self.torques) < 2 * rank:
-                found = f"{len(self.torques)} measured torques for {rank} combinations of parameters"
+            triangle, target = self.weighted(weights)
+            z, _, rank, _ = np.linalg.lstsq(triangle, target, rcond=UNKNOWN)
+            if measured < 2 * rank:
+                found = f"{measured} measured torques for {rank} combinations of parameters"
                 raise of_argument(ArgumentError, "tau", f"found {found}; expected at least {2 * rank}, or noise, their standard deviation")
-            share = len(self.torques) / (len(self.torques) - rank)
-            squares = np.bincount(self.dof, (self.torques - self.scaled @ z) ** 2, minlength=self.nv)
-            weights = np.maximum(np.sqrt(share * squares / np.maximum(counts, 1)), least)
+            weights = np.maximum(np.sqrt(measured / (measured - rank)) * self.residual(z), least)
         return weights
+
+
+def _triangle(rows: _Array) -> _Array:
+    """R of QR, of the columns that are not zero: a joint moves the bodies after it alone."""
+    used = rows.any(axis=0)
+    found = np.zeros((min(len(rows), int(used.sum())), rows.shape[1]))
+    found[:, used] = np.linalg.qr(rows[:, used], mode="r")
+    return found
 
 
 def _regressor(scene: Scene, q: _Array, qd: _Array, qdd: _Array) -> _Array:
     """How torques change with the parameters of each body, (k, nv, bodies, 10)."""
-    rows = np.empty((len(q), scene.nv, len(scene.body_names), 10))
-    for begin in range(0, len(q), CHUNK):
-        part = slice(begin, begin + CHUNK)
-        found = scene.inverse_dynamics_vjp(q[part, None], qd[part, None], qdd[part, None], np.eye(scene.nv), parameters=True).parameters
-        assert found is not None
-        rows[part] = found
-    return rows
+    found = scene.inverse_dynamics_vjp(q[:, None], qd[:, None], qdd[:, None], np.eye(scene.nv), parameters=True).parameters
+    assert found is not None
+    return found
 
 
 def _springs(scene: Scene, q: _Array) -> _Array:
@@ -289,14 +339,24 @@ def to_moments(parameters: _Array) -> _Array:
     return found
 
 
-def _from_multiples(body: str, own: _Array) -> _Array:
-    """The matrix from the entries of Z to parameters, (10, 10)."""
-    try:
-        root = np.linalg.cholesky(to_moments(own))
-    except np.linalg.LinAlgError:
-        found = f"inertias of the body {body!r} that no body can have, or none"
-        raise of_argument(ArgumentError, "scene", f"found {found}; expected a model of it to begin from (Scene.with_inertias), or its name in keep") from None
-    return np.array([to_parameters(root @ unit @ root.T) for unit in BASIS]).T
+def _nearest(body: str, moments: _Array, size: float) -> _Array:
+    """The second moments of mass of a body that can be, near ones that no body can have: its principal ones, about the center of mass, are raised to a share of the largest."""
+    mass = moments[3, 3]
+    if mass <= 0.0:
+        found = f"no mass of the body {body!r}"
+        raise of_argument(ArgumentError, "scene", f"found {found}; expected a model of it to begin from (Scene.with_inertias), or its name in keep")
+    com = moments[:3, 3] / mass
+    values, axes = np.linalg.eigh(moments[:3, :3] - mass * np.outer(com, com))
+    values = np.maximum(values, max(SLENDER * float(values.max()), mass * (SMALL * size) ** 2))
+    nearest = moments.copy()
+    nearest[:3, :3] = (axes * values) @ axes.T + mass * np.outer(com, com)
+    return nearest
+
+
+def _size(scene: Scene) -> float:
+    """The largest extent of the joints' frames at the neutral configuration, m; 1 where all are at one place."""
+    points = [place[:3, 3] for place in scene.placements(scene.neutral()).values()]
+    return float(np.ptp(points, axis=0).max()) or 1.0
 
 
 def _with(scene: Scene, data: _Data, parameters: _Array, joints: dict[str, dict[str, float]]) -> Scene:
@@ -314,106 +374,3 @@ def _with(scene: Scene, data: _Data, parameters: _Array, joints: dict[str, dict[
     changed = scene.with_inertias(links)
     properties: dict[str, Any] = {name: values for name, values in joints.items() if values}
     return changed.with_properties(**properties) if properties else changed
-
-
-# The most probable multiples
-
-
-class _Point:
-    """Multiples of the prior: Z = U U^T of each body and z = u^2 of the rest, which so stay positive; and steps y from them, Z + U Y U^T and z + u^2 y.
-
-    Seen by y the prior's second derivative is the unit matrix, however large or slender a body has become.
-    """
-
-    def __init__(self, roots: _Array, rest: _Array) -> None:
-        self.roots, self.rest = roots, rest
-
-    @property
-    def z(self) -> _Array:
-        """The entries of Z on and above the diagonal, body by body, and the rest."""
-        moments = self.roots @ np.swapaxes(self.roots, 1, 2)
-        return np.concatenate([moments[:, ROWS, COLUMNS].ravel(), self.rest**2])
-
-    def to_z(self) -> _Array:
-        """How z changes with y."""
-        found = np.zeros((10 * len(self.roots) + len(self.rest),) * 2)
-        for at, root in enumerate(self.roots):
-            part = slice(10 * at, 10 * at + 10)
-            found[part, part] = (root @ ORTHONORMAL @ root.T)[:, ROWS, COLUMNS].T
-        rest = np.arange(10 * len(self.roots), len(found))
-        found[rest, rest] = self.rest**2
-        return found
-
-    def pull(self) -> _Array:
-        """Half the prior's first derivative by y, which is zero at its mode: U^T U - 1 and u^2 - 1."""
-        off = np.swapaxes(self.roots, 1, 2) @ self.roots - np.eye(4)
-        return np.concatenate([np.einsum("bjk,ijk->bi", off, ORTHONORMAL).ravel(), self.rest**2 - 1.0])
-
-    def rates(self, y: _Array) -> _Array:
-        """By how much the logarithm's arguments change with a step: the eigenvalues of Y, and the rest."""
-        changes = self.changes(y)
-        return np.concatenate([np.linalg.eigvalsh(changes).ravel(), y[10 * len(self.roots) :]])
-
-    def changes(self, y: _Array) -> _Array:
-        """The matrices Y."""
-        return np.asarray(np.einsum("bi,ijk->bjk", y[: 10 * len(self.roots)].reshape(-1, 10), ORTHONORMAL))
-
-    def moved(self, y: _Array) -> _Point:
-        """The point after a step within the wall."""
-        grown = np.linalg.cholesky(np.eye(4) + self.changes(y))
-        return _Point(self.roots @ grown, self.rest * np.sqrt(1.0 + y[10 * len(self.roots) :]))
-
-
-def _most_probable(triangle: _Array, target: _Array, bodies: int, trust: float) -> tuple[_Array, _Array]:
-    """Where |target - triangle z|^2 / 2 and the prior of that weight are least, and the covariance of z there."""
-    size = triangle.shape[1]
-    point = _Point(np.tile(np.eye(4), (bodies, 1, 1)), np.ones(size - 10 * bodies))
-    weight = max(trust, float(np.linalg.norm(triangle, 2)) ** 2)
-    while True:
-        last, decrement = weight <= trust, np.inf
-        for _ in range(STEPS):
-            scaled, root = triangle @ point.to_z(), np.sqrt(0.5 * weight)
-            left = target - triangle @ point.z
-            # Newton's step, as a least-squares problem: its matrix is not squared.
-            rows = np.concatenate([scaled, root * np.eye(size)])
-            step = np.linalg.lstsq(rows, np.concatenate([left, -root * point.pull()]), rcond=None)[0]
-            before, decrement = decrement, float(np.sum((rows @ step) ** 2)) / weight
-            # The last round ends where rounding does not let it fall.
-            if decrement <= (TIGHT if last else LOOSE) or (last and decrement < 1e-8 and decrement > 0.25 * before):
-                break
-            point = point.moved(_length(scaled, left, point, step, weight) * step)
-        else:
-            raise PhipsiError(f"identify: found no least value in {STEPS} steps (decrement {decrement:g}); expected another trust or noise to give one")
-        if last:
-            return point.z, _covariance(scaled, point, weight)
-        weight = max(trust, weight / FALL)
-
-
-def _covariance(scaled: _Array, point: _Point, weight: float) -> _Array:
-    """The inverse of the second derivative by z."""
-    _, singular, right = np.linalg.svd(scaled)
-    variances = np.full(len(right), 2.0 / weight)
-    variances[: len(singular)] = 1.0 / (singular**2 + 0.5 * weight)
-    root = point.to_z() @ right.T * np.sqrt(variances)
-    return np.asarray(root @ root.T)
-
-
-def _length(scaled: _Array, left: _Array, point: _Point, step: _Array, weight: float) -> float:
-    """The best length of a step: where the slope along it, which rises, is zero."""
-    rates, along = point.rates(step), scaled @ step
-    # tr Z and z change evenly, their logarithms do not.
-    constant = -float(along @ left) + 0.5 * weight * float(point.pull() @ step + np.sum(rates))
-    square = float(along @ along)
-
-    def slope(length: float) -> float:
-        return constant + square * length - 0.5 * weight * float(np.sum(rates / (1.0 + length * rates)))
-
-    # Beyond the wall no body can be; without one the slope turns somewhere.
-    wall = 1.0 / float(-rates.min()) if rates.size and rates.min() < 0.0 else np.inf
-    low, high = 0.0, min(1.0, 0.5 * wall)
-    while slope(high) < 0.0 and high < 1e6:
-        low, high = high, min(2.0 * high, 0.5 * (high + wall))
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if slope(middle) < 0.0 else (low, middle)
-    return low

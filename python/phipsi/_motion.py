@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core
-from .errors import ArgumentError, InertiaWarning, LimitWarning, SimulationError, SimulationInterrupted, of_argument
+from .errors import ArgumentError, InertiaWarning, LimitWarning, SimulationError, SimulationInterrupted, of_argument, place_in_time
 
 if TYPE_CHECKING:
     from ._core import Scene
@@ -539,7 +539,7 @@ def stopped(
     trajectory: Trajectory, cause: BaseException, joint: str | None, state: int | tuple[int, ...] | None
 ) -> BaseException:
     """The exception of a simulation that ended early, with what was computed; no joint is at fault where tau or progress raised the cause."""
-    place = f"step {trajectory.steps} (t = {trajectory.steps * trajectory.dt:.6f} s)"
+    place = place_in_time(trajectory.steps, trajectory.steps * trajectory.dt)
     error: SimulationError | SimulationInterrupted
     if joint is not None:
         error = SimulationError(f"{place}: {cause}")

@@ -45,6 +45,8 @@ _Row = tuple[float, _Array, _Array]
 
 #: A rotation further than this from the centre, rad, asks for a new one.
 TURNED = 1.0
+#: The default bound on steps: minutes of an arm, by DOP853.
+MAX_STEPS = 100_000
 #: Step of the differences of a function for tau, relative to one unit: truncation and rounding are then alike.
 DIFFERENCE = float(np.finfo(np.float64).eps) ** (1 / 3)
 
@@ -239,15 +241,18 @@ class Ode:
         atol: float = 1e-9,
         t_eval: ArrayLike | None = None,
         max_step: float = np.inf,
+        max_steps: int = MAX_STEPS,
+        progress: Callable[[float, float], object] | None = None,
     ) -> Trajectory:
         """Solves from (q, qd) over t_span with a method of scipy.integrate.solve_ivp; the implicit ones get the Jacobian.
 
         q: (nq,); qd: (nv,); t_eval: times to report, in order; None: those of the integrator's steps. rtol and atol bound the
-        error of a step in (x, v). For springs much faster than the motion take "Radau" or "BDF".
+        error of a step in (x, v). For springs much faster than the motion take "Radau" or "BDF". max_step: the longest step, s. max_steps: the most steps of the
+        integrator. progress: called with the time that was reached and the end of t_span, s, after every step.
 
         Returns a Trajectory (its dt is NaN, its steps those of the integrator).
 
-        Raises SimulationError, with .trajectory, where the integrator gives up; ImportError without SciPy; ArgumentError and its like.
+        Raises SimulationError, with .trajectory, where the integrator gives up or max_steps is reached; ImportError without SciPy; ArgumentError and its like.
         """
         try:
             from scipy import integrate  # type: ignore[import-untyped,unused-ignore]
@@ -260,6 +265,8 @@ class Ode:
         start, end = (float(t) for t in t_span)
         if not (np.isfinite(start) and np.isfinite(end) and end > start):
             raise errors.of_argument(errors.ArgumentError, "t_span", f"found ({start}, {end}); expected finite times, the second later")
+        if isinstance(max_steps, bool) or not isinstance(max_steps, int | np.integer) or max_steps < 1:
+            raise errors.of_argument(errors.ArgumentError, "max_steps", f"found {max_steps!r}; expected a whole number, at least 1")
         wanted = None if t_eval is None else _core._numbers("t_eval", t_eval)
         if wanted is not None and not (
             wanted.ndim == 1 and np.all(np.diff(wanted) > 0) and np.all((wanted >= start) & (wanted <= end))
@@ -282,11 +289,18 @@ class Ode:
             y = np.concatenate([np.zeros(self.scene.nv), v])
             solver = methods[method](self.rhs, t, y, end, **options)
             while solver.status == "running":
-                message = solver.step()
+                if steps == max_steps:
+                    raise self._failed(rows, method, steps, solver.t, self._bound(method, end))
+                try:
+                    message = solver.step()
+                except (errors.NotFiniteError, errors.SingularJointError) as cause:
+                    raise self._failed(rows, method, steps, solver.t, str(cause)) from cause
                 if solver.status == "failed":
                     raise self._failed(rows, method, steps, solver.t, message)
                 steps += 1
                 rows += self._rows(solver, wanted)
+                if progress is not None:
+                    progress(float(solver.t), end)
                 if self._is_turned(solver.y):
                     break
             first_step = solver.step_size
@@ -317,7 +331,13 @@ class Ode:
             self.scene, t, q, qd, np.nan, steps, method, self.scene.armature, self._stiffness.copy(), self._rest.copy()
         )
 
+    @staticmethod
+    def _bound(method: str, end: float) -> str:
+        """The message where max_steps is reached."""
+        stiff = "" if method in ("Radau", "BDF", "LSODA") else 'method="Radau" for stiff gains, '
+        return f"found max_steps steps before the end, {end:g} s; expected {stiff}larger rtol and atol, or a larger max_steps"
+
     def _failed(self, rows: list[_Row], method: str, steps: int, t: float, message: str | None) -> errors.SimulationError:
-        error = errors.SimulationError(f"step {steps} (t = {t:.6f} s): {method}: {message}")
+        error = errors.SimulationError(f"{errors.place_in_time(steps, t)}: {method}: {message}")
         error.trajectory, error.step = self._trajectory(rows, method, steps), steps
         return error

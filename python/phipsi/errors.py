@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 __all__ = [
     "ArgumentError",
     "BadStateWarning",
+    "CacheWarning",
     "ConstraintError",
     "InertiaWarning",
     "LimitWarning",
@@ -74,6 +75,11 @@ def of_argument(kind: type[_OfArgument], argument: str, message: str) -> _OfArgu
     error = kind(f"{argument}: {message}")
     error.argument = argument
     return error
+
+
+def place_in_time(step: int, t: float) -> str:
+    """A step and its time, s, as messages name them."""
+    return f"step {step} (t = {t:.6f} s)" if abs(t) < 1e9 else f"step {step} (t = {t:.6g} s)"
 
 
 class SingularJointError(PhipsiError, ArithmeticError):
@@ -164,6 +170,10 @@ class InertiaWarning(UserWarning):
 
 class LimitWarning(UserWarning):
     """Limits in a URDF that mean nothing (lower above upper, velocity or effort below zero), which are taken as none; or joints that start outside of their limits."""
+
+
+class CacheWarning(UserWarning):
+    """A cache of compiled code that cannot be written: the code is compiled again in each process."""
 
 
 class LongCodeWarning(UserWarning):

@@ -5,13 +5,18 @@
 >>> tau = torch.zeros(scene.nv, dtype=torch.float64, requires_grad=True)    # doctest: +SKIP
 >>> phipsi.torch.forward_dynamics(scene, q, qd, tau).square().sum().backward()   # doctest: +SKIP
 
-Every function calls phipsi on the CPU, once for a whole batch (vmap included), in float64; results have the dtype and device of the arguments. Its derivative is the
-analytic Jacobian, in one call; derivatives of second order are not there. q is taken as plain numbers: quaternions are normalised first, and gradients are by
+Every function calls phipsi on the CPU, once for a whole batch (vmap included), in float64. Results have the device of the first argument and the floating dtype that the
+arguments are promoted to, torch.get_default_dtype() if all are integers; other dtypes and wrong shapes raise ArgumentError and ShapeError. The derivative is the
+analytic Jacobian, in one call; there are no derivatives of second order. q is taken as plain numbers: quaternions are normalised first, and gradients are by
 their four numbers.
+
+errors: "raise", or "nan" to return NaN for bad states, in results and derivatives, with one BadStateWarning, as in Scene.forward_dynamics.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import reduce
 from typing import TYPE_CHECKING, Any
 
 try:
@@ -22,7 +27,8 @@ except ImportError as error:  # pragma: no cover
 
 import numpy as np
 
-from . import _calls
+from . import _calls, _core
+from .errors import ArgumentError, of_argument
 
 if TYPE_CHECKING:
     from ._core import Scene
@@ -30,40 +36,60 @@ if TYPE_CHECKING:
 __all__ = ["forward_dynamics", "integrate", "inverse_dynamics", "simulate"]
 
 
-def forward_dynamics(scene: Scene, q: Tensor, qd: Tensor, tau: Tensor, *, form: str = "auto") -> Tensor:
+def forward_dynamics(scene: Scene, q: Tensor, qd: Tensor, tau: Tensor, *, form: str = "auto", errors: _calls.Errors = "raise") -> Tensor:
     """Joint accelerations, as Scene.forward_dynamics: q (..., nq), qd and tau (..., nv); leading axes broadcast."""
-    return _apply(_calls.forward_dynamics(scene, form), q, qd, tau)
+    return _apply(scene, _calls.forward_dynamics(scene, form, errors), q, qd, tau)
 
 
-def inverse_dynamics(scene: Scene, q: Tensor, qd: Tensor, qdd: Tensor) -> Tensor:
+def inverse_dynamics(scene: Scene, q: Tensor, qd: Tensor, qdd: Tensor, *, errors: _calls.Errors = "raise") -> Tensor:
     """Joint torques, as Scene.inverse_dynamics: q (..., nq), qd and qdd (..., nv); leading axes broadcast."""
-    return _apply(_calls.inverse_dynamics(scene), q, qd, qdd)
+    return _apply(scene, _calls.inverse_dynamics(scene, errors), q, qd, qdd)
 
 
-def integrate(scene: Scene, q: Tensor, v: Tensor) -> Tensor:
+def integrate(scene: Scene, q: Tensor, v: Tensor, *, errors: _calls.Errors = "raise") -> Tensor:
     """q moved along v for a unit of time, as Scene.integrate: q (..., nq), v (..., nv); leading axes broadcast. A step is integrate(scene, q, dt * qd)."""
-    return _apply(_calls.integrate(scene), q, v)
+    return _apply(scene, _calls.integrate(scene, errors), q, v)
 
 
-def simulate(scene: Scene, q: Tensor, qd: Tensor, tau: Tensor, *, dt: float, record_every: int = 1, **given: Any) -> tuple[Tensor, Tensor]:
+def simulate(
+    scene: Scene, q: Tensor, qd: Tensor, tau: Tensor, *, dt: float, record_every: int = 1, errors: _calls.Errors = "raise", **given: Any
+) -> tuple[Tensor, Tensor]:
     """Rows of q and qd, (..., rows, nq) and (..., rows, nv), as Scene.simulate: q (..., nq) and qd (..., nv) at the start, tau (..., steps, nv); leading axes broadcast.
 
-    given: other keywords of Scene.simulate (method, pd, damping, ...). Gradients by q, qd and tau, by the adjoint of every step; no forward mode. Rows are checkpoints: with
-    record_every=1 no step is made twice.
+    given: other keywords of Scene.simulate (method, pd, damping, ...), which are constants: tensors that require gradients raise ArgumentError. Gradients by q, qd and tau,
+    by the adjoint of every step; no forward mode. Rows are checkpoints: with record_every=1 no step is made twice.
     """
-    batch = torch.broadcast_shapes(q.shape[:-1], qd.shape[:-1], tau.shape[:-2])
-    whole = (q.expand(*batch, scene.nq), qd.expand(*batch, scene.nv), tau.expand(*batch, *tau.shape[-2:]))
-    return _Rollout.apply(_calls.Rollout(scene, record_every, dt=dt, **given), *whole)  # type: ignore[no-any-return]
+    for name, value in (("dt", dt), *given.items()):
+        for part in value if isinstance(value, tuple) else (value,):
+            if isinstance(part, Tensor) and part.requires_grad:
+                raise of_argument(ArgumentError, name, "found a tensor that requires gradients; expected a constant: gradients are by q, qd and tau")
+    rollout = _calls.Rollout(scene, record_every, errors, dt=dt, **given)
+    return _Rollout.apply(rollout, *_whole(scene, rollout.names, (q, qd, tau), ((scene.nq,), (scene.nv,), (None, scene.nv))))  # type: ignore[no-any-return]
 
 
-def _apply(call: _calls.Call, *arguments: Tensor) -> Tensor:
-    batch = torch.broadcast_shapes(*(argument.shape[:-1] for argument in arguments))
-    whole = [argument.expand(*batch, argument.shape[-1]) for argument in arguments]
-    return _Value.apply(call, *whole)  # type: ignore[no-any-return]
+def _apply(scene: Scene, call: _calls.Call, *arguments: Any) -> Tensor:
+    return _Value.apply(call, *_whole(scene, call.names, arguments, [(width,) for width in call.widths]))  # type: ignore[no-any-return]
+
+
+def _whole(scene: Scene, names: Sequence[str], given: Sequence[Any], own: Sequence[tuple[int | None, ...]]) -> list[Tensor]:
+    """The arguments as tensors of real numbers of one floating dtype, of one batch. own: the trailing axes of each."""
+    tensors = [_tensor(scene, name, value) for name, value in zip(names, given, strict=True)]
+    dtype = reduce(torch.promote_types, (tensor.dtype for tensor in tensors))
+    dtype = dtype if dtype.is_floating_point else torch.get_default_dtype()
+    batch = _calls.batch_of(names, [tuple(tensor.shape) for tensor in tensors], own)
+    return [tensor.to(dtype).expand(*batch, *tensor.shape[tensor.ndim - len(trailing) :]) for tensor, trailing in zip(tensors, own, strict=True)]
+
+
+def _tensor(scene: Scene, name: str, value: Any) -> Tensor:
+    if not isinstance(value, Tensor):
+        return torch.as_tensor(np.array(_core._numbers(name, value, scene, name == "q")))
+    if value.is_complex() or value.dtype == torch.bool:
+        _calls.refuse_dtype(name, value.dtype)
+    return value
 
 
 def _on_host(function: _calls.Host, arguments: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
-    found = _calls.on_host(function, tuple(argument.detach().cpu().numpy() for argument in arguments))
+    found = _calls.on_host(function, tuple(argument.detach().to("cpu", torch.float64).numpy() for argument in arguments))
     like = arguments[0]
     each = found if isinstance(found, tuple) else (found,)
     return tuple(torch.as_tensor(np.ascontiguousarray(array), dtype=like.dtype, device=like.device) for array in each)

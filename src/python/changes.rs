@@ -104,12 +104,14 @@ impl PyScene {
     /// of them, relatively. keep: names of body_names whose inertias stay. friction_speed: rad/s or m/s, where friction becomes viscous.
     ///
     /// What is not fitted is the model's: its armature, damping, friction and springs are part of the torques. Maximum a posteriori with a Wishart prior on
-    /// each body's second moments of mass; convex. Memory for 10 k nv bodies numbers, and some tens of Newton steps of O((10 bodies)^3).
+    /// each body's second moments of mass; convex. States are read in blocks: memory does not grow with k. 10 to 60 steps of O((10 bodies)^3).
     ///
     /// Returns a phipsi.Identification: the new scene, parameters with standard deviations, noise, residuals before and after, and how many
     /// combinations of parameters the motion tells.
     ///
-    /// Raises ArgumentError for too few measurements, unknown names, and bodies of the model whose inertia no body can have, by name; ShapeError and NotFiniteError for arrays.
+    /// Bodies of the model whose inertia no body can have start from the nearest that one can have, with an InertiaWarning.
+    ///
+    /// Raises ArgumentError for too few measurements, unknown names, noise below the rounding of the torques, and bodies of the model without mass, by name; ShapeError and NotFiniteError for arrays.
     #[pyo3(signature = (q, qd, qdd, tau, **how),
            text_signature = "($self, q, qd, qdd, tau, *, fit=(), noise=None, trust=1.0, keep=(), friction_speed=0.01)")]
     fn identify<'py>(

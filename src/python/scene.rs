@@ -284,7 +284,7 @@ impl PyScene {
     /// forces: (at, force), (k, n, 3) each, arrows at points in the base frame, m, and N; None: those of the contacts or connections of a Trajectory, where
     /// they are known. They are drawn to scale, with one on the ground that says how many newtons it is.
     /// urdf: the file whose meshes are drawn; None: the one that the scene was read from. Links without a shape there are drawn as capsules of their
-    /// inertia. to: a file that gets the page, which holds all it needs and opens without phipsi or a network; nothing is served then. port: of
+    /// inertia. to: a file (.html or .htm) that gets the page, which holds all it needs and opens without phipsi or a network; nothing is served then. port: of
     /// 127.0.0.1; 0: any that is free. title: of the panel. browser: whether to open one.
     ///
     /// Returns a phipsi.view.Viewer: update(q) moves the robot, wait() keeps a script going, close() ends it; with `to` the path of the page.

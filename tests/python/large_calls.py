@@ -191,7 +191,7 @@ LARGE: dict[str, Large] = {
     "forward_dynamics_vjp": Large(
         "q", batch(10**6, lambda scene, q: scene.forward_dynamics_vjp(q, rates(q), rates(q), rates(q), parameters=True))
     ),
-    "identify": Large("q", batch(50_000, lambda scene, q: scene.identify(q, q, q, q))),
+    "identify": Large("q", batch(2_000_000, lambda scene, q: scene.identify(q, q, q, q))),
     "inverse_kinematics": Large(
         "q0",
         batch(10**6, lambda scene, q: scene.inverse_kinematics(phipsi.tasks.Position("link6", np.ones(3)), q, covariance=True)),

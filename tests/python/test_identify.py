@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,8 @@ import pytest
 from tolerances import SIGMAS, assert_near, product, recursion, size
 
 import phipsi
-from phipsi._identify import own_parameters, to_moments
-from phipsi.errors import ArgumentError, NotFiniteError, PhipsiError, ShapeError
+from phipsi._identify import own_parameters, to_moments, to_parameters
+from phipsi.errors import ArgumentError, InertiaWarning, NotFiniteError, PhipsiError, ShapeError
 
 
 def arm(seed: int, bodies: int = 6, base: bool = False, **joints: float) -> phipsi.Scene:
@@ -128,13 +129,136 @@ def test_bodies_stay_bodies_where_data_are_poor(seed: int) -> None:
     assert min(np.linalg.eigvalsh(to_moments(one))[0] for one in least) < 0.0
 
 
+def distance(scene: phipsi.Scene, given: Any, found: Any, trust: float) -> float:
+    """How far the minimum is, in standard deviations of what was found: Newton's step from there, with the rows and the prior written out anew."""
+    q, qd, qdd, tau = given
+    rows = scene.inverse_dynamics_vjp(q[:, None], qd[:, None], qdd[:, None], np.eye(scene.nv), parameters=True).parameters
+    assert rows is not None
+    left, columns, pulls = (tau - np.einsum("kibp,bp->ki", rows, found.parameters)) / found.noise, [], []
+    for at, own in enumerate(own_parameters(scene)):
+        root = np.linalg.cholesky(to_moments(found.parameters[at]))
+        pull = root.T @ np.linalg.solve(to_moments(own), root) - np.eye(4)
+        for i, j in zip(*np.triu_indices(4), strict=True):
+            unit = np.zeros((4, 4))
+            unit[i, j] = unit[j, i] = 1.0 if i == j else np.sqrt(0.5)
+            columns.append((rows[:, :, at] @ to_parameters(root @ unit @ root.T) / found.noise).ravel())
+            pulls.append(np.sum(pull * unit))
+    half = np.sqrt(0.5 * trust)
+    matrix = np.concatenate([np.transpose(columns), half * np.eye(len(pulls))])
+    step = np.linalg.lstsq(matrix, np.concatenate([left.ravel(), -half * np.array(pulls)]), rcond=-1)[0]
+    return float(np.linalg.norm(matrix @ step))
+
+
+@pytest.mark.parametrize("noise", [0.05, 0.005, 1e-6])
+@pytest.mark.parametrize("mass", [0.0, 1.0, 30.0])
+@pytest.mark.parametrize("trust", [1.0, 1e-3])
+def test_bodies_far_from_the_model(noise: float, mass: float, trust: float) -> None:
+    """A payload many times heavier than the body that carries it: the minimum is far from the prior."""
+    scene = arm(7)
+    light = scene.with_inertias({"link6": (0.015, (0.0, 0.0, 0.01), 2e-6 * np.eye(3)), "tool": (0.0, np.zeros(3), None)})
+    built = light.with_payload("tool", mass=mass, com=(0.0, 0.0, 0.1)) if mass else light
+    q, qd, qdd = states(scene, 100)
+    tau = built.inverse_dynamics(q, qd, qdd) + noise * np.random.default_rng(1).standard_normal((100, 6))
+    found = light.identify(q, qd, qdd, tau, trust=trust)
+    assert np.all(np.abs(found.noise / noise - 1.0) < SIGMAS / np.sqrt(2 * 100))
+    assert all(np.linalg.eigvalsh(to_moments(one))[0] > 0.0 for one in found.parameters)
+    assert distance(light, (q, qd, qdd, tau), found, trust) < 1e-3
+
+
 def test_torques_that_no_robot_gives() -> None:
-    """Far beyond the noise that is claimed: said, not answered."""
+    """Far beyond the noise that is claimed: the least value all the same, on bodies that can be."""
     scene = arm(7)
     q, qd, qdd = states(scene, 8)
     tau = scene.inverse_dynamics(q, qd, qdd) + 30.0 * np.random.default_rng(1).standard_normal((8, 6))
-    with pytest.raises(PhipsiError, match="found no least value in .* expected another trust or noise"):
-        scene.identify(q, qd, qdd, tau, noise=0.01, trust=1e-3)
+    found = scene.identify(q, qd, qdd, tau, noise=0.01, trust=1e-3)
+    assert all(np.linalg.eigvalsh(to_moments(one))[0] > 0.0 for one in found.parameters)
+    assert np.all(found.after > 100.0 * found.noise)
+    assert distance(scene, (q, qd, qdd, tau), found, 1e-3) < 1e-3
+
+
+PENDULUMS = {"pendulum": lambda: phipsi.scenes.chain(1), "chain": lambda: phipsi.scenes.chain(5), "arm": lambda: arm(3), "floating": lambda: arm(13, 4, base=True)}
+
+
+@pytest.mark.parametrize("kind", PENDULUMS)
+@pytest.mark.parametrize("is_like", [False, True])
+def test_torques_without_noise(kind: str, is_like: bool) -> None:
+    scene = PENDULUMS[kind]()
+    built = like(scene, 3) if is_like else scene
+    draw = np.random.default_rng(4)
+    q = scene.integrate(np.broadcast_to(scene.neutral(), (200, scene.nq)), draw.uniform(-1, 1, (200, scene.nv)))
+    qd, qdd = draw.uniform(-1, 1, (2, 200, scene.nv))
+    tau = built.inverse_dynamics(q, qd, qdd)
+    found = scene.identify(q, qd, qdd, tau)
+    assert np.all(found.noise > 0.0) and np.all(found.noise < 1e-9 * size(tau))
+    assert np.all(found.after <= found.noise)
+    assert_near(found.scene.inverse_dynamics(q, -qd, qdd), built.inverse_dynamics(q, -qd, qdd), 1e-6 * size(tau))
+    if not is_like:
+        assert_near(found.parameters, own_parameters(scene), 1e-4 * size(found.parameters))
+
+
+def test_a_joint_without_measured_torques_has_no_noise() -> None:
+    scene = arm(11)
+    q, qd, qdd = states(scene, 200)
+    tau = scene.inverse_dynamics(q, qd, qdd) + 0.1 * np.random.default_rng(2).standard_normal((200, 6))
+    tau[:, 2] = np.nan
+    found = scene.identify(q, qd, qdd, tau)
+    assert np.isnan(found.noise[2]) and np.isnan(found.after[2])
+    assert np.all(np.abs(found.noise[[0, 1, 3, 4, 5]] / 0.1 - 1.0) < SIGMAS / np.sqrt(2 * 200))
+
+
+def test_torques_that_contradict_all_bodies_are_reported() -> None:
+    """Without noise and with the wrong sign: 1e10 standard deviations from what any body gives."""
+    scene = arm(9, bodies=3)
+    q, qd, qdd = states(scene, 60)
+    with pytest.raises(PhipsiError, match="identify: found no minimum in .* steps .*expected torques in N m or N with the signs of inverse_dynamics, or noise"):
+        scene.identify(q, qd, qdd, -10.0 * scene.inverse_dynamics(q, qd, qdd))
+
+
+def test_states_that_tell_nothing() -> None:
+    """A slide across gravity, at rest."""
+    scene = phipsi.SceneBuilder().link("base").link("cart", 1.0, (0, 0, 0), np.eye(3)).joint("slide", "prismatic", "base", "cart", axis=(1, 0, 0)).build()
+    zero = np.zeros((20, 1))
+    with pytest.raises(ArgumentError, match="q: found states at which no torque depends on any parameter"):
+        scene.identify(zero, zero, zero, zero)
+    found = scene.identify(zero, zero, zero, zero, noise=1.0)
+    assert found.known == 0
+    assert_near(found.parameters, own_parameters(scene), 1e-12)
+
+
+def test_joints_alone() -> None:
+    scene = arm(9)
+    q, qd, qdd = states(scene, 100)
+    found = scene.identify(q, qd, qdd, scene.inverse_dynamics(q, qd, qdd) + 0.3 * qd, fit=["damping"], keep=scene.body_names)
+    assert_near(list(found.joints["damping"].values()), np.full(6, 0.3), 1e-9)
+
+
+@pytest.mark.parametrize("scale", [-10.0, -0.01, 1.0, 1e3, 1e6, 1e-6])
+@pytest.mark.parametrize("trust", [1e-3, 1.0, 1e9])
+def test_data_of_other_units_and_signs(scale: float, trust: float) -> None:
+    """With the noise of good sensors the least value is found, however far it is from the model."""
+    scene = arm(9, bodies=3)
+    q, qd, qdd = states(scene, 60)
+    tau = scale * scene.inverse_dynamics(q, qd, qdd)
+    tau += 1e-3 * size(tau) * np.random.default_rng(0).standard_normal(tau.shape)
+    found = scene.identify(q, qd, qdd, tau, trust=trust)
+    assert all(np.linalg.eigvalsh(to_moments(one))[0] > 0.0 for one in found.parameters)
+    assert np.all(np.isfinite(found.deviations)) and np.all(np.isfinite(found.after))
+
+
+def test_blocks_of_states_are_one_problem() -> None:
+    """More states than are read at once: as with the rows in one matrix."""
+    scene = arm(5, bodies=3)
+    q, qd, qdd = states(scene, 1000)
+    tau = like(scene, 6).inverse_dynamics(q, qd, qdd) + 0.1 * np.random.default_rng(0).standard_normal((1000, 3))
+    tau[::7, 1] = np.nan
+    rows = scene.inverse_dynamics_vjp(q[:, None], qd[:, None], qdd[:, None], np.eye(3), parameters=True).parameters
+    assert rows is not None
+    seen = np.isfinite(tau)
+    found = scene.identify(q, qd, qdd, tau, noise=0.1)
+    for parameters, value in ((own_parameters(scene), found.before), (found.parameters, found.after)):
+        left = np.where(seen, tau - np.einsum("kibp,bp->ki", rows, parameters), 0.0)
+        assert_near(value, np.sqrt(np.sum(left**2, axis=0) / seen.sum(axis=0)), 1e-12 * size(left))
+    assert found.known == 3 + 2 * 7
 
 
 def test_without_news_the_model_stays() -> None:
@@ -217,6 +341,11 @@ GOOD: dict[str, Any] = {"noise": 0.1}
         ({"qdd": np.zeros((3, 6))}, ShapeError, r"qdd: found shape \(3, 6\); expected \(k, 6\)"),
         ({"qd": np.full((10, 6), np.inf)}, NotFiniteError, "qd"),
         ({"tau": np.full((10, 6), np.inf)}, ArgumentError, "tau: found an infinity"),
+        ({"tau": np.full((10, 6), np.nan)}, ArgumentError, "tau: found no measured torque: all are NaN"),
+        ({"tau": np.full((10, 6), 1e150)}, ArgumentError, "tau: found 1e.150; expected torques below 1e.100"),
+        ({"tau": np.full((10, 6), True)}, ArgumentError, "tau: found dtype bool"),
+        ({"noise": 1e-15}, ArgumentError, r"noise: found 1e-15 at index 0; expected at least \d\.\de-\d+"),
+        ({"noise": np.nan}, ArgumentError, "noise: found nan"),
         ({"noise": None}, ArgumentError, r"tau: found 60 measured torques for \d+ combinations of parameters"),
     ],
 )
@@ -228,9 +357,34 @@ def test_bad_arguments(change: dict[str, Any], kind: type[Exception], message: s
         scene.identify(**given)
 
 
-def test_a_body_that_cannot_be() -> None:
-    scene = arm(16).with_inertias({"link2": (1.0, (0, 0, 0), None)})
+INERTIAS: dict[str, Any] = {
+    "triangle": (1.0, (0.1, 0.0, 0.02), np.diag([0.01, 0.01, 0.05])),
+    "negative": (1.0, (0.1, 0.0, 0.02), np.diag([0.01, -0.01, 0.02])),
+    "point": (1.0, (0.0, 0.0, 0.0), None),
+}
+
+
+@pytest.mark.parametrize("kind", INERTIAS)
+def test_a_body_that_cannot_be(kind: str) -> None:
+    """The prior is a body near it; the torques before are those of the model as it is."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        scene = arm(16).with_inertias({"link2": INERTIAS[kind]})
+    q, qd, qdd = states(scene, 60)
+    built = arm(16)
+    with pytest.warns(InertiaWarning, match="scene: found inertias of 'link2' that no body can have; identification starts from the nearest"):
+        found = scene.identify(q, qd, qdd, built.inverse_dynamics(q, qd, qdd), noise=1e-3)
+    assert all(np.linalg.eigvalsh(to_moments(one))[0] > 0.0 for one in found.parameters)
+    off = scene.inverse_dynamics(q, qd, qdd) - built.inverse_dynamics(q, qd, qdd)
+    assert_near(found.before, np.sqrt(np.mean(off**2, axis=0)), 1e-10 * size(off))
+    assert np.all(found.after < 2e-3)
+    kept = scene.identify(q, qd, qdd, built.inverse_dynamics(q, qd, qdd), noise=1.0, keep=["link2"])
+    assert_near(kept.parameters[1], own_parameters(scene)[1], 0.0)
+
+
+def test_a_body_without_mass() -> None:
+    scene = arm(16).with_inertias({"link2": (0.0, (0, 0, 0), None)})
     q, qd, qdd = states(scene, 10)
-    with pytest.raises(ArgumentError, match="scene: found inertias of the body 'link2' that no body can have, or none.*keep"):
+    with pytest.raises(ArgumentError, match="scene: found no mass of the body 'link2'.*keep"):
         scene.identify(q, qd, qdd, np.zeros((10, 6)), noise=0.1)
     assert scene.identify(q, qd, qdd, np.zeros((10, 6)), noise=10.0, keep=["link2"]).deviations.shape == (6, 10)

@@ -19,6 +19,7 @@ from jax.test_util import check_grads  # noqa: E402
 
 import phipsi.jax  # noqa: E402
 from phipsi import _calls  # noqa: E402
+from phipsi.errors import ArgumentError, BadStateWarning, NotFiniteError, ShapeError, SimulationError  # noqa: E402
 
 FUNCTIONS: dict[str, Callable[..., Any]] = {
     "forward_dynamics": phipsi.jax.forward_dynamics,
@@ -109,15 +110,158 @@ def test_a_batch_is_one_call_of_the_host(scene: phipsi.Scene, monkeypatch: pytes
     assert asked and all(shape[0] == 16 for shape in asked) and len(asked) <= 2
 
 
-def test_float32_stays_float32(scene: phipsi.Scene) -> None:
-    given = [jnp.asarray(argument, jnp.float32) for argument in arguments(scene, "forward_dynamics")]
-    assert phipsi.jax.forward_dynamics(scene, *given).dtype == jnp.float32
+@pytest.mark.parametrize("dtype", ["float16", "float32", "float64"])
+def test_results_have_the_dtype_of_the_promotion(scene: phipsi.Scene, dtype: str) -> None:
+    given = [jnp.asarray(argument, dtype) for argument in arguments(scene, "forward_dynamics")]
+    assert phipsi.jax.forward_dynamics(scene, *given).dtype == dtype
+    wider = phipsi.jax.forward_dynamics(scene, given[0], given[1], given[2].astype("float64"))
+    assert wider.dtype == "float64"
 
 
-def test_a_wrong_width_is_refused(scene: phipsi.Scene) -> None:
-    q, qd, tau = arguments(scene, "forward_dynamics")
-    with pytest.raises(Exception, match="tau"):
-        jax.block_until_ready(phipsi.jax.forward_dynamics(scene, q, qd, tau[:-1]))
+def test_integers_are_converted_as_by_the_scene() -> None:
+    scene = phipsi.scenes.chain(3)
+    q, qd, tau = np.array([[1, 0, -1], [2, 1, -1], [0, 3, 1]])
+    expected = scene.forward_dynamics(q, qd, tau)
+    for given in ((jnp.asarray(q), jnp.asarray(qd), jnp.asarray(tau)), (q.tolist(), qd, tau), ([jnp.asarray(1), 0, -1], qd, tau)):
+        found = phipsi.jax.forward_dynamics(scene, *given)
+        assert found.dtype == "float64"
+        assert_near(np.asarray(found), expected, product(3, size(expected)))
+    rows = phipsi.jax.simulate(scene, jnp.asarray(q), qd, np.zeros((4, 3), int), dt=0.01)
+    assert_near(np.asarray(rows[1]), scene.simulate(q, qd, dt=0.01, steps=4).qd, product(3, size(expected)))
+
+
+NO_NUMBERS: dict[str, Any] = {
+    "complex128": lambda q: jnp.asarray(q) + 1j,
+    "bool": lambda q: jnp.asarray(q) > 0,
+    "bool of NumPy": lambda q: q > 0,
+    "object": lambda q: [None] * len(q),
+    "str": lambda q: "abc",
+}
+
+
+@pytest.mark.parametrize("kind", NO_NUMBERS)
+@pytest.mark.parametrize("name", [*FUNCTIONS, "simulate"])
+def test_other_numbers_are_refused_as_by_the_scene(name: str, kind: str) -> None:
+    scene = phipsi.scenes.chain(3)
+    value = NO_NUMBERS[kind](np.ones(3))
+    with pytest.raises(ArgumentError) as expected:
+        scene.integrate(scene.neutral(), value if isinstance(value, list | str) else np.asarray(value))
+    function = FUNCTIONS.get(name, lambda scene, *given: phipsi.jax.simulate(scene, *given[:2], given[2][None], dt=0.01))
+    given = arguments(scene, "integrate" if name == "integrate" else "forward_dynamics")
+    with pytest.raises(ArgumentError) as found:
+        function(scene, given[0], value, *given[2:])
+    assert str(found.value).partition(": ")[2] == str(expected.value).partition(": ")[2]
+
+
+@pytest.mark.parametrize("under", [lambda function: function, jax.jit, jax.make_jaxpr])
+@pytest.mark.parametrize("at", range(3))
+def test_a_wrong_width_is_refused_when_it_is_traced(scene: phipsi.Scene, at: int, under: Any) -> None:
+    given = list(arguments(scene, "forward_dynamics", 2))
+    given[at] = given[at][..., :-1]
+    for function in (phipsi.jax.forward_dynamics, lambda scene, q, qd, tau: phipsi.jax.simulate(scene, q, qd, tau[:, None], dt=0.01)):
+        with pytest.raises(ShapeError, match=rf"^{('q', 'qd', 'tau')[at]}: found shape \(.*\); expected \(\.\.\., .*{(scene.nq, scene.nv, scene.nv)[at]}\)(\n|$)"):
+            under(lambda *given: function(scene, *given))(*given)  # noqa: B023
+
+
+def test_leading_axes_that_do_not_broadcast_are_refused_when_traced(scene: phipsi.Scene) -> None:
+    q, qd, tau = arguments(scene, "forward_dynamics", 3)
+    with pytest.raises(ShapeError, match=r"^qd: found leading axes \(2,\); expected ones that broadcast with \(3,\) of q(\n|$)"):
+        jax.jit(lambda *given: phipsi.jax.forward_dynamics(scene, *given))(q, qd[:2], tau)
+
+
+BAD_OPTIONS: list[tuple[Any, str]] = [
+    (lambda scene, *given: phipsi.jax.forward_dynamics(scene, *given, form="x"), 'form: found "x"'),
+    (lambda scene, *given: phipsi.jax.inverse_dynamics(scene, *given, errors="x"), 'errors: found "x"'),
+    (lambda scene, q, qd, tau: phipsi.jax.simulate(scene, q, qd, tau[None], dt=0.1, method="x"), 'method: found "x"'),
+    (lambda scene, q, qd, tau: phipsi.jax.simulate(scene, q, qd, tau[None], dt=0.1, errors="x"), 'errors: found "x"'),
+    (lambda scene, q, qd, tau: phipsi.jax.simulate(scene, q, qd, tau[None], dt=0.1, damping=tau), "damping: found a traced value"),
+]
+
+
+@pytest.mark.parametrize("number", range(len(BAD_OPTIONS)))
+def test_bad_options_are_refused_when_traced(number: int) -> None:
+    function, message = BAD_OPTIONS[number]
+    scene = phipsi.scenes.chain(3)
+    with pytest.raises(ArgumentError, match=message):
+        jax.jit(lambda *given: function(scene, *given))(*arguments(scene, "forward_dynamics"))
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_bad_states_are_nan(scene: phipsi.Scene, name: str) -> None:
+    """The others are as they would be, in values and in derivatives, eagerly and under jit and vmap."""
+    given = arguments(scene, name, 4)
+    expected = np.asarray(FUNCTIONS[name](scene, *given))
+    given[1][2, 0] = np.nan
+    function = lambda *given: FUNCTIONS[name](scene, *given, errors="nan")  # noqa: E731
+    for of in (function, jax.jit(function), jax.jit(jax.vmap(function))):
+        with pytest.warns(BadStateWarning, match="1 of 4 states"):
+            found = np.asarray(jax.block_until_ready(of(*given)))
+        assert np.isnan(found[2]).all()
+        assert_near(np.delete(found, 2, 0), np.delete(expected, 2, 0), 0.0)
+    with pytest.warns(BadStateWarning):
+        by_q = np.asarray(jax.block_until_ready(jax.jit(jax.vmap(jax.jacobian(function)))(*given)))
+    assert np.isnan(by_q[2]).all() and np.isfinite(np.delete(by_q, 2, 0)).all()
+    with pytest.raises(NotFiniteError, match="state 2"):
+        FUNCTIONS[name](scene, *given)
+
+
+def test_bad_rollouts_are_nan() -> None:
+    """States that are bad at the start, states that diverge, and a quaternion without a norm."""
+    scene = tree()
+    q, qd, tau = (array.copy() for array in rollout(scene, 2, 3))
+    options: dict[str, Any] = {"dt": 0.02, "record_every": 2, "method": "rk4"}
+    expected = phipsi.jax.simulate(scene, q, qd, tau, **options)
+    q[0, 1, 3:7], qd[1, 0, 0], tau[1, 2, 3] = 0.0, np.nan, 1e290
+    function = jax.jit(lambda *given: phipsi.jax.simulate(scene, *given, errors="nan", **options))
+    with pytest.warns(BadStateWarning, match="3 of 6 states") as caught:
+        found = jax.block_until_ready(function(q, qd, tau))
+    warning: Any = next(one.message for one in caught if isinstance(one.message, BadStateWarning))
+    assert warning.states == ((0, 1), (1, 0), (1, 2))
+    assert [type(reason) for reason in warning.reasons] == [ArgumentError, NotFiniteError, SimulationError]
+    good = np.ones((2, 3), bool)
+    good[0, 1] = good[1, 0] = good[1, 2] = False
+    for one, other in zip(found, expected, strict=True):
+        assert np.isnan(np.asarray(one)[~good]).all()
+        assert_near(np.asarray(one)[good], np.asarray(other)[good], 0.0)
+    loss = lambda *given: sum((rows[good] ** 2).sum() for rows in phipsi.jax.simulate(scene, *given, errors="nan", **options))  # noqa: E731
+    with pytest.warns(BadStateWarning):
+        gradient = np.asarray(jax.grad(loss, argnums=2)(q, qd, tau))
+    assert np.isnan(gradient[~good]).all() and np.isfinite(gradient[good]).all() and np.any(gradient[good])
+
+
+EAGER: dict[str, Callable[..., Any]] = {
+    "value": lambda scene, q, qd, tau: phipsi.jax.forward_dynamics(scene, q, qd, tau),
+    "integrate": lambda scene, q, qd, tau: phipsi.jax.integrate(scene, q, qd),
+    "gradient": lambda scene, *given: jax.grad(lambda *given: phipsi.jax.forward_dynamics(scene, *given).sum(), argnums=2)(*given),
+    "vmap": lambda scene, *given: jax.vmap(lambda *given: phipsi.jax.inverse_dynamics(scene, *given))(*given),
+    "simulate": lambda scene, q, qd, tau: phipsi.jax.simulate(scene, q, qd, tau[:, None], dt=0.01, damping=np.ones(scene.nv)),
+    "vmap of simulate": lambda scene, *given: jax.vmap(lambda q, qd, tau: phipsi.jax.simulate(scene, q, qd, tau[None], dt=0.01, damping=np.ones(scene.nv)))(*given),
+    "gradient of simulate": lambda scene, *given: jax.grad(
+        lambda q, qd, tau: phipsi.jax.simulate(scene, q, qd, tau[:, None], dt=0.01, damping=np.ones(scene.nv))[0].sum(), argnums=2
+    )(*given),
+}
+
+
+@pytest.mark.parametrize("kind", EAGER)
+def test_eager_calls_compile_once(scene: phipsi.Scene, kind: str) -> None:
+    compiled: list[str] = []
+
+    def listen(event: str, _: float, **__: Any) -> None:
+        if "compile" in event:
+            compiled.append(event)
+
+    given = [jnp.asarray(array) for array in arguments(scene, "forward_dynamics", 2)]
+    EAGER[kind](scene, *given)
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    try:
+        jax.jit(lambda x: x + 1.0)(given[0]).block_until_ready()
+        assert compiled, "compilations are not counted"
+        compiled.clear()
+        for _ in range(3):
+            jax.block_until_ready(EAGER[kind](scene, *given))
+    finally:
+        jax.monitoring.clear_event_listeners()
+    assert compiled == []
 
 
 def rollout(scene: phipsi.Scene, *batch: int) -> tuple[np.ndarray, ...]:

@@ -346,3 +346,14 @@ def test_the_jacobian_is_that_of_the_right_side_and_stiff_methods_take_it() -> N
         ode.solve([0.2], [0.0], (1.0, 1.0))
     with pytest.raises(errors.ShapeError, match="damping"):
         scene.ode(damping=[1.0, 2.0])
+
+
+@pytest.mark.parametrize("speed", [1e70, -1e200])
+def test_messages_have_short_numbers(speed: float) -> None:
+    """With exponents where all digits would be many."""
+    with pytest.raises(errors.SimulationError, match=f"from {speed:g}; expected".replace("+", "")) as found:
+        phipsi.scenes.chain(2).simulate(np.zeros(2), [speed, 0.0], dt=1e-3, steps=5)
+    assert len(str(found.value)) < 300
+    with pytest.raises(errors.ArgumentError, match="dt: found -1e70; expected"):
+        phipsi.scenes.chain(2).simulate(np.zeros(2), np.zeros(2), dt=-1e70, steps=5)
+    assert errors.place_in_time(3, 3e60) == "step 3 (t = 3e+60 s)"

@@ -12,6 +12,7 @@ from tolerances import STEP, assert_near, central_difference, inverse, product, 
 
 import phipsi
 from phipsi import _chart
+from phipsi.errors import ArgumentError, NotFiniteError, SimulationError
 
 Laws = dict[str, np.ndarray | float]
 
@@ -213,3 +214,37 @@ def test_implicit_methods_take_it_and_ask_less_often(method: str) -> None:
     other = ode.solve(q, qd, (0.0, 0.05), rtol=1e-10, atol=1e-11)
     assert_near(scene.difference(other.q[-1], found.q[-1]), np.zeros(scene.nv), 1e-4)
     assert_near(found.qd[-1], other.qd[-1], 1e-4 * size(other.qd))
+
+
+STIFF = {"kp": [1e6, 1e6], "kd": [1e4, 1e4], "target": [0.3, -0.2]}
+
+
+def test_the_steps_of_a_stiff_solution_are_bounded() -> None:
+    """Explicit methods follow the fastest gain; the bound raises with the rows before, and names a method that does not."""
+    scene = phipsi.scenes.chain(2)
+    ode, start = scene.ode(pd=tuple(STIFF.values())), (scene.neutral(), np.zeros(2))
+    reached: list[tuple[float, float]] = []
+    with pytest.raises(SimulationError, match=r'^step 50 \(t = 0\.0.*DOP853: found max_steps steps before the end, 10 s; expected method="Radau"') as found:
+        ode.solve(*start, (0.0, 10.0), max_steps=50, progress=lambda t, end: reached.append((t, end)))
+    assert found.value.step == 50 and len(found.value.trajectory.t) == 51
+    assert [t for t, _ in reached] == found.value.trajectory.t[1:].tolist()
+    assert {end for _, end in reached} == {10.0}
+    path = ode.solve(*start, (0.0, 10.0), method="Radau", max_steps=2000)
+    assert_near(path.q[-1], STIFF["target"], 1e-6)
+    # The last step may be the one that the bound allows.
+    assert ode.solve(*start, (0.0, 10.0), method="Radau", max_steps=path.steps).steps == path.steps
+
+
+@pytest.mark.parametrize("most", [0, -1, 1.5, True, None])
+def test_a_bound_that_is_none_is_refused(most: object) -> None:
+    with pytest.raises(ArgumentError, match="max_steps: found .*; expected a whole number, at least 1"):
+        phipsi.scenes.chain(2).ode().solve(np.zeros(2), np.zeros(2), (0.0, 1.0), max_steps=most)  # type: ignore[arg-type]
+
+
+def test_a_trial_step_that_overflows_keeps_the_rows_before() -> None:
+    scene = phipsi.scenes.chain(2)
+    ode = scene.ode(pd=([1e9, 1e9], [1e7, 1e7], STIFF["target"]))
+    with pytest.raises(SimulationError, match="DOP853: forward dynamics .*overflow") as found:
+        ode.solve(scene.neutral(), np.zeros(2), (0.0, 10.0))
+    assert len(found.value.trajectory.t) == found.value.step + 1
+    assert isinstance(found.value.__cause__, NotFiniteError)

@@ -14,6 +14,7 @@ import phipsi
 torch = pytest.importorskip("torch")
 
 import phipsi.torch  # noqa: E402
+from phipsi.errors import ArgumentError, BadStateWarning, NotFiniteError, ShapeError  # noqa: E402
 
 # Forward mode of torch calls what torch itself has deprecated.
 pytestmark = pytest.mark.filterwarnings("ignore:.torch.jit.script. is deprecated:FutureWarning", "ignore:.torch.jit.script_method.:FutureWarning")
@@ -84,3 +85,86 @@ def test_gradients_of_a_rollout(kind: str) -> None:
     each = torch.vmap(torch.func.grad(loss, argnums=(0, 1, 2)))(*given)
     for one, other in zip(every, each, strict=True):
         assert_near(one.numpy(), other.numpy(), product(64 * scene.nv, size(one.numpy())))
+
+
+@pytest.mark.parametrize("dtype", ["bfloat16", "float16", "float32", "float64"])
+def test_results_have_the_dtype_of_the_promotion(dtype: str) -> None:
+    scene = phipsi.scenes.chain(3)
+    given = [argument.detach().to(getattr(torch, dtype)) for argument in arguments(scene, "forward_dynamics")]
+    assert phipsi.torch.forward_dynamics(scene, *given).dtype == getattr(torch, dtype)
+    assert phipsi.torch.forward_dynamics(scene, given[0].int(), *given[1:]).dtype == getattr(torch, dtype)
+    wider = [given[0], given[1].requires_grad_(), given[2].double()]
+    found = phipsi.torch.forward_dynamics(scene, *wider)
+    found.sum().backward()
+    assert found.dtype == torch.float64 and given[1].grad.dtype == getattr(torch, dtype)
+
+
+@pytest.mark.parametrize("of", [torch.tensor, np.array, list])
+def test_integers_are_converted_as_by_the_scene(of: Callable[..., Any]) -> None:
+    scene = phipsi.scenes.chain(3)
+    q, qd, tau = [[1, 0, -1], [2, 1, -1], [0, 3, 1]]
+    expected = scene.forward_dynamics(q, qd, tau)
+    found = phipsi.torch.forward_dynamics(scene, of(q), of(qd), of(tau))
+    assert found.dtype == (torch.get_default_dtype() if of is torch.tensor else torch.float64)
+    assert_near(found.double().numpy(), expected, np.finfo(np.float32).eps * size(expected))
+    rows = phipsi.torch.simulate(scene, of(q), torch.tensor(qd, dtype=torch.float64), torch.zeros(4, 3, dtype=torch.int64), dt=0.01)
+    assert_near(rows[1].numpy(), scene.simulate(q, qd, dt=0.01, steps=4).qd, product(3, size(expected)))
+
+
+@pytest.mark.parametrize("dtype", ["complex128", "bool"])
+@pytest.mark.parametrize("name", [*FUNCTIONS, "simulate"])
+def test_other_numbers_are_refused_as_by_the_scene(name: str, dtype: str) -> None:
+    scene = phipsi.scenes.chain(3)
+    given = [argument.detach() for argument in arguments(scene, "integrate" if name == "integrate" else "forward_dynamics")]
+    given[1] = given[1].to(getattr(torch, dtype))
+    function = FUNCTIONS.get(name, lambda scene, *given: phipsi.torch.simulate(scene, *given[:2], given[2][None], dt=0.01))
+    with pytest.raises(ArgumentError, match=f"^(qd|v): found dtype {dtype}; expected an array of real numbers"):
+        function(scene, *given)
+
+
+@pytest.mark.parametrize("at", range(3))
+def test_a_wrong_width_is_refused(at: int) -> None:
+    scene = floating()
+    given = [argument.detach() for argument in arguments(scene, "forward_dynamics", 2)]
+    given[at] = given[at][..., :1]
+    for function in (phipsi.torch.forward_dynamics, lambda scene, q, qd, tau: phipsi.torch.simulate(scene, q, qd, tau[:, None], dt=0.01)):
+        with pytest.raises(ShapeError, match=rf"^{('q', 'qd', 'tau')[at]}: found shape .*; expected \(\.\.\., .*{(scene.nq, scene.nv, scene.nv)[at]}\)$"):
+            function(scene, *given)
+
+
+def test_a_gradient_by_a_constant_is_refused() -> None:
+    scene = phipsi.scenes.chain(3)
+    zeros, damping = torch.zeros(3), torch.ones(3, requires_grad=True)
+    with pytest.raises(ArgumentError, match="damping: found a tensor that requires gradients"):
+        phipsi.torch.simulate(scene, zeros, zeros, zeros[None], dt=0.01, damping=damping)
+
+
+@pytest.mark.parametrize("kind", SCENES)
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_bad_states_are_nan(kind: str, name: str) -> None:
+    scene = SCENES[kind]()
+    given = [argument.detach() for argument in arguments(scene, name, 4)]
+    expected = FUNCTIONS[name](scene, *given)
+    given[1][2, 0] = torch.nan
+    given[1].requires_grad_()
+    with pytest.warns(BadStateWarning, match="1 of 4 states"):
+        found = FUNCTIONS[name](scene, *given, errors="nan")
+        found[[0, 1, 3]].sum().backward()
+    good = [0, 1, 3]
+    assert torch.isnan(found[2]).all() and torch.equal(found[good], expected[good])
+    assert torch.isnan(given[1].grad[2]).all() and torch.isfinite(given[1].grad[good]).all()
+    with pytest.raises(NotFiniteError, match="state 2"):
+        FUNCTIONS[name](scene, *given)
+
+
+def test_bad_rollouts_are_nan() -> None:
+    scene = floating()
+    q, qd, _ = (argument.detach() for argument in arguments(scene, "forward_dynamics", 3))
+    tau = torch.ones(3, 4, scene.nv, dtype=torch.float64)
+    tau[1, 2, 3] = torch.inf
+    tau.requires_grad_()
+    with pytest.warns(BadStateWarning, match="1 of 3 states"):
+        rows, _ = phipsi.torch.simulate(scene, q, qd, tau, dt=0.01, errors="nan")
+    rows[[0, 2]].sum().backward()
+    assert torch.isnan(rows[1]).all() and torch.isfinite(rows[[0, 2]]).all()
+    assert torch.isnan(tau.grad[1]).all() and torch.isfinite(tau.grad[[0, 2]]).all()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import socket
 import urllib.request
 from pathlib import Path
 from types import SimpleNamespace
@@ -23,7 +24,7 @@ import phipsi.view  # noqa: E402
 import trimesh  # noqa: E402
 from phipsi._forces import Forces  # noqa: E402
 from phipsi.view.arrows import Arrows  # noqa: E402
-from phipsi.view.player import MOST, RATE, Motion  # noqa: E402
+from phipsi.view.player import HOST, MOST, PORTS, RATE, Motion  # noqa: E402
 from phipsi.view.shapes import find, robot_size, shapes_of  # noqa: E402
 
 LINK = '<inertial><mass value="2"/><inertia ixx="0.1" iyy="0.1" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>'
@@ -152,6 +153,77 @@ def test_meshes_are_found(robot: Path, monkeypatch: pytest.MonkeyPatch, tmp_path
         find("package://thing/meshes/part.stl", Path("/nowhere/robot.urdf"))
     monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path))
     assert find("package://thing/meshes/part.stl", far).samefile(part)
+
+
+BROKEN: dict[str, bytes] = {
+    "empty.stl": b"",
+    "header.stl": bytes(84),
+    "cut.stl": bytes(80) + b"\x10\0\0\0" + b"abc",
+    "text.stl": b"solid x\n facet normal 0 0",
+    "nothing.stl": b"solid\nendsolid\n",
+    "corner.obj": b"v 0 0\nf 1 2 9\n",
+    "cut.ply": b"ply\nformat ascii 1.0\nelement vertex 9\n",
+    "no.glb": b"glTFxxxx",
+    "some.format": b"abc",
+    "no.dae": b"garbage",
+    "empty.dae": b"<COLLADA></COLLADA>",
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_meshes_that_cannot_be_read_are_named(robot: Path, name: str) -> None:
+    """Whatever the reader of their format raises; the other shapes are drawn."""
+    (robot.parent / name).write_bytes(BROKEN[name])
+    robot.write_text(SHAPES.replace("package://thing/meshes/part.stl", name), encoding="utf-8")
+    with pytest.warns(MeshWarning, match=f"shapes that are not drawn: arm: '{name}' (has no triangles|cannot be read)"):
+        shapes = shapes_of(phipsi.Scene.from_urdf(robot), None)
+    assert [shape.link for shape in shapes] == ["base", "arm", "arm"]
+
+
+def test_what_a_mesh_reader_raises_is_a_warning(robot: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As pycollada's DaeMalformedError, where it is there."""
+
+    class Malformed(Exception):
+        pass
+
+    def load(*_: object, **__: object) -> None:
+        raise Malformed("line 1")
+
+    monkeypatch.setattr(trimesh, "load", load)
+    with pytest.warns(MeshWarning, match=r"part.stl' cannot be read \(Malformed: line 1\); expected files that can be read"):
+        assert len(shapes_of(phipsi.Scene.from_urdf(robot), None)) == 3
+
+
+@pytest.mark.parametrize("port", [99999, -1, 65536, 80.5, "8080", True])
+def test_ports_that_are_none_are_refused(port: Any) -> None:
+    with pytest.raises(ArgumentError, match="port: found .*; expected a whole number from 1 to 65535, or 0"):
+        phipsi.scenes.chain(2).show(port=port, browser=False)
+
+
+def test_a_port_in_use_is_passed_over() -> None:
+    with phipsi.scenes.chain(2).show(browser=False) as first:
+        port = int(first.url.rpartition(":")[2])
+        with phipsi.scenes.chain(2).show(port=port, browser=False) as second:
+            assert port < int(second.url.rpartition(":")[2]) < port + PORTS
+
+
+def test_the_last_port_in_use_does_not_hang() -> None:
+    with socket.socket() as taken:
+        try:
+            taken.bind((HOST, 65535))
+            taken.listen()
+        except OSError:
+            pytest.skip("in use already")
+        with pytest.raises(ArgumentError, match="port: found 65535, which cannot be used"):
+            phipsi.scenes.chain(2).show(port=65535, browser=False)
+
+
+@pytest.mark.parametrize("name", ["x.mp4", "x.gif", "x", "x.html.png"])
+def test_files_that_are_no_pages_are_refused(tmp_path: Path, name: str) -> None:
+    with pytest.raises(ArgumentError, match="to: found '.*'; expected a path that ends in .html or .htm"):
+        phipsi.scenes.chain(2).show(to=tmp_path / name)
+    assert not (tmp_path / name).exists()
+    assert phipsi.scenes.chain(2).show(to=tmp_path / "x.HTM").read_text(encoding="utf-8").lstrip()[:9].lower() == "<!doctype"
 
 
 def test_a_motion_is_shown_evenly() -> None:

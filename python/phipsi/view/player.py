@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import os
+import socket
 import threading
 import webbrowser
 from collections.abc import Sequence
@@ -40,6 +41,10 @@ SLIDERS = 64
 UNLIMITED = np.pi
 #: The address that is served: this machine alone.
 HOST = "127.0.0.1"
+#: Of a port that is in use, so many after it are tried.
+PORTS = 100
+#: Endings of the files that pages are written to.
+PAGES = (".html", ".htm")
 
 
 class Motion:
@@ -301,6 +306,25 @@ def _is_single(scene: Scene, joint: str) -> bool:
     return bool(at.stop - at.start == 1)
 
 
+def _free(port: Any) -> int:
+    """The port, or the next one that is not in use; zero stands for any."""
+    if isinstance(port, bool) or not isinstance(port, int | np.integer) or not 0 <= port < 65536:
+        raise ArgumentError(f"port: found {port!r}; expected a whole number from 1 to 65535, or 0 for any that is free")
+    reason = ""
+    for found in range(int(port), min(int(port) + PORTS, 65536)):
+        with socket.socket() as probe:
+            # As servers do, which take a port again that was closed a moment ago.
+            if os.name == "posix":
+                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                probe.bind((HOST, found))
+            except OSError as error:
+                reason = error.strerror or str(error)
+                continue
+            return found
+    raise ArgumentError(f"port: found {port}, which cannot be used ({reason}), nor can those after it; expected another, or 0 for any that is free")
+
+
 def page(
     scene: Scene,
     motion: Trajectory | ArrayLike | None = None,
@@ -334,9 +358,11 @@ def show(
     """As Scene.show, which calls it."""
     if to is not None:
         file = Path(to)
+        if file.suffix.lower() not in PAGES:
+            raise ArgumentError(f"to: found {str(to)!r}; expected a path that ends in {' or '.join(PAGES)}: a page of HTML is written, no other format")
         file.write_text(page(scene, motion, t=t, forces=forces, urdf=urdf), encoding="utf-8")
         return file
-    viewer = Viewer(scene, Motion(scene, motion, t, forces), urdf, port, title)
+    viewer = Viewer(scene, Motion(scene, motion, t, forces), urdf, _free(port), title)
     if browser:
         with contextlib.suppress(webbrowser.Error):
             webbrowser.open(viewer.url)

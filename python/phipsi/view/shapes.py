@@ -86,7 +86,7 @@ def _of_file(scene: Scene, urdf: Path, text: str) -> Iterator[Shape]:
     """The visual shapes of links that the scene has; warns, once, of meshes that cannot be found or read."""
     try:
         robot = yourdfpy.URDF.load(io.BytesIO(text.encode()), build_scene_graph=False, load_meshes=False).robot
-    except (OSError, ValueError, AttributeError, TypeError, KeyError, SyntaxError) as error:
+    except Exception as error:  # whatever its XML readers raise
         raise ArgumentError(f"urdf: found {str(urdf)!r}, which cannot be read ({error}); expected a URDF, or None for the scene's own") from None
     colours = {material.name: material.color for material in robot.materials if material.color is not None}
     known, lost = set(scene.link_names), []
@@ -96,7 +96,7 @@ def _of_file(scene: Scene, urdf: Path, text: str) -> Iterator[Shape]:
         for visual in link.visuals:
             try:
                 meshes = list(_meshes(visual.geometry, urdf))
-            except (OSError, ValueError, NotImplementedError, ImportError) as error:
+            except (OSError, ValueError) as error:
                 lost.append(f"{link.name}: {error}")
                 continue
             place = np.eye(4) if visual.origin is None else np.asarray(visual.origin, float)
@@ -105,7 +105,7 @@ def _of_file(scene: Scene, urdf: Path, text: str) -> Iterator[Shape]:
                 yield Shape(link.name, mesh, place)
     if lost:
         more = f", and {len(lost) - 1} more" if len(lost) > 1 else ""
-        text = f"shapes that are not drawn: {lost[0]}{more}; expected files beside the URDF, or in a folder of {', '.join(SEARCHED)}"
+        text = f"shapes that are not drawn: {lost[0]}{more}; expected files that can be read, beside the URDF or in a folder of {', '.join(SEARCHED)}"
         warnings.warn(text, MeshWarning, stacklevel=2)
 
 
@@ -121,13 +121,17 @@ def _meshes(geometry: Any, urdf: Path) -> Iterator[trimesh.Trimesh]:
         # What the readers say of files that they read all the same is nothing for a user of phipsi.
         with _quiet(), warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            found = trimesh.load(str(file), force="scene").dump(concatenate=False)
-        scale = geometry.mesh.scale
-        for mesh in found:
-            if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
-                if scale is not None:
-                    mesh.apply_scale(scale)
-                yield mesh
+            try:
+                found = trimesh.load(str(file), force="scene").dump(concatenate=False)
+            except Exception as error:  # each format has a reader with exceptions of its own
+                raise ValueError(f"{geometry.mesh.filename!r} cannot be read ({type(error).__name__}: {' '.join(str(error).split())[:200]})") from error
+        meshes = [mesh for mesh in found if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)]
+        if not meshes:
+            raise ValueError(f"{geometry.mesh.filename!r} has no triangles")
+        for mesh in meshes:
+            if geometry.mesh.scale is not None:
+                mesh.apply_scale(geometry.mesh.scale)
+            yield mesh
 
 
 class _quiet:
