@@ -1439,6 +1439,8 @@ class Scene:
         gain: float = 1.0,
         damping: float = 1e-6,
         limits: bool = True,
+        velocity: ArrayLike | None = None,
+        errors: _Errors = "raise",
     ) -> _Array:
         """The joint rates that take the tasks' errors away, one step of a control loop: within the limits of velocity, and those of position after dt.
 
@@ -1466,6 +1468,7 @@ class Scene:
         metric: Literal["coordinates", "mass"] = "coordinates",
         covariance: bool = False,
         seed: int = 0,
+        errors: _Errors = "raise",
     ) -> InverseKinematics:
         """Joint positions that bring links where they should be, within the limits of the joints; the most probable ones.
 
