@@ -31,8 +31,7 @@ type Given<'py> = (String, String, String, [f64; 3], [f64; 3], f64, f64, Object<
 
 #[pymethods]
 impl PyScene {
-    /// Joint positions that bring links to the poses, points and directions of tasks, within the limits of the joints
-    /// and with closed connections; the most probable ones.
+    /// Joint positions that meet tasks, within joint limits and with closed connections; the most probable ones.
     ///
     /// tasks: a task of phipsi.tasks or a list of them: Pose, Position, Orientation, Direction, LookAt, CenterOfMass,
     /// JointPosition; targets with leading axes are a batch, which broadcasts with that of q0. q0: (..., nq), the first
@@ -110,8 +109,7 @@ impl PyScene {
 
 #[pymethods]
 impl PyScene {
-    /// The joint velocities that take the tasks' errors away, one step of a control loop: within the velocity limits,
-    /// and the position limits after dt.
+    /// Joint velocities that reduce the tasks' errors, one step of a control loop: within velocity and position limits.
     ///
     /// tasks: as in inverse_kinematics; targets with leading axes are a batch, which broadcasts with that of q. q:
     /// (..., nq). dt: the time that the velocities are held, s. gain: the share of the errors that is taken away in it;
