@@ -35,9 +35,6 @@ const LEAST: f64 = 1e-7;
 /// Joint velocities may pass the lowest cost along their way by this share of the slope that they begin with, times the
 /// gain.
 const OVERSHOOT: f64 = 0.5;
-/// Joint velocities are taken without a look at where they lead where they move errors by less than this share beside
-/// what is asked.
-const SMALL: f64 = 0.1;
 /// Damping of joint velocities beyond which they are zero.
 const STILL: f64 = 1e12;
 
@@ -349,19 +346,10 @@ impl Descent {
         from: &[f64],
         (value, gain): (f64, f64),
     ) -> Result<Option<f64>, Error> {
-        let (slope, _, curvature) = along(&self.rows, &self.step);
-        let largest = self.scale.iter().fold(0.0_f64, |most, scale| most.max(*scale));
-        let length: f64 = self.step.iter().map(|step| step * step).sum();
-        // A small step that takes the errors away as asked needs no look: errors change by their curvature, about |J|
-        // |dq|^2.
-        let model = value + slope + 0.5 * curvature;
-        let is_small = length * largest.sqrt() <= SMALL * gain * (2.0 * value).sqrt();
-        if is_small && model <= ((1.0 - gain).powi(2) + SMALL * gain) * value {
-            return Ok(None);
-        }
+        let (slope, _) = along(&self.rows, &self.step);
         tasks.scene.integrate(from, &self.step, &mut self.trial)?;
         tasks.evaluate(workspace, &self.trial, &mut self.trial_rows)?;
-        let (after, size, _) = along(&self.trial_rows, &self.step);
+        let (after, size) = along(&self.trial_rows, &self.step);
         let next = value_of(tasks, &self.trial_rows, &self.trial, &mut self.off_posture);
         let rounding = 8.0 * f64::EPSILON;
         let falls = next <= value * (1.0 + rounding) && after <= OVERSHOOT * gain * -slope + rounding * size;
@@ -428,12 +416,12 @@ impl Descent {
     }
 }
 
-/// The derivative of F along a step, the sum of its terms by size, and the curvature of its model.
-fn along(rows: &Rows, step: &[f64]) -> (f64, f64, f64) {
-    let mut found = (0.0, 0.0, 0.0);
+/// The derivative of F along a step, and the sum of its terms by size.
+fn along(rows: &Rows, step: &[f64]) -> (f64, f64) {
+    let mut found = (0.0, 0.0);
     for (row, error) in rows.jacobian.chunks_exact(step.len().max(1)).zip(&rows.errors) {
         let moved: f64 = row.iter().zip(step).map(|(of, step)| of * step).sum();
-        found = (found.0 + error * moved, found.1 + (error * moved).abs(), found.2 + moved * moved);
+        found = (found.0 + error * moved, found.1 + (error * moved).abs());
     }
     found
 }
