@@ -2,7 +2,7 @@
 
 Usage: python benches/inverse_kinematics.py [--poses 1000] [--markdown FILE]; `make inverse-kinematics` makes the environment.
 
-Every program gets the same poses, which the arm has at random configurations within its limits, and the same first start; phipsi draws the later ones itself, of four draws each the one
+Every program gets the same poses, which the arm has at random configurations within its limits, and the same first start; phipsi draws the later ones itself, of four draws each, sixteen from the fourth start on, the one
 nearest to the pose, the others get random configurations. Each pose is one call, the shortest time of five counts; a pose is reached where position and rotation are within 1e-8 (m, rad),
 by as many steps a start at the most. pink and mink solve a quadratic program a step, in Python around DAQP; they are made for control at a rate, and here their steps are full ones with
 their least damping. Their poses are fewer, since they take longer. dynibo takes damped steps, with damping and longest step as it has them by default, and refuses what they end at beyond

@@ -1460,14 +1460,24 @@ class Scene:
         gain: float = 1.0,
         damping: float = 1e-6,
         limits: bool = True,
+        velocity: ArrayLike | None = None,
+        errors: _Errors = "raise",
     ) -> _Array:
-        """The joint rates that take the tasks' errors away, one step of a control loop: within the limits of velocity, and those of position after dt.
+        """Joint velocities that reduce the tasks' errors, one step of a control loop: within velocity and position limits.
 
-        tasks: as in inverse_kinematics; targets with leading axes are a batch, which broadcasts with that of q. q: (..., nq). dt: the time that the rates are held, s. gain: the share of the errors that
-        is to be gone after it; below 1 errors fall exponentially. damping: of the largest entry of J^T J over deviations; more keeps rates small near singular configurations. limits: whether joints keep to theirs; one
-        that is beyond its limit of position comes back as fast as it may.
+        tasks: as in inverse_kinematics; targets with leading axes are a batch, which broadcasts with that of q. q:
+        (..., nq). dt: the time that the velocities are held, s. gain: the share of the errors that is taken away in it;
+        below 1 errors fall exponentially. damping: of the largest entry of J^T J over deviations; more keeps velocities
+        small near singular configurations. limits: whether joints, and joints that follow them, keep to theirs; a joint
+        beyond its position limit returns as fast as its velocity limit allows, whatever the tasks want. velocity:
+        velocity limits instead of those of the joints, (..., nv) or one number, rad/s and m/s, infinite for none: a
+        floating base has limits only here. errors: as in forward_dynamics.
 
-        Minimises half the squares of J qd dt + gain e over the standard deviations, and damping, over the rates that are allowed: exactly, by a projected Newton method. O(tasks depth + nv^3).
+        Minimizes half the squares of J qd dt + gain e over the standard deviations, and damping, over the velocities
+        that limits and connections allow: exactly, by a projected Newton method. Connections are hard constraints:
+        errors that they have at q are taken away, as far as limits allow. Where that step would raise the cost, or pass
+        its minimum along the way, it is computed again with more damping, so that joints come to rest where a target is
+        out of reach. O(tasks depth + nv^3).
 
         Returns qd, (..., nv), rad/s and m/s.
 
@@ -1487,22 +1497,30 @@ class Scene:
         metric: Literal["coordinates", "mass"] = "coordinates",
         covariance: bool = False,
         seed: int = 0,
+        errors: _Errors = "raise",
     ) -> InverseKinematics:
-        """Joint positions that bring links where they should be, within the limits of the joints; the most probable ones.
+        """Joint positions that meet tasks, within joint limits and with closed connections; the most probable ones.
 
-        tasks: a task of phipsi.tasks or a list of them: Pose, Position, Orientation, Direction, LookAt, CenterOfMass, JointPosition; targets with leading axes are a batch,
-        which broadcasts with that of q0. q0: (..., nq), the first start; None: neutral. starts: how many configurations it starts from at the most, those after the first
-        drawn within the limits, of a few draws the nearest to the tasks. posture: None, or a standard deviation, rad and m: how far joints are expected from q0, for robots that tasks leave free.
-        limits: whether joints stay within theirs; a q0 beyond them starts at them, and a joint that has room for a whole turn gets past them on the way. tolerance: a task is reached where its error is no larger, m and rad.
-        iterations: steps from each start at the most. metric: what steps are damped by, "coordinates", or "mass", kinetic energy: joints that carry much move less. covariance: whether to give it. seed: of
-        the starts.
+        tasks: a task of phipsi.tasks or a list of them: Pose, Position, Orientation, Direction, LookAt, CenterOfMass,
+        JointPosition; targets with leading axes are a batch, which broadcasts with that of q0. q0: (..., nq), the first
+        start; None: neutral. starts: the largest number of configurations that it starts from, those after the first
+        drawn within the limits, of a few draws the nearest to the tasks. posture: None, or a standard deviation, rad
+        and m: how far joints are expected from q0, for robots that tasks leave free. limits: whether joints, and joints
+        that follow them, stay within theirs; a q0 beyond them starts at them, and a joint that has room for a whole
+        turn gets past them on the way. tolerance: a task is reached where its error is at most this, m and rad.
+        iterations: the largest number of steps from each start. metric: what steps are damped by, "coordinates", or
+        "mass", kinetic energy: joints that carry much mass move less. covariance: whether to compute it. seed: of the
+        starts. errors: as in forward_dynamics; a bad state has NaN for q and errors, and reached False.
 
-        Minimises half the squares of all errors over their standard deviations, by Levenberg and Marquardt's steps on the manifold, each the exact minimum of its model
-        within the limits: no step makes it worse. The same bits for any number of threads. O(tasks depth + nv^3) a step.
+        Minimizes half the squares of all errors over their standard deviations, by Levenberg and Marquardt's steps on
+        the manifold, each the exact minimum of its model within the limits: no step makes it worse. Connections are
+        hard constraints: every step ends where they are closed. The same bits for any number of threads. O(tasks depth
+        + nv^3) a step.
 
         Returns a phipsi.tasks.InverseKinematics: q, reached, errors, starts, iterations and the covariance.
 
-        Raises ArgumentError for what is no task, unknown links and joints, and numbers that cannot be; ShapeError, NotFiniteError, naming the task and the state.
+        Raises ArgumentError for what is no task, unknown links and joints, and values out of range; ShapeError,
+        NotFiniteError, naming the task and the state; ConstraintError where no start leads to closed connections.
         """
     def identify(
         self,

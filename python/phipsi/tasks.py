@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .errors import ArgumentError, ShapeError, of_argument
+from .errors import ArgumentError, NotFiniteError, ShapeError, of_argument
 
 __all__ = ["CenterOfMass", "Direction", "InverseKinematics", "JointPosition", "LookAt", "Orientation", "Pose", "Position", "Task"]
 
@@ -35,7 +35,7 @@ class Pose(NamedTuple):
     link: str
     """Name of the link."""
     target: ArrayLike
-    """Homogeneous matrix, link to base, (..., 4, 4), as Scene.placement gives it."""
+    """Homogeneous matrix, link to base, (..., 4, 4), as Scene.placement gives it; a rotation with three decimals or more is orthonormalized."""
     at: ArrayLike = ORIGIN
     """The point of the link that is meant, in its frame, (3,), m."""
     position: float = DEVIATION
@@ -67,7 +67,7 @@ class Orientation(NamedTuple):
     link: str
     """Name of the link."""
     target: ArrayLike
-    """Rotation matrix, link to base, (..., 3, 3)."""
+    """Rotation matrix, link to base, (..., 3, 3); one with three decimals or more is orthonormalized."""
     rotation: float = DEVIATION
     """Standard deviation, rad."""
     relative_to: str | None = None
@@ -130,13 +130,13 @@ class InverseKinematics(NamedTuple):
     """What inverse kinematics found."""
 
     q: _Array
-    """The configuration, (..., nq), within the limits of the joints."""
+    """The configuration, (..., nq), within the limits of the joints and with closed connections."""
     reached: NDArray[np.bool_] | bool
     """Whether every task's error is within the tolerance, (...). Where it is not, q is the best that was found: a local minimum, which does not prove that there is none."""
     position_error: _Array | np.float64
     """The largest distance of a task from its target, (...), m."""
     rotation_error: _Array | np.float64
-    """The largest angle of a task, (...), rad; of directions the distance of their unit vectors."""
+    """The largest angle of a task, (...), rad."""
     starts: NDArray[np.int64] | int
     """How many starts were used, (...)."""
     iterations: NDArray[np.int64] | int
@@ -181,8 +181,6 @@ def _one(at: int, task: Any) -> _Unpacked:
         target = target[..., None]
     elif target.ndim == 0 or target.shape[-1] != width:
         raise of_argument(ShapeError, f"{name}.target", f"found shape {target.shape}; expected (..., {width})")
-    if kind == "direction":
-        target = _unit(f"{name}.target", target)
     point, axis = getattr(task, "at", ORIGIN), getattr(task, "axis", FORWARD)
     # Most calls have neither.
     point = ORIGIN if point is ORIGIN else _triple(name, "at", point).tolist()
@@ -209,10 +207,17 @@ def _triple(name: str, field: str, value: ArrayLike) -> _Array:
 
 def _unit(name: str, axis: _Array) -> _Array:
     """Of unit length."""
-    length = np.linalg.norm(axis, axis=-1, keepdims=True)
-    if np.any(length == 0.0):
+    if not np.isfinite(axis).all():
+        raise of_argument(NotFiniteError, name, f"found {axis.tolist()}; expected finite numbers")
+    largest = np.abs(axis).max()
+    if largest == 0.0:
         raise of_argument(ArgumentError, name, "found an axis without direction; expected one of any length above zero")
-    return np.asarray(axis / length)
+    scaled = axis / largest  # squares of small or large numbers are none
+    return np.asarray(scaled / np.linalg.norm(scaled))
+
+
+#: Of a state that could not be computed: reached, errors, starts, iterations.
+NO_NUMBERS = np.array([0.0, np.nan, np.nan, 0.0, 0.0])
 
 
 def gathered(numbers: _Array, nq: int, nv: int, covariance: bool) -> InverseKinematics:
@@ -220,7 +225,7 @@ def gathered(numbers: _Array, nq: int, nv: int, covariance: bool) -> InverseKine
     q, beside, rest = numbers[..., :nq].copy(), numbers[..., nq : nq + 5], numbers[..., nq + 5 :]
     room = rest.reshape(*numbers.shape[:-1], nv, nv).copy() if covariance else None
     if numbers.ndim == 1:
-        reached, position, rotation, starts, iterations = beside.tolist()
+        reached, position, rotation, starts, iterations = np.where(np.isnan(beside), NO_NUMBERS, beside).tolist()
         return InverseKinematics(q, bool(reached), np.float64(position), np.float64(rotation), int(starts), int(iterations), room)
-    each = np.moveaxis(beside, -1, 0)
+    each = np.moveaxis(np.where(np.isnan(beside), NO_NUMBERS, beside), -1, 0)
     return InverseKinematics(q, each[0] != 0.0, each[1].copy(), each[2].copy(), each[3].astype(np.int64), each[4].astype(np.int64), room)

@@ -1,17 +1,17 @@
 //! The limits of joints, by degree of freedom.
 
 use super::task::{Goal, Tasks};
-use crate::error::Error;
-use crate::scene::{JointKind, Scene};
+use crate::error::{Error, check_length, number};
+use crate::scene::{Coupling, JointKind, Scene};
 use std::f64::consts::TAU;
 
 /// By how much limits that allow a whole turn may be short of it, rad: files round them to six digits.
 const ROUNDED: f64 = 1e-5;
 
-/// How far each degree of freedom may go; joints of several coordinates have no limits.
+/// Position limits of each degree of freedom; joints with a quaternion have none.
 #[derive(Debug, Clone)]
 pub struct Bounds {
-    /// The coordinate of each degree of freedom; none where a joint has several.
+    /// Index in q of each degree of freedom whose velocity is the derivative of one coordinate.
     pub coordinate: Vec<Option<usize>>,
     /// Smallest and largest value, rad or m; infinite where there is none.
     pub lower: Vec<f64>,
@@ -28,7 +28,7 @@ pub struct Way {
     open: Vec<usize>,
 }
 
-/// How fast each degree of freedom may go, and how far.
+/// Limits of velocity and position of each degree of freedom.
 #[derive(Debug, Clone)]
 pub struct RateBounds {
     places: Bounds,
@@ -36,25 +36,52 @@ pub struct RateBounds {
 }
 
 impl RateBounds {
-    /// Those of the joints.
-    pub fn of(scene: &Scene) -> Result<Self, Error> {
-        let mut velocity = vec![f64::INFINITY; scene.nv()];
+    /// The position limits of the joints, and their velocity limits or those of the caller.
+    pub fn of(scene: &Scene, velocity: Option<&[f64]>) -> Result<Self, Error> {
+        let places = Bounds::of(scene)?;
+        let Some(given) = velocity else { return Ok(Self { places, velocity: velocities_of(scene)? }) };
+        check_length("velocity", given.len(), scene.nv())?;
         for joint in scene.joints() {
-            if !(joint.limits.velocity >= 0.0) {
-                let found = format!("velocity {}", joint.limits.velocity);
-                return Err(Error::scene(format!("limits of joint {:?}", joint.name), found, "zero or more"));
+            if let Some(bad) = given[joint.v.clone()].iter().find(|value| !(**value >= 0.0)) {
+                let found = format!("{} for joint {:?}", number(*bad), joint.name);
+                return Err(Error::argument("velocity", found, "zero or more; infinity for no limit"));
             }
-            velocity[joint.v.clone()].fill(joint.limits.velocity);
         }
-        Ok(Self { places: Bounds::of(scene)?, velocity })
+        Ok(Self { places, velocity: given.to_vec() })
     }
 
-    /// The least and the largest step of a degree of freedom from `q` within dt: that of the velocity, where both cannot be kept.
-    pub fn room(&self, row: usize, q: &[f64], dt: f64) -> (f64, f64) {
+    /// The displacement nearest to zero that limits allow within `dt` from `q`, into `step`: zero, but for joints
+    /// beyond their position limits, which return.
+    pub fn returning(&self, q: &[f64], dt: f64, step: &mut [f64]) {
+        for (row, step) in step.iter_mut().enumerate() {
+            let (lower, upper) = self.places.room(row, q);
+            let most = self.velocity[row] * dt;
+            *step = 0.0_f64.max(lower).min(upper).max(-most).min(most);
+        }
+    }
+
+    /// The least and the largest displacement of a degree of freedom from `q`, where the joints move by `returning`
+    /// already.
+    pub fn room(&self, row: usize, q: &[f64], dt: f64, returning: f64) -> (f64, f64) {
         let most = self.velocity[row] * dt;
         let (lower, upper) = self.places.room(row, q);
-        (lower.max(-most).min(most), upper.min(most).max(-most))
+        ((lower - returning).max(-most - returning).min(0.0), (upper - returning).min(most - returning).max(0.0))
     }
+}
+
+/// The velocity limit of each degree of freedom: that of its joint, and those of joints that follow it, over their
+/// multipliers.
+fn velocities_of(scene: &Scene) -> Result<Vec<f64>, Error> {
+    let tree = scene.tree();
+    let mut velocity = vec![f64::INFINITY; tree.nv()];
+    for joint in tree.joints() {
+        if !(joint.limits.velocity >= 0.0) {
+            let found = format!("velocity {}", joint.limits.velocity);
+            return Err(Error::scene(format!("limits of joint {:?}", joint.name), found, "zero or more"));
+        }
+        velocity[joint.v.clone()].fill(joint.limits.velocity);
+    }
+    Ok(scene.coupling().map_or_else(|| velocity.clone(), |coupling| coupling.velocity_limits(&velocity)))
 }
 
 impl Way {
@@ -63,12 +90,13 @@ impl Way {
         Self { bounds: limits.clone(), open: Vec::with_capacity(limits.lower.len()) }
     }
 
-    /// What the tasks allow: a posture and the position of a joint tell one turn from the next, and so does what follows a joint.
+    /// Lifts the limits that the tasks allow to lift: whole turns differ for a posture, for the position of a joint, and for joints and
+    /// connections that follow a joint.
     pub fn choose(&mut self, limits: &Bounds, tasks: &Tasks<'_>) {
         self.open.clear();
         self.bounds.lower.copy_from_slice(&limits.lower);
         self.bounds.upper.copy_from_slice(&limits.upper);
-        if tasks.posture.is_some() || tasks.scene.coupling().is_some() {
+        if !tasks.is_same_after_turns() {
             return;
         }
         for (at, joint) in tasks.scene.joints().iter().enumerate() {
@@ -82,6 +110,18 @@ impl Way {
                 self.open.push(row);
             }
         }
+    }
+
+    /// No limits.
+    pub fn lift(&mut self) {
+        self.bounds.lower.fill(f64::NEG_INFINITY);
+        self.bounds.upper.fill(f64::INFINITY);
+    }
+
+    /// True if any joint has a limit on the way.
+    pub fn is_limited(&self) -> bool {
+        let Bounds { lower, upper, .. } = &self.bounds;
+        lower.iter().chain(upper).any(|limit| limit.is_finite())
     }
 
     /// Brings a configuration within all limits by whole turns; whether anything moved.
@@ -105,28 +145,61 @@ impl Bounds {
     pub fn without(scene: &Scene) -> Self {
         let mut coordinate = vec![None; scene.nv()];
         for joint in scene.joints() {
-            if joint.v.len() == 1 && joint.q.len() == 1 {
-                coordinate[joint.v.start] = Some(joint.q.start);
+            if joint.v.len() == joint.q.len() {
+                joint.v.clone().zip(joint.q.clone()).for_each(|(row, at)| coordinate[row] = Some(at));
             }
         }
         Self { coordinate, lower: vec![f64::NEG_INFINITY; scene.nv()], upper: vec![f64::INFINITY; scene.nv()] }
     }
 
-    /// Those of the joints.
+    /// Those of the joints, and of the joints that follow them.
     pub fn of(scene: &Scene) -> Result<Self, Error> {
         let mut limits = Self::without(scene);
+        let shared = scene.coupling().map(Coupling::limits);
         for joint in scene.joints() {
-            let row = joint.v.start;
-            if limits.coordinate[row].is_none() {
-                continue;
-            }
-            (limits.lower[row], limits.upper[row]) = (joint.limits.lower, joint.limits.upper);
-            if !(limits.lower[row] <= limits.upper[row]) {
-                let found = format!("lower {} above upper {}", limits.lower[row], limits.upper[row]);
-                return Err(Error::scene(format!("limits of joint {:?}", joint.name), found, "lower at most upper"));
+            for row in joint.v.clone() {
+                let Some(at) = limits.coordinate[row] else { continue };
+                let own = (joint.limits.lower, joint.limits.upper);
+                let (lower, upper) = shared.as_ref().filter(|_| joint.q.len() == 1).map_or(own, |shared| shared[at]);
+                if !(lower <= upper) {
+                    let followers = scene.coupling().map(|coupling| coupling.moved_by(joint)).unwrap_or_default();
+                    let (of, remedy) = match followers.split_first() {
+                        Some((_, rest)) if !rest.is_empty() => (
+                            format!(", with those of {} that follow it", rest.join(", ")),
+                            "limits of the joints that follow which leave room; limits=False ignores them",
+                        ),
+                        _ => (String::new(), "lower at most upper"),
+                    };
+                    let found = format!("lower {} above upper {}{of}", number(lower), number(upper));
+                    return Err(Error::scene(format!("limits of joint {:?}", joint.name), found, remedy));
+                }
+                (limits.lower[row], limits.upper[row]) = (lower, upper);
             }
         }
         Ok(limits)
+    }
+
+    /// Moves a configuration to the nearest one within limits, where angles are the same after whole turns.
+    pub fn wrap(&self, scene: &Scene, q: &mut [f64]) {
+        for joint in
+            scene.joints().iter().filter(|joint| matches!(joint.kind, JointKind::Revolute | JointKind::Continuous))
+        {
+            let (row, at) = (joint.v.start, joint.q.start);
+            let (lower, upper) = (self.lower[row], self.upper[row]);
+            if !(lower.is_finite() && upper.is_finite()) {
+                continue;
+            }
+            let above = (q[at] - lower).rem_euclid(TAU);
+            let beyond = above - (upper - lower);
+            q[at] = if beyond <= 0.0 {
+                lower + above
+            } else if beyond < TAU - above {
+                upper
+            } else {
+                lower
+            };
+        }
+        self.hold(q);
     }
 
     /// Moves a configuration to the limits that it is beyond.

@@ -7,6 +7,7 @@
 //!
 //! by the steps of Levenberg and Marquardt, each the exact minimum of its model within the limits. Where one start ends in a local minimum,
 //! others follow, drawn within the limits, of a few draws the most probable. The inverse of the second derivative at the end is the covariance of the answer.
+//! Connections of the scene are hard constraints: each step satisfies them, and so does the answer.
 //!
 //! ```
 //! use phipsi::inverse_kinematics::{Goal, Options, Task};
@@ -22,13 +23,15 @@
 //! # Ok::<(), phipsi::Error>(())
 //! ```
 
+mod closure;
 mod descent;
+mod direction;
 mod limits;
 mod starts;
 mod step;
 mod task;
 
-use crate::error::{Error, check_length};
+use crate::error::{Error, check_length, number};
 use crate::scene::Scene;
 use crate::workspace::Workspace;
 use descent::{Descent, Ending, Until};
@@ -67,7 +70,7 @@ pub enum Metric {
 
 /// How fast joints go to where tasks want them: a step of a control loop.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct RateOptions {
+pub struct RateOptions<'a> {
     /// The time that the rates are held, s.
     pub dt: f64,
     /// The share of the errors that is to be gone after it.
@@ -76,6 +79,22 @@ pub struct RateOptions {
     pub damping: f64,
     /// Whether joints stay within their limits of position and velocity.
     pub limits: bool,
+    /// Velocity limits (nv), rad/s and m/s, instead of those of the joints; those of a floating base too, which has
+    /// none of its own.
+    pub velocity: Option<&'a [f64]>,
+}
+
+impl RateOptions<'_> {
+    /// Refuses times, gains and damping that are not above zero, limits that leave a joint no room, and negative
+    /// velocity limits.
+    pub(crate) fn check(&self, scene: &Scene) -> Result<(), Error> {
+        for (name, value) in [("dt", self.dt), ("gain", self.gain), ("damping", self.damping)] {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(Error::argument(name, number(value), "a finite number above zero"));
+            }
+        }
+        if self.limits { RateBounds::of(scene, self.velocity).map(drop) } else { Ok(()) }
+    }
 }
 
 impl Default for Options {
@@ -99,7 +118,7 @@ pub struct Outcome {
     pub reached: bool,
     /// The largest distance of a task, m.
     pub position_error: f64,
-    /// The largest angle of a task, rad; of directions the distance of their unit vectors.
+    /// The largest angle of a task, rad.
     pub rotation_error: f64,
     /// How many starts were used.
     pub starts: usize,
@@ -113,6 +132,8 @@ pub struct Solver<'a> {
     scene: &'a Scene,
     options: Options,
     descent: Descent,
+    /// The tasks, with targets that are rotations to rounding.
+    tasks: Vec<Task>,
     start: Vec<f64>,
     drawn: Vec<f64>,
     best: Vec<f64>,
@@ -120,6 +141,11 @@ pub struct Solver<'a> {
 
 /// A start after the first is the most probable of so many draws: fewer of them end at limits where no answer is.
 const DRAWS: u64 = 4;
+/// So many starts stay within the limits all the way. Most of their ends that are no answer are minima at limits; so
+/// later ones first go down without limits, and begin with some joints at limits, where answers are that they do not
+/// find. They are of so many draws.
+const WITHIN: usize = 3;
+const LATER_DRAWS: u64 = 16;
 
 impl Scene {
     /// A solver of inverse kinematics.
@@ -146,6 +172,7 @@ impl Scene {
             scene: self,
             options: *options,
             descent: Descent::new(self, limits),
+            tasks: Vec::new(),
             start: vec![f64::NAN; self.nq()],
             drawn: vec![f64::NAN; self.nq()],
             best: vec![f64::NAN; self.nq()],
@@ -154,10 +181,14 @@ impl Scene {
 }
 
 impl Solver<'_> {
-    /// The rates `qd` (nv) that take a share of the tasks' errors away within dt, at the configuration `q` (nq): one step for control loops.
+    /// The joint velocities `qd` (nv) that take a share of the tasks' errors away within dt, at the configuration `q`
+    /// (nq): one step for control loops.
     ///
-    /// What is minimised is 1/2 sum ((J qd dt + gain e) / s)^2 + damping dq D dq / 2 over the rates that limits of velocity allow, and limits of position after dt; a joint that is
-    /// beyond its limit comes back as fast as it may. O(tasks depth + nv^3).
+    /// Minimizes 1/2 sum ((J qd dt + gain e) / s)^2 + damping dq D dq / 2 over the velocities that the velocity limits
+    /// allow, and the position limits after dt. A joint that is beyond its limit returns as fast as its velocity limit
+    /// allows, whatever the tasks want. Connections are hard constraints: their errors stay zero to first order. Where
+    /// the step would raise the cost, or pass its minimum along the way, it is computed again with more damping: so
+    /// joints come to rest where a target is out of reach. O(tasks depth + nv^3).
     ///
     /// # Errors
     ///
@@ -167,24 +198,28 @@ impl Solver<'_> {
         workspace: &mut Workspace<f64>,
         tasks: &[Task],
         q: &[f64],
-        options: &RateOptions,
+        options: &RateOptions<'_>,
         qd: &mut [f64],
     ) -> Result<(), Error> {
         let scene = self.scene;
-        for (name, value) in [("dt", options.dt), ("gain", options.gain), ("damping", options.damping)] {
-            if !(value.is_finite() && value > 0.0) {
-                return Err(Error::argument(name, value.to_string(), "a finite number above zero"));
-            }
-        }
+        options.check(scene)?;
         scene.check_workspace(workspace)?;
         scene.check_coordinates("q", q)?;
         check_length("qd", qd.len(), scene.nv())?;
+        self.checked(tasks)?;
+        let tasks = Tasks { scene, each: &self.tasks, posture: None };
+        let limits = options.limits.then(|| RateBounds::of(scene, options.velocity)).transpose()?;
+        self.descent.rates(workspace, &tasks, q, options, limits.as_ref(), qd)?;
+        scene.check_result("qd", qd)
+    }
+
+    /// Checks the tasks, and keeps them with targets that are rotations to rounding.
+    fn checked(&mut self, tasks: &[Task]) -> Result<(), Error> {
+        self.tasks.clear();
         for (at, task) in tasks.iter().enumerate() {
-            task.check(scene, at)?;
+            self.tasks.push(task.checked(self.scene, at)?);
         }
-        let tasks = Tasks { scene, each: tasks, posture: None };
-        let limits = if options.limits { Some(RateBounds::of(scene)?) } else { None };
-        self.descent.rates(workspace, &tasks, q, options, limits.as_ref(), qd)
+        Ok(())
     }
 
     /// Looks for the most probable configuration into `q` (nq), from `start` (nq), which is the posture too where options ask for one.
@@ -196,7 +231,8 @@ impl Solver<'_> {
     ///
     /// # Errors
     ///
-    /// Wrong lengths, numbers that are not finite, tasks that cannot be (see [`Task`]), and a workspace of another scene.
+    /// Wrong lengths, numbers that are not finite, tasks that cannot be (see [`Task`]), a workspace of another scene,
+    /// and [`Error::Constraint`] where no start leads to closed connections within the limits.
     pub fn solve(
         &mut self,
         workspace: &mut Workspace<f64>,
@@ -209,10 +245,9 @@ impl Solver<'_> {
         scene.check_workspace(workspace)?;
         scene.check_coordinates("q0", start)?;
         check_length("q", q.len(), scene.nq())?;
-        for (at, task) in tasks.iter().enumerate() {
-            task.check(scene, at)?;
-        }
-        let tasks = Tasks { scene, each: tasks, posture: self.options.posture.map(|deviation| (start, deviation)) };
+        self.checked(tasks)?;
+        let own = std::mem::take(&mut self.tasks);
+        let tasks = Tasks { scene, each: &own, posture: self.options.posture.map(|deviation| (start, deviation)) };
         let tolerance = self.options.tolerance;
         let mut found: Option<Ending> = None;
         let (mut used, mut iterations) = (0, 0);
@@ -222,7 +257,7 @@ impl Solver<'_> {
                 _ => self.draw(workspace, &tasks, start, used as u64)?,
             }
             used += 1;
-            let whole = (Until::Hopeless, self.options.iterations);
+            let whole = (Until::Hopeless, self.options.iterations, used > WITHIN);
             let ending = self.descent.run(workspace, &tasks, &self.options, whole, &mut self.start)?;
             iterations += ending.iterations;
             let is_reached = ending.reached(tolerance);
@@ -230,14 +265,18 @@ impl Solver<'_> {
                 self.best.copy_from_slice(&self.start);
                 found = Some(ending);
             }
-            if is_reached || tasks.is_without_rows() {
+            if is_reached || tasks.is_without_rows() && ending.open.is_none() {
                 break;
             }
         }
         let Some(mut best) = found else { return Err(Error::argument("starts", "0", "at least one")) };
+        if let Some((row, left)) = best.open {
+            let expected = "connections that close within the limits of the joints from q0 or from a random start (limits=False ignores limits)";
+            return Err(scene.open_at("q", row, left, "m or rad", expected));
+        }
         if best.is_given_up && !best.reached(tolerance) {
             // None is an answer: the nearest to one, exactly.
-            let rest = (Until::Lowest, self.options.iterations - best.iterations);
+            let rest = (Until::Lowest, self.options.iterations - best.iterations, false);
             best = self.descent.run(workspace, &tasks, &self.options, rest, &mut self.best)?;
             iterations += best.iterations;
         }
@@ -246,6 +285,7 @@ impl Solver<'_> {
             check_length("covariance", room.len(), scene.nv() * scene.nv())?;
             self.descent.covariance(workspace, &tasks, &self.best, room)?;
         }
+        self.tasks = own;
         Ok(Outcome {
             reached: best.reached(tolerance),
             position_error: best.position_error,
@@ -264,9 +304,16 @@ impl Solver<'_> {
         number: u64,
     ) -> Result<(), Error> {
         let mut least = f64::INFINITY;
-        for draw in 0..DRAWS {
-            let number = number * DRAWS + draw;
-            starts::draw(self.scene, &self.descent.limits, start, self.options.seed, number, &mut self.drawn);
+        let is_later = number >= WITHIN as u64;
+        for draw in 0..if is_later { LATER_DRAWS } else { DRAWS } {
+            let number = number * LATER_DRAWS + draw;
+            starts::draw(
+                self.scene,
+                &self.descent.limits,
+                start,
+                (self.options.seed, number, is_later),
+                &mut self.drawn,
+            );
             let value = self.descent.value(workspace, tasks, &self.drawn)?;
             if draw == 0 || value < least {
                 least = value;

@@ -6,20 +6,27 @@ use crate::scene::Scene;
 use nalgebra::{UnitQuaternion, Vector3};
 use std::f64::consts::PI;
 
-/// Draws start `number` into `q`: joints within their limits, or a whole turn where they have none; slides without limits and free joints stay where
-/// `start` has them, spherical joints get any rotation.
-pub fn draw(scene: &Scene, limits: &Bounds, start: &[f64], seed: u64, number: u64, q: &mut [f64]) {
+/// The step of `SplitMix64`.
+const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
+
+/// Draws start `number` into `q`: joints within their limits, or a whole turn where they have none; slides without
+/// limits and free joints stay where `start` has them, spherical joints get any rotation. With `corners` half of the
+/// joints that have limits are at one of them: starts that reach answers there.
+pub fn draw(scene: &Scene, limits: &Bounds, start: &[f64], (seed, number, corners): (u64, u64, bool), q: &mut [f64]) {
     q.copy_from_slice(start);
-    let mut state = seed ^ number.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    // Mixed twice: streams that begin a step of the generator apart would have the same numbers, one place later.
+    let mut state = mixed(seed ^ mixed(number.wrapping_mul(GOLDEN)));
     for joint in scene.joints() {
-        let (row, at) = (joint.v.start, joint.q.start);
-        if limits.coordinate[row].is_some() {
-            let (lower, upper) = (limits.lower[row], limits.upper[row]);
-            let share = uniform(&mut state);
-            if lower.is_finite() && upper.is_finite() {
-                q[at] = lower + share * (upper - lower);
-            } else if turns(joint.kind) {
-                q[at] = ((2.0 * share - 1.0) * PI).max(lower).min(upper);
+        if limits.coordinate[joint.v.start].is_some() {
+            for (axis, (row, at)) in joint.v.clone().zip(joint.q.clone()).enumerate() {
+                let (lower, upper) = (limits.lower[row], limits.upper[row]);
+                let share = uniform(&mut state);
+                if lower.is_finite() && upper.is_finite() {
+                    let share = if corners { (2.0 * share - 0.5).clamp(0.0, 1.0) } else { share };
+                    q[at] = lower + share * (upper - lower);
+                } else if turns(joint.kind, axis) {
+                    q[at] = ((2.0 * share - 1.0) * PI).max(lower).min(upper);
+                }
             }
         } else if joint.v.len() == 3 && joint.q.len() == 4 {
             // A direction of any length up to half a turn: every rotation is near one of them.
@@ -33,9 +40,32 @@ pub fn draw(scene: &Scene, limits: &Bounds, start: &[f64], seed: u64, number: u6
 /// A number in [0, 1): `SplitMix64` (Steele, Lea and Flood, 2014).
 #[allow(clippy::cast_precision_loss)] // 53 bits
 fn uniform(state: &mut u64) -> f64 {
-    *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    let mut z = *state;
+    *state = state.wrapping_add(GOLDEN);
+    (mixed(*state) >> 11) as f64 / (1u64 << 53) as f64
+}
+
+/// The output function of `SplitMix64`.
+fn mixed(mut z: u64) -> u64 {
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    z ^ (z >> 31)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn starts_share_no_numbers() {
+        let scene = crate::scenes::chain(7).unwrap();
+        let limits = Bounds::without(&scene);
+        let mut all = Vec::new();
+        for number in 0..80 {
+            let mut q = vec![f64::NAN; 7];
+            draw(&scene, &limits, &[0.0; 7], (0, number, false), &mut q);
+            all.extend(q);
+        }
+        all.sort_by(f64::total_cmp);
+        assert!(all.windows(2).all(|pair| pair[0] < pair[1]));
+    }
 }

@@ -14,6 +14,8 @@ pub struct BoxStep {
 
 /// Backtracking along the path that the limits bend: shortened so often at the most, by half each time.
 const HALVINGS: usize = 30;
+/// A step within this share of a limit ends at it.
+const MEETS: f64 = 1e-12;
 
 impl BoxStep {
     pub fn new(n: usize) -> Self {
@@ -31,8 +33,9 @@ impl BoxStep {
 
     /// The minimum, into `step`; whether there is one: false where A is not positive definite on what may move.
     ///
-    /// Projected Newton: what is at a limit and pushed against it is held, the others take Newton's step, bent at the limits and shortened until the quadratic
-    /// falls; ends where that was done for just those that may move. O(n^3) a round, as a rule two or three of them.
+    /// Projected Newton: what is at a limit and pushed against it is held, the others take Newton's step, bent at the
+    /// limits; where the quadratic does not fall along that, the step ends at the first limit. Ends where a whole step
+    /// was taken by just those that may move. O(n^3) a round, as a rule two or three of them.
     pub fn minimise(&mut self, a: &[f64], g: &[f64], room: impl Fn(usize) -> (f64, f64), step: &mut [f64]) -> bool {
         let n = self.n;
         step.fill(0.0);
@@ -54,18 +57,42 @@ impl BoxStep {
             if self.free.is_empty() || (whole && self.free == self.solved) {
                 return true;
             }
-            if !self.newton(a) {
-                return false;
+            // Without what is at a limit that Newton's step would cross.
+            loop {
+                if !self.newton(a) {
+                    return false;
+                }
+                let (count, mut at) = (self.free.len(), 0);
+                let way = &self.way;
+                self.free.retain(|&i| {
+                    let ((lower, upper), way) = (room(i), way[at]);
+                    at += 1;
+                    !(step[i] >= upper && way > 0.0 || step[i] <= lower && way < 0.0)
+                });
+                if self.free.len() == count || self.free.is_empty() {
+                    break;
+                }
             }
             let was = quadratic(a, g, step);
             let (mut length, mut bent, mut shortened) = (1.0, false, false);
+            let mut first = 1.0_f64;
+            for (&i, &way) in self.free.iter().zip(&self.way) {
+                let (lower, upper) = room(i);
+                let limit = if way > 0.0 { upper } else { lower };
+                if way != 0.0 {
+                    first = first.min((limit - step[i]) / way);
+                }
+            }
             for halving in 0..HALVINGS {
                 bent = false;
                 self.trial.copy_from_slice(step);
                 for (&i, &way) in self.free.iter().zip(&self.way) {
                     let (lower, upper) = room(i);
                     let to = step[i] + length * way;
-                    self.trial[i] = to.max(lower).min(upper);
+                    let limit = if way > 0.0 { upper } else { lower };
+                    // At a limit exactly, or rounding would leave a step to it for the next round.
+                    let meets = (length * way).abs() >= (1.0 - MEETS) * (limit - step[i]).abs();
+                    self.trial[i] = if meets { limit } else { to };
                     bent |= to < lower || to > upper;
                 }
                 if !bent && halving == 0 {
@@ -75,7 +102,8 @@ impl BoxStep {
                 if quadratic(a, g, &self.trial) <= was + 1e-4 * fall {
                     break;
                 }
-                (length, shortened) = (0.5 * length, true);
+                // The quadratic falls all the way to the first limit.
+                (length, shortened) = (if halving == 0 { first } else { 0.5 * length }, true);
             }
             step.copy_from_slice(&self.trial);
             whole = !bent && !shortened;
@@ -133,6 +161,24 @@ impl BoxStep {
     }
 }
 
+/// Adds J^T J to `a`, (n x n) row by row, and J^T e to `g`.
+pub fn add_squares(jacobian: &[f64], errors: &[f64], a: &mut [f64], g: &mut [f64]) {
+    let n = g.len();
+    for (row, &error) in jacobian.chunks_exact(n.max(1)).zip(errors) {
+        for (i, &of_i) in row.iter().enumerate().filter(|(_, of_i)| **of_i != 0.0) {
+            g[i] += of_i * error;
+            for (entry, &of_j) in a[i * n..=i * n + i].iter_mut().zip(row) {
+                *entry += of_i * of_j;
+            }
+        }
+    }
+    for i in 0..n {
+        for j in 0..i {
+            a[j * n + i] = a[i * n + j];
+        }
+    }
+}
+
 /// g d + d A d / 2.
 pub fn quadratic(a: &[f64], g: &[f64], d: &[f64]) -> f64 {
     let n = d.len();
@@ -174,10 +220,14 @@ mod tests {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
             f64::from(u32::try_from(state >> 33).unwrap()) / f64::from(1_u32 << 30) - 1.0
         };
-        for n in 1..6 {
+        for (n, penalty) in (1..6).flat_map(|n| [(n, 0.0), (n, 1e4)]) {
             for _ in 0..40 {
                 let root = nalgebra::DMatrix::from_fn(n, n, |_, _| draw());
-                let a = &root * root.transpose() + nalgebra::DMatrix::identity(n, n) * 0.1;
+                // With a large penalty on one row, as connections have.
+                let row = nalgebra::DVector::from_fn(n, |_, _| draw());
+                let a = &root * root.transpose()
+                    + nalgebra::DMatrix::identity(n, n) * 0.1
+                    + &row * row.transpose() * penalty;
                 let a: Vec<f64> = a.transpose().as_slice().to_vec();
                 let g: Vec<f64> = (0..n).map(|_| 3.0 * draw()).collect();
                 let lower: Vec<f64> = (0..n).map(|_| -draw().abs()).collect();

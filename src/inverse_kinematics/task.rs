@@ -1,6 +1,7 @@
 //! Tasks: what should be where, how far it is off, and how that changes with the joints.
 
-use crate::error::{Error, check_finite};
+use super::direction::{Away, away};
+use crate::error::{Error, check_finite, number};
 use crate::kinematics::{Frame, local_jacobian};
 use crate::scene::{JointKind, Scene};
 use crate::spatial::RigidShift;
@@ -80,15 +81,36 @@ impl Task {
         Self { goal, position: 1e-3, rotation: 1e-3, relative_to: None }
     }
 
-    /// Refuses what cannot be: bodies and joints that are not there, deviations that are not positive, numbers that are not finite, axes that are not
-    /// unit vectors and targets that are no rotation.
-    pub(super) fn check(&self, scene: &Scene, at: usize) -> Result<(), Error> {
-        let name = |what: &str| format!("{what} of task {at}");
-        for (what, value) in [("position deviation", self.position), ("rotation deviation", self.rotation)] {
+    /// The task with the rotation of its target orthonormalized. Refuses what cannot be: bodies and joints that are not
+    /// there, deviations that are not positive, numbers that are not finite, axes that are not unit vectors and targets
+    /// that are no rotation.
+    pub(super) fn checked(mut self, scene: &Scene, at: usize) -> Result<Self, Error> {
+        self.check(scene, at)?;
+        if let Goal::Pose { target: RigidShift { rotation, .. }, .. } | Goal::Orientation { target: rotation, .. } =
+            &mut self.goal
+        {
+            let name = format!("target of task {at}");
+            check_finite(&name, rotation.as_slice())?;
+            *rotation = nearest_rotation(rotation)
+                .map_err(|found| Error::argument(name, found, "a rotation matrix, each entry within 1e-3"))?;
+        }
+        Ok(self)
+    }
+
+    /// Refuses deviations that are not above zero.
+    pub(crate) fn check_deviations(&self, at: usize) -> Result<(), Error> {
+        for (what, value) in [("position", self.position), ("rotation", self.rotation)] {
             if !(value.is_finite() && value > 0.0) {
-                return Err(Error::argument(name(what), value.to_string(), "a finite number above zero"));
+                let name = format!("{what} deviation of task {at}");
+                return Err(Error::argument(name, number(value), "a finite number above zero"));
             }
         }
+        Ok(())
+    }
+
+    fn check(&self, scene: &Scene, at: usize) -> Result<(), Error> {
+        let name = |what: &str| format!("{what} of task {at}");
+        self.check_deviations(at)?;
         let body = |frame: &Frame<f64>| {
             let bodies = scene.model().bodies.len();
             match frame.body {
@@ -99,34 +121,24 @@ impl Task {
             }
         };
         let unit = |what: &str, axis: &Vector3<f64>| {
+            check_finite(&name(what), axis.as_slice())?;
             if (axis.norm() - 1.0).abs() <= UNIT {
                 Ok(())
             } else {
                 Err(Error::argument(name(what), format!("{:?}", axis.as_slice()), "a unit vector"))
             }
         };
-        let rotation = |matrix: &Matrix3<f64>| {
-            if (matrix.transpose() * matrix - Matrix3::identity()).abs().max() <= UNIT && matrix.determinant() > 0.0 {
-                Ok(())
-            } else {
-                Err(Error::argument(name("target"), format!("{:?}", matrix.as_slice()), "a rotation matrix"))
-            }
-        };
         self.relative_to.as_ref().map_or(Ok(()), body)?;
         match &self.goal {
             Goal::Pose { frame, target } => {
                 body(frame)?;
-                check_finite(&name("target"), target.lever.as_slice())?;
-                rotation(&target.rotation)
+                check_finite(&name("target"), target.lever.as_slice())
             }
             Goal::Position { frame, target } => {
                 body(frame)?;
                 check_finite(&name("target"), target.as_slice())
             }
-            Goal::Orientation { frame, target } => {
-                body(frame)?;
-                rotation(target)
-            }
+            Goal::Orientation { frame, .. } => body(frame),
             Goal::Direction { frame, axis, target } => {
                 body(frame)?;
                 unit("axis", axis)?;
@@ -167,13 +179,45 @@ impl Task {
     }
 }
 
-/// Whether a joint of one coordinate turns; a prismatic one slides.
-pub fn turns(kind: JointKind) -> bool {
-    kind != JointKind::Prismatic
+/// True if a coordinate of a joint is an angle, false for a length.
+pub fn turns(kind: JointKind, axis: usize) -> bool {
+    !(kind == JointKind::Prismatic || kind == JointKind::Planar && axis < 2)
 }
 
-/// How far axes may be from unit length, and rotations from rotations.
+/// How far axes may be from unit length.
 const UNIT: f64 = 1e-6;
+/// How far the entries of rotations may be from those of the nearest rotation, as quaternions from unit length: three
+/// decimals are enough.
+const ROTATION: f64 = 1e-3;
+/// Rotations this near to orthonormal, by R^T R, are taken as they are.
+const ORTHONORMAL: f64 = 1e-14;
+
+/// The rotation nearest to a matrix, where no entry is further from it than [`ROTATION`]; else how far the matrix is
+/// from orthonormal.
+fn nearest_rotation(matrix: &Matrix3<f64>) -> Result<Matrix3<f64>, String> {
+    let apart = |matrix: &Matrix3<f64>| (matrix.transpose() * matrix - Matrix3::identity()).abs().max();
+    let before = apart(matrix);
+    if before <= ORTHONORMAL && matrix.determinant() > 0.0 {
+        return Ok(*matrix);
+    }
+    if !(before <= 10.0 * ROTATION) {
+        return Err(format!("a matrix with R^T R - 1 up to {}", number(before)));
+    }
+    if matrix.determinant() < 0.0 {
+        return Err("a reflection, of determinant -1".to_owned());
+    }
+    // Newton's iteration for the polar factor: the square of the deviation remains each time.
+    let mut rotation = *matrix;
+    for _ in 0..4 {
+        rotation = rotation * (Matrix3::identity() * 3.0 - rotation.transpose() * rotation) * 0.5;
+    }
+    let moved = (rotation - matrix).abs().max();
+    if moved <= ROTATION {
+        Ok(rotation)
+    } else {
+        Err(format!("a matrix that is {} from the nearest rotation", number(moved)))
+    }
+}
 
 /// All that pulls at a configuration.
 pub struct Tasks<'a> {
@@ -197,6 +241,11 @@ pub struct Rows {
 }
 
 impl Tasks<'_> {
+    /// True if a whole turn of a joint changes nothing, except tasks of that joint.
+    pub fn is_same_after_turns(&self) -> bool {
+        self.posture.is_none() && self.scene.coupling().is_none() && self.scene.constraints().is_empty()
+    }
+
     /// Whether there is nothing to reach.
     pub fn is_without_rows(&self) -> bool {
         self.each.is_empty()
@@ -267,7 +316,7 @@ impl Tasks<'_> {
             Goal::Joint { joint, target } => {
                 let joint = &self.scene.joints()[*joint];
                 let off = q[joint.q.start] - target;
-                let turns = turns(joint.kind);
+                let turns = turns(joint.kind, 0);
                 let deviation = if turns { task.rotation } else { task.position };
                 rows.errors[at] = off / deviation;
                 rows.jacobian[at * nv(self)..(at + 1) * nv(self)].fill(0.0);
@@ -349,7 +398,8 @@ impl Rows {
         self.position_error = self.position_error.max(off.norm());
     }
 
-    /// How far an axis is from a direction that changes by minus `sideways` times the velocity of the frame's origin: the difference of the unit vectors.
+    /// How far an axis is from a direction that changes by minus `sideways` times the velocity of the frame's origin:
+    /// the rotation vector between them.
     #[allow(clippy::too_many_arguments)] // where, what, and what it should be
     fn direction(
         &mut self,
@@ -361,19 +411,21 @@ impl Rows {
         sideways: &Matrix3<f64>,
         deviation: f64,
     ) {
-        let off = place.rotation * axis - target;
-        // The axis turns at R (w x axis).
-        let turning = -place.rotation * axis.cross_matrix();
-        self.put(nv, at, &off, &turning, 0, deviation);
-        let moving = sideways * place.rotation;
+        let six = &self.six;
+        let half = |half: usize, j: usize| Vector3::from_fn(|i, _| six[(3 * half + i) * nv + j]);
+        let motions = (0..nv).map(|j| place.rotation * half(0, j));
+        let Away { error, by_rotation, by_target } = away(&(place.rotation * axis), target, motions);
+        let (turning, moving) = (by_rotation * place.rotation, by_target * sideways * place.rotation);
         for j in 0..nv {
-            let entry = |i: usize| self.six[(3 + i) * nv + j];
-            let column = moving * Vector3::new(entry(0), entry(1), entry(2)) / deviation;
+            let column = (turning * half(0, j) - moving * half(1, j)) / deviation;
             for i in 0..3 {
-                self.jacobian[(at + i) * nv + j] += column[i];
+                self.jacobian[(at + i) * nv + j] = column[i];
             }
         }
-        self.rotation_error = self.rotation_error.max(off.norm());
+        for i in 0..3 {
+            self.errors[at + i] = error[i] / deviation;
+        }
+        self.rotation_error = self.rotation_error.max(error.norm());
     }
 }
 

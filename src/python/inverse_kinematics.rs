@@ -1,24 +1,23 @@
 //! The method `Scene.inverse_kinematics`.
 
-use super::call::Call;
 use super::choice::choose;
-use super::cost::Cost;
+use super::counts::{count_or, number};
 use super::input::Input;
 use super::object::{Object, imported};
 use super::output::{self, Output};
 use super::scene::PyScene;
 use crate::api::TaskFrame;
-use crate::error::Error;
+use crate::error::{Error, check_finite};
 use crate::inverse_kinematics::{Goal, Metric, Options, RateOptions, Task};
 use crate::scene::Scene;
 use crate::spatial::RigidShift;
 use nalgebra::{Matrix3, Vector3};
 use pyo3::prelude::*;
 
-/// Rough time of one state, ns: some tens of steps.
+/// Rough time of one state, ns: a few tens of steps.
 const COST: usize = 50_000;
 
-/// The same of one step.
+/// The same of joint velocities.
 const COST_OF_RATES: usize = 3_000;
 
 /// Names of what steps are damped by.
@@ -32,40 +31,52 @@ type Given<'py> = (String, String, String, [f64; 3], [f64; 3], f64, f64, Object<
 
 #[pymethods]
 impl PyScene {
-    /// Joint positions that bring links where they should be, within the limits of the joints; the most probable ones.
+    /// Joint positions that meet tasks, within joint limits and with closed connections; the most probable ones.
     ///
-    /// tasks: a task of phipsi.tasks or a list of them: Pose, Position, Orientation, Direction, LookAt, CenterOfMass, JointPosition; targets with leading axes are a batch,
-    /// which broadcasts with that of q0. q0: (..., nq), the first start; None: neutral. starts: how many configurations it starts from at the most, those after the first
-    /// drawn within the limits, of a few draws the nearest to the tasks. posture: None, or a standard deviation, rad and m: how far joints are expected from q0, for robots that tasks leave free.
-    /// limits: whether joints stay within theirs; a q0 beyond them starts at them, and a joint that has room for a whole turn gets past them on the way. tolerance: a task is reached where its error is no larger, m and rad.
-    /// iterations: steps from each start at the most. metric: what steps are damped by, "coordinates", or "mass", kinetic energy: joints that carry much move less. covariance: whether to give it. seed: of
-    /// the starts.
+    /// tasks: a task of phipsi.tasks or a list of them: Pose, Position, Orientation, Direction, LookAt, CenterOfMass,
+    /// JointPosition; targets with leading axes are a batch, which broadcasts with that of q0. q0: (..., nq), the first
+    /// start; None: neutral. starts: the largest number of configurations that it starts from, those after the first
+    /// drawn within the limits, of a few draws the nearest to the tasks. posture: None, or a standard deviation, rad
+    /// and m: how far joints are expected from q0, for robots that tasks leave free. limits: whether joints, and joints
+    /// that follow them, stay within theirs; a q0 beyond them starts at them, and a joint that has room for a whole
+    /// turn gets past them on the way. tolerance: a task is reached where its error is at most this, m and rad.
+    /// iterations: the largest number of steps from each start. metric: what steps are damped by, "coordinates", or
+    /// "mass", kinetic energy: joints that carry much mass move less. covariance: whether to compute it. seed: of the
+    /// starts. errors: as in forward_dynamics; a bad state has NaN for q and errors, and reached False.
     ///
-    /// Minimises half the squares of all errors over their standard deviations, by Levenberg and Marquardt's steps on the manifold, each the exact minimum of its model
-    /// within the limits: no step makes it worse. The same bits for any number of threads. O(tasks depth + nv^3) a step.
+    /// Minimizes half the squares of all errors over their standard deviations, by Levenberg and Marquardt's steps on
+    /// the manifold, each the exact minimum of its model within the limits: no step makes it worse. Connections are
+    /// hard constraints: every step ends where they are closed. The same bits for any number of threads. O(tasks depth
+    /// + nv^3) a step.
     ///
     /// Returns a phipsi.tasks.InverseKinematics: q, reached, errors, starts, iterations and the covariance.
     ///
-    /// Raises ArgumentError for what is no task, unknown links and joints, and numbers that cannot be; ShapeError, NotFiniteError, naming the task and the state.
-    #[pyo3(signature = (tasks, q0=None, *, starts=20, posture=None, limits=true, tolerance=1e-9, iterations=100, metric="coordinates", covariance=false, seed=0),
+    /// Raises ArgumentError for what is no task, unknown links and joints, and values out of range; ShapeError,
+    /// NotFiniteError, naming the task and the state; ConstraintError where no start leads to closed connections.
+    #[pyo3(signature = (tasks, q0=None, *, starts=None, posture=None, limits=true, tolerance=1e-9, iterations=None, metric="coordinates", covariance=false, seed=None, errors="raise"),
            text_signature = "($self, tasks, q0=None, *, starts=20, posture=None, limits=True, tolerance=1e-9, iterations=100, metric='coordinates', \
-                             covariance=False, seed=0)")]
+                             covariance=False, seed=0, errors='raise')")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn inverse_kinematics<'py>(
         &self,
         py: Python<'py>,
         tasks: &Object<'py>,
         q0: Option<&Object<'py>>,
-        starts: usize,
+        starts: Option<&Object<'py>>,
         posture: Option<f64>,
         limits: bool,
         tolerance: f64,
-        iterations: usize,
+        iterations: Option<&Object<'py>>,
         metric: &str,
         covariance: bool,
-        seed: u64,
+        seed: Option<&Object<'py>>,
+        errors: &str,
     ) -> PyResult<Object<'py>> {
         let metric = choose("metric", metric, &METRICS)?;
+        let usual = Options::default();
+        let starts = count_or("starts", starts, 1, usual.starts)?;
+        let iterations = count_or("iterations", iterations, 0, usual.iterations)?;
+        let seed = seed.map_or(Ok(usual.seed), |seed| number("seed", seed))?;
         let options = Options { starts, iterations, tolerance, limits, posture, metric, seed };
         // Refuses them before anything is read.
         self.scene.inverse_kinematics(&options)?;
@@ -73,11 +84,11 @@ impl PyScene {
         let (fixed, inputs) = self.tasks(tasks, ("q0", q0.unwrap_or(&neutral)))?;
         let (nq, nv) = (self.scene.nq(), self.scene.nv());
         let width = nq + BESIDE + if covariance { nv * nv } else { 0 };
-        let call = Call::new(self, inputs, Vec::new(), Cost::of(COST))?;
+        let call = self.call(inputs, COST, errors)?;
         let mut results = call.output(py, &[width], None, Output::new)?;
         let numbers = results.numbers()?;
         call.each_state(py, numbers, |scene, scratch, of, out| {
-            let tasks: Vec<Task> = fixed.iter().enumerate().map(|(at, task)| aimed(task, of(at + 1))).collect();
+            let tasks = all_aimed(&fixed, of)?;
             let (q, rest) = out.split_at_mut(nq);
             let (beside, room) = rest.split_at_mut(BESIDE);
             let mut solver = scene.inverse_kinematics(&options)?;
@@ -98,18 +109,26 @@ impl PyScene {
 
 #[pymethods]
 impl PyScene {
-    /// The joint rates that take the tasks' errors away, one step of a control loop: within the limits of velocity, and those of position after dt.
+    /// Joint velocities that reduce the tasks' errors, one step of a control loop: within velocity and position limits.
     ///
-    /// tasks: as in inverse_kinematics; targets with leading axes are a batch, which broadcasts with that of q. q: (..., nq). dt: the time that the rates are held, s. gain: the share of the errors that
-    /// is to be gone after it; below 1 errors fall exponentially. damping: of the largest entry of J^T J over deviations; more keeps rates small near singular configurations. limits: whether joints keep to theirs; one
-    /// that is beyond its limit of position comes back as fast as it may.
+    /// tasks: as in inverse_kinematics; targets with leading axes are a batch, which broadcasts with that of q. q:
+    /// (..., nq). dt: the time that the velocities are held, s. gain: the share of the errors that is taken away in it;
+    /// below 1 errors fall exponentially. damping: of the largest entry of J^T J over deviations; more keeps velocities
+    /// small near singular configurations. limits: whether joints, and joints that follow them, keep to theirs; a joint
+    /// beyond its position limit returns as fast as its velocity limit allows, whatever the tasks want. velocity:
+    /// velocity limits instead of those of the joints, (..., nv) or one number, rad/s and m/s, infinite for none: a
+    /// floating base has limits only here. errors: as in forward_dynamics.
     ///
-    /// Minimises half the squares of J qd dt + gain e over the standard deviations, and damping, over the rates that are allowed: exactly, by a projected Newton method. O(tasks depth + nv^3).
+    /// Minimizes half the squares of J qd dt + gain e over the standard deviations, and damping, over the velocities
+    /// that limits and connections allow: exactly, by a projected Newton method. Connections are hard constraints:
+    /// errors that they have at q are taken away, as far as limits allow. Where that step would raise the cost, or pass
+    /// its minimum along the way, it is computed again with more damping, so that joints come to rest where a target is
+    /// out of reach. O(tasks depth + nv^3).
     ///
     /// Returns qd, (..., nv), rad/s and m/s.
     ///
     /// Raises as inverse_kinematics; ArgumentError for a dt, gain or damping that is not above zero.
-    #[pyo3(signature = (tasks, q, *, dt, gain=1.0, damping=1e-6, limits=true))]
+    #[pyo3(signature = (tasks, q, *, dt, gain=1.0, damping=1e-6, limits=true, velocity=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn inverse_kinematics_rates<'py>(
         &self,
@@ -120,14 +139,23 @@ impl PyScene {
         gain: f64,
         damping: f64,
         limits: bool,
+        velocity: Option<&Object<'py>>,
+        errors: &str,
     ) -> PyResult<Object<'py>> {
-        let options = RateOptions { dt, gain, damping, limits };
-        let (fixed, inputs) = self.tasks(tasks, ("q", q))?;
-        let call = Call::new(self, inputs, Vec::new(), Cost::of(COST_OF_RATES))?;
+        let options = RateOptions { dt, gain, damping, limits, velocity: None };
+        options.check(&self.scene)?;
+        if velocity.is_some() && !limits {
+            return Err(Error::argument("velocity", "limits beside limits=False", "limits=True, or no velocity").into());
+        }
+        let (fixed, mut inputs) = self.tasks(tasks, ("q", q))?;
+        let is_limited = velocity.is_some();
+        inputs.extend(velocity.map(|given| Input::spread("velocity", given, self.rates())).transpose()?);
+        let call = self.call(inputs, COST_OF_RATES, errors)?;
         let mut results = call.output(py, &[self.scene.nv()], None, Output::new)?;
         let numbers = results.numbers()?;
         call.each_state(py, numbers, |scene, scratch, of, out| {
-            let tasks: Vec<Task> = fixed.iter().enumerate().map(|(at, task)| aimed(task, of(at + 1))).collect();
+            let tasks = all_aimed(&fixed, of)?;
+            let options = RateOptions { velocity: is_limited.then(|| of(fixed.len() + 1)), ..options };
             let mut solver = scene.inverse_kinematics(&Options { limits: false, ..Options::default() })?;
             solver.rates(&mut scratch.workspace, &tasks, of(0), &options, out)
         })?;
@@ -151,6 +179,7 @@ impl PyScene {
                 let frame = self.scene.frame(&link.as_str().into());
                 task.relative_to = Some(frame.map_err(|error| error.of_argument(&format!("{name}.relative_to")))?);
             }
+            task.check_deviations(fixed.len())?;
             fixed.push(task);
             inputs.push(Input::new(format!("{name}.target"), &target, width)?);
         }
@@ -191,20 +220,43 @@ fn aimless(
     Ok(Task { goal, position, rotation, relative_to: None })
 }
 
+/// The last row of a pose, and by how much its entries may differ from it.
+const LAST_ROW: [f64; 4] = [0.0, 0.0, 0.0, 1.0];
+const SLACK: f64 = 1e-6;
+
+/// The tasks with the targets of one state, whose arguments they are from the second on.
+fn all_aimed<'a>(tasks: &[Task], of: &dyn Fn(usize) -> &'a [f64]) -> Result<Vec<Task>, Error> {
+    tasks.iter().enumerate().map(|(at, task)| aimed(task, at, of(at + 1))).collect()
+}
+
 /// The task with the target of one state.
-fn aimed(task: &Task, numbers: &[f64]) -> Task {
+fn aimed(task: &Task, at: usize, numbers: &[f64]) -> Result<Task, Error> {
     let mut task = *task;
+    let name = || format!("target of task {at}");
+    check_finite(&name(), numbers)?;
     match &mut task.goal {
         Goal::Pose { target, .. } => {
             target.rotation = Matrix3::from_fn(|i, j| numbers[4 * i + j]);
             target.lever = Vector3::new(numbers[3], numbers[7], numbers[11]);
+            if numbers[12..].iter().zip(LAST_ROW).any(|(found, expected)| !((found - expected).abs() <= SLACK)) {
+                let found = format!("a matrix with the last row {:?}", &numbers[12..]);
+                return Err(Error::argument(name(), found, "a homogeneous matrix, whose last row is [0, 0, 0, 1]"));
+            }
         }
         Goal::Orientation { target, .. } => *target = Matrix3::from_row_slice(numbers),
-        Goal::Position { target, .. }
-        | Goal::Direction { target, .. }
-        | Goal::LookAt { target, .. }
-        | Goal::CenterOfMass(target) => *target = Vector3::from_column_slice(numbers),
+        Goal::Direction { target, .. } => {
+            // Scaled first: squares of small or large numbers are none.
+            let given = Vector3::from_column_slice(numbers);
+            let given = given / given.amax();
+            *target = given.normalize();
+            if !target.iter().all(|entry| entry.is_finite()) {
+                return Err(Error::argument(name(), "an axis without direction", "one of any length above zero"));
+            }
+        }
+        Goal::Position { target, .. } | Goal::LookAt { target, .. } | Goal::CenterOfMass(target) => {
+            *target = Vector3::from_column_slice(numbers)
+        }
         Goal::Joint { target, .. } => *target = numbers[0],
     }
-    task
+    Ok(task)
 }

@@ -54,7 +54,7 @@ impl Coupling {
     }
 
     /// Names of the tree's joints that an independent one moves, itself the first.
-    pub(super) fn moved_by(&self, joint: &Joint) -> Vec<String> {
+    pub(crate) fn moved_by(&self, joint: &Joint) -> Vec<String> {
         let first = joint.v.start;
         let mut names = vec![joint.name.clone()];
         let others = self.tree.joints.iter().filter(|other| other.name != joint.name);
@@ -154,6 +154,17 @@ impl Coupling {
             let [a, b] = [joint.limits.lower, joint.limits.upper].map(|bound| (bound - offset) / multiplier);
             let (lower, upper) = out[index];
             out[index] = (lower.max(a.min(b)), upper.min(a.max(b)));
+        }
+        out
+    }
+
+    /// The velocity limit of each independent velocity, of those of the tree: its own, and those of the joints that
+    /// follow it.
+    pub(crate) fn velocity_limits(&self, limits: &[f64]) -> Vec<f64> {
+        let mut out = vec![f64::INFINITY; self.independent.len()];
+        for (&(index, multiplier), limit) in self.v.iter().zip(limits).filter(|((_, multiplier), _)| *multiplier != 0.0)
+        {
+            out[index] = out[index].min(limit / multiplier.abs());
         }
         out
     }

@@ -225,6 +225,12 @@ LONG: dict[str, Callable[[], Call]] = {
     "extreme": lambda: lambda: [phipsi.scenes.extreme("heavy-tip", bodies=100_000) for _ in range(20)],
     "build": built,
     "from_urdf": urdf,
+    "inverse_kinematics": of_one(
+        6, lambda scene, q: scene.inverse_kinematics(phipsi.tasks.Position(scene.link_names[-1], (99.0, 0.0, 0.0)), starts=10**7)
+    ),
+    "inverse_kinematics of a long chain": of_one(
+        300, lambda scene, q: scene.inverse_kinematics(phipsi.tasks.Position(scene.link_names[-1], (999.0, 0.0, 0.0)), starts=10**4)
+    ),
     "lock": of_one(5_000, lambda scene, q: scene.lock(scene.joint_names, q)),
     "growth": lambda: lambda: _core.growth(1000, 10**6),
     "operator_growth": lambda: lambda: _core.operator_growth(1000, 10**5),

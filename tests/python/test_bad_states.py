@@ -55,6 +55,12 @@ def calls(scene: phipsi.Scene) -> dict[str, Any]:
         "momentum": lambda q, qd, tau, **e: scene.momentum(q, qd, **e),
         "integrate": lambda q, qd, tau, **e: scene.integrate(q, qd, **e),
         "difference": lambda q, qd, tau, **e: scene.difference(scene.neutral(), q, **e),
+        "inverse_kinematics": lambda q, qd, tau, **e: scene.inverse_kinematics(
+            phipsi.tasks.Position(link, (0.1, 0.2, 0.3)), q, starts=1, iterations=3, **e
+        ).q,
+        "inverse_kinematics_rates": lambda q, qd, tau, **e: scene.inverse_kinematics_rates(
+            phipsi.tasks.Position(link, (0.1, 0.2, 0.3)), q, dt=0.1, **e
+        ),
         "estimate": lambda q, qd, tau, **e: scene.estimate(q, qd, tau, **e).acceleration,
         "operational_inverse_inertia": lambda q, qd, tau, **e: scene.operational_inverse_inertia(q, link, **e),
         "operational_inertia": lambda q, qd, tau, **e: scene.operational_inertia(q, link, directions=np.eye(6)[:1], **e),
@@ -80,7 +86,7 @@ def test_good_states_come_back_and_bad_ones_are_nan(floating: phipsi.Scene, name
     assert warning.filename == __file__
     assert isinstance(warning.message, BadStateWarning)
     assert warning.message.states == BAD
-    assert [(reason.argument, reason.index) for reason in warning.message.reasons] == [("q" if name != "difference" else "q1", 4)] * len(BAD)
+    assert [(reason.argument, reason.index) for reason in warning.message.reasons] == [({"difference": "q1", "inverse_kinematics": "q0"}.get(name, "q"), 4)] * len(BAD)
     assert [reason.state for reason in warning.message.reasons] == list(BAD)
 
 

@@ -10,7 +10,7 @@ import phipsi
 import pytest
 from oracle_pinocchio import ROBOTS, Oracle, load
 from phipsi import tasks
-from phipsi.errors import ArgumentError, NotFiniteError, ShapeError
+from phipsi.errors import ArgumentError, BadStateWarning, NotFiniteError, ShapeError
 from tolerances import assert_near, assert_same_bits, inverse, product
 
 ARM = phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM)
@@ -157,14 +157,27 @@ POSITION = tasks.Position(HAND, (0.5, 0.1, 0.3))
         ({"tasks": tasks.JointPosition("knee", 0.0)}, ArgumentError, r"tasks\[0\].joint: found \"knee\""),
         ({"tasks": POSITION._replace(target=(0.0, 1.0))}, ShapeError, r"tasks\[0\].target: found shape \(2,\); expected \(..., 3\)"),
         ({"tasks": tasks.Pose(HAND, np.eye(3))}, ShapeError, r"tasks\[0\].target: found shape \(3, 3\); expected \(..., 4, 4\)"),
-        ({"tasks": tasks.Pose(HAND, np.diag([1.0, 2.0, 1.0, 1.0]))}, ArgumentError, "target of task 0.*a rotation matrix"),
-        ({"tasks": tasks.Direction(HAND, (0, 0, 0))}, ArgumentError, r"tasks\[0\].target: found an axis without direction"),
+        ({"tasks": tasks.Pose(HAND, np.diag([1.0, 2.0, 1.0, 1.0]))}, ArgumentError, r"target of task 0.*R\^T R - 1 up to 3; expected a rotation matrix"),
+        ({"tasks": tasks.Pose(HAND, np.diag([1.0, 1.002, 1.0, 1.0]))}, ArgumentError, "target of task 0: found a matrix that is 0.00[12].* from the nearest rotation"),
+        ({"tasks": tasks.Orientation(HAND, np.diag([1.0, 1.0, -1.0]))}, ArgumentError, "target of task 0: found a reflection"),
+        ({"tasks": tasks.Orientation(HAND, np.diag([1.0, 1.0, np.nan]))}, NotFiniteError, "target of task 0"),
+        ({"tasks": tasks.Pose(HAND, np.diag([1.0, 1.0, 1.0, 2.0]))}, ArgumentError, r"target of task 0: found a matrix with the last row \[0.0, 0.0, 0.0, 2.0\]"),
+        ({"tasks": tasks.Pose(HAND, np.eye(4) + np.eye(4, k=-3))}, ArgumentError, r"last row \[1.0, 0.0, 0.0, 1.0\]; expected .*\[0, 0, 0, 1\]"),
+        ({"tasks": tasks.Direction(HAND, (0, 0, 0))}, ArgumentError, "target of task 0: found an axis without direction"),
+        ({"tasks": tasks.Direction(HAND, (0, 0, 1), axis=(0, 0, 0))}, ArgumentError, r"tasks\[0\].axis: found an axis without direction"),
+        ({"tasks": tasks.LookAt(HAND, (0, 0, 1), axis=(0, 0, np.inf))}, NotFiniteError, r"tasks\[0\].axis: found \[0.0, 0.0, inf\]"),
         ({"tasks": POSITION._replace(at=(0, 0))}, ShapeError, r"tasks\[0\].at: found shape \(2,\)"),
         ({"tasks": POSITION._replace(target=(0, 0, np.nan))}, NotFiniteError, "target of task 0: found NaN"),
         ({"tasks": POSITION._replace(position=0.0)}, ArgumentError, "position deviation of task 0"),
         ({"q0": np.zeros(5)}, ShapeError, "q0"),
         ({"q0": np.full(6, np.nan)}, NotFiniteError, "q0"),
         ({"starts": 0}, ArgumentError, "starts: found 0"),
+        ({"starts": -1}, ArgumentError, "starts: found -1"),
+        ({"starts": 1.5}, ArgumentError, "starts: found 1.5"),
+        ({"iterations": -1}, ArgumentError, "iterations: found -1"),
+        ({"seed": -1}, ArgumentError, "seed: found -1"),
+        ({"seed": 2**64}, ArgumentError, "seed: found 18446744073709551616"),
+        ({"errors": "ignore"}, ArgumentError, "errors.*raise.*nan"),
         ({"tolerance": -1.0}, ArgumentError, "tolerance: found -1"),
         ({"posture": 0.0}, ArgumentError, "posture: found 0"),
     ],
@@ -175,6 +188,82 @@ def test_bad_arguments(given: dict[str, Any], kind: type[Exception], message: st
         ARM.inverse_kinematics(**arguments)
 
 
+@pytest.mark.parametrize("decimals", [3, 4, 5])
+def test_rotations_with_few_decimals_are_orthonormalized(decimals: int) -> None:
+    target = ARM.placement([0.3, -0.6, 0.9, 0.1, 0.4, 0.2], HAND)
+    rounded = np.round(target, decimals)
+    left, _, right = np.linalg.svd(rounded[:3, :3])
+    for task in (tasks.Pose(HAND, rounded), tasks.Orientation(HAND, rounded[:3, :3])):
+        found = ARM.inverse_kinematics(task)
+        assert found.reached
+        assert_near(ARM.placement(found.q, HAND)[:3, :3], left @ right, 4e-9)
+        assert np.isfinite(ARM.inverse_kinematics_rates(task, np.zeros(6), dt=0.1)).all()
+
+
+@pytest.mark.parametrize("size", [1e-200, 1.0, 1e200])
+def test_axes_and_directions_have_any_length(size: float) -> None:
+    found = ARM.inverse_kinematics(tasks.Direction(HAND, (0.0, -3.0 * size, 4.0 * size), axis=(size, 0.0, 0.0)))
+    assert found.reached
+    assert_near(ARM.placement(found.q, HAND)[:3, 0], np.array([0.0, -0.6, 0.8]), 2e-9)
+
+
+# Targets at limits
+
+
+@pytest.mark.parametrize(("file", "link"), [("z1_description/urdf/z1.urdf", "gripperMover"), ("panda_description/urdf/panda.urdf", "panda_link7")])
+def test_targets_with_all_joints_at_limits(file: str, link: str) -> None:
+    if not (ROBOTS / file).is_file():
+        pytest.skip(f"no {file}")
+    scene, _ = load(file, False)
+    limits = scene.limits
+    q = np.where(np.random.default_rng(0).random((400, scene.nv)) < 0.5, limits.lower, limits.upper)
+    found = scene.inverse_kinematics(tasks.Pose(link, scene.placement(q, link)), within(scene, 400, 1))
+    assert np.all(found.q >= limits.lower) and np.all(found.q <= limits.upper)
+    assert np.count_nonzero(found.reached) >= 388
+
+
+# States that cannot be computed
+
+
+def test_bad_states_become_nan() -> None:
+    start = within(ARM, 5, 4)
+    targets = ARM.placement(within(ARM, 5, 3), HAND)
+    good = ARM.inverse_kinematics(tasks.Pose(HAND, targets), start, covariance=True)
+    start[1, 2] = np.nan
+    targets[3, :3, :3] *= 2.0
+    with pytest.warns(BadStateWarning, match="2 of 5 states") as caught:
+        found = ARM.inverse_kinematics(tasks.Pose(HAND, targets), start, covariance=True, errors="nan")
+    assert caught[0].message.states == (1, 3)  # type: ignore[union-attr]
+    assert isinstance(caught[0].message.reasons[1], ArgumentError)  # type: ignore[union-attr]
+    assert found.covariance is not None and good.covariance is not None
+    bad, kept = [1, 3], [0, 2, 4]
+    assert np.isnan(found.q[bad]).all() and np.isnan(found.covariance[bad]).all()
+    assert np.isnan(found.position_error[bad]).all() and not found.reached[bad].any()  # type: ignore[index]
+    assert not found.starts[bad].any() and not found.iterations[bad].any()  # type: ignore[index]
+    assert_same_bits(found.q[kept], good.q[kept])
+    assert_same_bits(found.covariance[kept], good.covariance[kept])
+    assert np.array_equal(found.starts[kept], good.starts[kept])  # type: ignore[index]
+
+
+def test_a_bad_single_state_becomes_nan() -> None:
+    with pytest.warns(BadStateWarning):
+        found = ARM.inverse_kinematics(tasks.Direction(HAND, (0, 0, 0)), errors="nan")
+    assert np.isnan(found.q).all() and found.reached is False and found.starts == 0
+
+
+def test_bad_states_of_velocities_become_nan() -> None:
+    q = within(ARM, 3, 4)
+    q[1, 0] = np.inf
+    with pytest.warns(BadStateWarning, match="1 of 3 states"):
+        found = ARM.inverse_kinematics_rates(POSITION, q, dt=0.1, errors="nan")
+    assert np.isnan(found[1]).all()
+    assert_same_bits(found[[0, 2]], ARM.inverse_kinematics_rates(POSITION, q[[0, 2]], dt=0.1))
+
+
+@pytest.mark.parametrize(("given", "name"), [({"dt": 0.0}, "dt"), ({"tasks": POSITION._replace(position=-1.0)}, "position deviation of task 0")])
+def test_bad_choices_are_raised_and_not_nan(given: dict[str, Any], name: str) -> None:
+    with pytest.raises(ArgumentError, match=name):
+        ARM.inverse_kinematics_rates(**({"tasks": POSITION, "q": np.zeros(6), "dt": 0.1} | given), errors="nan")
 
 
 # Relative to another link
@@ -308,3 +397,50 @@ def test_rates_without_a_time_are_refused(name: str, value: float) -> None:
     given = {"dt": 0.1, name: value}
     with pytest.raises(ArgumentError, match=name):
         ARM.inverse_kinematics_rates(tasks.Position(HAND, (0.1, 0.1, 0.1)), np.zeros(6), **given)
+
+
+def looped(task: Any, q: np.ndarray, steps: int, **given: float) -> np.ndarray:
+    """The velocities of a control loop."""
+    rates = []
+    for _ in range(steps):
+        rates.append(ARM.inverse_kinematics_rates(task, q, dt=0.005, **given))
+        q = ARM.integrate(q, 0.005 * rates[-1])
+    return np.array(rates)
+
+
+@pytest.mark.parametrize("gain", [0.05, 1.0])
+@pytest.mark.parametrize("beyond", [0.03, 0.1, 1.0])
+@pytest.mark.parametrize("pose", [False, True])
+def test_joints_come_to_rest_where_a_target_is_out_of_reach(gain: float, beyond: float, pose: bool) -> None:
+    far = np.eye(4)
+    far[:3, 3] = (0.4, 0.2, 0.3)
+    far[:3, 3] *= 1.0 + beyond + 0.6
+    task = tasks.Pose(HAND, far) if pose else tasks.Position(HAND, far[:3, 3])
+    rates = looped(task, np.array([0.3, -0.6, 0.9, 0.1, 0.4, 0.0]), 1500, gain=gain)
+    # No joint goes to and fro: in the end it hardly moves, or keeps its sign.
+    last = rates[-50:]
+    turns = np.sum(last[1:] * last[:-1] < 0.0, axis=0)
+    assert np.all((turns <= 5) | (np.abs(last).max(axis=0) <= 1e-3)), (turns, np.abs(last).max(axis=0))
+    assert np.abs(last).max() <= 0.02 * np.abs(rates).max()
+
+
+@pytest.mark.parametrize("kind", ["direction", "look-at"])
+@pytest.mark.parametrize("off", [0.0, 1e-12, 1e-6])
+def test_opposite_directions_move(kind: str, off: float) -> None:
+    q = np.array([0.3, -0.6, 0.9, 0.1, 0.4, 0.0])
+    place = ARM.placement(q, HAND)
+    opposite = -place[:3, 2] + off * place[:3, 0]
+    task: Any = tasks.Direction(HAND, opposite) if kind == "direction" else tasks.LookAt(HAND, place[:3, 3] + 0.5 * opposite)
+    assert np.abs(ARM.inverse_kinematics_rates(task, q, dt=0.1)).max() > 0.1
+    assert ARM.inverse_kinematics(task, q, starts=1, limits=False).reached
+    rates = looped(task, q, 600, gain=0.05)
+    assert np.abs(rates[0]).max() > 0.1
+
+
+def test_a_hinge_with_an_opposite_direction_moves() -> None:
+    """One joint, which rotates about one axis only."""
+    builder = phipsi.SceneBuilder().link("base").link("arm", 1.0, (0.1, 0.0, 0.0), np.eye(3) * 0.01)
+    scene = builder.joint("hinge", "continuous", "base", "arm", axis=(0.6, 0.0, 0.8)).build()
+    axis = (0.8, 0.0, -0.6)
+    rates = scene.inverse_kinematics_rates(tasks.Direction("arm", np.negative(axis), axis=axis), [0.0], dt=0.1, gain=0.1)
+    assert_near(np.abs(rates), [np.pi], 1e-4)
