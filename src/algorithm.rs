@@ -168,6 +168,19 @@ pub enum Everyday<'a> {
 }
 
 impl Everyday<'_> {
+    /// The frame that it is of, if it is of one.
+    pub(crate) fn frame(&self) -> Option<&Frame<f64>> {
+        match self {
+            Self::Placement(frame)
+            | Self::Velocity(frame, _)
+            | Self::Acceleration(frame, ..)
+            | Self::Jacobian(frame, _)
+            | Self::JacobianRate(frame, _)
+            | Self::JacobianRateProduct(frame, _) => Some(frame),
+            _ => None,
+        }
+    }
+
     /// Whether it gives a matrix with a column for each degree of freedom.
     pub(crate) fn has_columns(&self) -> bool {
         matches!(

@@ -131,6 +131,8 @@ impl Scene {
         self.check_scratch_of_rows(workspace, scratch)?;
         let state = Arguments { q, qd, u: tau, wrenches, ..Arguments::default() };
         let algorithm = Algorithm::ConstrainedDynamics(workspace.form);
+        // Of a scene whose joints follow each other they are fewer than the tree's.
+        scratch.results.resize(self.width(algorithm), f64::NAN);
         self.run_one(workspace, None, algorithm, &state, &mut scratch.results)?;
         let (accelerations, rest) = scratch.results.split_at(nv);
         qdd.copy_from_slice(accelerations);
@@ -259,9 +261,6 @@ impl Scene {
 
     fn check_scratch_of_rows(&self, workspace: &Workspace<f64>, scratch: &ConstraintScratch) -> Result<(), Error> {
         self.check_workspace(workspace)?;
-        if scratch.fits(self.model(), self.constraints()) {
-            return Ok(());
-        }
-        Err(Error::argument("scratch", "that of another scene", "this scene's own, from scene.constraint_scratch()"))
+        self.check_scratch("scratch", scratch.identity, "scene.constraint_scratch()")
     }
 }

@@ -193,16 +193,20 @@ impl Scene {
     fn on_link(&self, frame: &OnLink<'_>) -> Result<Frame<f64>, Error> {
         match frame {
             OnLink::Named(frame) => self.frame(frame),
-            OnLink::Known(frame) => {
-                let bodies = self.model().bodies.len();
-                match frame.body {
-                    Some(body) if body >= bodies => {
-                        let expected = format!("one of the scene's {bodies}, or none");
-                        Err(Error::argument("body of the frame", body.to_string(), expected))
-                    }
-                    _ => Ok(*frame),
-                }
+            OnLink::Known(frame) => self.check_frame(frame).map(|()| *frame),
+        }
+    }
+
+    /// Whether a frame is on a body of the scene.
+    #[inline]
+    pub(crate) fn check_frame(&self, frame: &Frame<f64>) -> Result<(), Error> {
+        let bodies = self.model().bodies.len();
+        match frame.body {
+            Some(body) if body >= bodies => {
+                let expected = format!("one of the scene's {bodies}, or none");
+                Err(Error::argument("body of the frame", body.to_string(), expected))
             }
+            _ => Ok(()),
         }
     }
 

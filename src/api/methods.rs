@@ -131,6 +131,7 @@ impl Scene {
         q: &[f64],
         out: &mut [f64],
     ) -> Result<(), Error> {
+        self.check_scratch("scratch", scratch.identity(), "scene.inverse_scratch()")?;
         let algorithm = Algorithm::MassMatrixInverse(workspace.form);
         self.run_one(workspace, Some(scratch), algorithm, &Arguments { q, ..Arguments::default() }, out)
     }

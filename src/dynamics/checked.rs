@@ -73,7 +73,7 @@ impl Scene {
             Algorithm::MassMatrixInverse(_) => {
                 let mut own = None;
                 let scratch = inverse.unwrap_or_else(|| own.insert(InverseScratch::new(model)));
-                scratch.check(model)?;
+                self.check_scratch("scratch", scratch.identity(), "scene.inverse_scratch()")?;
                 let monitor = mass_matrix_inverse(model, workspace, scratch, q, out);
                 self.check_pivots(workspace, monitor)?;
             }
@@ -270,7 +270,7 @@ impl Scene {
     }
 
     /// As many numbers of zero or above as there are rows of connections, or none.
-    fn check_compliance(&self, compliance: &[f64]) -> Result<(), Error> {
+    pub(super) fn check_compliance(&self, compliance: &[f64]) -> Result<(), Error> {
         if compliance.is_empty() {
             return Ok(());
         }
@@ -338,19 +338,17 @@ impl Scene {
             && (forces == 0 || forces == self.model().bodies.len())
     }
 
-    /// Whether a workspace has the lengths of this scene's.
+    /// Whether a workspace was made for this scene.
     pub(crate) fn check_workspace(&self, workspace: &Workspace<f64>) -> Result<(), Error> {
-        let (bodies, nv) = (workspace.shift.len(), workspace.measured.len());
-        if (bodies, nv) == (self.model().bodies.len(), self.model().nv()) {
+        self.check_scratch("workspace", workspace.identity, "scene.workspace()")
+    }
+
+    /// Whether scratch was made for this scene, by the identity of the model that it was made for; `made_by` makes it.
+    pub(crate) fn check_scratch(&self, argument: &str, identity: u64, made_by: &str) -> Result<(), Error> {
+        if identity == self.model().identity() {
             return Ok(());
         }
-        let found = format!("that of a scene of {bodies} bodies and {nv} degrees of freedom");
-        let expected = format!(
-            "this scene's own, from scene.workspace(): {} bodies and {} degrees of freedom",
-            self.model().bodies.len(),
-            self.model().nv()
-        );
-        Err(Error::argument("workspace", found, expected))
+        Err(Error::argument(argument, "that of another scene", format!("this scene's own, from {made_by}")))
     }
 
     /// Turns a lost pivot into an error that names the joint; a pivot that is not finite comes of overflow.

@@ -40,6 +40,8 @@ pub struct Factor<T: Real> {
 #[derive(Debug, Clone)]
 pub(super) struct Sweep<T: Real> {
     pub form: Form,
+    /// Of the model that it was made of.
+    pub identity: u64,
     /// The configuration.
     pub q: Vec<T>,
     /// P^+ of each stage.
@@ -85,6 +87,7 @@ impl<T: Real> Factor<T> {
             p_plus,
             sweep: Sweep {
                 form: workspace.form,
+                identity: model.identity(),
                 q: q.to_vec(),
                 p: workspace.p.clone(),
                 scale: workspace.scale.clone(),

@@ -128,7 +128,7 @@ impl Scene {
     ///
     /// # Errors
     ///
-    /// As [`Scene::factor`], and [`Error::Argument`] for a factor of a scene of another size; the factor is as it was then.
+    /// As [`Scene::factor`], and [`Error::Argument`] for a factor of another scene; the factor is as it was then.
     pub fn update_factor(
         &self,
         workspace: &mut Workspace<f64>,
@@ -136,11 +136,7 @@ impl Scene {
         q: &[f64],
     ) -> Result<usize, Error> {
         let model = self.model();
-        if (factor.shift.len(), factor.nv(), factor.sweep.q.len()) != (model.bodies.len(), self.nv(), self.nq()) {
-            let found = format!("one of {} bodies and nv = {}", factor.shift.len(), factor.nv());
-            let expected = format!("one of this scene, {} bodies and nv = {}", model.bodies.len(), self.nv());
-            return Err(Error::argument("factor", found, expected));
-        }
+        self.check_scratch("factor", factor.sweep.identity, "scene.factor()")?;
         self.check_workspace(workspace)?;
         self.check_configuration("q", q)?;
         if matches!(factor.sweep.form, Form::Auto | Form::SquareRoot) {
