@@ -134,7 +134,12 @@ impl<T: Real> Factor<T> {
     }
 
     /// M^-1 tau by filter and smoother (4.1), O(N).
+    ///
+    /// # Panics
+    ///
+    /// If `tau` or `out` does not have [`Factor::nv`] numbers.
     pub fn solve(&self, tau: &[T], out: &mut [T]) {
+        super::assert_lengths((self.nv(), self.nv()), (out.len(), tau.len()));
         let zero = Vector6::from_element(T::zero());
         let mut z = vec![zero; self.shift.len()];
         innovations::sweep(&self.system, &self.shift, &self.measured, tau, &mut z, out);
