@@ -249,6 +249,17 @@ impl Algorithm {
         }
     }
 
+    /// Whether accelerations are computed, which go through the connections of a scene that has some.
+    pub(crate) fn goes_through_connections(self) -> bool {
+        match self {
+            Self::ForwardDynamics(_)
+            | Self::ConstrainedDynamics(_)
+            | Self::Derivatives(Derivatives::ForwardDynamics(_)) => true,
+            Self::Products(which) => which.form().is_some(),
+            _ => false,
+        }
+    }
+
     /// The form that it is done in, where it has any.
     #[must_use]
     pub fn form(self) -> Option<Form> {

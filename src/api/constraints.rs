@@ -113,7 +113,8 @@ impl Scene {
     /// # Errors
     ///
     /// Wrong lengths, numbers that are not finite, scratch of another scene, [`Error::SingularJoint`] of the tree, a rod whose ends coincide, and
-    /// [`Error::Constraint`] where no forces meet all rows.
+    /// [`Error::Constraint`] where no forces meet all rows, or where the state does not meet the connections to within 1e-3 (m or rad; m/s or rad/s, relative
+    /// to the fastest joint where that is faster than 1): [`Scene::project`] gives one that does.
     #[allow(clippy::too_many_arguments)] // as forward dynamics
     pub fn constrained_dynamics(
         &self,
@@ -216,6 +217,7 @@ impl Scene {
         check_length("actuated", actuated.len(), self.nv())?;
         self.check_scratch_of_rows(workspace, scratch)?;
         self.check_form(workspace)?;
+        self.check_closed(q, qd)?;
         let (system, state) = ((self.model(), self.constraints()), (q, qd, qdd));
         let outcome =
             constraints::constrained_inverse_dynamics(system, workspace, scratch, state, wrenches, actuated, tau)

@@ -223,6 +223,10 @@ impl Descent {
         let nv = tasks.scene.nv();
         tasks.evaluate(workspace, q, &mut self.rows)?;
         self.model(tasks, q);
+        // Sums and comparisons below would make zeros of what overflows.
+        for derivative in [&self.gradient, &self.hessian] {
+            tasks.scene.check_result("derivatives of the tasks", derivative)?;
+        }
         let largest = (0..nv).fold(0.0_f64, |largest, i| largest.max(self.hessian[i * nv + i]));
         qd.fill(0.0);
         if !(largest > 0.0) {
@@ -241,7 +245,7 @@ impl Descent {
         for (qd, step) in qd.iter_mut().zip(&self.step) {
             *qd = step / options.dt;
         }
-        Ok(())
+        tasks.scene.check_result("qd", qd)
     }
 
     /// The covariance at `q`: the inverse of the second derivative, without what is at its limits.

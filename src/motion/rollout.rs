@@ -2,7 +2,7 @@
 
 use super::choice::{CONTROLLED, choose, set_valued};
 use super::conserve::{self, Correction, KEPT, Keeper};
-use super::constrained::check_start;
+use super::constrained::AT_START;
 use super::contact::{self, ContactReport, RECORD};
 use super::job::{Impacts, Job, Rows};
 use super::method::Method;
@@ -198,7 +198,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
     pub(super) fn check_state(&self, q: &[f64], qd: &[f64]) -> Result<(), Error> {
         self.scene().check_configuration("q", q)?;
         self.scene().check_rates("qd", qd)?;
-        check_start(self.scene(), q, qd)?;
+        self.scene().check_on_connections(q, qd, AT_START)?;
         self.law.coupling.as_ref().map_or(Ok(()), |coupling| coupling.check_followed(q, qd))
     }
 
