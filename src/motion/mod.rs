@@ -65,6 +65,7 @@ mod scratch;
 mod settings;
 pub(crate) mod simulator;
 mod solver;
+mod start;
 mod step;
 mod step_settings;
 mod stepper;

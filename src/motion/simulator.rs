@@ -36,7 +36,7 @@ use std::borrow::Borrow;
 /// ```
 #[derive(Debug)]
 pub struct Simulator<S> {
-    rollout: Rollout<S>,
+    pub(super) rollout: Rollout<S>,
     /// What the rollout had before the call at hand.
     before: Vec<f64>,
 }
