@@ -376,7 +376,7 @@ impl<S: Send, M: Fn() -> S + Sync> Batch<'_, S, M> {
                         batch.end_with(fault);
                     }
                     // Another caller may wait for no more than to hear that its batch is done. Between pieces: one in hand would wait too.
-                    if matches!(place, threads::Place::Ours(_)) {
+                    if matches!(place, threads::Place::Ours(..)) {
                         rayon::yield_now();
                     }
                     piece = batch.next();
