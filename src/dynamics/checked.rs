@@ -55,11 +55,6 @@ impl Scene {
         }
         let model = self.model();
         self.check_seed(algorithm, state.seed)?;
-        // What gives way may be open.
-        let gives_way = matches!(algorithm, Algorithm::ConstrainedDynamics(_)) && !state.seed[0].is_empty();
-        if algorithm.goes_through_connections() && !gives_way {
-            self.check_closed(q, qd)?;
-        }
         match algorithm {
             Algorithm::ForwardDynamics(_) if !self.constraints().is_empty() => {
                 self.through_connections(workspace, (q, qd, u), (wrenches, &[]), (out, None))?;
@@ -133,6 +128,10 @@ impl Scene {
         // What has overflowed contradicts nothing.
         if qdd.iter().all(|a| a.is_finite()) {
             self.check_agreement(&outcome)?;
+        }
+        // What gives way may be open.
+        if compliance.is_empty() {
+            self.check_closed(state.0, state.1)?;
         }
         Ok((outcome.rank, outcome.residual))
     }

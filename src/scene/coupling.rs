@@ -22,6 +22,10 @@ struct Coordinate {
 ///
 /// The tree has one coordinate for every joint; the scene's own q' leaves out those of joints that follow another: q = G q' + o, qd = G qd', qdd = G qdd'. Torques are
 /// those on the independent coordinates, tau' = G^T tau, and the mass matrix is G^T M G.
+///
+/// # Panics
+///
+/// Its methods, but for [`Coupling::tree`] and [`Coupling::sizes`], panic where an array is shorter than they say.
 #[derive(Debug)]
 pub struct Coupling {
     tree: Scene,
