@@ -37,6 +37,10 @@ impl<T: Real> Factor<T> {
     /// phi(k) depends on joint k alone, and P(k), D(k), g(k) on the joints outboard of body k: only phi of the joints that differ is computed,
     /// and P, D, g of what carries them, from P^+ of what did not change. In the covariance and Joseph's form; the others judge the factor
     /// as a whole and compute it anew, with `workspace`. `model` is the one that the factor was made of.
+    ///
+    /// # Panics
+    ///
+    /// If `q` is shorter than the model's, or model or workspace are others; [`Scene::update_factor`] returns errors.
     pub fn update(&mut self, model: &Model<T>, workspace: &mut Workspace<T>, q: &[T]) -> Updated<T> {
         match self.sweep.form {
             Form::Covariance => self.update_as::<false>(model, q),
