@@ -249,7 +249,7 @@ impl Algorithm {
         }
     }
 
-    /// Whether accelerations are computed, which go through the connections of a scene that has some.
+    /// True if accelerations are computed: through the connections of a scene that has some.
     pub(crate) fn goes_through_connections(self) -> bool {
         match self {
             Self::ForwardDynamics(_)

@@ -141,7 +141,7 @@ fn a_scene_with_every_joint_locked_does_not_move() {
     }
 }
 
-/// What overflows is an error and no infinity: configurations, differences, places of links, velocities of inverse kinematics, lengths of rods, constants of code.
+/// An overflow is an error: of configurations, differences, placements of links, joint velocities of inverse kinematics, lengths of rods, constants of code.
 #[test]
 fn results_that_are_not_finite_are_errors() {
     let chain = scenes::chain(2).unwrap();

@@ -16,7 +16,7 @@ use phipsi::spatial::RigidShift;
 use phipsi::{Accuracy, Algorithm, Arguments, Derivatives, Error, Everyday, Form, Products, Scene, Workspace, scenes};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// What a scene's calls need of it.
+/// Scratch for all calls of a scene.
 struct Kit {
     workspace: Workspace<f64>,
     inverse: InverseScratch<f64>,
@@ -214,7 +214,7 @@ fn calls() -> Vec<Call> {
                 Box::new(move |scene, kit, given| {
                     let what = everyday(&frame)[which];
                     let [q, qd, qdd, _] = &given.arrays;
-                    // What is not read is left out, or given though it is not.
+                    // Arrays that are not read are empty, or have the length of others.
                     let read = |at: usize, x| if at < what.reads() || given.longer == 0 { x } else { &[][..] };
                     let state = Arguments { q, qd: read(1, qd), u: read(2, qdd), ..Arguments::default() };
                     let mut out = given.out(3 * what.width(scene.nv()));

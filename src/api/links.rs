@@ -197,7 +197,7 @@ impl Scene {
         }
     }
 
-    /// Whether a frame is on a body of the scene, at a finite place there.
+    /// Checks that a frame is on a body of the scene and that its placement is finite.
     #[inline]
     pub(crate) fn check_frame(&self, frame: &Frame<f64>) -> Result<(), Error> {
         let bodies = self.model().bodies.len();

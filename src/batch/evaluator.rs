@@ -349,7 +349,7 @@ impl Scene {
         Ok(())
     }
 
-    /// Whether an evaluator was made for this scene: of another one it has the constants.
+    /// Checks that an evaluator was made for this scene: another one has the constants of another scene.
     fn check_evaluator<P>(&self, evaluator: &Evaluator<P>) -> Result<(), Fault> {
         if evaluator.identity == self.identity() {
             return Ok(());

@@ -61,7 +61,7 @@ impl Program {
         Ok(program)
     }
 
-    /// Whether code of this width can have all constants: what overflows is no number of it.
+    /// Checks that all constants are finite in code of this width.
     pub(super) fn check_constants(&self, width: Width) -> Result<(), Error> {
         for operation in &self.operations {
             let Operation::Constant(bits) = *operation else { continue };

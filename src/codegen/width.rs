@@ -20,7 +20,7 @@ impl Width {
         if self == Self::Double { "" } else { "f" }
     }
 
-    /// Whether a number of this width holds the constant, rounded.
+    /// True if the constant, rounded to this width, is finite.
     pub(super) fn holds(self, x: f64) -> bool {
         #[allow(clippy::cast_possible_truncation)] // rounded, as asked
         match self {

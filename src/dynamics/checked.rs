@@ -129,7 +129,7 @@ impl Scene {
         if qdd.iter().all(|a| a.is_finite()) {
             self.check_agreement(&outcome)?;
         }
-        // What gives way may be open.
+        // A compliant connection may be open.
         if compliance.is_empty() {
             self.check_closed(state.0, state.1)?;
         }
@@ -360,12 +360,12 @@ impl Scene {
             && (forces == 0 || forces == self.model().bodies.len())
     }
 
-    /// Whether a workspace was made for this scene.
+    /// Checks that a workspace was made for this scene.
     pub(crate) fn check_workspace(&self, workspace: &Workspace<f64>) -> Result<(), Error> {
         self.check_scratch("workspace", workspace.identity, "scene.workspace()")
     }
 
-    /// Whether scratch was made for this scene, by the identity of the model that it was made for; `made_by` makes it.
+    /// Checks that scratch was made for this scene, by the identity of its model; `made_by` is the call that makes it.
     pub(crate) fn check_scratch(&self, argument: &str, identity: u64, made_by: &str) -> Result<(), Error> {
         if identity == self.model().identity() {
             return Ok(());

@@ -11,19 +11,19 @@ use crate::spatial::{BodyInertia, BodyRoot, RigidShift, Symmetric3};
 use nalgebra::{Vector3, Vector6};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Which model this is, among all of this process: scratch made for one is refused by every other. Copies, also in another scalar, have the same
-/// identity; it takes no part in comparisons of values.
+/// The identity of a model in this process: scratch that was made for one model is refused by every other. Copies, also in another scalar, have the same
+/// identity; comparisons of models ignore it.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Identity(u64);
 
 impl Identity {
-    /// Another one than all before.
+    /// An identity that no model had before.
     pub(crate) fn unique() -> Self {
         static MADE: AtomicU64 = AtomicU64::new(0);
         Self(MADE.fetch_add(1, Ordering::Relaxed))
     }
 
-    /// The number that tells it from others.
+    /// Its number.
     pub(crate) fn number(self) -> u64 {
         self.0
     }
@@ -87,7 +87,7 @@ impl<T: Real> Model<T> {
         }
     }
 
-    /// Which model this is: that of the scratch that is made for it.
+    /// The identity of the model, which scratch that is made for it keeps.
     pub(crate) fn identity(&self) -> u64 {
         self.identity.number()
     }

@@ -443,7 +443,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
                 {
                     rows.record_start(from..to, current, (nq, nv, width));
                 }
-                // In slices, between which it is asked whether to go on.
+                // Interruption is checked between slices of steps.
                 let mut begins = first;
                 loop {
                     watch::check().map_err(|error| Fault { state: from, error })?;
@@ -460,7 +460,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
                         impacts: Some(impacts),
                     };
                     if let Err(found) = stepper.run(job) {
-                        // Substeps that were told to stop end as a motion that diverges.
+                        // Interrupted substeps end with a diverging motion.
                         watch::check().map_err(|error| Fault { state: from, error })?;
                         let mut fault = fault.lock().unwrap_or_else(PoisonError::into_inner);
                         let earlier = |known: &StepFault| (found.step, found.state) < (known.step, known.state);

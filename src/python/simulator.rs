@@ -346,7 +346,7 @@ impl PySimulator {
         };
         outcome.map_err(|error| fault(py, error, &self.batch))?;
         let warning = guard.limit_warning(chosen.iter().copied());
-        // Whoever looks at a warning may look at the simulator too.
+        // A handler of warnings can call the simulator.
         drop(guard);
         warn_of_limits(py, warning)
     }

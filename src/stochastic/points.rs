@@ -40,7 +40,7 @@ impl Points {
         Ok(Self(Kind::Sobol(Sobol::new(dimension, &mut random)?)))
     }
 
-    /// Whether they have as many coordinates as a sample takes random numbers.
+    /// Checks that a point has one coordinate for each random number of a sample.
     pub(super) fn check(&self, dimension: usize) -> Result<(), Error> {
         match &self.0 {
             Kind::Sobol(sobol) if sobol.dimension() < dimension => {

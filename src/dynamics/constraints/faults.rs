@@ -50,7 +50,7 @@ impl Scene {
         .into())
     }
 
-    /// Whether a state meets the connections: errors to within `slack`, m or rad, and their rates to within as much, in m/s or rad/s, or relative to the
+    /// Checks that a state meets the connections: errors to within `slack`, m or rad, and their rates to within as much, in m/s or rad/s, or relative to the
     /// fastest joint where that is faster than 1.
     pub(crate) fn check_on_connections(&self, q: &[f64], qd: &[f64], slack: f64) -> Result<(), Error> {
         if self.constraints().is_empty() {
@@ -72,12 +72,12 @@ impl Scene {
         check(&rows, slack * speed, ("qd", "m/s or rad/s"))
     }
 
-    /// The same of the state of a call.
+    /// Checks that the state of a call meets the connections.
     pub(crate) fn check_closed(&self, q: &[f64], qd: &[f64]) -> Result<(), Error> {
         self.check_on_connections(q, qd, IN_CALLS)
     }
 
-    /// Whether a configuration of the right length meets the connections of coordinates, which the kernels do not look at.
+    /// True if a configuration of the right length meets the couplings of joints, whose positions the kernels do not check.
     pub(in crate::dynamics) fn couplings_hold<P: Precision>(&self, q: &[P]) -> bool {
         self.constraints().all.iter().all(|constraint| match &constraint.tie {
             Tie::Coordinates { first, second, multiplier, offset } => {
