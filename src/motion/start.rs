@@ -12,14 +12,15 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// # Panics
     ///
     /// If there is no such state: see [`Rollout::states`].
-    pub fn limit_warning(&self, states: impl IntoIterator<Item = usize> + Clone) -> Option<String> {
+    pub fn limit_warning(&self, states: impl IntoIterator<Item = usize>) -> Option<String> {
         if !self.has_stops() {
             return None;
         }
+        let states: Vec<usize> = states.into_iter().collect();
         let mut outside = Vec::new();
         for joint in self.scene().joints().iter().filter(|joint| joint.q.len() == 1 && joint.v.len() == 1) {
             let (lower, upper) = (joint.limits.lower, joint.limits.upper);
-            let mut starts = states.clone().into_iter().map(|state| self.state(state).0[joint.q.start]);
+            let mut starts = states.iter().map(|&state| self.state(state).0[joint.q.start]);
             if let Some(q) = starts.find(|q| !(lower..=upper).contains(q)) {
                 let (limit, bound) = if q < lower { ("lower", lower) } else { ("upper", upper) };
                 outside.push(format!("joint {:?} at {q} beyond its {limit} limit {bound}", joint.name));
@@ -39,7 +40,7 @@ impl<S: Borrow<Scene>> Simulator<S> {
     /// # Panics
     ///
     /// As there.
-    pub fn limit_warning(&self, states: impl IntoIterator<Item = usize> + Clone) -> Option<String> {
+    pub fn limit_warning(&self, states: impl IntoIterator<Item = usize>) -> Option<String> {
         self.rollout.limit_warning(states)
     }
 }
