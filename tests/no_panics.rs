@@ -61,9 +61,11 @@ impl Given {
     }
 
     fn out(&self, width: usize) -> Vec<f64> {
-        vec![f64::NAN; width.saturating_add_signed(self.longer)]
+        vec![f64::NAN; width.checked_add_signed(self.longer).unwrap_or(1)]
     }
 }
+
+type Run = Box<dyn Fn(&Scene, &mut Kit, &Given) -> Result<(), Error>>;
 
 /// A call: its name, how many of the arguments it reads, whether it has a result of some length, and whether it has scratch of the scene.
 struct Call {
@@ -71,7 +73,7 @@ struct Call {
     reads: usize,
     has_result: bool,
     has_scratch: bool,
-    run: Box<dyn Fn(&Scene, &mut Kit, &Given) -> Result<(), Error>>,
+    run: Run,
 }
 
 const FORM: Form = Form::Auto;
@@ -97,7 +99,7 @@ fn algorithms() -> Vec<(Algorithm, usize)> {
 }
 
 /// The arguments of an algorithm; all of them, also those that it does not read.
-fn arguments<'a>(algorithm: Algorithm, given: &'a Given) -> Arguments<'a> {
+fn arguments(algorithm: Algorithm, given: &Given) -> Arguments<'_> {
     let [q, qd, u, seed] = &given.arrays;
     let seed = match algorithm {
         Algorithm::Products(which) if which.seeds().len() == 3 => [&seed[..]; 3],
@@ -136,9 +138,7 @@ fn frame_on(body: Option<usize>) -> Frame<f64> {
 #[allow(clippy::too_many_lines)] // a list
 fn calls() -> Vec<Call> {
     let mut all: Vec<Call> = Vec::new();
-    let mut add = |name: &str,
-                   (reads, has_result, has_scratch): (usize, bool, bool),
-                   run: Box<dyn Fn(&Scene, &mut Kit, &Given) -> _>| {
+    let mut add = |name: &str, (reads, has_result, has_scratch): (usize, bool, bool), run: Run| {
         all.push(Call { name: name.to_owned(), reads, has_result, has_scratch, run });
     };
     for (algorithm, reads) in algorithms() {
@@ -176,7 +176,7 @@ fn calls() -> Vec<Call> {
             let single = |x: &[f64]| -> Vec<f32> { vec![0.0; x.len()] };
             let mut q = single(&given.arrays[0]);
             for (q, &of) in q.iter_mut().zip(&given.arrays[0]) {
-                *q = if of == 1.0 { 1.0 } else { 0.0 };
+                *q = if of > 0.5 { 1.0 } else { 0.0 };
             }
             let (qd, u) = (single(&given.arrays[1]), single(&given.arrays[2]));
             let state = Arguments { q: &q, qd: &qd, u: &u, ..Arguments::default() };
@@ -382,7 +382,7 @@ fn short_long_and_foreign_arguments_are_errors() {
             let valid = Given::of(&scene);
             // The same links with another mass, and one of another size: as long and as wide, or not.
             let heavier = scene.with_properties([(scene.joints()[0].name.as_str(), Property::Armature, 0.7)]).unwrap();
-            let mut others = [Kit::of(&heavier), Kit::of(&scenes::chain(5).unwrap()), Kit::of(scene.tree())];
+            let mut others = vec![Kit::of(&heavier), Kit::of(&scenes::chain(5).unwrap()), Kit::of(scene.tree())];
             let foreign = if scene.coupling().is_some() { 3 } else { 2 };
             for call in &calls {
                 let kit = &mut Kit::of(&scene);
