@@ -382,7 +382,8 @@ fn short_long_and_foreign_arguments_are_errors() {
             let valid = Given::of(&scene);
             // The same links with another mass, and one of another size: as long and as wide, or not.
             let heavier = scene.with_properties([(scene.joints()[0].name.as_str(), Property::Armature, 0.7)]).unwrap();
-            let mut others = vec![Kit::of(&heavier), Kit::of(&scenes::chain(5).unwrap()), Kit::of(scene.tree())];
+            let longer = scenes::chain(5).unwrap();
+            let mut others: Vec<Kit> = [&heavier, &longer, scene.tree()].into_iter().map(Kit::of).collect();
             let foreign = if scene.coupling().is_some() { 3 } else { 2 };
             for call in &calls {
                 let kit = &mut Kit::of(&scene);
