@@ -168,6 +168,19 @@ pub enum Everyday<'a> {
 }
 
 impl Everyday<'_> {
+    /// The frame that it is of, if it is of one.
+    pub(crate) fn frame(&self) -> Option<&Frame<f64>> {
+        match self {
+            Self::Placement(frame)
+            | Self::Velocity(frame, _)
+            | Self::Acceleration(frame, ..)
+            | Self::Jacobian(frame, _)
+            | Self::JacobianRate(frame, _)
+            | Self::JacobianRateProduct(frame, _) => Some(frame),
+            _ => None,
+        }
+    }
+
     /// Whether it gives a matrix with a column for each degree of freedom.
     pub(crate) fn has_columns(&self) -> bool {
         matches!(
@@ -233,6 +246,17 @@ impl Algorithm {
             Self::Products(which) => which.seeds(),
             Self::ConstrainedDynamics(_) => &["compliance"],
             _ => &[],
+        }
+    }
+
+    /// True if accelerations are computed: through the connections of a scene that has some.
+    pub(crate) fn goes_through_connections(self) -> bool {
+        match self {
+            Self::ForwardDynamics(_)
+            | Self::ConstrainedDynamics(_)
+            | Self::Derivatives(Derivatives::ForwardDynamics(_)) => true,
+            Self::Products(which) => which.form().is_some(),
+            _ => false,
         }
     }
 

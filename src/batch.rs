@@ -53,7 +53,7 @@ use std::ops::Range;
 use std::sync::Mutex;
 
 /// About so long, in ns of one thread, goes by between two questions whether to go on; it takes a thousandth of that to ask.
-const SLICE: usize = 100_000;
+pub(crate) const SLICE: usize = 100_000;
 
 /// Another thread is woken for so much of a batch, in ns of one thread: it gains what waking costs twice over.
 #[cfg(feature = "parallel")]
@@ -65,6 +65,8 @@ pub struct Broadcast<'a, P = f64> {
     data: &'a [P],
     width: usize,
     steps: Steps,
+    /// How many states of a batch there are; all that there can be where one is for all.
+    states: usize,
 }
 
 /// How the index of a state of the batch becomes the index of a state of the argument.
@@ -85,14 +87,15 @@ impl<'a, P> Broadcast<'a, P> {
     ///
     /// [`Error::Shape`] where the length of `data` is not that of its axes, or the axes do not broadcast to the batch's.
     pub fn new(argument: &str, data: &'a [P], width: usize, leading: &[usize], batch: &[usize]) -> Result<Self, Error> {
-        let own: usize = leading.iter().product();
-        if data.len() != own * width {
+        let own = product(leading);
+        if own.and_then(|own| own.checked_mul(width)) != Some(data.len()) {
             return Err(Error::Shape {
                 argument: argument.to_owned(),
                 found: format!("({},)", data.len()),
-                expected: format!("{own} states of {width} numbers"),
+                expected: format!("{} states of {width} numbers", leading_text(leading)),
             });
         }
+        let own = own.unwrap_or_default();
         let steps = if own == 1 {
             Steps::Shared
         } else if leading == batch {
@@ -116,10 +119,28 @@ impl<'a, P> Broadcast<'a, P> {
             });
             Steps::Axes(axes.collect())
         };
-        Ok(Self { data, width, steps })
+        // Where an argument of many axes broadcasts, the batch can have more states than memory has addresses.
+        let states = if own == 1 { usize::MAX } else { product(batch).unwrap_or(usize::MAX) };
+        Ok(Self { data, width, steps, states })
+    }
+
+    /// Checks that the argument has a state for each index of a batch of `states` states.
+    pub(crate) fn check_states(&self, argument: &str, states: usize) -> Result<(), Error> {
+        if states <= self.states {
+            return Ok(());
+        }
+        Err(Error::Shape {
+            argument: argument.to_owned(),
+            found: format!("{} states", self.states),
+            expected: format!("one for all, or {states}"),
+        })
     }
 
     /// The numbers that the argument holds for state `index` of the batch.
+    ///
+    /// # Panics
+    ///
+    /// If the batch has no such state, as a slice does; an argument of one state has it for every index.
     #[must_use]
     #[inline]
     pub fn state(&self, index: usize) -> &'a [P] {
@@ -184,6 +205,14 @@ pub fn shape_text(shape: &[usize]) -> String {
         [one] => format!("({one},)"),
         _ => format!("({})", shape.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ")),
     }
+}
+
+/// The number of states of some axes; none where no memory has room for them.
+fn product(axes: &[usize]) -> Option<usize> {
+    if axes.contains(&0) {
+        return Some(0);
+    }
+    axes.iter().try_fold(1_usize, |product, &length| product.checked_mul(length))
 }
 
 /// The leading axes of a shape whose last ones are not the matter.
@@ -347,7 +376,7 @@ impl<S: Send, M: Fn() -> S + Sync> Batch<'_, S, M> {
                         batch.end_with(fault);
                     }
                     // Another caller may wait for no more than to hear that its batch is done. Between pieces: one in hand would wait too.
-                    if matches!(place, threads::Place::Ours(_)) {
+                    if matches!(place, threads::Place::Ours(..)) {
                         rayon::yield_now();
                     }
                     piece = batch.next();

@@ -86,6 +86,10 @@ impl Scene {
     /// work, only what was found until then.
     #[must_use]
     pub fn plan(&self) -> Plan {
+        // Joints that follow each other change nothing of what the sweeps of the tree leave out.
+        if let Some(coupling) = self.coupling() {
+            return coupling.tree().plan();
+        }
         let built: [fn(&Self) -> Omission; 4] =
             [Self::merged_item, Self::base_item, Self::renamed_item, Self::tilted_item];
         let called: [fn(&Self) -> Omission; 2] = [Self::velocity_item, Self::gravity_item];

@@ -86,6 +86,8 @@ pub struct Workspace<T: Real> {
     pub estimates_error: bool,
     /// What the last recursion of forward dynamics found of its own accuracy, in lane 0.
     pub accuracy: Accuracy,
+    /// Of the model that it was made for.
+    pub(crate) identity: u64,
     pub(crate) shift: Vec<RigidShift<T>>,
     pub(crate) velocity: Vec<Vector6<T>>,
     pub(crate) acceleration: Vec<Vector6<T>>,
@@ -145,6 +147,7 @@ impl<T: Real> Workspace<T> {
             tally: Tally::default(),
             estimates_error: false,
             accuracy: Accuracy::unknown(Form::default()),
+            identity: model.identity(),
             shift: vec![RigidShift::filled(nan); bodies],
             velocity: vectors(),
             acceleration: vectors(),

@@ -34,6 +34,7 @@ mod live_terms;
 mod metamorphic;
 mod mimic;
 mod motion;
+mod no_panics;
 mod operational;
 mod operations;
 #[cfg(feature = "dense")]

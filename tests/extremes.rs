@@ -2,9 +2,16 @@
 
 use crate::common::tolerance::{self, assert_near, size};
 use crate::common::{Random, random_inertial, random_state};
+use phipsi::codegen::{Function, Width, sources};
+use phipsi::inverse_kinematics::{Goal, Options, RateOptions, Task};
 use phipsi::kinematics::ReferenceFrame;
-use phipsi::scene::{JointDescription, JointKind, LinkDescription, SceneBuilder};
-use phipsi::{Scene, scenes};
+use phipsi::motion::{Method, Settings, Simulator, Torque};
+use phipsi::scene::{
+    Connection, ConnectionKind, Inertial, JointDescription, JointKind, LinkDescription, Mimic, MimicJoints,
+    SceneBuilder,
+};
+use phipsi::spatial::{RigidShift, Symmetric3};
+use phipsi::{Error, Scene, scenes, watch};
 
 const LINKS: usize = 10_000;
 
@@ -132,4 +139,94 @@ fn a_scene_with_every_joint_locked_does_not_move() {
         let bound = tolerance::product(7, 1.0);
         assert_near("rotation", found.rotation.as_slice(), expected.rotation.as_slice(), bound);
     }
+}
+
+/// An overflow is an error: of configurations, differences, placements of links, joint velocities of inverse kinematics, lengths of rods, constants of code.
+#[test]
+fn results_that_are_not_finite_are_errors() {
+    let chain = scenes::chain(2).unwrap();
+    let floating = chain.source().clone().floating_base(true).build().unwrap();
+    let (neutral, mut out) = (floating.neutral(), [0.0; 9]);
+    floating.integrate(&neutral, &[1.0; 8], &mut out).unwrap();
+    assert!(floating.integrate(&neutral, &[1e300; 8], &mut out).is_err());
+    let (mut far, mut near) = (neutral.clone(), neutral.clone());
+    (far[0], near[0]) = (1e308, -1e308);
+    floating.difference(&neutral, &far, &mut out[..8]).unwrap();
+    assert!(floating.difference(&near, &far, &mut out[..8]).is_err());
+
+    let mut sliding = SceneBuilder::new().link(LinkDescription { name: "base".into(), inertial: None });
+    for (name, parent) in [("one", "base"), ("two", "one")] {
+        let inertial = Some(random_inertial(&mut Random::new(1)));
+        let mut joint = JointDescription::new(format!("to_{name}"), JointKind::Prismatic, parent, name);
+        joint.axis = [1.0, 0.0, 0.0].into();
+        sliding = sliding.link(LinkDescription { name: name.into(), inertial }).joint(joint);
+    }
+    let scene = sliding.clone().build().unwrap();
+    scene.placements(&[1e308, 0.0]).unwrap();
+    assert!(scene.placements(&[1e308, 1e308]).is_err() && scene.placement(&[1e308, 1e308], "two").is_err());
+
+    let goal = |scale: f64| {
+        Task::new(Goal::Position { frame: scene.frame(&"two".into()).unwrap(), target: [scale, 0.0, 0.0].into() })
+    };
+    let options = RateOptions { dt: 0.01, gain: 0.1, damping: 1e-3, limits: false };
+    let mut solver = scene.inverse_kinematics(&Options::default()).unwrap();
+    let (mut workspace, mut qd) = (scene.workspace(), [0.0; 2]);
+    solver.rates(&mut workspace, &[goal(1.0)], &[0.0; 2], &options, &mut qd).unwrap();
+    assert!(solver.rates(&mut workspace, &[goal(1e308)], &[0.0; 2], &options, &mut qd).is_err());
+    let precise = Task { position: 1e-200, ..goal(1.0) };
+    assert!(solver.rates(&mut workspace, &[precise], &[0.0; 2], &options, &mut qd).is_err());
+
+    let rod = |at: f64| {
+        let mut rod = Connection::new("rod", ConnectionKind::Distance(None), "two", None);
+        rod.other_frame = Some(RigidShift { lever: [0.0, 3.0, at].into(), ..RigidShift::identity() });
+        sliding.clone().connect(rod).build()
+    };
+    assert_eq!(rod(4.0).unwrap().connections()[0].kind, ConnectionKind::Distance(Some(5.0)));
+    let refused = rod(1e300).unwrap_err().to_string();
+    assert!(refused.contains("\"rod\"") && refused.contains("finite length"), "{refused}");
+
+    let heavy = Inertial { mass: 1e200, centre: [0.0, 0.0, 1e60].into(), central: Symmetric3::zero() };
+    let heavy = chain.with_payload("link1", &heavy).unwrap();
+    let functions = [Function::MassMatrix];
+    sources(&chain, "robot", &functions, (Width::Single, false)).unwrap();
+    let refused = sources(&heavy, "robot", &functions, (Width::Single, false)).unwrap_err().to_string();
+    assert!(refused.contains("float64 holds this one"), "{refused}");
+}
+
+/// Long work of one call ends when its watch says so, and leaves the states as they were.
+#[test]
+fn a_simulator_can_be_stopped_within_a_call() {
+    let scene = scenes::chain(3).unwrap();
+    for method in [Method::Auto, Method::RungeKutta4] {
+        let mut settings = Settings::new(&scene, 1e-9);
+        settings.method = method;
+        let mut simulator = Simulator::new(&scene, settings, &[0.3; 3], &[0.0; 3]).unwrap();
+        simulator.step(&Torque::Zero, 10).unwrap();
+        let before = simulator.state(0).0.to_vec();
+        let fault = watch::during(|| true, || simulator.step(&Torque::Zero, usize::MAX >> 1)).unwrap_err();
+        assert_eq!(fault.error, Error::Interrupted);
+        assert!(simulator.steps() == 10 && simulator.state(0).0 == before);
+        simulator.step(&Torque::Zero, 10).unwrap();
+    }
+}
+
+/// Each joint follows the next one: resolved once, so that long chains build in linear time.
+#[test]
+fn a_long_chain_of_joints_that_follow_each_other() {
+    let plain = scenes::chain(LINKS).unwrap();
+    let mut builder = SceneBuilder::new();
+    for link in plain.source().links() {
+        builder = builder.link(link.clone());
+    }
+    for (k, joint) in plain.source().joints().iter().enumerate() {
+        let mut joint = joint.clone();
+        let source = format!("j{}", k + 1);
+        joint.mimic = (k + 1 < LINKS).then(|| Mimic { joint: source, multiplier: -1.0, offset: 1.0 });
+        builder = builder.joint(joint);
+    }
+    let scene = builder.mimic_joints(MimicJoints::Coupled).build().unwrap();
+    assert_eq!((scene.nv(), scene.tree().nv()), (1, LINKS));
+    let q = scene.coupling().unwrap().configuration(&[0.25]);
+    let expected: Vec<f64> = (0..LINKS).rev().map(|k| if k % 2 == 0 { 0.25 } else { 0.75 }).collect();
+    assert_eq!(q, expected);
 }

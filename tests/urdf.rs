@@ -396,3 +396,17 @@ fn example_robot_data() {
     // The two files called anymal.urdf are different robots; counted by name there are 17.
     assert_eq!((loaded, unphysical, links), (68, 18, 56));
 }
+
+#[test]
+fn an_element_with_a_thousand_attributes_and_no_more() {
+    let with = |count: usize| {
+        let attributes = (0..count - 1).fold(String::new(), |all, k| all + &format!("\n a{k}='<!-- {k} -->'"));
+        let text =
+            format!("<robot>\n <link name='one'/>\n  <link name='other'{attributes}/></robot>").replace("<!--", "(");
+        SceneBuilder::from_urdf(&text)
+    };
+    with(1_000).unwrap();
+    for many in [1_001, 50_000] {
+        assert_says(&with(many).unwrap_err().to_string(), &["line 3, column 3", "more than 1000 attributes"]);
+    }
+}

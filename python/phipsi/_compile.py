@@ -9,6 +9,7 @@ import platform
 import shlex
 import shutil
 import signal
+import stat
 import subprocess
 import tempfile
 import warnings
@@ -76,6 +77,7 @@ class Compiled(Functions[_Array]):
         #: The options of the call of compile, for pickling.
         self._options: dict[str, Any] = {"form": form, "dtype": dtype}
         self._is_rounded = self.dtype != np.float64
+        _check_owner(library)
         code = ctypes.CDLL(str(library))
         self._code = {parts(function): self._batches(code, function) for function in functions}
         self._keywords = {parts(function): self._fixed(parts(function)) for function in functions}
@@ -294,9 +296,41 @@ def _written(functions: tuple[Function, ...]) -> tuple[Any, ...]:
 
 
 def _caches() -> Path:
-    """Where the user's caches are."""
-    there = os.environ.get("XDG_CACHE_HOME")
-    return (Path(there) if there else Path.home() / ".cache") / "phipsi" / "compiled"
+    """Where the user's caches are. A relative XDG_CACHE_HOME is ignored, as its specification says: it would be another directory from each working directory."""
+    there = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    return (there if there.is_absolute() else Path.home() / ".cache") / "phipsi" / "compiled"
+
+
+def _check_owner(library: Path) -> None:
+    """Refuses a library that another user can have written: loading it runs its code, and its name can be foretold.
+
+    The file, its directory and the cache must be this user's or root's, and writable for no others; a cache may be a directory for all where each deletes only what is its own (/tmp).
+    """
+    if os.name != "posix":
+        return
+    library = library.resolve()
+    for path in (library, library.parent, library.parent.parent):
+        status = path.stat()
+        shared = bool(status.st_mode & 0o002) or (bool(status.st_mode & 0o020) and not _is_alone_in(status.st_gid))
+        if path.is_dir() and status.st_mode & stat.S_ISVTX:
+            shared = False
+        if status.st_uid in (os.geteuid(), 0) and not shared:
+            continue
+        found = f"{str(path)!r} of user {status.st_uid}, {stat.filemode(status.st_mode)}"
+        expected = f"a file in directories that only user {os.geteuid()} can write: name another cache, or take these rights away (chmod go-w)"
+        raise of_argument(ArgumentError, "cache", f"found {found}, so that another user can have written the library; expected {expected}")
+
+
+def _is_alone_in(group: int) -> bool:
+    """Whether a group is this user's own, as many systems make one for each user."""
+    import grp
+    import pwd
+
+    try:
+        name, found = pwd.getpwuid(os.geteuid()).pw_name, grp.getgrgid(group)
+    except KeyError:
+        return False
+    return found.gr_name == name and set(found.gr_mem) <= {name}
 
 
 def _key(files: dict[str, str], compiler: list[str], flags: list[str]) -> str:

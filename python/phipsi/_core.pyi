@@ -1234,8 +1234,9 @@ class Scene:
         frame's axes; the other link gets the opposite. That of a rod is positive where it pushes, that of a coupling acts along its joint. Where rows
         depend on each other, qdd is unique and the forces are those of least sum (J M^-1 J^T)_ii forces_i^2.
 
-        Raises ConstraintError, with .connections, .residual and .state, where no forces meet all rows: connections that contradict each other, or
-        velocities that do not meet them (see project); otherwise as forward_dynamics.
+        Raises ConstraintError, with .connections, .residual and .state, where no forces meet all rows: connections that contradict each other; and
+        where positions or velocities are further than 1e-3 from the connections (m or rad; m/s or rad/s, relative to the fastest joint where that is faster than 1; see project), unless compliance
+        is given. Otherwise as forward_dynamics.
         """
 
     def project(self, q: ArrayLike, qd: ArrayLike | None = None, *, errors: _Errors = "raise") -> Projection:
@@ -1937,7 +1938,8 @@ class Simulator:
         q: (..., nq); qd: (..., nv), zero if not given. states: None for all, or whatever selects states of an array of the batch's shape in NumPy: a
         mask of that shape, an index, a list of them, a slice. q and qd broadcast to what it selects, as in array[states] = q.
 
-        Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state; all states are then as they were.
+        Warns (LimitWarning) of joints that begin beyond limits that are stops, as Scene.simulator does. Raises ShapeError, NotFiniteError, ArgumentError, each naming the
+        argument and the state; all states are then as they were.
         """
     @property
     def q(self) -> _Array:

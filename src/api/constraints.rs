@@ -113,7 +113,8 @@ impl Scene {
     /// # Errors
     ///
     /// Wrong lengths, numbers that are not finite, scratch of another scene, [`Error::SingularJoint`] of the tree, a rod whose ends coincide, and
-    /// [`Error::Constraint`] where no forces meet all rows.
+    /// [`Error::Constraint`] where no forces meet all rows, or where the state does not meet the connections to within 1e-3 (m or rad; m/s or rad/s, relative
+    /// to the fastest joint where that is faster than 1): [`Scene::project`] gives one that does.
     #[allow(clippy::too_many_arguments)] // as forward dynamics
     pub fn constrained_dynamics(
         &self,
@@ -131,6 +132,8 @@ impl Scene {
         self.check_scratch_of_rows(workspace, scratch)?;
         let state = Arguments { q, qd, u: tau, wrenches, ..Arguments::default() };
         let algorithm = Algorithm::ConstrainedDynamics(workspace.form);
+        // Of a scene whose joints follow each other they are fewer than the tree's.
+        scratch.results.resize(self.width(algorithm), f64::NAN);
         self.run_one(workspace, None, algorithm, &state, &mut scratch.results)?;
         let (accelerations, rest) = scratch.results.split_at(nv);
         qdd.copy_from_slice(accelerations);
@@ -214,6 +217,7 @@ impl Scene {
         check_length("actuated", actuated.len(), self.nv())?;
         self.check_scratch_of_rows(workspace, scratch)?;
         self.check_form(workspace)?;
+        self.check_closed(q, qd)?;
         let (system, state) = ((self.model(), self.constraints()), (q, qd, qdd));
         let outcome =
             constraints::constrained_inverse_dynamics(system, workspace, scratch, state, wrenches, actuated, tau)
@@ -259,9 +263,6 @@ impl Scene {
 
     fn check_scratch_of_rows(&self, workspace: &Workspace<f64>, scratch: &ConstraintScratch) -> Result<(), Error> {
         self.check_workspace(workspace)?;
-        if scratch.fits(self.model(), self.constraints()) {
-            return Ok(());
-        }
-        Err(Error::argument("scratch", "that of another scene", "this scene's own, from scene.constraint_scratch()"))
+        self.check_scratch("scratch", scratch.identity, "scene.constraint_scratch()")
     }
 }

@@ -42,9 +42,13 @@ impl Scene {
         self.check_measurements(measurements)?;
         self.check_wrenches(wrenches)?;
         self.check_workspace(workspace)?;
+        self.check_scratch("scratch", scratch.identity, "scene.estimate_scratch()")?;
         let (nv, bodies) = (self.nv(), self.model().bodies.len());
-        check_length("estimate", estimate.acceleration.len().min(estimate.torque.len()), nv)?;
-        check_length("estimate (bodies)", estimate.force.len().min(estimate.process.len()), bodies)?;
+        let Estimate { acceleration, torque, force, process, .. } = &*estimate;
+        check_lengths("estimate", [acceleration.len(), torque.len(), force.len(), process.len()], [nv, bodies])?;
+        if let Some(EstimateCovariance { acceleration, torque, force, process }) = covariance.as_deref() {
+            check_lengths("covariance", [acceleration.len(), torque.len(), force.len(), process.len()], [nv, bodies])?;
+        }
         let monitor = dynamics::estimate(self.model(), workspace, scratch, q, qd, measurements, wrenches, estimate);
         if let Some(lost) = workspace.lost_pivot_of(self.model(), &scratch.system, &monitor) {
             return Err(self.singular(lost));
@@ -54,8 +58,6 @@ impl Scene {
         estimate.force.iter().try_for_each(|force| self.check_result("estimated force", force.as_slice()))?;
         self.check_result("log-likelihood", &[estimate.log_likelihood])?;
         let Some(covariance) = covariance else { return Ok(()) };
-        check_length("covariance", covariance.acceleration.len().min(covariance.torque.len()), nv)?;
-        check_length("covariance (bodies)", covariance.force.len().min(covariance.process.len()), bodies)?;
         let monitor = dynamics::estimate_covariance(self.model(), workspace, scratch, measurements, covariance);
         self.check_pivots(workspace, monitor)?;
         self.check_result("variance of the acceleration", &covariance.acceleration)?;
@@ -138,4 +140,11 @@ impl Scene {
     fn joint_of_row(&self, row: usize) -> &str {
         self.joints().iter().find(|joint| joint.v.contains(&row)).map_or("", |joint| &joint.name)
     }
+}
+
+/// Lengths of what is estimated: of each degree of freedom twice, then of each body twice.
+fn check_lengths(argument: &str, found: [usize; 4], [nv, bodies]: [usize; 2]) -> Result<(), Error> {
+    let parts = [("acceleration", nv), ("torque", nv), ("force", bodies), ("process", bodies)];
+    let checked = |(found, (part, expected))| check_length(&format!("{argument}.{part}"), found, expected);
+    found.into_iter().zip(parts).try_for_each(checked)
 }

@@ -3,7 +3,7 @@
 //! A link is given by its name, as a [`TaskFrame`], which is fixed on it, or as a [`Frame`] that was looked up before: see [`OnLink`]. Motions are (angular, linear), rad and m, against the base.
 
 use super::TaskFrame;
-use crate::error::{Error, check_length};
+use crate::error::{Error, check_finite, check_length};
 use crate::kinematics::{self, AccelerationKind, Frame, FrameMotion, ReferenceFrame};
 use crate::scene::Scene;
 use crate::spatial::{RigidShift, SpatialVector};
@@ -193,15 +193,23 @@ impl Scene {
     fn on_link(&self, frame: &OnLink<'_>) -> Result<Frame<f64>, Error> {
         match frame {
             OnLink::Named(frame) => self.frame(frame),
-            OnLink::Known(frame) => {
-                let bodies = self.model().bodies.len();
-                match frame.body {
-                    Some(body) if body >= bodies => {
-                        let expected = format!("one of the scene's {bodies}, or none");
-                        Err(Error::argument("body of the frame", body.to_string(), expected))
-                    }
-                    _ => Ok(*frame),
-                }
+            OnLink::Known(frame) => self.check_frame(frame).map(|()| *frame),
+        }
+    }
+
+    /// Checks that a frame is on a body of the scene and that its placement is finite.
+    #[inline]
+    pub(crate) fn check_frame(&self, frame: &Frame<f64>) -> Result<(), Error> {
+        let bodies = self.model().bodies.len();
+        match frame.body {
+            Some(body) if body >= bodies => {
+                let expected = format!("one of the scene's {bodies}, or none");
+                Err(Error::argument("body of the frame", body.to_string(), expected))
+            }
+            _ => {
+                let RigidShift { rotation, lever } = &frame.placement;
+                check_finite("placement of the frame", rotation.as_slice())?;
+                check_finite("placement of the frame", lever.as_slice())
             }
         }
     }

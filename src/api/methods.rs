@@ -41,7 +41,7 @@ impl Scene {
     /// # Errors
     ///
     /// Wrong lengths, numbers that are not finite, a workspace of another scene, [`Error::SingularJoint`] where a pivot is lost, and
-    /// [`Error::Constraint`] where connections contradict each other.
+    /// [`Error::Constraint`] where connections contradict each other, or the state does not meet them (see [`Scene::constrained_dynamics`]).
     #[allow(clippy::too_many_arguments)] // a state is three arrays; scratch and result are the caller's
     pub fn forward_dynamics(
         &self,
@@ -131,6 +131,7 @@ impl Scene {
         q: &[f64],
         out: &mut [f64],
     ) -> Result<(), Error> {
+        self.check_scratch("scratch", scratch.identity(), "scene.inverse_scratch()")?;
         let algorithm = Algorithm::MassMatrixInverse(workspace.form);
         self.run_one(workspace, Some(scratch), algorithm, &Arguments { q, ..Arguments::default() }, out)
     }
@@ -231,7 +232,9 @@ impl Scene {
                 None => shift,
             });
         }
-        Ok(self.links().iter().map(|link| on_base(link, &bodies)).collect())
+        let placements: Vec<_> = self.links().iter().map(|link| on_base(link, &bodies)).collect();
+        placements.iter().try_for_each(|placement| self.check_result("placements", placement.lever.as_slice()))?;
+        Ok(placements)
     }
 
     /// Wrenches (moment, force) on links, each at its link's origin and in its frame, as forces on bodies.

@@ -59,6 +59,7 @@ impl Scene {
         some_link(links)?;
         check_length("out", out.len(), 36 * links.len() * links.len())?;
         self.check_workspace(workspace)?;
+        self.check_scratch("scratch", scratch.identity, "scene.operational_scratch()")?;
         self.check_form(workspace)?;
         let mut frames = std::mem::take(&mut scratch.frames);
         frames.clear();

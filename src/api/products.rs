@@ -199,7 +199,7 @@ impl Scene {
         direction: [&[f64]; 3],
         out: &mut [f64],
     ) -> Result<(), Error> {
-        self.check_product_state(Products::InverseGradient, state, (scratch.size(), out.len()))?;
+        self.check_product_state(Products::InverseGradient, state, (scratch.identity(), out.len()))?;
         for (name, direction) in Products::InverseTangent.seeds().iter().zip(direction) {
             self.check_rates(name, direction)?;
         }
@@ -226,7 +226,7 @@ impl Scene {
     ) -> Result<(), Error> {
         self.check_no_connections("second derivatives of forward dynamics")?;
         let which = Products::ForwardGradient(workspace.form);
-        self.check_product(workspace, which, state, (scratch.size(), out.len()))?;
+        self.check_product(workspace, which, state, (scratch.identity(), out.len()))?;
         for (name, direction) in Products::ForwardTangent(workspace.form).seeds().iter().zip(direction) {
             self.check_rates(name, direction)?;
         }
@@ -251,7 +251,7 @@ impl Scene {
         workspace: &Workspace<f64>,
         which: Products,
         state: &Arguments<'_>,
-        sizes: ((usize, usize), usize),
+        sizes: (u64, usize),
     ) -> Result<(), Error> {
         self.check_product_state(which, state, sizes)?;
         self.check_workspace(workspace)?;
@@ -263,7 +263,7 @@ impl Scene {
         &self,
         which: Products,
         state: &Arguments<'_>,
-        (scratch, out): ((usize, usize), usize),
+        (scratch, out): (u64, usize),
     ) -> Result<(), Error> {
         self.check_configuration("q", state.q)?;
         self.check_rates("qd", state.qd)?;
@@ -273,11 +273,6 @@ impl Scene {
             self.check_rates(name, seed)?;
         }
         check_length("out", out, which.count() * self.nv())?;
-        if scratch == (self.model().bodies.len(), self.nv()) {
-            return Ok(());
-        }
-        let (bodies, nv) = scratch;
-        let found = format!("that of a scene of {bodies} bodies and {nv} degrees of freedom");
-        Err(Error::argument("scratch", found, "this scene's own, from scene.hessian_scratch()"))
+        self.check_scratch("scratch", scratch, "scene.hessian_scratch()")
     }
 }

@@ -81,8 +81,8 @@ impl CoupledEvaluator {
             for (name, rates) in [("qd", state.qd), ("qdd", state.u)].iter().take(what.reads() - 1) {
                 scene.check_rates(name, rates).map_err(at(i))?;
             }
-            let rates = |x: &[f64]| if x.is_empty() { Vec::new() } else { coupling.rates(x) };
-            expanded.push([coupling.configuration(state.q), rates(state.qd), rates(state.u)]);
+            let rates = |at: usize, x: &[f64]| if at < what.reads() { coupling.rates(x) } else { Vec::new() };
+            expanded.push([coupling.configuration(state.q), rates(1, state.qd), rates(2, state.u)]);
         }
         let asked: Vec<Arguments<'_>> =
             expanded.iter().map(|[q, qd, u]| Arguments { q, qd, u, ..Arguments::default() }).collect();

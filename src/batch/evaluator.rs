@@ -19,6 +19,8 @@ use crate::workspace::Workspace;
 /// any neighbours, but for the sign of a zero.
 pub struct Evaluator<P = f64> {
     arm: Arm,
+    /// Of the scene that it was made for.
+    identity: u64,
     pub(super) kernels: Kernels<P>,
     pub(super) checked: Checked,
     /// Of the tree, where joints follow each other; there are no other kernels then.
@@ -147,7 +149,7 @@ impl<P: Evaluated> Evaluator<P> {
         let checked = Checked { workspace, inverse: None, results: Vec::new() };
         let coupled = CoupledEvaluator::of(arm, scene);
         let kernels = if coupled.is_some() { Kernels { one: None, many: None } } else { P::kernels(arm, scene) };
-        Self { arm, kernels, checked, coupled }
+        Self { arm, identity: scene.identity(), kernels, checked, coupled }
     }
 
     /// The arm that it runs on.
@@ -236,7 +238,7 @@ impl Scene {
     ///
     /// # Errors
     ///
-    /// [`Fault`] of the lowest state that failed, with the error of the recursion; `out` is then partly written.
+    /// [`Fault`] of the lowest state that failed, with the error of the recursion; `out` is then partly written. [`Error::Argument`] for the evaluator of another scene.
     pub fn evaluate<P: Evaluated>(
         &self,
         evaluator: &mut Evaluator<P>,
@@ -257,6 +259,7 @@ impl Scene {
         out: &mut [P],
         mut found: impl FnMut(usize, &dyn Fn() -> Accuracy),
     ) -> Result<(), Fault> {
+        self.check_evaluator(evaluator)?;
         let width = self.width(algorithm);
         if out.len() != width * states.len() {
             let error = Error::Shape {
@@ -310,7 +313,7 @@ impl Scene {
     ///
     /// # Errors
     ///
-    /// [`Fault`] of the lowest state that failed, with the error of that method; `out` is then partly written.
+    /// [`Fault`] of the lowest state that failed, with the error of that method; `out` is then partly written. [`Error::Argument`] for the evaluator of another scene.
     pub fn evaluate_everyday(
         &self,
         evaluator: &mut Evaluator,
@@ -318,6 +321,10 @@ impl Scene {
         states: &[Arguments<'_>],
         out: &mut [f64],
     ) -> Result<(), Fault> {
+        self.check_evaluator(evaluator)?;
+        if let Some(frame) = what.frame() {
+            self.check_frame(frame).map_err(|error| Fault { state: 0, error })?;
+        }
         if let (Some(coupling), Some(coupled)) = (self.coupling(), &mut evaluator.coupled) {
             return coupled.everyday((self, coupling), what, states, out);
         }
@@ -340,6 +347,15 @@ impl Scene {
             }
         }
         Ok(())
+    }
+
+    /// Checks that an evaluator was made for this scene: another one has the constants of another scene.
+    fn check_evaluator<P>(&self, evaluator: &Evaluator<P>) -> Result<(), Fault> {
+        if evaluator.identity == self.identity() {
+            return Ok(());
+        }
+        let expected = "this scene's own, from scene.evaluator() or Evaluator::on(arm, &scene)";
+        Err(Fault { state: 0, error: Error::argument("evaluator", "that of another scene", expected) })
     }
 
     /// One state by the checked recursion, in f64.

@@ -22,10 +22,13 @@ static WANTED: AtomicUsize = AtomicUsize::new(0);
 
 static POOL: RwLock<Option<Kept>> = RwLock::new(None);
 
-/// A pool, for how many threads with the caller it was made, and whose threads it has; none where the caller is alone.
+/// A pool, how many threads were wanted and are used with the caller, and whose threads it has; none before more than one was wanted.
+///
+/// A pool is kept when fewer threads are wanted, for threads that end leave memory behind: it can have more than are used.
 struct Kept {
     process: u32,
     wanted: usize,
+    threads: usize,
     pool: Option<Arc<ThreadPool>>,
 }
 
@@ -36,7 +39,10 @@ impl Kept {
     }
 
     fn place(&self) -> Place {
-        self.pool.as_ref().map_or(Place::Alone, |pool| Place::Ours(Arc::clone(pool)))
+        match &self.pool {
+            Some(pool) if self.threads > 1 => Place::Ours(Arc::clone(pool), self.threads),
+            _ => Place::Alone,
+        }
     }
 }
 
@@ -44,8 +50,8 @@ impl Kept {
 pub(super) enum Place {
     /// The caller is already a thread of a pool.
     Inside,
-    /// The caller and our own threads.
-    Ours(Arc<ThreadPool>),
+    /// The caller and our own threads: so many of them with the caller.
+    Ours(Arc<ThreadPool>, usize),
     /// One thread is wanted, or there are no others to be had.
     Alone,
 }
@@ -55,7 +61,7 @@ impl Place {
     pub(super) fn threads(&self) -> usize {
         match self {
             Self::Inside => rayon::current_num_threads(),
-            Self::Ours(pool) => 1 + pool.current_num_threads(),
+            Self::Ours(_, threads) => *threads,
             Self::Alone => 1,
         }
     }
@@ -72,7 +78,7 @@ impl Place {
         match self {
             Self::Alone => work(),
             Self::Inside => rayon::in_place_scope(|scope| company.all_at_once(scope, helpers, stop)),
-            Self::Ours(pool) => pool.in_place_scope(|scope| company.all_at_once(scope, helpers, stop)),
+            Self::Ours(pool, _) => pool.in_place_scope(|scope| company.all_at_once(scope, helpers, stop)),
         }
     }
 }
@@ -147,21 +153,28 @@ pub(super) fn place() -> Place {
     {
         return kept.place();
     }
-    let Ok(pool) = make(wanted) else { return Place::Alone };
-    let kept = Kept { process, wanted, pool };
+    let Ok(kept) = make(wanted, pool_of(process, guard.as_ref())) else { return Place::Alone };
     let place = kept.place();
     replace(&mut guard, Some(kept));
     place
 }
 
-/// The threads beside the caller; `wanted` is 0 for those of the machine.
-fn make(wanted: usize) -> Result<Option<Arc<ThreadPool>>, rayon::ThreadPoolBuildError> {
+/// The pool that there is, if its threads are those of this process.
+fn pool_of(process: u32, kept: Option<&Kept>) -> Option<Arc<ThreadPool>> {
+    kept.filter(|kept| kept.process == process).and_then(|kept| kept.pool.clone())
+}
+
+/// The threads beside the caller: those of the pool that there is, if they are as many; `wanted` is 0 for those of the machine.
+fn make(wanted: usize, before: Option<Arc<ThreadPool>>) -> Result<Kept, rayon::ThreadPoolBuildError> {
     let threads = if wanted == 0 { of_the_machine() } else { wanted };
-    if threads == 1 {
-        return Ok(None);
-    }
-    let named = ThreadPoolBuilder::new().num_threads(threads - 1).thread_name(|i| format!("phipsi-{i}"));
-    named.build().map(|pool| Some(Arc::new(pool)))
+    let suffices = before.as_ref().map_or(0, |pool| pool.current_num_threads()) + 1 >= threads;
+    let pool = if suffices {
+        before
+    } else {
+        let named = ThreadPoolBuilder::new().num_threads(threads - 1).thread_name(|i| format!("phipsi-{i}"));
+        Some(Arc::new(named.build()?))
+    };
+    Ok(Kept { process: std::process::id(), wanted, threads, pool })
 }
 
 /// What `RAYON_NUM_THREADS` says, or as many threads as run at once here.
@@ -185,7 +198,7 @@ fn replace(kept: &mut Option<Kept>, new: Option<Kept>) {
 ///
 /// `threads`: the caller's and others, 1 for none beside the caller's; 0 for what the environment variable `RAYON_NUM_THREADS` says,
 /// or as many as the machine has, which is what a process begins with. Results have the same bits for any number. A batch that is run inside a rayon pool uses
-/// that pool, whatever was set. The threads are started here.
+/// that pool, whatever was set. The threads are started here; where fewer are wanted than before, the others stay and wait.
 ///
 /// # Errors
 ///
@@ -197,10 +210,11 @@ pub fn set_threads(threads: usize) -> Result<(), Error> {
     if threads > most {
         return Err(refused(threads.to_string(), format!("0 for those of the machine, or 1 to {most}")));
     }
-    let pool = make(threads).map_err(|error| {
+    let before = POOL.try_read().ok().and_then(|guard| pool_of(std::process::id(), guard.as_ref()));
+    let kept = make(threads, before).map_err(|error| {
         refused(format!("{threads}, which the system does not give ({error})"), "fewer threads".to_owned())
     })?;
-    let kept = Some(Kept { process: std::process::id(), wanted: threads, pool });
+    let kept = Some(kept);
     WANTED.store(threads, Ordering::Relaxed);
     // Where another thread has the lock, the next batch makes the pool.
     if let Ok(mut guard) = POOL.try_write() {

@@ -32,7 +32,7 @@ pub fn sources(
     functions: &[Function],
     (width, batches): (Width, bool),
 ) -> Result<Sources, Error> {
-    let programs = programs(scene, name, functions)?;
+    let programs = programs(scene, name, functions, width)?;
     Ok(vec![
         (format!("{name}.c"), source(name, &programs, (width, batches))),
         (format!("{name}.h"), header(scene, name, &programs, (width, batches))),
@@ -42,7 +42,7 @@ pub fn sources(
 }
 
 /// The programs of all functions, under a name that every language has for its own.
-pub(super) fn programs(scene: &Scene, name: &str, functions: &[Function]) -> Result<Vec<Program>, Error> {
+pub(super) fn programs(scene: &Scene, name: &str, functions: &[Function], width: Width) -> Result<Vec<Program>, Error> {
     let is_start = |c: char| c.is_ascii_alphabetic() || c == '_';
     if !(name.starts_with(is_start) && name.chars().all(|c| is_start(c) || c.is_ascii_digit())) {
         return Err(Error::argument("name", format!("{name:?}"), "letters, digits and _, the first no digit"));
@@ -51,7 +51,11 @@ pub(super) fn programs(scene: &Scene, name: &str, functions: &[Function]) -> Res
         return Err(Error::argument("functions", "none", "one or more"));
     }
     check_symbols(functions)?;
-    functions.iter().map(|function| Program::new(scene, function)).collect()
+    let checked = |function| {
+        let program = Program::new(scene, function)?;
+        program.check_constants(width).map(|()| program)
+    };
+    functions.iter().map(checked).collect()
 }
 
 /// No two functions of one name in the code.

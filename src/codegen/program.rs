@@ -2,6 +2,7 @@
 
 use super::functions::{Array, Function};
 use super::tracing::Tracer;
+use super::width::Width;
 use crate::dynamics::sweeps::SweepModel;
 use crate::error::Error;
 use crate::scalar::{Operation, Operations, Traced};
@@ -31,7 +32,7 @@ impl Program {
     ///
     /// # Errors
     ///
-    /// [`Error::Argument`] for a scene with connections, with joints that follow others, or whose inverse mass matrix is not multiplied out (chains of more than 300 joints); an unknown link.
+    /// [`Error::Argument`] for a scene with connections, with joints that follow others, or whose inverse mass matrix is not multiplied out (chains of more than 300 joints), or whose constants overflow; an unknown link.
     pub fn new(scene: &Scene, function: &Function) -> Result<Self, Error> {
         check(scene, function)?;
         let place = function.place(scene)?;
@@ -47,7 +48,7 @@ impl Program {
             // A constant gets its place here.
             out.iter().map(|number| number.place()).collect()
         });
-        Ok(Self {
+        let program = Self {
             function: function.clone(),
             arguments,
             results,
@@ -55,7 +56,27 @@ impl Program {
             operations,
             places,
         }
-        .without_dead_ends())
+        .without_dead_ends();
+        program.check_constants(Width::Double)?;
+        Ok(program)
+    }
+
+    /// Checks that all constants are finite in code of this width.
+    pub(super) fn check_constants(&self, width: Width) -> Result<(), Error> {
+        for operation in &self.operations {
+            let Operation::Constant(bits) = *operation else { continue };
+            let value = f64::from_bits(bits);
+            if width.holds(value) {
+                continue;
+            }
+            let found = format!("a constant of {value:e} in {}", self.function.symbol());
+            let expected = match width {
+                Width::Single if value.is_finite() => "constants below 3.4e38; float64 holds this one",
+                _ => "inertias and lengths whose products are finite",
+            };
+            return Err(Error::argument("scene", found, expected));
+        }
+        Ok(())
     }
 
     /// The argument of this index among the numbers of all: its array, and its place there.

@@ -20,6 +20,15 @@ impl Width {
         if self == Self::Double { "" } else { "f" }
     }
 
+    /// True if the constant, rounded to this width, is finite.
+    pub(super) fn holds(self, x: f64) -> bool {
+        #[allow(clippy::cast_possible_truncation)] // rounded, as asked
+        match self {
+            Self::Double => x.is_finite(),
+            Self::Single => (x as f32).is_finite(),
+        }
+    }
+
     pub(super) fn constant(self, x: f64) -> String {
         match self {
             // The shortest that is read as the same number.

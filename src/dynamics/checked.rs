@@ -11,6 +11,7 @@ use crate::accuracy::Accuracy;
 use crate::algorithm::{Algorithm, Arguments, Derivatives, Products};
 use crate::error::{Error, check_finite, check_length, number};
 use crate::filter::pivots::PivotMonitor;
+use crate::scalar::Precision;
 use crate::scene::Scene;
 use crate::spatial::SpatialVector;
 use crate::watch;
@@ -53,7 +54,6 @@ impl Scene {
             self.check_form(workspace)?;
         }
         let model = self.model();
-        self.check_tree(algorithm)?;
         self.check_seed(algorithm, state.seed)?;
         match algorithm {
             Algorithm::ForwardDynamics(_) if !self.constraints().is_empty() => {
@@ -73,7 +73,7 @@ impl Scene {
             Algorithm::MassMatrixInverse(_) => {
                 let mut own = None;
                 let scratch = inverse.unwrap_or_else(|| own.insert(InverseScratch::new(model)));
-                scratch.check(model)?;
+                self.check_scratch("scratch", scratch.identity(), "scene.inverse_scratch()")?;
                 let monitor = mass_matrix_inverse(model, workspace, scratch, q, out);
                 self.check_pivots(workspace, monitor)?;
             }
@@ -81,9 +81,7 @@ impl Scene {
                 self.derivatives_through_connections(workspace, (q, qd, u), wrenches, out)?;
             }
             Algorithm::Products(which) if which.form().is_some() && !self.constraints().is_empty() => {
-                let mut three = vec![f64::NAN; 3 * self.nv() * self.nv()];
-                self.derivatives_through_connections(workspace, (q, qd, u), wrenches, &mut three)?;
-                multiply(&three, which, state.seed, out);
+                self.products_through_connections(workspace, which, state, out)?;
             }
             Algorithm::Derivatives(which) => self.derivatives(workspace, which, state, out)?,
             Algorithm::Products(which) => self.products(workspace, which, state, out)?,
@@ -131,36 +129,63 @@ impl Scene {
         if qdd.iter().all(|a| a.is_finite()) {
             self.check_agreement(&outcome)?;
         }
+        // A compliant connection may be open.
+        if compliance.is_empty() {
+            self.check_closed(state.0, state.1)?;
+        }
         Ok((outcome.rank, outcome.residual))
     }
 
-    /// dqdd/dq, dqdd/dqd and dqdd/dtau of a scene with connections.
+    /// dqdd/dq, dqdd/dqd and dqdd/dtau of a scene with connections; gives qdd.
     fn derivatives_through_connections(
         &self,
         workspace: &mut Workspace<f64>,
         (q, qd, tau): (&[f64], &[f64], &[f64]),
         wrenches: &[SpatialVector<f64>],
         out: &mut [f64],
-    ) -> Result<(), Error> {
+    ) -> Result<Vec<f64>, Error> {
         let scratch = &mut ConstraintScratch::new(self.model(), self.constraints());
         let mut qdd = vec![f64::NAN; self.nv()];
         self.accelerations_through_connections(workspace, scratch, (q, qd, tau), (wrenches, &[]), &mut qdd)?;
         self.check_result("forward dynamics", &qdd)?;
         let system = (self.model(), self.constraints());
         constraints::constrained_derivatives(system, workspace, scratch, (q, qd, &qdd), wrenches, out)
-            .map_err(|at| self.no_direction(at))
+            .map_err(|at| self.no_direction(at))?;
+        Ok(qdd)
     }
 
-    /// What knows the tree only is refused for scenes with connections.
-    fn check_tree(&self, algorithm: Algorithm) -> Result<(), Error> {
-        match algorithm {
-            Algorithm::Products(which)
-                if which.form().is_some() && (which.takes_constants() || which.gives_constants()) =>
-            {
-                self.check_no_connections("derivatives of forward dynamics by constants")
-            }
-            _ => Ok(()),
+    /// Products with these. The rows of the connections do not depend on what is constant, so that with the third matrix Mc and inverse dynamics ID at the
+    /// accelerations of the state, a change of it gives dqdd = -Mc dID.
+    fn products_through_connections(
+        &self,
+        workspace: &mut Workspace<f64>,
+        which: Products,
+        state: &Arguments<'_>,
+        out: &mut [f64],
+    ) -> Result<(), Error> {
+        let &Arguments { q, qd, u, wrenches, seed: [first, second, third] } = state;
+        let nv = self.nv();
+        let mut three = vec![f64::NAN; 3 * nv * nv];
+        let qdd = self.derivatives_through_connections(workspace, (q, qd, u), wrenches, &mut three)?;
+        let (at, zeros) = (Arguments { u: &qdd, ..*state }, vec![0.0; nv]);
+        if which.gives_constants() {
+            let mut of_state = vec![f64::NAN; 3 * nv];
+            multiply(&three, which, state.seed, &mut of_state);
+            let minus: Vec<f64> = of_state[2 * nv..].iter().map(|x| -x).collect();
+            self.products(workspace, Products::InverseGradients, &Arguments { seed: [&minus, &[], &[]], ..at }, out)?;
+            GradientParts::of(out, nv, self.model().bodies.len()).state.copy_from_slice(&of_state);
+        } else if which.takes_constants() {
+            let mut constant = third.to_vec();
+            constant[..nv].fill(0.0);
+            let along = Arguments { seed: [&zeros, &zeros, &constant], ..at };
+            let mut right = vec![f64::NAN; nv];
+            self.products(workspace, Products::InverseTangents, &along, &mut right)?;
+            right.iter_mut().zip(third).for_each(|(right, dtau)| *right = dtau - *right);
+            multiply(&three, which, [first, second, &right], out);
+        } else {
+            multiply(&three, which, state.seed, out);
         }
+        Ok(())
     }
 
     /// An error for a scene with connections.
@@ -270,7 +295,7 @@ impl Scene {
     }
 
     /// As many numbers of zero or above as there are rows of connections, or none.
-    fn check_compliance(&self, compliance: &[f64]) -> Result<(), Error> {
+    pub(super) fn check_compliance(&self, compliance: &[f64]) -> Result<(), Error> {
         if compliance.is_empty() {
             return Ok(());
         }
@@ -316,16 +341,12 @@ impl Scene {
 
     /// Whether the kernels, which know connections in forward dynamics only, would give an algorithm's result wrong.
     fn goes_through_connections(&self, algorithm: Algorithm) -> bool {
-        let is_forward = match algorithm {
-            Algorithm::Derivatives(Derivatives::ForwardDynamics(_)) => true,
-            Algorithm::Products(which) => which.form().is_some(),
-            _ => false,
-        };
-        is_forward && !self.constraints().is_empty()
+        let is_derivative = matches!(algorithm, Algorithm::Derivatives(_) | Algorithm::Products(_));
+        is_derivative && algorithm.goes_through_connections() && !self.constraints().is_empty()
     }
 
     /// Whether the kernels compute a state: its arguments have the lengths that an algorithm reads, and no connections take part that they do not know.
-    pub(crate) fn fits<P>(&self, algorithm: Algorithm, state: &Arguments<'_, P>) -> bool {
+    pub(crate) fn fits<P: Precision>(&self, algorithm: Algorithm, state: &Arguments<'_, P>) -> bool {
         let (rates, third) = algorithm.reads();
         let [qd, u] = [rates, third.is_some()].map(|is_read| if is_read { self.nv() } else { 0 });
         let forces = state.wrenches.len();
@@ -335,22 +356,21 @@ impl Scene {
         (state.q.len(), state.qd.len(), state.u.len()) == (self.nq(), qd, u)
             && seeded
             && !self.goes_through_connections(algorithm)
+            && (!algorithm.goes_through_connections() || self.couplings_hold(state.q))
             && (forces == 0 || forces == self.model().bodies.len())
     }
 
-    /// Whether a workspace has the lengths of this scene's.
+    /// Checks that a workspace was made for this scene.
     pub(crate) fn check_workspace(&self, workspace: &Workspace<f64>) -> Result<(), Error> {
-        let (bodies, nv) = (workspace.shift.len(), workspace.measured.len());
-        if (bodies, nv) == (self.model().bodies.len(), self.model().nv()) {
+        self.check_scratch("workspace", workspace.identity, "scene.workspace()")
+    }
+
+    /// Checks that scratch was made for this scene, by the identity of its model; `made_by` is the call that makes it.
+    pub(crate) fn check_scratch(&self, argument: &str, identity: u64, made_by: &str) -> Result<(), Error> {
+        if identity == self.model().identity() {
             return Ok(());
         }
-        let found = format!("that of a scene of {bodies} bodies and {nv} degrees of freedom");
-        let expected = format!(
-            "this scene's own, from scene.workspace(): {} bodies and {} degrees of freedom",
-            self.model().bodies.len(),
-            self.model().nv()
-        );
-        Err(Error::argument("workspace", found, expected))
+        Err(Error::argument(argument, "that of another scene", format!("this scene's own, from {made_by}")))
     }
 
     /// Turns a lost pivot into an error that names the joint; a pivot that is not finite comes of overflow.
@@ -369,7 +389,7 @@ fn multiply(three: &[f64], which: Products, [first, second, third]: [&[f64]; 3],
     let nv = first.len().max(1);
     out.fill(0.0);
     let matrices = three.chunks_exact(nv * nv);
-    if matches!(which, Products::ForwardTangent(_)) {
+    if matches!(which, Products::ForwardTangent(_) | Products::ForwardTangents(_)) {
         for (matrix, x) in matrices.zip([first, second, third]) {
             for (out, row) in out.iter_mut().zip(matrix.chunks_exact(nv)) {
                 *out += row.iter().zip(x).map(|(a, x)| a * x).sum::<f64>();

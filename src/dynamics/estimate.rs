@@ -111,6 +111,8 @@ pub struct EstimateScratch<T: Real> {
     co_state_covariance: Vec<Symmetric6<T>>,
     /// The diagonal of (H R H* + r + noise/s)^-1.
     information: Vec<T>,
+    /// Of the model that it was made for.
+    pub(crate) identity: u64,
 }
 
 impl<T: Real> EstimateScratch<T> {
@@ -123,6 +125,7 @@ impl<T: Real> EstimateScratch<T> {
             measurement: vec![nan; model.nv()],
             co_state_covariance: vec![Symmetric6::filled(nan); model.bodies.len()],
             information: vec![nan; model.nv()],
+            identity: model.identity(),
         }
     }
 }

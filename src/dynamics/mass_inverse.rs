@@ -4,7 +4,6 @@ use super::columns::{
     Block, Columns, body_of_row, put, put_row, spread_hinge, spread_shift, spread_symmetric, spread_vector,
 };
 use super::forward::factorise;
-use crate::error::Error;
 use crate::filter::covariance;
 use crate::filter::innovations::past_rows;
 use crate::filter::pivots::PivotMonitor;
@@ -27,6 +26,8 @@ pub struct InverseScratch<T: Real, C: Real = T> {
     outward: Columns<C>,
     /// Whether more than one body hangs on each body.
     branches: Vec<bool>,
+    /// Of the model that it was made for.
+    identity: u64,
 }
 
 impl<T: Real, C: ColumnsOf<T>> InverseScratch<T, C> {
@@ -44,19 +45,15 @@ impl<T: Real, C: ColumnsOf<T>> InverseScratch<T, C> {
             inward: Columns::new(bodies),
             outward: Columns::new(bodies),
             branches: children.into_iter().map(|count| count > 1).collect(),
+            identity: model.identity(),
         }
     }
 }
 
 impl InverseScratch<f64> {
-    /// Whether this is scratch of the lengths of `model`'s.
-    pub(crate) fn check(&self, model: &Model<f64>) -> Result<(), Error> {
-        let (bodies, nv) = (self.co_state_covariance.len(), self.spread_gain.len());
-        if (bodies, nv) == (model.bodies.len(), model.nv()) {
-            return Ok(());
-        }
-        let found = format!("that of a scene of {bodies} bodies and {nv} degrees of freedom");
-        Err(Error::argument("scratch", found, "this scene's own, from scene.inverse_scratch()"))
+    /// The model that it was made for.
+    pub(crate) fn identity(&self) -> u64 {
+        self.identity
     }
 }
 

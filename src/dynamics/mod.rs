@@ -3,6 +3,11 @@
 //! The functions take a [`Model`](crate::scene::Model) in any scalar, slices for one state and a
 //! [`Workspace`](crate::Workspace), check nothing and allocate nothing. [`Scene`](crate::Scene) wraps them with checks and names.
 //!
+//! # Panics
+//!
+//! The functions of this module and of [`derivatives`] panic, or give results without meaning, where a slice is shorter than the model needs, and where a workspace
+//! or scratch was made for another model. The methods of [`Scene`](crate::Scene) return errors.
+//!
 //! ```
 //! use phipsi::scalar::{DoubleDouble, Real};
 //! use phipsi::{Form, Workspace, dynamics};

@@ -22,13 +22,19 @@ pub struct OperationalScratch<T: Real> {
     co_state_covariance: Vec<Symmetric6<T>>,
     /// The frames of a call by names.
     pub(crate) frames: Vec<Frame<T>>,
+    /// Of the model that it was made for.
+    pub(crate) identity: u64,
 }
 
 impl<T: Real> OperationalScratch<T> {
     /// Scratch for `model`.
     pub fn new(model: &Model<T>) -> Self {
         let nan = Symmetric6::filled(T::from_f64(f64::NAN));
-        Self { co_state_covariance: vec![nan; model.bodies.len()], frames: Vec::with_capacity(4) }
+        Self {
+            co_state_covariance: vec![nan; model.bodies.len()],
+            frames: Vec::with_capacity(4),
+            identity: model.identity(),
+        }
     }
 }
 

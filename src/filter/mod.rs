@@ -6,6 +6,10 @@
 //! sections: [`system`] is section 1, [`riccati`] section 3 ([`PivotMonitor`] says whether its pivots mean anything), [`innovations`] and [`smoother`] section 4, [`covariance`] section 5, and
 //! [`smoothed`] the covariances of section 2 by way of it. A row whose noise is infinite is not measured: its gain is zero.
 //!
+//! # Panics
+//!
+//! The functions of this module check nothing: they panic where a slice is shorter than the system needs.
+//!
 //! ```
 //! use nalgebra::{Matrix3, Vector6};
 //! use phipsi::filter::riccati::{self, Covariances, Measured};

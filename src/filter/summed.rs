@@ -26,6 +26,7 @@ use super::system::{HingeMap, System};
 use crate::scalar::Real;
 use crate::spatial::{RigidShift, Symmetric6, dot, scaled, scaled_add, sum, zero};
 use nalgebra::Vector6;
+use std::collections::BTreeSet;
 
 /// Which rows are measured together, and where on the tree.
 #[derive(Debug, Clone, PartialEq)]
@@ -70,7 +71,6 @@ impl Sums {
         let mut of_row = vec![None; system.rows()];
         let mut stages = vec![Waiting::default(); base + 1];
         let stage_of = |row: usize| system.stages.partition_point(|stage| stage.first_row <= row) - 1;
-        let parent = |stage: usize| system.stages[stage].parent.unwrap_or(base);
         for (s, rows) in sums.iter().enumerate() {
             let mut at: Vec<usize> = Vec::with_capacity(rows.len());
             for &(row, weight) in rows {
@@ -79,15 +79,16 @@ impl Sums {
                 at.push(stage_of(row));
             }
             // Parents come before children: the latest of several stages is no ancestor of the others.
-            let mut front = at.clone();
+            let mut front: BTreeSet<Option<usize>> = at.iter().copied().map(Some).collect();
             let met = loop {
-                front.sort_unstable_by_key(|&stage| (stage == base, std::cmp::Reverse(stage)));
-                front.dedup();
-                if let [one] = front[..] {
-                    break one;
+                // The base, none, is the ancestor of all.
+                let latest = front.pop_last().flatten();
+                if front.is_empty() {
+                    break latest.unwrap_or(base);
                 }
-                stages[front[0]].active.push(s);
-                front[0] = parent(front[0]);
+                let Some(stage) = latest else { continue };
+                stages[stage].active.push(s);
+                front.insert(system.stages[stage].parent);
             };
             stages[met].active.push(s);
             if at.contains(&met) {

@@ -295,6 +295,10 @@ impl Descent {
         scene.integrate(q, qd, &mut from)?;
         tasks.evaluate(workspace, &from, &mut self.rows)?;
         self.model(tasks, &from);
+        // Sums and comparisons below would make zeros of what overflows.
+        for derivative in [&self.gradient, &self.hessian] {
+            scene.check_result("derivatives of the tasks", derivative)?;
+        }
         if let Some(closure) = &mut self.closure {
             closure.evaluate(workspace, scene, &from)?;
         }
@@ -331,7 +335,7 @@ impl Descent {
         for (qd, step) in qd.iter_mut().zip(&self.step) {
             *qd = (*qd + step) / dt;
         }
-        Ok(())
+        tasks.scene.check_result("qd", qd)
     }
 
     /// Whether the step from `from`, whose rows are there, raises the cost or passes its minimum along the way: then

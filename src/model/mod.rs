@@ -9,6 +9,31 @@ use crate::filter::{Stage, System};
 use crate::scalar::Real;
 use crate::spatial::{BodyInertia, BodyRoot, RigidShift, Symmetric3};
 use nalgebra::{Vector3, Vector6};
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// The identity of a model in this process: scratch that was made for one model is refused by every other. Copies, also in another scalar, have the same
+/// identity; comparisons of models ignore it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Identity(u64);
+
+impl Identity {
+    /// An identity that no model had before.
+    pub(crate) fn unique() -> Self {
+        static MADE: AtomicU64 = AtomicU64::new(0);
+        Self(MADE.fetch_add(1, Ordering::Relaxed))
+    }
+
+    /// Its number.
+    pub(crate) fn number(self) -> u64 {
+        self.0
+    }
+}
+
+impl PartialEq for Identity {
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
+}
 
 /// One moving body: fixed joints are merged unless asked not to be, a planar joint is three of these.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,6 +68,7 @@ pub struct Model<T> {
     /// What calls leave out.
     #[doc(hidden)]
     pub omissions: Omissions,
+    pub(crate) identity: Identity,
 }
 
 impl<T: Real> Model<T> {
@@ -50,7 +76,20 @@ impl<T: Real> Model<T> {
     #[doc(hidden)]
     pub fn empty(gravity: Vector3<T>, omissions: Omissions) -> Self {
         let system = System { stages: Vec::new(), noise: Vec::new() };
-        Self { bodies: Vec::new(), inertia_roots: Vec::new(), system, nq: 0, gravity, omissions }
+        Self {
+            bodies: Vec::new(),
+            inertia_roots: Vec::new(),
+            system,
+            nq: 0,
+            gravity,
+            omissions,
+            identity: Identity::unique(),
+        }
+    }
+
+    /// The identity of the model, which scratch that is made for it keeps.
+    pub(crate) fn identity(&self) -> u64 {
+        self.identity.number()
     }
 
     /// Number of degrees of freedom.
@@ -135,6 +174,7 @@ impl Model<f64> {
             nq: self.nq,
             gravity: vector(&self.gravity),
             omissions: self.omissions,
+            identity: self.identity,
         }
     }
 }

@@ -22,6 +22,7 @@ use crate::filter::Form;
 use crate::joints::quaternion::quaternion_rotation;
 use crate::model::Motion;
 use crate::scene::Scene;
+use crate::watch;
 use diffsol::error::OdeSolverError;
 use diffsol::{
     DiffsolError, NalgebraLU, NalgebraMat, NalgebraVec, OdeBuilder, OdeEquations, OdeSolverMethod, OdeSolverStopReason,
@@ -409,6 +410,7 @@ impl Course<'_, '_> {
         loop {
             let before = solver.state().t;
             if !reached {
+                watch::check().map_err(|error| (before, error))?;
                 if self.solution.steps == self.law.most_steps {
                     let expected = "a solver for stiff motion, looser tolerances, or more steps";
                     return Err((before, Error::argument("most_steps", self.law.most_steps.to_string(), expected)));

@@ -3,8 +3,7 @@
 use super::scratch::Scratch;
 use super::solver::Solver;
 use crate::dynamics::constraints::{
-    ConstraintScratch, NoDirection, Outcome, RowsAre, constrained_dynamics, errors_of_rows, project_positions,
-    project_velocities, rates_of_rows,
+    ConstraintScratch, NoDirection, Outcome, RowsAre, constrained_dynamics, project_positions, project_velocities,
 };
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::error::Error;
@@ -15,7 +14,7 @@ use crate::scene::Scene;
 use crate::workspace::Workspace;
 
 /// A state may begin so far from the connections, m or rad, and m/s or rad/s.
-const AT_START: f64 = 1e-6;
+pub(super) const AT_START: f64 = 1e-6;
 
 /// The fix that the error of a step suggests.
 const SMALLER: &str = "a step after which small moves meet the connections: take a smaller dt";
@@ -132,27 +131,4 @@ impl Constrained<'_> {
         let Some(row) = velocities.stays else { return Ok(()) };
         Err((None, Some(scene.open_at("the end of a step", row, velocities.left, "m/s or rad/s", SMALLER))))
     }
-}
-
-/// Whether a state meets the connections, so that a motion can begin there.
-pub(super) fn check_start(scene: &Scene, q: &[f64], qd: &[f64]) -> Result<(), Error> {
-    let constraints = scene.constraints();
-    if constraints.is_empty() {
-        return Ok(());
-    }
-    let (model, mut rows) = (scene.model(), vec![0.0; constraints.rows]);
-    let remedy = "a start that meets the connections: q, qd = scene.project(q, qd)";
-    let worst = |rows: &[f64]| (0..rows.len()).max_by(|&i, &j| rows[i].abs().total_cmp(&rows[j].abs())).unwrap_or(0);
-    errors_of_rows(model, constraints, q, &mut rows).map_err(|at| scene.no_direction(at))?;
-    let row = worst(&rows);
-    if !(rows[row].abs() <= AT_START) {
-        return Err(scene.open_at("q", row, rows[row].abs(), "m or rad", remedy));
-    }
-    rates_of_rows(model, constraints, (q, qd), &mut rows).map_err(|at| scene.no_direction(at))?;
-    let row = worst(&rows);
-    let speed = qd.iter().fold(1.0, |most: f64, v| most.max(v.abs()));
-    if !(rows[row].abs() <= AT_START * speed) {
-        return Err(scene.open_at("qd", row, rows[row].abs(), "m/s or rad/s", remedy));
-    }
-    Ok(())
 }

@@ -181,7 +181,7 @@ impl Layout {
     const OF_ROWS: usize = ACTING + 1;
 
     pub fn width(&self) -> usize {
-        (Self::OF_ROWS + self.torques) * self.nv + 10 * self.bodies
+        self.torques.saturating_add(Self::OF_ROWS).saturating_mul(self.nv).saturating_add(10 * self.bodies)
     }
 
     pub fn torque(&self, index: usize) -> Range<usize> {

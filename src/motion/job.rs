@@ -24,6 +24,19 @@ pub(super) struct Rows<'a> {
 }
 
 impl Rows<'_> {
+    /// Row 0: the states at the start, of values of so many coordinates, joint velocities and values in all per state.
+    pub fn record_start(&mut self, states: Range<usize>, current: &[f64], (nq, nv, width): (usize, usize, usize)) {
+        if nq == 0 {
+            return;
+        }
+        for (state, values) in states.zip(current.chunks_exact(width)) {
+            let at = (state - self.first) * self.of_state;
+            let (q, qd) = values[..nq + nv].split_at(nq);
+            self.q[at * nq..(at + 1) * nq].copy_from_slice(q);
+            self.qd[at * nv..(at + 1) * nv].copy_from_slice(qd);
+        }
+    }
+
     /// Where a row of the contacts of a state goes, if they are recorded.
     pub fn of_contacts(&mut self, state: usize, row: usize, contacts: usize) -> Option<&mut [f64]> {
         let at = ((state - self.first) * self.of_state + row) * contacts * RECORD;

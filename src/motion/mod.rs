@@ -67,6 +67,7 @@ mod scratch;
 mod settings;
 pub(crate) mod simulator;
 mod solver;
+mod start;
 mod step;
 mod step_settings;
 mod stepper;

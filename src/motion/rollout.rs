@@ -2,7 +2,7 @@
 
 use super::choice::{CONTROLLED, choose, set_valued};
 use super::conserve::{self, Correction, KEPT, Keeper};
-use super::constrained::check_start;
+use super::constrained::AT_START;
 use super::contact::{self, ContactReport, RECORD};
 use super::job::{Impacts, Job, Rows};
 use super::method::Method;
@@ -14,7 +14,7 @@ use super::substeps::StopImpact;
 use super::tally::{TALLY, Tally};
 use super::torque::{StepFault, Torque};
 use crate::batch::arms::Arm;
-use crate::batch::{Batch, Fault, Pool};
+use crate::batch::{Batch, Fault, Pool, SLICE};
 use crate::dynamics::contacts::ContactScratch;
 use crate::error::Error;
 use crate::filter::{FORMS, Form};
@@ -194,7 +194,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
     pub(super) fn check_state(&self, q: &[f64], qd: &[f64]) -> Result<(), Error> {
         self.scene().check_configuration("q", q)?;
         self.scene().check_rates("qd", qd)?;
-        check_start(self.scene(), q, qd)?;
+        self.scene().check_on_connections(q, qd, AT_START)?;
         self.law.coupling.as_ref().map_or(Ok(()), |coupling| coupling.check_followed(q, qd))
     }
 
@@ -259,6 +259,10 @@ impl<S: Borrow<Scene>> Rollout<S> {
     }
 
     /// The works and the numbers of substeps of one state since it began.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such state, as a slice does: see [`Rollout::states`].
     #[must_use]
     pub fn tally(&self, index: usize) -> Tally {
         Tally::of(&self.of_state(index)[self.scene().nq() + self.scene().nv()..])
@@ -282,6 +286,10 @@ impl<S: Borrow<Scene>> Rollout<S> {
     }
 
     /// How long one state has moved, s: dt for every step since it began.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such state, as a slice does: see [`Rollout::states`].
     #[must_use]
     pub fn time(&self, index: usize) -> f64 {
         self.law.time(self.done - self.begun[index])
@@ -311,6 +319,10 @@ impl<S: Borrow<Scene>> Rollout<S> {
     }
 
     /// Configuration and rates of one state now.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such state, as a slice does: see [`Rollout::states`].
     #[must_use]
     pub fn state(&self, index: usize) -> (&[f64], &[f64]) {
         let scene = self.scene();
@@ -319,6 +331,10 @@ impl<S: Borrow<Scene>> Rollout<S> {
     }
 
     /// The largest corrections that one state had so far to keep its momentum; none where that was not asked for.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such state, as a slice does: see [`Rollout::states`].
     #[must_use]
     pub fn correction(&self, index: usize) -> Option<Correction> {
         let &[.., velocity, position] = self.of_state(index) else { return None };
@@ -326,6 +342,10 @@ impl<S: Borrow<Scene>> Rollout<S> {
     }
 
     /// What the steps of one state told of its contacts since it began; none for a scene without.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such state, as a slice does: see [`Rollout::states`].
     #[must_use]
     pub fn contact_report(&self, index: usize) -> Option<ContactReport> {
         let kept = &self.of_state(index)[self.scene().nq() + self.scene().nv() + TALLY..];
@@ -334,6 +354,10 @@ impl<S: Borrow<Scene>> Rollout<S> {
 
     /// The contacts of one state now, as [`Records::contacts`] has them, (contacts, 11); impulses are those of all impacts since the last row that
     /// was recorded, or since it began.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such state, as a slice does: see [`Rollout::states`].
     #[must_use]
     pub fn contacts_now(&self, index: usize) -> Vec<f64> {
         let (scene, (q, v)) = (self.scene(), self.state(index));
@@ -348,6 +372,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
     }
 
     fn of_state(&self, index: usize) -> &[f64] {
+        assert!(index < self.states, "state {index} of a simulation with {} states", self.states);
         let width = self.law.width(self.scene());
         &self.current[index * width..(index + 1) * width]
     }
@@ -385,12 +410,16 @@ impl<S: Borrow<Scene>> Rollout<S> {
         records: Option<&mut Records<'_>>,
     ) -> Result<(), StepFault> {
         let (nq, nv, width) = (self.scene().nq(), self.scene().nv(), self.law.width(self.scene()));
-        let (first, last) = (self.done, self.done + steps);
+        let first = self.done;
         let refuse = |error| StepFault { step: first, state: 0, joint: String::new(), error };
+        let Some(last) = first.checked_add(steps) else {
+            return Err(refuse(Error::argument("steps", steps.to_string(), "a number of steps that can be counted")));
+        };
         self.check_torque(torque, steps).map_err(|fault| StepFault { state: fault.state, ..refuse(fault.error) })?;
         let pieces = self.pieces(records, first, last).map_err(refuse)?;
         let fault: Mutex<Option<StepFault>> = Mutex::new(None);
         let cost = self.cost().saturating_mul(steps);
+        let slice = (SLICE / self.cost().max(1)).max(1);
         let Self { scene, law, form, arm, current, begun, pool, impacts, .. } = self;
         let impacts = &*impacts;
         let scene: &Scene = (*scene).borrow().tree();
@@ -408,25 +437,37 @@ impl<S: Borrow<Scene>> Rollout<S> {
                 if first == 0
                     && let Some(rows) = rows.as_deref_mut()
                 {
-                    record_start(rows, from..to, current, (nq, nv, width));
+                    rows.record_start(from..to, current, (nq, nv, width));
                 }
-                let rows = rows.as_deref_mut();
-                let job = Job {
-                    scene,
-                    law,
-                    steps: first..last,
-                    states: from..to,
-                    begun: &begun[from..to],
-                    current,
-                    torque,
-                    rows,
-                    impacts: Some(impacts),
-                };
-                if let Err(found) = stepper.run(job) {
-                    let mut fault = fault.lock().unwrap_or_else(PoisonError::into_inner);
-                    let earlier = |known: &StepFault| (found.step, found.state) < (known.step, known.state);
-                    if fault.as_ref().is_none_or(earlier) {
-                        *fault = Some(found);
+                // Interruption is checked between slices of steps.
+                let mut begins = first;
+                loop {
+                    watch::check().map_err(|error| Fault { state: from, error })?;
+                    let ends = last.min(begins.saturating_add(slice));
+                    let job = Job {
+                        scene,
+                        law,
+                        steps: begins..ends,
+                        states: from..to,
+                        begun: &begun[from..to],
+                        current: &mut *current,
+                        torque,
+                        rows: rows.as_deref_mut(),
+                        impacts: Some(impacts),
+                    };
+                    if let Err(found) = stepper.run(job) {
+                        // Interrupted substeps end with a diverging motion.
+                        watch::check().map_err(|error| Fault { state: from, error })?;
+                        let mut fault = fault.lock().unwrap_or_else(PoisonError::into_inner);
+                        let earlier = |known: &StepFault| (found.step, found.state) < (known.step, known.state);
+                        if fault.as_ref().is_none_or(earlier) {
+                            *fault = Some(found);
+                        }
+                        break;
+                    }
+                    begins = ends;
+                    if begins == last {
+                        break;
                     }
                 }
                 from = to;
@@ -454,7 +495,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
 
     /// The same of the steps from some step of the run on.
     pub(super) fn check_torque_from(&self, start: usize, torque: &Torque<'_>, steps: usize) -> Result<(), Fault> {
-        let (nv, last) = (self.scene().nv(), start + steps);
+        let (nv, last) = (self.scene().nv(), start.saturating_add(steps));
         let (given, before, steps) = match torque {
             Torque::Constant(torque) if self.states > 0 => (torque, 0, 1),
             Torque::Steps { torque, first } if self.states > 0 => {
@@ -467,6 +508,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             }
             _ => return Ok(()),
         };
+        given.check_states("torque", self.states).map_err(|error| Fault { state: 0, error })?;
         let (found, expected) = (given.state(0).len(), steps.saturating_mul(nv));
         let fits = if matches!(torque, Torque::Constant(_)) { found == expected } else { found >= expected };
         if !fits {
@@ -550,22 +592,4 @@ fn check_method(scene: &Scene, method: Method, conserve_momentum: bool) -> Resul
         return Err(Error::argument("method", found, expected));
     }
     if conserve_momentum { scene.check_no_contacts("conserve_momentum") } else { Ok(()) }
-}
-
-/// Row 0: the states at the start.
-fn record_start(
-    rows: &mut Rows<'_>,
-    states: std::ops::Range<usize>,
-    current: &[f64],
-    (nq, nv, width): (usize, usize, usize),
-) {
-    if nq == 0 {
-        return;
-    }
-    for (state, numbers) in states.zip(current.chunks_exact(width)) {
-        let at = (state - rows.first) * rows.of_state;
-        let (q, qd) = numbers[..nq + nv].split_at(nq);
-        rows.q[at * nq..(at + 1) * nq].copy_from_slice(q);
-        rows.qd[at * nv..(at + 1) * nv].copy_from_slice(qd);
-    }
 }

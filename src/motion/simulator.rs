@@ -36,7 +36,7 @@ use std::borrow::Borrow;
 /// ```
 #[derive(Debug)]
 pub struct Simulator<S> {
-    rollout: Rollout<S>,
+    pub(super) rollout: Rollout<S>,
     /// What the rollout had before the call at hand.
     before: Vec<f64>,
 }
@@ -78,10 +78,13 @@ impl<S: Borrow<Scene>> Simulator<S> {
     ///
     /// # Errors
     ///
-    /// A state that there is not; numbers that are not finite, quaternions that are not unit, with the index of the state in the batch. All
-    /// states are then as they were.
+    /// A state that there is not, or more states than `q` and `qd` have; numbers that are not finite, quaternions that are not unit, with the index of
+    /// the state in the batch. All states are then as they were.
     pub fn reset(&mut self, states: &[usize], q: &Broadcast<'_>, qd: &Broadcast<'_>) -> Result<(), Fault> {
         let count = self.states();
+        for (name, given) in [("q", q), ("qd", qd)] {
+            given.check_states(name, states.len()).map_err(|error| Fault { state: 0, error })?;
+        }
         for (i, &state) in states.iter().enumerate() {
             watch::check_at(i, 1_024).map_err(|error| Fault { state, error })?;
             if state >= count {
@@ -97,6 +100,10 @@ impl<S: Borrow<Scene>> Simulator<S> {
     }
 
     /// Configuration and rates of one state now.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such state, as a slice does: see [`Simulator::states`].
     #[must_use]
     pub fn state(&self, index: usize) -> (&[f64], &[f64]) {
         self.rollout.state(index)
@@ -115,12 +122,20 @@ impl<S: Borrow<Scene>> Simulator<S> {
     }
 
     /// How long one state has moved, s: dt for every step since it began or was reset.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such state, as a slice does: see [`Simulator::states`].
     #[must_use]
     pub fn time(&self, index: usize) -> f64 {
         self.rollout.time(index)
     }
 
     /// The largest corrections that one state had to keep its momentum since it began or was reset; none where that was not asked for.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such state, as a slice does: see [`Simulator::states`].
     #[must_use]
     pub fn correction(&self, index: usize) -> Option<Correction> {
         self.rollout.correction(index)
@@ -139,6 +154,10 @@ impl<S: Borrow<Scene>> Simulator<S> {
     }
 
     /// As [`Rollout::tally`].
+    ///
+    /// # Panics
+    ///
+    /// If there is no such state, as a slice does: see [`Simulator::states`].
     #[must_use]
     pub fn tally(&self, index: usize) -> Tally {
         self.rollout.tally(index)
@@ -150,12 +169,20 @@ impl<S: Borrow<Scene>> Simulator<S> {
     }
 
     /// What the steps of one state told of its contacts since it began or was reset; none for a scene without.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such state, as a slice does: see [`Simulator::states`].
     #[must_use]
     pub fn contact_report(&self, index: usize) -> Option<ContactReport> {
         self.rollout.contact_report(index)
     }
 
     /// As [`Rollout::contacts_now`].
+    ///
+    /// # Panics
+    ///
+    /// If there is no such state, as a slice does: see [`Simulator::states`].
     #[must_use]
     pub fn contacts_now(&self, index: usize) -> Vec<f64> {
         self.rollout.contacts_now(index)

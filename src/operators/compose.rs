@@ -16,7 +16,7 @@
 //! # }
 //! ```
 
-use super::Operator;
+use super::{Operator, assert_lengths};
 use crate::scalar::Real;
 
 /// The identity of that size.
@@ -66,6 +66,7 @@ impl<T: Real> Operator<T> for Diagonal<T> {
     }
 
     fn apply(&self, x: &[T], y: &mut [T]) {
+        assert_lengths((self.0.len(), self.0.len()), (y.len(), x.len()));
         for ((y, &x), &entry) in y.iter_mut().zip(x).zip(&self.0) {
             *y = entry * x;
         }

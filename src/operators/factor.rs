@@ -40,6 +40,8 @@ pub struct Factor<T: Real> {
 #[derive(Debug, Clone)]
 pub(super) struct Sweep<T: Real> {
     pub form: Form,
+    /// Of the model that it was made of.
+    pub identity: u64,
     /// The configuration.
     pub q: Vec<T>,
     /// P^+ of each stage.
@@ -85,6 +87,7 @@ impl<T: Real> Factor<T> {
             p_plus,
             sweep: Sweep {
                 form: workspace.form,
+                identity: model.identity(),
                 q: q.to_vec(),
                 p: workspace.p.clone(),
                 scale: workspace.scale.clone(),
@@ -131,7 +134,12 @@ impl<T: Real> Factor<T> {
     }
 
     /// M^-1 tau by filter and smoother (4.1), O(N).
+    ///
+    /// # Panics
+    ///
+    /// If `tau` or `out` does not have [`Factor::nv`] numbers.
     pub fn solve(&self, tau: &[T], out: &mut [T]) {
+        super::assert_lengths((self.nv(), self.nv()), (out.len(), tau.len()));
         let zero = Vector6::from_element(T::zero());
         let mut z = vec![zero; self.shift.len()];
         innovations::sweep(&self.system, &self.shift, &self.measured, tau, &mut z, out);

@@ -147,8 +147,16 @@ pub trait Operator<T: Real> {
     /// (rows, columns).
     fn shape(&self) -> (usize, usize);
     /// y = A x.
+    ///
+    /// # Panics
+    ///
+    /// If `x` or `y` does not have the length that [`Operator::shape`] gives.
     fn apply(&self, x: &[T], y: &mut [T]);
     /// y = A^T x.
+    ///
+    /// # Panics
+    ///
+    /// As [`Operator::apply`].
     fn apply_transpose(&self, x: &[T], y: &mut [T]);
 
     /// A^T as an operator.
@@ -189,10 +197,17 @@ impl<T: Real> Operator<T> for Applied<'_, T> {
     }
 
     fn apply(&self, x: &[T], y: &mut [T]) {
+        assert_lengths(self.shape(), (y.len(), x.len()));
         sweeps::apply(self.factor, self.kind, x, y);
     }
 
     fn apply_transpose(&self, x: &[T], y: &mut [T]) {
+        assert_lengths(self.shape(), (x.len(), y.len()));
         sweeps::apply_transpose(self.factor, self.kind, x, y);
     }
+}
+
+/// Vectors of the lengths that an operator of this shape, (rows, columns), takes and gives.
+fn assert_lengths(shape: (usize, usize), lengths: (usize, usize)) {
+    assert!(shape == lengths, "an operator of shape {shape:?} for vectors of lengths {lengths:?}");
 }

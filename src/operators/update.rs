@@ -37,6 +37,10 @@ impl<T: Real> Factor<T> {
     /// phi(k) depends on joint k alone, and P(k), D(k), g(k) on the joints outboard of body k: only phi of the joints that differ is computed,
     /// and P, D, g of what carries them, from P^+ of what did not change. In the covariance and Joseph's form; the others judge the factor
     /// as a whole and compute it anew, with `workspace`. `model` is the one that the factor was made of.
+    ///
+    /// # Panics
+    ///
+    /// If `q` is shorter than the model's, or model or workspace are others; [`Scene::update_factor`] returns errors.
     pub fn update(&mut self, model: &Model<T>, workspace: &mut Workspace<T>, q: &[T]) -> Updated<T> {
         match self.sweep.form {
             Form::Covariance => self.update_as::<false>(model, q),
@@ -128,7 +132,7 @@ impl Scene {
     ///
     /// # Errors
     ///
-    /// As [`Scene::factor`], and [`Error::Argument`] for a factor of a scene of another size; the factor is as it was then.
+    /// As [`Scene::factor`], and [`Error::Argument`] for a factor of another scene; the factor is as it was then.
     pub fn update_factor(
         &self,
         workspace: &mut Workspace<f64>,
@@ -136,11 +140,7 @@ impl Scene {
         q: &[f64],
     ) -> Result<usize, Error> {
         let model = self.model();
-        if (factor.shift.len(), factor.nv(), factor.sweep.q.len()) != (model.bodies.len(), self.nv(), self.nq()) {
-            let found = format!("one of {} bodies and nv = {}", factor.shift.len(), factor.nv());
-            let expected = format!("one of this scene, {} bodies and nv = {}", model.bodies.len(), self.nv());
-            return Err(Error::argument("factor", found, expected));
-        }
+        self.check_scratch("factor", factor.sweep.identity, "scene.factor()")?;
         self.check_workspace(workspace)?;
         self.check_configuration("q", q)?;
         if matches!(factor.sweep.form, Form::Auto | Form::SquareRoot) {

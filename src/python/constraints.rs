@@ -84,8 +84,9 @@ impl PyScene {
     /// frame's axes; the other link gets the opposite. That of a rod is positive where it pushes, that of a coupling acts along its joint. Where rows
     /// depend on each other, qdd is unique and the forces are those of least sum (J M^-1 J^T)_ii forces_i^2.
     ///
-    /// Raises ConstraintError, with .connections, .residual and .state, where no forces meet all rows: connections that contradict each other, or
-    /// velocities that do not meet them (see project); otherwise as forward_dynamics.
+    /// Raises ConstraintError, with .connections, .residual and .state, where no forces meet all rows: connections that contradict each other; and
+    /// where positions or velocities are further than 1e-3 from the connections (m or rad; m/s or rad/s, relative to the fastest joint where that is faster than 1; see project), unless compliance
+    /// is given. Otherwise as forward_dynamics.
     #[pyo3(signature = (q, qd, tau, *, compliance=None, form="auto", wrenches=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn constrained_dynamics<'py>(

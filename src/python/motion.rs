@@ -10,7 +10,7 @@ use super::interrupts::detached;
 use super::object::{Object, imported};
 use super::output::{Output, from_numbers};
 use super::scene::PyScene;
-use super::stepping::{BLOCK, Blocks, Keywords, Stopped, about, largest_corrections, set_outcome, warn_of_start};
+use super::stepping::{BLOCK, Blocks, Keywords, Stopped, about, largest_corrections, set_outcome, warn_of_limits};
 use crate::batch::broadcast_axes;
 use crate::error::{Error, check_finite};
 use crate::memory;
@@ -222,7 +222,7 @@ impl PyScene {
         fields.set_item("given", keywords.given(py, (tau, tau_steps))?)?;
         let rollout = detached(py, || Rollout::new(scene, settings, &all_q[..], &all_qd[..]))?;
         let mut rollout = rollout.map_err(|error| of_batch(py, &error, &batch))?;
-        warn_of_start(py, scene.tree(), rollout.has_stops(), &all_q)?;
+        warn_of_limits(py, rollout.limit_warning(0..rollout.states()))?;
         drop((all_q, all_qd));
         if conserve_momentum {
             let torque = given.torque(&batch, (steps, nv))?;

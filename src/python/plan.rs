@@ -13,7 +13,7 @@ impl PyScene {
     /// What this scene does not need and was left out when it was built, why, and what that saved.
     fn plan<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         let short = self.size() < WORTH_DETACHING;
-        let plan = if short { self.scene.tree().plan() } else { detached(py, || self.scene.tree().plan())? };
+        let plan = if short { self.scene.plan() } else { detached(py, || self.scene.plan())? };
         let class = imported!(py, "phipsi._results", "Omission")?;
         let items = plan.items.into_iter().map(|item| {
             let Omission { what, switch, count, names, why, saved, operations } = item;

@@ -13,7 +13,7 @@ use super::object::{Object, imported};
 use super::output::{Output, from_numbers};
 use super::scene::PyScene;
 use super::stepping::{
-    Blocks, Keywords, Stopped, about, largest_corrections, set_outcome, stop_impacts, warn_of_start,
+    Blocks, Keywords, Stopped, about, largest_corrections, set_outcome, stop_impacts, warn_of_limits,
 };
 use crate::batch::{Broadcast, broadcast_axes};
 use crate::error::{Error, check_finite};
@@ -115,7 +115,7 @@ impl PyScene {
         slf: &Bound<'py, Self>,
         q: &Object<'py>,
         qd: Option<&Object<'py>>,
-        dt: f64,
+        dt: Option<f64>,
         method: Option<&str>,
         pd: Option<&Object<'py>>,
         armature: Option<&Object<'py>>,
@@ -132,6 +132,7 @@ impl PyScene {
         accuracy: Option<f64>,
     ) -> PyResult<PySimulator> {
         let (py, own) = (slf.py(), slf.get());
+        let dt = dt.ok_or_else(|| Error::argument("dt", "None", "a step in s, finite and positive"))?;
         let keywords = Keywords {
             dt,
             method,
@@ -165,7 +166,7 @@ impl PyScene {
         let held = Held(scene.clone_ref(py));
         let moving = detached(py, || Simulator::new(held, settings, &all_q, &all_qd))?;
         let moving = moving.map_err(|error| of_batch(py, &error, &batch))?;
-        warn_of_start(py, own.scene.tree(), moving.has_stops(), &all_q)?;
+        warn_of_limits(py, moving.limit_warning(0..moving.states()))?;
         let moving = Mutex::new(moving);
         Ok(PySimulator { scene, batch, dt, method, conserve_momentum, moving })
     }
@@ -319,7 +320,8 @@ impl PySimulator {
     /// q: (..., nq); qd: (..., nv), zero if not given. states: None for all, or whatever selects states of an array of the batch's shape in NumPy: a
     /// mask of that shape, an index, a list of them, a slice. q and qd broadcast to what it selects, as in array[states] = q.
     ///
-    /// Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state; all states are then as they were.
+    /// Warns (LimitWarning) of joints that begin beyond limits that are stops, as Scene.simulator does. Raises ShapeError, NotFiniteError, ArgumentError, each naming the
+    /// argument and the state; all states are then as they were.
     #[pyo3(signature = (q, qd=None, *, states=None))]
     fn reset<'py>(
         &self,
@@ -335,14 +337,18 @@ impl PySimulator {
             Some(states) => self.chosen(states)?,
         };
         let (q, qd) = (q.over(&axes)?, qd.over(&axes)?);
-        let mut moving = self.moving()?;
-        let moving = &mut *moving;
+        let mut guard = self.moving()?;
+        let moving = &mut *guard;
         let outcome = if chosen.len() * self.width() < RESET_AT_ONCE {
             moving.reset(&chosen, &q, &qd)
         } else {
             detached(py, || moving.reset(&chosen, &q, &qd))?
         };
-        outcome.map_err(|error| fault(py, error, &self.batch))
+        outcome.map_err(|error| fault(py, error, &self.batch))?;
+        let warning = guard.limit_warning(chosen.iter().copied());
+        // A handler of warnings can call the simulator.
+        drop(guard);
+        warn_of_limits(py, warning)
     }
 
     /// Configurations now, (..., nq); a copy.

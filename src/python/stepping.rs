@@ -11,7 +11,7 @@ use crate::batch::Fault;
 use crate::error::Error;
 use crate::motion::properties::joint_of_row;
 use crate::motion::{Correction, Limits, Method, Properties, Settings, Stabilisation, StepFault, StopImpact, Tally};
-use crate::scene::{Coupling, Scene};
+use crate::scene::Coupling;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyTuple};
 use std::time::{Duration, Instant};
@@ -119,26 +119,9 @@ pub(super) fn about<'py>(scene: &Bound<'py, PyScene>, settings: &Settings) -> Py
     Ok(fields)
 }
 
-/// Warns of joints that start outside of their stops.
-pub(super) fn warn_of_start(py: Python<'_>, scene: &Scene, stops: bool, q: &[f64]) -> PyResult<()> {
-    if !stops || scene.nq() == 0 {
-        return Ok(());
-    }
-    let mut outside = Vec::new();
-    for joint in scene.joints().iter().filter(|joint| joint.q.len() == 1 && joint.v.len() == 1) {
-        let (lower, upper) = (joint.limits.lower, joint.limits.upper);
-        let starts = q.chunks_exact(scene.nq()).map(|q| q[joint.q.start]);
-        if let Some(q) = starts.into_iter().find(|q| !(lower..=upper).contains(q)) {
-            let (limit, bound) = if q < lower { ("lower", lower) } else { ("upper", upper) };
-            outside.push(format!("joint {:?} at {q} beyond its {limit} limit {bound}", joint.name));
-        }
-    }
-    let Some(first) = outside.first() else { return Ok(()) };
-    let more = if outside.len() > 1 { format!(" and {} more", outside.len() - 1) } else { String::new() };
-    let text = format!(
-        "q: found {first}{more}; the stops move them back, at 1 rad/s or m/s at most; limits=\"report\" switches the stops off"
-    );
-    warn_as(py, "LimitWarning", &text)
+/// Issues the warning of [`Rollout::limit_warning`](crate::motion::Rollout::limit_warning), if there is one.
+pub(super) fn warn_of_limits(py: Python<'_>, warning: Option<String>) -> PyResult<()> {
+    warning.map_or(Ok(()), |text| warn_as(py, "LimitWarning", &text))
 }
 
 /// Sets the fields of a trajectory that are known at its end: works, numbers of substeps, impacts on stops.

@@ -23,7 +23,7 @@ use super::growth::median_ns;
 use crate::algorithm::{Algorithm, Arguments};
 use crate::batch::evaluator::{Evaluated, Evaluator};
 use crate::dynamics;
-use crate::error::Error;
+use crate::error::{Error, check_length};
 use crate::filter::Form;
 use crate::model::Model;
 use crate::scalar::{DoubleDouble, Real};
@@ -118,19 +118,31 @@ pub struct Measurement {
 pub trait Dense: Evaluated + Real + faer::traits::RealField {}
 impl<P: Evaluated + Real + faer::traits::RealField> Dense for P {}
 
+/// The number of states, whose arrays have the lengths of as many.
+fn count_of(scene: &Scene, states: States<'_>) -> Result<usize, Error> {
+    scene.check_independent()?;
+    let count = states.qd.len().checked_div(scene.nv()).unwrap_or(0);
+    for (name, found, width) in
+        [("q", states.q.len(), scene.nq()), ("qd", states.qd.len(), scene.nv()), ("tau", states.tau.len(), scene.nv())]
+    {
+        check_length(name, found, count * width)?;
+    }
+    Ok(count)
+}
+
 /// The accelerations in double-double, (n x nv): the reference, about 31 digits.
 ///
 /// # Errors
 ///
-/// [`Error::SingularJoint`] where a pivot is lost even there.
+/// Arrays of other lengths; [`Error::SingularJoint`] where a pivot is lost even there.
 pub fn reference(scene: &Scene, states: States<'_>) -> Result<Vec<DoubleDouble>, Error> {
-    let (nq, nv) = (scene.nq(), scene.nv());
+    let (nq, nv, count) = (scene.nq(), scene.nv(), count_of(scene, states)?);
     let model: Model<DoubleDouble> = scene.model().cast();
     let mut workspace = Workspace::new(&model).in_form(Form::Covariance);
     let wide = |x: &[f64]| -> Vec<DoubleDouble> { x.iter().map(|&v| DoubleDouble::from_f64(v)).collect() };
     let mut all = memory::with_capacity("q", states.qd.len())?;
     let mut qdd = vec![DoubleDouble::from_f64(f64::NAN); nv];
-    for i in 0..states.qd.len().checked_div(nv).unwrap_or(0) {
+    for i in 0..count {
         watch::check()?;
         let q = wide(&states.q[i * nq..(i + 1) * nq]);
         let qd = wide(&states.qd[i * nv..(i + 1) * nv]);
@@ -253,7 +265,7 @@ fn dense_solve<P: Dense>(matrix: &mut [P], right: &mut [P], stack: &mut MemStack
 ///
 /// # Errors
 ///
-/// [`Error::Memory`] for more states or repeats than there is room for; [`Error::Interrupted`] under a [`watch`] that ends the work.
+/// Arrays of other lengths; [`Error::Memory`] for more states or repeats than there is room for; [`Error::Interrupted`] under a [`watch`] that ends the work.
 pub fn measure<P: Dense>(
     scene: &Scene,
     method: Method,
@@ -261,7 +273,8 @@ pub fn measure<P: Dense>(
     reference: &[DoubleDouble],
     repeats: usize,
 ) -> Result<Measurement, Error> {
-    let (nq, nv) = (scene.nq(), scene.nv());
+    let (nq, nv, count) = (scene.nq(), scene.nv(), count_of(scene, states)?);
+    check_length("reference", reference.len(), count * nv)?;
     let mut solver = Solver::<P>::new(scene, method)?;
     let cast = |x: &[f64]| -> Result<Vec<P>, Error> {
         let mut all = memory::with_capacity("q", x.len())?;
@@ -269,7 +282,6 @@ pub fn measure<P: Dense>(
         Ok(all)
     };
     let (q, qd, tau) = (cast(states.q)?, cast(states.qd)?, cast(states.tau)?);
-    let count = qd.len().checked_div(nv).unwrap_or(0);
     let mut qdd = vec![P::nearest(f64::NAN); nv];
     let state = |i: usize| (&q[i * nq..(i + 1) * nq], &qd[i * nv..(i + 1) * nv], &tau[i * nv..(i + 1) * nv]);
 

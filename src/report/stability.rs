@@ -48,6 +48,10 @@ impl Failure {
 /// # Errors
 ///
 /// [`Failure`], which is a result and not a mistake of the caller.
+///
+/// # Panics
+///
+/// If the state is not one that [`Exact::new`] takes.
 pub fn forward_error<P: Dense>(
     scene: &Scene,
     method: Method,
@@ -102,7 +106,7 @@ pub fn recursion_error<P: Dense>(
         return Err(if is_factored { Failure::Pivot } else { Failure::NotFinite });
     }
     // Of the derivatives, the first matrix.
-    finite(&out[..exact.values.len()], exact)
+    finite(&out[..exact.values.len().min(out.len())], exact)
 }
 
 fn cast<P: Evaluated>(x: &[f64]) -> Vec<P> {

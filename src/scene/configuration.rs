@@ -16,7 +16,7 @@ impl Scene {
     ///
     /// # Errors
     ///
-    /// Wrong lengths and numbers that are not finite.
+    /// Wrong lengths, numbers that are not finite, and a result that overflows.
     pub fn integrate(&self, q: &[f64], v: &[f64], out: &mut [f64]) -> Result<(), Error> {
         self.check_coordinates("q", q)?;
         self.check_rates("v", v)?;
@@ -24,14 +24,14 @@ impl Scene {
         for joint in self.joints() {
             joint.kind.integrate(&q[joint.q.clone()], &v[joint.v.clone()], &mut out[joint.q.clone()]);
         }
-        Ok(())
+        self.check_result("integrate", out)
     }
 
     /// The velocity that takes `q0` to `q1` in unit time, the inverse of [`Scene::integrate`]; rotations the short way.
     ///
     /// # Errors
     ///
-    /// Wrong lengths and numbers that are not finite.
+    /// Wrong lengths, numbers that are not finite, and a result that overflows.
     pub fn difference(&self, q0: &[f64], q1: &[f64], out: &mut [f64]) -> Result<(), Error> {
         self.check_coordinates("q0", q0)?;
         self.check_coordinates("q1", q1)?;
@@ -39,6 +39,6 @@ impl Scene {
         for joint in self.joints() {
             joint.kind.difference(&q0[joint.q.clone()], &q1[joint.q.clone()], &mut out[joint.v.clone()]);
         }
-        Ok(())
+        self.check_result("difference", out)
     }
 }

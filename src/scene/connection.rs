@@ -220,6 +220,10 @@ impl Scene {
             ConnectionKind::Distance(length) => {
                 let apart = (at.lever - placement(self.model(), &neutral, &second).lever).norm();
                 let length = *length.get_or_insert(apart);
+                if !length.is_finite() {
+                    let found = format!("no length, and frames {length} m apart in the neutral configuration");
+                    return Err(connection.fault(found, "a finite length above zero, m"));
+                }
                 if length == 0.0 {
                     let found = "no length, and frames whose origins coincide in the neutral configuration";
                     return Err(connection.fault(found, "a length above zero, m, or a second frame elsewhere"));

@@ -6,7 +6,7 @@ use crate::error::{Error, check_length};
 use crate::filter::summed::Sums;
 use crate::joints::JointKind;
 use std::borrow::Cow;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
 /// Where one coordinate of the tree comes from.
@@ -22,6 +22,10 @@ struct Coordinate {
 ///
 /// The tree has one coordinate for every joint; the scene's own q' leaves out those of joints that follow another: q = G q' + o, qd = G qd', qdd = G qdd'. Torques are
 /// those on the independent coordinates, tau' = G^T tau, and the mass matrix is G^T M G.
+///
+/// # Panics
+///
+/// Its methods, but for [`Coupling::tree`] and [`Coupling::sizes`], panic where an array is shorter than they say.
 #[derive(Debug)]
 pub struct Coupling {
     tree: Scene,
@@ -308,7 +312,7 @@ impl Scene {
         }
         for joint in &tree.joints {
             let (name, multiplier, offset) = match follows.get(joint.name.as_str()) {
-                Some((source, multiplier, offset)) => (source.as_str(), *multiplier, *offset),
+                Some(&follows) => follows,
                 None => (joint.name.as_str(), 1.0, 0.0),
             };
             let (first_q, first_v) = place[name];
@@ -334,9 +338,10 @@ impl Scene {
     }
 }
 
-/// Of each joint that follows another: the independent joint that it follows in the end, multiplier and offset; none where no joint does.
+/// Of each joint that follows another: the independent joint that it follows in the end, multiplier and offset; none where no joint does. Each joint is
+/// resolved once: linear in the number of joints, however long the chains are.
 #[allow(clippy::type_complexity)] // by name
-fn followed(tree: &Scene) -> Result<Option<HashMap<String, (String, f64, f64)>>, Error> {
+fn followed(tree: &Scene) -> Result<Option<HashMap<&str, (&str, f64, f64)>>, Error> {
     let mimics: HashMap<&str, &Mimic> = tree
         .source
         .joints
@@ -347,21 +352,21 @@ fn followed(tree: &Scene) -> Result<Option<HashMap<String, (String, f64, f64)>>,
     if mimics.is_empty() {
         return Ok(None);
     }
-    let mut follows = HashMap::new();
+    let mut follows: HashMap<&str, (&str, f64, f64)> = HashMap::new();
     for joint in &tree.joints {
         let subject = || format!("joint {:?}", joint.name);
-        let (mut name, mut multiplier, mut offset) = (joint.name.as_str(), 1.0, 0.0);
-        let mut path = vec![name];
-        while let Some(mimic) = mimics.get(name) {
+        // Along the chain to a joint that follows none, or is resolved.
+        let (mut name, mut path) = (joint.name.as_str(), Vec::new());
+        let mut seen = HashSet::from([name]);
+        while let Some(&mimic) = mimics.get(name).filter(|_| !follows.contains_key(name)) {
             one_axis(tree, name)?;
-            offset += multiplier * mimic.offset;
-            multiplier *= mimic.multiplier;
+            path.push((name, mimic));
             name = &mimic.joint;
-            if path.contains(&name) {
-                let found = format!("a circle of mimics: {}, {name}", path.join(", "));
+            if !seen.insert(name) {
+                let names: Vec<&str> = path.iter().map(|&(name, _)| name).collect();
+                let found = format!("a circle of mimics: {}, {name}", names.join(", "));
                 return Err(Error::scene(subject(), found, "a joint to follow that does not follow this one"));
             }
-            path.push(name);
             if !tree.joint_index.contains_key(name) {
                 let known = tree.source.joints.iter().any(|other| other.name == name);
                 let what = if known { "which does not move" } else { "which is not there" };
@@ -369,9 +374,20 @@ fn followed(tree: &Scene) -> Result<Option<HashMap<String, (String, f64, f64)>>,
                 return Err(Error::scene(subject(), format!("a mimic of joint {name:?}, {what}"), expected));
             }
         }
-        if name != joint.name {
-            one_axis(tree, name)?;
-            follows.insert(joint.name.clone(), (name.to_owned(), multiplier, offset));
+        if path.is_empty() {
+            continue;
+        }
+        let (source, mut multiplier, mut offset) = follows.get(name).copied().unwrap_or((name, 1.0, 0.0));
+        one_axis(tree, source)?;
+        for &(name, mimic) in path.iter().rev() {
+            offset = mimic.multiplier * offset + mimic.offset;
+            multiplier *= mimic.multiplier;
+            if !(multiplier.is_finite() && offset.is_finite()) {
+                let found = format!("{multiplier} and {offset} of joint {source:?}, over all joints between");
+                let expected = "multipliers and offsets whose products are finite";
+                return Err(Error::scene(format!("joint {name:?}"), format!("a mimic with {found}"), expected));
+            }
+            follows.insert(name, (source, multiplier, offset));
         }
     }
     Ok(Some(follows))

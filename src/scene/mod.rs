@@ -66,11 +66,11 @@ use self::constraint::Constraints;
 use self::contact_point::ContactPoint;
 use self::shared::Shared;
 use crate::error::Error;
+use crate::model::Identity;
 use crate::spatial::RigidShift;
 use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 /// A movable joint of a scene.
 #[derive(Debug, Clone, PartialEq)]
@@ -104,7 +104,7 @@ pub struct Link {
 #[derive(Debug, Clone)]
 pub struct Scene {
     /// Which scene this is: a copy is the same, another one built never is.
-    identity: u64,
+    identity: Identity,
     source: SceneBuilder,
     warnings: Vec<SceneWarning>,
     model: Model<f64>,
@@ -127,9 +127,8 @@ pub struct Scene {
 impl Scene {
     /// A scene that has no links yet, for the builder to fill.
     fn unfilled(source: SceneBuilder, warnings: Vec<SceneWarning>) -> Self {
-        static BUILT: AtomicU64 = AtomicU64::new(0);
         Self {
-            identity: BUILT.fetch_add(1, Ordering::Relaxed),
+            identity: Identity::unique(),
             model: Model::empty(source.gravity, source.omissions),
             source,
             warnings,
@@ -158,7 +157,7 @@ impl Scene {
 
     /// Which scene this is, among all of this process: what is kept for one is never used for another.
     pub(crate) fn identity(&self) -> u64 {
-        self.identity
+        self.identity.number()
     }
 
     /// What is made of this scene once.

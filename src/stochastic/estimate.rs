@@ -90,8 +90,9 @@ impl RandomModel {
                 let quantile = students_quantile(replicates, confidence)?;
                 let each = samples / replicates;
                 if each * replicates != samples || !each.is_power_of_two() {
-                    let near = replicates * each.max(1).next_power_of_two();
-                    let expected = format!("{replicates} replicates of a power of two each, such as {near}");
+                    let near = each.max(1).checked_next_power_of_two().and_then(|each| each.checked_mul(replicates));
+                    let such = near.map_or_else(String::new, |near| format!(", such as {near}"));
+                    let expected = format!("{replicates} replicates of a power of two each{such}");
                     return Err(Error::argument("samples", samples.to_string(), expected));
                 }
                 let mut estimates = memory::with_capacity("replicates", replicates)?;

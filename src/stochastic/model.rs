@@ -159,7 +159,7 @@ impl RandomModel {
     ///
     /// # Errors
     ///
-    /// [`Error::Memory`] for more samples than there is room for; [`Error::Interrupted`] under a [`watch`] that ends the work.
+    /// [`Error::Argument`] for Sobol points of fewer dimensions than [`RandomModel::dimension`]; [`Error::Memory`] for more samples than there is room for; [`Error::Interrupted`] under a [`watch`] that ends the work.
     pub fn sample(&self, points: &Points, samples: Range<u64>) -> Result<Samples, Error> {
         let (count, nv) = (count_of(&samples)?, self.nv());
         memory::room("samples", self.bytes_of_samples(count))?;
@@ -207,16 +207,17 @@ impl RandomModel {
                 return Err(Error::Shape { argument: name.to_owned(), found: format!("({found},)"), expected });
             }
         }
+        points.check(self.dimension)?;
         self.check_blocks()?;
         let block = BLOCK as u64;
         let pool = Pool::default();
         let mut first = samples.start;
         while first < samples.end {
             // A part of them at a time: what is written down of the blocks then takes no memory to speak of.
-            let last = samples.end.min((first / block + TOGETHER) * block);
+            let last = samples.end.min((first / block + TOGETHER).saturating_mul(block));
             let (begin, mut rows) = (first / block, Vec::new());
             while first < last {
-                let end = last.min((first / block + 1) * block);
+                let end = last.min((first / block + 1).saturating_mul(block));
                 #[allow(clippy::cast_possible_truncation)] // both are within a block
                 let lanes = (first % block) as usize..(end - first + first % block) as usize;
                 let count = lanes.len();

@@ -40,6 +40,17 @@ impl Points {
         Ok(Self(Kind::Sobol(Sobol::new(dimension, &mut random)?)))
     }
 
+    /// Checks that a point has one coordinate for each random number of a sample.
+    pub(super) fn check(&self, dimension: usize) -> Result<(), Error> {
+        match &self.0 {
+            Kind::Sobol(sobol) if sobol.dimension() < dimension => {
+                let found = format!("Sobol points in {} dimensions", sobol.dimension());
+                Err(Error::argument("points", found, format!("{dimension}, one for each random number of a sample")))
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// The coordinates of block `index`, to be taken one after another.
     pub(super) fn block(&self, index: u64) -> Coordinates<'_> {
         match &self.0 {

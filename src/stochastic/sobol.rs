@@ -46,6 +46,11 @@ impl Sobol {
         Ok(Self { dimensions: plain.iter().map(|directions| scramble(directions, random)).collect() })
     }
 
+    /// How many coordinates a point has.
+    pub fn dimension(&self) -> usize {
+        self.dimensions.len()
+    }
+
     /// The points from `first` on, which is a multiple of the block's length.
     pub fn run(&self, first: u64) -> Run<'_> {
         Run { dimensions: &self.dimensions, first, next: 0 }

@@ -8,7 +8,7 @@ from conftest import random_scene
 from tolerances import STEP, assert_near, central_difference, inverse, size
 
 import phipsi
-from phipsi.errors import ArgumentError
+from phipsi.errors import ArgumentError, ConstraintError
 
 
 def bar(builder: phipsi.SceneBuilder, name: str, parent: str, at: tuple[float, float, float], length: float) -> None:
@@ -130,5 +130,75 @@ def test_what_has_no_form_says_so() -> None:
     q, qd = on_it(scene, q, np.zeros(3))
     with pytest.raises(ArgumentError, match="second derivatives.*without_connections"):
         scene.forward_dynamics_hvp(q, qd, qd, qd, qd, qd, qd)
-    with pytest.raises(ArgumentError, match="constants.*without_connections"):
-        scene.forward_dynamics_vjp(q, qd, qd, qd, parameters=True)
+
+
+@pytest.mark.parametrize("of", ["point", "axis", "weld", "distance"])
+def test_gradients_by_what_is_constant(of: str) -> None:
+    """Wrenches and armature against differences; and accelerations do not change where inertias, torques, wrenches and armature all grow alike."""
+    scene, start = four_bar(of)
+    random = np.random.default_rng(3)
+    qd, tau, cotangent = random.uniform(-0.5, 0.5, (3, scene.nv))
+    q, qd = on_it(scene, start, qd)
+    wrench = random.uniform(-1.0, 1.0, 6)
+    found = scene.forward_dynamics_vjp(q, qd, tau, cotangent, wrenches={"coupler": wrench}, parameters=True)
+    assert found.wrenches is not None and found.parameters is not None and found.armature is not None
+
+    def weighed(wrench: np.ndarray, scene: phipsi.Scene = scene) -> float:
+        return float(cotangent @ scene.forward_dynamics(q, qd, tau, wrenches={"coupler": wrench}))
+
+    scale = size(scene.forward_dynamics(q, qd, tau, wrenches={"coupler": wrench}))
+    expected = [(weighed(wrench + STEP * unit) - weighed(wrench - STEP * unit)) / (2 * STEP) for unit in np.eye(6)]
+    assert_near(found.wrenches["coupler"], expected, central_difference(100 * scale))
+    step = 1e-3 * STEP
+    ends = [[weighed(wrench, scene.with_properties(armature={name: 1e-3 + sign * step})) for name in scene.joint_names] for sign in (1, -1)]
+    by_armature = (np.array(ends[0]) - np.array(ends[1])) / (2 * step)
+    assert_near(found.armature, by_armature, central_difference(1e6 * scale) + 1e-6 * size(by_armature))
+
+    in_gravity = [scene.to_builder().build(gravity=scene.gravity + unit) for unit in np.eye(3)]
+    by_gravity = [weighed(wrench, heavier) - weighed(wrench) for heavier in in_gravity]
+    assert_near(found.gravity, by_gravity, inverse(1e4, 10 * scale))
+
+    own = []
+    for name in scene.body_names:
+        link = scene.link(name)
+        about = link.inertia + link.mass * (link.com @ link.com * np.eye(3) - np.outer(link.com, link.com))
+        own.append([link.mass, *(link.mass * link.com), *about[np.array([0, 0, 1, 0, 1, 2]), np.array([0, 1, 1, 2, 2, 2])]])
+    parts = [found.parameters * own, found.armature * scene.armature, found.tau * tau, found.wrenches["coupler"] * wrench]
+    total = sum(float(np.sum(part)) for part in parts)
+    assert_near(total, 0.0, inverse(1e3, size(*parts)))
+
+    changes = {"dwrenches": {"coupler": wrench}, "darmature": random.uniform(size=scene.nv), "dgravity": random.uniform(size=3)}
+    dparameters = random.uniform(size=found.parameters.shape)
+    dq, dqd, dtau = random.uniform(-1.0, 1.0, (3, scene.nv))
+    along = scene.forward_dynamics_jvp(q, qd, tau, dq, dqd, dtau, wrenches={"coupler": wrench}, dparameters=dparameters, **changes)
+    pairs = [(found.q, dq), (found.qd, dqd), (found.tau, dtau), (found.wrenches["coupler"], wrench), (found.armature, changes["darmature"])]
+    pairs += [(found.gravity, changes["dgravity"]), (found.parameters, dparameters)]
+    terms = [np.asarray(gradient) * np.asarray(change) for gradient, change in pairs]
+    assert_near(cotangent @ along, sum(float(np.sum(term)) for term in terms), inverse(1e3, size(*terms)))
+
+
+@pytest.mark.parametrize("call", ["constrained_dynamics", "forward_dynamics", "constrained_inverse_dynamics", "forward_dynamics_derivatives", "linearize"])
+def test_states_off_the_connections_are_refused(call: str) -> None:
+    scene, q = four_bar("point")
+    q, qd = on_it(scene, q, np.array([0.3, 0.1, -0.2]))
+    method, zero = getattr(scene, call), np.zeros(3)
+    method(q, qd, zero)
+    method(np.tile(q, (5, 1)), qd + 1e-5, zero)
+    off = np.array([0.0, 0.1, 0.0])
+    for argument, state in (("qd", (q, qd + off)), ("q", (q + off, qd))):
+        with pytest.raises(ConstraintError, match=rf'"pin": found an error of .* at {argument}; .*scene.project'):
+            method(*state, zero)
+        with pytest.raises(ConstraintError, match=f" in state 3: found an error of .* at {argument}"):
+            method(np.stack([q, q, q, state[0]]), np.stack([qd, qd, qd, state[1]]), zero)
+
+
+def test_a_coupling_that_is_not_met_is_refused() -> None:
+    builder = phipsi.scenes.chain(3).to_builder()
+    names = phipsi.scenes.chain(3).joint_names
+    scene = builder.couple("gears", names[1], names[2], multiplier=2.0, offset=0.1).build()
+    q, qd, zero = np.array([0.3, 0.5, 0.2]), np.array([0.2, 0.4, 0.2]), np.zeros(3)
+    scene.constrained_dynamics(np.tile(q, (5, 1)), qd, zero)
+    for argument, state in (("q", (q + [0.0, 0.01, 0.0], qd)), ("qd", (q, qd + [0.0, 0.01, 0.0]))):
+        with pytest.raises(ConstraintError, match=f'"gears": found an error of 1.0e-2 .* at {argument}'):
+            scene.constrained_dynamics(*state, zero)
+        scene.constrained_dynamics(*state, zero, compliance=0.1)

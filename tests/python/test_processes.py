@@ -11,6 +11,7 @@ import threading
 import warnings
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -123,6 +124,19 @@ def test_the_number_of_threads_is_set(mixed: phipsi.Scene, threads_of_the_machin
         assert_same_bits(mixed.forward_dynamics(*state), expected)
     phipsi.set_num_threads(0)
     assert phipsi.get_num_threads() == threads_of_the_machine >= 1
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="threads are listed by Linux")
+def test_threads_are_kept_where_their_number_changes(mixed: phipsi.Scene, threads_of_the_machine: int) -> None:
+    """A thread that ends leaves memory behind: programs that change the number in every batch grew without end."""
+    state = large(mixed)
+    phipsi.set_num_threads(4)
+    mixed.forward_dynamics(*state)
+    before = set(os.listdir("/proc/self/task"))
+    for threads in (1, 2, 3, 4) * 5:
+        phipsi.set_num_threads(threads)
+        mixed.forward_dynamics(*state)
+    assert set(os.listdir("/proc/self/task")) == before
 
 
 @pytest.mark.parametrize("nonsense", [-1, 1.5, "two", 2**70, True, 10**9, [2]])

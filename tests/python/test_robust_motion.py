@@ -217,6 +217,17 @@ def test_a_start_outside_of_a_limit_warns_and_returns_without_a_jump(call: str) 
     assert kinetic[1] < 1e-2 * kinetic.max() and np.abs(changes).max() < 0.05 * np.abs(path.qd[: back + 1]).max()
 
 
+def test_a_reset_outside_of_a_limit_warns() -> None:
+    scene = pendulum(lower=-0.2, upper=0.5)
+    simulator = scene.simulator([[0.1], [0.2], [0.3]], dt=1e-3)
+    simulator.reset([0.4])
+    with pytest.warns(LimitWarning, match='"hinge" at -0.3 beyond its lower limit -0.2'):
+        simulator.reset([[0.1], [-0.3]], states=[0, 2])
+    # The others are not part of the call.
+    simulator.reset([0.1], states=[1])
+    scene.simulator([0.1], dt=1e-3, limits="report").reset([0.7])
+
+
 def test_a_start_far_outside_of_a_limit_is_not_accelerated_beyond_reason() -> None:
     arm = phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM)
     q = np.zeros(6)

@@ -372,3 +372,11 @@ def test_ctrl_c_leaves_it_at_a_step(arm: phipsi.Scene) -> None:
     if simulator.steps <= 2000:
         assert_same_bits(again.q, simulator.q)
     simulator.step(tau)
+
+
+def test_no_step_is_an_error_that_names_it(mixed: phipsi.Scene) -> None:
+    q = mixed.neutral()
+    mixed.simulator(q, dt=1e-3)
+    for dt in (None, 0.0, -1.0, np.nan):
+        with pytest.raises(errors.ArgumentError, match="^dt: found .*; expected a step in s, finite and positive"):
+            mixed.simulator(q, dt=dt)  # type: ignore[arg-type]

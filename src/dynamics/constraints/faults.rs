@@ -1,8 +1,14 @@
 //! What is wrong with connections, in words.
 
+use super::rows::{errors_of_rows, rates_of_rows};
 use super::{NoDirection, Outcome};
 use crate::error::{ConstraintFault, Error};
+use crate::scalar::Precision;
 use crate::scene::Scene;
+use crate::scene::constraint::Tie;
+
+/// A state of a call may be so far from the connections, m or rad, and m/s or rad/s: measurements, differences and the drift of an integrator are below.
+pub(super) const IN_CALLS: f64 = 1e-3;
 
 impl Scene {
     /// A rod whose ends coincide.
@@ -42,6 +48,44 @@ impl Scene {
             residual: outcome.residual,
         }
         .into())
+    }
+
+    /// Checks that a state meets the connections: errors to within `slack`, m or rad, and their rates to within as much, in m/s or rad/s, or relative to the
+    /// fastest joint where that is faster than 1.
+    pub(crate) fn check_on_connections(&self, q: &[f64], qd: &[f64], slack: f64) -> Result<(), Error> {
+        if self.constraints().is_empty() {
+            return Ok(());
+        }
+        let remedy =
+            format!("a state that meets the connections to within {slack}: q, qd, rank = scene.project(q, qd)");
+        let (model, constraints) = (self.model(), self.constraints());
+        let mut rows = vec![0.0; constraints.rows];
+        let furthest = |rows: &[f64]| (0..rows.len()).max_by(|&i, &j| rows[i].abs().total_cmp(&rows[j].abs()));
+        let check = |rows: &[f64], most: f64, (argument, unit): (&str, &str)| match furthest(rows) {
+            Some(row) if !(rows[row].abs() <= most) => Err(self.open_at(argument, row, rows[row].abs(), unit, &remedy)),
+            _ => Ok(()),
+        };
+        errors_of_rows(model, constraints, q, &mut rows).map_err(|at| self.no_direction(at))?;
+        check(&rows, slack, ("q", "m or rad"))?;
+        rates_of_rows(model, constraints, (q, qd), &mut rows).map_err(|at| self.no_direction(at))?;
+        let speed = qd.iter().fold(1.0, |most: f64, v| most.max(v.abs()));
+        check(&rows, slack * speed, ("qd", "m/s or rad/s"))
+    }
+
+    /// Checks that the state of a call meets the connections.
+    pub(crate) fn check_closed(&self, q: &[f64], qd: &[f64]) -> Result<(), Error> {
+        self.check_on_connections(q, qd, IN_CALLS)
+    }
+
+    /// True if a configuration of the right length meets the couplings of joints, whose positions the kernels do not check.
+    pub(in crate::dynamics) fn couplings_hold<P: Precision>(&self, q: &[P]) -> bool {
+        self.constraints().all.iter().all(|constraint| match &constraint.tie {
+            Tie::Coordinates { first, second, multiplier, offset } => {
+                let followed = second.map_or(0.0, |second| multiplier * q[second.q].widened()) + offset;
+                (q[first.q].widened() - followed).abs() <= IN_CALLS
+            }
+            Tie::Frames { .. } => true,
+        })
     }
 
     /// The error of a state that is not on the connections: what it is of, the row, how much, and its unit.

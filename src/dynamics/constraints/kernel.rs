@@ -13,6 +13,7 @@
 //! left out. Where the others are not independent, or something stays that is no rounding, a state is in doubt:
 //! [`constrained_dynamics`](super::constrained_dynamics) finds its rank.
 
+use super::faults::IN_CALLS;
 use super::gram_inverse::{NOTHING, REGULAR};
 use super::solution::{NO_ROUNDING, weight};
 use crate::dynamics::sweeps::{
@@ -92,6 +93,8 @@ pub(crate) struct ConstraintKernel<T> {
     /// What the weight of the robot does to a row is below the size of that row times this; and weight and torques.
     weight: T,
     pushing: T,
+    /// The largest rate of a row of a state that meets the connections.
+    fastest: T,
     /// lambda.
     pub forces_of_rows: Vec<T>,
     /// How many rows move anything.
@@ -128,6 +131,7 @@ impl<T: Real> ConstraintKernel<T> {
             terms: vec![nan; m],
             weight: T::from_f64(weight(model)),
             pushing: nan,
+            fastest: nan,
             forces_of_rows: vec![nan; m],
             rank: nan,
             residual: nan,
@@ -150,6 +154,8 @@ impl<T: Real> ConstraintKernel<T> {
         for (row, &tau) in tau.iter().enumerate() {
             self.pushing = tau.abs().mul_add(scratch.pivot_inverse(row).sqrt(), self.pushing);
         }
+        let speed = qd.iter().fold(zero.constant(1.0), |most, v| larger(most, v.abs()));
+        self.fastest = speed * zero.constant(IN_CALLS);
         let mut regular = zero.constant(1.0);
         for at in 0..self.connections.len() {
             regular = regular.worst(self.rows_of(at, scene, scratch, qd));
@@ -179,7 +185,7 @@ impl<T: Real> ConstraintKernel<T> {
         regular
     }
 
-    /// The unit forces of one connection and J' qd of its rows; positive where they are written the usual way.
+    /// The unit forces of one connection and J' qd of its rows; positive where they are written the usual way and the state meets them.
     #[inline(always)]
     fn rows_of(&mut self, at: usize, scene: (&Model<T>, &SweepModel<T>), scratch: &SweepScratch<T>, qd: &[T]) -> T {
         let zero = scene.0.gravity[0].constant(0.0);
@@ -191,13 +197,15 @@ impl<T: Real> ConstraintKernel<T> {
         }
         let (pair, frames) = match tie {
             LaneTie::Joints(torques) => {
+                let mut rate = zero;
                 for &(row, torque) in torques.iter().flatten() {
+                    rate = torque.mul_add(qd[row], rate);
                     self.torque[row] = torque;
                     let size = &mut self.sizes[rows.start];
                     *size = (torque * torque).mul_add(scratch.pivot_inverse(row), *size);
                 }
                 self.rows[rows.start].gamma = zero;
-                return zero.constant(1.0);
+                return self.fastest - rate.abs();
             }
             LaneTie::Frames(pair, frames) => (*pair, frames),
         };
@@ -209,8 +217,11 @@ impl<T: Real> ConstraintKernel<T> {
         let Some(of_pair) = pair_rows(pair, &motion.place, &motion.velocity) else {
             return zero.constant(-1.0);
         };
+        let mut usual = of_pair.margin;
         for (i, to) in self.rows[rows.clone()].iter_mut().enumerate() {
             let force = &of_pair.of_motion[i];
+            usual = usual.worst(zero.constant(IN_CALLS) - of_pair.error[i].abs());
+            usual = usual.worst(self.fastest - dot(force, &motion.velocity).abs());
             to.gamma = dot(force, &motion.acceleration) + of_pair.turning[i];
             for (end, (&step, frame)) in ends.iter().zip(frames).enumerate() {
                 let Some(step) = step else { continue };
@@ -232,7 +243,7 @@ impl<T: Real> ConstraintKernel<T> {
                 to.forces[end] = on_body;
             }
         }
-        of_pair.margin
+        usual
     }
 
     /// w of one connection, whose unit forces are there, and w over D.

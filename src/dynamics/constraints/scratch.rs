@@ -36,6 +36,8 @@ pub struct ConstraintScratch {
     pub(crate) errors: Vec<f64>,
     /// Accelerations, forces, rank and residual of forward dynamics.
     pub(crate) results: Vec<f64>,
+    /// Of the model that it was made for.
+    pub(crate) identity: u64,
 }
 
 impl ConstraintScratch {
@@ -59,11 +61,7 @@ impl ConstraintScratch {
             rates: vec![f64::NAN; m],
             errors: vec![f64::NAN; m],
             results: vec![f64::NAN; nv + m + 2],
+            identity: model.identity(),
         }
-    }
-
-    /// Whether it has the sizes of this model's.
-    pub(crate) fn fits(&self, model: &Model<f64>, constraints: &Constraints) -> bool {
-        (self.wrenches.len(), self.torque.len(), self.units.len()) == (model.bodies.len(), model.nv(), constraints.rows)
     }
 }

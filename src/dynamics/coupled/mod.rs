@@ -57,7 +57,8 @@ impl Scene {
         check_length("out", out.len(), width * states.len()).map_err(at(0))?;
         let mut expanded: Vec<Expanded> = Vec::with_capacity(states.len());
         for (i, state) in states.iter().enumerate() {
-            self.check_coupled(algorithm, &state.read_by(algorithm)).map_err(at(i))?;
+            let state = state.read_by(algorithm);
+            self.check_coupled(algorithm, &state).map_err(at(i))?;
             let rates = |x: &[f64]| if x.is_empty() { Vec::new() } else { coupling.rates(x) };
             let u = if algorithm.form().is_some() { Vec::new() } else { rates(state.u) };
             expanded.push([coupling.configuration(state.q), rates(state.qd), u]);
@@ -95,6 +96,9 @@ impl Scene {
         if let Some(name) = third {
             self.check_rates(name, state.u)?;
             self.tree().check_wrenches(state.wrenches)?;
+        }
+        if matches!(algorithm, Algorithm::ConstrainedDynamics(_)) {
+            return self.check_compliance(state.seed[0]);
         }
         for (&name, seed) in algorithm.seeds().iter().zip(state.seed) {
             self.check_rates(name, seed)?;

@@ -57,9 +57,9 @@ impl HessianScratch {
         }
     }
 
-    /// How many bodies and degrees of freedom it is for.
-    pub(crate) fn size(&self) -> (usize, usize) {
-        self.plain.size()
+    /// The model that it was made for.
+    pub(crate) fn identity(&self) -> u64 {
+        self.model.identity()
     }
 
     /// The gradients of torques, in dual numbers: q, qd, wrenches, u and cotangent as they were set.

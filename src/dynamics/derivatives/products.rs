@@ -43,11 +43,6 @@ impl<T: Real<Parameter = T>> ProductScratch<T> {
             right: vec![nan; nv],
         }
     }
-
-    /// How many bodies and degrees of freedom it is for.
-    pub(crate) fn size(&self) -> (usize, usize) {
-        (self.sweeps.bodies.len(), self.right.len())
-    }
 }
 
 /// dtau of [`inverse_dynamics`](crate::dynamics::inverse_dynamics) along one direction, (nv) into `out`: dtau/dq dq + dtau/dqd dqd + M dqdd, and what changes of wrenches, inertias,

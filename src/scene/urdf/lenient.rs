@@ -40,6 +40,39 @@ pub(super) fn restated(text: &str) -> String {
     out
 }
 
+/// The number of attributes that one element may have: roxmltree compares each with all before it.
+pub(super) const MOST_ATTRIBUTES: usize = 1_000;
+
+/// Where an element begins that has more attributes than [`MOST_ATTRIBUTES`], if one does.
+pub(super) fn with_many_attributes(text: &str) -> Option<usize> {
+    /// Of ` a=""`.
+    const SHORTEST: usize = 5;
+    if text.split('<').all(|piece| piece.len() <= SHORTEST * MOST_ATTRIBUTES) {
+        return None;
+    }
+    let (mut at, mut begins, mut names, mut found) = (0, 0, 0, None);
+    for_pieces(text, |piece| {
+        let length = match piece {
+            Piece::Name(name) => {
+                names += 1;
+                // The first is that of the element.
+                if names > MOST_ATTRIBUTES + 1 {
+                    found.get_or_insert(begins);
+                }
+                name.len()
+            }
+            Piece::Comment(text) | Piece::Declaration(text) | Piece::Other(text) => {
+                if text.starts_with('<') {
+                    (begins, names) = (at, 0);
+                }
+                text.len()
+            }
+        };
+        at += length;
+    });
+    found
+}
+
 /// A stretch of a document.
 enum Piece<'a> {
     /// What is between `<!--` and `-->`.

@@ -31,6 +31,14 @@ impl<'a> Source<'a> {
             let found = format!("text that starts with {}", quoted(self.body));
             return Err(self.refuse(found, "XML with a <robot> element (a path is for from_urdf_file)"));
         }
+        if let Some(at) = lenient::with_many_attributes(self.body) {
+            let before = &self.body[..at];
+            let column = before.rsplit('\n').next().unwrap_or_default().chars().count();
+            let place = TextPos::new(1 + count(before.matches('\n').count()), 1 + count(column));
+            let most = lenient::MOST_ATTRIBUTES;
+            let found = format!("an element with more than {most} attributes");
+            return Err(Error::scene(self.place(place), found, format!("at most {most} in one element")));
+        }
         let parsed = |text: &'b str| {
             let options = ParsingOptions { allow_dtd: !text.contains("<!ENTITY"), ..ParsingOptions::default() };
             Document::parse_with_options(text, options)
