@@ -417,6 +417,7 @@ class Scene:
         progress: Callable[[int, int], object] | None = None,
         conserve_momentum: bool = False,
         baumgarte: float | None = None,
+        compliance: ArrayLike | None = None,
         limits: Literal["stop", "report"] | None = None,
         restitution: float = 0.0,
         accuracy: float | None = None,
@@ -536,6 +537,7 @@ class Scene:
         form: Literal["auto", "covariance"] = "auto",
         conserve_momentum: bool = False,
         baumgarte: float | None = None,
+        compliance: ArrayLike | None = None,
         limits: Literal["stop", "report"] | None = None,
         restitution: float = 0.0,
         accuracy: float | None = None,
@@ -1131,6 +1133,10 @@ class Scene:
     def connection_names(self) -> tuple[str, ...]:
         """Names of the connections that close loops, in the order they were made: the keys of the forces of constrained_dynamics."""
 
+    @property
+    def tolerance(self) -> float:
+        """x"""
+
     def connection_rows(self, connection: str, /) -> slice[int, int, int]:
         """Where a connection is among the rows of constraint_error, constraint_bias and constraint_jacobian, a slice.
 
@@ -1217,7 +1223,9 @@ class Scene:
         velocities that do not meet them (see project); otherwise as forward_dynamics.
         """
 
-    def project(self, q: ArrayLike, qd: ArrayLike | None = None, *, errors: _Errors = "raise") -> Projection:
+    def project(
+        self, q: ArrayLike, qd: ArrayLike | None = None, *, compliance: ArrayLike | None = None, errors: _Errors = "raise"
+    ) -> Projection:
         """The configuration nearest to q that meets the connections, and the velocities nearest to qd that keep them so.
 
         q: (..., nq); qd: (..., nv) or None. errors: as in forward_dynamics. Newton steps -M^-1 J^T (J M^-1 J^T)^+ error, each of least kinetic
@@ -1831,6 +1839,7 @@ class SceneBuilder:
         *,
         leave_out: Collection[_Switch] | None = None,
         mimic: Literal["couple", "free"] | None = None,
+        tolerance: float | None = None,
     ) -> Scene:
         """Checks everything and makes the Scene; the builder can be used again.
 

@@ -16,6 +16,7 @@ __all__ = [
     "ConstraintError",
     "InertiaWarning",
     "LimitWarning",
+    "LinkageWarning",
     "LongCodeWarning",
     "MeshWarning",
     "MimicWarning",
@@ -163,6 +164,10 @@ class InertiaWarning(UserWarning):
 
 class LimitWarning(UserWarning):
     """Limits in a URDF that mean nothing (lower above upper, velocity or effort below zero), which are taken as none; or joints that start outside of their limits."""
+
+
+class LinkageWarning(UserWarning):
+    """Rows of connections that depend on each other to within the tolerance of the scene, but not to within rounding, and count as dependent: a linkage that is drawn with few digits."""
 
 
 class LongCodeWarning(UserWarning):

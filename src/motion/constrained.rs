@@ -3,8 +3,7 @@
 use super::scratch::Scratch;
 use super::solver::Solver;
 use crate::dynamics::constraints::{
-    ConstraintScratch, NoDirection, Outcome, RowsAre, constrained_dynamics, errors_of_rows, project_positions,
-    project_velocities, rates_of_rows,
+    ConstraintScratch, NoDirection, Outcome, RowsAre, constrained_dynamics, project_positions, project_velocities,
 };
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::error::Error;
@@ -14,14 +13,13 @@ use crate::model::Model;
 use crate::scene::Scene;
 use crate::workspace::Workspace;
 
-/// A state may begin so far from the connections, m or rad, and m/s or rad/s.
-const AT_START: f64 = 1e-6;
-
 /// One state, its accelerations through the connections.
 pub(super) struct Constrained<'a> {
     pub scene: &'a Scene,
     pub scratch: &'a mut Closed,
     pub alpha: Option<f64>,
+    /// Of each row; none of it where it is empty.
+    pub compliance: &'a [f64],
 }
 
 /// Scratch of one state.
@@ -73,7 +71,8 @@ impl Solver<f64> for Constrained<'_> {
         qdd: &mut [f64],
     ) -> u64 {
         let Closed { workspace, rows, .. } = &mut *self.scratch;
-        let (system, wanted) = ((model, self.scene.constraints()), RowsAre { alpha: self.alpha, ..RowsAre::default() });
+        let (system, wanted) =
+            ((model, self.scene.constraints()), RowsAre { alpha: self.alpha, compliance: self.compliance });
         let outcome = constrained_dynamics(system, workspace, rows, (q, v, u), (&[], wanted), qdd);
         let is_finite = qdd.iter().chain(q).chain(v).all(|x| x.is_finite());
         self.scratch.note(self.scene, outcome, model, is_finite);
@@ -97,7 +96,7 @@ impl Constrained<'_> {
         let scene = self.scene;
         let system = (scene.model(), scene.constraints());
         let told = |at| (None, Some(scene.no_direction(at)));
-        let positions = project_positions(system, workspace, rows, &mut s.q_next).map_err(told)?;
+        let positions = project_positions(system, workspace, rows, &mut s.q_next, self.compliance).map_err(told)?;
         if let Some(lost) = workspace.lost_pivot(scene.model(), &positions.pivots) {
             return Err((Some(lost), None));
         }
@@ -105,7 +104,8 @@ impl Constrained<'_> {
         if let Some(row) = positions.stays {
             return Err((None, Some(scene.open_at("the end of a step", row, positions.left, "m or rad", smaller))));
         }
-        let velocities = project_velocities(system, workspace, rows, (&s.q_next, &mut s.v_next)).map_err(told)?;
+        let state = (&s.q_next[..], &mut s.v_next[..]);
+        let velocities = project_velocities(system, workspace, rows, state, self.compliance).map_err(told)?;
         if let Some(row) = velocities.stays {
             return Err((
                 None,
@@ -114,27 +114,4 @@ impl Constrained<'_> {
         }
         Ok(())
     }
-}
-
-/// Whether a state meets the connections, so that a motion can begin there.
-pub(super) fn check_start(scene: &Scene, q: &[f64], qd: &[f64]) -> Result<(), Error> {
-    let constraints = scene.constraints();
-    if constraints.is_empty() {
-        return Ok(());
-    }
-    let (model, mut rows) = (scene.model(), vec![0.0; constraints.rows]);
-    let remedy = "a start that meets the connections: q, qd = scene.project(q, qd)";
-    let worst = |rows: &[f64]| (0..rows.len()).max_by(|&i, &j| rows[i].abs().total_cmp(&rows[j].abs())).unwrap_or(0);
-    errors_of_rows(model, constraints, q, &mut rows).map_err(|at| scene.no_direction(at))?;
-    let row = worst(&rows);
-    if !(rows[row].abs() <= AT_START) {
-        return Err(scene.open_at("q", row, rows[row].abs(), "m or rad", remedy));
-    }
-    rates_of_rows(model, constraints, (q, qd), &mut rows).map_err(|at| scene.no_direction(at))?;
-    let row = worst(&rows);
-    let speed = qd.iter().fold(1.0, |most: f64, v| most.max(v.abs()));
-    if !(rows[row].abs() <= AT_START * speed) {
-        return Err(scene.open_at("qd", row, rows[row].abs(), "m/s or rad/s", remedy));
-    }
-    Ok(())
 }

@@ -131,7 +131,7 @@ impl Alone {
         self.substeps.impacts.clear();
         if let Some(closed) = &mut self.closed {
             let alpha = if let Some(Stabilisation::Baumgarte(rate)) = law.connected { Some(rate) } else { None };
-            let mut solver = Constrained { scene, scratch: closed, alpha };
+            let mut solver = Constrained { scene, scratch: closed, alpha, compliance: &law.compliance };
             step((law, &law.scheme), &mut self.scratch, &mut solver);
             add_work(law, &mut self.scratch);
             match solver.finish(&mut self.scratch) {
