@@ -57,7 +57,7 @@ pub(super) struct Description(
     Beyond,
 );
 
-/// What a scene has beyond a tree of free joints: what becomes of mimic joints, connections, contacts, the tolerance of linkages.
+/// Beyond a tree of free joints: the treatment of mimic joints, connections, contacts, the tolerance of linkages.
 type Beyond = (String, Vec<ConnectionTuple>, Vec<ContactTuple>, Option<f64>);
 
 /// Where the links are in a description.

@@ -1,4 +1,4 @@
-//! What a user should know of a linkage that is drawn with few digits.
+//! Warnings of linkages that are drawn with few digits.
 
 use super::Scene;
 use super::constraint::{Constraint, Near, Tie};
@@ -14,7 +14,7 @@ struct LoopAxis {
     /// The body that the joint moves.
     body: Option<usize>,
     direction: Vector3<f64>,
-    /// Whether something translates along it.
+    /// True for the axis of a prismatic joint.
     translates: bool,
 }
 
@@ -155,7 +155,7 @@ impl Scene {
     }
 }
 
-/// What a row of a connection holds.
+/// Name of a row of a connection.
 fn name_of_row(tie: &Tie, row: usize) -> &'static str {
     const ANGLES: [&str; 3] = ["rotation about x", "rotation about y", "rotation about z"];
     const LENGTHS: [&str; 3] = ["position along x", "position along y", "position along z"];

@@ -146,7 +146,7 @@ def moved(name: str, error: float) -> tuple[np.ndarray, np.ndarray, phipsi.Traje
         simulator = scene.simulator(at, qd, dt=1e-3)
         simulator.step(tau, steps=100)
         assert np.array_equal(simulator.q, path.q[-1])
-        # What rows that are not kept are off by is in the result.
+        # Errors of rows that are not kept are in the result.
         assert path.drift.max() <= 50 * max(error, FAR)
         inverse = scene.constrained_mass_matrix_inverse(at)
         assert np.linalg.matrix_rank(inverse, 1e-9 * np.max(np.abs(inverse))) == mobility
@@ -268,7 +268,7 @@ def four_bar_of_angles() -> phipsi.Scene:
 def test_rows_that_give_way(error: float) -> None:
     builder, q, _ = four_bar(error)
     exact, scene = four_bar(0.0)[0].build(), builder.build(tolerance=5e-3)
-    # What little they give way keeps the mobility of a linkage that is drawn badly.
+    # A small compliance keeps the mobility of a linkage that is drawn badly.
     compliance = 1e-3
     found = scene.project(q, [1.0, 0.0, 0.0], compliance=1e-4)
     assert found.rank == 5 and np.max(np.abs(found.qd)) > 0.1

@@ -10,24 +10,30 @@
 //!
 //! are those of the linkage that is meant, to within the tolerance. They are kept, the combinations (1 - Q) J are not.
 
-use super::mobility::mobility;
+use super::mobility::{mobility, moved, scattered};
 use super::relaxed::Relaxed;
 use super::rows::units_of_rows;
 use super::scratch::ConstraintScratch;
-use super::sized_rows::{SizedRows, groups};
+use super::sized_rows::{Group, SizedRows, groups};
 use crate::error::Error;
 use crate::kinematics::placements_base_to_tip;
 use crate::model::Model;
 use crate::scene::Scene;
 use crate::scene::constraint::Constraints;
 use crate::spatial::RigidShift;
-use nalgebra::{DMatrix, RowDVector};
+use nalgebra::{DMatrix, DVector, RowDVector};
 
 /// Singular values below this are zeros with rounding, for which nothing has to be relaxed.
 const ZERO: f64 = 1e-13;
 
 /// Singular values up to the tolerance times this are of the linkage as it is drawn where the rank elsewhere says so.
 const UNSURE: f64 = 10.0;
+
+/// Singular values that are kept and below the largest that is not times this are near a singular position.
+const SINGULAR: f64 = 1e3;
+
+/// How far configurations nearby are, rad or m.
+const NEARBY: f64 = 0.2;
 
 /// How far rows that are not kept may be from holding, over the tolerance.
 const ALLOWED: f64 = 10.0;
@@ -61,19 +67,10 @@ impl ConstraintScratch {
             if count == 0 {
                 continue;
             }
-            // Square, so that all left singular vectors are there: more rows than columns leave zeros, which have some too.
-            let own = sized.part(&rows, &group);
-            let square = if own.ncols() > count {
-                own.transpose().qr().r().transpose()
-            } else {
-                own.resize_horizontally(count, 0.0)
-            };
-            let svd = square.svd(true, false);
-            let Some(u) = &svd.u else {
+            let Some((mut u, values)) = left_vectors(sized.part(&rows, &group)) else {
                 basis.extend(rows.iter().copied().map(unit));
                 continue;
             };
-            let values = &svd.singular_values;
             let mut order: Vec<usize> = (0..count).collect();
             order.sort_by(|&i, &j| values[i].total_cmp(&values[j]));
             let mut meant = order.iter().filter(|&&i| values[i] <= tolerance).count();
@@ -82,7 +79,7 @@ impl ConstraintScratch {
                 let ranks = &constraints.mobility.get_or_init(|| mobility(model, constraints, q)).ranks;
                 meant = ranks.get(at).copied().flatten().map_or(meant, |rank| count.saturating_sub(rank));
             }
-            let dropped: Vec<usize> = order
+            let mut dropped: Vec<usize> = order
                 .into_iter()
                 .enumerate()
                 .filter(|&(place, i)| values[i] <= ZERO || place < meant && values[i] <= UNSURE * tolerance)
@@ -93,6 +90,21 @@ impl ConstraintScratch {
                 continue;
             }
             is_relaxed = true;
+            let largest = dropped.iter().map(|&k| values[k]).fold(0.0, f64::max);
+            let is_near = |k: usize| !dropped.contains(&k) && values[k] < SINGULAR * largest;
+            if (0..count).any(is_near) {
+                // Near a singular position a row that is kept is as small as those that are not, and mixed with them. Nearby it is not, and where the rows themselves
+                // do not change, as those across a plane, the same combinations are small in all of these configurations.
+                let wide = self.around((model, constraints), q, (&sized, &rows, &group));
+                if let Some((others, wide)) = left_vectors(wide) {
+                    let mut order: Vec<usize> = (0..count).collect();
+                    order.sort_by(|&i, &j| wide[i].total_cmp(&wide[j]));
+                    if order.get(dropped.len() - 1).is_some_and(|&k| wide[k] <= tolerance.max(5.0 * largest)) {
+                        u = others;
+                        dropped = order[..dropped.len()].to_vec();
+                    }
+                }
+            }
             for k in 0..count {
                 if dropped.contains(&k) {
                     for (i, &row) in rows.iter().enumerate() {
@@ -117,6 +129,42 @@ impl ConstraintScratch {
         }
         self.relaxed = relaxed;
     }
+
+    /// The rows of a group here and at two configurations nearby, beside each other.
+    fn around(
+        &mut self,
+        (model, constraints): (&Model<f64>, &Constraints),
+        q: &[f64],
+        (here, rows, group): (&SizedRows, &[usize], &Group),
+    ) -> DMatrix<f64> {
+        let n = group.columns.len();
+        let mut wide = here.part(rows, group).resize_horizontally(3 * n, 0.0);
+        let rest = vec![0.0; model.nv()];
+        let mut shift = vec![RigidShift::identity(); model.bodies.len()];
+        let units = self.units.clone();
+        for place in 1..3 {
+            let other = moved(model, q, &scattered(model.nv(), place, NEARBY));
+            placements_base_to_tip(model, &other, &mut shift);
+            let found = units_of_rows(model, constraints, (&other, &rest), &mut self.units);
+            let part = found.is_ok().then(|| SizedRows::of(self, (model, constraints), &shift).part(rows, group));
+            wide.columns_mut(place * n, n).copy_from(&part.unwrap_or_else(|| here.part(rows, group)));
+        }
+        self.units = units;
+        wide
+    }
+}
+
+/// The left singular vectors of a matrix, all of them, and the singular values.
+fn left_vectors(matrix: DMatrix<f64>) -> Option<(DMatrix<f64>, DVector<f64>)> {
+    // Square: with more rows than columns there are zeros, which have vectors too.
+    let count = matrix.nrows();
+    let square = if matrix.ncols() > count {
+        matrix.transpose().qr().r().transpose()
+    } else {
+        matrix.resize_horizontally(count, 0.0)
+    };
+    let svd = square.svd(true, false);
+    svd.u.map(|u| (u, svd.singular_values))
 }
 
 /// The combinations of rows that are kept at `q`.

@@ -64,7 +64,7 @@ pub(super) fn mobility(model: &Model<f64>, constraints: &Constraints, q: &[f64])
 }
 
 /// Velocities of the joints within `size` that repeat in no pattern; none at the first start, so that a closed configuration counts as it is only if others do.
-fn scattered(nv: usize, start: usize, size: f64) -> Vec<f64> {
+pub(super) fn scattered(nv: usize, start: usize, size: f64) -> Vec<f64> {
     #[allow(clippy::cast_precision_loss)] // a few thousand
     let number =
         |i: usize| ((i + 1) as f64 * 0.618_033_988_749_895 + (start + 1) as f64 * 0.754_877_666_246_693).fract();
@@ -72,7 +72,7 @@ fn scattered(nv: usize, start: usize, size: f64) -> Vec<f64> {
 }
 
 /// The configuration that velocities reach in unit time.
-fn moved(model: &Model<f64>, q: &[f64], velocity: &[f64]) -> Vec<f64> {
+pub(super) fn moved(model: &Model<f64>, q: &[f64], velocity: &[f64]) -> Vec<f64> {
     let mut next = q.to_vec();
     for (body, stage) in model.bodies.iter().zip(&model.system.stages) {
         body.motion.advance(&q[body.q..], &velocity[stage.first_row..], &mut next[body.q..]);
@@ -107,7 +107,7 @@ fn close(
             }
         }
         if open <= CLOSED {
-            // What is not kept has to hold as well, but for the tolerance.
+            // Combinations that are not kept have to hold as well, to within the tolerance.
             let slack = |&i: &usize| errors[i].abs() <= (CLOSED + 10.0 * constraints.tolerance) * sized.sizes[i];
             let rank = svd.singular_values.iter().filter(|&&value| value > constraints.tolerance).count();
             let small = svd.singular_values.iter().enumerate();

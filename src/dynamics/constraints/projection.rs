@@ -135,7 +135,7 @@ pub(crate) fn project_velocities(
 }
 
 impl ConstraintScratch {
-    /// What is left of the rows that are kept, in `residual`: errors or rates, and what rows that give way owe. The largest.
+    /// The residuals of the rows that are kept, in `residual`: errors or velocities, plus compliance times lambda. Returns the largest.
     fn open(&mut self, compliance: &[f64], is_of_positions: bool) -> f64 {
         let Self { residual, errors, rates, forces, relaxed, dropped, .. } = self;
         residual.copy_from_slice(if is_of_positions { errors } else { rates });

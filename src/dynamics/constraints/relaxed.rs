@@ -11,7 +11,7 @@ pub(crate) struct Relaxed {
     pub basis: DMatrix<f64>,
     /// a of each row, with which errors have no unit.
     pub sizes: Vec<f64>,
-    /// What the errors of rows that are not kept may be, in units of a; zero where all are.
+    /// Bound on the errors of combinations that are not kept, in units of a; zero where all are kept.
     pub allowed: f64,
 }
 

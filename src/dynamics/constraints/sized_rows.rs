@@ -18,9 +18,9 @@ pub(super) struct Group {
 pub(super) struct SizedRows {
     /// (m x nv).
     pub jacobian: DMatrix<f64>,
-    /// What each row was divided by; one for rows that can move nothing.
+    /// Divisor of each row; one for rows that can move nothing.
     pub sizes: Vec<f64>,
-    /// What each column was multiplied with.
+    /// Factor of each column.
     pub weights: Vec<f64>,
 }
 

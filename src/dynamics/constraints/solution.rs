@@ -138,7 +138,7 @@ pub(crate) fn constrained_dynamics(
         is_kept || dropped > (AGREES + scratch.relaxed.allowed) * terms[i]
     };
     let contradicted = (0..constraints.rows).filter(is_left).collect();
-    // What compliance and rows that are not kept leave is no rounding, and told.
+    // Residuals by compliance and of rows that are not kept are no rounding, and are reported.
     let given_way = |i: usize| wanted.compliance.get(i).map_or(0.0, |compliance| compliance * scratch.forces[i]);
     let left = |i: usize| (scratch.residual[i] + scratch.dropped[i] - given_way(i)).abs();
     let residual = (0..constraints.rows).map(left).fold(0.0, f64::max);

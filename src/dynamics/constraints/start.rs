@@ -1,4 +1,4 @@
-//! Whether a state meets the connections.
+//! Check that a state meets the connections.
 
 use super::geometry::relaxed_at;
 use super::rows::{errors_of_rows, rates_of_rows};
@@ -8,7 +8,7 @@ use crate::scene::Scene;
 /// A state may begin so far from the connections, m or rad, and m/s or rad/s.
 const AT_START: f64 = 1e-6;
 
-/// Whether a state meets the connections, so that a motion can begin there. Rows that give way need not.
+/// Checks that a state meets the connections, so that a motion can begin there; no check where rows have compliance.
 pub(crate) fn check_start(scene: &Scene, (q, qd): (&[f64], &[f64]), compliance: &[f64]) -> Result<(), Error> {
     let constraints = scene.constraints();
     if constraints.is_empty() || compliance.iter().any(|&compliance| compliance > 0.0) {

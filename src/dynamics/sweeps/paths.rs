@@ -35,7 +35,7 @@ struct Step {
     parent: Option<usize>,
     /// Whether it is the first that sends a force there, and nothing acts there.
     begins: bool,
-    /// Whether the body is on one of the branches of a loop; the motion of the others does not count.
+    /// True for bodies on a branch of a loop; the motion of other bodies is taken as zero.
     is_on_branch: bool,
 }
 
