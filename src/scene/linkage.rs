@@ -21,6 +21,8 @@ struct LoopAxis {
 /// How two axes of a loop miss what is meant.
 struct Miss {
     angle: f64,
+    /// Both axes are of one link, so that the angle is in the drawing of this link.
+    is_of_link: bool,
     text: String,
 }
 
@@ -110,10 +112,17 @@ impl Scene {
                 // Axes that rotate at a right angle to each other need not be meant so.
                 let counts = parallel <= perpendicular || first.translates != second.translates;
                 let is_small = angle > ROUNDING && angle <= 10.0 * self.tolerance();
-                if counts && is_small && largest.as_ref().is_none_or(|known| angle > known.angle) {
+                let parent = |axis: &LoopAxis| axis.body.and_then(|k| self.model().system.stages[k].parent);
+                let is_of_link = first.body.is_some()
+                    && second.body.is_some()
+                    && (parent(first) == second.body || parent(second) == first.body);
+                let is_larger = |known: &Miss| {
+                    angle > 1.01 * known.angle || is_of_link && !known.is_of_link && angle > 0.99 * known.angle
+                };
+                if counts && is_small && largest.as_ref().is_none_or(is_larger) {
                     let text = meant.replace("{}", &format!("{angle:.1e} rad"));
-                    largest =
-                        Some(Miss { angle, text: format!("the axes of {} and {} {text}", first.name, second.name) });
+                    let text = format!("the axes of {} and {} {text}", first.name, second.name);
+                    largest = Some(Miss { angle, is_of_link, text });
                 }
             }
         }

@@ -154,7 +154,7 @@ def test_kinematics_of_trees(trees: Pair) -> None:
         pair.same(lambda scene, q, link=link: scene.operational_inertia(q, link), 100)
         # In the axes of the base, at the link: turned with it.
         both = np.kron(np.eye(2), rotation)
-        aligned = [scene.velocity(q, qd, link, frame="local_world_aligned") for scene, q in ((pair.near, pair.q), (pair.far, pair.moved_q))]
+        aligned = [scene.velocity(q, qd, link, frame="local-world-aligned") for scene, q in ((pair.near, pair.q), (pair.far, pair.moved_q))]
         assert_near(aligned[1], both @ aligned[0], FAR * size(aligned[0]))
         near, far = (scene.placement(q, link) for scene, q in ((pair.near, pair.q), (pair.far, pair.moved_q)))
         expected = placed(rotation, pair.at) @ near

@@ -106,7 +106,7 @@ def delta(error: float) -> tuple[phipsi.SceneBuilder, list[float], int]:
 
 LINKAGES = {
     "four-bar": four_bar,
-    "welded": lambda error: four_bar(error, "weld"),
+    "four-bar on a point": lambda error: four_bar(error, "point"),
     "slider-crank": slider_crank,
     "three cranks": three_cranks,
     "scissors": scissors,
@@ -196,7 +196,7 @@ def test_the_warning_names_joint_row_and_angle() -> None:
         scene.forward_dynamics(*(lambda at: (at.q, at.qd))(scene.project([0.4, 0.6, 0.3], [1.0, 0, 0])), np.zeros(3))
     text = str(caught[0].message)
     assert len(caught) == 1
-    for part in ('connection "pin"', "row ", '"crank"', "3.7e-6 rad", "treated as parallel", "3.0e-5", "strict=True"):
+    for part in ('connection "pin"', "row ", '"crank"', '"coupler"', "3.7e-6 rad", "treated as parallel", "3.0e-5", "strict=True"):
         assert part in text, text
     # Once for a scene.
     with warnings.catch_warnings():
