@@ -200,7 +200,10 @@ def test_motion_of_trees(trees: Pair, options: dict[str, Any]) -> None:
     pair, tau = trees, trees.tau.copy()
     tau[:6] = 0.0
     pair.same(lambda scene, q: scene.simulate(q, pair.qd, dt=1e-3, steps=50, tau=tau, **options).qd[-1], 10)
-    ends = [scene.simulate(q, pair.qd, dt=1e-3, steps=50, tau=tau, **options).q[-1] for scene, q in ((pair.near, pair.q), (pair.far, pair.moved_q))]
+    ends = [
+        scene.simulate(q, pair.qd, dt=1e-3, steps=50, tau=tau, **options).q[-1]
+        for scene, q in ((pair.near, pair.q), (pair.far, pair.moved_q))
+    ]
     assert_near(ends[1], pair.moved(ends[0]), FAR * size(pair.at))
 
 

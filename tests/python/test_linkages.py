@@ -1,4 +1,4 @@
-"""Linkages that are drawn with few digits: they keep the mobility of the linkage that is meant, with a warning that says so, and are rigid with strict=True only."""
+"""Linkages drawn with few digits keep the mobility of the linkage that is meant and warn; with strict=True they are rigid."""
 
 from __future__ import annotations
 
@@ -37,7 +37,16 @@ class Drawing:
         rotation = turned(np.array([0, 0, 1.0]), turn) @ turned(about, self.error)
         at = np.array(xyz, dtype=float) + (self.error * along / np.linalg.norm(along) if self.lengths else 0.0)
         self.builder.link(name, mass=1.0, com=(0.02, 0.01, 0.05), inertia=ROD)
-        self.builder.joint(name, kind, parent, name, xyz=at, rotation=rotation, axis=axis, **({"lower": -9, "upper": 9, "velocity": 9, "effort": 9} if kind == "prismatic" else {}))
+        self.builder.joint(
+            name,
+            kind,
+            parent,
+            name,
+            xyz=at,
+            rotation=rotation,
+            axis=axis,
+            **({"lower": -9, "upper": 9, "velocity": 9, "effort": 9} if kind == "prismatic" else {}),
+        )
 
 
 def four_bar(error: float, kind: str = "axis") -> tuple[phipsi.SceneBuilder, list[float], int]:
@@ -189,7 +198,11 @@ def test_strict_takes_the_drawing_as_exact() -> None:
 
 def test_the_warning_names_joint_row_and_angle() -> None:
     builder = phipsi.SceneBuilder().link("ground")
-    for name, parent, xyz, rpy in (("crank", "ground", (0, 0, 0), (0, 0, 0)), ("coupler", "crank", (0, 0, 0.2), (3.7e-6, 0, 0)), ("rocker", "ground", (0.45, 0, 0), (0, 0, 0))):
+    for name, parent, xyz, rpy in (
+        ("crank", "ground", (0, 0, 0), (0, 0, 0)),
+        ("coupler", "crank", (0, 0, 0.2), (3.7e-6, 0, 0)),
+        ("rocker", "ground", (0.45, 0, 0), (0, 0, 0)),
+    ):
         builder.link(name, mass=1.0, com=(0, 0, 0.1), inertia=ROD).joint(name, "continuous", parent, name, xyz=xyz, rpy=rpy, axis=(0, 1, 0))
     scene = builder.connect("pin", "axis", "coupler", "rocker", xyz=(0, 0, 0.5), other_xyz=(0, 0, 0.4), axis=(0, 1, 0)).build()
     with pytest.warns(LinkageWarning) as caught:
@@ -223,7 +236,10 @@ LINK = '<link name="{0}"><inertial><origin xyz="0 0 0.1"/><mass value="1"/><iner
 JOINT = '<joint name="{0}" type="continuous"><parent link="{1}"/><child link="{0}"/><origin xyz="{2}" rpy="{3}"/><axis xyz="{4}"/></joint>'
 
 
-@pytest.mark.parametrize(("angle", "tolerance"), [("1.5708", 2e-4), ("-1.5708", 2e-4), ("1.57", 5e-3), ("-1.571", 2e-3), ("1.570796", 3e-5), ("1.5707963267948966", 3e-5)])
+@pytest.mark.parametrize(
+    ("angle", "tolerance"),
+    [("1.5708", 2e-4), ("-1.5708", 2e-4), ("1.57", 5e-3), ("-1.571", 2e-3), ("1.570796", 3e-5), ("1.5707963267948966", 3e-5)],
+)
 def test_right_angles_of_a_file(angle: str, tolerance: float) -> None:
     # The frames of coupler and rocker are turned about x, and their axes are y of the ground but for the digits.
     axis = "0 0 -1" if angle.startswith("1") else "0 0 1"
@@ -297,8 +313,14 @@ def test_projection_with_compliance_is_a_least_squares_estimate() -> None:
     expected = np.linalg.solve(mass + jacobian.T @ np.diag(1 / compliance) @ jacobian, mass @ np.array([1.0, 2.0, 3.0]))
     np.testing.assert_allclose(found.qd, expected, rtol=1e-10)
     many = scene.project(np.stack([q, q]), compliance=np.stack([compliance, 10 * compliance]))
-    assert np.array_equal(many.q[0], found.q) and np.max(np.abs(scene.constraint_error(many.q[1]))) > np.max(np.abs(scene.constraint_error(found.q)))
-    for options, message in (({"compliance": -1.0}, "zero or above"), ({"compliance": np.nan}, "finite"), ({"compliance": np.ones(3)}, "5")):
+    assert np.array_equal(many.q[0], found.q) and np.max(np.abs(scene.constraint_error(many.q[1]))) > np.max(
+        np.abs(scene.constraint_error(found.q))
+    )
+    for options, message in (
+        ({"compliance": -1.0}, "zero or above"),
+        ({"compliance": np.nan}, "finite"),
+        ({"compliance": np.ones(3)}, "5"),
+    ):
         with pytest.raises((ArgumentError, phipsi.errors.ShapeError, phipsi.errors.NotFiniteError), match=message):
             scene.project(q, **options)
         with pytest.raises((ArgumentError, phipsi.errors.ShapeError, phipsi.errors.NotFiniteError), match=message):
