@@ -6,11 +6,10 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import phipsi
 import pytest
 from conftest import random_rotation, random_scene
 from tolerances import FAR, assert_near, size
-
-import phipsi
 
 DISTANCE = 1e6
 

@@ -8,11 +8,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
-import pytest
-from tolerances import FAR, size
-
 import phipsi
+import pytest
 from phipsi.errors import ArgumentError, ConstraintError, LinkageWarning, SceneError
+from tolerances import FAR, size
 
 ROD = np.diag([4e-3, 4e-3, 1e-3])
 
@@ -206,7 +205,8 @@ def test_the_warning_names_joint_row_and_angle() -> None:
         builder.link(name, mass=1.0, com=(0, 0, 0.1), inertia=ROD).joint(name, "continuous", parent, name, xyz=xyz, rpy=rpy, axis=(0, 1, 0))
     scene = builder.connect("pin", "axis", "coupler", "rocker", xyz=(0, 0, 0.5), other_xyz=(0, 0, 0.4), axis=(0, 1, 0)).build()
     with pytest.warns(LinkageWarning) as caught:
-        scene.forward_dynamics(*(lambda at: (at.q, at.qd))(scene.project([0.4, 0.6, 0.3], [1.0, 0, 0])), np.zeros(3))
+        at = scene.project([0.4, 0.6, 0.3], [1.0, 0, 0])
+        scene.forward_dynamics(at.q, at.qd, np.zeros(3))
     text = str(caught[0].message)
     assert len(caught) == 1
     for part in ('connection "pin"', "row ", '"crank"', '"coupler"', "3.7e-6 rad", "treated as parallel", "3.0e-5", "strict=True"):
