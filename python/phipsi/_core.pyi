@@ -439,6 +439,7 @@ class Scene:
         progress: Callable[[int, int], object] | None = None,
         conserve_momentum: bool = False,
         baumgarte: float | None = None,
+        compliance: ArrayLike | None = None,
         limits: Literal["stop", "report"] | None = None,
         restitution: float = 0.0,
         accuracy: float | None = None,
@@ -494,6 +495,9 @@ class Scene:
             Each floating tree conserves its momentum, and its center of mass follows its parabola, to rounding: each step ends with a rigid motion of the tree,
             as large as the step's error in them, O(N). Every tree must be connected to the base by a free joint without tau, pd, damping, stiffness, friction
             or armature.
+        compliance : float or array_like (m,), optional
+            Compliance of each row of the connections, (m/s^2)/N or (rad/s^2)/(N m), zero or above, in the order of connection_rows: accelerations, and the projection that ends each
+            step, let rows give way by it, and states need not meet the connections at the start. The default is none.
         baumgarte : float, optional
             For scenes with connections. None: positions and velocities are projected onto them after each step (see project). A rate a in 1/s:
             J qdd + J' qd = -2 a J qd - a^2 error.
@@ -557,6 +561,7 @@ class Scene:
         form: Literal["auto", "covariance"] = "auto",
         conserve_momentum: bool = False,
         baumgarte: float | None = None,
+        compliance: ArrayLike | None = None,
         limits: Literal["stop", "report"] | None = None,
         restitution: float = 0.0,
         accuracy: float | None = None,
@@ -571,7 +576,7 @@ class Scene:
             Joint velocities at the start; zero by default. Leading axes broadcast to those of the batch.
         dt : float
             Step, s.
-        method, pd, armature, damping, stiffness, rest, friction, friction_speed, form, conserve_momentum, baumgarte, limits, restitution, accuracy
+        method, pd, armature, damping, stiffness, rest, friction, friction_speed, form, conserve_momentum, baumgarte, compliance, limits, restitution, accuracy
             As in simulate, for all steps.
 
         Returns
@@ -1152,6 +1157,10 @@ class Scene:
     def connection_names(self) -> tuple[str, ...]:
         """Names of the connections that close loops, in the order they were made: the keys of the forces of constrained_dynamics."""
 
+    @property
+    def tolerance(self) -> float:
+        """Geometric tolerance of linkages, an angle in rad or a length over the reach of the loop: see SceneBuilder.build. Zero with strict=True."""
+
     def connection_rows(self, connection: str, /) -> slice[int, int, int]:
         """Where a connection is among the rows of constraint_error, constraint_bias and constraint_jacobian, a slice.
 
@@ -1239,14 +1248,24 @@ class Scene:
         is given. Otherwise as forward_dynamics.
         """
 
-    def project(self, q: ArrayLike, qd: ArrayLike | None = None, *, errors: _Errors = "raise") -> Projection:
+    def project(
+        self, q: ArrayLike, qd: ArrayLike | None = None, *, compliance: ArrayLike | None = None, errors: _Errors = "raise"
+    ) -> Projection:
         """The configuration nearest to q that meets the connections, and the velocities nearest to qd that keep them so.
 
         q: (..., nq); qd: (..., nv) or None. errors: as in forward_dynamics. Newton steps -M^-1 J^T (J M^-1 J^T)^+ error, each of least kinetic
         energy, and no longer than 0.5 rad or m at any joint; velocities less M^-1 J^T (J M^-1 J^T)^+ J qd, as by an impact without rebound.
 
+        compliance: how much each row gives way, as in constrained_dynamics: one number, or (..., m). The result is then where half the squared distance from q, by kinetic energy, plus
+        the sum of error^2/(2 compliance) is least.
+
+        Combinations of rows that move joints by less than Scene.tolerance, where the linkage that is meant has a rank that is lower by as many, count as dependent: a linkage that is drawn with
+        few digits keeps its mobility. Their errors stay, at most 10 times the tolerance, and constraint_error gives them.
+
         Returns a phipsi.Projection: q, qd (None without one), and rank (...), how many rows are independent there: fewer than elsewhere where the
         mechanism is singular.
+
+        Warns LinkageWarning, once for a scene, where rows count as dependent that are not to within rounding, and where axes of a loop miss being parallel by little more than the tolerance.
 
         Raises ConstraintError, with .connections, .residual and .state, where an error stays: no small moves from there meet the connections;
         SingularJointError, ShapeError, NotFiniteError, ArgumentError, naming the state.
@@ -1873,12 +1892,17 @@ class SceneBuilder:
         *,
         leave_out: Collection[_Switch] | None = None,
         mimic: Literal["couple", "free"] | None = None,
+        tolerance: float | None = None,
     ) -> Scene:
         """Checks everything and makes the Scene; the builder can be used again.
 
         floating_base: puts a free joint under the root link, named as in Scene.from_urdf. gravity: (3,), m/s^2, in the base
         frame. strict: unphysical inertias raise instead of warning. leave_out, mimic: as in Scene.from_urdf. What is None is as the
         builder has it: a fixed base, (0, 0, -9.81), False, all and "free" in a new one, the scene's own in one from Scene.to_builder.
+
+        tolerance: geometric tolerance of linkages, an angle in rad or a length over the reach of the loop, 0 to 0.1: rows of connections that depend on each other to within it
+        count as dependent, with a LinkageWarning at the first call that finds one (Scene.project has the details). None: 3e-5; 5e-3, 2e-3 or 2e-4 for a URDF whose angles have two, three or four
+        decimals. With strict=True only rows that depend on each other to within rounding do, and an axis that is drawn 1e-6 rad off makes a planar linkage rigid.
 
         Raises SceneError, naming link or joint, for: no link, a name used twice, an unknown parent or child, two parents,
         two roots, a cycle, an axis without direction, numbers that are not finite, negative mass, armature, damping or

@@ -375,7 +375,8 @@ class Trajectory:
             return {}
         if not np.array_equal(self.armature, scene.armature):
             scene = scene.with_properties(armature=self.armature)
-        return dict(scene.constrained_dynamics(self.q, self.qd, self.torques(), errors="nan").forces)
+        given = {} if self.given is None or "compliance" not in self.given else {"compliance": self.given["compliance"]}
+        return dict(scene.constrained_dynamics(self.q, self.qd, self.torques(), errors="nan", **given).forces)
 
     def _displacement(self, rest: _Array, q: _Array) -> _Array:
         """From rest to q, (..., nv), as springs measure it: of a free joint the distance in the child's axes, not the length of a screw."""
@@ -419,6 +420,7 @@ class Trajectory:
         """How Scene.simulate was called, for Scene.simulate_vjp."""
         given = self._known()
         given.pop("baumgarte", None)
+        given.pop("compliance", None)
         if given.pop("accuracy") is not None:
             raise of_argument(ArgumentError, "accuracy", "found a run with error control; expected one with fixed steps, which have gradients")
         if given.pop("conserve_momentum"):

@@ -17,6 +17,7 @@ __all__ = [
     "ConstraintError",
     "InertiaWarning",
     "LimitWarning",
+    "LinkageWarning",
     "LongCodeWarning",
     "MeshWarning",
     "MimicWarning",
@@ -174,6 +175,10 @@ class LimitWarning(UserWarning):
 
 class CacheWarning(UserWarning):
     """A cache of compiled code that cannot be written: the code is compiled again in each process."""
+
+
+class LinkageWarning(UserWarning):
+    """Rows of connections that depend on each other to within the tolerance of the scene, but not to within rounding, and count as dependent: a linkage that is drawn with few digits."""
 
 
 class LongCodeWarning(UserWarning):

@@ -157,6 +157,24 @@ impl Scene {
         q: &mut [f64],
         qd: Option<&mut [f64]>,
     ) -> Result<Projection, Error> {
+        self.project_compliant(workspace, scratch, q, qd, &[])
+    }
+
+    /// The same where each row gives way by its `compliance` (m, zero or above; empty: none does): errors and velocities of rows are -compliance times what pushes the state there,
+    /// so that q is where half the squared distance from the start, by kinetic energy, plus the sum of error^2/(2 compliance) is least.
+    ///
+    /// # Errors
+    ///
+    /// As [`Scene::project`], and a compliance below zero or not finite.
+    pub fn project_compliant(
+        &self,
+        workspace: &mut Workspace<f64>,
+        scratch: &mut ConstraintScratch,
+        q: &mut [f64],
+        qd: Option<&mut [f64]>,
+        compliance: &[f64],
+    ) -> Result<Projection, Error> {
+        self.check_compliance(compliance)?;
         self.check_configuration("q", q)?;
         if let Some(qd) = &qd {
             self.check_rates("qd", qd)?;
@@ -164,8 +182,8 @@ impl Scene {
         self.check_scratch_of_rows(workspace, scratch)?;
         self.check_form(workspace)?;
         let system = (self.model(), self.constraints());
-        let positions =
-            constraints::project_positions(system, workspace, scratch, q).map_err(|at| self.no_direction(at))?;
+        let positions = constraints::project_positions(system, workspace, scratch, q, compliance)
+            .map_err(|at| self.no_direction(at))?;
         self.check_pivots(workspace, positions.pivots)?;
         if let Some(row) = positions.stays {
             return Err(self.open_at("q", row, positions.left, "m or rad", NEARER));
@@ -175,8 +193,8 @@ impl Scene {
             rest.resize(self.nv(), 0.0);
             &mut rest
         });
-        let velocities =
-            constraints::project_velocities(system, workspace, scratch, (q, qd)).map_err(|at| self.no_direction(at))?;
+        let velocities = constraints::project_velocities(system, workspace, scratch, (q, qd), compliance)
+            .map_err(|at| self.no_direction(at))?;
         self.check_pivots(workspace, velocities.pivots)?;
         if let Some(row) = velocities.stays {
             return Err(self.open_at("qd", row, velocities.left, "m/s or rad/s", NEARER));

@@ -295,7 +295,7 @@ impl Scene {
     }
 
     /// As many numbers of zero or above as there are rows of connections, or none.
-    pub(super) fn check_compliance(&self, compliance: &[f64]) -> Result<(), Error> {
+    pub(crate) fn check_compliance(&self, compliance: &[f64]) -> Result<(), Error> {
         if compliance.is_empty() {
             return Ok(());
         }

@@ -5,7 +5,7 @@ use super::outward::{joint_motion, joint_shift};
 use crate::model::Model;
 use crate::scalar::Real;
 use crate::spatial::{RigidShift, angular, cross_add, cross_motion, linear, spatial, sum, zero};
-use nalgebra::Vector6;
+use nalgebra::{Vector3, Vector6};
 
 /// A way from a frame to the base.
 pub(super) struct Way<'a, T: Real> {
@@ -30,6 +30,34 @@ impl<'a, T: Real> Way<'a, T> {
         self.placement = joint_shift(&self.model.bodies[k], self.q).compose(&self.placement);
         self.body = self.model.system.stages[k].parent;
     }
+
+    /// The same; on the body `junction` the placement is from `origin`.
+    #[inline(always)]
+    pub fn past_from(&mut self, k: usize, junction: Option<usize>, origin: &Vector3<T>) {
+        let mut shift = joint_shift(&self.model.bodies[k], self.q);
+        self.body = self.model.system.stages[k].parent;
+        if self.body == junction {
+            // Before anything is added to it: both are as far away, and what is left is exact.
+            shift.lever = less(&shift.lever, origin);
+        }
+        self.placement = shift.compose(&self.placement);
+    }
+
+    /// The placement on the body `junction`, which is reached; from `origin` if the frame was there from the start.
+    #[inline(always)]
+    pub fn placement_from(&self, frame: &Frame<T>, junction: Option<usize>, origin: &Vector3<T>) -> RigidShift<T> {
+        let mut placement = self.placement;
+        if frame.body == junction {
+            placement.lever = less(&placement.lever, origin);
+        }
+        placement
+    }
+}
+
+/// a - b, entry by entry.
+#[inline(always)]
+fn less<T: Real>(a: &Vector3<T>, b: &Vector3<T>) -> Vector3<T> {
+    Vector3::new(a[0] - b[0], a[1] - b[1], a[2] - b[2])
 }
 
 /// Where a frame is on the base at `q`. O(depth).
@@ -89,9 +117,21 @@ pub fn frame_motion<T: Real>(
     qdd: Option<&[T]>,
     frame: &Frame<T>,
 ) -> FrameMotion<T> {
+    motion_along(model, (q, qd, qdd), frame, (None, &Vector3::from_element(T::zero())))
+}
+
+/// The same against the body `junction`, whose own motion does not count; the placement is in its axes, from `origin`.
+#[inline(always)]
+pub(super) fn motion_along<T: Real>(
+    model: &Model<T>,
+    (q, qd, qdd): (&[T], &[T], Option<&[T]>),
+    frame: &Frame<T>,
+    (junction, origin): (Option<usize>, &Vector3<T>),
+) -> FrameMotion<T> {
     let mut way = Way::from(model, q, frame);
     let (mut velocity, mut acceleration) = (zero(), zero());
-    while let Some(k) = way.body {
+    while way.body != junction {
+        let Some(k) = way.body else { break };
         let (body, row) = (&model.bodies[k], model.system.stages[k].first_row);
         let own = way.placement.motion_to_child(&joint_motion(body, row, qd));
         acceleration = sum(&acceleration, &cross_motion(&own, &velocity));
@@ -99,9 +139,9 @@ pub fn frame_motion<T: Real>(
             acceleration = sum(&acceleration, &way.placement.motion_to_child(&joint_motion(body, row, qdd)));
         }
         velocity = sum(&velocity, &own);
-        way.past(k);
+        way.past_from(k, junction, origin);
     }
-    FrameMotion { placement: way.placement, velocity, acceleration }
+    FrameMotion { placement: way.placement_from(frame, junction, origin), velocity, acceleration }
 }
 
 impl<T: Real> FrameMotion<T> {

@@ -28,6 +28,7 @@ pub(crate) mod inward;
 pub(crate) mod jacobian;
 pub(crate) mod outward;
 pub(crate) mod pair;
+pub(crate) mod relative;
 
 pub use frame::{ACCELERATION_KINDS, AccelerationKind, Frame, REFERENCE_FRAMES, ReferenceFrame};
 #[doc(hidden)]

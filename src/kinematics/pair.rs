@@ -223,11 +223,19 @@ pub(crate) struct RelativeMotion<T: Real> {
     pub terms: [T; 2],
 }
 
+/// Where frame C is in the axes of frame D. Origins are subtracted first, while both are as far away.
+#[inline(always)]
+pub(crate) fn place_between<T: Real>(c: &RigidShift<T>, d: &RigidShift<T>) -> RigidShift<T> {
+    let none = RigidShift { rotation: d.rotation, lever: none() };
+    let turned = RigidShift { rotation: c.rotation, lever: less(&c.lever, &d.lever) };
+    none.inverse().compose(&turned)
+}
+
 impl<T: Real> RelativeMotion<T> {
     /// Of frame C against frame D.
     #[inline(always)]
     pub fn of(c: &FrameMotion<T>, d: &FrameMotion<T>) -> Self {
-        let place = d.placement.inverse().compose(&c.placement);
+        let place = place_between(&c.placement, &d.placement);
         let (seen, felt) = (place.motion_to_child(&d.velocity), place.motion_to_child(&d.acceleration));
         let minus_one = T::zero() - T::one();
         let velocity = scaled_add(&seen, minus_one, &c.velocity);

@@ -13,9 +13,6 @@ use crate::model::Model;
 use crate::scene::Scene;
 use crate::workspace::Workspace;
 
-/// A state may begin so far from the connections, m or rad, and m/s or rad/s.
-pub(super) const AT_START: f64 = 1e-6;
-
 /// The fix that the error of a step suggests.
 const SMALLER: &str = "a step after which small moves meet the connections: take a smaller dt";
 
@@ -27,6 +24,8 @@ pub(super) struct Constrained<'a> {
     pub scene: &'a Scene,
     pub scratch: &'a mut Closed,
     pub alpha: Option<f64>,
+    /// Of each row; none of it where it is empty.
+    pub compliance: &'a [f64],
 }
 
 /// Scratch of one state.
@@ -78,7 +77,8 @@ impl Solver<f64> for Constrained<'_> {
         qdd: &mut [f64],
     ) -> u64 {
         let Closed { workspace, rows, .. } = &mut *self.scratch;
-        let (system, wanted) = ((model, self.scene.constraints()), RowsAre { alpha: self.alpha, ..RowsAre::default() });
+        let (system, wanted) =
+            ((model, self.scene.constraints()), RowsAre { alpha: self.alpha, compliance: self.compliance });
         let outcome = constrained_dynamics(system, workspace, rows, (q, v, u), (&[], wanted), qdd);
         let is_finite = qdd.iter().chain(q).chain(v).all(|x| x.is_finite());
         self.scratch.note(self.scene, outcome, model, is_finite);
@@ -106,7 +106,7 @@ impl Constrained<'_> {
     /// Moves `q` onto the connections.
     pub(super) fn positions_onto_connections(&mut self, model: &Model<f64>, q: &mut [f64]) -> Result<(), Failure> {
         let (scene, Closed { workspace, rows, .. }) = (self.scene, &mut *self.scratch);
-        let positions = project_positions((model, scene.constraints()), workspace, rows, q)
+        let positions = project_positions((model, scene.constraints()), workspace, rows, q, self.compliance)
             .map_err(|at| (None, Some(scene.no_direction(at))))?;
         if let Some(lost) = workspace.lost_pivot(model, &positions.pivots) {
             return Err((Some(lost), None));
@@ -123,7 +123,7 @@ impl Constrained<'_> {
         v: &mut [f64],
     ) -> Result<(), Failure> {
         let (scene, Closed { workspace, rows, .. }) = (self.scene, &mut *self.scratch);
-        let velocities = project_velocities((model, scene.constraints()), workspace, rows, (q, v))
+        let velocities = project_velocities((model, scene.constraints()), workspace, rows, (q, v), self.compliance)
             .map_err(|at| (None, Some(scene.no_direction(at))))?;
         if let Some(lost) = workspace.lost_pivot(model, &velocities.pivots) {
             return Err((Some(lost), None));

@@ -2,7 +2,6 @@
 
 use super::choice::{CONTROLLED, choose, set_valued};
 use super::conserve::{self, Correction, KEPT, Keeper};
-use super::constrained::AT_START;
 use super::contact::{self, ContactReport, RECORD};
 use super::job::{Impacts, Job, Rows};
 use super::method::Method;
@@ -15,6 +14,7 @@ use super::tally::{TALLY, Tally};
 use super::torque::{StepFault, Torque};
 use crate::batch::arms::Arm;
 use crate::batch::{Batch, Fault, Pool, SLICE};
+use crate::dynamics::constraints::check_start;
 use crate::dynamics::contacts::ContactScratch;
 use crate::error::Error;
 use crate::filter::{FORMS, Form};
@@ -108,6 +108,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         {
             return Err(Error::argument("baumgarte", format!("{rate}"), "a rate in 1/s, finite and positive"));
         }
+        holds.check_compliance(&settings.compliance)?;
         if conserve_momentum {
             holds.check_no_connections("conserve_momentum")?;
         }
@@ -160,6 +161,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         law.set_valued = set_valued(holds, law.coupling.as_deref(), &law.properties, stops && is_tree);
         if !holds.constraints().is_empty() {
             law.connected = Some(stabilisation);
+            law.compliance = settings.compliance;
         }
         let keeper = Keeper::new(holds.model(), &law.roots);
         let current = memory::filled("q, qd", states.saturating_mul(law.width(holds)), 0.0)?;
@@ -194,7 +196,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
     pub(super) fn check_state(&self, q: &[f64], qd: &[f64]) -> Result<(), Error> {
         self.scene().check_configuration("q", q)?;
         self.scene().check_rates("qd", qd)?;
-        self.scene().check_on_connections(q, qd, AT_START)?;
+        check_start(self.scene(), (q, qd), &self.law.compliance)?;
         self.law.coupling.as_ref().map_or(Ok(()), |coupling| coupling.check_followed(q, qd))
     }
 
@@ -240,6 +242,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             arm: self.arm,
             conserve_momentum: !roots.is_empty(),
             stabilisation: connected.unwrap_or_default(),
+            compliance: self.law.compliance.clone(),
             limits: self.limits,
             restitution: *restitution,
             accuracy: self.law.accuracy,

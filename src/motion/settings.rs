@@ -28,6 +28,8 @@ pub struct Settings {
     pub conserve_momentum: bool,
     /// What keeps the states of a scene with connections on them.
     pub stabilisation: Stabilisation,
+    /// How much each row of the connections gives way, (m/s^2)/N or (rad/s^2)/(N m), zero or above; empty: none does.
+    pub compliance: Vec<f64>,
     /// The effect of joint limits.
     pub limits: Limits,
     /// The coefficient of restitution of the stops, 0 to 1.
@@ -60,6 +62,7 @@ impl Settings {
             arm: Arm::of_process(),
             conserve_momentum: false,
             stabilisation: Stabilisation::default(),
+            compliance: Vec::new(),
             limits: Limits::default(),
             restitution: 0.0,
             accuracy: None,

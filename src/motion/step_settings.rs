@@ -43,6 +43,8 @@ pub(super) struct StepSettings {
     pub kinds: Vec<RateKind>,
     /// Of a scene with connections, what keeps states on them.
     pub connected: Option<Stabilisation>,
+    /// Of each row of the connections; empty: none gives way.
+    pub compliance: Vec<f64>,
     /// Bodies whose joints have a spring, and bodies that the control law pulls.
     pub sprung: Vec<bool>,
     pub pulled: Vec<bool>,
@@ -78,6 +80,7 @@ impl StepSettings {
             gains,
             roots,
             connected: None,
+            compliance: Vec::new(),
         }
     }
 

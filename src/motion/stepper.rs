@@ -134,7 +134,7 @@ impl Alone {
         self.substeps.impacts.clear();
         if let Some((closed, limits)) = &mut self.closed {
             let alpha = if let Some(Stabilisation::Baumgarte(rate)) = law.connected { Some(rate) } else { None };
-            let mut solver = Constrained { scene, scratch: closed, alpha };
+            let mut solver = Constrained { scene, scratch: closed, alpha, compliance: &law.compliance };
             step((law, &law.scheme), &mut self.scratch, &mut solver);
             let finished = solver.finish(&mut self.scratch);
             match finished.and_then(|()| solver.stop(law, limits, &mut self.scratch)) {

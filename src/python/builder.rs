@@ -136,11 +136,16 @@ impl PySceneBuilder {
     /// frame. strict: unphysical inertias raise instead of warning. leave_out, mimic: as in Scene.from_urdf. What is None is as the
     /// builder has it: a fixed base, (0, 0, -9.81), False, all and "free" in a new one, the scene's own in one from Scene.to_builder.
     ///
+    /// tolerance: geometric tolerance of linkages, an angle in rad or a length over the reach of the loop, 0 to 0.1: rows of connections that depend on each other to within it
+    /// count as dependent, with a LinkageWarning at the first call that finds one (Scene.project has the details). None: 3e-5; 5e-3, 2e-3 or 2e-4 for a URDF whose angles have two, three or four
+    /// decimals. With strict=True only rows that depend on each other to within rounding do, and an axis that is drawn 1e-6 rad off makes a planar linkage rigid.
+    ///
     /// Raises SceneError, naming link or joint, for: no link, a name used twice, an unknown parent or child, two parents,
     /// two roots, a cycle, an axis without direction, numbers that are not finite, negative mass, armature, damping or
     /// friction, lower above upper, a floating base of what floats already; naming the connection, for links or joints that are not there or cannot be connected. Warns InertiaWarning for
     /// inertias that no body can have, and MimicWarning, as Scene.from_urdf does.
-    #[pyo3(signature = (floating_base=None, gravity=None, strict=None, *, leave_out=None, mimic=None))]
+    #[pyo3(signature = (floating_base=None, gravity=None, strict=None, *, leave_out=None, mimic=None, tolerance=None))]
+    #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn build(
         &self,
         py: Python<'_>,
@@ -149,6 +154,7 @@ impl PySceneBuilder {
         strict: Option<bool>,
         leave_out: Option<&Object<'_>>,
         mimic: Option<&str>,
+        tolerance: Option<f64>,
     ) -> PyResult<PyScene> {
         let mimic = mimic.map(read_mimic).transpose()?;
         let omissions = leave_out.map(|given| left_out(Some(given))).transpose()?;
@@ -161,7 +167,8 @@ impl PySceneBuilder {
             let gravity = gravity.unwrap_or(builder.gravity_vector());
             let builder = builder.clone().floating_base(floating_base).gravity(gravity);
             let mimic = mimic.unwrap_or(builder.of_mimic_joints());
-            builder.strict(strict).omissions(omissions).mimic_joints(mimic).build()
+            let tolerance = tolerance.or(builder.tolerance_of_linkages());
+            builder.strict(strict).omissions(omissions).mimic_joints(mimic).tolerance(tolerance).build()
         };
         // A builder that is being read without the GIL refuses to grow: that is for those which take long.
         let scene = if self.builder.links().len() < WORTH_DETACHING { build()? } else { detached_checked(py, build)? };

@@ -86,6 +86,12 @@ impl PyScene {
         PyTuple::new(py, self.scene.connections().iter().map(|connection| &connection.name).collect::<Vec<_>>())
     }
 
+    /// Geometric tolerance of linkages, an angle in rad or a length over the reach of the loop: see SceneBuilder.build. Zero with strict=True.
+    #[getter]
+    fn tolerance(&self) -> f64 {
+        self.scene.tolerance()
+    }
+
     /// Where a connection is among the rows of constraint_error, constraint_bias and constraint_jacobian, a slice.
     ///
     /// Raises ArgumentError, with the names that there are, for an unknown connection.

@@ -3,6 +3,7 @@
 use super::call::Call;
 use super::choice::{names, read_form};
 use super::cost::Cost;
+use super::errors::warn_as;
 use super::evaluate::Keywords;
 use super::input::{Input, in_python};
 use super::object::{Object, imported};
@@ -109,6 +110,7 @@ impl PyScene {
             Some(compliance) => self.through_compliant_connections(py, algorithm, given, (compliance, &keywords))?,
         };
         let nv = self.scene.nv();
+        self.warn_of_linkage(py)?;
         imported!(py, "phipsi._results", "constrained_dynamics")?.call1((results, nv, self.rows_by_name(py)?))
     }
 
@@ -117,23 +119,36 @@ impl PyScene {
     /// q: (..., nq); qd: (..., nv) or None. errors: as in forward_dynamics. Newton steps -M^-1 J^T (J M^-1 J^T)^+ error, each of least kinetic
     /// energy, and no longer than 0.5 rad or m at any joint; velocities less M^-1 J^T (J M^-1 J^T)^+ J qd, as by an impact without rebound.
     ///
+    /// compliance: how much each row gives way, as in constrained_dynamics: one number, or (..., m). The result is then where half the squared distance from q, by kinetic energy, plus
+    /// the sum of error^2/(2 compliance) is least.
+    ///
+    /// Combinations of rows that move joints by less than Scene.tolerance, where the linkage that is meant has a rank that is lower by as many, count as dependent: a linkage that is drawn with
+    /// few digits keeps its mobility. Their errors stay, at most 10 times the tolerance, and constraint_error gives them.
+    ///
     /// Returns a phipsi.Projection: q, qd (None without one), and rank (...), how many rows are independent there: fewer than elsewhere where the
     /// mechanism is singular.
     ///
+    /// Warns LinkageWarning, once for a scene, where rows count as dependent that are not to within rounding, and where axes of a loop miss being parallel by little more than the tolerance.
+    ///
     /// Raises ConstraintError, with .connections, .residual and .state, where an error stays: no small moves from there meet the connections;
     /// SingularJointError, ShapeError, NotFiniteError, ArgumentError, naming the state.
-    #[pyo3(signature = (q, qd=None, *, errors="raise"))]
+    #[pyo3(signature = (q, qd=None, *, compliance=None, errors="raise"))]
     fn project<'py>(
         &self,
         py: Python<'py>,
         q: &Object<'py>,
         qd: Option<&Object<'py>>,
+        compliance: Option<&Object<'py>>,
         errors: &str,
     ) -> PyResult<Object<'py>> {
         let (nq, nv) = (self.scene.nq(), self.scene.nv());
         let mut inputs = vec![self.configuration("q", q)?];
         inputs.extend(qd.map(|qd| self.rate("qd", qd)).transpose()?);
         let is_moving = qd.is_some();
+        let given_way = inputs.len();
+        let m = self.scene.constraint_rows();
+        inputs.extend(compliance.map(|compliance| Input::spread("compliance", compliance, m.into())).transpose()?);
+        let is_compliant = compliance.is_some();
         let width = nq + if is_moving { nv } else { 0 };
         let call = self.call(inputs, 5 * self.cost_of_rows(), errors)?;
         let mut output = call.output(py, &[width + 1], None, super::output::Output::new)?;
@@ -145,11 +160,13 @@ impl PyScene {
             if is_moving {
                 own_qd.copy_from_slice(of(1));
             }
-            let found = scene.project(workspace, rows, own_q, is_moving.then_some(own_qd))?;
+            let compliance = if is_compliant { of(given_way) } else { &[] };
+            let found = scene.project_compliant(workspace, rows, own_q, is_moving.then_some(own_qd), compliance)?;
             #[allow(clippy::cast_precision_loss)] // a count
             rank.fill(found.rank as f64);
             Ok(())
         })?;
+        self.warn_of_linkage(py)?;
         imported!(py, "phipsi._results", "projection")?.call1((output.finish(), nq, is_moving))
     }
 
@@ -192,6 +209,7 @@ impl PyScene {
                 told.copy_from_slice(&[found.rank as f64, found.residual]);
                 Ok(())
             })?;
+        self.warn_of_linkage(py)?;
         imported!(py, "phipsi._results", "constrained_inverse_dynamics")?.call1((results, nv, self.rows_by_name(py)?))
     }
 
@@ -221,6 +239,12 @@ impl PyScene {
 }
 
 impl PyScene {
+    /// Warns, once for a scene, of a linkage that is drawn with few digits.
+    pub(super) fn warn_of_linkage(&self, py: Python<'_>) -> PyResult<()> {
+        let texts = self.scene.new_linkage_warnings();
+        texts.iter().try_for_each(|text| warn_as(py, "LinkageWarning", text))
+    }
+
     /// Of one body in forward dynamics through connections, ns.
     pub(super) fn cost_through_connections(&self) -> usize {
         let m = self.scene.constraint_rows();

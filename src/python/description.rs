@@ -16,7 +16,7 @@ use pyo3::prelude::*;
 use std::path::{Path, PathBuf};
 
 /// Counts up when the tuples change.
-const VERSION: u32 = 7;
+const VERSION: u32 = 8;
 
 /// Name, then mass, mass centre and inertia about it (xx, xy, xz, yy, yz, zz) if it has any.
 type LinkTuple = (String, Option<(f64, [f64; 3], [f64; 6])>);
@@ -41,7 +41,7 @@ pub(super) type JointTuple = (
 type LockedTuple = (String, String, Option<f64>);
 
 /// Version, gravity, floating base, strict, links, joints, names of what is left out, joints that were locked, what the free joint of a
-/// floating base has (armature, damping, friction, stiffness), the file that all of it comes from, what becomes of mimic joints, connections, contacts.
+/// floating base has (armature, damping, friction, stiffness), the file that all of it comes from, what becomes of mimic joints, connections, contacts, the tolerance of linkages.
 #[derive(IntoPyObject, FromPyObject)]
 pub(super) struct Description(
     u32,
@@ -57,8 +57,8 @@ pub(super) struct Description(
     Beyond,
 );
 
-/// What a scene has beyond a tree of free joints: what becomes of mimic joints, connections, contacts.
-type Beyond = (String, Vec<ConnectionTuple>, Vec<ContactTuple>);
+/// Beyond a tree of free joints: the treatment of mimic joints, connections, contacts, the tolerance of linkages.
+type Beyond = (String, Vec<ConnectionTuple>, Vec<ContactTuple>, Option<f64>);
 
 /// Where the links are in a description.
 const LINKS: usize = 4;
@@ -94,6 +94,7 @@ impl Description {
                 name_of_mimic(source.of_mimic_joints()).to_owned(),
                 source.connections().iter().map(connection_tuple).collect(),
                 source.contacts().iter().map(contact_tuple).collect(),
+                source.tolerance_of_linkages(),
             ),
         ))
     }
@@ -109,7 +110,7 @@ impl Description {
     /// The builder that it was made from.
     pub fn builder(self) -> Result<SceneBuilder, Error> {
         let Self(version, gravity, floating, strict, links, joints, left_out, locked, root, file, beyond) = self;
-        let (mimic, connections, contacts) = beyond;
+        let (mimic, connections, contacts, tolerance) = beyond;
         if version != VERSION {
             return Err(Error::scene("pickled scene", format!("version {version}"), format!("version {VERSION}")));
         }
@@ -135,7 +136,12 @@ impl Description {
         }
         let kind = |(name, kind, pitch): LockedTuple| joint_kind(&name, &kind, pitch).map(|kind| (name, kind));
         let locked = locked.into_iter().map(kind).collect::<Result<_, _>>()?;
-        Ok(builder.mimic_joints(mimic).with_locked(locked).with_root(Properties(root)).with_file(file))
+        Ok(builder
+            .mimic_joints(mimic)
+            .tolerance(tolerance)
+            .with_locked(locked)
+            .with_root(Properties(root))
+            .with_file(file))
     }
 }
 

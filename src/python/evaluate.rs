@@ -55,13 +55,16 @@ impl PyScene {
         if !is_nan(errors)? && !info && wrenches.is_none() && dtype.is_none() {
             let values = given.map(|(_, value)| value);
             if let Some(result) = self.single(py, algorithm, values, shape, cost, out)? {
+                self.warn_of_linkage(py)?;
                 return Ok(result);
             }
         }
-        match read_dtype(dtype)? {
+        let result = match read_dtype(dtype)? {
             Precise::Float64 => self.in_lanes::<f64, N>(py, (algorithm, cost), given, shape, keywords),
             Precise::Float32 => self.in_lanes::<f32, N>(py, (algorithm, cost), given, shape, keywords),
-        }
+        };
+        self.warn_of_linkage(py)?;
+        result
     }
 
     fn in_lanes<'py, P: Dtype, const N: usize>(

@@ -96,6 +96,9 @@ impl PyScene {
     ///     Each floating tree conserves its momentum, and its center of mass follows its parabola, to rounding: each step ends with a rigid motion of the tree,
     ///     as large as the step's error in them, O(N). Every tree must be connected to the base by a free joint without tau, pd, damping, stiffness, friction
     ///     or armature.
+    /// compliance : float or array_like (m,), optional
+    ///     Compliance of each row of the connections, (m/s^2)/N or (rad/s^2)/(N m), zero or above, in the order of connection_rows: accelerations, and the projection that ends each
+    ///     step, let rows give way by it, and states need not meet the connections at the start. The default is none.
     /// baumgarte : float, optional
     ///     For scenes with connections. None: positions and velocities are projected onto them after each step (see project). A rate a in 1/s:
     ///     J qdd + J' qd = -2 a J qd - a^2 error.
@@ -142,10 +145,10 @@ impl PyScene {
     /// ((11, 3), 'rk4')
     #[pyo3(signature = (q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, method=None, record_every=None, pd=None,
                         armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=None, form="auto",
-                        progress=None, conserve_momentum=false, baumgarte=None, limits=None, restitution=0.0, accuracy=None, duration=None),
+                        progress=None, conserve_momentum=false, baumgarte=None, compliance=None, limits=None, restitution=0.0, accuracy=None, duration=None),
            text_signature = "($self, q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, method='auto', record_every=1, \
                              pd=None, armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=None, \
-                             form='auto', progress=None, conserve_momentum=False, baumgarte=None, limits=None, \
+                             form='auto', progress=None, conserve_momentum=False, baumgarte=None, compliance=None, limits=None, \
                              restitution=0.0, accuracy=None, duration=None)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulate<'py>(
@@ -169,6 +172,7 @@ impl PyScene {
         progress: Option<&Object<'py>>,
         conserve_momentum: bool,
         baumgarte: Option<f64>,
+        compliance: Option<&Object<'py>>,
         limits: Option<&str>,
         restitution: f64,
         accuracy: Option<f64>,
@@ -192,6 +196,7 @@ impl PyScene {
             form,
             conserve_momentum,
             baumgarte,
+            compliance,
             limits,
             restitution,
             accuracy,
@@ -234,6 +239,7 @@ impl PyScene {
             Records { q: out_q.numbers()?, qd: out_qd.numbers()?, contacts: out_contacts.numbers()?, every };
         let plan = Plan { given: &given, batch: &batch, steps, dt, progress, nv, own };
         let stopped = run(py, &mut rollout, &mut records, &plan).err();
+        own.warn_of_linkage(py)?;
         fields.set_item("steps", rollout.steps())?;
         let (impacts, made) =
             (rollout.take_impacts(), (rollout.chosen_method(), &rollout.settings(), rollout.has_stops()));

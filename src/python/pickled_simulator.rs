@@ -30,7 +30,8 @@ impl PySimulator {
 impl PySimulator {
     /// The keywords of Scene.simulator that give these settings.
     fn keywords<'py>(&self, py: Python<'py>, settings: &Settings) -> PyResult<Bound<'py, PyDict>> {
-        let Settings { dt, method, form, properties, gains, conserve_momentum, stabilisation, .. } = settings.clone();
+        let Settings { dt, method, form, properties, gains, conserve_momentum, stabilisation, compliance, .. } =
+            settings.clone();
         let keywords = PyDict::new(py);
         keywords.set_item("dt", dt)?;
         keywords.set_item("method", method.name())?;
@@ -38,6 +39,9 @@ impl PySimulator {
         keywords.set_item("conserve_momentum", conserve_momentum)?;
         if let Stabilisation::Baumgarte(rate) = stabilisation {
             keywords.set_item("baumgarte", rate)?;
+        }
+        if !compliance.is_empty() {
+            keywords.set_item("compliance", from_numbers(py, &compliance, &[compliance.len()])?)?;
         }
         keywords.set_item("friction_speed", properties.friction_speed)?;
         let limits = match settings.limits {

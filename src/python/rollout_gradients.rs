@@ -85,6 +85,7 @@ impl PyScene {
             form,
             conserve_momentum: false,
             baumgarte: None,
+            compliance: None,
             limits,
             restitution,
             accuracy: None,

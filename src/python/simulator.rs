@@ -84,7 +84,7 @@ impl PyScene {
     ///     Joint velocities at the start; zero by default. Leading axes broadcast to those of the batch.
     /// dt : float
     ///     Step, s.
-    /// method, pd, armature, damping, stiffness, rest, friction, friction_speed, form, conserve_momentum, baumgarte, limits, restitution, accuracy
+    /// method, pd, armature, damping, stiffness, rest, friction, friction_speed, form, conserve_momentum, baumgarte, compliance, limits, restitution, accuracy
     ///     As in simulate, for all steps.
     ///
     /// Returns
@@ -105,7 +105,7 @@ impl PyScene {
     /// >>> simulator.steps
     /// 10
     #[pyo3(signature = (q, qd=None, *, dt, method=None, pd=None, armature=None, damping=None, stiffness=None, rest=None,
-                        friction=None, friction_speed=None, form="auto", conserve_momentum=false, baumgarte=None, limits=None,
+                        friction=None, friction_speed=None, form="auto", conserve_momentum=false, baumgarte=None, compliance=None, limits=None,
                         restitution=0.0, accuracy=None),
            text_signature = "($self, q, qd=None, *, dt, method='auto', pd=None, armature=None, damping=None, stiffness=None, \
                              rest=None, friction=None, friction_speed=None, form='auto', conserve_momentum=False, baumgarte=None, \
@@ -127,6 +127,7 @@ impl PyScene {
         form: &str,
         conserve_momentum: bool,
         baumgarte: Option<f64>,
+        compliance: Option<&Object<'py>>,
         limits: Option<&str>,
         restitution: f64,
         accuracy: Option<f64>,
@@ -146,6 +147,7 @@ impl PyScene {
             form,
             conserve_momentum,
             baumgarte,
+            compliance,
             limits,
             restitution,
             accuracy,
@@ -167,6 +169,7 @@ impl PyScene {
         let moving = detached(py, || Simulator::new(held, settings, &all_q, &all_qd))?;
         let moving = moving.map_err(|error| of_batch(py, &error, &batch))?;
         warn_of_limits(py, moving.limit_warning(0..moving.states()))?;
+        own.warn_of_linkage(py)?;
         let moving = Mutex::new(moving);
         Ok(PySimulator { scene, batch, dt, method, conserve_momentum, moving })
     }
@@ -232,7 +235,7 @@ impl PySimulator {
         } else {
             in_blocks(py, moving, torque, steps)
         };
-        let Err(stopped) = outcome else { return Ok(()) };
+        let Err(stopped) = outcome else { return self.scene.get().warn_of_linkage(py) };
         let now = self.now(py, moving)?;
         Err(stopped.raise(py, &now, &self.batch)?)
     }

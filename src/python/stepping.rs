@@ -33,6 +33,7 @@ pub(super) struct Keywords<'a, 'py> {
     pub form: &'a str,
     pub conserve_momentum: bool,
     pub baumgarte: Option<f64>,
+    pub compliance: Option<&'a Object<'py>>,
     pub limits: Option<&'a str>,
     pub restitution: f64,
     pub accuracy: Option<f64>,
@@ -56,6 +57,9 @@ impl<'py> Keywords<'_, 'py> {
         settings.accuracy = self.accuracy;
         settings.conserve_momentum = self.conserve_momentum;
         settings.stabilisation = self.baumgarte.map_or(Stabilisation::Projection, Stabilisation::Baumgarte);
+        if let Some(compliance) = self.compliance {
+            settings.compliance = input::spread("compliance", compliance, own.scene.constraint_rows().into())?;
+        }
         settings.form = read_form(self.form)?;
         let properties = &mut settings.properties;
         for (name, given, place) in [
@@ -89,6 +93,7 @@ impl<'py> Keywords<'_, 'py> {
             ("pd", self.pd),
             ("damping", self.damping),
             ("friction", self.friction),
+            ("compliance", self.compliance),
         ] {
             if let Some(value) = value {
                 given.set_item(name, value)?;

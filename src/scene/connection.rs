@@ -13,6 +13,9 @@ use std::collections::HashSet;
 /// How far R^T R of a frame's rotation may be from the identity.
 const ROTATION_SLACK: f64 = 1e-9;
 
+/// The geometric tolerance of linkages: 1.5708 for a right angle is off by 3.7e-6, and some of these add up.
+pub(super) const DEFAULT_TOLERANCE: f64 = 3e-5;
+
 /// What a connection holds together.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ConnectionKind {
@@ -176,10 +179,14 @@ impl Scene {
             };
             let first_row = constraints.rows;
             let ends = tie.bodies();
-            let constraint = Constraint { name: connection.name.clone(), tie, first_row, path: self.inward_from(ends) };
+            let path = self.inward_from(ends);
+            let (branches, junction) = self.branches(ends);
+            let constraint = Constraint { name: connection.name.clone(), tie, first_row, path, branches, junction };
             constraints.rows = constraint.rows().end;
             constraints.all.push(constraint);
         }
+        constraints.tolerance = self.tolerance();
+        constraints.neutral = self.neutral();
         self.source.connections = connections;
         self.constraints = constraints;
         Ok(self)
@@ -289,11 +296,24 @@ impl Scene {
         Ok(Coordinate { q: joint.q.start, v: joint.v.start, body: body.unwrap_or_default() })
     }
 
+    /// The bodies between an end and the base, the outermost first.
+    fn way(&self, end: Option<usize>) -> impl Iterator<Item = usize> {
+        std::iter::successors(end, |&k| self.model().system.stages[k].parent)
+    }
+
+    /// The bodies that are inboard of one of these or the same, but not of both, the outermost first; and the body where the two ways meet.
+    fn branches(&self, [first, second]: [Option<usize>; 2]) -> (Vec<usize>, Option<usize>) {
+        let other: HashSet<usize> = self.way(second).collect();
+        let junction = self.way(first).find(|k| other.contains(k));
+        let branch = |end: Option<usize>| self.way(end).take_while(move |&k| Some(k) != junction);
+        let mut branches: Vec<usize> = branch(first).chain(branch(second)).collect();
+        branches.sort_unstable_by(|a, b| b.cmp(a));
+        (branches, junction)
+    }
+
     /// The bodies from these to the base, each once, the outermost first.
     fn inward_from(&self, ends: [Option<usize>; 2]) -> Vec<usize> {
-        let stages = &self.model().system.stages;
-        let way = |end: Option<usize>| std::iter::successors(end, |&k| stages[k].parent);
-        let mut path: Vec<usize> = ends.into_iter().flat_map(way).collect();
+        let mut path: Vec<usize> = ends.into_iter().flat_map(|end| self.way(end)).collect();
         path.sort_unstable_by(|a, b| b.cmp(a));
         path.dedup();
         path

@@ -1,10 +1,12 @@
 //! Connections as the sweeps read them: frames on bodies and coordinates of joints, by index.
 
-use crate::kinematics::pair::{Pair, pair_rows};
-use crate::kinematics::{Frame, placement};
+use crate::kinematics::Frame;
+use crate::kinematics::pair::{Pair, pair_rows, place_between};
+use crate::kinematics::relative::placements_from;
 use crate::model::Model;
 use nalgebra::Vector6;
 use std::ops::Range;
+use std::sync::OnceLock;
 
 /// The coordinate of a joint of one axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -44,8 +46,13 @@ pub(crate) struct Constraint {
     pub tie: Tie,
     /// Its first row among all.
     pub first_row: usize,
-    /// The bodies that its forces run through on their way to the base, the outermost first.
+    /// The bodies between its ends and the base, the outermost first: the innovations of its forces are nonzero on all of them.
     pub path: Vec<usize>,
+    /// The bodies of the loop: those of the path that only one of its ends is on. The joints of the others move both ends alike, so that J is
+    /// zero there.
+    pub branches: Vec<usize>,
+    /// The body where the two branches meet, against which both ends are placed; none: the base.
+    pub junction: Option<usize>,
 }
 
 impl Constraint {
@@ -62,8 +69,8 @@ impl Constraint {
     pub fn error(&self, model: &Model<f64>, q: &[f64], out: &mut [f64]) -> Option<()> {
         match &self.tie {
             Tie::Frames { pair, frames: [c, d] } => {
-                let place = placement(model, q, d).inverse().compose(&placement(model, q, c));
-                let rows = pair_rows(*pair, &place, &Vector6::zeros())?;
+                let [c, d] = placements_from(model, q, [c, d], self.junction);
+                let rows = pair_rows(*pair, &place_between(&c, &d), &Vector6::zeros())?;
                 out.copy_from_slice(&rows.error[..rows.count]);
             }
             Tie::Coordinates { first, second, multiplier, offset } => {
@@ -74,12 +81,42 @@ impl Constraint {
     }
 }
 
+/// Rows that depend on each other but for less than the tolerance: a linkage that is drawn with few digits.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Near {
+    /// The row that has most of the combination.
+    pub row: usize,
+    /// Its singular value, an angle in rad or a length over the reach of the loop.
+    pub value: f64,
+    /// Where that was found: a configuration that meets the connections of the row.
+    pub q: Vec<f64>,
+}
+
+/// How many rows of each group that shares joints are independent, away from singular positions.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(crate) struct Mobility {
+    /// None where no closed position was found.
+    pub ranks: Vec<Option<usize>>,
+    /// The largest combination of rows that counts as dependent though it is no rounding.
+    pub near: Option<Near>,
+}
+
 /// The connections of a scene.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct Constraints {
     pub all: Vec<Constraint>,
     /// The number of their rows.
     pub rows: usize,
+    /// Rows that depend on each other to within this angle, or length over the reach of the loop, count as dependent; zero: to within rounding.
+    pub tolerance: f64,
+    /// The neutral configuration, where closed positions are looked for.
+    pub neutral: Vec<f64>,
+    /// Found when it is first needed.
+    pub mobility: OnceLock<Mobility>,
+    /// Set when the user was warned of a linkage that is drawn with few digits.
+    pub is_warned: OnceLock<()>,
+    /// Set when the axes of the loops were looked at.
+    pub is_looked_at: OnceLock<()>,
 }
 
 impl Constraints {

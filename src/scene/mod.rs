@@ -40,6 +40,7 @@ mod coupling;
 mod description;
 mod inertia_check;
 mod joint_check;
+mod linkage;
 mod lock;
 mod payload;
 pub(crate) mod properties;
@@ -148,6 +149,13 @@ impl Scene {
     /// The connections as the sweeps read them.
     pub(crate) fn constraints(&self) -> &Constraints {
         &self.constraints
+    }
+
+    /// The geometric tolerance of linkages, an angle in rad or a length over the reach of the loop: combinations of rows of connections that move joints by less count as dependent. Zero
+    /// in strict scenes: to within rounding.
+    #[must_use]
+    pub fn tolerance(&self) -> f64 {
+        if self.source.strict { 0.0 } else { self.source.tolerance.unwrap_or(connection::DEFAULT_TOLERANCE) }
     }
 
     /// The contacts as the sweeps read them.

@@ -21,6 +21,10 @@ SIGMAS = 6.0
 """Standard errors that an estimate may be off: one in two billion is further, and the seeds are fixed."""
 
 
+FAR = 1e-12
+"""How far results of a mechanism 1,000 km from the origin may be from those at the origin, over their size, and over the distance where they are positions."""
+
+
 def product(n: int, scale: float) -> float:
     """For products and sums over n terms without a solve."""
     return 64.0 * max(n, 1) * EPS * scale

@@ -102,7 +102,7 @@ fn changes(
         if matches!(constraint.tie, Tie::Coordinates { .. }) {
             continue;
         }
-        let on_path = constraint.path.iter().flat_map(|&k| {
+        let on_path = constraint.branches.iter().flat_map(|&k| {
             let stage = &model.system.stages[k];
             stage.first_row..stage.first_row + stage.rows.count()
         });
@@ -143,7 +143,7 @@ fn along(
 ) -> Result<([f64; 6], Forces), NoDirection> {
     let mut accelerations = [0.0; 6];
     let Tie::Frames { frames: [c, d], .. } = &constraint.tie else { return Ok((accelerations, [None; 2])) };
-    let Some((motion, rows)) = pair_at(model, (index, &constraint.tie), (q, qd), Some(qdd))? else {
+    let Some((motion, rows)) = pair_at(model, (index, constraint), (q, qd), Some(qdd))? else {
         return Ok((accelerations, [None; 2]));
     };
     let mut force = zero();

@@ -30,7 +30,8 @@ impl ConstraintScratch {
         for (i, compliance) in compliance.iter().enumerate() {
             gram[(i, i)] += compliance;
         }
-        self.inverse = GramInverse::of(&gram, &self.sizes);
+        self.relax((model, constraints), &workspace.shift, q, compliance);
+        self.inverse = GramInverse::of(&gram, &self.sizes, self.relaxed.basis());
         Ok(())
     }
 

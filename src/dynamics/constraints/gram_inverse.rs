@@ -11,11 +11,13 @@ pub(super) const NOTHING: f64 = 1e-12;
 /// Pivots of G, its diagonal scaled to one, above which it is told to be regular by its Cholesky factor alone.
 pub(super) const REGULAR: f64 = 1e-9;
 
-/// G^+ = S B B* S, S the scale that makes G's diagonal one: B = L^-* of the Cholesky factor where G is regular, else V mu^-1/2 over the eigenvalues mu that mean something.
+/// G^+ of combinations C of the rows, C* (C G C*)^+ C; with C = 1 it is S B B* S, S the scale that makes G's diagonal one: B = L^-* of the Cholesky factor where G is regular, else V mu^-1/2 over the eigenvalues mu that mean something.
 #[derive(Debug, Clone, Default)]
 pub(super) struct GramInverse {
     scale: Vec<f64>,
     factor: Factor,
+    /// C; none where all rows are kept.
+    kept: Option<DMatrix<f64>>,
     pub rank: usize,
 }
 
@@ -34,7 +36,12 @@ impl Default for Factor {
 }
 
 impl GramInverse {
-    pub fn of(gram: &DMatrix<f64>, sizes: &[f64]) -> Self {
+    pub fn of(gram: &DMatrix<f64>, sizes: &[f64], kept: Option<&DMatrix<f64>>) -> Self {
+        if let Some(kept) = kept {
+            let size = |row: usize| (0..sizes.len()).map(|i| (kept[(row, i)] * sizes[i]).powi(2)).sum::<f64>().sqrt();
+            let combined: Vec<f64> = (0..kept.nrows()).map(size).collect();
+            return Self { kept: Some(kept.clone()), ..Self::of(&(kept * gram * kept.transpose()), &combined, None) };
+        }
         let m = gram.nrows();
         if m == 0 {
             return Self::default();
@@ -43,20 +50,32 @@ impl GramInverse {
         let scale: Vec<f64> = (0..m).map(|i| if moves(i) { gram[(i, i)].sqrt().recip() } else { 0.0 }).collect();
         let scaled = DMatrix::from_fn(m, m, |i, j| gram[(i, j)] * scale[i] * scale[j]);
         if let Some(lower) = cholesky(&scaled) {
-            return Self { scale, factor: Factor::Cholesky(lower), rank: m };
+            return Self { scale, factor: Factor::Cholesky(lower), kept: None, rank: m };
         }
         let eigen = scaled.symmetric_eigen();
         let kept: Vec<usize> = (0..m).filter(|&i| eigen.eigenvalues[i] > LOST).collect();
         let vectors = DMatrix::from_fn(m, kept.len(), |i, j| {
             eigen.eigenvectors[(i, kept[j])] / eigen.eigenvalues[kept[j]].sqrt()
         });
-        Self { scale, factor: Factor::Eigenvectors(vectors), rank: kept.len() }
+        Self { scale, factor: Factor::Eigenvectors(vectors), kept: None, rank: kept.len() }
     }
 
     /// G^+ x, into `out`.
     pub fn apply(&self, x: &[f64], out: &mut [f64]) {
-        for ((out, x), s) in out.iter_mut().zip(x).zip(&self.scale) {
-            *out = x * s;
+        if let Some(kept) = &self.kept {
+            let mut combined = kept * DVector::from_column_slice(x);
+            self.solve(combined.as_mut_slice());
+            out.copy_from_slice(kept.tr_mul(&combined).as_slice());
+        } else {
+            out.copy_from_slice(x);
+            self.solve(out);
+        }
+    }
+
+    /// (C G C*)^+ x, in place.
+    fn solve(&self, out: &mut [f64]) {
+        for (out, s) in out.iter_mut().zip(&self.scale) {
+            *out *= s;
         }
         match &self.factor {
             Factor::Cholesky(lower) => {
@@ -80,12 +99,31 @@ impl GramInverse {
         }
     }
 
-    /// S: zero for rows that move nothing.
-    pub fn scale(&self) -> &[f64] {
-        &self.scale
+    /// The sum of |`lambda_j`| over the scale of each row: zero for rows that move nothing.
+    pub fn weighed(&self, forces: &[f64]) -> f64 {
+        let scale = |i: usize| match &self.kept {
+            Some(kept) => {
+                kept.column(i).iter().zip(&self.scale).map(|(kept, scale)| (kept * scale).powi(2)).sum::<f64>().sqrt()
+            }
+            None => self.scale[i],
+        };
+        let weighed = forces.iter().enumerate().map(|(i, force)| (force.abs(), scale(i)));
+        weighed.filter(|&(_, scale)| scale > 0.0).map(|(force, scale)| force / scale).sum()
     }
 
-    /// The columns of S B: rows of W*, combined by them, are orthonormal.
+    /// C* S: the forces of combinations that are scaled and kept.
+    pub fn scaled_forces(&self) -> DMatrix<f64> {
+        let mut forces = self
+            .kept
+            .as_ref()
+            .map_or_else(|| DMatrix::identity(self.scale.len(), self.scale.len()), DMatrix::transpose);
+        for (j, scale) in self.scale.iter().enumerate() {
+            forces.column_mut(j).scale_mut(*scale);
+        }
+        forces
+    }
+
+    /// The columns of C* S B: rows of W*, combined by them, are orthonormal.
     pub fn columns(&self) -> DMatrix<f64> {
         let mut columns = match &self.factor {
             Factor::Eigenvectors(vectors) => vectors.clone(),
@@ -100,7 +138,7 @@ impl GramInverse {
         for (i, scale) in self.scale.iter().enumerate() {
             columns.row_mut(i).scale_mut(*scale);
         }
-        columns
+        self.kept.as_ref().map_or_else(|| columns.clone(), |kept| kept.tr_mul(&columns))
     }
 }
 

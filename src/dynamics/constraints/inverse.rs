@@ -68,14 +68,11 @@ pub(crate) fn constrained_inverse_dynamics(
         let free: Vec<usize> = (0..nv).filter(|&row| !actuated[row]).collect();
         // Rows scaled by the inertia that each joint sees, columns to what the rows of the connections are to the filter.
         let weight = |row: usize| workspace.measured[row].pivot_inverse.sqrt();
-        let scale = scratch.inverse.scale().to_vec();
-        let rows = DMatrix::from_fn(free.len(), m, |r, i| jacobian[i * nv + free[r]] * scale[i] * weight(free[r]));
+        let forces = scratch.inverse.scaled_forces();
+        let of_free = DMatrix::from_fn(free.len(), m, |r, i| jacobian[i * nv + free[r]] * weight(free[r]));
         let right = DVector::from_iterator(free.len(), free.iter().map(|&row| tau[row] * weight(row)));
-        let scaled = DMatrix::from_fn(nv, m, |row, i| w[(row, i)] * scale[i]);
-        let mu = least(&rows, &right, &scaled, &white);
-        for (lambda, (mu, scale)) in scratch.forces.iter_mut().zip(mu.iter().zip(&scale)) {
-            *lambda = mu * scale;
-        }
+        let mu = least(&(of_free * &forces), &right, &(&w * &forces), &white);
+        scratch.forces.copy_from_slice((forces * mu).as_slice());
     }
 
     let forces = std::mem::take(&mut scratch.forces);

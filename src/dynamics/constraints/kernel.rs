@@ -18,7 +18,7 @@ use super::gram_inverse::{NOTHING, REGULAR};
 use super::solution::{NO_ROUNDING, weight};
 use crate::dynamics::sweeps::{
     Forces, MOST_FORCES, Path, SweepModel, SweepScratch, accelerations_along, frame_here, innovations_along,
-    motions_along, placement_along,
+    motions_along, origin_along, placement_along,
 };
 use crate::kinematics::pair::{Pair, RelativeMotion, pair_rows};
 use crate::kinematics::{Frame, FrameMotion};
@@ -31,6 +31,9 @@ use std::ops::Range;
 
 /// What is left of a row is rounding below so many units in the last place of its terms, and is not taken away.
 const ROUNDING: f64 = 8.0;
+
+/// Rows that depend on each other to within the geometric tolerance times this are not told to be independent here.
+const UNSURE: f64 = 10.0;
 
 /// What is tied, in the scalar of the kernel.
 #[derive(Debug)]
@@ -86,6 +89,8 @@ pub(crate) struct ConstraintKernel<T> {
     scale: Vec<T>,
     pivot_inverses: Vec<T>,
     step: Vec<T>,
+    /// Rows that depend on each other to within this, squared, have their rank found by geometry.
+    unsure: f64,
     /// The noise of each row, zero where it does not give way.
     pub compliance: Vec<T>,
     /// What rounding is relative to in each row.
@@ -127,6 +132,7 @@ impl<T: Real> ConstraintKernel<T> {
             scale: vec![nan; m],
             pivot_inverses: vec![nan; m],
             step: vec![nan; m],
+            unsure: (UNSURE * constraints.tolerance).powi(2),
             compliance: vec![zero; m],
             terms: vec![nan; m],
             weight: T::from_f64(weight(model)),
@@ -211,8 +217,12 @@ impl<T: Real> ConstraintKernel<T> {
         };
         motions_along(scene, scratch, (path, qd), &mut self.motions);
         let along = (path, &self.motions[..]);
-        let c = motion_of_end(scene, scratch, along, (ends[0], &frames[0]));
-        let d = motion_of_end(scene, scratch, along, (ends[1], &frames[1]));
+        let on_branch = ends.map(|end| end.and_then(|step| path.on_branch(step)));
+        // Distances of a mechanism from the base do not enter: both frames are placed from where the second one's branch begins.
+        let origin =
+            on_branch[1].map_or_else(|| frames[1].lever.into(), |step| origin_along(scene, scratch, (path, step)));
+        let c = motion_of_end(scene, scratch, (along, &origin), (on_branch[0], &frames[0]));
+        let d = motion_of_end(scene, scratch, (along, &origin), (on_branch[1], &frames[1]));
         let motion = RelativeMotion::of(&c, &d);
         let Some(of_pair) = pair_rows(pair, &motion.place, &motion.velocity) else {
             return zero.constant(-1.0);
@@ -296,7 +306,7 @@ impl<T: Real> ConstraintKernel<T> {
     /// Scales the diagonal of G to one; rows that move nothing leave a one there and zeros beside it, and the rank is that of the others.
     #[inline(always)]
     fn scaled(&mut self, zero: T) -> T {
-        let Self { gram, scale, sizes, rank, compliance, .. } = self;
+        let Self { gram, scale, sizes, rank, compliance, unsure, .. } = self;
         let (m, one, nothing) = (scale.len(), zero.constant(1.0), zero.constant(NOTHING * NOTHING));
         let mut count = zero;
         let mut finite = one;
@@ -306,6 +316,9 @@ impl<T: Real> ConstraintKernel<T> {
             let square = gram[i * m + i] + compliance[i];
             let left_out = larger(square.minus_product(nothing, sizes[i]), zero).one_if_zero();
             scale[i] = (one - left_out) * (square + left_out).sqrt().recip();
+            // A row that moves next to nothing may be one that is meant to move nothing.
+            let margin = square.minus_product(zero.constant(*unsure), sizes[i]);
+            finite = finite.worst(left_out.mul_add(sizes[i] + one, margin));
             count += one - left_out;
             finite = finite.worst(scale[i] + one);
         }
@@ -322,7 +335,7 @@ impl<T: Real> ConstraintKernel<T> {
     /// The Cholesky factor in the place of G; by how much its least pivot is above what tells it to be regular.
     #[inline(always)]
     fn factorise(&mut self, zero: T) -> T {
-        let Self { gram, pivot_inverses, .. } = self;
+        let Self { gram, pivot_inverses, unsure, .. } = self;
         let m = pivot_inverses.len();
         let mut least = zero.constant(1.0);
         for j in 0..m {
@@ -343,7 +356,7 @@ impl<T: Real> ConstraintKernel<T> {
             least = least.worst(pivot);
             pivot_inverses[j] = pivot.sqrt().recip();
         }
-        least - zero.constant(REGULAR)
+        least - zero.constant(REGULAR.max(*unsure))
     }
 
     /// step := -G^-1 step.
@@ -469,7 +482,7 @@ impl<T: Real> Connection<T> {
     fn new(sweeps: &SweepModel<T>, constraint: &Constraint) -> Self {
         let ends = constraint.tie.bodies();
         let act_on: Vec<usize> = ends.into_iter().flatten().collect();
-        let path = Path::new(sweeps, &constraint.path, &act_on);
+        let path = Path::new(sweeps, (&constraint.path, &constraint.branches), &act_on);
         let ends = ends.map(|end| end.and_then(|body| path.step_of(body)));
         let tie = match &constraint.tie {
             Tie::Frames { pair, frames: [c, d] } => {
@@ -487,21 +500,25 @@ impl<T: Real> Connection<T> {
     }
 }
 
-/// How the frame at an end of a path moves on the base, the bodies of the path moving so; without a step it is on the base.
+/// How the frame at an end of a path moves against the body where the branches meet, the bodies of the path moving so; without a step on a branch it is on that body.
 #[inline(always)]
 fn motion_of_end<T: Real>(
     scene: (&Model<T>, &SweepModel<T>),
     scratch: &SweepScratch<T>,
-    (path, motions): (&Path, &[[[T; 6]; 2]]),
+    ((path, motions), from): ((&Path, &[[[T; 6]; 2]]), &[T; 3]),
     (step, frame): (Option<usize>, &RigidShift<T>),
 ) -> FrameMotion<T> {
     let Some(step) = step else {
         let none = Vector6::from_element(scene.0.gravity[0].constant(0.0));
-        return FrameMotion { placement: *frame, velocity: none, acceleration: none };
+        let mut placement = *frame;
+        for (lever, &from) in placement.lever.iter_mut().zip(from) {
+            *lever -= from;
+        }
+        return FrameMotion { placement, velocity: none, acceleration: none };
     };
     let [velocity, acceleration] = &motions[step];
     FrameMotion {
-        placement: placement_along(scene, scratch, (path, step), frame),
+        placement: placement_along(scene, scratch, (path, step), (frame, from)),
         velocity: frame.motion_to_child(&Vector6::from(*velocity)),
         acceleration: frame.motion_to_child(&Vector6::from(*acceleration)),
     }

@@ -1,6 +1,7 @@
 //! Positions and velocities onto the connections, by moves of least kinetic energy.
 
 use super::NoDirection;
+use super::relaxed::Relaxed;
 use super::rows::{errors_of_rows, rates_of_rows};
 use super::scratch::ConstraintScratch;
 use crate::dynamics::forward::factorise;
@@ -31,7 +32,8 @@ pub(crate) struct Projected {
     pub stays: Option<usize>,
 }
 
-/// The configuration that meets the connections, from `q` by Newton steps -M^-1 J* G^+ error, each of least kinetic energy.
+/// The configuration that meets the connections, from `q` by Newton steps -M^-1 J* (G + compliance)^+ error, each of least kinetic energy. Rows that give way end at error =
+/// -compliance lambda, with lambda the sum of what the steps pushed with.
 ///
 /// On return the factors of the tree and of the rows are those of the last configuration that a step was made from. O(N + m^2 depth + m^3) a step.
 pub(crate) fn project_positions(
@@ -39,38 +41,47 @@ pub(crate) fn project_positions(
     workspace: &mut Workspace<f64>,
     scratch: &mut ConstraintScratch,
     q: &mut [f64],
+    compliance: &[f64],
 ) -> Result<Projected, NoDirection> {
     let mut best = (f64::INFINITY, q.to_vec());
     let mut pivots = PivotMonitor::new();
     let mut next = q.to_vec();
     let size = 1.0 + extent(model);
+    scratch.relaxed = Relaxed::default();
+    scratch.forces.fill(0.0);
     for _ in 0..STEPS {
-        let mut errors = std::mem::take(&mut scratch.errors);
-        let told = errors_of_rows(model, constraints, q, &mut errors);
-        scratch.errors = errors;
-        told?;
-        let left = largest(&scratch.errors);
+        errors_of_rows(model, constraints, q, &mut scratch.errors)?;
+        let mut left = scratch.open(compliance, true);
         let falls = left < 0.5 * best.0;
         if left < best.0 {
             best = (left, q.to_vec());
         }
+        let is_closed = |left: f64| left <= 4.0 * f64::EPSILON * size;
         // Of rounding no step is made: where the rows are singular it would be the root of it.
-        if left <= 4.0 * f64::EPSILON * size || !left.is_finite() || (!falls && best.0 <= CLOSED * size) {
+        if is_closed(left) || !left.is_finite() || (!falls && best.0 <= CLOSED * size) {
             break;
         }
         pivots = factorise(model, workspace, q, |_, _| {});
         if workspace.lost_pivot(model, &pivots).is_some() {
             return Ok(Projected { pivots, rank: 0, left, stays: None });
         }
-        scratch.factorise((model, constraints), workspace, q, &[])?;
-        let errors = std::mem::take(&mut scratch.errors);
-        scratch.step_against(&errors, model, workspace);
-        scratch.errors = errors;
+        scratch.factorise((model, constraints), workspace, q, compliance)?;
+        if scratch.relaxed.basis().is_some() {
+            // Now that it is known here which rows are kept.
+            left = scratch.open(compliance, true);
+            best.0 = best.0.min(left);
+            if is_closed(left) {
+                best.1.copy_from_slice(q);
+                break;
+            }
+        }
+        scratch.step_against(model, workspace);
         let longest = largest(&scratch.estimates);
         let share = if longest > FARTHEST { FARTHEST / longest } else { 1.0 };
         for v in &mut scratch.estimates {
             *v *= share;
         }
+        scratch.push(share);
         for (body, stage) in model.bodies.iter().zip(&model.system.stages) {
             let motion: &Motion<f64> = &body.motion;
             motion.advance(&q[body.q..], &scratch.estimates[stage.first_row..], &mut next[body.q..]);
@@ -79,35 +90,44 @@ pub(crate) fn project_positions(
     }
     q.copy_from_slice(&best.1);
     errors_of_rows(model, constraints, q, &mut scratch.errors)?;
-    let stays = (!(best.0 <= CLOSED * size)).then(|| worst(&scratch.errors));
-    Ok(Projected { pivots, rank: scratch.inverse.rank, left: best.0, stays })
+    let left = largest(&scratch.errors);
+    let ConstraintScratch { errors, relaxed, dropped, .. } = scratch;
+    let mut stays = (!(best.0 <= CLOSED * size)).then(|| worst(errors));
+    if stays.is_none() && compliance.is_empty() {
+        relaxed.split(errors, dropped);
+        stays = relaxed.beyond(dropped, 1.0);
+    }
+    Ok(Projected { pivots, rank: scratch.inverse.rank, left, stays })
 }
 
-/// The velocities nearest to `qd` that keep the connections as they are, by kinetic energy: qd - M^-1 J* G^+ J qd.
+/// The velocities nearest to `qd` that keep the connections as they are, by kinetic energy: qd - M^-1 J* (G + compliance)^+ J qd.
 pub(crate) fn project_velocities(
     (model, constraints): (&Model<f64>, &Constraints),
     workspace: &mut Workspace<f64>,
     scratch: &mut ConstraintScratch,
     (q, qd): (&[f64], &mut [f64]),
+    compliance: &[f64],
 ) -> Result<Projected, NoDirection> {
     let pivots = factorise(model, workspace, q, |_, _| {});
     if workspace.lost_pivot(model, &pivots).is_some() {
         return Ok(Projected { pivots, rank: 0, left: f64::NAN, stays: None });
     }
-    scratch.factorise((model, constraints), workspace, q, &[])?;
+    scratch.factorise((model, constraints), workspace, q, compliance)?;
     let speed = 1.0 + largest(qd) * (1.0 + extent(model));
     let mut before = f64::INFINITY;
+    scratch.forces.fill(0.0);
     loop {
         rates_of_rows(model, constraints, (q, qd), &mut scratch.rates)?;
-        let left = largest(&scratch.rates);
+        let left = scratch.open(compliance, false);
         if !(left < 0.25 * before && left > 0.0) {
             let stays = (!(left <= CLOSED * speed)).then(|| worst(&scratch.rates));
-            return Ok(Projected { pivots, rank: scratch.inverse.rank, left, stays });
+            let beyond = || scratch.relaxed.beyond(&scratch.dropped, speed);
+            let stays = stays.or_else(|| if compliance.is_empty() { beyond() } else { None });
+            return Ok(Projected { pivots, rank: scratch.inverse.rank, left: largest(&scratch.rates), stays });
         }
         before = left;
-        let rates = std::mem::take(&mut scratch.rates);
-        scratch.step_against(&rates, model, workspace);
-        scratch.rates = rates;
+        scratch.step_against(model, workspace);
+        scratch.push(1.0);
         for (v, change) in qd.iter_mut().zip(&scratch.estimates) {
             *v += change;
         }
@@ -115,16 +135,34 @@ pub(crate) fn project_velocities(
 }
 
 impl ConstraintScratch {
-    /// -M^-1 J* G^+ x, in `estimates`.
-    fn step_against(&mut self, x: &[f64], model: &Model<f64>, workspace: &mut Workspace<f64>) {
+    /// The residuals of the rows that are kept, in `residual`: errors or velocities, plus compliance times lambda. Returns the largest.
+    fn open(&mut self, compliance: &[f64], is_of_positions: bool) -> f64 {
+        let Self { residual, errors, rates, forces, relaxed, dropped, .. } = self;
+        residual.copy_from_slice(if is_of_positions { errors } else { rates });
+        relaxed.split(residual, dropped);
+        for (i, compliance) in compliance.iter().enumerate() {
+            residual[i] += compliance * forces[i];
+        }
+        largest(residual)
+    }
+
+    /// -M^-1 J* G^+ residual, in `estimates`, and the forces of that in `step`.
+    fn step_against(&mut self, model: &Model<f64>, workspace: &mut Workspace<f64>) {
         let mut step = std::mem::take(&mut self.step);
-        self.inverse.apply(x, &mut step);
+        self.inverse.apply(&self.residual, &mut step);
         for lambda in &mut step {
             *lambda = -*lambda;
         }
         self.spread(&step);
         self.step = step;
         self.respond(model, workspace);
+    }
+
+    /// Counts a share of a step to what was pushed with.
+    fn push(&mut self, share: f64) {
+        for (lambda, step) in self.forces.iter_mut().zip(&self.step) {
+            *lambda += share * step;
+        }
     }
 }
 

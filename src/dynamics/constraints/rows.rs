@@ -3,8 +3,8 @@
 use super::NoDirection;
 use super::scratch::ConstraintScratch;
 use super::unit_row::UnitRow;
-use crate::kinematics::frame_motion;
 use crate::kinematics::pair::{PairRows, RelativeMotion, pair_rows};
+use crate::kinematics::relative::motions_from;
 use crate::model::Model;
 use crate::scalar::Real;
 use crate::scene::constraint::{Constraint, Constraints, Tie};
@@ -15,13 +15,13 @@ use nalgebra::Vector6;
 #[allow(clippy::type_complexity)] // none, or one of two kinds
 pub(super) fn pair_at<T: Real>(
     model: &Model<T>,
-    (index, tie): (usize, &Tie),
+    (index, constraint): (usize, &Constraint),
     (q, qd): (&[T], &[T]),
     qdd: Option<&[T]>,
 ) -> Result<Option<(RelativeMotion<T>, PairRows<T>)>, NoDirection> {
-    let Tie::Frames { pair, frames: [c, d] } = tie else { return Ok(None) };
-    let [c, d] = [c.cast(), d.cast()];
-    let motion = RelativeMotion::of(&frame_motion(model, q, qd, qdd, &c), &frame_motion(model, q, qd, qdd, &d));
+    let Tie::Frames { pair, frames: [c, d] } = &constraint.tie else { return Ok(None) };
+    let [c, d] = motions_from(model, (q, qd, qdd), [&c.cast(), &d.cast()], constraint.junction);
+    let motion = RelativeMotion::of(&c, &d);
     let rows = pair_rows(*pair, &motion.place, &motion.velocity).ok_or(NoDirection(index))?;
     Ok(Some((motion, rows)))
 }
@@ -48,7 +48,7 @@ pub(crate) fn rates_of_rows(
 ) -> Result<(), NoDirection> {
     for (index, constraint) in constraints.all.iter().enumerate() {
         let out = &mut out[constraint.rows()];
-        match pair_at(model, (index, &constraint.tie), (q, qd), None)? {
+        match pair_at(model, (index, constraint), (q, qd), None)? {
             Some((motion, rows)) => {
                 for (out, row) in out.iter_mut().zip(&rows.of_motion) {
                     *out = dot(row, &motion.velocity);
@@ -71,7 +71,7 @@ pub(crate) fn accelerations_of_rows(
 ) -> Result<(), NoDirection> {
     for (index, constraint) in constraints.all.iter().enumerate() {
         let (out, terms) = (&mut out[constraint.rows()], &mut terms[constraint.rows()]);
-        if let Some((motion, rows)) = pair_at(model, (index, &constraint.tie), (q, qd), qdd)? {
+        if let Some((motion, rows)) = pair_at(model, (index, constraint), (q, qd), qdd)? {
             for (i, row) in rows.of_motion.iter().take(rows.count).enumerate() {
                 out[i] = dot(row, &motion.acceleration) + rows.turning[i];
                 let reach = row.fixed_rows::<3>(0).norm() * motion.terms[0];
@@ -103,7 +103,7 @@ pub(super) fn units_of_rows(
         let units = &mut units[constraint.rows()];
         match &constraint.tie {
             Tie::Frames { frames: [c, d], .. } => {
-                let Some((motion, rows)) = pair_at(model, (index, &constraint.tie), (q, rest), None)? else { continue };
+                let Some((motion, rows)) = pair_at(model, (index, constraint), (q, rest), None)? else { continue };
                 for (unit, force) in units.iter_mut().zip(&rows.of_motion) {
                     *unit = UnitRow::between([c, d], &motion.place, force);
                 }
@@ -135,7 +135,7 @@ pub(crate) fn jacobian_of_rows(
         for i in constraint.rows() {
             begin(constraint, &units[i], state, 1.0);
             let out = &mut out[i * nv..(i + 1) * nv];
-            for &k in &constraint.path {
+            for &k in &constraint.branches {
                 let stage = &model.system.stages[k];
                 for row in 0..stage.rows.count() {
                     out[stage.first_row + row] = stage.rows.row(row).project(&state[k]);

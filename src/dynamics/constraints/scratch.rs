@@ -1,6 +1,7 @@
 //! Scratch for closed loops.
 
 use super::gram_inverse::GramInverse;
+use super::relaxed::Relaxed;
 use super::unit_row::UnitRow;
 use crate::model::Model;
 use crate::scene::constraint::Constraints;
@@ -25,6 +26,10 @@ pub struct ConstraintScratch {
     pub(super) estimates: Vec<f64>,
     /// G^+.
     pub(super) inverse: GramInverse,
+    /// The combinations of rows that are kept.
+    pub(crate) relaxed: Relaxed,
+    /// Of the rows at hand, the part that is not kept.
+    pub(crate) dropped: Vec<f64>,
     /// What is left of each row, and the sizes of its terms.
     pub(crate) residual: Vec<f64>,
     pub(super) terms: Vec<f64>,
@@ -54,6 +59,8 @@ impl ConstraintScratch {
             moments: vec![0.0; bodies],
             estimates: vec![f64::NAN; nv],
             inverse: GramInverse::default(),
+            relaxed: Relaxed::default(),
+            dropped: vec![0.0; m],
             residual: vec![f64::NAN; m],
             terms: vec![f64::NAN; m],
             forces: vec![0.0; m],

@@ -126,21 +126,22 @@ pub(crate) fn constrained_dynamics(
         if !(largest < residual) {
             qdd.copy_from_slice(&kept);
             scratch.forces = forces;
-            largest = scratch.left(model, constraints, state, (qdd, wanted))?;
+            scratch.left(model, constraints, state, (qdd, wanted))?;
             break;
         }
     }
     // What a row is the sum of can be rounding itself, of bodies that are held still: what acts on them cancels.
     let acting = scratch.acting() + pushing(model, workspace, tau);
     let is_left = |&i: &usize| {
-        let left = scratch.residual[i].abs();
-        left > AGREES * terms[i] && left > NO_ROUNDING * f64::EPSILON * scratch.sizes[i] * acting
+        let (left, dropped) = (scratch.residual[i].abs(), scratch.dropped[i].abs());
+        let is_kept = left > AGREES * terms[i] && left > NO_ROUNDING * f64::EPSILON * scratch.sizes[i] * acting;
+        is_kept || dropped > (AGREES + scratch.relaxed.allowed) * terms[i]
     };
     let contradicted = (0..constraints.rows).filter(is_left).collect();
-    // What compliance leaves is no rounding, and told.
+    // Residuals by compliance and of rows that are not kept are no rounding, and are reported.
     let given_way = |i: usize| wanted.compliance.get(i).map_or(0.0, |compliance| compliance * scratch.forces[i]);
-    let residual = (0..constraints.rows).map(|i| (scratch.residual[i] - given_way(i)).abs()).fold(0.0, f64::max);
-    let residual = if wanted.compliance.is_empty() { largest } else { residual };
+    let left = |i: usize| (scratch.residual[i] + scratch.dropped[i] - given_way(i)).abs();
+    let residual = (0..constraints.rows).map(left).fold(0.0, f64::max);
     Ok(Outcome { pivots, rank: scratch.inverse.rank, residual, contradicted })
 }
 
@@ -214,13 +215,19 @@ impl ConstraintScratch {
         state: (&[f64], &[f64]),
         (qdd, wanted): (&[f64], RowsAre<'_>),
     ) -> Result<f64, NoDirection> {
-        let Self { residual, terms, rates, errors, forces, .. } = self;
+        let Self { residual, terms, rates, errors, forces, relaxed, dropped, step, .. } = self;
         accelerations_of_rows(model, constraints, state, Some(qdd), (residual, terms))?;
+        relaxed.split(residual, dropped);
         if let Some(alpha) = wanted.alpha {
-            for (i, left) in residual.iter_mut().enumerate() {
-                let wanted = -alpha * (2.0 * rates[i] + alpha * errors[i]);
-                *left -= wanted;
+            for (i, wanted) in step.iter_mut().enumerate() {
+                *wanted = -alpha * (2.0 * rates[i] + alpha * errors[i]);
                 terms[i] += wanted.abs();
+            }
+            // Errors of rows that are not kept are not taken back.
+            let mut rest = vec![0.0; constraints.rows];
+            relaxed.split(step, &mut rest);
+            for (left, wanted) in residual.iter_mut().zip(&*step) {
+                *left -= wanted;
             }
         }
         for (i, &compliance) in wanted.compliance.iter().enumerate() {
@@ -233,8 +240,7 @@ impl ConstraintScratch {
 
     /// The sum of sqrt(`G_jj`) |`lambda_j`|: times the size of a row, a bound on the terms that the forces of the connections add to it.
     fn acting(&self) -> f64 {
-        let weighed = self.forces.iter().zip(self.inverse.scale());
-        weighed.filter(|(_, scale)| **scale > 0.0).map(|(force, scale)| force.abs() / scale).sum()
+        self.inverse.weighed(&self.forces)
     }
 
     /// lambda += step, step = -G^+ residual.

@@ -45,7 +45,8 @@ pub(crate) use mass_inverse::factor;
 pub(crate) use mass_matrix::mass_matrix;
 pub(crate) use model::SweepModel;
 pub(crate) use paths::{
-    Forces, MOST_FORCES, Path, accelerations_along, frame_here, innovations_along, motions_along, placement_along,
+    Forces, MOST_FORCES, Path, accelerations_along, frame_here, innovations_along, motions_along, origin_along,
+    placement_along,
 };
 pub(crate) use scratch::{SweepScratch, bytes};
 pub(crate) use solve::{innovations_of_factor, smooth, solve};

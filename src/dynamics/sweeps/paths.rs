@@ -35,6 +35,8 @@ struct Step {
     parent: Option<usize>,
     /// Whether it is the first that sends a force there, and nothing acts there.
     begins: bool,
+    /// True for bodies on a branch of a loop; the motion of other bodies is taken as zero.
+    is_on_branch: bool,
 }
 
 /// The forces of up to six right sides on a body, and squares that bound the terms of their moments.
@@ -45,15 +47,15 @@ pub(crate) struct Forces<T> {
 }
 
 impl Path {
-    /// Over these bodies, whose indices fall, with forces on some of them.
-    pub fn new<T: Real>(sweeps: &SweepModel<T>, bodies: &[usize], act_on: &[usize]) -> Self {
+    /// Over these bodies, whose indices fall, with forces on some of them; motions and placements are those of the branches, against the body where they meet.
+    pub fn new<T: Real>(sweeps: &SweepModel<T>, (bodies, branches): (&[usize], &[usize]), act_on: &[usize]) -> Self {
         let at = |k: usize| bodies.iter().position(|&body| body == k);
         let mut has_begun: Vec<bool> = bodies.iter().map(|body| act_on.contains(body)).collect();
         let steps = bodies.iter().map(|&body| {
             let place = sweeps.swept().iter().position(|swept| swept.index == body).unwrap_or_default();
             let parent = sweeps.swept()[place].parent.and_then(at);
             let begins = parent.is_some_and(|parent| !std::mem::replace(&mut has_begun[parent], true));
-            Step { body, place, parent, begins }
+            Step { body, place, parent, begins, is_on_branch: branches.contains(&body) }
         });
         Self { steps: steps.collect() }
     }
@@ -66,6 +68,11 @@ impl Path {
     /// The step of a body.
     pub fn step_of(&self, body: usize) -> Option<usize> {
         self.steps.iter().position(|step| step.body == body)
+    }
+
+    /// The step itself if its body is on a branch.
+    pub fn on_branch(&self, step: usize) -> Option<usize> {
+        self.steps[step].is_on_branch.then_some(step)
     }
 
     /// The rows of all of its joints that another path has too, what lies side by side together.
@@ -139,6 +146,10 @@ pub(crate) fn motions_along<T: Real>(
     for (at, step) in path.steps.iter().enumerate().rev() {
         let body = &sweeps.swept()[step.place];
         let zero = [model.gravity[0].constant(0.0); 6];
+        if !step.is_on_branch {
+            motions[at] = [zero; 2];
+            continue;
+        }
         let (mut velocity, mut acceleration, mut joint) = (zero, zero, zero);
         with_joint!(body, own[step.place].turn, (model, sweeps, shifts), transform, rows, {
             if let Some(parent) = step.parent {
@@ -158,13 +169,43 @@ pub(crate) fn motions_along<T: Real>(
     }
 }
 
-/// Where a frame on the body of a step is on the base: `frame` is in the body's frame here.
+/// Where the joint of a step begins on the body inboard of it.
+#[inline(always)]
+fn offset_of<T: Real>(
+    (model, sweeps): (&Model<T>, &SweepModel<T>),
+    SweepScratch { own, shifts, .. }: &SweepScratch<T>,
+    step: &Step,
+) -> [T; 3] {
+    let body = &sweeps.swept()[step.place];
+    match body.joint {
+        Joint::Free(shift) | Joint::General(shift) | Joint::Prismatic(shift, _) => shifts[shift].lever.into(),
+        Joint::Axial(_) => with_joint!(body, own[step.place].turn, (model, sweeps, shifts), transform, _rows, {
+            transform.offset_at_parent()
+        }),
+    }
+}
+
+/// Where the branch of a step on one begins, in the axes of the body where the branches meet.
+#[inline(always)]
+pub(crate) fn origin_along<T: Real>(
+    scene: (&Model<T>, &SweepModel<T>),
+    scratch: &SweepScratch<T>,
+    (path, step): (&Path, usize),
+) -> [T; 3] {
+    let mut at = step;
+    while let Some(parent) = path.steps[at].parent.and_then(|parent| path.on_branch(parent)) {
+        at = parent;
+    }
+    offset_of(scene, scratch, &path.steps[at])
+}
+
+/// Where a frame on the body of a step on a branch is, in the axes of the body where the branches meet and from `origin` there: `frame` is in the body's frame here.
 #[inline(always)]
 pub(crate) fn placement_along<T: Real>(
     (model, sweeps): (&Model<T>, &SweepModel<T>),
     scratch: &SweepScratch<T>,
     (path, step): (&Path, usize),
-    frame: &RigidShift<T>,
+    (frame, from): (&RigidShift<T>, &[T; 3]),
 ) -> RigidShift<T> {
     let SweepScratch { own, shifts, .. } = scratch;
     let r = &frame.rotation;
@@ -185,21 +226,24 @@ pub(crate) fn placement_along<T: Real>(
                 let turned = shift.rotate(&Vector3::new(vector[0], vector[1], vector[2]));
                 *vector = [turned[0], turned[1], turned[2]];
             }
-            for (origin, &offset) in vectors[3].iter_mut().zip(&shift.lever) {
-                *origin += offset;
-            }
         } else {
             with_joint!(body, own[step.place].turn, (model, sweeps, shifts), transform, _rows, {
                 for vector in &mut vectors {
                     *vector = transform.rotate_to_parent(*vector);
                 }
-                let offset = transform.offset_at_parent();
-                for (origin, offset) in vectors[3].iter_mut().zip(offset) {
-                    *origin += offset;
-                }
             });
         }
-        at = step.parent;
+        at = step.parent.and_then(|parent| path.on_branch(parent));
+        let mut offset = offset_of((model, sweeps), scratch, step);
+        if at.is_none() {
+            // Before anything is added to it: both are as far away, and what is left is exact.
+            for (offset, &from) in offset.iter_mut().zip(from) {
+                *offset -= from;
+            }
+        }
+        for (origin, offset) in vectors[3].iter_mut().zip(offset) {
+            *origin += offset;
+        }
     }
     let [x, y, z, origin] = vectors;
     RigidShift {
@@ -235,6 +279,10 @@ pub(crate) fn accelerations_along<T: Real>(
     for (at, step) in path.steps.iter().enumerate().rev() {
         let body = &sweeps.swept()[step.place];
         let mut motion = [model.gravity[0].constant(0.0); 6];
+        if !step.is_on_branch {
+            motions[at] = motion;
+            continue;
+        }
         with_joint!(body, own[step.place].turn, (model, sweeps, shifts), transform, rows, {
             if let Some(parent) = step.parent {
                 motion = transform.carry_motion(&motions[parent]);

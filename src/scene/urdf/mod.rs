@@ -93,15 +93,21 @@ fn read(xml: &str, name: &str) -> Result<SceneBuilder, Error> {
     findings.survey()?;
     let mut builder = SceneBuilder { from_file: true, ..SceneBuilder::new() };
     let mut limits = Vec::new();
+    let mut decimals = None;
     let parts = robot.children().filter(|node| node.is_element() && same_namespace(node, &robot));
     for (i, node) in parts.enumerate() {
         watch::check_at(i, AT_A_TIME)?;
         match node.tag_name().name() {
             "link" => builder.links.push(link(&Element::named(node, &source)?)?),
-            "joint" => builder.joints.push(joint(&Element::named(node, &source)?, &mut limits)?),
+            "joint" => {
+                let element = Element::named(node, &source)?;
+                decimals = decimals.max(decimals_of_angles(&element));
+                builder.joints.push(joint(&element, &mut limits)?);
+            }
             _ => {}
         }
     }
+    builder.tolerance = decimals.and_then(tolerance_of);
     read_rotors(&robot, &source, &mut builder.joints, &mut findings)?;
     let found = findings.into_text();
     if builder.links.is_empty() {
@@ -224,6 +230,30 @@ fn limits(element: &Element, kind: JointKind) -> Result<(Limits, Vec<String>), E
         }
     }
     Ok((limits, found))
+}
+
+/// The most decimals of the angles and axes of a joint; none where all are whole numbers, which are meant exactly.
+fn decimals_of_angles(joint: &Element) -> Option<usize> {
+    let texts = [("origin", "rpy"), ("axis", "xyz")];
+    let texts = texts.into_iter().filter_map(|(tag, attribute)| joint.child(tag)?.text(attribute));
+    let decimals = |word: &str| {
+        let (mantissa, exponent) = word.split_once(['e', 'E']).unwrap_or((word, "0"));
+        let digits = mantissa.split_once('.').map_or(0, |(_, fraction)| fraction.trim_end_matches('0').len());
+        let exponent: i64 = exponent.parse().unwrap_or(0);
+        usize::try_from(i64::try_from(digits).unwrap_or(i64::MAX).saturating_sub(exponent)).unwrap_or(0)
+    };
+    texts.flat_map(str::split_ascii_whitespace).map(decimals).filter(|&decimals| decimals > 0).max()
+}
+
+/// The tolerance of linkages of a file whose angles have so many decimals: four times what rounding changes at the most, where that is above the default. Files with 1.57 for a right angle
+/// have two decimals, and are off by less than half a unit of the last.
+fn tolerance_of(decimals: usize) -> Option<f64> {
+    match decimals {
+        2 => Some(5e-3),
+        3 => Some(2e-3),
+        4 => Some(2e-4),
+        _ => None,
+    }
 }
 
 /// The element's `<origin xyz rpy>`; the identity if there is none.

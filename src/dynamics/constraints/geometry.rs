@@ -1,0 +1,180 @@
+//! The rank of the rows of the connections by geometry: which combinations of rows move no joint.
+//!
+//! With a_i the size that row i of J would have if nothing in it cancelled (1 for a moment, the reach of the loop for a force), and joints that translate weighed by the reach,
+//! the rows J_i / a_i have no unit. Their singular values are angles: a linkage whose axes are parallel to within 4e-6 rad has singular values of about 4e-6 where the linkage that is
+//! meant has zeros. With U those above the tolerance, and A = diag(a), the rows
+//!
+//! ```text
+//! Q J,     Q = A U U* A^-1
+//! ```
+//!
+//! are those of the linkage that is meant, to within the tolerance. They are kept, the combinations (1 - Q) J are not.
+
+use super::mobility::{mobility, moved, scattered};
+use super::relaxed::Relaxed;
+use super::rows::units_of_rows;
+use super::scratch::ConstraintScratch;
+use super::sized_rows::{Group, SizedRows, groups};
+use crate::error::Error;
+use crate::kinematics::placements_base_to_tip;
+use crate::model::Model;
+use crate::scene::Scene;
+use crate::scene::constraint::Constraints;
+use crate::spatial::RigidShift;
+use nalgebra::{DMatrix, DVector, RowDVector};
+
+/// Singular values below this are zeros with rounding, for which nothing has to be relaxed.
+const ZERO: f64 = 1e-13;
+
+/// Singular values up to the tolerance times this are of the linkage as it is drawn where the rank elsewhere says so.
+const UNSURE: f64 = 10.0;
+
+/// Singular values that are kept and below the largest that is not times this are near a singular position.
+const SINGULAR: f64 = 1e3;
+
+/// How far configurations nearby are, rad or m.
+const NEARBY: f64 = 0.2;
+
+/// How far rows that are not kept may be from holding, over the tolerance.
+const ALLOWED: f64 = 10.0;
+
+impl ConstraintScratch {
+    /// The combinations of rows that are kept, with the rows' unit forces in `units` and phi of every body in `shift`. Rows that give way are.
+    pub(super) fn relax(
+        &mut self,
+        (model, constraints): (&Model<f64>, &Constraints),
+        shift: &[RigidShift<f64>],
+        q: &[f64],
+        compliance: &[f64],
+    ) {
+        let (m, tolerance) = (constraints.rows, constraints.tolerance);
+        self.relaxed = Relaxed::default();
+        if !(tolerance > 0.0) || m == 0 {
+            return;
+        }
+        let sized = SizedRows::of(self, (model, constraints), shift);
+        let is_rigid = |i: usize| compliance.get(i).is_none_or(|&compliance| compliance == 0.0);
+        let mut relaxed = Relaxed { sizes: sized.sizes.clone(), ..Relaxed::default() };
+        let mut projector = DMatrix::identity(m, m);
+        let mut basis: Vec<RowDVector<f64>> = Vec::new();
+        let mut is_relaxed = false;
+        for (at, group) in groups(model, constraints).into_iter().enumerate() {
+            let (all, rows) = (group.rows.len(), group.rows.iter().copied().filter(|&i| is_rigid(i)));
+            let rows: Vec<usize> = rows.collect();
+            let count = rows.len();
+            let unit = |i: usize| RowDVector::from_fn(m, |_, j| if i == j { 1.0 } else { 0.0 });
+            basis.extend(group.rows.iter().copied().filter(|&i| !is_rigid(i)).map(unit));
+            if count == 0 {
+                continue;
+            }
+            let Some((mut u, values)) = left_vectors(sized.part(&rows, &group)) else {
+                basis.extend(rows.iter().copied().map(unit));
+                continue;
+            };
+            let mut order: Vec<usize> = (0..count).collect();
+            order.sort_by(|&i, &j| values[i].total_cmp(&values[j]));
+            let mut meant = order.iter().filter(|&&i| values[i] <= tolerance).count();
+            if count == all && values.iter().any(|&value| ZERO < value && value <= UNSURE * tolerance) {
+                // The linkage that is meant has as many elsewhere. A singular position has more, which are judged by rounding.
+                let ranks = &constraints.mobility.get_or_init(|| mobility(model, constraints, q)).ranks;
+                meant = ranks.get(at).copied().flatten().map_or(meant, |rank| count.saturating_sub(rank));
+            }
+            let mut dropped: Vec<usize> = order
+                .into_iter()
+                .enumerate()
+                .filter(|&(place, i)| values[i] <= ZERO || place < meant && values[i] <= UNSURE * tolerance)
+                .map(|(_, i)| i)
+                .collect();
+            if dropped.iter().all(|&k| values[k] <= ZERO) {
+                basis.extend(rows.iter().copied().map(unit));
+                continue;
+            }
+            is_relaxed = true;
+            let largest = dropped.iter().map(|&k| values[k]).fold(0.0, f64::max);
+            let is_near = |k: usize| !dropped.contains(&k) && values[k] < SINGULAR * largest;
+            if (0..count).any(is_near) {
+                // Near a singular position a row that is kept is as small as those that are not, and mixed with them. Nearby it is not, and where the rows themselves
+                // do not change, as those across a plane, the same combinations are small in all of these configurations.
+                let wide = self.around((model, constraints), q, (&sized, &rows, &group));
+                if let Some((others, wide)) = left_vectors(wide) {
+                    let mut order: Vec<usize> = (0..count).collect();
+                    order.sort_by(|&i, &j| wide[i].total_cmp(&wide[j]));
+                    if order.get(dropped.len() - 1).is_some_and(|&k| wide[k] <= tolerance.max(5.0 * largest)) {
+                        u = others;
+                        dropped = order[..dropped.len()].to_vec();
+                    }
+                }
+            }
+            for k in 0..count {
+                if dropped.contains(&k) {
+                    for (i, &row) in rows.iter().enumerate() {
+                        for (j, &column) in rows.iter().enumerate() {
+                            let scale = relaxed.sizes[row] / relaxed.sizes[column];
+                            projector[(row, column)] -= u[(i, k)] * u[(j, k)] * scale;
+                        }
+                    }
+                } else {
+                    let mut combination = RowDVector::zeros(m);
+                    for (i, &row) in rows.iter().enumerate() {
+                        combination[row] = u[(i, k)] / relaxed.sizes[row];
+                    }
+                    basis.push(combination);
+                }
+            }
+        }
+        if is_relaxed {
+            relaxed.projector = Some(projector);
+            relaxed.basis = DMatrix::from_rows(&basis);
+            relaxed.allowed = ALLOWED * tolerance;
+        }
+        self.relaxed = relaxed;
+    }
+
+    /// The rows of a group here and at two configurations nearby, beside each other.
+    fn around(
+        &mut self,
+        (model, constraints): (&Model<f64>, &Constraints),
+        q: &[f64],
+        (here, rows, group): (&SizedRows, &[usize], &Group),
+    ) -> DMatrix<f64> {
+        let n = group.columns.len();
+        let mut wide = here.part(rows, group).resize_horizontally(3 * n, 0.0);
+        let rest = vec![0.0; model.nv()];
+        let mut shift = vec![RigidShift::identity(); model.bodies.len()];
+        let units = self.units.clone();
+        for place in 1..3 {
+            let other = moved(model, q, &scattered(model.nv(), place, NEARBY));
+            placements_base_to_tip(model, &other, &mut shift);
+            let found = units_of_rows(model, constraints, (&other, &rest), &mut self.units);
+            let part = found.is_ok().then(|| SizedRows::of(self, (model, constraints), &shift).part(rows, group));
+            wide.columns_mut(place * n, n).copy_from(&part.unwrap_or_else(|| here.part(rows, group)));
+        }
+        self.units = units;
+        wide
+    }
+}
+
+/// The left singular vectors of a matrix, all of them, and the singular values.
+fn left_vectors(matrix: DMatrix<f64>) -> Option<(DMatrix<f64>, DVector<f64>)> {
+    // Square: with more rows than columns there are zeros, which have vectors too.
+    let count = matrix.nrows();
+    let square = if matrix.ncols() > count {
+        matrix.transpose().qr().r().transpose()
+    } else {
+        matrix.resize_horizontally(count, 0.0)
+    };
+    let svd = square.svd(true, false);
+    svd.u.map(|u| (u, svd.singular_values))
+}
+
+/// The combinations of rows that are kept at `q`.
+pub(crate) fn relaxed_at(scene: &Scene, q: &[f64]) -> Result<Relaxed, Error> {
+    let (model, constraints) = (scene.model(), scene.constraints());
+    let mut scratch = ConstraintScratch::new(model, constraints);
+    let mut shift = vec![RigidShift::identity(); model.bodies.len()];
+    placements_base_to_tip(model, q, &mut shift);
+    let rest = vec![0.0; model.nv()];
+    units_of_rows(model, constraints, (q, &rest), &mut scratch.units).map_err(|at| scene.no_direction(at))?;
+    scratch.relax((model, constraints), &shift, q, &[]);
+    Ok(scratch.relaxed)
+}

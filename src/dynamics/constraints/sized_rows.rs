@@ -1,0 +1,125 @@
+//! J without units: rows over the size that they would have if nothing in them cancelled, and joints that translate weighed by the reach of the loops.
+
+use super::rows::begin;
+use super::scratch::ConstraintScratch;
+use crate::filter::HingeMap;
+use crate::model::Model;
+use crate::scene::constraint::{Constraints, Tie};
+use crate::spatial::{RigidShift, angular, linear, sum};
+use nalgebra::DMatrix;
+
+/// Rows that share joints, and these joints.
+pub(super) struct Group {
+    pub rows: Vec<usize>,
+    pub columns: Vec<usize>,
+}
+
+/// J of all rows without units.
+pub(super) struct SizedRows {
+    /// (m x nv).
+    pub jacobian: DMatrix<f64>,
+    /// Divisor of each row; one for rows that can move nothing.
+    pub sizes: Vec<f64>,
+    /// Factor of each column.
+    pub weights: Vec<f64>,
+}
+
+impl SizedRows {
+    /// Of the rows whose unit forces are in the scratch, with phi of every body in `shift`.
+    pub fn of(
+        scratch: &mut ConstraintScratch,
+        (model, constraints): (&Model<f64>, &Constraints),
+        shift: &[RigidShift<f64>],
+    ) -> Self {
+        let ConstraintScratch { units, state, moments, .. } = scratch;
+        let (m, nv) = (constraints.rows, model.nv());
+        let mut jacobian = DMatrix::zeros(m, nv);
+        // The largest moment, and the largest force at a joint that translates.
+        let (mut turning, mut pushing) = (vec![0.0_f64; m], vec![0.0_f64; m]);
+        let hinges =
+            model.system.stages.iter().flat_map(|stage| (0..stage.rows.count()).map(|row| stage.rows.row(row)));
+        let translates: Vec<bool> = hinges.map(|hinge| matches!(hinge, HingeMap::Axis(axis) if axis >= 3)).collect();
+        let mut reach = 0.0_f64;
+        for constraint in &constraints.all {
+            for i in constraint.rows() {
+                begin(constraint, &units[i], state, 1.0);
+                for &k in &constraint.path {
+                    moments[k] = 0.0;
+                }
+                for (force, moment) in units[i].forces.iter().zip(units[i].moments) {
+                    if let Some((k, _)) = force {
+                        moments[*k] += moment;
+                    }
+                }
+                for &k in &constraint.branches {
+                    let (stage, z) = (&model.system.stages[k], state[k]);
+                    let push = linear(&z).norm();
+                    for row in 0..stage.rows.count() {
+                        let (hinge, column) = (stage.rows.row(row), stage.first_row + row);
+                        jacobian[(i, column)] = hinge.project(&z);
+                        match hinge {
+                            HingeMap::Axis(axis) if axis < 3 => turning[i] = turning[i].max(moments[k]),
+                            HingeMap::Axis(_) => pushing[i] = pushing[i].max(push),
+                            HingeMap::Screw(pitch) => turning[i] = turning[i].max(moments[k] + pitch.abs() * push),
+                        }
+                    }
+                    if push > 0.0 {
+                        reach = reach.max(turning[i]);
+                    }
+                    if let Some(parent) = stage.parent {
+                        state[parent] = sum(&state[parent], &shift[k].force_to_parent(&z));
+                        moments[parent] += angular(&z).norm().max(moments[k]) + shift[k].lever.norm() * push;
+                    }
+                }
+                for (v, torque) in units[i].torques.into_iter().flatten() {
+                    jacobian[(i, v)] += torque;
+                    let size = if translates[v] { &mut pushing[i] } else { &mut turning[i] };
+                    *size = size.max(torque.abs());
+                }
+            }
+        }
+        let reach = if reach > 0.0 { reach } else { 1.0 };
+        let weights: Vec<f64> = translates.iter().map(|&translates| if translates { reach } else { 1.0 }).collect();
+        let size = |i: usize| turning[i].max(pushing[i] * reach);
+        let sizes: Vec<f64> = (0..m).map(|i| if size(i) > 0.0 { size(i) } else { 1.0 }).collect();
+        for i in 0..m {
+            for j in 0..nv {
+                jacobian[(i, j)] *= weights[j] / sizes[i];
+            }
+        }
+        Self { jacobian, sizes, weights }
+    }
+
+    /// The rows and columns of a group, these rows of it only.
+    pub fn part(&self, rows: &[usize], group: &Group) -> DMatrix<f64> {
+        DMatrix::from_fn(rows.len(), group.columns.len(), |i, j| self.jacobian[(rows[i], group.columns[j])])
+    }
+}
+
+/// Rows that share joints, directly or through other rows, with these joints.
+pub(super) fn groups(model: &Model<f64>, constraints: &Constraints) -> Vec<Group> {
+    let mut groups: Vec<Group> = Vec::new();
+    for constraint in &constraints.all {
+        let joints = constraint.branches.iter().flat_map(|&k| {
+            let stage = &model.system.stages[k];
+            stage.first_row..stage.first_row + stage.rows.count()
+        });
+        let mut own = Group { rows: constraint.rows().collect(), columns: joints.collect() };
+        if let Tie::Coordinates { first, second, .. } = &constraint.tie {
+            own.columns = [Some(first.v), second.map(|second| second.v)].into_iter().flatten().collect();
+        }
+        let shares = |group: &Group| group.columns.iter().any(|column| own.columns.contains(column));
+        let (shared, others) = groups.into_iter().partition(shares);
+        groups = others;
+        for group in shared {
+            let Group { rows, columns } = group;
+            own.rows.extend(rows);
+            own.columns.extend(columns);
+        }
+        own.rows.sort_unstable();
+        own.columns.sort_unstable();
+        own.columns.dedup();
+        groups.push(own);
+    }
+    groups
+}

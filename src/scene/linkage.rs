@@ -1,0 +1,179 @@
+//! Warnings of linkages that are drawn with few digits.
+
+use super::Scene;
+use super::constraint::{Constraint, Near, Tie};
+use crate::filter::HingeMap;
+use crate::kinematics::pair::Pair;
+use crate::kinematics::placements_base_to_tip;
+use crate::spatial::RigidShift;
+use nalgebra::Vector3;
+
+/// An axis of a loop in the base's axes, and what it is of.
+struct LoopAxis {
+    name: String,
+    /// The body that the joint moves.
+    body: Option<usize>,
+    direction: Vector3<f64>,
+    /// True for the axis of a prismatic joint.
+    translates: bool,
+}
+
+/// How two axes of a loop miss what is meant.
+struct Miss {
+    angle: f64,
+    /// Both axes are of one link, so that the angle is in the drawing of this link.
+    is_of_link: bool,
+    text: String,
+}
+
+/// Axes that miss being parallel by less than this may be meant to be parallel.
+const NEARLY: f64 = 5e-3;
+
+/// Angles below this are rounding.
+const ROUNDING: f64 = 1e-11;
+
+impl Scene {
+    /// Texts of warnings that were not issued for this scene: of rows that count as dependent, and of axes that miss being parallel by more than the tolerance.
+    pub(crate) fn new_linkage_warnings(&self) -> Vec<String> {
+        let constraints = self.constraints();
+        let mut texts = Vec::new();
+        if constraints.is_empty() {
+            return texts;
+        }
+        if constraints.is_looked_at.set(()).is_ok() && constraints.tolerance > 0.0 {
+            texts.extend(self.near_miss());
+        }
+        texts.extend(self.dependent_rows());
+        texts
+    }
+
+    /// Of neighbors among the axes of a loop that are nearly parallel, but not to within the tolerance: such a linkage is rigid where it is planar.
+    fn near_miss(&self) -> Option<String> {
+        let stages = &self.model().system.stages;
+        let neutral = &self.constraints().neutral;
+        self.constraints().all.iter().find_map(|constraint| {
+            let axes = self.axes_of_loop(constraint, neutral);
+            let of_body = |k: usize| axes.iter().find(|axis| axis.body == Some(k));
+            axes.iter().find_map(|axis| {
+                let inner = of_body(stages[axis.body?].parent?)?;
+                let angle = axis.direction.cross(&inner.direction).norm();
+                let is_near = angle > self.tolerance() && angle <= NEARLY && !axis.translates && !inner.translates;
+                is_near.then(|| {
+                    format!(
+                        "connection {:?}: the axes of {} and {} differ by {angle:.1e} rad, more than the tolerance {:.1e}, and count as not parallel: a planar linkage is rigid then (SceneBuilder.build with \
+                         tolerance={:.0e} treats them as parallel, strict=True takes the drawing as exact without this warning)",
+                        constraint.name,
+                        inner.name,
+                        axis.name,
+                        self.tolerance(),
+                        3.0 * angle,
+                    )
+                })
+            })
+        })
+    }
+
+    /// The text of the warning, once; none where rows are independent or dependent to within rounding.
+    fn dependent_rows(&self) -> Option<String> {
+        let near = self.constraints().mobility.get()?.near.as_ref()?;
+        self.constraints().is_warned.set(()).ok()?;
+        let constraint = self.constraints().all.iter().find(|constraint| constraint.rows().contains(&near.row))?;
+        let row = near.row - constraint.first_row;
+        let about = self.miss(constraint, near).map_or_else(
+            || {
+                format!(
+                    "lengths and angles of the loop agree to within {:.1e} (rad, or over the reach of the loop)",
+                    near.value
+                )
+            },
+            |miss| miss.text,
+        );
+        Some(format!(
+            "connection {:?}, row {row} ({}): {about}, and the row counts as dependent on others (tolerance {:.1e}; strict=True in SceneBuilder.build takes the drawing as exact)",
+            constraint.name,
+            name_of_row(&constraint.tie, row),
+            self.tolerance(),
+        ))
+    }
+
+    /// The two axes of the loop that miss being parallel or perpendicular by the largest angle within ten times the tolerance.
+    fn miss(&self, constraint: &Constraint, near: &Near) -> Option<Miss> {
+        let axes = self.axes_of_loop(constraint, &near.q);
+        let mut largest: Option<Miss> = None;
+        for (i, first) in axes.iter().enumerate() {
+            for second in &axes[i + 1..] {
+                let parallel = first.direction.cross(&second.direction).norm();
+                let perpendicular = first.direction.dot(&second.direction).abs();
+                let (angle, meant) = if parallel <= perpendicular {
+                    (parallel, "differ by {} and are treated as parallel")
+                } else {
+                    (perpendicular, "are perpendicular but for {} and are treated as perpendicular")
+                };
+                // Axes that rotate at a right angle to each other need not be meant so.
+                let counts = parallel <= perpendicular || first.translates != second.translates;
+                let is_small = angle > ROUNDING && angle <= 10.0 * self.tolerance();
+                let parent = |axis: &LoopAxis| axis.body.and_then(|k| self.model().system.stages[k].parent);
+                let is_of_link = first.body.is_some()
+                    && second.body.is_some()
+                    && (parent(first) == second.body || parent(second) == first.body);
+                let is_larger = |known: &Miss| {
+                    angle > 1.01 * known.angle || is_of_link && !known.is_of_link && angle > 0.99 * known.angle
+                };
+                if counts && is_small && largest.as_ref().is_none_or(is_larger) {
+                    let text = meant.replace("{}", &format!("{angle:.1e} rad"));
+                    let text = format!("the axes of {} and {} {text}", first.name, second.name);
+                    largest = Some(Miss { angle, is_of_link, text });
+                }
+            }
+        }
+        largest
+    }
+
+    /// The axes of the joints of a loop, and of the connection that closes it.
+    fn axes_of_loop(&self, constraint: &Constraint, q: &[f64]) -> Vec<LoopAxis> {
+        let model = self.model();
+        let mut placements = vec![RigidShift::identity(); model.bodies.len()];
+        placements_base_to_tip(model, q, &mut placements);
+        for (k, stage) in model.system.stages.iter().enumerate() {
+            if let Some(parent) = stage.parent {
+                placements[k] = placements[parent].compose(&placements[k]);
+            }
+        }
+        let mut axes = Vec::new();
+        for &k in &constraint.branches {
+            let (stage, Some(joint)) = (&model.system.stages[k], self.joint_of_body(k)) else { continue };
+            if stage.rows.count() != 1 {
+                continue;
+            }
+            let (axis, translates) = match stage.rows.row(0) {
+                HingeMap::Axis(axis) => (axis % 3, axis >= 3),
+                HingeMap::Screw(_) => (2, false),
+            };
+            let direction = placements[k].rotation.column(axis).into_owned();
+            axes.push(LoopAxis { name: format!("joint {:?}", joint.name), body: Some(k), direction, translates });
+        }
+        if let Tie::Frames { pair: Pair::Axis, frames } = &constraint.tie {
+            for (frame, which) in frames.iter().zip(["link", "other link"]) {
+                let on = frame.body.map_or_else(RigidShift::identity, |k| placements[k]);
+                let direction = on.compose(&frame.placement).rotation.column(2).into_owned();
+                let name = format!("connection {:?} on its {which}", constraint.name);
+                axes.push(LoopAxis { name, body: None, direction, translates: false });
+            }
+        }
+        axes
+    }
+}
+
+/// Name of a row of a connection.
+fn name_of_row(tie: &Tie, row: usize) -> &'static str {
+    const ANGLES: [&str; 3] = ["rotation about x", "rotation about y", "rotation about z"];
+    const LENGTHS: [&str; 3] = ["position along x", "position along y", "position along z"];
+    match tie {
+        Tie::Frames { pair: Pair::Distance(_), .. } => "distance",
+        Tie::Frames { pair, .. } => {
+            let angular = pair.rows() - 3;
+            if row < angular { ANGLES[row] } else { LENGTHS[row - angular] }
+        }
+        Tie::Coordinates { .. } => "coordinate",
+    }
+}
