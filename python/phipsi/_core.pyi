@@ -277,6 +277,7 @@ class Scene:
         tau: ArrayLike,
         *,
         form: _Form = "auto",
+        tolerance: float | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
         out: _Array | None = None,
         dtype: _Float64 = None,
@@ -318,6 +319,7 @@ class Scene:
         tau: ArrayLike,
         *,
         form: _Form = "auto",
+        tolerance: float | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
         out: _Array | None = None,
         dtype: _Float64 = None,
@@ -333,6 +335,7 @@ class Scene:
         tau: ArrayLike,
         *,
         form: _Form = "auto",
+        tolerance: float | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
         out: _Single | None = None,
         dtype: _Float32,
@@ -348,6 +351,7 @@ class Scene:
         tau: ArrayLike,
         *,
         form: _Form = "auto",
+        tolerance: float | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
         out: _Single | None = None,
         dtype: _Float32,
@@ -376,6 +380,7 @@ class Scene:
         friction: ArrayLike | None = None,
         friction_speed: float | None = None,
         form: Literal["auto", "covariance"] = "auto",
+        tolerance: float | None = None,
         parameters: bool = False,
         limits: Literal["stop", "report"] | None = None,
         restitution: float = 0.0,
@@ -414,6 +419,7 @@ class Scene:
         friction: ArrayLike | None = None,
         friction_speed: float | None = None,
         form: Literal["auto", "covariance"] = "auto",
+        tolerance: float | None = None,
         progress: Callable[[int, int], object] | None = None,
         conserve_momentum: bool = False,
         baumgarte: float | None = None,
@@ -534,6 +540,7 @@ class Scene:
         friction: ArrayLike | None = None,
         friction_speed: float | None = None,
         form: Literal["auto", "covariance"] = "auto",
+        tolerance: float | None = None,
         conserve_momentum: bool = False,
         baumgarte: float | None = None,
         limits: Literal["stop", "report"] | None = None,
@@ -679,7 +686,7 @@ class Scene:
 
     @overload
     def mass_matrix_inverse(  # type: ignore[overload-overlap]
-        self, q: ArrayLike, *, form: _Form = "auto", out: _Array | None = None, dtype: _Float64 = None, errors: _Errors = "raise"
+        self, q: ArrayLike, *, form: _Form = "auto", tolerance: float | None = None, out: _Array | None = None, dtype: _Float64 = None, errors: _Errors = "raise"
     ) -> _Array:
         """The inverse of the mass matrix in closed form (6.1), without forming or factoring the matrix.
 
@@ -692,7 +699,7 @@ class Scene:
 
     @overload
     def mass_matrix_inverse(
-        self, q: ArrayLike, *, form: _Form = "auto", out: _Single | None = None, dtype: _Float32, errors: _Errors = "raise"
+        self, q: ArrayLike, *, form: _Form = "auto", tolerance: float | None = None, out: _Single | None = None, dtype: _Float32, errors: _Errors = "raise"
     ) -> _Single: ...
 
     def placements(self, q: ArrayLike, *, errors: _Errors = "raise") -> dict[str, _Array]:
@@ -851,6 +858,7 @@ class Scene:
         tau: ArrayLike,
         *,
         form: _Form = "auto",
+        tolerance: float | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
         out: _Array | None = None,
         errors: _Errors = "raise",
@@ -879,6 +887,7 @@ class Scene:
         tau: ArrayLike,
         *,
         form: _Form = "auto",
+        tolerance: float | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
         errors: _Errors = "raise",
     ) -> LinearSystem:
@@ -960,6 +969,7 @@ class Scene:
         dtau: ArrayLike,
         *,
         form: _Form = "auto",
+        tolerance: float | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
         dwrenches: Mapping[str, ArrayLike] | None = None,
         dparameters: ArrayLike | None = None,
@@ -990,6 +1000,7 @@ class Scene:
         cotangent: ArrayLike,
         *,
         form: _Form = "auto",
+        tolerance: float | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
         parameters: bool = False,
         errors: _Errors = "raise",
@@ -1043,6 +1054,7 @@ class Scene:
         dtau: ArrayLike,
         *,
         form: _Form = "auto",
+        tolerance: float | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
         errors: _Errors = "raise",
     ) -> ForwardDynamicsGradients:
@@ -1088,6 +1100,7 @@ class Scene:
         xyz: ArrayLike | None = None,
         rotation: ArrayLike | None = None,
         form: _Form = "auto",
+        tolerance: float | None = None,
         errors: _Errors = "raise",
     ) -> _Array:
         """The operational-space inverse inertia J M^-1 J^T of links, in O(N) from the co-states' covariance (5.6, 5.7, Psi A).
@@ -1113,6 +1126,7 @@ class Scene:
         rotation: ArrayLike | None = None,
         directions: ArrayLike | None = None,
         form: _Form = "auto",
+        tolerance: float | None = None,
         errors: _Errors = "raise",
     ) -> _Array:
         """The operational-space inertia (S J M^-1 J^T S^T)^-1 of task directions S.
@@ -1197,6 +1211,7 @@ class Scene:
         *,
         compliance: ArrayLike | None = None,
         form: _Form = "auto",
+        tolerance: float | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
         errors: _Errors = "raise",
     ) -> ConstrainedDynamics:
@@ -1238,6 +1253,7 @@ class Scene:
         *,
         actuated: Iterable[str] | ArrayLike | None = None,
         form: _Form = "auto",
+        tolerance: float | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
         errors: _Errors = "raise",
     ) -> ConstrainedInverseDynamics:
@@ -1253,7 +1269,7 @@ class Scene:
         Raises ArgumentError, named actuated, where a joint without a motor would need a torque; otherwise as inverse_dynamics.
         """
 
-    def constrained_mass_matrix_inverse(self, q: ArrayLike, *, form: _Form = "auto", errors: _Errors = "raise") -> _Array:
+    def constrained_mass_matrix_inverse(self, q: ArrayLike, *, form: _Form = "auto", tolerance: float | None = None, errors: _Errors = "raise") -> _Array:
         """How torques accelerate the joints through the connections, (..., nv, nv): M^-1 - M^-1 J^T (J M^-1 J^T)^+ J M^-1, symmetric and of lower rank.
 
         q: (..., nq). form, errors: as in forward_dynamics. A Gram matrix: nothing is subtracted, and no eigenvalue is negative beyond rounding. O(nv^3).
@@ -1550,7 +1566,7 @@ class Scene:
         argument and the state.
         """
 
-    def factor(self, q: ArrayLike, *, form: _Form = "auto") -> Factor:
+    def factor(self, q: ArrayLike, *, form: _Form = "auto", tolerance: float | None = None) -> Factor:
         """M = (1 + K) D (1 + K*) at q by one sweep (3.1, 3.6), and the operators phi, Psi, K, L, D, P it is made of.
 
         q: (..., nq); the factor is batched where q is. form: as in forward_dynamics. Returns a phipsi.Factor: solve(tau) and mul(a) are O(N), and its
@@ -1589,6 +1605,7 @@ class Scene:
         functions: Iterable[_Function] | None = None,
         dtype: Literal["float64", "float32"] = "float64",
         batches: bool = False,
+        tolerance: float | None = None,
     ) -> dict[str, str]:
         """The dynamics of this robot as C99 that needs nothing but libm, a dict from names of files to their texts: NAME.c, NAME.h, test_NAME.c and a Makefile.
 
@@ -1851,7 +1868,7 @@ class SceneBuilder:
 
 def _numbers(name: str, value: ArrayLike, scene: Scene | None = None, coordinates: bool = False, /) -> _Array: ...
 def _rebuild_builder(description: tuple[Any, ...], /) -> SceneBuilder: ...
-def _rebuild_factor(scene: Scene, q: ArrayLike, form: str, /) -> RawFactor: ...
+def _rebuild_factor(scene: Scene, q: ArrayLike, form: str, tolerance: float | None = None, /) -> RawFactor: ...
 def _rebuild_random_model(
     scene: Scene, q: list[float], qd: list[float] | None, acceleration_variance: float, /
 ) -> RandomModel: ...

@@ -1,6 +1,7 @@
 //! Steps of scenes with connections: accelerations through them, and positions and velocities that stay on them.
 
 use super::scratch::Scratch;
+use super::step_settings::StepSettings;
 use super::solver::Solver;
 use crate::dynamics::constraints::{
     ConstraintScratch, NoDirection, Outcome, RowsAre, constrained_dynamics, errors_of_rows, project_positions,
@@ -39,9 +40,10 @@ enum Fault {
 }
 
 impl Closed {
-    pub fn new(scene: &Scene, form: Form) -> Self {
+    pub fn new(scene: &Scene, law: &StepSettings, form: Form) -> Self {
+        let workspace = Workspace { tolerance: law.tolerance, ..Workspace::new(scene.model()) };
         Self {
-            workspace: Workspace::new(scene.model()).in_form(form),
+            workspace: workspace.in_form(form),
             rows: ConstraintScratch::new(scene.model(), scene.constraints()),
             fault: None,
         }

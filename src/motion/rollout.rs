@@ -13,6 +13,7 @@ use super::stepper::Stepper;
 use super::substeps::StopImpact;
 use super::tally::{TALLY, Tally};
 use super::torque::{StepFault, Torque};
+use crate::algorithm::Algorithm;
 use crate::batch::arms::Arm;
 use crate::batch::{Batch, Fault, Pool};
 use crate::dynamics::contacts::ContactScratch;
@@ -101,6 +102,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
             let found = FORMS.iter().find(|(_, known)| *known == form).map_or("", |(name, _)| name);
             return Err(Error::argument("form", format!("{found:?}"), "\"auto\" or \"covariance\" for a rollout"));
         }
+        let tolerance = settings.tolerance;
+        scene.borrow().check_tolerance(Algorithm::ForwardDynamics(form), tolerance)?;
         properties.check(holds)?;
         check_method(holds, method, conserve_momentum)?;
         if let Stabilisation::Baumgarte(rate) = stabilisation
@@ -161,6 +164,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         law.restitution = restitution;
         law.stops = stops;
         law.accuracy = accuracy;
+        law.tolerance = tolerance;
         law.set_valued = set_valued(holds, law.coupling.as_deref(), &law.properties, stops);
         if !holds.constraints().is_empty() {
             law.connected = Some(stabilisation);
@@ -239,6 +243,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             dt: *step,
             method: self.method,
             form: self.form,
+            tolerance: self.law.tolerance,
             properties: properties.clone(),
             gains: gains.clone(),
             arm: self.arm,

@@ -118,10 +118,11 @@ impl Alone {
     #[cold]
     fn new(scene: &Scene, law: &StepSettings, form: Form) -> Self {
         let model = scene.model();
-        let closed = law.connected.map(|_| Closed::new(scene, form));
+        let closed = law.connected.map(|_| Closed::new(scene, law, form));
         let scratch = Scratch::new(model, law);
         let substeps = Substeps::new(law, &scratch);
-        Self { scratch, solver: Checked::new(model, law.coupling.clone(), form).with_kernels(), substeps, closed }
+        let solver = Checked::new(model, law.coupling.clone(), form).accepting(law.tolerance).with_kernels();
+        Self { scratch, solver, substeps, closed }
     }
 
     /// The step of one state; the joint and the error, where there is none.

@@ -40,6 +40,7 @@ pub struct Factor<T: Real> {
 #[derive(Debug, Clone)]
 pub(super) struct Sweep<T: Real> {
     pub form: Form,
+    pub tolerance: Option<f64>,
     /// The configuration.
     pub q: Vec<T>,
     /// P^+ of each stage.
@@ -85,6 +86,7 @@ impl<T: Real> Factor<T> {
             p_plus,
             sweep: Sweep {
                 form: workspace.form,
+                tolerance: workspace.tolerance,
                 q: q.to_vec(),
                 p: workspace.p.clone(),
                 scale: workspace.scale.clone(),

@@ -23,7 +23,7 @@ pub(in crate::motion) struct Toucher {
 impl Toucher {
     #[cold]
     pub fn new(scene: &Scene, law: &StepSettings, form: Form) -> Self {
-        Self { scratch: Scratch::new(scene.model(), law), touching: Touching::new(scene, form) }
+        Self { scratch: Scratch::new(scene.model(), law), touching: Touching::new(scene, law, form) }
     }
 
     /// Runs a job; the fault is that of its earliest step, then of its lowest state.

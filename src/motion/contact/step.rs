@@ -50,9 +50,9 @@ struct Outcome {
 }
 
 impl Touching {
-    pub fn new(scene: &Scene, form: Form) -> Self {
+    pub fn new(scene: &Scene, law: &StepSettings, form: Form) -> Self {
         Self {
-            solver: Checked::new(scene.model(), None, form),
+            solver: Checked::new(scene.model(), None, form).accepting(law.tolerance),
             rows: ContactScratch::new(scene.model(), scene.contact_points()),
         }
     }
