@@ -27,6 +27,8 @@ pub enum Bound {
     Tolerance,
     /// What one unit in the last place of the forces makes of the accelerations, some times over: the sensitivity of the problem.
     Sensitivity,
+    /// Of the square-root form, whose first look found pivots and gains within bounds that its rounding cannot pass, whatever the estimate.
+    Pivots,
     /// None of them, and there was nothing better.
     Neither,
     /// There is no estimate.
@@ -34,9 +36,10 @@ pub enum Bound {
 }
 
 /// Every bound with its name.
-const BOUNDS: [(&str, Bound); 4] = [
+const BOUNDS: [(&str, Bound); 5] = [
     ("tolerance", Bound::Tolerance),
     ("sensitivity", Bound::Sensitivity),
+    ("pivots", Bound::Pivots),
     ("neither", Bound::Neither),
     ("unknown", Bound::Unknown),
 ];

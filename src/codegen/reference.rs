@@ -50,11 +50,7 @@ pub(super) fn mass_matrix_inverse_watched(
 }
 
 #[allow(clippy::unnecessary_wraps)] // as all of the table
-pub(super) fn factor_watched(
-    (scene, workspace, _): Room<'_>,
-    given: &[&[f64]],
-    out: &mut [f64],
-) -> Result<(), Error> {
+pub(super) fn factor_watched((scene, workspace, _): Room<'_>, given: &[&[f64]], out: &mut [f64]) -> Result<(), Error> {
     out[0] = margin_of_factor(scene, workspace.tolerance, given[0]);
     Ok(())
 }

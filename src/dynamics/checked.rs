@@ -363,7 +363,11 @@ impl Scene {
     /// A tolerance is for forms that judge their result by an estimated error.
     pub(crate) fn check_tolerance(&self, algorithm: Algorithm, tolerance: Option<f64>) -> Result<(), Error> {
         let (Some(form), Some(tolerance)) = (algorithm.form(), tolerance) else { return Ok(()) };
-        check_tolerance(form, tolerance, algorithm == Algorithm::ForwardDynamics(form) && self.constraints().is_empty())?;
+        check_tolerance(
+            form,
+            tolerance,
+            algorithm == Algorithm::ForwardDynamics(form) && self.constraints().is_empty(),
+        )?;
         if self.coupling().is_some() {
             let found = format!("{} for a scene whose joints follow others (mimic)", number(tolerance));
             return Err(Error::argument("tolerance", found, "none: the error is not estimated there"));

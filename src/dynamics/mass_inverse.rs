@@ -6,8 +6,8 @@ use super::columns::{
 use super::forward::factorise;
 use super::widened::Widened;
 use crate::error::Error;
-use crate::filter::covariance;
 use crate::filter::Form;
+use crate::filter::covariance;
 use crate::filter::innovations::past_rows;
 use crate::filter::pivots::PivotMonitor;
 use crate::model::Model;

@@ -2,7 +2,7 @@
 
 use super::forward_root;
 use super::widened::Widened;
-use crate::accuracy::{Accuracy, largest};
+use crate::accuracy::{Accuracy, Bound, largest};
 use crate::filter::pivots::PivotMonitor;
 use crate::filter::rounding::{self, ROUNDING_MARGIN, Reach, Rounding, Swept, Weighed};
 use crate::filter::{Form, innovations, smoother};
@@ -62,6 +62,9 @@ pub fn forward_dynamics_judged<T: Real>(
     let is_accepted = clear || (0..T::LANES).all(|lane| rounding.clear(lane, tolerance));
     let accuracy = Accuracy { error: rounding.error().lane(0), ..workspace.accuracy };
     workspace.accuracy = accuracy.judged(tolerance, largest(qdd), is_accepted);
+    if clear && workspace.accuracy.bound == Bound::Sensitivity {
+        workspace.accuracy.bound = Bound::Pivots;
+    }
     if is_accepted {
         return unrefined((!clear).then_some(rounding));
     }

@@ -1,8 +1,8 @@
 //! Steps of scenes with connections: accelerations through them, and positions and velocities that stay on them.
 
 use super::scratch::Scratch;
-use super::step_settings::StepSettings;
 use super::solver::Solver;
+use super::step_settings::StepSettings;
 use crate::dynamics::constraints::{
     ConstraintScratch, NoDirection, Outcome, RowsAre, constrained_dynamics, errors_of_rows, project_positions,
     project_velocities, rates_of_rows,

@@ -42,7 +42,12 @@ impl PyScene {
         let (width, functions) = (read_width(dtype)?, read_functions(functions)?);
         if tolerance.is_some() && !functions.iter().any(|function| WATCHED.contains(function)) {
             let found = format!("{} for functions without a margin", number(tolerance.unwrap_or_default()));
-            return Err(Error::argument("tolerance", found, "one of the functions that end in _watched, or no tolerance").into());
+            return Err(Error::argument(
+                "tolerance",
+                found,
+                "one of the functions that end in _watched, or no tolerance",
+            )
+            .into());
         }
         written(py, directory, sources_accepting(&self.scene, name, &functions, (width, batches), tolerance)?)
     }

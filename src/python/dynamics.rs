@@ -48,7 +48,7 @@ impl PyScene {
     /// Contacts act in simulation only: of a scene with contacts these are the accelerations of the tree.
     ///
     /// Returns qdd, (..., nv), with M qdd + bias = tau + J^T w (4.4 to 4.11); with return_info (qdd, Accuracy): .form, the form that gave
-    /// the result; .error, the estimated error of the largest acceleration; and .bound, which of both bounds that error meets.
+    /// the result; .error, the estimated error of the largest acceleration; and .bound, the bound that this error meets.
     ///
     /// Raises SingularJointError where a joint has no inertia along its axis; ConstraintError where connections contradict each other; ArgumentError,
     /// naming the link, for the square-root form of an inertia that no body can have; ShapeError, NotFiniteError, ArgumentError, each naming the

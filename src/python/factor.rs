@@ -56,11 +56,7 @@ impl PyFactor {
     }
 
     /// Factors every configuration of q.
-    fn new(
-        scene: &Bound<'_, PyScene>,
-        q: &Object<'_>,
-        (form, tolerance): (&str, Option<f64>),
-    ) -> PyResult<Self> {
+    fn new(scene: &Bound<'_, PyScene>, q: &Object<'_>, (form, tolerance): (&str, Option<f64>)) -> PyResult<Self> {
         let (py, own) = (scene.py(), scene.get());
         let (form, tolerance) = read_judged_factor(&own.scene, form, tolerance)?;
         let input = own.configuration("q", q)?;

@@ -116,7 +116,12 @@ impl PyScene {
     ) -> PyResult<Object<'py>> {
         let given = vec![("q", q), ("qd", qd), ("qdd", qdd), ("cotangent", cotangent)];
         let class = imported!(py, "phipsi._results", "InverseDynamicsGradients")?;
-        self.gradients((py, class), Products::InverseGradient, given, (&Keywords { wrenches, errors, tolerance: None }, parameters))
+        self.gradients(
+            (py, class),
+            Products::InverseGradient,
+            given,
+            (&Keywords { wrenches, errors, tolerance: None }, parameters),
+        )
     }
 
     /// The change of joint accelerations along a direction, in O(N) and without any matrix: dqdd_dq dq + dqdd_dqd dqd + M^-1 dtau.

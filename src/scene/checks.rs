@@ -2,8 +2,8 @@
 
 use super::{Joint, Scene};
 use crate::error::{Error, check_finite, check_length, number};
-use crate::filter::{FORMS, Form};
 use crate::filter::pivots::LostPivot;
+use crate::filter::{FORMS, Form};
 use crate::joints::quaternion::QUATERNION_SLACK;
 use crate::spatial::SpatialVector;
 

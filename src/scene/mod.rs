@@ -54,8 +54,8 @@ pub use crate::model::Model;
 #[doc(hidden)]
 pub use crate::model::{Body, Motion, Omissions};
 pub(crate) use builder::{A_LINK, AT_A_TIME};
-pub(crate) use checks::check_tolerance;
 pub use builder::{ROOT_JOINT, SceneBuilder};
+pub(crate) use checks::check_tolerance;
 pub use connection::{Connection, ConnectionKind};
 pub use contact::Contact;
 pub use coupling::Coupling;

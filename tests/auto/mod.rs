@@ -14,7 +14,7 @@ use phipsi::Scene;
 use phipsi::filter::Form;
 use phipsi::scalar::{DoubleDouble, Real};
 use phipsi::scene::Model;
-use phipsi::{Accuracy, ESTIMATE_SPREAD};
+use phipsi::{Accuracy, Bound, ESTIMATE_SPREAD};
 use phipsi::{Algorithm, Arguments};
 use phipsi::{Error, Tally, Workspace, dynamics, scenes};
 
@@ -144,7 +144,7 @@ fn told(case: &Case) -> Option<(Vec<f64>, Accuracy)> {
     let mut qdd = vec![f64::NAN; case.scene.nv()];
     let state =
         [Arguments { q: &case.q, qd: &case.qd, u: &case.tau, wrenches: &case.wrenches, ..Arguments::default() }];
-    let mut accuracy = [Accuracy { form: Form::Joseph, doubled: true, error: f64::NAN }];
+    let mut accuracy = [Accuracy { form: Form::Joseph, doubled: true, error: f64::NAN, bound: Bound::Unknown }];
     let mut evaluator = case.scene.evaluator();
     case.scene.evaluate_with_accuracy(&mut evaluator, Form::Auto, &state, &mut qdd, &mut accuracy).ok()?;
     Some((qdd, accuracy[0]))
@@ -152,7 +152,7 @@ fn told(case: &Case) -> Option<(Vec<f64>, Accuracy)> {
 
 /// The true error over the estimated one, where it is more than what the problem allows; what is wrong with what was told.
 fn spread_of(case: &Case, found: &[f64], expected: &[DoubleDouble], allowed: f64) -> Result<f64, String> {
-    let Some((qdd, Accuracy { form, doubled, error: estimate })) = told(case) else { return Ok(0.0) };
+    let Some((qdd, Accuracy { form, doubled, error: estimate, .. })) = told(case) else { return Ok(0.0) };
     let largest = tolerance::size(&expected.iter().map(|&x| tolerance::to_f64(x)).collect::<Vec<_>>());
     let off = error(&double(&qdd), expected) * largest;
     if qdd != found {

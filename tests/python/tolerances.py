@@ -72,6 +72,11 @@ def chain(n: int) -> float:
     return 8.0 * float(np.sqrt(n)) * EPS
 
 
+def accepted(scale: float) -> float:
+    """The error that form `auto` accepts in derivatives of forward dynamics and their products; scale is the largest entry."""
+    return 1e-11 * scale
+
+
 def solve(condition: float, scale: float) -> float:
     """For an inverse beside one by a backward stable program: tighter than `inverse`, which allows for Pinocchio's."""
     return 8.0 * condition * EPS * scale

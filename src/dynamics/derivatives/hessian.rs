@@ -12,7 +12,7 @@ use crate::filter::Form;
 use crate::filter::pivots::LostPivot;
 use crate::kinematics::coordinate_rates;
 use crate::model::Model;
-use crate::scalar::{DoubleDouble, Dual, Real};
+use crate::scalar::{DoubleDouble, Dual, Real, larger};
 use crate::workspace::Workspace;
 use nalgebra::{Vector3, Vector6};
 
@@ -74,13 +74,7 @@ impl<S: Real<Parameter = S>> HessianScratch<S> {
     }
 
     /// q along the tangent dq, qd along dqd, and constant wrenches.
-    fn set(
-        &mut self,
-        model: &Model<S>,
-        (q, qd): (&[S], &[S]),
-        wrenches: &[Vector6<S>],
-        [dq, dqd]: [&[S]; 2],
-    ) {
+    fn set(&mut self, model: &Model<S>, (q, qd): (&[S], &[S]), wrenches: &[Vector6<S>], [dq, dqd]: [&[S]; 2]) {
         coordinate_rates(model, q, dq, &mut self.rates);
         join(&mut self.q, q, &self.rates);
         join(&mut self.qd, qd, dqd);
@@ -210,5 +204,14 @@ fn product<S: Real<Parameter = S>>(
     for (to, from) in out[..2 * nv].iter_mut().zip(&scratch.out) {
         *to = -from.tangent;
     }
+    // M x, of which the gradients are made body by body, has to be the cotangent.
+    let HessianScratch { dual, out: gradients, .. } = scratch;
+    let (mut off, mut size) = (S::epsilon() * dual.terms().value, S::zero());
+    for (product, &c) in gradients[2 * nv..].iter().zip(cotangent) {
+        off = larger(off, (product.value - c).abs());
+        size = larger(size, c.abs());
+    }
+    is_in_doubt |=
+        workspace.form == Form::Auto && !(off.lane(0) <= size.lane(0) * workspace.accepted_error().of_products());
     Ok(is_in_doubt)
 }

@@ -54,6 +54,11 @@ impl<T: Real<Parameter = T>> ProductScratch<T> {
         !(self.changes.lost(of_products(workspace), solution).lane(0) <= 0.0)
     }
 
+    /// What the moments of M x were sums of, in the last gradients of torques with x for their cotangent.
+    pub(super) fn terms(&self) -> T {
+        self.co_states.terms
+    }
+
     /// How many bodies and degrees of freedom it is for.
     pub(crate) fn size(&self) -> (usize, usize) {
         (self.sweeps.bodies.len(), self.right.len())
@@ -123,10 +128,8 @@ pub fn forward_dynamics_jvp<T: Real<Parameter = T>>(
     let monitor = accelerations(model, workspace, &mut qdd, state, wrenches);
     let lost = workspace.lost_pivot(model, &monitor);
     let is_auto = workspace.form == Form::Auto;
-    let is_doubled = lost.is_none()
-        && is_auto
-        && monitor.of_roots
-        && doubled_products::tangent(model, state, wrenches, along, out);
+    let is_doubled =
+        lost.is_none() && is_auto && monitor.of_roots && doubled_products::tangent(model, state, wrenches, along, out);
     let mut is_lost = false;
     if lost.is_none() && !is_doubled {
         let (q, qd, _) = state;
@@ -301,12 +304,7 @@ pub(crate) fn gradients_in_sweeps<T: Real, C: ColumnsOf<T>>(
 /// x in the place of -M x, which the way inward has found; by how much M x misses the right side c, or the rounding of the `terms` that it is made of where that is
 /// more, less what is let pass: not above zero where the forces that gradients are made of kept their digits.
 #[inline(always)]
-fn solved_short_of<T: Real>(
-    cotangent: &[T],
-    (terms, accepted): (T, T),
-    product: &mut [T],
-    x: &[T],
-) -> T {
+fn solved_short_of<T: Real>(cotangent: &[T], (terms, accepted): (T, T), product: &mut [T], x: &[T]) -> T {
     let zero = T::zero();
     let (mut off, mut size) = (T::epsilon() * terms, zero);
     for ((product, &c), &x) in product.iter_mut().zip(cotangent).zip(x) {

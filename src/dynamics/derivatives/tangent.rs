@@ -113,7 +113,8 @@ fn total<T: Real>(x: &Vector3<T>) -> T {
 #[inline(always)]
 fn terms_of_change<T: Real>(inertia: &BodyInertia<T>, velocity: &Vector6<T>, [dv, da]: [&[T; 6]; 2]) -> [T; 2] {
     let (dv, da) = (Vector6::from(*dv), Vector6::from(*da));
-    let (w, u, dw, du) = (total(&angular(velocity)), total(&linear(velocity)), total(&angular(&dv)), total(&linear(&dv)));
+    let (w, u, dw, du) =
+        (total(&angular(velocity)), total(&linear(velocity)), total(&angular(&dv)), total(&linear(&dv)));
     let turned = total(&angular(&da)) + (w * dw + w * dw);
     let moved = w.mul_add(du, dw.mul_add(u, total(&linear(&da))));
     let ([xx, _, _, yy, _, zz], h) = (inertia.rotational.entries, total(&inertia.first_moment));

@@ -115,7 +115,9 @@ mod tests {
         let nothing = Margins { of_rest: 0.0, of_bias: 0.0, of_bias_at_most: 0.0 };
         let (size, rest) = (400.0 * 400.0, Margins { of_rest: 4.0, ..nothing });
         let (holding, falling) = (seen(&held), seen(&still));
-        assert!(holding.relative_error(0) > 1e-6 && holding.slack(size, &nothing) < 0.0 && holding.slack(0.0, &rest) > 0.0);
+        assert!(
+            holding.relative_error(0) > 1e-6 && holding.slack(size, &nothing) < 0.0 && holding.slack(0.0, &rest) > 0.0
+        );
         assert!(falling.relative_error(0) < 1e-13 && falling.slack(size, &nothing) > 0.0);
     }
 
