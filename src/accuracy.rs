@@ -25,7 +25,7 @@ pub struct Accuracy {
 pub enum Bound {
     /// The tolerance, relative to the largest acceleration.
     Tolerance,
-    /// What one unit in the last place of the forces makes of the accelerations, some times over: the sensitivity of the problem.
+    /// The sensitivity of the problem: a multiple of the change of the accelerations by one unit in the last place of the forces.
     Sensitivity,
     /// Of the square-root form, whose first look found pivots and gains within bounds that its rounding cannot pass, whatever the estimate.
     Pivots,

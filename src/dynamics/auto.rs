@@ -27,7 +27,7 @@ pub struct Choice<T> {
     pub pivots: PivotMonitor<T>,
     /// What the covariance form lost.
     pub cancellation: Cancellation<T>,
-    /// Whether the covariance form lost digits in some lane.
+    /// Whether the error estimate of the covariance form exceeds its bounds in a lane.
     pub is_covariance_in_doubt: bool,
     /// How the square-root form did, where it was run; it says whether double-double arithmetic had the last word.
     pub judged: Option<Judged<T>>,
@@ -210,7 +210,7 @@ impl<T: Real> Watched<T> {
         Errors { first: self.first.error(), both: self.cancellation.error(), clear_before: self.clear_before }
     }
 
-    /// What is known of lane 0, with this tolerance and these accelerations.
+    /// The accuracy of lane 0, with this tolerance and these accelerations.
     pub fn accuracy(&self, tolerance: Tolerance, qdd: &[T]) -> Accuracy {
         let accuracy = Accuracy { error: self.errors().of(0), ..Accuracy::unknown(Form::Covariance) };
         accuracy.judged(tolerance.of_covariance(T::epsilon().lane(0)), largest(qdd), self.kept(0))

@@ -67,7 +67,7 @@ impl InverseScratch<f64> {
 /// With L+ = Lambda^+ and A = 1 - gH: the diagonal is 1/D + g* L+ g; outboard of joint j the entry is g(i)* Psi* (A* L+ g - H*/D);
 /// across branches that part at body c it is g(i)* Psi(c,i)* Lambda^-(c) Psi(c,j) g(j). O(N^2), the order of the output.
 ///
-/// In form `auto` a state where the covariance form loses digits in the factor of M is recomputed in double-double arithmetic and rounded (f64 only).
+/// In form `auto` a state where the error estimate of the factor of M exceeds the tolerance is recomputed in double-double arithmetic and rounded (f64 only).
 pub fn mass_matrix_inverse<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,

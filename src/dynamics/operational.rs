@@ -40,7 +40,7 @@ impl<T: Real> OperationalScratch<T> {
 /// their accelerations by Omega F. On bodies Omega is phi* H* M^-1 H phi = cov(lambda^-) (2.9, 5.5 as it holds): with c the nearest
 /// common ancestor of bodies i and j, which may be one of them, its block is X(c,i)* Lambda^-(c) X(c,j), where X = Psi A carries
 /// forces from the outboard side of one body to that of another and X(c,c) = 1. Without a common ancestor, and on the base,
-/// it is zero. O(N + m^2 depth), and nothing is allocated; but in form `auto` a state where the covariance form loses digits in the factor of M is recomputed in double-double arithmetic and
+/// it is zero. O(N + m^2 depth), and nothing is allocated; but in form `auto` a state where the error estimate of the factor of M exceeds the tolerance is recomputed in double-double arithmetic and
 /// rounded (f64 only). Where [`Workspace::lost_pivot`] finds one with the returned
 /// monitor, `out` means nothing, and so it is under a [`watch`] that ends the work. A frame's body must be one of the model's.
 pub fn operational_inverse_inertia<T: Real>(

@@ -13,7 +13,7 @@ from tolerances import EPS, chain, recursion
 
 import phipsi
 
-LONG = {"revolute": 1000, "prismatic": 300, "spherical": 300, "mixed": 300}
+LONG = {"revolute": 500, "prismatic": 150, "spherical": 150, "mixed": 150}
 KINDS = {"mixed": ("revolute", "screw", "prismatic", "spherical")}
 FORMS = ("auto", "covariance", "joseph", "square-root")
 

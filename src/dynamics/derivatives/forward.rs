@@ -21,7 +21,7 @@ use nalgebra::Vector6;
 /// Arguments as there; P is carried as the workspace's form says. dtau/dq and dtau/dqd are those of
 /// [`inverse_dynamics_derivatives`] at the accelerations of the state; M^-1 is (6.1), and the columns of both go through filter and smoother: O(N^2).
 ///
-/// In form `auto` a state is recomputed in double-double arithmetic and rounded where the covariance form loses digits in the factor of M, or the estimated
+/// In form `auto` a state is recomputed in double-double arithmetic and rounded where the error estimate of the factor of M exceeds the tolerance, or the estimated
 /// error of the columns exceeds the tolerance of products ([`Workspace::tolerance`]): f64 only, some thirty times as long, with scratch for as long as it lasts. Under a
 /// [`watch`] that ends the work `out` means nothing.
 ///
@@ -58,7 +58,7 @@ pub fn forward_dynamics_derivatives<T: Real<Parameter = T>>(
         return Err(lost);
     }
     if is_auto && cancels {
-        // Where there are not twice the digits, what there is stays.
+        // Without a wider model the result stays as it is.
         doubled::derivatives(model, state, wrenches, out);
     }
     Ok(())

@@ -138,7 +138,7 @@ pub fn forward_dynamics_hvp(
 ) -> Result<(), LostPivot> {
     let is_in_doubt = product((model, workspace, scratch), state, wrenches, (cotangent, direction), out)?;
     if is_in_doubt {
-        // Where there are not twice the digits, what there is stays.
+        // Without a wider model the result stays as it is.
         doubled(model, state, wrenches, (cotangent, direction), out);
     }
     Ok(())
@@ -168,7 +168,7 @@ fn doubled(
     }
 }
 
-/// The product in any scalar, and whether form `auto` is in doubt about it.
+/// The product in any scalar, and whether its estimated error exceeds what form `auto` accepts.
 fn product<S: Real<Parameter = S>>(
     (model, workspace, scratch): (&Model<S>, &mut Workspace<S>, &mut HessianScratch<S>),
     state: (&[S], &[S], &[S]),

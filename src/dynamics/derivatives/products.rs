@@ -54,7 +54,7 @@ impl<T: Real<Parameter = T>> ProductScratch<T> {
         !(self.changes.lost(of_products(workspace), solution).lane(0) <= 0.0)
     }
 
-    /// What the moments of M x were sums of, in the last gradients of torques with x for their cotangent.
+    /// Bound on the terms of the moments of M x in the last gradients of torques, x being their cotangent.
     pub(super) fn terms(&self) -> T {
         self.co_states.terms
     }
@@ -109,7 +109,7 @@ pub fn inverse_dynamics_vjp<T: Real<Parameter = T>>(
 /// inertias, armature and gravity add. One more right side of the filter, with the gains of the state: O(N).
 ///
 /// Arguments as in [`inverse_dynamics_jvp`], `along.u` of tau. P is carried as the workspace's form says. In form `auto` a state is recomputed in double-double
-/// arithmetic and rounded where the covariance form loses digits in the factor of M, as in [`forward_dynamics_derivatives`](super::forward_dynamics_derivatives),
+/// arithmetic and rounded where the error estimate of the factor of M exceeds the tolerance, as in [`forward_dynamics_derivatives`](super::forward_dynamics_derivatives),
 /// and where the estimated error of the product, by the probe that the factor was watched with, exceeds the tolerance of products.
 ///
 /// # Errors
@@ -146,7 +146,7 @@ pub fn forward_dynamics_jvp<T: Real<Parameter = T>>(
         return Err(lost);
     }
     if is_lost {
-        // Where there are not twice the digits, what there is stays.
+        // Without a wider model the result stays as it is.
         doubled_products::tangent(model, state, wrenches, along, out);
     }
     Ok(())
@@ -214,7 +214,7 @@ pub fn forward_dynamics_vjp<T: Real<Parameter = T>>(
         return Err(lost);
     }
     if workspace.form == Form::Auto && !is_doubled && off.lane(0) > 0.0 {
-        // Where there are not twice the digits, what there is stays.
+        // Without a wider model the result stays as it is.
         doubled_products::gradients(model, state, wrenches, cotangent, (constants, out));
     }
     Ok(())
@@ -243,13 +243,13 @@ fn changes_of_forces<T: Real<Parameter = T>>(
     tangent::base_to_tip(scene, scratch, changes, along, gravity);
 }
 
-/// What is accepted of the error of products, in eps of their largest entry.
+/// The accepted error of products, in eps of their largest entry.
 fn of_products<T: Real>(workspace: &Workspace<T>) -> T {
     T::from_f64(workspace.accepted_error().of_products() / T::epsilon().lane(0))
 }
 
 /// The product along a direction, for states in lanes and for one state: of torques, or where `solves` of accelerations, then with the factor, turns and shifts in the
-/// scratch; `right` is scratch too. Above zero where a solution is `judged` and lost digits.
+/// scratch; `right` is scratch too. Positive where a solution is `judged` and its estimated error exceeds the tolerance.
 #[inline(always)]
 pub(crate) fn tangent_in_sweeps<T: Real, C: ColumnsOf<T>>(
     scene: (&Model<T>, &SweepModel<T>),

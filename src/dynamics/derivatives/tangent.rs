@@ -92,7 +92,7 @@ impl<T: Real> Changes<T> {
         }
     }
 
-    /// By how much the estimated error of a solution is above what is accepted, in eps of its largest entry: not above zero where it kept its digits.
+    /// The estimated error of a solution less the accepted one, in eps of its largest entry: positive or NaN where it exceeds the tolerance.
     #[inline(always)]
     pub fn lost(&self, accepted: T, out: &[T]) -> T {
         let mut size = self.noise.constant(0.0);

@@ -183,7 +183,7 @@ impl<T: Real> SweepScratch<T> {
         self
     }
 
-    /// What is accepted with this tolerance: the square in units of eps^2, and that of products in units of eps.
+    /// The accepted errors with this tolerance: the square in units of eps^2, and that of products in units of eps.
     pub(crate) fn accepted(&self, given: Option<f64>) -> [f64; 2] {
         let (tolerance, epsilon) = (Tolerance { given, rows: self.longest_path }, T::epsilon().lane(0));
         [(tolerance.of_covariance(epsilon) / epsilon).powi(2), tolerance.of_products() / epsilon]
