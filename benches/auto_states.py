@@ -60,7 +60,9 @@ def main() -> None:
     if options.markdown is None:
         print(table)
     else:
-        options.markdown.write_text(f"{HEAD}\n{table}\n", encoding="utf-8")
+        import long_chains  # with mpmath, which the tests need too
+
+        options.markdown.write_text(f"{HEAD}\n{table}\n\n{long_chains.section()}\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

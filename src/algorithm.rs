@@ -287,6 +287,9 @@ pub struct Arguments<'a, P = f64> {
     pub wrenches: &'a [SpatialVector<f64>],
     /// A direction or a cotangent: what [`Products`] multiply.
     pub seed: [&'a [P]; 3],
+    /// The largest estimated error that form `auto` accepts, relative to the largest entry of the result; None: the usual one. See
+    /// [`Workspace::tolerance`](crate::Workspace::tolerance).
+    pub tolerance: Option<f64>,
 }
 
 impl<P> Arguments<'_, P> {
@@ -300,7 +303,7 @@ impl<P> Arguments<'_, P> {
         for (seed, (given, _)) in seed.iter_mut().zip(self.seed.into_iter().zip(algorithm.seeds())) {
             *seed = given;
         }
-        Self { q: self.q, qd, u, wrenches, seed }
+        Self { q: self.q, qd, u, wrenches, seed, tolerance: algorithm.form().and(self.tolerance) }
     }
 }
 

@@ -220,7 +220,7 @@ pub mod stochastic;
 pub mod watch;
 mod workspace;
 
-pub use accuracy::{Accuracy, ESTIMATE_SPREAD};
+pub use accuracy::{Accuracy, Bound, ESTIMATE_SPREAD};
 pub use algorithm::{Algorithm, Arguments, Derivatives, Everyday, Products};
 pub use api::{BodyWrenches, Constrained, OnLink, Projection, TaskFrame};
 pub use error::{ConstraintFault, Error, Shortage};

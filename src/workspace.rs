@@ -5,6 +5,7 @@ use crate::algorithm::Chunks;
 use crate::filter::cancellation::weight;
 use crate::filter::pivots::{Evidence, LostPivot, PivotMonitor, Scale, first_lost};
 use crate::filter::riccati::{Covariances, Measured};
+use crate::filter::tolerance::Tolerance;
 use crate::filter::{Form, System};
 use crate::model::Model;
 use crate::scalar::Real;
@@ -80,6 +81,12 @@ impl std::fmt::Debug for Made {
 pub struct Workspace<T: Real> {
     /// How P is carried by what uses this workspace.
     pub form: Form,
+    /// The largest estimated error that form `auto` accepts, relative to the largest entry of a result; forward dynamics in square-root form too. None: max(5e-14, 4 n
+    /// eps), n being the number of degrees of freedom on the longest path to the base, and 1e-11 of derivatives and products with them. What one unit in the last place of the
+    /// forces makes of the result is accepted all the same.
+    pub tolerance: Option<f64>,
+    /// Number of rows on the longest path from the base.
+    pub(crate) longest_path: usize,
     /// What was not plain sailing, since this workspace was made.
     pub tally: Tally,
     /// Whether forward dynamics is to estimate its error in each form that can, which takes the square-root form half as long again.
@@ -93,7 +100,7 @@ pub struct Workspace<T: Real> {
     pub(crate) acceleration: Vec<Vector6<T>>,
     /// b(k), then z^-(k), then z^+(k); in inverse dynamics the whole force.
     pub(crate) z: Vec<Vector6<T>>,
-    /// b(k), where the digits are watched.
+    /// b(k), where the digits are watched; after the factor of M was, the co-state nu(k) of its probe.
     pub(crate) bias: Vec<Vector6<T>>,
     pub(crate) co_state: Vec<Vector6<T>>,
     /// Bounds on the terms that form P^-(k).
@@ -144,6 +151,8 @@ impl<T: Real> Workspace<T> {
         };
         Self {
             form: Form::default(),
+            tolerance: None,
+            longest_path: model.longest_path(),
             tally: Tally::default(),
             estimates_error: false,
             accuracy: Accuracy::unknown(Form::default()),
@@ -178,6 +187,17 @@ impl<T: Real> Workspace<T> {
     pub(crate) fn exchange_probes(&mut self) {
         let (first, second) = self.weights.split_at_mut(self.measured.len());
         first.swap_with_slice(second);
+    }
+
+    /// The tolerance, and the length that the usual one depends on.
+    pub(crate) fn accepted_error(&self) -> Tolerance {
+        Tolerance { given: self.tolerance, rows: self.longest_path }
+    }
+
+    /// The square of what the covariance form accepts, in units of eps^2.
+    pub(crate) fn accepted_square(&self) -> T {
+        let epsilon = T::epsilon().lane(0);
+        T::from_f64((self.accepted_error().of_covariance(epsilon) / epsilon).powi(2))
     }
 
     /// The same scratch for another form.

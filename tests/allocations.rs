@@ -210,7 +210,7 @@ fn products_allocate_nothing_after_the_first() {
                 scene.forward_dynamics_jvp(w, q, qd, u, wrenches, direction, &mut s.vector).unwrap();
                 scene.forward_dynamics_vjp(w, q, qd, u, wrenches, u, &mut all).unwrap();
             }
-            let given = Arguments { q, qd, u, wrenches, seed: [u, &[], &[]] };
+            let given = Arguments { q, qd, u, wrenches, seed: [u, &[], &[]], ..Arguments::default() };
             scene.forward_dynamics_gradients(w, q, qd, u, wrenches, u, &mut whole).unwrap();
             let along = Arguments { seed: [u, qd, &third], ..given };
             scene.inverse_dynamics_along(w, &along, &mut s.vector).unwrap();

@@ -77,7 +77,7 @@ fn directions_of_what_is_constant() {
                 let all: Vec<_> = (0..states.len())
                     .map(|i| {
                         let (q, qd, u) = &states[i];
-                        Arguments { q, qd, u, wrenches: &forces[i], seed: [u, qd, &thirds[i]] }
+                        Arguments { q, qd, u, wrenches: &forces[i], seed: [u, qd, &thirds[i]], ..Arguments::default() }
                     })
                     .collect();
                 for arm in arms() {

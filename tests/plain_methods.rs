@@ -12,7 +12,7 @@ fn plain(
     state: &Arguments<'_>,
 ) -> Result<Vec<f64>, Error> {
     let mut out = vec![f64::NAN; scene.width(algorithm)];
-    let &Arguments { q, qd, u, wrenches, seed } = state;
+    let &Arguments { q, qd, u, wrenches, seed, .. } = state;
     match algorithm {
         Algorithm::ForwardDynamics(form) => {
             workspace.form = form;

@@ -83,7 +83,7 @@ pub fn states_of(kind: Kind, scene: &Scene, states: &[State]) -> Vec<State> {
 
 /// The arguments that an algorithm reads of a state.
 pub fn arguments(algorithm: Algorithm, [q, qd, u]: &State) -> Arguments<'_> {
-    Arguments { q, qd, u, wrenches: &[], seed: [qd, u, qd] }.read_by(algorithm)
+    Arguments { q, qd, u, wrenches: &[], seed: [qd, u, qd], ..Arguments::default() }.read_by(algorithm)
 }
 
 /// A robot of `make peers`, on the base that the peers give it; none, and a word about it, where its file is not there.

@@ -42,15 +42,15 @@ def _by_coordinates(coordinates: Coordinates, q: Array, by_tangent: NDArray[np.f
 
 
 @lru_cache(maxsize=32)
-def forward_dynamics(scene: Scene, form: str, errors: Errors = "raise") -> Call:
+def forward_dynamics(scene: Scene, form: str, errors: Errors = "raise", tolerance: float | None = None) -> Call:
     """qdd of (q, qd, tau)."""
     coordinates = Coordinates(scene)
 
     def value(q: Array, qd: Array, tau: Array) -> Array:
-        return np.asarray(scene.forward_dynamics(coordinates.normalised(q), qd, tau, form=form, errors=errors))  # type: ignore[call-overload]
+        return np.asarray(scene.forward_dynamics(coordinates.normalised(q), qd, tau, form=form, tolerance=tolerance, errors=errors))  # type: ignore[call-overload]
 
     def derivatives(q: Array, qd: Array, tau: Array) -> tuple[Array, ...]:
-        by_q, by_qd, minv = scene.forward_dynamics_derivatives(coordinates.normalised(q), qd, tau, form=form, errors=errors)  # type: ignore[arg-type]
+        by_q, by_qd, minv = scene.forward_dynamics_derivatives(coordinates.normalised(q), qd, tau, form=form, tolerance=tolerance, errors=errors)  # type: ignore[arg-type]
         return _by_coordinates(coordinates, q, by_q), by_qd, minv
 
     return Call(value, derivatives, ("q", "qd", "tau"), (scene.nq, scene.nv, scene.nv), scene.nv)

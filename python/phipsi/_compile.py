@@ -70,12 +70,16 @@ class Compiled(Functions[_Array]):
     """The file of the machine code."""
     form: Literal["auto", "covariance"]
     """How forward_dynamics, mass_matrix_inverse, and derivatives and products of forward dynamics keep their digits."""
+    tolerance: float | None
+    """The largest accepted error of form "auto", as in Scene.forward_dynamics."""
 
-    def __init__(self, scene: Scene, functions: tuple[Function, ...], library: Path, form: Literal["auto", "covariance"], dtype: str) -> None:
+    def __init__(
+        self, scene: Scene, functions: tuple[Function, ...], library: Path, form: Literal["auto", "covariance"], dtype: str, tolerance: float | None = None
+    ) -> None:
         super().__init__(scene, functions, dtype)
-        self.library, self.form = library, form
+        self.library, self.form, self.tolerance = library, form, tolerance
         #: The options of the call of compile, for pickling.
-        self._options: dict[str, Any] = {"form": form, "dtype": dtype}
+        self._options: dict[str, Any] = {"form": form, "dtype": dtype, "tolerance": tolerance}
         self._is_rounded = self.dtype != np.float64
         _check_owner(library)
         code = ctypes.CDLL(str(library))
@@ -89,7 +93,9 @@ class Compiled(Functions[_Array]):
     def _fixed(self, function: tuple[str, ...]) -> dict[str, Any]:
         """Arguments of the scene's method that were chosen when it was compiled."""
         name, of = function[0], function[1:]
-        form = {"form": self.form} if name in IN_FORM and self.form != "auto" else {}
+        form: dict[str, Any] = {"form": self.form} if name in IN_FORM and self.form != "auto" else {}
+        if name in IN_FORM and self.tolerance is not None:
+            form = {"tolerance": self.tolerance}
         dtype = {"dtype": self.dtype} if name in IN_DTYPE and self.dtype != np.float64 else {}
         return {**form, **dtype, **({"frame": of[1]} if len(of) > 1 else {})}
 
@@ -103,7 +109,7 @@ class Compiled(Functions[_Array]):
         batches = Batches(entry(code, called, len(reads) + len(results) + tells), reads, results, self.dtype, FEW[name])
 
         def again(*states: _Array) -> Any:
-            return getattr(self.scene, name)(*states)
+            return getattr(self.scene, name)(*states, **({} if self.tolerance is None else {"tolerance": self.tolerance}))
 
         if tells:
             batches.watched(again)
@@ -179,6 +185,7 @@ def compile(
     *,
     device: Literal["cpu"] = "cpu",
     form: Literal["auto", "covariance"] | None = None,
+    tolerance: float | None = None,
     dtype: Literal["float64", "float32"] = "float64",
     compiler: str | None = None,
     flags: Sequence[str] | None = None,
@@ -199,6 +206,7 @@ def compile(  # noqa: A001  # phipsi.compile
     *,
     device: Literal["cpu", "cuda"] = "cpu",
     form: Literal["auto", "covariance"] | None = None,
+    tolerance: float | None = None,
     dtype: Literal["float64", "float32"] = "float64",
     compiler: str | None = None,
     flags: Sequence[str] | None = None,
@@ -207,7 +215,7 @@ def compile(  # noqa: A001  # phipsi.compile
     """Compiles functions of one scene by the system's C compiler: scene.to_c(batches=True) into a library that is loaded at once. Or for a GPU, scene.to_cuda through CuPy and NVRTC.
 
     functions: as of to_c, of one link ("placement", link), ("jacobian", link) or ("jacobian", link, frame); None: all that are of no one link. device: "cpu" or "cuda", which needs CuPy (phipsi[cuda]) and a GPU. form: "auto" hands states that may have lost digits to the scene, "covariance"
-    does not look, and takes less time (docs/compiled-times.md): derivatives and products of forward dynamics are watched by an inverse mass matrix more; None: "auto", and "covariance" of float32 and on a GPU, where "auto" is not to be had. dtype: "float64" or "float32", the numbers of the code and of results; on the CPU, arguments of
+    does not look, and takes less time (docs/compiled-times.md): derivatives and products of forward dynamics are watched by an inverse mass matrix more; None: "auto", and "covariance" of float32 and on a GPU, where "auto" is not to be had. tolerance: of form "auto", as in Scene.forward_dynamics. dtype: "float64" or "float32", the numbers of the code and of results; on the CPU, arguments of
     float64 are rounded to it. compiler: its command, with arguments where it needs some ("ccache gcc"); None: that of the environment variable CC, or cc. flags: for this processor and of how fast the code is to be; None: -O3 for this
     processor. cache: a directory that keeps libraries by scene, compiler and flags, so that the next call takes no time; None: phipsi/compiled where the user's caches are. A library in it that cannot be loaded is built
     again; a directory that cannot be written is replaced by a temporary one, with a CacheWarning. These three are of device="cpu".
@@ -220,6 +228,8 @@ def compile(  # noqa: A001  # phipsi.compile
         raise of_argument(ArgumentError, "form", f"found {form!r}; expected 'auto' or 'covariance'")
     if form == "auto" and (device == "cuda" or dtype != "float64"):
         raise of_argument(ArgumentError, "form", f"found 'auto' with device={device!r} and dtype={dtype!r}; expected 'covariance': states are watched in float64 on the CPU")
+    if tolerance is not None and (form == "covariance" or device == "cuda" or dtype != "float64"):
+        raise of_argument(ArgumentError, "tolerance", f"found {tolerance!r} with form 'covariance', which takes its result as it is; expected form='auto' (of float64, on the CPU), or no tolerance")
     names = None if functions is None else tuple(functions)
     known = FUNCTIONS if names is None else tuple(dict.fromkeys(names))
     if device == "cuda":
@@ -229,7 +239,9 @@ def compile(  # noqa: A001  # phipsi.compile
         return compile_for_cuda(scene, known, dtype)
     found = _command(compiler or os.environ.get("CC") or "cc")
     kept: Literal["auto", "covariance"] = form or ("auto" if dtype == "float64" else "covariance")
-    files = scene.to_c(name="robot", functions=_written(known) if kept == "auto" else known, dtype=dtype, batches=True)
+    written = _written(known) if kept == "auto" else known
+    judged = any(name in (*WATCHED.values(), WATCH) for name in written)
+    files = scene.to_c(name="robot", functions=written, dtype=dtype, batches=True, tolerance=tolerance if judged else None)
     own = ("-mcpu=native",) if platform.machine() in ("aarch64", "arm64") else ("-march=native",)
     told = [*ALWAYS, *(("-O3", *own) if flags is None else flags)]
     key = _key(files, found, told)
@@ -238,13 +250,13 @@ def compile(  # noqa: A001  # phipsi.compile
     made = None
     if _is_whole(library):
         with suppress(OSError):
-            made = Compiled(scene, known, library, kept, dtype)
+            made = Compiled(scene, known, library, kept, dtype, tolerance)
     if made is None:
         if (operations := files["robot.c"].count("\n    const lanes ")) > LONG:
             message = f"functions: found {operations} operations in all, which a compiler takes about {operations * SECONDS_EACH:.0f} s for; expected fewer functions, or some patience"
             warnings.warn(message, LongCodeWarning, stacklevel=2)
         _build(files, [*found, *told], library)
-        made = Compiled(scene, known, library, kept, dtype)
+        made = Compiled(scene, known, library, kept, dtype, tolerance)
     made._options |= {"compiler": compiler, "flags": None if flags is None else list(flags), "cache": cache}
     return made
 

@@ -299,6 +299,7 @@ class Scene:
         tau: ArrayLike,
         *,
         form: _Form = "auto",
+        tolerance: float | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
         out: _Array | None = None,
         dtype: _Float64 = None,
@@ -309,7 +310,10 @@ class Scene:
 
         q: (..., nq); qd, tau: (..., nv); SI units, radians; leading axes broadcast. wrenches: dict from link names (links on fixed joints
         too) to (..., 6), each a (moment, force) acting on that link, at its origin and in its frame. form: how P is carried: "covariance"
-        (3.6), "joseph", "square-root" (right at extreme mass ratios too, at about twice the time), or "auto". out: C-contiguous, of the
+        (3.6), "joseph", "square-root" (right at extreme mass ratios too, at about twice the time), or "auto", which takes the first and recomputes a state
+        in square-root form, and in double-double arithmetic where that is not enough, if its estimated error exceeds the tolerance and what rounding of the
+        forces by a unit in the last place makes of it. tolerance: the largest accepted error relative to the largest acceleration, above 0 and below 1, for the forms "auto"
+        and "square-root"; None: max(5e-14, 4 n eps), n being the number of degrees of freedom on the longest path to the base. out: C-contiguous, of the
         result's shape and dtype, overlapping no argument; it is returned. dtype: float64, or float32 to compute in twice as many SIMD
         lanes: about 6 digits, fewer by those of the condition number of M; a state that loses more than 4 in form "auto" is done in
         float64 and rounded, and so is all that docs/lanes.md lists. Arguments are converted to it.
@@ -325,7 +329,7 @@ class Scene:
         Contacts act in simulation only: of a scene with contacts these are the accelerations of the tree.
 
         Returns qdd, (..., nv), with M qdd + bias = tau + J^T w (4.4 to 4.11); with return_info (qdd, Accuracy): .form, the form that gave
-        the result, and .error, the estimated error of the largest acceleration.
+        the result; .error, the estimated error of the largest acceleration; and .bound, the bound that this error meets.
 
         Raises SingularJointError where a joint has no inertia along its axis; ConstraintError where connections contradict each other; ArgumentError,
         naming the link, for the square-root form of an inertia that no body can have; ShapeError, NotFiniteError, ArgumentError, each naming the
@@ -340,6 +344,7 @@ class Scene:
         tau: ArrayLike,
         *,
         form: _Form = "auto",
+        tolerance: float | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
         out: _Array | None = None,
         dtype: _Float64 = None,
@@ -355,6 +360,7 @@ class Scene:
         tau: ArrayLike,
         *,
         form: _Form = "auto",
+        tolerance: float | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
         out: _Single | None = None,
         dtype: _Float32,
@@ -370,6 +376,7 @@ class Scene:
         tau: ArrayLike,
         *,
         form: _Form = "auto",
+        tolerance: float | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
         out: _Single | None = None,
         dtype: _Float32,
@@ -398,6 +405,7 @@ class Scene:
         friction: ArrayLike | None = None,
         friction_speed: float | None = None,
         form: Literal["auto", "covariance"] = "auto",
+        tolerance: float | None = None,
         parameters: bool = False,
         limits: Literal["stop", "report"] | None = None,
         restitution: float = 0.0,
@@ -406,7 +414,7 @@ class Scene:
 
         q: (..., rows, nq); qd: (..., rows, nv): the rows that simulate recorded, the first at the start. cotangent_q, cotangent_qd: (..., rows, nv), the gradients of the
         function by these, that by q in the tangent space of each row, as dq in inverse_dynamics_jvp. dt, steps, tau, tau_steps, method, record_every, pd, armature, damping,
-        stiffness, rest, friction, friction_speed, form, limits, restitution: as simulate had them; tau is an array. parameters: whether to give the gradients by inertias too.
+        stiffness, rest, friction, friction_speed, form, tolerance, limits, restitution: as simulate had them; tau is an array. parameters: whether to give the gradients by inertias too.
 
         Steps between rows are made again: with record_every=1 none is. O(N) a stage of a step; steps after the last row change nothing. The memory of a thread grows with the
         root of the steps between two rows.
@@ -436,6 +444,7 @@ class Scene:
         friction: ArrayLike | None = None,
         friction_speed: float | None = None,
         form: Literal["auto", "covariance"] = "auto",
+        tolerance: float | None = None,
         progress: Callable[[int, int], object] | None = None,
         conserve_momentum: bool = False,
         baumgarte: float | None = None,
@@ -489,6 +498,8 @@ class Scene:
             connections, where friction is always regularized: Trajectory.friction_speed reports it.
         form : str
             "auto" recomputes a step whose estimated error exceeds the tolerance in square-root form; "covariance" checks the pivots only.
+        tolerance : float, optional
+            Of form "auto", as in forward_dynamics.
         progress : callable, optional
             Called with (steps done, steps) at most twenty times per second.
         conserve_momentum : bool
@@ -559,6 +570,7 @@ class Scene:
         friction: ArrayLike | None = None,
         friction_speed: float | None = None,
         form: Literal["auto", "covariance"] = "auto",
+        tolerance: float | None = None,
         conserve_momentum: bool = False,
         baumgarte: float | None = None,
         compliance: ArrayLike | None = None,
@@ -576,7 +588,7 @@ class Scene:
             Joint velocities at the start; zero by default. Leading axes broadcast to those of the batch.
         dt : float
             Step, s.
-        method, pd, armature, damping, stiffness, rest, friction, friction_speed, form, conserve_momentum, baumgarte, compliance, limits, restitution, accuracy
+        method, pd, armature, damping, stiffness, rest, friction, friction_speed, form, tolerance, conserve_momentum, baumgarte, compliance, limits, restitution, accuracy
             As in simulate, for all steps.
 
         Returns
@@ -705,11 +717,11 @@ class Scene:
 
     @overload
     def mass_matrix_inverse(  # type: ignore[overload-overlap]
-        self, q: ArrayLike, *, form: _Form = "auto", out: _Array | None = None, dtype: _Float64 = None, errors: _Errors = "raise"
+        self, q: ArrayLike, *, form: _Form = "auto", tolerance: float | None = None, out: _Array | None = None, dtype: _Float64 = None, errors: _Errors = "raise"
     ) -> _Array:
         """The inverse of the mass matrix in closed form (6.1), without forming or factoring the matrix.
 
-        q: (..., nq). form, out, dtype and errors: as in forward_dynamics. Returns (..., nv, nv), full and exactly symmetric, SI units: the tree's,
+        q: (..., nq). form, tolerance, out, dtype and errors: as in forward_dynamics, the error being that of the factor of M. Returns (..., nv, nv), full and exactly symmetric, SI units: the tree's,
         whatever connections there are (constrained_mass_matrix_inverse is through them).
 
         Raises ArgumentError above 4000 degrees of freedom: forward_dynamics multiplies by the inverse without forming it.
@@ -718,7 +730,7 @@ class Scene:
 
     @overload
     def mass_matrix_inverse(
-        self, q: ArrayLike, *, form: _Form = "auto", out: _Single | None = None, dtype: _Float32, errors: _Errors = "raise"
+        self, q: ArrayLike, *, form: _Form = "auto", tolerance: float | None = None, out: _Single | None = None, dtype: _Float32, errors: _Errors = "raise"
     ) -> _Single: ...
 
     def placements(self, q: ArrayLike, *, errors: _Errors = "raise") -> dict[str, _Array]:
@@ -877,6 +889,7 @@ class Scene:
         tau: ArrayLike,
         *,
         form: _Form = "auto",
+        tolerance: float | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
         out: _Array | None = None,
         errors: _Errors = "raise",
@@ -884,8 +897,8 @@ class Scene:
         """Derivatives of forward dynamics, in the tangent space of q: dqdd/dq = -M^-1 dtau/dq, dqdd/dqd = -M^-1 dtau/dqd and dqdd/dtau = M^-1.
 
         q: (..., nq); qd, tau: (..., nv); SI units, radians; leading axes broadcast. form, wrenches and errors: as in forward_dynamics; wrenches stay as
-        they are in their link's frame. In form "auto" a state whose digits cancel, by an estimate down to 1e-9 of the largest entry, is done with twice the
-        digits, some thirty times as long.
+        they are in their link's frame. In form "auto" a state is recomputed in double-double arithmetic, which takes some thirty times as long, where the error of
+        the factor of M exceeds the tolerance of forward_dynamics, or the estimated error of a derivative 1e-11 of its largest entry. tolerance: replaces both.
 
         Row i is the acceleration qdd_i; columns as in inverse_dynamics_derivatives, whose results at the accelerations of the state are multiplied by
         M^-1 (6.1).
@@ -905,12 +918,13 @@ class Scene:
         tau: ArrayLike,
         *,
         form: _Form = "auto",
+        tolerance: float | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
         errors: _Errors = "raise",
     ) -> LinearSystem:
         """The linear system dx/dt = A x + B u of small deviations from the motion through a state, x = (tangent of q, change of qd), u a change of tau.
 
-        q: (..., nq); qd, tau: (..., nv); SI units, radians; leading axes broadcast. form, wrenches and errors: as in forward_dynamics_derivatives.
+        q: (..., nq); qd, tau: (..., nv); SI units, radians; leading axes broadcast. form, tolerance, wrenches and errors: as in forward_dynamics_derivatives.
 
         A = [[-ad(qd), 1], [dqdd_dq, dqdd_dqd]], B = [[0], [M^-1]]. ad(qd) is zero at rest and for joints of one axis; it is the cross product by the
         angular velocity for spherical joints, and the bracket of (linear, angular) velocities for free joints, since the deviation is in axes that turn
@@ -986,6 +1000,7 @@ class Scene:
         dtau: ArrayLike,
         *,
         form: _Form = "auto",
+        tolerance: float | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
         dwrenches: Mapping[str, ArrayLike] | None = None,
         dparameters: ArrayLike | None = None,
@@ -996,11 +1011,13 @@ class Scene:
         """The change of joint accelerations along a direction, in O(N) and without any matrix: dqdd_dq dq + dqdd_dqd dqd + M^-1 dtau.
 
         q: (..., nq); qd, tau: (..., nv); dq, dqd, dtau: (..., nv), dq in the tangent space of q, as in inverse_dynamics_jvp; SI units, radians; leading axes
-        broadcast. form, wrenches and errors: as in forward_dynamics; wrenches stay as they are in their link's frame.
+        broadcast. form, wrenches and errors: as in forward_dynamics; wrenches stay as they are in their link's frame. tolerance: as in
+        forward_dynamics_derivatives.
 
         dwrenches, dparameters, darmature, dgravity: as in inverse_dynamics_jvp.
 
-        One more right side of the filter, with the gains of the state. In form "auto" a state that loses digits in the factor of M is done with twice the digits.
+        One more right side of the filter, with the gains of the state. In form "auto" a state is recomputed in double-double arithmetic where the estimated error of the
+        factor of M or of the product exceeds the tolerance.
 
         Returns dqdd, (..., nv), rad/s^2 or m/s^2.
 
@@ -1016,13 +1033,14 @@ class Scene:
         cotangent: ArrayLike,
         *,
         form: _Form = "auto",
+        tolerance: float | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
         parameters: bool = False,
         errors: _Errors = "raise",
     ) -> ForwardDynamicsGradients:
         """The gradients of cotangent . qdd, in O(N) and without any matrix: cotangent dqdd_dq, cotangent dqdd_dqd and M^-1 cotangent.
 
-        q: (..., nq); qd, tau, cotangent: (..., nv); SI units, radians; leading axes broadcast. form, wrenches and errors: as in forward_dynamics. parameters: whether
+        q: (..., nq); qd, tau, cotangent: (..., nv); SI units, radians; leading axes broadcast. form, tolerance, wrenches and errors: as in forward_dynamics_jvp. parameters: whether
         to give the gradients by inertias, armature and gravity too.
 
         The gradient by q is in its tangent space, (..., nv), as dq in inverse_dynamics_jvp. x = M^-1 cotangent is filter and smoother once more; all other
@@ -1069,13 +1087,14 @@ class Scene:
         dtau: ArrayLike,
         *,
         form: _Form = "auto",
+        tolerance: float | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
         errors: _Errors = "raise",
     ) -> ForwardDynamicsGradients:
         """The Hessian of cotangent . qdd times a direction, in O(N): how the gradients of forward_dynamics_vjp change along (dq, dqd, dtau).
 
-        q: (..., nq); qd, tau, cotangent, dq, dqd, dtau: (..., nv); SI units, radians; leading axes broadcast. form, wrenches and errors: as in
-        forward_dynamics; of form "auto" the factor of M alone, twice the digits are not taken.
+        q: (..., nq); qd, tau, cotangent, dq, dqd, dtau: (..., nv); SI units, radians; leading axes broadcast. form, tolerance, wrenches and errors: as
+        in forward_dynamics_jvp.
 
         One factor and four right sides; otherwise as inverse_dynamics_hvp.
 
@@ -1114,13 +1133,14 @@ class Scene:
         xyz: ArrayLike | None = None,
         rotation: ArrayLike | None = None,
         form: _Form = "auto",
+        tolerance: float | None = None,
         errors: _Errors = "raise",
     ) -> _Array:
         """The operational-space inverse inertia J M^-1 J^T of links, in O(N) from the co-states' covariance (5.6, 5.7, Psi A).
 
         q: (..., nq). links: a name, or m names (links on the base and repeated ones too). xyz: (3,) or (m, 3), m, and
         rotation: (3, 3) or (m, 3, 3): the task frame's origin and axes in its link's frame, by default the link's own; the same
-        for the whole batch. form and errors: as in forward_dynamics.
+        for the whole batch. form, tolerance and errors: as in forward_dynamics.
 
         Returns (..., 6m, 6m), full and exactly symmetric, SI units. Wrenches (moment, force) on the frames, each at its origin and in
         its axes, stacked, times this is how they change the frames' (angular, linear) accelerations, in the tree without connections. Defined in singular
@@ -1139,11 +1159,12 @@ class Scene:
         rotation: ArrayLike | None = None,
         directions: ArrayLike | None = None,
         form: _Form = "auto",
+        tolerance: float | None = None,
         errors: _Errors = "raise",
     ) -> _Array:
         """The operational-space inertia (S J M^-1 J^T S^T)^-1 of task directions S.
 
-        q, links, xyz, rotation, form, errors: as in operational_inverse_inertia. directions: S, (k, 6m), each row a direction over the
+        q, links, xyz, rotation, form, tolerance, errors: as in operational_inverse_inertia. directions: S, (k, 6m), each row a direction over the
         stacked (angular, linear) velocities of the frames; all 6m by default; the same for the whole batch.
 
         Returns (..., k, k), exactly symmetric and positive definite.
@@ -1227,12 +1248,13 @@ class Scene:
         *,
         compliance: ArrayLike | None = None,
         form: _Form = "auto",
+        tolerance: float | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
         errors: _Errors = "raise",
     ) -> ConstrainedDynamics:
         """Joint accelerations through the connections, and the forces of these: M qdd + bias = tau + J^T forces with J qdd + J' qd = 0.
 
-        q: (..., nq); qd, tau: (..., nv). form, wrenches, errors: as in forward_dynamics. Unit forces along the rows run inward through the tree's
+        q: (..., nq); qd, tau: (..., nv). form, tolerance, wrenches, errors: as in forward_dynamics, the error being that of the tree's factor. Unit forces along the rows run inward through the tree's
         filter; their Gram matrix is J M^-1 J^T. O(N + m^2 depth + m^3) for m rows.
 
         compliance: how much each row gives way, (m/s^2)/N or (rad/s^2)/(N m), zero or above: one number, or (..., m) in the order of connection_rows. The rows are J qdd + J' qd =
@@ -1279,13 +1301,14 @@ class Scene:
         *,
         actuated: Iterable[str] | ArrayLike | None = None,
         form: _Form = "auto",
+        tolerance: float | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
         errors: _Errors = "raise",
     ) -> ConstrainedInverseDynamics:
         """Joint torques, and forces of the connections, that give the accelerations: tau + J^T forces = M qdd + bias.
 
         q: (..., nq); qd, qdd: (..., nv). actuated: names of joints with motors, or a boolean array (nv,); None: all. tau is zero at the others. Where
-        that leaves a choice, tau has the least tau^T M^-1 tau: torques that do not load the connections. wrenches, form, errors: as in
+        that leaves a choice, tau has the least tau^T M^-1 tau: torques that do not load the connections. wrenches, form, tolerance, errors: as in
         forward_dynamics.
 
         Returns a phipsi.ConstrainedInverseDynamics: tau (..., nv); forces, rank as in constrained_dynamics; residual (...), the largest entry of J
@@ -1294,10 +1317,10 @@ class Scene:
         Raises ArgumentError, named actuated, where a joint without a motor would need a torque; otherwise as inverse_dynamics.
         """
 
-    def constrained_mass_matrix_inverse(self, q: ArrayLike, *, form: _Form = "auto", errors: _Errors = "raise") -> _Array:
+    def constrained_mass_matrix_inverse(self, q: ArrayLike, *, form: _Form = "auto", tolerance: float | None = None, errors: _Errors = "raise") -> _Array:
         """How torques accelerate the joints through the connections, (..., nv, nv): M^-1 - M^-1 J^T (J M^-1 J^T)^+ J M^-1, symmetric and of lower rank.
 
-        q: (..., nq). form, errors: as in forward_dynamics. A Gram matrix: nothing is subtracted, and no eigenvalue is negative beyond rounding. O(nv^3).
+        q: (..., nq). form, tolerance, errors: as in forward_dynamics. A Gram matrix: nothing is subtracted, and no eigenvalue is negative beyond rounding. O(nv^3).
 
         Raises ArgumentError above 4000 degrees of freedom; otherwise as mass_matrix_inverse and constraint_error.
         """
@@ -1611,10 +1634,10 @@ class Scene:
         argument and the state.
         """
 
-    def factor(self, q: ArrayLike, *, form: _Form = "auto") -> Factor:
+    def factor(self, q: ArrayLike, *, form: _Form = "auto", tolerance: float | None = None) -> Factor:
         """M = (1 + K) D (1 + K*) at q by one sweep (3.1, 3.6), and the operators phi, Psi, K, L, D, P it is made of.
 
-        q: (..., nq); the factor is batched where q is. form: as in forward_dynamics. Returns a phipsi.Factor: solve(tau) and mul(a) are O(N), and its
+        q: (..., nq); the factor is batched where q is. form, tolerance: as in forward_dynamics. Returns a phipsi.Factor: solve(tau) and mul(a) are O(N), and its
         operators compose as the paper's equations do.
 
         Raises SingularJointError, naming joint and state; ShapeError, NotFiniteError or ArgumentError for a bad q.
@@ -1650,6 +1673,7 @@ class Scene:
         functions: Iterable[_Function] | None = None,
         dtype: Literal["float64", "float32"] = "float64",
         batches: bool = False,
+        tolerance: float | None = None,
     ) -> dict[str, str]:
         """The dynamics of this robot as C99 that needs nothing but libm, a dict from names of files to their texts: NAME.c, NAME.h, test_NAME.c and a Makefile.
 
@@ -1657,7 +1681,7 @@ class Scene:
         "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse", "forward_dynamics_derivatives", "inverse_dynamics_derivatives", "forward_dynamics_jvp",
         "forward_dynamics_vjp", "inverse_dynamics_jvp", "inverse_dynamics_vjp", "placements", "forward_dynamics_watched", "mass_matrix_inverse_watched" and "factor_watched", which say of each state by a margin whether digits may be lost (where it is below zero), and of one link ("placement", link), ("jacobian", link) and ("jacobian", link, frame), frame as in
         jacobian; None: all that are of no one link and not watched. dtype: "float64" or "float32", the numbers of the code. batches: whether to write NAME_forward_dynamics_batch(count, ...) and its like too, which run
-        as many states at once as the processor's registers hold, by the vector extensions of GCC and Clang.
+        as many states at once as the processor's registers hold, by the vector extensions of GCC and Clang. tolerance: what the margins are for, as in forward_dynamics.
 
         Each function is one straight line of operations for one state, NAME_forward_dynamics(q, qd, tau, qdd) for instance, without allocations: constants are folded, and what this robot does not need is
         not there. Results of several arrays are written to one after another, NAME_forward_dynamics_derivatives(q, qd, tau, dqdd_dq, dqdd_dqd, Minv); of a link its name is in that of the function,
@@ -1917,7 +1941,7 @@ class SceneBuilder:
 
 def _numbers(name: str, value: ArrayLike, scene: Scene | None = None, coordinates: bool = False, /) -> _Array: ...
 def _rebuild_builder(description: tuple[Any, ...], /) -> SceneBuilder: ...
-def _rebuild_factor(scene: Scene, q: ArrayLike, form: str, /) -> RawFactor: ...
+def _rebuild_factor(scene: Scene, q: ArrayLike, form: str, tolerance: float | None = None, /) -> RawFactor: ...
 def _rebuild_random_model(
     scene: Scene, q: list[float], qd: list[float] | None, acceleration_variance: float, /
 ) -> RandomModel: ...

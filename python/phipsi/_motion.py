@@ -116,9 +116,9 @@ class ContactMotion(NamedTuple):
     lost_in_friction: _Array
     """What friction took, (...), J."""
     expansion_kept: _Array
-    """The least part of a rebound that the energy allowed, (...): 1 where none was cut."""
+    """The least part of a rebound with which the kinetic energy after the impact is at most that before it, (...): 1 where none was reduced."""
     impulse_kept: _Array
-    """The least part of an impulse that the energy allowed, (...): below 1 only where a solve did not converge."""
+    """The least part of an impulse with which the kinetic energy of an impact does not rise, (...): below 1 only where a solve did not converge."""
     depth: _Array
     """The deepest that a contact was under its plane at a step's end, before it was moved out, (...), m."""
 

@@ -38,9 +38,9 @@ if TYPE_CHECKING:
 __all__ = ["forward_dynamics", "integrate", "inverse_dynamics", "simulate"]
 
 
-def forward_dynamics(scene: Scene, q: Any, qd: Any, tau: Any, *, form: str = "auto", errors: _calls.Errors = "raise") -> jax.Array:
-    """Joint accelerations, as Scene.forward_dynamics: q (..., nq), qd and tau (..., nv); leading axes broadcast."""
-    return _apply(scene, _calls.forward_dynamics(scene, form, errors), q, qd, tau)
+def forward_dynamics(scene: Scene, q: Any, qd: Any, tau: Any, *, form: str = "auto", tolerance: float | None = None, errors: _calls.Errors = "raise") -> jax.Array:
+    """Joint accelerations, as Scene.forward_dynamics: q (..., nq), qd and tau (..., nv); leading axes broadcast. form, tolerance: as there; derivatives have the same."""
+    return _apply(scene, _calls.forward_dynamics(scene, form, errors, tolerance), q, qd, tau)
 
 
 def inverse_dynamics(scene: Scene, q: Any, qd: Any, qdd: Any, *, errors: _calls.Errors = "raise") -> jax.Array:

@@ -36,9 +36,9 @@ if TYPE_CHECKING:
 __all__ = ["forward_dynamics", "integrate", "inverse_dynamics", "simulate"]
 
 
-def forward_dynamics(scene: Scene, q: Tensor, qd: Tensor, tau: Tensor, *, form: str = "auto", errors: _calls.Errors = "raise") -> Tensor:
-    """Joint accelerations, as Scene.forward_dynamics: q (..., nq), qd and tau (..., nv); leading axes broadcast."""
-    return _apply(scene, _calls.forward_dynamics(scene, form, errors), q, qd, tau)
+def forward_dynamics(scene: Scene, q: Tensor, qd: Tensor, tau: Tensor, *, form: str = "auto", tolerance: float | None = None, errors: _calls.Errors = "raise") -> Tensor:
+    """Joint accelerations, as Scene.forward_dynamics: q (..., nq), qd and tau (..., nv); leading axes broadcast. form, tolerance: as there; derivatives have the same."""
+    return _apply(scene, _calls.forward_dynamics(scene, form, errors, tolerance), q, qd, tau)
 
 
 def inverse_dynamics(scene: Scene, q: Tensor, qd: Tensor, qdd: Tensor, *, errors: _calls.Errors = "raise") -> Tensor:

@@ -146,6 +146,9 @@ impl Scene {
         out: &mut [f64],
     ) -> Result<(), Error> {
         self.check_workspace(workspace)?;
+        let tolerance = algorithm.form().and(workspace.tolerance);
+        let state = &Arguments { tolerance, ..*state };
+        self.check_tolerance(algorithm, tolerance)?;
         if let Some(coupling) = self.coupling() {
             return self.run_coupled(coupling, workspace, algorithm, state, out);
         }

@@ -33,7 +33,7 @@ impl Scene {
         direction: [&[f64]; 3],
         out: &mut [f64],
     ) -> Result<(), Error> {
-        let state = Arguments { q, qd, u: qdd, wrenches, seed: direction };
+        let state = Arguments { q, qd, u: qdd, wrenches, seed: direction, ..Arguments::default() };
         self.run_one(workspace, None, Algorithm::Products(Products::InverseTangent), &state, out)
     }
 
@@ -56,7 +56,7 @@ impl Scene {
         cotangent: &[f64],
         out: &mut [f64],
     ) -> Result<(), Error> {
-        let state = Arguments { q, qd, u: qdd, wrenches, seed: [cotangent, &[], &[]] };
+        let state = Arguments { q, qd, u: qdd, wrenches, seed: [cotangent, &[], &[]], ..Arguments::default() };
         self.run_one(workspace, None, Algorithm::Products(Products::InverseGradient), &state, out)
     }
 
@@ -82,7 +82,7 @@ impl Scene {
         out: &mut [f64],
     ) -> Result<(), Error> {
         let algorithm = Algorithm::Products(Products::ForwardTangent(workspace.form));
-        let state = Arguments { q, qd, u: tau, wrenches, seed: direction };
+        let state = Arguments { q, qd, u: tau, wrenches, seed: direction, ..Arguments::default() };
         self.run_one(workspace, None, algorithm, &state, out)
     }
 
@@ -106,7 +106,7 @@ impl Scene {
         out: &mut [f64],
     ) -> Result<(), Error> {
         let algorithm = Algorithm::Products(Products::ForwardGradient(workspace.form));
-        let state = Arguments { q, qd, u: tau, wrenches, seed: [cotangent, &[], &[]] };
+        let state = Arguments { q, qd, u: tau, wrenches, seed: [cotangent, &[], &[]], ..Arguments::default() };
         self.run_one(workspace, None, algorithm, &state, out)
     }
 
@@ -127,7 +127,7 @@ impl Scene {
         cotangent: &[f64],
         out: &mut [f64],
     ) -> Result<(), Error> {
-        let state = Arguments { q, qd, u: qdd, wrenches, seed: [cotangent, &[], &[]] };
+        let state = Arguments { q, qd, u: qdd, wrenches, seed: [cotangent, &[], &[]], ..Arguments::default() };
         self.run_one(workspace, None, Algorithm::Products(Products::InverseGradients), &state, out)
     }
 
@@ -148,7 +148,7 @@ impl Scene {
         out: &mut [f64],
     ) -> Result<(), Error> {
         let algorithm = Algorithm::Products(Products::ForwardGradients(workspace.form));
-        let state = Arguments { q, qd, u: tau, wrenches, seed: [cotangent, &[], &[]] };
+        let state = Arguments { q, qd, u: tau, wrenches, seed: [cotangent, &[], &[]], ..Arguments::default() };
         self.run_one(workspace, None, algorithm, &state, out)
     }
 

@@ -16,6 +16,7 @@ use crate::dynamics::auto::Errors;
 use crate::dynamics::derivatives::with_transpose;
 use crate::dynamics::sweeps::{self, Entries, InverseColumns, MassColumns, SweepModel, SweepScratch};
 use crate::filter::Form;
+use crate::filter::rounding::ROUNDING_MARGIN;
 use crate::joints::quaternion::QUATERNION_SLACK;
 use crate::model::Model;
 use crate::scalar::{MOST_LANES, Precision, Real, lanes_but};
@@ -46,6 +47,9 @@ pub struct Chunk<T: Vectorised> {
     results: Vec<T>,
     /// What form `auto` estimates its error to be.
     errors: Errors<T>,
+    /// Whether every lane accepts the usual error; and the lanes, as bits, that accept less than the first look at the square-root form promises.
+    accepts_usual: bool,
+    strict: u64,
     derivatives: Option<Box<DerivativeKernel<T>>>,
     products: Option<Box<ProductKernel<T>>>,
     connected: Option<Box<ConnectedKernel<T>>>,
@@ -74,6 +78,8 @@ impl<T: Vectorised> Chunk<T> {
             wrenches: Vec::new(),
             results: Vec::new(),
             errors: Errors::unknown(),
+            accepts_usual: true,
+            strict: 0,
             derivatives: None,
             products: None,
             connected: None,
@@ -109,6 +115,7 @@ impl<T: Vectorised> Chunk<T> {
             return 0;
         }
         self.gather_wrenches(states);
+        self.accept(states);
         let is_connected = !self.numbers.constraints.is_empty();
         let call = Call { chunk: self, algorithm, states, out };
         match algorithm {
@@ -143,6 +150,25 @@ impl<T: Vectorised> Chunk<T> {
             return target.within(EverydayRun { chunk: self, what, states, out });
         }
         u64::MAX
+    }
+
+    /// The tolerance of each state into its lane; by far the most calls have the usual one, as the one before.
+    fn accept(&mut self, states: &[Arguments<'_, T::Number>]) {
+        self.strict = 0;
+        let is_usual = states.iter().all(|state| state.tolerance.is_none());
+        if is_usual && self.accepts_usual {
+            return;
+        }
+        self.accepts_usual = is_usual;
+        let scratch = &mut self.sweep_scratch;
+        for lane in 0..T::LANES {
+            let tolerance = states[lane.min(states.len() - 1)].tolerance;
+            let [square, of_products] = scratch.accepted(tolerance);
+            scratch.accepted_square.lanes_mut()[lane] = T::Number::nearest(square);
+            scratch.accepted_of_products.lanes_mut()[lane] = T::Number::nearest(of_products);
+            let is_strict = tolerance.is_some_and(|given| given < ROUNDING_MARGIN * T::Number::EPSILON);
+            self.strict |= u64::from(is_strict) << lane;
+        }
     }
 
     /// Forces on bodies into lanes; none at all where no state has any.
@@ -282,6 +308,7 @@ impl<T: Vectorised, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
             derivatives,
             products,
             connected,
+            strict,
             ..
         } = chunk;
         let Numbers { model, sweeps, quaternions, constraints } = &**constants;
@@ -346,6 +373,9 @@ impl<T: Vectorised, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
             sweeps::mass_matrix::<T, T::Columns, true>(scene, (sweep_scratch, mass_columns), q, to);
         } else {
             results.resize(width, T::zero());
+            if GROUP == ACCELERATIONS && algorithm == Algorithm::ForwardDynamics(Form::SquareRoot) {
+                doubt |= *strict;
+            }
             let (scratch, state) = ((&mut *sweep_scratch, &mut *inverse_columns), (&q[..], &qd[..], &u[..]));
             doubt |=
                 compute::<T, I, GROUP>((algorithm, target), scene, scratch, state, wrenches, (to, results, errors));

@@ -45,6 +45,7 @@ impl CoupledEvaluator {
                 u,
                 wrenches: state.wrenches,
                 seed: [&**first, &**second, &**third],
+                tolerance: state.tolerance,
             })
             .collect();
         let mut results = Vec::new();

@@ -110,7 +110,7 @@ pub(super) fn run<T: Vectorised, I: Target>(target: I, which: Derivatives, call:
             }
         }
         let to = if T::LANES > 1 { &mut matrices[..] } else { T::entries_in(&mut *matrices, out) };
-        let cancels = times_inverse(target, scene, (columns.like(), product), to);
+        let cancels = times_inverse(target, scene, (columns.like(), product, scratch.accepted_of_products), to);
         if form == Some(Form::Auto) {
             doubt |= cancels;
         }
@@ -199,7 +199,7 @@ impl<T: Vectorised> Work for MultipliedOut<'_, T> {
 fn times_inverse<T: Vectorised, I: Target>(
     target: I,
     scene: (&Model<T>, &SweepModel<T>),
-    product: (T::Columns, &mut Product<T, T::Columns>),
+    product: (T::Columns, &mut Product<T, T::Columns>, T),
     out: &mut [Entry<T>],
 ) -> u64 {
     target.within(TimesInverse(scene, product, out))
@@ -207,7 +207,7 @@ fn times_inverse<T: Vectorised, I: Target>(
 
 struct TimesInverse<'a, T: Vectorised>(
     (&'a Model<T>, &'a SweepModel<T>),
-    (T::Columns, &'a mut Product<T, T::Columns>),
+    (T::Columns, &'a mut Product<T, T::Columns>, T),
     &'a mut [Entry<T>],
 );
 
@@ -216,7 +216,7 @@ impl<T: Vectorised> Work for TimesInverse<'_, T> {
 
     #[inline(always)]
     fn call(self) -> u64 {
-        let Self(scene, (like, product), out) = self;
-        product.in_place(scene, like, out)
+        let Self(scene, (like, product, accepted), out) = self;
+        product.in_place(scene, (like, accepted), out)
     }
 }

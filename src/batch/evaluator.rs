@@ -9,6 +9,7 @@ use crate::algorithm::{Algorithm, Arguments, Chunks, Everyday};
 use crate::dynamics::mass_inverse::InverseScratch;
 use crate::error::{Error, check_length};
 use crate::filter::Form;
+use crate::filter::tolerance::Tolerance;
 use crate::scalar::Precision;
 use crate::scene::Scene;
 use crate::workspace::Workspace;
@@ -117,10 +118,15 @@ impl Checked {
     fn accuracy<P: Precision>(&self, rounded: &[P]) -> Accuracy {
         let mut accuracy = self.workspace.accuracy;
         if P::EPSILON > f64::EPSILON {
-            let largest = rounded.iter().fold(0.0_f64, |largest, a| largest.max(a.widened().abs()));
-            accuracy.error += 0.5 * P::EPSILON * largest;
+            accuracy.error += 0.5 * P::EPSILON * largest(rounded);
         }
         accuracy
+    }
+
+    /// Of accelerations that the kernels have accepted with this tolerance, and whose error they estimate to be so large.
+    fn accepted<P: Precision>(&self, error: f64, given: Option<f64>, qdd: &[P]) -> Accuracy {
+        let tolerance = Tolerance { given, ..self.workspace.accepted_error() }.of_covariance(P::EPSILON);
+        Accuracy { error, ..Accuracy::unknown(Form::Covariance) }.judged(tolerance, largest(qdd), true)
     }
 }
 
@@ -200,17 +206,22 @@ impl<P> Kernels<P> {
         self.one.or(self.many).unwrap_or_else(|| Box::new(Doubts))
     }
 
-    /// Of one lane, after a run of so many states in form `auto`.
+    /// The estimated error of one lane, after a run of so many states in form `auto`.
     #[inline]
-    pub(super) fn accuracy(&self, states: usize, lane: usize) -> Accuracy {
+    fn error(&self, states: usize, lane: usize) -> f64 {
         let kernels = match (&self.one, &self.many) {
             (Some(one), _) if states == 1 => one,
             (_, Some(many)) => many,
             (Some(one), None) => one,
-            (None, None) => return Accuracy::unknown(Form::Covariance),
+            (None, None) => return f64::NAN,
         };
-        Accuracy { error: kernels.error(lane), ..Accuracy::unknown(Form::Covariance) }
+        kernels.error(lane)
     }
+}
+
+/// The largest of some accelerations.
+fn largest<P: Precision>(qdd: &[P]) -> f64 {
+    qdd.iter().fold(0.0_f64, |largest, a| largest.max(a.widened().abs()))
 }
 
 impl Scene {
@@ -224,7 +235,7 @@ impl Scene {
     /// where accelerations are computed.
     ///
     /// The scene's constants are rounded to f32 too. A state in doubt is done in f64 and its results rounded: one whose estimated error is
-    /// above 3.6e-5 and above what the problem allows in form `auto`, a lost pivot, an overflow, the square-root and Joseph's form, and every state on the baseline
+    /// above max(2.7e-5, 4 n eps) and above what the problem allows in form `auto`, a lost pivot, an overflow, the square-root and Joseph's form, and every state on the baseline
     /// arm, which has no lanes. Results that f32 cannot hold are refused. What becomes less than 1e-38 on the way becomes zero.
     #[must_use]
     pub fn evaluator_f32(&self) -> Evaluator<f32> {
@@ -269,6 +280,9 @@ impl Scene {
             };
             return Err(Fault { state: 0, error });
         }
+        for (state, arguments) in states.iter().enumerate().filter(|(_, state)| state.tolerance.is_some()) {
+            self.check_tolerance(algorithm, arguments.tolerance).map_err(|error| Fault { state, error })?;
+        }
         if let (Some(coupling), Some(coupled)) = (self.coupling(), &mut evaluator.coupled) {
             let mut found = |state: usize, accuracy: Accuracy| found(state, &|| accuracy);
             return coupled.evaluate((self, coupling), algorithm, states, out, &mut found);
@@ -276,7 +290,7 @@ impl Scene {
         if let [state] = states {
             // Without the divisions and the loops of many.
             if self.fits(algorithm, state) && evaluator.run(algorithm, states, out) & 1 == 0 {
-                found(0, &|| evaluator.kernels.accuracy(1, 0));
+                found(0, &|| evaluator.checked.accepted(evaluator.kernels.error(1, 0), state.tolerance, out));
                 return Ok(());
             }
             self.evaluate_checked(&mut evaluator.checked, algorithm, state, out)
@@ -290,7 +304,8 @@ impl Scene {
             let mut doubt = if fits { evaluator.run(algorithm, states, out) } else { u64::MAX };
             doubt &= u64::MAX >> (64 - states.len());
             for lane in (0..states.len()).filter(|lane| doubt >> lane & 1 == 0) {
-                found(i * lanes + lane, &|| evaluator.kernels.accuracy(states.len(), lane));
+                let (error, qdd) = (|| evaluator.kernels.error(states.len(), lane), &out[lane * width..][..width]);
+                found(i * lanes + lane, &|| evaluator.checked.accepted(error(), states[lane].tolerance, qdd));
             }
             while doubt != 0 {
                 let lane = doubt.trailing_zeros() as usize;
@@ -375,7 +390,8 @@ impl Scene {
         if matches!(algorithm, Algorithm::MassMatrixInverse(_)) {
             inverse.get_or_insert_with(|| self.inverse_scratch());
         }
-        self.recursion(workspace, inverse.as_mut(), algorithm, &Arguments { q, qd, u, wrenches, seed }, full)?;
+        let state = Arguments { q, qd, u, wrenches, seed, tolerance: state.tolerance };
+        self.recursion(workspace, inverse.as_mut(), algorithm, &state, full)?;
         // Nothing, where `out` is f64 and was written in place.
         for (i, (rounded, &value)) in out.iter_mut().zip(&*results).enumerate() {
             *rounded = P::nearest(value);

@@ -13,6 +13,7 @@ use crate::dynamics::forces::Motion;
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::filter::Form;
 use crate::model::Model;
+use crate::scalar::lanes_but;
 use nalgebra::Vector6;
 
 /// What they need beside the scratch of the dynamics; made when a product is first asked for.
@@ -82,7 +83,8 @@ pub(super) fn run<T: Vectorised, I: Target>(target: I, which: Products, call: Ca
         | Products::ForwardTangent(_)
         | Products::ForwardTangents(_) => {
             let along = Directions::of_seed([first, second, third], bodies, of_wrenches);
-            target.within(Along(scene, (scratch, changes), (motion, along), (which, x, results)));
+            let lost = target.within(Along(scene, (scratch, changes), (motion, along), (which, x, results)));
+            doubt |= lanes_but::<T>(|lane| lost.lane(lane) <= 0.0);
         }
         Products::InverseGradient | Products::ForwardGradient(_) => {
             let (state, constants) = ((motion, &first[..]), &mut Constants::default());
@@ -118,12 +120,13 @@ struct Along<'a, T: Vectorised>(
 );
 
 impl<T: Vectorised> Work for Along<'_, T> {
-    type Output = ();
+    type Output = T;
 
     #[inline(always)]
-    fn call(self) {
+    fn call(self) -> T {
         let Self(scene, scratch, state, (which, right, out)) = self;
-        tangent_in_sweeps::<T, T::Columns>(scene, scratch, state, which.form().is_some(), (right, out));
+        let is_solved = (which.form().is_some(), which.form() == Some(Form::Auto));
+        tangent_in_sweeps::<T, T::Columns>(scene, scratch, state, is_solved, (right, out))
     }
 }
 

@@ -6,7 +6,9 @@ use super::lanes;
 use super::pieces::{self, Form};
 use super::program::Program;
 use super::width::Width;
+use crate::algorithm::Algorithm;
 use crate::error::Error;
+use crate::filter;
 use crate::scalar::Operation;
 use crate::scene::Scene;
 use std::collections::HashMap;
@@ -32,7 +34,23 @@ pub fn sources(
     functions: &[Function],
     (width, batches): (Width, bool),
 ) -> Result<Sources, Error> {
-    let programs = programs(scene, name, functions, width)?;
+    sources_accepting(scene, name, functions, (width, batches), None)
+}
+
+/// The same, where functions that tell a margin have that of another tolerance than the usual one.
+///
+/// # Errors
+///
+/// As [`sources`].
+pub fn sources_accepting(
+    scene: &Scene,
+    name: &str,
+    functions: &[Function],
+    (width, batches): (Width, bool),
+    tolerance: Option<f64>,
+) -> Result<Sources, Error> {
+    scene.check_tolerance(Algorithm::ForwardDynamics(filter::Form::Auto), tolerance)?;
+    let programs = programs_accepting(scene, name, functions, (width, tolerance))?;
     Ok(vec![
         (format!("{name}.c"), source(name, &programs, (width, batches))),
         (format!("{name}.h"), header(scene, name, &programs, (width, batches))),
@@ -43,6 +61,16 @@ pub fn sources(
 
 /// The programs of all functions, under a name that every language has for its own.
 pub(super) fn programs(scene: &Scene, name: &str, functions: &[Function], width: Width) -> Result<Vec<Program>, Error> {
+    programs_accepting(scene, name, functions, (width, None))
+}
+
+/// The same with a tolerance.
+fn programs_accepting(
+    scene: &Scene,
+    name: &str,
+    functions: &[Function],
+    (width, tolerance): (Width, Option<f64>),
+) -> Result<Vec<Program>, Error> {
     let is_start = |c: char| c.is_ascii_alphabetic() || c == '_';
     if !(name.starts_with(is_start) && name.chars().all(|c| is_start(c) || c.is_ascii_digit())) {
         return Err(Error::argument("name", format!("{name:?}"), "letters, digits and _, the first no digit"));
@@ -52,7 +80,7 @@ pub(super) fn programs(scene: &Scene, name: &str, functions: &[Function], width:
     }
     check_symbols(functions)?;
     let checked = |function| {
-        let program = Program::new(scene, function)?;
+        let program = Program::accepting(scene, function, tolerance)?;
         program.check_constants(width).map(|()| program)
     };
     functions.iter().map(checked).collect()

@@ -31,12 +31,14 @@ impl Case {
         }
         let by_scene = |function: &Function| {
             let given: Vec<&[f64]> = given.iter().map(|values| &values[..]).collect();
-            function.by_scene(scene, &given)
+            function.by_scene(scene, program.tolerance, &given)
         };
         let expected = by_scene(&program.function)?;
         // A bias can be nothing but rounding: it is measured by torques that move the joints.
         let moving = match program.function {
-            Function::BiasTorque => Function::InverseDynamics.by_scene(scene, &[&given[0], &given[1], &given[1]])?,
+            Function::BiasTorque => {
+                Function::InverseDynamics.by_scene(scene, None, &[&given[0], &given[1], &given[1]])?
+            }
             _ => Vec::new(),
         };
         let size = expected.iter().chain(&moving).fold(0.0, |size: f64, x| size.max(x.abs()));

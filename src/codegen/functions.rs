@@ -360,9 +360,15 @@ impl Function {
     }
 
     /// What the scene's own method gives for these arguments, all results one after another.
-    pub(super) fn by_scene(&self, scene: &Scene, arguments: &[&[f64]]) -> Result<Vec<f64>, Error> {
-        let mut out = vec![f64::NAN; self.width(scene)];
-        (self.line().by_scene)((scene, &mut scene.workspace(), self.place(scene)?), arguments, &mut out)?;
+    pub(super) fn by_scene(
+        &self,
+        scene: &Scene,
+        tolerance: Option<f64>,
+        arguments: &[&[f64]],
+    ) -> Result<Vec<f64>, Error> {
+        let (mut out, mut workspace) = (vec![f64::NAN; self.width(scene)], scene.workspace());
+        workspace.tolerance = tolerance;
+        (self.line().by_scene)((scene, &mut workspace, self.place(scene)?), arguments, &mut out)?;
         Ok(out)
     }
 }

@@ -32,7 +32,7 @@ mod rust_texts;
 mod tracing;
 mod width;
 
-pub use c::{Sources, sources};
+pub use c::{Sources, sources, sources_accepting};
 pub use cuda::cuda_sources;
 pub use functions::{Array, FUNCTIONS, Function, WATCHED};
 pub use program::Program;

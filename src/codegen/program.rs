@@ -18,6 +18,8 @@ pub struct Program {
     pub arguments: Vec<Array>,
     /// What it gives.
     pub results: Vec<Array>,
+    /// The tolerance of its margin, where it has one and that is not the usual one.
+    pub(super) tolerance: Option<f64>,
     /// Where quaternions begin in q.
     pub(super) quaternions: Vec<usize>,
     pub(super) operations: Vec<Operation>,
@@ -34,6 +36,15 @@ impl Program {
     ///
     /// [`Error::Argument`] for a scene with connections, with joints that follow others, or whose inverse mass matrix is not multiplied out (chains of more than 300 joints), or whose constants overflow; an unknown link.
     pub fn new(scene: &Scene, function: &Function) -> Result<Self, Error> {
+        Self::accepting(scene, function, None)
+    }
+
+    /// The same, whose margin, where it has one, is that of another tolerance than the usual one (see [`Workspace::tolerance`](crate::Workspace::tolerance)).
+    ///
+    /// # Errors
+    ///
+    /// As [`Program::new`].
+    pub fn accepting(scene: &Scene, function: &Function, tolerance: Option<f64>) -> Result<Self, Error> {
         check(scene, function)?;
         let place = function.place(scene)?;
         let (arguments, results) = (function.arguments(scene), function.results(scene));
@@ -44,12 +55,13 @@ impl Program {
                 given.push(next.by_ref().take(argument.width()).map(Traced::argument).collect());
             }
             let mut out = vec![Traced::argument(0); results.iter().map(Array::width).sum()];
-            function.trace()(&mut Tracer::new(scene, place), &given, &mut out);
+            function.trace()(&mut Tracer::new(scene, place, tolerance), &given, &mut out);
             // A constant gets its place here.
             out.iter().map(|number| number.place()).collect()
         });
         let program = Self {
             function: function.clone(),
+            tolerance,
             arguments,
             results,
             quaternions: scene.model().quaternions(),

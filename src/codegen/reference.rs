@@ -24,15 +24,16 @@ pub(super) fn forward_dynamics(
 /// The accelerations, and the margin of a single look at them.
 #[allow(clippy::unnecessary_wraps)] // as all of the table
 pub(super) fn forward_dynamics_watched(
-    (scene, _, _): Room<'_>,
+    (scene, workspace, _): Room<'_>,
     given: &[&[f64]],
     out: &mut [f64],
 ) -> Result<(), Error> {
     let (model, sweeps) = (scene.model(), SweepModel::<f64>::new(scene.model()));
-    let (mut scratch, (qdd, margin)) = (SweepScratch::new(model, &sweeps), out.split_at_mut(scene.nv()));
+    let mut scratch = SweepScratch::new(model, &sweeps).accepting(workspace.tolerance);
+    let (qdd, margin) = out.split_at_mut(scene.nv());
     let state = (given[0], given[1], given[2]);
     let look = sweeps::forward_dynamics_watched::<f64, f64>((model, &sweeps), &mut scratch, state, &[], qdd);
-    margin[0] = Watched::once(look).margin();
+    margin[0] = Watched::once(look, scratch.accepted_square).margin();
     Ok(())
 }
 
@@ -44,19 +45,20 @@ pub(super) fn mass_matrix_inverse_watched(
 ) -> Result<(), Error> {
     let (inverse, margin) = out.split_at_mut(scene.nv().pow(2));
     scene.mass_matrix_inverse(workspace, &mut scene.inverse_scratch(), given[0], inverse)?;
-    margin[0] = margin_of_factor(scene, given[0]);
+    margin[0] = margin_of_factor(scene, workspace.tolerance, given[0]);
     Ok(())
 }
 
 #[allow(clippy::unnecessary_wraps)] // as all of the table
-pub(super) fn factor_watched((scene, ..): Room<'_>, given: &[&[f64]], out: &mut [f64]) -> Result<(), Error> {
-    out[0] = margin_of_factor(scene, given[0]);
+pub(super) fn factor_watched((scene, workspace, _): Room<'_>, given: &[&[f64]], out: &mut [f64]) -> Result<(), Error> {
+    out[0] = margin_of_factor(scene, workspace.tolerance, given[0]);
     Ok(())
 }
 
-fn margin_of_factor(scene: &Scene, q: &[f64]) -> f64 {
+fn margin_of_factor(scene: &Scene, tolerance: Option<f64>, q: &[f64]) -> f64 {
     let (model, sweeps) = (scene.model(), SweepModel::<f64>::new(scene.model()));
-    let (mut scratch, mut estimates) = (SweepScratch::new(model, &sweeps), vec![f64::NAN; scene.nv()]);
+    let mut scratch = SweepScratch::new(model, &sweeps).accepting(tolerance);
+    let mut estimates = vec![f64::NAN; scene.nv()];
     auto::factor_watched_in_sweeps::<f64, f64>((model, &sweeps), &mut scratch, q, &mut estimates).margin()
 }
 

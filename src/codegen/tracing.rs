@@ -25,8 +25,8 @@ pub(super) struct Tracer<'a> {
 pub(super) type Trace = fn(&mut Tracer<'_>, &[Vec<Traced>], &mut [Traced]);
 
 impl<'a> Tracer<'a> {
-    pub fn new(scene: &'a Scene, place: Place) -> Self {
-        Self { scene, place, traced: TracedSweeps::new(scene.model()) }
+    pub fn new(scene: &'a Scene, place: Place, tolerance: Option<f64>) -> Self {
+        Self { scene, place, traced: TracedSweeps::accepting(scene.model(), tolerance) }
     }
 }
 
@@ -69,7 +69,8 @@ pub(super) fn forward_dynamics_derivatives(tracer: &mut Tracer<'_>, given: &[Vec
     derivatives_of_torques(tracer, (&given[0], &given[1], &qdd), out);
     let inverse = 2 * out.len() / 3;
     tracer.traced.multiplied_out(&mut out[inverse..]);
-    Product::new().in_place((&tracer.traced.model, &tracer.traced.sweeps), Traced::from_f64(0.0), out);
+    let like = (Traced::from_f64(0.0), Traced::from_f64(0.0));
+    Product::new().in_place((&tracer.traced.model, &tracer.traced.sweeps), like, out);
 }
 
 pub(super) fn inverse_dynamics_derivatives(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
@@ -113,7 +114,7 @@ fn tangent(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], (qdd, solves): (&[Tra
     let along = Directions { q: &given[3], qd: &given[4], u: &given[5], ..Directions::default() };
     let (mut changes, mut right) = (Changes::new(sweeps), vec![Traced::from_f64(f64::NAN); model.nv()]);
     let scratch = (scratch, &mut changes);
-    tangent_in_sweeps::<Traced, Traced>((model, sweeps), scratch, (motion, along), solves, (&mut right, out));
+    tangent_in_sweeps::<Traced, Traced>((model, sweeps), scratch, (motion, along), (solves, false), (&mut right, out));
 }
 
 pub(super) fn forward_dynamics_vjp(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {

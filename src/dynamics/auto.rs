@@ -6,9 +6,10 @@ use super::forward::{covariances_of_noise, forces_and_noise};
 use super::forward_root;
 use super::refined::{Judged, forward_dynamics_judged};
 use super::sweeps::{self, Look, SweepModel, SweepScratch};
-use crate::accuracy::Accuracy;
+use crate::accuracy::{Accuracy, largest};
 use crate::filter::cancellation::{self, Cancellation, Margins, Probe};
 use crate::filter::pivots::PivotMonitor;
+use crate::filter::tolerance::Tolerance;
 use crate::filter::{Form, System, innovations};
 use crate::model::Model;
 use crate::scalar::{ColumnsOf, Real, lanes_but};
@@ -26,6 +27,8 @@ pub struct Choice<T> {
     pub pivots: PivotMonitor<T>,
     /// What the covariance form lost.
     pub cancellation: Cancellation<T>,
+    /// Whether the error estimate of the covariance form exceeds its bounds in a lane.
+    pub is_covariance_in_doubt: bool,
     /// How the square-root form did, where it was run; it says whether double-double arithmetic had the last word.
     pub judged: Option<Judged<T>>,
     /// Whether the covariance form lost digits, and a body without a root (its inertia is not positive) left no other form.
@@ -36,10 +39,7 @@ impl<T: Real> Choice<T> {
     /// Whether the answer of one lane may have lost digits: in doubt, and nothing better to be had.
     #[must_use]
     pub fn in_doubt(&self, lane: usize) -> bool {
-        match &self.judged {
-            Some(judged) => judged.in_doubt(lane),
-            None => self.without_root && !self.cancellation.clear(lane),
-        }
+        self.judged.as_ref().map_or(self.without_root, |judged| judged.in_doubt(lane))
     }
 }
 
@@ -63,12 +63,15 @@ pub fn forward_dynamics_auto<T: Real>(
     let without_root = !kept && model.inertia_roots.iter().any(Option::is_none);
     if kept || without_root {
         workspace.tally.in_doubt += usize::from(without_root);
-        workspace.accuracy = watched.accuracy();
-        return Choice { form: Form::Covariance, pivots, cancellation, judged: None, without_root };
+        workspace.accuracy = watched.accuracy(workspace.accepted_error(), qdd);
+        let is_covariance_in_doubt = !kept;
+        let form = Form::Covariance;
+        return Choice { form, pivots, cancellation, is_covariance_in_doubt, judged: None, without_root };
     }
     workspace.tally.square_root += 1;
     let judged = forward_dynamics_judged(model, workspace, q, qd, tau, wrenches, qdd);
-    Choice { form: Form::SquareRoot, pivots: judged.pivots, cancellation, judged: Some(judged), without_root }
+    let (pivots, judged) = (judged.pivots, Some(judged));
+    Choice { form: Form::SquareRoot, pivots, cancellation, is_covariance_in_doubt: true, judged, without_root }
 }
 
 /// The factor of M, with phi already in the workspace: in covariance form, and where that lost digits in square-root form.
@@ -94,7 +97,7 @@ fn watch_factor<T: Real>(
     seen: &mut dyn FnMut(usize, &Symmetric6<T>),
 ) -> Watched<T> {
     let (system, zero) = (&model.system, crate::spatial::zero());
-    let nv = model.nv();
+    let (nv, tolerance) = (model.nv(), workspace.accepted_square());
     covariances_of_noise(model, workspace);
     terms_of_noise(model, workspace);
     let mut pivots = PivotMonitor::new();
@@ -109,7 +112,10 @@ fn watch_factor<T: Real>(
     velocity.fill(zero);
     innovations::sweep(system, shift, measured, &weights[..nv], velocity, probe);
     let mut both = Probe { shift, measured, terms, z, bias, innovations: probe, co_state: velocity };
-    Watched::of_a_factor(pivots, cancellation::sweep(system, &mut both, co_state, estimates))
+    let cancellation = cancellation::sweep(system, &mut both, co_state, estimates);
+    // The forces are zero, and nu is what right sides to come are judged by.
+    bias.copy_from_slice(velocity);
+    Watched::of_a_factor(pivots, cancellation, tolerance)
 }
 
 /// The terms of M(k), from which the bounds of P^-(k) are summed up.
@@ -165,6 +171,8 @@ pub(crate) struct Watched<T> {
     pub cancellation: Cancellation<T>,
     /// What the first look found.
     first: Cancellation<T>,
+    /// The square of the tolerance, in units of eps^2.
+    tolerance: T,
     /// How far the estimate stays below its margin: negative or NaN in a lane that is in doubt.
     slack: T,
     /// Lanes that an earlier look found clear, as bits: what their neighbours need does not touch them.
@@ -174,25 +182,26 @@ pub(crate) struct Watched<T> {
 impl<T: Real> Watched<T> {
     /// What one probe saw of the right side: nothing, of a pivot that is not `near` the bound of its terms.
     #[inline(always)]
-    pub fn once((pivots, near, cancellation): Look<T>) -> Self {
-        let slack = cancellation.slack(&Margins::CLOSE).worst(near.margin());
-        Self { pivots, cancellation, first: cancellation, slack, clear_before: 0 }
+    pub fn once((pivots, near, cancellation): Look<T>, tolerance: T) -> Self {
+        let slack = cancellation.slack(tolerance, &Margins::CLOSE).worst(near.margin());
+        Self { pivots, cancellation, first: cancellation, tolerance, slack, clear_before: 0 }
     }
 
     /// The same after a second look, by another probe.
     #[inline(always)]
     pub fn and(&self, (_, _, second): &Look<T>) -> Self {
         // Each by its own probe: what the problem allows is seen by the same.
-        let slack = self.cancellation.slack(&Margins::USUAL).worst(second.slack(&Margins::USUAL));
+        let slack = |of: &Cancellation<T>| of.slack(self.tolerance, &Margins::USUAL);
+        let slack = slack(&self.cancellation).worst(slack(second));
         let cancellation = self.cancellation.larger(second);
         Self { cancellation, slack, clear_before: self.kept_lanes(), ..*self }
     }
 
     /// What one probe saw of another, where there is no right side.
     #[inline(always)]
-    fn of_a_factor(pivots: PivotMonitor<T>, cancellation: Cancellation<T>) -> Self {
-        let slack = cancellation.slack(&Margins::OF_A_FACTOR);
-        Self { pivots, cancellation, first: cancellation, slack, clear_before: 0 }
+    fn of_a_factor(pivots: PivotMonitor<T>, cancellation: Cancellation<T>, tolerance: T) -> Self {
+        let slack = cancellation.slack(tolerance, &Margins::OF_A_FACTOR);
+        Self { pivots, cancellation, first: cancellation, tolerance, slack, clear_before: 0 }
     }
 
     /// The estimated error of the largest acceleration, in its unit: of the first look, and of both in the lanes that needed the second.
@@ -201,9 +210,10 @@ impl<T: Real> Watched<T> {
         Errors { first: self.first.error(), both: self.cancellation.error(), clear_before: self.clear_before }
     }
 
-    /// What is known of lane 0.
-    pub fn accuracy(&self) -> Accuracy {
-        Accuracy { error: self.errors().of(0), ..Accuracy::unknown(Form::Covariance) }
+    /// The accuracy of lane 0, with this tolerance and these accelerations.
+    pub fn accuracy(&self, tolerance: Tolerance, qdd: &[T]) -> Accuracy {
+        let accuracy = Accuracy { error: self.errors().of(0), ..Accuracy::unknown(Form::Covariance) };
+        accuracy.judged(tolerance.of_covariance(T::epsilon().lane(0)), largest(qdd), self.kept(0))
     }
 
     /// How far pivots and estimate stay within their bounds: below zero, or NaN, in a lane that is in doubt.
@@ -241,7 +251,7 @@ pub(crate) fn forward_dynamics_watched<T: Real>(
     wrenches: &[Vector6<T>],
     qdd: &mut [T],
 ) -> Watched<T> {
-    let first = Watched::once(look(model, workspace, state, wrenches, qdd));
+    let first = Watched::once(look(model, workspace, state, wrenches, qdd), workspace.accepted_square());
     if first.kept_in_every_lane() {
         return first;
     }
@@ -295,7 +305,7 @@ pub(crate) fn watched_in_sweeps<T: Real, C: ColumnsOf<T>>(
             scratch.exchange_probes();
             return first.and(&look);
         }
-        let watched = Watched::once(look);
+        let watched = Watched::once(look, scratch.accepted_square);
         if watched.kept_in_every_lane() {
             return watched;
         }
@@ -313,7 +323,7 @@ pub(crate) fn factor_watched_in_sweeps<T: Real, C: ColumnsOf<T>>(
     estimates: &mut [T],
 ) -> Watched<T> {
     let (pivots, cancellation) = sweeps::factor_watched::<T, C>((model, sweeps), scratch, q, estimates);
-    Watched::of_a_factor(pivots, cancellation)
+    Watched::of_a_factor(pivots, cancellation, scratch.accepted_square)
 }
 
 #[cfg(test)]
@@ -375,7 +385,7 @@ mod tests {
                 let (sweeps, mut scratch) = ((model, &sweeps), SweepScratch::new(model, &sweeps));
                 let look =
                     sweeps::forward_dynamics_watched::<_, f64>(sweeps, &mut scratch, (&q, &qd, &tau), &[], &mut qdd);
-                let first = Watched::once(look);
+                let first = Watched::once(look, scratch.accepted_square);
                 let found = watched_in_sweeps::<_, f64>(sweeps, &mut scratch, (&q, &qd, &tau), &[], &mut qdd);
                 let (one, other) = (found.cancellation.relative_error(0), expected.cancellation.relative_error(0));
                 // Bounds for a turn are a little closer than those for any shift.

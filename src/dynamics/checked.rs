@@ -12,7 +12,7 @@ use crate::algorithm::{Algorithm, Arguments, Derivatives, Products};
 use crate::error::{Error, check_finite, check_length, number};
 use crate::filter::pivots::PivotMonitor;
 use crate::scalar::Precision;
-use crate::scene::Scene;
+use crate::scene::{Scene, check_tolerance};
 use crate::spatial::SpatialVector;
 use crate::watch;
 use crate::workspace::Workspace;
@@ -21,7 +21,7 @@ impl Scene {
     /// One algorithm on one state by the recursion of the paper, in `f64` and with every check: what [`Scene::forward_dynamics`] and its
     /// like do where the compiled kernels are in doubt, three times as slow.
     ///
-    /// Of `state` it looks at what the algorithm takes and at nothing else. It sets the workspace's form to that of the algorithm. `inverse`: scratch for M^-1; None: made for this call.
+    /// Of `state` it looks at what the algorithm takes and at nothing else. It sets the workspace's form to that of the algorithm, and its tolerance to that of the state. `inverse`: scratch for M^-1; None: made for this call.
     ///
     /// # Errors
     ///
@@ -53,6 +53,8 @@ impl Scene {
             workspace.form = form;
             self.check_form(workspace)?;
         }
+        self.check_tolerance(algorithm, state.tolerance)?;
+        workspace.tolerance = state.tolerance;
         let model = self.model();
         self.check_seed(algorithm, state.seed)?;
         match algorithm {
@@ -163,7 +165,7 @@ impl Scene {
         state: &Arguments<'_>,
         out: &mut [f64],
     ) -> Result<(), Error> {
-        let &Arguments { q, qd, u, wrenches, seed: [first, second, third] } = state;
+        let &Arguments { q, qd, u, wrenches, seed: [first, second, third], tolerance: _ } = state;
         let nv = self.nv();
         let mut three = vec![f64::NAN; 3 * nv * nv];
         let qdd = self.derivatives_through_connections(workspace, (q, qd, u), wrenches, &mut three)?;
@@ -236,7 +238,7 @@ impl Scene {
         state: &Arguments<'_>,
         mut out: &mut [f64],
     ) -> Result<(), Error> {
-        let &Arguments { q, qd, u: given, wrenches, seed } = state;
+        let &Arguments { q, qd, u: given, wrenches, seed, .. } = state;
         let (model, at) = (self.model(), (q, qd, given));
         let scratch = &mut ProductScratch::new(model);
         let (mut constants, mut forces, mut by_wrenches) = (Constants::default(), Vec::new(), &mut [][..]);
@@ -376,6 +378,21 @@ impl Scene {
     /// Turns a lost pivot into an error that names the joint; a pivot that is not finite comes of overflow.
     pub(crate) fn check_pivots(&self, workspace: &Workspace<f64>, monitor: PivotMonitor<f64>) -> Result<(), Error> {
         workspace.lost_pivot(self.model(), &monitor).map_or(Ok(()), |lost| Err(self.singular(lost)))
+    }
+
+    /// A tolerance is for forms that judge their result by an estimated error.
+    pub(crate) fn check_tolerance(&self, algorithm: Algorithm, tolerance: Option<f64>) -> Result<(), Error> {
+        let (Some(form), Some(tolerance)) = (algorithm.form(), tolerance) else { return Ok(()) };
+        check_tolerance(
+            form,
+            tolerance,
+            algorithm == Algorithm::ForwardDynamics(form) && self.constraints().is_empty(),
+        )?;
+        if self.coupling().is_some() {
+            let found = format!("{} for a scene whose joints follow others (mimic)", number(tolerance));
+            return Err(Error::argument("tolerance", found, "none: the error is not estimated there"));
+        }
+        Ok(())
     }
 
     /// The square-root form needs a root of every inertia.

@@ -39,7 +39,7 @@ pub fn forward_dynamics<T: Real>(
     if workspace.form == Form::Covariance && workspace.estimates_error {
         // Whatever it lost.
         let watched = auto::forward_dynamics_watched(model, workspace, (q, qd, tau), wrenches, qdd);
-        workspace.accuracy = watched.accuracy();
+        workspace.accuracy = watched.accuracy(workspace.accepted_error(), qdd);
         return watched.pivots;
     }
     if workspace.form == Form::Joseph {

@@ -4,11 +4,13 @@ use super::columns::{
     Block, Columns, body_of_row, put, put_row, spread_hinge, spread_shift, spread_symmetric, spread_vector,
 };
 use super::forward::factorise;
+use super::widened::Widened;
+use crate::filter::Form;
 use crate::filter::covariance;
 use crate::filter::innovations::past_rows;
 use crate::filter::pivots::PivotMonitor;
 use crate::model::Model;
-use crate::scalar::{ColumnsOf, Real};
+use crate::scalar::{ColumnsOf, DoubleDouble, Real};
 use crate::spatial::{Symmetric6, dot, scaled_add, zero};
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
@@ -61,6 +63,8 @@ impl InverseScratch<f64> {
 ///
 /// With L+ = Lambda^+ and A = 1 - gH: the diagonal is 1/D + g* L+ g; outboard of joint j the entry is g(i)* Psi* (A* L+ g - H*/D);
 /// across branches that part at body c it is g(i)* Psi(c,i)* Lambda^-(c) Psi(c,j) g(j). O(N^2), the order of the output.
+///
+/// In form `auto` a state where the error estimate of the factor of M exceeds the tolerance is recomputed in double-double arithmetic and rounded (f64 only).
 pub fn mass_matrix_inverse<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
@@ -69,8 +73,27 @@ pub fn mass_matrix_inverse<T: Real>(
     out: &mut [T],
 ) -> PivotMonitor<T> {
     let monitor = factorise(model, workspace, q, |_, _| {});
-    closed_form(model, workspace, scratch, out);
+    if !(workspace.form == Form::Auto && monitor.of_roots && doubled(model, q, out)) {
+        closed_form(model, workspace, scratch, out);
+    }
     monitor
+}
+
+/// M^-1 in double-double arithmetic and square-root form, rounded into `out`; false, and `out` as it was, where there is no model to widen (only f64 has one), a body's inertia
+/// has no root, or the wider numbers overflow as well.
+#[cold]
+fn doubled<T: Real>(model: &Model<T>, q: &[T], out: &mut [T]) -> bool {
+    let Some(mut widened) = Widened::of(model, (q, &[], &[]), &[]) else { return false };
+    let Widened { model, workspace, q, .. } = &mut widened;
+    let mut wide = vec![DoubleDouble::from_f64(f64::NAN); out.len()];
+    mass_matrix_inverse(model, workspace, &mut InverseScratch::new(model), q, &mut wide);
+    if !wide.iter().all(|x| x.high.is_finite()) {
+        return false;
+    }
+    for (to, from) in out.iter_mut().zip(&wide) {
+        *to = T::from_f64(from.high);
+    }
+    true
 }
 
 /// [`mass_matrix_inverse`] with the factor already in the workspace, a block of columns at a time.

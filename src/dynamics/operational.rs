@@ -1,12 +1,14 @@
 //! Operational space: the inverse inertia of bodies and task frames, the covariance of their co-states, without M.
 
 use super::forward::factorise;
+use super::widened::Widened;
+use crate::filter::Form;
 use crate::filter::covariance;
 use crate::filter::innovations::past_rows;
 use crate::filter::pivots::PivotMonitor;
 pub use crate::kinematics::Frame;
 use crate::model::Model;
-use crate::scalar::Real;
+use crate::scalar::{DoubleDouble, Real};
 use crate::spatial::{RigidShift, Symmetric6, dot};
 use crate::watch;
 use crate::workspace::Workspace;
@@ -44,7 +46,8 @@ impl<T: Real> OperationalScratch<T> {
 /// their accelerations by Omega F. On bodies Omega is phi* H* M^-1 H phi = cov(lambda^-) (2.9, 5.5 as it holds): with c the nearest
 /// common ancestor of bodies i and j, which may be one of them, its block is X(c,i)* Lambda^-(c) X(c,j), where X = Psi A carries
 /// forces from the outboard side of one body to that of another and X(c,c) = 1. Without a common ancestor, and on the base,
-/// it is zero. O(N + m^2 depth), and nothing is allocated. Where [`Workspace::lost_pivot`] finds one with the returned
+/// it is zero. O(N + m^2 depth), and nothing is allocated; but in form `auto` a state where the error estimate of the factor of M exceeds the tolerance is recomputed in double-double arithmetic and
+/// rounded (f64 only). Where [`Workspace::lost_pivot`] finds one with the returned
 /// monitor, `out` means nothing, and so it is under a [`watch`] that ends the work. A frame's body must be one of the model's.
 pub fn operational_inverse_inertia<T: Real>(
     model: &Model<T>,
@@ -55,8 +58,12 @@ pub fn operational_inverse_inertia<T: Real>(
     out: &mut [T],
 ) -> PivotMonitor<T> {
     let monitor = factorise(model, workspace, q, |_, _| {});
+    let is_in_doubt = workspace.form == Form::Auto && monitor.of_roots;
     let lambda = &mut scratch.co_state_covariance;
     covariance::sweep(&model.system, &workspace.shift, &workspace.measured, lambda, |_, _, _| {});
+    if is_in_doubt && doubled(model, q, frames, out) {
+        return monitor;
+    }
     let width = 6 * frames.len();
     for (i, first) in frames.iter().enumerate() {
         for (j, second) in frames.iter().enumerate().skip(i) {
@@ -74,6 +81,29 @@ pub fn operational_inverse_inertia<T: Real>(
         }
     }
     monitor
+}
+
+/// The same in double-double arithmetic and square-root form, rounded into `out`; false, and `out` as it was, where there is no model to widen (only f64 has one), a body's inertia has no
+/// root, or the wider numbers overflow as well.
+#[cold]
+fn doubled<T: Real>(model: &Model<T>, q: &[T], frames: &[Frame<T>], out: &mut [T]) -> bool {
+    let Some(mut widened) = Widened::of(model, (q, &[], &[]), &[]) else { return false };
+    let Widened { model, workspace, q, .. } = &mut widened;
+    let narrow = |RigidShift { rotation, lever }: &RigidShift<T>| RigidShift {
+        rotation: rotation.map(|x| x.lane(0)),
+        lever: lever.map(|x| x.lane(0)),
+    };
+    let frames: Vec<Frame<DoubleDouble>> =
+        frames.iter().map(|frame| Frame { body: frame.body, placement: narrow(&frame.placement) }.cast()).collect();
+    let mut wide = vec![DoubleDouble::from_f64(f64::NAN); out.len()];
+    operational_inverse_inertia(model, workspace, &mut OperationalScratch::new(model), q, &frames, &mut wide);
+    if !wide.iter().all(|x| x.high.is_finite()) {
+        return false;
+    }
+    for (to, from) in out.iter_mut().zip(&wide) {
+        *to = T::from_f64(from.high);
+    }
+    true
 }
 
 /// The covariance of the co-states of two frames: unit forces on both run inward until they meet.

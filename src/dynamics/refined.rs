@@ -2,9 +2,9 @@
 
 use super::forward_root;
 use super::widened::Widened;
-use crate::accuracy::Accuracy;
+use crate::accuracy::{Accuracy, Bound, largest};
 use crate::filter::pivots::PivotMonitor;
-use crate::filter::rounding::{self, Reach, Rounding, Swept, Weighed};
+use crate::filter::rounding::{self, ROUNDING_MARGIN, Reach, Rounding, Swept, Weighed};
 use crate::filter::{Form, innovations, smoother};
 use crate::model::Model;
 use crate::scalar::{DoubleDouble, Real};
@@ -18,6 +18,8 @@ pub struct Judged<T> {
     pub pivots: PivotMonitor<T>,
     /// What the judge says of the square-root form; none where the first look was clear in every lane.
     pub rounding: Option<Rounding<T>>,
+    /// The largest estimated error that is accepted, relative to the largest acceleration.
+    pub tolerance: f64,
     /// Whether `qdd` comes from double-double arithmetic, rounded.
     pub refined: bool,
 }
@@ -26,7 +28,7 @@ impl<T: Real> Judged<T> {
     /// Whether the answer of one lane may have lost digits: in doubt, and not refined.
     #[must_use]
     pub fn in_doubt(&self, lane: usize) -> bool {
-        !self.refined && self.rounding.is_some_and(|rounding| !rounding.clear(lane))
+        !self.refined && self.rounding.is_some_and(|rounding| !rounding.clear(lane, self.tolerance))
     }
 }
 
@@ -47,29 +49,35 @@ pub fn forward_dynamics_judged<T: Real>(
 ) -> Judged<T> {
     let (pivots, reach) = forward_dynamics_looked_at(model, workspace, q, qd, tau, wrenches, qdd);
     workspace.accuracy = Accuracy::unknown(Form::SquareRoot);
-    // The margins of the first look are made for the digits of f64: of fewer nothing may be left there.
-    let may_do = T::epsilon().lane(0) <= f64::EPSILON;
+    let epsilon = T::epsilon().lane(0);
+    let tolerance = workspace.accepted_error().of_roots(epsilon);
+    // The margins of the first look are made for the digits of f64, of fewer nothing may be left there; and for the usual tolerance.
+    let may_do = epsilon <= f64::EPSILON && tolerance >= ROUNDING_MARGIN * epsilon;
     let clear = may_do && (0..T::LANES).all(|lane| reach.clear(lane));
+    let unrefined = |rounding| Judged { pivots, rounding, tolerance, refined: false };
     if clear && !workspace.estimates_error {
-        return Judged { pivots, rounding: None, refined: false };
+        return unrefined(None);
     }
     let rounding = judge(model, workspace, tau, qdd);
-    workspace.accuracy.error = rounding.error().lane(0);
-    if clear {
-        return Judged { pivots, rounding: None, refined: false };
+    let is_accepted = clear || (0..T::LANES).all(|lane| rounding.clear(lane, tolerance));
+    let accuracy = Accuracy { error: rounding.error().lane(0), ..workspace.accuracy };
+    workspace.accuracy = accuracy.judged(tolerance, largest(qdd), is_accepted);
+    if clear && workspace.accuracy.bound == Bound::Sensitivity {
+        workspace.accuracy.bound = Bound::Pivots;
     }
-    if (0..T::LANES).all(|lane| rounding.clear(lane)) {
-        return Judged { pivots, rounding: Some(rounding), refined: false };
+    if is_accepted {
+        return unrefined((!clear).then_some(rounding));
     }
     let refined = refine(model, q, qd, tau, wrenches, qdd);
     workspace.tally.refined += usize::from(refined);
     workspace.tally.in_doubt += usize::from(!refined);
     if refined {
         // Rounded once: the double-double numbers themselves are as good as exact.
-        let largest = qdd.iter().fold(0.0_f64, |largest, a| largest.max(a.abs().lane(0)));
-        workspace.accuracy = Accuracy { doubled: true, error: 0.5 * f64::EPSILON * largest, ..workspace.accuracy };
+        let largest = largest(qdd);
+        let accuracy = Accuracy { doubled: true, error: 0.5 * f64::EPSILON * largest, ..workspace.accuracy };
+        workspace.accuracy = accuracy.judged(tolerance, largest, false);
     }
-    Judged { pivots, rounding: Some(rounding), refined }
+    Judged { pivots, rounding: Some(rounding), tolerance, refined }
 }
 
 /// The square-root form, and the first look at it.

@@ -17,8 +17,13 @@ pub(crate) struct TracedSweeps {
 
 impl TracedSweeps {
     pub fn new(model: &Model<f64>) -> Self {
+        Self::accepting(model, None)
+    }
+
+    /// The same with another tolerance than the usual one.
+    pub fn accepting(model: &Model<f64>, tolerance: Option<f64>) -> Self {
         let (sweeps, model) = (SweepModel::new(model), model.cast());
-        let scratch = SweepScratch::new(&model, &sweeps);
+        let scratch = SweepScratch::new(&model, &sweeps).accepting(tolerance);
         Self { model, sweeps, scratch }
     }
 
@@ -38,7 +43,7 @@ impl TracedSweeps {
 
     /// The same, and [`Watched::margin`] of a single look.
     pub fn forward_dynamics_and_margin(&mut self, state: State<'_>, qdd: &mut [Traced]) -> Traced {
-        Watched::once(self.look(state, &[], qdd)).margin()
+        Watched::once(self.look(state, &[], qdd), self.scratch.accepted_square).margin()
     }
 
     /// As [`auto::watched_in_sweeps`]; whether the digits were kept.
@@ -48,7 +53,7 @@ impl TracedSweeps {
         wrenches: &[Vector6<Traced>],
         qdd: &mut [Traced],
     ) -> bool {
-        let first = Watched::once(self.look(state, wrenches, qdd));
+        let first = Watched::once(self.look(state, wrenches, qdd), self.scratch.accepted_square);
         if first.kept(0) {
             return true;
         }

@@ -55,6 +55,7 @@ pub mod square_root;
 #[doc(hidden)]
 pub mod summed;
 pub mod system;
+pub(crate) mod tolerance;
 
 pub use forms::{FORMS, Form};
 pub use pivots::{LostPivot, PivotMonitor, Scale};

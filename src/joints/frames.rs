@@ -23,7 +23,7 @@ fn unit(axis: &Vector3<f64>) -> Vector3<f64> {
     axis / axis.norm()
 }
 
-/// A pure rotation.
+/// A pure rotation, orthonormal to rounding.
 pub(super) fn turn(rotation: Matrix3<f64>) -> RigidShift<f64> {
-    RigidShift { rotation, lever: Vector3::zeros() }
+    RigidShift { rotation, lever: Vector3::zeros() }.compose_rounded(&RigidShift::identity())
 }

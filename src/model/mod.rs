@@ -97,6 +97,15 @@ impl<T: Real> Model<T> {
         self.system.rows()
     }
 
+    /// Number of rows on the longest path from the base.
+    pub(crate) fn longest_path(&self) -> usize {
+        let mut lengths: Vec<usize> = Vec::with_capacity(self.bodies.len());
+        for stage in &self.system.stages {
+            lengths.push(stage.parent.map_or(0, |parent| lengths[parent]) + stage.rows.count());
+        }
+        lengths.into_iter().max().unwrap_or(0)
+    }
+
     /// Where the quaternions of spherical and free joints begin in q.
     pub(crate) fn quaternions(&self) -> Vec<usize> {
         let of = |body: &Body<T>| match body.motion {
@@ -128,9 +137,13 @@ impl<T: Real> Model<T> {
 
 impl Model<f64> {
     /// The same numbers, exactly where the scalar can hold them, in another scalar.
+    ///
+    /// In one of more digits rotations are orthonormal to these, and inertias are those of their roots: both are one body there, and not two that differ by the
+    /// rounding of either, which a heavy body's light neighbors would notice.
     #[must_use]
     pub fn cast<U: Real>(&self) -> Model<U> {
         let scalar = U::from_f64;
+        let is_wider = U::epsilon().lane(0) < f64::EPSILON;
         let vector = |v: &Vector3<f64>| Vector3::new(scalar(v[0]), scalar(v[1]), scalar(v[2]));
         let motion = |m: &Motion<f64>| match *m {
             Motion::Revolute => Motion::Revolute,
@@ -140,23 +153,29 @@ impl Model<f64> {
             Motion::Free => Motion::Free,
             Motion::Fixed => Motion::Fixed,
         };
+        let roots: Vec<Option<BodyRoot<U>>> =
+            self.inertia_roots.iter().map(|root| root.as_ref().map(BodyRoot::cast)).collect();
         Model {
             bodies: self
                 .bodies
                 .iter()
-                .map(|body| Body {
+                .zip(&roots)
+                .map(|(body, root)| Body {
                     tree: body.tree.cast(),
-                    inertia: BodyInertia {
-                        mass: scalar(body.inertia.mass),
-                        first_moment: vector(&body.inertia.first_moment),
-                        rotational: Symmetric3::new(body.inertia.rotational.entries.map(scalar)),
+                    inertia: match root {
+                        Some(root) if is_wider => root.inertia(),
+                        _ => BodyInertia {
+                            mass: scalar(body.inertia.mass),
+                            first_moment: vector(&body.inertia.first_moment),
+                            rotational: Symmetric3::new(body.inertia.rotational.entries.map(scalar)),
+                        },
                     },
                     inertia_terms: body.inertia_terms.map(scalar),
                     motion: motion(&body.motion),
                     q: body.q,
                 })
                 .collect(),
-            inertia_roots: self.inertia_roots.iter().map(|root| root.as_ref().map(BodyRoot::cast)).collect(),
+            inertia_roots: roots,
             system: System {
                 stages: self
                     .system

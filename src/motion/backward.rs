@@ -152,8 +152,9 @@ pub(super) struct CheckedBackward {
 }
 
 impl CheckedBackward {
-    pub fn new(model: &Model<f64>, form: Form) -> Self {
-        Self { workspace: Workspace::new(model).in_form(form), products: ProductScratch::new(model), lost: None }
+    pub fn new(model: &Model<f64>, form: Form, tolerance: Option<f64>) -> Self {
+        let workspace = Workspace { tolerance, ..Workspace::new(model) }.in_form(form);
+        Self { workspace, products: ProductScratch::new(model), lost: None }
     }
 }
 

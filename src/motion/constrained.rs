@@ -2,6 +2,7 @@
 
 use super::scratch::Scratch;
 use super::solver::Solver;
+use super::step_settings::StepSettings;
 use crate::dynamics::constraints::{
     ConstraintScratch, NoDirection, Outcome, RowsAre, constrained_dynamics, project_positions, project_velocities,
 };
@@ -43,9 +44,10 @@ enum Fault {
 }
 
 impl Closed {
-    pub fn new(scene: &Scene, form: Form) -> Self {
+    pub fn new(scene: &Scene, law: &StepSettings, form: Form) -> Self {
+        let workspace = Workspace { tolerance: law.tolerance, ..Workspace::new(scene.model()) };
         Self {
-            workspace: Workspace::new(scene.model()).in_form(form),
+            workspace: workspace.in_form(form),
             rows: ConstraintScratch::new(scene.model(), scene.constraints()),
             fault: None,
         }

@@ -235,8 +235,8 @@ impl Checked {
     fn new(job: &Job<'_>, form: Form) -> Self {
         let scratch = Scratch::new(job.scene.model(), job.law);
         let gradients = StepGradients::new(&scratch.model, job.layout.bodies > 0);
-        let solver = CheckedBackward::new(&scratch.model, form);
-        let forward = solver::Checked::new(job.scene.model(), None, form).with_kernels();
+        let solver = CheckedBackward::new(&scratch.model, form, job.law.tolerance);
+        let forward = solver::Checked::new(job.scene.model(), None, form).accepting(job.law.tolerance).with_kernels();
         let substeps = Substeps::new(job.law, &scratch);
         Self { scratch, gradients, solver, forward, substeps, made: Vec::new() }
     }

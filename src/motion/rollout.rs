@@ -12,6 +12,7 @@ use super::stepper::Stepper;
 use super::substeps::StopImpact;
 use super::tally::{TALLY, Tally};
 use super::torque::{StepFault, Torque};
+use crate::algorithm::Algorithm;
 use crate::batch::arms::Arm;
 use crate::batch::{Batch, Fault, Pool, SLICE};
 use crate::dynamics::constraints::check_start;
@@ -101,6 +102,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
             let found = FORMS.iter().find(|(_, known)| *known == form).map_or("", |(name, _)| name);
             return Err(Error::argument("form", format!("{found:?}"), "\"auto\" or \"covariance\" for a rollout"));
         }
+        let tolerance = settings.tolerance;
+        scene.borrow().check_tolerance(Algorithm::ForwardDynamics(form), tolerance)?;
         properties.check(holds)?;
         check_method(holds, method, conserve_momentum)?;
         if let Stabilisation::Baumgarte(rate) = stabilisation
@@ -159,6 +162,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         law.stops = stops;
         law.accuracy = accuracy;
         law.set_valued = set_valued(holds, law.coupling.as_deref(), &law.properties, stops && is_tree);
+        law.tolerance = tolerance;
         if !holds.constraints().is_empty() {
             law.connected = Some(stabilisation);
             law.compliance = settings.compliance;
@@ -237,6 +241,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             dt: *step,
             method: self.method,
             form: self.form,
+            tolerance: self.law.tolerance,
             properties: properties.clone(),
             gains: gains.clone(),
             arm: self.arm,

@@ -122,7 +122,7 @@ impl<T: Real> Scratch<T> {
         let coordinates = || vec![T::zero(); nq];
         let rates = || vec![T::zero(); nv];
         Self {
-            sweeps: SweepScratch::new(&model, &constants),
+            sweeps: SweepScratch::new(&model, &constants).accepting(law.tolerance),
             constants,
             rows: (0..nv).map(row).collect(),
             rest: law.properties.rest.iter().map(|&x| T::from_f64(x)).collect(),

@@ -16,6 +16,9 @@ pub struct Settings {
     /// How the filter carries P: [`Form::Auto`] watches the covariance form and redoes a step whose digits are in doubt in
     /// square-root form; [`Form::Covariance`] watches its pivots only, in less time. No other.
     pub form: Form,
+    /// The largest estimated error of an acceleration that form `auto` accepts, relative to the largest; None: the usual one, see
+    /// [`Workspace::tolerance`](crate::Workspace::tolerance).
+    pub tolerance: Option<f64>,
     /// What the joints do by themselves.
     pub properties: Properties,
     /// A control law, if there is one.
@@ -57,6 +60,7 @@ impl Settings {
             dt,
             method: if scene.contacts().is_empty() { Method::default() } else { Method::Contact },
             form: Form::Auto,
+            tolerance: None,
             properties,
             gains: None,
             arm: Arm::of_process(),

@@ -79,6 +79,12 @@ impl Checked {
         Self { workspace: Workspace::new(model).in_form(form), form, kernels_first: false, coupled, lost: None }
     }
 
+    /// The same with another tolerance than the usual one.
+    pub fn accepting(mut self, tolerance: Option<f64>) -> Self {
+        self.workspace.tolerance = tolerance;
+        self
+    }
+
     /// The same with the kernels first, whose results stay where their error estimate meets its bound.
     pub fn with_kernels(self) -> Self {
         Self { kernels_first: self.coupled.is_none(), ..self }

@@ -33,6 +33,8 @@ pub(super) struct StepSettings {
     pub rubs: bool,
     /// The bound on the error of a substep, where the substeps are chosen by it.
     pub accuracy: Option<f64>,
+    /// The largest estimated error of an acceleration that form `auto` accepts, where it is not the usual one.
+    pub tolerance: Option<f64>,
     /// The rows with exact friction or stops.
     pub set_valued: Vec<SetValued>,
     /// True if joint limits are stops.
@@ -70,6 +72,7 @@ impl StepSettings {
             coupling: None,
             rubs: properties.friction_speed > 0.0 && properties.friction.iter().any(|&f| f != 0.0),
             accuracy: None,
+            tolerance: None,
             set_valued: Vec::new(),
             stops: false,
             restitution: 0.0,

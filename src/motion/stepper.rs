@@ -121,10 +121,11 @@ impl Alone {
     fn new(scene: &Scene, law: &StepSettings, form: Form) -> Self {
         let model = scene.model();
         let limits = if law.stops { limit_rows(scene) } else { Vec::new() };
-        let closed = law.connected.map(|_| (Closed::new(scene, form), limits));
+        let closed = law.connected.map(|_| (Closed::new(scene, law, form), limits));
         let scratch = Scratch::new(model, law);
         let substeps = Substeps::new(law, &scratch);
-        Self { scratch, solver: Checked::new(model, law.coupling.clone(), form).with_kernels(), substeps, closed }
+        let solver = Checked::new(model, law.coupling.clone(), form).accepting(law.tolerance).with_kernels();
+        Self { scratch, solver, substeps, closed }
     }
 
     /// The step of one state; the joint and the error, where there is none.

@@ -42,6 +42,7 @@ pub(super) struct Sweep<T: Real> {
     pub form: Form,
     /// Of the model that it was made of.
     pub identity: u64,
+    pub tolerance: Option<f64>,
     /// The configuration.
     pub q: Vec<T>,
     /// P^+ of each stage.
@@ -88,6 +89,7 @@ impl<T: Real> Factor<T> {
             sweep: Sweep {
                 form: workspace.form,
                 identity: model.identity(),
+                tolerance: workspace.tolerance,
                 q: q.to_vec(),
                 p: workspace.p.clone(),
                 scale: workspace.scale.clone(),

@@ -46,7 +46,7 @@ impl<T: Real> Factor<T> {
             Form::Covariance => self.update_as::<false>(model, q),
             Form::Joseph => self.update_as::<true>(model, q),
             form @ (Form::Auto | Form::SquareRoot) => {
-                workspace.form = form;
+                (workspace.form, workspace.tolerance) = (form, self.sweep.tolerance);
                 let (factor, pivots) = Self::new(model, workspace, q);
                 *self = factor;
                 Updated { bodies: model.bodies.len(), pivots }
@@ -144,7 +144,7 @@ impl Scene {
         self.check_workspace(workspace)?;
         self.check_configuration("q", q)?;
         if matches!(factor.sweep.form, Form::Auto | Form::SquareRoot) {
-            workspace.form = factor.sweep.form;
+            (workspace.form, workspace.tolerance) = (factor.sweep.form, factor.sweep.tolerance);
             *factor = self.factor(workspace, q)?;
             return Ok(model.bodies.len());
         }

@@ -49,17 +49,20 @@ impl Told {
         let of_states = self.of_states.into_inner().unwrap_or_else(PoisonError::into_inner);
         let class = imported!(py, "phipsi._results", "Accuracy")?;
         if let ([], [one]) = (batch, &*of_states) {
-            return class.call1((one.name(), one.error));
+            return class.call1((one.name(), one.error, one.bound.name()));
         }
-        // The names, the list of them that NumPy reads, and the errors.
-        memory::room("return_info", memory::bytes_of::<[u64; 5]>(&[of_states.len()]))?;
+        // The names of forms and bounds, the lists of them that NumPy reads, and the errors.
+        memory::room("return_info", memory::bytes_of::<[u64; 9]>(&[of_states.len()]))?;
         let names: Vec<&str> = of_states.iter().map(Accuracy::name).collect();
+        let bounds: Vec<&str> = of_states.iter().map(|accuracy| accuracy.bound.name()).collect();
         let errors: Vec<f64> = of_states.iter().map(|accuracy| accuracy.error).collect();
         let shape = batch.to_vec();
         // The longest name's width, though no state have it.
-        let form =
-            py.import("numpy")?.call_method1("array", (names, "U13"))?.call_method1("reshape", (shape.clone(),))?;
-        let error = errors.into_pyarray(py).call_method1("reshape", (shape,))?;
-        class.call1((form, error))
+        let in_batch = |names: Vec<&str>, width: &str| {
+            py.import("numpy")?.call_method1("array", (names, width))?.call_method1("reshape", (shape.clone(),))
+        };
+        let (form, bound) = (in_batch(names, "U13")?, in_batch(bounds, "U11")?);
+        let error = errors.into_pyarray(py).call_method1("reshape", (shape.clone(),))?;
+        class.call1((form, error, bound))
     }
 }

@@ -29,6 +29,8 @@ pub(super) struct Call<'a, 'py, P: Element = f64> {
     pub states: usize,
     pub cost: Cost,
     pub errors: Errors,
+    /// The largest estimated error that is accepted, where it is not the usual one.
+    pub tolerance: Option<f64>,
 }
 
 impl PyScene {
@@ -82,12 +84,17 @@ impl<'a, 'py, P: Precision + Element> Call<'a, 'py, P> {
         let Some(states) = entries(&batch) else {
             return Err(Error::argument("batch", "more states than memory has addresses", "fewer").into());
         };
-        Ok(Self { scene, inputs, wrenches, batch, states, cost, errors: Errors::Raise })
+        Ok(Self { scene, inputs, wrenches, batch, states, cost, errors: Errors::Raise, tolerance: None })
     }
 
     /// The same call with another choice of what becomes of bad states.
     pub fn with(self, errors: Errors) -> Self {
         Self { errors, ..self }
+    }
+
+    /// The same call with another tolerance than the usual one.
+    pub fn accepting(self, tolerance: Option<f64>) -> Self {
+        Self { tolerance, ..self }
     }
 
     /// The array of shape batch + `shape` that receives the results: a new one from `make`, or the caller's `out`.
@@ -169,9 +176,10 @@ impl<'py> Call<'_, 'py> {
     {
         let scene = &self.scene.scene;
         let (arguments, wrenches) = self.over()?;
-        let (bodies, errors) = (scene.model().bodies.len(), &self.errors);
+        let (bodies, errors, tolerance) = (scene.model().bodies.len(), &self.errors, self.tolerance);
         self.run(py, self.cost.of_one(), |batch| {
             batch.run(results, |scratch, i, out| {
+                scratch.workspace.tolerance = tolerance;
                 let outcome = wrenches::on_bodies(&wrenches, bodies, i, &mut scratch.forces[0])
                     .and_then(|()| kernel(scene, scratch, &|k: usize| arguments[k].state(i), out));
                 if let Err(error) = outcome {

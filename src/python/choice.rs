@@ -1,9 +1,10 @@
 //! Arguments that are names: of forms, of types, of links and joints.
 
 use super::object::Object;
+use crate::algorithm::Algorithm;
 use crate::error::Error;
 use crate::filter::{FORMS, Form};
-use crate::scene::MimicJoints;
+use crate::scene::{MimicJoints, Scene};
 use numpy::{PyArrayDescr, PyArrayDescrMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyMapping, PyString};
@@ -19,6 +20,28 @@ pub(super) fn choose<T: Copy>(argument: &str, name: &str, known: &[(&'static str
 /// The form of that name.
 pub(super) fn read_form(form: &str) -> Result<Form, Error> {
     choose("form", form, &FORMS)
+}
+
+/// The form of that name and the tolerance that goes with it, for an algorithm of a scene.
+pub(super) fn read_judged(
+    scene: &Scene,
+    (form, tolerance): (&str, Option<f64>),
+    algorithm: impl Fn(Form) -> Algorithm,
+) -> Result<(Algorithm, Option<f64>), Error> {
+    let algorithm = algorithm(read_form(form)?);
+    scene.check_tolerance(algorithm, tolerance)?;
+    Ok((algorithm, tolerance))
+}
+
+/// The same of a call that factors M and has no algorithm's name.
+pub(super) fn read_judged_factor(
+    scene: &Scene,
+    form: &str,
+    tolerance: Option<f64>,
+) -> Result<(Form, Option<f64>), Error> {
+    let form = read_form(form)?;
+    scene.check_tolerance(Algorithm::MassMatrixInverse(form), tolerance)?;
+    Ok((form, tolerance))
 }
 
 /// What becomes of mimic joints, by name.

@@ -4,8 +4,8 @@ use super::choice::names;
 use super::links::read_frame;
 use super::object::{Object, imported};
 use super::scene::PyScene;
-use crate::codegen::{FUNCTIONS, Function, Sources, WATCHED, Width, cuda_sources, rust_sources, sources};
-use crate::error::Error;
+use crate::codegen::{FUNCTIONS, Function, Sources, WATCHED, Width, cuda_sources, rust_sources, sources_accepting};
+use crate::error::{Error, number};
 use crate::kinematics::ReferenceFrame;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyMapping, PyString};
@@ -18,7 +18,7 @@ impl PyScene {
     /// "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse", "forward_dynamics_derivatives", "inverse_dynamics_derivatives", "forward_dynamics_jvp",
     /// "forward_dynamics_vjp", "inverse_dynamics_jvp", "inverse_dynamics_vjp", "placements", "forward_dynamics_watched", "mass_matrix_inverse_watched" and "factor_watched", which say of each state by a margin whether digits may be lost (where it is below zero), and of one link ("placement", link), ("jacobian", link) and ("jacobian", link, frame), frame as in
     /// jacobian; None: all that are of no one link and not watched. dtype: "float64" or "float32", the numbers of the code. batches: whether to write NAME_forward_dynamics_batch(count, ...) and its like too, which run
-    /// as many states at once as the processor's registers hold, by the vector extensions of GCC and Clang.
+    /// as many states at once as the processor's registers hold, by the vector extensions of GCC and Clang. tolerance: what the margins are for, as in forward_dynamics.
     ///
     /// Each function is one straight line of operations for one state, NAME_forward_dynamics(q, qd, tau, qdd) for instance, without allocations: constants are folded, and what this robot does not need is
     /// not there. Results of several arrays are written to one after another, NAME_forward_dynamics_derivatives(q, qd, tau, dqdd_dq, dqdd_dqd, Minv); of a link its name is in that of the function,
@@ -27,7 +27,7 @@ impl PyScene {
     ///
     /// Raises ArgumentError for a name that C has not, unknown functions and links, and links whose functions C would call the same; for dynamics of a scene with connections, for a scene with joints that
     /// follow others (mimic="couple"), and for the inverse mass matrix and the derivatives of forward dynamics of chains of more than 300 joints; OSError where files cannot be written.
-    #[pyo3(signature = (directory=None, *, name="robot", functions=None, dtype="float64", batches=false))]
+    #[pyo3(signature = (directory=None, *, name="robot", functions=None, dtype="float64", batches=false, tolerance=None))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn to_c<'py>(
         &self,
@@ -37,9 +37,19 @@ impl PyScene {
         functions: Option<&Object<'py>>,
         dtype: &str,
         batches: bool,
+        tolerance: Option<f64>,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let width = read_width(dtype)?;
-        written(py, directory, sources(&self.scene, name, &read_functions(functions)?, (width, batches))?)
+        let (width, functions) = (read_width(dtype)?, read_functions(functions)?);
+        if tolerance.is_some() && !functions.iter().any(|function| WATCHED.contains(function)) {
+            let found = format!("{} for functions without a margin", number(tolerance.unwrap_or_default()));
+            return Err(Error::argument(
+                "tolerance",
+                found,
+                "one of the functions that end in _watched, or no tolerance",
+            )
+            .into());
+        }
+        written(py, directory, sources_accepting(&self.scene, name, &functions, (width, batches), tolerance)?)
     }
 
     /// The dynamics of this robot as a Rust crate that needs `core` alone, a dict from names of files to their texts: Cargo.toml, src/lib.rs, src/dynamics.rs, src/lanes.rs, src/numbers.rs and tests/reference.rs.

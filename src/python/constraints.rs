@@ -1,7 +1,7 @@
 //! Methods of `Scene`: motion through connections.
 
 use super::call::Call;
-use super::choice::{names, read_form};
+use super::choice::{names, read_judged, read_judged_factor};
 use super::cost::Cost;
 use super::errors::warn_as;
 use super::evaluate::Keywords;
@@ -74,7 +74,7 @@ impl PyScene {
 
     /// Joint accelerations through the connections, and the forces of these: M qdd + bias = tau + J^T forces with J qdd + J' qd = 0.
     ///
-    /// q: (..., nq); qd, tau: (..., nv). form, wrenches, errors: as in forward_dynamics. Unit forces along the rows run inward through the tree's
+    /// q: (..., nq); qd, tau: (..., nv). form, tolerance, wrenches, errors: as in forward_dynamics, the error being that of the tree's factor. Unit forces along the rows run inward through the tree's
     /// filter; their Gram matrix is J M^-1 J^T. O(N + m^2 depth + m^3) for m rows.
     ///
     /// compliance: how much each row gives way, (m/s^2)/N or (rad/s^2)/(N m), zero or above: one number, or (..., m) in the order of connection_rows. The rows are J qdd + J' qd =
@@ -88,7 +88,7 @@ impl PyScene {
     /// Raises ConstraintError, with .connections, .residual and .state, where no forces meet all rows: connections that contradict each other; and
     /// where positions or velocities are further than 1e-3 from the connections (m or rad; m/s or rad/s, relative to the fastest joint where that is faster than 1; see project), unless compliance
     /// is given. Otherwise as forward_dynamics.
-    #[pyo3(signature = (q, qd, tau, *, compliance=None, form="auto", wrenches=None, errors="raise"))]
+    #[pyo3(signature = (q, qd, tau, *, compliance=None, form="auto", tolerance=None, wrenches=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn constrained_dynamics<'py>(
         &self,
@@ -98,12 +98,13 @@ impl PyScene {
         tau: &Object<'py>,
         compliance: Option<&Object<'py>>,
         form: &str,
+        tolerance: Option<f64>,
         wrenches: Option<&Object<'py>>,
         errors: &str,
     ) -> PyResult<Object<'py>> {
         self.scene.check_independent()?;
-        let algorithm = Algorithm::ConstrainedDynamics(read_form(form)?);
-        let keywords = Keywords { wrenches, out: None, dtype: None, errors, info: false };
+        let (algorithm, tolerance) = read_judged(&self.scene, (form, tolerance), Algorithm::ConstrainedDynamics)?;
+        let keywords = Keywords { wrenches, out: None, dtype: None, errors, tolerance, info: false };
         let given = [("q", q), ("qd", qd), ("tau", tau)];
         let results = match compliance {
             None => self.evaluate(py, algorithm, self.cost_through_connections(), given, &keywords)?,
@@ -173,14 +174,14 @@ impl PyScene {
     /// Joint torques, and forces of the connections, that give the accelerations: tau + J^T forces = M qdd + bias.
     ///
     /// q: (..., nq); qd, qdd: (..., nv). actuated: names of joints with motors, or a boolean array (nv,); None: all. tau is zero at the others. Where
-    /// that leaves a choice, tau has the least tau^T M^-1 tau: torques that do not load the connections. wrenches, form, errors: as in
+    /// that leaves a choice, tau has the least tau^T M^-1 tau: torques that do not load the connections. wrenches, form, tolerance, errors: as in
     /// forward_dynamics.
     ///
     /// Returns a phipsi.ConstrainedInverseDynamics: tau (..., nv); forces, rank as in constrained_dynamics; residual (...), the largest entry of J
     /// qdd + J' qd: where it is not rounding, no torques give these accelerations.
     ///
     /// Raises ArgumentError, named actuated, where a joint without a motor would need a torque; otherwise as inverse_dynamics.
-    #[pyo3(signature = (q, qd, qdd, *, actuated=None, form="auto", wrenches=None, errors="raise"))]
+    #[pyo3(signature = (q, qd, qdd, *, actuated=None, form="auto", tolerance=None, wrenches=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn constrained_inverse_dynamics<'py>(
         &self,
@@ -190,13 +191,15 @@ impl PyScene {
         qdd: &Object<'py>,
         actuated: Option<&Object<'py>>,
         form: &str,
+        tolerance: Option<f64>,
         wrenches: Option<&Object<'py>>,
         errors: &str,
     ) -> PyResult<Object<'py>> {
-        let form = read_form(form)?;
+        let (form, tolerance) = read_judged_factor(&self.scene, form, tolerance)?;
         let nv = self.scene.nv();
         let motors = actuated.map(|actuated| self.motors(actuated)).transpose()?.unwrap_or_default();
         let call = self.through_connections([("q", q), ("qd", qd), ("qdd", qdd)], wrenches, (form, errors))?;
+        let call = call.accepting(tolerance);
         let results =
             call.array(py, &[nv + self.scene.constraint_rows() + 2], |scene, scratch, [q, qd, qdd], out| {
                 let (workspace, rows, forces) = scratch.through_connections(scene, form);
@@ -215,23 +218,24 @@ impl PyScene {
 
     /// How torques accelerate the joints through the connections, (..., nv, nv): M^-1 - M^-1 J^T (J M^-1 J^T)^+ J M^-1, symmetric and of lower rank.
     ///
-    /// q: (..., nq). form, errors: as in forward_dynamics. A Gram matrix: nothing is subtracted, and no eigenvalue is negative beyond rounding. O(nv^3).
+    /// q: (..., nq). form, tolerance, errors: as in forward_dynamics. A Gram matrix: nothing is subtracted, and no eigenvalue is negative beyond rounding. O(nv^3).
     ///
     /// Raises ArgumentError above 4000 degrees of freedom; otherwise as mass_matrix_inverse and constraint_error.
-    #[pyo3(signature = (q, *, form="auto", errors="raise"))]
+    #[pyo3(signature = (q, *, form="auto", tolerance=None, errors="raise"))]
     fn constrained_mass_matrix_inverse<'py>(
         &self,
         py: Python<'py>,
         q: &Object<'py>,
         form: &str,
+        tolerance: Option<f64>,
         errors: &str,
     ) -> Array<'py> {
-        let form = read_form(form)?;
+        let (form, tolerance) = read_judged_factor(&self.scene, form, tolerance)?;
         self.check_dense("constrained_mass_matrix_inverse", "constrained_dynamics, which multiplies by it")?;
         let nv = self.scene.nv();
         let cost = self.cost_of_rows().saturating_add(nv.saturating_pow(3));
         let call = self.call([self.configuration("q", q)?], cost, errors)?.with(self.errors(errors, Some(form))?);
-        call.array(py, &[nv, nv], |scene, scratch, [q], out| {
+        call.accepting(tolerance).array(py, &[nv, nv], |scene, scratch, [q], out| {
             let (workspace, rows, _) = scratch.through_connections(scene, form);
             scene.constrained_mass_matrix_inverse(workspace, rows, q, out)
         })
@@ -272,7 +276,7 @@ impl PyScene {
         let width = self.scene.width(algorithm);
         let cost = Cost { arithmetic: self.cost_through_connections() * self.size(), results: width };
         let call = Call::new(self, inputs, Wrench::read(&self.scene, keywords.wrenches)?, cost)?;
-        let call = call.with(self.errors(keywords.errors, algorithm.form())?);
+        let call = call.with(self.errors(keywords.errors, algorithm.form())?).accepting(keywords.tolerance);
         let mut output = call.output(py, &[width], None, Output::unwritten)?;
         call.in_chunks(py, algorithm, output.numbers()?, None)?;
         Ok(output.finish().into_any())

@@ -57,7 +57,7 @@ impl PyScene {
     ) -> PyResult<Object<'py>> {
         self.check_dense("inverse_dynamics_derivatives", "differences of inverse_dynamics")?;
         let class = imported!(py, "phipsi._results", "InverseDynamicsDerivatives")?;
-        let keywords = Keywords { wrenches, out, dtype: None, errors, info: false };
+        let keywords = Keywords { wrenches, out, dtype: None, errors, tolerance: None, info: false };
         let given = [("q", q), ("qd", qd), ("qdd", qdd)];
         let all = self.derivatives(py, Derivatives::InverseDynamics, cost::BODY, given, &keywords)?;
         class.call1((part(&all, 2, 0)?, part(&all, 2, 1)?, part(&all, 2, 2)?))
@@ -66,8 +66,8 @@ impl PyScene {
     /// Derivatives of forward dynamics, in the tangent space of q: dqdd/dq = -M^-1 dtau/dq, dqdd/dqd = -M^-1 dtau/dqd and dqdd/dtau = M^-1.
     ///
     /// q: (..., nq); qd, tau: (..., nv); SI units, radians; leading axes broadcast. form, wrenches and errors: as in forward_dynamics; wrenches stay as
-    /// they are in their link's frame. In form "auto" a state whose digits cancel, by an estimate down to 1e-9 of the largest entry, is done with twice the
-    /// digits, some thirty times as long.
+    /// they are in their link's frame. In form "auto" a state is recomputed in double-double arithmetic, which takes some thirty times as long, where the error of
+    /// the factor of M exceeds the tolerance of forward_dynamics, or the estimated error of a derivative 1e-11 of its largest entry. tolerance: replaces both.
     ///
     /// Row i is the acceleration qdd_i; columns as in inverse_dynamics_derivatives, whose results at the accelerations of the state are multiplied by
     /// M^-1 (6.1).
@@ -78,7 +78,7 @@ impl PyScene {
     ///
     /// Raises SingularJointError where a joint has no inertia along its axis; ArgumentError above 4000 degrees of freedom, and for the square-root form
     /// of an inertia that no body can have; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
-    #[pyo3(signature = (q, qd, tau, *, form="auto", wrenches=None, out=None, errors="raise"))]
+    #[pyo3(signature = (q, qd, tau, *, form="auto", tolerance=None, wrenches=None, out=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn forward_dynamics_derivatives<'py>(
         &self,
@@ -87,14 +87,16 @@ impl PyScene {
         qd: &Object<'py>,
         tau: &Object<'py>,
         form: &str,
+        tolerance: Option<f64>,
         wrenches: Option<&Object<'py>>,
         out: Option<&Object<'py>>,
         errors: &str,
     ) -> PyResult<Object<'py>> {
         self.check_dense("forward_dynamics_derivatives", "differences of forward_dynamics")?;
         let which = Derivatives::ForwardDynamics(read_form(form)?);
+        self.scene.check_tolerance(Algorithm::Derivatives(which), tolerance)?;
         let class = imported!(py, "phipsi._results", "ForwardDynamicsDerivatives")?;
-        let keywords = Keywords { wrenches, out, dtype: None, errors, info: false };
+        let keywords = Keywords { wrenches, out, dtype: None, errors, tolerance, info: false };
         let given = [("q", q), ("qd", qd), ("tau", tau)];
         let all = self.derivatives(py, which, cost::WITH_FACTOR, given, &keywords)?;
         class.call1((part(&all, 2, 0)?, part(&all, 2, 1)?, part(&all, 2, 2)?))
@@ -102,7 +104,7 @@ impl PyScene {
 
     /// The linear system dx/dt = A x + B u of small deviations from the motion through a state, x = (tangent of q, change of qd), u a change of tau.
     ///
-    /// q: (..., nq); qd, tau: (..., nv); SI units, radians; leading axes broadcast. form, wrenches and errors: as in forward_dynamics_derivatives.
+    /// q: (..., nq); qd, tau: (..., nv); SI units, radians; leading axes broadcast. form, tolerance, wrenches and errors: as in forward_dynamics_derivatives.
     ///
     /// A = [[-ad(qd), 1], [dqdd_dq, dqdd_dqd]], B = [[0], [M^-1]]. ad(qd) is zero at rest and for joints of one axis; it is the cross product by the
     /// angular velocity for spherical joints, and the bracket of (linear, angular) velocities for free joints, since the deviation is in axes that turn
@@ -111,7 +113,7 @@ impl PyScene {
     /// Returns a phipsi.LinearSystem (A, B), (..., 2 nv, 2 nv) and (..., 2 nv, nv), in continuous time, SI units.
     ///
     /// Raises as forward_dynamics_derivatives.
-    #[pyo3(signature = (q, qd, tau, *, form="auto", wrenches=None, errors="raise"))]
+    #[pyo3(signature = (q, qd, tau, *, form="auto", tolerance=None, wrenches=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn linearize<'py>(
         &self,
@@ -120,13 +122,15 @@ impl PyScene {
         qd: &Object<'py>,
         tau: &Object<'py>,
         form: &str,
+        tolerance: Option<f64>,
         wrenches: Option<&Object<'py>>,
         errors: &str,
     ) -> PyResult<Object<'py>> {
         self.check_dense("linearize", "differences of forward_dynamics")?;
         let which = Derivatives::ForwardDynamics(read_form(form)?);
+        self.scene.check_tolerance(Algorithm::Derivatives(which), tolerance)?;
         let class = imported!(py, "phipsi._results", "LinearSystem")?;
-        let keywords = Keywords { wrenches, out: None, dtype: None, errors, info: false };
+        let keywords = Keywords { wrenches, out: None, dtype: None, errors, tolerance, info: false };
         let given = [("q", q), ("qd", qd), ("tau", tau)];
         let all = self.derivatives(py, which, cost::WITH_FACTOR, given, &keywords)?;
         let nv = self.scene.nv();
@@ -179,7 +183,7 @@ impl PyScene {
         errors: &str,
     ) -> PyResult<Object<'py>> {
         self.check_dense("coriolis_matrix", "bias_torque")?;
-        let keywords = Keywords { wrenches: None, out, dtype: None, errors, info: false };
+        let keywords = Keywords { wrenches: None, out, dtype: None, errors, tolerance: None, info: false };
         self.derivatives(py, Derivatives::CoriolisMatrix, cost::BODY, [("q", q), ("qd", qd)], &keywords)
     }
 
@@ -199,7 +203,7 @@ impl PyScene {
         errors: &str,
     ) -> PyResult<Object<'py>> {
         self.check_dense("mass_matrix_derivative", "differences of mass_matrix")?;
-        let keywords = Keywords { wrenches: None, out, dtype: None, errors, info: false };
+        let keywords = Keywords { wrenches: None, out, dtype: None, errors, tolerance: None, info: false };
         self.derivatives(py, Derivatives::MassMatrix, cost::BODY, [("q", q), ("qd", qd)], &keywords)
     }
 }

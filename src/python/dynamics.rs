@@ -1,6 +1,6 @@
 //! Methods of `Scene`: forces, accelerations, and the mass matrix.
 
-use super::choice::read_form;
+use super::choice::read_judged;
 use super::evaluate::Keywords;
 use super::fresh;
 use super::object::Object;
@@ -29,7 +29,10 @@ impl PyScene {
     ///
     /// q: (..., nq); qd, tau: (..., nv); SI units, radians; leading axes broadcast. wrenches: dict from link names (links on fixed joints
     /// too) to (..., 6), each a (moment, force) acting on that link, at its origin and in its frame. form: how P is carried: "covariance"
-    /// (3.6), "joseph", "square-root" (right at extreme mass ratios too, at about twice the time), or "auto". out: C-contiguous, of the
+    /// (3.6), "joseph", "square-root" (right at extreme mass ratios too, at about twice the time), or "auto", which takes the first and recomputes a state
+    /// in square-root form, and in double-double arithmetic where that is not enough, if its estimated error exceeds the tolerance and what rounding of the
+    /// forces by a unit in the last place makes of it. tolerance: the largest accepted error relative to the largest acceleration, above 0 and below 1, for the forms "auto"
+    /// and "square-root"; None: max(5e-14, 4 n eps), n being the number of degrees of freedom on the longest path to the base. out: C-contiguous, of the
     /// result's shape and dtype, overlapping no argument; it is returned. dtype: float64, or float32 to compute in twice as many SIMD
     /// lanes: about 6 digits, fewer by those of the condition number of M; a state that loses more than 4 in form "auto" is done in
     /// float64 and rounded, and so is all that docs/lanes.md lists. Arguments are converted to it.
@@ -45,12 +48,12 @@ impl PyScene {
     /// Contacts act in simulation only: of a scene with contacts these are the accelerations of the tree.
     ///
     /// Returns qdd, (..., nv), with M qdd + bias = tau + J^T w (4.4 to 4.11); with return_info (qdd, Accuracy): .form, the form that gave
-    /// the result, and .error, the estimated error of the largest acceleration.
+    /// the result; .error, the estimated error of the largest acceleration; and .bound, the bound that this error meets.
     ///
     /// Raises SingularJointError where a joint has no inertia along its axis; ConstraintError where connections contradict each other; ArgumentError,
     /// naming the link, for the square-root form of an inertia that no body can have; ShapeError, NotFiniteError, ArgumentError, each naming the
     /// argument and the state. After an error out is partly written.
-    #[pyo3(signature = (q, qd, tau, *, form="auto", wrenches=None, out=None, dtype=None, errors="raise", return_info=false))]
+    #[pyo3(signature = (q, qd, tau, *, form="auto", tolerance=None, wrenches=None, out=None, dtype=None, errors="raise", return_info=false))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn forward_dynamics<'py>(
         &self,
@@ -59,15 +62,16 @@ impl PyScene {
         qd: &Object<'py>,
         tau: &Object<'py>,
         form: &str,
+        tolerance: Option<f64>,
         wrenches: Option<&Object<'py>>,
         out: Option<&Object<'py>>,
         dtype: Option<&Object<'py>>,
         errors: &str,
         return_info: bool,
     ) -> Array<'py> {
-        let algorithm = Algorithm::ForwardDynamics(read_form(form)?);
+        let (algorithm, tolerance) = read_judged(&self.scene, (form, tolerance), Algorithm::ForwardDynamics)?;
         let given = [("q", q), ("qd", qd), ("tau", tau)];
-        let keywords = Keywords { wrenches, out, dtype, errors, info: return_info };
+        let keywords = Keywords { wrenches, out, dtype, errors, tolerance, info: return_info };
         let is_tree = self.scene.connections().is_empty();
         let cost = if is_tree { cost::FORWARD } else { self.cost_through_connections() };
         self.evaluate(py, algorithm, cost, given, &keywords)
@@ -96,7 +100,7 @@ impl PyScene {
         errors: &str,
     ) -> Array<'py> {
         let given = [("q", q), ("qd", qd), ("qdd", qdd)];
-        let keywords = Keywords { wrenches, out, dtype, errors, info: false };
+        let keywords = Keywords { wrenches, out, dtype, errors, tolerance: None, info: false };
         self.evaluate(py, Algorithm::InverseDynamics, cost::INVERSE, given, &keywords)
     }
 
@@ -116,7 +120,7 @@ impl PyScene {
         dtype: Option<&Object<'py>>,
         errors: &str,
     ) -> Array<'py> {
-        let keywords = Keywords { wrenches: None, out, dtype, errors, info: false };
+        let keywords = Keywords { wrenches: None, out, dtype, errors, tolerance: None, info: false };
         self.evaluate(py, Algorithm::BiasTorque, cost::INVERSE, [("q", q), ("qd", qd)], &keywords)
     }
 
@@ -135,7 +139,7 @@ impl PyScene {
         errors: &str,
     ) -> Array<'py> {
         let rest = fresh::zeros::<f64>(py, &[self.scene.nv()])?.into_any();
-        let keywords = Keywords { wrenches: None, out, dtype, errors, info: false };
+        let keywords = Keywords { wrenches: None, out, dtype, errors, tolerance: None, info: false };
         self.evaluate(py, Algorithm::BiasTorque, cost::INVERSE, [("q", q), ("qd", &rest)], &keywords)
     }
 
@@ -156,30 +160,31 @@ impl PyScene {
         errors: &str,
     ) -> Array<'py> {
         self.check_dense("mass_matrix", "inverse_dynamics, which multiplies by it")?;
-        let keywords = Keywords { wrenches: None, out, dtype, errors, info: false };
+        let keywords = Keywords { wrenches: None, out, dtype, errors, tolerance: None, info: false };
         self.evaluate(py, Algorithm::MassMatrix, cost::COMPOSITE, [("q", q)], &keywords)
     }
 
     /// The inverse of the mass matrix in closed form (6.1), without forming or factoring the matrix.
     ///
-    /// q: (..., nq). form, out, dtype and errors: as in forward_dynamics. Returns (..., nv, nv), full and exactly symmetric, SI units: the tree's,
+    /// q: (..., nq). form, tolerance, out, dtype and errors: as in forward_dynamics, the error being that of the factor of M. Returns (..., nv, nv), full and exactly symmetric, SI units: the tree's,
     /// whatever connections there are (constrained_mass_matrix_inverse is through them).
     ///
     /// Raises ArgumentError above 4000 degrees of freedom: forward_dynamics multiplies by the inverse without forming it.
     /// Raises SingularJointError, ShapeError, NotFiniteError, ArgumentError, naming the state.
-    #[pyo3(signature = (q, *, form="auto", out=None, dtype=None, errors="raise"))]
+    #[pyo3(signature = (q, *, form="auto", tolerance=None, out=None, dtype=None, errors="raise"))]
     fn mass_matrix_inverse<'py>(
         &self,
         py: Python<'py>,
         q: &Object<'py>,
         form: &str,
+        tolerance: Option<f64>,
         out: Option<&Object<'py>>,
         dtype: Option<&Object<'py>>,
         errors: &str,
     ) -> Array<'py> {
-        let algorithm = Algorithm::MassMatrixInverse(read_form(form)?);
+        let (algorithm, tolerance) = read_judged(&self.scene, (form, tolerance), Algorithm::MassMatrixInverse)?;
         self.check_dense("mass_matrix_inverse", "forward_dynamics, which multiplies by it")?;
-        let keywords = Keywords { wrenches: None, out, dtype, errors, info: false };
+        let keywords = Keywords { wrenches: None, out, dtype, errors, tolerance, info: false };
         self.evaluate(py, algorithm, cost::CLOSED_FORM, [("q", q)], &keywords)
     }
 }

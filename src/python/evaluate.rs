@@ -25,6 +25,8 @@ pub(super) struct Keywords<'a, 'py> {
     pub out: Option<&'a Object<'py>>,
     pub dtype: Option<&'a Object<'py>>,
     pub errors: &'a str,
+    /// The largest estimated error that is accepted, where it is not the usual one.
+    pub tolerance: Option<f64>,
     /// Whether forward dynamics tells its accuracy.
     pub info: bool,
 }
@@ -51,8 +53,8 @@ impl PyScene {
             _ => &vector[..],
         };
         let cost = Cost { arithmetic: body * self.size(), results: self.scene.width(algorithm) };
-        let &Keywords { wrenches, out, dtype, errors, info } = keywords;
-        if !is_nan(errors)? && !info && wrenches.is_none() && dtype.is_none() {
+        let &Keywords { wrenches, out, dtype, errors, tolerance, info } = keywords;
+        if !is_nan(errors)? && !info && wrenches.is_none() && dtype.is_none() && tolerance.is_none() {
             let values = given.map(|(_, value)| value);
             if let Some(result) = self.single(py, algorithm, values, shape, cost, out)? {
                 self.warn_of_linkage(py)?;
@@ -79,6 +81,7 @@ impl PyScene {
         let wrenches = Wrench::read(&self.scene, keywords.wrenches)?;
         let form = algorithm.form();
         let call = Call::new(self, inputs, wrenches, cost)?.with(self.errors(keywords.errors, form)?);
+        let call = call.accepting(keywords.tolerance);
         let told = match form {
             Some(form) if keywords.info => Some(Told::new(form, call.states)?),
             _ => None,
@@ -145,7 +148,7 @@ impl<'py, P: Dtype> Call<'_, 'py, P> {
     ) -> PyResult<()> {
         let scene = &self.scene.scene;
         let (arguments, wrenches) = self.over()?;
-        let (bodies, errors) = (scene.model().bodies.len(), &self.errors);
+        let (bodies, errors, tolerance) = (scene.model().bodies.len(), &self.errors, self.tolerance);
         self.run(py, cost, |batch| {
             batch.run_pieces(MOST_LANES, results, |scratch, states, results| {
                 let (evaluator, forces) = P::parts(scratch);
@@ -153,7 +156,7 @@ impl<'py, P: Dtype> Call<'_, 'py, P> {
                 let lanes = evaluator.lanes();
                 let mut thirds = vec![Vec::new(); if third.is_some() { lanes } else { 0 }];
                 // Written anew for every chunk only where it holds forces: that is a kilobyte, a tenth of inverse dynamics.
-                let mut chunk = [Arguments::default(); MOST_LANES];
+                let mut chunk = [Arguments { tolerance, ..Arguments::default() }; MOST_LANES];
                 for first in states.clone().step_by(lanes) {
                     let count = lanes.min(states.end - first);
                     let from = (first - states.start) * width;

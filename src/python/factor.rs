@@ -1,7 +1,7 @@
 //! The class `Factor`: K, L and D at one configuration or at a batch of them, and the operators they are made of.
 
 use super::call::run;
-use super::choice::{name_of, read_form};
+use super::choice::{name_of, read_judged_factor};
 use super::errors::{asked_by, fault};
 use super::input::{self, Input};
 use super::interrupts::{detached, detached_checked, drop_elsewhere};
@@ -22,8 +22,8 @@ use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 use std::sync::{Arc, PoisonError, RwLock};
 
-/// What a factor is made of anew: scene, configurations, name of the form.
-type Remade<'py> = (Py<PyScene>, Object<'py>, &'static str);
+/// What a factor is made of anew: scene, configurations, name of the form, tolerance.
+type Remade<'py> = (Py<PyScene>, Object<'py>, &'static str, Option<f64>);
 
 /// The compiled half of phipsi.operators.Factor: applies operators by name.
 #[pyclass(frozen, name = "RawFactor", module = "phipsi._core")]
@@ -31,6 +31,7 @@ pub(crate) struct PyFactor {
     scene: Py<PyScene>,
     batch: Vec<usize>,
     form: Form,
+    tolerance: Option<f64>,
     pool: Pool<()>,
     /// Held to take or put the reference, or for an update that takes no time: whoever holds it waits for nothing, the GIL least of all.
     state: RwLock<Arc<State>>,
@@ -55,13 +56,14 @@ impl PyFactor {
     }
 
     /// Factors every configuration of q.
-    fn new(scene: &Bound<'_, PyScene>, q: &Object<'_>, form: Form) -> PyResult<Self> {
+    fn new(scene: &Bound<'_, PyScene>, q: &Object<'_>, (form, tolerance): (&str, Option<f64>)) -> PyResult<Self> {
         let (py, own) = (scene.py(), scene.get());
+        let (form, tolerance) = read_judged_factor(&own.scene, form, tolerance)?;
         let input = own.configuration("q", q)?;
-        let factors = own.factors(py, &input, form)?;
+        let factors = own.factors(py, &input, (form, tolerance))?;
         let state = State { factors, configurations: memory::copied("q", input.data()?)? };
         let (batch, state) = (input.leading().to_vec(), RwLock::new(Arc::new(state)));
-        Ok(Self { scene: scene.clone().unbind(), batch, form, pool: Pool::default(), state })
+        Ok(Self { scene: scene.clone().unbind(), batch, form, tolerance, pool: Pool::default(), state })
     }
 
     /// The factors and configurations as they are now; a panic cannot have left them half written that this hides, for updates are undone or
@@ -131,7 +133,12 @@ impl State {
 
 impl PyScene {
     /// The factor of every configuration of a batch.
-    fn factors(&self, py: Python<'_>, input: &Input<'_>, form: Form) -> PyResult<Vec<Factor<f64>>> {
+    fn factors(
+        &self,
+        py: Python<'_>,
+        input: &Input<'_>,
+        (form, tolerance): (Form, Option<f64>),
+    ) -> PyResult<Vec<Factor<f64>>> {
         let Self { scene, pool } = self;
         let states: usize = input.leading().iter().product();
         let q = input.over(input.leading())?;
@@ -144,7 +151,7 @@ impl PyScene {
         let batch = Batch { states, cost: COST * self.size(), pool, make: || Scratch::new(scene) };
         let outcome = run(py, input.leading(), batch, |batch| {
             batch.run_pieces(1, &mut made, |scratch, states, made| {
-                scratch.workspace.form = form;
+                (scratch.workspace.form, scratch.workspace.tolerance) = (form, tolerance);
                 for (state, made) in states.zip(made) {
                     let factor = scene.factor(&mut scratch.workspace, q.state(state));
                     *made = Some(factor.map_err(|error| Fault { state, error })?);
@@ -168,13 +175,18 @@ impl PyScene {
 impl PyScene {
     /// M = (1 + K) D (1 + K*) at q by one sweep (3.1, 3.6), and the operators phi, Psi, K, L, D, P it is made of.
     ///
-    /// q: (..., nq); the factor is batched where q is. form: as in forward_dynamics. Returns a phipsi.Factor: solve(tau) and mul(a) are O(N), and its
+    /// q: (..., nq); the factor is batched where q is. form, tolerance: as in forward_dynamics. Returns a phipsi.Factor: solve(tau) and mul(a) are O(N), and its
     /// operators compose as the paper's equations do.
     ///
     /// Raises SingularJointError, naming joint and state; ShapeError, NotFiniteError or ArgumentError for a bad q.
-    #[pyo3(signature = (q, *, form="auto"))]
-    fn factor<'py>(slf: &Bound<'py, Self>, q: &Object<'py>, form: &str) -> PyResult<Object<'py>> {
-        imported!(slf.py(), "phipsi.operators", "Factor")?.call1((PyFactor::new(slf, q, read_form(form)?)?,))
+    #[pyo3(signature = (q, *, form="auto", tolerance=None))]
+    fn factor<'py>(
+        slf: &Bound<'py, Self>,
+        q: &Object<'py>,
+        form: &str,
+        tolerance: Option<f64>,
+    ) -> PyResult<Object<'py>> {
+        imported!(slf.py(), "phipsi.operators", "Factor")?.call1((PyFactor::new(slf, q, (form, tolerance))?,))
     }
 }
 
@@ -185,14 +197,15 @@ impl PyFactor {
         let rebuild = py.import("phipsi._core")?.getattr("_rebuild_factor")?;
         let shape = [&self.batch[..], &[self.model().nq]].concat();
         let q = from_numbers(py, &self.read().configurations, &shape)?;
-        Ok((rebuild, (self.scene.clone_ref(py), q, name_of(self.form))))
+        Ok((rebuild, (self.scene.clone_ref(py), q, name_of(self.form), self.tolerance)))
     }
 
     /// A factor that is updated by itself.
     fn __copy__(&self, py: Python<'_>) -> Self {
         // Shared until either is updated.
         let (scene, batch, state) = (self.scene.clone_ref(py), self.batch.clone(), self.read());
-        Self { scene, batch, form: self.form, pool: Pool::default(), state: RwLock::new(state) }
+        let (form, tolerance) = (self.form, self.tolerance);
+        Self { scene, batch, form, tolerance, pool: Pool::default(), state: RwLock::new(state) }
     }
 
     #[pyo3(signature = (memo, /))]
@@ -312,9 +325,14 @@ impl PyFactor {
 
 /// The factor of what RawFactor.__reduce__ gave.
 #[pyfunction]
-#[pyo3(name = "_rebuild_factor", signature = (scene, q, form, /))]
-pub(super) fn rebuild_factor(scene: &Bound<'_, PyScene>, q: &Object<'_>, form: &str) -> PyResult<PyFactor> {
-    PyFactor::new(scene, q, read_form(form)?)
+#[pyo3(name = "_rebuild_factor", signature = (scene, q, form, tolerance=None, /))]
+pub(super) fn rebuild_factor(
+    scene: &Bound<'_, PyScene>,
+    q: &Object<'_>,
+    form: &str,
+    tolerance: Option<f64>,
+) -> PyResult<PyFactor> {
+    PyFactor::new(scene, q, (form, tolerance))
 }
 
 fn find(name: &str) -> Result<Kind, Error> {

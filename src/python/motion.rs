@@ -90,6 +90,8 @@ impl PyScene {
     ///     connections, where friction is always regularized: Trajectory.friction_speed reports it.
     /// form : str
     ///     "auto" recomputes a step whose estimated error exceeds the tolerance in square-root form; "covariance" checks the pivots only.
+    /// tolerance : float, optional
+    ///     Of form "auto", as in forward_dynamics.
     /// progress : callable, optional
     ///     Called with (steps done, steps) at most twenty times per second.
     /// conserve_momentum : bool
@@ -144,11 +146,11 @@ impl PyScene {
     /// >>> path.q.shape, path.integrator
     /// ((11, 3), 'rk4')
     #[pyo3(signature = (q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, method=None, record_every=None, pd=None,
-                        armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=None, form="auto",
+                        armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=None, form="auto", tolerance=None,
                         progress=None, conserve_momentum=false, baumgarte=None, compliance=None, limits=None, restitution=0.0, accuracy=None, duration=None),
            text_signature = "($self, q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, method='auto', record_every=1, \
                              pd=None, armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=None, \
-                             form='auto', progress=None, conserve_momentum=False, baumgarte=None, compliance=None, limits=None, \
+                             form='auto', tolerance=None, progress=None, conserve_momentum=False, baumgarte=None, compliance=None, limits=None, \
                              restitution=0.0, accuracy=None, duration=None)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulate<'py>(
@@ -169,6 +171,7 @@ impl PyScene {
         friction: Option<&Object<'py>>,
         friction_speed: Option<f64>,
         form: &str,
+        tolerance: Option<f64>,
         progress: Option<&Object<'py>>,
         conserve_momentum: bool,
         baumgarte: Option<f64>,
@@ -194,6 +197,7 @@ impl PyScene {
             friction,
             friction_speed,
             form,
+            tolerance,
             conserve_momentum,
             baumgarte,
             compliance,

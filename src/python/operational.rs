@@ -1,6 +1,6 @@
 //! Methods of `Scene`: operational space.
 
-use super::choice::{names, read_form};
+use super::choice::{names, read_judged_factor};
 use super::input::{one_or_each, rows};
 use super::object::Object;
 use super::output::Array;
@@ -31,7 +31,7 @@ impl PyScene {
     ///
     /// q: (..., nq). links: a name, or m names (links on the base and repeated ones too). xyz: (3,) or (m, 3), m, and
     /// rotation: (3, 3) or (m, 3, 3): the task frame's origin and axes in its link's frame, by default the link's own; the same
-    /// for the whole batch. form and errors: as in forward_dynamics.
+    /// for the whole batch. form, tolerance and errors: as in forward_dynamics.
     ///
     /// Returns (..., 6m, 6m), full and exactly symmetric, SI units. Wrenches (moment, force) on the frames, each at its origin and in
     /// its axes, stacked, times this is how they change the frames' (angular, linear) accelerations, in the tree without connections. Defined in singular
@@ -40,7 +40,7 @@ impl PyScene {
     /// Raises ArgumentError for an unknown link, no link, or a rotation that is none (to within 1e-9); SingularJointError, ShapeError,
     /// NotFiniteError, naming the state.
     #[allow(clippy::too_many_arguments)] // keywords, in Python
-    #[pyo3(signature = (q, links, *, xyz=None, rotation=None, form="auto", errors="raise"))]
+    #[pyo3(signature = (q, links, *, xyz=None, rotation=None, form="auto", tolerance=None, errors="raise"))]
     fn operational_inverse_inertia<'py>(
         &self,
         py: Python<'py>,
@@ -49,16 +49,17 @@ impl PyScene {
         xyz: Option<&Object<'py>>,
         rotation: Option<&Object<'py>>,
         form: &str,
+        tolerance: Option<f64>,
         errors: &str,
     ) -> Array<'py> {
-        let form = read_form(form)?;
+        let (form, tolerance) = read_judged_factor(&self.scene, form, tolerance)?;
         self.errors(errors, Some(form))?;
         let task = Task::read(&self.scene, links, xyz, rotation)?;
         let frames = task.frames();
         let width = 6 * frames.len();
         memory::room("links", memory::bytes_of::<f64>(&[width, width]))?;
         let call = self.call([self.configuration("q", q)?], self.cost_of_task(frames.len()), errors)?;
-        call.array(py, &[width, width], |scene, scratch, [q], out| {
+        call.accepting(tolerance).array(py, &[width, width], |scene, scratch, [q], out| {
             let Scratch { workspace, operational, .. } = scratch;
             workspace.form = form;
             let operational = operational.get_or_insert_with(|| scene.operational_scratch());
@@ -68,7 +69,7 @@ impl PyScene {
 
     /// The operational-space inertia (S J M^-1 J^T S^T)^-1 of task directions S.
     ///
-    /// q, links, xyz, rotation, form, errors: as in operational_inverse_inertia. directions: S, (k, 6m), each row a direction over the
+    /// q, links, xyz, rotation, form, tolerance, errors: as in operational_inverse_inertia. directions: S, (k, 6m), each row a direction over the
     /// stacked (angular, linear) velocities of the frames; all 6m by default; the same for the whole batch.
     ///
     /// Returns (..., k, k), exactly symmetric and positive definite.
@@ -76,7 +77,7 @@ impl PyScene {
     /// Raises SingularTaskError, with .links, .rank, .directions and .state, where the scene cannot move in all directions
     /// independently: an eigenvalue of the inverse inertia, each direction scaled to the terms that form it, is not above
     /// 64 k eps. Otherwise as operational_inverse_inertia.
-    #[pyo3(signature = (q, links, *, xyz=None, rotation=None, directions=None, form="auto", errors="raise"))]
+    #[pyo3(signature = (q, links, *, xyz=None, rotation=None, directions=None, form="auto", tolerance=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn operational_inertia<'py>(
         &self,
@@ -87,9 +88,10 @@ impl PyScene {
         rotation: Option<&Object<'py>>,
         directions: Option<&Object<'py>>,
         form: &str,
+        tolerance: Option<f64>,
         errors: &str,
     ) -> Array<'py> {
-        let form = read_form(form)?;
+        let (form, tolerance) = read_judged_factor(&self.scene, form, tolerance)?;
         self.errors(errors, Some(form))?;
         let task = Task::read(&self.scene, links, xyz, rotation)?;
         let frames = task.frames();
@@ -107,7 +109,7 @@ impl PyScene {
         let of_inverse = cost::INVERSE.saturating_mul(k.saturating_pow(3));
         let cost = self.cost_of_task(frames.len()).saturating_add(of_inverse);
         let call = self.call([self.configuration("q", q)?], cost, errors)?;
-        call.array(py, &[k, k], |scene, scratch, [q], out| {
+        call.accepting(tolerance).array(py, &[k, k], |scene, scratch, [q], out| {
             let Scratch { workspace, operational, .. } = scratch;
             workspace.form = form;
             let operational = operational.get_or_insert_with(|| scene.operational_scratch());

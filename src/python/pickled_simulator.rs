@@ -36,6 +36,7 @@ impl PySimulator {
         keywords.set_item("dt", dt)?;
         keywords.set_item("method", method.name())?;
         keywords.set_item("form", name_of(form))?;
+        keywords.set_item("tolerance", settings.tolerance)?;
         keywords.set_item("conserve_momentum", conserve_momentum)?;
         if let Stabilisation::Baumgarte(rate) = stabilisation {
             keywords.set_item("baumgarte", rate)?;

@@ -49,6 +49,7 @@ type Given<'a, 'py> = Vec<(&'static str, &'a Object<'py>)>;
 struct Keywords<'a, 'py> {
     wrenches: Option<&'a Object<'py>>,
     errors: &'a str,
+    tolerance: Option<f64>,
 }
 
 #[pymethods]
@@ -87,7 +88,7 @@ impl PyScene {
     ) -> PyResult<Object<'py>> {
         let given = vec![("q", q), ("qd", qd), ("qdd", qdd), ("dq", dq), ("dqd", dqd), ("dqdd", dqdd)];
         let constants = Constant::read(&self.scene, (dwrenches, dparameters, darmature, dgravity))?;
-        self.along(py, Products::InverseTangent, given, (&Keywords { wrenches, errors }, constants))
+        self.along(py, Products::InverseTangent, given, (&Keywords { wrenches, errors, tolerance: None }, constants))
     }
 
     /// The gradients of cotangent . tau, in O(N) and without any matrix: cotangent dtau_dq, cotangent dtau_dqd and M cotangent.
@@ -115,23 +116,30 @@ impl PyScene {
     ) -> PyResult<Object<'py>> {
         let given = vec![("q", q), ("qd", qd), ("qdd", qdd), ("cotangent", cotangent)];
         let class = imported!(py, "phipsi._results", "InverseDynamicsGradients")?;
-        self.gradients((py, class), Products::InverseGradient, given, (&Keywords { wrenches, errors }, parameters))
+        self.gradients(
+            (py, class),
+            Products::InverseGradient,
+            given,
+            (&Keywords { wrenches, errors, tolerance: None }, parameters),
+        )
     }
 
     /// The change of joint accelerations along a direction, in O(N) and without any matrix: dqdd_dq dq + dqdd_dqd dqd + M^-1 dtau.
     ///
     /// q: (..., nq); qd, tau: (..., nv); dq, dqd, dtau: (..., nv), dq in the tangent space of q, as in inverse_dynamics_jvp; SI units, radians; leading axes
-    /// broadcast. form, wrenches and errors: as in forward_dynamics; wrenches stay as they are in their link's frame.
+    /// broadcast. form, wrenches and errors: as in forward_dynamics; wrenches stay as they are in their link's frame. tolerance: as in
+    /// forward_dynamics_derivatives.
     ///
     /// dwrenches, dparameters, darmature, dgravity: as in inverse_dynamics_jvp.
     ///
-    /// One more right side of the filter, with the gains of the state. In form "auto" a state that loses digits in the factor of M is done with twice the digits.
+    /// One more right side of the filter, with the gains of the state. In form "auto" a state is recomputed in double-double arithmetic where the estimated error of the
+    /// factor of M or of the product exceeds the tolerance.
     ///
     /// Returns dqdd, (..., nv), rad/s^2 or m/s^2.
     ///
     /// Raises SingularJointError where a joint has no inertia along its axis; ArgumentError for the square-root form of an inertia that no body can have;
     /// ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
-    #[pyo3(signature = (q, qd, tau, dq, dqd, dtau, *, form="auto", wrenches=None, dwrenches=None, dparameters=None, darmature=None, dgravity=None,
+    #[pyo3(signature = (q, qd, tau, dq, dqd, dtau, *, form="auto", tolerance=None, wrenches=None, dwrenches=None, dparameters=None, darmature=None, dgravity=None,
                         errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn forward_dynamics_jvp<'py>(
@@ -144,6 +152,7 @@ impl PyScene {
         dqd: &Object<'py>,
         dtau: &Object<'py>,
         form: &str,
+        tolerance: Option<f64>,
         wrenches: Option<&Object<'py>>,
         dwrenches: Option<&Object<'py>>,
         dparameters: Option<&Object<'py>>,
@@ -153,12 +162,14 @@ impl PyScene {
     ) -> PyResult<Object<'py>> {
         let given = vec![("q", q), ("qd", qd), ("tau", tau), ("dq", dq), ("dqd", dqd), ("dtau", dtau)];
         let constants = Constant::read(&self.scene, (dwrenches, dparameters, darmature, dgravity))?;
-        self.along(py, Products::ForwardTangent(read_form(form)?), given, (&Keywords { wrenches, errors }, constants))
+        let which = Products::ForwardTangent(read_form(form)?);
+        self.scene.check_tolerance(Algorithm::Products(which), tolerance)?;
+        self.along(py, which, given, (&Keywords { wrenches, errors, tolerance }, constants))
     }
 
     /// The gradients of cotangent . qdd, in O(N) and without any matrix: cotangent dqdd_dq, cotangent dqdd_dqd and M^-1 cotangent.
     ///
-    /// q: (..., nq); qd, tau, cotangent: (..., nv); SI units, radians; leading axes broadcast. form, wrenches and errors: as in forward_dynamics. parameters: whether
+    /// q: (..., nq); qd, tau, cotangent: (..., nv); SI units, radians; leading axes broadcast. form, tolerance, wrenches and errors: as in forward_dynamics_jvp. parameters: whether
     /// to give the gradients by inertias, armature and gravity too.
     ///
     /// The gradient by q is in its tangent space, (..., nv), as dq in inverse_dynamics_jvp. x = M^-1 cotangent is filter and smoother once more; all other
@@ -167,7 +178,7 @@ impl PyScene {
     /// Returns a phipsi.ForwardDynamicsGradients (q, qd, tau, wrenches, parameters, armature, gravity); what is not asked for is None.
     ///
     /// Raises as forward_dynamics_jvp.
-    #[pyo3(signature = (q, qd, tau, cotangent, *, form="auto", wrenches=None, parameters=false, errors="raise"))]
+    #[pyo3(signature = (q, qd, tau, cotangent, *, form="auto", tolerance=None, wrenches=None, parameters=false, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn forward_dynamics_vjp<'py>(
         &self,
@@ -177,6 +188,7 @@ impl PyScene {
         tau: &Object<'py>,
         cotangent: &Object<'py>,
         form: &str,
+        tolerance: Option<f64>,
         wrenches: Option<&Object<'py>>,
         parameters: bool,
         errors: &str,
@@ -184,7 +196,8 @@ impl PyScene {
         let given = vec![("q", q), ("qd", qd), ("tau", tau), ("cotangent", cotangent)];
         let class = imported!(py, "phipsi._results", "ForwardDynamicsGradients")?;
         let which = Products::ForwardGradient(read_form(form)?);
-        self.gradients((py, class), which, given, (&Keywords { wrenches, errors }, parameters))
+        self.scene.check_tolerance(Algorithm::Products(which), tolerance)?;
+        self.gradients((py, class), which, given, (&Keywords { wrenches, errors, tolerance }, parameters))
     }
 
     /// The Hessian of cotangent . tau times a direction, in O(N): how the gradients of inverse_dynamics_vjp change along (dq, dqd, dqdd).
@@ -215,20 +228,20 @@ impl PyScene {
         let mut given = vec![("q", q), ("qd", qd), ("qdd", qdd), ("cotangent", cotangent)];
         given.extend([("dq", dq), ("dqd", dqd), ("dqdd", dqdd)]);
         let class = imported!(py, "phipsi._results", "InverseDynamicsGradients")?;
-        self.hessian((py, class), Products::InverseGradient, given, &Keywords { wrenches, errors })
+        self.hessian((py, class), Products::InverseGradient, given, &Keywords { wrenches, errors, tolerance: None })
     }
 
     /// The Hessian of cotangent . qdd times a direction, in O(N): how the gradients of forward_dynamics_vjp change along (dq, dqd, dtau).
     ///
-    /// q: (..., nq); qd, tau, cotangent, dq, dqd, dtau: (..., nv); SI units, radians; leading axes broadcast. form, wrenches and errors: as in
-    /// forward_dynamics; of form "auto" the factor of M alone, twice the digits are not taken.
+    /// q: (..., nq); qd, tau, cotangent, dq, dqd, dtau: (..., nv); SI units, radians; leading axes broadcast. form, tolerance, wrenches and errors: as
+    /// in forward_dynamics_jvp.
     ///
     /// One factor and four right sides; otherwise as inverse_dynamics_hvp.
     ///
     /// Returns a phipsi.ForwardDynamicsGradients (q, qd, tau), the others None.
     ///
     /// Raises as forward_dynamics_jvp.
-    #[pyo3(signature = (q, qd, tau, cotangent, dq, dqd, dtau, *, form="auto", wrenches=None, errors="raise"))]
+    #[pyo3(signature = (q, qd, tau, cotangent, dq, dqd, dtau, *, form="auto", tolerance=None, wrenches=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn forward_dynamics_hvp<'py>(
         &self,
@@ -241,13 +254,16 @@ impl PyScene {
         dqd: &Object<'py>,
         dtau: &Object<'py>,
         form: &str,
+        tolerance: Option<f64>,
         wrenches: Option<&Object<'py>>,
         errors: &str,
     ) -> PyResult<Object<'py>> {
         let mut given = vec![("q", q), ("qd", qd), ("tau", tau), ("cotangent", cotangent)];
         given.extend([("dq", dq), ("dqd", dqd), ("dtau", dtau)]);
         let class = imported!(py, "phipsi._results", "ForwardDynamicsGradients")?;
-        self.hessian((py, class), Products::ForwardGradient(read_form(form)?), given, &Keywords { wrenches, errors })
+        let which = Products::ForwardGradient(read_form(form)?);
+        self.scene.check_tolerance(Algorithm::Products(which), tolerance)?;
+        self.hessian((py, class), which, given, &Keywords { wrenches, errors, tolerance })
     }
 }
 
@@ -264,7 +280,8 @@ impl PyScene {
         let mut inputs = self.inputs(given)?;
         inputs.extend(others);
         let cost = Cost { arithmetic: body * self.size(), results: which.count() * self.scene.nv() };
-        Ok(Call::new(self, inputs, Wrench::read(&self.scene, keywords.wrenches)?, cost)?.with(errors))
+        let call = Call::new(self, inputs, Wrench::read(&self.scene, keywords.wrenches)?, cost)?;
+        Ok(call.with(errors).accepting(keywords.tolerance))
     }
 
     /// A product along a direction, of what is constant too where any of that changes.
@@ -367,7 +384,7 @@ impl PyScene {
         let mut results = call.scratch_results(py, 3 * nv)?;
         call.numbers(py, results.numbers()?, |scene, scratch, [q, qd, u, cotangent, dq, dqd, du], out| {
             let (workspace, hessian, wrenches) = scratch.for_hessians(scene);
-            let state = Arguments { q, qd, u, wrenches, seed: [cotangent, &[], &[]] };
+            let state = Arguments { q, qd, u, wrenches, seed: [cotangent, &[], &[]], ..Arguments::default() };
             match which.form() {
                 Some(form) => {
                     workspace.form = form;

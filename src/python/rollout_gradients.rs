@@ -24,7 +24,7 @@ impl PyScene {
     ///
     /// q: (..., rows, nq); qd: (..., rows, nv): the rows that simulate recorded, the first at the start. cotangent_q, cotangent_qd: (..., rows, nv), the gradients of the
     /// function by these, that by q in the tangent space of each row, as dq in inverse_dynamics_jvp. dt, steps, tau, tau_steps, method, record_every, pd, armature, damping,
-    /// stiffness, rest, friction, friction_speed, form, limits, restitution: as simulate had them; tau is an array. parameters: whether to give the gradients by inertias too.
+    /// stiffness, rest, friction, friction_speed, form, tolerance, limits, restitution: as simulate had them; tau is an array. parameters: whether to give the gradients by inertias too.
     ///
     /// Steps between rows are made again: with record_every=1 none is. O(N) a stage of a step; steps after the last row change nothing. The memory of a thread grows with the
     /// root of the steps between two rows.
@@ -35,10 +35,10 @@ impl PyScene {
     /// Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument; SingularJointError; OutOfMemoryError.
     #[pyo3(signature = (q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, method="auto", record_every=None,
                         pd=None, armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=None,
-                        form="auto", parameters=false, limits=None, restitution=0.0),
+                        form="auto", tolerance=None, parameters=false, limits=None, restitution=0.0),
            text_signature = "($self, q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, method='auto', \
                              record_every=1, pd=None, armature=None, damping=None, stiffness=None, rest=None, friction=None, \
-                             friction_speed=None, form='auto', parameters=False, limits=None, restitution=0.0)")]
+                             friction_speed=None, form='auto', tolerance=None, parameters=False, limits=None, restitution=0.0)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulate_vjp<'py>(
         slf: &Bound<'py, Self>,
@@ -60,6 +60,7 @@ impl PyScene {
         friction: Option<&Object<'py>>,
         friction_speed: Option<f64>,
         form: &str,
+        tolerance: Option<f64>,
         parameters: bool,
         limits: Option<&str>,
         restitution: f64,
@@ -83,6 +84,7 @@ impl PyScene {
             friction,
             friction_speed,
             form,
+            tolerance,
             conserve_momentum: false,
             baumgarte: None,
             compliance: None,

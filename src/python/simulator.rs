@@ -84,7 +84,7 @@ impl PyScene {
     ///     Joint velocities at the start; zero by default. Leading axes broadcast to those of the batch.
     /// dt : float
     ///     Step, s.
-    /// method, pd, armature, damping, stiffness, rest, friction, friction_speed, form, conserve_momentum, baumgarte, compliance, limits, restitution, accuracy
+    /// method, pd, armature, damping, stiffness, rest, friction, friction_speed, form, tolerance, conserve_momentum, baumgarte, compliance, limits, restitution, accuracy
     ///     As in simulate, for all steps.
     ///
     /// Returns
@@ -105,10 +105,10 @@ impl PyScene {
     /// >>> simulator.steps
     /// 10
     #[pyo3(signature = (q, qd=None, *, dt, method=None, pd=None, armature=None, damping=None, stiffness=None, rest=None,
-                        friction=None, friction_speed=None, form="auto", conserve_momentum=false, baumgarte=None, compliance=None, limits=None,
+                        friction=None, friction_speed=None, form="auto", tolerance=None, conserve_momentum=false, baumgarte=None, compliance=None, limits=None,
                         restitution=0.0, accuracy=None),
            text_signature = "($self, q, qd=None, *, dt, method='auto', pd=None, armature=None, damping=None, stiffness=None, \
-                             rest=None, friction=None, friction_speed=None, form='auto', conserve_momentum=False, baumgarte=None, \
+                             rest=None, friction=None, friction_speed=None, form='auto', tolerance=None, conserve_momentum=False, baumgarte=None, compliance=None, \
                              limits=None, restitution=0.0, accuracy=None)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulator<'py>(
@@ -125,6 +125,7 @@ impl PyScene {
         friction: Option<&Object<'py>>,
         friction_speed: Option<f64>,
         form: &str,
+        tolerance: Option<f64>,
         conserve_momentum: bool,
         baumgarte: Option<f64>,
         compliance: Option<&Object<'py>>,
@@ -145,6 +146,7 @@ impl PyScene {
             friction,
             friction_speed,
             form,
+            tolerance,
             conserve_momentum,
             baumgarte,
             compliance,

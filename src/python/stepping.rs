@@ -31,6 +31,7 @@ pub(super) struct Keywords<'a, 'py> {
     pub friction: Option<&'a Object<'py>>,
     pub friction_speed: Option<f64>,
     pub form: &'a str,
+    pub tolerance: Option<f64>,
     pub conserve_momentum: bool,
     pub baumgarte: Option<f64>,
     pub compliance: Option<&'a Object<'py>>,
@@ -61,6 +62,7 @@ impl<'py> Keywords<'_, 'py> {
             settings.compliance = input::spread("compliance", compliance, own.scene.constraint_rows().into())?;
         }
         settings.form = read_form(self.form)?;
+        settings.tolerance = self.tolerance;
         let properties = &mut settings.properties;
         for (name, given, place) in [
             ("armature", self.armature, &mut properties.armature),
@@ -104,6 +106,7 @@ impl<'py> Keywords<'_, 'py> {
         given.set_item("restitution", self.restitution)?;
         given.set_item("accuracy", self.accuracy)?;
         given.set_item("form", self.form)?;
+        given.set_item("tolerance", self.tolerance)?;
         given.set_item("conserve_momentum", self.conserve_momentum)?;
         given.set_item("baumgarte", self.baumgarte)?;
         Ok(given)

@@ -85,7 +85,7 @@ impl Assembly {
     /// Adds a joint on a parent link placed at `at`; gives the place of its child link.
     fn add_joint(&mut self, joint: &JointDescription, at: Place) -> Place {
         let (parent, placement) = at;
-        let origin = placement.compose(&joint.origin);
+        let origin = placement.compose_rounded(&joint.origin);
         if joint.kind == JointKind::Fixed {
             if parent.is_some() && !self.scene.source.omissions.fixed_joints {
                 return (Some(self.add_fixed_body(parent, origin)), RigidShift::identity());
@@ -98,7 +98,7 @@ impl Assembly {
         let (mut body, mut at) = (parent, origin);
         for (tree, motion) in motions {
             self.scene.joint_of_body.push(Some(self.scene.joints.len()));
-            body = Some(self.scene.model.push(body, at.compose(&tree), motion, joint.armature));
+            body = Some(self.scene.model.push(body, at.compose_rounded(&tree), motion, joint.armature));
             at = RigidShift::identity();
         }
         self.scene.joint_index.insert(joint.name.clone(), self.scene.joints.len());

@@ -1,9 +1,9 @@
 //! Checks of what a call is given and of what it gives.
 
 use super::{Joint, Scene};
-use crate::error::{Error, check_finite, check_length};
-use crate::filter::Form;
+use crate::error::{Error, check_finite, check_length, number};
 use crate::filter::pivots::LostPivot;
+use crate::filter::{FORMS, Form};
 use crate::joints::quaternion::QUATERNION_SLACK;
 use crate::spatial::SpatialVector;
 
@@ -109,4 +109,18 @@ impl Joint {
         let of_joint = self.kind.quaternion()?;
         Some(self.q.start + of_joint.start..self.q.start + of_joint.end)
     }
+}
+
+/// Whether a tolerance is one, and the form has a use for it; `judges_roots`: the square-root form too.
+pub(crate) fn check_tolerance(form: Form, tolerance: f64, judges_roots: bool) -> Result<(), Error> {
+    if !(tolerance > 0.0 && tolerance < 1.0) {
+        let expected = "an error relative to the largest entry of the result, above 0 and below 1";
+        return Err(Error::argument("tolerance", number(tolerance), expected));
+    }
+    if form == Form::Auto || judges_roots && form == Form::SquareRoot {
+        return Ok(());
+    }
+    let name = FORMS.iter().find(|(_, known)| *known == form).map_or("", |(name, _)| name);
+    let found = format!("{} with form {name:?}, which takes its result as it is", number(tolerance));
+    Err(Error::argument("tolerance", found, "form \"auto\", or no tolerance"))
 }

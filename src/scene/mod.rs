@@ -56,6 +56,7 @@ pub use crate::model::Model;
 pub use crate::model::{Body, Motion, Omissions};
 pub(crate) use builder::{A_LINK, AT_A_TIME};
 pub use builder::{ROOT_JOINT, SceneBuilder};
+pub(crate) use checks::check_tolerance;
 pub use connection::{Connection, ConnectionKind};
 pub use contact::Contact;
 pub use coupling::Coupling;

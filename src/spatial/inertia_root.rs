@@ -47,6 +47,13 @@ impl<T: Real> BodyRoot<T> {
         }
     }
 
+    /// The inertia that it is the root of.
+    pub(crate) fn inertia(&self) -> BodyInertia<T> {
+        let (central, weights) = (&self.central, &self.weights);
+        let full = central * Matrix3::from_diagonal(weights) * central.transpose();
+        BodyInertia::from_central(self.mass, &self.centre, &Symmetric3::from_upper(&full))
+    }
+
     /// L and W.
     #[inline(always)]
     #[must_use]
@@ -116,9 +123,14 @@ impl BodyRoot<f64> {
         Self { mass, centre, central, weights, spin, rest }
     }
 
-    /// The same numbers in another scalar.
+    /// The same numbers in another scalar; in one of more digits B and C anew, from the others.
     pub(crate) fn cast<U: Real>(&self) -> BodyRoot<U> {
-        self.map(U::from_f64)
+        let same = self.map(U::from_f64);
+        if !(U::epsilon().lane(0) < f64::EPSILON) {
+            return same;
+        }
+        let (spin, rest) = spin_of(&same.central, &same.weights);
+        BodyRoot { spin, rest, ..same }
     }
 
     /// Each number by itself.
@@ -154,11 +166,12 @@ impl BodyRoot<f64> {
 
 /// B and C: w x `I_c` w as a linear map of the products of w, divided by `L_c` from the left; where a weight is zero nothing may
 /// remain in B, and what does is C's.
-fn spin_of(central: &Matrix3<f64>, weights: &Vector3<f64>) -> (Matrix3x6<f64>, Matrix3x6<f64>) {
+fn spin_of<T: Real>(central: &Matrix3<T>, weights: &Vector3<T>) -> (Matrix3x6<T>, Matrix3x6<T>) {
+    let (zero, one) = (T::zero(), T::one());
     let inertia = central * Matrix3::from_diagonal(weights) * central.transpose();
     // A quadratic form, column by column; e_i + e_j gives the mixed products.
-    let form = |w: Vector3<f64>| w.cross(&(inertia * w));
-    let axis = |i: usize| Vector3::ith(i, 1.0);
+    let form = |w: Vector3<T>| cross(&w, &(inertia * w));
+    let axis = |i: usize| Vector3::ith(i, one);
     let mixed = |i: usize, j: usize| form(axis(i) + axis(j)) - form(axis(i)) - form(axis(j));
     let columns = [form(axis(0)), form(axis(1)), form(axis(2)), mixed(0, 1), mixed(0, 2), mixed(1, 2)];
     let gyroscopic = Matrix3x6::from_columns(&columns);
@@ -170,12 +183,12 @@ fn spin_of(central: &Matrix3<f64>, weights: &Vector3<f64>) -> (Matrix3x6<f64>, M
             row -= above;
         }
     }
-    for i in (0..3).filter(|&i| weights[i] == 0.0) {
-        spin.row_mut(i).fill(0.0);
+    for i in (0..3).filter(|&i| weights[i] == zero) {
+        spin.row_mut(i).fill(zero);
     }
     // What rounding left over is none.
-    let size = ROUNDING * inertia.amax();
-    let rest = (gyroscopic - central * spin).map(|entry| if entry.abs() > size { entry } else { 0.0 });
+    let size = ROUNDING * inertia.iter().fold(0.0, |largest: f64, entry| largest.max(entry.lane(0).abs()));
+    let rest = (gyroscopic - central * spin).map(|entry| if entry.lane(0).abs() > size { entry } else { zero });
     (spin, rest)
 }
 

@@ -64,7 +64,7 @@ pub fn arguments<'a, P>(
     (q, qd, u): &'a State<P>,
     wrenches: &'a [SpatialVector<f64>],
 ) -> Arguments<'a, P> {
-    Arguments { q, qd, u, wrenches, seed: [qd, u, qd] }.read_by(algorithm)
+    Arguments { q, qd, u, wrenches, seed: [qd, u, qd], tolerance: None }.read_by(algorithm)
 }
 
 /// The results, one state after another.

@@ -473,7 +473,7 @@ fn hessians_as_differences_of_gradients() {
             let (at, along, wide_x) = (state.cast(), along.cast(), x.iter().map(|&x| d(x)).collect::<Vec<_>>());
             let cond = condition(&scene, &state.q);
             let State { q, qd, u, wrenches } = &state;
-            let given = Arguments { q, qd, u, wrenches, seed: [&x, &[], &[]] };
+            let given = Arguments { q, qd, u, wrenches, seed: [&x, &[], &[]], ..Arguments::default() };
             let mut found = vec![f64::NAN; 3 * nv];
             let mut scratch = scene.hessian_scratch();
             scene.inverse_dynamics_hvp(&mut scratch, &given, direction, &mut found).unwrap();
@@ -572,7 +572,7 @@ fn methods_along_constants_are_the_recursion() {
         third.extend(along.parameters.as_flattened());
         for state in states(&scene, tree.seed) {
             let State { q, qd, u, wrenches } = &state;
-            let given = Arguments { q, qd, u, wrenches, seed: [along.q, along.qd, &third] };
+            let given = Arguments { q, qd, u, wrenches, seed: [along.q, along.qd, &third], ..Arguments::default() };
             let (mut found, mut workspace) = (vec![f64::NAN; scene.nv()], scene.workspace().in_form(Form::Covariance));
             scene.inverse_dynamics_along(&mut workspace, &given, &mut found).unwrap();
             let expected = jvp_of_torques(scene.model(), &state, &along);

@@ -71,6 +71,16 @@ def recursion(n: int, scale: float) -> float:
     return 8.0 * max(n, 1) * EPS * scale
 
 
+def chain(n: int) -> float:
+    """For accelerations of a chain of n joints, relative to the largest: rounding adds up as in a random walk, and so do rotations."""
+    return 8.0 * float(np.sqrt(n)) * EPS
+
+
+def accepted(scale: float) -> float:
+    """The error that form `auto` accepts in derivatives of forward dynamics and their products; scale is the largest entry."""
+    return 1e-11 * scale
+
+
 def solve(condition: float, scale: float) -> float:
     """For an inverse beside one by a backward stable program: tighter than `inverse`, which allows for Pinocchio's."""
     return 8.0 * condition * EPS * scale

@@ -3,7 +3,6 @@
 use super::DerivativeScratch;
 use super::doubled;
 use super::inverse::inverse_dynamics_derivatives;
-use super::product::MOST_LOST;
 use crate::dynamics::forces::Motion;
 use crate::dynamics::forces::forces_base_to_tip;
 use crate::dynamics::mass_inverse::closed_form;
@@ -22,8 +21,8 @@ use nalgebra::Vector6;
 /// Arguments as there; P is carried as the workspace's form says. dtau/dq and dtau/dqd are those of
 /// [`inverse_dynamics_derivatives`] at the accelerations of the state; M^-1 is (6.1), and the columns of both go through filter and smoother: O(N^2).
 ///
-/// In form `auto` a state is done in double-double arithmetic and rounded where the covariance form loses digits in the factor of M, or the columns
-/// cancel all but nine of theirs: f64 only, some thirty times as long, with scratch for as long as it lasts. Under a
+/// In form `auto` a state is recomputed in double-double arithmetic and rounded where the error estimate of the factor of M exceeds the tolerance, or the estimated
+/// error of the columns exceeds the tolerance of products ([`Workspace::tolerance`]): f64 only, some thirty times as long, with scratch for as long as it lasts. Under a
 /// [`watch`] that ends the work `out` means nothing.
 ///
 /// # Errors
@@ -59,7 +58,7 @@ pub fn forward_dynamics_derivatives<T: Real<Parameter = T>>(
         return Err(lost);
     }
     if is_auto && cancels {
-        // Where there are not twice the digits, what there is stays.
+        // Without a wider model the result stays as it is.
         doubled::derivatives(model, state, wrenches, out);
     }
     Ok(())
@@ -116,8 +115,8 @@ fn columns<T: Real<Parameter = T>>(
         }
     }
     let size = largest_of(matrix);
-    let rounding = T::epsilon().lane(0) / MOST_LOST;
-    !(most_terms.lane(0) * rounding <= size.lane(0))
+    let accepted = workspace.accepted_error().of_products();
+    !(most_terms.lane(0) * T::epsilon().lane(0) <= size.lane(0) * accepted)
 }
 
 /// The largest absolute value; zero of none, NaN where any is.

@@ -7,53 +7,56 @@ use super::tangent::Directions;
 use crate::dynamics::forces::Motion;
 use crate::dynamics::solve;
 use crate::dynamics::sweeps::motion::carriers;
+use crate::dynamics::widened::Widened;
+use crate::filter::Form;
 use crate::filter::pivots::LostPivot;
 use crate::kinematics::coordinate_rates;
 use crate::model::Model;
-use crate::scalar::Dual;
+use crate::scalar::{DoubleDouble, Dual, Real, larger};
 use crate::workspace::Workspace;
 use nalgebra::{Vector3, Vector6};
 
 /// Scratch of these products: a model in dual numbers, and a state; starts as NaN.
 #[derive(Debug)]
-pub struct HessianScratch {
-    model: Model<Dual<f64>>,
-    dual: ProductScratch<Dual<f64>>,
-    plain: ProductScratch<f64>,
-    q: Vec<Dual<f64>>,
-    qd: Vec<Dual<f64>>,
-    u: Vec<Dual<f64>>,
-    cotangent: Vec<Dual<f64>>,
-    wrenches: Vec<Vector6<Dual<f64>>>,
-    out: Vec<Dual<f64>>,
+pub struct HessianScratch<S: Real<Parameter = S> = f64> {
+    model: Model<Dual<S>>,
+    dual: ProductScratch<Dual<S>>,
+    plain: ProductScratch<S>,
+    q: Vec<Dual<S>>,
+    qd: Vec<Dual<S>>,
+    u: Vec<Dual<S>>,
+    cotangent: Vec<Dual<S>>,
+    wrenches: Vec<Vector6<Dual<S>>>,
+    out: Vec<Dual<S>>,
     /// dq/dt, (nq); accelerations and their change, x and its change, and zeros, (nv) each.
-    rates: Vec<f64>,
-    accelerations: [Vec<f64>; 2],
-    co_states: [Vec<f64>; 2],
-    zeros: Vec<f64>,
+    rates: Vec<S>,
+    accelerations: [Vec<S>; 2],
+    co_states: [Vec<S>; 2],
+    zeros: Vec<S>,
 }
 
-impl HessianScratch {
+impl<S: Real<Parameter = S>> HessianScratch<S> {
     /// Scratch for `model`.
     #[must_use]
     pub fn new(model: &Model<f64>) -> Self {
-        let (nan, nv, nq) = (Dual::constant_of(f64::NAN), model.nv(), model.nq);
-        let dual: Model<Dual<f64>> = model.cast();
-        let numbers = || vec![f64::NAN; nv];
+        let number = S::from_f64(f64::NAN);
+        let (nan, nv, nq) = (Dual::constant_of(number), model.nv(), model.nq);
+        let dual: Model<Dual<S>> = model.cast();
+        let numbers = || vec![number; nv];
         Self {
             dual: ProductScratch::new(&dual),
             model: dual,
-            plain: ProductScratch::new(model),
+            plain: ProductScratch::new(&model.cast()),
             q: vec![nan; nq],
             qd: vec![nan; nv],
             u: vec![nan; nv],
             cotangent: vec![nan; nv],
             wrenches: vec![Vector6::from_element(nan); model.bodies.len()],
             out: vec![nan; 3 * nv],
-            rates: vec![f64::NAN; nq],
+            rates: vec![number; nq],
             accelerations: [numbers(), numbers()],
             co_states: [numbers(), numbers()],
-            zeros: vec![0.0; nv],
+            zeros: vec![S::zero(); nv],
         }
     }
 
@@ -71,13 +74,7 @@ impl HessianScratch {
     }
 
     /// q along the tangent dq, qd along dqd, and constant wrenches.
-    fn set(
-        &mut self,
-        model: &Model<f64>,
-        (q, qd): (&[f64], &[f64]),
-        wrenches: &[Vector6<f64>],
-        [dq, dqd]: [&[f64]; 2],
-    ) {
+    fn set(&mut self, model: &Model<S>, (q, qd): (&[S], &[S]), wrenches: &[Vector6<S>], [dq, dqd]: [&[S]; 2]) {
         coordinate_rates(model, q, dq, &mut self.rates);
         join(&mut self.q, q, &self.rates);
         join(&mut self.qd, qd, dqd);
@@ -88,7 +85,7 @@ impl HessianScratch {
 }
 
 /// Values with their tangents.
-fn join(to: &mut [Dual<f64>], values: &[f64], tangents: &[f64]) {
+fn join<S: Real>(to: &mut [Dual<S>], values: &[S], tangents: &[S]) {
     for ((to, &value), &tangent) in to.iter_mut().zip(values).zip(tangents) {
         *to = Dual { value, tangent };
     }
@@ -122,7 +119,8 @@ pub fn inverse_dynamics_hvp(
 /// One factor and four right sides, O(N).
 ///
 /// The accelerations change by [`forward_dynamics_jvp`](super::forward_dynamics_jvp), and x = M^-1 c by -M^-1 (dM x), dM x being the change of M x along dq. Arguments as
-/// there; P is carried as the workspace's form says.
+/// there; P is carried as the workspace's form says. In form `auto` a state is recomputed in double-double arithmetic and rounded where the covariance form loses
+/// digits in the factor of M, or the estimated error of either change exceeds the tolerance of products.
 ///
 /// # Errors
 ///
@@ -135,23 +133,69 @@ pub fn forward_dynamics_hvp(
     state: (&[f64], &[f64], &[f64]),
     wrenches: &[Vector6<f64>],
     cotangent: &[f64],
-    [dq, dqd, dtau]: [&[f64]; 3],
+    direction: [&[f64]; 3],
     out: &mut [f64],
 ) -> Result<(), LostPivot> {
+    let is_in_doubt = product((model, workspace, scratch), state, wrenches, (cotangent, direction), out)?;
+    if is_in_doubt {
+        // Without a wider model the result stays as it is.
+        doubled(model, state, wrenches, (cotangent, direction), out);
+    }
+    Ok(())
+}
+
+/// The same in double-double arithmetic and square-root form, rounded into `out`, where a body's inertia has a root and the wider numbers do not overflow.
+#[cold]
+fn doubled(
+    model: &Model<f64>,
+    state: (&[f64], &[f64], &[f64]),
+    wrenches: &[Vector6<f64>],
+    (cotangent, direction): (&[f64], [&[f64]; 3]),
+    out: &mut [f64],
+) {
+    let Some(mut wide) = Widened::of(model, state, wrenches) else { return };
+    let mut scratch = HessianScratch::new(model);
+    let Widened { model, workspace, q, qd, tau, wrenches } = &mut wide;
+    let all = |numbers: &[f64]| -> Vec<_> { numbers.iter().map(|&x| DoubleDouble::from_f64(x)).collect() };
+    let (cotangent, [dq, dqd, dtau]) = (all(cotangent), direction.map(all));
+    let mut found = vec![DoubleDouble::from_f64(f64::NAN); out.len()];
+    let along = (&cotangent[..], [&dq[..], &dqd[..], &dtau[..]]);
+    let done = product((model, workspace, &mut scratch), (q, qd, tau), wrenches, along, &mut found);
+    if done.is_ok() && found.iter().all(|x| x.high.is_finite()) {
+        for (to, from) in out.iter_mut().zip(found) {
+            *to = from.high;
+        }
+    }
+}
+
+/// The product in any scalar, and whether its estimated error exceeds what form `auto` accepts.
+fn product<S: Real<Parameter = S>>(
+    (model, workspace, scratch): (&Model<S>, &mut Workspace<S>, &mut HessianScratch<S>),
+    state: (&[S], &[S], &[S]),
+    wrenches: &[Vector6<S>],
+    (cotangent, [dq, dqd, dtau]): (&[S], [&[S]; 3]),
+    out: &mut [S],
+) -> Result<bool, LostPivot> {
     let ((q, qd, _), nv) = (state, model.nv());
     let HessianScratch { plain, accelerations: [qdd, qdd_change], co_states: [x, x_change], zeros, .. } = scratch;
     let monitor = accelerations(model, workspace, qdd, state, wrenches);
     if let Some(lost) = workspace.lost_pivot(model, &monitor) {
         return Err(lost);
     }
-    carriers(&plain.sweeps, &mut plain.sweep_scratch, 0.0, q);
+    carriers(&plain.sweeps, &mut plain.sweep_scratch, S::zero(), q);
+    let judges = workspace.form == Form::Auto && !monitor.of_roots;
+    let mut is_in_doubt = workspace.form == Form::Auto && monitor.of_roots;
+    plain.judge_by(judges.then_some(&workspace.bias[..]));
     let along = Directions { q: dq, qd: dqd, u: dtau, ..Directions::default() };
     let motion = Motion { q, qd, qdd: Some(qdd), wrenches };
     solved(model, workspace, plain, (motion, &along, &model.gravity), qdd_change);
+    is_in_doubt |= judges && plain.has_lost(workspace, qdd_change);
     solve(model, workspace, cotangent, x);
     let along = Directions { q: dq, qd: zeros, u: zeros, ..Directions::default() };
     let motion = Motion { q, qd: zeros, qdd: Some(x), wrenches: &[] };
-    solved(model, workspace, plain, (motion, &along, &Vector3::zeros()), x_change);
+    solved(model, workspace, plain, (motion, &along, &Vector3::from_element(S::zero())), x_change);
+    is_in_doubt |= judges && plain.has_lost(workspace, x_change);
+    plain.judge_by(None);
     join(&mut scratch.u, qdd, qdd_change);
     join(&mut scratch.cotangent, x, x_change);
     out[2 * nv..].copy_from_slice(x_change);
@@ -160,5 +204,14 @@ pub fn forward_dynamics_hvp(
     for (to, from) in out[..2 * nv].iter_mut().zip(&scratch.out) {
         *to = -from.tangent;
     }
-    Ok(())
+    // M x, of which the gradients are made body by body, has to be the cotangent.
+    let HessianScratch { dual, out: gradients, .. } = scratch;
+    let (mut off, mut size) = (S::epsilon() * dual.terms().value, S::zero());
+    for (product, &c) in gradients[2 * nv..].iter().zip(cotangent) {
+        off = larger(off, (product.value - c).abs());
+        size = larger(size, c.abs());
+    }
+    is_in_doubt |=
+        workspace.form == Form::Auto && !(off.lane(0) <= size.lane(0) * workspace.accepted_error().of_products());
+    Ok(is_in_doubt)
 }

@@ -7,12 +7,6 @@ use crate::scalar::{ColumnsOf, Real, larger};
 /// Rows of the result that are done at once.
 const ROWS: usize = 4;
 
-/// Where the largest entry of dqdd/dq or dqdd/dqd may be off by more than this, relative to itself, form `auto` goes another way.
-///
-/// The estimate is eps times the terms that the largest column is the sum of. Over 2,200 random scenes, ordinary and extreme, the error is as a rule
-/// half of it, and in 99 of 100 less than seven times; robots stay far below (docs/derivatives.md).
-pub(super) const MOST_LOST: f64 = 1e-9;
-
 /// Scratch of the product; made when it is first needed.
 #[derive(Debug)]
 pub(crate) struct Product<T: Real, C: ColumnsOf<T>> {
@@ -48,9 +42,15 @@ impl<T: Real, C: ColumnsOf<T>> Product<T, C> {
         self.packed = vec![[C::zero(); 2]; end];
     }
 
-    /// -M^-1 times both, in their places: `out` holds dtau/dq, dtau/dqd and M^-1, one after another. The lanes, as bits, in which digits cancel.
+    /// -M^-1 times both, in their places: `out` holds dtau/dq, dtau/dqd and M^-1, one after another. The lanes, as bits, in which digits cancel: eps times the
+    /// terms that the largest column is the sum of is more than what is `accepted`, in eps of the largest entry.
     #[inline(always)]
-    pub fn in_place(&mut self, scene: (&Model<T>, &SweepModel<T>), like: C, out: &mut [C::Entry]) -> u64 {
+    pub fn in_place(
+        &mut self,
+        scene: (&Model<T>, &SweepModel<T>),
+        (like, accepted): (C, T),
+        out: &mut [C::Entry],
+    ) -> u64 {
         let nv = scene.0.nv();
         if self.blocks.is_empty() {
             self.make(scene.0, scene.1);
@@ -86,7 +86,7 @@ impl<T: Real, C: ColumnsOf<T>> Product<T, C> {
                 }
             }
         }
-        lost(terms, size)
+        lost(terms, size, accepted)
     }
 
     /// Packs the blocks; gives, lane by lane, the most terms that a column is the sum of.
@@ -163,10 +163,9 @@ fn put<T: Real, C: ColumnsOf<T>>(block: C, to: &mut [C::Entry]) {
     }
 }
 
-/// The lanes, as bits, in which the rounding of the terms may be above [`MOST_LOST`] of the largest result.
+/// The lanes, as bits, in which the rounding of the terms may be more than what is accepted, in eps of the largest result.
 #[inline(always)]
-fn lost<T: Real, C: ColumnsOf<T>>(terms: [C; 2], size: [C; 2]) -> u64 {
-    let rounding = T::epsilon().lane(0) / MOST_LOST;
+fn lost<T: Real, C: ColumnsOf<T>>(terms: [C; 2], size: [C; 2], accepted: T) -> u64 {
     let mut lanes = 0;
     for matrix in 0..2 {
         let (mut terms_of, mut size_of) = (terms[matrix].column(0), size[matrix].column(0));
@@ -175,7 +174,7 @@ fn lost<T: Real, C: ColumnsOf<T>>(terms: [C; 2], size: [C; 2]) -> u64 {
             size_of = larger(size_of, size[matrix].column(column));
         }
         for lane in 0..T::LANES {
-            lanes |= u64::from(!(terms_of.lane(lane) * rounding <= size_of.lane(lane))) << lane;
+            lanes |= u64::from(!(terms_of.lane(lane) <= size_of.lane(lane) * accepted.lane(lane))) << lane;
         }
     }
     lanes

@@ -3,7 +3,6 @@
 use super::adjoint::{self, CoStates, Constants};
 use super::doubled_products;
 use super::forward::accelerations;
-use super::product::MOST_LOST;
 use super::tangent::{self, Changes, Directions};
 use crate::dynamics::forces::Motion;
 use crate::dynamics::solve;
@@ -42,6 +41,22 @@ impl<T: Real<Parameter = T>> ProductScratch<T> {
             acceleration: vec![nan; nv],
             right: vec![nan; nv],
         }
+    }
+
+    /// From here on the errors of solutions are estimated by the probe that the factor of M was watched with, whose co-states these are; or are not.
+    pub(super) fn judge_by(&mut self, co_states: Option<&[Vector6<T>]>) {
+        self.changes.judges = co_states.is_some();
+        self.sweep_scratch.take_probe(co_states.unwrap_or_default());
+    }
+
+    /// Whether the estimated error of the last solution exceeds the tolerance of products.
+    pub(super) fn has_lost(&self, workspace: &Workspace<T>, solution: &[T]) -> bool {
+        !(self.changes.lost(of_products(workspace), solution).lane(0) <= 0.0)
+    }
+
+    /// Bound on the terms of the moments of M x in the last gradients of torques, x being their cotangent.
+    pub(super) fn terms(&self) -> T {
+        self.co_states.terms
     }
 }
 
@@ -88,8 +103,9 @@ pub fn inverse_dynamics_vjp<T: Real<Parameter = T>>(
 /// dqdd of [`forward_dynamics`](crate::dynamics::forward_dynamics) along one direction, (nv) into `out`: dqdd/dq dq + dqdd/dqd dqd + M^-1 dtau, and what changes of wrenches,
 /// inertias, armature and gravity add. One more right side of the filter, with the gains of the state: O(N).
 ///
-/// Arguments as in [`inverse_dynamics_jvp`], `along.u` of tau. P is carried as the workspace's form says. In form `auto` a state where the covariance form loses
-/// digits in the factor of M is done in double-double arithmetic and rounded, as in [`forward_dynamics_derivatives`](super::forward_dynamics_derivatives).
+/// Arguments as in [`inverse_dynamics_jvp`], `along.u` of tau. P is carried as the workspace's form says. In form `auto` a state is recomputed in double-double
+/// arithmetic and rounded where the error estimate of the factor of M exceeds the tolerance, as in [`forward_dynamics_derivatives`](super::forward_dynamics_derivatives),
+/// and where the estimated error of the product, by the probe that the factor was watched with, exceeds the tolerance of products.
 ///
 /// # Errors
 ///
@@ -106,18 +122,29 @@ pub fn forward_dynamics_jvp<T: Real<Parameter = T>>(
     let mut qdd = std::mem::take(&mut scratch.acceleration);
     let monitor = accelerations(model, workspace, &mut qdd, state, wrenches);
     let lost = workspace.lost_pivot(model, &monitor);
-    let is_doubled = lost.is_none()
-        && workspace.form == Form::Auto
-        && monitor.of_roots
-        && doubled_products::tangent(model, state, wrenches, along, out);
+    let is_auto = workspace.form == Form::Auto;
+    let is_doubled =
+        lost.is_none() && is_auto && monitor.of_roots && doubled_products::tangent(model, state, wrenches, along, out);
+    let mut is_lost = false;
     if lost.is_none() && !is_doubled {
         let (q, qd, _) = state;
         carriers(&scratch.sweeps, &mut scratch.sweep_scratch, T::zero(), q);
+        let judges = is_auto && !monitor.of_roots;
+        scratch.judge_by(judges.then_some(&workspace.bias[..]));
         let motion = Motion { q, qd, qdd: Some(&qdd), wrenches };
         solved(model, workspace, scratch, (motion, along, &model.gravity), out);
+        is_lost = judges && scratch.has_lost(workspace, out);
+        scratch.judge_by(None);
     }
     scratch.acceleration = qdd;
-    lost.map_or(Ok(()), Err)
+    if let Some(lost) = lost {
+        return Err(lost);
+    }
+    if is_lost {
+        // Without a wider model the result stays as it is.
+        doubled_products::tangent(model, state, wrenches, along, out);
+    }
+    Ok(())
 }
 
 /// M^-1 (dtau - the change of inverse dynamics where dqdd is none), with the factor in the workspace, turns and shifts being there.
@@ -142,7 +169,7 @@ pub(super) fn solved<T: Real<Parameter = T>>(
 ///
 /// That by tau is x = M^-1 c, filter and smoother once more; all others are those of [`inverse_dynamics_vjp`] at the accelerations of the state with -x for its
 /// cotangent. Arguments as there; P as in [`forward_dynamics_jvp`]. In form `auto` a state is done in double-double arithmetic where the factor of M loses digits, as there, and where
-/// M x, of which the gradients are made body by body, misses c by more than 1e-9 of its largest entry, or would by the rounding of its terms.
+/// M x, of which the gradients are made body by body, misses c by more than the tolerance of products of its largest entry, or would by the rounding of its terms.
 ///
 /// # Errors
 ///
@@ -174,7 +201,7 @@ pub fn forward_dynamics_vjp<T: Real<Parameter = T>>(
         let last = 2 * model.nv();
         negated(&mut out[last..], &x);
         gradients_of_torques((model, sweeps), (sweep_scratch, co_states), motion, constants, out);
-        off = solved_short_of(cotangent, co_states.terms, &mut out[last..], &x);
+        off = solved_short_of(cotangent, (co_states.terms, of_products(workspace)), &mut out[last..], &x);
         scratch.right = x;
     }
     scratch.acceleration = qdd;
@@ -182,7 +209,7 @@ pub fn forward_dynamics_vjp<T: Real<Parameter = T>>(
         return Err(lost);
     }
     if workspace.form == Form::Auto && !is_doubled && off.lane(0) > 0.0 {
-        // Where there are not twice the digits, what there is stays.
+        // Without a wider model the result stays as it is.
         doubled_products::gradients(model, state, wrenches, cotangent, (constants, out));
     }
     Ok(())
@@ -211,16 +238,22 @@ fn changes_of_forces<T: Real<Parameter = T>>(
     tangent::base_to_tip(scene, scratch, changes, along, gravity);
 }
 
+/// The accepted error of products, in eps of their largest entry.
+fn of_products<T: Real>(workspace: &Workspace<T>) -> T {
+    T::from_f64(workspace.accepted_error().of_products() / T::epsilon().lane(0))
+}
+
 /// The product along a direction, for states in lanes and for one state: of torques, or where `solves` of accelerations, then with the factor, turns and shifts in the
-/// scratch; `right` is scratch too.
+/// scratch; `right` is scratch too. Positive where a solution is `judged` and its estimated error exceeds the tolerance.
 #[inline(always)]
 pub(crate) fn tangent_in_sweeps<T: Real, C: ColumnsOf<T>>(
     scene: (&Model<T>, &SweepModel<T>),
     (scratch, changes): (&mut SweepScratch<T>, &mut Changes<T>),
     (motion, along): (Motion<'_, T>, Directions<'_, T>),
-    solves: bool,
+    (solves, judged): (bool, bool),
     (right, out): (&mut [T], &mut [T]),
-) {
+) -> T {
+    changes.judges = judged;
     let outward = if solves { Directions { u: &[], ..along } } else { along };
     if !solves {
         carriers(scene.1, scratch, C::zero(), motion.q);
@@ -230,10 +263,14 @@ pub(crate) fn tangent_in_sweeps<T: Real, C: ColumnsOf<T>>(
         tangent::right_side((motion, &along), right);
         tangent::tip_to_base::<T, true>(scene, (scratch, &scratch.measured), changes, (&along, right), out);
         sweeps::smooth(scene, scratch, out);
+        if judged {
+            return changes.lost(scratch.accepted_of_products, out);
+        }
     } else {
         tangent::tip_to_base::<T, false>(scene, (scratch, &[]), changes, (&along, &[]), out);
         tangent::add_armature(scene.0, (motion, &along), out);
     }
+    T::zero()
 }
 
 /// The gradients by q, qd and u, and by the constants that are asked for, likewise: of torques, or where `solves` of accelerations, then with the factor, turns and shifts in
@@ -255,13 +292,14 @@ pub(crate) fn gradients_in_sweeps<T: Real, C: ColumnsOf<T>>(
         out[last..].copy_from_slice(cotangent);
     }
     adjoint::in_sweeps(scene, (scratch, co_states), motion, constants, out);
-    if solves { solved_short_of(cotangent, co_states.terms, &mut out[last..], x) } else { T::zero() }
+    let judging = (co_states.terms, scratch.accepted_of_products);
+    if solves { solved_short_of(cotangent, judging, &mut out[last..], x) } else { T::zero() }
 }
 
 /// x in the place of -M x, which the way inward has found; by how much M x misses the right side c, or the rounding of the `terms` that it is made of where that is
 /// more, less what is let pass: not above zero where the forces that gradients are made of kept their digits.
 #[inline(always)]
-fn solved_short_of<T: Real>(cotangent: &[T], terms: T, product: &mut [T], x: &[T]) -> T {
+fn solved_short_of<T: Real>(cotangent: &[T], (terms, accepted): (T, T), product: &mut [T], x: &[T]) -> T {
     let zero = T::zero();
     let (mut off, mut size) = (T::epsilon() * terms, zero);
     for ((product, &c), &x) in product.iter_mut().zip(cotangent).zip(x) {
@@ -269,7 +307,7 @@ fn solved_short_of<T: Real>(cotangent: &[T], terms: T, product: &mut [T], x: &[T
         size = larger(size, c.abs());
         *product = x;
     }
-    off.minus_product(size, zero.constant(MOST_LOST))
+    off.minus_product(size, accepted * T::epsilon())
 }
 
 /// -x.

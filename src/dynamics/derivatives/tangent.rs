@@ -21,7 +21,7 @@ use crate::dynamics::sweeps::scratch::SweepScratch;
 use crate::filter::riccati::Measured;
 use crate::kinematics::joint_motion;
 use crate::model::{Body, Model, Motion as JointMotion};
-use crate::scalar::Real;
+use crate::scalar::{Real, larger};
 use crate::spatial::transform::Transform;
 use crate::spatial::{BodyInertia, angular, cross, cross_add, cross_force, cross_motion, linear, spatial, sum};
 use nalgebra::{Vector3, Vector6};
@@ -74,6 +74,10 @@ pub(crate) struct Changes<T> {
     /// By places in the sweeps: F and dF, of a body, then of all that is outboard of its joint.
     forces: Vec<[T; 6]>,
     forces_change: Vec<[T; 6]>,
+    /// Whether the error of a solution is estimated, by the probe that the factor of M was watched with.
+    pub judges: bool,
+    /// The estimated square of w* d(dqdd), over eps^2: what the rounding of dF makes of it, as in [`cancellation`](crate::filter::cancellation).
+    noise: T,
 }
 
 impl<T: Real> Changes<T> {
@@ -83,8 +87,46 @@ impl<T: Real> Changes<T> {
             motions: vec![[[nan; 6]; 4]; sweeps.swept_slots.outward],
             forces: vec![[nan; 6]; bodies],
             forces_change: vec![[nan; 6]; bodies],
+            judges: false,
+            noise: nan,
         }
     }
+
+    /// The estimated error of a solution less the accepted one, in eps of its largest entry: positive or NaN where it exceeds the tolerance.
+    #[inline(always)]
+    pub fn lost(&self, accepted: T, out: &[T]) -> T {
+        let mut size = self.noise.constant(0.0);
+        for x in out {
+            size = larger(size, x.abs());
+        }
+        self.noise.sqrt().minus_product(size, accepted)
+    }
+}
+
+/// The sum of the absolute entries.
+#[inline(always)]
+fn total<T: Real>(x: &Vector3<T>) -> T {
+    x[0].abs() + x[1].abs() + x[2].abs()
+}
+
+/// Bounds on the terms that the moment and the force of [`change_of`] are sums of.
+#[inline(always)]
+fn terms_of_change<T: Real>(inertia: &BodyInertia<T>, velocity: &Vector6<T>, [dv, da]: [&[T; 6]; 2]) -> [T; 2] {
+    let (dv, da) = (Vector6::from(*dv), Vector6::from(*da));
+    let (w, u, dw, du) =
+        (total(&angular(velocity)), total(&linear(velocity)), total(&angular(&dv)), total(&linear(&dv)));
+    let turned = total(&angular(&da)) + (w * dw + w * dw);
+    let moved = w.mul_add(du, dw.mul_add(u, total(&linear(&da))));
+    let ([xx, _, _, yy, _, zz], h) = (inertia.rotational.entries, total(&inertia.first_moment));
+    [h.mul_add(moved, (xx + yy + zz) * turned), h.mul_add(turned, inertia.mass * moved)]
+}
+
+/// The square of what one unit in the last place of a moment and a force of this size makes of w* d(dqdd), over eps^2.
+#[inline(always)]
+fn noise_of<T: Real>([moment, force]: [T; 2], nu: &[T; 6]) -> T {
+    let of_moment = moment * (nu[0].abs() + nu[1].abs() + nu[2].abs());
+    let of_force = force * (nu[3].abs() + nu[4].abs() + nu[5].abs());
+    of_moment.mul_add(of_moment, of_force * of_force)
 }
 
 /// Base to tip: F and dF of every body by itself; `along.u` is of qdd, or empty where that does not change.
@@ -98,7 +140,8 @@ pub(super) fn base_to_tip<T: Real>(
 ) {
     let o = T::zero();
     debug_assert_eq!(model.nv(), along.q.len());
-    let Changes { motions, forces, forces_change } = kept;
+    let Changes { motions, forces, forces_change, judges, noise } = kept;
+    *noise = o;
     let mut base = [[o; 6]; 4];
     for i in 0..3 {
         base[1][3 + i] = -gravity[i];
@@ -129,6 +172,10 @@ pub(super) fn base_to_tip<T: Real>(
         }
         if let Some(parameters) = along.parameters.get(body.index) {
             change = sum(&change, &inertia(&to_sweeps(body, parameters)).bias_force(&velocity, &acceleration));
+        }
+        if *judges {
+            let terms = terms_of_change(&inertia_of, &velocity, [&own[2], &own[3]]);
+            *noise += noise_of(terms, &scratch.probe_co_state(place));
         }
         forces[place] = needed_force(body, &inertia_of, &[own[0], own[1]], state);
         forces_change[place] = change.into();
@@ -224,6 +271,12 @@ pub(super) fn tip_to_base<T: Real, const FILTERS: bool>(
 ) {
     for (place, body) in sweeps.swept().iter().enumerate().rev() {
         let (force, mut change) = (kept.forces[place], kept.forces_change[place]);
+        if FILTERS && kept.judges {
+            let nu = shifts_of.probe_co_state(place);
+            for (&change, nu) in change.iter().zip(nu) {
+                kept.noise = (change * nu).mul_add(change * nu, kept.noise);
+            }
+        }
         with_rows!(body, model, rows, {
             if FILTERS {
                 rows.filter(measured, torque, &mut change, out);

@@ -7,11 +7,12 @@ use crate::filter::Form;
 use crate::filter::cancellation::weight;
 use crate::filter::pivots::Scale;
 use crate::filter::riccati::Measured;
+use crate::filter::tolerance::Tolerance;
 use crate::model::{Body, Model};
 use crate::scalar::Real;
 use crate::spatial::transform::{AxialRotation, ConstantRotation};
 use crate::spatial::{BodyInertia, BodyRoot, RigidShift, Root6, Symmetric3};
-use nalgebra::Vector3;
+use nalgebra::{Vector3, Vector6};
 
 /// Angular velocity, angular acceleration and acceleration of the origin (kept for shifts only).
 pub(in crate::dynamics) type Moving<T> = [[T; 3]; 3];
@@ -60,6 +61,8 @@ pub(in crate::dynamics) struct Watched<T> {
     pub bias: [T; 6],
     /// Of zeta^+, the squares of its halves.
     pub zeta: (T, T),
+    /// The co-state of the probe, where the factor of M is watched.
+    pub nu: [T; 6],
 }
 
 /// A body with some of what hangs on it: the root of P, and z = L y + t.
@@ -117,6 +120,12 @@ pub(crate) struct SweepScratch<T: Real> {
     pub(in crate::dynamics) added: Vec<[T; 6]>,
     /// In slots, inward: what the square-root form has of a body before its measurements; the first is any leaf's while it is its turn.
     pub(in crate::dynamics) rooted: Vec<Rooted<T>>,
+    /// The square of the largest estimated error that form `auto` accepts, relative to the largest entry, in units of eps^2.
+    pub(crate) accepted_square: T,
+    /// The same of products with derivatives, in units of eps, and not squared.
+    pub(crate) accepted_of_products: T,
+    /// Number of rows on the longest path from the base.
+    longest_path: usize,
 }
 
 impl<T: Real> SweepScratch<T> {
@@ -153,13 +162,31 @@ impl<T: Real> SweepScratch<T> {
                 other_probe: (nv..2 * nv).map(|row| T::from_f64(weight(row))).collect(),
                 innovations: vec![nan; nv],
                 arriving: arriving_besides,
-                own: vec![Watched { terms: [nan; 6], bias: [nan; 6], zeta: (nan, nan) }; bodies],
+                own: vec![Watched { terms: [nan; 6], bias: [nan; 6], zeta: (nan, nan), nu: [nan; 6] }; bodies],
                 co_states: watched,
             },
             co_states,
             added: vec![[nan; 6]; bodies],
             rooted: vec![Rooted::filled(nan); sweeps.swept_slots.inward],
+            accepted_square: nan,
+            accepted_of_products: nan,
+            longest_path: sweeps.longest_path,
         }
+        .accepting(None)
+    }
+
+    /// The same, to accept estimated errors up to this tolerance, relative to the largest entry; None: the usual one.
+    pub(crate) fn accepting(mut self, tolerance: Option<f64>) -> Self {
+        let [square, of_products] = self.accepted(tolerance);
+        self.accepted_square = T::from_f64(square);
+        self.accepted_of_products = T::from_f64(of_products);
+        self
+    }
+
+    /// The accepted errors with this tolerance: the square in units of eps^2, and that of products in units of eps.
+    pub(crate) fn accepted(&self, given: Option<f64>) -> [f64; 2] {
+        let (tolerance, epsilon) = (Tolerance { given, rows: self.longest_path }, T::epsilon().lane(0));
+        [(tolerance.of_covariance(epsilon) / epsilon).powi(2), tolerance.of_products() / epsilon]
     }
 }
 
@@ -168,6 +195,19 @@ impl<T: Real> SweepScratch<T> {
     #[inline(always)]
     pub(crate) fn pivot_inverse(&self, row: usize) -> T {
         self.measured[row].pivot_inverse
+    }
+
+    /// The co-state of the probe of the body at a place, after the factor of M was watched.
+    #[inline(always)]
+    pub(in crate::dynamics) fn probe_co_state(&self, place: usize) -> [T; 6] {
+        self.watching.own[place].nu
+    }
+
+    /// Takes the co-states of a probe that another recursion watched the factor of M with, by places.
+    pub(in crate::dynamics) fn take_probe(&mut self, nu: &[Vector6<T>]) {
+        for (own, nu) in self.watching.own.iter_mut().zip(nu) {
+            own.nu = (*nu).into();
+        }
     }
 
     /// The other probe in the place of the first, for a second look.

@@ -32,9 +32,10 @@ pub struct ContactReport {
     pub lost_in_impacts: f64,
     /// What friction took, J.
     pub lost_in_friction: f64,
-    /// The least part of a rebound that the energy allowed; 1 where nothing was cut.
+    /// The least part of a rebound with which the kinetic energy after the impact is at most that before it; 1 where nothing was reduced. Between impacts the
+    /// integrator has an error of its own.
     pub expansion_kept: f64,
-    /// The least part of an impulse that the energy allowed; below 1 only where a solve did not converge.
+    /// The least part of an impulse with which the kinetic energy of an impact does not rise; below 1 only where a solve did not converge.
     pub impulse_kept: f64,
     /// The deepest point under a plane that a step's end was moved out of, m.
     pub depth: f64,

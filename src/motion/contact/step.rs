@@ -60,7 +60,7 @@ impl Touching {
     pub fn new(scene: &Scene, law: &StepSettings, form: Form) -> Self {
         let limits = if law.stops { limit_rows(scene) } else { Vec::new() };
         Self {
-            solver: Checked::new(scene.model(), None, form),
+            solver: Checked::new(scene.model(), None, form).accepting(law.tolerance),
             rows: ContactScratch::new(scene.model(), scene.contact_points(), limits),
             impacts: Vec::new(),
         }

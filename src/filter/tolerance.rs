@@ -1,0 +1,48 @@
+//! How large the estimated error of a result may be for form `auto` to accept it.
+
+use super::rounding::ROUNDING_MARGIN;
+
+/// The bound of the covariance form, in eps of the largest entry: 5e-14 in f64.
+const LEAST: f64 = 225.0;
+
+/// What each row on the longest path to the base adds to it. The estimate grows as their number, the true error as its root: on chains of 100 to 10,000
+/// links the estimate is 0.2 to 2.8 eps a row, 8 to 34 times the error.
+const EACH_ROW: f64 = 4.0;
+
+/// The default bound on the estimated error of products with derivatives, relative to their largest entry.
+///
+/// Their terms cancel in many states of many robots, and what one unit in the last place of the model makes of them is not known. The estimate is
+/// eps times the terms: over 2,200 random scenes, ordinary and extreme, the error is as a rule half of it, and in 99 of 100 less than seven times;
+/// robots stay below 2e-12 (docs/derivatives.md).
+const MOST_LOST: f64 = 1e-11;
+
+/// The bound on the estimated error of a result, relative to its largest entry: what the caller gave, or the default for the length of the tree.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct Tolerance {
+    /// The caller's.
+    pub given: Option<f64>,
+    /// Number of rows on the longest path to the base.
+    pub rows: usize,
+}
+
+impl Tolerance {
+    /// By default, in scalars of this eps, max(5e-14, 4 n eps).
+    pub fn of_covariance(&self, epsilon: f64) -> f64 {
+        self.or_usual(LEAST, epsilon)
+    }
+
+    /// Of the square-root form, whose estimates are closer: max(2e-14, 4 n eps).
+    pub fn of_roots(&self, epsilon: f64) -> f64 {
+        self.or_usual(ROUNDING_MARGIN, epsilon)
+    }
+
+    /// Of products with derivatives.
+    pub fn of_products(&self) -> f64 {
+        self.given.unwrap_or(MOST_LOST)
+    }
+
+    #[allow(clippy::cast_precision_loss)] // a count
+    fn or_usual(&self, least: f64, epsilon: f64) -> f64 {
+        self.given.unwrap_or(epsilon * least.max(EACH_ROW * self.rows as f64))
+    }
+}
