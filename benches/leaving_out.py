@@ -1,7 +1,7 @@
-"""What each switch saves, in instructions: writes the table of docs/leaving-out.md (`make leaving-out`).
+"""Instructions that each simplification saves: writes the table of docs/leaving-out.md (`make leaving-out`).
 
-Builds examples/leaving_out.rs, runs it under callgrind on the arm `baseline` with everything left out and with everything but one thing, and takes
-the difference of 110 and 10 calls: building the scene is not in it. valgrind must be there (Debian: apt-get install valgrind).
+Builds examples/leaving_out.rs, runs it under callgrind on the arm `baseline` with all simplifications and with all but one, and takes the
+difference of 110 and 10 calls, so that building the scene is not counted. Needs valgrind (Debian: apt-get install valgrind).
 """
 
 import concurrent.futures
@@ -17,14 +17,14 @@ PAGE = ROOT / "docs" / "leaving-out.md"
 BEGIN, END = "<!-- written by benches/leaving_out.py -->", "<!-- to here -->"
 CALLS = (10, 110)
 
-#: switch, what is left out, rates and gravity of the call, and the kind of scene where it is not the usual one.
+#: Switch, skipped computation, velocities and gravity of the call, and the kind of scene if it is not the usual one.
 SWITCHES = (
-    ("fixed_joints", "fixed joints: two links are one body; off, the child is a body without rows", "moving", "weight", ""),
-    ("base_links", "links that cannot move; off, one body", "moving", "weight", ""),
-    ("renamed_axes", "rotation matrices of joints that turn about an axis of the parent's frame, or slide along one", "moving", "weight", ""),
-    ("tilted_axes", "rotation matrices of the other joints that turn or slide, where axes are tilted", "moving", "weight", "tilted"),
-    ("zero_velocity", "velocities and what they cause, where all rates are zero", "rest", "weight", ""),
-    ("zero_gravity", "the rest of the bias, where there is no gravity either", "rest", "weightless", ""),
+    ("fixed_joints", "fixed joints: two links form one body; if off, the child is a body without rows", "moving", "weight", ""),
+    ("base_links", "links fixed to the base; if off, they form one body", "moving", "weight", ""),
+    ("renamed_axes", "rotation matrices of joints that rotate about or translate along an axis of the parent frame", "moving", "weight", ""),
+    ("tilted_axes", "rotation matrices of revolute and prismatic joints with tilted axes", "moving", "weight", "tilted"),
+    ("zero_velocity", "velocity terms, if all joint velocities are zero", "rest", "weight", ""),
+    ("zero_gravity", "the remaining bias, if gravity is zero too", "rest", "weightless", ""),
 )
 
 
@@ -45,7 +45,7 @@ def table() -> str:
             f"| `{switch}` | {what} | {rates}, {gravity} | {with_it} | {without} | {100 * (1 - with_it / without):.1f} % |"
             for (switch, what, rates, gravity, _), without, with_it in zip(SWITCHES, list(off), list(on), strict=True)
         ]
-    head = ["| switch | what is left out | rates, gravity | instructions, on | off | saved |", "|---|---|---|---|---|---|"]
+    head = ["| switch | skipped computation | velocities, gravity | instructions, on | off | saved |", "|---|---|---|---|---|---|"]
     commit = output(["git", "rev-parse", "--short", "HEAD"]).strip()
     return "\n".join([BEGIN, f"Counted at commit {commit}.", "", *head, *rows, END])
 

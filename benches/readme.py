@@ -14,7 +14,7 @@ END = "<!-- to here -->"
 CLONE = "<!-- in a clone -->"
 INSTALL = """```sh
 pip install "phipsi[view,report]"
-phipsi report robot.urdf -o report      # then open report/index.html; --quick takes some seconds
+phipsi report robot.urdf -o report      # then open report/index.html; --quick takes a few seconds
 ```"""
 
 Row = dict[str, str]
@@ -22,7 +22,7 @@ Row = dict[str, str]
 MODELS = {"ur5": "ur5", "g1": "g1", "talos": "talos"}
 PARTS = {"One state, against Pinocchio in C++": "one state", "Batches on one core, against Pinocchio in C++": "batches"}
 METHODS = {
-    "square-root form": "phipsi, square-root form, which `auto` turns to",
+    "square-root form": "phipsi, square-root form (fallback of `auto`)",
     "covariance form": "phipsi, `form=\"covariance\"`",
     "Pinocchio, local": "Pinocchio",
     "dynibo": "dynibo",
@@ -83,7 +83,7 @@ def numerics() -> str:
     sensitivity = [max(row["state"], row["parameters"], key=float) for row in found]
     body = [
         *([name, *(row[method] for row in found)] for method, name in METHODS.items()),
-        ["what rounding the numbers of the robot once does", *sensitivity],
+        ["for comparison: effect of rounding the input once", *sensitivity],
     ]
     return table(["last link, kg", *(row["value"] for row in found)], body)
 

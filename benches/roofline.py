@@ -57,7 +57,7 @@ TERMS = """\
   M and M^-1 four.
 - Peak: products with sums on twelve registers that do not wait for each other, on the same arm, the fastest of many; for one state the
   peak of one lane but for M and M^-1, and on AVX-512 of AVX2, whose registers are as wide as any that it uses. On the baseline, which has no fused products, a product and a sum,
-  where the compiler may put two numbers side by side ([performance.md](performance.md#what-the-next-body-reads-stays-in-registers)).
+  which the compiler may vectorize in pairs ([performance.md](performance.md#values-for-the-next-body-stay-in-registers)).
 - Bytes (kB): arguments, scratch and results of one state and its part of the scene's constants, which the states of a chunk share; each array
   counted once however often it is read. Bandwidth: numbers read, changed and written back, in L1 or L2, wherever the chunk fits.
 - The limit is the largest of four times that hold for any code of so many numbers a register: operations at the peak; divisions at the
