@@ -351,5 +351,10 @@ fn broken_arguments_are_named() {
     let other = phipsi::scenes::chain(3).unwrap();
     let mut room = Room::new(&case.scene);
     room.estimate = Estimate::new(other.model());
-    assert!(case.estimate(&mut room).expect_err("too small").to_string().contains("estimate: found shape (3,)"));
+    assert!(
+        case.estimate(&mut room)
+            .expect_err("too small")
+            .to_string()
+            .contains("estimate.acceleration: found shape (3,)")
+    );
 }

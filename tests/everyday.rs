@@ -306,8 +306,8 @@ fn arguments_are_checked() {
     says(scene.placement(&q, known(Some(3))).map(drop), "body of the frame: found 3; expected one of the scene's 3");
 
     assert!(scene.center_of_mass(&mut workspace, &q).is_ok());
-    says(scene.center_of_mass(&mut other, &q).map(drop), "workspace: found that of a scene of 2 bodies");
-    says(scene.placements_of(&mut other, &q, &[link], &mut one), "workspace: found that of a scene of 2 bodies");
+    says(scene.center_of_mass(&mut other, &q).map(drop), "workspace: found that of another scene");
+    says(scene.placements_of(&mut other, &q, &[link], &mut one), "workspace: found that of another scene");
     says(scene.center_of_mass(&mut workspace, &nan).map(drop), "q: found NaN at index 1");
     says(scene.center_of_mass_velocity(&mut workspace, &q, &few).map(drop), "qd: found shape (2,)");
     says(scene.center_of_mass_acceleration(&mut workspace, &q, &q, &nan).map(drop), "qdd: found NaN");

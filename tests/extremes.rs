@@ -185,12 +185,15 @@ fn results_that_are_not_finite_are_errors() {
     let refused = rod(1e300).unwrap_err().to_string();
     assert!(refused.contains("\"rod\"") && refused.contains("finite length"), "{refused}");
 
-    let heavy = Inertial { mass: 1e200, centre: [0.0, 0.0, 1e60].into(), central: Symmetric3::zero() };
-    let heavy = chain.with_payload("link1", &heavy).unwrap();
-    let functions = [Function::MassMatrix];
-    sources(&chain, "robot", &functions, (Width::Single, false)).unwrap();
-    let refused = sources(&heavy, "robot", &functions, (Width::Single, false)).unwrap_err().to_string();
-    assert!(refused.contains("float64 holds this one"), "{refused}");
+    let code = |mass: f64, away: f64, width: Width| {
+        let payload = Inertial { mass, centre: [0.0, 0.0, away].into(), central: Symmetric3::zero() };
+        let scene = chain.with_payload("link1", &payload).unwrap();
+        sources(&scene, "robot", &[Function::MassMatrix], (width, false)).map_err(|error| error.to_string())
+    };
+    code(1.0, 0.1, Width::Single).unwrap();
+    code(1e50, 0.1, Width::Double).unwrap();
+    assert!(code(1e50, 0.1, Width::Single).unwrap_err().contains("float64 holds this one"));
+    assert!(code(1e200, 1e60, Width::Double).unwrap_err().contains("products are finite"));
 }
 
 /// Long work of one call ends when its watch says so, and leaves the states as they were.

@@ -145,6 +145,9 @@ impl Scene {
 /// Lengths of what is estimated: of each degree of freedom twice, then of each body twice.
 fn check_lengths(argument: &str, found: [usize; 4], [nv, bodies]: [usize; 2]) -> Result<(), Error> {
     let parts = [("acceleration", nv), ("torque", nv), ("force", bodies), ("process", bodies)];
-    let checked = |(found, (part, expected))| check_length(&format!("{argument}.{part}"), found, expected);
-    found.into_iter().zip(parts).try_for_each(checked)
+    // The name is written only if it is needed: a call allocates nothing.
+    match found.into_iter().zip(parts).find(|(found, (_, expected))| found != expected) {
+        Some((found, (part, expected))) => check_length(&format!("{argument}.{part}"), found, expected),
+        None => Ok(()),
+    }
 }
