@@ -163,10 +163,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
         law.accuracy = accuracy;
         law.set_valued = set_valued(holds, law.coupling.as_deref(), &law.properties, stops && is_tree);
         law.tolerance = tolerance;
-        if !holds.constraints().is_empty() {
-            law.connected = Some(stabilisation);
-            law.compliance = settings.compliance;
-        }
+        law.connected = (!holds.constraints().is_empty()).then_some(stabilisation);
+        law.compliance = settings.compliance;
         let keeper = Keeper::new(holds.model(), &law.roots);
         let current = memory::filled("q, qd", states.saturating_mul(law.width(holds)), 0.0)?;
         let begun = memory::filled("q, qd", states, 0)?;

@@ -1,7 +1,7 @@
 //! The rank of the rows of the connections by geometry: which combinations of rows move no joint.
 //!
-//! With a_i the size that row i of J would have if nothing in it cancelled (1 for a moment, the reach of the loop for a force), and joints that translate weighed by the reach,
-//! the rows J_i / a_i have no unit. Their singular values are angles: a linkage whose axes are parallel to within 4e-6 rad has singular values of about 4e-6 where the linkage that is
+//! With `a_i` the size that row i of J would have if nothing in it cancelled (1 for a moment, the reach of the loop for a force), and joints that translate weighed by the reach,
+//! the rows `J_i / a_i` have no unit. Their singular values are angles: a linkage whose axes are parallel to within 4e-6 rad has singular values of about 4e-6 where the linkage that is
 //! meant has zeros. With U those above the tolerance, and A = diag(a), the rows
 //!
 //! ```text

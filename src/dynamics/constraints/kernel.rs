@@ -216,13 +216,13 @@ impl<T: Real> ConstraintKernel<T> {
             LaneTie::Frames(pair, frames) => (*pair, frames),
         };
         motions_along(scene, scratch, (path, qd), &mut self.motions);
-        let along = (path, &self.motions[..]);
         let on_branch = ends.map(|end| end.and_then(|step| path.on_branch(step)));
         // Distances of a mechanism from the base do not enter: both frames are placed from where the second one's branch begins.
         let origin =
             on_branch[1].map_or_else(|| frames[1].lever.into(), |step| origin_along(scene, scratch, (path, step)));
-        let c = motion_of_end(scene, scratch, (along, &origin), (on_branch[0], &frames[0]));
-        let d = motion_of_end(scene, scratch, (along, &origin), (on_branch[1], &frames[1]));
+        let along = (path, &self.motions[..], &origin);
+        let c = motion_of_end(scene, scratch, along, (on_branch[0], &frames[0]));
+        let d = motion_of_end(scene, scratch, along, (on_branch[1], &frames[1]));
         let motion = RelativeMotion::of(&c, &d);
         let Some(of_pair) = pair_rows(pair, &motion.place, &motion.velocity) else {
             return zero.constant(-1.0);
@@ -500,12 +500,15 @@ impl<T: Real> Connection<T> {
     }
 }
 
+/// A path, the motions of its bodies, and the origin of placements.
+type Along<'a, T> = (&'a Path, &'a [[[T; 6]; 2]], &'a [T; 3]);
+
 /// How the frame at an end of a path moves against the body where the branches meet, the bodies of the path moving so; without a step on a branch it is on that body.
 #[inline(always)]
 fn motion_of_end<T: Real>(
     scene: (&Model<T>, &SweepModel<T>),
     scratch: &SweepScratch<T>,
-    ((path, motions), from): ((&Path, &[[[T; 6]; 2]]), &[T; 3]),
+    (path, motions, from): Along<'_, T>,
     (step, frame): (Option<usize>, &RigidShift<T>),
 ) -> FrameMotion<T> {
     let Some(step) = step else {
