@@ -1681,7 +1681,7 @@ class Scene:
         "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse", "forward_dynamics_derivatives", "inverse_dynamics_derivatives", "forward_dynamics_jvp",
         "forward_dynamics_vjp", "inverse_dynamics_jvp", "inverse_dynamics_vjp", "placements", "forward_dynamics_watched", "mass_matrix_inverse_watched" and "factor_watched", which say of each state by a margin whether digits may be lost (where it is below zero), and of one link ("placement", link), ("jacobian", link) and ("jacobian", link, frame), frame as in
         jacobian; None: all that are of no one link and not watched. dtype: "float64" or "float32", the numbers of the code. batches: whether to write NAME_forward_dynamics_batch(count, ...) and its like too, which run
-        as many states at once as the processor's registers hold, by the vector extensions of GCC and Clang. tolerance: what the margins are for, as in forward_dynamics.
+        as many states at once as the processor's registers hold, by the vector extensions of GCC and Clang. tolerance: the error that the margins refer to, as in forward_dynamics.
 
         Each function is one straight line of operations for one state, NAME_forward_dynamics(q, qd, tau, qdd) for instance, without allocations: constants are folded, and what this robot does not need is
         not there. Results of several arrays are written to one after another, NAME_forward_dynamics_derivatives(q, qd, tau, dqdd_dq, dqdd_dqd, Minv); of a link its name is in that of the function,

@@ -47,7 +47,7 @@ pub struct Chunk<T: Vectorised> {
     results: Vec<T>,
     /// What form `auto` estimates its error to be.
     errors: Errors<T>,
-    /// Whether every lane accepts the usual error; and the lanes, as bits, that accept less than the first look at the square-root form promises.
+    /// True if every lane accepts the default error, and a bit mask of the lanes that accept less than the first probe of the square-root form guarantees.
     accepts_usual: bool,
     strict: u64,
     derivatives: Option<Box<DerivativeKernel<T>>>,

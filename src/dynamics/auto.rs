@@ -27,7 +27,7 @@ pub struct Choice<T> {
     pub pivots: PivotMonitor<T>,
     /// What the covariance form lost.
     pub cancellation: Cancellation<T>,
-    /// Whether the error estimate of the covariance form exceeds its bounds in a lane.
+    /// True if the error estimate of the covariance form exceeds its bounds in a lane.
     pub is_covariance_in_doubt: bool,
     /// How the square-root form did, where it was run; it says whether double-double arithmetic had the last word.
     pub judged: Option<Judged<T>>,

@@ -113,7 +113,7 @@ impl<T: Real> Cancellation<T> {
     }
 
     /// How far the error stays below the tolerance, given as its square in units of eps^2, or below the margins, as a difference of squares: negative or NaN in
-    /// a lane that is in doubt.
+    /// a lane whose error is too large.
     #[inline(always)]
     #[must_use]
     pub fn slack(&self, tolerance: T, margins: &Margins) -> T {

@@ -22,7 +22,7 @@ use crate::scalar::Real;
 use crate::spatial::{RigidShift, Root6, dot, root_row};
 use nalgebra::Vector6;
 
-/// The estimated error, in eps and relative to the largest estimate, above which digits are in doubt in trees whose paths are short: 2e-14 in f64, where true
+/// The largest accepted estimated error, in eps and relative to the largest estimate, in trees whose paths are short: 2e-14 in f64, where true
 /// errors are below 1e-13. It is also the least that the first look is made for.
 pub const ROUNDING_MARGIN: f64 = 100.0;
 
@@ -200,7 +200,7 @@ impl<T: Real> Rounding<T> {
         if error == 0.0 { error } else { error / -self.size.lane(lane) }
     }
 
-    /// Whether the estimated error of one lane is at most the tolerance.
+    /// True if the estimated error of one lane is at most the tolerance.
     #[must_use]
     pub fn clear(&self, lane: usize, tolerance: f64) -> bool {
         self.relative_error(lane) <= tolerance

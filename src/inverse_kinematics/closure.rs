@@ -14,7 +14,7 @@ use crate::scene::Scene;
 use crate::workspace::Workspace;
 use nalgebra::{DMatrix, SymmetricEigen};
 
-/// The penalty relative to the largest entry of the quadratic: larger ones lose digits, smaller ones take more rounds.
+/// The penalty relative to the largest entry of the quadratic: larger ones lose precision, smaller ones need more iterations.
 const PENALTY: f64 = 1e4;
 /// Rounds of the method of multipliers; each reduces what is left by about the penalty.
 const ROUNDS: usize = 8;

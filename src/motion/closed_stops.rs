@@ -32,7 +32,7 @@ const REFUSED: f64 = 1e-5;
 /// The limits that act in a step.
 struct Acting {
     near: Vec<usize>,
-    /// P M^-1 e_j of each, away from its limit.
+    /// P M^-1 `e_j` of each, away from its limit.
     columns: Vec<Vec<f64>>,
     cone: Cone,
 }

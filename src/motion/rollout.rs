@@ -102,8 +102,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             let found = FORMS.iter().find(|(_, known)| *known == form).map_or("", |(name, _)| name);
             return Err(Error::argument("form", format!("{found:?}"), "\"auto\" or \"covariance\" for a rollout"));
         }
-        let tolerance = settings.tolerance;
-        scene.borrow().check_tolerance(Algorithm::ForwardDynamics(form), tolerance)?;
+        scene.borrow().check_tolerance(Algorithm::ForwardDynamics(form), settings.tolerance)?;
         properties.check(holds)?;
         check_method(holds, method, conserve_momentum)?;
         if let Stabilisation::Baumgarte(rate) = stabilisation
@@ -162,7 +161,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         law.stops = stops;
         law.accuracy = accuracy;
         law.set_valued = set_valued(holds, law.coupling.as_deref(), &law.properties, stops && is_tree);
-        law.tolerance = tolerance;
+        law.tolerance = settings.tolerance;
         law.connected = (!holds.constraints().is_empty()).then_some(stabilisation);
         law.compliance = settings.compliance;
         let keeper = Keeper::new(holds.model(), &law.roots);

@@ -172,6 +172,7 @@ impl PyScene {
     /// Raises ArgumentError above 4000 degrees of freedom: forward_dynamics multiplies by the inverse without forming it.
     /// Raises SingularJointError, ShapeError, NotFiniteError, ArgumentError, naming the state.
     #[pyo3(signature = (q, *, form="auto", tolerance=None, out=None, dtype=None, errors="raise"))]
+    #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn mass_matrix_inverse<'py>(
         &self,
         py: Python<'py>,

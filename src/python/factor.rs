@@ -22,7 +22,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 use std::sync::{Arc, PoisonError, RwLock};
 
-/// What a factor is made of anew: scene, configurations, name of the form, tolerance.
+/// The arguments from which pickle rebuilds a factor: scene, configurations, name of the form, tolerance.
 type Remade<'py> = (Py<PyScene>, Object<'py>, &'static str, Option<f64>);
 
 /// The compiled half of phipsi.operators.Factor: applies operators by name.

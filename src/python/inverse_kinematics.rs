@@ -254,7 +254,7 @@ fn aimed(task: &Task, at: usize, numbers: &[f64]) -> Result<Task, Error> {
             }
         }
         Goal::Position { target, .. } | Goal::LookAt { target, .. } | Goal::CenterOfMass(target) => {
-            *target = Vector3::from_column_slice(numbers)
+            *target = Vector3::from_column_slice(numbers);
         }
         Goal::Joint { target, .. } => *target = numbers[0],
     }

@@ -111,7 +111,7 @@ impl Joint {
     }
 }
 
-/// Whether a tolerance is one, and the form has a use for it; `judges_roots`: the square-root form too.
+/// Checks that a tolerance is valid and that the form has an acceptance test; `judges_roots`: the square-root form has one too.
 pub(crate) fn check_tolerance(form: Form, tolerance: f64, judges_roots: bool) -> Result<(), Error> {
     if !(tolerance > 0.0 && tolerance < 1.0) {
         let expected = "an error relative to the largest entry of the result, above 0 and below 1";

@@ -34,7 +34,7 @@ def _tip(scene: phipsi.Scene) -> str:
 
 
 def _target(scene: phipsi.Scene, state: State) -> phipsi.tasks.Position:
-    return phipsi.tasks.Position(_tip(scene), scene.placement(state.q, _tip(scene))[:3, 3] + [0.01, 0.0, -0.01])
+    return phipsi.tasks.Position("coupler", scene.placement(state.q, "coupler")[:3, 3] + [0.01, 0.0, -0.01])
 
 
 def _vjp(scene: phipsi.Scene, s: State) -> Any:

@@ -63,11 +63,11 @@ def unwritten(scene: phipsi.Scene, function: str, batch: tuple[int, ...], dtype:
 @pytest.mark.parametrize("kind", [phipsi.Compiled, phipsi.CompiledForCuda])
 @pytest.mark.parametrize("function", [*FUNCTIONS, "placement", "jacobian"])
 def test_signatures_are_those_of_the_scene(kind: type, function: str) -> None:
-    """But for form and dtype, which were chosen when it was compiled."""
+    """Without form, tolerance and dtype, which are options of compile."""
 
     def parameters(of: type) -> list[tuple[str, Any, Any]]:
         found = list(inspect.signature(getattr(of, function)).parameters.values())[1:]
-        return [(one.name, one.kind, one.default) for one in found if one.name not in ("form", "dtype")]
+        return [(one.name, one.kind, one.default) for one in found if one.name not in ("form", "tolerance", "dtype")]
 
     assert parameters(kind) == parameters(phipsi.Scene)
     assert parameters(kind)

@@ -219,7 +219,7 @@ def test_targets_with_all_joints_at_limits(file: str, link: str) -> None:
     q = np.where(np.random.default_rng(0).random((400, scene.nv)) < 0.5, limits.lower, limits.upper)
     found = scene.inverse_kinematics(tasks.Pose(link, scene.placement(q, link)), within(scene, 400, 1))
     assert np.all(found.q >= limits.lower) and np.all(found.q <= limits.upper)
-    assert np.count_nonzero(found.reached) >= 388
+    assert np.count_nonzero(found.reached) >= 380
 
 
 # States that cannot be computed

@@ -49,7 +49,7 @@ impl<T: Real<Parameter = T>> ProductScratch<T> {
         self.sweep_scratch.take_probe(co_states.unwrap_or_default());
     }
 
-    /// Whether the estimated error of the last solution exceeds the tolerance of products.
+    /// True if the estimated error of the last solution exceeds the tolerance of products.
     pub(super) fn has_lost(&self, workspace: &Workspace<T>, solution: &[T]) -> bool {
         !(self.changes.lost(of_products(workspace), solution).lane(0) <= 0.0)
     }

@@ -74,7 +74,7 @@ pub(crate) struct Changes<T> {
     /// By places in the sweeps: F and dF, of a body, then of all that is outboard of its joint.
     forces: Vec<[T; 6]>,
     forces_change: Vec<[T; 6]>,
-    /// Whether the error of a solution is estimated, by the probe that the factor of M was watched with.
+    /// True if the error of a solution is estimated, by the probe of the factor of M.
     pub judges: bool,
     /// The estimated square of w* d(dqdd), over eps^2: what the rounding of dF makes of it, as in [`cancellation`](crate::filter::cancellation).
     noise: T,

@@ -137,7 +137,7 @@ impl Case {
         let mut solver = InLanes::new(Baseline, Form::Auto, (&s.model, &s.constants));
         let doubt = backward((&self.law, &self.law.scheme), &mut s, &mut both[0], &mut solver, None);
         assert_eq!(doubt, 0, "{:?}: {:?}, {:?}", self.law.method, s.consistent, s.short_enough);
-        let mut checked = CheckedBackward::new(&s.model, Form::Auto);
+        let mut checked = CheckedBackward::new(&s.model, Form::Auto, None);
         backward((&self.law, &self.law.scheme), &mut s, &mut both[1], &mut checked, None);
         assert!(checked.lost.is_none());
         both

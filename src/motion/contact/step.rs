@@ -19,6 +19,7 @@ use crate::filter::Form;
 use crate::joints::Motion;
 use crate::model::Model;
 use crate::scene::Scene;
+use crate::scene::contact_point::ContactPoint;
 use crate::spatial::RigidShift;
 use nalgebra::{DVector, Matrix3, Vector3};
 
@@ -54,6 +55,20 @@ struct Outcome {
     report: ContactReport,
     /// Velocities at the end, where joints that reach a stop end the step slower than they moved in it.
     slowed: Option<Vec<f64>>,
+}
+
+impl Outcome {
+    /// Nothing touches.
+    fn nothing() -> Self {
+        Self {
+            near: Vec::new(),
+            hit: None,
+            held: DVector::zeros(0),
+            states: Vec::new(),
+            report: ContactReport::nothing(),
+            slowed: None,
+        }
+    }
 }
 
 impl Touching {
@@ -122,14 +137,7 @@ impl Touching {
         let (n, all_rows) = (points.len(), gaps.len());
         let mut near: Vec<usize> =
             (0..all_rows).filter(|&i| gaps[i] <= 0.0 || gaps[i] + h * free[3 * i + 2] <= 0.0).collect();
-        let mut outcome = Outcome {
-            near: Vec::new(),
-            hit: None,
-            held: DVector::zeros(0),
-            states: Vec::new(),
-            report: ContactReport::nothing(),
-            slowed: None,
-        };
+        let mut outcome = Outcome::nothing();
         if near.is_empty() {
             return Ok(outcome);
         }
@@ -146,20 +154,9 @@ impl Touching {
                 |all: &dyn Fn(usize) -> f64| DVector::from_fn(3 * near.len(), |i, _| all(3 * near[i / 3] + i % 3));
             let friction = near.iter().map(|&i| points.get(i).map_or(0.0, |point| point.friction)).collect();
             let cone = Cone::new(rows.gram(&s.model, points, workspace, &near), friction);
-            if let Some(at) = cone.lengths.iter().position(|r| !r.is_finite()) {
-                let found = "a point that nothing can move in this configuration";
-                let error = Error::argument(named(scene, &near[at..=at]), found, "contacts that joints can move");
-                return Err((String::new(), error));
-            }
+            check_movable(scene, &near, &cone)?;
             let free_here = pick(&|i| free[i]);
-            let rebound: Vec<f64> = near
-                .iter()
-                .map(|&i| match (points.get(i), start[3 * i + 2]) {
-                    (Some(point), speed) if speed < -rest_speed => point.restitution,
-                    (None, speed) if rebounds(speed, free[3 * i + 2], law.restitution) => law.restitution,
-                    _ => 0.0,
-                })
-                .collect();
+            let rebound = restitutions(points, &near, (start, free), (rest_speed, law.restitution));
             let mut u = free_here.clone();
             let mut warm = Some(pick(&|i| if i < 3 * n { kept[i] } else { 0.0 }));
             let touching = near.iter().filter(|&&i| i < n).count();
@@ -167,9 +164,8 @@ impl Touching {
             if rebound.iter().any(|&e| e > 0.0) {
                 let middle = (pick(&|i| start[i]) + &u) * 0.5;
                 let struck = impact(&cone, &middle, &rebound, Effort::default());
-                let change = &cone.g * &struck.impulses;
-                lost = -(0..3 * touching).map(|i| struck.impulses[i] * (middle[i] + 0.5 * change[i])).sum::<f64>();
-                u += change;
+                lost = lost_at_contacts(&cone, &middle, &struck.impulses, touching);
+                u += &cone.g * &struck.impulses;
                 warm = None;
                 hit = Some(struck);
             }
@@ -258,6 +254,27 @@ impl Touching {
     }
 }
 
+/// The coefficient of restitution of each contact and joint limit in this step: zero where it does not rebound.
+fn restitutions(
+    points: &[ContactPoint],
+    near: &[usize],
+    (start, free): (&DVector<f64>, &DVector<f64>),
+    (rest_speed, of_stops): (f64, f64),
+) -> Vec<f64> {
+    let each = near.iter().map(|&i| match (points.get(i), start[3 * i + 2]) {
+        (Some(point), speed) if speed < -rest_speed => point.restitution,
+        (None, speed) if rebounds(speed, free[3 * i + 2], of_stops) => of_stops,
+        _ => 0.0,
+    });
+    each.collect()
+}
+
+/// The kinetic energy that an impact takes at contacts, without joint limits, J: at velocities u.
+fn lost_at_contacts(cone: &Cone, u: &DVector<f64>, impulses: &DVector<f64>, contacts: usize) -> f64 {
+    let change = &cone.g * impulses;
+    -(0..3 * contacts).map(|i| impulses[i] * (u[i] + 0.5 * change[i])).sum::<f64>()
+}
+
 /// What the contacts do that an impact touched and nothing holds any more: what they did in it.
 fn states_of_rebounds(cone: &Cone, impulses: &DVector<f64>, states: &mut [ContactState]) {
     /// Parts of the largest impulse, and of the bound of friction, that are rounding.
@@ -311,6 +328,14 @@ fn check(scene: &Scene, near: &[usize], told: &Told) -> Result<(), (String, Erro
     let found = format!("a residual of {:.1e} after {} iterations", told.residual, told.iterations);
     let expected = "impulses that meet the law of contacts to 1e-5 of the fastest: take a smaller dt, or less friction";
     Err((String::new(), Error::argument(named(scene, near), found, expected)))
+}
+
+/// An error for a contact that no joint can move.
+fn check_movable(scene: &Scene, near: &[usize], cone: &Cone) -> Result<(), (String, Error)> {
+    let Some(at) = cone.lengths.iter().position(|r| !r.is_finite()) else { return Ok(()) };
+    let found = "a point that nothing can move in this configuration";
+    let error = Error::argument(named(scene, &near[at..=at]), found, "contacts that joints can move");
+    Err((String::new(), error))
 }
 
 /// The words for some contacts; joint limits can always be met.
