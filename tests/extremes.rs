@@ -168,7 +168,7 @@ fn results_that_are_not_finite_are_errors() {
     let goal = |scale: f64| {
         Task::new(Goal::Position { frame: scene.frame(&"two".into()).unwrap(), target: [scale, 0.0, 0.0].into() })
     };
-    let options = RateOptions { dt: 0.01, gain: 0.1, damping: 1e-3, limits: false };
+    let options = RateOptions { dt: 0.01, gain: 0.1, damping: 1e-3, limits: false, velocity: None };
     let mut solver = scene.inverse_kinematics(&Options::default()).unwrap();
     let (mut workspace, mut qd) = (scene.workspace(), [0.0; 2]);
     solver.rates(&mut workspace, &[goal(1.0)], &[0.0; 2], &options, &mut qd).unwrap();

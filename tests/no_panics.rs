@@ -106,7 +106,7 @@ fn arguments(algorithm: Algorithm, given: &Given) -> Arguments<'_> {
         Algorithm::Products(_) => [&seed[..], &[], &[]],
         _ => [&[][..]; 3],
     };
-    Arguments { q, qd, u, wrenches: &[], seed }
+    Arguments { q, qd, u, wrenches: &[], seed, tolerance: None }
 }
 
 fn everyday(frame: &Frame<f64>) -> Vec<Everyday<'_>> {
@@ -189,8 +189,10 @@ fn calls() -> Vec<Call> {
         (3, true, true),
         Box::new(|scene, kit, given| {
             let state = arguments(Algorithm::InverseDynamics, given);
-            let (mut out, mut accuracy) =
-                (given.out(2 * scene.nv()), [Accuracy { form: FORM, doubled: false, error: f64::NAN }; 2]);
+            let (mut out, mut accuracy) = (
+                given.out(2 * scene.nv()),
+                [Accuracy { form: FORM, doubled: false, error: f64::NAN, bound: phipsi::Bound::Unknown }; 2],
+            );
             Ok(scene.evaluate_with_accuracy(&mut kit.evaluator, FORM, &[state; 2], &mut out, &mut accuracy)?)
         }),
     );
@@ -253,11 +255,11 @@ fn calls() -> Vec<Call> {
         s.linearize(&mut k.workspace, q, qd, u, &[], (&mut a, &mut b))
     });
     method!("inverse_dynamics_hvp", (4, true, true), |s, k, g, q, qd, u, x| {
-        let state = Arguments { q, qd, u, wrenches: &[], seed: [x, &[], &[]] };
+        let state = Arguments { q, qd, u, wrenches: &[], seed: [x, &[], &[]], tolerance: None };
         s.inverse_dynamics_hvp(&mut k.hessian, &state, [x, x, x], &mut g.out(3 * s.nv()))
     });
     method!("forward_dynamics_hvp", (4, true, true), |s, k, g, q, qd, u, x| {
-        let state = Arguments { q, qd, u, wrenches: &[], seed: [x, &[], &[]] };
+        let state = Arguments { q, qd, u, wrenches: &[], seed: [x, &[], &[]], tolerance: None };
         s.forward_dynamics_hvp(&mut s.workspace(), &mut k.hessian, &state, [x, x, x], &mut g.out(3 * s.nv()))
     });
     method!("energy", (2, false, true), |s, k, _g, q, qd, _u, _x| s.energy(&mut k.workspace, q, qd).map(drop));
@@ -332,7 +334,7 @@ fn calls() -> Vec<Call> {
     });
     method!("inverse_kinematics_rates", (1, true, true), |s, k, g, q, _qd, _u, _x| {
         let task = Task::new(Goal::Position { frame: frame_on(Some(0)), target: Vector3::new(0.1, 0.0, 0.1) });
-        let options = RateOptions { dt: 0.01, gain: 0.1, damping: 1e-3, limits: false };
+        let options = RateOptions { dt: 0.01, gain: 0.1, damping: 1e-3, limits: false, velocity: None };
         let mut solver = s.inverse_kinematics(&Options::default())?;
         solver.rates(&mut k.workspace, &[task], q, &options, &mut g.out(s.nv()))
     });
