@@ -256,12 +256,14 @@ fn a_biped_on_both_feet_moves_as_defined_with_rows_that_depend_on_each_other_too
 fn no_digits_are_lost_at_mass_ratios_of_1e8() {
     for masses in [[1.0, 1e8, 1.0], [1e8, 1.0, 1.0], [1.0, 1.0, 1e8], [1e8, 1.0, 1e8], [1.0, 1e8, 1e8]] {
         let scene = four_bar(ConnectionKind::Point, masses);
-        let state = state(&scene, 1, 0.7);
-        let exact = exact(&scene, &state.0, &state.1, &state.2);
-        for form in [Form::Auto, Form::SquareRoot] {
-            let (qdd, ..) = dynamics(&scene, form, &state).unwrap();
-            let error = distance(&qdd, &exact.qdd) / tolerance::size(&exact.qdd);
-            assert!(error <= 1e-14, "{masses:?} {form:?}: {error:e}");
+        for seed in 1..12 {
+            let state = state(&scene, seed, 0.7);
+            let exact = exact(&scene, &state.0, &state.1, &state.2);
+            for form in [Form::Auto, Form::SquareRoot] {
+                let (qdd, ..) = dynamics(&scene, form, &state).unwrap();
+                let error = distance(&qdd, &exact.qdd) / tolerance::size(&exact.qdd);
+                assert!(error <= 4e-14, "{masses:?} {form:?}, seed {seed}: {error:e}");
+            }
         }
     }
 }

@@ -33,8 +33,10 @@ const NEARLY: f64 = 5e-3;
 const ROUNDING: f64 = 1e-11;
 
 impl Scene {
-    /// Texts of warnings that were not issued for this scene: of rows that count as dependent, and of axes that miss being parallel by more than the tolerance.
-    pub(crate) fn new_linkage_warnings(&self) -> Vec<String> {
+    /// Texts of warnings, each returned once for a scene: of rows that count as dependent, as far as calls on this scene have found them, and of axes that miss being parallel by more than the
+    /// tolerance.
+    #[must_use]
+    pub fn new_linkage_warnings(&self) -> Vec<String> {
         let constraints = self.constraints();
         let mut texts = Vec::new();
         if constraints.is_empty() {
