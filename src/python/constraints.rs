@@ -11,6 +11,7 @@ use super::output::{Array, Output};
 use super::scene::PyScene;
 use super::wrenches::Wrench;
 use crate::algorithm::Algorithm;
+use crate::error::Error;
 use crate::filter::Form;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PySlice};
@@ -147,8 +148,7 @@ impl PyScene {
         inputs.extend(qd.map(|qd| self.rate("qd", qd)).transpose()?);
         let is_moving = qd.is_some();
         let given_way = inputs.len();
-        let m = self.scene.constraint_rows();
-        inputs.extend(compliance.map(|compliance| Input::spread("compliance", compliance, m.into())).transpose()?);
+        inputs.extend(compliance.map(|compliance| self.compliance(compliance)).transpose()?);
         let is_compliant = compliance.is_some();
         let width = nq + if is_moving { nv } else { 0 };
         let call = self.call(inputs, 5 * self.cost_of_rows(), errors)?;
@@ -243,6 +243,16 @@ impl PyScene {
 }
 
 impl PyScene {
+    /// The argument compliance, (..., rows); an error where there are no rows.
+    pub(super) fn compliance<'py>(&self, compliance: &Object<'py>) -> PyResult<Input<'py>> {
+        let rows = self.scene.constraint_rows();
+        if rows == 0 {
+            let found = "a value for a scene without connections";
+            return Err(Error::argument("compliance", found, "none, or connections (SceneBuilder.connect)").into());
+        }
+        Input::spread("compliance", compliance, rows.into())
+    }
+
     /// Warns, once for a scene, of a linkage that is drawn with few digits.
     pub(super) fn warn_of_linkage(&self, py: Python<'_>) -> PyResult<()> {
         let texts = self.scene.new_linkage_warnings();
@@ -272,7 +282,7 @@ impl PyScene {
         (compliance, keywords): (&Object<'py>, &Keywords<'_, 'py>),
     ) -> PyResult<Object<'py>> {
         let mut inputs = self.inputs(given)?;
-        inputs.push(Input::spread("compliance", compliance, self.scene.constraint_rows().into())?);
+        inputs.push(self.compliance(compliance)?);
         let width = self.scene.width(algorithm);
         let cost = Cost { arithmetic: self.cost_through_connections() * self.size(), results: width };
         let call = Call::new(self, inputs, Wrench::read(&self.scene, keywords.wrenches)?, cost)?;

@@ -348,3 +348,13 @@ def test_singular_positions_keep_their_lower_rank() -> None:
             found = scene.project([angle, -angle, angle], [1.0, -1.0, 1.0])
             assert found.rank == 2 or away < 1e-6
             assert np.allclose(found.qd, [1.0, -1.0, 1.0], atol=1e-6)
+
+
+@pytest.mark.parametrize("call", ["constrained_dynamics", "project", "simulate", "simulator"])
+def test_compliance_needs_connections(call: str) -> None:
+    scene = phipsi.scenes.chain(2)
+    given: dict[str, dict[str, object]] = {
+        "constrained_dynamics": {"qd": np.zeros(2), "tau": np.zeros(2)}, "project": {}, "simulate": {"qd": np.zeros(2), "dt": 1e-3, "steps": 1}, "simulator": {"dt": 1e-3},
+    }  # fmt: skip
+    with pytest.raises(phipsi.errors.ArgumentError, match="compliance: found a value for a scene without connections"):
+        getattr(scene, call)(np.zeros(2), **given[call], compliance=1e-3)
