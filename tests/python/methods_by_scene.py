@@ -226,7 +226,7 @@ def page() -> str:
     lines = [
         "# Methods by kind of scene",
         "",
-        "What each method of a scene does with [connections](how-to/closed-loops.md), [contacts](how-to/contacts.md) and [coupled joints](how-to/mimic.md) (`mimic=\"couple\"`). "
+        "The behavior of each method of a scene with [connections](how-to/closed-loops.md), [contacts](how-to/contacts.md) and [coupled joints](how-to/mimic.md) (`mimic=\"couple\"`). "
         "Written by `python tests/python/methods_by_scene.py docs/methods-by-scene.md`; a test calls every method and compares the result with the table.",
         "",
         *(f"- **{word}**: {meaning}." for word, meaning in MEANING.items()),
