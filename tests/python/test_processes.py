@@ -136,7 +136,8 @@ def test_threads_are_kept_where_their_number_changes(mixed: phipsi.Scene, thread
     for threads in (1, 2, 3, 4) * 5:
         phipsi.set_num_threads(threads)
         mixed.forward_dynamics(*state)
-    assert set(os.listdir("/proc/self/task")) == before
+    # Threads of tests before this one may end meanwhile.
+    assert set(os.listdir("/proc/self/task")) <= before
 
 
 @pytest.mark.parametrize("nonsense", [-1, 1.5, "two", 2**70, True, 10**9, [2]])
