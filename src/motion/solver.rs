@@ -27,27 +27,22 @@ pub(super) trait Solver<T: Real> {
     ) -> u64;
 }
 
-/// The compiled kernels of these instructions: the covariance form, trusted where its pivots are clear.
-pub(super) struct Plain<I>(pub I);
+/// The compiled kernels of these instructions, in covariance form; with an error estimate in the first stage of a step, unless it only checks its pivots: later stages are near.
+pub(super) struct Kernels<T, I> {
+    target: I,
+    errors: Errors<T>,
+    estimates: bool,
+}
 
-impl<T: Vectorised, I: Target> Solver<T> for Plain<I> {
+impl<T: Real, I> Kernels<T, I> {
+    /// Those for a form, [`Form::Covariance`] or [`Form::Auto`].
     #[inline(always)]
-    fn solve(
-        &mut self,
-        _estimates: bool,
-        scene: (&Model<T>, &SweepModel<T>),
-        scratch: &mut SweepScratch<T>,
-        state: (&[T], &[T], &[T]),
-        qdd: &mut [T],
-    ) -> u64 {
-        by_covariance(self.0, Call { scene, scratch, state, wrenches: &[], qdd })
+    pub fn new(target: I, form: Form) -> Self {
+        Self { target, errors: Errors::unknown(), estimates: form != Form::Covariance }
     }
 }
 
-/// The same with an error estimate in the first stage of a step, whose later stages are near.
-pub(super) struct Watched<T, I>(pub I, pub Errors<T>);
-
-impl<T: Vectorised, I: Target> Solver<T> for Watched<T, I> {
+impl<T: Vectorised, I: Target> Solver<T> for Kernels<T, I> {
     #[inline(always)]
     fn solve(
         &mut self,
@@ -58,7 +53,11 @@ impl<T: Vectorised, I: Target> Solver<T> for Watched<T, I> {
         qdd: &mut [T],
     ) -> u64 {
         let call = Call { scene, scratch, state, wrenches: &[], qdd };
-        if estimates { watched(self.0, call, &mut self.1) } else { by_covariance(self.0, call) }
+        if estimates && self.estimates {
+            watched(self.target, call, &mut self.errors)
+        } else {
+            by_covariance(self.target, call)
+        }
     }
 }
 
@@ -92,11 +91,7 @@ impl Checked {
 
     /// M^-1 of a right side, with the noise of the model.
     pub fn factorise_and_solve(&mut self, model: &Model<f64>, q: &[f64], right: &[f64], out: &mut [f64]) {
-        if let Some((solver, coupling)) = &mut self.coupled {
-            solver.set_noise(&model.system.noise);
-            let lost = solver.factorise(coupling.sums(), self.form, q, None);
-            solver.solve(coupling.sums(), right, out);
-            self.lost = self.lost.take().or(lost);
+        if self.solve_coupled(model, (q, None), right, out) {
             return;
         }
         let pivots = dynamics::factorise(model, &mut self.workspace, q, |_, _| {});
@@ -106,18 +101,20 @@ impl Checked {
         }
     }
 
-    /// The accelerations of joints that follow each other; the pivot that is lost, where one is.
+    /// M^-1 (right - bias) of joints that follow each other, without the bias where there are no joint velocities; false where no joint follows another.
     fn solve_coupled(
-        (solver, coupling): &mut (CoupledAccelerations, Arc<Coupling>),
-        form: Form,
+        &mut self,
         model: &Model<f64>,
-        (q, v, u): (&[f64], &[f64], &[f64]),
-        qdd: &mut [f64],
-    ) -> Option<LostPivot> {
+        (q, v): (&[f64], Option<&[f64]>),
+        right: &[f64],
+        out: &mut [f64],
+    ) -> bool {
+        let Some((solver, coupling)) = &mut self.coupled else { return false };
         solver.set_noise(&model.system.noise);
-        let lost = solver.factorise(coupling.sums(), form, q, Some((v, &[])));
-        solver.solve(coupling.sums(), u, qdd);
-        lost
+        let lost = solver.factorise(coupling.sums(), self.form, q, v.map(|v| (v, &[][..])));
+        solver.solve(coupling.sums(), right, out);
+        self.lost = self.lost.take().or(lost);
+        true
     }
 }
 
@@ -131,19 +128,12 @@ impl Solver<f64> for Checked {
         qdd: &mut [f64],
     ) -> u64 {
         if self.kernels_first {
-            let call = Call { scene: (model, constants), scratch, state: (q, v, u), wrenches: &[], qdd: &mut *qdd };
-            let doubt = if self.form == Form::Covariance || !estimates {
-                by_covariance(Baseline, call)
-            } else {
-                watched(Baseline, call, &mut Errors::unknown())
-            };
-            if doubt & 1 == 0 {
+            let mut kernels = Kernels::new(Baseline, self.form);
+            if kernels.solve(estimates, (model, constants), scratch, (q, v, u), qdd) & 1 == 0 {
                 return 0;
             }
         }
-        if let Some(coupled) = &mut self.coupled {
-            let lost = Self::solve_coupled(coupled, self.form, model, (q, v, u), qdd);
-            self.lost = self.lost.take().or(lost);
+        if self.solve_coupled(model, (q, Some(v)), u, qdd) {
             return 0;
         }
         let monitor = dynamics::forward_dynamics(model, &mut self.workspace, q, v, u, &[], qdd);

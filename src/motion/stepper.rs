@@ -10,7 +10,7 @@ use super::method::Method;
 use super::properties::of_state;
 use super::scratch::Scratch;
 use super::settings::Stabilisation;
-use super::solver::{Checked, Plain, Watched};
+use super::solver::{Checked, Kernels};
 use super::step::step;
 use super::step_settings::StepSettings;
 use super::substeps::Substeps;
@@ -18,7 +18,6 @@ use super::tally::TALLY;
 use super::torque::{StepFault, Torque};
 use super::works::add_work;
 use crate::batch::arms::{Arm, Baseline, Target, Vectorised, Work, take_states};
-use crate::dynamics::auto::Errors;
 use crate::dynamics::contacts::LimitRow;
 use crate::error::Error;
 use crate::filter::Form;
@@ -232,7 +231,7 @@ impl<T: Vectorised<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
                 *u = u.constant(0.0);
             }
         }
-        let (mut plain, mut watched) = (Plain(target), Watched(target, Errors::unknown()));
+        let mut kernels = Kernels::new(target, form);
         let mut outcome = Ok(());
         for n in steps {
             if let Torque::Steps { torque, first } = torque {
@@ -245,12 +244,8 @@ impl<T: Vectorised<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
                 }
             }
             let by = (law, &law.scheme);
-            let mut doubt = match form {
-                // One state after another.
-                _ if !law.is_vectorized() => u64::MAX,
-                Form::Covariance => step(by, s, &mut plain),
-                _ => step(by, s, &mut watched),
-            };
+            // Else one state after another.
+            let mut doubt = if law.is_vectorized() { step(by, s, &mut kernels) } else { u64::MAX };
             let tally = s.tally;
             if law.is_vectorized() {
                 s.keeper.correct_if_kept(&s.model, &mut s.q_next, &mut s.v_next);
