@@ -15,7 +15,6 @@ use super::torque::{StepFault, Torque};
 use crate::algorithm::Algorithm;
 use crate::batch::arms::Arm;
 use crate::batch::{Batch, Fault, Pool, SLICE};
-use crate::dynamics::constraints::check_start;
 use crate::dynamics::contacts::ContactScratch;
 use crate::error::Error;
 use crate::filter::{FORMS, Form};
@@ -197,7 +196,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
     pub(super) fn check_state(&self, q: &[f64], qd: &[f64]) -> Result<(), Error> {
         self.scene().check_configuration("q", q)?;
         self.scene().check_rates("qd", qd)?;
-        check_start(self.scene(), (q, qd), &self.law.compliance)?;
+        self.check_connections(q, qd)?;
         self.law.coupling.as_ref().map_or(Ok(()), |coupling| coupling.check_followed(q, qd))
     }
 

@@ -1,11 +1,21 @@
-//! Where states begin: beyond joint limits, from which the stops move them back.
+//! Initial states: those beyond joint limits, from which the stops move the joints back, and those that violate connections.
 
 use super::rollout::Rollout;
 use super::simulator::Simulator;
+use crate::error::Error;
 use crate::scene::Scene;
 use std::borrow::Borrow;
 
+/// The largest violation of the connections by an initial state, m or rad, and m/s or rad/s.
+const AT_START: f64 = 1e-6;
+
 impl<S: Borrow<Scene>> Rollout<S> {
+    /// Checks that an initial state meets the connections; no check where rows have compliance.
+    pub(super) fn check_connections(&self, q: &[f64], qd: &[f64]) -> Result<(), Error> {
+        let is_soft = self.law.compliance.iter().any(|&compliance| compliance > 0.0);
+        if is_soft { Ok(()) } else { self.scene().check_on_connections(q, qd, AT_START) }
+    }
+
     /// A warning if joints of some states are beyond limits that are stops: they are moved back, at 1 rad/s or m/s at most. To be asked before the first
     /// step, and after a state began anew.
     ///

@@ -243,14 +243,19 @@ impl PyScene {
 }
 
 impl PyScene {
-    /// The argument compliance, (..., rows); an error where there are no rows.
-    pub(super) fn compliance<'py>(&self, compliance: &Object<'py>) -> PyResult<Input<'py>> {
+    /// The number of rows that the argument compliance is for; an error where there are none.
+    pub(super) fn compliant_rows(&self) -> PyResult<usize> {
         let rows = self.scene.constraint_rows();
         if rows == 0 {
             let found = "a value for a scene without connections";
             return Err(Error::argument("compliance", found, "none, or connections (SceneBuilder.connect)").into());
         }
-        Input::spread("compliance", compliance, rows.into())
+        Ok(rows)
+    }
+
+    /// The argument compliance, (..., rows).
+    fn compliance<'py>(&self, compliance: &Object<'py>) -> PyResult<Input<'py>> {
+        Input::spread("compliance", compliance, self.compliant_rows()?.into())
     }
 
     /// Warns, once for a scene, of a linkage that is drawn with few digits.

@@ -59,8 +59,7 @@ impl<'py> Keywords<'_, 'py> {
         settings.conserve_momentum = self.conserve_momentum;
         settings.stabilisation = self.baumgarte.map_or(Stabilisation::Projection, Stabilisation::Baumgarte);
         if let Some(compliance) = self.compliance {
-            own.compliance(compliance)?;
-            settings.compliance = input::spread("compliance", compliance, own.scene.constraint_rows().into())?;
+            settings.compliance = input::spread("compliance", compliance, own.compliant_rows()?.into())?;
         }
         settings.form = read_form(self.form)?;
         settings.tolerance = self.tolerance;

@@ -31,7 +31,6 @@ mod rows;
 mod scratch;
 mod sized_rows;
 mod solution;
-mod start;
 mod unit_row;
 
 pub(crate) use derivatives::constrained_derivatives;
@@ -41,7 +40,6 @@ pub(crate) use projection::{project_positions, project_velocities};
 pub(crate) use rows::{accelerations_of_rows, errors_of_rows, jacobian_of_rows};
 pub use scratch::ConstraintScratch;
 pub(crate) use solution::{Outcome, RowsAre, constrained_dynamics};
-pub(crate) use start::check_start;
 
 /// A rod whose two ends coincide, so that it has no direction: the index of its connection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
