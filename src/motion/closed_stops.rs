@@ -75,7 +75,7 @@ impl Constrained<'_> {
             for _ in 0..=limits.len() {
                 let wanted = |i: usize| least[i] - bent[i];
                 if !acting.near.is_empty() {
-                    let impulses = self.solved(&acting, |i| limits[i].velocity(&free), wanted, limits)?;
+                    let impulses = self.solved(&acting, &free, wanted, limits)?;
                     next = acting.moved(&free, &impulses);
                 }
                 let ends = |i: usize| h * (limits[i].velocity(&next) - wanted(i));
@@ -109,7 +109,7 @@ impl Constrained<'_> {
         // Velocities at the end: at rest at the stops, or those of rebounds, as far as they give no kinetic energy.
         let u = acting.rows(|i| limits[i].velocity(&free));
         let returning = |i: usize| if limits[i].gap(&s.q) < 0.0 { least[i] } else { 0.0 };
-        let rest = self.solved(&acting, |i| limits[i].velocity(&free), returning, limits)?;
+        let rest = self.solved(&acting, &free, returning, limits)?;
         let back = |i: usize| {
             let speed = limits[i].velocity(&free);
             if rebounds(start[i], speed, law.restitution) { -law.restitution * start[i] } else { returning(i) }
@@ -117,7 +117,7 @@ impl Constrained<'_> {
         let mut all = rest.clone();
         let elastic = acting.near.iter().any(|&i| back(i) > returning(i));
         if elastic {
-            let bounced = self.solved(&acting, |i| limits[i].velocity(&free), back, limits)?;
+            let bounced = self.solved(&acting, &free, back, limits)?;
             let more = bounced - &rest;
             all += &more * expansion_kept(&acting.cone, &u, &rest, &more);
         }
@@ -143,11 +143,11 @@ impl Constrained<'_> {
         limits: &[LimitRow],
         s: &Scratch<f64>,
     ) -> Result<(), Failure> {
+        // The factor at q, which the projections below leave as it is; a pivot that is lost there has ended the step already.
+        factorise(&s.model, &mut self.scratch.workspace, &s.q, |_, _| {});
         for &i in late {
             let (mut torque, mut column) = (vec![0.0; s.v.len()], vec![0.0; s.v.len()]);
             torque[limits[i].row] = limits[i].sign();
-            // The factor at q; a pivot that is lost there has ended the step already.
-            factorise(&s.model, &mut self.scratch.workspace, &s.q, |_, _| {});
             solve(&s.model, &mut self.scratch.workspace, &torque, &mut column);
             self.velocities_onto_connections(&s.model, &s.q, &mut column)?;
             acting.near.push(i);
@@ -170,13 +170,13 @@ impl Constrained<'_> {
     fn solved(
         &self,
         acting: &Acting,
-        free: impl Fn(usize) -> f64,
+        free: &[f64],
         least: impl Fn(usize) -> f64,
         limits: &[LimitRow],
     ) -> Result<DVector<f64>, Failure> {
         let mut residual = f64::NAN;
         for most in [f64::INFINITY, 0.0] {
-            let c = acting.rows(|i| free(i) - least(i).min(most));
+            let c = acting.rows(|i| limits[i].velocity(free) - least(i).min(most));
             // Contradictory rows are found out soon; the second problem has a solution.
             let attempts = if most > 0.0 { 1 } else { usize::MAX };
             let effort = Effort { attempts, ..Effort::default() };
