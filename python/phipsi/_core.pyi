@@ -1675,21 +1675,22 @@ class Scene:
         batches: bool = False,
         tolerance: float | None = None,
     ) -> dict[str, str]:
-        """The dynamics of this robot as C99 that needs nothing but libm, a dict from names of files to their texts: NAME.c, NAME.h, test_NAME.c and a Makefile.
+        """Generates C99 code for the dynamics of this robot, which depends on libm only: a dict from file names to their contents, NAME.c, NAME.h, test_NAME.c and a Makefile.
 
-        directory: where to write them too, made where it is not there; None: nowhere. name: what files and functions begin with. functions: names among "forward_dynamics",
+        directory: the directory to which the files are also written, created if necessary; None: no files are written. name: prefix of files and functions. functions: names among "forward_dynamics",
         "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse", "forward_dynamics_derivatives", "inverse_dynamics_derivatives", "forward_dynamics_jvp",
-        "forward_dynamics_vjp", "inverse_dynamics_jvp", "inverse_dynamics_vjp", "placements", "forward_dynamics_watched", "mass_matrix_inverse_watched" and "factor_watched", which say of each state by a margin whether digits may be lost (where it is below zero), and of one link ("placement", link), ("jacobian", link) and ("jacobian", link, frame), frame as in
-        jacobian; None: all that are of no one link and not watched. dtype: "float64" or "float32", the numbers of the code. batches: whether to write NAME_forward_dynamics_batch(count, ...) and its like too, which run
-        as many states at once as the processor's registers hold, by the vector extensions of GCC and Clang. tolerance: the error that the margins refer to, as in forward_dynamics.
+        "forward_dynamics_vjp", "inverse_dynamics_jvp", "inverse_dynamics_vjp", "placements", "forward_dynamics_watched", "mass_matrix_inverse_watched" and "factor_watched", which also return a margin for each
+        state, negative if precision may be lost; and functions of one link, ("placement", link), ("jacobian", link) and ("jacobian", link, frame), with frame as in jacobian. None: all functions without a margin that are
+        not for one link. dtype: "float64" or "float32", the type of the code. batches: True to add functions for batches, such as NAME_forward_dynamics_batch(count, ...), vectorized over states with the vector
+        extensions of GCC and Clang. tolerance: the error to which the margins refer, as in forward_dynamics.
 
-        Each function is one straight line of operations for one state, NAME_forward_dynamics(q, qd, tau, qdd) for instance, without allocations: constants are folded, and what this robot does not need is
-        not there. Results of several arrays are written to one after another, NAME_forward_dynamics_derivatives(q, qd, tau, dqdd_dq, dqdd_dqd, Minv); of a link its name is in that of the function,
-        NAME_jacobian_tool0_world(q, jacobian), with _ for what C has not. Order of q and qd as in the scene; SI units, radians. Results are those of form "covariance" to rounding: digits
-        that it loses are not noticed; wrenches and changes of what is constant are not there. `make test` in the directory compiles it and compares with the scene at one state.
+        Each function, for instance NAME_forward_dynamics(q, qd, tau, qdd), is a sequence of operations for one state, without allocations: constants are folded, and operations that this robot does not
+        need are omitted. Several results are consecutive arguments, as in NAME_forward_dynamics_derivatives(q, qd, tau, dqdd_dq, dqdd_dqd, Minv). Functions of one link have its name in theirs, as in
+        NAME_jacobian_tool0_world(q, jacobian), with _ for characters that C does not allow. The order of q and qd is that of the scene; SI units, radians. The results equal those of form "covariance" to rounding,
+        without an error estimate. Wrenches and changed parameters are not supported. `make test` in the directory compiles the code and compares it with the scene at one state.
 
-        Raises ArgumentError for a name that C has not, unknown functions and links, and links whose functions C would call the same; for dynamics of a scene with connections, for a scene with joints that
-        follow others (mimic="couple"), and for the inverse mass matrix and the derivatives of forward dynamics of chains of more than 300 joints; OSError where files cannot be written.
+        Raises ArgumentError for a name that is not a C identifier, unknown functions and links, and links whose functions would have the same name in C; for dynamics of a scene with connections, for a scene with
+        coupled joints (mimic="couple"), and for the inverse mass matrix and the derivatives of forward dynamics of chains of more than 300 joints; OSError if files cannot be written.
         """
 
     def to_rust(

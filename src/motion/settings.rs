@@ -6,32 +6,32 @@ use crate::batch::arms::Arm;
 use crate::filter::Form;
 use crate::scene::Scene;
 
-/// What does not change during a rollout.
+/// Settings that are constant during a rollout.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
     /// The step, s.
     pub dt: f64,
-    /// How a state is advanced.
+    /// The integrator.
     pub method: Method,
-    /// How the filter carries P: [`Form::Auto`] watches the covariance form and redoes a step whose digits are in doubt in
-    /// square-root form; [`Form::Covariance`] watches its pivots only, in less time. No other.
+    /// The form of the covariance P in the filter, [`Form::Auto`] or [`Form::Covariance`]. `Auto` estimates the error of the covariance form and recomputes a step
+    /// whose estimate exceeds the tolerance in square-root form; `Covariance` only checks the pivots and takes less time.
     pub form: Form,
-    /// The largest estimated error of an acceleration that form `auto` accepts, relative to the largest; None: the usual one, see
+    /// The largest estimated error of an acceleration that form `auto` accepts, relative to the largest acceleration; None: the default, see
     /// [`Workspace::tolerance`](crate::Workspace::tolerance).
     pub tolerance: Option<f64>,
-    /// What the joints do by themselves.
+    /// Armature, damping, springs and friction of the joints.
     pub properties: Properties,
-    /// A control law, if there is one.
+    /// The control law, if any.
     pub gains: Option<Gains>,
-    /// The instructions to use; the baseline where this processor lacks them.
+    /// The instruction set; the baseline if the processor does not have it.
     pub arm: Arm,
-    /// Whether floating trees keep their momentum, and their mass centre its parabola, to rounding: each step ends with a rigid motion of
-    /// the tree, as large as the step's error in them (see [`Rollout::correction`](super::Rollout::correction)). Every tree must hang on the base by a free joint
+    /// True if floating trees conserve their momentum, and the parabola of their center of mass, to rounding. Each step then ends with a rigid displacement of
+    /// the tree that removes the error of the step in them (see [`Rollout::correction`](super::Rollout::correction)). Every tree must be connected to the base by a free joint
     /// without armature, damping, spring, friction, control law or torque.
     pub conserve_momentum: bool,
-    /// What keeps the states of a scene with connections on them.
+    /// How positions and velocities are kept on the connections.
     pub stabilisation: Stabilisation,
-    /// How much each row of the connections gives way, (m/s^2)/N or (rad/s^2)/(N m), zero or above; empty: none does.
+    /// The compliance of each row of the connections, (m/s^2)/N or (rad/s^2)/(N m), zero or above; empty: all are rigid.
     pub compliance: Vec<f64>,
     /// The effect of joint limits.
     pub limits: Limits,

@@ -41,7 +41,7 @@ pub(super) struct StepSettings {
     pub stops: bool,
     /// The coefficient of restitution of the stops.
     pub restitution: f64,
-    /// What the error estimate makes of each degree of freedom.
+    /// The kind of each degree of freedom, for the error estimate.
     pub kinds: Vec<RateKind>,
     /// Of a scene with connections, what keeps states on them.
     pub connected: Option<Stabilisation>,
@@ -92,12 +92,12 @@ impl StepSettings {
         Self { coupling, ..self }
     }
 
-    /// Whether steps are vectorized: those of a tree whose joints are independent, without error control.
+    /// True if steps are vectorized: those of a tree whose joints are independent, without error control.
     pub fn is_vectorized(&self) -> bool {
         self.coupling.is_none() && self.connected.is_none() && self.accuracy.is_none()
     }
 
-    /// The same for a way back, which tells of springs that are not there too: how far every joint is from rest.
+    /// The same for the adjoint of the steps, which needs the displacement of every joint from rest, also without a spring.
     pub fn backward(&self) -> Self {
         let mut law = self.clone();
         law.sprung.fill(true);
@@ -138,12 +138,12 @@ impl StepSettings {
     }
 }
 
-/// What the error estimate makes of one degree of freedom.
+/// The kind of a degree of freedom, for the error estimate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum RateKind {
-    /// A rotation: how far it goes in a step, and how exact it is, decide about substeps.
+    /// A rotation: its displacement in a step and its estimated error determine the substeps.
     Rotation,
-    /// A linear velocity in axes that rotate: how exact it is decides, too.
+    /// A linear velocity in axes that rotate: its estimated error determines the substeps.
     InRotatingAxes,
     /// A translation along an axis of the parent.
     Translation,
@@ -164,5 +164,5 @@ fn rate_kinds(model: &Model<f64>) -> Vec<RateKind> {
     kinds
 }
 
-/// What a step is made by: what all steps of the run have in common, and a scheme at some step.
+/// The arguments of a step: the settings common to all steps of the run, and the scheme of this step.
 pub(super) type By<'a> = (&'a StepSettings, &'a Scheme);
