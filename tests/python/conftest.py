@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 import threading
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -85,6 +87,15 @@ def random_states(scene: phipsi.Scene, seed: int, batch: tuple[int, ...] = ()) -
     random = np.random.default_rng(seed)
     step, qd, tau = random.uniform(-2.0, 2.0, (3, *batch, scene.nv))
     return State(scene.integrate(scene.neutral(), step), np.ascontiguousarray(qd), np.ascontiguousarray(5.0 * tau))
+
+
+@pytest.fixture
+def c_compiler() -> str:
+    """The command of the C compiler; skips tests where there is none."""
+    compiler = os.environ.get("CC", "cc")
+    if shutil.which(compiler) is None:
+        pytest.skip("no C compiler here")
+    return compiler
 
 
 @pytest.fixture(scope="session")

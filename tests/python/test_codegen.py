@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import os
-import shutil
 import subprocess
 from pathlib import Path
 
@@ -52,9 +51,7 @@ def assert_same(found: object, expected: object, cond: float) -> None:
 
 
 @pytest.fixture(autouse=True)
-def _compiler(monkeypatch: pytest.MonkeyPatch) -> None:
-    if shutil.which(COMPILER) is None:
-        pytest.skip("no C compiler here")
+def _small_batches(c_compiler: str, monkeypatch: pytest.MonkeyPatch) -> None:
     # Batches are small here.
     monkeypatch.setattr("phipsi._compile.FEW", dict.fromkeys(phipsi._compile.FEW, 16))
 

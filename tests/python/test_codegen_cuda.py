@@ -8,7 +8,6 @@ from __future__ import annotations
 import ctypes
 import importlib.util
 import os
-import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -30,10 +29,7 @@ COMPILER = os.environ.get("CC", "cc")
 EPSILON = {"float64": 1e-14, "float32": in_float32(1e-14)}
 
 
-@pytest.fixture(autouse=True)
-def _compiler() -> None:
-    if shutil.which(COMPILER) is None:
-        pytest.skip("no C compiler here")
+pytestmark = pytest.mark.usefixtures("c_compiler")
 
 
 def states(scene: phipsi.Scene, shape: tuple[int, ...], dtype: str) -> dict[str, np.ndarray]:

@@ -50,9 +50,8 @@ def test_the_command_writes_kernels_in_float(tmp_path: Path) -> None:
     assert "bundled_mass_matrix(unsigned long long count, const float *__restrict__ q" in (tmp_path / "bundled.cu").read_text(encoding="utf-8")
 
 
+@pytest.mark.usefixtures("c_compiler")
 def test_the_command_writes_batches_in_float(tmp_path: Path) -> None:
-    if shutil.which(COMPILER) is None:
-        pytest.skip("no C compiler here")
     done = CliRunner().invoke(codegen, ["-o", str(tmp_path), "-f", "bias_torque", "--float32", "--batches"])
     assert done.exit_code == 0, done.output
     made = subprocess.run(["make", "-s", "test", f"CC={COMPILER}", "CFLAGS=-std=c99 -O1"], cwd=tmp_path, check=True, capture_output=True, text=True)
@@ -77,9 +76,8 @@ def test_broken_options_of_kernels_are_refused(options: dict[str, object], messa
         phipsi.scenes.chain(2).to_cuda(**options)  # type: ignore[arg-type]
 
 
+@pytest.mark.usefixtures("c_compiler")
 def test_compiled_in_float32(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    if shutil.which(COMPILER) is None:
-        pytest.skip("no C compiler here")
     # Batches are small here.
     monkeypatch.setattr("phipsi._compile.FEW", dict.fromkeys(phipsi._compile.FEW, 16))
     scene = random_scene(1, 4, floating_base=True, armature=0.1)
@@ -99,9 +97,8 @@ def test_compiled_in_float32(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
                 np.testing.assert_allclose(found, expected, rtol=0, atol=bound, err_msg=function)
 
 
+@pytest.mark.usefixtures("c_compiler")
 def test_far_angles_in_float32(tmp_path: Path) -> None:
-    if shutil.which(COMPILER) is None:
-        pytest.skip("no C compiler here")
     scene = phipsi.scenes.chain(3)
     fast = phipsi.compile(scene, ["mass_matrix"], dtype="float32", flags=["-O1"], cache=tmp_path)
     q = np.random.default_rng(0).uniform(-1, 1, (64, 3)).astype(np.float32) * np.float32(10.0) ** np.arange(64, dtype=np.float32)[:, None].clip(0, 9)

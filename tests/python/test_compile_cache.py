@@ -25,10 +25,7 @@ COMPILER = os.environ.get("CC", "cc")
 PATIENCE = 30.0
 
 
-@pytest.fixture(autouse=True)
-def _compiler() -> None:
-    if shutil.which(COMPILER) is None:
-        pytest.skip("no C compiler here")
+pytestmark = pytest.mark.usefixtures("c_compiler")
 
 
 @pytest.fixture(scope="module")

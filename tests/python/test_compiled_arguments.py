@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import os
-import shutil
 import warnings
 from pathlib import Path
 from typing import Any
@@ -19,16 +17,12 @@ from tolerances import assert_near, assert_same_bits, recursion, size
 import phipsi
 from phipsi.errors import ArgumentError, BadStateWarning, NotFiniteError, ShapeError
 
-COMPILER = os.environ.get("CC", "cc")
 WITH_OUT = ["forward_dynamics", "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse", "forward_dynamics_derivatives", "inverse_dynamics_derivatives"]
 #: Some that machine code does, and a few that the scene does.
 BATCHES = [(300,), (20, 15), (3,), ()]
 
 
-@pytest.fixture(autouse=True)
-def _compiler() -> None:
-    if shutil.which(COMPILER) is None:
-        pytest.skip("no C compiler here")
+pytestmark = pytest.mark.usefixtures("c_compiler")
 
 
 @pytest.fixture(scope="module")
