@@ -26,6 +26,7 @@
 #   make roofline  after make peers for its robots: operations, time and share of the machine's peak, writes docs/roofline.md
 #   make bench     after make peers: measures all of it (20 minutes), writes docs/benchmarks.md and the figures of README.md (BENCH=--quick: a trial)
 
+comma := ,
 PYTHON ?= python3
 # The first of these that runs.
 PYTHON_3_10 ?= python3.10 $(wildcard $(HOME)/.pyenv/versions/3.10.*/bin/python)
@@ -34,8 +35,13 @@ ROBOT ?=
 BENCH ?=
 ROOFLINE ?=
 STUDY ?=
+# Kernels for AVX-512 take half of the compile time. A build for this machine alone omits them if its processor lacks AVX-512
+# (on an aarch64 machine they do not exist); release wheels (make manylinux) and make check have all kernels.
+AVX512 := $(if $(shell grep -m1 -w avx512vl /proc/cpuinfo 2>/dev/null || sysctl -n hw.optional.avx512vl 2>/dev/null | grep -w 1),avx512$(comma))
+LOCAL_FEATURES := $(AVX512)float32
 # All that needs no Python.
-FEATURES := urdf,parallel,dense,stochastic,adaptive,avx512,float32
+FEATURES := urdf,parallel,dense,stochastic,adaptive,$(LOCAL_FEATURES)
+ALL_FEATURES := urdf,parallel,dense,stochastic,adaptive,avx512,float32
 VENV := .venv
 BIN := $(VENV)/bin
 PEERS := .venv-peers/bin/python
@@ -50,8 +56,8 @@ $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip 'maturin>=1.9.4,<2'
 
-# What maturin is told besides; make manylinux sets it.
-WHEEL_FLAGS ?=
+# Further arguments of maturin; make manylinux replaces them.
+WHEEL_FLAGS ?= --features python,$(LOCAL_FEATURES)
 $(VENV)/wheel: $(SOURCES) | $(BIN)/python
 	rm -rf $(WHEELS)
 	$(BIN)/maturin build --release --locked --quiet $(WHEEL_FLAGS) --out $(WHEELS)
@@ -118,11 +124,11 @@ check: export CARGO_INCREMENTAL = 0
 check: $(VENV)/test
 	cargo fmt --check
 	cargo clippy --locked --all-targets -- -D warnings
-	cargo clippy --locked --all-targets --features $(FEATURES) -- -D warnings
+	cargo clippy --locked --all-targets --features $(ALL_FEATURES) -- -D warnings
 	cargo clippy --locked --all-targets --features python,avx512,float32 -- -D warnings
-	if rustup target add $(OTHER); then cargo clippy --locked --lib --features $(FEATURES) --target $(OTHER) -- -D warnings; \
+	if rustup target add $(OTHER); then cargo clippy --locked --lib --features $(ALL_FEATURES) --target $(OTHER) -- -D warnings; \
 	else echo "$(OTHER): not checked, rustup cannot have it"; fi
-	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --features $(FEATURES)
+	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --features $(ALL_FEATURES)
 	$(BIN)/phipsi codegen -o target/codegen --lang rust --name bundled
 	CARGO_TARGET_DIR=target cargo clippy --manifest-path target/codegen/Cargo.toml --all-targets -- -D warnings
 	CARGO_TARGET_DIR=target cargo run --manifest-path examples/build_script/Cargo.toml
@@ -135,7 +141,7 @@ check: $(VENV)/test
 manylinux: | $(BIN)/python
 	$(BIN)/python -m pip install --quiet 'ziglang>=0.14' 'auditwheel>=6'
 	test -f $(WHEELS)/phipsi-*manylinux_2_17_*.whl || rm -f $(VENV)/wheel
-	PATH="$(CURDIR)/$(BIN):$$PATH" $(MAKE) $(VENV)/wheel WHEEL_FLAGS='--zig --compatibility manylinux_2_17 --compression-level 9'
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(MAKE) $(VENV)/wheel WHEEL_FLAGS='--features python$(comma)avx512$(comma)float32 --zig --compatibility manylinux_2_17 --compression-level 9'
 	$(BIN)/auditwheel show $(WHEELS)/phipsi-*.whl
 	ls -l $(WHEELS)/phipsi-*manylinux_2_17_*.whl
 
