@@ -202,9 +202,9 @@ def test_what_error_control_refuses() -> None:
     scene = robot(1)
     q, qd = start(scene, 1)
     path = scene.simulate(q, qd, duration=0.1, accuracy=1e-6)
-    with pytest.raises(ArgumentError, match="accuracy: found a run with error control"):
+    with pytest.raises(ArgumentError, match="accuracy: found a simulation with error control"):
         path.vjp(np.ones((len(path), 3)))
-    with pytest.raises(ArgumentError, match="accuracy: found a run with error control"):
+    with pytest.raises(ArgumentError, match="accuracy: found a simulation with error control"):
         path.error_estimate()
     with pytest.raises(ArgumentError, match="accuracy: found error control with .* or a method"):
         scene.simulate(q, qd, duration=0.1, accuracy=1e-6, method="rk4")

@@ -120,7 +120,7 @@ def test_a_name_without_the_package(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_what_is_no_robot() -> None:
-    with pytest.raises(ArgumentError, match="source: found int; expected a path of URDF"):
+    with pytest.raises(ArgumentError, match="source: found int; expected a path or text of URDF"):
         phipsi.load(3)
 
 
@@ -132,7 +132,7 @@ def test_a_file_that_is_not_there() -> None:
 @pytest.mark.parametrize("given", [{"floating_base": True}, {"xacro_arguments": {"a": "b"}}])
 def test_arguments_without_use(given: dict[str, object]) -> None:
     pytest.importorskip("mujoco")
-    with pytest.raises(ArgumentError, match=f"(?s){next(iter(given))}: found .* which has no use for it"):
+    with pytest.raises(ArgumentError, match=f"(?s){next(iter(given))}: found .* which does not apply to"):
         phipsi.load(ARM, **given)  # type: ignore[arg-type]
 
 
@@ -203,5 +203,5 @@ def test_a_package_that_is_not_found(xacro_file: Path) -> None:
 
 @pytest.mark.parametrize("source", [phipsi.BUNDLED_ARM, XACRO])
 def test_parts_to_ignore_of_a_urdf(source: str) -> None:
-    with pytest.raises(ArgumentError, match="ignore: found .* which has no use for it"):
+    with pytest.raises(ArgumentError, match="ignore: found .* which does not apply to"):
         phipsi.load(source, ignore=["tendons"])

@@ -331,5 +331,5 @@ def test_where_a_simulator_went(arm: phipsi.Scene) -> None:
     simulator = arm.simulator(np.zeros(arm.nq), dt=1.0, limits="report")
     with pytest.raises(SimulationError) as caught:
         simulator.step(np.full(arm.nv, 1e300), 1000)
-    with pytest.raises(ArgumentError, match="trajectory: found where a simulator went"):
+    with pytest.raises(ArgumentError, match="trajectory: found the trajectory of a Simulator"):
         caught.value.trajectory.vjp()

@@ -1,4 +1,4 @@
-"""What the robot is: facts, the figure, the tree of joints."""
+"""Properties of the robot: facts, figure, kinematic tree."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..robot import Report
 from ..structure import Row
 from ..text import scientific
 
-#: A tree with more rows than this is cut short.
+#: Largest number of rows of the tree.
 MOST_ROWS = 400
 
 
@@ -60,7 +60,7 @@ def _row(row: Row) -> dict[str, Any]:
 
 
 def _axis(row: Row) -> str:
-    """The axis by its letter where it is one of the frame's."""
+    """Letter of the axis, if it is a coordinate axis of the frame."""
     if row.joint.type not in ("revolute", "continuous", "prismatic", "screw"):
         return ""
     axis = row.joint.axis
