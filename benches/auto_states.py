@@ -1,9 +1,10 @@
-"""Print what form "auto" costs beside "covariance" in the states that robots are in, as Markdown.
+"""Print the time of form "auto" relative to "covariance" by kind of state, as Markdown.
 
 Usage: python benches/auto_states.py [--quick] [--seed N] [--markdown FILE] [NAME|ROBOT.urdf ...]
 
-Default: ur5, panda, anymal, g1 and talos of example-robot-data where this interpreter has it, else the bundled arm. It measures
-whichever phipsi is installed, older ones too: the kinds of states come from this repository, all else is public.
+Default: ur5, panda, anymal, g1 and talos of example-robot-data if this interpreter has it, otherwise the bundled arm.
+It measures the installed version of phipsi, including older ones: the kinds of states are those of this repository,
+and everything else uses public names.
 """
 
 import argparse
@@ -24,7 +25,7 @@ How `auto` judges is in [numerics.md](numerics.md#how-a-form-is-judged). The pag
 
 
 def markdown(auto_cost: types.ModuleType, costs: dict) -> str:
-    """Both tables as Markdown, with the times of the worst case, and what the kinds are."""
+    """Both tables as Markdown, with the times of the worst case and the definitions of the kinds."""
     parts = [f"phipsi {phipsi.__version__}: {auto_cost.TITLE}"]
     for batch, title in auto_cost.SIZES.items():
         robots, rows = auto_cost.table(costs, batch)
@@ -41,7 +42,7 @@ def markdown(auto_cost: types.ModuleType, costs: dict) -> str:
 
 
 def main() -> None:
-    # As a package of another name, because the installed one may be older and have no such module.
+    # Imported under another name, because the installed package may be older and lack this module.
     package = types.ModuleType("states_of_this_repository")
     package.__path__ = [str(FOLDER)]
     sys.modules[package.__name__] = package
@@ -60,7 +61,7 @@ def main() -> None:
     if options.markdown is None:
         print(table)
     else:
-        import long_chains  # with mpmath, which the tests need too
+        import long_chains  # needs mpmath, as the tests do
 
         options.markdown.write_text(f"{HEAD}\n{table}\n\n{long_chains.section()}\n", encoding="utf-8")
 

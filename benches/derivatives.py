@@ -1,8 +1,9 @@
-"""Time of derivatives and of everyday calls from Python, beside Pinocchio's in the same run, as a Markdown page.
+"""Time of derivatives and of frequent calls from Python, compared with Pinocchio in the same run, as a Markdown page.
 
 Usage: python benches/derivatives.py [--quick] [--markdown FILE]
 
-Needs what the tests need (pin, example-robot-data): run it with .venv, after make test. One thread. Every call is timed in turns with the others of its row.
+Needs the packages of the tests (pin, example-robot-data): run it with .venv, after make test. One thread. The calls
+of a row are timed in turn.
 """
 
 import argparse
@@ -23,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "python")
 from oracle_mpmath import State, derivative, exact, moved, random_tree, rounded  # noqa: E402
 from oracle_pinocchio import Oracle, load  # noqa: E402
 
-#: The file of example-robot-data, and whether it floats.
+#: File of example-robot-data, and whether it has a floating base.
 ROBOTS = {
     "ur5": ("ur_description/urdf/ur5_robot.urdf", False),
     "panda": ("panda_description/urdf/panda.urdf", False),
@@ -31,7 +32,7 @@ ROBOTS = {
     "talos": ("talos_data/robots/talos_reduced.urdf", True),
 }
 BATCH = 256
-#: Links of the chains that show growth.
+#: Numbers of links of the chains.
 CHAINS = (7, 100, 1000, 10_000, 100_000)
 
 HEAD = """# Time of derivatives
@@ -45,7 +46,7 @@ Call = Callable[[], object]
 
 
 def medians(calls: dict[str, Call], quick: bool) -> dict[str, float]:
-    """us of one run of each, in turns."""
+    """Time of one run of each, us, timed in turn."""
     times = in_turns(list(calls.values()), quick)
     return dict(zip(calls, np.median(times, axis=0) / 1000.0, strict=True))
 
@@ -56,7 +57,7 @@ def table(head: list[str], rows: list[list[str]]) -> str:
 
 
 def beside_pinocchio(quick: bool) -> str:
-    """Matrices of robots in the states that they are in."""
+    """Matrices of robots by kind of state."""
     rows = []
     for name, (file, floating) in ROBOTS.items():
         scene, _ = load(file, floating)
@@ -97,7 +98,7 @@ def for_control(quick: bool) -> str:
 
 
 def products(quick: bool) -> str:
-    """Gradients beside forward dynamics, and how both grow."""
+    """Gradients compared with forward dynamics, and the growth of both."""
     scenes = {name: load(*ROBOTS[name])[0] for name in ("g1", "talos")}
     scenes.update({f"chain of {n}": phipsi.scenes.chain(n) for n in CHAINS})
     rows = []
@@ -121,7 +122,7 @@ def products(quick: bool) -> str:
 
 
 def trajectories(quick: bool) -> str:
-    """A rollout, then its gradient, of 1024 states of seven joints."""
+    """A simulation and its gradient, for 1024 states of seven joints."""
     scene = phipsi.scenes.chain(7)
     random = np.random.default_rng(1)
     q, tau = random.uniform(-1, 1, (1024, 7)), random.uniform(-1, 1, (1024, 200, 7))
@@ -146,7 +147,7 @@ def trajectories(quick: bool) -> str:
 
 
 def error_against_time(quick: bool) -> str:
-    """dqdd/dq by every way that there is from Python, beside 60 digits."""
+    """dqdd/dq by every method that is available from Python, compared with 60 digits."""
     tree = random_tree(np.random.default_rng(7), 7, kinds=("revolute",), branching=0.0)
     scene, random = tree.scene(), np.random.default_rng(1)
     q, qd, tau = random.uniform(-1, 1, (3, BATCH, scene.nv))

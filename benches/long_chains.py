@@ -1,8 +1,9 @@
-"""Long chains: what form "auto" costs, and the error of each form against 34 digits; prints a part of docs/auto-states.md.
+"""Long chains: time of form "auto", and the error of each form compared with 34 digits; prints a part of
+docs/auto-states.md.
 
 Usage: python benches/long_chains.py [--most N]
 
-The reference is that of tests/python (mpmath, O(N), 4 ms a link). auto_states.py writes this part into its page.
+The reference is that of tests/python (mpmath, O(N), 4 ms per link). auto_states.py writes this part into its page.
 """
 
 import argparse
@@ -29,7 +30,7 @@ largest acceleration, against 34 digits, in units of sqrt(n) eps; *double-double
 
 
 def seconds(call: object, least: float = 0.2) -> float:
-    """The median time of a call."""
+    """Median time per call."""
     times: list[float] = []
     while len(times) < 5 or (sum(times) < least and len(times) < 200):
         begin = time.perf_counter()

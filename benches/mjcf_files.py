@@ -1,9 +1,10 @@
-"""How phipsi.load reads the MJCF files of public repositories: read, read with warnings, refused by name, crashed.
+"""Result of phipsi.load for the MJCF files of public repositories: read, read with warnings, refused by name, crashed.
 
 Usage: python benches/mjcf_files.py FOLDER [--markdown FILE] [--list FILE]
 
-FOLDER has one folder per repository, with a file COMMIT (commit and date) if the page is to name it. Each file whose root element is <mujoco> is read in a
-process of its own. Files that MuJoCo itself does not compile, with their meshes or without, are counted apart: most are parts that other files include.
+FOLDER has one folder per repository, with a file COMMIT (commit and date) if the page is to name it. Each file whose
+root element is <mujoco> is read in a separate process. Files that MuJoCo itself does not compile, with or without
+their meshes, are counted separately: most are parts that other files include.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from phipsi.errors import PhipsiError
 #: Seconds after which a file counts as crashed.
 LIMIT = 120
 IGNORE = re.compile(r"ignore=\(([^)]*)\)")
-#: Parts of a refusal or warning: the kind, in the table, and how a message of it is recognized.
+#: Parts of an error or warning: kind in the table, and text by which its message is recognized.
 OTHER = {
     "MuJoCo does not compile it": "MuJoCo cannot read it",
     "inertia of a missing mesh": "from which the inertia of body",
@@ -37,7 +38,7 @@ OTHER = {
 
 
 class Result(NamedTuple):
-    """How one file was read."""
+    """Result for one file."""
 
     file: Path
     outcome: str
@@ -55,7 +56,7 @@ def kinds_of(text: str) -> tuple[str, ...]:
 
 
 def read(file: Path) -> Result:
-    """Reads one file."""
+    """Read one file."""
     start = time.perf_counter()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -73,7 +74,7 @@ def read(file: Path) -> Result:
 
 
 def apart(file: Path) -> Result:
-    """Reads one file in a process of its own, which may end in any way."""
+    """Read one file in a separate process, which may crash."""
     context = multiprocessing.get_context("fork")
     receiver, sender = context.Pipe(False)
     process = context.Process(target=lambda: sender.send(read(file)))
@@ -98,7 +99,7 @@ def files(folder: Path) -> list[Path]:
 
 
 def table(found: dict[str, list[Result]]) -> list[str]:
-    """Rows of Markdown: a repository each, then the kinds of refusals and of warnings."""
+    """Rows of Markdown: one per repository, then the kinds of errors and of warnings."""
     lines = [
         "| repository | models | read | of these without a warning | refused by name | crashed | files that MuJoCo does not compile |",
         "| --- |" + " --- |" * 6,

@@ -1,4 +1,7 @@
-"""docs/benchmarks.md from what report.py has measured. Ratios are the peer's time over phipsi's: above 1 phipsi is faster."""
+"""docs/benchmarks.md from the measurements of report.py. Ratios are the peer's time relative to phipsi's: above 1
+phipsi
+is faster.
+"""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -18,7 +21,7 @@ TITLES = {
     "inverse_dynamics_derivatives": "Derivatives of inverse dynamics",
     "forward_dynamics_derivatives": "Derivatives of forward dynamics",
 }
-#: What the project wants to reach on these models, as ratios to Pinocchio in C++: by group, and the group's arm.
+#: Target ratios to Pinocchio in C++ on these models: by group, and the instruction set of the group.
 AIMED_AT = ("chain_7", "g1", "talos")
 AIMS = {
     "forward_dynamics": 4.0,
@@ -36,7 +39,8 @@ AIMS = {
     "inverse_dynamics_derivatives_batch": 10.0,
     "forward_dynamics_derivatives_batch": 10.0,
 }
-#: The same from Python, of one core, against a loop over Pinocchio; and one state a call against pin.aba, chain of 7.
+#: Targets from Python, on one core, relative to a loop over Pinocchio; and for one state per call relative to
+#: pin.aba, chain of 7.
 AIM_PYTHON_BATCH, AIM_PYTHON_CALL = 30.0, 2.0
 
 LIMITS = """\
@@ -57,7 +61,7 @@ LIMITS = """\
 
 
 class Comparison(NamedTuple):
-    """phipsi beside a peer."""
+    """phipsi compared with a peer."""
 
     where: str
     operation: str
@@ -67,7 +71,7 @@ class Comparison(NamedTuple):
     theirs: float
     ratio: float
     further: bool
-    """Another form or arm than the one that counts."""
+    """Another form or instruction set than the default."""
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -82,7 +86,7 @@ def command(text: str) -> str:
 
 
 def title(group: str) -> str:
-    """In words, with form and arm where the group has one."""
+    """Description, with form and instruction set if the group has them."""
     operation, *variant = group.split("/")
     return ", ".join([TITLES.get(operation.removesuffix(BATCH), operation), *variant])
 
@@ -103,11 +107,13 @@ def times(one: Row, digits: int = 1) -> str:
     return f"{median} ({low} to {high})"
 
 
-# Where we lose
+# Cases in which a peer is faster
 
 
 def comparisons(compared: Sequence[Row], python: Sequence[Row], motion: Sequence[Row]) -> list[Comparison]:
-    """Every pair: in Rust covariance on the arm of the process, and all else marked; from Python the default form, on as many threads."""
+    """Every pair: in Rust, covariance on the instruction set of the process, and all others marked; from Python, the
+    default form on the same number of threads.
+    """
     found = []
     for row in compared:
         operation, _, variant = row["group"].partition("/")
@@ -134,7 +140,7 @@ def lost(one: Comparison) -> bool:
 
 
 def losses_table(chosen: Sequence[Comparison]) -> str:
-    """How many there are of each kind, then those in which the peer is faster, the worst first."""
+    """Number of pairs of each kind, then those in which the peer is faster, in ascending order of the ratio."""
     kinds = {one.where: [other for other in chosen if other.where == one.where] for one in chosen}
     counts = [(where, str(len(all_of)), str(sum(map(lost, all_of)))) for where, all_of in kinds.items()]
     head = ("from", "operation", "model", "phipsi, ns", "the peer", "ns", "the peer is faster by")
@@ -166,12 +172,12 @@ def losses_text(every: Sequence[Comparison], arm: str) -> str:
 
 
 def aim_of(group: str, arm: str) -> float | None:
-    """Where an arm is the widest of a machine, its batches have the aim of that arm."""
+    """If this is the widest instruction set of a machine, its batches have the target of that instruction set."""
     return AIMS.get(f"{group}/{arm}", AIMS.get(group))
 
 
 def aims_text(compared: Sequence[Row], python: Sequence[Row], arm: str) -> str:
-    """Every aim that was measured and is not reached."""
+    """Measured targets that are not reached."""
     rows = []
     measured = 0
 
@@ -186,7 +192,7 @@ def aims_text(compared: Sequence[Row], python: Sequence[Row], arm: str) -> str:
         if aim and row["model"] in AIMED_AT:
             what = f"{title(row['group'])}, {'a state of a batch' if BATCH in row['group'] else 'one state'}, Rust"
             check(what, row["model"], row["ratio"]["median"], times(row["ratio"], 2), row["ratio_of_best"], aim)
-    # A peer's loop makes its array anew, so what is given one is not held against it.
+    # The loop of a peer allocates its array, so calls with a given output are not compared.
     ours = [row for row in python if row["library"] == "phipsi" and not row["call"].endswith(INTO_GIVEN)]
     for row in python:
         single = row["call"] == "pin.aba" and row["model"] == "chain_7"
@@ -206,7 +212,7 @@ def aims_text(compared: Sequence[Row], python: Sequence[Row], arm: str) -> str:
 
 
 def threads_text(python: Sequence[Row]) -> str:
-    """What a second thread brings to phipsi's batches; the aim is near 2."""
+    """Speedup of phipsi's batches by a second thread; the target is near 2."""
     by_call = {(row["library"], row["model"], row["operation"], row["call"]): row["ns"]["median"] for row in python}
     gains = [
         ns / by_call["phipsi" + THREADS, *key]
@@ -221,7 +227,7 @@ def threads_text(python: Sequence[Row]) -> str:
     )
 
 
-# The tables
+# Tables
 
 
 def compared_text(rows: Sequence[Row]) -> str:
@@ -242,7 +248,7 @@ def compared_text(rows: Sequence[Row]) -> str:
 
 
 def python_text(rows: Sequence[Row]) -> str:
-    """A table an operation: a row a call, a column a model."""
+    """A table per operation: one row per call, one column per model."""
     parts = []
     for operation in dict.fromkeys(row["operation"] for row in rows):
         chosen = [row for row in rows if row["operation"] == operation]
@@ -269,7 +275,7 @@ def alone_text(rows: Sequence[Row]) -> str:
     return table(("criterion's id", "median, ns (95 % interval)", "ns an element"), map(cells, rows))
 
 
-# Motion
+# Simulation
 
 PARTS = {
     "steps": "One core, ns a step and state",
@@ -284,7 +290,7 @@ def joints_of(row: Row) -> str:
 
 
 def motion_text(motion: Row) -> str:
-    """Steps through time: MPPI, what falls short of its aim, and a table a part."""
+    """Simulation steps: MPPI, missed targets, and one table per part."""
 
     def cells(row: Row) -> tuple[str, ...]:
         peer = row["peer"] if row["peer"] == "Pinocchio" else f"{row['peer']}, {row['integrator']}"
@@ -324,7 +330,7 @@ def machine_text(compared: Row, python: Row) -> str:
 
 
 def write(path: Path, ran: Row, compared: Row, python: Row, motion: Row, alone: Sequence[Row], auto_states: str) -> None:
-    """The page, and its plots beside it."""
+    """The page and its plots."""
     commands = ran["commands"]
     rows, called, arm = compared["rows"], python["rows"], compared["machine"]["arm"]
     one, batches, other_one, other_batches = (

@@ -1,9 +1,12 @@
-"""Operations, time and share of the machine's measured peak of each algorithm: docs/roofline.md, what `make roofline` runs.
+"""Operations, time and fraction of the machine's measured peak of each algorithm: docs/roofline.md, the program of
+`make
+roofline`.
 
 Usage: .venv/bin/python benches/roofline.py [--seconds S] [--write-only] [-o docs/roofline.md]
 
-Needs matplotlib and phipsi with the extra `report`. Builds and runs the bench roofline.rs, which takes S seconds for each of some
-130 figures, and keeps what it printed in target/roofline.json, from which --write-only writes the page again.
+Needs matplotlib and phipsi with the extra `report`. It builds and runs the bench roofline.rs, which takes S seconds
+for each of about 130 values, and stores its output in target/roofline.json, so that --write-only can rewrite the
+page.
 """
 
 import argparse
@@ -34,7 +37,7 @@ Row = dict[str, Any]
 KEPT = ROOT / "target" / "roofline.json"
 BUILD = ["cargo", "bench", "--locked", "--features", FEATURES, "--bench", "roofline", "--"]
 INSTRUCTIONS = ROOT / "benches" / "instructions" / "expected.json"
-#: As the bench of instructions calls them.
+#: Names of the algorithms in the instruction bench.
 COUNTED_AS = {
     "forward dynamics, covariance": "forward_dynamics/covariance",
     "forward dynamics, auto": "forward_dynamics/auto",
@@ -45,9 +48,9 @@ COUNTED_AS = {
 }
 COLOURS = ("#0072b2", "#56b4e9", "#d55e00", "#009e73", "#aa3377", "#b8860b")
 MARKERS = "osD^v"
-#: Of one state four columns go in a register, where there are registers of four.
+#: For one state, four columns share a register, if registers have four lanes.
 BY_COLUMNS = ("mass matrix", "inverse of the mass matrix")
-#: A limit that explains this much of the time is said to bound it.
+#: A limit that explains at least this fraction of the time is reported as the bound.
 MOST = 0.5
 
 TERMS = """\
@@ -95,7 +98,7 @@ def measured(seconds: float) -> Row:
 
 
 def caches() -> list[int]:
-    """Bytes of L1 (data) and L2, where the system tells; else those of many machines."""
+    """Bytes of L1 (data) and L2, if the system reports them; otherwise typical values."""
     sizes = {1: 32 << 10, 2: 1 << 20}
     for entry in sorted(Path("/sys/devices/system/cpu/cpu0/cache").glob("index*")):
         level, kind, size = ((entry / name).read_text().strip() for name in ("level", "type", "size"))
@@ -105,21 +108,21 @@ def caches() -> list[int]:
 
 
 def roof(arms: Sequence[Row], name: str, states: int) -> Row:
-    """The arm whose peak holds: one state on AVX-512 has numbers, or four columns, in registers no wider than those of AVX2."""
+    """Instruction set of the peak: with AVX-512, one state uses registers that are no wider than those of AVX2."""
     wanted = "avx2" if name == "avx512" and states == 1 else name
     return next(arm for arm in arms if arm["name"] == wanted)
 
 
 def judged(found: Row) -> list[Row]:
-    """Each case with its share of the peak and what bounds it."""
+    """Each case with its fraction of the peak and its bound."""
     rows = []
     for case in found["cases"]:
         arm, ns = roof(found["arms"], case["arm"], case["states"]), case["ns"]
-        # How much of a register stays empty.
+        # Fraction of a register that is used.
         unused = arm["lanes"] if case["states"] == 1 and case["algorithm"] not in BY_COLUMNS else 1
         case["bytes"] = case["of_state"] + case["of_scene"] / case["lanes"]
         peak = arm["gflops"] / unused
-        # At the rate of full registers, which one number a register cannot reach.
+        # At the rate of full registers, which one value per register cannot reach.
         divisions = case["operations"]["divisions"] * arm["division_ns"]
         level = "l1" if case["bytes"] * case["lanes"] <= found["caches"][0] else "l2"
         bandwidth = arm[f"{level}_update"] / unused
@@ -129,7 +132,7 @@ def judged(found: Row) -> list[Row]:
             f"{level.upper()} bandwidth": case["bytes"] / bandwidth,
         }
         if case["results"] * case["states"] > found["caches"][1]:
-            # The cache reads what it is to write.
+            # A cache line is read before it is written.
             limits["results to memory"] = 2 * case["results"] / arm["far_update"]
         name = max(limits, key=lambda limit: limits[limit])
         rows.append(
@@ -146,7 +149,7 @@ def judged(found: Row) -> list[Row]:
 
 
 def instructions_a_cycle(found: Row) -> list[list[str]]:
-    """Where benches/instructions has counted the same: instructions, those for each operation, and how many a cycle."""
+    """Results of benches/instructions for the same cases: instructions, instructions per operation, and per cycle."""
     counted = json.loads(INSTRUCTIONS.read_text(encoding="utf-8")) if INSTRUCTIONS.exists() else {}
     rows = []
     for case in found["cases"]:
@@ -251,7 +254,7 @@ def page(found: Row, rows: Sequence[Row]) -> str:
 
 
 def draw(found: Row, rows: Sequence[Row]) -> bytes:
-    """Two panels on the widest arm: one state, and batches."""
+    """Two panels on the widest instruction set: one state, and batches."""
     arms = found["arms"]
     widest = arms[-1]
     algorithms = list(dict.fromkeys(row["algorithm"] for row in rows))
@@ -287,7 +290,7 @@ def draw(found: Row, rows: Sequence[Row]) -> bytes:
 
 
 def roofs(axes: Axes, arm: Row, intensities: Sequence[float]) -> None:
-    """Peak of a register full, of one lane, of operations that wait; and the slopes of L1 and L2."""
+    """Peak of a full register, of one lane, of dependent operations; and the slopes of L1 and L2."""
     low, high = min(intensities) / 2.5, max(intensities) * 7.0
     axes.set(xscale="log", yscale="log", xlim=(low, high))
     axes.xaxis.set_major_locator(FixedLocator([0.25, 0.5, 1, 2, 4, 8, 16]))

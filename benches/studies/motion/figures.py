@@ -1,4 +1,4 @@
-"""Numbers of the study put together: the tables of the page, and the sentences that hold numbers."""
+"""Tables of the page, and sentences that contain results."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from . import order
 from .collect import Point, Result, Study
 from .runs import METHODS
 
-#: phipsi's method, and the same of the peers.
+#: Method of phipsi, and the same method of the peers.
 SAME = (
     ("semi-implicit-euler", ("MuJoCo Euler", "Pinocchio semi-implicit")),
     ("rk4", ("MuJoCo RK4", "Pinocchio rk4")),
 )
-#: rad or m; errors of the peers are compared above this, where rounding is no part of them.
+#: rad or m; errors of the peers are compared above this value, where rounding is negligible.
 COMPARED = 1e-10
-#: s; the larger of the two steps that orders on stiff scenes are shown for.
+#: s; the larger of the two steps for which orders on stiff scenes are shown.
 COARSE = 1e-3
 
 
 def error_text(value: float | None) -> str:
-    """Such as 2e-9."""
+    """An error, such as 2e-9."""
     return "–" if value is None or not value > 0.0 else f"{value:.0e}".replace("e-0", "e-").replace("e+0", "e").replace("e+", "e")
 
 
@@ -31,14 +31,14 @@ def _order_text(value: float | None) -> str:
 
 
 def smooth_orders(study: Study) -> Table:
-    """A row a method, a column a smooth scene."""
+    """A row per method, a column per smooth scene."""
     names = [name for name in study.methods if any(name in result.points for result in study.smooth)]
     rows = [[name, *(_order_text(result.order(name)) for result in study.smooth)] for name in names]
     return Table(("method", *(result.case.name for result in study.smooth)), rows)
 
 
 def drift_orders(study: Study) -> Table:
-    """Slopes of the drifts: energy on every smooth scene, momentum where there is one to keep."""
+    """Slopes of the drifts: energy on every smooth scene, momentum if it is conserved."""
     tree = study.of("floating tree")
     columns = [(result, "energy") for result in study.smooth] + [(tree, "angular"), (tree, "linear")]
     names = [name for name in study.methods if any(name in result.points for result in study.smooth)]
@@ -47,7 +47,7 @@ def drift_orders(study: Study) -> Table:
 
 
 def adaptive_wins(study: Study) -> str:
-    """Where DOP853 is the quicker way to an error; empty where nowhere."""
+    """Errors for which DOP853 is faster; empty if there are none."""
     ahead = []
     for result in study.smooth:
         least = [
@@ -65,7 +65,7 @@ def adaptive_wins(study: Study) -> str:
 
 
 def third_order(study: Study) -> str:
-    """What rosenbrock-3 costs where nothing is stiff."""
+    """Cost of rosenbrock-3 on scenes that are not stiff."""
     ratios = []
     for result in study.smooth:
         ours = {point.steps: point.error for point in result.known("rosenbrock-3")}
@@ -97,7 +97,7 @@ def _stiff_cell(result: Result, method: str, rates: bool) -> str:
 
 
 def stiff_orders(study: Study, *, rates: bool = False) -> Table:
-    """The order between 1 ms and 0.5 ms, and over the finest steps; of configurations, or of rates."""
+    """Order between 1 ms and 0.5 ms, and over the finest steps; of configurations, or of joint velocities."""
     names = [name for name in study.methods if any(name in result.points for result in study.stiff)]
     rows = [[name, *(_stiff_cell(result, name, rates) for result in study.stiff)] for name in names]
     return Table(("method", *(result.case.name for result in study.stiff)), rows)
@@ -115,14 +115,14 @@ def _needed(result: Result, method: str) -> str:
 
 
 def largest_steps(study: Study) -> Table:
-    """The largest step tried at which, and below which, no run fails."""
+    """Largest step such that no run with it or a smaller step fails."""
     names = [name for name in study.methods if any(name in result.points for result in study.stiff)]
     rows = [[name, *(_needed(result, name) for result in study.stiff)] for name in names]
     return Table(("method", *(result.case.name for result in study.stiff)), rows)
 
 
 def references(study: Study) -> Table:
-    """How each reference was computed, and how far below the smallest error shown it is."""
+    """Computation of each reference, and its error relative to the smallest error shown."""
     rows = []
     for result in study.results:
         exact, smallest = result.exact, result.smallest()
@@ -132,7 +132,7 @@ def references(study: Study) -> Table:
 
 
 def scenes(study: Study) -> Table:
-    """What the scenes are."""
+    """Descriptions of the scenes."""
     rows = []
     for result in study.results:
         case, omega = result.case, result.case.omega
@@ -142,7 +142,7 @@ def scenes(study: Study) -> Table:
 
 
 def step_times(study: Study) -> Table:
-    """A row a method: time of a step for a state alone, and in a batch, on each smooth scene."""
+    """A row per method: time of a step for a single state, and in a batch, on each smooth scene."""
     names = [name for name in study.methods if any(name in result.alone for result in study.smooth)]
 
     def cell(result: Result, name: str) -> str:
@@ -189,7 +189,7 @@ def beside_peers(study: Study) -> list[str]:
 
 
 def explicit(study: Study) -> str:
-    """The sentence on where explicit methods fail."""
+    """Sentence on the failures of explicit methods."""
     result = study.of("springs 1e9")
     found = []
     for method in METHODS:
@@ -204,7 +204,7 @@ def explicit(study: Study) -> str:
 
 
 def ringing(study: Study) -> str:
-    """The sentence on springs that ring, with its numbers."""
+    """Sentence on oscillating springs, with results."""
     result = study.of("struck springs")
     rows = []
     for method in METHODS:

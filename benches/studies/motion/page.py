@@ -1,4 +1,4 @@
-"""The motion report: its sections, from measurements to words, tables and plots."""
+"""Motion report: its sections with texts, tables and plots."""
 
 from __future__ import annotations
 

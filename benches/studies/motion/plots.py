@@ -1,4 +1,4 @@
-"""The plots of the motion report."""
+"""Plots of the motion report."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .runs import METHODS, WRONG
 
 
 class Look(NamedTuple):
-    """Of a method's curves."""
+    """Style of the curves of a method."""
 
     ink: str
     symbol: str = "circle"
@@ -24,7 +24,7 @@ class Look(NamedTuple):
     size: float = 7.0
 
 
-#: Colours apart for all kinds of colour vision, a hue an integrator whoever runs it.
+#: Colors that are distinguishable with color vision deficiency, one hue per integrator.
 LOOKS: dict[str, Look] = {
     "semi-implicit-euler": Look("#0072b2"),
     "rk4": Look("#222222"),
@@ -39,9 +39,9 @@ LOOKS: dict[str, Look] = {
     "DOP853": Look("#8c6bb1", "x", size=8.0),
     "Radau": Look("#8c6bb1", "cross", size=10.0),
 }
-#: Where failed runs are marked, one height a method, and the axis' end.
+#: Position of the markers of failed runs, one height per method, and end of the axis.
 FAILED, TOP = 4.0, 3e3
-#: rad: beyond it two angles have nothing to do with each other.
+#: rad; larger differences of angles are meaningless.
 LOST = 3.0
 
 PHIPSI = tuple(method.name for method in METHODS)
@@ -50,19 +50,19 @@ ERROR, STEP, RUN = "error at the end, rad or m", "step, s", "run time of a simul
 
 
 def stiff(study: Study) -> list[Plot]:
-    """The springs, and the other stiff scenes."""
+    """Scenes with springs, and other stiff scenes."""
     springs = [result for result in study.stiff if result.case.name.startswith("springs")]
     others = [result for result in study.stiff if result not in springs]
     return [_stiff(study, "work-precision-springs", springs), _stiff(study, "work-precision-other-stiff", others)]
 
 
 def smooth(study: Study) -> list[Plot]:
-    """A plot a scene."""
+    """A plot per scene."""
     return [_smooth(study, result) for result in study.smooth]
 
 
 def file_name(result: Result) -> str:
-    """Of the diagram of a smooth scene."""
+    """Title of the panel of a smooth scene."""
     return f"work-precision-{result.case.name.replace(' ', '-')}"
 
 
@@ -74,7 +74,7 @@ def _line(name: str, x: Sequence[float], y: Sequence[float | None], note: str = 
 
 
 def _crosses(name: str, x: Sequence[float], height: float) -> Series:
-    """Where the method failed."""
+    """Steps at which the method failed."""
     return Series(name, LOOKS[name].ink, x, [height] * len(x), mark=8.0, symbol="x", note="failed")
 
 
@@ -93,7 +93,7 @@ def _names(study: Study, results: Sequence[Result]) -> list[str]:
 
 
 def _wide(title: str, values: Iterable[float], by: float = 1.6) -> Axis:
-    """A logarithmic axis around the values."""
+    """A logarithmic axis for the values."""
     known = [value for value in values if value > 0.0 and np.isfinite(value)] or [1.0]
     return Axis.powers(title, min(known) / by, max(known) * by)
 
@@ -111,7 +111,7 @@ def _against_step(study: Study, result: Result, x: Axis, y: Axis, title: str) ->
 
 
 def _failures(study: Study, result: Result, at: Callable[[Point], float], x: Axis) -> list[Series]:
-    """Runs that failed, above the line, a row a method."""
+    """Failed runs, above the line, a row per method."""
     failing = [name for name in study.methods if any(p.failure for p in result.points.get(name, []))]
     rows = [
         _crosses(name, [at(point) for point in result.points[name] if point.failure], FAILED * 2.4**row)
@@ -121,7 +121,7 @@ def _failures(study: Study, result: Result, at: Callable[[Point], float], x: Axi
 
 
 def _run_times(result: Result, ns: dict[str, float], adaptive: bool) -> list[tuple[str, list[float], list[float | None]]]:
-    """Of every method: run time of a simulated second, s, and error."""
+    """Run time per simulated second, s, and error of every method."""
     found: list[tuple[str, list[float], list[float | None]]] = []
     for name in (name for name in result.points if name in ns):
         known = result.known(name)
@@ -153,7 +153,7 @@ def _errors(results: Sequence[Result]) -> Axis:
 
 
 def _smooth(study: Study, result: Result) -> Chart:
-    """Against step, against time of one state, against time of a state in a batch."""
+    """Error against step, time of one state, and time per state in a batch."""
     batch = result.batch | {name: ns for name, ns in result.alone.items() if name not in result.batch}
     x, y = _times(_run_times(result, result.alone, True) + _run_times(result, batch, False)), _errors([result])
     panels = [
@@ -165,7 +165,7 @@ def _smooth(study: Study, result: Result) -> Chart:
 
 
 def _stiff(study: Study, name: str, results: Sequence[Result]) -> Chart:
-    """A scene below the other: against step left, against time of one state right."""
+    """One row per scene: error against step left, against time of one state right."""
     y, panels = _errors(results), []
     x = _times([row for result in results for row in _run_times(result, result.alone, True)])
     for result in results:
@@ -175,7 +175,7 @@ def _stiff(study: Study, name: str, results: Sequence[Result]) -> Chart:
 
 
 def horizon_plot(study: Study) -> Chart:
-    """Growth and references left, the methods' errors right."""
+    """Growth and references left, errors of the methods right."""
     seen = study.horizon
     end = study.results[0].case.time
     x = Axis("time, s", 0.0, float(seen.t[-1]))
@@ -198,7 +198,9 @@ def horizon_plot(study: Study) -> Chart:
 
 
 def stiffness(study: Study) -> Chart:
-    """Error above and order below, against h omega: configurations and rates on the slow manifold, configurations of what rings."""
+    """Error above and order below, against h omega: configurations and velocities on the slow manifold, configurations
+    of oscillating springs.
+    """
     columns = (
         ("on the slow manifold", False, "errors", "order", "error after 0.1 s, h = 1 ms, rad"),
         ("the same, error of the rates", False, "rate_errors", "rate_order", "error of rates, rad/s"),
@@ -229,7 +231,7 @@ def _spring_orders(study: Study, x: Axis, rings: bool, order: str, title: str) -
     series = [_upright("h ω = 1", 1.0, y, dash=True)]
     for name in PHIPSI:
         rows = [one for one in study.springs if one.method == name and one.ringing == rings]
-        # Beyond the axis an order says that a run was about to fail, or that its error was changing its sign.
+        # An order beyond the axis means that a run was close to failure, or that its error changed its sign.
         orders = [getattr(one, order) for one in rows]
         shown = [None if value is None or not low <= value <= high else value for value in orders]
         series.append(_line(name, [one.turned for one in rows], shown))

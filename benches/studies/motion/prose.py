@@ -1,4 +1,4 @@
-"""What the page says beside its numbers; names in braces are put in."""
+"""Texts of the page; names in braces are replaced by results."""
 
 from __future__ import annotations
 
