@@ -17,10 +17,10 @@ import phipsi
 
 FOLDER = Path(__file__).resolve().parents[1] / "python" / "phipsi" / "report"
 
-HEAD = """# What `auto` costs in the states that robots are in
+HEAD = """# Cost of form `auto` by kind of state
 
-Time of `form="auto"` over that of `form="covariance"`. Made by `make auto-states`; another machine gives other times, and ratios within some percent.
-How `auto` judges is in [numerics.md](numerics.md#how-a-form-is-judged). The page does not show states that lose digits, which `auto` does again in square-root form.
+Time of `form="auto"` relative to `form="covariance"`. Written by `make auto-states`; times differ between machines, ratios by a few percent.
+[numerics.md](numerics.md#error-estimates-and-fallbacks) describes the error estimate of `auto`. The page does not show states with a loss of precision, which `auto` recomputes in a more accurate form.
 """
 
 
@@ -35,7 +35,7 @@ def markdown(auto_cost: types.ModuleType, costs: dict) -> str:
     row, base, robot = max(every, key=lambda one: one[0].ratio)
     size = f"a batch of {row.batch}" if row.batch > 1 else "one state a call"
     parts.append(
-        f"Worst: {robot}, {base}, {row.kind}, {size}: auto {row.auto:.0f} ns a state, covariance {row.covariance:.0f}."
+        f"Worst: {robot}, {base}, {row.kind}, {size}: auto {row.auto:.0f} ns per state, covariance {row.covariance:.0f}."
     )
     parts.append("\n".join(f"- {kind}: {meaning}" for kind, meaning in auto_cost.kinds.MEANING.items()))
     return "\n\n".join(parts)
@@ -52,7 +52,7 @@ def main() -> None:
     parser.add_argument("robots", nargs="*", metavar="ROBOT")
     parser.add_argument("--quick", action="store_true", help="fewer turns")
     parser.add_argument("--seed", type=int, default=0, help="default: %(default)s")
-    parser.add_argument("--markdown", type=Path, metavar="FILE", help="write a page instead, as make auto-states does")
+    parser.add_argument("--markdown", type=Path, metavar="FILE", help="write a page instead, like make auto-states")
     options = parser.parse_args()
     known = auto_cost.example_robots()
     sources = {Path(robot).stem: known.get(robot, Path(robot)) for robot in options.robots}

@@ -90,7 +90,7 @@ def main() -> None:
     given = parser.parse_args()
     phipsi.set_num_threads(1)
     lines = [
-        "| robot | joints, rows | largest difference | one state, us | Pinocchio, us | times | in batches, us a state | times | at rest, held | limp | tree alone, us |",
+        "| robot | joints, rows | largest difference | one state, us | Pinocchio, us | ratio | in batches, us per state | ratio | static equilibrium | passive | tree alone, us |",
         "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     for name, (file, links, kind) in CASES.items():
@@ -117,16 +117,16 @@ def main() -> None:
             f"| {name} | {scene.nv}, {rows} | {apart:.0e} | {one:.1f} | {their:.1f} | {their / one:.1f} | {batch:.1f} | {their / batch:.1f} | {at_rest:.1f} | {fallen:.1f} | {alone:.1f} |"
         )
         print(lines[-1], flush=True)
-    how = "Both programs hold the feet of the same robots to the ground, at the same states. The difference is relative to the largest acceleration. Batches run on one thread."
+    how = "Both programs connect the feet of the same robots to the ground, in the same states. The difference is relative to the largest acceleration. Batches run on one thread."
     write(
         given.markdown,
         "Closed loops: times",
         [
             f"Written by `make closed-loops` (benches/closed_loops.py), on one thread. {how}",
-            "Pinocchio is called from Python, with ten proximal iterations at the most; it has no batches. `at rest, held` and `limp` are batches too, us a state: joints that carry the robot, and none that does.",
+            "Pinocchio is called from Python, with at most ten proximal iterations; it has no batches. `static equilibrium` and `passive` are batches of robots at rest, us per state: with the joint torques of static equilibrium, and with zero torques.",
         ],
         lines,
-        "loops between two links, many rows (m^3 is seen above some tens), threads, the square-root form. `tree alone` is forward dynamics of the same robot without its connections.",
+        "loops between two links, many constraints (the cost m^3 matters above some tens of rows), threads, the square-root form. `tree alone` is forward dynamics of the same robot without its connections.",
     )
 
 

@@ -44,15 +44,15 @@ NOT_ASKED = {(robot, f"{way}_dynamics_derivatives") for robot in ("solo12", "g1"
 #: Number of states per vector register, as in the compiled code.
 LANES = 8 if "avx512f" in Path("/proc/cpuinfo").read_text() else 4
 ABOUT_STATES = (
-    "Forward dynamics, from Python on one thread; the scene in form `auto` and in form `covariance`. *In doubt*: states whose margin is below zero, which the scene does once more; their time is in *compiled, watched*. "
-    "Drawn are joints from -1 to 1 around the neutral posture, rates and torques too."
+    "Forward dynamics, from Python on one thread; the scene in form `auto` and in form `covariance`. *Recomputed*: states whose error estimate exceeds the tolerance, which the scene recomputes; their time is included in *compiled, with estimate*. "
+    "Random states: joint positions within 1 of the neutral configuration, velocities and torques from -1 to 1."
 )
 ABOUT_WATCH = (
-    "In form `auto` the scene's own calls watch too. Of derivatives and products the compiled watch is a function of its own, which goes through the factor of the mass matrix once more and gives its margin; of forward dynamics and the inverse itself it is a few lines more."
+    "With form `auto` the methods of the scene compute error estimates too. For derivatives and products the compiled error estimate is a separate function, which recomputes the factor of the mass matrix; for forward dynamics and the inverse of the mass matrix it adds a few lines to the function."
 )
 ABOUT_CALLS = (
-    "The way from Python to machine code is longer than that to the scene: *as fast at* says from how many states on it is worth it, of "
-    f"{', '.join(map(str, compiled_states.COUNTS))} that were tried; fewer than *used from* are done by the scene. Form `auto`. *Compiled, one state*: the scene's call and what finds that it is to be taken. *Machine code, 8 states*: if it were not."
+    "A call of compiled code from Python has more overhead than a call of the scene. *Equal at* is the smallest batch for which compiled code is faster, of "
+    f"{', '.join(map(str, compiled_states.COUNTS))}; batches smaller than *used from* are computed by the scene. Form `auto`. *Compiled, one state*: the call of the scene, including the decision. *Machine code, 8 states*: the compiled code in spite of the small batch."
 )
 
 
@@ -127,7 +127,7 @@ def main() -> None:
     cases, turns = (dict(list(CASES.items())[:1]), 3) if given.quick else (CASES, TURNS)
     phipsi.set_num_threads(1)
     lines = [
-        "| robot | function | scene, ns a state | compiled | compiled, watched | CasADi | compiled, one state | CasADi, one state | compiling, s | CasADi | kB | CasADi | largest difference |",
+        "| robot | function | scene, ns per state | compiled | compiled, with estimate | CasADi | compiled, one state | CasADi, one state | compiling, s | CasADi | kB | CasADi | largest difference |",
         "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     random = np.random.default_rng(0)
@@ -168,9 +168,9 @@ def main() -> None:
                 print(lines[-1], flush=True)
     scenes = {name: load(*cases[name]) for name in compiled_states.ROBOTS if name in cases}
     for title, about, rows in (
-        ("In the states that robots are in", ABOUT_STATES, compiled_states.by_state(scenes, STATES, turns)),
-        ("What the watch costs", ABOUT_WATCH, compiled_states.of_watch(scenes, STATES, turns)),
-        ("What a call costs", ABOUT_CALLS, compiled_states.of_calls(scenes, turns)),
+        ("Forward dynamics by kind of state", ABOUT_STATES, compiled_states.by_state(scenes, STATES, turns)),
+        ("Cost of the error estimate", ABOUT_WATCH, compiled_states.of_watch(scenes, STATES, turns)),
+        ("Cost of a call", ABOUT_CALLS, compiled_states.of_calls(scenes, turns)),
     ):
         lines += ["", f"## {title}", "", about, ""]
         for row in rows:
@@ -180,13 +180,13 @@ def main() -> None:
         given.markdown,
         "Compiled robots: times",
         [
-            "Written by `make compiled` (benches/compiled.py). The scene's own calls are in form `covariance`, as what is compiled; *watched* is `phipsi.compile` in form `auto`, where the scene's own calls take longer too. All take the same arrays "
-            "from Python, on one thread; the scene and what is compiled check arguments and results, CasADi's code does not. CasADi "
-            f"{casadi_code.ca.__version__}: the usual recursions on its symbols, derivatives by its automatic differentiation, its C compiled with `{' '.join(casadi_code.FLAGS[:3])}`, {LANES} states in a register "
-            "(benches/peers/casadi_code.py). One state is timed in C, where no library is on the way. Compiling is of this function alone, written, compiled and loaded. CasADi is not asked for derivatives of robots on a free joint.",
+            "Written by `make compiled` (benches/compiled.py). The scene and the compiled code use form `covariance`; *with estimate* is `phipsi.compile` in form `auto`. All functions get the same arrays "
+            "from Python, on one thread. The scene and the compiled code check arguments and results, CasADi's code does not. CasADi "
+            f"{casadi_code.ca.__version__}: the usual recursions with its symbols, derivatives by automatic differentiation, its C code compiled with `{' '.join(casadi_code.FLAGS[:3])}`, {LANES} states per register "
+            "(benches/peers/casadi_code.py). One state is timed in C, without a library call. *Compiling* is the time to generate, compile and load this function alone. Derivatives of robots with a free joint are omitted for CasADi.",
         ],
         lines,
-        "threads. Of large robots the derivatives of thousands of states are more than the caches hold; one of some hundreds takes less than one of these 4096.",
+        "threads. For large robots, the derivatives of thousands of states exceed the caches; in batches of some hundreds, the time per state is shorter than in these of 4096.",
     )
 
 

@@ -48,16 +48,16 @@ def states(scene: phipsi.Scene, count: int) -> Iterator[tuple[str, np.ndarray, n
     q = scene.integrate(scene.neutral(), random.uniform(-1, 1, (count, scene.nv)))
     qd, tau = random.uniform(-1, 1, (2, count, scene.nv))
     held = scene.gravity_torque(q)
-    yield "drawn at random", q, qd, tau
-    yield "at rest, joints at zero, no torque", np.tile(scene.neutral(), (count, 1)), still, still
-    yield "held against gravity", q, still, held
-    yield "falling", q, qd, still
-    yield "one joint moving, held", q, np.eye(scene.nv)[np.arange(count) % scene.nv], held
+    yield "random", q, qd, tau
+    yield "passive, at rest, neutral", np.tile(scene.neutral(), (count, 1)), still, still
+    yield "static equilibrium", q, still, held
+    yield "passive, moving", q, qd, still
+    yield "static equilibrium, one joint moving", q, np.eye(scene.nv)[np.arange(count) % scene.nv], held
 
 
 def by_state(scenes: dict[str, phipsi.Scene], count: int, turns: int) -> Iterator[str]:
     """Forward dynamics for each kind of state, in both forms, and the number of recomputed states."""
-    yield "| robot | state | scene, ns a state | compiled, watched | in doubt | scene, covariance | compiled, covariance |"
+    yield "| robot | state | scene, ns per state | compiled, with estimate | recomputed | scene, covariance | compiled, covariance |"
     yield "| --- | --- | --- | --- | --- | --- | --- |"
     for name, scene in scenes.items():
         watched, plain = (phipsi.compile(scene, ["forward_dynamics"], form=form) for form in ("auto", "covariance"))
@@ -73,7 +73,7 @@ def by_state(scenes: dict[str, phipsi.Scene], count: int, turns: int) -> Iterato
 
 def of_watch(scenes: dict[str, phipsi.Scene], count: int, turns: int) -> Iterator[str]:
     """Each function with an error estimate, by the scene and compiled, with and without the estimate."""
-    yield "| robot | function | scene, ns a state | compiled, watched | compiled, covariance |"
+    yield "| robot | function | scene, ns per state | compiled, with estimate | compiled, covariance |"
     yield "| --- | --- | --- | --- | --- |"
     for name, scene in scenes.items():
         functions = [function for function in WATCHED if name != "g1" or function not in LONG]
@@ -88,7 +88,7 @@ def of_calls(scenes: dict[str, phipsi.Scene], turns: int) -> Iterator[str]:
     """Time of a call with few states by the scene and by compiled code, and the smallest batch for which compiled code
     is faster.
     """
-    yield "| robot | function | one state: scene, us | compiled | 8 states: scene, us | machine code | as fast at, states | used from |"
+    yield "| robot | function | one state: scene, us | compiled | 8 states: scene, us | machine code | equal at, states | used from |"
     yield "| --- | --- | --- | --- | --- | --- | --- | --- |"
     for name, scene in scenes.items():
         functions = [function for function in CALLS if name != "g1" or function not in LONG]

@@ -107,14 +107,14 @@ def main() -> None:
         given.markdown,
         "Robots on a microcontroller: flash and stack",
         [
-            f"Written by `make embedded` (benches/embedded.py): the C of each function in float, compiled for a Cortex-M4F by {compiler}, `{' '.join(FLAGS)}`. No function asks for anything but `sinf`, `cosf` and `sqrtf`: nothing is "
-            "allocated, and RAM is the stack and the arrays of the caller.",
+            f"Written by `make embedded` (benches/embedded.py): the C code of each function in float, compiled for a Cortex-M4F by {compiler}, `{' '.join(FLAGS)}`. The functions call only `sinf`, `cosf` and `sqrtf` and allocate "
+            "nothing: RAM is the stack and the arrays of the caller.",
             "",
-            f"Flash is that of the function with its constants, stack what the compiler says of the function itself. Instructions are those of a call, `sinf` and `cosf` of newlib with them, the mean of {CALLS}, counted by QEMU, which "
-            "is not a Cortex-M4 in time: nothing here was run on a chip.",
+            f"Flash is the size of the function with its constants; stack is the compiler's value for the function itself. Instructions are the mean of {CALLS} calls, including `sinf` and `cosf` of newlib, counted by QEMU, which "
+            "does not model the timing of a Cortex-M4. Nothing was run on a chip.",
         ],
         lines,
-        "flash and stack of `sinf` and `cosf` themselves, which a program has once, and cycles: a chip waits for its flash, and takes up to 14 cycles for a quotient or a root.",
+        "flash and stack of `sinf` and `cosf` themselves, which a program contains once, and cycles: a chip has wait states for its flash, and needs up to 14 cycles for a division or a square root.",
     )
 
 

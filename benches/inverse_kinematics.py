@@ -162,7 +162,7 @@ def main() -> None:
     given = parser.parse_args()
     phipsi.set_num_threads(1)
     lines = [
-        f"| arm | program | poses | 1 start | {STARTS // 2} starts | {STARTS} starts | a pose, us (median) | times phipsi's |",
+        f"| arm | program | poses | 1 start | {STARTS // 2} starts | {STARTS} starts | per pose, us (median) | relative to phipsi |",
         "| --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     for name in ARMS:

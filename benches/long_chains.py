@@ -26,7 +26,7 @@ FORMS = ("auto", "covariance", "joseph", "square-root")
 HEAD = """## Long chains
 
 Chains of n links of about 1 kg and 0.3 m on revolute joints about axes of any direction, at random configurations with joint velocities up to 0.1 rad/s. Times of one state from Python, medians. Errors are relative to the
-largest acceleration, against 34 digits, in units of sqrt(n) eps; *double-double* is form `square-root` with `tolerance=1e-15`. *Estimate* is `info.error` of `auto` in units of n eps, *bound* the bound that it meets."""
+largest acceleration, compared with a reference of 34 digits, in units of sqrt(n) eps; *double-double* is form `square-root` with `tolerance=1e-15`. *Estimate* is `info.error` of `auto` in units of n eps, *bound* the criterion that it meets."""
 
 
 def seconds(call: object, least: float = 0.2) -> float:
@@ -66,7 +66,7 @@ def section(most: int = SIZES[-1]) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--most", type=int, default=SIZES[-1], metavar="N", help="no longer chains; default: %(default)s")
+    parser.add_argument("--most", type=int, default=SIZES[-1], metavar="N", help="largest number of links; default: %(default)s")
     print(f"phipsi {phipsi.__version__}\n\n{section(parser.parse_args().most)}")
 
 

@@ -30,7 +30,7 @@ IGNORE = re.compile(r"ignore=\(([^)]*)\)")
 OTHER = {
     "MuJoCo does not compile it": "MuJoCo cannot read it",
     "inertia of a missing mesh": "from which the inertia of body",
-    "unequal numbers of one joint": "expected one number for all its axes",
+    "unequal values at one joint": "expected equal values for all axes",
     "inertia that no body can have": "no body has such an inertia",
     "no mass moves": "have no mass",
     "missing meshes or textures": "found no file",

@@ -22,7 +22,7 @@ phipsi report robot.urdf -o report      # then open report/index.html; --quick t
 Row = dict[str, str]
 
 MODELS = {"ur5": "ur5", "g1": "g1", "talos": "talos"}
-PARTS = {"One state, against Pinocchio in C++": "one state", "Batches on one core, against Pinocchio in C++": "batches"}
+PARTS = {"One state, compared with Pinocchio in C++": "one state", "Batches on one core, compared with Pinocchio in C++": "batches"}
 METHODS = {
     "square-root form": "phipsi, square-root form (fallback of `auto`)",
     "covariance form": "phipsi, `form=\"covariance\"`",

@@ -63,7 +63,7 @@ def compared(seed: int = 0) -> tuple[list[Other], list[str]]:
         if off <= AGREEMENT:
             kept.append(Other(peer.name, peer.version, peer.colour, partial(error_of, peer)))
         else:
-            lines.append(f"{peer.name} ({peer.version}) is off by {off:.0e} on scenes that are not extreme: left out.")
+            lines.append(f"{peer.name} ({peer.version}) has an error of {off:.0e} on scenes that are not extreme: omitted.")
     return kept, lines
 
 
@@ -141,31 +141,31 @@ def _table(found: Stability, method: str) -> Table:
 def _words(found: Stability, method: str) -> str:
     """A sentence that compares the method with the peers, by counts."""
     if not found.others:
-        return f"No peer was compared: the {method} stands beside dense algebra only."
+        return f"No peer was compared: the {method} is compared with dense algebra only."
     pairs = [row for row in _pairs(found, method) if row.point.errors[row.peer, "float64"].reason is None]
     ahead = sum(row.ours < 0.5 * row.theirs and row.theirs > NOISE[row.norm] for row in pairs)
     versions = ", ".join(dict.fromkeys(other.version for other in found.others))
     return (
-        f"Of {len(pairs)} comparisons with {versions} (every case, value, state and peer, in two norms), the {method} has the"
-        f" larger error in {len(worse(found, method))}: more than twice the peer's, above four times the sensitivity, and above"
-        f" {NOISE['max-norm']:.0e} (max-norm) or {NOISE['components']:.0e} (component by component). It has less than half of the"
-        f" peer's in {ahead}."
+        f"In {len(worse(found, method))} of {len(pairs)} comparisons with {versions} (every case, value, state and peer, in two norms), the error of the {method} is"
+        f" larger: more than twice that of the peer, above four times the sensitivity, and above"
+        f" {NOISE['max-norm']:.0e} (max-norm) or {NOISE['components']:.0e} (per component). In {ahead} comparisons it is less than half of"
+        f" that of the peer."
     )
 
 
 def _blocks(found: Compared) -> list[Block]:
-    absent = " ".join(["Not compared:", *found.absent]) if found.absent else "Every peer that this report knows was compared."
-    times = "Times beside Pinocchio's in C++ are not in this report: make bench measures them."
+    absent = " ".join(["Not compared:", *found.absent]) if found.absent else "All supported peers were compared."
+    times = "make bench measures times in comparison with Pinocchio in C++; they are not part of this report."
     refusals = (
-        "A dash in the column of phipsi is a refusal: the covariance form finds a pivot lost in rounding and raises, naming the joint, where"
-        " the peer returns an answer with the error given. It is counted as worse all the same."
+        "A dash in the column of phipsi is an error: the covariance form detects a pivot below the rounding error and raises, naming the joint, where"
+        " the peer returns a result with the given error. It counts as a larger error."
     )
     return [
         f"{_words(found, ROOT)} {absent} {times}", _table(found, ROOT), _words(found, COVARIANCE), _table(found, COVARIANCE), refusals
     ]
 
 
-WORSE = Section("worse", "Where phipsi is worse than a peer", blocks=_blocks)
+WORSE = Section("worse", "Cases in which a peer is more accurate", blocks=_blocks)
 COMPARED: Layout[Compared] = Layout(
     "compared", STABILITY.numbers, (WORSE, *STABILITY.sections), (Path(__file__).with_name("templates"),)
 )

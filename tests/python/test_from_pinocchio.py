@@ -195,7 +195,7 @@ def test_planar_joints_with_losses_along_axes_of_the_body_are_refused(what: str)
         model.armature[:] = 0.1
     else:
         model.upperDryFrictionLimit[:], model.lowerDryFrictionLimit[:] = 0.1, -0.1
-    with pytest.raises(SceneError, match=f"{what} 0.1 at the planar joint 'planar0'; expected zero, or joints PX, PY and RZ"):
+    with pytest.raises(SceneError, match=f"{what} 0.1 at the planar joint 'planar0'; expected zero, or the joints PX, PY and RZ"):
         phipsi.Scene.from_pinocchio(model)
 
 

@@ -190,7 +190,7 @@ def test_a_default_index_is_none(arm: phipsi.Scene, state: Any, kind: str) -> No
 REFUSED = {
     "shuffled numbers": (lambda p, v: p.Series(v[SHUFFLED], index=SHUFFLED), "its labels are no names"),
     "a slice": (lambda p, v: p.Series(np.r_[0, v])[1:], "its labels are no names"),
-    "other names": (lambda p, v: p.Series(v, index=list("abcdefg")), 'without "joint0", .* with what is no movable joint, "a", "b"'),
+    "other names": (lambda p, v: p.Series(v, index=list("abcdefg")), 'without "joint0", .* with names that are not movable joints, "a", "b"'),
     "one missing": (lambda p, v: p.Series(v[:6], index=NAMES[:6]), 'without "joint6"; expected every joint once: "joint0"'),
     "twice": (lambda p, v: p.Series(v, index=("joint0", *NAMES[:6])), 'without "joint6" and with twice "joint0"'),
     "dates": (lambda p, v: p.Series(v, index=p.date_range("2026-01-01", periods=7)), "its labels are no names"),
@@ -259,7 +259,7 @@ def test_units_are_not_converted(arm: phipsi.Scene, state: Any) -> None:
 
 BROKEN_DICTS: dict[str, tuple[Any, type[Exception], str]] = {
     "missing": ({name: 0.0 for name in NAMES[1:]}, ArgumentError, 'q: found an object of type dict without "joint0"; expected every joint once'),
-    "unknown": ({name: 0.0 for name in (*NAMES, "elbow")}, ArgumentError, 'with what is no movable joint, "elbow"'),
+    "unknown": ({name: 0.0 for name in (*NAMES, "elbow")}, ArgumentError, 'with names that are not movable joints, "elbow"'),
     "empty": ({}, ArgumentError, 'without "joint0", "joint1"'),
     "key": ({**dict.fromkeys(NAMES, 0.0), 7: 1.0}, ArgumentError, "q: found the key 7; expected names of joints"),
     "vector": ({**dict.fromkeys(NAMES, 0.0), "joint3": [1.0, 2.0]}, ShapeError, r'q\["joint3"\]: found shape \(2,\)'),

@@ -209,7 +209,7 @@ def test_unequal_numbers_of_one_joint_are_refused() -> None:
     [
         (3, ArgumentError, "source: found int"),
         ("<mujoco><worldbody><bdy/></worldbody></mujoco>", SceneError, "MuJoCo cannot read it.*bdy"),
-        ("missing.xml", SceneError, "'missing.xml', which is no file"),
+        ("missing.xml", SceneError, "'missing.xml', which is not a file"),
         (mujoco.MjSpec.from_string('<mujoco><worldbody><body><joint/></body></worldbody></mujoco>'), SceneError, "MuJoCo cannot read it: .*mass and inertia"),
     ],
 )

@@ -259,7 +259,7 @@ def test_the_table_of_auto_over_covariance() -> None:
     assert ["free base, held", "–"] in auto_cost.table(costs, False)[1]
     page = auto_states.markdown(auto_cost, costs)
     assert "| fixed base, held | 3.00 |" in page
-    assert "Worst: one, free base, held, a batch of 256: auto 8 ns a state, covariance 2." in page
+    assert "Worst: one, free base, held, a batch of 256: auto 8 ns per state, covariance 2." in page
 
 
 def test_the_page_needs_nothing_beside_itself(bundled: tuple[dict[str, Any], str, Path]) -> None:
@@ -353,7 +353,7 @@ def test_a_residual_beyond_its_bound_exits_with_1_and_is_on_the_page(
     result = CliRunner().invoke(commands.group, ["report", "--quick", "--states", "4", "-o", str(tmp_path)])
     assert result.exit_code == 1
     assert json.loads((tmp_path / "report.json").read_text())["passed"] is False
-    assert "✗ beyond" in (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert "✗ exceeded" in (tmp_path / "index.html").read_text(encoding="utf-8")
 
 
 def test_a_residual_that_is_not_a_number_fails() -> None:
@@ -387,7 +387,7 @@ def test_a_scene_where_nothing_moves_has_a_page(tmp_path: Path) -> None:
     found, page = written(scene, tmp_path)
     assert found["missing"].keys() == {"view", "joints", "mass", "residuals", "calls", "accuracy", "condition", "emergence"}
     assert found["emergence"] is None
-    assert "Nothing moves" in page
+    assert "This scene has no degree of freedom" in page
 
 
 def test_a_scene_too_large_for_dense_algebra_has_a_page(tmp_path: Path) -> None:
@@ -472,7 +472,7 @@ def test_an_inertia_that_no_body_has_is_not_sampled_but_reported(tmp_path: Path)
     assert "odd" in found["missing"]["sampling"]
     assert {point["route"] for point in found["emergence"]["points"]} == {"recursion", "dense product"}
     assert found["emergence"]["slopes"] == found["emergence"]["samples_a_second"] == []
-    assert "Samples not here: inertia of link" in page
+    assert "Samples not available: inertia of link" in page
     assert 'id="plot-emergence"' not in page
     assert all(math.isfinite(number) for number in numbers(found))
 

@@ -102,7 +102,7 @@ def test_limits_broken_are_told(tmp_path: Path) -> None:
     state.write_text('{"q": {"joint2": 3.0}}')
     result = run("-o", tmp_path, "--state", state, "--time", 0.002, "--limits", "report")
     assert result.exit_code == 0
-    assert "beyond its limit: joint2, upper 0.785398, first at t = 0 s" in result.output
+    assert "limit exceeded: joint2, upper 0.785398, first at t = 0 s" in result.output
 
 
 def test_what_diverges_exits_with_1_and_keeps_its_rows(tmp_path: Path) -> None:
@@ -188,7 +188,7 @@ def test_connections_of_a_mujoco_model(tmp_path: Path) -> None:
     )  # fmt: skip
     result = run(file, "-o", tmp_path / "run", "--time", 0.05, "--csv")
     assert result.exit_code == 0, result.output
-    assert "connections open by" in result.output
+    assert "largest constraint error of the connections:" in result.output
     with np.load(tmp_path / "run" / "trajectory.npz") as found:
         assert found["drift"].max() < 1e-9
     assert (tmp_path / "run" / "trajectory.csv").read_text(encoding="utf-8").splitlines()[0].endswith(",drift")

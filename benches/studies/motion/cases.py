@@ -99,7 +99,7 @@ def arm() -> Case:
     scene = builder.build()
     q = np.array([0.0, 1.2, 0.3, -0.8, 0.2, 0.6, 0.0])
     qd = np.array([1.0, 0.0, -0.5, 0.0, 1.0, 0.0, 2.0])
-    return Case("arm", "seven revolute joints, 1.4 m, falling under its weight, motors without torque", scene, q, qd, 0.5, 40)
+    return Case("arm", "seven revolute joints, 1.4 m, passive under gravity", scene, q, qd, 0.5, 40)
 
 
 def floating_tree() -> Case:
@@ -118,7 +118,7 @@ def floating_tree() -> Case:
     q[7:] = [0.3, -0.2, 0.5, -0.4, 0.1, 0.2]
     qd[:6] = [0.2, -0.1, 0.3, 1.0, -1.5, 0.8]
     qd[6:] = [1.0, -2.0, 0.5, -1.0, 1.5, 2.0]
-    return Case("floating tree", "a free body with two arms of three joints, no gravity, turning", scene, q, qd, 0.5, 40)
+    return Case("floating tree", "a rotating free body with two arms of three joints, without gravity", scene, q, qd, 0.5, 40)
 
 
 def long_chain() -> Case:
@@ -134,7 +134,7 @@ def long_chain() -> Case:
     scene = builder.build()
     q = 0.05 * np.sin(0.4 * np.arange(links))
     q[0] = 1.2
-    what = "64 links of 0.1 m, axes crossed, released in a curve"
+    what = "64 links of 0.1 m with alternating axes, released from a curved configuration"
     return Case("chain of 64", what, scene, q, np.zeros(links), 0.2, 40)
 
 
@@ -159,7 +159,7 @@ def held(stiffness: float, *, ringing: bool) -> Case:
 def struck() -> Case:
     """The same, released with unloaded springs, so that they oscillate."""
     scene = pendulum((0.0, 1e5, 1e5), (1.0, 1.0, 1.0), 0.4)
-    what = "the same with 1e5 N m/rad, released with the springs unloaded: off the slow manifold, so they ring"
+    what = "the same with 1e5 N m/rad, released with unloaded springs: off the slow manifold, so that they oscillate"
     return Case("struck springs", what, scene, np.array([1.0, 0.0, 0.0]), np.zeros(3), 0.1, 50, stiff=True, rings=True)
 
 
@@ -185,7 +185,7 @@ def armatures() -> Case:
     q = at_rest(scene, np.array([0.5, 0.0, 0.0, 0.0]), fast)
     what = (
         "four rods of 1 kg, armatures 100, 1, 1e-3 and 0 kg m^2, springs of 1e4 N m/rad on the first joint and 1e6 on the others,"
-        " these on the slow manifold"
+        " the latter on the slow manifold"
     )
     return Case("armature ratios", what, scene, q, np.zeros(4), 0.2, 50, stiff=True)
 

@@ -205,7 +205,7 @@ class Study(Findings):
 
     def provenance(self) -> list[tuple[str, str]]:
         """Hardware and programs."""
-        noisy = "noisy where other programs share the machine; errors, orders and drifts are the same in every run"
+        noisy = "times vary with other load on the machine; errors, orders and drifts are the same in every run"
         quick = [("quick", "fewer steps, tolerances and springs")] if self.quick else []
         return [*super().provenance(), ("programs compared", ", ".join(self.versions) or "none"), ("times", noisy), *quick]
 
@@ -266,7 +266,7 @@ def _point(case: Case, exact: Exact, steps: int, dt: float, path: Path) -> Point
         return Point(steps, dt, None, False, nothing, path.failure)
     error = distance(case, exact.q, path.q[-1])
     if not error <= WRONG:
-        return Point(steps, dt, None, False, nothing, f"ends {error:.1e} rad or m away")
+        return Point(steps, dt, None, False, nothing, f"final error {error:.1e} rad or m")
     rates = float(np.max(np.abs(path.qd[-1] - exact.qd)))
     return Point(
         steps, dt, error, error >= FAR * exact.error, drift(case, path), None, rates, rates >= FAR * exact.rate_error

@@ -61,7 +61,7 @@ def adaptive_wins(study: Study) -> str:
             ahead.append(f"{result.case.name} (errors of {error_text(max(least))} and below)")
     if not ahead:
         return ""
-    return f"No fixed step tried is as small in error and as quick as DOP853, for all its loop in Python, on: {', '.join(ahead)}."
+    return f"No tested fixed step is as accurate and as fast as DOP853, in spite of its loop in Python, on: {', '.join(ahead)}."
 
 
 def third_order(study: Study) -> str:
@@ -73,8 +73,8 @@ def third_order(study: Study) -> str:
     if not ratios:
         return ""
     return (
-        f"On smooth scenes rosenbrock-3, with as many stages, has {significant(min(ratios), 2)} to {significant(max(ratios), 2)} times the"
-        " error of rk4 at the same step."
+        f"On smooth scenes the error of rosenbrock-3, which has the same number of stages, is {significant(min(ratios), 2)} to {significant(max(ratios), 2)} times"
+        " that of rk4 at the same step."
     )
 
 
@@ -174,15 +174,15 @@ def beside_peers(study: Study) -> list[str]:
             ]
             if apart:
                 texts.append(
-                    f"At the same step the errors of {mine} and of {other} on the smooth scenes, where above"
-                    f" {error_text(COMPARED)}, differ by {error_text(max(apart))} of their size at most."
+                    f"At the same step the errors of {mine} and of {other} on the smooth scenes, if above"
+                    f" {error_text(COMPARED)}, differ by at most {error_text(max(apart))} relative to their magnitude."
                 )
     for mine, other in (("semi-implicit-euler", "MuJoCo Euler"), ("rk4", "MuJoCo RK4"), ("implicit-euler", "MuJoCo implicitfast")):
         alone = _ratios(study.smooth, lambda r, m=mine: r.alone.get(m), lambda r, o=other: r.alone.get(o))  # type: ignore[misc]
         batch = _ratios(study.smooth, lambda r, m=mine: r.batch.get(m), lambda r, o=other: r.alone.get(o))  # type: ignore[misc]
         if alone and batch:
             texts.append(
-                f"A step of {mine} takes {min(alone):.2g} to {max(alone):.2g} times that of {other} for a state alone, and"
+                f"A step of {mine} takes {min(alone):.2g} to {max(alone):.2g} times as long as one of {other} for a single state, and"
                 f" {min(batch):.2g} to {max(batch):.2g} times in a batch."
             )
     return texts
@@ -197,9 +197,9 @@ def explicit(study: Study) -> str:
         if failed:
             found.append(f"{method.name} at {min(failed) * 1e6:.3g} µs and more")
     return (
-        f"Explicit methods fail on stiff springs unless the step follows them: with springs of 1e9 N m/rad {', '.join(found)}. The implicit"
-        " ones are stable at every step tried, but do not follow what is faster than the step: a spring that rings is damped, and the error"
-        " is then as large as the ringing until the step resolves it; and orders reduce in the rates."
+        f"Explicit methods fail for stiff springs unless the step resolves their oscillation: with springs of 1e9 N m/rad {', '.join(found)}. The implicit"
+        " methods are stable at every tested step, but do not resolve motion that is faster than the step: an oscillating spring is damped, and the error"
+        " is as large as the oscillation until the step resolves it; and the order of the velocities is reduced."
     )
 
 
@@ -213,7 +213,7 @@ def ringing(study: Study) -> str:
             rows.append(f"{method.name} {error_text(point.error)} rad")
     fine = [f"{m.name} {_order_text(result.order(m.name))}" for m in METHODS]
     return (
-        f"At 1 ms the fastest spring turns {COARSE * result.case.omega:.1f} rad in a step, and the errors are: {', '.join(rows)}; of"
+        f"At 1 ms the phase of the fastest spring advances by {COARSE * result.case.omega:.1f} rad per step, and the errors are: {', '.join(rows)}; of"
         f" the two Rosenbrock methods that is the ringing itself, which they have damped away. Orders over the finest steps there:"
         f" {', '.join(fine)}."
     )

@@ -45,8 +45,8 @@ FAILED, TOP = 4.0, 3e3
 LOST = 3.0
 
 PHIPSI = tuple(method.name for method in METHODS)
-UNKNOWN = f"within {FAR:.0f} times the reference's own error"
-ERROR, STEP, RUN = "error at the end, rad or m", "step, s", "run time of a simulated second"
+UNKNOWN = f"within {FAR:.0f} times the error of the reference"
+ERROR, STEP, RUN = "final error, rad or m", "step, s", "run time per simulated second"
 
 
 def stiff(study: Study) -> list[Plot]:
@@ -159,7 +159,7 @@ def _smooth(study: Study, result: Result) -> Chart:
     panels = [
         _against_step(study, result, _steps([result]), y, "against step"),
         _against_time(study, result, result.alone, x, y, "against time, one state", adaptive=True),
-        _against_time(study, result, batch, x, y, "against time, a state of 64", adaptive=False),
+        _against_time(study, result, batch, x, y, "against time per state, batch of 64", adaptive=False),
     ]
     return Chart(file_name(result), panels, 3, 320)
 
@@ -181,7 +181,7 @@ def horizon_plot(study: Study) -> Chart:
     x = Axis("time, s", 0.0, float(seen.t[-1]))
     y = [Axis.powers(title, 1e-16, 100.0) for title in ("difference, rad", "error, rad")]
     left = [
-        Series(f"a change of {horizon.MOVED:.0e} in the start", "#009e73", seen.t, seen.growth * horizon.MOVED, 1.6, 5.0),
+        Series(f"perturbation of the initial state by {horizon.MOVED:.0e}", "#009e73", seen.t, seen.growth * horizon.MOVED, 1.6, 5.0),
         Series("difference of two references", "#aa3377", seen.t, seen.difference, 1.6, 5.0),
     ]
     right = [Series(UNKNOWN, GREY, seen.t, FAR * seen.difference, 1.0, dash=True, below=True, told=False)]
@@ -189,7 +189,7 @@ def horizon_plot(study: Study) -> Chart:
         lost = np.logical_or.accumulate(~(seen.errors[name] <= LOST))
         errors = np.where(lost | (seen.errors[name] < FAR * seen.difference), np.nan, seen.errors[name])
         right.append(Series(name, LOOKS[name].ink, seen.t, errors, 1.6, 5.0, dash=LOOKS[name].dash))
-    titles = ("what becomes of a small difference", f"error of the methods, h = 1/{horizon.SHOWN} s")
+    titles = ("growth of a small difference", f"error of the methods, h = 1/{horizon.SHOWN} s")
     panels = []
     for series, axis, title in zip((left, right), y, titles, strict=True):
         ends = [_upright("end of the diagrams below", end, axis), _upright("horizon", seen.end, axis, dash=True)]
@@ -203,8 +203,8 @@ def stiffness(study: Study) -> Chart:
     """
     columns = (
         ("on the slow manifold", False, "errors", "order", "error after 0.1 s, h = 1 ms, rad"),
-        ("the same, error of the rates", False, "rate_errors", "rate_order", "error of rates, rad/s"),
-        ("off it: the spring rings", True, "errors", "order", "error, rad"),
+        ("error of the velocities", False, "rate_errors", "rate_order", "error of rates, rad/s"),
+        ("off the slow manifold: oscillating spring", True, "errors", "order", "error, rad"),
     )
     x = _wide("h ω for h = 1 ms", [row.turned for row in study.springs])
     known = [error for row in study.springs for _, _, errors, _, _ in columns for error in getattr(row, errors) if error]
@@ -252,5 +252,5 @@ def drift(study: Study) -> Chart:
             curves.append(_line(name, [h for h, _ in rows], [value if value else None for _, value in rows]))
         known = [value for curve in curves for value in curve.y if value and np.isfinite(value)]
         y = Axis.powers("largest relative drift", max(min([*known, ROUNDING]) / 3.0, 1e-16), max([*known, ROUNDING]) * 3.0)
-        panels.append(Panel(x, y, [_area("rounding has a part in it", ROUNDING, x), *curves], f"{result.case.name}: {title}"))
+        panels.append(Panel(x, y, [_area("affected by rounding", ROUNDING, x), *curves], f"{result.case.name}: {title}"))
     return Chart("drift", panels, 2, 280)

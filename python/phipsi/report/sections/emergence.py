@@ -268,7 +268,7 @@ def _rates(
     # Limited by the estimated time, at least one per thread; independent of a clock.
     pieces = cores * max(1, min(effort.rate_pieces, int(effort.rate_ns / piece / cores)))
     if pieces * piece > 4 * effort.rate_ns:
-        missing["samples per second"] = f"{scene.nv} degrees of freedom: enough samples for {cores} threads take too long."
+        missing["samples a second"] = f"{scene.nv} degrees of freedom: enough samples for {cores} threads take too long."
         return []
     rates = []
     for count in reporter.each("Samples per second", sorted({1, cores})):

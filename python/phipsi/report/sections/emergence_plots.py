@@ -31,7 +31,7 @@ PARTS = {
     SOBOL: "Sobol points",
     PLAIN: "Plain Monte Carlo",
     DENSE: "Dense product",
-    "samples per second": "Samples per second",
+    "samples a second": "Samples per second",
 }
 
 
