@@ -125,7 +125,7 @@ def test_identify_from_rates_alone(measured: Path, tmp_path: Path) -> None:
     file, robot = tmp_path / "rates.npz", str(measured.parent / "arm.urdf")
     np.savez(file, **arrays)
     refused = run("identify", robot, str(file))
-    assert refused.exit_code == 2 and "neither qdd nor times t" in refused.output
+    assert refused.exit_code == 2 and "neither qdd nor ascending times t" in refused.output
     np.savez(file, t=t, **arrays)
     assert "accelerations were computed from qd by differences" in run("identify", robot, str(file)).output
 

@@ -213,7 +213,7 @@ def ringing(study: Study) -> str:
             rows.append(f"{method.name} {error_text(point.error)} rad")
     fine = [f"{m.name} {_order_text(result.order(m.name))}" for m in METHODS]
     return (
-        f"At 1 ms the phase of the fastest spring advances by {COARSE * result.case.omega:.1f} rad per step, and the errors are: {', '.join(rows)}; of"
-        f" the two Rosenbrock methods that is the ringing itself, which they have damped away. Orders over the finest steps there:"
+        f"At 1 ms the phase of the fastest spring advances by {COARSE * result.case.omega:.1f} rad per step, and the errors are: {', '.join(rows)}; for"
+        f" the two Rosenbrock methods this is the oscillation itself, which they damp. Orders over the finest steps:"
         f" {', '.join(fine)}."
     )
