@@ -1,4 +1,5 @@
-"""What each public method of a scene does in scenes with connections, contacts or coupled joints: one call of each, and the table of docs/methods-by-scene.md.
+"""Behavior of each public method of a scene with connections, contacts or coupled joints: one call of each, and the
+table of docs/methods-by-scene.md.
 
 `python tests/python/methods_by_scene.py docs/methods-by-scene.md` writes the page.
 """
@@ -43,7 +44,7 @@ def _vjp(scene: phipsi.Scene, s: State) -> Any:
 
 
 def _extras(scene: phipsi.Scene) -> tuple[Any, ...]:
-    """What a changed scene must keep."""
+    """Properties that a derived scene must keep."""
     return scene.connection_names, scene.contact_names, scene.nv, scene.link_names
 
 
@@ -53,7 +54,7 @@ def _identify(scene: phipsi.Scene, s: State) -> Any:
     return scene.identify(q, qd, qdd, scene.inverse_dynamics(q, qd, qdd) + 0.01 * random.normal(size=(40, scene.nv))).parameters
 
 
-#: A call of each method that takes a state of the scene, or makes another scene.
+#: A call of each method that takes a state of the scene, or returns another scene.
 CALLS: dict[str, Call] = {
     "acceleration": lambda scene, s: scene.acceleration(s.q, s.qd, s.qdd, _tip(scene)),
     "bias_torque": lambda scene, s: scene.bias_torque(s.q, s.qd),
@@ -131,7 +132,9 @@ def _stepped(scene: phipsi.Scene, s: State) -> np.ndarray:
 
 
 def _links(builder: phipsi.SceneBuilder, mimic: dict[str, Any] | None = None) -> phipsi.SceneBuilder:
-    """A crank, a coupler and a rocker in a plane, none of them balanced; the rocker follows another joint if `mimic` is given."""
+    """A crank, a coupler and a rocker in a plane, all unbalanced; the rocker is coupled to another joint if `mimic` is
+    given.
+    """
     for name, parent, at, length in (("crank", "ground", (0, 0, 0), 0.2), ("coupler", "crank", (0, 0, 0.2), 0.4), ("rocker", "ground", (0.3, 0, 0), 0.3)):
         builder.link(name, 1.0, (0.01, 0, 0.4 * length), np.diag([0.01, 0.012, 0.003]))
         builder.joint(name, "revolute", parent, name, xyz=at, axis=(0, 1, 0), lower=-3.0, upper=3.0, damping=0.1, **(mimic or {} if name == "rocker" else {}))
@@ -139,7 +142,7 @@ def _links(builder: phipsi.SceneBuilder, mimic: dict[str, Any] | None = None) ->
 
 
 def scene_of(kind: str) -> tuple[phipsi.Scene, phipsi.Scene, State]:
-    """A scene of a kind, the tree without what makes it of this kind, and a state of it."""
+    """A scene of a kind, the corresponding tree, and a state."""
     builder = _links(phipsi.SceneBuilder().link("ground"))
     q = np.array([0.5, 0.8, 0.2])
     if kind == "mimic":
@@ -162,7 +165,10 @@ def scene_of(kind: str) -> tuple[phipsi.Scene, phipsi.Scene, State]:
 
 
 def outcome(name: str, kind: str) -> tuple[str, str]:
-    """What a method does: "acts", where its result differs from the tree's; "tree", where it does not; "yes", for coupled joints; "refused", with the message."""
+    """Behavior of a method: "acts" if its result differs from that of the tree; "tree" if it does not; "yes" for
+    coupled
+    joints; "refused", with the message.
+    """
     scene, tree, state = scene_of(kind)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -187,7 +193,7 @@ def _same(found: Any, expected: Any) -> bool:
     return str(found) == str(expected)
 
 
-#: Methods that take no state: constructors, names and indices, pictures. `check` and `identify` have tests of their own.
+#: Methods without a state: constructors, names and indices, pictures. `check` and `identify` have separate tests.
 WITHOUT_STATE = frozenset(
     ["check", "connection_rows", "from_mujoco", "from_pinocchio", "from_urdf", "joint", "link", "neutral", "q_index", "show", "v_index", "without_connections", "without_contacts"]
 )
@@ -199,7 +205,7 @@ MEANING = {
     "refused": "raises an error that names them",
 }
 
-#: What each method does, for connections, contacts, coupled joints, in this order; a method that is not listed: "tree", "tree", "yes".
+#: Behavior of each method for connections, contacts, coupled joints, in this order; default: "tree", "tree", "yes".
 EXPECTED: dict[str, tuple[str, str, str]] = {
     **dict.fromkeys(["constrained_dynamics", "constrained_inverse_dynamics", "constrained_mass_matrix_inverse", "constraint_bias"], ("acts", "tree", "refused")),
     **dict.fromkeys(["constraint_error", "constraint_jacobian", "project"], ("acts", "tree", "refused")),
@@ -217,7 +223,7 @@ EXPECTED: dict[str, tuple[str, str, str]] = {
 
 
 def expected(name: str, kind: str) -> str:
-    """What a method does in scenes of a kind."""
+    """Behavior of a method in scenes of a kind."""
     return EXPECTED.get(name, ("tree", "tree", "yes"))[KINDS.index(kind)]
 
 

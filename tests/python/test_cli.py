@@ -16,7 +16,7 @@ from click.testing import CliRunner, Result
 from phipsi.report import commands, completion, identify, ik, info, kinds, simulate, view_robot  # noqa: F401  # the others register their commands
 from phipsi.report.sections import residuals
 
-#: Two links in line, the second without mass: its joint moves nothing.
+#: Two links in series, the second without mass: its joint moves no mass.
 MASSLESS_TIP = """
 <robot name="r"><link name="base"/><link name="a"><inertial><mass value="1"/><origin xyz="0 0 0.1"/>
 <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link><link name="tip"/>
@@ -74,7 +74,7 @@ def test_completion(shell: str) -> None:
 
 
 def test_bash_completes(tmp_path: Path) -> None:
-    """The script is one that bash reads, and the command answers it."""
+    """bash can read the script, and the command answers completion requests."""
     if (bash := shutil.which("bash")) is None:
         pytest.skip("no bash")
     script = tmp_path / "completion.bash"
@@ -88,7 +88,7 @@ def test_bash_completes(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Torques of the bundled arm with a load in its hand."""
+    """Torques of the bundled arm with a payload in its hand."""
     scene = phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM)
     loaded = scene.with_payload(scene.body_names[-1], mass=1.5, com=(0.0, 0.0, 0.1), inertia=0.01 * np.eye(3))
     q, qd, qdd = np.random.default_rng(0).uniform(-1, 1, (3, 200, 6))
@@ -109,7 +109,7 @@ def test_identify(measured: Path, tmp_path: Path) -> None:
     found = json.loads(result.output)
     assert max(found["after"]) < 0.01 < max(found["before"])
     assert list(found["joints"]["damping"]) == list(phipsi.Scene.from_urdf(robot).joint_names)
-    # The robot that was written explains the torques.
+    # The identified robot reproduces the torques.
     with np.load(measured) as archive:
         arrays = dict(archive)
     written = phipsi.Scene.from_urdf(tmp_path / "found.urdf")
@@ -184,7 +184,7 @@ def test_check_of_a_floating_base() -> None:
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """What it prints for two robots."""
+    """Output for two robots."""
     folder = tmp_path_factory.mktemp("bench")
     for name in ("first", "second"):
         (folder / f"{name}.urdf").write_text(phipsi.BUNDLED_ARM, encoding="utf-8")
@@ -195,7 +195,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 @pytest.mark.parametrize("command", [("check", "--states", "2"), ("bench", "--quick"), ("report", "--quick", "--states", "4")])
 def test_figures_for_programs(command: tuple[str, ...], tmp_path: Path) -> None:
-    """Nothing but JSON on the standard output, and the figures of the tables."""
+    """The standard output contains only JSON, with the values of the tables."""
     options = ["-o", str(tmp_path)] if command[0] == "report" else []
     result = run(*command, *options, "--json")
     assert result.exit_code == 0, result.output
@@ -306,7 +306,7 @@ TENDON = '<tendon><fixed name="rope" stiffness="2"><joint joint="hinge" coef="1"
 
 
 def test_messages_suggest_options_that_the_command_takes(tmp_path: Path) -> None:
-    """Whatever a message of load suggests."""
+    """All suggestions in messages of load."""
     pytest.importorskip("mujoco")
     robot = tmp_path / "robot.xml"
     robot.write_text(CONTACTS.format(""), encoding="utf-8")

@@ -1,4 +1,6 @@
-"""Every public method of a scene, with connections, contacts and coupled joints: supported, refused by name, or a quantity of the tree."""
+"""Every public method of a scene, with connections, contacts and coupled joints: supported, refused by name, or a
+quantity of the tree.
+"""
 
 from __future__ import annotations
 
