@@ -206,7 +206,7 @@ def everyday(quick: bool) -> str:
         "rate of that Jacobian": lambda q, qd, tau: scene.jacobian_rate(q, qd, link),
         "gravity torque": lambda q, qd, tau: scene.gravity_torque(q),
         "Coriolis matrix": lambda q, qd, tau: scene.coriolis_matrix(q, qd),
-        "mass centre": lambda q, qd, tau: scene.center_of_mass(q),
+        "center of mass": lambda q, qd, tau: scene.center_of_mass(q),
         "its Jacobian": lambda q, qd, tau: scene.center_of_mass_jacobian(q),
         "centroidal momentum matrix": lambda q, qd, tau: scene.centroidal_momentum_matrix(q),
         "its rate": lambda q, qd, tau: scene.centroidal_momentum_matrix_rate(q, qd),

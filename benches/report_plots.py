@@ -8,7 +8,7 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullLocator
-from phipsi.report.plotting import COLOURS, FAINT
+from phipsi.report.plotting import COLORS, FAINT
 from phipsi.report.text import brief_time, power
 from static import STYLE, finished, ticks
 from studies.programs import INKS
@@ -40,7 +40,7 @@ Dot = tuple[str, str, tuple[float, float, float]]
 def _ink(series: str, index: int) -> str:
     """Color by the library at the beginning of a series' name, as in the stability study; otherwise by position."""
     library = series.partition(":")[0].partition(",")[0]
-    return INKS.get(library, COLOURS[index % len(COLOURS)])
+    return INKS.get(library, COLORS[index % len(COLORS)])
 
 
 def draw(

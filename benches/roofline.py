@@ -46,7 +46,7 @@ COUNTED_AS = {
     "mass matrix": "mass_matrix",
     "inverse of the mass matrix": "mass_matrix_inverse/covariance",
 }
-COLOURS = ("#0072b2", "#56b4e9", "#d55e00", "#009e73", "#aa3377", "#b8860b")
+COLORS = ("#0072b2", "#56b4e9", "#d55e00", "#009e73", "#aa3377", "#b8860b")
 MARKERS = "osD^v"
 #: For one state, four columns share a register, if registers have four lanes.
 BY_COLUMNS = ("mass matrix", "inverse of the mass matrix")
@@ -271,7 +271,7 @@ def draw(found: Row, rows: Sequence[Row]) -> bytes:
                     row["flops"] / row["bytes"],
                     row["gflops"],
                     MARKERS[scenes.index(row["scene"]) % len(MARKERS)],
-                    color=COLOURS[algorithms.index(row["algorithm"]) % len(COLOURS)],
+                    color=COLORS[algorithms.index(row["algorithm"]) % len(COLORS)],
                     markersize=5.5,
                     markeredgecolor="white",
                     markeredgewidth=0.5,
@@ -280,7 +280,7 @@ def draw(found: Row, rows: Sequence[Row]) -> bytes:
             axes.set_xlabel("operations a byte")
         panels[0].set_ylabel("Gflop/s")
         handles = [
-            *(Line2D([], [], marker="s", ls="", color=COLOURS[i % len(COLOURS)], label=name) for i, name in enumerate(algorithms)),
+            *(Line2D([], [], marker="s", ls="", color=COLORS[i % len(COLORS)], label=name) for i, name in enumerate(algorithms)),
             *(Line2D([], [], marker=MARKERS[i % len(MARKERS)], ls="", color="#555b61", label=name) for i, name in enumerate(scenes)),
         ]
         figure.legend(handles=handles, loc="outside right center", frameon=False)

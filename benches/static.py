@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
-from phipsi.report.plotting import FAINT, GREY, INK, Axis, Chart, Plot, Series
+from phipsi.report.plotting import FAINT, GRAY, INK, Axis, Chart, Plot, Series
 
 #: Any, because the stubs of some versions of matplotlib list all keys.
 STYLE: Any = {
@@ -21,7 +21,7 @@ STYLE: Any = {
     # Names contain underscores, which TeX would interpret.
     "text.usetex": False,
     "text.color": INK,
-    "axes.edgecolor": GREY,
+    "axes.edgecolor": GRAY,
     "axes.labelcolor": INK,
     "axes.linewidth": 0.7,
     "axes.spines.top": False,

@@ -91,7 +91,7 @@ PAPER = {
             printed="f.P_plus + f.Phi @ f.P_plus + f.P_plus @ f.Phi.T + f.Phi @ f.P_plus @ f.H.T @ f.D.inv() @ f.H @ f.P_plus @ f.Phi.T",
         ),
         Equation("3.8", "f.K", "f.H @ f.Phi @ f.P @ f.H.T @ f.D.inv()"),
-        Equation("3.9", "f.E", "neighbours(f.Psi)", printed="neighbours(f.Psi_A)"),
+        Equation("3.9", "f.E", "neighbors(f.Psi)", printed="neighbors(f.Psi_A)"),
         Equation("3.9", "f.A", "one - f.g @ f.H"),
         Equation("3.10", "f.g", "f.P @ f.H.T @ f.D.inv()"),
         Equation("3.11", "f.Psi", "f.E + f.E @ f.A @ f.Psi"),
@@ -270,7 +270,7 @@ class Paper:
 
     def names(self) -> dict[str, Any]:
         """All names."""
-        methods = ("diagonal", "neighbours", "across", "body_inertias", "shifts", "composite_inertias", "error_covariance")
+        methods = ("diagonal", "neighbors", "across", "body_inertias", "shifts", "composite_inertias", "error_covariance")
         functions = {name: getattr(self, name) for name in methods}
         return {**vars(self), **functions, "np": np, "inverse": inverse, "covariance": covariance, "trace": trace}
 
@@ -286,7 +286,7 @@ class Paper:
         """Diagonal blocks."""
         return self._blocks(of.toarray(), lambda i, j: i == j)
 
-    def neighbours(self, of: phipsi.Operator) -> Matrix:
+    def neighbors(self, of: phipsi.Operator) -> Matrix:
         """Blocks from each row to the next one inboard."""
         return self._blocks(of.toarray(), lambda i, j: self.inward[j] == i)
 

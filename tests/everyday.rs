@@ -196,7 +196,7 @@ fn masses(case: &Case, instant: &Instant<'_>) -> Vec<(D, V)> {
         .collect()
 }
 
-fn mass_centre(case: &Case, instant: &Instant<'_>) -> V {
+fn center_of_mass(case: &Case, instant: &Instant<'_>) -> V {
     let masses = masses(case, instant);
     let total = masses.iter().fold(d(0.0), |sum, (mass, _)| sum + *mass);
     masses.iter().fold(V::from_element(d(0.0)), |sum, (mass, centre)| sum + centre * *mass) * (d(1.0) / total)
@@ -211,7 +211,7 @@ fn centroidal(case: &Case, q: &[D]) -> DMatrix<D> {
         let instant = case.oracle.at(q, &unit);
         let momentum = instant.momentum();
         let part = |first: usize| V::from_fn(|i, _| momentum[first + i]);
-        let about = part(0) - cross(&mass_centre(case, &instant), &part(3));
+        let about = part(0) - cross(&center_of_mass(case, &instant), &part(3));
         out.fixed_view_mut::<3, 1>(0, column).copy_from(&about);
         out.fixed_view_mut::<3, 1>(3, column).copy_from(&part(3));
     }
@@ -219,7 +219,7 @@ fn centroidal(case: &Case, q: &[D]) -> DMatrix<D> {
 }
 
 #[test]
-fn the_mass_centre_matches_first_principles() {
+fn the_center_of_mass_matches_first_principles() {
     for seed in 0..40 {
         let case = Case::new(seed);
         let (scene, nv, n) = (&case.scene, case.nv(), case.scene.links().len());
@@ -234,7 +234,7 @@ fn the_mass_centre_matches_first_principles() {
         let total = masses(&case, &instant).iter().fold(0.0, |sum, (mass, _)| sum + to_f64(*mass));
         assert_close("mass", scene.total_mass(), total, tolerance::product(n, total));
 
-        let centre = mass_centre(&case, &instant).map(to_f64);
+        let centre = center_of_mass(&case, &instant).map(to_f64);
         let reach = tolerance::count(n) * (1.0 + size(q));
         let found = scene.center_of_mass(&mut workspace, q).unwrap();
         assert_near("mass centre", found.as_slice(), centre.as_slice(), tolerance::product(n, reach));
@@ -323,7 +323,7 @@ fn arguments_are_checked() {
 }
 
 #[test]
-fn without_mass_there_is_no_mass_centre() {
+fn without_mass_there_is_no_center_of_mass() {
     let scene = SceneBuilder::new()
         .link(phipsi::scene::LinkDescription { name: "rock".into(), inertial: None })
         .build()

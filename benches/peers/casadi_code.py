@@ -95,8 +95,8 @@ def _bodies(model: pin.Model, q: ca.SX, qd: ca.SX) -> list[_Body]:
         columns, count = _columns(joint)
         own, along = _placement(joint, columns, q[joint.idx_q : joint.idx_q + count])
         rotation, offset = ca.SX(fixed.rotation) @ own, ca.SX(fixed.translation) + ca.SX(fixed.rotation) @ along
-        mass, centre = inertia.mass, pin.skew(inertia.lever)
-        matrix = np.block([[inertia.inertia - mass * centre @ centre, mass * centre], [-mass * centre, mass * np.eye(3)]])
+        mass, center = inertia.mass, pin.skew(inertia.lever)
+        matrix = np.block([[inertia.inertia - mass * center @ center, mass * center], [-mass * center, mass * np.eye(3)]])
         rows = slice(joint.idx_v, joint.idx_v + joint.nv)
         body = _Body(model.parents[k] - 1, rows, columns, rotation, offset, ca.SX(ca.sparsify(ca.DM(matrix))), ca.SX(), ca.SX())
         relative = columns @ qd[rows]

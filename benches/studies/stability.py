@@ -61,7 +61,7 @@ def compared(seed: int = 0) -> tuple[list[Other], list[str]]:
     for peer in peers:
         off = _off(peer, seed)
         if off <= AGREEMENT:
-            kept.append(Other(peer.name, peer.version, peer.colour, partial(error_of, peer)))
+            kept.append(Other(peer.name, peer.version, peer.color, partial(error_of, peer)))
         else:
             lines.append(f"{peer.name} ({peer.version}) has an error of {off:.0e} on scenes that are not extreme: omitted.")
     return kept, lines

@@ -49,10 +49,10 @@ def forward_dynamics(scene: Scene, form: str, errors: Errors = "raise", toleranc
     coordinates = Coordinates(scene)
 
     def value(q: Array, qd: Array, tau: Array) -> Array:
-        return np.asarray(scene.forward_dynamics(coordinates.normalised(q), qd, tau, form=form, tolerance=tolerance, errors=errors))  # type: ignore[call-overload]
+        return np.asarray(scene.forward_dynamics(coordinates.normalized(q), qd, tau, form=form, tolerance=tolerance, errors=errors))  # type: ignore[call-overload]
 
     def derivatives(q: Array, qd: Array, tau: Array) -> tuple[Array, ...]:
-        by_q, by_qd, minv = scene.forward_dynamics_derivatives(coordinates.normalised(q), qd, tau, form=form, tolerance=tolerance, errors=errors)  # type: ignore[arg-type]
+        by_q, by_qd, minv = scene.forward_dynamics_derivatives(coordinates.normalized(q), qd, tau, form=form, tolerance=tolerance, errors=errors)  # type: ignore[arg-type]
         return _by_coordinates(coordinates, q, by_q), by_qd, minv
 
     return Call(value, derivatives, ("q", "qd", "tau"), (scene.nq, scene.nv, scene.nv), scene.nv)
@@ -64,10 +64,10 @@ def inverse_dynamics(scene: Scene, errors: Errors = "raise") -> Call:
     coordinates = Coordinates(scene)
 
     def value(q: Array, qd: Array, qdd: Array) -> Array:
-        return np.asarray(scene.inverse_dynamics(coordinates.normalised(q), qd, qdd, errors=errors))
+        return np.asarray(scene.inverse_dynamics(coordinates.normalized(q), qd, qdd, errors=errors))
 
     def derivatives(q: Array, qd: Array, qdd: Array) -> tuple[Array, ...]:
-        by_q, by_qd, mass = scene.inverse_dynamics_derivatives(coordinates.normalised(q), qd, qdd, errors=errors)
+        by_q, by_qd, mass = scene.inverse_dynamics_derivatives(coordinates.normalized(q), qd, qdd, errors=errors)
         return _by_coordinates(coordinates, q, by_q), by_qd, mass
 
     return Call(value, derivatives, ("q", "qd", "qdd"), (scene.nq, scene.nv, scene.nv), scene.nv)
@@ -79,7 +79,7 @@ def integrate(scene: Scene, errors: Errors = "raise") -> Call:
     coordinates = Coordinates(scene)
 
     def value(q: Array, v: Array) -> Array:
-        return np.asarray(scene.integrate(coordinates.normalised(q), v, errors=errors))
+        return np.asarray(scene.integrate(coordinates.normalized(q), v, errors=errors))
 
     def derivatives(q: Array, v: Array) -> tuple[Array, ...]:
         if errors == "raise":
@@ -167,11 +167,11 @@ class Rollout:
         return found  # type: ignore[return-value]
 
     def _rows(self, q: Array, qd: Array, tau: Array) -> tuple[Array, Array]:
-        path = self.scene.simulate(self.coordinates.normalised(q), qd, tau_steps=tau, **self._steps(tau))
+        path = self.scene.simulate(self.coordinates.normalized(q), qd, tau_steps=tau, **self._steps(tau))
         return path.q, path.qd
 
     def _gradients(self, q: Array, tau: Array, rows: Array, rates: Array, by_rows: Array, by_rates: Array) -> tuple[Array, Array, Array]:
-        rows = self.coordinates.normalised(rows)
+        rows = self.coordinates.normalized(rows)
         by_tangents = np.einsum("...i,...ij->...j", by_rows, self.coordinates.changes(rows))
         found = self.scene.simulate_vjp(rows, rates, by_tangents, by_rates, tau_steps=tau, **self._steps(tau))
         return np.einsum("...i,...ij->...j", found.q, self.coordinates.tangents(q)), found.qd, found.tau

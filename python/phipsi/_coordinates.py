@@ -71,7 +71,7 @@ class Coordinates:
                 plain.extend(zip(range(q.start, q.stop), range(v.start, v.stop), strict=True))
         self._plain = tuple(np.array(plain, dtype=np.intp).reshape(-1, 2).T)
 
-    def normalised(self, q: Array) -> Array:
+    def normalized(self, q: Array) -> Array:
         """The configurations with unit quaternions, (..., nq). Zero and infinite quaternions are unchanged, so that the
         scene reports them.
         """
@@ -129,5 +129,5 @@ class Coordinates:
             jacobian = right_jacobian(a, angle)
             along[..., rows, rows] = np.eye(a.shape[-1]) + a @ jacobian
             by_v[..., rows, rows] = jacobian
-        end = self.changes(self.scene.integrate(self.normalised(q), v))
+        end = self.changes(self.scene.integrate(self.normalized(q), v))
         return end @ along @ self.tangents(q), end @ by_v

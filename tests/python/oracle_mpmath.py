@@ -246,20 +246,20 @@ class State:
     def mass_matrix(self) -> np.ndarray:
         total = identity(self.nv) * self.armature
         for link in self.links:
-            mass, _, central, centre = self._inertia(link)
+            mass, _, central, center = self._inertia(link)
             angular = self.angular[link.name]
-            total = total + mass * (centre.T @ centre) + angular.T @ central @ angular
+            total = total + mass * (center.T @ center) + angular.T @ central @ angular
         return total
 
     @cached_property
     def bias_torque(self) -> np.ndarray:
         torque = zeros(self.nv)
         for link in self.links:
-            mass, lever, central, centre = self._inertia(link)
+            mass, lever, central, center = self._inertia(link)
             omega, alpha = self.angular[link.name] @ self.qd, self.angular_bias[link.name]
-            at_centre = self.linear_bias[link.name] + skew(alpha) @ lever + skew(omega) @ (skew(omega) @ lever)
+            at_center = self.linear_bias[link.name] + skew(alpha) @ lever + skew(omega) @ (skew(omega) @ lever)
             moment = central @ alpha + skew(omega) @ (central @ omega)
-            torque = torque + centre.T @ (mass * (at_centre - self.gravity)) + self.angular[link.name].T @ moment
+            torque = torque + center.T @ (mass * (at_center - self.gravity)) + self.angular[link.name].T @ moment
         return torque
 
     def applied(self, wrenches: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -316,8 +316,8 @@ class State:
         """(angular about the base's origin, linear), in the base frame."""
         angular, linear = zeros(3), zeros(3)
         for link in self.links:
-            mass, lever, central, centre = self._inertia(link)
-            push = mass * (centre @ self.qd)
+            mass, lever, central, center = self._inertia(link)
+            push = mass * (center @ self.qd)
             linear = linear + push
             turning = central @ (self.angular[link.name] @ self.qd)
             angular = angular + turning + skew(self.position[link.name] + lever) @ push

@@ -48,7 +48,7 @@ def test_a_builder_can_build_twice() -> None:
     assert builder.build().link_names == ("base", "rod", "tool")
 
 
-def test_inertia_is_about_the_mass_centre() -> None:
+def test_inertia_is_about_the_center_of_mass() -> None:
     scene = pendulum(axis=(0, 0, 1)).build()
     assert_near(scene.mass_matrix([0.0]), [[4.0 + 0.1**2 + 0.2**2]], 8 * EPS)
 

@@ -238,7 +238,7 @@ def test_the_linear_system_is_made_of_the_derivatives(mixed: phipsi.Scene) -> No
     assert np.max(np.abs(a[:, :n, :n])) > 0.1
 
 
-def test_at_rest_neighbours_do_not_part(mixed: phipsi.Scene) -> None:
+def test_at_rest_neighbors_do_not_part(mixed: phipsi.Scene) -> None:
     q, qd, tau = random_states(mixed, 6)
     a, _ = mixed.linearize(q, 0.0 * qd, tau)
     assert np.all(a[: mixed.nv, : mixed.nv] == 0.0)

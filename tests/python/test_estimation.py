@@ -372,8 +372,8 @@ def test_against_sixty_digits(seed: int) -> None:
         name = link.name
         omega, alpha = state.angular[name] @ state.qd, state.angular_bias[name] + state.angular[name] @ a
         origin = state.linear_bias[name] + state.linear[name] @ a
-        centre = origin + skew(alpha) @ lever + skew(omega) @ (skew(omega) @ lever)
-        force = mass * (centre - state.gravity)
+        center = origin + skew(alpha) @ lever + skew(omega) @ (skew(omega) @ lever)
+        force = mass * (center - state.gravity)
         wrench[name] = (central @ alpha + skew(omega) @ (central @ omega), force, state.position[name] + lever)
 
     def outboard(link: str) -> list[str]:

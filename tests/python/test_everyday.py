@@ -121,7 +121,7 @@ def test_links_as_pinocchio(file: str, floating_base: bool) -> None:
 
 @bases
 @robots
-def test_the_mass_centre_as_pinocchio(file: str, floating_base: bool) -> None:
+def test_the_center_of_mass_as_pinocchio(file: str, floating_base: bool) -> None:
     scene, oracle, q, qd, qdd, scale = robot(file, floating_base)
     model, n = oracle.model, scene.nv
     if n == 0:
@@ -179,14 +179,14 @@ def test_identities(request: pytest.FixtureRequest, scene: str, state: str) -> N
             acceleration = scene.acceleration(q, qd, qdd, link, kind=kind, **given)
             assert_near(jacobian @ qdd + along, acceleration, product(n, scale))
     mass, matrix = scene.total_mass, scene.centroidal_momentum_matrix(q)
-    centre, jacobian = scene.center_of_mass(q), scene.center_of_mass_jacobian(q)
+    center, jacobian = scene.center_of_mass(q), scene.center_of_mass_jacobian(q)
     assert_near(mass, sum(scene.link(name).mass for name in scene.link_names if name in moving_links(scene)), product(n, mass))
-    scale = size(matrix, centre) * size(qd, qdd) * size(qd) * size(centre)
+    scale = size(matrix, center) * size(qd, qdd) * size(qd) * size(center)
     assert_near(mass * jacobian, matrix[3:], product(n, scale))
     assert_near(scene.center_of_mass_velocity(q, qd), jacobian @ qd, product(n, scale))
     about_origin = scene.momentum(q, qd)
-    about_centre = np.concatenate([about_origin[:3] - np.cross(centre, about_origin[3:]), about_origin[3:]])
-    assert_near(matrix @ qd, about_centre, product(n, scale))
+    about_center = np.concatenate([about_origin[:3] - np.cross(center, about_origin[3:]), about_origin[3:]])
+    assert_near(matrix @ qd, about_center, product(n, scale))
     rate = scene.centroidal_momentum_matrix_rate(q, qd)
     scale *= size(qd)
     assert_near(scene.center_of_mass_acceleration(q, qd, qdd), jacobian @ qdd + rate[3:] @ qd / mass, product(n, scale))
@@ -224,19 +224,19 @@ def world(state: State, link: str) -> np.ndarray:
     return np.concatenate([state.angular[link], state.linear[link] + skew(state.position[link]) @ state.angular[link]])
 
 
-def mass_centre(state: State) -> np.ndarray:
+def center_of_mass(state: State) -> np.ndarray:
     total = sum(exact(np.array(link.mass)) for link in state.links)
     return sum(exact(np.array(link.mass)) * (state.position[link.name] + state.rotation[link.name] @ exact(link.com)) for link in state.links) / total
 
 
 def centroidal(state: State) -> np.ndarray:
     """A from its definition: contribution of each link to the momentum."""
-    found, centre = np.zeros((6, state.nv)), mass_centre(state)
+    found, center = np.zeros((6, state.nv)), center_of_mass(state)
     for link in state.links:
         mass, central = exact(np.array(link.mass)), state.rotation[link.name] @ exact(link.inertia) @ state.rotation[link.name].T
         lever = state.rotation[link.name] @ exact(link.com)
         push = mass * (state.linear[link.name] - skew(lever) @ state.angular[link.name])
-        turning = central @ state.angular[link.name] + skew(state.position[link.name] + lever - centre) @ push
+        turning = central @ state.angular[link.name] + skew(state.position[link.name] + lever - center) @ push
         found = found + np.concatenate([turning, push])
     return found
 
@@ -273,12 +273,12 @@ def test_links_against_60_digits(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_the_mass_centre_against_60_digits(seed: int) -> None:
+def test_the_center_of_mass_against_60_digits(seed: int) -> None:
     scene, oracle, q, qd = in_60_digits(seed)
     n, mass = scene.nv, scene.total_mass
-    centre, matrix = rounded(mass_centre(oracle.here)), rounded(centroidal(oracle.here))
-    assert_near(scene.center_of_mass(q), centre, product(n, size(centre)))
-    assert_near(scene.center_of_mass_velocity(q, qd), oracle.along(mass_centre), product(n, size(matrix)))
+    center, matrix = rounded(center_of_mass(oracle.here)), rounded(centroidal(oracle.here))
+    assert_near(scene.center_of_mass(q), center, product(n, size(center)))
+    assert_near(scene.center_of_mass_velocity(q, qd), oracle.along(center_of_mass), product(n, size(matrix)))
     assert_near(scene.centroidal_momentum_matrix(q), matrix, product(n, size(matrix)))
     rate = oracle.along(centroidal)
     assert_near(scene.centroidal_momentum_matrix_rate(q, qd), rate, product(n, size(matrix, rate)))
@@ -322,11 +322,11 @@ def test_links_on_the_base_do_not_move_and_are_not_of_the_mass() -> None:
         scene = builder.build(leave_out=leave_out)
         assert scene.total_mass == 3.0
         q, qd = np.array([0.5]), np.array([2.0])
-        centre = np.array([4 / 3 * np.cos(0.5), 4 / 3 * np.sin(0.5), 1.0])
-        assert_near(scene.center_of_mass(q), centre, product(4, 1.0))
-        assert_near(scene.center_of_mass_velocity(q, qd), 2 * np.array([-centre[1], centre[0], 0]), product(4, 4.0))
-        assert_near(scene.center_of_mass_acceleration(q, qd, 0 * qd), -4 * centre * (1, 1, 0), product(4, 8.0))
-        assert_near(scene.centroidal_momentum_matrix(q)[:, 0], [0, 0, 1 + 2 / 3, -3 * centre[1], 3 * centre[0], 0], product(4, 8.0))
+        center = np.array([4 / 3 * np.cos(0.5), 4 / 3 * np.sin(0.5), 1.0])
+        assert_near(scene.center_of_mass(q), center, product(4, 1.0))
+        assert_near(scene.center_of_mass_velocity(q, qd), 2 * np.array([-center[1], center[0], 0]), product(4, 4.0))
+        assert_near(scene.center_of_mass_acceleration(q, qd, 0 * qd), -4 * center * (1, 1, 0), product(4, 8.0))
+        assert_near(scene.centroidal_momentum_matrix(q)[:, 0], [0, 0, 1 + 2 / 3, -3 * center[1], 3 * center[0], 0], product(4, 8.0))
         for frame in FRAMES:
             assert not scene.jacobian(q, "mast", frame=frame).any()
             for vector in (scene.velocity(q, qd, "mast", frame=frame), scene.acceleration(q, qd, qd, "base", frame=frame)):

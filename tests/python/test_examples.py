@@ -29,7 +29,7 @@ def test_paper_shows_every_equation() -> None:
         assert scene.count("as printed") >= 15
 
 
-def test_mppi_brings_the_arm_towards_its_goal() -> None:
+def test_mppi_brings_the_arm_toward_its_goal() -> None:
     command = [sys.executable, str(PAPER.with_name("mppi.py")), "--samples", "32", "--cycles", "25"]
     run = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert run.returncode == 0, run.stdout[-2000:] + run.stderr

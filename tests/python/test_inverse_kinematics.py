@@ -94,7 +94,7 @@ def test_each_task_is_met(task: Any) -> None:
         assert_near(found.q[2], 0.4, 2e-9)
 
 
-def test_a_mass_centre_and_a_hand_of_a_floating_robot() -> None:
+def test_a_center_of_mass_and_a_hand_of_a_floating_robot() -> None:
     scene = phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM, floating_base=True)
     place = np.eye(4)
     place[:3, 3] = 0.4, 0.1, 0.3

@@ -310,7 +310,7 @@ def test_adaptive_and_fixed_steps_agree(seed: int, kinds: tuple[str, ...] | None
     assert_near(found.qd, path.qd, bound)
 
 
-def test_new_centres_change_nothing_and_quaternions_stay_unit() -> None:
+def test_new_centers_change_nothing_and_quaternions_stay_unit() -> None:
     pytest.importorskip("scipy")
     # A free body that makes three turns: its angular velocity about a principal axis is constant.
     builder = phipsi.SceneBuilder().link("top", 1.0, (0, 0, 0), np.diag([0.2, 0.3, 0.4]))

@@ -56,7 +56,7 @@ def hung(kind: str) -> phipsi.Scene:
 
 
 @pytest.mark.parametrize("kind", ["point", "rod", "weld"])
-def test_forces_of_connections_are_what_moves_the_mass_centre(kind: str) -> None:
+def test_forces_of_connections_are_what_moves_the_center_of_mass(kind: str) -> None:
     """Newton: m a = m g + force, with the accelerations of the simulation."""
     scene = hung(kind)
     start = scene.neutral()

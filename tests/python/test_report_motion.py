@@ -160,8 +160,8 @@ def lagrange(_: Any, y: Any) -> list[Any]:
 
     a, b, u, w = y
     length, gravity = mpmath.mpf("0.5"), mpmath.mpf("9.81")
-    about_centre = length**2 / 12 * (1 + mpmath.mpf(1) / 400)
-    one, two = about_centre + 1.25 * length**2, about_centre + 0.25 * length**2
+    about_center = length**2 / 12 * (1 + mpmath.mpf(1) / 400)
+    one, two = about_center + 1.25 * length**2, about_center + 0.25 * length**2
     mixed, turn = 0.5 * length**2 * mpmath.cos(a - b), 0.5 * length**2 * mpmath.sin(a - b)
     r = -turn * w**2 - 1.5 * length * gravity * mpmath.sin(a)
     s = turn * u**2 - 0.5 * length * gravity * mpmath.sin(b)

@@ -95,8 +95,8 @@ def tree_of(scene: phipsi.Scene) -> Tree:
     assert not floating
     found = []
     for name, inertial in links:
-        mass, centre, (xx, xy, xz, yy, yz, zz) = inertial or (0.0, (0.0,) * 3, (0.0,) * 6)
-        found.append(Link(name, mass, np.array(centre), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])))
+        mass, center, (xx, xy, xz, yy, yz, zz) = inertial or (0.0, (0.0,) * 3, (0.0,) * 6)
+        found.append(Link(name, mass, np.array(center), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])))
     return Tree(
         tuple(found),
         tuple(

@@ -84,8 +84,8 @@ def test_exact_accelerations_are_those_of_places_in_fifty_digits(name: str, rati
             end, angle, rows = mpmath.mpc(0), mpmath.mpf(0), []
             for k in range(n):
                 angle += joints[k]
-                centre = mpmath.sqrt(mass[k]) * (end + com[k] * mpmath.expj(angle))
-                rows += [centre.real, centre.imag, mpmath.sqrt(inertia[k]) * angle]
+                center = mpmath.sqrt(mass[k]) * (end + com[k] * mpmath.expj(angle))
+                rows += [center.real, center.imag, mpmath.sqrt(inertia[k]) * angle]
                 end += length[k] * mpmath.expj(angle)
             missing = mpmath.expj(-angle) * (mpmath.mpc(0, loops.APART) - end)
             return [*rows, missing.real, missing.imag]

@@ -38,8 +38,8 @@ def test_mean_is_the_bias(case: Case) -> None:
     t = scene.random_model(q, qd, acceleration_variance=4.0).sample_torque(20_000, seed=1)
     standard_error = np.sqrt(4.0 * np.diagonal(scene.mass_matrix(q)) / len(t))
     assert np.all(np.abs(t.mean(axis=0) - scene.bias_torque(q, qd)) <= SIGMAS * standard_error)
-    centred = scene.random_model(q).sample_torque(20_000, seed=1)
-    assert np.all(np.abs(centred.mean(axis=0)) <= SIGMAS * standard_error / 2.0)
+    centerd = scene.random_model(q).sample_torque(20_000, seed=1)
+    assert np.all(np.abs(centerd.mean(axis=0)) <= SIGMAS * standard_error / 2.0)
 
 
 def test_three_ways_to_m(case: Case) -> None:

@@ -295,7 +295,7 @@ def test_arrows_are_to_scale() -> None:
     assert arrows is not None
     text, key = getattr(drawn, "/newtons/label").text, getattr(drawn, "/newtons").points
     assert text == "contact forces: 20 N"
-    metres = np.linalg.norm(key[0, 1] - key[0, 0]) / 20.0
+    meters = np.linalg.norm(key[0, 1] - key[0, 0]) / 20.0
     assert_near(key[..., 2], np.full((1, 2), -1.0), product(1, 1.0))
     frames, shown = ([getattr(drawn, f"/forces/{i}{part}") for i in range(2)] for part in ("", "/arrow"))
     for frame, seen in ((0, []), (15, [0]), (25, [0, 1]), (35, [1]), (39, []), (45, [])):
@@ -303,8 +303,8 @@ def test_arrows_are_to_scale() -> None:
         assert [i for i in range(2) if frames[i].visible] == seen
         for i in seen:
             assert_near(frames[i].position, at[frame, i], 0.0)
-            assert_near(shown[i].points, [[np.zeros(3), metres * force[frame, i]]], 1e-6)
-            assert 0.0 < shown[i].head_length <= 0.51 * metres * np.linalg.norm(force[frame, i])
+            assert_near(shown[i].points, [[np.zeros(3), meters * force[frame, i]]], 1e-6)
+            assert 0.0 < shown[i].head_length <= 0.51 * meters * np.linalg.norm(force[frame, i])
     arrows.turn(False, 15)
     assert not frames[0].visible and not getattr(drawn, "/newtons").visible
     assert Arrows.of(drawn, Forces("contact", at, np.zeros_like(force)), 2.0, np.zeros(3), -1.0) is None

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from phipsi.report.plotting import GREY, Axis, Chart, Panel, Plot, Series, level
+from phipsi.report.plotting import GRAY, Axis, Chart, Panel, Plot, Series, level
 from . import horizon
 from .collect import ROUNDING, Point, Result, Study
 from .reference import FAR
@@ -80,7 +80,7 @@ def _crosses(name: str, x: Sequence[float], height: float) -> Series:
 
 def _area(name: str, top: float, x: Axis) -> Series:
     assert x.low is not None and x.high is not None
-    return Series(name, GREY, [x.low, x.high], [top, top], line=1.0, dash=True, below=True, told=False)
+    return Series(name, GRAY, [x.low, x.high], [top, top], line=1.0, dash=True, below=True, told=False)
 
 
 def _upright(name: str, at: float, y: Axis, *, dash: bool = False) -> Series:
@@ -184,7 +184,7 @@ def horizon_plot(study: Study) -> Chart:
         Series(f"perturbation of the initial state by {horizon.MOVED:.0e}", "#009e73", seen.t, seen.growth * horizon.MOVED, 1.6, 5.0),
         Series("difference of two references", "#aa3377", seen.t, seen.difference, 1.6, 5.0),
     ]
-    right = [Series(UNKNOWN, GREY, seen.t, FAR * seen.difference, 1.0, dash=True, below=True, told=False)]
+    right = [Series(UNKNOWN, GRAY, seen.t, FAR * seen.difference, 1.0, dash=True, below=True, told=False)]
     for name in PHIPSI:
         lost = np.logical_or.accumulate(~(seen.errors[name] <= LOST))
         errors = np.where(lost | (seen.errors[name] < FAR * seen.difference), np.nan, seen.errors[name])

@@ -30,7 +30,7 @@ class Peer(NamedTuple):
     name: str
     version: str
     solver: Callable[[Scene], Solver]
-    colour: str = "#555555"
+    color: str = "#555555"
     """Color in plots."""
     gravity: tuple[float, float, float] | None = None
     """Gravity of the program, m/s^2, if it cannot be set: the scene and the reference then use it."""

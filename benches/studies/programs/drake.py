@@ -13,12 +13,12 @@ from .model import Array, Inertial, Model, Refused, Solver, World, read
 def _inertia(drake: Any, inertial: Inertial | None) -> Any:
     if inertial is None:
         return drake.SpatialInertia.Zero()
-    mass, centre, central = inertial
+    mass, center, central = inertial
     rotational = drake.RotationalInertia(
         central[0, 0], central[1, 1], central[2, 2], central[0, 1], central[0, 2], central[1, 2]
     )
     # Raises for invalid values.
-    return drake.SpatialInertia.MakeFromCentralInertia(mass, centre, rotational)
+    return drake.SpatialInertia.MakeFromCentralInertia(mass, center, rotational)
 
 
 def _plant(drake: Any, model: Model) -> tuple[Any, list[Any]]:

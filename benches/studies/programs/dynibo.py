@@ -22,14 +22,14 @@ def _numbers(values: Array) -> str:
 def _link(name: str, inertial: Inertial | None) -> str:
     if inertial is None:
         return f'<link name="{name}"/>'
-    mass, centre, central = inertial
+    mass, center, central = inertial
     entries = " ".join(
         f'i{"xyz"[row]}{"xyz"[column]}="{float(central[row, column])!r}"'
         for row in range(3)
         for column in range(row, 3)
     )
     return (
-        f'<link name="{name}"><inertial><origin xyz="{_numbers(centre)}" rpy="0 0 0"/><mass value="{mass!r}"/>'
+        f'<link name="{name}"><inertial><origin xyz="{_numbers(center)}" rpy="0 0 0"/><mass value="{mass!r}"/>'
         f"<inertia {entries}/></inertial></link>"
     )
 

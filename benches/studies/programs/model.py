@@ -27,7 +27,7 @@ class Inertial(NamedTuple):
     """Mass, kg, center of mass, m, and inertia about it (3, 3), kg m^2."""
 
     mass: float
-    centre: Array
+    center: Array
     central: Array
 
 
@@ -74,9 +74,9 @@ def read(scene: Scene) -> Model:
         if inertial is None:
             inertials[name] = None
             continue
-        mass, centre, (xx, xy, xz, yy, yz, zz) = inertial
+        mass, center, (xx, xy, xz, yy, yz, zz) = inertial
         central = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        inertials[name] = Inertial(mass, np.array(centre), central)
+        inertials[name] = Inertial(mass, np.array(center), central)
     parts = []
     for name, kind, _pitch, parent, child, (rotation, lever), axis, (armature, damping, _), _, _, (stiffness, _) in joints:
         if kind not in ("revolute", "prismatic") or not np.array_equal(np.reshape(rotation, (3, 3)), np.eye(3)):

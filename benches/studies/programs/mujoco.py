@@ -33,13 +33,13 @@ def _numbers(values: Array) -> str:
 def _inertial(inertial: Inertial | None) -> str:
     if inertial is None:
         return ""
-    mass, centre, central = inertial
+    mass, center, central = inertial
     diagonal = np.diag(central)
     if np.array_equal(central, np.diag(diagonal)):
         about = f'diaginertia="{_numbers(diagonal)}"'
     else:
         about = f'fullinertia="{_numbers(np.array([*diagonal, central[0, 1], central[0, 2], central[1, 2]]))}"'
-    return f'<inertial mass="{mass!r}" pos="{_numbers(centre)}" {about}/>'
+    return f'<inertial mass="{mass!r}" pos="{_numbers(center)}" {about}/>'
 
 
 def _body(model: Model, part: Part, moving: bool) -> str:

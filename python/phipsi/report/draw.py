@@ -8,14 +8,14 @@ from typing import NamedTuple
 import numpy as np
 
 from .._core import Scene
-from .plotting import GREY, INK, SOFT, Part, Space
+from .plotting import GRAY, INK, SOFT, Part, Space
 from .states import Array, ranges
 from .structure import Tree
 from .text import significant
 
 #: Colors of the parts.
 MERGED, TURN, SLIDE, FREE, MASS = "#b9bec4", "#0072b2", "#d55e00", "#009e73", "#e69f00"
-COLOURS = {"fixed": MERGED, "prismatic": SLIDE, "planar": FREE, "spherical": FREE, "floating": FREE}
+COLORS = {"fixed": MERGED, "prismatic": SLIDE, "planar": FREE, "spherical": FREE, "floating": FREE}
 KINDS = {"axes of revolute joints": TURN, "axes of prismatic joints": SLIDE, "joints with several degrees of freedom": FREE}
 #: More numbers than these overlap; they are shown after a click in the legend.
 MOST_NUMBERS = 60
@@ -26,7 +26,7 @@ class View(NamedTuple):
 
     right: Array
     up: Array
-    towards: Array
+    toward: Array
 
     @staticmethod
     def of(azimuth: float, elevation: float) -> View:
@@ -43,8 +43,8 @@ class View(NamedTuple):
         def area(view: View) -> float:
             wide, high = np.ptp(view.flat(cloud), axis=0)
             # Prefers the view from the front, or with x to the right, to the opposite one.
-            favour = 1.0 + 0.02 * view.towards[0] + 0.02 * view.right[0]
-            return float((wide + 0.2 * size) * (high + 0.2 * size) * favour)
+            favor = 1.0 + 0.02 * view.toward[0] + 0.02 * view.right[0]
+            return float((wide + 0.2 * size) * (high + 0.2 * size) * favor)
 
         return max(views, key=area)
 
@@ -75,9 +75,9 @@ def skeleton(scene: Scene, tree: Tree, q: Array) -> Space:
     size = float(np.ptp(cloud, axis=0).max()) or 1.0
     parts = [*_links(tree, origins), *_masses(tree, placements), *_joints(tree, placements, 0.04 * size)]
     parts.append(_numbers(tree, origins, 0.02 * size))
-    base = [Part("axes of the base", GREY, np.array([np.zeros(3), 0.15 * size * way]), line=3.0, names=("", letter), shown=False)
+    base = [Part("axes of the base", GRAY, np.array([np.zeros(3), 0.15 * size * way]), line=3.0, names=("", letter), shown=False)
             for letter, way in zip("xyz", np.eye(3), strict=True)]  # fmt: skip
-    return Space("skeleton", [part for part in (*parts, *base) if len(part.points)], View.best(cloud).towards)
+    return Space("skeleton", [part for part in (*parts, *base) if len(part.points)], View.best(cloud).toward)
 
 
 def segments(pairs: Sequence[tuple[Array, Array]]) -> Array:
@@ -112,7 +112,7 @@ def _joints(tree: Tree, placements: dict[str, Array], reach: float) -> list[Part
     """Joint axes by kind, extended by `reach`, m, to both sides, and a marker with the name."""
     parts = []
     for name, ink in KINDS.items():
-        joints = [joint for joint in tree.movable if COLOURS.get(joint.type, TURN) == ink]
+        joints = [joint for joint in tree.movable if COLORS.get(joint.type, TURN) == ink]
         centers = np.array([placements[joint.child][:3, 3] for joint in joints]).reshape(-1, 3)
         axes = [
             (center - reach * axis, center + reach * axis)

@@ -266,7 +266,7 @@ def _space(plot: Space) -> _Drawing:
         f"{letter}axis": hidden | {"range": _numbers([middle - 0.5 * length, middle + 0.5 * length])}
         for letter, middle, length in zip("xyz", 0.5 * (low + high), extent, strict=True)
     }
-    eye = plot.towards / np.linalg.norm(plot.towards)
+    eye = plot.toward / np.linalg.norm(plot.toward)
     right = np.cross([0.0, 0.0, 1.0], eye)
     # The center of the box is the center of the picture.
     flat = (cloud - 0.5 * (low + high)) @ np.stack([right, np.cross(eye, right)], axis=-1) / size

@@ -15,7 +15,7 @@ from .._core import Scene
 from .._forces import of_motion
 from .._motion import Trajectory
 from .draw import View, segments
-from .plotting import COLOURS, Part, Space
+from .plotting import COLORS, Part, Space
 from .states import Array
 from .structure import Tree
 
@@ -106,12 +106,12 @@ def stroboscope(path: Trajectory, tree: Tree, flashes: int = FLASHES) -> Space:
     tips = [link for link in tree.links if not tree.children.get(link)] or [tree.root]
     frozen, flown = path.scene.placements(path.q[at]), path.scene.placements(path.q[dense])
     origins = {name: placement[:, :3, 3] for name, placement in frozen.items()}
-    parts = [Part("paths of the tips", COLOURS[2], np.concatenate([_apart(flown[tip][:, :3, 3]) for tip in tips]), line=2.0)]
+    parts = [Part("paths of the tips", COLORS[2], np.concatenate([_apart(flown[tip][:, :3, 3]) for tip in tips]), line=2.0)]
     for i, shade in enumerate(np.linspace(0.25, 1.0, len(at))):
         lines = segments([(origins[one][i], origins[other][i]) for one, other in bones])
         if len(lines):
-            parts.append(Part(f"t = {path.t[at[i]]:.3g} s", COLOURS[0], lines, line=2.0 + 3.0 * shade, shade=float(shade)))
-    return Space("stroboscope", parts, View.best(np.concatenate(list(origins.values()))).towards)
+            parts.append(Part(f"t = {path.t[at[i]]:.3g} s", COLORS[0], lines, line=2.0 + 3.0 * shade, shade=float(shade)))
+    return Space("stroboscope", parts, View.best(np.concatenate(list(origins.values()))).toward)
 
 
 def _apart(line: Array) -> Array:

@@ -18,8 +18,8 @@ Array = NDArray[np.float64]
 Values: TypeAlias = "Sequence[float] | Array"
 
 #: Colors by index in METHODS; distinguishable with color vision deficiency.
-COLOURS = ("#0072b2", "#009e73", "#d55e00", "#aa3377", "#56b4e9", "#e69f00", "#4d4d4d")
-INK, SOFT, GREY, FAINT = "#2b2f33", "#6b7279", "#8a9199", "#d9dde1"
+COLORS = ("#0072b2", "#009e73", "#d55e00", "#aa3377", "#56b4e9", "#e69f00", "#4d4d4d")
+INK, SOFT, GRAY, FAINT = "#2b2f33", "#6b7279", "#8a9199", "#d9dde1"
 #: Largest number of ticks of an axis, with powers of ten and with longer labels, for narrow screens.
 MOST_POWERS, MOST_TICKS = 8, 5
 #: Possible positions of ticks in a decade of a logarithmic axis, finest first.
@@ -170,7 +170,7 @@ class Space:
 
     name: str
     parts: Sequence[Part]
-    towards: Array
+    toward: Array
     """Direction of the viewer, (3,)."""
 
 
@@ -180,4 +180,4 @@ Plot: TypeAlias = "Chart | Matrix | Space"
 def level(name: str, value: float, x: Axis) -> Series:
     """A dashed horizontal line."""
     assert x.low is not None and x.high is not None
-    return Series(name, GREY, [x.low, x.high], [value, value], line=1.0, dash=True, told=False)
+    return Series(name, GRAY, [x.low, x.high], [value, value], line=1.0, dash=True, told=False)

@@ -13,7 +13,7 @@ from .._motion import Trajectory
 from . import embed, motion
 from .page import Block, Figure, Table
 from .pipeline import Findings, Layout, Section, provenance
-from .plotting import COLOURS, GREY, Axis, Chart, Panel, Series
+from .plotting import COLORS, GRAY, Axis, Chart, Panel, Series
 from .progress import Reporter
 from .states import Array
 from .structure import Tree
@@ -30,7 +30,7 @@ ALWAYS = ("change", "remainder")
 KINDS = {"torque": "work of given torques", "damping": "work of damping", "friction": "work of dry friction", "control": "work of the control law"}
 KINDS |= {"stops": "work of joint stops", "contacts": "work of contacts", "change": "change of the energy", "remainder": "remainder"}
 #: Colors of the curves, in order.
-INKS = (*COLOURS[:6], "#8c564b", "#7f7f7f", "#17becf", "#bcbd22")
+INKS = (*COLORS[:6], "#8c564b", "#7f7f7f", "#17becf", "#bcbd22")
 
 
 @dataclass
@@ -85,7 +85,7 @@ def over_time(run: Run) -> Chart:
         series = [Series(label, inks[label], path.t[rows], one, line=1.6) for label, one in values.items()]
         if values is shares:
             ends = path.t[[0, -1]]
-            series += [Series("limit of torque", GREY, ends, [way, way], line=1.0, dash=True, told=False) for way in (1.0, -1.0)]
+            series += [Series("limit of torque", GRAY, ends, [way, way], line=1.0, dash=True, told=False) for way in (1.0, -1.0)]
         panels.append(Panel(time, Axis(title, form=".4~g"), series))
     return Chart("over-time", panels, height=200, linked=True, together=len(names) <= MOST_TOGETHER)
 

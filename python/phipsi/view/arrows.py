@@ -19,7 +19,7 @@ LEAST = 0.01
 #: Radius of shaft and head, and length of the head, relative to the size of the robot.
 SHAFT, HEAD, TIP = 0.006, 0.016, 0.045
 #: Initial direction from the robot to the camera; the reference arrow is perpendicular to it.
-TOWARDS = np.array([1.15, 0.85, 0.6])
+TOWARD = np.array([1.15, 0.85, 0.6])
 #: Distance of the reference arrow toward the camera, and largest distance below the center of the robot, relative to the size of the robot.
 NEAR, BELOW = 0.6, 0.5
 #: Text of the label.
@@ -39,13 +39,13 @@ class Arrows:
         self._frames = [server.scene.add_frame(name, show_axes=False, visible=False) for name in names]
         self._drawn = [server.scene.add_arrows(f"{name}/arrow", np.zeros((1, 2, 3)), COLOR, **shape) for name in names]
         value = below(usual)
-        way = np.cross([0.0, 0.0, 1.0], TOWARDS)
+        way = np.cross([0.0, 0.0, 1.0], TOWARD)
         way *= LENGTH * size * value / usual / np.linalg.norm(way)
-        near = np.array(middle) + NEAR * size * np.append(TOWARDS[:2], 0.0) / np.linalg.norm(TOWARDS[:2])
+        near = np.array(middle) + NEAR * size * np.append(TOWARD[:2], 0.0) / np.linalg.norm(TOWARD[:2])
         near[2] = max(floor, near[2] - BELOW * size)
         self._key = [
             server.scene.add_arrows("/newtons", np.array([[near - way / 2, near + way / 2]]), COLOR, **shape),
-            server.scene.add_label("/newtons/label", f"{NAMES[forces.what]}: {value:g} N", position=near + 0.06 * size * np.append(TOWARDS[:2], 0.0), anchor="top-center"),
+            server.scene.add_label("/newtons/label", f"{NAMES[forces.what]}: {value:g} N", position=near + 0.06 * size * np.append(TOWARD[:2], 0.0), anchor="top-center"),
         ]
         self.show(0)
 

@@ -24,7 +24,7 @@ from .._core import Scene
 from .._forces import Forces
 from .._motion import Trajectory
 from ..errors import ArgumentError, ShapeError
-from .arrows import TOWARDS, Arrows, below
+from .arrows import TOWARD, Arrows, below
 from .shapes import Shape, robot_size, shapes_of, translucent
 
 _Array = NDArray[np.float64]
@@ -130,7 +130,7 @@ class _Stage:
             "/ground", width=6 * size, height=6 * size, cell_size=below(size / 5), section_size=below(size), position=(*middle[:2], low)
         )
         camera = self.server.initial_camera
-        camera.position = tuple(middle + away * TOWARDS)
+        camera.position = tuple(middle + away * TOWARD)
         camera.look_at = tuple(middle)
         self.update(rows[0])
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ... import _core
 from ..pipeline import Section
-from ..plotting import COLOURS, Axis, Chart, Panel, Plot, Series, level
+from ..plotting import COLORS, Axis, Chart, Panel, Plot, Series, level
 from ..progress import Reporter
 from ..robot import DENSE_CAP, EPS, PRECISIONS, Report, median, rust
 from ..states import Array
@@ -62,9 +62,9 @@ class Accuracy:
         """log10 of the median error in units of eps; negative if it is less than one unit."""
         return self.digits(self.error_median)
 
-    def colour(self) -> str:
+    def color(self) -> str:
         """Color in all plots and tables."""
-        return COLOURS[_core.METHODS.index(self.method) % len(COLOURS)]
+        return COLORS[_core.METHODS.index(self.method) % len(COLORS)]
 
     def digits(self, error: float) -> float:
         """log10 of an error in units of eps."""
@@ -119,7 +119,7 @@ def _panel(rows: Sequence[Accuracy], precision: str, x: Axis) -> Panel:
     series = [level("machine epsilon", eps, x)]
     generator = np.random.default_rng(0)
     for row, values in zip(rows, errors, strict=True):
-        name, ink, at = symbols(row.method), row.colour(), 1e-9 * row.ns_per_state
+        name, ink, at = symbols(row.method), row.color(), 1e-9 * row.ns_per_state
         # Spread horizontally, so that points do not overlap.
         spread = at * np.exp(generator.uniform(-0.02, 0.02, len(values)))
         series += [

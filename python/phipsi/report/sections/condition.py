@@ -37,7 +37,7 @@ def error_against_condition(rows: Sequence[Accuracy], conditions: Array) -> Char
     highest, lowest = max(row.error_max for row in rows), min(row.error_median for row in rows)
     x = Axis.powers("condition number of M at the state", low / pad, high * pad, form=".3~g")
     y = Axis.powers("relative error of accelerations", max(0.02 * eps, lowest / 20.0), max(highest * 3.0, 30.0 * eps))
-    marks = [Series(symbols(row.method), row.colour(), conditions, row.errors, mark=5, shade=0.55) for row in rows]
+    marks = [Series(symbols(row.method), row.color(), conditions, row.errors, mark=5, shade=0.55) for row in rows]
     return Chart("error-against-condition", [Panel(x, y, [level("machine epsilon", eps, x), *marks])])
 
 

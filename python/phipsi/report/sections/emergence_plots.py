@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from ..pipeline import Section
-from ..plotting import COLOURS, INK, SOFT, Axis, Chart, Panel, Plot, Series, level
+from ..plotting import COLORS, INK, SOFT, Axis, Chart, Panel, Plot, Series, level
 from ..robot import EPS, Report
 from ..text import minus, power
 from .emergence import DENSE, PLAIN, RECURSION, SAMPLED, SIGMA, SOBOL, Emergence, Point, Slope, collect
 
 #: Colors and names of the methods.
-INKS = {PLAIN: COLOURS[2], SOBOL: COLOURS[0], SIGMA: COLOURS[1], RECURSION: COLOURS[3], DENSE: SOFT}
+INKS = {PLAIN: COLORS[2], SOBOL: COLORS[0], SIGMA: COLORS[1], RECURSION: COLORS[3], DENSE: SOFT}
 NAMES = {
     PLAIN: "plain Monte Carlo",
     SOBOL: "scrambled Sobol points",

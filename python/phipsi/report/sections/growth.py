@@ -9,7 +9,7 @@ import numpy as np
 
 from ... import _core
 from ..pipeline import Section
-from ..plotting import COLOURS, SOFT, Axis, Chart, Panel, Series, log_ticks
+from ..plotting import COLORS, SOFT, Axis, Chart, Panel, Series, log_ticks
 from ..progress import Reporter
 from ..robot import Report, rust, spread
 from ..text import count
@@ -72,7 +72,7 @@ def _plot(rows: Sequence[Row]) -> Chart:
     low, high = min(bodies) / 1.25, max(bodies) * 1.25
     x = Axis("bodies in the chain", low, high, log_ticks(low, high, lambda value: count(round(value))), True)
     series = []
-    for (kind, (name, _, _)), ink in zip(TIMED.items(), (*COLOURS[:2], SOFT), strict=True):
+    for (kind, (name, _, _)), ink in zip(TIMED.items(), (*COLORS[:2], SOFT), strict=True):
         values = [row.of(kind) for row in rows]
         series.append(Series(f"{name}, largest / smallest {spread(values):.2f}", ink, bodies, values, line=1.6, mark=6))
     highest = max(float(np.max(one.y)) for one in series)

@@ -55,7 +55,7 @@ def _row(row: Row) -> dict[str, Any]:
     mass = f"{scientific(row.link.mass, 2)} kg" if row.link.mass > 0.0 else ""
     kind = "" if joint.type == "fixed" else f"{joint.type}{_axis(row)}"
     details = " · ".join(text for text in (kind, mass) if text)
-    ink, rails = draw.COLOURS.get(joint.type, TURN), min(row.level, 12) - row.branch
+    ink, rails = draw.COLORS.get(joint.type, TURN), min(row.level, 12) - row.branch
     return {"joint": joint, "ink": ink, "details": details, "rails": rails, "branch": row.branch}
 
 

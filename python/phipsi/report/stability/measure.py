@@ -56,7 +56,7 @@ class Other(NamedTuple):
 
     name: str
     version: str
-    colour: str
+    color: str
     error: Callable[[scenes.Extreme, _core.Exact], Error]
     """Its error on a case, compared with the exact result."""
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ... import _core
-from ..plotting import COLOURS, GREY, Axis, Chart, Panel, Plot, Series, level
+from ..plotting import COLORS, GRAY, Axis, Chart, Panel, Plot, Series, level
 from ..robot import PRECISIONS
 from ..text import power
 from .measure import COVARIANCE, ROOT, TIMED, Point, Stability
@@ -31,7 +31,7 @@ def draw(found: Stability) -> list[Plot]:
 
 def _inks(found: Stability) -> dict[str, str]:
     """A color per method."""
-    return dict(zip(_core.FORMS, COLOURS, strict=False)) | {other.name: other.colour for other in found.others}
+    return dict(zip(_core.FORMS, COLORS, strict=False)) | {other.name: other.color for other in found.others}
 
 
 def _sweep(found: Stability, name: str, case: str, label: str) -> Chart:
@@ -52,7 +52,7 @@ def _sweep(found: Stability, name: str, case: str, label: str) -> Chart:
 def _curves(found: Stability, points: Sequence[Point], norm: int) -> list[Series]:
     x = [point.value for point in points]
     floor = [float(point.floor[norm] or 0.0) for point in points]
-    series = [Series("sensitivity of the problem", GREY, x, floor, line=1.0, dash=True, below=True)]
+    series = [Series("sensitivity of the problem", GRAY, x, floor, line=1.0, dash=True, below=True)]
     for method, ink in _inks(found).items():
         y = np.array([float(point.errors[method, "float64"][norm] or 0.0) for point in points])
         y = np.where(np.isfinite(y), np.maximum(y, 1e-18), np.nan)
