@@ -1,4 +1,4 @@
-//! The operators of the paper on chains of 10 to 10,000 links; samples per second of the probabilistic model.
+//! The operators of the paper on chains of 10 to 10,000 links; samples per second of the random model.
 //!
 //! `RAYON_NUM_THREADS=1 cargo bench --features stochastic,parallel --bench paper sampling` measures one core.
 

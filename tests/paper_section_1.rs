@@ -1,4 +1,4 @@
-//! Introduction and section 1 of the paper: the probabilistic model. One test per equation.
+//! Introduction and section 1 of the paper: the random model. One test per equation.
 
 use crate::common::matrices::{Matrix, Vector, apply, block, swept};
 use crate::common::paper::{self, Case, cases, column, six, trees};

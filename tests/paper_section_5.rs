@@ -1,6 +1,6 @@
 //! Section 5 of the paper: covariances of states, innovations and co-states. One test per equation.
 //!
-//! Each compared with dense algebra from its definition as a covariance, and with samples of the probabilistic model.
+//! Each compared with dense algebra from its definition as a covariance, and with samples of the random model.
 
 use crate::common::matrices::{Matrix, apply, block, block_diagonal};
 use crate::common::paper::{Case, cases, chains, trees};

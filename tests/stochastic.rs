@@ -1,4 +1,4 @@
-//! The probabilistic model: its samples satisfy (1.1) to (1.6), and M is their covariance (5.1).
+//! The random model: its samples satisfy (1.1) to (1.6), and M is their covariance (5.1).
 
 use crate::common::{ALL_KINDS, Random, Tree, random_scene, random_state, tolerance};
 use phipsi::operators::{Kind, Operator};

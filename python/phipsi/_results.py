@@ -381,7 +381,7 @@ class LinearSystem(NamedTuple):
 
 
 class Samples(NamedTuple):
-    """Samples of the probabilistic model, in body frames, with one block of six per degree of freedom as in Factor.
+    """Samples of the random model, in body frames, with one block of six per degree of freedom as in Factor.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-//! Samples of the probabilistic model: W with covariance Q, noise v with that of the armature, and bounds for
+//! Samples of the random model: W with covariance Q, noise v with that of the armature, and bounds for
 //! sample moments.
 
 use super::Random;

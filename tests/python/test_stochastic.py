@@ -1,4 +1,4 @@
-"""The probabilistic model from Python: sampling (1.1 to 1.6), and M from the covariance of T (5.1)."""
+"""The random model from Python: sampling (1.1 to 1.6), and M from the covariance of T (5.1)."""
 
 import concurrent.futures
 

@@ -106,4 +106,4 @@ def held_arms(options: Options) -> Section:
         + common.table(["robot", "phipsi", "MuJoCo"], rows)
     )
     found_text = ", ".join(f"{name} {common.relative(drift)}" if drift else f"{name} 0" for name, drift in drifts)
-    return Section("Arms held by friction", text, [Finding("arm held by dry friction, 10 s: drift", found_text, "exactly 0", not any(drift for _, drift in drifts))])
+    return Section("Arms in static equilibrium by friction", text, [Finding("arm held by dry friction, 10 s: drift", found_text, "exactly 0", not any(drift for _, drift in drifts))])

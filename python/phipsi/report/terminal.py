@@ -107,4 +107,4 @@ def _emergence(console: Console, found: Emergence) -> None:
     parts += [f"sigma points {point.error:.1e}" for point in found.along(SIGMA)]
     parts += [f"{rate.per_second:.1e} samples/s on {text.plural(rate.threads, 'thread')}" for rate in found.samples_a_second]
     if parts:
-        line(console, f"M from the probabilistic model, error: {', '.join(parts)}")
+        line(console, f"M from the random model, error: {', '.join(parts)}")

@@ -1,4 +1,4 @@
-"""M from samples of the probabilistic model (5.1): error, time and convergence rate of each method, coverage, samples
+"""M from samples of the random model (5.1): error, time and convergence rate of each method, coverage, samples
 per second.
 """
 
@@ -204,7 +204,7 @@ def _errors(scene: Scene, q: Array, seed: int, cases: Sequence[_Case], rounds: i
     # Separate seeds for each size: with equal seeds the errors would be correlated.
     seeds = _seeds(seed, 0, rounds * len(cases))
     answers: dict[_Case, list[tuple[float, float]]] = {}
-    for case, one in reporter.each("M from the probabilistic model", list(zip([*cases] * rounds, seeds, strict=True))):
+    for case, one in reporter.each("M from the random model", list(zip([*cases] * rounds, seeds, strict=True))):
         known = answers.setdefault(case, [])
         # Dense products of large scenes take seconds and are deterministic.
         if not known or case.samples or case.repeats > 1:

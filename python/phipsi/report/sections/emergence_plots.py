@@ -1,4 +1,4 @@
-"""Plots and tables of M from the probabilistic model: error against run time and against the number of samples."""
+"""Plots and tables of M from the random model: error against run time and against the number of samples."""
 
 from __future__ import annotations
 
