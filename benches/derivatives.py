@@ -219,7 +219,7 @@ def everyday(quick: bool) -> str:
     found = medians(runs, quick)
     rows = [[name, f"{found[f'{name}, 1']:.2f}", f"{found[f'{name}, 2'] / BATCH:.3f}"] for name in calls]
     rows.append(["a step of `simulator`, auto", f"{found['step']:.2f}", ""])
-    return f"Frequent calls, ur5: one state, and batches of {BATCH}.\n\n" + table(["us a state", "one", "batches"], rows)
+    return f"Frequent calls, ur5: one state, and batches of {BATCH}.\n\n" + table(["us per state", "one", "batches"], rows)
 
 
 def main() -> None:

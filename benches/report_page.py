@@ -231,7 +231,7 @@ def threads_text(python: Sequence[Row]) -> str:
 
 
 def compared_text(rows: Sequence[Row]) -> str:
-    head = ("operation", "model", "phipsi, ns a state", "Pinocchio, ns", "by", "ratio", "of the shortest")
+    head = ("operation", "model", "phipsi, ns per state", "Pinocchio, ns", "by", "ratio", "of the shortest")
     cells = [
         (
             title(row["group"]),

@@ -76,7 +76,7 @@ MACHINE = (
     "L2, GB/s",
     "beyond, GB/s",
 )
-CASES = ("algorithm", "arm", "flop", "kB", "ns a state", "Gflop/s", "of peak", "largest limit", "of time", "bound by")
+CASES = ("algorithm", "arm", "flop", "kB", "ns per state", "Gflop/s", "of peak", "largest limit", "of time", "bound by")
 COUNTED = ("algorithm", "arm", "instructions a call", "instructions an operation", "instructions a cycle")
 COUNTS = """\
 Results for the chain of 7, for which `make instructions` has counted the same calls (with few states, whereas 256 are timed here; for `auto` the

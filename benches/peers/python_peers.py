@@ -201,7 +201,7 @@ def rows_of(timed: list[Timed]) -> list[dict[str, Any]]:
 
 
 def print_table(rows: list[dict[str, Any]]) -> None:
-    header = ("operation", "model", "library", "call", "ns a state", "over phipsi")
+    header = ("operation", "model", "library", "call", "ns per state", "over phipsi")
     cells = [header]
     for row in rows:
         ratio = f"{row['ratio']:.2f}" if row["ratio"] else "-"

@@ -271,7 +271,7 @@ def test_a_masked_array_is_refused(scene: phipsi.Scene, fast: phipsi.Compiled) -
             of.forward_dynamics(q, hidden, u)
 
 
-# --- The watch of derivatives and products.
+# --- Error estimates of derivatives and products.
 
 WATCHED = ["forward_dynamics_derivatives", "forward_dynamics_jvp", "forward_dynamics_vjp"]
 

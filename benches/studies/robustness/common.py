@@ -110,7 +110,7 @@ def lacks_inertia(scene: phipsi.Scene) -> bool:
 
 
 def bounds(scene: phipsi.Scene) -> tuple[Array, Array]:
-    """Position limits, (nv,) each; plus and minus 1 where there is none."""
+    """Position limits, (nv,) each; -1 and 1 for joints without limits."""
     lower, upper = scene.limits.lower, scene.limits.upper
     bounded = np.isfinite(lower) & np.isfinite(upper)
     return np.where(bounded, lower, -1.0), np.where(bounded, upper, 1.0)

@@ -93,7 +93,7 @@ def _table(path: Trajectory, file: Path) -> None:
         out = csv.writer(stream)
         has_drift = bool(path.scene.connection_names)
         out.writerow(["t", *columns(path.scene, "q"), *columns(path.scene, "qd"), *["drift"] * has_drift])
-        # repr keeps all digits.
+        # repr is exact: float(repr(x)) == x.
         out.writerows([repr(float(x)) for x in row] for row in np.column_stack([path.t, path.q, path.qd, *[path.drift] * has_drift]))
 
 

@@ -239,7 +239,7 @@ def _point(case: scenes.Extreme, seed: int, others: Sequence[Other]) -> Point:
 
 
 def singular(found: Stability, _: Reporter) -> str:
-    """What the singular case raises."""
+    """The message of the error that the singular case raises."""
     case = next(case for _, case in found.scenes if _is_singular(case))
     try:
         case.scene.forward_dynamics(case.q, case.qd, case.tau)
