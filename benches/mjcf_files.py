@@ -1,8 +1,8 @@
-"""Result of phipsi.load for the MJCF files of public repositories: read, read with warnings, refused by name, crashed.
+"""Result of phipsi.load for the MJCF files of public repositories: read, read with warnings, SceneError, crashed.
 
 Usage: python benches/mjcf_files.py FOLDER [--markdown FILE] [--list FILE]
 
-FOLDER has one folder per repository, with a file COMMIT (commit and date) if the page is to name it. Each file whose
+FOLDER has one folder per repository, with an optional file COMMIT (commit and date) that the page quotes. Each file whose
 root element is <mujoco> is read in a separate process. Files that MuJoCo itself does not compile, with or without
 their meshes, are counted separately: most are parts that other files include.
 """
@@ -42,7 +42,7 @@ class Result(NamedTuple):
 
     file: Path
     outcome: str
-    """read, refused, crashed or not a model."""
+    """read, refused (SceneError), crashed or not a model."""
     kinds: tuple[str, ...]
     text: str
     seconds: float = 0.0
@@ -66,7 +66,7 @@ def read(file: Path) -> Result:
             kinds = kinds_of(str(error))
             outcome = "not a model" if kinds == ("MuJoCo does not compile it",) else "refused"
             return Result(file, outcome, kinds, str(error), time.perf_counter() - start)
-        except Exception as error:  # noqa: BLE001  # what is to be found
+        except Exception as error:  # noqa: BLE001  # crashes are a result
             return Result(file, "crashed", (type(error).__name__,), f"{type(error).__name__}: {error}")
     texts = [str(one.message) for one in caught]
     kinds = tuple(dict.fromkeys(kind for text in texts for kind in kinds_of(text)))
@@ -101,7 +101,7 @@ def files(folder: Path) -> list[Path]:
 def table(found: dict[str, list[Result]]) -> list[str]:
     """Rows of Markdown: one per repository, then the kinds of errors and of warnings."""
     lines = [
-        "| repository | models | read | of these without a warning | refused by name | crashed | files that MuJoCo does not compile |",
+        "| repository | models | read | read without a warning | SceneError | other errors and crashes | files that MuJoCo does not compile |",
         "| --- |" + " --- |" * 6,
     ]
     for name, results in [*found.items(), ("all", [one for results in found.values() for one in results])]:
@@ -110,7 +110,7 @@ def table(found: dict[str, list[Result]]) -> list[str]:
         lines.append(
             f"| {name} | {len(results) - of['not a model']} | {of['read']} | {silent} | {of['refused']} | {of['crashed']} | {of['not a model']} |"
         )
-    lines += ["", "| kind | files that are refused | files that are read with a warning |", "| --- | --- | --- |"]
+    lines += ["", "| unsupported part | files with an error | files that are read with a warning |", "| --- | --- | --- |"]
     all_of = [one for results in found.values() for one in results if one.outcome in ("refused", "read")]
     refused, warned = (
         Counter(kind for one in all_of if one.outcome == outcome for kind in one.kinds)
@@ -146,9 +146,9 @@ def main() -> None:
         page = [
             "# MJCF files of public repositories",
             "",
-            f"Written by benches/mjcf_files.py, which reads each file by `phipsi.load(file)`, with MuJoCo {mujoco.__version__}. The files are not part of this repository.",
+            f"Written by benches/mjcf_files.py, which reads each file with `phipsi.load(file)`, with MuJoCo {mujoco.__version__}. The files are not part of this repository.",
             "",
-            "A file with several parts that a scene does not have is counted once for each. Names of kinds are those that `ignore` takes: see [read a robot](how-to/read-a-robot.md#from-mujoco).",
+            "The first table counts files. The second table counts the parts of files that a scene cannot represent: a file with several such parts is counted once for each. The names of parts are those of the argument `ignore` ([read a robot](how-to/read-a-robot.md#from-mujoco)).",
             "",
             *lines,
         ]

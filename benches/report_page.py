@@ -1,6 +1,5 @@
-"""docs/benchmarks.md from the measurements of report.py. Ratios are the peer's time relative to phipsi's: above 1
-phipsi
-is faster.
+"""docs/benchmarks.md from the measurements of report.py. Ratios are the peer's time relative to phipsi's: above
+1 phipsi is faster.
 """
 
 from collections.abc import Iterable, Sequence

@@ -1,6 +1,5 @@
-"""Operations, time and fraction of the machine's measured peak of each algorithm: docs/roofline.md, the program of
-`make
-roofline`.
+"""Operations, time and fraction of the machine's measured peak of each algorithm: docs/roofline.md, the program
+of `make roofline`.
 
 Usage: .venv/bin/python benches/roofline.py [--seconds S] [--write-only] [-o docs/roofline.md]
 

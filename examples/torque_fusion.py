@@ -69,8 +69,7 @@ for i, name in enumerate(scene.joint_names):
     print(f"{name:8}{drawn[0, i]:9.2f}{said}{from_model.torque[0, i]:10.2f}{sigma:8.2f}")
 
 # 2. True torques from a motion: each joint deviates from its plan by 0.5 rad/s^2. The closest value in the model is
-# an s of 0.25 times a
-# typical inertia: s M^-1 has one parameter where six would be needed.
+# s = 0.25 times a typical inertia: s M^-1 has one parameter, and six would be needed.
 real = scene.inverse_dynamics(q, qd, plan + 0.5 * random.normal(size=plan.shape))
 seen = sense(real)
 matched = 0.25 * np.mean(1.0 / np.diagonal(scene.mass_matrix_inverse(q), axis1=-2, axis2=-1))

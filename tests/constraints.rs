@@ -1,6 +1,5 @@
 //! Closed loops: accelerations and forces compared with the KKT system by definition in 31 digits, constraints
-//! compared with differences, projections, inverses, simulation, and
-//! refused arguments.
+//! compared with differences, projections, inverses, simulation, and refused arguments.
 
 use crate::common::lanes::{arms, evaluate, on_a_large_stack};
 use crate::common::loops::{biped, exact, four_bar, state, stewart, tangle, welded_four_bar};

@@ -26,9 +26,8 @@ use phipsi::scalar::{DoubleDouble, Real};
 /// The bits of a high and a low part.
 type Bits = (u64, u64);
 
-/// a, b, a + b, a - b, a b, a / b, sqrt |a|. The last row is not from the script: of 12 000 pairs, it is the one
-/// whose quotient
-/// has the largest error (5.4 u^2) if long division stops after two digits.
+/// a, b, a + b, a - b, a b, a / b, sqrt |a|. The last row is not from the script: of 12 000 pairs, it is the
+/// one whose quotient has the largest error (5.4 u^2) if long division stops after two digits.
 const ARITHMETIC: [[Bits; 7]; 7] = [
     [
         (0x3eb7_3891_abd8_362b, 0xbb35_9f56_04d1_74a8),
@@ -152,8 +151,7 @@ fn pair((high, low): Bits) -> DoubleDouble {
 }
 
 /// `found - expected`, computed without the arithmetic under test: the high parts nearly agree, so that their
-/// difference is
-/// exact.
+/// difference is exact.
 fn difference(found: DoubleDouble, expected: DoubleDouble) -> f64 {
     (found.high - expected.high) + (found.low - expected.low)
 }

@@ -1,6 +1,5 @@
 //! Single links, the center of mass and the momentum about it, compared with definitions in about 31 digits
-//! (`common/oracle.rs`): derivatives are
-//! central differences along q (+) h qd.
+//! (`common/oracle.rs`): derivatives are central differences along q (+) h qd.
 
 use crate::common::oracle::{D, Instant, Oracle, d, ds};
 use crate::common::tolerance::{self, STEP, assert_close, assert_near, size, to_f64};

@@ -1,6 +1,5 @@
-//! States in lanes, with every instruction set of this processor: the results of one state at a time in plain f64,
-//! bitwise equal in any
-//! lane, and the same errors.
+//! States in lanes, with every instruction set of this processor: the results of one state at a time in plain
+//! f64, bitwise equal in any lane, and the same errors.
 
 use crate::common::lanes::{
     ALGORITHMS, aligned, arguments, arms, crowd, evaluate, forces, limbed, on_a_large_stack, plainly, states, trees,

@@ -30,9 +30,8 @@ fn attached(
     builder.link(LinkDescription { name: name.to_owned(), inertial }).joint(joint)
 }
 
-/// A random mixed tree on a base that has mass and a second link, with a link and a prismatic joint without mass, and
-/// with a
-/// fixed joint after a movable one.
+/// A random mixed tree on a base that has mass and a second link, with a link and a prismatic joint without
+/// mass, and with a fixed joint after a movable one.
 fn builder(seed: u64) -> SceneBuilder {
     let odd = seed % 2 == 1;
     let tree = Tree {

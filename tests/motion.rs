@@ -1,6 +1,5 @@
 //! Simulation: the order of every method compared with an independent integration in coordinates, stiff joints,
-//! momentum, energy,
-//! lanes, and refused arguments.
+//! momentum, energy, lanes, and refused arguments.
 
 use crate::common::{ALL_KINDS, Random, Tree, random_state, tolerance};
 use phipsi::batch::Broadcast;

@@ -289,8 +289,7 @@ fn a_stretched_arm_has_an_inverse_inertia_and_no_inertia() {
 }
 
 /// A frame that long offsets bring back onto the axis of the only hinge: its zero velocity is accurate to the
-/// rounding of the
-/// terms of the offsets, not of their difference.
+/// rounding of the terms of the offsets, not of their difference.
 #[test]
 fn a_direction_lost_in_the_rounding_of_levers_is_singular() {
     for seed in 0..12 {

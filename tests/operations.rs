@@ -264,9 +264,8 @@ fn of_one_block() -> [u64; 2] {
     [update.flops(), block.flops()]
 }
 
-/// Floating-point operations in the doc comments, for a one-axis joint without armature, compared with the counts:
-/// within a
-/// twentieth, because they are approximate.
+/// Floating-point operations in the doc comments, for a one-axis joint without armature, compared with the
+/// counts: within a twentieth, because they are approximate.
 #[test]
 fn as_documented() {
     let a_joint_of = |task| a_joint(|n| of_chain(n, task));

@@ -77,9 +77,8 @@ impl Case {
         qdd
     }
 
-    /// Magnitude of the terms of torques, at the accelerations `qdd`: the bias force of each link and the wrench on
-    /// each
-    /// body, each with its offset, and M qdd.
+    /// Magnitude of the terms of torques, at the accelerations `qdd`: the bias force of each link and the
+    /// wrench on each body, each with its offset, and M qdd.
     fn terms(&self, qdd: &[f64]) -> f64 {
         let (_, bias) = Oracle::new(self.scene.source()).at(&ds(&self.q), &ds(&self.qd)).bias(&[]);
         let placements = self.scene.placements(&self.q).unwrap();
@@ -89,9 +88,8 @@ impl Case {
     }
 }
 
-/// The same scene in double-double arithmetic, with orthonormal rotations: those of f64 have errors of 1e-16, which
-/// would
-/// dominate these identities.
+/// The same scene in double-double arithmetic, with orthonormal rotations: those of f64 have errors of 1e-16,
+/// which would dominate these identities.
 struct Double {
     model: Model<D>,
     workspace: Workspace<D>,

@@ -1,6 +1,6 @@
 //! The recursions compared with two references, neither of them the same code in the same precision: rigid-body
-//! dynamics from the
-//! definitions (`common/oracle.rs`, about 31 digits), and the recursions themselves in double-double arithmetic.
+//! dynamics from the definitions (`common/oracle.rs`, about 31 digits), and the recursions themselves in
+//! double-double arithmetic.
 
 use crate::common::oracle::{D, LinkWrench, Oracle, d, ds, solve};
 use crate::common::tolerance::{self, assert_close, assert_near, assert_near_double, conditioning, size, to_f64};

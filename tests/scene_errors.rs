@@ -1,6 +1,5 @@
-//! One valid scene and one valid call; then one broken argument per test. Messages name the subject, what was found
-//! and what
-//! was expected.
+//! One valid scene and one valid call; then one broken argument per test. Messages name the subject, what was
+//! found and what was expected.
 
 use crate::common::arm::{assembled, link, parts};
 use nalgebra::{Matrix3, Vector3, Vector6};

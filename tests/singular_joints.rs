@@ -69,9 +69,8 @@ fn a_point_mass_on_its_axis_is_singular() {
     assert_singular(&with_needle(JointKind::Revolute, 0.0, Some(point)), "tip", "needle");
 }
 
-/// A point mass that a fixed joint places on the axis: the terms of its inertia cancel up to rounding, not to zero,
-/// and none of them
-/// was subtracted by a measurement update.
+/// A point mass that a fixed joint places on the axis: the terms of its inertia cancel up to rounding, not to
+/// zero, and none of them was subtracted by a measurement update.
 #[test]
 fn a_point_mass_welded_onto_the_axis_is_singular() {
     for i in 1..20_i32 {

@@ -162,9 +162,8 @@ class Pinocchio:
 
 
 def dense_step(model: Problem, springs: bool, *, springs_at_end: bool) -> tuple[Array, Array]:
-    """An Euler step by its definition. MuJoCo's implicitfast evaluates damping at the end of the step and springs at
-    its
-    start; phipsi evaluates both at the end.
+    """An Euler step by its definition. MuJoCo's implicitfast evaluates damping at the end of the step and
+    springs at its start; phipsi evaluates both at the end.
     """
     scene, q, v = model.scene, model.q[:COMPARED], model.qd[:COMPARED]
     k, d = (STIFFNESS, DAMPING) if springs else (0.0, 0.0)

@@ -1,9 +1,8 @@
 """Articulated-body dynamics as Kalman filtering.
 
-Joint torques are measurements, body inertias are process noise covariances, and spatial forces are states. Forward
-dynamics
-is a filter from tip to base followed by a smoother from base to tip; the mass matrix is the covariance of the
-measurements.
+Joint torques are measurements, body inertias are process noise covariances, and spatial forces are states.
+Forward dynamics is a filter from tip to base followed by a smoother from base to tip; the mass matrix is the
+covariance of the measurements.
 
 >>> import phipsi
 >>> scene = (

@@ -1,9 +1,8 @@
 """Arguments that are not plain arrays of numbers: labeled entries are matched with joints by name, or refused; never by
 position alone.
 
-Labels are detected by the attributes of a class, not by its module: Series and DataFrames of pandas (modin, cuDF,
-polars),
-DataArrays of xarray and Tables of Arrow. None of these packages is imported.
+Labels are detected by the attributes of a class, not by its module: Series and DataFrames of pandas (modin,
+cuDF, polars), DataArrays of xarray and Tables of Arrow. None of these packages is imported.
 """
 
 from __future__ import annotations
@@ -137,9 +136,8 @@ def _check_entries(name: str, sequence: Any) -> None:
 
 
 def states_of(states: Any, batch: tuple[int, ...]) -> tuple[tuple[int, ...], NDArray[np.uintp]]:
-    """Shape of the part of a batch that `states` selects, with the rules of NumPy indexing, and the flattened indices
-    of
-    the states.
+    """Shape of the part of a batch that `states` selects, with the rules of NumPy indexing, and the flattened
+    indices of the states.
     """
     every = np.arange(math.prod(batch), dtype=np.uintp).reshape(batch)
     try:
@@ -204,9 +202,8 @@ def _labels(name: str, value: Any) -> _Labels | None:
 
 
 def _labels_of(value: Any) -> _Labels | None:
-    """Labels of a value. The attributes are looked up in its class, because a Series has its labels as attributes of
-    the
-    instance.
+    """Labels of a value. The attributes are looked up in its class, because a Series has its labels as
+    attributes of the instance.
     """
 
     def has(*attributes: str) -> bool:

@@ -95,9 +95,8 @@ class Rollout:
     """Trajectories with given torques in every step, as functions of real arrays: the rows, and the gradients of a
     scalar function of them.
 
-    Two instances are equal if their scene is the same object and their options are equal, so that JAX compiles their
-    callbacks
-    once.
+    Two instances are equal if their scene is the same object and their options are equal, so that JAX compiles
+    their callbacks once.
     """
 
     names = ("q", "qd", "tau")

@@ -1,5 +1,4 @@
-"""Rotations by a vector w, |w| < 2 pi: exp(w), the time derivative of w for an angular velocity u in the body frame,
-and
+"""Rotations by a vector w, |w| < 2 pi: exp(w), the time derivative of w for an angular velocity u in the body frame, and
 derivatives.
 
 With W the matrix of w x, t = |w|,

@@ -27,19 +27,14 @@ ON_GPU = (2, 13)
 class CompiledForCuda(Functions[Any]):
     """Functions of one scene as CUDA kernels with one state per thread; returned by phipsi.compile(device="cuda").
 
-    Each method takes arrays on the GPU, (..., nq) and (..., nv), whose leading axes broadcast: of CuPy, PyTorch, JAX
-    or another
-    library that supports DLPack, with the compiled dtype. Results are CuPy arrays, and equal those of the scene's
-    method of the
-    same name with form "covariance" up to rounding.
+    Each method takes arrays on the GPU, (..., nq) and (..., nv), whose leading axes broadcast: of CuPy,
+    PyTorch, JAX or another library that supports DLPack, with the compiled dtype. Results are CuPy arrays, and
+    equal those of the scene's method of the same name with form "covariance" up to rounding.
 
-    The kernels do not estimate the loss of precision and do not check the states: input that is not finite gives NaN.
-    Work is
-    queued on the current stream of CuPy. The arguments out, errors="nan", wrenches and other options of the scene's
-    methods raise
-    ArgumentError. The kernels read each component of all states contiguously; arrays with this memory layout, such as
-    results,
-    are not copied.
+    The kernels do not estimate the loss of precision and do not check the states: input that is not finite
+    gives NaN. Work is queued on the current stream of CuPy. The arguments out, errors="nan", wrenches and other
+    options of the scene's methods raise ArgumentError. The kernels read each component of all states
+    contiguously; arrays with this memory layout, such as results, are not copied.
 
     Examples
     --------

@@ -39,24 +39,22 @@ def load(
     Parameters
     ----------
     source : path, str or model
-        Path or text of a URDF, of a xacro (needs the package xacro) or of an MJCF model (needs the package mujoco);
-        the name of
-        a module of robot_descriptions, such as "ur5e_description"; or a mujoco.MjModel, mujoco.MjSpec or
-        pinocchio.Model.
+        Path or text of a URDF, of a xacro (needs the package xacro) or of an MJCF model (needs the package
+        mujoco); the name of a module of robot_descriptions, such as "ur5e_description"; or a mujoco.MjModel,
+        mujoco.MjSpec or pinocchio.Model.
     floating_base : bool
         Whether to add a free joint between the base and the root link of a URDF. Models of MuJoCo and Pinocchio
-        define their
-        free joints themselves.
+        define their free joints themselves.
     gravity : array_like, (3,), optional
         Gravity in the base frame, m/s^2; None: that of the model, or (0, 0, -9.81) for a URDF.
     strict : bool
-        Whether to raise SceneError instead of a warning, as in Scene.from_urdf.
+        True to raise SceneError instead of a warning, as in Scene.from_urdf.
     leave_out : collection of str, optional
         Simplifications to use, as in Scene.from_urdf; None: all.
     xacro_arguments : mapping of str to str, optional
         Values of the `<xacro:arg>` elements of a xacro.
     mimic : {"free", "couple"}
-        Whether joints of a URDF with `<mimic>` are independent or coupled, as in Scene.from_urdf.
+        "free" or "couple": joints of a URDF with `<mimic>` are independent or coupled, as in Scene.from_urdf.
     ignore : collection of str
         Parts of an MJCF model to omit, as in Scene.from_mujoco.
 
@@ -71,16 +69,15 @@ def load(
         If the source cannot be read or is not a valid robot description.
     ArgumentError
         If the source has an unsupported type, if an argument does not apply to the format of the source, or if
-        xacro_arguments
-        lacks a required argument or contains an unknown one.
+        xacro_arguments lacks a required argument or contains an unknown one.
     ImportError
         If a package that the format needs is not installed.
 
     Notes
     -----
-    `$(find package)` in a xacro resolves to the folder of that name, or to the folder whose package.xml has that
-    name, in the
-    folders above the file, beside them, or in ROS_PACKAGE_PATH or AMENT_PREFIX_PATH; otherwise ROS resolves it.
+    `$(find package)` in a xacro resolves to the folder of that name, or to the folder whose package.xml has
+    that name, in the folders above the file, beside them, or in ROS_PACKAGE_PATH or AMENT_PREFIX_PATH;
+    otherwise ROS resolves it.
 
     Examples
     --------

@@ -84,8 +84,7 @@ class Trajectory:
     """Number of steps between two rows."""
     integrator: str = field(default="", repr=False)
     """Integrator that advanced the states. With method="auto", the selected one: "rk4" or "rosenbrock-2"; with
-    accuracy,
-    "dormand-prince-5" or "rosenbrock-3"; with contacts, "contact".
+    accuracy, "dormand-prince-5" or "rosenbrock-3"; with contacts, "contact".
     """
     friction_speed: float = field(default=0.0, repr=False)
     """Speed below which friction was regularized, rad/s or m/s; 0: exact Coulomb friction."""
@@ -209,13 +208,10 @@ class Trajectory:
         Notes
         -----
         A simulation with method="auto" is repeated with error control (accuracy=1e-7), which resolves impacts,
-        sticking, and
-        vibrations that the step damps. With another method, momentum conservation, contacts, connections or coupled
-        joints it is
-        repeated with a third of the step; the estimate is then unreliable when the mode of friction or stops changes.
-        The estimate
-        does not include model errors such as those of regularized friction. For chaotic motion it grows with the
-        error.
+        sticking, and vibrations that the step damps. With another method, momentum conservation, contacts,
+        connections or coupled joints it is repeated with a third of the step; the estimate is then unreliable
+        when the mode of friction or stops changes. The estimate does not include model errors such as those of
+        regularized friction. For chaotic motion it grows with the error.
 
         Examples
         --------
@@ -298,8 +294,8 @@ class Trajectory:
         -------
         dict of str to array
             Forces by name of the connection, (..., rows, m), N m and N, with the signs and frames of
-            Scene.constrained_dynamics. NaN
-            if the velocities violate the constraints, which baumgarte can cause.
+            Scene.constrained_dynamics. NaN if the velocities violate the constraints, which baumgarte can
+            cause.
 
         Raises
         ------
@@ -371,15 +367,13 @@ class Trajectory:
         Parameters
         ----------
         cotangent_q : array_like, (..., rows, nv), optional
-            Gradient of the function with respect to q of every row, in the tangent space of the row: an angle or a
-            length for joints
-            with one axis, a rotation in the child frame for spherical joints, (linear, angular) in the child frame
-            for free joints.
-            None: zero.
+            Gradient of the function with respect to q of every row, in the tangent space of the row: an angle
+            or a length for joints with one axis, a rotation in the child frame for spherical joints, (linear,
+            angular) in the child frame for free joints. None: zero.
         cotangent_qd : array_like, (..., rows, nv), optional
             Gradient of the function with respect to qd of every row. None: zero.
         parameters : bool
-            Whether to compute the gradients with respect to inertial parameters.
+            True to compute the gradients with respect to inertial parameters.
 
         Returns
         -------
@@ -396,8 +390,7 @@ class Trajectory:
         Notes
         -----
         Recorded rows are checkpoints; the steps between them are recomputed. With record_every=1 nothing is
-        recomputed. The cost is
-        O(N) per stage of a step.
+        recomputed. The cost is O(N) per stage of a step.
 
         Examples
         --------

@@ -25,9 +25,8 @@ _Array = NDArray[np.float64]
 class PD(NamedTuple):
     """Proportional-derivative control law for Scene.simulate: tau = kp (target - q) + kd (target_rate - qd).
 
-    The difference target - q is taken on the manifold. Implicit methods treat the law implicitly, so that the gains
-    can be
-    arbitrarily stiff.
+    The difference target - q is taken on the manifold. Implicit methods treat the law implicitly, so that the
+    gains can be arbitrarily stiff.
 
     Examples
     --------
@@ -110,7 +109,7 @@ class ContactState(IntEnum):
     """The normal force is positive and the friction force is below mu times the normal force."""
     SLIDING = 2
     """The normal force is positive and the friction force is at its bound. A contact without friction has this state
-    whether it slips or not.
+    at any slip speed, also at zero.
     """
 
 

@@ -8,10 +8,9 @@ With v the velocity of the body,
 
     da/dt = exp(w) v_linear,    dw/dt = B(w) v_angular (see _chart).
 
-The state (x, v) is therefore a vector, the error control of the integrator acts on the manifold, and no quaternion
-norm is
-integrated. The coordinates are valid for |w| < 2 pi; after a step that ends beyond 1 rad, they are centered at its
-end.
+The state (x, v) is therefore a vector, the error control of the integrator acts on the manifold, and no
+quaternion norm is integrated. The coordinates are valid for |w| < 2 pi; after a step that ends beyond 1 rad,
+they are centered at its end.
 """
 
 from __future__ import annotations
@@ -60,9 +59,8 @@ class Ode:
     """Equations of motion dy/dt = f(t, y) and their Jacobian, for y = (x, qd) with x the tangent coordinates; returned
     by Scene.ode.
 
-    `rhs` and `jacobian` can be passed to scipy.integrate.solve_ivp (also with vectorized=True). `solve` integrates
-    and moves the
-    center of the coordinates as needed.
+    `rhs` and `jacobian` can be passed to scipy.integrate.solve_ivp (also with vectorized=True). `solve`
+    integrates and moves the center of the coordinates as needed.
 
     Examples
     --------

@@ -22,9 +22,9 @@ Array = NDArray[np.float64]
 class Operator(ABC):
     """A linear operator of shape (rows, columns), applied without being formed.
 
-    The operators of a batched factor represent one matrix per configuration; the leading axes broadcast against those
-    of the
-    argument. Without a batch, SciPy's solvers accept an operator (``scipy.sparse.linalg.aslinearoperator``).
+    The operators of a batched factor represent one matrix per configuration; the leading axes broadcast against
+    those of the argument. Without a batch, SciPy's solvers accept an operator
+    (``scipy.sparse.linalg.aslinearoperator``).
 
     Examples
     --------

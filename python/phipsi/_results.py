@@ -171,9 +171,8 @@ class Estimate(NamedTuple):
     """Conditional means, and optionally covariances, of forces, accelerations and torques given measured joint torques
     y.
 
-    Blocks of six are (moment, force) in body frames, one per degree of freedom as in phipsi.Factor: reshaped to 6 nv
-    they are
-    the vectors that the operators of a factor apply to.
+    Blocks of six are (moment, force) in body frames, one per degree of freedom as in phipsi.Factor: reshaped to
+    6 nv they are the vectors that the operators of a factor apply to.
 
     Examples
     --------
@@ -192,9 +191,8 @@ class Estimate(NamedTuple):
     force: NDArray[np.float64]
     """E(X|y), (..., nv, 6): spatial force through each joint, repeated for all degrees of freedom of a body (2.1)."""
     process: NDArray[np.float64]
-    """E(W|y), (..., nv, 6): force that the motion of each body requires, at its outermost degree of freedom; zero at
-    the
-    others (2.7).
+    """E(W|y), (..., nv, 6): force that the motion of each body requires, at its outermost degree of freedom;
+    zero at the others (2.7).
     """
     log_likelihood: NDArray[np.float64] | np.float64
     """Logarithm of the probability density of the measured torques, (...); zero if none is measured."""

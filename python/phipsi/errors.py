@@ -126,9 +126,8 @@ class SingularTaskError(PhipsiError, ArithmeticError):
 
 
 class ConstraintError(PhipsiError, ArithmeticError):
-    """Connections cannot be satisfied: they contradict each other, or a state violates them and cannot be projected
-    onto
-    them.
+    """Connections cannot be satisfied: they contradict each other, or a state violates them and cannot be
+    projected onto them.
 
     Scene.project computes the nearest positions and velocities that satisfy the connections, if there are any.
     """
@@ -230,15 +229,13 @@ class BadStateWarning(UserWarning):
     """States of a call with errors="nan" could not be computed: their results are NaN; all other results are
     unaffected.
 
-    ``with warnings.catch_warnings(record=True) as caught: ...`` gives access to the warning as ``caught[0].message``.
-    If a filter
-    turns the warning into an error, the results are lost.
+    ``with warnings.catch_warnings(record=True) as caught: ...`` gives access to the warning as
+    ``caught[0].message``. If a filter turns the warning into an error, the results are lost.
     """
 
     states: tuple[int | tuple[int, ...], ...] = ()
-    """Indices of the bad states in the batch, ascending: integers; tuples if the batch has several axes; () for a
-    single
-    state.
+    """Indices of the bad states in the batch, ascending: integers; tuples if the batch has several axes; () for
+    a single state.
     """
     reasons: tuple[PhipsiError, ...] = ()
     """Exception that errors="raise" would have raised for each of these states, with its attributes."""

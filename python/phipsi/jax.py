@@ -6,20 +6,16 @@
 >>> loss = lambda tau: (phipsi.jax.forward_dynamics(scene, q, qd, tau) ** 2).sum()   # doctest: +SKIP
 >>> jax.jit(jax.grad(loss))(tau)                                            # doctest: +SKIP
 
-Each function calls phipsi on the host, once for a whole batch (vmap included), in float64. Results have the floating
-dtype
-that the arguments are promoted to, or that of jnp.zeros(()) if all arguments are integers. Other dtypes raise
-ArgumentError
-and wrong shapes raise ShapeError, under jit at trace time.
+Each function calls phipsi on the host, once for a whole batch (vmap included), in float64. Results have the
+floating dtype that the arguments are promoted to, or that of jnp.zeros(()) if all arguments are integers. Other
+dtypes raise ArgumentError and wrong shapes raise ShapeError, under jit at trace time.
 
-The derivative is the analytic Jacobian, which the host computes in one call. Second derivatives are not supported.
-The entries
-of q are independent variables: quaternions are normalized first, and gradients are with respect to their four
-entries.
+The derivative is the analytic Jacobian, which the host computes in one call. Second derivatives are not
+supported. The entries of q are independent variables: quaternions are normalized first, and gradients are with
+respect to their four entries.
 
-With errors="nan", bad states give NaN in results and derivatives, with one BadStateWarning. With errors="raise", an
-error on
-the host terminates a program that jit has compiled.
+With errors="nan", bad states give NaN in results and derivatives, with one BadStateWarning. With
+errors="raise", an error on the host terminates a program that jit has compiled.
 """
 
 from __future__ import annotations
@@ -63,7 +59,7 @@ def forward_dynamics(scene: Scene, q: Any, qd: Any, tau: Any, *, form: str = "au
     tolerance : float, optional
         Bound of the relative error for form="auto", as in Scene.forward_dynamics.
     errors : {"raise", "nan"}
-        Whether bad states raise, or return NaN with one BadStateWarning, as in Scene.forward_dynamics.
+        "raise" or "nan": bad states raise an error, or return NaN with one BadStateWarning, as in Scene.forward_dynamics.
 
     Returns
     -------
@@ -101,7 +97,7 @@ def inverse_dynamics(scene: Scene, q: Any, qd: Any, qdd: Any, *, errors: _calls.
     qdd : array, (..., nv)
         Joint accelerations, rad/s^2 or m/s^2.
     errors : {"raise", "nan"}
-        Whether bad states raise, or return NaN with one BadStateWarning, as in Scene.forward_dynamics.
+        "raise" or "nan": bad states raise an error, or return NaN with one BadStateWarning, as in Scene.forward_dynamics.
 
     Returns
     -------
@@ -137,7 +133,7 @@ def integrate(scene: Scene, q: Any, v: Any, *, errors: _calls.Errors = "raise") 
     v : array, (..., nv)
         Tangent vector, rad or m: for a time step, dt times the joint velocities.
     errors : {"raise", "nan"}
-        Whether bad states raise, or return NaN with one BadStateWarning, as in Scene.forward_dynamics.
+        "raise" or "nan": bad states raise an error, or return NaN with one BadStateWarning, as in Scene.forward_dynamics.
 
     Returns
     -------
@@ -181,7 +177,7 @@ def simulate(
     record_every : int
         Number of steps between recorded rows. Rows are checkpoints: with 1, no step is recomputed for gradients.
     errors : {"raise", "nan"}
-        Whether bad states raise, or return NaN with one BadStateWarning, as in Scene.forward_dynamics.
+        "raise" or "nan": bad states raise an error, or return NaN with one BadStateWarning, as in Scene.forward_dynamics.
     **given
         Other keyword arguments of Scene.simulate (method, pd, damping, ...). They are constants: traced values raise
         ArgumentError.

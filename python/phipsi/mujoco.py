@@ -4,11 +4,9 @@
 >>> scene = phipsi.Scene.from_mujoco("humanoid.xml")                    # doctest: +SKIP
 >>> q, qd = phipsi.mujoco.to_state(scene, data.qpos, data.qvel)         # doctest: +SKIP
 
-The order of the joints is the same. MuJoCo stores quaternions as (w, x, y, z) and expresses the linear velocity of a
-free
-joint in the world frame; phipsi stores (x, y, z, w) and uses the body frame. Scenes without ball joints and free
-joints need
-no conversion.
+The order of the joints is the same. MuJoCo stores quaternions as (w, x, y, z) and expresses the linear velocity
+of a free joint in the world frame; phipsi stores (x, y, z, w) and uses the body frame. Scenes without ball
+joints and free joints need no conversion.
 """
 
 from __future__ import annotations
@@ -100,12 +98,11 @@ class _Reader:
 
     def _add_body(self, body: int) -> None:
         """Add a body and its joints, from the parent outward: MuJoCo expresses each joint in the frame that the
-        previous
-        ones have moved.
+        previous ones have moved.
 
-        The axis of a joint of phipsi passes through the origin of its child link. Therefore each joint whose anchor
-        differs from the
-        origin of the body, and each joint of a body except the last, gets an additional link.
+        The axis of a joint of phipsi passes through the origin of its child link. Therefore each joint whose
+        anchor differs from the origin of the body, and each joint of a body except the last, gets an additional
+        link.
         """
         model, names = self.model, self.names
         name, parent = names.bodies[body], names.bodies[model.body_parentid[body]]
@@ -426,9 +423,9 @@ def to_accelerations(scene: Scene, q: ArrayLike, qd: ArrayLike, qacc: ArrayLike)
     Returns
     -------
     array
-        Joint accelerations, (..., nv), rad/s^2 or m/s^2. For a free joint the linear part is the time derivative of
-        the linear
-        velocity in the body frame, which differs from the rotated acceleration by w x v.
+        Joint accelerations, (..., nv), rad/s^2 or m/s^2. For a free joint the linear part is the time
+        derivative of the linear velocity in the body frame, which differs from the rotated acceleration by w x
+        v.
 
     Raises
     ------

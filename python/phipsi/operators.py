@@ -2,16 +2,12 @@
 ``f.D.inv()``.
 
 An operator is applied by a sweep in O(N) and never formed; :meth:`Operator.toarray` forms the matrix, from its
-definition
-and not by the sweep. Products, sums and transposes of operators are operators, so that the equations of the paper can
-be
-written literally: ``(f.I - f.L.T) @ (f.D.inv() @ ((f.I - f.L) @ tau))`` is (4.1). A scalar in a sum is a multiple of
-the
-identity: ``1 - f.g @ f.H``.
+definition and not by the sweep. Products, sums and transposes of operators are operators, so that the equations
+of the paper can be written literally: ``(f.I - f.L.T) @ (f.D.inv() @ ((f.I - f.L) @ tau))`` is (4.1). A scalar
+in a sum is a multiple of the identity: ``1 - f.g @ f.H``.
 
 Rows are in the order of qd, from base to tip. Therefore phi, psi, K and L are upper triangular here, and lower
-triangular in
-the paper, which counts from the tip.
+triangular in the paper, which counts from the tip.
 """
 
 from __future__ import annotations
@@ -33,9 +29,9 @@ class Factor:
     """Factorization M = (1 + K) D (1 + K*) of the mass matrix at one configuration or a batch (3.1), with its
     operators.
 
-    Returned by :meth:`phipsi.Scene.factor`. The filter sweep runs once; each use costs O(N) per right-hand side.
-    States are
-    spatial forces in body frames, with one block of six per degree of freedom, in the order of qd.
+    Returned by :meth:`phipsi.Scene.factor`. The filter sweep runs once; each use costs O(N) per right-hand
+    side. States are spatial forces in body frames, with one block of six per degree of freedom, in the order of
+    qd.
 
     Examples
     --------
@@ -139,13 +135,11 @@ class Factor:
 
         Notes
         -----
-        phi of a body depends on its own joint; P, D and g depend on the outboard joints. If only some joints differ
-        from the
-        configuration of the factor, only their phi and the bodies inboard of them are recomputed. This holds for
-        form="covariance"
-        and "joseph"; "auto" and "square-root" estimate the error of the whole factor and recompute all of it. The
-        operators of this
-        factor change with it, but not arrays and operators that were computed from them before, such as ``D.inv()``.
+        phi of a body depends on its own joint; P, D and g depend on the outboard joints. If only some joints
+        differ from the configuration of the factor, only their phi and the bodies inboard of them are
+        recomputed. This holds for form="covariance" and "joseph"; "auto" and "square-root" estimate the error
+        of the whole factor and recompute all of it. The operators of this factor change with it, but not arrays
+        and operators that were computed from them before, such as ``D.inv()``.
 
         Examples
         --------

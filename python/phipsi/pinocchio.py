@@ -5,13 +5,10 @@
 >>> scene = phipsi.Scene.from_pinocchio(model)                          # doctest: +SKIP
 >>> q, qd = phipsi.pinocchio.to_state(scene, model, q_pin, v_pin)       # doctest: +SKIP
 
-Pinocchio represents joints without limits as (cos, sin) and planar joints as (x, y, cos, sin), with velocities in the
-body
-frame, and numbers the joints in the order in which they were added; phipsi numbers them depth first. Quaternions (x,
-y, z, w)
-and the velocities of free joints (linear, angular, in the body frame) are the same. Spatial vectors are linear first
-in
-Pinocchio and angular first in phipsi.
+Pinocchio represents joints without limits as (cos, sin) and planar joints as (x, y, cos, sin), with velocities
+in the body frame, and numbers the joints in the order in which they were added; phipsi numbers them depth
+first. Quaternions (x, y, z, w) and the velocities of free joints (linear, angular, in the body frame) are the
+same. Spatial vectors are linear first in Pinocchio and angular first in phipsi.
 """
 
 from __future__ import annotations

@@ -7,11 +7,9 @@ met.
 >>> scene.inverse_kinematics([hand]).reached
 True
 
-Targets are expressed in the base frame, or in the frame of the link `relative_to`. Leading axes of a target are a
-batch.
-`position` (m) and `rotation` (rad) are standard deviations: they weight tasks that cannot be met together. Tasks that
-can be
-met together are all met, independently of their deviations.
+Targets are expressed in the base frame, or in the frame of the link `relative_to`. Leading axes of a target are
+a batch. `position` (m) and `rotation` (rad) are standard deviations: they weight tasks that cannot be met
+together. Tasks that can be met together are all met, independently of their deviations.
 """
 
 from __future__ import annotations

@@ -6,15 +6,14 @@ phipsi.
 >>> tau = torch.zeros(scene.nv, dtype=torch.float64, requires_grad=True)    # doctest: +SKIP
 >>> phipsi.torch.forward_dynamics(scene, q, qd, tau).square().sum().backward()   # doctest: +SKIP
 
-Each function calls phipsi on the CPU, once for a whole batch (vmap included), in float64. Results have the device of
-the first
-argument and the floating dtype that the arguments are promoted to, or torch.get_default_dtype() if all arguments are
-integers.
-Other dtypes raise ArgumentError and wrong shapes raise ShapeError.
+Each function calls phipsi on the CPU, once for a whole batch (vmap included), in float64. Results have the
+device of the first argument and the floating dtype that the arguments are promoted to, or
+torch.get_default_dtype() if all arguments are integers. Other dtypes raise ArgumentError and wrong shapes raise
+ShapeError.
 
-The derivative is the analytic Jacobian, computed in one call. Second derivatives are not supported. The entries of q
-are
-independent variables: quaternions are normalized first, and gradients are with respect to their four entries.
+The derivative is the analytic Jacobian, computed in one call. Second derivatives are not supported. The entries
+of q are independent variables: quaternions are normalized first, and gradients are with respect to their four
+entries.
 
 With errors="nan", bad states give NaN in results and derivatives, with one BadStateWarning.
 """
@@ -60,7 +59,7 @@ def forward_dynamics(scene: Scene, q: Tensor, qd: Tensor, tau: Tensor, *, form: 
     tolerance : float, optional
         Bound of the relative error for form="auto", as in Scene.forward_dynamics.
     errors : {"raise", "nan"}
-        Whether bad states raise, or return NaN with one BadStateWarning, as in Scene.forward_dynamics.
+        "raise" or "nan": bad states raise an error, or return NaN with one BadStateWarning, as in Scene.forward_dynamics.
 
     Returns
     -------
@@ -98,7 +97,7 @@ def inverse_dynamics(scene: Scene, q: Tensor, qd: Tensor, qdd: Tensor, *, errors
     qdd : array, (..., nv)
         Joint accelerations, rad/s^2 or m/s^2.
     errors : {"raise", "nan"}
-        Whether bad states raise, or return NaN with one BadStateWarning, as in Scene.forward_dynamics.
+        "raise" or "nan": bad states raise an error, or return NaN with one BadStateWarning, as in Scene.forward_dynamics.
 
     Returns
     -------
@@ -134,7 +133,7 @@ def integrate(scene: Scene, q: Tensor, v: Tensor, *, errors: _calls.Errors = "ra
     v : array, (..., nv)
         Tangent vector, rad or m: for a time step, dt times the joint velocities.
     errors : {"raise", "nan"}
-        Whether bad states raise, or return NaN with one BadStateWarning, as in Scene.forward_dynamics.
+        "raise" or "nan": bad states raise an error, or return NaN with one BadStateWarning, as in Scene.forward_dynamics.
 
     Returns
     -------
@@ -178,11 +177,10 @@ def simulate(
     record_every : int
         Number of steps between recorded rows. Rows are checkpoints: with 1, no step is recomputed for gradients.
     errors : {"raise", "nan"}
-        Whether bad states raise, or return NaN with one BadStateWarning, as in Scene.forward_dynamics.
+        "raise" or "nan": bad states raise an error, or return NaN with one BadStateWarning, as in Scene.forward_dynamics.
     **given
-        Other keyword arguments of Scene.simulate (method, pd, damping, ...). They are constants: tensors that require
-        gradients raise
-        ArgumentError.
+        Other keyword arguments of Scene.simulate (method, pd, damping, ...). They are constants: tensors that
+        require gradients raise ArgumentError.
 
     Returns
     -------

@@ -33,9 +33,8 @@ pub const FAMILIES: [&str; 22] = [
     "everything at once",
 ];
 
-/// Typical states in addition to random ones: passive ones have zero torques, those in static equilibrium have the
-/// torques for
-/// zero accelerations.
+/// Typical states in addition to random ones: passive ones have zero torques, those in static equilibrium have
+/// the torques for zero accelerations.
 pub const STATES: [&str; 8] = [
     "falling",
     "falling, with rates",

@@ -1,6 +1,5 @@
-//! M^-1 in form `auto` for the same scenes: if the sweeps of batches and of calls from Python accept the covariance
-//! form, its precision is
-//! sufficient.
+//! M^-1 in form `auto` for the same scenes: if the sweeps of batches and of calls from Python accept the
+//! covariance form, its precision is sufficient.
 
 use super::families::{Case, FAMILIES, case};
 use super::{double, error, from_environment, sensitivity_of};

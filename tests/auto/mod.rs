@@ -95,8 +95,7 @@ fn auto(case: &Case) -> (Vec<f64>, dynamics::Choice<f64>) {
 }
 
 /// The sweeps that return only the result, as in batches and calls from Python: the result, and whether it was
-/// accepted. None if
-/// the call reported a singular pivot.
+/// accepted. None if the call reported a singular pivot.
 fn sweeps(case: &Case, form: Form) -> Option<(Vec<f64>, bool)> {
     let mut qdd = vec![f64::NAN; case.scene.nv()];
     let state =

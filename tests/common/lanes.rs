@@ -145,10 +145,9 @@ pub fn aligned(seed: u64, bodies: usize, branching: f64) -> Scene {
     builder.build().expect("a tree")
 }
 
-/// A trunk with limbs of equal structure and different constants: rotations about coordinate axes of the parents, in
-/// a plane of two and about any axis, a prismatic and a
-/// spherical joint in each; two fingers each. With `ragged` the second limb has one finger less, or for odd seeds the
-/// first has none; and the last ends
+/// A trunk with limbs of equal structure and different constants: rotations about coordinate axes of the
+/// parents, in a plane of two and about any axis, a prismatic and a spherical joint in each; two fingers each.
+/// With `ragged` the second limb has one finger less, or for odd seeds the first has none; and the last ends
 /// with another joint.
 pub fn limbed(seed: u64, limbs: usize, length: usize, floating: bool, ragged: bool) -> Scene {
     let mut random = Random::new(seed);

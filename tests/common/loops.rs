@@ -92,9 +92,8 @@ pub fn tangle(seed: u64, kinds: &[JointKind]) -> Scene {
     builder.build().expect("links that can move against each other")
 }
 
-/// A platform on six legs, each with two rods, a prismatic joint between them and spherical joints at the ends; all
-/// legs except one are closed by point
-/// connections.
+/// A platform on six legs, each with two rods, a prismatic joint between them and spherical joints at the ends;
+/// all legs except one are closed by point connections.
 pub fn stewart() -> Scene {
     let mut random = Random::new(3);
     let mut builder = SceneBuilder::new().link(LinkDescription { name: "ground".into(), inertial: None });

@@ -1,10 +1,8 @@
 //! The composite matrices of the paper: computed by the crate, and from definitions.
 //!
 //! By sweep: an operator applied to the columns of the identity. By definition: from E, H, Q and the Riccati
-//! recursion on full
-//! matrices, with products and LU. Rows are ordered from base to tip, so that matrices that are lower triangular in
-//! the paper are upper
-//! triangular here.
+//! recursion on full matrices, with products and LU. Rows are ordered from base to tip, so that matrices that
+//! are lower triangular in the paper are upper triangular here.
 
 use nalgebra::{DMatrix, DVector};
 use phipsi::operators::dense::Composite;

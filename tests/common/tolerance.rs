@@ -99,9 +99,9 @@ pub fn double_double(n: usize, scale: f64) -> f64 {
 /// Half the distance of the two states of a central difference in double-double arithmetic, 2^-40.
 pub const STEP: f64 = 9.094_947_017_729_282e-13;
 
-/// A central difference with [`STEP`] in double-double arithmetic of a quantity of magnitude `scale` that varies over
-/// times (or
-/// distances) of about 1: truncation, with a third derivative of up to 1e4 times its magnitude, and rounding.
+/// A central difference with [`STEP`] in double-double arithmetic of a quantity of magnitude `scale` that
+/// varies over times (or distances) of about 1: truncation, with a third derivative of up to 1e4 times its
+/// magnitude, and rounding.
 pub fn difference(n: usize, scale: f64) -> f64 {
     1e4 * STEP * STEP * scale + double_double(n, scale) / STEP
 }

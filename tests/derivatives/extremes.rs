@@ -1,9 +1,9 @@
 //! Form `auto` in cases with cancellation: the extreme scenes by name, and random ones, ordinary and extreme, in
 //! typical states.
 //!
-//! `PHIPSI_SHOW_RATIOS=1 PHIPSI_DERIVATIVE_SCENES=2200 cargo test --test all derivatives::extremes -- --nocapture`
-//! prints a table of the families: median, 90th percentile
-//! and largest error of dqdd/dq, dqdd/dqd and M^-1.
+//! `PHIPSI_SHOW_RATIOS=1 PHIPSI_DERIVATIVE_SCENES=2200 cargo test --test all derivatives::extremes --
+//! --nocapture` prints a table of the families: median, 90th percentile and largest error of dqdd/dq, dqdd/dqd
+//! and M^-1.
 
 use super::support::{NAMES, State, Three, of_accelerations, of_accelerations_by_method, round};
 use crate::auto::families::{Case, FAMILIES, STATES, case};

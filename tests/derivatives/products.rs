@@ -590,9 +590,9 @@ fn methods_along_constants_are_the_recursion() {
     }
 }
 
-/// Largest errors of form `auto`, by the methods, relative to the largest entry: along a random direction, and of the
-/// gradients with respect to q, qd and tau; none if a pivot is
-/// singular even in double-double arithmetic.
+/// Largest errors of form `auto`, by the methods, relative to the largest entry: along a random direction, and
+/// of the gradients with respect to q, qd and tau; none if a pivot is singular even in double-double
+/// arithmetic.
 fn errors_of_auto(scene: &Scene, state: &State<f64>) -> Option<[f64; 4]> {
     let (nv, wide) = (scene.nv(), scene.model().cast::<D>());
     let (v, c) = (Everything::random(scene, 3), Everything::random(scene, 4).armature);

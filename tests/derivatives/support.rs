@@ -38,8 +38,7 @@ pub fn trees(n: u64) -> impl Iterator<Item = Tree<'static>> {
 }
 
 /// The constants of a scene in about 31 digits, with each rotation matrix orthonormalized to that precision:
-/// otherwise
-/// quantities in the frames of joints would differ by the rounding of f64.
+/// otherwise quantities in the frames of joints would differ by the rounding of f64.
 pub fn widened(scene: &Scene) -> Model<D> {
     let mut model: Model<D> = scene.model().cast();
     for body in &mut model.bodies {

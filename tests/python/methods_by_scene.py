@@ -165,24 +165,21 @@ def scene_of(kind: str) -> tuple[phipsi.Scene, phipsi.Scene, State]:
 
 
 def outcome(name: str, kind: str) -> tuple[str, str]:
-    """Behavior of a method: "acts" if its result differs from that of the tree; "tree" if it does not; "yes" for
-    coupled
-    joints; "refused", with the message.
-    """
+    """Behavior of a method, one of the keys of MEANING, and the message of an error."""
     scene, tree, state = scene_of(kind)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             found = CALLS[name](scene, state)
         except (ValueError, phipsi.errors.PhipsiError) as error:
-            return "refused", f"{type(error).__name__}: {error}"
+            return "error", f"{type(error).__name__}: {error}"
         if kind == "mimic":
-            return "yes", ""
+            return "supported", ""
         try:
             of_tree = CALLS[name](tree, state)
         except (ValueError, phipsi.errors.PhipsiError) as error:
-            return "acts", f"the tree: {error}"
-    return ("tree" if _same(found, of_tree) else "acts"), ""
+            return "included", f"the tree: {error}"
+    return ("tree" if _same(found, of_tree) else "included"), ""
 
 
 def _same(found: Any, expected: Any) -> bool:
@@ -199,32 +196,32 @@ WITHOUT_STATE = frozenset(
 )
 
 MEANING = {
-    "acts": "the result includes them",
-    "tree": "the quantity is defined by the tree alone: the result is that of the same scene without them",
-    "yes": "takes independent coordinates, one for each joint that follows no other",
-    "refused": "raises an error that names them",
+    "included": "the result includes their effect",
+    "tree": "the quantity depends on the tree of joints only: the result is that of the same scene without them",
+    "supported": "the method works with the independent coordinates, one for each joint that does not follow another",
+    "error": "the method raises an error that names them",
 }
 
-#: Behavior of each method for connections, contacts, coupled joints, in this order; default: "tree", "tree", "yes".
+#: Behavior of each method for connections, contacts, coupled joints, in this order; default: "tree", "tree", "supported".
 EXPECTED: dict[str, tuple[str, str, str]] = {
-    **dict.fromkeys(["constrained_dynamics", "constrained_inverse_dynamics", "constrained_mass_matrix_inverse", "constraint_bias"], ("acts", "tree", "refused")),
-    **dict.fromkeys(["constraint_error", "constraint_jacobian", "project"], ("acts", "tree", "refused")),
-    **dict.fromkeys(["contact_gaps", "contact_velocities"], ("tree", "acts", "refused")),
-    **dict.fromkeys(["forward_dynamics", "forward_dynamics_derivatives", "forward_dynamics_jvp", "forward_dynamics_vjp", "linearize"], ("acts", "tree", "yes")),
-    **dict.fromkeys(["inverse_kinematics", "inverse_kinematics_rates", "plan"], ("acts", "tree", "yes")),
-    **dict.fromkeys(["simulate", "simulator"], ("acts", "acts", "yes")),
-    **dict.fromkeys(["lock", "to_builder", "with_inertias", "with_payload", "with_properties"], ("acts", "acts", "yes")),
-    **dict.fromkeys(["estimate", "forward_dynamics_hvp", "identify", "to_c", "to_cuda", "to_rust"], ("refused", "tree", "refused")),
-    **dict.fromkeys(["factor", "inverse_dynamics_hvp", "operational_inertia", "operational_inverse_inertia", "random_model"], ("tree", "tree", "refused")),
-    "ode": ("refused", "refused", "yes"),
-    "simulate_vjp": ("refused", "refused", "refused"),
-    "to_urdf": ("refused", "refused", "yes"),
+    **dict.fromkeys(["constrained_dynamics", "constrained_inverse_dynamics", "constrained_mass_matrix_inverse", "constraint_bias"], ("included", "tree", "error")),
+    **dict.fromkeys(["constraint_error", "constraint_jacobian", "project"], ("included", "tree", "error")),
+    **dict.fromkeys(["contact_gaps", "contact_velocities"], ("tree", "included", "error")),
+    **dict.fromkeys(["forward_dynamics", "forward_dynamics_derivatives", "forward_dynamics_jvp", "forward_dynamics_vjp", "linearize"], ("included", "tree", "supported")),
+    **dict.fromkeys(["inverse_kinematics", "inverse_kinematics_rates", "plan"], ("included", "tree", "supported")),
+    **dict.fromkeys(["simulate", "simulator"], ("included", "included", "supported")),
+    **dict.fromkeys(["lock", "to_builder", "with_inertias", "with_payload", "with_properties"], ("included", "included", "supported")),
+    **dict.fromkeys(["estimate", "forward_dynamics_hvp", "identify", "to_c", "to_cuda", "to_rust"], ("error", "tree", "error")),
+    **dict.fromkeys(["factor", "inverse_dynamics_hvp", "operational_inertia", "operational_inverse_inertia", "random_model"], ("tree", "tree", "error")),
+    "ode": ("error", "error", "supported"),
+    "simulate_vjp": ("error", "error", "error"),
+    "to_urdf": ("error", "error", "supported"),
 }
 
 
 def expected(name: str, kind: str) -> str:
     """Behavior of a method in scenes of a kind."""
-    return EXPECTED.get(name, ("tree", "tree", "yes"))[KINDS.index(kind)]
+    return EXPECTED.get(name, ("tree", "tree", "supported"))[KINDS.index(kind)]
 
 
 def page() -> str:
@@ -237,8 +234,8 @@ def page() -> str:
         "",
         *(f"- **{word}**: {meaning}." for word, meaning in MEANING.items()),
         "",
-        "Kinematics, momentum, energy, the mass matrix and inverse dynamics describe the tree, and connections and contacts do not change them: the forces of connections are an argument of the "
-        "equations of motion, not a part of these quantities. `constrained_mass_matrix_inverse` and `constrained_inverse_dynamics` are the counterparts with connections. Contacts act in `simulate` and in simulators only.",
+        "Kinematics, momentum, energy, the mass matrix and inverse dynamics are quantities of the tree of joints, which connections and contacts do not change. `constrained_mass_matrix_inverse` and "
+        "`constrained_inverse_dynamics` are the corresponding methods that include connections. Only `simulate` and simulators include contacts.",
         "",
         "| method | connections | contacts | coupled joints |",
         "| --- | --- | --- | --- |",

@@ -1,6 +1,5 @@
-"""Frequently used functions: single links, center of mass, momentum about it. Compared with Pinocchio on real robots,
-60
-digits and identities.
+"""Frequently used functions: single links, center of mass, momentum about it. Compared with Pinocchio on real
+robots, 60 digits and identities.
 """
 
 from __future__ import annotations

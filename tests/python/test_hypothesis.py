@@ -68,9 +68,8 @@ class Case:
         return self.scene.integrate(self.q, h * self.qd), self.qd + h * qdd
 
     def third_derivative(self, qdd: np.ndarray) -> float:
-        """Bound for a function of the state along `moved`, relative to the function: three velocities, or two changes
-        of
-        velocities.
+        """Bound for a function of the state along `moved`, relative to the function: three velocities, or two
+        changes of velocities.
         """
         return size(self.qd) ** 3 + size(qdd) ** 2
 

@@ -1,6 +1,5 @@
-"""Long chains with every type of joint compared with 34 digits: each form within 8 sqrt(n) eps, and form `auto` uses
-the
-covariance form.
+"""Long chains with every type of joint compared with 34 digits: each form within 8 sqrt(n) eps, and form `auto`
+uses the covariance form.
 """
 
 from __future__ import annotations

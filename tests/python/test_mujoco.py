@@ -1,6 +1,5 @@
 """Scene.from_mujoco compared with MuJoCo: poses, mass matrix, bias, springs and losses, accelerations; refused
-features,
-by name.
+features, by name.
 """
 
 from __future__ import annotations

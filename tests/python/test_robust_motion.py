@@ -17,9 +17,8 @@ from phipsi.errors import ArgumentError, LimitWarning
 
 
 class Belt:
-    """A block with dry friction on a spring whose other end moves at a constant speed, and reverses when the block
-    first
-    stops.
+    """A block with dry friction on a spring whose other end moves at a constant speed, and reverses when the
+    block first stops.
     """
 
     mass, stiffness, friction, speed = 2.0, 50.0, 4.0, 0.1

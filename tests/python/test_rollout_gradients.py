@@ -1,6 +1,5 @@
-"""Gradients of functions of trajectories: compared with dense Jacobians of every step, with differences, and with
-closed
-forms; and as calls.
+"""Gradients of functions of trajectories: compared with dense Jacobians of every step, with differences, and
+with closed forms; and as calls.
 """
 
 from __future__ import annotations
@@ -230,9 +229,8 @@ def test_one_state_a_batch_and_threads_have_the_same_bits(mixed: phipsi.Scene, m
 
 
 def test_in_doubt_as_the_product_of_dense_jacobians() -> None:
-    """A mass at the tip for which the covariance form loses precision: the adjoint of steps whose error estimate
-    exceeds
-    the tolerance is recomputed in double-double arithmetic.
+    """A mass at the tip for which the covariance form loses precision: the adjoint of steps whose error
+    estimate exceeds the tolerance is recomputed in double-double arithmetic.
     """
     case = phipsi.scenes.extreme("heavy-tip", 1e10, bodies=6)
     scene, dt, steps = case.scene, 1e-3, 4

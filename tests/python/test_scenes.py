@@ -121,9 +121,8 @@ def tree_of(scene: phipsi.Scene) -> Tree:
     ("name", "value"), [("heavy-tip", 1e12), ("growing-masses", 1e2), ("needles", 1e-9), ("near-coincident-axes", 1e-2)]
 )
 def test_the_square_root_form_is_right_to_60_digits(name: str, value: float) -> None:
-    """The double-double reference uses our own recursion; this test is independent of it except for the constants of
-    the
-    scene.
+    """The double-double reference uses our own recursion; this test is independent of it except for the
+    constants of the scene.
 
     The oracle starts from the constants of the links and joints, so that the difference includes the rounding of the
     builder, which is covered by the sensitivity to the parameters of the model.

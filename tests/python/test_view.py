@@ -192,13 +192,13 @@ def test_what_a_mesh_reader_raises_is_a_warning(robot: Path, monkeypatch: pytest
         raise Malformed("line 1")
 
     monkeypatch.setattr(trimesh, "load", load)
-    with pytest.warns(MeshWarning, match=r"part.stl' cannot be read \(Malformed: line 1\); expected files that can be read"):
+    with pytest.warns(MeshWarning, match=r"part.stl' cannot be read \(Malformed: line 1\); expected readable files"):
         assert len(shapes_of(phipsi.Scene.from_urdf(robot), None)) == 3
 
 
 @pytest.mark.parametrize("port", [99999, -1, 65536, 80.5, "8080", True])
 def test_ports_that_are_none_are_refused(port: Any) -> None:
-    with pytest.raises(ArgumentError, match="port: found .*; expected a whole number from 1 to 65535, or 0"):
+    with pytest.raises(ArgumentError, match="port: found .*; expected an integer from 1 to 65535, or 0"):
         phipsi.scenes.chain(2).show(port=port, browser=False)
 
 
@@ -281,9 +281,8 @@ class Drawn(SimpleNamespace):
 
 
 def test_arrows_are_to_scale() -> None:
-    """Lengths are proportional to newtons, with a labeled reference arrow on the ground; zero and unknown forces are
-    not
-    drawn.
+    """Lengths are proportional to newtons, with a labeled reference arrow on the ground; zero and unknown
+    forces are not drawn.
     """
     force = np.zeros((50, 2, 3))
     force[10:30, 0, 2] = 30.0
@@ -414,7 +413,7 @@ def test_the_page_of_a_simulation(browser: Any, tmp_path: Path, width: int, robo
         curves = next(plot for plot in opened.plots() if plot["name"] == "plot-over-time")
         assert {"hinge", "turn", "total"} <= set(curves["legend"])
         titles = " ".join(opened.page.locator("#plot-over-time [class*='title']").all_text_contents())
-        assert "torque, N m or N" in titles and "torque / its limit" in titles
+        assert "torque, N m or N" in titles and "torque relative to its limit" in titles
         assert opened.wide() <= width
         opened.check(file)
 

@@ -83,9 +83,8 @@ def recursion(n: int, scale: float) -> float:
 
 
 def chain(n: int) -> float:
-    """For accelerations of a chain of n joints, relative to the largest: rounding errors accumulate as in a random
-    walk,
-    and so do rotations.
+    """For accelerations of a chain of n joints, relative to the largest: rounding errors accumulate as in a
+    random walk, and so do rotations.
     """
     return 8.0 * float(np.sqrt(n)) * EPS
 

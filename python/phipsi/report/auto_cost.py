@@ -1,8 +1,7 @@
 """Time of form "auto" relative to "covariance" by kind of state: Python calls, one state and a batch.
 
-benches/auto_states.py also runs this file with older wheels. Therefore it uses only public names of phipsi, kinds.py
-and
-timing.py.
+benches/auto_states.py also runs this file with older wheels. Therefore it uses only public names of phipsi,
+kinds.py and timing.py.
 """
 
 from __future__ import annotations

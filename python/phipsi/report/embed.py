@@ -37,7 +37,7 @@ def check(scene: Scene) -> None:
 
 def robot(scene: Scene, motion: Trajectory | Array, t: Array | None = None) -> dict[str, Any]:
     """Values for a template that shows a robot in motion, or at configurations, (k, nq), at times, (k,), s: an iframe,
-    whether the file has shapes, and missing shapes.
+    True if the file has shapes, and a list of missing shapes.
     """
     from .. import view
     from ..view import shapes

@@ -1,8 +1,7 @@
 """Kinds of states for benchmarks: random states, and states that occur in the use of robots.
 
-The benchmarks import this file, and benches/auto_states.py runs it with older wheels. Therefore it uses only numpy
-and public
-names of phipsi.
+The benchmarks import this file, and benches/auto_states.py runs it with older wheels. Therefore it uses only
+numpy and public names of phipsi.
 """
 
 from __future__ import annotations

@@ -93,9 +93,8 @@ class Report(Findings):
 
     @cached_property
     def conditions(self) -> Array:
-        """cond(M), largest relative to smallest singular value, of each state. Missing for scenes that are too large
-        for
-        dense algebra.
+        """cond(M), largest relative to smallest singular value, of each state. Missing for scenes that are too
+        large for dense algebra.
         """
         self.needs_dense()
         return np.array([float(np.linalg.cond(self.scene.mass_matrix(one))) for one in self.states.q])

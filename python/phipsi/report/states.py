@@ -43,9 +43,8 @@ class States:
 def draw(scene: Scene, tree: Tree, count: int, seed: int) -> States:
     """Draw states: positions within limits, joint velocities in (-1, 1), torques of the magnitude of the bias torque.
 
-    A joint without limits is rotated in (-pi, pi) or translated in (-1, 1) m. The values are rounded to float32, so
-    that both
-    precisions have the same inputs.
+    A joint without limits is rotated in (-pi, pi) or translated in (-1, 1) m. The values are rounded to
+    float32, so that both precisions have the same inputs.
     """
     generator = np.random.default_rng(seed)
     low, high = ranges(scene, tree)

@@ -135,9 +135,8 @@ class _Stage:
         self.update(rows[0])
 
     def _extent(self, shapes: Sequence[Shape], rows: _Array, size: float) -> tuple[float, _Array, float]:
-        """Height of the lowest corner of a mesh, center of the robot, and distance of the camera, over some of the
-        rows,
-        or for the first row if the robot moves far.
+        """Height of the lowest corner of a mesh, center of the robot, and distance of the camera, over some of
+        the rows, or for the first row if the robot moves far.
         """
         some = rows[np.unique(np.linspace(0, len(rows) - 1, LOOKS).astype(int))]
         placements = self.scene.placements(some)

@@ -74,9 +74,8 @@ class Accuracy:
 def accuracy(report: Report, reporter: Reporter) -> list[Accuracy]:
     """Error against run time: every method in both precisions, compared with double-double arithmetic, `auto` first.
 
-    The time is the median over the rounds of the median over the passes of each round. Methods that form a matrix are
-    omitted for
-    large scenes.
+    The time is the median over the rounds of the median over the passes of each round. Methods that form a
+    matrix are omitted for large scenes.
     """
     scene, states, methods = report.scene, report.solvable, _core.METHODS
     if scene.nv > DENSE_CAP:

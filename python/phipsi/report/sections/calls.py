@@ -54,9 +54,8 @@ def _calls(scene: Scene) -> list[_Call]:
 
 
 def measured(scene: Scene, drawn: Drawn, quick: bool, reporter: Reporter) -> list[CallTime]:
-    """Time of every call at the random states, interleaved: one state per call, and a batch. Calls whose form raises
-    are
-    omitted.
+    """Time of every call at the random states, interleaved: one state per call, and a batch. Calls whose form
+    raises are omitted.
     """
     states = kinds.state(scene, drawn, kinds.RANDOM)
     rows = []

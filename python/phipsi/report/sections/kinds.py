@@ -21,11 +21,9 @@ def kind_errors(scene: Scene, drawn: Drawn, kind: str, count: int) -> dict[str, 
     """Median and largest error of the first `count` states, from Python, by form ("auto" and "covariance"); empty if
     they raise.
 
-    The error of a state is the largest error of an acceleration, compared with double-double arithmetic, relative to
-    the largest
-    acceleration or to the largest acceleration from the bias torque alone, whichever is larger: in static equilibrium
-    the
-    accelerations vanish.
+    The error of a state is the largest error of an acceleration, compared with double-double arithmetic,
+    relative to the largest acceleration or to the largest acceleration from the bias torque alone, whichever is
+    larger: in static equilibrium the accelerations vanish.
     """
     q, qd, tau = (values[:count] for values in kinds.state(scene, drawn, kind))
     try:

@@ -22,8 +22,7 @@ class Times(NamedTuple):
     """Forward dynamics in covariance form from Python on one thread, all states in one call, ns per state, medians.
 
     For a factor: one right-hand side of `solve` compared with forward dynamics at the same q, and an `update`
-    compared with a new
-    factor, per call.
+    compared with a new factor, per call.
     """
 
     of: Of | None
@@ -47,9 +46,8 @@ def without(scene: Scene, switch: str) -> Scene:
 
 
 def measured(scene: Scene, states: States) -> dict[str, Times]:
-    """Times of the simplifications of this scene by switch, and of calls on the factor by description; pairs that
-    cannot
-    both be timed are omitted.
+    """Times of the simplifications of this scene by switch, and of calls on the factor by description; pairs
+    that cannot both be timed are omitted.
     """
     found = {}
     with threads(1):

@@ -62,9 +62,8 @@ class Linkage(NamedTuple):
         return builder.build(gravity=(0.0, 0.0, -GRAVITY))
 
     def exact(self) -> Array:
-        """Joint accelerations, rounded once: M t'' + h = Q + J^T f with J t'' + J' t' = 0, for the angles t of the
-        links
-        from z.
+        """Joint accelerations, rounded once: M t'' + h = Q + J^T f with J t'' + J' t' = 0, for the angles t of
+        the links from z.
         """
         mass, inertia, com, length, q, qd, tau = ([Fraction(x) for x in row.tolist()] for row in self)
         n = range(len(q))
