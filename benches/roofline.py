@@ -197,8 +197,8 @@ def page(found: Row, rows: Sequence[Row]) -> str:
     if max(machine["load_at_start"], machine["load_at_end"]) > 1.5:
         text.append("**Measured on a machine with other load: times are too long, fractions too small.**\n")
     text.append("![Gflop/s against operations per byte](roofline.png)\n")
-    text += ["## What is measured\n", TERMS]
-    text.append("## The machine\n")
+    text += ["## Measured quantities\n", TERMS]
+    text.append("## Machine\n")
     text.append(
         table(
             MACHINE,

@@ -74,4 +74,4 @@ for cycle in range(options.cycles):
         print(f"t = {(cycle + 1) * HOLD * DT:4.2f} s: {distance:.4f} m from the goal, fastest joint {speed:.3f} rad/s")
 
 elapsed = time.perf_counter() - start
-print(f"{states / elapsed / 1e3:.0f} thousand states a second, {options.cycles / elapsed:.0f} cycles a second")
+print(f"{states / elapsed / 1e3:.0f} thousand states per second, {options.cycles / elapsed:.0f} cycles per second")

@@ -380,9 +380,9 @@ def mppi(runs: int, cycles: int) -> dict[str, Any]:
     rates = []
     for _ in range(runs):
         done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
-        rate = re.search(r"(\d+) thousand states a second", done.stdout)
+        rate = re.search(r"(\d+) thousand states per second", done.stdout)
         if done.returncode or not rate:
-            fail(f"examples/mppi.py: {done.stderr.strip() or 'prints no states a second'}")
+            fail(f"examples/mppi.py: {done.stderr.strip() or 'found no rate in its output'}")
         rates.append(1e3 * float(rate[1]))
     return {"command": " ".join(["python", *command[1:]]), "states_a_second": asdict(Spread.of(rates)), "aim": AIM_MPPI}
 
@@ -447,10 +447,10 @@ def print_table(report: dict[str, Any]) -> None:
     for line in cells:
         print("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip())
     print(
-        f"\nns a state and step: median (minimum to maximum) of {report['passes']} passes; ratios within a pass, and of the best."
+        f"\nns per state and step: median (minimum to maximum) of {report['passes']} passes; ratios within a pass, and of the best."
     )
     rate = report["mppi"]["states_a_second"]
-    print(f"examples/mppi.py: {plain(rate, 0)} states a second, aim {AIM_MPPI:g}")
+    print(f"examples/mppi.py: {plain(rate, 0)} states per second, aim {AIM_MPPI:g}")
     print(f"agreement: one step, and all rows of rollouts, within {max(report['agreement'].values()):.1e}")
 
 

@@ -196,8 +196,8 @@ class Plan:
     """Simplifications that apply to this scene."""
 
     def __repr__(self) -> str:
-        lines = [f"{self.bodies} bodies from {self.links} links; left out:"]
+        lines = [f"{self.bodies} bodies from {self.links} links; simplifications:"]
         for item in self.items:
-            counted = f", {item.operations} operations a call" if item.operations else ""
+            counted = f", {item.operations} operations per call" if item.operations else ""
             lines.append(f"  {item.count} {item.what}: {item.why}; saved {item.saved}{counted}")
         return "\n".join(lines)

@@ -84,8 +84,8 @@ def test_what_was_refined_is_visible_state_by_state() -> None:
     assert np.all(info.error <= 1e-12 * largest)
     alone, covariance = scene.forward_dynamics(q, qd, tau, form="covariance", return_info=True)
     off = np.abs(alone - qdd).max(axis=-1)
-    assert np.all(off > 1e-9 * largest), "the covariance form loses digits here"
-    assert np.all(off <= ESTIMATE_SPREAD * covariance.error), "and says so"
+    assert np.all(off > 1e-9 * largest), "the covariance form loses precision here"
+    assert np.all(off <= ESTIMATE_SPREAD * covariance.error), "its error estimate is too small"
 
 
 def test_refined_states_stand_among_others_of_a_batch() -> None:

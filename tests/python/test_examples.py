@@ -35,7 +35,7 @@ def test_mppi_brings_the_arm_toward_its_goal() -> None:
     assert run.returncode == 0, run.stdout[-2000:] + run.stderr
     before, after = (float(x) for x in re.findall(r"(\d\.\d+) m from", run.stdout))
     assert after < 0.5 * before
-    assert "thousand states a second" in run.stdout
+    assert "thousand states per second" in run.stdout
 
 
 def test_the_rods_stay_on_the_cart() -> None:

@@ -76,7 +76,7 @@ def test_the_plan_lists_what_was_left_out() -> None:
     assert items["fixed_joints"].names == ("column", "weld")
     assert items["base_links"].names == ("base", "column")
     assert all(items[switch].operations > 0 for switch in SWITCHES)
-    assert "operations a call" in repr(builder().build().plan())
+    assert "operations per call" in repr(builder().build().plan())
     kept = builder().build(leave_out=()).plan()
     assert all(item.switch is None for item in kept.items)
     # The base, the column, the hand.
