@@ -48,7 +48,7 @@ pub use evaluator::{Evaluated, Evaluator};
 
 use crate::error::Error;
 pub use crate::error::Fault;
-use crate::watch;
+use crate::interrupt;
 use std::ops::Range;
 use std::sync::Mutex;
 
@@ -297,7 +297,7 @@ impl<S: Send, M: Fn() -> S + Sync> Batch<'_, S, M> {
     ///
     /// # Errors
     ///
-    /// As [`Batch::run`]; a kernel's fault is the lowest of its range. [`Error::Interrupted`] under a [`watch`] that ends the work.
+    /// As [`Batch::run`]; a kernel's fault is the lowest of its range. [`Error::Interrupted`] under a [`interrupt`] that ends the work.
     #[cfg_attr(not(feature = "parallel"), allow(unused_variables))] // pieces are for threads
     pub fn run_pieces<P, K>(&self, grain: usize, results: &mut [P], kernel: K) -> Result<(), Fault>
     where
@@ -340,7 +340,7 @@ impl<S: Send, M: Fn() -> S + Sync> Batch<'_, S, M> {
         let slice = (SLICE / self.cost.max(1)).max(1).next_multiple_of(grain);
         let mut first = states.start;
         while first < states.end {
-            watch::check().map_err(|error| Fault { state: first, error })?;
+            interrupt::check().map_err(|error| Fault { state: first, error })?;
             let count = slice.min(states.end - first);
             let (own, others) = results.split_at_mut(count * width);
             kernel(scratch, first..first + count, own)?;

@@ -89,29 +89,29 @@ pub enum Error {
         state: Option<usize>,
     },
     /// Connections that cannot hold: they contradict each other, or a state does not meet them.
-    #[error("{}{}: found {}; expected {}", of_connections(&fault.connections), in_state(*state), shortened(&fault.found), shortened(&fault.expected))]
+    #[error("{}{}: found {}; expected {}", of_connections(&violation.connections), in_state(*state), shortened(&violation.found), shortened(&violation.expected))]
     Constraint {
         /// Which, and what is wrong with them.
-        fault: Box<ConstraintFault>,
+        violation: Box<ConstraintViolation>,
         /// Index of the state in a batch, if there is one.
         state: Option<usize>,
     },
     /// A size that there is no memory for.
-    #[error("{argument}: no room for {shortage}; expected a size that there is room for")]
+    #[error("{argument}: no room for {request}; expected a size that there is room for")]
     Memory {
         /// Name of the argument that says how large.
         argument: String,
         /// How much that is.
-        shortage: Box<Shortage>,
+        request: Box<MemoryRequest>,
     },
-    /// Work that was told to stop: see [`watch`](crate::watch).
+    /// Work that was told to stop: see [`interrupt`](crate::interrupt).
     #[error("interrupted")]
     Interrupted,
 }
 
 /// What is wrong with connections.
 #[derive(Debug, Clone, PartialEq)]
-pub struct ConstraintFault {
+pub struct ConstraintViolation {
     /// Their names.
     pub connections: Vec<String>,
     /// What was found.
@@ -122,15 +122,15 @@ pub struct ConstraintFault {
     pub residual: f64,
 }
 
-impl From<ConstraintFault> for Error {
-    fn from(fault: ConstraintFault) -> Self {
-        Self::Constraint { fault: Box::new(fault), state: None }
+impl From<ConstraintViolation> for Error {
+    fn from(violation: ConstraintViolation) -> Self {
+        Self::Constraint { violation: Box::new(violation), state: None }
     }
 }
 
 /// What memory had no room for.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Shortage {
+pub struct MemoryRequest {
     /// What the bytes are for, where that needs to be explained.
     pub what: String,
     /// What it would take.
@@ -139,7 +139,7 @@ pub struct Shortage {
     pub free: Option<u128>,
 }
 
-impl std::fmt::Display for Shortage {
+impl std::fmt::Display for MemoryRequest {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self { what, bytes, free } = self;
         let comma = if what.is_empty() { "" } else { ", " };
@@ -235,8 +235,8 @@ impl Error {
 
     /// An error about memory, of which nothing more is known.
     pub(crate) fn memory(argument: &str, bytes: u128, free: Option<u128>) -> Self {
-        let shortage = Box::new(Shortage { what: String::new(), bytes, free });
-        Self::Memory { argument: argument.to_owned(), shortage }
+        let request = Box::new(MemoryRequest { what: String::new(), bytes, free });
+        Self::Memory { argument: argument.to_owned(), request }
     }
 
     /// A scene error from its three parts.

@@ -200,6 +200,7 @@ mod contact;
 pub mod dynamics;
 mod error;
 pub mod filter;
+pub mod interrupt;
 pub mod inverse_kinematics;
 mod joints;
 pub mod kinematics;
@@ -217,15 +218,14 @@ pub mod scenes;
 pub mod spatial;
 #[cfg(feature = "stochastic")]
 pub mod stochastic;
-pub mod watch;
 mod workspace;
 
 pub use accuracy::{Accuracy, Bound, ESTIMATE_SPREAD};
 pub use algorithm::{Algorithm, Arguments, Derivatives, Everyday, Products};
 pub use api::{BodyWrenches, Constrained, OnLink, Projection, TaskFrame};
-pub use error::{ConstraintFault, Error, Shortage};
+pub use error::{ConstraintViolation, Error, MemoryRequest};
 pub use filter::Form;
-pub use plan::{Omission, Plan};
+pub use plan::{Plan, Simplification};
 pub use scene::{Scene, SceneBuilder};
 pub use workspace::{Tally, Workspace};
 

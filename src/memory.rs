@@ -137,10 +137,10 @@ mod tests {
             room("samples", 1 << 60),
         ] {
             let error = refused.expect_err("more than there is");
-            let Error::Memory { argument, shortage } = &error else { panic!("{error}") };
+            let Error::Memory { argument, request } = &error else { panic!("{error}") };
             assert_eq!(argument, "samples");
             assert!(error.to_string().starts_with("samples: no room for "), "{error}");
-            assert!(error.to_string().contains(&shortage.bytes.to_string()), "{error}");
+            assert!(error.to_string().contains(&request.bytes.to_string()), "{error}");
         }
     }
 

@@ -3,14 +3,14 @@
 mod counted;
 
 use crate::filter::{HingeMap, Rows};
-use crate::model::{Body, Motion, Omissions};
+use crate::interrupt;
+use crate::model::{Body, Motion, Simplifications};
 use crate::scene::{JointKind, Scene};
-use crate::watch;
 use std::collections::HashSet;
 
 /// One thing left out.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Omission {
+pub struct Simplification {
     /// What, in a few words.
     pub what: &'static str,
     /// The name of the switch that turns it off; none where there is one way to compute only.
@@ -29,8 +29,15 @@ pub struct Omission {
 }
 
 /// An item yet to be filled in: no switch, and no operations counted.
-const NOTHING: Omission =
-    Omission { what: "", switch: None, count: 0, names: Vec::new(), why: "", saved: String::new(), operations: 0 };
+const NOTHING: Simplification = Simplification {
+    what: "",
+    switch: None,
+    count: 0,
+    names: Vec::new(),
+    why: "",
+    saved: String::new(),
+    operations: 0,
+};
 
 /// What was left out when the scene was built, and what its calls leave out.
 #[derive(Debug, Clone, PartialEq)]
@@ -40,7 +47,7 @@ pub struct Plan {
     /// Links that the user gave.
     pub links: usize,
     /// What was left out; only what this scene had.
-    pub items: Vec<Omission>,
+    pub items: Vec<Simplification>,
 }
 
 /// Operations of one body in the covariance form. Counted by running it on a scalar that counts: docs/leaving-out.md.
@@ -82,7 +89,7 @@ fn counted(count: usize, one: &str, many: &str) -> String {
 impl Scene {
     /// What this scene does not need, and what leaving it out saved.
     ///
-    /// Some of it is counted by running the algorithms on numbers that count: O(N), some microseconds a body. Under a [`watch`] that ends the
+    /// Some of it is counted by running the algorithms on numbers that count: O(N), some microseconds a body. Under a [`interrupt`] that ends the
     /// work, only what was found until then.
     #[must_use]
     pub fn plan(&self) -> Plan {
@@ -90,26 +97,26 @@ impl Scene {
         if let Some(coupling) = self.coupling() {
             return coupling.tree().plan();
         }
-        let built: [fn(&Self) -> Omission; 4] =
+        let built: [fn(&Self) -> Simplification; 4] =
             [Self::merged_item, Self::base_item, Self::renamed_item, Self::tilted_item];
-        let called: [fn(&Self) -> Omission; 2] = [Self::velocity_item, Self::gravity_item];
-        let others: [fn(&Self) -> Omission; 5] =
+        let called: [fn(&Self) -> Simplification; 2] = [Self::velocity_item, Self::gravity_item];
+        let others: [fn(&Self) -> Simplification; 5] =
             [Self::locked_item, Self::factor_item, Self::branch_item, Self::outputs_item, Self::compiled_item];
-        let always: [fn(&Self) -> Omission; 2] = [Self::axes_item, Self::armature_item];
+        let always: [fn(&Self) -> Simplification; 2] = [Self::axes_item, Self::armature_item];
         let all = built.into_iter().chain(called).chain(others).chain(always);
-        let found = all.map_while(|item| watch::check().ok().map(|()| item(self)));
+        let found = all.map_while(|item| interrupt::check().ok().map(|()| item(self)));
         let items = found.filter(|item| item.count > 0).collect();
         Plan { bodies: self.model().bodies.len(), links: self.links().len(), items }
     }
 
     /// An item that is left out where its switch is on.
-    fn switched(&self, switch: &'static str, item: Omission) -> Omission {
-        let mut omissions = self.source().left_out();
-        let on = Omissions::SWITCHES.iter().any(|&(name, of)| name == switch && *of(&mut omissions));
-        Omission { switch: Some(switch), count: if on { item.count } else { 0 }, ..item }
+    fn switched(&self, switch: &'static str, item: Simplification) -> Simplification {
+        let mut simplifications = self.source().left_out();
+        let on = Simplifications::SWITCHES.iter().any(|&(name, of)| name == switch && *of(&mut simplifications));
+        Simplification { switch: Some(switch), count: if on { item.count } else { 0 }, ..item }
     }
 
-    fn merged_item(&self) -> Omission {
+    fn merged_item(&self) -> Simplification {
         let names = self.merged_joints().to_vec();
         // What is fixed to the base is not merged for the sake of a sweep: it cannot move and is dropped.
         let children: HashSet<&str> = self
@@ -124,7 +131,7 @@ impl Scene {
         let saved = counted(names.len(), "shift of an inertia and of a force", "shifts of an inertia and of a force");
         self.switched(
             "fixed_joints",
-            Omission {
+            Simplification {
                 what: "fixed joints, merged into their parents",
                 count: names.len(),
                 names,
@@ -136,19 +143,19 @@ impl Scene {
         )
     }
 
-    fn base_item(&self) -> Omission {
+    fn base_item(&self) -> Simplification {
         let links = self.links().iter().filter(|link| link.body.is_none());
         let names: Vec<String> = links.map(|link| link.name.clone()).collect();
         // Kept, they are one body where fixed joints are merged.
-        let omissions = self.model().omissions;
-        let most = if omissions.fixed_joints { 1 } else { usize::MAX };
+        let simplifications = self.model().simplifications;
+        let most = if simplifications.fixed_joints { 1 } else { usize::MAX };
         let bodies = names.len().min(most);
         let carried = self.model().system.stages.iter().filter(|stage| stage.parent.is_none()).count();
         // The body of the base sends nothing inward itself.
         let kept = bodies * (operations::FIXED_BODY + operations::FORCE) + carried * operations::INWARD;
         self.switched(
             "base_links",
-            Omission {
+            Simplification {
                 what: "links on the base",
                 count: names.len(),
                 names,
@@ -160,11 +167,11 @@ impl Scene {
         )
     }
 
-    fn velocity_item(&self) -> Omission {
+    fn velocity_item(&self) -> Simplification {
         let bodies = &self.model().bodies;
         self.switched(
             "zero_velocity",
-            Omission {
+            Simplification {
                 what: "velocities, in a call whose rates are all zero",
                 count: bodies.len(),
                 why: "without velocity there is no velocity product",
@@ -176,12 +183,12 @@ impl Scene {
         )
     }
 
-    fn gravity_item(&self) -> Omission {
+    fn gravity_item(&self) -> Simplification {
         let model = self.model();
-        let weightless = model.omissions.zero_velocity && model.gravity.iter().all(|&g| g == 0.0);
+        let weightless = model.simplifications.zero_velocity && model.gravity.iter().all(|&g| g == 0.0);
         self.switched(
             "zero_gravity",
-            Omission {
+            Simplification {
                 what: "the bias, in a call whose rates are all zero",
                 count: if weightless { model.bodies.len() } else { 0 },
                 why: "without velocity and gravity b = 0",
@@ -193,10 +200,10 @@ impl Scene {
         )
     }
 
-    fn axes_item(&self) -> Omission {
+    fn axes_item(&self) -> Simplification {
         let stages = self.model().system.stages.iter();
         let count = stages.filter(|stage| matches!(stage.rows, Rows::One(HingeMap::Axis(_)))).count();
-        Omission {
+        Simplification {
             what: "general joint axes, turned onto z when the scene was built",
             count,
             why: "in a frame with the axis on z, H picks a row: P H* is a column of P, not a product",
@@ -205,9 +212,9 @@ impl Scene {
         }
     }
 
-    fn armature_item(&self) -> Omission {
+    fn armature_item(&self) -> Simplification {
         let count = self.model().system.noise.iter().filter(|&&noise| noise == 0.0).count();
-        Omission {
+        Simplification {
             what: "measurement noise (armature)",
             count,
             why: "without armature H g = 1 and H P^+ = 0 hold exactly and are written, not computed",

@@ -350,9 +350,9 @@ fn what_cannot_be_reached_is_named() {
     let scene = bars(ConnectionKind::Distance(Some(5.0)));
     let mut q = vec![0.3, 0.2, 0.1];
     let found = scene.project(&mut scene.workspace(), &mut scene.constraint_scratch(), &mut q, None).unwrap_err();
-    let Error::Constraint { fault, .. } = &found else { panic!("{found}") };
-    assert_eq!(fault.connections, ["pin"]);
-    assert!(fault.residual > 3.0 && found.to_string().contains("m or rad"), "{found}");
+    let Error::Constraint { violation, .. } = &found else { panic!("{found}") };
+    assert_eq!(violation.connections, ["pin"]);
+    assert!(violation.residual > 3.0 && found.to_string().contains("m or rad"), "{found}");
 }
 
 /// A chain whose tip two welds hold at different places.
@@ -372,8 +372,8 @@ fn connections_that_contradict_each_other_are_named() {
     let scene = torn();
     let state = (vec![0.3, 0.4, 0.5], vec![1.0, -2.0, 3.0], vec![0.0; 3]);
     let found = dynamics(&scene, Form::Auto, &state).unwrap_err();
-    let Error::Constraint { fault, .. } = &found else { panic!("{found}") };
-    assert_eq!(fault.connections, ["one", "other"]);
+    let Error::Constraint { violation, .. } = &found else { panic!("{found}") };
+    assert_eq!(violation.connections, ["one", "other"]);
     assert!(found.to_string().contains("scene.project"), "{found}");
     let (q, qd, tau) = &state;
     let mut qdd = [f64::NAN; 3];

@@ -6,7 +6,7 @@ import copy
 import warnings
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -151,8 +151,13 @@ class EnergyAudit(NamedTuple):
     """Change of kinetic, potential and spring energy."""
     remainder: _Array
     """Change minus all works: the error of the integrator, and that of the works, which are sums over steps."""
-    share: _Array
-    """The remainder relative to the largest of: the kinetic energy, the range of the potential energy, and each work."""
+    relative_error: _Array
+    """The absolute value of the remainder, relative to the largest of: the kinetic energy, the range of the potential energy, and each work."""
+
+    def __getattr__(self, name: str) -> NoReturn:
+        """Name the new attribute where the old one is read."""
+        new = "; it was renamed to 'relative_error'" if name == "share" else ""
+        raise AttributeError(f"'EnergyAudit' object has no attribute {name!r}{new}", name=name, obj=self)
 
 
 class StopImpact(NamedTuple):
@@ -292,8 +297,8 @@ class Trajectory:
         sizes = [energy.kinetic.max(axis=-1), np.ptp(energy.potential + energy.spring, axis=-1)]
         rounding = 1e-12 * (np.abs(energy.kinetic) + np.abs(energy.potential) + np.abs(energy.spring)).max(axis=-1)
         scale = np.max([np.abs(size) for size in (*works, *sizes, rounding)], axis=0)
-        share = np.asarray(np.abs(remainder) / np.where(scale > 0.0, scale, 1.0))
-        return EnergyAudit(torque, damping, friction, control, stops, contacts, change, remainder, share)
+        relative_error = np.asarray(np.abs(remainder) / np.where(scale > 0.0, scale, 1.0))
+        return EnergyAudit(torque, damping, friction, control, stops, contacts, change, remainder, relative_error)
 
     def error_estimate(self) -> _Array:
         """Estimated error of the configuration in every row, (..., rows), rad or m: the largest entry of the difference to a more accurate run, times 2.

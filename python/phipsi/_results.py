@@ -24,7 +24,7 @@ __all__ = [
     "Link",
     "MassEstimate",
     "Mimic",
-    "Omission",
+    "Simplification",
     "Plan",
     "Projection",
     "RolloutGradients",
@@ -328,7 +328,7 @@ class MassEstimate(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Omission:
+class Simplification:
     """One thing that a scene does not need and that was left out."""
 
     what: str
@@ -361,7 +361,7 @@ class Plan:
     """Moving bodies that the sweeps visit."""
     links: int
     """Links that the scene was built from."""
-    items: tuple[Omission, ...]
+    items: tuple[Simplification, ...]
     """What was left out; only what this scene had."""
 
     def __repr__(self) -> str:

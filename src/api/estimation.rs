@@ -128,7 +128,7 @@ impl Scene {
 
     /// The scene can be estimated, and the variance of accelerations is positive: what all states of a batch share.
     pub(crate) fn check_prior(&self, s: f64) -> Result<(), Error> {
-        self.model().omissions.check_every_body_moves("scene")?;
+        self.model().simplifications.check_every_body_moves("scene")?;
         if s > 0.0 && s.is_finite() {
             return Ok(());
         }

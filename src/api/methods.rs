@@ -1,6 +1,6 @@
 //! The algorithms on one state of a scene, with arguments checked and faults named.
 
-use super::own;
+use super::kernels;
 use crate::algorithm::{Algorithm, Arguments};
 use crate::dynamics::coupled::CoupledScratch;
 use crate::dynamics::mass_inverse::InverseScratch;
@@ -23,7 +23,7 @@ impl Scene {
     #[must_use]
     pub fn workspace(&self) -> Workspace<f64> {
         let tree = self.tree();
-        Workspace { kernels: own::ready(tree), ..Workspace::new(tree.model()) }
+        Workspace { kernels: kernels::ready(tree), ..Workspace::new(tree.model()) }
     }
 
     /// Scratch for [`Scene::mass_matrix_inverse`].
@@ -155,7 +155,7 @@ impl Scene {
         // Only the recursion writes its accuracy into the workspace.
         let estimated = workspace.estimates_error && matches!(algorithm, Algorithm::ForwardDynamics(_));
         let fits = self.fits(algorithm, state) && out.len() == self.width(algorithm);
-        if fits && !estimated && own::run(&mut workspace.kernels, self, algorithm, state, out) {
+        if fits && !estimated && kernels::run(&mut workspace.kernels, self, algorithm, state, out) {
             return Ok(());
         }
         self.recursion(workspace, inverse, algorithm, state, out)

@@ -5,11 +5,11 @@ mod constraints;
 mod contacts;
 mod derivatives;
 mod estimation;
-mod everyday;
+mod kernels;
+mod kinematic_quantity;
 mod links;
 pub mod methods;
 pub mod operational;
-mod own;
 mod products;
 
 pub use constraints::{Constrained, Projection};

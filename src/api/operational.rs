@@ -3,9 +3,9 @@
 use crate::dynamics;
 use crate::dynamics::operational::{Frame, MANY, OperationalScratch};
 use crate::error::{Error, check_finite, check_length};
+use crate::interrupt;
 use crate::scene::Scene;
 use crate::spatial::RigidShift;
-use crate::watch;
 use crate::workspace::Workspace;
 use nalgebra::{DMatrix, Matrix3};
 
@@ -70,7 +70,7 @@ impl Scene {
         let many = frames.len() * frames.len() >= MANY;
         scratch.frames = frames;
         if many {
-            watch::check()?;
+            interrupt::check()?;
         }
         self.check_pivots(workspace, monitor)?;
         self.check_result("operational inverse inertia", out)

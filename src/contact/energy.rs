@@ -1,7 +1,7 @@
 //! Impacts that cannot raise the kinetic energy.
 
 use super::law::{Cone, Limits};
-use super::told::{Effort, Told};
+use super::report::{Effort, SolveReport};
 use nalgebra::DVector;
 
 /// What impulses p change of the kinetic energy at contact velocities u, J: u p + p G p/2. No mass enters.
@@ -37,7 +37,7 @@ pub(crate) fn expansion_kept(cone: &Cone, u: &DVector<f64>, p1: &DVector<f64>, p
 pub(crate) struct Impact {
     /// The impulses, N s.
     pub impulses: DVector<f64>,
-    pub told: Told,
+    pub solved: SolveReport,
     /// How much of the expansion the energy allows.
     pub expansion_kept: f64,
     /// How much of the compression, 1 where its solve converged.
@@ -54,7 +54,7 @@ pub(crate) fn impact(cone: &Cone, u: &DVector<f64>, restitution: &[f64], effort:
     let (p1, impulse_kept) = passive(cone, u, p1);
     let least: Vec<f64> = restitution.iter().enumerate().map(|(i, e)| e * p1[3 * i + 2]).collect();
     if least.iter().all(|&a| a == 0.0) {
-        return Impact { work: work(cone, u, &p1), impulses: p1, told: first, expansion_kept: 1.0, impulse_kept };
+        return Impact { work: work(cone, u, &p1), impulses: p1, solved: first, expansion_kept: 1.0, impulse_kept };
     }
     let start = DVector::from_fn(p1.len(), |i, _| restitution[i / 3] * p1[i]);
     let between = u + &cone.g * &p1;
@@ -62,5 +62,5 @@ pub(crate) fn impact(cone: &Cone, u: &DVector<f64>, restitution: &[f64], effort:
     let kept = expansion_kept(cone, u, &p1, &p2);
     let impulses = p1 + p2 * kept;
     let work = work(cone, u, &impulses);
-    Impact { impulses, told: first.with(second), expansion_kept: kept, impulse_kept, work }
+    Impact { impulses, solved: first.with(second), expansion_kept: kept, impulse_kept, work }
 }

@@ -18,7 +18,7 @@ pub(crate) struct Cone {
 pub(crate) struct Limits {
     /// The least normal impulse of each contact, N s.
     pub least: Vec<f64>,
-    /// The velocity that residuals are told beside, m/s.
+    /// The velocity that residuals are solved beside, m/s.
     pub scale: f64,
 }
 

@@ -19,13 +19,13 @@ mod interior;
 mod law;
 mod newton;
 mod path;
+mod report;
 mod scaled;
 mod solve;
 #[cfg(test)]
 mod tests;
-mod told;
 
 pub(crate) use energy::{Impact, expansion_kept, impact, passive};
 pub use law::ContactState;
 pub(crate) use law::{Cone, Limits};
-pub(crate) use told::{Effort, Told};
+pub(crate) use report::{Effort, SolveReport};

@@ -3,7 +3,7 @@
 use super::law::{Cone, Limits};
 use nalgebra::{DMatrix, DVector, Vector2};
 
-/// Room that is less than this part of mu `p_n` is told by itself: a difference would lose its digits.
+/// Room that is less than this part of mu `p_n` is solved by itself: a difference would lose its digits.
 const NEAR_THE_EDGE: f64 = 0.1;
 
 /// A problem as A = w G w, p = w z times a unit, w = sqrt r: one number a contact, so that cones stay cones.

@@ -4,7 +4,7 @@ use super::interior::Interior;
 use super::law::{Cone, Limits};
 use super::newton::PROXIMAL;
 use super::path::Path;
-use super::told::{Effort, Told};
+use super::report::{Effort, SolveReport};
 use nalgebra::DVector;
 
 /// Newton steps in a row, and how much each must take off the residual.
@@ -43,27 +43,27 @@ struct Search<'a> {
     limits: &'a Limits,
     effort: Effort,
     best: DVector<f64>,
-    told: Told,
+    solved: SolveReport,
 }
 
 impl<'a> Search<'a> {
     fn new(cone: &'a Cone, c: &'a DVector<f64>, limits: &'a Limits, effort: Effort) -> Self {
-        let told = Told { residual: f64::INFINITY, converged: false, ..Told::nothing() };
+        let solved = SolveReport { residual: f64::INFINITY, converged: false, ..SolveReport::nothing() };
         let mut best = DVector::zeros(c.len());
         cone.project(&mut best, &limits.least);
-        Self { cone, c, limits, effort, best, told }
+        Self { cone, c, limits, effort, best, solved }
     }
 
     /// Takes note of impulses in the cones; their residual, none where they end the search.
     fn left(&mut self, p: &DVector<f64>) -> Option<f64> {
         let residual = self.cone.residual(p, self.c, self.limits);
-        if residual < self.told.residual {
+        if residual < self.solved.residual {
             self.best.copy_from(p);
-            self.told.residual = residual;
-            self.told.floor = self.cone.floor(p, self.c, self.limits);
-            self.told.converged = residual <= self.effort.tolerance.max(self.told.floor);
+            self.solved.residual = residual;
+            self.solved.floor = self.cone.floor(p, self.c, self.limits);
+            self.solved.converged = residual <= self.effort.tolerance.max(self.solved.floor);
         }
-        (!self.told.converged).then_some(residual)
+        (!self.solved.converged).then_some(residual)
     }
 
     /// Newton steps for as long as the residual falls; whether they end the search, and whether `start` does.
@@ -72,7 +72,7 @@ impl<'a> Search<'a> {
         let mut p = start.clone();
         for _ in 0..STEPS.min(self.effort.iterations) {
             let Some(next) = self.cone.newton(&p, self.c, self.limits, PROXIMAL) else { return false };
-            self.told.iterations += 1;
+            self.solved.iterations += 1;
             let Some(left) = self.left(&next) else { return true };
             if !(left < FALLS * residual) {
                 return false;
@@ -88,7 +88,7 @@ impl<'a> Search<'a> {
         for i in 0..g.nrows() {
             g[(i, i)] += PROXIMAL / self.cone.lengths[i / 3];
         }
-        self.told.iterations += 1;
+        self.solved.iterations += 1;
         let Some(solved) = g.cholesky() else { return false };
         let mut p = -solved.solve(self.c);
         self.cone.project(&mut p, &self.limits.least);
@@ -100,7 +100,7 @@ impl<'a> Search<'a> {
         let (mut tried, mut stuck) = (f64::INFINITY, 0);
         for _ in 0..INSIDE.min(self.effort.iterations) {
             let Some(made) = inside.step() else { return false };
-            self.told.iterations += 1;
+            self.solved.iterations += 1;
             stuck = if made < ALL_BUT_NONE { stuck + 1 } else { 0 };
             let p = inside.impulses(self.limits);
             let Some(residual) = self.left(&p) else { return true };
@@ -122,7 +122,7 @@ impl<'a> Search<'a> {
         let mut path = Path::new(self.cone, self.c, self.limits, curve);
         let mut tried = f64::INFINITY;
         for k in 1..=ALONG {
-            if !path.step(&mut self.told.iterations) || path.ends() {
+            if !path.step(&mut self.solved.iterations) || path.ends() {
                 return self.inside(path.inside());
             }
             let p = path.impulses(self.limits);
@@ -144,8 +144,8 @@ impl<'a> Search<'a> {
         }
         let friction = self.cone.friction.iter().map(|mu| mu.min(STRONG)).collect();
         let weaker = Cone { friction, ..self.cone.clone() };
-        let (p, told) = weaker.solve(self.c, None, self.limits, self.effort);
-        self.told.iterations += told.iterations;
+        let (p, solved) = weaker.solve(self.c, None, self.limits, self.effort);
+        self.solved.iterations += solved.iterations;
         self.polish(&p)
     }
 
@@ -171,7 +171,7 @@ impl<'a> Search<'a> {
             return;
         }
         for curve in CURVES {
-            if self.told.residual < SMALL || self.follow(curve) {
+            if self.solved.residual < SMALL || self.follow(curve) {
                 return;
             }
         }
@@ -187,10 +187,10 @@ impl Cone {
         start: Option<&DVector<f64>>,
         limits: &Limits,
         effort: Effort,
-    ) -> (DVector<f64>, Told) {
+    ) -> (DVector<f64>, SolveReport) {
         let mut search = Search::new(self, c, limits, effort);
         search.run(start);
-        (search.best, search.told)
+        (search.best, search.solved)
     }
 
     /// The impulses of least energy in equal springs at the contacts among those that meet the law: solved with compliance first, then as they are
@@ -204,24 +204,24 @@ impl Cone {
         start: Option<&DVector<f64>>,
         limits: &Limits,
         effort: Effort,
-    ) -> (DVector<f64>, Told) {
+    ) -> (DVector<f64>, SolveReport) {
         let parts = (0..self.len()).all(|i| c[3 * i + 2] >= 0.0 && limits.least[i] == 0.0);
         if parts {
-            return (DVector::zeros(c.len()), Told::nothing());
+            return (DVector::zeros(c.len()), SolveReport::nothing());
         }
         let mut search = Search::new(self, c, limits, effort);
         let (mut near, first) = self.on_springs(SPRINGS).solve(c, start, limits, effort);
-        search.told.iterations += first.iterations;
+        search.solved.iterations += first.iterations;
         let mut done = search.polish(&near);
         for part in STIFFER.iter().take(effort.attempts) {
             if done {
                 break;
             }
-            let (next, told) = self.on_springs(*part).solve(c, Some(&near), limits, effort);
-            search.told.iterations += told.iterations;
+            let (next, solved) = self.on_springs(*part).solve(c, Some(&near), limits, effort);
+            search.solved.iterations += solved.iterations;
             done = search.polish(&next);
             near = next;
         }
-        (search.best, search.told)
+        (search.best, search.solved)
     }
 }

@@ -2,7 +2,7 @@
 
 use super::energy::{expansion_kept, work};
 use super::law::nearest;
-use super::{Cone, Effort, Limits, Told, impact, passive};
+use super::{Cone, Effort, Limits, SolveReport, impact, passive};
 use nalgebra::{DMatrix, DVector, Vector3};
 
 /// Numbers that look random, from -1 to 1.
@@ -55,10 +55,10 @@ fn one_contact_on_a_block_sticks_or_slides() {
     for (mu, slip) in [(0.3, 1.0), (0.5, 2.0), (0.9, 1.0), (0.0, 1.0), (1.2, 3.0)] {
         let cone = Cone::new(g.clone(), vec![mu]);
         let c = DVector::from_vec(vec![slip, 0.0, -1.5]);
-        let (p, told) = cone.impulses(&c, None, &Limits::beside(&c), Effort::default());
+        let (p, solved) = cone.impulses(&c, None, &Limits::beside(&c), Effort::default());
         // p_n = 2 * 1.5; the slip loses mu p_n / 2, at the most all.
         let drag = (mu * 3.0_f64).min(2.0 * slip);
-        assert!(told.converged && told.residual <= 1e-10, "{told:?}");
+        assert!(solved.converged && solved.residual <= 1e-10, "{solved:?}");
         assert!((p[2] - 3.0).abs() < 1e-9 && (p[0] + drag).abs() < 1e-9 && p[1].abs() < 1e-9, "mu {mu}: {p}");
     }
 }
@@ -67,8 +67,8 @@ fn one_contact_on_a_block_sticks_or_slides() {
 fn contacts_that_part_get_nothing() {
     let cone = Cone::new(DMatrix::identity(6, 6), vec![0.5; 2]);
     let c = DVector::from_vec(vec![1.0, -2.0, 0.0, 3.0, 0.0, 0.1]);
-    let (p, told) = cone.impulses(&c, None, &Limits::beside(&c), Effort::default());
-    assert_eq!((p, told), (DVector::zeros(6), Told::nothing()));
+    let (p, solved) = cone.impulses(&c, None, &Limits::beside(&c), Effort::default());
+    assert_eq!((p, solved), (DVector::zeros(6), SolveReport::nothing()));
 }
 
 #[test]
@@ -85,10 +85,10 @@ fn random_problems_meet_the_law_regular_and_redundant() {
         }
         let friction: Vec<f64> = (0..contacts).map(|_| 0.5 * (draw.next() + 1.0)).collect();
         let cone = Cone::new(g, friction);
-        let (p, told) = cone.impulses(&c, None, &Limits::beside(&c), Effort::default());
+        let (p, solved) = cone.impulses(&c, None, &Limits::beside(&c), Effort::default());
         assert!(in_the_cones(&cone, &p, &vec![0.0; contacts]), "trial {trial}");
-        unfinished += usize::from(!told.converged);
-        if told.converged {
+        unfinished += usize::from(!solved.converged);
+        if solved.converged {
             worst = worst.max(breach(&cone, &p, &c));
         }
     }
@@ -105,8 +105,8 @@ fn redundant_contacts_share_evenly() {
     }
     let cone = Cone::new(&j * j.transpose(), vec![0.5; 4]);
     let c = &j * DVector::from_element(1, -2.0);
-    let (p, told) = cone.impulses(&c, None, &Limits::beside(&c), Effort::default());
-    assert!(told.converged, "{told:?}");
+    let (p, solved) = cone.impulses(&c, None, &Limits::beside(&c), Effort::default());
+    assert!(solved.converged, "{solved:?}");
     for i in 0..4 {
         assert!((p[3 * i + 2] - 0.5).abs() < 1e-8, "{p}");
     }
@@ -118,8 +118,8 @@ fn without_friction_there_are_no_tangential_impulses() {
     for _ in 0..50 {
         let (g, c) = draw.problem(4, 14);
         let cone = Cone::new(g, vec![0.0; 4]);
-        let (p, told) = cone.impulses(&c, None, &Limits::beside(&c), Effort::default());
-        assert!(told.converged, "{told:?}");
+        let (p, solved) = cone.impulses(&c, None, &Limits::beside(&c), Effort::default());
+        assert!(solved.converged, "{solved:?}");
         assert!((0..4).all(|i| p[3 * i] == 0.0 && p[3 * i + 1] == 0.0));
     }
 }
@@ -146,13 +146,13 @@ fn an_unfinished_solve_says_so_and_stays_in_the_cones_and_below_the_energy() {
         let effort = Effort { attempts: 1, iterations: 1, ..Effort::default() };
         let restitution = [0.5; 8];
         let hit = impact(&cone, &u, &restitution, effort);
-        unfinished += usize::from(!hit.told.converged);
-        assert!(hit.told.converged || hit.told.residual > 1e-10);
+        unfinished += usize::from(!hit.solved.converged);
+        assert!(hit.solved.converged || hit.solved.residual > 1e-10);
         assert!((0..8).all(
             |i| hit.impulses[3 * i].hypot(hit.impulses[3 * i + 1]) <= 0.8 * hit.impulses[3 * i + 2] * (1.0 + 1e-14)
         ));
         let terms = u.abs().dot(&hit.impulses.abs()) + 1e-300;
-        assert!(hit.work <= 1e-14 * terms, "{} {:?}", hit.work, hit.told);
+        assert!(hit.work <= 1e-14 * terms, "{} {:?}", hit.work, hit.solved);
     }
     assert!(unfinished > 100, "{unfinished}");
 }
@@ -172,8 +172,8 @@ fn impacts_never_raise_the_energy() {
         let terms = u.abs().dot(&hit.impulses.abs());
         assert!(hit.work <= 1e-14 * terms, "trial {trial}: {}", hit.work);
         assert!((0.0..=1.0).contains(&hit.expansion_kept));
-        unfinished += usize::from(!hit.told.converged);
-        if hit.told.converged {
+        unfinished += usize::from(!hit.solved.converged);
+        if hit.solved.converged {
             let after = cone.velocities(&hit.impulses, &u);
             assert!((0..contacts).all(|i| after[3 * i + 2] >= -1e-8 * u.amax()), "trial {trial}: {after}");
         }
@@ -281,14 +281,18 @@ fn stack(draw: &mut Draw, masses: [f64; 2], mu: f64) -> (Cone, DVector<f64>) {
     (Cone::new(&j * DMatrix::from_diagonal(&inverse) * j.transpose(), vec![mu; 8]), c)
 }
 
-/// All of some problems end, and within so many factorisations; how many are told not to have met the tolerance.
+/// All of some problems end, and within so many factorisations; how many are solved not to have met the tolerance.
 fn all_end(problems: impl Iterator<Item = (Cone, DVector<f64>)>, most: usize) -> usize {
     let mut unfinished = 0;
     for (trial, (cone, c)) in problems.enumerate() {
-        let (p, told) = cone.impulses(&c, None, &Limits::beside(&c), Effort::default());
+        let (p, solved) = cone.impulses(&c, None, &Limits::beside(&c), Effort::default());
         assert!(in_the_cones(&cone, &p, &vec![0.0; cone.len()]), "trial {trial}");
-        assert!(told.residual < 1e-6 && told.iterations < most, "trial {trial}, mu {}: {told:?}", cone.friction[0]);
-        unfinished += usize::from(!told.converged);
+        assert!(
+            solved.residual < 1e-6 && solved.iterations < most,
+            "trial {trial}, mu {}: {solved:?}",
+            cone.friction[0]
+        );
+        unfinished += usize::from(!solved.converged);
     }
     unfinished
 }
@@ -338,8 +342,8 @@ fn friction_beyond_a_thousand_holds_what_a_thousand_holds() {
     for mu in [1e4, 1e6] {
         for _ in 0..40 {
             let (cone, c) = landing(&mut draw, 2, mu);
-            let (p, told) = cone.impulses(&c, None, &Limits::beside(&c), Effort::default());
-            assert!(told.residual < 1e-5 && told.iterations < 8000, "mu {mu}: {told:?}");
+            let (p, solved) = cone.impulses(&c, None, &Limits::beside(&c), Effort::default());
+            assert!(solved.residual < 1e-5 && solved.iterations < 8000, "mu {mu}: {solved:?}");
             assert!(in_the_cones(&cone, &p, &[0.0; 4]));
         }
     }
@@ -355,8 +359,8 @@ fn a_friction_that_never_lets_go_is_a_joint() {
         for i in 0..4 {
             c[3 * i + 2] = -1.0;
         }
-        let (p, told) = cone.impulses(&c, None, &Limits::beside(&c), Effort::default());
-        assert!(told.residual < 1e-6, "{told:?}");
+        let (p, solved) = cone.impulses(&c, None, &Limits::beside(&c), Effort::default());
+        assert!(solved.residual < 1e-6, "{solved:?}");
         held += usize::from((0..4).all(|i| p[3 * i + 2] > 0.0) && cone.velocities(&p, &c).amax() < 0.1);
     }
     assert!(held > 50, "{held}");

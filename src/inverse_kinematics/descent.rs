@@ -12,8 +12,8 @@ use super::step::{BoxStep, add_squares, quadratic};
 use super::task::{Rows, Tasks};
 use super::{Metric, Options, RateOptions};
 use crate::error::Error;
+use crate::interrupt;
 use crate::scene::{JointKind, Scene};
-use crate::watch;
 use crate::workspace::Workspace;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
@@ -180,7 +180,7 @@ impl Descent {
             since += 1;
             // Damping that grows until a step is taken; without end only where none is left to take.
             let accepted = loop {
-                watch::check()?;
+                interrupt::check()?;
                 self.damped.copy_from_slice(&self.hessian);
                 match options.metric {
                     Metric::Coordinates => {

@@ -1,9 +1,9 @@
 //! The numbers of a scene, ready for the sweeps: what the recursions read, in any scalar.
 
-pub mod omissions;
+pub mod simplifications;
 
 pub use crate::joints::Motion;
-pub use omissions::Omissions;
+pub use simplifications::Simplifications;
 
 use crate::filter::{Stage, System};
 use crate::scalar::Real;
@@ -67,14 +67,14 @@ pub struct Model<T> {
     pub gravity: Vector3<T>,
     /// What calls leave out.
     #[doc(hidden)]
-    pub omissions: Omissions,
+    pub simplifications: Simplifications,
     pub(crate) identity: Identity,
 }
 
 impl<T: Real> Model<T> {
     /// A model without bodies.
     #[doc(hidden)]
-    pub fn empty(gravity: Vector3<T>, omissions: Omissions) -> Self {
+    pub fn empty(gravity: Vector3<T>, simplifications: Simplifications) -> Self {
         let system = System { stages: Vec::new(), noise: Vec::new() };
         Self {
             bodies: Vec::new(),
@@ -82,7 +82,7 @@ impl<T: Real> Model<T> {
             system,
             nq: 0,
             gravity,
-            omissions,
+            simplifications,
             identity: Identity::unique(),
         }
     }
@@ -192,7 +192,7 @@ impl Model<f64> {
             },
             nq: self.nq,
             gravity: vector(&self.gravity),
-            omissions: self.omissions,
+            simplifications: self.simplifications,
             identity: self.identity,
         }
     }

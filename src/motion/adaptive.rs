@@ -19,10 +19,10 @@ use super::step::accelerations;
 use super::step_settings::StepSettings;
 use crate::error::Error;
 use crate::filter::Form;
+use crate::interrupt;
 use crate::joints::quaternion::quaternion_rotation;
 use crate::model::Motion;
 use crate::scene::Scene;
-use crate::watch;
 use diffsol::error::OdeSolverError;
 use diffsol::{
     DiffsolError, NalgebraLU, NalgebraMat, NalgebraVec, OdeBuilder, OdeEquations, OdeSolverMethod, OdeSolverStopReason,
@@ -150,7 +150,7 @@ impl<'a> Adaptive<'a> {
         let refuse = |error| Failure { solution: Box::default(), time, error: Box::new(error) };
         self.check(q, qd, times).map_err(refuse)?;
         let field = RefCell::new(Field::new(self, torque));
-        let mut course = Course { law: self, field: &field, times, solution: Solution::default() };
+        let mut course = Course { adaptive: self, field: &field, times, solution: Solution::default() };
         course.row(time, q, qd);
         let outcome = course.run((time, q.to_vec(), qd.to_vec()));
         let mut solution = course.solution;
@@ -192,7 +192,7 @@ impl<'a> Adaptive<'a> {
 /// The right side around a centre.
 struct Field<'a> {
     scene: &'a Scene,
-    law: StepSettings,
+    settings: StepSettings,
     scratch: Scratch<f64>,
     solver: Checked,
     torque: TorqueLaw<'a>,
@@ -206,14 +206,14 @@ impl<'a> Field<'a> {
     fn new(of: &Adaptive<'a>, torque: TorqueLaw<'a>) -> Self {
         // Of the method only its being explicit is used: M is what it is.
         let laws = (of.properties.clone(), of.gains.clone());
-        let law = StepSettings::new(of.scene.model(), 1.0, Method::RungeKutta4, laws, Vec::new());
-        let mut scratch = Scratch::new(of.scene.model(), &law);
+        let settings = StepSettings::new(of.scene.model(), 1.0, Method::RungeKutta4, laws, Vec::new());
+        let mut scratch = Scratch::new(of.scene.model(), &settings);
         let solver = Checked::new(of.scene.model(), None, Form::Auto);
         if let Some(gains) = &of.gains {
             scratch.target.copy_from_slice(&gains.target);
             scratch.target_rate.copy_from_slice(&gains.target_rate);
         }
-        Self { scene: of.scene, law, scratch, solver, torque, centre: Vec::new(), error: None, evaluations: 0 }
+        Self { scene: of.scene, settings, scratch, solver, torque, centre: Vec::new(), error: None, evaluations: 0 }
     }
 
     /// The configuration at the coordinates `x`.
@@ -244,7 +244,7 @@ impl<'a> Field<'a> {
         (self.torque)(t, &q, v, &mut s.torque);
         let pushed = s.torque.iter().position(|u| !u.is_finite());
         s.set_stage(&q, v);
-        accelerations(&self.law, s, &mut self.solver);
+        accelerations(&self.settings, s, &mut self.solver);
         let lost = self.solver.lost.take();
         qdd.copy_from_slice(&s.m[0]);
         rates.copy_from_slice(v);
@@ -324,7 +324,7 @@ fn carried_back(w: &Vector3<f64>, u: &Vector3<f64>) -> Vector3<f64> {
 
 /// A solution under way.
 struct Course<'a, 'f> {
-    law: &'a Adaptive<'a>,
+    adaptive: &'a Adaptive<'a>,
     field: &'f RefCell<Field<'a>>,
     times: &'a [f64],
     solution: Solution,
@@ -342,7 +342,7 @@ impl Course<'_, '_> {
 
     /// All segments, each around its own centre.
     fn run(&mut self, mut state: State) -> Result<(), (f64, Error)> {
-        let width = 2 * self.law.scene.nv();
+        let width = 2 * self.adaptive.scene.nv();
         while self.solution.t.len() < self.times.len() {
             let (t, q, v) = state;
             if width == 0 {
@@ -374,8 +374,8 @@ impl Course<'_, '_> {
         let failed = |error: DiffsolError| (t, self.cause(&error.to_string()));
         let problem = OdeBuilder::<NalgebraMat<f64>>::new()
             .t0(t)
-            .rtol(self.law.rtol)
-            .atol(vec![self.law.atol; y.len()])
+            .rtol(self.adaptive.rtol)
+            .atol(vec![self.adaptive.atol; y.len()])
             .rhs_implicit(
                 |y: &[f64], _p: &[f64], t: f64, out: &mut [f64]| field.borrow_mut().rate(t, y, out),
                 |y: &[f64], _p: &[f64], t: f64, along: &[f64], out: &mut [f64]| {
@@ -386,7 +386,7 @@ impl Course<'_, '_> {
         let mut problem = problem.build().map_err(failed)?;
         // Failures are counted over a whole solution, and 50 in all would end it.
         problem.ode_options.max_nonlinear_solver_failures = usize::MAX;
-        match self.law.solver {
+        match self.adaptive.solver {
             Solver::Tsit45 => self.steps(problem.tsit45().map_err(failed)?),
             Solver::Bdf => self.steps(problem.bdf::<NalgebraLU<f64>>().map_err(failed)?),
             Solver::TrBdf2 => self.steps(problem.tr_bdf2::<NalgebraLU<f64>>().map_err(failed)?),
@@ -400,7 +400,7 @@ impl Course<'_, '_> {
         E: OdeEquations<T = f64, V = NalgebraVec<f64>> + 'p,
         S: OdeSolverMethod<'p, E>,
     {
-        let (end, nv) = (self.times[self.times.len() - 1], self.law.scene.nv());
+        let (end, nv) = (self.times[self.times.len() - 1], self.adaptive.scene.nv());
         let at_end = match solver.set_stop_time(end) {
             Ok(()) => false,
             Err(DiffsolError::OdeSolverError(OdeSolverError::StopTimeAtCurrentTime)) => true,
@@ -410,10 +410,13 @@ impl Course<'_, '_> {
         loop {
             let before = solver.state().t;
             if !reached {
-                watch::check().map_err(|error| (before, error))?;
-                if self.solution.steps == self.law.most_steps {
+                interrupt::check().map_err(|error| (before, error))?;
+                if self.solution.steps == self.adaptive.most_steps {
                     let expected = "a solver for stiff motion, looser tolerances, or more steps";
-                    return Err((before, Error::argument("most_steps", self.law.most_steps.to_string(), expected)));
+                    return Err((
+                        before,
+                        Error::argument("most_steps", self.adaptive.most_steps.to_string(), expected),
+                    ));
                 }
                 self.field.borrow_mut().error = None;
                 match solver.step() {
@@ -426,7 +429,7 @@ impl Course<'_, '_> {
             if !y.iter().all(|x| x.is_finite()) {
                 return Err((before, self.cause("a state that is not finite")));
             }
-            let mut q = vec![0.0; self.law.scene.nq()];
+            let mut q = vec![0.0; self.adaptive.scene.nq()];
             while let Some(&due) = self.times.get(self.solution.t.len())
                 && (due <= t || reached)
             {
@@ -450,7 +453,7 @@ impl Course<'_, '_> {
     fn cause(&self, solver: &str) -> Error {
         let known = self.field.borrow_mut().error.take();
         known.unwrap_or_else(|| {
-            let found = format!("{solver} ({:?})", self.law.solver);
+            let found = format!("{solver} ({:?})", self.adaptive.solver);
             Error::argument("solver", found, "motion that can be followed: another solver or other tolerances")
         })
     }

@@ -240,7 +240,7 @@ fn at_stage<T: Real>(s: &mut Scratch<T>, i: usize) -> Call<'_, T> {
 /// hold until the end, or whose step is too long, as bits. `locks`: those of an event, in one state; none for a step whose modes follow from its start.
 #[inline(always)]
 pub(super) fn backward<T: Real, S: BackwardSolver<T>>(
-    by @ (law, scheme): By<'_>,
+    by @ (settings, scheme): By<'_>,
     s: &mut Scratch<T>,
     to: &mut StepGradients<T>,
     solver: &mut S,
@@ -249,7 +249,7 @@ pub(super) fn backward<T: Real, S: BackwardSolver<T>>(
     // Stages without weight only estimate the error.
     let last = scheme.tableau.weights.iter().rposition(|&weight| weight != 0.0).unwrap_or(0);
     let mut doubt = 0;
-    if law.rubs {
+    if settings.rubs {
         set_friction(by, s);
     }
     set_modes(by, s);
@@ -305,8 +305,8 @@ fn release<T: Real>(s: &Scratch<T>, rates: &mut [T]) {
 }
 
 /// The modes of an event.
-fn set_locks<T: Real>((law, scheme): By<'_>, s: &mut Scratch<T>, locks: &[Lock]) {
-    let hg = if law.rubs { scheme.tableau.gamma[0][0] } else { 0.0 };
+fn set_locks<T: Real>((settings, scheme): By<'_>, s: &mut Scratch<T>, locks: &[Lock]) {
+    let hg = if settings.rubs { scheme.tableau.gamma[0][0] } else { 0.0 };
     for (mode, lock) in s.modes.iter_mut().zip(locks) {
         (mode.locked, mode.target) = (T::from_f64(lock.locked), T::from_f64(lock.target));
         s.dry[mode.row] = T::from_f64(lock.torque);
@@ -348,7 +348,7 @@ impl<T: Real> StepGradients<T> {
 
     /// Of what acts at the joints in stage `i`: springs, damping, friction and the control law, at `of_dynamics`.
     #[inline(always)]
-    fn of_torques(&mut self, (law, scheme): By<'_>, s: &Scratch<T>, i: usize) {
+    fn of_torques(&mut self, (settings, scheme): By<'_>, s: &Scratch<T>, i: usize) {
         let t = &scheme.tableau;
         let nv = s.rows.len();
         let Self { acting, parameters, stage_parameters, l, m, c, of_dynamics, chord, spring, .. } = self;
@@ -360,15 +360,15 @@ impl<T: Real> StepGradients<T> {
         for (row, of) in s.rows.iter().enumerate() {
             let (v, u_bar) = (s.v_stage[row], by_u[row]);
             let hg = v.constant(t.gamma[i][i]);
-            let slower = rounded_speed(law, v).recip();
+            let slower = rounded_speed(settings, v).recip();
             let noise_bar = -(u_bar * s.m[i][row]);
-            let v0 = law.properties.friction_speed;
+            let v0 = settings.properties.friction_speed;
             acting[TORQUE][row] += u_bar;
             acting[ARMATURE][row] += noise_bar;
             acting[DAMPING][row] = acting[DAMPING][row].minus_product(v, u_bar);
             acting[STIFFNESS][row] = acting[STIFFNESS][row].minus_product(s.displaced[row], u_bar);
             // That of rows with exact friction is in their modes.
-            if law.rubs || law.properties.friction[row] == 0.0 {
+            if settings.rubs || settings.properties.friction[row] == 0.0 {
                 acting[FRICTION][row] = acting[FRICTION][row].minus_product(v * slower, u_bar);
             }
             // d/dv of v/sqrt(v^2 + v0^2) is v0^2/sqrt(v^2 + v0^2)^3.
@@ -393,14 +393,16 @@ impl<T: Real> StepGradients<T> {
                 chord[row] += by_damping;
             }
         }
-        for (mode, of) in s.modes.iter().zip(&law.set_valued).filter(|(_, of)| of.friction > 0.0) {
+        for (mode, of) in s.modes.iter().zip(&settings.set_valued).filter(|(_, of)| of.friction > 0.0) {
             let by_friction = s.dry[mode.row] * mode.friction.recip();
             acting[FRICTION][of.row] = by_friction.mul_add(by_u[of.row], acting[FRICTION][of.row]);
         }
         for (k, body) in s.model.bodies.iter().enumerate() {
             let stage = &s.model.system.stages[k];
             let (rows, at) = (stage.first_row..stage.first_row + stage.rows.count(), body.q);
-            for (is_pulled, rest, by_spring) in [(law.sprung[k], &s.rest, true), (law.pulled[k], &s.target, false)] {
+            for (is_pulled, rest, by_spring) in
+                [(settings.sprung[k], &s.rest, true), (settings.pulled[k], &s.target, false)]
+            {
                 if !is_pulled {
                     continue;
                 }
@@ -462,13 +464,13 @@ impl<T: Real> StepGradients<T> {
 
     /// Of friction's damping at the step's start, f/sqrt(v^2 + v0^2), which implicit methods take.
     #[inline(always)]
-    fn of_friction(&mut self, (law, scheme): By<'_>, s: &Scratch<T>) {
-        if !scheme.implicit || law.properties.friction_speed == 0.0 {
+    fn of_friction(&mut self, (settings, scheme): By<'_>, s: &Scratch<T>) {
+        if !scheme.implicit || settings.properties.friction_speed == 0.0 {
             return;
         }
         for (row, of) in s.rows.iter().enumerate() {
             let v = s.v[row];
-            let slower = rounded_speed(law, v).recip();
+            let slower = rounded_speed(settings, v).recip();
             let by_chord = self.chord[row] * slower;
             self.acting[FRICTION][row] += by_chord;
             let turned = of.friction * v * (slower * slower);

@@ -57,8 +57,8 @@ pub(super) const CONTROLLED: f64 = 1e-3;
 /// at the first state, and friction is exact.
 pub(super) fn choose(scene: &Scene, dt: f64, properties: &Properties, gains: Option<&Gains>, q: &[f64]) -> Method {
     let (nq, nv) = (scene.nq(), scene.nv());
-    let with = |own: &[f64], law: Option<&[f64]>| -> Vec<f64> {
-        own.iter().enumerate().map(|(i, x)| x + law.map_or(0.0, |law| law[i])).collect()
+    let with = |own: &[f64], settings: Option<&[f64]>| -> Vec<f64> {
+        own.iter().enumerate().map(|(i, x)| x + settings.map_or(0.0, |settings| settings[i])).collect()
     };
     let damping = with(&properties.damping, gains.map(|gains| &gains.derivative[..]));
     let stiffness = with(&properties.stiffness, gains.map(|gains| &gains.proportional[..]));

@@ -12,8 +12,8 @@ use super::manifold::advance;
 use super::scratch::Scratch;
 use super::step_settings::StepSettings;
 use super::substeps::StopImpact;
-use super::tally::STOPS;
-use crate::contact::{Cone, Effort, Limits, Told, expansion_kept};
+use super::totals::STOPS;
+use crate::contact::{Cone, Effort, Limits, SolveReport, expansion_kept};
 use crate::dynamics::contacts::LimitRow;
 use crate::dynamics::{factorise, solve};
 use crate::error::Error;
@@ -41,7 +41,7 @@ impl Constrained<'_> {
     /// Keeps joints within their limits: makes the step again where `q_next` is past one. The impacts.
     pub(super) fn stop(
         &mut self,
-        law: &StepSettings,
+        settings: &StepSettings,
         limits: &[LimitRow],
         s: &mut Scratch<f64>,
     ) -> Result<Vec<StopImpact>, Failure> {
@@ -49,19 +49,19 @@ impl Constrained<'_> {
         if !s.q_next.iter().chain(&s.v_next).all(|x| x.is_finite()) || !limits.iter().any(past) {
             return Ok(Vec::new());
         }
-        let noise = std::mem::replace(&mut s.model.system.noise, law.properties.armature.clone());
-        let outcome = self.stopped(law, limits, s);
+        let noise = std::mem::replace(&mut s.model.system.noise, settings.properties.armature.clone());
+        let outcome = self.stopped(settings, limits, s);
         s.model.system.noise = noise;
         outcome
     }
 
     fn stopped(
         &mut self,
-        law: &StepSettings,
+        settings: &StepSettings,
         limits: &[LimitRow],
         s: &mut Scratch<f64>,
     ) -> Result<Vec<StopImpact>, Failure> {
-        let h = law.step;
+        let h = settings.step;
         let mut free = s.v_next.clone();
         self.velocities_onto_connections(&s.model, &s.q, &mut free)?;
         let start: Vec<f64> = limits.iter().map(|limit| limit.velocity(&s.v)).collect();
@@ -112,7 +112,11 @@ impl Constrained<'_> {
         let rest = self.solved(&acting, &free, returning, limits)?;
         let back = |i: usize| {
             let speed = limits[i].velocity(&free);
-            if rebounds(start[i], speed, law.restitution) { -law.restitution * start[i] } else { returning(i) }
+            if rebounds(start[i], speed, settings.restitution) {
+                -settings.restitution * start[i]
+            } else {
+                returning(i)
+            }
         };
         let mut all = rest.clone();
         let elastic = acting.near.iter().any(|&i| back(i) > returning(i));
@@ -130,7 +134,7 @@ impl Constrained<'_> {
             let (limit, impulse) = (&limits[i], all[3 * at + 2]);
             let rests = (!elastic && impulse > 0.0).then(|| returning(i));
             impacts.extend(settle_at(limit, (h, start[i]), (impulse, rests), (&mut s.q_next, &mut s.v_next)));
-            s.tally[STOPS] += 0.5 * impulse * limit.sign() * (s.v[limit.row] + s.v_next[limit.row]);
+            s.totals[STOPS] += 0.5 * impulse * limit.sign() * (s.v[limit.row] + s.v_next[limit.row]);
         }
         Ok(impacts)
     }
@@ -180,11 +184,11 @@ impl Constrained<'_> {
             // Contradictory rows are found out soon; the second problem has a solution.
             let attempts = if most > 0.0 { 1 } else { usize::MAX };
             let effort = Effort { attempts, ..Effort::default() };
-            let (impulses, told): (_, Told) = acting.cone.impulses(&c, None, &Limits::beside(&c), effort);
-            if told.residual <= REFUSED {
+            let (impulses, solved): (_, SolveReport) = acting.cone.impulses(&c, None, &Limits::beside(&c), effort);
+            if solved.residual <= REFUSED {
                 return Ok(impulses);
             }
-            residual = told.residual;
+            residual = solved.residual;
         }
         let names = acting.near.iter().filter_map(|&i| {
             let row = limits[i].row;

@@ -44,8 +44,8 @@ enum Fault {
 }
 
 impl Closed {
-    pub fn new(scene: &Scene, law: &StepSettings, form: Form) -> Self {
-        let workspace = Workspace { tolerance: law.tolerance, ..Workspace::new(scene.model()) };
+    pub fn new(scene: &Scene, settings: &StepSettings, form: Form) -> Self {
+        let workspace = Workspace { tolerance: settings.tolerance, ..Workspace::new(scene.model()) };
         Self {
             workspace: workspace.in_form(form),
             rows: ConstraintScratch::new(scene.model(), scene.constraints()),

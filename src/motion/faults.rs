@@ -13,11 +13,11 @@ pub(super) const FARTHEST: f64 = 1e9;
 /// What is wrong with a checked step: the joint and the error.
 pub(super) fn fault_of(
     scene: &Scene,
-    law: &StepSettings,
+    settings: &StepSettings,
     s: &Scratch<f64>,
     lost: Option<LostPivot>,
 ) -> Option<(String, Error)> {
-    let limit = FARTHEST / law.step;
+    let limit = FARTHEST / settings.step;
     let strayed = s.v_next.iter().position(|v| !(v.abs() <= limit));
     let finite = s.v.iter().chain(&s.q).all(|x| x.is_finite());
     if let Some(lost) = lost {
@@ -29,7 +29,7 @@ pub(super) fn fault_of(
     }
     if strayed.is_none() && s.q_next.iter().all(|q| q.is_finite()) && !s.keeper.correction.iter().all(|x| x.is_finite())
     {
-        let joint = law.roots.first().map(|&k| joint_of_row(scene, scene.model().system.stages[k].first_row));
+        let joint = settings.roots.first().map(|&k| joint_of_row(scene, scene.model().system.stages[k].first_row));
         let found = "a tree whose inertia about its mass centre is lost in rounding";
         let expected = "free joints at bodies that are not much further from the mass centre than the tree is large";
         return Some((joint.unwrap_or_default(), Error::argument("conserve_momentum", found, expected)));
@@ -38,7 +38,7 @@ pub(super) fn fault_of(
     let joint = joint_of_row(scene, row);
     let error = Error::Argument {
         argument: format!("rate of joint {joint:?}"),
-        found: format!("{} after a step of {} s, from {}", s.v_next[row], law.step, s.v[row]),
+        found: format!("{} after a step of {} s, from {}", s.v_next[row], settings.step, s.v[row]),
         expected: format!("a rate below {limit:.1e}: motion has diverged; take a smaller dt, or method=\"auto\""),
     };
     Some((joint, error))

@@ -12,7 +12,7 @@ use crate::batch::{Batch, Fault, Pool};
 use crate::dynamics::derivatives::Parameters;
 use crate::error::{Error, check_finite, check_length};
 use crate::scene::Scene;
-use crate::{memory, watch};
+use crate::{interrupt, memory};
 use std::borrow::Borrow;
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
@@ -105,7 +105,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let layout = Layout { nv, torques: if matches!(torque, Torque::Steps { .. }) { steps } else { 1 }, bodies };
         let width = layout.width();
         let mut all = memory::filled("q", states.saturating_mul(width), 0.0).map_err(refuse)?;
-        let law = &self.law.backward();
+        let settings = &self.settings.backward();
         let pool = Pool::default();
         let (form, arm, cost) = (self.form, self.arm, COST.saturating_mul(self.cost()).saturating_mul(steps.max(1)));
         let make = || Reverser::new(form, arm);
@@ -115,7 +115,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             for from in range.clone().step_by(lanes) {
                 let to = (from + lanes).min(range.end);
                 let out = &mut out[(from - range.start) * width..(to - range.start) * width];
-                let job = Job { scene, law, torque, rows, count, states: from..to, layout };
+                let job = Job { scene, settings, torque, rows, count, states: from..to, layout };
                 if let Err(found) = reverser.run(&job, out) {
                     let mut fault = fault.lock().unwrap_or_else(PoisonError::into_inner);
                     if fault.as_ref().is_none_or(|known| found.state < known.state) {
@@ -137,11 +137,11 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let RecordedRows { q, qd, every, by_q, by_qd } = *rows;
         let (scene, states) = (self.scene(), self.states());
         let refuse = |error| Fault { state: 0, error };
-        if !self.law.roots.is_empty() {
+        if !self.settings.roots.is_empty() {
             let expected = "a rollout without it, whose steps have gradients";
             return Err(refuse(Error::argument("conserve_momentum", "true", expected)));
         }
-        if self.law.coupling.is_some() {
+        if self.settings.coupling.is_some() {
             let expected = "a scene with mimic=\"free\", whose steps have gradients";
             return Err(refuse(Error::argument("scene", "joints that follow others (mimic)", expected)));
         }
@@ -159,7 +159,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             }
         }
         for (row, q) in q.chunks_exact(scene.nq().max(1)).enumerate() {
-            let checked = watch::check_at(row, 1_024).and_then(|()| scene.check_configuration("q", q));
+            let checked = interrupt::check_at(row, 1_024).and_then(|()| scene.check_configuration("q", q));
             checked.map_err(|error| Fault { state: row / count, error })?;
         }
         Ok(count)

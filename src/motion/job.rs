@@ -47,7 +47,7 @@ impl Rows<'_> {
 /// Some steps of neighbouring states, as many as there are lanes or fewer.
 pub(super) struct Job<'a, 'r> {
     pub scene: &'a Scene,
-    pub law: &'a StepSettings,
+    pub settings: &'a StepSettings,
     /// The steps, counted from the start of the run.
     pub steps: Range<usize>,
     /// Which states of the batch.

@@ -19,7 +19,7 @@
 //!
 //! Friction and stops are a set-valued law: r = -f sign(v), any torque between -f and f at rest, and any torque away from a stop at the stop. A joint that is held is *locked*:
 //! measurement noise without bound makes its gain zero, so the filter passes it as if it were fixed, still in O(N). `stops` has the law, `substeps` the steps in which a joint
-//! sticks, slips or meets a stop, and `tally` the works.
+//! sticks, slips or meets a stop, and `totals` the works.
 //!
 //! Scenes with connections move through them: accelerations meet J qdd + J' qd = 0, and a [`Stabilisation`] keeps positions and velocities on them.
 //!
@@ -73,8 +73,8 @@ mod step_settings;
 mod stepper;
 mod stops;
 mod substeps;
-mod tally;
 mod torque;
+mod totals;
 mod works;
 
 #[cfg(feature = "adaptive")]
@@ -88,5 +88,5 @@ pub use rollout::{Records, Rollout};
 pub use settings::{Limits, Settings, Stabilisation};
 pub use simulator::Simulator;
 pub use substeps::StopImpact;
-pub use tally::Tally;
 pub use torque::{StepFault, Torque};
+pub use totals::Totals;

@@ -15,10 +15,10 @@ const BARELY: f64 = 1e-300;
 
 /// The mode of each row with exact friction or stops, from the state at the step's start.
 #[inline(always)]
-pub(super) fn set_modes<T: Real>((law, scheme): By<'_>, s: &mut Scratch<T>) {
-    let hg = if scheme.implicit && law.rubs { scheme.tableau.gamma[0][0] } else { 0.0 };
+pub(super) fn set_modes<T: Real>((settings, scheme): By<'_>, s: &mut Scratch<T>) {
+    let hg = if scheme.implicit && settings.rubs { scheme.tableau.gamma[0][0] } else { 0.0 };
     s.consistent = s.v.first().map_or_else(T::one, |v| v.constant(1.0));
-    for (mode, of) in s.modes.iter_mut().zip(&law.set_valued) {
+    for (mode, of) in s.modes.iter_mut().zip(&settings.set_valued) {
         let (v, q) = (s.v[mode.row], s.q[mode.coordinate]);
         mode.target = v.constant(0.0);
         let (o, at_rest) = (v.constant(0.0), v.one_if_zero());
@@ -53,8 +53,8 @@ pub(super) fn observe_locks<T: Real>(s: &mut Scratch<T>, i: usize) {
 
 /// Tests that sliding joints still slide at the end of the step, that all joints are within their stops, and that the step was short enough.
 #[inline(always)]
-pub(super) fn observe_end<T: Real>(by @ (law, scheme): By<'_>, s: &mut Scratch<T>) {
-    for (mode, of) in s.modes.iter().zip(&law.set_valued) {
+pub(super) fn observe_end<T: Real>(by @ (settings, scheme): By<'_>, s: &mut Scratch<T>) {
+    for (mode, of) in s.modes.iter().zip(&settings.set_valued) {
         let (v, next, q) = (s.v[mode.row], s.v_next[mode.row], s.q_next[mode.coordinate]);
         if of.friction > 0.0 {
             s.consistent = s.consistent.worst(v.mul_add(next, mode.locked));
@@ -67,7 +67,7 @@ pub(super) fn observe_end<T: Real>(by @ (law, scheme): By<'_>, s: &mut Scratch<T
             s.consistent = s.consistent.worst(inward + barely);
         }
     }
-    if law.divides {
+    if settings.divides {
         let [(fastest, error), (linear, linear_error)] = speeds_and_errors(by, s);
         let share = fastest.constant(scheme.share);
         let slow = fastest.constant(scheme.angle) - fastest * fastest.constant(scheme.step);
@@ -78,10 +78,10 @@ pub(super) fn observe_end<T: Real>(by @ (law, scheme): By<'_>, s: &mut Scratch<T
 
 /// The fastest rotation of a joint in a step, rad/s, and an estimate of the error in these velocities; and the same of linear velocities in rotating axes, m/s.
 #[inline(always)]
-pub(super) fn speeds_and_errors<T: Real>((law, scheme): By<'_>, s: &Scratch<T>) -> [(T, T); 2] {
+pub(super) fn speeds_and_errors<T: Real>((settings, scheme): By<'_>, s: &Scratch<T>) -> [(T, T); 2] {
     let zero = s.v.first().map_or_else(T::zero, |v| v.constant(0.0));
     let mut found = [(zero, zero); 2];
-    for (row, kind) in law.kinds.iter().enumerate() {
+    for (row, kind) in settings.kinds.iter().enumerate() {
         let (speed, worst) = match kind {
             RateKind::Rotation => &mut found[0],
             RateKind::InRotatingAxes => &mut found[1],

@@ -19,7 +19,7 @@ use crate::filter::Form;
 use crate::scalar::Lanes;
 use crate::scalar::{Fused, lanes_but};
 use crate::scene::Scene;
-use crate::{memory, watch};
+use crate::{interrupt, memory};
 #[cfg(target_arch = "x86_64")]
 use pulp::x86::V3;
 #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
@@ -32,7 +32,7 @@ const KEPT_WHOLE: usize = 256;
 /// Neighbouring states that go back through all steps, as many as there are lanes or fewer.
 pub(super) struct Job<'a> {
     pub scene: &'a Scene,
-    pub law: &'a StepSettings,
+    pub settings: &'a StepSettings,
     pub torque: &'a Torque<'a>,
     pub rows: &'a RecordedRows<'a>,
     /// How many rows there are of a state.
@@ -102,7 +102,7 @@ impl Reverser {
         let (every, mut start) = (job.rows.every, Vec::new());
         for row in (0..job.count).rev() {
             if row + 1 < job.count {
-                watch::check().map_err(|error| job.refuse(error))?;
+                interrupt::check().map_err(|error| job.refuse(error))?;
                 job.row(row, &mut start);
                 through(&mut self.stepper, &mut **reversing, (job, &start), row * every..(row + 1) * every, out)?;
             }
@@ -125,13 +125,13 @@ fn through(
     if count == 1 {
         return reversing.step(job, steps.start, start, out);
     }
-    watch::check().map_err(|error| job.refuse(error))?;
+    interrupt::check().map_err(|error| job.refuse(error))?;
     let stride = if count <= KEPT_WHOLE { 1 } else { count.isqrt() + 1 };
     let rows = count.div_ceil(stride);
     let (nq, nv, states) = (job.scene.nq(), job.scene.nv(), job.states.len());
     let room =
         |width: usize| memory::filled("steps", states * rows * width, f64::NAN).map_err(|error| job.refuse(error));
-    let width = job.law.width(job.scene);
+    let width = job.settings.width(job.scene);
     let (mut q, mut qd, mut current) = (room(nq)?, room(nv)?, vec![0.0; states * width]);
     for (at, start) in current.chunks_exact_mut(width).zip(start.chunks_exact((nq + nv).max(1))) {
         at[..nq + nv].copy_from_slice(start);
@@ -151,7 +151,7 @@ fn through(
     };
     stepper.run(job::Job {
         scene: job.scene,
-        law: job.law,
+        settings: job.settings,
         steps: steps.start..steps.start + (rows - 1) * stride,
         states: job.states.clone(),
         begun: &[],
@@ -221,9 +221,9 @@ struct Substep {
 }
 
 impl Substep {
-    fn new(law: &StepSettings, scheme: &Scheme, s: &Scratch<f64>, event: Option<&Event<'_>>) -> Self {
+    fn new(settings: &StepSettings, scheme: &Scheme, s: &Scratch<f64>, event: Option<&Event<'_>>) -> Self {
         let event = event.map(|event| {
-            let reached = event.reached.iter().map(|&(i, _)| law.set_valued[i].row).collect();
+            let reached = event.reached.iter().map(|&(i, _)| settings.set_valued[i].row).collect();
             (event.locks.to_vec(), reached)
         });
         Self { q: s.q.clone(), v: s.v.clone(), scheme: *scheme, event }
@@ -233,11 +233,12 @@ impl Substep {
 impl Checked {
     #[cold]
     fn new(job: &Job<'_>, form: Form) -> Self {
-        let scratch = Scratch::new(job.scene.model(), job.law);
+        let scratch = Scratch::new(job.scene.model(), job.settings);
         let gradients = StepGradients::new(&scratch.model, job.layout.bodies > 0);
-        let solver = CheckedBackward::new(&scratch.model, form, job.law.tolerance);
-        let forward = solver::Checked::new(job.scene.model(), None, form).accepting(job.law.tolerance).with_kernels();
-        let substeps = Substeps::new(job.law, &scratch);
+        let solver = CheckedBackward::new(&scratch.model, form, job.settings.tolerance);
+        let forward =
+            solver::Checked::new(job.scene.model(), None, form).accepting(job.settings.tolerance).with_kernels();
+        let substeps = Substeps::new(job.settings, &scratch);
         Self { scratch, gradients, solver, forward, substeps, made: Vec::new() }
     }
 
@@ -245,17 +246,17 @@ impl Checked {
     #[inline(never)]
     fn step(&mut self, job: &Job<'_>) -> Result<(), (String, Error)> {
         let Self { scratch, gradients, solver, forward, substeps, made } = self;
-        let law = job.law;
+        let settings = job.settings;
         made.clear();
-        substeps.advance(law, scratch, forward, &mut |scheme, s, event| {
-            made.push(Substep::new(law, scheme, s, event));
+        substeps.advance(settings, scratch, forward, &mut |scheme, s, event| {
+            made.push(Substep::new(settings, scheme, s, event));
         });
         let mut sums: Option<Vec<Vec<f64>>> = None;
         for Substep { q, v, scheme, event } in made.drain(..).rev() {
             scratch.q.copy_from_slice(&q);
             scratch.v.copy_from_slice(&v);
-            scratch.adopt(law, &scheme);
-            let by = (law, &scheme);
+            scratch.adopt(settings, &scheme);
+            let by = (settings, &scheme);
             match event {
                 None => {
                     backward(by, scratch, gradients, solver, None);
@@ -322,7 +323,7 @@ fn through_event(
 
 impl<T: Vectorised<Number = f64>, I: Target> Compiled<T, I> {
     fn new(job: &Job<'_>, form: Form, target: I) -> Self {
-        let scratch = Scratch::new(job.scene.model(), job.law);
+        let scratch = Scratch::new(job.scene.model(), job.settings);
         let zero = T::zero();
         Self {
             gradients: StepGradients::new(&scratch.model, job.layout.bodies > 0),
@@ -353,7 +354,7 @@ impl<T: Vectorised<Number = f64>, I: Target> Reversing for Compiled<T, I> {
         let (states, nq, nv) = (&job.states, job.scene.nq(), job.scene.nv());
         for lane in 0..T::LANES {
             let state = states.start + lane.min(states.len() - 1);
-            if let Some(gains) = &job.law.gains {
+            if let Some(gains) = &job.settings.gains {
                 fill(&mut s.target, lane, of_state(&gains.target, nq, state));
                 fill(&mut s.target_rate, lane, of_state(&gains.target_rate, nv, state));
             }
@@ -461,7 +462,7 @@ impl<T: Vectorised<Number = f64>, I: Target> Work for Step<'_, T, I> {
             let at = (n - first) * nv;
             take_states(&mut s.torque, count, |lane| &torque.state(job.states.start + lane)[at..at + nv]);
         }
-        let doubt = backward((job.law, &job.law.scheme), s, gradients, solver, None);
+        let doubt = backward((job.settings, &job.settings.scheme), s, gradients, solver, None);
         let mut worst = T::one();
         for numbers in gradients.start.iter().chain(&gradients.acting) {
             for &x in numbers {

@@ -10,8 +10,8 @@ use super::settings::{Limits, Settings, Stabilisation};
 use super::step_settings::StepSettings;
 use super::stepper::Stepper;
 use super::substeps::StopImpact;
-use super::tally::{TALLY, Tally};
 use super::torque::{StepFault, Torque};
+use super::totals::{TOTALS, Totals};
 use crate::algorithm::Algorithm;
 use crate::batch::arms::Arm;
 use crate::batch::{Batch, Fault, Pool, SLICE};
@@ -19,7 +19,7 @@ use crate::dynamics::contacts::ContactScratch;
 use crate::error::Error;
 use crate::filter::{FORMS, Form};
 use crate::scene::Scene;
-use crate::{memory, watch};
+use crate::{interrupt, memory};
 use std::borrow::Borrow;
 use std::sync::{Mutex, PoisonError};
 
@@ -55,7 +55,7 @@ pub struct Records<'a> {
 #[derive(Debug)]
 pub struct Rollout<S> {
     scene: S,
-    pub(super) law: StepSettings,
+    pub(super) settings: StepSettings,
     /// As they were given.
     method: Method,
     limits: Limits,
@@ -154,22 +154,24 @@ impl<S: Borrow<Scene>> Rollout<S> {
             method => method,
         };
         let roots = if conserve_momentum { conserve::roots(holds, &properties, gains.as_ref())? } else { Vec::new() };
-        let mut law = StepSettings::new(holds.model(), dt, chosen, (properties, gains), roots).with_coupling(coupling);
-        law.divides = method == Method::Auto && is_tree;
-        law.restitution = restitution;
-        law.stops = stops;
-        law.accuracy = accuracy;
-        law.set_valued = set_valued(holds, law.coupling.as_deref(), &law.properties, stops && is_tree);
-        law.tolerance = settings.tolerance;
-        law.connected = (!holds.constraints().is_empty()).then_some(stabilisation);
-        law.compliance = settings.compliance;
-        let keeper = Keeper::new(holds.model(), &law.roots);
-        let current = memory::filled("q, qd", states.saturating_mul(law.width(holds)), 0.0)?;
+        let mut step_settings =
+            StepSettings::new(holds.model(), dt, chosen, (properties, gains), roots).with_coupling(coupling);
+        step_settings.divides = method == Method::Auto && is_tree;
+        step_settings.restitution = restitution;
+        step_settings.stops = stops;
+        step_settings.accuracy = accuracy;
+        step_settings.set_valued =
+            set_valued(holds, step_settings.coupling.as_deref(), &step_settings.properties, stops && is_tree);
+        step_settings.tolerance = settings.tolerance;
+        step_settings.connected = (!holds.constraints().is_empty()).then_some(stabilisation);
+        step_settings.compliance = settings.compliance;
+        let keeper = Keeper::new(holds.model(), &step_settings.roots);
+        let current = memory::filled("q, qd", states.saturating_mul(step_settings.width(holds)), 0.0)?;
         let begun = memory::filled("q, qd", states, 0)?;
         let pool = Pool::default();
         let mut rollout = Self {
             scene,
-            law,
+            settings: step_settings,
             method,
             limits: settings.limits,
             keeper,
@@ -183,7 +185,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             impacts: Impacts::default(),
         };
         for state in 0..states {
-            watch::check_at(state, 1_024)?;
+            interrupt::check_at(state, 1_024)?;
             let (q, qd) = (&q[state * nq..(state + 1) * nq], &qd[state * nv..(state + 1) * nv]);
             let named = |error: Error| if states > 1 { error.in_state(state) } else { error };
             rollout.check_state(q, qd).map_err(named)?;
@@ -197,27 +199,27 @@ impl<S: Borrow<Scene>> Rollout<S> {
         self.scene().check_configuration("q", q)?;
         self.scene().check_rates("qd", qd)?;
         self.check_connections(q, qd)?;
-        self.law.coupling.as_ref().map_or(Ok(()), |coupling| coupling.check_followed(q, qd))
+        self.settings.coupling.as_ref().map_or(Ok(()), |coupling| coupling.check_followed(q, qd))
     }
 
     /// Begins one of the states at the step at hand, from what [`Rollout::check_state`] has seen.
     pub(super) fn begin(&mut self, state: usize, q: &[f64], qd: &[f64]) {
-        let Self { scene, law, keeper, current, .. } = self;
+        let Self { scene, settings, keeper, current, .. } = self;
         let scene: &Scene = (*scene).borrow().tree();
-        let width = law.width(scene);
+        let width = settings.width(scene);
         let (moving, rest) = current[state * width..(state + 1) * width].split_at_mut(q.len() + qd.len());
-        let (tally, kept) = rest.split_at_mut(TALLY);
-        tally.fill(0.0);
+        let (totals, kept) = rest.split_at_mut(TOTALS);
+        totals.fill(0.0);
         let (own_q, own_qd) = moving.split_at_mut(q.len());
         own_q.copy_from_slice(q);
         own_qd.copy_from_slice(qd);
         if keeper.keeps() {
             keeper.begin(scene.model(), q, qd);
-            let (start, largest) = kept.split_at_mut(KEPT * law.roots.len());
+            let (start, largest) = kept.split_at_mut(KEPT * settings.roots.len());
             start.copy_from_slice(&keeper.start);
             largest.fill(0.0);
         }
-        if law.method == Method::Contact {
+        if settings.method == Method::Contact {
             contact::begin(kept);
         }
         self.begun[state] = self.done;
@@ -232,34 +234,34 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// What it was made with; a copy.
     #[must_use]
     pub fn settings(&self) -> Settings {
-        let StepSettings { step, properties, gains, roots, connected, restitution, .. } = &self.law;
+        let StepSettings { step, properties, gains, roots, connected, restitution, .. } = &self.settings;
         Settings {
             dt: *step,
             method: self.method,
             form: self.form,
-            tolerance: self.law.tolerance,
+            tolerance: self.settings.tolerance,
             properties: properties.clone(),
             gains: gains.clone(),
             arm: self.arm,
             conserve_momentum: !roots.is_empty(),
             stabilisation: connected.unwrap_or_default(),
-            compliance: self.law.compliance.clone(),
+            compliance: self.settings.compliance.clone(),
             limits: self.limits,
             restitution: *restitution,
-            accuracy: self.law.accuracy,
+            accuracy: self.settings.accuracy,
         }
     }
 
     /// The method that advances states: of [`Method::Auto`], the one that was chosen.
     #[must_use]
     pub fn chosen_method(&self) -> Method {
-        self.law.method
+        self.settings.method
     }
 
     /// True if joint limits are stops.
     #[must_use]
     pub fn has_stops(&self) -> bool {
-        self.law.stops
+        self.settings.stops
     }
 
     /// The works and the numbers of substeps of one state since it began.
@@ -268,8 +270,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
     ///
     /// If there is no such state, as a slice does: see [`Rollout::states`].
     #[must_use]
-    pub fn tally(&self, index: usize) -> Tally {
-        Tally::of(&self.of_state(index)[self.scene().nq() + self.scene().nv()..])
+    pub fn totals(&self, index: usize) -> Totals {
+        Totals::of(&self.of_state(index)[self.scene().nq() + self.scene().nv()..])
     }
 
     /// The impacts of joints on their stops since the last call, by state and time; those before a step that failed are among them.
@@ -296,7 +298,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// If there is no such state, as a slice does: see [`Rollout::states`].
     #[must_use]
     pub fn time(&self, index: usize) -> f64 {
-        self.law.time(self.done - self.begun[index])
+        self.settings.time(self.done - self.begun[index])
     }
 
     /// All that steps change but their number, and the step that each state began at.
@@ -342,7 +344,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
     #[must_use]
     pub fn correction(&self, index: usize) -> Option<Correction> {
         let &[.., velocity, position] = self.of_state(index) else { return None };
-        (!self.law.roots.is_empty()).then_some(Correction { velocity, position })
+        (!self.settings.roots.is_empty()).then_some(Correction { velocity, position })
     }
 
     /// What the steps of one state told of its contacts since it began; none for a scene without.
@@ -352,8 +354,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// If there is no such state, as a slice does: see [`Rollout::states`].
     #[must_use]
     pub fn contact_report(&self, index: usize) -> Option<ContactReport> {
-        let kept = &self.of_state(index)[self.scene().nq() + self.scene().nv() + TALLY..];
-        if self.law.method == Method::Contact { ContactReport::of(kept) } else { None }
+        let kept = &self.of_state(index)[self.scene().nq() + self.scene().nv() + TOTALS..];
+        if self.settings.method == Method::Contact { ContactReport::of(kept) } else { None }
     }
 
     /// The contacts of one state now, as [`Records::contacts`] has them, (contacts, 11); impulses are those of all impacts since the last row that
@@ -367,17 +369,17 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let (scene, (q, v)) = (self.scene(), self.state(index));
         let points = scene.contact_points();
         let mut out = vec![0.0; RECORD * points.len()];
-        if self.law.method == Method::Contact {
-            let kept = &self.of_state(index)[q.len() + v.len() + TALLY..];
+        if self.settings.method == Method::Contact {
+            let kept = &self.of_state(index)[q.len() + v.len() + TOTALS..];
             let mut rows = ContactScratch::new(scene.model(), points, Vec::new());
-            contact::record(scene.model(), points, &mut rows, (q, v), (kept, self.law.step), &mut out);
+            contact::record(scene.model(), points, &mut rows, (q, v), (kept, self.settings.step), &mut out);
         }
         out
     }
 
     fn of_state(&self, index: usize) -> &[f64] {
         assert!(index < self.states, "state {index} of a simulation with {} states", self.states);
-        let width = self.law.width(self.scene());
+        let width = self.settings.width(self.scene());
         &self.current[index * width..(index + 1) * width]
     }
 
@@ -388,11 +390,11 @@ impl<S: Borrow<Scene>> Rollout<S> {
         const ONE_BODY: usize = 100;
         /// About as many times as long through connections, one state at a time.
         const CONNECTED: usize = 20;
-        let one_by_one = ONE_BODY * self.law.scheme.tableau.stages * self.scene().model().bodies.len().max(1);
-        if self.law.connected.is_some() {
+        let one_by_one = ONE_BODY * self.settings.scheme.tableau.stages * self.scene().model().bodies.len().max(1);
+        if self.settings.connected.is_some() {
             return CONNECTED * one_by_one;
         }
-        if self.law.method == Method::Contact {
+        if self.settings.method == Method::Contact {
             return CONNECTED * (one_by_one + ONE_BODY * self.scene().contacts().len());
         }
         one_by_one / self.arm.lanes(size_of::<f64>()).min(self.states.max(1))
@@ -406,14 +408,14 @@ impl<S: Borrow<Scene>> Rollout<S> {
     ///
     /// [`StepFault`] where a joint runs away or its pivot is lost. The rows of earlier steps are all there; states are then at
     /// different steps, and the rollout is at its end. Records and torques of the wrong size are a fault of the step at hand; so is that a
-    /// [`watch`] ended the work.
+    /// [`interrupt`] ended the work.
     pub fn advance(
         &mut self,
         steps: usize,
         torque: &Torque<'_>,
         records: Option<&mut Records<'_>>,
     ) -> Result<(), StepFault> {
-        let (nq, nv, width) = (self.scene().nq(), self.scene().nv(), self.law.width(self.scene()));
+        let (nq, nv, width) = (self.scene().nq(), self.scene().nv(), self.settings.width(self.scene()));
         let first = self.done;
         let refuse = |error| StepFault { step: first, state: 0, joint: String::new(), error };
         let Some(last) = first.checked_add(steps) else {
@@ -424,11 +426,11 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let fault: Mutex<Option<StepFault>> = Mutex::new(None);
         let cost = self.cost().saturating_mul(steps);
         let slice = (SLICE / self.cost().max(1)).max(1);
-        let Self { scene, law, form, arm, current, begun, pool, impacts, .. } = self;
+        let Self { scene, settings, form, arm, current, begun, pool, impacts, .. } = self;
         let impacts = &*impacts;
         let scene: &Scene = (*scene).borrow().tree();
         // The lanes know no contacts.
-        let arm = if law.method == Method::Contact { Arm::Baseline } else { *arm };
+        let arm = if settings.method == Method::Contact { Arm::Baseline } else { *arm };
         let make = || Stepper::new(*form, arm);
         let batch = Batch { states: self.states, cost, pool, make };
         let outcome = batch.run_pieces(GRAIN, current, |stepper, states, current| {
@@ -446,11 +448,11 @@ impl<S: Borrow<Scene>> Rollout<S> {
                 // Interruption is checked between slices of steps.
                 let mut begins = first;
                 loop {
-                    watch::check().map_err(|error| Fault { state: from, error })?;
+                    interrupt::check().map_err(|error| Fault { state: from, error })?;
                     let ends = last.min(begins.saturating_add(slice));
                     let job = Job {
                         scene,
-                        law,
+                        settings,
                         steps: begins..ends,
                         states: from..to,
                         begun: &begun[from..to],
@@ -461,7 +463,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
                     };
                     if let Err(found) = stepper.run(job) {
                         // Interrupted substeps end with a diverging motion.
-                        watch::check().map_err(|error| Fault { state: from, error })?;
+                        interrupt::check().map_err(|error| Fault { state: from, error })?;
                         let mut fault = fault.lock().unwrap_or_else(PoisonError::into_inner);
                         let earlier = |known: &StepFault| (found.step, found.state) < (known.step, known.state);
                         if fault.as_ref().is_none_or(earlier) {
@@ -520,7 +522,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             let error = Error::Shape { argument: "torque".to_owned(), found: format!("({found},)"), expected };
             return Err(Fault { state: 0, error });
         }
-        let roots = &self.law.roots;
+        let roots = &self.settings.roots;
         if roots.is_empty() {
             return Ok(());
         }

@@ -4,7 +4,7 @@ use super::conserve::Keeper;
 use super::method::{STAGES, Scheme};
 use super::step_settings::StepSettings;
 use super::stops::SetValued;
-use super::tally::TALLY;
+use super::totals::TOTALS;
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::model::Model;
 use crate::scalar::Real;
@@ -76,8 +76,8 @@ pub(super) struct Scratch<T: Real> {
     /// Positive where all modes hold until the step's end; and where the step is short enough.
     pub consistent: T,
     pub short_enough: T,
-    /// Works and numbers of substeps of the run: see [`tally`](super::tally).
-    pub tally: [T; TALLY],
+    /// Works and numbers of substeps of the run: see [`totals`](super::totals).
+    pub totals: [T; TOTALS],
     /// How far the stage is from where the springs are at rest, and from the control law's target.
     pub displaced: Vec<T>,
     pub displaced_target: Vec<T>,
@@ -85,10 +85,10 @@ pub(super) struct Scratch<T: Real> {
 }
 
 impl<T: Real> Scratch<T> {
-    pub fn new(scene_model: &Model<f64>, law: &StepSettings) -> Self {
+    pub fn new(scene_model: &Model<f64>, settings: &StepSettings) -> Self {
         let mut of_step = scene_model.clone();
-        of_step.system.noise = law.noise(&law.scheme);
-        for of in &law.set_valued {
+        of_step.system.noise = settings.noise(&settings.scheme);
+        for of in &settings.set_valued {
             let noise = &mut of_step.system.noise[of.row];
             *noise = if *noise == 0.0 { FREE } else { *noise };
         }
@@ -96,9 +96,9 @@ impl<T: Real> Scratch<T> {
         let model = of_step.cast::<T>();
         let (nq, nv) = (model.nq, model.nv());
         let row = |row: usize| {
-            let p = &law.properties;
+            let p = &settings.properties;
             let (kp, kd) =
-                law.gains.as_ref().map_or((0.0, 0.0), |gains| (gains.proportional[row], gains.derivative[row]));
+                settings.gains.as_ref().map_or((0.0, 0.0), |gains| (gains.proportional[row], gains.derivative[row]));
             RowTerms {
                 noise: T::from_f64(of_step.system.noise[row]),
                 damping: T::from_f64(p.damping[row]),
@@ -122,10 +122,10 @@ impl<T: Real> Scratch<T> {
         let coordinates = || vec![T::zero(); nq];
         let rates = || vec![T::zero(); nv];
         Self {
-            sweeps: SweepScratch::new(&model, &constants).accepting(law.tolerance),
+            sweeps: SweepScratch::new(&model, &constants).accepting(settings.tolerance),
             constants,
             rows: (0..nv).map(row).collect(),
-            rest: law.properties.rest.iter().map(|&x| T::from_f64(x)).collect(),
+            rest: settings.properties.rest.iter().map(|&x| T::from_f64(x)).collect(),
             target: coordinates(),
             target_rate: rates(),
             torque: rates(),
@@ -141,15 +141,15 @@ impl<T: Real> Scratch<T> {
             c: rates(),
             u: rates(),
             chord: rates(),
-            modes: law.set_valued.iter().map(mode).collect(),
+            modes: settings.set_valued.iter().map(mode).collect(),
             dry: rates(),
             control: rates(),
             consistent: T::one(),
             short_enough: T::one(),
-            tally: [T::zero(); TALLY],
+            totals: [T::zero(); TOTALS],
             displaced: rates(),
             displaced_target: rates(),
-            keeper: Keeper::new(&model, &law.roots),
+            keeper: Keeper::new(&model, &settings.roots),
             model,
         }
     }
@@ -157,8 +157,10 @@ impl<T: Real> Scratch<T> {
 
 impl<T: Real> Scratch<T> {
     /// Sets the measurement noise of a scheme.
-    pub fn adopt(&mut self, law: &StepSettings, scheme: &Scheme) {
-        for ((row, noise), of_model) in self.rows.iter_mut().zip(law.noise(scheme)).zip(&mut self.model.system.noise) {
+    pub fn adopt(&mut self, settings: &StepSettings, scheme: &Scheme) {
+        for ((row, noise), of_model) in
+            self.rows.iter_mut().zip(settings.noise(scheme)).zip(&mut self.model.system.noise)
+        {
             row.noise = T::from_f64(noise);
             *of_model = row.noise;
         }

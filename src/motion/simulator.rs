@@ -6,12 +6,12 @@ use super::method::Method;
 use super::rollout::Rollout;
 use super::settings::Settings;
 use super::substeps::StopImpact;
-use super::tally::Tally;
 use super::torque::{StepFault, Torque};
+use super::totals::Totals;
 use crate::batch::{Broadcast, Fault};
 use crate::error::Error;
 use crate::scene::Scene;
-use crate::{memory, watch};
+use crate::{interrupt, memory};
 use std::borrow::Borrow;
 
 /// States that are advanced call by call; `S`: what the scene is held by, as `&Scene`, `Arc<Scene>` or `Scene`.
@@ -58,7 +58,7 @@ impl<S: Borrow<Scene>> Simulator<S> {
     /// # Errors
     ///
     /// [`StepFault`] where a joint runs away or its pivot is lost: all states, and their times, are then after the last step that every state finished,
-    /// which is the one before [`StepFault::step`]. After torques of the wrong size, and where a [`watch`] ended the work, they are as they
+    /// which is the one before [`StepFault::step`]. After torques of the wrong size, and where a [`interrupt`] ended the work, they are as they
     /// were before the call.
     pub fn step(&mut self, torque: &Torque<'_>, steps: usize) -> Result<(), StepFault> {
         let Self { rollout, before } = self;
@@ -86,7 +86,7 @@ impl<S: Borrow<Scene>> Simulator<S> {
             given.check_states(name, states.len()).map_err(|error| Fault { state: 0, error })?;
         }
         for (i, &state) in states.iter().enumerate() {
-            watch::check_at(i, 1_024).map_err(|error| Fault { state, error })?;
+            interrupt::check_at(i, 1_024).map_err(|error| Fault { state, error })?;
             if state >= count {
                 let error = Error::argument("states", state.to_string(), format!("indices below {count}"));
                 return Err(Fault { state, error });
@@ -153,14 +153,14 @@ impl<S: Borrow<Scene>> Simulator<S> {
         self.rollout.has_stops()
     }
 
-    /// As [`Rollout::tally`].
+    /// As [`Rollout::totals`].
     ///
     /// # Panics
     ///
     /// If there is no such state, as a slice does: see [`Simulator::states`].
     #[must_use]
-    pub fn tally(&self, index: usize) -> Tally {
-        self.rollout.tally(index)
+    pub fn totals(&self, index: usize) -> Totals {
+        self.rollout.totals(index)
     }
 
     /// As [`Rollout::take_impacts`].

@@ -14,17 +14,17 @@ use crate::scalar::Real;
 
 /// The accelerations of the state that [`Scratch::set_stage`] has set, in `m[0]`, with nothing implicit.
 #[cfg(feature = "adaptive")]
-pub(super) fn accelerations<T: Real, S: Solver<T>>(law: &StepSettings, s: &mut Scratch<T>, solver: &mut S) {
-    forces((law, &law.scheme), s, 0);
+pub(super) fn accelerations<T: Real, S: Solver<T>>(settings: &StepSettings, s: &mut Scratch<T>, solver: &mut S) {
+    forces((settings, &settings.scheme), s, 0);
     solver.solve(true, (&s.model, &s.constants), &mut s.sweeps, (&s.q_stage, &s.v_stage, &s.u), &mut s.m[0]);
 }
 
 /// From `q`, `v` to `q_next`, `v_next` by one step of a scheme; gives the lanes whose error estimate exceeds its bound as bits.
 #[inline(always)]
-pub(super) fn step<T: Real, S: Solver<T>>(by @ (law, scheme): By<'_>, s: &mut Scratch<T>, solver: &mut S) -> u64 {
+pub(super) fn step<T: Real, S: Solver<T>>(by @ (settings, scheme): By<'_>, s: &mut Scratch<T>, solver: &mut S) -> u64 {
     let t = &scheme.tableau;
     let mut doubt = 0;
-    if law.rubs {
+    if settings.rubs {
         set_friction(by, s);
     }
     set_modes(by, s);
@@ -88,13 +88,13 @@ pub(super) fn finish_stage<T: Real>((_, scheme): By<'_>, s: &mut Scratch<T>, i: 
 /// Friction as damping, f / sqrt(v^2 + v0^2) at the step's start: never zero where f is not, so a row has noise in all lanes or
 /// in none. Taken implicitly, it cannot turn a velocity round.
 #[inline(always)]
-pub(super) fn set_friction<T: Real>((law, scheme): By<'_>, s: &mut Scratch<T>) {
+pub(super) fn set_friction<T: Real>((settings, scheme): By<'_>, s: &mut Scratch<T>) {
     let hg = scheme.tableau.gamma[0][0];
     for (row, of) in s.rows.iter().enumerate() {
-        if law.properties.friction[row] == 0.0 {
+        if settings.properties.friction[row] == 0.0 {
             continue;
         }
-        let chord = of.friction * rounded_speed(law, s.v[row]).recip();
+        let chord = of.friction * rounded_speed(settings, s.v[row]).recip();
         s.chord[row] = chord;
         if scheme.implicit {
             s.model.system.noise[row] = chord.mul_add(chord.constant(hg), of.noise);
@@ -104,8 +104,8 @@ pub(super) fn set_friction<T: Real>((law, scheme): By<'_>, s: &mut Scratch<T>) {
 
 /// sqrt(v^2 + v0^2), never zero.
 #[inline(always)]
-pub(super) fn rounded_speed<T: Real>(law: &StepSettings, v: T) -> T {
-    let v0 = law.properties.friction_speed;
+pub(super) fn rounded_speed<T: Real>(settings: &StepSettings, v: T) -> T {
+    let v0 = settings.properties.friction_speed;
     if v0 == 0.0 {
         // Exact: the quotient with it is the sign.
         return v.abs() + v.one_if_zero();
@@ -115,15 +115,15 @@ pub(super) fn rounded_speed<T: Real>(law: &StepSettings, v: T) -> T {
 
 /// The right side of stage `i`.
 #[inline(always)]
-pub(super) fn forces<T: Real>((law, scheme): By<'_>, s: &mut Scratch<T>, i: usize) {
+pub(super) fn forces<T: Real>((settings, scheme): By<'_>, s: &mut Scratch<T>, i: usize) {
     let t = &scheme.tableau;
     for (k, body) in s.model.bodies.iter().enumerate() {
         let stage = &s.model.system.stages[k];
         let (row, at) = (stage.first_row, body.q);
-        if law.sprung[k] {
+        if settings.sprung[k] {
             body.motion.displacement(&s.rest[at..], &s.q_stage[at..], &mut s.displaced[row..]);
         }
-        if law.pulled[k] {
+        if settings.pulled[k] {
             body.motion.displacement(&s.target[at..], &s.q_stage[at..], &mut s.displaced_target[row..]);
         }
     }
@@ -133,13 +133,13 @@ pub(super) fn forces<T: Real>((law, scheme): By<'_>, s: &mut Scratch<T>, i: usiz
         u = u.minus_product(of.damping, v);
         u = u.minus_product(of.stiffness, s.displaced[row]);
         let mut control = v.constant(0.0);
-        if law.gains.is_some() {
+        if settings.gains.is_some() {
             control = control.minus_product(of.derivative, v - s.target_rate[row]);
             control = control.minus_product(of.proportional, s.displaced_target[row]);
         }
         let mut damping = of.damping;
-        if law.rubs {
-            u = u.minus_product(of.friction * v, rounded_speed(law, v).recip());
+        if settings.rubs {
+            u = u.minus_product(of.friction * v, rounded_speed(settings, v).recip());
             damping += s.chord[row];
         }
         if scheme.implicit {
@@ -152,13 +152,13 @@ pub(super) fn forces<T: Real>((law, scheme): By<'_>, s: &mut Scratch<T>, i: usiz
             }
             u = u.minus_product(of.stiffness, moved);
             u = u.minus_product(damping, sped);
-            if law.gains.is_some() {
+            if settings.gains.is_some() {
                 control = control.minus_product(of.proportional, moved);
                 control = control.minus_product(of.derivative, sped);
             }
         }
         s.u[row] = u + control;
-        if law.gains.is_some() {
+        if settings.gains.is_some() {
             s.control[row] = control.mul_add(control.constant(t.weights[i]), s.control[row]);
         }
     }

@@ -6,7 +6,7 @@ use super::method::{Method, Scheme};
 use super::properties::{Gains, Properties};
 use super::settings::Stabilisation;
 use super::stops::SetValued;
-use super::tally::TALLY;
+use super::totals::TOTALS;
 use crate::filter::{HingeMap, Rows};
 use crate::model::Model;
 use crate::scene::{Coupling, Scene};
@@ -99,9 +99,9 @@ impl StepSettings {
 
     /// The same for the adjoint of the steps, which needs the displacement of every joint from rest, also without a spring.
     pub fn backward(&self) -> Self {
-        let mut law = self.clone();
-        law.sprung.fill(true);
-        law
+        let mut settings = self.clone();
+        settings.sprung.fill(true);
+        settings
     }
 
     /// The time of a step, counted from the start of the run, s.
@@ -110,12 +110,12 @@ impl StepSettings {
         steps as f64 * self.step
     }
 
-    /// The number of values that a rollout stores per state: q, qd, the [`Tally`](super::tally); where momentum is conserved, its value and two corrections; of a scene
+    /// The number of values that a rollout stores per state: q, qd, the [`Totals`](super::totals); where momentum is conserved, its value and two corrections; of a scene
     /// with contacts, their impulses and their report.
     pub fn width(&self, scene: &Scene) -> usize {
         let kept = if self.roots.is_empty() { 0 } else { KEPT * self.roots.len() + 2 };
         let touching = if self.method == Method::Contact { contact::width(scene.contact_points().len()) } else { 0 };
-        scene.nq() + scene.nv() + TALLY + kept + touching
+        scene.nq() + scene.nv() + TOTALS + kept + touching
     }
 
     /// Damping and stiffness of one degree of freedom, the control law's with the joint's own.

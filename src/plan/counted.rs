@@ -1,10 +1,10 @@
 //! What is saved where that is counted by running the algorithms on numbers that count.
 
-use super::{NOTHING, Omission, counted};
+use super::{NOTHING, Simplification, counted};
 use crate::algorithm::{Algorithm, Arguments};
 use crate::codegen::{Function, Program};
 use crate::filter::Form;
-use crate::model::{Body, Motion, Omissions};
+use crate::model::{Body, Motion, Simplifications};
 use crate::report::operations::{Task, count_in_sweeps, count_recursion, of_factor};
 use crate::scalar::Operations;
 use crate::scene::Scene;
@@ -35,17 +35,17 @@ fn forward(scene: &Scene) -> usize {
 
 impl Scene {
     /// Rotations of the tree that keep the joint on an axis.
-    pub(super) fn renamed_item(&self) -> Omission {
+    pub(super) fn renamed_item(&self) -> Simplification {
         let count = self.bodies_on(turns_about_an_axis).count();
         // What tilted axes save goes with it, and has an item of its own.
         let saved = self.saved_beside(
             count,
-            |omissions| omissions.tilted_axes = false,
-            |omissions| omissions.renamed_axes = false,
+            |simplifications| simplifications.oblique_axes = false,
+            |simplifications| simplifications.permuted_axes = false,
         );
         self.switched(
-            "renamed_axes",
-            Omission {
+            "permuted_axes",
+            Simplification {
                 what: "rotations of the tree that rename axes, or turn about the joint's own",
                 count,
                 why: "the joint's angle, a constant, or both together are all there is to turn by, about z, and entries change places and signs",
@@ -58,13 +58,13 @@ impl Scene {
     }
 
     /// Rotations of the tree that bring the joint's axis anywhere.
-    pub(super) fn tilted_item(&self) -> Omission {
-        let renamed = self.model().omissions.renamed_axes;
+    pub(super) fn tilted_item(&self) -> Simplification {
+        let renamed = self.model().simplifications.permuted_axes;
         let count = if renamed { self.bodies_on(turns_about_a_tilted_axis).count() } else { 0 };
-        let saved = self.saved_in_sweeps(count, |omissions| omissions.tilted_axes = false);
+        let saved = self.saved_in_sweeps(count, |simplifications| simplifications.oblique_axes = false);
         self.switched(
-            "tilted_axes",
-            Omission {
+            "oblique_axes",
+            Simplification {
                 what: "rotations of the tree at other joints that turn or slide",
                 count,
                 why: "a constant angle or two bring the joint's axis to one of its parent's",
@@ -84,7 +84,7 @@ impl Scene {
     }
 
     /// Operations of forward dynamics with a switch off, less those with it on.
-    fn saved_in_sweeps(&self, count: usize, turn_off: impl Fn(&mut Omissions)) -> usize {
+    fn saved_in_sweeps(&self, count: usize, turn_off: impl Fn(&mut Simplifications)) -> usize {
         self.saved_beside(count, |_| {}, turn_off)
     }
 
@@ -92,10 +92,10 @@ impl Scene {
     fn saved_beside(
         &self,
         count: usize,
-        others_off: impl Fn(&mut Omissions),
-        turn_off: impl Fn(&mut Omissions),
+        others_off: impl Fn(&mut Simplifications),
+        turn_off: impl Fn(&mut Simplifications),
     ) -> usize {
-        let mut on = self.model().omissions;
+        let mut on = self.model().simplifications;
         others_off(&mut on);
         let mut off = on;
         turn_off(&mut off);
@@ -104,22 +104,22 @@ impl Scene {
         }
         let (q, ones) = (self.neutral(), vec![1.0; self.nv()]);
         let state = Arguments { q: &q, qd: &ones, u: &ones, wrenches: &[], ..Arguments::default() };
-        let of = |omissions| {
+        let of = |simplifications| {
             let algorithm = Algorithm::ForwardDynamics(Form::Covariance);
-            flops(&count_in_sweeps(self, omissions, algorithm, &state).operations)
+            flops(&count_in_sweeps(self, simplifications, algorithm, &state).operations)
         };
         of(off).saturating_sub(of(on))
     }
 
     /// The joints that [`Scene::lock`] fixed, beside the scene where they move.
-    pub(super) fn locked_item(&self) -> Omission {
+    pub(super) fn locked_item(&self) -> Simplification {
         let names: Vec<String> = self.source().locked_joints().map(str::to_owned).collect();
         let before = if names.is_empty() { None } else { self.source().unlocked().build().ok() };
         let (bodies, operations) = before.map_or((0, 0), |before| {
             let saved = forward(&before).saturating_sub(forward(self));
             (before.model().bodies.len().saturating_sub(self.model().bodies.len()), saved)
         });
-        Omission {
+        Simplification {
             what: "locked joints, folded into the bodies around them",
             count: names.len(),
             names,
@@ -132,17 +132,17 @@ impl Scene {
 
     /// Whether there is a factor to speak of.
     fn has_factor(&self) -> bool {
-        self.nv() > 0 && self.model().omissions.every_body_moves()
+        self.nv() > 0 && self.model().simplifications.every_body_moves()
     }
 
     /// Calls that share q.
-    pub(super) fn factor_item(&self) -> Omission {
+    pub(super) fn factor_item(&self) -> Simplification {
         if !self.has_factor() {
             return NOTHING;
         }
         let q = self.neutral();
         let (whole, solve) = (forward(self), flops(&of_factor(self, &q, &q).solved));
-        Omission {
+        Simplification {
             what: "the factor of M, in calls that share q",
             count: self.model().bodies.len(),
             why: "P, D and g depend on q alone: factor(q) once, solve(tau - bias) for each right side",
@@ -153,7 +153,7 @@ impl Scene {
     }
 
     /// Calls in which the last joint alone moves: the end of the last branch.
-    pub(super) fn branch_item(&self) -> Omission {
+    pub(super) fn branch_item(&self) -> Simplification {
         if !self.has_factor() {
             return NOTHING;
         }
@@ -164,7 +164,7 @@ impl Scene {
         }
         let calls = of_factor(self, &q, &moved);
         let (made, updated) = (flops(&calls.made), flops(&calls.updated));
-        Omission {
+        Simplification {
             what: "bodies beside the path to the base, in a factor of which the last joint alone has moved",
             count: self.model().bodies.len() - calls.bodies,
             why: "P, D and g of a body depend on the joints that it carries: factor.update(q)",
@@ -175,7 +175,7 @@ impl Scene {
     }
 
     /// What code of this robot alone leaves out of forward dynamics.
-    pub(super) fn compiled_item(&self) -> Omission {
+    pub(super) fn compiled_item(&self) -> Simplification {
         if self.nv() == 0 || self.nv() > MOST_COMPILED {
             return NOTHING;
         }
@@ -184,9 +184,9 @@ impl Scene {
         let (q, ones) = (self.neutral(), vec![1.0; self.nv()]);
         let state = Arguments { q: &q, qd: &ones, u: &ones, wrenches: &[], ..Arguments::default() };
         let algorithm = Algorithm::ForwardDynamics(Form::Covariance);
-        let asked = flops(&count_in_sweeps(self, self.model().omissions, algorithm, &state).operations);
+        let asked = flops(&count_in_sweeps(self, self.model().simplifications, algorithm, &state).operations);
         let left = flops(&program.operations());
-        Omission {
+        Simplification {
             what: "operations that this robot's constants decide, in code compiled for it",
             count: asked.saturating_sub(left),
             why: "products by zero and one, sums of constants, and what is computed twice are known when the code is written: phipsi.compile, to_c",
@@ -197,7 +197,7 @@ impl Scene {
     }
 
     /// What forward dynamics does not compute.
-    pub(super) fn outputs_item(&self) -> Omission {
+    pub(super) fn outputs_item(&self) -> Simplification {
         let (nv, inverse) = (self.nv(), Algorithm::MassMatrixInverse(Form::Covariance));
         if nv == 0 {
             return NOTHING;
@@ -209,7 +209,7 @@ impl Scene {
         }
         let each: Vec<(&str, usize)> = outputs.into_iter().map(|(name, output)| (name, of(self, output))).collect();
         let text: Vec<String> = each.iter().map(|(name, operations)| format!("{name} {operations}")).collect();
-        Omission {
+        Simplification {
             what: "outputs that are not asked for",
             count: each.len(),
             why: "each method computes what it returns",

@@ -29,7 +29,7 @@ use crate::model::Model;
 use crate::scalar::{DoubleDouble, Real};
 use crate::scene::Scene;
 use crate::workspace::Workspace;
-use crate::{memory, watch};
+use crate::{interrupt, memory};
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::{ldlt, llt};
 use faer::{MatMut, Par, Spec};
@@ -143,7 +143,7 @@ pub fn reference(scene: &Scene, states: States<'_>) -> Result<Vec<DoubleDouble>,
     let mut all = memory::with_capacity("q", states.qd.len())?;
     let mut qdd = vec![DoubleDouble::from_f64(f64::NAN); nv];
     for i in 0..count {
-        watch::check()?;
+        interrupt::check()?;
         let q = wide(&states.q[i * nq..(i + 1) * nq]);
         let qd = wide(&states.qd[i * nv..(i + 1) * nv]);
         let tau = wide(&states.tau[i * nv..(i + 1) * nv]);
@@ -265,7 +265,7 @@ fn dense_solve<P: Dense>(matrix: &mut [P], right: &mut [P], stack: &mut MemStack
 ///
 /// # Errors
 ///
-/// Arrays of other lengths; [`Error::Memory`] for more states or repeats than there is room for; [`Error::Interrupted`] under a [`watch`] that ends the work.
+/// Arrays of other lengths; [`Error::Memory`] for more states or repeats than there is room for; [`Error::Interrupted`] under a [`interrupt`] that ends the work.
 pub fn measure<P: Dense>(
     scene: &Scene,
     method: Method,
@@ -287,7 +287,7 @@ pub fn measure<P: Dense>(
 
     let mut errors = memory::with_capacity("q", count)?;
     for i in 0..count {
-        watch::check()?;
+        interrupt::check()?;
         let (q, qd, tau) = state(i);
         let fine = solver.run(q, qd, tau, &mut qdd);
         errors.push(if fine { error(&qdd, &reference[i * nv..(i + 1) * nv]) } else { f64::NAN });
@@ -297,7 +297,7 @@ pub fn measure<P: Dense>(
     let ns = median_ns(repeats, &mut || {
         for i in 0..count {
             // So seldom that the time does not show it.
-            outcome = watch::check_at(i + 1, together);
+            outcome = interrupt::check_at(i + 1, together);
             if outcome.is_err() {
                 return;
             }

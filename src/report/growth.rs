@@ -6,7 +6,7 @@ use crate::filter::Form;
 use crate::operators::{KINDS, Operator};
 use crate::scenes;
 use crate::workspace::Workspace;
-use crate::{memory, watch};
+use crate::{interrupt, memory};
 use std::hint::black_box;
 use std::time::Instant;
 
@@ -96,7 +96,7 @@ pub(super) fn median_ns(repeats: usize, call: &mut impl FnMut()) -> Result<f64, 
     let mut times = memory::with_capacity("repeats", repeats)?;
     call();
     for _ in 0..repeats {
-        watch::check()?;
+        interrupt::check()?;
         let start = Instant::now();
         call();
         times.push(start.elapsed().as_secs_f64() * 1e9);

@@ -14,7 +14,7 @@ use crate::dynamics::traced::TracedSweeps;
 use crate::filter::pivots::Scale;
 use crate::filter::riccati::Measured;
 use crate::filter::{FORMS, Form, Stage};
-use crate::model::{Body, Model, Omissions};
+use crate::model::{Body, Model, Simplifications};
 use crate::operators::{Factor, Updated};
 use crate::scalar::{Operations, Real, Traced};
 use crate::scene::Scene;
@@ -70,7 +70,7 @@ pub struct Count {
 pub fn count(scene: &Scene, task: Task, state: &Arguments<'_>) -> Count {
     match task {
         Task::Algorithm(algorithm) if sweeps::covers(algorithm) && !is_by_recursion(algorithm) => {
-            count_in_sweeps(scene, scene.model().omissions, algorithm, state)
+            count_in_sweeps(scene, scene.model().simplifications, algorithm, state)
         }
         _ => count_recursion(scene, task, state),
     }
@@ -112,11 +112,11 @@ fn is_by_recursion(algorithm: Algorithm) -> bool {
 /// The same of the sweeps that keep nothing but the result, with other switches than the scene's.
 pub(crate) fn count_in_sweeps(
     scene: &Scene,
-    omissions: Omissions,
+    simplifications: Simplifications,
     algorithm: Algorithm,
     state: &Arguments<'_>,
 ) -> Count {
-    let model = Model { omissions, ..scene.model().clone() };
+    let model = Model { simplifications, ..scene.model().clone() };
     let mut traced = TracedSweeps::new(&model);
     let ([q, qd, u], wrenches) = on_counted(state);
     if matches!(algorithm, Algorithm::MassMatrixInverse(_)) && !traced.sweeps.is_shallow() {
@@ -289,7 +289,7 @@ pub struct OfFactor {
 /// # Panics
 ///
 /// Where a configuration is too short for the scene, or the scene keeps bodies that cannot move (see
-/// `Omissions::every_body_moves`).
+/// `Simplifications::every_body_moves`).
 #[must_use]
 pub fn of_factor(scene: &Scene, q: &[f64], moved: &[f64]) -> OfFactor {
     let model: Model<Traced> = scene.model().cast();

@@ -11,13 +11,13 @@
 
 use crate::dynamics;
 use crate::error::Error;
+use crate::interrupt;
 use crate::kinematics::{ReferenceFrame, coordinate_rates};
 use crate::model::Model;
 use crate::operators::dense::{Composite, ldlt_from_tip};
 use crate::operators::{Factor, Kind, Operator};
 use crate::scalar::{DoubleDouble, Real};
 use crate::scene::Scene;
-use crate::watch;
 use crate::workspace::Workspace;
 use faer::Mat;
 use faer::linalg::solvers::Solve;
@@ -58,7 +58,7 @@ fn swept(factor: &Factor<f64>, kind: Kind) -> Result<Mat<f64>, Error> {
     let mut matrix = Mat::zeros(rows, columns);
     let (mut x, mut y) = (vec![0.0; columns], vec![0.0; rows]);
     for j in 0..columns {
-        watch::check_at(j, 16)?;
+        interrupt::check_at(j, 16)?;
         x[j] = 1.0;
         operator.apply(&x, &mut y);
         x[j] = 0.0;

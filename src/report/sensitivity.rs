@@ -13,7 +13,7 @@ use crate::scalar::{DoubleDouble, Real};
 use crate::scene::{Scene, SceneBuilder};
 use crate::scenes::draw::Draw;
 use crate::workspace::Workspace;
-use crate::{memory, watch};
+use crate::{interrupt, memory};
 
 /// What is computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -229,7 +229,7 @@ pub fn sensitivity(
     for (name, moved) in MOVED {
         let mut worst = Difference::none(exact.values.len());
         for _ in 0..draws {
-            watch::check()?;
+            interrupt::check()?;
             let found = match moved {
                 Moved::State => {
                     let (q, qd, u) =

@@ -4,10 +4,10 @@ use super::builder::AT_A_TIME;
 use super::description::{Inertial, JointDescription};
 use super::{Joint, Link, Scene};
 use crate::error::Error;
+use crate::interrupt;
 use crate::joints::{JointKind, Parts};
 use crate::model::Motion;
 use crate::spatial::{BodyInertia, BodyRoot, RigidShift, inertia_root, join_roots, root_of_merged};
-use crate::watch;
 use nalgebra::Vector6;
 
 /// The checked tree: for each link its children as (joint, link), and the root.
@@ -58,14 +58,14 @@ impl Assembly {
         let place = if self.scene.source.floating_base {
             let root = self.scene.source.root_joint(self.scene.source.links[tree.root].name.clone());
             self.add_joint(&root, (None, RigidShift::identity()))
-        } else if self.scene.source.omissions.base_links {
+        } else if self.scene.source.simplifications.base_links {
             (None, RigidShift::identity())
         } else {
             (Some(self.add_fixed_body(None, RigidShift::identity())), RigidShift::identity())
         };
         let mut stack: Vec<(Option<usize>, usize, Place)> = vec![(None, tree.root, place)];
         while let Some((joint, link, at)) = stack.pop() {
-            watch::check_at(self.scene.links.len(), AT_A_TIME)?;
+            interrupt::check_at(self.scene.links.len(), AT_A_TIME)?;
             let at = match joint {
                 Some(joint) => {
                     let joint = self.scene.source.joints[joint].clone();
@@ -87,7 +87,7 @@ impl Assembly {
         let (parent, placement) = at;
         let origin = placement.compose_rounded(&joint.origin);
         if joint.kind == JointKind::Fixed {
-            if parent.is_some() && !self.scene.source.omissions.fixed_joints {
+            if parent.is_some() && !self.scene.source.simplifications.fixed_joints {
                 return (Some(self.add_fixed_body(parent, origin)), RigidShift::identity());
             }
             self.scene.merged.push(joint.name.clone());

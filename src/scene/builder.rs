@@ -10,8 +10,8 @@ use super::joint_check::check_joint;
 use super::properties::Properties;
 use crate::error::Error;
 use crate::joints::JointKind;
-use crate::model::Omissions;
-use crate::{memory, watch};
+use crate::model::Simplifications;
+use crate::{interrupt, memory};
 use nalgebra::Vector3;
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
@@ -63,7 +63,7 @@ pub struct SceneBuilder {
     pub(super) strict: bool,
     /// The geometric tolerance of linkages; none: the default.
     pub(super) tolerance: Option<f64>,
-    pub(super) omissions: Omissions,
+    pub(super) simplifications: Simplifications,
     /// What the free joint of a floating base has beside its freedom.
     pub(super) root: Properties,
     /// The joints that [`Scene::lock`] fixed, with what they were.
@@ -97,7 +97,7 @@ impl SceneBuilder {
             floating_base: false,
             strict: false,
             tolerance: None,
-            omissions: Omissions::default(),
+            simplifications: Simplifications::default(),
             root: Properties::default(),
             locked: Vec::new(),
             from_file: false,
@@ -179,8 +179,8 @@ impl SceneBuilder {
     /// Sets what is left out; all that can be, unless this is called.
     #[must_use]
     #[doc(hidden)]
-    pub fn omissions(mut self, omissions: Omissions) -> Self {
-        self.omissions = omissions;
+    pub fn simplifications(mut self, simplifications: Simplifications) -> Self {
+        self.simplifications = simplifications;
         self
     }
 
@@ -211,8 +211,8 @@ impl SceneBuilder {
     /// What is left out.
     #[must_use]
     #[doc(hidden)]
-    pub fn left_out(&self) -> Omissions {
-        self.omissions
+    pub fn left_out(&self) -> Simplifications {
+        self.simplifications
     }
 
     /// The free joint that a floating base puts under the link of that name.
@@ -310,7 +310,7 @@ impl SceneBuilder {
     }
 
     /// Checks everything and makes the scene: bodies in depth-first order, siblings in the order of their joints, fixed
-    /// joints merged (unless [`SceneBuilder::omissions`] says otherwise), axes turned onto z.
+    /// joints merged (unless [`SceneBuilder::simplifications`] says otherwise), axes turned onto z.
     ///
     /// # Errors
     ///
@@ -347,7 +347,7 @@ impl SceneBuilder {
         }
         let mut index = HashMap::new();
         for (i, link) in self.links.iter().enumerate() {
-            watch::check_at(i, AT_A_TIME)?;
+            interrupt::check_at(i, AT_A_TIME)?;
             if index.insert(link.name.as_str(), i).is_some() {
                 return Err(Error::scene(format!("link {:?}", link.name), "the name twice", "unique link names"));
             }
@@ -356,7 +356,7 @@ impl SceneBuilder {
         let mut parent_joint: Vec<Option<usize>> = vec![None; self.links.len()];
         let mut children: Vec<Vec<(usize, usize)>> = vec![Vec::new(); self.links.len()];
         for (j, joint) in self.joints.iter().enumerate() {
-            watch::check_at(j, AT_A_TIME)?;
+            interrupt::check_at(j, AT_A_TIME)?;
             let subject = || format!("joint {:?}", joint.name);
             if !names.insert(&joint.name) {
                 return Err(Error::scene(subject(), "the name twice", "unique joint names"));
@@ -435,7 +435,7 @@ impl SceneBuilder {
 
     fn check_numbers(&self) -> Result<(), Error> {
         for (i, link) in self.links.iter().enumerate() {
-            watch::check_at(i, AT_A_TIME)?;
+            interrupt::check_at(i, AT_A_TIME)?;
             if let Some(inertial) = &link.inertial {
                 check_numbers(&link.name, inertial)?;
             }

@@ -5,10 +5,10 @@ use super::connection::{ConnectionKind, tidy};
 use super::description::JointDescription;
 use super::properties::Properties;
 use crate::error::Error;
+use crate::interrupt;
 use crate::joints::JointKind;
 use crate::kinematics::joint_shift;
 use crate::spatial::RigidShift;
-use crate::watch;
 
 /// How much a connection of links that are locked onto each other may be off, m or rad.
 const HELD: f64 = 1e-6;
@@ -37,7 +37,7 @@ impl Scene {
         let mut source = self.source().clone();
         let free = source.floating_base.then(|| source.root_joint_name());
         for name in joints {
-            watch::check()?;
+            interrupt::check()?;
             let joint = self.joint(name)?;
             let moved = self.child_placement(joint, q);
             source.locked.push((joint.name.clone(), joint.kind));

@@ -53,7 +53,7 @@ mod whole_check;
 pub use crate::joints::JointKind;
 pub use crate::model::Model;
 #[doc(hidden)]
-pub use crate::model::{Body, Motion, Omissions};
+pub use crate::model::{Body, Motion, Simplifications};
 pub(crate) use builder::{A_LINK, AT_A_TIME};
 pub use builder::{ROOT_JOINT, SceneBuilder};
 pub(crate) use checks::check_tolerance;
@@ -131,7 +131,7 @@ impl Scene {
     fn unfilled(source: SceneBuilder, warnings: Vec<SceneWarning>) -> Self {
         Self {
             identity: Identity::unique(),
-            model: Model::empty(source.gravity, source.omissions),
+            model: Model::empty(source.gravity, source.simplifications),
             source,
             warnings,
             links: Vec::new(),

@@ -5,8 +5,8 @@ use super::description::{Inertial, JointDescription, Mimic, MimicJoints, SceneWa
 use super::inertia_check::unphysical;
 use super::{AT_A_TIME, SceneBuilder};
 use crate::error::Error;
+use crate::interrupt;
 use crate::joints::JointKind;
-use crate::watch;
 use std::collections::HashSet;
 
 impl SceneBuilder {
@@ -61,7 +61,7 @@ impl SceneBuilder {
         let mut warnings = self.notes.clone();
         warnings.extend(self.no_mass(tree));
         for (i, link) in self.links.iter().enumerate() {
-            watch::check_at(i, AT_A_TIME)?;
+            interrupt::check_at(i, AT_A_TIME)?;
             if let Some(found) = link.inertial.as_ref().and_then(unphysical) {
                 warnings.push(SceneWarning::Inertia { link: link.name.clone(), found });
             }

@@ -1,9 +1,9 @@
 //! What the extreme scenes are made of: links in a row or on a hub, before they become a scene.
 
 use crate::error::Error;
+use crate::interrupt;
 use crate::scene::{AT_A_TIME, Inertial, JointDescription, JointKind, LinkDescription, Scene, SceneBuilder};
 use crate::spatial::{RigidShift, Symmetric3};
-use crate::watch;
 use nalgebra::{Matrix3, Vector3};
 
 /// Axes of successive joints: along coordinates and across them.
@@ -72,7 +72,7 @@ impl Blueprint {
             .floating_base(self.floating)
             .link(LinkDescription { name: "base".into(), inertial: base });
         for (k, part) in self.parts.into_iter().enumerate() {
-            watch::check_at(k, AT_A_TIME)?;
+            interrupt::check_at(k, AT_A_TIME)?;
             let parent = part.parent.map_or_else(|| "base".to_owned(), |parent| format!("link{parent}"));
             let mut joint = JointDescription::new(format!("joint{k}"), part.kind, parent, format!("link{k}"));
             joint.origin = RigidShift { rotation: Matrix3::identity(), lever: part.lever };

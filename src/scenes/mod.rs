@@ -21,7 +21,7 @@ pub use extreme::{Extreme, extreme, names};
 use crate::error::Error;
 use crate::scene::{A_LINK, AT_A_TIME, Inertial, JointDescription, JointKind, LinkDescription, Scene, SceneBuilder};
 use crate::spatial::{RigidShift, Symmetric3};
-use crate::{memory, watch};
+use crate::{interrupt, memory};
 use nalgebra::{Matrix3, Vector3};
 
 /// The bundled arm as URDF: a PUMA 560 written from the published figures that the file names.
@@ -48,7 +48,7 @@ pub fn chain(n: usize) -> Result<Scene, Error> {
     let quarter = Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0);
     let mut builder = SceneBuilder::new().link(LinkDescription { name: "base".into(), inertial: None });
     for k in 0..n {
-        watch::check_at(k, AT_A_TIME)?;
+        interrupt::check_at(k, AT_A_TIME)?;
         let parent = if k == 0 { "base".into() } else { format!("link{}", k - 1) };
         let mut joint = JointDescription::new(format!("j{k}"), JointKind::Revolute, parent, format!("link{k}"));
         joint.origin = RigidShift {

@@ -19,8 +19,8 @@ from phipsi.report.structure import tree_of
 SWITCHES = (
     "fixed_joints",
     "base_links",
-    "renamed_axes",
-    "tilted_axes",
+    "permuted_axes",
+    "oblique_axes",
     "zero_velocity",
     "zero_gravity",
 )

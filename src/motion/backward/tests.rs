@@ -72,7 +72,7 @@ fn scene() -> Scene {
 /// A step's law where everything acts, its state, and the gradients at its end.
 struct Case {
     scene: Scene,
-    law: StepSettings,
+    settings: StepSettings,
     q: Vec<f64>,
     v: Vec<f64>,
     torque: Vec<f64>,
@@ -103,18 +103,18 @@ impl Case {
             target,
             target_rate: many(&mut random, nv, 0.3),
         };
-        let law = StepSettings::new(scene.model(), step, method, (properties, Some(gains)), Vec::new()).backward();
+        let settings = StepSettings::new(scene.model(), step, method, (properties, Some(gains)), Vec::new()).backward();
         let (v, torque, end) = (
             many(&mut random, nv, 1.0),
             many(&mut random, nv, 5.0),
             [many(&mut random, nv, 1.0), many(&mut random, nv, 1.0)],
         );
-        Self { scene, law, q, v, torque, end }
+        Self { scene, settings, q, v, torque, end }
     }
 
     fn scratch<T: Real>(&self) -> Scratch<T> {
-        let mut s = Scratch::<T>::new(self.scene.model(), &self.law);
-        let gains = self.law.gains.as_ref().expect("gains");
+        let mut s = Scratch::<T>::new(self.scene.model(), &self.settings);
+        let gains = self.settings.gains.as_ref().expect("gains");
         for (to, from) in [
             (&mut s.q, &self.q),
             (&mut s.v, &self.v),
@@ -135,10 +135,10 @@ impl Case {
             to.end.clone_from(&self.end);
         }
         let mut solver = InLanes::new(Baseline, Form::Auto, (&s.model, &s.constants));
-        let doubt = backward((&self.law, &self.law.scheme), &mut s, &mut both[0], &mut solver, None);
-        assert_eq!(doubt, 0, "{:?}: {:?}, {:?}", self.law.method, s.consistent, s.short_enough);
+        let doubt = backward((&self.settings, &self.settings.scheme), &mut s, &mut both[0], &mut solver, None);
+        assert_eq!(doubt, 0, "{:?}: {:?}, {:?}", self.settings.method, s.consistent, s.short_enough);
         let mut checked = CheckedBackward::new(&s.model, Form::Auto, None);
-        backward((&self.law, &self.law.scheme), &mut s, &mut both[1], &mut checked, None);
+        backward((&self.settings, &self.settings.scheme), &mut s, &mut both[1], &mut checked, None);
         assert!(checked.lost.is_none());
         both
     }
@@ -148,7 +148,7 @@ impl Case {
         let mut s = self.scratch::<Number>();
         set(&mut s);
         let mut solver = General(Workspace::new(&s.model));
-        step((&self.law, &self.law.scheme), &mut s, &mut solver);
+        step((&self.settings, &self.settings.scheme), &mut s, &mut solver);
         let mut sum = DoubleDouble::from_f64(0.0);
         for (k, body) in s.model.bodies.iter().enumerate() {
             let row = s.model.system.stages[k].first_row;
@@ -234,7 +234,7 @@ fn gradients_by_the_state() {
 #[test]
 fn gradients_by_what_acts_at_the_joints() {
     each_method(|name, case, gradients| {
-        let hg = if case.law.scheme.implicit { case.law.scheme.tableau.gamma[0][0] } else { 0.0 };
+        let hg = if case.settings.scheme.implicit { case.settings.scheme.tableau.gamma[0][0] } else { 0.0 };
         for row in 0..case.scene.nv() {
             let found = |kind: usize| gradients.acting[kind][row];
             near(

@@ -4,22 +4,22 @@
 pub(in crate::motion) const RECORD: usize = 11;
 
 /// How many numbers tell of a run.
-const TOLD: usize = 8;
+const REPORT: usize = 8;
 
-/// How many numbers are kept of a state with so many contacts: impulses that hold, impulses of impacts, what each does, what is told.
+/// How many numbers are kept of a state with so many contacts: impulses that hold, impulses of impacts, what each does, what is report.
 pub(in crate::motion) fn width(contacts: usize) -> usize {
-    7 * contacts + TOLD
+    7 * contacts + REPORT
 }
 
 /// At the start of a run.
 pub(in crate::motion) fn begin(kept: &mut [f64]) {
     kept.fill(0.0);
-    if let Some((_, told)) = kept.split_last_chunk_mut::<TOLD>() {
-        ContactReport::begin().write(told);
+    if let Some((_, report)) = kept.split_last_chunk_mut::<REPORT>() {
+        ContactReport::begin().write(report);
     }
 }
 
-/// What the steps of one state told of its contacts, since it began.
+/// What the steps of one state report of its contacts, since it began.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ContactReport {
     /// The worst residual of a step: a velocity beside the largest free velocity of its contacts.
@@ -55,7 +55,7 @@ impl ContactReport {
         }
     }
 
-    fn write(&self, to: &mut [f64; TOLD]) {
+    fn write(&self, to: &mut [f64; REPORT]) {
         *to = [
             self.residual,
             f64::from(u8::from(self.converged)),
@@ -69,7 +69,7 @@ impl ContactReport {
     }
 
     fn read(
-        &[residual, converged, iterations, impacts, friction, expansion_kept, impulse_kept, depth]: &[f64; TOLD],
+        &[residual, converged, iterations, impacts, friction, expansion_kept, impulse_kept, depth]: &[f64; REPORT],
     ) -> Self {
         Self {
             residual,
@@ -90,8 +90,8 @@ impl ContactReport {
 
     /// With those of a step.
     pub(super) fn add(kept: &mut [f64], step: &Self) {
-        let Some(told) = kept.last_chunk_mut() else { return };
-        let before = Self::read(told);
+        let Some(report) = kept.last_chunk_mut() else { return };
+        let before = Self::read(report);
         let all = Self {
             residual: before.residual.max(step.residual),
             converged: before.converged && step.converged,
@@ -102,7 +102,7 @@ impl ContactReport {
             impulse_kept: before.impulse_kept.min(step.impulse_kept),
             depth: before.depth.max(step.depth),
         };
-        all.write(told);
+        all.write(report);
     }
 
     /// Of a step in which nothing touched.

@@ -50,8 +50,8 @@ pub(super) fn out_of_planes(
         if cone.lengths.iter().any(|r| !r.is_finite()) {
             break;
         }
-        let (push, told) = cone.solve(&c, None, &Limits::beside(&c), ROUGH);
-        iterations += told.iterations;
+        let (push, solved) = cone.solve(&c, None, &Limits::beside(&c), ROUGH);
+        iterations += solved.iterations;
         rows.respond(model, points, workspace, &near, &push);
         advance(model, q, &rows.response, next);
         q.copy_from_slice(next);

@@ -7,11 +7,11 @@ use super::super::solver::Checked;
 use super::super::step::step;
 use super::super::step_settings::StepSettings;
 use super::super::substeps::StopImpact;
-use super::super::tally::STOPS;
+use super::super::totals::STOPS;
 use super::super::works::add_work;
 use super::kept::ContactReport;
 use super::project::out_of_planes;
-use crate::contact::{Cone, ContactState, Effort, Impact, Limits, Told, impact, passive};
+use crate::contact::{Cone, ContactState, Effort, Impact, Limits, SolveReport, impact, passive};
 use crate::dynamics::contacts::ContactScratch;
 use crate::dynamics::forward::factorise;
 use crate::error::Error;
@@ -23,7 +23,7 @@ use crate::scene::contact_point::ContactPoint;
 use crate::spatial::RigidShift;
 use nalgebra::{DVector, Matrix3, Vector3};
 
-/// A residual above it is an error; one between this and the tolerance is told.
+/// A residual above it is an error; one between this and the tolerance is solved.
 const REFUSED: f64 = 1e-5;
 
 /// A contact that was left out and ends deeper joins, m.
@@ -72,40 +72,40 @@ impl Outcome {
 }
 
 impl Touching {
-    pub fn new(scene: &Scene, law: &StepSettings, form: Form) -> Self {
-        let limits = if law.stops { limit_rows(scene) } else { Vec::new() };
+    pub fn new(scene: &Scene, settings: &StepSettings, form: Form) -> Self {
+        let limits = if settings.stops { limit_rows(scene) } else { Vec::new() };
         Self {
-            solver: Checked::new(scene.model(), None, form).accepting(law.tolerance),
+            solver: Checked::new(scene.model(), None, form).accepting(settings.tolerance),
             rows: ContactScratch::new(scene.model(), scene.contact_points(), limits),
             impacts: Vec::new(),
         }
     }
 
-    /// From `q`, `v` to `q_next`, `v_next`; the impulses and what is told go to `kept`. The joint and the error where there is no step.
+    /// From `q`, `v` to `q_next`, `v_next`; the impulses and what is solved go to `kept`. The joint and the error where there is no step.
     pub fn step(
         &mut self,
         scene: &Scene,
-        law: &StepSettings,
+        settings: &StepSettings,
         s: &mut Scratch<f64>,
         kept: &mut [f64],
     ) -> Result<(), (String, Error)> {
-        step((law, &law.scheme), s, &mut self.solver);
+        step((settings, &settings.scheme), s, &mut self.solver);
         let lost = self.solver.lost.take();
-        if let Some(fault) = fault_of(scene, law, s, lost) {
+        if let Some(fault) = fault_of(scene, settings, s, lost) {
             return Err(fault);
         }
-        let (h, points) = (law.step, scene.contact_points());
+        let (h, points) = (settings.step, scene.contact_points());
         to_axes_at_rest(&s.model, h, &s.v, &mut s.v_next);
         self.rows.place(&s.model, points, &s.q);
         let start = self.rows.velocities(&s.model, points, &s.v);
         let free = self.rows.velocities(&s.model, points, &s.v_next);
         let before = Before { gaps: self.rows.gaps.clone(), start, free };
-        let mut outcome = self.touch(scene, law, s, &before, kept)?;
+        let mut outcome = self.touch(scene, settings, s, &before, kept)?;
         move_along(h, s);
         if let Some(slowed) = outcome.slowed.take() {
             s.v_next = slowed;
         }
-        add_work(law, s);
+        add_work(settings, s);
         let ends = axes_of_free_joints(&s.model, &s.q, &s.q_next);
         let workspace = &mut self.solver.workspace;
         let (depth, iterations) =
@@ -114,25 +114,25 @@ impl Touching {
         for (row, turn) in ends {
             turned(&mut s.v_next[row..], &turn);
         }
-        self.settle(law, s, &before, &outcome, points.len());
+        self.settle(settings, s, &before, &outcome, points.len());
         keep(kept, &outcome, points.len());
         #[allow(clippy::cast_precision_loss)] // a count
         let iterations = outcome.report.iterations + iterations as f64;
         ContactReport::add(kept, &ContactReport { iterations, depth, ..outcome.report });
-        fault_of(scene, law, s, None).map_or(Ok(()), Err)
+        fault_of(scene, settings, s, None).map_or(Ok(()), Err)
     }
 
     /// Impacts and contact of the step: `v_next` becomes what they make of it.
     fn touch(
         &mut self,
         scene: &Scene,
-        law: &StepSettings,
+        settings: &StepSettings,
         s: &mut Scratch<f64>,
         before: &Before,
         kept: &[f64],
     ) -> Result<Outcome, (String, Error)> {
         let Self { solver, rows, .. } = self;
-        let (workspace, points, h) = (&mut solver.workspace, scene.contact_points(), law.step);
+        let (workspace, points, h) = (&mut solver.workspace, scene.contact_points(), settings.step);
         let Before { gaps, start, free } = before;
         let (n, all_rows) = (points.len(), gaps.len());
         let mut near: Vec<usize> =
@@ -156,7 +156,7 @@ impl Touching {
             let cone = Cone::new(rows.gram(&s.model, points, workspace, &near), friction);
             check_movable(scene, &near, &cone)?;
             let free_here = pick(&|i| free[i]);
-            let rebound = restitutions(points, &near, (start, free), (rest_speed, law.restitution));
+            let rebound = restitutions(points, &near, (start, free), (rest_speed, settings.restitution));
             let mut u = free_here.clone();
             let mut warm = Some(pick(&|i| if i < 3 * n { kept[i] } else { 0.0 }));
             let touching = near.iter().filter(|&&i| i < n).count();
@@ -176,17 +176,17 @@ impl Touching {
             }
             let mut limits = Limits::beside(&c);
             limits.scale = limits.scale.max(free_here.amax());
-            let (held, mut told) = cone.impulses(&c, warm.as_ref(), &limits, Effort::default());
+            let (held, mut solved) = cone.impulses(&c, warm.as_ref(), &limits, Effort::default());
             // A joint that returns from outside of its limits gains energy.
             let returns = near.iter().any(|&i| i >= n && gaps[i] < 0.0);
             let (mut held, mut impulse_kept) = if returns { (held, 1.0) } else { passive(&cone, &u, held) };
             let mut all = held.clone();
             if let Some(hit) = &hit {
                 all += &hit.impulses;
-                told = told.with(hit.told);
+                solved = solved.with(hit.solved);
                 impulse_kept = impulse_kept.min(hit.impulse_kept);
             }
-            iterations += told.iterations;
+            iterations += solved.iterations;
             rows.respond(&s.model, points, workspace, &near, &all);
             for (i, v) in s.v_next.iter_mut().enumerate() {
                 *v = v_free[i] + rows.response[i];
@@ -204,8 +204,8 @@ impl Touching {
                     }
                     let (slower, more) = cone.impulses(&c, Some(&held), &limits, Effort::default());
                     let (slower, part) = if returns { (slower, 1.0) } else { passive(&cone, &u, slower) };
-                    (told, impulse_kept, iterations) =
-                        (told.with(more), impulse_kept.min(part), iterations + more.iterations);
+                    (solved, impulse_kept, iterations) =
+                        (solved.with(more), impulse_kept.min(part), iterations + more.iterations);
                     all += &slower - &held;
                     held = slower;
                     rows.respond(&s.model, points, workspace, &near, &all);
@@ -216,8 +216,8 @@ impl Touching {
                 let after_here = pick(&|i| after[i]);
                 let landed = |at: usize| start[3 * near[at] + 2] < -rest_speed;
                 let (hit_now, velocities) = ((lost, hit.as_ref()), (&held, &u, &after_here));
-                outcome.report = report(&told, iterations, impulse_kept, hit_now, velocities, (touching, &landed));
-                check(scene, &near, &told)?;
+                outcome.report = report(&solved, iterations, impulse_kept, hit_now, velocities, (touching, &landed));
+                check(scene, &near, &solved)?;
                 outcome.states = cone.states(&held, &c, &limits);
                 if let Some(hit) = &hit {
                     states_of_rebounds(&cone, &hit.impulses, &mut outcome.states);
@@ -234,14 +234,14 @@ impl Touching {
     /// Ends the step of joints at their stops: their work and their impacts.
     fn settle(
         &mut self,
-        law: &StepSettings,
+        settings: &StepSettings,
         s: &mut Scratch<f64>,
         before: &Before,
         outcome: &Outcome,
         contacts: usize,
     ) {
         self.impacts.clear();
-        let h = law.step;
+        let h = settings.step;
         for (at, &i) in outcome.near.iter().enumerate().filter(|(_, i)| **i >= contacts) {
             let (limit, start) = (self.rows.limits[i - contacts], before.start[3 * i + 2]);
             let struck = outcome.hit.as_ref().map_or(0.0, |hit| hit.impulses[3 * at + 2]);
@@ -249,7 +249,7 @@ impl Touching {
             let rests = (struck == 0.0 && impulse > 0.0).then(|| least_velocity(before.gaps[i].min(0.0), start, h));
             let ends = (&mut s.q_next[..], &mut s.v_next[..]);
             self.impacts.extend(settle_at(&limit, (h, start), (impulse, rests), ends));
-            s.tally[STOPS] += 0.5 * impulse * limit.sign() * (s.v[limit.row] + s.v_next[limit.row]);
+            s.totals[STOPS] += 0.5 * impulse * limit.sign() * (s.v[limit.row] + s.v_next[limit.row]);
         }
     }
 }
@@ -291,7 +291,7 @@ fn states_of_rebounds(cone: &Cone, impulses: &DVector<f64>, states: &mut [Contac
 
 /// The report of a step, with contact velocities u before the impulses that hold and `after` them; the first rows are those of contacts.
 fn report(
-    told: &Told,
+    solved: &SolveReport,
     iterations: usize,
     impulse_kept: f64,
     (lost, hit): (f64, Option<&Impact>),
@@ -309,8 +309,8 @@ fn report(
     }
     #[allow(clippy::cast_precision_loss)] // a count
     ContactReport {
-        residual: told.residual,
-        converged: told.converged,
+        residual: solved.residual,
+        converged: solved.converged,
         iterations: iterations as f64,
         lost_in_impacts: impacts,
         lost_in_friction: friction,
@@ -321,12 +321,13 @@ fn report(
 }
 
 /// An error for a solve that is far from the law.
-fn check(scene: &Scene, near: &[usize], told: &Told) -> Result<(), (String, Error)> {
-    if told.residual <= REFUSED {
+fn check(scene: &Scene, near: &[usize], solved: &SolveReport) -> Result<(), (String, Error)> {
+    if solved.residual <= REFUSED {
         return Ok(());
     }
-    let found = format!("a residual of {:.1e} after {} iterations", told.residual, told.iterations);
-    let expected = "impulses that meet the law of contacts to 1e-5 of the fastest: take a smaller dt, or less friction";
+    let found = format!("a residual of {:.1e} after {} iterations", solved.residual, solved.iterations);
+    let expected =
+        "impulses that meet the settings of contacts to 1e-5 of the fastest: take a smaller dt, or less friction";
     Err((String::new(), Error::argument(named(scene, near), found, expected)))
 }
 

@@ -19,7 +19,7 @@ use super::{AT_A_TIME, SceneBuilder, Spring};
 use crate::error::{Error, number};
 use crate::joints::JointKind;
 use crate::spatial::{RigidShift, Symmetric3};
-use crate::{memory, watch};
+use crate::{interrupt, memory};
 use nalgebra::{Matrix3, Vector3};
 use rotor::read_rotors;
 use std::path::Path;
@@ -96,7 +96,7 @@ fn read(xml: &str, name: &str) -> Result<SceneBuilder, Error> {
     let mut decimals = None;
     let parts = robot.children().filter(|node| node.is_element() && same_namespace(node, &robot));
     for (i, node) in parts.enumerate() {
-        watch::check_at(i, AT_A_TIME)?;
+        interrupt::check_at(i, AT_A_TIME)?;
         match node.tag_name().name() {
             "link" => builder.links.push(link(&Element::named(node, &source)?)?),
             "joint" => {

@@ -5,15 +5,15 @@
 //! Without a watch a check costs a load; with one it reads the clock, so that pieces are of some microseconds or more.
 //!
 //! ```
-//! use phipsi::{Error, watch};
+//! use phipsi::{Error, interrupt};
 //! use std::sync::atomic::{AtomicBool, Ordering};
 //!
 //! static STOP: AtomicBool = AtomicBool::new(false);
 //!
 //! STOP.store(true, Ordering::Relaxed); // by another thread, or a signal
-//! let outcome = watch::during(|| STOP.load(Ordering::Relaxed), || loop {
+//! let outcome = interrupt::during(|| STOP.load(Ordering::Relaxed), || loop {
 //!     // A rollout, samples, a batch: they ask by themselves.
-//!     if let Err(error) = watch::check() {
+//!     if let Err(error) = interrupt::check() {
 //!         break error;
 //!     }
 //! });
@@ -115,17 +115,17 @@ pub(crate) fn check_at(index: usize, every: usize) -> Result<(), Error> {
 /// What other threads that work for this one are told: when to stop.
 #[cfg(feature = "parallel")]
 #[derive(Debug, Clone)]
-pub(crate) struct Told(Option<Arc<AtomicBool>>);
+pub(crate) struct StopSignal(Option<Arc<AtomicBool>>);
 
 #[cfg(feature = "parallel")]
-impl Told {
+impl StopSignal {
     /// By the watch of this thread, if it has one.
     pub(crate) fn here() -> Self {
         Self(WATCH.with_borrow(|watch| watch.as_ref().map(|watch| Arc::clone(&watch.stopped))))
     }
 
     /// Whether there is a watch at all.
-    pub(crate) fn is_watched(&self) -> bool {
+    pub(crate) fn exists(&self) -> bool {
         self.0.is_some()
     }
 
@@ -179,9 +179,9 @@ mod tests {
         let outcome = during(
             || true,
             || {
-                let told = Told::here();
+                let signal = StopSignal::here();
                 std::thread::scope(|scope| {
-                    let helper = scope.spawn(|| told.help(work));
+                    let helper = scope.spawn(|| signal.help(work));
                     let own = work();
                     (own, helper.join().expect("no panic"))
                 })

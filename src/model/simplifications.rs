@@ -3,10 +3,10 @@
 use crate::error::Error;
 
 /// The switches: what is left out wherever a scene or a call does not need it. All are on unless one is turned off, by
-/// [`SceneBuilder::omissions`](crate::SceneBuilder::omissions); results are the same to rounding either way.
+/// [`SceneBuilder::simplifications`](crate::SceneBuilder::simplifications); results are the same to rounding either way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[allow(clippy::struct_excessive_bools)] // switches
-pub struct Omissions {
+pub struct Simplifications {
     /// Fixed joints: two links on one are one body. Off, the child is a body of its own, without measurement rows.
     pub fixed_joints: bool,
     /// Links on the base. Off, they are a body that cannot move.
@@ -14,10 +14,10 @@ pub struct Omissions {
     /// The rotation of the tree at a joint that turns about an axis of its parent's frame, where it only renames the axes (the identity is one) or
     /// turns about the joint's own: the angle alone is carried. To rounding: entries within 9e-16 of 0 and 1 are taken for
     /// them, for a right angle has no double. Of a body that slides along such an axis P alone, by the constant, and not in square-root form. Off, a rotation matrix. For one state and lanes, in the algorithms that [`Scene::evaluate`](crate::Scene::evaluate) runs in covariance form, and forward dynamics in square-root form.
-    pub renamed_axes: bool,
+    pub permuted_axes: bool,
     /// The rotation of the tree at any other joint that turns, and of P at any other that slides: up to two constant angles more take its place. To rounding, as above (2e-15).
-    /// In the same algorithms, and only where `renamed_axes` is on.
-    pub tilted_axes: bool,
+    /// In the same algorithms, and only where `permuted_axes` is on.
+    pub oblique_axes: bool,
     /// Velocities, and what they cause, in a call whose rates are all zero.
     pub zero_velocity: bool,
     /// The whole bias, in a call whose rates are all zero in a scene without gravity; needs `zero_velocity`.
@@ -25,15 +25,15 @@ pub struct Omissions {
 }
 
 /// One of the switches.
-pub type Switch = fn(&mut Omissions) -> &mut bool;
+pub type Switch = fn(&mut Simplifications) -> &mut bool;
 
-impl Omissions {
+impl Simplifications {
     /// The switches by name.
     pub const SWITCHES: [(&'static str, Switch); 6] = [
         ("fixed_joints", |of| &mut of.fixed_joints),
         ("base_links", |of| &mut of.base_links),
-        ("renamed_axes", |of| &mut of.renamed_axes),
-        ("tilted_axes", |of| &mut of.tilted_axes),
+        ("permuted_axes", |of| &mut of.permuted_axes),
+        ("oblique_axes", |of| &mut of.oblique_axes),
         ("zero_velocity", |of| &mut of.zero_velocity),
         ("zero_gravity", |of| &mut of.zero_gravity),
     ];
@@ -44,8 +44,8 @@ impl Omissions {
         Self {
             fixed_joints: true,
             base_links: true,
-            renamed_axes: true,
-            tilted_axes: true,
+            permuted_axes: true,
+            oblique_axes: true,
             zero_velocity: true,
             zero_gravity: true,
         }
@@ -57,8 +57,8 @@ impl Omissions {
         Self {
             fixed_joints: false,
             base_links: false,
-            renamed_axes: false,
-            tilted_axes: false,
+            permuted_axes: false,
+            oblique_axes: false,
             zero_velocity: false,
             zero_gravity: false,
         }
@@ -67,9 +67,9 @@ impl Omissions {
     /// All but one.
     #[must_use]
     pub fn all_but(switch: Switch) -> Self {
-        let mut omissions = Self::all();
-        *switch(&mut omissions) = false;
-        omissions
+        let mut simplifications = Self::all();
+        *switch(&mut simplifications) = false;
+        simplifications
     }
 
     /// Whether every body moves: what the operators and the estimation count on, whose states belong to measurement rows.
@@ -88,7 +88,7 @@ impl Omissions {
     }
 }
 
-impl Default for Omissions {
+impl Default for Simplifications {
     fn default() -> Self {
         Self::all()
     }

@@ -4,7 +4,7 @@
 //! the kinetic energy that it gives; that of a given torque, constant in the step, is tau x. What the change of the energy exceeds the sum by is the error of the method.
 
 /// The number of values.
-pub(super) const TALLY: usize = 11;
+pub(super) const TOTALS: usize = 11;
 
 pub(super) const TORQUE: usize = 0;
 pub(super) const DAMPING: usize = 1;
@@ -26,7 +26,7 @@ pub(super) const UNSETTLED: usize = 10;
 
 /// Works, and numbers of substeps, of one state since it began.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Tally {
+pub struct Totals {
     /// Work of the torques that were given, J.
     pub torque: f64,
     /// Work of damping, J; zero or negative.
@@ -49,7 +49,7 @@ pub struct Tally {
     pub unsettled: f64,
 }
 
-impl Tally {
+impl Totals {
     /// Of the values that a rollout stores.
     pub(super) fn of(values: &[f64]) -> Self {
         let at = |i: usize| values.get(i).copied().unwrap_or(0.0);

@@ -2,7 +2,7 @@
 
 /// How a solve went.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Told {
+pub(crate) struct SolveReport {
     /// The largest |`F_i`| / `r_i` of a contact over the scale: a velocity beside the largest free velocity.
     pub residual: f64,
     /// What rounding of G p + c alone leaves of it.
@@ -13,7 +13,7 @@ pub(crate) struct Told {
     pub iterations: usize,
 }
 
-impl Told {
+impl SolveReport {
     /// Nothing had to be done.
     pub fn nothing() -> Self {
         Self { residual: 0.0, floor: 0.0, converged: true, iterations: 0 }
