@@ -43,7 +43,7 @@ pub use threads::{set_threads, threads};
 
 pub use arms::{ARMS, Arm};
 #[doc(hidden)]
-pub use arms::{Target, Vectorised, Work};
+pub use arms::{Target, Vectorized, Work};
 pub use evaluator::{Evaluated, Evaluator};
 
 use crate::error::Error;
@@ -293,7 +293,7 @@ impl<S: Send, M: Fn() -> S + Sync> Batch<'_, S, M> {
         })
     }
 
-    /// The same for neighbouring states at once: `kernel(scratch, range, out)`, the range beginning at a multiple of `grain`.
+    /// The same for neighboring states at once: `kernel(scratch, range, out)`, the range beginning at a multiple of `grain`.
     ///
     /// # Errors
     ///

@@ -207,7 +207,7 @@ impl Scene {
             what: "general joint axes, turned onto z when the scene was built",
             count,
             why: "in a frame with the axis on z, H picks a row: P H* is a column of P, not a product",
-            saved: format!("{count} products of P with an axis (36 multiplications each), each factorisation"),
+            saved: format!("{count} products of P with an axis (36 multiplications each), each factorization"),
             ..NOTHING
         }
     }

@@ -15,7 +15,7 @@ fn no_torque(_t: f64, _q: &[f64], _qd: &[f64], _torque: &mut [f64]) {}
 fn pendulum(kind: JointKind) -> Scene {
     let rod = Inertial {
         mass: 2.0,
-        centre: [0.0, 0.0, -0.5].into(),
+        center: [0.0, 0.0, -0.5].into(),
         central: Symmetric3::new([0.12, 0.0, 0.0, 0.12, 0.0, 0.01]),
     };
     let mut joint = JointDescription::new("hinge", kind, "base", "rod");
@@ -246,7 +246,7 @@ fn a_torque_that_is_not_finite_ends_the_solution_with_the_rows_before() {
 
 #[test]
 fn a_joint_without_inertia_is_named() {
-    let point = Inertial { mass: 1.0, centre: [0.0; 3].into(), central: Symmetric3::zero() };
+    let point = Inertial { mass: 1.0, center: [0.0; 3].into(), central: Symmetric3::zero() };
     let mut builder = SceneBuilder::new().link(LinkDescription { name: "base".into(), inertial: None });
     builder = builder.link(LinkDescription { name: "tip".into(), inertial: Some(point) });
     let scene = builder.joint(JointDescription::new("elbow", JointKind::Revolute, "base", "tip")).build().unwrap();

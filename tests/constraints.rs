@@ -7,7 +7,7 @@ use crate::common::{ALL_KINDS, Random, tolerance};
 use nalgebra::{DMatrix, DVector};
 use phipsi::batch::Evaluator;
 use phipsi::filter::Form;
-use phipsi::motion::{METHODS, Method, Rollout, Settings, Simulator, Stabilisation, Torque};
+use phipsi::motion::{METHODS, Method, Rollout, Settings, Simulator, Stabilization, Torque};
 use phipsi::report::operations::{Task, count};
 use phipsi::scene::{Connection, ConnectionKind, Property};
 use phipsi::spatial::RigidShift;
@@ -508,12 +508,12 @@ fn baumgarte_takes_back_what_steps_lose() {
     let scene = bars(ConnectionKind::Point);
     let (q, qd, _) = state(&scene, 4, 0.7);
     let mut settings = Settings::new(&scene, 1e-3);
-    settings.stabilisation = Stabilisation::Baumgarte(50.0);
+    settings.stabilization = Stabilization::Baumgarte(50.0);
     let mut simulator = Simulator::new(&scene, settings.clone(), &q, &qd).unwrap();
     simulator.step(&Torque::Zero, 1_000).map_err(|fault| fault.error).unwrap();
     let drift = tolerance::size(&errors(&scene, simulator.state(0).0));
     assert!(drift > 1e-16 && drift < 1e-3, "{drift:e}");
-    settings.stabilisation = Stabilisation::Baumgarte(-1.0);
+    settings.stabilization = Stabilization::Baumgarte(-1.0);
     assert!(Simulator::new(&scene, settings, &q, &qd).unwrap_err().to_string().contains("baumgarte"));
 }
 

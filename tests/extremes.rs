@@ -186,7 +186,7 @@ fn results_that_are_not_finite_are_errors() {
     assert!(refused.contains("\"rod\"") && refused.contains("finite length"), "{refused}");
 
     let code = |mass: f64, away: f64, width: Width| {
-        let payload = Inertial { mass, centre: [0.0, 0.0, away].into(), central: Symmetric3::zero() };
+        let payload = Inertial { mass, center: [0.0, 0.0, away].into(), central: Symmetric3::zero() };
         let scene = chain.with_payload("link1", &payload).unwrap();
         sources(&scene, "robot", &[Function::MassMatrix], (width, false)).map_err(|error| error.to_string())
     };

@@ -160,7 +160,7 @@ fn results(scene: &Scene, state: &State) -> Vec<(String, Vec<f64>)> {
     keep("potential energy", &[energy.potential - neutral.potential]);
     keep("momentum", scene.momentum(&mut workspace, q, qd).unwrap().as_slice());
     keep("mass", &[scene.total_mass()]);
-    keep("mass centre", scene.center_of_mass(&mut workspace, q).unwrap().as_slice());
+    keep("mass center", scene.center_of_mass(&mut workspace, q).unwrap().as_slice());
     let mut of_momentum = vec![f64::NAN; 6 * nv];
     scene.centroidal_momentum_matrix(&mut workspace, q, &mut of_momentum).unwrap();
     keep("centroidal momentum matrix", &of_momentum);
@@ -454,7 +454,7 @@ fn an_updated_factor_has_the_bits_of_a_new_one() {
 #[test]
 fn an_update_to_where_a_pivot_is_lost_changes_nothing() {
     // A slide along x on a slide: at q = 0 of the turn between them the last one's mass is all that either moves.
-    let point = Inertial { mass: 1.0, centre: Vector3::zeros(), central: Symmetric3::zero() };
+    let point = Inertial { mass: 1.0, center: Vector3::zeros(), central: Symmetric3::zero() };
     let mut builder = SceneBuilder::new();
     for (name, inertial) in [("base", None), ("carriage", None), ("wheel", None), ("weight", Some(point))] {
         builder = builder.link(LinkDescription { name: name.into(), inertial });

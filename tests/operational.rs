@@ -367,7 +367,7 @@ fn free_links_have_an_inertia() {
     let mut builder = SceneBuilder::new().floating_base(true);
     builder = builder.link(LinkDescription { name: "body".into(), inertial: Some(body) });
     let scene = builder.build().unwrap();
-    let at_centre = TaskFrame { link: "body", offset: RigidShift { lever: body.centre, ..RigidShift::identity() } };
+    let at_centre = TaskFrame { link: "body", offset: RigidShift { lever: body.center, ..RigidShift::identity() } };
     let found = inertia(&scene, &scene.neutral(), &[at_centre], None).unwrap();
     let central = body.central.to_matrix();
     for (at, value) in found.iter().enumerate() {
@@ -488,7 +488,7 @@ fn a_frame_that_is_no_rotation() {
         &Q,
         &[frame],
         None,
-        "rotation of the task frame on link \"link2\": found a matrix R with R^T R off the identity",
+        "rotation of the task frame on link \"link2\": found a matrix R for which R^T R differs from the identity",
     );
 }
 

@@ -142,8 +142,8 @@ fn numbers_of_a_link_that_are_not_finite() {
     for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
         for i in 0..3 {
             refused(
-                |links, _| links[2].inertial.as_mut().unwrap().centre[i] = bad,
-                ("link \"hand\"", &format!("mass centre with {bad}"), "finite"),
+                |links, _| links[2].inertial.as_mut().unwrap().center[i] = bad,
+                ("link \"hand\"", &format!("mass center with {bad}"), "finite"),
             );
         }
         for i in 0..6 {

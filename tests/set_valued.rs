@@ -11,7 +11,7 @@ use phipsi::spatial::Symmetric3;
 fn lift(friction: f64, lower: f64, upper: f64) -> Scene {
     let body = Inertial {
         mass: 2.0,
-        centre: [0.1, 0.0, 0.0].into(),
+        center: [0.1, 0.0, 0.0].into(),
         central: Symmetric3::new([0.1, 0.0, 0.0, 0.2, 0.0, 0.3]),
     };
     let mut joint = JointDescription::new("lift", JointKind::Prismatic, "base", "body");

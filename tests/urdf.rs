@@ -112,7 +112,7 @@ fn rotations_and_turned_inertias_agree_with_mpmath() {
 
     let inertial = builder.links()[1].inertial.expect("upper has one");
     assert_eq!(inertial.mass, 2.5);
-    assert_eq!(inertial.centre, Vector3::new(0.1, -0.2, 0.3));
+    assert_eq!(inertial.center, Vector3::new(0.1, -0.2, 0.3));
     let central = [
         0.027_487_422_050_898_987,
         -0.002_792_494_047_308_832,

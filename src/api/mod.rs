@@ -1,4 +1,5 @@
-//! The algorithms as methods of a [`Scene`](crate::Scene): arguments are checked, faults named.
+//! The algorithms as methods of [`Scene`](crate::Scene). They check arguments, and their errors name the argument or
+//! joint that caused them.
 
 mod centroidal;
 mod constraints;

@@ -206,7 +206,7 @@ impl<'a> Path<'a> {
         false
     }
 
-    /// One step along the curve; whether there was one. `steps` counts factorisations.
+    /// One step along the curve; whether there was one. `steps` counts factorizations.
     pub fn step(&mut self, steps: &mut usize) -> bool {
         let (n, last) = (self.problem.len(), self.x.len() - 1);
         let Slope { mut by_part, parts, .. } = self.slope(&self.x);

@@ -9,7 +9,7 @@ pub(crate) struct SolveReport {
     pub floor: f64,
     /// Whether the residual is below the tolerance or the floor.
     pub converged: bool,
-    /// Matrices that were factorised: one for each step of Newton's method, of the interior method and along the curve.
+    /// Matrices that were factorized: one for each step of Newton's method, of the interior method and along the curve.
     pub iterations: usize,
 }
 

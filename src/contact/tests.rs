@@ -281,7 +281,7 @@ fn stack(draw: &mut Draw, masses: [f64; 2], mu: f64) -> (Cone, DVector<f64>) {
     (Cone::new(&j * DMatrix::from_diagonal(&inverse) * j.transpose(), vec![mu; 8]), c)
 }
 
-/// All of some problems end, and within so many factorisations; how many are solved not to have met the tolerance.
+/// All of some problems end, and within so many factorizations; how many are solved not to have met the tolerance.
 fn all_end(problems: impl Iterator<Item = (Cone, DVector<f64>)>, most: usize) -> usize {
     let mut unfinished = 0;
     for (trial, (cone, c)) in problems.enumerate() {

@@ -121,7 +121,7 @@ impl Closure {
             add_squares(&self.jacobian, &self.errors, &mut self.matrix, &mut self.slope);
             let largest = (0..nv).fold(f64::MIN_POSITIVE, |largest, i| largest.max(self.matrix[i * nv + i]));
             (0..nv).for_each(|i| self.matrix[i * nv + i] += damping * largest);
-            let has_step = self.boxed.minimise(&self.matrix, &self.slope, |row| limits.room(row, q), &mut self.step);
+            let has_step = self.boxed.minimize(&self.matrix, &self.slope, |row| limits.room(row, q), &mut self.step);
             if has_step {
                 scene.integrate(q, &self.step, &mut self.trial)?;
                 limits.hold(&mut self.trial);
@@ -154,7 +154,7 @@ impl Closure {
 
     /// The minimum of the quadratic of `a` and `g` within the limits where the rows hold to first order, `target` times
     /// their errors being taken away, into `step`; whether there is one.
-    pub fn minimise(
+    pub fn minimize(
         &mut self,
         boxed: &mut BoxStep,
         (a, g): (&[f64], &[f64]),
@@ -176,7 +176,7 @@ impl Closure {
             for (row, y) in self.jacobian.chunks_exact(n.max(1)).zip(&self.multipliers) {
                 self.slope.iter_mut().zip(row).for_each(|(slope, of)| *slope += weight * y * of);
             }
-            if !boxed.minimise(&self.matrix, &self.slope, &room, step) {
+            if !boxed.minimize(&self.matrix, &self.slope, &room, step) {
                 return false;
             }
             let mut left: f64 = 0.0;

@@ -1,6 +1,6 @@
 //! From one start down to where F is least: the steps of Levenberg and Marquardt, within limits and on the connections.
 //!
-//! A step minimises the quadratic model of F with A = J^T W J + posture + mu D, D the largest diagonal so far. It is taken where F falls by a share of what
+//! A step minimizes the quadratic model of F with A = J^T W J + posture + mu D, D the largest diagonal so far. It is taken where F falls by a share of what
 //! the undamped model says; then mu falls too, else it grows. So F never rises, and the steps become Newton's where the errors vanish.
 //!
 //! Most ends that are no answer are minima at limits. So a start is given up as soon as it promises nothing, if others can follow; the best of them then goes on
@@ -195,8 +195,8 @@ impl Descent {
                 let room = |row| bounds.room(row, q);
                 let (damped, boxed) = ((&self.damped[..], &self.gradient[..]), &mut self.boxed);
                 let has_step = match &mut self.closure {
-                    None => boxed.minimise(damped.0, damped.1, room, &mut self.step),
-                    Some(closure) => closure.minimise(boxed, damped, 0.0, room, &mut self.step),
+                    None => boxed.minimize(damped.0, damped.1, room, &mut self.step),
+                    Some(closure) => closure.minimize(boxed, damped, 0.0, room, &mut self.step),
                 };
                 // By how much the undamped model falls along the step.
                 let expected = if has_step { -quadratic(&self.hessian, &self.gradient, &self.step) } else { 0.0 };
@@ -319,8 +319,8 @@ impl Descent {
             };
             let (damped, boxed) = ((&self.damped[..], &self.gradient[..]), &mut self.boxed);
             let has_step = match &mut self.closure {
-                None => boxed.minimise(damped.0, damped.1, room, &mut self.step),
-                Some(closure) => closure.minimise(boxed, damped, 1.0, room, &mut self.step),
+                None => boxed.minimize(damped.0, damped.1, room, &mut self.step),
+                Some(closure) => closure.minimize(boxed, damped, 1.0, room, &mut self.step),
             };
             if !has_step {
                 let expected = "more damping: the tasks leave motions undetermined beyond what rounding tells";

@@ -1,7 +1,7 @@
 //! Joint positions that bring links where they should be: inverse kinematics as the most probable configuration.
 //!
 //! A task is a measurement of where something is, with a standard deviation; a posture is what was expected before it. With the errors e of the tasks, in
-//! m and rad, their standard deviations s, the posture's p, and limits lower <= q <= upper, what is minimised is
+//! m and rad, their standard deviations s, the posture's p, and limits lower <= q <= upper, what is minimized is
 //!
 //! F(q) = 1/2 sum (e / s)^2 + 1/2 |q (-) posture|^2 / p^2
 //!

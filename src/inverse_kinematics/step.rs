@@ -36,7 +36,7 @@ impl BoxStep {
     /// Projected Newton: what is at a limit and pushed against it is held, the others take Newton's step, bent at the
     /// limits; where the quadratic does not fall along that, the step ends at the first limit. Ends where a whole step
     /// was taken by just those that may move. O(n^3) a round, as a rule two or three of them.
-    pub fn minimise(&mut self, a: &[f64], g: &[f64], room: impl Fn(usize) -> (f64, f64), step: &mut [f64]) -> bool {
+    pub fn minimize(&mut self, a: &[f64], g: &[f64], room: impl Fn(usize) -> (f64, f64), step: &mut [f64]) -> bool {
         let n = self.n;
         step.fill(0.0);
         let mut whole = false;
@@ -233,7 +233,7 @@ mod tests {
                 let lower: Vec<f64> = (0..n).map(|_| -draw().abs()).collect();
                 let upper: Vec<f64> = (0..n).map(|_| draw().abs()).collect();
                 let mut step = vec![f64::NAN; n];
-                assert!(BoxStep::new(n).minimise(&a, &g, |i| (lower[i], upper[i]), &mut step));
+                assert!(BoxStep::new(n).minimize(&a, &g, |i| (lower[i], upper[i]), &mut step));
                 assert!((0..n).all(|i| step[i] >= lower[i] && step[i] <= upper[i]));
                 let (found, best) = (quadratic(&a, &g, &step), by_trying_all(&a, &g, &lower, &upper));
                 assert!((found - best).abs() <= 1e-9 * best.abs().max(1.0), "{found} {best}");
@@ -244,6 +244,6 @@ mod tests {
     #[test]
     fn what_has_no_minimum_is_told() {
         let mut step = [f64::NAN];
-        assert!(!BoxStep::new(1).minimise(&[0.0], &[1.0], |_| (-1.0, 1.0), &mut step));
+        assert!(!BoxStep::new(1).minimize(&[0.0], &[1.0], |_| (-1.0, 1.0), &mut step));
     }
 }

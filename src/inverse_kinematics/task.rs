@@ -50,7 +50,7 @@ pub enum Goal {
         /// m.
         target: Vector3<f64>,
     },
-    /// The mass centre is at a point, m.
+    /// The mass center is at a point, m.
     CenterOfMass(Vector3<f64>),
     /// A joint of one coordinate has a position.
     Joint {
@@ -70,12 +70,12 @@ pub struct Task {
     pub position: f64,
     /// Standard deviation of rotations and directions, rad.
     pub rotation: f64,
-    /// The frame that targets are in, on a link; none for the base's. Mass centres and joints have none.
+    /// The frame that targets are in, on a link; none for the base's. Mass centers and joints have none.
     pub relative_to: Option<Frame<f64>>,
 }
 
 impl Task {
-    /// A goal within a millimetre and a milliradian.
+    /// A goal within a millimeter and a milliradian.
     #[must_use]
     pub fn new(goal: Goal) -> Self {
         Self { goal, position: 1e-3, rotation: 1e-3, relative_to: None }
@@ -462,7 +462,7 @@ mod tests {
         for k in 0..=kinds.len() {
             let inertial = Inertial {
                 mass: 1.0,
-                centre: Vector3::new(0.1, 0.0, 0.2),
+                center: Vector3::new(0.1, 0.0, 0.2),
                 central: Symmetric3::new([0.1, 0.0, 0.0, 0.1, 0.0, 0.1]),
             };
             builder = builder.link(LinkDescription { name: format!("link{k}"), inertial: Some(inertial) });

@@ -2,7 +2,7 @@
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
-/// A quaternion of a configuration, normalised.
+/// A quaternion of a configuration, normalized.
 pub(super) fn quaternion(q: &[f64]) -> UnitQuaternion<f64> {
     UnitQuaternion::new_normalize(Quaternion::new(q[3], q[0], q[1], q[2]))
 }

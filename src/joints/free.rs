@@ -1,6 +1,6 @@
 //! Position, then quaternion (x, y, z, w); rates are the linear, then the angular velocity in the child's frame.
 
-use super::quaternion::{exponential, multiply, normalised, quaternion_rotation, rotation, turn_between};
+use super::quaternion::{exponential, multiply, normalized, quaternion_rotation, rotation, turn_between};
 use super::vectors::{cross, plus, triple, write};
 use super::{exact, spherical};
 use crate::scalar::Real;
@@ -32,7 +32,7 @@ pub(super) fn advance<T: Real>(q: &[T], v: &[T], out: &mut [T]) {
     let along = plus(&plus(&linear, b, &once), c, &cross(&angular, &once));
     let moved = rotation(&q[3..7]).rotate(&along);
     write(out, &plus(&triple(q), q[0].constant(1.0), &moved));
-    out[3..7].copy_from_slice(&normalised(&multiply(&[q[3], q[4], q[5], q[6]], &turn)));
+    out[3..7].copy_from_slice(&normalized(&multiply(&[q[3], q[4], q[5], q[6]], &turn)));
 }
 
 /// The rate of an increment x where the body moves with v: see [`Motion::carry_back`](super::Motion::carry_back).

@@ -8,7 +8,7 @@ use nalgebra::{Matrix3, Vector3};
 /// How far the norm of a quaternion may be from one.
 pub const QUATERNION_SLACK: f64 = 1e-3;
 
-/// Rotation matrix of a quaternion (x, y, z, w), normalised by its squared norm.
+/// Rotation matrix of a quaternion (x, y, z, w), normalized by its squared norm.
 #[inline(always)]
 pub fn quaternion_rotation<T: Real>(q: &[T]) -> Matrix3<T> {
     let (x, y, z, w) = (q[0], q[1], q[2], q[3]);
@@ -50,7 +50,7 @@ pub(super) fn multiply<T: Real>(a: &Quaternion<T>, b: &Quaternion<T>) -> Quatern
 }
 
 #[inline(always)]
-pub(super) fn normalised<T: Real>(q: &Quaternion<T>) -> Quaternion<T> {
+pub(super) fn normalized<T: Real>(q: &Quaternion<T>) -> Quaternion<T> {
     let s = (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]).sqrt().recip();
     [q[0] * s, q[1] * s, q[2] * s, q[3] * s]
 }
@@ -88,7 +88,7 @@ const HALVINGS: usize = 4;
 #[inline(always)]
 pub(super) fn turn_between<T: Real>(from: &[T], to: &[T]) -> Vector3<T> {
     let one = to[0].constant(1.0);
-    let [x, y, z, w] = normalised(&multiply(&[-from[0], -from[1], -from[2], from[3]], &[to[0], to[1], to[2], to[3]]));
+    let [x, y, z, w] = normalized(&multiply(&[-from[0], -from[1], -from[2], from[3]], &[to[0], to[1], to[2], to[3]]));
     let sign = quotient(w, w.abs(), 1.0);
     let (mut v, mut w) = (Vector3::new(x * sign, y * sign, z * sign), w.abs());
     for _ in 0..HALVINGS {

@@ -1,7 +1,7 @@
 //! Rotation by a quaternion (x, y, z, w); rates are the angular velocity in the child's frame.
 
 use super::exact;
-use super::quaternion::{exponential, multiply, normalised, quaternion_rotation, turn_between};
+use super::quaternion::{exponential, multiply, normalized, quaternion_rotation, turn_between};
 use super::vectors::{cross, plus, triple, write};
 use crate::scalar::Real;
 use crate::spatial::{RigidShift, product};
@@ -26,7 +26,7 @@ pub(super) fn coordinate_rates<T: Real>(q: &[T], w: &[T], rates: &mut [T]) {
 #[inline(always)]
 pub(super) fn advance<T: Real>(q: &[T], v: &[T], out: &mut [T]) {
     let (turn, _, _) = exponential(&triple(v));
-    out[..4].copy_from_slice(&normalised(&multiply(&[q[0], q[1], q[2], q[3]], &turn)));
+    out[..4].copy_from_slice(&normalized(&multiply(&[q[0], q[1], q[2], q[3]], &turn)));
 }
 
 /// The rate of an increment x where the body turns with v: see [`Motion::carry_back`](super::Motion::carry_back).

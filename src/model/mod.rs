@@ -56,7 +56,7 @@ pub struct Model<T> {
     /// Bodies, parents before children, one for each stage of the system.
     #[doc(hidden)]
     pub bodies: Vec<Body<T>>,
-    /// S with S S^T = M(k), from mass, mass centre and central inertia; none where a body's inertia is not positive.
+    /// S with S S^T = M(k), from mass, mass center and central inertia; none where a body's inertia is not positive.
     #[doc(hidden)]
     pub inertia_roots: Vec<Option<BodyRoot<T>>>,
     /// Tree, measurement rows and armature (as measurement noise).

@@ -1,6 +1,6 @@
-//! Adaptive steps to a tolerance, by the solvers of diffsol, in tangent coordinates that are centred anew as the motion turns.
+//! Adaptive steps to a tolerance, by the solvers of diffsol, in tangent coordinates that are centerd anew as the motion turns.
 //!
-//! Around a centre q0 a configuration is x of nv numbers: a joint of one axis adds its own; a spherical joint turns by the rotation vector
+//! Around a center q0 a configuration is x of nv numbers: a joint of one axis adds its own; a spherical joint turns by the rotation vector
 //! w, R = R0 exp(w); a free joint is moved to p0 + R0 a and turned likewise. With the velocity of the body, (b, u) linear and angular,
 //!
 //! ```text
@@ -8,7 +8,7 @@
 //! ```
 //!
 //! so that (x, v) is a vector, and what the solver controls is the error on the manifold. The chart is good to |w| < 2 pi; a step that ends
-//! beyond 1 rad is the last before a new centre, where the solver starts afresh.
+//! beyond 1 rad is the last before a new center, where the solver starts afresh.
 
 use super::manifold::advance;
 use super::method::Method;
@@ -31,7 +31,7 @@ use diffsol::{
 use nalgebra::{UnitQuaternion, Vector3};
 use std::cell::RefCell;
 
-/// A rotation further than this from the centre, rad, asks for a new one.
+/// A rotation further than this from the center, rad, asks for a new one.
 const TURNED: f64 = 1.0;
 
 /// Half the distance of the states of a central difference, relative to the largest of 1 and their entries: the third root of the
@@ -98,8 +98,8 @@ pub struct Solution {
     pub steps: usize,
     /// Right sides that were computed, those of Jacobians among them.
     pub evaluations: usize,
-    /// Centres that the coordinates had.
-    pub centres: usize,
+    /// Centers that the coordinates had.
+    pub centers: usize,
 }
 
 /// A solution that was given up.
@@ -189,14 +189,14 @@ impl<'a> Adaptive<'a> {
     }
 }
 
-/// The right side around a centre.
+/// The right side around a center.
 struct Field<'a> {
     scene: &'a Scene,
     settings: StepSettings,
     scratch: Scratch<f64>,
     solver: Checked,
     torque: TorqueLaw<'a>,
-    centre: Vec<f64>,
+    center: Vec<f64>,
     /// What was wrong with the last right side that could not be computed, since it was last asked.
     error: Option<Error>,
     evaluations: usize,
@@ -213,20 +213,20 @@ impl<'a> Field<'a> {
             scratch.target.copy_from_slice(&gains.target);
             scratch.target_rate.copy_from_slice(&gains.target_rate);
         }
-        Self { scene: of.scene, settings, scratch, solver, torque, centre: Vec::new(), error: None, evaluations: 0 }
+        Self { scene: of.scene, settings, scratch, solver, torque, center: Vec::new(), error: None, evaluations: 0 }
     }
 
     /// The configuration at the coordinates `x`.
     fn configuration(&self, x: &[f64], q: &mut [f64]) {
         let model = self.scene.model();
-        advance(model, &self.centre, x, q);
+        advance(model, &self.center, x, q);
         for (body, stage) in model.bodies.iter().zip(&model.system.stages) {
             if matches!(body.motion, Motion::Free) {
                 let (at, row) = (body.q, stage.first_row);
                 let moved =
-                    quaternion_rotation(&self.centre[at + 3..at + 7]) * Vector3::from_column_slice(&x[row..row + 3]);
+                    quaternion_rotation(&self.center[at + 3..at + 7]) * Vector3::from_column_slice(&x[row..row + 3]);
                 for i in 0..3 {
-                    q[at + i] = self.centre[at + i] + moved[i];
+                    q[at + i] = self.center[at + i] + moved[i];
                 }
             }
         }
@@ -293,7 +293,7 @@ impl<'a> Field<'a> {
         }
     }
 
-    /// The largest rotation from the centre, rad.
+    /// The largest rotation from the center, rad.
     fn turned(&self, x: &[f64]) -> f64 {
         let model = self.scene.model();
         let angles = model.bodies.iter().zip(&model.system.stages).filter_map(|(body, stage)| {
@@ -340,7 +340,7 @@ impl Course<'_, '_> {
         self.solution.qd.extend_from_slice(v);
     }
 
-    /// All segments, each around its own centre.
+    /// All segments, each around its own center.
     fn run(&mut self, mut state: State) -> Result<(), (f64, Error)> {
         let width = 2 * self.adaptive.scene.nv();
         while self.solution.t.len() < self.times.len() {
@@ -352,12 +352,12 @@ impl Course<'_, '_> {
                 state = (next, q, v);
                 continue;
             }
-            self.solution.centres += 1;
+            self.solution.centers += 1;
             let start = [vec![0.0; v.len()], v].concat();
             let mut rate = vec![0.0; width];
             {
                 let mut field = self.field.borrow_mut();
-                field.centre = q;
+                field.center = q;
                 field.rate(t, &start, &mut rate);
             }
             if !rate.iter().all(|x| x.is_finite()) {
@@ -368,7 +368,7 @@ impl Course<'_, '_> {
         Ok(())
     }
 
-    /// From `y` around the centre that is set, until it is turned too far or the end.
+    /// From `y` around the center that is set, until it is turned too far or the end.
     fn segment(&mut self, t: f64, y: &[f64]) -> Result<State, (f64, Error)> {
         let field = self.field;
         let failed = |error: DiffsolError| (t, self.cause(&error.to_string()));

@@ -19,7 +19,7 @@ use super::step::{finish_stage, finish_step, rounded_speed, set_friction, stage}
 use super::step_settings::By;
 use super::substeps::Lock;
 use crate::batch::accelerations::Call;
-use crate::batch::arms::{Target, Vectorised};
+use crate::batch::arms::{Target, Vectorized};
 use crate::batch::{factor::with_factor, products};
 use crate::dynamics;
 use crate::dynamics::derivatives::{self, CoStates, Constants, Parameters, ProductScratch};
@@ -121,7 +121,7 @@ impl<T: Real, I> InLanes<T, I> {
     }
 }
 
-impl<T: Vectorised, I: Target> BackwardSolver<T> for InLanes<T, I> {
+impl<T: Vectorized, I: Target> BackwardSolver<T> for InLanes<T, I> {
     #[inline(always)]
     fn factor(&mut self, call: Call<'_, T>) -> u64 {
         with_factor(self.target, self.form, call)

@@ -1,14 +1,14 @@
 //! Momentum of floating trees, kept to rounding.
 //!
 //! A tree that hangs on the base by a free joint, with no force but weight on it from outside, keeps nine numbers, whatever goes on in
-//! its joints: about its mass centre c, in the base's axes, with v its velocity and L the angular momentum about it,
+//! its joints: about its mass center c, in the base's axes, with v its velocity and L the angular momentum about it,
 //!
 //! ```text
 //! L(t) = L(0),     v(t) = v(0) + g t,     c(t) = c(0) + v(0) t + g t^2/2
 //! ```
 //!
 //! A step keeps them to its order. Here the tree is then moved and set in motion as one rigid body until it has them: with m, p and J
-//! mass, mass centre and inertia about it of all bodies of the tree as one (the composite inertia of the free joint's body, in its axes),
+//! mass, mass center and inertia about it of all bodies of the tree as one (the composite inertia of the free joint's body, in its axes),
 //!
 //! ```text
 //! x += c(t) - c,     w += dw,     u += (v(t) - v) - dw x p,     J dw = L(t) - L
@@ -37,7 +37,7 @@ pub struct Correction {
     /// Of the velocity: sqrt(E'/(E + E')), with E' the kinetic energy of the correction as a motion of its own, and E that of the tree
     /// (rotors left out) before it; zero where nothing moves.
     pub velocity: f64,
-    /// Of the position of the mass centre, m.
+    /// Of the position of the mass center, m.
     pub position: f64,
 }
 
@@ -120,12 +120,12 @@ pub(super) struct Keeper<T> {
 /// A tree as one body, in the axes of the body that it begins with.
 struct Whole<T> {
     mass: T,
-    /// From the origin of that body to the mass centre.
-    centre: Vector3<T>,
-    /// Velocity of the mass centre, and angular momentum about it.
+    /// From the origin of that body to the mass center.
+    center: Vector3<T>,
+    /// Velocity of the mass center, and angular momentum about it.
     velocity: Vector3<T>,
     spin: Vector3<T>,
-    /// About the mass centre.
+    /// About the mass center.
     inertia: Symmetric3<T>,
 }
 
@@ -184,24 +184,24 @@ impl<T: Real> Keeper<T> {
     fn whole(&self, k: usize) -> Whole<T> {
         let BodyInertia { mass, first_moment: h, rotational } = &self.composite[k];
         let over = mass.recip();
-        let centre = times(h, over);
+        let center = times(h, over);
         let pushed = linear(&self.momentum[k]);
         let minus_one = over.constant(-1.0);
         let [xx, xy, xz, yy, yz, zz] = rotational.entries;
-        let (x, y, z) = (h[0] * centre[0], h[1] * centre[1], h[2] * centre[2]);
+        let (x, y, z) = (h[0] * center[0], h[1] * center[1], h[2] * center[2]);
         Whole {
             mass: *mass,
             velocity: times(&pushed, over),
-            spin: plus(&angular(&self.momentum[k]), minus_one, &cross(&centre, &pushed)),
+            spin: plus(&angular(&self.momentum[k]), minus_one, &cross(&center, &pushed)),
             inertia: Symmetric3::new([
                 xx - (y + z),
-                h[0].mul_add(centre[1], xy),
-                h[0].mul_add(centre[2], xz),
+                h[0].mul_add(center[1], xy),
+                h[0].mul_add(center[2], xz),
                 yy - (x + z),
-                h[1].mul_add(centre[2], yz),
+                h[1].mul_add(center[2], yz),
                 zz - (x + y),
             ]),
-            centre,
+            center,
         }
     }
 
@@ -212,7 +212,7 @@ impl<T: Real> Keeper<T> {
             let k = self.roots[i];
             let (tree, shift) = (self.whole(k), &self.shift[k]);
             let one = tree.mass.constant(1.0);
-            let place = plus(&shift.lever, one, &shift.rotate(&tree.centre));
+            let place = plus(&shift.lever, one, &shift.rotate(&tree.center));
             let at = i * KEPT;
             write(&mut self.start[at..], &shift.rotate(&tree.spin));
             write(&mut self.start[at + 3..], &shift.rotate(&tree.velocity));
@@ -243,11 +243,11 @@ impl<T: Real> Keeper<T> {
             let place = plus(&place, t, &fallen);
             let velocity = plus(&velocity, t, g);
 
-            let behind = plus(&plus(&place, minus_one, &shift.lever), minus_one, &shift.rotate(&tree.centre));
+            let behind = plus(&plus(&place, minus_one, &shift.lever), minus_one, &shift.rotate(&tree.center));
             let slower = plus(&shift.rotate_back(&velocity), minus_one, &tree.velocity);
             let missing = plus(&shift.rotate_back(&spin), minus_one, &tree.spin);
             let turn = solve(&tree.inertia, &missing);
-            let push = plus(&slower, minus_one, &cross(&turn, &tree.centre));
+            let push = plus(&slower, minus_one, &cross(&turn, &tree.center));
 
             let (at, row) = (model.bodies[k].q, model.system.stages[k].first_row);
             let moved = model.bodies[k].tree.rotate_back(&behind);

@@ -30,8 +30,8 @@ pub(super) fn fault_of(
     if strayed.is_none() && s.q_next.iter().all(|q| q.is_finite()) && !s.keeper.correction.iter().all(|x| x.is_finite())
     {
         let joint = settings.roots.first().map(|&k| joint_of_row(scene, scene.model().system.stages[k].first_row));
-        let found = "a tree whose inertia about its mass centre is lost in rounding";
-        let expected = "free joints at bodies that are not much further from the mass centre than the tree is large";
+        let found = "a tree whose inertia about its mass center is lost in rounding";
+        let expected = "free joints at bodies that are not much further from the mass center than the tree is large";
         return Some((joint.unwrap_or_default(), Error::argument("conserve_momentum", found, expected)));
     }
     let row = strayed.or_else(|| s.q_next.iter().any(|q| !q.is_finite()).then_some(0))?;

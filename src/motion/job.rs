@@ -1,4 +1,4 @@
-//! Some steps of neighbouring states, and where their rows go.
+//! Some steps of neighboring states, and where their rows go.
 
 use super::contact::RECORD;
 use super::step_settings::StepSettings;
@@ -8,7 +8,7 @@ use crate::scene::Scene;
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
-/// Where the recorded rows of a few neighbouring states go: (state, row, coordinate).
+/// Where the recorded rows of a few neighboring states go: (state, row, coordinate).
 pub(super) struct Rows<'a> {
     pub q: &'a mut [f64],
     pub qd: &'a mut [f64],
@@ -44,7 +44,7 @@ impl Rows<'_> {
     }
 }
 
-/// Some steps of neighbouring states, as many as there are lanes or fewer.
+/// Some steps of neighboring states, as many as there are lanes or fewer.
 pub(super) struct Job<'a, 'r> {
     pub scene: &'a Scene,
     pub settings: &'a StepSettings,

@@ -21,7 +21,7 @@
 //! measurement noise without bound makes its gain zero, so the filter passes it as if it were fixed, still in O(N). `stops` has the law, `substeps` the steps in which a joint
 //! sticks, slips or meets a stop, and `totals` the works.
 //!
-//! Scenes with connections move through them: accelerations meet J qdd + J' qd = 0, and a [`Stabilisation`] keeps positions and velocities on them.
+//! Scenes with connections move through them: accelerations meet J qdd + J' qd = 0, and a [`Stabilization`] keeps positions and velocities on them.
 //!
 //! Scenes with contacts move by [`Method::Contact`], and by no other method.
 //!
@@ -85,7 +85,7 @@ pub use gradient::{RecordedRows, RolloutGradients};
 pub use method::{METHODS, Method};
 pub use properties::{FRICTION_SPEED, Gains, Properties};
 pub use rollout::{Records, Rollout};
-pub use settings::{Limits, Settings, Stabilisation};
+pub use settings::{Limits, Settings, Stabilization};
 pub use simulator::Simulator;
 pub use substeps::StopImpact;
 pub use torque::{StepFault, Torque};

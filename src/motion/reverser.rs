@@ -11,7 +11,7 @@ use super::step_settings::{By, StepSettings};
 use super::stepper::{Stepper, fill, scatter, take_lane};
 use super::substeps::{Event, Locks, Substeps};
 use super::torque::{StepFault, Torque};
-use crate::batch::arms::{Arm, Baseline, Target, Vectorised, Work, take_states};
+use crate::batch::arms::{Arm, Baseline, Target, Vectorized, Work, take_states};
 use crate::dynamics::derivatives::Parameters;
 use crate::error::Error;
 use crate::filter::Form;
@@ -29,7 +29,7 @@ use std::ops::Range;
 /// The longest run of steps that is made again and kept whole.
 const KEPT_WHOLE: usize = 256;
 
-/// Neighbouring states that go back through all steps, as many as there are lanes or fewer.
+/// Neighboring states that go back through all steps, as many as there are lanes or fewer.
 pub(super) struct Job<'a> {
     pub scene: &'a Scene,
     pub settings: &'a StepSettings,
@@ -182,13 +182,13 @@ fn scratch(job: &Job<'_>, (form, arm): (Form, Arm), alone: bool) -> Box<dyn Reve
         (Arm::Avx512, false) => Compiled::<Lanes<V4>, V4>::boxed(job, form),
         #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
         (Arm::Avx512, true) => Compiled::<Fused, V4>::boxed(job, form),
-        _ => Compiled::<Fused, <Fused as Vectorised>::Least>::boxed(job, form),
+        _ => Compiled::<Fused, <Fused as Vectorized>::Least>::boxed(job, form),
     };
     on_arm.unwrap_or_else(|| Box::new(Compiled::<f64, Baseline>::new(job, form, Baseline)))
 }
 
 /// Scratch in a scalar, for code compiled for some instructions.
-struct Compiled<T: Vectorised, I> {
+struct Compiled<T: Vectorized, I> {
     scratch: Scratch<T>,
     gradients: StepGradients<T>,
     solver: InLanes<T, I>,
@@ -321,7 +321,7 @@ fn through_event(
     }
 }
 
-impl<T: Vectorised<Number = f64>, I: Target> Compiled<T, I> {
+impl<T: Vectorized<Number = f64>, I: Target> Compiled<T, I> {
     fn new(job: &Job<'_>, form: Form, target: I) -> Self {
         let scratch = Scratch::new(job.scene.model(), job.settings);
         let zero = T::zero();
@@ -343,7 +343,7 @@ impl<T: Vectorised<Number = f64>, I: Target> Compiled<T, I> {
     }
 }
 
-impl<T: Vectorised<Number = f64>, I: Target> Reversing for Compiled<T, I> {
+impl<T: Vectorized<Number = f64>, I: Target> Reversing for Compiled<T, I> {
     fn begin(&mut self, job: &Job<'_>) {
         let Self { scratch: s, gradients, sums, parameters, .. } = self;
         for numbers in sums.iter_mut().chain(&mut gradients.end) {
@@ -416,7 +416,7 @@ impl<T: Vectorised<Number = f64>, I: Target> Reversing for Compiled<T, I> {
     }
 }
 
-impl<T: Vectorised<Number = f64>, I: Target> Compiled<T, I> {
+impl<T: Vectorized<Number = f64>, I: Target> Compiled<T, I> {
     /// The step once more, with every check, for the lanes in doubt.
     #[cold]
     #[inline(never)]
@@ -441,14 +441,14 @@ impl<T: Vectorised<Number = f64>, I: Target> Compiled<T, I> {
 }
 
 /// One step of all lanes, to be compiled for an arm; gives the lanes in doubt as bits.
-struct Step<'a, T: Vectorised, I> {
+struct Step<'a, T: Vectorized, I> {
     compiled: &'a mut Compiled<T, I>,
     job: &'a Job<'a>,
     n: usize,
     start: &'a [f64],
 }
 
-impl<T: Vectorised<Number = f64>, I: Target> Work for Step<'_, T, I> {
+impl<T: Vectorized<Number = f64>, I: Target> Work for Step<'_, T, I> {
     type Output = u64;
 
     #[allow(clippy::eq_op)] // x - x is zero where x is finite, else NaN

@@ -6,7 +6,7 @@ use super::contact::{self, ContactReport, RECORD};
 use super::job::{Impacts, Job, Rows};
 use super::method::Method;
 use super::properties::FRICTION_SPEED;
-use super::settings::{Limits, Settings, Stabilisation};
+use super::settings::{Limits, Settings, Stabilization};
 use super::step_settings::StepSettings;
 use super::stepper::Stepper;
 use super::substeps::StopImpact;
@@ -93,7 +93,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
     pub fn new(scene: S, settings: Settings, q: &[f64], qd: &[f64]) -> Result<Self, Error> {
         let coupling = scene.borrow().shared_coupling();
         let holds: &Scene = scene.borrow().tree();
-        let Settings { dt, method, form, mut properties, gains, arm, conserve_momentum, stabilisation, .. } = settings;
+        let Settings { dt, method, form, mut properties, gains, arm, conserve_momentum, stabilization, .. } = settings;
         if !(dt.is_finite() && dt > 0.0) {
             return Err(Error::argument("dt", format!("{dt}"), "a step in s, finite and positive"));
         }
@@ -104,7 +104,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         scene.borrow().check_tolerance(Algorithm::ForwardDynamics(form), settings.tolerance)?;
         properties.check(holds)?;
         check_method(holds, method, conserve_momentum)?;
-        if let Stabilisation::Baumgarte(rate) = stabilisation
+        if let Stabilization::Baumgarte(rate) = stabilization
             && !(rate.is_finite() && rate > 0.0)
         {
             return Err(Error::argument("baumgarte", format!("{rate}"), "a rate in 1/s, finite and positive"));
@@ -163,7 +163,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         step_settings.set_valued =
             set_valued(holds, step_settings.coupling.as_deref(), &step_settings.properties, stops && is_tree);
         step_settings.tolerance = settings.tolerance;
-        step_settings.connected = (!holds.constraints().is_empty()).then_some(stabilisation);
+        step_settings.connected = (!holds.constraints().is_empty()).then_some(stabilization);
         step_settings.compliance = settings.compliance;
         let keeper = Keeper::new(holds.model(), &step_settings.roots);
         let current = memory::filled("q, qd", states.saturating_mul(step_settings.width(holds)), 0.0)?;
@@ -244,7 +244,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             gains: gains.clone(),
             arm: self.arm,
             conserve_momentum: !roots.is_empty(),
-            stabilisation: connected.unwrap_or_default(),
+            stabilization: connected.unwrap_or_default(),
             compliance: self.settings.compliance.clone(),
             limits: self.limits,
             restitution: *restitution,

@@ -30,7 +30,7 @@ pub struct Settings {
     /// without armature, damping, spring, friction, control law or torque.
     pub conserve_momentum: bool,
     /// How positions and velocities are kept on the connections.
-    pub stabilisation: Stabilisation,
+    pub stabilization: Stabilization,
     /// The compliance of each row of the connections, (m/s^2)/N or (rad/s^2)/(N m), zero or above; empty: all are rigid.
     pub compliance: Vec<f64>,
     /// The effect of joint limits.
@@ -65,7 +65,7 @@ impl Settings {
             gains: None,
             arm: Arm::of_process(),
             conserve_momentum: false,
-            stabilisation: Stabilisation::default(),
+            stabilization: Stabilization::default(),
             compliance: Vec::new(),
             limits: Limits::default(),
             restitution: 0.0,
@@ -76,7 +76,7 @@ impl Settings {
 
 /// How a motion is kept on the connections.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub enum Stabilisation {
+pub enum Stabilization {
     /// Positions and velocities are projected after each step, by moves of least kinetic energy.
     #[default]
     Projection,

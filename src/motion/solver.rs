@@ -1,7 +1,7 @@
 //! How the accelerations of a stage are found: by the kernels, with or without an error estimate, or by the general recursions with every check.
 
 use crate::batch::accelerations::{Call, by_covariance, watched};
-use crate::batch::arms::{Baseline, Target, Vectorised};
+use crate::batch::arms::{Baseline, Target, Vectorized};
 use crate::dynamics;
 use crate::dynamics::auto::Errors;
 use crate::dynamics::coupled::CoupledAccelerations;
@@ -42,7 +42,7 @@ impl<T: Real, I> Kernels<T, I> {
     }
 }
 
-impl<T: Vectorised, I: Target> Solver<T> for Kernels<T, I> {
+impl<T: Vectorized, I: Target> Solver<T> for Kernels<T, I> {
     #[inline(always)]
     fn solve(
         &mut self,

@@ -4,7 +4,7 @@ use super::conserve::KEPT;
 use super::contact;
 use super::method::{Method, Scheme};
 use super::properties::{Gains, Properties};
-use super::settings::Stabilisation;
+use super::settings::Stabilization;
 use super::stops::SetValued;
 use super::totals::TOTALS;
 use crate::filter::{HingeMap, Rows};
@@ -44,7 +44,7 @@ pub(super) struct StepSettings {
     /// The kind of each degree of freedom, for the error estimate.
     pub kinds: Vec<RateKind>,
     /// Of a scene with connections, what keeps states on them.
-    pub connected: Option<Stabilisation>,
+    pub connected: Option<Stabilization>,
     /// Of each row of the connections; empty: none gives way.
     pub compliance: Vec<f64>,
     /// Bodies whose joints have a spring, and bodies that the control law pulls.

@@ -9,7 +9,7 @@ use super::limit_rows::limit_rows;
 use super::method::Method;
 use super::properties::of_state;
 use super::scratch::Scratch;
-use super::settings::Stabilisation;
+use super::settings::Stabilization;
 use super::solver::{Checked, Kernels};
 use super::step::step;
 use super::step_settings::StepSettings;
@@ -17,7 +17,7 @@ use super::substeps::Substeps;
 use super::torque::{StepFault, Torque};
 use super::totals::TOTALS;
 use super::works::add_work;
-use crate::batch::arms::{Arm, Baseline, Target, Vectorised, Work, take_states};
+use crate::batch::arms::{Arm, Baseline, Target, Vectorized, Work, take_states};
 use crate::dynamics::contacts::LimitRow;
 use crate::error::Error;
 use crate::filter::Form;
@@ -88,18 +88,18 @@ fn scratch(model: &Model<f64>, settings: &StepSettings, arm: Arm, alone: bool) -
         (Arm::Avx512, false) => Compiled::<Lanes<V4>, V4>::boxed(model, settings),
         #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
         (Arm::Avx512, true) => Compiled::<Fused, V4>::boxed(model, settings),
-        _ => Compiled::<Fused, <Fused as Vectorised>::Least>::boxed(model, settings),
+        _ => Compiled::<Fused, <Fused as Vectorized>::Least>::boxed(model, settings),
     };
     on_arm.unwrap_or_else(|| Box::new(Compiled { scratch: Scratch::<f64>::new(model, settings), target: Baseline }))
 }
 
 /// Scratch in a scalar, for code compiled for some instructions.
-struct Compiled<T: Vectorised, I> {
+struct Compiled<T: Vectorized, I> {
     scratch: Scratch<T>,
     target: I,
 }
 
-impl<T: Vectorised<Number = f64>, I: Target> Compiled<T, I> {
+impl<T: Vectorized<Number = f64>, I: Target> Compiled<T, I> {
     /// None where this processor does not have them.
     fn boxed(model: &Model<f64>, settings: &StepSettings) -> Option<Box<dyn Stepping>> {
         let target = I::here()?;
@@ -134,7 +134,7 @@ impl Alone {
         let mut lost = None;
         self.substeps.impacts.clear();
         if let Some((closed, limits)) = &mut self.closed {
-            let alpha = if let Some(Stabilisation::Baumgarte(rate)) = settings.connected { Some(rate) } else { None };
+            let alpha = if let Some(Stabilization::Baumgarte(rate)) = settings.connected { Some(rate) } else { None };
             let mut solver = Constrained { scene, scratch: closed, alpha, compliance: &settings.compliance };
             step((settings, &settings.scheme), &mut self.scratch, &mut solver);
             let finished = solver.finish(&mut self.scratch);
@@ -160,7 +160,7 @@ impl Alone {
     }
 }
 
-impl<T: Vectorised<Number = f64>, I: Target> Stepping for Compiled<T, I> {
+impl<T: Vectorized<Number = f64>, I: Target> Stepping for Compiled<T, I> {
     fn run(&mut self, form: Form, checked: &mut Option<Box<Alone>>, job: Job<'_, '_>) -> Result<(), StepFault> {
         let target = self.target;
         target.within(Run { scratch: &mut self.scratch, target, form, checked, job })
@@ -168,7 +168,7 @@ impl<T: Vectorised<Number = f64>, I: Target> Stepping for Compiled<T, I> {
 }
 
 /// State, torque and targets of one lane, before a step.
-pub(super) fn take_lane<T: Vectorised<Number = f64>>(one: &mut Scratch<f64>, s: &Scratch<T>, lane: usize) {
+pub(super) fn take_lane<T: Vectorized<Number = f64>>(one: &mut Scratch<f64>, s: &Scratch<T>, lane: usize) {
     for (to, from) in [
         (&mut one.q, &s.q),
         (&mut one.v, &s.v),
@@ -182,13 +182,13 @@ pub(super) fn take_lane<T: Vectorised<Number = f64>>(one: &mut Scratch<f64>, s: 
 }
 
 /// Numbers into one lane of an array.
-pub(super) fn fill<T: Vectorised<Number = f64>>(numbers: &mut [T], lane: usize, values: &[f64]) {
+pub(super) fn fill<T: Vectorized<Number = f64>>(numbers: &mut [T], lane: usize, values: &[f64]) {
     for (number, &value) in numbers.iter_mut().zip(values) {
         number.lanes_mut()[lane] = value;
     }
 }
 
-struct Run<'a, 'r, T: Vectorised, I> {
+struct Run<'a, 'r, T: Vectorized, I> {
     scratch: &'a mut Scratch<T>,
     target: I,
     form: Form,
@@ -198,13 +198,13 @@ struct Run<'a, 'r, T: Vectorised, I> {
 
 /// One lane of an array.
 #[inline(always)]
-pub(super) fn scatter<T: Vectorised<Number = f64>>(numbers: &[T], lane: usize, out: &mut [f64]) {
+pub(super) fn scatter<T: Vectorized<Number = f64>>(numbers: &[T], lane: usize, out: &mut [f64]) {
     for (value, number) in out.iter_mut().zip(numbers) {
         *value = number.lanes()[lane];
     }
 }
 
-impl<T: Vectorised<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
+impl<T: Vectorized<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
     type Output = Result<(), StepFault>;
 
     #[inline(always)]
@@ -297,7 +297,7 @@ impl<T: Vectorised<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
 #[allow(clippy::eq_op)] // x - x is zero where x is finite, else NaN
 /// The lanes whose next state is not finite, or further away than a joint moves in one step; whose modes did not hold; and whose step was too long.
 #[inline(always)]
-fn unsound<T: Vectorised>(settings: &StepSettings, s: &Scratch<T>) -> u64 {
+fn unsound<T: Vectorized>(settings: &StepSettings, s: &Scratch<T>) -> u64 {
     let mut worst = T::one();
     let limit = FARTHEST / settings.step;
     for &v in &s.v_next {
@@ -317,7 +317,7 @@ fn unsound<T: Vectorised>(settings: &StepSettings, s: &Scratch<T>) -> u64 {
 /// Recomputes the step of some lanes one by one: with every check, in substeps, and with the set-valued law. `totals` is what these lanes accumulate.
 #[cold]
 #[inline(never)]
-fn again<T: Vectorised<Number = f64>>(
+fn again<T: Vectorized<Number = f64>>(
     s: &mut Scratch<T>,
     (scene, settings, form): (&Scene, &StepSettings, Form),
     alone: &mut Option<Box<Alone>>,

@@ -227,9 +227,9 @@ pub(super) fn inertial(
     com: Option<&Object<'_>>,
     inertia: Option<&Object<'_>>,
 ) -> PyResult<Inertial> {
-    let centre = optional_triple(&named("com"), com, [0.0; 3])?.into();
+    let center = optional_triple(&named("com"), com, [0.0; 3])?.into();
     let central = inertia.map_or(Ok(Symmetric3::zero()), |inertia| symmetric(&named("inertia"), inertia))?;
-    Ok(Inertial { mass, centre, central })
+    Ok(Inertial { mass, center, central })
 }
 
 pub(super) fn optional_triple(name: &str, value: Option<&Object<'_>>, default: [f64; 3]) -> PyResult<[f64; 3]> {

@@ -121,9 +121,9 @@ impl Description {
             .strict(strict)
             .simplifications(simplifications);
         for (name, inertial) in links {
-            let inertial = inertial.map(|(mass, centre, central)| Inertial {
+            let inertial = inertial.map(|(mass, center, central)| Inertial {
                 mass,
-                centre: centre.into(),
+                center: center.into(),
                 central: Symmetric3::new(central),
             });
             builder = builder.link(LinkDescription { name, inertial });
@@ -150,7 +150,7 @@ impl Description {
 
 fn link_tuple(link: &LinkDescription) -> LinkTuple {
     let LinkDescription { name, inertial } = link;
-    (name.clone(), inertial.map(|Inertial { mass, centre, central }| (mass, centre.into(), central.entries)))
+    (name.clone(), inertial.map(|Inertial { mass, center, central }| (mass, center.into(), central.entries)))
 }
 
 /// All that a joint was given, in plain numbers and names.

@@ -10,7 +10,7 @@ use super::scene::PyScene;
 use crate::batch::Fault;
 use crate::error::Error;
 use crate::motion::properties::joint_of_row;
-use crate::motion::{Correction, Limits, Method, Properties, Settings, Stabilisation, StepFault, StopImpact, Totals};
+use crate::motion::{Correction, Limits, Method, Properties, Settings, Stabilization, StepFault, StopImpact, Totals};
 use crate::scene::Coupling;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyTuple};
@@ -57,7 +57,7 @@ impl<'py> Keywords<'_, 'py> {
         settings.restitution = self.restitution;
         settings.accuracy = self.accuracy;
         settings.conserve_momentum = self.conserve_momentum;
-        settings.stabilisation = self.baumgarte.map_or(Stabilisation::Projection, Stabilisation::Baumgarte);
+        settings.stabilization = self.baumgarte.map_or(Stabilization::Projection, Stabilization::Baumgarte);
         if let Some(compliance) = self.compliance {
             settings.compliance = input::spread("compliance", compliance, own.compliant_rows()?.into())?;
         }

@@ -48,14 +48,14 @@ impl Route {
         (samples, seed): (usize, u64),
     ) -> Result<Vec<f64>, Error> {
         let nv = scene.nv();
-        let centred = || -> Result<RandomModel, Error> { scene.random_model(q, None, 1.0) };
+        let centerd = || -> Result<RandomModel, Error> { scene.random_model(q, None, 1.0) };
         match self {
             Self::MonteCarlo => {
                 let method = Method::MonteCarlo { samples, seed, confidence: 0.95 };
-                Ok(centred()?.mass_matrix(method)?.mass_matrix)
+                Ok(centerd()?.mass_matrix(method)?.mass_matrix)
             }
-            Self::Sobol => centred()?.sobol_estimate(samples, seed, 0),
-            Self::SigmaPoints => Ok(centred()?.mass_matrix(Method::SigmaPoints)?.mass_matrix),
+            Self::Sobol => centerd()?.sobol_estimate(samples, seed, 0),
+            Self::SigmaPoints => Ok(centerd()?.mass_matrix(Method::SigmaPoints)?.mass_matrix),
             Self::Recursion => {
                 let mut m = memory::filled("scene", nv.saturating_mul(nv), f64::NAN)?;
                 let state = Arguments { q, ..Arguments::default() };

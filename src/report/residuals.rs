@@ -73,7 +73,7 @@ fn column(values: &[f64]) -> Mat<f64> {
     Mat::from_fn(values.len(), 1, |i, _| values[i])
 }
 
-/// The residuals at `q` (factorisation, operators, inverse) and, at `qd` and `tau`, of the dynamics: those of the tree, whatever connections there are.
+/// The residuals at `q` (factorization, operators, inverse) and, at `qd` and `tau`, of the dynamics: those of the tree, whatever connections there are.
 ///
 /// # Errors
 ///

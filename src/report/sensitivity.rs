@@ -64,8 +64,8 @@ pub enum Moved {
     State,
     /// The masses of the links.
     Masses,
-    /// The mass centres of the links, in their frames.
-    Centres,
+    /// The mass centers of the links, in their frames.
+    Centers,
     /// The central inertias of the links, entry by entry.
     Inertias,
     /// The origins of the joints on their parents.
@@ -80,7 +80,7 @@ pub enum Moved {
 pub const MOVED: [(&str, Moved); 7] = [
     ("state", Moved::State),
     ("masses", Moved::Masses),
-    ("mass centres", Moved::Centres),
+    ("mass centers", Moved::Centers),
     ("central inertias", Moved::Inertias),
     ("levers", Moved::Levers),
     ("axes", Moved::Axes),
@@ -273,7 +273,7 @@ fn other(scene: &Scene, moved: Moved, draw: &mut Draw) -> Result<Scene, Error> {
         if let Some(inertial) = &mut link.inertial {
             match moved {
                 Moved::Masses => nudge(&mut inertial.mass, draw),
-                Moved::Centres => inertial.centre.iter_mut().for_each(|x| nudge(x, draw)),
+                Moved::Centers => inertial.center.iter_mut().for_each(|x| nudge(x, draw)),
                 Moved::Inertias => inertial.central.entries.iter_mut().for_each(|x| nudge(x, draw)),
                 _ => {}
             }

@@ -29,8 +29,8 @@ const SHOWN_DIGITS: usize = 31;
 
 /// A real number as the unevaluated sum `high + low` of two f64, good for about 31 digits.
 ///
-/// Normalised: `high` is the f64 nearest to the sum. [`DoubleDouble::from_parts`] sees to that; comparisons and
-/// accuracy rely on it, so a value written out by its fields has to be normalised already.
+/// Normalized: `high` is the f64 nearest to the sum. [`DoubleDouble::from_parts`] sees to that; comparisons and
+/// accuracy rely on it, so a value written out by its fields has to be normalized already.
 #[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
 pub struct DoubleDouble {
     /// The sum, rounded to f64.
@@ -53,8 +53,8 @@ impl DoubleDouble {
         Self { high, low }
     }
 
-    /// `high + low` normalised, given that `high` is zero or the larger one.
-    fn renormalised(high: f64, low: f64) -> Self {
+    /// `high + low` normalized, given that `high` is zero or the larger one.
+    fn renormalized(high: f64, low: f64) -> Self {
         let sum = high + low;
         Self { high: sum, low: low - (sum - high) }
     }
@@ -149,8 +149,8 @@ impl Add for DoubleDouble {
     fn add(self, other: Self) -> Self {
         let (high, high_error) = two_sum(self.high, other.high);
         let (low, low_error) = two_sum(self.low, other.low);
-        let partial = Self::renormalised(high, high_error + low);
-        Self::renormalised(partial.high, partial.low + low_error)
+        let partial = Self::renormalized(high, high_error + low);
+        Self::renormalized(partial.high, partial.low + low_error)
     }
 }
 
@@ -177,7 +177,7 @@ impl Mul for DoubleDouble {
     fn mul(self, other: Self) -> Self {
         let (high, error) = two_prod(self.high, other.high);
         let cross = self.low.mul_add(other.high, self.high.mul_add(other.low, self.low * other.low));
-        Self::renormalised(high, error + cross)
+        Self::renormalized(high, error + cross)
     }
 }
 
@@ -192,7 +192,7 @@ impl Div for DoubleDouble {
         let second = rest.high / other.high;
         let rest = rest - other * Self::exact(second);
         let third = rest.high / other.high;
-        Self::renormalised(first, second) + Self::exact(third)
+        Self::renormalized(first, second) + Self::exact(third)
     }
 }
 
@@ -265,7 +265,7 @@ impl Real for DoubleDouble {
         }
         let root = self.high.sqrt();
         let rest = self - Self::product(root, root);
-        Self::renormalised(root, rest.high / (2.0 * root))
+        Self::renormalized(root, rest.high / (2.0 * root))
     }
 
     /// Sine and cosine, absolute error below 1e-31 for angles up to 2^40 (1.1e12) radians, NaN beyond.

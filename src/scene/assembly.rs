@@ -21,25 +21,25 @@ pub(super) fn assemble(unfilled: Scene, tree: &Tree) -> Result<Scene, Error> {
     Assembly { scene: unfilled }.run(tree)
 }
 
-/// A link's inertia in the frame of the body that carries it: centre and axes are moved first, so that nothing cancels in
+/// A link's inertia in the frame of the body that carries it: center and axes are moved first, so that nothing cancels in
 /// the parallel-axis terms.
 fn placed(inertial: &Inertial, placement: &RigidShift<f64>) -> BodyInertia<f64> {
-    let centre = placement.rotate(&inertial.centre) + placement.lever;
-    BodyInertia::from_central(inertial.mass, &centre, &inertial.central.congruence(&placement.rotation))
+    let center = placement.rotate(&inertial.center) + placement.lever;
+    BodyInertia::from_central(inertial.mass, &center, &inertial.central.congruence(&placement.rotation))
 }
 
 /// The square root of [`placed`], if the inertia is positive.
 fn placed_root(inertial: &Inertial, placement: &RigidShift<f64>) -> Option<BodyRoot<f64>> {
-    let centre = placement.rotate(&inertial.centre) + placement.lever;
-    inertia_root(inertial.mass, centre, &inertial.central, &placement.rotation)
+    let center = placement.rotate(&inertial.center) + placement.lever;
+    inertia_root(inertial.mass, center, &inertial.central, &placement.rotation)
 }
 
 /// The absolute sums of the terms that form the diagonal of [`placed`].
 fn placed_terms(inertial: &Inertial, placement: &RigidShift<f64>) -> Vector6<f64> {
     let r = placement.rotation.abs();
-    let centre = r * inertial.centre.abs() + placement.lever.abs();
+    let center = r * inertial.center.abs() + placement.lever.abs();
     let central = r * inertial.central.to_matrix().abs() * r.transpose();
-    let square = centre.component_mul(&centre) * inertial.mass;
+    let square = center.component_mul(&center) * inertial.mass;
     let total = square.sum();
     let angular = |i: usize| central[(i, i)] + (total - square[i]);
     Vector6::new(angular(0), angular(1), angular(2), inertial.mass, inertial.mass, inertial.mass)

@@ -36,7 +36,7 @@ pub(crate) const A_LINK: usize = 2_000;
 /// # fn main() -> Result<(), phipsi::Error> {
 /// let rod = Inertial {
 ///     mass: 1.0,
-///     centre: [0.0, 0.0, -0.5].into(),
+///     center: [0.0, 0.0, -0.5].into(),
 ///     central: Symmetric3::new([0.08, 0.0, 0.0, 0.08, 0.0, 0.001]),
 /// };
 /// let mut hinge = JointDescription::new("hinge", JointKind::Revolute, "base", "rod");

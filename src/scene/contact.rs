@@ -33,7 +33,7 @@ pub struct Contact {
     pub name: String,
     /// Name of the link that the sphere is on.
     pub link: String,
-    /// The sphere's centre in the link's frame, m.
+    /// The sphere's center in the link's frame, m.
     pub point: Vector3<f64>,
     /// Its radius, m; zero for a point.
     pub radius: f64,
@@ -147,7 +147,7 @@ impl Scene {
         let point = ContactPoint {
             name: contact.name.clone(),
             body,
-            centre: link.placement.rotate(&contact.point) + link.placement.lever,
+            center: link.placement.rotate(&contact.point) + link.placement.lever,
             radius: contact.radius,
             axes,
             offset: contact.offset,
@@ -174,7 +174,7 @@ impl Scene {
         let frame = Frame { body: Some(point.body), placement: crate::spatial::RigidShift::identity() };
         [self.neutral(), other].iter().any(|q| {
             let motion = frame_motion(model, q, &rates, None, &frame);
-            let arm = point.centre - motion.placement.rotate_back(&point.normal()) * point.radius;
+            let arm = point.center - motion.placement.rotate_back(&point.normal()) * point.radius;
             let (turning, sliding) = (angular(&motion.velocity), linear(&motion.velocity));
             let speed = (sliding + turning.cross(&arm)).norm();
             speed > 1e-12 * (sliding.norm() + turning.norm() * arm.norm())

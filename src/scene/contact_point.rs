@@ -9,8 +9,8 @@ pub(crate) struct ContactPoint {
     pub name: String,
     /// The body that carries the sphere.
     pub body: usize,
-    /// The sphere's centre in the body's frame, m.
-    pub centre: Vector3<f64>,
+    /// The sphere's center in the body's frame, m.
+    pub center: Vector3<f64>,
     /// Its radius, m; zero for a point.
     pub radius: f64,
     /// Rows t1, t2, n in the base frame: n the plane's unit normal out of the ground, t1 and t2 in the plane.

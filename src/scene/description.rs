@@ -6,14 +6,14 @@ use crate::joints::JointKind;
 use crate::spatial::{RigidShift, Symmetric3};
 use nalgebra::Vector3;
 
-/// Mass, mass centre and inertia of a link, in the link's frame.
+/// Mass, mass center and inertia of a link, in the link's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Inertial {
     /// Mass, kg.
     pub mass: f64,
-    /// Mass centre, m.
-    pub centre: Vector3<f64>,
-    /// Rotational inertia about the mass centre, axes parallel to the link's frame, kg m^2.
+    /// Mass center, m.
+    pub center: Vector3<f64>,
+    /// Rotational inertia about the mass center, axes parallel to the link's frame, kg m^2.
     pub central: Symmetric3<f64>,
 }
 

@@ -22,8 +22,8 @@ pub(super) fn check_numbers(link: &str, inertial: &Inertial) -> Result<(), Error
     if !inertial.mass.is_finite() || inertial.mass < 0.0 {
         return refuse("mass", inertial.mass, "a finite mass, zero or positive");
     }
-    if let Some(value) = inertial.centre.iter().find(|x| !x.is_finite()) {
-        return refuse("mass centre with", *value, "finite coordinates");
+    if let Some(value) = inertial.center.iter().find(|x| !x.is_finite()) {
+        return refuse("mass center with", *value, "finite coordinates");
     }
     if let Some(value) = inertial.central.entries.iter().find(|x| !x.is_finite()) {
         return refuse("inertia with", *value, "finite entries");

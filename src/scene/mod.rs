@@ -10,7 +10,7 @@
 //! use phipsi::spatial::Symmetric3;
 //! # fn main() -> Result<(), phipsi::Error> {
 //! // A pendulum: 1 kg, 0.5 m below a joint about y.
-//! let bob = Inertial { mass: 1.0, centre: Vector3::new(0.0, 0.0, -0.5), central: Symmetric3::zero() };
+//! let bob = Inertial { mass: 1.0, center: Vector3::new(0.0, 0.0, -0.5), central: Symmetric3::zero() };
 //! let mut hinge = JointDescription::new("hinge", JointKind::Revolute, "base", "rod");
 //! hinge.axis = Vector3::y();
 //! let scene = SceneBuilder::new()

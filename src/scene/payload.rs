@@ -18,11 +18,11 @@ impl Scene {
     /// `inertia`); with a strict scene [`Error::Scene`] for an inertia that no body can have.
     pub fn with_payload(&self, link: &str, payload: &Inertial) -> Result<Self, Error> {
         self.link(link)?;
-        let Inertial { mass, centre, central } = payload;
+        let Inertial { mass, center, central } = payload;
         if !(mass.is_finite() && *mass >= 0.0) {
             return Err(Error::argument("mass", mass.to_string(), "a finite mass, zero or positive"));
         }
-        check_finite("com", centre.as_slice())?;
+        check_finite("com", center.as_slice())?;
         check_finite("inertia", &central.entries)?;
         let mut source = self.source().clone();
         if let Some(carrier) = source.links.iter_mut().find(|carrier| carrier.name == link) {
@@ -49,7 +49,7 @@ impl Scene {
                     "the name of a link that the scene was built with",
                 ));
             };
-            let Inertial { mass, centre, central } = inertial;
+            let Inertial { mass, center, central } = inertial;
             if !(mass.is_finite() && *mass >= 0.0) {
                 return Err(Error::argument(
                     format!("mass of link {link:?}"),
@@ -57,7 +57,7 @@ impl Scene {
                     "a finite mass, zero or positive",
                 ));
             }
-            check_finite(&format!("com of link {link:?}"), centre.as_slice())?;
+            check_finite(&format!("com of link {link:?}"), center.as_slice())?;
             check_finite(&format!("inertia of link {link:?}"), &central.entries)?;
             // Without mass and inertia it is a mere frame.
             let is_frame = *mass == 0.0 && central.entries.iter().all(|&entry| entry == 0.0);
@@ -67,17 +67,17 @@ impl Scene {
     }
 }
 
-/// Two bodies as one. The moment of two masses about their common centre is that of the reduced mass at their distance, so that
+/// Two bodies as one. The moment of two masses about their common center is that of the reduced mass at their distance, so that
 /// nothing cancels however far from the link's frame they are.
 fn together(one: &Inertial, other: &Inertial) -> Inertial {
     let mass = one.mass + other.mass;
     let central = one.central.add(&other.central);
     if mass == 0.0 {
-        return Inertial { mass, centre: one.centre, central };
+        return Inertial { mass, center: one.center, central };
     }
-    let apart = other.centre - one.centre;
+    let apart = other.center - one.center;
     let share = other.mass / mass;
     let reduced = one.mass * share;
     let moment = (Matrix3::identity() * apart.norm_squared() - apart * apart.transpose()) * reduced;
-    Inertial { mass, centre: one.centre + apart * share, central: central.add(&Symmetric3::from_upper(&moment)) }
+    Inertial { mass, center: one.center + apart * share, central: central.add(&Symmetric3::from_upper(&moment)) }
 }

@@ -35,7 +35,7 @@ pub(super) fn slab(mass: f64, length: f64) -> Inertial {
     let square = mass * length * length;
     Inertial {
         mass,
-        centre: Vector3::new(0.5 * length, 0.1 * length, 0.0),
+        center: Vector3::new(0.5 * length, 0.1 * length, 0.0),
         central: Symmetric3::new([0.02 * square, 0.0, 0.0, 0.08 * square, 0.0, 0.09 * square]),
     }
 }

@@ -79,7 +79,7 @@ const KINDS: [Kind; 18] = [
     Kind { name: "massless-middle", parameter: "mass of every third link, kg", values: &[1.0, 1e-3, 1e-6, 1e-9, 1e-12, 1e-15, 0.0], usual: 1e-12, allowed: Allowed::NotNegative, bodies: Some(9), least: 3, make: massless_middle, state: ordinary },
     Kind { name: "zero-inertia", parameter: "inertia of the last link about its axis, kg m^2", values: &[1.0, 1e-3, 1e-6, 1e-9, 1e-12, 1e-15, 0.0], usual: 0.0, allowed: Allowed::NotNegative, bodies: Some(6), least: 1, make: zero_inertia, state: ordinary },
     Kind { name: "short-links", parameter: "length of every other link, m", values: SMALL, usual: 1e-6, allowed: Allowed::Positive, bodies: Some(16), least: 2, make: short_links, state: ordinary },
-    Kind { name: "near-parallel-axes", parameter: "angle between neighbouring axes, rad", values: &[1.0, 1e-2, 1e-4, 1e-6, 1e-8, 1e-12, 0.0], usual: 1e-6, allowed: Allowed::NotNegative, bodies: Some(10), least: 2, make: near_parallel, state: ordinary },
+    Kind { name: "near-parallel-axes", parameter: "angle between neighboring axes, rad", values: &[1.0, 1e-2, 1e-4, 1e-6, 1e-8, 1e-12, 0.0], usual: 1e-6, allowed: Allowed::NotNegative, bodies: Some(10), least: 2, make: near_parallel, state: ordinary },
     Kind { name: "near-coincident-axes", parameter: "angle, rad, and distance, m, between two axes with no mass between them", values: &[1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6], usual: 1e-3, allowed: Allowed::Positive, bodies: Some(8), least: 2, make: near_coincident, state: ordinary },
     Kind { name: "needles", parameter: "inertia about the long axis over that across it", values: SMALL, usual: 1e-9, allowed: Allowed::NotNegative, bodies: Some(9), least: 1, make: needles, state: ordinary },
     Kind { name: "prismatic-chain", parameter: "mass of every other link, kg", values: SMALL, usual: 1e-9, allowed: Allowed::Positive, bodies: Some(12), least: 2, make: prismatic, state: ordinary },
@@ -237,7 +237,7 @@ fn zero_inertia(value: f64, n: usize, _: &mut Draw) -> Blueprint {
         last.axis = Vector3::x();
         last.inertial = Some(Inertial {
             mass: 1.0,
-            centre: Vector3::new(0.5 * LENGTH, 0.0, 0.0),
+            center: Vector3::new(0.5 * LENGTH, 0.0, 0.0),
             central: Symmetric3::new([value, 0.0, 0.0, value + 0.02, 0.0, value + 0.02]),
         });
     }
@@ -292,7 +292,7 @@ fn needles(value: f64, n: usize, _: &mut Draw) -> Blueprint {
         let across = 0.02;
         part.inertial = Some(Inertial {
             mass: 1.0,
-            centre: Vector3::new(0.5 * LENGTH, 0.0, 0.0),
+            center: Vector3::new(0.5 * LENGTH, 0.0, 0.0),
             central: Symmetric3::new([value * across, 0.0, 0.0, across, 0.0, across]),
         });
     }

@@ -41,7 +41,7 @@ const DESCRIBED: usize = 1_000;
 pub fn chain(n: usize) -> Result<Scene, Error> {
     let rod = Inertial {
         mass: 1.0,
-        centre: Vector3::new(0.0, 0.0, 0.15),
+        center: Vector3::new(0.0, 0.0, 0.15),
         central: Symmetric3::new([0.01, 0.0, 0.0, 0.01, 0.0, 0.002]),
     };
     memory::room("n", memory::bytes_of::<[u8; A_LINK + DESCRIBED]>(&[n]))?;

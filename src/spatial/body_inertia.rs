@@ -11,7 +11,7 @@ use nalgebra::{Vector3, Vector6};
 pub struct BodyInertia<T> {
     /// Mass m, kg.
     pub mass: T,
-    /// First moment m p, kg m, with p from the frame's origin to the mass centre.
+    /// First moment m p, kg m, with p from the frame's origin to the mass center.
     pub first_moment: Vector3<T>,
     /// Rotational inertia I about the frame's origin, kg m^2.
     pub rotational: Symmetric3<T>,
@@ -25,11 +25,11 @@ impl<T: Real> BodyInertia<T> {
         Self { mass: T::zero(), first_moment: Vector3::from_element(T::zero()), rotational: Symmetric3::zero() }
     }
 
-    /// From the mass (kg), the mass centre (m) and the inertia about the mass centre (kg m^2), all in one frame:
+    /// From the mass (kg), the mass center (m) and the inertia about the mass center (kg m^2), all in one frame:
     /// I = `I_c` + m (p.p 1 - p p^T).
-    pub fn from_central(mass: T, centre: &Vector3<T>, central: &Symmetric3<T>) -> Self {
-        let h = centre * mass;
-        let [x, y, z] = [centre[0], centre[1], centre[2]];
+    pub fn from_central(mass: T, center: &Vector3<T>, central: &Symmetric3<T>) -> Self {
+        let h = center * mass;
+        let [x, y, z] = [center[0], center[1], center[2]];
         let [xx, xy, xz, yy, yz, zz] = central.entries;
         Self {
             mass,

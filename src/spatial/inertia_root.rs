@@ -20,8 +20,8 @@ const ROUNDING: f64 = 64.0 * f64::EPSILON;
 pub struct BodyRoot<T> {
     /// m.
     pub(crate) mass: T,
-    /// p, from the joint to the mass centre.
-    pub(crate) centre: Vector3<T>,
+    /// p, from the joint to the mass center.
+    pub(crate) center: Vector3<T>,
     /// `L_c`.
     pub(crate) central: Matrix3<T>,
     /// `W_c`.
@@ -39,7 +39,7 @@ impl<T: Real> BodyRoot<T> {
         let o = T::zero();
         Self {
             mass: o,
-            centre: Vector3::from_element(o),
+            center: Vector3::from_element(o),
             central: Matrix3::identity(),
             weights: Vector3::from_element(o),
             spin: Matrix3x6::from_element(o),
@@ -51,14 +51,14 @@ impl<T: Real> BodyRoot<T> {
     pub(crate) fn inertia(&self) -> BodyInertia<T> {
         let (central, weights) = (&self.central, &self.weights);
         let full = central * Matrix3::from_diagonal(weights) * central.transpose();
-        BodyInertia::from_central(self.mass, &self.centre, &Symmetric3::from_upper(&full))
+        BodyInertia::from_central(self.mass, &self.center, &Symmetric3::from_upper(&full))
     }
 
     /// L and W.
     #[inline(always)]
     #[must_use]
     pub fn to_root(&self) -> Root6<T> {
-        let (o, m, [x, y, z]) = (self.mass.constant(0.0), self.mass, [self.centre[0], self.centre[1], self.centre[2]]);
+        let (o, m, [x, y, z]) = (self.mass.constant(0.0), self.mass, [self.center[0], self.center[1], self.center[2]]);
         let (c, w) = (&self.central, &self.weights);
         Root6 {
             weights: [m, m, m, w[0], w[1], w[2]],
@@ -80,13 +80,13 @@ impl<T: Real> BodyRoot<T> {
     pub fn coordinates(&self, velocity: &Vector6<T>, acceleration: &Vector6<T>) -> ([T; 6], Vector3<T>) {
         let (w, u) = (angular(velocity), linear(velocity));
         let (alpha, a) = (angular(acceleration), linear(acceleration));
-        // m times the acceleration of the mass centre.
+        // m times the acceleration of the mass center.
         let moving = cross(&w, &u);
-        let centre = cross_add(&alpha, &self.centre, &cross(&w, &cross(&w, &self.centre)));
+        let center = cross_add(&alpha, &self.center, &cross(&w, &cross(&w, &self.center)));
         let pushed = [
-            (a[0] + moving[0] + centre[0]) * self.mass,
-            (a[1] + moving[1] + centre[1]) * self.mass,
-            (a[2] + moving[2] + centre[2]) * self.mass,
+            (a[0] + moving[0] + center[0]) * self.mass,
+            (a[1] + moving[1] + center[1]) * self.mass,
+            (a[2] + moving[2] + center[2]) * self.mass,
         ];
         let c = &self.central;
         let products = [w[0] * w[0], w[1] * w[1], w[2] * w[2], w[0] * w[1], w[0] * w[2], w[1] * w[2]];
@@ -117,10 +117,10 @@ fn form<T: Real>(m: &Matrix3x6<T>, i: usize, products: &[T; 6]) -> T {
 }
 
 impl BodyRoot<f64> {
-    /// From mass, mass centre and the root of the central inertia.
-    fn new(mass: f64, centre: Vector3<f64>, (central, weights): (Matrix3<f64>, Vector3<f64>)) -> Self {
+    /// From mass, mass center and the root of the central inertia.
+    fn new(mass: f64, center: Vector3<f64>, (central, weights): (Matrix3<f64>, Vector3<f64>)) -> Self {
         let (spin, rest) = spin_of(&central, &weights);
-        Self { mass, centre, central, weights, spin, rest }
+        Self { mass, center, central, weights, spin, rest }
     }
 
     /// The same numbers in another scalar; in one of more digits B and C anew, from the others.
@@ -137,7 +137,7 @@ impl BodyRoot<f64> {
     pub(crate) fn map<N: Scalar>(&self, number: impl Fn(f64) -> N + Copy) -> BodyRoot<N> {
         BodyRoot {
             mass: number(self.mass),
-            centre: self.centre.map(number),
+            center: self.center.map(number),
             central: self.central.map(number),
             weights: self.weights.map(number),
             spin: self.spin.map(number),
@@ -150,7 +150,7 @@ impl BodyRoot<f64> {
         if *frame == Matrix3::identity() {
             return *self;
         }
-        Self::new(self.mass, frame * self.centre, triangular(&(frame * self.central), &self.weights))
+        Self::new(self.mass, frame * self.center, triangular(&(frame * self.central), &self.weights))
     }
 
     /// Whether it resists every motion.
@@ -192,18 +192,18 @@ fn spin_of<T: Real>(central: &Matrix3<T>, weights: &Vector3<T>) -> (Matrix3x6<T>
     (spin, rest)
 }
 
-/// The root of one rigid body from mass, mass centre and central inertia, the latter given in a frame that `rotation` turns.
+/// The root of one rigid body from mass, mass center and central inertia, the latter given in a frame that `rotation` turns.
 ///
-/// It is not a factorisation of M: from M the central inertia would first have to be found again by a subtraction. Nor is the
+/// It is not a factorization of M: from M the central inertia would first have to be found again by a subtraction. Nor is the
 /// turned inertia factored: the principal axes are turned. None where the central inertia has a negative principal value.
 pub(crate) fn inertia_root(
     mass: f64,
-    centre: Vector3<f64>,
+    center: Vector3<f64>,
     central: &Symmetric3<f64>,
     rotation: &Matrix3<f64>,
 ) -> Option<BodyRoot<f64>> {
     let (axes, values) = principal(central)?;
-    Some(BodyRoot::new(mass, centre, triangular(&(rotation * axes), &values)))
+    Some(BodyRoot::new(mass, center, triangular(&(rotation * axes), &values)))
 }
 
 /// Principal axes and values, none of these negative; the coordinate axes where the inertia is a diagonal.
@@ -256,10 +256,10 @@ pub(crate) fn root_of_merged(inertia: &BodyInertia<f64>) -> Option<BodyRoot<f64>
     if mass == 0.0 {
         return inertia_root(0.0, Vector3::zeros(), &inertia.rotational, &Matrix3::identity());
     }
-    let centre = moment / mass;
-    let parallel = Matrix3::identity() * moment.dot(&centre) - moment * centre.transpose();
+    let center = moment / mass;
+    let parallel = Matrix3::identity() * moment.dot(&center) - moment * center.transpose();
     let central = Symmetric3::from_upper(&(inertia.rotational.to_matrix() - parallel));
-    inertia_root(mass, centre, &central, &Matrix3::identity())
+    inertia_root(mass, center, &central, &Matrix3::identity())
 }
 
 /// The root of two bodies moving as one.
@@ -276,7 +276,7 @@ pub(crate) fn join_roots(first: &BodyRoot<f64>, second: &BodyRoot<f64>) -> BodyR
     both.join::<3, false>(&mut columns, None);
     let mass = first.mass + second.mass;
     let share = if mass == 0.0 { 0.0 } else { second.mass / mass };
-    BodyRoot::new(mass, first.centre + (second.centre - first.centre) * share, angular_part(&both))
+    BodyRoot::new(mass, first.center + (second.center - first.center) * share, angular_part(&both))
 }
 
 #[cfg(test)]
@@ -302,9 +302,9 @@ mod tests {
 
     #[test]
     fn root_times_its_transpose_is_the_inertia() {
-        for (mass, centre, central) in [body(2.0, 1.0), body(0.5, 0.1), (1.0, Vector3::y(), Symmetric3::zero())] {
-            let s = inertia_root(mass, centre, &central, &Matrix3::identity()).expect("positive");
-            assert!(off(&s, &BodyInertia::from_central(mass, &centre, &central)) <= 1e-15);
+        for (mass, center, central) in [body(2.0, 1.0), body(0.5, 0.1), (1.0, Vector3::y(), Symmetric3::zero())] {
+            let s = inertia_root(mass, center, &central, &Matrix3::identity()).expect("positive");
+            assert!(off(&s, &BodyInertia::from_central(mass, &center, &central)) <= 1e-15);
         }
     }
 
@@ -320,16 +320,16 @@ mod tests {
 
     #[test]
     fn the_root_of_a_sum_found_by_subtraction() {
-        let (mass, centre, central) = body(2.0, 1.0);
-        let inertia = BodyInertia::from_central(mass, &centre, &central);
+        let (mass, center, central) = body(2.0, 1.0);
+        let inertia = BodyInertia::from_central(mass, &center, &central);
         assert!(off(&root_of_merged(&inertia).expect("positive"), &inertia) <= 1e-15);
     }
 
     #[test]
     fn coordinates_are_newtons_and_eulers() {
-        for (mass, centre, central) in [body(2.0, 1.0), body(0.5, 0.4), (1.0, Vector3::y(), Symmetric3::zero())] {
-            let inertia = BodyInertia::from_central(mass, &centre, &central);
-            let root = inertia_root(mass, centre, &central, &Matrix3::identity()).expect("positive");
+        for (mass, center, central) in [body(2.0, 1.0), body(0.5, 0.4), (1.0, Vector3::y(), Symmetric3::zero())] {
+            let inertia = BodyInertia::from_central(mass, &center, &central);
+            let root = inertia_root(mass, center, &central, &Matrix3::identity()).expect("positive");
             let (v, a) = (Vector6::new(1.0, -2.0, 0.5, 0.3, 0.7, -1.1), Vector6::new(0.2, 0.9, -0.4, 9.0, -3.0, 1.0));
             let (y, rest) = root.coordinates(&v, &a);
             assert_eq!(rest, Vector3::zeros());

@@ -42,7 +42,7 @@ fn scene() -> Scene {
     let mut random = Draw::new(7);
     let inertial = |random: &mut Draw| Inertial {
         mass: 1.0 + 0.3 * random.uniform(-1.0, 1.0),
-        centre: Vector3::from_fn(|_, _| 0.2 * random.uniform(-1.0, 1.0)),
+        center: Vector3::from_fn(|_, _| 0.2 * random.uniform(-1.0, 1.0)),
         central: Symmetric3::new([0.04, 0.005, -0.003, 0.05, 0.002, 0.03]),
     };
     let kinds = [

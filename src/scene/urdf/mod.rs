@@ -145,7 +145,7 @@ fn link(element: &Element) -> Result<LinkDescription, Error> {
     Ok(LinkDescription { name: element.name().to_owned(), inertial })
 }
 
-/// Mass, centre and inertia; the file gives the inertia along the axes of the inertial's origin, R I R^T turns it into
+/// Mass, center and inertia; the file gives the inertia along the axes of the inertial's origin, R I R^T turns it into
 /// the link's.
 fn read_inertial(element: &Element) -> Result<Inertial, Error> {
     let frame = origin(element)?;
@@ -155,7 +155,7 @@ fn read_inertial(element: &Element) -> Result<Inertial, Error> {
     for (entry, name) in entries.iter_mut().zip(["ixx", "ixy", "ixz", "iyy", "iyz", "izz"]) {
         *entry = inertia.required_number(name)?;
     }
-    Ok(Inertial { mass, centre: frame.lever, central: Symmetric3::new(entries).congruence(&frame.rotation) })
+    Ok(Inertial { mass, center: frame.lever, central: Symmetric3::new(entries).congruence(&frame.rotation) })
 }
 
 /// A joint; limits that mean nothing are added to `told`.
