@@ -1,8 +1,9 @@
-//! Long work that can be told to stop: by Ctrl-C, or by whatever else the caller looks at.
+//! Interruption of long computations, for instance by Ctrl-C.
 //!
-//! [`during`] does some work and has the calling thread look around, some twenty times a second, whether to go on. The work asks by
-//! [`check`] between its pieces; once the answer is no, every thread that works for it gets [`Error::Interrupted`] from its next check.
-//! Without a watch a check costs a load; with one it reads the clock, so that pieces are of some microseconds or more.
+//! [`during`] runs a computation. The computation calls [`check`] between pieces of work, and about 20 times a second
+//! `check` calls the `stop` function of the caller. Once that returns true, the next check on every thread of the
+//! computation returns [`Error::Interrupted`]. A check costs one load outside [`during`] and one clock read inside, so
+//! that pieces of work should take at least a few microseconds.
 //!
 //! ```
 //! use phipsi::{Error, interrupt};
@@ -10,9 +11,9 @@
 //!
 //! static STOP: AtomicBool = AtomicBool::new(false);
 //!
-//! STOP.store(true, Ordering::Relaxed); // by another thread, or a signal
+//! STOP.store(true, Ordering::Relaxed); // set by another thread or a signal handler
 //! let outcome = interrupt::during(|| STOP.load(Ordering::Relaxed), || loop {
-//!     // A rollout, samples, a batch: they ask by themselves.
+//!     // Rollouts, sampling and batches call `check` themselves.
 //!     if let Err(error) = interrupt::check() {
 //!         break error;
 //!     }
@@ -26,83 +27,86 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Between two looks.
+/// Time between two calls of the stop function.
 pub(crate) const PERIOD: Duration = Duration::from_millis(50);
 
-/// What a thread knows of the watch that it works under.
+/// The interruption state of a thread inside [`during`].
 #[derive(Debug, Clone)]
-struct Watch {
+struct Interruption {
     stopped: Arc<AtomicBool>,
-    /// Only the thread that began the work looks; and when it did last, none where it has not read the clock yet.
-    look: Option<fn() -> bool>,
+    /// The stop function: set only on the thread that called [`during`].
+    stop: Option<fn() -> bool>,
     last: Option<Instant>,
 }
 
 thread_local! {
-    static WATCH: RefCell<Option<Watch>> = const { RefCell::new(None) };
+    static CURRENT: RefCell<Option<Interruption>> = const { RefCell::new(None) };
 }
 
-/// Puts back what was there before, when work ends in whatever way.
-struct Before(Option<Watch>);
+/// Restores the previous state of the thread when dropped, also when the work panics.
+struct Before(Option<Interruption>);
 
 impl Before {
-    fn replaced_by(watch: Option<Watch>) -> Self {
-        Self(WATCH.replace(watch))
+    fn replaced_by(current: Option<Interruption>) -> Self {
+        Self(CURRENT.replace(current))
     }
 }
 
 impl Drop for Before {
     fn drop(&mut self) {
-        WATCH.set(self.0.take());
+        CURRENT.set(self.0.take());
     }
 }
 
-/// Does `work`, in which this thread calls `look` every 50 ms or so; from when that gives true on, [`check`] fails on all threads of the work.
+/// Runs `work`. This thread calls `stop` about every 50 ms; once it returns true, [`check`] fails on all threads of the
+/// work.
 ///
-/// Watches nest: the inner one alone counts meanwhile.
-pub fn during<R>(look: fn() -> bool, work: impl FnOnce() -> R) -> R {
-    let watch = Watch { stopped: Arc::new(AtomicBool::new(false)), look: Some(look), last: None };
-    let _before = Before::replaced_by(Some(watch));
+/// Calls can be nested: the inner `stop` replaces the outer one until the inner work ends.
+pub fn during<R>(stop: fn() -> bool, work: impl FnOnce() -> R) -> R {
+    let current = Interruption { stopped: Arc::new(AtomicBool::new(false)), stop: Some(stop), last: None };
+    let _before = Before::replaced_by(Some(current));
     work()
 }
 
-/// Whether to go on; to be asked between pieces of work, of some microseconds or more.
+/// Returns an error if the work must stop. Call it between pieces of work of at least a few microseconds.
 ///
 /// # Errors
 ///
-/// [`Error::Interrupted`], from when the look of [`during`] said so.
+/// [`Error::Interrupted`], once the stop function of [`during`] has returned true.
 pub fn check() -> Result<(), Error> {
-    let Some(look) = WATCH.with_borrow_mut(|watch| watch.as_mut().map_or(Ok(None), Watch::due))? else { return Ok(()) };
-    // What looks may run anything, work under another watch too.
-    let stop = {
-        let _before = Before::replaced_by(None);
-        look()
+    let Some(stop) = CURRENT.with_borrow_mut(|current| current.as_mut().map_or(Ok(None), Interruption::due))? else {
+        return Ok(());
     };
-    WATCH.with_borrow_mut(|watch| {
-        let Some(watch) = watch else { return Ok(()) };
-        watch.last = Some(Instant::now());
-        if stop {
-            watch.stopped.store(true, Ordering::Relaxed);
+    // The stop function can run arbitrary code, including work under another `during`.
+    let stopped = {
+        let _before = Before::replaced_by(None);
+        stop()
+    };
+    CURRENT.with_borrow_mut(|current| {
+        let Some(current) = current else { return Ok(()) };
+        current.last = Some(Instant::now());
+        if stopped {
+            current.stopped.store(true, Ordering::Relaxed);
             return Err(Error::Interrupted);
         }
         Ok(())
     })
 }
 
-impl Watch {
-    /// The look to take now, if one is due.
+impl Interruption {
+    /// The stop function, if its next call is due.
     fn due(&mut self) -> Result<Option<fn() -> bool>, Error> {
         if self.stopped.load(Ordering::Relaxed) {
             return Err(Error::Interrupted);
         }
-        let Some(look) = self.look else { return Ok(None) };
+        let Some(stop) = self.stop else { return Ok(None) };
         let now = Instant::now();
         let last = *self.last.get_or_insert(now);
-        Ok((now.duration_since(last) >= PERIOD).then_some(look))
+        Ok((now.duration_since(last) >= PERIOD).then_some(stop))
     }
 }
 
-/// [`check`], for loops of short rounds: at one index in `every`.
+/// Calls [`check`] at every multiple of `every`, for loops with short iterations.
 ///
 /// # Errors
 ///
@@ -112,27 +116,28 @@ pub(crate) fn check_at(index: usize, every: usize) -> Result<(), Error> {
     if index.is_multiple_of(every) { check() } else { Ok(()) }
 }
 
-/// What other threads that work for this one are told: when to stop.
+/// The stop flag of this thread, to share with other threads that work for it.
 #[cfg(feature = "parallel")]
 #[derive(Debug, Clone)]
 pub(crate) struct StopSignal(Option<Arc<AtomicBool>>);
 
 #[cfg(feature = "parallel")]
 impl StopSignal {
-    /// By the watch of this thread, if it has one.
+    /// The flag of this thread, if it runs inside [`during`].
     pub(crate) fn here() -> Self {
-        Self(WATCH.with_borrow(|watch| watch.as_ref().map(|watch| Arc::clone(&watch.stopped))))
+        Self(CURRENT.with_borrow(|current| current.as_ref().map(|current| Arc::clone(&current.stopped))))
     }
 
-    /// Whether there is a watch at all.
+    /// Whether this thread runs inside [`during`].
     pub(crate) fn exists(&self) -> bool {
         self.0.is_some()
     }
 
-    /// Does `work` on another thread, told to stop when the first one is.
+    /// Runs `work` on another thread, where [`check`] reads the shared flag and never calls the stop function.
     pub(crate) fn help<R>(&self, work: impl FnOnce() -> R) -> R {
-        let watch = self.0.as_ref().map(|stopped| Watch { stopped: Arc::clone(stopped), look: None, last: None });
-        let _before = Before::replaced_by(watch);
+        let current =
+            self.0.as_ref().map(|stopped| Interruption { stopped: Arc::clone(stopped), stop: None, last: None });
+        let _before = Before::replaced_by(current);
         work()
     }
 }
@@ -142,9 +147,9 @@ mod tests {
     use super::*;
     use std::sync::atomic::AtomicUsize;
 
-    static LOOKS: AtomicUsize = AtomicUsize::new(0);
+    static CALLS: AtomicUsize = AtomicUsize::new(0);
 
-    /// Checks until told to stop, or for a second.
+    /// Checks until interrupted, for at most one second.
     fn work() -> Result<(), Error> {
         let since = Instant::now();
         while since.elapsed() < Duration::from_secs(1) {
@@ -154,15 +159,15 @@ mod tests {
     }
 
     #[test]
-    fn a_look_ends_the_work_and_nothing_after_it() {
-        let third = || LOOKS.fetch_add(1, Ordering::Relaxed) == 2;
+    fn the_stop_function_ends_the_work_and_nothing_after_it() {
+        let third = || CALLS.fetch_add(1, Ordering::Relaxed) == 2;
         assert_eq!(during(third, work), Err(Error::Interrupted));
-        assert_eq!(LOOKS.load(Ordering::Relaxed), 3);
+        assert_eq!(CALLS.load(Ordering::Relaxed), 3);
         assert_eq!(check(), Ok(()));
     }
 
     #[test]
-    fn an_inner_watch_leaves_the_outer_one_as_it_was() {
+    fn an_inner_call_leaves_the_outer_one_unchanged() {
         let outcome = during(
             || false,
             || {
@@ -175,7 +180,7 @@ mod tests {
 
     #[cfg(feature = "parallel")]
     #[test]
-    fn helpers_stop_and_do_not_look() {
+    fn helpers_stop_and_do_not_call_the_stop_function() {
         let outcome = during(
             || true,
             || {

@@ -143,7 +143,7 @@ fn numbers_of_a_link_that_are_not_finite() {
         for i in 0..3 {
             refused(
                 |links, _| links[2].inertial.as_mut().unwrap().center[i] = bad,
-                ("link \"hand\"", &format!("mass center with {bad}"), "finite"),
+                ("link \"hand\"", &format!("center of mass with {bad}"), "finite"),
             );
         }
         for i in 0..6 {

@@ -1,34 +1,42 @@
-//! What a scene leaves out, switch by switch.
+//! The switches for the simplifications of a scene.
 
 use crate::error::Error;
 
-/// The switches: what is left out wherever a scene or a call does not need it. All are on unless one is turned off, by
-/// [`SceneBuilder::simplifications`](crate::SceneBuilder::simplifications); results are the same to rounding either way.
+/// Simplifications of the computations that a scene or a call does not need, one switch each.
+///
+/// All are on by default; [`SceneBuilder::simplifications`](crate::SceneBuilder::simplifications) turns them off. They
+/// change results by rounding errors only.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[allow(clippy::struct_excessive_bools)] // switches
 pub struct Simplifications {
-    /// Fixed joints: two links on one are one body. Off, the child is a body of its own, without measurement rows.
+    /// Merge fixed joints: two links on a fixed joint form one body. If off, the child is a body without measurement
+    /// rows.
     pub fixed_joints: bool,
-    /// Links on the base. Off, they are a body that cannot move.
+    /// Remove links fixed to the base. If off, they form a body that cannot move.
     pub base_links: bool,
-    /// The rotation of the tree at a joint that turns about an axis of its parent's frame, where it only renames the axes (the identity is one) or
-    /// turns about the joint's own: the angle alone is carried. To rounding: entries within 9e-16 of 0 and 1 are taken for
-    /// them, for a right angle has no double. Of a body that slides along such an axis P alone, by the constant, and not in square-root form. Off, a rotation matrix. For one state and lanes, in the algorithms that [`Scene::evaluate`](crate::Scene::evaluate) runs in covariance form, and forward dynamics in square-root form.
+    /// Replace the constant rotation to the parent by a permutation of axes.
+    ///
+    /// Applies to a revolute joint along an axis of its parent frame, and to one whose constant rotation is about the
+    /// joint axis: only the angle about the axis is applied. For a prismatic joint it applies to the transform of P
+    /// only, and not in square-root form. Entries within 9e-16 of 0 and 1 are rounded to them, because pi/2 has no
+    /// exact f64. If off, the rotation matrix is multiplied. Used for single states and vectorized batches by the
+    /// algorithms that [`Scene::evaluate`](crate::Scene::evaluate) runs in covariance form, and by forward dynamics in
+    /// square-root form.
     pub permuted_axes: bool,
-    /// The rotation of the tree at any other joint that turns, and of P at any other that slides: up to two constant angles more take its place. To rounding, as above (2e-15).
-    /// In the same algorithms, and only where `permuted_axes` is on.
+    /// Replace the constant rotation at other revolute joints, and that of P at other prismatic joints, by up to two
+    /// constant angles, accurate to 2e-15. Used by the algorithms listed for `permuted_axes`, which must be on.
     pub oblique_axes: bool,
-    /// Velocities, and what they cause, in a call whose rates are all zero.
+    /// Skip velocities and velocity products in a call with zero joint velocities.
     pub zero_velocity: bool,
-    /// The whole bias, in a call whose rates are all zero in a scene without gravity; needs `zero_velocity`.
+    /// Skip the bias in a call with zero joint velocities if gravity is zero; requires `zero_velocity`.
     pub zero_gravity: bool,
 }
 
-/// One of the switches.
+/// Access to one of the switches.
 pub type Switch = fn(&mut Simplifications) -> &mut bool;
 
 impl Simplifications {
-    /// The switches by name.
+    /// The switches with their names.
     pub const SWITCHES: [(&'static str, Switch); 6] = [
         ("fixed_joints", |of| &mut of.fixed_joints),
         ("base_links", |of| &mut of.base_links),
@@ -64,7 +72,7 @@ impl Simplifications {
         }
     }
 
-    /// All but one.
+    /// Every switch on except one.
     #[must_use]
     pub fn all_but(switch: Switch) -> Self {
         let mut simplifications = Self::all();
@@ -72,19 +80,20 @@ impl Simplifications {
         simplifications
     }
 
-    /// Whether every body moves: what the operators and the estimation count on, whose states belong to measurement rows.
+    /// Whether every body moves. Operators and estimation require it, because their states belong to measurement rows.
     #[must_use]
     pub(crate) fn every_body_moves(self) -> bool {
         self.fixed_joints && self.base_links
     }
 
-    /// An error where a body of the scene may have no measurement row.
+    /// Returns an error if the scene may contain a body without measurement rows.
     pub(crate) fn check_every_body_moves(self, what: &str) -> Result<(), Error> {
         if self.every_body_moves() {
             return Ok(());
         }
         let found = "a scene that keeps bodies which cannot move";
-        Err(Error::argument(what, found, "fixed_joints and base_links left out: a state belongs to a row of H"))
+        let expected = "a scene built with the simplifications fixed_joints and base_links, so that every body moves";
+        Err(Error::argument(what, found, expected))
     }
 }
 

@@ -1,4 +1,4 @@
-//! What is saved where that is counted by running the algorithms on numbers that count.
+//! Savings that are counted by running the algorithms on a counting scalar.
 
 use super::{NOTHING, Simplification, counted};
 use crate::algorithm::{Algorithm, Arguments};
@@ -11,9 +11,10 @@ use crate::scene::Scene;
 use crate::spatial::transform::{turns_about_a_tilted_axis, turns_about_an_axis};
 use nalgebra::Matrix3;
 
-/// Dense results are counted up to this many degrees of freedom: they are O(N^2).
+/// Dense results are counted up to this number of degrees of freedom, because they are O(N^2).
 const MOST_DENSE: usize = 256;
-/// Programs are written for up to this many: longer ones take milliseconds a joint.
+/// Compiled programs are generated up to this number of degrees of freedom; beyond, generation takes milliseconds per
+/// joint.
 const MOST_COMPILED: usize = 64;
 
 /// Floating-point operations.
@@ -21,23 +22,23 @@ fn flops(operations: &Operations) -> usize {
     usize::try_from(operations.flops()).unwrap_or(usize::MAX)
 }
 
-/// Operations of one algorithm on a state that moves, by the recursion that keeps everything.
+/// Operations of one algorithm on a moving state, with the recursion that stores every body.
 fn of(scene: &Scene, algorithm: Algorithm) -> usize {
     let (q, ones) = (scene.neutral(), vec![1.0; scene.nv()]);
     let state = Arguments { q: &q, qd: &ones, u: &ones, wrenches: &[], ..Arguments::default() };
     flops(&count_recursion(scene, Task::Algorithm(algorithm), &state).operations)
 }
 
-/// The same of forward dynamics in covariance form.
+/// Operations of forward dynamics in covariance form.
 fn forward(scene: &Scene) -> usize {
     of(scene, Algorithm::ForwardDynamics(Form::Covariance))
 }
 
 impl Scene {
-    /// Rotations of the tree that keep the joint on an axis.
-    pub(super) fn renamed_item(&self) -> Simplification {
+    /// Joints whose axis is along an axis of the parent frame, so that the rotation permutes axes.
+    pub(super) fn permuted_item(&self) -> Simplification {
         let count = self.bodies_on(turns_about_an_axis).count();
-        // What tilted axes save goes with it, and has an item of its own.
+        // Oblique axes require permuted axes; their savings are excluded, because they have an item of their own.
         let saved = self.saved_beside(
             count,
             |simplifications| simplifications.oblique_axes = false,
@@ -46,49 +47,49 @@ impl Scene {
         self.switched(
             "permuted_axes",
             Simplification {
-                what: "rotations of the tree that rename axes, or turn about the joint's own",
+                what: "rotations to the parent that permute axes, or rotate about the joint axis",
                 count,
-                why: "the joint's angle, a constant, or both together are all there is to turn by, about z, and entries change places and signs",
+                why: "a rotation about z by the joint angle, a constant angle, or their sum suffices, with a permutation and signs of the entries",
                 saved: counted(count, "rotation matrix", "rotation matrices")
-                    + ", and P turned by an angle instead of by it",
+                    + ", and P rotated by an angle instead of by it",
                 operations: saved,
                 ..NOTHING
             },
         )
     }
 
-    /// Rotations of the tree that bring the joint's axis anywhere.
-    pub(super) fn tilted_item(&self) -> Simplification {
-        let renamed = self.model().simplifications.permuted_axes;
-        let count = if renamed { self.bodies_on(turns_about_a_tilted_axis).count() } else { 0 };
+    /// Joints with axes in any other direction.
+    pub(super) fn oblique_item(&self) -> Simplification {
+        let permuted = self.model().simplifications.permuted_axes;
+        let count = if permuted { self.bodies_on(turns_about_a_tilted_axis).count() } else { 0 };
         let saved = self.saved_in_sweeps(count, |simplifications| simplifications.oblique_axes = false);
         self.switched(
             "oblique_axes",
             Simplification {
-                what: "rotations of the tree at other joints that turn or slide",
+                what: "rotations to the parent of the other revolute and prismatic joints",
                 count,
-                why: "a constant angle or two bring the joint's axis to one of its parent's",
+                why: "one or two constant angles rotate the joint axis onto an axis of the parent frame",
                 saved: counted(count, "rotation matrix", "rotation matrices")
-                    + ", and P turned by angles instead of by it",
+                    + ", and P rotated by angles instead of by it",
                 operations: saved,
                 ..NOTHING
             },
         )
     }
 
-    /// Bodies that turn or slide on a rotation of the tree like this.
+    /// Bodies on revolute or prismatic joints whose constant rotation to the parent satisfies `is_like`.
     fn bodies_on(&self, is_like: impl Fn(&Matrix3<f64>) -> bool) -> impl Iterator<Item = &Body<f64>> {
         let moves = |body: &Body<f64>| matches!(body.motion, Motion::Revolute | Motion::Prismatic);
         let is_in = move |body: &&Body<f64>| moves(body) && is_like(&body.tree.rotation);
         self.model().bodies.iter().filter(is_in)
     }
 
-    /// Operations of forward dynamics with a switch off, less those with it on.
+    /// Operations of forward dynamics with a switch off, minus those with it on.
     fn saved_in_sweeps(&self, count: usize, turn_off: impl Fn(&mut Simplifications)) -> usize {
         self.saved_beside(count, |_| {}, turn_off)
     }
 
-    /// The same where others are off on both sides.
+    /// As `saved_in_sweeps`, with other switches off in both counts.
     fn saved_beside(
         &self,
         count: usize,
@@ -111,7 +112,7 @@ impl Scene {
         of(off).saturating_sub(of(on))
     }
 
-    /// The joints that [`Scene::lock`] fixed, beside the scene where they move.
+    /// The joints that [`Scene::lock`] fixed, compared with the scene in which they move.
     pub(super) fn locked_item(&self) -> Simplification {
         let names: Vec<String> = self.source().locked_joints().map(str::to_owned).collect();
         let before = if names.is_empty() { None } else { self.source().unlocked().build().ok() };
@@ -130,7 +131,7 @@ impl Scene {
         }
     }
 
-    /// Whether there is a factor to speak of.
+    /// Whether the scene has a mass matrix that can be factored.
     fn has_factor(&self) -> bool {
         self.nv() > 0 && self.model().simplifications.every_body_moves()
     }
@@ -152,7 +153,7 @@ impl Scene {
         }
     }
 
-    /// Calls in which the last joint alone moves: the end of the last branch.
+    /// Update of a factor after a change of the last joint only, which is the tip of the last branch.
     pub(super) fn branch_item(&self) -> Simplification {
         if !self.has_factor() {
             return NOTHING;
@@ -165,7 +166,7 @@ impl Scene {
         let calls = of_factor(self, &q, &moved);
         let (made, updated) = (flops(&calls.made), flops(&calls.updated));
         Simplification {
-            what: "bodies beside the path to the base, in a factor of which the last joint alone has moved",
+            what: "bodies that are not on the path to the base, in a factor of which only the last joint has moved",
             count: self.model().bodies.len() - calls.bodies,
             why: "P, D and g of a body depend on the joints that it carries: factor.update(q)",
             saved: format!("{updated} operations instead of the {made} of a new factor in covariance form"),
@@ -174,12 +175,12 @@ impl Scene {
         }
     }
 
-    /// What code of this robot alone leaves out of forward dynamics.
+    /// Operations of forward dynamics that code compiled for this robot omits.
     pub(super) fn compiled_item(&self) -> Simplification {
         if self.nv() == 0 || self.nv() > MOST_COMPILED {
             return NOTHING;
         }
-        // Of what programs do not have nothing is told.
+        // No item for scenes that compiled programs do not support.
         let Ok(program) = Program::new(self, &Function::ForwardDynamics) else { return NOTHING };
         let (q, ones) = (self.neutral(), vec![1.0; self.nv()]);
         let state = Arguments { q: &q, qd: &ones, u: &ones, wrenches: &[], ..Arguments::default() };
@@ -187,16 +188,16 @@ impl Scene {
         let asked = flops(&count_in_sweeps(self, self.model().simplifications, algorithm, &state).operations);
         let left = flops(&program.operations());
         Simplification {
-            what: "operations that this robot's constants decide, in code compiled for it",
+            what: "operations that are constant for this robot, in code compiled for it",
             count: asked.saturating_sub(left),
-            why: "products by zero and one, sums of constants, and what is computed twice are known when the code is written: phipsi.compile, to_c",
+            why: "products by zero and one, constant sums and repeated terms are resolved when the code is generated: phipsi.compile, to_c",
             saved: format!("{left} operations of forward dynamics instead of {asked}"),
             operations: asked.saturating_sub(left),
             ..NOTHING
         }
     }
 
-    /// What forward dynamics does not compute.
+    /// Outputs that forward dynamics does not compute.
     pub(super) fn outputs_item(&self) -> Simplification {
         let (nv, inverse) = (self.nv(), Algorithm::MassMatrixInverse(Form::Covariance));
         if nv == 0 {

@@ -80,7 +80,7 @@ pub enum Moved {
 pub const MOVED: [(&str, Moved); 7] = [
     ("state", Moved::State),
     ("masses", Moved::Masses),
-    ("mass centers", Moved::Centers),
+    ("centers of mass", Moved::Centers),
     ("central inertias", Moved::Inertias),
     ("levers", Moved::Levers),
     ("axes", Moved::Axes),

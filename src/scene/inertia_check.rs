@@ -23,7 +23,7 @@ pub(super) fn check_numbers(link: &str, inertial: &Inertial) -> Result<(), Error
         return refuse("mass", inertial.mass, "a finite mass, zero or positive");
     }
     if let Some(value) = inertial.center.iter().find(|x| !x.is_finite()) {
-        return refuse("mass center with", *value, "finite coordinates");
+        return refuse("center of mass with", *value, "finite coordinates");
     }
     if let Some(value) = inertial.central.entries.iter().find(|x| !x.is_finite()) {
         return refuse("inertia with", *value, "finite entries");
