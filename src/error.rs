@@ -56,7 +56,8 @@ pub enum Error {
     /// A joint with no significant inertia about its axis: the pivot D(k) of (3.6) is below the rounding error of its
     /// terms.
     #[error(
-        "joint {joint:?} (of link {link:?}){}: the inertia along its axis is {}; add inertia about the axis (scene.with_payload), or give the joint armature, for instance scene.with_properties(armature={{{joint:?}: 1e-3}})",
+        "joint {joint:?} (of link {link:?}){}: the inertia along its axis is {}; add inertia about the axis \
+         (scene.with_payload), or give the joint armature, for instance scene.with_properties(armature={{{joint:?}: 1e-3}})",
         in_state(*state),
         lost(*pivot, *terms)
     )]
@@ -76,7 +77,8 @@ pub enum Error {
     /// independently.
     #[error(
         "task of {}{}: found an inverse inertia of rank {rank} in {directions} directions, which has no inverse; use \
-         operational_inverse_inertia, which is defined there, or remove directions until at most {rank} independent ones remain",
+         operational_inverse_inertia, which is defined there, or remove directions until at most {rank} independent \
+         ones remain",
         quoted(links),
         in_state(*state)
     )]
@@ -91,7 +93,13 @@ pub enum Error {
         state: Option<usize>,
     },
     /// Connections that cannot be satisfied: they contradict each other, or the state violates them.
-    #[error("{}{}: found {}; expected {}", of_connections(&violation.connections), in_state(*state), shortened(&violation.found), shortened(&violation.expected))]
+    #[error(
+        "{}{}: found {}; expected {}",
+        of_connections(&violation.connections),
+        in_state(*state),
+        shortened(&violation.found),
+        shortened(&violation.expected)
+    )]
     Constraint {
         /// The connections and the violation.
         violation: Box<ConstraintViolation>,

@@ -176,8 +176,8 @@
 //!
 //! | section of the paper | here |
 //! |---|---|
-//! | 1, the spatially random model | [`filter::system`], [`scene`], [`Scene::bias_torque`] (bias b), `stochastic` (samples) |
-//! | 2, conditional means and their covariances | [`Scene::estimate`], [`filter::smoothed`], [`dynamics::inverse_dynamics`], [`operators`] |
+//! | 1, spatially random model | [`filter::system`], [`scene`], [`Scene::bias_torque`] (bias b), `stochastic` |
+//! | 2, conditional means and covariances | [`Scene::estimate`], [`filter::smoothed`], [`operators`] |
 //! | 3, Riccati recursion, K, L, D | [`filter::riccati`], [`operators::Factor`], [`dynamics::mass_matrix`] (3.4, 3.5) |
 //! | 4, filter and smoother | [`filter::innovations`], [`filter::smoother`], [`dynamics::forward_dynamics`] |
 //! | 5, covariance of the co-states | [`filter::covariance`], [`Scene::operational_inverse_inertia`] |

@@ -224,7 +224,7 @@ fn each_broken_link_or_joint_is_named_with_what_was_found_and_expected() {
         (r#"damping="0.1""#, r#"damping="inf""#, &["found \"inf\" in damping of <dynamics>; expected a finite number"]),
         (r#"damping="0.1""#, r#"armature="-1""#, &["joint \"hinge\": found armature -1"]),
         ("</joint>", "<mimic/></joint>", &["joint \"hinge\": found no joint in <mimic>"]),
-        (r#"link name="rod""#, r#"link name="base""#, &["link \"base\": found the name twice"]),
+        (r#"link name="rod""#, r#"link name="base""#, &["link \"base\": found a duplicate name"]),
     ] {
         assert_says(&refusal(&arm_with(from, to)), parts);
     }

@@ -49,7 +49,8 @@ impl Scene {
             Simplification {
                 what: "rotations to the parent that permute axes, or rotate about the joint axis",
                 count,
-                why: "a rotation about z by the joint angle, a constant angle, or their sum suffices, with a permutation and signs of the entries",
+                why: "a rotation about z by the joint angle, a constant angle, or their sum suffices, \
+                      with a permutation and signs of the entries",
                 saved: counted(count, "rotation matrix", "rotation matrices")
                     + ", and P rotated by an angle instead of by it",
                 operations: saved,
@@ -190,7 +191,8 @@ impl Scene {
         Simplification {
             what: "operations that are constant for this robot, in code compiled for it",
             count: asked.saturating_sub(left),
-            why: "products by zero and one, constant sums and repeated terms are resolved when the code is generated: phipsi.compile, to_c",
+            why: "products by zero and one, constant sums and repeated terms are resolved \
+                  when the code is generated: phipsi.compile, to_c",
             saved: format!("{left} operations of forward dynamics instead of {asked}"),
             operations: asked.saturating_sub(left),
             ..NOTHING
