@@ -1,14 +1,16 @@
-//! Adaptive steps to a tolerance, by the solvers of diffsol, in tangent coordinates that are centerd anew as the motion turns.
+//! Adaptive integration to a tolerance with the solvers of diffsol, in tangent coordinates about a center
+//! configuration.
 //!
-//! Around a center q0 a configuration is x of nv numbers: a joint of one axis adds its own; a spherical joint turns by the rotation vector
-//! w, R = R0 exp(w); a free joint is moved to p0 + R0 a and turned likewise. With the velocity of the body, (b, u) linear and angular,
+//! With a center q0, a configuration has coordinates x (nv). A joint of one axis adds its coordinate. A spherical joint
+//! rotates by the rotation vector w, R = R0 exp(w). A free joint has the position p0 + R0 a and the same rotation. For
+//! the body velocity (b, u), linear and angular,
 //!
 //! ```text
 //! da/dt = exp(w) b,    dw/dt = u + w x u/2 + c w x (w x u),    c = (1 - (t/2) cot(t/2))/t^2,  t = |w|
 //! ```
 //!
-//! so that (x, v) is a vector, and what the solver controls is the error on the manifold. The chart is good to |w| < 2 pi; a step that ends
-//! beyond 1 rad is the last before a new center, where the solver starts afresh.
+//! Hence (x, v) is a vector, and the solver controls the error on the manifold. The chart is valid for |w| < 2 pi.
+//! After a step that ends beyond 1 rad, the center moves to the current configuration and the solver restarts.
 
 use super::manifold::advance;
 use super::method::Method;
@@ -31,20 +33,20 @@ use diffsol::{
 use nalgebra::{UnitQuaternion, Vector3};
 use std::cell::RefCell;
 
-/// A rotation further than this from the center, rad, asks for a new one.
+/// Rotation from the center, rad, beyond which the center moves.
 const TURNED: f64 = 1.0;
 
-/// Half the distance of the states of a central difference, relative to the largest of 1 and their entries: the third root of the
-/// rounding, where truncation and rounding are alike.
+/// Half the distance of the two states of a central difference, relative to the larger of 1 and the largest entry: the
+/// cube root of eps, which balances truncation and rounding errors.
 const DIFFERENCE: f64 = 6.055_454_452_393_343e-6;
 
-/// The solver that picks the steps.
+/// The solver, which selects the steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Solver {
-    /// Explicit, order 5 with an error of order 4 (Tsitouras 2011): for smooth motion.
+    /// Explicit, order 5 with an error estimate of order 4 (Tsitouras 2011), for smooth motion.
     #[default]
     Tsit45,
-    /// Backward differences of order 1 to 5: for springs and damping that are stiff and damped, and for tight tolerances.
+    /// Backward differentiation formulas of order 1 to 5, for stiff springs with damping and for tight tolerances.
     Bdf,
     /// Implicit, order 2, L-stable (Hosea and Shampine 1996): for undamped stiff springs at loose tolerances.
     TrBdf2,
@@ -52,65 +54,65 @@ pub enum Solver {
     Esdirk34,
 }
 
-/// The torque that is given: (t, q, qd, torque), the last to be written, (nv); it is zero before.
+/// The applied torque as a function (t, q, qd, torque) that writes `torque` (nv), which is zero before the call.
 pub type TorqueLaw<'a> = &'a dyn Fn(f64, &[f64], &[f64], &mut [f64]);
 
-/// What is to be solved, and how tightly.
+/// An initial value problem and its tolerances.
 ///
 /// ```
 /// use phipsi::motion::{Adaptive, Solver};
 /// # fn main() -> Result<(), phipsi::Error> {
 /// let scene = phipsi::scenes::chain(2)?;
-/// let law = Adaptive { solver: Solver::Bdf, ..Adaptive::new(&scene) };
-/// let path = law.solve(&[0.3; 2], &[0.0; 2], &[0.0, 0.5, 1.0], &|_t, _q, qd, torque| torque[0] = -0.1 * qd[0])?;
+/// let problem = Adaptive { solver: Solver::Bdf, ..Adaptive::new(&scene) };
+/// let path = problem.solve(&[0.3; 2], &[0.0; 2], &[0.0, 0.5, 1.0], &|_t, _q, qd, torque| torque[0] = -0.1 * qd[0])?;
 /// assert_eq!(path.q.len(), 3 * 2);
 /// # Ok(())
 /// # }
 /// ```
 #[derive(Debug, Clone)]
 pub struct Adaptive<'a> {
-    /// What moves.
+    /// The scene.
     pub scene: &'a Scene,
-    /// How steps are made.
+    /// The solver.
     pub solver: Solver,
     /// Bound on the error of a step in (x, v), relative to each entry.
     pub rtol: f64,
-    /// The same, absolute: rad, m, rad/s, m/s.
+    /// Absolute bound on the error of a step: rad, m, rad/s, m/s.
     pub atol: f64,
-    /// What the joints do by themselves.
+    /// Armature, damping, springs and friction of the joints.
     pub properties: Properties,
-    /// A control law, if there is one.
+    /// The control law, if any.
     pub gains: Option<Gains>,
-    /// A solution of more steps is given up.
+    /// Largest number of steps of a solution.
     pub most_steps: usize,
 }
 
-/// States at the times that were asked for.
+/// States at the requested times.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Solution {
     /// Times, (rows), s.
     pub t: Vec<f64>,
     /// Configurations, (rows, nq).
     pub q: Vec<f64>,
-    /// Rates, (rows, nv).
+    /// Joint velocities, (rows, nv).
     pub qd: Vec<f64>,
-    /// Steps that were made.
+    /// Number of steps.
     pub steps: usize,
-    /// Right sides that were computed, those of Jacobians among them.
+    /// Number of evaluations of the right-hand side, including those for Jacobians.
     pub evaluations: usize,
-    /// Centers that the coordinates had.
+    /// Number of centers.
     pub centers: usize,
 }
 
-/// A solution that was given up.
+/// An integration that failed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("after {} steps, at t = {time} s: {error}", solution.steps)]
 pub struct Failure {
-    /// The rows before.
+    /// The rows computed before the failure.
     pub solution: Box<Solution>,
-    /// How far it came, s.
+    /// Time of the failure, s.
     pub time: f64,
-    /// What was wrong.
+    /// The error.
     pub error: Box<Error>,
 }
 
@@ -121,7 +123,7 @@ impl From<Failure> for Error {
 }
 
 impl<'a> Adaptive<'a> {
-    /// The explicit solver with tolerances of 1e-9 and the properties of the scene.
+    /// The explicit solver with tolerances of 1e-9 and the joint properties of the scene.
     #[must_use]
     pub fn new(scene: &'a Scene) -> Self {
         Self {
@@ -135,22 +137,23 @@ impl<'a> Adaptive<'a> {
         }
     }
 
-    /// Solves from (`q`, `qd`) at the first of `times`, which must rise; `torque` is asked at every stage. States at times between steps
-    /// come from the solver's own interpolation.
+    /// Integrates from (`q`, `qd`) at the first of `times`, which must increase; `torque` is evaluated at every stage.
+    /// The solver interpolates states at times between steps.
     ///
-    /// O(N) for a right side; the implicit solvers take 4 nv of them for a Jacobian, by central differences, and O(nv^3) to factor it.
+    /// One evaluation of the right-hand side is O(N). The implicit solvers need 4 nv evaluations per Jacobian (central
+    /// differences) and O(nv^3) for its factorization.
     ///
     /// # Errors
     ///
-    /// [`Failure`], with the rows before: tolerances or times that cannot be used, wrong lengths, numbers that are not finite, negative
-    /// properties, quaternions that are not unit; a joint without inertia; torques that are not finite; a solver that gives up, or needs
-    /// more steps than `most_steps`.
+    /// [`Failure`], with the rows computed so far, for invalid tolerances or times, wrong lengths, values that are not
+    /// finite, negative properties, quaternions that are not of unit norm, a joint without inertia, torques that are
+    /// not finite, a solver that fails, and more steps than `most_steps`.
     pub fn solve(&self, q: &[f64], qd: &[f64], times: &[f64], torque: TorqueLaw<'_>) -> Result<Solution, Failure> {
         let time = times.first().copied().unwrap_or(0.0);
         let refuse = |error| Failure { solution: Box::default(), time, error: Box::new(error) };
         self.check(q, qd, times).map_err(refuse)?;
         let field = RefCell::new(Field::new(self, torque));
-        let mut course = Course { adaptive: self, field: &field, times, solution: Solution::default() };
+        let mut course = Integration { adaptive: self, field: &field, times, solution: Solution::default() };
         course.row(time, q, qd);
         let outcome = course.run((time, q.to_vec(), qd.to_vec()));
         let mut solution = course.solution;
@@ -172,13 +175,13 @@ impl<'a> Adaptive<'a> {
                 Some(pair) => format!("{} after {}", pair[1], pair[0]),
                 None => format!("{times:?}"),
             };
-            return Err(Error::argument("times", found, "finite times, the start first, each later than the last"));
+            return Err(Error::argument("times", found, "finite increasing times, the first of which is the start"));
         }
         self.scene.check_no_connections("adaptive steps")?;
         self.scene.check_no_contacts("adaptive steps")?;
         self.properties.check(self.scene)?;
         if self.properties.friction_speed == 0.0 {
-            let expected = "a positive speed: the solvers need smooth friction";
+            let expected = "a positive speed, because the solvers need regularized friction";
             return Err(Error::argument("friction_speed", "0", expected));
         }
         if let Some(gains) = &self.gains {
@@ -189,7 +192,7 @@ impl<'a> Adaptive<'a> {
     }
 }
 
-/// The right side around a center.
+/// The right-hand side in the coordinates about a center.
 struct Field<'a> {
     scene: &'a Scene,
     settings: StepSettings,
@@ -197,14 +200,14 @@ struct Field<'a> {
     solver: Checked,
     torque: TorqueLaw<'a>,
     center: Vec<f64>,
-    /// What was wrong with the last right side that could not be computed, since it was last asked.
+    /// The error of the last evaluation that failed, until it is taken.
     error: Option<Error>,
     evaluations: usize,
 }
 
 impl<'a> Field<'a> {
     fn new(of: &Adaptive<'a>, torque: TorqueLaw<'a>) -> Self {
-        // Of the method only its being explicit is used: M is what it is.
+        // Of the method only its explicitness matters, so that the mass matrix has no additional noise.
         let laws = (of.properties.clone(), of.gains.clone());
         let settings = StepSettings::new(of.scene.model(), 1.0, Method::RungeKutta4, laws, Vec::new());
         let mut scratch = Scratch::new(of.scene.model(), &settings);
@@ -216,7 +219,7 @@ impl<'a> Field<'a> {
         Self { scene: of.scene, settings, scratch, solver, torque, center: Vec::new(), error: None, evaluations: 0 }
     }
 
-    /// The configuration at the coordinates `x`.
+    /// The configuration with the coordinates `x`.
     fn configuration(&self, x: &[f64], q: &mut [f64]) {
         let model = self.scene.model();
         advance(model, &self.center, x, q);
@@ -232,7 +235,7 @@ impl<'a> Field<'a> {
         }
     }
 
-    /// dy/dt of y = (x, v); NaN where it cannot be computed.
+    /// dy/dt of y = (x, v); NaN if the evaluation fails.
     fn rate(&mut self, t: f64, y: &[f64], out: &mut [f64]) {
         self.evaluations += 1;
         let (x, v) = y.split_at(y.len() / 2);
@@ -261,7 +264,7 @@ impl<'a> Field<'a> {
                 }
                 _ => continue,
             };
-            let carried = carried_back(&triple(x, turning), &triple(v, turning));
+            let carried = rotation_vector_rate(&triple(x, turning), &triple(v, turning));
             rates[turning..turning + 3].copy_from_slice(carried.as_slice());
         }
         if let Some(row) = pushed {
@@ -275,7 +278,7 @@ impl<'a> Field<'a> {
         out.fill(f64::NAN);
     }
 
-    /// The derivative of the rate along `direction`, by a central difference.
+    /// Directional derivative of dy/dt along `direction`, by a central difference.
     fn rate_along(&mut self, t: f64, y: &[f64], direction: &[f64], out: &mut [f64]) {
         let size = |x: &[f64]| x.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
         let long = size(direction);
@@ -293,8 +296,8 @@ impl<'a> Field<'a> {
         }
     }
 
-    /// The largest rotation from the center, rad.
-    fn turned(&self, x: &[f64]) -> f64 {
+    /// Largest rotation from the center, rad.
+    fn rotated(&self, x: &[f64]) -> f64 {
         let model = self.scene.model();
         let angles = model.bodies.iter().zip(&model.system.stages).filter_map(|(body, stage)| {
             let at = match body.motion {
@@ -308,11 +311,11 @@ impl<'a> Field<'a> {
     }
 }
 
-/// The rate of the rotation vector `w` of a body that turns with `u`, in its own frame.
-fn carried_back(w: &Vector3<f64>, u: &Vector3<f64>) -> Vector3<f64> {
+/// Time derivative of the rotation vector `w` of a body with the angular velocity `u` in body axes.
+fn rotation_vector_rate(w: &Vector3<f64>, u: &Vector3<f64>) -> Vector3<f64> {
     let t = w.norm();
     let square = t * t;
-    // The series leaves 1e-13 of c at 0.05, where 1 - (t/2) cot(t/2) has lost as much.
+    // At t = 0.05 the series has a relative error of 1e-13, as large as the cancellation in 1 - (t/2) cot(t/2).
     let c = if t < 0.05 {
         1.0 / 12.0 + square * (1.0 / 720.0 + square / 30240.0)
     } else {
@@ -322,31 +325,31 @@ fn carried_back(w: &Vector3<f64>, u: &Vector3<f64>) -> Vector3<f64> {
     u + once * 0.5 + w.cross(&once) * c
 }
 
-/// A solution under way.
-struct Course<'a, 'f> {
+/// The state of an integration.
+struct Integration<'a, 'f> {
     adaptive: &'a Adaptive<'a>,
     field: &'f RefCell<Field<'a>>,
     times: &'a [f64],
     solution: Solution,
 }
 
-/// Time, configuration and rates.
+/// Time, configuration and joint velocities.
 type State = (f64, Vec<f64>, Vec<f64>);
 
-impl Course<'_, '_> {
+impl Integration<'_, '_> {
     fn row(&mut self, t: f64, q: &[f64], v: &[f64]) {
         self.solution.t.push(t);
         self.solution.q.extend_from_slice(q);
         self.solution.qd.extend_from_slice(v);
     }
 
-    /// All segments, each around its own center.
+    /// Integrates all segments, each with its own center.
     fn run(&mut self, mut state: State) -> Result<(), (f64, Error)> {
         let width = 2 * self.adaptive.scene.nv();
         while self.solution.t.len() < self.times.len() {
             let (t, q, v) = state;
             if width == 0 {
-                // Nothing moves.
+                // A scene without degrees of freedom.
                 let next = self.times[self.solution.t.len()];
                 self.row(next, &q, &v);
                 state = (next, q, v);
@@ -368,7 +371,7 @@ impl Course<'_, '_> {
         Ok(())
     }
 
-    /// From `y` around the center that is set, until it is turned too far or the end.
+    /// Integrates from `y` with the current center until a joint has rotated too far, or to the last time.
     fn segment(&mut self, t: f64, y: &[f64]) -> Result<State, (f64, Error)> {
         let field = self.field;
         let failed = |error: DiffsolError| (t, self.cause(&error.to_string()));
@@ -384,7 +387,7 @@ impl Course<'_, '_> {
             )
             .init(|_p: &[f64], _t: f64, out: &mut [f64]| out.copy_from_slice(y), y.len());
         let mut problem = problem.build().map_err(failed)?;
-        // Failures are counted over a whole solution, and 50 in all would end it.
+        // diffsol counts failures over the whole solution and would stop after 50.
         problem.ode_options.max_nonlinear_solver_failures = usize::MAX;
         match self.adaptive.solver {
             Solver::Tsit45 => self.steps(problem.tsit45().map_err(failed)?),
@@ -394,7 +397,7 @@ impl Course<'_, '_> {
         }
     }
 
-    /// Steps of one solver, and the rows that fall due.
+    /// Runs one solver and stores the rows that are due.
     fn steps<'p, E, S>(&mut self, mut solver: S) -> Result<State, (f64, Error)>
     where
         E: OdeEquations<T = f64, V = NalgebraVec<f64>> + 'p,
@@ -442,19 +445,19 @@ impl Course<'_, '_> {
                 self.field.borrow().configuration(&row[..nv], &mut q);
                 self.row(due, &q, &row[nv..]);
             }
-            if reached || self.field.borrow().turned(&y[..nv]) > TURNED {
+            if reached || self.field.borrow().rotated(&y[..nv]) > TURNED {
                 self.field.borrow().configuration(&y[..nv], &mut q);
                 return Ok((t, q, y[nv..].to_vec()));
             }
         }
     }
 
-    /// Why there is no next step: what the right side could not do, else what the solver says.
+    /// The reason for a failed step: the error of the right-hand side if there is one, else that of the solver.
     fn cause(&self, solver: &str) -> Error {
         let known = self.field.borrow_mut().error.take();
         known.unwrap_or_else(|| {
             let found = format!("{solver} ({:?})", self.adaptive.solver);
-            Error::argument("solver", found, "motion that can be followed: another solver or other tolerances")
+            Error::argument("solver", found, "a motion that it can integrate: use another solver or other tolerances")
         })
     }
 }

@@ -1,16 +1,19 @@
-//! One step of one state in substeps: short enough for fast motion, and by the set-valued law where joints stick, slip, or meet a stop.
+//! One step of one state in substeps, which are short enough for fast motion and use the set-valued law when joints
+//! stick, slip, or reach a stop.
 //!
-//! A substep whose modes do not hold until its end is an *event*: one step of the implicit Euler method with the law of [`stops`](super::stops) at its end. Its error is of second
-//! order in the step where joints stick or slip, and such events are few, so the order of a method up to two remains; the instant of an impact is known to a step only, an error of
-//! first order. At a stop the joint ends the step on it, and with the velocity of the rebound, or at rest where the rebound would end within the step.
+//! A substep whose modes change before its end is an *event*: one step of the implicit Euler method with the law of
+//! [`stops`](super::stops) at its end. Its error is of second order if joints stick or slip, and such events are rare,
+//! so that methods keep an order of up to two. The time of an impact is resolved to one step only, which is an error of
+//! first order. At a stop the joint ends the step on the stop, with the rebound velocity, or at rest if the rebound
+//! would end within the step.
 
 use super::manifold::advance;
 use super::method::{Method, Scheme};
-use super::modes::{LOCKED, speeds_and_errors};
+use super::modes::{STUCK_NOISE, speeds_and_errors};
 use super::scratch::{Scratch, clear};
 use super::solver::Checked;
 use super::step::{set_friction, stage, step};
-use super::step_settings::{By, StepSettings};
+use super::step_settings::{StepArguments, StepSettings};
 use super::stops::{Graph, Hold, Piece, settle};
 use super::totals::{ERROR, EVENTS, FRICTION, LENGTH, MOST, STOPS, SUBSTEPS, TOTALS, UNSETTLED, WORKS};
 use super::works::add_work;
@@ -18,46 +21,46 @@ use crate::dynamics;
 use crate::interrupt;
 use crate::workspace::Workspace;
 
-/// A step is divided into at most so many substeps.
+/// Largest number of substeps of a step.
 const MOST_SUBSTEPS: u32 = 1 << 10;
 
-/// With error control, the first and the shortest substep, parts of the step.
+/// With error control, the first and the shortest substep, as fractions of the step.
 const FIRST: f64 = 1e-2;
 const SHORTEST: f64 = 1e-7;
-/// A joint outside of its stops returns in substeps of this length, s: each is an event.
+/// Length of substeps in which a joint returns from outside of its stops, s; each of them is an event.
 const RETURNING: f64 = 5e-4;
-/// With error control, a step is given up after so many substeps.
+/// With error control, the largest number of substeps of a step.
 const MOST_CONTROLLED: usize = 1_000_000;
 
-/// Joints rotate by no more than this in an event, rad, unless the substep is as short as this, in the shortest.
-const TURN_OF_EVENT: f64 = 5e-3;
+/// Largest rotation of a joint in an event, rad, unless the substep has at most this length, in units of the shortest.
+const EVENT_ANGLE: f64 = 5e-3;
 const SHORTEST_EVENT: u32 = 1;
 
-/// Substeps of one length before a longer one is tried.
-const CALM: u32 = 4;
+/// Number of substeps of one length before a longer one is tried.
+const ROUNDS_BEFORE_LONGER: u32 = 4;
 
-/// Parts of velocities, and of torques, that are rounding.
+/// Relative rounding errors of velocities and of torques.
 const ROUNDING: f64 = 1e-13;
 const ROUNDING_OF_TORQUES: f64 = 1e-11;
 
-/// A joint that met one of its stops.
+/// An impact of a joint on one of its stops.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StopImpact {
     /// Index of the state in the batch.
     pub state: usize,
-    /// The degree of freedom, an index in qd.
+    /// Index in qd of the degree of freedom.
     pub row: usize,
-    /// True if it was the upper stop.
+    /// True for the upper stop.
     pub upper: bool,
-    /// When, at the end of a substep, s.
+    /// Time of the end of the substep, s.
     pub time: f64,
-    /// How fast it moved, rad/s or m/s.
+    /// Speed before the impact, rad/s or m/s.
     pub speed: f64,
-    /// The impulse of the stop on it, N m s or N s.
+    /// Impulse of the stop on the joint, N m s or N s.
     pub impulse: f64,
 }
 
-/// Sees each substep that is accepted: its scheme, its start, and the solution of an event.
+/// Receives each accepted substep: its scheme, its initial state, and the solution of an event.
 type Visitor<'a> = dyn FnMut(&Scheme, &Scratch<f64>, Option<&Event<'_>>) + 'a;
 
 /// Scratch for substeps.
@@ -70,9 +73,9 @@ pub(super) struct Substeps {
     noise: Vec<f64>,
     graphs: Vec<Graph>,
     pieces: Vec<Piece>,
-    locks: Vec<Locks>,
+    solutions: Vec<EventSolution>,
     reached: Vec<(usize, f64)>,
-    /// Joints that met a stop, with the time since the step's start.
+    /// Impacts on stops, with the time since the start of the step.
     pub impacts: Vec<StopImpact>,
 }
 
@@ -88,13 +91,14 @@ impl Substeps {
             v,
             graphs: Vec::with_capacity(count),
             pieces: Vec::with_capacity(count),
-            locks: Vec::new(),
+            solutions: Vec::new(),
             reached: Vec::new(),
             impacts: Vec::new(),
         }
     }
 
-    /// From `q`, `v` to `q_next`, `v_next` in one step of the run; `visit` is called before each substep is accepted, with the state at its start still in `q` and `v`.
+    /// One step of the run from `q`, `v` to `q_next`, `v_next`. Calls `visit` before each substep is accepted, while
+    /// `q` and `v` are still its initial state.
     pub fn advance(
         &mut self,
         settings: &StepSettings,
@@ -115,7 +119,7 @@ impl Substeps {
         s.v.copy_from_slice(&self.v);
     }
 
-    /// All substeps, in place; stops where a pivot is lost or a result is not finite.
+    /// All substeps, in place. Ends at a singular pivot or a result that is not finite.
     fn through(
         &mut self,
         settings: &StepSettings,
@@ -123,7 +127,7 @@ impl Substeps {
         solver: &mut Checked,
         visit: &mut Visitor<'_>,
     ) {
-        // Lengths count in the shortest substep.
+        // Lengths are in units of the shortest substep.
         let shortest = settings.step / f64::from(MOST_SUBSTEPS);
         let mut size = MOST_SUBSTEPS;
         let (mut left, mut calm, mut made) = (MOST_SUBSTEPS, 0, 0_u32);
@@ -145,7 +149,7 @@ impl Substeps {
                 add_work(settings, s);
             } else if settings.divides
                 && size > SHORTEST_EVENT
-                && !(scheme.step * speeds_and_errors((settings, &scheme), s)[0].0 <= TURN_OF_EVENT)
+                && !(scheme.step * speeds_and_errors((settings, &scheme), s)[0].0 <= EVENT_ANGLE)
             {
                 (size, calm) = (size / 2, 0);
                 continue;
@@ -160,7 +164,7 @@ impl Substeps {
                     continue;
                 }
                 let scheme = Scheme::new(Method::ImplicitEuler, scheme.step);
-                visit(&scheme, s, Some(&Event { locks: &self.locks, reached: &self.reached }));
+                visit(&scheme, s, Some(&Event { solutions: &self.solutions, reached: &self.reached }));
                 s.totals[EVENTS] += 1.0;
             }
             std::mem::swap(&mut s.q, &mut s.q_next);
@@ -171,7 +175,7 @@ impl Substeps {
             left -= size;
             made += 1;
             calm += 1;
-            if calm >= CALM && left % (2 * size) == 0 {
+            if calm >= ROUNDS_BEFORE_LONGER && left % (2 * size) == 0 {
                 (size, calm) = (2 * size, 0);
             }
         }
@@ -179,9 +183,11 @@ impl Substeps {
         s.totals[MOST] = s.totals[MOST].max(f64::from(made));
     }
 
-    /// All substeps, in place, each so long that its estimated error meets the bound: by the embedded method, or as the difference between one step and two of half its length; a change of modes ends a substep, by bisection.
+    /// All substeps with error control, in place. The error estimate of each substep, from the embedded method or from
+    /// the difference between one step and two of half its length, is within the bound. A change of modes ends a
+    /// substep, by bisection.
     fn controlled(&mut self, settings: &StepSettings, accuracy: f64, s: &mut Scratch<f64>, solver: &mut Checked) {
-        // That of the error estimate.
+        // Order of the error estimate.
         let order = f64::from(settings.method.order()) - f64::from(u8::from(settings.scheme.embedded));
         let (mut left, mut made, mut tried) = (1.0, 0.0, 0_usize);
         let mut length = if s.totals[LENGTH] > 0.0 { s.totals[LENGTH] } else { FIRST };
@@ -236,7 +242,7 @@ impl Substeps {
                 made += 2.0;
                 left = if is_last { 0.0 } else { left - part };
                 let longer = 0.9 * (accuracy / error.max(1e-300)).powf(1.0 / (order + 1.0));
-                // One that ends where a row is due does not shorten the next.
+                // A substep that is cut short by the end of the step does not shorten the next one.
                 length = if is_last { length.max(part * longer.min(5.0)) } else { part * longer.clamp(0.3, 5.0) };
                 continue;
             }
@@ -247,7 +253,7 @@ impl Substeps {
                 !consistent && scheme.step <= RETURNING && settings.set_valued.iter().any(|of| of.is_outside(&s.q));
             if part <= SHORTEST || returns {
                 if consistent {
-                    // Nothing shorter helps: the step is taken, and the report has its error.
+                    // Shorter substeps do not help: the substep is accepted, and its error is reported.
                     std::mem::swap(&mut s.q, &mut whole_q);
                     std::mem::swap(&mut s.v, &mut whole_v);
                     s.totals[ERROR] += error;
@@ -279,7 +285,7 @@ impl Substeps {
         let scheme = Scheme::new(Method::ImplicitEuler, h);
         let by = (settings, &scheme);
         s.adopt(settings, &scheme);
-        if settings.rubs {
+        if settings.regularized {
             set_friction(by, s);
         }
         clear(&mut s.dry);
@@ -295,12 +301,12 @@ impl Substeps {
             self.pieces.push(graph.piece(s.v[of.row]));
         }
         let free = self.solve(settings, h, s, solver);
-        self.locks.clear();
-        self.note_locks(settings, h, s);
+        self.solutions.clear();
+        self.store_solution(settings, h, s);
         for (x, next) in s.x.iter_mut().zip(&s.v_next) {
             *x = h * next;
         }
-        // Positions are those of joints that reach their stops; velocities those of the rebound.
+        // Positions come from the solution in which joints reach their stops, velocities from that of the rebound.
         self.reached.clear();
         let mut hits = Vec::new();
         for (i, of) in settings.set_valued.iter().enumerate() {
@@ -318,7 +324,7 @@ impl Substeps {
             self.reached.push((i, bound));
             if toward * v > 0.0 || velocity != 0.0 {
                 let (back, slowing) = (settings.restitution * v * toward, free[of.row].abs());
-                // A rebound that ends within the step, or that is no higher than the error, is none.
+                // A rebound that ends within the step, or is not higher than the error, is ignored.
                 let height = settings.accuracy.unwrap_or(0.0).max(1e-14 * (1.0 + q.abs()));
                 let rests = !(back > 2.0 * h * slowing && back * back > 2.0 * slowing * height);
                 hits.push((i, k, if rests { 0.0 } else { settings.restitution }));
@@ -335,7 +341,7 @@ impl Substeps {
             let (piece, graph, torque) = (self.pieces[i], &self.graphs[i], self.torque[of.row]);
             let along = 0.5 * h * (s.v[of.row] + s.v_next[of.row]);
             let at_a_stop = graph.velocity(piece).is_some_and(|(_, hold)| hold != Hold::Friction);
-            // Friction opposes the motion; at rest it takes up what it can.
+            // Friction opposes the motion; at rest it compensates the other torques up to its bound.
             let rubbing = if at_a_stop && along != 0.0 {
                 -of.friction * along.signum()
             } else {
@@ -354,7 +360,8 @@ impl Substeps {
         add_work(settings, s);
     }
 
-    /// The velocities after impacts on stops, by J. J. Moreau's law: those of the rebounds, with restitution halved until the impacts give no kinetic energy.
+    /// Velocities after impacts on stops, by J. J. Moreau's law: rebound velocities, with restitution halved until the
+    /// impacts do not add kinetic energy.
     fn rebound(
         &mut self,
         settings: &StepSettings,
@@ -386,26 +393,27 @@ impl Substeps {
             }
         }
         s.model.system.noise.copy_from_slice(&self.noise);
-        self.note_locks(settings, h, s);
+        self.store_solution(settings, h, s);
     }
 
-    /// Stores what the rows are locked at in the solution at hand, or the torque of those that move.
-    fn note_locks(&mut self, settings: &StepSettings, h: f64, s: &Scratch<f64>) {
+    /// Stores the accelerations of the stuck rows in the current solution, and the torques of the moving ones.
+    fn store_solution(&mut self, settings: &StepSettings, h: f64, s: &Scratch<f64>) {
         let each = settings.set_valued.iter().zip(&self.graphs).zip(&self.pieces).map(|((of, graph), &piece)| {
             let Some((velocity, hold)) = graph.velocity(piece) else {
-                return Lock { locked: 0.0, torque: graph.torque(piece), target: 0.0, slopes: [0.0; 2] };
+                return RowSolution { stuck: 0.0, torque: graph.torque(piece), target: 0.0, slopes: [0.0; 2] };
             };
             let [by_q, by_v] = graph.slopes(hold);
             let target = (velocity - s.v[of.row]) / h;
-            Lock { locked: 1.0, torque: 0.0, target, slopes: [by_q / h, (by_v - 1.0) / h] }
+            RowSolution { stuck: 1.0, torque: 0.0, target, slopes: [by_q / h, (by_v - 1.0) / h] }
         });
-        self.locks.push(Locks { rows: each.collect(), accelerations: s.m[0].clone() });
+        self.solutions.push(EventSolution { rows: each.collect(), accelerations: s.m[0].clone() });
     }
 
-    /// Accelerations and velocities at the end under the set-valued law; the accelerations of the first pieces.
+    /// Accelerations and final velocities under the set-valued law; returns the accelerations of the initial pieces.
     ///
-    /// With a' = a - c, where c has the accelerations of the locked rows and zeros: (M + N + locks) a' = u + r - bias - (M + N) c, and the torque that holds a locked row is the lock's
-    /// noise times -a'.
+    /// Let c have the prescribed accelerations of the stuck rows and zeros elsewhere, and a' = a - c. Then (M + N +
+    /// noise of stuck rows) a' = u + r - bias - (M + N) c, and the torque that holds a stuck row is its noise times
+    /// -a'.
     fn solve(&mut self, settings: &StepSettings, h: f64, s: &mut Scratch<f64>, solver: &mut Checked) -> Vec<f64> {
         let Self { torque, given, noise, graphs, pieces, .. } = self;
         let (mut free, mut right) = (Vec::new(), vec![0.0; given.len()]);
@@ -427,7 +435,7 @@ impl Substeps {
             }
             for ((of, graph), &piece) in rows() {
                 if graph.velocity(piece).is_some() {
-                    s.model.system.noise[of.row] = LOCKED;
+                    s.model.system.noise[of.row] = STUCK_NOISE;
                 } else {
                     right[of.row] += graph.torque(piece);
                 }
@@ -435,8 +443,8 @@ impl Substeps {
             solver.factorise_and_solve(&s.model, &s.q, &right, &mut s.m[1]);
             s.model.system.noise.copy_from_slice(noise);
             for ((of, graph), &piece) in rows() {
-                // The torque that holds a locked row, and the size of the torques whose difference it is.
-                let held = graph.velocity(piece).map(|_| -(LOCKED * s.m[1][of.row]));
+                // The torque that holds a stuck row, and the size of the torques whose difference it is.
+                let held = graph.velocity(piece).map(|_| -(STUCK_NOISE * s.m[1][of.row]));
                 torque[of.row] = held.unwrap_or_else(|| graph.torque(piece));
                 right[of.row] = right[of.row].abs() + given[of.row].abs() + of.friction;
                 if held.is_some() {
@@ -468,7 +476,7 @@ impl Substeps {
                 found.extend(change.map(|piece| (i, piece)));
             }
         });
-        // Rounding moves no joint out of a stop, and turns none round.
+        // Prevents that rounding errors move a joint out of a stop or reverse its velocity.
         for ((of, graph), &piece) in settings.set_valued.iter().zip(&*graphs).zip(&*pieces) {
             s.v_next[of.row] = graph.within(piece, s.v_next[of.row]);
         }
@@ -477,13 +485,13 @@ impl Substeps {
     }
 }
 
-/// The length that the error estimate of a refused substep asks for: its half or less.
-fn shorter(by: By<'_>, s: &Scratch<f64>, size: u32) -> u32 {
+/// The next length to try after a rejected substep: at most half, by the error estimate.
+fn shorter(by: StepArguments<'_>, s: &Scratch<f64>, size: u32) -> u32 {
     let excess = speeds_and_errors(by, s)
         .iter()
         .fold(0.0_f64, |most, (speed, error)| most.max(if *error > 0.0 { error / (by.1.share * speed) } else { 0.0 }));
     let mut shorter = size / 2;
-    // The estimate falls with the square of the step at least.
+    // The estimate decreases at least with the square of the step.
     let mut reached = 4.0;
     while shorter > 1 && !(excess <= reached) && reached < 1e6 {
         shorter /= 2;
@@ -492,10 +500,10 @@ fn shorter(by: By<'_>, s: &Scratch<f64>, size: u32) -> u32 {
     shorter
 }
 
-/// The largest part of the kinetic energy, or of the largest work, that the error of an event may be.
+/// Largest accepted energy error of an event, relative to the kinetic energy or to the largest work.
 const ENERGY: f64 = 1e-2;
 
-/// True if the energy changes by the work in an event, up to the error that it may have; `totals` is that before it.
+/// True if the energy change in an event equals the work, within the accepted error; `totals` are those before it.
 fn conserves(
     settings: &StepSettings,
     s: &mut Scratch<f64>,
@@ -514,29 +522,30 @@ fn conserves(
 
 /// The solution of an event.
 pub(super) struct Event<'a> {
-    /// Of each row with friction or stops: for positions and velocities, or where joints rebound, for positions, then for velocities.
-    pub locks: &'a [Locks],
-    /// Rows that end at a stop, indices in the list of these, and where.
+    /// For the rows with friction or stops: one solution for positions and velocities, or, with rebounds, one for
+    /// positions and one for velocities.
+    pub solutions: &'a [EventSolution],
+    /// Rows that end at a stop, as indices in that list, and their final coordinates.
     pub reached: &'a [(usize, f64)],
 }
 
 /// One solution of the set-valued law.
 #[derive(Debug, Clone)]
-pub(super) struct Locks {
-    /// Of each row with friction or stops.
-    pub rows: Vec<Lock>,
+pub(super) struct EventSolution {
+    /// Per row with friction or stops.
+    pub rows: Vec<RowSolution>,
     /// The accelerations of all joints.
     pub accelerations: Vec<f64>,
 }
 
-/// The acceleration that one row is locked at in an event, or the torque of one that moves.
+/// The prescribed acceleration of a stuck row in an event, or the torque of a moving row.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Lock {
-    /// One where it is locked, else zero.
-    pub locked: f64,
-    /// The torque of friction where it moves.
+pub(super) struct RowSolution {
+    /// 1 if the row is stuck, else 0.
+    pub stuck: f64,
+    /// Friction torque of a moving row.
     pub torque: f64,
-    /// The acceleration where it is locked, and its derivatives by q and v of the row.
+    /// Acceleration of a stuck row, and its derivatives by q and v of the row.
     pub target: f64,
     pub slopes: [f64; 2],
 }

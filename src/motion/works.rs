@@ -1,11 +1,12 @@
-//! The works of an elementary step.
+//! Works during an elementary step.
 
 use super::scratch::Scratch;
 use super::step_settings::StepSettings;
 use super::totals::{CONTROL, DAMPING, FRICTION, TORQUE};
 use crate::scalar::Real;
 
-/// Adds the work of an elementary step from `q`, `v` to `q_next`, `v_next`, whose displacement is `x`; that of exact friction in the modes of the step.
+/// Adds the works of an elementary step from `q`, `v` to `q_next`, `v_next` with displacement `x`. Exact friction is
+/// that of the modes of the step.
 #[inline(always)]
 pub(super) fn add_work<T: Real>(settings: &StepSettings, s: &mut Scratch<T>) {
     for (row, of) in s.rows.iter().enumerate() {
@@ -16,7 +17,7 @@ pub(super) fn add_work<T: Real>(settings: &StepSettings, s: &mut Scratch<T>) {
         if settings.gains.is_some() {
             s.totals[CONTROL] = s.control[row].mul_add(mean, s.totals[CONTROL]);
         }
-        if settings.rubs {
+        if settings.regularized {
             s.totals[FRICTION] = s.totals[FRICTION].minus_product(s.chord[row] * x, mean);
         }
     }

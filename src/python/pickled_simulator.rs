@@ -95,7 +95,7 @@ pub(super) fn rebuild_simulator<'py>(
 ) -> PyResult<Bound<'py, PySimulator>> {
     let made = scene.call_method("simulator", (q, qd), Some(keywords))?.cast_into::<PySimulator>()?;
     let (_, numbers) = shaped("pickled simulator", numbers, 0)?;
-    if !made.get().moving()?.take_up(&numbers, &begun, steps) {
+    if !made.get().moving()?.resume(&numbers, &begun, steps) {
         return Err(Error::argument("pickled simulator", "numbers of other states", "those that pickle wrote").into());
     }
     Ok(made)

@@ -1,4 +1,5 @@
-//! Steps backward beside steps on dual numbers of twice the digits, along every direction: state, torques, what joints do by themselves, inertias.
+//! Compares adjoint steps with steps on dual numbers in double-double arithmetic, along every direction: state,
+//! torques, joint properties, inertias.
 
 use super::*;
 use crate::batch::arms::Baseline;
@@ -22,22 +23,22 @@ fn number(value: f64) -> Number {
     Number::from_f64(value)
 }
 
-/// One in one of six places.
+/// The unit vector i of six.
 fn unit(i: usize) -> [f64; 6] {
     std::array::from_fn(|j| f64::from(u8::from(i == j)))
 }
 
-/// Numbers up to this size, of either sign.
+/// Uniform values between -size and size.
 fn many(draw: &mut Draw, count: usize, size: f64) -> Vec<f64> {
     (0..count).map(|_| draw.uniform(-size, size)).collect()
 }
 
-/// Numbers of about this size.
+/// Positive values of about the given size.
 fn positive(draw: &mut Draw, count: usize, size: f64) -> Vec<f64> {
     (0..count).map(|_| draw.uniform(0.1 * size, 1.1 * size)).collect()
 }
 
-/// A floating branched robot with every kind of joint.
+/// A floating, branched robot with every kind of joint.
 fn scene() -> Scene {
     let mut random = Draw::new(7);
     let inertial = |random: &mut Draw| Inertial {
@@ -69,7 +70,7 @@ fn scene() -> Scene {
     builder.build().expect("a scene")
 }
 
-/// A step's law where everything acts, its state, and the gradients at its end.
+/// Step settings with all torques active, an initial state, and the gradients at the end of the step.
 struct Case {
     scene: Scene,
     settings: StepSettings,
@@ -127,23 +128,23 @@ impl Case {
         s
     }
 
-    /// Back by the kernels, and with every check.
+    /// Gradients from the kernels, and from the checked solver.
     fn backward(&self) -> [StepGradients<f64>; 2] {
         let mut s = self.scratch::<f64>();
         let mut both = [StepGradients::new(&s.model, true), StepGradients::new(&s.model, true)];
         for to in &mut both {
             to.end.clone_from(&self.end);
         }
-        let mut solver = InLanes::new(Baseline, Form::Auto, (&s.model, &s.constants));
-        let doubt = backward((&self.settings, &self.settings.scheme), &mut s, &mut both[0], &mut solver, None);
-        assert_eq!(doubt, 0, "{:?}: {:?}, {:?}", self.settings.method, s.consistent, s.short_enough);
+        let mut solver = VectorizedBackward::new(Baseline, Form::Auto, (&s.model, &s.constants));
+        let fallback = backward((&self.settings, &self.settings.scheme), &mut s, &mut both[0], &mut solver, None);
+        assert_eq!(fallback, 0, "{:?}: {:?}, {:?}", self.settings.method, s.consistent, s.short_enough);
         let mut checked = CheckedBackward::new(&s.model, Form::Auto, None);
         backward((&self.settings, &self.settings.scheme), &mut s, &mut both[1], &mut checked, None);
         assert!(checked.lost.is_none());
         both
     }
 
-    /// The derivative of the scalar along the tangents that `set` gives a step's numbers.
+    /// Derivative of the scalar along the tangents that `set` assigns to the values of a step.
     fn along(&self, set: impl FnOnce(&mut Scratch<Number>)) -> f64 {
         let mut s = self.scratch::<Number>();
         set(&mut s);
@@ -155,7 +156,7 @@ impl Case {
             let q = &s.q_next[body.q..];
             let here: Vec<Number> = q.iter().map(|x| plain(x.value)).collect();
             for i in 0..s.model.system.stages[k].rows.count() {
-                // The rate that the coordinates' tangents are those of: their columns are orthogonal.
+                // The joint velocity that corresponds to the tangents of the coordinates; the columns are orthogonal.
                 let rates = unit(i).map(number);
                 let mut column = vec![number(0.0); body.motion.nq()];
                 body.motion.coordinate_rates(&here, &rates, &mut column);
@@ -173,7 +174,7 @@ impl Case {
     }
 }
 
-/// Forward dynamics by the general recursion, in any scalar.
+/// Forward dynamics by the general recursion, in any scalar type.
 struct General(Workspace<Number>);
 
 impl Solver<Number> for General {
@@ -191,7 +192,7 @@ impl Solver<Number> for General {
 }
 
 fn near(found: f64, expected: f64, what: &str) {
-    // Sums of a few hundred terms of up to a hundred.
+    // The values are sums of a few hundred terms of magnitude up to a hundred.
     assert!((found - expected).abs() <= 1e-11 * (1.0 + expected.abs()), "{what}: {found} and {expected}");
 }
 

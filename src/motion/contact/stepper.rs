@@ -1,4 +1,4 @@
-//! Steps of states, one after another, and what is recorded of their contacts.
+//! Steps of states with contacts, one after another, and records of their contacts.
 
 use super::super::job::Job;
 use super::super::properties::of_state;
@@ -6,27 +6,27 @@ use super::super::scratch::Scratch;
 use super::super::step_settings::StepSettings;
 use super::super::torque::{StepFault, Torque};
 use super::super::totals::TOTALS;
-use super::kept::RECORD;
-use super::step::Touching;
+use super::report::RECORD;
+use super::step::ContactStep;
 use crate::dynamics::contacts::{ContactScratch, slip};
 use crate::filter::Form;
 use crate::model::Model;
 use crate::scene::Scene;
 use crate::scene::contact_point::ContactPoint;
 
-/// Scratch of one state of a scene with contacts.
-pub(in crate::motion) struct Toucher {
+/// Scratch memory for one state of a scene with contacts.
+pub(in crate::motion) struct ContactStepper {
     scratch: Scratch<f64>,
-    touching: Touching,
+    touching: ContactStep,
 }
 
-impl Toucher {
+impl ContactStepper {
     #[cold]
     pub fn new(scene: &Scene, settings: &StepSettings, form: Form) -> Self {
-        Self { scratch: Scratch::new(scene.model(), settings), touching: Touching::new(scene, settings, form) }
+        Self { scratch: Scratch::new(scene.model(), settings), touching: ContactStep::new(scene, settings, form) }
     }
 
-    /// Runs a job; the fault is that of its earliest step, then of its lowest state.
+    /// Runs a job; returns the fault of the earliest step, and of the lowest state in it.
     pub fn run(&mut self, mut job: Job<'_, '_>) -> Result<(), StepFault> {
         let width = job.settings.width(job.scene);
         let mut outcome: Result<(), StepFault> = Ok(());
@@ -102,8 +102,8 @@ impl Toucher {
     }
 }
 
-/// One row of contacts: gap and slip velocity of the state, force of the step that led to it, impulse of the impacts that are kept, and what the contact
-/// did in that step.
+/// Writes one row of contacts: gap and slip velocity of the state, force during the step that ends there, stored
+/// impulse of impacts, and contact state during that step.
 pub(in crate::motion) fn record(
     model: &Model<f64>,
     points: &[ContactPoint],
