@@ -18,6 +18,7 @@
 //! assert_eq!(qdd[..7], qdd[693..]);
 //! # Ok(())
 //! # }
+//!
 //! ```
 
 pub(crate) mod accelerations;

@@ -46,7 +46,7 @@ fn a_pendulum_is_back_after_its_period() {
         let errors = [1e-5, 1e-8].map(|tol| {
             let law = Adaptive { solver, rtol: tol, atol: tol, ..Adaptive::new(&scene) };
             let path = law.solve(&[2.0], &[0.0], &[0.0, time / 2.0, time], &no_torque).unwrap();
-            assert_eq!((path.t.len(), path.centres), (3, 1));
+            assert_eq!((path.t.len(), path.centers), (3, 1));
             let half = (path.q[1] + 2.0).abs().max(path.qd[1].abs());
             (half.max((path.q[2] - 2.0).abs()).max(path.qd[2].abs()), path.steps, path.evaluations)
         });
@@ -149,9 +149,9 @@ fn a_tumbling_tree_goes_as_by_small_fixed_steps_however_often_it_is_centred_anew
                 }
             }
         }
-        println!("{solver:?}: {worst:.1e}, {} steps, {} rates, {} centres", path.steps, path.evaluations, path.centres);
+        println!("{solver:?}: {worst:.1e}, {} steps, {} rates, {} centers", path.steps, path.evaluations, path.centers);
         assert!(worst <= tolerance::adaptive(path.steps, tol), "{solver:?}: {worst:e}");
-        assert!(path.centres > 2, "{solver:?}: {} centres", path.centres);
+        assert!(path.centers > 2, "{solver:?}: {} centers", path.centers);
     }
 }
 

@@ -3,6 +3,7 @@
 //!
 //! With a bar for the gradient of the scalar by a variable of `step`, the lines of the step are differentiated in
 //! reverse order:
+//!
 //! ```text
 //! q' = q exp(x), v' = v + h sum b_i m_i         l_i_bar += h b_i x_bar, m_i_bar += h b_i v'_bar
 //! l_i = c_i + h gamma_ii m_i                    m_i_bar += h gamma_ii l_i_bar

@@ -2,6 +2,7 @@
 //!
 //! All methods are instances of one scheme. With y = (q, v), its time derivative f, and an approximation A of df/dy,
 //! the stages of a step h are
+//!
 //! ```text
 //! k_i = f(Y_i) + h A_i sum_{j <= i} gamma_ij k_j,   Y_i = y + h sum_{j < i} alpha_ij k_j
 //! y(t + h) = y + h sum_i b_i k_i

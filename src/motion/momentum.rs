@@ -2,6 +2,7 @@
 //!
 //! A tree that a free joint connects to the base conserves nine quantities if gravity is the only external force. With
 //! the center of mass c in base axes, its velocity v and the angular momentum L about it,
+//!
 //! ```text
 //! L(t) = L(0),     v(t) = v(0) + g t,     c(t) = c(0) + v(0) t + g t^2/2
 //! ```

@@ -121,7 +121,7 @@ mod tests {
         let mut joint = JointDescription::new("joint", kind, "base", "link");
         (joint.origin.rotation, joint.axis) = (rotation, axis);
         let central = Symmetric3::new([1.0, 0.0, 0.0, 1.0, 0.0, 1.0]);
-        let inertial = Some(Inertial { mass: 1.0, centre: [0.1, 0.2, 0.3].into(), central });
+        let inertial = Some(Inertial { mass: 1.0, center: [0.1, 0.2, 0.3].into(), central });
         let scene = SceneBuilder::new()
             .simplifications(simplifications)
             .link(LinkDescription { name: "base".into(), inertial: None })
