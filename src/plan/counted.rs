@@ -8,7 +8,7 @@ use crate::model::{Body, Motion, Simplifications};
 use crate::report::operations::{Task, count_in_sweeps, count_recursion, of_factor};
 use crate::scalar::Operations;
 use crate::scene::Scene;
-use crate::spatial::transform::{turns_about_a_tilted_axis, turns_about_an_axis};
+use crate::spatial::transform::{rotates_about_a_parent_axis, rotates_about_an_oblique_axis};
 use nalgebra::Matrix3;
 
 /// Dense results are counted up to this number of degrees of freedom, because they are O(N^2).
@@ -37,7 +37,7 @@ fn forward(scene: &Scene) -> usize {
 impl Scene {
     /// Joints whose axis is along an axis of the parent frame, so that the rotation permutes axes.
     pub(super) fn permuted_item(&self) -> Simplification {
-        let count = self.bodies_on(turns_about_an_axis).count();
+        let count = self.bodies_on(rotates_about_a_parent_axis).count();
         // Oblique axes require permuted axes; their savings are excluded, because they have an item of their own.
         let saved = self.saved_beside(
             count,
@@ -62,7 +62,7 @@ impl Scene {
     /// Joints with axes in any other direction.
     pub(super) fn oblique_item(&self) -> Simplification {
         let permuted = self.model().simplifications.permuted_axes;
-        let count = if permuted { self.bodies_on(turns_about_a_tilted_axis).count() } else { 0 };
+        let count = if permuted { self.bodies_on(rotates_about_an_oblique_axis).count() } else { 0 };
         let saved = self.saved_in_sweeps(count, |simplifications| simplifications.oblique_axes = false);
         self.switched(
             "oblique_axes",
