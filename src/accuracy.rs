@@ -8,7 +8,7 @@ use crate::scalar::Real;
 pub struct Accuracy {
     /// The form; for `auto`, the form that it selected.
     pub form: Form,
-    /// Whether the square-root form ran in double-double arithmetic, with its result rounded to f64.
+    /// True if the square-root form ran in double-double arithmetic, with its result rounded to f64.
     pub doubled: bool,
     /// Estimated absolute error of the largest acceleration, rad/s^2 or m/s^2. NaN if there is no estimate: in Joseph's
     /// form and for a singular pivot.

@@ -12,13 +12,12 @@
 //! let (q, qd, tau) = ([0.3; 7], [0.1; 7], [1.0; 7]);
 //! let states = [Arguments { q: &q, qd: &qd, u: &tau, ..Arguments::default() }; 100];
 //! let mut qdd = [f64::NAN; 700];
-//! let mut evaluator = scene.evaluator(); // scratch: one for each thread
-// scratch memory: one evaluator per thread
+//! let mut evaluator = scene.evaluator(); // scratch memory: one evaluator per thread
+//! let done = scene.evaluate(&mut evaluator, Algorithm::ForwardDynamics(Form::Auto), &states, &mut qdd);
 //! done.map_err(|fault| fault.error)?; // `fault.state` is the index of the failed state
 //! assert_eq!(qdd[..7], qdd[693..]);
 //! # Ok(())
 //! # }
-//!
 //! ```
 
 pub(crate) mod accelerations;

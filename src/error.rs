@@ -57,7 +57,8 @@ pub enum Error {
     /// terms.
     #[error(
         "joint {joint:?} (of link {link:?}){}: the inertia along its axis is {}; add inertia about the axis \
-         (scene.with_payload), or give the joint armature, for instance scene.with_properties(armature={{{joint:?}: 1e-3}})",
+         (scene.with_payload), or give the joint armature, for instance \
+         scene.with_properties(armature={{{joint:?}: 1e-3}})",
         in_state(*state),
         lost(*pivot, *terms)
     )]
@@ -308,7 +309,7 @@ fn shortened(text: &str) -> Cow<'_, str> {
     Cow::Owned(found)
 }
 
-/// Whether a byte can be part of a word or a number.
+/// True if a byte can be part of a word or a number.
 fn is_in_word(byte: u8) -> bool {
     byte.is_ascii_alphanumeric() || byte == b'.' || byte == b'_' || byte >= 0x80
 }

@@ -128,7 +128,7 @@ impl StopSignal {
         Self(CURRENT.with_borrow(|current| current.as_ref().map(|current| Arc::clone(&current.stopped))))
     }
 
-    /// Whether this thread runs inside [`during`].
+    /// True if this thread runs inside [`during`].
     pub(crate) fn exists(&self) -> bool {
         self.0.is_some()
     }

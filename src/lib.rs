@@ -92,7 +92,7 @@
 //! scene.forward_dynamics_derivatives(&mut workspace, &q, &qd, &tau, &[], &mut out)?;
 //! let (by_q, by_tau) = (&out[..9], &out[18..]); // dqdd/dq and M^-1
 //!
-//! Directional derivative along (dq, dqd, dtau), without forming a matrix.
+//! // Directional derivative along (dq, dqd, dtau), without forming a matrix.
 //! let mut along = [f64::NAN; 3];
 //! let direction: [&[f64]; 3] = [&[1.0, 0.0, 0.0], &[0.0; 3], &[0.0, 1.0, 0.0]];
 //! scene.forward_dynamics_jvp(&mut workspace, &q, &qd, &tau, &[], direction, &mut along)?;

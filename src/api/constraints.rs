@@ -112,8 +112,9 @@ impl Scene {
     /// let (mut workspace, mut scratch) = (scene.workspace(), scene.constraint_scratch());
     /// let (mut qdd, mut forces) = ([f64::NAN; 3], [f64::NAN; 3]);
     /// let (q, zero) = (scene.neutral(), [0.0; 3]);
-    /// let solved = scene.constrained_dynamics(&mut workspace, &mut scratch, &q, &zero, &zero, &[], (&mut qdd, &mut
-    /// forces))?; assert!(solved.rank > 0 && solved.residual < 1e-9);
+    /// let results = (&mut qdd[..], &mut forces[..]);
+    /// let solved = scene.constrained_dynamics(&mut workspace, &mut scratch, &q, &zero, &zero, &[], results)?;
+    /// assert!(solved.rank > 0 && solved.residual < 1e-9);
     /// # Ok(())
     /// # }
     /// ```

@@ -28,7 +28,7 @@ const HALVINGS: usize = 12;
 pub(super) struct Interior<'a> {
     problem: Scaled<'a>,
     now: Point,
-    /// Whether e stays constant while velocities and impulses disagree: slower, but it converges in some other cases.
+    /// True if e stays constant while velocities and impulses disagree: slower, but it converges in some other cases.
     careful: bool,
 }
 

@@ -70,7 +70,7 @@ impl<'a> Path<'a> {
         Self { problem, lift, start, x, tangent, length: 0.1 }
     }
 
-    /// Whether the continuation has ended, so that the interior-point method can take over.
+    /// True if the continuation has ended, so that the interior-point method can take over.
     pub fn ends(&self) -> bool {
         self.x[5 * self.problem.len()] < NEAR || self.length < NOWHERE
     }
@@ -104,7 +104,7 @@ impl<'a> Path<'a> {
         })
     }
 
-    /// Whether all positive variables are positive.
+    /// True if all positive variables are positive.
     fn is_inside(&self, x: &DVector<f64>, z: &DVector<f64>) -> bool {
         let n = self.problem.len();
         let above = (0..n).all(|i| self.problem.above(i, z) > 0.0);

@@ -7,7 +7,7 @@ pub(crate) struct SolveReport {
     pub residual: f64,
     /// The residual caused by rounding errors of G p + c alone.
     pub floor: f64,
-    /// Whether the residual is below the tolerance or the floor.
+    /// True if the residual is below the tolerance or the floor.
     pub converged: bool,
     /// Number of factorizations: one per step of Newton's method, of the interior-point method and of the continuation.
     pub iterations: usize,

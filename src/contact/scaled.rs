@@ -39,7 +39,7 @@ impl<'a> Scaled<'a> {
         self.cone.len()
     }
 
-    /// Whether a contact has friction.
+    /// True if a contact has friction.
     pub fn grips(&self, i: usize) -> bool {
         self.cone.friction[i] > 0.0
     }

@@ -48,7 +48,7 @@ pub struct DescentResult {
     pub position_error: f64,
     pub rotation_error: f64,
     pub iterations: usize,
-    /// Whether the descent was abandoned, so that F could decrease further.
+    /// True if the descent was abandoned, so that F could decrease further.
     pub is_abandoned: bool,
     /// The row of the connections with the largest error, and that error, m or rad; `None` if they are closed.
     pub open: Option<(usize, f64)>,
@@ -342,8 +342,8 @@ impl Descent {
         tasks.scene.check_result("qd", qd)
     }
 
-    /// Whether the step from `from`, whose rows are computed, increases the cost or passes its minimum along the step.
-    /// Returns the curvature along the step as damping, or `None` if the step is accepted.
+    /// Tests whether the step from `from`, whose rows are computed, increases the cost or passes its minimum along the
+    /// step. Returns the curvature along the step as damping, or `None` if the step is accepted.
     ///
     /// For unreachable targets the errors remain, and the cost has more curvature than the model. Without this test,
     /// joints would oscillate about the minimum.

@@ -50,7 +50,7 @@ pub struct Options {
     pub iterations: usize,
     /// A task is reached if its error is at most this, m and rad.
     pub tolerance: f64,
-    /// Whether joints stay within their limits; a start beyond them is moved to the limits.
+    /// True if joints stay within their limits; a start beyond them is moved to the limits.
     pub limits: bool,
     /// Standard deviation of the posture, rad and m; `None` for no posture.
     pub posture: Option<f64>,
@@ -81,7 +81,7 @@ pub struct RateOptions<'a> {
     /// Damping relative to the largest entry of the second derivative of the tasks; it keeps joint velocities small
     /// near singularities.
     pub damping: f64,
-    /// Whether joints stay within their position and velocity limits.
+    /// True if joints stay within their position and velocity limits.
     pub limits: bool,
     /// Velocity limits (nv), rad/s and m/s, which replace those of the joints, also for a floating base, which has
     /// none.
@@ -118,7 +118,7 @@ impl Default for Options {
 /// Result of inverse kinematics.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Outcome {
-    /// Whether the error of every task is within the tolerance.
+    /// True if the error of every task is within the tolerance.
     pub reached: bool,
     /// Largest position error of a task, m.
     pub position_error: f64,
@@ -278,7 +278,8 @@ impl Solver<'_> {
         }
         let Some(mut best) = found else { return Err(Error::argument("starts", "0", "at least one")) };
         if let Some((row, left)) = best.open {
-            let expected = "connections that close within the limits of the joints from q0 or from a random start (limits=False ignores limits)";
+            let expected =
+                "connections that close within the joint limits from q0 or a random start; limits=False ignores limits";
             return Err(scene.open_at("q", row, left, "m or rad", expected));
         }
         if best.is_abandoned && !best.reached(tolerance) {

@@ -248,7 +248,7 @@ impl Tasks<'_> {
         self.posture.is_none() && self.scene.coupling().is_none() && self.scene.constraints().is_empty()
     }
 
-    /// Whether there are no tasks.
+    /// True if there are no tasks.
     pub fn is_without_rows(&self) -> bool {
         self.each.is_empty()
     }

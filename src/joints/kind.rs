@@ -81,7 +81,7 @@ impl JointKind {
         neutral
     }
 
-    /// Whether the axis of the joint has a meaning.
+    /// True if the axis of the joint has a meaning.
     #[must_use]
     pub(crate) fn has_axis(self) -> bool {
         !matches!(self, Self::Fixed | Self::Universal | Self::Spherical | Self::Floating)

@@ -80,7 +80,7 @@ impl Simplifications {
         simplifications
     }
 
-    /// Whether every body moves. Operators and estimation require it, because their states belong to measurement rows.
+    /// True if every body moves. Operators and estimation require it, because their states belong to measurement rows.
     #[must_use]
     pub(crate) fn every_body_moves(self) -> bool {
         self.fixed_joints && self.base_links

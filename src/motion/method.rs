@@ -129,7 +129,7 @@ impl Method {
         }
     }
 
-    /// Whether springs and damping are implicit.
+    /// True if springs and damping are implicit.
     #[must_use]
     pub fn is_implicit(self) -> bool {
         matches!(self, Self::Auto | Self::ImplicitEuler | Self::Rosenbrock2 | Self::Rosenbrock3 | Self::Contact)

@@ -3,7 +3,7 @@
 //! The equations of motion, with s the [displacement](crate::joints::Motion::displacement) of a spring from rest:
 //!
 //! ```text
-//! M(q) dv/dt + bias(q, v) = u - d v - k s(q) + r    (per joint: damping, spring, and the torque r of friction and stops)
+//! M(q) dv/dt + bias(q, v) = u - d v - k s(q) + r   (per joint: damping, spring, and torque r of friction and stops)
 //! dq/dt = v on the manifold: q(t + h) = q(t) exp(h v) for a constant v
 //! ```
 //!

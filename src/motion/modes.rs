@@ -2,7 +2,7 @@
 //!
 //! The state at the start of a step determines the modes. During the step a stuck joint has measurement noise without
 //! bound, so that its acceleration is zero, and a sliding joint has constant friction. Two values per lane report
-//! whether the modes hold until the end of the step, and whether the step is short enough for the method.
+//! if the modes hold until the end of the step, and if the step is short enough for the method.
 
 use super::scratch::Scratch;
 use super::step_settings::{RateKind, StepArguments};

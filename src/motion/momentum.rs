@@ -152,7 +152,7 @@ impl<T: Real> MomentumProjection<T> {
         }
     }
 
-    /// Whether the momentum of any tree is conserved.
+    /// True if the momentum of any tree is conserved.
     #[inline(always)]
     pub fn is_active(&self) -> bool {
         !self.roots.is_empty()

@@ -22,7 +22,6 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// # Panics
     ///
     /// If an index is not below [`Rollout::states`].
-    /// If there is no such state: see [`Rollout::states`].
     pub fn limit_warning(&self, states: impl IntoIterator<Item = usize>) -> Option<String> {
         if !self.has_stops() {
             return None;

@@ -132,7 +132,7 @@ impl Scene {
         }
     }
 
-    /// Whether the scene has a mass matrix that can be factored.
+    /// True if the scene has a mass matrix that can be factored.
     fn has_factor(&self) -> bool {
         self.nv() > 0 && self.model().simplifications.every_body_moves()
     }

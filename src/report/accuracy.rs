@@ -89,7 +89,7 @@ impl Method {
         }
     }
 
-    /// Whether the method forms an nv x nv matrix.
+    /// True if the method forms an nv x nv matrix.
     pub(super) const fn is_dense(self) -> bool {
         !matches!(self, Self::Filter(_))
     }

@@ -105,7 +105,7 @@ fn through_connections(
     kept && regular.lane(0) > 0.0 && far.lane(0) >= 0.0
 }
 
-/// Whether the general recursion of an algorithm is counted, although sweeps exist for it.
+/// True if the general recursion of an algorithm is counted, although sweeps exist for it.
 fn is_by_recursion(algorithm: Algorithm) -> bool {
     matches!(algorithm, Algorithm::Derivatives(_) | Algorithm::Products(_))
 }

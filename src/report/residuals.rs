@@ -29,7 +29,7 @@ pub struct Residual {
     pub name: &'static str,
     /// Largest difference relative to the largest entry.
     pub value: f64,
-    /// Whether rounding errors of the comparison grow with the condition number of M.
+    /// True if rounding errors of the comparison grow with the condition number of M.
     pub through_inverse: bool,
 }
 

@@ -73,7 +73,7 @@ pub(super) fn quotient(a: Traced, b: Traced) -> Traced {
     }
 }
 
-/// Whether a product with `x` needs no multiplication.
+/// True if a product with `x` needs no multiplication.
 fn is_trivial(x: Traced) -> bool {
     x.is(0.0) || x.is(1.0) || x.is(-1.0)
 }

@@ -3,11 +3,12 @@
 //! The trait [`Real`] has the arithmetic that nalgebra's matrices need, and the few functions that the sweeps call.
 //! Every `nalgebra::RealField + Copy` type implements it (f64, f32, dual numbers), and so does [`DoubleDouble`], the
 //! reference with about 31 digits.
+//!
 //! ```
 //! use phipsi::scalar::{DoubleDouble, Dual, Real};
 //!
-//! // What cancels in f64 is there in double-double.
 //! // A difference that cancels in f64 is resolved in double-double.
+//! let small = DoubleDouble::from_f64(1.0) + DoubleDouble::from_f64(1e-20) - DoubleDouble::from_f64(1.0);
 //! assert_eq!(small.lane(0), 1e-20);
 //! // Functions of dual numbers compute derivatives: d(sin x)/dx = cos x.
 //! let (sine, _) = Dual { value: 0.3, tangent: 1.0 }.sin_cos();

@@ -17,7 +17,7 @@ pub trait Precision: Circle + Pod + Default + PartialEq + Debug + Send + Sync {
     /// Name of the type: "float64", "float32".
     const NAME: &'static str;
 
-    /// Whether the square-root form is compiled for it.
+    /// True if the square-root form is compiled for it.
     const RARE_KERNELS: bool;
 
     /// The spacing of values at 1.
@@ -80,7 +80,7 @@ pub trait Precision: Circle + Pod + Default + PartialEq + Debug + Send + Sync {
     /// 1 where a is 0, else 0.
     fn one_if_zero<S: Simd>(simd: S, a: Self::Register<S>) -> Self::Register<S>;
 
-    /// Whether no lane exceeds `bound` in magnitude or is NaN.
+    /// True if no lane exceeds `bound` in magnitude or is NaN.
     fn all_within<S: Simd>(simd: S, a: Self::Register<S>, bound: f64) -> bool;
 
     /// Sine and cosine of the whole angle from those of the reduced angle. `shifted` is the number of quarter turns

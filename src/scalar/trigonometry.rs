@@ -17,7 +17,7 @@ pub trait Circle: Copy + 'static {
     /// 1.5 times 2^(mantissa bits): adding and subtracting it rounds to an integer.
     const ROUNDER: f64;
 
-    /// Whether products of the number of quarter turns with the second part of pi/2 are exact, up to
+    /// True if products of the number of quarter turns with the second part of pi/2 are exact, up to
     /// [`Circle::LARGEST`].
     const PRODUCT_IS_EXACT: bool;
 

@@ -68,7 +68,7 @@ pub struct SceneBuilder {
     pub(super) root: Properties,
     /// The joints that [`Scene::lock`] fixed, with their previous kinds.
     pub(super) locked: Vec<(String, JointKind)>,
-    /// Whether links and joints come from a file. A scene without mass is reported only then.
+    /// True if links and joints come from a file. A scene without mass is reported only then.
     pub(super) from_file: bool,
     /// The file that contains the links and joints.
     pub(super) file: Option<PathBuf>,
@@ -204,7 +204,7 @@ impl SceneBuilder {
         &self.joints
     }
 
-    /// Whether the base is floating.
+    /// True if the base is floating.
     #[must_use]
     pub fn is_floating(&self) -> bool {
         self.floating_base
@@ -308,7 +308,7 @@ impl SceneBuilder {
         self.tolerance
     }
 
-    /// Whether warnings are errors.
+    /// True if warnings are errors.
     #[must_use]
     pub fn is_strict(&self) -> bool {
         self.strict

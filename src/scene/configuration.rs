@@ -34,7 +34,6 @@ impl Scene {
     /// # Errors
     ///
     /// [`Error::Shape`], [`Error::NotFinite`], and an error for a result that overflows.
-    /// Wrong lengths, numbers that are not finite, and a result that overflows.
     pub fn difference(&self, q0: &[f64], q1: &[f64], out: &mut [f64]) -> Result<(), Error> {
         self.check_coordinates("q0", q0)?;
         self.check_coordinates("q1", q1)?;

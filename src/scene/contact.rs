@@ -162,7 +162,7 @@ impl Scene {
         Ok(point)
     }
 
-    /// Whether joint velocities can move the point of a contact, in some configuration.
+    /// True if joint velocities can move the point of a contact, in some configuration.
     fn can_move(&self, point: &ContactPoint) -> bool {
         let (model, nv) = (self.model(), self.nv());
         #[allow(clippy::cast_precision_loss)] // an index of a few thousand at most

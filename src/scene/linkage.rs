@@ -63,8 +63,8 @@ impl Scene {
                 let is_near = angle > self.tolerance() && angle <= NEARLY && !axis.translates && !inner.translates;
                 is_near.then(|| {
                     format!(
-                        "connection {:?}: the axes of {} and {} differ by {angle:.1e} rad, more than the tolerance {:.1e}, \
-                         and count as not parallel, so that a planar linkage is rigid; \
+                        "connection {:?}: the axes of {} and {} differ by {angle:.1e} rad, \
+                         more than the tolerance {:.1e}, and count as not parallel, so that a planar linkage is rigid; \
                          SceneBuilder.build(tolerance={:.0e}) treats them as parallel, \
                          and strict=True uses the angles as given, without this warning",
                         constraint.name,

@@ -22,7 +22,7 @@ impl SceneBuilder {
         error
     }
 
-    /// Whether a link has mass or inertia.
+    /// True if a link has mass or inertia.
     fn has_mass(&self, link: usize) -> bool {
         let heavy = |inertial: &Inertial| inertial.mass != 0.0 || inertial.central.entries.iter().any(|&x| x != 0.0);
         self.links[link].inertial.as_ref().is_some_and(heavy)

@@ -153,12 +153,12 @@ impl BodyRoot<f64> {
         Self::new(self.mass, frame * self.center, triangular(&(frame * self.central), &self.weights))
     }
 
-    /// Whether the inertia is positive definite.
+    /// True if the inertia is positive definite.
     pub(crate) fn is_definite(&self) -> bool {
         self.mass > 0.0 && self.weights.iter().all(|&weight| weight > 0.0)
     }
 
-    /// Whether the inertia is zero.
+    /// True if the inertia is zero.
     fn is_zero(&self) -> bool {
         self.mass == 0.0 && self.weights == Vector3::zeros()
     }

@@ -24,7 +24,7 @@ pub(in crate::motion) fn begin(kept: &mut [f64]) {
 pub struct ContactReport {
     /// Largest residual of a step: a velocity relative to the largest free velocity of the contacts.
     pub residual: f64,
-    /// Whether every step reached the tolerance of 1e-10, or the rounding error of its values.
+    /// True if every step reached the tolerance of 1e-10, or the rounding error of its values.
     pub converged: bool,
     /// Number of iterations of all solves.
     pub iterations: f64,

@@ -6,7 +6,7 @@ pub(super) struct Known {
     pub attributes: &'static [&'static str],
     pub passed_over: &'static [&'static str],
     pub children: &'static [Known],
-    /// Whether the element can occur several times in its parent; of all others the first is read.
+    /// True if the element can occur several times in its parent; of all others the first is read.
     pub many: bool,
 }
 
@@ -100,7 +100,7 @@ pub(super) fn like<'k>(name: &str, known: impl IntoIterator<Item = &'k str>) -> 
     close.min_by_key(|&(far, other)| (far, other.chars().next() != name.chars().next())).map(|(_, other)| other)
 }
 
-/// Whether two names differ by one inserted, deleted or replaced letter.
+/// True if two names differ by one inserted, deleted or replaced letter.
 pub(super) fn one_off(name: &str, other: &str) -> bool {
     distance(name, other) == 1
 }

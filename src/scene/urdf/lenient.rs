@@ -9,7 +9,7 @@ use std::collections::HashSet;
 /// Replaces the colon after an undeclared prefix: a private-use character, which XML accepts in names.
 pub(super) const UNDECLARED: char = '\u{e0fff}';
 
-/// Whether [`restated`] corrects the error.
+/// True if [`restated`] corrects the error.
 pub(super) fn can_be_restated(error: &Error) -> bool {
     matches!(error, Error::UnknownNamespace(..) | Error::InvalidComment(_) | Error::UnexpectedDeclaration(_))
 }

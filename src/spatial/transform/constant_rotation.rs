@@ -14,7 +14,7 @@ pub(crate) struct ConstantRotation<N> {
     /// Sine and cosine.
     pub about_x: [N; 2],
     pub about_z: [N; 2],
-    /// Whether the second rotation is needed.
+    /// True if the second rotation is needed.
     pub turns_about_z: bool,
 }
 

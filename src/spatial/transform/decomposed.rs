@@ -74,12 +74,12 @@ fn about_z(rotation: &Matrix3<f64>, tolerance: f64) -> Option<(Matrix3<f64>, Opt
     is_near(&exactly).then_some((frame, Some([s, c])))
 }
 
-/// Whether a rotation maps z to an axis or a negative axis, to rounding.
+/// True if a rotation maps z to an axis or a negative axis, to rounding.
 pub(crate) fn rotates_about_a_parent_axis(rotation: &Matrix3<f64>) -> bool {
     AboutAxis::of(rotation).is_some()
 }
 
-/// Whether a rotation maps z to an oblique axis that can be decomposed.
+/// True if a rotation maps z to an oblique axis that can be decomposed.
 pub(crate) fn rotates_about_an_oblique_axis(rotation: &Matrix3<f64>) -> bool {
     !rotates_about_a_parent_axis(rotation) && AboutAxis::tilted(rotation).is_some()
 }

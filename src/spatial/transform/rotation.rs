@@ -8,7 +8,7 @@ use crate::scalar::{ColumnsOf, Real};
 /// The rotation from the frame of a body on a revolute joint to the joint frame: about z by the joint angle
 /// ([`AxialRotation`]); for an oblique axis followed by a constant rotation to the parent frame ([`ObliqueRotation`]).
 pub(crate) trait Rotates<T: Real>: Copy {
-    /// Whether there is a constant rotation.
+    /// True if there is a constant rotation.
     const IS_OBLIQUE: bool;
 
     /// The same rotation for several columns.

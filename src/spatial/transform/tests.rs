@@ -12,7 +12,7 @@ fn wave(i: usize) -> f64 {
     (1.7 * f64::from(u8::try_from(i).expect("small")) + 0.3).sin()
 }
 
-/// Whether all entries agree to rounding, relative to the largest.
+/// True if all entries agree to rounding, relative to the largest.
 fn near(found: &[f64], expected: &[f64]) -> bool {
     let size = expected.iter().fold(1.0_f64, |size, x| size.max(x.abs()));
     found.len() == expected.len()
@@ -29,7 +29,7 @@ fn root_matrix(root: &Root6<f64>) -> Matrix6<f64> {
     Matrix6::from_fn(|i, j| entry((i + 3) % 6, j))
 }
 
-/// Whether every operation of a transform equals that of phi, alone and added to a sum.
+/// True if every operation of a transform equals that of phi, alone and added to a sum.
 pub(super) fn check(transform: &impl Transform<f64>, phi: &Matrix6<f64>) {
     let z = Vector6::from_fn(|i, _| wave(i));
     let there: [f64; 6] = std::array::from_fn(|i| wave(i + 6));
