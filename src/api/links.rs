@@ -138,6 +138,20 @@ impl Scene {
     /// In [`ReferenceFrame::Local`], a wrench w on the link, at the origin of the frame and in its axes, causes the
     /// joint torques J^T w. O(depth), plus clearing `out`.
     ///
+    /// ```
+    /// use phipsi::kinematics::ReferenceFrame::Local;
+    /// # fn main() -> Result<(), phipsi::Error> {
+    /// let scene = phipsi::scenes::chain(3)?;
+    /// let (q, qd, mut jacobian) = ([0.1, -0.4, 0.7], [0.2, 0.5, -0.3], [f64::NAN; 18]);
+    /// scene.jacobian(&q, "link2", Local, &mut jacobian)?;
+    /// let velocity = scene.velocity(&q, &qd, "link2", Local)?;
+    /// for (row, v) in jacobian.chunks(3).zip(velocity.iter()) {
+    ///     assert!((row.iter().zip(&qd).map(|(j, qd)| j * qd).sum::<f64>() - v).abs() < 1e-14);
+    /// }
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
     /// # Errors
     ///
     /// As [`Scene::placement`].

@@ -43,6 +43,18 @@ impl Scene {
     /// scene with connections the accelerations are those of [`Scene::constrained_dynamics`]. The remaining content of
     /// the workspace is unspecified after the call.
     ///
+    /// ```
+    /// # fn main() -> Result<(), phipsi::Error> {
+    /// let scene = phipsi::scenes::chain(3)?;
+    /// let mut workspace = scene.workspace();
+    /// let (q, qd, mut tau, mut qdd) = ([0.3; 3], [0.0; 3], [0.0; 3], [f64::NAN; 3]);
+    /// scene.gravity_torque(&mut workspace, &q, &mut tau)?;
+    /// scene.forward_dynamics(&mut workspace, &q, &qd, &tau, &[], &mut qdd)?;
+    /// assert!(qdd.iter().all(|a| a.abs() < 1e-12)); // static equilibrium
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
     /// # Errors
     ///
     /// [`Error::Shape`], [`Error::NotFinite`], [`Error::Argument`] for a workspace of another scene,

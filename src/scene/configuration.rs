@@ -15,6 +15,18 @@ impl Scene {
     /// A spherical joint rotates by the exponential of its angular velocity in its body frame. A free joint moves along
     /// the screw of its twist (exponential of SE(3)).
     ///
+    /// ```
+    /// # fn main() -> Result<(), phipsi::Error> {
+    /// let scene = phipsi::scenes::chain(2)?;
+    /// let (mut q, mut v) = ([f64::NAN; 2], [f64::NAN; 2]);
+    /// scene.integrate(&[0.125, 0.25], &[0.5, -0.5], &mut q)?;
+    /// assert_eq!(q, [0.625, -0.25]);
+    /// scene.difference(&[0.125, 0.25], &q, &mut v)?;
+    /// assert_eq!(v, [0.5, -0.5]);
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
     /// # Errors
     ///
     /// [`Error::Shape`], [`Error::NotFinite`], and an error for a result that overflows.

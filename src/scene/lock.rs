@@ -22,6 +22,16 @@ impl Scene {
     /// are locked with it. Connections remain unless both ends are locked to each other, and contacts remain unless
     /// their link cannot move.
     ///
+    /// ```
+    /// # fn main() -> Result<(), phipsi::Error> {
+    /// let scene = phipsi::scenes::chain(3)?;
+    /// let locked = scene.lock(&["j1"], &[0.0, 0.4, 0.0])?;
+    /// assert_eq!(locked.nv(), 2);
+    /// assert_eq!(locked.links().len(), scene.links().len());
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
     /// # Errors
     ///
     /// [`Error::Argument`] for an unknown joint, an error for an invalid configuration, and [`Error::Scene`] for a
