@@ -281,7 +281,7 @@ fn an_origin_that_is_no_rotation() {
 fn inertias_that_no_body_has() {
     let triangle = Symmetric3::new([0.01, 0.0, 0.0, 0.02, 0.0, 0.5]);
     let negative = Symmetric3::new([0.01, 0.0, 0.0, 0.02, 0.0, -0.01]);
-    for (central, words) in [(triangle, "break the triangle inequality"), (negative, "one of them negative")] {
+    for (central, words) in [(triangle, "violate the triangle inequality"), (negative, "one of them negative")] {
         let (mut links, joints) = parts();
         links[2].inertial.as_mut().unwrap().central = central;
         let builder = assembled((links, joints));

@@ -29,7 +29,7 @@ pub struct Projection {
 }
 
 /// The `expected` part of the error of a projection that does not converge.
-const NEARER: &str = "a start from which small moves meet the connections, and connections that can be met";
+const NEARER: &str = "a start closer to a configuration that satisfies the connections";
 
 impl Scene {
     /// Scratch memory for the methods on connections. Each thread needs its own.

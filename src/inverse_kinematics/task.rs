@@ -117,7 +117,7 @@ impl Task {
             let bodies = scene.model().bodies.len();
             match frame.body {
                 Some(body) if body >= bodies => {
-                    Err(Error::argument(name("body"), body.to_string(), format!("one of {bodies}")))
+                    Err(Error::argument(name("body"), body.to_string(), format!("an index below {bodies}")))
                 }
                 _ => check_finite(&name("frame"), frame.placement.lever.as_slice()),
             }
@@ -164,7 +164,7 @@ impl Task {
                     None => Err(Error::argument(
                         name("joint"),
                         joint.to_string(),
-                        format!("one of {}", scene.joints().len()),
+                        format!("an index below {}", scene.joints().len()),
                     )),
                 }
             }

@@ -364,7 +364,7 @@ impl Integration<'_, '_> {
                 field.rate(t, &start, &mut rate);
             }
             if !rate.iter().all(|x| x.is_finite()) {
-                return Err((t, self.cause("a rate that is not finite")));
+                return Err((t, self.cause("a time derivative that is not finite")));
             }
             state = self.segment(t, &start)?;
         }

@@ -567,7 +567,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             return Err(Error::Shape {
                 argument: "records".to_owned(),
                 found: format!("{} and {} values with a row every {every} steps", q.len(), qd.len()),
-                expected: format!("{} states, a row for every so many of {last} steps, ({nq}) and ({nv})", self.states),
+                expected: format!("{} states with rows over {last} steps, {nq} and {nv} values per row", self.states),
             });
         }
         let each = self.scene().contacts().len() * RECORD;

@@ -342,7 +342,7 @@ impl SceneBuilder {
         if let Some(tolerance) = self.tolerance
             && !(0.0..=MOST_TOLERANCE).contains(&tolerance)
         {
-            let expected = "from 0 (rounding only) to 0.1, in rad or over the reach of the loop";
+            let expected = "from 0 (rounding only) to 0.1, in rad or relative to the reach of the loop";
             return Err(Error::scene("tolerance", crate::error::number(tolerance), expected));
         }
         let warnings = self.warnings(&tree)?;

@@ -40,7 +40,7 @@ pub(super) fn unphysical(inertial: &Inertial) -> Option<String> {
         return Some(format!("principal inertias {low:.3e}, {middle:.3e}, {high:.3e}, one of them negative"));
     }
     if high > low + middle + slack {
-        return Some(format!("principal inertias {low:.3e}, {middle:.3e}, {high:.3e} break the triangle inequality"));
+        return Some(format!("principal inertias {low:.3e}, {middle:.3e}, {high:.3e} violate the triangle inequality"));
     }
     None
 }

@@ -145,7 +145,7 @@ impl Reader<'_> {
             return Ok(None);
         };
         if children(elements[0]).filter(|(name, _)| inertias.contains(&name.as_str())).count() > 1 {
-            findings.add(&format!("a second rotor inertia beside <{tag}>"), &node, "");
+            findings.add(&format!("a second rotor inertia in addition to <{tag}>"), &node, "");
         }
         let inertia = self.value(&tag, &node, findings)?;
         if inertia < 0.0 {
