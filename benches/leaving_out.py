@@ -21,8 +21,8 @@ CALLS = (10, 110)
 SWITCHES = (
     ("fixed_joints", "fixed joints: two links form one body; if off, the child is a body without rows", "moving", "weight", ""),
     ("base_links", "links fixed to the base; if off, they form one body", "moving", "weight", ""),
-    ("renamed_axes", "rotation matrices of joints that rotate about or translate along an axis of the parent frame", "moving", "weight", ""),
-    ("tilted_axes", "rotation matrices of revolute and prismatic joints with tilted axes", "moving", "weight", "tilted"),
+    ("permuted_axes", "rotation matrices of joints that rotate about or translate along an axis of the parent frame", "moving", "weight", ""),
+    ("oblique_axes", "rotation matrices of revolute and prismatic joints with tilted axes", "moving", "weight", "tilted"),
     ("zero_velocity", "velocity terms, if all joint velocities are zero", "rest", "weight", ""),
     ("zero_gravity", "the remaining bias, if gravity is zero too", "rest", "weightless", ""),
 )

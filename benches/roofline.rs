@@ -7,7 +7,7 @@ mod common;
 
 use common::{arguments, batch_of, robot, states};
 use phipsi::batch::Evaluator;
-use phipsi::batch::{ARMS, Arm, Target, Vectorised, Work};
+use phipsi::batch::{ARMS, Arm, Target, Vectorized, Work};
 use phipsi::report::operations::{Task, count, footprint};
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 use phipsi::scalar::Lanes;
@@ -36,7 +36,7 @@ struct Products<T, const K: usize> {
     of: std::marker::PhantomData<T>,
 }
 
-impl<T: Vectorised, const K: usize> Work for Products<T, K> {
+impl<T: Vectorized, const K: usize> Work for Products<T, K> {
     type Output = ();
 
     #[inline(always)]
@@ -61,7 +61,7 @@ struct Quotients<T> {
     of: std::marker::PhantomData<T>,
 }
 
-impl<T: Vectorised> Work for Quotients<T> {
+impl<T: Vectorized> Work for Quotients<T> {
     type Output = ();
 
     #[inline(always)]
@@ -80,7 +80,7 @@ impl<T: Vectorised> Work for Quotients<T> {
 /// Reads every value of an array and accumulates them in eight sums.
 struct Loads<'a, T>(&'a [T]);
 
-impl<T: Vectorised> Work for Loads<'_, T> {
+impl<T: Vectorized> Work for Loads<'_, T> {
     type Output = f64;
 
     #[inline(always)]
@@ -98,7 +98,7 @@ impl<T: Vectorised> Work for Loads<'_, T> {
 /// Reads, changes and writes every value of an array.
 struct Updates<'a, T>(&'a mut [T]);
 
-impl<T: Vectorised> Work for Updates<'_, T> {
+impl<T: Vectorized> Work for Updates<'_, T> {
     type Output = ();
 
     #[inline(always)]
@@ -143,7 +143,7 @@ fn shortest_ns(seconds: f64, call: impl FnMut()) -> f64 {
 /// Peak values of one instruction set, as JSON: multiply-adds on `K` chains and on one, divisions, reading and
 /// updating of arrays that fit in L1, in L2, and in neither. `None` if this processor does not support it.
 #[allow(clippy::cast_precision_loss)] // counts
-fn arm<T: Vectorised, const K: usize>(name: &str, seconds: f64) -> Option<String> {
+fn arm<T: Vectorized, const K: usize>(name: &str, seconds: f64) -> Option<String> {
     let target = T::Least::here()?;
     let products = |start| target.within(Products::<T, K> { start, of: std::marker::PhantomData });
     let quotients = |start| target.within(Quotients::<T> { start, of: std::marker::PhantomData });

@@ -1,8 +1,9 @@
-//! Many states a call: as many at once as a register holds, with the same bits as one by one.
+//! Evaluation of many states per call, vectorized (SIMD) over states, with results bit-identical to single states.
 //!
-//! An [`Evaluator`] has the kernels of one scene for the instructions of this processor ([`Arm`]) and their scratch; [`Scene::evaluate`](crate::Scene::evaluate) runs
-//! them on one thread. [`motion`](crate::motion) runs its batches on as many threads as `set_threads` says (feature `parallel`), and takes arguments that broadcast
-//! by strides ([`Broadcast`]): a state that is shared is not copied.
+//! An [`Evaluator`] holds the kernels of one scene for the instruction set of this processor ([`Arm`]) and their
+//! scratch memory; [`Scene::evaluate`](crate::Scene::evaluate) runs them on one thread. [`motion`](crate::motion) runs
+//! its batches on the number of threads given by `set_threads` (feature `parallel`). It reads broadcast arguments with
+//! strides ([`Broadcast`]), so that a state shared by the batch is not copied.
 //!
 //! ```
 //! use phipsi::{Algorithm, Arguments, Form};
@@ -11,9 +12,9 @@
 //! let (q, qd, tau) = ([0.3; 7], [0.1; 7], [1.0; 7]);
 //! let states = [Arguments { q: &q, qd: &qd, u: &tau, ..Arguments::default() }; 100];
 //! let mut qdd = [f64::NAN; 700];
-//! let mut evaluator = scene.evaluator(); // scratch: one for each thread
+//! let mut evaluator = scene.evaluator(); // scratch memory: one evaluator per thread
 //! let done = scene.evaluate(&mut evaluator, Algorithm::ForwardDynamics(Form::Auto), &states, &mut qdd);
-//! done.map_err(|fault| fault.error)?; // `fault.state` is the index of the state at fault
+//! done.map_err(|fault| fault.error)?; // `fault.state` is the index of the failed state
 //! assert_eq!(qdd[..7], qdd[693..]);
 //! # Ok(())
 //! # }
@@ -43,49 +44,52 @@ pub use threads::{set_threads, threads};
 
 pub use arms::{ARMS, Arm};
 #[doc(hidden)]
-pub use arms::{Target, Vectorised, Work};
+pub use arms::{Target, Vectorized, Work};
 pub use evaluator::{Evaluated, Evaluator};
 
 use crate::error::Error;
 pub use crate::error::Fault;
-use crate::watch;
+use crate::interrupt;
 use std::ops::Range;
 use std::sync::Mutex;
 
-/// About so long, in ns of one thread, goes by between two questions whether to go on; it takes a thousandth of that to ask.
+/// Approximate run time between two interruption checks, ns on one thread; a check takes a thousandth of that.
 pub(crate) const SLICE: usize = 100_000;
 
-/// Another thread is woken for so much of a batch, in ns of one thread: it gains what waking costs twice over.
+/// A further thread is woken for each such portion of a batch, ns on one thread: twice the cost of waking a thread.
 #[cfg(feature = "parallel")]
 const WORTH_A_THREAD: usize = 50_000;
 
-/// One argument of a batch: `width` numbers a state, with leading axes that broadcast against those of the batch.
+/// One argument of a batch: `width` values per state, with leading axes that broadcast to those of the batch.
 #[derive(Debug, Clone)]
 pub struct Broadcast<'a, P = f64> {
     data: &'a [P],
     width: usize,
     steps: Steps,
-    /// How many states of a batch there are; all that there can be where one is for all.
+    /// Number of states of the batch; `usize::MAX` for a single state that is broadcast.
     states: usize,
 }
 
-/// How the index of a state of the batch becomes the index of a state of the argument.
+/// The map from the index of a state in the batch to the index of a state in the argument.
 #[derive(Debug, Clone)]
 enum Steps {
-    /// One state for all.
+    /// One state is broadcast to the whole batch.
     Shared,
-    /// Each its own.
+    /// One state for each state of the batch.
     Own,
-    /// Axis by axis, the last first: length of the batch's axis, and stride of the argument in states (0 where it broadcasts).
+    /// Per axis, last axis first: length of the axis in the batch, and stride in states of the argument (0 if it
+    /// broadcasts).
     Axes(Vec<(usize, usize)>),
 }
 
 impl<'a, P> Broadcast<'a, P> {
-    /// States of `width` numbers, row-major over the leading axes `leading`, seen over the axes `batch`: broadcast as arrays of `NumPy` do.
+    /// States of `width` values, row-major over the leading axes `leading`, broadcast to the axes `batch` by the rules
+    /// of `NumPy`.
     ///
     /// # Errors
     ///
-    /// [`Error::Shape`] where the length of `data` is not that of its axes, or the axes do not broadcast to the batch's.
+    /// [`Error::Shape`] if the length of `data` does not match its axes, or if the axes do not broadcast to those of
+    /// the batch.
     pub fn new(argument: &str, data: &'a [P], width: usize, leading: &[usize], batch: &[usize]) -> Result<Self, Error> {
         let own = product(leading);
         if own.and_then(|own| own.checked_mul(width)) != Some(data.len()) {
@@ -119,7 +123,7 @@ impl<'a, P> Broadcast<'a, P> {
             });
             Steps::Axes(axes.collect())
         };
-        // Where an argument of many axes broadcasts, the batch can have more states than memory has addresses.
+        // The number of states can overflow if an argument broadcasts over many axes.
         let states = if own == 1 { usize::MAX } else { product(batch).unwrap_or(usize::MAX) };
         Ok(Self { data, width, steps, states })
     }
@@ -136,11 +140,11 @@ impl<'a, P> Broadcast<'a, P> {
         })
     }
 
-    /// The numbers that the argument holds for state `index` of the batch.
+    /// The values of the argument for state `index` of the batch.
     ///
     /// # Panics
     ///
-    /// If the batch has no such state, as a slice does; an argument of one state has it for every index.
+    /// If the batch has no such state. An argument with a single broadcast state accepts every index.
     #[must_use]
     #[inline]
     pub fn state(&self, index: usize) -> &'a [P] {
@@ -161,11 +165,11 @@ impl<'a, P> Broadcast<'a, P> {
     }
 }
 
-/// The leading axes that several arguments broadcast to, by the rule of numpy: aligned at the end, equal or 1.
+/// The leading axes to which several arguments broadcast, by the rules of NumPy: aligned at the last axis, equal or 1.
 ///
 /// # Errors
 ///
-/// [`Error::Shape`] naming the first argument that does not fit those before it.
+/// [`Error::Shape`], naming the first argument that does not broadcast with the preceding ones.
 #[doc(hidden)]
 pub fn broadcast_axes<'a>(arguments: impl IntoIterator<Item = (&'a str, &'a [usize])>) -> Result<Vec<usize>, Error> {
     let mut batch: Vec<usize> = Vec::new();
@@ -197,7 +201,7 @@ pub fn broadcast_axes<'a>(arguments: impl IntoIterator<Item = (&'a str, &'a [usi
     Ok(batch)
 }
 
-/// A shape as Python writes it.
+/// A shape in Python notation.
 #[must_use]
 #[doc(hidden)]
 pub fn shape_text(shape: &[usize]) -> String {
@@ -207,7 +211,7 @@ pub fn shape_text(shape: &[usize]) -> String {
     }
 }
 
-/// The number of states of some axes; none where no memory has room for them.
+/// The number of states of some axes; `None` if it overflows.
 fn product(axes: &[usize]) -> Option<usize> {
     if axes.contains(&0) {
         return Some(0);
@@ -215,19 +219,19 @@ fn product(axes: &[usize]) -> Option<usize> {
     axes.iter().try_fold(1_usize, |product, &length| product.checked_mul(length))
 }
 
-/// The leading axes of a shape whose last ones are not the matter.
+/// The leading axes of a shape in Python notation, with `...` for the remaining axes.
 fn leading_text(leading: &[usize]) -> String {
     leading.iter().fold("(".to_owned(), |text, length| text + &format!("{length}, ")) + "...)"
 }
 
-/// Scratch kept between calls, shared by threads.
+/// Scratch memory that is kept between calls and shared by threads.
 ///
-/// Taking and giving back never wait: a thread that finds the pool in use makes its own scratch and drops it afterwards.
-/// (A process forked while another thread held the lock would wait for ever.)
+/// No call blocks: a thread that finds the pool locked allocates its own scratch and drops it afterwards. (In a process
+/// that was forked while another thread held the lock, a blocking call would never return.)
 #[derive(Debug)]
 #[doc(hidden)]
 pub struct Pool<S> {
-    /// Boxed: scratch is large, and would be moved twice a call.
+    /// Boxed, because scratch is large and would otherwise be moved twice per call.
     idle: Mutex<Vec<Box<S>>>,
 }
 
@@ -238,13 +242,13 @@ impl<S> Default for Pool<S> {
 }
 
 impl<S> Pool<S> {
-    /// How many are kept, that nobody uses now.
+    /// Number of scratch objects in the pool that are not in use.
     #[cfg_attr(not(feature = "python"), allow(dead_code))]
     pub(crate) fn idle(&self) -> usize {
         self.idle.try_lock().map_or(0, |idle| idle.len())
     }
 
-    /// Runs `work` with scratch from the pool, or from `make` where the pool has none.
+    /// Runs `work` with scratch from the pool, or from `make` if the pool is empty.
     pub fn with<R>(&self, make: impl FnOnce() -> S, work: impl FnOnce(&mut S) -> R) -> R {
         let kept = self.idle.try_lock().ok().and_then(|mut idle| idle.pop());
         let mut scratch = kept.unwrap_or_else(|| Box::new(make()));
@@ -256,29 +260,30 @@ impl<S> Pool<S> {
     }
 }
 
-/// A batch to run: how many states, how long each takes, and where scratch comes from.
+/// A batch to run: number of states, time per state, and source of scratch memory.
 #[derive(Debug)]
 #[doc(hidden)]
 pub struct Batch<'a, S, M> {
     /// Number of states.
     pub states: usize,
-    /// Rough time of one state on one thread, ns; decides about threads, not about results.
+    /// Approximate time per state on one thread, ns. It determines the number of threads, not the results.
     pub cost: usize,
-    /// Scratch between calls.
+    /// Scratch memory of previous calls.
     pub pool: &'a Pool<S>,
-    /// Makes scratch.
+    /// Allocates scratch memory.
     pub make: M,
 }
 
 impl<S: Send, M: Fn() -> S + Sync> Batch<'_, S, M> {
-    /// Calls `kernel(scratch, i, out)` for every state i, with `out` its part of `results` (equally long for each state).
+    /// Calls `kernel(scratch, i, out)` for every state i, where `out` is the part of `results` for that state. All
+    /// parts have the same length.
     ///
-    /// The results have the same bits for any number of threads. The caller's is one of them; the others are those of the rayon pool that it is
-    /// in, else our own.
+    /// The results are bit-identical for any number of threads. The calling thread takes part; the other threads are
+    /// those of the rayon pool in which the caller runs, or of the pool of this crate.
     ///
     /// # Errors
     ///
-    /// The [`Fault`] of the lowest state that failed; `results` is then partly written.
+    /// The [`Fault`] of the failed state of lowest index; `results` is then partly written.
     pub fn run<K>(&self, results: &mut [f64], kernel: K) -> Result<(), Fault>
     where
         K: Fn(&mut S, usize, &mut [f64]) -> Result<(), Error> + Sync,
@@ -293,12 +298,14 @@ impl<S: Send, M: Fn() -> S + Sync> Batch<'_, S, M> {
         })
     }
 
-    /// The same for neighbouring states at once: `kernel(scratch, range, out)`, the range beginning at a multiple of `grain`.
+    /// As [`Batch::run`], with one call per range of adjacent states: `kernel(scratch, range, out)`, where each range
+    /// begins at a multiple of `grain`.
     ///
     /// # Errors
     ///
-    /// As [`Batch::run`]; a kernel's fault is the lowest of its range. [`Error::Interrupted`] under a [`watch`] that ends the work.
-    #[cfg_attr(not(feature = "parallel"), allow(unused_variables))] // pieces are for threads
+    /// As [`Batch::run`], where the kernel reports the lowest failed state of its range; [`Error::Interrupted`] if
+    /// [`interrupt`] stops the work.
+    #[cfg_attr(not(feature = "parallel"), allow(unused_variables))] // threads divide the batch into pieces
     pub fn run_pieces<P, K>(&self, grain: usize, results: &mut [P], kernel: K) -> Result<(), Fault>
     where
         P: Send,
@@ -322,7 +329,8 @@ impl<S: Send, M: Fn() -> S + Sync> Batch<'_, S, M> {
         self.pool.with(&self.make, |scratch| self.in_slices(grain, scratch, (0..self.states, results), &kernel))
     }
 
-    /// The kernel on one slice after another of a piece, between which it is asked whether to go on; they begin at multiples of the grain.
+    /// Runs the kernel on consecutive slices of a piece, with an interruption check between them. Slices begin at
+    /// multiples of the grain.
     fn in_slices<P, K>(
         &self,
         grain: usize,
@@ -340,7 +348,7 @@ impl<S: Send, M: Fn() -> S + Sync> Batch<'_, S, M> {
         let slice = (SLICE / self.cost.max(1)).max(1).next_multiple_of(grain);
         let mut first = states.start;
         while first < states.end {
-            watch::check().map_err(|error| Fault { state: first, error })?;
+            interrupt::check().map_err(|error| Fault { state: first, error })?;
             let count = slice.min(states.end - first);
             let (own, others) = results.split_at_mut(count * width);
             kernel(scratch, first..first + count, own)?;
@@ -349,7 +357,7 @@ impl<S: Send, M: Fn() -> S + Sync> Batch<'_, S, M> {
         Ok(())
     }
 
-    /// On so many threads of a place.
+    /// Runs the batch on several threads of the pool `place`.
     #[cfg(feature = "parallel")]
     fn on_threads<P, K>(
         &self,
@@ -375,7 +383,8 @@ impl<S: Send, M: Fn() -> S + Sync> Batch<'_, S, M> {
                     if let Err(fault) = self.in_slices(grain, scratch, own, kernel) {
                         batch.end_with(fault);
                     }
-                    // Another caller may wait for no more than to hear that its batch is done. Between pieces: one in hand would wait too.
+                    // Yields between pieces, because another caller may wait for this thread only to learn that its
+                    // batch is complete.
                     if matches!(place, threads::Place::Ours(..)) {
                         rayon::yield_now();
                     }

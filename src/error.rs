@@ -1,145 +1,156 @@
-//! The errors of the crate, and the checks that raise them.
+//! The errors of the crate, and the argument checks that return them.
 //!
-//! Every message names the argument, link or joint, what was found, what was expected, and the remedy where there is
-//! one. The checks take the name of the argument, so no message is written twice.
+//! Every message names the argument, link or joint, what was found and what was expected, and suggests a fix if there
+//! is one. Each check takes the name of the argument, so that the text of a message exists once.
 
 use std::borrow::Cow;
 
 use thiserror::Error as ThisError;
 
-/// What went wrong, with the name of the thing that was at fault.
+/// An error of the crate, with the name of the argument, link, joint or connection that caused it.
 #[derive(Debug, Clone, PartialEq, ThisError)]
 #[non_exhaustive]
 pub enum Error {
     /// A scene that cannot be built: cycle, unknown parent, negative mass, malformed XML.
     #[error("{subject}: found {}; expected {}", shortened(found), shortened(expected))]
     Scene {
-        /// The link, joint, element or file at fault, for instance `joint "elbow"`.
+        /// The link, joint, element or file that caused the error, for instance `joint "elbow"`.
         subject: String,
-        /// What was found there.
+        /// The value or structure that was found.
         found: String,
-        /// What would have been accepted.
+        /// The values or structures that are accepted.
         expected: String,
     },
-    /// An array whose shape does not fit the scene.
+    /// An array whose shape does not match the scene.
     #[error("{argument}: found shape {found}; expected {expected}")]
     Shape {
         /// Name of the argument.
         argument: String,
-        /// Its shape as found.
+        /// The shape found.
         found: String,
-        /// The shape that fits.
+        /// The shape expected.
         expected: String,
     },
-    /// A NaN or an infinity in an argument, or a result that overflowed.
+    /// A NaN or an infinity in an argument, or a result that overflows.
     #[error("{argument}: found {value} at index {index}{}; expected finite numbers", in_state(*state))]
     NotFinite {
         /// Name of the argument (or result).
         argument: String,
-        /// Index of the entry within one state.
+        /// Index of the entry within its state.
         index: usize,
         /// The value found.
         value: f64,
-        /// Index of the state in a batch, if there is one.
+        /// Index of the state in the batch; `None` for a single state.
         state: Option<usize>,
     },
-    /// An argument of the right shape whose value cannot be used.
+    /// An argument of the right shape with an invalid value.
     #[error("{argument}: found {}; expected {}", shortened(found), shortened(expected))]
     Argument {
         /// Name of the argument.
         argument: String,
-        /// What was found.
+        /// The value found.
         found: String,
-        /// What would have been accepted.
+        /// The values accepted.
         expected: String,
     },
-    /// A joint about whose axis nothing is left to move: the pivot D(k) of eq. 3.6 is lost in rounding.
+    /// A joint with no significant inertia about its axis: the pivot D(k) of (3.6) is below the rounding error of its
+    /// terms.
     #[error(
-        "joint {joint:?} (of link {link:?}){}: the inertia along its axis is {}; add inertia about the axis (scene.with_payload), or give the joint armature, for instance scene.with_properties(armature={{{joint:?}: 1e-3}})",
+        "joint {joint:?} (of link {link:?}){}: the inertia along its axis is {}; add inertia about the axis \
+         (scene.with_payload), or give the joint armature, for instance \
+         scene.with_properties(armature={{{joint:?}: 1e-3}})",
         in_state(*state),
         lost(*pivot, *terms)
     )]
     SingularJoint {
         /// Name of the joint.
         joint: String,
-        /// Name of the link that the joint carries.
+        /// Name of the link that the joint moves (its child link).
         link: String,
-        /// Index of the state in a batch, if there is one.
+        /// Index of the state in the batch; `None` for a single state.
         state: Option<usize>,
-        /// The pivot found, in kg m^2 (rotation) or kg (translation).
+        /// The pivot found, kg m^2 (revolute) or kg (prismatic).
         pivot: f64,
-        /// Absolute sum of the terms that form the pivot, same unit.
+        /// Sum of the absolute values of the terms that form the pivot, in the unit of the pivot.
         terms: f64,
     },
-    /// Task directions without an operational-space inertia: the scene cannot move in all of them independently.
+    /// Task directions for which the operational-space inertia does not exist: the scene cannot move in all of them
+    /// independently.
     #[error(
-        "task of {}{}: found an inverse inertia of rank {rank} in {directions} directions, which has no inverse; it is itself defined \
-         there (operational_inverse_inertia): use that, or leave out directions so that at most {rank} independent ones remain",
+        "task of {}{}: found an inverse inertia of rank {rank} in {directions} directions, which has no inverse; use \
+         operational_inverse_inertia, which is defined there, or remove directions until at most {rank} independent \
+         ones remain",
         quoted(links),
         in_state(*state)
     )]
     SingularTask {
         /// Names of the links, in the order of the call.
         links: Vec<String>,
-        /// How many of the directions are independent.
+        /// Number of independent directions.
         rank: usize,
-        /// How many directions the task has.
+        /// Number of directions of the task.
         directions: usize,
-        /// Index of the state in a batch, if there is one.
+        /// Index of the state in the batch; `None` for a single state.
         state: Option<usize>,
     },
-    /// Connections that cannot hold: they contradict each other, or a state does not meet them.
-    #[error("{}{}: found {}; expected {}", of_connections(&fault.connections), in_state(*state), shortened(&fault.found), shortened(&fault.expected))]
+    /// Connections that cannot be satisfied: they contradict each other, or the state violates them.
+    #[error(
+        "{}{}: found {}; expected {}",
+        of_connections(&violation.connections),
+        in_state(*state),
+        shortened(&violation.found),
+        shortened(&violation.expected)
+    )]
     Constraint {
-        /// Which, and what is wrong with them.
-        fault: Box<ConstraintFault>,
-        /// Index of the state in a batch, if there is one.
+        /// The connections and the violation.
+        violation: Box<ConstraintViolation>,
+        /// Index of the state in the batch; `None` for a single state.
         state: Option<usize>,
     },
-    /// A size that there is no memory for.
-    #[error("{argument}: no room for {shortage}; expected a size that there is room for")]
+    /// An allocation that exceeds the available memory.
+    #[error("{argument}: no room for {request}; expected a size that there is room for")]
     Memory {
-        /// Name of the argument that says how large.
+        /// Name of the argument that determines the size.
         argument: String,
-        /// How much that is.
-        shortage: Box<Shortage>,
+        /// The size requested and the memory available.
+        request: Box<MemoryRequest>,
     },
-    /// Work that was told to stop: see [`watch`](crate::watch).
+    /// The caller stopped the work: see [`interrupt`](crate::interrupt).
     #[error("interrupted")]
     Interrupted,
 }
 
-/// What is wrong with connections.
+/// The connections that a state or a command violates, and by how much.
 #[derive(Debug, Clone, PartialEq)]
-pub struct ConstraintFault {
-    /// Their names.
+pub struct ConstraintViolation {
+    /// Names of the connections.
     pub connections: Vec<String>,
-    /// What was found.
+    /// The state or value found.
     pub found: String,
-    /// What would have been accepted.
+    /// The states or values accepted.
     pub expected: String,
-    /// The largest error, or what is left of its rate or of its second derivative: rad or m, by s or by s^2.
+    /// Largest constraint error (rad or m), or largest remaining constraint velocity (per s) or acceleration (per s^2).
     pub residual: f64,
 }
 
-impl From<ConstraintFault> for Error {
-    fn from(fault: ConstraintFault) -> Self {
-        Self::Constraint { fault: Box::new(fault), state: None }
+impl From<ConstraintViolation> for Error {
+    fn from(violation: ConstraintViolation) -> Self {
+        Self::Constraint { violation: Box::new(violation), state: None }
     }
 }
 
-/// What memory had no room for.
+/// An allocation that was refused.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Shortage {
-    /// What the bytes are for, where that needs to be explained.
+pub struct MemoryRequest {
+    /// Purpose of the memory, or empty if the argument explains it.
     pub what: String,
-    /// What it would take.
+    /// Number of bytes requested.
     pub bytes: u128,
-    /// What is free, where that is known and was the reason.
+    /// Number of bytes available, if it is known and too small.
     pub free: Option<u128>,
 }
 
-impl std::fmt::Display for Shortage {
+impl std::fmt::Display for MemoryRequest {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self { what, bytes, free } = self;
         let comma = if what.is_empty() { "" } else { ", " };
@@ -148,10 +159,10 @@ impl std::fmt::Display for Shortage {
     }
 }
 
-/// Many bytes in a unit that can be read at a glance; nothing for few.
+/// The size in MB or a larger unit, in parentheses; empty below 1 MB.
 fn in_units(bytes: u128) -> String {
     const UNITS: [&str; 6] = ["MB", "GB", "TB", "PB", "EB", "ZB"];
-    #[allow(clippy::cast_precision_loss)] // two digits are shown
+    #[allow(clippy::cast_precision_loss)] // three decimals are printed
     let (mut size, mut unit) = (bytes as f64 / 1e6, 0);
     while size >= 1e3 && unit + 1 < UNITS.len() {
         (size, unit) = (size / 1e3, unit + 1);
@@ -159,19 +170,19 @@ fn in_units(bytes: u128) -> String {
     if size < 1.0 { String::new() } else { format!(" ({size:.3} {})", UNITS[unit]) }
 }
 
-/// The words for one link or several.
+/// "link" or "links", followed by the quoted names.
 fn quoted(links: &[String]) -> String {
     let names: Vec<String> = links.iter().map(|name| format!("{name:?}")).collect();
     format!("{} {}", if names.len() == 1 { "link" } else { "links" }, names.join(", "))
 }
 
-/// The words for one connection or several.
+/// "connection" or "connections", followed by the quoted names.
 fn of_connections(connections: &[String]) -> String {
     let names: Vec<String> = connections.iter().map(|name| format!("{name:?}")).collect();
     format!("{} {}", if names.len() == 1 { "connection" } else { "connections" }, names.join(", "))
 }
 
-/// The words for a pivot that means nothing.
+/// Text for a pivot without significant digits.
 fn lost(pivot: f64, terms: f64) -> String {
     if pivot == 0.0 {
         return "zero".to_owned();
@@ -179,17 +190,17 @@ fn lost(pivot: f64, terms: f64) -> String {
     format!("{pivot:.3e}, lost in the rounding of the terms that form it ({terms:.3e})")
 }
 
-/// The words that name one state of a batch.
+/// Text that names one state of a batch; empty for a single state.
 fn in_state(state: Option<usize>) -> String {
     state.map_or_else(String::new, |index| format!(" in state {index}"))
 }
 
-/// The lowest state of a batch that failed.
+/// The failed state of lowest index in a batch.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fault {
-    /// Its index.
+    /// Index of the state.
     pub state: usize,
-    /// What was wrong with it.
+    /// The error of that state.
     pub error: Error,
 }
 
@@ -200,7 +211,7 @@ impl From<Fault> for Error {
 }
 
 impl Error {
-    /// The same error, said of state `index` of a batch.
+    /// The same error, attributed to state `index` of a batch.
     #[must_use]
     pub fn in_state(mut self, index: usize) -> Self {
         if let Self::NotFinite { state, .. }
@@ -215,7 +226,7 @@ impl Error {
         self
     }
 
-    /// The same error; one about memory said of the argument that chose the size.
+    /// The same error; a memory error is attributed to the argument `name`, which determines the size.
     #[must_use]
     pub(crate) fn asked_by(mut self, name: &str) -> Self {
         if let Self::Memory { argument, .. } = &mut self {
@@ -224,7 +235,7 @@ impl Error {
         self
     }
 
-    /// The same error, said of another argument: of the one that the caller gave.
+    /// The same error, attributed to the argument `name` of the public call.
     #[must_use]
     pub(crate) fn of_argument(mut self, name: &str) -> Self {
         if let Self::Argument { argument, .. } = &mut self {
@@ -233,10 +244,10 @@ impl Error {
         self
     }
 
-    /// An error about memory, of which nothing more is known.
+    /// A memory error without a stated purpose.
     pub(crate) fn memory(argument: &str, bytes: u128, free: Option<u128>) -> Self {
-        let shortage = Box::new(Shortage { what: String::new(), bytes, free });
-        Self::Memory { argument: argument.to_owned(), shortage }
+        let request = Box::new(MemoryRequest { what: String::new(), bytes, free });
+        Self::Memory { argument: argument.to_owned(), request }
     }
 
     /// A scene error from its three parts.
@@ -250,7 +261,7 @@ impl Error {
     }
 }
 
-/// A number for a message, as short as it is exact: with an exponent where the digits would be many.
+/// Formats a number for a message, with an exponent if its magnitude is below 1e-4 or at least 1e7.
 pub(crate) fn number(value: f64) -> String {
     let size = value.abs();
     if size == 0.0 || (1e-4..1e7).contains(&size) || !value.is_finite() {
@@ -260,10 +271,11 @@ pub(crate) fn number(value: f64) -> String {
     }
 }
 
-/// A number of more characters than this is written with an exponent in messages; shorter ones have all digits of their `f64`.
+/// Numbers longer than this many characters are reformatted with an exponent in messages.
 const LONGEST_NUMBER: usize = 24;
 
-/// A message whose long numbers, as `Display` writes 1e70, have exponents. Names, which are quoted, stay.
+/// Rewrites numbers that `Display` prints in full, such as 1e70 with 71 digits, with an exponent. Quoted names are left
+/// unchanged.
 fn shortened(text: &str) -> Cow<'_, str> {
     if text.len() <= LONGEST_NUMBER {
         return Cow::Borrowed(text);
@@ -297,12 +309,12 @@ fn shortened(text: &str) -> Cow<'_, str> {
     Cow::Owned(found)
 }
 
-/// True for the bytes of words and of digits.
+/// True if a byte can be part of a word or a number.
 fn is_in_word(byte: u8) -> bool {
     byte.is_ascii_alphanumeric() || byte == b'.' || byte == b'_' || byte >= 0x80
 }
 
-/// Checks the length of a slice that must hold one state.
+/// Checks the length of a slice that holds one state.
 pub(crate) fn check_length(argument: &str, found: usize, expected: usize) -> Result<(), Error> {
     if found == expected {
         return Ok(());

@@ -1,14 +1,15 @@
-//! Dynamics of robots and other articulated rigid bodies, in O(N), computed as estimation.
+//! O(N) dynamics of robots and other articulated rigid bodies, computed as an estimation problem.
 //!
-//! A [`Scene`] is a robot: links, joints, gravity. It does not change and is shared between threads. Scratch is the caller's: a [`Workspace`] for calls on one state, an
-//! [`Evaluator`](batch::Evaluator) for many states a call. What is wrong with an argument is an [`Error`] that names it, and nothing is repaired silently.
+//! A [`Scene`] describes a robot: links, joints, gravity. It is immutable and can be shared between threads. The caller
+//! owns the scratch memory: a [`Workspace`] for calls on one state, an [`Evaluator`](batch::Evaluator) for calls on
+//! many states. An invalid argument returns an [`Error`] that names it; nothing is repaired silently.
 //!
-//! SI units, radians; spatial vectors are angular first; bodies, joints and arrays run from the base outward. `q` has [`Scene::nq`] numbers a state; `qd`, `qdd` and `tau` have
-//! [`Scene::nv`].
+//! Units are SI and radians. Spatial vectors are angular first. Bodies, joints and arrays are ordered from the base
+//! outward. A configuration `q` has [`Scene::nq`] entries; `qd`, `qdd` and `tau` have [`Scene::nv`].
 //!
 //! # Read a robot
 //!
-//! From a URDF (feature `urdf`), or from code as in [`scene`]; [`scenes`] has some that ship.
+//! Read a URDF file (feature `urdf`), or build a scene in code as in [`scene`]. [`scenes`] contains example robots.
 //!
 //! ```
 //! # #[cfg(feature = "urdf")]
@@ -17,13 +18,13 @@
 //!
 //! let scene = SceneBuilder::from_urdf(phipsi::scenes::BUNDLED_ARM)?.build()?; // or from_urdf_file(path)
 //! for warning in scene.warnings() {
-//!     eprintln!("{warning:?}"); // inertias that no body can have, mimic joints, what was not understood
+//!     eprintln!("{warning:?}"); // nonphysical inertias, mimic joints, elements that were ignored
 //! }
 //! let names: Vec<&str> = scene.joints().iter().map(|joint| joint.name.as_str()).collect();
 //! assert_eq!((names.len(), scene.nv()), (6, 6));
 //!
 //! let flying = SceneBuilder::from_urdf(phipsi::scenes::BUNDLED_ARM)?.floating_base(true).build()?;
-//! assert_eq!((flying.nq(), flying.nv()), (13, 12)); // a quaternion has four numbers
+//! assert_eq!((flying.nq(), flying.nv()), (13, 12)); // a quaternion has four coordinates
 //! # Ok(())
 //! # }
 //! # #[cfg(not(feature = "urdf"))]
@@ -32,20 +33,21 @@
 //!
 //! # Forward dynamics
 //!
-//! And what goes with it: inverse dynamics, the mass matrix and its inverse, bias and gravity torques, energy, and where links are and how they move ([`kinematics`]).
+//! This example also uses inverse dynamics, the mass matrix and forward kinematics. Other methods compute the inverse
+//! mass matrix, bias and gravity torques, energy, and link velocities and Jacobians ([`kinematics`]).
 //!
 //! ```
 //! # fn main() -> Result<(), phipsi::Error> {
 //! let scene = phipsi::scenes::chain(7)?;
 //! let (q, qd, tau) = ([0.3; 7], [0.1; 7], [1.0; 7]);
-//! let mut workspace = scene.workspace(); // with the compiled kernels, so that the calls below allocate nothing
+//! let mut workspace = scene.workspace(); // includes compiled kernels; the calls below do not allocate
 //! let mut qdd = [f64::NAN; 7];
 //! scene.forward_dynamics(&mut workspace, &q, &qd, &tau, &[], &mut qdd)?;
 //! let mut back = [f64::NAN; 7];
 //! scene.inverse_dynamics(&mut workspace, &q, &qd, &qdd, &[], &mut back)?;
 //! assert!(back.iter().zip(&tau).all(|(b, t)| (b - t).abs() <= 1e-9));
 //!
-//! let mut mass_matrix = [f64::NAN; 49]; // row by row
+//! let mut mass_matrix = [f64::NAN; 49]; // row-major
 //! scene.mass_matrix(&mut workspace, &q, &mut mass_matrix)?;
 //! let hand = scene.placement(&q, "link6")?;
 //! assert!(mass_matrix[0] > 0.0 && hand.lever.norm() < 7.0 * 0.3);
@@ -53,12 +55,13 @@
 //! # }
 //! ```
 //!
-//! The [`Form`] of the workspace says how covariances are carried. `Form::Auto`, the default, runs the fast one, estimates what rounding did to it, and does states that lost digits again
-//! in square-root form, and with twice the digits where even that is in doubt.
+//! The [`Form`] of the workspace selects the factorization. `Form::Auto`, the default, runs the covariance form and
+//! estimates its rounding error. A state whose estimate exceeds the tolerance is recomputed in square-root form, and in
+//! double-double arithmetic if that estimate also exceeds it.
 //!
 //! # Batches
 //!
-//! As many states at once as a register holds, with the bits that they have one by one ([`batch`]).
+//! Batches are vectorized (SIMD) over states, with results bit-identical to those of single states ([`batch`]).
 //!
 //! ```
 //! use phipsi::{Algorithm, Arguments};
@@ -76,8 +79,9 @@
 //!
 //! # Derivatives
 //!
-//! Analytic: whole matrices, products with them in O(N) ([`Scene::forward_dynamics_jvp`], [`Scene::forward_dynamics_vjp`]), Hessians times a direction, and gradients by inertias,
-//! armature and gravity ([`dynamics::derivatives`]). By `q` they are taken in its tangent space.
+//! Derivatives are analytic: matrices, products with them in O(N) ([`Scene::forward_dynamics_jvp`],
+//! [`Scene::forward_dynamics_vjp`]), Hessian-vector products, and gradients by inertias, armature and gravity
+//! ([`dynamics::derivatives`]). Derivatives by `q` are in its tangent space.
 //!
 //! ```
 //! # fn main() -> Result<(), phipsi::Error> {
@@ -88,7 +92,7 @@
 //! scene.forward_dynamics_derivatives(&mut workspace, &q, &qd, &tau, &[], &mut out)?;
 //! let (by_q, by_tau) = (&out[..9], &out[18..]); // dqdd/dq and M^-1
 //!
-//! // Along (dq, dqd, dtau) without any matrix.
+//! // Directional derivative along (dq, dqd, dtau), without forming a matrix.
 //! let mut along = [f64::NAN; 3];
 //! let direction: [&[f64]; 3] = [&[1.0, 0.0, 0.0], &[0.0; 3], &[0.0, 1.0, 0.0]];
 //! scene.forward_dynamics_jvp(&mut workspace, &q, &qd, &tau, &[], direction, &mut along)?;
@@ -99,7 +103,8 @@
 //!
 //! # Simulate
 //!
-//! Batches of states through many steps on all threads, or step by step, with springs, damping and PD gains that may be stiff ([`motion`]); gradients back through the steps.
+//! Integrate batches of states on all threads, or step by step, with stiff springs, damping and PD control, and compute
+//! gradients by backpropagation through the steps ([`motion`]).
 //!
 //! ```
 //! use phipsi::motion::{Settings, Simulator, Torque};
@@ -115,7 +120,8 @@
 //!
 //! # Estimate
 //!
-//! Torque sensors with noise, some joints without any, and the mechanism as the prior: the most likely accelerations, torques and forces in every joint, with their variances.
+//! Estimate the most likely accelerations, torques and joint forces with their variances from noisy torque sensors on
+//! some joints, with the dynamics model as the prior.
 //!
 //! ```
 //! use phipsi::dynamics::{Estimate, EstimateCovariance, Measurements};
@@ -135,19 +141,23 @@
 //!
 //! # Inverse kinematics
 //!
-//! Joint positions that bring links where they should be, within limits, from several starts, with their covariance ([`inverse_kinematics`]).
+//! Compute joint positions that bring links to target poses within joint limits, from several starting points, with
+//! their covariance ([`inverse_kinematics`]).
 //!
 //! # The paper's operators
 //!
-//! G. Rodriguez (JPL, 1987) read robot arm dynamics as an estimation problem. Spatial forces z(k) are the states of a linear system that runs along the bodies from tip to base,
+//! G. Rodriguez (JPL, 1987) formulated robot arm dynamics as an estimation problem. Spatial forces z(k) are the states
+//! of a linear system that runs from tip to base,
 //!
 //! ```text
 //! z^-(k) = sum over children c of phi(k,c) z^+(c) + w(k)        E w = b(k),  cov w = M(k)      (1.1, 1.3)
 //! tau(k) = H(k) z^+(k)                                          joint torques: measurements    (1.4)
 //! ```
 //!
-//! and the covariance of the measurements is the joint-space mass matrix, M = H phi Q phi* H* (5.1). A Kalman filter factors it, M = (1 + K) D (1 + K*) (3.1), and filter plus
-//! Bryson-Frazier smoother give the joint accelerations in O(N): M^-1 = (1 - L*) D^-1 (1 - L) (3.3). Each of these is an object to apply and to look at ([`operators`]).
+//! and the covariance of the measurements is the joint-space mass matrix, M = H phi Q phi* H* (5.1). A Kalman filter
+//! factors it, M = (1 + K) D (1 + K*) (3.1). The filter and a Bryson-Frazier smoother compute the joint accelerations
+//! in O(N): M^-1 = (1 - L*) D^-1 (1 - L) (3.3). Each factor is an object that can be applied and inspected
+//! ([`operators`]).
 //!
 //! ```
 //! use phipsi::operators::{Kind, Operator};
@@ -166,30 +176,31 @@
 //!
 //! | section of the paper | here |
 //! |---|---|
-//! | 1, the spatially random model | [`filter::system`], [`scene`], [`Scene::bias_torque`] (bias b), `stochastic` (samples) |
-//! | 2, conditional means and their covariances | [`Scene::estimate`], [`filter::smoothed`], [`dynamics::inverse_dynamics`], [`operators`] |
+//! | 1, spatially random model | [`filter::system`], [`scene`], [`Scene::bias_torque`] (bias b), `stochastic` |
+//! | 2, conditional means and covariances | [`Scene::estimate`], [`filter::smoothed`], [`operators`] |
 //! | 3, Riccati recursion, K, L, D | [`filter::riccati`], [`operators::Factor`], [`dynamics::mass_matrix`] (3.4, 3.5) |
 //! | 4, filter and smoother | [`filter::innovations`], [`filter::smoother`], [`dynamics::forward_dynamics`] |
 //! | 5, covariance of the co-states | [`filter::covariance`], [`Scene::operational_inverse_inertia`] |
 //! | 6, closed form of M^-1 | [`dynamics::mass_matrix_inverse`] |
 //!
-//! The paper counts bodies from the tip; recursions work in body frames with joint axes on z. They are generic over the scalar ([`scalar::Real`]): f64, f32, dual numbers, and
-//! [`scalar::DoubleDouble`] of about 31 digits, against which errors are measured.
+//! The paper numbers bodies from the tip; the recursions work in body frames with joint axes along z. They are generic
+//! over the scalar ([`scalar::Real`]): f64, f32, dual numbers, and [`scalar::DoubleDouble`] with about 31 digits, which
+//! serves as the reference for error measurements.
 //!
 //! # Features
 //!
-//! The bare crate needs none of them.
+//! No feature is required.
 //!
 //! | feature | adds |
 //! |---|---|
-//! | `urdf` | scenes from URDF, and the bundled arm |
-//! | `parallel` | batches on threads |
-//! | `adaptive` | `motion::Adaptive`: steps to a tolerance, explicit and stiff, by diffsol |
-//! | `dense` | composite matrices and faer's LDLT as the check, `report` |
-//! | `stochastic` | the random model, sampled |
-//! | `avx512` | kernels for processors with AVX-512; as many seconds to compile as all others together |
-//! | `float32` | kernels for states in f32, twice as many in a register ([`Scene::evaluator_f32`]) |
-//! | `python` | the Python module, which maturin builds; not for use from Rust |
+//! | `urdf` | URDF reader, and the bundled arm |
+//! | `parallel` | batches on several threads |
+//! | `adaptive` | `motion::Adaptive`: integration to a tolerance, explicit and stiff, with diffsol |
+//! | `dense` | dense operators with faer's LDLT as a reference, `report` |
+//! | `stochastic` | sampling of the random model |
+//! | `avx512` | kernels for AVX-512 processors; doubles the compilation time of the kernels |
+//! | `float32` | kernels for f32 states, with twice as many states per register ([`Scene::evaluator_f32`]) |
+//! | `python` | the Python module, built by maturin; not for use from Rust |
 
 mod accuracy;
 mod algorithm;
@@ -200,6 +211,7 @@ mod contact;
 pub mod dynamics;
 mod error;
 pub mod filter;
+pub mod interrupt;
 pub mod inverse_kinematics;
 mod joints;
 pub mod kinematics;
@@ -217,29 +229,28 @@ pub mod scenes;
 pub mod spatial;
 #[cfg(feature = "stochastic")]
 pub mod stochastic;
-pub mod watch;
 mod workspace;
 
 pub use accuracy::{Accuracy, Bound, ESTIMATE_SPREAD};
 pub use algorithm::{Algorithm, Arguments, Derivatives, Everyday, Products};
 pub use api::{BodyWrenches, Constrained, OnLink, Projection, TaskFrame};
-pub use error::{ConstraintFault, Error, Shortage};
+pub use error::{ConstraintViolation, Error, MemoryRequest};
 pub use filter::Form;
-pub use plan::{Omission, Plan};
+pub use plan::{Plan, Simplification};
 pub use scene::{Scene, SceneBuilder};
 pub use workspace::{Tally, Workspace};
 
-/// The README's Rust runs as a test.
+/// Runs the Rust examples of the README as tests.
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 struct Readme;
 
-/// So does that of the page on everyday functions.
+/// Runs the Rust examples of docs/everyday.md as tests.
 #[cfg(doctest)]
 #[doc = include_str!("../docs/everyday.md")]
 struct EverydayPage;
 
-/// And that of the page on the random model.
+/// Runs the Rust examples of docs/stochastic.md as tests.
 #[cfg(all(doctest, feature = "stochastic"))]
 #[doc = include_str!("../docs/stochastic.md")]
 struct RandomModelPage;

@@ -1,20 +1,22 @@
-//! Room for buffers whose size a caller chooses: asked for before they are made, and an [`Error::Memory`] where there is none.
+//! Allocation of buffers whose size the caller determines, with [`Error::Memory`] instead of an abort.
 //!
-//! A failed allocation ends a Rust process, and so the interpreter that it is part of. And on Linux an allocation that succeeds is a promise
-//! only: pages are found when they are first written, and where there are none left the system kills the process. So what is large is
-//! compared with the memory that is free, besides being asked of the allocator.
+//! A failed allocation aborts the Rust process, including a Python interpreter in it. On Linux an allocation can also
+//! succeed without available memory, because pages are assigned at the first write, and the system then kills the
+//! process. Therefore large requests are compared with the available memory before they are passed to the allocator.
 
 use crate::error::Error;
 
-/// Smaller buffers are asked of the allocator alone: to read what is free takes as long as to fill some megabytes.
+/// Requests below this many bytes are passed to the allocator without reading the available memory, which takes as long
+/// as filling some megabytes.
 const LARGE: u128 = 64 << 20;
 
-/// So much of what is free is left to others: one part in so many.
+/// One part in this many of the available memory is reserved for other processes.
 const SPARE: u128 = 32;
 
-/// Checks that there is room for so many bytes, which the named argument asks for.
+/// Checks that `bytes` bytes can be allocated for the named argument.
 ///
-/// The allocator is asked (it knows the limits of this process) and gives them back; large amounts are compared with the memory that is free.
+/// Reserves and releases the memory, because the allocator knows the limits of the process, and compares large requests
+/// with the available memory.
 ///
 /// # Errors
 ///
@@ -32,14 +34,14 @@ pub fn room(argument: &str, bytes: u128) -> Result<(), Error> {
     }
 }
 
-/// The bytes that so many numbers (or whatever they are) of kind `T` take; factors of a product one by one, so that none overflows.
+/// Size in bytes of an array of `T` with the given lengths per axis; saturates instead of overflowing.
 #[must_use]
 pub fn bytes_of<T>(factors: &[usize]) -> u128 {
     let each = size_of::<T>() as u128;
     factors.iter().fold(each, |bytes, &factor| bytes.saturating_mul(factor as u128))
 }
 
-/// An empty vector with room for `length` entries, which the named argument asks for.
+/// An empty vector with capacity for `length` entries, requested by the named argument.
 ///
 /// # Errors
 ///
@@ -55,7 +57,7 @@ pub fn with_capacity<T>(argument: &str, length: usize) -> Result<Vec<T>, Error> 
     Ok(vector)
 }
 
-/// A vector of `length` equal entries, which the named argument asks for.
+/// A vector of `length` equal entries, requested by the named argument.
 ///
 /// # Errors
 ///
@@ -66,7 +68,7 @@ pub fn filled<T: Clone>(argument: &str, length: usize, value: T) -> Result<Vec<T
     Ok(vector)
 }
 
-/// The same entries, copied; the named argument holds them.
+/// A copy of `entries`, which belong to the named argument.
 ///
 /// # Errors
 ///
@@ -77,14 +79,15 @@ pub fn copied<T: Copy>(argument: &str, entries: &[T]) -> Result<Vec<T>, Error> {
     Ok(vector)
 }
 
-/// The bytes of memory that are free for this process, where the system tells: of the machine, and of the control groups it is in.
+/// Memory available to this process in bytes, if the system reports it: the minimum over the machine and the control
+/// groups of the process.
 fn free() -> Option<u128> {
     let machine = std::fs::read_to_string("/proc/meminfo").ok().and_then(|text| of_machine(&text));
     let groups = std::fs::read_to_string("/proc/self/cgroup").ok().and_then(|text| of_groups(&text));
     machine.into_iter().chain(groups).min()
 }
 
-/// What the kernel counts as available, and the swap that is free.
+/// Available memory plus free swap, from /proc/meminfo.
 fn of_machine(meminfo: &str) -> Option<u128> {
     let entry = |name: &str| -> Option<u128> {
         let line = meminfo.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(':'))?;
@@ -93,7 +96,8 @@ fn of_machine(meminfo: &str) -> Option<u128> {
     Some(entry("MemAvailable")? + entry("SwapFree").unwrap_or(0))
 }
 
-/// The least that a control group, or one that it is in, still has: of version 2 (`0::/path`) or 1 (`7:memory:/path`).
+/// The least memory left in a control group of the process or an ancestor of it, for version 2 (`0::/path`) and version
+/// 1 (`7:memory:/path`).
 fn of_groups(own: &str) -> Option<u128> {
     let of_line = |line: &str| -> Option<u128> {
         let mut fields = line.splitn(3, ':').skip(1);
@@ -111,11 +115,11 @@ fn of_groups(own: &str) -> Option<u128> {
     own.lines().filter_map(of_line).min()
 }
 
-/// The limit of one group less what it uses; files that it has read can be dropped, and do not count.
+/// The limit of one group minus its usage. The inactive file cache does not count, because the kernel can drop it.
 fn of_group(folder: &str, limit: &str, used: &str) -> Option<u128> {
     let read = |file: &str| std::fs::read_to_string(format!("{folder}/{file}")).ok();
     let number = |file: &str| -> Option<u128> { read(file)?.trim().parse().ok() };
-    // "max", where there is no limit, is no number.
+    // "max", the entry of a group without a limit, does not parse as a number.
     let (limit, used) = (number(limit)?, number(used)?);
     let statistics = read("memory.stat").unwrap_or_default();
     let droppable =
@@ -137,10 +141,10 @@ mod tests {
             room("samples", 1 << 60),
         ] {
             let error = refused.expect_err("more than there is");
-            let Error::Memory { argument, shortage } = &error else { panic!("{error}") };
+            let Error::Memory { argument, request } = &error else { panic!("{error}") };
             assert_eq!(argument, "samples");
             assert!(error.to_string().starts_with("samples: no room for "), "{error}");
-            assert!(error.to_string().contains(&shortage.bytes.to_string()), "{error}");
+            assert!(error.to_string().contains(&request.bytes.to_string()), "{error}");
         }
     }
 

@@ -1,55 +1,62 @@
-//! What a scene does not need, and what leaving it out saved.
+//! The simplifications that apply to a scene, and the operations that they save.
 
 mod counted;
 
 use crate::filter::{HingeMap, Rows};
-use crate::model::{Body, Motion, Omissions};
+use crate::interrupt;
+use crate::model::{Body, Motion, Simplifications};
 use crate::scene::{JointKind, Scene};
-use crate::watch;
 use std::collections::HashSet;
 
-/// One thing left out.
+/// One simplification of a scene.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Omission {
-    /// What, in a few words.
+pub struct Simplification {
+    /// Short description.
     pub what: &'static str,
-    /// The name of the switch that turns it off; none where there is one way to compute only.
+    /// Name of the switch that disables it; `None` if it cannot be disabled.
     pub switch: Option<&'static str>,
-    /// How many.
+    /// Number of elements to which it applies.
     pub count: usize,
-    /// The joints or links, where they have names.
+    /// Names of the joints or links to which it applies, if they have names.
     pub names: Vec<String>,
-    /// Why the results are the same without it.
+    /// The reason why the results are unchanged.
     pub why: &'static str,
-    /// What that saved.
+    /// Description of the saved computations.
     pub saved: String,
-    /// How many floating-point operations (a product with a sum is two) forward dynamics of one state in covariance form does
-    /// less, in a call that needs nothing of this; zero where nothing was counted. Items of calls on the factor say beside what they count.
+    /// Floating-point operations that it saves in forward dynamics of one state in covariance form (a multiply-add
+    /// counts as two); zero if they were not counted. Simplifications of calls on the factor document what they count.
     pub operations: usize,
 }
 
-/// An item yet to be filled in: no switch, and no operations counted.
-const NOTHING: Omission =
-    Omission { what: "", switch: None, count: 0, names: Vec::new(), why: "", saved: String::new(), operations: 0 };
+/// Initial value of an item: no switch, no operations.
+const NOTHING: Simplification = Simplification {
+    what: "",
+    switch: None,
+    count: 0,
+    names: Vec::new(),
+    why: "",
+    saved: String::new(),
+    operations: 0,
+};
 
-/// What was left out when the scene was built, and what its calls leave out.
+/// The simplifications made when the scene was built and in its calls.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
-    /// Bodies that the sweeps visit.
+    /// Number of bodies that the sweeps visit.
     pub bodies: usize,
-    /// Links that the user gave.
+    /// Number of links that the user defined.
     pub links: usize,
-    /// What was left out; only what this scene had.
-    pub items: Vec<Omission>,
+    /// The simplifications that apply to this scene.
+    pub items: Vec<Simplification>,
 }
 
-/// Operations of one body in the covariance form. Counted by running it on a scalar that counts: docs/leaving-out.md.
+/// Operations per body in covariance form, counted by running it on a counting scalar: docs/leaving-out.md.
 mod operations {
     use super::{Body, Motion};
 
-    /// A body without rows and without mass: shifts of motions, of its force and of P, and their sums.
+    /// A body without measurement rows and without mass: shifts of motions, of its force and of P, and their sums.
     pub const FIXED_BODY: usize = 550;
-    /// What a body sends inward: phi z, and both sums.
+    /// Propagation from a body to its parent: phi z, and both sums.
     pub const INWARD: usize = 113;
     /// M a + v x* M v.
     pub const FORCE: usize = 102;
@@ -58,7 +65,7 @@ mod operations {
     /// phi* a.
     pub const SHIFTED: usize = 42;
 
-    /// Velocities of a body, and what they cause: phi* v, v x H* qd, v x* M v.
+    /// Velocity of a body and the terms that depend on it: phi* v, v x H* qd, v x* M v.
     pub fn of_velocity(body: &Body<f64>) -> usize {
         let motion = match body.motion {
             Motion::Revolute => 58,
@@ -70,48 +77,48 @@ mod operations {
         motion + FORCE - WEIGHT
     }
 
-    /// The acceleration of gravity at a body, and its weight.
+    /// Gravitational acceleration at a body, and its weight.
     pub const OF_WEIGHT: usize = SHIFTED + WEIGHT;
 }
 
-/// A number with its noun.
+/// A number followed by its noun in singular or plural.
 fn counted(count: usize, one: &str, many: &str) -> String {
     format!("{count} {}", if count == 1 { one } else { many })
 }
 
 impl Scene {
-    /// What this scene does not need, and what leaving it out saved.
+    /// Lists the simplifications that apply to this scene and the operations that they save.
     ///
-    /// Some of it is counted by running the algorithms on numbers that count: O(N), some microseconds a body. Under a [`watch`] that ends the
-    /// work, only what was found until then.
+    /// Some are counted by running the algorithms on a counting scalar: O(N), a few microseconds per body. If
+    /// [`interrupt`] stops the work, the list contains the items found so far.
     #[must_use]
     pub fn plan(&self) -> Plan {
-        // Joints that follow each other change nothing of what the sweeps of the tree leave out.
+        // Coupled joints do not change the simplifications of the tree.
         if let Some(coupling) = self.coupling() {
             return coupling.tree().plan();
         }
-        let built: [fn(&Self) -> Omission; 4] =
-            [Self::merged_item, Self::base_item, Self::renamed_item, Self::tilted_item];
-        let called: [fn(&Self) -> Omission; 2] = [Self::velocity_item, Self::gravity_item];
-        let others: [fn(&Self) -> Omission; 5] =
+        let built: [fn(&Self) -> Simplification; 4] =
+            [Self::merged_item, Self::base_item, Self::permuted_item, Self::oblique_item];
+        let called: [fn(&Self) -> Simplification; 2] = [Self::velocity_item, Self::gravity_item];
+        let others: [fn(&Self) -> Simplification; 5] =
             [Self::locked_item, Self::factor_item, Self::branch_item, Self::outputs_item, Self::compiled_item];
-        let always: [fn(&Self) -> Omission; 2] = [Self::axes_item, Self::armature_item];
+        let always: [fn(&Self) -> Simplification; 2] = [Self::axes_item, Self::armature_item];
         let all = built.into_iter().chain(called).chain(others).chain(always);
-        let found = all.map_while(|item| watch::check().ok().map(|()| item(self)));
+        let found = all.map_while(|item| interrupt::check().ok().map(|()| item(self)));
         let items = found.filter(|item| item.count > 0).collect();
         Plan { bodies: self.model().bodies.len(), links: self.links().len(), items }
     }
 
-    /// An item that is left out where its switch is on.
-    fn switched(&self, switch: &'static str, item: Omission) -> Omission {
-        let mut omissions = self.source().left_out();
-        let on = Omissions::SWITCHES.iter().any(|&(name, of)| name == switch && *of(&mut omissions));
-        Omission { switch: Some(switch), count: if on { item.count } else { 0 }, ..item }
+    /// An item with its switch; its count is zero if the switch is off.
+    fn switched(&self, switch: &'static str, item: Simplification) -> Simplification {
+        let mut simplifications = self.source().left_out();
+        let on = Simplifications::SWITCHES.iter().any(|&(name, of)| name == switch && *of(&mut simplifications));
+        Simplification { switch: Some(switch), count: if on { item.count } else { 0 }, ..item }
     }
 
-    fn merged_item(&self) -> Omission {
+    fn merged_item(&self) -> Simplification {
         let names = self.merged_joints().to_vec();
-        // What is fixed to the base is not merged for the sake of a sweep: it cannot move and is dropped.
+        // Links fixed to the base are excluded: they cannot move and are removed, not merged.
         let children: HashSet<&str> = self
             .source()
             .joints()
@@ -124,7 +131,7 @@ impl Scene {
         let saved = counted(names.len(), "shift of an inertia and of a force", "shifts of an inertia and of a force");
         self.switched(
             "fixed_joints",
-            Omission {
+            Simplification {
                 what: "fixed joints, merged into their parents",
                 count: names.len(),
                 names,
@@ -136,19 +143,19 @@ impl Scene {
         )
     }
 
-    fn base_item(&self) -> Omission {
+    fn base_item(&self) -> Simplification {
         let links = self.links().iter().filter(|link| link.body.is_none());
         let names: Vec<String> = links.map(|link| link.name.clone()).collect();
-        // Kept, they are one body where fixed joints are merged.
-        let omissions = self.model().omissions;
-        let most = if omissions.fixed_joints { 1 } else { usize::MAX };
+        // If they are kept, they form a single body, provided that fixed joints are merged.
+        let simplifications = self.model().simplifications;
+        let most = if simplifications.fixed_joints { 1 } else { usize::MAX };
         let bodies = names.len().min(most);
         let carried = self.model().system.stages.iter().filter(|stage| stage.parent.is_none()).count();
-        // The body of the base sends nothing inward itself.
+        // The body of the base propagates nothing to a parent.
         let kept = bodies * (operations::FIXED_BODY + operations::FORCE) + carried * operations::INWARD;
         self.switched(
             "base_links",
-            Omission {
+            Simplification {
                 what: "links on the base",
                 count: names.len(),
                 names,
@@ -160,57 +167,61 @@ impl Scene {
         )
     }
 
-    fn velocity_item(&self) -> Omission {
+    fn velocity_item(&self) -> Simplification {
         let bodies = &self.model().bodies;
         self.switched(
             "zero_velocity",
-            Omission {
-                what: "velocities, in a call whose rates are all zero",
+            Simplification {
+                what: "velocities, in a call with zero joint velocities",
                 count: bodies.len(),
                 why: "without velocity there is no velocity product",
-                saved: counted(bodies.len(), "velocity and what it causes", "velocities and what they cause"),
-                // Looking whether they are zero is a sum a rate.
+                saved: counted(
+                    bodies.len(),
+                    "velocity and its velocity products",
+                    "velocities and their velocity products",
+                ),
+                // The test for zero velocities is one sum per joint velocity.
                 operations: bodies.iter().map(operations::of_velocity).sum::<usize>().saturating_sub(self.nv()),
                 ..NOTHING
             },
         )
     }
 
-    fn gravity_item(&self) -> Omission {
+    fn gravity_item(&self) -> Simplification {
         let model = self.model();
-        let weightless = model.omissions.zero_velocity && model.gravity.iter().all(|&g| g == 0.0);
+        let weightless = model.simplifications.zero_velocity && model.gravity.iter().all(|&g| g == 0.0);
         self.switched(
             "zero_gravity",
-            Omission {
-                what: "the bias, in a call whose rates are all zero",
+            Simplification {
+                what: "the bias, in a call with zero joint velocities",
                 count: if weightless { model.bodies.len() } else { 0 },
                 why: "without velocity and gravity b = 0",
                 saved: counted(model.bodies.len(), "acceleration and force", "accelerations and forces"),
-                // Looking at gravity is three sums.
+                // The test for zero gravity is three sums.
                 operations: (model.bodies.len() * operations::OF_WEIGHT).saturating_sub(3),
                 ..NOTHING
             },
         )
     }
 
-    fn axes_item(&self) -> Omission {
+    fn axes_item(&self) -> Simplification {
         let stages = self.model().system.stages.iter();
         let count = stages.filter(|stage| matches!(stage.rows, Rows::One(HingeMap::Axis(_)))).count();
-        Omission {
-            what: "general joint axes, turned onto z when the scene was built",
+        Simplification {
+            what: "general joint axes, rotated onto z when the scene was built",
             count,
             why: "in a frame with the axis on z, H picks a row: P H* is a column of P, not a product",
-            saved: format!("{count} products of P with an axis (36 multiplications each), each factorisation"),
+            saved: format!("{count} products of P with an axis (36 multiplications each), each factorization"),
             ..NOTHING
         }
     }
 
-    fn armature_item(&self) -> Omission {
+    fn armature_item(&self) -> Simplification {
         let count = self.model().system.noise.iter().filter(|&&noise| noise == 0.0).count();
-        Omission {
+        Simplification {
             what: "measurement noise (armature)",
             count,
-            why: "without armature H g = 1 and H P^+ = 0 hold exactly and are written, not computed",
+            why: "without armature H g = 1 and H P^+ = 0 hold exactly and are set, not computed",
             saved: format!("the rounding of {count} rows of P^+"),
             ..NOTHING
         }

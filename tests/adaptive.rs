@@ -15,7 +15,7 @@ fn no_torque(_t: f64, _q: &[f64], _qd: &[f64], _torque: &mut [f64]) {}
 fn pendulum(kind: JointKind) -> Scene {
     let rod = Inertial {
         mass: 2.0,
-        centre: [0.0, 0.0, -0.5].into(),
+        center: [0.0, 0.0, -0.5].into(),
         central: Symmetric3::new([0.12, 0.0, 0.0, 0.12, 0.0, 0.01]),
     };
     let mut joint = JointDescription::new("hinge", kind, "base", "rod");
@@ -46,7 +46,7 @@ fn a_pendulum_is_back_after_its_period() {
         let errors = [1e-5, 1e-8].map(|tol| {
             let law = Adaptive { solver, rtol: tol, atol: tol, ..Adaptive::new(&scene) };
             let path = law.solve(&[2.0], &[0.0], &[0.0, time / 2.0, time], &no_torque).unwrap();
-            assert_eq!((path.t.len(), path.centres), (3, 1));
+            assert_eq!((path.t.len(), path.centers), (3, 1));
             let half = (path.q[1] + 2.0).abs().max(path.qd[1].abs());
             (half.max((path.q[2] - 2.0).abs()).max(path.qd[2].abs()), path.steps, path.evaluations)
         });
@@ -149,9 +149,9 @@ fn a_tumbling_tree_goes_as_by_small_fixed_steps_however_often_it_is_centred_anew
                 }
             }
         }
-        println!("{solver:?}: {worst:.1e}, {} steps, {} rates, {} centres", path.steps, path.evaluations, path.centres);
+        println!("{solver:?}: {worst:.1e}, {} steps, {} rates, {} centers", path.steps, path.evaluations, path.centers);
         assert!(worst <= tolerance::adaptive(path.steps, tol), "{solver:?}: {worst:e}");
-        assert!(path.centres > 2, "{solver:?}: {} centres", path.centres);
+        assert!(path.centers > 2, "{solver:?}: {} centers", path.centers);
     }
 }
 
@@ -246,7 +246,7 @@ fn a_torque_that_is_not_finite_ends_the_solution_with_the_rows_before() {
 
 #[test]
 fn a_joint_without_inertia_is_named() {
-    let point = Inertial { mass: 1.0, centre: [0.0; 3].into(), central: Symmetric3::zero() };
+    let point = Inertial { mass: 1.0, center: [0.0; 3].into(), central: Symmetric3::zero() };
     let mut builder = SceneBuilder::new().link(LinkDescription { name: "base".into(), inertial: None });
     builder = builder.link(LinkDescription { name: "tip".into(), inertial: Some(point) });
     let scene = builder.joint(JointDescription::new("elbow", JointKind::Revolute, "base", "tip")).build().unwrap();

@@ -63,7 +63,7 @@ fn a_payload_is_a_link_that_is_fixed_on() {
     let scene = arm();
     let payload = Inertial {
         mass: 2.0,
-        centre: [0.1, -0.2, 0.3].into(),
+        center: [0.1, -0.2, 0.3].into(),
         central: Symmetric3::new([0.03, 0.001, 0.0, 0.04, 0.0, 0.05]),
     };
     let carrier = scene.joints()[1].child.clone();
@@ -83,14 +83,14 @@ fn a_payload_is_a_link_that_is_fixed_on() {
 #[test]
 fn payloads_that_cannot_be_are_refused() {
     let scene = arm();
-    let valid = Inertial { mass: 1.0, centre: [0.0; 3].into(), central: Symmetric3::zero() };
+    let valid = Inertial { mass: 1.0, center: [0.0; 3].into(), central: Symmetric3::zero() };
     let carrier = scene.joints()[0].child.clone();
     assert!(scene.with_payload(&carrier, &valid).is_ok());
     for (link, payload) in [
         ("hand?", valid),
         (&*carrier, Inertial { mass: -1.0, ..valid }),
         (&*carrier, Inertial { mass: f64::NAN, ..valid }),
-        (&*carrier, Inertial { centre: [0.0, f64::INFINITY, 0.0].into(), ..valid }),
+        (&*carrier, Inertial { center: [0.0, f64::INFINITY, 0.0].into(), ..valid }),
         (&*carrier, Inertial { central: Symmetric3::new([f64::NAN; 6]), ..valid }),
     ] {
         let error = scene.with_payload(link, &payload).unwrap_err();

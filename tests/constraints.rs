@@ -7,7 +7,7 @@ use crate::common::{ALL_KINDS, Random, tolerance};
 use nalgebra::{DMatrix, DVector};
 use phipsi::batch::Evaluator;
 use phipsi::filter::Form;
-use phipsi::motion::{METHODS, Method, Rollout, Settings, Simulator, Stabilisation, Torque};
+use phipsi::motion::{METHODS, Method, Rollout, Settings, Simulator, Stabilization, Torque};
 use phipsi::report::operations::{Task, count};
 use phipsi::scene::{Connection, ConnectionKind, Property};
 use phipsi::spatial::RigidShift;
@@ -351,9 +351,9 @@ fn what_cannot_be_reached_is_named() {
     let scene = bars(ConnectionKind::Distance(Some(5.0)));
     let mut q = vec![0.3, 0.2, 0.1];
     let found = scene.project(&mut scene.workspace(), &mut scene.constraint_scratch(), &mut q, None).unwrap_err();
-    let Error::Constraint { fault, .. } = &found else { panic!("{found}") };
-    assert_eq!(fault.connections, ["pin"]);
-    assert!(fault.residual > 3.0 && found.to_string().contains("m or rad"), "{found}");
+    let Error::Constraint { violation, .. } = &found else { panic!("{found}") };
+    assert_eq!(violation.connections, ["pin"]);
+    assert!(violation.residual > 3.0 && found.to_string().contains("m or rad"), "{found}");
 }
 
 /// A chain whose tip is welded to two different poses.
@@ -373,8 +373,8 @@ fn connections_that_contradict_each_other_are_named() {
     let scene = torn();
     let state = (vec![0.3, 0.4, 0.5], vec![1.0, -2.0, 3.0], vec![0.0; 3]);
     let found = dynamics(&scene, Form::Auto, &state).unwrap_err();
-    let Error::Constraint { fault, .. } = &found else { panic!("{found}") };
-    assert_eq!(fault.connections, ["one", "other"]);
+    let Error::Constraint { violation, .. } = &found else { panic!("{found}") };
+    assert_eq!(violation.connections, ["one", "other"]);
     assert!(found.to_string().contains("scene.project"), "{found}");
     let (q, qd, tau) = &state;
     let mut qdd = [f64::NAN; 3];
@@ -509,12 +509,12 @@ fn baumgarte_takes_back_what_steps_lose() {
     let scene = bars(ConnectionKind::Point);
     let (q, qd, _) = state(&scene, 4, 0.7);
     let mut settings = Settings::new(&scene, 1e-3);
-    settings.stabilisation = Stabilisation::Baumgarte(50.0);
+    settings.stabilization = Stabilization::Baumgarte(50.0);
     let mut simulator = Simulator::new(&scene, settings.clone(), &q, &qd).unwrap();
     simulator.step(&Torque::Zero, 1_000).map_err(|fault| fault.error).unwrap();
     let drift = tolerance::size(&errors(&scene, simulator.state(0).0));
     assert!(drift > 1e-16 && drift < 1e-3, "{drift:e}");
-    settings.stabilisation = Stabilisation::Baumgarte(-1.0);
+    settings.stabilization = Stabilization::Baumgarte(-1.0);
     assert!(Simulator::new(&scene, settings, &q, &qd).unwrap_err().to_string().contains("baumgarte"));
 }
 

@@ -14,7 +14,7 @@ const G: f64 = 9.81;
 fn body(mass: f64, [a, b, c]: [f64; 3]) -> SceneBuilder {
     let central =
         Symmetric3::new([b * b + c * c, 0.0, 0.0, a * a + c * c, 0.0, a * a + b * b].map(|x| mass * x / 12.0));
-    let inertial = Some(Inertial { mass, centre: Vector3::zeros(), central });
+    let inertial = Some(Inertial { mass, center: Vector3::zeros(), central });
     SceneBuilder::new().link(LinkDescription { name: "box".into(), inertial }).floating_base(true)
 }
 
@@ -40,7 +40,7 @@ fn block(friction: f64, restitution: f64) -> Scene {
 fn ball(friction: f64, restitution: f64) -> Scene {
     let inertia = 0.4 * 0.5 * 0.1 * 0.1;
     let central = Symmetric3::new([inertia, 0.0, 0.0, inertia, 0.0, inertia]);
-    let inertial = Some(Inertial { mass: 0.5, centre: Vector3::zeros(), central });
+    let inertial = Some(Inertial { mass: 0.5, center: Vector3::zeros(), central });
     let mut contact = Contact::new("ground", "ball");
     contact.radius = 0.1;
     contact.friction = friction;
@@ -242,11 +242,11 @@ fn biped(friction: f64, restitution: f64) -> Scene {
     let rod = |mass: f64, length: f64| {
         let side = mass * length * length / 12.0 + mass * 1e-3;
         let central = Symmetric3::new([side, 0.0, 0.0, side, 0.0, mass * 2e-3]);
-        Some(Inertial { mass, centre: Vector3::new(0.0, 0.0, -length / 2.0), central })
+        Some(Inertial { mass, center: Vector3::new(0.0, 0.0, -length / 2.0), central })
     };
     let trunk = Inertial {
         mass: 15.0,
-        centre: Vector3::new(0.0, 0.0, 0.2),
+        center: Vector3::new(0.0, 0.0, 0.2),
         central: Symmetric3::new([0.5, 0.0, 0.0, 0.4, 0.0, 0.2]),
     };
     let mut builder =
@@ -334,7 +334,7 @@ impl Draw {
 fn double_pendulum(friction: f64, restitution: f64, offset: f64) -> Scene {
     let rod = Inertial {
         mass: 1.0,
-        centre: Vector3::new(0.0, 0.0, -0.5),
+        center: Vector3::new(0.0, 0.0, -0.5),
         central: Symmetric3::new([1.0 / 12.0, 0.0, 0.0, 1.0 / 12.0, 0.0, 1e-4]),
     };
     let mut tip = Contact::new("tip", "lower");
@@ -415,7 +415,7 @@ fn contacts_brought_down_by_others_join_within_the_step() {
 #[test]
 fn stiff_springs_are_taken_implicitly() {
     // A mass on a spring a thousand times faster than the step, above a plane where the spring is not at rest.
-    let mass = Inertial { mass: 1.0, centre: Vector3::zeros(), central: Symmetric3::zero() };
+    let mass = Inertial { mass: 1.0, center: Vector3::zeros(), central: Symmetric3::zero() };
     let mut slide = JointDescription::new("slide", JointKind::Prismatic, "base", "weight");
     (slide.spring.stiffness, slide.damping) = (1e9, 10.0);
     slide.spring.rest = vec![-0.01];

@@ -190,7 +190,7 @@ fn masses(case: &Case, instant: &Instant<'_>) -> Vec<(D, V)> {
     links
         .filter_map(|link| {
             let (inertial, placement) = (link.inertial?, instant.placement(&link.name));
-            Some((d(inertial.mass), placement.lever + placement.rotation * inertial.centre.map(d)))
+            Some((d(inertial.mass), placement.lever + placement.rotation * inertial.center.map(d)))
         })
         .collect()
 }
@@ -198,7 +198,7 @@ fn masses(case: &Case, instant: &Instant<'_>) -> Vec<(D, V)> {
 fn center_of_mass(case: &Case, instant: &Instant<'_>) -> V {
     let masses = masses(case, instant);
     let total = masses.iter().fold(d(0.0), |sum, (mass, _)| sum + *mass);
-    masses.iter().fold(V::from_element(d(0.0)), |sum, (mass, centre)| sum + centre * *mass) * (d(1.0) / total)
+    masses.iter().fold(V::from_element(d(0.0)), |sum, (mass, center)| sum + center * *mass) * (d(1.0) / total)
 }
 
 /// A, by columns: momenta of unit velocities, moments about the center of mass.
@@ -233,10 +233,10 @@ fn the_center_of_mass_matches_first_principles() {
         let total = masses(&case, &instant).iter().fold(0.0, |sum, (mass, _)| sum + to_f64(*mass));
         assert_close("mass", scene.total_mass(), total, tolerance::product(n, total));
 
-        let centre = center_of_mass(&case, &instant).map(to_f64);
+        let center = center_of_mass(&case, &instant).map(to_f64);
         let reach = tolerance::count(n) * (1.0 + size(q));
         let found = scene.center_of_mass(&mut workspace, q).unwrap();
-        assert_near("mass centre", found.as_slice(), centre.as_slice(), tolerance::product(n, reach));
+        assert_near("center of mass", found.as_slice(), center.as_slice(), tolerance::product(n, reach));
 
         let at = |h: f64| centroidal(&case, &case.oracle.moved(&here, &ds(qd), d(h)));
         let (exact, rate) = (centroidal(&case, &here), (at(STEP) - at(-STEP)) * d(0.5 / STEP));
@@ -252,7 +252,7 @@ fn the_center_of_mass_matches_first_principles() {
         let by_mass = |x: &[f64]| -> Vec<f64> { x.iter().map(|x| x / total).collect() };
         let mut found = vec![f64::NAN; 3 * nv];
         scene.center_of_mass_jacobian(&mut workspace, q, &mut found).unwrap();
-        assert_near("J of the centre", &found, &by_mass(&rows(&exact)[3 * nv..]), bound / total);
+        assert_near("J of the center", &found, &by_mass(&rows(&exact)[3 * nv..]), bound / total);
         let velocity = scene.center_of_mass_velocity(&mut workspace, q, qd).unwrap();
         assert_near("its velocity", velocity.as_slice(), &by_mass(&times(&exact, qd)[3..]), bound / total);
         let acceleration = scene.center_of_mass_acceleration(&mut workspace, q, qd, qdd).unwrap();
@@ -303,7 +303,10 @@ fn arguments_are_checked() {
     let mut other = scenes::chain(2).unwrap().workspace();
     let known = |body| Frame { body, placement: scene.link(link).unwrap().placement };
     assert_eq!(scene.placement(&q, known(Some(2))), scene.placement(&q, link));
-    says(scene.placement(&q, known(Some(3))).map(drop), "body of the frame: found 3; expected one of the scene's 3");
+    says(
+        scene.placement(&q, known(Some(3))).map(drop),
+        "body of the frame: found 3; expected an index below the number of bodies, 3, or none for the base",
+    );
 
     assert!(scene.center_of_mass(&mut workspace, &q).is_ok());
     says(scene.center_of_mass(&mut other, &q).map(drop), "workspace: found that of another scene");
@@ -328,6 +331,6 @@ fn without_mass_there_is_no_center_of_mass() {
         .build()
         .unwrap();
     let error = scene.center_of_mass(&mut scene.workspace(), &[]).unwrap_err();
-    let expected = "scene: found links that move of 0 kg in all; expected mass on a link that moves: without it there is no mass centre";
+    let expected = "scene: found moving links with a total mass of 0 kg; expected mass on at least one moving link, which the center of mass requires";
     assert_eq!(error.to_string(), expected);
 }

@@ -179,9 +179,9 @@ fn log_uniform_tree(seed: u64, bodies: usize) -> Scene {
     for link in tree.links() {
         let mut link = link.clone();
         let factor = 10f64.powf(random.uniform(-12.0, 12.0));
-        link.inertial = link.inertial.map(|Inertial { mass, centre, central }| Inertial {
+        link.inertial = link.inertial.map(|Inertial { mass, center, central }| Inertial {
             mass: mass * factor,
-            centre,
+            center,
             central: Symmetric3::new(central.entries.map(|entry| entry * factor)),
         });
         builder = builder.link(link);

@@ -11,7 +11,7 @@ use phipsi::scene::{
     SceneBuilder,
 };
 use phipsi::spatial::{RigidShift, Symmetric3};
-use phipsi::{Error, Scene, scenes, watch};
+use phipsi::{Error, Scene, interrupt, scenes};
 
 const LINKS: usize = 10_000;
 
@@ -188,7 +188,7 @@ fn results_that_are_not_finite_are_errors() {
     assert!(refused.contains("\"rod\"") && refused.contains("finite length"), "{refused}");
 
     let code = |mass: f64, away: f64, width: Width| {
-        let payload = Inertial { mass, centre: [0.0, 0.0, away].into(), central: Symmetric3::zero() };
+        let payload = Inertial { mass, center: [0.0, 0.0, away].into(), central: Symmetric3::zero() };
         let scene = chain.with_payload("link1", &payload).unwrap();
         sources(&scene, "robot", &[Function::MassMatrix], (width, false)).map_err(|error| error.to_string())
     };
@@ -208,7 +208,7 @@ fn a_simulator_can_be_stopped_within_a_call() {
         let mut simulator = Simulator::new(&scene, settings, &[0.3; 3], &[0.0; 3]).unwrap();
         simulator.step(&Torque::Zero, 10).unwrap();
         let before = simulator.state(0).0.to_vec();
-        let fault = watch::during(|| true, || simulator.step(&Torque::Zero, usize::MAX >> 1)).unwrap_err();
+        let fault = interrupt::during(|| true, || simulator.step(&Torque::Zero, usize::MAX >> 1)).unwrap_err();
         assert_eq!(fault.error, Error::Interrupted);
         assert!(simulator.steps() == 10 && simulator.state(0).0 == before);
         simulator.step(&Torque::Zero, 10).unwrap();

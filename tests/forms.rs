@@ -102,7 +102,7 @@ fn heavy_tip(mass: f64) -> Scene {
         let m = if k == 7 { mass } else { 1.0 };
         let inertial = Inertial {
             mass: m,
-            centre: [0.25, 0.05, 0.0].into(),
+            center: [0.25, 0.05, 0.0].into(),
             central: Symmetric3::new([0.005 * m, 0.0, 0.0, 0.02 * m, 0.0, 0.0225 * m]),
         };
         let (parent, child) = (format!("link{k}"), format!("link{}", k + 1));
@@ -175,7 +175,7 @@ fn logarithmic_masses_over_24_decades() {
 fn a_massless_link_between_two_joints_is_legal_and_at_the_tip_it_is_not() {
     let rod = Inertial {
         mass: 1.0,
-        centre: [0.0, 0.4, 0.0].into(),
+        center: [0.0, 0.4, 0.0].into(),
         central: Symmetric3::new([0.05, 0.0, 0.0, 0.0, 0.0, 0.05]),
     };
     let build = |middle: Option<Inertial>, tip: Option<Inertial>| {
@@ -210,7 +210,7 @@ fn a_massless_link_between_two_joints_is_legal_and_at_the_tip_it_is_not() {
         Some(rod),
         Some(Inertial {
             central: Symmetric3::new([0.0, 0.0, 0.0, 0.05, 0.0, 0.05]),
-            centre: [0.4, 0.0, 0.0].into(),
+            center: [0.4, 0.0, 0.0].into(),
             ..rod
         }),
     );
@@ -230,7 +230,7 @@ fn a_massless_link_between_two_joints_is_legal_and_at_the_tip_it_is_not() {
 fn an_inertia_that_is_not_positive_has_no_root_and_says_so() {
     let odd = Inertial {
         mass: 1.0,
-        centre: [0.1, 0.0, 0.0].into(),
+        center: [0.1, 0.0, 0.0].into(),
         central: Symmetric3::new([-0.1, 0.0, 0.0, 1.0, 0.0, 1.0]),
     };
     let scene = SceneBuilder::new()

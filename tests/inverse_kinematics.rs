@@ -35,7 +35,7 @@ fn arm() -> Scene {
     for k in 0..7 {
         let inertial = Inertial {
             mass: 1.0,
-            centre: Vector3::zeros(),
+            center: Vector3::zeros(),
             central: Symmetric3::new([0.01, 0.0, 0.0, 0.01, 0.0, 0.01]),
         };
         builder = builder.link(LinkDescription { name: format!("link{}", k + 1), inertial: Some(inertial) });

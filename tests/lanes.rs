@@ -166,7 +166,7 @@ fn pendula() -> Scene {
     let mut builder = SceneBuilder::new().link(LinkDescription { name: "base".into(), inertial: None });
     for name in ["left", "right"] {
         let central = Symmetric3::new([0.1, 0.0, 0.0, 0.1, 0.0, 0.1]);
-        let inertial = Some(Inertial { mass: 1.0, centre: Vector3::new(0.3, 0.1, 0.0), central });
+        let inertial = Some(Inertial { mass: 1.0, center: Vector3::new(0.3, 0.1, 0.0), central });
         let mut joint = JointDescription::new(format!("to_{name}"), JointKind::Revolute, "base", name);
         joint.axis = Vector3::z();
         builder = builder.link(LinkDescription { name: name.into(), inertial }).joint(joint);
@@ -287,7 +287,7 @@ fn slides(mass: f64, kind: JointKind, lever: f64) -> Scene {
     for (name, parent, kind) in [("first", "base", kind), ("second", "first", JointKind::Prismatic)] {
         let inertial = Some(Inertial {
             mass,
-            centre: Vector3::zeros(),
+            center: Vector3::zeros(),
             central: Symmetric3::new([mass, 0.0, 0.0, mass, 0.0, mass]),
         });
         let mut joint = JointDescription::new(format!("to_{name}"), kind, parent, name);
@@ -378,7 +378,7 @@ fn rods() -> Scene {
         let axes = *Rotation3::from_axis_angle(&Vector3::y_axis(), FRAC_PI_2 + 4e-6).matrix();
         let central = axes * Matrix3::from_diagonal(&Vector3::new(0.0, 0.2, 0.2)) * axes.transpose();
         let central = Symmetric3::from_upper(&central);
-        let inertial = Some(Inertial { mass: 1.0, centre: axes * Vector3::new(0.4, 0.0, 0.0), central });
+        let inertial = Some(Inertial { mass: 1.0, center: axes * Vector3::new(0.4, 0.0, 0.0), central });
         let kind = JointKind::Revolute;
         let mut joint = JointDescription::new(format!("joint{k}"), kind, format!("link{}", k - 1), format!("link{k}"));
         joint.axis = if k % 2 == 0 { Vector3::y() } else { Vector3::x() };

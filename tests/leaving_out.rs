@@ -1,4 +1,4 @@
-//! Every simplification of [`Omissions`]: the results are equal up to rounding with and without it, and it has an
+//! Every simplification of [`Simplifications`]: the results are equal up to rounding with and without it, and it has an
 //! effect on the computation.
 
 use crate::common::oracle::{Oracle, ds};
@@ -9,7 +9,7 @@ use phipsi::filter::Form;
 use phipsi::kinematics::{AccelerationKind, ReferenceFrame};
 use phipsi::operators::{Factor, KINDS, Operator};
 use phipsi::report::operations::{Task, count_recursion, of_factor};
-use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, Omissions, SceneBuilder};
+use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder, Simplifications};
 use phipsi::spatial::{SpatialVector, Symmetric3};
 use phipsi::{Algorithm, Arguments, Derivatives};
 use phipsi::{Error, Scene};
@@ -75,9 +75,9 @@ fn builder(seed: u64) -> SceneBuilder {
 }
 
 /// Simplifications: all, all except one, none.
-fn choices() -> Vec<(String, Omissions)> {
-    let but = Omissions::SWITCHES.map(|(name, switch)| (format!("all but {name}"), Omissions::all_but(switch)));
-    but.into_iter().chain([("nothing".to_owned(), Omissions::none())]).collect()
+fn choices() -> Vec<(String, Simplifications)> {
+    let but = Simplifications::SWITCHES.map(|(name, switch)| (format!("all but {name}"), Simplifications::all_but(switch)));
+    but.into_iter().chain([("nothing".to_owned(), Simplifications::none())]).collect()
 }
 
 struct State {
@@ -160,7 +160,7 @@ fn results(scene: &Scene, state: &State) -> Vec<(String, Vec<f64>)> {
     keep("potential energy", &[energy.potential - neutral.potential]);
     keep("momentum", scene.momentum(&mut workspace, q, qd).unwrap().as_slice());
     keep("mass", &[scene.total_mass()]);
-    keep("mass centre", scene.center_of_mass(&mut workspace, q).unwrap().as_slice());
+    keep("mass center", scene.center_of_mass(&mut workspace, q).unwrap().as_slice());
     let mut of_momentum = vec![f64::NAN; 6 * nv];
     scene.centroidal_momentum_matrix(&mut workspace, q, &mut of_momentum).unwrap();
     keep("centroidal momentum matrix", &of_momentum);
@@ -218,8 +218,8 @@ fn results_are_the_same_with_every_switch_on_and_off() {
             for (i, state) in states(&scene, seed).iter().enumerate() {
                 let expected = results(&scene, state);
                 let bounds = Bounds::new(&scene, state, &expected);
-                for (left_out, omissions) in choices() {
-                    let found = results(&source.clone().omissions(omissions).build().unwrap(), state);
+                for (left_out, simplifications) in choices() {
+                    let found = results(&source.clone().simplifications(simplifications).build().unwrap(), state);
                     assert_eq!(found.len(), expected.len());
                     for ((what, found), (_, expected)) in found.iter().zip(&expected) {
                         let say = format!("seed {seed}, state {i}, left out {left_out}: {what}");
@@ -259,9 +259,9 @@ fn offsets_along_some_axes_lose_no_digit() {
     for (armature, axes) in [(0.0, STRAIGHT), (0.2, STRAIGHT), (0.0, TILTED), (0.2, TILTED)] {
         let source = along_some_axes(armature, axes);
         let scene = source.clone().build().unwrap();
-        let off = |switch| source.clone().omissions(Omissions::all_but(switch)).build().unwrap();
-        let none = source.clone().omissions(Omissions::none()).build().unwrap();
-        let untilted = off(|of| &mut of.tilted_axes);
+        let off = |switch| source.clone().simplifications(Simplifications::all_but(switch)).build().unwrap();
+        let none = source.clone().simplifications(Simplifications::none()).build().unwrap();
+        let untilted = off(|of| &mut of.oblique_axes);
         let (q, qd, u) = random_state(&scene, &mut Random::new(3));
         let state = State { q, qd, u, wrenches: Vec::new() };
         let expected = results(&scene, &state);
@@ -292,22 +292,22 @@ fn a_wrench_of_zero_is_none() {
 
 #[test]
 fn switches_that_are_off_keep_what_they_name() {
-    let bodies = |omissions| builder(0).omissions(omissions).build().unwrap().model().bodies.len();
-    let all = bodies(Omissions::all());
+    let bodies = |simplifications| builder(0).simplifications(simplifications).build().unwrap().model().bodies.len();
+    let all = bodies(Simplifications::all());
     // "welded", "frame" and "tool"; the column is on the base.
-    assert_eq!(bodies(Omissions { fixed_joints: false, ..Omissions::all() }), all + 3);
-    assert_eq!(bodies(Omissions { base_links: false, ..Omissions::all() }), all + 1);
-    assert_eq!(bodies(Omissions::none()), all + 5);
-    let scene = builder(0).omissions(Omissions::none()).build().unwrap();
+    assert_eq!(bodies(Simplifications { fixed_joints: false, ..Simplifications::all() }), all + 3);
+    assert_eq!(bodies(Simplifications { base_links: false, ..Simplifications::all() }), all + 1);
+    assert_eq!(bodies(Simplifications::none()), all + 5);
+    let scene = builder(0).simplifications(Simplifications::none()).build().unwrap();
     assert!(scene.plan().items.iter().all(|item| item.switch.is_none()));
-    assert_eq!(scene.source().left_out(), Omissions::none());
-    assert_eq!(scene.lock(&["to slide"], &scene.neutral()).unwrap().source().left_out(), Omissions::none());
+    assert_eq!(scene.source().left_out(), Simplifications::none());
+    assert_eq!(scene.lock(&["to slide"], &scene.neutral()).unwrap().source().left_out(), Simplifications::none());
 }
 
 #[test]
 fn the_plan_names_every_switch_and_what_it_saves() {
     let plan = builder(0).gravity([0.0; 3]).build().unwrap().plan();
-    for (name, _) in Omissions::SWITCHES {
+    for (name, _) in Simplifications::SWITCHES {
         let item = plan.items.iter().find(|item| item.switch == Some(name));
         let item = item.unwrap_or_else(|| panic!("no item for {name}"));
         assert!(item.count > 0 && item.operations > 0, "{name}: {item:?}");
@@ -319,10 +319,11 @@ fn the_plan_names_every_switch_and_what_it_saves() {
 
 #[test]
 fn operators_and_estimation_refuse_bodies_that_cannot_move() {
-    for omissions in
-        [Omissions { fixed_joints: false, ..Omissions::all() }, Omissions { base_links: false, ..Omissions::all() }]
-    {
-        let scene = builder(0).omissions(omissions).build().unwrap();
+    for simplifications in [
+        Simplifications { fixed_joints: false, ..Simplifications::all() },
+        Simplifications { base_links: false, ..Simplifications::all() },
+    ] {
+        let scene = builder(0).simplifications(simplifications).build().unwrap();
         let found = scene.factor(&mut scene.workspace(), &scene.neutral());
         assert!(matches!(found, Err(Error::Argument { .. })), "{:?}", found.err());
     }
@@ -455,7 +456,7 @@ fn an_updated_factor_has_the_bits_of_a_new_one() {
 #[test]
 fn an_update_to_where_a_pivot_is_lost_changes_nothing() {
     // A prismatic joint along x on another one: at q = 0 of the rotation between them, both move only the last mass.
-    let point = Inertial { mass: 1.0, centre: Vector3::zeros(), central: Symmetric3::zero() };
+    let point = Inertial { mass: 1.0, center: Vector3::zeros(), central: Symmetric3::zero() };
     let mut builder = SceneBuilder::new();
     for (name, inertial) in [("base", None), ("carriage", None), ("wheel", None), ("weight", Some(point))] {
         builder = builder.link(LinkDescription { name: name.into(), inertial });

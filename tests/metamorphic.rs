@@ -176,17 +176,17 @@ fn a_body_in_two_pieces_is_the_same_body() {
 fn welded(first: &Inertial, second: &Inertial, placement: &RigidShift<f64>) -> Inertial {
     let r = placement.rotation;
     let parts = [
-        (first.mass, first.centre, first.central.to_matrix()),
-        (second.mass, r * second.centre + placement.lever, r * second.central.to_matrix() * r.transpose()),
+        (first.mass, first.center, first.central.to_matrix()),
+        (second.mass, r * second.center + placement.lever, r * second.central.to_matrix() * r.transpose()),
     ];
     let mass = parts[0].0 + parts[1].0;
-    let centre = (parts[0].1 * parts[0].0 + parts[1].1 * parts[1].0) / mass;
+    let center = (parts[0].1 * parts[0].0 + parts[1].1 * parts[1].0) / mass;
     let mut central = Matrix3::zeros();
     for (m, c, inertia) in parts {
-        let arm = c - centre;
+        let arm = c - center;
         central += inertia + (Matrix3::identity() * arm.norm_squared() - arm * arm.transpose()) * m;
     }
-    Inertial { mass, centre, central: Symmetric3::from_upper(&central) }
+    Inertial { mass, center, central: Symmetric3::from_upper(&central) }
 }
 
 #[test]

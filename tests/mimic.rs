@@ -12,7 +12,7 @@ fn arm(mimic_joints: MimicJoints) -> Scene {
         name: name.into(),
         inertial: Some(Inertial {
             mass,
-            centre: Vector3::new(0.05, 0.02, 0.2),
+            center: Vector3::new(0.05, 0.02, 0.2),
             central: Symmetric3::new([0.02, 0.001, 0.0, 0.03, 0.002, 0.015]),
         }),
     };

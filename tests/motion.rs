@@ -322,7 +322,7 @@ fn stiff_gains_hold_a_target_that_explicit_steps_lose() {
 
 #[test]
 fn friction_stops_a_joint_and_does_not_turn_it_round() {
-    let rod = Inertial { mass: 1.0, centre: [0.0; 3].into(), central: Symmetric3::new([0.1, 0.0, 0.0, 0.1, 0.0, 0.1]) };
+    let rod = Inertial { mass: 1.0, center: [0.0; 3].into(), central: Symmetric3::new([0.1, 0.0, 0.0, 0.1, 0.0, 0.1]) };
     let mut joint = JointDescription::new("wheel", JointKind::Continuous, "base", "rod");
     (joint.friction, joint.damping) = (2.0, 0.1);
     let scene = SceneBuilder::new()
@@ -349,7 +349,7 @@ fn friction_stops_a_joint_and_does_not_turn_it_round() {
 #[test]
 fn friction_of_a_floating_body_does_not_turn_it_round() {
     let central = Symmetric3::new([0.1, 0.0, 0.0, 0.1, 0.0, 0.1]);
-    let inertial = Some(Inertial { mass: 1.0, centre: [0.0; 3].into(), central });
+    let inertial = Some(Inertial { mass: 1.0, center: [0.0; 3].into(), central });
     let link = LinkDescription { name: "base".into(), inertial };
     let scene = SceneBuilder::new().gravity([0.0; 3]).floating_base(true).link(link).build().unwrap();
     for form in [Form::Covariance, Form::Auto] {
@@ -758,10 +758,10 @@ fn a_tree_at_rest_is_not_corrected() {
 #[test]
 fn a_lost_pivot_is_told_with_step_state_and_joint() {
     // The inertia at the elbow is zero: a point mass on its axis.
-    let point = Inertial { mass: 1.0, centre: [0.0; 3].into(), central: Symmetric3::zero() };
+    let point = Inertial { mass: 1.0, center: [0.0; 3].into(), central: Symmetric3::zero() };
     let arm = Inertial {
         mass: 1.0,
-        centre: [0.5, 0.0, 0.0].into(),
+        center: [0.5, 0.0, 0.0].into(),
         central: Symmetric3::new([0.1, 0.0, 0.0, 0.1, 0.0, 0.1]),
     };
     let mut builder = SceneBuilder::new().link(LinkDescription { name: "base".into(), inertial: None });

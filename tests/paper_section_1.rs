@@ -14,7 +14,7 @@ use phipsi::spatial::{BodyInertia, RigidShift, Symmetric3, spatial};
 fn point_masses(random: &mut Random) -> (Matrix6<f64>, f64, Vector3<f64>, Matrix3<f64>) {
     let points: Vec<(f64, Vector3<f64>)> = (0..5).map(|_| (random.uniform(0.1, 2.0), random.vector())).collect();
     let mass: f64 = points.iter().map(|(m, _)| m).sum();
-    let centre = points.iter().map(|(m, r)| *r * *m).sum::<Vector3<f64>>() / mass;
+    let center = points.iter().map(|(m, r)| *r * *m).sum::<Vector3<f64>>() / mass;
     let mut spatial_inertia = Matrix6::zeros();
     let mut central = Matrix3::zeros();
     for (m, r) in &points {
@@ -23,18 +23,18 @@ fn point_masses(random: &mut Random) -> (Matrix6<f64>, f64, Vector3<f64>, Matrix
             if j < 3 { Vector3::ith(j, 1.0).cross(r)[i] } else { f64::from(u8::from(i == j - 3)) }
         });
         spatial_inertia += velocity.transpose() * velocity * *m;
-        let arm = r - centre;
+        let arm = r - center;
         central += (Matrix3::identity() * arm.norm_squared() - arm * arm.transpose()) * *m;
     }
-    (spatial_inertia, mass, centre, central)
+    (spatial_inertia, mass, center, central)
 }
 
 #[test]
 fn eq_0_1_spatial_inertia() {
     let mut random = Random::new(1);
     for _ in 0..20 {
-        let (expected, mass, centre, central) = point_masses(&mut random);
-        let body = BodyInertia::from_central(mass, &centre, &Symmetric3::from_upper(&central));
+        let (expected, mass, center, central) = point_masses(&mut random);
+        let body = BodyInertia::from_central(mass, &center, &Symmetric3::from_upper(&central));
         let found = body.to_symmetric().to_matrix();
         let scale = tolerance::size(expected.as_slice());
         tolerance::assert_near("M(k)", found.as_slice(), expected.as_slice(), tolerance::product(30, scale));

@@ -289,7 +289,7 @@ fn exact_tree(seed: u64, kinds: &[JointKind]) -> SceneBuilder {
         joint.armature = 0.25;
         let inertial = Inertial {
             mass: 1.5 + dyadic(&mut random),
-            centre: Vector3::from_fn(|_, _| dyadic(&mut random)),
+            center: Vector3::from_fn(|_, _| dyadic(&mut random)),
             // Diagonal: in double-double arithmetic an inertia is computed from its square root, L W L^T, which is
             // exact in all frames only if it is diagonal.
             central: Symmetric3::new([0.25, 0.0, 0.0, 0.3125, 0.0, 0.375]),

@@ -80,19 +80,19 @@ fn a_joint_from_a_link_to_itself() {
 fn two_roots() {
     refused(
         |links, _| links.push(link("island", None)),
-        ("link \"island\"", "a second root beside \"base\"", "one root"),
+        ("link \"island\"", "a second root link besides \"base\"", "one root"),
     );
 }
 
 #[test]
 fn an_unknown_parent() {
-    let words = ("joint \"wrist\"", "parent link \"leg\", which is not there", "\"base\", \"arm\", \"hand\"");
+    let words = ("joint \"wrist\"", "parent link \"leg\", which does not exist", "\"base\", \"arm\", \"hand\"");
     refused(|_, joints| joints[1].parent = "leg".into(), words);
 }
 
 #[test]
 fn an_unknown_child() {
-    let words = ("joint \"wrist\"", "child link \"foot\", which is not there", "\"hand\"");
+    let words = ("joint \"wrist\"", "child link \"foot\", which does not exist", "\"hand\"");
     refused(|_, joints| joints[1].child = "foot".into(), words);
 }
 
@@ -106,14 +106,14 @@ fn two_parents() {
 
 #[test]
 fn the_same_link_name_twice() {
-    refused(|links, _| links.push(link("arm", None)), ("link \"arm\"", "the name twice", "unique link names"));
+    refused(|links, _| links.push(link("arm", None)), ("link \"arm\"", "a duplicate name", "unique link names"));
 }
 
 #[test]
 fn the_same_joint_name_twice() {
     refused(
         |_, joints| joints[1].name = "shoulder".into(),
-        ("joint \"shoulder\"", "the name twice", "unique joint names"),
+        ("joint \"shoulder\"", "a duplicate name", "unique joint names"),
     );
 }
 
@@ -142,8 +142,8 @@ fn numbers_of_a_link_that_are_not_finite() {
     for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
         for i in 0..3 {
             refused(
-                |links, _| links[2].inertial.as_mut().unwrap().centre[i] = bad,
-                ("link \"hand\"", &format!("mass centre with {bad}"), "finite"),
+                |links, _| links[2].inertial.as_mut().unwrap().center[i] = bad,
+                ("link \"hand\"", &format!("center of mass with {bad}"), "finite"),
             );
         }
         for i in 0..6 {
@@ -169,7 +169,7 @@ fn numbers_of_a_joint_that_are_not_finite() {
                 |_, joints| joints[1].origin.lever[i] = bad,
                 ("joint \"wrist\"", &format!("{bad} in its origin"), "finite"),
             );
-            refused(|_, joints| joints[0].axis[i] = bad, ("joint \"shoulder\"", "axis (", "an axis with a direction"));
+            refused(|_, joints| joints[0].axis[i] = bad, ("joint \"shoulder\"", "axis (", "an axis that is not zero"));
         }
         refused(
             |_, joints| joints[0].kind = JointKind::Screw { pitch: bad },
@@ -202,7 +202,7 @@ fn an_axis_of_no_direction() {
                 joints[0].kind = kind;
                 joints[0].axis = Vector3::zeros();
             },
-            ("joint \"shoulder\"", "axis (0, 0, 0)", "an axis with a direction"),
+            ("joint \"shoulder\"", "axis (0, 0, 0)", "an axis that is not zero"),
         );
     }
     // If the axis is not used, it is not checked.
@@ -235,7 +235,7 @@ fn rests_that_are_no_configurations() {
     let shoulder = "joint \"shoulder\"";
     refused(
         |_, joints| joints[0].spring.rest = vec![0.1, 0.2],
-        (shoulder, "2 coordinates of rest", "1 coordinates, as a revolute joint has"),
+        (shoulder, "2 coordinates of the rest position", "1 coordinates for a revolute joint"),
     );
     refused(|_, joints| joints[0].spring.rest = vec![f64::NAN], (shoulder, "rest NaN", "finite numbers"));
     refused(
@@ -281,7 +281,7 @@ fn an_origin_that_is_no_rotation() {
 fn inertias_that_no_body_has() {
     let triangle = Symmetric3::new([0.01, 0.0, 0.0, 0.02, 0.0, 0.5]);
     let negative = Symmetric3::new([0.01, 0.0, 0.0, 0.02, 0.0, -0.01]);
-    for (central, words) in [(triangle, "break the triangle inequality"), (negative, "one of them negative")] {
+    for (central, words) in [(triangle, "violate the triangle inequality"), (negative, "one of them negative")] {
         let (mut links, joints) = parts();
         links[2].inertial.as_mut().unwrap().central = central;
         let builder = assembled((links, joints));

@@ -12,7 +12,7 @@ use phipsi::spatial::Symmetric3;
 fn lift(friction: f64, lower: f64, upper: f64) -> Scene {
     let body = Inertial {
         mass: 2.0,
-        centre: [0.1, 0.0, 0.0].into(),
+        center: [0.1, 0.0, 0.0].into(),
         central: Symmetric3::new([0.1, 0.0, 0.0, 0.2, 0.0, 0.3]),
     };
     let mut joint = JointDescription::new("lift", JointKind::Prismatic, "base", "body");
@@ -45,7 +45,7 @@ fn what_friction_can_hold_does_not_move_at_all() {
         let mut rollout = Rollout::new(&chain, settings, &q, &[0.0; 7]).unwrap();
         rollout.advance(1000, &Torque::Zero, None).unwrap();
         assert_eq!(rollout.state(0), (&q[..], &[0.0; 7][..]), "{name}");
-        assert_eq!(rollout.tally(0).events.to_bits(), 0.0_f64.to_bits(), "{name}: modes that hold need no events");
+        assert_eq!(rollout.totals(0).events.to_bits(), 0.0_f64.to_bits(), "{name}: modes that hold need no events");
     }
 }
 
@@ -69,8 +69,8 @@ fn sliding_friction_stops_a_body_where_it_should() {
     let (q, v) = rollout.state(0);
     // The last step of the slide is too short or too long by a fraction of a step: h^2 a/2.
     assert!((q[0] - exact).abs() <= 1e-6 * 2.2 * G && v[0].to_bits() == 0.0_f64.to_bits(), "{q:?} {v:?}");
-    let tally = rollout.tally(0);
-    assert!((tally.friction + friction * exact).abs() <= 1e-3 * friction * exact, "{tally:?}");
+    let totals = rollout.totals(0);
+    assert!((totals.friction + friction * exact).abs() <= 1e-3 * friction * exact, "{totals:?}");
 }
 
 #[test]
@@ -94,8 +94,8 @@ fn a_body_rebounds_from_its_stop_by_the_coefficient() {
             assert!((second.speed - restitution * first.speed).abs() <= 2e-3 * G, "{second:?}");
             assert!(rollout.state(0).0[0] >= 0.0);
         }
-        let tally = rollout.tally(0);
-        assert!(tally.stops < 0.0, "{tally:?}");
+        let totals = rollout.totals(0);
+        assert!(totals.stops < 0.0, "{totals:?}");
     }
 }
 
@@ -170,7 +170,7 @@ fn alone_and_in_batches_and_in_pieces_the_bits_are_the_same() {
     }
     for state in 0..states {
         assert_eq!(pieces.state(state), all.state(state));
-        assert_eq!(pieces.tally(state), all.tally(state));
+        assert_eq!(pieces.totals(state), all.totals(state));
     }
     assert_eq!(pieces.take_impacts(), impacts);
 }
@@ -209,11 +209,11 @@ fn energy_does_not_grow_and_its_works_add_up() {
     let start: Vec<f64> = (0..states).map(|i| energy(&q[5 * i..][..5], &v[5 * i..][..5])).collect();
     rollout.advance(1000, &Torque::Zero, None).unwrap();
     for (state, start) in start.into_iter().enumerate() {
-        let ((q, v), tally) = (rollout.state(state), rollout.tally(state));
+        let ((q, v), totals) = (rollout.state(state), rollout.totals(state));
         let change = energy(q, v) - start;
-        let works = tally.damping + tally.friction + tally.stops;
-        assert!(tally.damping < 0.0 && tally.friction < 0.0 && tally.stops <= 0.0, "{tally:?}");
-        assert_eq!(tally.torque.to_bits(), 0.0_f64.to_bits());
+        let works = totals.damping + totals.friction + totals.stops;
+        assert!(totals.damping < 0.0 && totals.friction < 0.0 && totals.stops <= 0.0, "{totals:?}");
+        assert_eq!(totals.torque.to_bits(), 0.0_f64.to_bits());
         assert!((change - works).abs() <= 0.01 * works.abs(), "state {state}: {change} {works}");
     }
 }
@@ -227,7 +227,7 @@ fn fast_motion_is_divided_and_keeps_its_energy() {
     let mut rollout = Rollout::new(&weightless, Settings::new(&weightless, 1e-3), &q, &v).unwrap();
     rollout.advance(1000, &Torque::Zero, None).unwrap();
     let (found, start) = (energy(rollout.state(0).0, rollout.state(0).1), energy(&q, &v));
-    assert!(rollout.tally(0).most_substeps >= 2.0, "{:?}", rollout.tally(0));
+    assert!(rollout.totals(0).most_substeps >= 2.0, "{:?}", rollout.totals(0));
     assert!((found - start).abs() <= 1e-3 * start, "{found} {start}");
     assert_eq!(rollout.chosen_method(), Method::RungeKutta4);
 }

@@ -43,7 +43,7 @@ fn with_needle(kind: JointKind, armature: f64, needle: Option<Inertial>) -> Scen
 
 #[test]
 fn a_tip_without_mass_is_singular() {
-    let massless = Inertial { mass: 0.0, centre: Vector3::zeros(), central: Symmetric3::zero() };
+    let massless = Inertial { mass: 0.0, center: Vector3::zeros(), central: Symmetric3::zero() };
     for kind in [
         JointKind::Revolute,
         JointKind::Prismatic,
@@ -65,7 +65,7 @@ fn a_tip_without_mass_is_singular() {
 
 #[test]
 fn a_point_mass_on_its_axis_is_singular() {
-    let point = Inertial { mass: 1.0, centre: Vector3::new(0.0, 0.0, 0.5), central: Symmetric3::zero() };
+    let point = Inertial { mass: 1.0, center: Vector3::new(0.0, 0.0, 0.5), central: Symmetric3::zero() };
     assert_singular(&with_needle(JointKind::Revolute, 0.0, Some(point)), "tip", "needle");
 }
 
@@ -74,10 +74,10 @@ fn a_point_mass_on_its_axis_is_singular() {
 #[test]
 fn a_point_mass_welded_onto_the_axis_is_singular() {
     for i in 1..20_i32 {
-        let centre = Vector3::new(0.1, -0.3, 0.7) * f64::from(i);
-        let point = Inertial { mass: 1.3, centre, central: Symmetric3::zero() };
+        let center = Vector3::new(0.1, -0.3, 0.7) * f64::from(i);
+        let point = Inertial { mass: 1.3, center, central: Symmetric3::zero() };
         let mut weld = JointDescription::new("weld", JointKind::Fixed, "needle", "weight");
-        weld.origin.lever = -centre;
+        weld.origin.lever = -center;
         let mut tip = JointDescription::new("tip", JointKind::Revolute, "hand", "needle");
         tip.axis = Vector3::new(0.2, 0.5, -0.4);
         let (links, joints) = parts();
@@ -98,12 +98,12 @@ fn a_light_link_is_no_singularity() {
         // Small total mass, and small inertia about the axis alone.
         let light = Inertial {
             mass: 1e-6,
-            centre: Vector3::zeros(),
+            center: Vector3::zeros(),
             central: Symmetric3::new([inertia, 0.0, 0.0, inertia, 0.0, inertia]),
         };
         let needle = Inertial {
             mass: 1.0,
-            centre: Vector3::new(0.0, 0.0, 0.5),
+            center: Vector3::new(0.0, 0.0, 0.5),
             central: Symmetric3::new([0.1, 0.0, 0.0, 0.1, 0.0, inertia]),
         };
         for inertial in [light, needle] {
@@ -190,7 +190,7 @@ fn overflow_is_an_error_and_no_nan() {
 fn an_inertia_that_overflows_is_not_called_singular() {
     // Finite values whose moments overflow: more inertia would not help.
     let (mut links, joints) = parts();
-    links[2].inertial.as_mut().unwrap().centre = Vector3::new(1e200, 0.0, 0.0);
+    links[2].inertial.as_mut().unwrap().center = Vector3::new(1e200, 0.0, 0.0);
     let result = assembled((links, joints)).build().and_then(|scene| {
         let zero = vec![0.0; scene.nv()];
         let mut qdd = vec![f64::NAN; scene.nv()];

@@ -208,7 +208,7 @@ fn sobol_is_unbiased_and_its_interval_holds() {
 
 #[test]
 fn bodies_of_less_than_six_dimensions_draw_fewer_numbers() {
-    let point = Inertial { mass: 2.0, centre: [0.0, 0.0, 1.0].into(), central: Symmetric3::zero() };
+    let point = Inertial { mass: 2.0, center: [0.0, 0.0, 1.0].into(), central: Symmetric3::zero() };
     let builder = SceneBuilder::new()
         .link(LinkDescription { name: "base".into(), inertial: None })
         .link(LinkDescription { name: "bob".into(), inertial: Some(point) });
@@ -225,7 +225,7 @@ fn bodies_of_less_than_six_dimensions_draw_fewer_numbers() {
 #[test]
 fn an_indefinite_inertia_names_its_link() {
     let wrong =
-        Inertial { mass: 1.0, centre: [0.0; 3].into(), central: Symmetric3::new([-0.1, 0.0, 0.0, 1.0, 0.0, 1.0]) };
+        Inertial { mass: 1.0, center: [0.0; 3].into(), central: Symmetric3::new([-0.1, 0.0, 0.0, 1.0, 0.0, 1.0]) };
     let builder = SceneBuilder::new()
         .link(LinkDescription { name: "base".into(), inertial: None })
         .link(LinkDescription { name: "odd".into(), inertial: Some(wrong) });

@@ -112,7 +112,7 @@ fn rotations_and_turned_inertias_agree_with_mpmath() {
 
     let inertial = builder.links()[1].inertial.expect("upper has one");
     assert_eq!(inertial.mass, 2.5);
-    assert_eq!(inertial.centre, Vector3::new(0.1, -0.2, 0.3));
+    assert_eq!(inertial.center, Vector3::new(0.1, -0.2, 0.3));
     let central = [
         0.027_487_422_050_898_987,
         -0.002_792_494_047_308_832,
@@ -224,7 +224,7 @@ fn each_broken_link_or_joint_is_named_with_what_was_found_and_expected() {
         (r#"damping="0.1""#, r#"damping="inf""#, &["found \"inf\" in damping of <dynamics>; expected a finite number"]),
         (r#"damping="0.1""#, r#"armature="-1""#, &["joint \"hinge\": found armature -1"]),
         ("</joint>", "<mimic/></joint>", &["joint \"hinge\": found no joint in <mimic>"]),
-        (r#"link name="rod""#, r#"link name="base""#, &["link \"base\": found the name twice"]),
+        (r#"link name="rod""#, r#"link name="base""#, &["link \"base\": found a duplicate name"]),
     ] {
         assert_says(&refusal(&arm_with(from, to)), parts);
     }

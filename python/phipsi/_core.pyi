@@ -102,8 +102,8 @@ _Ignored: TypeAlias = Literal[
 _Switch: TypeAlias = Literal[
     "fixed_joints",
     "base_links",
-    "renamed_axes",
-    "tilted_axes",
+    "permuted_axes",
+    "oblique_axes",
     "zero_velocity",
     "zero_gravity",
 ]
@@ -155,7 +155,7 @@ class Scene:
         floating_base: puts a free joint under the root link, "root_joint", or with "_" behind where the file has that name
         (it is joint_names[0]). gravity: (3,), m/s^2, in the base frame. strict: what is warned of raises, but for mimic
         joints whose source is there. leave_out: names of what may be left out, of "fixed_joints",
-        "base_links", "renamed_axes", "tilted_axes", "zero_velocity" and "zero_gravity"; None: all.
+        "base_links", "permuted_axes", "oblique_axes", "zero_velocity" and "zero_gravity"; None: all.
         Results are the same to rounding, but operators and estimates need the first two (ArgumentError).
         mimic: "couple", joints with <mimic> follow the joint that they name, and have no coordinates of their own: q, tau and M are those of the others; or "free", they
         are independent, and a MimicWarning names each. Coupled scenes have all of kinematics, dynamics, derivatives and simulation; what has no form for them

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Joint", "Limits", "Link", "Mimic", "Omission", "Plan", "joint_of"]
+__all__ = ["Joint", "Limits", "Link", "Mimic", "Simplification", "Plan", "joint_of"]
 
 
 class Limits(NamedTuple):
@@ -142,7 +142,7 @@ def joint_of(described: tuple[Any, ...], has_axis: bool) -> Joint:
 
 
 @dataclass(frozen=True)
-class Omission:
+class Simplification:
     """A simplification of a scene: a computation that is skipped because the results do not depend on it.
 
     Examples
@@ -192,7 +192,7 @@ class Plan:
     """Number of moving bodies that the sweeps visit."""
     links: int
     """Number of links of the robot description."""
-    items: tuple[Omission, ...]
+    items: tuple[Simplification, ...]
     """Simplifications that apply to this scene."""
 
     def __repr__(self) -> str:

@@ -186,8 +186,8 @@ class Trajectory:
         sizes = [energy.kinetic.max(axis=-1), np.ptp(energy.potential + energy.spring, axis=-1)]
         rounding = 1e-12 * (np.abs(energy.kinetic) + np.abs(energy.potential) + np.abs(energy.spring)).max(axis=-1)
         scale = np.max([np.abs(size) for size in (*works, *sizes, rounding)], axis=0)
-        share = np.asarray(np.abs(remainder) / np.where(scale > 0.0, scale, 1.0))
-        return EnergyAudit(torque, damping, friction, control, stops, contacts, change, remainder, share)
+        relative_error = np.asarray(np.abs(remainder) / np.where(scale > 0.0, scale, 1.0))
+        return EnergyAudit(torque, damping, friction, control, stops, contacts, change, remainder, relative_error)
 
     def error_estimate(self) -> _Array:
         """Estimated error of the configuration in every row: twice the largest entry of the difference from a more

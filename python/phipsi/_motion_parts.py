@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import NamedTuple
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -197,8 +197,15 @@ class EnergyAudit(NamedTuple):
     """Change minus the sum of all works: the error of the integrator, and that of the works, which are sums over
     steps.
     """
-    share: _Array
-    """Remainder relative to the largest of the kinetic energy, the range of the potential energy, and each work."""
+    relative_error: _Array
+    """The absolute value of the remainder, relative to the largest of the kinetic energy, the range of the potential
+    energy, and each work.
+    """
+
+    def __getattr__(self, name: str) -> NoReturn:
+        """Name the new attribute where the old one is read."""
+        new = "; it was renamed to 'relative_error'" if name == "share" else ""
+        raise AttributeError(f"'EnergyAudit' object has no attribute {name!r}{new}", name=name, obj=self)
 
 
 class StopImpact(NamedTuple):

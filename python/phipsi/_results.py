@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ._description import Joint, Limits, Link, Mimic, Omission, Plan, joint_of
+from ._description import Joint, Limits, Link, Mimic, Simplification, Plan, joint_of
 
 __all__ = [
     "Accuracy",
@@ -25,7 +25,7 @@ __all__ = [
     "Link",
     "MassEstimate",
     "Mimic",
-    "Omission",
+    "Simplification",
     "Plan",
     "Projection",
     "RolloutGradients",

@@ -1,4 +1,4 @@
-//! The mass centre of a scene and the momentum about it, at one state, with arguments checked and faults named.
+//! Center of mass and centroidal momentum of a scene at one state. Each method checks its arguments before it computes.
 
 use crate::dynamics::centroidal;
 use crate::error::Error;
@@ -8,27 +8,31 @@ use nalgebra::Vector3;
 use std::borrow::Cow;
 
 impl Scene {
-    /// Mass of all links that move, kg: those on fixed joints to them included, links on the base not, nor rotors (armature is no mass). O(N).
+    /// Total mass of all moving links, kg. O(N).
+    ///
+    /// Links fixed to moving links count, links fixed to the base do not. Armature adds no mass.
     #[must_use]
     pub fn total_mass(&self) -> f64 {
         centroidal::total_mass(self.model())
     }
 
-    /// The mass centre of all links that move, from the base's origin and in its axes, m: mass and first moment, tip to base.
+    /// Center of mass of all moving links in the base frame, m.
     ///
-    /// `q` (nq). O(N), without allocation, as all of these.
+    /// `q` (nq). A sweep from tip to base accumulates mass and first moment. O(N); does not allocate. Both hold for all
+    /// methods of this file.
     ///
     /// # Errors
     ///
-    /// Wrong lengths, numbers that are not finite, a workspace of another scene, and [`Error::Argument`] where nothing that moves has mass.
+    /// [`Error::Shape`], [`Error::NotFinite`], and [`Error::Argument`] for a workspace of another scene or if no moving
+    /// link has mass.
     pub fn center_of_mass(&self, workspace: &mut Workspace<f64>, q: &[f64]) -> Result<Vector3<f64>, Error> {
         let q = &*self.check_centroidal(workspace, q)?;
-        let centre = centroidal::center_of_mass(self.model(), workspace, q);
-        self.check_result("center of mass", centre.as_slice())?;
-        Ok(centre)
+        let center = centroidal::center_of_mass(self.model(), workspace, q);
+        self.check_result("center of mass", center.as_slice())?;
+        Ok(center)
     }
 
-    /// The velocity of the mass centre in the base's axes, m/s.
+    /// Velocity of the center of mass in the base frame, m/s.
     ///
     /// `q` (nq), `qd` (nv).
     ///
@@ -47,7 +51,8 @@ impl Scene {
         Ok(velocity)
     }
 
-    /// The acceleration of the mass centre in the base's axes, m/s^2, at joint accelerations `qdd`; gravity is not in it.
+    /// Acceleration of the center of mass in the base frame, m/s^2, for the joint accelerations `qdd`. Gravity is
+    /// excluded.
     ///
     /// `q` (nq), `qd`, `qdd` (nv).
     ///
@@ -68,7 +73,7 @@ impl Scene {
         Ok(acceleration)
     }
 
-    /// The Jacobian of the mass centre, (3 x nv) row by row: its velocity in the base's axes is J qd.
+    /// Jacobian J of the center of mass, (3 x nv), row-major: its velocity in the base frame is J qd.
     ///
     /// # Errors
     ///
@@ -84,8 +89,11 @@ impl Scene {
         self.check_result("center of mass jacobian", out)
     }
 
-    /// The centroidal momentum matrix A, (6 x nv) row by row: the momentum (angular about the mass centre, linear) of all links in the base's axes is
-    /// A qd. Rotors add nothing. Column j is the momentum of all bodies outboard of joint k, as one, at a unit rate.
+    /// Centroidal momentum matrix A, (6 x nv), row-major.
+    ///
+    /// A qd is the momentum of all links in base axes: (angular about the center of mass, linear). Armature is
+    /// excluded. Column j is the momentum of all bodies outboard of joint j, moving as one rigid body at unit joint
+    /// velocity.
     ///
     /// # Errors
     ///
@@ -101,7 +109,8 @@ impl Scene {
         self.check_result("centroidal momentum matrix", out)
     }
 
-    /// The rate of the centroidal momentum matrix along `qd`, (6 x nv) row by row: the momentum about the mass centre changes at A qdd + A' qd.
+    /// Time derivative A' of the centroidal momentum matrix for the joint velocities `qd`, (6 x nv), row-major: the
+    /// momentum about the center of mass changes at the rate A qdd + A' qd.
     ///
     /// # Errors
     ///
@@ -120,20 +129,20 @@ impl Scene {
         self.check_result("centroidal momentum matrix rate", out)
     }
 
-    /// What all of these share; the configuration of the tree.
+    /// Checks that the methods of this file share; returns the configuration of the tree.
     fn check_centroidal<'a>(&self, workspace: &Workspace<f64>, q: &'a [f64]) -> Result<Cow<'a, [f64]>, Error> {
         self.check_has_mass()?;
         self.check_workspace(workspace)?;
         self.tree_configuration("q", q)
     }
 
-    /// Whether there is a mass centre.
+    /// Checks that the center of mass exists: some moving link has mass.
     pub(crate) fn check_has_mass(&self) -> Result<(), Error> {
         let mass = self.total_mass();
         if mass > 0.0 {
             return Ok(());
         }
-        let found = format!("links that move of {mass} kg in all");
-        Err(Error::argument("scene", found, "mass on a link that moves: without it there is no mass centre"))
+        let found = format!("moving links with a total mass of {mass} kg");
+        Err(Error::argument("scene", found, "mass on at least one moving link, which the center of mass requires"))
     }
 }

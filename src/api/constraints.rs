@@ -1,4 +1,4 @@
-//! Closed loops at one state, with arguments checked and faults named.
+//! Dynamics of closed kinematic loops (connections) at one state. Each method checks its arguments before it computes.
 
 use crate::algorithm::{Algorithm, Arguments};
 use crate::dynamics::constraints::{self, ConstraintScratch, accelerations_of_rows, errors_of_rows, jacobian_of_rows};
@@ -8,42 +8,46 @@ use crate::scene::Scene;
 use crate::spatial::SpatialVector;
 use crate::workspace::Workspace;
 
-/// What [`Scene::constrained_dynamics`] and [`Scene::constrained_inverse_dynamics`] tell beside their result.
+/// Diagnostics of [`Scene::constrained_dynamics`] and [`Scene::constrained_inverse_dynamics`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Constrained {
-    /// How many of the rows are independent.
+    /// Rank of the constraint Jacobian: the number of independent rows.
     pub rank: usize,
-    /// The largest entry of J qdd + J' qd that is left, rad/s^2 or m/s^2.
+    /// Largest absolute entry of J qdd + J' qd after the solve, rad/s^2 or m/s^2.
     pub residual: f64,
 }
 
-/// What [`Scene::project`] tells.
+/// Diagnostics of [`Scene::project`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Projection {
-    /// How many of the rows are independent where it ended.
+    /// Rank of the constraint Jacobian at the projected configuration.
     pub rank: usize,
-    /// The largest error that is left, m or rad.
+    /// Largest remaining constraint error, m or rad.
     pub error: f64,
-    /// The largest rate of an error that is left, m/s or rad/s; zero without velocities.
+    /// Largest remaining constraint velocity, m/s or rad/s; zero if no velocities were given.
     pub rate: f64,
 }
 
-/// What a projection that fails expects.
-const NEARER: &str = "a start from which small moves meet the connections, and connections that can be met";
+/// The `expected` part of the error of a projection that does not converge.
+const NEARER: &str = "a start closer to a configuration that satisfies the connections";
 
 impl Scene {
-    /// Scratch for the methods on connections; one for each thread.
+    /// Scratch memory for the methods on connections. Each thread needs its own.
     #[must_use]
     pub fn constraint_scratch(&self) -> ConstraintScratch {
         ConstraintScratch::new(self.model(), self.constraints())
     }
 
-    /// How far each row of the connections is from holding at `q`, into `out` (m): origins in m, in the first frame's axes; rotations as 2 sin(t/2)
-    /// about their axis, t the angle, which is t where it is small; angular rows before linear ones. O(m depth).
+    /// Constraint error of the connections at `q`, written to `out` (m entries).
+    ///
+    /// Translational rows are in m, in the axes of the connection's first frame. Rotational rows are 2 sin(t/2) times
+    /// the rotation axis for a rotation by the angle t, which is t for small angles. Rotational rows precede
+    /// translational rows. O(m depth).
     ///
     /// # Errors
     ///
-    /// Wrong lengths, numbers that are not finite, and a rod whose ends coincide.
+    /// [`Error::Shape`] for a wrong length, [`Error::NotFinite`], and [`Error::Constraint`] for a rod whose end points
+    /// coincide, because its direction is then undefined.
     pub fn constraint_error(&self, q: &[f64], out: &mut [f64]) -> Result<(), Error> {
         self.check_configuration("q", q)?;
         check_length("out", out.len(), self.constraint_rows())?;
@@ -51,12 +55,13 @@ impl Scene {
         self.check_result("constraint error", out)
     }
 
-    /// J of the connections at `q`, (m x nv) row by row into `out`: J qd is the rate of [`Scene::constraint_error`], exactly and at every `q`. O(m
-    /// depth), beside the zeros.
+    /// Constraint Jacobian J at `q`, (m x nv), row-major, written to `out`.
+    ///
+    /// J qd is the exact time derivative of [`Scene::constraint_error`] at every `q`. O(m depth), plus clearing `out`.
     ///
     /// # Errors
     ///
-    /// As [`Scene::constraint_error`], and scratch of another scene.
+    /// As [`Scene::constraint_error`], and [`Error::Argument`] for scratch of another scene.
     pub fn constraint_jacobian(
         &self,
         workspace: &mut Workspace<f64>,
@@ -74,7 +79,8 @@ impl Scene {
         self.check_result("constraint jacobian", out)
     }
 
-    /// J' qd of the connections, into `out` (m): the second derivative of [`Scene::constraint_error`] where no joint accelerates. O(m depth).
+    /// Constraint bias J' qd, written to `out` (m entries): the second time derivative of [`Scene::constraint_error`]
+    /// for zero joint accelerations. O(m depth).
     ///
     /// # Errors
     ///
@@ -89,11 +95,13 @@ impl Scene {
         self.check_result("constraint bias", out)
     }
 
-    /// Accelerations `qdd` (nv) and the forces of the connections (m) from torques: M qdd + bias = tau + J^T forces with J qdd + J' qd = 0.
+    /// Joint accelerations `qdd` (nv) and constraint forces (m) for given joint torques.
     ///
-    /// Forces are what a connection does to its `link`, a row each, N m and N, at the origin of its first frame and in its axes; the other link gets
-    /// the opposite. A rod pushes where its force is positive. Rows that depend on each other have the forces of least sum `(J M^-1 J^T)_ii`
-    /// `forces_i`^2; the accelerations are unique. In the workspace's form. O(N + m^2 depth + m^3).
+    /// Solves M qdd + bias = tau + J^T forces subject to J qdd + J' qd = 0. The force of a row (N m for rotational
+    /// rows, N for translational rows) acts on the `link` of the connection, at the origin of the connection's first
+    /// frame and in its axes; the opposite force acts on the other link. The force of a rod is positive in compression.
+    /// If rows are linearly dependent, the accelerations are still unique, and the forces are those of least sum `(J
+    /// M^-1 J^T)_ii forces_i^2`. The factorization form is that of the workspace. O(N + m^2 depth + m^3).
     ///
     /// ```
     /// use phipsi::scene::{Connection, ConnectionKind};
@@ -104,18 +112,20 @@ impl Scene {
     /// let (mut workspace, mut scratch) = (scene.workspace(), scene.constraint_scratch());
     /// let (mut qdd, mut forces) = ([f64::NAN; 3], [f64::NAN; 3]);
     /// let (q, zero) = (scene.neutral(), [0.0; 3]);
-    /// let told = scene.constrained_dynamics(&mut workspace, &mut scratch, &q, &zero, &zero, &[], (&mut qdd, &mut forces))?;
-    /// assert!(told.rank > 0 && told.residual < 1e-9);
+    /// let results = (&mut qdd[..], &mut forces[..]);
+    /// let solved = scene.constrained_dynamics(&mut workspace, &mut scratch, &q, &zero, &zero, &[], results)?;
+    /// assert!(solved.rank > 0 && solved.residual < 1e-9);
     /// # Ok(())
     /// # }
     /// ```
     ///
     /// # Errors
     ///
-    /// Wrong lengths, numbers that are not finite, scratch of another scene, [`Error::SingularJoint`] of the tree, a rod whose ends coincide, and
-    /// [`Error::Constraint`] where no forces meet all rows, or where the state does not meet the connections to within 1e-3 (m or rad; m/s or rad/s, relative
-    /// to the fastest joint where that is faster than 1): [`Scene::project`] gives one that does.
-    #[allow(clippy::too_many_arguments)] // as forward dynamics
+    /// [`Error::Shape`], [`Error::NotFinite`], [`Error::Argument`] for scratch of another scene,
+    /// [`Error::SingularJoint`] of the tree, and [`Error::Constraint`] if a rod's end points coincide, if no forces
+    /// satisfy all rows, or if the state violates the connections by more than 1e-3 (m or rad; m/s or rad/s, relative
+    /// to the fastest joint velocity if that exceeds 1). [`Scene::project`] computes a state that satisfies them.
+    #[allow(clippy::too_many_arguments)] // same arguments as forward dynamics
     pub fn constrained_dynamics(
         &self,
         workspace: &mut Workspace<f64>,
@@ -132,24 +142,26 @@ impl Scene {
         self.check_scratch_of_rows(workspace, scratch)?;
         let state = Arguments { q, qd, u: tau, wrenches, ..Arguments::default() };
         let algorithm = Algorithm::ConstrainedDynamics(workspace.form);
-        // Of a scene whose joints follow each other they are fewer than the tree's.
+        // The results of a scene with coupled joints are shorter than those of its tree.
         scratch.results.resize(self.width(algorithm), f64::NAN);
         self.run_one(workspace, None, algorithm, &state, &mut scratch.results)?;
         let (accelerations, rest) = scratch.results.split_at(nv);
         qdd.copy_from_slice(accelerations);
         forces.copy_from_slice(&rest[..m]);
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a count
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a small count, stored as f64
         Ok(Constrained { rank: rest[m] as usize, residual: rest[m + 1] })
     }
 
-    /// The configuration nearest to `q` that meets the connections, and the velocities nearest to `qd` that keep them so, both in place.
+    /// Projects `q` and `qd` in place onto the configurations and velocities that satisfy the connections.
     ///
-    /// Newton steps -M^-1 J^T G^+ error, each of least kinetic energy; velocities less M^-1 J^T G^+ J qd, as by an impact without rebound.
+    /// Each Newton step -M^-1 J^T G^+ error is the one of least kinetic energy, with G = J M^-1 J^T. The velocity
+    /// correction -M^-1 J^T G^+ J qd equals that of a perfectly inelastic impact.
     ///
     /// # Errors
     ///
-    /// Wrong lengths, numbers that are not finite, scratch of another scene, [`Error::SingularJoint`] of the tree; [`Error::Constraint`] where an
-    /// error or a rate stays: from there no small moves meet the connections.
+    /// [`Error::Shape`], [`Error::NotFinite`], [`Error::Argument`] for scratch of another scene,
+    /// [`Error::SingularJoint`] of the tree, and [`Error::Constraint`] if the iteration ends with a constraint error or
+    /// velocity above its tolerance.
     pub fn project(
         &self,
         workspace: &mut Workspace<f64>,
@@ -160,12 +172,14 @@ impl Scene {
         self.project_compliant(workspace, scratch, q, qd, &[])
     }
 
-    /// The same where each row gives way by its `compliance` (m, zero or above; empty: none does): errors and velocities of rows are -compliance times what pushes the state there,
-    /// so that q is where half the squared distance from the start, by kinetic energy, plus the sum of error^2/(2 compliance) is least.
+    /// [`Scene::project`] with a `compliance` per row (m entries, each zero or positive; empty for none).
+    ///
+    /// Minimizes half the squared distance from the start, measured by kinetic energy, plus the sum of error^2 / (2
+    /// compliance). At the solution, the error and the velocity of a row are -compliance times its multiplier.
     ///
     /// # Errors
     ///
-    /// As [`Scene::project`], and a compliance below zero or not finite.
+    /// As [`Scene::project`], and [`Error::Argument`] for a compliance that is negative or not finite.
     pub fn project_compliant(
         &self,
         workspace: &mut Workspace<f64>,
@@ -203,16 +217,16 @@ impl Scene {
         Ok(Projection { rank: velocities.rank, error: positions.left, rate: velocities.left })
     }
 
-    /// Torques `tau` (nv) and forces of the connections (m) that give the accelerations `qdd`: tau + J^T forces = M qdd + bias, tau zero at joints that are not
-    /// `actuated` (nv; empty: all are).
+    /// Joint torques `tau` (nv) and constraint forces (m) for given joint accelerations `qdd`.
     ///
-    /// Where that leaves a choice, tau has the least tau^T M^-1 tau: torques that do not load the connections. Whether `qdd` meets the connections is
-    /// told by the residual.
+    /// Solves tau + J^T forces = M qdd + bias with tau = 0 at joints that are not `actuated` (nv entries; empty if all
+    /// are actuated). If the solution is not unique, tau is the one with the least tau^T M^-1 tau, which does not load
+    /// the connections. The residual reports whether `qdd` satisfies the connections.
     ///
     /// # Errors
     ///
-    /// As [`Scene::constrained_dynamics`], and [`Error::Argument`] where a joint without a motor would need a torque.
-    #[allow(clippy::too_many_arguments)] // as inverse dynamics
+    /// As [`Scene::constrained_dynamics`], and [`Error::Argument`] if an unactuated joint would need a torque.
+    #[allow(clippy::too_many_arguments)] // same arguments as inverse dynamics
     pub fn constrained_inverse_dynamics(
         &self,
         workspace: &mut Workspace<f64>,
@@ -247,16 +261,16 @@ impl Scene {
             let joint = self.joints().iter().find(|joint| joint.v.contains(&row)).map_or("", |joint| &joint.name);
             return Err(Error::argument(
                 "actuated",
-                format!("joint {joint:?} without a motor, which would need {} (N m or N)", number(torque)),
-                "motors that can give these accelerations, or accelerations that they can give",
+                format!("joint {joint:?}, which is not actuated, would need {} (N m or N)", number(torque)),
+                "accelerations that the actuated joints can produce, or more actuated joints",
             ));
         }
         forces.copy_from_slice(&scratch.forces);
         Ok(Constrained { rank: outcome.rank, residual: outcome.residual })
     }
 
-    /// M^-1 - M^-1 J^T G^+ J M^-1 at `q`, (nv x nv) row by row into `out`: how torques accelerate the joints through the connections; symmetric, of
-    /// rank nv less that of G.
+    /// Inverse mass matrix of the constrained system, M^-1 - M^-1 J^T G^+ J M^-1 at `q`, (nv x nv), row-major, written
+    /// to `out`: joint accelerations per joint torque with the connections closed. Symmetric, with rank nv - rank(G).
     ///
     /// # Errors
     ///

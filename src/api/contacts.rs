@@ -1,15 +1,16 @@
-//! Contacts of a scene at one state.
+//! Contact kinematics of a scene at one state.
 
 use crate::dynamics::contacts;
 use crate::error::{Error, check_length};
 use crate::scene::Scene;
 
 impl Scene {
-    /// How far each contact is above its plane at `q`, into `out` (contacts), m; below zero where it is under it. O(depth) each.
+    /// Signed distance of each contact from its plane at `q`, written to `out` (contacts), m; negative for penetration.
+    /// O(depth) per contact.
     ///
     /// # Errors
     ///
-    /// Wrong lengths, numbers that are not finite, quaternions that are not unit.
+    /// [`Error::Shape`], [`Error::NotFinite`], and [`Error::Argument`] for a quaternion that is not of unit norm.
     pub fn contact_gaps(&self, q: &[f64], out: &mut [f64]) -> Result<(), Error> {
         self.check_configuration("q", q)?;
         check_length("out", out.len(), self.contact_points().len())?;
@@ -17,8 +18,8 @@ impl Scene {
         self.check_result("contact gaps", out)
     }
 
-    /// The velocity of the point of each link that is nearest to its contact's plane, into `out` (contacts x 3), m/s, in the base frame. O(depth)
-    /// each.
+    /// Velocity of each contact point (the point of the link nearest to the plane) in the base frame, m/s, written to
+    /// `out` (contacts x 3). O(depth) per contact.
     ///
     /// # Errors
     ///
@@ -33,7 +34,7 @@ impl Scene {
         self.check_result("contact velocities", out)
     }
 
-    /// What knows no contacts is refused for scenes that have some.
+    /// Returns an error if the scene has contacts, for functions that do not support them.
     pub(crate) fn check_no_contacts(&self, what: &str) -> Result<(), Error> {
         if self.contact_points().is_empty() {
             return Ok(());
@@ -42,7 +43,7 @@ impl Scene {
         Err(Error::argument(
             what,
             format!("a scene with contacts ({})", names.join(", ")),
-            "a scene without: scene.without_contacts() is the same one without them",
+            "a scene without contacts: scene.without_contacts() returns one",
         ))
     }
 }

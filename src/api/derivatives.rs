@@ -1,4 +1,4 @@
-//! Derivatives of a scene's dynamics at one state, with arguments checked and faults named.
+//! Derivatives of the dynamics at one state. Each method checks its arguments before it computes.
 
 use crate::algorithm::{Algorithm, Arguments, Derivatives};
 use crate::error::{Error, check_length};
@@ -7,16 +7,17 @@ use crate::spatial::SpatialVector;
 use crate::workspace::Workspace;
 
 impl Scene {
-    /// dtau/dq, dtau/dqd and M of inverse dynamics at one state, in the tangent space of `q`, into `out` one after another: see
-    /// [`crate::dynamics::derivatives::inverse_dynamics_derivatives`].
+    /// Derivatives of inverse dynamics at one state: dtau/dq, dtau/dqd and M, one after another in `out` (3 x nv x nv).
     ///
-    /// `q` (nq), `qd`, `qdd` (nv), SI units; `wrenches` is empty or holds a spatial force a body, held in that body's frame; `out`
-    /// (3 x nv x nv). By the compiled kernels, as [`Scene::forward_dynamics`]; the first call makes their scratch. O(N depth).
+    /// Derivatives by q are in its tangent space; see [`crate::dynamics::derivatives::inverse_dynamics_derivatives`].
+    /// `q` (nq), `qd` and `qdd` (nv) are in SI units; `wrenches` is empty or holds one spatial force per body, constant
+    /// in its body frame. The compiled kernels compute the result, as in [`Scene::forward_dynamics`]; the first call
+    /// allocates their scratch. O(N depth).
     ///
     /// # Errors
     ///
-    /// Wrong lengths, numbers that are not finite, and a workspace of another scene.
-    #[allow(clippy::too_many_arguments)] // a state is three arrays and forces; scratch and results are the caller's
+    /// [`Error::Shape`], [`Error::NotFinite`], and [`Error::Argument`] for a workspace of another scene.
+    #[allow(clippy::too_many_arguments)] // a state has three arrays and forces; the caller owns scratch and results
     pub fn inverse_dynamics_derivatives(
         &self,
         workspace: &mut Workspace<f64>,
@@ -30,17 +31,22 @@ impl Scene {
         self.run_one(workspace, None, algorithm, &Arguments { q, qd, u: qdd, wrenches, ..Arguments::default() }, out)
     }
 
-    /// dqdd/dq, dqdd/dqd and M^-1 of forward dynamics at one state, in the form of the workspace and in the tangent space of `q`, into `out` one after another: see
-    /// [`crate::dynamics::derivatives::forward_dynamics_derivatives`].
+    /// Derivatives of forward dynamics at one state: dqdd/dq, dqdd/dqd and M^-1, one after another in `out` (3 x nv x
+    /// nv).
     ///
-    /// `q` (nq), `qd`, `tau` (nv), SI units; `wrenches` and `out` as in [`Scene::inverse_dynamics_derivatives`]. In the forms `auto` and `covariance` by the compiled
-    /// kernels, where M^-1 times dtau/dq and dtau/dqd are O(N^2 depth) products; in the others, for chains of more than 300 links, and for states in doubt column by
-    /// column through filter and smoother, with scratch of the call's own.
+    /// Derivatives by q are in its tangent space; see [`crate::dynamics::derivatives::forward_dynamics_derivatives`].
+    /// `q` (nq), `qd` and `tau` (nv) are in SI units; `wrenches` and `out` are as in
+    /// [`Scene::inverse_dynamics_derivatives`].
+    ///
+    /// In the forms `auto` and `covariance` the compiled kernels multiply M^-1 by dtau/dq and dtau/dqd, in O(N^2
+    /// depth). In the other forms, for chains of more than 300 links, and for states whose error estimate exceeds the
+    /// tolerance, filter and smoother compute one column after another, and the call allocates its scratch.
     ///
     /// # Errors
     ///
-    /// Wrong lengths, numbers that are not finite, a workspace of another scene, [`Error::SingularJoint`] where a pivot is lost, and in
-    /// square-root form an inertia that has no root.
+    /// [`Error::Shape`], [`Error::NotFinite`], [`Error::Argument`] for a workspace of another scene,
+    /// [`Error::SingularJoint`] if a pivot has no significant digits, and, in square-root form, an error for an inertia
+    /// that has no square root.
     #[allow(clippy::too_many_arguments)] // as above
     pub fn forward_dynamics_derivatives(
         &self,
@@ -55,12 +61,14 @@ impl Scene {
         self.run_one(workspace, None, algorithm, &Arguments { q, qd, u: tau, wrenches, ..Arguments::default() }, out)
     }
 
-    /// The Coriolis matrix C at `q` and `qd`, (nv x nv) row by row: C qd is the torque of the rates, and dM/dt - 2 C is antisymmetric; see
+    /// Coriolis matrix C at `q` and `qd`, (nv x nv), row-major, written to `out`.
+    ///
+    /// C qd is the vector of Coriolis and centrifugal torques, and dM/dt - 2 C is skew-symmetric; see
     /// [`crate::dynamics::derivatives::coriolis_matrix`].
     ///
     /// # Errors
     ///
-    /// Wrong lengths, numbers that are not finite, and a workspace of another scene.
+    /// [`Error::Shape`], [`Error::NotFinite`], and [`Error::Argument`] for a workspace of another scene.
     pub fn coriolis_matrix(
         &self,
         workspace: &mut Workspace<f64>,
@@ -72,11 +80,12 @@ impl Scene {
         self.run_one(workspace, None, Algorithm::Derivatives(Derivatives::CoriolisMatrix), &state, out)
     }
 
-    /// dM/dt at `q` along `qd`, (nv x nv) row by row: see [`crate::dynamics::derivatives::mass_matrix_derivative`].
+    /// Time derivative dM/dt of the mass matrix at `q` for the joint velocities `qd`, (nv x nv), row-major, written to
+    /// `out`: see [`crate::dynamics::derivatives::mass_matrix_derivative`].
     ///
     /// # Errors
     ///
-    /// Wrong lengths, numbers that are not finite, and a workspace of another scene.
+    /// [`Error::Shape`], [`Error::NotFinite`], and [`Error::Argument`] for a workspace of another scene.
     pub fn mass_matrix_derivative(
         &self,
         workspace: &mut Workspace<f64>,
@@ -88,9 +97,10 @@ impl Scene {
         self.run_one(workspace, None, Algorithm::Derivatives(Derivatives::MassMatrix), &state, out)
     }
 
-    /// A (2nv x 2nv) and B (2nv x nv) of dx/dt = A x + B u, x = (d, change of qd), for small deviations q (+) d from the motion through one state.
+    /// Linearization dx/dt = A x + B u of the motion about one state, with A (2nv x 2nv) and B (2nv x nv), row-major.
     ///
-    /// Arguments as in [`Scene::forward_dynamics_derivatives`]; both results row by row.
+    /// x = (d, change of qd), where the perturbed configuration is q (+) d with d in the tangent space of q, and u is
+    /// the change of tau. The other arguments are those of [`Scene::forward_dynamics_derivatives`].
     ///
     /// # Errors
     ///

@@ -1,4 +1,4 @@
-//! Estimation on one state of a scene, with arguments checked and faults named.
+//! Estimation of forces, accelerations and torques of one state. Each method checks its arguments before it computes.
 
 use crate::dynamics::{self, Estimate, EstimateCovariance, EstimateScratch, Measurements};
 use crate::error::{Error, check_finite, check_length};
@@ -7,24 +7,25 @@ use crate::spatial::SpatialVector;
 use crate::workspace::Workspace;
 
 impl Scene {
-    /// Scratch for [`Scene::estimate`].
+    /// Scratch memory for [`Scene::estimate`].
     #[must_use]
     pub fn estimate_scratch(&self) -> EstimateScratch<f64> {
         EstimateScratch::new(self.model())
     }
 
-    /// Forces, accelerations and torques given the torques of some joints: see [`dynamics::estimate()`], and
-    /// [`dynamics::estimate_covariance`] for the covariances, which are computed where there is room for them.
+    /// Estimates spatial forces, accelerations and joint torques from the measured torques of some joints.
     ///
-    /// `q` (nq), `qd` (nv), SI units; `wrenches` as in [`Scene::forward_dynamics`]. `estimate` and `covariance` come from
-    /// [`Estimate::new`] and [`EstimateCovariance::new`]. O(N), without allocation.
+    /// See [`dynamics::estimate()`] for the equations, and [`dynamics::estimate_covariance`] for the variances, which
+    /// are computed if `covariance` is given. `q` (nq) and `qd` (nv) are in SI units; `wrenches` is as in
+    /// [`Scene::forward_dynamics`]. Create `estimate` with [`Estimate::new`] and `covariance` with
+    /// [`EstimateCovariance::new`]. O(N); does not allocate.
     ///
     /// # Errors
     ///
-    /// Wrong lengths; numbers that are not finite (the torque of a joint that is not measured is not read); noise that is
-    /// negative or NaN and an acceleration variance that is not positive, as [`Error::Argument`];
-    /// [`Error::SingularJoint`] where the pivot of a measured joint is lost, and, with covariances, that of any joint.
-    #[allow(clippy::too_many_arguments)] // a state is several arrays; scratch and results are the caller's
+    /// [`Error::Shape`]; [`Error::NotFinite`] (torques of unmeasured joints are not read); [`Error::Argument`] for
+    /// noise that is negative or NaN and for an acceleration variance that is not positive; [`Error::SingularJoint`] if
+    /// the pivot of a measured joint, or of any joint if covariances are computed, has no significant digits.
+    #[allow(clippy::too_many_arguments)] // a state has several arrays; the caller owns scratch and results
     pub fn estimate(
         &self,
         workspace: &mut Workspace<f64>,
@@ -64,7 +65,8 @@ impl Scene {
         self.check_result("variance of the torque", &covariance.torque)
     }
 
-    /// The same estimate from the definitions of section 2 with dense matrices: see [`crate::operators::estimate_batch()`].
+    /// The estimate of [`Scene::estimate`], computed with dense matrices from the definitions of section 2 as a
+    /// reference: see [`crate::operators::estimate_batch()`].
     ///
     /// # Errors
     ///
@@ -93,7 +95,7 @@ impl Scene {
         Ok(estimate)
     }
 
-    /// Torques finite where measured, noise zero or positive, the variance of accelerations positive.
+    /// Checks that measured torques are finite, noise is nonnegative, and the acceleration variance is positive.
     fn check_measurements(&self, measurements: &Measurements<'_, f64>) -> Result<(), Error> {
         let s = measurements.acceleration_variance;
         self.check_prior(s)?;
@@ -102,7 +104,7 @@ impl Scene {
         for (row, (&noise, &torque)) in measurements.noise.iter().zip(measurements.torque).enumerate() {
             if !(noise >= 0.0) {
                 let found = format!("{noise} for joint {:?}", self.joint_of_row(row));
-                let expected = "a variance in (N m)^2: zero or positive, infinite where not measured";
+                let expected = "a variance in (N m)^2: zero or positive, or infinity for a joint that is not measured";
                 return Err(Error::argument("noise", found, expected));
             }
             if !measurements.is_measured(row) {
@@ -113,7 +115,7 @@ impl Scene {
                     "{noise} for joint {:?} over acceleration_variance {s}, which overflows",
                     self.joint_of_row(row)
                 );
-                return Err(Error::argument("noise", found, "infinity where a joint is not measured"));
+                return Err(Error::argument("noise", found, "infinity for a joint that is not measured"));
             }
             if !torque.is_finite() {
                 return Err(Error::NotFinite { argument: "torque".to_owned(), index: row, value: torque, state: None });
@@ -126,9 +128,10 @@ impl Scene {
         Ok(())
     }
 
-    /// The scene can be estimated, and the variance of accelerations is positive: what all states of a batch share.
+    /// Checks the conditions that all states of a batch share: the scene supports estimation, and the acceleration
+    /// variance is positive and finite.
     pub(crate) fn check_prior(&self, s: f64) -> Result<(), Error> {
-        self.model().omissions.check_every_body_moves("scene")?;
+        self.model().simplifications.check_every_body_moves("scene")?;
         if s > 0.0 && s.is_finite() {
             return Ok(());
         }
@@ -136,16 +139,16 @@ impl Scene {
         Err(Error::argument("acceleration_variance", s.to_string(), expected))
     }
 
-    /// The name of the joint of a degree of freedom.
+    /// Name of the joint that owns degree of freedom `row`.
     fn joint_of_row(&self, row: usize) -> &str {
         self.joints().iter().find(|joint| joint.v.contains(&row)).map_or("", |joint| &joint.name)
     }
 }
 
-/// Lengths of what is estimated: of each degree of freedom twice, then of each body twice.
+/// Checks the lengths of the four arrays of an estimate: two per degree of freedom and two per body.
 fn check_lengths(argument: &str, found: [usize; 4], [nv, bodies]: [usize; 2]) -> Result<(), Error> {
     let parts = [("acceleration", nv), ("torque", nv), ("force", bodies), ("process", bodies)];
-    // The name is written only if it is needed: a call allocates nothing.
+    // The name is formatted only on failure, so that a successful call does not allocate.
     match found.into_iter().zip(parts).find(|(found, (_, expected))| found != expected) {
         Some((found, (part, expected))) => check_length(&format!("{argument}.{part}"), found, expected),
         None => Ok(()),

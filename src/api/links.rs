@@ -1,6 +1,8 @@
-//! Where links of a scene are and how they move, at one state, with arguments checked and faults named.
+//! Forward kinematics, velocities, accelerations and Jacobians of links at one state. Each method checks its arguments
+//! before it computes.
 //!
-//! A link is given by its name, as a [`TaskFrame`], which is fixed on it, or as a [`Frame`] that was looked up before: see [`OnLink`]. Motions are (angular, linear), rad and m, against the base.
+//! A link is given by name, as a [`TaskFrame`] fixed to it, or as a resolved [`Frame`]: see [`OnLink`]. Spatial motions
+//! are (angular, linear), in rad and m, relative to the base.
 
 use super::TaskFrame;
 use crate::error::{Error, check_finite, check_length};
@@ -9,12 +11,12 @@ use crate::scene::Scene;
 use crate::spatial::{RigidShift, SpatialVector};
 use crate::workspace::Workspace;
 
-/// A frame on a link: of the link's name, or as it was looked up.
+/// A frame on a link, given by name or already resolved.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum OnLink<'a> {
-    /// By the link's name.
+    /// A link name with an offset.
     Named(TaskFrame<'a>),
-    /// By its body, with the link's placement in it: what [`Scene::link`] gives.
+    /// A body index with the pose of the frame on that body, as [`Scene::link`] returns it.
     Known(Frame<f64>),
 }
 
@@ -43,13 +45,14 @@ impl From<Frame<f64>> for OnLink<'_> {
 }
 
 impl Scene {
-    /// Where a link, or a frame on it, is: from its frame to the base's.
+    /// Forward kinematics: pose of a link, or of a frame on it, from that frame to the base frame.
     ///
-    /// `q` (nq). Only the joints between the base and the link are computed: O(depth).
+    /// `q` (nq). Visits only the joints between the base and the link: O(depth).
     ///
     /// # Errors
     ///
-    /// An unknown link or body, a frame without a rotation matrix, wrong lengths and numbers that are not finite.
+    /// [`Error::Argument`] for an unknown link or body or for a frame without a rotation matrix, [`Error::Shape`], and
+    /// [`Error::NotFinite`].
     pub fn placement<'a>(&self, q: &[f64], link: impl Into<OnLink<'a>>) -> Result<RigidShift<f64>, Error> {
         let frame = self.on_link(&link.into())?;
         let q = &*self.tree_configuration("q", q)?;
@@ -58,11 +61,11 @@ impl Scene {
         Ok(placement)
     }
 
-    /// Where several links are, in their order, into `out`: as [`Scene::placement`] of each, joints that they share computed once.
+    /// Poses of several links, in their order, written to `out`. Computes each joint that they share once.
     ///
     /// # Errors
     ///
-    /// As [`Scene::placement`], and a workspace of another scene.
+    /// As [`Scene::placement`], and [`Error::Argument`] for a workspace of another scene.
     pub fn placements_of<'a, L: Copy + Into<OnLink<'a>>>(
         &self,
         workspace: &mut Workspace<f64>,
@@ -89,7 +92,7 @@ impl Scene {
         Ok(())
     }
 
-    /// The velocity of a link, or of a frame on it, written in `reference`.
+    /// Spatial velocity of a link, or of a frame on it, expressed in `reference`.
     ///
     /// `q` (nq), `qd` (nv). O(depth).
     ///
@@ -108,7 +111,8 @@ impl Scene {
         Ok(velocity)
     }
 
-    /// The acceleration of a link, or of a frame on it, written in `reference`, at joint accelerations `qdd`; gravity is not in it.
+    /// Spatial acceleration of a link, or of a frame on it, for the joint accelerations `qdd`, expressed in
+    /// `reference`. Gravity is excluded.
     ///
     /// `q` (nq), `qd`, `qdd` (nv). O(depth).
     ///
@@ -129,10 +133,24 @@ impl Scene {
         Ok(acceleration)
     }
 
-    /// The Jacobian J of a link, or of a frame on it, (6 x nv) row by row: its velocity written in `reference` is J qd.
+    /// Jacobian J of a link, or of a frame on it, (6 x nv), row-major: its velocity expressed in `reference` is J qd.
     ///
-    /// In [`ReferenceFrame::Local`] a wrench w on the link, at the frame's origin and in its axes, gives the joint torques J^T w. O(depth), beside
-    /// the zeros.
+    /// In [`ReferenceFrame::Local`], a wrench w on the link, at the origin of the frame and in its axes, causes the
+    /// joint torques J^T w. O(depth), plus clearing `out`.
+    ///
+    /// ```
+    /// use phipsi::kinematics::ReferenceFrame::Local;
+    /// # fn main() -> Result<(), phipsi::Error> {
+    /// let scene = phipsi::scenes::chain(3)?;
+    /// let (q, qd, mut jacobian) = ([0.1, -0.4, 0.7], [0.2, 0.5, -0.3], [f64::NAN; 18]);
+    /// scene.jacobian(&q, "link2", Local, &mut jacobian)?;
+    /// let velocity = scene.velocity(&q, &qd, "link2", Local)?;
+    /// for (row, v) in jacobian.chunks(3).zip(velocity.iter()) {
+    ///     assert!((row.iter().zip(&qd).map(|(j, qd)| j * qd).sum::<f64>() - v).abs() < 1e-14);
+    /// }
+    /// # Ok(())
+    /// # }
+    /// ```
     ///
     /// # Errors
     ///
@@ -150,9 +168,11 @@ impl Scene {
         self.check_result("jacobian", out)
     }
 
-    /// The rate J' of [`Scene::jacobian`] along `qd`, (6 x nv) row by row, entry by entry as J is written in `reference`. O(depth), beside the zeros.
+    /// Time derivative J' of [`Scene::jacobian`] for the joint velocities `qd`, (6 x nv), row-major: the derivative of
+    /// every entry of J as expressed in `reference`. O(depth), plus clearing `out`.
     ///
-    /// J qdd + J' qd is the spatial acceleration in the frame itself and in the world, the classical one in the base's axes at the frame's origin.
+    /// J qdd + J' qd is the spatial acceleration in the references local and world, and the classical acceleration in
+    /// the local-world-aligned reference.
     ///
     /// # Errors
     ///
@@ -171,7 +191,8 @@ impl Scene {
         self.check_result("jacobian rate", out)
     }
 
-    /// J' qd of [`Scene::jacobian_rate`], without J': the acceleration that rates alone give. O(depth).
+    /// Product J' qd of [`Scene::jacobian_rate`] with qd: the acceleration for zero joint accelerations. Does not form
+    /// J'. O(depth).
     ///
     /// # Errors
     ///
@@ -188,7 +209,7 @@ impl Scene {
         Ok(product)
     }
 
-    /// The frame on its body, which the scene has.
+    /// Resolves the frame, and checks that the scene has its body.
     #[inline]
     fn on_link(&self, frame: &OnLink<'_>) -> Result<Frame<f64>, Error> {
         match frame {
@@ -197,13 +218,13 @@ impl Scene {
         }
     }
 
-    /// Checks that a frame is on a body of the scene and that its placement is finite.
+    /// Checks that a frame is on a body of the scene and that its pose is finite.
     #[inline]
     pub(crate) fn check_frame(&self, frame: &Frame<f64>) -> Result<(), Error> {
         let bodies = self.model().bodies.len();
         match frame.body {
             Some(body) if body >= bodies => {
-                let expected = format!("one of the scene's {bodies}, or none");
+                let expected = format!("an index below the number of bodies, {bodies}, or none for the base");
                 Err(Error::argument("body of the frame", body.to_string(), expected))
             }
             _ => {
@@ -214,7 +235,7 @@ impl Scene {
         }
     }
 
-    /// The motion of a frame, of checked arguments.
+    /// Position, velocity and acceleration of a frame, for arguments of unchecked lengths.
     fn frame_motion(
         &self,
         q: &[f64],

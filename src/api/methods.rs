@@ -1,6 +1,6 @@
-//! The algorithms on one state of a scene, with arguments checked and faults named.
+//! Dynamics algorithms at one state. Each method checks its arguments before it computes.
 
-use super::own;
+use super::kernels;
 use crate::algorithm::{Algorithm, Arguments};
 use crate::dynamics::coupled::CoupledScratch;
 use crate::dynamics::mass_inverse::InverseScratch;
@@ -12,37 +12,55 @@ use crate::spatial::{RigidShift, SpatialVector};
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
 
-/// Wrenches on links, as forces on bodies: empty, or one a body in the body's frame.
+/// Wrenches on links, converted to spatial forces on bodies: empty, or one per body in its body frame.
 pub type BodyWrenches = Vec<SpatialVector<f64>>;
 
 impl Scene {
-    /// Scratch for the methods below; one for each thread.
+    /// Scratch memory for the methods on one state. Each thread needs its own.
     ///
-    /// With the compiled kernels of one state, so that these methods allocate nothing; but scratch of the two matrices is made by their
-    /// first call where the scene has more than 128 degrees of freedom.
+    /// The workspace includes the compiled kernels with their scratch, so that the methods do not allocate. Only the
+    /// scratch of the mass matrix and its inverse is allocated by their first call if the scene has more than 128
+    /// degrees of freedom.
     #[must_use]
     pub fn workspace(&self) -> Workspace<f64> {
         let tree = self.tree();
-        Workspace { kernels: own::ready(tree), ..Workspace::new(tree.model()) }
+        Workspace { kernels: kernels::ready(tree), ..Workspace::new(tree.model()) }
     }
 
-    /// Scratch for [`Scene::mass_matrix_inverse`].
+    /// Scratch memory for [`Scene::mass_matrix_inverse`].
     #[must_use]
     pub fn inverse_scratch(&self) -> InverseScratch<f64> {
         InverseScratch::new(self.model())
     }
 
-    /// Forward dynamics of one state, in the form of the workspace.
+    /// Forward dynamics: joint accelerations `qdd` (nv) of M qdd + bias = tau + J^T wrenches.
     ///
-    /// By the compiled kernels of [`Scene::evaluate`], as all of these five; a state that they doubt is done again by
-    /// [`Scene::recursion`], and so is every state where the workspace is to estimate errors. Of a scene with connections the accelerations are those of
-    /// [`Scene::constrained_dynamics`]. What else the workspace holds afterwards is not said.
+    /// `q` (nq), `qd` and `tau` (nv) are in SI units; `wrenches` is empty or holds one spatial force (moment, force)
+    /// per body, in its body frame. The factorization form is that of the workspace. O(N).
+    ///
+    /// The compiled kernels of [`Scene::evaluate`] compute the result. A state whose error estimate exceeds the
+    /// tolerance is recomputed by [`Scene::recursion`], and so is every state if the workspace estimates errors. For a
+    /// scene with connections the accelerations are those of [`Scene::constrained_dynamics`]. The remaining content of
+    /// the workspace is unspecified after the call.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), phipsi::Error> {
+    /// let scene = phipsi::scenes::chain(3)?;
+    /// let mut workspace = scene.workspace();
+    /// let (q, qd, mut tau, mut qdd) = ([0.3; 3], [0.0; 3], [0.0; 3], [f64::NAN; 3]);
+    /// scene.gravity_torque(&mut workspace, &q, &mut tau)?;
+    /// scene.forward_dynamics(&mut workspace, &q, &qd, &tau, &[], &mut qdd)?;
+    /// assert!(qdd.iter().all(|a| a.abs() < 1e-12)); // static equilibrium
+    /// # Ok(())
+    /// # }
+    /// ```
     ///
     /// # Errors
     ///
-    /// Wrong lengths, numbers that are not finite, a workspace of another scene, [`Error::SingularJoint`] where a pivot is lost, and
-    /// [`Error::Constraint`] where connections contradict each other, or the state does not meet them (see [`Scene::constrained_dynamics`]).
-    #[allow(clippy::too_many_arguments)] // a state is three arrays; scratch and result are the caller's
+    /// [`Error::Shape`], [`Error::NotFinite`], [`Error::Argument`] for a workspace of another scene,
+    /// [`Error::SingularJoint`] if a pivot has no significant digits, and [`Error::Constraint`] if the connections
+    /// contradict each other or the state violates them (see [`Scene::constrained_dynamics`]).
+    #[allow(clippy::too_many_arguments)] // a state has three arrays; the caller owns scratch and result
     pub fn forward_dynamics(
         &self,
         workspace: &mut Workspace<f64>,
@@ -56,11 +74,13 @@ impl Scene {
         self.run_one(workspace, None, algorithm, &Arguments { q, qd, u: tau, wrenches, ..Arguments::default() }, qdd)
     }
 
-    /// Inverse dynamics of one state.
+    /// Inverse dynamics: joint torques `tau` (nv) of tau = M qdd + bias - J^T wrenches.
+    ///
+    /// `q` (nq), `qd` and `qdd` (nv) are in SI units; `wrenches` is as in [`Scene::forward_dynamics`]. O(N).
     ///
     /// # Errors
     ///
-    /// Wrong lengths, numbers that are not finite, and a workspace of another scene.
+    /// [`Error::Shape`], [`Error::NotFinite`], and [`Error::Argument`] for a workspace of another scene.
     #[allow(clippy::too_many_arguments)] // as above
     pub fn inverse_dynamics(
         &self,
@@ -80,11 +100,12 @@ impl Scene {
         )
     }
 
-    /// The bias torque H phi b of one state, gravity included.
+    /// Nonlinear effects at one state: the bias torque H phi b (nv), with Coriolis, centrifugal and gravity terms, N m
+    /// or N.
     ///
     /// # Errors
     ///
-    /// Wrong lengths and numbers that are not finite.
+    /// [`Error::Shape`] and [`Error::NotFinite`].
     pub fn bias_torque(
         &self,
         workspace: &mut Workspace<f64>,
@@ -96,34 +117,37 @@ impl Scene {
         self.run_one(workspace, None, Algorithm::BiasTorque, &state, tau)
     }
 
-    /// The torques that hold the scene at `q` against gravity, dU/dq along the tangent of q: the bias torque at rest.
+    /// Joint torques (nv) that compensate gravity at `q`, dU/dq in the tangent space of q: the bias torque for zero
+    /// velocities, N m or N.
     ///
     /// # Errors
     ///
-    /// Wrong lengths and numbers that are not finite.
+    /// [`Error::Shape`] and [`Error::NotFinite`].
     pub fn gravity_torque(&self, workspace: &mut Workspace<f64>, q: &[f64], tau: &mut [f64]) -> Result<(), Error> {
         let rest = std::mem::take(&mut workspace.rest);
-        // Of a scene whose joints follow each other they are fewer than the workspace's.
+        // The vector of a scene with coupled joints is shorter than that of the workspace, which belongs to its tree.
         let outcome = self.bias_torque(workspace, q, &rest[..rest.len().min(self.nv())], tau);
         workspace.rest = rest;
         outcome
     }
 
-    /// The mass matrix at `q`, (nv x nv) row by row.
+    /// Joint-space mass matrix M at `q`, (nv x nv), row-major, written to `out`. Armature is included.
     ///
     /// # Errors
     ///
-    /// Wrong lengths and numbers that are not finite.
+    /// [`Error::Shape`] and [`Error::NotFinite`].
     pub fn mass_matrix(&self, workspace: &mut Workspace<f64>, q: &[f64], out: &mut [f64]) -> Result<(), Error> {
         let state = Arguments { q, ..Arguments::default() };
         self.run_one(workspace, None, Algorithm::MassMatrix, &state, out)
     }
 
-    /// The inverse of the mass matrix at `q` in closed form (6.1), (nv x nv) row by row: the tree's, whatever connections there are.
+    /// Inverse M^-1 of the joint-space mass matrix at `q` in closed form (6.1), (nv x nv), row-major, written to `out`.
+    ///
+    /// Connections are ignored: M^-1 is that of the tree. [`Scene::constrained_mass_matrix_inverse`] accounts for them.
     ///
     /// # Errors
     ///
-    /// Wrong lengths, numbers that are not finite, and [`Error::SingularJoint`].
+    /// [`Error::Shape`], [`Error::NotFinite`], and [`Error::SingularJoint`].
     pub fn mass_matrix_inverse(
         &self,
         workspace: &mut Workspace<f64>,
@@ -136,7 +160,7 @@ impl Scene {
         self.run_one(workspace, Some(scratch), algorithm, &Arguments { q, ..Arguments::default() }, out)
     }
 
-    /// By the kernels of one state; what they doubt, by the recursion.
+    /// Runs the kernels of one state, and the recursion if the kernels report failure or a large error estimate.
     pub(super) fn run_one(
         &self,
         workspace: &mut Workspace<f64>,
@@ -152,16 +176,16 @@ impl Scene {
         if let Some(coupling) = self.coupling() {
             return self.run_coupled(coupling, workspace, algorithm, state, out);
         }
-        // Only the recursion writes its accuracy into the workspace.
+        // Only the recursion writes the error estimate to the workspace.
         let estimated = workspace.estimates_error && matches!(algorithm, Algorithm::ForwardDynamics(_));
         let fits = self.fits(algorithm, state) && out.len() == self.width(algorithm);
-        if fits && !estimated && own::run(&mut workspace.kernels, self, algorithm, state, out) {
+        if fits && !estimated && kernels::run(&mut workspace.kernels, self, algorithm, state, out) {
             return Ok(());
         }
         self.recursion(workspace, inverse, algorithm, state, out)
     }
 
-    /// The same where joints follow each other.
+    /// [`Scene::run_one`] for a scene with coupled joints.
     fn run_coupled(
         &self,
         coupling: &Coupling,
@@ -181,11 +205,11 @@ impl Scene {
         done.map_err(|fault| fault.error)
     }
 
-    /// Kinetic and potential energy, J.
+    /// Kinetic energy (armature included) and potential energy, J. O(N).
     ///
     /// # Errors
     ///
-    /// Wrong lengths and numbers that are not finite.
+    /// [`Error::Shape`] and [`Error::NotFinite`].
     pub fn energy(&self, workspace: &mut Workspace<f64>, q: &[f64], qd: &[f64]) -> Result<Energy<f64>, Error> {
         let (q, qd) = (&*self.tree_configuration("q", q)?, &*self.tree_rates("qd", qd)?);
         self.check_workspace(workspace)?;
@@ -194,11 +218,11 @@ impl Scene {
         Ok(energy)
     }
 
-    /// Kinetic energy alone, J, armature included.
+    /// Kinetic energy without the potential energy, J; armature is included. O(N).
     ///
     /// # Errors
     ///
-    /// Wrong lengths and numbers that are not finite.
+    /// [`Error::Shape`] and [`Error::NotFinite`].
     pub fn kinetic_energy(&self, workspace: &mut Workspace<f64>, q: &[f64], qd: &[f64]) -> Result<f64, Error> {
         let (q, qd) = (&*self.tree_configuration("q", q)?, &*self.tree_rates("qd", qd)?);
         self.check_workspace(workspace)?;
@@ -207,11 +231,12 @@ impl Scene {
         Ok(kinetic)
     }
 
-    /// Spatial momentum (angular about the base's origin, linear) in the base frame.
+    /// Spatial momentum in the base frame: (angular momentum about the base origin, linear momentum), N m s and N s.
+    /// O(N).
     ///
     /// # Errors
     ///
-    /// Wrong lengths and numbers that are not finite.
+    /// [`Error::Shape`] and [`Error::NotFinite`].
     pub fn momentum(&self, workspace: &mut Workspace<f64>, q: &[f64], qd: &[f64]) -> Result<SpatialVector<f64>, Error> {
         let (q, qd) = (&*self.tree_configuration("q", q)?, &*self.tree_rates("qd", qd)?);
         self.check_workspace(workspace)?;
@@ -220,11 +245,12 @@ impl Scene {
         Ok(momentum)
     }
 
-    /// Where every link is: from its frame to the base's, in the order of [`Scene::links`].
+    /// Forward kinematics: the pose of every link, from the link frame to the base frame, in the order of
+    /// [`Scene::links`]. O(N).
     ///
     /// # Errors
     ///
-    /// Wrong lengths and numbers that are not finite.
+    /// [`Error::Shape`] and [`Error::NotFinite`].
     pub fn placements(&self, q: &[f64]) -> Result<Vec<RigidShift<f64>>, Error> {
         let q = &*self.tree_configuration("q", q)?;
         let mut bodies: Vec<RigidShift<f64>> = Vec::with_capacity(self.model().bodies.len());
@@ -240,11 +266,12 @@ impl Scene {
         Ok(placements)
     }
 
-    /// Wrenches (moment, force) on links, each at its link's origin and in its frame, as forces on bodies.
+    /// Converts wrenches (moment, force) on links, each at the origin of its link frame and in its axes, to spatial
+    /// forces on bodies.
     ///
     /// # Errors
     ///
-    /// An unknown link or numbers that are not finite.
+    /// [`Error::Argument`] for an unknown link, and [`Error::NotFinite`].
     pub fn body_wrenches<'a>(
         &self,
         wrenches: impl IntoIterator<Item = (&'a str, SpatialVector<f64>)>,
@@ -261,7 +288,7 @@ impl Scene {
     }
 }
 
-/// A link's placement on the base, from those of the bodies.
+/// Pose of a link in the base frame, given the poses of all bodies.
 fn on_base(link: &Link, bodies: &[RigidShift<f64>]) -> RigidShift<f64> {
     match link.body {
         Some(body) => bodies[body].compose(&link.placement),

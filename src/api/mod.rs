@@ -1,15 +1,16 @@
-//! The algorithms as methods of a [`Scene`](crate::Scene): arguments are checked, faults named.
+//! The algorithms as methods of [`Scene`](crate::Scene). They check arguments, and their errors name the argument or
+//! joint that caused them.
 
 mod centroidal;
 mod constraints;
 mod contacts;
 mod derivatives;
 mod estimation;
-mod everyday;
+mod kernels;
+mod kinematic_quantity;
 mod links;
 pub mod methods;
 pub mod operational;
-mod own;
 mod products;
 
 pub use constraints::{Constrained, Projection};

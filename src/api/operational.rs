@@ -1,26 +1,26 @@
-//! Operational-space inertia of a scene's links, with arguments checked and faults named.
+//! Operational-space inertia of links at one state. Each method checks its arguments before it computes.
 
 use crate::dynamics;
 use crate::dynamics::operational::{Frame, MANY, OperationalScratch};
 use crate::error::{Error, check_finite, check_length};
+use crate::interrupt;
 use crate::scene::Scene;
 use crate::spatial::RigidShift;
-use crate::watch;
 use crate::workspace::Workspace;
 use nalgebra::{DMatrix, Matrix3};
 
-/// How far R^T R of a task frame may be from the identity.
+/// Largest accepted entry of R^T R - 1 for the rotation R of a task frame.
 pub const ROTATION_SLACK: f64 = 1e-9;
 
-/// How many times the rounding of its terms an eigenvalue must exceed, a direction.
+/// An eigenvalue counts as positive if it exceeds this multiple of the rounding error of its terms, per direction.
 const EIGENVALUE_MARGIN: f64 = 64.0;
 
-/// A frame on a link, by the link's name; a bare name is the link's own frame.
+/// A frame fixed to a link, which is given by name. A bare name denotes the link frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TaskFrame<'a> {
     /// Name of the link.
     pub link: &'a str,
-    /// From the task frame to the link's frame: its rotation, and its origin in m.
+    /// Pose of the task frame in the link frame: rotation from task axes to link axes, and origin in m.
     pub offset: RigidShift<f64>,
 }
 
@@ -31,22 +31,23 @@ impl<'a> From<&'a str> for TaskFrame<'a> {
 }
 
 impl Scene {
-    /// Scratch for [`Scene::operational_inverse_inertia`] and [`Scene::operational_inertia`].
+    /// Scratch memory for [`Scene::operational_inverse_inertia`] and [`Scene::operational_inertia`].
     #[must_use]
     pub fn operational_scratch(&self) -> OperationalScratch<f64> {
         OperationalScratch::new(self.model())
     }
 
-    /// The operational-space inverse inertia Omega = J M^-1 J^T of links (names, or [`TaskFrame`]s) at `q`, (6m x 6m) row by row.
+    /// Operational-space inverse inertia Omega = J M^-1 J^T of links (names or [`TaskFrame`]s) at `q`, (6m x 6m),
+    /// row-major.
     ///
-    /// J stacks the links' Jacobians: velocities (angular, linear), each at its frame's origin and in its axes. Forces F on the
-    /// frames change their accelerations by Omega F. It is defined in every configuration, singular ones too. O(N + m^2 depth):
-    /// see [`dynamics::operational_inverse_inertia`].
+    /// J stacks the Jacobians of the m frames: velocities (angular, linear) at the origin of each frame and in its
+    /// axes. Spatial forces F on the frames change their accelerations by Omega F. Omega is defined at every
+    /// configuration, including singular ones. O(N + m^2 depth): see [`dynamics::operational_inverse_inertia`].
     ///
     /// # Errors
     ///
-    /// No link, an unknown link, a task frame without a rotation matrix, wrong lengths, numbers that are not finite, and
-    /// [`Error::SingularJoint`].
+    /// [`Error::Argument`] for no link, an unknown link, or a task frame whose rotation is not a rotation matrix;
+    /// [`Error::Shape`], [`Error::NotFinite`], and [`Error::SingularJoint`].
     pub fn operational_inverse_inertia<'a, L: Copy + Into<TaskFrame<'a>>>(
         &self,
         workspace: &mut Workspace<f64>,
@@ -70,22 +71,23 @@ impl Scene {
         let many = frames.len() * frames.len() >= MANY;
         scratch.frames = frames;
         if many {
-            watch::check()?;
+            interrupt::check()?;
         }
         self.check_pivots(workspace, monitor)?;
         self.check_result("operational inverse inertia", out)
     }
 
-    /// The operational-space inertia (S Omega S^T)^-1 of links at `q`, for k task directions, (k x k) row by row.
+    /// Operational-space inertia (S Omega S^T)^-1 of links at `q` for k task directions, (k x k), row-major.
     ///
-    /// `directions` is S, (k x 6m) row by row over the stacked (angular, linear) velocities of the links (or [`TaskFrame`]s); none
-    /// stands for all 6m. The result is symmetric and positive definite. Where the directions depend on each other, or the
-    /// scene cannot move in one of them, there is none: the smallest eigenvalue of S Omega S^T, each direction scaled to the
-    /// size of the terms that it is formed from, is not above 64 k eps. O(N + m^2 depth + k^3).
+    /// `directions` is S, (k x 6m), row-major, over the stacked velocities (angular, linear) of the links (or
+    /// [`TaskFrame`]s); `None` selects all 6m. The result is symmetric and positive definite. It does not exist if the
+    /// directions are linearly dependent or the scene cannot move along one of them. The test for that scales each
+    /// direction by the size of its terms and requires that the smallest eigenvalue of S Omega S^T exceed 64 k eps. O(N
+    /// + m^2 depth + k^3).
     ///
     /// # Errors
     ///
-    /// As [`Scene::operational_inverse_inertia`]; and [`Error::SingularTask`] with the rank that there is.
+    /// As [`Scene::operational_inverse_inertia`], and [`Error::SingularTask`], which reports the rank.
     pub fn operational_inertia<'a, L: Copy + Into<TaskFrame<'a>>>(
         &self,
         workspace: &mut Workspace<f64>,
@@ -102,8 +104,9 @@ impl Scene {
         let mut omega = DMatrix::from_element(width, width, f64::NAN);
         self.operational_inverse_inertia(workspace, scratch, q, links, omega.as_mut_slice())?;
 
-        // The terms of each direction, which are what rounding is relative to. Omega's own diagonal will not do: where the exact
-        // entry is zero, rounding would be scaled to one and pass for a direction of its own.
+        // Rounding errors are relative to the sizes of the terms of each direction. The diagonal of Omega is unsuitable
+        // as a scale: if an exact entry is zero, scaling would amplify its rounding error to 1 and count it as a
+        // direction.
         let mut sizes = vec![0.0; k];
         for (at, frame) in scratch.frames.iter().enumerate() {
             let of_frame = scratch.term_sizes(self.model(), frame);
@@ -122,7 +125,7 @@ impl Scene {
         });
         self.check_result("operational inertia", scaled.as_slice())?;
 
-        #[allow(clippy::cast_precision_loss)] // a count of directions
+        #[allow(clippy::cast_precision_loss)] // a small count
         let margin = EIGENVALUE_MARGIN * k as f64 * f64::EPSILON;
         let rank = scaled.symmetric_eigenvalues().iter().filter(|&&value| value > margin).count();
         let inverse = if rank == k { scaled.cholesky().map(|factor| factor.inverse()) } else { None };
@@ -140,7 +143,7 @@ impl Scene {
         self.check_result("operational inertia", out)
     }
 
-    /// Checks task frames as the methods above do: at least one, known links, rotation matrices, finite numbers.
+    /// Checks task frames: at least one, known links, rotation matrices, finite values.
     ///
     /// # Errors
     ///
@@ -151,11 +154,11 @@ impl Scene {
         frames.iter().try_for_each(|task| self.frame(task).map(|_| ()))
     }
 
-    /// A frame on a link, looked up: on which body it is, and where.
+    /// Resolves a task frame: the body that carries the link, and the pose of the frame on it.
     ///
     /// # Errors
     ///
-    /// An unknown link, and an offset that is no finite shift.
+    /// [`Error::Argument`] for an unknown link or an offset that is not a rigid transform, and [`Error::NotFinite`].
     pub fn frame(&self, task: &TaskFrame<'_>) -> Result<Frame<f64>, Error> {
         let link = self.link(task.link)?;
         if task.offset == RigidShift::identity() {
@@ -165,7 +168,7 @@ impl Scene {
         let RigidShift { rotation, lever } = &task.offset;
         if !lever.iter().chain(rotation.iter()).all(|x| x.is_finite()) {
             check_finite(&of_link("xyz"), lever.as_slice())?;
-            // Row by row, as it is written.
+            // Row-major, the order in which users write matrices.
             check_finite(&of_link("rotation"), rotation.transpose().as_slice())?;
         }
         let defect = (rotation.transpose() * rotation - Matrix3::identity()).amax();
@@ -173,7 +176,7 @@ impl Scene {
             let found = if defect <= ROTATION_SLACK {
                 "a reflection (determinant -1)".to_owned()
             } else {
-                format!("a matrix R with R^T R off the identity by {defect:.1e}")
+                format!("a matrix R for which R^T R differs from the identity by {defect:.1e}")
             };
             return Err(Error::argument(of_link("rotation"), found, "a rotation matrix, to within 1e-9"));
         }
@@ -188,7 +191,7 @@ fn some_link<L>(links: &[L]) -> Result<(), Error> {
     Ok(())
 }
 
-/// S as a matrix; the identity where none are given.
+/// The selection matrix S, or the identity if no directions are given.
 fn task_directions(directions: Option<&[f64]>, width: usize) -> Result<DMatrix<f64>, Error> {
     let Some(directions) = directions else { return Ok(DMatrix::identity(width, width)) };
     if directions.is_empty() || width == 0 || !directions.len().is_multiple_of(width) {

@@ -1,4 +1,5 @@
-//! Products with the Jacobians of a scene's dynamics at one state, with arguments checked and faults named.
+//! Products with the Jacobians of the dynamics at one state (forward and reverse mode, Hessian products). Each method
+//! checks its arguments before it computes.
 
 use crate::algorithm::{Algorithm, Arguments, Products};
 use crate::dynamics::derivatives::{self, HessianScratch};
@@ -8,21 +9,24 @@ use crate::spatial::SpatialVector;
 use crate::workspace::Workspace;
 
 impl Scene {
-    /// Scratch for [`Scene::inverse_dynamics_hvp`] and [`Scene::forward_dynamics_hvp`].
+    /// Scratch memory for [`Scene::inverse_dynamics_hvp`] and [`Scene::forward_dynamics_hvp`].
     #[must_use]
     pub fn hessian_scratch(&self) -> HessianScratch {
         HessianScratch::new(self.model())
     }
 
-    /// dtau of inverse dynamics at one state along the direction (dq, dqd, dqdd), (nv) into `out`: see [`derivatives::inverse_dynamics_jvp`].
+    /// Directional derivative dtau (nv) of inverse dynamics along (dq, dqd, dqdd): see
+    /// [`derivatives::inverse_dynamics_jvp`].
     ///
-    /// `q` (nq), `qd`, `qdd` (nv), SI units; `wrenches` is empty or holds a spatial force a body, held in that body's frame; `direction` (nv) each, dq in the
-    /// tangent space of `q`. By the compiled kernels, as [`Scene::forward_dynamics`]; the first call makes their scratch. O(N), without any matrix.
+    /// `q` (nq), `qd` and `qdd` (nv) are in SI units; `wrenches` is empty or holds one spatial force per body, constant
+    /// in its body frame; `direction` holds three vectors (nv), dq in the tangent space of `q`. The compiled kernels
+    /// compute the result, as in [`Scene::forward_dynamics`]; the first call allocates their scratch. O(N); forms no
+    /// matrix.
     ///
     /// # Errors
     ///
-    /// Wrong lengths, numbers that are not finite, and a workspace of another scene.
-    #[allow(clippy::too_many_arguments)] // a state is three arrays and forces; scratch and results are the caller's
+    /// [`Error::Shape`], [`Error::NotFinite`], and [`Error::Argument`] for a workspace of another scene.
+    #[allow(clippy::too_many_arguments)] // a state has three arrays and forces; the caller owns scratch and results
     pub fn inverse_dynamics_jvp(
         &self,
         workspace: &mut Workspace<f64>,
@@ -37,14 +41,15 @@ impl Scene {
         self.run_one(workspace, None, Algorithm::Products(Products::InverseTangent), &state, out)
     }
 
-    /// The gradients of x . tau of inverse dynamics at one state, x being the `cotangent` of tau, (nv): those by q (in its tangent space), qd and qdd, (3 x nv) into
-    /// `out`; see [`derivatives::inverse_dynamics_vjp`].
+    /// Gradients of x . tau of inverse dynamics by q, qd and qdd, (3 x nv), written to `out`.
     ///
-    /// Other arguments, cost and errors as in [`Scene::inverse_dynamics_jvp`].
+    /// x is the `cotangent` of tau (nv); the gradient by q is in its tangent space. See
+    /// [`derivatives::inverse_dynamics_vjp`]. The other arguments and the cost are those of
+    /// [`Scene::inverse_dynamics_jvp`].
     ///
     /// # Errors
     ///
-    /// As there.
+    /// As [`Scene::inverse_dynamics_jvp`].
     #[allow(clippy::too_many_arguments)] // as above
     pub fn inverse_dynamics_vjp(
         &self,
@@ -60,16 +65,18 @@ impl Scene {
         self.run_one(workspace, None, Algorithm::Products(Products::InverseGradient), &state, out)
     }
 
-    /// dqdd of forward dynamics at one state along the direction (dq, dqd, dtau), (nv) into `out`, in the form of the workspace: see
+    /// Directional derivative dqdd (nv) of forward dynamics along (dq, dqd, dtau), in the form of the workspace: see
     /// [`derivatives::forward_dynamics_jvp`].
     ///
-    /// `q` (nq), `qd`, `tau` (nv); other arguments as in [`Scene::inverse_dynamics_jvp`]. In the forms `auto` and `covariance` by the compiled kernels; in the
-    /// others, and for states in doubt, by the general recursion with scratch of the call's own. O(N), without any matrix.
+    /// `q` (nq), `qd` and `tau` (nv); the other arguments are as in [`Scene::inverse_dynamics_jvp`]. The compiled
+    /// kernels compute the forms `auto` and `covariance`. The general recursion, which allocates its scratch, computes
+    /// the other forms and the states whose error estimate exceeds the tolerance. O(N); forms no matrix.
     ///
     /// # Errors
     ///
-    /// Wrong lengths, numbers that are not finite, a workspace of another scene, [`Error::SingularJoint`] where a pivot is lost, and in
-    /// square-root form an inertia that has no root.
+    /// [`Error::Shape`], [`Error::NotFinite`], [`Error::Argument`] for a workspace of another scene,
+    /// [`Error::SingularJoint`] if a pivot has no significant digits, and, in square-root form, an error for an inertia
+    /// that has no square root.
     #[allow(clippy::too_many_arguments)] // as above
     pub fn forward_dynamics_jvp(
         &self,
@@ -86,14 +93,16 @@ impl Scene {
         self.run_one(workspace, None, algorithm, &state, out)
     }
 
-    /// The gradients of c . qdd of forward dynamics at one state, c being the `cotangent` of qdd, (nv): those by q (in its tangent space), qd and tau, (3 x nv) into
-    /// `out`, in the form of the workspace; see [`derivatives::forward_dynamics_vjp`].
+    /// Gradients of c . qdd of forward dynamics by q, qd and tau, (3 x nv), written to `out`, in the form of the
+    /// workspace.
     ///
-    /// Other arguments, cost and errors as in [`Scene::forward_dynamics_jvp`].
+    /// c is the `cotangent` of qdd (nv); the gradient by q is in its tangent space. See
+    /// [`derivatives::forward_dynamics_vjp`]. The other arguments and the cost are those of
+    /// [`Scene::forward_dynamics_jvp`].
     ///
     /// # Errors
     ///
-    /// As there.
+    /// As [`Scene::forward_dynamics_jvp`].
     #[allow(clippy::too_many_arguments)] // as above
     pub fn forward_dynamics_vjp(
         &self,
@@ -110,12 +119,14 @@ impl Scene {
         self.run_one(workspace, None, algorithm, &state, out)
     }
 
-    /// [`Scene::inverse_dynamics_vjp`] and the gradients by armature, gravity, wrenches and inertias, one after another into `out` as
-    /// [`Products::InverseGradients`] has them: of [`Scene::width`] numbers; bodies and their frames are those of [`Scene::model`].
+    /// [`Scene::inverse_dynamics_vjp`] with the gradients by armature, gravity, wrenches and inertias.
+    ///
+    /// `out` has [`Scene::width`] entries in the order of [`Products::InverseGradients`]; bodies and body frames are
+    /// those of [`Scene::model`].
     ///
     /// # Errors
     ///
-    /// As there.
+    /// As [`Scene::inverse_dynamics_vjp`].
     #[allow(clippy::too_many_arguments)] // as above
     pub fn inverse_dynamics_gradients(
         &self,
@@ -131,11 +142,12 @@ impl Scene {
         self.run_one(workspace, None, Algorithm::Products(Products::InverseGradients), &state, out)
     }
 
-    /// [`Scene::forward_dynamics_vjp`] and the gradients by what is constant, as [`Scene::inverse_dynamics_gradients`] has them.
+    /// [`Scene::forward_dynamics_vjp`] with the gradients by armature, gravity, wrenches and inertias, in the order of
+    /// [`Scene::inverse_dynamics_gradients`].
     ///
     /// # Errors
     ///
-    /// As there.
+    /// As [`Scene::forward_dynamics_vjp`].
     #[allow(clippy::too_many_arguments)] // as above
     pub fn forward_dynamics_gradients(
         &self,
@@ -152,14 +164,14 @@ impl Scene {
         self.run_one(workspace, None, algorithm, &state, out)
     }
 
-    /// [`Scene::inverse_dynamics_jvp`] along changes of wrenches, inertias, armature and gravity too.
+    /// [`Scene::inverse_dynamics_jvp`] along a direction that also changes wrenches, inertias, armature and gravity.
     ///
-    /// `state`: u is qdd, the seed as [`Products::InverseTangents`] has it, its third of [`Scene::seed_width`] numbers; bodies and their frames are those of
-    /// [`Scene::model`]. O(N).
+    /// In `state`, u is qdd, and the seed is that of [`Products::InverseTangents`], whose third part has
+    /// [`Scene::seed_width`] entries; bodies and body frames are those of [`Scene::model`]. O(N).
     ///
     /// # Errors
     ///
-    /// As there.
+    /// As [`Scene::inverse_dynamics_jvp`].
     pub fn inverse_dynamics_along(
         &self,
         workspace: &mut Workspace<f64>,
@@ -169,11 +181,13 @@ impl Scene {
         self.run_one(workspace, None, Algorithm::Products(Products::InverseTangents), state, out)
     }
 
-    /// [`Scene::forward_dynamics_jvp`] likewise; u is tau.
+    /// [`Scene::forward_dynamics_jvp`] along a direction that also changes wrenches, inertias, armature and gravity.
+    ///
+    /// In `state`, u is tau; the seed is as in [`Scene::inverse_dynamics_along`]. O(N).
     ///
     /// # Errors
     ///
-    /// As there.
+    /// As [`Scene::forward_dynamics_jvp`].
     pub fn forward_dynamics_along(
         &self,
         workspace: &mut Workspace<f64>,
@@ -184,14 +198,15 @@ impl Scene {
         self.run_one(workspace, None, algorithm, state, out)
     }
 
-    /// How the gradients of [`Scene::inverse_dynamics_vjp`] change along (dq, dqd, dqdd), (3 x nv) into `out`: the Hessian of x . tau times that direction; see
-    /// [`derivatives::inverse_dynamics_hvp`].
+    /// Hessian of x . tau of inverse dynamics times the direction (dq, dqd, dqdd), (3 x nv), written to `out`.
     ///
-    /// `state`: u is qdd, the first seed the cotangent x. By the general recursion on dual numbers. O(N).
+    /// This is the directional derivative of the gradients of [`Scene::inverse_dynamics_vjp`]; see
+    /// [`derivatives::inverse_dynamics_hvp`]. In `state`, u is qdd, and the first seed is the cotangent x. The general
+    /// recursion on dual numbers computes the result. O(N).
     ///
     /// # Errors
     ///
-    /// As there.
+    /// As [`Scene::inverse_dynamics_vjp`].
     pub fn inverse_dynamics_hvp(
         &self,
         scratch: &mut HessianScratch,
@@ -208,14 +223,15 @@ impl Scene {
         self.check_result("derivatives", out)
     }
 
-    /// How the gradients of [`Scene::forward_dynamics_vjp`] change along (dq, dqd, dtau), (3 x nv) into `out`: the Hessian of c . qdd times that direction; see
-    /// [`derivatives::forward_dynamics_hvp`].
+    /// Hessian of c . qdd of forward dynamics times the direction (dq, dqd, dtau), (3 x nv), written to `out`.
     ///
-    /// `state`: u is tau, the first seed the cotangent c. The factor of M is in the form of the workspace. By the general recursion on dual numbers. O(N).
+    /// This is the directional derivative of the gradients of [`Scene::forward_dynamics_vjp`]; see
+    /// [`derivatives::forward_dynamics_hvp`]. In `state`, u is tau, and the first seed is the cotangent c. The factor
+    /// of M is in the form of the workspace. The general recursion on dual numbers computes the result. O(N).
     ///
     /// # Errors
     ///
-    /// As there.
+    /// As [`Scene::forward_dynamics_vjp`].
     pub fn forward_dynamics_hvp(
         &self,
         workspace: &mut Workspace<f64>,
@@ -245,7 +261,7 @@ impl Scene {
         self.check_result("derivatives", out)
     }
 
-    /// The same of a call that needs a factor: its workspace too.
+    /// Checks the arguments of a product that needs a factor of M: those of `check_product_state`, and the workspace.
     fn check_product(
         &self,
         workspace: &Workspace<f64>,
@@ -258,7 +274,7 @@ impl Scene {
         which.form().map_or(Ok(()), |_| self.check_form(workspace))
     }
 
-    /// State and seed of a product, the scene that its scratch is of, and the length of its result.
+    /// Checks the state and the seed of a product, the scene of its scratch, and the length of its result.
     fn check_product_state(
         &self,
         which: Products,

@@ -1,7 +1,7 @@
 //! Joint accelerations of as many states as a scalar has lanes: each form compiled once for a scalar and its instructions, and called by whoever
 //! asks, batches and simulation.
 
-use super::arms::{Target, Vectorised, Work};
+use super::arms::{Target, Vectorized, Work};
 use crate::dynamics::auto::{self, Errors};
 use crate::dynamics::sweeps::{self, SweepModel, SweepScratch};
 use crate::model::Model;
@@ -21,25 +21,25 @@ pub(crate) struct Call<'a, T: Real> {
 
 /// In covariance form. Gives the lanes in doubt as bits, as the others do.
 #[inline(never)]
-pub(crate) fn by_covariance<T: Vectorised, I: Target>(target: I, call: Call<'_, T>) -> u64 {
+pub(crate) fn by_covariance<T: Vectorized, I: Target>(target: I, call: Call<'_, T>) -> u64 {
     target.within(ByCovariance(call))
 }
 
 /// In covariance form, watched: the first form of `auto`. Writes the estimated errors.
 #[inline(never)]
-pub(crate) fn watched<T: Vectorised, I: Target>(target: I, call: Call<'_, T>, errors: &mut Errors<T>) -> u64 {
+pub(crate) fn watched<T: Vectorized, I: Target>(target: I, call: Call<'_, T>, errors: &mut Errors<T>) -> u64 {
     target.within(Watched(call, errors))
 }
 
 /// In square-root form.
 #[inline(never)]
-pub(crate) fn by_roots<T: Vectorised, I: Target>(target: I, call: Call<'_, T>) -> u64 {
+pub(crate) fn by_roots<T: Vectorized, I: Target>(target: I, call: Call<'_, T>) -> u64 {
     target.within(ByRoots(call))
 }
 
 struct ByCovariance<'a, T: Real>(Call<'a, T>);
 
-impl<T: Vectorised> Work for ByCovariance<'_, T> {
+impl<T: Vectorized> Work for ByCovariance<'_, T> {
     type Output = u64;
 
     #[inline(always)]
@@ -52,7 +52,7 @@ impl<T: Vectorised> Work for ByCovariance<'_, T> {
 
 struct Watched<'a, T: Real>(Call<'a, T>, &'a mut Errors<T>);
 
-impl<T: Vectorised> Work for Watched<'_, T> {
+impl<T: Vectorized> Work for Watched<'_, T> {
     type Output = u64;
 
     #[inline(always)]
@@ -66,7 +66,7 @@ impl<T: Vectorised> Work for Watched<'_, T> {
 
 struct ByRoots<'a, T: Real>(Call<'a, T>);
 
-impl<T: Vectorised> Work for ByRoots<'_, T> {
+impl<T: Vectorized> Work for ByRoots<'_, T> {
     type Output = u64;
 
     #[inline(always)]

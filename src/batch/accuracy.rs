@@ -50,7 +50,7 @@ impl Scene {
         let checked = &mut evaluator.checked;
         checked.workspace.estimates_error = true;
         for (i, (state, accuracy)) in states.iter().zip(accuracy).enumerate() {
-            if let Err(error) = crate::watch::check() {
+            if let Err(error) = crate::interrupt::check() {
                 checked.workspace.estimates_error = false;
                 return Err(Fault { state: i, error });
             }

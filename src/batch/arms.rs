@@ -131,10 +131,10 @@ impl<S: Instructions> Target for S {
 }
 
 /// An entry of a matrix, as it is kept.
-pub type Entry<T> = <<T as Vectorised>::Columns as ColumnsOf<T>>::Entry;
+pub type Entry<T> = <<T as Vectorized>::Columns as ColumnsOf<T>>::Entry;
 
 /// A scalar of kernels.
-pub trait Vectorised: Real {
+pub trait Vectorized: Real {
     /// The numbers in its lanes.
     type Number: Precision;
 
@@ -184,7 +184,7 @@ pub trait Vectorised: Real {
 
 /// One array of every state into lanes; lanes without a state of their own repeat the last.
 #[inline(always)]
-pub(crate) fn take_states<'a, T: Vectorised>(numbers: &mut [T], states: usize, of: impl Fn(usize) -> &'a [T::Number]) {
+pub(crate) fn take_states<'a, T: Vectorized>(numbers: &mut [T], states: usize, of: impl Fn(usize) -> &'a [T::Number]) {
     T::take_lanes(numbers, |lane| of(lane.min(states - 1)));
 }
 
@@ -199,7 +199,7 @@ impl<W: Work> pulp::NullaryFnOnce for Job<W> {
     }
 }
 
-impl Vectorised for f64 {
+impl Vectorized for f64 {
     type Number = Self;
     type Columns = Self;
     type Least = Baseline;
@@ -229,7 +229,7 @@ type WithFused = V3;
 #[cfg(target_arch = "aarch64")]
 type WithFused = Neon;
 
-impl Vectorised for Fused {
+impl Vectorized for Fused {
     type Number = f64;
     #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
     type Columns = Lanes<WithFused>;
@@ -268,7 +268,7 @@ impl Vectorised for Fused {
 }
 
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
-impl<S: Instructions, P: Precision> Vectorised for Lanes<S, P> {
+impl<S: Instructions, P: Precision> Vectorized for Lanes<S, P> {
     type Number = P;
     type Columns = Self;
     type Least = S;

@@ -4,7 +4,7 @@
 //! called does that state again with every check (see [`Evaluator`](super::evaluator::Evaluator)).
 
 use super::accelerations;
-use super::arms::{Entry, Target, Vectorised, Work};
+use super::arms::{Entry, Target, Vectorized, Work};
 use super::connected::{self, ConnectedKernel};
 use super::derivatives::{self, DerivativeKernel};
 use super::everyday::{self, EverydayKernel};
@@ -27,7 +27,7 @@ use std::sync::Arc;
 
 /// The constants of a scene in the scalar of the lanes, one for all threads.
 #[derive(Debug)]
-struct Numbers<T: Vectorised> {
+struct Numbers<T: Vectorized> {
     model: Model<T>,
     sweeps: SweepModel<T>,
     /// Where the quaternions are in q.
@@ -37,7 +37,7 @@ struct Numbers<T: Vectorised> {
 
 /// Scratch for as many states as `T` has lanes.
 #[derive(Debug)]
-pub struct Chunk<T: Vectorised> {
+pub struct Chunk<T: Vectorized> {
     numbers: Arc<Numbers<T>>,
     sweep_scratch: SweepScratch<T>,
     inverse_columns: InverseColumns<T, T::Columns>,
@@ -56,7 +56,7 @@ pub struct Chunk<T: Vectorised> {
     everyday: Option<Box<EverydayKernel<T>>>,
 }
 
-impl<T: Vectorised> Chunk<T> {
+impl<T: Vectorized> Chunk<T> {
     /// Scratch for a scene, its constants rounded to the numbers of the lanes.
     #[must_use]
     pub fn new(scene: &Scene) -> Self {
@@ -89,7 +89,7 @@ impl<T: Vectorised> Chunk<T> {
     }
 }
 
-impl<T: Vectorised> Chunk<T> {
+impl<T: Vectorized> Chunk<T> {
     /// As [`Chunks::lanes`](crate::algorithm::Chunks::lanes).
     #[must_use]
     pub fn lanes() -> usize {
@@ -212,7 +212,7 @@ const LONG: usize = 32;
 
 /// One argument of every state into lanes. Zero where all is finite, else NaN.
 #[inline(always)]
-fn gather<'a, T: Vectorised>(
+fn gather<'a, T: Vectorized>(
     numbers: &mut [T],
     states: &[&'a Arguments<'_, T::Number>; MOST_LANES],
     of: impl Fn(&'a Arguments<'_, T::Number>) -> &'a [T::Number],
@@ -245,7 +245,7 @@ fn in_lanes<'a, P>(states: &'a [Arguments<'a, P>]) -> [&'a Arguments<'a, P>; MOS
 
 /// q, qd and u of every state into lanes. Zero where all is finite, else NaN.
 #[inline(always)]
-fn gather_state<T: Vectorised>([q, qd, u]: [&mut [T]; 3], states: &[&Arguments<'_, T::Number>; MOST_LANES]) -> T {
+fn gather_state<T: Vectorized>([q, qd, u]: [&mut [T]; 3], states: &[&Arguments<'_, T::Number>; MOST_LANES]) -> T {
     let mut fault = gather(q, states, |state| state.q);
     fault += gather(qd, states, |state| state.qd);
     fault += gather(u, states, |state| state.u);
@@ -280,7 +280,7 @@ const PRODUCTS: u8 = 5;
 const CONNECTED: u8 = 6;
 
 /// A chunk with its arguments.
-struct Call<'a, T: Vectorised> {
+struct Call<'a, T: Vectorized> {
     chunk: &'a mut Chunk<T>,
     algorithm: Algorithm,
     states: &'a [Arguments<'a, T::Number>],
@@ -288,9 +288,9 @@ struct Call<'a, T: Vectorised> {
 }
 
 /// The same, to be run inside an arm; the algorithm is one of GROUP.
-struct Run<'a, T: Vectorised, I: Target, const GROUP: u8>(Call<'a, T>, I);
+struct Run<'a, T: Vectorized, I: Target, const GROUP: u8>(Call<'a, T>, I);
 
-impl<T: Vectorised, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
+impl<T: Vectorized, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
     type Output = u64;
 
     #[inline(always)]
@@ -396,14 +396,14 @@ impl<T: Vectorised, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
 }
 
 /// An everyday function with its states, to be run inside an arm.
-struct EverydayRun<'a, T: Vectorised> {
+struct EverydayRun<'a, T: Vectorized> {
     chunk: &'a mut Chunk<T>,
     what: &'a Everyday<'a>,
     states: &'a [Arguments<'a, T::Number>],
     out: &'a mut [T::Number],
 }
 
-impl<T: Vectorised> Work for EverydayRun<'_, T> {
+impl<T: Vectorized> Work for EverydayRun<'_, T> {
     type Output = u64;
 
     #[inline(always)]
@@ -423,7 +423,7 @@ impl<T: Vectorised> Work for EverydayRun<'_, T> {
 
 /// What a matrix is written to in lanes; none where an algorithm gives none, or all of its results in order.
 #[inline(always)]
-fn entries_of<'a, T: Vectorised, const GROUP: u8>(
+fn entries_of<'a, T: Vectorized, const GROUP: u8>(
     algorithm: Algorithm,
     (model, sweeps): (&Model<T>, &SweepModel<T>),
     columns: &'a mut InverseColumns<T, T::Columns>,
@@ -440,7 +440,7 @@ fn entries_of<'a, T: Vectorised, const GROUP: u8>(
 
 /// The algorithm itself; gives the lanes that it doubts.
 #[inline(always)]
-fn compute<T: Vectorised, I: Target, const GROUP: u8>(
+fn compute<T: Vectorized, I: Target, const GROUP: u8>(
     (algorithm, target): (Algorithm, I),
     scene: (&Model<T>, &SweepModel<T>),
     (scratch, columns): (&mut SweepScratch<T>, &mut InverseColumns<T, T::Columns>),

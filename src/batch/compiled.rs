@@ -12,20 +12,20 @@ use pulp::x86::V4;
 
 macro_rules! compiled {
     ($module:ident, $scalar:ty) => {
-        compiled!($module, $scalar, <$scalar as crate::batch::arms::Vectorised>::Least);
+        compiled!($module, $scalar, <$scalar as crate::batch::arms::Vectorized>::Least);
     };
     ($module:ident, $scalar:ty, $instructions:ty) => {
         pub(super) mod $module {
             #[allow(unused_imports)] // each scalar needs some of them
             use super::*;
             use crate::algorithm::{Algorithm, Arguments, Chunks, Everyday};
-            use crate::batch::arms::{Target, Vectorised};
+            use crate::batch::arms::{Target, Vectorized};
             use crate::batch::chunk::Chunk;
             #[allow(unused_imports)]
             use crate::scalar::{Fused, Lanes};
             use crate::scene::Scene;
 
-            type Number = <$scalar as Vectorised>::Number;
+            type Number = <$scalar as Vectorized>::Number;
 
             struct Compiled(Chunk<$scalar>, $instructions);
 

@@ -1,6 +1,6 @@
 //! Forward dynamics through connections, of as many states as a scalar has lanes.
 
-use super::arms::{Target, Vectorised, Work};
+use super::arms::{Target, Vectorized, Work};
 use super::factor;
 use super::finite::any_not_finite;
 use crate::dynamics::constraints::ConstraintKernel;
@@ -16,7 +16,7 @@ const CORRECTIONS: usize = 2;
 
 /// What it needs beside the scratch of the dynamics; made when it is first asked for.
 #[derive(Debug)]
-pub(super) struct ConnectedKernel<T: Vectorised> {
+pub(super) struct ConnectedKernel<T: Vectorized> {
     pub rows: ConstraintKernel<T>,
     /// e^- of the tree and of the forces of the connections.
     innovations: Vec<T>,
@@ -24,7 +24,7 @@ pub(super) struct ConnectedKernel<T: Vectorised> {
     results: Vec<T>,
 }
 
-impl<T: Vectorised> ConnectedKernel<T> {
+impl<T: Vectorized> ConnectedKernel<T> {
     #[cold]
     pub fn new(scene: (&Model<T>, &SweepModel<T>), constraints: &Constraints) -> Self {
         let (nv, nan) = (scene.0.nv(), T::from_f64(f64::NAN));
@@ -37,7 +37,7 @@ impl<T: Vectorised> ConnectedKernel<T> {
 }
 
 /// What a call reads and writes.
-pub(super) struct Call<'a, T: Vectorised> {
+pub(super) struct Call<'a, T: Vectorized> {
     pub scene: (&'a Model<T>, &'a SweepModel<T>),
     pub scratch: &'a mut SweepScratch<T>,
     pub kernel: &'a mut ConnectedKernel<T>,
@@ -51,7 +51,7 @@ pub(super) struct Call<'a, T: Vectorised> {
 
 /// Writes the results; gives the lanes in doubt as bits, numbers that are not finite among them.
 #[inline(always)]
-pub(super) fn run<T: Vectorised, I: Target>(target: I, form: Form, call: Call<'_, T>) -> u64 {
+pub(super) fn run<T: Vectorized, I: Target>(target: I, form: Form, call: Call<'_, T>) -> u64 {
     let Call { scene, scratch, kernel: ConnectedKernel { rows, innovations, results }, state, wrenches, out, states } =
         call;
     let nv = innovations.len();
@@ -83,14 +83,14 @@ pub(super) fn run<T: Vectorised, I: Target>(target: I, form: Form, call: Call<'_
 }
 
 /// Rows, their factor and the first forces; the lanes in doubt.
-struct Begin<'a, T: Vectorised>(
+struct Begin<'a, T: Vectorized>(
     (&'a Model<T>, &'a SweepModel<T>),
     &'a SweepScratch<T>,
     &'a mut ConstraintKernel<T>,
     (&'a [T], &'a [T], &'a [T]),
 );
 
-impl<T: Vectorised> Work for Begin<'_, T> {
+impl<T: Vectorized> Work for Begin<'_, T> {
     type Output = u64;
 
     #[inline(always)]
@@ -102,9 +102,9 @@ impl<T: Vectorised> Work for Begin<'_, T> {
 }
 
 /// What the forces change.
-struct Take<'a, T: Vectorised>(&'a mut ConstraintKernel<T>, &'a mut [T]);
+struct Take<'a, T: Vectorized>(&'a mut ConstraintKernel<T>, &'a mut [T]);
 
-impl<T: Vectorised> Work for Take<'_, T> {
+impl<T: Vectorized> Work for Take<'_, T> {
     type Output = ();
 
     #[inline(always)]
@@ -114,14 +114,14 @@ impl<T: Vectorised> Work for Take<'_, T> {
 }
 
 /// What is left of the rows; the lanes where it is more than rounding usually leaves, and where it is none.
-struct Look<'a, T: Vectorised>(
+struct Look<'a, T: Vectorized>(
     (&'a Model<T>, &'a SweepModel<T>),
     &'a SweepScratch<T>,
     &'a mut ConstraintKernel<T>,
     &'a [T],
 );
 
-impl<T: Vectorised> Work for Look<'_, T> {
+impl<T: Vectorized> Work for Look<'_, T> {
     type Output = [u64; 2];
 
     #[inline(always)]

@@ -1,7 +1,7 @@
 //! Derivatives of as many states as a scalar has lanes.
 
 use super::accelerations;
-use super::arms::{Entry, Target, Vectorised, Work};
+use super::arms::{Entry, Target, Vectorized, Work};
 use super::factor::with_factor;
 use super::finite::entries_not_finite;
 use crate::algorithm::Derivatives;
@@ -15,7 +15,7 @@ use nalgebra::Vector6;
 
 /// What they need beside the scratch of the dynamics; made when derivatives are first asked for.
 #[derive(Debug)]
-pub(super) struct DerivativeKernel<T: Vectorised> {
+pub(super) struct DerivativeKernel<T: Vectorized> {
     kept: Kept<T>,
     columns: DerivativeColumns<T, T::Columns>,
     product: Product<T, T::Columns>,
@@ -27,7 +27,7 @@ pub(super) struct DerivativeKernel<T: Vectorised> {
     all: Vec<u32>,
 }
 
-impl<T: Vectorised> DerivativeKernel<T> {
+impl<T: Vectorized> DerivativeKernel<T> {
     #[cold]
     pub fn new(model: &Model<T>, sweeps: &SweepModel<T>) -> Self {
         let (nv, nan) = (model.nv(), T::from_f64(f64::NAN));
@@ -46,7 +46,7 @@ impl<T: Vectorised> DerivativeKernel<T> {
 }
 
 /// What a call reads and writes.
-pub(super) struct Call<'a, T: Vectorised> {
+pub(super) struct Call<'a, T: Vectorized> {
     pub scene: (&'a Model<T>, &'a SweepModel<T>),
     pub scratch: (&'a mut SweepScratch<T>, &'a mut InverseColumns<T, T::Columns>),
     pub kernel: &'a mut DerivativeKernel<T>,
@@ -58,7 +58,7 @@ pub(super) struct Call<'a, T: Vectorised> {
 
 /// Writes the matrices; gives the lanes in doubt as bits, numbers that are not finite among them.
 #[inline(always)]
-pub(super) fn run<T: Vectorised, I: Target>(target: I, which: Derivatives, call: Call<'_, T>) -> u64 {
+pub(super) fn run<T: Vectorized, I: Target>(target: I, which: Derivatives, call: Call<'_, T>) -> u64 {
     let Call { scene, scratch: (scratch, inverse), kernel, state: (q, qd, u), wrenches, out } = call;
     let DerivativeKernel { kept, columns, product, qdd, matrices, all } = kernel;
     let (size, form) = (matrices.len(), if let Derivatives::ForwardDynamics(form) = which { Some(form) } else { None });
@@ -140,7 +140,7 @@ pub(super) fn run<T: Vectorised, I: Target>(target: I, which: Derivatives, call:
 
 /// dtau/dq, dtau/dqd and M, or the Coriolis matrix: compiled once for all that asks for them.
 #[inline(never)]
-fn of_torques<T: Vectorised, I: Target>(
+fn of_torques<T: Vectorized, I: Target>(
     target: I,
     scene: (&Model<T>, &SweepModel<T>),
     scratch: (&mut SweepScratch<T>, &mut Kept<T>, &mut DerivativeColumns<T, T::Columns>),
@@ -150,14 +150,14 @@ fn of_torques<T: Vectorised, I: Target>(
     target.within(OfTorques(scene, scratch, state, out));
 }
 
-struct OfTorques<'a, T: Vectorised>(
+struct OfTorques<'a, T: Vectorized>(
     (&'a Model<T>, &'a SweepModel<T>),
     (&'a mut SweepScratch<T>, &'a mut Kept<T>, &'a mut DerivativeColumns<T, T::Columns>),
     (Motion<'a, T>, Matrices),
     &'a mut [Entry<T>],
 );
 
-impl<T: Vectorised> Work for OfTorques<'_, T> {
+impl<T: Vectorized> Work for OfTorques<'_, T> {
     type Output = ();
 
     #[inline(always)]
@@ -169,7 +169,7 @@ impl<T: Vectorised> Work for OfTorques<'_, T> {
 
 /// M^-1 of the factor in the scratch; compiled once for all that asks for it.
 #[inline(never)]
-pub(super) fn multiplied_out<T: Vectorised, I: Target>(
+pub(super) fn multiplied_out<T: Vectorized, I: Target>(
     target: I,
     scene: (&Model<T>, &SweepModel<T>),
     scratch: (&SweepScratch<T>, &mut InverseColumns<T, T::Columns>),
@@ -178,13 +178,13 @@ pub(super) fn multiplied_out<T: Vectorised, I: Target>(
     target.within(MultipliedOut(scene, scratch, out));
 }
 
-struct MultipliedOut<'a, T: Vectorised>(
+struct MultipliedOut<'a, T: Vectorized>(
     (&'a Model<T>, &'a SweepModel<T>),
     (&'a SweepScratch<T>, &'a mut InverseColumns<T, T::Columns>),
     &'a mut [Entry<T>],
 );
 
-impl<T: Vectorised> Work for MultipliedOut<'_, T> {
+impl<T: Vectorized> Work for MultipliedOut<'_, T> {
     type Output = ();
 
     #[inline(always)]
@@ -196,7 +196,7 @@ impl<T: Vectorised> Work for MultipliedOut<'_, T> {
 
 /// -M^-1 times both derivatives, in their places; the lanes in which digits cancel.
 #[inline(never)]
-fn times_inverse<T: Vectorised, I: Target>(
+fn times_inverse<T: Vectorized, I: Target>(
     target: I,
     scene: (&Model<T>, &SweepModel<T>),
     product: (T::Columns, &mut Product<T, T::Columns>, T),
@@ -205,13 +205,13 @@ fn times_inverse<T: Vectorised, I: Target>(
     target.within(TimesInverse(scene, product, out))
 }
 
-struct TimesInverse<'a, T: Vectorised>(
+struct TimesInverse<'a, T: Vectorized>(
     (&'a Model<T>, &'a SweepModel<T>),
     (T::Columns, &'a mut Product<T, T::Columns>, T),
     &'a mut [Entry<T>],
 );
 
-impl<T: Vectorised> Work for TimesInverse<'_, T> {
+impl<T: Vectorized> Work for TimesInverse<'_, T> {
     type Output = u64;
 
     #[inline(always)]

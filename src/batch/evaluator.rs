@@ -311,7 +311,7 @@ impl Scene {
                 let lane = doubt.trailing_zeros() as usize;
                 doubt &= doubt - 1;
                 // These take up to a thousand times as long.
-                crate::watch::check().map_err(|error| Fault { state: i * lanes + lane, error })?;
+                crate::interrupt::check().map_err(|error| Fault { state: i * lanes + lane, error })?;
                 let out = &mut out[lane * width..(lane + 1) * width];
                 self.evaluate_checked(&mut evaluator.checked, algorithm, &states[lane], out)
                     .map_err(|error| Fault { state: i * lanes + lane, error })?;

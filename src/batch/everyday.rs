@@ -1,6 +1,6 @@
 //! Everyday functions of as many states as a scalar has lanes.
 
-use super::arms::Vectorised;
+use super::arms::Vectorized;
 use crate::algorithm::Everyday;
 use crate::dynamics::{centroidal, energy};
 use crate::kinematics;
@@ -10,12 +10,12 @@ use crate::workspace::Workspace;
 
 /// Scratch of those that go over all bodies, made when one is first asked for, and results.
 #[derive(Debug)]
-pub(super) struct EverydayKernel<T: Vectorised> {
+pub(super) struct EverydayKernel<T: Vectorized> {
     workspace: Option<Box<Workspace<T>>>,
     results: Vec<T>,
 }
 
-impl<T: Vectorised> Default for EverydayKernel<T> {
+impl<T: Vectorized> Default for EverydayKernel<T> {
     fn default() -> Self {
         Self { workspace: None, results: Vec::new() }
     }
@@ -23,7 +23,7 @@ impl<T: Vectorised> Default for EverydayKernel<T> {
 
 /// The results, of states (q, qd, qdd) of which `what` reads what it needs.
 #[inline(always)]
-pub(super) fn run<'k, T: Vectorised>(
+pub(super) fn run<'k, T: Vectorized>(
     model: &Model<T>,
     kernel: &'k mut EverydayKernel<T>,
     what: &Everyday<'_>,

@@ -1,7 +1,7 @@
 //! The factor of M, and right sides that go through it, of as many states as a scalar has lanes: each compiled once for whoever asks.
 
 use super::accelerations;
-use super::arms::{Target, Vectorised, Work};
+use super::arms::{Target, Vectorized, Work};
 use crate::dynamics::auto;
 use crate::dynamics::sweeps::{self, SweepModel, SweepScratch};
 use crate::filter::Form;
@@ -14,7 +14,7 @@ type Scene<'a, T> = (&'a Model<T>, &'a SweepModel<T>);
 
 /// The accelerations of a state, and the factor of M that more right sides are to go through; the lanes in doubt.
 #[inline(always)]
-pub(crate) fn with_factor<T: Vectorised, I: Target>(target: I, form: Form, call: accelerations::Call<'_, T>) -> u64 {
+pub(crate) fn with_factor<T: Vectorized, I: Target>(target: I, form: Form, call: accelerations::Call<'_, T>) -> u64 {
     if form != Form::Auto {
         return accelerations::by_covariance(target, call);
     }
@@ -28,7 +28,7 @@ pub(crate) fn with_factor<T: Vectorised, I: Target>(target: I, form: Form, call:
 
 /// The factor of M at q in covariance form; the lanes in doubt.
 #[inline(never)]
-pub(super) fn unwatched<T: Vectorised, I: Target>(
+pub(super) fn unwatched<T: Vectorized, I: Target>(
     target: I,
     scene: Scene<'_, T>,
     scratch: &mut SweepScratch<T>,
@@ -37,9 +37,9 @@ pub(super) fn unwatched<T: Vectorised, I: Target>(
     target.within(Unwatched(scene, scratch, q))
 }
 
-struct Unwatched<'a, T: Vectorised>(Scene<'a, T>, &'a mut SweepScratch<T>, &'a [T]);
+struct Unwatched<'a, T: Vectorized>(Scene<'a, T>, &'a mut SweepScratch<T>, &'a [T]);
 
-impl<T: Vectorised> Work for Unwatched<'_, T> {
+impl<T: Vectorized> Work for Unwatched<'_, T> {
     type Output = u64;
 
     #[inline(always)]
@@ -52,7 +52,7 @@ impl<T: Vectorised> Work for Unwatched<'_, T> {
 
 /// The factor of M at q, watched; the second of `state` is scratch, (nv). The lanes in doubt.
 #[inline(never)]
-pub(super) fn watched<T: Vectorised, I: Target>(
+pub(super) fn watched<T: Vectorized, I: Target>(
     target: I,
     scene: Scene<'_, T>,
     scratch: &mut SweepScratch<T>,
@@ -61,9 +61,9 @@ pub(super) fn watched<T: Vectorised, I: Target>(
     target.within(Watched(scene, scratch, state))
 }
 
-struct Watched<'a, T: Vectorised>(Scene<'a, T>, &'a mut SweepScratch<T>, (&'a [T], &'a mut [T]));
+struct Watched<'a, T: Vectorized>(Scene<'a, T>, &'a mut SweepScratch<T>, (&'a [T], &'a mut [T]));
 
-impl<T: Vectorised> Work for Watched<'_, T> {
+impl<T: Vectorized> Work for Watched<'_, T> {
     type Output = u64;
 
     #[inline(always)]
@@ -76,7 +76,7 @@ impl<T: Vectorised> Work for Watched<'_, T> {
 
 /// e^- of a state (q, qd, tau), by the factor that is there.
 #[inline(never)]
-pub(super) fn innovations<T: Vectorised, I: Target>(
+pub(super) fn innovations<T: Vectorized, I: Target>(
     target: I,
     scene: Scene<'_, T>,
     scratch: &mut SweepScratch<T>,
@@ -86,14 +86,14 @@ pub(super) fn innovations<T: Vectorised, I: Target>(
     target.within(Innovations(scene, scratch, state, forces));
 }
 
-struct Innovations<'a, T: Vectorised>(
+struct Innovations<'a, T: Vectorized>(
     Scene<'a, T>,
     &'a mut SweepScratch<T>,
     (&'a [T], &'a [T], &'a [T]),
     (&'a [Vector6<T>], &'a mut [T]),
 );
 
-impl<T: Vectorised> Work for Innovations<'_, T> {
+impl<T: Vectorized> Work for Innovations<'_, T> {
     type Output = ();
 
     #[inline(always)]
@@ -105,7 +105,7 @@ impl<T: Vectorised> Work for Innovations<'_, T> {
 
 /// Accelerations in the place of e^-, by the factor that is there.
 #[inline(never)]
-pub(super) fn smooth<T: Vectorised, I: Target>(
+pub(super) fn smooth<T: Vectorized, I: Target>(
     target: I,
     scene: Scene<'_, T>,
     scratch: &mut SweepScratch<T>,
@@ -114,9 +114,9 @@ pub(super) fn smooth<T: Vectorised, I: Target>(
     target.within(Smooth(scene, scratch, estimates));
 }
 
-struct Smooth<'a, T: Vectorised>(Scene<'a, T>, &'a mut SweepScratch<T>, &'a mut [T]);
+struct Smooth<'a, T: Vectorized>(Scene<'a, T>, &'a mut SweepScratch<T>, &'a mut [T]);
 
-impl<T: Vectorised> Work for Smooth<'_, T> {
+impl<T: Vectorized> Work for Smooth<'_, T> {
     type Output = ();
 
     #[inline(always)]

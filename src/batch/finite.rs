@@ -1,6 +1,6 @@
 //! Whether numbers are finite, without a branch on each.
 
-use super::arms::{Entry, Vectorised};
+use super::arms::{Entry, Vectorized};
 use crate::scalar::{ColumnsOf, Real};
 
 /// Zero where `x` is finite, else NaN; no branch.
@@ -36,7 +36,7 @@ pub(super) fn any_not_finite<T: Real>(numbers: &[T]) -> T {
 
 /// The same of the entries of matrices, as many at once as a block holds.
 #[inline(always)]
-pub(super) fn entries_not_finite<T: Vectorised>(like: T::Columns, entries: &[Entry<T>]) -> T {
+pub(super) fn entries_not_finite<T: Vectorized>(like: T::Columns, entries: &[Entry<T>]) -> T {
     let (mut sums, zero, width) = ([like; 4], like.constant(0.0), T::Columns::COLUMNS);
     let (whole, mut fault) = (entries.chunks_exact(width), T::zero());
     for &entry in whole.remainder() {

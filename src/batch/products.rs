@@ -1,7 +1,7 @@
 //! Products with Jacobians, of as many states as a scalar has lanes.
 
 use super::accelerations;
-use super::arms::{Target, Vectorised, Work};
+use super::arms::{Target, Vectorized, Work};
 use super::factor::with_factor;
 use super::finite::any_not_finite;
 use crate::algorithm::Products;
@@ -18,7 +18,7 @@ use nalgebra::Vector6;
 
 /// What they need beside the scratch of the dynamics; made when a product is first asked for.
 #[derive(Debug)]
-pub(super) struct ProductKernel<T: Vectorised> {
+pub(super) struct ProductKernel<T: Vectorized> {
     co_states: CoStates<T>,
     changes: Changes<T>,
     /// The direction, the third as long as the algorithm reads it, or the cotangent in the first.
@@ -31,7 +31,7 @@ pub(super) struct ProductKernel<T: Vectorised> {
     of_wrenches: Vec<Vector6<T>>,
 }
 
-impl<T: Vectorised> ProductKernel<T> {
+impl<T: Vectorized> ProductKernel<T> {
     #[cold]
     pub fn new(model: &Model<T>, sweeps: &SweepModel<T>) -> Self {
         let (nv, nan) = (model.nv(), T::from_f64(f64::NAN));
@@ -48,7 +48,7 @@ impl<T: Vectorised> ProductKernel<T> {
 }
 
 /// What a call reads and writes.
-pub(super) struct Call<'a, T: Vectorised> {
+pub(super) struct Call<'a, T: Vectorized> {
     pub scene: (&'a Model<T>, &'a SweepModel<T>),
     pub scratch: &'a mut SweepScratch<T>,
     pub kernel: &'a mut ProductKernel<T>,
@@ -60,7 +60,7 @@ pub(super) struct Call<'a, T: Vectorised> {
 
 /// Writes the product; gives the lanes in doubt as bits, numbers that are not finite among them.
 #[inline(always)]
-pub(super) fn run<T: Vectorised, I: Target>(target: I, which: Products, call: Call<'_, T>) -> u64 {
+pub(super) fn run<T: Vectorized, I: Target>(target: I, which: Products, call: Call<'_, T>) -> u64 {
     let Call { scene, scratch, kernel, state, wrenches, out } = call;
     let ((q, qd, u), mut doubt) = (state, 0);
     let ProductKernel { co_states, changes, seeds: [first, second, third], qdd, x, results, of_wrenches } = kernel;
@@ -112,14 +112,14 @@ pub(super) fn run<T: Vectorised, I: Target>(target: I, which: Products, call: Ca
 }
 
 /// Along a direction.
-struct Along<'a, T: Vectorised>(
+struct Along<'a, T: Vectorized>(
     (&'a Model<T>, &'a SweepModel<T>),
     (&'a mut SweepScratch<T>, &'a mut Changes<T>),
     (Motion<'a, T>, Directions<'a, T>),
     (Products, &'a mut [T], &'a mut [T]),
 );
 
-impl<T: Vectorised> Work for Along<'_, T> {
+impl<T: Vectorized> Work for Along<'_, T> {
     type Output = T;
 
     #[inline(always)]
@@ -136,7 +136,7 @@ type Room<'a, T> = ((&'a Model<T>, &'a SweepModel<T>), (&'a mut SweepScratch<T>,
 /// All cotangents of a state, of torques, or where there is a form of accelerations, then with the factor in the scratch; the lanes in doubt. Compiled once for batches and
 /// for trajectories.
 #[inline(never)]
-pub(crate) fn gradients<T: Vectorised, I: Target>(
+pub(crate) fn gradients<T: Vectorized, I: Target>(
     target: I,
     form: Option<Form>,
     room: Room<'_, T>,
@@ -147,14 +147,14 @@ pub(crate) fn gradients<T: Vectorised, I: Target>(
     if form == Some(Form::Auto) { (0..T::LANES).map(|lane| u64::from(off.lane(lane) > 0.0) << lane).sum() } else { 0 }
 }
 
-struct Gradients<'a, 'c, T: Vectorised>(
+struct Gradients<'a, 'c, T: Vectorized>(
     bool,
     Room<'a, T>,
     (Motion<'a, T>, &'a [T]),
     (&'a mut Constants<'c, T>, &'a mut [T], &'a mut [T]),
 );
 
-impl<T: Vectorised> Work for Gradients<'_, '_, T> {
+impl<T: Vectorized> Work for Gradients<'_, '_, T> {
     type Output = T;
 
     #[inline(always)]

@@ -7,7 +7,7 @@
 //! Python's multiprocessing forks, so the pool here remembers its process and is made anew in another.
 
 use crate::error::Error;
-use crate::watch::{self, Told};
+use crate::interrupt::{self, StopSignal};
 use rayon::{Scope, ThreadPool, ThreadPoolBuilder};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, RwLock};
@@ -69,12 +69,12 @@ impl Place {
     /// Calls `work` here and, at the same time, on `helpers` other threads, of which there are as many; returns when all have returned. Those
     /// of a pool of ours lend themselves to other callers wherever `work` calls [`rayon::yield_now`].
     ///
-    /// All work under the caller's [`watch`], which it keeps while it waits for the others: `stop` is told when that ends the work.
+    /// All work under the caller's [`interrupt`], which it keeps while it waits for the others: `stop` is signal when that ends the work.
     pub(super) fn together(&self, helpers: usize, stop: &dyn Fn(Error), work: &(dyn Fn() + Sync)) {
-        let told = Told::here();
+        let signal = StopSignal::here();
         let helping = AtomicUsize::new(helpers);
-        let waiting = told.is_watched().then(std::thread::current);
-        let company = Company { helping: &helping, waiting: waiting.as_ref(), told: &told, work };
+        let waiting = signal.exists().then(std::thread::current);
+        let company = Company { helping: &helping, waiting: waiting.as_ref(), signal: &signal, work };
         match self {
             Self::Alone => work(),
             Self::Inside => rayon::in_place_scope(|scope| company.all_at_once(scope, helpers, stop)),
@@ -90,7 +90,7 @@ struct Company<'scope> {
     helping: &'scope AtomicUsize,
     /// The caller, where it is to be woken by the last of them.
     waiting: Option<&'scope Thread>,
-    told: &'scope Told,
+    signal: &'scope StopSignal,
     work: &'scope (dyn Fn() + Sync),
 }
 
@@ -105,11 +105,11 @@ impl<'scope> Company<'scope> {
         }
         if self.waiting.is_some() {
             while self.helping.load(Ordering::Acquire) > 0 {
-                if let Err(error) = watch::check() {
+                if let Err(error) = interrupt::check() {
                     // The others hear of it by themselves, at their next question.
                     return stop(error);
                 }
-                std::thread::park_timeout(watch::PERIOD);
+                std::thread::park_timeout(interrupt::PERIOD);
             }
         }
     }
@@ -120,7 +120,7 @@ impl<'scope> Company<'scope> {
             if helpers > 0 {
                 scope.spawn(move |scope| {
                     self.wake(scope, helpers - 1);
-                    self.told.help(self.work);
+                    self.signal.help(self.work);
                     if self.helping.fetch_sub(1, Ordering::AcqRel) == 1
                         && let Some(waiting) = self.waiting
                     {

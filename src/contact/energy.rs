@@ -1,15 +1,15 @@
-//! Impacts that cannot raise the kinetic energy.
+//! Impacts that do not increase the kinetic energy.
 
 use super::law::{Cone, Limits};
-use super::told::{Effort, Told};
+use super::report::{Effort, SolveReport};
 use nalgebra::DVector;
 
-/// What impulses p change of the kinetic energy at contact velocities u, J: u p + p G p/2. No mass enters.
+/// Change of the kinetic energy by impulses p at contact velocities u, J: u p + p G p/2. It does not depend on masses.
 pub(crate) fn work(cone: &Cone, u: &DVector<f64>, p: &DVector<f64>) -> f64 {
     u.dot(p) + 0.5 * p.dot(&(&cone.g * p))
 }
 
-/// p, or less of it where an unfinished solve would raise the kinetic energy; and the part that is kept.
+/// Scales p down if an unfinished solve would increase the kinetic energy; returns the impulses and the factor.
 pub(crate) fn passive(cone: &Cone, u: &DVector<f64>, p: DVector<f64>) -> (DVector<f64>, f64) {
     if work(cone, u, &p) <= 0.0 {
         return (p, 1.0);
@@ -19,7 +19,7 @@ pub(crate) fn passive(cone: &Cone, u: &DVector<f64>, p: DVector<f64>) -> (DVecto
     (p * kept, kept)
 }
 
-/// The largest part s of [0, 1] for which p1 + s p2 does not raise the kinetic energy, where p1 alone does not.
+/// The largest factor s in [0, 1] for which p1 + s p2 does not increase the kinetic energy, provided that p1 does not.
 pub(crate) fn expansion_kept(cone: &Cone, u: &DVector<f64>, p1: &DVector<f64>, p2: &DVector<f64>) -> f64 {
     if work(cone, u, &(p1 + p2)) <= 0.0 {
         return 1.0;
@@ -32,29 +32,32 @@ pub(crate) fn expansion_kept(cone: &Cone, u: &DVector<f64>, p1: &DVector<f64>, p
     if s.is_finite() { s.clamp(0.0, 1.0) } else { 0.0 }
 }
 
-/// What an impact is.
+/// The result of an impact.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Impact {
     /// The impulses, N s.
     pub impulses: DVector<f64>,
-    pub told: Told,
-    /// How much of the expansion the energy allows.
+    pub solved: SolveReport,
+    /// Factor applied to the impulses of the expansion phase.
     pub expansion_kept: f64,
-    /// How much of the compression, 1 where its solve converged.
+    /// Factor applied to the impulses of the compression phase; 1 if its solve converged.
     pub impulse_kept: f64,
-    /// What it changes of the kinetic energy, J: never more than rounding above zero.
+    /// Change of the kinetic energy, J; at most rounding above zero.
     pub work: f64,
 }
 
-/// Poisson's law in two problems. Compression: u1 = u + G p1, Coulomb with u1. Expansion: u2 = u1 + G p2, normal impulses at least e `p1_n`, Coulomb
-/// with u2. p = p1 + s p2, s = 1 or as much as does not raise the kinetic energy.
+/// Impact with Poisson's hypothesis, as two problems.
+///
+/// Compression: u1 = u + G p1 with Coulomb friction for u1. Expansion: u2 = u1 + G p2 with normal impulses of at least
+/// e `p1_n` and Coulomb friction for u2. The result is p = p1 + s p2, where s <= 1 is the largest factor that does not
+/// increase the kinetic energy.
 pub(crate) fn impact(cone: &Cone, u: &DVector<f64>, restitution: &[f64], effort: Effort) -> Impact {
     let limits = Limits::beside(u);
     let (p1, first) = cone.impulses(u, None, &limits, effort);
     let (p1, impulse_kept) = passive(cone, u, p1);
     let least: Vec<f64> = restitution.iter().enumerate().map(|(i, e)| e * p1[3 * i + 2]).collect();
     if least.iter().all(|&a| a == 0.0) {
-        return Impact { work: work(cone, u, &p1), impulses: p1, told: first, expansion_kept: 1.0, impulse_kept };
+        return Impact { work: work(cone, u, &p1), impulses: p1, solved: first, expansion_kept: 1.0, impulse_kept };
     }
     let start = DVector::from_fn(p1.len(), |i, _| restitution[i / 3] * p1[i]);
     let between = u + &cone.g * &p1;
@@ -62,5 +65,5 @@ pub(crate) fn impact(cone: &Cone, u: &DVector<f64>, restitution: &[f64], effort:
     let kept = expansion_kept(cone, u, &p1, &p2);
     let impulses = p1 + p2 * kept;
     let work = work(cone, u, &impulses);
-    Impact { impulses, told: first.with(second), expansion_kept: kept, impulse_kept, work }
+    Impact { impulses, solved: first.with(second), expansion_kept: kept, impulse_kept, work }
 }

@@ -1,35 +1,38 @@
-//! An interior method on the exact law: Newton's steps on a law in which no contact is quite open, quite sticking or quite at the edge of its cone.
+//! Interior-point method for the exact contact law: Newton steps on a perturbed law in which every contact is slightly
+//! open and slips slightly inside its friction cone.
 //!
-//! With y = `p_n` - a, q = mu `p_n` and the room s = q - |`p_t`|^2/q, and with a normal velocity v and a slip speed l of their own, all above zero:
+//! With y = `p_n` - a, q = mu `p_n`, the distance from the cone s = q - |`p_t`|^2/q, a normal velocity v and a slip
+//! speed l as additional unknowns, all of them positive:
 //!
 //! ```text
 //! v = u_n,     u_t = -l p_t/q,     y v = e,     l s = e
 //! ```
 //!
-//! e = 0 is Coulomb's law, slip against friction included; no cone is a polyhedron and no velocity is added to make the law that of a minimum. A
-//! step aims at a smaller e, the smaller the further it could go without one (S. Mehrotra, SIAM Journal on Optimization 2, 1992, 575-601). y, v, l and
-//! s stay above zero. Redundant contacts do not matter to it, nor do masses that differ a lot.
+//! For e = 0 this is Coulomb's law with friction opposite to slip. Cones are not approximated by polyhedra, and the law
+//! is not modified to that of an optimization problem. A step aims at a smaller e, which is the smaller the longer the
+//! step with e = 0 could be (S. Mehrotra, SIAM Journal on Optimization 2, 1992, 575-601). y, v, l and s remain
+//! positive. Redundant contacts and large mass ratios are admissible.
 
 use super::law::{Cone, Limits};
 use super::scaled::Scaled;
 use nalgebra::{DMatrix, DVector, Dyn, LU};
 
-/// What a step leaves of what must stay above zero, at the least.
+/// Smallest fraction of a positive variable that remains after a step.
 const KEPT: f64 = 0.005;
 
-/// How often a step is halved whose own curvature takes it away from the law.
+/// Largest number of halvings of a step whose nonlinearity increases the violation of the velocity equations.
 const HALVINGS: usize = 12;
 
-/// A point inside.
+/// An interior point.
 #[derive(Debug, Clone)]
 pub(super) struct Interior<'a> {
     problem: Scaled<'a>,
     now: Point,
-    /// Whether e waits where the velocities do not agree with the impulses yet: slower, and further at times.
+    /// True if e stays constant while velocities and impulses disagree: slower, but it converges in some other cases.
     careful: bool,
 }
 
-/// Impulses, and what each contact has beside them.
+/// Impulses, and the additional variables of each contact.
 #[derive(Debug, Clone)]
 pub(super) struct Point {
     pub z: DVector<f64>,
@@ -40,7 +43,7 @@ pub(super) struct Point {
 }
 
 impl<'a> Interior<'a> {
-    /// In the middle of each cone, all normal impulses at `height` above the least.
+    /// Starts in the middle of each cone, with all normal impulses `height` above their lower bound.
     pub fn new(cone: &'a Cone, c: &DVector<f64>, limits: &Limits, (height, careful): (f64, bool)) -> Self {
         let problem = Scaled::new(cone, c, limits);
         let n = problem.len();
@@ -49,7 +52,7 @@ impl<'a> Interior<'a> {
         Self { problem, now: Point { z, apart: vec![height; n], slip: vec![height; n], room }, careful }
     }
 
-    /// From a point that is inside.
+    /// Starts at a given interior point.
     pub fn at(problem: Scaled<'a>, now: Point) -> Self {
         Self { problem, now, careful: false }
     }
@@ -58,7 +61,7 @@ impl<'a> Interior<'a> {
         self.problem.impulses(&self.now.z, limits)
     }
 
-    /// The mean of y v and l s.
+    /// Mean of the products y v and l s.
     fn gap(&self) -> f64 {
         let (mut sum, mut count) = (0.0, 0.0);
         for i in 0..self.problem.len() {
@@ -72,7 +75,7 @@ impl<'a> Interior<'a> {
         sum / count
     }
 
-    /// How far the velocities are from what v and l say of them, the largest.
+    /// Largest violation of the equations between velocities and v, l.
     fn disagreement(&self) -> f64 {
         let Point { z, apart, slip, .. } = &self.now;
         let u = &self.problem.a * z + &self.problem.c;
@@ -87,7 +90,7 @@ impl<'a> Interior<'a> {
         (0..self.problem.len()).map(of).fold(0.0, f64::max)
     }
 
-    /// The matrix of a step, v, l and s eliminated.
+    /// The matrix of a step after elimination of v, l and s.
     fn slope(&self) -> DMatrix<f64> {
         let Point { z, apart, slip, room } = &self.now;
         let mut slope = self.problem.a.clone();
@@ -114,7 +117,7 @@ impl<'a> Interior<'a> {
         slope
     }
 
-    /// The step towards y v = l s = `aim`.
+    /// The Newton step toward y v = l s = `aim`.
     fn towards(&self, slope: &LU<f64, Dyn, Dyn>, aim: f64) -> Option<Point> {
         let Point { z, apart, slip, room } = &self.now;
         let n = self.problem.len();
@@ -144,7 +147,7 @@ impl<'a> Interior<'a> {
         Some(step)
     }
 
-    /// How much of a step keeps all above zero, to first order.
+    /// The largest fraction of a step for which all variables remain positive, to first order.
     fn reach(&self, step: &Point) -> f64 {
         let mut reach: f64 = 1.0;
         let mut limit = |now: f64, change: f64| {
@@ -163,7 +166,7 @@ impl<'a> Interior<'a> {
         reach
     }
 
-    /// One step; how much of it was made, none where the matrix is singular.
+    /// Makes one step and returns its fraction; `None` if the matrix is singular.
     pub fn step(&mut self) -> Option<f64> {
         let slope = self.slope().lu();
         let (gap, before) = (self.gap(), self.disagreement());
@@ -173,7 +176,7 @@ impl<'a> Interior<'a> {
         let step = self.towards(&slope, part * gap)?;
         let mut made = self.reach(&step);
         let start = self.now.clone();
-        // A disagreement of first order is the gap's own size; a larger one was made by the step.
+        // A violation of first order has the size of the gap; a larger one is an effect of the step.
         let most = 10.0 * before.max(0.1 * gap.sqrt().min(1.0));
         for halving in 0..=HALVINGS {
             self.go(&start, &step, made);
@@ -185,7 +188,7 @@ impl<'a> Interior<'a> {
         Some(made)
     }
 
-    /// `made` of a step from `start`.
+    /// Moves to `start` + `made` * `step`.
     fn go(&mut self, start: &Point, step: &Point, made: f64) {
         self.now.z = &start.z + &step.z * made;
         for i in 0..self.problem.len() {

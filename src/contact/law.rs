@@ -1,48 +1,48 @@
-//! The law of contacts as a function that is zero where it holds, and the nearest point of its cones.
+//! The contact law as a function that vanishes for solutions, and the projection onto friction cones.
 
 use nalgebra::{DMatrix, DVector, Vector3};
 
-/// G of some contacts and their coefficients of friction.
+/// The Delassus matrix G of some contacts, and their coefficients of friction.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Cone {
     /// J M^-1 J*, (3n x 3n).
     pub g: DMatrix<f64>,
-    /// mu >= 0 of each contact.
+    /// Coefficient of friction mu >= 0 of each contact.
     pub friction: Vec<f64>,
-    /// r = 3 / trace `G_ii` of each: turns its velocity into an impulse.
+    /// r = 3 / trace `G_ii` of each contact, which converts velocities to impulses.
     pub lengths: Vec<f64>,
 }
 
-/// What a problem has beside its free velocities.
+/// Data of a problem in addition to its free velocities.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Limits {
-    /// The least normal impulse of each contact, N s.
+    /// Lower bound of the normal impulse of each contact, N s.
     pub least: Vec<f64>,
-    /// The velocity that residuals are told beside, m/s.
+    /// Velocity to which residuals are relative, m/s.
     pub scale: f64,
 }
 
 impl Limits {
-    /// Impulses from zero up, residuals beside the largest of these velocities.
+    /// Nonnegative normal impulses, and residuals relative to the largest of these velocities.
     pub fn beside(c: &DVector<f64>) -> Self {
         let largest = c.amax();
         Self { least: vec![0.0; c.len() / 3], scale: if largest > 0.0 { largest } else { 1.0 } }
     }
 }
 
-/// What a contact does in a step.
+/// State of a contact in a step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ContactState {
-    /// Nothing presses on it.
+    /// No contact force.
     Open,
-    /// It is pressed, and the friction that holds it is below its bound.
+    /// Contact force with friction below its bound.
     Sticking,
-    /// It is pressed and slips, with friction at its bound; without friction, whether it slips or not.
+    /// Contact force with slip and friction at its bound; without friction, regardless of slip.
     Sliding,
 }
 
 impl ContactState {
-    /// What stands for it in recorded rows: 0 open, 1 sticking, 2 sliding.
+    /// The number in recorded rows: 0 open, 1 sticking, 2 sliding.
     #[must_use]
     pub fn number(self) -> f64 {
         match self {
@@ -52,7 +52,7 @@ impl ContactState {
         }
     }
 
-    /// Of a number in a recorded row, if it stands for one.
+    /// The state for a number in a recorded row; `None` for any other number.
     #[must_use]
     pub fn of(number: f64) -> Option<Self> {
         [Self::Open, Self::Sticking, Self::Sliding]
@@ -62,19 +62,19 @@ impl ContactState {
 }
 
 impl Cone {
-    /// A problem of contacts that can all move.
+    /// A problem of contacts, each of which can move.
     pub fn new(g: DMatrix<f64>, friction: Vec<f64>) -> Self {
         let trace = |i: usize| g[(3 * i, 3 * i)] + g[(3 * i + 1, 3 * i + 1)] + g[(3 * i + 2, 3 * i + 2)];
         let lengths = (0..friction.len()).map(|i| 3.0 / trace(i)).collect();
         Self { g, friction, lengths }
     }
 
-    /// How many contacts.
+    /// Number of contacts.
     pub fn len(&self) -> usize {
         self.friction.len()
     }
 
-    /// The same contacts on springs: `part` of 1/r more on the diagonal.
+    /// The same contacts with compliance: `part` / r is added to the diagonal.
     pub fn on_springs(&self, part: f64) -> Self {
         let mut springs = self.clone();
         for i in 0..springs.g.nrows() {
@@ -83,7 +83,7 @@ impl Cone {
         springs
     }
 
-    /// G p + c.
+    /// Contact velocities G p + c.
     pub fn velocities(&self, p: &DVector<f64>, c: &DVector<f64>) -> DVector<f64> {
         &self.g * p + c
     }
@@ -97,8 +97,8 @@ impl Cone {
         x
     }
 
-    /// Alart and Curnier's F, N s, zero where the law holds and nowhere else: `F_n` = `p_n` - max(a, `x_n`), `F_t` = `p_t` - (`x_t` cut to the disc
-    /// of radius mu max(a, `x_n`)), x = p - r u.
+    /// The function F of Alart and Curnier, N s, which vanishes exactly for solutions of the law: `F_n` = `p_n` -
+    /// max(a, `x_n`) and `F_t` = `p_t` - (`x_t` projected onto the disc of radius mu max(a, `x_n`)), with x = p - r u.
     pub fn defect(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits) -> DVector<f64> {
         let x = self.targets(p, c);
         let mut defect = p.clone();
@@ -113,7 +113,7 @@ impl Cone {
         defect
     }
 
-    /// What each contact does: which part of F its target x is in.
+    /// State of each contact: the case of F in which its target x is.
     pub fn states(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits) -> Vec<ContactState> {
         let x = self.targets(p, c);
         let of = |i: usize| {
@@ -129,15 +129,15 @@ impl Cone {
         (0..self.len()).map(of).collect()
     }
 
-    /// The largest |`F_i`| / `r_i` over the scale.
+    /// The largest |`F_i`| / `r_i`, relative to the scale.
     pub fn residual(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits) -> f64 {
         let defect = self.defect(p, c, limits);
         let of = |i: usize| defect.fixed_rows::<3>(3 * i).norm() / self.lengths[i] / limits.scale;
         (0..self.len()).map(of).fold(0.0, |worst, of| if of > worst || of.is_nan() { of } else { worst })
     }
 
-    /// What rounding of G p + c alone leaves of the residual. Where a contact slides, friction follows the normal impulse: mu times as much of its
-    /// normal velocity.
+    /// The residual caused by rounding errors of G p + c alone. For a sliding contact, friction adds mu times the error
+    /// of the normal velocity.
     pub fn floor(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits) -> f64 {
         let terms = self.g.abs() * p.abs() + c.abs();
         let x = self.targets(p, c);
@@ -151,7 +151,7 @@ impl Cone {
         4.0 * f64::EPSILON * largest / limits.scale
     }
 
-    /// Every contact's impulse to the nearest point of its cone.
+    /// Projects the impulse of every contact onto its cone.
     pub fn project(&self, p: &mut DVector<f64>, least: &[f64]) {
         for (i, (&mu, &least)) in self.friction.iter().zip(least).enumerate() {
             let nearest = nearest(&p.fixed_rows::<3>(3 * i).into(), mu, least);
@@ -160,19 +160,20 @@ impl Cone {
     }
 }
 
-/// How much of a vector of some length is within a radius.
+/// The factor that shortens a vector of the given length to the radius.
 fn cut(radius: f64, length: f64) -> f64 {
     if length > radius { radius / length } else { 1.0 }
 }
 
-/// The nearest point of {|`x_t`| <= mu `x_n`, `x_n` >= a}, a >= 0; where a cuts the cone off, the nearest at that height.
+/// The nearest point of the cone {|`x_t`| <= mu `x_n`, `x_n` >= a} with a >= 0. If the bound a is active, the nearest
+/// point at that height.
 pub(super) fn nearest(x: &Vector3<f64>, mu: f64, least: f64) -> Vector3<f64> {
     let length = x[0].hypot(x[1]);
     let inside = length <= mu * x[2];
     let normal = if inside { x[2] } else { ((mu * length + x[2]) / (1.0 + mu * mu)).max(0.0) };
     let normal = normal.max(least);
     let mut kept = cut(mu * normal, length);
-    // The last rounding must not leave the cone.
+    // Rounding must not leave the cone.
     while kept > 0.0 && kept < 1.0 && (kept * x[0]).hypot(kept * x[1]) > mu * normal {
         kept *= 1.0 - f64::EPSILON;
     }

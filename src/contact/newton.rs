@@ -1,13 +1,14 @@
-//! Newton's method on Alart and Curnier's function.
+//! Newton's method on the function of Alart and Curnier.
 
 use super::law::{Cone, Limits};
 use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 
-/// Part of 1/r on the diagonal of G in the matrix, not in the function: regular for any redundant rows.
+/// Fraction of 1/r added to the diagonal of G in the matrix only, which makes it regular for redundant rows.
 pub(super) const PROXIMAL: f64 = 1e-8;
 
 impl Cone {
-    /// dF/dp, with G + `proximal`/r in place of G: X = 1 - r G', and each contact open (nothing), sticking (X in n and t) or sliding.
+    /// dF/dp with G + `proximal`/r in place of G: X = 1 - r G', where each contact is open (no contribution), sticking
+    /// (X in n and t) or sliding.
     fn slope(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits, proximal: f64) -> DMatrix<f64> {
         let (m, x) = (3 * self.len(), self.targets(p, c));
         let moved = DMatrix::from_fn(m, m, |i, j| {
@@ -38,7 +39,7 @@ impl Cone {
         slope
     }
 
-    /// One Newton step, projected onto the cones; none where the matrix is singular.
+    /// One Newton step, projected onto the cones; `None` if the matrix is singular.
     pub(super) fn newton(
         &self,
         p: &DVector<f64>,

@@ -1,26 +1,28 @@
-//! A way to the law that turns back where it has to: for friction so high that steps with an e that only falls end nowhere.
+//! Continuation along a curve for large coefficients of friction, for which the interior-point method with
+//! monotonically decreasing e does not converge.
 //!
-//! All contacts are lifted: t times a velocity along each normal, and e = t times a small number in the law of [`super::interior`]. At t = 1 all
-//! are all but open, and there is one answer; at t = 0 it is Coulomb's law. What is between is a curve, on which t may rise for a while: it is followed by its
-//! length, each unknown in parts of itself, and not by t.
+//! All contacts are lifted with t times a velocity along each normal, and e = t times a small number in the law of
+//! [`super::interior`]. At t = 1 all contacts are nearly open, and the solution is unique; at t = 0 the law is
+//! Coulomb's. The solutions between form a curve on which t can temporarily increase. The curve is therefore
+//! parametrized by its arc length, with each unknown scaled by its size, and not by t.
 
 use super::interior::{Interior, Point};
 use super::law::{Cone, Limits};
 use super::scaled::Scaled;
 use nalgebra::{DMatrix, DVector};
 
-/// How far from the curve a point may be, in parts of e; velocities in tenths of theirs.
+/// Largest distance of a point from the curve, relative to e; a tenth of that for velocities.
 const BESIDE: f64 = 0.1;
 
-/// Newton's steps back to the curve, and how often a step along it is shortened.
+/// Largest number of Newton steps back to the curve, and of reductions of a step along it.
 const BACK: usize = 6;
 const SHORTENINGS: usize = 40;
 
-/// What a step leaves of what must stay above zero, at the least, and how many times as much it makes of it.
+/// Smallest and largest factor by which a step changes a positive variable.
 const FALLS: f64 = 0.1;
 const GROWS: f64 = 10.0;
 
-/// The rest of t that is near enough, and a step so short that it leads nowhere.
+/// Value of t at which the continuation ends, and smallest length of a step.
 const NEAR: f64 = 1e-6;
 const NOWHERE: f64 = 1e-9;
 
@@ -28,16 +30,16 @@ const NOWHERE: f64 = 1e-9;
 #[derive(Debug, Clone)]
 pub(super) struct Path<'a> {
     problem: Scaled<'a>,
-    /// The velocity that t lifts contacts by, and e at t = 1.
+    /// Velocity by which contacts are lifted at t = 1, and e there.
     lift: f64,
     start: f64,
     x: DVector<f64>,
-    /// Along the curve, in parts of each unknown, of length 1.
+    /// Unit tangent of the curve, with each unknown relative to its size.
     tangent: DVector<f64>,
     length: f64,
 }
 
-/// What F is, how it changes with the parts of each unknown, and the unknowns themselves.
+/// F, its derivatives by the scaled unknowns, and the scales of the unknowns.
 struct Slope {
     f: DVector<f64>,
     by_part: DMatrix<f64>,
@@ -45,7 +47,7 @@ struct Slope {
 }
 
 impl<'a> Path<'a> {
-    /// The end of the curve where all contacts are all but open.
+    /// The start of the curve, at which all contacts are nearly open.
     pub fn new(cone: &'a Cone, c: &DVector<f64>, limits: &Limits, (lift, start): (f64, f64)) -> Self {
         let problem = Scaled::new(cone, c, limits);
         let n = problem.len();
@@ -68,7 +70,7 @@ impl<'a> Path<'a> {
         Self { problem, lift, start, x, tangent, length: 0.1 }
     }
 
-    /// Whether there is no more of the curve to follow: the interior method goes on from here.
+    /// True if the continuation has ended, so that the interior-point method can take over.
     pub fn ends(&self) -> bool {
         self.x[5 * self.problem.len()] < NEAR || self.length < NOWHERE
     }
@@ -77,7 +79,7 @@ impl<'a> Path<'a> {
         self.problem.impulses(&self.impulses_of(&self.x), limits)
     }
 
-    /// The interior method from here.
+    /// The interior-point method at the current point.
     pub fn inside(self) -> Interior<'a> {
         let n = self.problem.len();
         let z = self.impulses_of(&self.x);
@@ -91,7 +93,7 @@ impl<'a> Path<'a> {
         x.rows(0, 3 * self.problem.len()).into_owned()
     }
 
-    /// What one part of each unknown is: itself, y for `p_n`, mu `p_n` for `p_t`.
+    /// Scale of each unknown: its value, y for `p_n`, and mu `p_n` for `p_t`.
     fn parts(&self, x: &DVector<f64>) -> DVector<f64> {
         let n = self.problem.len();
         DVector::from_fn(5 * n + 1, |k, _| match (k < 3 * n, k % 3) {
@@ -102,7 +104,7 @@ impl<'a> Path<'a> {
         })
     }
 
-    /// Whether all that must stay above zero is.
+    /// True if all positive variables are positive.
     fn is_inside(&self, x: &DVector<f64>, z: &DVector<f64>) -> bool {
         let n = self.problem.len();
         let above = (0..n).all(|i| self.problem.above(i, z) > 0.0);
@@ -110,7 +112,7 @@ impl<'a> Path<'a> {
         above && in_cones && x.rows(3 * n, 2 * n + 1).iter().all(|&x| x > 0.0)
     }
 
-    /// F of the law with t; its last row is the caller's.
+    /// F of the law at t; the caller sets its last row.
     fn slope(&self, x: &DVector<f64>) -> Slope {
         let (n, z) = (self.problem.len(), self.impulses_of(x));
         let (size, lifted) = (5 * n + 1, x[5 * n]);
@@ -157,7 +159,7 @@ impl<'a> Path<'a> {
         Slope { f, by_part, parts }
     }
 
-    /// How far from the curve, one where it is as far as e.
+    /// Distance from the curve, relative to e.
     fn beside(&self, x: &DVector<f64>, f: &DVector<f64>) -> f64 {
         let n = self.problem.len();
         let of = |i: usize| {
@@ -167,7 +169,7 @@ impl<'a> Path<'a> {
         (0..n).map(of).fold(0.0, |worst, of| if of > worst || of.is_nan() { of } else { worst })
     }
 
-    /// x + dx, with `p_t` drawn in.
+    /// x + dx, with `p_t` moved into the cones.
     fn moved(&self, x: &DVector<f64>, dx: &DVector<f64>) -> DVector<f64> {
         let (n, z, dz) = (self.problem.len(), self.impulses_of(x), self.impulses_of(dx));
         let mut next = &z + &dz;
@@ -180,7 +182,7 @@ impl<'a> Path<'a> {
         moved
     }
 
-    /// Newton's steps across the tangent until x is on the curve; whether it is.
+    /// Newton steps perpendicular to the tangent until x is on the curve; returns whether that succeeds.
     fn back(&self, x: &mut DVector<f64>, tangent: &DVector<f64>, steps: &mut usize) -> bool {
         let last = x.len() - 1;
         let mut before = f64::INFINITY;
@@ -206,7 +208,7 @@ impl<'a> Path<'a> {
         false
     }
 
-    /// One step along the curve; whether there was one. `steps` counts factorisations.
+    /// One step along the curve; returns whether it succeeds. `steps` counts factorizations.
     pub fn step(&mut self, steps: &mut usize) -> bool {
         let (n, last) = (self.problem.len(), self.x.len() - 1);
         let Slope { mut by_part, parts, .. } = self.slope(&self.x);
@@ -226,7 +228,7 @@ impl<'a> Path<'a> {
             let keeps_room = |i: usize| self.problem.room(i, &next) > FALLS * self.problem.room(i, &z);
             let inside = self.is_inside(&x, &next) && (0..n).all(|i| !self.problem.grips(i) || keeps_room(i));
             if inside && self.back(&mut x, &tangent, steps) {
-                // The same direction, in parts of the point that it leads to.
+                // The same direction in the scales of the new point.
                 self.tangent = tangent.component_mul(&parts).component_div(&self.parts(&x)).normalize();
                 self.length = 3.0 * length;
                 self.x = x;

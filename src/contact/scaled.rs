@@ -1,22 +1,24 @@
-//! A problem in numbers near one, and how far a contact is from the edge of its cone.
+//! A problem scaled to values of order one, and the distance of a contact from the boundary of its cone.
 
 use super::law::{Cone, Limits};
 use nalgebra::{DMatrix, DVector, Vector2};
 
-/// Room that is less than this part of mu `p_n` is told by itself: a difference would lose its digits.
+/// Distances from the boundary below this fraction of mu `p_n` are independent variables, because a difference would
+/// lose precision.
 const NEAR_THE_EDGE: f64 = 0.1;
 
-/// A problem as A = w G w, p = w z times a unit, w = sqrt r: one number a contact, so that cones stay cones.
+/// The scaled problem A = w G w with p = w z times a unit and w = sqrt(r). Each contact has one scale, which preserves
+/// cones.
 #[derive(Debug, Clone)]
 pub(super) struct Scaled<'a> {
     pub cone: &'a Cone,
-    /// G in these numbers.
+    /// G in scaled variables.
     pub a: DMatrix<f64>,
-    /// Free velocities, the largest entry 1 or less.
+    /// Free velocities, scaled to a largest entry of at most 1.
     pub c: DVector<f64>,
-    /// The least normal impulse of each contact.
+    /// Lower bound of the normal impulse of each contact.
     pub least: Vec<f64>,
-    /// What turns z into impulses, a contact's number three times.
+    /// Factor from z to impulses, three equal entries per contact.
     into_impulses: DVector<f64>,
 }
 
@@ -32,46 +34,46 @@ impl<'a> Scaled<'a> {
         Self { cone, a, c: c / unit, least, into_impulses: w * unit }
     }
 
-    /// How many contacts.
+    /// Number of contacts.
     pub fn len(&self) -> usize {
         self.cone.len()
     }
 
-    /// Whether a contact has any friction.
+    /// True if a contact has friction.
     pub fn grips(&self, i: usize) -> bool {
         self.cone.friction[i] > 0.0
     }
 
-    /// The radius of the disc that holds `p_t`, mu `p_n`.
+    /// Radius of the friction disc of `p_t`, mu `p_n`.
     pub fn radius(&self, i: usize, z: &DVector<f64>) -> f64 {
         self.cone.friction[i] * z[3 * i + 2]
     }
 
-    /// `p_t` over mu `p_n`.
+    /// `p_t` relative to mu `p_n`.
     pub fn pull(&self, i: usize, z: &DVector<f64>) -> Vector2<f64> {
         Vector2::new(z[3 * i], z[3 * i + 1]) / self.radius(i, z)
     }
 
-    /// The normal impulse above the least.
+    /// Normal impulse minus its lower bound.
     pub fn above(&self, i: usize, z: &DVector<f64>) -> f64 {
         z[3 * i + 2] - self.least[i]
     }
 
-    /// The room of a contact, q - |`p_t`|^2/q with q = mu `p_n`: zero at the edge of its cone.
+    /// Distance of a contact from the boundary of its cone, q - |`p_t`|^2/q with q = mu `p_n`; zero on the boundary.
     pub fn room(&self, i: usize, z: &DVector<f64>) -> f64 {
         let (q, t) = (self.radius(i, z), z[3 * i].hypot(z[3 * i + 1]));
         (q - t) * (q + t) / q
     }
 
-    /// How the room changes where z does by dz, to first order.
+    /// First-order change of that distance for a change dz of z.
     pub fn room_change(&self, i: usize, z: &DVector<f64>, dz: &DVector<f64>) -> f64 {
         let pull = self.pull(i, z);
         let wider = self.cone.friction[i] * (1.0 + pull.norm_squared()) * dz[3 * i + 2];
         wider - 2.0 * (pull[0] * dz[3 * i] + pull[1] * dz[3 * i + 1])
     }
 
-    /// Draws `p_t` in until a contact has the room that a step's first order gives it: a step turns `p_t` along the edge, which is round. The room
-    /// that it has.
+    /// Reduces `p_t` until the distance of a contact from the boundary has its first-order value, because a step moves
+    /// `p_t` along the curved boundary. Returns the resulting distance.
     pub fn draw_in(&self, i: usize, z: &mut DVector<f64>, first_order: f64) -> f64 {
         let q = self.radius(i, z);
         let room = self.room(i, z);
@@ -82,15 +84,15 @@ impl<'a> Scaled<'a> {
             z[3 * i + 1] *= kept;
             return wanted;
         }
-        // The difference of two that are almost equal: what was carried along has more digits.
+        // Near the boundary the difference cancels, and the propagated first-order value is more precise.
         let rounding = 16.0 * f64::EPSILON * q;
         if (room - first_order).abs() < rounding { first_order } else { room }
     }
 
-    /// The impulses, N s, in their cones.
+    /// The impulses, N s, projected onto their cones.
     pub fn impulses(&self, z: &DVector<f64>, limits: &Limits) -> DVector<f64> {
         let mut p = z.component_mul(&self.into_impulses);
-        // Scaling back may round them out.
+        // Scaling back can round them out of the cones.
         self.cone.project(&mut p, &limits.least);
         p
     }

@@ -1,78 +1,82 @@
-//! The solver: Newton's steps where they end it, an interior method where they do not, and a curve to follow where that ends nowhere either.
+//! The solver: Newton's method; if it fails, an interior-point method; if that fails, continuation along a curve.
 
 use super::interior::Interior;
 use super::law::{Cone, Limits};
 use super::newton::PROXIMAL;
 use super::path::Path;
-use super::told::{Effort, Told};
+use super::report::{Effort, SolveReport};
 use nalgebra::DVector;
 
-/// Newton steps in a row, and how much each must take off the residual.
+/// Largest number of consecutive Newton steps, and the factor by which each must reduce the residual.
 const STEPS: usize = 12;
 const FALLS: f64 = 0.7;
 
-/// Where the interior method begins, in numbers near one, and whether it is careful. The first is enough for most.
+/// Starts of the interior-point method in scaled variables: height, and whether it is careful. The first one usually
+/// suffices.
 const STARTS: [(f64, bool); 3] = [(1.0, false), (100.0, false), (1.0, true)];
 
-/// Its steps at the most; how many in a row may be all but none; and what a residual must have fallen to before Newton's steps are tried again.
+/// Largest number of steps of the interior-point method; largest number of consecutive steps whose fraction is below
+/// the next constant; and the factor by which the residual must decrease before Newton's method is tried again.
 const INSIDE: usize = 60;
 const STUCK: usize = 8;
 const ALL_BUT_NONE: f64 = 0.02;
 const TRIED_AGAIN: f64 = 0.3;
 
-/// How contacts are lifted at the start of the curve, and e there; steps along it, and after how many Newton's are tried.
+/// Lift and e at the start of the curves; largest number of steps along a curve; number of steps between trials of
+/// Newton's method.
 const CURVES: [(f64, f64); 2] = [(2.0, 1e-2), (10.0, 1e-3)];
 const ALONG: usize = 600;
 const BETWEEN: usize = 10;
 
-/// Friction above this is first taken as this: what it holds, more holds too.
+/// Coefficients of friction above this are first replaced by it: contacts that stick with it also stick with more
+/// friction.
 const STRONG: f64 = 1000.0;
 
-/// A residual that is small beside what a curve leaves: it ends in the same rounding.
+/// A residual this small after the continuation cannot be improved by another curve.
 const SMALL: f64 = 1e-6;
 
-/// Compliance, in parts of 1/r, that makes impulses of redundant contacts unique; and less and less of it, where stiff ones need impulses that are
-/// far from those.
+/// Compliance, relative to 1/r, that makes the impulses of redundant contacts unique; and decreasing compliances for
+/// stiff problems whose impulses are far from those.
 const SPRINGS: f64 = 1e-6;
 const STIFFER: [f64; 4] = [1e-8, 1e-10, 1e-12, 1e-14];
 
-/// A solve under way: the best impulses so far.
+/// A solve in progress, with the best impulses so far.
 struct Search<'a> {
     cone: &'a Cone,
     c: &'a DVector<f64>,
     limits: &'a Limits,
     effort: Effort,
     best: DVector<f64>,
-    told: Told,
+    solved: SolveReport,
 }
 
 impl<'a> Search<'a> {
     fn new(cone: &'a Cone, c: &'a DVector<f64>, limits: &'a Limits, effort: Effort) -> Self {
-        let told = Told { residual: f64::INFINITY, converged: false, ..Told::nothing() };
+        let solved = SolveReport { residual: f64::INFINITY, converged: false, ..SolveReport::nothing() };
         let mut best = DVector::zeros(c.len());
         cone.project(&mut best, &limits.least);
-        Self { cone, c, limits, effort, best, told }
+        Self { cone, c, limits, effort, best, solved }
     }
 
-    /// Takes note of impulses in the cones; their residual, none where they end the search.
+    /// Updates the best impulses; returns the residual, or `None` if it meets the tolerance.
     fn left(&mut self, p: &DVector<f64>) -> Option<f64> {
         let residual = self.cone.residual(p, self.c, self.limits);
-        if residual < self.told.residual {
+        if residual < self.solved.residual {
             self.best.copy_from(p);
-            self.told.residual = residual;
-            self.told.floor = self.cone.floor(p, self.c, self.limits);
-            self.told.converged = residual <= self.effort.tolerance.max(self.told.floor);
+            self.solved.residual = residual;
+            self.solved.floor = self.cone.floor(p, self.c, self.limits);
+            self.solved.converged = residual <= self.effort.tolerance.max(self.solved.floor);
         }
-        (!self.told.converged).then_some(residual)
+        (!self.solved.converged).then_some(residual)
     }
 
-    /// Newton steps for as long as the residual falls; whether they end the search, and whether `start` does.
+    /// Newton steps while the residual decreases; returns whether the tolerance is met.
     fn polish(&mut self, start: &DVector<f64>) -> bool {
         let Some(mut residual) = self.left(start) else { return true };
         let mut p = start.clone();
         for _ in 0..STEPS.min(self.effort.iterations) {
             let Some(next) = self.cone.newton(&p, self.c, self.limits, PROXIMAL) else { return false };
-            self.told.iterations += 1;
+            self.solved.iterations += 1;
             let Some(left) = self.left(&next) else { return true };
             if !(left < FALLS * residual) {
                 return false;
@@ -82,25 +86,25 @@ impl<'a> Search<'a> {
         false
     }
 
-    /// From impulses with which nothing moves, all that cannot be cut off.
+    /// Starts from the impulses for which all contacts stick, as far as they are in their cones.
     fn stick(&mut self) -> bool {
         let mut g = self.cone.g.clone();
         for i in 0..g.nrows() {
             g[(i, i)] += PROXIMAL / self.cone.lengths[i / 3];
         }
-        self.told.iterations += 1;
+        self.solved.iterations += 1;
         let Some(solved) = g.cholesky() else { return false };
         let mut p = -solved.solve(self.c);
         self.cone.project(&mut p, &self.limits.least);
         self.polish(&p)
     }
 
-    /// The interior method, with Newton's steps where they may end it.
+    /// The interior-point method, with Newton's method when the residual has decreased enough.
     fn inside(&mut self, mut inside: Interior<'_>) -> bool {
         let (mut tried, mut stuck) = (f64::INFINITY, 0);
         for _ in 0..INSIDE.min(self.effort.iterations) {
             let Some(made) = inside.step() else { return false };
-            self.told.iterations += 1;
+            self.solved.iterations += 1;
             stuck = if made < ALL_BUT_NONE { stuck + 1 } else { 0 };
             let p = inside.impulses(self.limits);
             let Some(residual) = self.left(&p) else { return true };
@@ -117,12 +121,12 @@ impl<'a> Search<'a> {
         false
     }
 
-    /// Along a curve to its end, then inside.
+    /// Continuation along a curve to its end, then the interior-point method.
     fn follow(&mut self, curve: (f64, f64)) -> bool {
         let mut path = Path::new(self.cone, self.c, self.limits, curve);
         let mut tried = f64::INFINITY;
         for k in 1..=ALONG {
-            if !path.step(&mut self.told.iterations) || path.ends() {
+            if !path.step(&mut self.solved.iterations) || path.ends() {
                 return self.inside(path.inside());
             }
             let p = path.impulses(self.limits);
@@ -137,19 +141,19 @@ impl<'a> Search<'a> {
         false
     }
 
-    /// From what the law makes of friction that is strong, where there is stronger.
+    /// Starts from the solution with reduced friction, if coefficients of friction are very large.
     fn weaker(&mut self) -> bool {
         if self.effort.attempts <= STARTS.len() || self.cone.friction.iter().all(|&mu| mu <= STRONG) {
             return false;
         }
         let friction = self.cone.friction.iter().map(|mu| mu.min(STRONG)).collect();
         let weaker = Cone { friction, ..self.cone.clone() };
-        let (p, told) = weaker.solve(self.c, None, self.limits, self.effort);
-        self.told.iterations += told.iterations;
+        let (p, solved) = weaker.solve(self.c, None, self.limits, self.effort);
+        self.solved.iterations += solved.iterations;
         self.polish(&p)
     }
 
-    /// All ways, one after another, until one ends it.
+    /// Tries all methods in turn until one meets the tolerance.
     fn run(&mut self, start: Option<&DVector<f64>>) {
         let start = start.map(|start| {
             let mut start = start.clone();
@@ -171,7 +175,7 @@ impl<'a> Search<'a> {
             return;
         }
         for curve in CURVES {
-            if self.told.residual < SMALL || self.follow(curve) {
+            if self.solved.residual < SMALL || self.follow(curve) {
                 return;
             }
         }
@@ -179,49 +183,50 @@ impl<'a> Search<'a> {
 }
 
 impl Cone {
-    /// Impulses that meet the law for free velocities `c`, from `start` or from those that hold all; the best found, which are always in the cones,
-    /// and how near they are.
+    /// Impulses that satisfy the law for free velocities `c`, started from `start` or from sticking contacts. Returns
+    /// the best impulses found, which are always in the cones, and a report.
     pub fn solve(
         &self,
         c: &DVector<f64>,
         start: Option<&DVector<f64>>,
         limits: &Limits,
         effort: Effort,
-    ) -> (DVector<f64>, Told) {
+    ) -> (DVector<f64>, SolveReport) {
         let mut search = Search::new(self, c, limits, effort);
         search.run(start);
-        (search.best, search.told)
+        (search.best, search.solved)
     }
 
-    /// The impulses of least energy in equal springs at the contacts among those that meet the law: solved with compliance first, then as they are
-    /// from there. Zero at once where all contacts part.
+    /// Among the impulses that satisfy the law, those of least energy in equal springs at the contacts.
     ///
-    /// Where redundant contacts would all stick but for a slip that is tiny beside the rest, impulses grow along what G does not see until one of
-    /// them is at the edge of its cone and slips: compliance that becomes less and less leads there.
+    /// First solves with compliance, then without it from that solution. Returns zero at once if all contacts separate.
+    /// If redundant contacts would all stick except for a slip that is tiny compared with the other velocities,
+    /// impulses grow in the null space of G until a contact reaches the boundary of its cone and slips; gradually
+    /// decreasing compliance finds these impulses.
     pub fn impulses(
         &self,
         c: &DVector<f64>,
         start: Option<&DVector<f64>>,
         limits: &Limits,
         effort: Effort,
-    ) -> (DVector<f64>, Told) {
+    ) -> (DVector<f64>, SolveReport) {
         let parts = (0..self.len()).all(|i| c[3 * i + 2] >= 0.0 && limits.least[i] == 0.0);
         if parts {
-            return (DVector::zeros(c.len()), Told::nothing());
+            return (DVector::zeros(c.len()), SolveReport::nothing());
         }
         let mut search = Search::new(self, c, limits, effort);
         let (mut near, first) = self.on_springs(SPRINGS).solve(c, start, limits, effort);
-        search.told.iterations += first.iterations;
+        search.solved.iterations += first.iterations;
         let mut done = search.polish(&near);
         for part in STIFFER.iter().take(effort.attempts) {
             if done {
                 break;
             }
-            let (next, told) = self.on_springs(*part).solve(c, Some(&near), limits, effort);
-            search.told.iterations += told.iterations;
+            let (next, solved) = self.on_springs(*part).solve(c, Some(&near), limits, effort);
+            search.solved.iterations += solved.iterations;
             done = search.polish(&next);
             near = next;
         }
-        (search.best, search.told)
+        (search.best, search.solved)
     }
 }

@@ -1,11 +1,11 @@
-#![allow(clippy::float_cmp)] // exact equality is what is asserted
+#![allow(clippy::float_cmp)] // exact equality is asserted
 
 use super::energy::{expansion_kept, work};
 use super::law::nearest;
-use super::{Cone, Effort, Limits, Told, impact, passive};
+use super::{Cone, Effort, Limits, SolveReport, impact, passive};
 use nalgebra::{DMatrix, DVector, Vector3};
 
-/// Numbers that look random, from -1 to 1.
+/// Pseudorandom numbers in [-1, 1].
 struct Draw(u64);
 
 impl Draw {
@@ -19,7 +19,7 @@ impl Draw {
         DMatrix::from_fn(rows, columns, |_, _| self.next())
     }
 
-    /// G of rank at most `rank`, and velocities in its range with all normals closing.
+    /// A matrix G of at most the given rank, and velocities in its range with all normals closing.
     fn problem(&mut self, contacts: usize, rank: usize) -> (DMatrix<f64>, DVector<f64>) {
         let j = self.matrix(3 * contacts, rank);
         let c = &j * self.matrix(rank, 1).column(0);
@@ -31,7 +31,7 @@ fn in_the_cones(cone: &Cone, p: &DVector<f64>, least: &[f64]) -> bool {
     (0..cone.len()).all(|i| p[3 * i + 2] >= least[i] && p[3 * i].hypot(p[3 * i + 1]) <= cone.friction[i] * p[3 * i + 2])
 }
 
-/// The law itself, contact by contact, relative to the largest velocity and impulse.
+/// Largest violation of the law over all contacts, relative to the largest velocity and impulse.
 fn breach(cone: &Cone, p: &DVector<f64>, c: &DVector<f64>) -> f64 {
     let u = cone.velocities(p, c);
     let (fast, strong) = (c.amax(), p.amax().max(f64::MIN_POSITIVE));
@@ -50,15 +50,15 @@ fn breach(cone: &Cone, p: &DVector<f64>, c: &DVector<f64>) -> f64 {
 
 #[test]
 fn one_contact_on_a_block_sticks_or_slides() {
-    // A point of 2 kg: G = 1/2.
+    // A point mass of 2 kg: G = 1/2.
     let g = DMatrix::from_diagonal_element(3, 3, 0.5);
     for (mu, slip) in [(0.3, 1.0), (0.5, 2.0), (0.9, 1.0), (0.0, 1.0), (1.2, 3.0)] {
         let cone = Cone::new(g.clone(), vec![mu]);
         let c = DVector::from_vec(vec![slip, 0.0, -1.5]);
-        let (p, told) = cone.impulses(&c, None, &Limits::beside(&c), Effort::default());
-        // p_n = 2 * 1.5; the slip loses mu p_n / 2, at the most all.
+        let (p, solved) = cone.impulses(&c, None, &Limits::beside(&c), Effort::default());
+        // p_n = 2 * 1.5; friction reduces the slip by at most mu p_n / 2.
         let drag = (mu * 3.0_f64).min(2.0 * slip);
-        assert!(told.converged && told.residual <= 1e-10, "{told:?}");
+        assert!(solved.converged && solved.residual <= 1e-10, "{solved:?}");
         assert!((p[2] - 3.0).abs() < 1e-9 && (p[0] + drag).abs() < 1e-9 && p[1].abs() < 1e-9, "mu {mu}: {p}");
     }
 }
@@ -67,8 +67,8 @@ fn one_contact_on_a_block_sticks_or_slides() {
 fn contacts_that_part_get_nothing() {
     let cone = Cone::new(DMatrix::identity(6, 6), vec![0.5; 2]);
     let c = DVector::from_vec(vec![1.0, -2.0, 0.0, 3.0, 0.0, 0.1]);
-    let (p, told) = cone.impulses(&c, None, &Limits::beside(&c), Effort::default());
-    assert_eq!((p, told), (DVector::zeros(6), Told::nothing()));
+    let (p, solved) = cone.impulses(&c, None, &Limits::beside(&c), Effort::default());
+    assert_eq!((p, solved), (DVector::zeros(6), SolveReport::nothing()));
 }
 
 #[test]
@@ -80,15 +80,15 @@ fn random_problems_meet_the_law_regular_and_redundant() {
         let rank = if trial % 2 == 0 { 3 * contacts + 2 } else { 2 + (3 * contacts) / 2 };
         let (g, mut c) = draw.problem(contacts, rank);
         for i in 0..contacts {
-            // A gap to go leaves solutions; it need not be in the range.
+            // A positive gap keeps the problem solvable; it need not be in the range of G.
             c[3 * i + 2] += 0.1 * draw.next().abs();
         }
         let friction: Vec<f64> = (0..contacts).map(|_| 0.5 * (draw.next() + 1.0)).collect();
         let cone = Cone::new(g, friction);
-        let (p, told) = cone.impulses(&c, None, &Limits::beside(&c), Effort::default());
+        let (p, solved) = cone.impulses(&c, None, &Limits::beside(&c), Effort::default());
         assert!(in_the_cones(&cone, &p, &vec![0.0; contacts]), "trial {trial}");
-        unfinished += usize::from(!told.converged);
-        if told.converged {
+        unfinished += usize::from(!solved.converged);
+        if solved.converged {
             worst = worst.max(breach(&cone, &p, &c));
         }
     }
@@ -98,15 +98,15 @@ fn random_problems_meet_the_law_regular_and_redundant() {
 
 #[test]
 fn redundant_contacts_share_evenly() {
-    // Four corners of a square under a body that moves straight down only: J has four equal normal rows.
+    // Four corners of a square under a body that can only move vertically: J has four equal normal rows.
     let mut j = DMatrix::zeros(12, 1);
     for i in 0..4 {
         j[(3 * i + 2, 0)] = 1.0;
     }
     let cone = Cone::new(&j * j.transpose(), vec![0.5; 4]);
     let c = &j * DVector::from_element(1, -2.0);
-    let (p, told) = cone.impulses(&c, None, &Limits::beside(&c), Effort::default());
-    assert!(told.converged, "{told:?}");
+    let (p, solved) = cone.impulses(&c, None, &Limits::beside(&c), Effort::default());
+    assert!(solved.converged, "{solved:?}");
     for i in 0..4 {
         assert!((p[3 * i + 2] - 0.5).abs() < 1e-8, "{p}");
     }
@@ -118,8 +118,8 @@ fn without_friction_there_are_no_tangential_impulses() {
     for _ in 0..50 {
         let (g, c) = draw.problem(4, 14);
         let cone = Cone::new(g, vec![0.0; 4]);
-        let (p, told) = cone.impulses(&c, None, &Limits::beside(&c), Effort::default());
-        assert!(told.converged, "{told:?}");
+        let (p, solved) = cone.impulses(&c, None, &Limits::beside(&c), Effort::default());
+        assert!(solved.converged, "{solved:?}");
         assert!((0..4).all(|i| p[3 * i] == 0.0 && p[3 * i + 1] == 0.0));
     }
 }
@@ -146,13 +146,13 @@ fn an_unfinished_solve_says_so_and_stays_in_the_cones_and_below_the_energy() {
         let effort = Effort { attempts: 1, iterations: 1, ..Effort::default() };
         let restitution = [0.5; 8];
         let hit = impact(&cone, &u, &restitution, effort);
-        unfinished += usize::from(!hit.told.converged);
-        assert!(hit.told.converged || hit.told.residual > 1e-10);
+        unfinished += usize::from(!hit.solved.converged);
+        assert!(hit.solved.converged || hit.solved.residual > 1e-10);
         assert!((0..8).all(
             |i| hit.impulses[3 * i].hypot(hit.impulses[3 * i + 1]) <= 0.8 * hit.impulses[3 * i + 2] * (1.0 + 1e-14)
         ));
         let terms = u.abs().dot(&hit.impulses.abs()) + 1e-300;
-        assert!(hit.work <= 1e-14 * terms, "{} {:?}", hit.work, hit.told);
+        assert!(hit.work <= 1e-14 * terms, "{} {:?}", hit.work, hit.solved);
     }
     assert!(unfinished > 100, "{unfinished}");
 }
@@ -165,15 +165,15 @@ fn impacts_never_raise_the_energy() {
         let contacts = 1 + trial % 4;
         let (g, u) = draw.problem(contacts, 3 + trial % 4);
         let cone = Cone::new(g, (0..contacts).map(|_| draw.next().abs() * 1.5).collect());
-        // Each its own, or all elastic.
+        // Individual coefficients, or all elastic.
         let restitution: Vec<f64> =
             (0..contacts).map(|_| if trial % 3 == 0 { 1.0 } else { draw.next().abs() }).collect();
         let hit = impact(&cone, &u, &restitution, Effort::default());
         let terms = u.abs().dot(&hit.impulses.abs());
         assert!(hit.work <= 1e-14 * terms, "trial {trial}: {}", hit.work);
         assert!((0.0..=1.0).contains(&hit.expansion_kept));
-        unfinished += usize::from(!hit.told.converged);
-        if hit.told.converged {
+        unfinished += usize::from(!hit.solved.converged);
+        if hit.solved.converged {
             let after = cone.velocities(&hit.impulses, &u);
             assert!((0..contacts).all(|i| after[3 * i + 2] >= -1e-8 * u.amax()), "trial {trial}: {after}");
         }
@@ -200,7 +200,7 @@ fn the_nearest_point_is_nearest() {
         let mu = draw.next().abs() * 1.5;
         let p = nearest(&x, mu, 0.0);
         assert!(p[2] >= 0.0 && p[0].hypot(p[1]) <= mu * p[2]);
-        // Moreau: x - p in the polar cone, perpendicular to p.
+        // Moreau's decomposition: x - p is in the polar cone, perpendicular to p.
         let rest = x - p;
         assert!(rest.dot(&p).abs() < 1e-14 && rest[2] + mu * rest[0].hypot(rest[1]) < 1e-14);
     }
@@ -208,7 +208,7 @@ fn the_nearest_point_is_nearest() {
 
 #[test]
 fn an_expansion_that_would_raise_the_energy_is_cut_to_where_it_does_not() {
-    // 2 kg at 3 m/s against the ground: 6 N s stop it, 6 more give all of the energy back, 10 more are too many.
+    // 2 kg at 3 m/s against the ground: 6 N s stop it, 6 more restore its energy, 10 more would increase it.
     let cone = Cone::new(DMatrix::from_diagonal_element(3, 3, 0.5), vec![0.0]);
     let of = |p: f64| DVector::from_vec(vec![0.0, 0.0, p]);
     let u = of(-3.0);
@@ -216,13 +216,13 @@ fn an_expansion_that_would_raise_the_energy_is_cut_to_where_it_does_not() {
     let kept = expansion_kept(&cone, &u, &of(6.0), &of(10.0));
     assert!((kept - 0.6).abs() < 1e-15, "{kept}");
     assert!(work(&cone, &u, &(of(6.0) + of(10.0) * kept)).abs() < 1e-14);
-    // Without a compression: up to where all of the energy is back.
+    // Without compression: up to the impulse that restores the energy.
     assert!((expansion_kept(&cone, &u, &of(0.0), &of(20.0)) - 0.6).abs() < 1e-15);
     let (p, kept) = passive(&cone, &u, of(24.0));
     assert!((kept - 0.5).abs() < 1e-15 && (p[2] - 12.0).abs() < 1e-14);
 }
 
-/// J of points that move with a body, their planes level.
+/// J of points on a rigid body with horizontal contact planes.
 fn rows(points: &[Vector3<f64>]) -> DMatrix<f64> {
     let mut j = DMatrix::zeros(3 * points.len(), 6);
     for (i, at) in points.iter().enumerate() {
@@ -237,7 +237,7 @@ fn rows(points: &[Vector3<f64>]) -> DMatrix<f64> {
     j
 }
 
-/// The points of a grid of so many a side under a box, a little tilted.
+/// The points of a square grid under a box, slightly tilted.
 #[allow(clippy::cast_precision_loss)] // a few points
 fn grid(side: usize, tilt: f64) -> Vec<Vector3<f64>> {
     let part = |k: usize| k as f64 / (side - 1) as f64 - 0.5;
@@ -247,12 +247,12 @@ fn grid(side: usize, tilt: f64) -> Vec<Vector3<f64>> {
         .collect()
 }
 
-/// Velocities of motion, m and rad/s, for 1 kg of inverse inertia.
+/// Inverse inertia of a box for linear and angular velocities, scaled by mass.
 fn inverse_inertia(mass: f64) -> [f64; 6] {
     [1.0, 1.0, 1.0, 46.0, 30.0, 24.0].map(|one| one / mass)
 }
 
-/// A box that lands on the points of a grid, with gaps that differ: no motion lets all of them stick.
+/// A box that lands on the points of a grid with different gaps: no motion lets all of them stick.
 fn landing(draw: &mut Draw, side: usize, mu: f64) -> (Cone, DVector<f64>) {
     let points = grid(side, 1e-3 * draw.next());
     let j = rows(&points);
@@ -264,7 +264,7 @@ fn landing(draw: &mut Draw, side: usize, mu: f64) -> (Cone, DVector<f64>) {
     (Cone::new(&j * inverse * j.transpose(), vec![mu; points.len()]), c)
 }
 
-/// Two boxes on each other and on the ground, one ten thousand times as heavy as the other.
+/// Two boxes, one on the other and on the ground, with different masses.
 fn stack(draw: &mut Draw, masses: [f64; 2], mu: f64) -> (Cone, DVector<f64>) {
     let (under, on) = (rows(&grid(2, 0.0)), rows(&grid(2, 0.0).iter().map(|at| -at * 0.9).collect::<Vec<_>>()));
     let mut j = DMatrix::zeros(24, 12);
@@ -281,14 +281,19 @@ fn stack(draw: &mut Draw, masses: [f64; 2], mu: f64) -> (Cone, DVector<f64>) {
     (Cone::new(&j * DMatrix::from_diagonal(&inverse) * j.transpose(), vec![mu; 8]), c)
 }
 
-/// All of some problems end, and within so many factorisations; how many are told not to have met the tolerance.
+/// Checks that all solves end within a number of factorizations; returns the number of solves that report no
+/// convergence.
 fn all_end(problems: impl Iterator<Item = (Cone, DVector<f64>)>, most: usize) -> usize {
     let mut unfinished = 0;
     for (trial, (cone, c)) in problems.enumerate() {
-        let (p, told) = cone.impulses(&c, None, &Limits::beside(&c), Effort::default());
+        let (p, solved) = cone.impulses(&c, None, &Limits::beside(&c), Effort::default());
         assert!(in_the_cones(&cone, &p, &vec![0.0; cone.len()]), "trial {trial}");
-        assert!(told.residual < 1e-6 && told.iterations < most, "trial {trial}, mu {}: {told:?}", cone.friction[0]);
-        unfinished += usize::from(!told.converged);
+        assert!(
+            solved.residual < 1e-6 && solved.iterations < most,
+            "trial {trial}, mu {}: {solved:?}",
+            cone.friction[0]
+        );
+        unfinished += usize::from(!solved.converged);
     }
     unfinished
 }
@@ -338,8 +343,8 @@ fn friction_beyond_a_thousand_holds_what_a_thousand_holds() {
     for mu in [1e4, 1e6] {
         for _ in 0..40 {
             let (cone, c) = landing(&mut draw, 2, mu);
-            let (p, told) = cone.impulses(&c, None, &Limits::beside(&c), Effort::default());
-            assert!(told.residual < 1e-5 && told.iterations < 8000, "mu {mu}: {told:?}");
+            let (p, solved) = cone.impulses(&c, None, &Limits::beside(&c), Effort::default());
+            assert!(solved.residual < 1e-5 && solved.iterations < 8000, "mu {mu}: {solved:?}");
             assert!(in_the_cones(&cone, &p, &[0.0; 4]));
         }
     }
@@ -347,7 +352,7 @@ fn friction_beyond_a_thousand_holds_what_a_thousand_holds() {
 
 #[test]
 fn a_friction_that_never_lets_go_is_a_joint() {
-    // With all normals closing and no contact torn off, impulses stop the points: u = 0.
+    // With all normals closing and no contact separating, impulses stop the points: u = 0.
     let mut draw = Draw(23);
     let mut held = 0;
     for _ in 0..100 {
@@ -355,8 +360,8 @@ fn a_friction_that_never_lets_go_is_a_joint() {
         for i in 0..4 {
             c[3 * i + 2] = -1.0;
         }
-        let (p, told) = cone.impulses(&c, None, &Limits::beside(&c), Effort::default());
-        assert!(told.residual < 1e-6, "{told:?}");
+        let (p, solved) = cone.impulses(&c, None, &Limits::beside(&c), Effort::default());
+        assert!(solved.residual < 1e-6, "{solved:?}");
         held += usize::from((0..4).all(|i| p[3 * i + 2] > 0.0) && cone.velocities(&p, &c).amax() < 0.1);
     }
     assert!(held > 50, "{held}");

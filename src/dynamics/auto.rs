@@ -348,7 +348,7 @@ mod tests {
         ];
         let inertial = |mass: f64| Inertial {
             mass,
-            centre: Vector3::new(0.2, 0.05, -0.03),
+            center: Vector3::new(0.2, 0.05, -0.03),
             central: Symmetric3::new([0.01 * mass, 0.0, 0.001 * mass, 0.02 * mass, 0.0, 0.03 * mass]),
         };
         let mut builder = SceneBuilder::new().link(LinkDescription { name: "base".into(), inertial: None });

@@ -11,10 +11,10 @@ use crate::accuracy::Accuracy;
 use crate::algorithm::{Algorithm, Arguments, Derivatives, Products};
 use crate::error::{Error, check_finite, check_length, number};
 use crate::filter::pivots::PivotMonitor;
+use crate::interrupt;
 use crate::scalar::Precision;
 use crate::scene::{Scene, check_tolerance};
 use crate::spatial::SpatialVector;
-use crate::watch;
 use crate::workspace::Workspace;
 
 impl Scene {
@@ -222,7 +222,7 @@ impl Scene {
                 derivatives::forward_dynamics_derivatives(model, workspace, scratch, (q, qd, u), wrenches, out)
                     .map_err(|lost| self.singular(lost))?;
                 // Told to stop, it left off.
-                watch::check()?;
+                interrupt::check()?;
             }
             Derivatives::CoriolisMatrix => derivatives::coriolis_matrix(model, scratch, q, qd, out),
             Derivatives::MassMatrix => derivatives::mass_matrix_derivative(model, scratch, q, qd, out),

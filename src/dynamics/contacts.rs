@@ -94,8 +94,8 @@ impl ContactScratch {
         for (i, point) in points.iter().enumerate() {
             let place = &self.places[point.body];
             let normal = point.normal();
-            self.gaps[i] = normal.dot(&(place.rotate(&point.centre) + place.lever)) - point.radius - point.offset;
-            let arm = point.centre - place.rotate_back(&normal) * point.radius;
+            self.gaps[i] = normal.dot(&(place.rotate(&point.center) + place.lever)) - point.radius - point.offset;
+            let arm = point.center - place.rotate_back(&normal) * point.radius;
             self.units[i] = std::array::from_fn(|row| {
                 let force = place.rotate_back(&point.axes.row(row).transpose());
                 spatial(&arm.cross(&force), &force)
@@ -199,12 +199,12 @@ pub(crate) fn slip(point: &ContactPoint, rows: &[f64]) -> Vector3<f64> {
 /// Gaps of the contacts at `q`, into `out`, m. O(depth) each.
 pub(crate) fn gaps(model: &Model<f64>, points: &[ContactPoint], q: &[f64], out: &mut [f64]) {
     for (point, gap) in points.iter().zip(out) {
-        let mut centre = point.centre;
+        let mut center = point.center;
         for &k in &point.path {
             let shift = crate::kinematics::joint_shift(&model.bodies[k], q);
-            centre = shift.rotate(&centre) + shift.lever;
+            center = shift.rotate(&center) + shift.lever;
         }
-        *gap = point.normal().dot(&centre) - point.radius - point.offset;
+        *gap = point.normal().dot(&center) - point.radius - point.offset;
     }
 }
 
@@ -212,6 +212,6 @@ pub(crate) fn gaps(model: &Model<f64>, points: &[ContactPoint], q: &[f64], out: 
 pub(crate) fn velocity(model: &Model<f64>, point: &ContactPoint, q: &[f64], qd: &[f64]) -> Vector3<f64> {
     let frame = crate::kinematics::Frame { body: Some(point.body), placement: RigidShift::identity() };
     let motion = crate::kinematics::frame_motion(model, q, qd, None, &frame);
-    let arm = point.centre - motion.placement.rotate_back(&point.normal()) * point.radius;
+    let arm = point.center - motion.placement.rotate_back(&point.normal()) * point.radius;
     motion.placement.rotate(&(linear(&motion.velocity) + angular(&motion.velocity).cross(&arm)))
 }

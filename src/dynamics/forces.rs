@@ -31,9 +31,9 @@ impl Needed {
     /// For all lanes together; a rate that is NaN is not zero.
     #[inline(always)]
     pub fn of<T: Real>(model: &Model<T>, state: Motion<'_, T>) -> Self {
-        let omissions = &model.omissions;
-        let velocity = !(omissions.zero_velocity && is_zero(state.qd));
-        let weightless = omissions.zero_gravity && is_zero(model.gravity.as_slice());
+        let simplifications = &model.simplifications;
+        let velocity = !(simplifications.zero_velocity && is_zero(state.qd));
+        let weightless = simplifications.zero_gravity && is_zero(model.gravity.as_slice());
         Self { velocity, acceleration: velocity || state.qdd.is_some() || !weightless }
     }
 }

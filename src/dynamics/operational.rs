@@ -6,11 +6,11 @@ use crate::filter::Form;
 use crate::filter::covariance;
 use crate::filter::innovations::past_rows;
 use crate::filter::pivots::PivotMonitor;
+use crate::interrupt;
 pub use crate::kinematics::Frame;
 use crate::model::Model;
 use crate::scalar::{DoubleDouble, Real};
 use crate::spatial::{RigidShift, Symmetric6, dot};
-use crate::watch;
 use crate::workspace::Workspace;
 use nalgebra::{Matrix6, Vector6};
 
@@ -48,7 +48,7 @@ impl<T: Real> OperationalScratch<T> {
 /// forces from the outboard side of one body to that of another and X(c,c) = 1. Without a common ancestor, and on the base,
 /// it is zero. O(N + m^2 depth), and nothing is allocated; but in form `auto` a state where the error estimate of the factor of M exceeds the tolerance is recomputed in double-double arithmetic and
 /// rounded (f64 only). Where [`Workspace::lost_pivot`] finds one with the returned
-/// monitor, `out` means nothing, and so it is under a [`watch`] that ends the work. A frame's body must be one of the model's.
+/// monitor, `out` means nothing, and so it is under a [`interrupt`] that ends the work. A frame's body must be one of the model's.
 pub fn operational_inverse_inertia<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
@@ -67,7 +67,7 @@ pub fn operational_inverse_inertia<T: Real>(
     let width = 6 * frames.len();
     for (i, first) in frames.iter().enumerate() {
         for (j, second) in frames.iter().enumerate().skip(i) {
-            if watch::check_at(i * frames.len() + j + 1, MANY).is_err() {
+            if interrupt::check_at(i * frames.len() + j + 1, MANY).is_err() {
                 return monitor;
             }
             let block = covariance_between(model, workspace, lambda, [first, second]);

@@ -1,8 +1,9 @@
 //! The connections of a scene as hard constraints of inverse kinematics.
 //!
-//! With the errors c of the rows and their Jacobian C, steps satisfy C d + c = 0, by the method of multipliers: the
-//! quadratic gets the penalty w |C d + c + y|^2 / 2, and y grows by what is left. After a step, Levenberg and
-//! Marquardt's steps on c alone close the connections again, within the limits. C may have dependent rows.
+//! With the constraint errors c and their Jacobian C, steps satisfy C d + c = 0 by the method of multipliers: the
+//! quadratic is augmented by the penalty w |C d + c + y|^2 / 2, and y is increased by the remaining violation. After a
+//! step, Levenberg-Marquardt steps on c alone close the connections again, within the limits. C can have dependent
+//! rows.
 
 use super::limits::Bounds;
 use super::step::{BoxStep, add_squares};
@@ -14,26 +15,27 @@ use crate::scene::Scene;
 use crate::workspace::Workspace;
 use nalgebra::{DMatrix, SymmetricEigen};
 
-/// The penalty relative to the largest entry of the quadratic: larger ones lose precision, smaller ones need more iterations.
+/// The penalty relative to the largest entry of the quadratic: larger ones lose precision, smaller ones need more
+/// iterations.
 const PENALTY: f64 = 1e4;
-/// Rounds of the method of multipliers; each reduces what is left by about the penalty.
+/// Rounds of the method of multipliers; each reduces the violation by about the penalty.
 const ROUNDS: usize = 8;
-/// Steps until connections are closed, damping to begin with, and the least.
+/// Largest number of steps to close connections, initial damping, and least damping.
 const STEPS: usize = 100;
 const DAMPING: f64 = 1e-6;
 const LEAST: f64 = 1e-12;
-/// Connections are closed where no row has a larger error, m and rad, over 1 m plus the size of the scene: as in
-/// [`Scene::project`].
+/// Connections are closed if the largest constraint error, m and rad, relative to 1 m plus the size of the scene, is
+/// below this, as in [`Scene::project`].
 const CLOSED: f64 = 1e-9;
-/// Eigenvalues of C^T C below this share of the largest are zero.
+/// Eigenvalues of C^T C below this fraction of the largest are zero.
 const RANK: f64 = 1e-14;
 
-/// Rows of the connections at a configuration, with scratch.
+/// Constraint rows at a configuration, with scratch memory.
 #[derive(Debug)]
 pub struct Closure {
     scratch: ConstraintScratch,
     boxed: BoxStep,
-    /// Error of each row, m and rad, and its Jacobian, (rows x nv) row by row.
+    /// Error of each row, m and rad, and its Jacobian, (rows x nv), row-major.
     errors: Vec<f64>,
     jacobian: Vec<f64>,
     matrix: Vec<f64>,
@@ -45,7 +47,7 @@ pub struct Closure {
 }
 
 impl Closure {
-    /// The connections of a scene; none where it has none.
+    /// The connections of a scene; `None` if it has none.
     pub fn of(scene: &Scene) -> Option<Self> {
         let (rows, nv) = (scene.constraint_rows(), scene.nv());
         let extent: f64 = scene.model().bodies.iter().map(|body| body.tree.lever.norm()).sum();
@@ -69,7 +71,7 @@ impl Closure {
         self.largest().1 <= self.tolerance
     }
 
-    /// The row of the largest error, and that error.
+    /// The row with the largest error, and that error.
     pub fn largest(&self) -> (usize, f64) {
         let pick = |worst: (usize, f64), (row, error): (usize, &f64)| {
             if error.abs() <= worst.1 { worst } else { (row, error.abs()) }
@@ -82,7 +84,7 @@ impl Closure {
         Ok(0.5 * self.errors.iter().map(|error| error * error).sum::<f64>())
     }
 
-    /// Errors and Jacobian at `q`.
+    /// Computes errors and Jacobian at `q`.
     pub fn evaluate(&mut self, workspace: &mut Workspace<f64>, scene: &Scene, q: &[f64]) -> Result<(), Error> {
         self.errors_at(scene, q)?;
         placements_base_to_tip(scene.model(), q, &mut workspace.shift);
@@ -98,8 +100,8 @@ impl Closure {
         .map_err(|at| scene.no_direction(at))
     }
 
-    /// Moves `q` within the limits until the connections are closed, as far as they can be from there, by
-    /// [`Self::is_closed`].
+    /// Moves `q` within the limits until the connections are closed, as far as possible; [`Self::is_closed`] reports
+    /// the result.
     pub fn close(
         &mut self,
         workspace: &mut Workspace<f64>,
@@ -121,7 +123,7 @@ impl Closure {
             add_squares(&self.jacobian, &self.errors, &mut self.matrix, &mut self.slope);
             let largest = (0..nv).fold(f64::MIN_POSITIVE, |largest, i| largest.max(self.matrix[i * nv + i]));
             (0..nv).for_each(|i| self.matrix[i * nv + i] += damping * largest);
-            let has_step = self.boxed.minimise(&self.matrix, &self.slope, |row| limits.room(row, q), &mut self.step);
+            let has_step = self.boxed.minimize(&self.matrix, &self.slope, |row| limits.room(row, q), &mut self.step);
             if has_step {
                 scene.integrate(q, &self.step, &mut self.trial)?;
                 limits.hold(&mut self.trial);
@@ -130,7 +132,7 @@ impl Closure {
                 self.trial = trial;
                 if next? < value {
                     q.copy_from_slice(&self.trial);
-                    // At rounding errors no longer halve.
+                    // At rounding level, errors do not halve.
                     let is_done = left <= self.tolerance && self.largest().1 > 0.5 * left;
                     self.evaluate(workspace, scene, q)?;
                     if is_done {
@@ -152,9 +154,9 @@ impl Closure {
         Ok(())
     }
 
-    /// The minimum of the quadratic of `a` and `g` within the limits where the rows hold to first order, `target` times
-    /// their errors being taken away, into `step`; whether there is one.
-    pub fn minimise(
+    /// Minimizes the quadratic of `a` and `g` within the limits, subject to the linearized constraints C d + `target` c
+    /// = 0, and writes the minimizer to `step`. Returns whether it exists.
+    pub fn minimize(
         &mut self,
         boxed: &mut BoxStep,
         (a, g): (&[f64], &[f64]),
@@ -176,7 +178,7 @@ impl Closure {
             for (row, y) in self.jacobian.chunks_exact(n.max(1)).zip(&self.multipliers) {
                 self.slope.iter_mut().zip(row).for_each(|(slope, of)| *slope += weight * y * of);
             }
-            if !boxed.minimise(&self.matrix, &self.slope, &room, step) {
+            if !boxed.minimize(&self.matrix, &self.slope, &room, step) {
                 return false;
             }
             let mut left: f64 = 0.0;
@@ -185,7 +187,7 @@ impl Closure {
                 *y += rest;
                 left = left.max(rest.abs());
             }
-            // At rounding, or where the limits do not allow more.
+            // Stops at rounding level, or if the limits prevent further progress.
             if !(left < 0.5 * before) || left == 0.0 {
                 break;
             }
@@ -194,8 +196,8 @@ impl Closure {
         true
     }
 
-    /// The inverse of `a` on the motions that the rows allow and `is_free`, into `out`; whether it is positive definite
-    /// there.
+    /// Writes to `out` the inverse of `a` restricted to the motions that satisfy the constraints. Returns whether it is
+    /// positive definite there.
     pub fn inverse(&self, a: &[f64], is_free: impl Fn(usize) -> bool, out: &mut [f64]) -> bool {
         let n = self.slope.len();
         out.fill(0.0);

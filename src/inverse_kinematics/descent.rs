@@ -1,76 +1,79 @@
-//! From one start down to where F is least: the steps of Levenberg and Marquardt, within limits and on the connections.
+//! Minimization of F from one start, by Levenberg-Marquardt steps within limits and on the connections.
 //!
-//! A step minimises the quadratic model of F with A = J^T W J + posture + mu D, D the largest diagonal so far. It is taken where F falls by a share of what
-//! the undamped model says; then mu falls too, else it grows. So F never rises, and the steps become Newton's where the errors vanish.
+//! A step minimizes the quadratic model of F with A = J^T W J + posture + mu D, where D is the largest diagonal so far.
+//! It is accepted if F decreases by a fraction of what the undamped model predicts; then mu decreases, else it
+//! increases. F therefore never increases, and the steps become Newton steps for vanishing errors.
 //!
-//! Most ends that are no answer are minima at limits. So a start is given up as soon as it promises nothing, if others can follow; the best of them then goes on
-//! to its minimum.
+//! Most failed descents end in minima at limits. A start is therefore abandoned if its progress is slow and other
+//! starts follow; at the end, the best of them continues to its minimum.
 
 use super::closure::Closure;
-use super::limits::{Bounds, RateBounds, Way};
+use super::limits::{Bounds, RateBounds, SearchLimits};
 use super::step::{BoxStep, add_squares, quadratic};
 use super::task::{Rows, Tasks};
 use super::{Metric, Options, RateOptions};
 use crate::error::Error;
+use crate::interrupt;
 use crate::scene::{JointKind, Scene};
-use crate::watch;
 use crate::workspace::Workspace;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
-/// Damping to begin with, and the least diagonal of D, of its largest.
+/// Initial damping, and the least diagonal entry of D relative to its largest.
 const DAMPING: f64 = 1e-2;
 const FLOOR: f64 = 1e-3;
-/// A step is taken where F falls by this share of what was expected.
+/// A step is accepted if F decreases by this fraction of the predicted decrease.
 const ENOUGH: f64 = 1e-4;
-/// Damping is no more than this share of the errors, m and rad: so it vanishes with them. With a posture it is as large as they are: the way along a motion that
-/// the tasks leave free is curved, and steps that are damped little would leave it.
+/// Damping is at most this fraction of the errors, m and rad, so that it vanishes with them. With a posture it has the
+/// size of the errors, because the set of configurations that satisfy the tasks is curved, and steps with little
+/// damping would leave it.
 const SHARE: f64 = 0.03;
-/// A start is given up where F has not halved in so many steps, or where a step that is damped no more than the first promises less than this share of F.
-const PATIENCE: usize = 15;
-const PROMISE: f64 = 1e-3;
-/// No step can lower F where the model expects less than this share of it.
+/// A start is abandoned if F has not halved in this number of steps, or if a step with at most the initial damping
+/// predicts a decrease below this fraction of F.
+const HALVING_STEPS: usize = 15;
+const LEAST_PROGRESS: f64 = 1e-3;
+/// No step can decrease F if the model predicts less than this fraction of it.
 const NOTHING: f64 = 1e-16;
-/// With connections damping is no less: the penalty on their rows takes the digits of less.
+/// Least damping with connections: the penalty on their rows would absorb the digits of a smaller one.
 const LEAST: f64 = 1e-7;
-/// Joint velocities may pass the lowest cost along their way by this share of the slope that they begin with, times the
+/// Joint velocities may exceed the minimum of the cost along the step by this fraction of the initial slope, times the
 /// gain.
 const OVERSHOOT: f64 = 0.5;
-/// Damping of joint velocities beyond which they are zero.
+/// Joint velocities are zero beyond this damping.
 const STILL: f64 = 1e12;
 
-/// Where a descent ended.
+/// Result of a descent.
 #[derive(Debug, Clone, Copy)]
-pub struct Ending {
+pub struct DescentResult {
     pub value: f64,
     pub position_error: f64,
     pub rotation_error: f64,
     pub iterations: usize,
-    /// Whether it was given up: F could fall further.
-    pub is_given_up: bool,
-    /// The row of the connections that stays open, and its error, m or rad; none where they are closed.
+    /// True if the descent was abandoned, so that F could decrease further.
+    pub is_abandoned: bool,
+    /// The row of the connections with the largest error, and that error, m or rad; `None` if they are closed.
     pub open: Option<(usize, f64)>,
 }
 
-/// When a descent ends, beside at an answer and after all steps.
+/// Condition that ends a descent, in addition to reaching all tasks and to the number of steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Until {
-    /// It promises no answer: F is not zero in the end.
-    Hopeless,
-    /// F falls no further.
-    Lowest,
+pub enum StopCondition {
+    /// Ends when convergence to F = 0 is unlikely.
+    NoProgress,
+    /// Ends at a minimum of F.
+    Minimum,
 }
 
-impl Ending {
+impl DescentResult {
     pub fn reached(&self, tolerance: f64) -> bool {
         self.position_error <= tolerance && self.rotation_error <= tolerance
     }
 }
 
-/// A descent, with its scratch.
+/// A descent with its scratch memory.
 #[derive(Debug)]
 pub struct Descent {
     pub limits: Bounds,
-    way: Way,
+    search_limits: SearchLimits,
     closure: Option<Closure>,
     rows: Rows,
     trial_rows: Rows,
@@ -89,7 +92,7 @@ impl Descent {
     pub fn new(scene: &Scene, limits: Bounds) -> Self {
         let (nv, nan) = (scene.nv(), f64::NAN);
         Self {
-            way: Way::of(&limits),
+            search_limits: SearchLimits::of(&limits),
             limits,
             closure: Closure::of(scene),
             rows: Rows::default(),
@@ -112,54 +115,54 @@ impl Descent {
         Ok(value_of(tasks, &self.rows, q, &mut self.off_posture))
     }
 
-    /// Goes down from `q`, which it moves, by so many steps at the most; first to its limits, where it is beyond, and
-    /// onto the connections.
+    /// Minimizes F from `q`, in place, in at most the given number of steps. First moves `q` into the limits and onto
+    /// the connections.
     ///
-    /// With `free` it first goes down without limits; then joints move to the nearest angle within theirs, and it goes
-    /// on from there.
+    /// With `free`, first minimizes without limits, then moves joints by whole turns toward their limits, and continues
+    /// within the limits.
     pub fn run(
         &mut self,
         workspace: &mut Workspace<f64>,
         tasks: &Tasks<'_>,
         options: &Options,
-        (until, steps, free): (Until, usize, bool),
+        (until, steps, free): (StopCondition, usize, bool),
         q: &mut [f64],
-    ) -> Result<Ending, Error> {
-        self.way.choose(&self.limits, tasks);
+    ) -> Result<DescentResult, Error> {
+        self.search_limits.choose(&self.limits, tasks);
         let mut iterations = 0;
-        // Joints that follow another, connections and a posture tell whole turns apart.
-        if free && self.way.is_limited() && tasks.is_same_after_turns() {
-            self.way.lift();
+        // Coupled joints, connections and a posture depend on the number of turns.
+        if free && self.search_limits.is_limited() && tasks.is_same_after_turns() {
+            self.search_limits.lift();
             iterations = self.descend(workspace, tasks, options, (until, steps), q)?.iterations;
-            self.way.choose(&self.limits, tasks);
+            self.search_limits.choose(&self.limits, tasks);
             self.limits.wrap(tasks.scene, q);
         }
         let ending = self.descend(workspace, tasks, options, (until, steps - iterations), q)?;
-        Ok(Ending { iterations: iterations + ending.iterations, ..ending })
+        Ok(DescentResult { iterations: iterations + ending.iterations, ..ending })
     }
 
-    /// The same within the limits of the way.
+    /// Minimizes F within the current search limits.
     fn descend(
         &mut self,
         workspace: &mut Workspace<f64>,
         tasks: &Tasks<'_>,
         options: &Options,
-        (until, steps): (Until, usize),
+        (until, steps): (StopCondition, usize),
         q: &mut [f64],
-    ) -> Result<Ending, Error> {
+    ) -> Result<DescentResult, Error> {
         let (scene, nv) = (tasks.scene, tasks.scene.nv());
-        self.way.bounds.hold(q);
+        self.search_limits.bounds.hold(q);
         if !self.close(workspace, scene, q)? {
             let far = f64::INFINITY;
-            return Ok(Ending { position_error: far, rotation_error: far, ..self.ending(far) });
+            return Ok(DescentResult { position_error: far, rotation_error: far, ..self.ending(far) });
         }
         let mut value = self.value(workspace, tasks, q)?;
         let (mut damping, mut growth) = (DAMPING, 2.0);
         let (mut halved, mut since) = (value, 0);
         self.scale.fill(0.0);
-        let (mut iterations, mut is_given_up) = (0, false);
-        while iterations < steps && !is_given_up {
-            // With a posture F is not zero at the answer.
+        let (mut iterations, mut is_abandoned) = (0, false);
+        while iterations < steps && !is_abandoned {
+            // With a posture, F does not vanish at the solution.
             if tasks.posture.is_none() && self.ending(value).reached(options.tolerance) {
                 break;
             }
@@ -178,9 +181,9 @@ impl Descent {
             let heaviest = self.weigh(options.metric, workspace, scene, q)?;
             iterations += 1;
             since += 1;
-            // Damping that grows until a step is taken; without end only where none is left to take.
+            // Increases damping until a step is accepted; ends if no step can be accepted.
             let accepted = loop {
-                watch::check()?;
+                interrupt::check()?;
                 self.damped.copy_from_slice(&self.hessian);
                 match options.metric {
                     Metric::Coordinates => {
@@ -191,21 +194,21 @@ impl Descent {
                         self.damped.iter_mut().zip(&self.mass).for_each(|(entry, m)| *entry += by * m);
                     }
                 }
-                let bounds = &self.way.bounds;
+                let bounds = &self.search_limits.bounds;
                 let room = |row| bounds.room(row, q);
                 let (damped, boxed) = ((&self.damped[..], &self.gradient[..]), &mut self.boxed);
                 let has_step = match &mut self.closure {
-                    None => boxed.minimise(damped.0, damped.1, room, &mut self.step),
-                    Some(closure) => closure.minimise(boxed, damped, 0.0, room, &mut self.step),
+                    None => boxed.minimize(damped.0, damped.1, room, &mut self.step),
+                    Some(closure) => closure.minimize(boxed, damped, 0.0, room, &mut self.step),
                 };
-                // By how much the undamped model falls along the step.
+                // Decrease predicted by the undamped model.
                 let expected = if has_step { -quadratic(&self.hessian, &self.gradient, &self.step) } else { 0.0 };
                 if has_step && !(expected > NOTHING * value) {
                     break None;
                 }
                 if has_step {
                     scene.integrate(q, &self.step, &mut self.trial)?;
-                    self.way.bounds.hold(&mut self.trial);
+                    self.search_limits.bounds.hold(&mut self.trial);
                     let mut trial = std::mem::take(&mut self.trial);
                     let is_closed = self.close(workspace, scene, &mut trial);
                     self.trial = trial;
@@ -215,7 +218,7 @@ impl Descent {
                     let next = value_of(tasks, &self.rows, &self.trial, &mut self.off_posture);
                     let share = (value - next) / expected;
                     if is_closed && share > ENOUGH {
-                        is_given_up = damping <= DAMPING && expected < PROMISE * value;
+                        is_abandoned = damping <= DAMPING && expected < LEAST_PROGRESS * value;
                         damping *= (1.0 - (2.0 * share - 1.0).powi(3)).max(1.0 / 3.0);
                         growth = 2.0;
                         break Some(next);
@@ -238,25 +241,26 @@ impl Descent {
             let share = if tasks.posture.is_none() { SHARE } else { 1.0 };
             damping = damping.min(share * errors + f64::MIN_POSITIVE);
             if value <= 0.5 * halved {
-                (halved, since, is_given_up) = (value, 0, false);
+                (halved, since, is_abandoned) = (value, 0, false);
             }
-            is_given_up |= since >= PATIENCE;
-            is_given_up &= until == Until::Hopeless && tasks.posture.is_none();
+            is_abandoned |= since >= HALVING_STEPS;
+            is_abandoned &= until == StopCondition::NoProgress && tasks.posture.is_none();
         }
-        if self.way.bring_back(&self.limits, q) {
+        if self.search_limits.bring_back(&self.limits, q) {
             value = self.value(workspace, tasks, q)?;
         }
-        Ok(Ending { iterations, is_given_up, open: None, ..self.ending(value) })
+        Ok(DescentResult { iterations, is_abandoned, open: None, ..self.ending(value) })
     }
 
-    /// Closes the connections from `q`, within the limits of the way; whether they are closed.
+    /// Closes the connections from `q`, within the search limits; returns whether they are closed.
     fn close(&mut self, workspace: &mut Workspace<f64>, scene: &Scene, q: &mut [f64]) -> Result<bool, Error> {
         let Some(closure) = &mut self.closure else { return Ok(true) };
-        closure.close(workspace, scene, &self.way.bounds, q)?;
+        closure.close(workspace, scene, &self.search_limits.bounds, q)?;
         Ok(closure.is_closed())
     }
 
-    /// M at `q` for steps that it damps, and its largest diagonal entry. Joints that carry nothing get a little of it, or nothing would hold them.
+    /// M at `q` for damping, and its largest diagonal entry. Joints without inertia get a small entry, because they
+    /// would not be damped otherwise.
     fn weigh(
         &mut self,
         metric: Metric,
@@ -286,7 +290,7 @@ impl Descent {
         qd: &mut [f64],
     ) -> Result<(), Error> {
         let (scene, nv, dt) = (tasks.scene, tasks.scene.nv(), options.dt);
-        // Joints beyond their limits return, whatever the tasks want; the tasks have what is left.
+        // Joints beyond their limits return with priority; the tasks use the remaining velocity range.
         qd.fill(0.0);
         if let Some(limits) = limits {
             limits.returning(q, dt, qd);
@@ -295,7 +299,7 @@ impl Descent {
         scene.integrate(q, qd, &mut from)?;
         tasks.evaluate(workspace, &from, &mut self.rows)?;
         self.model(tasks, &from);
-        // Sums and comparisons below would make zeros of what overflows.
+        // Check for overflow here, because the sums and comparisons below would turn it into zeros.
         for derivative in [&self.gradient, &self.hessian] {
             scene.check_result("derivatives of the tasks", derivative)?;
         }
@@ -304,7 +308,7 @@ impl Descent {
         }
         let value = value_of(tasks, &self.rows, &from, &mut self.off_posture);
         let largest = (0..nv).fold(0.0_f64, |largest, i| largest.max(self.hessian[i * nv + i]));
-        // Without a task that joints move, connections still take their errors away.
+        // Connections reduce their errors also if no task depends on the joints.
         let largest = if largest > 0.0 { largest } else { 1.0 };
         for i in 0..nv {
             self.gradient[i] *= options.gain;
@@ -319,11 +323,11 @@ impl Descent {
             };
             let (damped, boxed) = ((&self.damped[..], &self.gradient[..]), &mut self.boxed);
             let has_step = match &mut self.closure {
-                None => boxed.minimise(damped.0, damped.1, room, &mut self.step),
-                Some(closure) => closure.minimise(boxed, damped, 1.0, room, &mut self.step),
+                None => boxed.minimize(damped.0, damped.1, room, &mut self.step),
+                Some(closure) => closure.minimize(boxed, damped, 1.0, room, &mut self.step),
             };
             if !has_step {
-                let expected = "more damping: the tasks leave motions undetermined beyond what rounding tells";
+                let expected = "more damping: the tasks leave some motions undetermined to within rounding";
                 return Err(Error::argument("damping", options.damping.to_string(), expected));
             }
             let Some(stiffness) = self.overshoot(workspace, tasks, &from, (value, options.gain))? else { break };
@@ -338,10 +342,10 @@ impl Descent {
         tasks.scene.check_result("qd", qd)
     }
 
-    /// Whether the step from `from`, whose rows are there, raises the cost or passes its minimum along the way: then
-    /// the curvature found, as damping; none for a step to be taken.
+    /// Tests whether the step from `from`, whose rows are computed, increases the cost or passes its minimum along the
+    /// step. Returns the curvature along the step as damping, or `None` if the step is accepted.
     ///
-    /// Where targets are out of reach, errors stay, and the cost is curved more than the model knows: without this,
+    /// For unreachable targets the errors remain, and the cost has more curvature than the model. Without this test,
     /// joints would oscillate about the minimum.
     fn overshoot(
         &mut self,
@@ -364,7 +368,7 @@ impl Descent {
         Ok(Some((after - slope) / square))
     }
 
-    /// The covariance at `q`: the inverse of the second derivative, without what is at its limits.
+    /// Covariance at `q`: the inverse of the second derivative of F without the joints at their limits.
     pub fn covariance(
         &mut self,
         workspace: &mut Workspace<f64>,
@@ -380,7 +384,8 @@ impl Descent {
             let (lower, upper) = limits.room(row, q);
             lower < 0.0 && upper > 0.0
         };
-        // Rounding does not tell a singular matrix from a positive definite one: a motion that the tasks leave undetermined is one whose pivot is lost.
+        // Rounding errors can make a singular matrix look positive definite. A motion that the tasks leave undetermined
+        // is recognized by a pivot below rounding error.
         let largest = (0..nv).fold(0.0_f64, |largest, i| largest.max(self.hessian[i * nv + i]));
         let is_definite = match &mut self.closure {
             None => self.boxed.inverse(&self.hessian, inside, out),
@@ -396,14 +401,14 @@ impl Descent {
         Ok(())
     }
 
-    /// Where it is now.
-    fn ending(&self, value: f64) -> Ending {
+    /// The result at the current configuration.
+    fn ending(&self, value: f64) -> DescentResult {
         let Rows { position_error, rotation_error, .. } = self.rows;
         let open = self.closure.as_ref().filter(|closure| !closure.is_closed()).map(Closure::largest);
-        Ending { value, position_error, rotation_error, iterations: 0, is_given_up: false, open }
+        DescentResult { value, position_error, rotation_error, iterations: 0, is_abandoned: false, open }
     }
 
-    /// Gradient and second derivative (of Gauss and Newton) of F at `q`, whose rows are there.
+    /// Gradient and Gauss-Newton approximation of the second derivative of F at `q`, from the computed rows.
     fn model(&mut self, tasks: &Tasks<'_>, q: &[f64]) {
         let nv = tasks.scene.nv();
         self.gradient.fill(0.0);
@@ -420,7 +425,7 @@ impl Descent {
     }
 }
 
-/// The derivative of F along a step, and the sum of its terms by size.
+/// Derivative of F along a step, and the sum of the absolute values of its terms.
 fn along(rows: &Rows, step: &[f64]) -> (f64, f64) {
     let mut found = (0.0, 0.0);
     for (row, error) in rows.jacobian.chunks_exact(step.len().max(1)).zip(&rows.errors) {
@@ -430,7 +435,7 @@ fn along(rows: &Rows, step: &[f64]) -> (f64, f64) {
     found
 }
 
-/// F at `q`, whose rows are there.
+/// F at `q`, from the computed rows.
 fn value_of(tasks: &Tasks<'_>, rows: &Rows, q: &[f64], off: &mut [f64]) -> f64 {
     let own: f64 = rows.errors.iter().map(|error| error * error).sum();
     let mut posture = 0.0;
@@ -441,10 +446,10 @@ fn value_of(tasks: &Tasks<'_>, rows: &Rows, q: &[f64], off: &mut [f64]) -> f64 {
     0.5 * (own + posture)
 }
 
-/// How far `q` is from a posture, in the tangent space at `q`: its square's gradient is twice itself.
+/// Deviation of `q` from a posture in the tangent space at `q`; the gradient of its square is twice the deviation.
 ///
-/// Rotations have their rotation vector t, for which Jr^-1(t)^T t = t. A free joint has its translation and its rotation apart, in its own axes: the
-/// screw between two places would not do.
+/// For rotations this is the rotation vector t, for which Jr^-1(t)^T t = t. A free joint has translation and rotation
+/// as separate deviations in its body axes; the screw motion between two poses does not have this property.
 fn off_posture(scene: &Scene, posture: &[f64], q: &[f64], out: &mut [f64]) {
     for joint in scene.joints() {
         let (from, to, off) = (&posture[joint.q.clone()], &q[joint.q.clone()], &mut out[joint.v.clone()]);

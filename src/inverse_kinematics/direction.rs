@@ -1,45 +1,50 @@
-//! How far an axis is from a direction: the rotation vector of the shortest rotation onto it, and its derivatives.
+//! Deviation of an axis from a direction: the rotation vector of the shortest rotation between them, and its
+//! derivatives.
 
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 
-/// Sines below this are those of parallel vectors.
+/// Vectors with a sine below this are parallel.
 const PARALLEL: f64 = 1e-7;
-/// The derivative across the rotation grows without bound toward opposite directions; no more of it is used, which
-/// leaves the gradient exact.
+/// Bound on the derivative perpendicular to the rotation, which diverges for opposite directions. The gradient remains
+/// exact.
 const STEEPEST: f64 = 10.0;
 
-/// The rotation vector e from a target direction t to an axis a, which are unit vectors.
+/// The rotation vector e from a unit target direction t to a unit axis a.
 #[derive(Debug, Clone, Copy)]
-pub struct Away {
-    /// e: its norm is the angle, rad; perpendicular to both.
+pub struct DirectionError {
+    /// e, perpendicular to both; its norm is the angle, rad.
     pub error: Vector3<f64>,
-    /// de by the angular displacement of the axis.
+    /// Derivative of e by the angular displacement of the axis.
     pub by_rotation: Matrix3<f64>,
-    /// de by a displacement of the target.
+    /// Derivative of e by a displacement of the target.
     pub by_target: Matrix3<f64>,
 }
 
-/// e = angle n with n = t x a / |t x a|. Opposite directions have no n: there it is the one about which `motions`
-/// rotate most, angular velocities of the axis.
-pub fn away(axis: &Vector3<f64>, target: &Vector3<f64>, motions: impl Iterator<Item = Vector3<f64>>) -> Away {
+/// e = angle * n with n = t x a / |t x a|. For opposite directions n is undefined; the direction about which `motions`
+/// (angular velocities of the axis) rotate most is used.
+pub fn direction_error(
+    axis: &Vector3<f64>,
+    target: &Vector3<f64>,
+    motions: impl Iterator<Item = Vector3<f64>>,
+) -> DirectionError {
     let across = target.cross(axis);
     let (sine, cosine) = (across.norm(), target.dot(axis));
     if sine < PARALLEL && cosine > 0.0 {
         let by_rotation = Matrix3::identity() - axis * axis.transpose();
-        return Away { error: across, by_rotation, by_target: -axis.cross_matrix() };
+        return DirectionError { error: across, by_rotation, by_target: -axis.cross_matrix() };
     }
     let n = if sine < PARALLEL { most_moved(axis, motions) } else { across / sine };
     let angle = sine.atan2(cosine);
     let steep = if angle < STEEPEST * sine { angle / sine } else { STEEPEST };
     let by_rotation = n * n.transpose() + target.cross(&n) * axis.cross(&n).transpose() * steep;
     let by_target = n.cross(axis) * n.transpose() * steep - n * n.cross(target).transpose();
-    Away { error: n * angle, by_rotation, by_target }
+    DirectionError { error: n * angle, by_rotation, by_target }
 }
 
-/// The direction across an axis about which angular velocities are largest; any where there are none.
+/// The direction perpendicular to an axis about which the angular velocities are largest; arbitrary if there are none.
 fn most_moved(axis: &Vector3<f64>, motions: impl Iterator<Item = Vector3<f64>>) -> Vector3<f64> {
     let across = Matrix3::identity() - axis * axis.transpose();
-    // A little of the plane across, for joints that do not rotate the axis.
+    // A tiny isotropic term, for joints that do not rotate the axis.
     let mut sum = across * f64::MIN_POSITIVE;
     for motion in motions {
         let motion = across * motion;
@@ -61,10 +66,10 @@ mod tests {
         let (x, z) = (Vector3::x(), Vector3::z());
         for angle in [0.0, 1e-9, 1e-3, 1.0, 3.0, PI - 1e-9, PI] {
             let axis = z * f64::cos(angle) + x * f64::sin(angle);
-            let found = away(&axis, &z, [Vector3::y()].into_iter());
+            let found = direction_error(&axis, &z, [Vector3::y()].into_iter());
             assert!((found.error.norm() - angle).abs() < 1e-9, "{angle}: {}", found.error);
             assert!(found.error.dot(&axis).abs() < 1e-6 && found.by_rotation.iter().all(|entry| entry.is_finite()));
-            // Turning about y changes the angle by as much.
+            // Rotation about y changes the angle by the same amount.
             if angle > 0.0 {
                 let slope = found.error.dot(&(found.by_rotation * Vector3::y()));
                 assert!((slope.abs() - angle).abs() < 1e-6, "{angle}: {slope}");

@@ -1,34 +1,36 @@
-//! The limits of joints, by degree of freedom.
+//! Joint limits per degree of freedom.
 
 use super::task::{Goal, Tasks};
 use crate::error::{Error, check_length, number};
 use crate::scene::{Coupling, JointKind, Scene};
 use std::f64::consts::TAU;
 
-/// By how much limits that allow a whole turn may be short of it, rad: files round them to six digits.
+/// Limits count as a whole turn if they are short of it by at most this, rad, because files round them to six digits.
 const ROUNDED: f64 = 1e-5;
 
 /// Position limits of each degree of freedom; joints with a quaternion have none.
 #[derive(Debug, Clone)]
 pub struct Bounds {
-    /// Index in q of each degree of freedom whose velocity is the derivative of one coordinate.
+    /// Index in q for each degree of freedom whose velocity is the derivative of one coordinate.
     pub coordinate: Vec<Option<usize>>,
-    /// Smallest and largest value, rad or m; infinite where there is none.
+    /// Smallest and largest value, rad or m; infinite for no limit.
     pub lower: Vec<f64>,
     pub upper: Vec<f64>,
 }
 
-/// The limits on the way to an answer: without those of joints that may turn whole turns, where nothing tells one turn from the next.
+/// Limits during the search. They exclude joints whose range is at least a whole turn, if the tasks do not depend on
+/// the number of turns.
 ///
-/// Any angle of such a joint is within its limits, whole turns away: at a limit the way goes on, and the answer is brought back in the end.
+/// Any angle of such a joint is within its limits up to whole turns: the search ignores the limits, and the result is
+/// moved back by whole turns.
 #[derive(Debug, Clone)]
-pub struct Way {
+pub struct SearchLimits {
     pub bounds: Bounds,
-    /// The degrees of freedom whose limits are not those of the joints.
+    /// Degrees of freedom whose search limits differ from the joint limits.
     open: Vec<usize>,
 }
 
-/// Limits of velocity and position of each degree of freedom.
+/// Velocity and position limits of each degree of freedom.
 #[derive(Debug, Clone)]
 pub struct RateBounds {
     places: Bounds,
@@ -36,7 +38,7 @@ pub struct RateBounds {
 }
 
 impl RateBounds {
-    /// The position limits of the joints, and their velocity limits or those of the caller.
+    /// Position limits of the joints, with their velocity limits or those of the caller.
     pub fn of(scene: &Scene, velocity: Option<&[f64]>) -> Result<Self, Error> {
         let places = Bounds::of(scene)?;
         let Some(given) = velocity else { return Ok(Self { places, velocity: velocities_of(scene)? }) };
@@ -44,14 +46,14 @@ impl RateBounds {
         for joint in scene.joints() {
             if let Some(bad) = given[joint.v.clone()].iter().find(|value| !(**value >= 0.0)) {
                 let found = format!("{} for joint {:?}", number(*bad), joint.name);
-                return Err(Error::argument("velocity", found, "zero or more; infinity for no limit"));
+                return Err(Error::argument("velocity", found, "zero or positive; infinity for no limit"));
             }
         }
         Ok(Self { places, velocity: given.to_vec() })
     }
 
-    /// The displacement nearest to zero that limits allow within `dt` from `q`, into `step`: zero, but for joints
-    /// beyond their position limits, which return.
+    /// Writes to `step` the smallest displacement within `dt` from `q` that satisfies the limits: zero, except for
+    /// joints beyond their position limits, which return.
     pub fn returning(&self, q: &[f64], dt: f64, step: &mut [f64]) {
         for (row, step) in step.iter_mut().enumerate() {
             let (lower, upper) = self.places.room(row, q);
@@ -60,8 +62,8 @@ impl RateBounds {
         }
     }
 
-    /// The least and the largest displacement of a degree of freedom from `q`, where the joints move by `returning`
-    /// already.
+    /// The least and the largest displacement of a degree of freedom from `q` in addition to the displacement
+    /// `returning`.
     pub fn room(&self, row: usize, q: &[f64], dt: f64, returning: f64) -> (f64, f64) {
         let most = self.velocity[row] * dt;
         let (lower, upper) = self.places.room(row, q);
@@ -69,29 +71,29 @@ impl RateBounds {
     }
 }
 
-/// The velocity limit of each degree of freedom: that of its joint, and those of joints that follow it, over their
-/// multipliers.
+/// Velocity limit of each degree of freedom: the smallest of that of its joint and those of the joints that follow it,
+/// divided by their multipliers.
 fn velocities_of(scene: &Scene) -> Result<Vec<f64>, Error> {
     let tree = scene.tree();
     let mut velocity = vec![f64::INFINITY; tree.nv()];
     for joint in tree.joints() {
         if !(joint.limits.velocity >= 0.0) {
             let found = format!("velocity {}", joint.limits.velocity);
-            return Err(Error::scene(format!("limits of joint {:?}", joint.name), found, "zero or more"));
+            return Err(Error::scene(format!("limits of joint {:?}", joint.name), found, "zero or positive"));
         }
         velocity[joint.v.clone()].fill(joint.limits.velocity);
     }
     Ok(scene.coupling().map_or_else(|| velocity.clone(), |coupling| coupling.velocity_limits(&velocity)))
 }
 
-impl Way {
-    /// Within all limits, of as many degrees of freedom.
+impl SearchLimits {
+    /// Within all limits.
     pub fn of(limits: &Bounds) -> Self {
         Self { bounds: limits.clone(), open: Vec::with_capacity(limits.lower.len()) }
     }
 
-    /// Lifts the limits that the tasks allow to lift: whole turns differ for a posture, for the position of a joint, and for joints and
-    /// connections that follow a joint.
+    /// Removes the limits that the tasks permit to remove. Whole turns matter for a posture, for joint position tasks,
+    /// and for joints and connections that depend on the joint.
     pub fn choose(&mut self, limits: &Bounds, tasks: &Tasks<'_>) {
         self.open.clear();
         self.bounds.lower.copy_from_slice(&limits.lower);
@@ -112,19 +114,19 @@ impl Way {
         }
     }
 
-    /// No limits.
+    /// Removes all limits.
     pub fn lift(&mut self) {
         self.bounds.lower.fill(f64::NEG_INFINITY);
         self.bounds.upper.fill(f64::INFINITY);
     }
 
-    /// True if any joint has a limit on the way.
+    /// True if the search has any limit.
     pub fn is_limited(&self) -> bool {
         let Bounds { lower, upper, .. } = &self.bounds;
         lower.iter().chain(upper).any(|limit| limit.is_finite())
     }
 
-    /// Brings a configuration within all limits by whole turns; whether anything moved.
+    /// Moves a configuration into all limits by whole turns; returns whether it changed.
     pub fn bring_back(&self, limits: &Bounds, q: &mut [f64]) -> bool {
         let mut moved = false;
         for &row in &self.open {
@@ -141,7 +143,7 @@ impl Way {
 }
 
 impl Bounds {
-    /// Without any limit.
+    /// Bounds without limits.
     pub fn without(scene: &Scene) -> Self {
         let mut coordinate = vec![None; scene.nv()];
         for joint in scene.joints() {
@@ -152,7 +154,7 @@ impl Bounds {
         Self { coordinate, lower: vec![f64::NEG_INFINITY; scene.nv()], upper: vec![f64::INFINITY; scene.nv()] }
     }
 
-    /// Those of the joints, and of the joints that follow them.
+    /// The limits of the joints and of the joints that follow them.
     pub fn of(scene: &Scene) -> Result<Self, Error> {
         let mut limits = Self::without(scene);
         let shared = scene.coupling().map(Coupling::limits);
@@ -166,9 +168,9 @@ impl Bounds {
                     let (of, remedy) = match followers.split_first() {
                         Some((_, rest)) if !rest.is_empty() => (
                             format!(", with those of {} that follow it", rest.join(", ")),
-                            "limits of the joints that follow which leave room; limits=False ignores them",
+                            "limits that overlap, also for the joints that follow; limits=False ignores them",
                         ),
-                        _ => (String::new(), "lower at most upper"),
+                        _ => (String::new(), "a lower limit that is not above the upper one"),
                     };
                     let found = format!("lower {} above upper {}{of}", number(lower), number(upper));
                     return Err(Error::scene(format!("limits of joint {:?}", joint.name), found, remedy));
@@ -179,7 +181,7 @@ impl Bounds {
         Ok(limits)
     }
 
-    /// Moves a configuration to the nearest one within limits, where angles are the same after whole turns.
+    /// Moves a configuration by whole turns to the nearest one within the limits.
     pub fn wrap(&self, scene: &Scene, q: &mut [f64]) {
         for joint in
             scene.joints().iter().filter(|joint| matches!(joint.kind, JointKind::Revolute | JointKind::Continuous))
@@ -202,7 +204,7 @@ impl Bounds {
         self.hold(q);
     }
 
-    /// Moves a configuration to the limits that it is beyond.
+    /// Clips a configuration to the limits.
     pub fn hold(&self, q: &mut [f64]) {
         for (row, coordinate) in self.coordinate.iter().enumerate() {
             if let Some(at) = *coordinate {
@@ -211,7 +213,7 @@ impl Bounds {
         }
     }
 
-    /// The least and the largest step of a degree of freedom from `q`.
+    /// The least and the largest displacement of a degree of freedom from `q`.
     pub fn room(&self, row: usize, q: &[f64]) -> (f64, f64) {
         match self.coordinate[row] {
             Some(at) => (self.lower[row] - q[at], self.upper[row] - q[at]),

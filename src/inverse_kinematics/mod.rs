@@ -1,13 +1,15 @@
-//! Joint positions that bring links where they should be: inverse kinematics as the most probable configuration.
+//! Inverse kinematics: joint positions that bring links to target poses, computed as the most probable configuration.
 //!
-//! A task is a measurement of where something is, with a standard deviation; a posture is what was expected before it. With the errors e of the tasks, in
-//! m and rad, their standard deviations s, the posture's p, and limits lower <= q <= upper, what is minimised is
+//! A task is a measurement of a pose, position or direction with a standard deviation; a posture is the prior. With the
+//! task errors e (m and rad), their standard deviations s, the standard deviation p of the posture, and limits lower <=
+//! q <= upper, the solver minimizes
 //!
 //! F(q) = 1/2 sum (e / s)^2 + 1/2 |q (-) posture|^2 / p^2
 //!
-//! by the steps of Levenberg and Marquardt, each the exact minimum of its model within the limits. Where one start ends in a local minimum,
-//! others follow, drawn within the limits, of a few draws the most probable. The inverse of the second derivative at the end is the covariance of the answer.
-//! Connections of the scene are hard constraints: each step satisfies them, and so does the answer.
+//! by Levenberg-Marquardt steps, each of which is the exact minimum of its model within the limits. If one start ends
+//! in a local minimum, others follow: random configurations within the limits, each the most probable of a few draws.
+//! The inverse of the second derivative at the minimum is the covariance of the result. Connections of the scene are
+//! hard constraints, which each step and the result satisfy.
 //!
 //! ```
 //! use phipsi::inverse_kinematics::{Goal, Options, Task};
@@ -34,59 +36,61 @@ mod task;
 use crate::error::{Error, check_length, number};
 use crate::scene::Scene;
 use crate::workspace::Workspace;
-use descent::{Descent, Ending, Until};
+use descent::{Descent, DescentResult, StopCondition};
 use limits::{Bounds, RateBounds};
 use task::Tasks;
 pub use task::{Goal, Task};
 
-/// How inverse kinematics looks for an answer.
+/// Options of inverse kinematics.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options {
-    /// How many configurations it starts from at the most, the one that is given first.
+    /// Largest number of starting configurations; the given one is the first.
     pub starts: usize,
-    /// How many steps it makes from each at the most.
+    /// Largest number of steps from each start.
     pub iterations: usize,
-    /// A task is reached where its error is no larger, m and rad.
+    /// A task is reached if its error is at most this, m and rad.
     pub tolerance: f64,
-    /// Whether joints stay within their limits; a start beyond them begins at them.
+    /// True if joints stay within their limits; a start beyond them is moved to the limits.
     pub limits: bool,
-    /// Standard deviation of the posture, rad and m: how far joints are expected from it; none for no posture.
+    /// Standard deviation of the posture, rad and m; `None` for no posture.
     pub posture: Option<f64>,
-    /// What steps are damped by.
+    /// The metric of damping.
     pub metric: Metric,
-    /// Of the starts after the first.
+    /// Seed of the random starts.
     pub seed: u64,
 }
 
-/// How the size of a step is measured, by which Levenberg and Marquardt's steps are damped: which of many answers is found, and by which way.
+/// The metric of step size for the damping of Levenberg-Marquardt steps, which influences which of several solutions is
+/// found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Metric {
-    /// By the joints' coordinates, each scaled by how much it does for the tasks.
+    /// Joint coordinates, each scaled by its effect on the tasks.
     #[default]
     Coordinates,
-    /// By kinetic energy, dq M dq: joints that carry much mass move less. One mass matrix more a step.
+    /// Kinetic energy, dq M dq: joints that move large masses move less. Requires one mass matrix per step.
     Mass,
 }
 
-/// How fast joints go to where tasks want them: a step of a control loop.
+/// Options of differential inverse kinematics: joint velocities for one step of a control loop.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RateOptions<'a> {
-    /// The time that the rates are held, s.
+    /// Time for which the joint velocities are constant, s.
     pub dt: f64,
-    /// The share of the errors that is to be gone after it.
+    /// Fraction of the errors to be removed in this time.
     pub gain: f64,
-    /// Damping beside the tasks, of the largest entry of their second derivative: what keeps rates small near singular configurations.
+    /// Damping relative to the largest entry of the second derivative of the tasks; it keeps joint velocities small
+    /// near singularities.
     pub damping: f64,
-    /// Whether joints stay within their limits of position and velocity.
+    /// True if joints stay within their position and velocity limits.
     pub limits: bool,
-    /// Velocity limits (nv), rad/s and m/s, instead of those of the joints; those of a floating base too, which has
-    /// none of its own.
+    /// Velocity limits (nv), rad/s and m/s, which replace those of the joints, also for a floating base, which has
+    /// none.
     pub velocity: Option<&'a [f64]>,
 }
 
 impl RateOptions<'_> {
-    /// Refuses times, gains and damping that are not above zero, limits that leave a joint no room, and negative
-    /// velocity limits.
+    /// Checks that time, gain and damping are positive, that position limits do not exclude each other, and that
+    /// velocity limits are not negative.
     pub(crate) fn check(&self, scene: &Scene) -> Result<(), Error> {
         for (name, value) in [("dt", self.dt), ("gain", self.gain), ("damping", self.damping)] {
             if !(value.is_finite() && value > 0.0) {
@@ -111,39 +115,40 @@ impl Default for Options {
     }
 }
 
-/// What became of a search.
+/// Result of inverse kinematics.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Outcome {
-    /// Whether every task's error is within the tolerance.
+    /// True if the error of every task is within the tolerance.
     pub reached: bool,
-    /// The largest distance of a task, m.
+    /// Largest position error of a task, m.
     pub position_error: f64,
-    /// The largest angle of a task, rad.
+    /// Largest rotation error of a task, rad.
     pub rotation_error: f64,
-    /// How many starts were used.
+    /// Number of starts used.
     pub starts: usize,
-    /// Steps over all starts.
+    /// Number of steps over all starts.
     pub iterations: usize,
 }
 
-/// Inverse kinematics of a scene, with its scratch; allocates nothing once the tasks have been as many before.
+/// Inverse kinematics of a scene, with its scratch memory. Does not allocate unless the number of tasks increases.
 #[derive(Debug)]
 pub struct Solver<'a> {
     scene: &'a Scene,
     options: Options,
     descent: Descent,
-    /// The tasks, with targets that are rotations to rounding.
+    /// The tasks with orthonormalized target rotations.
     tasks: Vec<Task>,
     start: Vec<f64>,
     drawn: Vec<f64>,
     best: Vec<f64>,
 }
 
-/// A start after the first is the most probable of so many draws: fewer of them end at limits where no answer is.
+/// A random start is the most probable of this number of draws, because such starts end less often at limits far from a
+/// solution.
 const DRAWS: u64 = 4;
-/// So many starts stay within the limits all the way. Most of their ends that are no answer are minima at limits; so
-/// later ones first go down without limits, and begin with some joints at limits, where answers are that they do not
-/// find. They are of so many draws.
+/// The first starts, of this number, stay within the limits. Most of their failures are minima at limits. Later starts
+/// first minimize without limits, and begin with some joints at limits, where the first ones miss solutions; they are
+/// the most probable of a larger number of draws.
 const WITHIN: usize = 3;
 const LATER_DRAWS: u64 = 16;
 
@@ -152,7 +157,8 @@ impl Scene {
     ///
     /// # Errors
     ///
-    /// No start, a tolerance or posture that is not a positive number, and limits that leave a joint no room, by name.
+    /// [`Error::Argument`] for zero starts or a tolerance or posture that is not positive, and [`Error::Scene`] for
+    /// joint limits that exclude each other.
     pub fn inverse_kinematics(&self, options: &Options) -> Result<Solver<'_>, Error> {
         let positive = |name: &str, value: f64| {
             let expected = "a finite number above zero";
@@ -181,18 +187,19 @@ impl Scene {
 }
 
 impl Solver<'_> {
-    /// The joint velocities `qd` (nv) that take a share of the tasks' errors away within dt, at the configuration `q`
-    /// (nq): one step for control loops.
+    /// Differential inverse kinematics: the joint velocities `qd` (nv) at `q` (nq) that remove a fraction of the task
+    /// errors within dt.
     ///
-    /// Minimizes 1/2 sum ((J qd dt + gain e) / s)^2 + damping dq D dq / 2 over the velocities that the velocity limits
-    /// allow, and the position limits after dt. A joint that is beyond its limit returns as fast as its velocity limit
-    /// allows, whatever the tasks want. Connections are hard constraints: their errors stay zero to first order. Where
-    /// the step would raise the cost, or pass its minimum along the way, it is computed again with more damping: so
-    /// joints come to rest where a target is out of reach. O(tasks depth + nv^3).
+    /// Minimizes 1/2 sum ((J qd dt + gain e) / s)^2 + damping dq D dq / 2 over the joint velocities that satisfy the
+    /// velocity limits, and the position limits after dt. A joint beyond its limit returns at up to its velocity limit,
+    /// with priority over the tasks. Connections are hard constraints: their errors stay zero to first order. If the
+    /// step would increase the cost, or pass its minimum along the step, it is recomputed with more damping, so that
+    /// joints come to rest for an unreachable target. O(tasks depth + nv^3).
     ///
     /// # Errors
     ///
-    /// As [`Solver::solve`]; a time, gain or damping that is not above zero; a limit of velocity that is negative, by name.
+    /// As [`Solver::solve`], and [`Error::Argument`] for a time, gain or damping that is not positive or a negative
+    /// velocity limit.
     pub fn rates(
         &mut self,
         workspace: &mut Workspace<f64>,
@@ -213,7 +220,7 @@ impl Solver<'_> {
         scene.check_result("qd", qd)
     }
 
-    /// Checks the tasks, and keeps them with targets that are rotations to rounding.
+    /// Checks the tasks and stores them with orthonormalized target rotations.
     fn checked(&mut self, tasks: &[Task]) -> Result<(), Error> {
         self.tasks.clear();
         for (at, task) in tasks.iter().enumerate() {
@@ -222,17 +229,17 @@ impl Solver<'_> {
         Ok(())
     }
 
-    /// Looks for the most probable configuration into `q` (nq), from `start` (nq), which is the posture too where options ask for one.
+    /// Finds the most probable configuration from `start` (nq), and writes it to `q` (nq). `start` is also the posture
+    /// if the options request one.
     ///
-    /// `covariance`: room for that of the answer in its tangent space, (nv x nv) row by row; a joint at a limit has none, and all entries are infinite
-    /// where the tasks leave a motion undetermined and there is no posture.
-    ///
-    /// O(tasks depth + nv^3) a step.
+    /// `covariance`, if given, receives the covariance of the result in its tangent space, (nv x nv), row-major. It is
+    /// zero for joints at their limits. All entries are infinite if the tasks leave a motion undetermined and there is
+    /// no posture. O(tasks depth + nv^3) per step.
     ///
     /// # Errors
     ///
-    /// Wrong lengths, numbers that are not finite, tasks that cannot be (see [`Task`]), a workspace of another scene,
-    /// and [`Error::Constraint`] where no start leads to closed connections within the limits.
+    /// [`Error::Shape`], [`Error::NotFinite`], [`Error::Argument`] for invalid tasks (see [`Task`]) or a workspace of
+    /// another scene, and [`Error::Constraint`] if the connections cannot be closed within the limits from any start.
     pub fn solve(
         &mut self,
         workspace: &mut Workspace<f64>,
@@ -249,7 +256,7 @@ impl Solver<'_> {
         let own = std::mem::take(&mut self.tasks);
         let tasks = Tasks { scene, each: &own, posture: self.options.posture.map(|deviation| (start, deviation)) };
         let tolerance = self.options.tolerance;
-        let mut found: Option<Ending> = None;
+        let mut found: Option<DescentResult> = None;
         let (mut used, mut iterations) = (0, 0);
         while used < self.options.starts {
             match used {
@@ -257,7 +264,7 @@ impl Solver<'_> {
                 _ => self.draw(workspace, &tasks, start, used as u64)?,
             }
             used += 1;
-            let whole = (Until::Hopeless, self.options.iterations, used > WITHIN);
+            let whole = (StopCondition::NoProgress, self.options.iterations, used > WITHIN);
             let ending = self.descent.run(workspace, &tasks, &self.options, whole, &mut self.start)?;
             iterations += ending.iterations;
             let is_reached = ending.reached(tolerance);
@@ -271,12 +278,13 @@ impl Solver<'_> {
         }
         let Some(mut best) = found else { return Err(Error::argument("starts", "0", "at least one")) };
         if let Some((row, left)) = best.open {
-            let expected = "connections that close within the limits of the joints from q0 or from a random start (limits=False ignores limits)";
+            let expected =
+                "connections that close within the joint limits from q0 or a random start; limits=False ignores limits";
             return Err(scene.open_at("q", row, left, "m or rad", expected));
         }
-        if best.is_given_up && !best.reached(tolerance) {
-            // None is an answer: the nearest to one, exactly.
-            let rest = (Until::Lowest, self.options.iterations - best.iterations, false);
+        if best.is_abandoned && !best.reached(tolerance) {
+            // No start reaches all tasks: continue from the best one to its exact minimum.
+            let rest = (StopCondition::Minimum, self.options.iterations - best.iterations, false);
             best = self.descent.run(workspace, &tasks, &self.options, rest, &mut self.best)?;
             iterations += best.iterations;
         }
@@ -295,7 +303,7 @@ impl Solver<'_> {
         })
     }
 
-    /// Draws start `number`: of some draws the most probable.
+    /// Draws start `number`: the most probable of several draws.
     fn draw(
         &mut self,
         workspace: &mut Workspace<f64>,

@@ -1,4 +1,4 @@
-//! Configurations to start from: spread evenly within the limits, the same for the same seed.
+//! Starting configurations, distributed uniformly within the limits and determined by a seed.
 
 use super::limits::Bounds;
 use super::task::turns;
@@ -6,15 +6,15 @@ use crate::scene::Scene;
 use nalgebra::{UnitQuaternion, Vector3};
 use std::f64::consts::PI;
 
-/// The step of `SplitMix64`.
+/// The increment of `SplitMix64`.
 const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
 
-/// Draws start `number` into `q`: joints within their limits, or a whole turn where they have none; slides without
-/// limits and free joints stay where `start` has them, spherical joints get any rotation. With `corners` half of the
-/// joints that have limits are at one of them: starts that reach answers there.
+/// Draws start `number` into `q`: joints within their limits, or within a whole turn without limits. Prismatic joints
+/// without limits and free joints keep their values in `start`; spherical joints get a random rotation. With `corners`,
+/// half of the joints with limits are at one of them, to find solutions there.
 pub fn draw(scene: &Scene, limits: &Bounds, start: &[f64], (seed, number, corners): (u64, u64, bool), q: &mut [f64]) {
     q.copy_from_slice(start);
-    // Mixed twice: streams that begin a step of the generator apart would have the same numbers, one place later.
+    // Mixed twice, because streams whose states differ by one increment would produce the same numbers with an offset.
     let mut state = mixed(seed ^ mixed(number.wrapping_mul(GOLDEN)));
     for joint in scene.joints() {
         if limits.coordinate[joint.v.start].is_some() {
@@ -29,7 +29,7 @@ pub fn draw(scene: &Scene, limits: &Bounds, start: &[f64], (seed, number, corner
                 }
             }
         } else if joint.v.len() == 3 && joint.q.len() == 4 {
-            // A direction of any length up to half a turn: every rotation is near one of them.
+            // A random axis with an angle of up to pi or more, so that every rotation is near some draw.
             let axis = Vector3::from_fn(|_, _| 2.0 * uniform(&mut state) - 1.0);
             let turn = UnitQuaternion::from_scaled_axis(axis * PI);
             q[joint.q.clone()].copy_from_slice(turn.coords.as_slice());

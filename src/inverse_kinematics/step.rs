@@ -1,6 +1,6 @@
 //! One step: the exact minimum of a convex quadratic within limits.
 
-/// The quadratic g d + d A d / 2 within lower <= d <= upper, where 0 is allowed; and scratch.
+/// The quadratic g d + d A d / 2 with lower <= d <= upper, where d = 0 is admissible, and scratch memory.
 #[derive(Debug)]
 pub struct BoxStep {
     n: usize,
@@ -8,13 +8,13 @@ pub struct BoxStep {
     free: Vec<usize>,
     solved: Vec<usize>,
     slope: Vec<f64>,
-    way: Vec<f64>,
+    newton_step: Vec<f64>,
     trial: Vec<f64>,
 }
 
-/// Backtracking along the path that the limits bend: shortened so often at the most, by half each time.
+/// Largest number of halvings of a step along the projected path.
 const HALVINGS: usize = 30;
-/// A step within this share of a limit ends at it.
+/// A step that comes this close to a limit, relative to its length, ends at the limit.
 const MEETS: f64 = 1e-12;
 
 impl BoxStep {
@@ -26,17 +26,18 @@ impl BoxStep {
             free: Vec::with_capacity(n),
             solved: Vec::with_capacity(n),
             slope: numbers(),
-            way: numbers(),
+            newton_step: numbers(),
             trial: numbers(),
         }
     }
 
-    /// The minimum, into `step`; whether there is one: false where A is not positive definite on what may move.
+    /// Writes the minimizer to `step`. Returns false if A is not positive definite on the free coordinates.
     ///
-    /// Projected Newton: what is at a limit and pushed against it is held, the others take Newton's step, bent at the
-    /// limits; where the quadratic does not fall along that, the step ends at the first limit. Ends where a whole step
-    /// was taken by just those that may move. O(n^3) a round, as a rule two or three of them.
-    pub fn minimise(&mut self, a: &[f64], g: &[f64], room: impl Fn(usize) -> (f64, f64), step: &mut [f64]) -> bool {
+    /// Projected Newton method: coordinates at a limit with an outward gradient are fixed, the others take the Newton
+    /// step, projected onto the limits. If the quadratic does not decrease along that path, the step ends at the first
+    /// limit. Ends after a full step with an unchanged set of free coordinates. O(n^3) per round; usually two or three
+    /// rounds.
+    pub fn minimize(&mut self, a: &[f64], g: &[f64], room: impl Fn(usize) -> (f64, f64), step: &mut [f64]) -> bool {
         let n = self.n;
         step.fill(0.0);
         let mut whole = false;
@@ -53,21 +54,21 @@ impl BoxStep {
                     self.free.push(i);
                 }
             }
-            // Solved for just these, and no other wants to leave its limit.
+            // Solved for this set of free coordinates, and no fixed coordinate has an inward gradient.
             if self.free.is_empty() || (whole && self.free == self.solved) {
                 return true;
             }
-            // Without what is at a limit that Newton's step would cross.
+            // Fixes coordinates at a limit that the Newton step would cross.
             loop {
                 if !self.newton(a) {
                     return false;
                 }
                 let (count, mut at) = (self.free.len(), 0);
-                let way = &self.way;
+                let newton_step = &self.newton_step;
                 self.free.retain(|&i| {
-                    let ((lower, upper), way) = (room(i), way[at]);
+                    let ((lower, upper), component) = (room(i), newton_step[at]);
                     at += 1;
-                    !(step[i] >= upper && way > 0.0 || step[i] <= lower && way < 0.0)
+                    !(step[i] >= upper && component > 0.0 || step[i] <= lower && component < 0.0)
                 });
                 if self.free.len() == count || self.free.is_empty() {
                     break;
@@ -76,22 +77,22 @@ impl BoxStep {
             let was = quadratic(a, g, step);
             let (mut length, mut bent, mut shortened) = (1.0, false, false);
             let mut first = 1.0_f64;
-            for (&i, &way) in self.free.iter().zip(&self.way) {
+            for (&i, &component) in self.free.iter().zip(&self.newton_step) {
                 let (lower, upper) = room(i);
-                let limit = if way > 0.0 { upper } else { lower };
-                if way != 0.0 {
-                    first = first.min((limit - step[i]) / way);
+                let limit = if component > 0.0 { upper } else { lower };
+                if component != 0.0 {
+                    first = first.min((limit - step[i]) / component);
                 }
             }
             for halving in 0..HALVINGS {
                 bent = false;
                 self.trial.copy_from_slice(step);
-                for (&i, &way) in self.free.iter().zip(&self.way) {
+                for (&i, &component) in self.free.iter().zip(&self.newton_step) {
                     let (lower, upper) = room(i);
-                    let to = step[i] + length * way;
-                    let limit = if way > 0.0 { upper } else { lower };
-                    // At a limit exactly, or rounding would leave a step to it for the next round.
-                    let meets = (length * way).abs() >= (1.0 - MEETS) * (limit - step[i]).abs();
+                    let to = step[i] + length * component;
+                    let limit = if component > 0.0 { upper } else { lower };
+                    // Ends exactly at the limit; rounding would otherwise leave a small step for the next round.
+                    let meets = (length * component).abs() >= (1.0 - MEETS) * (limit - step[i]).abs();
                     self.trial[i] = if meets { limit } else { to };
                     bent |= to < lower || to > upper;
                 }
@@ -102,7 +103,7 @@ impl BoxStep {
                 if quadratic(a, g, &self.trial) <= was + 1e-4 * fall {
                     break;
                 }
-                // The quadratic falls all the way to the first limit.
+                // The quadratic decreases monotonically up to the first limit.
                 (length, shortened) = (if halving == 0 { first } else { 0.5 * length }, true);
             }
             step.copy_from_slice(&self.trial);
@@ -111,7 +112,7 @@ impl BoxStep {
         true
     }
 
-    /// Newton's step of what is free, into `way`, by Cholesky.
+    /// Computes the Newton step of the free coordinates by Cholesky factorization.
     fn newton(&mut self, a: &[f64]) -> bool {
         let (n, m) = (self.n, self.free.len());
         for i in 0..m {
@@ -131,17 +132,18 @@ impl BoxStep {
             }
         }
         for i in 0..m {
-            let sum: f64 = (0..i).map(|k| self.factor[i * n + k] * self.way[k]).sum();
-            self.way[i] = (-self.slope[self.free[i]] - sum) / self.factor[i * n + i];
+            let sum: f64 = (0..i).map(|k| self.factor[i * n + k] * self.newton_step[k]).sum();
+            self.newton_step[i] = (-self.slope[self.free[i]] - sum) / self.factor[i * n + i];
         }
         for i in (0..m).rev() {
-            let sum: f64 = (i + 1..m).map(|k| self.factor[k * n + i] * self.way[k]).sum();
-            self.way[i] = (self.way[i] - sum) / self.factor[i * n + i];
+            let sum: f64 = (i + 1..m).map(|k| self.factor[k * n + i] * self.newton_step[k]).sum();
+            self.newton_step[i] = (self.newton_step[i] - sum) / self.factor[i * n + i];
         }
         true
     }
 
-    /// The inverse of A on the rows that `is_free` says, into `out`, zero elsewhere; whether A is positive definite there.
+    /// Writes the inverse of A, restricted to the rows of `is_free`, to `out`, with zeros elsewhere. Returns whether A
+    /// is positive definite there.
     pub fn inverse(&mut self, a: &[f64], is_free: impl Fn(usize) -> bool, out: &mut [f64]) -> bool {
         let n = self.n;
         out.fill(0.0);
@@ -153,7 +155,7 @@ impl BoxStep {
             if !self.newton(a) {
                 return false;
             }
-            for (&i, &value) in self.free.iter().zip(&self.way) {
+            for (&i, &value) in self.free.iter().zip(&self.newton_step) {
                 out[i * n + self.free[column]] = value;
             }
         }
@@ -161,7 +163,7 @@ impl BoxStep {
     }
 }
 
-/// Adds J^T J to `a`, (n x n) row by row, and J^T e to `g`.
+/// Adds J^T J to `a`, (n x n), row-major, and J^T e to `g`.
 pub fn add_squares(jacobian: &[f64], errors: &[f64], a: &mut [f64], g: &mut [f64]) {
     let n = g.len();
     for (row, &error) in jacobian.chunks_exact(n.max(1)).zip(errors) {
@@ -189,7 +191,7 @@ pub fn quadratic(a: &[f64], g: &[f64], d: &[f64]) -> f64 {
 mod tests {
     use super::*;
 
-    /// Of all ways to hold some coordinates at a limit and leave the others, the best that is allowed.
+    /// The best admissible point over all choices of coordinates fixed at a limit.
     fn by_trying_all(a: &[f64], g: &[f64], lower: &[f64], upper: &[f64]) -> f64 {
         let n = g.len();
         let mut best = f64::INFINITY;
@@ -223,7 +225,7 @@ mod tests {
         for (n, penalty) in (1..6).flat_map(|n| [(n, 0.0), (n, 1e4)]) {
             for _ in 0..40 {
                 let root = nalgebra::DMatrix::from_fn(n, n, |_, _| draw());
-                // With a large penalty on one row, as connections have.
+                // With a large penalty on one row, as for connections.
                 let row = nalgebra::DVector::from_fn(n, |_, _| draw());
                 let a = &root * root.transpose()
                     + nalgebra::DMatrix::identity(n, n) * 0.1
@@ -233,7 +235,7 @@ mod tests {
                 let lower: Vec<f64> = (0..n).map(|_| -draw().abs()).collect();
                 let upper: Vec<f64> = (0..n).map(|_| draw().abs()).collect();
                 let mut step = vec![f64::NAN; n];
-                assert!(BoxStep::new(n).minimise(&a, &g, |i| (lower[i], upper[i]), &mut step));
+                assert!(BoxStep::new(n).minimize(&a, &g, |i| (lower[i], upper[i]), &mut step));
                 assert!((0..n).all(|i| step[i] >= lower[i] && step[i] <= upper[i]));
                 let (found, best) = (quadratic(&a, &g, &step), by_trying_all(&a, &g, &lower, &upper));
                 assert!((found - best).abs() <= 1e-9 * best.abs().max(1.0), "{found} {best}");
@@ -242,8 +244,8 @@ mod tests {
     }
 
     #[test]
-    fn what_has_no_minimum_is_told() {
+    fn a_problem_without_minimum_is_reported() {
         let mut step = [f64::NAN];
-        assert!(!BoxStep::new(1).minimise(&[0.0], &[1.0], |_| (-1.0, 1.0), &mut step));
+        assert!(!BoxStep::new(1).minimize(&[0.0], &[1.0], |_| (-1.0, 1.0), &mut step));
     }
 }

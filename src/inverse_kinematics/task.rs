@@ -1,6 +1,6 @@
-//! Tasks: what should be where, how far it is off, and how that changes with the joints.
+//! Tasks: targets for links, their errors, and the derivatives of the errors.
 
-use super::direction::{Away, away};
+use super::direction::{DirectionError, direction_error};
 use crate::error::{Error, check_finite, number};
 use crate::kinematics::{Frame, local_jacobian};
 use crate::scene::{JointKind, Scene};
@@ -8,82 +8,84 @@ use crate::spatial::RigidShift;
 use crate::workspace::Workspace;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3, Vector6};
 
-/// What should be where. Positions, directions and rotations are in the base's frame, or in that of the link that a [`Task`] is relative to.
+/// The target of a task. Positions, directions and rotations are in the base frame, or in the frame that a [`Task`] is
+/// relative to.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Goal {
-    /// A frame on a link has a place.
+    /// A frame on a link has a given pose.
     Pose {
-        /// On the link.
+        /// Frame on the link.
         frame: Frame<f64>,
-        /// From the frame to the base's.
+        /// Pose of the frame in the base frame.
         target: RigidShift<f64>,
     },
-    /// The origin of a frame on a link is at a point.
+    /// The origin of a frame on a link is at a given point.
     Position {
-        /// On the link.
+        /// Frame on the link.
         frame: Frame<f64>,
-        /// m.
+        /// Point, m.
         target: Vector3<f64>,
     },
-    /// A frame on a link has an orientation.
+    /// A frame on a link has a given orientation.
     Orientation {
-        /// On the link.
+        /// Frame on the link.
         frame: Frame<f64>,
-        /// From the frame's axes to the base's.
+        /// Rotation from frame axes to base axes.
         target: Matrix3<f64>,
     },
-    /// An axis of a frame on a link has a direction.
+    /// An axis of a frame on a link has a given direction.
     Direction {
-        /// On the link.
+        /// Frame on the link.
         frame: Frame<f64>,
         /// Unit vector in the frame.
         axis: Vector3<f64>,
-        /// Unit vector.
+        /// Unit vector of the direction.
         target: Vector3<f64>,
     },
-    /// An axis through the origin of a frame on a link points to a point.
+    /// An axis through the origin of a frame on a link passes through a given point.
     LookAt {
-        /// On the link.
+        /// Frame on the link.
         frame: Frame<f64>,
         /// Unit vector in the frame.
         axis: Vector3<f64>,
-        /// m.
+        /// Point, m.
         target: Vector3<f64>,
     },
-    /// The mass centre is at a point, m.
+    /// The center of mass is at a given point, m.
     CenterOfMass(Vector3<f64>),
-    /// A joint of one coordinate has a position.
+    /// A joint with one coordinate has a given position.
     Joint {
         /// Index of the joint.
         joint: usize,
-        /// rad or m.
+        /// Position, rad or m.
         target: f64,
     },
 }
 
-/// A goal, and how exactly it is meant.
+/// A goal with its standard deviations.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Task {
-    /// What should be where.
+    /// The target.
     pub goal: Goal,
-    /// Standard deviation of positions, m, and of the coordinate of a prismatic joint.
+    /// Standard deviation of positions and of prismatic joint coordinates, m.
     pub position: f64,
     /// Standard deviation of rotations and directions, rad.
     pub rotation: f64,
-    /// The frame that targets are in, on a link; none for the base's. Mass centres and joints have none.
+    /// The frame on a link in which targets are expressed; `None` for the base frame. Not allowed for centers of mass
+    /// and joints.
     pub relative_to: Option<Frame<f64>>,
 }
 
 impl Task {
-    /// A goal within a millimetre and a milliradian.
+    /// A task with standard deviations of 1 mm and 1 mrad.
     #[must_use]
     pub fn new(goal: Goal) -> Self {
         Self { goal, position: 1e-3, rotation: 1e-3, relative_to: None }
     }
 
-    /// The task with the rotation of its target orthonormalized. Refuses what cannot be: bodies and joints that are not
-    /// there, deviations that are not positive, numbers that are not finite, axes that are not unit vectors and targets
-    /// that are no rotation.
+    /// The task with the rotation of its target orthonormalized. Returns an error for bodies and joints that do not
+    /// exist, deviations that are not positive, values that are not finite, axes that are not unit vectors, and targets
+    /// that are not rotations.
     pub(super) fn checked(mut self, scene: &Scene, at: usize) -> Result<Self, Error> {
         self.check(scene, at)?;
         if let Goal::Pose { target: RigidShift { rotation, .. }, .. } | Goal::Orientation { target: rotation, .. } =
@@ -97,7 +99,7 @@ impl Task {
         Ok(self)
     }
 
-    /// Refuses deviations that are not above zero.
+    /// Checks that the standard deviations are positive.
     pub(crate) fn check_deviations(&self, at: usize) -> Result<(), Error> {
         for (what, value) in [("position", self.position), ("rotation", self.rotation)] {
             if !(value.is_finite() && value > 0.0) {
@@ -115,7 +117,7 @@ impl Task {
             let bodies = scene.model().bodies.len();
             match frame.body {
                 Some(body) if body >= bodies => {
-                    Err(Error::argument(name("body"), body.to_string(), format!("one of {bodies}")))
+                    Err(Error::argument(name("body"), body.to_string(), format!("an index below {bodies}")))
                 }
                 _ => check_finite(&name("frame"), frame.placement.lever.as_slice()),
             }
@@ -157,19 +159,19 @@ impl Task {
                     Some(one) => Err(Error::argument(
                         name("joint"),
                         format!("{:?}, of {} coordinates", one.name, one.q.len()),
-                        "a joint of one",
+                        "a joint with one coordinate",
                     )),
                     None => Err(Error::argument(
                         name("joint"),
                         joint.to_string(),
-                        format!("one of {}", scene.joints().len()),
+                        format!("an index below {}", scene.joints().len()),
                     )),
                 }
             }
         }
     }
 
-    /// How many numbers its error has.
+    /// Number of rows of the error.
     fn rows(&self) -> usize {
         match self.goal {
             Goal::Pose { .. } => 6,
@@ -184,16 +186,16 @@ pub fn turns(kind: JointKind, axis: usize) -> bool {
     !(kind == JointKind::Prismatic || kind == JointKind::Planar && axis < 2)
 }
 
-/// How far axes may be from unit length.
+/// Largest accepted deviation of axes from unit length.
 const UNIT: f64 = 1e-6;
-/// How far the entries of rotations may be from those of the nearest rotation, as quaternions from unit length: three
-/// decimals are enough.
+/// Largest accepted deviation of the entries of a rotation from those of the nearest rotation, and of quaternions from
+/// unit norm: three decimals suffice.
 const ROTATION: f64 = 1e-3;
-/// Rotations this near to orthonormal, by R^T R, are taken as they are.
+/// Rotations this close to orthonormal, by R^T R, are used unchanged.
 const ORTHONORMAL: f64 = 1e-14;
 
-/// The rotation nearest to a matrix, where no entry is further from it than [`ROTATION`]; else how far the matrix is
-/// from orthonormal.
+/// The rotation nearest to a matrix, if no entry differs by more than [`ROTATION`]; else a description of the
+/// deviation.
 fn nearest_rotation(matrix: &Matrix3<f64>) -> Result<Matrix3<f64>, String> {
     let apart = |matrix: &Matrix3<f64>| (matrix.transpose() * matrix - Matrix3::identity()).abs().max();
     let before = apart(matrix);
@@ -206,7 +208,7 @@ fn nearest_rotation(matrix: &Matrix3<f64>) -> Result<Matrix3<f64>, String> {
     if matrix.determinant() < 0.0 {
         return Err("a reflection, of determinant -1".to_owned());
     }
-    // Newton's iteration for the polar factor: the square of the deviation remains each time.
+    // Newton's iteration for the polar factor, which squares the deviation in each step.
     let mut rotation = *matrix;
     for _ in 0..4 {
         rotation = rotation * (Matrix3::identity() * 3.0 - rotation.transpose() * rotation) * 0.5;
@@ -219,39 +221,39 @@ fn nearest_rotation(matrix: &Matrix3<f64>) -> Result<Matrix3<f64>, String> {
     }
 }
 
-/// All that pulls at a configuration.
+/// All terms of the objective F.
 pub struct Tasks<'a> {
     pub scene: &'a Scene,
     pub each: &'a [Task],
-    /// What is expected, and its standard deviation.
+    /// The posture and its standard deviation.
     pub posture: Option<(&'a [f64], f64)>,
 }
 
-/// Errors at a configuration, over their standard deviations, and how they change.
+/// Errors at a configuration, relative to their standard deviations, and their derivatives.
 #[derive(Debug, Default)]
 pub struct Rows {
-    /// Errors over deviations: those of the tasks.
+    /// Task errors relative to their standard deviations.
     pub errors: Vec<f64>,
-    /// Their derivatives by the tangent of q, (rows x nv) row by row.
+    /// Their derivatives in the tangent space of q, (rows x nv), row-major.
     pub jacobian: Vec<f64>,
-    /// Largest distance of a task, m, and largest angle, rad.
+    /// Largest position error, m, and largest rotation error, rad.
     pub position_error: f64,
     pub rotation_error: f64,
     six: Vec<f64>,
 }
 
 impl Tasks<'_> {
-    /// True if a whole turn of a joint changes nothing, except tasks of that joint.
+    /// True if a whole turn of a joint changes nothing except the tasks of that joint.
     pub fn is_same_after_turns(&self) -> bool {
         self.posture.is_none() && self.scene.coupling().is_none() && self.scene.constraints().is_empty()
     }
 
-    /// Whether there is nothing to reach.
+    /// True if there are no tasks.
     pub fn is_without_rows(&self) -> bool {
         self.each.is_empty()
     }
 
-    /// Errors and their derivatives at `q`.
+    /// Computes errors and their derivatives at `q`.
     pub fn evaluate(&self, workspace: &mut Workspace<f64>, q: &[f64], rows: &mut Rows) -> Result<(), Error> {
         let nv = self.scene.nv();
         let count: usize = self.each.iter().map(Task::rows).sum();
@@ -267,7 +269,7 @@ impl Tasks<'_> {
         Ok(())
     }
 
-    /// The error of one task, from row `at` on.
+    /// Computes the error of one task, beginning at row `at`.
     fn one(
         &self,
         workspace: &mut Workspace<f64>,
@@ -296,7 +298,7 @@ impl Tasks<'_> {
                 let place = self.local_jacobian(q, (frame, task), &mut rows.six);
                 let way = target - place.lever;
                 let distance = way.norm();
-                // At the target itself every direction is right, and none.
+                // At the target itself the direction is undefined; the current axis is used.
                 let direction = if distance > 0.0 { way / distance } else { place.rotation * axis };
                 let sideways =
                     (Matrix3::identity() - direction * direction.transpose()) / distance.max(f64::MIN_POSITIVE);
@@ -328,13 +330,14 @@ impl Tasks<'_> {
         Ok(())
     }
 
-    /// Where a frame is, seen from what its task is relative to, and its Jacobian in its own axes, (6 x nv) row by row.
+    /// Pose of a frame relative to the reference frame of its task, and its Jacobian in its own axes, (6 x nv),
+    /// row-major.
     fn local_jacobian(&self, q: &[f64], (frame, task): (&Frame<f64>, &Task), six: &mut [f64]) -> RigidShift<f64> {
         let place = self.on_base(q, frame, six);
         let Some(other) = &task.relative_to else { return place };
         let (mut theirs, nv) = (vec![f64::NAN; six.len()], nv(self));
         let place = self.on_base(q, other, &mut theirs).inverse().compose(&place);
-        // Less what carries it along.
+        // Subtracts the motion of the reference frame.
         for j in 0..nv {
             let carried = place.motion_to_child(&Vector6::from_fn(|i, _| theirs[i * nv + j]));
             for i in 0..6 {
@@ -344,7 +347,7 @@ impl Tasks<'_> {
         place
     }
 
-    /// The same on the base.
+    /// Pose of a frame in the base frame, and its Jacobian.
     fn on_base(&self, q: &[f64], frame: &Frame<f64>, six: &mut [f64]) -> RigidShift<f64> {
         let model = self.scene.model();
         let Some(coupling) = self.scene.coupling() else { return local_jacobian(model, q, frame, six) };
@@ -354,7 +357,8 @@ impl Tasks<'_> {
         place
     }
 
-    /// The rotation vector from the target to the frame, log(Rt^T R), whose rate is Jr^-1 w with w in the frame's axes.
+    /// The rotation vector from the target to the frame, log(Rt^T R). Its time derivative is Jr^-1 w for the angular
+    /// velocity w in frame axes.
     fn turn(
         &self,
         q: &[f64],
@@ -377,7 +381,8 @@ fn nv(tasks: &Tasks<'_>) -> usize {
 }
 
 impl Rows {
-    /// Three rows: an error, and a matrix times the angular (`half` 0) or linear (1) half of the frame's Jacobian.
+    /// Writes three rows: an error, and a matrix times the angular (`half` 0) or linear (1) part of the Jacobian of the
+    /// frame.
     fn put(&mut self, nv: usize, at: usize, error: &Vector3<f64>, matrix: &Matrix3<f64>, half: usize, deviation: f64) {
         for i in 0..3 {
             self.errors[at + i] = error[i] / deviation;
@@ -391,16 +396,16 @@ impl Rows {
         }
     }
 
-    /// How far the frame's origin is from a point.
+    /// Position error of the frame origin.
     fn position(&mut self, nv: usize, at: usize, place: &RigidShift<f64>, target: &Vector3<f64>, deviation: f64) {
         let off = place.lever - target;
         self.put(nv, at, &off, &place.rotation, 1, deviation);
         self.position_error = self.position_error.max(off.norm());
     }
 
-    /// How far an axis is from a direction that changes by minus `sideways` times the velocity of the frame's origin:
-    /// the rotation vector between them.
-    #[allow(clippy::too_many_arguments)] // where, what, and what it should be
+    /// The rotation vector between an axis and a direction whose derivative is -`sideways` times the velocity of the
+    /// frame origin.
+    #[allow(clippy::too_many_arguments)] // position of the rows, and geometry
     fn direction(
         &mut self,
         nv: usize,
@@ -414,7 +419,8 @@ impl Rows {
         let six = &self.six;
         let half = |half: usize, j: usize| Vector3::from_fn(|i, _| six[(3 * half + i) * nv + j]);
         let motions = (0..nv).map(|j| place.rotation * half(0, j));
-        let Away { error, by_rotation, by_target } = away(&(place.rotation * axis), target, motions);
+        let DirectionError { error, by_rotation, by_target } =
+            direction_error(&(place.rotation * axis), target, motions);
         let (turning, moving) = (by_rotation * place.rotation, by_target * sideways * place.rotation);
         for j in 0..nv {
             let column = (turning * half(0, j) - moving * half(1, j)) / deviation;
@@ -429,11 +435,12 @@ impl Rows {
     }
 }
 
-/// Jr^-1(t) = 1 + t~/2 + (1 - |t|/2 cot(|t|/2)) / |t|^2 t~^2: the rate of a rotation vector is Jr^-1 w.
+/// Inverse right Jacobian Jr^-1(t) = 1 + t~/2 + (1 - |t|/2 cot(|t|/2)) / |t|^2 t~^2: the derivative of a rotation
+/// vector is Jr^-1 w.
 fn inverse_right_jacobian(t: &Vector3<f64>) -> Matrix3<f64> {
     let square = t.norm_squared();
     let angle = square.sqrt();
-    // The series where the difference cancels.
+    // The series, where the closed form cancels.
     let share = if angle < 1e-2 {
         1.0 / 12.0 + square / 720.0 + square * square / 30240.0
     } else {
@@ -449,7 +456,7 @@ mod tests {
     use crate::scene::{Inertial, JointDescription, LinkDescription, SceneBuilder};
     use crate::spatial::Symmetric3;
 
-    /// A free base, a ball joint and joints of one axis, some oblique.
+    /// A robot with a free base, a spherical joint and joints of one axis, some of them oblique.
     fn robot() -> Scene {
         let mut builder = SceneBuilder::new();
         let kinds = [
@@ -462,7 +469,7 @@ mod tests {
         for k in 0..=kinds.len() {
             let inertial = Inertial {
                 mass: 1.0,
-                centre: Vector3::new(0.1, 0.0, 0.2),
+                center: Vector3::new(0.1, 0.0, 0.2),
                 central: Symmetric3::new([0.1, 0.0, 0.0, 0.1, 0.0, 0.1]),
             };
             builder = builder.link(LinkDescription { name: format!("link{k}"), inertial: Some(inertial) });

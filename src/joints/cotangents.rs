@@ -1,9 +1,11 @@
-//! Cotangents of a joint's coordinates: how the gradient of a scalar goes back through what [`Motion`] does to configurations.
+//! Adjoints of the joint operations on configurations: they propagate the gradient of a scalar through the methods of
+//! [`Motion`].
 //!
-//! Gradients by a configuration are in its tangent space, in the axes of the rates. With (ad x) y = [x, y],
+//! Gradients by a configuration are in its tangent space, in the axes of the joint velocities. With (ad x) y = [x, y],
 //!
 //! ```text
-//! q' = q exp(x):                              q_bar = exp(-ad x)* q'_bar,    x_bar = Jr(x)* q'_bar,    Jr(x) = sum (-ad x)^k/(k + 1)!
+//! q' = q exp(x):                              q_bar = exp(-ad x)* q'_bar,    x_bar = Jr(x)* q'_bar,
+//!                                             Jr(x) = sum (-ad x)^k/(k + 1)!
 //! c = v + [x, v]/2 + [x, [x, v]]/12:          v_bar = (1 + ad x/2 + (ad x)^2/12)* c_bar, and x_bar by the product rule
 //! r = the rotation vector from rest to q:     q_bar = Jr(r)^-1* r_bar
 //! ```
@@ -14,13 +16,15 @@ use super::vectors::{cross, plus, triple, write};
 use crate::scalar::Real;
 use nalgebra::Vector3;
 
-/// Parts that the increment of a free joint is cut into: Jr(x)* g = Jr(y)* sum over i of exp(-ad y)*^i g / 16 for x = 16 y.
+/// Number of equal parts of the increment of a free joint: Jr(x)* g = Jr(y)* sum over i of exp(-ad y)*^i g / 16 for x =
+/// 16 y.
 const PARTS: u32 = 16;
 
-/// Terms of the series of Jr(y): what is left out is below (t/16)^20/21! for x that turns by t, a rounding up to five full turns in a step.
+/// Number of terms of the series of Jr(y). The remainder is below (t/16)^20/21! for a rotation by t, which is at
+/// rounding level for up to five turns per step.
 const TERMS: u32 = 20;
 
-/// A twist, or what pairs with one: (linear, angular).
+/// A twist or its dual: (linear, angular).
 type Pair<T> = [Vector3<T>; 2];
 
 fn pair<T: Real>(x: &[T]) -> Pair<T> {
@@ -41,7 +45,8 @@ fn add<T: Real>(a: &Pair<T>, s: f64, b: &Pair<T>) -> Pair<T> {
 }
 
 impl<T: Real> Motion<T> {
-    /// q' = q exp(x), as [`Motion::advance`] has it: to the cotangents of q and x is added what that of q' gives.
+    /// Adjoint of q' = q exp(x), [`Motion::advance`]: adds the contributions of the cotangent of q' to those of q and
+    /// x.
     #[inline(always)]
     pub(crate) fn advance_cotangents(&self, x: &[T], next: &[T], of_q: &mut [T], of_x: &mut [T]) {
         match self {
@@ -67,8 +72,8 @@ impl<T: Real> Motion<T> {
         }
     }
 
-    /// c, the rate of an increment x where the body moves with v, as [`Motion::carry_back`] has it: the cotangent of c becomes that of v, in place, and what it gives
-    /// is added to that of x.
+    /// Adjoint of [`Motion::carry_back`]: replaces the cotangent of the transported velocity by that of v, and adds its
+    /// contribution to that of x.
     #[inline(always)]
     pub(crate) fn carry_back_cotangents(&self, (x, v): (&[T], &[T]), carried: &mut [T], of_x: &mut [T]) {
         match self {
@@ -90,7 +95,7 @@ impl<T: Real> Motion<T> {
         }
     }
 
-    /// How far the joint is from rest, as [`Motion::displacement`] has it: what its cotangent gives is added to that of q.
+    /// Adjoint of [`Motion::displacement`]: adds the contribution of its cotangent to that of q.
     #[inline(always)]
     pub(crate) fn displacement_cotangent(&self, (rest, q): (&[T], &[T]), displaced: &[T], of_q: &mut [T]) {
         match self {
@@ -112,7 +117,7 @@ impl<T: Real> Motion<T> {
     }
 }
 
-/// exp(-ad x)* g and Jr(x)* g of a twist x.
+/// exp(-ad x)* g and Jr(x)* g for a twist x.
 #[inline(always)]
 fn free_advance<T: Real>([a, w]: &Pair<T>, g: &Pair<T>) -> (Pair<T>, Pair<T>) {
     let one = a[0].constant(1.0);
@@ -140,7 +145,7 @@ fn free_advance<T: Real>([a, w]: &Pair<T>, g: &Pair<T>) -> (Pair<T>, Pair<T>) {
     (of_start, of_increment)
 }
 
-/// Adds a vector to where a slice begins.
+/// Adds a vector to the first three entries of a slice.
 #[inline(always)]
 fn add_to<T: Real>(sum: &mut [T], x: &Vector3<T>) {
     for i in 0..3 {
@@ -148,11 +153,11 @@ fn add_to<T: Real>(sum: &mut [T], x: &Vector3<T>) {
     }
 }
 
-/// The cotangent of v, and what is added to that of x, from that of c.
+/// The cotangent of v, and the contribution to that of x, from the cotangent of c.
 #[inline(always)]
 fn carried_back<T: Real>([x, v, c]: [Pair<T>; 3]) -> [Pair<T>; 2] {
     let one = x[0][0].constant(1.0);
-    // y = [x, v]; once and twice: -(ad x)* c and (ad x)* (ad x)* c.
+    // y = [x, v]; `once` and `twice` are -(ad x)* c and (ad x)* (ad x)* c.
     let y = [plus(&cross(&x[1], &v[0]), one, &cross(&x[0], &v[1])), cross(&x[1], &v[1])];
     let once = turned(&x, &c);
     let twice = turned(&x, &once);
@@ -162,14 +167,14 @@ fn carried_back<T: Real>([x, v, c]: [Pair<T>; 3]) -> [Pair<T>; 2] {
     [of_v, add(&add(&zero, 0.5, &turned(&v, &c)), 1.0 / 12.0, &second)]
 }
 
-/// Jr(r)^-1* g = g - r x g/2 + d r x (r x g), d = (1 - (t/2) cot(t/2))/t^2 of the length t.
+/// Jr(r)^-1* g = g - r x g/2 + d r x (r x g), with d = (1 - (t/2) cot(t/2))/t^2 for the length t of r.
 #[inline(always)]
 fn of_logarithm<T: Real>(r: &Vector3<T>, g: &Vector3<T>) -> Vector3<T> {
     let one = r[0].constant(1.0);
     let square = r[0] * r[0] + r[1] * r[1] + r[2] * r[2];
     let half = one.constant(0.5) * square.sqrt();
     let (sine, cosine) = half.sin_cos();
-    // What cancels in d for a small t is multiplied by t^2.
+    // The cancellation in d for small t is harmless, because d is multiplied by t^2.
     let d = quotient(one - quotient(half * cosine, sine, 1.0), square, 1.0 / 12.0);
     let once = cross(r, g);
     plus(&plus(g, one.constant(-0.5), &once), d, &cross(r, &once))
@@ -188,7 +193,7 @@ mod tests {
     const Q: [f64; 7] = [0.5, -0.8, 0.3, 0.4, 0.5, -0.1, 0.7];
     const BAR: [f64; 6] = [0.31, -0.22, 0.57, 0.84, -0.65, 0.19];
 
-    /// Each kind with how many coordinates and rates it has, and where these begin in the arrays above.
+    /// Each kind with its numbers of coordinates and velocities, and their offset in the arrays above.
     const KINDS: [(Motion<Number>, usize, usize, usize); 3] =
         [(Motion::Free, 7, 6, 0), (Motion::Spherical, 4, 3, 3), (Motion::Revolute, 1, 1, 0)];
 
@@ -198,18 +203,18 @@ mod tests {
         q
     }
 
-    /// q moved along d, to first order.
+    /// q displaced along d, to first order.
     fn tangent(motion: &Motion<Number>, q: &[Number], d: &[f64]) -> Vec<Number> {
         let along: Vec<Number> = d.iter().map(|&tangent| Dual { value: 0.0, tangent }).collect();
         let mut out = q.to_vec();
-        // The increment is zero and its tangent is not: by the rates, which are the derivative.
+        // The increment is zero with a nonzero tangent, so that the derivative is given by the coordinate velocities.
         let mut rates = vec![Dual::constant_of(0.0); q.len()];
         motion.coordinate_rates(q, &along, &mut rates);
         out.iter_mut().zip(&rates).for_each(|(out, rate)| *out = Dual { value: out.value, tangent: rate.tangent });
         out
     }
 
-    /// The tangent at q, whose coordinates have tangents: the rates that have these as theirs.
+    /// The tangent vector at q that corresponds to the tangents of the coordinates.
     fn rates_of(motion: &Motion<Number>, q: &[Number], nv: usize) -> Vec<f64> {
         let plain: Vec<Number> = q.iter().map(|x| Dual::constant_of(x.value)).collect();
         let columns: Vec<Vec<f64>> = (0..nv)
@@ -218,7 +223,7 @@ mod tests {
                 tangent(motion, &plain, &unit).iter().map(|x| x.tangent).collect()
             })
             .collect();
-        // Columns are orthogonal: of length one for positions, of one half for quaternions.
+        // Columns are orthogonal, of norm 1 for positions and 1/2 for quaternions.
         columns
             .iter()
             .map(|c| c.iter().zip(q).map(|(c, x)| c * x.tangent).sum::<f64>() / c.iter().map(|c| c * c).sum::<f64>())
@@ -233,7 +238,7 @@ mod tests {
         x.iter().map(|&x| Dual::constant_of(x)).collect()
     }
 
-    /// Adjoint against dual numbers, along every direction, for turns from none to nearly pi.
+    /// Compares adjoints with dual numbers along every direction, for rotations from zero to nearly pi.
     #[test]
     fn gradients_are_the_adjoint_of_derivatives() {
         for (motion, nq, nv, at) in KINDS {
@@ -258,7 +263,7 @@ mod tests {
                         motion.advance(&value(q), &moving(&x), &mut next);
                         near(plain(&of_x)[i], pairing(&bar, &rates_of(&motion, &next, nv)), (scale, "x of advance"));
                     } else {
-                        // The length of x has no derivative there.
+                        // At zero, the norm of x has no derivative.
                         near(plain(&of_q)[i], bar[i], (scale, "q of advance"));
                         near(plain(&of_x)[i], bar[i], (scale, "x of advance"));
                     }
@@ -277,7 +282,7 @@ mod tests {
         }
     }
 
-    /// Sums of a few numbers of about one, or of the square of x where that is more.
+    /// Compares sums of a few values of magnitude 1, or of the square of x if that is larger.
     fn near(found: f64, expected: f64, (scale, what): (f64, &str)) {
         let bound = 1e-13 * (scale * scale / 4.0).max(1.0);
         assert!((found - expected).abs() <= bound, "{what}, {scale}: {found} and {expected}");

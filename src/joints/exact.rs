@@ -1,8 +1,9 @@
-//! Steps of checked configurations: branches on values keep every digit of small angles.
+//! Operations on checked configurations of one state, with branches on values that keep full precision for small
+//! angles.
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
-/// A quaternion of a configuration, normalised.
+/// A quaternion of a configuration, normalized.
 pub(super) fn quaternion(q: &[f64]) -> UnitQuaternion<f64> {
     UnitQuaternion::new_normalize(Quaternion::new(q[3], q[0], q[1], q[2]))
 }
@@ -19,7 +20,7 @@ pub(super) fn exponential(w: &Vector3<f64>) -> UnitQuaternion<f64> {
     UnitQuaternion::new_normalize(Quaternion::from_parts(half.cos(), vector))
 }
 
-/// The rotation vector of a unit quaternion, of length at most pi.
+/// The rotation vector of a unit quaternion, with norm at most pi.
 pub(super) fn logarithm(q: &UnitQuaternion<f64>) -> Vector3<f64> {
     let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
     let vector = q.imag() * sign;
@@ -42,7 +43,7 @@ fn screw_coefficients(t: f64) -> (f64, f64) {
     (second, third)
 }
 
-/// The displacement of a body that turns by `w` while its own frame moves by `v`: (1 + b w~ + c w~ w~) v.
+/// Displacement of a body that rotates by `w` while it moves by `v` in its body frame: (1 + b w~ + c w~ w~) v.
 pub(super) fn left_jacobian_times(w: &Vector3<f64>, v: &Vector3<f64>) -> Vector3<f64> {
     let (b, c) = screw_coefficients(w.norm());
     let once = w.cross(v);
@@ -52,7 +53,7 @@ pub(super) fn left_jacobian_times(w: &Vector3<f64>, v: &Vector3<f64>) -> Vector3
 /// The inverse of [`left_jacobian_times`] in `v`: (1 - w~/2 + d w~ w~) u.
 pub(super) fn left_jacobian_inverse_times(w: &Vector3<f64>, u: &Vector3<f64>) -> Vector3<f64> {
     let (b, c) = screw_coefficients(w.norm());
-    // d = (1 - a/(2b))/t^2 with a = sinc t = 1 - c t^2 and 2 b = sinc(t/2)^2; written without the division by t^2.
+    // d = (1 - a/(2b))/t^2 with a = sinc t = 1 - c t^2 and 2 b = sinc(t/2)^2, written without the division by t^2.
     let d = (2.0 * c - squared_defect(w.norm())) / (4.0 * b);
     let once = w.cross(u);
     u - once * 0.5 + w.cross(&once) * d

@@ -1,6 +1,7 @@
-//! Position, then quaternion (x, y, z, w); rates are the linear, then the angular velocity in the child's frame.
+//! Free joint: position, then quaternion (x, y, z, w). Joint velocities are the linear, then the angular velocity in
+//! the child frame.
 
-use super::quaternion::{exponential, multiply, normalised, quaternion_rotation, rotation, turn_between};
+use super::quaternion::{exponential, multiply, normalized, quaternion_rotation, rotation, turn_between};
 use super::vectors::{cross, plus, triple, write};
 use super::{exact, spherical};
 use crate::scalar::Real;
@@ -16,14 +17,14 @@ pub(super) fn shift<T: Real>(tree: &RigidShift<T>, q: &[T]) -> RigidShift<T> {
     }
 }
 
-/// dq/dt: the linear velocity turned into the parent's frame, and half the quaternion times the angular one.
+/// dq/dt: the linear velocity in parent axes, and half the quaternion times the angular velocity.
 pub(super) fn coordinate_rates<T: Real>(q: &[T], v: &[T], rates: &mut [T]) {
     let turned = rotation(&q[3..7]).rotate(&triple(v));
     rates[..3].copy_from_slice(turned.as_slice());
     spherical::coordinate_rates(&q[3..7], &v[3..6], &mut rates[3..7]);
 }
 
-/// Along the screw of the twist v for unit time; the quaternion comes out unit.
+/// Moves along the screw of the twist v for unit time; the resulting quaternion has unit norm.
 #[inline(always)]
 pub(super) fn advance<T: Real>(q: &[T], v: &[T], out: &mut [T]) {
     let (linear, angular) = (triple(v), triple(&v[3..]));
@@ -32,10 +33,11 @@ pub(super) fn advance<T: Real>(q: &[T], v: &[T], out: &mut [T]) {
     let along = plus(&plus(&linear, b, &once), c, &cross(&angular, &once));
     let moved = rotation(&q[3..7]).rotate(&along);
     write(out, &plus(&triple(q), q[0].constant(1.0), &moved));
-    out[3..7].copy_from_slice(&normalised(&multiply(&[q[3], q[4], q[5], q[6]], &turn)));
+    out[3..7].copy_from_slice(&normalized(&multiply(&[q[3], q[4], q[5], q[6]], &turn)));
 }
 
-/// The rate of an increment x where the body moves with v: see [`Motion::carry_back`](super::Motion::carry_back).
+/// The time derivative of an increment x for the body velocity v: see
+/// [`Motion::carry_back`](super::Motion::carry_back).
 #[inline(always)]
 pub(super) fn carry_back<T: Real>(x: &[T], v: &mut [T]) {
     let (a, w) = (triple(x), triple(&x[3..]));
@@ -49,7 +51,7 @@ pub(super) fn carry_back<T: Real>(x: &[T], v: &mut [T]) {
     write(&mut v[3..], &plus(&plus(&angular, half, &turned), twelfth, &twice_turned));
 }
 
-/// The displacement from rest, then the rotation vector, in the child's frame.
+/// The displacement from rest, then the rotation vector, in the child frame.
 #[inline(always)]
 pub(super) fn displacement<T: Real>(rest: &[T], q: &[T], out: &mut [T]) {
     let moved = plus(&triple(q), q[0].constant(-1.0), &triple(rest));
@@ -57,7 +59,7 @@ pub(super) fn displacement<T: Real>(rest: &[T], q: &[T], out: &mut [T]) {
     write(&mut out[3..], &turn_between(&rest[3..7], &q[3..7]));
 }
 
-/// As [`advance`], of a checked configuration.
+/// As [`advance`], for a checked configuration.
 pub(super) fn integrate(q: &[f64], v: &[f64], out: &mut [f64]) {
     let (linear, angular) = (Vector3::new(v[0], v[1], v[2]), Vector3::new(v[3], v[4], v[5]));
     let start = exact::quaternion(&q[3..]);
@@ -66,7 +68,7 @@ pub(super) fn integrate(q: &[f64], v: &[f64], out: &mut [f64]) {
     out[3..].copy_from_slice((start * exact::exponential(&angular)).coords.normalize().as_slice());
 }
 
-/// The inverse of [`integrate`] in v, rotations the short way.
+/// The inverse of [`integrate`] in v; rotations take the shortest path.
 pub(super) fn difference(q0: &[f64], q1: &[f64], out: &mut [f64]) {
     let start = exact::quaternion(&q0[3..]);
     let angular = exact::logarithm(&(start.inverse() * exact::quaternion(&q1[3..])));

@@ -1,4 +1,4 @@
-//! The kinds of joints that people name.
+//! The joint types of scene descriptions.
 
 use super::frames::{axis_onto_z, turn};
 use super::parts::Parts;
@@ -7,34 +7,35 @@ use crate::spatial::RigidShift;
 use nalgebra::Vector3;
 use std::ops::Range;
 
-/// The kind of a joint.
+/// The type of a joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum JointKind {
-    /// No motion: the child is merged into its parent.
+    /// No motion: the child link is merged into its parent.
     Fixed,
-    /// Rotation about the axis, rad; with limits, as a rule.
+    /// Rotation about the axis, rad; usually with limits.
     Revolute,
-    /// Rotation about the axis, rad, without limits. The same dynamics as revolute.
+    /// Rotation about the axis, rad, without limits. The dynamics are those of a revolute joint.
     Continuous,
     /// Translation along the axis, m.
     Prismatic,
-    /// Rotation about the axis that advances along it.
+    /// Rotation about the axis with a proportional translation along it.
     Screw {
-        /// Advance, m/rad.
+        /// Pitch: translation per rotation, m/rad.
         pitch: f64,
     },
-    /// Motion in the plane whose normal is the axis: (u, v, theta), m, m, rad.
+    /// Motion in the plane perpendicular to the axis: (u, v, theta), m, m, rad.
     Planar,
-    /// Two angles about perpendicular axes, rad: about x, then about y of the frame that has turned so far. A Cardan joint.
+    /// Universal (Cardan) joint: two angles about perpendicular axes, rad, about x and then about y of the rotated
+    /// frame.
     Universal,
-    /// Quaternion (x, y, z, w); rates are the angular velocity in the child's frame.
+    /// Quaternion (x, y, z, w); joint velocities are the angular velocity in the child frame.
     Spherical,
-    /// Position and quaternion; rates are linear, then angular velocity in the child's frame.
+    /// Position and quaternion; joint velocities are the linear, then the angular velocity in the child frame.
     Floating,
 }
 
 impl JointKind {
-    /// Those that have no number of their own: a screw has its pitch.
+    /// The types without a parameter, that is, all except the screw.
     #[doc(hidden)]
     pub const PLAIN: [Self; 8] = [
         Self::Fixed,
@@ -70,7 +71,7 @@ impl JointKind {
         }
     }
 
-    /// The neutral coordinates: zero, quaternions the identity.
+    /// The neutral coordinates: zero, and the identity for quaternions.
     #[must_use]
     pub fn neutral(self) -> Vec<f64> {
         let mut neutral = vec![0.0; self.nq()];
@@ -80,7 +81,7 @@ impl JointKind {
         neutral
     }
 
-    /// Whether the joint's axis means anything.
+    /// True if the axis of the joint has a meaning.
     #[must_use]
     pub(crate) fn has_axis(self) -> bool {
         !matches!(self, Self::Fixed | Self::Universal | Self::Spherical | Self::Floating)
@@ -102,7 +103,7 @@ impl JointKind {
         }
     }
 
-    /// Where its quaternion is among its coordinates, if it has one.
+    /// The range of its quaternion among its coordinates, if it has one.
     #[must_use]
     pub fn quaternion(self) -> Option<Range<usize>> {
         match self {
@@ -112,7 +113,7 @@ impl JointKind {
         }
     }
 
-    /// The motions that it is made of, one after another, about this axis.
+    /// The elementary motions that compose the joint, for the given axis.
     #[must_use]
     #[doc(hidden)]
     pub fn parts(self, axis: &Vector3<f64>) -> Parts {
@@ -133,7 +134,8 @@ impl JointKind {
         }
     }
 
-    /// The coordinates from `q` along the rates `v` for unit time, of a checked configuration; quaternions come out unit.
+    /// Integrates the joint velocity `v` from `q` over unit time, for a checked configuration; quaternions are
+    /// normalized.
     pub(crate) fn integrate(self, q: &[f64], v: &[f64], out: &mut [f64]) {
         match self {
             Self::Spherical => spherical::integrate(q, v, out),
@@ -142,7 +144,7 @@ impl JointKind {
         }
     }
 
-    /// The rates that take `q0` to `q1` in unit time: the inverse of [`integrate`](Self::integrate).
+    /// The joint velocity that moves `q0` to `q1` in unit time: the inverse of [`integrate`](Self::integrate).
     pub(crate) fn difference(self, q0: &[f64], q1: &[f64], out: &mut [f64]) {
         match self {
             Self::Spherical => spherical::difference(q0, q1, out),

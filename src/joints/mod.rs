@@ -1,7 +1,8 @@
-//! Joints: one file a kind, and what all have in common.
+//! Joints: one file per type, and the code common to all.
 //!
-//! [`JointKind`] is what people name; it is made of [`Motion`]s about or along z, one body each. To add a kind that is made of motions that there
-//! are: a file with its parts, a line in each `match` of [`kind`], and its name in the docstring of `SceneBuilder.joint`.
+//! A [`JointKind`], the type that users name, consists of elementary [`Motion`]s about or along z, one body each. To
+//! add a type composed of existing motions, add a file with its parts, a line in each `match` of [`kind`], and its name
+//! in the docstring of `SceneBuilder.joint`.
 
 mod cotangents;
 mod exact;

@@ -1,4 +1,4 @@
-//! The motions that joints are made of, and what each does.
+//! Elementary joint motions and their operations.
 
 use super::{free, prismatic, revolute, screw, spherical};
 use crate::filter::{HingeMap, Rows};
@@ -6,20 +6,20 @@ use crate::scalar::Real;
 use crate::spatial::{RigidShift, cross_motion, zero};
 use nalgebra::Vector6;
 
-/// How a body moves against its parent. Axes were turned onto z when the scene was built.
+/// Motion of a body relative to its parent. Body frames were rotated so that axes are along z when the scene was built.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Motion<T> {
     /// Rotation about z, rad.
     Revolute,
     /// Translation along z, m.
     Prismatic,
-    /// Rotation about z that advances by the pitch, m/rad.
+    /// Rotation about z with a translation by the pitch, m/rad.
     Screw(T),
-    /// Quaternion (x, y, z, w); rates are the angular velocity in the body frame.
+    /// Quaternion (x, y, z, w); velocities are the angular velocity in the body frame.
     Spherical,
-    /// Position, then quaternion; rates are (linear, angular) velocity in the body frame.
+    /// Position, then quaternion; velocities are the (linear, angular) velocity in the body frame.
     Free,
-    /// None: a fixed joint that was not merged, or what is on the base and was not dropped.
+    /// No motion: a fixed joint that was not merged, or a body fixed to the base that was not removed.
     Fixed,
 }
 
@@ -46,7 +46,7 @@ impl<T: Real> Motion<T> {
         }
     }
 
-    /// phi from the body's frame to its parent's, at the joint's coordinates: the tree's shift, then the joint's.
+    /// phi from the body frame to the parent's, at the joint coordinates: the constant shift, then that of the joint.
     #[inline(always)]
     pub fn shift(&self, tree: &RigidShift<T>, q: &[T]) -> RigidShift<T> {
         match *self {
@@ -59,7 +59,7 @@ impl<T: Real> Motion<T> {
         }
     }
 
-    /// H* u in the body's frame; `like` says only of which kind its zeros are, for a body that does not move has no rate.
+    /// H* u in the body frame. `like` only determines the lanes of the zeros for a body that does not move.
     #[inline(always)]
     pub fn velocity(&self, u: &[T], like: T) -> Vector6<T> {
         let o = like.constant(0.0);
@@ -73,7 +73,7 @@ impl<T: Real> Motion<T> {
         }
     }
 
-    /// v x (H* qd), the acceleration that the joint's velocity adds.
+    /// v x (H* qd), the velocity product acceleration of the joint.
     #[inline(always)]
     pub fn velocity_product(&self, v: &Vector6<T>, joint: &Vector6<T>) -> Vector6<T> {
         match self {
@@ -84,7 +84,8 @@ impl<T: Real> Motion<T> {
         }
     }
 
-    /// dq/dt of the joint's coordinates at its rates: these themselves, but for quaternions and the position of a free joint.
+    /// dq/dt of the joint coordinates; equal to the joint velocities except for quaternions and the position of a free
+    /// joint.
     pub fn coordinate_rates(&self, q: &[T], v: &[T], rates: &mut [T]) {
         match self {
             Self::Spherical => spherical::coordinate_rates(q, v, rates),
@@ -94,7 +95,7 @@ impl<T: Real> Motion<T> {
         }
     }
 
-    /// The coordinates from `q` along the rates `v` for unit time; quaternions come out unit.
+    /// Integrates the joint velocities `v` from `q` over unit time; quaternions are normalized.
     #[inline(always)]
     pub fn advance(&self, q: &[T], v: &[T], out: &mut [T]) {
         match self {
@@ -105,8 +106,10 @@ impl<T: Real> Motion<T> {
         }
     }
 
-    /// The rate of the increment x, q = q0 exp(x), where the body moves with the velocity `v` at q: the inverse of the exponential's
-    /// derivative, v + [x, v]/2 + [x, [x, v]]/12, exact to the third power of x. In place; joints whose motions commute have it as it is.
+    /// Replaces the body velocity `v` at q = q0 exp(x) by the time derivative of the increment x.
+    ///
+    /// This is the inverse of the derivative of the exponential map, v + [x, v]/2 + [x, [x, v]]/12, exact to third
+    /// order in x. It is the identity for joints with commuting motions.
     #[inline(always)]
     pub fn carry_back(&self, x: &[T], v: &mut [T]) {
         match self {
@@ -116,8 +119,9 @@ impl<T: Real> Motion<T> {
         }
     }
 
-    /// How far the joint is from rest, in the child's frame: a difference of coordinates; the rotation vector from rest, at most pi
-    /// long; for a free joint the displacement, then that vector. Minus this is the gradient of half its square.
+    /// Displacement from the rest position in the child frame: the difference of coordinates; the rotation vector, of
+    /// norm at most pi; for a free joint the translation, then the rotation vector. It is the gradient of half its
+    /// square.
     #[inline(always)]
     pub fn displacement(&self, rest: &[T], q: &[T], out: &mut [T]) {
         match self {

@@ -1,14 +1,14 @@
-//! A joint as the motions that it is made of.
+//! A joint as a sequence of elementary motions.
 
 use super::Motion;
 use crate::spatial::RigidShift;
 
-/// A joint as motions one after another: of each the shift from its frame at zero to that of the one before (of the first to the joint's), and
-/// last that from the child's frame to the last one's.
+/// A joint as a sequence of elementary motions. Each has the constant pose of its frame in that of the preceding motion
+/// (for the first, in the joint frame); the last pose is that of the child frame in the frame of the last motion.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Parts {
-    /// Shifts and motions, from the parent on.
+    /// Constant poses and motions, beginning at the parent.
     pub motions: Vec<(RigidShift<f64>, Motion<f64>)>,
-    /// From the child's frame to that of the last motion.
+    /// Pose of the child frame in the frame of the last motion.
     pub end: RigidShift<f64>,
 }

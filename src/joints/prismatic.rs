@@ -1,16 +1,16 @@
-//! Translation along z, m.
+//! Prismatic joint: translation along z, m.
 
 use crate::scalar::Real;
 use crate::spatial::RigidShift;
 use nalgebra::{Vector3, Vector6};
 
-/// phi at this distance. 3 products.
+/// phi at this displacement. 3 products.
 #[inline(always)]
 pub(super) fn shift<T: Real>(tree: &RigidShift<T>, distance: T) -> RigidShift<T> {
     RigidShift { rotation: tree.rotation, lever: along_z(tree, distance) }
 }
 
-/// The origin's place in the parent's frame, moved along z by a distance.
+/// Position of the origin in the parent frame after a displacement along z.
 #[inline(always)]
 pub(super) fn along_z<T: Real>(tree: &RigidShift<T>, distance: T) -> Vector3<T> {
     let (r, l) = (&tree.rotation, &tree.lever);
@@ -21,7 +21,7 @@ pub(super) fn along_z<T: Real>(tree: &RigidShift<T>, distance: T) -> Vector3<T> 
     )
 }
 
-/// v x (H* qd): most of it is zero.
+/// v x (H* qd), most of whose entries are zero.
 #[inline(always)]
 pub(super) fn velocity_product<T: Real>(v: &Vector6<T>, u: T) -> Vector6<T> {
     let o = u.constant(0.0);

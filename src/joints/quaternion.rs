@@ -1,14 +1,14 @@
-//! Rotations by quaternions (x, y, z, w), in lanes: nothing branches on values, and only sums, products, quotients, roots, sines and cosines
-//! are used.
+//! Vectorized operations on rotations as quaternions (x, y, z, w): without branches on values, and with sums, products,
+//! quotients, square roots, sines and cosines only.
 
 use crate::scalar::Real;
 use crate::spatial::RigidShift;
 use nalgebra::{Matrix3, Vector3};
 
-/// How far the norm of a quaternion may be from one.
+/// Largest accepted deviation of the norm of a quaternion from 1.
 pub const QUATERNION_SLACK: f64 = 1e-3;
 
-/// Rotation matrix of a quaternion (x, y, z, w), normalised by its squared norm.
+/// Rotation matrix of a quaternion (x, y, z, w), normalized by its squared norm.
 #[inline(always)]
 pub fn quaternion_rotation<T: Real>(q: &[T]) -> Matrix3<T> {
     let (x, y, z, w) = (q[0], q[1], q[2], q[3]);
@@ -50,14 +50,14 @@ pub(super) fn multiply<T: Real>(a: &Quaternion<T>, b: &Quaternion<T>) -> Quatern
 }
 
 #[inline(always)]
-pub(super) fn normalised<T: Real>(q: &Quaternion<T>) -> Quaternion<T> {
+pub(super) fn normalized<T: Real>(q: &Quaternion<T>) -> Quaternion<T> {
     let s = (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]).sqrt().recip();
     [q[0] * s, q[1] * s, q[2] * s, q[3] * s]
 }
 
-/// A rotation vector's quaternion, and b = (1 - cos t)/t^2, c = (t - sin t)/t^3 of its length t.
+/// The quaternion of a rotation vector, and b = (1 - cos t)/t^2, c = (t - sin t)/t^3 for its norm t.
 ///
-/// What cancels in c for a small t is multiplied by t^2 wherever c is used.
+/// The cancellation in c for small t is harmless, because c is always multiplied by t^2.
 #[inline(always)]
 pub(super) fn exponential<T: Real>(w: &Vector3<T>) -> (Quaternion<T>, T, T) {
     let half = w[0].constant(0.5);
@@ -71,28 +71,28 @@ pub(super) fn exponential<T: Real>(w: &Vector3<T>) -> (Quaternion<T>, T, T) {
     ([w[0] * scale, w[1] * scale, w[2] * scale, cosine], b, c)
 }
 
-/// The rotation of a quaternion, without a lever.
+/// The rotation of a quaternion, with a zero lever.
 #[inline(always)]
 pub(super) fn rotation<T: Real>(q: &[T]) -> RigidShift<T> {
     let o = q[0].constant(0.0);
     RigidShift { rotation: quaternion_rotation(q), lever: Vector3::new(o, o, o) }
 }
 
-/// Halvings of an angle before its tangent's series is used.
+/// Number of halvings of an angle before the series of the arc tangent is used.
 const HALVINGS: usize = 4;
 
-/// The rotation vector from one quaternion to another, the short way.
+/// The rotation vector from one quaternion to another along the shortest path.
 ///
-/// With (v, w) the quaternion between them, w not negative, the angle is 2 atan2(|v|, w): each halving takes (v, w) to
-/// (v, w + 1), and what is left, a tangent below 1/10, goes through the series of the arc tangent.
+/// For the quaternion (v, w) between them with w >= 0, the angle is 2 atan2(|v|, w). Each halving replaces (v, w) by
+/// (v, w + 1); the series of the arc tangent evaluates the remaining tangent, which is below 1/10.
 #[inline(always)]
 pub(super) fn turn_between<T: Real>(from: &[T], to: &[T]) -> Vector3<T> {
     let one = to[0].constant(1.0);
-    let [x, y, z, w] = normalised(&multiply(&[-from[0], -from[1], -from[2], from[3]], &[to[0], to[1], to[2], to[3]]));
+    let [x, y, z, w] = normalized(&multiply(&[-from[0], -from[1], -from[2], from[3]], &[to[0], to[1], to[2], to[3]]));
     let sign = quotient(w, w.abs(), 1.0);
     let (mut v, mut w) = (Vector3::new(x * sign, y * sign, z * sign), w.abs());
     for _ in 0..HALVINGS {
-        // (v, w + 1) is along the root of a unit quaternion; its square is 2 (w + 1).
+        // (v, w + 1) is parallel to the square root of a unit quaternion; its squared norm is 2 (w + 1).
         let scale = (w + one + w + one).sqrt().recip();
         w = (w + one) * scale;
         v = Vector3::new(v[0] * scale, v[1] * scale, v[2] * scale);

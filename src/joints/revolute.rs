@@ -1,4 +1,4 @@
-//! Rotation about z, rad.
+//! Revolute joint: rotation about z, rad.
 
 use crate::scalar::Real;
 use crate::spatial::{RigidShift, from_rows, minus, row};
@@ -23,7 +23,7 @@ fn turned_row<T: Real>(r: [T; 3], s: T, c: T) -> [T; 3] {
     [r[0].mul_add(c, r[1] * s), minus(r[1], c, r[0], s), r[2]]
 }
 
-/// v x (H* qd): most of it is zero.
+/// v x (H* qd), most of whose entries are zero.
 #[inline(always)]
 pub(super) fn velocity_product<T: Real>(v: &Vector6<T>, w: T) -> Vector6<T> {
     let o = w.constant(0.0);

@@ -1,4 +1,4 @@
-//! Rotation about z that advances along it by the pitch, m/rad.
+//! Screw joint: rotation about z with a translation along it by the pitch, m/rad.
 
 use super::{prismatic, revolute};
 use crate::scalar::Real;

@@ -1,9 +1,9 @@
-//! Vectors in slices.
+//! Vector operations on slices.
 
 use crate::scalar::Real;
 use nalgebra::Vector3;
 
-/// Three numbers of a slice as a vector.
+/// The first three entries of a slice as a vector.
 #[inline(always)]
 pub(crate) fn triple<T: Real>(x: &[T]) -> Vector3<T> {
     Vector3::new(x[0], x[1], x[2])
@@ -25,7 +25,7 @@ pub(crate) fn plus<T: Real>(a: &Vector3<T>, s: T, b: &Vector3<T>) -> Vector3<T> 
     Vector3::new(s.mul_add(b[0], a[0]), s.mul_add(b[1], a[1]), s.mul_add(b[2], a[2]))
 }
 
-/// Writes a vector to where a slice begins.
+/// Writes a vector to the first three entries of a slice.
 #[inline(always)]
 pub(crate) fn write<T: Real>(to: &mut [T], x: &Vector3<T>) {
     to[0] = x[0];

@@ -1,9 +1,9 @@
-//! The numbers of a scene, ready for the sweeps: what the recursions read, in any scalar.
+//! The numerical model of a scene, which the recursions read, for any scalar type.
 
-pub mod omissions;
+pub mod simplifications;
 
 pub use crate::joints::Motion;
-pub use omissions::Omissions;
+pub use simplifications::Simplifications;
 
 use crate::filter::{Stage, System};
 use crate::scalar::Real;
@@ -11,13 +11,13 @@ use crate::spatial::{BodyInertia, BodyRoot, RigidShift, Symmetric3};
 use nalgebra::{Vector3, Vector6};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// The identity of a model in this process: scratch that was made for one model is refused by every other. Copies, also in another scalar, have the same
-/// identity; comparisons of models ignore it.
+/// The identity of a model in this process. Scratch memory made for one model is rejected by every other. Copies have
+/// the same identity, also in another scalar type; comparisons of models ignore it.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Identity(u64);
 
 impl Identity {
-    /// An identity that no model had before.
+    /// A new identity, unique in this process.
     pub(crate) fn unique() -> Self {
         static MADE: AtomicU64 = AtomicU64::new(0);
         Self(MADE.fetch_add(1, Ordering::Relaxed))
@@ -35,46 +35,47 @@ impl PartialEq for Identity {
     }
 }
 
-/// One moving body: fixed joints are merged unless asked not to be, a planar joint is three of these.
+/// One moving body. Fixed joints are merged unless that is disabled, and a planar joint consists of three bodies.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Body<T> {
-    /// Shift from the body's frame at zero configuration to its parent's frame.
+    /// Pose of the body frame in the parent's body frame at zero configuration.
     pub tree: RigidShift<T>,
-    /// M(k) about the body's frame.
+    /// Spatial inertia M(k) about the origin of the body frame.
     pub inertia: BodyInertia<T>,
-    /// Absolute sum of the terms that form each diagonal entry of M(k): what its rounding is measured by.
+    /// Sum of the absolute values of the terms of each diagonal entry of M(k), the scale of its rounding error.
     pub inertia_terms: Vector6<T>,
     /// The joint to the parent.
     pub motion: Motion<T>,
-    /// Index of its first coordinate in q.
+    /// Index in q of the first coordinate of the joint.
     pub q: usize,
 }
 
-/// The numbers of a scene: bodies from the base outward, the measurement system, gravity.
+/// The numerical model of a scene: bodies in order from base to tip, the measurement system, gravity.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Model<T> {
-    /// Bodies, parents before children, one for each stage of the system.
+    /// Bodies, parents before children, one per stage of the system.
     #[doc(hidden)]
     pub bodies: Vec<Body<T>>,
-    /// S with S S^T = M(k), from mass, mass centre and central inertia; none where a body's inertia is not positive.
+    /// Square root S with S S^T = M(k), from mass, center of mass and central inertia; `None` if the inertia is not
+    /// positive definite.
     #[doc(hidden)]
     pub inertia_roots: Vec<Option<BodyRoot<T>>>,
-    /// Tree, measurement rows and armature (as measurement noise).
+    /// Tree structure, measurement rows, and armature as measurement noise.
     pub system: System<T>,
     /// Number of coordinates in q.
     pub nq: usize,
     /// Gravity in the base frame, m/s^2.
     pub gravity: Vector3<T>,
-    /// What calls leave out.
+    /// Simplifications that calls apply.
     #[doc(hidden)]
-    pub omissions: Omissions,
+    pub simplifications: Simplifications,
     pub(crate) identity: Identity,
 }
 
 impl<T: Real> Model<T> {
     /// A model without bodies.
     #[doc(hidden)]
-    pub fn empty(gravity: Vector3<T>, omissions: Omissions) -> Self {
+    pub fn empty(gravity: Vector3<T>, simplifications: Simplifications) -> Self {
         let system = System { stages: Vec::new(), noise: Vec::new() };
         Self {
             bodies: Vec::new(),
@@ -82,12 +83,12 @@ impl<T: Real> Model<T> {
             system,
             nq: 0,
             gravity,
-            omissions,
+            simplifications,
             identity: Identity::unique(),
         }
     }
 
-    /// The identity of the model, which scratch that is made for it keeps.
+    /// The identity of the model, which scratch memory made for it stores.
     pub(crate) fn identity(&self) -> u64 {
         self.identity.number()
     }
@@ -97,7 +98,7 @@ impl<T: Real> Model<T> {
         self.system.rows()
     }
 
-    /// Number of rows on the longest path from the base.
+    /// Largest number of measurement rows on a path from the base to a tip.
     pub(crate) fn longest_path(&self) -> usize {
         let mut lengths: Vec<usize> = Vec::with_capacity(self.bodies.len());
         for stage in &self.system.stages {
@@ -106,7 +107,7 @@ impl<T: Real> Model<T> {
         lengths.into_iter().max().unwrap_or(0)
     }
 
-    /// Where the quaternions of spherical and free joints begin in q.
+    /// Indices in q of the first entries of the quaternions of spherical and free joints.
     pub(crate) fn quaternions(&self) -> Vec<usize> {
         let of = |body: &Body<T>| match body.motion {
             Motion::Spherical => Some(body.q),
@@ -116,7 +117,7 @@ impl<T: Real> Model<T> {
         self.bodies.iter().filter_map(of).collect()
     }
 
-    /// Appends a massless body; gives its index.
+    /// Appends a massless body and returns its index.
     #[doc(hidden)]
     pub fn push(&mut self, parent: Option<usize>, tree: RigidShift<T>, motion: Motion<T>, armature: T) -> usize {
         let rows = motion.rows();
@@ -136,10 +137,11 @@ impl<T: Real> Model<T> {
 }
 
 impl Model<f64> {
-    /// The same numbers, exactly where the scalar can hold them, in another scalar.
+    /// The same model in another scalar type, exact if the type can represent the values.
     ///
-    /// In one of more digits rotations are orthonormal to these, and inertias are those of their roots: both are one body there, and not two that differ by the
-    /// rounding of either, which a heavy body's light neighbors would notice.
+    /// In a wider scalar type, rotations are made orthonormal to its precision, and inertias are recomputed from their
+    /// square roots. Otherwise an inertia and its square root would differ by their f64 rounding errors, which is
+    /// significant for a light body next to a heavy one.
     #[must_use]
     pub fn cast<U: Real>(&self) -> Model<U> {
         let scalar = U::from_f64;
@@ -192,7 +194,7 @@ impl Model<f64> {
             },
             nq: self.nq,
             gravity: vector(&self.gravity),
-            omissions: self.omissions,
+            simplifications: self.simplifications,
             identity: self.identity,
         }
     }

@@ -1,14 +1,16 @@
-//! Adaptive steps to a tolerance, by the solvers of diffsol, in tangent coordinates that are centred anew as the motion turns.
+//! Adaptive integration to a tolerance with the solvers of diffsol, in tangent coordinates about a center
+//! configuration.
 //!
-//! Around a centre q0 a configuration is x of nv numbers: a joint of one axis adds its own; a spherical joint turns by the rotation vector
-//! w, R = R0 exp(w); a free joint is moved to p0 + R0 a and turned likewise. With the velocity of the body, (b, u) linear and angular,
+//! With a center q0, a configuration has coordinates x (nv). A joint of one axis adds its coordinate. A spherical joint
+//! rotates by the rotation vector w, R = R0 exp(w). A free joint has the position p0 + R0 a and the same rotation. For
+//! the body velocity (b, u), linear and angular,
 //!
 //! ```text
 //! da/dt = exp(w) b,    dw/dt = u + w x u/2 + c w x (w x u),    c = (1 - (t/2) cot(t/2))/t^2,  t = |w|
 //! ```
 //!
-//! so that (x, v) is a vector, and what the solver controls is the error on the manifold. The chart is good to |w| < 2 pi; a step that ends
-//! beyond 1 rad is the last before a new centre, where the solver starts afresh.
+//! Hence (x, v) is a vector, and the solver controls the error on the manifold. The chart is valid for |w| < 2 pi.
+//! After a step that ends beyond 1 rad, the center moves to the current configuration and the solver restarts.
 
 use super::manifold::advance;
 use super::method::Method;
@@ -19,10 +21,10 @@ use super::step::accelerations;
 use super::step_settings::StepSettings;
 use crate::error::Error;
 use crate::filter::Form;
+use crate::interrupt;
 use crate::joints::quaternion::quaternion_rotation;
 use crate::model::Motion;
 use crate::scene::Scene;
-use crate::watch;
 use diffsol::error::OdeSolverError;
 use diffsol::{
     DiffsolError, NalgebraLU, NalgebraMat, NalgebraVec, OdeBuilder, OdeEquations, OdeSolverMethod, OdeSolverStopReason,
@@ -31,20 +33,20 @@ use diffsol::{
 use nalgebra::{UnitQuaternion, Vector3};
 use std::cell::RefCell;
 
-/// A rotation further than this from the centre, rad, asks for a new one.
+/// Rotation from the center, rad, beyond which the center moves.
 const TURNED: f64 = 1.0;
 
-/// Half the distance of the states of a central difference, relative to the largest of 1 and their entries: the third root of the
-/// rounding, where truncation and rounding are alike.
+/// Half the distance of the two states of a central difference, relative to the larger of 1 and the largest entry: the
+/// cube root of eps, which balances truncation and rounding errors.
 const DIFFERENCE: f64 = 6.055_454_452_393_343e-6;
 
-/// The solver that picks the steps.
+/// The solver, which selects the steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Solver {
-    /// Explicit, order 5 with an error of order 4 (Tsitouras 2011): for smooth motion.
+    /// Explicit, order 5 with an error estimate of order 4 (Tsitouras 2011), for smooth motion.
     #[default]
     Tsit45,
-    /// Backward differences of order 1 to 5: for springs and damping that are stiff and damped, and for tight tolerances.
+    /// Backward differentiation formulas of order 1 to 5, for stiff springs with damping and for tight tolerances.
     Bdf,
     /// Implicit, order 2, L-stable (Hosea and Shampine 1996): for undamped stiff springs at loose tolerances.
     TrBdf2,
@@ -52,65 +54,65 @@ pub enum Solver {
     Esdirk34,
 }
 
-/// The torque that is given: (t, q, qd, torque), the last to be written, (nv); it is zero before.
+/// The applied torque as a function (t, q, qd, torque) that writes `torque` (nv), which is zero before the call.
 pub type TorqueLaw<'a> = &'a dyn Fn(f64, &[f64], &[f64], &mut [f64]);
 
-/// What is to be solved, and how tightly.
+/// An initial value problem and its tolerances.
 ///
 /// ```
 /// use phipsi::motion::{Adaptive, Solver};
 /// # fn main() -> Result<(), phipsi::Error> {
 /// let scene = phipsi::scenes::chain(2)?;
-/// let law = Adaptive { solver: Solver::Bdf, ..Adaptive::new(&scene) };
-/// let path = law.solve(&[0.3; 2], &[0.0; 2], &[0.0, 0.5, 1.0], &|_t, _q, qd, torque| torque[0] = -0.1 * qd[0])?;
+/// let problem = Adaptive { solver: Solver::Bdf, ..Adaptive::new(&scene) };
+/// let path = problem.solve(&[0.3; 2], &[0.0; 2], &[0.0, 0.5, 1.0], &|_t, _q, qd, torque| torque[0] = -0.1 * qd[0])?;
 /// assert_eq!(path.q.len(), 3 * 2);
 /// # Ok(())
 /// # }
 /// ```
 #[derive(Debug, Clone)]
 pub struct Adaptive<'a> {
-    /// What moves.
+    /// The scene.
     pub scene: &'a Scene,
-    /// How steps are made.
+    /// The solver.
     pub solver: Solver,
     /// Bound on the error of a step in (x, v), relative to each entry.
     pub rtol: f64,
-    /// The same, absolute: rad, m, rad/s, m/s.
+    /// Absolute bound on the error of a step: rad, m, rad/s, m/s.
     pub atol: f64,
-    /// What the joints do by themselves.
+    /// Armature, damping, springs and friction of the joints.
     pub properties: Properties,
-    /// A control law, if there is one.
+    /// The control law, if any.
     pub gains: Option<Gains>,
-    /// A solution of more steps is given up.
+    /// Largest number of steps of a solution.
     pub most_steps: usize,
 }
 
-/// States at the times that were asked for.
+/// States at the requested times.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Solution {
     /// Times, (rows), s.
     pub t: Vec<f64>,
     /// Configurations, (rows, nq).
     pub q: Vec<f64>,
-    /// Rates, (rows, nv).
+    /// Joint velocities, (rows, nv).
     pub qd: Vec<f64>,
-    /// Steps that were made.
+    /// Number of steps.
     pub steps: usize,
-    /// Right sides that were computed, those of Jacobians among them.
+    /// Number of evaluations of the right-hand side, including those for Jacobians.
     pub evaluations: usize,
-    /// Centres that the coordinates had.
-    pub centres: usize,
+    /// Number of centers.
+    pub centers: usize,
 }
 
-/// A solution that was given up.
+/// An integration that failed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("after {} steps, at t = {time} s: {error}", solution.steps)]
 pub struct Failure {
-    /// The rows before.
+    /// The rows computed before the failure.
     pub solution: Box<Solution>,
-    /// How far it came, s.
+    /// Time of the failure, s.
     pub time: f64,
-    /// What was wrong.
+    /// The error.
     pub error: Box<Error>,
 }
 
@@ -121,7 +123,7 @@ impl From<Failure> for Error {
 }
 
 impl<'a> Adaptive<'a> {
-    /// The explicit solver with tolerances of 1e-9 and the properties of the scene.
+    /// The explicit solver with tolerances of 1e-9 and the joint properties of the scene.
     #[must_use]
     pub fn new(scene: &'a Scene) -> Self {
         Self {
@@ -135,22 +137,23 @@ impl<'a> Adaptive<'a> {
         }
     }
 
-    /// Solves from (`q`, `qd`) at the first of `times`, which must rise; `torque` is asked at every stage. States at times between steps
-    /// come from the solver's own interpolation.
+    /// Integrates from (`q`, `qd`) at the first of `times`, which must increase; `torque` is evaluated at every stage.
+    /// The solver interpolates states at times between steps.
     ///
-    /// O(N) for a right side; the implicit solvers take 4 nv of them for a Jacobian, by central differences, and O(nv^3) to factor it.
+    /// One evaluation of the right-hand side is O(N). The implicit solvers need 4 nv evaluations per Jacobian (central
+    /// differences) and O(nv^3) for its factorization.
     ///
     /// # Errors
     ///
-    /// [`Failure`], with the rows before: tolerances or times that cannot be used, wrong lengths, numbers that are not finite, negative
-    /// properties, quaternions that are not unit; a joint without inertia; torques that are not finite; a solver that gives up, or needs
-    /// more steps than `most_steps`.
+    /// [`Failure`], with the rows computed so far, for invalid tolerances or times, wrong lengths, values that are not
+    /// finite, negative properties, quaternions that are not of unit norm, a joint without inertia, torques that are
+    /// not finite, a solver that fails, and more steps than `most_steps`.
     pub fn solve(&self, q: &[f64], qd: &[f64], times: &[f64], torque: TorqueLaw<'_>) -> Result<Solution, Failure> {
         let time = times.first().copied().unwrap_or(0.0);
         let refuse = |error| Failure { solution: Box::default(), time, error: Box::new(error) };
         self.check(q, qd, times).map_err(refuse)?;
         let field = RefCell::new(Field::new(self, torque));
-        let mut course = Course { law: self, field: &field, times, solution: Solution::default() };
+        let mut course = Integration { adaptive: self, field: &field, times, solution: Solution::default() };
         course.row(time, q, qd);
         let outcome = course.run((time, q.to_vec(), qd.to_vec()));
         let mut solution = course.solution;
@@ -172,13 +175,13 @@ impl<'a> Adaptive<'a> {
                 Some(pair) => format!("{} after {}", pair[1], pair[0]),
                 None => format!("{times:?}"),
             };
-            return Err(Error::argument("times", found, "finite times, the start first, each later than the last"));
+            return Err(Error::argument("times", found, "finite increasing times, the first of which is the start"));
         }
         self.scene.check_no_connections("adaptive steps")?;
         self.scene.check_no_contacts("adaptive steps")?;
         self.properties.check(self.scene)?;
         if self.properties.friction_speed == 0.0 {
-            let expected = "a positive speed: the solvers need smooth friction";
+            let expected = "a positive speed, because the solvers need regularized friction";
             return Err(Error::argument("friction_speed", "0", expected));
         }
         if let Some(gains) = &self.gains {
@@ -189,50 +192,50 @@ impl<'a> Adaptive<'a> {
     }
 }
 
-/// The right side around a centre.
+/// The right-hand side in the coordinates about a center.
 struct Field<'a> {
     scene: &'a Scene,
-    law: StepSettings,
+    settings: StepSettings,
     scratch: Scratch<f64>,
     solver: Checked,
     torque: TorqueLaw<'a>,
-    centre: Vec<f64>,
-    /// What was wrong with the last right side that could not be computed, since it was last asked.
+    center: Vec<f64>,
+    /// The error of the last evaluation that failed, until it is taken.
     error: Option<Error>,
     evaluations: usize,
 }
 
 impl<'a> Field<'a> {
     fn new(of: &Adaptive<'a>, torque: TorqueLaw<'a>) -> Self {
-        // Of the method only its being explicit is used: M is what it is.
+        // Of the method only its explicitness matters, so that the mass matrix has no additional noise.
         let laws = (of.properties.clone(), of.gains.clone());
-        let law = StepSettings::new(of.scene.model(), 1.0, Method::RungeKutta4, laws, Vec::new());
-        let mut scratch = Scratch::new(of.scene.model(), &law);
+        let settings = StepSettings::new(of.scene.model(), 1.0, Method::RungeKutta4, laws, Vec::new());
+        let mut scratch = Scratch::new(of.scene.model(), &settings);
         let solver = Checked::new(of.scene.model(), None, Form::Auto);
         if let Some(gains) = &of.gains {
             scratch.target.copy_from_slice(&gains.target);
             scratch.target_rate.copy_from_slice(&gains.target_rate);
         }
-        Self { scene: of.scene, law, scratch, solver, torque, centre: Vec::new(), error: None, evaluations: 0 }
+        Self { scene: of.scene, settings, scratch, solver, torque, center: Vec::new(), error: None, evaluations: 0 }
     }
 
-    /// The configuration at the coordinates `x`.
+    /// The configuration with the coordinates `x`.
     fn configuration(&self, x: &[f64], q: &mut [f64]) {
         let model = self.scene.model();
-        advance(model, &self.centre, x, q);
+        advance(model, &self.center, x, q);
         for (body, stage) in model.bodies.iter().zip(&model.system.stages) {
             if matches!(body.motion, Motion::Free) {
                 let (at, row) = (body.q, stage.first_row);
                 let moved =
-                    quaternion_rotation(&self.centre[at + 3..at + 7]) * Vector3::from_column_slice(&x[row..row + 3]);
+                    quaternion_rotation(&self.center[at + 3..at + 7]) * Vector3::from_column_slice(&x[row..row + 3]);
                 for i in 0..3 {
-                    q[at + i] = self.centre[at + i] + moved[i];
+                    q[at + i] = self.center[at + i] + moved[i];
                 }
             }
         }
     }
 
-    /// dy/dt of y = (x, v); NaN where it cannot be computed.
+    /// dy/dt of y = (x, v); NaN if the evaluation fails.
     fn rate(&mut self, t: f64, y: &[f64], out: &mut [f64]) {
         self.evaluations += 1;
         let (x, v) = y.split_at(y.len() / 2);
@@ -244,7 +247,7 @@ impl<'a> Field<'a> {
         (self.torque)(t, &q, v, &mut s.torque);
         let pushed = s.torque.iter().position(|u| !u.is_finite());
         s.set_stage(&q, v);
-        accelerations(&self.law, s, &mut self.solver);
+        accelerations(&self.settings, s, &mut self.solver);
         let lost = self.solver.lost.take();
         qdd.copy_from_slice(&s.m[0]);
         rates.copy_from_slice(v);
@@ -261,7 +264,7 @@ impl<'a> Field<'a> {
                 }
                 _ => continue,
             };
-            let carried = carried_back(&triple(x, turning), &triple(v, turning));
+            let carried = rotation_vector_rate(&triple(x, turning), &triple(v, turning));
             rates[turning..turning + 3].copy_from_slice(carried.as_slice());
         }
         if let Some(row) = pushed {
@@ -275,7 +278,7 @@ impl<'a> Field<'a> {
         out.fill(f64::NAN);
     }
 
-    /// The derivative of the rate along `direction`, by a central difference.
+    /// Directional derivative of dy/dt along `direction`, by a central difference.
     fn rate_along(&mut self, t: f64, y: &[f64], direction: &[f64], out: &mut [f64]) {
         let size = |x: &[f64]| x.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
         let long = size(direction);
@@ -293,8 +296,8 @@ impl<'a> Field<'a> {
         }
     }
 
-    /// The largest rotation from the centre, rad.
-    fn turned(&self, x: &[f64]) -> f64 {
+    /// Largest rotation from the center, rad.
+    fn rotated(&self, x: &[f64]) -> f64 {
         let model = self.scene.model();
         let angles = model.bodies.iter().zip(&model.system.stages).filter_map(|(body, stage)| {
             let at = match body.motion {
@@ -308,11 +311,11 @@ impl<'a> Field<'a> {
     }
 }
 
-/// The rate of the rotation vector `w` of a body that turns with `u`, in its own frame.
-fn carried_back(w: &Vector3<f64>, u: &Vector3<f64>) -> Vector3<f64> {
+/// Time derivative of the rotation vector `w` of a body with the angular velocity `u` in body axes.
+fn rotation_vector_rate(w: &Vector3<f64>, u: &Vector3<f64>) -> Vector3<f64> {
     let t = w.norm();
     let square = t * t;
-    // The series leaves 1e-13 of c at 0.05, where 1 - (t/2) cot(t/2) has lost as much.
+    // At t = 0.05 the series has a relative error of 1e-13, as large as the cancellation in 1 - (t/2) cot(t/2).
     let c = if t < 0.05 {
         1.0 / 12.0 + square * (1.0 / 720.0 + square / 30240.0)
     } else {
@@ -322,60 +325,60 @@ fn carried_back(w: &Vector3<f64>, u: &Vector3<f64>) -> Vector3<f64> {
     u + once * 0.5 + w.cross(&once) * c
 }
 
-/// A solution under way.
-struct Course<'a, 'f> {
-    law: &'a Adaptive<'a>,
+/// The state of an integration.
+struct Integration<'a, 'f> {
+    adaptive: &'a Adaptive<'a>,
     field: &'f RefCell<Field<'a>>,
     times: &'a [f64],
     solution: Solution,
 }
 
-/// Time, configuration and rates.
+/// Time, configuration and joint velocities.
 type State = (f64, Vec<f64>, Vec<f64>);
 
-impl Course<'_, '_> {
+impl Integration<'_, '_> {
     fn row(&mut self, t: f64, q: &[f64], v: &[f64]) {
         self.solution.t.push(t);
         self.solution.q.extend_from_slice(q);
         self.solution.qd.extend_from_slice(v);
     }
 
-    /// All segments, each around its own centre.
+    /// Integrates all segments, each with its own center.
     fn run(&mut self, mut state: State) -> Result<(), (f64, Error)> {
-        let width = 2 * self.law.scene.nv();
+        let width = 2 * self.adaptive.scene.nv();
         while self.solution.t.len() < self.times.len() {
             let (t, q, v) = state;
             if width == 0 {
-                // Nothing moves.
+                // A scene without degrees of freedom.
                 let next = self.times[self.solution.t.len()];
                 self.row(next, &q, &v);
                 state = (next, q, v);
                 continue;
             }
-            self.solution.centres += 1;
+            self.solution.centers += 1;
             let start = [vec![0.0; v.len()], v].concat();
             let mut rate = vec![0.0; width];
             {
                 let mut field = self.field.borrow_mut();
-                field.centre = q;
+                field.center = q;
                 field.rate(t, &start, &mut rate);
             }
             if !rate.iter().all(|x| x.is_finite()) {
-                return Err((t, self.cause("a rate that is not finite")));
+                return Err((t, self.cause("a time derivative that is not finite")));
             }
             state = self.segment(t, &start)?;
         }
         Ok(())
     }
 
-    /// From `y` around the centre that is set, until it is turned too far or the end.
+    /// Integrates from `y` with the current center until a joint has rotated too far, or to the last time.
     fn segment(&mut self, t: f64, y: &[f64]) -> Result<State, (f64, Error)> {
         let field = self.field;
         let failed = |error: DiffsolError| (t, self.cause(&error.to_string()));
         let problem = OdeBuilder::<NalgebraMat<f64>>::new()
             .t0(t)
-            .rtol(self.law.rtol)
-            .atol(vec![self.law.atol; y.len()])
+            .rtol(self.adaptive.rtol)
+            .atol(vec![self.adaptive.atol; y.len()])
             .rhs_implicit(
                 |y: &[f64], _p: &[f64], t: f64, out: &mut [f64]| field.borrow_mut().rate(t, y, out),
                 |y: &[f64], _p: &[f64], t: f64, along: &[f64], out: &mut [f64]| {
@@ -384,9 +387,9 @@ impl Course<'_, '_> {
             )
             .init(|_p: &[f64], _t: f64, out: &mut [f64]| out.copy_from_slice(y), y.len());
         let mut problem = problem.build().map_err(failed)?;
-        // Failures are counted over a whole solution, and 50 in all would end it.
+        // diffsol counts failures over the whole solution and would stop after 50.
         problem.ode_options.max_nonlinear_solver_failures = usize::MAX;
-        match self.law.solver {
+        match self.adaptive.solver {
             Solver::Tsit45 => self.steps(problem.tsit45().map_err(failed)?),
             Solver::Bdf => self.steps(problem.bdf::<NalgebraLU<f64>>().map_err(failed)?),
             Solver::TrBdf2 => self.steps(problem.tr_bdf2::<NalgebraLU<f64>>().map_err(failed)?),
@@ -394,13 +397,13 @@ impl Course<'_, '_> {
         }
     }
 
-    /// Steps of one solver, and the rows that fall due.
+    /// Runs one solver and stores the rows that are due.
     fn steps<'p, E, S>(&mut self, mut solver: S) -> Result<State, (f64, Error)>
     where
         E: OdeEquations<T = f64, V = NalgebraVec<f64>> + 'p,
         S: OdeSolverMethod<'p, E>,
     {
-        let (end, nv) = (self.times[self.times.len() - 1], self.law.scene.nv());
+        let (end, nv) = (self.times[self.times.len() - 1], self.adaptive.scene.nv());
         let at_end = match solver.set_stop_time(end) {
             Ok(()) => false,
             Err(DiffsolError::OdeSolverError(OdeSolverError::StopTimeAtCurrentTime)) => true,
@@ -410,10 +413,13 @@ impl Course<'_, '_> {
         loop {
             let before = solver.state().t;
             if !reached {
-                watch::check().map_err(|error| (before, error))?;
-                if self.solution.steps == self.law.most_steps {
+                interrupt::check().map_err(|error| (before, error))?;
+                if self.solution.steps == self.adaptive.most_steps {
                     let expected = "a solver for stiff motion, looser tolerances, or more steps";
-                    return Err((before, Error::argument("most_steps", self.law.most_steps.to_string(), expected)));
+                    return Err((
+                        before,
+                        Error::argument("most_steps", self.adaptive.most_steps.to_string(), expected),
+                    ));
                 }
                 self.field.borrow_mut().error = None;
                 match solver.step() {
@@ -426,7 +432,7 @@ impl Course<'_, '_> {
             if !y.iter().all(|x| x.is_finite()) {
                 return Err((before, self.cause("a state that is not finite")));
             }
-            let mut q = vec![0.0; self.law.scene.nq()];
+            let mut q = vec![0.0; self.adaptive.scene.nq()];
             while let Some(&due) = self.times.get(self.solution.t.len())
                 && (due <= t || reached)
             {
@@ -439,19 +445,19 @@ impl Course<'_, '_> {
                 self.field.borrow().configuration(&row[..nv], &mut q);
                 self.row(due, &q, &row[nv..]);
             }
-            if reached || self.field.borrow().turned(&y[..nv]) > TURNED {
+            if reached || self.field.borrow().rotated(&y[..nv]) > TURNED {
                 self.field.borrow().configuration(&y[..nv], &mut q);
                 return Ok((t, q, y[nv..].to_vec()));
             }
         }
     }
 
-    /// Why there is no next step: what the right side could not do, else what the solver says.
+    /// The reason for a failed step: the error of the right-hand side if there is one, else that of the solver.
     fn cause(&self, solver: &str) -> Error {
         let known = self.field.borrow_mut().error.take();
         known.unwrap_or_else(|| {
-            let found = format!("{solver} ({:?})", self.law.solver);
-            Error::argument("solver", found, "motion that can be followed: another solver or other tolerances")
+            let found = format!("{solver} ({:?})", self.adaptive.solver);
+            Error::argument("solver", found, "a motion that it can integrate: use another solver or other tolerances")
         })
     }
 }

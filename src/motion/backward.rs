@@ -1,25 +1,29 @@
-//! One step backward: gradients of a scalar by where a step ended become gradients by where it began, and by what acted meanwhile.
+//! Adjoint of one step: from gradients of a scalar by the end state to gradients by the initial state and by the
+//! torques, joint properties and inertias of the step.
 //!
-//! With a bar for the gradient of the scalar by a variable of `step`, each line of the step, from its last to its first, hands its gradient on:
+//! With a bar for the gradient of the scalar by a variable of `step`, the lines of the step are differentiated in
+//! reverse order:
 //!
 //! ```text
 //! q' = q exp(x), v' = v + h sum b_i m_i         l_i_bar += h b_i x_bar, m_i_bar += h b_i v'_bar
 //! l_i = c_i + h gamma_ii m_i                    m_i_bar += h gamma_ii l_i_bar
-//! (M + N) m_i = u_i - bias                      u_i_bar = (M + N)^-1 m_i_bar, and the reverse product of inverse dynamics at m_i for q_i, v_i and constants
+//! (M + N) m_i = u_i - bias                      u_i_bar = (M + N)^-1 m_i_bar; q_i, v_i and constants by the
+//!                                               reverse product of inverse dynamics at m_i
 //! N = r + h g d + h^2 g^2 k                     N_bar = -u_i_bar m_i, row by row
 //! ```
 //!
-//! and so on through torques of joints and stages. Configurations have gradients in their tangent spaces ([`Motion`](crate::joints::Motion)). A stage costs a factor of M, one
-//! more right side and a reverse product, all O(N), on the same sweeps as forward dynamics.
+//! and likewise for the joint torques and the preceding stages. Gradients by configurations are in their tangent spaces
+//! ([`Motion`](crate::joints::Motion)). A stage costs one factorization of M, one additional solve and one reverse
+//! product, all O(N), with the sweeps of forward dynamics.
 
 use super::method::STAGES;
-use super::modes::{LOCKED, observe_locks, set_modes};
+use super::modes::{STUCK_NOISE, set_modes, test_stuck_rows};
 use super::scratch::{Scratch, add_scaled, clear};
 use super::step::{finish_stage, finish_step, rounded_speed, set_friction, stage};
-use super::step_settings::By;
-use super::substeps::Lock;
+use super::step_settings::StepArguments;
+use super::substeps::RowSolution;
 use crate::batch::accelerations::Call;
-use crate::batch::arms::{Target, Vectorised};
+use crate::batch::arms::{Target, Vectorized};
 use crate::batch::{factor::with_factor, products};
 use crate::dynamics;
 use crate::dynamics::derivatives::{self, CoStates, Constants, Parameters, ProductScratch};
@@ -31,36 +35,36 @@ use crate::model::Model;
 use crate::scalar::{Real, lanes_but};
 use crate::workspace::Workspace;
 
-/// Gradients by what a step begins with, and by what acts during it; starts as NaN.
+/// Gradients by the initial state of a step and by the quantities that act during it; NaN initially.
 #[derive(Debug)]
 pub(super) struct StepGradients<T> {
-    /// By the state at the step's end.
+    /// By the end state of the step.
     pub end: [Vec<T>; 2],
-    /// By the state at its start.
+    /// By the initial state of the step.
     pub start: [Vec<T>; 2],
     /// By torque, armature, damping, stiffness and friction, (nv) each.
     pub acting: [Vec<T>; ACTING],
-    /// By the inertial parameters of each body; empty where they are not asked for.
+    /// By the inertial parameters of each body; empty if they are not requested.
     pub parameters: Vec<Parameters<T>>,
-    /// The same of one stage.
+    /// By the inertial parameters, of one stage.
     stage_parameters: Vec<Parameters<T>>,
-    /// Of the stages' rates and accelerations.
+    /// By the velocities l and accelerations m of the stages.
     l: [Vec<T>; STAGES],
     m: [Vec<T>; STAGES],
-    /// Of one stage: by its increment and by the carried velocity, and those by (q, v, u) of forward dynamics.
+    /// Of one stage: by its increment and its transported velocity, and by (q, v, u) of forward dynamics.
     x: Vec<T>,
     c: Vec<T>,
     of_dynamics: Vec<T>,
-    /// By friction's damping, which is that of the step's start.
+    /// By the secant coefficient of regularized friction, which is evaluated at the start of the step.
     chord: Vec<T>,
     /// The increment of the whole step.
     increment: Vec<T>,
     spring: Vec<T>,
 }
 
-/// How many kinds of numbers act at every degree of freedom.
+/// Number of quantities per degree of freedom with gradients.
 pub(super) const ACTING: usize = 5;
-/// The torque that was given is the first of them.
+/// Index of the applied torque.
 pub(super) const TORQUE: usize = 0;
 const ARMATURE: usize = 1;
 const DAMPING: usize = 2;
@@ -89,7 +93,7 @@ impl<T: Real> StepGradients<T> {
         }
     }
 
-    /// All that [`backward`] writes for others.
+    /// All results that [`backward`] writes for its caller.
     pub fn results(&mut self) -> impl Iterator<Item = &mut [T]> {
         let Self { start, acting, parameters, .. } = self;
         let rates = start.iter_mut().chain(acting).map(Vec::as_mut_slice);
@@ -97,31 +101,33 @@ impl<T: Real> StepGradients<T> {
     }
 }
 
-/// How accelerations of a stage, and gradients of a scalar of them, are found; both give the lanes that they doubt as bits.
+/// Computes the accelerations of a stage and their gradients. Both methods return, as bits, the lanes whose error
+/// estimate exceeds the tolerance.
 pub(super) trait BackwardSolver<T: Real> {
-    /// Writes qdd, and keeps the factor of M.
+    /// Writes qdd and keeps the factor of M.
     fn factor(&mut self, call: Call<'_, T>) -> u64;
 
-    /// Gradients by q, v and u where `cotangent` is that by qdd, with the factor that [`BackwardSolver::factor`] left; and by the parameters that there is room for.
+    /// Gradients by q, v and u for the `cotangent` of qdd, with the factor of the last [`BackwardSolver::factor`], and
+    /// by the parameters if `parameters` is not empty.
     fn gradients(&mut self, call: Call<'_, T>, cotangent: &[T], parameters: &mut [Parameters<T>], out: &mut [T])
     -> u64;
 }
 
-/// The compiled kernels of these instructions.
-pub(super) struct InLanes<T, I> {
+/// Solver with the compiled kernels of one instruction set.
+pub(super) struct VectorizedBackward<T, I> {
     target: I,
     form: Form,
     co_states: CoStates<T>,
     x: Vec<T>,
 }
 
-impl<T: Real, I> InLanes<T, I> {
+impl<T: Real, I> VectorizedBackward<T, I> {
     pub fn new(target: I, form: Form, (model, sweeps): (&Model<T>, &SweepModel<T>)) -> Self {
         Self { target, form, co_states: CoStates::new(sweeps), x: vec![T::from_f64(f64::NAN); model.nv()] }
     }
 }
 
-impl<T: Vectorised, I: Target> BackwardSolver<T> for InLanes<T, I> {
+impl<T: Vectorized, I: Target> BackwardSolver<T> for VectorizedBackward<T, I> {
     #[inline(always)]
     fn factor(&mut self, call: Call<'_, T>) -> u64 {
         with_factor(self.target, self.form, call)
@@ -143,11 +149,11 @@ impl<T: Vectorised, I: Target> BackwardSolver<T> for InLanes<T, I> {
     }
 }
 
-/// One state with every check, in the form of the workspace.
+/// Solver for one state with all checks, in the form of the workspace.
 pub(super) struct CheckedBackward {
     workspace: Workspace<f64>,
     products: ProductScratch<f64>,
-    /// The first pivot that was lost, since it was last taken.
+    /// The first singular pivot, until it is taken.
     pub lost: Option<LostPivot>,
 }
 
@@ -187,13 +193,13 @@ impl BackwardSolver<f64> for CheckedBackward {
     }
 }
 
-/// The solution of an event, whose accelerations are known.
-pub(super) struct OfEvent<'a> {
+/// Solver for an event, whose accelerations are known.
+pub(super) struct EventSolver<'a> {
     pub solver: &'a mut CheckedBackward,
     pub accelerations: &'a [f64],
 }
 
-impl BackwardSolver<f64> for OfEvent<'_> {
+impl BackwardSolver<f64> for EventSolver<'_> {
     fn factor(&mut self, call: Call<'_, f64>) -> u64 {
         call.qdd.copy_from_slice(self.accelerations);
         0
@@ -224,7 +230,7 @@ impl BackwardSolver<f64> for OfEvent<'_> {
     }
 }
 
-/// What [`BackwardSolver`] reads and writes at stage `i`.
+/// The arguments of [`BackwardSolver`] at stage `i`.
 #[inline(always)]
 fn at_stage<T: Real>(s: &mut Scratch<T>, i: usize) -> Call<'_, T> {
     Call {
@@ -236,90 +242,93 @@ fn at_stage<T: Real>(s: &mut Scratch<T>, i: usize) -> Call<'_, T> {
     }
 }
 
-/// From the gradients by the step's end to those by its start, the step being from `s.q` and `s.v`; gives the lanes whose error estimate exceeds its bound, whose modes do not
-/// hold until the end, or whose step is too long, as bits. `locks`: those of an event, in one state; none for a step whose modes follow from its start.
+/// Computes the gradients by the start of the step from those by its end; the step starts at `s.q` and `s.v`.
+///
+/// Returns as bits the lanes whose error estimate exceeds the tolerance, whose modes change before the end, or whose
+/// step is too long. `solutions` has the stuck rows of an event, for one state; `None` if the initial state determines
+/// the modes.
 #[inline(always)]
 pub(super) fn backward<T: Real, S: BackwardSolver<T>>(
-    by @ (law, scheme): By<'_>,
+    by @ (settings, scheme): StepArguments<'_>,
     s: &mut Scratch<T>,
     to: &mut StepGradients<T>,
     solver: &mut S,
-    locks: Option<&[Lock]>,
+    solutions: Option<&[RowSolution]>,
 ) -> u64 {
-    // Stages without weight only estimate the error.
+    // Stages of weight zero serve only the error estimate.
     let last = scheme.tableau.weights.iter().rposition(|&weight| weight != 0.0).unwrap_or(0);
-    let mut doubt = 0;
-    if law.rubs {
+    let mut fallback = 0;
+    if settings.regularized {
         set_friction(by, s);
     }
     set_modes(by, s);
-    if let Some(locks) = locks {
-        set_locks(by, s, locks);
+    if let Some(solutions) = solutions {
+        set_event_modes(by, s, solutions);
     }
     for i in 0..last {
         stage(by, s, i);
-        doubt |= solver.factor(at_stage(s, i));
-        observe_locks(s, i);
+        fallback |= solver.factor(at_stage(s, i));
+        test_stuck_rows(s, i);
         finish_stage(by, s, i);
     }
     for i in (0..=last).rev() {
         stage(by, s, i);
-        doubt |= solver.factor(at_stage(s, i));
-        observe_locks(s, i);
+        fallback |= solver.factor(at_stage(s, i));
+        test_stuck_rows(s, i);
         if i == last {
             finish_stage(by, s, i);
             to.of_end(by, s);
         }
-        if locks.is_none() {
+        if solutions.is_none() {
             release(s, &mut to.l[i]);
         }
         add_scaled(&mut to.m[i], scheme.tableau.gamma[i][i], &to.l[i]);
-        if locks.is_none() {
+        if solutions.is_none() {
             release(s, &mut to.m[i]);
         }
         to.c.copy_from_slice(&to.l[i]);
         let StepGradients { m, stage_parameters, of_dynamics, .. } = to;
-        doubt |= solver.gradients(at_stage(s, i), &m[i], stage_parameters, of_dynamics);
+        fallback |= solver.gradients(at_stage(s, i), &m[i], stage_parameters, of_dynamics);
         to.of_torques(by, s, i);
         to.of_stage(by, s, i);
     }
     to.of_friction(by, s);
-    if let Some(locks) = locks {
-        to.of_locks(s, locks);
+    if let Some(solutions) = solutions {
+        to.of_stuck_rows(s, solutions);
     } else {
-        // A joint at rest stays at rest, whatever follows from it.
+        // A joint that is at rest stays at rest for all perturbations.
         release(s, &mut to.start[1]);
         finish_step(by, s);
-        doubt |= lanes_but::<T>(|lane| s.consistent.lane(lane) > 0.0 && s.short_enough.lane(lane) > 0.0);
+        fallback |= lanes_but::<T>(|lane| s.consistent.lane(lane) > 0.0 && s.short_enough.lane(lane) > 0.0);
     }
-    doubt
+    fallback
 }
 
-/// Zero in the rows that are locked.
+/// Sets the rows of stuck joints to zero.
 #[inline(always)]
 fn release<T: Real>(s: &Scratch<T>, rates: &mut [T]) {
     for mode in &s.modes {
-        let free = mode.locked.constant(1.0) - mode.locked;
+        let free = mode.stuck.constant(1.0) - mode.stuck;
         rates[mode.row] *= free;
     }
 }
 
-/// The modes of an event.
-fn set_locks<T: Real>((law, scheme): By<'_>, s: &mut Scratch<T>, locks: &[Lock]) {
-    let hg = if law.rubs { scheme.tableau.gamma[0][0] } else { 0.0 };
-    for (mode, lock) in s.modes.iter_mut().zip(locks) {
-        (mode.locked, mode.target) = (T::from_f64(lock.locked), T::from_f64(lock.target));
-        s.dry[mode.row] = T::from_f64(lock.torque);
+/// Sets the modes of an event.
+fn set_event_modes<T: Real>((settings, scheme): StepArguments<'_>, s: &mut Scratch<T>, solutions: &[RowSolution]) {
+    let hg = if settings.regularized { scheme.tableau.gamma[0][0] } else { 0.0 };
+    for (mode, row_solution) in s.modes.iter_mut().zip(solutions) {
+        (mode.stuck, mode.target) = (T::from_f64(row_solution.stuck), T::from_f64(row_solution.target));
+        s.dry[mode.row] = T::from_f64(row_solution.torque);
         let of = &s.rows[mode.row];
         let moving = s.chord[mode.row].mul_add(T::from_f64(hg), of.noise);
-        s.model.system.noise[mode.row] = if lock.locked > 0.0 { T::from_f64(LOCKED) } else { moving };
+        s.model.system.noise[mode.row] = if row_solution.stuck > 0.0 { T::from_f64(STUCK_NOISE) } else { moving };
     }
 }
 
 impl<T: Real> StepGradients<T> {
-    /// Of where the step ended, and nothing yet of all else.
+    /// Gradients by the end of the step; all others are zero.
     #[inline(always)]
-    fn of_end(&mut self, (_, scheme): By<'_>, s: &Scratch<T>) {
+    fn of_end(&mut self, (_, scheme): StepArguments<'_>, s: &Scratch<T>) {
         let t = &scheme.tableau;
         let Self { end, start, acting, parameters, l, m, x, chord, increment, .. } = self;
         for numbers in acting {
@@ -346,9 +355,9 @@ impl<T: Real> StepGradients<T> {
         }
     }
 
-    /// Of what acts at the joints in stage `i`: springs, damping, friction and the control law, at `of_dynamics`.
+    /// Gradients through the joint torques of stage `i` (springs, damping, friction, control law), from `of_dynamics`.
     #[inline(always)]
-    fn of_torques(&mut self, (law, scheme): By<'_>, s: &Scratch<T>, i: usize) {
+    fn of_torques(&mut self, (settings, scheme): StepArguments<'_>, s: &Scratch<T>, i: usize) {
         let t = &scheme.tableau;
         let nv = s.rows.len();
         let Self { acting, parameters, stage_parameters, l, m, c, of_dynamics, chord, spring, .. } = self;
@@ -360,15 +369,15 @@ impl<T: Real> StepGradients<T> {
         for (row, of) in s.rows.iter().enumerate() {
             let (v, u_bar) = (s.v_stage[row], by_u[row]);
             let hg = v.constant(t.gamma[i][i]);
-            let slower = rounded_speed(law, v).recip();
+            let slower = rounded_speed(settings, v).recip();
             let noise_bar = -(u_bar * s.m[i][row]);
-            let v0 = law.properties.friction_speed;
+            let v0 = settings.properties.friction_speed;
             acting[TORQUE][row] += u_bar;
             acting[ARMATURE][row] += noise_bar;
             acting[DAMPING][row] = acting[DAMPING][row].minus_product(v, u_bar);
             acting[STIFFNESS][row] = acting[STIFFNESS][row].minus_product(s.displaced[row], u_bar);
-            // That of rows with exact friction is in their modes.
-            if law.rubs || law.properties.friction[row] == 0.0 {
+            // The friction of rows with exact friction is part of their modes.
+            if settings.regularized || settings.properties.friction[row] == 0.0 {
                 acting[FRICTION][row] = acting[FRICTION][row].minus_product(v * slower, u_bar);
             }
             // d/dv of v/sqrt(v^2 + v0^2) is v0^2/sqrt(v^2 + v0^2)^3.
@@ -385,7 +394,7 @@ impl<T: Real> StepGradients<T> {
                     m[j][row] = m[j][row].minus_product(gamma * damping, u_bar);
                 }
                 c[row] = c[row].minus_product(hg * stiffness, u_bar);
-                // By damping, whosever it is, and by the spring's part that is taken at the end.
+                // Gradients by the damping of joint and controller, and by the implicit part of the spring.
                 let by_damping = (hg * noise_bar).minus_product(sped, u_bar);
                 let by_stiffness = (hg * hg * noise_bar).minus_product(moved, u_bar);
                 acting[DAMPING][row] += by_damping;
@@ -393,14 +402,16 @@ impl<T: Real> StepGradients<T> {
                 chord[row] += by_damping;
             }
         }
-        for (mode, of) in s.modes.iter().zip(&law.set_valued).filter(|(_, of)| of.friction > 0.0) {
+        for (mode, of) in s.modes.iter().zip(&settings.set_valued).filter(|(_, of)| of.friction > 0.0) {
             let by_friction = s.dry[mode.row] * mode.friction.recip();
             acting[FRICTION][of.row] = by_friction.mul_add(by_u[of.row], acting[FRICTION][of.row]);
         }
         for (k, body) in s.model.bodies.iter().enumerate() {
             let stage = &s.model.system.stages[k];
             let (rows, at) = (stage.first_row..stage.first_row + stage.rows.count(), body.q);
-            for (is_pulled, rest, by_spring) in [(law.sprung[k], &s.rest, true), (law.pulled[k], &s.target, false)] {
+            for (is_pulled, rest, by_spring) in
+                [(settings.sprung_bodies[k], &s.rest, true), (settings.controlled_bodies[k], &s.target, false)]
+            {
                 if !is_pulled {
                     continue;
                 }
@@ -414,9 +425,9 @@ impl<T: Real> StepGradients<T> {
         }
     }
 
-    /// Of the state of stage `i`, on to the stages before it and to the step's start.
+    /// Gradients through the state of stage `i` to the stages before it and to the start of the step.
     #[inline(always)]
-    fn of_stage(&mut self, (_, scheme): By<'_>, s: &Scratch<T>, i: usize) {
+    fn of_stage(&mut self, (_, scheme): StepArguments<'_>, s: &Scratch<T>, i: usize) {
         let t = &scheme.tableau;
         let nv = s.rows.len();
         let Self { start: [start_q, start_v], l, m, x, c, of_dynamics, .. } = self;
@@ -435,7 +446,7 @@ impl<T: Real> StepGradients<T> {
         } else {
             add_scaled(start_q, 1.0, by_q);
         }
-        // c is by the velocity of the stage now, as by_v is.
+        // c and by_v are both gradients by the velocity of the stage.
         for by_velocity in [&c[..], by_v] {
             add_scaled(start_v, 1.0, by_velocity);
             for (m, &alpha) in m.iter_mut().zip(&t.alpha[i][..i]) {
@@ -447,28 +458,29 @@ impl<T: Real> StepGradients<T> {
         }
     }
 
-    /// Of the accelerations that an event locks rows at, which follow from its start.
-    fn of_locks(&mut self, s: &Scratch<T>, locks: &[Lock]) {
+    /// Gradients through the prescribed accelerations of stuck rows of an event, which depend on its initial state.
+    fn of_stuck_rows(&mut self, s: &Scratch<T>, solutions: &[RowSolution]) {
         let nv = s.rows.len();
         let Self { start: [start_q, start_v], of_dynamics, .. } = self;
         let by_u = &of_dynamics[2 * nv..];
-        for (mode, lock) in s.modes.iter().zip(locks).filter(|(_, lock)| lock.locked > 0.0) {
-            let by_target = by_u[mode.row] * T::from_f64(LOCKED);
-            let [by_q, by_v] = lock.slopes;
+        for (mode, row_solution) in s.modes.iter().zip(solutions).filter(|(_, row_solution)| row_solution.stuck > 0.0) {
+            let by_target = by_u[mode.row] * T::from_f64(STUCK_NOISE);
+            let [by_q, by_v] = row_solution.slopes;
             start_q[mode.row] = by_target.mul_add(T::from_f64(by_q), start_q[mode.row]);
             start_v[mode.row] = by_target.mul_add(T::from_f64(by_v), start_v[mode.row]);
         }
     }
 
-    /// Of friction's damping at the step's start, f/sqrt(v^2 + v0^2), which implicit methods take.
+    /// Gradients through the secant coefficient of friction, f/sqrt(v^2 + v0^2) at the start of the step, in implicit
+    /// methods.
     #[inline(always)]
-    fn of_friction(&mut self, (law, scheme): By<'_>, s: &Scratch<T>) {
-        if !scheme.implicit || law.properties.friction_speed == 0.0 {
+    fn of_friction(&mut self, (settings, scheme): StepArguments<'_>, s: &Scratch<T>) {
+        if !scheme.implicit || settings.properties.friction_speed == 0.0 {
             return;
         }
         for (row, of) in s.rows.iter().enumerate() {
             let v = s.v[row];
-            let slower = rounded_speed(law, v).recip();
+            let slower = rounded_speed(settings, v).recip();
             let by_chord = self.chord[row] * slower;
             self.acting[FRICTION][row] += by_chord;
             let turned = of.friction * v * (slower * slower);

@@ -1,4 +1,5 @@
-//! Decisions at the start of a rollout: the method that `Method::Auto` stands for, and the rows with exact friction or stops.
+//! Decisions at the start of a rollout: the method that `Method::Auto` selects, and the rows with exact friction or
+//! stops.
 
 use super::method::Method;
 use super::properties::{Gains, Properties};
@@ -9,7 +10,8 @@ use crate::scene::{Coupling, Scene};
 use crate::workspace::Workspace;
 use std::collections::HashMap;
 
-/// The rows with exact friction or stops; where joints are coupled, the independent ones, with the friction and the limits of those that follow.
+/// The rows with exact friction or stops. For coupled joints, these are the independent rows, with the friction and
+/// limits of the joints that follow them.
 pub(super) fn set_valued(
     scene: &Scene,
     coupling: Option<&Coupling>,
@@ -47,29 +49,32 @@ pub(super) fn set_valued(
     rows
 }
 
-/// The fastest rates of springs and damping times the step, up to which [`Method::Auto`] is explicit: below the bound of its stability, 2.8, for inertias change with q.
+/// [`Method::Auto`] is explicit if the largest rate of springs and damping times the step is below this value. The
+/// stability bound is 2.8; the margin allows for inertias that change with q.
 const SLOW: f64 = 0.5;
 
-/// A step that is a tenth of what error control takes for motion of some rad/s, s.
+/// The explicit method is tested with this step, s, under error control: a tenth of the steps it takes for motion of a
+/// few rad/s.
 pub(super) const CONTROLLED: f64 = 1e-3;
 
-/// What [`Method::Auto`] stands for: the explicit method of order 4 where the rates of springs, damping and gains are slow at this step, by the bounds sum d (M^-1)_jj and sum k (M^-1)_jj
-/// at the first state, and friction is exact.
+/// The method that [`Method::Auto`] selects: the explicit method of order 4 if springs, damping and gains are slow for
+/// this step, by the bounds sum d (M^-1)_jj and sum k (M^-1)_jj at the first state, and friction is exact.
 pub(super) fn choose(scene: &Scene, dt: f64, properties: &Properties, gains: Option<&Gains>, q: &[f64]) -> Method {
     let (nq, nv) = (scene.nq(), scene.nv());
-    let with = |own: &[f64], law: Option<&[f64]>| -> Vec<f64> {
-        own.iter().enumerate().map(|(i, x)| x + law.map_or(0.0, |law| law[i])).collect()
+    let with = |own: &[f64], settings: Option<&[f64]>| -> Vec<f64> {
+        own.iter().enumerate().map(|(i, x)| x + settings.map_or(0.0, |settings| settings[i])).collect()
     };
     let damping = with(&properties.damping, gains.map(|gains| &gains.derivative[..]));
     let stiffness = with(&properties.stiffness, gains.map(|gains| &gains.proportional[..]));
-    let rubs = properties.friction_speed > 0.0 && properties.friction.iter().any(|&f| f > 0.0);
-    if rubs || !scene.contacts().is_empty() {
+    let regularized = properties.friction_speed > 0.0 && properties.friction.iter().any(|&f| f > 0.0);
+    if regularized || !scene.contacts().is_empty() {
         return Method::Rosenbrock2;
     }
     if damping.iter().chain(&stiffness).all(|&x| x == 0.0) {
         return Method::RungeKutta4;
     }
-    // Each (M^-1)_jj is at most one over the inertia of the joint with everything else free, which one solve with the factor gives.
+    // (M^-1)_jj is at most 1 / (inertia of joint j with all other joints free), which one solve per joint with the
+    // factor computes.
     let Some(q) = q.get(..nq) else { return Method::Rosenbrock2 };
     let mut model = scene.model().clone();
     model.system.noise.clone_from(&properties.armature);

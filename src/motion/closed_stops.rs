@@ -1,9 +1,11 @@
-//! Joint stops of scenes with connections: a step that would end past a limit is made again with impulses at the limits that act, of order 1 (J. J. Moreau's time stepping).
+//! Joint stops of scenes with connections. A step that would end beyond a limit is repeated with impulses at the active
+//! limits, as in the first-order time stepping of J. J. Moreau.
 //!
 //! ```text
-//! v_free: velocities at the end without stops, on the connections      columns w_j = P M^-1 e_j, P the projection onto the connections of least kinetic energy
-//! 0 <= u + gap/h perpendicular to p >= 0, u = e_j (v_free + W p)        q' = q exp(h (v_free + W p)), onto the connections
-//! 0 <= u - e max(-u_start, 0) perpendicular to p >= 0                   v' = v_free + W p, onto the connections
+//! v_free: velocities at the end without stops, on the connections
+//! W: columns P M^-1 e_j, with P the projection onto the connections of least kinetic energy
+//! 0 <= u + gap/h perpendicular to p >= 0, u = e_j (v_free + W p)    q' = q exp(h (v_free + W p)), on the connections
+//! 0 <= u - e max(-u_start, 0) perpendicular to p >= 0               v' = v_free + W p, on the connections
 //! ```
 
 use super::constrained::{Constrained, Failure};
@@ -12,36 +14,38 @@ use super::manifold::advance;
 use super::scratch::Scratch;
 use super::step_settings::StepSettings;
 use super::substeps::StopImpact;
-use super::tally::STOPS;
-use crate::contact::{Cone, Effort, Limits, Told, expansion_kept};
+use super::totals::STOPS;
+use crate::contact::{Cone, Effort, Limits, SolveReport, expansion_kept};
 use crate::dynamics::contacts::LimitRow;
 use crate::dynamics::{factorise, solve};
 use crate::error::Error;
 use nalgebra::{DMatrix, DVector};
 
-/// A limit that was not near and ends further outside joins, rad or m.
+/// A limit that was inactive becomes active if the step ends further outside than this, rad or m.
 const LATE: f64 = 1e-12;
 
-/// A joint that the projection onto the connections moves further out of its limit, rad or m, is corrected, so often at the most.
+/// A joint that the projection onto the connections moves further beyond its limit than this, rad or m, is corrected,
+/// at most this number of times.
 const CURVED: f64 = 1e-9;
 const CORRECTIONS: usize = 3;
 
-/// A residual above it is an error.
+/// A residual above this is an error.
 const REFUSED: f64 = 1e-5;
 
-/// The limits that act in a step.
+/// The active limits of a step.
 struct Acting {
     near: Vec<usize>,
-    /// P M^-1 `e_j` of each, away from its limit.
+    /// P M^-1 `e_j` of each active limit, directed away from the limit.
     columns: Vec<Vec<f64>>,
     cone: Cone,
 }
 
 impl Constrained<'_> {
-    /// Keeps joints within their limits: makes the step again where `q_next` is past one. The impacts.
+    /// Keeps joints within their limits: repeats the step with stops if `q_next` is beyond a limit, and returns the
+    /// impacts.
     pub(super) fn stop(
         &mut self,
-        law: &StepSettings,
+        settings: &StepSettings,
         limits: &[LimitRow],
         s: &mut Scratch<f64>,
     ) -> Result<Vec<StopImpact>, Failure> {
@@ -49,19 +53,19 @@ impl Constrained<'_> {
         if !s.q_next.iter().chain(&s.v_next).all(|x| x.is_finite()) || !limits.iter().any(past) {
             return Ok(Vec::new());
         }
-        let noise = std::mem::replace(&mut s.model.system.noise, law.properties.armature.clone());
-        let outcome = self.stopped(law, limits, s);
+        let noise = std::mem::replace(&mut s.model.system.noise, settings.properties.armature.clone());
+        let outcome = self.stopped(settings, limits, s);
         s.model.system.noise = noise;
         outcome
     }
 
     fn stopped(
         &mut self,
-        law: &StepSettings,
+        settings: &StepSettings,
         limits: &[LimitRow],
         s: &mut Scratch<f64>,
     ) -> Result<Vec<StopImpact>, Failure> {
-        let h = law.step;
+        let h = settings.step;
         let mut free = s.v_next.clone();
         self.velocities_onto_connections(&s.model, &s.q, &mut free)?;
         let start: Vec<f64> = limits.iter().map(|limit| limit.velocity(&s.v)).collect();
@@ -94,7 +98,7 @@ impl Constrained<'_> {
                 break;
             }
             self.positions_onto_connections(&s.model, &mut s.q_next)?;
-            // The projection moves joints by the curvature of the connections.
+            // The projection moves joints because of the curvature of the connections.
             let mut worst = 0.0_f64;
             for (i, limit) in limits.iter().enumerate() {
                 let straight = limit.gap(&s.q) + h * limit.velocity(&next);
@@ -106,13 +110,18 @@ impl Constrained<'_> {
                 break;
             }
         }
-        // Velocities at the end: at rest at the stops, or those of rebounds, as far as they give no kinetic energy.
+        // Velocities at the end: zero at the stops, or rebound velocities limited so that the kinetic energy does not
+        // increase.
         let u = acting.rows(|i| limits[i].velocity(&free));
         let returning = |i: usize| if limits[i].gap(&s.q) < 0.0 { least[i] } else { 0.0 };
         let rest = self.solved(&acting, &free, returning, limits)?;
         let back = |i: usize| {
             let speed = limits[i].velocity(&free);
-            if rebounds(start[i], speed, law.restitution) { -law.restitution * start[i] } else { returning(i) }
+            if rebounds(start[i], speed, settings.restitution) {
+                -settings.restitution * start[i]
+            } else {
+                returning(i)
+            }
         };
         let mut all = rest.clone();
         let elastic = acting.near.iter().any(|&i| back(i) > returning(i));
@@ -130,12 +139,12 @@ impl Constrained<'_> {
             let (limit, impulse) = (&limits[i], all[3 * at + 2]);
             let rests = (!elastic && impulse > 0.0).then(|| returning(i));
             impacts.extend(settle_at(limit, (h, start[i]), (impulse, rests), (&mut s.q_next, &mut s.v_next)));
-            s.tally[STOPS] += 0.5 * impulse * limit.sign() * (s.v[limit.row] + s.v_next[limit.row]);
+            s.totals[STOPS] += 0.5 * impulse * limit.sign() * (s.v[limit.row] + s.v_next[limit.row]);
         }
         Ok(impacts)
     }
 
-    /// Adds limits to those that act.
+    /// Adds limits to the active set.
     fn join(
         &mut self,
         acting: &mut Acting,
@@ -143,7 +152,7 @@ impl Constrained<'_> {
         limits: &[LimitRow],
         s: &Scratch<f64>,
     ) -> Result<(), Failure> {
-        // The factor at q, which the projections below leave as it is; a pivot that is lost there has ended the step already.
+        // Factors M at q for the projections below; a singular pivot has ended the step before.
         factorise(&s.model, &mut self.scratch.workspace, &s.q, |_, _| {});
         for &i in late {
             let (mut torque, mut column) = (vec![0.0; s.v.len()], vec![0.0; s.v.len()]);
@@ -165,8 +174,9 @@ impl Constrained<'_> {
         Ok(())
     }
 
-    /// Impulses by the law, so that the velocities `free` become at least `least`. Where the connections do not let all joints return or rebound as fast, they only do not move
-    /// further out, which is always possible.
+    /// Impulses for which the velocities `free` become at least `least`. If the connections prevent joints from
+    /// returning or rebounding that fast, the condition is weakened to not moving further outside, which has a
+    /// solution.
     fn solved(
         &self,
         acting: &Acting,
@@ -177,32 +187,32 @@ impl Constrained<'_> {
         let mut residual = f64::NAN;
         for most in [f64::INFINITY, 0.0] {
             let c = acting.rows(|i| limits[i].velocity(free) - least(i).min(most));
-            // Contradictory rows are found out soon; the second problem has a solution.
+            // Contradictory rows are detected early; the weakened problem has a solution.
             let attempts = if most > 0.0 { 1 } else { usize::MAX };
             let effort = Effort { attempts, ..Effort::default() };
-            let (impulses, told): (_, Told) = acting.cone.impulses(&c, None, &Limits::beside(&c), effort);
-            if told.residual <= REFUSED {
+            let (impulses, solved): (_, SolveReport) = acting.cone.impulses(&c, None, &Limits::beside(&c), effort);
+            if solved.residual <= REFUSED {
                 return Ok(impulses);
             }
-            residual = told.residual;
+            residual = solved.residual;
         }
         let names = acting.near.iter().filter_map(|&i| {
             let row = limits[i].row;
             self.scene.joints().iter().find(|joint| joint.v.start == row).map(|joint| format!("{:?}", joint.name))
         });
         let argument = format!("limits of joints {}", names.collect::<Vec<_>>().join(", "));
-        let found = format!("stops that act together with the connections, a residual of {residual:.1e}");
+        let found = format!("stops that contradict the connections, with a residual of {residual:.1e}");
         Err((None, Some(Error::argument(argument, found, "a smaller dt, or limits=\"report\""))))
     }
 }
 
 impl Acting {
-    /// Normal rows, of the limits that act.
+    /// A vector with `of` in the normal rows of the active limits.
     fn rows(&self, of: impl Fn(usize) -> f64) -> DVector<f64> {
         DVector::from_fn(3 * self.near.len(), |row, _| if row % 3 == 2 { of(self.near[row / 3]) } else { 0.0 })
     }
 
-    /// Velocities after impulses.
+    /// Velocities after the impulses.
     fn moved(&self, v: &[f64], impulses: &DVector<f64>) -> Vec<f64> {
         let mut moved = v.to_vec();
         for (at, column) in self.columns.iter().enumerate() {

@@ -1,4 +1,5 @@
-//! Steps of scenes with connections: accelerations through them, and positions and velocities that stay on them.
+//! Steps of scenes with connections: constrained accelerations, and positions and velocities projected onto the
+//! connections.
 
 use super::scratch::Scratch;
 use super::solver::Solver;
@@ -15,37 +16,37 @@ use crate::scene::Scene;
 use crate::workspace::Workspace;
 
 /// The fix that the error of a step suggests.
-const SMALLER: &str = "a step after which small moves meet the connections: take a smaller dt";
+const SMALLER: &str = "a step that ends near a configuration that satisfies the connections: take a smaller dt";
 
-/// The lost pivot, or the error, that a step ends with.
+/// The singular pivot, or the error, that ends a step.
 pub(super) type Failure = (Option<LostPivot>, Option<Error>);
 
-/// One state, its accelerations through the connections.
+/// One state with its constrained accelerations.
 pub(super) struct Constrained<'a> {
     pub scene: &'a Scene,
-    pub scratch: &'a mut Closed,
+    pub scratch: &'a mut ConstrainedScratch,
     pub alpha: Option<f64>,
-    /// Of each row; none of it where it is empty.
+    /// Compliance per row; empty if all rows are rigid.
     pub compliance: &'a [f64],
 }
 
-/// Scratch of one state.
-pub(super) struct Closed {
+/// Scratch memory for one state.
+pub(super) struct ConstrainedScratch {
     pub workspace: Workspace<f64>,
     rows: ConstraintScratch,
-    /// The first fault since it was last taken.
+    /// The first fault, until it is taken.
     fault: Option<Fault>,
 }
 
-/// What went wrong.
+/// The reason why a step fails.
 enum Fault {
     Lost(LostPivot),
     Error(Error),
 }
 
-impl Closed {
-    pub fn new(scene: &Scene, law: &StepSettings, form: Form) -> Self {
-        let workspace = Workspace { tolerance: law.tolerance, ..Workspace::new(scene.model()) };
+impl ConstrainedScratch {
+    pub fn new(scene: &Scene, settings: &StepSettings, form: Form) -> Self {
+        let workspace = Workspace { tolerance: settings.tolerance, ..Workspace::new(scene.model()) };
         Self {
             workspace: workspace.in_form(form),
             rows: ConstraintScratch::new(scene.model(), scene.constraints()),
@@ -61,7 +62,7 @@ impl Closed {
             Err(at) => Some(Fault::Error(scene.no_direction(at))),
             Ok(outcome) => match self.workspace.lost_pivot(model, &outcome.pivots) {
                 Some(lost) => Some(Fault::Lost(lost)),
-                // What runs away is told as that.
+                // A diverging motion is reported as such.
                 None if is_finite => scene.check_agreement(&outcome).err().map(Fault::Error),
                 None => None,
             },
@@ -78,7 +79,7 @@ impl Solver<f64> for Constrained<'_> {
         (q, v, u): (&[f64], &[f64], &[f64]),
         qdd: &mut [f64],
     ) -> u64 {
-        let Closed { workspace, rows, .. } = &mut *self.scratch;
+        let ConstrainedScratch { workspace, rows, .. } = &mut *self.scratch;
         let (system, wanted) =
             ((model, self.scene.constraints()), RowsAre { alpha: self.alpha, compliance: self.compliance });
         let outcome = constrained_dynamics(system, workspace, rows, (q, v, u), (&[], wanted), qdd);
@@ -89,14 +90,15 @@ impl Solver<f64> for Constrained<'_> {
 }
 
 impl Constrained<'_> {
-    /// The end of a step: `q_next` and `v_next` onto the connections, unless accelerations do that; what went wrong in the step.
+    /// Ends a step: projects `q_next` and `v_next` onto the connections unless the accelerations are stabilized.
+    /// Returns the fault of the step.
     pub fn finish(&mut self, s: &mut Scratch<f64>) -> Result<(), Failure> {
         match self.scratch.fault.take() {
             Some(Fault::Lost(lost)) => return Err((Some(lost), None)),
             Some(Fault::Error(error)) => return Err((None, Some(error))),
             None => {}
         }
-        // What has run away is told as that.
+        // A diverging motion is reported as such.
         if self.alpha.is_some() || !s.q_next.iter().chain(&s.v_next).all(|x| x.is_finite()) {
             return Ok(());
         }
@@ -105,9 +107,9 @@ impl Constrained<'_> {
         self.velocities_onto_connections(scene.model(), &s.q_next, &mut s.v_next)
     }
 
-    /// Moves `q` onto the connections.
+    /// Projects `q` onto the connections.
     pub(super) fn positions_onto_connections(&mut self, model: &Model<f64>, q: &mut [f64]) -> Result<(), Failure> {
-        let (scene, Closed { workspace, rows, .. }) = (self.scene, &mut *self.scratch);
+        let (scene, ConstrainedScratch { workspace, rows, .. }) = (self.scene, &mut *self.scratch);
         let positions = project_positions((model, scene.constraints()), workspace, rows, q, self.compliance)
             .map_err(|at| (None, Some(scene.no_direction(at))))?;
         if let Some(lost) = workspace.lost_pivot(model, &positions.pivots) {
@@ -117,14 +119,15 @@ impl Constrained<'_> {
         Err((None, Some(scene.open_at("the end of a step", row, positions.left, "m or rad", SMALLER))))
     }
 
-    /// Removes from `v` what opens the connections at `q`; the factor of the mass matrix at `q` is then in the workspace.
+    /// Projects `v` onto the velocities that satisfy the connections at `q`. The workspace then has the factor of M at
+    /// `q`.
     pub(super) fn velocities_onto_connections(
         &mut self,
         model: &Model<f64>,
         q: &[f64],
         v: &mut [f64],
     ) -> Result<(), Failure> {
-        let (scene, Closed { workspace, rows, .. }) = (self.scene, &mut *self.scratch);
+        let (scene, ConstrainedScratch { workspace, rows, .. }) = (self.scene, &mut *self.scratch);
         let velocities = project_velocities((model, scene.constraints()), workspace, rows, (q, v), self.compliance)
             .map_err(|at| (None, Some(scene.no_direction(at))))?;
         if let Some(lost) = workspace.lost_pivot(model, &velocities.pivots) {

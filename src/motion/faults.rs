@@ -1,4 +1,4 @@
-//! What is wrong with a step.
+//! Checks of a step.
 
 use super::properties::joint_of_row;
 use super::scratch::Scratch;
@@ -7,39 +7,44 @@ use crate::error::Error;
 use crate::filter::pivots::LostPivot;
 use crate::scene::Scene;
 
-/// A joint that moves by more than this in one step (rad or m) has left what can be called motion.
-pub(super) const FARTHEST: f64 = 1e9;
+/// Largest displacement of a joint in one step, rad or m; beyond, the motion has diverged.
+pub(super) const LARGEST_STEP: f64 = 1e9;
 
-/// What is wrong with a checked step: the joint and the error.
+/// The fault of a checked step: the joint and the error.
 pub(super) fn fault_of(
     scene: &Scene,
-    law: &StepSettings,
+    settings: &StepSettings,
     s: &Scratch<f64>,
     lost: Option<LostPivot>,
 ) -> Option<(String, Error)> {
-    let limit = FARTHEST / law.step;
+    let limit = LARGEST_STEP / settings.step;
     let strayed = s.v_next.iter().position(|v| !(v.abs() <= limit));
     let finite = s.v.iter().chain(&s.q).all(|x| x.is_finite());
     if let Some(lost) = lost {
-        // A pivot that is not finite comes of a state that ran away within the step.
+        // A pivot that is not finite follows from a state that diverged within the step.
         if lost.pivot.is_finite() && lost.terms.is_finite() && finite {
             let joint = scene.joint_of_body(lost.stage).map(|joint| joint.name.clone()).unwrap_or_default();
             return Some((joint, scene.singular(lost)));
         }
     }
-    if strayed.is_none() && s.q_next.iter().all(|q| q.is_finite()) && !s.keeper.correction.iter().all(|x| x.is_finite())
+    if strayed.is_none()
+        && s.q_next.iter().all(|q| q.is_finite())
+        && !s.momentum.correction.iter().all(|x| x.is_finite())
     {
-        let joint = law.roots.first().map(|&k| joint_of_row(scene, scene.model().system.stages[k].first_row));
-        let found = "a tree whose inertia about its mass centre is lost in rounding";
-        let expected = "free joints at bodies that are not much further from the mass centre than the tree is large";
+        let joint = settings.roots.first().map(|&k| joint_of_row(scene, scene.model().system.stages[k].first_row));
+        let found = "a tree whose inertia about its center of mass is below the rounding error";
+        let expected =
+            "free joints at bodies whose distance from the center of mass is comparable to the size of the tree";
         return Some((joint.unwrap_or_default(), Error::argument("conserve_momentum", found, expected)));
     }
     let row = strayed.or_else(|| s.q_next.iter().any(|q| !q.is_finite()).then_some(0))?;
     let joint = joint_of_row(scene, row);
     let error = Error::Argument {
-        argument: format!("rate of joint {joint:?}"),
-        found: format!("{} after a step of {} s, from {}", s.v_next[row], law.step, s.v[row]),
-        expected: format!("a rate below {limit:.1e}: motion has diverged; take a smaller dt, or method=\"auto\""),
+        argument: format!("velocity of joint {joint:?}"),
+        found: format!("{} after a step of {} s, from {}", s.v_next[row], settings.step, s.v[row]),
+        expected: format!(
+            "a velocity below {limit:.1e}: the motion has diverged; take a smaller dt, or method=\"auto\""
+        ),
     };
     Some((joint, error))
 }

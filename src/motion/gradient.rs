@@ -1,8 +1,10 @@
-//! Gradients of a function of a trajectory: backward through all steps of a rollout, from its last recorded row to its start.
+//! Gradients of a function of a trajectory by backpropagation through all steps of a rollout, from the last recorded
+//! row to the start.
 //!
-//! Recorded rows are the checkpoints. Between two of them the steps are made again and kept, or where they are many some of them, from which the others are made in turn: the
-//! memory of a thread grows with the root of how many lie between two rows. With every row recorded no step is made again. `reverser` goes through the steps, `backward`
-//! through one.
+//! Recorded rows are the checkpoints. Between two of them the steps are recomputed and stored. If there are many, only
+//! some are stored, from which the others are recomputed, so that the memory per thread grows with the square root of
+//! the number of steps between rows. If every step is recorded, none is recomputed. `reverser` iterates over the steps;
+//! `backward` differentiates one.
 
 use super::backward::ACTING;
 use super::reverser::{Job, Reverser};
@@ -12,56 +14,58 @@ use crate::batch::{Batch, Fault, Pool};
 use crate::dynamics::derivatives::Parameters;
 use crate::error::{Error, check_finite, check_length};
 use crate::scene::Scene;
-use crate::{memory, watch};
+use crate::{interrupt, memory};
 use std::borrow::Borrow;
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
-/// The rows of a rollout, as [`Records`](super::Records) were written, and the gradients of a scalar by them.
+/// The recorded rows of a rollout (see [`Records`](super::Records)), and the gradients of a scalar by them.
 #[derive(Debug, Clone, Copy)]
 pub struct RecordedRows<'a> {
-    /// Configurations, (states, rows, nq), the first at the start.
+    /// Configurations, (states, rows, nq); the first row is the start.
     pub q: &'a [f64],
-    /// Rates, (states, rows, nv).
+    /// Joint velocities, (states, rows, nv).
     pub qd: &'a [f64],
-    /// A row after so many steps.
+    /// Number of steps between rows.
     pub every: usize,
-    /// The gradients by `q`, in the tangent space of each row, (states, rows, nv).
+    /// Gradients by `q`, in the tangent space of each row, (states, rows, nv).
     pub by_q: &'a [f64],
-    /// By `qd`, (states, rows, nv).
+    /// Gradients by `qd`, (states, rows, nv).
     pub by_qd: &'a [f64],
 }
 
-/// Gradients of a scalar of recorded rows, for each state by itself, one state after another.
+/// Gradients of a scalar function of recorded rows, computed for each state separately, one state after another.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RolloutGradients {
-    /// By the configuration at the start, in its tangent space, (nv).
+    /// By the initial configuration, in its tangent space, (nv).
     pub q: Vec<f64>,
-    /// By the rates at the start, (nv).
+    /// By the initial joint velocities, (nv).
     pub qd: Vec<f64>,
-    /// By the torques as they were given: (nv), or (steps, nv) of steps. Where none were given, as for constant ones.
+    /// By the applied torques in their shape: (nv) for constant torques, also if there are none, or (steps, nv).
     pub torque: Vec<f64>,
-    /// By the armature of every degree of freedom, (nv).
+    /// By the armature, (nv).
     pub armature: Vec<f64>,
-    /// By its damping, (nv).
+    /// By the damping, (nv).
     pub damping: Vec<f64>,
-    /// By its stiffness, (nv).
+    /// By the stiffness, (nv).
     pub stiffness: Vec<f64>,
-    /// By its friction, (nv).
+    /// By the friction, (nv).
     pub friction: Vec<f64>,
-    /// By (m, m c, I) of each body of the model about its frame's origin, in the order of [`Parameters`], (bodies); empty where not asked for.
+    /// By (m, m c, I) of each body of the model about the origin of its frame, in the order of [`Parameters`],
+    /// (bodies); empty if not requested.
     pub parameters: Vec<Parameters<f64>>,
 }
 
-/// As many times as long as a step forward one backward takes, roughly; decides about threads.
+/// Approximate cost of a step backward relative to a step forward; it determines the number of threads.
 const COST: usize = 4;
 
 impl<S: Borrow<Scene>> Rollout<S> {
-    /// Gradients of a scalar of the rows that a rollout recorded: one that was made as this one, and advanced by `steps` steps with these torques. Of this one's states only their
-    /// number is read.
+    /// Gradients of a scalar function of the rows that a rollout recorded, by backpropagation.
     ///
-    /// By the adjoint of every step, O(N) a stage; steps after the last row change nothing. `parameters`: whether to give those by inertias. In the form of the rollout: a
-    /// step in doubt is gone back through with every check.
+    /// The rollout must have been created like this one and advanced by `steps` steps with these torques. Only the
+    /// number of states of this rollout is used. Uses the adjoint of every step, O(N) per stage; steps after the last
+    /// row do not contribute. `parameters` requests the gradients by inertial parameters. The form is that of the
+    /// rollout; a step whose error estimate exceeds the tolerance is recomputed with all checks.
     ///
     /// ```
     /// use phipsi::motion::{RecordedRows, Records, Rollout, Settings, Torque};
@@ -71,12 +75,12 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// let (mut q, mut qd) = ([0.0; 101 * 7], [0.0; 101 * 7]);
     /// let mut records = Records { q: &mut q, qd: &mut qd, contacts: &mut [], every: 1 };
     /// rollout.advance(100, &Torque::Zero, Some(&mut records)).map_err(|fault| fault.error)?;
-    /// // Of the first joint's angle at the end.
+    /// // The scalar is the first joint angle at the end.
     /// let mut by_q = [0.0; 101 * 7];
     /// by_q[100 * 7] = 1.0;
     /// let rows = RecordedRows { q: &q, qd: &qd, every: 1, by_q: &by_q, by_qd: &[0.0; 101 * 7] };
     /// let gradients = rollout.gradients(&Torque::Zero, 100, &rows, false).map_err(|fault| fault.error)?;
-    /// // A torque at that joint turns it, the more the less inertia there is.
+    /// // A torque at that joint increases its angle.
     /// assert!(gradients.torque[0] > 0.0);
     /// # Ok(())
     /// # }
@@ -84,8 +88,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
     ///
     /// # Errors
     ///
-    /// Rows or torques of other lengths than they should have, and numbers that are not finite; `conserve_momentum`, whose corrections have no gradient here. As
-    /// [`Rollout::advance`], with the step at fault; gradients that are not finite.
+    /// Wrong lengths of rows or torques, and values that are not finite; `conserve_momentum`, whose corrections have no
+    /// gradients; the errors of [`Rollout::advance`], with the failed step; gradients that are not finite.
     pub fn gradients(
         &self,
         torque: &Torque<'_>,
@@ -105,7 +109,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let layout = Layout { nv, torques: if matches!(torque, Torque::Steps { .. }) { steps } else { 1 }, bodies };
         let width = layout.width();
         let mut all = memory::filled("q", states.saturating_mul(width), 0.0).map_err(refuse)?;
-        let law = &self.law.backward();
+        let settings = &self.settings.backward();
         let pool = Pool::default();
         let (form, arm, cost) = (self.form, self.arm, COST.saturating_mul(self.cost()).saturating_mul(steps.max(1)));
         let make = || Reverser::new(form, arm);
@@ -115,7 +119,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             for from in range.clone().step_by(lanes) {
                 let to = (from + lanes).min(range.end);
                 let out = &mut out[(from - range.start) * width..(to - range.start) * width];
-                let job = Job { scene, law, torque, rows, count, states: from..to, layout };
+                let job = Job { scene, settings, torque, rows, count, states: from..to, layout };
                 if let Err(found) = reverser.run(&job, out) {
                     let mut fault = fault.lock().unwrap_or_else(PoisonError::into_inner);
                     if fault.as_ref().is_none_or(|known| found.state < known.state) {
@@ -132,17 +136,17 @@ impl<S: Borrow<Scene>> Rollout<S> {
         layout.apart(&all, states).map_err(refuse)
     }
 
-    /// How many rows there are, if all lengths fit.
+    /// The number of rows, after checking all lengths.
     fn check_rows(&self, rows: &RecordedRows<'_>, steps: usize) -> Result<usize, Fault> {
         let RecordedRows { q, qd, every, by_q, by_qd } = *rows;
         let (scene, states) = (self.scene(), self.states());
         let refuse = |error| Fault { state: 0, error };
-        if !self.law.roots.is_empty() {
-            let expected = "a rollout without it, whose steps have gradients";
+        if !self.settings.roots.is_empty() {
+            let expected = "false, because gradients of its corrections are not available";
             return Err(refuse(Error::argument("conserve_momentum", "true", expected)));
         }
-        if self.law.coupling.is_some() {
-            let expected = "a scene with mimic=\"free\", whose steps have gradients";
+        if self.settings.coupling.is_some() {
+            let expected = "a scene with mimic=\"free\", because gradients of coupled joints are not available";
             return Err(refuse(Error::argument("scene", "joints that follow others (mimic)", expected)));
         }
         if every == 0 {
@@ -159,25 +163,26 @@ impl<S: Borrow<Scene>> Rollout<S> {
             }
         }
         for (row, q) in q.chunks_exact(scene.nq().max(1)).enumerate() {
-            let checked = watch::check_at(row, 1_024).and_then(|()| scene.check_configuration("q", q));
+            let checked = interrupt::check_at(row, 1_024).and_then(|()| scene.check_configuration("q", q));
             checked.map_err(|error| Fault { state: row / count, error })?;
         }
         Ok(count)
     }
 }
 
-/// Where the gradients of one state are, one after another: by q, qd, armature, damping, stiffness and friction, then torques, then parameters.
+/// Layout of the gradients of one state: by q, qd, armature, damping, stiffness and friction, then torques, then
+/// parameters.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Layout {
     pub nv: usize,
-    /// As many as there are steps, or one.
+    /// Number of torque vectors: one, or one per step.
     pub torques: usize,
-    /// Zero where parameters are not asked for.
+    /// Zero if parameters are not requested.
     pub bodies: usize,
 }
 
 impl Layout {
-    /// How many have (nv) numbers each.
+    /// Number of gradients with (nv) entries.
     const OF_ROWS: usize = ACTING + 1;
 
     pub fn width(&self) -> usize {
@@ -194,7 +199,7 @@ impl Layout {
         width - 10 * self.bodies..width
     }
 
-    /// Each kind by itself, one state after another.
+    /// Splits the gradients by kind, each with one state after another.
     fn apart(&self, all: &[f64], states: usize) -> Result<RolloutGradients, Error> {
         let gathered = |range: Range<usize>| -> Result<Vec<f64>, Error> {
             let mut own = memory::with_capacity("q", states * range.len())?;

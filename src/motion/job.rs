@@ -1,4 +1,4 @@
-//! Some steps of neighbouring states, and where their rows go.
+//! A range of steps of adjacent states, and the destination of their rows.
 
 use super::contact::RECORD;
 use super::step_settings::StepSettings;
@@ -8,23 +8,24 @@ use crate::scene::Scene;
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
-/// Where the recorded rows of a few neighbouring states go: (state, row, coordinate).
+/// Destination of the recorded rows of adjacent states: (state, row, coordinate).
 pub(super) struct Rows<'a> {
     pub q: &'a mut [f64],
     pub qd: &'a mut [f64],
-    /// (state, row, contact, numbers); empty where they are not recorded.
+    /// (state, row, contact, values); empty if contacts are not recorded.
     pub contacts: &'a mut [f64],
-    /// Index of the first of the states.
+    /// Index of the first state.
     pub first: usize,
-    /// How many rows a state has room for.
+    /// Number of rows per state.
     pub of_state: usize,
-    /// The step that the first row is before; a row is written after every so many steps from there on.
+    /// The step before which row 0 is written; further rows follow every `every` steps.
     pub from: usize,
     pub every: usize,
 }
 
 impl Rows<'_> {
-    /// Row 0: the states at the start, of values of so many coordinates, joint velocities and values in all per state.
+    /// Writes row 0, the states at the start. `current` has `width` values per state, beginning with q (nq) and qd
+    /// (nv).
     pub fn record_start(&mut self, states: Range<usize>, current: &[f64], (nq, nv, width): (usize, usize, usize)) {
         if nq == 0 {
             return;
@@ -37,32 +38,32 @@ impl Rows<'_> {
         }
     }
 
-    /// Where a row of the contacts of a state goes, if they are recorded.
+    /// Destination of a row of contacts of a state, if contacts are recorded.
     pub fn of_contacts(&mut self, state: usize, row: usize, contacts: usize) -> Option<&mut [f64]> {
         let at = ((state - self.first) * self.of_state + row) * contacts * RECORD;
         self.contacts.get_mut(at..at + contacts * RECORD).filter(|row| !row.is_empty())
     }
 }
 
-/// Some steps of neighbouring states, as many as there are lanes or fewer.
+/// A range of steps of adjacent states, at most one state per lane.
 pub(super) struct Job<'a, 'r> {
     pub scene: &'a Scene,
-    pub law: &'a StepSettings,
+    pub settings: &'a StepSettings,
     /// The steps, counted from the start of the run.
     pub steps: Range<usize>,
-    /// Which states of the batch.
+    /// Indices of the states in the batch.
     pub states: Range<usize>,
-    /// The step that each of them began at.
+    /// The step at which each state began.
     pub begun: &'a [usize],
-    /// The values of [`StepSettings::width`] of each, one after another; in and out.
+    /// The [`StepSettings::width`] values of each state, one state after another; input and output.
     pub current: &'a mut [f64],
     pub torque: &'a Torque<'a>,
     pub rows: Option<&'a mut Rows<'r>>,
-    /// Where impacts on stops go.
+    /// Destination of the impacts on stops.
     pub impacts: Option<&'a Impacts>,
 }
 
-/// Impacts on stops, from all threads.
+/// Impacts on stops, collected from all threads.
 #[derive(Debug, Default)]
 pub(super) struct Impacts {
     found: Mutex<Vec<StopImpact>>,
@@ -72,7 +73,7 @@ pub(super) struct Impacts {
 const MOST_IMPACTS: usize = 1 << 20;
 
 impl Impacts {
-    /// Those of one step of a state, which begins at `time`.
+    /// Adds the impacts of one step of a state that begins at `time`.
     pub fn add(&self, impacts: &[StopImpact], state: usize, time: f64) {
         let mut found = self.found.lock().unwrap_or_else(PoisonError::into_inner);
         if found.len() < MOST_IMPACTS {
@@ -80,7 +81,7 @@ impl Impacts {
         }
     }
 
-    /// All of them, by state and time, and none afterwards.
+    /// Returns all impacts sorted by state and time, and clears the list.
     pub fn take(&self) -> Vec<StopImpact> {
         let mut all = std::mem::take(&mut *self.found.lock().unwrap_or_else(PoisonError::into_inner));
         all.sort_by(|a, b| a.state.cmp(&b.state).then(a.time.total_cmp(&b.time)).then(a.row.cmp(&b.row)));

@@ -1,17 +1,17 @@
-//! Joint limits as stops in scenes with contacts or connections: rows of the contact law without friction, in steps of order 1 where one acts.
+//! Joint limits as stops in scenes with contacts or connections: frictionless unilateral rows, in steps of order 1.
 
 use super::stops::returning;
 use super::substeps::StopImpact;
 use crate::dynamics::contacts::LimitRow;
 use crate::scene::Scene;
 
-/// Parts of velocities, and of coordinates, that are rounding.
+/// Relative rounding errors of velocities and coordinates.
 const ROUNDING: f64 = 1e-12;
 
-/// A joint that moves toward its stop more slowly rests on it, rad/s or m/s.
+/// A joint that approaches its stop more slowly than this rests on it, rad/s or m/s.
 const RESTS: f64 = 1e-3;
 
-/// The limits of all joints with one degree of freedom, two rows for a joint that has both.
+/// The limits of all joints with one degree of freedom; a joint with both limits has two rows.
 pub(super) fn limit_rows(scene: &Scene) -> Vec<LimitRow> {
     let mut rows = Vec::new();
     for joint in scene.joints().iter().filter(|joint| joint.v.len() == 1 && joint.q.len() == 1) {
@@ -26,17 +26,20 @@ pub(super) fn limit_rows(scene: &Scene) -> Vec<LimitRow> {
     rows
 }
 
-/// The least velocity away from a limit at the end of a step: the joint may arrive there, and returns slowly from outside.
+/// The least velocity away from a limit at the end of a step. A joint inside can reach its limit; a joint outside
+/// returns slowly.
 pub(super) fn least_velocity(gap: f64, start: f64, h: f64) -> f64 {
     if gap < 0.0 { returning(-gap, start, h).velocity } else { -gap / h }
 }
 
-/// True if a joint that moves toward its limit at `start` rebounds: one that would end within two steps is none.
+/// True if a joint that approaches its limit with velocity `start` rebounds. A rebound that would end within two steps
+/// is ignored.
 pub(super) fn rebounds(start: f64, free: f64, restitution: f64) -> bool {
     start < 0.0 && -restitution * start > 2.0 * (free - start).abs()
 }
 
-/// Ends a step of joints at their limits: removes rounding from the coordinate and the velocity `rests` of a joint that stays there, and gives the impact of one that arrived.
+/// Ends a step at a limit: removes rounding errors from the coordinate and from the velocity of a joint that `rests`
+/// there, and returns the impact of a joint that reached it.
 pub(super) fn settle_at(
     limit: &LimitRow,
     (h, start): (f64, f64),

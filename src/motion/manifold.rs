@@ -1,11 +1,13 @@
-//! Configurations in lanes: steps along velocities, and velocities seen from where a step began.
+//! Vectorized operations on configurations: integration of velocities, and velocities transported to the start of a
+//! step.
 //!
-//! [`Scene::integrate`](crate::Scene::integrate) and [`Scene::difference`](crate::Scene::difference) are the same for one checked state.
+//! [`Scene::integrate`](crate::Scene::integrate) and [`Scene::difference`](crate::Scene::difference) are the checked
+//! equivalents for one state.
 
 use crate::model::Model;
 use crate::scalar::Real;
 
-/// q exp(v), joint by joint: from `q` (nq) along `v` (nv) for unit time; quaternions come out unit.
+/// q exp(v), joint by joint: integrates `v` (nv) from `q` (nq) over unit time. Quaternions are normalized.
 #[inline(always)]
 pub fn advance<T: Real>(model: &Model<T>, q: &[T], v: &[T], out: &mut [T]) {
     for (body, stage) in model.bodies.iter().zip(&model.system.stages) {
@@ -13,7 +15,8 @@ pub fn advance<T: Real>(model: &Model<T>, q: &[T], v: &[T], out: &mut [T]) {
     }
 }
 
-/// The rate of the increment x where the bodies move with the velocity `v`, in place: see [`Motion::carry_back`](crate::joints::Motion::carry_back).
+/// Replaces the body velocities `v` by the time derivative of the increment x: see
+/// [`Motion::carry_back`](crate::joints::Motion::carry_back).
 #[inline(always)]
 pub(super) fn carry_back<T: Real>(model: &Model<T>, x: &[T], v: &mut [T]) {
     for (body, stage) in model.bodies.iter().zip(&model.system.stages) {

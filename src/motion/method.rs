@@ -1,75 +1,83 @@
-//! The methods: coefficients of Runge-Kutta and Rosenbrock-W steps.
+//! Integration methods: coefficients of Runge-Kutta and Rosenbrock-W methods.
 //!
-//! All are one scheme. With y = (q, v), f its rate, and A an approximation of df/dy, the stages of a step h are
+//! All methods are instances of one scheme. With y = (q, v), its time derivative f, and an approximation A of df/dy,
+//! the stages of a step h are
 //!
 //! ```text
-//! k_i = f(Y_i) + h A_i sum_{j <= i} gamma_ij k_j,   Y_i = y + h sum_{j < i} alpha_ij k_j,   y(t + h) = y + h sum_i b_i k_i
+//! k_i = f(Y_i) + h A_i sum_{j <= i} gamma_ij k_j,   Y_i = y + h sum_{j < i} alpha_ij k_j
+//! y(t + h) = y + h sum_i b_i k_i
 //! ```
 //!
-//! Without gamma this is an explicit Runge-Kutta method; with it a Rosenbrock method, and a W-method where the order does not
-//! rest on A being the Jacobian (T. Steihaug and A. Wolfbrandt, Math. Comp. 33, 1979, 521-534; E. Hairer and G. Wanner, Solving
-//! Ordinary Differential Equations II, IV.7). Here A knows springs and damping only, joint by joint:
+//! Without gamma this is an explicit Runge-Kutta method. With gamma it is a Rosenbrock method, and a W-method if its
+//! order does not require A to be the Jacobian (T. Steihaug and A. Wolfbrandt, Math. Comp. 33, 1979, 521-534; E. Hairer
+//! and G. Wanner, Solving Ordinary Differential Equations II, IV.7). Here A contains springs and damping only, joint by
+//! joint:
 //!
 //! ```text
 //! A_i = ( 0  1 ; -M(q_i)^-1 k  -M(q_i)^-1 d ),     q_i of the stage
 //! ```
 //!
-//! so that with `k_i = (l_i, m_i)` a stage is one forward dynamics whose measurement noise is r + h g d + h^2 g^2 k, `g = gamma_ii`:
+//! so that with `k_i = (l_i, m_i)` a stage is one forward dynamics with the measurement noise r + h g d + h^2 g^2 k,
+//! where `g = gamma_ii`:
 //!
 //! ```text
 //! l_i = c_i + h g m_i,    c_i = V_i + h sum_{j < i} gamma_ij m_j
 //! (M + h g d + h^2 g^2 k) m_i = F(Y_i) - h k (g c_i + sum_{j < i} gamma_ij l_j) - h d sum_{j < i} gamma_ij m_j
 //! ```
 //!
-//! Since the mass matrix is the stage's own, `A_i` differs from stage to stage. Expanding `k_i` in h with A an arbitrary function
-//! of y, `alpha_i = sum_j alpha_ij` and `gamma_i = sum_{j<=i} gamma_ij`, the conditions are those of W-methods and one more:
+//! `A_i` differs between stages, because it uses the mass matrix of the stage. Expanding `k_i` in h for an arbitrary
+//! function A of y, with `alpha_i = sum_j alpha_ij` and `gamma_i = sum_{j<=i} gamma_ij`, gives the order conditions of
+//! W-methods and one more:
 //!
 //! ```text
 //! order 1   sum b_i = 1
 //! order 2   sum b_i alpha_i = 1/2      sum b_i gamma_i = 0
 //! order 3   sum b_i alpha_i^2 = 1/3    sum b_i alpha_ij alpha_j = 1/6    sum b_i alpha_ij gamma_j = 0
-//!           sum b_i gamma_ij alpha_j = 0   sum b_i gamma_ij gamma_j = 0      sum b_i alpha_i gamma_i = 0  (A' f, of A_i)
+//!           sum b_i gamma_ij alpha_j = 0   sum b_i gamma_ij gamma_j = 0
+//!           sum b_i alpha_i gamma_i = 0  (A' f, of A_i)
 //! ```
 //!
-//! On the manifold the stages are increments in the Lie algebra and `Y_i = y exp(h sum alpha_ij k_j)`, with f carried back by the
-//! inverse of the exponential's derivative (H. Munthe-Kaas, Appl. Numer. Math. 29, 1999, 115-127).
+//! On the manifold the stages are increments in the Lie algebra, and `Y_i = y exp(h sum alpha_ij k_j)`, with f
+//! transported by the inverse of the derivative of the exponential map (H. Munthe-Kaas, Appl. Numer. Math. 29, 1999,
+//! 115-127).
 
 use crate::error::Error;
 
-/// The most stages that a method has.
+/// Largest number of stages of a method.
 pub(crate) const STAGES: usize = 7;
 
-/// A method by which a state is advanced.
+/// An integration method.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Method {
-    /// [`Method::Rosenbrock2`], or [`Method::RungeKutta4`] where bounds at the start show that springs, damping and gains are slow at this step. Steps in which
-    /// joints rotate too far for the method are divided.
+    /// [`Method::Rosenbrock2`], or [`Method::RungeKutta4`] if bounds at the initial state show that springs, damping
+    /// and gains are slow for this step. Steps in which joints rotate too far for the method are divided.
     #[default]
     Auto,
     /// v' = v + h a(q, v), then q' = q exp(h v'). Order 1; symplectic for constant M.
     SemiImplicitEuler,
     /// The classical explicit method of order 4.
     RungeKutta4,
-    /// The explicit method of order 5 of J. R. Dormand and P. J. Prince, J. Comp. Appl. Math. 6, 1980, 19-26, whose embedded method of order 4 estimates the error of a step; what error
-    /// control takes where nothing is stiff.
+    /// The explicit method of order 5 of J. R. Dormand and P. J. Prince, J. Comp. Appl. Math. 6, 1980, 19-26, with an
+    /// embedded method of order 4 that estimates the error. Error control uses it for motion that is not stiff.
     DormandPrince5,
-    /// The linearly implicit Euler step, order 1: springs and damping at the end of the step, whatever their size. L-stable
-    /// for them: what is faster than the step is damped.
+    /// Linearly implicit Euler method, order 1: springs and damping of any size are evaluated at the end of the step.
+    /// L-stable for them: components faster than the step are damped.
     ImplicitEuler,
-    /// Two stages, order 2 with any A, L-stable for springs and damping, g = 1 - 1/sqrt(2). ROS2 of J. G. Verwer, E. J. Spee,
-    /// J. G. Blom and W. Hundsdorfer, SIAM J. Sci. Comput. 20, 1999, 1456-1480.
+    /// Two stages, order 2 for any A, L-stable for springs and damping, g = 1 - 1/sqrt(2): ROS2 of J. G. Verwer, E. J.
+    /// Spee, J. G. Blom and W. Hundsdorfer, SIAM J. Sci. Comput. 20, 1999, 1456-1480.
     Rosenbrock2,
-    /// Four stages, order 3 with any A that may differ from stage to stage, L-stable for springs and damping, stiffly accurate, g =
-    /// 1/3. Of the solutions of the nine conditions above, one with small conditions of order 4 and small coefficients.
+    /// Four stages, order 3 for any A that can differ between stages, L-stable for springs and damping, stiffly
+    /// accurate, g = 1/3. The coefficients solve the nine conditions above with small errors of order 4.
     Rosenbrock3,
-    /// The step of scenes with contacts, order 1: springs and damping as in the implicit Euler step, impulses of the contacts at its end, impacts by Poisson's law.
+    /// Method for scenes with contacts, order 1: springs and damping as in the implicit Euler method, contact impulses
+    /// at the end of the step, impacts with Poisson's hypothesis.
     Contact,
 }
 
 /// Short names.
 const SHORT: [(&str, Method); 2] = [("semi-implicit", Method::SemiImplicitEuler), ("implicit", Method::ImplicitEuler)];
 
-/// Every method of scenes without contacts, with its name.
+/// All methods for scenes without contacts, with their names.
 pub const METHODS: [(&str, Method); 7] = [
     ("auto", Method::Auto),
     ("semi-implicit-euler", Method::SemiImplicitEuler),
@@ -80,15 +88,15 @@ pub const METHODS: [(&str, Method); 7] = [
     ("rosenbrock-3", Method::Rosenbrock3),
 ];
 
-/// The method of scenes with contacts, which have no other.
+/// The only method for scenes with contacts.
 const OF_CONTACTS: [(&str, Method); 1] = [("contact", Method::Contact)];
 
 impl Method {
-    /// The method of that name; "semi-implicit" and "implicit" are short for the Euler steps.
+    /// The method named `name`; "semi-implicit" and "implicit" are short names of the Euler methods.
     ///
     /// # Errors
     ///
-    /// [`Error::Argument`] with the names that there are.
+    /// [`Error::Argument`], which lists the existing names.
     pub fn named(name: &str) -> Result<Self, Error> {
         METHODS
             .iter()
@@ -103,13 +111,13 @@ impl Method {
             })
     }
 
-    /// Its name.
+    /// The name of the method.
     #[must_use]
     pub fn name(self) -> &'static str {
         METHODS.iter().chain(&OF_CONTACTS).find(|(_, method)| *method == self).map_or("", |(name, _)| name)
     }
 
-    /// The power of the step that its error falls with, on smooth motion; of [`Method::Auto`], at least.
+    /// Order of convergence for smooth motion; for [`Method::Auto`], the lowest order that it selects.
     #[must_use]
     pub fn order(self) -> u32 {
         match self {
@@ -121,7 +129,7 @@ impl Method {
         }
     }
 
-    /// Whether springs and damping are taken implicitly.
+    /// True if springs and damping are implicit.
     #[must_use]
     pub fn is_implicit(self) -> bool {
         matches!(self, Self::Auto | Self::ImplicitEuler | Self::Rosenbrock2 | Self::Rosenbrock3 | Self::Contact)
@@ -133,7 +141,7 @@ impl Method {
             std::array::from_fn(|i| row(values.get(i).copied().unwrap_or_default()))
         };
         match self {
-            // The position sees the velocity at the end of the step; forces do not.
+            // Positions use the velocity at the end of the step; forces do not.
             Self::SemiImplicitEuler | Self::ImplicitEuler | Self::Contact => {
                 Tableau { stages: 1, alpha: rows(&[]), gamma: rows(&[&[1.0]]), weights: row(&[1.0]) }
             }
@@ -175,7 +183,7 @@ impl Method {
                     &[-0.555_783_210_976_123_3, 0.834_520_966_160_829_2, g],
                     &[0.118_164_642_334_620_23, -0.476_420_318_084_064_3, 0.180_705_465_958_677_85, g],
                 ]);
-                // The last stage is the step's end.
+                // The last stage is the end of the step.
                 let weights = std::array::from_fn(|j| alpha[3][j] + gamma[3][j]);
                 Tableau { stages: 4, alpha, gamma, weights }
             }
@@ -193,7 +201,7 @@ pub(crate) struct Tableau {
 }
 
 impl Tableau {
-    /// Every coefficient times the step.
+    /// All coefficients multiplied by the step.
     pub fn times(mut self, step: f64) -> Self {
         self.alpha.iter_mut().chain(&mut self.gamma).flatten().for_each(|x| *x *= step);
         self.weights.iter_mut().for_each(|x| *x *= step);
@@ -201,20 +209,21 @@ impl Tableau {
     }
 }
 
-/// A method at some step.
+/// A method with a given step.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Scheme {
     /// The step, s.
     pub step: f64,
-    /// The coefficients, times the step.
+    /// The coefficients multiplied by the step.
     pub tableau: Tableau,
     /// True if springs, damping and control law are implicit.
     pub implicit: bool,
-    /// The step times weights of the stages that sum to zero: an estimate of the error.
+    /// The step times weights of the stages that sum to zero: the error estimate.
     pub error: [f64; STAGES],
-    /// True if the estimate is that of an embedded method, which error control can go by.
+    /// True if an embedded method provides the estimate, so that error control can use it.
     pub embedded: bool,
-    /// A step is short enough where joints rotate by less than this angle, rad, or where the estimate is below this share of the fastest joint velocity.
+    /// A step is short enough if joints rotate by less than `angle`, rad, or if the error estimate is below `share`
+    /// times the fastest joint velocity.
     pub angle: f64,
     pub share: f64,
 }
@@ -222,11 +231,11 @@ pub(crate) struct Scheme {
 impl Scheme {
     pub fn new(method: Method, step: f64) -> Self {
         let t = 1.0 / 6.0;
-        // Those of the method less those of its embedded method.
+        // The weights of the method minus those of its embedded method.
         let embedded =
             [71.0 / 57600.0, 0.0, -71.0 / 16695.0, 71.0 / 1920.0, -17253.0 / 339_200.0, 22.0 / 525.0, -0.025];
         let o = 0.0;
-        // The explicit methods conserve energy to their error only; the implicit ones damp what is fast.
+        // The explicit methods conserve energy only to their error; the implicit ones damp fast components.
         let (error, angle, share) = match method {
             Method::RungeKutta4 => ([t, -t, -t, t, o, o, o], 0.05, 2e-7),
             Method::DormandPrince5 => (embedded, 0.05, 2e-7),
@@ -251,7 +260,7 @@ impl Scheme {
 mod tests {
     use super::*;
 
-    /// The sum of `b_i x_i`.
+    /// sum of `b_i x_i`.
     fn weighed(t: &Tableau, x: impl Fn(usize) -> f64) -> f64 {
         (0..t.stages).map(|i| t.weights[i] * x(i)).sum()
     }
@@ -289,7 +298,8 @@ mod tests {
         }
     }
 
-    /// R(z) = 1 + z b^T (1 - z B)^-1 1 with B = alpha + gamma: what a step makes of y' = lambda y, z = h lambda, with A exact.
+    /// Stability function R(z) = 1 + z b^T (1 - z B)^-1 1 with B = alpha + gamma, of a step for y' = lambda y with z =
+    /// h lambda and exact A.
     fn stability(t: &Tableau, z: f64) -> f64 {
         let mut k = [0.0; STAGES];
         for i in 0..t.stages {

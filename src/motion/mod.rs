@@ -1,39 +1,41 @@
-//! Motion: states advanced in time, with stiff joints as measurement noise.
+//! Simulation: time integration of states, with stiff springs and damping as measurement noise.
 //!
 //! The equations of motion, with s the [displacement](crate::joints::Motion::displacement) of a spring from rest:
 //!
 //! ```text
-//! M(q) dv/dt + bias(q, v) = u - d v - k s(q) + r          (joint by joint: damping, spring, and r, the torque of friction and stops)
+//! M(q) dv/dt + bias(q, v) = u - d v - k s(q) + r   (per joint: damping, spring, and torque r of friction and stops)
 //! dq/dt = v on the manifold: q(t + h) = q(t) exp(h v) for a constant v
 //! ```
 //!
-//! A *linearly implicit* step solves for the acceleration a with damping and springs taken at its end: with v + h a for v and
-//! s + h v + h^2 a for s,
+//! A *linearly implicit* step computes the acceleration a with damping and springs evaluated at the end of the step,
+//! that is, with v + h a for v and s + h v + h^2 a for s:
 //!
 //! ```text
 //! (M + h d + h^2 k) a = u - bias - d v - k (s + h v)
 //! ```
 //!
-//! The diagonal on the left is the covariance of measurement noise, as armature is: the filter takes it in the pivot,
-//! D = H P^- H* + r + h d + h^2 k, and the step costs what an explicit one does.
+//! The diagonal on the left is the covariance of measurement noise, like armature: the filter adds it to the pivot, D =
+//! H P^- H* + r + h d + h^2 k, and the step costs as much as an explicit one.
 //!
-//! Friction and stops are a set-valued law: r = -f sign(v), any torque between -f and f at rest, and any torque away from a stop at the stop. A joint that is held is *locked*:
-//! measurement noise without bound makes its gain zero, so the filter passes it as if it were fixed, still in O(N). `stops` has the law, `substeps` the steps in which a joint
-//! sticks, slips or meets a stop, and `tally` the works.
+//! Exact friction and stops are a set-valued law: r = -f sign(v) in motion, any torque between -f and f at rest, and
+//! any torque away from a stop at the stop. A joint that friction or a stop holds is *stuck*: measurement noise without
+//! bound makes its gain zero, so that the filter treats it like a fixed joint, still in O(N). `stops` implements the
+//! law, `substeps` the steps in which a joint sticks, slips or reaches a stop, and `totals` the works.
 //!
-//! Scenes with connections move through them: accelerations meet J qdd + J' qd = 0, and a [`Stabilisation`] keeps positions and velocities on them.
+//! In scenes with connections, accelerations satisfy J qdd + J' qd = 0, and a [`Stabilization`] keeps positions and
+//! velocities on the connections.
 //!
-//! Scenes with contacts move by [`Method::Contact`], and by no other method.
+//! [`Method::Contact`] is the only method for scenes with contacts.
 //!
-//! A [`Rollout`] is a batch of states through many steps, a [`Simulator`] one that goes on call by call; [`Settings`] is what both need, with what
-//! the joints do by themselves ([`Properties`]), a control law ([`Gains`]) and a [`Method`]. [`Rollout::gradients`] goes back through the steps.
-//! `Adaptive` (feature `adaptive`) picks its own steps.
+//! A [`Rollout`] advances a batch of states by many steps; a [`Simulator`] advances it call by call. Both take
+//! [`Settings`]: joint properties ([`Properties`]), a control law ([`Gains`]) and a [`Method`]. [`Rollout::gradients`]
+//! differentiates a rollout by backpropagation. `Adaptive` (feature `adaptive`) selects its own steps.
 //!
 //! ```
 //! use phipsi::motion::{Method, Records, Rollout, Settings, Torque};
 //! # fn main() -> Result<(), phipsi::Error> {
 //! let scene = phipsi::scenes::chain(7)?;
-//! let mut settings = Settings::new(&scene, 1e-3); // springs, damping and friction of the scene
+//! let mut settings = Settings::new(&scene, 1e-3); // with springs, damping and friction of the scene
 //! settings.method = Method::RungeKutta4;
 //! let mut rollout = Rollout::new(&scene, settings, &[0.3; 7], &[0.0; 7])?;
 //! let (mut q, mut qd) = ([f64::NAN; 77], [f64::NAN; 77]); // 11 rows: the start, and every tenth step
@@ -50,7 +52,6 @@ pub(crate) mod adaptive;
 mod backward;
 mod choice;
 mod closed_stops;
-mod conserve;
 mod constrained;
 mod contact;
 mod faults;
@@ -60,6 +61,7 @@ mod limit_rows;
 pub(crate) mod manifold;
 pub(crate) mod method;
 mod modes;
+mod momentum;
 pub(crate) mod properties;
 mod reverser;
 pub(crate) mod rollout;
@@ -73,20 +75,20 @@ mod step_settings;
 mod stepper;
 mod stops;
 mod substeps;
-mod tally;
 mod torque;
+mod totals;
 mod works;
 
 #[cfg(feature = "adaptive")]
 pub use adaptive::{Adaptive, Failure, Solution, Solver, TorqueLaw};
-pub use conserve::Correction;
 pub use contact::{ContactReport, ContactState};
 pub use gradient::{RecordedRows, RolloutGradients};
 pub use method::{METHODS, Method};
+pub use momentum::Correction;
 pub use properties::{FRICTION_SPEED, Gains, Properties};
 pub use rollout::{Records, Rollout};
-pub use settings::{Limits, Settings, Stabilisation};
+pub use settings::{Limits, Settings, Stabilization};
 pub use simulator::Simulator;
 pub use substeps::StopImpact;
-pub use tally::Tally;
 pub use torque::{StepFault, Torque};
+pub use totals::Totals;

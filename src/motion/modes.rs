@@ -1,24 +1,26 @@
-//! The modes of joints with exact friction or stops in one step: locked, or moving in one direction.
+//! Modes of joints with exact friction or stops during one step: stuck, or moving in one direction.
 //!
-//! The state at the start of a step decides the modes. During the step a locked joint has measurement noise without bound, so that its acceleration is zero, and one that slides has constant
-//! friction. Two values per lane report whether the modes hold until the end of the step, and whether the step is short enough for the method.
+//! The state at the start of a step determines the modes. During the step a stuck joint has measurement noise without
+//! bound, so that its acceleration is zero, and a sliding joint has constant friction. Two values per lane report
+//! if the modes hold until the end of the step, and if the step is short enough for the method.
 
 use super::scratch::Scratch;
-use super::step_settings::{By, RateKind};
+use super::step_settings::{RateKind, StepArguments};
 use crate::scalar::{Real, larger};
 
-/// Measurement noise of a locked joint, in kg m^2 or kg: as large as numbers allow whose products with inertias are numbers. Its acceleration is then exactly zero beside any
-/// other, and noise times acceleration is the torque that holds it.
-pub(super) const LOCKED: f64 = 1e200;
-/// Added to a value that may be zero, so that a test for positive values accepts it.
+/// Measurement noise of a stuck joint, kg m^2 or kg: so large that the acceleration rounds to zero relative to any
+/// other, and so small that products with inertias do not overflow. Noise times acceleration is the torque that holds
+/// the joint.
+pub(super) const STUCK_NOISE: f64 = 1e200;
+/// Added to a value that can be zero, so that a test for positive values accepts it.
 const BARELY: f64 = 1e-300;
 
-/// The mode of each row with exact friction or stops, from the state at the step's start.
+/// Sets the mode of each row with exact friction or stops from the state at the start of the step.
 #[inline(always)]
-pub(super) fn set_modes<T: Real>((law, scheme): By<'_>, s: &mut Scratch<T>) {
-    let hg = if scheme.implicit && law.rubs { scheme.tableau.gamma[0][0] } else { 0.0 };
+pub(super) fn set_modes<T: Real>((settings, scheme): StepArguments<'_>, s: &mut Scratch<T>) {
+    let hg = if scheme.implicit && settings.regularized { scheme.tableau.gamma[0][0] } else { 0.0 };
     s.consistent = s.v.first().map_or_else(T::one, |v| v.constant(1.0));
-    for (mode, of) in s.modes.iter_mut().zip(&law.set_valued) {
+    for (mode, of) in s.modes.iter_mut().zip(&settings.set_valued) {
         let (v, q) = (s.v[mode.row], s.q[mode.coordinate]);
         mode.target = v.constant(0.0);
         let (o, at_rest) = (v.constant(0.0), v.one_if_zero());
@@ -27,47 +29,49 @@ pub(super) fn set_modes<T: Real>((law, scheme): By<'_>, s: &mut Scratch<T>) {
             mode.at_upper = larger(mode.upper - q, o).one_if_zero();
         }
         if of.friction > 0.0 {
-            mode.locked = at_rest;
+            mode.stuck = at_rest;
             s.dry[mode.row] = -(mode.friction * v * (v.abs() + at_rest).recip());
         } else {
-            mode.locked = at_rest * larger(mode.at_lower, mode.at_upper);
+            mode.stuck = at_rest * larger(mode.at_lower, mode.at_upper);
         }
         let moving = s.chord[mode.row].mul_add(v.constant(hg), s.rows[mode.row].noise);
-        s.model.system.noise[mode.row] = mode.locked.mul_add(v.constant(LOCKED), moving);
+        s.model.system.noise[mode.row] = mode.stuck.mul_add(v.constant(STUCK_NOISE), moving);
     }
 }
 
-/// Tests the torques that hold locked rows in stage `i` against their bounds, and sets the accelerations of these rows to exactly their targets.
+/// Tests the torques that hold stuck rows in stage `i` against their bounds, and sets the accelerations of these rows
+/// to exactly their targets.
 #[inline(always)]
-pub(super) fn observe_locks<T: Real>(s: &mut Scratch<T>, i: usize) {
+pub(super) fn test_stuck_rows<T: Real>(s: &mut Scratch<T>, i: usize) {
     for mode in &s.modes {
         let m = &mut s.m[i][mode.row];
-        let held = -(*m * mode.locked * m.constant(LOCKED));
-        let (endless, barely) = (m.constant(LOCKED), m.constant(BARELY));
+        let held = -(*m * mode.stuck * m.constant(STUCK_NOISE));
+        let (endless, barely) = (m.constant(STUCK_NOISE), m.constant(BARELY));
         let below = mode.at_lower.mul_add(endless, mode.friction - held);
         let above = mode.at_upper.mul_add(endless, mode.friction + held);
         s.consistent = s.consistent.worst(below + barely).worst(above + barely);
-        *m = mode.target.mul_add(mode.locked, *m * (m.constant(1.0) - mode.locked));
+        *m = mode.target.mul_add(mode.stuck, *m * (m.constant(1.0) - mode.stuck));
     }
 }
 
-/// Tests that sliding joints still slide at the end of the step, that all joints are within their stops, and that the step was short enough.
+/// Tests that sliding joints still slide at the end of the step, that all joints are within their stops, and that the
+/// step was short enough.
 #[inline(always)]
-pub(super) fn observe_end<T: Real>(by @ (law, scheme): By<'_>, s: &mut Scratch<T>) {
-    for (mode, of) in s.modes.iter().zip(&law.set_valued) {
+pub(super) fn observe_end<T: Real>(by @ (settings, scheme): StepArguments<'_>, s: &mut Scratch<T>) {
+    for (mode, of) in s.modes.iter().zip(&settings.set_valued) {
         let (v, next, q) = (s.v[mode.row], s.v_next[mode.row], s.q_next[mode.coordinate]);
         if of.friction > 0.0 {
-            s.consistent = s.consistent.worst(v.mul_add(next, mode.locked));
+            s.consistent = s.consistent.worst(v.mul_add(next, mode.stuck));
         }
         if of.stops {
             let barely = q.constant(BARELY);
             s.consistent = s.consistent.worst(q - mode.lower + barely).worst(mode.upper - q + barely);
-            // Steps may be so short that no position changes.
+            // A step can be so short that no position changes.
             let inward = next * (mode.at_lower - mode.at_upper);
             s.consistent = s.consistent.worst(inward + barely);
         }
     }
-    if law.divides {
+    if settings.divides {
         let [(fastest, error), (linear, linear_error)] = speeds_and_errors(by, s);
         let share = fastest.constant(scheme.share);
         let slow = fastest.constant(scheme.angle) - fastest * fastest.constant(scheme.step);
@@ -76,12 +80,13 @@ pub(super) fn observe_end<T: Real>(by @ (law, scheme): By<'_>, s: &mut Scratch<T
     }
 }
 
-/// The fastest rotation of a joint in a step, rad/s, and an estimate of the error in these velocities; and the same of linear velocities in rotating axes, m/s.
+/// The largest angular velocity of a joint in a step, rad/s, with an estimate of its error; and the same for linear
+/// velocities in rotating axes, m/s.
 #[inline(always)]
-pub(super) fn speeds_and_errors<T: Real>((law, scheme): By<'_>, s: &Scratch<T>) -> [(T, T); 2] {
+pub(super) fn speeds_and_errors<T: Real>((settings, scheme): StepArguments<'_>, s: &Scratch<T>) -> [(T, T); 2] {
     let zero = s.v.first().map_or_else(T::zero, |v| v.constant(0.0));
     let mut found = [(zero, zero); 2];
-    for (row, kind) in law.kinds.iter().enumerate() {
+    for (row, kind) in settings.kinds.iter().enumerate() {
         let (speed, worst) = match kind {
             RateKind::Rotation => &mut found[0],
             RateKind::InRotatingAxes => &mut found[1],

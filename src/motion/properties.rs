@@ -1,32 +1,34 @@
-//! What joints do by themselves: armature, damping, springs, friction, and a control law that acts like them.
+//! Joint properties in simulation: armature, damping, springs, friction, and a control law of proportional-derivative
+//! form.
 
 use crate::error::{Error, check_finite, check_length};
 use crate::scene::Scene;
 use std::collections::HashMap;
 
-/// The speed below which regularized friction falls off, rad/s or m/s, where friction is not exact and no other is given.
+/// Default speed of regularized friction, rad/s or m/s; see [`Properties::friction_speed`].
 pub const FRICTION_SPEED: f64 = 1e-2;
 
-/// Properties of the joints in simulation, by degree of freedom; copied from a scene and free to change.
+/// Joint properties in simulation, per degree of freedom; initialized from a scene and freely modifiable.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Properties {
-    /// Inertia of the rotors, (nv), kg m^2 or kg: part of M.
+    /// Armature (rotor inertia reflected to the joint), (nv), kg m^2 or kg: part of M.
     pub armature: Vec<f64>,
     /// Viscous damping d, (nv), N m s/rad or N s/m: the torque -d v.
     pub damping: Vec<f64>,
-    /// Stiffness k, (nv), N m/rad or N/m: the torque -k s, s the displacement from rest.
+    /// Stiffness k, (nv), N m/rad or N/m: the torque -k s for the displacement s from the rest position.
     pub stiffness: Vec<f64>,
-    /// Configuration where the springs are at rest, (nq).
+    /// Rest configuration of the springs, (nq).
     pub rest: Vec<f64>,
     /// Coulomb friction f, (nv), N m or N.
     pub friction: Vec<f64>,
-    /// v0, rad/s or m/s. Zero: exact Coulomb friction, which holds a joint at rest; in scenes with contacts or connections it stands for
-    /// [`FRICTION_SPEED`]. Positive: the regularized torque -f v / sqrt(v^2 + v0^2), within 1 % of f from 7 v0 on, and viscous below v0, so that joints creep.
+    /// Speed v0 of friction, rad/s or m/s. Zero selects exact Coulomb friction, which can hold a joint at rest; in
+    /// scenes with contacts or connections zero stands for [`FRICTION_SPEED`]. A positive value selects the regularized
+    /// torque -f v / sqrt(v^2 + v0^2), which is within 1 % of f above 7 v0 and viscous below v0, so that joints creep.
     pub friction_speed: f64,
 }
 
 impl Properties {
-    /// The properties that the scene's description gives.
+    /// The properties in the description of the scene.
     #[must_use]
     pub fn of(scene: &Scene) -> Self {
         let scene = scene.tree();
@@ -43,7 +45,7 @@ impl Properties {
         };
         let root = scene.source().root_joint(String::new());
         for joint in scene.joints() {
-            // The free joint of a floating base is not among those described.
+            // The free joint of a floating base has no description.
             let of = described.get(joint.name.as_str()).copied().unwrap_or(&root);
             properties.damping[joint.v.clone()].fill(of.damping);
             properties.friction[joint.v.clone()].fill(of.friction);
@@ -73,31 +75,31 @@ impl Properties {
     }
 }
 
-/// Numbers by degree of freedom: as many as there are, finite, none negative.
+/// Checks values per degree of freedom: their number, finite, none negative.
 fn check_positive(scene: &Scene, name: &str, values: &[f64]) -> Result<(), Error> {
     check_length(name, values.len(), scene.nv())?;
     check_finite(name, values)?;
     let Some(row) = values.iter().position(|&value| value < 0.0) else { return Ok(()) };
     let joint = joint_of_row(scene, row);
-    Err(Error::argument(name, format!("{} for joint {joint:?}", values[row]), "numbers that are zero or positive"))
+    Err(Error::argument(name, format!("{} for joint {joint:?}", values[row]), "values that are zero or positive"))
 }
 
-/// The name of the joint that a degree of freedom belongs to.
+/// Name of the joint that owns a degree of freedom.
 pub(crate) fn joint_of_row(scene: &Scene, row: usize) -> String {
     scene.joints().iter().find(|joint| joint.v.contains(&row)).map(|joint| joint.name.clone()).unwrap_or_default()
 }
 
-/// A control law that acts like a spring and a damper: the torque kp (target - q) + kd (target rate - v), the difference on the
-/// manifold. Implicit methods take it implicitly, so gains may be as stiff as one likes.
+/// Proportional-derivative control: the torque kp (target - q) + kd (target velocity - v), with the difference on the
+/// configuration manifold. Implicit methods treat it implicitly, so that the gains can be arbitrarily stiff.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Gains {
     /// kp, (nv), N m/rad or N/m.
     pub proportional: Vec<f64>,
     /// kd, (nv), N m s/rad or N s/m.
     pub derivative: Vec<f64>,
-    /// Target configurations, (nq) for all states, or one for each, one after another.
+    /// Target configurations, (nq) for all states, or one per state, one after another.
     pub target: Vec<f64>,
-    /// Target rates, (nv) for all states, or one for each.
+    /// Target joint velocities, (nv) for all states, or one per state.
     pub target_rate: Vec<f64>,
 }
 
@@ -117,7 +119,7 @@ impl Gains {
     }
 }
 
-/// Target or target rate of one state.
+/// Target configuration or velocity of one state.
 pub(super) fn of_state(values: &[f64], width: usize, state: usize) -> &[f64] {
     if values.len() == width { values } else { &values[state * width..(state + 1) * width] }
 }

@@ -1,17 +1,17 @@
-//! A few states at once, one in each lane, backward through all steps of a rollout, compiled for one arm.
+//! Backpropagation through all steps of a rollout for a few states, one per lane, compiled for one instruction set.
 
-use super::backward::{ACTING, CheckedBackward, InLanes, OfEvent, StepGradients, TORQUE, backward};
+use super::backward::{ACTING, CheckedBackward, EventSolver, StepGradients, TORQUE, VectorizedBackward, backward};
 use super::gradient::{Layout, RecordedRows};
 use super::job::{self, Rows};
 use super::method::Scheme;
 use super::properties::of_state;
 use super::scratch::{Scratch, add_scaled, clear};
 use super::solver;
-use super::step_settings::{By, StepSettings};
+use super::step_settings::{StepArguments, StepSettings};
 use super::stepper::{Stepper, fill, scatter, take_lane};
-use super::substeps::{Event, Locks, Substeps};
+use super::substeps::{Event, EventSolution, Substeps};
 use super::torque::{StepFault, Torque};
-use crate::batch::arms::{Arm, Baseline, Target, Vectorised, Work, take_states};
+use crate::batch::arms::{Arm, Baseline, Target, Vectorized, Work, take_states};
 use crate::dynamics::derivatives::Parameters;
 use crate::error::Error;
 use crate::filter::Form;
@@ -19,30 +19,30 @@ use crate::filter::Form;
 use crate::scalar::Lanes;
 use crate::scalar::{Fused, lanes_but};
 use crate::scene::Scene;
-use crate::{memory, watch};
+use crate::{interrupt, memory};
 #[cfg(target_arch = "x86_64")]
 use pulp::x86::V3;
 #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
 use pulp::x86::V4;
 use std::ops::Range;
 
-/// The longest run of steps that is made again and kept whole.
+/// Largest number of consecutive steps that are recomputed and all stored.
 const KEPT_WHOLE: usize = 256;
 
-/// Neighbouring states that go back through all steps, as many as there are lanes or fewer.
+/// Backpropagation for adjacent states, at most one per lane.
 pub(super) struct Job<'a> {
     pub scene: &'a Scene,
-    pub law: &'a StepSettings,
+    pub settings: &'a StepSettings,
     pub torque: &'a Torque<'a>,
     pub rows: &'a RecordedRows<'a>,
-    /// How many rows there are of a state.
+    /// Number of rows per state.
     pub count: usize,
     pub states: Range<usize>,
     pub layout: Layout,
 }
 
 impl Job<'_> {
-    /// (q, qd) of a recorded row of each state, one state after another.
+    /// Reads (q, qd) of a recorded row of each state, one state after another.
     fn row(&self, row: usize, into: &mut Vec<f64>) {
         let (nq, nv) = (self.scene.nq(), self.scene.nv());
         into.clear();
@@ -58,22 +58,23 @@ impl Job<'_> {
     }
 }
 
-/// What goes back through steps, whatever its scalar.
+/// Backpropagation through steps, for any scalar type.
 trait Reversing: Send + Sync {
-    /// Begins with no gradient at all.
+    /// Sets all gradients to zero.
     fn begin(&mut self, job: &Job<'_>);
 
-    /// Adds the gradients by a recorded row, which is where the next step back ends.
+    /// Adds the gradients by a recorded row, at which the next step ends.
     fn add_row(&mut self, job: &Job<'_>, row: usize);
 
-    /// Back through step `n`, from where it ended to `start`, (q, qd) of each state; gradients by torques of steps go to `out`.
+    /// Propagates the gradients through step `n` to its start, (q, qd) of each state; gradients by torques of steps are
+    /// written to `out`.
     fn step(&mut self, job: &Job<'_>, n: usize, start: &[f64], out: &mut [f64]) -> Result<(), StepFault>;
 
-    /// Writes what has come together.
+    /// Writes the accumulated gradients.
     fn finish(&mut self, job: &Job<'_>, out: &mut [f64]);
 }
 
-/// Scratch for going back on one thread, made when it is first used.
+/// Scratch memory for backpropagation on one thread, allocated at first use.
 pub(super) struct Reverser {
     stepper: Stepper,
     arm: Arm,
@@ -88,12 +89,12 @@ impl Reverser {
         Self { stepper: Stepper::new(form, arm), arm, form, one: None, many: None }
     }
 
-    /// How many states a job may have.
+    /// Largest number of states of a job.
     pub fn lanes(&self) -> usize {
         self.stepper.lanes()
     }
 
-    /// From the last row to the first.
+    /// Propagates the gradients from the last row to the first.
     pub fn run(&mut self, job: &Job<'_>, out: &mut [f64]) -> Result<(), StepFault> {
         let (arm, form, alone) = (self.arm, self.form, job.states.len() == 1);
         let place = if alone { &mut self.one } else { &mut self.many };
@@ -102,7 +103,7 @@ impl Reverser {
         let (every, mut start) = (job.rows.every, Vec::new());
         for row in (0..job.count).rev() {
             if row + 1 < job.count {
-                watch::check().map_err(|error| job.refuse(error))?;
+                interrupt::check().map_err(|error| job.refuse(error))?;
                 job.row(row, &mut start);
                 through(&mut self.stepper, &mut **reversing, (job, &start), row * every..(row + 1) * every, out)?;
             }
@@ -113,7 +114,8 @@ impl Reverser {
     }
 }
 
-/// Back through some steps, of which only where they start is known: they are made again, and kept, or so many of them that the others can be made again in turn.
+/// Propagates the gradients through consecutive steps of which only the initial state is known. The steps are
+/// recomputed and stored, or some of them, from which the others are recomputed.
 fn through(
     stepper: &mut Stepper,
     reversing: &mut dyn Reversing,
@@ -125,13 +127,13 @@ fn through(
     if count == 1 {
         return reversing.step(job, steps.start, start, out);
     }
-    watch::check().map_err(|error| job.refuse(error))?;
+    interrupt::check().map_err(|error| job.refuse(error))?;
     let stride = if count <= KEPT_WHOLE { 1 } else { count.isqrt() + 1 };
     let rows = count.div_ceil(stride);
     let (nq, nv, states) = (job.scene.nq(), job.scene.nv(), job.states.len());
     let room =
         |width: usize| memory::filled("steps", states * rows * width, f64::NAN).map_err(|error| job.refuse(error));
-    let width = job.law.width(job.scene);
+    let width = job.settings.width(job.scene);
     let (mut q, mut qd, mut current) = (room(nq)?, room(nv)?, vec![0.0; states * width]);
     for (at, start) in current.chunks_exact_mut(width).zip(start.chunks_exact((nq + nv).max(1))) {
         at[..nq + nv].copy_from_slice(start);
@@ -151,7 +153,7 @@ fn through(
     };
     stepper.run(job::Job {
         scene: job.scene,
-        law: job.law,
+        settings: job.settings,
         steps: steps.start..steps.start + (rows - 1) * stride,
         states: job.states.clone(),
         begun: &[],
@@ -172,7 +174,7 @@ fn through(
     Ok(())
 }
 
-/// Scratch in the scalar of an arm, for one state or for several.
+/// Scratch memory in the scalar type of an instruction set, for one state or for several.
 fn scratch(job: &Job<'_>, (form, arm): (Form, Arm), alone: bool) -> Box<dyn Reversing> {
     let on_arm: Option<Box<dyn Reversing>> = match (arm, alone) {
         (Arm::Baseline, _) => None,
@@ -182,17 +184,17 @@ fn scratch(job: &Job<'_>, (form, arm): (Form, Arm), alone: bool) -> Box<dyn Reve
         (Arm::Avx512, false) => Compiled::<Lanes<V4>, V4>::boxed(job, form),
         #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
         (Arm::Avx512, true) => Compiled::<Fused, V4>::boxed(job, form),
-        _ => Compiled::<Fused, <Fused as Vectorised>::Least>::boxed(job, form),
+        _ => Compiled::<Fused, <Fused as Vectorized>::Least>::boxed(job, form),
     };
     on_arm.unwrap_or_else(|| Box::new(Compiled::<f64, Baseline>::new(job, form, Baseline)))
 }
 
-/// Scratch in a scalar, for code compiled for some instructions.
-struct Compiled<T: Vectorised, I> {
+/// Scratch memory in a scalar type, for code compiled for one instruction set.
+struct Compiled<T: Vectorized, I> {
     scratch: Scratch<T>,
     gradients: StepGradients<T>,
-    solver: InLanes<T, I>,
-    /// Of all steps together, as [`StepGradients::acting`] and its parameters are of one.
+    solver: VectorizedBackward<T, I>,
+    /// Sums over all steps of [`StepGradients::acting`] and of the gradients by parameters.
     sums: [Vec<T>; ACTING],
     parameters: Vec<Parameters<T>>,
     form: Form,
@@ -200,31 +202,31 @@ struct Compiled<T: Vectorised, I> {
     checked: Option<Box<Checked>>,
 }
 
-/// One state, for steps that the lanes do not make: with every check, in substeps, and with the set-valued law.
+/// One state, for steps that are not vectorized: with all checks, in substeps, and with the set-valued law.
 struct Checked {
     scratch: Scratch<f64>,
     gradients: StepGradients<f64>,
     solver: CheckedBackward,
-    /// The way forward, and its substeps.
+    /// The step forward, and its substeps.
     forward: solver::Checked,
     substeps: Substeps,
     made: Vec<Substep>,
 }
 
-/// A substep of the way forward.
+/// A substep of the step forward.
 struct Substep {
     q: Vec<f64>,
     v: Vec<f64>,
     scheme: Scheme,
-    /// Of an event: what rows are locked at, and which end at a stop.
-    event: Option<(Vec<Locks>, Vec<usize>)>,
+    /// Of an event: its solutions, and the rows that end at a stop.
+    event: Option<(Vec<EventSolution>, Vec<usize>)>,
 }
 
 impl Substep {
-    fn new(law: &StepSettings, scheme: &Scheme, s: &Scratch<f64>, event: Option<&Event<'_>>) -> Self {
+    fn new(settings: &StepSettings, scheme: &Scheme, s: &Scratch<f64>, event: Option<&Event<'_>>) -> Self {
         let event = event.map(|event| {
-            let reached = event.reached.iter().map(|&(i, _)| law.set_valued[i].row).collect();
-            (event.locks.to_vec(), reached)
+            let reached = event.reached.iter().map(|&(i, _)| settings.set_valued[i].row).collect();
+            (event.solutions.to_vec(), reached)
         });
         Self { q: s.q.clone(), v: s.v.clone(), scheme: *scheme, event }
     }
@@ -233,34 +235,35 @@ impl Substep {
 impl Checked {
     #[cold]
     fn new(job: &Job<'_>, form: Form) -> Self {
-        let scratch = Scratch::new(job.scene.model(), job.law);
+        let scratch = Scratch::new(job.scene.model(), job.settings);
         let gradients = StepGradients::new(&scratch.model, job.layout.bodies > 0);
-        let solver = CheckedBackward::new(&scratch.model, form, job.law.tolerance);
-        let forward = solver::Checked::new(job.scene.model(), None, form).accepting(job.law.tolerance).with_kernels();
-        let substeps = Substeps::new(job.law, &scratch);
+        let solver = CheckedBackward::new(&scratch.model, form, job.settings.tolerance);
+        let forward =
+            solver::Checked::new(job.scene.model(), None, form).accepting(job.settings.tolerance).with_kernels();
+        let substeps = Substeps::new(job.settings, &scratch);
         Self { scratch, gradients, solver, forward, substeps, made: Vec::new() }
     }
 
-    /// Back through the step of one state; the joint and the error, where it cannot be.
+    /// Propagates the gradients through the step of one state. Returns the joint and the error if that fails.
     #[inline(never)]
     fn step(&mut self, job: &Job<'_>) -> Result<(), (String, Error)> {
         let Self { scratch, gradients, solver, forward, substeps, made } = self;
-        let law = job.law;
+        let settings = job.settings;
         made.clear();
-        substeps.advance(law, scratch, forward, &mut |scheme, s, event| {
-            made.push(Substep::new(law, scheme, s, event));
+        substeps.advance(settings, scratch, forward, &mut |scheme, s, event| {
+            made.push(Substep::new(settings, scheme, s, event));
         });
         let mut sums: Option<Vec<Vec<f64>>> = None;
         for Substep { q, v, scheme, event } in made.drain(..).rev() {
             scratch.q.copy_from_slice(&q);
             scratch.v.copy_from_slice(&v);
-            scratch.adopt(law, &scheme);
-            let by = (law, &scheme);
+            scratch.adopt(settings, &scheme);
+            let by = (settings, &scheme);
             match event {
                 None => {
                     backward(by, scratch, gradients, solver, None);
                 }
-                Some((locks, reached)) => through_event(by, scratch, gradients, solver, (&locks, &reached)),
+                Some((solutions, reached)) => through_event(by, scratch, gradients, solver, (&solutions, &reached)),
             }
             let StepGradients { start, end, .. } = &mut *gradients;
             std::mem::swap(start, end);
@@ -286,25 +289,26 @@ impl Checked {
     }
 }
 
-/// Back through an event: where joints rebound, once for the positions and once for the velocities at its end.
+/// Propagates the gradients through an event; with rebounds, once for the positions and once for the velocities at its
+/// end.
 fn through_event(
-    by: By<'_>,
+    by: StepArguments<'_>,
     s: &mut Scratch<f64>,
     gradients: &mut StepGradients<f64>,
     solver: &mut CheckedBackward,
-    (locks, reached): (&[Locks], &[usize]),
+    (solutions, reached): (&[EventSolution], &[usize]),
 ) {
-    // A joint that ends the step at a stop ends there for every start nearby.
+    // A joint that ends the step at a stop also ends there for all perturbed initial states.
     for &row in reached {
         gradients.end[0][row] = 0.0;
     }
-    let mut through = |gradients: &mut StepGradients<f64>, locks: &Locks| {
-        let mut solver = OfEvent { solver: &mut *solver, accelerations: &locks.accelerations };
-        backward(by, s, gradients, &mut solver, Some(&locks.rows));
+    let mut through = |gradients: &mut StepGradients<f64>, solutions: &EventSolution| {
+        let mut solver = EventSolver { solver: &mut *solver, accelerations: &solutions.accelerations };
+        backward(by, s, gradients, &mut solver, Some(&solutions.rows));
     };
-    let [for_positions, for_velocities] = locks else {
-        for locks in locks {
-            through(gradients, locks);
+    let [for_positions, for_velocities] = solutions else {
+        for solutions in solutions {
+            through(gradients, solutions);
         }
         return;
     };
@@ -320,13 +324,13 @@ fn through_event(
     }
 }
 
-impl<T: Vectorised<Number = f64>, I: Target> Compiled<T, I> {
+impl<T: Vectorized<Number = f64>, I: Target> Compiled<T, I> {
     fn new(job: &Job<'_>, form: Form, target: I) -> Self {
-        let scratch = Scratch::new(job.scene.model(), job.law);
+        let scratch = Scratch::new(job.scene.model(), job.settings);
         let zero = T::zero();
         Self {
             gradients: StepGradients::new(&scratch.model, job.layout.bodies > 0),
-            solver: InLanes::new(target, form, (&scratch.model, &scratch.constants)),
+            solver: VectorizedBackward::new(target, form, (&scratch.model, &scratch.constants)),
             sums: std::array::from_fn(|_| vec![zero; job.layout.nv]),
             parameters: vec![[zero; 10]; job.layout.bodies],
             scratch,
@@ -336,13 +340,13 @@ impl<T: Vectorised<Number = f64>, I: Target> Compiled<T, I> {
         }
     }
 
-    /// None where this processor does not have them.
+    /// `None` if the processor does not support the instruction set.
     fn boxed(job: &Job<'_>, form: Form) -> Option<Box<dyn Reversing>> {
         Some(Box::new(Self::new(job, form, I::here()?)))
     }
 }
 
-impl<T: Vectorised<Number = f64>, I: Target> Reversing for Compiled<T, I> {
+impl<T: Vectorized<Number = f64>, I: Target> Reversing for Compiled<T, I> {
     fn begin(&mut self, job: &Job<'_>) {
         let Self { scratch: s, gradients, sums, parameters, .. } = self;
         for numbers in sums.iter_mut().chain(&mut gradients.end) {
@@ -353,7 +357,7 @@ impl<T: Vectorised<Number = f64>, I: Target> Reversing for Compiled<T, I> {
         let (states, nq, nv) = (&job.states, job.scene.nq(), job.scene.nv());
         for lane in 0..T::LANES {
             let state = states.start + lane.min(states.len() - 1);
-            if let Some(gains) = &job.law.gains {
+            if let Some(gains) = &job.settings.gains {
                 fill(&mut s.target, lane, of_state(&gains.target, nq, state));
                 fill(&mut s.target_rate, lane, of_state(&gains.target_rate, nv, state));
             }
@@ -377,10 +381,10 @@ impl<T: Vectorised<Number = f64>, I: Target> Reversing for Compiled<T, I> {
 
     fn step(&mut self, job: &Job<'_>, n: usize, start: &[f64], out: &mut [f64]) -> Result<(), StepFault> {
         let target = self.target;
-        let mut doubt = target.within(Step { compiled: self, job, n, start });
-        doubt &= u64::MAX >> (64 - job.states.len());
-        if doubt != 0 {
-            self.again(job, n, doubt)?;
+        let mut fallback = target.within(Step { compiled: self, job, n, start });
+        fallback &= u64::MAX >> (64 - job.states.len());
+        if fallback != 0 {
+            self.recompute(job, n, fallback)?;
         }
         let Self { gradients, sums, parameters, .. } = self;
         let StepGradients { start, end, acting, parameters: of_step, .. } = gradients;
@@ -415,16 +419,16 @@ impl<T: Vectorised<Number = f64>, I: Target> Reversing for Compiled<T, I> {
     }
 }
 
-impl<T: Vectorised<Number = f64>, I: Target> Compiled<T, I> {
-    /// The step once more, with every check, for the lanes in doubt.
+impl<T: Vectorized<Number = f64>, I: Target> Compiled<T, I> {
+    /// Recomputes the step with all checks, for the lanes in `fallback`.
     #[cold]
     #[inline(never)]
-    fn again(&mut self, job: &Job<'_>, n: usize, mut doubt: u64) -> Result<(), StepFault> {
+    fn recompute(&mut self, job: &Job<'_>, n: usize, mut fallback: u64) -> Result<(), StepFault> {
         let Self { scratch: s, gradients, form, checked, .. } = self;
         let checked = checked.get_or_insert_with(|| Box::new(Checked::new(job, *form)));
-        while doubt != 0 {
-            let lane = doubt.trailing_zeros() as usize;
-            doubt &= doubt - 1;
+        while fallback != 0 {
+            let lane = fallback.trailing_zeros() as usize;
+            fallback &= fallback - 1;
             take_lane(&mut checked.scratch, s, lane);
             for (to, from) in checked.gradients.end.iter_mut().zip(&gradients.end) {
                 scatter(from, lane, to);
@@ -439,18 +443,18 @@ impl<T: Vectorised<Number = f64>, I: Target> Compiled<T, I> {
     }
 }
 
-/// One step of all lanes, to be compiled for an arm; gives the lanes in doubt as bits.
-struct Step<'a, T: Vectorised, I> {
+/// One step of all lanes, to be compiled for an instruction set. Returns as bits the lanes that need the fallback.
+struct Step<'a, T: Vectorized, I> {
     compiled: &'a mut Compiled<T, I>,
     job: &'a Job<'a>,
     n: usize,
     start: &'a [f64],
 }
 
-impl<T: Vectorised<Number = f64>, I: Target> Work for Step<'_, T, I> {
+impl<T: Vectorized<Number = f64>, I: Target> Work for Step<'_, T, I> {
     type Output = u64;
 
-    #[allow(clippy::eq_op)] // x - x is zero where x is finite, else NaN
+    #[allow(clippy::eq_op)] // x - x is zero for finite x, else NaN
     #[inline(always)]
     fn call(self) -> u64 {
         let Self { compiled: Compiled { scratch: s, gradients, solver, .. }, job, n, start } = self;
@@ -461,13 +465,13 @@ impl<T: Vectorised<Number = f64>, I: Target> Work for Step<'_, T, I> {
             let at = (n - first) * nv;
             take_states(&mut s.torque, count, |lane| &torque.state(job.states.start + lane)[at..at + nv]);
         }
-        let doubt = backward((job.law, &job.law.scheme), s, gradients, solver, None);
+        let fallback = backward((job.settings, &job.settings.scheme), s, gradients, solver, None);
         let mut worst = T::one();
         for numbers in gradients.start.iter().chain(&gradients.acting) {
             for &x in numbers {
                 worst += x - x;
             }
         }
-        doubt | lanes_but::<T>(|lane| worst.lane(lane) >= 0.0)
+        fallback | lanes_but::<T>(|lane| worst.lane(lane) >= 0.0)
     }
 }

@@ -1,17 +1,17 @@
-//! A batch of states through time: on threads, in lanes, some steps at a call.
+//! A rollout: time integration of a batch of states, vectorized and on several threads, a number of steps per call.
 
 use super::choice::{CONTROLLED, choose, set_valued};
-use super::conserve::{self, Correction, KEPT, Keeper};
 use super::contact::{self, ContactReport, RECORD};
 use super::job::{Impacts, Job, Rows};
 use super::method::Method;
+use super::momentum::{self, CONSERVED, Correction, MomentumProjection};
 use super::properties::FRICTION_SPEED;
-use super::settings::{Limits, Settings, Stabilisation};
+use super::settings::{Limits, Settings, Stabilization};
 use super::step_settings::StepSettings;
 use super::stepper::Stepper;
 use super::substeps::StopImpact;
-use super::tally::{TALLY, Tally};
 use super::torque::{StepFault, Torque};
+use super::totals::{TOTALS, Totals};
 use crate::algorithm::Algorithm;
 use crate::batch::arms::Arm;
 use crate::batch::{Batch, Fault, Pool, SLICE};
@@ -19,26 +19,28 @@ use crate::dynamics::contacts::ContactScratch;
 use crate::error::Error;
 use crate::filter::{FORMS, Form};
 use crate::scene::Scene;
-use crate::{memory, watch};
+use crate::{interrupt, memory};
 use std::borrow::Borrow;
 use std::sync::{Mutex, PoisonError};
 
-/// Where a rollout records: (states, rows, nq) and (states, rows, nv), row 0 the state at the start, row i after i * every steps.
+/// Destination of recorded rows: (states, rows, nq) and (states, rows, nv). Row 0 is the state at the start, row i the
+/// state after i * every steps.
 #[derive(Debug)]
 pub struct Records<'a> {
     /// Configurations.
     pub q: &'a mut [f64],
-    /// Rates.
+    /// Joint velocities.
     pub qd: &'a mut [f64],
-    /// Of a scene with contacts, (states, rows, contacts, 11): gap (m), slip velocity (m/s), force of the step that led to the row (N), the sum
-    /// of the impulses of impacts since the row before (N s), vectors in the base frame, and what the contact did in the step that led to the row, the
-    /// number of a [`ContactState`](super::ContactState), open in the first. Empty: not recorded.
+    /// For a scene with contacts, (states, rows, contacts, 11) in the base frame: gap (m), slip velocity (3, m/s),
+    /// force during the step that ends at the row (3, N), sum of the impulses of impacts since the previous row (3, N
+    /// s), and the index of the [`ContactState`](super::ContactState) during that step, open in the first row. Empty if
+    /// contacts are not recorded.
     pub contacts: &'a mut [f64],
-    /// A row after so many steps.
+    /// Number of steps between rows.
     pub every: usize,
 }
 
-/// States on their way; `S`: what the scene is held by, as `&Scene`, `Arc<Scene>` or `Scene`.
+/// States under time integration. `S` holds the scene: `&Scene`, `Arc<Scene>` or `Scene`.
 ///
 /// ```
 /// use phipsi::motion::{Method, Rollout, Settings, Torque};
@@ -55,17 +57,17 @@ pub struct Records<'a> {
 #[derive(Debug)]
 pub struct Rollout<S> {
     scene: S,
-    pub(super) law: StepSettings,
-    /// As they were given.
+    pub(super) settings: StepSettings,
+    /// As given in the settings.
     method: Method,
     limits: Limits,
-    keeper: Keeper<f64>,
+    momentum: MomentumProjection<f64>,
     pub(super) form: Form,
     pub(super) arm: Arm,
     states: usize,
-    /// (q, qd) of every state, and where momentum is kept what is kept and the largest corrections.
+    /// Per state: q, qd, the totals, and the stored values of momentum conservation or contacts.
     current: Vec<f64>,
-    /// The step that each state began at.
+    /// The step at which each state began.
     begun: Vec<usize>,
     done: usize,
     pool: Pool<Stepper>,
@@ -78,22 +80,24 @@ impl std::fmt::Debug for Stepper {
     }
 }
 
-/// States are given to threads in multiples of this: more than any arm has lanes.
+/// Threads receive multiples of this number of states, which is at least the number of lanes of every instruction set.
 pub(super) const GRAIN: usize = 16;
 
 impl<S: Borrow<Scene>> Rollout<S> {
-    /// States to start from, one after another: `q` (states, nq), `qd` (states, nv); `scene`: a reference, or what holds one.
+    /// Creates a rollout from initial states, one after another: `q` (states, nq), `qd` (states, nv).
     ///
-    /// Of a scene whose joints follow each other all numbers are those of its [`tree`](Scene::tree); [`Coupling`](crate::scene::Coupling) gives them.
+    /// For a scene with coupled joints all arrays are those of its [`tree`](Scene::tree);
+    /// [`Coupling`](crate::scene::Coupling) converts them.
     ///
     /// # Errors
     ///
-    /// A step that is not finite and positive, a form other than auto and covariance; wrong lengths, numbers that are not finite,
-    /// negative properties, quaternions that are not unit; momentum that cannot be kept; a state that does not meet the connections ([`Scene::project`] gives one that does).
+    /// A step that is not finite and positive; a form other than auto and covariance; wrong lengths; values that are
+    /// not finite; negative properties; quaternions that are not of unit norm; momentum that cannot be conserved; a
+    /// state that violates the connections ([`Scene::project`] corrects it).
     pub fn new(scene: S, settings: Settings, q: &[f64], qd: &[f64]) -> Result<Self, Error> {
         let coupling = scene.borrow().shared_coupling();
         let holds: &Scene = scene.borrow().tree();
-        let Settings { dt, method, form, mut properties, gains, arm, conserve_momentum, stabilisation, .. } = settings;
+        let Settings { dt, method, form, mut properties, gains, arm, conserve_momentum, stabilization, .. } = settings;
         if !(dt.is_finite() && dt > 0.0) {
             return Err(Error::argument("dt", format!("{dt}"), "a step in s, finite and positive"));
         }
@@ -104,7 +108,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         scene.borrow().check_tolerance(Algorithm::ForwardDynamics(form), settings.tolerance)?;
         properties.check(holds)?;
         check_method(holds, method, conserve_momentum)?;
-        if let Stabilisation::Baumgarte(rate) = stabilisation
+        if let Stabilization::Baumgarte(rate) = stabilization
             && !(rate.is_finite() && rate > 0.0)
         {
             return Err(Error::argument("baumgarte", format!("{rate}"), "a rate in 1/s, finite and positive"));
@@ -122,10 +126,10 @@ impl<S: Borrow<Scene>> Rollout<S> {
         if let Some(accuracy) = accuracy
             && !(accuracy.is_finite() && accuracy >= 1e-12)
         {
-            return Err(Error::argument("accuracy", format!("{accuracy}"), "a bound on the error, 1e-12 or more"));
+            return Err(Error::argument("accuracy", format!("{accuracy}"), "an error bound of at least 1e-12"));
         }
         if accuracy.is_some() && (!is_tree || coupling.is_some() || conserve_momentum || method != Method::Auto) {
-            let found = "error control with contacts, connections, coupled joints, conserve_momentum or a method";
+            let found = "error control with contacts, connections, coupled joints, conserve_momentum or a fixed method";
             return Err(Error::argument("accuracy", found, "None for this scene and these settings"));
         }
         let stops = settings.limits == Limits::Stop;
@@ -138,14 +142,14 @@ impl<S: Borrow<Scene>> Rollout<S> {
             return Err(Error::Shape {
                 argument: "q, qd".to_owned(),
                 found: format!("({},), ({},)", q.len(), qd.len()),
-                expected: format!("{nq} and {nv} numbers for each state"),
+                expected: format!("{nq} and {nv} values per state"),
             });
         }
         if let Some(gains) = &gains {
             gains.check(holds, states)?;
         }
         let chosen = match method {
-            // With error control the step follows from the accuracy, and explicit methods are stable up to longer ones.
+            // With error control the accuracy determines the step, and explicit methods are stable for longer steps.
             Method::Auto if accuracy.is_some() => match choose(holds, CONTROLLED, &properties, gains.as_ref(), q) {
                 Method::RungeKutta4 => Method::DormandPrince5,
                 _ => Method::Rosenbrock3,
@@ -153,26 +157,28 @@ impl<S: Borrow<Scene>> Rollout<S> {
             Method::Auto => choose(holds, dt, &properties, gains.as_ref(), q),
             method => method,
         };
-        let roots = if conserve_momentum { conserve::roots(holds, &properties, gains.as_ref())? } else { Vec::new() };
-        let mut law = StepSettings::new(holds.model(), dt, chosen, (properties, gains), roots).with_coupling(coupling);
-        law.divides = method == Method::Auto && is_tree;
-        law.restitution = restitution;
-        law.stops = stops;
-        law.accuracy = accuracy;
-        law.set_valued = set_valued(holds, law.coupling.as_deref(), &law.properties, stops && is_tree);
-        law.tolerance = settings.tolerance;
-        law.connected = (!holds.constraints().is_empty()).then_some(stabilisation);
-        law.compliance = settings.compliance;
-        let keeper = Keeper::new(holds.model(), &law.roots);
-        let current = memory::filled("q, qd", states.saturating_mul(law.width(holds)), 0.0)?;
+        let roots = if conserve_momentum { momentum::roots(holds, &properties, gains.as_ref())? } else { Vec::new() };
+        let mut step_settings =
+            StepSettings::new(holds.model(), dt, chosen, (properties, gains), roots).with_coupling(coupling);
+        step_settings.divides = method == Method::Auto && is_tree;
+        step_settings.restitution = restitution;
+        step_settings.stops = stops;
+        step_settings.accuracy = accuracy;
+        step_settings.set_valued =
+            set_valued(holds, step_settings.coupling.as_deref(), &step_settings.properties, stops && is_tree);
+        step_settings.tolerance = settings.tolerance;
+        step_settings.connected = (!holds.constraints().is_empty()).then_some(stabilization);
+        step_settings.compliance = settings.compliance;
+        let momentum = MomentumProjection::new(holds.model(), &step_settings.roots);
+        let current = memory::filled("q, qd", states.saturating_mul(step_settings.width(holds)), 0.0)?;
         let begun = memory::filled("q, qd", states, 0)?;
         let pool = Pool::default();
         let mut rollout = Self {
             scene,
-            law,
+            settings: step_settings,
             method,
             limits: settings.limits,
-            keeper,
+            momentum,
             form,
             arm,
             states,
@@ -183,7 +189,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             impacts: Impacts::default(),
         };
         for state in 0..states {
-            watch::check_at(state, 1_024)?;
+            interrupt::check_at(state, 1_024)?;
             let (q, qd) = (&q[state * nq..(state + 1) * nq], &qd[state * nv..(state + 1) * nv]);
             let named = |error: Error| if states > 1 { error.in_state(state) } else { error };
             rollout.check_state(q, qd).map_err(named)?;
@@ -192,141 +198,142 @@ impl<S: Borrow<Scene>> Rollout<S> {
         Ok(rollout)
     }
 
-    /// Whether a state can begin there.
+    /// Checks that an initial state is valid.
     pub(super) fn check_state(&self, q: &[f64], qd: &[f64]) -> Result<(), Error> {
         self.scene().check_configuration("q", q)?;
         self.scene().check_rates("qd", qd)?;
         self.check_connections(q, qd)?;
-        self.law.coupling.as_ref().map_or(Ok(()), |coupling| coupling.check_followed(q, qd))
+        self.settings.coupling.as_ref().map_or(Ok(()), |coupling| coupling.check_followed(q, qd))
     }
 
-    /// Begins one of the states at the step at hand, from what [`Rollout::check_state`] has seen.
+    /// Restarts one state at the current step, from values that [`Rollout::check_state`] accepted.
     pub(super) fn begin(&mut self, state: usize, q: &[f64], qd: &[f64]) {
-        let Self { scene, law, keeper, current, .. } = self;
+        let Self { scene, settings, momentum, current, .. } = self;
         let scene: &Scene = (*scene).borrow().tree();
-        let width = law.width(scene);
+        let width = settings.width(scene);
         let (moving, rest) = current[state * width..(state + 1) * width].split_at_mut(q.len() + qd.len());
-        let (tally, kept) = rest.split_at_mut(TALLY);
-        tally.fill(0.0);
+        let (totals, kept) = rest.split_at_mut(TOTALS);
+        totals.fill(0.0);
         let (own_q, own_qd) = moving.split_at_mut(q.len());
         own_q.copy_from_slice(q);
         own_qd.copy_from_slice(qd);
-        if keeper.keeps() {
-            keeper.begin(scene.model(), q, qd);
-            let (start, largest) = kept.split_at_mut(KEPT * law.roots.len());
-            start.copy_from_slice(&keeper.start);
+        if momentum.is_active() {
+            momentum.begin(scene.model(), q, qd);
+            let (start, largest) = kept.split_at_mut(CONSERVED * settings.roots.len());
+            start.copy_from_slice(&momentum.start);
             largest.fill(0.0);
         }
-        if law.method == Method::Contact {
+        if settings.method == Method::Contact {
             contact::begin(kept);
         }
         self.begun[state] = self.done;
     }
 
-    /// The scene whose states these are: the [`tree`](Scene::tree), where joints follow each other.
+    /// The scene of the states; for coupled joints its [`tree`](Scene::tree).
     #[must_use]
     pub fn scene(&self) -> &Scene {
         self.scene.borrow().tree()
     }
 
-    /// What it was made with; a copy.
+    /// A copy of the settings.
     #[must_use]
     pub fn settings(&self) -> Settings {
-        let StepSettings { step, properties, gains, roots, connected, restitution, .. } = &self.law;
+        let StepSettings { step, properties, gains, roots, connected, restitution, .. } = &self.settings;
         Settings {
             dt: *step,
             method: self.method,
             form: self.form,
-            tolerance: self.law.tolerance,
+            tolerance: self.settings.tolerance,
             properties: properties.clone(),
             gains: gains.clone(),
             arm: self.arm,
             conserve_momentum: !roots.is_empty(),
-            stabilisation: connected.unwrap_or_default(),
-            compliance: self.law.compliance.clone(),
+            stabilization: connected.unwrap_or_default(),
+            compliance: self.settings.compliance.clone(),
             limits: self.limits,
             restitution: *restitution,
-            accuracy: self.law.accuracy,
+            accuracy: self.settings.accuracy,
         }
     }
 
-    /// The method that advances states: of [`Method::Auto`], the one that was chosen.
+    /// The integration method; for [`Method::Auto`], the method that it selected.
     #[must_use]
     pub fn chosen_method(&self) -> Method {
-        self.law.method
+        self.settings.method
     }
 
-    /// True if joint limits are stops.
+    /// True if joint limits act as stops.
     #[must_use]
     pub fn has_stops(&self) -> bool {
-        self.law.stops
+        self.settings.stops
     }
 
-    /// The works and the numbers of substeps of one state since it began.
+    /// Works and numbers of substeps of one state since it began.
     ///
     /// # Panics
     ///
-    /// If there is no such state, as a slice does: see [`Rollout::states`].
+    /// If `index` is not below [`Rollout::states`].
     #[must_use]
-    pub fn tally(&self, index: usize) -> Tally {
-        Tally::of(&self.of_state(index)[self.scene().nq() + self.scene().nv()..])
+    pub fn totals(&self, index: usize) -> Totals {
+        Totals::of(&self.of_state(index)[self.scene().nq() + self.scene().nv()..])
     }
 
-    /// The impacts of joints on their stops since the last call, by state and time; those before a step that failed are among them.
+    /// Removes and returns the impacts of joints on their stops, sorted by state and time, including those before a
+    /// step that failed.
     pub fn take_impacts(&mut self) -> Vec<StopImpact> {
         self.impacts.take()
     }
 
-    /// How many steps were made.
+    /// Number of steps made.
     #[must_use]
     pub fn steps(&self) -> usize {
         self.done
     }
 
-    /// How many states there are.
+    /// Number of states.
     #[must_use]
     pub fn states(&self) -> usize {
         self.states
     }
 
-    /// How long one state has moved, s: dt for every step since it began.
+    /// Simulated time of one state, s: dt times the number of steps since it began.
     ///
     /// # Panics
     ///
-    /// If there is no such state, as a slice does: see [`Rollout::states`].
+    /// If `index` is not below [`Rollout::states`].
     #[must_use]
     pub fn time(&self, index: usize) -> f64 {
-        self.law.time(self.done - self.begun[index])
+        self.settings.time(self.done - self.begun[index])
     }
 
-    /// All that steps change but their number, and the step that each state began at.
+    /// All values that steps change except their number, and the step at which each state began.
     pub(super) fn numbers(&self) -> (&[f64], &[usize]) {
         (&self.current, &self.begun)
     }
 
-    /// Goes to where [`Rollout::numbers`] was after so many steps.
-    pub(super) fn put_back(&mut self, numbers: &[f64], done: usize) {
+    /// Restores the values that [`Rollout::numbers`] returned after `done` steps.
+    pub(super) fn restore(&mut self, numbers: &[f64], done: usize) {
         self.current.copy_from_slice(numbers);
         self.done = done;
     }
 
-    /// Takes the numbers of another rollout of as many states, which began where that one's did; false where they are of others.
+    /// Resumes from the values of another rollout. Returns false if they do not match this rollout.
     #[cfg(feature = "python")]
-    pub(super) fn take_up(&mut self, numbers: &[f64], begun: &[usize], done: usize) -> bool {
+    pub(super) fn resume(&mut self, numbers: &[f64], begun: &[usize], done: usize) -> bool {
         let fits = numbers.len() == self.current.len() && begun.len() == self.begun.len();
         let fits = fits && begun.iter().all(|&begun| begun <= done);
         if fits {
-            self.put_back(numbers, done);
+            self.restore(numbers, done);
             self.begun.copy_from_slice(begun);
         }
         fits
     }
 
-    /// Configuration and rates of one state now.
+    /// Current configuration and joint velocities of one state.
     ///
     /// # Panics
     ///
-    /// If there is no such state, as a slice does: see [`Rollout::states`].
+    /// If `index` is not below [`Rollout::states`].
     #[must_use]
     pub fn state(&self, index: usize) -> (&[f64], &[f64]) {
         let scene = self.scene();
@@ -334,101 +341,105 @@ impl<S: Borrow<Scene>> Rollout<S> {
         (q, &rest[..scene.nv()])
     }
 
-    /// The largest corrections that one state had so far to keep its momentum; none where that was not asked for.
+    /// The largest momentum corrections of one state so far; `None` if momentum is not conserved.
     ///
     /// # Panics
     ///
-    /// If there is no such state, as a slice does: see [`Rollout::states`].
+    /// If `index` is not below [`Rollout::states`].
     #[must_use]
     pub fn correction(&self, index: usize) -> Option<Correction> {
         let &[.., velocity, position] = self.of_state(index) else { return None };
-        (!self.law.roots.is_empty()).then_some(Correction { velocity, position })
+        (!self.settings.roots.is_empty()).then_some(Correction { velocity, position })
     }
 
-    /// What the steps of one state told of its contacts since it began; none for a scene without.
+    /// Diagnostics of the contacts of one state since it began; `None` for a scene without contacts.
     ///
     /// # Panics
     ///
-    /// If there is no such state, as a slice does: see [`Rollout::states`].
+    /// If `index` is not below [`Rollout::states`].
     #[must_use]
     pub fn contact_report(&self, index: usize) -> Option<ContactReport> {
-        let kept = &self.of_state(index)[self.scene().nq() + self.scene().nv() + TALLY..];
-        if self.law.method == Method::Contact { ContactReport::of(kept) } else { None }
+        let kept = &self.of_state(index)[self.scene().nq() + self.scene().nv() + TOTALS..];
+        if self.settings.method == Method::Contact { ContactReport::of(kept) } else { None }
     }
 
-    /// The contacts of one state now, as [`Records::contacts`] has them, (contacts, 11); impulses are those of all impacts since the last row that
-    /// was recorded, or since it began.
+    /// The current contacts of one state in the layout of [`Records::contacts`], (contacts, 11). The impulses are sums
+    /// over the impacts since the last recorded row, or since the state began.
     ///
     /// # Panics
     ///
-    /// If there is no such state, as a slice does: see [`Rollout::states`].
+    /// If `index` is not below [`Rollout::states`].
     #[must_use]
     pub fn contacts_now(&self, index: usize) -> Vec<f64> {
         let (scene, (q, v)) = (self.scene(), self.state(index));
         let points = scene.contact_points();
         let mut out = vec![0.0; RECORD * points.len()];
-        if self.law.method == Method::Contact {
-            let kept = &self.of_state(index)[q.len() + v.len() + TALLY..];
+        if self.settings.method == Method::Contact {
+            let kept = &self.of_state(index)[q.len() + v.len() + TOTALS..];
             let mut rows = ContactScratch::new(scene.model(), points, Vec::new());
-            contact::record(scene.model(), points, &mut rows, (q, v), (kept, self.law.step), &mut out);
+            contact::record(scene.model(), points, &mut rows, (q, v), (kept, self.settings.step), &mut out);
         }
         out
     }
 
     fn of_state(&self, index: usize) -> &[f64] {
         assert!(index < self.states, "state {index} of a simulation with {} states", self.states);
-        let width = self.law.width(self.scene());
+        let width = self.settings.width(self.scene());
         &self.current[index * width..(index + 1) * width]
     }
 
-    /// Rough time of one step of one state on one thread, ns; decides about threads, not about results.
+    /// Approximate time per step and state on one thread, ns. It determines the number of threads, not the results.
     #[must_use]
     #[doc(hidden)]
     pub fn cost(&self) -> usize {
         const ONE_BODY: usize = 100;
-        /// About as many times as long through connections, one state at a time.
+        /// Cost factor of steps with connections, which run one state at a time.
         const CONNECTED: usize = 20;
-        let one_by_one = ONE_BODY * self.law.scheme.tableau.stages * self.scene().model().bodies.len().max(1);
-        if self.law.connected.is_some() {
+        let one_by_one = ONE_BODY * self.settings.scheme.tableau.stages * self.scene().model().bodies.len().max(1);
+        if self.settings.connected.is_some() {
             return CONNECTED * one_by_one;
         }
-        if self.law.method == Method::Contact {
+        if self.settings.method == Method::Contact {
             return CONNECTED * (one_by_one + ONE_BODY * self.scene().contacts().len());
         }
         one_by_one / self.arm.lanes(size_of::<f64>()).min(self.states.max(1))
     }
 
-    /// Makes `steps` steps in every state; rows are recorded where they fall due, the first before the first step.
+    /// Advances all states by `steps` steps, and records rows, the first before the first step.
     ///
-    /// The results have the same bits for any number of threads and for any division into calls.
+    /// The results are bit-identical for any number of threads and any division into calls.
     ///
     /// # Errors
     ///
-    /// [`StepFault`] where a joint runs away or its pivot is lost. The rows of earlier steps are all there; states are then at
-    /// different steps, and the rollout is at its end. Records and torques of the wrong size are a fault of the step at hand; so is that a
-    /// [`watch`] ended the work.
+    /// [`StepFault`] if a motion diverges or a pivot is singular. All rows of earlier steps are recorded; afterwards
+    /// the states are at different steps, and the rollout cannot continue. Records and torques of wrong sizes, and an
+    /// [`interrupt`], are faults of the current step.
     pub fn advance(
         &mut self,
         steps: usize,
         torque: &Torque<'_>,
         records: Option<&mut Records<'_>>,
     ) -> Result<(), StepFault> {
-        let (nq, nv, width) = (self.scene().nq(), self.scene().nv(), self.law.width(self.scene()));
+        let (nq, nv, width) = (self.scene().nq(), self.scene().nv(), self.settings.width(self.scene()));
         let first = self.done;
         let refuse = |error| StepFault { step: first, state: 0, joint: String::new(), error };
         let Some(last) = first.checked_add(steps) else {
-            return Err(refuse(Error::argument("steps", steps.to_string(), "a number of steps that can be counted")));
+            return Err(refuse(Error::argument(
+                "steps",
+                steps.to_string(),
+                "a number of steps that does not overflow",
+            )));
         };
         self.check_torque(torque, steps).map_err(|fault| StepFault { state: fault.state, ..refuse(fault.error) })?;
         let pieces = self.pieces(records, first, last).map_err(refuse)?;
         let fault: Mutex<Option<StepFault>> = Mutex::new(None);
         let cost = self.cost().saturating_mul(steps);
         let slice = (SLICE / self.cost().max(1)).max(1);
-        let Self { scene, law, form, arm, current, begun, pool, impacts, .. } = self;
+        let Self { scene, settings, form, arm, current, begun, pool, impacts, .. } = self;
         let impacts = &*impacts;
         let scene: &Scene = (*scene).borrow().tree();
-        // The lanes know no contacts.
-        let arm = if law.method == Method::Contact { Arm::Baseline } else { *arm };
+        // Steps with contacts are not vectorized.
+        let arm = if settings.method == Method::Contact { Arm::Baseline } else { *arm };
         let make = || Stepper::new(*form, arm);
         let batch = Batch { states: self.states, cost, pool, make };
         let outcome = batch.run_pieces(GRAIN, current, |stepper, states, current| {
@@ -443,14 +454,14 @@ impl<S: Borrow<Scene>> Rollout<S> {
                 {
                     rows.record_start(from..to, current, (nq, nv, width));
                 }
-                // Interruption is checked between slices of steps.
+                // Check for interruption between slices of steps.
                 let mut begins = first;
                 loop {
-                    watch::check().map_err(|error| Fault { state: from, error })?;
+                    interrupt::check().map_err(|error| Fault { state: from, error })?;
                     let ends = last.min(begins.saturating_add(slice));
                     let job = Job {
                         scene,
-                        law,
+                        settings,
                         steps: begins..ends,
                         states: from..to,
                         begun: &begun[from..to],
@@ -460,8 +471,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
                         impacts: Some(impacts),
                     };
                     if let Err(found) = stepper.run(job) {
-                        // Interrupted substeps end with a diverging motion.
-                        watch::check().map_err(|error| Fault { state: from, error })?;
+                        // Interrupted substeps return a diverging motion.
+                        interrupt::check().map_err(|error| Fault { state: from, error })?;
                         let mut fault = fault.lock().unwrap_or_else(PoisonError::into_inner);
                         let earlier = |known: &StepFault| (found.step, found.state) < (known.step, known.state);
                         if fault.as_ref().is_none_or(earlier) {
@@ -478,7 +489,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             }
             Ok(())
         });
-        // What was interrupted is at its end, with the steps made before; no other fault comes out here.
+        // After an interruption the rollout keeps the steps made before; no other fault is reported here.
         outcome.map_err(|fault| refuse(fault.error))?;
         if let Some(fault) = fault.into_inner().unwrap_or_else(PoisonError::into_inner) {
             self.done = fault.step;
@@ -488,16 +499,17 @@ impl<S: Borrow<Scene>> Rollout<S> {
         Ok(())
     }
 
-    /// Whether `torque` serves the next `steps` steps; [`Rollout::advance`] asks too.
+    /// Checks that `torque` is valid for the next `steps` steps, as [`Rollout::advance`] does.
     ///
     /// # Errors
     ///
-    /// Another number of torques than the steps need, or torques that begin later; with `conserve_momentum`, a torque along a free joint that a tree hangs on.
+    /// A number of torques that does not match the steps, or torques that begin later; with `conserve_momentum`, a
+    /// torque along the free joint of a tree.
     pub(crate) fn check_torque(&self, torque: &Torque<'_>, steps: usize) -> Result<(), Fault> {
         self.check_torque_from(self.done, torque, steps)
     }
 
-    /// The same of the steps from some step of the run on.
+    /// As [`Rollout::check_torque`], beginning at step `start` of the run.
     pub(super) fn check_torque_from(&self, start: usize, torque: &Torque<'_>, steps: usize) -> Result<(), Fault> {
         let (nv, last) = (self.scene().nv(), start.saturating_add(steps));
         let (given, before, steps) = match torque {
@@ -520,12 +532,12 @@ impl<S: Borrow<Scene>> Rollout<S> {
             let error = Error::Shape { argument: "torque".to_owned(), found: format!("({found},)"), expected };
             return Err(Fault { state: 0, error });
         }
-        let roots = &self.law.roots;
+        let roots = &self.settings.roots;
         if roots.is_empty() {
             return Ok(());
         }
         for state in 0..self.states {
-            if let Some(error) = conserve::outer_torque(self.scene(), roots, &given.state(state)[before * nv..expected])
+            if let Some(error) = momentum::outer_torque(self.scene(), roots, &given.state(state)[before * nv..expected])
             {
                 return Err(Fault { state, error });
             }
@@ -534,7 +546,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
     }
 
     #[allow(clippy::needless_pass_by_value)] // a reference that is passed on
-    /// The rows of each [`GRAIN`] states, by themselves.
+    /// Splits the rows into pieces of [`GRAIN`] states.
     fn pieces<'r>(
         &self,
         records: Option<&'r mut Records<'_>>,
@@ -554,8 +566,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
         if !fits || q.len() != self.states * rows * nq || qd.len() != self.states * rows * nv {
             return Err(Error::Shape {
                 argument: "records".to_owned(),
-                found: format!("{} and {} numbers, a row every {every} steps", q.len(), qd.len()),
-                expected: format!("{} states, a row for every so many of {last} steps, ({nq}) and ({nv})", self.states),
+                found: format!("{} and {} values with a row every {every} steps", q.len(), qd.len()),
+                expected: format!("{} states with rows over {last} steps, {nq} and {nv} values per row", self.states),
             });
         }
         let each = self.scene().contacts().len() * RECORD;
@@ -583,15 +595,15 @@ impl<S: Borrow<Scene>> Rollout<S> {
     }
 }
 
-/// Whether the scene can move by the method: one with contacts by its own and by no other.
+/// Checks that the method is valid for the scene: scenes with contacts require the contact method, others exclude it.
 fn check_method(scene: &Scene, method: Method, conserve_momentum: bool) -> Result<(), Error> {
     let (touches, is_own) = (!scene.contacts().is_empty(), method == Method::Contact);
     if touches != is_own {
         let found = format!("{:?}", method.name());
         let expected = if touches {
-            "\"contact\" for a scene with contacts; scene.without_contacts() moves by the others"
+            "\"contact\" for a scene with contacts (scene.without_contacts() supports the other methods)"
         } else {
-            "another method: the scene has no contacts"
+            "another method, because the scene has no contacts"
         };
         return Err(Error::argument("method", found, expected));
     }

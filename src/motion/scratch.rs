@@ -1,21 +1,21 @@
-//! The arrays of a step, of one state or of one state per lane.
+//! The arrays of a step, for one state or for one state per lane.
 
-use super::conserve::Keeper;
 use super::method::{STAGES, Scheme};
+use super::momentum::MomentumProjection;
 use super::step_settings::StepSettings;
 use super::stops::SetValued;
-use super::tally::TALLY;
+use super::totals::TOTALS;
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::model::Model;
 use crate::scalar::Real;
 
-/// That of a joint which may be locked and is not, in the kernels: a row has noise in all lanes or in none. It changes no digit of a pivot, and its sign makes the
-/// pivot of a joint without inertia a lost one.
+/// Noise of a joint that can stick but moves, in the kernels, because a row has noise in all lanes or in none. It does
+/// not change the digits of a pivot, and its sign makes the pivot of a joint without inertia singular.
 const FREE: f64 = -1e-200;
-/// One row's constants in the scalar of the lanes.
+/// Constants of one row in the scalar type of the lanes.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct RowTerms<T> {
-    /// Noise without friction's part.
+    /// Measurement noise without the part of friction.
     pub noise: T,
     pub damping: T,
     pub stiffness: T,
@@ -24,19 +24,19 @@ pub(super) struct RowTerms<T> {
     pub derivative: T,
 }
 
-/// A row with exact friction or stops, in the scalar of the lanes.
+/// A row with exact friction or stops, in the scalar type of the lanes.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ModeTerms<T> {
     pub row: usize,
-    /// Its coordinate in q, and the bounds on it; infinite where it has none.
+    /// Index of its coordinate in q, and the limits; infinite if there are none.
     pub coordinate: usize,
     pub lower: T,
     pub upper: T,
     pub friction: T,
-    /// One where it is locked in this step, else zero; and its acceleration then, which is not zero in an event only.
-    pub locked: T,
+    /// 1 if the row is stuck in this step, else 0; and its acceleration while stuck, which is nonzero only in an event.
+    pub stuck: T,
     pub target: T,
-    /// One where it is at its lower, and at its upper stop.
+    /// 1 if the row is at its lower, or upper, stop, else 0.
     pub at_lower: T,
     pub at_upper: T,
 }
@@ -51,44 +51,44 @@ pub(super) struct Scratch<T: Real> {
     pub rest: Vec<T>,
     pub target: Vec<T>,
     pub target_rate: Vec<T>,
-    /// The torque that is given, held over the step.
+    /// The applied torque, constant during the step.
     pub torque: Vec<T>,
     pub q: Vec<T>,
     pub v: Vec<T>,
     pub q_next: Vec<T>,
     pub v_next: Vec<T>,
-    /// Stages: rates of the increment, and accelerations.
+    /// Stages: velocities of the increment, and accelerations.
     pub l: [Vec<T>; STAGES],
     pub m: [Vec<T>; STAGES],
-    /// Increment, configuration, velocity, carried velocity and torque of a stage.
+    /// Increment, configuration, velocity, transported velocity and torque of a stage.
     pub x: Vec<T>,
     pub q_stage: Vec<T>,
     pub v_stage: Vec<T>,
     pub c: Vec<T>,
     pub u: Vec<T>,
-    /// Friction's damping, f / sqrt(v^2 + v0^2) at the step's start.
+    /// Secant coefficient of regularized friction, f / sqrt(v^2 + v0^2) at the start of the step.
     pub chord: Vec<T>,
-    /// Rows with exact friction or stops, and their friction in this step, zero where they are locked.
+    /// Rows with exact friction or stops, and their friction torques in this step, zero for stuck rows.
     pub modes: Vec<ModeTerms<T>>,
     pub dry: Vec<T>,
-    /// The impulse of the control law in this step, N m s or N s.
+    /// Impulse of the control law in this step, N m s or N s.
     pub control: Vec<T>,
-    /// Positive where all modes hold until the step's end; and where the step is short enough.
+    /// Positive if all modes hold until the end of the step; positive if the step is short enough.
     pub consistent: T,
     pub short_enough: T,
-    /// Works and numbers of substeps of the run: see [`tally`](super::tally).
-    pub tally: [T; TALLY],
-    /// How far the stage is from where the springs are at rest, and from the control law's target.
+    /// Works and numbers of substeps of the run: see [`totals`](super::totals).
+    pub totals: [T; TOTALS],
+    /// Displacement of the stage from the rest configuration of the springs, and from the target of the control law.
     pub displaced: Vec<T>,
     pub displaced_target: Vec<T>,
-    pub keeper: Keeper<T>,
+    pub momentum: MomentumProjection<T>,
 }
 
 impl<T: Real> Scratch<T> {
-    pub fn new(scene_model: &Model<f64>, law: &StepSettings) -> Self {
+    pub fn new(scene_model: &Model<f64>, settings: &StepSettings) -> Self {
         let mut of_step = scene_model.clone();
-        of_step.system.noise = law.noise(&law.scheme);
-        for of in &law.set_valued {
+        of_step.system.noise = settings.noise(&settings.scheme);
+        for of in &settings.set_valued {
             let noise = &mut of_step.system.noise[of.row];
             *noise = if *noise == 0.0 { FREE } else { *noise };
         }
@@ -96,9 +96,9 @@ impl<T: Real> Scratch<T> {
         let model = of_step.cast::<T>();
         let (nq, nv) = (model.nq, model.nv());
         let row = |row: usize| {
-            let p = &law.properties;
+            let p = &settings.properties;
             let (kp, kd) =
-                law.gains.as_ref().map_or((0.0, 0.0), |gains| (gains.proportional[row], gains.derivative[row]));
+                settings.gains.as_ref().map_or((0.0, 0.0), |gains| (gains.proportional[row], gains.derivative[row]));
             RowTerms {
                 noise: T::from_f64(of_step.system.noise[row]),
                 damping: T::from_f64(p.damping[row]),
@@ -114,7 +114,7 @@ impl<T: Real> Scratch<T> {
             lower: T::from_f64(of.lower),
             upper: T::from_f64(of.upper),
             friction: T::from_f64(of.friction),
-            locked: T::zero(),
+            stuck: T::zero(),
             target: T::zero(),
             at_lower: T::zero(),
             at_upper: T::zero(),
@@ -122,10 +122,10 @@ impl<T: Real> Scratch<T> {
         let coordinates = || vec![T::zero(); nq];
         let rates = || vec![T::zero(); nv];
         Self {
-            sweeps: SweepScratch::new(&model, &constants).accepting(law.tolerance),
+            sweeps: SweepScratch::new(&model, &constants).accepting(settings.tolerance),
             constants,
             rows: (0..nv).map(row).collect(),
-            rest: law.properties.rest.iter().map(|&x| T::from_f64(x)).collect(),
+            rest: settings.properties.rest.iter().map(|&x| T::from_f64(x)).collect(),
             target: coordinates(),
             target_rate: rates(),
             torque: rates(),
@@ -141,24 +141,26 @@ impl<T: Real> Scratch<T> {
             c: rates(),
             u: rates(),
             chord: rates(),
-            modes: law.set_valued.iter().map(mode).collect(),
+            modes: settings.set_valued.iter().map(mode).collect(),
             dry: rates(),
             control: rates(),
             consistent: T::one(),
             short_enough: T::one(),
-            tally: [T::zero(); TALLY],
+            totals: [T::zero(); TOTALS],
             displaced: rates(),
             displaced_target: rates(),
-            keeper: Keeper::new(&model, &law.roots),
+            momentum: MomentumProjection::new(&model, &settings.roots),
             model,
         }
     }
 }
 
 impl<T: Real> Scratch<T> {
-    /// Sets the measurement noise of a scheme.
-    pub fn adopt(&mut self, law: &StepSettings, scheme: &Scheme) {
-        for ((row, noise), of_model) in self.rows.iter_mut().zip(law.noise(scheme)).zip(&mut self.model.system.noise) {
+    /// Sets the measurement noise for a scheme.
+    pub fn adopt(&mut self, settings: &StepSettings, scheme: &Scheme) {
+        for ((row, noise), of_model) in
+            self.rows.iter_mut().zip(settings.noise(scheme)).zip(&mut self.model.system.noise)
+        {
             row.noise = T::from_f64(noise);
             *of_model = row.noise;
         }
@@ -167,14 +169,14 @@ impl<T: Real> Scratch<T> {
 
 #[cfg(feature = "adaptive")]
 impl<T: Real> Scratch<T> {
-    /// The state that [`accelerations`] are of.
+    /// Sets the state at which [`accelerations`] evaluates.
     pub fn set_stage(&mut self, q: &[T], v: &[T]) {
         self.q_stage.copy_from_slice(q);
         self.v_stage.copy_from_slice(v);
     }
 }
 
-/// sum + c x, in place.
+/// sum += c x.
 #[inline(always)]
 pub(super) fn add_scaled<T: Real>(sum: &mut [T], c: f64, x: &[T]) {
     if c == 0.0 {
@@ -185,7 +187,7 @@ pub(super) fn add_scaled<T: Real>(sum: &mut [T], c: f64, x: &[T]) {
     }
 }
 
-/// Zero.
+/// Sets all entries to zero.
 #[inline(always)]
 pub(super) fn clear<T: Real>(numbers: &mut [T]) {
     for x in numbers {

@@ -9,35 +9,39 @@ use crate::scene::Scene;
 /// Settings that are constant during a rollout.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
-    /// The step, s.
+    /// Time step, s.
     pub dt: f64,
     /// The integrator.
     pub method: Method,
-    /// The form of the covariance P in the filter, [`Form::Auto`] or [`Form::Covariance`]. `Auto` estimates the error of the covariance form and recomputes a step
-    /// whose estimate exceeds the tolerance in square-root form; `Covariance` only checks the pivots and takes less time.
+    /// Form of the filter, [`Form::Auto`] or [`Form::Covariance`]. `Auto` estimates the error of the covariance form
+    /// and recomputes a step whose estimate exceeds the tolerance in square-root form; `Covariance` only checks the
+    /// pivots and takes less time.
     pub form: Form,
-    /// The largest estimated error of an acceleration that form `auto` accepts, relative to the largest acceleration; None: the default, see
-    /// [`Workspace::tolerance`](crate::Workspace::tolerance).
+    /// Largest estimated error of an acceleration that form `auto` accepts, relative to the largest acceleration;
+    /// `None` for the default of [`Workspace::tolerance`](crate::Workspace::tolerance).
     pub tolerance: Option<f64>,
     /// Armature, damping, springs and friction of the joints.
     pub properties: Properties,
     /// The control law, if any.
     pub gains: Option<Gains>,
-    /// The instruction set; the baseline if the processor does not have it.
+    /// Instruction set; the baseline if the processor does not support it.
     pub arm: Arm,
-    /// True if floating trees conserve their momentum, and the parabola of their center of mass, to rounding. Each step then ends with a rigid displacement of
-    /// the tree that removes the error of the step in them (see [`Rollout::correction`](super::Rollout::correction)). Every tree must be connected to the base by a free joint
+    /// True if floating trees conserve their momentum, and the parabola of their center of mass, to rounding. Each step
+    /// then ends with a rigid displacement of the tree that removes the error of the step in these quantities (see
+    /// [`Rollout::correction`](super::Rollout::correction)). Every tree must be connected to the base by a free joint
     /// without armature, damping, spring, friction, control law or torque.
     pub conserve_momentum: bool,
-    /// How positions and velocities are kept on the connections.
-    pub stabilisation: Stabilisation,
-    /// The compliance of each row of the connections, (m/s^2)/N or (rad/s^2)/(N m), zero or above; empty: all are rigid.
+    /// The method that keeps positions and velocities on the connections.
+    pub stabilization: Stabilization,
+    /// Compliance of each row of the connections, (m/s^2)/N or (rad/s^2)/(N m), zero or positive; empty if all are
+    /// rigid.
     pub compliance: Vec<f64>,
     /// The effect of joint limits.
     pub limits: Limits,
-    /// The coefficient of restitution of the stops, 0 to 1.
+    /// Coefficient of restitution of the stops, 0 to 1.
     pub restitution: f64,
-    /// Error control: each step of `dt` is made in substeps whose estimated error, in rad, m, and relative to the fastest joint velocity where that exceeds 1, is at most this; none: fixed steps.
+    /// Error control: each step of `dt` consists of substeps whose estimated error is at most this value, in rad, m,
+    /// and relative to the fastest joint velocity if that exceeds 1. `None` for fixed steps.
     pub accuracy: Option<f64>,
 }
 
@@ -65,7 +69,7 @@ impl Settings {
             gains: None,
             arm: Arm::of_process(),
             conserve_momentum: false,
-            stabilisation: Stabilisation::default(),
+            stabilization: Stabilization::default(),
             compliance: Vec::new(),
             limits: Limits::default(),
             restitution: 0.0,
@@ -74,13 +78,13 @@ impl Settings {
     }
 }
 
-/// How a motion is kept on the connections.
+/// The method that keeps a motion on the connections.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub enum Stabilisation {
-    /// Positions and velocities are projected after each step, by moves of least kinetic energy.
+pub enum Stabilization {
+    /// Positions and velocities are projected after each step, with the displacement of least kinetic energy.
     #[default]
     Projection,
-    /// Accelerations are those of J qdd + J' qd = -2 a J qd - a^2 error, with this a in 1/s: errors fall as t exp(-a t), and nothing is projected. J.
-    /// Baumgarte, Computer Methods in Applied Mechanics and Engineering 1, 1972, 1-16.
+    /// Accelerations satisfy J qdd + J' qd = -2 a J qd - a^2 error for this a in 1/s, so that errors decay as t exp(-a
+    /// t) without projection. J. Baumgarte, Computer Methods in Applied Mechanics and Engineering 1, 1972, 1-16.
     Baumgarte(f64),
 }

@@ -1,23 +1,23 @@
-//! States that go on step by step: a rollout that can be taken up again after an error, and whose states can begin anew one by one.
+//! A simulator: time integration call by call, which can continue after an error, and whose states can be reset.
 
-use super::conserve::Correction;
 use super::contact::ContactReport;
 use super::method::Method;
+use super::momentum::Correction;
 use super::rollout::Rollout;
 use super::settings::Settings;
 use super::substeps::StopImpact;
-use super::tally::Tally;
 use super::torque::{StepFault, Torque};
+use super::totals::Totals;
 use crate::batch::{Broadcast, Fault};
 use crate::error::Error;
 use crate::scene::Scene;
-use crate::{memory, watch};
+use crate::{interrupt, memory};
 use std::borrow::Borrow;
 
-/// States that are advanced call by call; `S`: what the scene is held by, as `&Scene`, `Arc<Scene>` or `Scene`.
+/// States that are advanced call by call. `S` holds the scene: `&Scene`, `Arc<Scene>` or `Scene`.
 ///
-/// A step has the bits that it has in a [`Rollout`], however steps are cut into calls, for any number of threads and of states beside it. Scratch is
-/// made by the first step and kept: later ones allocate nothing on the caller's thread.
+/// Results are bit-identical to those of a [`Rollout`], for any division of the steps into calls and any number of
+/// threads and states. The first step allocates scratch memory; later steps allocate nothing on the calling thread.
 ///
 /// ```
 /// use phipsi::batch::Broadcast;
@@ -37,12 +37,12 @@ use std::borrow::Borrow;
 #[derive(Debug)]
 pub struct Simulator<S> {
     pub(super) rollout: Rollout<S>,
-    /// What the rollout had before the call at hand.
+    /// The values of the rollout before the current call.
     before: Vec<f64>,
 }
 
 impl<S: Borrow<Scene>> Simulator<S> {
-    /// States to start from, one after another: `q` (states, nq), `qd` (states, nv).
+    /// Creates a simulator from initial states, one after another: `q` (states, nq), `qd` (states, nv).
     ///
     /// # Errors
     ///
@@ -53,40 +53,40 @@ impl<S: Borrow<Scene>> Simulator<S> {
         Ok(Self { rollout, before })
     }
 
-    /// Makes `steps` steps in every state, `torque` held over them: O(N) a step, by as many evaluations as the method has stages.
+    /// Advances all states by `steps` steps with constant `torque`. O(N) per step and stage of the method.
     ///
     /// # Errors
     ///
-    /// [`StepFault`] where a joint runs away or its pivot is lost: all states, and their times, are then after the last step that every state finished,
-    /// which is the one before [`StepFault::step`]. After torques of the wrong size, and where a [`watch`] ended the work, they are as they
-    /// were before the call.
+    /// [`StepFault`] if a motion diverges or a pivot is singular. All states, and their times, are then those after the
+    /// last step that every state completed, which precedes [`StepFault::step`]. After torques of a wrong size or an
+    /// [`interrupt`], they are those before the call.
     pub fn step(&mut self, torque: &Torque<'_>, steps: usize) -> Result<(), StepFault> {
         let Self { rollout, before } = self;
         let first = rollout.steps();
         before.copy_from_slice(rollout.numbers().0);
         let Err(fault) = rollout.advance(steps, torque, None) else { return Ok(()) };
-        rollout.put_back(before, first);
-        // Those before it once more: in the call they went on past it, each as far as it could.
+        rollout.restore(before, first);
+        // Repeats the steps before the fault, because in the failed call other states continued beyond it.
         let again = rollout.advance(fault.step - first, torque, None);
         if again.is_err() {
-            rollout.put_back(before, first);
+            rollout.restore(before, first);
         }
         again.and(Err(fault))
     }
 
-    /// Begins some of the states anew: state `states[i]` at state i of `q` and `qd`, at time zero. The others stay as they are.
+    /// Resets some states: state `states[i]` becomes state i of `q` and `qd`, at time zero. The others are unchanged.
     ///
     /// # Errors
     ///
-    /// A state that there is not, or more states than `q` and `qd` have; numbers that are not finite, quaternions that are not unit, with the index of
-    /// the state in the batch. All states are then as they were.
+    /// An index that is not a state; more indices than states in `q` and `qd`; values that are not finite and
+    /// quaternions that are not of unit norm, with the index of the state in the batch. All states are then unchanged.
     pub fn reset(&mut self, states: &[usize], q: &Broadcast<'_>, qd: &Broadcast<'_>) -> Result<(), Fault> {
         let count = self.states();
         for (name, given) in [("q", q), ("qd", qd)] {
             given.check_states(name, states.len()).map_err(|error| Fault { state: 0, error })?;
         }
         for (i, &state) in states.iter().enumerate() {
-            watch::check_at(i, 1_024).map_err(|error| Fault { state, error })?;
+            interrupt::check_at(i, 1_024).map_err(|error| Fault { state, error })?;
             if state >= count {
                 let error = Error::argument("states", state.to_string(), format!("indices below {count}"));
                 return Err(Fault { state, error });
@@ -99,43 +99,43 @@ impl<S: Borrow<Scene>> Simulator<S> {
         Ok(())
     }
 
-    /// Configuration and rates of one state now.
+    /// Current configuration and joint velocities of one state.
     ///
     /// # Panics
     ///
-    /// If there is no such state, as a slice does: see [`Simulator::states`].
+    /// If `index` is not below [`Simulator::states`].
     #[must_use]
     pub fn state(&self, index: usize) -> (&[f64], &[f64]) {
         self.rollout.state(index)
     }
 
-    /// How many states there are.
+    /// Number of states.
     #[must_use]
     pub fn states(&self) -> usize {
         self.rollout.states()
     }
 
-    /// How many steps were made, resets or not.
+    /// Number of steps made, regardless of resets.
     #[must_use]
     pub fn steps(&self) -> usize {
         self.rollout.steps()
     }
 
-    /// How long one state has moved, s: dt for every step since it began or was reset.
+    /// Simulated time of one state, s: dt times the number of steps since it began or was reset.
     ///
     /// # Panics
     ///
-    /// If there is no such state, as a slice does: see [`Simulator::states`].
+    /// If `index` is not below [`Simulator::states`].
     #[must_use]
     pub fn time(&self, index: usize) -> f64 {
         self.rollout.time(index)
     }
 
-    /// The largest corrections that one state had to keep its momentum since it began or was reset; none where that was not asked for.
+    /// The largest momentum corrections of one state since it began or was reset; `None` if momentum is not conserved.
     ///
     /// # Panics
     ///
-    /// If there is no such state, as a slice does: see [`Simulator::states`].
+    /// If `index` is not below [`Simulator::states`].
     #[must_use]
     pub fn correction(&self, index: usize) -> Option<Correction> {
         self.rollout.correction(index)
@@ -153,14 +153,14 @@ impl<S: Borrow<Scene>> Simulator<S> {
         self.rollout.has_stops()
     }
 
-    /// As [`Rollout::tally`].
+    /// As [`Rollout::totals`].
     ///
     /// # Panics
     ///
-    /// If there is no such state, as a slice does: see [`Simulator::states`].
+    /// If `index` is not below [`Simulator::states`].
     #[must_use]
-    pub fn tally(&self, index: usize) -> Tally {
-        self.rollout.tally(index)
+    pub fn totals(&self, index: usize) -> Totals {
+        self.rollout.totals(index)
     }
 
     /// As [`Rollout::take_impacts`].
@@ -168,11 +168,11 @@ impl<S: Borrow<Scene>> Simulator<S> {
         self.rollout.take_impacts()
     }
 
-    /// What the steps of one state told of its contacts since it began or was reset; none for a scene without.
+    /// Diagnostics of the contacts of one state since it began or was reset; `None` for a scene without contacts.
     ///
     /// # Panics
     ///
-    /// If there is no such state, as a slice does: see [`Simulator::states`].
+    /// If `index` is not below [`Simulator::states`].
     #[must_use]
     pub fn contact_report(&self, index: usize) -> Option<ContactReport> {
         self.rollout.contact_report(index)
@@ -182,32 +182,32 @@ impl<S: Borrow<Scene>> Simulator<S> {
     ///
     /// # Panics
     ///
-    /// If there is no such state, as a slice does: see [`Simulator::states`].
+    /// If `index` is not below [`Simulator::states`].
     #[must_use]
     pub fn contacts_now(&self, index: usize) -> Vec<f64> {
         self.rollout.contacts_now(index)
     }
 
-    /// The scene whose states these are.
+    /// The scene of the states.
     #[must_use]
     pub fn scene(&self) -> &Scene {
         self.rollout.scene()
     }
 
-    /// What it was made with; a copy.
+    /// A copy of the settings.
     #[must_use]
     pub fn settings(&self) -> Settings {
         self.rollout.settings()
     }
 
-    /// Rough time of one step of one state on one thread, ns.
+    /// Approximate time per step and state on one thread, ns.
     #[must_use]
     #[doc(hidden)]
     pub fn cost(&self) -> usize {
         self.rollout.cost()
     }
 
-    /// Whether `torque` serves the next `steps` steps; [`Simulator::step`] asks too.
+    /// Checks that `torque` is valid for the next `steps` steps, as [`Simulator::step`] does.
     ///
     /// # Errors
     ///
@@ -217,16 +217,18 @@ impl<S: Borrow<Scene>> Simulator<S> {
         self.rollout.check_torque(torque, steps)
     }
 
-    /// What a copy is made of, beside scene, settings and any states: the numbers of every state, the step that it began at, and how many were made.
+    /// The values of every state, the step at which it began, and the number of steps made: the data of a copy, in
+    /// addition to scene, settings and initial states.
     #[cfg(feature = "python")]
     pub(crate) fn numbers(&self) -> (&[f64], &[usize], usize) {
         let (numbers, begun) = self.rollout.numbers();
         (numbers, begun, self.steps())
     }
 
-    /// Goes on from the numbers of another of as many states, made with the same settings; false where they do not fit.
+    /// Resumes from the values of another simulator with the same settings and number of states. Returns false if they
+    /// do not match.
     #[cfg(feature = "python")]
-    pub(crate) fn take_up(&mut self, numbers: &[f64], begun: &[usize], done: usize) -> bool {
-        self.rollout.take_up(numbers, begun, done)
+    pub(crate) fn resume(&mut self, numbers: &[f64], begun: &[usize], done: usize) -> bool {
+        self.rollout.resume(numbers, begun, done)
     }
 }

@@ -1,7 +1,8 @@
-//! How the accelerations of a stage are found: by the kernels, with or without an error estimate, or by the general recursions with every check.
+//! Solvers for the accelerations of a stage: compiled kernels, with or without an error estimate, or the general
+//! recursions with all checks.
 
 use crate::batch::accelerations::{Call, by_covariance, watched};
-use crate::batch::arms::{Baseline, Target, Vectorised};
+use crate::batch::arms::{Baseline, Target, Vectorized};
 use crate::dynamics;
 use crate::dynamics::auto::Errors;
 use crate::dynamics::coupled::CoupledAccelerations;
@@ -14,9 +15,10 @@ use crate::scene::Coupling;
 use crate::workspace::Workspace;
 use std::sync::Arc;
 
-/// How the accelerations of a stage are found.
+/// Computes the accelerations of a stage.
 pub(super) trait Solver<T: Real> {
-    /// Writes qdd; gives the lanes whose error estimate exceeds its bound as bits. `estimates`: whether the error is estimated, else only pivots are checked.
+    /// Writes qdd, and returns as bits the lanes whose error estimate exceeds the tolerance. `estimates`: whether the
+    /// error is estimated; otherwise only pivots are checked.
     fn solve(
         &mut self,
         estimates: bool,
@@ -27,7 +29,8 @@ pub(super) trait Solver<T: Real> {
     ) -> u64;
 }
 
-/// The compiled kernels of these instructions, in covariance form; with an error estimate in the first stage of a step, unless it only checks its pivots: later stages are near.
+/// The compiled kernels of one instruction set, in covariance form. In form auto they estimate the error in the first
+/// stage of a step; the later stages are similar.
 pub(super) struct Kernels<T, I> {
     target: I,
     errors: Errors<T>,
@@ -35,14 +38,14 @@ pub(super) struct Kernels<T, I> {
 }
 
 impl<T: Real, I> Kernels<T, I> {
-    /// Those for a form, [`Form::Covariance`] or [`Form::Auto`].
+    /// Kernels for [`Form::Covariance`] or [`Form::Auto`].
     #[inline(always)]
     pub fn new(target: I, form: Form) -> Self {
         Self { target, errors: Errors::unknown(), estimates: form != Form::Covariance }
     }
 }
 
-impl<T: Vectorised, I: Target> Solver<T> for Kernels<T, I> {
+impl<T: Vectorized, I: Target> Solver<T> for Kernels<T, I> {
     #[inline(always)]
     fn solve(
         &mut self,
@@ -61,14 +64,14 @@ impl<T: Vectorised, I: Target> Solver<T> for Kernels<T, I> {
     }
 }
 
-/// One state with every check, in the form of the workspace.
+/// One state with all checks, in the form of the workspace.
 pub(super) struct Checked {
     pub workspace: Workspace<f64>,
     form: Form,
-    /// True if the kernels are tried first; they leave no factor in the workspace.
+    /// True if the kernels run first; they leave no factor in the workspace.
     kernels_first: bool,
     coupled: Option<(CoupledAccelerations, Arc<Coupling>)>,
-    /// The first pivot that was lost, since it was last taken.
+    /// The first singular pivot, until it is taken.
     pub lost: Option<LostPivot>,
 }
 
@@ -78,18 +81,18 @@ impl Checked {
         Self { workspace: Workspace::new(model).in_form(form), form, kernels_first: false, coupled, lost: None }
     }
 
-    /// The same with another tolerance than the usual one.
+    /// The same solver with another tolerance; `None` for the default.
     pub fn accepting(mut self, tolerance: Option<f64>) -> Self {
         self.workspace.tolerance = tolerance;
         self
     }
 
-    /// The same with the kernels first, whose results stay where their error estimate meets its bound.
+    /// The same solver with the kernels first, whose result is accepted if its error estimate is within the tolerance.
     pub fn with_kernels(self) -> Self {
         Self { kernels_first: self.coupled.is_none(), ..self }
     }
 
-    /// M^-1 of a right side, with the noise of the model.
+    /// M^-1 times a right-hand side, with the noise of the model.
     pub fn factorise_and_solve(&mut self, model: &Model<f64>, q: &[f64], right: &[f64], out: &mut [f64]) {
         if self.solve_coupled(model, (q, None), right, out) {
             return;
@@ -101,7 +104,8 @@ impl Checked {
         }
     }
 
-    /// M^-1 (right - bias) of joints that follow each other, without the bias where there are no joint velocities; false where no joint follows another.
+    /// M^-1 (right - bias) for coupled joints, or M^-1 right without velocities. Returns false if no joints are
+    /// coupled.
     fn solve_coupled(
         &mut self,
         model: &Model<f64>,

@@ -1,4 +1,4 @@
-//! Initial states: those beyond joint limits, from which the stops move the joints back, and those that violate connections.
+//! Checks of initial states: joints beyond their limits, which the stops move back, and violated connections.
 
 use super::rollout::Rollout;
 use super::simulator::Simulator;
@@ -6,22 +6,22 @@ use crate::error::Error;
 use crate::scene::Scene;
 use std::borrow::Borrow;
 
-/// The largest violation of the connections by an initial state, m or rad, and m/s or rad/s.
+/// Largest accepted violation of the connections by an initial state, m or rad, and m/s or rad/s.
 const AT_START: f64 = 1e-6;
 
 impl<S: Borrow<Scene>> Rollout<S> {
-    /// Checks that an initial state meets the connections; no check where rows have compliance.
+    /// Checks that an initial state satisfies the connections; omitted if rows have compliance.
     pub(super) fn check_connections(&self, q: &[f64], qd: &[f64]) -> Result<(), Error> {
-        let is_soft = self.law.compliance.iter().any(|&compliance| compliance > 0.0);
+        let is_soft = self.settings.compliance.iter().any(|&compliance| compliance > 0.0);
         if is_soft { Ok(()) } else { self.scene().check_on_connections(q, qd, AT_START) }
     }
 
-    /// A warning if joints of some states are beyond limits that are stops: they are moved back, at 1 rad/s or m/s at most. To be asked before the first
-    /// step, and after a state began anew.
+    /// Warning about joints of the given states that are beyond limits with active stops, which move them back at 1
+    /// rad/s or m/s at most. Call it before the first step and after a reset.
     ///
     /// # Panics
     ///
-    /// If there is no such state: see [`Rollout::states`].
+    /// If an index is not below [`Rollout::states`].
     pub fn limit_warning(&self, states: impl IntoIterator<Item = usize>) -> Option<String> {
         if !self.has_stops() {
             return None;
@@ -39,7 +39,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let first = outside.first()?;
         let more = if outside.len() > 1 { format!(" and {} more", outside.len() - 1) } else { String::new() };
         Some(format!(
-            "q: found {first}{more}; the stops move them back, at 1 rad/s or m/s at most; limits=\"report\" switches the stops off"
+            "q: found {first}{more}; the stops move them back at up to 1 rad/s or m/s; \
+             limits=\"report\" disables the stops"
         ))
     }
 }
@@ -49,7 +50,7 @@ impl<S: Borrow<Scene>> Simulator<S> {
     ///
     /// # Panics
     ///
-    /// As there.
+    /// As [`Rollout::limit_warning`].
     pub fn limit_warning(&self, states: impl IntoIterator<Item = usize>) -> Option<String> {
         self.rollout.limit_warning(states)
     }

@@ -1,30 +1,36 @@
-//! One elementary step of one state, or of one state per lane, by any method.
+//! One elementary step of one state, or of one state per lane, with any method.
 //!
-//! Joints with exact Coulomb friction or with stops have a *mode* during the step, which their state at its start decides: locked (at rest, held by friction or by a stop),
-//! or moving in one direction, with constant friction against it. In these modes the motion is smooth, and the step has the order of its method. The step also evaluates whether
-//! the modes hold until its end ([`Scratch::consistent`]) and whether it is short enough ([`Scratch::short_enough`]); where one fails,
-//! [`substeps`](super::substeps) does the step with shorter ones and with the set-valued law.
+//! Joints with exact Coulomb friction or with stops have a *mode* during the step, which the initial state of the step
+//! determines: stuck (held by friction or by a stop), or moving in one direction with constant friction. In these modes
+//! the motion is smooth, and the step has the order of its method. The step also evaluates whether the modes hold until
+//! its end ([`Scratch::consistent`]) and whether it is short enough ([`Scratch::short_enough`]). If one test fails,
+//! [`substeps`](super::substeps) repeats the step with shorter ones and with the set-valued law.
 
 use super::manifold::{advance, carry_back};
-use super::modes::{observe_end, observe_locks, set_modes};
+use super::modes::{observe_end, set_modes, test_stuck_rows};
 use super::scratch::{Scratch, add_scaled, clear};
 use super::solver::Solver;
-use super::step_settings::{By, StepSettings};
+use super::step_settings::{StepArguments, StepSettings};
 use crate::scalar::Real;
 
-/// The accelerations of the state that [`Scratch::set_stage`] has set, in `m[0]`, with nothing implicit.
+/// Accelerations, in `m[0]`, of the state of [`Scratch::set_stage`], without implicit terms.
 #[cfg(feature = "adaptive")]
-pub(super) fn accelerations<T: Real, S: Solver<T>>(law: &StepSettings, s: &mut Scratch<T>, solver: &mut S) {
-    forces((law, &law.scheme), s, 0);
+pub(super) fn accelerations<T: Real, S: Solver<T>>(settings: &StepSettings, s: &mut Scratch<T>, solver: &mut S) {
+    forces((settings, &settings.scheme), s, 0);
     solver.solve(true, (&s.model, &s.constants), &mut s.sweeps, (&s.q_stage, &s.v_stage, &s.u), &mut s.m[0]);
 }
 
-/// From `q`, `v` to `q_next`, `v_next` by one step of a scheme; gives the lanes whose error estimate exceeds its bound as bits.
+/// One step of a scheme from `q`, `v` to `q_next`, `v_next`; returns as bits the lanes whose error estimate exceeds the
+/// tolerance.
 #[inline(always)]
-pub(super) fn step<T: Real, S: Solver<T>>(by @ (law, scheme): By<'_>, s: &mut Scratch<T>, solver: &mut S) -> u64 {
+pub(super) fn step<T: Real, S: Solver<T>>(
+    by @ (settings, scheme): StepArguments<'_>,
+    s: &mut Scratch<T>,
+    solver: &mut S,
+) -> u64 {
     let t = &scheme.tableau;
-    let mut doubt = 0;
-    if law.rubs {
+    let mut fallback = 0;
+    if settings.regularized {
         set_friction(by, s);
     }
     set_modes(by, s);
@@ -32,17 +38,17 @@ pub(super) fn step<T: Real, S: Solver<T>>(by @ (law, scheme): By<'_>, s: &mut Sc
     for i in 0..t.stages {
         stage(by, s, i);
         let state = (&s.q_stage[..], &s.v_stage[..], &s.u[..]);
-        doubt |= solver.solve(i == 0, (&s.model, &s.constants), &mut s.sweeps, state, &mut s.m[i]);
-        observe_locks(s, i);
+        fallback |= solver.solve(i == 0, (&s.model, &s.constants), &mut s.sweeps, state, &mut s.m[i]);
+        test_stuck_rows(s, i);
         finish_stage(by, s, i);
     }
     finish_step(by, s);
-    doubt
+    fallback
 }
 
-/// The end of a step whose stages are there, and whether it is consistent and short enough.
+/// Computes the end of a step from its stages, and whether the step is consistent and short enough.
 #[inline(always)]
-pub(super) fn finish_step<T: Real>(by @ (_, scheme): By<'_>, s: &mut Scratch<T>) {
+pub(super) fn finish_step<T: Real>(by @ (_, scheme): StepArguments<'_>, s: &mut Scratch<T>) {
     let t = &scheme.tableau;
     clear(&mut s.x);
     s.v_next.copy_from_slice(&s.v);
@@ -54,9 +60,9 @@ pub(super) fn finish_step<T: Real>(by @ (_, scheme): By<'_>, s: &mut Scratch<T>)
     observe_end(by, s);
 }
 
-/// Increment, configuration, velocity, carried velocity and torque of stage `i`, from the stages before it.
+/// Increment, configuration, velocity, transported velocity and torque of stage `i`, from the preceding stages.
 #[inline(always)]
-pub(super) fn stage<T: Real>(by @ (_, scheme): By<'_>, s: &mut Scratch<T>, i: usize) {
+pub(super) fn stage<T: Real>(by @ (_, scheme): StepArguments<'_>, s: &mut Scratch<T>, i: usize) {
     let t = &scheme.tableau;
     s.v_stage.copy_from_slice(&s.v);
     if i == 0 {
@@ -78,23 +84,23 @@ pub(super) fn stage<T: Real>(by @ (_, scheme): By<'_>, s: &mut Scratch<T>, i: us
     forces(by, s, i);
 }
 
-/// The rate of the increment in stage `i`, whose accelerations are there.
+/// The velocity of the increment in stage `i`, from its accelerations.
 #[inline(always)]
-pub(super) fn finish_stage<T: Real>((_, scheme): By<'_>, s: &mut Scratch<T>, i: usize) {
+pub(super) fn finish_stage<T: Real>((_, scheme): StepArguments<'_>, s: &mut Scratch<T>, i: usize) {
     s.l[i].copy_from_slice(&s.c);
     add_scaled(&mut s.l[i], scheme.tableau.gamma[i][i], &s.m[i]);
 }
 
-/// Friction as damping, f / sqrt(v^2 + v0^2) at the step's start: never zero where f is not, so a row has noise in all lanes or
-/// in none. Taken implicitly, it cannot turn a velocity round.
+/// Secant coefficient of friction, f / sqrt(v^2 + v0^2) at the start of the step. It is nonzero if f is, so that a row
+/// has noise in all lanes or in none. Treated implicitly, it cannot reverse a velocity.
 #[inline(always)]
-pub(super) fn set_friction<T: Real>((law, scheme): By<'_>, s: &mut Scratch<T>) {
+pub(super) fn set_friction<T: Real>((settings, scheme): StepArguments<'_>, s: &mut Scratch<T>) {
     let hg = scheme.tableau.gamma[0][0];
     for (row, of) in s.rows.iter().enumerate() {
-        if law.properties.friction[row] == 0.0 {
+        if settings.properties.friction[row] == 0.0 {
             continue;
         }
-        let chord = of.friction * rounded_speed(law, s.v[row]).recip();
+        let chord = of.friction * rounded_speed(settings, s.v[row]).recip();
         s.chord[row] = chord;
         if scheme.implicit {
             s.model.system.noise[row] = chord.mul_add(chord.constant(hg), of.noise);
@@ -104,26 +110,26 @@ pub(super) fn set_friction<T: Real>((law, scheme): By<'_>, s: &mut Scratch<T>) {
 
 /// sqrt(v^2 + v0^2), never zero.
 #[inline(always)]
-pub(super) fn rounded_speed<T: Real>(law: &StepSettings, v: T) -> T {
-    let v0 = law.properties.friction_speed;
+pub(super) fn rounded_speed<T: Real>(settings: &StepSettings, v: T) -> T {
+    let v0 = settings.properties.friction_speed;
     if v0 == 0.0 {
-        // Exact: the quotient with it is the sign.
+        // Exact friction: v divided by this value is the sign of v.
         return v.abs() + v.one_if_zero();
     }
     v.mul_add(v, v.constant(v0 * v0)).sqrt()
 }
 
-/// The right side of stage `i`.
+/// The right-hand side of stage `i`.
 #[inline(always)]
-pub(super) fn forces<T: Real>((law, scheme): By<'_>, s: &mut Scratch<T>, i: usize) {
+pub(super) fn forces<T: Real>((settings, scheme): StepArguments<'_>, s: &mut Scratch<T>, i: usize) {
     let t = &scheme.tableau;
     for (k, body) in s.model.bodies.iter().enumerate() {
         let stage = &s.model.system.stages[k];
         let (row, at) = (stage.first_row, body.q);
-        if law.sprung[k] {
+        if settings.sprung_bodies[k] {
             body.motion.displacement(&s.rest[at..], &s.q_stage[at..], &mut s.displaced[row..]);
         }
-        if law.pulled[k] {
+        if settings.controlled_bodies[k] {
             body.motion.displacement(&s.target[at..], &s.q_stage[at..], &mut s.displaced_target[row..]);
         }
     }
@@ -133,13 +139,13 @@ pub(super) fn forces<T: Real>((law, scheme): By<'_>, s: &mut Scratch<T>, i: usiz
         u = u.minus_product(of.damping, v);
         u = u.minus_product(of.stiffness, s.displaced[row]);
         let mut control = v.constant(0.0);
-        if law.gains.is_some() {
+        if settings.gains.is_some() {
             control = control.minus_product(of.derivative, v - s.target_rate[row]);
             control = control.minus_product(of.proportional, s.displaced_target[row]);
         }
         let mut damping = of.damping;
-        if law.rubs {
-            u = u.minus_product(of.friction * v, rounded_speed(law, v).recip());
+        if settings.regularized {
+            u = u.minus_product(of.friction * v, rounded_speed(settings, v).recip());
             damping += s.chord[row];
         }
         if scheme.implicit {
@@ -152,13 +158,13 @@ pub(super) fn forces<T: Real>((law, scheme): By<'_>, s: &mut Scratch<T>, i: usiz
             }
             u = u.minus_product(of.stiffness, moved);
             u = u.minus_product(damping, sped);
-            if law.gains.is_some() {
+            if settings.gains.is_some() {
                 control = control.minus_product(of.proportional, moved);
                 control = control.minus_product(of.derivative, sped);
             }
         }
         s.u[row] = u + control;
-        if law.gains.is_some() {
+        if settings.gains.is_some() {
             s.control[row] = control.mul_add(control.constant(t.weights[i]), s.control[row]);
         }
     }

@@ -1,55 +1,56 @@
-//! Settings common to all steps of a rollout: the method, properties of the joints, the control law, and the rows with a set-valued law.
+//! Settings common to all steps of a rollout: method, joint properties, control law, and the rows with a set-valued
+//! law.
 
-use super::conserve::KEPT;
 use super::contact;
 use super::method::{Method, Scheme};
+use super::momentum::CONSERVED;
 use super::properties::{Gains, Properties};
-use super::settings::Stabilisation;
+use super::settings::Stabilization;
 use super::stops::SetValued;
-use super::tally::TALLY;
+use super::totals::TOTALS;
 use crate::filter::{HingeMap, Rows};
 use crate::model::Model;
 use crate::scene::{Coupling, Scene};
 use std::sync::Arc;
 
-/// Settings common to all steps of a rollout, as scalars of one state.
+/// Settings common to all steps of a rollout, in f64.
 #[derive(Debug, Clone)]
 pub(super) struct StepSettings {
-    /// The step of the run, s.
+    /// Time step of the run, s.
     pub step: f64,
-    /// The method that advances a state; never [`Method::Auto`].
+    /// The integration method; never [`Method::Auto`].
     pub method: Method,
-    /// True if [`Method::Auto`] chose the method, which also divides steps that are too long.
+    /// True if [`Method::Auto`] selected the method; steps that are too long are then divided.
     pub divides: bool,
-    /// The method at the step of the run.
+    /// The method with the time step of the run.
     pub scheme: Scheme,
     pub properties: Properties,
     pub gains: Option<Gains>,
-    /// The bodies that trees begin with whose momentum is kept; empty where it is left to the method.
+    /// Root bodies of the trees whose momentum is conserved; empty if it is not conserved.
     pub roots: Vec<usize>,
-    /// How joints follow each other, where some do; the numbers are then those of the tree.
+    /// Coupling of the joints, if there is one; all values are then those of the tree.
     pub coupling: Option<Arc<Coupling>>,
     /// True if some joint has regularized friction.
-    pub rubs: bool,
-    /// The bound on the error of a substep, where the substeps are chosen by it.
+    pub regularized: bool,
+    /// Error bound of a substep under error control.
     pub accuracy: Option<f64>,
-    /// The largest estimated error of an acceleration that form `auto` accepts, where it is not the usual one.
+    /// Largest estimated error of an acceleration that form `auto` accepts, if it is not the default.
     pub tolerance: Option<f64>,
     /// The rows with exact friction or stops.
     pub set_valued: Vec<SetValued>,
     /// True if joint limits are stops.
     pub stops: bool,
-    /// The coefficient of restitution of the stops.
+    /// Coefficient of restitution of the stops.
     pub restitution: f64,
     /// The kind of each degree of freedom, for the error estimate.
     pub kinds: Vec<RateKind>,
-    /// Of a scene with connections, what keeps states on them.
-    pub connected: Option<Stabilisation>,
-    /// Of each row of the connections; empty: none gives way.
+    /// Stabilization, for a scene with connections.
+    pub connected: Option<Stabilization>,
+    /// Compliance of each row of the connections; empty if all are rigid.
     pub compliance: Vec<f64>,
-    /// Bodies whose joints have a spring, and bodies that the control law pulls.
-    pub sprung: Vec<bool>,
-    pub pulled: Vec<bool>,
+    /// Per body: whether its joint has a spring, and whether the control law acts on it.
+    pub sprung_bodies: Vec<bool>,
+    pub controlled_bodies: Vec<bool>,
 }
 
 impl StepSettings {
@@ -70,15 +71,17 @@ impl StepSettings {
             divides: false,
             scheme: Scheme::new(method, step),
             coupling: None,
-            rubs: properties.friction_speed > 0.0 && properties.friction.iter().any(|&f| f != 0.0),
+            regularized: properties.friction_speed > 0.0 && properties.friction.iter().any(|&f| f != 0.0),
             accuracy: None,
             tolerance: None,
             set_valued: Vec::new(),
             stops: false,
             restitution: 0.0,
             kinds: rate_kinds(model),
-            sprung: stiff(&properties.stiffness),
-            pulled: gains.as_ref().map_or_else(|| vec![false; model.bodies.len()], |g| stiff(&g.proportional)),
+            sprung_bodies: stiff(&properties.stiffness),
+            controlled_bodies: gains
+                .as_ref()
+                .map_or_else(|| vec![false; model.bodies.len()], |g| stiff(&g.proportional)),
             properties,
             gains,
             roots,
@@ -87,44 +90,46 @@ impl StepSettings {
         }
     }
 
-    /// The same for joints that follow each other.
+    /// The same settings for coupled joints.
     pub fn with_coupling(self, coupling: Option<Arc<Coupling>>) -> Self {
         Self { coupling, ..self }
     }
 
-    /// True if steps are vectorized: those of a tree whose joints are independent, without error control.
+    /// True if steps are vectorized: those of a tree without coupled joints and without error control.
     pub fn is_vectorized(&self) -> bool {
         self.coupling.is_none() && self.connected.is_none() && self.accuracy.is_none()
     }
 
-    /// The same for the adjoint of the steps, which needs the displacement of every joint from rest, also without a spring.
+    /// The settings for the adjoint of the steps, which needs the displacement of every joint from rest, also without a
+    /// spring.
     pub fn backward(&self) -> Self {
-        let mut law = self.clone();
-        law.sprung.fill(true);
-        law
+        let mut settings = self.clone();
+        settings.sprung_bodies.fill(true);
+        settings
     }
 
     /// The time of a step, counted from the start of the run, s.
-    #[allow(clippy::cast_precision_loss)] // steps of a run
+    #[allow(clippy::cast_precision_loss)] // number of steps of a run
     pub fn time(&self, steps: usize) -> f64 {
         steps as f64 * self.step
     }
 
-    /// The number of values that a rollout stores per state: q, qd, the [`Tally`](super::tally); where momentum is conserved, its value and two corrections; of a scene
-    /// with contacts, their impulses and their report.
+    /// Number of values that a rollout stores per state: q, qd and the [`Totals`](super::totals); with momentum
+    /// conservation, its values and two corrections; with contacts, their impulses and report.
     pub fn width(&self, scene: &Scene) -> usize {
-        let kept = if self.roots.is_empty() { 0 } else { KEPT * self.roots.len() + 2 };
+        let kept = if self.roots.is_empty() { 0 } else { CONSERVED * self.roots.len() + 2 };
         let touching = if self.method == Method::Contact { contact::width(scene.contact_points().len()) } else { 0 };
-        scene.nq() + scene.nv() + TALLY + kept + touching
+        scene.nq() + scene.nv() + TOTALS + kept + touching
     }
 
-    /// Damping and stiffness of one degree of freedom, the control law's with the joint's own.
+    /// Damping and stiffness of one degree of freedom, including those of the control law.
     fn implicit_terms(&self, row: usize) -> (f64, f64) {
         let (d, k) = (self.properties.damping[row], self.properties.stiffness[row]);
         self.gains.as_ref().map_or((d, k), |gains| (d + gains.derivative[row], k + gains.proportional[row]))
     }
 
-    /// Measurement noise r + h g d + h^2 g^2 k of every row in a step by `scheme`, without that of regularized friction and of locked joints.
+    /// Measurement noise r + h g d + h^2 g^2 k of every row in a step of `scheme`, without the parts of regularized
+    /// friction and of stuck joints.
     pub fn noise(&self, scheme: &Scheme) -> Vec<f64> {
         // All stages of a method have the same g.
         let hg = if scheme.implicit { scheme.tableau.gamma[0][0] } else { 0.0 };
@@ -141,11 +146,11 @@ impl StepSettings {
 /// The kind of a degree of freedom, for the error estimate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum RateKind {
-    /// A rotation: its displacement in a step and its estimated error determine the substeps.
+    /// Rotation: its displacement in a step and its estimated error determine the substeps.
     Rotation,
-    /// A linear velocity in axes that rotate: its estimated error determines the substeps.
+    /// Linear velocity in rotating axes: its estimated error determines the substeps.
     InRotatingAxes,
-    /// A translation along an axis of the parent.
+    /// Translation along an axis of the parent.
     Translation,
 }
 
@@ -165,4 +170,4 @@ fn rate_kinds(model: &Model<f64>) -> Vec<RateKind> {
 }
 
 /// The arguments of a step: the settings common to all steps of the run, and the scheme of this step.
-pub(super) type By<'a> = (&'a StepSettings, &'a Scheme);
+pub(super) type StepArguments<'a> = (&'a StepSettings, &'a Scheme);

@@ -1,23 +1,23 @@
-//! A few states at once, one in each lane, through many steps compiled for one arm.
+//! Time integration of a few states, one per lane, by many steps, compiled for one instruction set.
 
-use super::conserve::KEPT;
-use super::constrained::{Closed, Constrained};
-use super::contact::Toucher;
-use super::faults::{FARTHEST, fault_of};
+use super::constrained::{Constrained, ConstrainedScratch};
+use super::contact::ContactStepper;
+use super::faults::{LARGEST_STEP, fault_of};
 use super::job::{Impacts, Job};
 use super::limit_rows::limit_rows;
 use super::method::Method;
+use super::momentum::CONSERVED;
 use super::properties::of_state;
 use super::scratch::Scratch;
-use super::settings::Stabilisation;
+use super::settings::Stabilization;
 use super::solver::{Checked, Kernels};
 use super::step::step;
 use super::step_settings::StepSettings;
 use super::substeps::Substeps;
-use super::tally::TALLY;
 use super::torque::{StepFault, Torque};
+use super::totals::TOTALS;
 use super::works::add_work;
-use crate::batch::arms::{Arm, Baseline, Target, Vectorised, Work, take_states};
+use crate::batch::arms::{Arm, Baseline, Target, Vectorized, Work, take_states};
 use crate::dynamics::contacts::LimitRow;
 use crate::error::Error;
 use crate::filter::Form;
@@ -32,18 +32,18 @@ use pulp::x86::V3;
 use pulp::x86::V4;
 use std::ops::Range;
 
-/// What advances states, whatever its scalar.
+/// Advances states, for any scalar type.
 trait Stepping: Send + Sync {
-    fn run(&mut self, form: Form, checked: &mut Option<Box<Alone>>, job: Job<'_, '_>) -> Result<(), StepFault>;
+    fn run(&mut self, form: Form, checked: &mut Option<Box<CheckedState>>, job: Job<'_, '_>) -> Result<(), StepFault>;
 }
 
-/// Scratch for one rollout on one thread, made when it is first used.
+/// Scratch memory for one rollout on one thread, allocated at first use.
 pub(super) struct Stepper {
     arm: Arm,
     one: Option<Box<dyn Stepping>>,
     many: Option<Box<dyn Stepping>>,
-    checked: Option<Box<Alone>>,
-    touching: Option<Box<Toucher>>,
+    checked: Option<Box<CheckedState>>,
+    touching: Option<Box<ContactStepper>>,
     form: Form,
 }
 
@@ -53,7 +53,7 @@ impl Stepper {
         Self { arm, one: None, many: None, checked: None, touching: None, form }
     }
 
-    /// How many states a job may have.
+    /// Largest number of states of a job.
     pub fn lanes(&self) -> usize {
         match self.arm {
             #[cfg(target_arch = "x86_64")]
@@ -64,110 +64,111 @@ impl Stepper {
         }
     }
 
-    /// Runs a job; the fault is that of its earliest step, then of its lowest state.
+    /// Runs a job; returns the fault of the earliest step, and of the lowest state in it.
     pub fn run(&mut self, job: Job<'_, '_>) -> Result<(), StepFault> {
-        if job.law.method == Method::Contact {
-            let touching = self.touching.get_or_insert_with(|| Box::new(Toucher::new(job.scene, job.law, self.form)));
+        if job.settings.method == Method::Contact {
+            let touching =
+                self.touching.get_or_insert_with(|| Box::new(ContactStepper::new(job.scene, job.settings, self.form)));
             return touching.run(job);
         }
         let (arm, alone) = (self.arm, job.states.len() == 1);
         let place = if alone { &mut self.one } else { &mut self.many };
-        let scratch = place.get_or_insert_with(|| scratch(job.scene.model(), job.law, arm, alone));
+        let scratch = place.get_or_insert_with(|| scratch(job.scene.model(), job.settings, arm, alone));
         scratch.run(self.form, &mut self.checked, job)
     }
 }
 
-/// Scratch in the scalar of an arm, for one state or for several.
-fn scratch(model: &Model<f64>, law: &StepSettings, arm: Arm, alone: bool) -> Box<dyn Stepping> {
+/// Scratch memory in the scalar type of an instruction set, for one state or for several.
+fn scratch(model: &Model<f64>, settings: &StepSettings, arm: Arm, alone: bool) -> Box<dyn Stepping> {
     let on_arm: Option<Box<dyn Stepping>> = match (arm, alone) {
         (Arm::Baseline, _) => None,
         #[cfg(target_arch = "x86_64")]
-        (Arm::Avx2, false) => Compiled::<Lanes<V3>, V3>::boxed(model, law),
+        (Arm::Avx2, false) => Compiled::<Lanes<V3>, V3>::boxed(model, settings),
         #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-        (Arm::Avx512, false) => Compiled::<Lanes<V4>, V4>::boxed(model, law),
+        (Arm::Avx512, false) => Compiled::<Lanes<V4>, V4>::boxed(model, settings),
         #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-        (Arm::Avx512, true) => Compiled::<Fused, V4>::boxed(model, law),
-        _ => Compiled::<Fused, <Fused as Vectorised>::Least>::boxed(model, law),
+        (Arm::Avx512, true) => Compiled::<Fused, V4>::boxed(model, settings),
+        _ => Compiled::<Fused, <Fused as Vectorized>::Least>::boxed(model, settings),
     };
-    on_arm.unwrap_or_else(|| Box::new(Compiled { scratch: Scratch::<f64>::new(model, law), target: Baseline }))
+    on_arm.unwrap_or_else(|| Box::new(Compiled { scratch: Scratch::<f64>::new(model, settings), target: Baseline }))
 }
 
-/// Scratch in a scalar, for code compiled for some instructions.
-struct Compiled<T: Vectorised, I> {
+/// Scratch memory in a scalar type, for code compiled for one instruction set.
+struct Compiled<T: Vectorized, I> {
     scratch: Scratch<T>,
     target: I,
 }
 
-impl<T: Vectorised<Number = f64>, I: Target> Compiled<T, I> {
-    /// None where this processor does not have them.
-    fn boxed(model: &Model<f64>, law: &StepSettings) -> Option<Box<dyn Stepping>> {
+impl<T: Vectorized<Number = f64>, I: Target> Compiled<T, I> {
+    /// `None` if the processor does not support the instruction set.
+    fn boxed(model: &Model<f64>, settings: &StepSettings) -> Option<Box<dyn Stepping>> {
         let target = I::here()?;
-        Some(Box::new(Self { scratch: Scratch::new(model, law), target }))
+        Some(Box::new(Self { scratch: Scratch::new(model, settings), target }))
     }
 }
 
-/// One state, for the steps that a lane was in doubt at.
-struct Alone {
+/// One state, for steps that the vectorized step rejected.
+struct CheckedState {
     scratch: Scratch<f64>,
     solver: Checked,
     substeps: Substeps,
-    /// Of a scene with connections, whose steps are all of this kind.
-    closed: Option<(Closed, Vec<LimitRow>)>,
+    /// For a scene with connections, all of whose steps run here.
+    closed: Option<(ConstrainedScratch, Vec<LimitRow>)>,
 }
 
-impl Alone {
+impl CheckedState {
     #[cold]
-    fn new(scene: &Scene, law: &StepSettings, form: Form) -> Self {
+    fn new(scene: &Scene, settings: &StepSettings, form: Form) -> Self {
         let model = scene.model();
-        let limits = if law.stops { limit_rows(scene) } else { Vec::new() };
-        let closed = law.connected.map(|_| (Closed::new(scene, law, form), limits));
-        let scratch = Scratch::new(model, law);
-        let substeps = Substeps::new(law, &scratch);
-        let solver = Checked::new(model, law.coupling.clone(), form).accepting(law.tolerance).with_kernels();
+        let limits = if settings.stops { limit_rows(scene) } else { Vec::new() };
+        let closed = settings.connected.map(|_| (ConstrainedScratch::new(scene, settings, form), limits));
+        let scratch = Scratch::new(model, settings);
+        let substeps = Substeps::new(settings, &scratch);
+        let solver = Checked::new(model, settings.coupling.clone(), form).accepting(settings.tolerance).with_kernels();
         Self { scratch, solver, substeps, closed }
     }
 
-    /// The step of one state; the joint and the error, where there is none.
+    /// One step of one state. Returns the joint and the error if it fails.
     #[inline(never)]
-    fn step(&mut self, scene: &Scene, law: &StepSettings) -> Result<(), (String, Error)> {
+    fn step(&mut self, scene: &Scene, settings: &StepSettings) -> Result<(), (String, Error)> {
         let mut lost = None;
         self.substeps.impacts.clear();
         if let Some((closed, limits)) = &mut self.closed {
-            let alpha = if let Some(Stabilisation::Baumgarte(rate)) = law.connected { Some(rate) } else { None };
-            let mut solver = Constrained { scene, scratch: closed, alpha, compliance: &law.compliance };
-            step((law, &law.scheme), &mut self.scratch, &mut solver);
+            let alpha = if let Some(Stabilization::Baumgarte(rate)) = settings.connected { Some(rate) } else { None };
+            let mut solver = Constrained { scene, scratch: closed, alpha, compliance: &settings.compliance };
+            step((settings, &settings.scheme), &mut self.scratch, &mut solver);
             let finished = solver.finish(&mut self.scratch);
-            match finished.and_then(|()| solver.stop(law, limits, &mut self.scratch)) {
+            match finished.and_then(|()| solver.stop(settings, limits, &mut self.scratch)) {
                 Ok(impacts) => self.substeps.impacts.extend(impacts),
                 Err((_, Some(error))) => return Err((String::new(), error)),
                 Err((found, None)) => lost = found,
             }
-            add_work(law, &mut self.scratch);
+            add_work(settings, &mut self.scratch);
         } else {
             let Self { scratch, solver, substeps, .. } = self;
-            substeps.advance(law, scratch, solver, &mut |_, _, _| {});
+            substeps.advance(settings, scratch, solver, &mut |_, _, _| {});
             lost = solver.lost.take();
-            scratch.keeper.correct_if_kept(&scratch.model, &mut scratch.q_next, &mut scratch.v_next);
+            scratch.momentum.correct_if_active(&scratch.model, &mut scratch.q_next, &mut scratch.v_next);
         }
-        if let Some(coupling) = &law.coupling {
-            // Joints follow each other exactly, not but for the rounding of many steps.
+        if let Some(coupling) = &settings.coupling {
+            // Restore the coupling exactly, because rounding errors would accumulate over many steps.
             let s = &mut self.scratch;
             s.q_next = coupling.configuration(&coupling.independent_coordinates(&s.q_next));
             s.v_next = coupling.rates(&coupling.independent_rates(&s.v_next));
         }
-        fault_of(scene, law, &self.scratch, lost).map_or(Ok(()), Err)
+        fault_of(scene, settings, &self.scratch, lost).map_or(Ok(()), Err)
     }
 }
 
-impl<T: Vectorised<Number = f64>, I: Target> Stepping for Compiled<T, I> {
-    fn run(&mut self, form: Form, checked: &mut Option<Box<Alone>>, job: Job<'_, '_>) -> Result<(), StepFault> {
+impl<T: Vectorized<Number = f64>, I: Target> Stepping for Compiled<T, I> {
+    fn run(&mut self, form: Form, checked: &mut Option<Box<CheckedState>>, job: Job<'_, '_>) -> Result<(), StepFault> {
         let target = self.target;
         target.within(Run { scratch: &mut self.scratch, target, form, checked, job })
     }
 }
 
-/// State, torque and targets of one lane, before a step.
-pub(super) fn take_lane<T: Vectorised<Number = f64>>(one: &mut Scratch<f64>, s: &Scratch<T>, lane: usize) {
+/// Copies state, torque and targets of one lane before a step.
+pub(super) fn take_lane<T: Vectorized<Number = f64>>(one: &mut Scratch<f64>, s: &Scratch<T>, lane: usize) {
     for (to, from) in [
         (&mut one.q, &s.q),
         (&mut one.v, &s.v),
@@ -177,50 +178,50 @@ pub(super) fn take_lane<T: Vectorised<Number = f64>>(one: &mut Scratch<f64>, s: 
     ] {
         scatter(from, lane, to);
     }
-    scatter(&s.tally, lane, &mut one.tally);
+    scatter(&s.totals, lane, &mut one.totals);
 }
 
-/// Numbers into one lane of an array.
-pub(super) fn fill<T: Vectorised<Number = f64>>(numbers: &mut [T], lane: usize, values: &[f64]) {
+/// Copies values into one lane of an array.
+pub(super) fn fill<T: Vectorized<Number = f64>>(numbers: &mut [T], lane: usize, values: &[f64]) {
     for (number, &value) in numbers.iter_mut().zip(values) {
         number.lanes_mut()[lane] = value;
     }
 }
 
-struct Run<'a, 'r, T: Vectorised, I> {
+struct Run<'a, 'r, T: Vectorized, I> {
     scratch: &'a mut Scratch<T>,
     target: I,
     form: Form,
-    checked: &'a mut Option<Box<Alone>>,
+    checked: &'a mut Option<Box<CheckedState>>,
     job: Job<'a, 'r>,
 }
 
-/// One lane of an array.
+/// Copies one lane of an array.
 #[inline(always)]
-pub(super) fn scatter<T: Vectorised<Number = f64>>(numbers: &[T], lane: usize, out: &mut [f64]) {
+pub(super) fn scatter<T: Vectorized<Number = f64>>(numbers: &[T], lane: usize, out: &mut [f64]) {
     for (value, number) in out.iter_mut().zip(numbers) {
         *value = number.lanes()[lane];
     }
 }
 
-impl<T: Vectorised<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
+impl<T: Vectorized<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
     type Output = Result<(), StepFault>;
 
     #[inline(always)]
     fn call(self) -> Result<(), StepFault> {
         let Self { scratch: s, target, form, checked, job } = self;
-        let Job { scene, law, steps, states, begun, current, torque, mut rows, impacts } = job;
+        let Job { scene, settings, steps, states, begun, current, torque, mut rows, impacts } = job;
         let (count, nq, nv) = (states.len(), scene.nq(), scene.nv());
-        let width = law.width(scene);
+        let width = settings.width(scene);
         take_states(&mut s.q, count, |lane| &current[lane * width..][..nq]);
         take_states(&mut s.v, count, |lane| &current[lane * width + nq..][..nv]);
-        take_states(&mut s.tally, count, |lane| &current[lane * width + nq + nv..][..TALLY]);
-        let (kept, end) = (nq + nv + TALLY, nq + nv + TALLY + KEPT * law.roots.len());
-        if s.keeper.keeps() {
-            take_states(&mut s.keeper.start, count, |lane| &current[lane * width + kept..][..end - kept]);
-            take_states(&mut s.keeper.largest, count, |lane| &current[lane * width + end..][..2]);
+        take_states(&mut s.totals, count, |lane| &current[lane * width + nq + nv..][..TOTALS]);
+        let (kept, end) = (nq + nv + TOTALS, nq + nv + TOTALS + CONSERVED * settings.roots.len());
+        if s.momentum.is_active() {
+            take_states(&mut s.momentum.start, count, |lane| &current[lane * width + kept..][..end - kept]);
+            take_states(&mut s.momentum.largest, count, |lane| &current[lane * width + end..][..2]);
         }
-        if let Some(gains) = &law.gains {
+        if let Some(gains) = &settings.gains {
             take_states(&mut s.target, count, |lane| of_state(&gains.target, nq, states.start + lane));
             take_states(&mut s.target_rate, count, |lane| of_state(&gains.target_rate, nv, states.start + lane));
         }
@@ -238,35 +239,41 @@ impl<T: Vectorised<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
                 let at = (n - first) * nv;
                 take_states(&mut s.torque, count, |lane| &torque.state(states.start + lane)[at..at + nv]);
             }
-            if s.keeper.keeps() {
-                for (time, &begun) in s.keeper.time.lanes_mut().iter_mut().zip(begun) {
-                    *time = law.time(n + 1 - begun);
+            if s.momentum.is_active() {
+                for (time, &begun) in s.momentum.time.lanes_mut().iter_mut().zip(begun) {
+                    *time = settings.time(n + 1 - begun);
                 }
             }
-            let by = (law, &law.scheme);
-            // Else one state after another.
-            let mut doubt = if law.is_vectorized() { step(by, s, &mut kernels) } else { u64::MAX };
-            let tally = s.tally;
-            if law.is_vectorized() {
-                s.keeper.correct_if_kept(&s.model, &mut s.q_next, &mut s.v_next);
-                doubt |= unsound(law, s);
-                add_work(law, s);
+            let by = (settings, &settings.scheme);
+            // Steps that are not vectorized run one state after another.
+            let mut fallback = if settings.is_vectorized() { step(by, s, &mut kernels) } else { u64::MAX };
+            let totals = s.totals;
+            if settings.is_vectorized() {
+                s.momentum.correct_if_active(&s.model, &mut s.q_next, &mut s.v_next);
+                fallback |= needs_fallback(settings, s);
+                add_work(settings, s);
             }
-            doubt &= u64::MAX >> (64 - count);
-            if doubt != 0 {
-                // These lanes add the values of their recomputed step instead.
-                let accumulated = std::mem::replace(&mut s.tally, tally);
+            fallback &= u64::MAX >> (64 - count);
+            if fallback != 0 {
+                // The totals of these lanes come from their recomputed step instead.
+                let accumulated = std::mem::replace(&mut s.totals, totals);
                 let mut counted = accumulated;
-                outcome = again(s, (scene, law, form), checked, (n, &states, begun, impacts), (doubt, &mut counted));
-                s.tally = counted;
+                outcome = recompute(
+                    s,
+                    (scene, settings, form),
+                    checked,
+                    (n, &states, begun, impacts),
+                    (fallback, &mut counted),
+                );
+                s.totals = counted;
                 if outcome.is_err() {
                     break;
                 }
             }
             std::mem::swap(&mut s.q, &mut s.q_next);
             std::mem::swap(&mut s.v, &mut s.v_next);
-            if s.keeper.keeps() {
-                s.keeper.remember();
+            if s.momentum.is_active() {
+                s.momentum.remember();
             }
             if let Some(rows) = &mut rows
                 && (n + 1 - rows.from) % rows.every == 0
@@ -283,65 +290,66 @@ impl<T: Vectorised<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
             let current = &mut current[lane * width..(lane + 1) * width];
             scatter(&s.q, lane, &mut current[..nq]);
             scatter(&s.v, lane, &mut current[nq..nq + nv]);
-            scatter(&s.tally, lane, &mut current[nq + nv..nq + nv + TALLY]);
-            if s.keeper.keeps() {
-                scatter(&s.keeper.largest, lane, &mut current[end..]);
+            scatter(&s.totals, lane, &mut current[nq + nv..nq + nv + TOTALS]);
+            if s.momentum.is_active() {
+                scatter(&s.momentum.largest, lane, &mut current[end..]);
             }
         }
         outcome
     }
 }
 
-#[allow(clippy::eq_op)] // x - x is zero where x is finite, else NaN
-/// The lanes whose next state is not finite, or further away than a joint moves in one step; whose modes did not hold; and whose step was too long.
+#[allow(clippy::eq_op)] // x - x is zero for finite x, else NaN
+/// The lanes whose next state is not finite or moved too far, whose modes changed, or whose step was too long.
 #[inline(always)]
-fn unsound<T: Vectorised>(law: &StepSettings, s: &Scratch<T>) -> u64 {
+fn needs_fallback<T: Vectorized>(settings: &StepSettings, s: &Scratch<T>) -> u64 {
     let mut worst = T::one();
-    let limit = FARTHEST / law.step;
+    let limit = LARGEST_STEP / settings.step;
     for &v in &s.v_next {
         worst = worst.worst(v.constant(limit) - v.abs());
     }
     for &q in &s.q_next {
         worst += q - q;
     }
-    if s.keeper.keeps() {
-        for c in s.keeper.correction {
+    if s.momentum.is_active() {
+        for c in s.momentum.correction {
             worst += c - c;
         }
     }
     lanes_but::<T>(|lane| worst.lane(lane) >= 0.0 && s.consistent.lane(lane) > 0.0 && s.short_enough.lane(lane) > 0.0)
 }
 
-/// Recomputes the step of some lanes one by one: with every check, in substeps, and with the set-valued law. `tally` is what these lanes accumulate.
+/// Recomputes the step of some lanes one by one, with all checks, in substeps, and with the set-valued law. `totals`
+/// are the totals of these lanes.
 #[cold]
 #[inline(never)]
-fn again<T: Vectorised<Number = f64>>(
+fn recompute<T: Vectorized<Number = f64>>(
     s: &mut Scratch<T>,
-    (scene, law, form): (&Scene, &StepSettings, Form),
-    alone: &mut Option<Box<Alone>>,
+    (scene, settings, form): (&Scene, &StepSettings, Form),
+    alone: &mut Option<Box<CheckedState>>,
     (n, states, begun, impacts): (usize, &Range<usize>, &[usize], Option<&Impacts>),
-    (mut doubt, tally): (u64, &mut [T]),
+    (mut fallback, totals): (u64, &mut [T]),
 ) -> Result<(), StepFault> {
-    let alone = alone.get_or_insert_with(|| Box::new(Alone::new(scene, law, form)));
-    while doubt != 0 {
-        let lane = doubt.trailing_zeros() as usize;
-        doubt &= doubt - 1;
+    let alone = alone.get_or_insert_with(|| Box::new(CheckedState::new(scene, settings, form)));
+    while fallback != 0 {
+        let lane = fallback.trailing_zeros() as usize;
+        fallback &= fallback - 1;
         let one = &mut alone.scratch;
         take_lane(one, s, lane);
-        scatter(&s.keeper.start, lane, &mut one.keeper.start);
-        one.keeper.time = s.keeper.time.lanes()[lane];
+        scatter(&s.momentum.start, lane, &mut one.momentum.start);
+        one.momentum.time = s.momentum.time.lanes()[lane];
         let state = states.start + lane;
-        alone.step(scene, law).map_err(|(joint, error)| StepFault { step: n, state, joint, error })?;
+        alone.step(scene, settings).map_err(|(joint, error)| StepFault { step: n, state, joint, error })?;
         if let Some(impacts) = impacts
             && !alone.substeps.impacts.is_empty()
         {
-            impacts.add(&alone.substeps.impacts, state, law.time(n - begun[lane]));
+            impacts.add(&alone.substeps.impacts, state, settings.time(n - begun[lane]));
         }
         let one = &alone.scratch;
-        fill(tally, lane, &one.tally);
+        fill(totals, lane, &one.totals);
         fill(&mut s.q_next, lane, &one.q_next);
         fill(&mut s.v_next, lane, &one.v_next);
-        fill(&mut s.keeper.correction, lane, &one.keeper.correction);
+        fill(&mut s.momentum.correction, lane, &one.momentum.correction);
     }
     Ok(())
 }

@@ -1,6 +1,8 @@
-//! The set-valued torque of one joint: exact Coulomb friction and stops, as a monotone graph of torque against velocity, and the solution of all rows together.
+//! The set-valued torque of one joint: exact Coulomb friction and stops as a monotone graph of torque over velocity,
+//! and the solution for all rows together.
 //!
-//! In one step from v to v' = v + h a, with bounds that follow from the stops, low = (lower - q)/h and high = (upper - q)/h, the torque r of friction and stops is a point of
+//! In one step from v to v' = v + h a, with the velocity bounds of the stops, low = (lower - q)/h and high = (upper -
+//! q)/h, the torque r of friction and stops is a point of
 //!
 //! ```text
 //! v' = low        r >= f
@@ -10,12 +12,15 @@
 //! v' = high       r <= -f
 //! ```
 //!
-//! which is the law of J. J. Moreau's time stepping, one row per joint. With (M + N) a = u + r it is a linear complementarity problem with bounds whose matrix is positive definite:
-//! the solution is unique. Each row is in one of the five pieces; given the pieces, a is one forward dynamics whose measurement noise locks the rows at v' = low, 0 or high. All rows
-//! that contradict their piece move to the neighboring one together, and one by one where that does not reduce their number (block principal pivoting, J. J. Judice and
-//! F. M. Pires, Computers and Operations Research 21, 1994, 587-596; single pivots after K. G. Murty end in finitely many).
+//! This is the law of J. J. Moreau's time stepping, one row per joint. With (M + N) a = u + r it is a linear
+//! complementarity problem with bounds whose matrix is positive definite, so that the solution is unique. Each row is
+//! on one of the five pieces. For given pieces, a is one forward dynamics whose measurement noise makes the rows with
+//! v' = low, 0 or high stuck. All rows that contradict their piece move to the adjacent one together, or one by one if
+//! that does not reduce their number (block principal pivoting, J. J. Judice and F. M. Pires, Computers and Operations
+//! Research 21, 1994, 587-596; the single pivots of K. G. Murty terminate).
 
-/// A joint outside of its stops returns with this time constant, s, and between these velocities, rad/s or m/s. It gains speed as slowly: a jump would give energy.
+/// A joint outside of its stops returns with this time constant, s, at a velocity between these bounds, rad/s or m/s.
+/// The velocity increases as slowly, because a jump would add energy.
 const RETURN: f64 = 0.05;
 const AT_LEAST: f64 = 1e-3;
 const AT_MOST: f64 = 1.0;
@@ -23,12 +28,12 @@ const AT_MOST: f64 = 1.0;
 /// The friction and the stops of one degree of freedom.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct SetValued {
-    /// Its index in v, and in q where it has a coordinate of its own.
+    /// Index in v, and index of its coordinate in q.
     pub row: usize,
     pub coordinate: usize,
     /// Coulomb friction, N m or N.
     pub friction: f64,
-    /// True if it has stops, and where: infinite where there is none.
+    /// True if it has stops, and the limits; infinite if there is none.
     pub stops: bool,
     pub lower: f64,
     pub upper: f64,
@@ -41,7 +46,7 @@ impl SetValued {
     }
 }
 
-/// A point of the graph where the velocity is one value and the torque is any of an interval.
+/// The kind of a vertical piece of the graph, on which the velocity is fixed and the torque is in an interval.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Hold {
     Lower,
@@ -49,18 +54,19 @@ pub(super) enum Hold {
     Upper,
 }
 
-/// The graph of one row in one step: torques between the velocities at which it is vertical, decreasing.
+/// The graph of one row in one step: the velocities of its vertical pieces, in increasing order, and the torques
+/// between them, which decrease.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Graph {
     count: usize,
     velocities: [f64; 3],
     holds: [Hold; 3],
     torques: [f64; 4],
-    /// The derivatives of the bounds by q and v.
+    /// Derivatives of the velocity bounds by q and v.
     slopes: [[f64; 2]; 2],
 }
 
-/// A velocity that bounds a joint, and its derivatives by q and v.
+/// A velocity bound of a joint, with its derivatives by q and v.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Bound {
     pub velocity: f64,
@@ -68,7 +74,7 @@ pub(super) struct Bound {
 }
 
 impl Graph {
-    /// Of a row at `q` and `v` in a step `h`.
+    /// The graph of a row at `q` and `v` in a step `h`.
     pub fn new(of: &SetValued, (q, v): (f64, f64), h: f64) -> Self {
         let never = |velocity| Bound { velocity, slopes: [0.0; 2] };
         let (mut low, mut high) = (never(f64::NEG_INFINITY), never(f64::INFINITY));
@@ -88,7 +94,7 @@ impl Graph {
         graph
     }
 
-    /// With these bounds on the velocity.
+    /// The graph with the given velocity bounds.
     fn between(low: f64, high: f64, friction: f64) -> Self {
         let mut graph = Self {
             count: 0,
@@ -123,7 +129,7 @@ impl Graph {
         self.torques[self.count] = torque_above;
     }
 
-    /// The same with another velocity at one of the stops, -e v: that of a rebound, or rest.
+    /// The graph with another velocity at one of the stops: -e v for a rebound, or zero.
     pub fn rebounding(&self, at: usize, (restitution, v): (f64, f64), friction: f64) -> Self {
         let velocity = -restitution * v;
         let stop = |hold: Hold, usual: f64| {
@@ -138,7 +144,7 @@ impl Graph {
         graph
     }
 
-    /// The derivatives by q and v of the velocity that a row is locked at.
+    /// Derivatives by q and v of the velocity of a stuck row.
     pub fn slopes(&self, hold: Hold) -> [f64; 2] {
         match hold {
             Hold::Friction => [0.0; 2],
@@ -147,7 +153,7 @@ impl Graph {
         }
     }
 
-    /// The piece that a row at this velocity begins in; one that moves toward a stop is not yet at it.
+    /// The initial piece of a row with velocity v. A row that moves toward a stop is not on the piece of the stop.
     pub fn piece(&self, v: f64) -> Piece {
         let below = (0..self.count).find(|&k| v <= self.velocities[k]).unwrap_or(self.count);
         if below < self.count && v >= self.velocities[below] {
@@ -162,12 +168,12 @@ impl Graph {
         }
     }
 
-    /// The velocity that the row is locked at; none where it moves.
+    /// The velocity of a stuck row; `None` if the row moves.
     pub fn velocity(&self, piece: Piece) -> Option<(f64, Hold)> {
         if let Piece::At(k) = piece { Some((self.velocities[k], self.holds[k])) } else { None }
     }
 
-    /// A velocity moved into its piece.
+    /// The velocity v, clipped to its piece.
     pub fn within(&self, piece: Piece, v: f64) -> f64 {
         match piece {
             Piece::At(k) => self.velocities[k],
@@ -178,12 +184,13 @@ impl Graph {
         }
     }
 
-    /// The torque where the row moves, else zero.
+    /// The torque of a moving row; zero for a stuck one.
     pub fn torque(&self, piece: Piece) -> f64 {
         if let Piece::Between(k) = piece { self.torques[k] } else { 0.0 }
     }
 
-    /// The piece that a row must change to, if the velocity of one that moves, or the torque of one that is locked, contradicts its own.
+    /// The piece to which a row must change if the velocity of a moving row, or the torque of a stuck row, contradicts
+    /// its piece.
     pub fn contradicted(&self, piece: Piece, found: f64, tolerance: f64) -> Option<Piece> {
         match piece {
             Piece::Between(k) => {
@@ -208,7 +215,8 @@ impl Graph {
     }
 }
 
-/// The velocity of a joint that is outside of its lower stop by `outside`, at the end of a step from velocity `v`.
+/// Velocity, at the end of a step, of a joint that is outside of its lower stop by `outside` and begins with velocity
+/// `v`.
 pub(super) fn returning(outside: f64, v: f64, h: f64) -> Bound {
     let wanted = (outside / RETURN).clamp(AT_LEAST, AT_MOST);
     let by_q = if wanted > AT_LEAST && wanted < AT_MOST { -1.0 / RETURN } else { 0.0 };
@@ -223,20 +231,21 @@ pub(super) fn returning(outside: f64, v: f64, h: f64) -> Bound {
     others.into_iter().fold(first, |least, other| if other.velocity < least.velocity { other } else { least })
 }
 
-/// A piece of a graph: one of the velocities where it is vertical, or what lies below the k-th of them.
+/// A piece of a graph: the vertical piece k, or the horizontal piece below it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Piece {
     At(usize),
     Between(usize),
 }
 
-/// Block moves without fewer contradictions, before single ones.
-const PATIENCE: usize = 6;
+/// Number of block moves without fewer contradictions before single moves begin.
+const BLOCK_ROUNDS: usize = 6;
 
-/// Changes pieces until none is contradicted; `contradictions` lists what each would have to change to, in increasing order of rows. False where there is no solution, which only
-/// an indefinite mass matrix allows: rows that contradict both of two pieces are then locked.
+/// Changes pieces until none is contradicted. `contradictions` lists the rows that must change, with the new piece, in
+/// increasing order of rows. Returns false if there is no solution, which requires an indefinite mass matrix; rows that
+/// contradict two adjacent pieces are then stuck.
 pub(super) fn settle(pieces: &mut [Piece], mut contradictions: impl FnMut(&[Piece], &mut Vec<(usize, Piece)>)) -> bool {
-    let (mut fewest, mut patience) = (usize::MAX, PATIENCE);
+    let (mut fewest, mut patience) = (usize::MAX, BLOCK_ROUNDS);
     let mut found = Vec::new();
     let mut before = None;
     for _ in 0..100 + 20 * pieces.len() {
@@ -244,7 +253,7 @@ pub(super) fn settle(pieces: &mut [Piece], mut contradictions: impl FnMut(&[Piec
         contradictions(pieces, &mut found);
         let Some(&(row, piece)) = found.last() else { return true };
         if found.len() < fewest {
-            (fewest, patience) = (found.len(), PATIENCE);
+            (fewest, patience) = (found.len(), BLOCK_ROUNDS);
         } else {
             patience = patience.saturating_sub(1);
         }

@@ -1,33 +1,34 @@
-//! The torques of a rollout, and the step of it that failed.
+//! The applied torques of a rollout, and the fault of a step.
 
 use crate::batch::Broadcast;
 use crate::error::Error;
 
-/// The torques that are given, (nv), held over each step; springs, damping, friction and control law come to them.
+/// Applied joint torques, (nv), constant during each step. Springs, damping, friction and control law are added to
+/// them.
 #[derive(Debug, Clone)]
 pub enum Torque<'a> {
-    /// None.
+    /// Zero torque.
     Zero,
-    /// The same in every step: (nv) a state.
+    /// The same torque in every step: (nv) per state.
     Constant(Broadcast<'a>),
-    /// Their own in every step: (steps, nv) a state.
+    /// A torque for every step: (steps, nv) per state.
     Steps {
         /// The torques.
         torque: Broadcast<'a>,
-        /// The step of the run that the first are for.
+        /// The step of the run to which the first torque belongs.
         first: usize,
     },
 }
 
-/// The earliest step that failed, and in it the lowest state of those that are known to have.
+/// The earliest step that failed, and the lowest state known to have failed in it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StepFault {
-    /// Index of the step, from zero: so many were finished in every state.
+    /// Index of the step, from zero, which equals the number of steps that every state completed.
     pub step: usize,
     /// Index of the state in the batch.
     pub state: usize,
-    /// The joint at fault.
+    /// The joint that caused the fault.
     pub joint: String,
-    /// What was wrong.
+    /// The error.
     pub error: Error,
 }

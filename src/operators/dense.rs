@@ -18,10 +18,10 @@
 
 use super::Kind;
 use crate::error::Error;
+use crate::interrupt;
 use crate::kinematics::joint_shift;
 use crate::model::Model;
 use crate::scene::Scene;
-use crate::watch;
 use faer::linalg::solvers::Solve;
 use faer::linalg::triangular_solve::solve_unit_upper_triangular_in_place;
 use faer::{Mat, MatRef, Par, Side};
@@ -144,7 +144,7 @@ impl Composite {
     ///
     /// # Errors
     ///
-    /// [`Error::Interrupted`] under a [`watch`] that ends the work: minutes, for the largest of these.
+    /// [`Error::Interrupted`] under a [`interrupt`] that ends the work: minutes, for the largest of these.
     pub fn phi(&self) -> Result<Mat<f64>, Error> {
         unit_upper_solved(&(self.identity() - &self.shifts), &self.identity())
     }
@@ -261,14 +261,14 @@ fn by_columns(
     each: usize,
     of: impl Fn(MatRef<'_, f64>) -> Mat<f64>,
 ) -> Result<Mat<f64>, Error> {
-    watch::check()?;
+    interrupt::check()?;
     let together = (AT_ONCE / each.max(1)).max(1);
     if b.ncols() <= together {
         return Ok(of(b.as_ref()));
     }
     let mut all = Mat::zeros(rows, b.ncols());
     for first in (0..b.ncols()).step_by(together) {
-        watch::check()?;
+        interrupt::check()?;
         let count = together.min(b.ncols() - first);
         all.subcols_mut(first, count).copy_from(of(b.subcols(first, count)));
     }
@@ -301,7 +301,7 @@ impl Scene {
     ///
     /// A bad configuration, or too many degrees of freedom.
     pub fn composite(&self, q: &[f64]) -> Result<Composite, Error> {
-        self.model().omissions.check_every_body_moves("scene")?;
+        self.model().simplifications.check_every_body_moves("scene")?;
         self.check_configuration("q", q)?;
         Composite::new(self.model(), q)
     }

@@ -188,7 +188,7 @@ impl Scene {
     ///
     /// A bad configuration, and [`Error::SingularJoint`].
     pub fn factor(&self, workspace: &mut Workspace<f64>, q: &[f64]) -> Result<Factor<f64>, Error> {
-        self.model().omissions.check_every_body_moves("scene")?;
+        self.model().simplifications.check_every_body_moves("scene")?;
         self.check_configuration("q", q)?;
         self.check_workspace(workspace)?;
         self.check_form(workspace)?;

@@ -1,19 +1,20 @@
-//! What is saved where that is counted by running the algorithms on numbers that count.
+//! Savings that are counted by running the algorithms on a counting scalar.
 
-use super::{NOTHING, Omission, counted};
+use super::{NOTHING, Simplification, counted};
 use crate::algorithm::{Algorithm, Arguments};
 use crate::codegen::{Function, Program};
 use crate::filter::Form;
-use crate::model::{Body, Motion, Omissions};
+use crate::model::{Body, Motion, Simplifications};
 use crate::report::operations::{Task, count_in_sweeps, count_recursion, of_factor};
 use crate::scalar::Operations;
 use crate::scene::Scene;
-use crate::spatial::transform::{turns_about_a_tilted_axis, turns_about_an_axis};
+use crate::spatial::transform::{rotates_about_a_parent_axis, rotates_about_an_oblique_axis};
 use nalgebra::Matrix3;
 
-/// Dense results are counted up to this many degrees of freedom: they are O(N^2).
+/// Dense results are counted up to this number of degrees of freedom, because they are O(N^2).
 const MOST_DENSE: usize = 256;
-/// Programs are written for up to this many: longer ones take milliseconds a joint.
+/// Compiled programs are generated up to this number of degrees of freedom; beyond, generation takes milliseconds per
+/// joint.
 const MOST_COMPILED: usize = 64;
 
 /// Floating-point operations.
@@ -21,81 +22,82 @@ fn flops(operations: &Operations) -> usize {
     usize::try_from(operations.flops()).unwrap_or(usize::MAX)
 }
 
-/// Operations of one algorithm on a state that moves, by the recursion that keeps everything.
+/// Operations of one algorithm on a moving state, with the recursion that stores every body.
 fn of(scene: &Scene, algorithm: Algorithm) -> usize {
     let (q, ones) = (scene.neutral(), vec![1.0; scene.nv()]);
     let state = Arguments { q: &q, qd: &ones, u: &ones, wrenches: &[], ..Arguments::default() };
     flops(&count_recursion(scene, Task::Algorithm(algorithm), &state).operations)
 }
 
-/// The same of forward dynamics in covariance form.
+/// Operations of forward dynamics in covariance form.
 fn forward(scene: &Scene) -> usize {
     of(scene, Algorithm::ForwardDynamics(Form::Covariance))
 }
 
 impl Scene {
-    /// Rotations of the tree that keep the joint on an axis.
-    pub(super) fn renamed_item(&self) -> Omission {
-        let count = self.bodies_on(turns_about_an_axis).count();
-        // What tilted axes save goes with it, and has an item of its own.
+    /// Joints whose axis is along an axis of the parent frame, so that the rotation permutes axes.
+    pub(super) fn permuted_item(&self) -> Simplification {
+        let count = self.bodies_on(rotates_about_a_parent_axis).count();
+        // Oblique axes require permuted axes; their savings are excluded, because they have an item of their own.
         let saved = self.saved_beside(
             count,
-            |omissions| omissions.tilted_axes = false,
-            |omissions| omissions.renamed_axes = false,
+            |simplifications| simplifications.oblique_axes = false,
+            |simplifications| simplifications.permuted_axes = false,
         );
         self.switched(
-            "renamed_axes",
-            Omission {
-                what: "rotations of the tree that rename axes, or turn about the joint's own",
+            "permuted_axes",
+            Simplification {
+                what: "rotations to the parent that permute axes, or rotate about the joint axis",
                 count,
-                why: "the joint's angle, a constant, or both together are all there is to turn by, about z, and entries change places and signs",
+                why: "a rotation about z by the joint angle, a constant angle, or their sum suffices, \
+                      with a permutation and signs of the entries",
                 saved: counted(count, "rotation matrix", "rotation matrices")
-                    + ", and P turned by an angle instead of by it",
+                    + ", and P rotated by an angle instead of by it",
                 operations: saved,
                 ..NOTHING
             },
         )
     }
 
-    /// Rotations of the tree that bring the joint's axis anywhere.
-    pub(super) fn tilted_item(&self) -> Omission {
-        let renamed = self.model().omissions.renamed_axes;
-        let count = if renamed { self.bodies_on(turns_about_a_tilted_axis).count() } else { 0 };
-        let saved = self.saved_in_sweeps(count, |omissions| omissions.tilted_axes = false);
+    /// Joints with axes in any other direction.
+    pub(super) fn oblique_item(&self) -> Simplification {
+        let permuted = self.model().simplifications.permuted_axes;
+        let count = if permuted { self.bodies_on(rotates_about_an_oblique_axis).count() } else { 0 };
+        let saved = self.saved_in_sweeps(count, |simplifications| simplifications.oblique_axes = false);
         self.switched(
-            "tilted_axes",
-            Omission {
-                what: "rotations of the tree at other joints that turn or slide",
+            "oblique_axes",
+            Simplification {
+                what: "rotations to the parent of the other revolute and prismatic joints",
                 count,
-                why: "a constant angle or two bring the joint's axis to one of its parent's",
+                why: "one or two constant angles rotate the joint axis onto an axis of the parent frame",
                 saved: counted(count, "rotation matrix", "rotation matrices")
-                    + ", and P turned by angles instead of by it",
+                    + ", and P rotated by angles instead of by it",
                 operations: saved,
                 ..NOTHING
             },
         )
     }
 
-    /// Bodies that turn or slide on a rotation of the tree like this.
+    /// Bodies on revolute or prismatic joints whose constant rotation to the parent satisfies `is_like`.
     fn bodies_on(&self, is_like: impl Fn(&Matrix3<f64>) -> bool) -> impl Iterator<Item = &Body<f64>> {
         let moves = |body: &Body<f64>| matches!(body.motion, Motion::Revolute | Motion::Prismatic);
         let is_in = move |body: &&Body<f64>| moves(body) && is_like(&body.tree.rotation);
         self.model().bodies.iter().filter(is_in)
     }
 
-    /// Operations of forward dynamics with a switch off, less those with it on.
-    fn saved_in_sweeps(&self, count: usize, turn_off: impl Fn(&mut Omissions)) -> usize {
+    /// Operations of forward dynamics with a switch off, minus those with it on.
+    fn saved_in_sweeps(&self, count: usize, turn_off: impl Fn(&mut Simplifications)) -> usize {
         self.saved_beside(count, |_| {}, turn_off)
     }
 
-    /// The same where others are off on both sides.
+    /// As `saved_in_sweeps`, with other switches off in both counts.
     fn saved_beside(
         &self,
         count: usize,
-        others_off: impl Fn(&mut Omissions),
-        turn_off: impl Fn(&mut Omissions),
+        others_off: impl Fn(&mut Simplifications),
+        turn_off: impl Fn(&mut Simplifications),
     ) -> usize {
-        let mut on = self.model().omissions;
+        let mut on = self.model().simplifications;
         others_off(&mut on);
         let mut off = on;
         turn_off(&mut off);
@@ -104,22 +106,22 @@ impl Scene {
         }
         let (q, ones) = (self.neutral(), vec![1.0; self.nv()]);
         let state = Arguments { q: &q, qd: &ones, u: &ones, wrenches: &[], ..Arguments::default() };
-        let of = |omissions| {
+        let of = |simplifications| {
             let algorithm = Algorithm::ForwardDynamics(Form::Covariance);
-            flops(&count_in_sweeps(self, omissions, algorithm, &state).operations)
+            flops(&count_in_sweeps(self, simplifications, algorithm, &state).operations)
         };
         of(off).saturating_sub(of(on))
     }
 
-    /// The joints that [`Scene::lock`] fixed, beside the scene where they move.
-    pub(super) fn locked_item(&self) -> Omission {
+    /// The joints that [`Scene::lock`] fixed, compared with the scene in which they move.
+    pub(super) fn locked_item(&self) -> Simplification {
         let names: Vec<String> = self.source().locked_joints().map(str::to_owned).collect();
         let before = if names.is_empty() { None } else { self.source().unlocked().build().ok() };
         let (bodies, operations) = before.map_or((0, 0), |before| {
             let saved = forward(&before).saturating_sub(forward(self));
             (before.model().bodies.len().saturating_sub(self.model().bodies.len()), saved)
         });
-        Omission {
+        Simplification {
             what: "locked joints, folded into the bodies around them",
             count: names.len(),
             names,
@@ -130,19 +132,19 @@ impl Scene {
         }
     }
 
-    /// Whether there is a factor to speak of.
+    /// True if the scene has a mass matrix that can be factored.
     fn has_factor(&self) -> bool {
-        self.nv() > 0 && self.model().omissions.every_body_moves()
+        self.nv() > 0 && self.model().simplifications.every_body_moves()
     }
 
     /// Calls that share q.
-    pub(super) fn factor_item(&self) -> Omission {
+    pub(super) fn factor_item(&self) -> Simplification {
         if !self.has_factor() {
             return NOTHING;
         }
         let q = self.neutral();
         let (whole, solve) = (forward(self), flops(&of_factor(self, &q, &q).solved));
-        Omission {
+        Simplification {
             what: "the factor of M, in calls that share q",
             count: self.model().bodies.len(),
             why: "P, D and g depend on q alone: factor(q) once, solve(tau - bias) for each right side",
@@ -152,8 +154,8 @@ impl Scene {
         }
     }
 
-    /// Calls in which the last joint alone moves: the end of the last branch.
-    pub(super) fn branch_item(&self) -> Omission {
+    /// Update of a factor after a change of the last joint only, which is the tip of the last branch.
+    pub(super) fn branch_item(&self) -> Simplification {
         if !self.has_factor() {
             return NOTHING;
         }
@@ -164,8 +166,8 @@ impl Scene {
         }
         let calls = of_factor(self, &q, &moved);
         let (made, updated) = (flops(&calls.made), flops(&calls.updated));
-        Omission {
-            what: "bodies beside the path to the base, in a factor of which the last joint alone has moved",
+        Simplification {
+            what: "bodies that are not on the path to the base, in a factor of which only the last joint has moved",
             count: self.model().bodies.len() - calls.bodies,
             why: "P, D and g of a body depend on the joints that it carries: factor.update(q)",
             saved: format!("{updated} operations instead of the {made} of a new factor in covariance form"),
@@ -174,30 +176,31 @@ impl Scene {
         }
     }
 
-    /// What code of this robot alone leaves out of forward dynamics.
-    pub(super) fn compiled_item(&self) -> Omission {
+    /// Operations of forward dynamics that code compiled for this robot omits.
+    pub(super) fn compiled_item(&self) -> Simplification {
         if self.nv() == 0 || self.nv() > MOST_COMPILED {
             return NOTHING;
         }
-        // Of what programs do not have nothing is told.
+        // No item for scenes that compiled programs do not support.
         let Ok(program) = Program::new(self, &Function::ForwardDynamics) else { return NOTHING };
         let (q, ones) = (self.neutral(), vec![1.0; self.nv()]);
         let state = Arguments { q: &q, qd: &ones, u: &ones, wrenches: &[], ..Arguments::default() };
         let algorithm = Algorithm::ForwardDynamics(Form::Covariance);
-        let asked = flops(&count_in_sweeps(self, self.model().omissions, algorithm, &state).operations);
+        let asked = flops(&count_in_sweeps(self, self.model().simplifications, algorithm, &state).operations);
         let left = flops(&program.operations());
-        Omission {
-            what: "operations that this robot's constants decide, in code compiled for it",
+        Simplification {
+            what: "operations that are constant for this robot, in code compiled for it",
             count: asked.saturating_sub(left),
-            why: "products by zero and one, sums of constants, and what is computed twice are known when the code is written: phipsi.compile, to_c",
+            why: "products by zero and one, constant sums and repeated terms are resolved \
+                  when the code is generated: phipsi.compile, to_c",
             saved: format!("{left} operations of forward dynamics instead of {asked}"),
             operations: asked.saturating_sub(left),
             ..NOTHING
         }
     }
 
-    /// What forward dynamics does not compute.
-    pub(super) fn outputs_item(&self) -> Omission {
+    /// Outputs that forward dynamics does not compute.
+    pub(super) fn outputs_item(&self) -> Simplification {
         let (nv, inverse) = (self.nv(), Algorithm::MassMatrixInverse(Form::Covariance));
         if nv == 0 {
             return NOTHING;
@@ -209,7 +212,7 @@ impl Scene {
         }
         let each: Vec<(&str, usize)> = outputs.into_iter().map(|(name, output)| (name, of(self, output))).collect();
         let text: Vec<String> = each.iter().map(|(name, operations)| format!("{name} {operations}")).collect();
-        Omission {
+        Simplification {
             what: "outputs that are not asked for",
             count: each.len(),
             why: "each method computes what it returns",

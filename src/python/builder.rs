@@ -157,18 +157,18 @@ impl PySceneBuilder {
         tolerance: Option<f64>,
     ) -> PyResult<PyScene> {
         let mimic = mimic.map(read_mimic).transpose()?;
-        let omissions = leave_out.map(|given| left_out(Some(given))).transpose()?;
+        let simplifications = leave_out.map(|given| left_out(Some(given))).transpose()?;
         let gravity = gravity.map(|gravity| input::triple("gravity", gravity)).transpose()?;
         let build = || {
             let builder = &self.builder;
             let floating_base = floating_base.unwrap_or(builder.is_floating());
             let strict = strict.unwrap_or(builder.is_strict());
-            let omissions = omissions.unwrap_or(builder.left_out());
+            let simplifications = simplifications.unwrap_or(builder.left_out());
             let gravity = gravity.unwrap_or(builder.gravity_vector());
             let builder = builder.clone().floating_base(floating_base).gravity(gravity);
             let mimic = mimic.unwrap_or(builder.of_mimic_joints());
             let tolerance = tolerance.or(builder.tolerance_of_linkages());
-            builder.strict(strict).omissions(omissions).mimic_joints(mimic).tolerance(tolerance).build()
+            builder.strict(strict).simplifications(simplifications).mimic_joints(mimic).tolerance(tolerance).build()
         };
         // A builder that is being read without the GIL refuses to grow: that is for those which take long.
         let scene = if self.builder.links().len() < WORTH_DETACHING { build()? } else { detached_checked(py, build)? };
@@ -227,9 +227,9 @@ pub(super) fn inertial(
     com: Option<&Object<'_>>,
     inertia: Option<&Object<'_>>,
 ) -> PyResult<Inertial> {
-    let centre = optional_triple(&named("com"), com, [0.0; 3])?.into();
+    let center = optional_triple(&named("com"), com, [0.0; 3])?.into();
     let central = inertia.map_or(Ok(Symmetric3::zero()), |inertia| symmetric(&named("inertia"), inertia))?;
-    Ok(Inertial { mass, centre, central })
+    Ok(Inertial { mass, center, central })
 }
 
 pub(super) fn optional_triple(name: &str, value: Option<&Object<'_>>, default: [f64; 3]) -> PyResult<[f64; 3]> {

@@ -8,7 +8,7 @@ use crate::error::{Error, number};
 use crate::memory;
 use crate::scene::properties::Properties;
 use crate::scene::{
-    Inertial, JointDescription, JointKind, Limits, LinkDescription, Mimic, Omissions, Scene, SceneBuilder, Spring,
+    Inertial, JointDescription, JointKind, Limits, LinkDescription, Mimic, Scene, SceneBuilder, Simplifications, Spring,
 };
 use crate::spatial::{RigidShift, Symmetric3};
 use nalgebra::Matrix3;
@@ -72,8 +72,8 @@ impl Description {
         memory::room("scene", memory::bytes_of::<[u8; A_COPY]>(&[source.links().len()]))?;
         let links = source.links().iter().map(link_tuple).collect();
         let joints = source.joints().iter().map(joint_tuple).collect();
-        let mut omissions = source.left_out();
-        let on = Omissions::SWITCHES.iter().filter(|(_, switch)| *switch(&mut omissions));
+        let mut simplifications = source.left_out();
+        let on = Simplifications::SWITCHES.iter().filter(|(_, switch)| *switch(&mut simplifications));
         let left_out = on.map(|&(name, _)| name.to_owned()).collect();
         let locked = source.locked().iter();
         let locked = locked.map(|(name, kind)| (name.clone(), kind.name().to_owned(), pitch_of(*kind))).collect();
@@ -114,13 +114,16 @@ impl Description {
         if version != VERSION {
             return Err(Error::scene("pickled scene", format!("version {version}"), format!("version {VERSION}")));
         }
-        let (omissions, mimic) = (omissions("what is left out", &left_out)?, read_mimic(&mimic)?);
-        let mut builder =
-            SceneBuilder::new().gravity(gravity).floating_base(floating).strict(strict).omissions(omissions);
+        let (simplifications, mimic) = (simplifications("what is left out", &left_out)?, read_mimic(&mimic)?);
+        let mut builder = SceneBuilder::new()
+            .gravity(gravity)
+            .floating_base(floating)
+            .strict(strict)
+            .simplifications(simplifications);
         for (name, inertial) in links {
-            let inertial = inertial.map(|(mass, centre, central)| Inertial {
+            let inertial = inertial.map(|(mass, center, central)| Inertial {
                 mass,
-                centre: centre.into(),
+                center: center.into(),
                 central: Symmetric3::new(central),
             });
             builder = builder.link(LinkDescription { name, inertial });
@@ -147,7 +150,7 @@ impl Description {
 
 fn link_tuple(link: &LinkDescription) -> LinkTuple {
     let LinkDescription { name, inertial } = link;
-    (name.clone(), inertial.map(|Inertial { mass, centre, central }| (mass, centre.into(), central.entries)))
+    (name.clone(), inertial.map(|Inertial { mass, center, central }| (mass, center.into(), central.entries)))
 }
 
 /// All that a joint was given, in plain numbers and names.
@@ -247,18 +250,18 @@ pub(super) fn joint_kind(joint: &str, name: &str, pitch: Option<f64>) -> Result<
 }
 
 /// What is left out, by name; everything where nothing is said.
-pub(super) fn left_out(leave_out: Option<&Object<'_>>) -> PyResult<Omissions> {
-    let Some(given) = leave_out else { return Ok(Omissions::all()) };
-    Ok(omissions("leave_out", &names("leave_out", given, "a collection of names, or None")?)?)
+pub(super) fn left_out(leave_out: Option<&Object<'_>>) -> PyResult<Simplifications> {
+    let Some(given) = leave_out else { return Ok(Simplifications::all()) };
+    Ok(simplifications("leave_out", &names("leave_out", given, "a collection of names, or None")?)?)
 }
 
 /// The switches of these names on, the others off.
-fn omissions(argument: &str, names: &[String]) -> Result<Omissions, Error> {
-    let mut omissions = Omissions::none();
+fn simplifications(argument: &str, names: &[String]) -> Result<Simplifications, Error> {
+    let mut simplifications = Simplifications::none();
     for name in names {
-        *choose(argument, name, &Omissions::SWITCHES)?(&mut omissions) = true;
+        *choose(argument, name, &Simplifications::SWITCHES)?(&mut simplifications) = true;
     }
-    Ok(omissions)
+    Ok(simplifications)
 }
 
 /// A scene in one line.

@@ -75,15 +75,15 @@ fn to_python(py: Python<'_>, error: &Error, batch: &[usize]) -> PyResult<PyErr> 
             attributes.set_item("directions", directions)?;
             "SingularTaskError"
         }
-        Error::Constraint { fault, .. } => {
-            attributes.set_item("connections", PyTuple::new(py, &fault.connections)?)?;
-            attributes.set_item("residual", fault.residual)?;
+        Error::Constraint { violation, .. } => {
+            attributes.set_item("connections", PyTuple::new(py, &violation.connections)?)?;
+            attributes.set_item("residual", violation.residual)?;
             "ConstraintError"
         }
-        Error::Memory { argument, shortage } => {
+        Error::Memory { argument, request } => {
             attributes.set_item("argument", argument)?;
-            attributes.set_item("bytes", shortage.bytes)?;
-            attributes.set_item("free", shortage.free)?;
+            attributes.set_item("bytes", request.bytes)?;
+            attributes.set_item("free", request.free)?;
             "OutOfMemoryError"
         }
         // What a handler raised is raised where the work was begun; this is for work that nobody looked after.

@@ -12,11 +12,11 @@ use super::scratch::Scratch;
 use crate::batch::{Batch, Broadcast, Fault, Pool, broadcast_axes, shape_text};
 use crate::error::{Error, check_finite};
 use crate::filter::Form;
+use crate::interrupt;
 use crate::memory;
 use crate::operators::dense::Composite;
 use crate::operators::{Factor, KINDS, Kind, Operator};
 use crate::scene::{Model, Scene};
-use crate::watch;
 use crate::workspace::Workspace;
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
@@ -88,7 +88,7 @@ impl PyFactor {
         let mut factors = memory::with_capacity("q", states).map_err(whole)?;
         let configurations = memory::copied("q", &before.configurations).map_err(whole)?;
         let copied = before.factors.iter().enumerate().try_for_each(|(i, factor)| {
-            watch::check_at(i, 64)?;
+            interrupt::check_at(i, 64)?;
             factors.push(factor.clone());
             Ok(())
         });
@@ -112,7 +112,7 @@ impl State {
         let nq = scene.nq();
         let mut bodies = 0;
         for i in 0..self.factors.len() {
-            let go_on = watch::check_at(i + 1, 64);
+            let go_on = interrupt::check_at(i + 1, 64);
             match go_on.and_then(|()| scene.update_factor(workspace, &mut self.factors[i], &q[i * nq..(i + 1) * nq])) {
                 Ok(count) => bodies += count,
                 // Who is interrupted has a copy in hand.
@@ -310,7 +310,7 @@ impl PyFactor {
         let state = self.read();
         detached_checked(py, || {
             for (i, numbers) in numbers.chunks_exact_mut((rows * columns).max(1)).enumerate() {
-                watch::check()?;
+                interrupt::check()?;
                 let q = &state.configurations[i * nq..(i + 1) * nq];
                 let matrix = Composite::new(self.model(), q)?.matrix(kind)?;
                 for (at, number) in numbers.iter_mut().enumerate() {

@@ -3,7 +3,7 @@
 //! Signals are the main thread's matter. It takes the GIL back some twenty times a second, between pieces of the work, and has Python handle what
 //! came; if a handler raises, the work ends on all threads, and the call raises that. Other threads are not looked after, nor held up.
 
-use crate::watch;
+use crate::interrupt;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use std::cell::{Cell, RefCell};
@@ -16,14 +16,14 @@ thread_local! {
     static IS_MAIN: Cell<Option<(u32, bool)>> = const { Cell::new(None) };
 }
 
-/// Does `work` without the GIL; on the main thread under a [`watch`].
+/// Does `work` without the GIL; on the main thread under a [`interrupt`].
 ///
 /// Raises what a signal handler raised meanwhile, `KeyboardInterrupt` if not told otherwise, whatever came of the work.
 pub(super) fn detached<R: Send>(py: Python<'_>, work: impl FnOnce() -> R + Send) -> PyResult<R> {
     if !is_main(py)? {
         return Ok(py.detach(work));
     }
-    let result = py.detach(|| watch::during(look, work));
+    let result = py.detach(|| interrupt::during(look, work));
     match RAISED.take() {
         None => Ok(result),
         Some(raised) => Err(raised),

@@ -247,7 +247,7 @@ impl PyScene {
         fields.set_item("steps", rollout.steps())?;
         let (impacts, made) =
             (rollout.take_impacts(), (rollout.chosen_method(), &rollout.settings(), rollout.has_stops()));
-        set_outcome(&fields, &batch, own, made, |state| rollout.tally(state), &impacts)?;
+        set_outcome(&fields, &batch, own, made, |state| rollout.totals(state), &impacts)?;
         if conserve_momentum {
             let largest = largest_corrections(py, &batch, |state| rollout.correction(state))?;
             fields.set_item("momentum_correction", largest)?;
@@ -345,8 +345,8 @@ impl Room {
         let at_once = memory::bytes_of::<f64>(&[states, numbers, 3]);
         let asking = if self.rows > 3 { "steps" } else { "q, qd" };
         memory::room(asking, rows.saturating_add(at_once)).map_err(|mut error| {
-            if let Error::Memory { shortage, .. } = &mut error {
-                shortage.what = format!("{} rows of {} numbers for {states} states", self.rows, self.numbers);
+            if let Error::Memory { request, .. } = &mut error {
+                request.what = format!("{} rows of {} numbers for {states} states", self.rows, self.numbers);
             }
             error
         })?;

@@ -102,11 +102,11 @@ fn link_parts<'py>(
     link: &LinkDescription,
     carrier: Option<&JointDescription>,
 ) -> PyResult<Object<'py>> {
-    let massless = Inertial { mass: 0.0, centre: Vector3::zeros(), central: Symmetric3::zero() };
-    let Inertial { mass, centre, central } = link.inertial.unwrap_or(massless);
+    let massless = Inertial { mass: 0.0, center: Vector3::zeros(), central: Symmetric3::zero() };
+    let Inertial { mass, center, central } = link.inertial.unwrap_or(massless);
     let inertia = from_numbers(py, central.to_matrix().as_slice(), &[3, 3])?;
     let (parent, joint) = (carrier.and_then(parent_of), carrier.map(|joint| joint.name.as_str()));
-    let parts = (&link.name, mass, vector(py, &centre)?, inertia, parent, joint);
+    let parts = (&link.name, mass, vector(py, &center)?, inertia, parent, joint);
     imported!(py, "phipsi._results", "Link")?.call1(parts)
 }
 

@@ -8,7 +8,7 @@ use super::scene::PyScene;
 use super::simulator::PySimulator;
 use crate::error::Error;
 use crate::memory;
-use crate::motion::{Gains, Limits, Properties, Settings, Stabilisation};
+use crate::motion::{Gains, Limits, Properties, Settings, Stabilization};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -30,7 +30,7 @@ impl PySimulator {
 impl PySimulator {
     /// The keywords of Scene.simulator that give these settings.
     fn keywords<'py>(&self, py: Python<'py>, settings: &Settings) -> PyResult<Bound<'py, PyDict>> {
-        let Settings { dt, method, form, properties, gains, conserve_momentum, stabilisation, compliance, .. } =
+        let Settings { dt, method, form, properties, gains, conserve_momentum, stabilization, compliance, .. } =
             settings.clone();
         let keywords = PyDict::new(py);
         keywords.set_item("dt", dt)?;
@@ -38,7 +38,7 @@ impl PySimulator {
         keywords.set_item("form", name_of(form))?;
         keywords.set_item("tolerance", settings.tolerance)?;
         keywords.set_item("conserve_momentum", conserve_momentum)?;
-        if let Stabilisation::Baumgarte(rate) = stabilisation {
+        if let Stabilization::Baumgarte(rate) = stabilization {
             keywords.set_item("baumgarte", rate)?;
         }
         if !compliance.is_empty() {
@@ -95,7 +95,7 @@ pub(super) fn rebuild_simulator<'py>(
 ) -> PyResult<Bound<'py, PySimulator>> {
     let made = scene.call_method("simulator", (q, qd), Some(keywords))?.cast_into::<PySimulator>()?;
     let (_, numbers) = shaped("pickled simulator", numbers, 0)?;
-    if !made.get().moving()?.take_up(&numbers, &begun, steps) {
+    if !made.get().moving()?.resume(&numbers, &begun, steps) {
         return Err(Error::argument("pickled simulator", "numbers of other states", "those that pickle wrote").into());
     }
     Ok(made)

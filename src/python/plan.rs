@@ -4,7 +4,7 @@ use super::cost::WORTH_DETACHING;
 use super::interrupts::detached;
 use super::object::{Object, imported};
 use super::scene::PyScene;
-use crate::plan::Omission;
+use crate::plan::Simplification;
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
@@ -14,9 +14,9 @@ impl PyScene {
     fn plan<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         let short = self.size() < WORTH_DETACHING;
         let plan = if short { self.scene.plan() } else { detached(py, || self.scene.plan())? };
-        let class = imported!(py, "phipsi._results", "Omission")?;
+        let class = imported!(py, "phipsi._results", "Simplification")?;
         let items = plan.items.into_iter().map(|item| {
-            let Omission { what, switch, count, names, why, saved, operations } = item;
+            let Simplification { what, switch, count, names, why, saved, operations } = item;
             class.call1((what, switch, operations, count, PyTuple::new(py, names)?, why, saved))
         });
         let items = PyTuple::new(py, items.collect::<PyResult<Vec<_>>>()?)?;

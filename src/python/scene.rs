@@ -91,7 +91,7 @@ impl PyScene {
     /// floating_base: puts a free joint under the root link, "root_joint", or with "_" behind where the file has that name
     /// (it is joint_names[0]). gravity: (3,), m/s^2, in the base frame. strict: what is warned of raises, but for mimic
     /// joints whose source is there. leave_out: names of what may be left out, of "fixed_joints",
-    /// "base_links", "renamed_axes", "tilted_axes", "zero_velocity" and "zero_gravity"; None: all.
+    /// "base_links", "permuted_axes", "oblique_axes", "zero_velocity" and "zero_gravity"; None: all.
     /// Results are the same to rounding, but operators and estimates need the first two (ArgumentError).
     /// mimic: "couple", joints with <mimic> follow the joint that they name, and have no coordinates of their own: q, tau and M are those of the others; or "free", they
     /// are independent, and a MimicWarning names each. Coupled scenes have all of kinematics, dynamics, derivatives and simulation; what has no form for them
@@ -114,7 +114,7 @@ impl PyScene {
         mimic: &str,
     ) -> PyResult<Self> {
         let mimic = read_mimic(mimic)?;
-        let omissions = description::left_out(leave_out)?;
+        let simplifications = description::left_out(leave_out)?;
         let gravity = gravity.map(|gravity| input::triple("gravity", gravity)).transpose()?;
         let source = Source::read(source)?;
         let scene = detached_checked(py, || {
@@ -123,7 +123,12 @@ impl PyScene {
                 Source::File(path) => SceneBuilder::from_urdf_file(&path)?,
             };
             let builder = if let Some(gravity) = gravity { builder.gravity(gravity) } else { builder };
-            builder.floating_base(floating_base).strict(strict).omissions(omissions).mimic_joints(mimic).build()
+            builder
+                .floating_base(floating_base)
+                .strict(strict)
+                .simplifications(simplifications)
+                .mimic_joints(mimic)
+                .build()
         })?;
         errors::warn(py, &scene)?;
         Ok(Self::new(scene))

@@ -264,7 +264,7 @@ impl PySimulator {
         let fields = about(self.scene.bind(py), &moving.settings())?;
         fields.set_item("steps", moving.steps())?;
         let made = (moving.chosen_method(), &moving.settings(), moving.has_stops());
-        set_outcome(&fields, &self.batch, self.scene.get(), made, |state| moving.tally(state), &[])?;
+        set_outcome(&fields, &self.batch, self.scene.get(), made, |state| moving.totals(state), &[])?;
         if self.conserve_momentum {
             let largest = largest_corrections(py, &self.batch, |state| moving.correction(state))?;
             fields.set_item("momentum_correction", largest)?;

@@ -10,7 +10,7 @@ use super::scene::PyScene;
 use crate::batch::Fault;
 use crate::error::Error;
 use crate::motion::properties::joint_of_row;
-use crate::motion::{Correction, Limits, Method, Properties, Settings, Stabilisation, StepFault, StopImpact, Tally};
+use crate::motion::{Correction, Limits, Method, Properties, Settings, Stabilization, StepFault, StopImpact, Totals};
 use crate::scene::Coupling;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyTuple};
@@ -57,7 +57,7 @@ impl<'py> Keywords<'_, 'py> {
         settings.restitution = self.restitution;
         settings.accuracy = self.accuracy;
         settings.conserve_momentum = self.conserve_momentum;
-        settings.stabilisation = self.baumgarte.map_or(Stabilisation::Projection, Stabilisation::Baumgarte);
+        settings.stabilization = self.baumgarte.map_or(Stabilization::Projection, Stabilization::Baumgarte);
         if let Some(compliance) = self.compliance {
             settings.compliance = input::spread("compliance", compliance, own.compliant_rows()?.into())?;
         }
@@ -138,7 +138,7 @@ pub(super) fn set_outcome<'py>(
     batch: &[usize],
     own: &PyScene,
     (chosen, settings, stops): (Method, &Settings, bool),
-    tally: impl Fn(usize) -> Tally,
+    totals: impl Fn(usize) -> Totals,
     impacts: &[StopImpact],
 ) -> PyResult<()> {
     let py = fields.py();
@@ -146,15 +146,15 @@ pub(super) fn set_outcome<'py>(
     fields.set_item("friction_speed", settings.properties.friction_speed)?;
     fields.set_item("limits", if stops { "stop" } else { "report" })?;
     let states = batch.iter().product();
-    let each = |of: &dyn Fn(&Tally) -> f64| -> PyResult<Object<'py>> {
-        let values: Vec<f64> = (0..states).map(|state| of(&tally(state))).collect();
+    let each = |of: &dyn Fn(&Totals) -> f64| -> PyResult<Object<'py>> {
+        let values: Vec<f64> = (0..states).map(|state| of(&totals(state))).collect();
         from_numbers(py, &values, batch)
     };
-    let works: [&dyn Fn(&Tally) -> f64; 5] =
+    let works: [&dyn Fn(&Totals) -> f64; 5] =
         [&|t| t.torque, &|t| t.damping, &|t| t.friction, &|t| t.control, &|t| t.stops];
     let works = works.into_iter().map(each).collect::<PyResult<Vec<_>>>()?;
     fields.set_item("works", PyTuple::new(py, works)?)?;
-    let counts: [&dyn Fn(&Tally) -> f64; 4] =
+    let counts: [&dyn Fn(&Totals) -> f64; 4] =
         [&|t| t.most_substeps.max(1.0), &|t| t.events, &|t| t.error, &|t| t.unsettled];
     let counts = counts.into_iter().map(each).collect::<PyResult<Vec<_>>>()?;
     fields.set_item("counts", PyTuple::new(py, counts)?)?;

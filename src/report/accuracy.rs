@@ -1,13 +1,14 @@
-//! Error against run time: each way to get the accelerations, its time a state and its distance from double-double.
+//! Error against run time: each method for the joint accelerations, its time per state and its error relative to
+//! double-double arithmetic.
 //!
-//! What is measured is what is called: [`Scene::evaluate`], one state a call, in float32 with [`Scene::evaluator_f32`]. Error and time
-//! are of the same calls.
+//! The measured calls are the public ones: [`Scene::evaluate`] with one state per call, and [`Scene::evaluator_f32`] in
+//! f32. Errors and times are those of the same calls.
 //!
 //! ```
 //! use phipsi::report::accuracy::{States, reference};
 //! use phipsi::scalar::Real;
 //! # fn main() -> Result<(), phipsi::Error> {
-//! // The accelerations of one state with about 31 digits, and how far the call is from them.
+//! // The accelerations of one state with about 31 digits, and the error of a call relative to them.
 //! let scene = phipsi::scenes::chain(4)?;
 //! let (q, qd, tau) = ([0.3; 4], [0.1; 4], [1.0; 4]);
 //! let exact = reference(&scene, States { q: &q, qd: &qd, tau: &tau })?;
@@ -29,26 +30,26 @@ use crate::model::Model;
 use crate::scalar::{DoubleDouble, Real};
 use crate::scene::Scene;
 use crate::workspace::Workspace;
-use crate::{memory, watch};
+use crate::{interrupt, memory};
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::{ldlt, llt};
 use faer::{MatMut, Par, Spec};
 use std::hint::black_box;
 
-/// A way from torques to accelerations.
+/// A method that computes accelerations from torques.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Method {
-    /// Forward dynamics: Kalman filter and Bryson-Frazier smoother, O(N), P carried in this form.
+    /// Forward dynamics in the given form: Kalman filter and Bryson-Frazier smoother, O(N).
     Filter(Form),
-    /// M^-1 in closed form (6.1), in form `auto`, times torque less bias.
+    /// M^-1 in closed form (6.1), in form `auto`, times torque minus bias.
     ClosedInverse,
-    /// M and bias, then faer's LDLT of M, taken from the tip.
+    /// M and bias, then faer's LDLT of M with the joints in order from the tip.
     DenseLdlt,
     /// M and bias, then faer's Cholesky of M.
     DenseCholesky,
 }
 
-/// Every method with the name it has in Python; `auto`, which is what a call does that asks for nothing else, comes first.
+/// All methods with their Python names. `auto`, the default of calls, is the first.
 pub const METHODS: [(&str, Method); 7] = [
     ("auto", Method::Filter(Form::Auto)),
     ("covariance", Method::Filter(Form::Covariance)),
@@ -59,15 +60,15 @@ pub const METHODS: [(&str, Method); 7] = [
     (CHOLESKY, Method::DenseCholesky),
 ];
 
-/// Degrees of freedom, of all states together, in a timed pass between two questions whether to go on.
+/// Degrees of freedom, summed over all states of a timed pass, between two interruption checks.
 const LONG: usize = 2_048;
 
-/// The names of the two dense methods, here and in the report on extreme scenes.
+/// Names of the two dense methods, also in the report on extreme scenes.
 pub(super) const LDLT: &str = "dense LDLT (faer)";
 pub(super) const CHOLESKY: &str = "dense Cholesky (faer)";
 
 impl Method {
-    /// What is called, in Rust.
+    /// The Rust calls of the method.
     #[must_use]
     pub const fn call(self) -> &'static str {
         match self {
@@ -78,7 +79,7 @@ impl Method {
         }
     }
 
-    /// The form that its calls are in; none where they have none.
+    /// The form of its calls; `None` if they have none.
     #[must_use]
     pub const fn form(self) -> Option<Form> {
         match self {
@@ -88,13 +89,13 @@ impl Method {
         }
     }
 
-    /// Whether it forms a matrix of nv x nv numbers.
+    /// True if the method forms an nv x nv matrix.
     pub(super) const fn is_dense(self) -> bool {
         !matches!(self, Self::Filter(_))
     }
 }
 
-/// States of a scene, row by row.
+/// States of a scene, row-major.
 #[derive(Debug, Clone, Copy)]
 pub struct States<'a> {
     /// (n x nq).
@@ -108,17 +109,17 @@ pub struct States<'a> {
 /// Time and error of one method in one precision.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Measurement {
-    /// Median time a state, ns.
+    /// Median time per state, ns.
     pub ns: f64,
-    /// For each state: largest error of an acceleration over the largest acceleration; NaN where the method failed.
+    /// Per state, the largest error of an acceleration relative to the largest acceleration; NaN if the method failed.
     pub errors: Vec<f64>,
 }
 
-/// A kind of number that states are evaluated in, and that faer factors.
+/// A scalar type that states can be evaluated in and that faer supports.
 pub trait Dense: Evaluated + Real + faer::traits::RealField {}
 impl<P: Evaluated + Real + faer::traits::RealField> Dense for P {}
 
-/// The number of states, whose arrays have the lengths of as many.
+/// The number of states, after checking the array lengths.
 fn count_of(scene: &Scene, states: States<'_>) -> Result<usize, Error> {
     scene.check_independent()?;
     let count = states.qd.len().checked_div(scene.nv()).unwrap_or(0);
@@ -130,11 +131,11 @@ fn count_of(scene: &Scene, states: States<'_>) -> Result<usize, Error> {
     Ok(count)
 }
 
-/// The accelerations in double-double, (n x nv): the reference, about 31 digits.
+/// Reference accelerations in double-double arithmetic, (n x nv), about 31 digits.
 ///
 /// # Errors
 ///
-/// Arrays of other lengths; [`Error::SingularJoint`] where a pivot is lost even there.
+/// [`Error::Shape`] for wrong lengths, and [`Error::SingularJoint`] if a pivot is singular also in this arithmetic.
 pub fn reference(scene: &Scene, states: States<'_>) -> Result<Vec<DoubleDouble>, Error> {
     let (nq, nv, count) = (scene.nq(), scene.nv(), count_of(scene, states)?);
     let model: Model<DoubleDouble> = scene.model().cast();
@@ -143,7 +144,7 @@ pub fn reference(scene: &Scene, states: States<'_>) -> Result<Vec<DoubleDouble>,
     let mut all = memory::with_capacity("q", states.qd.len())?;
     let mut qdd = vec![DoubleDouble::from_f64(f64::NAN); nv];
     for i in 0..count {
-        watch::check()?;
+        interrupt::check()?;
         let q = wide(&states.q[i * nq..(i + 1) * nq]);
         let qd = wide(&states.qd[i * nv..(i + 1) * nv]);
         let tau = wide(&states.tau[i * nv..(i + 1) * nv]);
@@ -156,7 +157,7 @@ pub fn reference(scene: &Scene, states: States<'_>) -> Result<Vec<DoubleDouble>,
     Ok(all)
 }
 
-/// Everything one method needs for one state, allocated once.
+/// Scratch memory of one method.
 pub(super) struct Solver<'a, P: Dense> {
     scene: &'a Scene,
     method: Method,
@@ -167,7 +168,7 @@ pub(super) struct Solver<'a, P: Dense> {
 }
 
 impl<'a, P: Dense> Solver<'a, P> {
-    /// Scratch for one method; the filter needs no matrix.
+    /// Scratch memory for one method; filter methods allocate no matrix.
     pub fn new(scene: &'a Scene, method: Method) -> Result<Self, Error> {
         let nv = scene.nv();
         let order = if method.is_dense() { nv } else { 0 };
@@ -183,7 +184,7 @@ impl<'a, P: Dense> Solver<'a, P> {
         })
     }
 
-    /// One state; false where the method met a bad pivot, or a result is not finite.
+    /// Evaluates one state. Returns false if a pivot is singular or a result is not finite.
     pub fn run(&mut self, q: &[P], qd: &[P], tau: &[P], qdd: &mut [P]) -> bool {
         let Self { scene, method, evaluator, matrix, right, buffer } = self;
         let mut call = |algorithm, state: Arguments<'_, P>, out: &mut [P]| {
@@ -227,7 +228,7 @@ impl<'a, P: Dense> Solver<'a, P> {
     }
 }
 
-/// M x = right in place, M overwritten; false where a pivot is not positive.
+/// Solves M x = right in place, overwriting M. Returns false if a pivot is not positive.
 fn dense_solve<P: Dense>(matrix: &mut [P], right: &mut [P], stack: &mut MemStack, with_diagonal: bool) -> bool {
     let n = right.len();
     let mut matrix = MatMut::from_column_major_slice_mut(matrix, n, n);
@@ -261,11 +262,12 @@ fn dense_solve<P: Dense>(matrix: &mut [P], right: &mut [P], stack: &mut MemStack
     true
 }
 
-/// Times `method` in numbers of the kind `P` over all states, one a call, and compares with the reference.
+/// Times `method` in the scalar type `P` over all states, one per call, and compares the results with the reference.
 ///
 /// # Errors
 ///
-/// Arrays of other lengths; [`Error::Memory`] for more states or repeats than there is room for; [`Error::Interrupted`] under a [`watch`] that ends the work.
+/// [`Error::Shape`] for wrong lengths, [`Error::Memory`] for too many states or repeats, and [`Error::Interrupted`] if
+/// [`interrupt`] stops the work.
 pub fn measure<P: Dense>(
     scene: &Scene,
     method: Method,
@@ -287,7 +289,7 @@ pub fn measure<P: Dense>(
 
     let mut errors = memory::with_capacity("q", count)?;
     for i in 0..count {
-        watch::check()?;
+        interrupt::check()?;
         let (q, qd, tau) = state(i);
         let fine = solver.run(q, qd, tau, &mut qdd);
         errors.push(if fine { error(&qdd, &reference[i * nv..(i + 1) * nv]) } else { f64::NAN });
@@ -296,8 +298,8 @@ pub fn measure<P: Dense>(
     let together = (LONG / nv.max(1)).max(1);
     let ns = median_ns(repeats, &mut || {
         for i in 0..count {
-            // So seldom that the time does not show it.
-            outcome = watch::check_at(i + 1, together);
+            // Infrequent, so that the check does not affect the time.
+            outcome = interrupt::check_at(i + 1, together);
             if outcome.is_err() {
                 return;
             }
@@ -311,7 +313,7 @@ pub fn measure<P: Dense>(
     Ok(Measurement { ns, errors })
 }
 
-/// Largest error over the largest entry of the reference.
+/// Largest error relative to the largest entry of the reference.
 fn error<T: Real>(found: &[T], reference: &[DoubleDouble]) -> f64 {
     let scale = reference.iter().map(|r| r.lane(0).abs()).fold(0.0, f64::max);
     let worst = found

@@ -1,4 +1,4 @@
-//! M five ways, each with its time and its error: from samples of the random model (5.1), and by algebra.
+//! Five methods for M, each with its time and error: sampling of the random model (5.1), and algebra.
 
 use crate::algorithm::{Algorithm, Arguments};
 use crate::batch::evaluator::Evaluator;
@@ -14,7 +14,7 @@ use crate::stochastic::{Method, RandomModel};
 use crate::workspace::Workspace;
 use std::hint::black_box;
 
-/// A way from q to M.
+/// A method that computes M at q.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Route {
     /// Independent samples.
@@ -23,13 +23,13 @@ pub enum Route {
     Sobol,
     /// Sigma points.
     SigmaPoints,
-    /// Composite inertias (3.5), by [`Scene::evaluate`].
+    /// Composite inertias (3.5), with [`Scene::evaluate`].
     Recursion,
     /// H phi Q phi* H* with dense matrices (5.1).
     DenseProduct,
 }
 
-/// Every route with its name.
+/// All routes with their names.
 pub const ROUTES: [(&str, Route); 5] = [
     ("monte-carlo", Route::MonteCarlo),
     ("sobol", Route::Sobol),
@@ -39,7 +39,7 @@ pub const ROUTES: [(&str, Route); 5] = [
 ];
 
 impl Route {
-    /// M at `q`; `samples` and `seed` mean something to the first two routes only.
+    /// M at `q`; `samples` and `seed` are used by the first two routes only.
     fn run(
         self,
         scene: &Scene,
@@ -48,14 +48,14 @@ impl Route {
         (samples, seed): (usize, u64),
     ) -> Result<Vec<f64>, Error> {
         let nv = scene.nv();
-        let centred = || -> Result<RandomModel, Error> { scene.random_model(q, None, 1.0) };
+        let centerd = || -> Result<RandomModel, Error> { scene.random_model(q, None, 1.0) };
         match self {
             Self::MonteCarlo => {
                 let method = Method::MonteCarlo { samples, seed, confidence: 0.95 };
-                Ok(centred()?.mass_matrix(method)?.mass_matrix)
+                Ok(centerd()?.mass_matrix(method)?.mass_matrix)
             }
-            Self::Sobol => centred()?.sobol_estimate(samples, seed, 0),
-            Self::SigmaPoints => Ok(centred()?.mass_matrix(Method::SigmaPoints)?.mass_matrix),
+            Self::Sobol => centerd()?.sobol_estimate(samples, seed, 0),
+            Self::SigmaPoints => Ok(centerd()?.mass_matrix(Method::SigmaPoints)?.mass_matrix),
             Self::Recursion => {
                 let mut m = memory::filled("scene", nv.saturating_mul(nv), f64::NAN)?;
                 let state = Arguments { q, ..Arguments::default() };
@@ -70,8 +70,8 @@ impl Route {
     }
 }
 
-/// Median time of one route, ns, with the model that it samples and the matrix that it gives made anew, and its error: the Frobenius norm of the difference from M in double-double,
-/// over that of M.
+/// Median time of one route, ns, including the construction of its random model and result matrix, and its error: the
+/// Frobenius norm of the difference from M in double-double arithmetic, relative to that of M.
 ///
 /// # Errors
 ///

@@ -1,4 +1,4 @@
-//! Run time against the number of bodies.
+//! Run time as a function of the number of bodies.
 
 use crate::algorithm::{Algorithm, Arguments};
 use crate::error::Error;
@@ -6,26 +6,26 @@ use crate::filter::Form;
 use crate::operators::{KINDS, Operator};
 use crate::scenes;
 use crate::workspace::Workspace;
-use crate::{memory, watch};
+use crate::{interrupt, memory};
 use std::hint::black_box;
 use std::time::Instant;
 
-/// Time of one call of [`Scene::evaluate`] on a chain, one state a call.
+/// Times of [`Scene::evaluate`] on a chain, with one state per call.
 ///
 /// [`Scene::evaluate`]: crate::Scene::evaluate
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Growth {
-    /// Bodies.
+    /// Number of bodies.
     pub bodies: usize,
-    /// Forward dynamics in form `auto`, ns a body.
+    /// Forward dynamics in form `auto`, ns per body.
     pub forward: f64,
-    /// Forward dynamics in covariance form, ns a body.
+    /// Forward dynamics in covariance form, ns per body.
     pub covariance: f64,
-    /// Inverse dynamics, ns a body.
+    /// Inverse dynamics, ns per body.
     pub inverse: f64,
 }
 
-/// Median time a body of forward and inverse dynamics on the equal-link chain of `bodies` links, over `repeats` passes.
+/// Median times per body of forward and inverse dynamics on the chain of `bodies` equal links, over `repeats` passes.
 ///
 /// # Errors
 ///
@@ -36,7 +36,7 @@ pub fn growth(bodies: usize, repeats: usize) -> Result<Growth, Error> {
     let (q, qd, tau) = (wave(bodies, 2.0), wave(bodies, 0.5), wave(bodies, 3.0));
     let state = Arguments { q: &q, qd: &qd, u: &tau, wrenches: &[], ..Arguments::default() };
     let mut out = vec![0.0; bodies];
-    // Small chains are called many times, so that the clock's own cost and grain do not show.
+    // Small chains are called repeatedly, so that overhead and resolution of the clock are negligible.
     let calls = (2_000 / bodies.max(1)).max(1);
     #[allow(clippy::cast_precision_loss)] // counts
     let work = (calls * bodies.max(1)) as f64;
@@ -58,7 +58,8 @@ pub fn growth(bodies: usize, repeats: usize) -> Result<Growth, Error> {
     })
 }
 
-/// Median time a body of applying each operator (and, with a star, its transpose) on the chain of `bodies` links, ns.
+/// Median time per body of applying each operator, and its transpose (marked by a star), on the chain of `bodies`
+/// links, ns.
 ///
 /// # Errors
 ///
@@ -83,20 +84,19 @@ pub fn operator_growth(bodies: usize, repeats: usize) -> Result<Vec<(String, f64
     Ok(all)
 }
 
-/// Numbers that are none of them zero and none alike.
+/// Values that are nonzero and distinct.
 fn wave(length: usize, scale: f64) -> Vec<f64> {
     #[allow(clippy::cast_precision_loss)] // an index
     (0..length).map(|i| scale * (1.0 + 0.7 * i as f64).sin()).collect()
 }
 
-/// Median wall time of `call`, ns; one call beforehand warms the caches. Fails for more repeats than there is room for, and where it is
-/// interrupted.
+/// Median wall time of `call`, ns, after one call that warms the caches. Fails for too many repeats and if interrupted.
 pub(super) fn median_ns(repeats: usize, call: &mut impl FnMut()) -> Result<f64, Error> {
     let repeats = repeats.max(1);
     let mut times = memory::with_capacity("repeats", repeats)?;
     call();
     for _ in 0..repeats {
-        watch::check()?;
+        interrupt::check()?;
         let start = Instant::now();
         call();
         times.push(start.elapsed().as_secs_f64() * 1e9);

@@ -1,4 +1,4 @@
-//! What the library says about itself: residuals of the identities, and error against run time (feature `dense`).
+//! Self-tests of the library: residuals of the identities, and error against run time (feature `dense`).
 //!
 //! ```
 //! # #[cfg(feature = "dense")]

@@ -1,4 +1,5 @@
-//! Operations of each algorithm on a scene, counted: the code that computes, run on [`Traced`] numbers; and the memory it touches.
+//! Operation counts of each algorithm on a scene, obtained by running the code on [`Traced`] scalars, and the memory it
+//! accesses.
 
 use crate::algorithm::{Algorithm, Arguments, Derivatives, Products};
 use crate::dynamics;
@@ -14,7 +15,7 @@ use crate::dynamics::traced::TracedSweeps;
 use crate::filter::pivots::Scale;
 use crate::filter::riccati::Measured;
 use crate::filter::{FORMS, Form, Stage};
-use crate::model::{Body, Model, Omissions};
+use crate::model::{Body, Model, Simplifications};
 use crate::operators::{Factor, Updated};
 use crate::scalar::{Operations, Real, Traced};
 use crate::scene::Scene;
@@ -22,16 +23,16 @@ use crate::spatial::{BodyRoot, RigidShift, Root6, SpatialVector, Symmetric6};
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
 
-/// What is counted.
+/// The computation to count.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Task {
-    /// One of the algorithms, its results included.
+    /// An algorithm with its results.
     Algorithm(Algorithm),
-    /// The factor of M at q in some form: phi, D, g and P^+ of every joint.
+    /// The factorization of M at q in some form: phi, D, g and P^+ of every joint.
     Factor(Form),
 }
 
-/// Every task with its name; a form stands after the colon.
+/// All tasks with their names; a form follows the colon.
 #[must_use]
 pub fn tasks() -> Vec<(String, Task)> {
     let mut all = vec![
@@ -47,36 +48,36 @@ pub fn tasks() -> Vec<(String, Task)> {
     all
 }
 
-/// What one task did for one state.
+/// Operation counts of one task for one state.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Count {
-    /// Operations, those of looking for lost digits included where the form does that.
+    /// Operations, including those of the error estimate if the form has one.
     pub operations: Operations,
-    /// What was computed, with the bits of f64's results; of a factor the pivots D.
+    /// The results, bit-identical to those of f64; for a factor the pivots D.
     pub results: Vec<f64>,
 }
 
-/// Counts one task on one state: what [`Scene::evaluate`] runs for it, the sweeps that keep nothing but the result where it has them, scratch
-/// made beforehand.
-/// Arguments that a task does not take are not read.
+/// Counts the operations of one task on one state, as [`Scene::evaluate`] runs it.
 ///
-/// The counts are those of any scalar without double-double arithmetic: a state that stays in doubt after the square-root form
-/// would cost f64 more.
+/// Uses the sweeps that store only the result, if the task has them; scratch memory is allocated before. Arguments that
+/// a task does not take are not read. The counts are those of a scalar without double-double fallback: a state whose
+/// error estimate exceeds the tolerance also in square-root form costs more in f64.
 ///
 /// # Panics
 ///
-/// Where an argument that the task takes is too short for the scene.
+/// If an argument that the task takes is too short for the scene.
 #[must_use]
 pub fn count(scene: &Scene, task: Task, state: &Arguments<'_>) -> Count {
     match task {
         Task::Algorithm(algorithm) if sweeps::covers(algorithm) && !is_by_recursion(algorithm) => {
-            count_in_sweeps(scene, scene.model().omissions, algorithm, state)
+            count_in_sweeps(scene, scene.model().simplifications, algorithm, state)
         }
         _ => count_recursion(scene, task, state),
     }
 }
 
-/// Forward dynamics through connections as the kernels have it, with one look at what is left of the rows; false where the state is in doubt.
+/// Constrained forward dynamics as in the kernels, with one evaluation of the residual. Returns false if the error
+/// estimate exceeds the tolerance.
 fn through_connections(
     traced: &mut TracedSweeps,
     rows: &mut ConstraintKernel<Traced>,
@@ -104,19 +105,20 @@ fn through_connections(
     kept && regular.lane(0) > 0.0 && far.lane(0) >= 0.0
 }
 
-/// Whether it is the general recursion of an algorithm that is counted, though the sweeps have it.
+/// True if the general recursion of an algorithm is counted, although sweeps exist for it.
 fn is_by_recursion(algorithm: Algorithm) -> bool {
     matches!(algorithm, Algorithm::Derivatives(_) | Algorithm::Products(_))
 }
 
-/// The same of the sweeps that keep nothing but the result, with other switches than the scene's.
+/// Counts the operations of an algorithm in the sweeps that store only the result, with other simplifications than
+/// those of the scene.
 pub(crate) fn count_in_sweeps(
     scene: &Scene,
-    omissions: Omissions,
+    simplifications: Simplifications,
     algorithm: Algorithm,
     state: &Arguments<'_>,
 ) -> Count {
-    let model = Model { omissions, ..scene.model().clone() };
+    let model = Model { simplifications, ..scene.model().clone() };
     let mut traced = TracedSweeps::new(&model);
     let ([q, qd, u], wrenches) = on_counted(state);
     if matches!(algorithm, Algorithm::MassMatrixInverse(_)) && !traced.sweeps.is_shallow() {
@@ -159,26 +161,27 @@ pub(crate) fn count_in_sweeps(
                 let mut rows = ConstraintKernel::new((&traced.model, &traced.sweeps), constraints);
                 through_connections(&mut traced, &mut rows, form, state, &wrenches, &mut out)
             }
-            // Of them the general recursion is counted.
+            // Their general recursion is counted.
             Algorithm::Derivatives(_) | Algorithm::Products(_) => false,
         }
     });
     let mut count = Count { operations, results: out.into_iter().map(|x| x.lane(0)).collect() };
     if !kept {
-        // Done once more by the checked method.
+        // Recomputed by the checked method.
         let checked = count_recursion(scene, Task::Algorithm(algorithm), state);
         count = Count { operations: count.operations + checked.operations, results: checked.results };
     }
     count
 }
 
-/// The arguments of a state as numbers that count.
+/// The arguments of a state as counting scalars.
 fn on_counted(state: &Arguments<'_>) -> ([Vec<Traced>; 3], Vec<SpatialVector<Traced>>) {
     let numbers = [state.q, state.qd, state.u].map(|given| given.iter().map(|&x| Traced::from_f64(x)).collect());
     (numbers, state.wrenches.iter().map(|force| force.map(Traced::from_f64)).collect())
 }
 
-/// Counts one task on one state by the recursions of the paper, the unchecked functions of [`dynamics`]: they keep what the sweeps do not.
+/// Counts the operations of one task on one state with the recursions of the paper, the unchecked functions of
+/// [`dynamics`], which store the quantities of every body.
 ///
 /// # Panics
 ///
@@ -202,7 +205,7 @@ pub fn count_recursion(scene: &Scene, task: Task, state: &Arguments<'_>) -> Coun
             workspace.form = form;
             dynamics::forward_dynamics(&model, &mut workspace, &q, &qd, &u, &wrenches, &mut out);
         }
-        // Its general recursion is f64 only: that of the tree, which is the larger part.
+        // The general recursion exists for f64 only; the count is that of the tree, which dominates.
         Task::Algorithm(Algorithm::ConstrainedDynamics(form)) => {
             workspace.form = form;
             dynamics::forward_dynamics(&model, &mut workspace, &q, &qd, &u, &wrenches, &mut out[..model.nv()]);
@@ -227,7 +230,7 @@ pub fn count_recursion(scene: &Scene, task: Task, state: &Arguments<'_>) -> Coun
                 Derivatives::ForwardDynamics(form) => {
                     workspace.form = form;
                     let state = (&q[..], &qd[..], &u[..]);
-                    // A lost pivot is not what is counted.
+                    // Singular pivots do not affect the count.
                     let _ = forward_dynamics_derivatives(&model, &mut workspace, scratch, state, &wrenches, &mut out);
                 }
                 Derivatives::CoriolisMatrix => coriolis_matrix(&model, scratch, &q, &qd, &mut out),
@@ -271,25 +274,25 @@ pub fn count_recursion(scene: &Scene, task: Task, state: &Arguments<'_>) -> Coun
     Count { operations, results: out.into_iter().map(|x| x.lane(0)).collect() }
 }
 
-/// Operations of calls on the factor of M in covariance form.
+/// Operation counts of calls on the factor of M in covariance form.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct OfFactor {
-    /// Making it.
+    /// Factorization.
     pub made: Operations,
     /// One [`solve`](Factor::solve).
     pub solved: Operations,
     /// One [`update`](Factor::update) to the second configuration.
     pub updated: Operations,
-    /// How many bodies that computed anew.
+    /// Number of bodies that the update recomputes.
     pub bodies: usize,
 }
 
-/// Counts the calls on a factor made at `q` and moved to `moved`.
+/// Counts the calls on a factor made at `q` and updated to `moved`.
 ///
 /// # Panics
 ///
-/// Where a configuration is too short for the scene, or the scene keeps bodies that cannot move (see
-/// `Omissions::every_body_moves`).
+/// If a configuration is too short for the scene, or if the scene has bodies that cannot move (see
+/// `Simplifications::every_body_moves`).
 #[must_use]
 pub fn of_factor(scene: &Scene, q: &[f64], moved: &[f64]) -> OfFactor {
     let model: Model<Traced> = scene.model().cast();
@@ -305,13 +308,13 @@ pub fn of_factor(scene: &Scene, q: &[f64], moved: &[f64]) -> OfFactor {
 /// Bytes of the arrays that an algorithm reads or writes in f64, each counted once.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Footprint {
-    /// Constants of the scene that the states of a chunk share.
+    /// Constants of the scene, shared by the states of a chunk.
     pub scene: usize,
-    /// Of one state: arguments, scratch, results, and what of the scene each lane has for itself.
+    /// Per state: arguments, scratch, results, and the parts of the model that each lane stores.
     pub state: usize,
 }
 
-/// The memory of an algorithm on a scene.
+/// The memory that an algorithm accesses on a scene.
 #[must_use]
 pub fn footprint(scene: &Scene, algorithm: Algorithm) -> Footprint {
     let number = size_of::<f64>();
@@ -324,14 +327,15 @@ pub fn footprint(scene: &Scene, algorithm: Algorithm) -> Footprint {
     Footprint { scene: shared, state: swept + (arguments + scene.width(algorithm)) * number }
 }
 
-/// Model and scratch of the sweeps that keep everything.
+/// Model and scratch of the sweeps that store every body.
 fn of_general_sweeps(scene: &Scene, algorithm: Algorithm) -> usize {
     let vector = size_of::<SpatialVector<f64>>();
     let symmetric = size_of::<Symmetric6<f64>>();
     let (number, scale) = (size_of::<f64>(), size_of::<Scale<f64>>());
     let root = size_of::<Option<BodyRoot<f64>>>() + size_of::<Root6<f64>>();
     let measured = size_of::<Measured<f64>>();
-    // Of a body, beside model and phi: P and its bounds, or root, bounds and P; of a row what was measured.
+    // Per body, in addition to model and phi: P and its bounds, or root, bounds and P; per row, the measurement
+    // results.
     let carried = match algorithm {
         Algorithm::MassMatrixInverse(Form::SquareRoot) => root + scale + symmetric,
         _ => symmetric + scale,

@@ -1,4 +1,4 @@
-//! Residuals of the paper's identities at one state, each against dense algebra or another route.
+//! Residuals of the identities of the paper at one state, compared with dense algebra or another algorithm.
 //!
 //! ```
 //! # fn main() -> Result<(), phipsi::Error> {
@@ -11,29 +11,29 @@
 
 use crate::dynamics;
 use crate::error::Error;
+use crate::interrupt;
 use crate::kinematics::{ReferenceFrame, coordinate_rates};
 use crate::model::Model;
 use crate::operators::dense::{Composite, ldlt_from_tip};
 use crate::operators::{Factor, Kind, Operator};
 use crate::scalar::{DoubleDouble, Real};
 use crate::scene::Scene;
-use crate::watch;
 use crate::workspace::Workspace;
 use faer::Mat;
 use faer::linalg::solvers::Solve;
 
-/// One identity and by how much it fails, relative to the largest entry of what it is compared with.
+/// An identity and its residual, relative to the largest entry of the reference.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Residual {
-    /// What was compared.
+    /// The identity.
     pub name: &'static str,
-    /// Largest difference over largest entry.
+    /// Largest difference relative to the largest entry.
     pub value: f64,
-    /// Whether rounding in the comparison grows with the condition number of M.
+    /// True if rounding errors of the comparison grow with the condition number of M.
     pub through_inverse: bool,
 }
 
-/// Largest |a - b| over largest |b|; NaN where either holds a NaN, and 0 for empty matrices.
+/// Largest |a - b| relative to the largest |b|; NaN if either contains NaN, and 0 for empty matrices.
 fn relative(a: &Mat<f64>, b: &Mat<f64>) -> f64 {
     let (mut worst, mut scale) = (0.0_f64, 0.0_f64);
     for j in 0..b.ncols() {
@@ -46,19 +46,19 @@ fn relative(a: &Mat<f64>, b: &Mat<f64>) -> f64 {
     if b.nrows() * b.ncols() == 0 || worst == 0.0 { 0.0 } else { worst / scale.max(f64::MIN_POSITIVE) }
 }
 
-/// Largest |a - b| / |b|, entry by entry.
+/// Largest entrywise |a - b| / |b|.
 fn relative_each(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(x, y)| ((x - y) / y).abs()).fold(0.0_f64, |m, r| if r <= m || m.is_nan() { m } else { r })
 }
 
-/// An operator applied to the columns of the identity: its sweep, as a matrix.
+/// The matrix of an operator, from its sweep applied to the columns of the identity.
 fn swept(factor: &Factor<f64>, kind: Kind) -> Result<Mat<f64>, Error> {
     let operator = factor.operator(kind);
     let (rows, columns) = operator.shape();
     let mut matrix = Mat::zeros(rows, columns);
     let (mut x, mut y) = (vec![0.0; columns], vec![0.0; rows]);
     for j in 0..columns {
-        watch::check_at(j, 16)?;
+        interrupt::check_at(j, 16)?;
         x[j] = 1.0;
         operator.apply(&x, &mut y);
         x[j] = 0.0;
@@ -73,11 +73,12 @@ fn column(values: &[f64]) -> Mat<f64> {
     Mat::from_fn(values.len(), 1, |i, _| values[i])
 }
 
-/// The residuals at `q` (factorisation, operators, inverse) and, at `qd` and `tau`, of the dynamics: those of the tree, whatever connections there are.
+/// The residuals at `q` (factorization, operators, inverse) and, with `qd` and `tau`, of the dynamics. Connections are
+/// ignored.
 ///
 /// # Errors
 ///
-/// A bad argument, a singular joint, or too many degrees of freedom for the composites.
+/// Invalid arguments, a singular joint, or too many degrees of freedom for the dense operators.
 pub fn residuals(scene: &Scene, q: &[f64], qd: &[f64], tau: &[f64]) -> Result<Vec<Residual>, Error> {
     if !scene.connections().is_empty() {
         return residuals(&scene.without_connections()?, q, qd, tau);
@@ -120,7 +121,7 @@ pub fn residuals(scene: &Scene, q: &[f64], qd: &[f64], tau: &[f64]) -> Result<Ve
     let (mut qdd, mut back) = (vec![f64::NAN; nv], vec![f64::NAN; nv]);
     scene.forward_dynamics(&mut workspace, q, qd, tau, &[], &mut qdd)?;
     scene.inverse_dynamics(&mut workspace, q, qd, &qdd, &[], &mut back)?;
-    // Beside the bias, which is a term of either side and may be larger than tau.
+    // Relative to the bias also, which is a term of both sides and can be larger than tau.
     let mut bias = vec![f64::NAN; nv];
     scene.bias_torque(&mut workspace, q, qd, &mut bias)?;
     let (back, tau_beside) = ([&back[..], &bias].concat(), [tau, &bias].concat());
@@ -129,7 +130,7 @@ pub fn residuals(scene: &Scene, q: &[f64], qd: &[f64], tau: &[f64]) -> Result<Ve
     Ok(list)
 }
 
-/// Omega of the last link and of one half way there: in O(N), against M from its definition, solved densely.
+/// Omega of the last link and of one halfway, in O(N), compared with a dense solve with M from its definition.
 fn operational(scene: &Scene, q: &[f64], dense: &Composite) -> Result<f64, Error> {
     let nv = scene.nv();
     let names: Vec<&str> = scene.links().iter().map(|link| link.name.as_str()).collect();
@@ -145,13 +146,13 @@ fn operational(scene: &Scene, q: &[f64], dense: &Composite) -> Result<f64, Error
     Ok(relative(&Mat::from_fn(12, 12, |i, k| omega[12 * i + k]), &(&jacobian * solved)))
 }
 
-/// |K L - L K| relative to the size of the products' terms.
+/// |K L - L K| relative to the size of the terms of the products.
 fn commutator(k: &Mat<f64>, l: &Mat<f64>) -> f64 {
     let (left, right) = (k * l, l * k);
     relative(&left, &right)
 }
 
-/// phi, Psi, K, L, R, P and M as sweeps against their definitions.
+/// phi, Psi, K, L, R, P and M as sweeps, compared with their definitions.
 fn operators_against_definitions(
     factor: &Factor<f64>,
     dense: &Composite,
@@ -174,7 +175,8 @@ fn operators_against_definitions(
     Ok(())
 }
 
-/// |dE/dt - tau . qd| over the sum of |`tau_i` `qd_i`|, with dE/dt by a central difference in double-double.
+/// |dE/dt - tau . qd| relative to the sum of |`tau_i` `qd_i`|, with dE/dt by a central difference in double-double
+/// arithmetic.
 fn power_residual(model: &Model<f64>, q: &[f64], qd: &[f64], qdd: &[f64], tau: &[f64]) -> f64 {
     let precise: Model<DoubleDouble> = model.cast();
     let mut workspace = Workspace::new(&precise);
@@ -182,7 +184,7 @@ fn power_residual(model: &Model<f64>, q: &[f64], qd: &[f64], qdd: &[f64], tau: &
     let (q, qd, qdd) = (wide(q), wide(qd), wide(qdd));
     let mut rates = q.clone();
     coordinate_rates(&precise, &q, &qd, &mut rates);
-    // The truncation error falls as the square of the step: 1e-18 here; rounding adds 1e-31 / 1e-9.
+    // The truncation error is quadratic in the step, 1e-18 here; rounding adds 1e-31 / 1e-9.
     let step = DoubleDouble::from_f64(1e-9);
     let moved = |x: &[DoubleDouble], v: &[DoubleDouble], h: DoubleDouble| -> Vec<DoubleDouble> {
         x.iter().zip(v).map(|(x, v)| *x + *v * h).collect()

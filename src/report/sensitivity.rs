@@ -1,8 +1,9 @@
-//! Sensitivity: by how much the exact answer changes when the numbers that describe the problem move by one unit in the last place.
+//! Sensitivity: the change of the exact result for a change of the model parameters or the state by one unit in the
+//! last place.
 //!
-//! It is the least error that any float64 program can be asked for: a method whose error is far above it is a bad algorithm, and
-//! where it is large itself the problem is ill-conditioned. The exact answer is that of double-double arithmetic, forward dynamics
-//! in square-root form.
+//! It is a lower bound for the error of any float64 program. A method with a much larger error is inaccurate; a large
+//! sensitivity means that the problem is ill-conditioned. Exact results are computed in double-double arithmetic,
+//! forward dynamics in square-root form.
 
 use crate::dynamics;
 use crate::dynamics::derivatives::{DerivativeScratch, forward_dynamics_derivatives};
@@ -13,9 +14,9 @@ use crate::scalar::{DoubleDouble, Real};
 use crate::scene::{Scene, SceneBuilder};
 use crate::scenes::draw::Draw;
 use crate::workspace::Workspace;
-use crate::{memory, watch};
+use crate::{interrupt, memory};
 
-/// What is computed.
+/// The computed quantity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Quantity {
     /// Joint accelerations from torques, (nv,).
@@ -30,7 +31,7 @@ pub enum Quantity {
     AccelerationDerivative,
 }
 
-/// Every quantity with the name it has in Python.
+/// All quantities with their Python names.
 pub const QUANTITIES: [(&str, Quantity); 5] = [
     ("forward dynamics", Quantity::ForwardDynamics),
     ("inverse dynamics", Quantity::InverseDynamics),
@@ -40,7 +41,7 @@ pub const QUANTITIES: [(&str, Quantity); 5] = [
 ];
 
 impl Quantity {
-    /// How many numbers it is of a scene.
+    /// Number of entries for a scene.
     pub(super) fn count(self, nv: usize) -> usize {
         nv.saturating_mul(if matches!(self, Self::MassMatrix | Self::AccelerationDerivative) { nv } else { 1 })
     }
@@ -51,64 +52,64 @@ impl Quantity {
 pub struct State<'a, T = f64> {
     /// Configuration, (nq,).
     pub q: &'a [T],
-    /// Rates, (nv,).
+    /// Joint velocities, (nv,).
     pub qd: &'a [T],
-    /// Torques, (nv,); for inverse dynamics accelerations.
+    /// Torques, (nv,), or accelerations for inverse dynamics.
     pub u: &'a [T],
 }
 
-/// Which numbers move together.
+/// The values that are perturbed together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Moved {
-    /// Every number of q, qd and tau.
+    /// All entries of q, qd and tau.
     State,
     /// The masses of the links.
     Masses,
-    /// The mass centres of the links, in their frames.
-    Centres,
+    /// The centers of mass of the links, in link frames.
+    Centers,
     /// The central inertias of the links, entry by entry.
     Inertias,
-    /// The origins of the joints on their parents.
+    /// The origins of the joint frames on their parents.
     Levers,
-    /// The directions of the axes, component by component.
+    /// The directions of the joint axes, component by component.
     Axes,
     /// The armatures.
     Armatures,
 }
 
-/// All of them with the names they have in Python; the first is the state, the others are the model's parameters.
+/// All kinds with their Python names; the first is the state, the others are model parameters.
 pub const MOVED: [(&str, Moved); 7] = [
     ("state", Moved::State),
     ("masses", Moved::Masses),
-    ("mass centres", Moved::Centres),
+    ("centers of mass", Moved::Centers),
     ("central inertias", Moved::Inertias),
     ("levers", Moved::Levers),
     ("axes", Moved::Axes),
     ("armatures", Moved::Armatures),
 ];
 
-/// A difference from the exact answer, relative, in two norms.
+/// The relative difference from the exact result, in two norms.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Difference {
-    /// Largest difference over the largest number of the exact answer.
+    /// Largest difference relative to the largest entry of the exact result.
     pub norm: f64,
-    /// Each difference over its own number; zero where both are zero.
+    /// Relative difference of each entry; zero if both entries are zero.
     pub components: Vec<f64>,
 }
 
 impl Difference {
-    /// The largest of the components; NaN where one is NaN.
+    /// The largest relative difference of an entry; NaN if one is NaN.
     #[must_use]
     pub fn component(&self) -> f64 {
         self.components.iter().fold(0.0, |worst, &x| larger(worst, x))
     }
 
-    /// None at all, for `count` numbers.
+    /// Zero difference of `count` entries.
     fn none(count: usize) -> Self {
         Self { norm: 0.0, components: vec![0.0; count] }
     }
 
-    /// Keeps the larger of the two, number by number.
+    /// Replaces each value by the larger of the two.
     fn widen(&mut self, other: &Self) {
         self.norm = larger(self.norm, other.norm);
         for (a, &b) in self.components.iter_mut().zip(&other.components) {
@@ -117,25 +118,25 @@ impl Difference {
     }
 }
 
-/// The larger of the two; NaN where either is NaN.
+/// The larger of the two; NaN if either is NaN.
 fn larger(a: f64, b: f64) -> f64 {
     if b <= a || a.is_nan() { a } else { b }
 }
 
-/// An answer in double-double arithmetic, about 31 digits.
+/// A result in double-double arithmetic, about 31 digits.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Exact {
-    /// The numbers, row by row.
+    /// The entries, row-major.
     pub values: Vec<DoubleDouble>,
 }
 
 impl Exact {
-    /// The answer for one state: O(N), forward dynamics in square-root form; O(N depth) for the mass matrix.
+    /// The exact result for one state: O(N), with forward dynamics in square-root form; O(N depth) for the mass matrix.
     ///
     /// # Errors
     ///
-    /// Arguments of the wrong length or with numbers that are not finite; [`Error::SingularJoint`], naming the joint, where a
-    /// pivot of forward dynamics is not positive even there.
+    /// [`Error::Shape`], [`Error::NotFinite`], and [`Error::SingularJoint`] if a pivot of forward dynamics is not
+    /// positive also in this arithmetic.
     pub fn new(scene: &Scene, quantity: Quantity, state: State<'_>) -> Result<Self, Error> {
         scene.check_configuration("q", state.q)?;
         scene.check_rates("qd", state.qd)?;
@@ -150,7 +151,7 @@ impl Exact {
         if sound { Ok(Self { values }) } else { Err(singular(scene, &workspace)) }
     }
 
-    /// How far numbers are from it; NaN where one of them is not finite.
+    /// The difference of `found` from the exact result; NaN if an entry is not finite.
     #[must_use]
     pub fn difference(&self, found: &[DoubleDouble]) -> Difference {
         let size = |x: DoubleDouble| x.lane(0).abs();
@@ -166,7 +167,7 @@ impl Exact {
     }
 }
 
-/// One quantity; false where a pivot of forward dynamics (square-root form) is not positive.
+/// Evaluates a quantity. Returns false if a pivot of forward dynamics (square-root form) is not positive.
 fn evaluate(
     model: &Model<DoubleDouble>,
     workspace: &mut Workspace<DoubleDouble>,
@@ -196,7 +197,7 @@ fn evaluate(
     true
 }
 
-/// The error of the outermost joint whose pivot is not positive.
+/// The error for the outermost joint whose pivot is not positive.
 pub(super) fn singular<T: Real>(scene: &Scene, workspace: &Workspace<T>) -> Error {
     let stages = &scene.model().system.stages;
     let lost = stages.iter().enumerate().rev().find_map(|(k, stage)| {
@@ -210,8 +211,9 @@ pub(super) fn singular<T: Real>(scene: &Scene, workspace: &Workspace<T>) -> Erro
     Error::SingularJoint { joint, link, state: None, pivot, terms: f64::NAN }
 }
 
-/// By how much the exact answer changes: the largest of `draws` draws, in each of which every number of a kind moves by one unit
-/// in its last place, up or down. Zeros stay. One entry for each of [`MOVED`]; infinite where a draw makes the problem singular.
+/// Change of the exact result for perturbations of every value of one kind by one unit in the last place, up or down:
+/// the largest over `draws` random draws. Zeros are not perturbed. One entry per kind of [`MOVED`]; infinite if a draw
+/// makes the problem singular.
 ///
 /// # Errors
 ///
@@ -229,7 +231,7 @@ pub fn sensitivity(
     for (name, moved) in MOVED {
         let mut worst = Difference::none(exact.values.len());
         for _ in 0..draws {
-            watch::check()?;
+            interrupt::check()?;
             let found = match moved {
                 Moved::State => {
                     let (q, qd, u) =
@@ -249,7 +251,7 @@ pub fn sensitivity(
     Ok(all)
 }
 
-/// One unit in the last place up or down.
+/// Moves a value by one unit in the last place, up or down.
 fn nudge(x: &mut f64, draw: &mut Draw) {
     if *x != 0.0 {
         *x = if draw.coin() { x.next_up() } else { x.next_down() };
@@ -264,7 +266,7 @@ fn nudged(values: &[f64], draw: &mut Draw) -> Vec<f64> {
     values
 }
 
-/// The scene with one kind of its parameters moved.
+/// The scene with one kind of its parameters perturbed.
 fn other(scene: &Scene, moved: Moved, draw: &mut Draw) -> Result<Scene, Error> {
     let source = scene.source();
     let mut builder = SceneBuilder::new().gravity(source.gravity_vector()).floating_base(source.is_floating());
@@ -273,7 +275,7 @@ fn other(scene: &Scene, moved: Moved, draw: &mut Draw) -> Result<Scene, Error> {
         if let Some(inertial) = &mut link.inertial {
             match moved {
                 Moved::Masses => nudge(&mut inertial.mass, draw),
-                Moved::Centres => inertial.centre.iter_mut().for_each(|x| nudge(x, draw)),
+                Moved::Centers => inertial.center.iter_mut().for_each(|x| nudge(x, draw)),
                 Moved::Inertias => inertial.central.entries.iter_mut().for_each(|x| nudge(x, draw)),
                 _ => {}
             }

@@ -1,4 +1,5 @@
-//! Stability: the error of every method on one state, against the exact answer, in two norms and in two precisions.
+//! Numerical stability: the error of every method on one state relative to the exact result, in two norms and two
+//! precisions.
 
 use super::accuracy::{CHOLESKY, Dense, LDLT, Method, Solver};
 use super::sensitivity::{Difference, Exact, Quantity, State};
@@ -8,7 +9,7 @@ use crate::filter::Form;
 use crate::scalar::{DoubleDouble, Real};
 use crate::scene::Scene;
 
-/// Every way to the accelerations, with the name it has in Python.
+/// All methods for the accelerations with their Python names.
 pub const FORMS: [(&str, Method); 4] = [
     ("covariance form", Method::Filter(Form::Covariance)),
     ("square-root form", Method::Filter(Form::SquareRoot)),
@@ -16,22 +17,22 @@ pub const FORMS: [(&str, Method); 4] = [
     (CHOLESKY, Method::DenseCholesky),
 ];
 
-/// Nothing dense is formed beyond this many degrees of freedom.
+/// Largest number of degrees of freedom for dense matrices.
 pub(crate) const DENSE_CAP: usize = 1000;
 
-/// Why there is no error to tell.
+/// The reason why a method has no result.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Failure {
-    /// A pivot is lost in rounding, or not positive.
+    /// A pivot is below the rounding error of its terms, or not positive.
     Pivot,
-    /// A number overflowed, or is none.
+    /// A value overflowed or is NaN.
     NotFinite,
-    /// The mass matrix is too large to be formed.
+    /// The mass matrix is too large.
     TooLarge,
 }
 
 impl Failure {
-    /// In words.
+    /// Text of the reason.
     #[must_use]
     pub const fn reason(self) -> &'static str {
         match self {
@@ -42,16 +43,16 @@ impl Failure {
     }
 }
 
-/// The error of joint accelerations by `method` with states and results in `P`; in float32 the state is rounded first, and the scene
-/// where the kernels are float32's own.
+/// The error of joint accelerations computed by `method` with states and results in `P`. In float32, the state is
+/// rounded first, and also the scene if the method has float32 kernels.
 ///
 /// # Errors
 ///
-/// [`Failure`], which is a result and not a mistake of the caller.
+/// [`Failure`], which is a result of the comparison.
 ///
 /// # Panics
 ///
-/// If the state is not one that [`Exact::new`] takes.
+/// If [`Exact::new`] rejects the state.
 pub fn forward_error<P: Dense>(
     scene: &Scene,
     method: Method,
@@ -71,11 +72,12 @@ pub fn forward_error<P: Dense>(
     finite(&qdd, exact)
 }
 
-/// The error of another quantity by [`Scene::evaluate`] with states and results in `P`; of forward dynamics in covariance form.
+/// The error of another quantity computed by [`Scene::evaluate`] with states and results in `P`; forward dynamics in
+/// covariance form.
 ///
 /// # Errors
 ///
-/// As of [`forward_error`].
+/// As [`forward_error`].
 pub fn recursion_error<P: Dense>(
     scene: &Scene,
     quantity: Quantity,
@@ -105,7 +107,7 @@ pub fn recursion_error<P: Dense>(
         let is_factored = algorithm.form().is_some();
         return Err(if is_factored { Failure::Pivot } else { Failure::NotFinite });
     }
-    // Of the derivatives, the first matrix.
+    // The first matrix of the derivatives.
     finite(&out[..exact.values.len().min(out.len())], exact)
 }
 

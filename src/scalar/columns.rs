@@ -1,46 +1,46 @@
-//! Several columns of one state side by side.
+//! Scalars that hold several columns of one state.
 
 use super::transposed::MOST_LANES;
 use super::{Fused, Instructions, Lanes, Real};
 use pulp::bytemuck::{cast_slice, cast_slice_mut};
 use std::fmt::Debug;
 
-/// A scalar that holds several numbers of kind `T` side by side: the columns of a matrix, for one state.
+/// A scalar that holds several values of type `T`: columns of a matrix, for one state.
 pub trait ColumnsOf<T: Real>: Real {
-    /// How many.
+    /// Number of columns.
     const COLUMNS: usize;
 
-    /// One number in memory, where many are kept in order.
+    /// Type of one value in a contiguous array.
     type Entry: Copy + Debug;
 
-    /// A number as it is kept.
+    /// Converts a value to an entry.
     fn kept(x: T) -> Self::Entry;
 
-    /// A number that was kept.
+    /// Converts an entry to a value.
     fn taken(entry: Self::Entry) -> T;
 
-    /// All columns, one after another, into as many entries.
+    /// Stores all columns into `to`, one after another.
     fn store(&self, to: &mut [Self::Entry]);
 
-    /// As many entries as there are columns; `self` says only of which kind.
+    /// Loads all columns from `from`; `self` determines only the type.
     #[must_use]
     fn load(self, from: &[Self::Entry]) -> Self;
 
-    /// As many as there are columns: what was number j of the one at i becomes number i of the one at j.
+    /// Transposes a square block: entry j of value i becomes entry i of value j.
     fn transpose(block: &mut [Self]);
 
-    /// The same number in every column; `self` says only of which kind.
+    /// The same value in every column; `self` determines only the type.
     #[must_use]
     fn spread(self, x: T) -> Self;
 
-    /// The number in one column.
+    /// The value in one column.
     fn column(&self, index: usize) -> T;
 
-    /// Writes the number in one column.
+    /// Sets the value in one column.
     fn set_column(&mut self, index: usize, x: T);
 }
 
-/// One column at a time: what a scalar does whose lanes are states.
+/// One column at a time, for scalars whose lanes are states.
 impl<T: Real> ColumnsOf<T> for T {
     const COLUMNS: usize = 1;
 
@@ -85,7 +85,7 @@ impl<T: Real> ColumnsOf<T> for T {
     }
 }
 
-/// As many columns as a register holds.
+/// One column per lane of a register.
 impl<S: Instructions> ColumnsOf<Fused> for Lanes<S> {
     const COLUMNS: usize = <Self as Real>::LANES;
 

@@ -1,33 +1,35 @@
-//! How many operations were done: counted by [`Traced`](super::Traced), on which the generic code runs.
+//! Operation counts, which [`Traced`](super::Traced) accumulates while generic code runs on it.
 
 use std::cell::Cell;
 use std::ops::Add;
 
-/// How many operations were done; changes of sign, absolute values and comparisons are not counted.
+/// Numbers of operations. Sign changes, absolute values and comparisons are not counted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Operations {
     /// Sums and differences.
     pub additions: u64,
-    /// Products that nothing is added to.
+    /// Products that are not part of a fused multiply-add.
     pub multiplications: u64,
-    /// Products with a sum: one instruction where the processor has it.
+    /// Fused multiply-adds: one instruction on processors that support it.
     pub fused: u64,
     /// Divisions and reciprocals.
     pub divisions: u64,
     /// Square roots.
     pub roots: u64,
-    /// Sine and cosine of one angle, both together.
+    /// Evaluations of sine and cosine of one angle, counted together.
     pub sines: u64,
 }
 
 impl Operations {
-    /// None at all.
+    /// Zero counts.
     pub const NONE: Self = Self { additions: 0, multiplications: 0, fused: 0, divisions: 0, roots: 0, sines: 0 };
 
-    /// Floating-point operations that a sine with its cosine is, in the polynomials of the arms with fused products.
+    /// Floating-point operations of a sine with its cosine, in the polynomials for instruction sets with fused
+    /// multiply-adds.
     pub const OF_SINES: u64 = 52;
 
-    /// Floating-point operations: one for each, two for a fused product, [`Operations::OF_SINES`] for a sine with its cosine.
+    /// Floating-point operations: one each, two for a fused multiply-add, [`Operations::OF_SINES`] for a sine with its
+    /// cosine.
     #[must_use]
     pub fn flops(&self) -> u64 {
         self.additions
@@ -38,7 +40,7 @@ impl Operations {
             + Self::OF_SINES * self.sines
     }
 
-    /// The counts by name, in the order of the fields.
+    /// The counts with their names, in the order of the fields.
     #[must_use]
     pub fn named(&self) -> [(&'static str, u64); 6] {
         [
@@ -71,14 +73,14 @@ thread_local! {
     static DONE: Cell<Operations> = const { Cell::new(Operations::NONE) };
 }
 
-/// Notes one operation of this thread.
+/// Counts one operation of this thread.
 pub(super) fn note(change: impl FnOnce(&mut Operations)) {
     let mut operations = DONE.get();
     change(&mut operations);
     DONE.set(operations);
 }
 
-/// What `work` gives, and the operations that it did in this thread.
+/// The result of `work`, and the operations that it performed on this thread.
 pub(super) fn during<R>(work: impl FnOnce() -> R) -> (R, Operations) {
     let before = DONE.replace(Operations::NONE);
     let result = work();

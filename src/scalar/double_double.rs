@@ -1,4 +1,4 @@
-//! About 31 digits: an unevaluated sum of two f64, the reference that errors are measured against.
+//! Double-double arithmetic with about 31 digits: an unevaluated sum of two f64, the reference for error measurements.
 //!
 //! Built on the two error-free transformations `two_sum` (Knuth) and `two_prod` (through a fused multiply-add). Sums
 //! and products are the accurate ones of M. Joldes, J.-M. Muller, V. Popescu, "Tight and rigorous error bounds for
@@ -13,8 +13,8 @@ use num_traits::{One, Zero};
 use std::fmt;
 use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 
-/// pi/2 in three parts, whose sum is right to about 2^-161:
-/// `python -c "from mpmath import *; mp.prec=400; a=float(pi/2); b=float(pi/2-a); print(a.hex(), b.hex(), float(pi/2-a-b).hex())"`
+/// pi/2 in three parts, whose sum is exact to about 2^-161: `python -c "from mpmath import *; mp.prec=400;
+/// a=float(pi/2); b=float(pi/2-a); print(a.hex(), b.hex(), float(pi/2-a-b).hex())"`
 const HALF_PI: [f64; 3] = [
     f64::from_bits(0x3ff9_21fb_5444_2d18),
     f64::from_bits(0x3c91_a626_3314_5c07),
@@ -24,49 +24,49 @@ const HALF_PI: [f64; 3] = [
 /// The largest argument of [`Real::sin_cos`], 2^40 (about 1.1e12 radians).
 const LARGEST_ANGLE: f64 = 1_099_511_627_776.0;
 
-/// Significant digits that [`DoubleDouble`] shows unless told otherwise.
+/// Number of significant digits that [`DoubleDouble`] prints by default.
 const SHOWN_DIGITS: usize = 31;
 
-/// A real number as the unevaluated sum `high + low` of two f64, good for about 31 digits.
+/// A real number as the unevaluated sum `high + low` of two f64, with about 31 digits.
 ///
-/// Normalised: `high` is the f64 nearest to the sum. [`DoubleDouble::from_parts`] sees to that; comparisons and
-/// accuracy rely on it, so a value written out by its fields has to be normalised already.
+/// Normalized: `high` is the f64 nearest to the sum. [`DoubleDouble::from_parts`] normalizes; comparisons and accuracy
+/// require it, so that values built from their fields must be normalized already.
 #[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
 pub struct DoubleDouble {
     /// The sum, rounded to f64.
     pub high: f64,
-    /// What the rounding left over, at most half a unit in the last place of `high`.
+    /// The remainder, at most half a unit in the last place of `high`.
     pub low: f64,
 }
 
 impl DoubleDouble {
-    /// The sum of two f64, exactly. Not finite parts, or a sum that overflows, give NaN.
+    /// The exact sum of two f64. Parts that are not finite, or a sum that overflows, give NaN.
     #[must_use]
     pub fn from_parts(high: f64, low: f64) -> Self {
         let (high, low) = two_sum(high, low);
         Self { high, low }
     }
 
-    /// The exact product of two f64 (while it does not underflow).
+    /// The exact product of two f64 (unless it underflows).
     fn product(a: f64, b: f64) -> Self {
         let (high, low) = two_prod(a, b);
         Self { high, low }
     }
 
-    /// `high + low` normalised, given that `high` is zero or the larger one.
-    fn renormalised(high: f64, low: f64) -> Self {
+    /// `high + low`, normalized, provided that `high` is zero or has the larger magnitude.
+    fn renormalized(high: f64, low: f64) -> Self {
         let sum = high + low;
         Self { high: sum, low: low - (sum - high) }
     }
 
-    /// An f64, which may be infinite, as it is.
+    /// An f64, including infinities, unchanged.
     const fn exact(x: f64) -> Self {
         Self { high: x, low: 0.0 }
     }
 
-    /// The alternating tail `t` of a Taylor series, from a squared angle of at most about (pi/4)^2:
-    /// `t = x^2/(n(n+1)) (1 - x^2/((n+2)(n+3)) (1 - ...))`, for which `cos x = 1 - t` (n = 1) and
-    /// `sin x = x - x t` (n = 2). Fourteen factors; the first one left out is below 1e-33.
+    /// The alternating tail `t` of a Taylor series for a squared angle of at most about (pi/4)^2: `t = x^2/(n(n+1)) (1
+    /// - x^2/((n+2)(n+3)) (1 - ...))`, with `cos x = 1 - t` (n = 1) and `sin x = x - x t` (n = 2). Fourteen factors;
+    /// the first omitted term is below 1e-33.
     fn series_tail(square: Self, n: f64) -> Self {
         (0..14_u8).rev().fold(Self::zero(), |nested, i| {
             let k = n + 2.0 * f64::from(i);
@@ -74,8 +74,8 @@ impl DoubleDouble {
         })
     }
 
-    /// The digits of a positive finite number, one more than asked for turned into the rounding of the last, and
-    /// the decimal exponent of the first.
+    /// The `count` leading digits of a positive finite number, correctly rounded, and the decimal exponent of the
+    /// first.
     fn decimal_digits(self, count: usize) -> (Vec<u8>, i32) {
         let ten = Self::exact(10.0);
         let mut rest = self;
@@ -93,7 +93,7 @@ impl DoubleDouble {
                 exponent -= step;
             }
         }
-        // The leading digit of `rest` may still be 0 (0.99.. with high = 1) or, after rounding, 10.
+        // The leading digit of `rest` can still be 0 (0.99.. with high = 1) or, after rounding, 10.
         if rest < Self::one() {
             rest *= ten;
             exponent -= 1;
@@ -122,7 +122,7 @@ impl DoubleDouble {
     }
 }
 
-/// `a + b` rounded, and the error of that rounding exactly (Knuth; no order needed).
+/// `a + b` rounded, and the exact rounding error (Knuth; for any order of magnitudes).
 #[inline]
 fn two_sum(a: f64, b: f64) -> (f64, f64) {
     let sum = a + b;
@@ -131,26 +131,26 @@ fn two_sum(a: f64, b: f64) -> (f64, f64) {
     (sum, (a - a_seen) + (b - b_seen))
 }
 
-/// `a * b` rounded, and the error of that rounding exactly (unless it underflows).
+/// `a * b` rounded, and the exact rounding error (unless it underflows).
 #[inline]
 fn two_prod(a: f64, b: f64) -> (f64, f64) {
     let product = a * b;
     (product, a.mul_add(b, -product))
 }
 
-// Sums, products and quotients are calls: the recursions are inlined whole, and with ten operations in the place of each they would be a function of half a
-// megabyte, which hardly any state runs.
+// Sums, products and quotients are not inlined: the recursions are inlined as a whole, and with about ten operations
+// for each they would grow to half a megabyte of rarely executed code.
 
 impl Add for DoubleDouble {
     type Output = Self;
 
-    /// The accurate addition: relative error below 3 u^2 even where the high parts cancel.
+    /// Accurate addition: relative error below 3 u^2, also if the high parts cancel.
     #[inline(never)]
     fn add(self, other: Self) -> Self {
         let (high, high_error) = two_sum(self.high, other.high);
         let (low, low_error) = two_sum(self.low, other.low);
-        let partial = Self::renormalised(high, high_error + low);
-        Self::renormalised(partial.high, partial.low + low_error)
+        let partial = Self::renormalized(high, high_error + low);
+        Self::renormalized(partial.high, partial.low + low_error)
     }
 }
 
@@ -177,14 +177,14 @@ impl Mul for DoubleDouble {
     fn mul(self, other: Self) -> Self {
         let (high, error) = two_prod(self.high, other.high);
         let cross = self.low.mul_add(other.high, self.high.mul_add(other.low, self.low * other.low));
-        Self::renormalised(high, error + cross)
+        Self::renormalized(high, error + cross)
     }
 }
 
 impl Div for DoubleDouble {
     type Output = Self;
 
-    /// Long division: three quotient digits of 53 bits each.
+    /// Long division with three quotient digits of 53 bits each.
     #[inline(never)]
     fn div(self, other: Self) -> Self {
         let first = self.high / other.high;
@@ -192,7 +192,7 @@ impl Div for DoubleDouble {
         let second = rest.high / other.high;
         let rest = rest - other * Self::exact(second);
         let third = rest.high / other.high;
-        Self::renormalised(first, second) + Self::exact(third)
+        Self::renormalized(first, second) + Self::exact(third)
     }
 }
 
@@ -258,23 +258,23 @@ impl Real for DoubleDouble {
         Self::one() / self
     }
 
-    /// The square root: f64's own, and one Newton step on the exact remainder. NaN below zero.
+    /// The square root in f64, corrected by one Newton step with the exact remainder. NaN for negative numbers.
     fn sqrt(self) -> Self {
         if self.is_zero() {
             return self;
         }
         let root = self.high.sqrt();
         let rest = self - Self::product(root, root);
-        Self::renormalised(root, rest.high / (2.0 * root))
+        Self::renormalized(root, rest.high / (2.0 * root))
     }
 
-    /// Sine and cosine, absolute error below 1e-31 for angles up to 2^40 (1.1e12) radians, NaN beyond.
+    /// Sine and cosine with an absolute error below 1e-31 for angles up to 2^40 (1.1e12) radians; NaN beyond.
     ///
-    /// The angle is reduced modulo pi/2 in three parts; there is no table, and the Taylor series converges on the
-    /// rest of at most pi/4. Near a multiple of pi the smaller of the two keeps its absolute, not its relative,
+    /// The angle is reduced modulo pi/2 in three parts. The Taylor series converges for the remainder of at most pi/4,
+    /// without a table. Near a multiple of pi/2, the smaller of the two values has this absolute, not relative,
     /// accuracy.
     fn sin_cos(self) -> (Self, Self) {
-        // Written so that NaN takes the same way out.
+        // Written so that NaN fails the test.
         let in_range = self.high.abs() <= LARGEST_ANGLE;
         if !in_range {
             return (Self::exact(f64::NAN), Self::exact(f64::NAN));
@@ -310,15 +310,15 @@ impl Real for DoubleDouble {
         if self == Self::zero() { Self::one() } else { Self::zero() }
     }
 
-    /// 2^-104, within which every operation here rounds.
+    /// 2^-104, a bound on the relative rounding error of every operation.
     fn epsilon() -> Self {
         Self::exact(f64::EPSILON * f64::EPSILON)
     }
 }
 
 impl fmt::Display for DoubleDouble {
-    /// Scientific notation with 31 significant digits, or as many after the point as the precision asks for. Beyond
-    /// 31 they mean nothing; the 31st may be off by one.
+    /// Scientific notation with 31 significant digits, or with the number of decimals given by the precision. Digits
+    /// beyond the 31st are meaningless; the 31st can be off by one.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if !self.high.is_finite() || self.is_zero() {
             return fmt::Display::fmt(&self.high, f);
@@ -337,7 +337,7 @@ impl fmt::Display for DoubleDouble {
 mod tests {
     use super::{DoubleDouble, two_prod, two_sum};
 
-    /// Odd 53-bit integers from a multiplicative congruence (Knuth's MMIX constants), the same on every run.
+    /// Odd 53-bit integers from a linear congruential generator (Knuth's MMIX constants), identical in every run.
     fn integers() -> impl Iterator<Item = i64> {
         let mut state = 1_u64;
         std::iter::from_fn(move || {
@@ -346,7 +346,7 @@ mod tests {
         })
     }
 
-    /// An f64 that holds an integer, as that integer.
+    /// The integer value of an f64.
     #[allow(clippy::cast_possible_truncation, reason = "only called on integers below 2^107")]
     fn integer(x: f64) -> i128 {
         assert!(x.fract() == 0.0 && x.abs() < 1e32);
@@ -373,7 +373,7 @@ mod tests {
     fn two_sum_loses_nothing() {
         let mut corrections = 0;
         for (i, (a, b)) in integers().zip(integers().skip(1)).take(1000).enumerate() {
-            // b scaled by 1 .. 2^31, so that either addend is the larger one.
+            // b is scaled by 1 .. 2^31, so that either addend can be the larger one.
             let scale = 1_i64 << (i % 32);
             let (sum, error) = two_sum(float(a), float(b) * float(scale));
             let (turned, turned_error) = two_sum(float(b) * float(scale), float(a));
@@ -387,7 +387,7 @@ mod tests {
 
     #[test]
     fn addition_keeps_what_the_sloppy_one_loses() {
-        // (1 + a) - (1 + b) with a, b below half an ulp: the answer is in the low parts alone.
+        // (1 + a) - (1 + b) with a, b below half an ulp: the result comes from the low parts alone.
         let a = DoubleDouble::from_parts(1.0, 2f64.powi(-55));
         let b = DoubleDouble::from_parts(1.0, 2f64.powi(-107));
         assert_eq!(a - b, DoubleDouble::from_parts(2f64.powi(-55), -2f64.powi(-107)));

@@ -1,17 +1,19 @@
-//! A number with its derivative along one direction.
+//! Dual numbers: a value with its derivative along one direction.
 
 use super::Real;
 use num_traits::{One, Zero};
 use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 
-/// value + tangent e with e^2 = 0: what runs on it comes out with its derivative along the tangents of what went in.
+/// value + tangent e with e^2 = 0. Code that runs on dual numbers computes its derivative along the tangents of its
+/// inputs.
 ///
-/// Comparisons and [`Real::lane`] see the value alone; nothing may branch on a value that has a tangent, as nothing in the sweeps does.
+/// Comparisons and [`Real::lane`] use the value only. Code must not branch on a value that has a tangent; the sweeps do
+/// not.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Dual<T> {
-    /// The number itself.
+    /// The value.
     pub value: T,
-    /// Its derivative.
+    /// The derivative.
     pub tangent: T,
 }
 
@@ -171,7 +173,7 @@ mod tests {
     use super::Dual;
     use crate::scalar::Real;
 
-    /// Beside derivatives by hand, at 0.7.
+    /// Compared with analytic derivatives at 0.7.
     #[test]
     fn derivatives_of_the_functions() {
         let x = Dual { value: 0.7_f64, tangent: 1.0 };

@@ -1,9 +1,9 @@
-//! Operations of traced numbers without what changes nothing: constants are computed, zeros and ones go, signs go into sums.
+//! Algebraic simplification of traced operations: constant folding, removal of zeros and ones, signs moved into sums.
 
 use super::Real;
 use super::traced::{Operation as O, Traced, push};
 
-/// In order where the order says nothing.
+/// The operands of a commutative operation in canonical order.
 pub(super) fn sorted(a: Traced, b: Traced) -> (u32, u32) {
     let (a, b) = (a.place(), b.place());
     (a.min(b), a.max(b))
@@ -73,7 +73,7 @@ pub(super) fn quotient(a: Traced, b: Traced) -> Traced {
     }
 }
 
-/// Whether a product with it is none.
+/// True if a product with `x` needs no multiplication.
 fn is_trivial(x: Traced) -> bool {
     x.is(0.0) || x.is(1.0) || x.is(-1.0)
 }

@@ -1,10 +1,11 @@
-//! One number with fused products: what one state runs on where the processor has the instruction.
+//! An f64 with fused multiply-adds, for one state on processors that support them.
 
 use super::Real;
 use super::trigonometry::{Circle, far, of_reduced};
 use std::slice::from_mut;
 
-/// An f64 whose [`Real::mul_add`] is one instruction; outside an arm that has it, a slow call.
+/// An f64 whose [`Real::mul_add`] is one instruction inside code compiled for such a processor, and a slow call
+/// elsewhere.
 #[derive(Debug, Clone, Copy, PartialEq, PartialOrd)]
 #[repr(transparent)]
 pub struct Fused(pub f64);
@@ -51,7 +52,7 @@ impl Real for Fused {
         let rounder = <f64 as Circle>::ROUNDER;
         let shifted = self.0.mul_add(std::f64::consts::FRAC_2_PI, rounder);
         let (sine, cosine) = of_reduced::<f64, _>(self, Self(shifted - rounder));
-        // As in lanes.
+        // As in `Lanes`.
         let quadrant = shifted.to_bits();
         let (s, c) = if quadrant & 1 == 1 { (cosine.0, sine.0) } else { (sine.0, cosine.0) };
         let (of_sine, of_cosine) = ((quadrant & 2) << 62, (quadrant.wrapping_add(1) & 2) << 62);
@@ -69,7 +70,7 @@ impl Real for Fused {
 
     #[inline(always)]
     fn worst(self, other: Self) -> Self {
-        // Chosen, not branched to: the smaller or `other` where that is NaN, then `self` where that is.
+        // Written as selections instead of branches: the smaller value, or NaN if either is NaN.
         let smaller = if self.0 < other.0 { self } else { other };
         if self.0.is_nan() { self } else { smaller }
     }

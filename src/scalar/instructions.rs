@@ -1,28 +1,29 @@
-//! Sets of instructions: what their registers are like in memory, and how a square of numbers is turned over in them.
+//! Instruction sets: alignment of their registers in memory, and transposition of square blocks of registers.
 
 use pulp::Simd;
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 use pulp::cast;
 use std::fmt::Debug;
 
-/// An instruction set, and how its registers are aligned in memory.
+/// An instruction set, and the alignment of its registers in memory.
 pub trait Instructions: Simd {
-    /// A type of no size with that alignment.
+    /// A zero-sized type with that alignment.
     type Alignment: Debug + Copy + Send + Sync + 'static;
 
-    /// The set, where this processor has it.
+    /// The instruction set, if this processor supports it.
     fn token() -> Option<Self>;
 
-    /// As many registers as each has lanes: what was number j of register i becomes number i of register j.
+    /// Transposes a square block of registers: entry j of register i becomes entry i of register j.
     fn transpose(self, block: &mut [Self::f64s]);
 
-    /// The same of f32.
+    /// Transposes a square block of f32 registers.
     fn transpose_f32(self, block: &mut [Self::f32s]);
 
-    /// The first numbers in the lower half of the lanes, the last in the upper half; there are as many as that at least.
+    /// Loads the first entries of `numbers` into the lower half of the lanes and the last ones into the upper half;
+    /// `numbers` has at least half as many entries as lanes.
     fn load_ends(self, numbers: &[f64]) -> Self::f64s;
 
-    /// The lower half of the lanes into the first numbers, the upper half into the last.
+    /// Stores the lower half of the lanes to the first entries of `numbers`, and the upper half to the last ones.
     fn store_ends(self, numbers: &mut [f64], lanes: Self::f64s);
 
     /// As [`Self::load_ends`].
@@ -32,7 +33,7 @@ pub trait Instructions: Simd {
     fn store_ends_f32(self, numbers: &mut [f32], lanes: Self::f32s);
 }
 
-/// What each set says in the same words, of half as many numbers as it has lanes.
+/// Definitions common to all instruction sets, for half as many entries as lanes.
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 macro_rules! ends {
     ($number:ty, $registers:ident, $half:literal, $load:ident, $store:ident) => {
@@ -76,7 +77,7 @@ pub struct Align32;
 #[repr(align(64))]
 pub struct Align64;
 
-/// Of four registers of f32 the numbers 0, 1, 2, 3 of each 16 bytes, one kind after another.
+/// Groups entries 0, 1, 2 and 3 of each 16 bytes of four f32 registers.
 #[cfg(target_arch = "x86_64")]
 macro_rules! kinds {
     ($set:expr, $low:ident, $high:ident, $low_pair:ident, $high_pair:ident, $rows:expr) => {{
@@ -107,7 +108,7 @@ impl Instructions for pulp::x86::V3 {
         let [a, b, c, d] = block else { return };
         let s = self.avx;
         let [ra, rb, rc, rd] = [cast(*a), cast(*b), cast(*c), cast(*d)];
-        // Numbers 0 and 2, and 1 and 3, of two registers.
+        // Entries 0 and 2, and 1 and 3, of two registers.
         let (ab, ab_odd) = (s._mm256_unpacklo_pd(ra, rb), s._mm256_unpackhi_pd(ra, rb));
         let (cd, cd_odd) = (s._mm256_unpacklo_pd(rc, rd), s._mm256_unpackhi_pd(rc, rd));
         *a = cast(s._mm256_permute2f128_pd::<0x20>(ab, cd));
@@ -135,7 +136,7 @@ impl Instructions for pulp::x86::V3 {
     ends!(f32, f32s, 4, load_ends_f32, store_ends_f32);
 }
 
-/// Quarters 0 of four registers in one, then quarters 1, 2 and 3.
+/// Quarters 0 of four registers in one register, then quarters 1, 2 and 3.
 #[cfg(target_arch = "x86_64")]
 #[inline(always)]
 fn quarters(set: pulp::x86::V4, [a, b, c, d]: [std::arch::x86_64::__m512d; 4]) -> [std::arch::x86_64::__m512d; 4] {
@@ -168,7 +169,7 @@ impl Instructions for pulp::x86::V4 {
         let s = self.avx512f;
         let [a, b, c, d, e, f, g, h] = *block;
         let [a, b, c, d, e, f, g, h] = [cast(a), cast(b), cast(c), cast(d), cast(e), cast(f), cast(g), cast(h)];
-        // No `map`: what is given to it need not become part of it, and then knows nothing of these instructions.
+        // Closures of `map` are not necessarily inlined, and would then be compiled without these instructions.
         let even = [
             s._mm512_unpacklo_pd(a, b),
             s._mm512_unpacklo_pd(c, d),

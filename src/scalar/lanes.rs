@@ -1,7 +1,8 @@
-//! Several states side by side: one number of each in a lane of a vector register, and every operation on all lanes at once.
+//! Vectorization over states: each lane of a vector register holds one value of one state, and every operation applies
+//! to all lanes.
 //!
-//! The registers and their instructions are pulp's, for the instruction set `S`. Operations are one instruction inside work that an
-//! arm runs (see [`arms`](crate::batch::arms)), and slow calls outside.
+//! Registers and instructions are those of pulp for the instruction set `S`. An operation is one instruction inside
+//! work that an arm runs (see [`arms`](crate::batch::arms)), and a slow call elsewhere.
 
 use super::trigonometry as t;
 use super::{Instructions, Precision, Real};
@@ -10,10 +11,10 @@ use pulp::bytemuck::{cast_slice, cast_slice_mut};
 use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 use std::slice::{from_mut, from_ref};
 
-/// One number of each state, as many as a register of `S` holds: f64, or f32 and then twice as many.
+/// One value per state in a register of `S`: f64, or f32 with twice as many states.
 #[derive(Debug, Clone, Copy)]
 pub struct Lanes<S: Instructions, P: Precision = f64> {
-    /// Of no size; aligns the rest.
+    /// Zero-sized; determines the alignment.
     _alignment: [S::Alignment; 0],
     pub(super) simd: S,
     pub(super) value: P::Register<S>,
@@ -25,11 +26,11 @@ impl<S: Instructions, P: Precision> Lanes<S, P> {
         Self { _alignment: [], simd, value }
     }
 
-    /// The number nearest to `x` in every lane.
+    /// The value nearest to `x` in every lane.
     ///
     /// # Panics
     ///
-    /// Where the processor lacks the instructions: no arm that it cannot run is ever picked.
+    /// If the processor does not support the instruction set, which the selection of arms excludes.
     #[inline(always)]
     #[must_use]
     pub fn filled(x: f64) -> Self {
@@ -37,13 +38,13 @@ impl<S: Instructions, P: Precision> Lanes<S, P> {
         Self::new(simd, P::splat(simd, x))
     }
 
-    /// The numbers, lane by lane.
+    /// The values of all lanes.
     #[inline(always)]
     pub fn lanes(&self) -> &[P] {
         cast_slice(from_ref(&self.value))
     }
 
-    /// The numbers, lane by lane.
+    /// The values of all lanes.
     #[inline(always)]
     pub fn lanes_mut(&mut self) -> &mut [P] {
         cast_slice_mut(from_mut(&mut self.value))
@@ -167,9 +168,9 @@ impl<S: Instructions, P: Precision> Real for Lanes<S, P> {
         let (sine, cosine) = t::of_reduced::<P, _>(self, shifted - rounder);
         let (sine, cosine) = P::turned(s, shifted.value, sine.value, cosine.value);
         let (sine, cosine) = (Self::new(s, sine), Self::new(s, cosine));
-        // Rare: each lane that the reduction is not good for, by itself, so that no lane changes another's bits.
+        // Rare: lanes beyond the range of the reduction are recomputed separately, so that no lane affects another.
         if !P::all_within(s, self.value, P::LARGEST) {
-            // Copies, or sine and cosine would live in memory from the start.
+            // Copies, because sine and cosine would otherwise be stored in memory from the start.
             let (mut sine, mut cosine) = (sine, cosine);
             t::far(self.lanes(), sine.lanes_mut(), cosine.lanes_mut());
             return (sine, cosine);

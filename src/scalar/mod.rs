@@ -1,16 +1,16 @@
-//! The scalars that the recursions are generic over.
+//! The scalar types that the recursions are generic over.
 //!
-//! One small trait, [`Real`]: the arithmetic that nalgebra's matrices need, and the handful of functions that the
-//! sweeps call. Every `nalgebra::RealField + Copy` type has it (f64, f32, dual numbers), and so has our own
-//! [`DoubleDouble`], the reference of about 31 digits.
+//! The trait [`Real`] has the arithmetic that nalgebra's matrices need, and the few functions that the sweeps call.
+//! Every `nalgebra::RealField + Copy` type implements it (f64, f32, dual numbers), and so does [`DoubleDouble`], the
+//! reference with about 31 digits.
 //!
 //! ```
 //! use phipsi::scalar::{DoubleDouble, Dual, Real};
 //!
-//! // What cancels in f64 is there in double-double.
+//! // A difference that cancels in f64 is resolved in double-double.
 //! let small = DoubleDouble::from_f64(1.0) + DoubleDouble::from_f64(1e-20) - DoubleDouble::from_f64(1.0);
 //! assert_eq!(small.lane(0), 1e-20);
-//! // A function of a dual number has its derivative: d(sin x)/dx = cos x.
+//! // Functions of dual numbers compute derivatives: d(sin x)/dx = cos x.
 //! let (sine, _) = Dual { value: 0.3, tangent: 1.0 }.sin_cos();
 //! assert_eq!(sine.tangent, 0.3_f64.cos());
 //! ```
@@ -51,9 +51,10 @@ use nalgebra::{ClosedAddAssign, ClosedDivAssign, ClosedMulAssign, ClosedSubAssig
 use num_traits::{One, Zero};
 use std::ops::Neg;
 
-/// A number that the recursions can run on: one real number, or several side by side in lanes.
+/// A scalar for the recursions: one real number, or one per lane of a register.
 ///
-/// Sweeps never branch on values of this type; [`Real::worst`] keeps a monitor, and [`Real::lane`] reads it afterwards.
+/// Sweeps never branch on values of this type. [`Real::worst`] accumulates a monitored quantity, which [`Real::lane`]
+/// reads afterwards.
 pub trait Real:
     Scalar
     + Copy
@@ -67,38 +68,38 @@ pub trait Real:
     + Send
     + Sync
 {
-    /// How many numbers one value holds side by side.
+    /// Number of lanes of one value.
     const LANES: usize;
 
-    /// The nearest value to `x`, in every lane.
+    /// The value nearest to `x`, in every lane.
     fn from_f64(x: f64) -> Self;
 
-    /// `x` in every lane, as [`Real::from_f64`]: `self` says only of which kind. In lanes that one has to ask the processor each
-    /// time, which costs more than the kernels' arithmetic; this one does not.
+    /// `x` in every lane, like [`Real::from_f64`]; `self` determines only the type. For lanes, `from_f64` detects the
+    /// processor in each call, which costs more than the arithmetic of the kernels.
     #[must_use]
     #[inline(always)]
     fn constant(self, x: f64) -> Self {
         Self::from_f64(x)
     }
 
-    /// What a constant of a scene is kept in: one number for all lanes.
+    /// The type in which constants of a scene are stored: one value for all lanes.
     type Parameter: Scalar + Copy + Send + Sync;
 
-    /// The nearest number to `x`.
+    /// The stored value nearest to `x`.
     fn parameter(x: f64) -> Self::Parameter;
 
-    /// A number in every lane; `self` says only of which kind, as for [`Real::constant`].
+    /// A stored value in every lane; `self` determines only the type, as for [`Real::constant`].
     #[must_use]
     fn splat(self, x: Self::Parameter) -> Self;
 
-    /// The number in one lane, rounded to f64.
+    /// The value of one lane, rounded to f64.
     fn lane(self, index: usize) -> f64;
 
-    /// `self * b + c`: one instruction rounded once where the scalar has that, else product and sum.
+    /// `self * b + c`: one instruction with a single rounding if the scalar has one, else product and sum.
     #[must_use]
     fn mul_add(self, b: Self, c: Self) -> Self;
 
-    /// `self - b * c`, likewise.
+    /// `self - b * c`, as [`Real::mul_add`].
     #[must_use]
     fn minus_product(self, b: Self, c: Self) -> Self {
         (-b).mul_add(c, self)
@@ -112,32 +113,32 @@ pub trait Real:
     #[must_use]
     fn sqrt(self) -> Self;
 
-    /// Sine and cosine, `self` in radians.
+    /// Sine and cosine of `self` in radians.
     fn sin_cos(self) -> (Self, Self);
 
     /// The absolute value.
     #[must_use]
     fn abs(self) -> Self;
 
-    /// The smaller of the two, NaN where either is NaN.
+    /// The smaller of the two; NaN if either is NaN.
     #[must_use]
     fn worst(self, other: Self) -> Self;
 
-    /// One where `self` is zero, else zero: for a division that must not be by zero, without a branch.
+    /// 1 if `self` is zero, else 0, to avoid divisions by zero without a branch.
     #[must_use]
     fn one_if_zero(self) -> Self;
 
-    /// The unit roundoff spacing at 1 (2.2e-16 for f64), in every lane.
+    /// Machine epsilon, the spacing of values at 1 (2.2e-16 for f64), in every lane.
     fn epsilon() -> Self;
 }
 
-/// The larger of the two, NaN where either is NaN.
+/// The larger of the two; NaN if either is NaN.
 #[inline(always)]
 pub(crate) fn larger<T: Real>(a: T, b: T) -> T {
     -(-a).worst(-b)
 }
 
-/// For a scalar of one lane, or of one state in all: constants of a scene are such scalars themselves.
+/// For scalars with one lane: the stored type of constants is the scalar itself.
 macro_rules! its_own_parameter {
     () => {
         type Parameter = Self;
@@ -211,7 +212,7 @@ macro_rules! wrapped_operators {
 }
 use wrapped_operators;
 
-/// The lanes of `T` for which `holds` does not, as bits.
+/// The lanes of `T` for which `holds` is false, as bits.
 #[inline(always)]
 pub(crate) fn lanes_but<T: Real>(holds: impl Fn(usize) -> bool) -> u64 {
     let mut bits = 0;
@@ -233,13 +234,13 @@ impl<T: nalgebra::RealField + Copy> Real for T {
 
     #[inline]
     fn lane(self, _index: usize) -> f64 {
-        // Exact for f64 and f32; a dual number gives its real part.
+        // Exact for f64 and f32; the real part of a dual number.
         nalgebra::try_convert(self).unwrap_or(f64::NAN)
     }
 
     #[inline]
     fn mul_add(self, b: Self, c: Self) -> Self {
-        // Without the instruction std's fused product is a call into libm.
+        // std's fused multiply-add is a call to libm on processors without the instruction.
         self * b + c
     }
 

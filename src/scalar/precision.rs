@@ -1,4 +1,4 @@
-//! The numbers that fill a lane, f64 and f32: pulp's instructions for each under one name.
+//! The element types of lanes, f64 and f32: pulp's instructions for both under common names.
 
 use super::Instructions;
 use super::trigonometry::Circle;
@@ -7,32 +7,32 @@ use pulp::bytemuck::Pod;
 use std::borrow::Cow;
 use std::fmt::Debug;
 
-/// A kind of number that registers hold side by side.
+/// An element type of registers.
 ///
-/// The functions that take registers are one or a few instructions each, of the set `S`.
+/// The functions on registers are one or a few instructions each, of the instruction set `S`.
 pub trait Precision: Circle + Pod + Default + PartialEq + Debug + Send + Sync {
-    /// A register of `S` full of them.
+    /// A register of `S` with elements of this type.
     type Register<S: Simd>: Pod + Debug + Send + Sync;
 
-    /// What the kind is called: "float64", "float32".
+    /// Name of the type: "float64", "float32".
     const NAME: &'static str;
 
-    /// Whether the square-root form is compiled for it.
+    /// True if the square-root form is compiled for it.
     const RARE_KERNELS: bool;
 
-    /// The spacing of numbers at 1.
+    /// The spacing of values at 1.
     const EPSILON: f64;
 
-    /// The nearest one; infinite beyond the largest.
+    /// The value nearest to `x`; infinite beyond the largest.
     fn nearest(x: f64) -> Self;
 
-    /// The same number as f64.
+    /// The value as f64.
     fn widened(self) -> f64;
 
-    /// All of `numbers` as f64; those that are f64 are not copied.
+    /// All `numbers` as f64; f64 values are not copied.
     fn all_widened(numbers: &[Self]) -> Cow<'_, [f64]>;
 
-    /// Where f64 results for `numbers` can be written: in place where they are f64, else in `room`, made as long.
+    /// Destination for f64 results of `numbers`: in place for f64, else `room`, resized to the same length.
     fn in_f64<'a>(numbers: &'a mut [Self], room: &'a mut Vec<f64>) -> &'a mut [f64];
 
     /// Sine and cosine by the standard library.
@@ -68,23 +68,23 @@ pub trait Precision: Circle + Pod + Default + PartialEq + Debug + Send + Sync {
     /// The square root.
     fn sqrt<S: Simd>(simd: S, a: Self::Register<S>) -> Self::Register<S>;
 
-    /// -a, of zeros too.
+    /// -a, also for zeros.
     fn negated<S: Simd>(simd: S, a: Self::Register<S>) -> Self::Register<S>;
 
     /// |a|.
     fn absolute<S: Simd>(simd: S, a: Self::Register<S>) -> Self::Register<S>;
 
-    /// The smaller of the two, NaN where either is NaN.
+    /// The smaller of the two; NaN if either is NaN.
     fn worst<S: Simd>(simd: S, a: Self::Register<S>, b: Self::Register<S>) -> Self::Register<S>;
 
     /// 1 where a is 0, else 0.
     fn one_if_zero<S: Simd>(simd: S, a: Self::Register<S>) -> Self::Register<S>;
 
-    /// Whether no lane is above `bound` in size, or NaN.
+    /// True if no lane exceeds `bound` in magnitude or is NaN.
     fn all_within<S: Simd>(simd: S, a: Self::Register<S>, bound: f64) -> bool;
 
-    /// Sine and cosine of the whole angle from those of the reduced one. `shifted` is the number of quarter turns plus
-    /// [`Circle::ROUNDER`], which leaves its last bits in those of the fraction.
+    /// Sine and cosine of the whole angle from those of the reduced angle. `shifted` is the number of quarter turns
+    /// plus [`Circle::ROUNDER`], whose low-order mantissa bits contain that number.
     fn turned<S: Simd>(
         simd: S,
         shifted: Self::Register<S>,
@@ -92,17 +92,18 @@ pub trait Precision: Circle + Pod + Default + PartialEq + Debug + Send + Sync {
         cosine: Self::Register<S>,
     ) -> (Self::Register<S>, Self::Register<S>);
 
-    /// As many registers as each has lanes: what was number j of register i becomes number i of register j.
+    /// Transposes a square block of registers: entry j of register i becomes entry i of register j.
     fn transpose<S: Instructions>(simd: S, block: &mut [Self::Register<S>]);
 
-    /// The first numbers in the lower half of the lanes, the last in the upper half; there are as many as that at least.
+    /// Loads the first entries of `numbers` into the lower half of the lanes and the last ones into the upper half;
+    /// `numbers` has at least half as many entries as lanes.
     fn load_ends<S: Instructions>(simd: S, numbers: &[Self]) -> Self::Register<S>;
 
-    /// The lower half of the lanes into the first numbers, the upper half into the last.
+    /// Stores the lower half of the lanes to the first entries of `numbers`, and the upper half to the last ones.
     fn store_ends<S: Instructions>(simd: S, numbers: &mut [Self], lanes: Self::Register<S>);
 }
 
-/// What both kinds say in the same words: pulp's names end in that of the kind.
+/// Definitions common to both types, whose pulp functions differ in their suffix.
 macro_rules! instructions {
     (
         $registers:ident, $add:ident, $sub:ident, $mul:ident, $div:ident, $mul_add:ident, $negate_mul_add:ident, $sqrt:ident,
@@ -120,7 +121,7 @@ macro_rules! instructions {
         }
 
         #[inline(always)]
-        #[allow(clippy::cast_possible_truncation)] // rounding is what it is for
+        #[allow(clippy::cast_possible_truncation)] // rounding is the purpose
         fn splat<S: Simd>(simd: S, x: f64) -> S::$registers {
             simd.$splat(x as Self)
         }
@@ -172,7 +173,8 @@ macro_rules! instructions {
 
         #[inline(always)]
         fn worst<S: Simd>(simd: S, a: S::$registers, b: S::$registers) -> S::$registers {
-            // Of a NaN and a number x86 gives the second, NEON the NaN: one of the two orders has it, and no bit of another takes it away.
+            // For a NaN and a number, x86 returns the second operand and NEON the NaN: one of the two orders returns
+            // the NaN, and OR with the other result preserves it.
             simd.$or(simd.$min(a, b), simd.$min(b, a))
         }
 
@@ -195,7 +197,7 @@ macro_rules! instructions {
             sine: S::$registers,
             cosine: S::$registers,
         ) -> (S::$registers, S::$registers) {
-            // Quadrants 1 and 3 swap, 2 and 3 turn the sine's sign, 1 and 2 the cosine's.
+            // Quadrants 1 and 3 swap sine and cosine, 2 and 3 change the sign of the sine, 1 and 2 that of the cosine.
             let quadrant = simd.$bits(shifted);
             let (one, two) = (simd.$splat_bits(1), simd.$splat_bits(2));
             let swapped = simd.$equal_bits(simd.$and_bits(quadrant, one), one);
@@ -280,7 +282,7 @@ impl Precision for f32 {
     const RARE_KERNELS: bool = false;
 
     #[inline(always)]
-    #[allow(clippy::cast_possible_truncation)] // rounding is what it is for
+    #[allow(clippy::cast_possible_truncation)] // rounding is the purpose
     fn nearest(x: f64) -> Self {
         x as Self
     }

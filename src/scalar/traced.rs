@@ -1,4 +1,4 @@
-//! A number that remembers what it was computed from: the generic code, run on it once, leaves a program, and says how many operations it asked for.
+//! A scalar that records operations: running generic code on it once produces a program and operation counts.
 
 use super::Real;
 use super::counting::{self, Operations};
@@ -8,12 +8,12 @@ use std::cell::RefCell;
 use std::collections::HashMap;
 use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 
-/// How one number of a program comes of others, which are before it.
+/// An operation of a program; operands are indices of preceding operations.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Operation {
-    /// The f64 of these bits.
+    /// The f64 with these bits.
     Constant(u64),
-    /// An argument, by its index among all.
+    /// An argument, by index.
     Argument(u32),
     /// a + b.
     Sum(u32, u32),
@@ -37,15 +37,15 @@ pub enum Operation {
     Cosine(u32),
     /// The absolute value.
     Absolute(u32),
-    /// The smaller of the two, NaN where either is.
+    /// The smaller of the two; NaN if either is NaN.
     Smaller(u32, u32),
-    /// One where a is zero, else zero.
+    /// 1 if a is zero, else 0.
     OneIfZero(u32),
 }
 
 use Operation as O;
 
-/// What was done so far, each operation once.
+/// The operations recorded so far, without duplicates.
 #[derive(Debug, Default)]
 struct Tape {
     operations: Vec<Operation>,
@@ -56,21 +56,23 @@ thread_local! {
     static TAPE: RefCell<Tape> = RefCell::default();
 }
 
-/// A number of the program that this thread is writing; outside of [`Traced::during`] of one that nobody reads.
+/// A value of the program that this thread records. Outside of [`Traced::during`] the program is discarded.
 ///
-/// What both numbers of an operation are constants is computed here, in f64. Sums with zero, differences of a number and itself, products by zero, one and minus one go: the result is that of f64 for numbers that are
-/// finite, but for the sign of a zero. What is computed twice is one number. Operations that go this way are counted all the same by [`Traced::counted`]: of constants alone every one is
-/// done here, with f64's bits, and no program is written.
+/// Operations on constants are evaluated immediately in f64. Sums with zero, differences of equal operands, and
+/// products by zero, one and minus one are simplified; for finite values the result equals that of f64 except for the
+/// sign of zeros. Repeated operations are recorded once. [`Traced::counted`] also counts operations that are
+/// simplified: with constants only, all operations are evaluated with the bits of f64, and no program is recorded.
 ///
-/// Nothing is inlined: the kernels are long, and what is traced need not be fast.
+/// Nothing is inlined, because the kernels are long and tracing does not need to be fast.
 #[derive(Debug, Clone, Copy)]
 #[repr(transparent)]
 pub struct Traced(
-    /// A constant; or a NaN that no arithmetic gives, whose payload is the place in the program: as small as an f64, so are the kernels.
+    /// A constant, or a NaN that arithmetic never produces, whose payload is the index in the program. This makes the
+    /// type as small as an f64, and so the kernels.
     f64,
 );
 
-/// The bits of a NaN that holds a place.
+/// The bits of a NaN that holds an index.
 const PLACED: u64 = 0x7ffc_0000_0000_0000;
 
 impl PartialEq for Traced {
@@ -80,14 +82,14 @@ impl PartialEq for Traced {
 }
 
 impl Traced {
-    /// What `work` gives, and the operations that it wrote, in order.
+    /// The result of `work`, and the operations that it recorded, in order.
     pub fn during<R>(work: impl FnOnce() -> R) -> (R, Vec<Operation>) {
         let before = TAPE.take();
         let result = work();
         (result, TAPE.replace(before).operations)
     }
 
-    /// What `work` gives, and how many operations it asked for in this thread, those included that left nothing in the program.
+    /// The result of `work`, and the operations that it requested on this thread, including simplified ones.
     pub fn counted<R>(work: impl FnOnce() -> R) -> (R, Operations) {
         counting::during(work)
     }
@@ -98,17 +100,17 @@ impl Traced {
         push(O::Argument(index))
     }
 
-    /// Its place in the program; a constant gets one where an operation reads it.
+    /// The index in the program; a constant is recorded when an operation reads it.
     #[must_use]
     pub fn place(self) -> u32 {
         self.placed().unwrap_or_else(|| {
-            // One zero.
+            // Both zeros are recorded as one.
             let bits = if self.0 == 0.0 { 0 } else { self.0.to_bits() };
             push(O::Constant(bits)).placed().unwrap_or_default()
         })
     }
 
-    /// The place of what is no constant.
+    /// The index of a value that is not a constant.
     fn placed(self) -> Option<u32> {
         let bits = self.0.to_bits();
         #[allow(clippy::cast_possible_truncation)] // the lower half
@@ -128,7 +130,7 @@ impl Traced {
         if self.placed().is_none() { Some(self.0) } else { None }
     }
 
-    /// The number that this is the negative of; none of a constant.
+    /// The value whose negative this is; `None` for a constant.
     pub(super) fn negated(self) -> Option<Self> {
         let place = self.placed()?;
         match TAPE.with_borrow(|tape| tape.operations[place as usize]) {
@@ -137,7 +139,7 @@ impl Traced {
         }
     }
 
-    #[allow(clippy::float_cmp)] // that number and no other
+    #[allow(clippy::float_cmp)] // exactly that value
     pub(super) fn is(self, x: f64) -> bool {
         self.0 == x
     }
@@ -220,13 +222,13 @@ impl Real for Traced {
     const LANES: usize = 1;
 
     fn from_f64(x: f64) -> Self {
-        // No NaN that was given is a place.
+        // Replaces NaN constants, so that their payload is not read as an index.
         Self(if x.is_nan() { f64::NAN } else { x })
     }
 
     super::its_own_parameter!();
 
-    /// NaN of what is no constant: whoever asks takes it for a number of which nothing is known.
+    /// NaN for a value that is not a constant, because it is unknown.
     fn lane(self, _index: usize) -> f64 {
         self.value().unwrap_or(f64::NAN)
     }
@@ -305,7 +307,7 @@ mod tests {
         Traced::from_f64(x)
     }
 
-    /// The operations of a program in two arguments beside the arguments and constants.
+    /// The operations of a program with two arguments, without arguments and constants.
     fn operations(work: impl FnOnce(Traced, Traced) -> Traced) -> (Operation, usize) {
         let (place, all) = Traced::during(|| work(Traced::argument(0), Traced::argument(1)).place());
         let counted = |o: &&Operation| !matches!(o, Operation::Argument(_) | Operation::Constant(_));
@@ -329,7 +331,7 @@ mod tests {
     #[test]
     fn what_is_computed_twice_is_one_number() {
         assert_eq!(operations(|a, b| (a * b + b * a) / (a * b)).1, 3);
-        // The cosine too, which nothing reads.
+        // The cosine is recorded also, although it is not used.
         assert_eq!(operations(|a, b| a.sin_cos().0 * b + a.sin_cos().0).1, 4);
     }
 

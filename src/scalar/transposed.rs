@@ -1,32 +1,33 @@
-//! Numbers of several states into lanes, and out of them: squares of them, turned over in registers.
+//! Transposition of the values of several states into lanes and back, by square blocks in registers.
 //!
-//! What does not fill a square at the end is a square that lies over the one before it; or, of at least half as many numbers as there are lanes, one
-//! whose upper half lies over its lower half. Steps are as many as the compiler knows: squares would live in memory otherwise.
+//! A remainder that does not fill a square block is covered by a block that overlaps the preceding one; or, if it has
+//! at least half as many values as there are lanes, by a block whose upper half overlaps its lower half. Loop counts
+//! are compile-time constants, because the blocks would otherwise be stored in memory.
 
 use super::{Instructions, Lanes, Precision, Real};
 use pulp::bytemuck::{cast_slice, cast_slice_mut};
 use std::ops::Range;
 
-/// As many lanes as any scalar has.
+/// Largest number of lanes of any scalar.
 pub(crate) const MOST_LANES: usize = 16;
 
-/// The last `lanes` of so many numbers, or all where they are fewer; none where whole squares leave none over.
+/// The last `lanes` of `length` values, or all if there are fewer; empty if whole blocks cover them.
 #[inline(always)]
 fn last_run(length: usize, lanes: usize) -> Range<usize> {
     if length.is_multiple_of(lanes) { 0..0 } else { length.saturating_sub(lanes)..length }
 }
 
 impl<S: Instructions, P: Precision> Lanes<S, P> {
-    /// As many lanes as are half of all.
+    /// Half the number of lanes.
     const HALF: usize = Self::LANES / 2;
 
-    /// As many numbers of each lane as there are into lanes: zero where all of a lane's are finite, else NaN. Empty slices leave all as it is; too
-    /// few are a fault of every lane.
+    /// Reads the values of each lane into `numbers`. Returns zero in each lane whose values are all finite, else NaN. A
+    /// lane with an empty slice is unchanged; a slice that is too short is a fault of every lane.
     #[inline(always)]
     pub(crate) fn take_lanes<'a>(numbers: &mut [Self], of: impl Fn(usize) -> &'a [P]) -> Self {
         let Some(zero) = numbers.first().map(|number| number.constant(0.0)) else { return Self::filled(0.0) };
         let length = numbers.len();
-        // Of one length, for the compiler to see: what is looked at once for all of a square is not looked at for each of its rows.
+        // Slices of known equal length let the compiler check bounds once per block instead of once per row.
         let mut states: [&[P]; MOST_LANES] = [&[]; MOST_LANES];
         for (lane, state) in states.iter_mut().enumerate().take(Self::LANES) {
             let given = of(lane);
@@ -73,7 +74,7 @@ impl<S: Instructions, P: Precision> Lanes<S, P> {
         (faults[0] + faults[1]) + (faults[2] + faults[3])
     }
 
-    /// A square of as many rows as there are lanes, turned over; `self` fills what is not there.
+    /// A transposed square block; `self` fills missing rows.
     #[inline(always)]
     fn turned_over(self, row: impl Fn(usize) -> P::Register<S>) -> [P::Register<S>; MOST_LANES] {
         let mut block = [self.value; MOST_LANES];
@@ -84,7 +85,7 @@ impl<S: Instructions, P: Precision> Lanes<S, P> {
         block
     }
 
-    /// Each lane's numbers one after another, of as many lanes as `out` has room for.
+    /// Writes the values of each lane one after another, for the number of lanes that fit into `out`.
     #[inline(always)]
     pub(crate) fn put_lanes(numbers: &[Self], out: &mut [P]) {
         let square = |run: Range<usize>| Some(&numbers[run]).map(|numbers| move |lane: usize| numbers[lane].value);
@@ -92,7 +93,7 @@ impl<S: Instructions, P: Precision> Lanes<S, P> {
         zero.put(numbers.len(), (square, |at| numbers[at]), out);
     }
 
-    /// The same of as many numbers as `chosen` says, each by its place in `numbers`, of which number 0 is zero.
+    /// As `put_lanes`, for the values with the indices `chosen` in `numbers`; index 0 stands for zero.
     #[inline(always)]
     pub(crate) fn put_chosen(numbers: &[Self], chosen: &[u32], out: &mut [P]) {
         let square = |run: Range<usize>| {
@@ -104,7 +105,8 @@ impl<S: Instructions, P: Precision> Lanes<S, P> {
         zero.put(chosen.len(), (square, |at| numbers[chosen[at] as usize]), out);
     }
 
-    /// Of each lane `length` numbers: `square` gives those of a run, or that all are zero, which `self` is, and `number` a single one.
+    /// Writes `length` values per lane: `square` returns those of a range, or `None` if all are zero (`self`), and
+    /// `number` returns a single one.
     #[inline(always)]
     fn put<R: Fn(usize) -> P::Register<S>>(
         self,
@@ -160,7 +162,7 @@ mod tests {
     use super::*;
     use std::cmp::Ordering;
 
-    /// Number `at` of a lane.
+    /// Value `at` of a lane.
     fn number<P: Precision>(lane: usize, at: usize) -> P {
         P::nearest(f64::from(u32::try_from(1 + at + 1000 * lane).expect("small")))
     }
@@ -181,7 +183,8 @@ mod tests {
                     assert_eq!(found, number(lane, at), "{} of {length}, lane {lane}", P::NAME);
                 }
             }
-            // Backwards, with number 0 put before all; every third number left zero, and where there are three squares all of the first.
+            // Reversed, with value 0 inserted at the front; every third value is zero, and for three blocks the whole
+            // first block.
             let is_zero = |i: usize| i.is_multiple_of(3) || (length > 2 * lanes && i < lanes);
             let zeros_and = [&[Lanes::filled(0.0)], numbers.as_slice()].concat();
             let place = |i: usize| if is_zero(i) { 0 } else { u32::try_from(length - i).expect("small") };
@@ -201,7 +204,7 @@ mod tests {
             let before = numbers.clone();
             Lanes::take_lanes(&mut numbers, |_| &[]);
             assert_eq!(numbers, before, "empty slices leave all as it is");
-            // What is not finite is told of its lane, wherever it is.
+            // A value that is not finite is reported for its lane, at any position.
             for at in 0..length {
                 for odd in [f64::INFINITY, f64::NEG_INFINITY, f64::NAN] {
                     let mut states = states.clone();
@@ -215,7 +218,7 @@ mod tests {
         }
     }
 
-    /// The smaller of two numbers in any order, and NaN beside anything.
+    /// The smaller of two numbers in either order, and NaN with any operand.
     fn smaller_or_nan<S: Instructions, P: Precision>() {
         if S::token().is_none() {
             return;
@@ -226,7 +229,7 @@ mod tests {
                 let expected = if a.is_nan() || b.is_nan() { f64::NAN } else { a.min(b) };
                 for &found in Lanes::<S, P>::filled(a).worst(Lanes::filled(b)).lanes() {
                     let found = found.widened();
-                    // Both zeros are one.
+                    // Both zeros are equal.
                     let same = found.partial_cmp(&expected) == Some(Ordering::Equal);
                     assert!(same || (found.is_nan() && expected.is_nan()), "{} {a} {b}: {found}", P::NAME);
                 }

@@ -1,31 +1,33 @@
-//! Sine and cosine without a branch on a value: what one number and the lanes of a register share.
+//! Sine and cosine without branches on values, for scalars and lanes.
 //!
-//! Reduction by pi/2 in three parts, and polynomials; what is left beside the reduced argument enters both. In f64 the parts have
-//! 33 bits (the split and the polynomials' coefficients are those of Sun's fdlibm, known for errors below one unit in the last
-//! place). In f32 they have 24, products with them are fused, and the polynomials are minimax fits of our own to |y| <= 0.82, good
-//! to a tenth of a unit. Valid to [`Circle::LARGEST`]; beyond, and for what is not finite, the caller asks the standard library.
-//! Rounding to whole quadrants and choosing by them is the scalar's own.
+//! The argument is reduced modulo pi/2 in three parts, and polynomials are evaluated; the rounding error of the reduced
+//! argument enters both. In f64 the parts have 33 bits (the split and the coefficients of the polynomials are those of
+//! Sun's fdlibm, with errors below one unit in the last place). In f32 they have 24 bits with fused products, and the
+//! polynomials are minimax fits for |y| <= 0.82 with an error of a tenth of a unit. Valid up to [`Circle::LARGEST`];
+//! beyond, and for values that are not finite, the caller uses the standard library. Each scalar type implements the
+//! rounding to quadrants and the selection by quadrant.
 
 use super::{Precision, Real};
 
-/// The constants of one kind of number.
+/// The constants of one floating-point type.
 pub trait Circle: Copy + 'static {
-    /// The largest absolute value, in radians, that the reduction is good for.
+    /// Largest absolute value, in radians, for which the reduction is valid.
     const LARGEST: f64;
 
-    /// Three quarters of the number above which only even integers are: added and taken away again, it rounds to an integer.
+    /// 1.5 times 2^(mantissa bits): adding and subtracting it rounds to an integer.
     const ROUNDER: f64;
 
-    /// Whether whole quarter turns times the second part of pi/2 are numbers of this kind, up to [`Circle::LARGEST`].
+    /// True if products of the number of quarter turns with the second part of pi/2 are exact, up to
+    /// [`Circle::LARGEST`].
     const PRODUCT_IS_EXACT: bool;
 
     /// pi/2 in parts.
     const HALF_PI: [f64; 3];
 
-    /// Of sin y = y + y^3 (c0 + c1 y^2 + ...).
+    /// Coefficients of sin y = y + y^3 (c0 + c1 y^2 + ...).
     const SINE: &'static [f64];
 
-    /// Of cos y = 1 - y^2 / 2 + y^4 (c0 + c1 y^2 + ...).
+    /// Coefficients of cos y = 1 - y^2 / 2 + y^4 (c0 + c1 y^2 + ...).
     const COSINE: &'static [f64];
 }
 
@@ -56,24 +58,26 @@ impl Circle for f32 {
     const LARGEST: f64 = 1.0e5;
     const ROUNDER: f64 = 12_582_912.0;
     const PRODUCT_IS_EXACT: bool = false;
-    // Each is a number of f32, and positive: so the sine of -0 is -0.
+    // Each is a positive f32, so that the sine of -0 is -0.
     const HALF_PI: [f64; 3] = [1.570_796_251_296_997, 7.549_789_415_861_596e-08, 5.390_302_953_474_238e-15];
     const SINE: &'static [f64] = &[-0.166_666_507_720_947_27, 0.008_331_939_578_056_335, -0.000_194_859_763_723_798_1];
     const COSINE: &'static [f64] = &[0.041_666_638_106_107_71, -0.001_388_701_493_851_840_5, 2.439_963_645_883_836e-05];
 }
 
-/// Sine and cosine of `x` less `turns` quarter turns, |x| up to [`Circle::LARGEST`], to about one unit in the last place of `P`.
+/// Sine and cosine of `x` minus `turns` quarter turns, for |x| up to [`Circle::LARGEST`], to about one unit in the last
+/// place of `P`.
 #[inline(always)]
 pub fn of_reduced<P: Circle, T: Real>(x: T, turns: T) -> (T, T) {
     let part = P::HALF_PI.map(|part| x.constant(part));
-    // This difference is exact, by the 33 bits in f64 and fused in f32; each other is exact or leaves its rounding to the next.
+    // This difference is exact: by the 33 bits in f64, and by fusion in f32. The other differences are exact or
+    // propagate their rounding error to the next.
     let first = x.minus_product(turns, part[0]);
     let (y, tail) = if P::PRODUCT_IS_EXACT {
         let y = first.minus_product(turns, part[1]);
         let slip = (first - y).minus_product(turns, part[1]);
         (y, slip.minus_product(turns, part[2]))
     } else {
-        // The product leaves its own rounding too.
+        // The product has a rounding error of its own.
         let second = turns * part[1];
         let slip = turns.mul_add(part[1], -second);
         let reduced = first - second;
@@ -94,7 +98,7 @@ pub fn of_reduced<P: Circle, T: Real>(x: T, turns: T) -> (T, T) {
     (sine, cosine)
 }
 
-/// The polynomial of these coefficients, the lowest first.
+/// The polynomial with these coefficients, lowest first.
 #[inline(always)]
 fn horner<T: Real>(z: T, coefficients: &[f64]) -> T {
     let mut sum = z.constant(coefficients[coefficients.len() - 1]);
@@ -104,7 +108,7 @@ fn horner<T: Real>(z: T, coefficients: &[f64]) -> T {
     sum
 }
 
-/// Overwrites the sines and cosines of those angles that the reduction is not good for.
+/// Recomputes sines and cosines of angles outside of the range of the reduction.
 #[cold]
 #[inline(never)]
 pub fn far<P: Precision>(angles: &[P], sines: &mut [P], cosines: &mut [P]) {

@@ -1,56 +1,56 @@
-//! The scene of a checked tree: the order, the frames, the merging.
+//! Assembles a scene from a checked tree: order of bodies, body frames, merging of fixed joints.
 
 use super::builder::AT_A_TIME;
 use super::description::{Inertial, JointDescription};
 use super::{Joint, Link, Scene};
 use crate::error::Error;
+use crate::interrupt;
 use crate::joints::{JointKind, Parts};
 use crate::model::Motion;
 use crate::spatial::{BodyInertia, BodyRoot, RigidShift, inertia_root, join_roots, root_of_merged};
-use crate::watch;
 use nalgebra::Vector6;
 
-/// The checked tree: for each link its children as (joint, link), and the root.
+/// The checked tree: the (joint, child link) pairs of every link, and the root link.
 pub(super) struct Tree {
     pub children: Vec<Vec<(usize, usize)>>,
     pub root: usize,
 }
 
-/// Fills a scene that has no links yet; fails where that is interrupted.
+/// Fills an empty scene with links and joints. Fails only if it is interrupted.
 pub(super) fn assemble(unfilled: Scene, tree: &Tree) -> Result<Scene, Error> {
     Assembly { scene: unfilled }.run(tree)
 }
 
-/// A link's inertia in the frame of the body that carries it: centre and axes are moved first, so that nothing cancels in
-/// the parallel-axis terms.
+/// Inertia of a link in the frame of the body that carries it. Center of mass and axes are transformed before the
+/// parallel-axis terms are formed, so that these terms do not cancel.
 fn placed(inertial: &Inertial, placement: &RigidShift<f64>) -> BodyInertia<f64> {
-    let centre = placement.rotate(&inertial.centre) + placement.lever;
-    BodyInertia::from_central(inertial.mass, &centre, &inertial.central.congruence(&placement.rotation))
+    let center = placement.rotate(&inertial.center) + placement.lever;
+    BodyInertia::from_central(inertial.mass, &center, &inertial.central.congruence(&placement.rotation))
 }
 
-/// The square root of [`placed`], if the inertia is positive.
+/// The square root of [`placed`], if the inertia is positive definite.
 fn placed_root(inertial: &Inertial, placement: &RigidShift<f64>) -> Option<BodyRoot<f64>> {
-    let centre = placement.rotate(&inertial.centre) + placement.lever;
-    inertia_root(inertial.mass, centre, &inertial.central, &placement.rotation)
+    let center = placement.rotate(&inertial.center) + placement.lever;
+    inertia_root(inertial.mass, center, &inertial.central, &placement.rotation)
 }
 
-/// The absolute sums of the terms that form the diagonal of [`placed`].
+/// Sums of the absolute values of the terms of each diagonal entry of [`placed`].
 fn placed_terms(inertial: &Inertial, placement: &RigidShift<f64>) -> Vector6<f64> {
     let r = placement.rotation.abs();
-    let centre = r * inertial.centre.abs() + placement.lever.abs();
+    let center = r * inertial.center.abs() + placement.lever.abs();
     let central = r * inertial.central.to_matrix().abs() * r.transpose();
-    let square = centre.component_mul(&centre) * inertial.mass;
+    let square = center.component_mul(&center) * inertial.mass;
     let total = square.sum();
     let angular = |i: usize| central[(i, i)] + (total - square[i]);
     Vector6::new(angular(0), angular(1), angular(2), inertial.mass, inertial.mass, inertial.mass)
 }
 
-/// The scene as it grows, depth first.
+/// A scene under construction, filled depth first.
 struct Assembly {
     scene: Scene,
 }
 
-/// Where a link is: on a moving body or on the base, at a placement seen from there.
+/// The body that carries a link (`None` for the base), and the pose of the link frame in the body frame.
 type Place = (Option<usize>, RigidShift<f64>);
 
 impl Assembly {
@@ -58,14 +58,14 @@ impl Assembly {
         let place = if self.scene.source.floating_base {
             let root = self.scene.source.root_joint(self.scene.source.links[tree.root].name.clone());
             self.add_joint(&root, (None, RigidShift::identity()))
-        } else if self.scene.source.omissions.base_links {
+        } else if self.scene.source.simplifications.base_links {
             (None, RigidShift::identity())
         } else {
             (Some(self.add_fixed_body(None, RigidShift::identity())), RigidShift::identity())
         };
         let mut stack: Vec<(Option<usize>, usize, Place)> = vec![(None, tree.root, place)];
         while let Some((joint, link, at)) = stack.pop() {
-            watch::check_at(self.scene.links.len(), AT_A_TIME)?;
+            interrupt::check_at(self.scene.links.len(), AT_A_TIME)?;
             let at = match joint {
                 Some(joint) => {
                     let joint = self.scene.source.joints[joint].clone();
@@ -74,7 +74,7 @@ impl Assembly {
                 None => at,
             };
             self.add_link(link, &at);
-            // Reversed, so that the first child in file order is taken first.
+            // Reversed, so that the stack returns the first child in file order first.
             for &(joint, child) in tree.children[link].iter().rev() {
                 stack.push((Some(joint), child, at));
             }
@@ -82,12 +82,12 @@ impl Assembly {
         Ok(self.scene)
     }
 
-    /// Adds a joint on a parent link placed at `at`; gives the place of its child link.
+    /// Adds a joint on a parent link at `at`, and returns the place of its child link.
     fn add_joint(&mut self, joint: &JointDescription, at: Place) -> Place {
         let (parent, placement) = at;
         let origin = placement.compose_rounded(&joint.origin);
         if joint.kind == JointKind::Fixed {
-            if parent.is_some() && !self.scene.source.omissions.fixed_joints {
+            if parent.is_some() && !self.scene.source.simplifications.fixed_joints {
                 return (Some(self.add_fixed_body(parent, origin)), RigidShift::identity());
             }
             self.scene.merged.push(joint.name.clone());
@@ -113,13 +113,13 @@ impl Assembly {
         (body, end)
     }
 
-    /// A body that does not move against its parent, for what could have been merged or dropped.
+    /// Adds a body that is fixed to its parent, for a joint that would otherwise be merged or removed.
     fn add_fixed_body(&mut self, parent: Option<usize>, tree: RigidShift<f64>) -> usize {
         self.scene.joint_of_body.push(None);
         self.scene.model.push(parent, tree, Motion::Fixed, 0.0)
     }
 
-    /// Records a link, and adds its inertia to the body that carries it.
+    /// Stores a link and adds its inertia to the body that carries it.
     fn add_link(&mut self, link: usize, at: &Place) {
         let description = &self.scene.source.links[link];
         let (body, placement) = *at;
@@ -130,7 +130,7 @@ impl Assembly {
             let root = &mut self.scene.model.inertia_roots[body];
             *root = match (*root, placed_root(inertial, &placement)) {
                 (Some(first), Some(second)) => Some(join_roots(&first, &second)),
-                // A link that no body can be, merged with others: the sum may be one.
+                // The inertia of this link alone is nonphysical; the sum over the merged links can be physical.
                 _ => root_of_merged(&carrier.inertia),
             };
         }

@@ -1,4 +1,4 @@
-//! From links and joints by name to a [`Scene`]: what the user says, and the checks of it.
+//! Builds a [`Scene`] from links and joints given by name, and checks them.
 
 use super::Scene;
 use super::assembly::{Tree, assemble};
@@ -10,25 +10,25 @@ use super::joint_check::check_joint;
 use super::properties::Properties;
 use crate::error::Error;
 use crate::joints::JointKind;
-use crate::model::Omissions;
-use crate::{memory, watch};
+use crate::model::Simplifications;
+use crate::{interrupt, memory};
 use nalgebra::Vector3;
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
-/// Name of the joint that a floating base gets, unless a joint of the scene has it.
+/// Name of the free joint of a floating base, unless another joint of the scene has that name.
 pub const ROOT_JOINT: &str = "root_joint";
 
-/// Links or joints that are looked at before it is asked whether to go on.
+/// Number of links or joints processed between two interruption checks.
 pub(crate) const AT_A_TIME: usize = 1 << 12;
 
-/// Linkages that are looser than this are no planar linkages drawn with few digits.
+/// Largest tolerance accepted for linkages.
 const MOST_TOLERANCE: f64 = 0.1;
 
-/// About what a link with its joint takes in a scene, in bytes, beside what describes it.
+/// Approximate memory per link and joint in a scene, in bytes, in addition to their descriptions.
 pub(crate) const A_LINK: usize = 2_000;
 
-/// Collects links and joints; [`SceneBuilder::build`] checks them and makes the scene.
+/// Collects links and joints; [`SceneBuilder::build`] checks them and builds the scene.
 ///
 /// ```
 /// use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder};
@@ -36,7 +36,7 @@ pub(crate) const A_LINK: usize = 2_000;
 /// # fn main() -> Result<(), phipsi::Error> {
 /// let rod = Inertial {
 ///     mass: 1.0,
-///     centre: [0.0, 0.0, -0.5].into(),
+///     center: [0.0, 0.0, -0.5].into(),
 ///     central: Symmetric3::new([0.08, 0.0, 0.0, 0.08, 0.0, 0.001]),
 /// };
 /// let mut hinge = JointDescription::new("hinge", JointKind::Revolute, "base", "rod");
@@ -54,27 +54,27 @@ pub(crate) const A_LINK: usize = 2_000;
 pub struct SceneBuilder {
     pub(super) links: Vec<LinkDescription>,
     pub(super) joints: Vec<JointDescription>,
-    /// What closes loops.
+    /// Loop-closing connections.
     pub(super) connections: Vec<Connection>,
-    /// What may touch planes of the world.
+    /// Contacts with planes of the world.
     pub(super) contacts: Vec<Contact>,
     pub(super) gravity: Vector3<f64>,
     pub(super) floating_base: bool,
     pub(super) strict: bool,
-    /// The geometric tolerance of linkages; none: the default.
+    /// Geometric tolerance of linkages; `None` for the default.
     pub(super) tolerance: Option<f64>,
-    pub(super) omissions: Omissions,
-    /// What the free joint of a floating base has beside its freedom.
+    pub(super) simplifications: Simplifications,
+    /// Armature, damping, friction and stiffness of the free joint of a floating base.
     pub(super) root: Properties,
-    /// The joints that [`Scene::lock`] fixed, with what they were.
+    /// The joints that [`Scene::lock`] fixed, with their previous kinds.
     pub(super) locked: Vec<(String, JointKind)>,
-    /// Whether links and joints come from a file: from code, a scene without mass is meant so.
+    /// True if links and joints come from a file. A scene without mass is reported only then.
     pub(super) from_file: bool,
-    /// The file that links and joints come from.
+    /// The file that contains the links and joints.
     pub(super) file: Option<PathBuf>,
-    /// What becomes of joints with a mimic.
+    /// Treatment of mimic joints.
     pub(super) mimic_joints: MimicJoints,
-    /// What the file was read with, for the scene's warnings.
+    /// Warnings of the file reader, which the scene reports.
     pub(super) notes: Vec<SceneWarning>,
 }
 
@@ -85,7 +85,7 @@ impl Default for SceneBuilder {
 }
 
 impl SceneBuilder {
-    /// An empty scene with a fixed base and gravity (0, 0, -9.81).
+    /// A builder without links, with a fixed base and gravity (0, 0, -9.81) m/s^2.
     #[must_use]
     pub fn new() -> Self {
         Self {
@@ -97,7 +97,7 @@ impl SceneBuilder {
             floating_base: false,
             strict: false,
             tolerance: None,
-            omissions: Omissions::default(),
+            simplifications: Simplifications::default(),
             root: Properties::default(),
             locked: Vec::new(),
             from_file: false,
@@ -114,34 +114,35 @@ impl SceneBuilder {
         self
     }
 
-    /// Adds a joint; the links that it names may come later.
+    /// Adds a joint. The links that it names can be added later.
     #[must_use]
     pub fn joint(mut self, joint: JointDescription) -> Self {
         self.joints.push(joint);
         self
     }
 
-    /// Adds a connection that closes a loop; the links that it names may come later. [`SceneBuilder::build`] checks it.
+    /// Adds a connection that closes a loop. The links that it names can be added later; [`SceneBuilder::build`] checks
+    /// it.
     #[must_use]
     pub fn connect(mut self, connection: Connection) -> Self {
         self.connections.push(connection);
         self
     }
 
-    /// The connections so far.
+    /// The connections added so far.
     #[must_use]
     pub fn connections(&self) -> &[Connection] {
         &self.connections
     }
 
-    /// Adds a contact; the link that it names may come later. [`SceneBuilder::build`] checks it.
+    /// Adds a contact. The link that it names can be added later; [`SceneBuilder::build`] checks it.
     #[must_use]
     pub fn contact(mut self, contact: Contact) -> Self {
         self.contacts.push(contact);
         self
     }
 
-    /// The contacts so far.
+    /// The contacts added so far.
     #[must_use]
     pub fn contacts(&self) -> &[Contact] {
         &self.contacts
@@ -154,81 +155,82 @@ impl SceneBuilder {
         self
     }
 
-    /// Puts a free joint under the root link, named [`ROOT_JOINT`], with as many "_" behind as make the name unique.
+    /// Adds a free joint between the base and the root link. Its name is [`ROOT_JOINT`], followed by the number of "_"
+    /// that makes it unique.
     #[must_use]
     pub fn floating_base(mut self, floating: bool) -> Self {
         self.floating_base = floating;
         self
     }
 
-    /// Makes an error of unphysical inertias and mimics of unknown joints; in a file also of moving links that all have no
-    /// mass, of what is not understood, and of limits that mean nothing.
+    /// Turns warnings into errors: nonphysical inertias and mimics of unknown joints; for a file also moving links
+    /// without mass, unrecognized elements and invalid limits.
     #[must_use]
     pub fn strict(mut self, strict: bool) -> Self {
         self.strict = strict;
         self
     }
 
-    /// Says what becomes of joints with a [`Mimic`](super::Mimic); they are free, unless this is called.
+    /// Sets the treatment of joints with a [`Mimic`](super::Mimic); the default is [`MimicJoints::Free`].
     #[must_use]
     pub fn mimic_joints(mut self, mimic_joints: MimicJoints) -> Self {
         self.mimic_joints = mimic_joints;
         self
     }
 
-    /// Sets what is left out; all that can be, unless this is called.
+    /// Sets the simplifications; all are on by default.
     #[must_use]
     #[doc(hidden)]
-    pub fn omissions(mut self, omissions: Omissions) -> Self {
-        self.omissions = omissions;
+    pub fn simplifications(mut self, simplifications: Simplifications) -> Self {
+        self.simplifications = simplifications;
         self
     }
 
-    /// Gravity as set so far, m/s^2.
+    /// Gravity in the base frame, m/s^2.
     #[must_use]
     pub fn gravity_vector(&self) -> [f64; 3] {
         self.gravity.into()
     }
 
-    /// The links so far.
+    /// The links added so far.
     #[must_use]
     pub fn links(&self) -> &[LinkDescription] {
         &self.links
     }
 
-    /// The joints so far.
+    /// The joints added so far.
     #[must_use]
     pub fn joints(&self) -> &[JointDescription] {
         &self.joints
     }
 
-    /// Whether the base floats.
+    /// True if the base is floating.
     #[must_use]
     pub fn is_floating(&self) -> bool {
         self.floating_base
     }
 
-    /// What is left out.
+    /// The simplifications.
     #[must_use]
     #[doc(hidden)]
-    pub fn left_out(&self) -> Omissions {
-        self.omissions
+    pub fn left_out(&self) -> Simplifications {
+        self.simplifications
     }
 
-    /// The free joint that a floating base puts under the link of that name.
+    /// The free joint of a floating base whose root link has the name `link`.
     pub(crate) fn root_joint(&self, link: String) -> JointDescription {
         let mut joint = JointDescription::new(self.root_joint_name(), JointKind::Floating, "", link);
         self.root.give(&mut joint);
         joint
     }
 
-    /// The same of what such a joint has beside its freedom, for a copy of the description elsewhere.
+    /// Armature, damping, friction and stiffness of the free joint of a floating base, for copies of the description.
     #[cfg_attr(not(feature = "python"), allow(dead_code))]
     pub(crate) fn root_properties(&self) -> Properties {
         self.root
     }
 
-    /// Sets what the free joint of a floating base has beside its freedom.
+    /// Sets armature, damping, friction and stiffness of the free joint of a floating base.
     #[must_use]
     #[cfg_attr(not(feature = "python"), allow(dead_code))]
     pub(crate) fn with_root(mut self, root: Properties) -> Self {
@@ -236,7 +238,7 @@ impl SceneBuilder {
         self
     }
 
-    /// Sets the file that it comes from.
+    /// Sets the file that contains the description.
     #[must_use]
     #[cfg_attr(not(any(feature = "python", feature = "urdf")), allow(dead_code))]
     pub(crate) fn with_file(mut self, file: Option<PathBuf>) -> Self {
@@ -244,7 +246,7 @@ impl SceneBuilder {
         self
     }
 
-    /// The file that it was read from; none where it comes from text or code.
+    /// The file that contains the description; `None` for text or code.
     #[must_use]
     pub fn file(&self) -> Option<&Path> {
         self.file.as_deref()
@@ -255,13 +257,13 @@ impl SceneBuilder {
         self.locked.iter().map(|(name, _)| name.as_str())
     }
 
-    /// The same joints with what they were, for a copy of the description elsewhere.
+    /// The locked joints with their previous kinds, for copies of the description.
     #[cfg_attr(not(feature = "python"), allow(dead_code))]
     pub(crate) fn locked(&self) -> &[(String, JointKind)] {
         &self.locked
     }
 
-    /// Notes that these joints were locked; they are fixed joints of the description already.
+    /// Marks joints as locked; they are fixed joints of the description already.
     #[must_use]
     #[cfg_attr(not(feature = "python"), allow(dead_code))]
     pub(crate) fn with_locked(mut self, locked: Vec<(String, JointKind)>) -> Self {
@@ -269,7 +271,7 @@ impl SceneBuilder {
         self
     }
 
-    /// The description with the locked joints movable again, at zero where they were locked.
+    /// The description with the locked joints movable again; their locked positions become zero.
     #[must_use]
     pub(crate) fn unlocked(&self) -> Self {
         let mut source = self.clone();
@@ -282,47 +284,56 @@ impl SceneBuilder {
         source
     }
 
-    /// What becomes of joints with a mimic.
+    /// The treatment of mimic joints.
     #[must_use]
     #[doc(hidden)]
     pub fn of_mimic_joints(&self) -> MimicJoints {
         self.mimic_joints
     }
 
-    /// The geometric tolerance of linkages: rows of connections that depend on each other to within this angle in rad, or this length over the reach of the loop, count as dependent.
-    /// None: 3e-5. A file whose angles have two, three or four decimals sets 5e-3, 2e-3 or 2e-4. With [`SceneBuilder::strict`] only rounding does.
+    /// Sets the geometric tolerance of linkages: rows of connections that are linearly dependent to within this angle
+    /// (rad), or this length relative to the reach of the loop, count as dependent.
+    ///
+    /// `None` selects 3e-5. A file whose angles have two, three or four decimals sets 5e-3, 2e-3 or 2e-4. With
+    /// [`SceneBuilder::strict`], only rounding errors are tolerated.
     #[must_use]
     pub fn tolerance(mut self, tolerance: Option<f64>) -> Self {
         self.tolerance = tolerance;
         self
     }
 
-    /// The tolerance that was set, or that a file gave.
+    /// The tolerance that was set or derived from the file.
     #[must_use]
     pub fn tolerance_of_linkages(&self) -> Option<f64> {
         self.tolerance
     }
 
-    /// Whether unphysical inertias are an error.
+    /// True if warnings are errors.
     #[must_use]
     pub fn is_strict(&self) -> bool {
         self.strict
     }
 
-    /// Checks everything and makes the scene: bodies in depth-first order, siblings in the order of their joints, fixed
-    /// joints merged (unless [`SceneBuilder::omissions`] says otherwise), axes turned onto z.
+    /// Checks the description and builds the scene.
+    ///
+    /// Bodies are in depth-first order, siblings in the order of their joints. Fixed joints are merged (unless
+    /// [`SceneBuilder::simplifications`] disables it), and body frames are rotated so that joint axes are along z.
     ///
     /// # Errors
     ///
-    /// [`Error::Scene`], naming the link or joint, for: no link, a name used twice, an unknown parent or child, a link
-    /// with two parents, two roots, a cycle, an axis of no direction, numbers that are not finite, a negative mass,
-    /// armature, damping, friction or stiffness, a rest that is no configuration of the joint, lower limit above upper; a
-    /// floating base for what floats already, under a root link without mass; with [`MimicJoints::Coupled`] a mimic of what does not move, of a joint of several
-    /// coordinates, or in a circle; and what [`SceneBuilder::strict`] makes one. Naming the
-    /// connection, for: a name used twice, an unknown link or joint, links that are rigidly attached to each other, frames that are none, an axis of
-    /// no direction, a length that is not above zero, joints of several axes. Naming the contact, for: a name used twice, an unknown link or one that
-    /// cannot move, a normal of no direction, numbers that are not finite, a negative radius or friction, a restitution that is not from 0 to 1,
-    /// connections beside contacts.
+    /// [`Error::Scene`], which names the link, joint, connection or contact:
+    ///
+    /// - Links and joints: no link, a duplicate name, an unknown parent or child, a link with two parents, two root
+    ///   links, a cycle, a zero axis, values that are not finite, a negative mass, armature, damping, friction or
+    ///   stiffness, a spring rest position with the wrong number of coordinates, a lower limit above the upper one, a
+    ///   floating base for a robot that has a free joint on a massless root link.
+    /// - Mimic joints with [`MimicJoints::Coupled`]: a source joint that is fixed, a joint of several coordinates, a
+    ///   cycle.
+    /// - Warnings, if [`SceneBuilder::strict`] is set.
+    /// - Connections: a duplicate name, an unknown link or joint, links that are rigidly attached to each other, an
+    ///   invalid frame, a zero axis, a length that is not positive, joints of several axes.
+    /// - Contacts: a duplicate name, a link that is unknown or cannot move, a zero normal, values that are not finite,
+    ///   a negative radius or friction, a restitution outside 0 to 1, contacts in a scene with connections.
     pub fn build(self) -> Result<Scene, Error> {
         memory::room("links", memory::bytes_of::<[u8; A_LINK]>(&[self.links.len()]))?;
         let tree = self.check_tree().map_err(|error| self.with_notes(error))?;
@@ -331,7 +342,7 @@ impl SceneBuilder {
         if let Some(tolerance) = self.tolerance
             && !(0.0..=MOST_TOLERANCE).contains(&tolerance)
         {
-            let expected = "from 0 (rounding only) to 0.1, in rad or over the reach of the loop";
+            let expected = "from 0 (rounding only) to 0.1, in rad or relative to the reach of the loop";
             return Err(Error::scene("tolerance", crate::error::number(tolerance), expected));
         }
         let warnings = self.warnings(&tree)?;
@@ -340,30 +351,30 @@ impl SceneBuilder {
         if mimic_joints == MimicJoints::Coupled { Scene::coupled(scene) } else { Ok(scene) }
     }
 
-    /// Children's joints of each link, and the root.
+    /// Returns the (joint, child link) pairs of every link, and the root link.
     fn check_tree(&self) -> Result<Tree, Error> {
         if !self.gravity.iter().all(|g| g.is_finite()) {
             return Err(Error::scene("gravity", format!("{:?}", self.gravity_vector()), "finite numbers"));
         }
         let mut index = HashMap::new();
         for (i, link) in self.links.iter().enumerate() {
-            watch::check_at(i, AT_A_TIME)?;
+            interrupt::check_at(i, AT_A_TIME)?;
             if index.insert(link.name.as_str(), i).is_some() {
-                return Err(Error::scene(format!("link {:?}", link.name), "the name twice", "unique link names"));
+                return Err(Error::scene(format!("link {:?}", link.name), "a duplicate name", "unique link names"));
             }
         }
         let mut names: HashSet<&str> = HashSet::new();
         let mut parent_joint: Vec<Option<usize>> = vec![None; self.links.len()];
         let mut children: Vec<Vec<(usize, usize)>> = vec![Vec::new(); self.links.len()];
         for (j, joint) in self.joints.iter().enumerate() {
-            watch::check_at(j, AT_A_TIME)?;
+            interrupt::check_at(j, AT_A_TIME)?;
             let subject = || format!("joint {:?}", joint.name);
             if !names.insert(&joint.name) {
-                return Err(Error::scene(subject(), "the name twice", "unique joint names"));
+                return Err(Error::scene(subject(), "a duplicate name", "unique joint names"));
             }
             let find = |role: &str, name: &str| {
                 index.get(name).copied().ok_or_else(|| {
-                    let found = format!("{role} link {name:?}, which is not there");
+                    let found = format!("{role} link {name:?}, which does not exist");
                     Error::scene(subject(), found, self.known_links(name))
                 })
             };
@@ -372,7 +383,7 @@ impl SceneBuilder {
                 return Err(Error::scene(
                     format!("link {:?}", joint.child),
                     format!("two parent joints, {:?} and {:?}", self.joints[other].name, joint.name),
-                    "one parent joint a link (SceneBuilder.connect closes loops)",
+                    "one parent joint per link (SceneBuilder.connect closes loops)",
                 ));
             }
             parent_joint[child] = Some(j);
@@ -392,7 +403,7 @@ impl SceneBuilder {
             [first, second, ..] => {
                 return Err(Error::scene(
                     format!("link {:?}", self.links[second].name),
-                    format!("a second root beside {:?} ({} in all)", self.links[first].name, roots.len()),
+                    format!("a second root link besides {:?} ({} in all)", self.links[first].name, roots.len()),
                     "a tree with one root link",
                 ));
             }
@@ -413,7 +424,7 @@ impl SceneBuilder {
         Ok(Tree { children, root })
     }
 
-    /// A short list of the links, for messages; how to declare the ground, for the link that many files leave out.
+    /// A short list of the links, for messages. For "world", which many files omit, the text shows how to declare it.
     pub(super) fn known_links(&self, wanted: &str) -> String {
         let names: Vec<_> = self.links.iter().take(8).map(|l| format!("{:?}", l.name)).collect();
         let more = if self.links.len() > 8 { ", ..." } else { "" };
@@ -424,7 +435,7 @@ impl SceneBuilder {
         listed
     }
 
-    /// The name of the joint that a floating base gets.
+    /// The name of the free joint of a floating base.
     pub(super) fn root_joint_name(&self) -> String {
         let mut name = ROOT_JOINT.to_owned();
         while self.joints.iter().any(|joint| joint.name == name) {
@@ -435,7 +446,7 @@ impl SceneBuilder {
 
     fn check_numbers(&self) -> Result<(), Error> {
         for (i, link) in self.links.iter().enumerate() {
-            watch::check_at(i, AT_A_TIME)?;
+            interrupt::check_at(i, AT_A_TIME)?;
             if let Some(inertial) = &link.inertial {
                 check_numbers(&link.name, inertial)?;
             }

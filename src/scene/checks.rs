@@ -1,4 +1,4 @@
-//! Checks of what a call is given and of what it gives.
+//! Checks of the arguments and results of calls on a scene.
 
 use super::{Joint, Scene};
 use crate::error::{Error, check_finite, check_length, number};
@@ -8,17 +8,18 @@ use crate::joints::quaternion::QUATERNION_SLACK;
 use crate::spatial::SpatialVector;
 
 impl Scene {
-    /// Checks a configuration: length, finite, quaternions within 1e-3 of unit norm.
+    /// Checks a configuration: its length, finite entries, and quaternions within 1e-3 of unit norm.
     ///
     /// # Errors
     ///
-    /// [`Error::Shape`], [`Error::NotFinite`], or [`Error::Argument`] naming the joint of the quaternion; and for a scene whose joints follow each other.
+    /// [`Error::Shape`], [`Error::NotFinite`], or [`Error::Argument`], which names the joint of the quaternion; and
+    /// [`Error::Argument`] for a scene with coupled joints.
     pub(crate) fn check_configuration(&self, argument: &str, q: &[f64]) -> Result<(), Error> {
         self.check_independent()?;
         self.check_coordinates(argument, q)
     }
 
-    /// The same by methods that have a form for scenes whose joints follow each other.
+    /// As [`Scene::check_configuration`], for methods that support coupled joints.
     pub(crate) fn check_coordinates(&self, argument: &str, q: &[f64]) -> Result<(), Error> {
         check_length(argument, q.len(), self.nq())?;
         check_finite(argument, q)?;
@@ -36,7 +37,7 @@ impl Scene {
         Ok(())
     }
 
-    /// Checks rates, accelerations or torques of one state.
+    /// Checks a vector of joint velocities, accelerations or torques of one state.
     ///
     /// # Errors
     ///
@@ -46,7 +47,7 @@ impl Scene {
         check_finite(argument, values)
     }
 
-    /// The error that names the joint of a lost pivot.
+    /// The error for a singular pivot, which names the joint.
     pub(crate) fn singular(&self, lost: LostPivot) -> Error {
         let joint = self.joint_of_body(lost.stage);
         let name = |of: fn(&Joint) -> &String| joint.map(of).cloned().unwrap_or_default();
@@ -64,7 +65,7 @@ impl Scene {
         }
     }
 
-    /// The square-root form needs a root of every inertia.
+    /// Checks that every inertia has a square root if the form is the square-root form.
     pub(crate) fn check_roots(&self, form: Form) -> Result<(), Error> {
         if form != Form::SquareRoot {
             return Ok(());
@@ -72,17 +73,17 @@ impl Scene {
         self.model.inertia_roots.iter().position(Option::is_none).map_or(Ok(()), |body| Err(self.indefinite(body)))
     }
 
-    /// What is wrong with the inertia of a body that has no root.
+    /// The error for an inertia without a square root.
     pub(crate) fn indefinite(&self, body: usize) -> Error {
         let link = self.joint_of_body(body).map(|joint| joint.child.clone()).unwrap_or_default();
         Error::argument(
             format!("inertia of link {link:?}"),
             "a negative principal inertia",
-            "an inertia that a body can have: as the covariance of a force it has a square root",
+            "a positive semidefinite inertia, which the square-root form requires; use form \"auto\" or \"covariance\"",
         )
     }
 
-    /// Checks forces on bodies: none, or one a body.
+    /// Checks spatial forces on bodies: none, or one per body.
     pub(crate) fn check_wrenches(&self, wrenches: &[SpatialVector<f64>]) -> Result<(), Error> {
         if !wrenches.is_empty() {
             check_length("wrenches", wrenches.len(), self.model.bodies.len())?;
@@ -91,10 +92,10 @@ impl Scene {
         Ok(())
     }
 
-    /// Finite arguments can still overflow on the way.
-    #[allow(clippy::unused_self)] // reads as the other checks do
+    /// Checks that a result is finite: finite arguments can still overflow.
+    #[allow(clippy::unused_self)] // a method for symmetry with the other checks
     pub(crate) fn check_result(&self, what: &str, values: &[f64]) -> Result<(), Error> {
-        // The name is written only where it is needed: this is on the path of every call.
+        // The name is formatted only on failure, because every call runs this check.
         if values.iter().all(|value| value.is_finite()) {
             return Ok(());
         }
@@ -103,7 +104,7 @@ impl Scene {
 }
 
 impl Joint {
-    /// Where its quaternion is in q, if it has one.
+    /// Indices in q of the quaternion of the joint, if it has one.
     #[must_use]
     pub fn quaternion(&self) -> Option<std::ops::Range<usize>> {
         let of_joint = self.kind.quaternion()?;
@@ -111,7 +112,8 @@ impl Joint {
     }
 }
 
-/// Checks that a tolerance is valid and that the form has an acceptance test; `judges_roots`: the square-root form has one too.
+/// Checks that a tolerance is valid and that the form has an acceptance test. `judges_roots`: the square-root form has
+/// one too.
 pub(crate) fn check_tolerance(form: Form, tolerance: f64, judges_roots: bool) -> Result<(), Error> {
     if !(tolerance > 0.0 && tolerance < 1.0) {
         let expected = "an error relative to the largest entry of the result, above 0 and below 1";
@@ -121,6 +123,6 @@ pub(crate) fn check_tolerance(form: Form, tolerance: f64, judges_roots: bool) ->
         return Ok(());
     }
     let name = FORMS.iter().find(|(_, known)| *known == form).map_or("", |(name, _)| name);
-    let found = format!("{} with form {name:?}, which takes its result as it is", number(tolerance));
+    let found = format!("{} with form {name:?}, which has no error test", number(tolerance));
     Err(Error::argument("tolerance", found, "form \"auto\", or no tolerance"))
 }

@@ -1,4 +1,4 @@
-//! Connections: what closes a loop in the tree of joints, as the user says it.
+//! Connections, which close loops in the tree of joints: user description and checks.
 
 use super::Scene;
 use super::constraint::{Constraint, Constraints, Coordinate, Tie};
@@ -10,35 +10,37 @@ use crate::spatial::RigidShift;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use std::collections::HashSet;
 
-/// How far R^T R of a frame's rotation may be from the identity.
+/// Largest accepted entry of R^T R - 1 for the rotation R of a frame.
 const ROTATION_SLACK: f64 = 1e-9;
 
-/// The geometric tolerance of linkages: 1.5708 for a right angle is off by 3.7e-6, and some of these add up.
+/// Default tolerance of linkages. A right angle written as 1.5708 is off by 3.7e-6, and several such errors add up.
 pub(super) const DEFAULT_TOLERANCE: f64 = 3e-5;
 
-/// What a connection holds together.
+/// The constraint of a connection.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ConnectionKind {
     /// The origins of the two frames coincide: 3 rows.
     Point,
-    /// The origins coincide and so does this direction in both frames (of any length): a hinge, 5 rows.
+    /// The origins and this direction in both frames (of any length) coincide, as in a revolute joint: 5 rows.
     Axis(Vector3<f64>),
     /// The frames coincide: 6 rows.
     Weld,
-    /// The origins are this far apart, m; none: as far as in the neutral configuration. A rod without mass, 1 row.
+    /// The distance of the origins is fixed, m, as by a massless rod: 1 row. `None` selects the distance in the neutral
+    /// configuration.
     Distance(Option<f64>),
-    /// The coordinate of one joint is the multiplier times that of another, plus the offset (rad or m): 1 row. `link` and `other` are the names of
-    /// the joints, which have one axis each; without `other` the coordinate is the offset. No frames.
+    /// The coordinate of one joint is the multiplier times that of another joint, plus the offset (rad or m): 1 row.
+    /// `link` and `other` are the names of the joints, which have one axis each; without `other` the coordinate equals
+    /// the offset. The frames are not used.
     Joint {
         /// Ratio of the coordinates.
         multiplier: f64,
-        /// Coordinate where the other is at zero, rad or m.
+        /// Coordinate for a zero coordinate of the other joint, rad or m.
         offset: f64,
     },
 }
 
 impl ConnectionKind {
-    /// Its name in Python and in messages.
+    /// The name in Python and in messages.
     #[must_use]
     pub fn name(&self) -> &'static str {
         match self {
@@ -51,12 +53,12 @@ impl ConnectionKind {
     }
 }
 
-/// A connection of two links, or of a link with the world, that the tree of joints does not have.
+/// A connection between two links, or between a link and the world, in addition to the tree of joints.
 ///
 /// ```
 /// use phipsi::scene::{Connection, ConnectionKind};
 /// # fn main() -> Result<(), phipsi::Error> {
-/// // A chain of three rods whose tip hangs on the world where it is at zero.
+/// // A chain of three rods whose tip is attached to the world at its position in the neutral configuration.
 /// let mut tip = Connection::new("tip", ConnectionKind::Point, "link2", None);
 /// tip.frame.lever = [0.0, 0.0, 0.3].into();
 /// let scene = phipsi::scenes::chain(3)?.source().clone().connect(tip).build()?;
@@ -68,20 +70,22 @@ impl ConnectionKind {
 pub struct Connection {
     /// Name, unique among the connections.
     pub name: String,
-    /// What it holds together.
+    /// The constraint.
     pub kind: ConnectionKind,
-    /// Name of the link that its first frame is on.
+    /// Name of the link of the first frame.
     pub link: String,
-    /// Name of the link that its second frame is on; none: the world, which is the base's frame.
+    /// Name of the link of the second frame; `None` for the world, which is the base frame.
     pub other: Option<String>,
-    /// From the first frame to its link's frame.
+    /// Pose of the first frame in its link frame.
     pub frame: RigidShift<f64>,
-    /// From the second frame to its link's frame; none: where the first frame is in the neutral configuration.
+    /// Pose of the second frame in its link frame; `None` for its coincidence with the first frame in the neutral
+    /// configuration.
     pub other_frame: Option<RigidShift<f64>>,
 }
 
 impl Connection {
-    /// A connection whose first frame is that of `link`, and whose second is where that one is in the neutral configuration.
+    /// A connection whose first frame is the link frame of `link`, and whose second frame coincides with it in the
+    /// neutral configuration.
     pub fn new(name: impl Into<String>, kind: ConnectionKind, link: impl Into<String>, other: Option<&str>) -> Self {
         Self {
             name: name.into(),
@@ -97,7 +101,7 @@ impl Connection {
         Error::scene(format!("connection {:?}", self.name), found, expected)
     }
 
-    /// A frame whose numbers mean a frame.
+    /// Checks that a frame is finite and its rotation is a rotation matrix.
     fn check_frame(&self, which: &str, frame: &RigidShift<f64>) -> Result<(), Error> {
         if !frame.lever.iter().chain(frame.rotation.iter()).all(|x| x.is_finite()) {
             return Err(self.fault(format!("{which} with numbers that are not finite"), "finite numbers"));
@@ -105,20 +109,20 @@ impl Connection {
         let defect = (frame.rotation.transpose() * frame.rotation - Matrix3::identity()).amax();
         if !(defect <= ROTATION_SLACK && frame.rotation.determinant() > 0.0) {
             let found =
-                format!("{which} whose rotation R has R^T R off the identity by {defect:.1e}, or is a reflection");
+                format!("{which} whose rotation R is a reflection, or R^T R differs from the identity by {defect:.1e}");
             return Err(self.fault(found, "a rotation matrix, to within 1e-9"));
         }
         Ok(())
     }
 
-    /// The numbers of the kind.
+    /// Checks the values of the kind.
     fn check_kind(&self) -> Result<(), Error> {
         match self.kind {
             ConnectionKind::Axis(axis) if !(axis.iter().all(|x| x.is_finite()) && axis.amax() > 0.0) => {
                 Err(self.fault(format!("axis {:?}", axis.as_slice()), "finite numbers, not all zero"))
             }
             ConnectionKind::Distance(Some(length)) if !(length.is_finite() && length > 0.0) => {
-                let expected = "a finite length above zero, m (kind \"point\" where there is none)";
+                let expected = "a finite length above zero, m (kind \"point\" for a length of zero)";
                 Err(self.fault(format!("length {}", number(length)), expected))
             }
             ConnectionKind::Joint { multiplier, offset } if !(multiplier.is_finite() && offset.is_finite()) => {
@@ -131,35 +135,36 @@ impl Connection {
 }
 
 impl Scene {
-    /// The connections, in the order they were made; second frames and lengths that were left open are as the neutral configuration has them.
+    /// The connections, in order of creation. Second frames and lengths that were `None` have their values from the
+    /// neutral configuration.
     #[must_use]
     pub fn connections(&self) -> &[Connection] {
         self.source().connections()
     }
 
-    /// How many scalar constraints the connections are: 3 for a point, 5 for an axis, 6 for a weld, 1 for a distance or a joint.
+    /// Number of scalar constraints: 3 for a point, 5 for an axis, 6 for a weld, 1 for a distance or a joint.
     #[must_use]
     pub fn constraint_rows(&self) -> usize {
         self.constraints.rows
     }
 
-    /// The rows of each connection among all, by its name.
+    /// The constraint rows of each connection, with its name.
     pub fn rows_of_connections(&self) -> impl Iterator<Item = (&str, std::ops::Range<usize>)> {
         self.constraints.all.iter().map(|constraint| (constraint.name.as_str(), constraint.rows()))
     }
 
-    /// The same tree without the connections.
+    /// The same scene without connections.
     ///
     /// # Errors
     ///
-    /// As [`SceneBuilder::build`](super::SceneBuilder::build); none that this scene did not have.
+    /// Those of [`SceneBuilder::build`](super::SceneBuilder::build), none of which this scene caused.
     pub fn without_connections(&self) -> Result<Self, Error> {
         let mut source = self.source().clone();
         source.connections.clear();
         source.build()
     }
 
-    /// The scene of an assembled tree with its connections, which are checked and written out.
+    /// Adds the connections to the scene of an assembled tree, after checking and completing them.
     pub(super) fn connected(mut self) -> Result<Self, Error> {
         if self.source.connections.is_empty() {
             return Ok(self);
@@ -169,7 +174,7 @@ impl Scene {
         let mut constraints = Constraints::default();
         for connection in &mut connections {
             if !names.insert(connection.name.clone()) {
-                return Err(connection.fault("the name twice", "unique names of connections"));
+                return Err(connection.fault("a duplicate name", "unique names of connections"));
             }
             connection.check_kind()?;
             let tie = if let ConnectionKind::Joint { multiplier, offset } = connection.kind {
@@ -192,7 +197,7 @@ impl Scene {
         Ok(self)
     }
 
-    /// Two frames, the second and the length written out where they were left open.
+    /// The constraint between two frames, with the second frame and the length completed if they are `None`.
     fn tie(&self, connection: &mut Connection) -> Result<Tie, Error> {
         let first = self.end_of(connection, Some(&connection.link))?;
         let second = self.end_of(connection, connection.other.as_deref())?;
@@ -249,18 +254,18 @@ impl Scene {
         Ok(Tie::Frames { pair, frames })
     }
 
-    /// The frame of a link by name; that of the world without one.
+    /// The frame of a link by name, or of the world without a name.
     fn end_of(&self, connection: &Connection, link: Option<&str>) -> Result<Frame<f64>, Error> {
         let Some(name) = link else { return Ok(Frame { body: None, placement: RigidShift::identity() }) };
         let Some(&at) = self.link_index.get(name) else {
-            let found = format!("link {name:?}, which is not there");
+            let found = format!("link {name:?}, which does not exist");
             return Err(connection.fault(found, self.source.known_links(name)));
         };
         let link = &self.links()[at];
         Ok(Frame { body: link.body, placement: link.placement })
     }
 
-    /// The body that moves with this one and whose joint moves; none on the base.
+    /// The innermost movable body that `body` is rigidly attached to; `None` for the base.
     pub(super) fn carrier(&self, mut body: Option<usize>) -> Option<usize> {
         while let Some(k) = body {
             let stage = &self.model().system.stages[k];
@@ -272,7 +277,7 @@ impl Scene {
         body
     }
 
-    /// Two coordinates.
+    /// The constraint between two joint coordinates.
     fn tie_of_joints(&self, connection: &Connection, (multiplier, offset): (f64, f64)) -> Result<Tie, Error> {
         let first = self.coordinate_of(connection, &connection.link)?;
         let second = connection.other.as_ref().map(|name| self.coordinate_of(connection, name)).transpose()?;
@@ -282,11 +287,11 @@ impl Scene {
         Ok(Tie::Coordinates { first, second, multiplier, offset })
     }
 
-    /// The coordinate of a joint of one axis.
+    /// The coordinate of a joint with one axis.
     fn coordinate_of(&self, connection: &Connection, name: &str) -> Result<Coordinate, Error> {
         let joint = self.joint(name).map_err(|error| {
             let expected = if let Error::Argument { expected, .. } = error { expected } else { String::new() };
-            connection.fault(format!("joint {name:?}, which does not move or is not there"), expected)
+            connection.fault(format!("joint {name:?}, which does not exist or does not move"), expected)
         })?;
         if joint.v.len() != 1 || joint.kind == JointKind::Fixed {
             let found = format!("joint {name:?} of type {:?}", joint.kind.name());
@@ -296,12 +301,13 @@ impl Scene {
         Ok(Coordinate { q: joint.q.start, v: joint.v.start, body: body.unwrap_or_default() })
     }
 
-    /// The bodies between an end and the base, the outermost first.
+    /// The bodies from `end` to the base, outermost first.
     fn way(&self, end: Option<usize>) -> impl Iterator<Item = usize> {
         std::iter::successors(end, |&k| self.model().system.stages[k].parent)
     }
 
-    /// The bodies that are inboard of one of these or the same, but not of both, the outermost first; and the body where the two ways meet.
+    /// The bodies on the path to the base from exactly one of the two ends, outermost first, and the body where the two
+    /// paths meet.
     fn branches(&self, [first, second]: [Option<usize>; 2]) -> (Vec<usize>, Option<usize>) {
         let other: HashSet<usize> = self.way(second).collect();
         let junction = self.way(first).find(|k| other.contains(k));
@@ -311,7 +317,7 @@ impl Scene {
         (branches, junction)
     }
 
-    /// The bodies from these to the base, each once, the outermost first.
+    /// The bodies on the paths from both ends to the base, each once, outermost first.
     fn inward_from(&self, ends: [Option<usize>; 2]) -> Vec<usize> {
         let mut path: Vec<usize> = ends.into_iter().flat_map(|end| self.way(end)).collect();
         path.sort_unstable_by(|a, b| b.cmp(a));
@@ -320,14 +326,14 @@ impl Scene {
     }
 }
 
-/// The rotation that takes z onto a direction the short way; about x where that is minus z.
+/// The rotation of least angle that maps z onto a direction; about x for the direction -z.
 fn z_onto(axis: &Vector3<f64>) -> Matrix3<f64> {
     let direction = (axis / axis.amax()).normalize();
     let turn = Rotation3::rotation_between(&Vector3::z(), &direction);
     *turn.unwrap_or_else(|| Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI)).matrix()
 }
 
-/// The nearest rotation to one that products of rotations have worn by rounding: one Newton step, R (3 - R^T R)/2.
+/// Re-orthonormalizes a rotation that has accumulated rounding errors: one Newton step, R (3 - R^T R)/2.
 pub(super) fn tidy(shift: &RigidShift<f64>) -> RigidShift<f64> {
     let r = shift.rotation;
     RigidShift { rotation: r * (Matrix3::identity() * 3.0 - r.transpose() * r) * 0.5, lever: shift.lever }

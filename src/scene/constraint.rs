@@ -1,4 +1,4 @@
-//! Connections as the sweeps read them: frames on bodies and coordinates of joints, by index.
+//! Connections in the form that the sweeps read: frames on bodies and joint coordinates, by index.
 
 use crate::kinematics::Frame;
 use crate::kinematics::pair::{Pair, pair_rows, place_between};
@@ -8,28 +8,28 @@ use nalgebra::Vector6;
 use std::ops::Range;
 use std::sync::OnceLock;
 
-/// The coordinate of a joint of one axis.
+/// The coordinate of a joint with one axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Coordinate {
     /// Its index in q.
     pub q: usize,
     /// Its index in qd.
     pub v: usize,
-    /// The body that it moves.
+    /// The body that the joint moves.
     pub body: usize,
 }
 
-/// What is tied, and how.
+/// The constrained quantities.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Tie {
-    /// Two frames, C on the connection's link and D on the other.
+    /// Two frames: C on the first link of the connection and D on the other.
     Frames { pair: Pair, frames: [Frame<f64>; 2] },
-    /// first = multiplier * second + offset; the offset alone without a second.
+    /// first = multiplier * second + offset; first = offset if there is no second coordinate.
     Coordinates { first: Coordinate, second: Option<Coordinate>, multiplier: f64, offset: f64 },
 }
 
 impl Tie {
-    /// The bodies at its ends; none on the base.
+    /// The bodies at the two ends; `None` for the base.
     pub fn bodies(&self) -> [Option<usize>; 2] {
         match self {
             Self::Frames { frames: [first, second], .. } => [first.body, second.body],
@@ -44,19 +44,20 @@ pub(crate) struct Constraint {
     /// Its name.
     pub name: String,
     pub tie: Tie,
-    /// Its first row among all.
+    /// Its first row among the rows of all connections.
     pub first_row: usize,
-    /// The bodies between its ends and the base, the outermost first: the innovations of its forces are nonzero on all of them.
+    /// The bodies between its ends and the base, outermost first. Its constraint forces have nonzero innovations on
+    /// these.
     pub path: Vec<usize>,
-    /// The bodies of the loop: those of the path that only one of its ends is on. The joints of the others move both ends alike, so that J is
-    /// zero there.
+    /// The bodies of the loop: the part of `path` that belongs to one end only. Joints on the common part move both
+    /// ends rigidly together, so that J is zero for them.
     pub branches: Vec<usize>,
-    /// The body where the two branches meet, against which both ends are placed; none: the base.
+    /// The body where the two branches meet, in whose frame the poses of both ends are expressed; `None` for the base.
     pub junction: Option<usize>,
 }
 
 impl Constraint {
-    /// Its rows among all.
+    /// Its rows among the rows of all connections.
     pub fn rows(&self) -> Range<usize> {
         let count = match self.tie {
             Tie::Frames { pair, .. } => pair.rows(),
@@ -65,7 +66,8 @@ impl Constraint {
         self.first_row..self.first_row + count
     }
 
-    /// How far its rows are from holding at `q`, into `out`, one number a row, m or rad; none where a rod has no direction.
+    /// Writes the constraint error at `q` to `out`, one entry per row, m or rad; `None` for a rod of zero length, whose
+    /// direction is undefined.
     pub fn error(&self, model: &Model<f64>, q: &[f64], out: &mut [f64]) -> Option<()> {
         match &self.tie {
             Tie::Frames { pair, frames: [c, d] } => {
@@ -81,23 +83,24 @@ impl Constraint {
     }
 }
 
-/// Rows that depend on each other but for less than the tolerance: a linkage that is drawn with few digits.
+/// A combination of rows that is linearly dependent to within the tolerance, but not to within rounding, as in a
+/// linkage whose dimensions have few digits.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Near {
-    /// The row that has most of the combination.
+    /// The row with the largest coefficient in the combination.
     pub row: usize,
-    /// Its singular value, an angle in rad or a length over the reach of the loop.
+    /// Singular value of the combination: an angle in rad, or a length relative to the reach of the loop.
     pub value: f64,
-    /// Where that was found: a configuration that meets the connections of the row.
+    /// The configuration of that singular value; it satisfies the connections of the row.
     pub q: Vec<f64>,
 }
 
-/// How many rows of each group that shares joints are independent, away from singular positions.
+/// Ranks of the groups of rows that share joints, at regular configurations.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct Mobility {
-    /// None where no closed position was found.
+    /// Rank per group; `None` if no closed configuration was found.
     pub ranks: Vec<Option<usize>>,
-    /// The largest combination of rows that counts as dependent though it is no rounding.
+    /// The combination of largest singular value that counts as dependent and exceeds rounding.
     pub near: Option<Near>,
 }
 
@@ -105,18 +108,19 @@ pub(crate) struct Mobility {
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct Constraints {
     pub all: Vec<Constraint>,
-    /// The number of their rows.
+    /// Total number of rows.
     pub rows: usize,
-    /// Rows that depend on each other to within this angle, or length over the reach of the loop, count as dependent; zero: to within rounding.
+    /// Rows that are linearly dependent to within this angle (rad), or this length relative to the reach of the loop,
+    /// count as dependent; zero tolerates rounding errors only.
     pub tolerance: f64,
-    /// The neutral configuration, where closed positions are looked for.
+    /// The neutral configuration, from which the search for closed configurations starts.
     pub neutral: Vec<f64>,
-    /// Found when it is first needed.
+    /// Computed at first use.
     pub mobility: OnceLock<Mobility>,
-    /// Set when the user was warned of a linkage that is drawn with few digits.
+    /// Set once the warning about dependent rows has been returned.
     pub is_warned: OnceLock<()>,
-    /// Set when the axes of the loops were looked at.
-    pub is_looked_at: OnceLock<()>,
+    /// Set once the axes of the loops have been checked.
+    pub axes_checked: OnceLock<()>,
 }
 
 impl Constraints {
@@ -124,7 +128,7 @@ impl Constraints {
         self.all.is_empty()
     }
 
-    /// The name of the connection that a row belongs to.
+    /// Name of the connection that row `row` belongs to.
     pub fn name_of(&self, row: usize) -> &str {
         self.all.iter().find(|constraint| constraint.rows().contains(&row)).map_or("", |constraint| &constraint.name)
     }

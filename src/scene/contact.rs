@@ -1,4 +1,4 @@
-//! Contacts: points and spheres on links that do not go through planes of the world, as the user says it.
+//! Contacts of points and spheres on links with planes of the world: user description and checks.
 
 use super::Scene;
 use super::contact_point::{ContactPoint, plane_axes};
@@ -8,14 +8,14 @@ use crate::spatial::{angular, linear};
 use nalgebra::Vector3;
 use std::collections::HashSet;
 
-/// A contact of a sphere on a link, or of a point of it, with a plane of the world: it pushes and rubs, and never pulls.
+/// Unilateral contact of a sphere or a point on a link with a plane of the world, with Coulomb friction.
 ///
-/// Friction is Coulomb's. Nothing is searched: what may touch is what is named. Two links do not touch each other.
+/// There is no collision detection: only the contacts in the scene are active, and links do not contact each other.
 ///
 /// ```
 /// use phipsi::scene::Contact;
 /// # fn main() -> Result<(), phipsi::Error> {
-/// // The tip of a chain of three rods above a table 0.8 m under the base.
+/// // The tip of a chain of three rods above a table 0.8 m below the base.
 /// let mut tip = Contact::new("tip", "link2");
 /// tip.point = [0.0, 0.0, 0.3].into();
 /// tip.offset = -0.8;
@@ -31,24 +31,24 @@ use std::collections::HashSet;
 pub struct Contact {
     /// Name, unique among the contacts.
     pub name: String,
-    /// Name of the link that the sphere is on.
+    /// Name of the link that carries the sphere.
     pub link: String,
-    /// The sphere's centre in the link's frame, m.
+    /// Center of the sphere in the link frame, m.
     pub point: Vector3<f64>,
-    /// Its radius, m; zero for a point.
+    /// Radius of the sphere, m; zero for a point.
     pub radius: f64,
-    /// The plane's normal out of the ground, in the base frame, of any length.
+    /// Normal of the plane in the base frame, from the ground to the free side, of any length.
     pub normal: Vector3<f64>,
-    /// How far the plane is from the base's origin along the normal, m.
+    /// Distance of the plane from the base origin along the normal, m.
     pub offset: f64,
-    /// Coefficient of friction mu, zero or more: |tangential force| is at most mu times the normal force.
+    /// Coefficient of friction mu, zero or positive: |tangential force| <= mu * normal force.
     pub friction: f64,
-    /// Coefficient of restitution, from 0 (no rebound) to 1 (elastic).
+    /// Coefficient of restitution, from 0 (perfectly inelastic) to 1 (elastic).
     pub restitution: f64,
 }
 
 impl Contact {
-    /// The origin of a link above z = 0, without friction or rebound.
+    /// A contact of the link origin with the plane z = 0, without friction and restitution.
     pub fn new(name: impl Into<String>, link: impl Into<String>) -> Self {
         Self {
             name: name.into(),
@@ -66,7 +66,7 @@ impl Contact {
         Error::scene(format!("contact {:?}", self.name), found, expected)
     }
 
-    /// The numbers by themselves.
+    /// Checks the values of the contact.
     fn check_numbers(&self) -> Result<(), Error> {
         let finite = |x: &Vector3<f64>| x.iter().all(|x| x.is_finite());
         if !finite(&self.point) {
@@ -92,36 +92,36 @@ impl Contact {
 }
 
 impl Scene {
-    /// The contacts, in the order they were made.
+    /// The contacts, in order of creation.
     #[must_use]
     pub fn contacts(&self) -> &[Contact] {
         self.source().contacts()
     }
 
-    /// The same scene without the contacts.
+    /// The same scene without contacts.
     ///
     /// # Errors
     ///
-    /// As [`SceneBuilder::build`](super::SceneBuilder::build); none that this scene did not have.
+    /// Those of [`SceneBuilder::build`](super::SceneBuilder::build), none of which this scene caused.
     pub fn without_contacts(&self) -> Result<Self, Error> {
         let mut source = self.source().clone();
         source.contacts.clear();
         source.build()
     }
 
-    /// The scene of an assembled tree with its contacts, which are checked.
+    /// Adds the contacts to the scene of an assembled tree, after checking them.
     pub(super) fn touching(mut self) -> Result<Self, Error> {
         let contacts = self.source.contacts();
         let Some(first) = contacts.first() else { return Ok(self) };
         if let Some(connection) = self.source.connections().first() {
-            let found = format!("a scene that has connections as well (connection {:?})", connection.name);
-            return Err(first.fault(found, "contacts in a tree: a scene cannot have both yet"));
+            let found = format!("a scene with connections (connection {:?})", connection.name);
+            return Err(first.fault(found, "a scene without connections (both are not supported together)"));
         }
         let mut names = HashSet::new();
         let mut points = Vec::with_capacity(contacts.len());
         for contact in contacts {
             if !names.insert(contact.name.as_str()) {
-                return Err(contact.fault("the name twice", "unique names of contacts"));
+                return Err(contact.fault("a duplicate name", "unique names of contacts"));
             }
             contact.check_numbers()?;
             points.push(self.contact_point(contact)?);
@@ -130,10 +130,10 @@ impl Scene {
         Ok(self)
     }
 
-    /// A contact by index: on which body it is, and where.
+    /// Resolves a contact: index of its body, and position on it.
     pub(super) fn contact_point(&self, contact: &Contact) -> Result<ContactPoint, Error> {
         let Some(&at) = self.link_index.get(&contact.link) else {
-            let found = format!("link {:?}, which is not there", contact.link);
+            let found = format!("link {:?}, which does not exist", contact.link);
             return Err(contact.fault(found, self.source.known_links(&contact.link)));
         };
         let link = &self.links()[at];
@@ -147,7 +147,7 @@ impl Scene {
         let point = ContactPoint {
             name: contact.name.clone(),
             body,
-            centre: link.placement.rotate(&contact.point) + link.placement.lever,
+            center: link.placement.rotate(&contact.point) + link.placement.lever,
             radius: contact.radius,
             axes,
             offset: contact.offset,
@@ -156,16 +156,16 @@ impl Scene {
             path: std::iter::successors(Some(body), |&k| stages[k].parent).collect(),
         };
         if !self.can_move(&point) {
-            let found = format!("a point of link {:?} that no joint moves: it is on the axis", contact.link);
+            let found = format!("a point of link {:?} on the joint axis, which no joint moves", contact.link);
             return Err(contact.fault(found, "a point that a joint moves"));
         }
         Ok(point)
     }
 
-    /// Whether rates of the joints move the point of a contact, in some configuration.
+    /// True if joint velocities can move the point of a contact, in some configuration.
     fn can_move(&self, point: &ContactPoint) -> bool {
         let (model, nv) = (self.model(), self.nv());
-        #[allow(clippy::cast_precision_loss)] // a few thousand
+        #[allow(clippy::cast_precision_loss)] // an index of a few thousand at most
         let rates: Vec<f64> = (0..nv).map(|i| 0.5 + (i as f64 * 0.618).fract()).collect();
         let mut other = self.neutral();
         for (body, stage) in model.bodies.iter().zip(&model.system.stages) {
@@ -174,7 +174,7 @@ impl Scene {
         let frame = Frame { body: Some(point.body), placement: crate::spatial::RigidShift::identity() };
         [self.neutral(), other].iter().any(|q| {
             let motion = frame_motion(model, q, &rates, None, &frame);
-            let arm = point.centre - motion.placement.rotate_back(&point.normal()) * point.radius;
+            let arm = point.center - motion.placement.rotate_back(&point.normal()) * point.radius;
             let (turning, sliding) = (angular(&motion.velocity), linear(&motion.velocity));
             let speed = (sliding + turning.cross(&arm)).norm();
             speed > 1e-12 * (sliding.norm() + turning.norm() * arm.norm())

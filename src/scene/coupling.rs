@@ -1,4 +1,4 @@
-//! Joints that follow others: the coordinates of a tree from fewer, q = G q' + o and qd = G qd'.
+//! Coupled (mimic) joints: the coordinates of the tree from fewer independent ones, q = G q' + o and qd = G qd'.
 
 use super::description::Mimic;
 use super::{Joint, Scene};
@@ -9,55 +9,55 @@ use std::borrow::Cow;
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
-/// Where one coordinate of the tree comes from.
+/// The map of one coordinate of the tree.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Coordinate {
-    /// Index among the independent ones.
+    /// Index of the independent coordinate.
     index: usize,
     multiplier: f64,
     offset: f64,
 }
 
-/// How the joints of a scene follow each other: a true reduction of its coordinates.
+/// Coupling of the joints of a scene, which eliminates dependent coordinates.
 ///
-/// The tree has one coordinate for every joint; the scene's own q' leaves out those of joints that follow another: q = G q' + o, qd = G qd', qdd = G qdd'. Torques are
-/// those on the independent coordinates, tau' = G^T tau, and the mass matrix is G^T M G.
+/// The tree has coordinates for every joint. The scene has only the independent coordinates q': q = G q' + o, qd = G
+/// qd', qdd = G qdd'. Torques act on the independent coordinates, tau' = G^T tau, and the mass matrix is G^T M G.
 ///
 /// # Panics
 ///
-/// Its methods, but for [`Coupling::tree`] and [`Coupling::sizes`], panic where an array is shorter than they say.
+/// All methods except [`Coupling::tree`] and [`Coupling::sizes`] panic if an array is too short.
 #[derive(Debug)]
 pub struct Coupling {
     tree: Scene,
     q: Vec<Coordinate>,
-    /// Of each rate of the tree: index among the independent ones, and multiplier.
+    /// Per velocity of the tree: index of the independent velocity, and multiplier.
     v: Vec<(usize, f64)>,
-    /// Of each independent rate, the tree's that it is.
+    /// Index in the tree of each independent velocity.
     independent: Vec<usize>,
-    /// Of each independent coordinate, the tree's that it is.
+    /// Index in the tree of each independent coordinate.
     independent_q: Vec<usize>,
     sums: Sums,
 }
 
 impl Coupling {
-    /// The scene with a coordinate for every joint.
+    /// The scene in which every joint has its own coordinates.
     #[must_use]
     pub fn tree(&self) -> &Scene {
         &self.tree
     }
 
-    /// Rows of the tree that are measured together.
+    /// The rows of the tree that form one measurement each.
     pub(crate) fn sums(&self) -> &Sums {
         &self.sums
     }
 
-    /// Number of independent coordinates and rates.
+    /// Numbers of independent coordinates and velocities.
     #[must_use]
     pub fn sizes(&self) -> (usize, usize) {
         (self.independent_q.len(), self.independent.len())
     }
 
-    /// Names of the tree's joints that an independent one moves, itself the first.
+    /// Names of the joints of the tree that an independent joint moves, beginning with its own name.
     pub(crate) fn moved_by(&self, joint: &Joint) -> Vec<String> {
         let first = joint.v.start;
         let mut names = vec![joint.name.clone()];
@@ -66,19 +66,19 @@ impl Coupling {
         names
     }
 
-    /// q = G q' + o, (nq of the tree), of a configuration that has the scene's length.
+    /// Configuration q = G q' + o of the tree, for a configuration of the scene.
     #[must_use]
     pub fn configuration(&self, q: &[f64]) -> Vec<f64> {
         self.q.iter().map(|of| of.multiplier * q[of.index] + of.offset).collect()
     }
 
-    /// G x, (nv of the tree), of rates or accelerations that have the scene's length.
+    /// Velocities or accelerations G x of the tree, for those of the scene.
     #[must_use]
     pub fn rates(&self, x: &[f64]) -> Vec<f64> {
         self.v.iter().map(|&(index, multiplier)| multiplier * x[index]).collect()
     }
 
-    /// Torques of the tree, (nv of the tree), that act as `tau` does: on the independent joints.
+    /// Torques of the tree with the same effect as `tau`: they act at the independent joints only.
     #[must_use]
     pub fn torques(&self, tau: &[f64]) -> Vec<f64> {
         let mut full = vec![0.0; self.v.len()];
@@ -88,18 +88,18 @@ impl Coupling {
         full
     }
 
-    /// Of each independent rate, the tree's that it is.
+    /// Index in the tree of each independent velocity.
     pub(crate) fn independent_rows(&self) -> &[usize] {
         &self.independent
     }
 
-    /// Of each independent coordinate, the tree's that it is.
+    /// Index in the tree of each independent coordinate.
     #[cfg_attr(not(feature = "python"), allow(dead_code))]
     pub(crate) fn independent_coordinates_at(&self) -> &[usize] {
         &self.independent_q
     }
 
-    /// The independent entries of rates or accelerations of the tree.
+    /// The independent entries of velocities or accelerations of the tree.
     #[must_use]
     pub fn independent_rates(&self, x: &[f64]) -> Vec<f64> {
         self.independent.iter().map(|&row| x[row]).collect()
@@ -111,7 +111,8 @@ impl Coupling {
         self.independent_q.iter().map(|&at| q[at]).collect()
     }
 
-    /// Whether a state of the tree is one of joints that follow, to within 1e-9 of the larger of 1 and the coordinate.
+    /// Checks that a state of the tree satisfies the coupling to within 1e-9, relative to the larger of 1 and the
+    /// coordinate.
     pub(crate) fn check_followed(&self, q: &[f64], qd: &[f64]) -> Result<(), Error> {
         const SLACK: f64 = 1e-9;
         let followed = self.configuration(&self.independent_coordinates(q));
@@ -120,14 +121,15 @@ impl Coupling {
             let differs = |(x, y): (&f64, &f64)| !((x - y).abs() <= SLACK * y.abs().max(1.0));
             if let Some(at) = given.iter().zip(&followed).position(differs) {
                 let found = format!("{} at index {at}", given[at]);
-                let expected = format!("{}, for that joint follows another", followed[at]);
+                let expected = format!("{}, because this joint follows another (mimic)", followed[at]);
                 return Err(Error::argument(name, found, expected));
             }
         }
         Ok(())
     }
 
-    /// What the independent coordinates have of armature, damping or stiffness: the sum over the joints that they move, each by the square of its multiplier.
+    /// Armature, damping or stiffness at the independent coordinates: the sum over the joints of the tree, weighted by
+    /// the squares of their multipliers.
     #[must_use]
     pub fn reduce_squares(&self, x: &[f64]) -> Vec<f64> {
         let mut out = vec![0.0; self.independent.len()];
@@ -137,7 +139,7 @@ impl Coupling {
         out
     }
 
-    /// The same of Coulomb friction: each by the size of its multiplier.
+    /// Coulomb friction at the independent coordinates: the sum weighted by the absolute values of the multipliers.
     #[must_use]
     pub fn reduce_friction(&self, x: &[f64]) -> Vec<f64> {
         let mut out = vec![0.0; self.independent.len()];
@@ -147,7 +149,8 @@ impl Coupling {
         out
     }
 
-    /// The limits of each independent coordinate: its own, and those of the joints that follow it.
+    /// Limits of each independent coordinate: the intersection of its own limits and those of the joints that follow
+    /// it.
     pub(crate) fn limits(&self) -> Vec<(f64, f64)> {
         let mut out = vec![(f64::NEG_INFINITY, f64::INFINITY); self.independent_q.len()];
         for joint in self.tree.joints.iter().filter(|joint| joint.q.len() == 1) {
@@ -162,8 +165,7 @@ impl Coupling {
         out
     }
 
-    /// The velocity limit of each independent velocity, of those of the tree: its own, and those of the joints that
-    /// follow it.
+    /// Velocity limit of each independent velocity: the smallest of its own and those of the joints that follow it.
     pub(crate) fn velocity_limits(&self, limits: &[f64]) -> Vec<f64> {
         let mut out = vec![f64::INFINITY; self.independent.len()];
         for (&(index, multiplier), limit) in self.v.iter().zip(limits).filter(|((_, multiplier), _)| *multiplier != 0.0)
@@ -173,7 +175,8 @@ impl Coupling {
         out
     }
 
-    /// Where the springs of the tree, (nv) and (nq), leave the independent coordinates at rest: at their mean, weighted by stiffness.
+    /// Rest positions of the independent coordinates, for stiffness (nv) and rest positions (nq) of the tree: the mean
+    /// weighted by stiffness.
     #[must_use]
     pub fn reduce_rest(&self, stiffness: &[f64], rest: &[f64]) -> Vec<f64> {
         let mut out = self.independent_coordinates(rest);
@@ -193,7 +196,7 @@ impl Coupling {
         out
     }
 
-    /// G^T tau into `out`, of torques of the tree.
+    /// Writes G^T tau to `out`, for torques of the tree.
     pub fn reduce(&self, tau: &[f64], out: &mut [f64]) {
         out.fill(0.0);
         for (&(index, multiplier), value) in self.v.iter().zip(tau) {
@@ -201,7 +204,7 @@ impl Coupling {
         }
     }
 
-    /// X G into `out`, row by row, of a matrix with as many columns as the tree has rates.
+    /// Writes X G to `out`, row-major, for a matrix with one column per velocity of the tree.
     pub fn reduce_columns(&self, x: &[f64], out: &mut [f64]) {
         let (full, nv) = (self.v.len(), self.independent.len());
         if full > 0 {
@@ -211,7 +214,7 @@ impl Coupling {
         }
     }
 
-    /// G^T X G into `out`, row by row, of a square matrix of the tree.
+    /// Writes G^T X G to `out`, row-major, for a square matrix of the tree.
     pub fn reduce_matrix(&self, x: &[f64], out: &mut [f64]) {
         let (full, nv) = (self.v.len(), self.independent.len());
         let mut columns = vec![0.0; full * nv];
@@ -226,36 +229,37 @@ impl Coupling {
 }
 
 impl Scene {
-    /// How its joints follow each other; none where all are independent.
+    /// The coupling of its joints; `None` if all joints are independent.
     #[must_use]
     pub fn coupling(&self) -> Option<&Coupling> {
         self.coupling.as_deref()
     }
 
-    /// The same, shared.
+    /// A shared reference to the coupling.
     pub(crate) fn shared_coupling(&self) -> Option<Arc<Coupling>> {
         self.coupling.clone()
     }
 
-    /// The scene of which every joint has a coordinate: itself, unless joints follow each other.
+    /// The scene in which every joint has its own coordinates: this scene, unless joints are coupled.
     #[must_use]
     pub fn tree(&self) -> &Self {
         self.coupling().map_or(self, Coupling::tree)
     }
 
-    /// A configuration of the scene, checked, as the tree's: itself, unless joints follow each other.
+    /// Checks a configuration of the scene and returns that of the tree.
     pub(crate) fn tree_configuration<'a>(&self, argument: &str, q: &'a [f64]) -> Result<Cow<'a, [f64]>, Error> {
         self.check_coordinates(argument, q)?;
         Ok(self.coupling().map_or(Cow::Borrowed(q), |coupling| coupling.configuration(q).into()))
     }
 
-    /// Rates or accelerations of the scene, checked, as the tree's.
+    /// Checks velocities or accelerations of the scene and returns those of the tree.
     pub(crate) fn tree_rates<'a>(&self, argument: &str, x: &'a [f64]) -> Result<Cow<'a, [f64]>, Error> {
         self.check_rates(argument, x)?;
         Ok(self.coupling().map_or(Cow::Borrowed(x), |coupling| coupling.rates(x).into()))
     }
 
-    /// A matrix of so many rows with a column for each degree of freedom, (rows x nv) row by row, from what writes it for the tree.
+    /// A matrix (rows x nv), row-major, with a column per degree of freedom of the scene, from `write`, which computes
+    /// it for the tree.
     pub(crate) fn tree_columns(
         &self,
         rows: usize,
@@ -273,26 +277,25 @@ impl Scene {
         Ok(())
     }
 
-    /// Why a method that has no form for them refuses a scene whose joints follow each other.
+    /// Returns an error for a scene with coupled joints, for methods that do not support them.
     pub(crate) fn check_independent(&self) -> Result<(), Error> {
         let Some(coupling) = self.coupling() else { return Ok(()) };
         let followers = coupling.tree.joints.len() - self.joints.len();
         let found = format!("{followers} joints that follow others (mimic)");
-        let expected =
-            "independent joints, for this method has no form for coupled ones: build the scene with mimic=\"free\"";
+        let expected = "independent joints, which this method requires: build the scene with mimic=\"free\"";
         Err(Error::argument("scene", found, expected))
     }
 
-    /// The scene of a tree whose mimic joints follow: the tree itself where it has none.
+    /// Reduces the scene of a tree with mimic joints; returns the tree itself if it has none.
     pub(super) fn coupled(tree: Self) -> Result<Self, Error> {
         let Some(follows) = followed(&tree)? else { return Ok(tree) };
         if let Some(connection) = tree.connections().first() {
             let expected = "mimic=\"free\", and a connection of each mimic joint with the one that it follows";
-            let found = "joints that follow others (mimic) beside a connection";
+            let found = "joints that follow others (mimic) in a scene with a connection";
             return Err(Error::scene(format!("connection {:?}", connection.name), found, expected));
         }
         if let Some(contact) = tree.contacts().first() {
-            let found = "joints that follow others (mimic) beside a contact";
+            let found = "joints that follow others (mimic) in a scene with a contact";
             return Err(Error::scene(format!("contact {:?}", contact.name), found, "mimic=\"free\" for now"));
         }
         let mut joints = Vec::with_capacity(tree.joints.len());
@@ -338,9 +341,9 @@ impl Scene {
     }
 }
 
-/// Of each joint that follows another: the independent joint that it follows in the end, multiplier and offset; none where no joint does. Each joint is
-/// resolved once: linear in the number of joints, however long the chains are.
-#[allow(clippy::type_complexity)] // by name
+/// For each joint that follows another: the independent joint at the end of the chain, multiplier and offset; `None` if
+/// no joint follows another. Resolves each joint once, in time linear in the number of joints for chains of any length.
+#[allow(clippy::type_complexity)] // a map from joint names
 fn followed(tree: &Scene) -> Result<Option<HashMap<&str, (&str, f64, f64)>>, Error> {
     let mimics: HashMap<&str, &Mimic> = tree
         .source
@@ -355,7 +358,7 @@ fn followed(tree: &Scene) -> Result<Option<HashMap<&str, (&str, f64, f64)>>, Err
     let mut follows: HashMap<&str, (&str, f64, f64)> = HashMap::new();
     for joint in &tree.joints {
         let subject = || format!("joint {:?}", joint.name);
-        // Along the chain to a joint that follows none, or is resolved.
+        // Follows the chain to a joint that is independent or already resolved.
         let (mut name, mut path) = (joint.name.as_str(), Vec::new());
         let mut seen = HashSet::from([name]);
         while let Some(&mimic) = mimics.get(name).filter(|_| !follows.contains_key(name)) {
@@ -364,12 +367,12 @@ fn followed(tree: &Scene) -> Result<Option<HashMap<&str, (&str, f64, f64)>>, Err
             name = &mimic.joint;
             if !seen.insert(name) {
                 let names: Vec<&str> = path.iter().map(|&(name, _)| name).collect();
-                let found = format!("a circle of mimics: {}, {name}", names.join(", "));
+                let found = format!("a cycle of mimics: {}, {name}", names.join(", "));
                 return Err(Error::scene(subject(), found, "a joint to follow that does not follow this one"));
             }
             if !tree.joint_index.contains_key(name) {
                 let known = tree.source.joints.iter().any(|other| other.name == name);
-                let what = if known { "which does not move" } else { "which is not there" };
+                let what = if known { "which does not move" } else { "which does not exist" };
                 let expected = "a joint that moves, or mimic=\"free\" to have this one independent";
                 return Err(Error::scene(subject(), format!("a mimic of joint {name:?}, {what}"), expected));
             }
@@ -393,7 +396,7 @@ fn followed(tree: &Scene) -> Result<Option<HashMap<&str, (&str, f64, f64)>>, Err
     Ok(Some(follows))
 }
 
-/// Joints of several coordinates cannot follow and cannot be followed.
+/// Checks that the joint has one coordinate; others cannot follow or be followed.
 fn one_axis(tree: &Scene, name: &str) -> Result<(), Error> {
     match tree.joint_index.get(name).map(|&at| &tree.joints[at]) {
         Some(joint) if joint.q.len() != 1 => Err(Error::scene(

@@ -1,4 +1,4 @@
-//! What a scene is made of, as the user says it: links and joints by name.
+//! The user description of a scene: links and joints by name.
 
 use super::spring::Spring;
 use crate::error::Error;
@@ -6,27 +6,27 @@ use crate::joints::JointKind;
 use crate::spatial::{RigidShift, Symmetric3};
 use nalgebra::Vector3;
 
-/// Mass, mass centre and inertia of a link, in the link's frame.
+/// Mass, center of mass and inertia of a link, in the link frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Inertial {
     /// Mass, kg.
     pub mass: f64,
-    /// Mass centre, m.
-    pub centre: Vector3<f64>,
-    /// Rotational inertia about the mass centre, axes parallel to the link's frame, kg m^2.
+    /// Center of mass, m.
+    pub center: Vector3<f64>,
+    /// Rotational inertia about the center of mass, in axes parallel to the link frame, kg m^2.
     pub central: Symmetric3<f64>,
 }
 
-/// A link: a name, and an inertia if it has one.
+/// A link: a name, and optionally an inertia.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LinkDescription {
     /// Name, unique among the links.
     pub name: String,
-    /// Inertia; none for a link that is a mere frame.
+    /// Inertia; `None` for a massless frame.
     pub inertial: Option<Inertial>,
 }
 
-/// Limits of a joint: positions are stops in simulations, the others are reported.
+/// Limits of a joint. Position limits act as stops in simulations; the other limits are reported.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limits {
     /// Smallest position, rad or m.
@@ -45,29 +45,29 @@ impl Default for Limits {
     }
 }
 
-/// Which joint another should follow: its coordinate is the multiplier times that joint's, plus the offset.
+/// The joint that another joint follows: q = multiplier * q of that joint + offset.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mimic {
-    /// Name of the joint to follow.
+    /// Name of the joint that it follows.
     pub joint: String,
     /// Ratio of the coordinates.
     pub multiplier: f64,
-    /// Coordinate where the other is at zero, rad or m.
+    /// Coordinate for a zero coordinate of the other joint, rad or m.
     pub offset: f64,
 }
 
-/// What becomes of joints that should follow others.
+/// Treatment of mimic joints.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum MimicJoints {
-    /// They are independent, and a [`SceneWarning::Mimic`] names each.
+    /// Mimic joints are independent, and a [`SceneWarning::Mimic`] names each.
     #[default]
     Free,
-    /// They follow, and have no coordinates of their own: see [`Coupling`](super::Coupling).
+    /// Mimic joints follow and have no coordinates of their own: see [`Coupling`](super::Coupling).
     Coupled,
 }
 
 impl Mimic {
-    /// The same coordinate as another joint's.
+    /// Follows a joint with multiplier 1 and offset 0.
     pub fn of(joint: impl Into<String>) -> Self {
         Self { joint: joint.into(), multiplier: 1.0, offset: 0.0 }
     }
@@ -78,17 +78,17 @@ impl Mimic {
 pub struct JointDescription {
     /// Name, unique among the joints.
     pub name: String,
-    /// What it lets move.
+    /// Kind of motion.
     pub kind: JointKind,
-    /// Name of the link on the base's side.
+    /// Name of the parent link, on the base side.
     pub parent: String,
-    /// Name of the link that it carries.
+    /// Name of the child link, which the joint moves.
     pub child: String,
-    /// The child's frame at zero configuration, seen from the parent's.
+    /// Pose of the child link frame in the parent link frame at zero configuration.
     pub origin: RigidShift<f64>,
-    /// Axis in the child's frame; its length does not matter.
+    /// Joint axis in the child link frame, of any length.
     pub axis: Vector3<f64>,
-    /// Inertia of the rotor, seen at the joint, for each of its degrees of freedom: kg m^2 or kg.
+    /// Armature (rotor inertia reflected to the joint) at each degree of freedom: kg m^2 or kg.
     pub armature: f64,
     /// Viscous damping, N m s/rad or N s/m (simulation only).
     pub damping: f64,
@@ -98,12 +98,12 @@ pub struct JointDescription {
     pub spring: Spring,
     /// Limits.
     pub limits: Limits,
-    /// The joint that this one should follow; [`MimicJoints`] says whether it does.
+    /// The joint that this one follows, if [`MimicJoints`] enables it.
     pub mimic: Option<Mimic>,
 }
 
 impl JointDescription {
-    /// A joint at the parent's origin, axis z, with no armature, damping, friction, spring or limits.
+    /// A joint at the parent origin with axis z, without armature, damping, friction, spring and limits.
     pub fn new(name: impl Into<String>, kind: JointKind, parent: impl Into<String>, child: impl Into<String>) -> Self {
         Self {
             name: name.into(),
@@ -122,52 +122,52 @@ impl JointDescription {
     }
 }
 
-/// Something about a scene that its user should know, though it can be computed with.
+/// A property of a scene that is probably unintended but does not prevent computations.
 #[derive(Debug, Clone, PartialEq)]
 pub enum SceneWarning {
-    /// A link whose inertia no distribution of mass can have.
+    /// A link with an inertia that no mass distribution has.
     Inertia {
-        /// The link.
+        /// Name of the link.
         link: String,
-        /// What is wrong with it.
+        /// Description of the defect.
         found: String,
     },
-    /// A joint that should mimic another, taken as an independent coordinate.
+    /// A mimic joint that is treated as independent.
     Mimic {
-        /// The joint.
+        /// Name of the joint.
         joint: String,
-        /// The joint that it should follow.
+        /// Name of the joint that it should follow.
         source: String,
     },
-    /// A file none of whose moving links has mass.
+    /// A file in which no moving link has mass.
     NoMass {
-        /// The moving links.
+        /// Names of the moving links.
         links: Vec<String>,
     },
-    /// Elements and attributes of a file that are not understood and were passed over.
+    /// Elements and attributes of a file that were not recognized and are ignored.
     NotUnderstood {
         /// "URDF", or the path.
         source: String,
-        /// What they are, and where.
+        /// The elements and attributes with their positions.
         found: String,
     },
-    /// Limits in a file that mean nothing and are taken as none.
+    /// Invalid limits in a file, which are ignored.
     Limits {
-        /// The joints, and what is wrong with their limits.
+        /// The joints, and the defects of their limits.
         found: String,
     },
 }
 
 impl SceneWarning {
-    /// The error that it is in a strict scene.
+    /// The error that replaces the warning in a strict scene.
     pub(super) fn into_error(self) -> Error {
         let (subject, found, expected) = match self {
             Self::Inertia { link, found } => {
-                (format!("link {link:?}"), found, "an inertia that a body can have (strict)".to_owned())
+                (format!("link {link:?}"), found, "a physical inertia (strict)".to_owned())
             }
             Self::Mimic { joint, source } => (
                 format!("joint {joint:?}"),
-                format!("a mimic of joint {source:?}, which is not there"),
+                format!("a mimic of joint {source:?}, which does not exist"),
                 "the name of another joint (strict)".to_owned(),
             ),
             Self::NoMass { links } => {
@@ -175,8 +175,8 @@ impl SceneWarning {
             }
             Self::NotUnderstood { source, found } => (
                 source,
-                format!("what is not understood: {found}"),
-                "elements and attributes that are read (strict)".to_owned(),
+                format!("unrecognized content: {found}"),
+                "elements and attributes of URDF (strict)".to_owned(),
             ),
             Self::Limits { found } => {
                 let expected = "lower not above upper, velocity and effort zero or positive (strict)";
@@ -187,7 +187,7 @@ impl SceneWarning {
     }
 }
 
-/// The words for moving links without mass.
+/// Text about moving links without mass.
 fn no_mass(links: &[String]) -> String {
     let names: Vec<String> = links.iter().take(8).map(|link| format!("{link:?}")).collect();
     let more = if links.len() > names.len() { ", ..." } else { "" };
@@ -200,13 +200,13 @@ impl std::fmt::Display for SceneWarning {
         match self {
             Self::Inertia { link, found } => write!(f, "link {link:?}: {found}; no body has such an inertia"),
             Self::Mimic { joint, source } => {
-                write!(f, "joint {joint:?}: mimics {source:?}; it is taken as an independent coordinate")
+                write!(f, "joint {joint:?}: mimics {source:?}; it is treated as an independent coordinate")
             }
             Self::NoMass { links } => {
-                write!(f, "{}; torques are zero, and accelerations not defined, but for armature", no_mass(links))
+                write!(f, "{}; torques are zero and accelerations undefined, except for armature", no_mass(links))
             }
-            Self::NotUnderstood { source, found } => write!(f, "{source}: not understood and passed over: {found}"),
-            Self::Limits { found } => write!(f, "limits that mean nothing, taken as none: {found}"),
+            Self::NotUnderstood { source, found } => write!(f, "{source}: not recognized and ignored: {found}"),
+            Self::Limits { found } => write!(f, "invalid limits, which are ignored: {found}"),
         }
     }
 }

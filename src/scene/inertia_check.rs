@@ -1,20 +1,21 @@
-//! Whether a link's inertia is one that a distribution of mass can have.
+//! Checks whether the inertia of a link is physical, that is, whether a mass distribution has it.
 
 use super::description::Inertial;
 use crate::error::{Error, number};
 use crate::spatial::Symmetric3;
 
-/// Slack for the rounding of a file's numbers, relative to the largest principal inertia.
+/// Tolerance for the rounding of values in a file, relative to the largest principal inertia.
 ///
-/// Most exporters write six significant digits, so every entry is off by up to 5e-6 of itself. For a thin plate, which
-/// meets the triangle inequality as an equality, that shifts the largest principal inertia J by up to 5e-6 sqrt(2) J and
-/// the sum of the three by up to 1e-5 J, so 2 J - sum by up to (2 sqrt(2) + 2) 5e-6 J = 2.4e-5 J; the smallest of a rod
-/// by less. Coarser files get the warning: nothing tells them from wrong ones. In example-robot-data nothing lies near:
-/// of its 69 files 18 (17 names, anymal.urdf twice) have 56 links that break the rules, by 1.8e-3 and more; all other
-/// links keep them to 1e-15.
+/// Most exporters write six significant digits, so that every entry has a relative error of up to 5e-6. For a thin
+/// plate, which satisfies the triangle inequality with equality, this changes the largest principal inertia J by up to
+/// 5e-6 sqrt(2) J and the trace by up to 1e-5 J, hence 2 J - trace by up to (2 sqrt(2) + 2) 5e-6 J = 2.4e-5 J. The
+/// smallest principal inertia of a rod changes by less. Files with fewer digits get the warning, because their errors
+/// cannot be distinguished from wrong values. No robot of example-robot-data is near the limit: 56 links in 18 of its
+/// 69 files (17 names, anymal.urdf twice) violate the conditions by 1.8e-3 or more; all other links satisfy them to
+/// 1e-15.
 const ROUNDING: f64 = 2.5e-5;
 
-/// Refuses NaN, infinities and negative mass.
+/// Rejects NaN, infinities and a negative mass.
 pub(super) fn check_numbers(link: &str, inertial: &Inertial) -> Result<(), Error> {
     let refuse = |what: &str, value: f64, expected: &str| {
         Err(Error::scene(format!("link {link:?}"), format!("{what} {}", number(value)), expected))
@@ -22,8 +23,8 @@ pub(super) fn check_numbers(link: &str, inertial: &Inertial) -> Result<(), Error
     if !inertial.mass.is_finite() || inertial.mass < 0.0 {
         return refuse("mass", inertial.mass, "a finite mass, zero or positive");
     }
-    if let Some(value) = inertial.centre.iter().find(|x| !x.is_finite()) {
-        return refuse("mass centre with", *value, "finite coordinates");
+    if let Some(value) = inertial.center.iter().find(|x| !x.is_finite()) {
+        return refuse("center of mass with", *value, "finite coordinates");
     }
     if let Some(value) = inertial.central.entries.iter().find(|x| !x.is_finite()) {
         return refuse("inertia with", *value, "finite entries");
@@ -31,7 +32,7 @@ pub(super) fn check_numbers(link: &str, inertial: &Inertial) -> Result<(), Error
     Ok(())
 }
 
-/// What is unphysical about an inertia, if anything: a negative principal inertia, or one larger than the other two together.
+/// Describes a nonphysical inertia: a negative principal inertia, or one larger than the sum of the other two.
 pub(super) fn unphysical(inertial: &Inertial) -> Option<String> {
     let [low, middle, high] = principal(&inertial.central);
     let slack = ROUNDING * high.abs().max(low.abs());
@@ -39,12 +40,12 @@ pub(super) fn unphysical(inertial: &Inertial) -> Option<String> {
         return Some(format!("principal inertias {low:.3e}, {middle:.3e}, {high:.3e}, one of them negative"));
     }
     if high > low + middle + slack {
-        return Some(format!("principal inertias {low:.3e}, {middle:.3e}, {high:.3e} break the triangle inequality"));
+        return Some(format!("principal inertias {low:.3e}, {middle:.3e}, {high:.3e} violate the triangle inequality"));
     }
     None
 }
 
-/// Principal inertias, ascending.
+/// Principal inertias in ascending order.
 fn principal(inertia: &Symmetric3<f64>) -> [f64; 3] {
     let mut values: [f64; 3] = inertia.to_matrix().symmetric_eigenvalues().into();
     values.sort_by(f64::total_cmp);

@@ -1,4 +1,4 @@
-//! Whether the numbers of a joint can be used.
+//! Checks the values of a joint.
 
 use super::description::JointDescription;
 use super::spring::check_spring;
@@ -6,7 +6,7 @@ use crate::error::{Error, number};
 use crate::joints::JointKind;
 use nalgebra::Matrix3;
 
-/// Numbers of one joint: finite, of the right sign, with an axis that has a direction.
+/// Checks that the values of a joint are finite and of the right sign, and that its axis is not zero.
 pub(super) fn check_joint(joint: &JointDescription) -> Result<(), Error> {
     let refuse = |found: String, expected: &str| Err(Error::scene(format!("joint {:?}", joint.name), found, expected));
     let origin = joint.origin.rotation.iter().chain(joint.origin.lever.iter());
@@ -21,7 +21,7 @@ pub(super) fn check_joint(joint: &JointDescription) -> Result<(), Error> {
     let usable = joint.axis.iter().all(|x| x.is_finite()) && joint.axis.amax() > 0.0;
     if joint.kind.has_axis() && !usable {
         let [x, y, z] = <[f64; 3]>::from(joint.axis).map(number);
-        return refuse(format!("axis ({x}, {y}, {z})"), "an axis with a direction");
+        return refuse(format!("axis ({x}, {y}, {z})"), "an axis that is not zero");
     }
     if let JointKind::Screw { pitch } = joint.kind
         && !pitch.is_finite()

@@ -1,4 +1,4 @@
-//! Warnings of linkages that are drawn with few digits.
+//! Warnings about linkages whose dimensions have few digits.
 
 use super::Scene;
 use super::constraint::{Constraint, Near, Tie};
@@ -8,33 +8,33 @@ use crate::kinematics::placements_base_to_tip;
 use crate::spatial::RigidShift;
 use nalgebra::Vector3;
 
-/// An axis of a loop in the base's axes, and what it is of.
+/// An axis of a loop in base axes, with the name of its joint or connection.
 struct LoopAxis {
     name: String,
     /// The body that the joint moves.
     body: Option<usize>,
     direction: Vector3<f64>,
-    /// True for the axis of a prismatic joint.
+    /// True for a prismatic joint.
     translates: bool,
 }
 
-/// How two axes of a loop miss what is meant.
-struct Miss {
+/// Deviation of two axes of a loop from parallel or perpendicular.
+struct AxisDeviation {
     angle: f64,
-    /// Both axes are of one link, so that the angle is in the drawing of this link.
+    /// Both axes belong to one link, so that its description contains the deviation.
     is_of_link: bool,
     text: String,
 }
 
-/// Axes that miss being parallel by less than this may be meant to be parallel.
+/// Axes within this angle of parallel are candidates for axes that are intended to be parallel.
 const NEARLY: f64 = 5e-3;
 
-/// Angles below this are rounding.
+/// Angles below this are rounding errors.
 const ROUNDING: f64 = 1e-11;
 
 impl Scene {
-    /// Texts of warnings, each returned once for a scene: of rows that count as dependent, as far as calls on this scene have found them, and of axes that miss being parallel by more than the
-    /// tolerance.
+    /// Warning texts, each returned once per scene: about rows that count as dependent, as far as calls on this scene
+    /// have computed them, and about axes that deviate from parallel by more than the tolerance.
     #[must_use]
     pub fn new_linkage_warnings(&self) -> Vec<String> {
         let constraints = self.constraints();
@@ -42,14 +42,15 @@ impl Scene {
         if constraints.is_empty() {
             return texts;
         }
-        if constraints.is_looked_at.set(()).is_ok() && constraints.tolerance > 0.0 {
+        if constraints.axes_checked.set(()).is_ok() && constraints.tolerance > 0.0 {
             texts.extend(self.near_miss());
         }
         texts.extend(self.dependent_rows());
         texts
     }
 
-    /// Of neighbors among the axes of a loop that are nearly parallel, but not to within the tolerance: such a linkage is rigid where it is planar.
+    /// Warns about adjacent axes of a loop that are nearly parallel, but not within the tolerance. A linkage that would
+    /// move if they were parallel is then rigid.
     fn near_miss(&self) -> Option<String> {
         let stages = &self.model().system.stages;
         let neutral = &self.constraints().neutral;
@@ -62,8 +63,10 @@ impl Scene {
                 let is_near = angle > self.tolerance() && angle <= NEARLY && !axis.translates && !inner.translates;
                 is_near.then(|| {
                     format!(
-                        "connection {:?}: the axes of {} and {} differ by {angle:.1e} rad, more than the tolerance {:.1e}, and count as not parallel: a planar linkage is rigid then (SceneBuilder.build with \
-                         tolerance={:.0e} treats them as parallel, strict=True takes the drawing as exact without this warning)",
+                        "connection {:?}: the axes of {} and {} differ by {angle:.1e} rad, \
+                         more than the tolerance {:.1e}, and count as not parallel, so that a planar linkage is rigid; \
+                         SceneBuilder.build(tolerance={:.0e}) treats them as parallel, \
+                         and strict=True uses the angles as given, without this warning",
                         constraint.name,
                         inner.name,
                         axis.name,
@@ -75,33 +78,35 @@ impl Scene {
         })
     }
 
-    /// The text of the warning, once; none where rows are independent or dependent to within rounding.
+    /// The warning about dependent rows, once; `None` if rows are independent, or dependent to within rounding.
     fn dependent_rows(&self) -> Option<String> {
         let near = self.constraints().mobility.get()?.near.as_ref()?;
         self.constraints().is_warned.set(()).ok()?;
         let constraint = self.constraints().all.iter().find(|constraint| constraint.rows().contains(&near.row))?;
         let row = near.row - constraint.first_row;
-        let about = self.miss(constraint, near).map_or_else(
+        let about = self.axis_deviation(constraint, near).map_or_else(
             || {
                 format!(
-                    "lengths and angles of the loop agree to within {:.1e} (rad, or over the reach of the loop)",
+                    "lengths and angles of the loop agree to within {:.1e} (rad, or relative to the reach of the loop)",
                     near.value
                 )
             },
-            |miss| miss.text,
+            |deviation| deviation.text,
         );
         Some(format!(
-            "connection {:?}, row {row} ({}): {about}, and the row counts as dependent on others (tolerance {:.1e}; strict=True in SceneBuilder.build takes the drawing as exact)",
+            "connection {:?}, row {row} ({}): {about}, and the row counts as dependent on others (tolerance {:.1e}); \
+             SceneBuilder.build(strict=True) uses the dimensions as given",
             constraint.name,
             name_of_row(&constraint.tie, row),
             self.tolerance(),
         ))
     }
 
-    /// The two axes of the loop that miss being parallel or perpendicular by the largest angle within ten times the tolerance.
-    fn miss(&self, constraint: &Constraint, near: &Near) -> Option<Miss> {
+    /// The two axes of the loop with the largest deviation from parallel or perpendicular, up to ten times the
+    /// tolerance.
+    fn axis_deviation(&self, constraint: &Constraint, near: &Near) -> Option<AxisDeviation> {
         let axes = self.axes_of_loop(constraint, &near.q);
-        let mut largest: Option<Miss> = None;
+        let mut largest: Option<AxisDeviation> = None;
         for (i, first) in axes.iter().enumerate() {
             for second in &axes[i + 1..] {
                 let parallel = first.direction.cross(&second.direction).norm();
@@ -109,29 +114,29 @@ impl Scene {
                 let (angle, meant) = if parallel <= perpendicular {
                     (parallel, "differ by {} and are treated as parallel")
                 } else {
-                    (perpendicular, "are perpendicular but for {} and are treated as perpendicular")
+                    (perpendicular, "are perpendicular to within {} and are treated as perpendicular")
                 };
-                // Axes that rotate at a right angle to each other need not be meant so.
+                // Perpendicular axes of two revolute joints are not necessarily intended to be perpendicular.
                 let counts = parallel <= perpendicular || first.translates != second.translates;
                 let is_small = angle > ROUNDING && angle <= 10.0 * self.tolerance();
                 let parent = |axis: &LoopAxis| axis.body.and_then(|k| self.model().system.stages[k].parent);
                 let is_of_link = first.body.is_some()
                     && second.body.is_some()
                     && (parent(first) == second.body || parent(second) == first.body);
-                let is_larger = |known: &Miss| {
+                let is_larger = |known: &AxisDeviation| {
                     angle > 1.01 * known.angle || is_of_link && !known.is_of_link && angle > 0.99 * known.angle
                 };
                 if counts && is_small && largest.as_ref().is_none_or(is_larger) {
                     let text = meant.replace("{}", &format!("{angle:.1e} rad"));
                     let text = format!("the axes of {} and {} {text}", first.name, second.name);
-                    largest = Some(Miss { angle, is_of_link, text });
+                    largest = Some(AxisDeviation { angle, is_of_link, text });
                 }
             }
         }
         largest
     }
 
-    /// The axes of the joints of a loop, and of the connection that closes it.
+    /// The axes of the joints of a loop and of the connection that closes it.
     fn axes_of_loop(&self, constraint: &Constraint, q: &[f64]) -> Vec<LoopAxis> {
         let model = self.model();
         let mut placements = vec![RigidShift::identity(); model.bodies.len()];

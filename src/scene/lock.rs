@@ -1,29 +1,41 @@
-//! Locking joints: a new scene with those joints folded into the bodies around them.
+//! Locked joints: a new scene in which they are fixed and their links merged.
 
 use super::Scene;
 use super::connection::{ConnectionKind, tidy};
 use super::description::JointDescription;
 use super::properties::Properties;
 use crate::error::Error;
+use crate::interrupt;
 use crate::joints::JointKind;
 use crate::kinematics::joint_shift;
 use crate::spatial::RigidShift;
-use crate::watch;
 
-/// How much a connection of links that are locked onto each other may be off, m or rad.
+/// Largest constraint error accepted for a connection whose two ends are locked to each other, m or rad.
 const HELD: f64 = 1e-6;
 
 impl Scene {
-    /// The scene with `joints` fixed where the configuration `q` has them; names of links stay.
+    /// A scene with `joints` fixed at their positions in `q`; link names are unchanged.
     ///
-    /// A link on a locked joint becomes part of the body that carries it, and so a subtree whose joints are all locked; what is
-    /// locked onto the base is no body at all. M, bias and accelerations are those of this scene with the locked rows left out and the locked
-    /// rates zero. Joints that follow a locked one are locked with it. Connections stay, but for those whose two ends are locked onto each other, and
-    /// contacts, but for those of links that cannot move any more.
+    /// A link on a locked joint becomes part of its parent's body, and a subtree whose joints are all locked becomes
+    /// one body. Links locked to the base are removed from the dynamics. M, bias and accelerations equal those of this
+    /// scene without the rows of the locked joints and with zero velocities there. Joints that follow a locked joint
+    /// are locked with it. Connections remain unless both ends are locked to each other, and contacts remain unless
+    /// their link cannot move.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), phipsi::Error> {
+    /// let scene = phipsi::scenes::chain(3)?;
+    /// let locked = scene.lock(&["j1"], &[0.0, 0.4, 0.0])?;
+    /// assert_eq!(locked.nv(), 2);
+    /// assert_eq!(locked.links().len(), scene.links().len());
+    /// # Ok(())
+    /// # }
+    /// ```
     ///
     /// # Errors
     ///
-    /// An unknown joint, a bad configuration, and a connection that does not hold there and never can.
+    /// [`Error::Argument`] for an unknown joint, an error for an invalid configuration, and [`Error::Scene`] for a
+    /// connection whose ends are locked to each other while it is violated.
     pub fn lock(&self, joints: &[&str], q: &[f64]) -> Result<Self, Error> {
         self.check_coordinates("q", q)?;
         if let Some(coupling) = self.coupling() {
@@ -37,7 +49,7 @@ impl Scene {
         let mut source = self.source().clone();
         let free = source.floating_base.then(|| source.root_joint_name());
         for name in joints {
-            watch::check()?;
+            interrupt::check()?;
             let joint = self.joint(name)?;
             let moved = self.child_placement(joint, q);
             source.locked.push((joint.name.clone(), joint.kind));
@@ -57,7 +69,7 @@ impl Scene {
         source.build()
     }
 
-    /// Without the contacts of what cannot move any more.
+    /// Removes the contacts of links that cannot move.
     fn lock_contacts(&self, source: &mut super::SceneBuilder) -> Result<(), Error> {
         if self.contact_points().is_empty() {
             return Ok(());
@@ -72,8 +84,8 @@ impl Scene {
         Ok(())
     }
 
-    /// The connections of the locked scene: couplings of locked joints with what these are held at, and without those whose ends are rigidly attached
-    /// to each other by now, if they hold at `q`.
+    /// The connections of the locked scene. Couplings to locked joints become fixed coordinates. Connections whose ends
+    /// are rigidly attached to each other are removed if `q` satisfies them.
     fn lock_connections(&self, source: &mut super::SceneBuilder, joints: &[&str], q: &[f64]) -> Result<(), Error> {
         if self.constraints().is_empty() {
             return Ok(());
@@ -95,7 +107,7 @@ impl Scene {
                     }
                     (Some(_), None) => true,
                     (Some(first), Some(other)) => {
-                        // The other is held by the first, unless it does not matter to it.
+                        // The first coordinate determines the other one, unless the multiplier is zero.
                         *offset = (first - *offset) / *multiplier;
                         connection.link = other;
                         *multiplier == 0.0
@@ -110,25 +122,26 @@ impl Scene {
                 continue;
             }
             let mut errors = vec![f64::NAN; constraint.rows().len()];
-            let told = constraint.error(self.model(), q, &mut errors);
+            let defined = constraint.error(self.model(), q, &mut errors);
             let error = errors.iter().fold(0.0_f64, |largest, error| largest.max(error.abs()));
-            if told.is_none() || !(error <= HELD) {
+            if defined.is_none() || !(error <= HELD) {
                 return Err(Error::scene(
                     format!("connection {:?}", connection.name),
-                    format!("an error of {error:.1e} (m or rad) that the locked joints leave as it is"),
-                    "a configuration that meets the connections, as scene.project gives it",
+                    format!("an error of {error:.1e} (m or rad), which the locked joints cannot correct"),
+                    "a configuration that satisfies the connections, such as the result of scene.project",
                 ));
             }
         }
         Ok(())
     }
 
-    /// The child link's frame seen from the parent link's, at `q`.
+    /// Pose of the child link frame in the parent link frame at `q`.
     fn child_placement(&self, joint: &super::Joint, q: &[f64]) -> RigidShift<f64> {
         let model = self.model();
         let bodies =
             (0..model.bodies.len()).filter(|&k| self.joint_of_body(k).is_some_and(|mover| mover.name == joint.name));
-        // From the carrier of the parent link to the child's body, then the frames of the two links on them.
+        // Composes the poses from the carrier of the parent link to the child's body with those of the two links on
+        // their bodies.
         let on_carrier =
             bodies.fold(RigidShift::identity(), |shift, k| shift.compose(&joint_shift(&model.bodies[k], q)));
         let child = self.link(&joint.child).map_or_else(|_| RigidShift::identity(), |link| link.placement);
@@ -143,13 +156,13 @@ impl Scene {
     }
 }
 
-/// A fixed joint in place of the floating base's free one.
+/// Replaces the free joint of the floating base by a fixed joint.
 fn on_a_base(mut source: super::SceneBuilder, free: &super::Joint, placement: &RigidShift<f64>) -> super::SceneBuilder {
     let mut base = "base".to_owned();
     while source.links.iter().any(|link| link.name == base) {
         base.push('_');
     }
-    // Of the free joint it keeps what that has beside its freedom.
+    // Armature, damping, friction and stiffness of the free joint are kept.
     let mut joint = JointDescription {
         name: free.name.clone(),
         kind: JointKind::Fixed,

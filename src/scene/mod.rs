@@ -1,7 +1,8 @@
-//! The scene: an immutable articulated system, shareable between threads.
+//! The scene: an immutable articulated system that threads can share.
 //!
-//! A [`SceneBuilder`] takes links and joints from code or from a URDF (feature `urdf`) and checks them; [`Scene`] has the algorithms, and methods that give changed
-//! scenes. [`Model`] is what the functions of [`dynamics`](crate::dynamics) read, in any scalar.
+//! A [`SceneBuilder`] collects links and joints from code or from a URDF file (feature `urdf`) and checks them.
+//! [`Scene`] provides the algorithms, and methods that return modified scenes. [`Model`] holds the numerical values
+//! that the functions of [`dynamics`](crate::dynamics) read, in any scalar type.
 //!
 //! ```
 //! use nalgebra::Vector3;
@@ -9,8 +10,8 @@
 //! use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription};
 //! use phipsi::spatial::Symmetric3;
 //! # fn main() -> Result<(), phipsi::Error> {
-//! // A pendulum: 1 kg, 0.5 m below a joint about y.
-//! let bob = Inertial { mass: 1.0, centre: Vector3::new(0.0, 0.0, -0.5), central: Symmetric3::zero() };
+//! // A pendulum: 1 kg, 0.5 m below a revolute joint about y.
+//! let bob = Inertial { mass: 1.0, center: Vector3::new(0.0, 0.0, -0.5), central: Symmetric3::zero() };
 //! let mut hinge = JointDescription::new("hinge", JointKind::Revolute, "base", "rod");
 //! hinge.axis = Vector3::y();
 //! let scene = SceneBuilder::new()
@@ -53,7 +54,7 @@ mod whole_check;
 pub use crate::joints::JointKind;
 pub use crate::model::Model;
 #[doc(hidden)]
-pub use crate::model::{Body, Motion, Omissions};
+pub use crate::model::{Body, Motion, Simplifications};
 pub(crate) use builder::{A_LINK, AT_A_TIME};
 pub use builder::{ROOT_JOINT, SceneBuilder};
 pub(crate) use checks::check_tolerance;
@@ -77,61 +78,61 @@ use std::sync::Arc;
 /// A movable joint of a scene.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Joint {
-    /// Its name.
+    /// Name.
     pub name: String,
-    /// What it lets move.
+    /// Kind of motion.
     pub kind: JointKind,
-    /// Name of the link that it carries.
+    /// Name of the child link.
     pub child: String,
-    /// Its coordinates in q.
+    /// Indices of its coordinates in q.
     pub q: Range<usize>,
-    /// Its degrees of freedom in qd, qdd, tau.
+    /// Indices of its degrees of freedom in qd, qdd and tau.
     pub v: Range<usize>,
-    /// Its limits: positions are stops in simulations, the others are reported.
+    /// Limits. Position limits act as stops in simulations; the other limits are reported.
     pub limits: Limits,
 }
 
-/// A link of a scene: which body it is part of, and where on it.
+/// A link of a scene: the body that it is part of, and its pose on that body.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Link {
-    /// Its name.
+    /// Name.
     pub name: String,
-    /// Index of the moving body that carries it; none on the base.
+    /// Index of the moving body that carries it; `None` for the base.
     pub body: Option<usize>,
-    /// From the link's frame to the body's (or the base's).
+    /// Pose of the link frame in the body frame (or base frame).
     pub placement: RigidShift<f64>,
 }
 
-/// An articulated system: bodies, joints, gravity, and the names of them. Immutable.
+/// An immutable articulated system: bodies, joints, gravity, and their names.
 #[derive(Debug, Clone)]
 pub struct Scene {
-    /// Which scene this is: a copy is the same, another one built never is.
+    /// Identity of the scene. Copies share it; every newly built scene has another one.
     identity: Identity,
     source: SceneBuilder,
     warnings: Vec<SceneWarning>,
     model: Model<f64>,
     links: Vec<Link>,
     joints: Vec<Joint>,
-    /// Index of the joint that moves each body; none for a body that stays where it is on its parent.
+    /// Index of the joint that moves each body; `None` for a body that is fixed to its parent.
     joint_of_body: Vec<Option<usize>>,
     merged: Vec<String>,
     link_index: HashMap<String, usize>,
     joint_index: HashMap<String, usize>,
-    /// How its joints follow each other, where some do.
+    /// The coupling of its joints, if some follow others.
     coupling: Option<Arc<Coupling>>,
-    /// What the connections are, by index.
+    /// The connections, by index.
     constraints: Constraints,
-    /// What the contacts are, by index.
+    /// The contacts, by index.
     contact_points: Vec<ContactPoint>,
     shared: Shared,
 }
 
 impl Scene {
-    /// A scene that has no links yet, for the builder to fill.
+    /// A scene without links, which the builder fills.
     fn unfilled(source: SceneBuilder, warnings: Vec<SceneWarning>) -> Self {
         Self {
             identity: Identity::unique(),
-            model: Model::empty(source.gravity, source.omissions),
+            model: Model::empty(source.gravity, source.simplifications),
             source,
             warnings,
             links: Vec::new(),
@@ -147,29 +148,31 @@ impl Scene {
         }
     }
 
-    /// The connections as the sweeps read them.
+    /// The connections in the form that the sweeps read.
     pub(crate) fn constraints(&self) -> &Constraints {
         &self.constraints
     }
 
-    /// The geometric tolerance of linkages, an angle in rad or a length over the reach of the loop: combinations of rows of connections that move joints by less count as dependent. Zero
-    /// in strict scenes: to within rounding.
+    /// Geometric tolerance of linkages: an angle in rad, or a length relative to the reach of the loop.
+    ///
+    /// Combinations of rows of connections that joint motions change by less count as dependent. Zero for strict
+    /// scenes, which tolerate rounding errors only.
     #[must_use]
     pub fn tolerance(&self) -> f64 {
         if self.source.strict { 0.0 } else { self.source.tolerance.unwrap_or(connection::DEFAULT_TOLERANCE) }
     }
 
-    /// The contacts as the sweeps read them.
+    /// The contacts in the form that the sweeps read.
     pub(crate) fn contact_points(&self) -> &[ContactPoint] {
         &self.contact_points
     }
 
-    /// Which scene this is, among all of this process: what is kept for one is never used for another.
+    /// Identity of the scene in this process. Data stored for one scene is never used for another.
     pub(crate) fn identity(&self) -> u64 {
         self.identity.number()
     }
 
-    /// What is made of this scene once.
+    /// Values computed once per scene.
     pub(crate) fn shared(&self) -> &Shared {
         &self.shared
     }
@@ -186,19 +189,19 @@ impl Scene {
         self.coupling().map_or(self.model.nv(), |coupling| coupling.sizes().1)
     }
 
-    /// The numbers that the sweeps read: of the [`tree`](Scene::tree), where joints follow each other.
+    /// The numerical model that the sweeps read; that of the [`tree`](Scene::tree) if joints are coupled.
     #[must_use]
     pub fn model(&self) -> &Model<f64> {
         &self.model
     }
 
-    /// What the scene was built from; building it again gives an equal scene.
+    /// The description that the scene was built from. Building it again returns an equal scene.
     #[must_use]
     pub fn source(&self) -> &SceneBuilder {
         &self.source
     }
 
-    /// What its user should know.
+    /// Warnings about probably unintended properties of the scene.
     #[must_use]
     pub fn warnings(&self) -> &[SceneWarning] {
         &self.warnings
@@ -210,23 +213,23 @@ impl Scene {
         &self.joints
     }
 
-    /// Links, depth first; those on fixed joints included.
+    /// Links in depth-first order, including those on fixed joints.
     #[must_use]
     pub fn links(&self) -> &[Link] {
         &self.links
     }
 
-    /// Names of the fixed joints that were merged away.
+    /// Names of the fixed joints that were merged.
     #[must_use]
     pub fn merged_joints(&self) -> &[String] {
         &self.merged
     }
 
-    /// The joint of that name.
+    /// The movable joint named `name`.
     ///
     /// # Errors
     ///
-    /// [`Error::Argument`] with the names that there are.
+    /// [`Error::Argument`], which lists the existing names.
     pub fn joint(&self, name: &str) -> Result<&Joint, Error> {
         self.joint_index
             .get(name)
@@ -234,11 +237,11 @@ impl Scene {
             .ok_or_else(|| unknown("joint", name, self.joints.iter().map(|joint| joint.name.as_str())))
     }
 
-    /// The link of that name.
+    /// The link named `name`.
     ///
     /// # Errors
     ///
-    /// [`Error::Argument`] with the names that there are.
+    /// [`Error::Argument`], which lists the existing names.
     pub fn link(&self, name: &str) -> Result<&Link, Error> {
         self.link_index
             .get(name)
@@ -246,7 +249,7 @@ impl Scene {
             .ok_or_else(|| unknown("link", name, self.links.iter().map(|link| link.name.as_str())))
     }
 
-    /// The joint that moves body `body` of the model; none for a fixed one that was not merged.
+    /// The joint that moves body `body` of the model; `None` for a fixed body that was not merged.
     #[must_use]
     #[doc(hidden)]
     pub fn joint_of_body(&self, body: usize) -> Option<&Joint> {
@@ -254,7 +257,7 @@ impl Scene {
     }
 }
 
-/// A message for a name that is not there, with those that are.
+/// The error for an unknown name, which lists the existing names.
 fn unknown<'a>(what: &str, name: &str, known: impl Iterator<Item = &'a str>) -> Error {
     let mut names: Vec<String> = known.map(|name| format!("{name:?}")).collect();
     let total = names.len();

@@ -1,4 +1,4 @@
-//! Other inertias: a load on a link, with the mass of the two together, and links with other numbers.
+//! Modified inertias: a payload on a link, and links with other inertias.
 
 use super::Scene;
 use super::description::Inertial;
@@ -8,21 +8,21 @@ use nalgebra::Matrix3;
 use std::collections::HashMap;
 
 impl Scene {
-    /// The scene with a rigid body added to a link, given in the link's frame; names and coordinates stay.
+    /// The scene with a rigid body added to a link, given in the link frame; names and coordinates are unchanged.
     ///
-    /// A link on the base carries it without effect on the dynamics, for the base does not move.
+    /// A payload on a link of the base does not affect the dynamics, because the base does not move.
     ///
     /// # Errors
     ///
-    /// [`Error::Argument`] for an unknown link and for a mass that is negative or not finite, [`Error::NotFinite`] for other numbers (`com`,
-    /// `inertia`); with a strict scene [`Error::Scene`] for an inertia that no body can have.
+    /// [`Error::Argument`] for an unknown link and for a mass that is negative or not finite; [`Error::NotFinite`] for
+    /// other values (`com`, `inertia`); for a strict scene [`Error::Scene`] for a nonphysical inertia.
     pub fn with_payload(&self, link: &str, payload: &Inertial) -> Result<Self, Error> {
         self.link(link)?;
-        let Inertial { mass, centre, central } = payload;
+        let Inertial { mass, center, central } = payload;
         if !(mass.is_finite() && *mass >= 0.0) {
             return Err(Error::argument("mass", mass.to_string(), "a finite mass, zero or positive"));
         }
-        check_finite("com", centre.as_slice())?;
+        check_finite("com", center.as_slice())?;
         check_finite("inertia", &central.entries)?;
         let mut source = self.source().clone();
         if let Some(carrier) = source.links.iter_mut().find(|carrier| carrier.name == link) {
@@ -31,11 +31,11 @@ impl Scene {
         source.build()
     }
 
-    /// A new scene whose named links have other inertias; what is fixed onto them keeps its own.
+    /// The scene with other inertias for some links. Links fixed to them keep their inertias.
     ///
     /// # Errors
     ///
-    /// An unknown link, a mass that is negative, or numbers that are not finite, by the link's name.
+    /// [`Error::Argument`] for an unknown link or a negative mass, and [`Error::NotFinite`], each naming the link.
     pub fn with_inertias(&self, inertias: &[(&str, Inertial)]) -> Result<Self, Error> {
         let mut source = self.source().clone();
         let places: HashMap<String, usize> =
@@ -49,7 +49,7 @@ impl Scene {
                     "the name of a link that the scene was built with",
                 ));
             };
-            let Inertial { mass, centre, central } = inertial;
+            let Inertial { mass, center, central } = inertial;
             if !(mass.is_finite() && *mass >= 0.0) {
                 return Err(Error::argument(
                     format!("mass of link {link:?}"),
@@ -57,9 +57,9 @@ impl Scene {
                     "a finite mass, zero or positive",
                 ));
             }
-            check_finite(&format!("com of link {link:?}"), centre.as_slice())?;
+            check_finite(&format!("com of link {link:?}"), center.as_slice())?;
             check_finite(&format!("inertia of link {link:?}"), &central.entries)?;
-            // Without mass and inertia it is a mere frame.
+            // A link without mass and inertia is a massless frame.
             let is_frame = *mass == 0.0 && central.entries.iter().all(|&entry| entry == 0.0);
             source.links[at].inertial = (!is_frame).then_some(*inertial);
         }
@@ -67,17 +67,17 @@ impl Scene {
     }
 }
 
-/// Two bodies as one. The moment of two masses about their common centre is that of the reduced mass at their distance, so that
-/// nothing cancels however far from the link's frame they are.
+/// Combines two rigid bodies. Uses the reduced mass at the distance of the two centers of mass, so that no terms cancel
+/// for bodies far from the origin of the link frame.
 fn together(one: &Inertial, other: &Inertial) -> Inertial {
     let mass = one.mass + other.mass;
     let central = one.central.add(&other.central);
     if mass == 0.0 {
-        return Inertial { mass, centre: one.centre, central };
+        return Inertial { mass, center: one.center, central };
     }
-    let apart = other.centre - one.centre;
+    let apart = other.center - one.center;
     let share = other.mass / mass;
     let reduced = one.mass * share;
     let moment = (Matrix3::identity() * apart.norm_squared() - apart * apart.transpose()) * reduced;
-    Inertial { mass, centre: one.centre + apart * share, central: central.add(&Symmetric3::from_upper(&moment)) }
+    Inertial { mass, center: one.center + apart * share, central: central.add(&Symmetric3::from_upper(&moment)) }
 }

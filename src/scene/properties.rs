@@ -1,14 +1,14 @@
-//! Changed properties of joints: a new scene with other armature, damping, friction or stiffness.
+//! Modified joint properties: a new scene with other armature, damping, friction or stiffness.
 
 use super::Scene;
 use super::description::JointDescription;
 use crate::error::Error;
 use std::collections::HashMap;
 
-/// A property that every joint has one number of, for each of its degrees of freedom.
+/// A scalar property of a joint, which applies to each of its degrees of freedom.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Property {
-    /// Inertia of the rotor, kg m^2 or kg: part of M.
+    /// Armature (rotor inertia reflected to the joint), kg m^2 or kg: part of M.
     Armature,
     /// Viscous damping, N m s/rad or N s/m (simulation only).
     Damping,
@@ -19,7 +19,7 @@ pub enum Property {
 }
 
 impl Property {
-    /// All of them.
+    /// All properties.
     pub const ALL: [Self; 4] = [Self::Armature, Self::Damping, Self::Friction, Self::Stiffness];
 
     /// The name used in Python and in messages.
@@ -43,12 +43,12 @@ impl Property {
     }
 }
 
-/// The properties of the free joint of a floating base, which no description names; in the order of [`Property::ALL`].
+/// Properties of the free joint of a floating base, which has no description, in the order of [`Property::ALL`].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Properties(pub [f64; 4]);
 
 impl Properties {
-    /// Gives them to a joint.
+    /// Assigns them to a joint.
     pub(super) fn give(&self, joint: &mut JointDescription) {
         for (property, value) in Property::ALL.into_iter().zip(self.0) {
             *property.of(joint) = value;
@@ -57,14 +57,16 @@ impl Properties {
 }
 
 impl Scene {
-    /// The scene with other properties of some joints, each (joint, property, value); everything else stays.
+    /// The scene with other properties for some joints, given as (joint, property, value); everything else is
+    /// unchanged.
     ///
-    /// The free joint of a floating base is named too, "`root_joint`". A joint of several degrees of freedom has the value at each of them.
+    /// The free joint of a floating base has the name "`root_joint`". For a joint of several degrees of freedom the
+    /// value applies to each of them.
     ///
     /// # Errors
     ///
-    /// [`Error::Argument`] named after the property, for a joint that is unknown or fixed, and for a value that is negative or
-    /// not finite.
+    /// [`Error::Argument`], named after the property, for a joint that is unknown or fixed and for a value that is
+    /// negative or not finite.
     pub fn with_properties<'a>(
         &self,
         changes: impl IntoIterator<Item = (&'a str, Property, f64)>,
@@ -81,7 +83,7 @@ impl Scene {
             if let Some(&at) = index.get(name) {
                 *property.of(&mut source.joints[at]) = value;
             } else {
-                // The one joint that moves and is not described.
+                // The free joint of a floating base is the only movable joint without a description.
                 source.root.0[property as usize] = value;
             }
         }

@@ -1,10 +1,10 @@
-//! What is made of a scene once, and read by every thread.
+//! Values computed once per scene and read by all threads.
 
 use std::any::{Any, TypeId};
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Values made of one scene, one of each type.
+/// Values computed for one scene, at most one of each type.
 #[derive(Clone, Default)]
 pub(crate) struct Shared(Arc<Mutex<HashMap<TypeId, Arc<dyn Any + Send + Sync>>>>);
 
@@ -15,11 +15,11 @@ impl std::fmt::Debug for Shared {
 }
 
 impl Shared {
-    /// The value of this type; made by the first call.
+    /// The value of type `V`; the first call computes it.
     pub fn get_or_make<V: Any + Send + Sync>(&self, make: impl FnOnce() -> V) -> Arc<V> {
         let mut values = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let value = values.entry(TypeId::of::<V>()).or_insert_with(|| Arc::new(make()));
-        // Filed under its own type, so that there is nothing else to find.
+        // The key is the type of the value, so that the downcast cannot fail.
         Arc::clone(value).downcast().unwrap_or_else(|_| unreachable!("filed under its type"))
     }
 }

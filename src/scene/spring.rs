@@ -1,24 +1,24 @@
-//! The spring of a joint: stiffness, and where it is at rest. Simulation only.
+//! Joint springs: stiffness and rest position. Simulation only.
 
 use crate::error::{Error, number};
 use crate::joints::JointKind;
 use crate::joints::quaternion::QUATERNION_SLACK;
 
-/// A spring in a joint, the same for each of its degrees of freedom.
+/// A joint spring, with the same stiffness for each degree of freedom of the joint.
 ///
-/// Its torque is minus the stiffness times how far the joint is from rest: a difference of angles or lengths; for a rotation of
-/// three degrees of freedom the rotation vector from rest, in the child's frame; for a free joint also the displacement, in
-/// the child's frame.
+/// Its torque is minus the stiffness times the deviation from the rest position: the difference of angles or lengths;
+/// for spherical joints the rotation vector from rest, in the child frame; for a free joint also the displacement, in
+/// the child frame.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Spring {
     /// Stiffness, N m/rad or N/m; zero or positive.
     pub stiffness: f64,
-    /// The joint's coordinates at rest; empty where these are the neutral ones (zero, quaternions the identity).
+    /// Coordinates of the joint at rest; empty for the neutral ones (zero, identity quaternion).
     pub rest: Vec<f64>,
 }
 
 impl Spring {
-    /// What is wrong with it in a joint of this kind, as (found, expected).
+    /// Describes an invalid spring for a joint of this kind as (found, expected).
     pub(super) fn fault(&self, kind: JointKind) -> Option<(String, String)> {
         let positive = "a finite number, zero or positive".to_owned();
         if !(self.stiffness.is_finite() && self.stiffness >= 0.0) {
@@ -29,8 +29,8 @@ impl Spring {
         }
         let nq = kind.nq();
         if self.rest.len() != nq {
-            let expected = format!("{nq} coordinates, as a {} joint has", kind.name());
-            return Some((format!("{} coordinates of rest", self.rest.len()), expected));
+            let expected = format!("{nq} coordinates for a {} joint", kind.name());
+            return Some((format!("{} coordinates of the rest position", self.rest.len()), expected));
         }
         if let Some(value) = self.rest.iter().find(|x| !x.is_finite()) {
             return Some((format!("rest {value}"), "finite numbers".to_owned()));
@@ -42,7 +42,7 @@ impl Spring {
     }
 }
 
-/// Whether the spring of a joint can be used.
+/// Checks the spring of a joint.
 pub(super) fn check_spring(name: &str, kind: JointKind, spring: &Spring) -> Result<(), Error> {
     spring.fault(kind).map_or(Ok(()), |(found, expected)| Err(Error::scene(format!("joint {name:?}"), found, expected)))
 }

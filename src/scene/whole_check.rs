@@ -1,36 +1,37 @@
-//! What is to be said of a scene as a whole, once its links and joints make a tree: warnings, and a base that floats twice.
+//! Checks of a scene as a whole, after its links and joints form a tree: warnings, and duplicate floating bases.
 
 use super::assembly::Tree;
 use super::description::{Inertial, JointDescription, Mimic, MimicJoints, SceneWarning};
 use super::inertia_check::unphysical;
 use super::{AT_A_TIME, SceneBuilder};
 use crate::error::Error;
+use crate::interrupt;
 use crate::joints::JointKind;
-use crate::watch;
 use std::collections::HashSet;
 
 impl SceneBuilder {
-    /// An error of the tree, with what was not understood in the file: a misspelt joint leaves two trees.
+    /// Adds the unrecognized elements of the file to an error of the tree: a misspelled joint element causes two trees.
     pub(super) fn with_notes(&self, mut error: Error) -> Error {
         if let Error::Scene { found, .. } = &mut error {
             for note in &self.notes {
                 if let SceneWarning::NotUnderstood { found: passed_over, .. } = note {
-                    *found = format!("{found} (not understood in the file: {passed_over})");
+                    *found = format!("{found} (not recognized in the file: {passed_over})");
                 }
             }
         }
         error
     }
 
-    /// Whether a link has mass or inertia.
+    /// True if a link has mass or inertia.
     fn has_mass(&self, link: usize) -> bool {
         let heavy = |inertial: &Inertial| inertial.mass != 0.0 || inertial.central.entries.iter().any(|&x| x != 0.0);
         self.links[link].inertial.as_ref().is_some_and(heavy)
     }
 
-    /// Refuses a floating base under a robot that floats already, where the ground would be what floats.
+    /// Rejects a floating base for a robot that already has a free joint on its massless root link; the ground would
+    /// float.
     pub(super) fn check_base(&self, tree: &Tree) -> Result<(), Error> {
-        // Where joints are locked, the whole scene has been looked at.
+        // A scene with locked joints was checked before locking.
         if !self.floating_base || !self.locked.is_empty() {
             return Ok(());
         }
@@ -51,23 +52,23 @@ impl SceneBuilder {
         }
         Err(Error::scene(
             format!("floating base of root link {root:?}"),
-            format!("joint {:?}, on which the scene floats already", self.joints[joint].name),
-            "no floating base (floating_base=False), or that joint and its parent link left out",
+            format!("joint {:?}, which makes the scene floating already", self.joints[joint].name),
+            "no floating base (floating_base=False), or a description without that joint and its parent link",
         ))
     }
 
-    /// What the user should know, what was read first; as an error if the scene is strict.
+    /// Warnings for the user, those of the reader first; an error if the scene is strict.
     pub(super) fn warnings(&self, tree: &Tree) -> Result<Vec<SceneWarning>, Error> {
         let mut warnings = self.notes.clone();
         warnings.extend(self.no_mass(tree));
         for (i, link) in self.links.iter().enumerate() {
-            watch::check_at(i, AT_A_TIME)?;
+            interrupt::check_at(i, AT_A_TIME)?;
             if let Some(found) = link.inertial.as_ref().and_then(unphysical) {
                 warnings.push(SceneWarning::Inertia { link: link.name.clone(), found });
             }
         }
         let names: HashSet<&str> = self.joints.iter().map(|joint| joint.name.as_str()).collect();
-        // A fixed joint that keeps its <mimic> has no coordinate to be independent.
+        // A fixed joint with a <mimic> has no coordinate.
         let free = |joint: &&JointDescription| joint.kind != JointKind::Fixed && self.mimic_joints == MimicJoints::Free;
         for joint in self.joints.iter().filter(free) {
             if let Some(Mimic { joint: source, .. }) = &joint.mimic {
@@ -75,7 +76,7 @@ impl SceneBuilder {
             }
         }
         if self.strict {
-            // Bodies before words. A mimic of a joint that is there means something, though it is not followed.
+            // In a strict scene, report inertias before other warnings. A mimic of an existing joint is not an error.
             let physical = |warning: &SceneWarning| matches!(warning, SceneWarning::Inertia { .. });
             let fault = |warning: &SceneWarning| match warning {
                 SceneWarning::Mimic { source, .. } => !names.contains(source.as_str()),
@@ -88,8 +89,8 @@ impl SceneBuilder {
         Ok(warnings)
     }
 
-    /// The moving links of a file, if there are some and none has mass. Where joints are locked, the whole scene has been
-    /// looked at.
+    /// The moving links of a file, if there are some and none has mass. A scene with locked joints was checked before
+    /// locking.
     fn no_mass(&self, tree: &Tree) -> Option<SceneWarning> {
         if !self.from_file || !self.locked.is_empty() {
             return None;

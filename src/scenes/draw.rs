@@ -1,11 +1,11 @@
-//! Numbers from a seed, the same on every machine and without a dependency.
+//! Pseudorandom numbers from a seed, identical on every machine, without a dependency.
 
-/// A counter whose bits are mixed (splitmix64).
+/// A generator of type splitmix64.
 #[derive(Debug, Clone)]
 pub(crate) struct Draw(u64);
 
 impl Draw {
-    /// The numbers of `seed`.
+    /// The generator with the given seed.
     pub fn new(seed: u64) -> Self {
         Self(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ 0xD1B5_4A32_D192_ED03)
     }
@@ -24,7 +24,7 @@ impl Draw {
         low + (high - low) * ((self.bits() >> 11) as f64 / (1u64 << 53) as f64)
     }
 
-    /// Heads or tails.
+    /// A random boolean.
     pub fn coin(&mut self) -> bool {
         self.bits() >> 63 == 1
     }

@@ -1,7 +1,8 @@
-//! Extreme and stiff cases by name, each with a parameter to sweep: where algorithms lose digits, and where problems do.
+//! Extreme and stiff test cases by name, each with one parameter: problems on which algorithms lose precision, and
+//! ill-conditioned problems.
 //!
-//! Most are well-conditioned problems: the exact accelerations hardly change when the numbers that describe them do. Whether a
-//! case is one says [`crate::report::sensitivity`], and not its name.
+//! Most are well-conditioned: the exact accelerations hardly change for small relative changes of the model parameters.
+//! [`crate::report::sensitivity`] measures the conditioning of a case.
 
 use super::DESCRIBED;
 use super::blueprint::{AXES, Blueprint, LENGTH, row, slab};
@@ -12,41 +13,41 @@ use crate::scene::{A_LINK, Inertial, JointKind, Scene};
 use crate::spatial::Symmetric3;
 use nalgebra::Vector3;
 
-/// A named case at one value of its parameter, with one state; the same from the same arguments.
+/// A named case for one value of its parameter, with one state. It is deterministic.
 #[derive(Debug, Clone)]
 pub struct Extreme {
-    /// Its name, one of [`names`].
+    /// Name, one of [`names`].
     pub name: &'static str,
-    /// What is swept, with its unit.
+    /// The parameter with its unit.
     pub parameter: &'static str,
-    /// The value that was used.
+    /// Value of the parameter.
     pub value: f64,
-    /// Values worth sweeping.
+    /// Suggested values of the parameter.
     pub values: &'static [f64],
     /// The scene.
     pub scene: Scene,
-    /// Configuration, (nq,); every number of the state but those of quaternions is one that float32 holds.
+    /// Configuration, (nq,). All values of the state except quaternions are exactly representable in f32.
     pub q: Vec<f64>,
-    /// Rates, (nv,), rad/s or m/s; none is zero.
+    /// Joint velocities, (nv,), rad/s or m/s; none is zero.
     pub qd: Vec<f64>,
     /// Torques or forces, (nv,), N m or N; none is zero.
     pub tau: Vec<f64>,
 }
 
-/// What a case is: the parameter, and how the scene depends on it.
+/// Definition of a case: the parameter, and the dependence of the scene on it.
 struct Kind {
     name: &'static str,
     parameter: &'static str,
     values: &'static [f64],
     usual: f64,
-    /// Which values mean something.
+    /// Admissible values.
     allowed: Allowed,
-    /// Joints, where the caller does not say; none where the value itself is their number.
+    /// Default number of joints; `None` if the value is the number of joints.
     bodies: Option<usize>,
-    /// Fewest joints that the case needs.
+    /// Smallest number of joints.
     least: usize,
     make: fn(f64, usize, &mut Draw) -> Blueprint,
-    /// Size of the angles, rad (or m), and of the rates, rad/s (or m/s).
+    /// Sizes of the joint positions, rad (or m), and of the joint velocities, rad/s (or m/s), of the state.
     state: fn(f64) -> (f64, f64),
 }
 
@@ -57,18 +58,18 @@ enum Allowed {
     Count,
 }
 
-/// Angles and rates of an ordinary state.
+/// Sizes of joint positions and velocities of an ordinary state.
 fn ordinary(_: f64) -> (f64, f64) {
     (2.0, 1.0)
 }
 
-/// The most joints that a case is built with.
+/// Largest number of joints of a case.
 const MOST: usize = 100_000;
 
 const LARGE: &[f64] = &[1.0, 1e3, 1e6, 1e9, 1e12, 1e15];
 const SMALL: &[f64] = &[1.0, 1e-3, 1e-6, 1e-9, 1e-12, 1e-15];
 
-/// Every case.
+/// All cases.
 #[rustfmt::skip] // a table
 const KINDS: [Kind; 18] = [
     Kind { name: "long-chain", parameter: "links", values: &[10.0, 30.0, 100.0, 300.0, 1e3, 3e3, 1e4], usual: 100.0, allowed: Allowed::Count, bodies: None, least: 1, make: long_chain, state: |_| (0.01, 0.1) },
@@ -79,7 +80,7 @@ const KINDS: [Kind; 18] = [
     Kind { name: "massless-middle", parameter: "mass of every third link, kg", values: &[1.0, 1e-3, 1e-6, 1e-9, 1e-12, 1e-15, 0.0], usual: 1e-12, allowed: Allowed::NotNegative, bodies: Some(9), least: 3, make: massless_middle, state: ordinary },
     Kind { name: "zero-inertia", parameter: "inertia of the last link about its axis, kg m^2", values: &[1.0, 1e-3, 1e-6, 1e-9, 1e-12, 1e-15, 0.0], usual: 0.0, allowed: Allowed::NotNegative, bodies: Some(6), least: 1, make: zero_inertia, state: ordinary },
     Kind { name: "short-links", parameter: "length of every other link, m", values: SMALL, usual: 1e-6, allowed: Allowed::Positive, bodies: Some(16), least: 2, make: short_links, state: ordinary },
-    Kind { name: "near-parallel-axes", parameter: "angle between neighbouring axes, rad", values: &[1.0, 1e-2, 1e-4, 1e-6, 1e-8, 1e-12, 0.0], usual: 1e-6, allowed: Allowed::NotNegative, bodies: Some(10), least: 2, make: near_parallel, state: ordinary },
+    Kind { name: "near-parallel-axes", parameter: "angle between neighboring axes, rad", values: &[1.0, 1e-2, 1e-4, 1e-6, 1e-8, 1e-12, 0.0], usual: 1e-6, allowed: Allowed::NotNegative, bodies: Some(10), least: 2, make: near_parallel, state: ordinary },
     Kind { name: "near-coincident-axes", parameter: "angle, rad, and distance, m, between two axes with no mass between them", values: &[1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6], usual: 1e-3, allowed: Allowed::Positive, bodies: Some(8), least: 2, make: near_coincident, state: ordinary },
     Kind { name: "needles", parameter: "inertia about the long axis over that across it", values: SMALL, usual: 1e-9, allowed: Allowed::NotNegative, bodies: Some(9), least: 1, make: needles, state: ordinary },
     Kind { name: "prismatic-chain", parameter: "mass of every other link, kg", values: SMALL, usual: 1e-9, allowed: Allowed::Positive, bodies: Some(12), least: 2, make: prismatic, state: ordinary },
@@ -97,15 +98,15 @@ pub fn names() -> impl ExactSizeIterator<Item = &'static str> {
     KINDS.iter().map(|kind| kind.name)
 }
 
-/// The case of that name: its scene with the parameter at `value` and with `bodies` joints, and a state.
+/// The case named `name`: its scene for the parameter `value` with `bodies` joints, and a state.
 ///
-/// What is not given is as usual for the case. `seed` picks the state, and the masses of "log-uniform-masses". Links are
-/// `link0`, ... on joints `joint0`, ... from the base outward. "zero-inertia" at 0 builds, and its forward dynamics raises
-/// for its last joint. O(bodies).
+/// `None` selects the default of the case. `seed` determines the state, and the masses of "log-uniform-masses". The
+/// links are `link0`, ... on joints `joint0`, ... in order from the base. For "zero-inertia" with value 0, forward
+/// dynamics returns an error for the last joint. O(bodies).
 ///
 /// # Errors
 ///
-/// [`Error::Argument`] for a name that is not there, a value that the case has no meaning for, and too few or too many bodies.
+/// [`Error::Argument`] for an unknown name, a value outside the domain of the case, and too few or too many bodies.
 pub fn extreme(name: &str, value: Option<f64>, bodies: Option<usize>, seed: u64) -> Result<Extreme, Error> {
     let kind = KINDS.iter().find(|kind| kind.name == name).ok_or_else(|| {
         let known: Vec<String> = names().map(|name| format!("{name:?}")).collect();
@@ -137,7 +138,7 @@ impl Allowed {
 }
 
 impl Kind {
-    /// How many joints there are to be.
+    /// Number of joints.
     fn count(&self, value: f64, asked: Option<usize>) -> Result<usize, Error> {
         let refuse = |found: usize, expected: String| Err(Error::argument("bodies", found.to_string(), expected));
         match (self.bodies, asked) {
@@ -156,7 +157,7 @@ impl Kind {
 /// q, qd and tau.
 type Numbers = (Vec<f64>, Vec<f64>, Vec<f64>);
 
-/// A state without zeros and without two numbers alike, in numbers that float32 holds (but for quaternions, which stay of unit length).
+/// A state without zeros and repeated values, exactly representable in f32 (except quaternions, which have unit norm).
 fn state(scene: &Scene, (angles, rates): (f64, f64), draw: &mut Draw, distance: f64) -> Result<Numbers, Error> {
     let mut numbers = |size: f64| -> Vec<f64> {
         let one = |draw: &mut Draw| size * draw.uniform(0.1, 1.0) * if draw.coin() { 1.0 } else { -1.0 };
@@ -180,7 +181,7 @@ fn state(scene: &Scene, (angles, rates): (f64, f64), draw: &mut Draw, distance: 
     Ok((q, qd, tau))
 }
 
-#[allow(clippy::cast_possible_truncation)] // that is its purpose
+#[allow(clippy::cast_possible_truncation)] // rounding is the purpose
 fn in_single(x: f64) -> f64 {
     f64::from(x as f32)
 }
@@ -192,7 +193,7 @@ fn to_float(count: usize) -> f64 {
 
 fn long_chain(_: f64, n: usize, _: &mut Draw) -> Blueprint {
     let mut chain = row(n);
-    // No axis along the chain: its links are in line, and stay nearly so.
+    // No axis is along the chain; the links are, and remain nearly so.
     for (k, part) in chain.parts.iter_mut().enumerate() {
         part.axis = if k % 2 == 0 { Vector3::z() } else { Vector3::y() };
     }
@@ -211,7 +212,7 @@ fn alternating_masses(value: f64, n: usize, _: &mut Draw) -> Blueprint {
     row(n).masses(|k| alternating(k, n, value))
 }
 
-/// Every other one, and not the last: a light tip flies about and hides the rest.
+/// `value` for every other part except the last: a light tip would have large accelerations that dominate the error.
 fn alternating(k: usize, n: usize, value: f64) -> f64 {
     if (n - 1 - k) % 2 == 1 { value } else { 1.0 }
 }
@@ -221,7 +222,7 @@ fn growing_masses(value: f64, n: usize, _: &mut Draw) -> Blueprint {
 }
 
 fn massless_middle(value: f64, n: usize, _: &mut Draw) -> Blueprint {
-    // Never the last one, which nothing would be left to move.
+    // Never the last link, because its joint would then move no mass.
     let light = |k: usize| k % 3 == 1 && k + 1 < n;
     let mut chain = row(n).masses(|k| if light(k) { value } else { 1.0 });
     for part in &mut chain.parts {
@@ -233,11 +234,11 @@ fn massless_middle(value: f64, n: usize, _: &mut Draw) -> Blueprint {
 fn zero_inertia(value: f64, n: usize, _: &mut Draw) -> Blueprint {
     let mut chain = row(n);
     if let Some(last) = chain.parts.last_mut() {
-        // A rod along its own axis.
+        // The axis of a rod is its own axis of symmetry.
         last.axis = Vector3::x();
         last.inertial = Some(Inertial {
             mass: 1.0,
-            centre: Vector3::new(0.5 * LENGTH, 0.0, 0.0),
+            center: Vector3::new(0.5 * LENGTH, 0.0, 0.0),
             central: Symmetric3::new([value, 0.0, 0.0, value + 0.02, 0.0, value + 0.02]),
         });
     }
@@ -271,7 +272,7 @@ fn near_parallel(value: f64, n: usize, _: &mut Draw) -> Blueprint {
 fn near_coincident(value: f64, n: usize, _: &mut Draw) -> Blueprint {
     let mut chain = row(n);
     for (k, part) in chain.parts.iter_mut().enumerate() {
-        // Pairs of joints; only the second of a pair carries mass.
+        // Pairs of joints; only the second of each pair carries mass.
         if k % 2 == 1 {
             part.axis = Vector3::from(AXES[(k - 1) % 3]) + Vector3::from(AXES[k % 3]) * value;
             part.lever = Vector3::new(0.0, value, 0.0);
@@ -285,14 +286,14 @@ fn near_coincident(value: f64, n: usize, _: &mut Draw) -> Blueprint {
 fn needles(value: f64, n: usize, _: &mut Draw) -> Blueprint {
     let mut chain = row(n);
     for (k, part) in chain.parts.iter_mut().enumerate() {
-        // Every third turns about its own length.
+        // Every third joint rotates about the long axis of its link.
         if k % 3 == 2 {
             part.axis = Vector3::x();
         }
         let across = 0.02;
         part.inertial = Some(Inertial {
             mass: 1.0,
-            centre: Vector3::new(0.5 * LENGTH, 0.0, 0.0),
+            center: Vector3::new(0.5 * LENGTH, 0.0, 0.0),
             central: Symmetric3::new([value * across, 0.0, 0.0, across, 0.0, across]),
         });
     }
@@ -308,7 +309,7 @@ fn prismatic(value: f64, n: usize, _: &mut Draw) -> Blueprint {
 }
 
 fn heavy_leaves(value: f64, n: usize, _: &mut Draw) -> Blueprint {
-    // A hub that turns, arms of two links on it, the outer ones heavy.
+    // A rotating hub with arms of two links, the outer ones heavy.
     let mut tree = row(n).masses(|k| if k > 0 && k % 2 == 0 { value } else { 1.0 });
     let arms = to_float((n - 1).div_ceil(2));
     for (k, part) in tree.parts.iter_mut().enumerate().skip(1) {

@@ -1,4 +1,4 @@
-//! Scenes that ship with the library: for benches, reports, examples and tests.
+//! Example scenes of the library, for benchmarks, reports, examples and tests.
 //!
 //! ```
 //! # fn main() -> Result<(), phipsi::Error> {
@@ -6,7 +6,7 @@
 //!
 //! assert_eq!(scenes::chain(7)?.nv(), 7);
 //! for name in scenes::names() {
-//!     println!("{name}"); // `scenes::extreme` makes them: light on heavy, nearly singular, far from the base
+//!     println!("{name}"); // built by `scenes::extreme`: large mass ratios, near-singular, far from the base
 //! }
 //! # Ok(())
 //! # }
@@ -21,34 +21,34 @@ pub use extreme::{Extreme, extreme, names};
 use crate::error::Error;
 use crate::scene::{A_LINK, AT_A_TIME, Inertial, JointDescription, JointKind, LinkDescription, Scene, SceneBuilder};
 use crate::spatial::{RigidShift, Symmetric3};
-use crate::{memory, watch};
+use crate::{interrupt, memory};
 use nalgebra::{Matrix3, Vector3};
 
-/// The bundled arm as URDF: a PUMA 560 written from the published figures that the file names.
+/// The bundled arm as URDF: a PUMA 560 with the published parameters that the file cites.
 #[cfg(feature = "urdf")]
 pub const BUNDLED_ARM: &str = include_str!("../../assets/puma560.urdf");
 
-/// About what describes a link with its joint, in bytes.
+/// Approximate memory for the description of a link with its joint, bytes.
 const DESCRIBED: usize = 1_000;
 
-/// A chain of `n` equal links, 0.3 m and 1 kg, revolute about z, successive axes at right angles.
+/// A chain of `n` equal links of 0.3 m and 1 kg on revolute joints about z, with successive axes perpendicular.
 ///
-/// The chain that the benches run, the same as the one they build for Pinocchio.
+/// The benchmarks use this chain, and build the same one for Pinocchio.
 ///
 /// # Errors
 ///
-/// [`Error::Memory`] for more links than there is room for.
+/// [`Error::Memory`] if the memory for the links is not available.
 pub fn chain(n: usize) -> Result<Scene, Error> {
     let rod = Inertial {
         mass: 1.0,
-        centre: Vector3::new(0.0, 0.0, 0.15),
+        center: Vector3::new(0.0, 0.0, 0.15),
         central: Symmetric3::new([0.01, 0.0, 0.0, 0.01, 0.0, 0.002]),
     };
     memory::room("n", memory::bytes_of::<[u8; A_LINK + DESCRIBED]>(&[n]))?;
     let quarter = Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0);
     let mut builder = SceneBuilder::new().link(LinkDescription { name: "base".into(), inertial: None });
     for k in 0..n {
-        watch::check_at(k, AT_A_TIME)?;
+        interrupt::check_at(k, AT_A_TIME)?;
         let parent = if k == 0 { "base".into() } else { format!("link{}", k - 1) };
         let mut joint = JointDescription::new(format!("j{k}"), JointKind::Revolute, parent, format!("link{k}"));
         joint.origin = RigidShift {

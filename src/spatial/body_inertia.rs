@@ -1,4 +1,4 @@
-//! The spatial inertia M(k) of a rigid body, in its ten parameters.
+//! The spatial inertia M(k) of a rigid body, by its ten inertial parameters.
 
 use super::rigid_shift::RigidShift;
 use super::symmetric::{Symmetric3, Symmetric6};
@@ -6,14 +6,15 @@ use super::vector::{angular, cross, cross_add, linear, skew, spatial, sum3};
 use crate::scalar::Real;
 use nalgebra::{Vector3, Vector6};
 
-/// M(k) = [[I, m p~], [-m p~, m 1]] about the origin of the body's frame (the paper's lower right block is misprinted as 1).
+/// M(k) = [[I, m p~], [-m p~, m 1]] about the origin of the body frame (the lower right block in the paper is
+/// misprinted as 1).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BodyInertia<T> {
     /// Mass m, kg.
     pub mass: T,
-    /// First moment m p, kg m, with p from the frame's origin to the mass centre.
+    /// First moment m p, kg m, with p from the frame origin to the center of mass.
     pub first_moment: Vector3<T>,
-    /// Rotational inertia I about the frame's origin, kg m^2.
+    /// Rotational inertia I about the frame origin, kg m^2.
     pub rotational: Symmetric3<T>,
 }
 
@@ -25,11 +26,11 @@ impl<T: Real> BodyInertia<T> {
         Self { mass: T::zero(), first_moment: Vector3::from_element(T::zero()), rotational: Symmetric3::zero() }
     }
 
-    /// From the mass (kg), the mass centre (m) and the inertia about the mass centre (kg m^2), all in one frame:
-    /// I = `I_c` + m (p.p 1 - p p^T).
-    pub fn from_central(mass: T, centre: &Vector3<T>, central: &Symmetric3<T>) -> Self {
-        let h = centre * mass;
-        let [x, y, z] = [centre[0], centre[1], centre[2]];
+    /// From mass (kg), center of mass (m) and inertia about the center of mass (kg m^2), all in one frame: I = `I_c` +
+    /// m (p.p 1 - p p^T).
+    pub fn from_central(mass: T, center: &Vector3<T>, central: &Symmetric3<T>) -> Self {
+        let h = center * mass;
+        let [x, y, z] = [center[0], center[1], center[2]];
         let [xx, xy, xz, yy, yz, zz] = central.entries;
         Self {
             mass,
@@ -55,11 +56,10 @@ impl<T: Real> BodyInertia<T> {
         spatial(&moment, &cross_add(&w, h, &pushed))
     }
 
-    /// M a + v x* (M v): the force that a body of velocity `v` and spatial acceleration `a` needs.
+    /// M a + v x* (M v): the force on a body of velocity `v` and spatial acceleration `a`.
     ///
-    /// v x* (M v) is written out and collected, (w x I w + p~ m (w x u), m w x u + w x (w x m p)): of the moment u x m u nothing is
-    /// left, and so nothing of its rounding, which for a body far from the axis that it is swung about would drown the rest.
-    /// 57 products.
+    /// v x* (M v) is evaluated as (w x I w + p~ m (w x u), m w x u + w x (w x m p)). The term u x m u, which vanishes,
+    /// is not formed; for a body that rotates about a distant axis its rounding error would dominate. 57 products.
     #[inline(always)]
     pub fn bias_force(&self, velocity: &Vector6<T>, acceleration: &Vector6<T>) -> Vector6<T> {
         let (w, u) = (angular(velocity), linear(velocity));
@@ -69,8 +69,8 @@ impl<T: Real> BodyInertia<T> {
         spatial(&cross_add(&w, &momentum, &angular(&needed)), &cross_add(&w, &centripetal, &linear(&needed)))
     }
 
-    /// v x* M - M v x, the rate of M in fixed axes and about a fixed point, while the body moves with `velocity` (w, u): that of ten parameters,
-    /// m' = 0, h' = w x h + m u, I' = w~ I - I w~ - (u~ h~ + h~ u~).
+    /// v x* M - M v x: the time derivative of M in fixed axes about a fixed point while the body moves with `velocity`
+    /// (w, u). In the ten parameters, m' = 0, h' = w x h + m u, I' = w~ I - I w~ - (u~ h~ + h~ u~).
     #[inline(always)]
     #[must_use]
     pub fn rate(&self, velocity: &Vector6<T>) -> Self {
@@ -106,7 +106,7 @@ impl<T: Real> BodyInertia<T> {
         }
     }
 
-    /// The sum of two bodies moving as one, both about the same origin.
+    /// The sum of two rigidly connected bodies, about the same origin.
     #[inline(always)]
     #[must_use]
     pub fn add(&self, other: &Self) -> Self {
@@ -117,7 +117,7 @@ impl<T: Real> BodyInertia<T> {
         }
     }
 
-    /// The first moment about the parent's origin, in the parent's frame: that of [`to_parent`](Self::to_parent) alone.
+    /// The first moment about the parent origin, in the parent frame, as part of [`to_parent`](Self::to_parent).
     #[inline(always)]
     #[must_use]
     pub(crate) fn first_moment_in_parent(&self, shift: &RigidShift<T>) -> Vector3<T> {
@@ -125,7 +125,7 @@ impl<T: Real> BodyInertia<T> {
         Vector3::new(m.mul_add(l[0], h[0]), m.mul_add(l[1], h[1]), m.mul_add(l[2], h[2]))
     }
 
-    /// phi M phi^T, which is again the inertia of a rigid body: about the parent's origin, in the parent's frame.
+    /// phi M phi^T, the inertia about the parent origin, in the parent frame.
     #[inline(always)]
     #[must_use]
     pub fn to_parent(&self, shift: &RigidShift<T>) -> Self {
@@ -133,8 +133,8 @@ impl<T: Real> BodyInertia<T> {
         let l = &shift.lever;
         let m = self.mass;
         let [xx, xy, xz, yy, yz, zz] = self.rotational.congruence(&shift.rotation).entries;
-        // I' = I - l~ h~ - h~ l~ - m l~ l~ = I + 2 (l.h) 1 - (l h^T + h l^T) + m (l.l 1 - l l^T); with s = h + m l this is
-        // I + (l.h + l.s) 1 - (h l^T + l s^T), symmetric because s - h is parallel to l.
+        // I' = I - l~ h~ - h~ l~ - m l~ l~ = I + 2 (l.h) 1 - (l h^T + h l^T) + m (l.l 1 - l l^T). With s = h + m l this
+        // is I + (l.h + l.s) 1 - (h l^T + l s^T), which is symmetric because s - h is parallel to l.
         let s = Vector3::new(m.mul_add(l[0], h[0]), m.mul_add(l[1], h[1]), m.mul_add(l[2], h[2]));
         let d = |i: usize| l[i].mul_add(h[i], l[i] * s[i]);
         let off = |i: usize, j: usize| h[i].mul_add(l[j], l[i] * s[j]);

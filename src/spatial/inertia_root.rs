@@ -1,7 +1,7 @@
-//! The root of a body's inertia, M(k) = L W L^T, and the bias force of its motion in its terms, b = L y + r.
+//! Square root of the inertia of a body, M(k) = L W L^T, and the bias force of its motion in the form b = L y + r.
 //!
-//! In square-root form the bias is carried as its coordinates y, because a heavy body's bias, added as a force, would drown what the
-//! light bodies inboard of it feel.
+//! In square-root form the bias is propagated as the coordinates y. If it were added as a force, the rounding error of
+//! the bias of a heavy body would dominate the forces of light bodies inboard of it.
 
 use super::body_inertia::BodyInertia;
 use super::rigid_shift::RigidShift;
@@ -11,35 +11,35 @@ use super::vector::{angular, cross, cross_add, linear};
 use crate::scalar::Real;
 use nalgebra::{Matrix3, Matrix3x6, Scalar, Vector3, Vector6};
 
-/// A principal inertia this far below zero, relative to the largest, is the rounding of a zero (a rod, a point mass).
+/// A negative principal inertia above this, relative to the largest, is a rounding error of zero (a rod, a point mass).
 const ROUNDING: f64 = 64.0 * f64::EPSILON;
 
-/// A body's root in its own parameters: L = [[1, 0], [p~, `L_c`]] with the linear rows first, weights m and `W_c`, where
-/// `I_c` = `L_c` `W_c` `L_c`^T is the central inertia.
+/// Square root of an inertia in terms of the body parameters: L = [[1, 0], [p~, `L_c`]] with linear rows first, and
+/// weights m and `W_c`, where `I_c` = `L_c` `W_c` `L_c`^T is the central inertia.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BodyRoot<T> {
-    /// m.
+    /// Mass m.
     pub(crate) mass: T,
-    /// p, from the joint to the mass centre.
-    pub(crate) centre: Vector3<T>,
+    /// p, from the joint to the center of mass.
+    pub(crate) center: Vector3<T>,
     /// `L_c`.
     pub(crate) central: Matrix3<T>,
     /// `W_c`.
     pub(crate) weights: Vector3<T>,
-    /// B with w x `I_c` w = `L_c` B q(w) + C q(w), q(w) the six products of the components of w.
+    /// B, where w x `I_c` w = `L_c` B q(w) + C q(w) for the six products q(w) of the components of w.
     pub(crate) spin: Matrix3x6<T>,
-    /// C: zero for every inertia that a body can have.
+    /// C, which is zero for physical inertias.
     pub(crate) rest: Matrix3x6<T>,
 }
 
 impl<T: Real> BodyRoot<T> {
-    /// The root of a massless body.
+    /// The square root of zero inertia.
     #[must_use]
     pub fn zero() -> Self {
         let o = T::zero();
         Self {
             mass: o,
-            centre: Vector3::from_element(o),
+            center: Vector3::from_element(o),
             central: Matrix3::identity(),
             weights: Vector3::from_element(o),
             spin: Matrix3x6::from_element(o),
@@ -47,18 +47,18 @@ impl<T: Real> BodyRoot<T> {
         }
     }
 
-    /// The inertia that it is the root of.
+    /// The inertia of this square root.
     pub(crate) fn inertia(&self) -> BodyInertia<T> {
         let (central, weights) = (&self.central, &self.weights);
         let full = central * Matrix3::from_diagonal(weights) * central.transpose();
-        BodyInertia::from_central(self.mass, &self.centre, &Symmetric3::from_upper(&full))
+        BodyInertia::from_central(self.mass, &self.center, &Symmetric3::from_upper(&full))
     }
 
     /// L and W.
     #[inline(always)]
     #[must_use]
     pub fn to_root(&self) -> Root6<T> {
-        let (o, m, [x, y, z]) = (self.mass.constant(0.0), self.mass, [self.centre[0], self.centre[1], self.centre[2]]);
+        let (o, m, [x, y, z]) = (self.mass.constant(0.0), self.mass, [self.center[0], self.center[1], self.center[2]]);
         let (c, w) = (&self.central, &self.weights);
         Root6 {
             weights: [m, m, m, w[0], w[1], w[2]],
@@ -73,20 +73,20 @@ impl<T: Real> BodyRoot<T> {
         }
     }
 
-    /// (y, r) of the force L y + r that a body of this velocity and spatial acceleration needs: linear entries of y first, as
-    /// the columns of L. About 90 products.
+    /// (y, r) of the force L y + r for this velocity and spatial acceleration; linear entries of y first, in the order
+    /// of the columns of L. About 90 products.
     #[inline(always)]
     #[must_use]
     pub fn coordinates(&self, velocity: &Vector6<T>, acceleration: &Vector6<T>) -> ([T; 6], Vector3<T>) {
         let (w, u) = (angular(velocity), linear(velocity));
         let (alpha, a) = (angular(acceleration), linear(acceleration));
-        // m times the acceleration of the mass centre.
+        // m times the acceleration of the center of mass.
         let moving = cross(&w, &u);
-        let centre = cross_add(&alpha, &self.centre, &cross(&w, &cross(&w, &self.centre)));
+        let center = cross_add(&alpha, &self.center, &cross(&w, &cross(&w, &self.center)));
         let pushed = [
-            (a[0] + moving[0] + centre[0]) * self.mass,
-            (a[1] + moving[1] + centre[1]) * self.mass,
-            (a[2] + moving[2] + centre[2]) * self.mass,
+            (a[0] + moving[0] + center[0]) * self.mass,
+            (a[1] + moving[1] + center[1]) * self.mass,
+            (a[2] + moving[2] + center[2]) * self.mass,
         ];
         let c = &self.central;
         let products = [w[0] * w[0], w[1] * w[1], w[2] * w[2], w[0] * w[1], w[0] * w[2], w[1] * w[2]];
@@ -117,13 +117,13 @@ fn form<T: Real>(m: &Matrix3x6<T>, i: usize, products: &[T; 6]) -> T {
 }
 
 impl BodyRoot<f64> {
-    /// From mass, mass centre and the root of the central inertia.
-    fn new(mass: f64, centre: Vector3<f64>, (central, weights): (Matrix3<f64>, Vector3<f64>)) -> Self {
+    /// From mass, center of mass and the square root of the central inertia.
+    fn new(mass: f64, center: Vector3<f64>, (central, weights): (Matrix3<f64>, Vector3<f64>)) -> Self {
         let (spin, rest) = spin_of(&central, &weights);
-        Self { mass, centre, central, weights, spin, rest }
+        Self { mass, center, central, weights, spin, rest }
     }
 
-    /// The same numbers in another scalar; in one of more digits B and C anew, from the others.
+    /// The same values in another scalar type; in a wider type B and C are recomputed.
     pub(crate) fn cast<U: Real>(&self) -> BodyRoot<U> {
         let same = self.map(U::from_f64);
         if !(U::epsilon().lane(0) < f64::EPSILON) {
@@ -133,11 +133,11 @@ impl BodyRoot<f64> {
         BodyRoot { spin, rest, ..same }
     }
 
-    /// Each number by itself.
+    /// Converts each value.
     pub(crate) fn map<N: Scalar>(&self, number: impl Fn(f64) -> N + Copy) -> BodyRoot<N> {
         BodyRoot {
             mass: number(self.mass),
-            centre: self.centre.map(number),
+            center: self.center.map(number),
             central: self.central.map(number),
             weights: self.weights.map(number),
             spin: self.spin.map(number),
@@ -145,27 +145,27 @@ impl BodyRoot<f64> {
         }
     }
 
-    /// The same body seen in another frame with the same origin, to which `frame` turns.
+    /// The same body in another frame with the same origin; `frame` rotates from this frame to that one.
     pub(crate) fn turned(&self, frame: &Matrix3<f64>) -> Self {
         if *frame == Matrix3::identity() {
             return *self;
         }
-        Self::new(self.mass, frame * self.centre, triangular(&(frame * self.central), &self.weights))
+        Self::new(self.mass, frame * self.center, triangular(&(frame * self.central), &self.weights))
     }
 
-    /// Whether it resists every motion.
+    /// True if the inertia is positive definite.
     pub(crate) fn is_definite(&self) -> bool {
         self.mass > 0.0 && self.weights.iter().all(|&weight| weight > 0.0)
     }
 
-    /// Whether nothing of the body resists.
+    /// True if the inertia is zero.
     fn is_zero(&self) -> bool {
         self.mass == 0.0 && self.weights == Vector3::zeros()
     }
 }
 
-/// B and C: w x `I_c` w as a linear map of the products of w, divided by `L_c` from the left; where a weight is zero nothing may
-/// remain in B, and what does is C's.
+/// B and C: w x `I_c` w as a linear map of the products of w, multiplied by the inverse of `L_c`. For a zero weight,
+/// the row of B must vanish; the remainder is part of C.
 fn spin_of<T: Real>(central: &Matrix3<T>, weights: &Vector3<T>) -> (Matrix3x6<T>, Matrix3x6<T>) {
     let (zero, one) = (T::zero(), T::one());
     let inertia = central * Matrix3::from_diagonal(weights) * central.transpose();
@@ -186,27 +186,29 @@ fn spin_of<T: Real>(central: &Matrix3<T>, weights: &Vector3<T>) -> (Matrix3x6<T>
     for i in (0..3).filter(|&i| weights[i] == zero) {
         spin.row_mut(i).fill(zero);
     }
-    // What rounding left over is none.
+    // Removes rounding errors.
     let size = ROUNDING * inertia.iter().fold(0.0, |largest: f64, entry| largest.max(entry.lane(0).abs()));
     let rest = (gyroscopic - central * spin).map(|entry| if entry.lane(0).abs() > size { entry } else { zero });
     (spin, rest)
 }
 
-/// The root of one rigid body from mass, mass centre and central inertia, the latter given in a frame that `rotation` turns.
+/// The square root of one rigid body, from mass, center of mass and central inertia. `rotation` rotates the frame of
+/// the central inertia to the body frame.
 ///
-/// It is not a factorisation of M: from M the central inertia would first have to be found again by a subtraction. Nor is the
-/// turned inertia factored: the principal axes are turned. None where the central inertia has a negative principal value.
+/// This is not a factorization of M, from which the central inertia would have to be recovered by a subtraction. The
+/// principal axes are rotated, instead of factoring the rotated inertia. `None` if the central inertia has a negative
+/// principal value.
 pub(crate) fn inertia_root(
     mass: f64,
-    centre: Vector3<f64>,
+    center: Vector3<f64>,
     central: &Symmetric3<f64>,
     rotation: &Matrix3<f64>,
 ) -> Option<BodyRoot<f64>> {
     let (axes, values) = principal(central)?;
-    Some(BodyRoot::new(mass, centre, triangular(&(rotation * axes), &values)))
+    Some(BodyRoot::new(mass, center, triangular(&(rotation * axes), &values)))
 }
 
-/// Principal axes and values, none of these negative; the coordinate axes where the inertia is a diagonal.
+/// Principal axes and nonnegative principal values; the coordinate axes if the inertia is diagonal.
 fn principal(central: &Symmetric3<f64>) -> Option<(Matrix3<f64>, Vector3<f64>)> {
     let full = central.to_matrix();
     let [_, xy, xz, _, yz, _] = central.entries;
@@ -216,7 +218,7 @@ fn principal(central: &Symmetric3<f64>) -> Option<(Matrix3<f64>, Vector3<f64>)> 
         let principal = full.symmetric_eigen();
         (principal.eigenvectors, principal.eigenvalues)
     };
-    // A rod's zero comes out as rounding of either sign.
+    // The zero of a rod is computed as a rounding error of either sign.
     let rounding = ROUNDING * values.amax();
     if values.iter().any(|&value| !(value >= -rounding)) {
         return None;
@@ -225,7 +227,7 @@ fn principal(central: &Symmetric3<f64>) -> Option<(Matrix3<f64>, Vector3<f64>)> 
     Some((axes, values.map(|value| if value > rounding || (exact && value > 0.0) { value } else { 0.0 })))
 }
 
-/// Unit lower triangle and weights of the sum of weighted outer products of columns.
+/// Unit lower triangular factor and weights of a weighted sum of outer products of columns.
 fn triangular(columns: &Matrix3<f64>, weights: &Vector3<f64>) -> (Matrix3<f64>, Vector3<f64>) {
     let mut all = RootColumns::filled(0.0);
     for j in 0..3 {
@@ -239,7 +241,7 @@ fn triangular(columns: &Matrix3<f64>, weights: &Vector3<f64>) -> (Matrix3<f64>, 
     angular_part(&root)
 }
 
-/// `L_c` and `W_c` of a root.
+/// `L_c` and `W_c` of a square root.
 fn angular_part(root: &Root6<f64>) -> (Matrix3<f64>, Vector3<f64>) {
     let mut unit = Matrix3::identity();
     for i in 1..3 {
@@ -250,19 +252,20 @@ fn angular_part(root: &Root6<f64>) -> (Matrix3<f64>, Vector3<f64>) {
     (unit, Vector3::new(root.weights[3], root.weights[4], root.weights[5]))
 }
 
-/// The root of an inertia about the origin of its frame, where it is all that is known: the central inertia by subtraction.
+/// The square root of an inertia about the origin of its frame if nothing else is known; the central inertia is
+/// obtained by a subtraction.
 pub(crate) fn root_of_merged(inertia: &BodyInertia<f64>) -> Option<BodyRoot<f64>> {
     let (mass, moment) = (inertia.mass, &inertia.first_moment);
     if mass == 0.0 {
         return inertia_root(0.0, Vector3::zeros(), &inertia.rotational, &Matrix3::identity());
     }
-    let centre = moment / mass;
-    let parallel = Matrix3::identity() * moment.dot(&centre) - moment * centre.transpose();
+    let center = moment / mass;
+    let parallel = Matrix3::identity() * moment.dot(&center) - moment * center.transpose();
     let central = Symmetric3::from_upper(&(inertia.rotational.to_matrix() - parallel));
-    inertia_root(mass, centre, &central, &Matrix3::identity())
+    inertia_root(mass, center, &central, &Matrix3::identity())
 }
 
-/// The root of two bodies moving as one.
+/// The square root of two rigidly connected bodies.
 pub(crate) fn join_roots(first: &BodyRoot<f64>, second: &BodyRoot<f64>) -> BodyRoot<f64> {
     if first.is_zero() {
         return *second;
@@ -276,7 +279,7 @@ pub(crate) fn join_roots(first: &BodyRoot<f64>, second: &BodyRoot<f64>) -> BodyR
     both.join::<3, false>(&mut columns, None);
     let mass = first.mass + second.mass;
     let share = if mass == 0.0 { 0.0 } else { second.mass / mass };
-    BodyRoot::new(mass, first.centre + (second.centre - first.centre) * share, angular_part(&both))
+    BodyRoot::new(mass, first.center + (second.center - first.center) * share, angular_part(&both))
 }
 
 #[cfg(test)]
@@ -302,9 +305,9 @@ mod tests {
 
     #[test]
     fn root_times_its_transpose_is_the_inertia() {
-        for (mass, centre, central) in [body(2.0, 1.0), body(0.5, 0.1), (1.0, Vector3::y(), Symmetric3::zero())] {
-            let s = inertia_root(mass, centre, &central, &Matrix3::identity()).expect("positive");
-            assert!(off(&s, &BodyInertia::from_central(mass, &centre, &central)) <= 1e-15);
+        for (mass, center, central) in [body(2.0, 1.0), body(0.5, 0.1), (1.0, Vector3::y(), Symmetric3::zero())] {
+            let s = inertia_root(mass, center, &central, &Matrix3::identity()).expect("positive");
+            assert!(off(&s, &BodyInertia::from_central(mass, &center, &central)) <= 1e-15);
         }
     }
 
@@ -320,16 +323,16 @@ mod tests {
 
     #[test]
     fn the_root_of_a_sum_found_by_subtraction() {
-        let (mass, centre, central) = body(2.0, 1.0);
-        let inertia = BodyInertia::from_central(mass, &centre, &central);
+        let (mass, center, central) = body(2.0, 1.0);
+        let inertia = BodyInertia::from_central(mass, &center, &central);
         assert!(off(&root_of_merged(&inertia).expect("positive"), &inertia) <= 1e-15);
     }
 
     #[test]
     fn coordinates_are_newtons_and_eulers() {
-        for (mass, centre, central) in [body(2.0, 1.0), body(0.5, 0.4), (1.0, Vector3::y(), Symmetric3::zero())] {
-            let inertia = BodyInertia::from_central(mass, &centre, &central);
-            let root = inertia_root(mass, centre, &central, &Matrix3::identity()).expect("positive");
+        for (mass, center, central) in [body(2.0, 1.0), body(0.5, 0.4), (1.0, Vector3::y(), Symmetric3::zero())] {
+            let inertia = BodyInertia::from_central(mass, &center, &central);
+            let root = inertia_root(mass, center, &central, &Matrix3::identity()).expect("positive");
             let (v, a) = (Vector6::new(1.0, -2.0, 0.5, 0.3, 0.7, -1.1), Vector6::new(0.2, 0.9, -0.4, 9.0, -3.0, 1.0));
             let (y, rest) = root.coordinates(&v, &a);
             assert_eq!(rest, Vector3::zeros());
@@ -342,7 +345,7 @@ mod tests {
 
     #[test]
     fn an_inertia_that_no_body_has_leaves_a_rest() {
-        // Definite in two axes only, and against the triangle inequality.
+        // Definite in two axes only, violating the triangle inequality.
         let odd = Symmetric3::new([0.0, 0.0, 0.0, 1.0, 0.0, 3.0]);
         let root = inertia_root(1.0, Vector3::zeros(), &odd, &Matrix3::identity()).expect("not negative");
         let w = Vector3::new(0.3, 0.7, -0.4);

@@ -1,8 +1,8 @@
-//! Spatial algebra in 3x3 blocks: the kernels that every sweep is made of.
+//! Spatial algebra in 3x3 blocks, on which all sweeps are built.
 //!
-//! A spatial vector is a nalgebra `Vector6`, angular part first: a force is (moment, force), a motion (angular, linear).
-//! The kernels name their components instead of multiplying 6x6 matrices: phi is a rotation and a lever, P and M are
-//! symmetric, and what is zero by construction is not computed.
+//! A spatial vector is a nalgebra `Vector6`, angular part first: a force is (moment, force), a motion (angular,
+//! linear). The kernels work on components instead of multiplying 6x6 matrices: phi is a rotation and a lever, P and M
+//! are symmetric, and structural zeros are not computed.
 //!
 //! ```
 //! use nalgebra::{Matrix3, Vector3};

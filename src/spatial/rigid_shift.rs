@@ -1,36 +1,38 @@
-//! The rigid shift phi: the transition matrix that carries spatial forces from a child's frame to its parent's.
+//! The rigid shift phi: the transition matrix that transforms spatial forces from a child frame to its parent frame.
 
 use super::symmetric::{Symmetric3, Symmetric6};
 use super::vector::{angular, column, cross_add, from_rows, linear, product, row, skew, spatial, sum3, times};
 use crate::scalar::{DoubleDouble, Real};
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
-/// phi(k,k-1) of the paper's introduction, in body frames: [[R, lever~ R], [0, R]].
+/// phi(k,k-1) of the introduction of the paper, in body frames: [[R, lever~ R], [0, R]].
 ///
-/// `rotation` R takes child coordinates to parent coordinates; `lever` L is the vector from the parent's origin to the
-/// child's, in m, in the parent's frame. Forces go inward with phi, motions outward with its transpose.
+/// `rotation` R transforms child coordinates to parent coordinates; `lever` is the vector from the parent origin to the
+/// child origin, m, in the parent frame. phi transforms forces from child to parent, and its transpose motions from
+/// parent to child.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RigidShift<T> {
-    /// Child coordinates to parent coordinates.
+    /// Rotation from child coordinates to parent coordinates.
     pub rotation: Matrix3<T>,
-    /// From the parent's origin to the child's, in the parent's frame, m.
+    /// Vector from the parent origin to the child origin, in the parent frame, m.
     pub lever: Vector3<T>,
 }
 
 impl<T: Real> RigidShift<T> {
-    /// The shift that changes nothing.
+    /// The identity.
     #[must_use]
     pub fn identity() -> Self {
         Self { rotation: Matrix3::identity(), lever: Vector3::from_element(T::zero()) }
     }
 
-    /// A shift with `value` in every entry; workspaces start as NaN.
+    /// A shift with `value` in every entry, for workspaces, which start as NaN.
     #[doc(hidden)]
     pub fn filled(value: T) -> Self {
         Self { rotation: Matrix3::from_element(value), lever: Vector3::from_element(value) }
     }
 
-    /// Writes [[R, p], [0, 1]], (4 x 4) row by row: the place of the child's frame in the parent's.
+    /// Writes the homogeneous matrix [[R, p], [0, 1]], (4 x 4), row-major: the pose of the child frame in the parent
+    /// frame.
     #[inline(always)]
     pub fn homogeneous(&self, out: &mut [T]) {
         let zero = self.lever[0].constant(0.0);
@@ -52,7 +54,7 @@ impl<T: Real> RigidShift<T> {
         m
     }
 
-    /// The shift through both: first `inner` (grandchild to child), then `self` (child to parent).
+    /// The composition: `inner` (grandchild to child), then `self` (child to parent).
     #[inline(always)]
     #[must_use]
     pub fn compose(&self, inner: &Self) -> Self {
@@ -63,7 +65,7 @@ impl<T: Real> RigidShift<T> {
         }
     }
 
-    /// The shift the other way, from the parent's frame to the child's. The rotation is transposed, not inverted.
+    /// The inverse, from the parent frame to the child frame. The rotation is transposed.
     #[inline(always)]
     #[must_use]
     pub fn inverse(&self) -> Self {
@@ -84,7 +86,7 @@ impl<T: Real> RigidShift<T> {
         }
     }
 
-    /// The square of the lever.
+    /// The squared norm of the lever.
     #[inline(always)]
     #[must_use]
     pub(crate) fn lever_square(&self) -> T {
@@ -92,7 +94,7 @@ impl<T: Real> RigidShift<T> {
         l[0].mul_add(l[0], l[1].mul_add(l[1], l[2] * l[2]))
     }
 
-    /// A free vector, child to parent coordinates.
+    /// A free vector from child to parent coordinates.
     #[inline(always)]
     pub fn rotate(&self, v: &Vector3<T>) -> Vector3<T> {
         let r = &self.rotation;
@@ -100,7 +102,7 @@ impl<T: Real> RigidShift<T> {
         Vector3::new(sum3(row(r, 0), v), sum3(row(r, 1), v), sum3(row(r, 2), v))
     }
 
-    /// A free vector, parent to child coordinates.
+    /// A free vector from parent to child coordinates.
     #[inline(always)]
     pub fn rotate_back(&self, v: &Vector3<T>) -> Vector3<T> {
         let r = &self.rotation;
@@ -108,7 +110,7 @@ impl<T: Real> RigidShift<T> {
         Vector3::new(sum3(column(r, 0), v), sum3(column(r, 1), v), sum3(column(r, 2), v))
     }
 
-    /// phi f: a force, child to parent. 24 products.
+    /// phi f: a force from child to parent. 24 products.
     #[inline(always)]
     pub fn force_to_parent(&self, f: &Vector6<T>) -> Vector6<T> {
         let force = self.rotate(&linear(f));
@@ -116,7 +118,7 @@ impl<T: Real> RigidShift<T> {
         spatial(&moment, &force)
     }
 
-    /// phi^T v: a motion, parent to child. 24 products.
+    /// phi^T v: a motion from parent to child. 24 products.
     #[inline(always)]
     pub fn motion_to_child(&self, v: &Vector6<T>) -> Vector6<T> {
         let w = angular(v);
@@ -124,14 +126,14 @@ impl<T: Real> RigidShift<T> {
         spatial(&self.rotate_back(&w), &self.rotate_back(&at_child))
     }
 
-    /// phi^-T v: a motion, child to parent. 24 products.
+    /// phi^-T v: a motion from child to parent. 24 products.
     #[inline(always)]
     pub fn motion_to_parent(&self, v: &Vector6<T>) -> Vector6<T> {
         let w = self.rotate(&angular(v));
         spatial(&w, &cross_add(&self.lever, &w, &self.rotate(&linear(v))))
     }
 
-    /// phi P phi^T: an inertia (covariance of a force), child to parent. About 190 products.
+    /// phi P phi^T: an inertia (covariance of a force) from child to parent. About 190 products.
     #[inline(always)]
     #[doc(hidden)]
     pub fn inertia_to_parent(&self, p: &Symmetric6<T>) -> Symmetric6<T> {
@@ -140,7 +142,7 @@ impl<T: Real> RigidShift<T> {
         self.lever_terms(&a, &c, p.linear.congruence(&self.rotation))
     }
 
-    /// [[A, C], [C^T, B]], already turned, moved by the lever: C' = C + l~ B; A' = A + l~ C^T + C' l~^T.
+    /// [[A, C], [C^T, B]], already rotated, shifted by the lever: C' = C + l~ B; A' = A + l~ C^T + C' l~^T.
     #[inline(always)]
     fn lever_terms(&self, a: &Symmetric3<T>, c: &Matrix3<T>, b: Symmetric3<T>) -> Symmetric6<T> {
         let l = &self.lever;
@@ -152,12 +154,12 @@ impl<T: Real> RigidShift<T> {
         }
     }
 
-    /// phi^T Lambda phi: a covariance of motions, parent to child.
+    /// phi^T Lambda phi: a covariance of motions from parent to child.
     #[inline(always)]
     pub(crate) fn co_covariance_to_child(&self, lambda: &Symmetric6<T>) -> Symmetric6<T> {
-        // With the lever first: A' = A + C l~^T... in the parent's frame, then the rotation back.
+        // The lever is applied first, in the parent frame: A' = A + C l~^T...; then the rotation.
         let l = -self.lever;
-        // (1, 0; l~, 1) Lambda (1, l~^T; 0, 1), l = -lever: the roles of the two halves change places.
+        // (1, 0; l~, 1) Lambda (1, l~^T; 0, 1) with l = -lever: the angular and linear blocks exchange roles.
         let flipped = lambda.coupling.transpose();
         let shifted = skew_times_add(&l, &lambda.angular.to_matrix(), &flipped);
         let linear = Symmetric3::new(add_lever_terms(&lambda.linear.entries, &l, &flipped, &shifted));
@@ -176,19 +178,19 @@ pub(crate) fn rotate_block<T: Real>(r: &Matrix3<T>, c: &Matrix3<T>) -> Matrix3<T
     times_transpose(&[times(row(r, 0), c), times(row(r, 1), c), times(row(r, 2), c)], r)
 }
 
-/// T R^T, T by rows.
+/// T R^T, with T given by rows.
 #[inline(always)]
 fn times_transpose<T: Real>(t: &[[T; 3]; 3], r: &Matrix3<T>) -> Matrix3<T> {
     from_rows(turned_back(t[0], r), turned_back(t[1], r), turned_back(t[2], r))
 }
 
-/// t R^T, t a row.
+/// t R^T for a row t.
 #[inline(always)]
 fn turned_back<T: Real>(t: [T; 3], r: &Matrix3<T>) -> [T; 3] {
     [sum3(t, row(r, 0)), sum3(t, row(r, 1)), sum3(t, row(r, 2))]
 }
 
-/// l~ M + C, column by column a cross product.
+/// l~ M + C, by cross products of the columns.
 #[inline(always)]
 fn skew_times_add<T: Real>(l: &Vector3<T>, m: &Matrix3<T>, c: &Matrix3<T>) -> Matrix3<T> {
     Matrix3::from_columns(&[column_add(l, m, c, 0), column_add(l, m, c, 1), column_add(l, m, c, 2)])
@@ -223,8 +225,8 @@ fn lever_entry<T: Real>(a: T, l: &Vector3<T>, c: &Matrix3<T>, s: &Matrix3<T>, (i
     l[u].mul_add(s[(i, v)], first.minus_product(l[v], s[(i, u)]))
 }
 
-/// The rotation nearest to a matrix that is one to rounding: a step of Newton's iteration for the polar factor, R (3 - R* R)/2, which squares the
-/// defect.
+/// The rotation nearest to a matrix that is orthonormal to rounding: one step of Newton's iteration for the polar
+/// factor, R (3 - R* R)/2, which squares the deviation.
 pub(crate) fn orthonormalized<T: Real>(r: &Matrix3<T>) -> Matrix3<T> {
     let half = r[(0, 0)].constant(0.5);
     let gram = product(&r.transpose(), r);
@@ -233,10 +235,11 @@ pub(crate) fn orthonormalized<T: Real>(r: &Matrix3<T>) -> Matrix3<T> {
 }
 
 impl RigidShift<f64> {
-    /// The same in another scalar; in one of more digits the rotation is orthonormal to these.
+    /// The same shift in another scalar type; in a wider type the rotation is orthonormalized.
     ///
-    /// Nine rounded numbers are orthonormal to f64 only. As they stand, they would lengthen or shorten what they carry by half a unit of rounding,
-    /// joint after joint in the same sense, and the answer of a long chain in double-double would be worse than that in f64.
+    /// Nine rounded entries are orthonormal only to f64. Unchanged, they would scale vectors by half a unit of
+    /// rounding, consistently for every joint, and the result of a long chain would be less accurate in double-double
+    /// than in f64.
     pub(crate) fn cast<T: Real>(&self) -> RigidShift<T> {
         let rotation = Matrix3::from_fn(|i, j| T::from_f64(self.rotation[(i, j)]));
         let is_wider = T::epsilon().lane(0) < f64::EPSILON;
@@ -246,7 +249,8 @@ impl RigidShift<f64> {
         }
     }
 
-    /// [`compose`](Self::compose), rounded once: of a rotation that is orthonormal, each entry the nearest f64, so that no length is changed on average.
+    /// [`compose`](Self::compose) with a single rounding: the composed rotation is orthonormalized before each entry is
+    /// rounded to f64, so that lengths do not change on average.
     #[must_use]
     pub(crate) fn compose_rounded(&self, inner: &Self) -> Self {
         let (outer, inner) = (self.cast::<DoubleDouble>(), inner.cast());
@@ -261,7 +265,7 @@ mod tests {
     use super::*;
     use nalgebra::Rotation3;
 
-    /// The mean of the squared lengths of the columns less one, in eps: exact to rounding in double-double.
+    /// Mean of the squared column norms minus one, in eps, computed in double-double arithmetic.
     fn defect(rotation: &Matrix3<f64>) -> f64 {
         let wide = rotation.map(DoubleDouble::from_f64);
         let sum = wide.iter().fold(DoubleDouble::from_f64(-3.0), |sum, &x| sum + x * x);
@@ -275,7 +279,7 @@ mod tests {
         let mut total = 0.0;
         for k in 0..300 {
             let k = f64::from(k);
-            // Too long by half a unit of rounding: what is given does not come through.
+            // An input rotation that is too long by half a unit of rounding does not affect the result.
             let long = angles(k) * (1.0 + f64::EPSILON);
             total += defect(&shift(long).compose_rounded(&shift(angles(0.1 + k))).rotation);
         }

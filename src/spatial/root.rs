@@ -1,9 +1,10 @@
-//! Symmetric 6x6 matrices as P = L W L^T, L unit lower triangular, W a diagonal of weights: square-root form without square roots.
+//! Square-root form without square roots: symmetric 6x6 matrices P = L W L^T with L unit lower triangular and W a
+//! diagonal matrix of weights.
 //!
-//! The columns of L times the roots of the weights are the columns of a square root S of P. With the linear rows first, L = [[1, 0],
-//! [p~, `L_c`]] for a body from the start, its weights its mass and what its central inertia has; what a child sends has
-//! three columns free of any linear part. So most of a 6 x 12 stack of columns is zero, and the rotations that bring it back to
-//! six touch less than half of it.
+//! The columns of L times the square roots of the weights are the columns of a square root S of P. With linear rows
+//! first, L = [[1, 0], [p~, `L_c`]] for a single body, and the weights are its mass and those of its central inertia.
+//! The columns that a child propagates include three without a linear part. Most of a 6 x 12 stack of columns is
+//! therefore zero, and the rotations that reduce it to six columns modify less than half of it.
 
 use super::rigid_shift::RigidShift;
 use super::symmetric::{Symmetric3, Symmetric6};
@@ -11,28 +12,28 @@ use super::vector::{cross_add, minus, scaled};
 use crate::scalar::Real;
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
-/// Where a row of a spatial vector (angular first) is in a root (linear first).
+/// Row of a root (linear first) for a component of a spatial vector (angular first).
 #[inline(always)]
 #[must_use]
 pub const fn root_row(component: usize) -> usize {
     (component + 3) % 6
 }
 
-/// L and W of P = L W L^T: rows in the order linear x, y, z, angular x, y, z.
+/// L and W of P = L W L^T, with rows in the order linear x, y, z, angular x, y, z.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Root6<T> {
-    /// The weights, zero or positive.
+    /// The weights, which are nonnegative.
     pub weights: [T; 6],
-    /// L: entry (i, j) is used for j < i only; the diagonal is one.
+    /// L: entries (i, j) with j < i are used; the diagonal is one.
     pub rows: [[T; 6]; 6],
 }
 
-/// What a child sends, phi L: three columns with both parts, three with an angular part only.
+/// The columns phi L that a child propagates to its parent: three with both parts, three with an angular part only.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RootColumns<T> {
-    /// The weights of the columns.
+    /// Weights of the columns.
     pub weights: [T; 6],
-    /// Row by row as in [`Root6`], all entries, but of the last three columns, which are zero in linear rows, those are not used.
+    /// Rows as in [`Root6`]. The linear rows of the last three columns are zero and not used.
     pub rows: [[T; 6]; 6],
 }
 
@@ -45,7 +46,7 @@ impl<T: Copy> RootColumns<T> {
     }
 }
 
-/// What a measurement takes out of a root.
+/// Results of a measurement update of a root.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Dropped<T> {
     /// D.
@@ -54,22 +55,22 @@ pub struct Dropped<T> {
     pub pivot_inverse: T,
     /// g.
     pub gain: Vector6<T>,
-    /// The measurement that the mean predicts.
+    /// The predicted measurement.
     pub predicted: T,
 }
 
-/// What a measurement has gathered from some of the columns.
+/// Quantities that a measurement update accumulates over the columns.
 struct Gathered<T> {
     /// P H*.
     column: [T; 6],
-    /// What the mean predicts.
+    /// The predicted measurement.
     predicted: T,
     /// H P H* + r.
     variance: T,
     inverse: T,
 }
 
-/// What a rotation of columns I and C does to row R, if that is below row I.
+/// Applies a rotation of columns I and C to row R, if R is below I.
 #[inline(always)]
 fn rotate_row<T: Real, const I: usize, const C: usize, const R: usize>(
     root: &mut Root6<T>,
@@ -83,7 +84,7 @@ fn rotate_row<T: Real, const I: usize, const C: usize, const R: usize>(
     }
 }
 
-/// `before` and 1 / `total`; where `total`, and so `before`, is zero, one and one.
+/// `before` and 1 / `total`, or one and one if `total`, and hence `before`, is zero.
 #[inline(always)]
 fn divisor<T: Real, const POSITIVE: bool>(before: T, total: T) -> (T, T) {
     if POSITIVE {
@@ -97,7 +98,7 @@ impl<T: Real> Gathered<T> {
     #[inline(always)]
     fn new(noise: T) -> Self {
         let o = noise.constant(0.0);
-        // Where nothing has been gathered yet there is nothing to share: any inverse will do.
+        // Before anything is accumulated the inverse is multiplied by zero, so that any finite value is valid.
         let inverse = (noise + noise.one_if_zero()).recip();
         Self { column: [o; 6], predicted: o, variance: noise, inverse }
     }
@@ -117,7 +118,7 @@ impl<T: Real> Root6<T> {
         Self::filled(T::zero())
     }
 
-    /// `value` in every entry; workspaces start as NaN.
+    /// `value` in every entry, for workspaces, which start as NaN.
     #[must_use]
     pub fn filled(value: T) -> Self {
         Self { weights: [value; 6], rows: [[value; 6]; 6] }
@@ -150,7 +151,7 @@ impl<T: Real> Root6<T> {
         Symmetric6 { angular: block(0), coupling: Matrix3::from_fn(|i, j| entry(i, j + 3)), linear: block(3) }
     }
 
-    /// The diagonal of P, in the order of the root's rows.
+    /// The diagonal of P, in the order of the rows of the root.
     #[inline(always)]
     #[must_use]
     pub fn diagonal(&self) -> [T; 6] {
@@ -175,12 +176,13 @@ impl<T: Real> Root6<T> {
         row
     }
 
-    /// Takes in more columns: P becomes P + C W' C^T. Of the last three columns `FREE` (2 or 3) are used. `POSITIVE` where every weight of
-    /// P is, and no division needs to be looked after.
+    /// Adds columns: P becomes P + C W' C^T. `FREE` (2 or 3) of the last three columns are used. `POSITIVE` if all
+    /// weights of P are positive, so that divisions need no test for zero.
     ///
-    /// Rotations between one column of L and one of C, scaled so that none needs a square root. Every number is a sum of two
-    /// products: errors are relative to each row's length, and to each column's where columns differ in size. `mean` is the
-    /// coordinates y and y' of a force L y + C y', turned along. What came in is used up. About 250 products, 24 divisions.
+    /// Applies scaled rotations, which need no square roots, between columns of L and of C. Every entry is a sum of two
+    /// products; errors are relative to the norm of each row, and to that of each column if columns differ in size.
+    /// `mean` has the coordinates y and y' of a force L y + C y', which are rotated also. The added columns are
+    /// overwritten. About 250 products, 24 divisions.
     #[inline(always)]
     pub fn join<const FREE: usize, const POSITIVE: bool>(
         &mut self,
@@ -201,8 +203,8 @@ impl<T: Real> Root6<T> {
         }
     }
 
-    /// Turns the first N incoming entries of row I into its weight. Laid out flat by hand: as loops they are too long for the compiler, and
-    /// what is found by a counter stays in memory.
+    /// Rotates the first N added entries of row I into its weight. Unrolled by hand: the compiler does not unroll such
+    /// long loops, and data indexed by a loop counter stay in memory.
     #[inline(always)]
     fn gather<const I: usize, const N: usize, const POSITIVE: bool>(
         &mut self,
@@ -221,7 +223,7 @@ impl<T: Real> Root6<T> {
         }
     }
 
-    /// Turns the entry of row I in column C into the weight of column I.
+    /// Rotates the entry of row I in column C into the weight of column I.
     #[inline(always)]
     fn rotate<const I: usize, const C: usize, const POSITIVE: bool>(
         &mut self,
@@ -231,7 +233,7 @@ impl<T: Real> Root6<T> {
         let (f, weight) = (incoming.rows[I][C], incoming.weights[C]);
         let weighted = f * weight;
         let total = f.mul_add(weighted, self.weights[I]);
-        // Two columns without weight are left as they are: kept is one then.
+        // Two columns of weight zero remain unchanged; `kept` is then one.
         let (before, inverse) = divisor::<T, POSITIVE>(self.weights[I], total);
         let (kept, taken) = (before * inverse, weighted * inverse);
         self.weights[I] = total;
@@ -248,11 +250,13 @@ impl<T: Real> Root6<T> {
         }
     }
 
-    /// The measurement `h` = H L of the columns 0 to `last` with noise r: P becomes P^+; gives D and g (3.6, 3.10).
+    /// Measurement update for `h` = H L with nonzero entries in the columns 0 to `last` and noise r: P becomes P^+;
+    /// returns D and g (3.6, 3.10).
     ///
-    /// From the last column to the first, what they have along h is gathered in one column, P H*, and taken from the others: Bierman's
-    /// update. Without noise it takes a whole column's weight: no covariance is subtracted. `mean` is turned along, and what
-    /// leaves with the gathered column is given. About 80 products, 6 divisions.
+    /// Bierman's update: from the last column to the first, the part along h is accumulated in one column, P H*, and
+    /// removed from the others. No covariance is subtracted; without noise the update removes the weight of a whole
+    /// column. `mean` is rotated also, and the part that belongs to the removed column is returned. About 80 products,
+    /// 6 divisions.
     #[inline(always)]
     pub fn measure(&mut self, h: &[T; 6], last: usize, noise: T, mut mean: Option<&mut [T; 6]>) -> Dropped<T> {
         let mut gathered = Gathered::new(noise);
@@ -262,13 +266,14 @@ impl<T: Real> Root6<T> {
         gathered.dropped()
     }
 
-    /// The same of the last row, angular z, laid out flat: what most joints measure. `POSITIVE` as for [`Root6::join`].
+    /// As [`Root6::measure`] for the last row, angular z, which most joints measure; unrolled. `POSITIVE` as for
+    /// [`Root6::join`].
     #[inline(always)]
     pub(crate) fn measure_turn<const POSITIVE: bool>(&mut self, noise: T, mean: Option<&mut [T; 6]>) -> Dropped<T> {
         self.measure_last::<6, POSITIVE>(noise, mean)
     }
 
-    /// The same of the last of the first `ROWS` rows, where those after it are zero.
+    /// As [`Root6::measure`] for the last of the first `ROWS` rows, if the rows after it are zero.
     #[inline(always)]
     pub(crate) fn measure_last<const ROWS: usize, const POSITIVE: bool>(
         &mut self,
@@ -296,7 +301,7 @@ impl<T: Real> Root6<T> {
         gathered.dropped()
     }
 
-    /// Column `j`, which has `h` along a measurement, gives what it has there to the gathered one; of `ROWS` rows.
+    /// Moves the part of column `j` along the measurement, `h`, to the accumulated column, for the first `ROWS` rows.
     #[inline(always)]
     fn give<const ROWS: usize, const POSITIVE: bool>(
         &mut self,
@@ -311,7 +316,7 @@ impl<T: Real> Root6<T> {
         let kept = before * inverse;
         let share = h * to.inverse;
         self.weights[j] *= kept;
-        // Slices: to skip in both at once is a function that the compiler now and then leaves for itself.
+        // Slices instead of iterators with `skip`, which the compiler does not always inline.
         for (row, gathered) in self.rows[j + 1..ROWS].iter_mut().zip(&mut to.column[j + 1..ROWS]) {
             let x = row[j];
             row[j] = x.minus_product(share, *gathered);
@@ -327,7 +332,7 @@ impl<T: Real> Root6<T> {
         to.inverse = inverse;
     }
 
-    /// Writes exact zeros into the row of one component: what a measurement without noise leaves there.
+    /// Sets the row of one component to exact zeros, the result of a measurement without noise.
     #[inline(always)]
     pub fn clear(&mut self, component: usize) {
         let row = root_row(component);
@@ -339,7 +344,7 @@ impl<T: Real> Root6<T> {
 }
 
 impl<T: Real> RigidShift<T> {
-    /// phi L: the columns of a child's root, at its parent. About 60 products.
+    /// phi L: the columns of a child's root in the parent frame. About 60 products.
     #[inline(always)]
     pub(crate) fn root_to_parent(&self, s: &Root6<T>, columns: &mut RootColumns<T>) {
         let o = s.weights[0].constant(0.0);

@@ -1,4 +1,4 @@
-//! Packed symmetric matrices: 3x3 in six numbers, 6x6 in 21.
+//! Packed symmetric matrices: 3x3 in six entries, 6x6 in 21.
 
 use super::vector::{angular, column, from_rows, linear, row, spatial, sum3};
 use crate::scalar::Real;
@@ -56,7 +56,7 @@ impl<T: Real> Symmetric3<T> {
         Self { entries: [sum3(t0, r0), sum3(t0, r1), sum3(t0, r2), sum3(t1, r1), sum3(t1, r2), sum3(t2, r2)] }
     }
 
-    /// t times the matrix, t a row.
+    /// t times the matrix, for a row t.
     #[inline(always)]
     fn times_row(&self, t: [T; 3]) -> [T; 3] {
         let [xx, xy, xz, yy, yz, zz] = self.entries;
@@ -122,7 +122,7 @@ impl<T: Real> Symmetric6<T> {
         Self { angular: Symmetric3::zero(), coupling: Matrix3::from_element(T::zero()), linear: Symmetric3::zero() }
     }
 
-    /// A matrix with `value` in every entry; workspaces start as NaN.
+    /// A matrix with `value` in every entry, for workspaces, which start as NaN.
     #[doc(hidden)]
     pub fn filled(value: T) -> Self {
         Self {
@@ -160,7 +160,7 @@ impl<T: Real> Symmetric6<T> {
         )
     }
 
-    /// One column (the same as that row); the index is 0 to 5, angular first.
+    /// One column, equal to the row of the same index; indices 0 to 5, angular first.
     #[inline(always)]
     pub fn column(&self, index: usize) -> Vector6<T> {
         let a = &self.angular.entries;
@@ -198,7 +198,7 @@ impl<T: Real> Symmetric6<T> {
         }
     }
 
-    /// The matrix times a number.
+    /// The matrix times a scalar.
     #[inline(always)]
     #[must_use]
     pub fn scaled(&self, factor: T) -> Self {
@@ -209,7 +209,7 @@ impl<T: Real> Symmetric6<T> {
         }
     }
 
-    /// Adds `a b^T`, of which only the upper triangle is formed; `a` and `b` are parallel, so the result is symmetric.
+    /// Adds `a b^T` for parallel `a` and `b`, whose product is symmetric; only the upper triangle is formed.
     #[inline(always)]
     #[must_use]
     pub(crate) fn add_rank_one(&self, a: &Vector6<T>, b: &Vector6<T>) -> Self {

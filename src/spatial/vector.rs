@@ -1,12 +1,13 @@
 //! Spatial vectors, their cross products, and sums of products.
 //!
-//! What runs in lanes calls functions that are always inlined, and no closures: a closure that is called twice stays a function of its
-//! own, compiled for the baseline instead of the arm.
+//! Vectorized code calls functions that are always inlined, and no closures: a closure that is called twice becomes a
+//! function compiled for the baseline instruction set instead of that of the arm.
 
 use crate::scalar::Real;
 use nalgebra::{Matrix3, Vector3, Vector6};
 
-/// A spatial force (moment, force) or motion (angular, linear), in SI units, in the frame that its owner names.
+/// A spatial force (moment, force) or motion (angular, linear), in SI units; the documentation of each use names its
+/// frame.
 pub type SpatialVector<T> = Vector6<T>;
 
 /// The angular (first) half: moment in N m, angular velocity in rad/s.
@@ -57,13 +58,13 @@ pub(crate) fn product<T: Real>(a: &Matrix3<T>, b: &Matrix3<T>) -> Matrix3<T> {
     from_rows(times(row(a, 0), b), times(row(a, 1), b), times(row(a, 2), b))
 }
 
-/// t C, t a row.
+/// t C for a row t.
 #[inline(always)]
 pub(crate) fn times<T: Real>(t: [T; 3], c: &Matrix3<T>) -> [T; 3] {
     [sum3(t, column(c, 0)), sum3(t, column(c, 1)), sum3(t, column(c, 2))]
 }
 
-/// The matrix of these rows.
+/// The matrix with these rows.
 #[inline(always)]
 pub(crate) fn from_rows<T: Real>(x: [T; 3], y: [T; 3], z: [T; 3]) -> Matrix3<T> {
     Matrix3::new(x[0], x[1], x[2], y[0], y[1], y[2], z[0], z[1], z[2])
@@ -92,10 +93,10 @@ pub fn skew<T: Real>(a: &Vector3<T>) -> Matrix3<T> {
     Matrix3::new(o, -a[2], a[1], a[2], o, -a[0], -a[1], a[0], o)
 }
 
-/// The scalar product of two spatial vectors, a force times a motion.
+/// The scalar product of two spatial vectors, such as a force and a motion.
 #[inline(always)]
 pub fn dot<T: Real>(a: &Vector6<T>, b: &Vector6<T>) -> T {
-    // Two chains of products, half as long as one.
+    // Two chains of dependent products, each half as long.
     let even = a[0].mul_add(b[0], a[2].mul_add(b[2], a[4] * b[4]));
     let odd = a[1].mul_add(b[1], a[3].mul_add(b[3], a[5] * b[5]));
     even + odd
@@ -109,13 +110,13 @@ pub fn zero<T: Real>() -> Vector6<T> {
     Vector6::new(o, o, o, o, o, o)
 }
 
-/// Products entry by entry.
+/// Entrywise products.
 #[inline(always)]
 pub(crate) fn times_each<T: Real>(x: &Vector6<T>, y: &Vector6<T>) -> Vector6<T> {
     Vector6::new(x[0] * y[0], x[1] * y[1], x[2] * y[2], x[3] * y[3], x[4] * y[4], x[5] * y[5])
 }
 
-/// Absolute values, entry by entry.
+/// Entrywise absolute values.
 #[inline(always)]
 pub(crate) fn absolute<T: Real>(x: &Vector6<T>) -> Vector6<T> {
     Vector6::new(x[0].abs(), x[1].abs(), x[2].abs(), x[3].abs(), x[4].abs(), x[5].abs())
@@ -146,7 +147,8 @@ pub fn sum<T: Real>(x: &Vector6<T>, y: &Vector6<T>) -> Vector6<T> {
     Vector6::new(x[0] + y[0], x[1] + y[1], x[2] + y[2], x[3] + y[3], x[4] + y[4], x[5] + y[5])
 }
 
-/// Rate of change of the motion `m` carried along by the motion `v`: (w x `m_w`, w x `m_v` + v x `m_w`).
+/// Motion cross product v x m = (w x `m_w`, w x `m_v` + v x `m_w`): the time derivative of the motion `m` fixed in a
+/// frame that moves with `v`.
 #[inline(always)]
 pub fn cross_motion<T: Real>(v: &Vector6<T>, m: &Vector6<T>) -> Vector6<T> {
     let (w, u) = (angular(v), linear(v));
@@ -154,7 +156,8 @@ pub fn cross_motion<T: Real>(v: &Vector6<T>, m: &Vector6<T>) -> Vector6<T> {
     spatial(&cross(&w, &mw), &cross_add(&w, &mv, &cross(&u, &mw)))
 }
 
-/// Rate of change of the force `f` carried along by the motion `v`: (w x n + v x f, w x f).
+/// Force cross product v x* f = (w x n + v x f, w x f): the time derivative of the force `f` fixed in a frame that
+/// moves with `v`.
 #[inline(always)]
 pub fn cross_force<T: Real>(v: &Vector6<T>, f: &Vector6<T>) -> Vector6<T> {
     let (w, u) = (angular(v), linear(v));

@@ -73,7 +73,7 @@ impl RandomModel {
     ///
     /// [`Error::Argument`] for no samples, a confidence out of range, Sobol samples that are not `replicates` times a power of
     /// two, fewer than two replicates, or more than 1000 random numbers a sample with Sobol points; [`Error::Memory`] for more replicates, or
-    /// a larger matrix, than there is room for; [`Error::Interrupted`] under a [`watch`](crate::watch) that ends the work.
+    /// a larger matrix, than there is room for; [`Error::Interrupted`] under a [`interrupt`](crate::interrupt) that ends the work.
     pub fn mass_matrix(&self, method: Method) -> Result<MassEstimate, Error> {
         let nv = self.nv();
         // M, its error and the ends of the intervals, and the sums on the way there.

@@ -5,11 +5,11 @@ use crate::batch::{Batch, Fault, Pool};
 use crate::dynamics::bias_forces_base_to_tip;
 use crate::error::Error;
 use crate::filter::{HingeMap, System};
+use crate::interrupt;
 use crate::kinematics::placements_base_to_tip;
 use crate::memory;
 use crate::scene::Scene;
 use crate::spatial::RigidShift;
-use crate::watch;
 use crate::workspace::Workspace;
 use nalgebra::{Matrix6, Vector6};
 use std::ops::Range;
@@ -94,7 +94,7 @@ impl Scene {
         qd: Option<&[f64]>,
         acceleration_variance: f64,
     ) -> Result<RandomModel, Error> {
-        self.model().omissions.check_every_body_moves("scene")?;
+        self.model().simplifications.check_every_body_moves("scene")?;
         self.check_configuration("q", q)?;
         if !(acceleration_variance > 0.0 && acceleration_variance.is_finite()) {
             let found = acceleration_variance.to_string();
@@ -159,7 +159,7 @@ impl RandomModel {
     ///
     /// # Errors
     ///
-    /// [`Error::Argument`] for Sobol points of fewer dimensions than [`RandomModel::dimension`]; [`Error::Memory`] for more samples than there is room for; [`Error::Interrupted`] under a [`watch`] that ends the work.
+    /// [`Error::Argument`] for Sobol points of fewer dimensions than [`RandomModel::dimension`]; [`Error::Memory`] for more samples than there is room for; [`Error::Interrupted`] under a [`interrupt`] that ends the work.
     pub fn sample(&self, points: &Points, samples: Range<u64>) -> Result<Samples, Error> {
         let (count, nv) = (count_of(&samples)?, self.nv());
         memory::room("samples", self.bytes_of_samples(count))?;
@@ -289,7 +289,7 @@ impl RandomModel {
     ) -> Result<(), Error> {
         block.force.iter_mut().for_each(|lane| lane.fill(0.0));
         for (k, stage) in self.system.stages.iter().enumerate().rev() {
-            watch::check_at(k, FEW)?;
+            interrupt::check_at(k, FEW)?;
             let (outboard, here) = block.force.split_at_mut(6 * k);
             let force = &mut here[..6];
             // 1.1: what the bodies outboard sent, plus w(k) = b(k) + S n.

@@ -2,7 +2,7 @@
 
 use super::model::{RandomModel, used_columns};
 use crate::error::Error;
-use crate::watch;
+use crate::interrupt;
 use nalgebra::Vector6;
 
 impl RandomModel {
@@ -19,7 +19,7 @@ impl RandomModel {
             for column in used_columns(root) {
                 self.push_inward(k, root.column(column).into(), &mut path);
                 for (at, &(i, t)) in path.iter().enumerate() {
-                    watch::check_at(at, 256)?;
+                    interrupt::check_at(at, 256)?;
                     for &(j, other) in &path {
                         out[i * nv + j] += t * other;
                     }

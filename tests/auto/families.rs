@@ -72,7 +72,7 @@ struct Part {
     /// Size of the body, m.
     length: f64,
     /// Center of mass, relative to the size.
-    centre: Vector3<f64>,
+    center: Vector3<f64>,
     /// Principal inertias divided by m l^2, before needles.
     principal: Vector3<f64>,
     armature: f64,
@@ -95,7 +95,7 @@ fn part(random: &mut Random, k: usize, branching: f64, kinds: &[JointKind]) -> P
         lever: random.vector() * 0.5,
         mass: random.uniform(0.5, 2.0),
         length: 0.3,
-        centre: random.vector(),
+        center: random.vector(),
         principal: Vector3::new(b + c, a + c, a + b),
         armature: 0.0,
     }
@@ -116,7 +116,7 @@ fn build(parts: &[Part], random: &mut Random, gravity: bool) -> SceneBuilder {
         let central = axes * Matrix3::from_diagonal(&(p.principal * (p.mass * p.length * p.length))) * axes.transpose();
         let inertial = (p.mass > 0.0).then(|| Inertial {
             mass: p.mass,
-            centre: p.centre * p.length,
+            center: p.center * p.length,
             central: Symmetric3::from_upper(&central),
         });
         builder = builder.link(LinkDescription { name: format!("link{k}"), inertial }).joint(joint);
@@ -172,7 +172,7 @@ pub fn case(number: usize) -> Case {
         model.lever = Vector3::new(0.5, 0.0, 0.0);
         let tilt = if random.below(2) == 0 { 0.0 } else { 0.3 };
         model.turned = *Rotation3::new(Vector3::new(tilt, 0.7 * tilt, -tilt)).matrix();
-        model.centre = Vector3::new(0.5, 0.1, 0.0);
+        model.center = Vector3::new(0.5, 0.1, 0.0);
         for (k, p) in parts.iter_mut().enumerate() {
             let (parent, kind) = (p.parent, p.kind);
             *p = Part { parent, kind, axis: Vector3::ith((k * axis_step + 2) % 3, 1.0), ..model };
@@ -300,7 +300,7 @@ pub fn case(number: usize) -> Case {
                     let k = random.below(n);
                     let p = &mut parts[k];
                     p.lever += p.turned * (way * far);
-                    p.centre -= way * (far / p.length);
+                    p.center -= way * (far / p.length);
                 }
             }
         }
@@ -395,7 +395,7 @@ impl Case {
             let mut link = link.clone();
             if k == 0 {
                 let central = Symmetric3::new([0.01, 0.0, 0.001, 0.02, 0.0, 0.015]);
-                link.inertial = Some(Inertial { mass: 1.0, centre: Vector3::new(0.02, -0.05, 0.1), central });
+                link.inertial = Some(Inertial { mass: 1.0, center: Vector3::new(0.02, -0.05, 0.1), central });
             }
             builder = builder.link(link);
         }
@@ -449,7 +449,7 @@ impl Case {
         for link in self.builder.links() {
             let inertial = link.inertial.map(|i| Inertial {
                 mass: ulp(i.mass),
-                centre: i.centre.map(&mut ulp),
+                center: i.center.map(&mut ulp),
                 central: Symmetric3::new(i.central.entries.map(&mut ulp)),
             });
             builder = builder.link(LinkDescription { name: link.name.clone(), inertial });

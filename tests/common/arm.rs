@@ -8,7 +8,7 @@ use phipsi::spatial::Symmetric3;
 pub fn solid() -> Inertial {
     Inertial {
         mass: 2.0,
-        centre: Vector3::new(0.1, 0.0, 0.2),
+        center: Vector3::new(0.1, 0.0, 0.2),
         central: Symmetric3::new([0.02, 0.0, 0.001, 0.03, 0.0, 0.025]),
     }
 }

@@ -106,7 +106,7 @@ impl Arm {
         let central = [0.3 + 0.02 * at(3), 0.02, -0.01 * at(4), 0.25, 0.03 * at(5), 0.28];
         let inertial = Inertial {
             mass: 1.5 + 0.5 * at(6),
-            centre: [0.1 * at(0), 0.1 * at(1), 0.2 * at(2)].into(),
+            center: [0.1 * at(0), 0.1 * at(1), 0.2 * at(2)].into(),
             central: Symmetric3::new(central.map(|x| 0.1 * x)),
         };
         LinkDescription { name, inertial: Some(inertial) }

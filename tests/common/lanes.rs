@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 use phipsi::batch::{ARMS, Arm};
 use phipsi::batch::{Evaluated, Evaluator};
 use phipsi::filter::Form;
-use phipsi::scene::{JointDescription, JointKind, LinkDescription, Omissions};
+use phipsi::scene::{JointDescription, JointKind, LinkDescription, Simplifications};
 use phipsi::spatial::SpatialVector;
 use phipsi::{Algorithm, Arguments, Derivatives, Products};
 use phipsi::{Scene, SceneBuilder};
@@ -205,8 +205,9 @@ pub fn limbed(seed: u64, limbs: usize, length: usize, floating: bool, ragged: bo
 /// joints, also at tips, which are not merged with their parents.
 pub fn crowd(seed: u64, floats: usize, length: usize) -> Scene {
     let mut random = Random::new(seed);
-    let kept = Omissions { fixed_joints: false, ..Omissions::all() };
-    let mut builder = SceneBuilder::new().omissions(kept).link(LinkDescription { name: "base".into(), inertial: None });
+    let kept = Simplifications { fixed_joints: false, ..Simplifications::all() };
+    let mut builder =
+        SceneBuilder::new().simplifications(kept).link(LinkDescription { name: "base".into(), inertial: None });
     let mut add = |builder: SceneBuilder, kind: JointKind, parent: &str, name: &str| {
         let mut joint = JointDescription::new(format!("to_{name}"), kind, parent, name);
         joint.axis = Vector3::zeros();

@@ -14,7 +14,7 @@ pub fn rod(mass: f64, length: f64) -> Inertial {
     let across = mass * length * length / 12.0;
     Inertial {
         mass,
-        centre: [0.0, 0.0, 0.5 * length].into(),
+        center: [0.0, 0.0, 0.5 * length].into(),
         central: Symmetric3::new([across, 0.0, 0.0, across, 0.0, 1e-3 * mass]),
     }
 }

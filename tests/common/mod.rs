@@ -78,7 +78,7 @@ pub fn random_inertial(random: &mut Random) -> Inertial {
     let principal = Matrix3::from_diagonal(&Vector3::new(b + c, a + c, a + b));
     Inertial {
         mass,
-        centre: random.vector() * 0.3,
+        center: random.vector() * 0.3,
         central: Symmetric3::from_upper(&(rotation * principal * rotation.transpose())),
     }
 }
@@ -148,7 +148,7 @@ impl Tree<'_> {
 pub fn swinging(rods: usize) -> Scene {
     let rod = Inertial {
         mass: 1.0,
-        centre: [0.0, 0.0, -0.15].into(),
+        center: [0.0, 0.0, -0.15].into(),
         central: Symmetric3::new([0.01, 0.0, 0.0, 0.01, 0.0, 0.002]),
     };
     let mut builder = SceneBuilder::new().gravity([2.0, 0.5, -9.0]);

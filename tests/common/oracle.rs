@@ -359,7 +359,7 @@ impl Instant<'_> {
                 let inertial = inertial.as_ref()?;
                 let central = inertial.central.to_matrix().map(d);
                 let inertia = link.rotation * central * link.rotation.transpose();
-                Some((link, d(inertial.mass), link.rotation * vector(&inertial.centre), inertia))
+                Some((link, d(inertial.mass), link.rotation * vector(&inertial.center), inertia))
             },
         )
     }
@@ -374,9 +374,9 @@ impl Instant<'_> {
     pub fn mass_matrix(&self) -> DMatrix<D> {
         let nv = self.oracle.nv();
         let mut m = DMatrix::from_fn(nv, nv, |i, j| d(if i == j { self.oracle.armature[i] } else { 0.0 }));
-        for (link, mass, centre, inertia) in self.masses() {
+        for (link, mass, center, inertia) in self.masses() {
             let columns: Vec<_> =
-                link.path.iter().map(|&row| (row, self.column(row, &(link.position + centre)))).collect();
+                link.path.iter().map(|&row| (row, self.column(row, &(link.position + center)))).collect();
             for (i, (w, v)) in &columns {
                 let (angular, linear) = (inertia * w, v * mass);
                 for (j, (other_w, other_v)) in &columns {
@@ -398,10 +398,10 @@ impl Instant<'_> {
                 terms[row] += norm(&w) * size.0 + norm(&v) * size.1;
             }
         };
-        for (link, mass, centre, inertia) in self.masses() {
+        for (link, mass, center, inertia) in self.masses() {
             let w = &link.omega;
-            let inward = cross(w, &cross(w, &centre));
-            let acceleration = link.acceleration + cross(&link.alpha, &centre) + inward;
+            let inward = cross(w, &cross(w, &center));
+            let acceleration = link.acceleration + cross(&link.alpha, &center) + inward;
             let moment = inertia * link.alpha + cross(w, &(inertia * w));
             let force = (acceleration - self.oracle.gravity) * mass;
             let largest = inertia.iter().fold(0.0, |m: f64, x| m.max(to_f64(x.abs())));
@@ -409,7 +409,7 @@ impl Instant<'_> {
                 largest * (norm(&link.alpha) + norm(w).powi(2)),
                 to_f64(mass) * (norm(&link.acceleration) + norm(&inward) + norm(&self.oracle.gravity)),
             );
-            add(link, &(link.position + centre), &moment, &force, size);
+            add(link, &(link.position + center), &moment, &force, size);
         }
         for (name, wrench) in wrenches {
             let link = self.link(name);
@@ -424,10 +424,10 @@ impl Instant<'_> {
     /// Kinetic and potential energy.
     pub fn energy(&self) -> (D, D) {
         let (mut kinetic, mut potential) = (d(0.0), d(0.0));
-        for (link, mass, centre, inertia) in self.masses() {
-            let velocity = link.velocity + cross(&link.omega, &centre);
+        for (link, mass, center, inertia) in self.masses() {
+            let velocity = link.velocity + cross(&link.omega, &center);
             kinetic += mass * inner(&velocity, &velocity) + inner(&link.omega, &(inertia * link.omega));
-            potential += -(mass * inner(&self.oracle.gravity, &(link.position + centre)));
+            potential += -(mass * inner(&self.oracle.gravity, &(link.position + center)));
         }
         for (&armature, &rate) in self.oracle.armature.iter().zip(&self.qd) {
             kinetic += d(armature) * rate * rate;
@@ -438,9 +438,9 @@ impl Instant<'_> {
     /// Angular momentum about the origin of the world, and linear momentum.
     pub fn momentum(&self) -> [D; 6] {
         let (mut angular, mut linear) = (zero(), zero());
-        for (link, mass, centre, inertia) in self.masses() {
-            let momentum = (link.velocity + cross(&link.omega, &centre)) * mass;
-            angular += inertia * link.omega + cross(&(link.position + centre), &momentum);
+        for (link, mass, center, inertia) in self.masses() {
+            let momentum = (link.velocity + cross(&link.omega, &center)) * mass;
+            angular += inertia * link.omega + cross(&(link.position + center), &momentum);
             linear += momentum;
         }
         [angular[0], angular[1], angular[2], linear[0], linear[1], linear[2]]

@@ -322,7 +322,7 @@ def test_broken_arguments_are_refused() -> None:
         scene.contact_gaps(np.zeros(3))
     with pytest.raises(NotFiniteError, match="qd"):
         scene.contact_velocities(at(), np.full(6, np.nan))
-    with pytest.raises(SimulationError, match="rate of joint") as caught:
+    with pytest.raises(SimulationError, match="velocity of joint") as caught:
         scene.simulate(at(z=1.0), along(0), dt=1e-3, steps=10, tau=along(0, 0, 1e16), record_every=1)
     assert caught.value.step == 0 and len(caught.value.trajectory) == 1
     assert caught.value.trajectory.contacts.gap["corner0"].shape == (1,)

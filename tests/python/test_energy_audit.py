@@ -24,7 +24,7 @@ LONG = 20
 def shares(path: phipsi.Trajectory) -> dict[str, float]:
     """Works of a single-state trajectory, J."""
     audit = path.energy_audit()._asdict()
-    return {kind: float(value) for kind, value in audit.items() if kind not in ("change", "remainder", "share")}
+    return {kind: float(value) for kind, value in audit.items() if kind not in ("change", "remainder", "relative_error")}
 
 
 def test_the_work_of_every_cause_and_nothing_else() -> None:
@@ -37,7 +37,9 @@ def test_the_work_of_every_cause_and_nothing_else() -> None:
     works = shares(path)
     assert path.stops and all(works[kind] != 0.0 for kind in ("torque", "damping", "friction", "control", "stops")) and works["contacts"] == 0.0
     assert works["damping"] < 0.0 and works["friction"] < 0.0 and works["stops"] < 0.0
-    assert path.energy_audit().share < AUDIT
+    assert path.energy_audit().relative_error < AUDIT
+    with pytest.raises(AttributeError, match="'share'; it was renamed to 'relative_error'"):
+        _ = path.energy_audit().relative_error
     causes = {
         "torque": {"tau": tau},
         "damping": {"damping": 0.3},
@@ -49,9 +51,9 @@ def test_the_work_of_every_cause_and_nothing_else() -> None:
         path = scene.simulate(q, qd, **given, **{**nothing, **cause})
         works = shares(path)
         assert [name for name, work in works.items() if work != 0.0] == [kind]
-        assert path.energy_audit().share < AUDIT, kind
+        assert path.energy_audit().relative_error < AUDIT, kind
     still = scene.simulate(q, qd, **given, **nothing)
-    assert not any(shares(still).values()) and still.energy_audit().share < 1e-9
+    assert not any(shares(still).values()) and still.energy_audit().relative_error < 1e-9
 
 
 @pytest.mark.parametrize("dt", [1e-3, 4e-3])
@@ -61,7 +63,7 @@ def test_the_remainder_is_small_in_batches_and_falls_with_the_step(dt: float) ->
     q, qd = (np.stack(values) for values in zip(*starts, strict=True))
     path = scene.simulate(q, qd, dt=dt, steps=round(1.0 / dt), pd=phipsi.PD(3.0, 0.1, np.zeros(3)), tau=np.full(3, 0.2))
     audit = path.energy_audit()
-    assert audit.share.shape == (16,) and np.all(audit.share < AUDIT)
+    assert audit.relative_error.shape == (16,) and np.all(audit.relative_error < AUDIT)
     assert_near(audit.torque + audit.damping + audit.friction + audit.control + audit.stops + audit.remainder, audit.change, product(6, size(*audit)))
     alone = scene.simulate(q[3], qd[3], dt=dt, steps=round(1.0 / dt), pd=phipsi.PD(3.0, 0.1, np.zeros(3)), tau=np.full(3, 0.2)).energy_audit()
     assert_near(alone.remainder, audit.remainder[3], product(6, size(*audit)))
@@ -96,7 +98,7 @@ def test_the_work_of_contacts() -> None:
     path = scene.simulate(q, [1.0, 0, 0, 0, 0, 0], dt=1e-3, steps=1500)
     works = shares(path)
     assert works.pop("contacts") < 0.0 and not any(works.values())
-    assert path.energy_audit().share < 0.1 * AUDIT
+    assert path.energy_audit().relative_error < 0.1 * AUDIT
 
 
 def test_a_robot_at_rest_exchanges_no_energy() -> None:
@@ -110,7 +112,7 @@ def test_a_robot_at_rest_exchanges_no_energy() -> None:
     loop = builder.connect("pin", "point", "b", xyz=(0, 0, -0.5), other_xyz=(0.5, 0, -0.5)).build()
     q, qd, _ = loop.project([0.3, 0.5], [0.1, 0.0])
     for path in (loop.simulate(q, qd, dt=1e-3, steps=200), pendulum(friction=9.0).simulate([0.5], [0.0], dt=1e-3, steps=200)):
-        assert path.energy_audit().share < AUDIT
+        assert path.energy_audit().relative_error < AUDIT
 
 
 def test_friction_takes_energy_where_a_joint_returns_to_its_limit() -> None:
@@ -135,7 +137,7 @@ def test_passive_robots_do_not_gain_energy(dt: float, restitution: float, floati
         assert gained <= (2e-3 if restitution == 1.0 else 1e-3) * size(energy.kinetic), f"robot {seed}"
         assert max(works.values()) <= product(6, size(energy.kinetic)), f"robot {seed}"
         # Impacts with rebound make steps first-order.
-        assert path.energy_audit().share < (AUDIT if restitution == 0.0 else 3 * AUDIT), f"robot {seed}"
+        assert path.energy_audit().relative_error < (AUDIT if restitution == 0.0 else 3 * AUDIT), f"robot {seed}"
 
 
 @pytest.mark.parametrize("restitution", [0.0, 0.6, 1.0])

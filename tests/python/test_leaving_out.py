@@ -19,8 +19,8 @@ from phipsi.report.structure import tree_of
 SWITCHES = (
     "fixed_joints",
     "base_links",
-    "renamed_axes",
-    "tilted_axes",
+    "permuted_axes",
+    "oblique_axes",
     "zero_velocity",
     "zero_gravity",
 )
@@ -205,12 +205,12 @@ def test_the_plan_lists_calls_and_outputs() -> None:
     scene = arms_on_a_cart().build()
     items = {item.what: item for item in scene.plan().items}
     shared = items["the factor of M, in calls that share q"]
-    branch = items["bodies beside the path to the base, in a factor of which the last joint alone has moved"]
+    branch = items["bodies that are not on the path to the base, in a factor of which only the last joint has moved"]
     outputs = items["outputs that are not asked for"]
     assert branch.count == 3
     assert min(shared.operations, branch.operations, outputs.operations) > 0
     assert "its inverse" in outputs.saved
-    compiled = items["operations that this robot's constants decide, in code compiled for it"]
+    compiled = items["operations that are constant for this robot, in code compiled for it"]
     left, _, asked = (compiled.saved.split()[i] for i in (0, 5, 7))
     assert 0 < int(left) < int(asked) and compiled.operations == int(asked) - int(left)
     times = left_out.measured(scene, states.draw(scene, tree_of(scene), 8, 0))

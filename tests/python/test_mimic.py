@@ -266,7 +266,7 @@ def test_float32(case: Case) -> None:
 @pytest.mark.parametrize("file", FILES)
 def test_real_robots_as_pinocchio(file: str) -> None:
     if file in BROKEN:
-        with pytest.raises(SceneError, match=f'{BROKEN[file]}", which is not there'):
+        with pytest.raises(SceneError, match=f'{BROKEN[file]}", which does not exist'):
             phipsi.Scene.from_urdf(ROBOTS / file, mimic="couple")
         return
     with warnings.catch_warnings():

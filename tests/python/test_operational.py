@@ -276,7 +276,7 @@ BROKEN: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
     "rotation scaled": (
         {"rotation": [np.eye(3), ROTATION * (1 + 1e-8)]},
         ArgumentError,
-        'rotation of the task frame on link "link6": found a matrix R with R^T R off the identity by 2.0e-8',
+        'rotation of the task frame on link "link6": found a matrix R for which R^T R differs from the identity by 2.0e-8',
     ),
     "rotation mirrored": (
         {"rotation": np.diag([1, 1, -1])},

@@ -264,7 +264,7 @@ def test_what_is_not_understood_is_one_warning_and_raises_when_strict(file: str)
     texts = [str(warning.message) for warning in load(file, False)[1] if warning.category is UnknownTagWarning]
     assert len(texts) == (file in NOT_UNDERSTOOD)
     if texts:
-        assert f"passed over: {NOT_UNDERSTOOD[file]} (line " in texts[0]
+        assert f"ignored: {NOT_UNDERSTOOD[file]} (line " in texts[0]
         with pytest.raises(SceneError, match="strict"):
             load(file, False, strict=True)
 

@@ -83,7 +83,7 @@ def test_other_formats(root: str, words: str) -> None:
 
 
 def test_a_robot_without_links_says_what_was_not_understood() -> None:
-    with pytest.raises(SceneError, match=r"without links; not understood: <Link> in <robot> \(line 1; is it <link>\?\)"):
+    with pytest.raises(SceneError, match=r"without links; not recognized: <Link> in <robot> \(line 1; is it <link>\?\)"):
         phipsi.Scene.from_urdf('<robot><Link name="a"/></robot>')
 
 

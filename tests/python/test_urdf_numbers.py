@@ -183,7 +183,7 @@ def test_what_floats_already_gets_no_floating_base() -> None:
     for root in ("world", "ground"):
         text = ARM.replace("</robot>", joint.format(root))
         assert phipsi.Scene.from_urdf(text).nv == 8
-        with pytest.raises(SceneError, match=rf'root link "{root}": found joint "free".*floats already.*floating_base=False'):
+        with pytest.raises(SceneError, match=rf'root link "{root}": found joint "free".*makes the scene floating already.*floating_base=False'):
             phipsi.Scene.from_urdf(text, floating_base=True)
 
 

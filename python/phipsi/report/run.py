@@ -114,10 +114,10 @@ def _limits(run: Run) -> Sequence[Block]:
 
 def _energy(run: Run) -> Sequence[Block]:
     audit = run.path.energy_audit()
-    rows = [(KINDS.get(kind, kind), f"{float(value):.4g}") for kind, value in audit._asdict().items() if kind != "share" and (value != 0.0 or kind in ALWAYS)]
-    share = 100.0 * float(audit.share)
+    rows = [(KINDS.get(kind, kind), f"{float(value):.4g}") for kind, value in audit._asdict().items() if kind != "relative_error" and (value != 0.0 or kind in ALWAYS)]
+    share = 100.0 * float(audit.relative_error)
     verdict = f"The remainder, the error of the integrator, is {share:.2g} % of the energy exchanged."
-    if audit.share > motion.SHARE:
+    if audit.relative_error > motion.SHARE:
         verdict += " **That is more than 1 %: use a smaller step or error control.**"
     blocks: list[Block] = [Table(("work or change", "J"), rows, 1), verdict]
     if run.path.estimated_error > 0.0:

@@ -150,9 +150,9 @@ def _tell(name: str, path: Trajectory) -> None:
     works = {kind: float(getattr(audit, kind)) for kind in WORKS if getattr(audit, kind) != 0.0}
     if works:
         click.echo("work: " + ", ".join(f"{kind} {work:.4g} J" for kind, work in works.items()))
-    if audit.share > motion.SHARE:
+    if audit.relative_error > motion.SHARE:
         click.echo(
-            f"warning: the integrator's error is {float(audit.remainder):.3g} J, {100 * float(audit.share):.1f} % of the energy exchanged; use a smaller --dt or --accuracy",
+            f"warning: the integrator's error is {float(audit.remainder):.3g} J, {100 * float(audit.relative_error):.1f} % of the energy exchanged; use a smaller --dt or --accuracy",
             err=True,
         )
     if path.stops:

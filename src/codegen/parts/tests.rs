@@ -15,7 +15,7 @@ fn robot() -> Scene {
         name: name.to_owned(),
         inertial: Some(Inertial {
             mass,
-            centre: Vector3::new(0.03, 0.02 * side, -0.1),
+            center: Vector3::new(0.03, 0.02 * side, -0.1),
             central: Symmetric3::new([0.02, 0.001 * side, 0.003, 0.03, 0.002 * side, 0.01].map(|entry| entry * mass)),
         }),
     };
@@ -146,7 +146,7 @@ fn results_that_nothing_computes_are_written_too() {
         name: name.to_owned(),
         inertial: Some(Inertial {
             mass: 2.0,
-            centre: Vector3::zeros(),
+            center: Vector3::zeros(),
             central: Symmetric3::new([1.0, 0.0, 0.0, 1.0, 0.0, 1.0]),
         }),
     };

@@ -3,7 +3,7 @@
 use super::geometry::relaxed_at;
 use super::rows::{errors_of_rows, rates_of_rows};
 use super::{NoDirection, Outcome};
-use crate::error::{ConstraintFault, Error};
+use crate::error::{ConstraintViolation, Error};
 use crate::scalar::Precision;
 use crate::scene::Scene;
 use crate::scene::constraint::Tie;
@@ -15,7 +15,7 @@ impl Scene {
     /// A rod whose ends coincide.
     pub(crate) fn no_direction(&self, at: NoDirection) -> Error {
         let name = self.constraints().all.get(at.0).map(|constraint| constraint.name.clone());
-        ConstraintFault {
+        ConstraintViolation {
             connections: name.into_iter().collect(),
             found: "a distance of zero, which has no direction".to_owned(),
             expected: "a configuration where the two points are apart".to_owned(),
@@ -36,7 +36,7 @@ impl Scene {
         if outcome.contradicted.is_empty() {
             return Ok(());
         }
-        Err(ConstraintFault {
+        Err(ConstraintViolation {
             connections: self.connections_of(&outcome.contradicted),
             found: format!(
                 "accelerations that no forces take away, {:.1e} m/s^2 or rad/s^2 (rank {} of {} rows)",
@@ -107,7 +107,7 @@ impl Scene {
 
     /// The error of a state that is not on the connections: what it is of, the row, how much, and its unit.
     pub(crate) fn open_at(&self, argument: &str, row: usize, left: f64, unit: &str, remedy: &str) -> Error {
-        ConstraintFault {
+        ConstraintViolation {
             connections: self.connections_of(&[row]),
             found: format!("an error of {left:.1e} {unit} at {argument}"),
             expected: remedy.to_owned(),

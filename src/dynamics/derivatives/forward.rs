@@ -9,9 +9,9 @@ use crate::dynamics::mass_inverse::closed_form;
 use crate::dynamics::{factorise, forward_dynamics, solve};
 use crate::filter::pivots::{LostPivot, PivotMonitor};
 use crate::filter::{Form, innovations, smoother};
+use crate::interrupt;
 use crate::model::Model;
 use crate::scalar::{Real, larger};
-use crate::watch;
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
 
@@ -23,7 +23,7 @@ use nalgebra::Vector6;
 ///
 /// In form `auto` a state is recomputed in double-double arithmetic and rounded where the error estimate of the factor of M exceeds the tolerance, or the estimated
 /// error of the columns exceeds the tolerance of products ([`Workspace::tolerance`]): f64 only, some thirty times as long, with scratch for as long as it lasts. Under a
-/// [`watch`] that ends the work `out` means nothing.
+/// [`interrupt`] that ends the work `out` means nothing.
 ///
 /// # Errors
 ///
@@ -100,7 +100,7 @@ fn columns<T: Real<Parameter = T>>(
     }
     let mut most_terms = T::zero();
     for column in 0..nv {
-        if watch::check_at(column + 1, super::AT_A_TIME).is_err() {
+        if interrupt::check_at(column + 1, super::AT_A_TIME).is_err() {
             return false;
         }
         let mut terms = T::zero();

@@ -46,10 +46,10 @@ impl Framed {
         for (body, stage) in model.bodies.iter().zip(&model.system.stages) {
             let outer = stage.parent.map_or_else(Matrix3::identity, |parent| framed.from_model[parent]);
             let rotation = outer * body.tree.rotation;
-            let turns = matches!(body.motion, Motion::Revolute) && model.omissions.renamed_axes;
-            let tilted = || if model.omissions.tilted_axes { AboutAxis::tilted(&rotation) } else { None };
-            let slides = matches!(body.motion, Motion::Prismatic) && model.omissions.renamed_axes;
-            let sliding = || AboutAxis::sliding(&rotation, model.omissions.tilted_axes);
+            let turns = matches!(body.motion, Motion::Revolute) && model.simplifications.permuted_axes;
+            let tilted = || if model.simplifications.oblique_axes { AboutAxis::tilted(&rotation) } else { None };
+            let slides = matches!(body.motion, Motion::Prismatic) && model.simplifications.permuted_axes;
+            let sliding = || AboutAxis::sliding(&rotation, model.simplifications.oblique_axes);
             let sliding = if slides { sliding() } else { None };
             let about = if turns { AboutAxis::of(&rotation).or_else(tilted) } else { None };
             let mut here = *body;
@@ -93,7 +93,7 @@ impl Framed {
 #[cfg(test)]
 mod tests {
     use super::{Framed, Joint, JointAxis};
-    use crate::model::Omissions;
+    use crate::model::Simplifications;
     use crate::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder};
     use crate::spatial::Symmetric3;
     use nalgebra::{Matrix3, Rotation3, Vector3};
@@ -116,14 +116,14 @@ mod tests {
     fn framed(
         kind: JointKind,
         (rotation, axis): (Matrix3<f64>, Vector3<f64>),
-        omissions: Omissions,
+        simplifications: Simplifications,
     ) -> (Framed, Matrix3<f64>) {
         let mut joint = JointDescription::new("joint", kind, "base", "link");
         (joint.origin.rotation, joint.axis) = (rotation, axis);
         let central = Symmetric3::new([1.0, 0.0, 0.0, 1.0, 0.0, 1.0]);
-        let inertial = Some(Inertial { mass: 1.0, centre: [0.1, 0.2, 0.3].into(), central });
+        let inertial = Some(Inertial { mass: 1.0, center: [0.1, 0.2, 0.3].into(), central });
         let scene = SceneBuilder::new()
-            .omissions(omissions)
+            .simplifications(simplifications)
             .link(LinkDescription { name: "base".into(), inertial: None })
             .link(LinkDescription { name: "link".into(), inertial })
             .joint(joint)
@@ -134,7 +134,7 @@ mod tests {
 
     /// Of such a joint, its offset, and by how much what it is made of differs from what it is.
     fn of(rotation: Matrix3<f64>, axis: Vector3<f64>) -> (Kind, Option<[f64; 2]>, f64) {
-        let (framed, given) = framed(JointKind::Revolute, (rotation, axis), Omissions::all());
+        let (framed, given) = framed(JointKind::Revolute, (rotation, axis), Simplifications::all());
         let [s, c] = framed.angle_offsets[0].unwrap_or([0.0, 1.0]);
         let about_z = Matrix3::new(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0);
         let made = framed.bodies[0].tree.rotation * about_z * framed.from_model[0];
@@ -212,16 +212,17 @@ mod tests {
     /// A slide goes by constants where the switches let it, and is not renamed where it does not.
     #[test]
     fn what_slides_goes_by_constants_where_it_may() {
-        let all = Omissions::all();
-        let (untilted, unnamed) = (Omissions { tilted_axes: false, ..all }, Omissions { renamed_axes: false, ..all });
+        let all = Simplifications::all();
+        let (untilted, unnamed) =
+            (Simplifications { oblique_axes: false, ..all }, Simplifications { permuted_axes: false, ..all });
         for (rotation, axis, is_tilted) in [
             (rpy(0.0, 0.0, 0.0), -Vector3::y(), false),
             (rpy(FRAC_PI_2, 0.0, 0.0), Vector3::z(), false),
             (rpy(0.0, 0.0, -0.7), Vector3::x(), true),
             (rpy(0.3, -0.2, 1.1), Vector3::x(), true),
         ] {
-            for (omissions, is_there) in [(all, true), (untilted, !is_tilted), (unnamed, false)] {
-                let (framed, given) = framed(JointKind::Prismatic, (rotation, axis), omissions);
+            for (simplifications, is_there) in [(all, true), (untilted, !is_tilted), (unnamed, false)] {
+                let (framed, given) = framed(JointKind::Prismatic, (rotation, axis), simplifications);
                 let expected = if is_there { Joint::Prismatic(0, 0) } else { Joint::General(0) };
                 assert_eq!((framed.joints[0], framed.slides.len()), (expected, usize::from(is_there)));
                 let made = framed.bodies[0].tree.rotation * framed.from_model[0];

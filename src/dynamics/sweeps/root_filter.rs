@@ -47,7 +47,7 @@ impl<T: Real> Rooted<T> {
         for i in 0..3 {
             weights[i + 3] = like.splat(of_body.weights[i]);
         }
-        let (p, c) = (&of_body.centre, &of_body.central);
+        let (p, c) = (&of_body.center, &of_body.central);
         let (x, y, z) = (like.splat(p[0]), like.splat(p[1]), like.splat(p[2]));
         (rows[1][0], rows[2][0], rows[2][1]) = (o, o, o);
         (rows[3][0], rows[3][1], rows[3][2]) = (o, -z, y);

@@ -139,7 +139,7 @@ pub(in crate::dynamics) fn coordinates_of<T: Real>(root: &BodyRoot<T::Parameter>
     let like = a[0];
     let o = like.constant(0.0);
     // The acceleration of the mass centre.
-    let [x, y, z] = spin.times(root.centre.into());
+    let [x, y, z] = spin.times(root.center.into());
     let at_centre = [a[0] + x, a[1] + y, a[2] + z];
     let (mass, c, dw) = (like.splat(root.mass), &root.central, spin.dw);
     let turned = [

@@ -128,7 +128,7 @@ mod tests {
             name: name.into(),
             inertial: Some(Inertial {
                 mass: 2.0,
-                centre: [0.1, -0.2, 0.3].into(),
+                center: [0.1, -0.2, 0.3].into(),
                 central: Symmetric3::new([0.3, 0.02, -0.01, 0.2, 0.03, 0.25]),
             }),
         };

@@ -1,4 +1,5 @@
-//! Steps backward beside steps on dual numbers of twice the digits, along every direction: state, torques, what joints do by themselves, inertias.
+//! Compares adjoint steps with steps on dual numbers in double-double arithmetic, along every direction: state,
+//! torques, joint properties, inertias.
 
 use super::*;
 use crate::batch::arms::Baseline;
@@ -22,27 +23,27 @@ fn number(value: f64) -> Number {
     Number::from_f64(value)
 }
 
-/// One in one of six places.
+/// The unit vector i of six.
 fn unit(i: usize) -> [f64; 6] {
     std::array::from_fn(|j| f64::from(u8::from(i == j)))
 }
 
-/// Numbers up to this size, of either sign.
+/// Uniform values between -size and size.
 fn many(draw: &mut Draw, count: usize, size: f64) -> Vec<f64> {
     (0..count).map(|_| draw.uniform(-size, size)).collect()
 }
 
-/// Numbers of about this size.
+/// Positive values of about the given size.
 fn positive(draw: &mut Draw, count: usize, size: f64) -> Vec<f64> {
     (0..count).map(|_| draw.uniform(0.1 * size, 1.1 * size)).collect()
 }
 
-/// A floating branched robot with every kind of joint.
+/// A floating, branched robot with every kind of joint.
 fn scene() -> Scene {
     let mut random = Draw::new(7);
     let inertial = |random: &mut Draw| Inertial {
         mass: 1.0 + 0.3 * random.uniform(-1.0, 1.0),
-        centre: Vector3::from_fn(|_, _| 0.2 * random.uniform(-1.0, 1.0)),
+        center: Vector3::from_fn(|_, _| 0.2 * random.uniform(-1.0, 1.0)),
         central: Symmetric3::new([0.04, 0.005, -0.003, 0.05, 0.002, 0.03]),
     };
     let kinds = [
@@ -69,10 +70,10 @@ fn scene() -> Scene {
     builder.build().expect("a scene")
 }
 
-/// A step's law where everything acts, its state, and the gradients at its end.
+/// Step settings with all torques active, an initial state, and the gradients at the end of the step.
 struct Case {
     scene: Scene,
-    law: StepSettings,
+    settings: StepSettings,
     q: Vec<f64>,
     v: Vec<f64>,
     torque: Vec<f64>,
@@ -103,18 +104,18 @@ impl Case {
             target,
             target_rate: many(&mut random, nv, 0.3),
         };
-        let law = StepSettings::new(scene.model(), step, method, (properties, Some(gains)), Vec::new()).backward();
+        let settings = StepSettings::new(scene.model(), step, method, (properties, Some(gains)), Vec::new()).backward();
         let (v, torque, end) = (
             many(&mut random, nv, 1.0),
             many(&mut random, nv, 5.0),
             [many(&mut random, nv, 1.0), many(&mut random, nv, 1.0)],
         );
-        Self { scene, law, q, v, torque, end }
+        Self { scene, settings, q, v, torque, end }
     }
 
     fn scratch<T: Real>(&self) -> Scratch<T> {
-        let mut s = Scratch::<T>::new(self.scene.model(), &self.law);
-        let gains = self.law.gains.as_ref().expect("gains");
+        let mut s = Scratch::<T>::new(self.scene.model(), &self.settings);
+        let gains = self.settings.gains.as_ref().expect("gains");
         for (to, from) in [
             (&mut s.q, &self.q),
             (&mut s.v, &self.v),
@@ -127,35 +128,35 @@ impl Case {
         s
     }
 
-    /// Back by the kernels, and with every check.
+    /// Gradients from the kernels, and from the checked solver.
     fn backward(&self) -> [StepGradients<f64>; 2] {
         let mut s = self.scratch::<f64>();
         let mut both = [StepGradients::new(&s.model, true), StepGradients::new(&s.model, true)];
         for to in &mut both {
             to.end.clone_from(&self.end);
         }
-        let mut solver = InLanes::new(Baseline, Form::Auto, (&s.model, &s.constants));
-        let doubt = backward((&self.law, &self.law.scheme), &mut s, &mut both[0], &mut solver, None);
-        assert_eq!(doubt, 0, "{:?}: {:?}, {:?}", self.law.method, s.consistent, s.short_enough);
+        let mut solver = VectorizedBackward::new(Baseline, Form::Auto, (&s.model, &s.constants));
+        let fallback = backward((&self.settings, &self.settings.scheme), &mut s, &mut both[0], &mut solver, None);
+        assert_eq!(fallback, 0, "{:?}: {:?}, {:?}", self.settings.method, s.consistent, s.short_enough);
         let mut checked = CheckedBackward::new(&s.model, Form::Auto, None);
-        backward((&self.law, &self.law.scheme), &mut s, &mut both[1], &mut checked, None);
+        backward((&self.settings, &self.settings.scheme), &mut s, &mut both[1], &mut checked, None);
         assert!(checked.lost.is_none());
         both
     }
 
-    /// The derivative of the scalar along the tangents that `set` gives a step's numbers.
+    /// Derivative of the scalar along the tangents that `set` assigns to the values of a step.
     fn along(&self, set: impl FnOnce(&mut Scratch<Number>)) -> f64 {
         let mut s = self.scratch::<Number>();
         set(&mut s);
         let mut solver = General(Workspace::new(&s.model));
-        step((&self.law, &self.law.scheme), &mut s, &mut solver);
+        step((&self.settings, &self.settings.scheme), &mut s, &mut solver);
         let mut sum = DoubleDouble::from_f64(0.0);
         for (k, body) in s.model.bodies.iter().enumerate() {
             let row = s.model.system.stages[k].first_row;
             let q = &s.q_next[body.q..];
             let here: Vec<Number> = q.iter().map(|x| plain(x.value)).collect();
             for i in 0..s.model.system.stages[k].rows.count() {
-                // The rate that the coordinates' tangents are those of: their columns are orthogonal.
+                // The joint velocity that corresponds to the tangents of the coordinates; the columns are orthogonal.
                 let rates = unit(i).map(number);
                 let mut column = vec![number(0.0); body.motion.nq()];
                 body.motion.coordinate_rates(&here, &rates, &mut column);
@@ -173,7 +174,7 @@ impl Case {
     }
 }
 
-/// Forward dynamics by the general recursion, in any scalar.
+/// Forward dynamics by the general recursion, in any scalar type.
 struct General(Workspace<Number>);
 
 impl Solver<Number> for General {
@@ -191,7 +192,7 @@ impl Solver<Number> for General {
 }
 
 fn near(found: f64, expected: f64, what: &str) {
-    // Sums of a few hundred terms of up to a hundred.
+    // The values are sums of a few hundred terms of magnitude up to a hundred.
     assert!((found - expected).abs() <= 1e-11 * (1.0 + expected.abs()), "{what}: {found} and {expected}");
 }
 
@@ -234,7 +235,7 @@ fn gradients_by_the_state() {
 #[test]
 fn gradients_by_what_acts_at_the_joints() {
     each_method(|name, case, gradients| {
-        let hg = if case.law.scheme.implicit { case.law.scheme.tableau.gamma[0][0] } else { 0.0 };
+        let hg = if case.settings.scheme.implicit { case.settings.scheme.tableau.gamma[0][0] } else { 0.0 };
         for row in 0..case.scene.nv() {
             let found = |kind: usize| gradients.acting[kind][row];
             near(

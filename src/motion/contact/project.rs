@@ -1,4 +1,4 @@
-//! Positions out of the planes.
+//! Projection of positions out of the planes.
 
 use super::super::manifold::advance;
 use crate::contact::{Cone, Effort, Limits};
@@ -10,17 +10,18 @@ use crate::scene::contact_point::ContactPoint;
 use crate::workspace::Workspace;
 use nalgebra::DVector;
 
-/// A gap that is no deeper is none, m.
+/// Penetrations up to this depth are ignored, m.
 const TOUCHES: f64 = 1e-10;
 
-/// Newton steps, at the most.
+/// Largest number of Newton steps.
 const STEPS: usize = 5;
 
-/// The Newton steps finish what a solve leaves.
+/// Effort of one solve; further Newton steps correct its residual.
 const ROUGH: Effort = Effort { tolerance: 1e-6, attempts: usize::MAX, iterations: usize::MAX };
 
-/// Moves `q` by the least kinetic energy until no contact is below its plane: min d M d/2 with gap + `J_n` d >= 0, some Newton steps. No joint moves past
-/// its limit, or further out. Velocities stay as they are. Gives the depth that was found, m, and the iterations.
+/// Displaces `q` with the least kinetic energy until no contact is below its plane: min d M d/2 subject to gap + `J_n`
+/// d >= 0, in a few Newton steps. No joint moves beyond its limit, or further beyond it. Velocities are unchanged.
+/// Returns the initial penetration, m, and the number of iterations.
 pub(super) fn out_of_planes(
     model: &Model<f64>,
     points: &[ContactPoint],
@@ -38,7 +39,7 @@ pub(super) fn out_of_planes(
         if !(lowest < -TOUCHES) {
             break;
         }
-        // What is no further above than the deepest is below may be pushed under by the move.
+        // The displacement can push contacts under the plane whose gap is below the largest penetration.
         let near: Vec<usize> = (0..rows.gaps.len()).filter(|&i| rows.gaps[i] < depth).collect();
         let gap = |i: usize| if i < points.len() { rows.gaps[i] } else { rows.gaps[i].max(0.0) };
         let pivots = factorise(model, workspace, q, |_, _| {});
@@ -50,8 +51,8 @@ pub(super) fn out_of_planes(
         if cone.lengths.iter().any(|r| !r.is_finite()) {
             break;
         }
-        let (push, told) = cone.solve(&c, None, &Limits::beside(&c), ROUGH);
-        iterations += told.iterations;
+        let (push, solved) = cone.solve(&c, None, &Limits::beside(&c), ROUGH);
+        iterations += solved.iterations;
         rows.respond(model, points, workspace, &near, &push);
         advance(model, q, &rows.response, next);
         q.copy_from_slice(next);

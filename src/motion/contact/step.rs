@@ -1,4 +1,4 @@
-//! One step of one state.
+//! One step of one state with contacts.
 
 use super::super::faults::fault_of;
 use super::super::limit_rows::{least_velocity, limit_rows, rebounds, settle_at};
@@ -7,11 +7,11 @@ use super::super::solver::Checked;
 use super::super::step::step;
 use super::super::step_settings::StepSettings;
 use super::super::substeps::StopImpact;
-use super::super::tally::STOPS;
+use super::super::totals::STOPS;
 use super::super::works::add_work;
-use super::kept::ContactReport;
 use super::project::out_of_planes;
-use crate::contact::{Cone, ContactState, Effort, Impact, Limits, Told, impact, passive};
+use super::report::ContactReport;
+use crate::contact::{Cone, ContactState, Effort, Impact, Limits, SolveReport, impact, passive};
 use crate::dynamics::contacts::ContactScratch;
 use crate::dynamics::forward::factorise;
 use crate::error::Error;
@@ -23,42 +23,42 @@ use crate::scene::contact_point::ContactPoint;
 use crate::spatial::RigidShift;
 use nalgebra::{DVector, Matrix3, Vector3};
 
-/// A residual above it is an error; one between this and the tolerance is told.
+/// A residual above this is an error; a residual between the tolerance and this value is accepted.
 const REFUSED: f64 = 1e-5;
 
-/// A contact that was left out and ends deeper joins, m.
+/// An inactive contact becomes active if the step ends with a larger penetration, m.
 const LATE: f64 = 1e-12;
 
-/// Scratch of one state.
-pub(super) struct Touching {
+/// Scratch memory for one state.
+pub(super) struct ContactStep {
     solver: Checked,
     pub rows: ContactScratch,
-    /// Joints that met a stop in the last step.
+    /// Impacts of joints on stops in the last step.
     pub impacts: Vec<StopImpact>,
 }
 
-/// Where contacts are and how they move when a step begins.
-struct Before {
+/// Gaps and velocities of contacts at the start of a step.
+struct StepStart {
     gaps: Vec<f64>,
-    /// J v, and J of the velocities without contacts.
+    /// J v, and J times the velocities without contacts.
     start: DVector<f64>,
     free: DVector<f64>,
 }
 
-/// What the contacts did.
+/// Results of the contacts in a step.
 struct Outcome {
     near: Vec<usize>,
-    /// Impulses of impacts, and those that hold.
+    /// Impulses of impacts, and impulses of persistent contact.
     hit: Option<Impact>,
     held: DVector<f64>,
     states: Vec<ContactState>,
     report: ContactReport,
-    /// Velocities at the end, where joints that reach a stop end the step slower than they moved in it.
+    /// Velocities at the end, if joints that reach a stop end the step slower than they moved in it.
     slowed: Option<Vec<f64>>,
 }
 
 impl Outcome {
-    /// Nothing touches.
+    /// The result without active contacts.
     fn nothing() -> Self {
         Self {
             near: Vec::new(),
@@ -71,69 +71,70 @@ impl Outcome {
     }
 }
 
-impl Touching {
-    pub fn new(scene: &Scene, law: &StepSettings, form: Form) -> Self {
-        let limits = if law.stops { limit_rows(scene) } else { Vec::new() };
+impl ContactStep {
+    pub fn new(scene: &Scene, settings: &StepSettings, form: Form) -> Self {
+        let limits = if settings.stops { limit_rows(scene) } else { Vec::new() };
         Self {
-            solver: Checked::new(scene.model(), None, form).accepting(law.tolerance),
+            solver: Checked::new(scene.model(), None, form).accepting(settings.tolerance),
             rows: ContactScratch::new(scene.model(), scene.contact_points(), limits),
             impacts: Vec::new(),
         }
     }
 
-    /// From `q`, `v` to `q_next`, `v_next`; the impulses and what is told go to `kept`. The joint and the error where there is no step.
+    /// One step from `q`, `v` to `q_next`, `v_next`; stores impulses and report in `kept`. Returns the joint and the
+    /// error if it fails.
     pub fn step(
         &mut self,
         scene: &Scene,
-        law: &StepSettings,
+        settings: &StepSettings,
         s: &mut Scratch<f64>,
         kept: &mut [f64],
     ) -> Result<(), (String, Error)> {
-        step((law, &law.scheme), s, &mut self.solver);
+        step((settings, &settings.scheme), s, &mut self.solver);
         let lost = self.solver.lost.take();
-        if let Some(fault) = fault_of(scene, law, s, lost) {
+        if let Some(fault) = fault_of(scene, settings, s, lost) {
             return Err(fault);
         }
-        let (h, points) = (law.step, scene.contact_points());
+        let (h, points) = (settings.step, scene.contact_points());
         to_axes_at_rest(&s.model, h, &s.v, &mut s.v_next);
         self.rows.place(&s.model, points, &s.q);
         let start = self.rows.velocities(&s.model, points, &s.v);
         let free = self.rows.velocities(&s.model, points, &s.v_next);
-        let before = Before { gaps: self.rows.gaps.clone(), start, free };
-        let mut outcome = self.touch(scene, law, s, &before, kept)?;
+        let before = StepStart { gaps: self.rows.gaps.clone(), start, free };
+        let mut outcome = self.touch(scene, settings, s, &before, kept)?;
         move_along(h, s);
         if let Some(slowed) = outcome.slowed.take() {
             s.v_next = slowed;
         }
-        add_work(law, s);
+        add_work(settings, s);
         let ends = axes_of_free_joints(&s.model, &s.q, &s.q_next);
         let workspace = &mut self.solver.workspace;
         let (depth, iterations) =
             out_of_planes(&s.model, points, workspace, &mut self.rows, (&mut s.q_next, &mut s.q_stage))
                 .map_err(|lost| pivot_fault(scene, lost.stage, scene.singular(lost)))?;
         for (row, turn) in ends {
-            turned(&mut s.v_next[row..], &turn);
+            rotated(&mut s.v_next[row..], &turn);
         }
-        self.settle(law, s, &before, &outcome, points.len());
+        self.settle(settings, s, &before, &outcome, points.len());
         keep(kept, &outcome, points.len());
-        #[allow(clippy::cast_precision_loss)] // a count
+        #[allow(clippy::cast_precision_loss)] // a small count
         let iterations = outcome.report.iterations + iterations as f64;
         ContactReport::add(kept, &ContactReport { iterations, depth, ..outcome.report });
-        fault_of(scene, law, s, None).map_or(Ok(()), Err)
+        fault_of(scene, settings, s, None).map_or(Ok(()), Err)
     }
 
-    /// Impacts and contact of the step: `v_next` becomes what they make of it.
+    /// Applies impacts and contact forces of the step to `v_next`.
     fn touch(
         &mut self,
         scene: &Scene,
-        law: &StepSettings,
+        settings: &StepSettings,
         s: &mut Scratch<f64>,
-        before: &Before,
+        before: &StepStart,
         kept: &[f64],
     ) -> Result<Outcome, (String, Error)> {
         let Self { solver, rows, .. } = self;
-        let (workspace, points, h) = (&mut solver.workspace, scene.contact_points(), law.step);
-        let Before { gaps, start, free } = before;
+        let (workspace, points, h) = (&mut solver.workspace, scene.contact_points(), settings.step);
+        let StepStart { gaps, start, free } = before;
         let (n, all_rows) = (points.len(), gaps.len());
         let mut near: Vec<usize> =
             (0..all_rows).filter(|&i| gaps[i] <= 0.0 || gaps[i] + h * free[3 * i + 2] <= 0.0).collect();
@@ -145,7 +146,7 @@ impl Touching {
         if let Some(lost) = workspace.lost_pivot(&s.model, &pivots) {
             return Err(pivot_fault(scene, lost.stage, scene.singular(lost)));
         }
-        // What gravity gives in a step: slower bounces would last less than two.
+        // The velocity that gravity adds in a step: slower rebounds would last less than two steps.
         let rest_speed = s.model.gravity.norm() * h;
         let v_free = s.v_next.clone();
         let mut iterations = 0;
@@ -156,7 +157,7 @@ impl Touching {
             let cone = Cone::new(rows.gram(&s.model, points, workspace, &near), friction);
             check_movable(scene, &near, &cone)?;
             let free_here = pick(&|i| free[i]);
-            let rebound = restitutions(points, &near, (start, free), (rest_speed, law.restitution));
+            let rebound = restitutions(points, &near, (start, free), (rest_speed, settings.restitution));
             let mut u = free_here.clone();
             let mut warm = Some(pick(&|i| if i < 3 * n { kept[i] } else { 0.0 }));
             let touching = near.iter().filter(|&&i| i < n).count();
@@ -176,17 +177,17 @@ impl Touching {
             }
             let mut limits = Limits::beside(&c);
             limits.scale = limits.scale.max(free_here.amax());
-            let (held, mut told) = cone.impulses(&c, warm.as_ref(), &limits, Effort::default());
+            let (held, mut solved) = cone.impulses(&c, warm.as_ref(), &limits, Effort::default());
             // A joint that returns from outside of its limits gains energy.
             let returns = near.iter().any(|&i| i >= n && gaps[i] < 0.0);
             let (mut held, mut impulse_kept) = if returns { (held, 1.0) } else { passive(&cone, &u, held) };
             let mut all = held.clone();
             if let Some(hit) = &hit {
                 all += &hit.impulses;
-                told = told.with(hit.told);
+                solved = solved.with(hit.solved);
                 impulse_kept = impulse_kept.min(hit.impulse_kept);
             }
-            iterations += told.iterations;
+            iterations += solved.iterations;
             rows.respond(&s.model, points, workspace, &near, &all);
             for (i, v) in s.v_next.iter_mut().enumerate() {
                 *v = v_free[i] + rows.response[i];
@@ -204,8 +205,8 @@ impl Touching {
                     }
                     let (slower, more) = cone.impulses(&c, Some(&held), &limits, Effort::default());
                     let (slower, part) = if returns { (slower, 1.0) } else { passive(&cone, &u, slower) };
-                    (told, impulse_kept, iterations) =
-                        (told.with(more), impulse_kept.min(part), iterations + more.iterations);
+                    (solved, impulse_kept, iterations) =
+                        (solved.with(more), impulse_kept.min(part), iterations + more.iterations);
                     all += &slower - &held;
                     held = slower;
                     rows.respond(&s.model, points, workspace, &near, &all);
@@ -216,8 +217,8 @@ impl Touching {
                 let after_here = pick(&|i| after[i]);
                 let landed = |at: usize| start[3 * near[at] + 2] < -rest_speed;
                 let (hit_now, velocities) = ((lost, hit.as_ref()), (&held, &u, &after_here));
-                outcome.report = report(&told, iterations, impulse_kept, hit_now, velocities, (touching, &landed));
-                check(scene, &near, &told)?;
+                outcome.report = report(&solved, iterations, impulse_kept, hit_now, velocities, (touching, &landed));
+                check(scene, &near, &solved)?;
                 outcome.states = cone.states(&held, &c, &limits);
                 if let Some(hit) = &hit {
                     states_of_rebounds(&cone, &hit.impulses, &mut outcome.states);
@@ -231,17 +232,17 @@ impl Touching {
         Ok(outcome)
     }
 
-    /// Ends the step of joints at their stops: their work and their impacts.
+    /// Ends the step of joints at their stops: their works and impacts.
     fn settle(
         &mut self,
-        law: &StepSettings,
+        settings: &StepSettings,
         s: &mut Scratch<f64>,
-        before: &Before,
+        before: &StepStart,
         outcome: &Outcome,
         contacts: usize,
     ) {
         self.impacts.clear();
-        let h = law.step;
+        let h = settings.step;
         for (at, &i) in outcome.near.iter().enumerate().filter(|(_, i)| **i >= contacts) {
             let (limit, start) = (self.rows.limits[i - contacts], before.start[3 * i + 2]);
             let struck = outcome.hit.as_ref().map_or(0.0, |hit| hit.impulses[3 * at + 2]);
@@ -249,12 +250,12 @@ impl Touching {
             let rests = (struck == 0.0 && impulse > 0.0).then(|| least_velocity(before.gaps[i].min(0.0), start, h));
             let ends = (&mut s.q_next[..], &mut s.v_next[..]);
             self.impacts.extend(settle_at(&limit, (h, start), (impulse, rests), ends));
-            s.tally[STOPS] += 0.5 * impulse * limit.sign() * (s.v[limit.row] + s.v_next[limit.row]);
+            s.totals[STOPS] += 0.5 * impulse * limit.sign() * (s.v[limit.row] + s.v_next[limit.row]);
         }
     }
 }
 
-/// The coefficient of restitution of each contact and joint limit in this step: zero where it does not rebound.
+/// Coefficient of restitution of each contact and joint limit in this step: zero if it does not rebound.
 fn restitutions(
     points: &[ContactPoint],
     near: &[usize],
@@ -269,15 +270,15 @@ fn restitutions(
     each.collect()
 }
 
-/// The kinetic energy that an impact takes at contacts, without joint limits, J: at velocities u.
+/// Kinetic energy dissipated by an impact at contacts, without joint limits, J, for velocities u.
 fn lost_at_contacts(cone: &Cone, u: &DVector<f64>, impulses: &DVector<f64>, contacts: usize) -> f64 {
     let change = &cone.g * impulses;
     -(0..3 * contacts).map(|i| impulses[i] * (u[i] + 0.5 * change[i])).sum::<f64>()
 }
 
-/// What the contacts do that an impact touched and nothing holds any more: what they did in it.
+/// Sets the states of contacts that had an impact but no persistent force to their state during the impact.
 fn states_of_rebounds(cone: &Cone, impulses: &DVector<f64>, states: &mut [ContactState]) {
-    /// Parts of the largest impulse, and of the bound of friction, that are rounding.
+    /// Rounding errors relative to the largest impulse and to the friction bound.
     const ROUNDING: f64 = 1e-9;
     let largest = impulses.amax();
     for (i, state) in states.iter_mut().enumerate().filter(|(_, state)| **state == ContactState::Open) {
@@ -289,9 +290,10 @@ fn states_of_rebounds(cone: &Cone, impulses: &DVector<f64>, states: &mut [Contac
     }
 }
 
-/// The report of a step, with contact velocities u before the impulses that hold and `after` them; the first rows are those of contacts.
+/// The report of a step, for contact velocities u before the persistent impulses and `after` them; the first rows are
+/// those of contacts.
 fn report(
-    told: &Told,
+    solved: &SolveReport,
     iterations: usize,
     impulse_kept: f64,
     (lost, hit): (f64, Option<&Impact>),
@@ -307,10 +309,10 @@ fn report(
             friction -= p[0] * after[0] + p[1] * after[1];
         }
     }
-    #[allow(clippy::cast_precision_loss)] // a count
+    #[allow(clippy::cast_precision_loss)] // a small count
     ContactReport {
-        residual: told.residual,
-        converged: told.converged,
+        residual: solved.residual,
+        converged: solved.converged,
         iterations: iterations as f64,
         lost_in_impacts: impacts,
         lost_in_friction: friction,
@@ -320,25 +322,26 @@ fn report(
     }
 }
 
-/// An error for a solve that is far from the law.
-fn check(scene: &Scene, near: &[usize], told: &Told) -> Result<(), (String, Error)> {
-    if told.residual <= REFUSED {
+/// Returns an error for a solve with a large residual.
+fn check(scene: &Scene, near: &[usize], solved: &SolveReport) -> Result<(), (String, Error)> {
+    if solved.residual <= REFUSED {
         return Ok(());
     }
-    let found = format!("a residual of {:.1e} after {} iterations", told.residual, told.iterations);
-    let expected = "impulses that meet the law of contacts to 1e-5 of the fastest: take a smaller dt, or less friction";
+    let found = format!("a residual of {:.1e} after {} iterations", solved.residual, solved.iterations);
+    let expected =
+        "impulses with a residual of at most 1e-5 of the fastest contact velocity: take a smaller dt, or less friction";
     Err((String::new(), Error::argument(named(scene, near), found, expected)))
 }
 
-/// An error for a contact that no joint can move.
+/// Returns an error for a contact that no joint can move.
 fn check_movable(scene: &Scene, near: &[usize], cone: &Cone) -> Result<(), (String, Error)> {
     let Some(at) = cone.lengths.iter().position(|r| !r.is_finite()) else { return Ok(()) };
-    let found = "a point that nothing can move in this configuration";
+    let found = "a point that no joint can move in this configuration";
     let error = Error::argument(named(scene, &near[at..=at]), found, "contacts that joints can move");
     Err((String::new(), error))
 }
 
-/// The words for some contacts; joint limits can always be met.
+/// Text that names some contacts. Joint limits are excluded, because they can always be satisfied.
 fn named(scene: &Scene, which: &[usize]) -> String {
     let points = which.iter().filter_map(|&i| scene.contact_points().get(i));
     let names: Vec<String> = points.take(8).map(|point| format!("{:?}", point.name)).collect();
@@ -346,12 +349,12 @@ fn named(scene: &Scene, which: &[usize]) -> String {
     format!("contact{} {}{more}", if which.len() == 1 { "" } else { "s" }, names.join(", "))
 }
 
-/// A pivot that was lost, with its joint.
+/// The fault of a singular pivot, with its joint.
 fn pivot_fault(scene: &Scene, body: usize, error: Error) -> (String, Error) {
     (scene.joint_of_body(body).map(|joint| joint.name.clone()).unwrap_or_default(), error)
 }
 
-/// What a step did into what is kept: the impulses that hold, the sum of those of impacts, and what each contact does.
+/// Stores the results of a step: persistent impulses, sums of the impulses of impacts, and contact states.
 fn keep(kept: &mut [f64], outcome: &Outcome, contacts: usize) {
     let (held, struck) = kept.split_at_mut(3 * contacts);
     let (struck, states) = struck.split_at_mut(3 * contacts);
@@ -366,13 +369,14 @@ fn keep(kept: &mut [f64], outcome: &Outcome, contacts: usize) {
     }
 }
 
-/// Where the rates of free joints begin in qd, and which bodies they move.
+/// Index in qd of the first velocity of each free joint, and the body that it moves.
 fn free_joints(model: &Model<f64>) -> impl Iterator<Item = (usize, usize)> {
     let each = model.bodies.iter().zip(&model.system.stages).enumerate();
     each.filter(|(_, (body, _))| body.motion == Motion::Free).map(|(k, (_, stage))| (k, stage.first_row))
 }
 
-/// Adds w x v to the accelerations of free joints: of the origin, in axes at rest where the step begins.
+/// Adds w x v to the accelerations of free joints: the acceleration of the origin in axes that are fixed at the start
+/// of the step.
 fn to_axes_at_rest(model: &Model<f64>, h: f64, v: &[f64], v_next: &mut [f64]) {
     for (_, row) in free_joints(model) {
         let (linear, angular) = (triple(&v[row..]), triple(&v[row + 3..]));
@@ -383,7 +387,7 @@ fn to_axes_at_rest(model: &Model<f64>, h: f64, v: &[f64], v_next: &mut [f64]) {
     }
 }
 
-/// `q_next` = q exp(h `v_next`); the origins of free joints straight on.
+/// `q_next` = q exp(h `v_next`), where the origins of free joints move on straight lines.
 fn move_along(h: f64, s: &mut Scratch<f64>) {
     for (x, v) in s.x.iter_mut().zip(&s.v_next) {
         *x = h * v;
@@ -403,7 +407,7 @@ fn move_along(h: f64, s: &mut Scratch<f64>) {
     }
 }
 
-/// For each free joint, where its rates begin, and what takes vectors from its axes at the start to those at the end.
+/// For each free joint, the index of its first velocity, and the rotation from its initial to its final axes.
 fn axes_of_free_joints(model: &Model<f64>, q: &[f64], q_next: &[f64]) -> Vec<(usize, Matrix3<f64>)> {
     let turn = |(k, row): (usize, usize)| {
         let at = model.bodies[k].q;
@@ -412,12 +416,12 @@ fn axes_of_free_joints(model: &Model<f64>, q: &[f64], q_next: &[f64]) -> Vec<(us
     free_joints(model).map(turn).collect()
 }
 
-/// The axes of a free joint in its parent's.
+/// The rotation from the axes of a free joint to those of its parent.
 fn rotation(q: &[f64]) -> Matrix3<f64> {
     Motion::Free.shift(&RigidShift::identity(), q).rotation
 }
 
-fn turned(v: &mut [f64], turn: &Matrix3<f64>) {
+fn rotated(v: &mut [f64], turn: &Matrix3<f64>) {
     let linear = turn * triple(v);
     v[..3].copy_from_slice(linear.as_slice());
 }

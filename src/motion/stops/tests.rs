@@ -1,10 +1,10 @@
-//! The set-valued law compared with dense algebra.
+//! Compares the set-valued law with dense algebra.
 
 use super::*;
 use crate::scenes::draw::Draw;
 use nalgebra::{DMatrix, DVector};
 
-/// Rows with every combination of friction and stops, inside, at and outside of them.
+/// Rows with every combination of friction and stops, inside, at and outside of the stops.
 fn row(random: &mut Draw, row: usize) -> (SetValued, f64) {
     let friction = if random.uniform(0.0, 1.0) < 0.6 { random.uniform(0.0, 2.0) } else { 0.0 };
     let stops = random.uniform(0.0, 1.0) < 0.6;
@@ -27,7 +27,7 @@ fn holds(graph: &Graph, v: f64, torque: f64, tolerance: f64) -> bool {
     })
 }
 
-/// v' and torques for some pieces: M (v' - v)/h = u + r, by dense algebra.
+/// v' and torques for given pieces: M (v' - v)/h = u + r, by dense algebra.
 fn dense(
     m: &DMatrix<f64>,
     u: &DVector<f64>,
@@ -48,7 +48,7 @@ fn dense(
     (v + &a * h, m * &a - u)
 }
 
-/// All rows are on their graphs at the end, whatever the pieces at the beginning, also where inertias differ by 1e8.
+/// All rows are on their graphs at the end, for arbitrary initial pieces and also for inertias that differ by 1e8.
 #[test]
 fn all_rows_meet_their_law() {
     let mut random = Draw::new(7);
@@ -83,21 +83,21 @@ fn all_rows_meet_their_law() {
     }
 }
 
-/// A negative pivot has no solution; the joint is locked, and the caller knows.
+/// With a negative pivot there is no solution: the joint is treated as stuck, and the caller is informed.
 #[test]
 fn an_indefinite_matrix_is_reported() {
     let of = SetValued { row: 0, coordinate: 0, friction: 0.0, stops: true, lower: 0.0, upper: 1.0 };
     let graph = Graph::new(&of, (0.0, 0.0), 1e-3);
     let mut pieces = [graph.piece(0.0)];
     let settled = settle(&mut pieces, |pieces, found| {
-        // M = -1, u = 1: free, the joint moves down; held, the stop would have to pull.
+        // M = -1, u = 1: a free joint moves down, and a stuck joint would need a pulling stop.
         let value = if pieces[0] == Piece::At(0) { -1.0 } else { -1e-3 };
         found.extend(graph.contradicted(pieces[0], value, 1e-12).map(|piece| (0, piece)));
     });
     assert!(!settled && pieces == [Piece::At(0)]);
 }
 
-/// Velocities at which the graph is vertical increase and torques decrease: the law is monotone.
+/// Velocities of the vertical pieces increase and torques decrease: the law is monotone.
 #[test]
 fn graphs_are_monotone() {
     let mut random = Draw::new(3);
@@ -110,7 +110,7 @@ fn graphs_are_monotone() {
     }
 }
 
-/// A joint outside of a stop gains speed slowly, moves back, and does not pass the stop.
+/// A joint outside of a stop accelerates slowly, moves back, and does not pass the stop.
 #[test]
 fn a_joint_outside_returns_without_a_jump() {
     let (mut outside, mut v, h) = (1.0, 0.0, 1e-3);

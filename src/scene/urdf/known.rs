@@ -1,12 +1,12 @@
-//! What the reader knows of URDF: which elements and attributes are read where, and which are passed over without a word.
+//! The URDF elements and attributes that the reader reads, and those that it ignores without a warning.
 
-/// An element that is read: its attributes, those that mean nothing for the dynamics, and the elements in it.
+/// An element that is read: its attributes, the attributes that do not affect the dynamics, and its child elements.
 pub(super) struct Known {
     pub tag: &'static str,
     pub attributes: &'static [&'static str],
     pub passed_over: &'static [&'static str],
     pub children: &'static [Known],
-    /// Whether there may be several of it side by side; of all others the first is read.
+    /// True if the element can occur several times in its parent; of all others the first is read.
     pub many: bool,
 }
 
@@ -16,7 +16,7 @@ impl Known {
     }
 }
 
-/// `quat_xyzw` is known and refused where it is read.
+/// `quat_xyzw` is listed because the reader rejects it with a message of its own.
 const ORIGIN: Known = Known::leaf("origin", &["xyz", "rpy", "quat_xyzw"]);
 
 const INERTIAL: Known = Known {
@@ -31,11 +31,11 @@ const INERTIAL: Known = Known {
     many: false,
 };
 
-/// `type` is in files of the PR2's time and never meant anything.
+/// `type` occurs in old files (PR2) and has no meaning.
 const LINK: Known =
     Known { tag: "link", attributes: &["name"], passed_over: &["type"], children: &[INERTIAL], many: true };
 
-/// `dont_collapse` asks importers not to merge a fixed joint; what is merged here keeps its names.
+/// `dont_collapse` asks importers not to merge a fixed joint; merged links keep their names here.
 const JOINT: Known = Known {
     tag: "joint",
     attributes: &["name", "type"],
@@ -52,7 +52,7 @@ const JOINT: Known = Known {
     many: true,
 };
 
-/// The root.
+/// The root element.
 pub(super) const ROBOT: Known = Known {
     tag: "robot",
     attributes: &["name"],
@@ -61,8 +61,8 @@ pub(super) const ROBOT: Known = Known {
     many: false,
 };
 
-/// Elements that say nothing about the dynamics, wherever they are: shapes and looks, control, sensors, other programs'
-/// settings.
+/// Elements that do not affect the dynamics, at any position: geometry, materials, control, sensors, and settings of
+/// other programs.
 pub(super) const QUIET: [&str; 14] = [
     "visual",
     "collision",
@@ -80,7 +80,8 @@ pub(super) const QUIET: [&str; 14] = [
     "mujoco",
 ];
 
-/// Elements of Drake that join bodies: foreign, and yet they change the dynamics.
+/// Elements of Drake that connect bodies. They are reported although they are foreign, because they affect the
+/// dynamics.
 pub(super) const OF_DRAKE: [&str; 7] = [
     "joint",
     "linear_bushing_rpy",
@@ -91,20 +92,20 @@ pub(super) const OF_DRAKE: [&str; 7] = [
     "mimic",
 ];
 
-/// The name among `known` that is most like `name`, if one is: at most two letters off, and less than half of a short one.
+/// The name in `known` most similar to `name`: at most two letters differ, and less than half of a short name.
 pub(super) fn like<'k>(name: &str, known: impl IntoIterator<Item = &'k str>) -> Option<&'k str> {
     let close = known.into_iter().map(|other| (distance(name, other), other));
     let close = close.filter(|&(far, other)| far <= other.len().div_ceil(2).min(2));
-    // Of two as far, the one that begins alike.
+    // Of two equally similar names, the one with the same first letter.
     close.min_by_key(|&(far, other)| (far, other.chars().next() != name.chars().next())).map(|(_, other)| other)
 }
 
-/// Whether two names differ by one letter put in, left out or changed.
+/// True if two names differ by one inserted, deleted or replaced letter.
 pub(super) fn one_off(name: &str, other: &str) -> bool {
     distance(name, other) == 1
 }
 
-/// How many letters have to be put in, left out or changed; capitals are letters too. Long names are like none.
+/// Levenshtein distance of two names, case-sensitive; very large for long names.
 fn distance(a: &str, b: &str) -> usize {
     if a.len() > 40 {
         return usize::MAX / 4;

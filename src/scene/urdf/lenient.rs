@@ -1,20 +1,21 @@
-//! What XML forbids and people's files have: prefixes that nobody declared, `--` within comments, `<?xml?>` in the midst.
-//! None of it changes what a robot is, so a document that fails on it is read again in the words of XML. What is left is
-//! refused with the change that mends it.
+//! Tolerance for common violations of XML: undeclared prefixes, `--` in comments, `<?xml?>` after the beginning.
+//!
+//! None of them changes the robot. A document that fails to parse because of them is rewritten as valid XML and parsed
+//! again. Other violations are rejected with a suggested fix.
 
 use roxmltree::Error;
 use std::collections::HashSet;
 
-/// Takes the place of the colon after a prefix that is not declared. A letter to XML, of a code that means nothing.
+/// Replaces the colon after an undeclared prefix: a private-use character, which XML accepts in names.
 pub(super) const UNDECLARED: char = '\u{e0fff}';
 
-/// Whether an error is one that [`restated`] takes away.
+/// True if [`restated`] corrects the error.
 pub(super) fn can_be_restated(error: &Error) -> bool {
     matches!(error, Error::UnknownNamespace(..) | Error::InvalidComment(_) | Error::UnexpectedDeclaration(_))
 }
 
-/// The same document with every character in its line and column: comments without `--`, declarations blank but for the
-/// first, and [`UNDECLARED`] for the colon after a prefix that is declared nowhere.
+/// The document with the violations replaced and every other character at the same line and column: comments without
+/// `--`, blanks for all declarations but the first, and [`UNDECLARED`] for the colon after an undeclared prefix.
 pub(super) fn restated(text: &str) -> String {
     let mut declared = HashSet::from(["xml", "xmlns"]);
     for_pieces(text, |piece| {
@@ -40,12 +41,12 @@ pub(super) fn restated(text: &str) -> String {
     out
 }
 
-/// The number of attributes that one element may have: roxmltree compares each with all before it.
+/// Largest number of attributes of one element; roxmltree compares each attribute with all preceding ones.
 pub(super) const MOST_ATTRIBUTES: usize = 1_000;
 
-/// Where an element begins that has more attributes than [`MOST_ATTRIBUTES`], if one does.
+/// Position of the first element with more than [`MOST_ATTRIBUTES`] attributes, if there is one.
 pub(super) fn with_many_attributes(text: &str) -> Option<usize> {
-    /// Of ` a=""`.
+    /// Length of ` a=""`.
     const SHORTEST: usize = 5;
     if text.split('<').all(|piece| piece.len() <= SHORTEST * MOST_ATTRIBUTES) {
         return None;
@@ -55,7 +56,7 @@ pub(super) fn with_many_attributes(text: &str) -> Option<usize> {
         let length = match piece {
             Piece::Name(name) => {
                 names += 1;
-                // The first is that of the element.
+                // The first name is that of the element.
                 if names > MOST_ATTRIBUTES + 1 {
                     found.get_or_insert(begins);
                 }
@@ -73,19 +74,19 @@ pub(super) fn with_many_attributes(text: &str) -> Option<usize> {
     found
 }
 
-/// A stretch of a document.
+/// A piece of a document.
 enum Piece<'a> {
-    /// What is between `<!--` and `-->`.
+    /// The text between `<!--` and `-->`.
     Comment(&'a str),
     /// `<?xml ... ?>`.
     Declaration(&'a str),
-    /// The name of an element or attribute, in a tag.
+    /// The name of an element or attribute in a tag.
     Name(&'a str),
-    /// Anything else, as it is.
+    /// Any other text.
     Other(&'a str),
 }
 
-/// Cuts a document into pieces, which in their order are the document again. It need not be well-formed.
+/// Splits a document, which need not be well-formed, into pieces whose concatenation is the document.
 fn for_pieces<'a>(text: &'a str, mut each: impl FnMut(Piece<'a>)) {
     let mut rest = text;
     while let Some(at) = rest.find('<') {
@@ -121,7 +122,7 @@ fn for_pieces<'a>(text: &'a str, mut each: impl FnMut(Piece<'a>)) {
     each(Piece::Other(rest));
 }
 
-/// Where a tag ends: after the `>` that is in no quotes.
+/// The end of a tag: the position after the first `>` outside quotes.
 fn end_of_tag(tag: &str) -> usize {
     let mut quote = None;
     for (at, c) in tag.char_indices() {
@@ -135,7 +136,7 @@ fn end_of_tag(tag: &str) -> usize {
     tag.len()
 }
 
-/// The names in a tag, and what is between them.
+/// Splits a tag into names and the text between them.
 fn for_words<'a>(tag: &'a str, each: &mut impl FnMut(Piece<'a>)) {
     let mut rest = tag;
     while !rest.is_empty() {
@@ -150,7 +151,7 @@ fn for_words<'a>(tag: &'a str, each: &mut impl FnMut(Piece<'a>)) {
     }
 }
 
-/// What was found, and what mends it.
+/// The text of an XML error as (found, expected fix).
 pub(super) fn remedy(error: &Error) -> (String, String) {
     let instead = |text: &str| format!("{text} in its place");
     match error {

@@ -1,12 +1,12 @@
-//! Scenes from URDF: `<link>` and `<joint>` elements under `<robot>`, by the specification at wiki.ros.org/urdf/XML.
+//! Scenes from URDF: `<link>` and `<joint>` elements in `<robot>`, as specified at wiki.ros.org/urdf/XML.
 //!
-//! Read: names, `<inertial>`, and the joint's type, parent, child, origin, axis, limit, dynamics and mimic. One
-//! extension: `<dynamics armature="..." stiffness="..." rest="...">`, in kg m^2 or kg, N m/rad or N/m, and rad or m (rest: for
-//! joints of one coordinate only). Rotor inertia is read in Drake's words too, and makes armature. Visual, collision,
-//! gazebo and the like, and elements and attributes with a foreign prefix, are passed over; any other thing that is not read
-//! is told in one [`SceneWarning::NotUnderstood`], which strictness makes an error. What a link or joint says wrongly is an
-//! error that names it, limits excepted: they enter no dynamics, and one that means nothing is taken as none, with a
-//! [`SceneWarning::Limits`]. Whether the links and joints make a tree of physical bodies is checked by [`SceneBuilder::build`].
+//! The reader reads names, `<inertial>`, and type, parent, child, origin, axis, limit, dynamics and mimic of joints. An
+//! extension is `<dynamics armature="..." stiffness="..." rest="...">`, in kg m^2 or kg, N m/rad or N/m, and rad or m
+//! (rest: only for joints of one coordinate). Rotor inertia in the notation of Drake is read as armature. Visual,
+//! collision, gazebo and similar elements, and elements and attributes with a foreign prefix, are ignored. All other
+//! content is reported by one [`SceneWarning::NotUnderstood`], or by an error in strict scenes. Invalid content of a
+//! link or joint is an error that names it. Invalid limits are ignored with a [`SceneWarning::Limits`], because they do
+//! not enter the dynamics. [`SceneBuilder::build`] checks that the links and joints form a tree of physical bodies.
 
 mod known;
 mod lenient;
@@ -19,14 +19,14 @@ use super::{AT_A_TIME, SceneBuilder, Spring};
 use crate::error::{Error, number};
 use crate::joints::JointKind;
 use crate::spatial::{RigidShift, Symmetric3};
-use crate::{memory, watch};
+use crate::{interrupt, memory};
 use nalgebra::{Matrix3, Vector3};
 use rotor::read_rotors;
 use std::path::Path;
 use survey::Findings;
 use xml::{Element, Source};
 
-/// The joint types of URDF, and "spherical", which is not in the specification but can mean only one thing.
+/// The joint types of URDF, and "spherical", which is unambiguous although it is not in the specification.
 const KINDS: [JointKind; 7] = [
     JointKind::Revolute,
     JointKind::Continuous,
@@ -38,22 +38,22 @@ const KINDS: [JointKind; 7] = [
 ];
 
 impl SceneBuilder {
-    /// The links and joints of a URDF given as text; base, gravity and strictness are set on the result.
+    /// Reads links and joints from URDF text. Set base, gravity and strictness on the result.
     ///
     /// # Errors
     ///
-    /// [`Error::Scene`]: XML that is malformed (with line and column) or declares entities; a root element other than
-    /// `robot`; a link or joint, by name, with something missing or a number that is none or not finite; an unknown
-    /// joint type. The rest is checked by [`SceneBuilder::build`].
+    /// [`Error::Scene`] for XML that is malformed (with line and column) or declares entities; a root element other
+    /// than `robot`; a link or joint, by name, with a missing or invalid value; an unknown joint type.
+    /// [`SceneBuilder::build`] checks the rest.
     pub fn from_urdf(xml: &str) -> Result<Self, Error> {
         read(xml, "URDF")
     }
 
-    /// The links and joints of a URDF file in UTF-8.
+    /// Reads links and joints from a URDF file in UTF-8.
     ///
     /// # Errors
     ///
-    /// [`Error::Scene`] for a file that cannot be read or is not UTF-8, naming its path, and as for
+    /// [`Error::Scene`] for a file that cannot be read or is not UTF-8, naming its path, and the errors of
     /// [`SceneBuilder::from_urdf`].
     pub fn from_urdf_file(path: impl AsRef<Path>) -> Result<Self, Error> {
         let path = path.as_ref();
@@ -68,17 +68,17 @@ impl SceneBuilder {
             Err(error) => return refuse(error.to_string()),
         };
         match std::str::from_utf8(&bytes) {
-            // It is there, so that its path has an absolute form.
+            // The file exists, so that its path has an absolute form.
             Ok(xml) => Ok(read(xml, &subject)?.with_file(std::path::absolute(path).ok())),
             Err(error) => refuse(format!("a byte that is not UTF-8 at offset {}", error.valid_up_to())),
         }
     }
 }
 
-/// About what a letter of a document takes while it is read, in bytes.
+/// Approximate memory per byte of a document while it is read.
 const A_LETTER: usize = 8;
 
-/// Reads a document that messages call `name`.
+/// Reads a document, which messages call `name`.
 fn read(xml: &str, name: &str) -> Result<SceneBuilder, Error> {
     memory::room("source", memory::bytes_of::<[u8; A_LETTER]>(&[xml.len()]))?;
     let source = Source::new(xml, name);
@@ -96,7 +96,7 @@ fn read(xml: &str, name: &str) -> Result<SceneBuilder, Error> {
     let mut decimals = None;
     let parts = robot.children().filter(|node| node.is_element() && same_namespace(node, &robot));
     for (i, node) in parts.enumerate() {
-        watch::check_at(i, AT_A_TIME)?;
+        interrupt::check_at(i, AT_A_TIME)?;
         match node.tag_name().name() {
             "link" => builder.links.push(link(&Element::named(node, &source)?)?),
             "joint" => {
@@ -111,7 +111,7 @@ fn read(xml: &str, name: &str) -> Result<SceneBuilder, Error> {
     read_rotors(&robot, &source, &mut builder.joints, &mut findings)?;
     let found = findings.into_text();
     if builder.links.is_empty() {
-        let besides = found.map_or_else(String::new, |found| format!("; not understood: {found}"));
+        let besides = found.map_or_else(String::new, |found| format!("; not recognized: {found}"));
         return Err(source.refuse(format!("a <robot> without links{besides}"), "at least one <link>"));
     }
     let source = || name.to_owned();
@@ -122,7 +122,7 @@ fn read(xml: &str, name: &str) -> Result<SceneBuilder, Error> {
     Ok(builder)
 }
 
-/// What to give in place of a document of another kind.
+/// The expected part of the error for a document in another format.
 fn robot_instead(tag: &str) -> String {
     let read = |format: &str, way: &str| {
         format!("<robot>: only URDF is read, not {format}; {way}, or build the scene in code with SceneBuilder")
@@ -145,8 +145,8 @@ fn link(element: &Element) -> Result<LinkDescription, Error> {
     Ok(LinkDescription { name: element.name().to_owned(), inertial })
 }
 
-/// Mass, centre and inertia; the file gives the inertia along the axes of the inertial's origin, R I R^T turns it into
-/// the link's.
+/// Mass, center of mass and inertia. The file gives the inertia along the axes of the inertial origin; R I R^T
+/// expresses it in link axes.
 fn read_inertial(element: &Element) -> Result<Inertial, Error> {
     let frame = origin(element)?;
     let mass = element.required_child("mass", "a <mass value=\"...\"> in kg")?.required_number("value")?;
@@ -155,11 +155,11 @@ fn read_inertial(element: &Element) -> Result<Inertial, Error> {
     for (entry, name) in entries.iter_mut().zip(["ixx", "ixy", "ixz", "iyy", "iyz", "izz"]) {
         *entry = inertia.required_number(name)?;
     }
-    Ok(Inertial { mass, centre: frame.lever, central: Symmetric3::new(entries).congruence(&frame.rotation) })
+    Ok(Inertial { mass, center: frame.lever, central: Symmetric3::new(entries).congruence(&frame.rotation) })
 }
 
-/// A joint; limits that mean nothing are added to `told`.
-fn joint(element: &Element, told: &mut Vec<String>) -> Result<JointDescription, Error> {
+/// Reads a joint; appends invalid limits to `invalid_limits`.
+fn joint(element: &Element, invalid_limits: &mut Vec<String>) -> Result<JointDescription, Error> {
     let kind = joint_kind(element)?;
     let parent = element.required_child("parent", "a <parent link=\"...\">")?.required("link")?;
     let child = element.required_child("child", "a <child link=\"...\">")?.required("link")?;
@@ -172,7 +172,7 @@ fn joint(element: &Element, told: &mut Vec<String>) -> Result<JointDescription, 
     if let Some(limit) = element.child("limit") {
         let (limits, found) = limits(&limit, kind)?;
         joint.limits = limits;
-        told.extend((!found.is_empty()).then(|| format!("joint {:?}: {}", joint.name, found.join(", "))));
+        invalid_limits.extend((!found.is_empty()).then(|| format!("joint {:?}: {}", joint.name, found.join(", "))));
     }
     if let Some(dynamics) = element.child("dynamics") {
         joint.damping = dynamics.number("damping")?.unwrap_or(0.0);
@@ -190,7 +190,7 @@ fn joint(element: &Element, told: &mut Vec<String>) -> Result<JointDescription, 
     Ok(joint)
 }
 
-/// Stiffness and rest; whether the joint has one coordinate is checked by the builder.
+/// Reads stiffness and rest position; the builder checks that the joint has one coordinate.
 fn spring(dynamics: &Element) -> Result<Spring, Error> {
     let rest = dynamics.number("rest")?;
     Ok(Spring { stiffness: dynamics.number("stiffness")?.unwrap_or(0.0), rest: rest.into_iter().collect() })
@@ -207,8 +207,8 @@ fn joint_kind(element: &Element) -> Result<JointKind, Error> {
         .ok_or_else(|| element.refuse(format!("type {}", xml::quoted(name)), known()))
 }
 
-/// The limits, and what is wrong with those that are taken as none. The specification lets lower and upper default to 0; a
-/// joint that gives neither has none.
+/// Reads the limits, and describes those that are ignored. The specification sets lower and upper to 0 by default; a
+/// joint with neither has no limits.
 fn limits(element: &Element, kind: JointKind) -> Result<(Limits, Vec<String>), Error> {
     let none = Limits::default();
     let (mut limits, mut found) = (none, Vec::new());
@@ -232,7 +232,7 @@ fn limits(element: &Element, kind: JointKind) -> Result<(Limits, Vec<String>), E
     Ok((limits, found))
 }
 
-/// The most decimals of the angles and axes of a joint; none where all are whole numbers, which are meant exactly.
+/// The largest number of decimals of the angles and axes of a joint; `None` if all are integers, which are exact.
 fn decimals_of_angles(joint: &Element) -> Option<usize> {
     let texts = [("origin", "rpy"), ("axis", "xyz")];
     let texts = texts.into_iter().filter_map(|(tag, attribute)| joint.child(tag)?.text(attribute));
@@ -245,8 +245,9 @@ fn decimals_of_angles(joint: &Element) -> Option<usize> {
     texts.flat_map(str::split_ascii_whitespace).map(decimals).filter(|&decimals| decimals > 0).max()
 }
 
-/// The tolerance of linkages of a file whose angles have so many decimals: four times what rounding changes at the most, where that is above the default. Files with 1.57 for a right angle
-/// have two decimals, and are off by less than half a unit of the last.
+/// The linkage tolerance for a file whose angles have this number of decimals: four times the largest rounding error,
+/// if that exceeds the default. A right angle written as 1.57 has two decimals and an error below half a unit of the
+/// last one.
 fn tolerance_of(decimals: usize) -> Option<f64> {
     match decimals {
         2 => Some(5e-3),
@@ -256,7 +257,7 @@ fn tolerance_of(decimals: usize) -> Option<f64> {
     }
 }
 
-/// The element's `<origin xyz rpy>`; the identity if there is none.
+/// The `<origin xyz rpy>` of the element; the identity if there is none.
 fn origin(element: &Element) -> Result<RigidShift<f64>, Error> {
     let Some(origin) = element.child("origin") else {
         return Ok(RigidShift::identity());
@@ -273,8 +274,8 @@ fn origin(element: &Element) -> Result<RigidShift<f64>, Error> {
     })
 }
 
-/// Rz(yaw) Ry(pitch) Rx(roll), from the element's axes to those around it. Angles are taken as written: 1.5708 is not
-/// a right angle.
+/// Rotation Rz(yaw) Ry(pitch) Rx(roll) from the axes of the element to the parent axes. Angles are used as written:
+/// 1.5708 is not rounded to a right angle.
 fn rotation(rpy: &Vector3<f64>) -> Matrix3<f64> {
     let [(sr, cr), (sp, cp), (sy, cy)] = [rpy[0].sin_cos(), rpy[1].sin_cos(), rpy[2].sin_cos()];
     Matrix3::new(

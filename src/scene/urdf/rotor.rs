@@ -1,9 +1,10 @@
-//! Rotor inertia, as Drake and others write it: seen at the joint it is ratio^2 inertia, the armature.
+//! Rotor inertia in the notation of Drake and others. Armature is ratio^2 * inertia.
 //!
-//! Read are `<drake:rotor_inertia value="...">` and `<drake:gear_ratio value="...">`, in the `<actuator>` of a simple
-//! `<transmission>` as Drake has them, or in the `<joint>` itself; in an actuator also `<rotorInertia>`, `<rotor_inertia>` and
-//! `<motorInertia>` with the value as text, `<gearRatio>` and `<gear_ratio>`, and `<mechanicalReduction>` for the ratio, in the
-//! actuator, the transmission or its joint. Without ratio it is 1, without inertia 0.
+//! The reader accepts `<drake:rotor_inertia value="...">` and `<drake:gear_ratio value="...">` in the `<actuator>` of a
+//! simple `<transmission>`, as Drake does, or in the `<joint>`. In an actuator it also accepts `<rotorInertia>`,
+//! `<rotor_inertia>` and `<motorInertia>` with the value as text, `<gearRatio>` and `<gear_ratio>`, and
+//! `<mechanicalReduction>` for the ratio in the actuator, the transmission or its joint. The default ratio is 1, the
+//! default inertia 0.
 
 use super::known::one_off;
 use super::survey::{Findings, foreign};
@@ -14,16 +15,16 @@ use crate::scene::description::JointDescription;
 use roxmltree::Node;
 use std::collections::{HashMap, HashSet};
 
-/// Names of the rotor's inertia and of the ratio; those of Drake first.
+/// Element names of the rotor inertia and the gear ratio; those of Drake first.
 const INERTIAS: [&str; 4] = ["drake:rotor_inertia", "rotorInertia", "rotor_inertia", "motorInertia"];
 const RATIOS: [&str; 5] =
     ["drake:gear_ratio", "gearRatio", "gear_ratio", "mechanicalReduction", "mechanical_reduction"];
 
-/// Adds the rotors' inertia to the armature of the joints.
+/// Adds the rotor inertias to the armature of the joints.
 ///
 /// # Errors
 ///
-/// A value that is no number, or a negative inertia.
+/// [`Error::Scene`] for a value that is not a number, or a negative inertia.
 pub(super) fn read_rotors(
     robot: &Node,
     source: &Source,
@@ -31,7 +32,7 @@ pub(super) fn read_rotors(
     findings: &mut Findings,
 ) -> Result<(), Error> {
     let index: HashMap<String, usize> = joints.iter().enumerate().map(|(i, joint)| (joint.name.clone(), i)).collect();
-    // Where `<dynamics armature>` or the joint's own tags have said it already.
+    // Joints whose armature was given by `<dynamics armature>` or by elements of the joint.
     let mut said: HashSet<usize> =
         joints.iter().enumerate().filter(|(_, joint)| joint.armature != 0.0).map(|(i, _)| i).collect();
     let named = |tag: &'static str| {
@@ -79,14 +80,14 @@ pub(super) fn read_rotors(
     Ok(())
 }
 
-/// Drake's rule: the type has this word in it. Files that leave it out have simple ones.
+/// Drake's rule: the type contains this word. A transmission without a type is simple.
 fn is_simple(transmission: &Node) -> bool {
     let given = transmission.children().find(|child| child.has_tag_name("type")).and_then(|node| node.text());
     let given = given.or_else(|| plain_attribute(transmission, "type"));
     given.is_none_or(|text| text.contains("SimpleTransmission"))
 }
 
-/// Adds the inertia at the joint, unless it has been said otherwise or the joint has not one coordinate.
+/// Adds the rotor inertia to the joint, unless its armature is given already or it does not have one coordinate.
 fn add(rotor: &Rotor, joint: usize, joints: &mut [JointDescription], said: &HashSet<usize>, findings: &mut Findings) {
     let joint_name = joints[joint].name.clone();
     let what = format!("{} for joint {}", rotor.what(), quoted(&joint_name));
@@ -99,7 +100,7 @@ fn add(rotor: &Rotor, joint: usize, joints: &mut [JointDescription], said: &Hash
     }
 }
 
-/// A rotor with inertia, and where it is written.
+/// A rotor with inertia, and the element that gives it.
 struct Rotor<'a, 'd> {
     inertia: f64,
     ratio: f64,
@@ -118,7 +119,7 @@ struct Reader<'s> {
 }
 
 impl Reader<'_> {
-    /// The rotor that the first of the elements has, with the ratio of the first that has one; none without inertia.
+    /// The rotor inertia in the first of the elements that has one, with the first ratio; `None` without an inertia.
     fn rotor<'a, 'd>(
         &self,
         elements: &[Node<'a, 'd>],
@@ -130,7 +131,7 @@ impl Reader<'_> {
             |element: Node<'a, 'd>| element.children().filter(Node::is_element).map(|child| (written(&child), child));
         let known = || inertias.iter().chain(ratios).copied();
         for (name, child) in children(elements[0]) {
-            // A name without prefix in a joint is the survey's.
+            // The survey reports misspelled names without a prefix in a joint.
             let here = name.contains(':') || elements[0].has_tag_name("actuator");
             let close = |other: &str| one_off(&name, other) || local(&name) == local(other);
             if here && !known().any(|other| other == name) && known().any(close) {
@@ -144,7 +145,7 @@ impl Reader<'_> {
             return Ok(None);
         };
         if children(elements[0]).filter(|(name, _)| inertias.contains(&name.as_str())).count() > 1 {
-            findings.add(&format!("a second rotor inertia beside <{tag}>"), &node, "");
+            findings.add(&format!("a second rotor inertia in addition to <{tag}>"), &node, "");
         }
         let inertia = self.value(&tag, &node, findings)?;
         if inertia < 0.0 {
@@ -161,7 +162,7 @@ impl Reader<'_> {
         }
         for (tag, node) in found {
             let other = self.value(&tag, &node, findings)?;
-            // Files for Drake have a mechanicalReduction of 1 beside the ratio.
+            // Files for Drake contain a mechanicalReduction of 1 in addition to the ratio.
             if (other - 1.0).abs() > 0.0 && (other - ratio).abs() > 0.0 {
                 findings.add(&format!("<{tag}>"), &node, &format!("the gear ratio {} is read", number(ratio)));
             }
@@ -192,7 +193,7 @@ fn local(name: &str) -> &str {
     name.rsplit(':').next().unwrap_or(name)
 }
 
-/// The name of an element as the file has it, with its prefix.
+/// The name of an element as written in the file, with its prefix.
 fn written(node: &Node) -> String {
     match foreign(node) {
         Some((prefix, local)) => format!("{prefix}:{local}"),

@@ -1,4 +1,4 @@
-//! What a document says that the reader does not read: collected for one warning, and refused where xacro has not run.
+//! Collects the content of a document that the reader does not read, for one warning, and rejects unexpanded xacro.
 
 use super::known::{Known, OF_DRAKE, QUIET, ROBOT, like, one_off};
 use super::lenient::UNDECLARED;
@@ -6,16 +6,16 @@ use super::xml::{Source, plain_attribute, quoted};
 use crate::error::Error;
 use roxmltree::{Attribute, Document, Node};
 
-/// How many findings a message has room for, and how many that differ in the name of link or joint only; the others are
-/// counted.
+/// Largest number of findings listed in a message, and of findings that differ only in the name of a link or joint; the
+/// others are counted.
 const SHOWN: usize = 12;
 const ALIKE: usize = 3;
 
-/// What a file with expressions of xacro needs.
-const RUN_XACRO: &str = "plain URDF: run xacro on the file first, `xacro in.xacro > out.urdf` (xacro comes with ROS, and from PyPI: \
-                         pip install xacro)";
+/// The expected part of the error for a file with xacro expressions.
+const RUN_XACRO: &str = "plain URDF: run xacro on the file first, `xacro in.xacro > out.urdf` \
+                         (xacro is part of ROS, or pip install xacro)";
 
-/// What was not understood, in the order of the document.
+/// Unrecognized content in document order.
 pub(super) struct Findings<'s> {
     source: &'s Source<'s>,
     document: &'s Document<'s>,
@@ -28,7 +28,7 @@ impl<'s> Findings<'s> {
         Self { source, document, shown: Vec::new(), count: 0 }
     }
 
-    /// Adds a finding, with where it is and what may help.
+    /// Adds a finding with its position and a hint.
     pub(super) fn add(&mut self, what: &str, node: &Node, hint: &str) {
         self.count += 1;
         let kind = what.split('"').next();
@@ -40,19 +40,19 @@ impl<'s> Findings<'s> {
         }
     }
 
-    /// All of them in one line; none if there are none.
+    /// All findings in one line; `None` if there are none.
     pub(super) fn into_text(self) -> Option<String> {
         let rest = self.count - self.shown.len();
         let more = if rest > 0 { format!("; and {rest} more") } else { String::new() };
         (self.count > 0).then(|| self.shown.join("; ") + &more)
     }
 
-    /// Goes through everything that is read.
+    /// Visits all elements that are read.
     ///
     /// # Errors
     ///
-    /// Elements and expressions of xacro where something is read; elements whose prefix is not declared and whose name
-    /// would be read without it.
+    /// [`Error::Scene`] for xacro elements and expressions, and for an element with an undeclared prefix whose local
+    /// name the reader knows.
     pub(super) fn survey(&mut self) -> Result<(), Error> {
         self.visit(&self.document.root_element(), &ROBOT, None)
     }
@@ -86,7 +86,7 @@ impl<'s> Findings<'s> {
         let shown = name.replace(UNDECLARED, ":");
         let mut hint = String::new();
         if let Some((_, local)) = name.split_once(UNDECLARED) {
-            // Foreign, unless it stands for one of ours.
+            // A foreign attribute is ignored, unless it replaces one that the reader knows.
             let ours = known.attributes.contains(&local) && plain_attribute(node, local).is_none();
             if !ours && !known_names().any(|ours| one_off(&shown, ours)) {
                 return;
@@ -121,7 +121,7 @@ impl<'s> Findings<'s> {
             return self.visit(child, read, owner.or((known.tag == ROBOT.tag).then_some(child)));
         }
         if QUIET.contains(&tag) {
-            // Bullet multiplies the inertia by this one.
+            // Bullet scales the inertia by this value.
             let scaled = child.children().find(|inner| tag == "contact" && inner.has_tag_name("inertia_scaling"));
             if let Some(scaled) = scaled {
                 self.add(&format!("<inertia_scaling> in <contact> of {}", place(node, owner)), &scaled, "");
@@ -141,7 +141,8 @@ impl<'s> Findings<'s> {
         Ok(())
     }
 
-    /// An element with a prefix that is not the robot's: another program's, and passed over unless it may be one of ours.
+    /// An element with a foreign prefix belongs to another program; it is ignored unless it resembles one that the
+    /// reader knows.
     fn foreign_child(
         &mut self,
         node: &Node,
@@ -169,7 +170,7 @@ impl<'s> Findings<'s> {
         Ok(())
     }
 
-    /// Refuses `${...}` and `$(...)`, which xacro would have replaced.
+    /// Rejects `${...}` and `$(...)`, which xacro would have replaced.
     pub(super) fn refuse_expression(&self, text: &str, what: impl Fn() -> String, node: &Node) -> Result<(), Error> {
         if text.contains("${") || text.contains("$(") {
             let found = format!("the expression {} in {}", quoted(text), what());
@@ -179,7 +180,7 @@ impl<'s> Findings<'s> {
     }
 }
 
-/// "<dynamics> of joint "elbow"", for an element of a link or joint.
+/// Text such as `<dynamics> of joint "elbow"` for an element of a link or joint.
 fn place(node: &Node, owner: Option<&Node>) -> String {
     let tag = node.tag_name().name();
     let Some(owner) = owner else {
@@ -190,7 +191,7 @@ fn place(node: &Node, owner: Option<&Node>) -> String {
     if node == owner { of } else { format!("<{tag}> of {of}") }
 }
 
-/// The prefix and the name of an element in a namespace that is not the robot's; none without prefix.
+/// Prefix and local name of an element in a namespace other than that of the robot; `None` without a prefix.
 pub(super) fn foreign<'a>(node: &Node<'a, '_>) -> Option<(&'a str, &'a str)> {
     let document: &'a Document = node.document();
     let namespace = node.tag_name().namespace();

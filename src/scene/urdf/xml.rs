@@ -1,16 +1,16 @@
-//! What the reader needs of XML: a parsed document, and elements that know the link or joint they are part of, so that
-//! every complaint names it.
+//! XML access for the reader: a parsed document, and elements that know their link or joint, so that every error names
+//! it.
 
 use super::lenient;
 use crate::error::Error;
 use nalgebra::Vector3;
 use roxmltree::{Document, Node, ParsingOptions, TextPos};
 
-/// The text of a URDF, and what messages call it.
+/// The text of a URDF, and its name in messages.
 pub(super) struct Source<'a> {
     /// "URDF", or the path.
     pub(super) name: &'a str,
-    /// A byte order mark and white space before the XML, which XML does not allow but people's editors do.
+    /// A byte order mark and white space before the XML, which XML forbids but some editors write.
     skipped: &'a str,
     body: &'a str,
 }
@@ -21,8 +21,8 @@ impl<'a> Source<'a> {
         Self { name, skipped: &xml[..xml.len() - body.len()], body }
     }
 
-    /// The document; `restated` is where it is kept if it has to be put in the words of XML first. A document type is let
-    /// be, but not with entities: nothing in a URDF needs them, and with them a small file can grow without bound.
+    /// Parses the document; `restated` stores the corrected text if the original violates XML. Document types are
+    /// accepted, but not entities, which no URDF needs and which let a small file expand without bound.
     pub(super) fn parse<'b>(&'b self, restated: &'b mut String) -> Result<Document<'b>, Error> {
         if self.body.is_empty() {
             return Err(self.refuse("nothing", "XML with a <robot> element"));
@@ -57,7 +57,7 @@ impl<'a> Source<'a> {
         use roxmltree::Error::{DtdDetected, UnclosedRootNode, UnexpectedEndOfStream};
         let place = match error {
             DtdDetected => return self.refuse("a document type that declares entities", "XML without entities"),
-            // These show at the end of the document; roxmltree says 1:1.
+            // These errors occur at the end of the document, but roxmltree reports position 1:1.
             UnclosedRootNode | UnexpectedEndOfStream => {
                 let lines = count(self.body.matches('\n').count());
                 let last = self.body.rsplit('\n').next().unwrap_or_default();
@@ -69,22 +69,22 @@ impl<'a> Source<'a> {
         Error::scene(place, found, expected)
     }
 
-    /// An error that names the text as a whole.
+    /// An error about the document as a whole.
     pub(super) fn refuse(&self, found: impl Into<String>, expected: impl Into<String>) -> Error {
         Error::scene(self.name, found, expected)
     }
 
-    /// Where an element is, for those that have no name to go by.
+    /// Position of an element, for elements without a name.
     pub(super) fn place_of(&self, node: &Node) -> String {
         self.place(node.document().text_pos_at(node.range().start))
     }
 
-    /// Where the name of an element is, after its `<`.
+    /// Position of the name of an element, after its `<`.
     pub(super) fn place_of_name(&self, node: &Node) -> String {
         self.place(node.document().text_pos_at(node.range().start + 1))
     }
 
-    /// The line, from 1, of a byte of the document.
+    /// Line, counted from 1, of a byte of the document.
     pub(super) fn line(&self, document: &Document, byte: usize) -> u32 {
         self.line_of(document.text_pos_at(byte))
     }
@@ -93,7 +93,7 @@ impl<'a> Source<'a> {
         count(self.skipped.matches('\n').count()).saturating_add(within.row)
     }
 
-    /// Name, line and column, both from 1, of a position in the body.
+    /// Name, line and column (counted from 1) of a position in the body.
     fn place(&self, within: TextPos) -> String {
         let line = self.line_of(within);
         let before = self.skipped.rsplit('\n').next().unwrap_or_default().trim_start_matches('\u{feff}');
@@ -102,12 +102,12 @@ impl<'a> Source<'a> {
     }
 }
 
-/// A count of characters or lines as roxmltree has them.
+/// A count of characters or lines in the type that roxmltree uses.
 fn count(n: usize) -> u32 {
     u32::try_from(n).unwrap_or(u32::MAX)
 }
 
-/// A piece of the file for a message, cut to a readable length.
+/// Text of the file for a message, truncated to 60 characters.
 pub(super) fn quoted(text: &str) -> String {
     match text.char_indices().nth(60) {
         Some((end, _)) => format!("{:?}...", &text[..end]),
@@ -115,7 +115,7 @@ pub(super) fn quoted(text: &str) -> String {
     }
 }
 
-/// An attribute without a namespace; roxmltree's own look-up takes any.
+/// An attribute without a namespace; the lookup of roxmltree accepts any namespace.
 pub(super) fn plain_attribute<'a>(node: &Node<'a, '_>, name: &str) -> Option<&'a str> {
     node.attributes().find(|attribute| attribute.name() == name && attribute.namespace().is_none()).map(|a| a.value())
 }
@@ -123,7 +123,7 @@ pub(super) fn plain_attribute<'a>(node: &Node<'a, '_>, name: &str) -> Option<&'a
 /// An element of a link or joint.
 pub(super) struct Element<'a> {
     node: Node<'a, 'a>,
-    /// The `<link>` or `<joint>` that it is part of, or is.
+    /// The `<link>` or `<joint>` that contains the element, or is the element.
     owner: Node<'a, 'a>,
 }
 
@@ -148,7 +148,7 @@ impl<'a> Element<'a> {
         plain_attribute(&self.owner, "name").unwrap_or_default()
     }
 
-    /// The first child element of that name.
+    /// The first child element named `name`.
     pub(super) fn child(&self, name: &str) -> Option<Self> {
         let namespace = self.node.tag_name().namespace();
         self.node
@@ -157,7 +157,7 @@ impl<'a> Element<'a> {
             .map(|node| Self { node, owner: self.owner })
     }
 
-    /// The child element of that name, or an error that says what was `expected`.
+    /// The child element named `name`, or an error with the `expected` text.
     pub(super) fn required_child(&self, name: &str, expected: &str) -> Result<Self, Error> {
         self.child(name).ok_or_else(|| self.refuse(format!("no <{name}>{}", self.within()), expected))
     }
@@ -167,7 +167,7 @@ impl<'a> Element<'a> {
         plain_attribute(&self.node, attribute)
     }
 
-    /// An attribute as text that must be there.
+    /// A required attribute as text.
     pub(super) fn required(&self, attribute: &str) -> Result<&'a str, Error> {
         self.text(attribute).ok_or_else(|| self.missing(attribute))
     }
@@ -180,12 +180,12 @@ impl<'a> Element<'a> {
         }
     }
 
-    /// An attribute as a finite number that must be there.
+    /// A required attribute as a finite number.
     pub(super) fn required_number(&self, attribute: &str) -> Result<f64, Error> {
         self.number(attribute)?.ok_or_else(|| self.missing(attribute))
     }
 
-    /// An attribute as a number that may be infinite: a limit that is none.
+    /// An attribute as a number that can be infinite, for "no limit".
     pub(super) fn limit(&self, attribute: &str) -> Result<Option<f64>, Error> {
         match self.numbers::<1>(attribute, "a number")? {
             Some([value]) if value.is_nan() => Err(self.bad(attribute, "a number")),
@@ -201,7 +201,7 @@ impl<'a> Element<'a> {
         }
     }
 
-    /// An attribute as exactly N numbers apart by white space.
+    /// An attribute as exactly N numbers separated by white space.
     fn numbers<const N: usize>(&self, attribute: &str, expected: &str) -> Result<Option<[f64; N]>, Error> {
         let Some(text) = self.text(attribute) else {
             return Ok(None);
@@ -226,7 +226,7 @@ impl<'a> Element<'a> {
         self.refuse(format!("no {attribute}{}", self.within()), format!("{attribute}=\"...\""))
     }
 
-    /// " in <origin>", for an element within a link or joint.
+    /// Text such as " in <origin>" for an element inside a link or joint.
     fn within(&self) -> String {
         if self.node == self.owner { String::new() } else { format!(" in <{}>", self.node.tag_name().name()) }
     }

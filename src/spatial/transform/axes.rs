@@ -1,16 +1,17 @@
-//! The axes of a parent's frame that a joint's own axes are.
+//! Permutations of axes between a joint frame and its parent frame.
 //!
-//! Most joints of robots turn about an axis of their parent's frame. The joint's frame is then named so that it differs from the parent's by the joint's angle
-//! and by an order of axes, which costs nothing where the compiler knows it.
+//! Most joints of robots rotate about an axis of their parent frame. The axes of the joint frame are then permuted such
+//! that its constant rotation to the parent is a permutation of axes, which is free if the compiler knows it.
 
 use super::accumulate;
 use crate::scalar::Real;
 use nalgebra::Matrix3;
 
-/// Where each entry of a packed 3x3 symmetric matrix is.
+/// Index of each entry in a packed symmetric 3x3 matrix.
 pub(crate) const PACKED: [[usize; 3]; 3] = [[0, 1, 2], [1, 3, 4], [2, 4, 5]];
 
-/// Does `$do` with constants for the axes of the parent's frame that x, y and z of a joint's are: the compiler knows every index.
+/// Evaluates `$do` with constants for the parent axes that correspond to x, y and z of a joint, so that the compiler
+/// knows every index.
 macro_rules! about {
     ($axis:expr, $x:ident, $y:ident, $z:ident, $do:expr) => {
         match $axis {
@@ -28,7 +29,7 @@ macro_rules! about {
 }
 pub(crate) use about;
 
-/// The axis of its parent's frame that a joint's z is. Its x and y are the two that follow that axis in their cycle.
+/// The axis of the parent frame along z of the joint frame. x and y of the joint are the two cyclically following axes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(crate) enum Axis {
     X,
@@ -37,12 +38,12 @@ pub(crate) enum Axis {
 }
 
 impl Axis {
-    /// The one of this index, 0 to 2.
+    /// The axis with the given index, 0 to 2.
     pub fn new(index: usize) -> Self {
         [Self::X, Self::Y, Self::Z][index]
     }
 
-    /// The rotation from the joint's frame to its parent's.
+    /// The rotation from the joint frame to the parent frame.
     pub fn rotation(self) -> Matrix3<f64> {
         let mut rotation = Matrix3::zeros();
         for (own, there) in about!(self, X, Y, Z, [X, Y, Z]).into_iter().enumerate() {
@@ -52,45 +53,45 @@ impl Axis {
     }
 }
 
-/// An order of axes: one that the compiler knows ([`Order`]), or one that is looked up ([`Axis`]).
+/// A permutation of axes: known at compile time ([`Order`]) or looked up ([`Axis`]).
 pub(crate) trait Axes: Copy {
-    /// A motion or a force from the parent's frame to the joint's.
+    /// A motion or force from the parent frame to the joint frame.
     fn to_joint<T: Copy>(self, v: &[T; 6]) -> [T; 6];
 
-    /// Free vectors from the parent's frame to the joint's.
+    /// Free vectors from the parent frame to the joint frame.
     fn free_to_joint<T: Copy, const N: usize>(self, vectors: [[T; 3]; N]) -> [[T; 3]; N];
 
-    /// Adds a motion or a force of the joint's frame to a sum in the parent's; `begins` the sum with it.
+    /// Adds a motion or force of the joint frame to a sum in the parent frame; sets the sum if `begins`.
     fn send_vector<T: Real>(self, v: &[T; 6], begins: bool, sum: &mut [T; 6]);
 
-    /// The same of a covariance in 6 + 9 + 6 numbers (angular, coupling by rows, linear).
+    /// As `send_vector` for a covariance in 6 + 9 + 6 entries (angular, coupling by rows, linear).
     fn send_covariance<T: Real>(self, p: &[T; 21], begins: bool, sum: &mut [T; 21]);
 
-    /// A free vector of the joint's frame in the parent's.
+    /// A free vector from the joint frame to the parent frame.
     fn vector<T: Copy>(self, v: [T; 3]) -> [T; 3];
 
-    /// A symmetric matrix of the joint's frame in the parent's.
+    /// A symmetric matrix from the joint frame to the parent frame.
     fn symmetric<T: Copy>(self, a: &[T; 6]) -> [T; 6];
 
-    /// Writes columns of the joint's frame: the first three have a force and a moment, the others a moment.
+    /// Writes columns of the joint frame: the first three have force and moment, the others a moment only.
     fn put_columns<T: Copy>(self, rows: &mut [[T; 6]; 6], forces: &[[T; 3]; 3], moments: &[[T; 3]; 6]);
 }
 
-/// The parent's own axes: where a constant rotation ends.
+/// The identity permutation, after a constant rotation.
 pub(crate) const PARENT_FRAME: Order<0, 1, 2> = Order;
 
-/// The axes of the parent's frame that x, y and z of the joint's are.
+/// The parent axes that correspond to x, y and z of the joint frame.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Order<const X: usize, const Y: usize, const Z: usize>;
 
 impl<const X: usize, const Y: usize, const Z: usize> Order<X, Y, Z> {
-    /// A free vector of the parent's frame in the joint's.
+    /// A free vector from the parent frame to the joint frame.
     #[inline(always)]
     pub fn vector_to_joint<T: Copy>(v: [T; 3]) -> [T; 3] {
         [v[X], v[Y], v[Z]]
     }
 
-    /// A covariance of the joint's frame in the parent's.
+    /// A covariance from the joint frame to the parent frame.
     #[inline(always)]
     pub fn covariance<T: Copy>(p: &[T; 21]) -> [T; 21] {
         let mut there = *p;

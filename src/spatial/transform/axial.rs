@@ -1,4 +1,5 @@
-//! What crosses a revolute joint: by its angle about z, where the axis is oblique by a constant rotation, along the offset, and by the names of the parent's axes.
+//! Transform of a revolute joint: rotation about z by the joint angle, a constant rotation for an oblique axis, the
+//! offset, and a permutation of axes.
 
 use super::axes::Axes;
 use super::axial_rotation::AxialRotation;
@@ -15,25 +16,25 @@ use nalgebra::Vector3;
 pub(crate) struct Axial<T, R, A> {
     rotation: R,
     axes: A,
-    /// In the joint's frame, in which the body is rotated; of an oblique axis in its parent's.
+    /// In the joint frame, relative to which the body rotates; for an oblique axis in the parent frame.
     offset: Offset<T>,
 }
 
 impl<T: Real, R: Rotates<T>, A: Axes> Axial<T, R, A> {
-    /// Of this offset, in the joint's frame.
+    /// The transform with this offset in the joint frame.
     #[inline(always)]
     pub fn new(rotation: R, axes: A, offset: &Offset<T::Parameter>) -> Self {
         let offset = offset.splat(rotation.turn().s);
         Self { rotation, axes, offset }
     }
 
-    /// The same for columns side by side.
+    /// The same transform for several columns.
     #[inline(always)]
     pub fn spread<C: ColumnsOf<T>>(&self, like: C) -> Axial<C, R::Spread<C>, A> {
         Axial { rotation: self.rotation.spread(like), axes: self.axes, offset: self.offset.spread(like) }
     }
 
-    /// Free vectors of the parent's frame in the body's.
+    /// Free vectors from the parent frame to the body frame.
     #[inline(always)]
     pub fn free_to_child<const N: usize>(&self, vectors: [[T; 3]; N]) -> [[T; 3]; N] {
         let mut vectors = self.axes.free_to_joint(vectors);
@@ -43,7 +44,7 @@ impl<T: Real, R: Rotates<T>, A: Axes> Axial<T, R, A> {
         vectors
     }
 
-    /// phi z in the joint's frame: about the parent's origin.
+    /// phi z in the joint frame, about the parent origin.
     #[inline(always)]
     fn in_joint_frame(&self, z: &[T; 6]) -> [T; 6] {
         let force = self.rotation.rotate([z[3], z[4], z[5]]);
@@ -51,7 +52,8 @@ impl<T: Real, R: Rotates<T>, A: Axes> Axial<T, R, A> {
         [a, b, c, force[0], force[1], force[2]]
     }
 
-    /// The terms of the diagonal in the joint's frame: about z, each of x and y takes from both; about an oblique axis each from what is along that and what is across.
+    /// Bounds on the diagonal entries in the joint frame. For a rotation about z, x and y each take from both; for an
+    /// oblique axis each axis takes from the parts along it and across it.
     #[inline(always)]
     fn terms(&self, diagonal: &[T; 6]) -> [T; 6] {
         let like = diagonal[0];
@@ -119,7 +121,8 @@ impl<T: Real, R: Rotates<T>, A: Axes> Transform<T> for Axial<T, R, A> {
         self.axes.send_covariance(&along_offset(&self.offset, &self.rotation.covariance(p)), begins, sum);
     }
 
-    /// Along z, y and x of the offset, one after another, with s = h + m l: I' = I + (l.h + l.s) 1 - (h l* + l s*).
+    /// Applies the z, y and x components of the offset in turn, with s = h + m l: I' = I + (l.h + l.s) 1 - (h l* + l
+    /// s*).
     #[inline(always)]
     fn composite_to_parent(&self, r: &BodyInertia<T>) -> BodyInertia<T> {
         let (m, mut h) = (r.mass, self.rotation.rotate(r.first_moment.into()));
@@ -193,8 +196,8 @@ impl<T: Real, R: Rotates<T>, A: Axes> Transform<T> for Axial<T, R, A> {
     }
 }
 
-/// The terms along x, y and z of what has these across and along this axis: the square of a sum of two is below twice the sum of their squares, and
-/// below the trace.
+/// Bounds along x, y and z from the parts across and along an axis: the square of a sum of two terms is at most twice
+/// the sum of their squares, and at most the trace.
 #[inline(always)]
 fn along_axes<T: Real>([x, y, z]: [T; 3], across: T, along: T) -> [T; 3] {
     let (xx, yy, zz, trace) = (x * x, y * y, z * z, across + along);

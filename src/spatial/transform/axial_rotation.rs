@@ -1,8 +1,8 @@
-//! The rotation about z by a joint's angle.
+//! The rotation about z by a joint angle.
 
 use crate::scalar::Real;
 
-/// Sine and cosine of a joint's angle, in its sense and with its offset.
+/// Sine and cosine of a joint angle, including sign and constant offset.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct AxialRotation<T> {
     pub s: T,
@@ -10,32 +10,32 @@ pub(crate) struct AxialRotation<T> {
 }
 
 impl<T: Real> AxialRotation<T> {
-    /// By a constant angle, in every lane.
+    /// A constant angle, in every lane.
     #[inline(always)]
     pub fn splat(like: T, [s, c]: [T::Parameter; 2]) -> Self {
         Self { s: like.splat(s), c: like.splat(c) }
     }
 
-    /// A turn by another angle after this one, given by its sine and cosine.
+    /// This rotation followed by another, given by sine and cosine.
     #[inline(always)]
     pub fn and(self, [s, c]: [T; 2]) -> Self {
         Self { s: self.s.mul_add(c, self.c * s), c: (self.c * c).minus_product(self.s, s) }
     }
 
-    /// The turn the other way.
+    /// The inverse rotation.
     #[inline(always)]
     pub fn inverse(self) -> Self {
         Self { s: -self.s, c: self.c }
     }
 
-    /// The two entries that a rotation about z mixes.
+    /// Rotates the two components in the xy plane.
     #[inline(always)]
     pub fn pair(self, x: T, y: T) -> (T, T) {
         let Self { s, c } = self;
         ((c * x).minus_product(s, y), s.mul_add(x, c * y))
     }
 
-    /// c^2, s^2, s c: what the turn of a matrix is made of, ready before the matrix is.
+    /// c^2, s^2, s c, which can be computed before the matrix is available.
     #[inline(always)]
     fn products(self) -> [T; 3] {
         let Self { s, c } = self;
@@ -59,7 +59,7 @@ impl<T: Real> AxialRotation<T> {
     pub fn square(self, [a, b, e, d]: [T; 4]) -> [T; 4] {
         let [cc, ss, sc] = self.products();
         let (across, along) = (b + e, a - d);
-        // What is made of two comes in last, to be waited for least.
+        // The terms that depend on two previous results are added last, to reduce latency.
         [
             cc.mul_add(a, ss * d).minus_product(sc, across),
             sc.mul_add(along, (cc * b).minus_product(ss, e)),

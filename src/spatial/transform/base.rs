@@ -1,10 +1,10 @@
-//! A body that floats hangs on the base: nothing goes on from it.
+//! Transform between a floating body and the base, to which nothing is propagated.
 
 use super::Transform;
 use crate::scalar::Real;
 use crate::spatial::{BodyInertia, Root6, RootColumns};
 
-/// phi to the base: sums stay as they are, and motions are zero. The number is any of its type, for zeros of that type.
+/// phi to the base: sums are unchanged, and motions are zero. The value determines only the type of the zeros.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Base<T>(pub T);
 

@@ -1,25 +1,26 @@
-//! Joints' axes that are along none of their parent's: a constant rotation about x, and one about z where that is not enough.
+//! Constant rotations for oblique joint axes: one about x, and a second one about z if necessary.
 //!
-//! What a general rotation of the tree does beside the joint's own angle, a turn or two of a plane do, and everything else about the joint
-//! is as if its axis were along one of its parent's.
+//! A general constant rotation to the parent is decomposed into the joint rotation and one or two such rotations of a
+//! plane. Everything else is as for a joint axis along an axis of the parent.
 
 use super::axes::Axis;
 use nalgebra::{Matrix3, Vector3};
 
-/// The rotation from the joint's frame at zero angle to its parent's: about x, about z, and axes by their names there.
+/// The rotation from the joint frame at zero angle to the parent frame: about x, about z, then a permutation of axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct ConstantRotation<N> {
-    /// What z is there before both.
+    /// The parent axis along z before both rotations.
     pub axis: Axis,
     /// Sine and cosine.
     pub about_x: [N; 2],
     pub about_z: [N; 2],
-    /// Whether the second is there.
+    /// True if the second rotation is needed.
     pub turns_about_z: bool,
 }
 
 impl ConstantRotation<f64> {
-    /// One that brings z from this axis to this direction; in the plane of that axis and the one before it if it is `in_plane`.
+    /// The constant rotation that maps z from this axis to a direction; with `in_plane`, a direction in the plane of
+    /// the axis and the preceding one.
     pub fn to(direction: &Vector3<f64>, axis: Axis, in_plane: bool) -> Self {
         let [x, y, z] = (axis.rotation().transpose() * direction).into();
         if in_plane {
@@ -31,17 +32,17 @@ impl ConstantRotation<f64> {
         Self { axis, about_x: [across / length, z / length], about_z: [x / across, -y / across], turns_about_z: true }
     }
 
-    /// One that brings z to this axis and against it.
+    /// The constant rotation by pi that maps z to the negative axis.
     pub fn against(axis: Axis) -> Self {
         Self { axis, about_x: [0.0, -1.0], about_z: [0.0, 1.0], turns_about_z: false }
     }
 
-    /// One that does nothing but to have z on this axis.
+    /// No rotation: z is along this axis.
     pub fn none(axis: Axis) -> Self {
         Self { axis, about_x: [0.0, 1.0], about_z: [0.0, 1.0], turns_about_z: false }
     }
 
-    /// As a matrix.
+    /// The rotation matrix.
     pub fn matrix(&self) -> Matrix3<f64> {
         let ([sx, cx], [sz, cz]) = (self.about_x, self.about_z);
         let about_x = Matrix3::new(1.0, 0.0, 0.0, 0.0, cx, -sx, 0.0, sx, cx);
@@ -50,7 +51,7 @@ impl ConstantRotation<f64> {
 }
 
 impl<N: Copy> ConstantRotation<N> {
-    /// The same with other numbers.
+    /// Converts each value.
     pub fn map<M>(&self, number: impl Fn(N) -> M) -> ConstantRotation<M> {
         let [sx, cx] = self.about_x;
         let [sz, cz] = self.about_z;

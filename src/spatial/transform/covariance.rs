@@ -1,11 +1,11 @@
-//! P in 21 numbers, 6 + 9 + 6: the angular half, the coupling by rows, the linear half.
+//! P as 21 entries, 6 + 9 + 6: the angular block, the coupling block by rows, the linear block.
 
 use super::offset::Offset;
 use crate::scalar::Real;
 use crate::spatial::{Symmetric3, Symmetric6};
 use nalgebra::Matrix3;
 
-/// Along z, x and y of the offset, one after another: C' = C + l~ B, A' = A + l~ C^T + C' l~^T.
+/// Shifts P along the z, x and y components of the offset in turn: C' = C + l~ B, A' = A + l~ C^T + C' l~^T.
 #[inline(always)]
 pub(crate) fn along_offset<T: Real>(offset: &Offset<T>, p: &[T; 21]) -> [T; 21] {
     let [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5] = *p;
@@ -42,7 +42,7 @@ pub(crate) fn along_offset<T: Real>(offset: &Offset<T>, p: &[T; 21]) -> [T; 21] 
     [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5]
 }
 
-/// As the general stages take it.
+/// Conversion to the type that the general stages use.
 #[inline(always)]
 pub(crate) fn unpacked<T: Real>(p: &[T; 21]) -> Symmetric6<T> {
     let [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5] = *p;
@@ -53,7 +53,7 @@ pub(crate) fn unpacked<T: Real>(p: &[T; 21]) -> Symmetric6<T> {
     }
 }
 
-/// As these sweeps take it.
+/// Conversion to the type that these sweeps use.
 #[inline(always)]
 pub(crate) fn packed<T: Real>(p: &Symmetric6<T>) -> [T; 21] {
     let ([a0, a1, a2, a3, a4, a5], [b0, b1, b2, b3, b4, b5], c) = (p.angular.entries, p.linear.entries, &p.coupling);

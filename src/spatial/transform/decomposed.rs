@@ -1,50 +1,50 @@
-//! What a rotation of the tree leaves of a joint that turns about z.
+//! Decomposition of the constant rotation of a joint about z.
 
 use super::axes::Axis;
 use super::constant_rotation::ConstantRotation;
 use nalgebra::{Matrix3, Vector3};
 
-/// How far an entry of a rotation may be from what it is taken for. A right angle in radians has no double, and the nearest leaves 6e-17 or
-/// 1.2e-16 where zero is meant; a rotation of the tree is a product of a few, each off by a unit of rounding.
+/// Tolerance for entries of a rotation. pi/2 has no exact f64, so that its cosine is 6e-17 or 1.2e-16 instead of zero;
+/// a constant rotation is a product of a few rotations, each with rounding errors.
 const ROUNDING: f64 = 4.0 * f64::EPSILON;
 
-/// A rotation that brings z to an axis of its parent's frame, or to one that is tilted from there.
+/// A decomposed rotation that maps z to an axis of the parent frame, or to an oblique axis.
 pub(crate) struct AboutAxis {
     pub axis: Axis,
-    /// From that axis, where it is tilted, to the parent's frame.
+    /// For an oblique axis, the rotation from `axis` to the parent frame.
     pub tilt: Option<ConstantRotation<f64>>,
-    /// From the frame that is turned to the one that the [turn](super::AxialRotation) is in: zeros and ones.
+    /// Rotation from the original frame to that of the [joint rotation](super::AxialRotation), with entries 0 and 1.
     pub frame: Matrix3<f64>,
-    /// Sine and cosine of the turn's angle, where that is no renaming of axes.
+    /// Sine and cosine of the constant angle about the axis, if it is not a multiple of pi/2.
     pub offset: Option<[f64; 2]>,
 }
 
 impl AboutAxis {
-    /// What a rotation is, to rounding; none where it is no such.
+    /// Decomposes a rotation, to rounding; `None` if it does not map z to an axis of the parent.
     pub fn of(rotation: &Matrix3<f64>) -> Option<Self> {
         let axis = Axis::new(rotation.column(2).iamax());
         let (frame, offset) = about_z(&(axis.rotation().transpose() * rotation), ROUNDING)?;
         Some(Self { axis, tilt: None, frame, offset })
     }
 
-    /// The same of a rotation that brings z anywhere: first the joint's own turn, then about x, and where its axis is in no plane of two of its parent's,
-    /// about z.
+    /// Decomposes any rotation: first the rotation about the joint axis, then about x, and, if the axis is not in a
+    /// plane of two parent axes, about z.
     pub fn tilted(rotation: &Matrix3<f64>) -> Option<Self> {
         let z: Vector3<f64> = rotation.column(2).into();
         let in_plane = (z.iamin() + 2) % 3;
-        // From z it is two angles to anywhere.
+        // Two angles suffice for any direction, starting from z.
         [(in_plane, true), (2, false)].into_iter().find_map(|(axis, is_in_plane)| {
             let axis = Axis::new(axis);
             let tilt = ConstantRotation::to(&z, axis, is_in_plane);
             let untilted = tilt.matrix().transpose() * rotation;
-            // Of three products, which round as often.
+            // A product of three rotations, with correspondingly larger rounding errors.
             let (frame, offset) = about_z(&untilted, 2.0 * ROUNDING)?;
             Some(Self { axis, tilt: Some(tilt), frame, offset })
         })
     }
 
-    /// The same for a joint that slides along z, which has no other sense: where z points against an axis, it is tilted by half a turn. To any direction if it may be
-    /// `tilted`.
+    /// Decomposes the rotation of a prismatic joint along z, whose sign matters: if z maps to a negative axis, a
+    /// rotation by pi is added. Other directions are decomposed if `tilted`.
     pub fn sliding(rotation: &Matrix3<f64>, tilted: bool) -> Option<Self> {
         let Some(about) = Self::of(rotation) else {
             return if tilted { Self::tilted(rotation) } else { None };
@@ -58,10 +58,10 @@ impl AboutAxis {
     }
 }
 
-/// Renaming and angle of a rotation about z, to the one side or the other.
+/// Axis permutation and angle of a rotation about z or -z.
 fn about_z(rotation: &Matrix3<f64>, tolerance: f64) -> Option<(Matrix3<f64>, Option<[f64; 2]>)> {
     let is_near = |other: &Matrix3<f64>| (rotation - other).iter().all(|x| x.abs() <= tolerance);
-    // No negative zeros.
+    // Adding 0.0 removes negative zeros.
     let renamed = rotation.map(|x| x.round() + 0.0);
     if is_near(&renamed) {
         return Some((renamed, None));
@@ -74,12 +74,12 @@ fn about_z(rotation: &Matrix3<f64>, tolerance: f64) -> Option<(Matrix3<f64>, Opt
     is_near(&exactly).then_some((frame, Some([s, c])))
 }
 
-/// Whether a rotation brings z to an axis, or against it, to rounding.
-pub(crate) fn turns_about_an_axis(rotation: &Matrix3<f64>) -> bool {
+/// True if a rotation maps z to an axis or a negative axis, to rounding.
+pub(crate) fn rotates_about_a_parent_axis(rotation: &Matrix3<f64>) -> bool {
     AboutAxis::of(rotation).is_some()
 }
 
-/// Whether it brings z to a tilted one.
-pub(crate) fn turns_about_a_tilted_axis(rotation: &Matrix3<f64>) -> bool {
-    !turns_about_an_axis(rotation) && AboutAxis::tilted(rotation).is_some()
+/// True if a rotation maps z to an oblique axis that can be decomposed.
+pub(crate) fn rotates_about_an_oblique_axis(rotation: &Matrix3<f64>) -> bool {
+    !rotates_about_a_parent_axis(rotation) && AboutAxis::tilted(rotation).is_some()
 }

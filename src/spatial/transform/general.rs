@@ -1,4 +1,4 @@
-//! What crosses any joint: by a rotation matrix and an offset.
+//! Transform of any joint, by a rotation matrix and an offset.
 
 use super::covariance::{packed, unpacked};
 use super::{TERMS_SPREAD, Transform, accumulate};
@@ -66,7 +66,7 @@ impl<T: Real> Transform<T> for RigidShift<T> {
     }
 }
 
-/// The terms of the diagonal of R A R*, by the diagonal of A.
+/// Bounds on the diagonal of R A R*, from those on the diagonal of A.
 #[inline(always)]
 fn turned<T: Real>(shift: &RigidShift<T>, a: T, b: T, c: T) -> [T; 3] {
     let trace = a + b + c;
@@ -79,7 +79,7 @@ fn turned<T: Real>(shift: &RigidShift<T>, a: T, b: T, c: T) -> [T; 3] {
     ]
 }
 
-/// The squares of a row of R, weighed.
+/// The weighted sum of the squares of a row of R.
 #[inline(always)]
 fn of_row<T: Real>(shift: &RigidShift<T>, i: usize, weights: &[T; 3]) -> T {
     let (x, y, z) = (shift.rotation[(i, 0)], shift.rotation[(i, 1)], shift.rotation[(i, 2)]);

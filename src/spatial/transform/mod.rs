@@ -1,12 +1,13 @@
-//! How one joint carries what crosses it: phi(k, k-1) of the paper, in the fewest operations that each kind of joint needs.
+//! Transforms between the frames of a body and its parent: phi(k, k-1) of the paper, with the fewest operations for
+//! each type of joint.
 //!
-//! A sweep knows no kind of joint. It asks a [`Transform`] to send a force, an inertia or a covariance to the parent, or a motion to the child, and what differs
-//! between joints differs here and nowhere else.
+//! Sweeps do not depend on the type of joint. They call a [`Transform`] to propagate a force, an inertia or a
+//! covariance to the parent, or a motion to the child; all differences between joint types are in this module.
 //!
-//! - [`Axial`]: a revolute joint. Its angle turns two planes; the axes of its parent come in an order ([`axes`]); an oblique axis adds one constant rotation
-//!   or two ([`ConstantRotation`]); its [`Offset`] is constant.
-//! - [`Prismatic`]: a rotation that is constant, and of P by constant angles.
-//! - [`Base`]: nothing goes on from a body that floats.
+//! - [`Axial`]: a revolute joint. Its angle rotates two planes; the parent axes are permuted ([`axes`]); an oblique
+//!   axis adds one or two constant rotations ([`ConstantRotation`]); its [`Offset`] is constant.
+//! - [`Prismatic`]: a constant rotation, which is applied to P by constant angles.
+//! - [`Base`]: the base, to which floating bodies propagate nothing.
 //! - [`RigidShift`](super::RigidShift): any joint, by a rotation matrix.
 
 mod axes;
@@ -29,7 +30,7 @@ pub(crate) use axial_rotation::AxialRotation;
 pub(crate) use base::Base;
 pub(crate) use constant_rotation::ConstantRotation;
 pub(crate) use covariance::{packed, unpacked};
-pub(crate) use decomposed::{AboutAxis, turns_about_a_tilted_axis, turns_about_an_axis};
+pub(crate) use decomposed::{AboutAxis, rotates_about_a_parent_axis, rotates_about_an_oblique_axis};
 pub(crate) use offset::Offset;
 pub(crate) use prismatic::{ConstantSlide, Prismatic};
 pub(crate) use rotation::{ObliqueRotation, Rotates};
@@ -38,42 +39,43 @@ use super::body_inertia::BodyInertia;
 use super::root::{Root6, RootColumns};
 use crate::scalar::Real;
 
-/// As [`Transform::send_terms`] multiplies: the rounding of P itself, and what the square of a sum has more than the sum of squares. Of R A R*, entry i is formed
-/// of at most the square of the sum of `|R_ij| sqrt(A_jj)`, which is below the trace, and below three times the sum of the squares; of an offset's cross product
-/// likewise, with two.
+/// Factor of [`Transform::send_terms`]. It covers the rounding error of P, and the ratio of the square of a sum to the
+/// sum of squares. Entry i of R A R* is at most the square of the sum of `|R_ij| sqrt(A_jj)`, which is at most the
+/// trace and at most three times the sum of the squares; for the cross product with an offset the factor is two.
 pub(crate) const TERMS_SPREAD: f64 = 4.0;
 
-/// What crosses one joint, between the frame of a body and that of its parent. Sums are the parent's, over its children: the first of them `begins` the sum.
+/// The transform of one joint, between the frames of a body and of its parent. Sums accumulate in the parent over its
+/// children; `begins` is set for the first child.
 pub(crate) trait Transform<T: Real> {
-    /// l . l of the offset l from the parent's origin to the body's, m^2.
+    /// Squared norm l . l of the offset l from the parent origin to the body origin, m^2.
     fn offset_square(&self) -> T;
 
-    /// R v: a free vector of the child's frame in the parent's.
+    /// R v: a free vector from the child frame to the parent frame.
     fn rotate_to_parent(&self, v: [T; 3]) -> [T; 3];
 
-    /// The offset l from the parent's origin to the child's, in the parent's frame.
+    /// The offset l from the parent origin to the child origin, in the parent frame.
     fn offset_at_parent(&self) -> [T; 3];
 
-    /// Adds phi z: the force z (moment, force) at the parent's origin, in its frame.
+    /// Adds phi z: the force z (moment, force) at the parent origin, in the parent frame.
     fn send_force(&self, z: &[T; 6], begins: bool, sum: &mut [T; 6]);
 
-    /// phi* lambda: the motion lambda (angular, linear) of the parent at the child's origin, in its frame.
+    /// phi* lambda: the motion lambda (angular, linear) of the parent at the child origin, in the child frame.
     fn carry_motion(&self, lambda: &[T; 6]) -> [T; 6];
 
-    /// Adds phi P phi*: a covariance in 6 + 9 + 6 numbers (angular, coupling by rows, linear).
+    /// Adds phi P phi*: a covariance in 6 + 9 + 6 entries (angular, coupling by rows, linear).
     fn send_covariance(&self, p: &[T; 21], begins: bool, sum: &mut [T; 21]);
 
-    /// phi r phi*: the composite inertia about the parent's origin, in its frame.
+    /// phi r phi*: the composite inertia about the parent origin, in the parent frame.
     fn composite_to_parent(&self, r: &BodyInertia<T>) -> BodyInertia<T>;
 
-    /// Adds a bound on each entry of the diagonal of phi P phi*, by the terms of the diagonal of P.
+    /// Adds bounds on the diagonal entries of phi P phi*, from those of P.
     fn send_terms(&self, diagonal: &[T; 6], begins: bool, sum: &mut [T; 6]);
 
-    /// phi L: the columns of the root L of a covariance, at the parent.
+    /// phi L: the columns of the root L of a covariance, in the parent frame.
     fn root_to_parent(&self, root: &Root6<T>, columns: &mut RootColumns<T>);
 }
 
-/// Adds what one child sends to what is there already, or begins with it.
+/// Adds the contribution of one child to a sum, or begins the sum with it.
 #[inline(always)]
 pub(crate) fn accumulate<T: Real, const N: usize>(sent: &[T; N], begins: bool, sum: &mut [T; N]) {
     if begins {
@@ -85,7 +87,7 @@ pub(crate) fn accumulate<T: Real, const N: usize>(sent: &[T; N], begins: bool, s
     }
 }
 
-/// A copy, number by number where there are many: that of the whole would read at once what was just written in parts, and wait for it.
+/// Copies entry by entry for large arrays: a block copy would read data that was just written in parts, and stall.
 #[inline(always)]
 fn put<T: Copy, const N: usize>(sent: &[T; N], to: &mut [T; N]) {
     if let (Some(sent), Some(to)) = (sent.first_chunk::<21>(), to.first_chunk_mut::<21>()) {

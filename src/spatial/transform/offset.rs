@@ -1,4 +1,4 @@
-//! The offset of a joint: from its parent's origin to the body's.
+//! The offset of a joint, from the parent origin to the body origin.
 
 use crate::scalar::{ColumnsOf, Real};
 
@@ -15,7 +15,7 @@ impl<N: Copy> Offset<N> {
         Self { square: number(x * x + y * y + z * z), entries: [number(x), number(y), number(z)] }
     }
 
-    /// The same in every lane.
+    /// The same offset in every lane.
     #[inline(always)]
     pub fn splat<T: Real<Parameter = N>>(&self, like: T) -> Offset<T> {
         let [x, y, z] = self.entries;
@@ -24,14 +24,14 @@ impl<N: Copy> Offset<N> {
 }
 
 impl<T: Real> Offset<T> {
-    /// The same in every column.
+    /// The same offset in every column.
     #[inline(always)]
     pub fn spread<C: ColumnsOf<T>>(&self, like: C) -> Offset<C> {
         let [x, y, z] = self.entries;
         Offset { entries: [like.spread(x), like.spread(y), like.spread(z)], square: like.spread(self.square) }
     }
 
-    /// n + l x f: the moment about the parent's origin.
+    /// n + l x f: the moment about the parent origin.
     #[inline(always)]
     pub fn moment(&self, [fx, fy, fz]: [T; 3], [nx, ny, nz]: [T; 3]) -> [T; 3] {
         let [x, y, z] = self.entries;
@@ -42,7 +42,7 @@ impl<T: Real> Offset<T> {
         ]
     }
 
-    /// v + w x l: the velocity of the body's origin.
+    /// v + w x l: the velocity of the body origin.
     #[inline(always)]
     pub fn velocity(&self, [wx, wy, wz]: [T; 3], [vx, vy, vz]: [T; 3]) -> [T; 3] {
         let [x, y, z] = self.entries;

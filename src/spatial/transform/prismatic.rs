@@ -1,5 +1,6 @@
-//! What crosses a prismatic joint: its rotation is constant, and of P it is names of axes, here and at the parent, and up to three constant angles between,
-//! about z, about x and about z again. The offset changes. Everything but P goes by the matrix.
+//! Transform of a prismatic joint. Its rotation is constant; for P it is decomposed into permutations of axes and up to
+//! three constant rotations, about z, about x and about z. The offset varies. All other quantities use the rotation
+//! matrix.
 
 use super::axes::{Order, about};
 use super::axial_rotation::AxialRotation;
@@ -12,19 +13,19 @@ use super::{Transform, accumulate};
 use crate::scalar::Real;
 use crate::spatial::{BodyInertia, RigidShift, Root6, RootColumns};
 
-/// The constants of one.
+/// The constants of a prismatic joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct ConstantSlide<N> {
-    /// First about z, by this sine and cosine, where it is there.
+    /// The first rotation about z, as sine and cosine, if it is needed.
     about_z: [N; 2],
     turns: bool,
-    /// Then from z to its direction at the parent; about x where that is there.
+    /// Then the rotation from z to its direction in the parent frame, about x if it is needed.
     tilt: ConstantRotation<N>,
     tilts: bool,
 }
 
 impl ConstantSlide<f64> {
-    /// Of a body whose frame is so named that nothing but the offset turns it about z.
+    /// For a body whose axes are permuted such that only `about.offset` rotates it about z.
     pub fn of(about: &AboutAxis) -> Self {
         Self {
             about_z: about.offset.unwrap_or([0.0, 1.0]),
@@ -36,13 +37,13 @@ impl ConstantSlide<f64> {
 }
 
 impl<N: Copy> ConstantSlide<N> {
-    /// The same with other numbers.
+    /// Converts each value.
     pub fn map<M>(&self, number: impl Fn(N) -> M) -> ConstantSlide<M> {
         let Self { about_z: [s, c], turns, tilts, .. } = *self;
         ConstantSlide { about_z: [number(s), number(c)], turns, tilt: self.tilt.map(number), tilts }
     }
 
-    /// R P R*, in the parent's frame.
+    /// R P R*, in the parent frame.
     #[inline(always)]
     fn covariance<T: Real<Parameter = N>>(&self, p: &[T; 21]) -> [T; 21] {
         let (like, mut p) = (p[0], *p);
@@ -59,7 +60,7 @@ impl<N: Copy> ConstantSlide<N> {
     }
 }
 
-/// phi of a prismatic joint: where the body is now, and how its frame lies there always.
+/// phi of a prismatic joint: the current pose of the body, and its constant decomposed rotation.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Prismatic<'a, T: Real> {
     pub shift: &'a RigidShift<T>,
@@ -127,8 +128,9 @@ mod tests {
         Rotation3::from_axis_angle(&Unit::new_normalize(axis), angle).into_inner()
     }
 
-    /// What constant angles make is what the matrix makes: of directions along each of the parent's axes, to both sides, in a plane of two, and
-    /// in none, about which the frame is turned by nothing, by right angles and by others. No more of the angles are there than it takes.
+    /// The constant rotations equal the matrix: for directions along each parent axis and its negative, in a plane of
+    /// two axes and in none, with a rotation about the direction by zero, multiples of pi/2 and other angles. No
+    /// unnecessary rotations are used.
     #[test]
     fn what_slides_sends_what_its_shift_does() {
         let (x, y, z) = (Vector3::x(), Vector3::y(), Vector3::z());
@@ -146,7 +148,7 @@ mod tests {
                 let found = AboutAxis::sliding(&rotation, true).expect("a rotation");
                 assert_eq!(AboutAxis::sliding(&rotation, false).is_some(), k < 6, "{rotation}");
                 let slide = ConstantSlide::of(&found);
-                // To none of the planes by the shortest way: there something is left to turn.
+                // The shortest rotation to none of the planes leaves a rotation about z.
                 let expected = (tilts, turns_about_z, turns || k >= 9);
                 assert_eq!((slide.tilts, slide.tilt.turns_about_z, slide.turns), expected, "{rotation}");
                 let named = rotation * found.frame.transpose();

@@ -1,38 +1,38 @@
-//! How a body on a revolute joint is rotated.
+//! Rotations of a body on a revolute joint.
 
 use super::AxialRotation;
 use super::axes::{Axes, Axis, Order, about};
 use super::constant_rotation::ConstantRotation;
 use crate::scalar::{ColumnsOf, Real};
 
-/// The rotation from the frame of a body on a revolute joint to the joint's: about z by its angle ([`AxialRotation`]); where the axis is oblique by a
-/// constant rotation too, which ends in the parent's frame ([`ObliqueRotation`]).
+/// The rotation from the frame of a body on a revolute joint to the joint frame: about z by the joint angle
+/// ([`AxialRotation`]); for an oblique axis followed by a constant rotation to the parent frame ([`ObliqueRotation`]).
 pub(crate) trait Rotates<T: Real>: Copy {
-    /// Whether there is a constant rotation.
+    /// True if there is a constant rotation.
     const IS_OBLIQUE: bool;
 
-    /// The same spread over columns.
+    /// The same rotation for several columns.
     type Spread<C: ColumnsOf<T>>: Rotates<C>;
 
-    /// By the angle alone.
+    /// The rotation by the joint angle alone.
     fn turn(&self) -> AxialRotation<T>;
 
-    /// By the constant rotation alone.
+    /// Applies the constant rotation alone.
     fn tilt(&self, v: [T; 3]) -> [T; 3];
 
-    /// A vector, body's frame to joint's.
+    /// A vector from the body frame to the joint frame.
     fn rotate(&self, v: [T; 3]) -> [T; 3];
 
-    /// A vector, joint's frame to body's.
+    /// A vector from the joint frame to the body frame.
     fn rotate_back(&self, v: [T; 3]) -> [T; 3];
 
-    /// A symmetric matrix, body's frame to joint's.
+    /// A symmetric matrix from the body frame to the joint frame.
     fn symmetric(&self, a: [T; 6]) -> [T; 6];
 
-    /// 6 + 9 + 6 numbers of a covariance, body's frame to joint's.
+    /// A covariance in 6 + 9 + 6 entries from the body frame to the joint frame.
     fn covariance(&self, p: &[T; 21]) -> [T; 21];
 
-    /// Spread over columns.
+    /// The same rotation for several columns.
     fn spread<C: ColumnsOf<T>>(&self, like: C) -> Self::Spread<C>;
 }
 
@@ -110,7 +110,7 @@ impl<T: Real> ObliqueRotation<T> {
         }
     }
 
-    /// The second of the tilt's rotations, and the names of axes.
+    /// Applies the second constant rotation and the permutation of axes.
     #[inline(always)]
     fn and_about_z(&self, mut p: [T; 21]) -> [T; 21] {
         if self.turns_about_z {
@@ -232,7 +232,7 @@ mod tests {
         assert!(near(whole(&rotation.covariance(&p)).as_slice(), there(&p).as_slice()));
     }
 
-    /// Everything that a rotation does is what its matrix does.
+    /// Every operation of a rotation equals that of its matrix.
     #[test]
     fn what_is_rotated_plane_by_plane_is_rotated_by_the_matrix() {
         for (direction, axis, in_plane) in [

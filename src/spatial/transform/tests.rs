@@ -1,4 +1,4 @@
-//! Every kind of transform against 6x6 matrices.
+//! Compares every transform with 6x6 matrices.
 
 use super::{
     Axes, Axial, AxialRotation, Axis, Base, ConstantRotation, ObliqueRotation, Offset, Order, Rotates, TERMS_SPREAD,
@@ -12,14 +12,14 @@ fn wave(i: usize) -> f64 {
     (1.7 * f64::from(u8::try_from(i).expect("small")) + 0.3).sin()
 }
 
-/// Whether all entries agree to rounding, relative to the largest.
+/// True if all entries agree to rounding, relative to the largest.
 fn near(found: &[f64], expected: &[f64]) -> bool {
     let size = expected.iter().fold(1.0_f64, |size, x| size.max(x.abs()));
     found.len() == expected.len()
         && found.iter().zip(expected).all(|(a, b)| (a - b).abs() <= 64.0 * f64::EPSILON * size)
 }
 
-/// L of order (linear, angular), whose diagonal is one, in the order of matrices.
+/// L with its unit diagonal, in the order of matrices (angular first).
 fn root_matrix(root: &Root6<f64>) -> Matrix6<f64> {
     let entry = |i: usize, j: usize| match i.cmp(&j) {
         std::cmp::Ordering::Less => 0.0,
@@ -29,7 +29,7 @@ fn root_matrix(root: &Root6<f64>) -> Matrix6<f64> {
     Matrix6::from_fn(|i, j| entry((i + 3) % 6, j))
 }
 
-/// Whether everything that a transform carries is what phi makes of it, alone and added to what is there.
+/// True if every operation of a transform equals that of phi, alone and added to a sum.
 pub(super) fn check(transform: &impl Transform<f64>, phi: &Matrix6<f64>) {
     let z = Vector6::from_fn(|i, _| wave(i));
     let there: [f64; 6] = std::array::from_fn(|i| wave(i + 6));
@@ -72,7 +72,7 @@ pub(super) fn check(transform: &impl Transform<f64>, phi: &Matrix6<f64>) {
     assert!(near((found * found.transpose()).as_slice(), (root * root.transpose()).as_slice()), "root");
 }
 
-/// No entry of the diagonal of what a transform sends is above the bound, and none of the bounds is far above the largest entry that there can be.
+/// Every diagonal entry is at most its bound, and the bounds are not far above the largest possible entry.
 fn check_terms(transform: &impl Transform<f64>, phi: &Matrix6<f64>, seed: u8) {
     #[allow(clippy::cast_precision_loss)] // small indices
     let wave = |of: f64, i: usize| (1.0 + 7.3 * (of + f64::from(seed)) + 2.9 * i as f64).sin();
@@ -87,7 +87,7 @@ fn check_terms(transform: &impl Transform<f64>, phi: &Matrix6<f64>, seed: u8) {
     assert!(Vector6::from(bound).max() <= most, "{seed}: {bound:?} {most}");
 }
 
-/// phi of a rotation and an offset in the parent's frame.
+/// phi for a rotation and an offset in the parent frame.
 fn phi(rotation: Matrix3<f64>, lever: Vector3<f64>) -> Matrix6<f64> {
     RigidShift { rotation, lever }.to_matrix()
 }
@@ -102,7 +102,7 @@ fn check_axial<R: Rotates<f64>, A: Axes>(rotation: R, axes: A, matrix: &Matrix3<
     }
 }
 
-/// A revolute joint about each axis of its parent's, known or looked up, and about oblique ones.
+/// A revolute joint about each axis of its parent, with known and looked-up permutations, and about oblique axes.
 #[test]
 fn a_revolute_joint_carries_what_its_matrix_does() {
     let turn = AxialRotation { s: 0.28, c: 0.96 };
@@ -126,7 +126,7 @@ fn a_revolute_joint_carries_what_its_matrix_does() {
     }
 }
 
-/// Nothing about the axis, and that next to y of the parent's: the bound there stays small.
+/// A part that vanishes about an oblique axis close to y of the parent has a small bound.
 #[test]
 fn what_is_small_about_an_oblique_axis_is_seen_to_be() {
     let constant = ConstantRotation::to(&Vector3::new(1e-5, 1.0, 0.0).normalize(), Axis::Y, true);
@@ -148,7 +148,7 @@ fn any_joint_carries_what_its_matrix_does() {
     }
 }
 
-/// Nothing crosses to the base, and nothing comes from it.
+/// Nothing is propagated to or from the base.
 #[test]
 fn the_base_takes_and_gives_nothing() {
     let (mut force, mut p, mut terms) = ([1.0; 6], [2.0; 21], [3.0; 6]);
@@ -160,7 +160,7 @@ fn the_base_takes_and_gives_nothing() {
     assert_eq!((base.carry_motion(&[7.0; 6]), base.offset_square()), ([0.0; 6], 0.0));
 }
 
-/// The two layouts of a covariance hold the same.
+/// The two layouts of a covariance are equivalent.
 #[test]
 fn a_covariance_is_packed_and_unpacked() {
     let p: [f64; 21] = std::array::from_fn(wave);

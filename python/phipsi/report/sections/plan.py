@@ -10,7 +10,7 @@ import numpy as np
 
 from ... import errors
 from ..._core import Scene
-from ..._results import Omission
+from ..._results import Simplification
 from .. import kinds
 from ..pipeline import Section
 from ..progress import Reporter
@@ -66,12 +66,12 @@ def measured(scene: Scene, states: States) -> dict[str, Times]:
     return found
 
 
-def name_of(item: Omission) -> str:
+def name_of(item: Simplification) -> str:
     """Key of the times of an item."""
     return item.switch or item.what
 
 
-def _pair(scene: Scene, states: States, item: Omission) -> tuple[str, int, Once, Once] | None:
+def _pair(scene: Scene, states: States, item: Simplification) -> tuple[str, int, Once, Once] | None:
     """Timed loops of an item: the call, the number of states, the loop with the simplification, and the loop without
     it.
     """

@@ -1,34 +1,34 @@
-//! Steps of states, one after another, and what is recorded of their contacts.
+//! Steps of states with contacts, one after another, and records of their contacts.
 
 use super::super::job::Job;
 use super::super::properties::of_state;
 use super::super::scratch::Scratch;
 use super::super::step_settings::StepSettings;
-use super::super::tally::TALLY;
 use super::super::torque::{StepFault, Torque};
-use super::kept::RECORD;
-use super::step::Touching;
+use super::super::totals::TOTALS;
+use super::report::RECORD;
+use super::step::ContactStep;
 use crate::dynamics::contacts::{ContactScratch, slip};
 use crate::filter::Form;
 use crate::model::Model;
 use crate::scene::Scene;
 use crate::scene::contact_point::ContactPoint;
 
-/// Scratch of one state of a scene with contacts.
-pub(in crate::motion) struct Toucher {
+/// Scratch memory for one state of a scene with contacts.
+pub(in crate::motion) struct ContactStepper {
     scratch: Scratch<f64>,
-    touching: Touching,
+    touching: ContactStep,
 }
 
-impl Toucher {
+impl ContactStepper {
     #[cold]
-    pub fn new(scene: &Scene, law: &StepSettings, form: Form) -> Self {
-        Self { scratch: Scratch::new(scene.model(), law), touching: Touching::new(scene, law, form) }
+    pub fn new(scene: &Scene, settings: &StepSettings, form: Form) -> Self {
+        Self { scratch: Scratch::new(scene.model(), settings), touching: ContactStep::new(scene, settings, form) }
     }
 
-    /// Runs a job; the fault is that of its earliest step, then of its lowest state.
+    /// Runs a job; returns the fault of the earliest step, and of the lowest state in it.
     pub fn run(&mut self, mut job: Job<'_, '_>) -> Result<(), StepFault> {
-        let width = job.law.width(job.scene);
+        let width = job.settings.width(job.scene);
         let mut outcome: Result<(), StepFault> = Ok(());
         for lane in 0..job.states.len() {
             let Err(fault) = self.run_one(&mut job, lane, width) else { continue };
@@ -40,17 +40,17 @@ impl Toucher {
     }
 
     fn run_one(&mut self, job: &mut Job<'_, '_>, lane: usize, width: usize) -> Result<(), StepFault> {
-        let (scene, law, state) = (job.scene, job.law, job.states.start + lane);
+        let (scene, settings, state) = (job.scene, job.settings, job.states.start + lane);
         let (nq, nv, points) = (scene.nq(), scene.nv(), scene.contact_points());
         let current = &mut job.current[lane * width..(lane + 1) * width];
         let (q, rest) = current.split_at_mut(nq);
         let (v, rest) = rest.split_at_mut(nv);
-        let (tally, kept) = rest.split_at_mut(TALLY);
+        let (totals, kept) = rest.split_at_mut(TOTALS);
         let Self { scratch: s, touching } = self;
         s.q.copy_from_slice(q);
         s.v.copy_from_slice(v);
-        s.tally.copy_from_slice(tally);
-        if let Some(gains) = &law.gains {
+        s.totals.copy_from_slice(totals);
+        if let Some(gains) = &settings.gains {
             s.target.copy_from_slice(of_state(&gains.target, nq, state));
             s.target_rate.copy_from_slice(of_state(&gains.target_rate, nv, state));
         }
@@ -63,7 +63,7 @@ impl Toucher {
             && job.steps.start == rows.from
             && let Some(to) = rows.of_contacts(state, 0, points.len())
         {
-            record(scene.model(), points, &mut touching.rows, (&s.q, &s.v), (kept, law.step), to);
+            record(scene.model(), points, &mut touching.rows, (&s.q, &s.v), (kept, settings.step), to);
         }
         let mut outcome = Ok(());
         for n in job.steps.clone() {
@@ -71,14 +71,14 @@ impl Toucher {
                 let at = (n - first) * nv;
                 s.torque.copy_from_slice(&torque.state(state)[at..at + nv]);
             }
-            if let Err((joint, error)) = touching.step(scene, law, s, kept) {
+            if let Err((joint, error)) = touching.step(scene, settings, s, kept) {
                 outcome = Err(StepFault { step: n, state, joint, error });
                 break;
             }
             if let Some(impacts) = job.impacts
                 && !touching.impacts.is_empty()
             {
-                impacts.add(&touching.impacts, state, law.time(n - job.begun[lane]));
+                impacts.add(&touching.impacts, state, settings.time(n - job.begun[lane]));
             }
             std::mem::swap(&mut s.q, &mut s.q_next);
             std::mem::swap(&mut s.v, &mut s.v_next);
@@ -90,20 +90,20 @@ impl Toucher {
                 rows.q[at * nq..(at + 1) * nq].copy_from_slice(&s.q);
                 rows.qd[at * nv..(at + 1) * nv].copy_from_slice(&s.v);
                 if let Some(to) = rows.of_contacts(state, row, points.len()) {
-                    record(scene.model(), points, &mut touching.rows, (&s.q, &s.v), (kept, law.step), to);
+                    record(scene.model(), points, &mut touching.rows, (&s.q, &s.v), (kept, settings.step), to);
                     kept[3 * points.len()..6 * points.len()].fill(0.0);
                 }
             }
         }
         q.copy_from_slice(&s.q);
         v.copy_from_slice(&s.v);
-        tally.copy_from_slice(&s.tally);
+        totals.copy_from_slice(&s.totals);
         outcome
     }
 }
 
-/// One row of contacts: gap and slip velocity of the state, force of the step that led to it, impulse of the impacts that are kept, and what the contact
-/// did in that step.
+/// Writes one row of contacts: gap and slip velocity of the state, force during the step that ends there, stored
+/// impulse of impacts, and contact state during that step.
 pub(in crate::motion) fn record(
     model: &Model<f64>,
     points: &[ContactPoint],

@@ -1,4 +1,4 @@
-//! The compiled kernels of one state that a workspace carries.
+//! The compiled kernels for one state that a workspace stores.
 
 use crate::algorithm::{Algorithm, Arguments};
 use crate::batch::arms::Arm;
@@ -8,10 +8,11 @@ use crate::scene::Scene;
 use crate::spatial::SpatialVector;
 use crate::workspace::OwnKernels;
 
-/// Scratch of M and M^-1, which can be as large as they, is made with the workspace up to so many degrees of freedom.
+/// A workspace allocates the scratch of M and M^-1 in advance up to this number of degrees of freedom, because it is as
+/// large as the matrices.
 const MATRICES_AHEAD: usize = 128;
 
-/// Kernels for `scene` that need nothing more: each algorithm was run once, and has made its scratch.
+/// Kernels of `scene` that allocate nothing more: runs each algorithm once, so that it allocates its scratch.
 pub(super) fn ready(scene: &Scene) -> OwnKernels {
     let mut kernels = OwnKernels::default();
     let (q, zeros) = (scene.neutral(), vec![0.0; scene.nv()]);
@@ -39,7 +40,8 @@ pub(super) fn ready(scene: &Scene) -> OwnKernels {
     kernels
 }
 
-/// One state, of lengths that fit; false where its results mean nothing: it is in doubt, or the kernels are another scene's.
+/// Runs one state, whose array lengths were checked. Returns false if the result is invalid: the error estimate exceeds
+/// the tolerance, or the kernels belong to another scene.
 #[inline]
 pub(super) fn run(
     own: &mut OwnKernels,

@@ -1,25 +1,25 @@
-//! How a solve went, and how far one goes.
+//! Diagnostics of a solve, and its limits.
 
-/// How a solve went.
+/// Diagnostics of a solve.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Told {
-    /// The largest |`F_i`| / `r_i` of a contact over the scale: a velocity beside the largest free velocity.
+pub(crate) struct SolveReport {
+    /// The largest |`F_i`| / `r_i` of a contact, relative to the largest free velocity.
     pub residual: f64,
-    /// What rounding of G p + c alone leaves of it.
+    /// The residual caused by rounding errors of G p + c alone.
     pub floor: f64,
-    /// Whether the residual is below the tolerance or the floor.
+    /// True if the residual is below the tolerance or the floor.
     pub converged: bool,
-    /// Matrices that were factorised: one for each step of Newton's method, of the interior method and along the curve.
+    /// Number of factorizations: one per step of Newton's method, of the interior-point method and of the continuation.
     pub iterations: usize,
 }
 
-impl Told {
-    /// Nothing had to be done.
+impl SolveReport {
+    /// The report for a problem without iterations.
     pub fn nothing() -> Self {
         Self { residual: 0.0, floor: 0.0, converged: true, iterations: 0 }
     }
 
-    /// The worse of two, and the iterations of both.
+    /// The report with the larger residual, and the iterations of both.
     pub fn with(self, other: Self) -> Self {
         let worse = if other.residual > self.residual || other.residual.is_nan() { other } else { self };
         let converged = self.converged && other.converged;
@@ -27,14 +27,14 @@ impl Told {
     }
 }
 
-/// How far a solve goes.
+/// Limits of a solve.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Effort {
-    /// The residual that is enough.
+    /// The residual at which the solve ends.
     pub tolerance: f64,
-    /// How many starts the interior method has; where not all, no curve is followed either.
+    /// Number of starts of the interior-point method; the continuation is used only if all are allowed.
     pub attempts: usize,
-    /// Steps of each method, at the most.
+    /// Largest number of steps of each method.
     pub iterations: usize,
 }
 

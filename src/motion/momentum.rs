@@ -1,22 +1,24 @@
-//! Momentum of floating trees, kept to rounding.
+//! Conservation of the momentum of floating trees, to rounding.
 //!
-//! A tree that hangs on the base by a free joint, with no force but weight on it from outside, keeps nine numbers, whatever goes on in
-//! its joints: about its mass centre c, in the base's axes, with v its velocity and L the angular momentum about it,
+//! A tree that a free joint connects to the base conserves nine quantities if gravity is the only external force. With
+//! the center of mass c in base axes, its velocity v and the angular momentum L about it,
 //!
 //! ```text
 //! L(t) = L(0),     v(t) = v(0) + g t,     c(t) = c(0) + v(0) t + g t^2/2
 //! ```
 //!
-//! A step keeps them to its order. Here the tree is then moved and set in motion as one rigid body until it has them: with m, p and J
-//! mass, mass centre and inertia about it of all bodies of the tree as one (the composite inertia of the free joint's body, in its axes),
+//! A step satisfies them to its order. Afterwards the tree is displaced, and its velocity changed, as one rigid body so
+//! that it satisfies them. With mass m, center of mass p and central inertia J of the whole tree (the composite inertia
+//! of the body of the free joint, in its axes),
 //!
 //! ```text
 //! x += c(t) - c,     w += dw,     u += (v(t) - v) - dw x p,     J dw = L(t) - L
 //! ```
 //!
-//! of the free joint's position x and rates (u, w). Nothing inside the tree feels the move, and the momentum is linear in the rates: one
-//! correction leaves rounding. It is as large as the error of the step in these numbers, so the order of the method is
-//! what it was. What is wanted comes from the start and the time, not from the step before: rounding does not add up.
+//! for the position x and the velocity (u, w) of the free joint. Joint coordinates inside the tree do not change, and
+//! momentum is linear in the velocities, so that one correction is exact to rounding. It is of the size of the error of
+//! the step, and preserves the order of the method. The targets follow from the initial state and the time, not from
+//! the previous step, so that rounding errors do not accumulate.
 
 use super::properties::{Gains, Properties};
 use crate::error::Error;
@@ -28,25 +30,25 @@ use crate::scene::Scene;
 use crate::spatial::{BodyInertia, RigidShift, Symmetric3, angular, dot, linear, sum, zero};
 use nalgebra::{Vector3, Vector6};
 
-/// Numbers that a tree keeps: L, v and c at the start, in the base's axes.
-pub(super) const KEPT: usize = 9;
+/// Number of conserved quantities of a tree: L, v and c at the start, in base axes.
+pub(super) const CONSERVED: usize = 9;
 
-/// The largest correction that a step of a run made, to keep the momentum of floating trees.
+/// The largest momentum correction in a step of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Correction {
-    /// Of the velocity: sqrt(E'/(E + E')), with E' the kinetic energy of the correction as a motion of its own, and E that of the tree
-    /// (rotors left out) before it; zero where nothing moves.
+    /// Relative velocity correction sqrt(E'/(E + E')), where E' is the kinetic energy of the correction alone and E
+    /// that of the tree without rotors before it; zero at rest.
     pub velocity: f64,
-    /// Of the position of the mass centre, m.
+    /// Correction of the center of mass, m.
     pub position: f64,
 }
 
-/// The name of the joint that carries a body.
+/// Name of the joint that moves a body.
 fn joint_name(scene: &Scene, body: usize) -> String {
     scene.joint_of_body(body).map(|joint| joint.name.clone()).unwrap_or_default()
 }
 
-/// The bodies that trees begin with, if all hang on the base by free joints that nothing acts along.
+/// The root bodies of the trees, if every tree is on a free joint without torques.
 pub(super) fn roots(scene: &Scene, properties: &Properties, gains: Option<&Gains>) -> Result<Vec<usize>, Error> {
     let refuse = |found: String, expected: &str| Err(Error::argument("conserve_momentum", found, expected));
     let model = scene.model();
@@ -58,7 +60,10 @@ pub(super) fn roots(scene: &Scene, properties: &Properties, gains: Option<&Gains
         if !matches!(body.motion, Motion::Free) {
             let name = joint_name(scene, k);
             let found = if name.is_empty() { "a fixed body".to_owned() } else { format!("joint {name:?}") };
-            return refuse(found + " on the base", "every tree on a free joint; else the base takes momentum up");
+            return refuse(
+                found + " on the base",
+                "every tree on a free joint, because the base would absorb momentum",
+            );
         }
         let rows = stage.first_row..stage.first_row + 6;
         let mut acting = vec![
@@ -73,18 +78,18 @@ pub(super) fn roots(scene: &Scene, properties: &Properties, gains: Option<&Gains
         for (name, values) in acting {
             if let Some(value) = values[rows.clone()].iter().find(|&&value| value != 0.0) {
                 let found = format!("{name} {value} along free joint {:?}", joint_name(scene, k));
-                return refuse(found, "zero there: what acts from outside changes the momentum");
+                return refuse(found, "zero for free joints, because external torques change the momentum");
             }
         }
         roots.push(k);
     }
     if roots.is_empty() {
-        return refuse("a scene where nothing moves".to_owned(), "trees on free joints");
+        return refuse("a scene without degrees of freedom".to_owned(), "trees on free joints");
     }
     Ok(roots)
 }
 
-/// A torque given along a free joint: the joint's name and the torque.
+/// The error for an applied torque along a free joint, if there is one.
 pub(super) fn outer_torque(scene: &Scene, roots: &[usize], torque: &[f64]) -> Option<Error> {
     let nv = scene.nv().max(1);
     torque.chunks_exact(nv).find_map(|torque| {
@@ -92,44 +97,44 @@ pub(super) fn outer_torque(scene: &Scene, roots: &[usize], torque: &[f64]) -> Op
             let first = scene.model().system.stages[k].first_row;
             let acting = torque[first..first + 6].iter().find(|&&value| value != 0.0)?;
             let found = format!("{acting} along free joint {:?}", joint_name(scene, k));
-            Some(Error::argument("tau", found, "zero there with conserve_momentum"))
+            Some(Error::argument("tau", found, "zero for free joints with conserve_momentum"))
         })
     })
 }
 
-/// The arrays of this correction; empty where momentum is not kept.
+/// The arrays of the correction; empty if momentum is not conserved.
 #[derive(Debug)]
-pub(super) struct Keeper<T> {
+pub(super) struct MomentumProjection<T> {
     roots: Vec<usize>,
     shift: Vec<RigidShift<T>>,
     velocity: Vec<Vector6<T>>,
-    /// Tip to base: momentum of all bodies outward, twice their kinetic energy, and their inertia as one.
+    /// Accumulated from tip to base: momentum, twice the kinetic energy, and composite inertia of all outboard bodies.
     momentum: Vec<Vector6<T>>,
     energy: Vec<T>,
     composite: Vec<BodyInertia<T>>,
-    /// [`KEPT`] numbers of each tree.
+    /// The [`CONSERVED`] quantities of each tree.
     pub start: Vec<T>,
-    /// Since the start of each state, s.
+    /// Time since the start of each state, s.
     pub time: T,
-    /// The last correction: relative of the velocity, and of the position, m; the largest of the trees.
+    /// The last correction: relative velocity and position (m), the largest over the trees.
     pub correction: [T; 2],
-    /// The largest of a run.
+    /// The largest correction of the run.
     pub largest: [T; 2],
 }
 
-/// A tree as one body, in the axes of the body that it begins with.
-struct Whole<T> {
+/// A tree as one rigid body, in the axes of its root body.
+struct RigidTree<T> {
     mass: T,
-    /// From the origin of that body to the mass centre.
-    centre: Vector3<T>,
-    /// Velocity of the mass centre, and angular momentum about it.
+    /// Center of mass from the origin of the root body.
+    center: Vector3<T>,
+    /// Velocity of the center of mass, and angular momentum about it.
     velocity: Vector3<T>,
     spin: Vector3<T>,
-    /// About the mass centre.
+    /// Inertia about the center of mass.
     inertia: Symmetric3<T>,
 }
 
-impl<T: Real> Keeper<T> {
+impl<T: Real> MomentumProjection<T> {
     pub fn new(model: &Model<T>, roots: &[usize]) -> Self {
         let bodies = if roots.is_empty() { 0 } else { model.bodies.len() };
         let o = T::zero();
@@ -140,20 +145,20 @@ impl<T: Real> Keeper<T> {
             momentum: vec![zero(); bodies],
             energy: vec![o; bodies],
             composite: vec![BodyInertia::zero(); bodies],
-            start: vec![o; KEPT * roots.len()],
+            start: vec![o; CONSERVED * roots.len()],
             time: o,
             correction: [o; 2],
             largest: [o; 2],
         }
     }
 
-    /// Whether there is anything to keep.
+    /// True if the momentum of any tree is conserved.
     #[inline(always)]
-    pub fn keeps(&self) -> bool {
+    pub fn is_active(&self) -> bool {
         !self.roots.is_empty()
     }
 
-    /// Momentum, energy and inertia of every tree at its first body.
+    /// Accumulates momentum, energy and inertia of every tree at its root body.
     #[inline(always)]
     fn gather(&mut self, model: &Model<T>, q: &[T], v: &[T]) {
         placements_base_to_tip(model, q, &mut self.shift);
@@ -179,63 +184,63 @@ impl<T: Real> Keeper<T> {
         }
     }
 
-    /// The tree that begins with body `k`, after [`Keeper::gather`].
+    /// The tree with root body `k` as one rigid body, after [`MomentumProjection::gather`].
     #[inline(always)]
-    fn whole(&self, k: usize) -> Whole<T> {
+    fn whole(&self, k: usize) -> RigidTree<T> {
         let BodyInertia { mass, first_moment: h, rotational } = &self.composite[k];
         let over = mass.recip();
-        let centre = times(h, over);
+        let center = times(h, over);
         let pushed = linear(&self.momentum[k]);
         let minus_one = over.constant(-1.0);
         let [xx, xy, xz, yy, yz, zz] = rotational.entries;
-        let (x, y, z) = (h[0] * centre[0], h[1] * centre[1], h[2] * centre[2]);
-        Whole {
+        let (x, y, z) = (h[0] * center[0], h[1] * center[1], h[2] * center[2]);
+        RigidTree {
             mass: *mass,
             velocity: times(&pushed, over),
-            spin: plus(&angular(&self.momentum[k]), minus_one, &cross(&centre, &pushed)),
+            spin: plus(&angular(&self.momentum[k]), minus_one, &cross(&center, &pushed)),
             inertia: Symmetric3::new([
                 xx - (y + z),
-                h[0].mul_add(centre[1], xy),
-                h[0].mul_add(centre[2], xz),
+                h[0].mul_add(center[1], xy),
+                h[0].mul_add(center[2], xz),
                 yy - (x + z),
-                h[1].mul_add(centre[2], yz),
+                h[1].mul_add(center[2], yz),
                 zz - (x + y),
             ]),
-            centre,
+            center,
         }
     }
 
-    /// What the trees keep, from a state at time zero.
+    /// Stores the conserved quantities of a state at time zero.
     pub fn begin(&mut self, model: &Model<T>, q: &[T], v: &[T]) {
         self.gather(model, q, v);
         for i in 0..self.roots.len() {
             let k = self.roots[i];
             let (tree, shift) = (self.whole(k), &self.shift[k]);
             let one = tree.mass.constant(1.0);
-            let place = plus(&shift.lever, one, &shift.rotate(&tree.centre));
-            let at = i * KEPT;
+            let place = plus(&shift.lever, one, &shift.rotate(&tree.center));
+            let at = i * CONSERVED;
             write(&mut self.start[at..], &shift.rotate(&tree.spin));
             write(&mut self.start[at + 3..], &shift.rotate(&tree.velocity));
             write(&mut self.start[at + 6..], &place);
         }
     }
 
-    /// [`Keeper::correct`], if there is a tree whose momentum is conserved.
+    /// Calls [`MomentumProjection::correct`] if the momentum of a tree is conserved.
     #[inline(always)]
-    pub fn correct_if_kept(&mut self, model: &Model<T>, q: &mut [T], v: &mut [T]) {
-        if self.keeps() {
+    pub fn correct_if_active(&mut self, model: &Model<T>, q: &mut [T], v: &mut [T]) {
+        if self.is_active() {
             self.correct(model, q, v);
         }
     }
 
-    /// Gives every tree at `q` with rates `v` what it has at [`Keeper::time`].
+    /// Corrects `q` and `v` of every tree to the conserved quantities at [`MomentumProjection::time`].
     #[inline(always)]
     pub fn correct(&mut self, model: &Model<T>, q: &mut [T], v: &mut [T]) {
         self.gather(model, q, v);
         for i in 0..self.roots.len() {
             let k = self.roots[i];
             let (tree, shift) = (self.whole(k), self.shift[k]);
-            let kept = &self.start[i * KEPT..(i + 1) * KEPT];
+            let kept = &self.start[i * CONSERVED..(i + 1) * CONSERVED];
             let (spin, velocity, place) = (triple(kept), triple(&kept[3..]), triple(&kept[6..]));
             let (g, one) = (&model.gravity, tree.mass.constant(1.0));
             let (t, minus_one) = (self.time, one.constant(-1.0));
@@ -243,11 +248,11 @@ impl<T: Real> Keeper<T> {
             let place = plus(&place, t, &fallen);
             let velocity = plus(&velocity, t, g);
 
-            let behind = plus(&plus(&place, minus_one, &shift.lever), minus_one, &shift.rotate(&tree.centre));
+            let behind = plus(&plus(&place, minus_one, &shift.lever), minus_one, &shift.rotate(&tree.center));
             let slower = plus(&shift.rotate_back(&velocity), minus_one, &tree.velocity);
             let missing = plus(&shift.rotate_back(&spin), minus_one, &tree.spin);
             let turn = solve(&tree.inertia, &missing);
-            let push = plus(&slower, minus_one, &cross(&turn, &tree.centre));
+            let push = plus(&slower, minus_one, &cross(&turn, &tree.center));
 
             let (at, row) = (model.bodies[k].q, model.system.stages[k].first_row);
             let moved = model.bodies[k].tree.rotate_back(&behind);
@@ -262,20 +267,20 @@ impl<T: Real> Keeper<T> {
         }
     }
 
-    /// Remembers the last correction if it is the largest.
+    /// Updates the largest correction of the run.
     #[inline(always)]
     pub fn remember(&mut self) {
         self.largest = largest(self.largest, self.correction);
     }
 }
 
-/// The larger of each, NaN where either is NaN.
+/// The larger of each entry; NaN if either is NaN.
 #[inline(always)]
 fn largest<T: Real>(a: [T; 2], b: [T; 2]) -> [T; 2] {
     [larger(a[0], b[0]), larger(a[1], b[1])]
 }
 
-/// a + x, in place.
+/// a += x.
 #[inline(always)]
 fn add<T: Real>(a: &mut [T], x: &Vector3<T>) {
     for i in 0..3 {
@@ -295,7 +300,7 @@ fn product<T: Real>(a: &Vector3<T>, b: &Vector3<T>) -> T {
     a[0].mul_add(b[0], a[1].mul_add(b[1], a[2] * b[2]))
 }
 
-/// The two as one body, in place; no operators of nalgebra, which lanes call instead of inlining.
+/// Adds a rigid body in place. nalgebra's operators are avoided, because they are not inlined for lanes.
 #[inline(always)]
 fn join<T: Real>(to: &mut BodyInertia<T>, other: &BodyInertia<T>) {
     to.mass += other.mass;
@@ -307,7 +312,7 @@ fn join<T: Real>(to: &mut BodyInertia<T>, other: &BodyInertia<T>) {
     }
 }
 
-/// a^-1 b, a positive: by its factors L D L*.
+/// a^-1 b for a positive definite a, by its L D L* factorization.
 #[inline(always)]
 fn solve<T: Real>(a: &Symmetric3<T>, b: &Vector3<T>) -> Vector3<T> {
     let [xx, xy, xz, yy, yz, zz] = a.entries;

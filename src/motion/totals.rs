@@ -1,33 +1,34 @@
-//! Values that a rollout accumulates per state: the work of everything that acts at the joints, and the number of substeps.
+//! Values that a rollout accumulates per state: the works of all joint torques, and the numbers of substeps.
 //!
-//! With x the displacement of a step, and w = h (v + v')/2 its mean velocity times the step, the work of a torque that acts with the impulse p is p w/h, which for constant M is
-//! the kinetic energy that it gives; that of a given torque, constant in the step, is tau x. What the change of the energy exceeds the sum by is the error of the method.
+//! Let x be the displacement in a step and w = h (v + v')/2 the step times the mean velocity. A torque with the impulse
+//! p does the work p w/h, which for constant M is the kinetic energy that it adds; a constant torque does tau x. The
+//! difference between the change of energy and the sum of the works is the error of the method.
 
 /// The number of values.
-pub(super) const TALLY: usize = 11;
+pub(super) const TOTALS: usize = 11;
 
 pub(super) const TORQUE: usize = 0;
 pub(super) const DAMPING: usize = 1;
 pub(super) const FRICTION: usize = 2;
 pub(super) const CONTROL: usize = 3;
 pub(super) const STOPS: usize = 4;
-/// All that are works.
+/// Indices of the works.
 pub(super) const WORKS: [usize; 5] = [TORQUE, DAMPING, FRICTION, CONTROL, STOPS];
-/// Steps of the method itself, and those with the set-valued law.
+/// Substeps of the method and events.
 pub(super) const SUBSTEPS: usize = 5;
-/// The most substeps of one step.
+/// Largest number of substeps of one step.
 pub(super) const MOST: usize = 6;
 pub(super) const EVENTS: usize = 7;
-/// With error control: the sum of the errors of all substeps, and the length that the next one begins with.
+/// With error control: the sum of the errors of all substeps, and the initial length of the next substep.
 pub(super) const ERROR: usize = 8;
 pub(super) const LENGTH: usize = 9;
 /// Events without a solution.
 pub(super) const UNSETTLED: usize = 10;
 
-/// Works, and numbers of substeps, of one state since it began.
+/// Works and numbers of substeps of one state since it began.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Tally {
-    /// Work of the torques that were given, J.
+pub struct Totals {
+    /// Work of the applied torques, J.
     pub torque: f64,
     /// Work of damping, J; zero or negative.
     pub damping: f64,
@@ -37,20 +38,22 @@ pub struct Tally {
     pub control: f64,
     /// Work of the stops, J.
     pub stops: f64,
-    /// The number of substeps in all steps that were divided or had an event.
+    /// Number of substeps in all steps that were divided or had an event.
     pub substeps: f64,
-    /// The largest number of substeps of one step.
+    /// Largest number of substeps of one step.
     pub most_substeps: f64,
-    /// The number of substeps in which a joint stuck, slipped, or hit or left a stop.
+    /// Number of substeps in which a joint stuck, slipped, or reached or left a stop.
     pub events: f64,
-    /// With error control, the sum of the estimated errors of all substeps, rad, m, and relative to the fastest joint velocity where that exceeds 1.
+    /// With error control, the sum of the estimated errors of all substeps: rad, m, and relative to the fastest joint
+    /// velocity if that exceeds 1.
     pub error: f64,
-    /// The number of events whose friction and stop torques contradict each other, because the mass matrix is indefinite; a joint was then locked.
+    /// Number of events whose friction and stop torques contradict each other, because the mass matrix is indefinite; a
+    /// joint was then treated as stuck.
     pub unsettled: f64,
 }
 
-impl Tally {
-    /// Of the values that a rollout stores.
+impl Totals {
+    /// From the values that a rollout stores.
     pub(super) fn of(values: &[f64]) -> Self {
         let at = |i: usize| values.get(i).copied().unwrap_or(0.0);
         Self {

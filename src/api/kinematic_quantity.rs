@@ -1,4 +1,4 @@
-//! Everyday functions of one state by what they are, with arguments checked and faults named.
+//! One entry point for all kinematic quantities of one state, selected by value.
 
 use crate::algorithm::Everyday;
 use crate::error::{Error, check_length};
@@ -6,11 +6,13 @@ use crate::scene::Scene;
 use crate::workspace::Workspace;
 
 impl Scene {
-    /// An everyday function at one state (q, qd, qdd), of which it reads [`Everyday::reads`] arrays, into `out`: the method that it names.
+    /// Evaluates the quantity `what` at one state (q, qd, qdd) and writes it to `out`.
+    ///
+    /// Calls the method that `what` names, which reads the first [`Everyday::reads`] arrays of the state.
     ///
     /// # Errors
     ///
-    /// As that method; a result of another length.
+    /// As that method, and [`Error::Shape`] for a wrong length of `out`.
     pub fn everyday(
         &self,
         workspace: &mut Workspace<f64>,

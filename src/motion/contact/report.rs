@@ -1,43 +1,45 @@
-//! What a rollout keeps of the contacts of each state, beside q and qd.
+//! Contact data that a rollout stores per state in addition to q and qd.
 
-/// Numbers of one contact in a recorded row: gap, slip velocity (3), force (3), impulse of impacts (3), state.
+/// Values per contact in a recorded row: gap, slip velocity (3), force (3), impulse of impacts (3), state.
 pub(in crate::motion) const RECORD: usize = 11;
 
-/// How many numbers tell of a run.
-const TOLD: usize = 8;
+/// Number of values of a report.
+const REPORT: usize = 8;
 
-/// How many numbers are kept of a state with so many contacts: impulses that hold, impulses of impacts, what each does, what is told.
+/// Number of values stored per state: persistent impulses, impulses of impacts, contact states, and the report.
 pub(in crate::motion) fn width(contacts: usize) -> usize {
-    7 * contacts + TOLD
+    7 * contacts + REPORT
 }
 
-/// At the start of a run.
+/// Initializes the values at the start of a run.
 pub(in crate::motion) fn begin(kept: &mut [f64]) {
     kept.fill(0.0);
-    if let Some((_, told)) = kept.split_last_chunk_mut::<TOLD>() {
-        ContactReport::begin().write(told);
+    if let Some((_, report)) = kept.split_last_chunk_mut::<REPORT>() {
+        ContactReport::begin().write(report);
     }
 }
 
-/// What the steps of one state told of its contacts, since it began.
+/// Diagnostics of the contacts of one state, accumulated since it began.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ContactReport {
-    /// The worst residual of a step: a velocity beside the largest free velocity of its contacts.
+    /// Largest residual of a step: a velocity relative to the largest free velocity of the contacts.
     pub residual: f64,
-    /// Whether every step met the tolerance, 1e-10, or the rounding of its own numbers.
+    /// True if every step reached the tolerance of 1e-10, or the rounding error of its values.
     pub converged: bool,
-    /// Iterations of all solves.
+    /// Number of iterations of all solves.
     pub iterations: f64,
-    /// Kinetic energy that impacts took, J: rebounds, and landings faster than what gravity gives in a step.
+    /// Kinetic energy dissipated in impacts, J: in rebounds, and in landings faster than the velocity that gravity adds
+    /// in a step.
     pub lost_in_impacts: f64,
-    /// What friction took, J.
+    /// Energy dissipated by friction, J.
     pub lost_in_friction: f64,
-    /// The least part of a rebound with which the kinetic energy after the impact is at most that before it; 1 where nothing was reduced. Between impacts the
-    /// integrator has an error of its own.
+    /// Smallest factor applied to a rebound so that an impact does not increase the kinetic energy; 1 if none was
+    /// reduced. Between impacts the integrator has an error of its own.
     pub expansion_kept: f64,
-    /// The least part of an impulse with which the kinetic energy of an impact does not rise; below 1 only where a solve did not converge.
+    /// Smallest factor applied to an impulse so that an impact does not increase the kinetic energy; below 1 only if a
+    /// solve did not converge.
     pub impulse_kept: f64,
-    /// The deepest point under a plane that a step's end was moved out of, m.
+    /// Largest penetration of a plane that was corrected at the end of a step, m.
     pub depth: f64,
 }
 
@@ -55,7 +57,7 @@ impl ContactReport {
         }
     }
 
-    fn write(&self, to: &mut [f64; TOLD]) {
+    fn write(&self, to: &mut [f64; REPORT]) {
         *to = [
             self.residual,
             f64::from(u8::from(self.converged)),
@@ -69,7 +71,7 @@ impl ContactReport {
     }
 
     fn read(
-        &[residual, converged, iterations, impacts, friction, expansion_kept, impulse_kept, depth]: &[f64; TOLD],
+        &[residual, converged, iterations, impacts, friction, expansion_kept, impulse_kept, depth]: &[f64; REPORT],
     ) -> Self {
         Self {
             residual,
@@ -83,15 +85,15 @@ impl ContactReport {
         }
     }
 
-    /// Of the numbers that are kept of a state.
+    /// Reads the report from the stored values of a state.
     pub(in crate::motion) fn of(kept: &[f64]) -> Option<Self> {
         kept.last_chunk().map(Self::read)
     }
 
-    /// With those of a step.
+    /// Adds the report of a step.
     pub(super) fn add(kept: &mut [f64], step: &Self) {
-        let Some(told) = kept.last_chunk_mut() else { return };
-        let before = Self::read(told);
+        let Some(report) = kept.last_chunk_mut() else { return };
+        let before = Self::read(report);
         let all = Self {
             residual: before.residual.max(step.residual),
             converged: before.converged && step.converged,
@@ -102,10 +104,10 @@ impl ContactReport {
             impulse_kept: before.impulse_kept.min(step.impulse_kept),
             depth: before.depth.max(step.depth),
         };
-        all.write(told);
+        all.write(report);
     }
 
-    /// Of a step in which nothing touched.
+    /// The report of a step without active contacts.
     pub(super) fn nothing() -> Self {
         Self::begin()
     }
