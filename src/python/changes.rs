@@ -13,22 +13,50 @@ use pyo3::types::{PyDict, PyMapping};
 
 #[pymethods]
 impl PyScene {
-    /// A builder that holds what the scene was made of: links, joints, gravity, base, and what is left out.
+    /// Create a builder that has the links, joints, gravity, base and simplifications of the scene.
     ///
-    /// build() without arguments gives a scene with the same results, bit for bit; links and joints can be added before.
+    /// Returns
+    /// -------
+    /// builder : SceneBuilder
+    ///     Its build() without arguments creates a scene with bit-identical results; parts can be added before.
+    ///
+    /// Examples
+    /// --------
+    /// >>> builder = phipsi.scenes.chain(3).to_builder().link("tool", mass=0.2)
+    /// >>> builder.joint("flange", "fixed", "link2", "tool").build().total_mass
+    /// 3.2
     #[pyo3(signature = ())]
     fn to_builder(&self) -> PySceneBuilder {
         PySceneBuilder { builder: self.scene.source().clone() }
     }
 
-    /// A new scene with other properties of joints; what is not given stays.
+    /// Create a scene with other joint properties; properties that are not given remain.
     ///
-    /// armature: kg m^2 or kg; damping: N m s/rad or N s/m; friction: N m or N; stiffness: N m/rad or N/m. Each is a dict from joint
-    /// names to numbers, one number for all movable joints (a floating base's "root_joint" among them: name joints to leave it out),
-    /// or an array: (nv,), or a number a joint in the order of joint_names. A joint has one number for all its degrees of freedom.
+    /// Parameters
+    /// ----------
+    /// armature : dict of str to float, float or array_like, optional
+    ///     Armature, kg m^2 or kg: by joint name, one value for all movable joints (including "root_joint"), or an
+    ///     array: (nv,), or one value per joint in the order of joint_names. All degrees of freedom of a joint have one
+    ///     value.
+    /// damping : dict of str to float, float or array_like, optional
+    ///     Viscous damping, N m s/rad or N s/m.
+    /// friction : dict of str to float, float or array_like, optional
+    ///     Coulomb friction, N m or N.
+    /// stiffness : dict of str to float, float or array_like, optional
+    ///     Stiffness of the springs, N m/rad or N/m.
     ///
-    /// Raises ArgumentError, named after the property, for a joint that is unknown or fixed and for a value that is negative or
-    /// not finite; ShapeError.
+    #[doc = returns!(scene)]
+    ///
+    /// Raises
+    /// ------
+    /// ShapeError, ArgumentError
+    ///     An unknown or fixed joint, or a value that is negative or not finite. The message names the property.
+    ///
+    /// Examples
+    /// --------
+    /// >>> scene = phipsi.scenes.chain(3).with_properties(armature=0.01, damping={"j2": 0.5})
+    /// >>> scene.armature, scene.damping
+    /// (array([0.01, 0.01, 0.01]), array([0. , 0. , 0.5]))
     #[pyo3(signature = (*, armature=None, damping=None, friction=None, stiffness=None))]
     fn with_properties(
         &self,
@@ -49,13 +77,35 @@ impl PyScene {
         self.changed(py, self.scene.with_properties(changes)?)
     }
 
-    /// A new scene with a rigid body added to a link: what a gripper holds, a tool, a battery.
+    /// Create a scene with a rigid body attached to a link, such as a tool or a gripped object.
     ///
-    /// link: its name. mass: kg. com: (3,), the body's mass centre in the link's frame, m. inertia: (3, 3), about that mass centre,
-    /// axes parallel to the link's frame, kg m^2; None for a point mass. On a link of the base it changes nothing.
+    /// Parameters
+    /// ----------
+    /// link : str
+    ///     Name of the link. On a link of the base, the payload has no effect.
+    /// mass : float
+    ///     Mass, kg.
+    /// com : (3,) array_like, default (0, 0, 0)
+    ///     Center of mass of the body in the link frame, m.
+    /// inertia : (3, 3) array_like, optional
+    ///     Inertia about that center of mass, with axes parallel to the link frame, kg m^2. None: a point mass.
     ///
-    /// Raises ArgumentError for an unknown link and for a mass that is negative; ShapeError, ArgumentError for arrays. Warns
-    /// InertiaWarning where link and body together have an inertia that no body can have.
+    #[doc = returns!(scene)]
+    ///
+    /// Raises
+    /// ------
+    /// ShapeError, ArgumentError
+    ///     An unknown link, a negative mass, or an invalid array.
+    ///
+    /// Warns
+    /// -----
+    /// InertiaWarning
+    ///     Link and body together have an inertia that no rigid body can have.
+    ///
+    /// Examples
+    /// --------
+    /// >>> phipsi.scenes.chain(3).with_payload("link2", 0.5, com=(0, 0, 0.3)).total_mass
+    /// 3.5
     #[pyo3(signature = (link, mass, com=None, inertia=None),
            text_signature = "($self, link, mass, com=(0, 0, 0), inertia=None)")]
     fn with_payload(
@@ -70,13 +120,31 @@ impl PyScene {
         self.changed(py, self.scene.with_payload(link, &payload)?)
     }
 
-    /// A new scene whose named links have other inertias: of a better model, of an identification, of a random robot for learning.
+    /// Create a scene in which links have other inertias, for instance identified or randomized ones.
     ///
-    /// links: from names to (mass, com, inertia): kg; (3,), the mass centre in the link's frame, m; (3, 3), about the mass centre, axes parallel to the link's
-    /// frame, kg m^2, or None for a point mass. Other links keep theirs, those that are fixed onto a named one too.
+    /// Parameters
+    /// ----------
+    /// links : dict of str to (mass, com, inertia)
+    ///     By link name: mass, kg; center of mass in the link frame, (3,), m; inertia about it with axes parallel to
+    ///     the link frame, (3, 3), kg m^2, or None for a point mass. All other links keep theirs.
     ///
-    /// Raises ArgumentError for an unknown link and for a mass that is negative; ShapeError, ArgumentError for arrays, by the link's name. Warns
-    /// InertiaWarning for inertias that no body can have.
+    #[doc = returns!(scene)]
+    ///
+    /// Raises
+    /// ------
+    /// ShapeError, ArgumentError
+    ///     An unknown link, a negative mass, or an invalid array. The message names the link.
+    ///
+    /// Warns
+    /// -----
+    /// InertiaWarning
+    ///     An inertia that no rigid body can have.
+    ///
+    /// Examples
+    /// --------
+    /// >>> scene = phipsi.scenes.chain(3).with_inertias({"link2": (2.0, (0, 0, 0.2), 0.01 * np.eye(3))})
+    /// >>> scene.link("link2").mass
+    /// 2.0
     fn with_inertias(&self, py: Python<'_>, links: &Object<'_>) -> PyResult<Self> {
         let expected = "a dict from names of links to (mass, com, inertia)";
         let refused = |found: String| Error::argument("links", found, expected);
@@ -96,22 +164,64 @@ impl PyScene {
         self.changed(py, self.scene.with_inertias(&given)?)
     }
 
-    /// The most probable inertias, and what acts at the joints, from measured motion and torques; each body gets inertias that a body can have.
+    /// Most probable inertial parameters, and joint parameters, from measured motion and torques.
     ///
-    /// q: (k, nq); qd, qdd, tau: (k, nv), k measured states; a NaN in tau is a torque that was not measured. fit: what of the joints is found too, of
-    /// "armature", "damping" and "friction". noise: standard deviation of the torques, (nv,) or a number, N m or N; None: as the residuals of least squares have it, which
-    /// takes more measured torques than there are parameters. trust: how much the model's own numbers count: each parameter is expected within about 1 / sqrt(trust)
-    /// of them, relatively. keep: names of body_names whose inertias stay. friction_speed: rad/s or m/s, where friction becomes viscous.
+    /// Parameters
+    /// ----------
+    /// q : (k, nq) array_like
+    ///     Joint positions of k measured states, rad or m.
+    /// qd : (k, nv) array_like
+    ///     Joint velocities, rad/s or m/s.
+    /// qdd : (k, nv) array_like
+    ///     Joint accelerations, rad/s^2 or m/s^2.
+    /// tau : (k, nv) array_like
+    ///     Measured joint torques, N m or N; NaN: not measured.
+    /// fit : collection of {"armature", "damping", "friction"}, optional
+    ///     Joint parameters to identify too. The others are those of the scene.
+    /// noise : float or (nv,) array_like, optional
+    ///     Standard deviation of the torques, N m or N. None: estimated from the residuals of least squares, which
+    ///     needs more measured torques than parameters.
+    /// trust : float, default 1
+    ///     Weight of the parameters of the scene: each parameter is expected within about 1 / sqrt(trust) of them,
+    ///     relatively.
+    /// keep : collection of str, optional
+    ///     Names in body_names whose inertias remain.
+    /// friction_speed : float, default 0.01
+    ///     Speed below which friction is viscous, rad/s or m/s.
     ///
-    /// What is not fitted is the model's: its armature, damping, friction and springs are part of the torques. Maximum a posteriori with a Wishart prior on
-    /// each body's second moments of mass; convex. States are read in blocks: memory does not grow with k. 10 to 60 steps of O((10 bodies)^3).
+    /// Returns
+    /// -------
+    /// identification : Identification
+    ///     The new scene, parameters with standard deviations, noise, residuals before and after, and the number of
+    ///     identifiable combinations of parameters.
     ///
-    /// Returns a phipsi.Identification: the new scene, parameters with standard deviations, noise, residuals before and after, and how many
-    /// combinations of parameters the motion tells.
+    /// Raises
+    /// ------
+    /// ArgumentError
+    ///     Too few measurements, unknown names, noise below the rounding of the torques, bodies without mass, by name.
+    /// ShapeError, NotFiniteError
+    ///     Invalid arrays.
     ///
-    /// Bodies of the model whose inertia no body can have start from the nearest that one can have, with an InertiaWarning.
+    /// Warns
+    /// -----
+    /// InertiaWarning
+    ///     A body of the scene whose inertia no rigid body can have. The iteration starts from the nearest one that
+    ///     can.
     ///
-    /// Raises ArgumentError for too few measurements, unknown names, noise below the rounding of the torques, and bodies of the model without mass, by name; ShapeError and NotFiniteError for arrays.
+    /// Notes
+    /// -----
+    /// Maximum a posteriori with a Wishart prior on the second moments of mass of each body: convex, and every body
+    /// receives an inertia that a rigid body can have. 10 to 60 steps of O((10 bodies)^3). The memory does not grow
+    /// with k.
+    ///
+    /// Examples
+    /// --------
+    /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM).with_properties(damping=0.0, friction=0.0)
+    /// >>> q, qd, qdd = np.random.default_rng(0).normal(size=(3, 50, 6))
+    /// >>> tau = scene.with_payload("link6", 1.0).inverse_dynamics(q, qd, qdd)
+    /// >>> found = scene.identify(q, qd, qdd, tau, noise=0.01)
+    /// >>> bool((found.after < 1e-3).all())     # N m
+    /// True
     #[pyo3(signature = (q, qd, qdd, tau, **how),
            text_signature = "($self, q, qd, qdd, tau, *, fit=(), noise=None, trust=1.0, keep=(), friction_speed=0.01)")]
     fn identify<'py>(

@@ -32,13 +32,32 @@ mod cost {
 
 #[pymethods]
 impl PyScene {
-    /// How far each row of the connections is from holding, (..., m): the rows of one connection are those of connection_rows.
+    /// Constraint error of each row of the connections; zero if the connections are closed.
     ///
-    /// q: (..., nq). errors: as in forward_dynamics. Origins in m, in the first frame's axes; rotations as 2 sin(t/2) about their axis, t the angle,
-    /// which is t where it is small; of an axis the two directions across it: the first frame's x and y, turned with it the short way from z to the
-    /// axis; angular rows before linear ones. A distance less its length, m; the coordinate of a joint less what it should be.
+    #[doc = parameters!(q errors)]
     ///
-    /// Raises ConstraintError for a rod whose ends coincide; ShapeError, NotFiniteError, ArgumentError, naming the state.
+    /// Returns
+    /// -------
+    /// error : (..., m) ndarray
+    ///     Errors, rad or m; connection_rows has the rows of each connection, angular rows first.
+    ///
+    /// Raises
+    /// ------
+    /// ConstraintError
+    ///     A rod of length zero.
+    #[doc = entries!(arguments)]
+    ///
+    /// Notes
+    /// -----
+    /// Origins: m, in the axes of the first frame. Rotations: 2 sin(t/2) about the axis, with the angle t. Direction of
+    /// an axis: the two components across it. Distance: current length minus `length`. Coupling: coordinate minus its
+    /// nominal value.
+    ///
+    /// Examples
+    /// --------
+    /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
+    /// >>> scene.constraint_error([0.0, 0.1, 0.3]).round(3)
+    /// array([0.2])
     #[pyo3(signature = (q, *, errors="raise"))]
     fn constraint_error<'py>(&self, py: Python<'py>, q: &Object<'py>, errors: &str) -> Array<'py> {
         let m = self.scene.constraint_rows();
@@ -46,11 +65,26 @@ impl PyScene {
         call.array(py, &[m], |scene, _, [q], out| scene.constraint_error(q, out))
     }
 
-    /// The Jacobian of the connections, (..., m, nv): J qd is the rate of constraint_error, exactly and at every q.
+    /// Constraint Jacobian J of the connections: J qd is the time derivative of constraint_error, at every q.
     ///
-    /// q: (..., nq). errors: as in forward_dynamics. O(m depth), beside the zeros.
+    #[doc = parameters!(q errors)]
     ///
-    /// Raises as constraint_error.
+    /// Returns
+    /// -------
+    /// J : (..., m, nv) ndarray
+    ///     Jacobian, SI units.
+    ///
+    #[doc = raises!(arguments)]
+    ///
+    /// Notes
+    /// -----
+    /// O(m depth) operations.
+    ///
+    /// Examples
+    /// --------
+    /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
+    /// >>> scene.constraint_jacobian([0.0, 0.1, 0.3])
+    /// array([[ 0., -1.,  1.]])
     #[pyo3(signature = (q, *, errors="raise"))]
     fn constraint_jacobian<'py>(&self, py: Python<'py>, q: &Object<'py>, errors: &str) -> Array<'py> {
         let (m, nv) = (self.scene.constraint_rows(), self.scene.nv());
@@ -61,11 +95,28 @@ impl PyScene {
         })
     }
 
-    /// J' qd of the connections, (..., m): the second derivative of constraint_error where no joint accelerates.
+    /// Constraint bias J' qd: the second time derivative of constraint_error at zero joint accelerations.
     ///
-    /// q: (..., nq); qd: (..., nv). errors: as in forward_dynamics. O(m depth).
+    #[doc = parameters!(q qd errors)]
     ///
-    /// Raises as constraint_error.
+    /// Returns
+    /// -------
+    /// bias : (..., m) ndarray
+    ///     Acceleration of each row, rad/s^2 or m/s^2.
+    ///
+    #[doc = raises!(arguments)]
+    ///
+    /// Notes
+    /// -----
+    /// O(m depth) operations.
+    ///
+    /// Examples
+    /// --------
+    /// >>> scene = phipsi.scenes.chain(3).to_builder().connect("pin", "point", "link2").build()
+    /// >>> q, qd = np.array([0.3, 0.2, 0.1]), np.array([1.0, 0.5, 0.2])
+    /// >>> ahead, behind = (scene.constraint_jacobian(q + h * qd) @ qd for h in (1e-6, -1e-6))
+    /// >>> np.allclose(scene.constraint_bias(q, qd), (ahead - behind) / 2e-6)
+    /// True
     #[pyo3(signature = (q, qd, *, errors="raise"))]
     fn constraint_bias<'py>(&self, py: Python<'py>, q: &Object<'py>, qd: &Object<'py>, errors: &str) -> Array<'py> {
         let m = self.scene.constraint_rows();
@@ -73,22 +124,41 @@ impl PyScene {
         call.array(py, &[m], |scene, _, [q, qd], out| scene.constraint_bias(q, qd, out))
     }
 
-    /// Joint accelerations through the connections, and the forces of these: M qdd + bias = tau + J^T forces with J qdd + J' qd = 0.
+    /// Joint accelerations and constraint forces with connections: M qdd + bias = tau + J^T f, J qdd + J' qd = 0.
     ///
-    /// q: (..., nq); qd, tau: (..., nv). form, tolerance, wrenches, errors: as in forward_dynamics, the error being that of the tree's factor. Unit forces along the rows run inward through the tree's
-    /// filter; their Gram matrix is J M^-1 J^T. O(N + m^2 depth + m^3) for m rows.
+    #[doc = parameters!(q qd tau compliance form tolerance wrenches errors)]
     ///
-    /// compliance: how much each row gives way, (m/s^2)/N or (rad/s^2)/(N m), zero or above: one number, or (..., m) in the order of connection_rows. The rows are J qdd + J' qd =
-    /// -compliance forces then, measurements with that noise: rows that contradict each other get a compromise, and rows that depend on each other share their force by it.
+    /// Returns
+    /// -------
+    /// dynamics : ConstrainedDynamics
+    ///     Named tuple: qdd (..., nv); forces, a dict from connection names to (..., rows); rank (...) and residual
+    ///     (...).
     ///
-    /// Returns a phipsi.ConstrainedDynamics: qdd (..., nv); forces, a dict from names of connections to (..., rows); rank (...) and residual (...). A
-    /// force is what the connection does to its link, (moment, force) as far as it has rows of them, at the origin of its first frame and in that
-    /// frame's axes; the other link gets the opposite. That of a rod is positive where it pushes, that of a coupling acts along its joint. Where rows
-    /// depend on each other, qdd is unique and the forces are those of least sum (J M^-1 J^T)_ii forces_i^2.
+    /// Raises
+    /// ------
+    /// ConstraintError
+    ///     No forces satisfy all rows (contradicting connections), or positions or velocities violate the connections
+    ///     by more than 1e-3 (m or rad; relative to the fastest joint velocity above 1) without compliance. Attributes:
+    ///     .connections, .residual and .state. Scene.project closes the connections.
+    #[doc = entries!(singular arguments)]
     ///
-    /// Raises ConstraintError, with .connections, .residual and .state, where no forces meet all rows: connections that contradict each other; and
-    /// where positions or velocities are further than 1e-3 from the connections (m or rad; m/s or rad/s, relative to the fastest joint where that is faster than 1; see project), unless compliance
-    /// is given. Otherwise as forward_dynamics.
+    /// Notes
+    /// -----
+    /// O(N + m^2 depth + m^3) for m rows: unit forces along the rows run inward through the filter of the tree, and
+    /// their Gram matrix is J M^-1 J^T. With compliance, the rows are measurements with that noise, J qdd + J' qd =
+    /// -compliance f: contradicting rows compromise, and dependent rows share their force.
+    ///
+    /// A force acts from the connection on `link`, (moment, force) in the rows that it has, at the origin and in the
+    /// axes of its first frame; the other link receives the opposite. The force of a rod is positive in compression;
+    /// that of a coupling acts along its joint. If rows are dependent, qdd is unique and the forces have the least sum
+    /// (J M^-1 J^T)_ii f_i^2.
+    ///
+    /// Examples
+    /// --------
+    /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
+    /// >>> dynamics = scene.constrained_dynamics([0.0, 0.1, 0.1], np.zeros(3), [0.0, 0.1, 0.0])
+    /// >>> np.isclose(dynamics.qdd[1], dynamics.qdd[2]), dynamics.forces["gear"].shape
+    /// (np.True_, (1,))
     #[pyo3(signature = (q, qd, tau, *, compliance=None, form="auto", tolerance=None, wrenches=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn constrained_dynamics<'py>(
@@ -116,24 +186,47 @@ impl PyScene {
         imported!(py, "phipsi._results", "constrained_dynamics")?.call1((results, nv, self.rows_by_name(py)?))
     }
 
-    /// The configuration nearest to q that meets the connections, and the velocities nearest to qd that keep them so.
+    /// Nearest configuration that closes the connections, and nearest joint velocities that keep them closed.
     ///
-    /// q: (..., nq); qd: (..., nv) or None. errors: as in forward_dynamics. Newton steps -M^-1 J^T (J M^-1 J^T)^+ error, each of least kinetic
-    /// energy, and no longer than 0.5 rad or m at any joint; velocities less M^-1 J^T (J M^-1 J^T)^+ J qd, as by an impact without rebound.
+    #[doc = parameters!(q)]
+    /// qd : (..., nv) array_like, optional
+    ///     Joint velocities, rad/s or m/s.
+    #[doc = entries!(compliance errors)]
     ///
-    /// compliance: how much each row gives way, as in constrained_dynamics: one number, or (..., m). The result is then where half the squared distance from q, by kinetic energy, plus
-    /// the sum of error^2/(2 compliance) is least.
+    /// Returns
+    /// -------
+    /// projection : Projection
+    ///     Named tuple: q; qd, or None; rank (...), the number of independent rows, lower in a singular configuration.
     ///
-    /// Combinations of rows that move joints by less than Scene.tolerance, where the linkage that is meant has a rank that is lower by as many, count as dependent: a linkage that is drawn with
-    /// few digits keeps its mobility. Their errors stay, at most 10 times the tolerance, and constraint_error gives them.
+    /// Raises
+    /// ------
+    /// ConstraintError
+    ///     An error remains: no small displacement closes the connections. Attributes: .connections, .residual and
+    ///     .state.
+    #[doc = entries!(singular arguments)]
     ///
-    /// Returns a phipsi.Projection: q, qd (None without one), and rank (...), how many rows are independent there: fewer than elsewhere where the
-    /// mechanism is singular.
+    /// Warns
+    /// -----
+    /// LinkageWarning
+    ///     Once per scene: rows count as dependent that are not dependent within rounding, or axes of a loop are nearly
+    ///     parallel.
     ///
-    /// Warns LinkageWarning, once for a scene, where rows count as dependent that are not to within rounding, and where axes of a loop miss being parallel by little more than the tolerance.
+    /// Notes
+    /// -----
+    /// Newton steps -M^-1 J^T (J M^-1 J^T)^+ error, each of least kinetic energy and at most 0.5 rad or m per joint;
+    /// velocities minus M^-1 J^T (J M^-1 J^T)^+ J qd, as by an inelastic impact. With compliance, the result minimizes
+    /// half the squared distance from q in the kinetic-energy metric plus the sum of error^2 / (2 compliance).
     ///
-    /// Raises ConstraintError, with .connections, .residual and .state, where an error stays: no small moves from there meet the connections;
-    /// SingularJointError, ShapeError, NotFiniteError, ArgumentError, naming the state.
+    /// Combinations of rows that move joints by less than Scene.tolerance count as dependent if the rank of the
+    /// intended linkage is lower by as many: a linkage drawn with few digits keeps its mobility. Their errors remain,
+    /// at most 10 times the tolerance; constraint_error has them.
+    ///
+    /// Examples
+    /// --------
+    /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
+    /// >>> closed = scene.project([0.0, 0.1, 0.3])
+    /// >>> np.allclose(scene.constraint_error(closed.q), 0.0)
+    /// True
     #[pyo3(signature = (q, qd=None, *, compliance=None, errors="raise"))]
     fn project<'py>(
         &self,
@@ -171,16 +264,36 @@ impl PyScene {
         imported!(py, "phipsi._results", "projection")?.call1((output.finish(), nq, is_moving))
     }
 
-    /// Joint torques, and forces of the connections, that give the accelerations: tau + J^T forces = M qdd + bias.
+    /// Joint torques and constraint forces for given joint accelerations: tau + J^T f = M qdd + bias.
     ///
-    /// q: (..., nq); qd, qdd: (..., nv). actuated: names of joints with motors, or a boolean array (nv,); None: all. tau is zero at the others. Where
-    /// that leaves a choice, tau has the least tau^T M^-1 tau: torques that do not load the connections. wrenches, form, tolerance, errors: as in
-    /// forward_dynamics.
+    #[doc = parameters!(q qd qdd)]
+    /// actuated : iterable of str or (nv,) array_like of bool, optional
+    ///     Names of the actuated joints, or a mask; the torque of all others is zero. None: all joints.
+    #[doc = entries!(form tolerance wrenches errors)]
     ///
-    /// Returns a phipsi.ConstrainedInverseDynamics: tau (..., nv); forces, rank as in constrained_dynamics; residual (...), the largest entry of J
-    /// qdd + J' qd: where it is not rounding, no torques give these accelerations.
+    /// Returns
+    /// -------
+    /// dynamics : ConstrainedInverseDynamics
+    ///     Named tuple: tau (..., nv); forces and rank as in constrained_dynamics; residual (...), the largest entry of
+    ///     J qdd + J' qd, which is not rounding if no torques cause these accelerations.
     ///
-    /// Raises ArgumentError, named actuated, where a joint without a motor would need a torque; otherwise as inverse_dynamics.
+    /// Raises
+    /// ------
+    /// ArgumentError
+    ///     A joint outside of `actuated` needs a torque, or an invalid argument.
+    #[doc = entries!(singular arguments)]
+    ///
+    /// Notes
+    /// -----
+    /// If there is a choice, tau minimizes tau^T M^-1 tau: torques that do not load the connections.
+    ///
+    /// Examples
+    /// --------
+    /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
+    /// >>> q, qd, qdd = [0.0, 0.1, 0.1], np.zeros(3), np.ones(3)
+    /// >>> dynamics = scene.constrained_inverse_dynamics(q, qd, qdd, actuated=["j0", "j1"])
+    /// >>> float(dynamics.tau[2])
+    /// 0.0
     #[pyo3(signature = (q, qd, qdd, *, actuated=None, form="auto", tolerance=None, wrenches=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn constrained_inverse_dynamics<'py>(
@@ -216,11 +329,27 @@ impl PyScene {
         imported!(py, "phipsi._results", "constrained_inverse_dynamics")?.call1((results, nv, self.rows_by_name(py)?))
     }
 
-    /// How torques accelerate the joints through the connections, (..., nv, nv): M^-1 - M^-1 J^T (J M^-1 J^T)^+ J M^-1, symmetric and of lower rank.
+    /// Inverse mass matrix through the connections: M^-1 - M^-1 J^T (J M^-1 J^T)^+ J M^-1.
     ///
-    /// q: (..., nq). form, tolerance, errors: as in forward_dynamics. A Gram matrix: nothing is subtracted, and no eigenvalue is negative beyond rounding. O(nv^3).
+    #[doc = parameters!(q form tolerance errors)]
     ///
-    /// Raises ArgumentError above 4000 degrees of freedom; otherwise as mass_matrix_inverse and constraint_error.
+    /// Returns
+    /// -------
+    /// inverse : (..., nv, nv) ndarray
+    ///     Change of the joint accelerations per joint torque, SI units; symmetric, of rank nv minus that of J.
+    ///
+    #[doc = raises!(singular dense arguments)]
+    ///
+    /// Notes
+    /// -----
+    /// O(nv^3), as a Gram matrix without a subtraction: no eigenvalue is negative beyond rounding.
+    ///
+    /// Examples
+    /// --------
+    /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
+    /// >>> inverse = scene.constrained_mass_matrix_inverse([0.0, 0.1, 0.1])
+    /// >>> np.allclose(scene.constraint_jacobian([0.0, 0.1, 0.1]) @ inverse, 0.0)
+    /// True
     #[pyo3(signature = (q, *, form="auto", tolerance=None, errors="raise"))]
     fn constrained_mass_matrix_inverse<'py>(
         &self,

@@ -19,16 +19,46 @@ const CONTACT: usize = 20;
 
 #[pymethods]
 impl PySceneBuilder {
-    /// Adds a contact: a sphere on a link, or a point of it, that does not go through a plane of the world. Simulation only.
+    /// Add a contact of a sphere or a point on a link with a fixed plane, with Coulomb friction.
     ///
-    /// name: of the contact. link: the name of a link, which may come later. xyz: (3,), the sphere's centre in the link's frame, m. radius: m; 0: a
-    /// point. normal: (3,), out of the ground, in the base frame, of any length, and offset: m: the plane is where the unit normal times y is offset.
-    /// friction: Coulomb's coefficient mu, zero or more. restitution: from 0 (no rebound) to 1 (elastic). Two links do not touch each other, and
-    /// nothing is searched: what may touch is what is named.
+    /// Parameters
+    /// ----------
+    /// name : str
+    ///     Name of the contact.
+    /// link : str
+    ///     Name of the link, which may be added later.
+    /// friction : float
+    ///     Coefficient of Coulomb friction, not negative.
+    /// xyz : (3,) array_like, default (0, 0, 0)
+    ///     Center of the sphere in the link frame, m.
+    /// radius : float, default 0
+    ///     Radius, m; 0: a point.
+    /// normal : (3,) array_like, default (0, 0, 1)
+    ///     Outward normal of the plane in the base frame, of any length.
+    /// offset : float, default 0
+    ///     Distance of the plane from the origin along the normal, m.
+    /// restitution : float, default 0
+    ///     Coefficient of restitution, from 0 (no rebound) to 1 (elastic).
     ///
-    /// Raises ShapeError or ArgumentError for arrays, naming the contact. build() raises SceneError, naming the contact, for a name used twice, a
-    /// link that is not there or cannot move, a normal without direction, numbers that are out of range or not finite, and connections beside
-    /// contacts.
+    #[doc = returns!(builder)]
+    ///
+    /// Raises
+    /// ------
+    /// ShapeError, ArgumentError
+    ///     Invalid arrays. The message names the contact.
+    ///
+    /// Notes
+    /// -----
+    /// Contacts act in simulations only. There is no collision detection: only the named pairs can touch, and links do
+    /// not touch each other. build() raises SceneError for duplicate names, links that are unknown or cannot move, a
+    /// normal of length zero, values out of range, and contacts together with connections.
+    ///
+    /// Examples
+    /// --------
+    /// >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
+    /// >>> scene = builder.contact("foot", "ball", friction=0.5, radius=0.1).build(floating_base=True)
+    /// >>> scene.contact_gaps([0, 0, 0.3, 0, 0, 0, 1]).round(3)
+    /// array([0.2])
     #[pyo3(signature = (name, link, *, friction, xyz=None, radius=0.0, normal=None, offset=0.0, restitution=0.0),
            text_signature = "($self, name, link, *, friction, xyz=(0, 0, 0), radius=0.0, normal=(0, 0, 1), offset=0.0, restitution=0.0)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
@@ -54,17 +84,34 @@ impl PySceneBuilder {
 
 #[pymethods]
 impl PyScene {
-    /// Names of the contacts, in the order they were made: the last axis of contact_gaps, and the keys of Trajectory.contacts.
+    /// Names of the contacts in the order of their creation, that of contact_gaps and of Trajectory.contacts.
     #[getter]
     fn contact_names<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
         PyTuple::new(py, self.scene.contacts().iter().map(|contact| &contact.name).collect::<Vec<_>>())
     }
 
-    /// How far each contact is above its plane, (..., contacts), m; below zero where it is under it.
+    /// Distance of each contact from its plane; negative below the plane.
     ///
-    /// q: (..., nq). errors: as in forward_dynamics. O(depth) each.
+    #[doc = parameters!(q errors)]
     ///
-    /// Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+    /// Returns
+    /// -------
+    /// gaps : (..., contacts) ndarray
+    ///     Distance, m, in the order of contact_names.
+    ///
+    #[doc = raises!(arguments)]
+    ///
+    /// Notes
+    /// -----
+    /// O(depth) per contact.
+    ///
+    /// Examples
+    /// --------
+    /// >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
+    /// >>> scene = builder.contact("foot", "ball", friction=0.5, radius=0.1).build(floating_base=True)
+    /// >>> scene.contact_gaps([[0, 0, 0.3, 0, 0, 0, 1], [0, 0, 0.05, 0, 0, 0, 1]]).round(3)
+    /// array([[ 0.2 ],
+    ///        [-0.05]])
     #[pyo3(signature = (q, *, errors="raise"))]
     fn contact_gaps<'py>(&self, py: Python<'py>, q: &Object<'py>, errors: &str) -> Array<'py> {
         let contacts = self.scene.contacts().len();
@@ -72,11 +119,27 @@ impl PyScene {
         call.array(py, &[contacts], |scene, _, [q], out| scene.contact_gaps(q, out))
     }
 
-    /// The velocity of the point of each link that is nearest to its contact's plane, (..., contacts, 3), m/s, in the base frame.
+    /// Velocity of the point of each link that is nearest to the plane of its contact, in the base frame.
     ///
-    /// q: (..., nq); qd: (..., nv). errors: as in forward_dynamics. O(depth) each.
+    #[doc = parameters!(q qd errors)]
     ///
-    /// Raises as contact_gaps.
+    /// Returns
+    /// -------
+    /// v : (..., contacts, 3) ndarray
+    ///     Velocity, m/s, in the order of contact_names.
+    ///
+    #[doc = raises!(arguments)]
+    ///
+    /// Notes
+    /// -----
+    /// O(depth) per contact.
+    ///
+    /// Examples
+    /// --------
+    /// >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
+    /// >>> scene = builder.contact("foot", "ball", friction=0.5, radius=0.1).build(floating_base=True)
+    /// >>> scene.contact_velocities([0, 0, 0.1, 0, 0, 0, 1], [1, 0, 0, 0, 0, 0])
+    /// array([[1., 0., 0.]])
     #[pyo3(signature = (q, qd, *, errors="raise"))]
     fn contact_velocities<'py>(&self, py: Python<'py>, q: &Object<'py>, qd: &Object<'py>, errors: &str) -> Array<'py> {
         let contacts = self.scene.contacts().len();
@@ -84,7 +147,19 @@ impl PyScene {
         call.array(py, &[contacts, 3], |scene, _, [q, qd], out| scene.contact_velocities(q, qd, out))
     }
 
-    /// The same scene without the contacts, for what knows none.
+    /// Create the same scene without the contacts, for methods that do not support contacts.
+    ///
+    /// Returns
+    /// -------
+    /// scene : Scene
+    ///     The scene without contacts.
+    ///
+    /// Examples
+    /// --------
+    /// >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
+    /// >>> scene = builder.contact("foot", "ball", friction=0.5).build(floating_base=True)
+    /// >>> scene.without_contacts().contact_names
+    /// ()
     #[pyo3(signature = ())]
     fn without_contacts(&self, py: Python<'_>) -> PyResult<Self> {
         let make = || self.scene.without_contacts();

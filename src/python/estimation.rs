@@ -36,25 +36,54 @@ const WITH_COVARIANCE: usize = MEANS + 1 + 1 + 36 + 36;
 
 #[pymethods]
 impl PyScene {
-    /// Forces, accelerations and torques given the torques of some joints, with noise: conditional means (2.1, 2.7), in O(N).
+    /// Conditional means of forces, accelerations and torques, given joint torques with noise (2.1, 2.7), in O(N).
     ///
-    /// q: (..., nq); qd, torque: (..., nv), N m or N; leading axes broadcast. noise: variance of each measurement, (N m)^2 or N^2, one
-    /// number or (..., nv); 0 is exact, inf is not measured. measured: None (all), names of joints, or a boolean array (nv,); torque and
-    /// noise of the other joints are not read, and entries that a masked array (numpy.ma) masks are not measured. prior_acceleration:
-    /// (..., nv), the mean a0 of the accelerations before, zero by default. acceleration_variance: s, the variance of the acceleration of
-    /// one kg m^2, (rad/s^2)^2, and of one kg, (m/s^2)^2. wrenches and errors: as in forward_dynamics. covariance: the covariances of the
-    /// errors too. method: "sequential" (filter and smoother) or "batch" (section 2 with dense matrices, O(N^3), at most 300 degrees of
-    /// freedom: a check).
+    #[doc = parameters!(q qd)]
+    /// torque : (..., nv) array_like
+    ///     Measured joint torques, N m or N. Entries that a masked array masks are not measured.
+    /// noise : float or (..., nv) array_like, default 0
+    ///     Variance of each measurement, (N m)^2 or N^2; 0: exact, inf: not measured.
+    /// measured : iterable of str or (nv,) array_like of bool, optional
+    ///     Names of the measured joints, or a mask; torque and noise of the others are not read. None: all joints.
+    /// prior_acceleration : (..., nv) array_like, optional
+    ///     Prior mean a0 of the joint accelerations, zero by default.
+    /// acceleration_variance : float, default 1
+    ///     s: prior variance of the acceleration of 1 kg m^2, (rad/s^2)^2, and of 1 kg, (m/s^2)^2.
+    #[doc = entries!(wrenches)]
+    /// covariance : bool, default False
+    ///     Whether to compute the covariances of the errors too.
+    /// method : {"sequential", "batch"}, default "sequential"
+    ///     Filter and smoother, or the dense equations of section 2 as a check: O(N^3), at most 300 degrees of freedom.
+    #[doc = entries!(errors)]
     ///
-    /// Under the model W ~ N(b + Q phi* H* a0, s Q), accelerations are N(a0, s M^-1) before anything is measured. A joint that is not
-    /// measured keeps its mean a0 (as if locked there) and its variance; its torque is what that takes. All joints measured without
-    /// noise: forward dynamics. Variances are right to eps times those of the prior (docs/estimation.md).
+    /// Returns
+    /// -------
+    /// estimate : Estimate
+    ///     Named tuple with the means of acceleration, torque, force and process, the log likelihood, and the
+    ///     covariances.
     ///
-    /// Returns a phipsi.Estimate.
+    /// Raises
+    /// ------
+    /// SingularJointError
+    ///     A measured joint without inertia along its axis; with covariance, any joint.
+    #[doc = entries!(arguments)]
     ///
-    /// Raises SingularJointError where a measured joint has no inertia along its axis (with covariance: any joint); ArgumentError for an
-    /// unknown joint or method, noise that is negative or NaN, or a variance that is not positive; ShapeError, NotFiniteError, naming the
-    /// argument and the state.
+    /// Notes
+    /// -----
+    /// Model: W ~ N(b + Q phi* H* a0, s Q), so the prior of the accelerations is N(a0, s M^-1). A joint that is not
+    /// measured keeps its mean a0, as if it were locked there, and its variance; its torque follows. If all joints are
+    /// measured without noise, the result is forward dynamics. Variances are accurate to eps times those of the prior
+    /// (docs/estimation.md).
+    ///
+    /// Examples
+    /// --------
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q, qd, tau = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.1, 0.0, 0.0]
+    /// >>> estimate = scene.estimate(q, qd, tau)
+    /// >>> np.allclose(estimate.acceleration, scene.forward_dynamics(q, qd, tau))
+    /// True
+    /// >>> scene.estimate(q, qd, tau, measured=["j0"], covariance=True).acceleration_variance.shape
+    /// (3,)
     #[pyo3(signature = (q, qd, torque, *, noise=None, measured=None, prior_acceleration=None, acceleration_variance=1.0,
                         wrenches=None, covariance=false, method="sequential", errors="raise"),
            text_signature = "($self, q, qd, torque, *, noise=0.0, measured=None, prior_acceleration=None, acceleration_variance=1.0, wrenches=None, covariance=False, method='sequential', errors='raise')")]

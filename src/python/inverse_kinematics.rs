@@ -31,28 +31,61 @@ type Given<'py> = (String, String, String, [f64; 3], [f64; 3], f64, f64, Object<
 
 #[pymethods]
 impl PyScene {
-    /// Joint positions that meet tasks, within joint limits and with closed connections; the most probable ones.
+    /// Most probable joint positions that reach tasks, within joint limits and with closed connections.
     ///
-    /// tasks: a task of phipsi.tasks or a list of them: Pose, Position, Orientation, Direction, LookAt, CenterOfMass,
-    /// JointPosition; targets with leading axes are a batch, which broadcasts with that of q0. q0: (..., nq), the first
-    /// start; None: neutral. starts: the largest number of configurations that it starts from, those after the first
-    /// drawn within the limits, of a few draws the nearest to the tasks. posture: None, or a standard deviation, rad
-    /// and m: how far joints are expected from q0, for robots that tasks leave free. limits: whether joints, and joints
-    /// that follow them, stay within theirs; a q0 beyond them starts at them, and a joint that has room for a whole
-    /// turn gets past them on the way. tolerance: a task is reached where its error is at most this, m and rad.
-    /// iterations: the largest number of steps from each start. metric: what steps are damped by, "coordinates", or
-    /// "mass", kinetic energy: joints that carry much mass move less. covariance: whether to compute it. seed: of the
-    /// starts. errors: as in forward_dynamics; a bad state has NaN for q and errors, and reached False.
+    /// Parameters
+    /// ----------
+    /// tasks : task or list of tasks
+    ///     Tasks of phipsi.tasks: Pose, Position, Orientation, Direction, LookAt, CenterOfMass, JointPosition. Leading
+    ///     axes of their targets are a batch, which broadcasts with that of q0.
+    /// q0 : (..., nq) array_like, optional
+    ///     First start; the neutral configuration by default. A start outside of the limits begins at them.
+    /// starts : int, default 20
+    ///     Largest number of starts. Those after the first are drawn within the limits, of several draws the one
+    ///     nearest to the tasks.
+    /// posture : float, optional
+    ///     Standard deviation of the joints from q0, rad or m, for robots with more freedom than the tasks. None: no
+    ///     posture.
+    /// limits : bool, default True
+    ///     Whether joints, and joints coupled to them, stay within their limits.
+    /// tolerance : float, default 1e-9
+    ///     A task is reached if its error is at most this, m and rad.
+    /// iterations : int, default 100
+    ///     Largest number of steps from each start.
+    /// metric : {"coordinates", "mass"}, default "coordinates"
+    ///     Metric of the damping: coordinates, or kinetic energy, so that joints that carry more mass move less.
+    /// covariance : bool, default False
+    ///     Whether to compute the covariance of q.
+    /// seed : int, default 0
+    ///     Seed of the starts.
+    /// errors : {"raise", "nan"}, default "raise"
+    ///     As in forward_dynamics. An invalid state has NaN for q and errors, and reached False.
     ///
-    /// Minimizes half the squares of all errors over their standard deviations, by Levenberg and Marquardt's steps on
-    /// the manifold, each the exact minimum of its model within the limits: no step makes it worse. Connections are
-    /// hard constraints: every step ends where they are closed. The same bits for any number of threads. O(tasks depth
-    /// + nv^3) a step.
+    /// Returns
+    /// -------
+    /// solution : phipsi.tasks.InverseKinematics
+    ///     q, reached, position_error, rotation_error, starts, iterations and covariance. If reached is False, q is the
+    ///     best local minimum.
     ///
-    /// Returns a phipsi.tasks.InverseKinematics: q, reached, errors, starts, iterations and the covariance.
+    /// Raises
+    /// ------
+    /// ConstraintError
+    ///     No start leads to closed connections.
+    #[doc = entries!(arguments)]
     ///
-    /// Raises ArgumentError for what is no task, unknown links and joints, and values out of range; ShapeError,
-    /// NotFiniteError, naming the task and the state; ConstraintError where no start leads to closed connections.
+    /// Notes
+    /// -----
+    /// Minimizes half the sum of all squared errors divided by their variances, by Levenberg-Marquardt steps on the
+    /// manifold, each the exact minimum of its model within the limits; no step increases the cost. Connections are
+    /// hard constraints. O(tasks depth + nv^3) per step. Results are bit-identical for any number of threads.
+    ///
+    /// Examples
+    /// --------
+    /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+    /// >>> goal = scene.placement([0.3, -0.6, 0.9, 0.1, 0.4, 0.0], "flange")
+    /// >>> found = scene.inverse_kinematics(phipsi.tasks.Pose("flange", goal))
+    /// >>> found.reached, np.allclose(scene.placement(found.q, "flange"), goal)
+    /// (True, True)
     #[pyo3(signature = (tasks, q0=None, *, starts=None, posture=None, limits=true, tolerance=1e-9, iterations=None, metric="coordinates", covariance=false, seed=None, errors="raise"),
            text_signature = "($self, tasks, q0=None, *, starts=20, posture=None, limits=True, tolerance=1e-9, iterations=100, metric='coordinates', \
                              covariance=False, seed=0, errors='raise')")]
@@ -109,25 +142,54 @@ impl PyScene {
 
 #[pymethods]
 impl PyScene {
-    /// Joint velocities that reduce the tasks' errors, one step of a control loop: within velocity and position limits.
+    /// Joint velocities that reduce the errors of tasks within joint limits: one step of a control loop.
     ///
-    /// tasks: as in inverse_kinematics; targets with leading axes are a batch, which broadcasts with that of q. q:
-    /// (..., nq). dt: the time that the velocities are held, s. gain: the share of the errors that is taken away in it;
-    /// below 1 errors fall exponentially. damping: of the largest entry of J^T J over deviations; more keeps velocities
-    /// small near singular configurations. limits: whether joints, and joints that follow them, keep to theirs; a joint
-    /// beyond its position limit returns as fast as its velocity limit allows, whatever the tasks want. velocity:
-    /// velocity limits instead of those of the joints, (..., nv) or one number, rad/s and m/s, infinite for none: a
-    /// floating base has limits only here. errors: as in forward_dynamics.
+    /// Parameters
+    /// ----------
+    /// tasks : task or list of tasks
+    ///     As in inverse_kinematics.
+    #[doc = entries!(q)]
+    /// dt : float
+    ///     Time for which the velocities are held, s.
+    /// gain : float, default 1
+    ///     Share of the errors that is removed in dt; below 1, errors decay exponentially.
+    /// damping : float, default 1e-6
+    ///     Damping relative to the largest entry of J^T J over the variances; more keeps velocities small near
+    ///     singularities.
+    /// limits : bool, default True
+    ///     Whether joints, and joints coupled to them, stay within their limits. A joint outside of its position limits
+    ///     returns as fast as its velocity limit allows.
+    /// velocity : float or (..., nv) array_like, optional
+    ///     Velocity limits instead of those of the joints, rad/s or m/s; inf: none. A floating base has limits only
+    ///     here.
+    #[doc = entries!(errors)]
     ///
-    /// Minimizes half the squares of J qd dt + gain e over the standard deviations, and damping, over the velocities
-    /// that limits and connections allow: exactly, by a projected Newton method. Connections are hard constraints:
-    /// errors that they have at q are taken away, as far as limits allow. Where that step would raise the cost, or pass
-    /// its minimum along the way, it is computed again with more damping, so that joints come to rest where a target is
-    /// out of reach. O(tasks depth + nv^3).
+    /// Returns
+    /// -------
+    /// qd : (..., nv) ndarray
+    ///     Joint velocities, rad/s or m/s.
     ///
-    /// Returns qd, (..., nv), rad/s and m/s.
+    /// Raises
+    /// ------
+    /// ArgumentError
+    ///     dt, gain or damping that is not positive, and as inverse_kinematics.
+    #[doc = entries!(arguments)]
     ///
-    /// Raises as inverse_kinematics; ArgumentError for a dt, gain or damping that is not above zero.
+    /// Notes
+    /// -----
+    /// Minimizes half the squares of J qd dt + gain e divided by the standard deviations, plus damping, over the
+    /// velocities that limits and connections allow, by a projected Newton method. Connections are hard constraints
+    /// whose errors are removed as far as the limits allow. If the step would increase the cost or pass its minimum, it
+    /// is recomputed with more damping, so joints come to rest if a target is out of reach. O(tasks depth + nv^3).
+    ///
+    /// Examples
+    /// --------
+    /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+    /// >>> q, task = np.array([0.3, -0.6, 0.9, 0.1, 0.4, 0.0]), phipsi.tasks.Position("flange", (0.5, 0.1, 0.4))
+    /// >>> for step in range(200):
+    /// ...     q += 0.01 * scene.inverse_kinematics_rates(task, q, dt=0.01, gain=0.2)
+    /// >>> scene.placement(q, "flange")[:3, 3].round(3)
+    /// array([0.5, 0.1, 0.4])
     #[pyo3(signature = (tasks, q, *, dt, gain=1.0, damping=1e-6, limits=true, velocity=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn inverse_kinematics_rates<'py>(

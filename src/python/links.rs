@@ -23,14 +23,29 @@ mod cost {
 
 #[pymethods]
 impl PyScene {
-    /// Where a link is, or several: homogeneous matrices, link frame to base frame.
+    /// Pose of one link or of several: homogeneous matrices from the link frame to the base frame (forward kinematics).
     ///
-    /// q: (..., nq). link: a name, or a sequence of L names (links on the base and repeated ones too). Only the joints between the base and these links
-    /// are computed: O(depth); placements has all links by name.
+    #[doc = parameters!(q)]
+    /// link : str or sequence of str
+    ///     Link name or L link names; links on the base and repeated names are allowed.
+    #[doc = entries!(errors)]
     ///
-    /// Returns (..., 4, 4) for a name, (..., L, 4, 4) for a sequence: [[R, p], [0, 1]] with p in m.
+    /// Returns
+    /// -------
+    /// pose : (..., 4, 4) or (..., L, 4, 4) ndarray
+    ///     [[R, p], [0, 1]] with p in m; (..., L, 4, 4) for a sequence of names.
     ///
-    /// errors: as in forward_dynamics. Raises ArgumentError for an unknown link; ShapeError, NotFiniteError, ArgumentError for a bad q, naming the state.
+    #[doc = raises!(arguments)]
+    ///
+    /// Notes
+    /// -----
+    /// O(depth): only the joints between the base and these links are evaluated.
+    ///
+    /// Examples
+    /// --------
+    /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+    /// >>> scene.placement(scene.neutral(), "flange")[:3, 3].round(3)
+    /// array([0.412, 0.15 , 0.488])
     #[pyo3(signature = (q, link, *, errors="raise"))]
     fn placement<'py>(
         &self,
@@ -62,19 +77,33 @@ impl PyScene {
         })
     }
 
-    /// The velocity of a link against the base, (angular, linear): J qd.
+    /// Spatial velocity of a link relative to the base, (angular, linear): J qd.
     ///
-    /// q: (..., nq); qd: (..., nv); leading axes broadcast. link: its name. at: a point (3,) in the link's frame, m, that stays where it is on the link;
-    /// the link's origin by default. frame: what the velocity is written in,
+    #[doc = parameters!(q qd link)]
+    /// frame : {"local", "local-world-aligned", "world"}, default "local"
+    ///     "local": velocity of the point `at`, in the axes of the link. "local-world-aligned": the same in the axes of
+    ///     the base. "world": spatial velocity in the base frame, whose linear half is that of the point of the link
+    ///     that coincides with the origin of the base; independent of `at`. They are Pinocchio's LOCAL,
+    ///     LOCAL_WORLD_ALIGNED and WORLD, with the angular half first.
+    #[doc = entries!(at errors)]
     ///
-    /// - "local": the point's velocity in the link's axes;
-    /// - "local-world-aligned": the same in the base's axes;
-    /// - "world": the spatial velocity in the base's frame: the linear half is that of what is on the link at the base's origin, whatever at is.
+    /// Returns
+    /// -------
+    /// v : (..., 6) ndarray
+    ///     (angular, linear), rad/s and m/s.
     ///
-    /// They are Pinocchio's LOCAL, LOCAL_WORLD_ALIGNED and WORLD, angular half first. Returns (..., 6), rad/s and m/s. O(depth).
+    #[doc = raises!(arguments)]
     ///
-    /// errors: as in forward_dynamics. Raises ArgumentError for an unknown link or frame; ShapeError, NotFiniteError, ArgumentError, each naming the
-    /// argument and the state.
+    /// Notes
+    /// -----
+    /// O(depth).
+    ///
+    /// Examples
+    /// --------
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q, qd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2]
+    /// >>> np.allclose(scene.velocity(q, qd, "link2"), scene.jacobian(q, "link2") @ qd)
+    /// True
     #[pyo3(signature = (q, qd, link, *, frame="local", at=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn velocity<'py>(
@@ -92,14 +121,32 @@ impl PyScene {
         self.everyday(py, &Everyday::Velocity(&frame, reference), [("q", q), ("qd", qd)], (&[6], cost), errors)
     }
 
-    /// The acceleration of a link against the base, (angular, linear), at joint accelerations qdd; gravity is not in it.
+    /// Spatial acceleration of a link relative to the base, (angular, linear), at joint accelerations qdd; no gravity.
     ///
-    /// q: (..., nq); qd, qdd: (..., nv); leading axes broadcast. link, frame, at: as in velocity. kind: "spatial", the rate of the spatial velocity, as
-    /// in Newton and Euler's equations of motion; or "classical", whose linear half is the acceleration of the point itself: w x v more.
+    #[doc = parameters!(q qd qdd link frame at)]
+    /// kind : {"spatial", "classical"}, default "spatial"
+    ///     "spatial": time derivative of the spatial velocity, as in the Newton-Euler equations. "classical": the
+    ///     linear half is the acceleration of the point, which adds w x v.
+    #[doc = entries!(errors)]
     ///
-    /// Returns (..., 6), rad/s^2 and m/s^2. O(depth).
+    /// Returns
+    /// -------
+    /// a : (..., 6) ndarray
+    ///     (angular, linear), rad/s^2 and m/s^2.
     ///
-    /// errors: as in forward_dynamics. Raises ArgumentError for an unknown link, frame or kind; otherwise as velocity.
+    #[doc = raises!(arguments)]
+    ///
+    /// Notes
+    /// -----
+    /// J qdd + J' qd, in O(depth).
+    ///
+    /// Examples
+    /// --------
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q, qd, qdd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.0, 1.0, 0.0]
+    /// >>> expected = scene.jacobian(q, "link2") @ qdd + scene.jacobian_rate_product(q, qd, "link2")
+    /// >>> np.allclose(scene.acceleration(q, qd, qdd, "link2"), expected)
+    /// True
     #[pyo3(signature = (q, qd, qdd, link, *, frame="local", at=None, kind="spatial", errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn acceleration<'py>(
@@ -121,13 +168,27 @@ impl PyScene {
         self.everyday(py, &Everyday::Acceleration(&frame, reference, kind), given, (&[6], cost), errors)
     }
 
-    /// The Jacobian J of a link: its velocity (angular, linear) is J qd.
+    /// Geometric Jacobian J of a link: its spatial velocity (angular, linear) is J qd.
     ///
-    /// q: (..., nq). link, frame, at: as in velocity; by default at the link's origin and in its own frame. Returns (..., 6, nv), SI units; in frame
-    /// "local" a wrench w on the link there gives the joint torques J^T w. Columns of joints that do not move the link are zero.
+    #[doc = parameters!(q link frame at errors)]
     ///
-    /// errors: as in forward_dynamics. Raises ArgumentError for an unknown link or frame; ShapeError, NotFiniteError, ArgumentError, each naming the
-    /// argument and the state.
+    /// Returns
+    /// -------
+    /// J : (..., 6, nv) ndarray
+    ///     Jacobian, SI units, angular rows first. Columns of joints that do not move the link are zero.
+    ///
+    #[doc = raises!(arguments)]
+    ///
+    /// Notes
+    /// -----
+    /// In frame "local", a wrench w = (moment, force) on the link at the point `at` causes the joint torques J^T w.
+    ///
+    /// Examples
+    /// --------
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> J = scene.jacobian([0.3, 0.2, 0.1], "link2", frame="world")
+    /// >>> np.allclose(J[:, 0], [0, 0, 1, 0, 0, 0])     # the first joint rotates about z of the base
+    /// True
     #[pyo3(signature = (q, link, *, frame="local", at=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn jacobian<'py>(
@@ -144,14 +205,29 @@ impl PyScene {
         self.everyday(py, &Everyday::Jacobian(&frame, reference), [("q", q)], (&shape, cost), errors)
     }
 
-    /// The rate J' of the Jacobian of a link along qd, entry by entry as jacobian writes it in this frame.
+    /// Time derivative J' of the Jacobian of a link along qd, entry by entry in the given frame.
     ///
-    /// q: (..., nq); qd: (..., nv); leading axes broadcast. link, frame, at: as in velocity. Returns (..., 6, nv), SI units.
+    #[doc = parameters!(q qd link frame at errors)]
     ///
-    /// J qdd + J' qd is the spatial acceleration in the frames "local" and "world". The frame "local-world-aligned" moves with the point but does not
-    /// turn, so that it is the classical one there. jacobian_rate_product has J' qd alone, in O(depth).
+    /// Returns
+    /// -------
+    /// dJ : (..., 6, nv) ndarray
+    ///     Derivative of jacobian, SI units.
     ///
-    /// errors: as in forward_dynamics. Raises as jacobian.
+    #[doc = raises!(arguments)]
+    ///
+    /// Notes
+    /// -----
+    /// J qdd + J' qd is the spatial acceleration in the frames "local" and "world", and the classical acceleration in
+    /// "local-world-aligned". jacobian_rate_product computes J' qd alone, in O(depth).
+    ///
+    /// Examples
+    /// --------
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q, qd = np.array([0.3, 0.2, 0.1]), np.array([1.0, 0.5, 0.2])
+    /// >>> ahead, behind = (scene.jacobian(q + h * qd, "link2") for h in (1e-6, -1e-6))
+    /// >>> np.allclose(scene.jacobian_rate(q, qd, "link2"), (ahead - behind) / 2e-6)
+    /// True
     #[pyo3(signature = (q, qd, link, *, frame="local", at=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn jacobian_rate<'py>(
@@ -170,12 +246,24 @@ impl PyScene {
         self.everyday(py, &Everyday::JacobianRate(&frame, reference), given, (&shape, cost), errors)
     }
 
-    /// J' qd of a link, without J': the acceleration that rates alone give, as jacobian_rate @ qd.
+    /// Acceleration J' qd of a link for zero joint accelerations, without forming J', in O(depth).
     ///
-    /// q: (..., nq); qd: (..., nv); leading axes broadcast. link, frame, at: as in velocity. Returns (..., 6), rad/s^2 and m/s^2: spatial in the frames
-    /// "local" and "world", classical in "local-world-aligned". O(depth).
+    #[doc = parameters!(q qd link frame at errors)]
     ///
-    /// errors: as in forward_dynamics. Raises as jacobian.
+    /// Returns
+    /// -------
+    /// a : (..., 6) ndarray
+    ///     (angular, linear), rad/s^2 and m/s^2: spatial in the frames "local" and "world", classical in
+    ///     "local-world-aligned".
+    ///
+    #[doc = raises!(arguments)]
+    ///
+    /// Examples
+    /// --------
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q, qd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2]
+    /// >>> np.allclose(scene.jacobian_rate_product(q, qd, "link2"), scene.jacobian_rate(q, qd, "link2") @ qd)
+    /// True
     #[pyo3(signature = (q, qd, link, *, frame="local", at=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn jacobian_rate_product<'py>(

@@ -7,6 +7,9 @@
 
 #![allow(clippy::doc_markdown)] // the comments of classes and methods are Python's docstrings
 
+#[macro_use]
+mod docstrings;
+
 mod accuracy;
 mod axis;
 mod bad_states;

@@ -27,18 +27,32 @@ mod cost {
 
 #[pymethods]
 impl PyScene {
-    /// The operational-space inverse inertia J M^-1 J^T of links, in O(N) from the co-states' covariance (5.6, 5.7, Psi A).
+    /// Operational-space inverse inertia J M^-1 J^T of links, in O(N): the covariance of the co-states (5.6, 5.7).
     ///
-    /// q: (..., nq). links: a name, or m names (links on the base and repeated ones too). xyz: (3,) or (m, 3), m, and
-    /// rotation: (3, 3) or (m, 3, 3): the task frame's origin and axes in its link's frame, by default the link's own; the same
-    /// for the whole batch. form, tolerance and errors: as in forward_dynamics.
+    #[doc = parameters!(q)]
+    /// links : str or sequence of str
+    ///     Link name or m link names; links on the base and repeated names are allowed.
+    #[doc = entries!(task_frames form tolerance errors)]
     ///
-    /// Returns (..., 6m, 6m), full and exactly symmetric, SI units. Wrenches (moment, force) on the frames, each at its origin and in
-    /// its axes, stacked, times this is how they change the frames' (angular, linear) accelerations, in the tree without connections. Defined in singular
-    /// configurations too, where operational_inertia is not; zero for links on the base.
+    /// Returns
+    /// -------
+    /// inverse : (..., 6m, 6m) ndarray
+    ///     Change of the stacked (angular, linear) accelerations of the frames per wrench (moment, force) on them, each
+    ///     at the origin and in the axes of its frame; SI units, exactly symmetric, zero for links on the base.
     ///
-    /// Raises ArgumentError for an unknown link, no link, or a rotation that is none (to within 1e-9); SingularJointError, ShapeError,
-    /// NotFiniteError, naming the state.
+    #[doc = raises!(singular arguments)]
+    ///
+    /// Notes
+    /// -----
+    /// Of the kinematic tree without connections. Defined in singular configurations too, unlike operational_inertia.
+    ///
+    /// Examples
+    /// --------
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q = [0.3, 0.2, 0.1]
+    /// >>> J = scene.jacobian(q, "link2")
+    /// >>> np.allclose(scene.operational_inverse_inertia(q, "link2"), J @ scene.mass_matrix_inverse(q) @ J.T)
+    /// True
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     #[pyo3(signature = (q, links, *, xyz=None, rotation=None, form="auto", tolerance=None, errors="raise"))]
     fn operational_inverse_inertia<'py>(
@@ -67,16 +81,36 @@ impl PyScene {
         })
     }
 
-    /// The operational-space inertia (S J M^-1 J^T S^T)^-1 of task directions S.
+    /// Operational-space inertia (S J M^-1 J^T S^T)^-1 of the task directions S.
     ///
-    /// q, links, xyz, rotation, form, tolerance, errors: as in operational_inverse_inertia. directions: S, (k, 6m), each row a direction over the
-    /// stacked (angular, linear) velocities of the frames; all 6m by default; the same for the whole batch.
+    #[doc = parameters!(q)]
+    /// links : str or sequence of str
+    ///     Link name or m link names.
+    #[doc = entries!(task_frames)]
+    /// directions : (k, 6m) array_like, optional
+    ///     S: each row is a direction in the stacked (angular, linear) velocities of the frames; all 6m by default. The
+    ///     same for the whole batch.
+    #[doc = entries!(form tolerance errors)]
     ///
-    /// Returns (..., k, k), exactly symmetric and positive definite.
+    /// Returns
+    /// -------
+    /// inertia : (..., k, k) ndarray
+    ///     Inertia, SI units; exactly symmetric and positive definite.
     ///
-    /// Raises SingularTaskError, with .links, .rank, .directions and .state, where the scene cannot move in all directions
-    /// independently: an eigenvalue of the inverse inertia, each direction scaled to the terms that form it, is not above
-    /// 64 k eps. Otherwise as operational_inverse_inertia.
+    /// Raises
+    /// ------
+    /// SingularTaskError
+    ///     The directions are not independent: an eigenvalue of the scaled inverse inertia is at most 64 k eps. .links,
+    ///     .rank, .directions and .state describe the task.
+    #[doc = entries!(singular arguments)]
+    ///
+    /// Examples
+    /// --------
+    /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+    /// >>> linear = np.eye(6)[3:]     # the translations, in the link frame
+    /// >>> inertia = scene.operational_inertia(scene.neutral(), "flange", directions=linear)
+    /// >>> inertia.diagonal().round(1)
+    /// array([ 4.3, 25.3, 39. ])
     #[pyo3(signature = (q, links, *, xyz=None, rotation=None, directions=None, form="auto", tolerance=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn operational_inertia<'py>(

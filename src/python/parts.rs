@@ -17,9 +17,24 @@ use std::collections::HashMap;
 
 #[pymethods]
 impl PyScene {
-    /// The link of that name, those on fixed joints too: the named tuple Link(name, mass, com, inertia, parent, joint).
+    /// Properties of a link as it was given, including links on fixed joints.
     ///
-    /// Raises ArgumentError, with the names that there are, for an unknown link.
+    /// Parameters
+    /// ----------
+    /// name : str
+    ///     Name of the link.
+    ///
+    /// Returns
+    /// -------
+    /// link : Link
+    ///     Named tuple (name, mass, com, inertia, parent, joint).
+    ///
+    #[doc = raises!(unknown)]
+    ///
+    /// Examples
+    /// --------
+    /// >>> phipsi.scenes.chain(3).link("link1").parent
+    /// 'link0'
     #[pyo3(signature = (name, /))]
     fn link<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Object<'py>> {
         self.scene.link(name)?;
@@ -29,9 +44,24 @@ impl PyScene {
         link_parts(py, link, carrier.as_deref())
     }
 
-    /// The joint of that name, fixed ones too: the named tuple Joint(name, type, parent, child, xyz, ...).
+    /// Properties of a joint as it was given, including fixed joints.
     ///
-    /// Raises ArgumentError, with the names that there are, for an unknown joint.
+    /// Parameters
+    /// ----------
+    /// name : str
+    ///     Name of the joint.
+    ///
+    /// Returns
+    /// -------
+    /// joint : Joint
+    ///     Named tuple (name, type, parent, child, xyz, ...).
+    ///
+    #[doc = raises!(unknown)]
+    ///
+    /// Examples
+    /// --------
+    /// >>> phipsi.scenes.chain(3).joint("j1").type
+    /// 'revolute'
     #[pyo3(signature = (name, /))]
     fn joint<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Object<'py>> {
         match joints(&self.scene).find(|joint| joint.name == name) {
@@ -41,7 +71,7 @@ impl PyScene {
         }
     }
 
-    /// All links by name, in the order of link_names: a dict of Link, made anew.
+    /// All links by name, in the order of link_names: a new dict of Link.
     #[getter]
     fn links<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let described: HashMap<&str, &LinkDescription> =
@@ -56,7 +86,7 @@ impl PyScene {
         Ok(all)
     }
 
-    /// All joints by name, fixed ones too, in the order they were given, a floating base's first: a dict of Joint, made anew.
+    /// All joints by name, including fixed ones, in the order they were given: a new dict of Joint.
     #[getter]
     fn joints<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let all = PyDict::new(py);

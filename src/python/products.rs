@@ -54,20 +54,29 @@ struct Keywords<'a, 'py> {
 
 #[pymethods]
 impl PyScene {
-    /// The change of joint torques along a direction, in O(N) and without any matrix: dtau_dq dq + dtau_dqd dqd + M dqdd.
+    /// Directional derivative of the joint torques, in O(N): dtau_dq dq + dtau_dqd dqd + M dqdd.
     ///
-    /// q: (..., nq); qd, qdd: (..., nv); dq, dqd, dqdd: (..., nv), dq in the tangent space of q; SI units, radians; leading axes broadcast. wrenches and errors: as
-    /// in forward_dynamics; wrenches stay as they are in their link's frame.
+    #[doc = parameters!(q qd qdd dq dqd dqdd wrenches constants errors)]
     ///
-    /// dq is a change as integrate(q, dq) adds it: an angle or a length for joints of one axis, a rotation in the child's frame for spherical joints,
-    /// (linear, angular) in the child's frame for free joints. Armature is in M.
+    /// Returns
+    /// -------
+    /// dtau : (..., nv) ndarray
+    ///     Change of the joint torques, N m or N.
     ///
-    /// What is constant may change too, as inverse_dynamics_vjp has it: dwrenches, a dict from link names to (..., 6); dparameters, (..., bodies, 10); darmature, (..., nv);
-    /// dgravity, (..., 3).
+    #[doc = raises!(arguments)]
     ///
-    /// Returns dtau, (..., nv), N m or N.
+    /// Notes
+    /// -----
+    /// Wrenches are constant in the frames of their links, apart from dwrenches. Armature is part of M.
     ///
-    /// Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+    /// Examples
+    /// --------
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q, qd, qdd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.0, 1.0, 0.0]
+    /// >>> dq, zero = [1.0, 0.0, -1.0], np.zeros(3)
+    /// >>> product = scene.inverse_dynamics_jvp(q, qd, qdd, dq, zero, zero)
+    /// >>> np.allclose(product, scene.inverse_dynamics_derivatives(q, qd, qdd).dtau_dq @ dq)
+    /// True
     #[pyo3(signature = (q, qd, qdd, dq, dqd, dqdd, *, wrenches=None, dwrenches=None, dparameters=None, darmature=None, dgravity=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn inverse_dynamics_jvp<'py>(
@@ -91,16 +100,28 @@ impl PyScene {
         self.along(py, Products::InverseTangent, given, (&Keywords { wrenches, errors, tolerance: None }, constants))
     }
 
-    /// The gradients of cotangent . tau, in O(N) and without any matrix: cotangent dtau_dq, cotangent dtau_dqd and M cotangent.
+    /// Gradients of cotangent . tau, in O(N): cotangent dtau_dq, cotangent dtau_dqd and M cotangent.
     ///
-    /// q: (..., nq); qd, qdd, cotangent: (..., nv); SI units, radians; leading axes broadcast. wrenches and errors: as in forward_dynamics. parameters: whether to
-    /// give the gradients by inertias, armature and gravity too.
+    #[doc = parameters!(q qd qdd)]
+    /// cotangent : (..., nv) array_like
+    ///     Gradient of a scalar function with respect to tau.
+    #[doc = entries!(wrenches parameters errors)]
     ///
-    /// The gradient by q is in its tangent space, (..., nv), as dq in inverse_dynamics_jvp.
+    /// Returns
+    /// -------
+    /// gradients : InverseDynamicsGradients
+    ///     Named tuple (q, qd, qdd, wrenches, parameters, armature, gravity); what is not requested is None. The
+    ///     gradient with respect to q is in its tangent space, (..., nv).
     ///
-    /// Returns a phipsi.InverseDynamicsGradients (q, qd, qdd, wrenches, parameters, armature, gravity); what is not asked for is None.
+    #[doc = raises!(arguments)]
     ///
-    /// Raises as inverse_dynamics_jvp.
+    /// Examples
+    /// --------
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q, qd, qdd, c = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.0, 1.0, 0.0], [1.0, 2.0, 3.0]
+    /// >>> gradients = scene.inverse_dynamics_vjp(q, qd, qdd, c)
+    /// >>> np.allclose(gradients.q, c @ scene.inverse_dynamics_derivatives(q, qd, qdd).dtau_dq)
+    /// True
     #[pyo3(signature = (q, qd, qdd, cotangent, *, wrenches=None, parameters=false, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn inverse_dynamics_vjp<'py>(
@@ -124,21 +145,30 @@ impl PyScene {
         )
     }
 
-    /// The change of joint accelerations along a direction, in O(N) and without any matrix: dqdd_dq dq + dqdd_dqd dqd + M^-1 dtau.
+    /// Directional derivative of the joint accelerations, in O(N): dqdd_dq dq + dqdd_dqd dqd + M^-1 dtau.
     ///
-    /// q: (..., nq); qd, tau: (..., nv); dq, dqd, dtau: (..., nv), dq in the tangent space of q, as in inverse_dynamics_jvp; SI units, radians; leading axes
-    /// broadcast. form, wrenches and errors: as in forward_dynamics; wrenches stay as they are in their link's frame. tolerance: as in
-    /// forward_dynamics_derivatives.
+    #[doc = parameters!(q qd tau dq dqd dtau form tolerance_of_derivatives wrenches constants errors)]
     ///
-    /// dwrenches, dparameters, darmature, dgravity: as in inverse_dynamics_jvp.
+    /// Returns
+    /// -------
+    /// dqdd : (..., nv) ndarray
+    ///     Change of the joint accelerations, rad/s^2 or m/s^2.
     ///
-    /// One more right side of the filter, with the gains of the state. In form "auto" a state is recomputed in double-double arithmetic where the estimated error of the
-    /// factor of M or of the product exceeds the tolerance.
+    #[doc = raises!(singular arguments)]
     ///
-    /// Returns dqdd, (..., nv), rad/s^2 or m/s^2.
+    /// Notes
+    /// -----
+    /// One more right-hand side of the filter, with the gains of the state. In form "auto", a state is recomputed in
+    /// double-double arithmetic if the error estimate of the factor of M or of the product exceeds the tolerance.
     ///
-    /// Raises SingularJointError where a joint has no inertia along its axis; ArgumentError for the square-root form of an inertia that no body can have;
-    /// ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+    /// Examples
+    /// --------
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q, qd, tau = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.0, 0.0, 0.0]
+    /// >>> dtau, zero = [1.0, 0.0, -1.0], np.zeros(3)
+    /// >>> product = scene.forward_dynamics_jvp(q, qd, tau, zero, zero, dtau)
+    /// >>> np.allclose(product, scene.mass_matrix_inverse(q) @ dtau)
+    /// True
     #[pyo3(signature = (q, qd, tau, dq, dqd, dtau, *, form="auto", tolerance=None, wrenches=None, dwrenches=None, dparameters=None, darmature=None, dgravity=None,
                         errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
@@ -167,17 +197,33 @@ impl PyScene {
         self.along(py, which, given, (&Keywords { wrenches, errors, tolerance }, constants))
     }
 
-    /// The gradients of cotangent . qdd, in O(N) and without any matrix: cotangent dqdd_dq, cotangent dqdd_dqd and M^-1 cotangent.
+    /// Gradients of cotangent . qdd, in O(N): cotangent dqdd_dq, cotangent dqdd_dqd and M^-1 cotangent.
     ///
-    /// q: (..., nq); qd, tau, cotangent: (..., nv); SI units, radians; leading axes broadcast. form, tolerance, wrenches and errors: as in forward_dynamics_jvp. parameters: whether
-    /// to give the gradients by inertias, armature and gravity too.
+    #[doc = parameters!(q qd tau)]
+    /// cotangent : (..., nv) array_like
+    ///     Gradient of a scalar function with respect to qdd.
+    #[doc = entries!(form tolerance_of_derivatives wrenches parameters errors)]
     ///
-    /// The gradient by q is in its tangent space, (..., nv), as dq in inverse_dynamics_jvp. x = M^-1 cotangent is filter and smoother once more; all other
-    /// gradients are those of inverse_dynamics_vjp at the accelerations of the state, of -x.
+    /// Returns
+    /// -------
+    /// gradients : ForwardDynamicsGradients
+    ///     Named tuple (q, qd, tau, wrenches, parameters, armature, gravity); what is not requested is None. The
+    ///     gradient with respect to q is in its tangent space, (..., nv).
     ///
-    /// Returns a phipsi.ForwardDynamicsGradients (q, qd, tau, wrenches, parameters, armature, gravity); what is not asked for is None.
+    #[doc = raises!(singular arguments)]
     ///
-    /// Raises as forward_dynamics_jvp.
+    /// Notes
+    /// -----
+    /// x = M^-1 cotangent is one more filter and smoother; the other gradients are those of inverse_dynamics_vjp at the
+    /// accelerations of the state, with the cotangent -x.
+    ///
+    /// Examples
+    /// --------
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q, qd, tau, c = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.0, 0.0, 0.0], [1.0, 2.0, 3.0]
+    /// >>> gradients = scene.forward_dynamics_vjp(q, qd, tau, c)
+    /// >>> np.allclose(gradients.q, c @ scene.forward_dynamics_derivatives(q, qd, tau).dqdd_dq)
+    /// True
     #[pyo3(signature = (q, qd, tau, cotangent, *, form="auto", tolerance=None, wrenches=None, parameters=false, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn forward_dynamics_vjp<'py>(
@@ -200,16 +246,34 @@ impl PyScene {
         self.gradients((py, class), which, given, (&Keywords { wrenches, errors, tolerance }, parameters))
     }
 
-    /// The Hessian of cotangent . tau times a direction, in O(N): how the gradients of inverse_dynamics_vjp change along (dq, dqd, dqdd).
+    /// Hessian of cotangent . tau times a direction, in O(N): change of the gradients of inverse_dynamics_vjp.
     ///
-    /// q: (..., nq); qd, qdd, cotangent, dq, dqd, dqdd: (..., nv); SI units, radians; leading axes broadcast. wrenches and errors: as in forward_dynamics.
+    #[doc = parameters!(q qd qdd)]
+    /// cotangent : (..., nv) array_like
+    ///     Gradient of a scalar function with respect to tau.
+    #[doc = entries!(dq dqd dqdd wrenches errors)]
     ///
-    /// The gradient by q is that in the tangent space at q, which moves along: on spherical and free joints that Hessian is not symmetric. One state at a time,
-    /// on dual numbers.
+    /// Returns
+    /// -------
+    /// product : InverseDynamicsGradients
+    ///     Changes of the gradients with respect to q, qd and qdd, each (..., nv); the other fields are None.
     ///
-    /// Returns a phipsi.InverseDynamicsGradients (q, qd, qdd), the others None.
+    #[doc = raises!(arguments)]
     ///
-    /// Raises as inverse_dynamics_jvp.
+    /// Notes
+    /// -----
+    /// Evaluated on dual numbers, one state at a time. The gradient with respect to q is that in the tangent space of
+    /// the moving q, so the Hessian of spherical and free joints is not symmetric.
+    ///
+    /// Examples
+    /// --------
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q, qd, qdd, c = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.0, 1.0, 0.0], [1.0, 2.0, 3.0]
+    /// >>> dq, zero = np.array([1.0, 0.0, -1.0]), np.zeros(3)
+    /// >>> product = scene.inverse_dynamics_hvp(q, qd, qdd, c, dq, zero, zero)
+    /// >>> ahead, behind = (scene.inverse_dynamics_vjp(q + h * dq, qd, qdd, c).q for h in (1e-6, -1e-6))
+    /// >>> np.allclose(product.q, (ahead - behind) / 2e-6)
+    /// True
     #[pyo3(signature = (q, qd, qdd, cotangent, dq, dqd, dqdd, *, wrenches=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn inverse_dynamics_hvp<'py>(
@@ -231,16 +295,32 @@ impl PyScene {
         self.hessian((py, class), Products::InverseGradient, given, &Keywords { wrenches, errors, tolerance: None })
     }
 
-    /// The Hessian of cotangent . qdd times a direction, in O(N): how the gradients of forward_dynamics_vjp change along (dq, dqd, dtau).
+    /// Hessian of cotangent . qdd times a direction, in O(N): change of the gradients of forward_dynamics_vjp.
     ///
-    /// q: (..., nq); qd, tau, cotangent, dq, dqd, dtau: (..., nv); SI units, radians; leading axes broadcast. form, tolerance, wrenches and errors: as
-    /// in forward_dynamics_jvp.
+    #[doc = parameters!(q qd tau)]
+    /// cotangent : (..., nv) array_like
+    ///     Gradient of a scalar function with respect to qdd.
+    #[doc = entries!(dq dqd dtau form tolerance_of_derivatives wrenches errors)]
     ///
-    /// One factor and four right sides; otherwise as inverse_dynamics_hvp.
+    /// Returns
+    /// -------
+    /// product : ForwardDynamicsGradients
+    ///     Changes of the gradients with respect to q, qd and tau, each (..., nv); the other fields are None.
     ///
-    /// Returns a phipsi.ForwardDynamicsGradients (q, qd, tau), the others None.
+    #[doc = raises!(singular arguments)]
     ///
-    /// Raises as forward_dynamics_jvp.
+    /// Notes
+    /// -----
+    /// One factor and four right-hand sides on dual numbers; otherwise as inverse_dynamics_hvp.
+    ///
+    /// Examples
+    /// --------
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q, qd, tau, c = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.0, 0.0, 0.0], [1.0, 2.0, 3.0]
+    /// >>> dtau, zero = [1.0, 0.0, -1.0], np.zeros(3)
+    /// >>> product = scene.forward_dynamics_hvp(q, qd, tau, c, zero, zero, dtau)
+    /// >>> np.allclose(product.tau, 0.0)     # qdd is linear in tau
+    /// True
     #[pyo3(signature = (q, qd, tau, cotangent, dq, dqd, dtau, *, form="auto", tolerance=None, wrenches=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn forward_dynamics_hvp<'py>(

@@ -54,13 +54,22 @@ type Part = for<'a> fn(&'a Simulator<Held>, usize) -> &'a [f64];
 const CONFIGURATION: Part = |moving, state| moving.state(state).0;
 const RATES: Part = |moving, state| moving.state(state).1;
 
-/// States that are advanced call by call: what a controller, a learner or a game loop steps.
+/// States that are advanced by calls of step, for controllers, learning and real-time loops.
 ///
-/// Made by Scene.simulator. A step has the bits that it has in Scene.simulate, however steps are cut into calls, and whatever states are beside it.
-/// Scratch is kept between steps. The batch, (...), has the axes that q, qd and the targets of pd broadcast to; large ones run in lanes and on threads.
+/// Create it with Scene.simulator. The batch has the axes to which q, qd and the targets of pd broadcast; large
+/// batches are vectorized and run on threads. Results are bit-identical to those of Scene.simulate, for any
+/// division of the steps into calls and any batch. Intermediate results are preallocated.
 ///
-/// One call at a time: while one is under way, others on the same simulator (of other threads, or of a signal handler) raise ArgumentError. Copies and
-/// pickles are simulators of their own, at the same state, which go on with the same bits.
+/// During a call, other calls on the same simulator raise ArgumentError. Copies and pickles are independent
+/// simulators at the same state.
+///
+/// Examples
+/// --------
+/// >>> simulator = phipsi.scenes.chain(3).simulator([0.3, 0.2, 0.1], dt=1e-3)
+/// >>> for step in range(10):
+/// ...     simulator.step(tau=-0.1 * simulator.qd)
+/// >>> np.isclose(simulator.t, 0.01)
+/// np.True_
 #[pyclass(frozen, name = "Simulator", module = "phipsi")]
 pub(crate) struct PySimulator {
     pub(super) scene: Py<PyScene>,
@@ -74,32 +83,30 @@ pub(crate) struct PySimulator {
 
 #[pymethods]
 impl PyScene {
-    /// Creates a simulator: states that are advanced call by call, as a controller or a learner does.
+    /// Create a Simulator: one state or a batch that is advanced call by call.
     ///
     /// Parameters
     /// ----------
-    /// q : (..., nq)
-    ///     Configurations at the start.
-    /// qd : (..., nv), optional
-    ///     Joint velocities at the start; zero by default. Leading axes broadcast to those of the batch.
+    /// q : (..., nq) array_like
+    ///     Joint positions at the start, rad or m.
+    /// qd : (..., nv) array_like, optional
+    ///     Joint velocities at the start, rad/s or m/s; zero by default.
     /// dt : float
     ///     Step, s.
-    /// method, pd, armature, damping, stiffness, rest, friction, friction_speed, form, tolerance, conserve_momentum, baumgarte, compliance, limits, restitution, accuracy
+    /// method, pd, armature, damping, stiffness, rest, friction, friction_speed, form, tolerance, conserve_momentum
+    ///     As in simulate, for all steps.
+    /// baumgarte, compliance, limits, restitution, accuracy
     ///     As in simulate, for all steps.
     ///
     /// Returns
     /// -------
-    /// Simulator
-    ///     Simulator.step(tau) costs one forward dynamics per stage, and some tenths of a microsecond.
+    /// simulator : Simulator
+    ///     step(tau) costs one forward dynamics per stage and some tenths of a microsecond.
     ///
-    /// Raises
-    /// ------
-    /// OutOfMemoryError, ShapeError, NotFiniteError, ArgumentError
-    ///     Each names the argument and the state.
+    #[doc = raises!(memory arguments)]
     ///
     /// Examples
     /// --------
-    /// >>> import phipsi
     /// >>> simulator = phipsi.scenes.chain(3).simulator([0.3, 0.2, 0.1], dt=1e-3)
     /// >>> simulator.step(steps=10)
     /// >>> simulator.steps
@@ -294,15 +301,32 @@ fn in_blocks(py: Python<'_>, moving: &mut Simulator<Held>, torque: &Torque<'_>, 
 
 #[pymethods]
 impl PySimulator {
-    /// Makes steps of dt in all states, tau held over them.
+    /// Advance all states by steps of dt, with constant joint torques.
     ///
-    /// tau: (nv,), or (..., nv) with axes that broadcast to the batch, N m or N; None: zero. steps: how many.
+    /// Parameters
+    /// ----------
+    /// tau : (..., nv) array_like, optional
+    ///     Joint torques, N m or N, which broadcast to the batch. None: zero.
+    /// steps : int, default 1
+    ///     Number of steps.
     ///
-    /// Returns nothing: q, qd and t are the new state.
+    /// Raises
+    /// ------
+    /// SimulationError
+    ///     The motion diverges or a pivot is lost. .step, .joint, .state and .trajectory (one row) describe it. All
+    ///     states are at the last step that all of them finished; reset(q, qd, states=error.state) lets the others
+    ///     continue.
+    /// SimulationInterrupted
+    ///     Ctrl-C (a KeyboardInterrupt), likewise.
+    /// ShapeError, NotFiniteError, ArgumentError
+    ///     An invalid argument; no state has moved.
     ///
-    /// Raises SimulationError where motion diverges or a pivot is lost, with .step, .joint, .state and .trajectory, whose one row is the state now:
-    /// all states, and their times, are after the last step that all of them finished. reset(q, qd, states=error.state) lets the others go on.
-    /// Raises SimulationInterrupted (a KeyboardInterrupt) on Ctrl-C, likewise; ShapeError, NotFiniteError, ArgumentError, after which nothing has moved.
+    /// Examples
+    /// --------
+    /// >>> simulator = phipsi.scenes.chain(3).simulator([0.3, 0.2, 0.1], dt=1e-3)
+    /// >>> simulator.step([0.5, 0.0, 0.0], steps=100)
+    /// >>> bool(simulator.qd[0] > 0.0)
+    /// True
     #[pyo3(signature = (tau=None, steps=Steps(1)), text_signature = "($self, tau=None, steps=1)")]
     fn step(&self, py: Python<'_>, tau: Option<&Object<'_>>, steps: Steps) -> PyResult<()> {
         let Steps(steps) = steps;
@@ -320,13 +344,35 @@ impl PySimulator {
         self.advance(py, &Torque::Constant(tau.over(&self.batch)?), steps)
     }
 
-    /// Begins states anew, at time zero; the others stay as they are.
+    /// Set states and their times to a new start; the other states remain.
     ///
-    /// q: (..., nq); qd: (..., nv), zero if not given. states: None for all, or whatever selects states of an array of the batch's shape in NumPy: a
-    /// mask of that shape, an index, a list of them, a slice. q and qd broadcast to what it selects, as in array[states] = q.
+    /// Parameters
+    /// ----------
+    /// q : (..., nq) array_like
+    ///     Joint positions, rad or m.
+    /// qd : (..., nv) array_like, optional
+    ///     Joint velocities, rad/s or m/s; zero by default.
+    /// states : optional
+    ///     Selection of states as in array[states] = q: a mask, an index, a list of indices or a slice. None: all.
     ///
-    /// Warns (LimitWarning) of joints that begin beyond limits that are stops, as Scene.simulator does. Raises ShapeError, NotFiniteError, ArgumentError, each naming the
-    /// argument and the state; all states are then as they were.
+    #[doc = raises!(arguments)]
+    ///
+    /// Warns
+    /// -----
+    /// LimitWarning
+    ///     Joints that start outside of limits that are stops.
+    ///
+    /// Notes
+    /// -----
+    /// If the call raises, all states are unchanged.
+    ///
+    /// Examples
+    /// --------
+    /// >>> simulator = phipsi.scenes.chain(3).simulator(np.zeros((4, 3)), dt=1e-3)
+    /// >>> simulator.step(steps=10)
+    /// >>> simulator.reset([0.3, 0.2, 0.1], states=2)
+    /// >>> simulator.t
+    /// array([0.01, 0.01, 0.  , 0.01])
     #[pyo3(signature = (q, qd=None, *, states=None))]
     fn reset<'py>(
         &self,
@@ -356,21 +402,21 @@ impl PySimulator {
         warn_of_limits(py, warning)
     }
 
-    /// Configurations now, (..., nq); a copy.
+    /// Current joint positions, (..., nq), rad or m, a copy.
     #[getter]
     pub(super) fn q<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         let moving = self.moving()?;
         self.of_all(py, &moving, &[], (moving.scene().nq(), CONFIGURATION))
     }
 
-    /// Rates now, (..., nv); a copy.
+    /// Current joint velocities, (..., nv), rad/s or m/s, a copy.
     #[getter]
     pub(super) fn qd<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         let moving = self.moving()?;
         self.of_all(py, &moving, &[], (moving.scene().nv(), RATES))
     }
 
-    /// How long each state has moved since it began or was reset, (...), s: a number for one state, else an array, a copy.
+    /// Time since the start or last reset of each state, (...), s: a float for one state, otherwise an array.
     #[getter]
     fn t<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         let moving = self.moving()?;
@@ -381,55 +427,64 @@ impl PySimulator {
         times.finish_or_scalar()
     }
 
-    /// How many steps were made, resets or not.
+    /// Number of steps since the creation of the simulator; reset does not change it.
     #[getter]
     fn steps(&self) -> PyResult<usize> {
         Ok(self.moving()?.steps())
     }
 
-    /// The step, s.
+    /// Step, s.
     #[getter]
     fn dt(&self) -> f64 {
         self.dt
     }
 
-    /// How states are advanced, one of the names that Scene.simulate has for it.
+    /// Integration method, one of the names of Scene.simulate.
     #[getter]
     fn method(&self) -> &'static str {
         self.method.name()
     }
 
-    /// The scene that moves.
+    /// Scene that is simulated.
     #[getter]
     fn scene(&self, py: Python<'_>) -> Py<PyScene> {
         self.scene.clone_ref(py)
     }
 
-    /// The axes of the batch; () for one state.
+    /// Shape of the batch; () for one state.
     #[getter]
     fn batch<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
         PyTuple::new(py, &self.batch)
     }
 
-    /// Returns the impacts of joints on their stops since the last call, and forgets them.
+    /// Return the impacts of joints on their stops since the last call, and clear the list.
     ///
     /// Returns
     /// -------
-    /// list of StopImpact
-    ///     By state and time; times are those of each state.
+    /// stops : list of StopImpact
+    ///     Sorted by state and time; times are those of each state.
+    ///
+    /// Examples
+    /// --------
+    /// >>> builder = phipsi.SceneBuilder().link("rail").link("cart", mass=1.0)
+    /// >>> scene = builder.joint("x", "prismatic", "rail", "cart", axis=(1, 0, 0), upper=0.5).build()
+    /// >>> simulator = scene.simulator([0.0], [1.0], dt=0.01)
+    /// >>> simulator.step(steps=100)
+    /// >>> [(stop.joint, stop.limit, round(stop.speed, 3)) for stop in simulator.take_stops()]
+    /// [('x', 'upper', 1.0)]
     fn take_stops<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         let impacts = self.moving()?.take_impacts();
         stop_impacts(py, &self.batch, self.scene.get(), &impacts)
     }
 
-    /// The contacts now, a ContactMotion: force of the last step, impulse of all impacts since the state began or was reset; None for a scene without contacts.
+    /// Contact forces of the last step and impulses since the start or reset, as ContactMotion; None without contacts.
     #[getter]
     fn contacts<'py>(&self, py: Python<'py>) -> PyResult<Option<Object<'py>>> {
         let moving = self.moving()?;
         self.contacts_now(py, &moving, &[])
     }
 
-    /// The largest corrections that conserve_momentum made in each state since it began or was reset, a MomentumCorrection; None without it.
+    /// Largest corrections by conserve_momentum since the start or reset, as MomentumCorrection; None without it.
     #[getter]
     fn momentum_correction<'py>(&self, py: Python<'py>) -> PyResult<Option<Object<'py>>> {
         if !self.conserve_momentum {

@@ -6,12 +6,29 @@ use crate::error::Error;
 use pyo3::prelude::*;
 use pyo3::types::PyBool;
 
-/// Sets how many threads batches use from now on, in this process and those that it forks; calls under way keep theirs.
+/// Set the number of threads for batches in this process and its forks; running calls keep theirs.
 ///
-/// threads: the caller's and others, 1 for none beside the caller's; None or 0 for what the environment variable
-/// RAYON_NUM_THREADS says, or as many as the machine has, which is what a process begins with. Results have the same bits for any number.
+/// Parameters
+/// ----------
+/// threads : int or None
+///     Number of threads, including that of the caller; 1: only that. None or 0: RAYON_NUM_THREADS, or one per
+///     core, which is the initial setting.
 ///
-/// Raises ArgumentError for what is no number of threads, or for more than the system gives; what was set before then stays.
+/// Raises
+/// ------
+/// ArgumentError
+///     An invalid number, or more threads than the system provides. The previous setting remains.
+///
+/// Notes
+/// -----
+/// Results are bit-identical for any number of threads.
+///
+/// Examples
+/// --------
+/// >>> phipsi.set_num_threads(1)
+/// >>> phipsi.get_num_threads()
+/// 1
+/// >>> phipsi.set_num_threads(None)
 #[pyfunction]
 #[pyo3(signature = (threads))]
 pub(super) fn set_num_threads(py: Python<'_>, threads: Option<&Object<'_>>) -> PyResult<()> {
@@ -26,7 +43,17 @@ pub(super) fn set_num_threads(py: Python<'_>, threads: Option<&Object<'_>>) -> P
     Ok(py.detach(|| batch::set_threads(wanted))?)
 }
 
-/// How many threads the next batch uses; 1 where it runs on the caller's alone. Starts them where they are not there yet.
+/// Number of threads that the next batch uses; 1 if it runs on that of the caller. Starts the threads if necessary.
+///
+/// Returns
+/// -------
+/// threads : int
+///     Number of threads, including that of the caller.
+///
+/// Examples
+/// --------
+/// >>> phipsi.get_num_threads() >= 1
+/// True
 #[pyfunction]
 #[pyo3(signature = ())]
 pub(super) fn get_num_threads(py: Python<'_>) -> usize {
