@@ -1,4 +1,4 @@
-//! The class `SceneBuilder`: a scene from code.
+//! The class `SceneBuilder`: creates scenes from code.
 
 use super::choice::read_mimic;
 use super::cost::WORTH_DETACHING;
@@ -14,7 +14,7 @@ use nalgebra::{Matrix3, Rotation3};
 use pyo3::prelude::*;
 use std::path::PathBuf;
 
-/// How far an inertia given as a 3x3 matrix may be from symmetric, relative to its largest entry.
+/// Largest asymmetry of a 3x3 inertia matrix, relative to its largest entry.
 const ASYMMETRY: f64 = 1e-9;
 
 /// Builder of a Scene: collects links, joints, connections and contacts by name; build() checks them.
@@ -144,11 +144,12 @@ impl PySceneBuilder {
     /// >>> scene.limits.upper
     /// array([0.5])
     #[pyo3(signature = (name, r#type, parent, child, *, xyz=None, rpy=None, rotation=None, axis=None, pitch=None,
-                        armature=0.0, damping=0.0, friction=0.0, stiffness=0.0, rest=None, lower=None, upper=None, velocity=None,
-                        effort=None, mimic=None, mimic_multiplier=1.0, mimic_offset=0.0),
-           text_signature = "($self, name, type, parent, child, *, xyz=(0, 0, 0), rpy=None, rotation=None, \
-                             axis=(0, 0, 1), pitch=None, armature=0.0, damping=0.0, friction=0.0, stiffness=0.0, rest=None, \
-                             lower=None, upper=None, velocity=None, effort=None, mimic=None, mimic_multiplier=1.0, mimic_offset=0.0)")]
+                        armature=0.0, damping=0.0, friction=0.0, stiffness=0.0, rest=None, lower=None, upper=None,
+                        velocity=None, effort=None, mimic=None, mimic_multiplier=1.0, mimic_offset=0.0),
+           text_signature = "($self, name, type, parent, child, *, xyz=(0, 0, 0), rpy=None, rotation=None, axis=(0, \
+                             0, 1), pitch=None, armature=0.0, damping=0.0, friction=0.0, stiffness=0.0, rest=None, \
+                             lower=None, upper=None, velocity=None, effort=None, mimic=None, mimic_multiplier=1.0, \
+                             mimic_offset=0.0)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn joint<'py>(
         mut slf: PyRefMut<'py, Self>,
@@ -213,14 +214,14 @@ impl PySceneBuilder {
     /// Parameters
     /// ----------
     /// floating_base : bool, optional
-    ///     Whether to add a free joint below the root link, as in Scene.from_urdf.
+    ///     If true, add a free joint below the root link, as in Scene.from_urdf.
     /// gravity : (3,) array_like, optional
     ///     Gravity in the base frame, m/s^2.
     /// strict : bool, optional
-    ///     Whether unphysical inertias raise instead of warning.
+    ///     If true, unphysical inertias raise instead of warning.
     #[doc = entries!(leave_out)]
     /// mimic : {"free", "couple"}, optional
-    ///     Whether mimic joints are independent or follow, as in Scene.from_urdf.
+    ///     Treatment of mimic joints, as in Scene.from_urdf.
     /// tolerance : float, optional
     ///     Geometric tolerance of linkages, 0 to 0.1: an angle in rad, or a length relative to the reach of the loop.
     ///     Rows of connections that are dependent within it count as dependent, with a LinkageWarning at the first call
@@ -285,13 +286,13 @@ impl PySceneBuilder {
             let tolerance = tolerance.or(builder.tolerance_of_linkages());
             builder.strict(strict).omissions(omissions).mimic_joints(mimic).tolerance(tolerance).build()
         };
-        // A builder that is being read without the GIL refuses to grow: that is for those which take long.
+        // A builder that is read without the GIL rejects changes, so only large scenes are built without the GIL.
         let scene = if self.builder.links().len() < WORTH_DETACHING { build()? } else { detached_checked(py, build)? };
         errors::warn(py, &scene)?;
         Ok(PyScene::new(scene))
     }
 
-    /// The file that scenes of this builder come from, for readers in Python.
+    /// Sets the file of the scenes of this builder, for readers in Python.
     fn _set_file(&mut self, file: PathBuf) {
         self.change(|builder| builder.with_file(Some(file)));
     }
@@ -321,7 +322,7 @@ impl PySceneBuilder {
     }
 }
 
-/// The builder of what SceneBuilder.__reduce__ gave.
+/// Rebuilds a builder from the result of SceneBuilder.__reduce__.
 #[pyfunction]
 #[pyo3(name = "_rebuild_builder", signature = (description, /))]
 pub(super) fn rebuild_builder(description: &Object<'_>) -> PyResult<PySceneBuilder> {
@@ -329,13 +330,13 @@ pub(super) fn rebuild_builder(description: &Object<'_>) -> PyResult<PySceneBuild
 }
 
 impl PySceneBuilder {
-    /// Through the builder's methods, which take it and give it back.
+    /// Applies a method of the builder, which consumes and returns it.
     pub(super) fn change(&mut self, step: impl FnOnce(SceneBuilder) -> SceneBuilder) {
         self.builder = step(std::mem::take(&mut self.builder));
     }
 }
 
-/// Mass, mass centre and inertia from the arguments of those names, in messages as `named` says.
+/// Reads mass, center of mass and inertia; `named` gives the names for messages.
 pub(super) fn inertial(
     named: &dyn Fn(&str) -> String,
     mass: f64,
@@ -355,7 +356,7 @@ fn matrix(name: &str, value: &Object<'_>) -> PyResult<Matrix3<f64>> {
     Ok(Matrix3::from_row_slice(&input::fixed(name, value, &[3, 3])?))
 }
 
-/// A symmetric matrix; NaN and infinities pass, the scene's own checks name them.
+/// Reads a symmetric matrix. NaN and infinities pass, because the checks of the scene name them.
 fn symmetric(name: &str, value: &Object<'_>) -> PyResult<Symmetric3<f64>> {
     let m = matrix(name, value)?;
     let defect = (m - m.transpose()).amax();
@@ -366,7 +367,7 @@ fn symmetric(name: &str, value: &Object<'_>) -> PyResult<Symmetric3<f64>> {
     Ok(Symmetric3::from_upper(&m))
 }
 
-/// The rotation of an origin, from angles or from a matrix.
+/// Reads the rotation of an origin, from angles or from a matrix.
 pub(super) fn orientation(
     of_joint: &dyn Fn(&str) -> String,
     rpy: Option<&Object<'_>>,
@@ -379,6 +380,8 @@ pub(super) fn orientation(
             Ok(*Rotation3::from_euler_angles(roll, pitch, yaw).matrix())
         }
         (None, Some(rotation)) => matrix(&of_joint("rotation"), rotation),
-        (Some(_), Some(_)) => Err(Error::argument(of_joint("rotation"), "rpy as well", "one of the two").into()),
+        (Some(_), Some(_)) => {
+            Err(Error::argument(of_joint("rotation"), "rpy and rotation", "either rpy or rotation").into())
+        }
     }
 }

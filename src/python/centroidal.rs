@@ -1,11 +1,11 @@
-//! Methods of `Scene`: its mass, its mass centre, and the momentum about it.
+//! Methods of `Scene`: mass, center of mass, and centroidal momentum.
 
 use super::object::Object;
 use super::scene::PyScene;
 use crate::algorithm::Everyday;
 use pyo3::prelude::*;
 
-/// Rough time of one body in one state, ns.
+/// Approximate time per body and state, ns.
 mod cost {
     pub const CENTRE: usize = 40;
     pub const MOTION: usize = 80;

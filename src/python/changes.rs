@@ -1,4 +1,4 @@
-//! Methods of `Scene` that give a changed one: the way back to the builder, properties of joints, loads on links.
+//! Methods of `Scene` that create changed scenes: the builder, joint properties, payloads, inertias.
 
 use super::axis::Axis;
 use super::builder::{PySceneBuilder, inertial};
@@ -223,7 +223,8 @@ impl PyScene {
     /// >>> bool((found.after < 1e-3).all())     # N m
     /// True
     #[pyo3(signature = (q, qd, qdd, tau, **how),
-           text_signature = "($self, q, qd, qdd, tau, *, fit=(), noise=None, trust=1.0, keep=(), friction_speed=0.01)")]
+           text_signature = "($self, q, qd, qdd, tau, *, fit=(), noise=None, trust=1.0, keep=(), \
+                             friction_speed=0.01)")]
     fn identify<'py>(
         slf: &Bound<'py, Self>,
         q: &Object<'py>,
@@ -237,14 +238,15 @@ impl PyScene {
 }
 
 impl PyScene {
-    /// A scene made from this one, with the warnings that this one does not have.
+    /// Wraps a scene that was created from this one, and issues the warnings that this one does not have.
     fn changed(&self, py: Python<'_>, scene: Scene) -> PyResult<Self> {
         errors::warn_beyond(py, &scene, self.scene.warnings())?;
         Ok(Self::new(scene))
     }
 }
 
-/// A property of joints by name: from a dict of some, one number for all, or an array by joint or by degree of freedom.
+/// Reads a joint property: from a dict by joint name, one value for all joints, or an array by joint or degree of
+/// freedom.
 fn of_joints(scene: &Scene, name: &str, given: &Object<'_>) -> PyResult<Vec<(String, f64)>> {
     if let Ok(mapping) = given.cast::<PyMapping>() {
         let each = items(name, mapping, "names of joints")?.into_iter().map(|(joint, value)| {
@@ -271,10 +273,10 @@ fn of_joints(scene: &Scene, name: &str, given: &Object<'_>) -> PyResult<Vec<(Str
     joints.iter().enumerate().map(of_joint).collect()
 }
 
-/// The one number of a joint's degrees of freedom.
+/// The common value of all degrees of freedom of a joint.
 fn equal(name: &str, joint: &str, numbers: &[f64]) -> Result<f64, Error> {
     let first = numbers.first().copied().unwrap_or(0.0);
-    // Bits, so that a NaN comes through to the check that names it.
+    // Bits are compared, so that a NaN reaches the check that names it.
     if numbers.iter().all(|number| number.to_bits() == first.to_bits()) {
         return Ok(first);
     }

@@ -1,4 +1,4 @@
-//! Methods of `Scene`: the robot as code.
+//! Methods of `Scene`: code generation.
 
 use super::choice::names;
 use super::links::read_frame;
@@ -27,7 +27,7 @@ impl PyScene {
     /// dtype : {"float64", "float32"}, default "float64"
     ///     Scalar type of the code.
     /// batches : bool, default False
-    ///     Whether to add functions for batches, such as NAME_forward_dynamics_batch(count, ...), vectorized over
+    ///     If true, add functions for batches, such as NAME_forward_dynamics_batch(count, ...), vectorized over
     ///     states with the vector extensions of GCC and Clang.
     /// tolerance : float, optional
     ///     Error to which the margins refer, as in forward_dynamics.
@@ -61,7 +61,8 @@ impl PyScene {
     /// >>> files = phipsi.scenes.chain(3).to_c(name="arm", functions=["forward_dynamics"])
     /// >>> sorted(files)
     /// ['Makefile', 'arm.c', 'arm.h', 'test_arm.c']
-    #[pyo3(signature = (directory=None, *, name="robot", functions=None, dtype="float64", batches=false, tolerance=None))]
+    #[pyo3(signature = (directory=None, *, name="robot", functions=None, dtype="float64", batches=false,
+                        tolerance=None))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn to_c<'py>(
         &self,
@@ -172,7 +173,7 @@ impl PyScene {
     }
 }
 
-/// Files as a dict, and in a directory where one is given.
+/// Returns the files as a dict, and writes them to the directory if one is given.
 fn written<'py>(py: Python<'py>, directory: Option<&Object<'py>>, sources: Sources) -> PyResult<Bound<'py, PyDict>> {
     let files = PyDict::new(py);
     for (file, text) in sources {
@@ -192,7 +193,8 @@ fn read_width(dtype: &str) -> PyResult<Width> {
     }
 }
 
-/// Functions by their names, or of one link as (name, link) and (name, link, frame), each once; of None all that are of no one link and not watched.
+/// Reads functions: names, (name, link) or (name, link, frame), without duplicates. None: all functions that are not
+/// for one link and have no margin.
 fn read_functions(given: Option<&Object<'_>>) -> PyResult<Vec<Function>> {
     let Some(given) = given else {
         return Ok(FUNCTIONS.to_vec());

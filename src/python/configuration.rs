@@ -1,4 +1,4 @@
-//! Methods of `Scene`: configurations as a manifold, and limits.
+//! Methods of `Scene`: configurations on the manifold, and joint limits.
 
 use super::object::{Object, imported};
 use super::output::{Array, from_numbers};
@@ -6,7 +6,7 @@ use super::scene::PyScene;
 use crate::scene::Limits;
 use pyo3::prelude::*;
 
-/// Rough time of one body in one state, ns.
+/// Approximate time per body and state, ns.
 const COST: usize = 30;
 
 #[pymethods]

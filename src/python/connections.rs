@@ -1,4 +1,4 @@
-//! What closes loops: methods of `SceneBuilder` that connect, and of `Scene` that tell of connections.
+//! Closed loops: the methods of `SceneBuilder` that add connections, and the properties of `Scene` that describe them.
 
 use super::builder::{PySceneBuilder, optional_triple, orientation};
 use super::connection_tuple::kind_of;
@@ -59,8 +59,10 @@ impl PySceneBuilder {
     /// >>> scene = phipsi.scenes.chain(3).to_builder().connect("pin", "point", "link2", xyz=(0, 0, 0.3)).build()
     /// >>> scene.connection_names, scene.constraint_jacobian([0.3, 0.2, 0.1]).shape
     /// (('pin',), (3, 3))
-    #[pyo3(signature = (name, kind, link, other=None, *, xyz=None, rpy=None, rotation=None, other_xyz=None, other_rpy=None, other_rotation=None, axis=None, length=None),
-           text_signature = "($self, name, kind, link, other=None, *, xyz=(0, 0, 0), rpy=None, rotation=None, other_xyz=None, other_rpy=None, other_rotation=None, axis=None, length=None)")]
+    #[pyo3(signature = (name, kind, link, other=None, *, xyz=None, rpy=None, rotation=None, other_xyz=None,
+                        other_rpy=None, other_rotation=None, axis=None, length=None),
+           text_signature = "($self, name, kind, link, other=None, *, xyz=(0, 0, 0), rpy=None, rotation=None, \
+                             other_xyz=None, other_rpy=None, other_rotation=None, axis=None, length=None)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn connect<'py>(
         mut slf: PyRefMut<'py, Self>,

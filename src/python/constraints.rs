@@ -1,4 +1,4 @@
-//! Methods of `Scene`: motion through connections.
+//! Methods of `Scene`: constrained dynamics.
 
 use super::call::Call;
 use super::choice::{names, read_judged, read_judged_factor};
@@ -16,15 +16,15 @@ use crate::filter::Form;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PySlice};
 
-/// Rough times in one state, ns (see `Call::new`).
+/// Approximate times per state, ns (see `Call::new`).
 mod cost {
-    /// Of one body: two forward dynamics, a factor, some more right sides.
+    /// Per body: two forward dynamics, a factor, some more right-hand sides.
     pub const BODY: usize = 600;
-    /// Of one row on its way through one body.
+    /// Per row and body on its path to the base.
     pub const ROW: usize = 60;
-    /// Of the eigenvalues of m x m, over m^3.
+    /// Eigenvalues of an m x m matrix, divided by m^3.
     pub const CUBE: usize = 20;
-    /// Of forward dynamics alone, by the compiled kernels: of one body, of one row on its way through it, and of a Cholesky factor.
+    /// Forward dynamics in the compiled kernels: per body, per row and body, and of a Cholesky factorization.
     pub const FAST_BODY: usize = 250;
     pub const FAST_ROW: usize = 15;
     pub const FAST_CUBE: usize = 1;
@@ -372,28 +372,33 @@ impl PyScene {
 }
 
 impl PyScene {
-    /// The number of rows that the argument compliance is for; an error where there are none.
+    /// Number of rows for the argument `compliance`; an error if there are none.
     pub(super) fn compliant_rows(&self) -> PyResult<usize> {
         let rows = self.scene.constraint_rows();
         if rows == 0 {
             let found = "a value for a scene without connections";
-            return Err(Error::argument("compliance", found, "none, or connections (SceneBuilder.connect)").into());
+            return Err(Error::argument(
+                "compliance",
+                found,
+                "no compliance, or a scene with connections (SceneBuilder.connect)",
+            )
+            .into());
         }
         Ok(rows)
     }
 
-    /// The argument compliance, (..., rows).
+    /// Reads the argument `compliance`, (..., rows).
     fn compliance<'py>(&self, compliance: &Object<'py>) -> PyResult<Input<'py>> {
         Input::spread("compliance", compliance, self.compliant_rows()?.into())
     }
 
-    /// Warns, once for a scene, of a linkage that is drawn with few digits.
+    /// Warns, once per scene, about a linkage that is drawn with few digits.
     pub(super) fn warn_of_linkage(&self, py: Python<'_>) -> PyResult<()> {
         let texts = self.scene.new_linkage_warnings();
         texts.iter().try_for_each(|text| warn_as(py, "LinkageWarning", text))
     }
 
-    /// Of one body in forward dynamics through connections, ns.
+    /// Approximate time per body of forward dynamics with connections, ns.
     pub(super) fn cost_through_connections(&self) -> usize {
         let m = self.scene.constraint_rows();
         let rows =
@@ -407,7 +412,7 @@ impl PyScene {
         bodies.saturating_add(cost::CUBE.saturating_mul(m.saturating_pow(3)))
     }
 
-    /// Forward dynamics where rows give way.
+    /// Forward dynamics with compliant connections.
     fn through_compliant_connections<'py>(
         &self,
         py: Python<'py>,
@@ -426,7 +431,7 @@ impl PyScene {
         Ok(output.finish().into_any())
     }
 
-    /// A call with a state and wrenches.
+    /// Creates a call with a state and wrenches.
     fn through_connections<'a, 'py, const N: usize>(
         &'a self,
         given: [(&'static str, &Object<'py>); N],
@@ -438,7 +443,7 @@ impl PyScene {
         Ok(call.with(self.errors(errors, Some(form))?))
     }
 
-    /// A dict from names of connections to their rows, slices.
+    /// Creates a dict from connection names to the slices of their rows.
     fn rows_by_name<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let all = PyDict::new(py);
         for (name, rows) in self.scene.rows_of_connections() {
@@ -447,7 +452,7 @@ impl PyScene {
         Ok(all)
     }
 
-    /// Which degrees of freedom have a motor.
+    /// Reads which degrees of freedom are actuated.
     fn motors(&self, actuated: &Object<'_>) -> PyResult<Vec<bool>> {
         let flags = imported!(actuated.py(), "phipsi._arguments", "flags")?;
         if let Some(mask) = in_python(flags, "actuated", actuated, self.rates())?.extract()? {

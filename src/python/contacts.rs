@@ -1,4 +1,4 @@
-//! What touches planes of the world: a method of `SceneBuilder` that adds contacts, and those of `Scene` that tell of them.
+//! Contacts: the method of `SceneBuilder` that adds them, and the methods of `Scene` that evaluate them.
 
 use super::builder::{PySceneBuilder, optional_triple};
 use super::cost::WORTH_DETACHING;
@@ -11,10 +11,10 @@ use crate::scene::Contact;
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
-/// Numbers of one contact in a recorded row.
+/// Number of values per contact in a recorded row.
 pub(super) const OF_CONTACT: usize = 11;
 
-/// Rough time of one contact in one state, ns, for each body on its way to the base.
+/// Approximate time per contact, state and body on its path to the base, ns.
 const CONTACT: usize = 20;
 
 #[pymethods]
@@ -60,7 +60,8 @@ impl PySceneBuilder {
     /// >>> scene.contact_gaps([0, 0, 0.3, 0, 0, 0, 1]).round(3)
     /// array([0.2])
     #[pyo3(signature = (name, link, *, friction, xyz=None, radius=0.0, normal=None, offset=0.0, restitution=0.0),
-           text_signature = "($self, name, link, *, friction, xyz=(0, 0, 0), radius=0.0, normal=(0, 0, 1), offset=0.0, restitution=0.0)")]
+           text_signature = "($self, name, link, *, friction, xyz=(0, 0, 0), radius=0.0, normal=(0, 0, 1), \
+                             offset=0.0, restitution=0.0)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn contact<'py>(
         mut slf: PyRefMut<'py, Self>,
@@ -173,7 +174,7 @@ impl PyScene {
     }
 }
 
-/// What steps told of the contacts of each state of a batch, (..., 8).
+/// Reports of the steps about the contacts of each state of a batch, (..., 8).
 pub(super) fn reports<'py>(
     py: Python<'py>,
     batch: &[usize],
@@ -195,7 +196,8 @@ pub(super) fn reports<'py>(
     from_numbers(py, &all, &[batch, &[8]].concat())
 }
 
-/// Recorded rows of contacts, (..., rows, contacts * 11), and what steps told, as a `ContactMotion`.
+/// Creates a `ContactMotion` from the recorded rows of contacts, (..., rows, contacts * 11), and the reports of the
+/// steps.
 pub(super) fn contact_motion<'py>(
     scene: &Bound<'py, PyScene>,
     rows: Object<'py>,

@@ -1,4 +1,4 @@
-//! Methods of `Scene`: derivatives of the dynamics, and the linear system of small deviations.
+//! Methods of `Scene`: derivatives of the dynamics, and linearization.
 
 use super::call::Call;
 use super::choice::read_form;
@@ -13,16 +13,16 @@ use crate::algorithm::{Algorithm, Derivatives};
 use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-/// Linear systems between two looks at signals.
+/// Number of linear systems between two checks for signals.
 const AT_A_TIME: usize = 1024;
 
-/// Rough times in one state, ns (see [`Cost`](super::cost::Cost)).
+/// Approximate times per state, ns (see [`Cost`](super::cost::Cost)).
 mod cost {
-    /// Of one body: its motion, its composite and what it lets others feel.
+    /// Per body: motion, composite inertia and effect on other bodies.
     pub const BODY: usize = 80;
     /// The same with the factor of M.
     pub const WITH_FACTOR: usize = 200;
-    /// Of two degrees of freedom: their entries of the results.
+    /// Per pair of degrees of freedom: entries of the results.
     pub const PAIR: usize = 10;
 }
 
@@ -188,7 +188,7 @@ impl PyScene {
             let states = all.as_slice()?.chunks_exact(3 * nv * nv);
             let systems = a.numbers()?.chunks_exact_mut(4 * nv * nv).zip(b.numbers()?.chunks_exact_mut(2 * nv * nv));
             for (i, (of_state, (a, b))) in states.zip(systems).enumerate() {
-                // A bad state's, all of it.
+                // All results of an invalid state are NaN.
                 if of_state[0].is_nan() {
                     a.fill(f64::NAN);
                     b.fill(f64::NAN);
@@ -278,7 +278,7 @@ impl PyScene {
 }
 
 impl PyScene {
-    /// Evaluates derivatives, of so many ns a body beside those of its pairs.
+    /// Evaluates derivatives, of `body` ns per body in addition to its pairs.
     fn derivatives<'py, const N: usize>(
         &self,
         py: Python<'py>,

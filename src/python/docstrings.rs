@@ -47,7 +47,7 @@ dgravity : (..., 3) array_like, optional
     };
     (parameters) => {
         "parameters : bool, default False
-    Whether to compute the gradients with respect to inertial parameters, armature and gravity too."
+    If true, compute the gradients with respect to inertial parameters, armature and gravity too."
     };
     (wrenches) => {
         "wrenches : dict of str to (..., 6) array_like, optional

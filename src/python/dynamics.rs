@@ -9,13 +9,13 @@ use crate::algorithm::Algorithm;
 use crate::error::Error;
 use pyo3::prelude::*;
 
-/// An array of float64, or of float32 where that was asked for.
+/// Array of float64, or of float32 with `dtype`.
 type Array<'py> = PyResult<Object<'py>>;
 
-/// Dense matrices stop here: (4000, 4000) are 128 MB a state.
+/// Largest number of degrees of freedom for dense matrices: (4000, 4000) is 128 MB per state.
 const DENSE_LIMIT: usize = 4000;
 
-/// Rough time of one body in one state, ns (see [`Cost`](super::cost::Cost)).
+/// Approximate time per body and state, ns (see [`Cost`](super::cost::Cost)).
 mod cost {
     pub const FORWARD: usize = 90;
     pub const INVERSE: usize = 50;
@@ -46,7 +46,7 @@ impl PyScene {
     ///     "nan": the results of invalid states (not finite, a quaternion off unit norm, a singular joint, an overflow)
     ///     are NaN, and one BadStateWarning has .states and .reasons. Wrong shapes raise in both cases.
     /// return_info : bool, default False
-    ///     Whether to return an Accuracy too. Costs about five times the time in the forms "covariance" and
+    ///     If true, return an Accuracy too. That costs about five times the time in the forms "covariance" and
     ///     "square-root", almost nothing in "auto".
     ///
     /// Returns
@@ -75,7 +75,8 @@ impl PyScene {
     /// >>> qdd = scene.forward_dynamics(q, qd, tau)
     /// >>> np.allclose(scene.inverse_dynamics(q, qd, qdd), tau)
     /// True
-    #[pyo3(signature = (q, qd, tau, *, form="auto", tolerance=None, wrenches=None, out=None, dtype=None, errors="raise", return_info=false))]
+    #[pyo3(signature = (q, qd, tau, *, form="auto", tolerance=None, wrenches=None, out=None, dtype=None,
+                        errors="raise", return_info=false))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn forward_dynamics<'py>(
         &self,

@@ -1,4 +1,4 @@
-//! The method `Scene.estimate`: forces, accelerations and torques given the torques of some joints (section 2).
+//! The method `Scene.estimate`: conditional means given measured joint torques (section 2).
 
 use super::axis::Axis;
 use super::bad_states::Errors;
@@ -22,15 +22,15 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::iter::once;
 
-/// Rough time of one body in one state, ns (see `Call::new`).
+/// Approximate time per body and state, ns (see `Call::new`).
 mod cost {
     pub const MEANS: usize = 250;
     pub const COVARIANCES: usize = 600;
-    /// Of the cube of the degrees of freedom.
+    /// Divided by the cube of the degrees of freedom.
     pub const DENSE: usize = 200;
 }
 
-/// Numbers a degree of freedom: means, and with covariances.
+/// Number of values per degree of freedom: means, and means with covariances.
 const MEANS: usize = 1 + 1 + 6 + 6;
 const WITH_COVARIANCE: usize = MEANS + 1 + 1 + 36 + 36;
 
@@ -51,7 +51,7 @@ impl PyScene {
     ///     s: prior variance of the acceleration of 1 kg m^2, (rad/s^2)^2, and of 1 kg, (m/s^2)^2.
     #[doc = entries!(wrenches)]
     /// covariance : bool, default False
-    ///     Whether to compute the covariances of the errors too.
+    ///     If true, compute the covariances of the errors too.
     /// method : {"sequential", "batch"}, default "sequential"
     ///     Filter and smoother, or the dense equations of section 2 as a check: O(N^3), at most 300 degrees of freedom.
     #[doc = entries!(errors)]
@@ -84,9 +84,12 @@ impl PyScene {
     /// True
     /// >>> scene.estimate(q, qd, tau, measured=["j0"], covariance=True).acceleration_variance.shape
     /// (3,)
-    #[pyo3(signature = (q, qd, torque, *, noise=None, measured=None, prior_acceleration=None, acceleration_variance=1.0,
-                        wrenches=None, covariance=false, method="sequential", errors="raise"),
-           text_signature = "($self, q, qd, torque, *, noise=0.0, measured=None, prior_acceleration=None, acceleration_variance=1.0, wrenches=None, covariance=False, method='sequential', errors='raise')")]
+    #[pyo3(signature = (q, qd, torque, *, noise=None, measured=None, prior_acceleration=None,
+                        acceleration_variance=1.0, wrenches=None, covariance=false, method="sequential",
+                        errors="raise"),
+           text_signature = "($self, q, qd, torque, *, noise=0.0, measured=None, prior_acceleration=None, \
+                             acceleration_variance=1.0, wrenches=None, covariance=False, method='sequential', \
+                             errors='raise')")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn estimate<'py>(
         &self,
@@ -139,7 +142,7 @@ impl PyScene {
             let kept = estimation.get_or_insert_with(|| Estimation::new(scene));
             for (row, own) in kept.noise.iter_mut().enumerate() {
                 let is_measured = measured.as_ref().is_none_or(|measured| measured[row]);
-                // Infinite where masked, else zero.
+                // `hidden` is infinite at masked entries and zero elsewhere.
                 *own = if is_measured { noise[row] + unknown[row] + hidden[row] } else { f64::INFINITY };
             }
             let prior_acceleration = has_prior.then_some(prior);
@@ -161,7 +164,7 @@ impl PyScene {
 }
 
 impl PyScene {
-    /// Whether the dense method is asked for.
+    /// Reads the argument `method`: whether it is the dense one.
     fn is_dense(&self, method: &str) -> Result<bool, Error> {
         let nv = self.scene.nv();
         match method {
@@ -176,7 +179,7 @@ impl PyScene {
         }
     }
 
-    /// The argument `measured` as one flag a degree of freedom.
+    /// Reads the argument `measured` as one flag per degree of freedom.
     fn measured(&self, measured: &Object<'_>) -> PyResult<Vec<bool>> {
         let nv = self.scene.nv();
         let flags = imported!(measured.py(), "phipsi._arguments", "flags")?;
@@ -191,7 +194,7 @@ impl PyScene {
     }
 }
 
-/// Reads an argument of which entries may be masked: zero where they are, and infinity there in a second, which is zero elsewhere.
+/// Reads an argument with masked entries: its values with zero at masked entries, and an array with infinity there.
 fn with_mask<'a, 'py>(
     name: &'static str,
     value: &Object<'py>,
@@ -207,7 +210,7 @@ fn with_mask<'a, 'py>(
     }
 }
 
-/// Writes the results of one state in the order of the fields, a block a degree of freedom.
+/// Writes the results of one state in the order of the fields, one block per degree of freedom.
 fn write_sequential(
     scene: &Scene,
     estimate: &Estimate<f64>,
@@ -229,7 +232,7 @@ fn write_sequential(
         .chain(rows().flat_map(|(k, _)| vector(estimate.force[k])))
         .chain(rows().flat_map(process));
     let covariances = covariance.into_iter().flat_map(|covariance| {
-        // Symmetric, so that the order of columns is that of rows.
+        // The matrix is symmetric, so column-major order equals row-major order.
         let matrix = |m: Matrix6<f64>| (0..36).map(move |i| m[i]);
         let process = move |(k, enters): (usize, bool)| {
             matrix(if enters { covariance.process[k].to_matrix() } else { Matrix6::zeros() })
@@ -241,7 +244,7 @@ fn write_sequential(
     write(means.chain(covariances), out);
 }
 
-/// The same of the dense method.
+/// The same for the dense method.
 fn write_batch(estimate: &BatchEstimate, out: &mut [f64]) {
     let nv = estimate.acceleration.len();
     let BatchEstimate { log_likelihood, acceleration, torque, force, process, covariance } = estimate;
@@ -263,7 +266,7 @@ fn write(numbers: impl Iterator<Item = f64>, out: &mut [f64]) {
     }
 }
 
-/// The named tuple of arrays from the results of all states.
+/// Creates the named tuple of arrays from the results of all states.
 fn result<'py>(
     py: Python<'py>,
     results: &[f64],

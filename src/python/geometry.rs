@@ -1,4 +1,4 @@
-//! Methods of `Scene`: where all links are, energy and momentum.
+//! Methods of `Scene`: forward kinematics of all links, energy and momentum.
 
 use super::errors::asked_by;
 use super::object::{Object, imported};
@@ -8,7 +8,7 @@ use crate::algorithm::Everyday;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-/// Rough time of one body (or link) in one state, ns.
+/// Approximate time per body (or link) and state, ns.
 mod cost {
     pub const PLACEMENT: usize = 60;
     pub const ENERGY: usize = 100;

@@ -1,4 +1,4 @@
-//! The method `Scene.inverse_kinematics`.
+//! The methods `Scene.inverse_kinematics` and `Scene.inverse_kinematics_rates`.
 
 use super::choice::choose;
 use super::counts::{count_or, number};
@@ -14,19 +14,20 @@ use crate::spatial::RigidShift;
 use nalgebra::{Matrix3, Vector3};
 use pyo3::prelude::*;
 
-/// Rough time of one state, ns: a few tens of steps.
+/// Approximate time per state, ns: a few tens of steps.
 const COST: usize = 50_000;
 
-/// The same of joint velocities.
+/// The same for inverse_kinematics_rates.
 const COST_OF_RATES: usize = 3_000;
 
-/// Names of what steps are damped by.
+/// Metrics of the damping, by name.
 const METRICS: [(&str, Metric); 2] = [("coordinates", Metric::Coordinates), ("mass", Metric::Mass)];
 
-/// Numbers beside q: reached, errors, starts, steps.
+/// Number of results in addition to q: reached, errors, starts, steps.
 const BESIDE: usize = 5;
 
-/// A task as phipsi.tasks gives it: kind, name, link or joint, point, axis, deviations, target, how many numbers that has, and the link that it is relative to.
+/// A task from phipsi.tasks: kind, name, link or joint, point, axis, deviations, target, number of its entries, and the
+/// link to which it is relative.
 type Given<'py> = (String, String, String, [f64; 3], [f64; 3], f64, f64, Object<'py>, usize, Option<String>);
 
 #[pymethods]
@@ -47,7 +48,7 @@ impl PyScene {
     ///     Standard deviation of the joints from q0, rad or m, for robots with more freedom than the tasks. None: no
     ///     posture.
     /// limits : bool, default True
-    ///     Whether joints, and joints coupled to them, stay within their limits.
+    ///     If true, joints, and joints coupled to them, stay within their limits.
     /// tolerance : float, default 1e-9
     ///     A task is reached if its error is at most this, m and rad.
     /// iterations : int, default 100
@@ -55,7 +56,7 @@ impl PyScene {
     /// metric : {"coordinates", "mass"}, default "coordinates"
     ///     Metric of the damping: coordinates, or kinetic energy, so that joints that carry more mass move less.
     /// covariance : bool, default False
-    ///     Whether to compute the covariance of q.
+    ///     If true, compute the covariance of q.
     /// seed : int, default 0
     ///     Seed of the starts.
     /// errors : {"raise", "nan"}, default "raise"
@@ -86,9 +87,10 @@ impl PyScene {
     /// >>> found = scene.inverse_kinematics(phipsi.tasks.Pose("flange", goal))
     /// >>> found.reached, np.allclose(scene.placement(found.q, "flange"), goal)
     /// (True, True)
-    #[pyo3(signature = (tasks, q0=None, *, starts=None, posture=None, limits=true, tolerance=1e-9, iterations=None, metric="coordinates", covariance=false, seed=None, errors="raise"),
-           text_signature = "($self, tasks, q0=None, *, starts=20, posture=None, limits=True, tolerance=1e-9, iterations=100, metric='coordinates', \
-                             covariance=False, seed=0, errors='raise')")]
+    #[pyo3(signature = (tasks, q0=None, *, starts=None, posture=None, limits=true, tolerance=1e-9, iterations=None,
+                        metric="coordinates", covariance=false, seed=None, errors="raise"),
+           text_signature = "($self, tasks, q0=None, *, starts=20, posture=None, limits=True, tolerance=1e-9, \
+                             iterations=100, metric='coordinates', covariance=False, seed=0, errors='raise')")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn inverse_kinematics<'py>(
         &self,
@@ -111,7 +113,7 @@ impl PyScene {
         let iterations = count_or("iterations", iterations, 0, usual.iterations)?;
         let seed = seed.map_or(Ok(usual.seed), |seed| number("seed", seed))?;
         let options = Options { starts, iterations, tolerance, limits, posture, metric, seed };
-        // Refuses them before anything is read.
+        // Checks the options before any other argument.
         self.scene.inverse_kinematics(&options)?;
         let neutral = output::from_numbers(py, &self.scene.neutral(), &[self.scene.nq()])?;
         let (fixed, inputs) = self.tasks(tasks, ("q0", q0.unwrap_or(&neutral)))?;
@@ -157,8 +159,8 @@ impl PyScene {
     ///     Damping relative to the largest entry of J^T J over the variances; more keeps velocities small near
     ///     singularities.
     /// limits : bool, default True
-    ///     Whether joints, and joints coupled to them, stay within their limits. A joint outside of its position limits
-    ///     returns as fast as its velocity limit allows.
+    ///     If true, joints, and joints coupled to them, stay within their limits. A joint outside of its limits returns as
+    ///     fast as its velocity limit allows.
     /// velocity : float or (..., nv) array_like, optional
     ///     Velocity limits instead of those of the joints, rad/s or m/s; inf: none. A floating base has limits only
     ///     here.
@@ -207,7 +209,12 @@ impl PyScene {
         let options = RateOptions { dt, gain, damping, limits, velocity: None };
         options.check(&self.scene)?;
         if velocity.is_some() && !limits {
-            return Err(Error::argument("velocity", "limits beside limits=False", "limits=True, or no velocity").into());
+            return Err(Error::argument(
+                "velocity",
+                "velocity limits with limits=False",
+                "limits=True, or no velocity",
+            )
+            .into());
         }
         let (fixed, mut inputs) = self.tasks(tasks, ("q", q))?;
         let is_limited = velocity.is_some();
@@ -226,7 +233,7 @@ impl PyScene {
 }
 
 impl PyScene {
-    /// Tasks whose targets are not there yet; and the arguments, the configuration first, then the targets.
+    /// Reads the tasks without their targets, and the arguments: the configuration, then the targets.
     fn tasks<'py>(
         &self,
         tasks: &Object<'py>,
@@ -249,7 +256,7 @@ impl PyScene {
     }
 }
 
-/// A task whose target is not there yet: each state has its own.
+/// Creates a task without its target, which differs between states.
 #[allow(clippy::too_many_arguments)] // the fields of a task
 fn aimless(
     scene: &Scene,
@@ -282,16 +289,16 @@ fn aimless(
     Ok(Task { goal, position, rotation, relative_to: None })
 }
 
-/// The last row of a pose, and by how much its entries may differ from it.
+/// Last row of a pose, and the largest accepted deviation of its entries.
 const LAST_ROW: [f64; 4] = [0.0, 0.0, 0.0, 1.0];
 const SLACK: f64 = 1e-6;
 
-/// The tasks with the targets of one state, whose arguments they are from the second on.
+/// Tasks with the targets of one state, which are its arguments from the second on.
 fn all_aimed<'a>(tasks: &[Task], of: &dyn Fn(usize) -> &'a [f64]) -> Result<Vec<Task>, Error> {
     tasks.iter().enumerate().map(|(at, task)| aimed(task, at, of(at + 1))).collect()
 }
 
-/// The task with the target of one state.
+/// Task with the target of one state.
 fn aimed(task: &Task, at: usize, numbers: &[f64]) -> Result<Task, Error> {
     let mut task = *task;
     let name = || format!("target of task {at}");
@@ -307,7 +314,7 @@ fn aimed(task: &Task, at: usize, numbers: &[f64]) -> Result<Task, Error> {
         }
         Goal::Orientation { target, .. } => *target = Matrix3::from_row_slice(numbers),
         Goal::Direction { target, .. } => {
-            // Scaled first: squares of small or large numbers are none.
+            // The axis is scaled first, because squares of very small or large numbers underflow or overflow.
             let given = Vector3::from_column_slice(numbers);
             let given = given / given.amax();
             *target = given.normalize();

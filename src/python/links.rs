@@ -1,4 +1,4 @@
-//! Methods of `Scene`: where one link is and how it moves, in O(depth).
+//! Methods of `Scene`: pose, velocity, acceleration and Jacobian of one link, in O(depth).
 
 use super::choice::{choose, names};
 use super::input::triple;
@@ -14,7 +14,7 @@ use nalgebra::Vector3;
 use pyo3::prelude::*;
 use pyo3::types::PyString;
 
-/// Rough time of one body in one state, ns.
+/// Approximate time per body and state, ns.
 mod cost {
     pub const PLACEMENT: usize = 40;
     pub const MOTION: usize = 60;
@@ -284,7 +284,7 @@ impl PyScene {
 }
 
 impl PyScene {
-    /// The link's own frame, moved to the point `at`; an error for an unknown link, also where the batch is empty.
+    /// Frame of a link, translated to the point `at`; an unknown link is an error, even if the batch is empty.
     fn on_link(&self, link: &str, at: Option<&Object<'_>>) -> PyResult<Frame<f64>> {
         let mut frame = self.scene.frame(&link.into())?;
         if let Some(at) = at {
@@ -295,14 +295,14 @@ impl PyScene {
         Ok(frame)
     }
 
-    /// How many bodies are between the base and a frame, at least one: what the time of a call is counted in.
+    /// Number of bodies between the base and a frame, at least one, for the estimate of the time of a call.
     fn depth(&self, frame: &Frame<f64>) -> usize {
         let stages = &self.scene.model().system.stages;
         std::iter::successors(frame.body, |&k| stages[k].parent).count().max(1)
     }
 }
 
-/// The argument `frame`.
+/// Reads the argument `frame`.
 pub(super) fn read_frame(frame: &str) -> Result<ReferenceFrame, Error> {
     choose("frame", frame, &REFERENCE_FRAMES)
 }

@@ -1,4 +1,4 @@
-//! Methods of `Scene`: states through time.
+//! Methods of `Scene`: simulation.
 
 use super::contacts::{OF_CONTACT, contact_motion, reports};
 use super::control::{Given, Pd, everyone};
@@ -84,7 +84,7 @@ impl PyScene {
     /// progress : callable, optional
     ///     Function of (steps done, steps), called at most 20 times per second.
     /// conserve_momentum : bool, default False
-    ///     Whether the momentum of floating trees without external forces is conserved to rounding.
+    ///     If true, conserve the momentum of floating trees without external forces to rounding.
     /// baumgarte : float, optional
     ///     Rate of Baumgarte stabilization of the connections, 1/s. None: projection after each step.
     #[doc = entries!(compliance)]
@@ -125,12 +125,14 @@ impl PyScene {
     /// >>> path = scene.simulate([0.3, 0.2, 0.1], np.zeros(3), dt=1e-3, steps=1000, record_every=100)
     /// >>> path.q.shape, path.integrator
     /// ((11, 3), 'rk4')
-    #[pyo3(signature = (q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, method=None, record_every=None, pd=None,
-                        armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=None, form="auto", tolerance=None,
-                        progress=None, conserve_momentum=false, baumgarte=None, compliance=None, limits=None, restitution=0.0, accuracy=None, duration=None),
-           text_signature = "($self, q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, method='auto', record_every=1, \
-                             pd=None, armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=None, \
-                             form='auto', tolerance=None, progress=None, conserve_momentum=False, baumgarte=None, compliance=None, limits=None, \
+    #[pyo3(signature = (q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, method=None, record_every=None,
+                        pd=None, armature=None, damping=None, stiffness=None, rest=None, friction=None,
+                        friction_speed=None, form="auto", tolerance=None, progress=None, conserve_momentum=false,
+                        baumgarte=None, compliance=None, limits=None, restitution=0.0, accuracy=None, duration=None),
+           text_signature = "($self, q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, method='auto', \
+                             record_every=1, pd=None, armature=None, damping=None, stiffness=None, rest=None, \
+                             friction=None, friction_speed=None, form='auto', tolerance=None, progress=None, \
+                             conserve_momentum=False, baumgarte=None, compliance=None, limits=None, \
                              restitution=0.0, accuracy=None, duration=None)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulate<'py>(
@@ -285,14 +287,15 @@ impl PyScene {
     /// >>> round(float(path.t[-1]), 3)
     /// 0.5
     #[pyo3(signature = (**given),
-           text_signature = "($self, *, tau=None, pd=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=0.01)")]
+           text_signature = "($self, *, tau=None, pd=None, damping=None, stiffness=None, rest=None, friction=None, \
+                             friction_speed=0.01)")]
     fn ode<'py>(slf: &Bound<'py, Self>, given: Option<&Bound<'py, PyDict>>) -> PyResult<Object<'py>> {
         slf.get().scene.check_no_contacts("ode")?;
         imported!(slf.py(), "phipsi._ode", "Ode")?.call((slf,), given)
     }
 }
 
-/// The step and the number of steps: `steps`, or `duration` over the step; with error control, rows every thousandth of the duration.
+/// Step and number of steps: `steps`, or `duration` divided by the step; with error control, 1000 rows by default.
 fn length_of_run(
     dt: Option<f64>,
     steps: Option<&Object<'_>>,
@@ -310,7 +313,7 @@ fn length_of_run(
         (None, Some(duration)) if controlled => duration / ROWS,
         _ => {
             return Err(
-                Error::argument("dt", "None", "a step in s; it may be left out with accuracy and duration").into()
+                Error::argument("dt", "None", "a step in s, which is optional with accuracy and duration").into()
             );
         }
     };
@@ -319,18 +322,18 @@ fn length_of_run(
         (None, Some(duration)) => {
             let found = (duration / dt).round();
             if !((1.0..1e15).contains(&found)) || !((found * dt - duration).abs() <= 1e-6 * duration) {
-                let expected = "a multiple of dt; or steps";
+                let expected = "a multiple of dt, or steps instead of duration";
                 return Err(Error::argument("duration", format!("{duration} with dt {dt}"), expected).into());
             }
             #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // in these bounds
             Ok((dt, found as usize))
         }
         (None, None) => Err(Error::argument("steps", "None", "a number of steps, or duration").into()),
-        (Some(_), Some(_)) => Err(Error::argument("duration", "steps as well", "one of the two").into()),
+        (Some(_), Some(_)) => Err(Error::argument("duration", "steps and duration", "either steps or duration").into()),
     }
 }
 
-/// What is to be recorded.
+/// Amount of data to record.
 pub(super) struct Room {
     pub states: Option<usize>,
     pub rows: usize,
@@ -338,10 +341,10 @@ pub(super) struct Room {
 }
 
 impl Room {
-    /// The number of states, if there is room for what they record, for where they are, and for where they began.
+    /// Number of states, if their records, current states and initial states fit in memory.
     pub fn checked(&self) -> Result<usize, Error> {
         let Some(states) = self.states else {
-            return Err(Error::argument("batch", "more states than memory has addresses", "fewer"));
+            return Err(Error::argument("batch", "more states than memory can address", "fewer states"));
         };
         let numbers = self.numbers.max(1);
         let rows = memory::bytes_of::<f64>(&[states, self.rows, numbers]);
@@ -361,7 +364,7 @@ impl Room {
     }
 }
 
-/// What a run follows.
+/// Plan of a run.
 struct Plan<'a, 'py> {
     given: &'a Given<'py>,
     batch: &'a [usize],
@@ -372,7 +375,8 @@ struct Plan<'a, 'py> {
     own: &'a PyScene,
 }
 
-/// All steps, in blocks of about the time between two reports; signals are looked at after each, and within those that take longer.
+/// Runs all steps in blocks of about the time between two reports. Signals are checked after each block, and within
+/// long ones.
 fn run<'py>(
     py: Python<'py>,
     rollout: &mut Rollout<&Scene>,
@@ -410,7 +414,7 @@ fn run<'py>(
     Ok(())
 }
 
-/// So many steps, without the GIL.
+/// Runs `steps` steps without the GIL.
 fn advanced(
     py: Python<'_>,
     rollout: &mut Rollout<&Scene>,
@@ -421,7 +425,7 @@ fn advanced(
     detached(py, || rollout.advance(steps, torque, Some(records)))?.map_err(Stopped::Fault)
 }
 
-/// The torques that the caller's function gives for the states as they are.
+/// Calls the function of the caller for the torques at the current states.
 fn asked<'py>(tau: &Object<'py>, rollout: &Rollout<&Scene>, plan: &Plan<'_, 'py>) -> PyResult<Input<'py>> {
     let py = tau.py();
     let states = rollout.states();

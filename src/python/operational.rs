@@ -15,13 +15,13 @@ use nalgebra::{Matrix3, Vector3};
 use pyo3::prelude::*;
 use pyo3::types::PyString;
 
-/// Rough times in one state, ns (see `Call::new`).
+/// Approximate times per state, ns (see `Call::new`).
 mod cost {
-    /// Of one body: filter, and covariance of the co-states.
+    /// Per body: filter, and covariance of the co-states.
     pub const BODY: usize = 200;
-    /// Of one pair of links, without the way to where they meet.
+    /// Per pair of links, without the paths to their common ancestor.
     pub const PAIR: usize = 200;
-    /// Of the eigenvalues and the inverse of a k x k matrix, over k^3.
+    /// Eigenvalues and inverse of a k x k matrix, divided by k^3.
     pub const INVERSE: usize = 20;
 }
 
@@ -111,7 +111,8 @@ impl PyScene {
     /// >>> inertia = scene.operational_inertia(scene.neutral(), "flange", directions=linear)
     /// >>> inertia.diagonal().round(1)
     /// array([ 4.3, 25.3, 39. ])
-    #[pyo3(signature = (q, links, *, xyz=None, rotation=None, directions=None, form="auto", tolerance=None, errors="raise"))]
+    #[pyo3(signature = (q, links, *, xyz=None, rotation=None, directions=None, form="auto", tolerance=None,
+                        errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn operational_inertia<'py>(
         &self,
@@ -153,9 +154,9 @@ impl PyScene {
 }
 
 impl PyScene {
-    /// Whether there is room for the matrices between the links' frames and the result.
+    /// Checks that the intermediate matrices and the result fit in memory.
     fn check_task_room(argument: &str, [rows, columns]: [usize; 2]) -> Result<(), Error> {
-        /// Matrices of that size at a time.
+        /// Number of matrices of that size at the same time.
         const AT_ONCE: usize = 6;
         memory::room(argument, memory::bytes_of::<f64>(&[rows, columns, AT_ONCE]))
     }
@@ -165,14 +166,14 @@ impl PyScene {
     }
 }
 
-/// The links of a call by name, and where on them its task frames are.
+/// Links of a call by name, and the task frames on them.
 struct Task {
     links: Vec<String>,
     offsets: Vec<RigidShift<f64>>,
 }
 
 impl Task {
-    /// Reads the arguments; names are looked up here too, since a batch can be empty.
+    /// Reads the arguments. Names are checked here too, because a batch can be empty.
     fn read(
         scene: &Scene,
         links: &Object<'_>,

@@ -1,4 +1,4 @@
-//! Methods of `Scene`: its links and joints by name, as they were given.
+//! Methods of `Scene`: links and joints by name, as they were given.
 
 use super::connection_tuple::{ConnectionTuple, connection_tuple};
 use super::contact_tuple::{ContactTuple, contact_tuple};
@@ -66,7 +66,7 @@ impl PyScene {
     fn joint<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Object<'py>> {
         match joints(&self.scene).find(|joint| joint.name == name) {
             Some(joint) => joint_parts(py, &joint),
-            // The error has the names of those that move: it is one of them that is meant, as a rule.
+            // The error lists the movable joints, because one of them is usually meant.
             None => Err(self.scene.joint(name).err().unwrap_or_else(|| missing("joint", name)).into()),
         }
     }
@@ -96,23 +96,23 @@ impl PyScene {
         Ok(all)
     }
 
-    /// The connections as they were given: what their forces act on, for pictures.
+    /// Connections as they were given, for the visualization of their forces.
     #[pyo3(name = "_connections")]
     fn connections_as_given(&self) -> Vec<ConnectionTuple> {
         self.scene.source().connections().iter().map(connection_tuple).collect()
     }
 
-    /// The contacts as they were given.
+    /// Contacts as they were given.
     #[pyo3(name = "_contacts")]
     fn contacts_as_given(&self) -> Vec<ContactTuple> {
         self.scene.source().contacts().iter().map(contact_tuple).collect()
     }
 }
 
-/// The joints as described, the free joint of a floating base first.
+/// Joint descriptions, that of the free joint of a floating base first.
 fn joints(scene: &Scene) -> impl Iterator<Item = Cow<'_, JointDescription>> {
     let source = scene.source();
-    // It is the first that was made.
+    // The free joint of a floating base is the first joint.
     let root = scene.joints().first().filter(|_| source.is_floating());
     let root = root.map(|root| Cow::Owned(source.root_joint(root.child.clone())));
     root.into_iter().chain(source.joints().iter().map(Cow::Borrowed))
@@ -126,7 +126,7 @@ fn vector<'py>(py: Python<'py>, v: &Vector3<f64>) -> PyResult<Object<'py>> {
     from_numbers(py, v.as_slice(), &[3])
 }
 
-/// The named tuple of a link, carried by that joint.
+/// Named tuple of a link that is carried by the joint `carrier`.
 fn link_parts<'py>(
     py: Python<'py>,
     link: &LinkDescription,
@@ -140,12 +140,12 @@ fn link_parts<'py>(
     imported!(py, "phipsi._results", "Link")?.call1(parts)
 }
 
-/// The parent link's name; the free joint of a floating base has none.
+/// Name of the parent link; None for the free joint of a floating base.
 fn parent_of(joint: &JointDescription) -> Option<&str> {
     Some(joint.parent.as_str()).filter(|parent| !parent.is_empty())
 }
 
-/// The named tuple of a joint: its axis as a unit vector, its spring at rest somewhere.
+/// Named tuple of a joint, with its axis as a unit vector and the rest coordinates of its spring.
 fn joint_parts<'py>(py: Python<'py>, joint: &JointDescription) -> PyResult<Object<'py>> {
     let mut told = joint.clone();
     told.axis = (joint.axis / joint.axis.amax()).normalize();

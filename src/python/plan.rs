@@ -1,4 +1,4 @@
-//! What a scene leaves out, as Python objects.
+//! The simplifications of a scene, as Python objects.
 
 use super::cost::WORTH_DETACHING;
 use super::interrupts::detached;

@@ -19,9 +19,9 @@ use crate::spatial::{RigidShift, SpatialVector};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyMapping, PyTuple};
 
-/// Rough times of one body in one state, ns (see [`Cost`]).
+/// Approximate times per body and state, ns (see [`Cost`]).
 mod cost {
-    /// Of torques, in lanes.
+    /// Inverse dynamics, vectorized.
     pub const INVERSE: usize = 120;
     /// With the factor of M.
     pub const FORWARD: usize = 250;
@@ -29,23 +29,23 @@ mod cost {
     pub const HESSIAN: usize = 2500;
 }
 
-/// Where a link is: the moving body that carries it, and its placement there.
+/// Place of a link: the moving body that carries it, and its pose on that body.
 pub(super) type Place = (Option<usize>, RigidShift<f64>);
 
-/// Gradients by the parameters of links, each in its own frame, from those of the bodies that carry them.
+/// Gradients with respect to the parameters of links, each in the link frame, from those of the bodies that carry them.
 pub(super) fn parameters_of(links: &[Place], bodies: &[Parameters<f64>]) -> impl Iterator<Item = Parameters<f64>> {
     links.iter().map(|(body, placement)| body.map_or([0.0; 10], |body| of_link(placement, &bodies[body])))
 }
 
-/// Where every link is that a joint carries, in the order of the joints.
+/// Places of the links that joints carry, in the order of the joints.
 pub(super) fn places_of_links(scene: &Scene) -> Result<Vec<Place>, Error> {
     scene.joints().iter().map(|joint| scene.link(&joint.child).map(|link| (link.body, link.placement))).collect()
 }
 
-/// q, qd and the third with its name, then a direction or a cotangent.
+/// q, qd and the third argument by name, then a direction or a cotangent.
 type Given<'a, 'py> = Vec<(&'static str, &'a Object<'py>)>;
 
-/// What a call may have been given beside these.
+/// Keywords of a call.
 struct Keywords<'a, 'py> {
     wrenches: Option<&'a Object<'py>>,
     errors: &'a str,
@@ -77,7 +77,8 @@ impl PyScene {
     /// >>> product = scene.inverse_dynamics_jvp(q, qd, qdd, dq, zero, zero)
     /// >>> np.allclose(product, scene.inverse_dynamics_derivatives(q, qd, qdd).dtau_dq @ dq)
     /// True
-    #[pyo3(signature = (q, qd, qdd, dq, dqd, dqdd, *, wrenches=None, dwrenches=None, dparameters=None, darmature=None, dgravity=None, errors="raise"))]
+    #[pyo3(signature = (q, qd, qdd, dq, dqd, dqdd, *, wrenches=None, dwrenches=None, dparameters=None, darmature=None,
+                        dgravity=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn inverse_dynamics_jvp<'py>(
         &self,
@@ -169,8 +170,8 @@ impl PyScene {
     /// >>> product = scene.forward_dynamics_jvp(q, qd, tau, zero, zero, dtau)
     /// >>> np.allclose(product, scene.mass_matrix_inverse(q) @ dtau)
     /// True
-    #[pyo3(signature = (q, qd, tau, dq, dqd, dtau, *, form="auto", tolerance=None, wrenches=None, dwrenches=None, dparameters=None, darmature=None, dgravity=None,
-                        errors="raise"))]
+    #[pyo3(signature = (q, qd, tau, dq, dqd, dtau, *, form="auto", tolerance=None, wrenches=None, dwrenches=None,
+                        dparameters=None, darmature=None, dgravity=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn forward_dynamics_jvp<'py>(
         &self,
@@ -224,7 +225,8 @@ impl PyScene {
     /// >>> gradients = scene.forward_dynamics_vjp(q, qd, tau, c)
     /// >>> np.allclose(gradients.q, c @ scene.forward_dynamics_derivatives(q, qd, tau).dqdd_dq)
     /// True
-    #[pyo3(signature = (q, qd, tau, cotangent, *, form="auto", tolerance=None, wrenches=None, parameters=false, errors="raise"))]
+    #[pyo3(signature = (q, qd, tau, cotangent, *, form="auto", tolerance=None, wrenches=None, parameters=false,
+                        errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn forward_dynamics_vjp<'py>(
         &self,
@@ -321,7 +323,8 @@ impl PyScene {
     /// >>> product = scene.forward_dynamics_hvp(q, qd, tau, c, zero, zero, dtau)
     /// >>> np.allclose(product.tau, 0.0)     # qdd is linear in tau
     /// True
-    #[pyo3(signature = (q, qd, tau, cotangent, dq, dqd, dtau, *, form="auto", tolerance=None, wrenches=None, errors="raise"))]
+    #[pyo3(signature = (q, qd, tau, cotangent, dq, dqd, dtau, *, form="auto", tolerance=None, wrenches=None,
+                        errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn forward_dynamics_hvp<'py>(
         &self,
@@ -348,7 +351,7 @@ impl PyScene {
 }
 
 impl PyScene {
-    /// A call with these arguments, of so many ns a body.
+    /// Creates a call with these arguments, of `body` ns per body.
     fn product_call<'a, 'py>(
         &'a self,
         which: Products,
@@ -364,7 +367,7 @@ impl PyScene {
         Ok(call.with(errors).accepting(keywords.tolerance))
     }
 
-    /// A product along a direction, of what is constant too where any of that changes.
+    /// Directional derivative, including changes of constants.
     fn along<'py>(
         &self,
         py: Python<'py>,
@@ -401,7 +404,7 @@ impl PyScene {
         Ok(output.finish().into_any())
     }
 
-    /// Gradients, those by what is constant for links from those for the bodies that carry them.
+    /// Gradients; those with respect to constants of links follow from those of the bodies that carry them.
     fn gradients<'py>(
         &self,
         (py, class): (Python<'py>, &Object<'py>),
@@ -414,7 +417,7 @@ impl PyScene {
             Some(Ok(mapping)) => {
                 items("wrenches", mapping, "names of links")?.into_iter().map(|(name, _)| name).collect()
             }
-            // Refused with the other arguments.
+            // Invalid shapes are reported with the other arguments.
             _ => Vec::new(),
         };
         let body = if which.form().is_some() { cost::FORWARD } else { cost::INVERSE };
@@ -451,7 +454,7 @@ impl PyScene {
         call.parts((py, class), results.numbers()?, &shapes, &names)
     }
 
-    /// A Hessian times a direction, one state at a time.
+    /// Hessian times a direction, one state at a time.
     fn hessian<'py>(
         &self,
         (py, class): (Python<'py>, &Object<'py>),
@@ -477,22 +480,22 @@ impl PyScene {
     }
 }
 
-/// Something constant that changes along a direction.
+/// Constant of the scene or the call that changes along a direction.
 enum Constant {
-    /// A wrench on a link.
+    /// Wrench on a link.
     Wrench(Place),
-    /// The inertial parameters of all links.
+    /// Inertial parameters of all links.
     Parameters,
     Armature,
     Gravity,
 }
 
-/// Of wrenches, parameters, armature and gravity.
+/// Changes of wrenches, parameters, armature and gravity.
 type Changes<'a, 'py> =
     (Option<&'a Object<'py>>, Option<&'a Object<'py>>, Option<&'a Object<'py>>, Option<&'a Object<'py>>);
 
 impl Constant {
-    /// What of them was given, with its numbers.
+    /// Reads the changes that are given.
     fn read<'py>(scene: &Scene, given: Changes<'_, 'py>) -> PyResult<Vec<(Input<'py>, Self)>> {
         let (wrenches, parameters, armature, gravity) = given;
         let mut read = Vec::new();
@@ -512,7 +515,7 @@ impl Constant {
         Ok(read)
     }
 
-    /// Adds the change of these numbers to those of bodies.
+    /// Adds a change to the changes of bodies.
     fn change(&self, numbers: &[f64], changes: &mut ConstantParts<'_, f64>, links: &[Place]) -> Result<(), Error> {
         match self {
             Self::Wrench((body, placement)) => {
@@ -539,7 +542,7 @@ impl Constant {
     }
 }
 
-/// The links that gradients are asked for, and whether their parameters, armature and gravity are.
+/// Links of the requested gradients, and whether those of parameters, armature and gravity are requested.
 struct Links<'a> {
     wrenched: &'a [Place],
     moving: &'a [Place],
@@ -547,7 +550,8 @@ struct Links<'a> {
 }
 
 impl Links<'_> {
-    /// All gradients of one state, from those of bodies: of the state, of wrenches in their links' frames, then of the links' parameters, armature and gravity.
+    /// Writes all gradients of one state from those of bodies: state, wrenches in their link frames, parameters of the
+    /// links, armature and gravity.
     fn gradients(&self, bodies: &GradientParts<'_, f64>, out: &mut [f64]) {
         let (of_state, rest) = out.split_at_mut(bodies.state.len());
         let (of_wrenches, rest) = rest.split_at_mut(6 * self.wrenched.len());
@@ -570,7 +574,8 @@ impl Links<'_> {
 }
 
 impl<'py> Call<'_, 'py> {
-    /// The named tuple of gradients: three of the state, then a dict of those of wrenches with these names, then what else there is; None for what there is not.
+    /// Creates the named tuple of gradients: three of the state, a dict of those of the wrenches, then the others; None
+    /// for those not requested.
     fn parts(
         &self,
         (py, class): (Python<'py>, &Object<'py>),

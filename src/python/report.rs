@@ -1,4 +1,4 @@
-//! What the report measures: residuals, reference, error and time of each method, growth.
+//! Measurements of the report: residuals, reference, error and time of each method, growth.
 
 use super::choice::{Precise, choose, read_precision};
 use super::counts::count;
@@ -37,7 +37,7 @@ impl PyReference {
     }
 }
 
-/// The arguments of a set of states: q (n, nq), qd and tau (n, nv).
+/// Arguments of a set of states: q (n, nq), qd and tau (n, nv).
 struct Arguments<'py> {
     q: Input<'py>,
     qd: Input<'py>,

@@ -41,7 +41,7 @@ impl PyScene {
     /// form, tolerance, limits, restitution
     ///     As given to simulate.
     /// parameters : bool, default False
-    ///     Whether to compute the gradients with respect to inertial parameters too.
+    ///     If true, compute the gradients with respect to inertial parameters too.
     ///
     /// Returns
     /// -------
@@ -66,12 +66,14 @@ impl PyScene {
     /// >>> gradients = scene.simulate_vjp(path.q, path.qd, last, np.zeros_like(last), **keywords)
     /// >>> np.isclose(gradients.q[0], 1.0)     # the first joint is vertical
     /// np.True_
-    #[pyo3(signature = (q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, method="auto", record_every=None,
-                        pd=None, armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=None,
-                        form="auto", tolerance=None, parameters=false, limits=None, restitution=0.0),
-           text_signature = "($self, q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, method='auto', \
-                             record_every=1, pd=None, armature=None, damping=None, stiffness=None, rest=None, friction=None, \
-                             friction_speed=None, form='auto', tolerance=None, parameters=False, limits=None, restitution=0.0)")]
+    #[pyo3(signature = (q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, method="auto",
+                        record_every=None, pd=None, armature=None, damping=None, stiffness=None, rest=None,
+                        friction=None, friction_speed=None, form="auto", tolerance=None, parameters=false,
+                        limits=None, restitution=0.0),
+           text_signature = "($self, q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, \
+                             method='auto', record_every=1, pd=None, armature=None, damping=None, stiffness=None, \
+                             rest=None, friction=None, friction_speed=None, form='auto', tolerance=None, \
+                             parameters=False, limits=None, restitution=0.0)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulate_vjp<'py>(
         slf: &Bound<'py, Self>,
@@ -128,8 +130,8 @@ impl PyScene {
         let (mut settings, pd) = keywords.read(own)?;
         let given = Given::read(tau, tau_steps, steps, own)?;
         if matches!(given, Given::Function(_)) {
-            let expected = "arrays: what the function gave, as tau_steps";
-            return Err(Error::argument("tau", "a function, whose gradients are not known", expected).into());
+            let expected = "an array; the torques of a function can be given as tau_steps";
+            return Err(Error::argument("tau", "a function, which has no known gradients", expected).into());
         }
         let inputs = [
             Input::table("q", q, rows, own.coordinates())?,
@@ -147,7 +149,7 @@ impl PyScene {
         }
         let batch = broadcast_axes(axes)?;
         let Some(states) = entries(&batch) else {
-            return Err(Error::argument("batch", "more states than memory has addresses", "fewer").into());
+            return Err(Error::argument("batch", "more states than memory can address", "fewer states").into());
         };
         memory::room("q", memory::bytes_of::<f64>(&[states, rows, nq + 3 * nv]))?;
         if let Some(pd) = pd {
@@ -171,7 +173,7 @@ impl PyScene {
     }
 }
 
-/// Where gradients go.
+/// Memory of the gradients.
 struct Output<'a, 'py> {
     py: Python<'py>,
     batch: &'a [usize],
@@ -183,7 +185,7 @@ impl<'py> Output<'_, 'py> {
         asked_by(self.py, "q", from_numbers(self.py, numbers, &[self.batch, own].concat()))
     }
 
-    /// The named tuple; torques of steps, parameters of links.
+    /// Creates the named tuple, with the torques of steps and the parameters of links if requested.
     fn tuple(&self, found: &RolloutGradients, steps: Option<usize>, links: Option<&[Place]>) -> PyResult<Object<'py>> {
         let torque = steps.map_or_else(|| vec![self.nv], |steps| vec![steps, self.nv]);
         let of_rows = [&found.armature, &found.damping, &found.stiffness, &found.friction];

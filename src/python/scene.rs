@@ -1,4 +1,4 @@
-//! The class `Scene`: where it comes from, its names, and its place among Python objects.
+//! The class `Scene`: its sources, its names, and its behavior as a Python object.
 
 use super::axis::Axis;
 use super::choice::{names, read_mimic};
@@ -67,11 +67,11 @@ impl PyScene {
         Self { scene, pool: Pool::default() }
     }
 
-    /// Whether there is room for what the threads of a batch compute in, where that is large.
+    /// Checks that the workspaces of the threads of a batch fit in memory, if they are large.
     pub(super) fn check_scratch(&self, states: usize) -> Result<(), Error> {
-        /// About what a thread needs for a body, in bytes, lanes included.
+        /// Approximate size of the workspace of a thread per body, in bytes, including lanes.
         const A_BODY: usize = 10_000;
-        /// The rest of a process takes more than the scratch of so many bodies.
+        /// Below this number of bodies, workspaces are smaller than the rest of a process.
         const MANY: usize = 5_000;
         let bodies = self.scene.model().bodies.len();
         if bodies < MANY {
@@ -81,17 +81,17 @@ impl PyScene {
         memory::room("scene", memory::bytes_of::<[u8; A_BODY]>(&[bodies, threads]))
     }
 
-    /// What the entries of q, and of a result like it, belong to.
+    /// Meaning of the entries of q.
     pub(super) fn coordinates(&self) -> Axis<'_> {
         Axis::Coordinates(&self.scene)
     }
 
-    /// What the entries of qd, qdd and tau belong to.
+    /// Meaning of the entries of qd, qdd and tau.
     pub(super) fn rates(&self) -> Axis<'_> {
         Axis::Rates(&self.scene)
     }
 
-    /// Number of moving bodies, at least one: what the time of a call is counted in.
+    /// Number of moving bodies, at least one, for the estimate of the time of a call.
     pub(super) fn size(&self) -> usize {
         self.scene.model().bodies.len().max(1)
     }
@@ -106,12 +106,12 @@ impl PyScene {
     /// source : str or os.PathLike
     ///     Path, or the XML text: a str that starts with "<" after white space.
     /// floating_base : bool, default False
-    ///     Whether to add a free joint below the root link: joint_names[0], "root_joint", with "_" appended if the file
+    ///     If true, add a free joint below the root link: joint_names[0], "root_joint", with "_" appended if the file
     ///     has that name.
     /// gravity : (3,) array_like, default (0, 0, -9.81)
     ///     Gravity in the base frame, m/s^2.
     /// strict : bool, default False
-    ///     Whether to raise instead of warning, except for mimic joints whose source exists.
+    ///     If true, raise instead of warning, except for mimic joints whose source exists.
     #[doc = entries!(leave_out)]
     /// mimic : {"free", "couple"}, default "free"
     ///     "couple": joints with <mimic> follow the joint that they name and have no coordinates of their own; q, tau
@@ -152,7 +152,8 @@ impl PyScene {
     /// (('root_joint', 'joint1'), 12)
     #[staticmethod]
     #[pyo3(signature = (source, *, floating_base=false, gravity=None, strict=false, leave_out=None, mimic="free"),
-           text_signature = "(source, *, floating_base=False, gravity=(0, 0, -9.81), strict=False, leave_out=None, mimic='free')")]
+           text_signature = "(source, *, floating_base=False, gravity=(0, 0, -9.81), strict=False, leave_out=None, \
+                             mimic='free')")]
     fn from_urdf(
         py: Python<'_>,
         source: &Object<'_>,
@@ -187,7 +188,7 @@ impl PyScene {
     /// gravity : (3,) array_like, optional
     ///     Gravity in the base frame, m/s^2; by default that of the model.
     /// strict : bool, default False
-    ///     Whether to raise instead of warning.
+    ///     If true, raise instead of warning.
     #[doc = entries!(leave_out)]
     /// ignore : collection of str, optional
     ///     Parts of the model to omit without a warning: "actuators" (armature and damping of those that do not act on
@@ -264,7 +265,7 @@ impl PyScene {
     /// gravity : (3,) array_like, optional
     ///     Gravity in the base frame, m/s^2; by default that of the model.
     /// strict : bool, default False
-    ///     Whether unphysical inertias raise instead of warning.
+    ///     If true, unphysical inertias raise instead of warning.
     #[doc = entries!(leave_out)]
     ///
     /// Returns
@@ -491,7 +492,7 @@ impl PyScene {
     /// title : str, optional
     ///     Title of the panel.
     /// browser : bool, default True
-    ///     Whether to open a browser.
+    ///     If true, open a browser.
     ///
     /// Returns
     /// -------
@@ -515,7 +516,8 @@ impl PyScene {
     /// >>> viewer = scene.show(scene.neutral(), browser=False)
     /// >>> viewer.close()
     #[pyo3(signature = (motion=None, **how),
-           text_signature = "($self, motion=None, *, t=None, forces=None, urdf=None, to=None, port=0, title=None, browser=True)")]
+           text_signature = "($self, motion=None, *, t=None, forces=None, urdf=None, to=None, port=0, title=None, \
+                             browser=True)")]
     fn show<'py>(
         slf: &Bound<'py, Self>,
         motion: Option<&Object<'py>>,
@@ -533,12 +535,12 @@ impl PyScene {
         Ok((rebuild, (Description::of(slf.get().scene.source())?,)))
     }
 
-    /// The scene itself: it cannot change.
+    /// The scene itself, because it is immutable.
     fn __copy__(slf: Py<Self>) -> Py<Self> {
         slf
     }
 
-    /// The scene itself: it cannot change.
+    /// The scene itself, because it is immutable.
     #[pyo3(signature = (memo, /))]
     fn __deepcopy__(slf: Py<Self>, memo: &Object<'_>) -> Py<Self> {
         let _ = memo;
@@ -546,7 +548,7 @@ impl PyScene {
     }
 }
 
-/// Where a scene comes from.
+/// Source of a scene.
 enum Source {
     Text(String),
     File(PathBuf),
@@ -557,7 +559,7 @@ impl Source {
         if let Ok(text) = source.extract::<std::borrow::Cow<'_, str>>()
             && text.trim_start_matches('\u{feff}').trim_start().starts_with('<')
         {
-            // Whole, so that lines are counted as the user counts them.
+            // The text is not stripped, so that line numbers in messages are those of the user.
             return Ok(Self::Text(text.into_owned()));
         }
         if let Ok(path) = source.extract::<PathBuf>() {
@@ -572,7 +574,8 @@ fn slice<'py>(py: Python<'py>, range: &std::ops::Range<usize>) -> PyResult<Bound
     Ok(PySlice::new(py, isize::try_from(range.start)?, isize::try_from(range.end)?, 1))
 }
 
-/// Builds a scene from what Scene.__reduce__ gave; without warnings, which the first building issued.
+/// Rebuilds a scene from the result of Scene.__reduce__, without the warnings, which were issued when it was first
+/// built.
 #[pyfunction]
 #[pyo3(name = "_rebuild_scene", signature = (description, /))]
 pub(super) fn rebuild_scene(py: Python<'_>, description: &Object<'_>) -> PyResult<PyScene> {
@@ -580,7 +583,8 @@ pub(super) fn rebuild_scene(py: Python<'_>, description: &Object<'_>) -> PyResul
     Ok(PyScene::new(detached_checked(py, || description.builder()?.build())?))
 }
 
-/// An argument of a method written in Python as float64, of any shape: its last axis of q's entries or qd's where a scene is given.
+/// Reads an argument of a method written in Python as float64, of any shape; with a scene, the last axis has the
+/// entries of q or qd.
 #[pyfunction]
 #[pyo3(name = "_numbers", signature = (name, value, scene=None, coordinates=false, /))]
 pub(super) fn numbers<'py>(

@@ -1,4 +1,4 @@
-//! The scenes that ship with the library, for `phipsi.scenes`.
+//! The scenes of the library, for `phipsi.scenes`.
 
 use super::counts::{count, number};
 use super::interrupts::detached_checked;

@@ -1,4 +1,4 @@
-//! The class `Simulator`: states that go on call by call, with scratch of their own.
+//! The class `Simulator`: states that are advanced call by call, with their own workspaces.
 
 use super::contacts::{OF_CONTACT, contact_motion, reports};
 use super::control::{Pd, everyone};
@@ -27,7 +27,7 @@ use std::borrow::Borrow;
 use std::sync::{Mutex, MutexGuard, TryLockError};
 use std::time::Instant;
 
-/// How many steps, as given.
+/// Number of steps, as given.
 #[derive(Clone, Copy)]
 struct Steps(usize);
 
@@ -39,7 +39,7 @@ impl<'py> FromPyObject<'_, 'py> for Steps {
     }
 }
 
-/// The scene of a simulator, whose Python object it keeps alive.
+/// The scene of a simulator, as a reference to its Python object.
 pub(super) struct Held(Py<PyScene>);
 
 impl Borrow<Scene> for Held {
@@ -48,7 +48,7 @@ impl Borrow<Scene> for Held {
     }
 }
 
-/// What a state has of configurations, or of rates.
+/// Accessor of the configuration or the joint velocities of a state.
 type Part = for<'a> fn(&'a Simulator<Held>, usize) -> &'a [f64];
 
 const CONFIGURATION: Part = |moving, state| moving.state(state).0;
@@ -77,7 +77,7 @@ pub(crate) struct PySimulator {
     dt: f64,
     method: Method,
     conserve_momentum: bool,
-    /// Nobody waits for it: who finds it taken is refused.
+    /// The lock never blocks: a call that finds it taken raises.
     moving: Mutex<Simulator<Held>>,
 }
 
@@ -111,12 +111,14 @@ impl PyScene {
     /// >>> simulator.step(steps=10)
     /// >>> simulator.steps
     /// 10
-    #[pyo3(signature = (q, qd=None, *, dt, method=None, pd=None, armature=None, damping=None, stiffness=None, rest=None,
-                        friction=None, friction_speed=None, form="auto", tolerance=None, conserve_momentum=false, baumgarte=None, compliance=None, limits=None,
-                        restitution=0.0, accuracy=None),
-           text_signature = "($self, q, qd=None, *, dt, method='auto', pd=None, armature=None, damping=None, stiffness=None, \
-                             rest=None, friction=None, friction_speed=None, form='auto', tolerance=None, conserve_momentum=False, baumgarte=None, compliance=None, \
-                             limits=None, restitution=0.0, accuracy=None)")]
+    #[pyo3(signature = (q, qd=None, *, dt, method=None, pd=None, armature=None, damping=None, stiffness=None,
+                        rest=None, friction=None, friction_speed=None, form="auto", tolerance=None,
+                        conserve_momentum=false, baumgarte=None, compliance=None, limits=None, restitution=0.0,
+                        accuracy=None),
+           text_signature = "($self, q, qd=None, *, dt, method='auto', pd=None, armature=None, damping=None, \
+                             stiffness=None, rest=None, friction=None, friction_speed=None, form='auto', \
+                             tolerance=None, conserve_momentum=False, baumgarte=None, compliance=None, limits=None, \
+                             restitution=0.0, accuracy=None)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulator<'py>(
         slf: &Bound<'py, Self>,
@@ -185,7 +187,7 @@ impl PyScene {
 }
 
 impl PyScene {
-    /// A state as given, rates or zero, as the tree has it.
+    /// Reads a state, with joint velocities or zero, and converts it to the tree.
     fn state_of_tree<'py>(
         &self,
         py: Python<'py>,
@@ -196,26 +198,26 @@ impl PyScene {
         Ok([q, self.on_tree(py, self.rates_or_rest(py, qd)?, Coupling::rates)?])
     }
 
-    /// Rates as given, or zero.
+    /// Reads joint velocities, or returns zero.
     fn rates_or_rest<'py>(&self, py: Python<'py>, qd: Option<&Object<'py>>) -> PyResult<Input<'py>> {
         qd.map_or_else(|| Input::filled(py, "qd", 0.0, self.scene.nv()), |qd| self.rate("qd", qd))
     }
 }
 
 impl PySimulator {
-    /// The states, for one call.
+    /// Locks the states for one call.
     pub(super) fn moving(&self) -> Result<MutexGuard<'_, Simulator<Held>>, Error> {
         match self.moving.try_lock() {
             Ok(moving) => Ok(moving),
             Err(TryLockError::Poisoned(poisoned)) => Ok(poisoned.into_inner()),
             Err(TryLockError::WouldBlock) => {
-                let expected = "one call at a time; copy.copy(simulator) gives each thread its own";
-                Err(Error::argument("simulator", "another call on it that is under way", expected))
+                let expected = "one call at a time; copy.copy(simulator) creates an independent one";
+                Err(Error::argument("simulator", "a call during another call on the same simulator", expected))
             }
         }
     }
 
-    /// One array of every state, (..., width), with these axes between.
+    /// Array of one part of every state, with the given axes between batch and width.
     fn of_all<'py>(
         &self,
         py: Python<'py>,
@@ -233,7 +235,7 @@ impl PySimulator {
         own.of_scene(output.finish().into_any(), is_rate)
     }
 
-    /// Makes the steps; long ones without the GIL, in blocks between which signals are looked at.
+    /// Advances all states; long runs release the GIL and check for signals between blocks.
     fn advance(&self, py: Python<'_>, torque: &Torque<'_>, steps: usize) -> PyResult<()> {
         let mut moving = self.moving()?;
         let moving = &mut *moving;
@@ -249,7 +251,7 @@ impl PySimulator {
         Err(stopped.raise(py, &now, &self.batch)?)
     }
 
-    /// The contacts of all states now, with these axes between; none without.
+    /// Current contacts of all states, with the given axes after the batch; None without contacts.
     fn contacts_now<'py>(
         &self,
         py: Python<'py>,
@@ -266,7 +268,7 @@ impl PySimulator {
         contact_motion(self.scene.bind(py), rows, told).map(Some)
     }
 
-    /// The states now as a trajectory of one row.
+    /// Current states as a trajectory of one row.
     fn now<'py>(&self, py: Python<'py>, moving: &Simulator<Held>) -> PyResult<Object<'py>> {
         let fields = about(self.scene.bind(py), &moving.settings())?;
         fields.set_item("steps", moving.steps())?;
@@ -285,7 +287,7 @@ impl PySimulator {
     }
 }
 
-/// All steps, in blocks that take about as long as signals may wait.
+/// Runs all steps in blocks of about the time between two checks for signals.
 fn in_blocks(py: Python<'_>, moving: &mut Simulator<Held>, torque: &Torque<'_>, steps: usize) -> Result<(), Stopped> {
     let mut blocks = Blocks::new();
     let end = moving.steps() + steps;
@@ -333,7 +335,7 @@ impl PySimulator {
         let Some(tau) = tau else { return self.advance(py, &Torque::Zero, steps) };
         let own = self.scene.get();
         let nv = own.scene.nv();
-        // The shortest way, of one torque in a plain array.
+        // The shortest path, for one torque in a plain array.
         if let Some((numbers, _)) = plain(tau, nv).filter(|_| own.scene.coupling().is_none()) {
             check_finite("tau", &numbers)?;
             return self.advance(py, &Torque::Constant(Broadcast::new("tau", &numbers, nv, &[], &self.batch)?), steps);
@@ -397,7 +399,7 @@ impl PySimulator {
         };
         outcome.map_err(|error| fault(py, error, &self.batch))?;
         let warning = guard.limit_warning(chosen.iter().copied());
-        // A handler of warnings can call the simulator.
+        // The lock is released first, because a handler of warnings can call the simulator.
         drop(guard);
         warn_of_limits(py, warning)
     }
@@ -502,17 +504,17 @@ impl PySimulator {
     }
 }
 
-/// Resets of fewer numbers keep the GIL.
+/// Resets of fewer values keep the GIL.
 const RESET_AT_ONCE: usize = 1_000;
 
 impl PySimulator {
-    /// How many numbers a state has.
+    /// Number of values per state.
     fn width(&self) -> usize {
         let scene = &self.scene.get().scene;
         scene.nq() + scene.nv()
     }
 
-    /// The indices of all states.
+    /// Indices of all states.
     fn every(&self) -> Result<Vec<usize>, Error> {
         let states = self.batch.iter().product();
         let mut every = memory::with_capacity("states", states)?;
@@ -520,7 +522,7 @@ impl PySimulator {
         Ok(every)
     }
 
-    /// The axes and the indices of what `states` selects.
+    /// Axes and indices of the states that `states` selects.
     fn chosen(&self, states: &Object<'_>) -> PyResult<(Vec<usize>, Vec<usize>)> {
         let py = states.py();
         let found = imported!(py, "phipsi._arguments", "states_of")?.call1((states, PyTuple::new(py, &self.batch)?))?;

@@ -1,4 +1,4 @@
-//! Exact answers, their sensitivity, and the error and time of each method on one state.
+//! Exact results, their sensitivity, and the error and time of each method on one state.
 
 use super::choice::{Precise, choose, read_precision};
 use super::counts::{count, count_or, number};
@@ -15,7 +15,7 @@ use crate::scalar::{DoubleDouble, Real};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-/// A difference in two norms: the largest over the largest number, and each over its own.
+/// A difference in two norms: the max-norm, and each component relative to its own size.
 type Norms<'py> = (f64, Object<'py>);
 
 /// Quantity of one state in double-double arithmetic, and errors measured against it.

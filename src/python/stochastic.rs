@@ -43,7 +43,7 @@ impl PyRandomModel {
     }
 }
 
-/// The model of what RandomModel.__reduce__ gave.
+/// Rebuilds a model from the result of RandomModel.__reduce__.
 #[pyfunction]
 #[pyo3(name = "_rebuild_random_model", signature = (scene, q, qd, acceleration_variance, /))]
 pub(super) fn rebuild_random_model(
@@ -227,7 +227,8 @@ impl PyRandomModel {
     /// >>> bool((estimate.low <= estimate.high).all())
     /// True
     #[pyo3(signature = (samples=None, *, seed=None, method="monte-carlo", confidence=0.95, replicates=None),
-           text_signature = "($self, samples=None, *, seed=None, method='monte-carlo', confidence=0.95, replicates=8)")]
+           text_signature = "($self, samples=None, *, seed=None, method='monte-carlo', confidence=0.95, \
+                             replicates=8)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn mass_matrix<'py>(
         &self,
@@ -263,18 +264,18 @@ impl PyRandomModel {
         to_python(py, &estimate, self.model.nv(), confidence)
     }
 
-    /// What the model is made of.
+    /// Arguments of the model.
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Object<'py>, Remade)> {
         let rebuild = py.import("phipsi._core")?.getattr("_rebuild_random_model")?;
         Ok((rebuild, (self.scene.clone_ref(py), self.q.clone(), self.qd.clone(), self.acceleration_variance)))
     }
 
-    /// The model itself: it cannot change.
+    /// The model itself, because it is immutable.
     fn __copy__(slf: Py<Self>) -> Py<Self> {
         slf
     }
 
-    /// The model itself: it cannot change.
+    /// The model itself, because it is immutable.
     #[pyo3(signature = (memo, /))]
     fn __deepcopy__(slf: Py<Self>, memo: &Object<'_>) -> Py<Self> {
         let _ = memo;
@@ -286,10 +287,10 @@ impl PyRandomModel {
     }
 }
 
-/// What a model is made of: scene, q, qd, acceleration variance.
+/// Arguments of a model: scene, q, qd, acceleration variance.
 type Remade = (Py<PyScene>, Vec<f64>, Option<Vec<f64>>, f64);
 
-/// The named tuple of an estimate.
+/// Named tuple of an estimate.
 fn to_python<'py>(py: Python<'py>, estimate: &MassEstimate, nv: usize, confidence: f64) -> PyResult<Object<'py>> {
     let class = imported!(py, "phipsi._results", "MassEstimate")?;
     let matrix = |numbers: &[f64]| from_numbers(py, numbers, &[nv, nv]);
@@ -303,17 +304,22 @@ fn to_python<'py>(py: Python<'py>, estimate: &MassEstimate, nv: usize, confidenc
     }
 }
 
-/// The generator and the numbers of the samples asked for.
+/// Generator and numbers of the requested samples.
 fn points_of(samples: &Object<'_>, seed: &Object<'_>, first: Option<&Object<'_>>) -> PyResult<(Points, Range<u64>)> {
     let samples = count("samples", samples, 1)? as u64;
     let first = first.map_or(Ok(0), |first| number("first", first))?;
     let Some(end) = first.checked_add(samples) else {
-        return Err(Error::argument("first", first.to_string(), "samples that are numbered below 2^64").into());
+        return Err(Error::argument(
+            "first",
+            first.to_string(),
+            "a number of the first sample such that all are below 2^64",
+        )
+        .into());
     };
     Ok((Points::random(number("seed", seed)?), first..end))
 }
 
-/// More than that nobody waits for.
+/// Checks an upper bound far beyond any practical number of samples.
 fn at_most(name: &str, count: usize) -> Result<usize, Error> {
     const MOST: usize = 1 << 40;
     if count > MOST { Err(Error::argument(name, count.to_string(), "at most 2^40")) } else { Ok(count) }

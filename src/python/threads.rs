@@ -1,4 +1,4 @@
-//! How many threads batches use.
+//! Number of threads for batches.
 
 use super::object::Object;
 use crate::batch;
@@ -36,7 +36,7 @@ pub(super) fn set_num_threads(py: Python<'_>, threads: Option<&Object<'_>>) -> P
         None => 0,
         Some(given) => {
             let number = if given.is_instance_of::<PyBool>() { None } else { given.extract::<usize>().ok() };
-            let expected = "a whole number, 0 or None for those of the machine";
+            let expected = "a whole number, or None or 0 for the default";
             number.ok_or_else(|| Error::argument("threads", given.to_string(), expected))?
         }
     };
