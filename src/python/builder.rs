@@ -21,9 +21,7 @@ const ASYMMETRY: f64 = 1e-9;
 ///
 /// Every method that adds a part returns the builder, so calls can be chained. Builders can be pickled and copied;
 /// a copy is independent.
-///
-/// Examples
-/// --------
+#[doc = section!(Examples)]
 /// >>> import phipsi
 /// >>> builder = phipsi.SceneBuilder().link("base").link("rod", mass=1.0, com=(0, 0, -0.5))
 /// >>> scene = builder.joint("hinge", "revolute", "base", "rod", axis=(0, 1, 0)).build()
@@ -42,9 +40,7 @@ impl PySceneBuilder {
     }
 
     /// Add a link.
-    ///
-    /// Parameters
-    /// ----------
+    #[doc = section!(Parameters)]
     /// name : str
     ///     Name of the link.
     /// mass : float, default 0
@@ -53,16 +49,11 @@ impl PySceneBuilder {
     ///     Center of mass in the link frame, m.
     /// inertia : (3, 3) array_like, optional
     ///     Inertia about the center of mass, with axes parallel to the link frame, kg m^2. None: a point mass.
-    ///
     #[doc = returns!(builder)]
-    ///
-    /// Raises
-    /// ------
+    #[doc = section!(Raises)]
     /// ShapeError, ArgumentError
     ///     Invalid com or inertia. The message names the link; build() checks the rest.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> builder = phipsi.SceneBuilder().link("base").link("ball", mass=2.0)
     /// >>> builder.joint("free", "floating", "base", "ball").build().total_mass
     /// 2.0
@@ -82,9 +73,7 @@ impl PySceneBuilder {
     }
 
     /// Add a joint. The links that it names may be added later.
-    ///
-    /// Parameters
-    /// ----------
+    #[doc = section!(Parameters)]
     /// name : str
     ///     Name of the joint.
     /// type : str
@@ -127,18 +116,13 @@ impl PySceneBuilder {
     ///     Factor of the coordinate of that joint.
     /// mimic_offset : float, default 0
     ///     Offset that is added, rad or m.
-    ///
     #[doc = returns!(builder)]
-    ///
-    /// Raises
-    /// ------
+    #[doc = section!(Raises)]
     /// SceneError
     ///     An unknown type, or a screw joint without a pitch.
     /// ShapeError, ArgumentError
     ///     Invalid arrays. The message names the joint; build() checks the rest.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> builder = phipsi.SceneBuilder().link("base").link("slider", mass=2.0)
     /// >>> scene = builder.joint("rail", "prismatic", "base", "slider", axis=(1, 0, 0), upper=0.5).build()
     /// >>> scene.limits.upper
@@ -210,9 +194,7 @@ impl PySceneBuilder {
     }
 
     /// Check all parts and create the Scene. The builder can be used again.
-    ///
-    /// Parameters
-    /// ----------
+    #[doc = section!(Parameters)]
     /// floating_base : bool, optional
     ///     If true, add a free joint below the root link, as in Scene.from_urdf.
     /// gravity : (3,) array_like, optional
@@ -227,35 +209,25 @@ impl PySceneBuilder {
     ///     Rows of connections that are dependent within it count as dependent, with a LinkageWarning at the first call
     ///     that finds one (see Scene.project). Default: 3e-5, or 5e-3, 2e-3 or 2e-4 for a URDF whose angles have two,
     ///     three or four decimals. With strict=True, only rows that are dependent within rounding count.
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// scene : Scene
     ///     The scene.
-    ///
-    /// Raises
-    /// ------
+    #[doc = section!(Raises)]
     /// SceneError
     ///     No link, duplicate names, an unknown parent or child, two parents, two roots, a cycle, an axis of length
     ///     zero, non-finite numbers, negative mass, armature, damping or friction, lower above upper, a floating base
     ///     of a floating robot, or connections and contacts that name unknown or unsuitable parts. The message names
     ///     the part.
     #[doc = entries!(arguments)]
-    ///
-    /// Warns
-    /// -----
+    #[doc = section!(Warns)]
     /// InertiaWarning
     ///     An inertia that no rigid body can have.
     /// MimicWarning
     ///     A mimic joint that is independent.
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// None means the value of the builder: a fixed base, gravity (0, 0, -9.81), strict=False, all simplifications and
     /// mimic="free" in a new builder; the values of the scene in a builder from Scene.to_builder.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> builder = phipsi.SceneBuilder().link("base", mass=1.0)
     /// >>> scene = builder.build(floating_base=True, gravity=(0, 0, 0))
     /// >>> scene.nv

@@ -22,26 +22,17 @@ impl PyScene {
     }
 
     /// Center of mass of all moving links, in the base frame.
-    ///
     #[doc = parameters!(q errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// c : (..., 3) ndarray
     ///     Center of mass, m, from the origin of the base frame.
-    ///
-    /// Raises
-    /// ------
+    #[doc = section!(Raises)]
     /// ArgumentError
     ///     A scene whose moving links have no mass.
     #[doc = entries!(arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// O(N). Links fixed to the base are excluded.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
     /// >>> scene.center_of_mass(scene.neutral()).round(3)
     /// array([0.113, 0.147, 0.023])
@@ -53,18 +44,12 @@ impl PyScene {
     }
 
     /// Velocity of the center of mass in the base frame: linear momentum divided by mass, in O(N).
-    ///
     #[doc = parameters!(q qd errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// v : (..., 3) ndarray
     ///     Velocity, m/s.
-    ///
     #[doc = raises!(arguments)]
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> q, qd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2]
     /// >>> np.allclose(scene.center_of_mass_velocity(q, qd), scene.center_of_mass_jacobian(q) @ qd)
@@ -83,18 +68,12 @@ impl PyScene {
     }
 
     /// Acceleration of the center of mass in the base frame for joint accelerations qdd, without gravity, in O(N).
-    ///
     #[doc = parameters!(q qd qdd errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// a : (..., 3) ndarray
     ///     Acceleration, m/s^2. Multiplied by total_mass, it is the sum of the external forces, weight included.
-    ///
     #[doc = raises!(arguments)]
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> q, still = [0.3, 0.2, 0.1], np.zeros(3)
     /// >>> a = scene.center_of_mass_acceleration(q, still, [1.0, 0.0, 0.0])
@@ -115,22 +94,14 @@ impl PyScene {
     }
 
     /// Jacobian J of the center of mass: its velocity in the base frame is J qd.
-    ///
     #[doc = parameters!(q errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// J : (..., 3, nv) ndarray
     ///     Jacobian, m or 1: the linear rows of centroidal_momentum_matrix divided by the mass.
-    ///
     #[doc = raises!(arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// O(N).
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> phipsi.scenes.chain(3).center_of_mass_jacobian([0.3, 0.2, 0.1]).shape
     /// (3, 3)
     #[pyo3(signature = (q, *, errors="raise"))]
@@ -141,23 +112,15 @@ impl PyScene {
     }
 
     /// Centroidal momentum matrix A: the momentum (angular about the center of mass, linear) in the base frame is A qd.
-    ///
     #[doc = parameters!(q errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// A : (..., 6, nv) ndarray
     ///     Matrix in SI units; angular rows first. Pinocchio's Ag has the linear rows first.
-    ///
     #[doc = raises!(arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// O(N): column j is r S, with the composite inertia r (eq. 3.5) of the bodies outboard of joint j. Armature does
     /// not contribute.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> A = scene.centroidal_momentum_matrix([0.3, 0.2, 0.1])
     /// >>> np.allclose(A[3:] / scene.total_mass, scene.center_of_mass_jacobian([0.3, 0.2, 0.1]))
@@ -170,23 +133,15 @@ impl PyScene {
     }
 
     /// Time derivative A' of the centroidal momentum matrix along qd: the centroidal momentum changes at A qdd + A' qd.
-    ///
     #[doc = parameters!(q qd errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// dA : (..., 6, nv) ndarray
     ///     Matrix in SI units, with the rows of centroidal_momentum_matrix.
-    ///
     #[doc = raises!(arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// O(N). For a floating tree, A qdd + A' qd is the sum of weight and external forces, with moments about the center
     /// of mass.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> q, qd = np.array([0.3, 0.2, 0.1]), np.array([1.0, 0.5, 0.2])
     /// >>> ahead, behind = (scene.centroidal_momentum_matrix(q + h * qd) for h in (1e-6, -1e-6))

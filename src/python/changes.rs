@@ -14,14 +14,10 @@ use pyo3::types::{PyDict, PyMapping};
 #[pymethods]
 impl PyScene {
     /// Create a builder that has the links, joints, gravity, base and simplifications of the scene.
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// builder : SceneBuilder
     ///     Its build() without arguments creates a scene with bit-identical results; parts can be added before.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> builder = phipsi.scenes.chain(3).to_builder().link("tool", mass=0.2)
     /// >>> builder.joint("flange", "fixed", "link2", "tool").build().total_mass
     /// 3.2
@@ -31,9 +27,7 @@ impl PyScene {
     }
 
     /// Create a scene with other joint properties; properties that are not given remain.
-    ///
-    /// Parameters
-    /// ----------
+    #[doc = section!(Parameters)]
     /// armature : dict of str to float, float or array_like, optional
     ///     Armature, kg m^2 or kg: by joint name, one value for all movable joints (including "root_joint"), or an
     ///     array: (nv,), or one value per joint in the order of joint_names. All degrees of freedom of a joint have one
@@ -44,16 +38,11 @@ impl PyScene {
     ///     Coulomb friction, N m or N.
     /// stiffness : dict of str to float, float or array_like, optional
     ///     Stiffness of the springs, N m/rad or N/m.
-    ///
     #[doc = returns!(scene)]
-    ///
-    /// Raises
-    /// ------
+    #[doc = section!(Raises)]
     /// ShapeError, ArgumentError
     ///     An unknown or fixed joint, or a value that is negative or not finite. The message names the property.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3).with_properties(armature=0.01, damping={"j2": 0.5})
     /// >>> scene.armature, scene.damping
     /// (array([0.01, 0.01, 0.01]), array([0. , 0. , 0.5]))
@@ -78,9 +67,7 @@ impl PyScene {
     }
 
     /// Create a scene with a rigid body attached to a link, such as a tool or a gripped object.
-    ///
-    /// Parameters
-    /// ----------
+    #[doc = section!(Parameters)]
     /// link : str
     ///     Name of the link. On a link of the base, the payload has no effect.
     /// mass : float
@@ -89,21 +76,14 @@ impl PyScene {
     ///     Center of mass of the body in the link frame, m.
     /// inertia : (3, 3) array_like, optional
     ///     Inertia about that center of mass, with axes parallel to the link frame, kg m^2. None: a point mass.
-    ///
     #[doc = returns!(scene)]
-    ///
-    /// Raises
-    /// ------
+    #[doc = section!(Raises)]
     /// ShapeError, ArgumentError
     ///     An unknown link, a negative mass, or an invalid array.
-    ///
-    /// Warns
-    /// -----
+    #[doc = section!(Warns)]
     /// InertiaWarning
     ///     Link and body together have an inertia that no rigid body can have.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> phipsi.scenes.chain(3).with_payload("link2", 0.5, com=(0, 0, 0.3)).total_mass
     /// 3.5
     #[pyo3(signature = (link, mass, com=None, inertia=None),
@@ -121,27 +101,18 @@ impl PyScene {
     }
 
     /// Create a scene in which links have other inertias, for instance identified or randomized ones.
-    ///
-    /// Parameters
-    /// ----------
+    #[doc = section!(Parameters)]
     /// links : dict of str to (mass, com, inertia)
     ///     By link name: mass, kg; center of mass in the link frame, (3,), m; inertia about it with axes parallel to
     ///     the link frame, (3, 3), kg m^2, or None for a point mass. All other links keep theirs.
-    ///
     #[doc = returns!(scene)]
-    ///
-    /// Raises
-    /// ------
+    #[doc = section!(Raises)]
     /// ShapeError, ArgumentError
     ///     An unknown link, a negative mass, or an invalid array. The message names the link.
-    ///
-    /// Warns
-    /// -----
+    #[doc = section!(Warns)]
     /// InertiaWarning
     ///     An inertia that no rigid body can have.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3).with_inertias({"link2": (2.0, (0, 0, 0.2), 0.01 * np.eye(3))})
     /// >>> scene.link("link2").mass
     /// 2.0
@@ -165,9 +136,7 @@ impl PyScene {
     }
 
     /// Most probable inertial parameters, and joint parameters, from measured motion and torques.
-    ///
-    /// Parameters
-    /// ----------
+    #[doc = section!(Parameters)]
     /// q : (k, nq) array_like
     ///     Joint positions of k measured states, rad or m.
     /// qd : (k, nv) array_like
@@ -188,34 +157,24 @@ impl PyScene {
     ///     Names in body_names whose inertias remain.
     /// friction_speed : float, default 0.01
     ///     Speed below which friction is viscous, rad/s or m/s.
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// identification : Identification
     ///     The new scene, parameters with standard deviations, noise, residuals before and after, and the number of
     ///     identifiable combinations of parameters.
-    ///
-    /// Raises
-    /// ------
+    #[doc = section!(Raises)]
     /// ArgumentError
     ///     Too few measurements, unknown names, noise below the rounding of the torques, bodies without mass, by name.
     /// ShapeError, NotFiniteError
     ///     Invalid arrays.
-    ///
-    /// Warns
-    /// -----
+    #[doc = section!(Warns)]
     /// InertiaWarning
     ///     A body of the scene whose inertia no rigid body can have. The iteration starts from the nearest one that
     ///     can.
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// Maximum a posteriori with a Wishart prior on the second moments of mass of each body: convex, and every body
     /// receives an inertia that a rigid body can have. 10 to 60 steps of O((10 bodies)^3). The memory does not grow
     /// with k.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM).with_properties(damping=0.0, friction=0.0)
     /// >>> q, qd, qdd = np.random.default_rng(0).normal(size=(3, 50, 6))
     /// >>> tau = scene.with_payload("link6", 1.0).inverse_dynamics(q, qd, qdd)

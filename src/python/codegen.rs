@@ -13,7 +13,6 @@ use pyo3::types::{PyDict, PyMapping, PyString};
 #[pymethods]
 impl PyScene {
     /// Generate C99 code for the dynamics of this robot, which depends on libm only.
-    ///
     #[doc = parameters!(directory)]
     /// name : str, default "robot"
     ///     Prefix of files and functions, a C identifier.
@@ -31,23 +30,17 @@ impl PyScene {
     ///     states with the vector extensions of GCC and Clang.
     /// tolerance : float, optional
     ///     Error to which the margins refer, as in forward_dynamics.
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// files : dict of str to str
     ///     File names and contents: NAME.c, NAME.h, test_NAME.c and a Makefile.
-    ///
-    /// Raises
-    /// ------
+    #[doc = section!(Raises)]
     /// ArgumentError
     ///     An invalid name, unknown functions or links, links with equal names in C, dynamics of scenes with
     ///     connections, scenes with coupled joints, and chains of more than 300 joints for the inverse mass matrix and
     ///     the forward derivatives.
     /// OSError
     ///     Files that cannot be written.
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// Each function, for instance NAME_forward_dynamics(q, qd, tau, qdd), is a sequence of operations for one state
     /// without allocations: constants are folded, and operations that this robot does not need are omitted. Several
     /// results are consecutive arguments: NAME_forward_dynamics_derivatives(q, qd, tau, dqdd_dq, dqdd_dqd, Minv).
@@ -55,9 +48,7 @@ impl PyScene {
     /// does not allow. The order of q and qd is that of the scene. Results equal those of form "covariance" to
     /// rounding, without an error estimate. Wrenches and changed parameters are not supported. `make test` in the
     /// directory compares the code with the scene at one state.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> files = phipsi.scenes.chain(3).to_c(name="arm", functions=["forward_dynamics"])
     /// >>> sorted(files)
     /// ['Makefile', 'arm.c', 'arm.h', 'test_arm.c']
@@ -88,35 +79,26 @@ impl PyScene {
     }
 
     /// Generate a Rust crate for the dynamics of this robot, which depends on `core` only.
-    ///
     #[doc = parameters!(directory)]
     /// name : str, default "robot"
     ///     Name of the crate.
     #[doc = entries!(functions)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// files : dict of str to str
     ///     File names and contents: Cargo.toml, src/lib.rs, src/dynamics.rs, src/lanes.rs, src/numbers.rs,
     ///     tests/reference.rs.
-    ///
-    /// Raises
-    /// ------
+    #[doc = section!(Raises)]
     /// ArgumentError
     ///     An invalid name, and as to_c.
     /// OSError
     ///     Files that cannot be written.
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// Each function, for instance forward_dynamics(&q, &qd, &tau) -> [T; NV], is a sequence of operations in safe code
     /// without allocations, for any type with the trait Number of src/dynamics.rs: f64 and f32 (feature "std", enabled
     /// by default), Lanes<T, N> of src/lanes.rs for N states at once, or your own type. Functions such as
     /// forward_dynamics_batch take slices of states. Results equal those of form "covariance" to rounding, without an
     /// error estimate. `cargo test` compares the crate with the scene at one state.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> files = phipsi.scenes.chain(3).to_rust(functions=["mass_matrix"])
     /// >>> "pub fn mass_matrix" in files["src/dynamics.rs"]
     /// True
@@ -132,31 +114,23 @@ impl PyScene {
     }
 
     /// Generate CUDA kernels for the dynamics of this robot.
-    ///
     #[doc = parameters!(directory)]
     /// name : str, default "robot"
     ///     Prefix of files and kernels.
     #[doc = entries!(functions)]
     /// dtype : {"float64", "float32"}, default "float64"
     ///     Scalar type of the code.
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// files : dict of str to str
     ///     File names and contents: NAME.cu, one_thread.h, test_NAME.cu and a Makefile.
-    ///
     #[doc = raises!(as_to_c)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// Each kernel, for instance extern "C" NAME_forward_dynamics(count, q, qd, tau, qdd) with an unsigned long long
     /// count, computes one state per thread. Entry i of the q of state s is q[i * count + s]. NAME.cu has no includes:
     /// NVRTC compiles it at run time (phipsi.compile(device="cuda")), or nvcc does. Results equal those of form
     /// "covariance" to rounding, without an error estimate. `make test` compares the kernels with the scene at one
     /// state on a GPU; `make test-c` does so with the C compiler.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> files = phipsi.scenes.chain(3).to_cuda(functions=["forward_dynamics"])
     /// >>> "robot.cu" in files
     /// True

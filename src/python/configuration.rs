@@ -12,14 +12,10 @@ const COST: usize = 30;
 #[pymethods]
 impl PyScene {
     /// Neutral configuration: zero everywhere, and the identity (0, 0, 0, 1) for quaternions.
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// q : (nq,) ndarray
     ///     Joint positions, rad or m.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> phipsi.scenes.chain(3).neutral()
     /// array([0., 0., 0.])
     #[pyo3(signature = ())]
@@ -28,26 +24,18 @@ impl PyScene {
     }
 
     /// Configuration that the constant joint velocity v reaches from q in unit time, on the manifold.
-    ///
     #[doc = parameters!(q)]
     /// v : (..., nv) array_like
     ///     Displacement in the tangent space of q, rad or m.
     #[doc = entries!(errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// q : (..., nq) ndarray
     ///     Joint positions, with quaternions of unit norm.
-    ///
     #[doc = raises!(arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// A free joint moves along the screw motion of its twist, a spherical joint rotates about its angular velocity,
     /// and the coordinates of all other joints are added.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> scene.integrate([0.3, 0.2, 0.1], [0.1, 0.0, 0.0])
     /// array([0.4, 0.2, 0.1])
@@ -59,24 +47,17 @@ impl PyScene {
     }
 
     /// Joint velocity that moves q0 to q1 in unit time, the inverse of integrate, on the manifold.
-    ///
-    /// Parameters
-    /// ----------
+    #[doc = section!(Parameters)]
     /// q0 : (..., nq) array_like
     ///     Joint positions at the start, rad or m.
     /// q1 : (..., nq) array_like
     ///     Joint positions at the end, rad or m.
     #[doc = entries!(errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// v : (..., nv) ndarray
     ///     Displacement in the tangent space of q0, rad or m. Rotations take the shorter way.
-    ///
     #[doc = raises!(arguments)]
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> scene.difference([0.3, 0.2, 0.1], [0.5, 0.2, 0.1]).round(3)
     /// array([0.2, 0. , 0. ])

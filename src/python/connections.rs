@@ -15,9 +15,7 @@ use pyo3::types::{PySlice, PyTuple};
 #[pymethods]
 impl PySceneBuilder {
     /// Close a kinematic loop: connect a frame on a link with a frame on another link or on the base.
-    ///
-    /// Parameters
-    /// ----------
+    #[doc = section!(Parameters)]
     /// name : str
     ///     Name of the connection.
     /// kind : {"point", "axis", "weld", "distance", "rod"}
@@ -44,18 +42,13 @@ impl PySceneBuilder {
     ///     Direction in both frames, for "axis"; z by default.
     /// length : float, optional
     ///     Length, m, for "distance" and "rod"; by default that in the neutral configuration.
-    ///
     #[doc = returns!(builder)]
-    ///
-    /// Raises
-    /// ------
+    #[doc = section!(Raises)]
     /// SceneError
     ///     An unknown kind, or an axis or a length that the kind does not have.
     /// ShapeError, ArgumentError
     ///     Invalid arrays. The message names the connection; build() checks the rest.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3).to_builder().connect("pin", "point", "link2", xyz=(0, 0, 0.3)).build()
     /// >>> scene.connection_names, scene.constraint_jacobian([0.3, 0.2, 0.1]).shape
     /// (('pin',), (3, 3))
@@ -96,9 +89,7 @@ impl PySceneBuilder {
     }
 
     /// Couple two joints by a constraint force (1 row): coordinate = multiplier * other coordinate + offset.
-    ///
-    /// Parameters
-    /// ----------
+    #[doc = section!(Parameters)]
     /// name : str
     ///     Name of the connection.
     /// joint : str
@@ -109,15 +100,10 @@ impl PySceneBuilder {
     ///     Factor of the coordinate of the other joint.
     /// offset : float, default 0
     ///     Offset, rad or m.
-    ///
     #[doc = returns!(builder)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// build() raises SceneError for unknown joints, joints with several axes and non-finite numbers.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1", multiplier=-2.0).build()
     /// >>> scene.constraint_error([0.0, 0.1, 0.0]).round(3)
     /// array([0.2])
@@ -151,21 +137,14 @@ impl PyScene {
     }
 
     /// Slice of the rows of a connection in constraint_error, constraint_bias and constraint_jacobian.
-    ///
-    /// Parameters
-    /// ----------
+    #[doc = section!(Parameters)]
     /// connection : str
     ///     Name of the connection.
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// slice
     ///     Position of the rows.
-    ///
     #[doc = raises!(unknown)]
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> builder = phipsi.scenes.chain(3).to_builder().connect("pin", "point", "link2")
     /// >>> builder.couple("gear", "j2", "j1").build().connection_rows("gear")
     /// slice(3, 4, 1)
@@ -184,14 +163,10 @@ impl PyScene {
     }
 
     /// Create the scene of the same kinematic tree without the connections, for methods that support trees only.
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// scene : Scene
     ///     The tree.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
     /// >>> scene.without_connections().connection_names
     /// ()

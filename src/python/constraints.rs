@@ -33,28 +33,19 @@ mod cost {
 #[pymethods]
 impl PyScene {
     /// Constraint error of each row of the connections; zero if the connections are closed.
-    ///
     #[doc = parameters!(q errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// error : (..., m) ndarray
     ///     Errors, rad or m; connection_rows has the rows of each connection, angular rows first.
-    ///
-    /// Raises
-    /// ------
+    #[doc = section!(Raises)]
     /// ConstraintError
     ///     A rod of length zero.
     #[doc = entries!(arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// Origins: m, in the axes of the first frame. Rotations: 2 sin(t/2) about the axis, with the angle t. Direction of
     /// an axis: the two components across it. Distance: current length minus `length`. Coupling: coordinate minus its
     /// nominal value.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
     /// >>> scene.constraint_error([0.0, 0.1, 0.3]).round(3)
     /// array([0.2])
@@ -66,22 +57,14 @@ impl PyScene {
     }
 
     /// Constraint Jacobian J of the connections: J qd is the time derivative of constraint_error, at every q.
-    ///
     #[doc = parameters!(q errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// J : (..., m, nv) ndarray
     ///     Jacobian, SI units.
-    ///
     #[doc = raises!(arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// O(m depth) operations.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
     /// >>> scene.constraint_jacobian([0.0, 0.1, 0.3])
     /// array([[ 0., -1.,  1.]])
@@ -96,22 +79,14 @@ impl PyScene {
     }
 
     /// Constraint bias J' qd: the second time derivative of constraint_error at zero joint accelerations.
-    ///
     #[doc = parameters!(q qd errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// bias : (..., m) ndarray
     ///     Acceleration of each row, rad/s^2 or m/s^2.
-    ///
     #[doc = raises!(arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// O(m depth) operations.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3).to_builder().connect("pin", "point", "link2").build()
     /// >>> q, qd = np.array([0.3, 0.2, 0.1]), np.array([1.0, 0.5, 0.2])
     /// >>> ahead, behind = (scene.constraint_jacobian(q + h * qd) @ qd for h in (1e-6, -1e-6))
@@ -125,25 +100,18 @@ impl PyScene {
     }
 
     /// Joint accelerations and constraint forces with connections: M qdd + bias = tau + J^T f, J qdd + J' qd = 0.
-    ///
     #[doc = parameters!(q qd tau compliance form tolerance wrenches errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// dynamics : ConstrainedDynamics
     ///     Named tuple: qdd (..., nv); forces, a dict from connection names to (..., rows); rank (...) and residual
     ///     (...).
-    ///
-    /// Raises
-    /// ------
+    #[doc = section!(Raises)]
     /// ConstraintError
     ///     No forces satisfy all rows (contradicting connections), or positions or velocities violate the connections
     ///     by more than 1e-3 (m or rad; relative to the fastest joint velocity above 1) without compliance. Attributes:
     ///     .connections, .residual and .state. Scene.project closes the connections.
     #[doc = entries!(singular arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// O(N + m^2 depth + m^3) for m rows: unit forces along the rows run inward through the filter of the tree, and
     /// their Gram matrix is J M^-1 J^T. With compliance, the rows are measurements with that noise, J qdd + J' qd =
     /// -compliance f: contradicting rows compromise, and dependent rows share their force.
@@ -152,9 +120,7 @@ impl PyScene {
     /// axes of its first frame; the other link receives the opposite. The force of a rod is positive in compression;
     /// that of a coupling acts along its joint. If rows are dependent, qdd is unique and the forces have the least sum
     /// (J M^-1 J^T)_ii f_i^2.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
     /// >>> dynamics = scene.constrained_dynamics([0.0, 0.1, 0.1], np.zeros(3), [0.0, 0.1, 0.0])
     /// >>> np.isclose(dynamics.qdd[1], dynamics.qdd[2]), dynamics.forces["gear"].shape
@@ -187,32 +153,23 @@ impl PyScene {
     }
 
     /// Nearest configuration that closes the connections, and nearest joint velocities that keep them closed.
-    ///
     #[doc = parameters!(q)]
     /// qd : (..., nv) array_like, optional
     ///     Joint velocities, rad/s or m/s.
     #[doc = entries!(compliance errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// projection : Projection
     ///     Named tuple: q; qd, or None; rank (...), the number of independent rows, lower in a singular configuration.
-    ///
-    /// Raises
-    /// ------
+    #[doc = section!(Raises)]
     /// ConstraintError
     ///     An error remains: no small displacement closes the connections. Attributes: .connections, .residual and
     ///     .state.
     #[doc = entries!(singular arguments)]
-    ///
-    /// Warns
-    /// -----
+    #[doc = section!(Warns)]
     /// LinkageWarning
     ///     Once per scene: rows count as dependent that are not dependent within rounding, or axes of a loop are nearly
     ///     parallel.
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// Newton steps -M^-1 J^T (J M^-1 J^T)^+ error, each of least kinetic energy and at most 0.5 rad or m per joint;
     /// velocities minus M^-1 J^T (J M^-1 J^T)^+ J qd, as by an inelastic impact. With compliance, the result minimizes
     /// half the squared distance from q in the kinetic-energy metric plus the sum of error^2 / (2 compliance).
@@ -220,9 +177,7 @@ impl PyScene {
     /// Combinations of rows that move joints by less than Scene.tolerance count as dependent if the rank of the
     /// intended linkage is lower by as many: a linkage drawn with few digits keeps its mobility. Their errors remain,
     /// at most 10 times the tolerance; constraint_error has them.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
     /// >>> closed = scene.project([0.0, 0.1, 0.3])
     /// >>> np.allclose(scene.constraint_error(closed.q), 0.0)
@@ -265,30 +220,21 @@ impl PyScene {
     }
 
     /// Joint torques and constraint forces for given joint accelerations: tau + J^T f = M qdd + bias.
-    ///
     #[doc = parameters!(q qd qdd)]
     /// actuated : iterable of str or (nv,) array_like of bool, optional
     ///     Names of the actuated joints, or a mask; the torque of all others is zero. None: all joints.
     #[doc = entries!(form tolerance wrenches errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// dynamics : ConstrainedInverseDynamics
     ///     Named tuple: tau (..., nv); forces and rank as in constrained_dynamics; residual (...), the largest entry of
     ///     J qdd + J' qd, which is not rounding if no torques cause these accelerations.
-    ///
-    /// Raises
-    /// ------
+    #[doc = section!(Raises)]
     /// ArgumentError
     ///     A joint outside of `actuated` needs a torque, or an invalid argument.
     #[doc = entries!(singular arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// If there is a choice, tau minimizes tau^T M^-1 tau: torques that do not load the connections.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
     /// >>> q, qd, qdd = [0.0, 0.1, 0.1], np.zeros(3), np.ones(3)
     /// >>> dynamics = scene.constrained_inverse_dynamics(q, qd, qdd, actuated=["j0", "j1"])
@@ -330,22 +276,14 @@ impl PyScene {
     }
 
     /// Inverse mass matrix through the connections: M^-1 - M^-1 J^T (J M^-1 J^T)^+ J M^-1.
-    ///
     #[doc = parameters!(q form tolerance errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// inverse : (..., nv, nv) ndarray
     ///     Change of the joint accelerations per joint torque, SI units; symmetric, of rank nv minus that of J.
-    ///
     #[doc = raises!(singular dense arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// O(nv^3), as a Gram matrix without a subtraction: no eigenvalue is negative beyond rounding.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
     /// >>> inverse = scene.constrained_mass_matrix_inverse([0.0, 0.1, 0.1])
     /// >>> np.allclose(scene.constraint_jacobian([0.0, 0.1, 0.1]) @ inverse, 0.0)

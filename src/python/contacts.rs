@@ -20,9 +20,7 @@ const CONTACT: usize = 20;
 #[pymethods]
 impl PySceneBuilder {
     /// Add a contact of a sphere or a point on a link with a fixed plane, with Coulomb friction.
-    ///
-    /// Parameters
-    /// ----------
+    #[doc = section!(Parameters)]
     /// name : str
     ///     Name of the contact.
     /// link : str
@@ -39,22 +37,15 @@ impl PySceneBuilder {
     ///     Distance of the plane from the origin along the normal, m.
     /// restitution : float, default 0
     ///     Coefficient of restitution, from 0 (no rebound) to 1 (elastic).
-    ///
     #[doc = returns!(builder)]
-    ///
-    /// Raises
-    /// ------
+    #[doc = section!(Raises)]
     /// ShapeError, ArgumentError
     ///     Invalid arrays. The message names the contact.
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// Contacts act in simulations only. There is no collision detection: only the named pairs can touch, and links do
     /// not touch each other. build() raises SceneError for duplicate names, links that are unknown or cannot move, a
     /// normal of length zero, values out of range, and contacts together with connections.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
     /// >>> scene = builder.contact("foot", "ball", friction=0.5, radius=0.1).build(floating_base=True)
     /// >>> scene.contact_gaps([0, 0, 0.3, 0, 0, 0, 1]).round(3)
@@ -92,22 +83,14 @@ impl PyScene {
     }
 
     /// Distance of each contact from its plane; negative below the plane.
-    ///
     #[doc = parameters!(q errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// gaps : (..., contacts) ndarray
     ///     Distance, m, in the order of contact_names.
-    ///
     #[doc = raises!(arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// O(depth) per contact.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
     /// >>> scene = builder.contact("foot", "ball", friction=0.5, radius=0.1).build(floating_base=True)
     /// >>> scene.contact_gaps([[0, 0, 0.3, 0, 0, 0, 1], [0, 0, 0.05, 0, 0, 0, 1]]).round(3)
@@ -121,22 +104,14 @@ impl PyScene {
     }
 
     /// Velocity of the point of each link that is nearest to the plane of its contact, in the base frame.
-    ///
     #[doc = parameters!(q qd errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// v : (..., contacts, 3) ndarray
     ///     Velocity, m/s, in the order of contact_names.
-    ///
     #[doc = raises!(arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// O(depth) per contact.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
     /// >>> scene = builder.contact("foot", "ball", friction=0.5, radius=0.1).build(floating_base=True)
     /// >>> scene.contact_velocities([0, 0, 0.1, 0, 0, 0, 1], [1, 0, 0, 0, 0, 0])
@@ -149,14 +124,10 @@ impl PyScene {
     }
 
     /// Create the same scene without the contacts, for methods that do not support contacts.
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// scene : Scene
     ///     The scene without contacts.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
     /// >>> scene = builder.contact("foot", "ball", friction=0.5).build(floating_base=True)
     /// >>> scene.without_contacts().contact_names

@@ -29,24 +29,16 @@ mod cost {
 #[pymethods]
 impl PyScene {
     /// Analytical derivatives of inverse dynamics, in the tangent space of q: dtau/dq, dtau/dqd and dtau/dqdd = M.
-    ///
     #[doc = parameters!(q qd qdd wrenches out_of_derivatives errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// derivatives : InverseDynamicsDerivatives
     ///     Named tuple (dtau_dq, dtau_dqd, M), each (..., nv, nv), SI units. Row i is the torque tau_i.
-    ///
     #[doc = raises!(dense arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// O(N depth). Column j of dtau_dq is the derivative along integrate(q, v) with respect to v_j: an angle or a
     /// length, a rotation in the child frame for spherical joints, (linear, angular) in the child frame for free
     /// joints. Wrenches are constant in the frames of their links.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> q, qd, qdd = np.array([0.3, 0.2, 0.1]), [1.0, 0.5, 0.2], [0.0, 1.0, 0.0]
     /// >>> step = np.array([0.0, 1e-6, 0.0])
@@ -74,28 +66,20 @@ impl PyScene {
     }
 
     /// Analytical derivatives of forward dynamics, in the tangent space of q: dqdd/dq, dqdd/dqd and dqdd/dtau = M^-1.
-    ///
     #[doc = parameters!(q qd tau form)]
     /// tolerance : float, optional
     ///     Replaces both bounds of form "auto": that of forward_dynamics for the factor of M, and 1e-11 of the largest
     ///     entry for the derivatives. States beyond are recomputed in double-double arithmetic, which takes about 30
     ///     times longer.
     #[doc = entries!(wrenches out_of_derivatives errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// derivatives : ForwardDynamicsDerivatives
     ///     Named tuple (dqdd_dq, dqdd_dqd, Minv), each (..., nv, nv), SI units. Row i is the acceleration qdd_i.
-    ///
     #[doc = raises!(singular dense arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// dqdd/dq = -M^-1 dtau/dq and dqdd/dqd = -M^-1 dtau/dqd, by eq. 6.1 from inverse_dynamics_derivatives, whose
     /// columns they have. Wrenches are constant in the frames of their links.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> q, qd, tau = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.0, 0.0, 0.0]
     /// >>> qdd = scene.forward_dynamics(q, qd, tau)
@@ -128,24 +112,16 @@ impl PyScene {
     }
 
     /// Linearization dx/dt = A x + B u about a motion: x = (tangent of q, change of qd), u = change of tau.
-    ///
     #[doc = parameters!(q qd tau form tolerance_of_derivatives wrenches errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// system : LinearSystem
     ///     Named tuple (A, B), (..., 2 nv, 2 nv) and (..., 2 nv, nv), in continuous time, SI units.
-    ///
     #[doc = raises!(singular dense arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// A = [[-ad(qd), 1], [dqdd_dq, dqdd_dqd]] and B = [[0], [M^-1]]. The deviation difference(q, q + dq) is expressed
     /// in axes that move with the motion: ad(qd) is zero at rest and for joints with one axis, the cross product with
     /// the angular velocity for spherical joints, and the bracket of (linear, angular) velocities for free joints.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> A, B = scene.linearize([0.3, 0.2, 0.1], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0])
     /// >>> A.shape, B.shape
@@ -205,22 +181,14 @@ impl PyScene {
     }
 
     /// Coriolis matrix C: C qd is the torque of the joint velocities, and dM/dt - 2 C is antisymmetric.
-    ///
     #[doc = parameters!(q qd out errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// C : (..., nv, nv) ndarray
     ///     Coriolis matrix, SI units; for joints with one axis that of the Christoffel symbols.
-    ///
     #[doc = raises!(dense arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// O(N depth).
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> q, qd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2]
     /// >>> skew = scene.mass_matrix_derivative(q, qd) - 2 * scene.coriolis_matrix(q, qd)
@@ -241,22 +209,14 @@ impl PyScene {
     }
 
     /// Time derivative dM/dt of the mass matrix along the joint velocities: C + C^T with the Coriolis matrix C.
-    ///
     #[doc = parameters!(q qd out errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// dM : (..., nv, nv) ndarray
     ///     Derivative, SI units; exactly symmetric. The armature is constant and does not contribute.
-    ///
     #[doc = raises!(dense arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// O(N depth).
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> q, qd = np.array([0.3, 0.2, 0.1]), np.array([1.0, 0.5, 0.2])
     /// >>> change = scene.mass_matrix(q + 1e-6 * qd) - scene.mass_matrix(q - 1e-6 * qd)

@@ -1,5 +1,5 @@
-//! Entries that many docstrings share, in numpydoc form: `parameters!(q qd errors)` is a section of a docstring,
-//! `entries!(..)` continues one, `returns!(..)` and `raises!(..)` are the sections of results and errors.
+//! Parts that many docstrings share, in numpydoc form. `section!(Notes)` begins a section with a blank line;
+//! `parameters!(q qd errors)`, `returns!(..)` and `raises!(..)` begin one with these entries; `entries!(..)` adds entries.
 //! `test_docstrings.py` checks the sections of all methods and runs their examples.
 
 macro_rules! entry {
@@ -175,20 +175,41 @@ macro_rules! entries {
     };
 }
 
+macro_rules! section {
+    (Parameters) => {
+        "\nParameters\n----------"
+    };
+    (Returns) => {
+        "\nReturns\n-------"
+    };
+    (Raises) => {
+        "\nRaises\n------"
+    };
+    (Warns) => {
+        "\nWarns\n-----"
+    };
+    (Notes) => {
+        "\nNotes\n-----"
+    };
+    (Examples) => {
+        "\nExamples\n--------"
+    };
+}
+
 macro_rules! parameters {
     ($($name:ident)+) => {
-        concat!("Parameters\n----------\n", entries!($($name)+))
+        concat!(section!(Parameters), "\n", entries!($($name)+))
     };
 }
 
 macro_rules! returns {
     ($($name:ident)+) => {
-        concat!("Returns\n-------\n", entries!($($name)+))
+        concat!(section!(Returns), "\n", entries!($($name)+))
     };
 }
 
 macro_rules! raises {
     ($($name:ident)+) => {
-        concat!("Raises\n------\n", entries!($($name)+))
+        concat!(section!(Raises), "\n", entries!($($name)+))
     };
 }

@@ -26,7 +26,6 @@ mod cost {
 #[pymethods]
 impl PyScene {
     /// Joint accelerations from joint torques, in O(N): M qdd + bias = tau + J^T w, by a Kalman filter and a smoother.
-    ///
     #[doc = parameters!(q qd tau)]
     /// form : {"auto", "covariance", "joseph", "square-root"}, default "auto"
     ///     Form of the covariance P in the filter. "covariance" (eq. 3.6) is the fastest; "square-root" is accurate at
@@ -48,28 +47,21 @@ impl PyScene {
     /// return_info : bool, default False
     ///     If true, return an Accuracy too. That costs about five times the time in the forms "covariance" and
     ///     "square-root", almost nothing in "auto".
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// qdd : (..., nv) ndarray
     ///     Joint accelerations, rad/s^2 or m/s^2; those of a free joint are (linear, angular) in its body frame.
     /// info : Accuracy
     ///     Only with return_info: .form, .error (estimated) and .bound of each state.
-    ///
     #[doc = raises!(singular)]
     /// ConstraintError
     ///     Connections that contradict each other.
     /// ArgumentError
     ///     The square-root form of an inertia that no rigid body can have. The message names the link.
     #[doc = entries!(arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// Equations 4.4 to 4.11. With connections, the result is that of constrained_dynamics, without an error estimate.
     /// Contacts act in simulations only. If the call raises, `out` may be partly written.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> q, qd, tau = [0.3, 0.2, 0.1], [1.0, 0.0, 0.0], [0.0, 0.5, 0.0]
     /// >>> qdd = scene.forward_dynamics(q, qd, tau)
@@ -101,23 +93,15 @@ impl PyScene {
     }
 
     /// Joint torques from joint accelerations, in O(N): tau = M qdd + bias - J^T w, including gravity and armature.
-    ///
     #[doc = parameters!(q qd qdd wrenches out dtype errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// tau : (..., nv) ndarray
     ///     Joint torques, N m or N; those of a free joint are (force, moment), whereas wrenches are (moment, force).
-    ///
     #[doc = raises!(arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// tau = H phi (Q lambda + b) + armature qdd - J^T w (1.5, 2.9, 2.10). Damping, friction and springs act in
     /// simulations only.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> still = np.zeros(3)
     /// >>> tau = scene.inverse_dynamics([0.3, 0.2, 0.1], still, still)
@@ -142,18 +126,12 @@ impl PyScene {
     }
 
     /// Bias torque H phi b: joint torques for zero joint accelerations (Coriolis, centrifugal and gravity), in O(N).
-    ///
     #[doc = parameters!(q qd out dtype errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// tau : (..., nv) ndarray
     ///     Bias torque, N m or N.
-    ///
     #[doc = raises!(arguments)]
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> q, qd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2]
     /// >>> nonlinear = scene.coriolis_matrix(q, qd) @ qd + scene.gravity_torque(q)
@@ -175,18 +153,12 @@ impl PyScene {
     }
 
     /// Gravity torque dU/dq: joint torques that hold the scene in static equilibrium, in O(N).
-    ///
     #[doc = parameters!(q out dtype errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// tau : (..., nv) ndarray
     ///     Gravity torque, N m or N, along the tangent space of q.
-    ///
     #[doc = raises!(arguments)]
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
     /// >>> scene.gravity_torque(scene.neutral()).round(1)
     /// array([  0. , -37. ,   0.2,   0. ,   0. ,   0. ])
@@ -205,23 +177,15 @@ impl PyScene {
     }
 
     /// Joint-space mass matrix M(q), the covariance of the joint torques (eq. 5.1), with the armature on its diagonal.
-    ///
     #[doc = parameters!(q out dtype errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// M : (..., nv, nv) ndarray
     ///     Mass matrix, kg m^2, kg m or kg; full and exactly symmetric.
-    ///
     #[doc = raises!(dense arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// inverse_dynamics multiplies by M in O(N) without forming it. Large batches are faster into an `out` that is
     /// reused.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> M = scene.mass_matrix([0.3, 0.2, 0.1])
     /// >>> M.shape, bool((M == M.T).all())
@@ -241,23 +205,15 @@ impl PyScene {
     }
 
     /// Inverse of the joint-space mass matrix in closed form (eq. 6.1), without forming or factoring M.
-    ///
     #[doc = parameters!(q form tolerance out dtype errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// Minv : (..., nv, nv) ndarray
     ///     Inverse mass matrix of the kinematic tree, SI units; full and exactly symmetric.
-    ///
     #[doc = raises!(singular dense arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// forward_dynamics multiplies by the inverse in O(N) without forming it. The error estimate is that of the factor
     /// of M. constrained_mass_matrix_inverse includes the connections.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> q = [0.3, 0.2, 0.1]
     /// >>> np.allclose(scene.mass_matrix_inverse(q) @ scene.mass_matrix(q), np.eye(3))

@@ -37,7 +37,6 @@ const WITH_COVARIANCE: usize = MEANS + 1 + 1 + 36 + 36;
 #[pymethods]
 impl PyScene {
     /// Conditional means of forces, accelerations and torques, given joint torques with noise (2.1, 2.7), in O(N).
-    ///
     #[doc = parameters!(q qd)]
     /// torque : (..., nv) array_like
     ///     Measured joint torques, N m or N. Entries that a masked array masks are not measured.
@@ -55,28 +54,20 @@ impl PyScene {
     /// method : {"sequential", "batch"}, default "sequential"
     ///     Filter and smoother, or the dense equations of section 2 as a check: O(N^3), at most 300 degrees of freedom.
     #[doc = entries!(errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// estimate : Estimate
     ///     Named tuple with the means of acceleration, torque, force and process, the log likelihood, and the
     ///     covariances.
-    ///
-    /// Raises
-    /// ------
+    #[doc = section!(Raises)]
     /// SingularJointError
     ///     A measured joint without inertia along its axis; with covariance, any joint.
     #[doc = entries!(arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// Model: W ~ N(b + Q phi* H* a0, s Q), so the prior of the accelerations is N(a0, s M^-1). A joint that is not
     /// measured keeps its mean a0, as if it were locked there, and its variance; its torque follows. If all joints are
     /// measured without noise, the result is forward dynamics. Variances are accurate to eps times those of the prior
     /// (docs/estimation.md).
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> q, qd, tau = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.1, 0.0, 0.0]
     /// >>> estimate = scene.estimate(q, qd, tau)

@@ -176,18 +176,12 @@ impl PyScene {
 #[pymethods]
 impl PyScene {
     /// Factorization M = (1 + K) D (1 + K*) at q in one sweep (3.1, 3.6), and its operators phi, Psi, K, L, D, P.
-    ///
     #[doc = parameters!(q form tolerance)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// factor : Factor
     ///     solve(tau) and mul(a) are O(N); its operators compose as the equations of the paper do. Batched if q is.
-    ///
     #[doc = raises!(singular arguments)]
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> factor = scene.factor([0.3, 0.2, 0.1])
     /// >>> np.allclose(factor.mul(factor.solve([1.0, 2.0, 3.0])), [1.0, 2.0, 3.0])

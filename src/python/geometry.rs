@@ -18,22 +18,14 @@ mod cost {
 #[pymethods]
 impl PyScene {
     /// Poses of all links by name: homogeneous matrices from the link frame to the base frame (forward kinematics).
-    ///
     #[doc = parameters!(q errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// poses : dict of str to (..., 4, 4) ndarray
     ///     [[R, p], [0, 1]] with p in m, in the order of link_names; each value is an array of its own.
-    ///
     #[doc = raises!(arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// O(N). placement computes the poses of some links only.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
     /// >>> scene.placements(scene.neutral())["flange"][:3, 3].round(3)
     /// array([0.412, 0.15 , 0.488])
@@ -59,23 +51,15 @@ impl PyScene {
     }
 
     /// Kinetic energy qd^T M qd / 2, including armature, and potential energy.
-    ///
     #[doc = parameters!(q qd errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// energy : Energy
     ///     Named tuple (kinetic, potential), each (...), J. The potential energy is zero with the center of mass at the
     ///     origin of the base frame.
-    ///
     #[doc = raises!(arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// O(N). Springs are not included.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> energy = scene.energy([0.3, 0.2, 0.1], [1.0, 0.0, 0.0])
     /// >>> round(float(energy.kinetic), 3), round(float(energy.potential), 3)
@@ -95,18 +79,12 @@ impl PyScene {
     }
 
     /// Kinetic energy qd^T M qd / 2, including armature, in O(N).
-    ///
     #[doc = parameters!(q qd errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// kinetic : (...) ndarray
     ///     Kinetic energy, J.
-    ///
     #[doc = raises!(arguments)]
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> q, qd = np.array([0.3, 0.2, 0.1]), np.array([1.0, 0.5, 0.2])
     /// >>> np.isclose(scene.kinetic_energy(q, qd), qd @ scene.mass_matrix(q) @ qd / 2)
@@ -124,18 +102,12 @@ impl PyScene {
     }
 
     /// Spatial momentum of all moving links: (angular about the origin of the base frame, linear), in the base frame.
-    ///
     #[doc = parameters!(q qd errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// h : (..., 6) ndarray
     ///     Momentum, N m s and N s; armature does not contribute.
-    ///
     #[doc = raises!(arguments)]
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> q, qd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2]
     /// >>> np.allclose(scene.momentum(q, qd)[3:], scene.total_mass * scene.center_of_mass_velocity(q, qd))

@@ -33,9 +33,7 @@ type Given<'py> = (String, String, String, [f64; 3], [f64; 3], f64, f64, Object<
 #[pymethods]
 impl PyScene {
     /// Most probable joint positions that reach tasks, within joint limits and with closed connections.
-    ///
-    /// Parameters
-    /// ----------
+    #[doc = section!(Parameters)]
     /// tasks : task or list of tasks
     ///     Tasks of phipsi.tasks: Pose, Position, Orientation, Direction, LookAt, CenterOfMass, JointPosition. Leading
     ///     axes of their targets are a batch, which broadcasts with that of q0.
@@ -61,27 +59,19 @@ impl PyScene {
     ///     Seed of the starts.
     /// errors : {"raise", "nan"}, default "raise"
     ///     As in forward_dynamics. An invalid state has NaN for q and errors, and reached False.
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// solution : phipsi.tasks.InverseKinematics
     ///     q, reached, position_error, rotation_error, starts, iterations and covariance. If reached is False, q is the
     ///     best local minimum.
-    ///
-    /// Raises
-    /// ------
+    #[doc = section!(Raises)]
     /// ConstraintError
     ///     No start leads to closed connections.
     #[doc = entries!(arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// Minimizes half the sum of all squared errors divided by their variances, by Levenberg-Marquardt steps on the
     /// manifold, each the exact minimum of its model within the limits; no step increases the cost. Connections are
     /// hard constraints. O(tasks depth + nv^3) per step. Results are bit-identical for any number of threads.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
     /// >>> goal = scene.placement([0.3, -0.6, 0.9, 0.1, 0.4, 0.0], "flange")
     /// >>> found = scene.inverse_kinematics(phipsi.tasks.Pose("flange", goal))
@@ -145,9 +135,7 @@ impl PyScene {
 #[pymethods]
 impl PyScene {
     /// Joint velocities that reduce the errors of tasks within joint limits: one step of a control loop.
-    ///
-    /// Parameters
-    /// ----------
+    #[doc = section!(Parameters)]
     /// tasks : task or list of tasks
     ///     As in inverse_kinematics.
     #[doc = entries!(q)]
@@ -165,27 +153,19 @@ impl PyScene {
     ///     Velocity limits instead of those of the joints, rad/s or m/s; inf: none. A floating base has limits only
     ///     here.
     #[doc = entries!(errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// qd : (..., nv) ndarray
     ///     Joint velocities, rad/s or m/s.
-    ///
-    /// Raises
-    /// ------
+    #[doc = section!(Raises)]
     /// ArgumentError
     ///     dt, gain or damping that is not positive, and as inverse_kinematics.
     #[doc = entries!(arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// Minimizes half the squares of J qd dt + gain e divided by the standard deviations, plus damping, over the
     /// velocities that limits and connections allow, by a projected Newton method. Connections are hard constraints
     /// whose errors are removed as far as the limits allow. If the step would increase the cost or pass its minimum, it
     /// is recomputed with more damping, so joints come to rest if a target is out of reach. O(tasks depth + nv^3).
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
     /// >>> q, task = np.array([0.3, -0.6, 0.9, 0.1, 0.4, 0.0]), phipsi.tasks.Position("flange", (0.5, 0.1, 0.4))
     /// >>> for step in range(200):

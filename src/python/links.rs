@@ -24,25 +24,17 @@ mod cost {
 #[pymethods]
 impl PyScene {
     /// Pose of one link or of several: homogeneous matrices from the link frame to the base frame (forward kinematics).
-    ///
     #[doc = parameters!(q)]
     /// link : str or sequence of str
     ///     Link name or L link names; links on the base and repeated names are allowed.
     #[doc = entries!(errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// pose : (..., 4, 4) or (..., L, 4, 4) ndarray
     ///     [[R, p], [0, 1]] with p in m; (..., L, 4, 4) for a sequence of names.
-    ///
     #[doc = raises!(arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// O(depth): only the joints between the base and these links are evaluated.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
     /// >>> scene.placement(scene.neutral(), "flange")[:3, 3].round(3)
     /// array([0.412, 0.15 , 0.488])
@@ -78,7 +70,6 @@ impl PyScene {
     }
 
     /// Spatial velocity of a link relative to the base, (angular, linear): J qd.
-    ///
     #[doc = parameters!(q qd link)]
     /// frame : {"local", "local-world-aligned", "world"}, default "local"
     ///     "local": velocity of the point `at`, in the axes of the link. "local-world-aligned": the same in the axes of
@@ -86,20 +77,13 @@ impl PyScene {
     ///     that coincides with the origin of the base; independent of `at`. They are Pinocchio's LOCAL,
     ///     LOCAL_WORLD_ALIGNED and WORLD, with the angular half first.
     #[doc = entries!(at errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// v : (..., 6) ndarray
     ///     (angular, linear), rad/s and m/s.
-    ///
     #[doc = raises!(arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// O(depth).
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> q, qd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2]
     /// >>> np.allclose(scene.velocity(q, qd, "link2"), scene.jacobian(q, "link2") @ qd)
@@ -122,26 +106,18 @@ impl PyScene {
     }
 
     /// Spatial acceleration of a link relative to the base, (angular, linear), at joint accelerations qdd; no gravity.
-    ///
     #[doc = parameters!(q qd qdd link frame at)]
     /// kind : {"spatial", "classical"}, default "spatial"
     ///     "spatial": time derivative of the spatial velocity, as in the Newton-Euler equations. "classical": the
     ///     linear half is the acceleration of the point, which adds w x v.
     #[doc = entries!(errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// a : (..., 6) ndarray
     ///     (angular, linear), rad/s^2 and m/s^2.
-    ///
     #[doc = raises!(arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// J qdd + J' qd, in O(depth).
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> q, qd, qdd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.0, 1.0, 0.0]
     /// >>> expected = scene.jacobian(q, "link2") @ qdd + scene.jacobian_rate_product(q, qd, "link2")
@@ -169,22 +145,14 @@ impl PyScene {
     }
 
     /// Geometric Jacobian J of a link: its spatial velocity (angular, linear) is J qd.
-    ///
     #[doc = parameters!(q link frame at errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// J : (..., 6, nv) ndarray
     ///     Jacobian, SI units, angular rows first. Columns of joints that do not move the link are zero.
-    ///
     #[doc = raises!(arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// In frame "local", a wrench w = (moment, force) on the link at the point `at` causes the joint torques J^T w.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> J = scene.jacobian([0.3, 0.2, 0.1], "link2", frame="world")
     /// >>> np.allclose(J[:, 0], [0, 0, 1, 0, 0, 0])     # the first joint rotates about z of the base
@@ -206,23 +174,15 @@ impl PyScene {
     }
 
     /// Time derivative J' of the Jacobian of a link along qd, entry by entry in the given frame.
-    ///
     #[doc = parameters!(q qd link frame at errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// dJ : (..., 6, nv) ndarray
     ///     Derivative of jacobian, SI units.
-    ///
     #[doc = raises!(arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// J qdd + J' qd is the spatial acceleration in the frames "local" and "world", and the classical acceleration in
     /// "local-world-aligned". jacobian_rate_product computes J' qd alone, in O(depth).
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> q, qd = np.array([0.3, 0.2, 0.1]), np.array([1.0, 0.5, 0.2])
     /// >>> ahead, behind = (scene.jacobian(q + h * qd, "link2") for h in (1e-6, -1e-6))
@@ -247,19 +207,13 @@ impl PyScene {
     }
 
     /// Acceleration J' qd of a link for zero joint accelerations, without forming J', in O(depth).
-    ///
     #[doc = parameters!(q qd link frame at errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// a : (..., 6) ndarray
     ///     (angular, linear), rad/s^2 and m/s^2: spatial in the frames "local" and "world", classical in
     ///     "local-world-aligned".
-    ///
     #[doc = raises!(arguments)]
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> q, qd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2]
     /// >>> np.allclose(scene.jacobian_rate_product(q, qd, "link2"), scene.jacobian_rate(q, qd, "link2") @ qd)

@@ -47,9 +47,7 @@ impl PyScene {
     }
 
     /// Simulate one state or a batch in time: M(q) dv/dt + bias(q, v) = tau + forces of joints and stops, dq/dt = v.
-    ///
-    /// Parameters
-    /// ----------
+    #[doc = section!(Parameters)]
     /// q : (..., nq) array_like
     ///     Joint positions at the start, rad or m.
     /// qd : (..., nv) array_like
@@ -96,15 +94,11 @@ impl PyScene {
     ///     Error control: bound of the estimated error of each substep, rad or m, relative above 1 rad/s or m/s.
     /// duration : float, optional
     ///     Simulated time, s, instead of steps.
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// trajectory : Trajectory
     ///     Rows t (rows,), q (..., rows, nq) and qd (..., rows, nv), the first at the start, with the integrator,
     ///     events and stops; bit-identical for any number of threads.
-    ///
-    /// Raises
-    /// ------
+    #[doc = section!(Raises)]
     /// SimulationError
     ///     The motion diverges, a pivot is lost, connections or contacts have no solution, or tau raises. .trajectory
     ///     has the finished rows.
@@ -113,14 +107,10 @@ impl PyScene {
     /// ConstraintError
     ///     The start violates the connections; see project.
     #[doc = entries!(memory arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// O(N) per stage. docs/motion.md has the equations, the methods and their orders, friction, stops, contacts,
     /// connections, error control and the energy audit.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> path = scene.simulate([0.3, 0.2, 0.1], np.zeros(3), dt=1e-3, steps=1000, record_every=100)
     /// >>> path.q.shape, path.integrator
@@ -257,9 +247,7 @@ impl PyScene {
 #[pymethods]
 impl PyScene {
     /// Equations of motion for SciPy's solve_ivp: right-hand side and Jacobian in tangent coordinates, and a solver.
-    ///
-    /// Parameters
-    /// ----------
+    #[doc = section!(Parameters)]
     /// tau : (nv,) array_like or callable, optional
     ///     Joint torques: constant, or a function of (t, q, qd), called at every stage.
     /// pd : PD, optional
@@ -267,21 +255,15 @@ impl PyScene {
     #[doc = entries!(losses)]
     /// friction_speed : float, default 0.01
     ///     Speed below which friction is viscous, rad/s or m/s; positive, because the solvers need smooth friction.
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// ode : Ode
     ///     ode.solve(q, qd, t_span, method=..., rtol=..., atol=...) returns a Trajectory, with error control on the
     ///     manifold.
-    ///
-    /// Raises
-    /// ------
+    #[doc = section!(Raises)]
     /// ImportError
     ///     SciPy is not installed.
     #[doc = entries!(arguments)]
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> ode = phipsi.scenes.chain(3).ode()
     /// >>> path = ode.solve([0.3, 0.2, 0.1], np.zeros(3), (0.0, 0.5))
     /// >>> round(float(path.t[-1]), 3)

@@ -28,26 +28,18 @@ mod cost {
 #[pymethods]
 impl PyScene {
     /// Operational-space inverse inertia J M^-1 J^T of links, in O(N): the covariance of the co-states (5.6, 5.7).
-    ///
     #[doc = parameters!(q)]
     /// links : str or sequence of str
     ///     Link name or m link names; links on the base and repeated names are allowed.
     #[doc = entries!(task_frames form tolerance errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// inverse : (..., 6m, 6m) ndarray
     ///     Change of the stacked (angular, linear) accelerations of the frames per wrench (moment, force) on them, each
     ///     at the origin and in the axes of its frame; SI units, exactly symmetric, zero for links on the base.
-    ///
     #[doc = raises!(singular arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// Of the kinematic tree without connections. Defined in singular configurations too, unlike operational_inertia.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> q = [0.3, 0.2, 0.1]
     /// >>> J = scene.jacobian(q, "link2")
@@ -82,7 +74,6 @@ impl PyScene {
     }
 
     /// Operational-space inertia (S J M^-1 J^T S^T)^-1 of the task directions S.
-    ///
     #[doc = parameters!(q)]
     /// links : str or sequence of str
     ///     Link name or m link names.
@@ -91,21 +82,15 @@ impl PyScene {
     ///     S: each row is a direction in the stacked (angular, linear) velocities of the frames; all 6m by default. The
     ///     same for the whole batch.
     #[doc = entries!(form tolerance errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// inertia : (..., k, k) ndarray
     ///     Inertia, SI units; exactly symmetric and positive definite.
-    ///
-    /// Raises
-    /// ------
+    #[doc = section!(Raises)]
     /// SingularTaskError
     ///     The directions are not independent: an eigenvalue of the scaled inverse inertia is at most 64 k eps. .links,
     ///     .rank, .directions and .state describe the task.
     #[doc = entries!(singular arguments)]
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
     /// >>> linear = np.eye(6)[3:]     # the translations, in the link frame
     /// >>> inertia = scene.operational_inertia(scene.neutral(), "flange", directions=linear)

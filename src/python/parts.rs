@@ -18,21 +18,14 @@ use std::collections::HashMap;
 #[pymethods]
 impl PyScene {
     /// Properties of a link as it was given, including links on fixed joints.
-    ///
-    /// Parameters
-    /// ----------
+    #[doc = section!(Parameters)]
     /// name : str
     ///     Name of the link.
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// link : Link
     ///     Named tuple (name, mass, com, inertia, parent, joint).
-    ///
     #[doc = raises!(unknown)]
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> phipsi.scenes.chain(3).link("link1").parent
     /// 'link0'
     #[pyo3(signature = (name, /))]
@@ -45,21 +38,14 @@ impl PyScene {
     }
 
     /// Properties of a joint as it was given, including fixed joints.
-    ///
-    /// Parameters
-    /// ----------
+    #[doc = section!(Parameters)]
     /// name : str
     ///     Name of the joint.
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// joint : Joint
     ///     Named tuple (name, type, parent, child, xyz, ...).
-    ///
     #[doc = raises!(unknown)]
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> phipsi.scenes.chain(3).joint("j1").type
     /// 'revolute'
     #[pyo3(signature = (name, /))]

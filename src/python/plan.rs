@@ -11,14 +11,10 @@ use pyo3::types::PyTuple;
 #[pymethods]
 impl PyScene {
     /// Simplifications of this scene: which computations are skipped, why, and how many operations that saves.
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// plan : Plan
     ///     Its items are Omission objects; printed, it is a list.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> plan = phipsi.scenes.chain(3).plan()
     /// >>> plan.bodies, plan.links
     /// (3, 4)

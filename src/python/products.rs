@@ -55,22 +55,14 @@ struct Keywords<'a, 'py> {
 #[pymethods]
 impl PyScene {
     /// Directional derivative of the joint torques, in O(N): dtau_dq dq + dtau_dqd dqd + M dqdd.
-    ///
     #[doc = parameters!(q qd qdd dq dqd dqdd wrenches constants errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// dtau : (..., nv) ndarray
     ///     Change of the joint torques, N m or N.
-    ///
     #[doc = raises!(arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// Wrenches are constant in the frames of their links, apart from dwrenches. Armature is part of M.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> q, qd, qdd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.0, 1.0, 0.0]
     /// >>> dq, zero = [1.0, 0.0, -1.0], np.zeros(3)
@@ -102,22 +94,16 @@ impl PyScene {
     }
 
     /// Gradients of cotangent . tau, in O(N): cotangent dtau_dq, cotangent dtau_dqd and M cotangent.
-    ///
     #[doc = parameters!(q qd qdd)]
     /// cotangent : (..., nv) array_like
     ///     Gradient of a scalar function with respect to tau.
     #[doc = entries!(wrenches parameters errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// gradients : InverseDynamicsGradients
     ///     Named tuple (q, qd, qdd, wrenches, parameters, armature, gravity); what is not requested is None. The
     ///     gradient with respect to q is in its tangent space, (..., nv).
-    ///
     #[doc = raises!(arguments)]
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> q, qd, qdd, c = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.0, 1.0, 0.0], [1.0, 2.0, 3.0]
     /// >>> gradients = scene.inverse_dynamics_vjp(q, qd, qdd, c)
@@ -147,23 +133,15 @@ impl PyScene {
     }
 
     /// Directional derivative of the joint accelerations, in O(N): dqdd_dq dq + dqdd_dqd dqd + M^-1 dtau.
-    ///
     #[doc = parameters!(q qd tau dq dqd dtau form tolerance_of_derivatives wrenches constants errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// dqdd : (..., nv) ndarray
     ///     Change of the joint accelerations, rad/s^2 or m/s^2.
-    ///
     #[doc = raises!(singular arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// One more right-hand side of the filter, with the gains of the state. In form "auto", a state is recomputed in
     /// double-double arithmetic if the error estimate of the factor of M or of the product exceeds the tolerance.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> q, qd, tau = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.0, 0.0, 0.0]
     /// >>> dtau, zero = [1.0, 0.0, -1.0], np.zeros(3)
@@ -199,27 +177,19 @@ impl PyScene {
     }
 
     /// Gradients of cotangent . qdd, in O(N): cotangent dqdd_dq, cotangent dqdd_dqd and M^-1 cotangent.
-    ///
     #[doc = parameters!(q qd tau)]
     /// cotangent : (..., nv) array_like
     ///     Gradient of a scalar function with respect to qdd.
     #[doc = entries!(form tolerance_of_derivatives wrenches parameters errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// gradients : ForwardDynamicsGradients
     ///     Named tuple (q, qd, tau, wrenches, parameters, armature, gravity); what is not requested is None. The
     ///     gradient with respect to q is in its tangent space, (..., nv).
-    ///
     #[doc = raises!(singular arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// x = M^-1 cotangent is one more filter and smoother; the other gradients are those of inverse_dynamics_vjp at the
     /// accelerations of the state, with the cotangent -x.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> q, qd, tau, c = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.0, 0.0, 0.0], [1.0, 2.0, 3.0]
     /// >>> gradients = scene.forward_dynamics_vjp(q, qd, tau, c)
@@ -249,26 +219,18 @@ impl PyScene {
     }
 
     /// Hessian of cotangent . tau times a direction, in O(N): change of the gradients of inverse_dynamics_vjp.
-    ///
     #[doc = parameters!(q qd qdd)]
     /// cotangent : (..., nv) array_like
     ///     Gradient of a scalar function with respect to tau.
     #[doc = entries!(dq dqd dqdd wrenches errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// product : InverseDynamicsGradients
     ///     Changes of the gradients with respect to q, qd and qdd, each (..., nv); the other fields are None.
-    ///
     #[doc = raises!(arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// Evaluated on dual numbers, one state at a time. The gradient with respect to q is that in the tangent space of
     /// the moving q, so the Hessian of spherical and free joints is not symmetric.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> q, qd, qdd, c = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.0, 1.0, 0.0], [1.0, 2.0, 3.0]
     /// >>> dq, zero = np.array([1.0, 0.0, -1.0]), np.zeros(3)
@@ -298,25 +260,17 @@ impl PyScene {
     }
 
     /// Hessian of cotangent . qdd times a direction, in O(N): change of the gradients of forward_dynamics_vjp.
-    ///
     #[doc = parameters!(q qd tau)]
     /// cotangent : (..., nv) array_like
     ///     Gradient of a scalar function with respect to qdd.
     #[doc = entries!(dq dqd dtau form tolerance_of_derivatives wrenches errors)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// product : ForwardDynamicsGradients
     ///     Changes of the gradients with respect to q, qd and tau, each (..., nv); the other fields are None.
-    ///
     #[doc = raises!(singular arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// One factor and four right-hand sides on dual numbers; otherwise as inverse_dynamics_hvp.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> q, qd, tau, c = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.0, 0.0, 0.0], [1.0, 2.0, 3.0]
     /// >>> dtau, zero = [1.0, 0.0, -1.0], np.zeros(3)

@@ -71,31 +71,21 @@ impl<'py> Arguments<'py> {
 #[pymethods]
 impl PyScene {
     /// Relative residuals of the identities of the paper at q, by name.
-    ///
-    /// Parameters
-    /// ----------
+    #[doc = section!(Parameters)]
     /// q : (nq,) array_like
     ///     Joint positions, rad or m.
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// residuals : dict of str to float
     ///     Name of the identity and its relative residual: rounding is a few eps times nv, or times the condition
     ///     number of M if an inverse is involved.
-    ///
-    /// Raises
-    /// ------
+    #[doc = section!(Raises)]
     /// ArgumentError
     ///     A scene of more than 300 degrees of freedom, or an invalid q.
     #[doc = entries!(singular arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// Factorization against faer's LDLT, operators against their definitions, closed forms against each other, and the
     /// dynamics at a fixed velocity and torque.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> max(phipsi.scenes.chain(3).check([0.3, 0.2, 0.1]).values()) < 1e-12
     /// True
     #[pyo3(signature = (q))]

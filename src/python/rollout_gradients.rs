@@ -21,9 +21,7 @@ use pyo3::types::PyTuple;
 #[pymethods]
 impl PyScene {
     /// Gradients of a function of a trajectory by the adjoint of every step, from recorded rows; as Trajectory.vjp.
-    ///
-    /// Parameters
-    /// ----------
+    #[doc = section!(Parameters)]
     /// q : (..., rows, nq) array_like
     ///     Recorded joint positions, the first at the start.
     /// qd : (..., rows, nv) array_like
@@ -42,22 +40,15 @@ impl PyScene {
     ///     As given to simulate.
     /// parameters : bool, default False
     ///     If true, compute the gradients with respect to inertial parameters too.
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// gradients : RolloutGradients
     ///     Named tuple (q, qd, tau, armature, damping, stiffness, friction, parameters) per state: (..., nv) each; tau
     ///     is (..., steps, nv) with tau_steps; parameters is (..., bodies, 10) or None.
-    ///
     #[doc = raises!(singular memory arguments)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// O(N) per stage. Steps between rows are recomputed, none with record_every=1. The memory of a thread grows with
     /// the square root of the number of steps between two rows. Steps after the last row have no effect.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> path = scene.simulate([0.3, 0.2, 0.1], np.zeros(3), dt=1e-3, steps=100, method="rk4")
     /// >>> last = np.zeros_like(path.qd)

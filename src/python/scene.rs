@@ -23,9 +23,7 @@ use std::path::{Path, PathBuf};
 /// Create it with phipsi.load, Scene.from_urdf, Scene.from_mujoco, Scene.from_pinocchio or SceneBuilder.build.
 /// Units are SI and radians. Spatial 6-vectors are angular first: wrench = (moment, force), velocity = (angular,
 /// linear).
-///
-/// Notes
-/// -----
+#[doc = section!(Notes)]
 /// **Coordinates.** Movable joints are in depth-first order, siblings in file order. In q, a revolute joint is an
 /// angle (rad), a prismatic joint a length (m), a screw joint an angle (pitch in m/rad), a planar joint (u, v,
 /// theta), a universal joint two angles (about x, then y), a spherical joint a quaternion (x, y, z, w), and a free
@@ -47,9 +45,7 @@ use std::path::{Path, PathBuf};
 /// argument and the state. Results that do not fit in memory raise OutOfMemoryError with the number of bytes.
 ///
 /// Scenes can be pickled. They compare and hash by identity; a copy is the scene itself.
-///
-/// Examples
-/// --------
+#[doc = section!(Examples)]
 /// >>> import numpy as np
 /// >>> import phipsi
 /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
@@ -100,9 +96,7 @@ impl PyScene {
 #[pymethods]
 impl PyScene {
     /// Create the scene of a URDF file or text.
-    ///
-    /// Parameters
-    /// ----------
+    #[doc = section!(Parameters)]
     /// source : str or os.PathLike
     ///     Path, or the XML text: a str that starts with "<" after white space.
     /// floating_base : bool, default False
@@ -116,21 +110,15 @@ impl PyScene {
     /// mimic : {"free", "couple"}, default "free"
     ///     "couple": joints with <mimic> follow the joint that they name and have no coordinates of their own; q, tau
     ///     and M are those of the other joints. "free": they are independent, with a MimicWarning for each.
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// scene : Scene
     ///     The robot, including the damping, friction, limits and extensions (armature, stiffness, rest) of its joints.
-    ///
-    /// Raises
-    /// ------
+    #[doc = section!(Raises)]
     /// SceneError
     ///     A file that cannot be read or built. The message names the link or joint.
     /// ArgumentError
     ///     A source that is neither a path nor a text, or an invalid argument.
-    ///
-    /// Warns
-    /// -----
+    #[doc = section!(Warns)]
     /// InertiaWarning
     ///     An inertia that no rigid body can have, or moving links without any mass.
     /// MimicWarning
@@ -139,14 +127,10 @@ impl PyScene {
     ///     Invalid limits, which are ignored.
     /// UnknownTagWarning
     ///     Elements, attributes and text that are ignored; one warning per file.
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// Operators and estimation need the simplifications "fixed_joints" and "base_links". Scenes with coupled joints
     /// support kinematics, dynamics, derivatives and simulation; the other methods raise ArgumentError.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM, floating_base=True)
     /// >>> scene.joint_names[:2], scene.nv
     /// (('root_joint', 'joint1'), 12)
@@ -180,9 +164,7 @@ impl PyScene {
     }
 
     /// Create the scene of a MuJoCo model; needs the extra phipsi[mujoco].
-    ///
-    /// Parameters
-    /// ----------
+    #[doc = section!(Parameters)]
     /// source : path, str, mujoco.MjModel or mujoco.MjSpec
     ///     Path of an MJCF, URDF or .mjb file, an XML text, or a model.
     /// gravity : (3,) array_like, optional
@@ -195,14 +177,10 @@ impl PyScene {
     ///     a hinge or slide), "armature" and "friction" (of free joints), "contacts", "equality", "flexes", "fluid",
     ///     "gravcomp", "limits" (of ball joints), "mocap", "nonlinear" (springs, damping, plasticity), "plugins",
     ///     "softness" (of equality constraints) and "tendons".
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// scene : Scene
     ///     The robot. phipsi.mujoco converts states and forces: the conventions differ for ball and free joints.
-    ///
-    /// Raises
-    /// ------
+    #[doc = section!(Raises)]
     /// SceneError
     ///     A model that cannot be read, or parts of it that change the motion and that scenes do not have: other
     ///     equality constraints, tendons with springs, losses or armature, gravcomp, a medium denser than air, plugins,
@@ -212,18 +190,14 @@ impl PyScene {
     ///     MuJoCo is not installed.
     /// ArgumentError
     ///     Any other source, or an invalid argument.
-    ///
-    /// Warns
-    /// -----
+    #[doc = section!(Warns)]
     /// ModelWarning
     ///     Contacts, limits of tendons and ball joints, air and soft equality constraints, which are omitted.
     /// MeshWarning
     ///     Missing files on which no inertia depends.
     /// MimicWarning
     ///     A joint that an ignored equality constraint couples linearly.
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// Joints and bodies keep their names and order. A joint whose anchor is not at the origin of its body, or that is
     /// not the last of its body, moves a link "body/joint". Named sites become links that are fixed to their bodies.
     /// Unnamed bodies and joints are named "body3", "joint0" and so on; a name that exists gets "_" appended, a site
@@ -233,9 +207,7 @@ impl PyScene {
     /// 0" and so on; solref and solimp are not read. Armature and damping of actuators are added to those of their
     /// joint, times the square of the gear ratio; their forcerange is the effort limit. Stops are at range, moved
     /// inward by margin. Controls, sensors and the integrator are not read.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> text = '''<mujoco><worldbody><body name="rod"><joint name="hinge" type="hinge" axis="0 1 0"/>
     /// ... <geom type="capsule" fromto="0 0 0 0 0 -1" size="0.05"/></body></worldbody></mujoco>'''
     /// >>> scene = phipsi.Scene.from_mujoco(text, ignore=["contacts"])
@@ -257,9 +229,7 @@ impl PyScene {
     }
 
     /// Create the scene of a Pinocchio model: joints, inertias, armature, damping, dry friction, limits and gravity.
-    ///
-    /// Parameters
-    /// ----------
+    #[doc = section!(Parameters)]
     /// model : pinocchio.Model
     ///     The model.
     /// gravity : (3,) array_like, optional
@@ -267,14 +237,10 @@ impl PyScene {
     /// strict : bool, default False
     ///     If true, unphysical inertias raise instead of warning.
     #[doc = entries!(leave_out)]
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// scene : Scene
     ///     The robot. phipsi.pinocchio converts states between the conventions.
-    ///
-    /// Raises
-    /// ------
+    #[doc = section!(Raises)]
     /// SceneError
     ///     Composite and mimic joints, joints with Euler angles, and planar joints with armature or friction, which
     ///     Pinocchio applies along axes of the body and phipsi along axes of the parent. The message names the joint.
@@ -282,15 +248,11 @@ impl PyScene {
     ///     Pinocchio is not installed.
     /// ArgumentError
     ///     An object that is not a model, or an invalid argument.
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// Joints keep their names, bodies have the names of their frames, in depth-first order. A body that is fixed to
     /// another body keeps its frame; its mass is part of the other body, as in Pinocchio. Warnings are those of
     /// SceneBuilder.build.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> import pinocchio
     /// >>> model = pinocchio.buildModelFromXML(phipsi.BUNDLED_ARM)
     /// >>> phipsi.Scene.from_pinocchio(model).nv
@@ -358,21 +320,14 @@ impl PyScene {
     }
 
     /// Slice of the coordinates of a joint in q.
-    ///
-    /// Parameters
-    /// ----------
+    #[doc = section!(Parameters)]
     /// joint : str
     ///     Name of a movable joint.
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// slice
     ///     Position in q.
-    ///
     #[doc = raises!(unknown)]
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> phipsi.scenes.chain(3).q_index("j1")
     /// slice(1, 2, 1)
     #[pyo3(signature = (joint, /))]
@@ -381,21 +336,14 @@ impl PyScene {
     }
 
     /// Slice of the degrees of freedom of a joint in qd, qdd and tau.
-    ///
-    /// Parameters
-    /// ----------
+    #[doc = section!(Parameters)]
     /// joint : str
     ///     Name of a movable joint.
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// slice
     ///     Position in qd, qdd and tau.
-    ///
     #[doc = raises!(unknown)]
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM, floating_base=True)
     /// >>> scene.q_index("joint1"), scene.v_index("joint1")
     /// (slice(7, 8, 1), slice(6, 7, 1))
@@ -405,23 +353,16 @@ impl PyScene {
     }
 
     /// Create a scene in which joints are fixed at their coordinates in q; the names of links remain.
-    ///
-    /// Parameters
-    /// ----------
+    #[doc = section!(Parameters)]
     /// joints : iterable of str
     ///     Names of movable joints. "root_joint" fixes a floating base.
     /// q : (nq,) array_like
     ///     Joint positions, rad or m; only those of the locked joints matter.
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// scene : Scene
     ///     The scene without these joints, whose bodies are merged: locked joints cost nothing.
-    ///
     #[doc = raises!(arguments)]
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3).lock(["j1"], [0.0, 0.5, 0.0])
     /// >>> scene.joint_names
     /// ('j0', 'j2')
@@ -434,33 +375,23 @@ impl PyScene {
     }
 
     /// Write the scene as URDF, which from_urdf reads back to the same numbers, apart from the rounding of angles.
-    ///
-    /// Parameters
-    /// ----------
+    #[doc = section!(Parameters)]
     /// path : str or os.PathLike, optional
     ///     File to write. None: no file.
     /// name : str, default "robot"
     ///     Name of the robot.
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// text : str
     ///     The URDF.
-    ///
-    /// Raises
-    /// ------
+    #[doc = section!(Raises)]
     /// ArgumentError
     ///     Parts that URDF cannot represent: connections, contacts, screw and universal joints, springs of joints with
     ///     several coordinates, losses of a floating base. The message names the part.
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// The free joint of a floating base is not written: read the file with floating_base=True. Armature, stiffness and
     /// rest are attributes of <dynamics>, which other programs ignore. Shapes are copied from the URDF of the scene if
     /// it still exists. A revolute joint without limits is written as continuous.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> copy = phipsi.Scene.from_urdf(scene.to_urdf())
     /// >>> copy.joint_names == scene.joint_names
@@ -471,9 +402,7 @@ impl PyScene {
     }
 
     /// Show a configuration or a motion of the robot in a browser; needs the extra phipsi[view].
-    ///
-    /// Parameters
-    /// ----------
+    #[doc = section!(Parameters)]
     /// motion : (nq,) or (k, nq) array_like, or Trajectory, optional
     ///     A configuration, configurations at the times t, or a trajectory of one state. None: the neutral
     ///     configuration.
@@ -493,25 +422,17 @@ impl PyScene {
     ///     Title of the panel.
     /// browser : bool, default True
     ///     If true, open a browser.
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// viewer : phipsi.view.Viewer or pathlib.Path
     ///     update(q) moves the robot, wait() keeps a script running, close() ends it. With `to`, the path of the page.
-    ///
-    /// Raises
-    /// ------
+    #[doc = section!(Raises)]
     /// ImportError
     ///     The extra `view` is not installed.
     #[doc = entries!(arguments)]
-    ///
-    /// Warns
-    /// -----
+    #[doc = section!(Warns)]
     /// MeshWarning
     ///     A mesh that is not found.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
     /// >>> viewer = scene.show(scene.neutral(), browser=False)
     /// >>> viewer.close()

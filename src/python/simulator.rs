@@ -62,9 +62,7 @@ const RATES: Part = |moving, state| moving.state(state).1;
 ///
 /// During a call, other calls on the same simulator raise ArgumentError. Copies and pickles are independent
 /// simulators at the same state.
-///
-/// Examples
-/// --------
+#[doc = section!(Examples)]
 /// >>> simulator = phipsi.scenes.chain(3).simulator([0.3, 0.2, 0.1], dt=1e-3)
 /// >>> for step in range(10):
 /// ...     simulator.step(tau=-0.1 * simulator.qd)
@@ -84,9 +82,7 @@ pub(crate) struct PySimulator {
 #[pymethods]
 impl PyScene {
     /// Create a Simulator: one state or a batch that is advanced call by call.
-    ///
-    /// Parameters
-    /// ----------
+    #[doc = section!(Parameters)]
     /// q : (..., nq) array_like
     ///     Joint positions at the start, rad or m.
     /// qd : (..., nv) array_like, optional
@@ -97,16 +93,11 @@ impl PyScene {
     ///     As in simulate, for all steps.
     /// baumgarte, compliance, limits, restitution, accuracy
     ///     As in simulate, for all steps.
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// simulator : Simulator
     ///     step(tau) costs one forward dynamics per stage and some tenths of a microsecond.
-    ///
     #[doc = raises!(memory arguments)]
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> simulator = phipsi.scenes.chain(3).simulator([0.3, 0.2, 0.1], dt=1e-3)
     /// >>> simulator.step(steps=10)
     /// >>> simulator.steps
@@ -304,16 +295,12 @@ fn in_blocks(py: Python<'_>, moving: &mut Simulator<Held>, torque: &Torque<'_>, 
 #[pymethods]
 impl PySimulator {
     /// Advance all states by steps of dt, with constant joint torques.
-    ///
-    /// Parameters
-    /// ----------
+    #[doc = section!(Parameters)]
     /// tau : (..., nv) array_like, optional
     ///     Joint torques, N m or N, which broadcast to the batch. None: zero.
     /// steps : int, default 1
     ///     Number of steps.
-    ///
-    /// Raises
-    /// ------
+    #[doc = section!(Raises)]
     /// SimulationError
     ///     The motion diverges or a pivot is lost. .step, .joint, .state and .trajectory (one row) describe it. All
     ///     states are at the last step that all of them finished; reset(q, qd, states=error.state) lets the others
@@ -322,9 +309,7 @@ impl PySimulator {
     ///     Ctrl-C (a KeyboardInterrupt), likewise.
     /// ShapeError, NotFiniteError, ArgumentError
     ///     An invalid argument; no state has moved.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> simulator = phipsi.scenes.chain(3).simulator([0.3, 0.2, 0.1], dt=1e-3)
     /// >>> simulator.step([0.5, 0.0, 0.0], steps=100)
     /// >>> bool(simulator.qd[0] > 0.0)
@@ -347,29 +332,20 @@ impl PySimulator {
     }
 
     /// Set states and their times to a new start; the other states remain.
-    ///
-    /// Parameters
-    /// ----------
+    #[doc = section!(Parameters)]
     /// q : (..., nq) array_like
     ///     Joint positions, rad or m.
     /// qd : (..., nv) array_like, optional
     ///     Joint velocities, rad/s or m/s; zero by default.
     /// states : optional
     ///     Selection of states as in array[states] = q: a mask, an index, a list of indices or a slice. None: all.
-    ///
     #[doc = raises!(arguments)]
-    ///
-    /// Warns
-    /// -----
+    #[doc = section!(Warns)]
     /// LimitWarning
     ///     Joints that start outside of limits that are stops.
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// If the call raises, all states are unchanged.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> simulator = phipsi.scenes.chain(3).simulator(np.zeros((4, 3)), dt=1e-3)
     /// >>> simulator.step(steps=10)
     /// >>> simulator.reset([0.3, 0.2, 0.1], states=2)
@@ -460,14 +436,10 @@ impl PySimulator {
     }
 
     /// Return the impacts of joints on their stops since the last call, and clear the list.
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// stops : list of StopImpact
     ///     Sorted by state and time; times are those of each state.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> builder = phipsi.SceneBuilder().link("rail").link("cart", mass=1.0)
     /// >>> scene = builder.joint("x", "prismatic", "rail", "cart", axis=(1, 0, 0), upper=0.5).build()
     /// >>> simulator = scene.simulator([0.0], [1.0], dt=0.01)

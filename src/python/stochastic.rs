@@ -21,9 +21,7 @@ use std::ops::Range;
 ///
 /// Create it with Scene.random_model. s is the acceleration variance, (rad/s^2)^2 of 1 kg m^2; v has the variance s
 /// times the armature.
-///
-/// Examples
-/// --------
+#[doc = section!(Examples)]
 /// >>> model = phipsi.scenes.chain(3).random_model([0.3, 0.2, 0.1])
 /// >>> model.nv, model.dimension
 /// (3, 18)
@@ -58,9 +56,7 @@ pub(super) fn rebuild_random_model(
 #[pymethods]
 impl PyScene {
     /// Create the spatially random model at q (1.1 to 1.6), to sample forces on bodies and joint torques.
-    ///
-    /// Parameters
-    /// ----------
+    #[doc = section!(Parameters)]
     /// q : (nq,) array_like
     ///     Joint positions, rad or m.
     /// qd : (nv,) array_like, optional
@@ -68,19 +64,13 @@ impl PyScene {
     ///     zero.
     /// acceleration_variance : float, default 1
     ///     s: variance of the acceleration of 1 kg m^2, (rad/s^2)^2. It scales all covariances.
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// model : RandomModel
     ///     The model.
-    ///
-    /// Raises
-    /// ------
+    #[doc = section!(Raises)]
     /// ShapeError, NotFiniteError, ArgumentError
     ///     An invalid array, a variance that is not positive, or an inertia that no rigid body can have, with its link.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> model = scene.random_model([0.3, 0.2, 0.1])
     /// >>> np.allclose(model.mass_matrix(method="sigma-points").mass_matrix, scene.mass_matrix([0.3, 0.2, 0.1]))
@@ -119,22 +109,16 @@ impl PyRandomModel {
     }
 
     /// Samples of the process W, the force X = phi W and the torque T = H X + v.
-    ///
     #[doc = parameters!(samples)]
     /// first : int, optional
     ///     Number of the first sample, 0 by default. Sample i of a seed does not depend on the others or on the
     ///     threads.
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// samples : Samples
     ///     Named tuple: process and force, (samples, nv, 6), in body frames with one block per degree of freedom as in
     ///     Factor; torque, (samples, nv).
-    ///
     #[doc = raises!(arguments memory)]
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> model = phipsi.scenes.chain(3).random_model([0.3, 0.2, 0.1])
     /// >>> one, other = model.sample(4, seed=1), model.sample(2, seed=1, first=2)
     /// >>> np.array_equal(one.torque[2:], other.torque)
@@ -160,20 +144,14 @@ impl PyRandomModel {
     }
 
     /// Samples of the joint torques T = H X + v only, equal to those of sample.
-    ///
     #[doc = parameters!(samples)]
     /// first : int, optional
     ///     Number of the first sample, 0 by default.
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// torque : (samples, nv) ndarray
     ///     Joint torques, N m or N.
-    ///
     #[doc = raises!(arguments memory)]
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> model = phipsi.scenes.chain(3).random_model([0.3, 0.2, 0.1])
     /// >>> np.array_equal(model.sample_torque(4, seed=1), model.sample(4, seed=1).torque)
     /// True
@@ -194,9 +172,7 @@ impl PyRandomModel {
     }
 
     /// Mass matrix as the covariance of sampled joint torques T (eq. 5.1), with confidence intervals.
-    ///
-    /// Parameters
-    /// ----------
+    #[doc = section!(Parameters)]
     /// samples : int, optional
     ///     Number of samples; for "sobol" replicates times a power of two, for "sigma-points" none.
     /// seed : int, optional
@@ -208,20 +184,13 @@ impl PyRandomModel {
     ///     Confidence of the interval of each entry, between 0 and 1.
     /// replicates : int, default 8
     ///     Number of scrambles, at least 2, for "sobol" only.
-    ///
-    /// Returns
-    /// -------
+    #[doc = section!(Returns)]
     /// estimate : MassEstimate
     ///     Named tuple (mass_matrix, standard_error, low, high, samples, confidence).
-    ///
     #[doc = raises!(arguments memory)]
-    ///
-    /// Notes
-    /// -----
+    #[doc = section!(Notes)]
     /// The memory does not grow with the number of samples.
-    ///
-    /// Examples
-    /// --------
+    #[doc = section!(Examples)]
     /// >>> model = phipsi.scenes.chain(3).random_model([0.3, 0.2, 0.1])
     /// >>> estimate = model.mass_matrix(2000, seed=1)
     /// >>> bool((estimate.low <= estimate.high).all())

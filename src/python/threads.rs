@@ -7,24 +7,16 @@ use pyo3::prelude::*;
 use pyo3::types::PyBool;
 
 /// Set the number of threads for batches in this process and its forks; running calls keep theirs.
-///
-/// Parameters
-/// ----------
+#[doc = section!(Parameters)]
 /// threads : int or None
 ///     Number of threads, including that of the caller; 1: only that. None or 0: RAYON_NUM_THREADS, or one per
 ///     core, which is the initial setting.
-///
-/// Raises
-/// ------
+#[doc = section!(Raises)]
 /// ArgumentError
 ///     An invalid number, or more threads than the system provides. The previous setting remains.
-///
-/// Notes
-/// -----
+#[doc = section!(Notes)]
 /// Results are bit-identical for any number of threads.
-///
-/// Examples
-/// --------
+#[doc = section!(Examples)]
 /// >>> phipsi.set_num_threads(1)
 /// >>> phipsi.get_num_threads()
 /// 1
@@ -44,14 +36,10 @@ pub(super) fn set_num_threads(py: Python<'_>, threads: Option<&Object<'_>>) -> P
 }
 
 /// Number of threads that the next batch uses; 1 if it runs on that of the caller. Starts the threads if necessary.
-///
-/// Returns
-/// -------
+#[doc = section!(Returns)]
 /// threads : int
 ///     Number of threads, including that of the caller.
-///
-/// Examples
-/// --------
+#[doc = section!(Examples)]
 /// >>> phipsi.get_num_threads() >= 1
 /// True
 #[pyfunction]
