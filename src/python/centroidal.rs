@@ -111,7 +111,7 @@ impl PyScene {
         self.everyday(py, &Everyday::CenterOfMassJacobian, [("q", q)], (&shape, cost), errors)
     }
 
-    /// Centroidal momentum matrix A: the momentum (angular about the center of mass, linear) in the base frame is A qd.
+    /// Centroidal momentum matrix A: A qd is (angular momentum about the center of mass, linear), in base axes.
     #[doc = parameters!(q errors)]
     #[doc = section!(Returns)]
     /// A : (..., 6, nv) ndarray
@@ -132,7 +132,7 @@ impl PyScene {
         self.everyday(py, &Everyday::CentroidalMomentumMatrix, [("q", q)], (&shape, cost), errors)
     }
 
-    /// Time derivative A' of the centroidal momentum matrix along qd: the centroidal momentum changes at A qdd + A' qd.
+    /// Time derivative A' of the centroidal momentum matrix along qd: the momentum changes at A qdd + A' qd.
     #[doc = parameters!(q qd errors)]
     #[doc = section!(Returns)]
     /// dA : (..., 6, nv) ndarray

@@ -123,8 +123,8 @@ impl PyScene {
     #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
     /// >>> dynamics = scene.constrained_dynamics([0.0, 0.1, 0.1], np.zeros(3), [0.0, 0.1, 0.0])
-    /// >>> np.isclose(dynamics.qdd[1], dynamics.qdd[2]), dynamics.forces["gear"].shape
-    /// (np.True_, (1,))
+    /// >>> np.allclose(dynamics.qdd[1], dynamics.qdd[2]), dynamics.forces["gear"].shape
+    /// (True, (1,))
     #[pyo3(signature = (q, qd, tau, *, compliance=None, form="auto", tolerance=None, wrenches=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn constrained_dynamics<'py>(

@@ -17,7 +17,7 @@ mod cost {
 
 #[pymethods]
 impl PyScene {
-    /// Poses of all links by name: homogeneous matrices from the link frame to the base frame (forward kinematics).
+    /// Poses of all links by name (forward kinematics): homogeneous matrices from link to base frame.
     #[doc = parameters!(q errors)]
     #[doc = section!(Returns)]
     /// poses : dict of str to (..., 4, 4) ndarray
@@ -87,8 +87,8 @@ impl PyScene {
     #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> q, qd = np.array([0.3, 0.2, 0.1]), np.array([1.0, 0.5, 0.2])
-    /// >>> np.isclose(scene.kinetic_energy(q, qd), qd @ scene.mass_matrix(q) @ qd / 2)
-    /// np.True_
+    /// >>> np.allclose(scene.kinetic_energy(q, qd), qd @ scene.mass_matrix(q) @ qd / 2)
+    /// True
     #[pyo3(signature = (q, qd, *, errors="raise"))]
     fn kinetic_energy<'py>(
         &self,
@@ -101,7 +101,7 @@ impl PyScene {
         self.everyday(py, &Everyday::KineticEnergy, [("q", q), ("qd", qd)], (&[], cost), errors)
     }
 
-    /// Spatial momentum of all moving links: (angular about the origin of the base frame, linear), in the base frame.
+    /// Spatial momentum of all moving links in the base frame: (angular about its origin, linear).
     #[doc = parameters!(q qd errors)]
     #[doc = section!(Returns)]
     /// h : (..., 6) ndarray
