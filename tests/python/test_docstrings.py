@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import phipsi
 import pytest
+from phipsi import _core
 
 SECTIONS = ("Parameters", "Attributes", "Returns", "Yields", "Raises", "Warns", "See Also", "Notes", "Examples")
 #: The packages, beyond numpy, that an example needs.
@@ -162,10 +163,11 @@ def test_functions_and_methods_have_their_sections(name: str) -> None:
         assert not found, f"{name}: {'; '.join(found)}"
 
 
-def test_first_lines_are_sentences_of_one_line() -> None:
+def test_docstrings_begin_with_a_sentence_and_compiled_ones_with_one_line() -> None:
     for name in ALL.keys() - INCOMPLETE:
-        lines = (inspect.getdoc(ALL[name]) or "").splitlines()
-        assert lines and re.search(r"[.;]$", lines[0]) and lines[1:2] in ([], [""]), f"{name}: {lines[:2]}"
+        first, _, _ = (inspect.getdoc(ALL[name]) or "").partition("\n\n")
+        is_compiled = hasattr(_core, name.partition(".")[0])
+        assert re.search(r"[.;]$", first) and (not is_compiled or "\n" not in first), f"{name}: {first}"
 
 
 def test_the_list_of_incomplete_names_has_only_names_that_there_are() -> None:
@@ -179,6 +181,8 @@ def test_examples_run(name: str) -> None:
     example = doctest.DocTestParser().get_doctest(
         inspect.getdoc(ALL[name]) or "", {"np": np, "phipsi": phipsi}, name, None, None
     )
+    if all(one.options.get(doctest.SKIP) for one in example.examples):
+        pytest.skip(f"{name} has an example that cannot run here")
     report: list[str] = []
     failed, tried = doctest.DocTestRunner(verbose=False).run(example, out=report.append)
     assert tried > 0 and failed == 0, "".join(report)
