@@ -1,40 +1,40 @@
-# The commands of the project. `make report` and `make test` are all a newcomer needs.
+# Commands of the project. Start with `make report` and `make test`.
 #
-#   make report [ROBOT=some.urdf] [OUT=report]   build, install into .venv, run the main job
+#   make report [ROBOT=some.urdf] [OUT=report]   build, install into .venv, and write a report
 #   make test      Rust tests, then the Python tests against the built wheel
-#   make dev       the fast loop: a debug build with fewer kernels into .venv-dev (try: .venv-dev/bin/python, or -m pytest tests/python)
+#   make dev       debug build with fewer kernels in .venv-dev, for development (.venv-dev/bin/python, or -m pytest tests/python)
 #   make test-jax  the tests of phipsi.jax, and its page, in .venv-jax (two minutes)
 #   make docs      the pages of docs/ as a site, target/site/index.html, in .venv-docs; warnings are errors
-#   make check     what CI adds: format, clippy (of the benches and of written Rust too), docs, stubs, abi3
-#   make manylinux    Linux: the wheel that make test takes, linked by zig, so that it runs on glibc 2.17
+#   make check     further checks of CI: format, clippy (including benches and generated Rust code), docs, stubs, abi3
+#   make manylinux    Linux: the wheel for make test, linked by zig, so that it runs on glibc 2.17
 #   make sdist     the source distribution: its content, and that it and the crate compile
 #   make oldest    the wheel in Python 3.10 with the oldest NumPy and test packages it allows
-#   make peers     what to measure against: the peers, and Pinocchio's C++ harness (Debian: apt-get, as root)
-#   make stub      after make test: writes the docstrings of the compiled module into the stub
-#   make instructions   counts instructions with valgrind, fails where there are more than before
-#   make auto-states  what form auto costs at rest, held, falling, ...: writes docs/auto-states.md (two minutes)
-#   make derivatives  after make test: times of derivatives beside Pinocchio's, writes docs/derivative-times.md (a minute)
-#   make leaving-out   counts with valgrind what each switch saves: writes the table of docs/leaving-out.md
-#   make numerics  after make peers: errors on extreme scenes beside the peers', writes docs/numerics.md, its plots and the figures of README.md (ten minutes)
-#   make motion [OUT=report]   after make peers: the study of integrators, beside the peers' (some minutes)
-#   make robustness  after make test: which simulations finish, their errors, energy and times, compared with MuJoCo: writes docs/motion-robustness.md (ten minutes)
-#   make inverse-kinematics   beside pink, mink and dynibo, in .venv-ik: writes docs/inverse-kinematics-times.md (ten minutes)
-#   make closed-loops   forward dynamics through connections beside Pinocchio's: writes docs/closed-loops-times.md (a minute)
-#   make compiled  after make peers: robots compiled for themselves beside the scene's own calls and CasADi's code: writes docs/compiled-times.md (some minutes)
+#   make peers     install the peers, and build Pinocchio's C++ harness (Debian: apt-get, as root)
+#   make stub      after make test: copies the docstrings of the compiled module into the stub
+#   make instructions   counts instructions with valgrind, fails if an algorithm needs more than before
+#   make auto-states  time of form auto by kind of state: writes docs/auto-states.md (two minutes)
+#   make derivatives  after make test: times of derivatives, compared with Pinocchio: writes docs/derivative-times.md (a minute)
+#   make leaving-out   instructions saved by each simplification, counted with valgrind: writes the table of docs/leaving-out.md
+#   make numerics  after make peers: errors on extreme scenes, compared with the peers: writes docs/numerics.md, its plots and the results in README.md (ten minutes)
+#   make motion [OUT=report]   after make peers: study of integrators, compared with the peers (some minutes)
+#   make robustness  after make test: completed simulations, their errors, energy and times, compared with MuJoCo: writes docs/motion-robustness.md (ten minutes)
+#   make inverse-kinematics   inverse kinematics, compared with pink, mink and dynibo, in .venv-ik: writes docs/inverse-kinematics-times.md (ten minutes)
+#   make closed-loops   forward dynamics with connections, compared with Pinocchio: writes docs/closed-loops-times.md (a minute)
+#   make compiled  after make peers: compiled robots, compared with the methods of the scene and with CasADi's code: writes docs/compiled-times.md (some minutes)
 #   make embedded  after make test: flash, stack and instructions of robots on a Cortex-M4F, by gcc-arm-none-eabi and QEMU: writes docs/embedded-size.md (half a minute)
 #   make picture   the picture of README.md, docs/robot.webp, in Chromium (half a minute)
-#   make roofline  after make peers for its robots: operations, time and share of the machine's peak, writes docs/roofline.md
-#   make bench     after make peers: measures all of it (20 minutes), writes docs/benchmarks.md and the figures of README.md (BENCH=--quick: a trial)
+#   make roofline  after make peers for its robots: operations, time and fraction of the machine's peak: writes docs/roofline.md
+#   make bench     after make peers: all benchmarks (20 minutes): writes docs/benchmarks.md and the results in README.md (BENCH=--quick: a test)
 
 PYTHON ?= python3
-# The first of these that runs.
+# The first of these that is executable.
 PYTHON_3_10 ?= python3.10 $(wildcard $(HOME)/.pyenv/versions/3.10.*/bin/python)
 OUT ?= report
 ROBOT ?=
 BENCH ?=
 ROOFLINE ?=
 STUDY ?=
-# All that needs no Python.
+# Rust tests without Python.
 FEATURES := urdf,parallel,dense,stochastic,adaptive,avx512,float32
 VENV := .venv
 BIN := $(VENV)/bin
@@ -44,13 +44,13 @@ SOURCES := Cargo.toml Cargo.lock pyproject.toml PACKAGE.md README.md $(shell fin
 
 .PHONY: dev report test test-rust test-python test-jax docs check manylinux sdist oldest bench numerics motion robustness instructions auto-states derivatives leaving-out inverse-kinematics closed-loops compiled embedded roofline picture peers peers-there peers-phipsi stub clean
 
-# One interpreter of the project's own; the system's packages are never touched.
+# A separate environment; the packages of the system are not changed.
 $(BIN)/python:
 	$(PYTHON) -c 'import sys; assert sys.version_info >= (3, 10), "Python >= 3.10 is needed, this is " + sys.version'
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip 'maturin>=1.9.4,<2'
 
-# What maturin is told besides; make manylinux sets it.
+# Additional options of maturin, set by make manylinux.
 WHEEL_FLAGS ?=
 $(VENV)/wheel: $(SOURCES) | $(BIN)/python
 	rm -rf $(WHEELS)
@@ -72,7 +72,7 @@ report: $(VENV)/report
 
 test: test-rust test-python
 
-# Nothing is kept for a next build of the same sources: that takes a quarter of the room.
+# Without incremental compilation, which takes a quarter of the disk space.
 test-rust:
 	CARGO_INCREMENTAL=0 cargo test --locked --features $(FEATURES)
 
@@ -91,7 +91,7 @@ dev: | $(DEV)/bin/python
 test-python: $(VENV)/test
 	cd tests/python && ../../$(BIN)/python -m pytest -q --rootdir . -c ../../pyproject.toml .
 
-# JAX starts threads, beside which other tests must not fork: an environment of its own.
+# JAX starts threads, with which other tests must not fork: a separate environment.
 $(VENV)-jax/there: $(VENV)/wheel pyproject.toml
 	$(PYTHON) -m venv $(VENV)-jax
 	$(VENV)-jax/bin/python -m pip install --quiet "$$(ls $(WHEELS)/phipsi-*.whl)[jax]" 'pytest>=8'
@@ -100,7 +100,7 @@ $(VENV)-jax/there: $(VENV)/wheel pyproject.toml
 test-jax: $(VENV)-jax/there
 	cd tests/python && ../../$(VENV)-jax/bin/python -m pytest -q --rootdir . -c ../../pyproject.toml test_jax.py 'test_docs.py::test_python_blocks_run[docs/how-to/jax.md]'
 
-# The wheel, so that notebooks are run; the reference is read from the sources.
+# The wheel is needed to run the notebooks; the reference is read from the sources.
 $(VENV)-docs/there: $(VENV)/wheel pyproject.toml
 	$(PYTHON) -m venv $(VENV)-docs
 	$(VENV)-docs/bin/python -m pip install --quiet "$$(ls $(WHEELS)/phipsi-*.whl)[docs]"
@@ -111,7 +111,7 @@ docs: $(VENV)-docs/there
 	NO_MKDOCS_2_WARNING=1 $(VENV)-docs/bin/mkdocs build --strict
 	@echo "open target/site/index.html"
 
-# A processor that this machine is not: its arm is compiled, not run.
+# Another processor architecture: its kernels are compiled, but not run.
 OTHER := aarch64-unknown-linux-gnu
 
 check: export CARGO_INCREMENTAL = 0
@@ -121,7 +121,7 @@ check: $(VENV)/test
 	cargo clippy --locked --all-targets --features $(FEATURES) -- -D warnings
 	cargo clippy --locked --all-targets --features python,avx512,float32 -- -D warnings
 	if rustup target add $(OTHER); then cargo clippy --locked --lib --features $(FEATURES) --target $(OTHER) -- -D warnings; \
-	else echo "$(OTHER): not checked, rustup cannot have it"; fi
+	else echo "$(OTHER): not checked: rustup does not support it here"; fi
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --features $(FEATURES)
 	$(BIN)/phipsi codegen -o target/codegen --lang rust --name bundled
 	CARGO_TARGET_DIR=target cargo clippy --manifest-path target/codegen/Cargo.toml --all-targets -- -D warnings
@@ -131,7 +131,7 @@ check: $(VENV)/test
 	$(BIN)/mypy python/phipsi
 	$(BIN)/abi3audit --strict $(WHEELS)/phipsi-*.whl
 
-# Before make test, which then takes this wheel and builds none. zig comes from the package index; maturin finds it by the python3 of PATH.
+# Run before make test, which then uses this wheel. zig is installed from the package index; maturin finds it with the python3 of PATH.
 manylinux: | $(BIN)/python
 	$(BIN)/python -m pip install --quiet 'ziglang>=0.14' 'auditwheel>=6'
 	test -f $(WHEELS)/phipsi-*manylinux_2_17_*.whl || rm -f $(VENV)/wheel
@@ -139,7 +139,7 @@ manylinux: | $(BIN)/python
 	$(BIN)/auditwheel show $(WHEELS)/phipsi-*.whl
 	ls -l $(WHEELS)/phipsi-*manylinux_2_17_*.whl
 
-# Compiled with what was compiled for the tests; cargo package compiles the bare crate from what it packs.
+# Uses the compiled dependencies of the tests; cargo package compiles the crate from the packaged files.
 SDIST := target/sdist
 sdist: | $(BIN)/python
 	rm -rf $(SDIST)
@@ -154,12 +154,12 @@ oldest: $(VENV)/wheel sdist
 	  if "$$python" -c 'import sys; sys.exit(sys.version_info[:2] != (3, 10))' 2>/dev/null; then \
 	    "$$python" .ci/test_wheel.py --oldest --tree $(SDIST)/phipsi-*/ $(WHEELS)/phipsi-*.whl; exit; \
 	  fi; \
-	done; echo "make oldest: skipped, there is no Python 3.10 as python3.10 or in ~/.pyenv/versions"
+	done; echo "make oldest: skipped: found no Python 3.10 (python3.10 or ~/.pyenv/versions)"
 
 stub: $(VENV)/test
 	cd tests/python && ../../$(BIN)/python stub_docs.py ../../python/phipsi/_core.pyi
 
-# phipsi goes into the peers' environment: all of them are measured in one process.
+# phipsi is installed in the environment of the peers, because all are measured in one process.
 peers-phipsi: peers-there $(VENV)/wheel
 	$(PEERS) -m pip install --quiet --force-reinstall --no-deps $(WHEELS)/phipsi-*.whl
 	$(PEERS) -m pip install --quiet "$$(ls $(WHEELS)/phipsi-*.whl)[report,motion]" 'matplotlib>=3.7'
@@ -168,7 +168,7 @@ bench: peers-phipsi
 	$(PEERS) benches/report.py $(BENCH)
 	$(PEERS) benches/readme.py
 
-# STUDY=--quick: fewer states and steps, to see that it works.
+# STUDY=--quick: fewer states and steps, as a test.
 numerics: peers-phipsi
 	$(PEERS) benches/study.py stability --markdown docs/numerics.md $(STUDY)
 	$(PEERS) benches/readme.py
@@ -210,7 +210,7 @@ leaving-out:
 auto-states: $(VENV)/test
 	$(BIN)/python benches/auto_states.py --markdown docs/auto-states.md
 
-# ROOFLINE=--write-only: the page again from what was measured last.
+# ROOFLINE=--write-only: rewrite the page from the last measurement.
 # Needs Chromium.
 picture: $(VENV)/test
 	$(BIN)/python docs/picture.py
@@ -220,7 +220,7 @@ roofline: $(VENV)/report
 	$(BIN)/python benches/roofline.py $(ROOFLINE)
 
 peers-there:
-	@test -x $(PEERS) -a -x target/peers/pinocchio_bench || { echo "make bench measures against the peers: run make peers first"; exit 1; }
+	@test -x $(PEERS) -a -x target/peers/pinocchio_bench || { echo "make bench: found no peers; run make peers first"; exit 1; }
 
 peers:
 	bash benches/peers/install.sh

@@ -1,6 +1,8 @@
-"""Unpacks a source distribution beside itself, and fails where it has too much or too little: python .ci/check_sdist.py target/sdist/phipsi-1.2.3.tar.gz
+"""Unpack a source distribution in its folder, and fail if files are missing or superfluous.
 
-What it should have is what git has of the folders below. Built again from what it unpacks to, it is the same module.
+Usage: python .ci/check_sdist.py target/sdist/phipsi-1.2.3.tar.gz
+
+The expected files are those in git below the folders in EXPECTED.
 """
 
 from __future__ import annotations
@@ -14,7 +16,7 @@ from pathlib import Path
 
 TREE = Path(__file__).parents[1]
 
-# Of files that git has; * goes across folders.
+# Patterns of files in git; * matches across folders.
 EXPECTED = (
     "CHANGELOG.md",
     "Cargo.lock",
@@ -32,7 +34,7 @@ EXPECTED = (
     "src/*",
     "tests/*",
 )
-# The tests of pages read pictures, which are in the repository only.
+# The tests of pages read pictures, which are only in the repository.
 LEFT_OUT = ("tests/python/test_docs.py",)
 MADE = ("PKG-INFO",)
 
@@ -48,9 +50,9 @@ def main(archive: Path) -> None:
     for file in sorted(expected - found):
         print(f"{archive.name}: {file} is missing")
     for file in sorted(found - expected):
-        print(f"{archive.name}: {file} is too much")
+        print(f"{archive.name}: {file} is superfluous")
     if found != expected:
-        sys.exit("change `include` of Cargo.toml or pyproject.toml, or EXPECTED of .ci/check_sdist.py; git must have every file")
+        sys.exit("change `include` in Cargo.toml or pyproject.toml, or EXPECTED in .ci/check_sdist.py; every file must be in git")
     print(f"{archive.name}: {len(found)} files, {archive.stat().st_size / 1e6:.1f} MB")
 
 

@@ -1,4 +1,8 @@
-"""Fails unless the tag given is "v" and the version of Cargo.toml and CITATION.cff, and CHANGELOG.md tells its date: python .ci/check_tag.py v1.2.3"""
+"""Check that a tag is "v" and the version of Cargo.toml and CITATION.cff, and that CHANGELOG.md has the date of that
+version.
+
+Usage: python .ci/check_tag.py v1.2.3
+"""
 
 from __future__ import annotations
 

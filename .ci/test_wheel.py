@@ -1,6 +1,10 @@
-"""Tests a wheel in an environment of its own, with NumPy and what the tests below need: python .ci/test_wheel.py [--oldest] [--tree FOLDER] WHEEL
+"""Test a wheel in a temporary environment with NumPy and the packages in NEEDED.
 
---oldest takes the oldest versions that the wheel's metadata allows. --tree has tests/python; this repository, unless given.
+Usage: python .ci/test_wheel.py [--oldest] [--tree FOLDER] WHEEL
+
+--oldest installs the oldest versions that the metadata of the wheel allows. --tree is the folder with tests/python;
+default:
+this repository.
 """
 
 from __future__ import annotations
@@ -17,7 +21,7 @@ from pathlib import Path
 
 NEEDED = ("numpy", "pytest", "hypothesis", "mpmath", "scipy")
 
-# What needs no other program and no signal, and is the same on every system.
+# Tests that need no other program and no signals, and that are the same on every system.
 TESTS = (
     "arguments",
     "bad_states",
@@ -72,10 +76,10 @@ def main() -> int:
         install = [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--only-binary", ":all:"]
         subprocess.run([*install, str(wheel), *requirements], check=True)
         print(wheel.name, "on Python", sys.version.split()[0], *requirements, flush=True)
-        # In the tests' folder, so that the installed wheel is imported and not the source.
+        # In the folder of the tests, so that the installed wheel is imported and not the source.
         pytest = [python, "-m", "pytest", "-q", "--rootdir", ".", "-c", "../../pyproject.toml", "-p", "no:cacheprovider"]
         tests = [f"test_{name}.py" for name in TESTS]
-        # Nothing is written into the tree, which may be read-only.
+        # Nothing is written to the tree, which may be read-only.
         environment = os.environ | {"PYTHONDONTWRITEBYTECODE": "1", "HYPOTHESIS_STORAGE_DIRECTORY": str(Path(folder) / "hypothesis")}
         return subprocess.run([*pytest, *tests], cwd=tree / "tests/python", env=environment, check=False).returncode
 

@@ -1,9 +1,10 @@
-"""Print what form "auto" costs beside "covariance" in the states that robots are in, as Markdown.
+"""Print the time of form "auto" relative to "covariance" by kind of state, as Markdown.
 
 Usage: python benches/auto_states.py [--quick] [--seed N] [--markdown FILE] [NAME|ROBOT.urdf ...]
 
-Default: ur5, panda, anymal, g1 and talos of example-robot-data where this interpreter has it, else the bundled arm. It measures
-whichever phipsi is installed, older ones too: the kinds of states come from this repository, all else is public.
+Default: ur5, panda, anymal, g1 and talos of example-robot-data if this interpreter has it, otherwise the bundled arm.
+It measures the installed version of phipsi, including older ones: the kinds of states are those of this repository,
+and everything else uses public names.
 """
 
 import argparse
@@ -16,15 +17,15 @@ import phipsi
 
 FOLDER = Path(__file__).resolve().parents[1] / "python" / "phipsi" / "report"
 
-HEAD = """# What `auto` costs in the states that robots are in
+HEAD = """# Cost of form `auto` by kind of state
 
-Time of `form="auto"` over that of `form="covariance"`. Made by `make auto-states`; another machine gives other times, and ratios within some percent.
-How `auto` judges is in [numerics.md](numerics.md#how-a-form-is-judged). The page does not show states that lose digits, which `auto` does again in square-root form.
+Time of `form="auto"` relative to `form="covariance"`. Written by `make auto-states`; times differ between machines, ratios by a few percent.
+[numerics.md](numerics.md#error-estimates-and-fallbacks) describes the error estimate of `auto`. The page does not show states with a loss of precision, which `auto` recomputes in a more accurate form.
 """
 
 
 def markdown(auto_cost: types.ModuleType, costs: dict) -> str:
-    """Both tables as Markdown, with the times of the worst case, and what the kinds are."""
+    """Both tables as Markdown, with the times of the worst case and the definitions of the kinds."""
     parts = [f"phipsi {phipsi.__version__}: {auto_cost.TITLE}"]
     for batch, title in auto_cost.SIZES.items():
         robots, rows = auto_cost.table(costs, batch)
@@ -34,14 +35,14 @@ def markdown(auto_cost: types.ModuleType, costs: dict) -> str:
     row, base, robot = max(every, key=lambda one: one[0].ratio)
     size = f"a batch of {row.batch}" if row.batch > 1 else "one state a call"
     parts.append(
-        f"Worst: {robot}, {base}, {row.kind}, {size}: auto {row.auto:.0f} ns a state, covariance {row.covariance:.0f}."
+        f"Worst: {robot}, {base}, {row.kind}, {size}: auto {row.auto:.0f} ns per state, covariance {row.covariance:.0f}."
     )
     parts.append("\n".join(f"- {kind}: {meaning}" for kind, meaning in auto_cost.kinds.MEANING.items()))
     return "\n\n".join(parts)
 
 
 def main() -> None:
-    # As a package of another name, because the installed one may be older and have no such module.
+    # Imported under another name, because the installed package may be older and lack this module.
     package = types.ModuleType("states_of_this_repository")
     package.__path__ = [str(FOLDER)]
     sys.modules[package.__name__] = package
@@ -51,7 +52,7 @@ def main() -> None:
     parser.add_argument("robots", nargs="*", metavar="ROBOT")
     parser.add_argument("--quick", action="store_true", help="fewer turns")
     parser.add_argument("--seed", type=int, default=0, help="default: %(default)s")
-    parser.add_argument("--markdown", type=Path, metavar="FILE", help="write a page instead, as make auto-states does")
+    parser.add_argument("--markdown", type=Path, metavar="FILE", help="write a page instead, like make auto-states")
     options = parser.parse_args()
     known = auto_cost.example_robots()
     sources = {Path(robot).stem: known.get(robot, Path(robot)) for robot in options.robots}
@@ -60,7 +61,7 @@ def main() -> None:
     if options.markdown is None:
         print(table)
     else:
-        import long_chains  # with mpmath, which the tests need too
+        import long_chains  # needs mpmath, as the tests do
 
         options.markdown.write_text(f"{HEAD}\n{table}\n\n{long_chains.section()}\n", encoding="utf-8")
 

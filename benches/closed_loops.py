@@ -1,10 +1,12 @@
-"""Forward dynamics through connections beside Pinocchio's constraintDynamics, in one run: a state, and a batch of them.
+"""Forward dynamics with connections, compared with Pinocchio's constraintDynamics in one run: one state, and a batch.
 
 Usage: python benches/closed_loops.py [--markdown FILE]; `make closed-loops`.
 
-Both programs get the same robots with the same feet fixed to the ground, the same states and torques. Pinocchio is called from Python a state at a time, with its proximal
-settings at 1e-10 and ten iterations at the most; in batches its loop is in Python too, for it has no batches. phipsi's batches run on one thread here. Times are the least of some
-turns, which take each other's place. Beside drawn states and torques there are robots at rest that hold themselves by their own joints, and limp ones that begin to fall.
+Both programs have the same robots with the same feet fixed to the ground, and the same states and torques. Pinocchio
+is called from Python with one state per call, with proximal settings 1e-10 and at most ten iterations; it has no
+batches, so a batch is a loop in Python. Batches of phipsi run on one thread. Times are the minimum of several
+interleaved timings. In addition to random states and torques there are robots in static equilibrium and passive
+robots at rest.
 """
 
 import argparse
@@ -18,7 +20,7 @@ import phipsi.pinocchio
 import pinocchio as pin
 from in_turns import least, write
 from robots import ROBOTS
-#: File, links that are held, and how.
+#: File, links that are fixed, and kind of the connections.
 CASES = {
     "solo12 on four points": ("solo_description/robots/solo12.urdf", ["FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT"], "point"),
     "anymal on four points": ("anymal_c_simple_description/urdf/anymal.urdf", ["LF_FOOT", "RF_FOOT", "LH_FOOT", "RH_FOOT"], "point"),
@@ -45,7 +47,7 @@ def states(scene: phipsi.Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def held_at_rest(scene: phipsi.Scene, q: np.ndarray) -> np.ndarray:
-    """Torques of the joints alone, not of the base, that keep a robot at rest."""
+    """Joint torques, without those of the base, for static equilibrium."""
     still = np.zeros((len(q), scene.nv))
     motors = np.ones(scene.nv, dtype=bool)
     motors[:6] = False
@@ -69,7 +71,7 @@ def theirs(scene: phipsi.Scene, file: str, links: list[str], kind: str, at: tupl
     pin.initConstraintDynamics(model, data, contacts, datas)
     proximal = pin.ProximalSettings(1e-10, 1e-10, 1e-10, 10)
     own = [phipsi.pinocchio.from_state(scene, model, q, qd) for q, qd in zip(at[0], at[1], strict=True)]
-    # Torques and accelerations are in the order of rates, and in the same axes.
+    # Torques and accelerations have the order and the frames of the velocities.
     forces = [phipsi.pinocchio.from_state(scene, model, q, tau)[1] for q, tau in zip(at[0], at[2], strict=True)]
 
     def run(i: int) -> np.ndarray:
@@ -88,7 +90,7 @@ def main() -> None:
     given = parser.parse_args()
     phipsi.set_num_threads(1)
     lines = [
-        "| robot | joints, rows | largest difference | one state, us | Pinocchio, us | times | in batches, us a state | times | at rest, held | limp | tree alone, us |",
+        "| robot | joints, rows | largest difference | one state, us | Pinocchio, us | ratio | in batches, us per state | ratio | static equilibrium | passive | tree alone, us |",
         "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     for name, (file, links, kind) in CASES.items():
@@ -115,16 +117,16 @@ def main() -> None:
             f"| {name} | {scene.nv}, {rows} | {apart:.0e} | {one:.1f} | {their:.1f} | {their / one:.1f} | {batch:.1f} | {their / batch:.1f} | {at_rest:.1f} | {fallen:.1f} | {alone:.1f} |"
         )
         print(lines[-1], flush=True)
-    how = "Both programs hold the feet of the same robots to the ground, at the same states. The difference is relative to the largest acceleration. Batches run on one thread."
+    how = "Both programs connect the feet of the same robots to the ground, in the same states. The difference is relative to the largest acceleration. Batches run on one thread."
     write(
         given.markdown,
         "Closed loops: times",
         [
             f"Written by `make closed-loops` (benches/closed_loops.py), on one thread. {how}",
-            "Pinocchio is called from Python, with ten proximal iterations at the most; it has no batches. `at rest, held` and `limp` are batches too, us a state: joints that carry the robot, and none that does.",
+            "Pinocchio is called from Python, with at most ten proximal iterations; it has no batches. `static equilibrium` and `passive` are batches of robots at rest, us per state: with the joint torques of static equilibrium, and with zero torques.",
         ],
         lines,
-        "loops between two links, many rows (m^3 is seen above some tens), threads, the square-root form. `tree alone` is forward dynamics of the same robot without its connections.",
+        "loops between two links, many constraints (the cost m^3 matters above some tens of rows), threads, the square-root form. `tree alone` is forward dynamics of the same robot without its connections.",
     )
 
 

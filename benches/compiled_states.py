@@ -1,4 +1,4 @@
-"""Compiled robots in the states that they are in, what their watch costs, and what a call costs: tables of benches/compiled.py."""
+"""Compiled robots by kind of state, cost of the error estimate, and cost of a call: tables of benches/compiled.py."""
 
 import math
 import timeit
@@ -10,11 +10,11 @@ import phipsi
 import phipsi._compile
 from in_turns import least
 
-#: The robots of all tables.
+#: Robots of all tables.
 ROBOTS = ("ur5", "panda", "g1")
-#: Batches whose times tell from where on compiled code is faster.
+#: Sizes of batches, to find the smallest one for which compiled code is faster.
 COUNTS = (8, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
-#: Functions of the table of calls, and how many arrays each takes.
+#: Functions of the table of calls, and their numbers of arrays.
 CALLS = {
     "forward_dynamics": 3,
     "inverse_dynamics": 3,
@@ -25,14 +25,14 @@ CALLS = {
     "forward_dynamics_jvp": 6,
     "forward_dynamics_vjp": 4,
 }
-#: Those that a watch looks at.
+#: Functions with an error estimate.
 WATCHED = ("forward_dynamics", "mass_matrix_inverse", "forward_dynamics_derivatives", "forward_dynamics_jvp", "forward_dynamics_vjp")
-#: Not compiled of a humanoid here: their code takes minutes.
+#: Not compiled for a humanoid here, because the compilation takes minutes.
 LONG = ("forward_dynamics_derivatives", "inverse_dynamics_derivatives", "forward_dynamics_jvp", "forward_dynamics_vjp")
 
 
 class Counting:
-    """A scene that counts the states whose forward dynamics it is asked for."""
+    """A scene that counts the states for which forward dynamics is requested."""
 
     def __init__(self, scene: phipsi.Scene) -> None:
         self.scene, self.states = scene, 0
@@ -43,21 +43,21 @@ class Counting:
 
 
 def states(scene: phipsi.Scene, count: int) -> Iterator[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
-    """What the robot does, and so many states of it: q, qd, tau."""
+    """Description and states of a kind: q, qd, tau."""
     random, still = np.random.default_rng(0), np.zeros((count, scene.nv))
     q = scene.integrate(scene.neutral(), random.uniform(-1, 1, (count, scene.nv)))
     qd, tau = random.uniform(-1, 1, (2, count, scene.nv))
     held = scene.gravity_torque(q)
-    yield "drawn at random", q, qd, tau
-    yield "at rest, joints at zero, no torque", np.tile(scene.neutral(), (count, 1)), still, still
-    yield "held against gravity", q, still, held
-    yield "falling", q, qd, still
-    yield "one joint moving, held", q, np.eye(scene.nv)[np.arange(count) % scene.nv], held
+    yield "random", q, qd, tau
+    yield "passive, at rest, neutral", np.tile(scene.neutral(), (count, 1)), still, still
+    yield "static equilibrium", q, still, held
+    yield "passive, moving", q, qd, still
+    yield "static equilibrium, one joint moving", q, np.eye(scene.nv)[np.arange(count) % scene.nv], held
 
 
 def by_state(scenes: dict[str, phipsi.Scene], count: int, turns: int) -> Iterator[str]:
-    """Forward dynamics in each kind of state, in both forms, and how many states the watch is in doubt about."""
-    yield "| robot | state | scene, ns a state | compiled, watched | in doubt | scene, covariance | compiled, covariance |"
+    """Forward dynamics for each kind of state, in both forms, and the number of recomputed states."""
+    yield "| robot | state | scene, ns per state | compiled, with estimate | recomputed | scene, covariance | compiled, covariance |"
     yield "| --- | --- | --- | --- | --- | --- | --- |"
     for name, scene in scenes.items():
         watched, plain = (phipsi.compile(scene, ["forward_dynamics"], form=form) for form in ("auto", "covariance"))
@@ -72,8 +72,8 @@ def by_state(scenes: dict[str, phipsi.Scene], count: int, turns: int) -> Iterato
 
 
 def of_watch(scenes: dict[str, phipsi.Scene], count: int, turns: int) -> Iterator[str]:
-    """Each function that is watched, by the scene and compiled, with and without."""
-    yield "| robot | function | scene, ns a state | compiled, watched | compiled, covariance |"
+    """Each function with an error estimate, by the scene and compiled, with and without the estimate."""
+    yield "| robot | function | scene, ns per state | compiled, with estimate | compiled, covariance |"
     yield "| --- | --- | --- | --- | --- |"
     for name, scene in scenes.items():
         functions = [function for function in WATCHED if name != "g1" or function not in LONG]
@@ -85,8 +85,10 @@ def of_watch(scenes: dict[str, phipsi.Scene], count: int, turns: int) -> Iterato
 
 
 def of_calls(scenes: dict[str, phipsi.Scene], turns: int) -> Iterator[str]:
-    """What a call of few states takes both ways, and from how many states on compiled code is faster."""
-    yield "| robot | function | one state: scene, us | compiled | 8 states: scene, us | machine code | as fast at, states | used from |"
+    """Time of a call with few states by the scene and by compiled code, and the smallest batch for which compiled code
+    is faster.
+    """
+    yield "| robot | function | one state: scene, us | compiled | 8 states: scene, us | machine code | equal at, states | used from |"
     yield "| --- | --- | --- | --- | --- | --- | --- | --- |"
     for name, scene in scenes.items():
         functions = [function for function in CALLS if name != "g1" or function not in LONG]
@@ -101,7 +103,7 @@ def of_calls(scenes: dict[str, phipsi.Scene], turns: int) -> Iterator[str]:
 
 
 def _always(scene: phipsi.Scene, functions: list[str]) -> phipsi.Compiled:
-    """Compiled so that few states are done by the machine code too."""
+    """Compiled so that batches of few states use the machine code too."""
     few = phipsi._compile.FEW
     phipsi._compile.FEW = dict.fromkeys(few, 2)
     try:
@@ -111,14 +113,14 @@ def _always(scene: phipsi.Scene, functions: list[str]) -> phipsi.Compiled:
 
 
 def _both(scene: phipsi.Scene, fast: phipsi.Compiled, function: str, batch: tuple[int, ...], turns: int) -> tuple[float, float]:
-    """Seconds a call of the scene and of what is compiled."""
+    """Seconds per call of the scene and of the compiled function."""
     given = _given(scene, function, batch)
     repeats = max(5, 200 // max(1, math.prod(batch)))
     return _shortest(partial(getattr(scene, function), *given), turns, repeats), _shortest(partial(getattr(fast, function), *given), turns, repeats)
 
 
 def _given(scene: phipsi.Scene, function: str, batch: tuple[int, ...]) -> list[np.ndarray]:
-    """Arguments drawn at random."""
+    """Random arguments."""
     random = np.random.default_rng(0)
     q = scene.integrate(scene.neutral(), random.uniform(-1, 1, (*batch, scene.nv)))
     return [q, *(random.uniform(-1, 1, (*batch, scene.nv)) for _ in range(CALLS[function] - 1))]

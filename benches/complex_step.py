@@ -1,6 +1,7 @@
-"""Forward dynamics of an arm of revolute joints in plain NumPy, on complex numbers too: what complex steps differentiate, for phipsi's own numbers are real.
+"""Forward dynamics of an arm with revolute joints in NumPy, for real and complex values, for complex-step
+differentiation; phipsi supports only real values.
 
-Newton-Euler for the bias and for the columns of M, then a dense solution. Nothing is conjugated.
+Newton-Euler for the bias and for the columns of M, then a dense solution. No value is conjugated.
 """
 
 from typing import Any
@@ -13,7 +14,7 @@ Array = np.ndarray[Any, Any]
 
 
 class Arm:
-    """The numbers of a scene that is a chain of revolute joints."""
+    """Constants of a scene that is a chain of revolute joints."""
 
     def __init__(self, scene: phipsi.Scene) -> None:
         joints, links = scene.joints, scene.links
@@ -24,7 +25,7 @@ class Arm:
         self.gravity = scene.gravity
 
     def torques(self, q: Array, qd: Array, qdd: Array, gravity: Array) -> Array:
-        """Inverse dynamics, (..., nv), by a pass out and a pass back."""
+        """Inverse dynamics, (..., nv), by an outward and an inward sweep."""
         shape = np.broadcast_shapes(q.shape, qd.shape, qdd.shape)
         q, qd, qdd = (np.broadcast_to(one, shape).astype(np.result_type(q, qd, qdd)) for one in (q, qd, qdd))
         zero = np.zeros((*shape[:-1], 3), q.dtype)
@@ -58,13 +59,15 @@ class Arm:
         return np.linalg.solve(np.swapaxes(mass, -1, -2), (tau - bias)[..., None])[..., 0]
 
     def by_configuration(self, q: Array, qd: Array, tau: Array, step: float = 1e-100) -> Array:
-        """dqdd/dq, (..., nv, nv), a complex step a column: without a difference, and so without cancellation."""
+        """dqdd/dq, (..., nv, nv), one complex step per column: without a difference, and therefore without
+        cancellation.
+        """
         moved = q[..., None, :] + 1j * step * np.eye(len(self.joints))
         return np.swapaxes(self.accelerations(moved, qd[..., None, :], tau[..., None, :]).imag / step, -1, -2)
 
 
 def rotation(axis: Array, angle: Array) -> Array:
-    """About a unit vector, (..., 3, 3): the columns are the turned axes."""
+    """Rotation about a unit vector, (..., 3, 3): the columns are the rotated axes."""
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     sine, cosine = np.sin(angle)[..., None, None], np.cos(angle)[..., None, None]

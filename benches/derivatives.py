@@ -1,8 +1,9 @@
-"""Time of derivatives and of everyday calls from Python, beside Pinocchio's in the same run, as a Markdown page.
+"""Time of derivatives and of frequent calls from Python, compared with Pinocchio in the same run, as a Markdown page.
 
 Usage: python benches/derivatives.py [--quick] [--markdown FILE]
 
-Needs what the tests need (pin, example-robot-data): run it with .venv, after make test. One thread. Every call is timed in turns with the others of its row.
+Needs the packages of the tests (pin, example-robot-data): run it with .venv, after make test. One thread. The calls
+of a row are timed in turn.
 """
 
 import argparse
@@ -23,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "python")
 from oracle_mpmath import State, derivative, exact, moved, random_tree, rounded  # noqa: E402
 from oracle_pinocchio import Oracle, load  # noqa: E402
 
-#: The file of example-robot-data, and whether it floats.
+#: File of example-robot-data, and whether it has a floating base.
 ROBOTS = {
     "ur5": ("ur_description/urdf/ur5_robot.urdf", False),
     "panda": ("panda_description/urdf/panda.urdf", False),
@@ -31,21 +32,21 @@ ROBOTS = {
     "talos": ("talos_data/robots/talos_reduced.urdf", True),
 }
 BATCH = 256
-#: Links of the chains that show growth.
+#: Numbers of links of the chains.
 CHAINS = (7, 100, 1000, 10_000, 100_000)
 
 HEAD = """# Time of derivatives
 
-Made by `make derivatives`, from Python, one thread: medians of calls in turns, us a state. Pinocchio is its wheel `pin`, whose call from Python is in its time as ours is in ours; in batches it is called
-state by state, for it has none, and ours write into an `out` that was used before. Times differ between machines, ratios within some percent. What is computed: [derivatives.md](derivatives.md),
-[products.md](products.md). The page does not show states that lose digits, which form "auto" does again in double-double arithmetic.
+Written by `make derivatives`: calls from Python on one thread, medians of interleaved timings, us per state. Pinocchio is the wheel `pin`; the times of both programs include the call from Python. Pinocchio has no batches and is called in a
+loop; calls of phipsi in batches write into an existing array `out`. Times differ between machines, ratios by a few percent. The quantities are described in [derivatives.md](derivatives.md) and
+[products.md](products.md). The page does not show states with a loss of precision, which form "auto" recomputes in double-double arithmetic.
 """
 
 Call = Callable[[], object]
 
 
 def medians(calls: dict[str, Call], quick: bool) -> dict[str, float]:
-    """us of one run of each, in turns."""
+    """Time of one run of each, us, timed in turn."""
     times = in_turns(list(calls.values()), quick)
     return dict(zip(calls, np.median(times, axis=0) / 1000.0, strict=True))
 
@@ -56,7 +57,7 @@ def table(head: list[str], rows: list[list[str]]) -> str:
 
 
 def beside_pinocchio(quick: bool) -> str:
-    """Matrices of robots in the states that they are in."""
+    """Matrices of robots by kind of state."""
     rows = []
     for name, (file, floating) in ROBOTS.items():
         scene, _ = load(file, floating)
@@ -86,18 +87,18 @@ def beside_pinocchio(quick: bool) -> str:
                 row += [f"{one:.2f}", f"{many:.2f}", f"{peer:.2f}", f"{peer / one:.1f}", f"{peer / many:.1f}"]
             rows.append(row)
     head = ["", "dtau, one", "batches", "pin", "one", "batches", "dqdd, one", "batches", "pin", "one", "batches"]
-    return "Matrices: us a state, and how many times less than Pinocchio takes, of one state a call and of batches of " + f"{BATCH}.\n\n{table(head, rows)}"
+    return "Matrices: us per state, and ratio of Pinocchio's time to phipsi's, for one state per call and for batches of " + f"{BATCH}.\n\n{table(head, rows)}"
 
 
 def for_control(quick: bool) -> str:
     scene, _ = load(*ROBOTS["g1"])
     q, qd, tau = (argument[0] for argument in kinds.state(scene, kinds.draw(scene, 1, 0), kinds.HELD))
     found = medians({"linearize": lambda: scene.linearize(q, qd, tau)}, quick)
-    return f"A and B of g1 that floats (`scene.linearize`), one state: {found['linearize']:.1f} us."
+    return f"A and B of g1 with a floating base (`scene.linearize`), one state: {found['linearize']:.1f} us."
 
 
 def products(quick: bool) -> str:
-    """Gradients beside forward dynamics, and how both grow."""
+    """Gradients compared with forward dynamics, and the growth of both."""
     scenes = {name: load(*ROBOTS[name])[0] for name in ("g1", "talos")}
     scenes.update({f"chain of {n}": phipsi.scenes.chain(n) for n in CHAINS})
     rows = []
@@ -117,11 +118,11 @@ def products(quick: bool) -> str:
         ratios = [found["vjp"] / found["FD"], found["vjp auto"] / found["FD auto"]]
         rows.append([name, *(f"{found[call]:.2f}" for call in calls), *(f"{ratio:.2f}" for ratio in ratios), f"{per_joint:.0f}"])
     head = ["one state, us", "FD, covariance", "vjp, covariance", "FD, auto", "vjp, auto", "jvp, auto", "vjp / FD, covariance", "auto", "vjp, ns a joint"]
-    return "Gradients of c . qdd by q, qd and tau (`forward_dynamics_vjp`) beside forward dynamics itself.\n\n" + table(head, rows)
+    return "Gradients of c . qdd with respect to q, qd and tau (`forward_dynamics_vjp`), compared with forward dynamics.\n\n" + table(head, rows)
 
 
 def trajectories(quick: bool) -> str:
-    """A rollout, then its gradient, of 1024 states of seven joints."""
+    """A simulation and its gradient, for 1024 states of seven joints."""
     scene = phipsi.scenes.chain(7)
     random = np.random.default_rng(1)
     q, tau = random.uniform(-1, 1, (1024, 7)), random.uniform(-1, 1, (1024, 200, 7))
@@ -141,12 +142,12 @@ def trajectories(quick: bool) -> str:
             row += [f"{found['run']:.0f}", f"{found['back']:.0f}", f"{found['inertias']:.0f}", f"{(found['run'] + found['back']) / found['run']:.1f}"]
         rows.append(row)
     head = ["ms", "run, all rows", "gradient", "inertias too", "both / run", "run, last row", "gradient", "inertias too", "both / run"]
-    text = "Gradients of a function of a trajectory (`Trajectory.vjp`) by start, torques of every step and what acts at the joints: chain of 7, 1024 states, 200 steps."
+    text = "Gradients of a function of a trajectory (`Trajectory.vjp`) with respect to the initial state, the torques of every step and the joint properties: chain of 7, 1024 states, 200 steps."
     return f"{text}\n\n{table(head, rows)}"
 
 
 def error_against_time(quick: bool) -> str:
-    """dqdd/dq by every way that there is from Python, beside 60 digits."""
+    """dqdd/dq by every method that is available from Python, compared with 60 digits."""
     tree = random_tree(np.random.default_rng(7), 7, kinds=("revolute",), branching=0.0)
     scene, random = tree.scene(), np.random.default_rng(1)
     q, qd, tau = random.uniform(-1, 1, (3, BATCH, scene.nv))
@@ -182,14 +183,14 @@ def error_against_time(quick: bool) -> str:
     for name, way in ways.items():
         error = np.max(np.abs(way(q[:1], qd[:1], tau[:1])[0] - truth)) / np.max(np.abs(truth))
         rows.append([name, f"{found[name] / BATCH:.2f}", f"{error:.1e}"])
-    text = f"Error against time: dqdd/dq of a random arm of seven, batches of {BATCH}; the error is the largest of an entry, by the largest entry, of one state beside 60 digits (mpmath)."
-    return f"{text}\n\n{table(['', 'us a state', 'error'], rows)}"
+    text = f"Error against time: dqdd/dq of a random arm of seven, batches of {BATCH}; the error is the largest error of an entry relative to the largest entry, for one state, compared with 60 digits (mpmath)."
+    return f"{text}\n\n{table(['', 'us per state', 'error'], rows)}"
 
 
 def in_rosenbrock_steps(_: bool) -> str:
     text = (
-        "The exact Jacobian in Rosenbrock steps (`benches/exact_jacobian.py`), which `simulate` does without: largest error of q and qd of a chain of seven on springs with dampers"
-        f" (N m / rad, N m s / rad) after {exact_jacobian.STEPS} steps. The exact one takes all matrices of derivatives and a dense factorisation a stage, the other one forward dynamics."
+        "Rosenbrock steps with the exact Jacobian (`benches/exact_jacobian.py`), which `simulate` does not use: largest error of q and qd of a chain of seven links with springs and dampers"
+        f" (N m/rad, N m s/rad) after {exact_jacobian.STEPS} steps. The exact Jacobian needs all derivative matrices and a dense factorization per stage, the other one only forward dynamics."
     )
     return f"{text}\n\n{table(['', 'springs and damping', 'exact'], exact_jacobian.rows())}"
 
@@ -205,7 +206,7 @@ def everyday(quick: bool) -> str:
         "rate of that Jacobian": lambda q, qd, tau: scene.jacobian_rate(q, qd, link),
         "gravity torque": lambda q, qd, tau: scene.gravity_torque(q),
         "Coriolis matrix": lambda q, qd, tau: scene.coriolis_matrix(q, qd),
-        "mass centre": lambda q, qd, tau: scene.center_of_mass(q),
+        "center of mass": lambda q, qd, tau: scene.center_of_mass(q),
         "its Jacobian": lambda q, qd, tau: scene.center_of_mass_jacobian(q),
         "centroidal momentum matrix": lambda q, qd, tau: scene.centroidal_momentum_matrix(q),
         "its rate": lambda q, qd, tau: scene.centroidal_momentum_matrix_rate(q, qd),
@@ -218,13 +219,13 @@ def everyday(quick: bool) -> str:
     found = medians(runs, quick)
     rows = [[name, f"{found[f'{name}, 1']:.2f}", f"{found[f'{name}, 2'] / BATCH:.3f}"] for name in calls]
     rows.append(["a step of `simulator`, auto", f"{found['step']:.2f}", ""])
-    return f"Everyday calls, ur5: one state, and batches of {BATCH}.\n\n" + table(["us a state", "one", "batches"], rows)
+    return f"Frequent calls, ur5: one state, and batches of {BATCH}.\n\n" + table(["us per state", "one", "batches"], rows)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="fewer turns")
-    parser.add_argument("--markdown", type=Path, metavar="FILE", help="write the page, as make derivatives does")
+    parser.add_argument("--markdown", type=Path, metavar="FILE", help="write the page, like make derivatives")
     options = parser.parse_args()
     phipsi.set_num_threads(1)
     parts = [part(options.quick) for part in (beside_pinocchio, for_control, error_against_time, products, trajectories, in_rosenbrock_steps, everyday)]

@@ -1,7 +1,7 @@
-//! One state a call, on the chains and robots that the peers run too: `cargo bench --features urdf --bench dynamics`.
+//! One state per call, on the chains and robots of the peers: `cargo bench --features urdf --bench dynamics`.
 //!
-//! 256 random states are drawn outside the timed part and cycled through; none is zero. Form `auto` is also timed held, at rest and falling. The robots are there once
-//! `make peers` has written their files.
+//! 256 random states are drawn outside the timed part and used in turn; none is zero. Form `auto` is also timed in
+//! static equilibrium, passive at rest and passive in motion. The robots need the files of `make peers`.
 
 mod common;
 
@@ -14,10 +14,10 @@ use phipsi::kinematics::ReferenceFrame;
 use phipsi::{Algorithm, Arguments, Form, Scene, dynamics, scenes};
 use std::hint::black_box;
 
-/// Every algorithm on one scene, as group/name: one state a call, and with `batches` a batch a call on one thread. The group `forms`
-/// has the other forms.
+/// Every algorithm on one scene, as group/name: one state per call, and with `batches` one batch per call on one
+/// thread. The group `forms` has the other forms.
 ///
-/// The checked calls: lengths, NaN, pivots and results are looked at, as for any user.
+/// The public calls, with checks of lengths, NaN, pivots and results.
 fn algorithms(c: &mut Criterion, name: &str, scene: &Scene, batches: bool) {
     let states = states(scene);
     let mut evaluator = scene.evaluator();
@@ -54,7 +54,7 @@ fn chains(c: &mut Criterion) {
     }
 }
 
-/// Forward dynamics and M^-1 in each form: ratios to covariance are what counts.
+/// Forward dynamics and M^-1 in each form, for ratios to covariance.
 fn forms(c: &mut Criterion) {
     for n in [7, 64] {
         let scene = scenes::chain(n).expect("a chain");
@@ -90,7 +90,7 @@ fn forms(c: &mut Criterion) {
     }
 }
 
-/// Forward dynamics in form `auto` and `covariance` in the states that robots are in: one state a call, and as many as there are lanes.
+/// Forward dynamics in form `auto` and `covariance` by kind of state: one state per call, and one register of states.
 fn auto_states(c: &mut Criterion) {
     for name in ["chain_7"].into_iter().chain(ROBOTS.map(|(name, _)| name)) {
         let Some(scene) = model(name) else { continue };
@@ -118,7 +118,7 @@ fn auto_states(c: &mut Criterion) {
     }
 }
 
-/// The robots of `make peers`, on the base that the peers give them.
+/// The robots of `make peers`, with the base of the peers.
 fn robots(c: &mut Criterion) {
     for (name, _) in ROBOTS {
         let Some(scene) = model(name) else { continue };
@@ -126,7 +126,7 @@ fn robots(c: &mut Criterion) {
     }
 }
 
-/// Time a body from 10 to 100,000 bodies: criterion's throughput is bodies a second.
+/// Time per body from 10 to 100,000 bodies: criterion's throughput is bodies per second.
 fn growth(c: &mut Criterion) {
     for n in [10, 100, 1_000, 10_000, 100_000] {
         let scene = scenes::chain(n).expect("a chain");
@@ -149,7 +149,8 @@ fn growth(c: &mut Criterion) {
     }
 }
 
-/// Omega of the last link, and of it and one half way, of chains: in O(N), and where M^-1 is small enough as J M^-1 J^T.
+/// Omega of the last link, and of it and one at half length, of chains: in O(N), and if M^-1 is small enough as J
+/// M^-1 J^T.
 fn operational(c: &mut Criterion) {
     for n in [8, 64, 512] {
         let scene = scenes::chain(n).expect("a chain");
@@ -194,7 +195,8 @@ fn operational(c: &mut Criterion) {
     }
 }
 
-/// Derivatives of inverse and forward dynamics, one state a call by the checked methods: chains, and the floating robots of the peers.
+/// Derivatives of inverse and forward dynamics, one state per call by the public methods: chains, and the floating
+/// robots of the peers.
 fn derivatives(c: &mut Criterion) {
     let chains = [7, 20, 50].map(|n| (format!("chain_{n}"), scenes::chain(n).ok()));
     let robots = ["g1", "talos"].map(|name| (name.to_owned(), model(name)));

@@ -1,9 +1,11 @@
-"""What the C of robots takes on a Cortex-M4F: flash, stack, and instructions of a call, counted by an emulator.
+"""Flash, stack and instructions per call of generated C code on a Cortex-M4F, counted by an emulator.
 
-Usage: python benches/embedded.py [--markdown FILE]; `make embedded`. Needs arm-none-eabi-gcc with newlib, and qemu-system-arm (Debian: gcc-arm-none-eabi, libnewlib-arm-none-eabi, qemu-system-arm).
+Usage: python benches/embedded.py [--markdown FILE]; `make embedded`. Needs arm-none-eabi-gcc with newlib, and
+qemu-system-arm (Debian: gcc-arm-none-eabi, libnewlib-arm-none-eabi, qemu-system-arm).
 
-Flash is the text of the object file, constants with it; stack is what the compiler says of the function itself. Instructions are those of QEMU by its count of one nanosecond each, read from the
-processor's timer around a loop.
+Flash is the text section of the object file with constants; stack is the compiler's value for the function itself.
+Instructions are those of QEMU, which counts one nanosecond per instruction, read from the timer of the processor
+around a loop.
 """
 
 import argparse
@@ -17,19 +19,19 @@ from in_turns import write
 from robots import load
 
 EXAMPLE = Path(__file__).resolve().parents[1] / "examples/cortex_m"
-#: File, and whether its base floats.
+#: File, and whether it has a floating base.
 CASES = {
     "ur5": ("ur_description/urdf/ur5_robot.urdf", False),
     "panda": ("panda_description/urdf/panda.urdf", False),
     "solo12": ("solo_description/robots/solo12.urdf", True),
 }
-#: What each takes and gives.
+#: Inputs and outputs of each function.
 FUNCTIONS = {"forward_dynamics": "q, v, v, out", "inverse_dynamics": "q, v, v, out", "bias_torque": "q, v, out"}
 CHIP = ["-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"]
 FLAGS = ["-std=c99", "-ffp-contract=fast", "-fno-math-errno", "-ffunction-sections", *CHIP]
 LINKED = ["-T", str(EXAMPLE / "memory.ld"), "-nostartfiles", "-Wl,--gc-sections", "--specs=rdimon.specs", "-DSEMIHOSTING"]
 LEVELS = ("-Os", "-O2")
-#: All that the code may ask of others.
+#: External symbols that the code may use.
 ASKED = {"sinf", "cosf", "sqrtf"}
 CALLS = 200
 
@@ -61,19 +63,19 @@ int main(void)
 
 
 def run(*command: str | Path) -> str:
-    """What a command prints."""
+    """Output of a command."""
     return subprocess.run([str(part) for part in command], check=True, capture_output=True, text=True).stdout
 
 
 def measured(scene: phipsi.Scene, function: str, level: str, into: Path) -> tuple[int, int, int]:
-    """Flash and stack, bytes, and the instructions of a call."""
+    """Flash and stack, bytes, and instructions per call."""
     scene.to_c(into, functions=[function], dtype="float32")
     code = into / "robot.o"
     run("arm-none-eabi-gcc", *FLAGS, level, "-fstack-usage", "-c", into / "robot.c", "-o", code)
     asked = {line.split()[-1] for line in run("arm-none-eabi-nm", "-u", code).splitlines()}
     assert asked <= ASKED, asked - ASKED
     flash = int(run("arm-none-eabi-size", code).splitlines()[1].split()[0])
-    # One function, whose stack the compiler knows: of several the page would have to add them.
+    # One function, whose stack the compiler reports; several would have to be added.
     (stack,) = re.findall(r"\t(\d+)\tstatic$", (into / "robot.su").read_text(), re.MULTILINE)
     angles = 7 if scene.nq > scene.nv else 0
     neutral = ", ".join(f"{x}f" for x in scene.neutral())
@@ -105,14 +107,14 @@ def main() -> None:
         given.markdown,
         "Robots on a microcontroller: flash and stack",
         [
-            f"Written by `make embedded` (benches/embedded.py): the C of each function in float, compiled for a Cortex-M4F by {compiler}, `{' '.join(FLAGS)}`. No function asks for anything but `sinf`, `cosf` and `sqrtf`: nothing is "
-            "allocated, and RAM is the stack and the arrays of the caller.",
+            f"Written by `make embedded` (benches/embedded.py): the C code of each function in float, compiled for a Cortex-M4F by {compiler}, `{' '.join(FLAGS)}`. The functions call only `sinf`, `cosf` and `sqrtf` and allocate "
+            "nothing: RAM is the stack and the arrays of the caller.",
             "",
-            f"Flash is that of the function with its constants, stack what the compiler says of the function itself. Instructions are those of a call, `sinf` and `cosf` of newlib with them, the mean of {CALLS}, counted by QEMU, which "
-            "is not a Cortex-M4 in time: nothing here was run on a chip.",
+            f"Flash is the size of the function with its constants; stack is the compiler's value for the function itself. Instructions are the mean of {CALLS} calls, including `sinf` and `cosf` of newlib, counted by QEMU, which "
+            "does not model the timing of a Cortex-M4. Nothing was run on a chip.",
         ],
         lines,
-        "flash and stack of `sinf` and `cosf` themselves, which a program has once, and cycles: a chip waits for its flash, and takes up to 14 cycles for a quotient or a root.",
+        "flash and stack of `sinf` and `cosf` themselves, which a program contains once, and cycles: a chip has wait states for its flash, and needs up to 14 cycles for a division or a square root.",
     )
 
 

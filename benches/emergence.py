@@ -1,8 +1,9 @@
-"""docs/emergence.png: error of the mass matrix from samples against run time, of the bundled arm, as on the page of `phipsi report`.
+"""docs/emergence.png: error of the mass matrix from samples against run time, for the bundled arm, as on the page of
+`phipsi report`.
 
     python benches/emergence.py [-o docs/emergence.png] [--quick]
 
-It runs on whichever phipsi is installed with the extra report, and needs matplotlib. A minute.
+It uses the installed version of phipsi with the extra report, needs matplotlib, and takes a minute.
 """
 
 import argparse

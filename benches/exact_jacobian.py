@@ -1,7 +1,8 @@
-"""Rosenbrock steps with the exact Jacobian in the place of springs and damping alone: what it would gain.
+"""Rosenbrock steps with the exact Jacobian instead of springs and damping only: the possible gain in accuracy.
 
-The methods of `scene.simulate` know springs and damping only, exactly and in O(N). Here they are written once more, dense, from the tableau in src/motion/method.rs, with either
-matrix; the errors are beside 128 times as many steps.
+The methods of `scene.simulate` use only springs and damping, exactly and in O(N). Here they are implemented with
+dense algebra, from the tableau in src/motion/method.rs, with either matrix; errors are relative to a solution with
+128 times as many steps.
 """
 
 from typing import Any
@@ -11,11 +12,11 @@ import numpy as np
 import phipsi
 
 STEPS, FINER, TIME = 64, 128, 0.5
-#: N m / rad and N m s / rad at every joint.
+#: Stiffness and damping of every joint, N m/rad and N m s/rad.
 SPRINGS = ((0.0, 0.0), (1e2, 1e0), (1e4, 1e2), (1e6, 1e4))
 
 G2, G3 = 1 - np.sqrt(0.5), 1 / 3
-#: alpha and gamma, row by row.
+#: alpha and gamma, by row.
 METHODS: dict[str, tuple[list[list[float]], list[list[float]]]] = {
     "rosenbrock-2": ([[], [1.0]], [[G2], [-2 * G2, G2]]),
     "rosenbrock-3": (
@@ -37,7 +38,7 @@ Array = np.ndarray[Any, np.dtype[np.float64]]
 
 
 class Sprung:
-    """A chain of seven on springs with dampers, y = (q, v)."""
+    """A chain of seven links with springs and dampers, y = (q, v)."""
 
     def __init__(self, stiffness: float, damping: float) -> None:
         self.scene = phipsi.scenes.chain(7)
@@ -72,7 +73,7 @@ class Sprung:
 
 
 def rows() -> list[list[str]]:
-    """Stiffness and damping, method, and the errors of the two."""
+    """Stiffness and damping, method, and the errors of both."""
     found = []
     for stiffness, damping in SPRINGS:
         chain = Sprung(stiffness, damping)

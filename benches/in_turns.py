@@ -1,4 +1,4 @@
-"""Times of calls that take each other's place, and the page that they go to."""
+"""Interleaved timing of calls, and output of the page."""
 
 import time
 from collections.abc import Callable
@@ -6,7 +6,7 @@ from pathlib import Path
 
 
 def least(turns: int, *calls: Callable[[], object]) -> list[float]:
-    """The least time of each, s, in so many turns."""
+    """The shortest time of each, s, over that many interleaved timings."""
     times: list[list[float]] = [[] for _ in calls]
     for _ in range(turns):
         for own, call in zip(times, calls, strict=True):
@@ -17,6 +17,6 @@ def least(turns: int, *calls: Callable[[], object]) -> list[float]:
 
 
 def write(page: Path | None, title: str, how: list[str], lines: list[str], not_shown: str) -> None:
-    """Writes a page, if one is asked for: how it was measured, a table, and what that does not show."""
+    """Write a page if one is requested: conditions of the measurement, a table, and its limitations."""
     if page:
         page.write_text("\n".join([f"# {title}", "", *how, "", *lines, "", f"Not shown: {not_shown}", ""]), encoding="utf-8")

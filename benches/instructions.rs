@@ -1,7 +1,9 @@
-//! The algorithms, again and again, for callgrind to count instructions: `make instructions`, see benches/instructions/count.py.
+//! The algorithms in a loop, so that callgrind can count instructions: `make instructions`, see
+//! benches/instructions/count.py.
 //!
-//! `instructions count <scene> <algorithm> <states> <repeats>` evaluates that many states a call, on the arm of `PHIPSI_ARM`; without
-//! `count` (as `cargo bench` starts it) it does nothing. The scene is one of tests/common/gate.rs, or by hand a model of `make peers`.
+//! `instructions count <scene> <algorithm> <states> <repeats>` evaluates that many states per call, with the
+//! instruction set of `PHIPSI_ARM`. Without `count` (as `cargo bench` starts it) it does nothing. The scene is one of
+//! tests/common/gate.rs, or a model of `make peers`.
 
 mod common;
 #[path = "../tests/common/gate.rs"]
@@ -26,7 +28,7 @@ fn run(scene: &Scene, algorithm: Algorithm, count: usize, repeats: usize) {
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     match &arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
-        // What there is to count: a line each.
+        // All cases, one per line.
         ["list"] => {
             for scene in SCENES {
                 for (name, _) in ALGORITHMS {
@@ -38,7 +40,7 @@ fn main() {
             let number = |text: &str| text.parse().unwrap_or_else(|_| panic!("not a number: {text}"));
             let (_, found) =
                 *ALGORITHMS.iter().find(|(name, _)| name == algorithm).unwrap_or_else(|| panic!("no {algorithm}"));
-            // Another arm than the one asked for would be counted as that.
+            // Otherwise another instruction set than the requested one would be counted.
             let (wanted, arm) = (std::env::var("PHIPSI_ARM").unwrap_or_default(), Arm::of_process().name());
             assert!(wanted == arm, "PHIPSI_ARM is {wanted:?}, this processor runs {arm:?}");
             let found_scene = gate::scene(scene).or_else(|| model(scene));

@@ -1,12 +1,16 @@
-"""Inverse kinematics beside pink, mink and dynibo, in one run: how many poses each reaches, and how long a pose takes.
+"""Inverse kinematics, compared with pink, mink and dynibo in one run: number of poses reached, and time per pose.
 
-Usage: python benches/inverse_kinematics.py [--poses 1000] [--markdown FILE]; `make inverse-kinematics` makes the environment.
+Usage: python benches/inverse_kinematics.py [--poses 1000] [--markdown FILE]; `make inverse-kinematics` creates the
+environment.
 
-Every program gets the same poses, which the arm has at random configurations within its limits, and the same first start; phipsi draws the later ones itself, of four draws each, sixteen from the fourth start on, the one
-nearest to the pose, the others get random configurations. Each pose is one call, the shortest time of five counts; a pose is reached where position and rotation are within 1e-8 (m, rad),
-by as many steps a start at the most. pink and mink solve a quadratic program a step, in Python around DAQP; they are made for control at a rate, and here their steps are full ones with
-their least damping. Their poses are fewer, since they take longer. dynibo takes damped steps, with damping and longest step as it has them by default, and refuses what they end at beyond
-the limits of a joint.
+All programs have the same poses, which are those of the arm at random configurations within its limits, and the same
+first starting configuration. phipsi draws the later ones itself: from four draws each (sixteen from the fourth start
+on) the one nearest to the pose; the others get random configurations. Each pose is one call, timed as the minimum of
+five; a pose is reached if position and rotation are within 1e-8 (m, rad), with the same largest number of steps per
+start. pink and mink solve a quadratic program per step, in Python with DAQP; they are designed for control at a fixed
+rate, and here they take full steps with their smallest damping. They solve fewer poses, because they take longer.
+dynibo takes damped steps with its default damping and longest step, and its results beyond the joint limits are
+rejected.
 """
 
 import argparse
@@ -23,7 +27,7 @@ import phipsi.pinocchio
 import pinocchio as pin
 from phipsi import tasks
 from robots import ROBOTS
-#: The link that is placed: one that all programs keep, the last that moves.
+#: Link of the target: one that all programs have, the last movable one.
 ARMS = {
     "ur5": ("ur_description/urdf/ur5_robot.urdf", "wrist_3_link"),
     "panda": ("panda_description/urdf/panda.urdf", "panda_link7"),
@@ -32,21 +36,21 @@ ARMS = {
     "iiwa14": (str(Path(__file__).resolve().parents[1] / "tests/data/iiwa14.urdf"), "link7"),
 }
 TOLERANCE, STEPS, STARTS = 1e-8, 100, 20
-#: Poses of the slow programs, and how often each pose is solved: the shortest time counts, as others may use the machine.
+#: Number of poses of the slow programs, and number of timings of each pose, of which the shortest counts.
 FEW, REPEATS = 100, 5
 FAST = ("phipsi", "dynibo")
 
 Solver = Callable[[np.ndarray, np.ndarray], int]
-"""From a pose, (4, 4), and starts, (k, nq): how many starts it took; 0 where none did."""
+"""From a pose, (4, 4), and starting configurations, (k, nq): number of starts; 0 if none succeeded."""
 
 
 def arm(name: str) -> tuple[phipsi.Scene, str]:
-    """The arm alone, without shapes, and the link that is placed."""
+    """The arm alone, without shapes, and the link of the target."""
     file, link = ARMS[name]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         scene = phipsi.Scene.from_urdf(ROBOTS / file)
-        # From text a scene has no file, and so no shapes.
+        # A scene from text has no file, and therefore no shapes.
         scene = phipsi.Scene.from_urdf(phipsi.Scene.from_urdf(scene.to_urdf()).to_urdf())
     return scene, link or scene.body_names[-1]
 
@@ -111,7 +115,7 @@ def dynibo(scene: phipsi.Scene, link: str) -> Solver:
 
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "arm.urdf"
-        # It reads no joints that follow others; those of the arms here are fingers, which move no link that is placed.
+        # It does not support coupled joints; here those are fingers, which do not move the link of the target.
         file.write_text(re.sub(r"<mimic\b[^>]*/>", "", scene.to_urdf()), encoding="utf-8")
         robot = other.Robot.from_urdf(str(file))
     at = robot.link_id(link)
@@ -132,7 +136,7 @@ def dynibo(scene: phipsi.Scene, link: str) -> Solver:
 
 
 def measured(solve: Solver, poses: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How many starts each pose took, and how long, s."""
+    """Number of starts for each pose, and time, s."""
     taken, times = [], []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -143,7 +147,7 @@ def measured(solve: Solver, poses: np.ndarray, starts: np.ndarray) -> tuple[np.n
                 begin = time.perf_counter()
                 try:
                     count = solve(pose, own)
-                except Exception:  # a quadratic program without an answer
+                except Exception:  # a quadratic program without a solution
                     count = 0
                 shortest = min(shortest, time.perf_counter() - begin)
             taken.append(count)
@@ -158,7 +162,7 @@ def main() -> None:
     given = parser.parse_args()
     phipsi.set_num_threads(1)
     lines = [
-        f"| arm | program | poses | 1 start | {STARTS // 2} starts | {STARTS} starts | a pose, us (median) | times phipsi's |",
+        f"| arm | program | poses | 1 start | {STARTS // 2} starts | {STARTS} starts | per pose, us (median) | relative to phipsi |",
         "| --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     for name in ARMS:

@@ -29,7 +29,7 @@ SWITCHES = (
 
 
 def counted(case: tuple[str, str, str, str]) -> int | None:
-    """Instructions of one call with this switch off."""
+    """Instructions per call without this simplification."""
     switch, rates, gravity, kind = case
     program = [str(ROOT / "target/release/examples/leaving_out"), switch, rates, gravity]
     few, many = ([*program, str(calls), *([kind] if kind else [])] for calls in CALLS)

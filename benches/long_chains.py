@@ -1,8 +1,9 @@
-"""Long chains: what form "auto" costs, and the error of each form against 34 digits; prints a part of docs/auto-states.md.
+"""Long chains: time of form "auto", and the error of each form compared with 34 digits; prints a part of
+docs/auto-states.md.
 
 Usage: python benches/long_chains.py [--most N]
 
-The reference is that of tests/python (mpmath, O(N), 4 ms a link). auto_states.py writes this part into its page.
+The reference is that of tests/python (mpmath, O(N), 4 ms per link). auto_states.py writes this part into its page.
 """
 
 import argparse
@@ -25,11 +26,11 @@ FORMS = ("auto", "covariance", "joseph", "square-root")
 HEAD = """## Long chains
 
 Chains of n links of about 1 kg and 0.3 m on revolute joints about axes of any direction, at random configurations with joint velocities up to 0.1 rad/s. Times of one state from Python, medians. Errors are relative to the
-largest acceleration, against 34 digits, in units of sqrt(n) eps; *double-double* is form `square-root` with `tolerance=1e-15`. *Estimate* is `info.error` of `auto` in units of n eps, *bound* the bound that it meets."""
+largest acceleration, compared with a reference of 34 digits, in units of sqrt(n) eps; *double-double* is form `square-root` with `tolerance=1e-15`. *Estimate* is `info.error` of `auto` in units of n eps, *bound* the criterion that it meets."""
 
 
 def seconds(call: object, least: float = 0.2) -> float:
-    """The median time of a call."""
+    """Median time per call."""
     times: list[float] = []
     while len(times) < 5 or (sum(times) < least and len(times) < 200):
         begin = time.perf_counter()
@@ -65,7 +66,7 @@ def section(most: int = SIZES[-1]) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--most", type=int, default=SIZES[-1], metavar="N", help="no longer chains; default: %(default)s")
+    parser.add_argument("--most", type=int, default=SIZES[-1], metavar="N", help="largest number of links; default: %(default)s")
     print(f"phipsi {phipsi.__version__}\n\n{section(parser.parse_args().most)}")
 
 

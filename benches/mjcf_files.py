@@ -1,9 +1,10 @@
-"""How phipsi.load reads the MJCF files of public repositories: read, read with warnings, refused by name, crashed.
+"""Result of phipsi.load for the MJCF files of public repositories: read, read with warnings, SceneError, crashed.
 
 Usage: python benches/mjcf_files.py FOLDER [--markdown FILE] [--list FILE]
 
-FOLDER has one folder per repository, with a file COMMIT (commit and date) if the page is to name it. Each file whose root element is <mujoco> is read in a
-process of its own. Files that MuJoCo itself does not compile, with their meshes or without, are counted apart: most are parts that other files include.
+FOLDER has one folder per repository, with an optional file COMMIT (commit and date) that the page quotes. Each file whose
+root element is <mujoco> is read in a separate process. Files that MuJoCo itself does not compile, with or without
+their meshes, are counted separately: most are parts that other files include.
 """
 
 from __future__ import annotations
@@ -25,11 +26,11 @@ from phipsi.errors import PhipsiError
 #: Seconds after which a file counts as crashed.
 LIMIT = 120
 IGNORE = re.compile(r"ignore=\(([^)]*)\)")
-#: Parts of a refusal or warning: the kind, in the table, and how a message of it is recognized.
+#: Parts of an error or warning: kind in the table, and text by which its message is recognized.
 OTHER = {
     "MuJoCo does not compile it": "MuJoCo cannot read it",
     "inertia of a missing mesh": "from which the inertia of body",
-    "unequal numbers of one joint": "expected one number for all its axes",
+    "unequal values at one joint": "expected equal values for all axes",
     "inertia that no body can have": "no body has such an inertia",
     "no mass moves": "have no mass",
     "missing meshes or textures": "found no file",
@@ -37,11 +38,11 @@ OTHER = {
 
 
 class Result(NamedTuple):
-    """How one file was read."""
+    """Result for one file."""
 
     file: Path
     outcome: str
-    """read, refused, crashed or not a model."""
+    """read, refused (SceneError), crashed or not a model."""
     kinds: tuple[str, ...]
     text: str
     seconds: float = 0.0
@@ -55,7 +56,7 @@ def kinds_of(text: str) -> tuple[str, ...]:
 
 
 def read(file: Path) -> Result:
-    """Reads one file."""
+    """Read one file."""
     start = time.perf_counter()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -65,7 +66,7 @@ def read(file: Path) -> Result:
             kinds = kinds_of(str(error))
             outcome = "not a model" if kinds == ("MuJoCo does not compile it",) else "refused"
             return Result(file, outcome, kinds, str(error), time.perf_counter() - start)
-        except Exception as error:  # noqa: BLE001  # what is to be found
+        except Exception as error:  # noqa: BLE001  # crashes are a result
             return Result(file, "crashed", (type(error).__name__,), f"{type(error).__name__}: {error}")
     texts = [str(one.message) for one in caught]
     kinds = tuple(dict.fromkeys(kind for text in texts for kind in kinds_of(text)))
@@ -73,7 +74,7 @@ def read(file: Path) -> Result:
 
 
 def apart(file: Path) -> Result:
-    """Reads one file in a process of its own, which may end in any way."""
+    """Read one file in a separate process, which may crash."""
     context = multiprocessing.get_context("fork")
     receiver, sender = context.Pipe(False)
     process = context.Process(target=lambda: sender.send(read(file)))
@@ -98,9 +99,9 @@ def files(folder: Path) -> list[Path]:
 
 
 def table(found: dict[str, list[Result]]) -> list[str]:
-    """Rows of Markdown: a repository each, then the kinds of refusals and of warnings."""
+    """Rows of Markdown: one per repository, then the kinds of errors and of warnings."""
     lines = [
-        "| repository | models | read | of these without a warning | refused by name | crashed | files that MuJoCo does not compile |",
+        "| repository | models | read | read without a warning | SceneError | other errors and crashes | files that MuJoCo does not compile |",
         "| --- |" + " --- |" * 6,
     ]
     for name, results in [*found.items(), ("all", [one for results in found.values() for one in results])]:
@@ -109,7 +110,7 @@ def table(found: dict[str, list[Result]]) -> list[str]:
         lines.append(
             f"| {name} | {len(results) - of['not a model']} | {of['read']} | {silent} | {of['refused']} | {of['crashed']} | {of['not a model']} |"
         )
-    lines += ["", "| kind | files that are refused | files that are read with a warning |", "| --- | --- | --- |"]
+    lines += ["", "| unsupported part | files with an error | files that are read with a warning |", "| --- | --- | --- |"]
     all_of = [one for results in found.values() for one in results if one.outcome in ("refused", "read")]
     refused, warned = (
         Counter(kind for one in all_of if one.outcome == outcome for kind in one.kinds)
@@ -145,9 +146,9 @@ def main() -> None:
         page = [
             "# MJCF files of public repositories",
             "",
-            f"Written by benches/mjcf_files.py, which reads each file by `phipsi.load(file)`, with MuJoCo {mujoco.__version__}. The files are not part of this repository.",
+            f"Written by benches/mjcf_files.py, which reads each file with `phipsi.load(file)`, with MuJoCo {mujoco.__version__}. The files are not part of this repository.",
             "",
-            "A file with several parts that a scene does not have is counted once for each. Names of kinds are those that `ignore` takes: see [read a robot](how-to/read-a-robot.md#from-mujoco).",
+            "The first table counts files. The second table counts the parts of files that a scene cannot represent: a file with several such parts is counted once for each. The names of parts are those of the argument `ignore` ([read a robot](how-to/read-a-robot.md#from-mujoco)).",
             "",
             *lines,
         ]

@@ -1,4 +1,5 @@
-//! One step of a batch of arms by every method, beside one forward dynamics of the same batch: `cargo bench --bench motion`.
+//! One step of a batch of arms by every method, compared with one forward dynamics of the same batch: `cargo bench
+//! --bench motion`.
 //!
 //! Times are of the whole batch on one core: divide by 1024 for a state. `--features parallel` adds threads.
 

@@ -1,9 +1,10 @@
-"""Robustness of simulation: which runs finish, with which error, energy and run time, compared with MuJoCo, as a Markdown page.
+"""Robustness of simulation: completed runs, errors, energy and run time, compared with MuJoCo, as a Markdown page.
 
 Usage: python benches/motion_robustness.py [--quick] [--only NAME ...] [--method METHOD] [--markdown FILE]
 
-Needs what the tests need (mujoco, pin and its example-robot-data, scipy): run it with .venv, after make test. One thread, one process. The table at the top of the page compares each aim of
-issue 45 with the result; `--quick` runs a few robots and steps in less than a minute, and `--only` some sections.
+Needs the packages of the tests (mujoco, pin with its example-robot-data, scipy): run it with .venv, after make test.
+One thread, one process. The table at the top of the page compares each target of issue 45 with the result; `--quick`
+runs a few robots and steps in less than a minute, and `--only` some sections.
 """
 
 from __future__ import annotations

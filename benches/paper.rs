@@ -1,4 +1,4 @@
-//! The paper's operators, applied on chains of 10 to 10,000 links; samples of the random model a second.
+//! The operators of the paper on chains of 10 to 10,000 links; samples per second of the random model.
 //!
 //! `RAYON_NUM_THREADS=1 cargo bench --features stochastic,parallel --bench paper sampling` measures one core.
 
@@ -14,7 +14,7 @@ fn wave(length: usize, scale: f64) -> Vec<f64> {
     (0..length).map(|i| scale * (1.0 + 0.7 * i as f64).sin()).collect()
 }
 
-/// Elements a second are bodies a second: the same at every size where applying is linear in N.
+/// Elements per second are bodies per second: independent of the size if the cost is linear in N.
 fn operators(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("operators");
     group.sample_size(20).warm_up_time(Duration::from_millis(200)).measurement_time(Duration::from_millis(600));

@@ -1,6 +1,8 @@
-"""Writes the figures of README.md between their markers, from the generated pages docs/benchmarks.md and docs/numerics.md, and PACKAGE.md, what package indices show of it.
+"""Write the results in README.md between their markers, from the generated pages docs/benchmarks.md and
+docs/numerics.md; and PACKAGE.md, the version for package indices.
 
-Usage: python benches/readme.py. `make bench` and `make numerics` run it; tests/python/test_docs.py fails where they are not up to date.
+Usage: python benches/readme.py. `make bench` and `make numerics` run it; tests/python/test_docs.py fails if the files
+are not up to date.
 """
 
 import re
@@ -10,7 +12,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 README, PACKAGE = ROOT / "README.md", ROOT / "PACKAGE.md"
 END = "<!-- to here -->"
-#: How it is built in a clone, and what stands there on a package index.
+#: Build instructions in a clone, and their replacement on a package index.
 CLONE = "<!-- in a clone -->"
 INSTALL = """```sh
 pip install "phipsi[view,report]"
@@ -20,7 +22,7 @@ phipsi report robot.urdf -o report      # then open report/index.html; --quick t
 Row = dict[str, str]
 
 MODELS = {"ur5": "ur5", "g1": "g1", "talos": "talos"}
-PARTS = {"One state, against Pinocchio in C++": "one state", "Batches on one core, against Pinocchio in C++": "batches"}
+PARTS = {"One state, compared with Pinocchio in C++": "one state", "Batches on one core, compared with Pinocchio in C++": "batches"}
 METHODS = {
     "square-root form": "phipsi, square-root form (fallback of `auto`)",
     "covariance form": "phipsi, `form=\"covariance\"`",
@@ -29,7 +31,7 @@ METHODS = {
     "Drake": "Drake",
     "MuJoCo": "MuJoCo",
 }
-#: Masses of the last link that are shown, kg.
+#: Masses of the last link in the table, kg.
 MASSES = ("1", "1000", "1e6", "1e9", "1e12")
 
 
@@ -38,12 +40,12 @@ def page(name: str) -> str:
 
 
 def section(text: str, heading: str) -> str:
-    """What stands under a heading."""
+    """Text under a heading."""
     return re.split(r"^#+ ", text.split(f"# {heading}\n", 1)[1], maxsplit=1, flags=re.MULTILINE)[0]
 
 
 def cells(text: str) -> list[list[str]]:
-    """The first table of a text: its head, a line of dashes, its rows."""
+    """First table of a text: its head, a line of dashes, its rows."""
     lines = re.search(r"(^\|.*\n)+", text, flags=re.MULTILINE)
     if lines is None:
         raise ValueError(f"no table in {text[:80]!r}")
@@ -51,7 +53,7 @@ def cells(text: str) -> list[list[str]]:
 
 
 def rows(text: str) -> list[Row]:
-    """The same, a dict a row."""
+    """The same, one dict per row."""
     head, _, *body = cells(text)
     return [dict(zip(head, row, strict=True)) for row in body]
 
@@ -61,7 +63,7 @@ def table(head: Sequence[str], body: Iterable[Sequence[str]]) -> str:
 
 
 def median(cell: str) -> float:
-    """The first number of a cell like 291 (290 to 469)."""
+    """First number of a cell such as 291 (290 to 469)."""
     return float(cell.split()[0])
 
 
@@ -92,7 +94,7 @@ FIGURES: dict[str, Callable[[], str]] = {"benchmarks": benchmarks, "numerics": n
 
 
 def written(text: str) -> str:
-    """The text with the figures of today's pages between its markers."""
+    """The text with the results of the current pages between its markers."""
     for name, figures in FIGURES.items():
         begin = f"<!-- {name}: written by benches/readme.py -->"
         before, after = text.split(begin, 1)
@@ -101,7 +103,9 @@ def written(text: str) -> str:
 
 
 def packaged(text: str) -> str:
-    """README.md for a package index, which has no files beside it: installed from there, without pictures, links to files as their names."""
+    """README.md for a package index, which has no other files: with installation from there, without pictures, and with
+    file names instead of links to files.
+    """
     parts = re.compile(f"{CLONE}.*?{END}\n", re.DOTALL)
     text = parts.sub("", parts.sub(f"{INSTALL}\n", text, count=1))
     text = re.sub(r"<!--.*?-->\n", "", text)

@@ -1,11 +1,12 @@
-"""Measures everything and writes docs/benchmarks.md with its plots: what `make bench` runs.
+"""Measure everything and write docs/benchmarks.md with its plots: the program of `make bench`.
 
 Usage: .venv-peers/bin/python benches/report.py [--passes N] [--quick] [--write-only]
 
-It runs under the interpreter of the peers, in which `make bench` has installed the wheel of phipsi (with the extra
-`report`) and matplotlib: python_peers.py needs all of them in one process. In this order: auto_states.py; criterion's groups that no peer takes part in;
-compare.py, where phipsi in Rust and Pinocchio in C++ take turns, case by case; python_peers.py; motion_peers.py. What was run is kept in
-target/peers/run.json, so that --write-only can write the page again. --quick has few repeats: to see that all works, not for figures.
+It runs in the environment of the peers, in which `make bench` has installed the wheel of phipsi (with the extra
+`report`) and matplotlib, because python_peers.py needs all of them in one process. The order is: auto_states.py;
+criterion's groups without peers; compare.py, which interleaves phipsi in Rust and Pinocchio in C++; python_peers.py;
+motion_peers.py. The results are stored in target/peers/run.json, so that --write-only can rewrite the page. --quick
+uses few repetitions, as a test.
 """
 
 import argparse
@@ -29,11 +30,11 @@ from compare import BATCH, FEATURES, OPERATIONS
 
 import report_page
 
-#: Criterion has these too, but its figures of them were not taken in turns.
+#: Criterion has these groups too, but does not interleave them with the peers.
 COMPARED = [operation + suffix for operation in OPERATIONS for suffix in ("", BATCH)]
-#: What benches/auto_states.py prints.
+#: Output of benches/auto_states.py.
 AUTO_STATES = "auto_states.md"
-#: Criterion's options where there is no need to be exact; and for all else, a median of a hundred samples.
+#: Options of criterion for quick runs; and for all others, a median of a hundred samples.
 QUICK = ("--warm-up-time", "0.1", "--measurement-time", "0.2", "--sample-size", "10")
 SHORT = ("--warm-up-time", "1", "--measurement-time", "2")
 
@@ -43,7 +44,7 @@ def fail(message: str) -> NoReturn:
 
 
 def run(command: list[str], *, capture: bool = False) -> str:
-    """What the command prints, where it is captured."""
+    """Output of the command, if it is captured."""
     print(f"$ {shlex.join(command)}", file=sys.stderr, flush=True)
     try:
         done = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE if capture else None, text=True, check=True)
@@ -53,25 +54,25 @@ def run(command: list[str], *, capture: bool = False) -> str:
 
 
 def cargo_bench() -> list[str]:
-    """The benches by name, because the tests of the library do not know criterion's options."""
+    """Names of the benches, because the tests of the library do not accept criterion's options."""
     benches = tomllib.loads((ROOT / "Cargo.toml").read_text(encoding="utf-8"))["bench"]
     return ["cargo", "bench", "--features", FEATURES, *(part for one in benches for part in ("--bench", one["name"]))]
 
 
 def groups_of(bench: list[str]) -> list[str]:
-    """Criterion's groups, as the benches list them."""
+    """Criterion's groups, as listed by the benches."""
     lines = run([*bench, "--", "--list"], capture=True).splitlines()
     found = [line.removesuffix(": benchmark").split("/")[0] for line in lines if line.endswith(": benchmark")]
     return list(dict.fromkeys(found))
 
 
 def only(groups: list[str]) -> str:
-    """A filter for those groups."""
+    """A filter for these groups."""
     return f"^({'|'.join(map(re.escape, groups))})/"
 
 
 def measure(passes: int | None, quick: bool) -> dict[str, Any]:
-    """Runs everything; the commands, and when it began."""
+    """Run everything; return the commands and the start time."""
     began = time.time() - 1.0
     bench = cargo_bench()
     others = [group for group in groups_of(bench) if group not in COMPARED]
@@ -82,7 +83,7 @@ def measure(passes: int | None, quick: bool) -> dict[str, Any]:
     python = [sys.executable, "benches/peers/python_peers.py", *few]
     little = [*few, "--states", "512"] if quick else []
     motion = [sys.executable, "benches/peers/motion_peers.py", *little]
-    # Before the first of the others loads the machine.
+    # Before the others load the machine.
     auto = [sys.executable, "benches/auto_states.py", *(["--quick"] if quick else [])]
     commands = {"auto": auto, "alone": alone, "compare": compare, "python": python, "motion": motion}
     PEERS.mkdir(parents=True, exist_ok=True)
@@ -91,13 +92,13 @@ def measure(passes: int | None, quick: bool) -> dict[str, Any]:
         if name == "auto":
             print(printed)
             (PEERS / AUTO_STATES).write_text(printed, encoding="utf-8")
-    # As somebody would type it here.
+    # As a user would enter it.
     written = {name: shlex.join(command).replace(f"{ROOT}/", "") for name, command in commands.items()}
     return {"began": began, "quick": quick, "commands": written}
 
 
 def criterion(folder: Path, since: float) -> list[dict[str, Any]]:
-    """Every estimate written after `since`: full id, median in ns, and how many elements an iteration works on."""
+    """Every estimate written after `since`: full id, median in ns, and number of elements per iteration."""
     found = []
     for benchmark in folder.glob("**/new/benchmark.json"):
         estimates = benchmark.with_name("estimates.json")
@@ -116,7 +117,7 @@ def criterion(folder: Path, since: float) -> list[dict[str, Any]]:
                 "high": interval["upper_bound"],
             }
         )
-    # Numbers in the order of numbers.
+    # Numeric order.
     return sorted(
         found, key=lambda row: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", row["id"])]
     )

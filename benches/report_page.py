@@ -1,4 +1,6 @@
-"""docs/benchmarks.md from what report.py has measured. Ratios are the peer's time over phipsi's: above 1 phipsi is faster."""
+"""docs/benchmarks.md from the measurements of report.py. Ratios are the peer's time relative to phipsi's: above
+1 phipsi is faster.
+"""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -18,7 +20,7 @@ TITLES = {
     "inverse_dynamics_derivatives": "Derivatives of inverse dynamics",
     "forward_dynamics_derivatives": "Derivatives of forward dynamics",
 }
-#: What the project wants to reach on these models, as ratios to Pinocchio in C++: by group, and the group's arm.
+#: Target ratios to Pinocchio in C++ on these models: by group, and the instruction set of the group.
 AIMED_AT = ("chain_7", "g1", "talos")
 AIMS = {
     "forward_dynamics": 4.0,
@@ -36,28 +38,29 @@ AIMS = {
     "inverse_dynamics_derivatives_batch": 10.0,
     "forward_dynamics_derivatives_batch": 10.0,
 }
-#: The same from Python, of one core, against a loop over Pinocchio; and one state a call against pin.aba, chain of 7.
+#: Targets from Python, on one core, relative to a loop over Pinocchio; and for one state per call relative to
+#: pin.aba, chain of 7.
 AIM_PYTHON_BATCH, AIM_PYTHON_CALL = 30.0, 2.0
 
 LIMITS = """\
-- One machine, on one day. Two machines need not agree on a ratio; minimum and maximum say how steady this one was.
-- Who else uses a shared host's core does not slow both sides alike, so that ratios move with it even where they are taken in turns. What is
-  counted is the median; the ratio of the shortest times comes nearest to a machine of one's own, where both sides had such a moment.
-- Against Pinocchio in C++ phipsi is called as from any Rust program, by `scene.evaluate`: it looks at the lengths of all arguments, for NaN and
-  infinity in arguments and results, at quaternions and pivots. Pinocchio looks at lengths.
-- From Python everything is in: the call, the checks, the new array for the result; for Drake and MuJoCo also what sets the state.
-- `mj_step` and `mujoco.rollout` do a step, with more kinematics than accelerations need; `mj_forward` and `mj_inverse` too. MuJoCo fuses
-  fixed links, as phipsi does; contacts, limits and other constraints are off.
-- Pinocchio fills the upper triangle of the mass matrix and of its inverse, with derivatives too; phipsi fills both. Factoring the mass matrix is not compared.
-- A loop over Pinocchio is a Python loop that stores each result; `pin.abaInParallel` is its own batch, which it has for two algorithms.
-- Drake's and dynibo's calls from C++ and Rust are faster than from Python; so is phipsi's.
-- Models without shapes and damping; mimic joints are joints of their own. Gravity is 9.80665 m/s^2 in all calls from Python: dynibo has no other.
-- Caches are warm, and 256 states (batches: 4096, of derivatives 256) are drawn beforehand and taken in turn.
+- The results are those of one machine on one day. Ratios differ between machines; the minimum and maximum show the variation on this one.
+- On a shared host, other load does not slow down both programs equally, so that ratios vary even with interleaved timing. The results are
+  medians; the ratio of the shortest times is closest to that on an idle machine.
+- In the comparison with Pinocchio in C++, phipsi is called by `scene.evaluate`, which checks the lengths of all arguments, NaN and
+  infinity in arguments and results, quaternions and pivots. Pinocchio checks the lengths.
+- Times from Python include the call, the checks, and the allocation of the result; for Drake and MuJoCo also setting the state.
+- `mj_step` and `mujoco.rollout` compute a step with more kinematics than accelerations need, as do `mj_forward` and `mj_inverse`. MuJoCo fuses
+  fixed links, like phipsi; contacts, limits and other constraints are disabled.
+- Pinocchio fills the upper triangle of the mass matrix and of its inverse, also in derivatives; phipsi fills both triangles. The factorization of the mass matrix is not compared.
+- A loop over Pinocchio is a Python loop that stores each result; `pin.abaInParallel` is its own batch function, available for two algorithms.
+- Calls of Drake and dynibo from C++ and Rust are faster than from Python, as are those of phipsi.
+- The models have no shapes and no damping; mimic joints are independent. Gravity is 9.80665 m/s^2 in all calls from Python, because that of dynibo is fixed.
+- Caches are warm; 256 states (batches: 4096, for derivatives 256) are drawn before the timing and used in turn.
 """
 
 
 class Comparison(NamedTuple):
-    """phipsi beside a peer."""
+    """phipsi compared with a peer."""
 
     where: str
     operation: str
@@ -67,7 +70,7 @@ class Comparison(NamedTuple):
     theirs: float
     ratio: float
     further: bool
-    """Another form or arm than the one that counts."""
+    """Another form or instruction set than the default."""
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -82,7 +85,7 @@ def command(text: str) -> str:
 
 
 def title(group: str) -> str:
-    """In words, with form and arm where the group has one."""
+    """Description, with form and instruction set if the group has them."""
     operation, *variant = group.split("/")
     return ", ".join([TITLES.get(operation.removesuffix(BATCH), operation), *variant])
 
@@ -103,11 +106,13 @@ def times(one: Row, digits: int = 1) -> str:
     return f"{median} ({low} to {high})"
 
 
-# Where we lose
+# Cases in which a peer is faster
 
 
 def comparisons(compared: Sequence[Row], python: Sequence[Row], motion: Sequence[Row]) -> list[Comparison]:
-    """Every pair: in Rust covariance on the arm of the process, and all else marked; from Python the default form, on as many threads."""
+    """Every pair: in Rust, covariance on the instruction set of the process, and all others marked; from Python, the
+    default form on the same number of threads.
+    """
     found = []
     for row in compared:
         operation, _, variant = row["group"].partition("/")
@@ -134,7 +139,7 @@ def lost(one: Comparison) -> bool:
 
 
 def losses_table(chosen: Sequence[Comparison]) -> str:
-    """How many there are of each kind, then those in which the peer is faster, the worst first."""
+    """Number of pairs of each kind, then those in which the peer is faster, in ascending order of the ratio."""
     kinds = {one.where: [other for other in chosen if other.where == one.where] for one in chosen}
     counts = [(where, str(len(all_of)), str(sum(map(lost, all_of)))) for where, all_of in kinds.items()]
     head = ("from", "operation", "model", "phipsi, ns", "the peer", "ns", "the peer is faster by")
@@ -157,21 +162,21 @@ def losses_text(every: Sequence[Comparison], arm: str) -> str:
     counted = [one for one in every if not one.further]
     further = [one for one in every if one.further]
     return (
-        f"Of {len(counted)} comparisons phipsi is the slower one in {sum(map(lost, counted))}, the worst first. From Python it is the default form"
-        f" (`auto`), on as many threads as the peer, and median beside median; in Rust it is the covariance form on the arm `{arm}`, and there, and"
-        f" in motion, the ratio is the median of those within a pass.\n\n{losses_table(counted)}\n### Other forms, and AVX2\n\n"
-        f"Not counted above: {len(further)} further comparisons in Rust, of which phipsi is the slower one in {sum(map(lost, further))}."
+        f"phipsi is slower than a peer in {sum(map(lost, counted))} of {len(counted)} comparisons. From Python the comparison uses the default form"
+        f" (`auto`), on the same number of threads as the peer, and the ratio of medians. In Rust it uses the covariance form with the instruction set `{arm}`; there and"
+        f" for simulation the ratio is the median of the ratios within a pass.\n\n{losses_table(counted)}\n### Other forms, and AVX2\n\n"
+        f"There are {len(further)} further comparisons in Rust; phipsi is slower in {sum(map(lost, further))} of them."
         f"\n\n{losses_table(further)}"
     )
 
 
 def aim_of(group: str, arm: str) -> float | None:
-    """Where an arm is the widest of a machine, its batches have the aim of that arm."""
+    """If this is the widest instruction set of a machine, its batches have the target of that instruction set."""
     return AIMS.get(f"{group}/{arm}", AIMS.get(group))
 
 
 def aims_text(compared: Sequence[Row], python: Sequence[Row], arm: str) -> str:
-    """Every aim that was measured and is not reached."""
+    """Measured targets that are not reached."""
     rows = []
     measured = 0
 
@@ -186,7 +191,7 @@ def aims_text(compared: Sequence[Row], python: Sequence[Row], arm: str) -> str:
         if aim and row["model"] in AIMED_AT:
             what = f"{title(row['group'])}, {'a state of a batch' if BATCH in row['group'] else 'one state'}, Rust"
             check(what, row["model"], row["ratio"]["median"], times(row["ratio"], 2), row["ratio_of_best"], aim)
-    # A peer's loop makes its array anew, so what is given one is not held against it.
+    # The loop of a peer allocates its array, so calls with a given output are not compared.
     ours = [row for row in python if row["library"] == "phipsi" and not row["call"].endswith(INTO_GIVEN)]
     for row in python:
         single = row["call"] == "pin.aba" and row["model"] == "chain_7"
@@ -200,13 +205,13 @@ def aims_text(compared: Sequence[Row], python: Sequence[Row], arm: str) -> str:
                 check(what, row["model"], found, f"{found:.2f}", best, aim)
     head = ("what", "model", "times faster than Pinocchio", "by the shortest times", "aim")
     return (
-        f"Of {measured} figures with an aim (issue 5: {', '.join(AIMED_AT)} in Rust, here on the arm `{arm}`; batches from Python on every model)"
-        f" these {len(rows)} fall short; in Rust with minimum and maximum over the passes:\n\n{table(head, rows)}\n{threads_text(python)}"
+        f"Of {measured} results with a target (issue 5: {', '.join(AIMED_AT)} in Rust, here with the instruction set `{arm}`; batches from Python on every model)"
+        f" these {len(rows)} miss it; in Rust with minimum and maximum over the passes:\n\n{table(head, rows)}\n{threads_text(python)}"
     )
 
 
 def threads_text(python: Sequence[Row]) -> str:
-    """What a second thread brings to phipsi's batches; the aim is near 2."""
+    """Speedup of phipsi's batches by a second thread; the target is near 2."""
     by_call = {(row["library"], row["model"], row["operation"], row["call"]): row["ns"]["median"] for row in python}
     gains = [
         ns / by_call["phipsi" + THREADS, *key]
@@ -214,18 +219,18 @@ def threads_text(python: Sequence[Row]) -> str:
         if library == "phipsi" and ("phipsi" + THREADS, *key) in by_call
     ]
     if not gains:
-        return "Two threads were not measured: there is one core.\n"
+        return "Two threads were not measured, because there is one core.\n"
     return (
-        f"Two threads are {min(gains):.2f} to {max(gains):.2f} times as fast as one on batches from Python (all models and calls);"
-        " the aim is near 2.\n"
+        f"For batches from Python (all models and calls), two threads are {min(gains):.2f} to {max(gains):.2f} times as fast as one;"
+        " the target is near 2.\n"
     )
 
 
-# The tables
+# Tables
 
 
 def compared_text(rows: Sequence[Row]) -> str:
-    head = ("operation", "model", "phipsi, ns a state", "Pinocchio, ns", "by", "ratio", "of the shortest")
+    head = ("operation", "model", "phipsi, ns per state", "Pinocchio, ns", "by", "ratio", "of the shortest")
     cells = [
         (
             title(row["group"]),
@@ -242,7 +247,7 @@ def compared_text(rows: Sequence[Row]) -> str:
 
 
 def python_text(rows: Sequence[Row]) -> str:
-    """A table an operation: a row a call, a column a model."""
+    """A table per operation: one row per call, one column per model."""
     parts = []
     for operation in dict.fromkeys(row["operation"] for row in rows):
         chosen = [row for row in rows if row["operation"] == operation]
@@ -269,12 +274,12 @@ def alone_text(rows: Sequence[Row]) -> str:
     return table(("criterion's id", "median, ns (95 % interval)", "ns an element"), map(cells, rows))
 
 
-# Motion
+# Simulation
 
 PARTS = {
-    "steps": "One core, ns a step and state",
-    "rollouts": "Two cores, ns a step and state of a rollout of 200 steps",
-    "one": "One core, UR5, one state, ns a step, a torque and a step a call from Python",
+    "steps": "One core, ns per step and state",
+    "rollouts": "Two cores, ns per step and state of a rollout of 200 steps",
+    "one": "One core, UR5, one state, ns per step, one torque and one step per call from Python",
 }
 
 
@@ -284,7 +289,7 @@ def joints_of(row: Row) -> str:
 
 
 def motion_text(motion: Row) -> str:
-    """Steps through time: MPPI, what falls short of its aim, and a table a part."""
+    """Simulation steps: MPPI, missed targets, and one table per part."""
 
     def cells(row: Row) -> tuple[str, ...]:
         peer = row["peer"] if row["peer"] == "Pinocchio" else f"{row['peer']}, {row['integrator']}"
@@ -311,9 +316,9 @@ def motion_aims_text(motion: Row) -> str:
     low, median, high = (f"{rate[name] / 1e3:.0f}" for name in ("min", "median", "max"))
     head = ("call", "method", "form", "joints", "times faster than MuJoCo", "aim")
     return (
-        f"`{mppi['command']}`: {median} ({low} to {high}) thousand states a second, its cost function and the arm's own motion in the time;"
-        f" the aim, {aim / 1e3:.0f} thousand, is {'reached' if rate['median'] >= aim else 'missed'}.\n\n"
-        f"Of {len(aimed)} ratios with an aim (issues 6 and 32) these fall short:\n\n{table(head, short)}"
+        f"`{mppi['command']}`: {median} ({low} to {high}) thousand states per second, including its cost function and the motion of the arm;"
+        f" the target, {aim / 1e3:.0f} thousand, is {'reached' if rate['median'] >= aim else 'missed'}.\n\n"
+        f"Of {len(aimed)} ratios with a target (issues 6 and 32) these miss it:\n\n{table(head, short)}"
     )
 
 
@@ -324,7 +329,7 @@ def machine_text(compared: Row, python: Row) -> str:
 
 
 def write(path: Path, ran: Row, compared: Row, python: Row, motion: Row, alone: Sequence[Row], auto_states: str) -> None:
-    """The page, and its plots beside it."""
+    """The page and its plots."""
     commands = ran["commands"]
     rows, called, arm = compared["rows"], python["rows"], compared["machine"]["arm"]
     one, batches, other_one, other_batches = (
@@ -341,57 +346,57 @@ def write(path: Path, ran: Row, compared: Row, python: Row, motion: Row, alone: 
         pictures[plot.name] = f"![{plot.name.replace('-', ' ')}]({target.name})\n"
     every = comparisons(rows, called, motion["pairs"])
     in_turns = (
-        f"A burst of phipsi's and one of each of Pinocchio's ways right after one another, {compared['passes']} times over all cases, about"
-        f" {1e3 * compared['seconds']:g} ms each. The ratio is that within a pass: median, minimum and maximum; beside it that of the shortest times. {command(commands['compare'])}"
+        f"Bursts of phipsi and of each algorithm of Pinocchio alternate, in {compared['passes']} passes over all cases, about"
+        f" {1e3 * compared['seconds']:g} ms each. The ratio is that within a pass: median, minimum and maximum; the ratio of the shortest times follows. {command(commands['compare'])}"
     )
     refused = [(row["model"], row["library"], row["reason"]) for row in python["refused"]]
-    warning = "**A trial with few repeats (`--quick`): no figure on this page counts.**\n\n" if ran["quick"] else ""
+    warning = "**A test with few repetitions (`--quick`): the results on this page are not valid.**\n\n" if ran["quick"] else ""
     sections = [
         (
             "# Benchmarks",
-            f"{warning}Generated by `make bench` (`benches/report.py`) from what it measured; nothing on this page is written by hand but these"
-            f" words. Ratios are the peer's time over phipsi's: above 1 phipsi is faster. Times are medians over the passes of one run in which"
-            f" all take turns, with minimum and maximum.\n\n{machine_text(compared, python)}",
+            f"{warning}This page is generated by `make bench` (`benches/report.py`) from measurements. Ratios are the time of the peer relative to that of phipsi: above 1"
+            f" phipsi is faster. Times are medians over the passes of one run in which all programs"
+            f" are interleaved, with minimum and maximum.\n\n{machine_text(compared, python)}",
         ),
-        ("## Where we lose", losses_text(every, arm)),
-        ("## Short of the aims", aims_text(rows, called, arm)),
-        ("## What the figures do not show", LIMITS),
+        ("## Comparisons in which a peer is faster", losses_text(every, arm)),
+        ("## Missed targets", aims_text(rows, called, arm)),
+        ("## Limitations of the measurements", LIMITS),
         (
-            "## One state, against Pinocchio in C++",
+            "## One state, compared with Pinocchio in C++",
             f"phipsi in the covariance form. {in_turns}\n{pictures.get('one-state', '')}\n{compared_text(one)}\n"
             f"### One state, other forms\n\n{compared_text(other_one)}",
         ),
         (
-            "## Batches on one core, against Pinocchio in C++",
-            f"Time a state of 4096, covariance form, on the arm `{arm}`; Pinocchio has no batches on one core, so it is its time for one state."
+            "## Batches on one core, compared with Pinocchio in C++",
+            f"Time per state in batches of 4096, covariance form, with the instruction set `{arm}`. Pinocchio has no batches on one core, so its time is that for one state."
             f" {in_turns}\n{pictures.get('batches', '')}\n{compared_text(batches)}\n"
             f"### Batches, other forms, and AVX2\n\n{compared_text(other_batches)}",
         ),
         (
-            "## From Python, one state a call",
-            f"ns a call: ratio to phipsi's default form. {command(commands['python'])}\n"
+            "## From Python, one state per call",
+            f"ns per call, and ratio to phipsi's default form. {command(commands['python'])}\n"
             f"{pictures.get('python', '')}\n{python_text(calls)}",
         ),
         (
             "## From Python, batches of 4096",
-            f"ns a state: ratio to phipsi's default form on as many threads. {command(commands['python'])}\n"
+            f"ns per state, and ratio to phipsi's default form on the same number of threads. {command(commands['python'])}\n"
             f"{pictures.get('python-batches', '')}\n{python_text(arrays)}",
         ),
         (
-            "## Form auto in the states that robots are in",
-            f"From Python: its time over that of the covariance form. {command(commands['auto'])}\n{auto_states}",
+            "## Form auto by kind of state",
+            f"Time from Python, relative to that of the covariance form. {command(commands['auto'])}\n{auto_states}",
         ),
         (
             "## Motion",
             f"A batch of {motion['states']} arms, {motion['model']}, steps of {motion['dt']:g} s, called from Python; ratios are taken within a pass."
-            f" MuJoCo's steps are a loop in C over one state, its rollouts are `mujoco.rollout`; of two ways the faster one. One step of every"
-            f" integrator, and all rows of the rollouts, agree within {max(motion['agreement'].values()):.1e}. MuJoCo has no Rosenbrock method: its RK4"
-            f" stands beside them. With springs its implicitfast takes damping at the step's end and springs at its start; phipsi takes both at its end."
+            f" MuJoCo's steps are a loop in C over one state, its rollouts are `mujoco.rollout`; the faster of two functions counts. One step of every"
+            f" integrator, and all rows of the rollouts, agree within {max(motion['agreement'].values()):.1e}. MuJoCo has no Rosenbrock method; they are compared"
+            f" with its RK4. With springs, its implicitfast evaluates damping at the end of a step and springs at its start; phipsi evaluates both at the end."
             f" {command(commands['motion'])}\n{motion_text(motion)}",
         ),
         (
             "## Not timed",
-            "A library that refuses a model, in its own words; or whose answer differs from phipsi's.\n\n"
+            "Libraries that refuse a model, with their messages, or whose result differs from that of phipsi.\n\n"
             + table(("model", "library", "reason"), refused),
         ),
         ("## Growth with the number of bodies", f"{command(commands['alone'])}\n{pictures.get('growth', '')}"),

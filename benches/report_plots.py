@@ -1,4 +1,4 @@
-"""The plots of docs/benchmarks.md: ratios by model, and growth with the number of bodies."""
+"""Plots of docs/benchmarks.md: ratios by model, and time by number of bodies."""
 
 import math
 from collections.abc import Sequence
@@ -8,7 +8,7 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullLocator
-from phipsi.report.plotting import COLOURS, FAINT
+from phipsi.report.plotting import COLORS, FAINT
 from phipsi.report.text import brief_time, power
 from static import STYLE, finished, ticks
 from studies.programs import INKS
@@ -27,26 +27,26 @@ MARKERS = "osD^vPX*"
 
 
 class Picture(NamedTuple):
-    """A plot as a file beside the page."""
+    """A plot as a separate file."""
 
     name: str
     png: bytes
 
 
-#: model, series, ratio: median, minimum and maximum (all the same where there is no range)
+#: model, series, ratio: median, minimum and maximum (equal if there is no range)
 Dot = tuple[str, str, tuple[float, float, float]]
 
 
 def _ink(series: str, index: int) -> str:
-    """By library in front of a series' name, as in the stability study; else by place."""
+    """Color by the library at the beginning of a series' name, as in the stability study; otherwise by position."""
     library = series.partition(":")[0].partition(",")[0]
-    return INKS.get(library, COLOURS[index % len(COLOURS)])
+    return INKS.get(library, COLORS[index % len(COLORS)])
 
 
 def draw(
     one: Sequence[Row], batches: Sequence[Row], calls: Sequence[Row], arrays: Sequence[Row], growth: Sequence[Row]
 ) -> list[Picture]:
-    """Those that there are figures for."""
+    """Groups with results."""
     plots = []
     for name, rows in (("one-state", one), ("batches", batches)):
         dots = [(row["model"], NAMES[row["group"].removesuffix("_batch")], _range(row["ratio"])) for row in rows]
@@ -69,14 +69,14 @@ def _range(ratio: Row) -> tuple[float, float, float]:
 
 
 def _ratios(name: str, panels: Sequence[tuple[str, Sequence[Dot]]], label: str) -> list[Picture]:
-    """A panel an operation, a column a model, a mark a series; at 1 both are alike."""
+    """A panel per operation, a column per model, a marker per series; 1 means equal times."""
     panels = [panel for panel in panels if panel[1]]
     if not panels:
         return []
     with mpl.rc_context(STYLE):
         rows = (len(panels) + 1) // 2
         columns = min(2, len(panels))
-        width, height, under = 10.0, 2.7, 0.95  # inches; under: names of models, and the legend
+        width, height, under = 10.0, 2.7, 0.95  # inches; below: names of models, and the legend
         figure = Figure(figsize=(width, rows * (height + under) + 0.3))
         every = figure.subplots(rows, columns, squeeze=False)
         whole = figure.get_figheight()
@@ -112,7 +112,7 @@ def _panel(axes: Axes, heading: str, dots: Sequence[Dot], label: str) -> None:
     low, high = min([*ratios, 1.0]) / 1.3, max([*ratios, 1.0]) * 1.3
     axes.set_ylim(low, high)
     marks: list[float] = []
-    # Finer where the range is narrow: one mark would say nothing.
+    # Finer for a narrow range, in which there would be one tick.
     for steps in ((1, 2, 5), (1, 1.5, 2, 3, 5, 8), (1, 1.2, 1.4, 1.6, 1.8, 2, 2.5, 3, 4, 5, 6, 7, 8, 9)):
         if len(marks) < 3:
             every = [m * 10.0**e for e in range(-2, 4) for m in steps]
@@ -137,7 +137,7 @@ def _panel(axes: Axes, heading: str, dots: Sequence[Dot], label: str) -> None:
 
 
 def _growth(rows: Sequence[Row]) -> list[Picture]:
-    """Time a body against the number of bodies, a curve an algorithm: flat is linear growth."""
+    """Time per body against the number of bodies, one curve per algorithm: constant for linear growth."""
     curves: dict[str, list[tuple[int, float]]] = {}
     for row in rows:
         if row["elements"]:

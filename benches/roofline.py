@@ -1,9 +1,11 @@
-"""Operations, time and share of the machine's measured peak of each algorithm: docs/roofline.md, what `make roofline` runs.
+"""Operations, time and fraction of the machine's measured peak of each algorithm: docs/roofline.md, the program
+of `make roofline`.
 
 Usage: .venv/bin/python benches/roofline.py [--seconds S] [--write-only] [-o docs/roofline.md]
 
-Needs matplotlib and phipsi with the extra `report`. Builds and runs the bench roofline.rs, which takes S seconds for each of some
-130 figures, and keeps what it printed in target/roofline.json, from which --write-only writes the page again.
+Needs matplotlib and phipsi with the extra `report`. It builds and runs the bench roofline.rs, which takes S seconds
+for each of about 130 values, and stores its output in target/roofline.json, so that --write-only can rewrite the
+page.
 """
 
 import argparse
@@ -34,7 +36,7 @@ Row = dict[str, Any]
 KEPT = ROOT / "target" / "roofline.json"
 BUILD = ["cargo", "bench", "--locked", "--features", FEATURES, "--bench", "roofline", "--"]
 INSTRUCTIONS = ROOT / "benches" / "instructions" / "expected.json"
-#: As the bench of instructions calls them.
+#: Names of the algorithms in the instruction bench.
 COUNTED_AS = {
     "forward dynamics, covariance": "forward_dynamics/covariance",
     "forward dynamics, auto": "forward_dynamics/auto",
@@ -43,44 +45,42 @@ COUNTED_AS = {
     "mass matrix": "mass_matrix",
     "inverse of the mass matrix": "mass_matrix_inverse/covariance",
 }
-COLOURS = ("#0072b2", "#56b4e9", "#d55e00", "#009e73", "#aa3377", "#b8860b")
+COLORS = ("#0072b2", "#56b4e9", "#d55e00", "#009e73", "#aa3377", "#b8860b")
 MARKERS = "osD^v"
-#: Of one state four columns go in a register, where there are registers of four.
+#: For one state, four columns share a register, if registers have four lanes.
 BY_COLUMNS = ("mass matrix", "inverse of the mass matrix")
-#: A limit that explains this much of the time is said to bound it.
+#: A limit that explains at least this fraction of the time is reported as the bound.
 MOST = 0.5
 
 TERMS = """\
-- Operations are counted by running the generic code on a scalar that counts (`phipsi::scalar::Traced`): a product with a sum is two, a
-  division one, a sine with its cosine 52, as our polynomials have it. The baseline calls the standard library's instead.
-- A batch is 4096 states, of which a chunk of as many as there are lanes is computed at a time. One state runs one number to a register,
-  M and M^-1 four.
-- Peak: products with sums on twelve registers that do not wait for each other, on the same arm, the fastest of many; for one state the
-  peak of one lane but for M and M^-1, and on AVX-512 of AVX2, whose registers are as wide as any that it uses. On the baseline, which has no fused products, a product and a sum,
+- Operations are counted by running the generic code with a scalar type that counts (`phipsi::scalar::Traced`): a multiply-add is two operations, a
+  division one, a sine with its cosine 52, as in the polynomials of phipsi. The baseline calls the standard library instead.
+- A batch is 4096 states, computed in chunks of one state per lane. One state uses one lane per register; M and M^-1 use four.
+- Peak: independent multiply-adds on twelve registers with the same instruction set, the fastest of many measurements. For one state it is the
+  peak of one lane (except for M and M^-1); with AVX-512 it is that of AVX2, whose registers are as wide as those that one state uses. The baseline has no fused multiply-add; its peak is a multiplication and an addition,
   which the compiler may vectorize in pairs ([performance.md](performance.md#values-for-the-next-body-stay-in-registers)).
-- Bytes (kB): arguments, scratch and results of one state and its part of the scene's constants, which the states of a chunk share; each array
-  counted once however often it is read. Bandwidth: numbers read, changed and written back, in L1 or L2, wherever the chunk fits.
-- The limit is the largest of four times that hold for any code of so many numbers a register: operations at the peak; divisions at the
-  measured rate of divisions that do not wait for each other; bytes at the bandwidth; of a batch the results, where all of them do not
-  fit in L2, at the bandwidth beyond it. Where the largest is less than half of the time, none of these bounds it: what is left is operations
-  that wait for each other's results, and instructions that are not arithmetic.
+- Bytes (kB): arguments, intermediate values and results of one state, and its part of the constants of the scene, which the states of a chunk share; each array
+  is counted once. Bandwidth: values read, changed and written back, in L1 or L2, depending on the size of the chunk.
+- The limit is the largest of four times that are lower bounds for any code with the same number of values per register: operations at the peak; divisions at the
+  measured rate of independent divisions; bytes at the bandwidth; and for batches whose results do not fit in L2, the results at the bandwidth of main memory.
+  If the largest is less than half of the measured time, none of these bounds it: the remaining time is spent on dependent operations and on instructions that are not arithmetic.
 """
 MACHINE = (
     "arm",
     "numbers a register",
     "peak, Gflop/s",
-    "a product with its sum, waiting, ns",
+    "dependent multiply-add, ns",
     "a division, ns",
     "L1, GB/s",
     "L2, GB/s",
     "beyond, GB/s",
 )
-CASES = ("algorithm", "arm", "flop", "kB", "ns a state", "Gflop/s", "of peak", "largest limit", "of time", "bound by")
+CASES = ("algorithm", "arm", "flop", "kB", "ns per state", "Gflop/s", "of peak", "largest limit", "of time", "bound by")
 COUNTED = ("algorithm", "arm", "instructions a call", "instructions an operation", "instructions a cycle")
 COUNTS = """\
-Of the chain of 7, where `make instructions` has counted the same calls (of few states, while 256 are timed here: for `auto` that is
-not quite the same work). An operation is one of those counted above, a product with its sum being one, a sine with its cosine too; the
-rest moves numbers between registers and memory, or decides. A processor of today begins four to six instructions a cycle at the most.
+Results for the chain of 7, for which `make instructions` has counted the same calls (with few states, whereas 256 are timed here; for `auto` the
+work differs slightly). Operations are those counted above, with a multiply-add as one and a sine with its cosine as one; the other
+instructions move values between registers and memory, or are branches. Current processors start at most four to six instructions per cycle.
 """
 
 
@@ -95,7 +95,7 @@ def measured(seconds: float) -> Row:
 
 
 def caches() -> list[int]:
-    """Bytes of L1 (data) and L2, where the system tells; else those of many machines."""
+    """Bytes of L1 (data) and L2, if the system reports them; otherwise typical values."""
     sizes = {1: 32 << 10, 2: 1 << 20}
     for entry in sorted(Path("/sys/devices/system/cpu/cpu0/cache").glob("index*")):
         level, kind, size = ((entry / name).read_text().strip() for name in ("level", "type", "size"))
@@ -105,21 +105,21 @@ def caches() -> list[int]:
 
 
 def roof(arms: Sequence[Row], name: str, states: int) -> Row:
-    """The arm whose peak holds: one state on AVX-512 has numbers, or four columns, in registers no wider than those of AVX2."""
+    """Instruction set of the peak: with AVX-512, one state uses registers that are no wider than those of AVX2."""
     wanted = "avx2" if name == "avx512" and states == 1 else name
     return next(arm for arm in arms if arm["name"] == wanted)
 
 
 def judged(found: Row) -> list[Row]:
-    """Each case with its share of the peak and what bounds it."""
+    """Each case with its fraction of the peak and its bound."""
     rows = []
     for case in found["cases"]:
         arm, ns = roof(found["arms"], case["arm"], case["states"]), case["ns"]
-        # How much of a register stays empty.
+        # Fraction of a register that is used.
         unused = arm["lanes"] if case["states"] == 1 and case["algorithm"] not in BY_COLUMNS else 1
         case["bytes"] = case["of_state"] + case["of_scene"] / case["lanes"]
         peak = arm["gflops"] / unused
-        # At the rate of full registers, which one number a register cannot reach.
+        # At the rate of full registers, which one value per register cannot reach.
         divisions = case["operations"]["divisions"] * arm["division_ns"]
         level = "l1" if case["bytes"] * case["lanes"] <= found["caches"][0] else "l2"
         bandwidth = arm[f"{level}_update"] / unused
@@ -129,7 +129,7 @@ def judged(found: Row) -> list[Row]:
             f"{level.upper()} bandwidth": case["bytes"] / bandwidth,
         }
         if case["results"] * case["states"] > found["caches"][1]:
-            # The cache reads what it is to write.
+            # A cache line is read before it is written.
             limits["results to memory"] = 2 * case["results"] / arm["far_update"]
         name = max(limits, key=lambda limit: limits[limit])
         rows.append(
@@ -146,7 +146,7 @@ def judged(found: Row) -> list[Row]:
 
 
 def instructions_a_cycle(found: Row) -> list[list[str]]:
-    """Where benches/instructions has counted the same: instructions, those for each operation, and how many a cycle."""
+    """Results of benches/instructions for the same cases: instructions, instructions per operation, and per cycle."""
     counted = json.loads(INSTRUCTIONS.read_text(encoding="utf-8")) if INSTRUCTIONS.exists() else {}
     rows = []
     for case in found["cases"]:
@@ -173,32 +173,32 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 def page(found: Row, rows: Sequence[Row]) -> str:
     machine = found["machine"]
-    text = ["# Roofline\n", "What each algorithm computes, how long it takes, and how much of this machine's measured peak that is.\n"]
+    text = ["# Roofline\n", "Operations and time of each algorithm, and the fraction of this machine's measured peak.\n"]
     bound = [row for row in rows if row["bound"] != "none of these"]
     best = max((row for row in rows if row["states"] > 1), key=lambda row: row["share"])
     text.append(
         f"In {len(rows) - len(bound)} of {len(rows)} cases neither operations, divisions nor memory account for half of the time. "
-        f"The best share of the peak in a batch is {best['share']:.0%}, of {best['algorithm']}, {best['scene']}, "
+        f"The largest fraction of the peak in a batch is {best['share']:.0%}, of {best['algorithm']}, {best['scene']}, "
         f"{where(best)}.\n"
     )
     cycles = instructions_a_cycle(found)
     if cycles:
         each, a_cycle = ([float(row[i]) for row in cycles] for i in (3, 4))
         text.append(
-            "On the chain of 7 much of the time goes into instructions that are not arithmetic: each operation comes with "
-            f"{min(each):.1f} to {max(each):.1f} instructions, itself one of them, of which {min(a_cycle):.1f} to {max(a_cycle):.1f} begin a "
+            "On the chain of 7 much of the time is spent on instructions that are not arithmetic: there are "
+            f"{min(each):.1f} to {max(each):.1f} instructions per operation, and {min(a_cycle):.1f} to {max(a_cycle):.1f} instructions per "
             "cycle (last table).\n"
         )
     text.append(
         f"{machine['processor']}, {machine['cores']} cores, one used; {machine['rustc']}; commit {machine['commit']}; "
-        f"{machine['date']}. Load at the start {machine['load_at_start']}, at the end {machine['load_at_end']}. Made by `make roofline` "
+        f"{machine['date']}. Load at the start {machine['load_at_start']}, at the end {machine['load_at_end']}. Written by `make roofline` "
         f"(`{found['command']}`).\n"
     )
     if max(machine["load_at_start"], machine["load_at_end"]) > 1.5:
-        text.append("**A trial on a machine that others used at the same time: times are too long, shares too small.**\n")
-    text.append("![Gflop/s against operations a byte](roofline.png)\n")
-    text += ["## What is measured\n", TERMS]
-    text.append("## The machine\n")
+        text.append("**Measured on a machine with other load: times are too long, fractions too small.**\n")
+    text.append("![Gflop/s against operations per byte](roofline.png)\n")
+    text += ["## Measured quantities\n", TERMS]
+    text.append("## Machine\n")
     text.append(
         table(
             MACHINE,
@@ -218,7 +218,7 @@ def page(found: Row, rows: Sequence[Row]) -> str:
         )
     )
     text.append(
-        f"Clock {found['clock_ghz']:.2f} GHz, if a product of integers takes three cycles. L1 {found['caches'][0] >> 10} KiB, "
+        f"Clock {found['clock_ghz']:.2f} GHz, if an integer multiplication takes three cycles. L1 {found['caches'][0] >> 10} KiB, "
         f"L2 {found['caches'][1] >> 10} KiB.\n"
     )
     for scene in dict.fromkeys(row["scene"] for row in rows):
@@ -251,7 +251,7 @@ def page(found: Row, rows: Sequence[Row]) -> str:
 
 
 def draw(found: Row, rows: Sequence[Row]) -> bytes:
-    """Two panels on the widest arm: one state, and batches."""
+    """Two panels on the widest instruction set: one state, and batches."""
     arms = found["arms"]
     widest = arms[-1]
     algorithms = list(dict.fromkeys(row["algorithm"] for row in rows))
@@ -270,7 +270,7 @@ def draw(found: Row, rows: Sequence[Row]) -> bytes:
                     row["flops"] / row["bytes"],
                     row["gflops"],
                     MARKERS[scenes.index(row["scene"]) % len(MARKERS)],
-                    color=COLOURS[algorithms.index(row["algorithm"]) % len(COLOURS)],
+                    color=COLORS[algorithms.index(row["algorithm"]) % len(COLORS)],
                     markersize=5.5,
                     markeredgecolor="white",
                     markeredgewidth=0.5,
@@ -279,7 +279,7 @@ def draw(found: Row, rows: Sequence[Row]) -> bytes:
             axes.set_xlabel("operations a byte")
         panels[0].set_ylabel("Gflop/s")
         handles = [
-            *(Line2D([], [], marker="s", ls="", color=COLOURS[i % len(COLOURS)], label=name) for i, name in enumerate(algorithms)),
+            *(Line2D([], [], marker="s", ls="", color=COLORS[i % len(COLORS)], label=name) for i, name in enumerate(algorithms)),
             *(Line2D([], [], marker=MARKERS[i % len(MARKERS)], ls="", color="#555b61", label=name) for i, name in enumerate(scenes)),
         ]
         figure.legend(handles=handles, loc="outside right center", frameon=False)
@@ -287,7 +287,7 @@ def draw(found: Row, rows: Sequence[Row]) -> bytes:
 
 
 def roofs(axes: Axes, arm: Row, intensities: Sequence[float]) -> None:
-    """Peak of a register full, of one lane, of operations that wait; and the slopes of L1 and L2."""
+    """Peak of a full register, of one lane, of dependent operations; and the slopes of L1 and L2."""
     low, high = min(intensities) / 2.5, max(intensities) * 7.0
     axes.set(xscale="log", yscale="log", xlim=(low, high))
     axes.xaxis.set_major_locator(FixedLocator([0.25, 0.5, 1, 2, 4, 8, 16]))
@@ -299,8 +299,8 @@ def roofs(axes: Axes, arm: Row, intensities: Sequence[float]) -> None:
     axes.set_axisbelow(True)
     width = arm["lanes"]
     lines = {
-        **({f"peak, {width} numbers a register": arm["gflops"]} if width > 1 else {}),
-        "peak, one number a register": arm["gflops"] / width,
+        **({f"peak, {width} lanes per register": arm["gflops"]} if width > 1 else {}),
+        "peak, one lane per register": arm["gflops"] / width,
         "one after another, waiting": 2.0 / arm["dependent_ns"],
     }
     for name, height in lines.items():
@@ -318,10 +318,10 @@ def roofs(axes: Axes, arm: Row, intensities: Sequence[float]) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seconds", type=float, default=0.3, help="for each figure; default: %(default)s")
-    parser.add_argument("--write-only", action="store_true", help="measure nothing, write the page again")
+    parser.add_argument("--seconds", type=float, default=0.3, help="for each value; default: %(default)s")
+    parser.add_argument("--write-only", action="store_true", help="rewrite the page without measurements")
     parser.add_argument(
-        "-o", "--output", type=Path, default=ROOT / "docs" / "roofline.md", help="default: %(default)s; the plot beside it"
+        "-o", "--output", type=Path, default=ROOT / "docs" / "roofline.md", help="default: %(default)s; the plot is in the same folder"
     )
     options = parser.parse_args()
     if not options.write_only:

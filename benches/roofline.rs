@@ -1,7 +1,7 @@
-//! What this machine can do, and how much of it each algorithm does: `make roofline`, see benches/roofline.py.
+//! Peak performance of this machine, and the performance of each algorithm: `make roofline`, see benches/roofline.py.
 //!
-//! `roofline measure [seconds]` prints JSON, taking that long for each figure (default 0.2); without `measure` (as `cargo bench` starts
-//! it) it does nothing. One thread.
+//! `roofline measure [seconds]` prints JSON; each value takes that long (default 0.2). Without `measure` (as `cargo
+//! bench` starts it) it does nothing. One thread.
 
 mod common;
 
@@ -27,10 +27,10 @@ const ALGORITHMS: [(&str, Algorithm); 6] = [
     ("inverse of the mass matrix", Algorithm::MassMatrixInverse(Form::Covariance)),
 ];
 
-/// Products and sums that a call of [`Products`] does on each of its numbers.
+/// Multiply-adds per call of [`Products`] for each of its values.
 const ROUNDS: u32 = 4096;
 
-/// `K` chains of products with sums that do not wait for each other.
+/// `K` independent chains of multiply-adds.
 struct Products<T, const K: usize> {
     start: f64,
     of: std::marker::PhantomData<T>,
@@ -55,7 +55,7 @@ impl<T: Vectorised, const K: usize> Work for Products<T, K> {
     }
 }
 
-/// Quotients that do not wait for each other, `ROUNDS` of them on each of eight numbers.
+/// Independent divisions, `ROUNDS` of them for each of eight values.
 struct Quotients<T> {
     start: f64,
     of: std::marker::PhantomData<T>,
@@ -77,7 +77,7 @@ impl<T: Vectorised> Work for Quotients<T> {
     }
 }
 
-/// Every number of an array is read and added up, in eight sums.
+/// Reads every value of an array and accumulates them in eight sums.
 struct Loads<'a, T>(&'a [T]);
 
 impl<T: Vectorised> Work for Loads<'_, T> {
@@ -95,7 +95,7 @@ impl<T: Vectorised> Work for Loads<'_, T> {
     }
 }
 
-/// Every number of an array is read, changed and written.
+/// Reads, changes and writes every value of an array.
 struct Updates<'a, T>(&'a mut [T]);
 
 impl<T: Vectorised> Work for Updates<'_, T> {
@@ -110,7 +110,7 @@ impl<T: Vectorised> Work for Updates<'_, T> {
     }
 }
 
-/// Times of a call in ns, sorted: at least nine measurements of many calls, that take `seconds` together.
+/// Times of a call in ns, sorted: at least nine measurements of many calls, which take `seconds` together.
 fn times_ns(seconds: f64, mut call: impl FnMut()) -> Vec<f64> {
     let mut many = |calls: u32| {
         let start = Instant::now();
@@ -129,19 +129,19 @@ fn times_ns(seconds: f64, mut call: impl FnMut()) -> Vec<f64> {
     times
 }
 
-/// The median: what an algorithm takes.
+/// The median: time of an algorithm.
 fn median_ns(seconds: f64, call: impl FnMut()) -> f64 {
     let times = times_ns(seconds, call);
     times[times.len() / 2]
 }
 
-/// The shortest: what the machine can do.
+/// The minimum: peak of the machine.
 fn shortest_ns(seconds: f64, call: impl FnMut()) -> f64 {
     times_ns(seconds, call)[0]
 }
 
-/// What one arm can do, as JSON: products with sums on `K` chains and on one, quotients, reading and updating what fits in L1, in L2,
-/// and in neither. None where this processor does not have it.
+/// Peak values of one instruction set, as JSON: multiply-adds on `K` chains and on one, divisions, reading and
+/// updating of arrays that fit in L1, in L2, and in neither. `None` if this processor does not support it.
 #[allow(clippy::cast_precision_loss)] // counts
 fn arm<T: Vectorised, const K: usize>(name: &str, seconds: f64) -> Option<String> {
     let target = T::Least::here()?;
@@ -181,7 +181,7 @@ fn arms(seconds: f64) -> Vec<String> {
     all.into_iter().flatten().collect()
 }
 
-/// Cycles in a nanosecond, where a product of integers takes three, as it has on x86-64 for long.
+/// Cycles per nanosecond, given that an integer multiplication takes three cycles on x86-64.
 fn clock(seconds: f64) -> f64 {
     let ns = shortest_ns(seconds, || {
         let mut x = black_box(3_u64);
@@ -193,13 +193,14 @@ fn clock(seconds: f64) -> f64 {
     3.0 * f64::from(ROUNDS) / ns
 }
 
-/// Every algorithm on one scene: operations and memory of a state, and its time on each arm, alone and in a batch.
+/// Every algorithm on one scene: operations and memory per state, and its time with each instruction set, for one
+/// state and in a batch.
 fn cases(name: &str, scene: &Scene, seconds: f64) -> Vec<String> {
     let kept = states(scene);
     let mut found = Vec::new();
     for (what, algorithm) in ALGORITHMS {
         let all: Vec<_> = kept.iter().map(|state| arguments(algorithm, state)).collect();
-        // Few algorithms do not do the same for every state: the mean of some.
+        // Few algorithms have a different count for each state: the mean over several.
         let some = 16;
         let mut totals = [("", 0.0); 6];
         let mut flops = 0.0;
@@ -238,7 +239,7 @@ fn cases(name: &str, scene: &Scene, seconds: f64) -> Vec<String> {
                     .expect("a state");
             });
             add(arm, 1, 1, ns);
-            // A batch on the baseline is one state after another.
+            // A batch on the baseline processes one state after another.
             if arm != Arm::Baseline {
                 let many: Vec<_> = all.iter().cycle().take(batch_of(algorithm)).copied().collect();
                 let mut out = vec![0.0; scene.width(algorithm) * many.len()];

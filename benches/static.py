@@ -1,4 +1,4 @@
-"""Charts as PNG, for pages that are not HTML; and the style that the plots of docs/ share. Needs matplotlib."""
+"""Charts as PNG for pages in Markdown, and the common style of the plots in docs/. Needs matplotlib."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
-from phipsi.report.plotting import FAINT, GREY, INK, Axis, Chart, Plot, Series
+from phipsi.report.plotting import FAINT, GRAY, INK, Axis, Chart, Plot, Series
 
-#: Any, for the stubs of some versions of matplotlib list every key.
+#: Any, because the stubs of some versions of matplotlib list all keys.
 STYLE: Any = {
     "font.family": "sans-serif",
     "font.size": 8.5,
-    # Names have underscores, which TeX does not take for what they are.
+    # Names contain underscores, which TeX would interpret.
     "text.usetex": False,
     "text.color": INK,
-    "axes.edgecolor": GREY,
+    "axes.edgecolor": GRAY,
     "axes.labelcolor": INK,
     "axes.linewidth": 0.7,
     "axes.spines.top": False,
@@ -32,21 +32,21 @@ STYLE: Any = {
     "ytick.major.width": 0.7,
 }
 MARKERS = {"circle": "o", "square": "s", "diamond": "D", "triangle-up": "^", "x": "x", "cross": "+", "dash": "_"}
-#: Inches: the width of a figure, of a pixel of a page, above a panel, below it, of a line of the legend.
+#: Inches: width of a figure, of a pixel of a page, space above a panel, below it, and per line of the legend.
 WIDTH, PIXEL, ABOVE, BELOW, LINE = 10.0, 0.0095, 0.35, 0.5, 0.2
-#: Entries of the legend in a line, for names of usual length.
+#: Legend entries per line, for names of typical length.
 ACROSS = 150
 
 
 def finished(figure: Figure) -> bytes:
-    """The figure as PNG."""
+    """Figure as PNG."""
     png = io.BytesIO()
     figure.savefig(png, format="png", dpi=160)
     return png.getvalue()
 
 
 def draw(plot: Plot) -> bytes:
-    """A chart as PNG; other plots are for pages alone."""
+    """Chart as PNG; other plots exist only on HTML pages."""
     if not isinstance(plot, Chart):
         raise TypeError(f"plot: found a {type(plot).__name__}, {plot.name}; expected a Chart")
     with mpl.rc_context(STYLE):
@@ -54,7 +54,7 @@ def draw(plot: Plot) -> bytes:
 
 
 def ticks(axis: Any, name: Callable[[float], str], locator: Any = None) -> None:
-    """Marks with names, where the locator wants them, and none between."""
+    """Labels for the ticks of the locator, without minor labels."""
     if locator is not None:
         axis.set_major_locator(locator)
     axis.set_minor_locator(NullLocator())

@@ -1,10 +1,10 @@
-"""Makes a study that compares phipsi with other programs: `make numerics` and `make motion` call it.
+"""Run a study that compares phipsi with other programs; used by `make numerics` and `make motion`.
 
     python benches/study.py stability [-o DIR] [--markdown FILE] [--quick] [--seed N]
     python benches/study.py motion [-o DIR] [--markdown FILE] [--quick]
 
-It runs on whichever phipsi is installed with the extras report and motion, and compares with the programs that the same interpreter has;
-.venv-peers has all of them.
+It uses the installed version of phipsi with the extras report and motion, and compares it with the programs in the
+same environment; .venv-peers has all of them.
 """
 
 import argparse

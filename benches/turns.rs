@@ -1,13 +1,13 @@
-//! How long an algorithm takes now: asked by benches/peers/compare.py, which has it and Pinocchio's harness take turns.
+//! Time of an algorithm on request of benches/peers/compare.py, which interleaves it with Pinocchio's harness.
 //!
-//! `turns serve` prints a line of JSON, the arm of this process and all that the processor has. Then it reads lines
-//! `GROUP MODEL SECONDS`, measures for about that long, and answers each with a line: nanoseconds a state. Without `serve` (as
-//! `cargo bench` starts it) it does nothing.
+//! `turns serve` prints a line of JSON with the instruction set of this process and all those of the processor. Then
+//! it reads lines `GROUP MODEL SECONDS`, measures for about that long, and answers each with a line: nanoseconds per
+//! state. Without `serve` (as `cargo bench` starts it) it does nothing.
 //!
-//! A group is an algorithm of [`ALGORITHMS`], with `_batch` for batches of 4096 states (256 of derivatives); behind it another form than covariance and
-//! another arm than that of the process, and a kind of states other than random ones: `forward_dynamics/square-root`,
-//! `forward_dynamics_batch/avx2`, `forward_dynamics/auto/held`. All go through
-//! [`Scene::evaluate`], with the checks of every argument and result.
+//! A group is an algorithm of [`ALGORITHMS`], with `_batch` for batches of 4096 states (256 for derivatives). It may
+//! be followed by a form other than covariance, an instruction set other than that of the process, and a kind of
+//! states other than random ones: `forward_dynamics/square-root`, `forward_dynamics_batch/avx2`,
+//! `forward_dynamics/auto/held`. All use [`Scene::evaluate`], with the checks of every argument and result.
 
 mod common;
 
@@ -21,7 +21,7 @@ use std::collections::hash_map::Entry;
 use std::hint::black_box;
 use std::process::ExitCode;
 
-/// What a group stands for.
+/// Meaning of a group.
 struct Group {
     algorithm: Algorithm,
     batch: bool,
@@ -54,7 +54,7 @@ impl Group {
             } else if let Some(kind) = named(&KINDS, part) {
                 group.kind = Some(kind);
             } else {
-                // Another arm than the one asked for would be measured as that.
+                // Otherwise another instruction set than the requested one would be measured.
                 let arm = named(&ARMS, part).filter(|arm| arm.available());
                 group.arm =
                     arm.ok_or_else(|| format!("{part:?} is no form, no kind of states, and no arm of this processor"))?;
@@ -64,10 +64,10 @@ impl Group {
     }
 }
 
-/// A scene with what it needs to be evaluated, made when it is first asked for.
+/// A scene with everything for its evaluation, created on the first request.
 struct Kept {
     scene: Scene,
-    /// By kind; the random ones are always there.
+    /// By kind; random states always exist.
     states: HashMap<Option<Kind>, Vec<State>>,
     evaluators: HashMap<Arm, Evaluator>,
 }
@@ -78,7 +78,7 @@ impl Kept {
         Ok(Self { states: HashMap::from([(None, states(&scene))]), scene, evaluators: HashMap::new() })
     }
 
-    /// Nanoseconds a state; `out` is scratch for results, because a batch of every scene would fill the memory.
+    /// Nanoseconds per state; `out` is reused for results, because a batch for every scene would exceed the memory.
     fn measure(&mut self, group: &Group, seconds: f64, out: &mut Vec<f64>) -> f64 {
         let Self { scene, states, evaluators } = self;
         let &Group { algorithm, batch, arm, kind } = group;

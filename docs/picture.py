@@ -41,7 +41,7 @@ def main() -> None:
         canvas = page.locator("canvas").last
         canvas.wait_for()
         page.wait_for_timeout(4000)
-        # What belongs to the program that shows the robot.
+        # Hide the controls of the viewer.
         page.add_style_tag(content="body *:not(:has(canvas)):not(canvas) { visibility: hidden; } canvas { visibility: visible !important; }")
         for q in rows:
             viewer.update(q)

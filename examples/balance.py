@@ -1,10 +1,13 @@
-"""Balance: three rods on a cart stand upright by the force on the cart alone (linear-quadratic regulator).
+"""Balance: three rods on a cart are kept upright by a force on the cart only (linear-quadratic regulator).
 
-Run it as it stands (phipsi, numpy and scipy): python examples/balance.py
+Run it with phipsi, numpy and scipy:
 
-Scene.linearize gives A and B of small deviations from the upright rest; SciPy solves Riccati's equation for the gains K of u = -K x, and the
-nonlinear scene is simulated under them from a start beside it. Scene.difference is the deviation, so that robots with spherical joints or a
-floating base are balanced by the same lines.
+    python examples/balance.py
+
+Scene.linearize computes A and B for small deviations from the upright equilibrium; SciPy solves the Riccati equation
+for the gains K of u = -K x, and the nonlinear scene is simulated with this controller from a perturbed initial state.
+The deviation is computed by Scene.difference, so that the same code balances robots with spherical joints or a
+floating base.
 """
 
 import numpy as np
@@ -23,7 +26,7 @@ scene = builder.build()
 n = scene.nv
 pushed = scene.v_index("slide")
 
-# Upright and at rest: no torque is needed there. Only the cart is pushed, and damping acts on the rates.
+# Upright and at rest, where no torque is needed. Only the cart is actuated, and damping acts on the velocities.
 upright, still = scene.neutral(), np.zeros(n)
 a, b = scene.linearize(upright, still, scene.bias_torque(upright, still))
 minv = b[n:]
@@ -37,14 +40,14 @@ print(f"{n} degrees of freedom, one force; upright falls at {fastest:.1f}/s, bal
 
 
 def force(t, q, qd):
-    """u = -K x on the cart, nothing on the hinges."""
+    """u = -K x on the cart, zero on the hinges."""
     x = np.concatenate([scene.difference(np.broadcast_to(upright, q.shape), q), qd], axis=-1)
     tau = np.zeros_like(qd)
     tau[..., pushed] = -x @ gains.T
     return tau
 
 
-# Many starts in one call.
+# Many initial states in one call.
 random = np.random.default_rng(1)
 starts = scene.integrate(upright, random.uniform(-0.03, 0.03, (32, n)))
 path = scene.simulate(starts, np.zeros((32, n)), dt=DT, steps=round(SECONDS / DT), tau=force, record_every=25)

@@ -1,10 +1,13 @@
-"""A cart-pole for reinforcement learning: one as a gymnasium.Env, and a batch of them as a gymnasium.vector.VectorEnv.
+"""A cart-pole for reinforcement learning: one as a gymnasium.Env, and a batch as a gymnasium.vector.VectorEnv.
 
-Run it as it stands (phipsi, numpy and gymnasium): python examples/gymnasium_cart_pole.py
+Run it with phipsi, numpy and gymnasium:
 
-Scene.simulator keeps states and scratch between steps. The batch is one object too: its states move in lanes and on threads, with the bits that one alone
-has, and those whose episode is over begin anew by reset(..., states=mask), while the others go on. A robot takes the place of the cart-pole by another scene,
-observation, reward and end.
+    python examples/gymnasium_cart_pole.py
+
+Scene.simulator stores states and intermediate results between steps. A batch is one simulator, too: its states are
+vectorized and run on threads, with bitwise the results of single states, and completed episodes restart by reset(...,
+states=mask) while the others continue. For another robot, replace the scene, observation, reward and end of the
+episode.
 """
 
 import argparse
@@ -17,38 +20,40 @@ import phipsi
 from gymnasium.spaces import Box
 
 DT, HELD, LIMIT = 0.005, 4, 500
-"""Steps of 5 ms, an action held over four of them, at most 500 actions an episode."""
+"""Steps of 5 ms, each action for four steps, at most 500 actions per episode."""
 FORCE, FAR, TILTED = 20.0, 2.4, 0.5
-"""The force of the largest action, N; where the track ends, m; and what counts as fallen, rad."""
+"""Force of the largest action, N; end of the track, m; and angle of a fallen rod, rad."""
 
 
 def cart_pole() -> phipsi.Scene:
-    """A cart on a rail, and a rod hinged on it, upright at zero."""
+    """A cart on a rail, and a rod that is hinged on it, upright at zero."""
     builder = phipsi.SceneBuilder().link("rail").link("cart", mass=1.0).link("rod", 0.1, (0, 0, 0.5), np.diag([0.0083, 0.0083, 1e-5]))
     builder.joint("slide", "prismatic", "rail", "cart", axis=(1, 0, 0), damping=0.1)
     return builder.joint("hinge", "revolute", "cart", "rod", axis=(0, 1, 0), damping=0.001).build()
 
 
 def observed(simulator: phipsi.Simulator) -> np.ndarray:
-    """Position, angle and their rates, (..., 4)."""
+    """Position, angle and their velocities, (..., 4)."""
     return np.concatenate([simulator.q, simulator.qd], axis=-1)
 
 
 def torque(action: np.ndarray) -> np.ndarray:
-    """An action, (..., 1), as joint torques, (..., 2): a force on the cart and nothing at the hinge."""
+    """An action, (..., 1), as joint torques, (..., 2): a force on the cart and zero at the hinge."""
     force = FORCE * np.clip(np.asarray(action, dtype=np.float64), -1.0, 1.0)
     return np.concatenate([force, np.zeros_like(force)], axis=-1)
 
 
 def judged(state: np.ndarray, action: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Reward and whether the episode has ended, (...) each: 1 for standing, less for leaning, being off the middle, and for force."""
+    """Reward and end of the episode, (...) each: 1 for upright, less for the angle, the distance from the center, and
+    force.
+    """
     x, angle = state[..., 0], state[..., 1]
     reward = 1.0 - 2.0 * angle**2 - 0.05 * x**2 - 0.01 * np.asarray(action)[..., 0] ** 2
     return reward, (np.abs(x) > FAR) | (np.abs(angle) > TILTED)
 
 
 MOST = np.array([2 * FAR, 4 * TILTED, 50.0, 50.0])
-"""Further than states get in the step that ends an episode."""
+"""Bounds that states do not reach in the step that ends an episode."""
 OBSERVATION = Box(-MOST, MOST, dtype=np.float64)
 ACTION = Box(-1.0, 1.0, (1,), np.float64)
 
@@ -76,7 +81,7 @@ class CartPole(gymnasium.Env):
 
 
 class CartPoles(gymnasium.vector.VectorEnv):
-    """Many, in one simulator; an episode that is over begins anew with the next step."""
+    """Many cart-poles in one simulator; a completed episode restarts with the next step."""
 
     metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": gymnasium.vector.AutoresetMode.NEXT_STEP}
 
@@ -111,7 +116,7 @@ class CartPoles(gymnasium.vector.VectorEnv):
 
 
 def balancing(state: np.ndarray) -> np.ndarray:
-    """A policy that stands: a linear feedback."""
+    """A linear feedback that balances the rod."""
     return np.clip(state @ [0.1, 2.2, 0.17, 0.55], -1.0, 1.0)[..., None]
 
 

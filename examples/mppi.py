@@ -1,11 +1,15 @@
-"""Sampling-based control of the bundled arm: MPPI (model predictive path integral), with batch rollouts as its model.
+"""Sampling-based control of the bundled arm: MPPI (model predictive path integral) with batched simulations.
 
-Run it as it stands (phipsi and numpy): python examples/mppi.py
+Run it with phipsi and numpy:
 
-Each cycle draws disturbed torque plans, rolls all of them out from the present state in one call of Scene.simulate, and takes
-the mean of the plans, weighed by exp(-cost / temperature) (G. Williams, A. Aldrich and E. Theodorou, J. Guidance Control and Dynamics
-40, 2017, 344-357). The first torques of the mean move the arm for one cycle; what is left of the plan is the next one's
-start. The task: bring the flange to a point in space, and stop there. The plan is about gravity's torque, which is known.
+    python examples/mppi.py
+
+Each cycle draws perturbed torque plans, simulates all of them from the present state in one call of Scene.simulate,
+and computes the mean of the plans with weights exp(-cost
+
+temperature) (G. Williams, A. Aldrich and E. Theodorou, J. Guidance Control and Dynamics 40, 2017, 344-357). The first
+torques of the mean are applied for one cycle; the rest of the plan is the initial guess of the next one. Task: move
+the flange to a point and stop there. The plan is relative to the gravity torque, which is known.
 """
 
 import argparse
@@ -20,8 +24,8 @@ arguments.add_argument("--cycles", type=int, default=150)
 arguments.add_argument("--seed", type=int, default=1)
 options = arguments.parse_args()
 
-DT, HOLD, KNOTS = 0.004, 5, 12  # s; steps that a torque is held for; torques in a plan
-SPREAD = np.array([25.0, 35.0, 20.0, 3.0, 3.0, 1.0])  # N m, one standard deviation of what is tried
+DT, HOLD, KNOTS = 0.004, 5, 12  # s; number of steps per torque; number of torques in a plan
+SPREAD = np.array([25.0, 35.0, 20.0, 3.0, 3.0, 1.0])  # N m, standard deviation of the perturbations
 TEMPERATURE = 0.02
 
 scene = phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM)
@@ -43,7 +47,7 @@ def rolled_out(q, qd, torques):
 
 
 def cost(q, qd, change):
-    """Of each plan: distance from the goal along the way, speed near it, and effort beyond gravity's."""
+    """Cost of each plan: distance from the goal, speed near it, and torque beyond the gravity torque."""
     distance = np.linalg.norm(place(q) - goal, axis=-1)
     speed = (qd**2).sum(axis=-1)
     along = (distance + 0.02 * speed / (1 + 25 * distance)).mean(axis=-1)
@@ -70,4 +74,4 @@ for cycle in range(options.cycles):
         print(f"t = {(cycle + 1) * HOLD * DT:4.2f} s: {distance:.4f} m from the goal, fastest joint {speed:.3f} rad/s")
 
 elapsed = time.perf_counter() - start
-print(f"{states / elapsed / 1e3:.0f} thousand states a second, {options.cycles / elapsed:.0f} cycles a second")
+print(f"{states / elapsed / 1e3:.0f} thousand states per second, {options.cycles / elapsed:.0f} cycles per second")

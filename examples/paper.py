@@ -1,12 +1,14 @@
-"""Rodriguez' paper in order, every numbered equation typed and checked: ``python examples/paper.py``.
+"""Rodriguez' paper in order, with every numbered equation typed and checked: ``python examples/paper.py``.
 
-Each line is one equation as it holds: its number, its residual, and its text, which is what was evaluated. The left side is
-formed from definitions (``toarray``), the right side is applied by sweeps. Where the paper's own form fails, a line "as printed"
-says by how much. 0.1 and 0.2 are the two definitions in the introduction. ``noise`` is the armature: a covariance of measurement
-noise, which the paper does not have and which is zero in one of the scenes.
+Each line is one corrected equation: its number, its residual, and its text, which is the evaluated code. The left
+side is formed from definitions (``toarray``), the right side is applied by sweeps. If the printed form in the paper
+is wrong, a line "as printed" shows its residual. 0.1 and 0.2 are the two definitions in the introduction. ``noise``
+is the armature: a covariance of measurement noise, which the paper does not have and which is zero in one of the
+scenes.
 
-The scenes: the bundled arm, and a small tree without and with armature, on which 5.5, 6.1 and 6.2 need ``across``, the terms of
-bodies on different branches. The exit status is 1 where a residual exceeds its bound, or where a misprint does not show.
+The scenes are the bundled arm and a small tree without and with armature, for which 5.5, 6.1 and 6.2 need ``across``,
+the terms of bodies on different branches. The exit status is 1 if a residual exceeds its bound, or if a misprint has
+no effect.
 """
 
 from __future__ import annotations
@@ -29,7 +31,7 @@ DRAWS = 2000
 
 
 class Equation(NamedTuple):
-    """An equation as it holds; the right side that the paper prints, if that fails; what rounding is measured by."""
+    """A correct equation; the right side printed in the paper, if it is wrong; and the scale of the rounding error."""
 
     number: str
     left: str
@@ -89,7 +91,7 @@ PAPER = {
             printed="f.P_plus + f.Phi @ f.P_plus + f.P_plus @ f.Phi.T + f.Phi @ f.P_plus @ f.H.T @ f.D.inv() @ f.H @ f.P_plus @ f.Phi.T",
         ),
         Equation("3.8", "f.K", "f.H @ f.Phi @ f.P @ f.H.T @ f.D.inv()"),
-        Equation("3.9", "f.E", "neighbours(f.Psi)", printed="neighbours(f.Psi_A)"),
+        Equation("3.9", "f.E", "neighbors(f.Psi)", printed="neighbors(f.Psi_A)"),
         Equation("3.9", "f.A", "one - f.g @ f.H"),
         Equation("3.10", "f.g", "f.P @ f.H.T @ f.D.inv()"),
         Equation("3.11", "f.Psi", "f.E + f.E @ f.A @ f.Psi"),
@@ -179,22 +181,22 @@ PAPER = {
 
 
 class Matrix(phipsi.Operator):
-    """A matrix of one's own among the operators of a factor."""
+    """A user-defined matrix among the operators of a factor."""
 
     def __init__(self, entries: Array) -> None:
         super().__init__((entries.shape[0], entries.shape[1]))
         self._entries = entries
 
     def matvec(self, x: Any) -> Array:
-        """The matrix times vectors."""
+        """Product of the matrix with vectors."""
         return np.asarray(np.asarray(x) @ self._entries.T)
 
     def rmatvec(self, x: Any) -> Array:
-        """The transpose times vectors."""
+        """Product of the transpose with vectors."""
         return np.asarray(np.asarray(x) @ self._entries)
 
     def toarray(self) -> Array:
-        """Itself."""
+        """The matrix."""
         return self._entries
 
 
@@ -209,12 +211,12 @@ def skew(p: Array) -> Array:
 
 
 def unskew(matrix: Array) -> Array:
-    """The vector of a skew matrix."""
+    """Vector of a skew-symmetric matrix."""
     return np.array([matrix[2, 1], matrix[0, 2], matrix[1, 0]])
 
 
 class Paper:
-    """The names that the equations use, for one scene at one state."""
+    """Names used in the equations, for one scene at one state."""
 
     def __init__(self, scene: phipsi.Scene, seed: int) -> None:
         random = np.random.default_rng(seed)
@@ -225,12 +227,12 @@ class Paper:
         self.one = Identity(6 * self.nv)
         self.noise = Matrix(np.diag(np.diag(f.M.toarray() - (f.H @ f.R @ f.H.T).toarray())))
         shifts = f.E.toarray()
-        #: The next row toward the base, of each row.
+        #: The next row toward the base, for each row.
         self.inward = [next((i for i in range(j) if block(shifts, i, j).any()), None) for j in range(self.nv)]
         self.r = self.diagonal(f.R)
         self.condition = float(np.linalg.cond(scene.mass_matrix(self.q)))
 
-        # Forces of one kind and another: any w and b; the torque without what b(k) causes.
+        # Generic forces w and b; the torque without the contribution of b(k).
         self.w, self.b = random.uniform(-1.0, 1.0, (2, 6 * self.nv))
         self.x_minus = f.phi @ self.w
         self.x_plus = np.linalg.solve((self.one - f.E).toarray(), self.w)
@@ -239,7 +241,7 @@ class Paper:
         self.acceleration = np.linalg.solve((self.one - f.E).toarray().T, f.H.toarray().T @ self.a)
         self._filter_and_smoother()
 
-        # The random model itself: a column a draw.
+        # Probabilistic model: one column per sample.
         variances, directions = np.linalg.eigh(f.Q.toarray())
         root = directions * np.sqrt(np.maximum(variances, 0.0))
         self.W: Array = root @ random.normal(size=(6 * self.nv, DRAWS))
@@ -251,7 +253,7 @@ class Paper:
         self.W_given_T = f.Q.toarray() @ (f.H.toarray() @ f.phi.toarray()).T @ np.linalg.solve(f.M.toarray(), self.T)
 
     def _filter_and_smoother(self) -> None:
-        """4.4 to 4.11 row by row, as they hold."""
+        """4.4 to 4.11 by rows, corrected."""
         shifts, h, g = self.f.E.toarray(), self.f.H.toarray(), self.f.g.toarray()
         self.z_minus, self.z_plus, self.lambda_minus, self.lambda_plus = np.zeros((4, 6 * self.nv))
         self.e_minus = np.zeros(self.nv)
@@ -267,8 +269,8 @@ class Paper:
             self.lambda_minus[at] = self.lambda_plus[at] + h[k, at] * (self.e_plus[k] - g[at, k] @ self.lambda_plus[at])
 
     def names(self) -> dict[str, Any]:
-        """Everything by name."""
-        methods = ("diagonal", "neighbours", "across", "body_inertias", "shifts", "composite_inertias", "error_covariance")
+        """All names."""
+        methods = ("diagonal", "neighbors", "across", "body_inertias", "shifts", "composite_inertias", "error_covariance")
         functions = {name: getattr(self, name) for name in methods}
         return {**vars(self), **functions, "np": np, "inverse": inverse, "covariance": covariance, "trace": trace}
 
@@ -281,11 +283,11 @@ class Paper:
         return Matrix(kept)
 
     def diagonal(self, of: phipsi.Operator) -> Matrix:
-        """The blocks on the diagonal."""
+        """Diagonal blocks."""
         return self._blocks(of.toarray(), lambda i, j: i == j)
 
-    def neighbours(self, of: phipsi.Operator) -> Matrix:
-        """The blocks from each row to the next one inward."""
+    def neighbors(self, of: phipsi.Operator) -> Matrix:
+        """Blocks from each row to the next one inboard."""
         return self._blocks(of.toarray(), lambda i, j: self.inward[j] == i)
 
     def _path(self, row: int | None) -> Iterator[int]:
@@ -294,7 +296,7 @@ class Paper:
             row = self.inward[row]
 
     def across(self, transition: phipsi.Operator) -> Matrix:
-        """Of rows i, j on different branches that meet at c: t(c,i)* Lambda^-(c) t(c,j)."""
+        """For rows i, j on different branches that meet at c: t(c,i)* Lambda^-(c) t(c,j)."""
         t, outboard = transition.toarray(), self.f.Lambda.toarray()
         total = np.zeros_like(t)
         for i in range(self.nv):
@@ -305,7 +307,7 @@ class Paper:
         return Matrix(total)
 
     def body_inertias(self, lower_right: float | None = None) -> Matrix:
-        """Q again, each M(k) written from its mass, mass centre and inertia as the introduction has it."""
+        """Q again, with each M(k) from mass, center of mass and inertia as in the introduction."""
         q = self.f.Q.toarray().copy()
         for k in range(self.nv):
             own = block(q, k, k)
@@ -317,7 +319,7 @@ class Paper:
         return Matrix(q)
 
     def shifts(self) -> Matrix:
-        """E again, each phi(k,k-1) written from a lever and, body frames being turned, a rotation."""
+        """E again, with each phi(k,k-1) from an offset and, because body frames are rotated, a rotation."""
         e = self.f.E.toarray().copy()
         for child, parent in enumerate(self.inward):
             if parent is not None:
@@ -351,7 +353,7 @@ def inverse(of: phipsi.Operator) -> Array:
 
 
 def covariance(draws: Array) -> Array:
-    """The mean of x x* over columns of known mean zero."""
+    """Mean of x x* over columns of known mean zero."""
     return np.asarray(draws @ draws.T / draws.shape[1])
 
 
@@ -361,25 +363,26 @@ def trace(of: phipsi.Operator | Array) -> Array:
 
 
 def formed(value: phipsi.Operator | Array) -> Array:
-    """An operator's matrix from definitions."""
+    """Matrix of an operator from its definition."""
     return value.toarray() if isinstance(value, phipsi.Operator) else np.asarray(value)
 
 
 def swept(value: phipsi.Operator | Array) -> Array:
-    """An operator's matrix by its sweeps."""
+    """Matrix of an operator by its sweeps."""
     return value @ np.eye(value.shape[1]) if isinstance(value, phipsi.Operator) else np.asarray(value, dtype=np.float64)
 
 
 def check(paper: Paper, equation: Equation) -> tuple[float, float, float | None]:
-    """The residual, its bound, and the residual of the printed form."""
+    """Residual, its bound, and the residual of the printed form."""
     names = paper.names()
-    left = formed(eval(equation.left, names))  # the texts above and no others
+    left = formed(eval(equation.left, names))  # only the texts above are evaluated
     right = swept(eval(equation.right, names))
     assert left.shape == right.shape, equation
     sizes = [left, right] + ([formed(eval(equation.scale, names))] if equation.scale else [])
     scale = max(float(np.abs(size).max()) for size in sizes)
     residual = float(np.abs(left - right).max()) / scale
-    # Rounding; or six standard errors, a product of two Gaussians having at most twice the variance of its factors squared.
+    # Rounding; or six standard errors, where a product of two Gaussian variables has at most twice the variance of
+    # its factors squared.
     bound = 6.0 * (2.0 / DRAWS) ** 0.5 if equation.sampled else 8.0 * EPS * paper.condition
     if not equation.printed:
         return residual, bound, None
@@ -388,7 +391,7 @@ def check(paper: Paper, equation: Equation) -> tuple[float, float, float | None]
 
 
 def tree(armature: float) -> phipsi.Scene:
-    """A torso that turns, and two arms on it."""
+    """A rotating torso with two arms."""
     builder = phipsi.SceneBuilder().link("base")
     builder.link("torso", mass=3.0, com=(0.02, 0.0, 0.3), inertia=np.diag([0.1, 0.12, 0.05]))
     builder.joint("waist", "revolute", "base", "torso", axis=(0, 0, 1), armature=armature)
@@ -402,7 +405,7 @@ def tree(armature: float) -> phipsi.Scene:
 
 
 def main() -> int:
-    """Prints every equation on every scene; the number of those beyond their bounds."""
+    """Print every equation on every scene; return the number of residuals that exceed their bounds."""
     scenes = {
         "the bundled arm": phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM),
         "a tree": tree(armature=0.0),

@@ -1,10 +1,13 @@
-"""Reach: the bundled arm goes to a pose in one second with little torque, found by gradients through the whole motion.
+"""Reach: the bundled arm moves to a pose in one second with small torques, found by gradients of the whole simulation.
 
-Run it as it stands (phipsi, numpy and scipy): python examples/reach.py
+Run it with phipsi, numpy and scipy:
 
-Every step of a rollout has torques of its own. Trajectory.vjp gives the gradient of any function of the rows by all of them, by the adjoint of
-every step: here of the squared distance from the goal at the end and of the rates there. SciPy's L-BFGS does the rest. A gradient costs a few times
-what the rollout does, however many torques there are (docs/derivative-times.md).
+    python examples/reach.py
+
+Every step of a simulation has separate torques. Trajectory.vjp computes the gradient of any function of the rows with
+respect to all of them, by the adjoint of every step: here of the squared final distance from the goal and the final
+joint velocities. SciPy's L-BFGS minimizes it. The time of a gradient is a small multiple of that of the simulation,
+independent of the number of torques (docs/derivative-times.md).
 """
 
 import time
@@ -19,19 +22,20 @@ scene = phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM)
 start = np.array([0.0, 0.6, -0.4, 0.0, 0.3, 0.0])
 goal = np.array([0.8, 0.2, 0.4, 0.5, -0.4, 0.6])
 still = np.zeros(scene.nv)
-#: What is looked for is in these units, N m: the joints that carry more get more.
+#: Units of the variables, N m: larger for joints with larger loads.
 unit = np.array([20.0, 30.0, 15.0, 2.0, 2.0, 1.0])
 
 
 def rolled_out(torques: np.ndarray) -> phipsi.Trajectory:
-    """The motion under torques of every step, beside those that hold the start."""
+    """The motion for torques of every step, in addition to those of static equilibrium."""
     tau = scene.gravity_torque(start) + torques.reshape(STEPS, scene.nv) * unit
-    # Exact friction holds a joint that starts at rest, and the gradient by its torque is then zero: the plan is made with regularized friction.
+    # Exact friction keeps a joint at rest, where the gradient with respect to its torque is zero; therefore the plan
+    # uses regularized friction.
     return scene.simulate(start, still, dt=DT, steps=STEPS, tau_steps=tau, method="implicit-euler", friction_speed=0.01)
 
 
 def cost(torques: np.ndarray) -> tuple[float, np.ndarray]:
-    """Distance and rates at the end, and torques, with the gradient by every torque."""
+    """Final distance and velocities, and torques, with the gradient with respect to every torque."""
     path = rolled_out(torques)
     away, speed = scene.difference(goal, path.q[-1]), path.qd[-1]
     by_q, by_qd = np.zeros((2, len(path), scene.nv))

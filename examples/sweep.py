@@ -1,15 +1,17 @@
-"""A parameter sweep on a cluster: which gains make the bundled arm settle fastest, with what its motors give. Fanned out with Dask.
+"""A parameter sweep on a cluster: gains for which the bundled arm settles fastest within its torque limits, distributed
+with Dask.
 
-    python examples/sweep.py                                 two worker processes on this machine (pip install distributed)
-    python examples/sweep.py --address tcp://10.0.0.1:8786   the workers of a cluster that is there, phipsi installed on them
-    python examples/sweep.py --workers 0                     in this process, without Dask: the same numbers
+    python examples/sweep.py                                 two worker processes here (pip install distributed)
+    python examples/sweep.py --address tcp://10.0.0.1:8786   workers of an existing cluster with phipsi installed
+    python examples/sweep.py --workers 0                     in this process, without Dask: the same results
 
-Each joint is held by a controller that reads its state every DT seconds: kp = m w^2, kd = 2 zeta m w, with m the joint's entry of
-the mass matrix at the goal; gravity's torque there and friction are taken to be compensated. The grid is over bandwidth w / 2 pi
-and damping ratio zeta; a task is one pair of them, one call of Scene.simulate on a batch of starts. Gains that are too stiff for a
-controller of that rate diverge: such a task reports the step and the joint, and the sweep continues. Method and limits are not the
-defaults for this reason: "semi-implicit-euler" evaluates the control law once per step, as the controller does, where the default would
-take it implicitly, as a controller in continuous time; and joint stops would bound the motion that diverges.
+Each joint is controlled by a controller that reads its state every DT seconds: kp = m w^2, kd = 2 zeta m w, with m
+the diagonal entry of the mass matrix at the goal; gravity torque and friction are compensated. The grid is over
+bandwidth w/(2 pi) and damping ratio zeta; a task is one pair, with one call of Scene.simulate for a batch of initial
+states. Gains that are too stiff for the rate of the controller diverge: such a task reports the step and the joint,
+and the sweep continues. For this reason method and limits are not the defaults: "semi-implicit-euler" evaluates the
+control law once per step, like the controller, where the default would treat it implicitly, like a continuous-time
+controller; and joint stops would bound the diverging motion.
 """
 
 import argparse
@@ -19,30 +21,33 @@ import numpy as np
 import phipsi
 
 DT, STEPS = 0.004, 500  # s
-APART, WITHIN = 0.1, 0.005  # rad: starts are so far from the goal; one has settled when all joints stay so near it
+APART, WITHIN = 0.1, 0.005  # rad: distance of the initial states from the goal; all joints within this distance count as settled
 BANDWIDTHS = np.geomspace(0.5, 32.0, 7)  # Hz
 RATIOS = np.array([0.25, 0.5, 0.7, 1.0, 1.4, 2.0])
 
 
 def starts_and_goal(scene, count):
-    """A configuration within the joints' range, and some around it."""
+    """A configuration within the joint limits, and several around it."""
     goal = scene.limits.lower + 0.6 * (scene.limits.upper - scene.limits.lower)
     return goal + np.random.default_rng(1).uniform(-APART, APART, (count, scene.nv)), goal
 
 
 def task(scene, starts, goal, bandwidth, ratio):
-    """Settling time of the slowest start in s, infinite where one never does; largest torque over the motors'; why it failed, or ""."""
-    phipsi.set_num_threads(1)  # the workers are what runs in parallel
+    """Settling time of the slowest initial state, s, infinite if one does not settle; largest torque relative to the
+    limit; reason of a failure, or "".
+    """
+    phipsi.set_num_threads(1)  # the workers run in parallel
     m, w = np.diagonal(scene.mass_matrix(goal)), 2 * np.pi * bandwidth
     kp, kd = m * w**2, 2 * ratio * m * w
     holding = scene.bias_torque(goal, np.zeros(scene.nv))
-    # Near rest accelerations cancel; form "auto" would recompute such steps to a precision that is not needed here.
+    # Near rest the accelerations cancel; form "auto" would recompute such steps with a precision that is not needed
+    # here.
     options = {"tau": holding, "pd": phipsi.PD(kp, kd, goal), "friction": 0.0, "form": "covariance"}
     options |= {"method": "semi-implicit-euler", "limits": "report"}
     try:
         path = scene.simulate(starts, np.zeros_like(starts), dt=DT, steps=STEPS, **options)
     except phipsi.errors.SimulationError as error:
-        return np.nan, np.nan, str(error)  # as text: the exception carries its trajectory
+        return np.nan, np.nan, str(error)  # as text, because the exception contains its trajectory
     torque = holding + kp * (goal - path.q) - kd * path.qd
     away = np.abs(path.q - goal).max(axis=(0, 2)) > WITHIN
     settled = np.inf if away[-1] else path.t[len(path) - np.argmax(away[::-1])] if away.any() else 0.0
@@ -50,13 +55,13 @@ def task(scene, starts, goal, bandwidth, ratio):
 
 
 def here(pairs, arguments):
-    """Without Dask."""
+    """Run all tasks without Dask."""
     for index, pair in pairs.items():
         yield index, task(*arguments, *pair)
 
 
 def on_workers(pairs, arguments, workers, address):
-    """With Dask, in the order in which tasks are done; scene and arrays are pickled."""
+    """Run all tasks with Dask, in the order of completion; scene and arrays are pickled."""
     from distributed import Client, LocalCluster, as_completed
 
     def fanned_out(client):
@@ -88,7 +93,7 @@ def as_table(settling, effort, reasons):
 
 
 def draw(path, settling, effort):
-    """A heat map, where matplotlib is there."""
+    """A heat map, if matplotlib is installed."""
     try:
         from matplotlib.figure import Figure
     except ImportError:

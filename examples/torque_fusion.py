@@ -1,17 +1,20 @@
-"""Torque-sensor fusion on the bundled arm: six joints, two torque sensors missing, noise of 0.5 N m in the other four.
+"""Torque-sensor fusion on the bundled arm: six joints, two without torque sensors, noise of 0.5 N m in the other four.
 
-Run it as it stands (phipsi and numpy): python examples/torque_fusion.py
+Run it with phipsi and numpy:
 
-The truth comes from two places. First from the model itself: accelerations drawn from N(a0, s M^-1) about the planned ones. There
-the claimed sigmas must be right, and are. Then from a motion that knows nothing of the model: a plan, tracked with errors of
-0.5 rad/s^2 in each joint, whatever its inertia. There the sigmas are as good as the prior that is given, and the last two rows
-show what becomes of them when no plan is given and the two joints are taken to be at constant speed.
+    python examples/torque_fusion.py
+
+The true torques have two sources. First, the model itself: accelerations drawn from N(a0, s M^-1) around the planned
+ones; then the estimated standard deviations are correct. Second, a motion that is independent of the model: a plan
+that is tracked with errors of 0.5 rad/s^2 in each joint, independent of its inertia. Then the standard deviations are
+as accurate as the given prior, and the last two rows show the result without a plan, when the two joints are assumed
+to move at constant speed.
 """
 
 import numpy as np
 import phipsi
 
-SENSOR = 0.5  # N m, one standard deviation
+SENSOR = 0.5  # N m, standard deviation
 MISSING = ("joint2", "joint5")
 INSTANTS = 4000
 
@@ -20,7 +23,7 @@ measured = [name for name in scene.joint_names if name not in MISSING]
 has_sensor = np.isin(scene.joint_names, measured)
 random = np.random.default_rng(1987)
 
-# The plan: each joint swings by 0.5 to 1 rad with a period of 3 to 6 s about the middle of its range.
+# The plan: each joint oscillates by 0.5 to 1 rad with a period of 3 to 6 s about the middle of its range.
 t = np.linspace(0.0, 60.0, INSTANTS)[:, None]
 amplitude, rate, phase = random.uniform([[0.5], [1.05], [0.0]], [[1.0], [2.1], [6.28]], (3, scene.nv))
 middle = (scene.limits.lower + scene.limits.upper) / 2
@@ -30,7 +33,7 @@ plan = -amplitude * rate**2 * np.sin(rate * t + phase)
 
 
 def sense(torque):
-    """What the sensors say; nothing, where there is none."""
+    """Sensor readings; NaN without a sensor."""
     return np.where(has_sensor, torque + SENSOR * random.normal(size=torque.shape), np.nan)
 
 
@@ -41,7 +44,7 @@ def fuse(torque, s, prior=None):
 
 
 def within(estimate, truth, joints, sigmas):
-    """Percentage of the true torques within that many claimed sigmas of the estimate."""
+    """Percentage of the true torques within that many estimated standard deviations of the estimate."""
     off = np.abs(estimate.torque - truth)[:, joints]
     return 100.0 * np.mean(off <= sigmas * np.sqrt(estimate.torque_variance[:, joints]))
 
@@ -51,7 +54,7 @@ def error(estimate, truth, joints):
     return np.sqrt(np.mean((estimate.torque - truth)[:, joints] ** 2))
 
 
-# 1. Truth from the model: torques about the planned ones with covariance s M.
+# 1. True torques from the model: around the planned ones with covariance s M.
 s = 1.0  # (rad/s^2)^2 for one kg m^2
 root = np.linalg.cholesky(scene.mass_matrix(q))
 drawn = scene.inverse_dynamics(q, qd, plan) + np.sqrt(s) * (root @ random.normal(size=(INSTANTS, scene.nv, 1)))[..., 0]
@@ -65,8 +68,8 @@ for i, name in enumerate(scene.joint_names):
     sigma = np.sqrt(from_model.torque_variance[0, i])
     print(f"{name:8}{drawn[0, i]:9.2f}{said}{from_model.torque[0, i]:10.2f}{sigma:8.2f}")
 
-# 2. Truth from a motion: each joint off its plan by 0.5 rad/s^2. The nearest the model has to that is an s of 0.25 times a
-# typical inertia: s M^-1 has one number where six would be needed.
+# 2. True torques from a motion: each joint deviates from its plan by 0.5 rad/s^2. The closest value in the model is
+# s = 0.25 times a typical inertia: s M^-1 has one parameter, and six would be needed.
 real = scene.inverse_dynamics(q, qd, plan + 0.5 * random.normal(size=plan.shape))
 seen = sense(real)
 matched = 0.25 * np.mean(1.0 / np.diagonal(scene.mass_matrix_inverse(q), axis1=-2, axis2=-1))

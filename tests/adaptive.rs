@@ -1,4 +1,4 @@
-//! Adaptive steps beside closed forms, beside fixed steps that are small, and what is refused.
+//! Adaptive steps compared with closed forms and with small fixed steps; refused arguments.
 
 use crate::common::{Random, Tree, random_state, tolerance};
 use phipsi::motion::{Adaptive, Gains, Method, Rollout, Settings, Solver, Torque};
@@ -11,7 +11,7 @@ const SOLVERS: [Solver; 4] = [Solver::Tsit45, Solver::Bdf, Solver::TrBdf2, Solve
 
 fn no_torque(_t: f64, _q: &[f64], _qd: &[f64], _torque: &mut [f64]) {}
 
-/// A body of 2 kg on a hinge along y, its mass centre half a metre below, inertia about the hinge 0.62 kg m^2.
+/// A body of 2 kg on a hinge along y, its center of mass half a meter below, inertia about the hinge 0.62 kg m^2.
 fn pendulum(kind: JointKind) -> Scene {
     let rod = Inertial {
         mass: 2.0,
@@ -60,7 +60,7 @@ fn a_pendulum_is_back_after_its_period() {
 
 #[test]
 fn a_spring_swings_as_a_cosine_and_a_damped_one_as_its_closed_form() {
-    // Without gravity along the slide: x'' = -k x - d x', of 2 kg.
+    // Without gravity along the prismatic joint: x'' = -k x - d x', 2 kg.
     let scene = pendulum(JointKind::Prismatic);
     for (damping, solver) in [(0.0, Solver::Tsit45), (3.0, Solver::Bdf)] {
         let mut law = Adaptive { solver, ..Adaptive::new(&scene) };
@@ -79,7 +79,7 @@ fn a_spring_swings_as_a_cosine_and_a_damped_one_as_its_closed_form() {
     }
 }
 
-/// A floating tree with every kind of rotation, with springs, damping, friction and a control law.
+/// A floating tree with all types of rotations, with springs, damping, friction and a control law.
 fn tumbling() -> (Scene, Settings, (Vec<f64>, Vec<f64>)) {
     let kinds = [JointKind::Spherical, JointKind::Revolute, JointKind::Floating, JointKind::Prismatic];
     let tree = Tree { seed: 5, bodies: 5, kinds: &kinds, branching: 0.4, armature: 0.3, floating: true };
@@ -92,7 +92,7 @@ fn tumbling() -> (Scene, Settings, (Vec<f64>, Vec<f64>)) {
     let p = &mut settings.properties;
     (p.damping, p.stiffness, p.friction) = (positive(0.3), positive(2.0), positive(0.2));
     (p.rest, p.friction_speed) = (q.clone(), 0.5);
-    // The tree itself goes round and round.
+    // The tree makes several turns.
     for acting in [&mut p.damping, &mut p.stiffness, &mut p.friction] {
         acting[..6].fill(0.0);
     }
@@ -114,7 +114,7 @@ fn distance(scene: &Scene, a: (&[f64], &[f64]), b: (&[f64], &[f64])) -> f64 {
 #[test]
 fn a_tumbling_tree_goes_as_by_small_fixed_steps_however_often_it_is_centred_anew() {
     let (scene, settings, (q, mut v)) = tumbling();
-    // It turns by several radians.
+    // It rotates by several radians.
     v[3..6].copy_from_slice(&[14.0, -9.0, 12.0]);
     let settings = Settings { dt: 1.25e-4, method: Method::RungeKutta4, ..settings };
     let mut rollout = Rollout::new(&scene, settings.clone(), &q, &v).unwrap();
@@ -157,7 +157,7 @@ fn a_tumbling_tree_goes_as_by_small_fixed_steps_however_often_it_is_centred_anew
 
 #[test]
 fn given_torques_are_asked_at_every_stage() {
-    // No gravity along the slide: 2 x'' = 6 t, x = t^3/2; and by the state, 2 x'' = -8 x.
+    // No gravity along the prismatic joint: 2 x'' = 6 t, x = t^3/2; and a function of the state, 2 x'' = -8 x.
     let scene = pendulum(JointKind::Prismatic);
     let law = Adaptive::new(&scene);
     let path = law.solve(&[0.0], &[0.0], &[0.0, 1.0], &|t, _q, _v, torque| torque[0] = 6.0 * t).unwrap();
@@ -181,7 +181,7 @@ fn springs_of_a_billion_are_followed_in_few_steps_by_the_implicit_solvers() {
         println!("{solver:?}: {off:.1e}, {} steps, {} rates", path.steps, path.evaluations);
         assert!(off <= tolerance::adaptive(path.steps, 1e-6), "{solver:?}: {off:e}");
     }
-    // The explicit one would need steps of microseconds.
+    // The explicit method would need steps of microseconds.
     let mut law = Adaptive { most_steps: 500, ..Adaptive::new(&scene) };
     law.properties.stiffness = vec![0.0, 1e9, 1e9];
     let failure = law.solve(&[0.3, 0.0, 0.0], &[0.5, 0.0, 0.0], &[0.0, 0.2], &no_torque).expect_err("stiff");
@@ -237,7 +237,7 @@ fn a_torque_that_is_not_finite_ends_the_solution_with_the_rows_before() {
         assert!(["torque", "NaN", "j1"].iter().all(|word| text.contains(word)), "{solver:?}: {text}");
         assert_eq!(solution.t, [0.0, 0.1, 0.2], "{solver:?}");
         assert!(solution.q.iter().chain(&solution.qd).all(|x| x.is_finite()) && (0.2..=0.25).contains(&time), "{time}");
-        // From the start.
+        // From the initial state.
         let at_once = |_t: f64, _q: &[f64], _v: &[f64], torque: &mut [f64]| torque[0] = f64::INFINITY;
         let failure = law.solve(&[0.1; 2], &[0.0; 2], &[0.0, 0.1], &at_once).expect_err("not finite");
         assert!(failure.to_string().contains("torque: found inf for joint \"j0\""), "{failure}");

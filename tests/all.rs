@@ -1,8 +1,9 @@
-//! Every Rust test in one program: each program would take its room in target/, and its seconds, for linking the whole crate anew.
+//! All Rust tests in one program, because each program would link the crate again, with its disk space and time.
 //!
-//! `cargo test --test all golden::` runs those of one file. What needs a process of its own is beside it, see Cargo.toml.
+//! `cargo test --test all golden::` runs those of one file. Tests that need a separate process are other targets, see
+//! Cargo.toml.
 
-#[cfg_attr(not(all(feature = "adaptive", feature = "dense")), allow(dead_code))] // these features' tests use the rest
+#[cfg_attr(not(all(feature = "adaptive", feature = "dense")), allow(dead_code))] // tests of these features use the rest
 mod common;
 
 #[cfg(feature = "adaptive")]

@@ -1,4 +1,4 @@
-//! No sweep allocates once its workspace exists, and none reads what an earlier call left there.
+//! No sweep allocates once its workspace exists, and none reads values of a previous call.
 
 use crate::common::{KINDS_WITH_FIXED, Random, Tree, random_state};
 use nalgebra::Vector6;
@@ -11,7 +11,7 @@ use phipsi::motion::{Gains, METHODS, Settings, Simulator, Torque};
 use phipsi::spatial::RigidShift;
 use phipsi::{Arguments, Form, Scene, Workspace};
 
-/// What some algorithms need beside the workspace, and where estimates go.
+/// Additional memory of some algorithms, and error estimates.
 struct Scratch {
     inverse: InverseScratch<f64>,
     operational: OperationalScratch<f64>,
@@ -32,7 +32,7 @@ impl Scratch {
     }
 }
 
-/// One state of a scene, and room for every result.
+/// One state of a scene, and memory for every result.
 struct State {
     q: Vec<f64>,
     qd: Vec<f64>,
@@ -67,7 +67,7 @@ const WORLD: ReferenceFrame = ReferenceFrame::World;
 
 type Algorithm = fn(&Scene, &mut Workspace<f64>, &mut Scratch, &mut State);
 
-/// Every algorithm that takes a workspace, by name; results go to the state's vector or matrix.
+/// Every algorithm that takes a workspace, by name; results are written to the vector or matrix of the state.
 const ALGORITHMS: [(&str, Algorithm); 24] = [
     ("forward_dynamics", |scene, w, _, s| {
         scene.forward_dynamics(w, &s.q, &s.qd, &s.tau, &[], &mut s.vector).unwrap();
@@ -89,7 +89,7 @@ const ALGORITHMS: [(&str, Algorithm); 24] = [
         scene.operational_inverse_inertia(w, &mut scratch.operational, &s.q, &links, out).unwrap();
     }),
     ("estimate", |scene, w, scratch, s| {
-        // Every third joint has no sensor, the others a noisy one.
+        // Every third joint has no sensor, the others have a noisy one.
         for (i, noise) in s.noise.iter_mut().enumerate() {
             *noise = if i % 3 == 0 { f64::INFINITY } else { 0.25 };
         }
@@ -165,7 +165,7 @@ const ALGORITHMS: [(&str, Algorithm); 24] = [
     }),
 ];
 
-/// Mixed trees with floating bases, so that every kind of joint is there and every result has room.
+/// Mixed trees with floating bases, so that all types of joints and results occur.
 fn scenes() -> impl Iterator<Item = Scene> {
     (0..8).map(|seed| {
         let tree = Tree { seed, bodies: 6, kinds: &KINDS_WITH_FIXED, branching: 0.5, armature: 0.2, floating: true };
@@ -185,14 +185,14 @@ fn algorithms_allocate_nothing() {
         let (mut workspace, mut scratch) = (scene.workspace(), Scratch::new(&scene));
         let mut state = State::new(&scene, 1);
         for (name, algorithm) in ALGORITHMS {
-            // The first call too: nothing is put off until then.
+            // The first call too: nothing is allocated later.
             let seen = allocation_counter::measure(|| algorithm(&scene, &mut workspace, &mut scratch, &mut state));
             assert_eq!(seen.count_total, 0, "{name}: {seen:?}");
         }
     }
 }
 
-/// Products with Jacobians make their scratch at the first call.
+/// Products with Jacobians allocate their scratch memory in the first call.
 #[test]
 fn products_allocate_nothing_after_the_first() {
     for scene in scenes() {
@@ -223,7 +223,7 @@ fn products_allocate_nothing_after_the_first() {
     }
 }
 
-/// After any other call with another state, the same bits as with a workspace that is NaN throughout.
+/// After any other call with another state, bitwise equal to results with a workspace filled with NaN.
 #[test]
 fn algorithms_use_nothing_stale() {
     let bits = |state: &State| -> Vec<u64> { state.vector.iter().chain(&state.matrix).map(|x| x.to_bits()).collect() };
@@ -242,7 +242,7 @@ fn algorithms_use_nothing_stale() {
     }
 }
 
-/// What an array for results held before does not matter, and every entry of it is written.
+/// The previous content of an output array has no effect, and every entry is written.
 #[test]
 fn algorithms_write_all_of_their_results() {
     for scene in scenes().take(3) {
@@ -261,7 +261,7 @@ fn algorithms_write_all_of_their_results() {
     }
 }
 
-/// One state and seven, everything acting that can act, by every method; the first step makes the scratch.
+/// One state and seven, with all forces that can act, by every method; the first step allocates the scratch memory.
 #[test]
 fn a_simulator_allocates_nothing_after_its_first_step() {
     for scene in scenes().take(2) {

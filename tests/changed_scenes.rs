@@ -1,4 +1,4 @@
-//! New scenes from a scene: other properties of joints, loads on links, and mimics as they were given.
+//! New scenes from a scene: other joint properties, payloads, and mimic relations as given.
 
 use crate::common::arm::{assembled, parts};
 use crate::common::tolerance::{assert_near, product};

@@ -1,4 +1,5 @@
-//! Programs of single robots beside the scene's methods; their C compiled by the system's compiler and run.
+//! Generated programs of single robots compared with the methods of the scene; their C code compiled by the system's
+//! compiler and run.
 
 use crate::common::codegen::{by_method, quadruped, tree};
 use crate::common::lanes::{State, states};
@@ -9,7 +10,7 @@ use phipsi::scene::{Connection, ConnectionKind, JointDescription, JointKind, Lin
 use phipsi::{Scene, SceneBuilder, scenes};
 use std::process::Command;
 
-/// All functions, those of one link of the first link, a middle one and the last.
+/// All functions; those of one link for the first, a middle and the last link.
 fn functions(scene: &Scene) -> Vec<Function> {
     let (links, mut all) = (scene.links(), FUNCTIONS.to_vec());
     for at in [0, links.len() / 2, links.len() - 1] {
@@ -20,7 +21,7 @@ fn functions(scene: &Scene) -> Vec<Function> {
     all
 }
 
-/// States that people are in: at random, at rest, held against gravity, falling, and with one joint moving; the third is a torque.
+/// Typical states: random, at rest, static equilibrium, passive, one joint moving; the third array is a torque.
 fn states_of_people(scene: &Scene) -> Vec<State> {
     let (q, qd, u) = states(scene, 1).remove(0);
     let still = vec![0.0; scene.nv()];
@@ -55,7 +56,7 @@ fn programs_compute_what_the_methods_do() {
                 let mut mass = vec![f64::NAN; scene.nv() * scene.nv()];
                 scene.mass_matrix(&mut scene.workspace(), &given[0], &mut mass).unwrap();
                 let cond = tolerance::conditioning(scene.nv(), &mass).number;
-                // Each result beside the terms that all are made of: at rest some are nothing but rounding.
+                // Each result relative to the terms of all results, because at rest some consist of rounding errors.
                 let bound = 64.0 * f64::EPSILON * tolerance::size(&expected).max(1.0) * (cond + 16.0);
                 let what = format!("{index} {} in state {which}", function.symbol());
                 tolerance::assert_near(&what, &found, &expected, bound);
@@ -64,7 +65,8 @@ fn programs_compute_what_the_methods_do() {
     }
 }
 
-/// The margin of what is watched: where it is not below zero the digits are there; below it where a heavy tip has taken them, and of ordinary robots in few states.
+/// The margin of the error estimate: if it is not negative, the result is accurate; it is negative for a heavy tip,
+/// and in few states of ordinary robots.
 #[test]
 fn what_is_watched_tells_where_digits_are_lost() {
     let (mut doubted, mut tame, mut tame_in_doubt) = (0, 0, 0);
@@ -92,12 +94,12 @@ fn what_is_watched_tells_where_digits_are_lost() {
                 let found = program.run(&given.concat()).unwrap();
                 let (found, margin) = (&found[..expected.len()], found[expected.len()]);
                 if margin >= 0.0 {
-                    // What one unit in the last place of the torques makes of held states is beside their size.
+                    // Effect of one unit in the last place of the torques on states in static equilibrium.
                     let held = given.get(2).map_or(0.0, |u| tolerance::size(u));
                     let bound = 1e-11 * (tolerance::size(&expected) + held);
                     tolerance::assert_near(&function.symbol(), found, &expected, bound);
                 } else {
-                    // Stretched out straight and at rest a chain is near where its digits go.
+                    // A straight chain at rest is close to the limit of precision.
                     assert!(!is_tame || which > 0, "{} of a drawn state is in doubt: {margin:e}", function.symbol());
                     tame_in_doubt += usize::from(is_tame);
                     doubted += usize::from(!is_tame);
@@ -170,15 +172,15 @@ fn what_a_scene_does_not_need_is_not_written() {
     });
     let (with, without) = (size(&chain, Function::BiasTorque), size(&weightless, Function::BiasTorque));
     assert!(without.flops() < with.flops());
-    // One joint about an axis: its inertia is a constant.
+    // One joint about an axis: its inertia is constant.
     let one = scenes::chain(1).unwrap();
     let mass = size(&one, Function::MassMatrix);
     assert_eq!(mass.flops(), 0);
-    // M needs the sine and the cosine of each angle but the first.
+    // M needs the sine and cosine of each angle except the first.
     assert_eq!(size(&chain, Function::MassMatrix).sines, 6);
 }
 
-/// Writes C of these functions, compiles it and runs its test; what that prints.
+/// Generates C code of these functions, compiles it and runs its test; returns the output.
 fn tested(name: &str, (scene, functions): (&Scene, &[Function]), width: Width) -> String {
     let compiler = std::env::var("CC").unwrap_or_else(|_| "cc".to_owned());
     let directory = std::env::temp_dir().join(format!("phipsi-codegen-{}-{name}", std::process::id()));
@@ -205,13 +207,13 @@ fn tested(name: &str, (scene, functions): (&Scene, &[Function]), width: Width) -
 
 #[test]
 fn the_c_code_compiles_and_passes_its_own_test() {
-    // In single precision a chain, whose mass matrix is tame.
+    // In single precision a chain with a well-conditioned mass matrix.
     for (name, scene, width) in
         [("arm", tree(5, 4), Width::Double), ("arm_f", scenes::chain(3).unwrap(), Width::Single)]
     {
         let functions = functions(&scene);
         let results: usize = functions.iter().map(|function| function.results(&scene).len()).sum();
-        // One state by itself, and eleven in lanes.
+        // One state alone, and eleven in lanes.
         assert_eq!(tested(name, (&scene, &functions), width).lines().count(), 12 * results);
     }
 }
@@ -220,7 +222,7 @@ fn the_c_code_compiles_and_passes_its_own_test() {
 fn what_legs_repeat_is_a_loop_in_c_that_passes_its_own_test() {
     let (scene, functions) = (quadruped(), [Function::ForwardDynamicsDerivatives]);
     let source = &sources(&scene, "walker", &functions, (Width::Double, true)).unwrap()[0].1;
-    // The function of one state, and that of lanes.
+    // The function for one state, and that for lanes.
     for table in ["walker_forward_dynamics_derivatives_", "    forward_dynamics_derivatives_lanes_"] {
         let loops = source.split("for (int i = ").filter(|part| part.contains(&format!("    {}", table.trim_start())));
         assert!(loops.count() > 4, "{table}");
@@ -248,7 +250,7 @@ fn scenes_with_connections_are_refused_by_name() {
     let scene = scenes::chain(3).unwrap().source().clone().connect(tip).build().unwrap();
     let error = Program::new(&scene, &Function::ForwardDynamics).unwrap_err().to_string();
     assert!(error.contains("tip"), "{error}");
-    // Where links are does not depend on them.
+    // The poses of links do not depend on them.
     assert!(Program::new(&scene, &Function::Placement("link2".to_owned())).is_ok());
 }
 

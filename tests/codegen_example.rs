@@ -1,4 +1,5 @@
-//! The crate in `examples/build_script`: its build script writes the robot, and its program, compiled by rustc, includes and runs it.
+//! The crate in `examples/build_script`: its build script generates the code of a robot, and its program, compiled by
+//! rustc, includes and runs it.
 
 #![cfg(feature = "urdf")]
 

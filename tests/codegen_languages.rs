@@ -1,4 +1,5 @@
-//! Robots as Rust crates and as CUDA kernels: compiled by rustc, and by the C compiler where threads are a loop, and run beside the scene's methods.
+//! Robots as Rust crates and as CUDA kernels: compiled by rustc, and by the C compiler with a loop over threads, and
+//! run in comparison with the methods of the scene.
 
 use crate::common::codegen::{by_method, quadruped, tree};
 use crate::common::lanes::{State, states};
@@ -10,7 +11,7 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-/// A directory of this test's own, with these files.
+/// A directory for this test with these files.
 fn directory(name: &str, files: &[(String, String)]) -> PathBuf {
     let directory = std::env::temp_dir().join(format!("phipsi-languages-{}-{name}", std::process::id()));
     for (file, text) in files {
@@ -21,7 +22,7 @@ fn directory(name: &str, files: &[(String, String)]) -> PathBuf {
     directory
 }
 
-/// What a command prints.
+/// Output of a command.
 fn run(command: &mut Command) -> String {
     let done = command.output().unwrap();
     let said = String::from_utf8_lossy(&done.stdout).into_owned();
@@ -35,7 +36,7 @@ fn rustc(directory: &Path) -> Command {
     command
 }
 
-/// Compiles the library of a crate in its directory, by the standard library or without.
+/// Compiles the library of a crate in its directory, with or without the standard library.
 fn library(directory: &Path, name: &str, by_std: bool) {
     let mut command = rustc(directory);
     command.args([
@@ -87,7 +88,7 @@ fn what_legs_repeat_is_a_loop_in_rust_and_in_kernels() {
     assert_eq!(by_the_c_compiler("walker_kernels", "walker", &files).lines().count(), 3);
 }
 
-/// A program that reads states and writes what each function gives, in these numbers.
+/// A program that reads states and prints the results of each function with this scalar type.
 fn program(scene: &Scene, numbers: &str) -> String {
     let mut text = format!("{numbers}{READER}");
     for function in FUNCTIONS {
@@ -129,7 +130,7 @@ fn main() {
 
 const PLAIN: &str = "type T = NUMBER;\nfn value(x: T) -> f64 { x as f64 }\n";
 
-/// A type that is a number without the standard library's numbers.rs.
+/// A scalar type without numbers.rs of the standard library.
 const OWN: &str = "
 use core::ops::{Add, Div, Mul, Neg, Sub};
 
@@ -154,13 +155,13 @@ impl Number for T {
 }
 ";
 
-/// A state as the arguments of a function: all but q and qd are the torques.
+/// A state as the arguments of a function: all except q and qd are torques.
 fn given(scene: &Scene, function: &Function, (q, qd, u): &State) -> Vec<Vec<f64>> {
     let all = [q, qd, u, u, u, u].map(Clone::clone);
     all[..function.arguments(scene).len()].to_vec()
 }
 
-/// Writes a program beside the library of `arm`, gives it states, and compares.
+/// Writes a program for the library of `arm`, runs it with states, and compares.
 fn compare(directory: &Path, scene: &Scene, (text, is_single): (&str, bool)) {
     std::fs::write(directory.join("main.rs"), text).unwrap();
     run(rustc(directory).args(["main.rs", "-o", "main", "--extern", "arm"]));
@@ -175,7 +176,7 @@ fn compare(directory: &Path, scene: &Scene, (text, is_single): (&str, bool)) {
         let mut mass = vec![f64::NAN; scene.nv() * scene.nv()];
         scene.mass_matrix(&mut scene.workspace(), &state.0, &mut mass).unwrap();
         let cond = tolerance::conditioning(scene.nv(), &mass).number;
-        // A bias of chance is measured by torques of the same motion.
+        // A bias torque near zero by chance is compared with the torques of the same motion.
         let moving = tolerance::size(&by_method(
             scene,
             &Function::InverseDynamics,
@@ -208,14 +209,14 @@ fn rust_gives_what_the_methods_give_in_numbers_of_any_kind() {
     }
 }
 
-/// Sines and cosines of lanes, beside those of f64: near and far angles, and what is no angle.
+/// Sine and cosine of lanes compared with f64: small and large angles, and non-finite values.
 const SINES: &str = "
 use arm::{Lanes, Number};
 
 fn main() {
     let mut worst = [0.0_f64; 2];
     for i in -400_000..400_000 {
-        // Multiples of a quarter turn too, and angles beyond what the reduction is good for.
+        // Multiples of a quarter turn too, and angles beyond the range of the reduction.
         let x = [0.02 * f64::from(i), f64::from(i) * core::f64::consts::FRAC_PI_2, 3.3 * f64::from(i), f64::from(i) * 1e-9];
         let (s, c) = Lanes(x).sin_cos();
         let single = x.map(|x| x as f32);
@@ -246,12 +247,12 @@ fn sines_in_lanes_are_those_of_one_number() {
     run(rustc(&directory).args(["-O", "main.rs", "-o", "main", "--extern", "arm"]));
     let said = run(&mut Command::new(directory.join("main")));
     let worst: Vec<f64> = said.split_whitespace().map(|x| x.parse().unwrap()).collect();
-    // Units in the last place: of each number in f64, of one in f32.
+    // Units in the last place: for each value in f64, for one in f32.
     assert!(worst[0] < 2.0 * f64::EPSILON && worst[1] < f64::from(f32::EPSILON), "{said}");
     std::fs::remove_dir_all(&directory).unwrap();
 }
 
-/// Compiles the test of kernels as C, in a directory of this name, and runs it; what that prints.
+/// Compiles the test of kernels as C in a directory with this name, and runs it; returns the output.
 fn by_the_c_compiler(at: &str, name: &str, files: &[(String, String)]) -> String {
     let compiler = std::env::var("CC").unwrap_or_else(|_| "cc".to_owned());
     let directory = directory(at, files);
@@ -267,7 +268,7 @@ fn by_the_c_compiler(at: &str, name: &str, files: &[(String, String)]) -> String
 #[test]
 fn kernels_as_c_pass_their_own_test() {
     for (name, width) in [("double", Width::Double), ("single", Width::Single)] {
-        // In single precision a chain, whose mass matrix is tame.
+        // In single precision a chain with a well-conditioned mass matrix.
         let scene = if width == Width::Double { tree(5, 5) } else { scenes::chain(3).unwrap() };
         let said = by_the_c_compiler(name, name, &cuda_sources(&scene, name, &FUNCTIONS, width).unwrap());
         let results: usize = FUNCTIONS.iter().map(|function| function.results(&scene).len()).sum();

@@ -1,5 +1,5 @@
-//! Closed loops: accelerations and forces beside the KKT system by definition in 31 digits, rows beside differences, projections, inverses, motion, and what is
-//! refused.
+//! Closed loops: accelerations and forces compared with the KKT system by definition in 31 digits, constraints
+//! compared with differences, projections, inverses, simulation, and refused arguments.
 
 use crate::common::lanes::{arms, evaluate, on_a_large_stack};
 use crate::common::loops::{biped, exact, four_bar, state, stewart, tangle, welded_four_bar};
@@ -33,7 +33,7 @@ fn dynamics(scene: &Scene, form: Form, (q, qd, tau): &State) -> Result<(Vec<f64>
     Ok((qdd, forces, told.rank, told.residual))
 }
 
-/// The same by the general recursion, whatever the kernels say.
+/// The same by the general recursion, independent of the kernels.
 fn recursion(scene: &Scene, form: Form, (q, qd, tau): &State) -> Vec<f64> {
     let algorithm = Algorithm::ConstrainedDynamics(form);
     let (state, mut out) =
@@ -78,7 +78,8 @@ fn distance(a: &[f64], b: &[f64]) -> f64 {
     tolerance::size(&a.iter().zip(b).map(|(a, b)| a - b).collect::<Vec<_>>())
 }
 
-/// Every form beside the definition, relative to the largest acceleration and the largest torque, within 64 eps and the roots of the conditions of M and of the scaled G.
+/// Every form compared with the definition, relative to the largest acceleration and the largest torque, within 64
+/// eps and the square roots of the condition numbers of M and of the scaled G.
 fn compare(what: &str, scene: &Scene, state: &State, rank: usize) {
     let (q, qd, tau) = state;
     let exact = exact(scene, q, qd, tau);
@@ -105,7 +106,7 @@ fn compare(what: &str, scene: &Scene, state: &State, rank: usize) {
     }
 }
 
-/// Mechanisms, and how far their states are drawn.
+/// Mechanisms, and the displacement of their random states.
 fn mechanisms() -> [(&'static str, Scene, f64); 5] {
     [
         ("point", bars(ConnectionKind::Point), 0.7),
@@ -162,7 +163,7 @@ fn the_kernels_have_what_is_regular_and_leave_the_rest() {
         Evaluator::new(scene).run(algorithm, &arguments, &mut vec![f64::NAN; scene.width(algorithm)]) & 1
     };
     for seed in 0..3 {
-        // Of the five rows of the hinge two move anything: the others are left out.
+        // Two of the five constraints of the hinge act on a movable direction: the others are omitted.
         let scenes = [(bars(hinge()), 0.7), (bars(ConnectionKind::Point), 0.7), (biped(0), 0.2), (stewart(), 0.1)];
         for (scene, size) in scenes {
             assert_eq!(doubt(&scene, &state(&scene, seed, size)), 0);
@@ -172,7 +173,7 @@ fn the_kernels_have_what_is_regular_and_leave_the_rest() {
     }
 }
 
-/// Held still there is nothing but rounding in the rows, and that contradicts nothing.
+/// In a locked mechanism the constraints consist of rounding errors and do not contradict each other.
 #[test]
 fn robots_at_rest_are_held_by_their_connections() {
     for (what, scene, size) in mechanisms() {
@@ -319,7 +320,7 @@ fn projections_meet_the_connections_by_moves_of_least_kinetic_energy() {
         assert!(tolerance::size(&errors(&scene, &q)) <= 1e-13 && told.error <= 1e-13, "{told:?}");
         let rates = jacobian(&scene, &q) * DVector::from_column_slice(&qd);
         assert!(rates.amax() <= 1e-13, "{:e}", rates.amax());
-        // The change is M-orthogonal to every velocity that the connections allow.
+        // The change is M-orthogonal to every velocity that satisfies the connections.
         let again = scene.project(&mut workspace, &mut scratch, &mut q, Some(&mut allowed)).unwrap();
         assert_eq!(again.rank, told.rank);
         let change = DVector::from_iterator(qd.len(), qd.iter().zip(&before).map(|(a, b)| a - b));
@@ -330,7 +331,7 @@ fn projections_meet_the_connections_by_moves_of_least_kinetic_energy() {
 
 #[test]
 fn a_linkage_that_is_stretched_out_has_a_lower_rank() {
-    // A parallelogram, flat: its crank and its rocker may both turn, each on its own.
+    // A flat parallelogram: its crank and its rocker can rotate independently.
     let open = bars(ConnectionKind::Point).without_connections().unwrap();
     let mut pin = Connection::new("pin", ConnectionKind::Point, "coupler", Some("rocker"));
     pin.frame.lever = [0.0, 0.0, 0.3].into();
@@ -355,7 +356,7 @@ fn what_cannot_be_reached_is_named() {
     assert!(fault.residual > 3.0 && found.to_string().contains("m or rad"), "{found}");
 }
 
-/// A chain whose tip two welds hold at different places.
+/// A chain whose tip is welded to two different poses.
 fn torn() -> Scene {
     let weld = |name: &str, x: f64| {
         let mut weld = Connection::new(name, ConnectionKind::Point, "link2", None);
@@ -368,7 +369,7 @@ fn torn() -> Scene {
 
 #[test]
 fn connections_that_contradict_each_other_are_named() {
-    // Both points of a link that turns cannot be at rest.
+    // Both points of a rotating link cannot be at rest.
     let scene = torn();
     let state = (vec![0.3, 0.4, 0.5], vec![1.0, -2.0, 3.0], vec![0.0; 3]);
     let found = dynamics(&scene, Form::Auto, &state).unwrap_err();
@@ -411,7 +412,7 @@ fn torques_of_inverse_dynamics_give_the_accelerations() {
         assert!(told.residual <= 1e-9, "{told:?}");
         let (again, ..) = dynamics(&scene, Form::Auto, &(q.clone(), qd.clone(), back.clone())).unwrap();
         assert!(distance(&again, &qdd) <= 1e-10 * tolerance::size(&qdd), "seed {seed}");
-        // Of all that do, these are the ones that do not load the connections.
+        // Of all solutions, these have zero connection forces.
         let m = mass_matrix(&scene, q).cholesky().unwrap();
         let loads = jacobian(&scene, q) * m.solve(&DVector::from_column_slice(&back));
         assert!(loads.amax() <= 1e-10 * tolerance::size(&qdd), "{:e}", loads.amax());
@@ -557,10 +558,10 @@ fn changed_scenes_keep_their_connections() {
     let heavier = scene.with_properties([("crank", Property::Armature, 0.5)]).unwrap();
     assert_eq!(errors(&scene, &q), errors(&heavier, &q));
 
-    // Two of three joints: what closes the loop holds the rest. The coupler's end goes on where the rocker's is.
+    // Two of three joints: the connection locks the rest. The end of the coupler stays on the rocker.
     let locked = scene.lock(&["crank"], &q).unwrap();
     assert!(tolerance::size(&errors(&locked, &q[1..])) <= 1e-15 && locked.connections().len() == 1);
-    // All of them: the connection is between links that are one by now.
+    // All of them: the connection is between merged links.
     assert!(scene.lock(&["crank", "coupler", "rocker"], &q).unwrap().connections().is_empty());
     let torn = scene.lock(&["crank", "coupler", "rocker"], &[0.1, 0.2, 0.3]).unwrap_err().to_string();
     assert!(torn.contains("connection \"pin\""), "{torn}");
@@ -583,7 +584,7 @@ fn couplings_of_locked_joints_go_on_with_what_these_are_held_at() {
     assert!(scene.lock(&[&names[0], &names[2]], &q).unwrap().connections().is_empty());
 }
 
-/// What building with this connection says.
+/// Error message for this connection.
 fn refused(change: impl FnOnce(&mut Connection)) -> String {
     let mut connection = Connection::new("pin", ConnectionKind::Point, "coupler", Some("rocker"));
     change(&mut connection);

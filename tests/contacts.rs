@@ -1,4 +1,5 @@
-//! Contacts with friction against closed forms: sliding, sticking, bouncing, rolling, resting, and energy that never grows.
+//! Contacts with friction compared with closed forms: sliding, sticking, bouncing, rolling, resting, and energy that
+//! does not increase.
 
 use nalgebra::Vector3;
 use phipsi::batch::Broadcast;
@@ -9,7 +10,7 @@ use phipsi::{Error, Scene, SceneBuilder};
 
 const G: f64 = 9.81;
 
-/// A solid box of these edges, m, floating.
+/// A solid floating box with these edges, m.
 fn body(mass: f64, [a, b, c]: [f64; 3]) -> SceneBuilder {
     let central =
         Symmetric3::new([b * b + c * c, 0.0, 0.0, a * a + c * c, 0.0, a * a + b * b].map(|x| mass * x / 12.0));
@@ -67,7 +68,7 @@ fn go(simulator: &mut Simulator<&Scene>, steps: usize) {
     simulator.step(&Torque::Zero, steps).map_err(|fault| fault.error).unwrap();
 }
 
-/// What each contact of one state does.
+/// State of each contact of one state.
 fn states(simulator: &Simulator<&Scene>) -> Vec<ContactState> {
     simulator.contacts_now(0).chunks(11).map(|of| ContactState::of(of[10]).unwrap()).collect()
 }
@@ -86,7 +87,7 @@ fn a_sliding_block_slows_by_mu_g_and_stops() {
     assert_eq!(states(&simulator), [[ContactState::Sticking; 4], above].concat());
     let (q, qd) = simulator.state(0);
     assert!(qd.iter().all(|v| v.abs() < 1e-9), "{qd:?}");
-    // Of the step: less by dt v0/2.
+    // Of the step: smaller by dt v0/2.
     assert!((q[0] - (v0 * v0 / (2.0 * mu * G) - dt * v0 / 2.0)).abs() < 1e-5, "{q:?}");
     let told = simulator.contact_report(0).unwrap();
     assert!(told.converged && told.residual <= 1e-10, "{told:?}");
@@ -101,7 +102,7 @@ fn a_block_sticks_on_an_incline_exactly_up_to_the_friction_angle() {
     let (mu, dt) = (0.5, 1e-3);
     for (tan, slides) in [(0.3, false), (0.4999, false), (0.5001, true), (0.7, true)] {
         let (sin, cos) = f64::sin_cos(f64::atan(tan));
-        // The incline is level and gravity tilted.
+        // The incline is horizontal and gravity is tilted.
         let builder = corners(body(2.0, EDGES), EDGES, mu, 0.0).gravity([G * sin, 0.0, -G * cos]);
         let scene = builder.build().unwrap();
         let mut simulator = moving(&scene, dt, &at(&scene, [0.0, 0.0, 0.1]), &[0.0; 6]);
@@ -183,7 +184,7 @@ fn an_elastic_ball_keeps_its_energy_through_many_bounces() {
     let dt = 1e-3;
     let scene = ball(0.0, 1.0);
     let mut simulator = moving(&scene, dt, &at(&scene, [0.0, 0.0, 0.4]), &[0.0; 6]);
-    // What the semi-implicit step keeps between and through bounces: v^2/2 + g z - g dt v/2.
+    // Quantity that the semi-implicit step conserves between and through bounces: v^2/2 + g z - g dt v/2.
     let kept = |simulator: &Simulator<&Scene>| {
         let (q, qd) = simulator.state(0);
         0.5 * qd[2] * qd[2] + G * q[2] - 0.5 * G * dt * qd[2]
@@ -236,7 +237,7 @@ fn a_dropped_box_loses_energy_in_every_step_and_comes_to_rest() {
     }
 }
 
-/// A trunk with two legs of hip, knee and ankle about y, and four points a foot.
+/// A trunk with two legs with hip, knee and ankle about y, and four points per foot.
 fn biped(friction: f64, restitution: f64) -> Scene {
     let rod = |mass: f64, length: f64| {
         let side = mass * length * length / 12.0 + mass * 1e-3;
@@ -317,7 +318,7 @@ fn total_mass(scene: &Scene) -> f64 {
     scene.source().links().iter().filter_map(|link| link.inertial).map(|of| of.mass).sum()
 }
 
-/// Numbers that look random, from -1 to 1.
+/// Pseudo-random values from -1 to 1.
 struct Draw(u64);
 
 impl Draw {
@@ -328,7 +329,8 @@ impl Draw {
     }
 }
 
-/// Two rods in a plane with a contact at the tip: Kane's, where Newton's restitution with friction makes energy.
+/// Two rods in a plane with a contact at the tip: Kane's example, in which Newton's restitution with friction
+/// increases the energy.
 fn double_pendulum(friction: f64, restitution: f64, offset: f64) -> Scene {
     let rod = Inertial {
         mass: 1.0,
@@ -362,7 +364,7 @@ fn impacts_of_a_double_pendulum_never_raise_its_energy() {
         let (mu, e) = (draw.next().abs() * 1.2, draw.next().abs());
         let q = [draw.next() * 1.4, draw.next() * 1.4];
         let qd = [draw.next() * 3.0, draw.next() * 3.0];
-        // The plane is just under the tip.
+        // The plane is just below the tip.
         let tip = -q[0].cos() - (q[0] + q[1]).cos();
         let scene = double_pendulum(mu, e, tip - 1e-9);
         let mut simulator = moving(&scene, dt, &q, &qd);
@@ -399,7 +401,7 @@ fn impacts_of_a_tumbling_biped_never_raise_its_energy() {
 
 #[test]
 fn contacts_brought_down_by_others_join_within_the_step() {
-    // A box that falls flat but for a hair: two corners touch first, the others within the same step.
+    // A falling box that is almost parallel to the ground: two corners touch first, the others within the same step.
     let scene = block(0.5, 0.0);
     let mut q = at(&scene, [0.0, 0.0, 0.1 + 4e-4]);
     (q[3], q[6]) = ((1e-3_f64).sin(), (1e-3_f64).cos());
@@ -412,7 +414,7 @@ fn contacts_brought_down_by_others_join_within_the_step() {
 
 #[test]
 fn stiff_springs_are_taken_implicitly() {
-    // A weight on a spring a thousand times faster than the step, above a plane where the spring is not at rest.
+    // A mass on a spring a thousand times faster than the step, above a plane where the spring is not at rest.
     let mass = Inertial { mass: 1.0, centre: Vector3::zeros(), central: Symmetric3::zero() };
     let mut slide = JointDescription::new("slide", JointKind::Prismatic, "base", "weight");
     (slide.spring.stiffness, slide.damping) = (1e9, 10.0);
@@ -449,7 +451,7 @@ fn steps_are_the_same_in_batches_in_pieces_and_with_records() {
         }
         assert_eq!(one.state(0), all.state(state));
         assert_eq!(one.state(0).0, &q[(state * 11 + 10) * 7..(state * 11 + 11) * 7]);
-        // Impulses were told and taken by the rows; the rest is the same.
+        // Impulses were reported with the rows; the rest is the same.
         let (now, row) = (one.contacts_now(0), &contacts[(state * 11 + 10) * 88..(state * 11 + 11) * 88]);
         assert!((0..8).all(|i| now[11 * i..11 * i + 7] == row[11 * i..11 * i + 7]
             && now[11 * i + 10..11 * i + 11] == row[11 * i + 10..11 * i + 11]));
@@ -527,7 +529,7 @@ fn a_biped_slips_with_friction_of_a_thousand_only_where_the_ground_would_have_to
         assert!(told.residual < 1e-5 && told.impulse_kept > 0.999, "{told:?}");
         let mut down = 0;
         for of in simulator.contacts_now(0).chunks(11) {
-            // The law held where the step began: the link has turned by dt since.
+            // The contact law was satisfied at the beginning of the step: the link has rotated by dt since.
             assert!(of[6] < 0.1 || of[1].hypot(of[2]) < 1e-2, "{of:?}");
             down += u32::from(of[6] > 0.0);
         }
@@ -537,7 +539,7 @@ fn a_biped_slips_with_friction_of_a_thousand_only_where_the_ground_would_have_to
 
 #[test]
 fn a_step_without_impulses_that_meet_the_law_is_an_error_that_names_contacts() {
-    // Friction beyond the digits of numbers: the solver does not get there, and says so.
+    // Friction beyond the precision of float64: the solver does not converge and reports it.
     let scene = block(1e12, 0.0);
     let mut simulator = moving(&scene, 1e-3, &at(&scene, [0.0, 0.0, 0.5]), &[0.3, -0.2, 0.0, 1.5, 2.0, 0.7]);
     let fault = simulator.step(&Torque::Zero, 2_000).unwrap_err();
@@ -552,7 +554,7 @@ fn refused(error: &Error, subject: &str, found: &str) {
     assert!(text.contains(subject) && text.contains(found), "{text}");
 }
 
-/// What building a box says where one of its contacts is changed.
+/// Error message for a box with a modified contact.
 fn fault(change: impl FnOnce(&mut Contact)) -> Error {
     let mut contact = Contact::new("foot", "box");
     change(&mut contact);

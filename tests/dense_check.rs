@@ -1,4 +1,4 @@
-//! The sweeps against composite matrices and faer's LDLT, on random mixed trees and on chains.
+//! The sweeps compared with composite matrices and faer's LDLT, on random mixed trees and on chains.
 #![allow(clippy::cast_precision_loss)] // small counts
 
 use crate::common::{ALL_KINDS, Random, random_scene, random_state, tolerance};

@@ -1,6 +1,6 @@
-//! `DoubleDouble` against mpmath at 60 digits, and against the identities that it has to keep.
+//! `DoubleDouble` compared with mpmath at 60 digits, and with identities.
 //!
-//! The tables are what this script prints (Python 3.11, mpmath 1.4.1, `python script.py | rustfmt`):
+//! The tables are the output of this script (Python 3.11, mpmath 1.4.1, `python script.py | rustfmt`):
 //!
 //! ```python
 //! from mpmath import *; from struct import pack; import random
@@ -26,8 +26,8 @@ use phipsi::scalar::{DoubleDouble, Real};
 /// The bits of a high and a low part.
 type Bits = (u64, u64);
 
-/// a, b, a + b, a - b, a b, a / b, sqrt |a|. The last row is not of the script: of 12 000 pairs, the quotient that
-/// comes out worst (5.4 u^2) where long division stops after two digits.
+/// a, b, a + b, a - b, a b, a / b, sqrt |a|. The last row is not from the script: of 12 000 pairs, it is the
+/// one whose quotient has the largest error (5.4 u^2) if long division stops after two digits.
 const ARITHMETIC: [[Bits; 7]; 7] = [
     [
         (0x3eb7_3891_abd8_362b, 0xbb35_9f56_04d1_74a8),
@@ -150,8 +150,8 @@ fn pair((high, low): Bits) -> DoubleDouble {
     DoubleDouble { high: f64::from_bits(high), low: f64::from_bits(low) }
 }
 
-/// `found - expected`, formed without the arithmetic under test: the high parts nearly agree, so their difference is
-/// exact.
+/// `found - expected`, computed without the arithmetic under test: the high parts nearly agree, so that their
+/// difference is exact.
 fn difference(found: DoubleDouble, expected: DoubleDouble) -> f64 {
     (found.high - expected.high) + (found.low - expected.low)
 }
@@ -220,7 +220,7 @@ fn sine_and_cosine_stop_at_their_range() {
 
 #[test]
 fn squares_of_sine_and_cosine_sum_to_one() {
-    // Steps of 1/7 are not representable: both parts of the angle take part.
+    // Multiples of 1/7 are not representable: both parts of the angle are nonzero.
     let step = DoubleDouble::from_f64(7.0).recip();
     for i in -200..=200 {
         let angle = DoubleDouble::from_f64(f64::from(i)) * step;

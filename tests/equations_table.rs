@@ -1,10 +1,11 @@
-//! docs/equations.md against the paper, the tests and the sources: every equation has a row, and the row names what exists.
+//! docs/equations.md compared with the paper, the tests and the sources: every equation has a row, and the names in
+//! the row exist.
 
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// The last equation of each section; section 0 is the introduction, whose two definitions have no number in print.
+/// Last equation of each section; section 0 is the introduction, whose two definitions are not numbered in print.
 const LAST: [usize; 7] = [2, 7, 11, 14, 11, 7, 4];
 
 /// Columns of a row: equation, printed, as implemented, Rust, Python, test, note.
@@ -17,7 +18,7 @@ fn root() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR"))
 }
 
-/// The text of every Rust file under a folder, one after another.
+/// Concatenated text of all Rust files below a folder.
 fn sources(folder: &Path) -> String {
     let mut text = String::new();
     let mut entries: Vec<_> = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
@@ -32,12 +33,12 @@ fn sources(folder: &Path) -> String {
     text
 }
 
-/// What stands between backticks.
+/// Text between backticks.
 fn quoted(cell: &str) -> Vec<&str> {
     cell.split('`').skip(1).step_by(2).collect()
 }
 
-/// The cells of every row whose first cell is an equation's number, by that number.
+/// Cells of every row whose first cell is an equation number, by that number.
 fn rows(page: &str) -> BTreeMap<(usize, usize), Vec<&str>> {
     let mut rows = BTreeMap::new();
     for line in page.lines().filter(|line| line.starts_with("| ")) {
@@ -79,7 +80,7 @@ fn every_row_names_a_test_of_its_own() {
         for name in &names {
             assert!(name.starts_with(&format!("eq_{section}_{number}_")), "{name} in the row of {section}.{number}");
             let body = body(&tests, name);
-            // The marks: s where draws are compared, x where a printed form is shown to fail.
+            // Marks: s if samples are compared, x if a printed form is shown to be wrong.
             let marks: Vec<&str> = cells[TEST].rsplit('`').next().unwrap().split_whitespace().collect();
             let draws = body.contains("has_covariance(") || body.contains("mean_square(");
             assert_eq!(marks.contains(&"s"), draws, "{name}: the mark s");

@@ -1,4 +1,5 @@
-//! Estimation (section 2): the sequential solution against the batch one, exact zeros, and what its arguments may be.
+//! Estimation (section 2): the sequential solution compared with the batch solution, exact zeros, and valid
+//! arguments.
 
 use crate::common::arm::{assembled, link, parts};
 use crate::common::{ALL_KINDS, Random, Tree, random_state, tolerance};
@@ -10,7 +11,7 @@ use phipsi::scene::{JointDescription, JointKind};
 use phipsi::spatial::Symmetric6;
 use phipsi::{Error, Scene, Workspace};
 
-/// One state of a scene, torques measured with noise none, some and infinite, and room for every result.
+/// One state of a scene, torques measured with zero, finite and infinite noise, and memory for every result.
 struct Case {
     scene: Scene,
     q: Vec<f64>,
@@ -22,7 +23,7 @@ struct Case {
     wrenches: Vec<Vector6<f64>>,
 }
 
-/// Everything that `Scene::estimate` writes.
+/// All results of `Scene::estimate`.
 struct Room {
     workspace: Workspace<f64>,
     scratch: EstimateScratch<f64>,
@@ -87,7 +88,7 @@ impl Case {
         room
     }
 
-    /// (body, row, hinge, whether the body's inertia enters there) of every row.
+    /// (body, row, hinge, whether the inertia of the body is added there) of every row.
     fn rows(&self) -> Vec<(usize, usize, HingeMap<f64>, bool)> {
         let stages = &self.scene.model().system.stages;
         let of_stage = |(k, stage): (usize, &phipsi::filter::Stage<f64>)| {
@@ -114,7 +115,7 @@ fn sequential_is_batch() {
         scene.mass_matrix(&mut scene.workspace(), &case.q, &mut m).unwrap();
         let conditioning = tolerance::conditioning(n, &m);
         let cond = conditioning.number;
-        // Accelerations come of torques through M^-1, forces of both.
+        // Accelerations follow from torques through M^-1, forces from both.
         let torques = tolerance::size(&batch.torque) + tolerance::size(&case.torque) + tolerance::size(&batch.force);
         let of_a = tolerance::inverse(cond, tolerance::size(&batch.acceleration))
             + tolerance::inverse(1.0, conditioning.inverse_norm * torques);
@@ -153,7 +154,7 @@ fn sequential_is_batch() {
     }
 }
 
-/// The largest entry of R.
+/// Largest entry of R.
 #[cfg(feature = "dense")]
 fn largest_of_r(scene: &Scene, q: &[f64]) -> f64 {
     let r = scene.composite(q).unwrap().matrix(phipsi::operators::Kind::R).unwrap();
@@ -168,7 +169,7 @@ fn all_measured_without_noise_is_forward_dynamics_to_the_bit() {
         case.prior = None;
         let room = case.solved();
         let mut qdd = vec![f64::NAN; case.scene.nv()];
-        // The estimate's own form.
+        // Form of the estimate.
         let mut workspace = case.scene.workspace().in_form(phipsi::filter::Form::Covariance);
         let (q, qd, tau, wrenches) = (&case.q, &case.qd, &case.torque, &case.wrenches);
         phipsi::dynamics::forward_dynamics(case.scene.model(), &mut workspace, q, qd, tau, wrenches, &mut qdd);
@@ -178,7 +179,7 @@ fn all_measured_without_noise_is_forward_dynamics_to_the_bit() {
     }
 }
 
-/// H P = 0, the remark after 2.6; not so where there is noise.
+/// H P = 0, the remark after 2.6; not with noise.
 #[test]
 fn forces_are_known_exactly_along_exact_measurements() {
     let (mut zero, mut other) = (0, 0);
@@ -200,7 +201,7 @@ fn forces_are_known_exactly_along_exact_measurements() {
     assert!(zero > 10 && other > 10);
 }
 
-/// P^- - P^- Lambda^- P^- = P^+ - P^+ Lambda^+ P^+: a measurement is accounted for on either side of it.
+/// P^- - P^- Lambda^- P^- = P^+ - P^+ Lambda^+ P^+: the effect of a measurement is the same on both sides.
 #[test]
 fn the_smoothed_block_is_the_same_on_both_sides_of_a_measurement() {
     for seed in 0..8 {
@@ -255,7 +256,7 @@ fn estimation_allocates_nothing() {
     }
 }
 
-/// After a state with other noise and torques, the same bits as with room that is NaN throughout.
+/// After a state with other noise and torques, bitwise equal to results with memory filled with NaN.
 #[test]
 fn estimation_uses_nothing_stale() {
     for seed in 0..4 {
@@ -268,7 +269,7 @@ fn estimation_uses_nothing_stale() {
         case.estimate(&mut room).unwrap();
         assert_ne!(room.estimate, fresh.estimate);
         (case.noise, case.torque) = (noise, torque);
-        // What is not measured is not read.
+        // Values that are not measured are ignored.
         for (torque, noise) in case.torque.iter_mut().zip(&case.noise) {
             *torque = if noise.is_finite() { *torque } else { f64::NAN };
         }
@@ -278,7 +279,8 @@ fn estimation_uses_nothing_stale() {
     }
 }
 
-/// A lost pivot inboard of joints that are not measured: nothing is taken off by those, and the joint at fault is named.
+/// A singular pivot inboard of joints that are not measured: those have no measurement update, and the error names
+/// the singular joint.
 #[test]
 fn a_lost_pivot_beside_unmeasured_joints_is_named() {
     let (mut links, mut joints) = parts();
@@ -300,7 +302,7 @@ fn a_lost_pivot_beside_unmeasured_joints_is_named() {
     case.noise[case.scene.joint("ball").unwrap().v.clone()].fill(f64::INFINITY);
     let error = case.estimate(&mut Room::new(&case.scene)).expect_err("spin has no inertia");
     assert!(matches!(&error, Error::SingularJoint { joint, .. } if joint == "spin"), "{error}");
-    // Not measured itself, it does no harm, but its acceleration has no variance.
+    // If it is not measured it has no effect, but its acceleration has no variance.
     case.noise[case.scene.joint("spin").unwrap().v.start] = f64::INFINITY;
     let mut room = Room::new(&case.scene);
     let error = case.estimate(&mut room).expect_err("M is singular");

@@ -1,5 +1,5 @@
-//! Links one by one, the mass centre and the momentum about it, against first principles in about 31 digits (`common/oracle.rs`): rates are
-//! central differences of those along q (+) h qd.
+//! Single links, the center of mass and the momentum about it, compared with definitions in about 31 digits
+//! (`common/oracle.rs`): derivatives are central differences along q (+) h qd.
 
 use crate::common::oracle::{D, Instant, Oracle, d, ds};
 use crate::common::tolerance::{self, STEP, assert_close, assert_near, size, to_f64};
@@ -20,7 +20,7 @@ fn cross(a: &V, b: &V) -> V {
     V::new(a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 }
 
-/// A scene at one state, and the oracle there and a little before and after.
+/// A scene in one state, and the oracle in this state and slightly before and after it.
 struct Case {
     source: SceneBuilder,
     scene: Scene,
@@ -42,7 +42,7 @@ impl Case {
         Self { oracle: Oracle::new(&source), source, scene, q, qd, qdd }
     }
 
-    /// Something that depends on q, and its rate along qd.
+    /// A function of q, and its derivative along qd.
     fn with_rate(&self, quantity: impl Fn(&Instant<'_>) -> DMatrix<D>) -> [DMatrix<D>; 2] {
         let (q, qd) = (ds(&self.q), ds(&self.qd));
         let at = |h: f64| quantity(&self.oracle.at(&self.oracle.moved(&q, &qd, d(h)), &qd));
@@ -55,7 +55,7 @@ impl Case {
     }
 }
 
-/// J of a frame on a link, from that of the link's origin in its own axes.
+/// J of a frame on a link, from that of the origin of the link in its own frame.
 fn jacobian(instant: &Instant<'_>, nv: usize, frame: &TaskFrame<'_>, reference: ReferenceFrame) -> DMatrix<D> {
     let (own, placement) = (instant.jacobian(frame.link), instant.placement(frame.link));
     let lever = placement.rotation * frame.offset.lever.map(d);
@@ -89,7 +89,7 @@ fn plus(a: &[f64], b: &[f64]) -> Vec<f64> {
     a.iter().zip(b).map(|(a, b)| a + b).collect()
 }
 
-/// A link by its name, or a frame on it that is turned and off its origin.
+/// A link by its name, or a frame on it that is rotated and off its origin.
 fn frames<'s>(scene: &'s Scene, random: &mut Random) -> Vec<TaskFrame<'s>> {
     let frame = |name: &'s String, random: &mut Random| {
         let offset = RigidShift { rotation: random.rotation(), lever: random.vector() };
@@ -119,7 +119,7 @@ fn links_match_first_principles() {
                 assert_near("J qd", velocity.as_slice(), &times(&exact, qd), bound);
                 let product = scene.jacobian_rate_product(q, qd, frame, reference).unwrap();
                 assert_near("J' qd", product.as_slice(), &times(&rate, qd), bound);
-                // What is not written in axes and at a point that move is the spatial one.
+                // Accelerations whose frame and point are fixed are the spatial ones.
                 let kind = match reference {
                     ReferenceFrame::LocalWorldAligned => AccelerationKind::Classical,
                     ReferenceFrame::Local | ReferenceFrame::World => AccelerationKind::Spatial,
@@ -166,7 +166,7 @@ fn placements_match_first_principles() {
         let instant = case.oracle.at_rest(&ds(&case.q));
         let mut random = Random::new(seed);
         let all = frames(scene, &mut random);
-        // Some of them, out of order and repeated.
+        // Some of them, in another order and repeated.
         let some: Vec<TaskFrame<'_>> = (0..3).map(|_| all[random.below(all.len())]).collect();
         let mut together = vec![RigidShift::filled(f64::NAN); some.len()];
         scene.placements_of(&mut scene.workspace(), &case.q, &some, &mut together).unwrap();
@@ -183,7 +183,7 @@ fn placements_match_first_principles() {
     }
 }
 
-/// Masses and their centres of the links that move.
+/// Masses and centers of mass of the moving links.
 fn masses(case: &Case, instant: &Instant<'_>) -> Vec<(D, V)> {
     let moves = |link: &str| instant.jacobian(link).iter().any(|&x| to_f64(x) != 0.0);
     let links = case.source.links().iter().filter(|link| moves(&link.name));
@@ -195,13 +195,13 @@ fn masses(case: &Case, instant: &Instant<'_>) -> Vec<(D, V)> {
         .collect()
 }
 
-fn mass_centre(case: &Case, instant: &Instant<'_>) -> V {
+fn center_of_mass(case: &Case, instant: &Instant<'_>) -> V {
     let masses = masses(case, instant);
     let total = masses.iter().fold(d(0.0), |sum, (mass, _)| sum + *mass);
     masses.iter().fold(V::from_element(d(0.0)), |sum, (mass, centre)| sum + centre * *mass) * (d(1.0) / total)
 }
 
-/// A, column by column: momenta of unit rates, moments about the mass centre.
+/// A, by columns: momenta of unit velocities, moments about the center of mass.
 fn centroidal(case: &Case, q: &[D]) -> DMatrix<D> {
     let nv = case.nv();
     let mut out = DMatrix::from_element(6, nv, d(0.0));
@@ -210,7 +210,7 @@ fn centroidal(case: &Case, q: &[D]) -> DMatrix<D> {
         let instant = case.oracle.at(q, &unit);
         let momentum = instant.momentum();
         let part = |first: usize| V::from_fn(|i, _| momentum[first + i]);
-        let about = part(0) - cross(&mass_centre(case, &instant), &part(3));
+        let about = part(0) - cross(&center_of_mass(case, &instant), &part(3));
         out.fixed_view_mut::<3, 1>(0, column).copy_from(&about);
         out.fixed_view_mut::<3, 1>(3, column).copy_from(&part(3));
     }
@@ -218,7 +218,7 @@ fn centroidal(case: &Case, q: &[D]) -> DMatrix<D> {
 }
 
 #[test]
-fn the_mass_centre_matches_first_principles() {
+fn the_center_of_mass_matches_first_principles() {
     for seed in 0..40 {
         let case = Case::new(seed);
         let (scene, nv, n) = (&case.scene, case.nv(), case.scene.links().len());
@@ -233,7 +233,7 @@ fn the_mass_centre_matches_first_principles() {
         let total = masses(&case, &instant).iter().fold(0.0, |sum, (mass, _)| sum + to_f64(*mass));
         assert_close("mass", scene.total_mass(), total, tolerance::product(n, total));
 
-        let centre = mass_centre(&case, &instant).map(to_f64);
+        let centre = center_of_mass(&case, &instant).map(to_f64);
         let reach = tolerance::count(n) * (1.0 + size(q));
         let found = scene.center_of_mass(&mut workspace, q).unwrap();
         assert_near("mass centre", found.as_slice(), centre.as_slice(), tolerance::product(n, reach));
@@ -264,7 +264,7 @@ fn the_mass_centre_matches_first_principles() {
     }
 }
 
-/// What each method refuses, after one call that it does not.
+/// Refused arguments of each method, after a valid call.
 #[test]
 fn arguments_are_checked() {
     let scene = scenes::chain(3).unwrap();
@@ -317,12 +317,12 @@ fn arguments_are_checked() {
     says(scene.kinetic_energy(&mut workspace, &q, &few).map(drop), "qd: found shape (2,)");
     says(scene.gravity_torque(&mut workspace, &nan, &mut [0.0; 3]), "q: found NaN");
     says(scene.gravity_torque(&mut workspace, &q, &mut [0.0; 2]), "tau: found shape (2,); expected (3,)");
-    // What was refused leaves the workspace as it was.
+    // A refused call leaves the workspace unchanged.
     assert!(scene.gravity_torque(&mut workspace, &q, &mut [0.0; 3]).is_ok());
 }
 
 #[test]
-fn without_mass_there_is_no_mass_centre() {
+fn without_mass_there_is_no_center_of_mass() {
     let scene = SceneBuilder::new()
         .link(phipsi::scene::LinkDescription { name: "rock".into(), inertial: None })
         .build()

@@ -1,8 +1,8 @@
-//! The extreme scenes by name, and the error of the square-root form on them beside what the problems themselves allow.
+//! The extreme scenes by name, and the error of the square-root form compared with the sensitivity of the problems.
 //!
 //! Run with `PHIPSI_SHOW_RATIOS=1 -- --nocapture` for the table.
 
-#![allow(clippy::float_cmp)] // exact equality is what is asserted
+#![allow(clippy::float_cmp)] // exact equality is asserted
 
 use crate::common::{ALL_KINDS, Random, Tree, random_state, tolerance};
 use phipsi::report::accuracy::Method;
@@ -13,14 +13,14 @@ use phipsi::scenes::{Extreme, extreme, names};
 use phipsi::spatial::Symmetric3;
 use phipsi::{Error, Form, Scene, dynamics};
 
-/// Joints, so that a debug build takes seconds: as many as usual, at most this many.
+/// Number of joints, limited so that a debug build takes seconds.
 const MOST: f64 = 100.0;
 
-/// States of each case, and trees of each size: so that a debug build takes seconds.
+/// Number of states of each case, and of trees of each size, limited so that a debug build takes seconds.
 const STATES: u64 = if cfg!(debug_assertions) { 1 } else { 8 };
 const TREES: usize = if cfg!(debug_assertions) { 1 } else { 2 };
 
-/// Every case at every value of its sweep.
+/// Every case at every value of its parameter.
 fn sweeps(seed: u64) -> impl Iterator<Item = Extreme> {
     names().flat_map(move |name| {
         let usual = extreme(name, None, None, 0).unwrap();
@@ -48,7 +48,7 @@ fn every_case_is_the_same_from_the_same_arguments_and_generic() {
         assert_ne!(case.tau, other.tau, "{}", case.name);
         for numbers in [&case.q, &case.qd, &case.tau] {
             for (i, x) in numbers.iter().enumerate() {
-                #[allow(clippy::cast_possible_truncation)] // that is the question
+                #[allow(clippy::cast_possible_truncation)] // compared exactly
                 let single = f64::from(*x as f32);
                 let of_quaternion = case.name == "far-base" && (3..7).contains(&i) && numbers == &case.q;
                 assert!(*x != 0.0 && x.is_finite() && (single == *x || of_quaternion), "{}", case.name);
@@ -61,7 +61,7 @@ fn every_case_is_the_same_from_the_same_arguments_and_generic() {
     }
 }
 
-/// The parameter does what its name says: neighbours in the sweep have other accelerations, or other scenes.
+/// The parameter has an effect: neighboring values have different accelerations, or different scenes.
 #[test]
 fn the_parameter_changes_the_case() {
     for name in names() {
@@ -118,11 +118,11 @@ fn the_singular_case_names_its_joint() {
     }
 }
 
-/// The error of the square-root form on one state, in both norms, in units of its bounds.
+/// Error of the square-root form in one state, in both norms, in units of its bounds.
 struct Measured {
     norm: f64,
     norm_bound: f64,
-    /// The component that uses most of its own bound, and that bound.
+    /// The component with the largest error relative to its bound, and that bound.
     component: f64,
     component_bound: f64,
 }
@@ -132,7 +132,7 @@ impl Measured {
         let exact = Exact::new(scene, Quantity::ForwardDynamics, state).expect("positive pivots");
         let found =
             forward_error::<f64>(scene, Method::Filter(Form::SquareRoot), state, &exact).expect("positive pivots");
-        // The largest of all that may move: the state, and each kind of parameter.
+        // The largest of all changes: the state, and each kind of parameter.
         let inherent = sensitivity(scene, Quantity::ForwardDynamics, state, 3, 0).unwrap();
         let largest = |of: &dyn Fn(usize) -> f64| (0..inherent.len()).map(of).fold(0.0, f64::max);
         let own = |i: usize| tolerance::square_root_component(largest(&|m| inherent[m].1.components[i]));
@@ -171,7 +171,7 @@ fn the_square_root_form_is_right_on_every_case_in_both_norms() {
     }
 }
 
-/// Random trees of every kind of joint, masses over 24 decades.
+/// Random trees with all types of joints, masses over 24 decades.
 fn log_uniform_tree(seed: u64, bodies: usize) -> Scene {
     let tree = Tree { seed, bodies, kinds: &ALL_KINDS, branching: 0.4, armature: 0.0, floating: false }.builder();
     let mut random = Random::new(seed + 1000);
@@ -189,7 +189,7 @@ fn log_uniform_tree(seed: u64, bodies: usize) -> Scene {
     tree.joints().iter().fold(builder, |builder, joint| builder.joint(joint.clone())).build().unwrap()
 }
 
-/// In the max-norm, and component by component: every tree of the test that is in doubt is refined.
+/// In the max-norm, and per component: every tree of the test whose estimate exceeds the tolerance is recomputed.
 #[test]
 fn the_square_root_form_is_right_on_trees_of_masses_over_24_decades() {
     for (seed, bodies) in (0..).zip([1, 2, 3, 5, 8, 13, 20, 30, 45, 60, 90, 130, 200].repeat(TREES)) {
@@ -208,7 +208,8 @@ fn the_square_root_form_is_right_on_trees_of_masses_over_24_decades() {
     }
 }
 
-/// The sensitivity of problems that are known: free fall of a slider, and a problem that is ill-conditioned by design.
+/// The sensitivity of known problems: free fall on a prismatic joint, and a problem that is ill-conditioned by
+/// design.
 #[test]
 fn sensitivity_tells_ill_conditioned_problems_apart() {
     let of = |value: f64| {
@@ -228,7 +229,7 @@ fn sensitivity_tells_ill_conditioned_problems_apart() {
     assert!(all[..5].iter().all(|(_, difference)| difference.norm > 1e-18 && difference.norm < 1e-14));
 }
 
-/// The other forms lose what the square-root form keeps, and what they lose is measured and not NaN.
+/// The other forms have a loss of precision that the square-root form does not have, and it is measured and not NaN.
 #[test]
 fn covariance_and_dense_algebra_lose_digits_where_the_problem_does_not() {
     let case = extreme("heavy-tip", Some(1e9), None, 0).unwrap();

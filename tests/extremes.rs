@@ -1,4 +1,4 @@
-//! The ends of the range: nothing to move, ten thousand links, and no recursion on the way.
+//! Limits of the size: no moving joint, ten thousand links, without recursion.
 
 use crate::common::tolerance::{self, assert_near, size};
 use crate::common::{Random, random_inertial, random_state};
@@ -15,14 +15,15 @@ use phipsi::{Error, Scene, scenes, watch};
 
 const LINKS: usize = 10_000;
 
-/// A stack that a call a link would overflow: 10,000 of two hundred bytes. (Without optimisation one kernel alone takes half a megabyte.)
+/// A stack that overflows with one call per link: 10,000 of two hundred bytes. (Without optimization one kernel alone
+/// takes half a megabyte.)
 const SMALL_STACK: usize = 2 * 1024 * 1024;
 
 fn on_a_small_stack(work: impl FnOnce() + Send + 'static) {
     std::thread::Builder::new().stack_size(SMALL_STACK).spawn(work).unwrap().join().unwrap();
 }
 
-/// Forward dynamics, and inverse dynamics of what it gave.
+/// Forward dynamics, and inverse dynamics of its result.
 #[track_caller]
 fn assert_round_trip(scene: &Scene, q: &[f64], qd: &[f64], tau: &[f64]) {
     let mut workspace = scene.workspace();
@@ -52,7 +53,7 @@ fn a_chain_of_ten_thousand_links_works() {
     });
 }
 
-/// Ten thousand joints between ten thousand links, of which a few move.
+/// Ten thousand joints between ten thousand links, few of them movable.
 fn mostly_fixed(parent: impl Fn(usize) -> usize) -> SceneBuilder {
     let mut random = Random::new(2);
     let mut builder = SceneBuilder::new().link(LinkDescription { name: "link0".into(), inertial: None });
@@ -125,7 +126,7 @@ fn a_scene_in_which_nothing_moves_works() {
     }
 }
 
-/// Locking every joint leaves nothing to move, wherever they stand.
+/// If every joint is locked, in any configuration, nothing moves.
 #[test]
 fn a_scene_with_every_joint_locked_does_not_move() {
     let scene = scenes::chain(7).unwrap();
@@ -141,7 +142,8 @@ fn a_scene_with_every_joint_locked_does_not_move() {
     }
 }
 
-/// An overflow is an error: of configurations, differences, placements of links, joint velocities of inverse kinematics, lengths of rods, constants of code.
+/// An overflow is an error: of configurations, differences, poses of links, joint velocities of inverse kinematics,
+/// lengths of rods, constants of code.
 #[test]
 fn results_that_are_not_finite_are_errors() {
     let chain = scenes::chain(2).unwrap();
@@ -196,7 +198,7 @@ fn results_that_are_not_finite_are_errors() {
     assert!(code(1e200, 1e60, Width::Double).unwrap_err().contains("products are finite"));
 }
 
-/// Long work of one call ends when its watch says so, and leaves the states as they were.
+/// A long call ends when its interruption callback requests it, and leaves the states unchanged.
 #[test]
 fn a_simulator_can_be_stopped_within_a_call() {
     let scene = scenes::chain(3).unwrap();

@@ -1,4 +1,4 @@
-//! The forms of the recursion: all give the same, the square-root form also where the others lose every digit.
+//! The forms of the recursion: all have the same results, the square-root form also if the others lose all precision.
 
 use crate::common::{ALL_KINDS, Random, Tree, oracle, random_scene, random_state, tolerance};
 use phipsi::filter::{FORMS, Form};
@@ -21,7 +21,7 @@ fn wide(values: &[f64]) -> Vec<DoubleDouble> {
     values.iter().map(|&x| DoubleDouble::from_f64(x)).collect()
 }
 
-/// The accelerations in double-double, in a form of the caller's.
+/// Accelerations in double-double arithmetic, in a given form.
 fn reference(scene: &Scene, form: Form, q: &[f64], qd: &[f64], tau: &[f64]) -> Vec<f64> {
     let model = scene.model().cast::<DoubleDouble>();
     let mut qdd = wide(&vec![f64::NAN; scene.nv()]);
@@ -95,7 +95,7 @@ fn factors_and_inverses_of_every_form_match_the_definitions() {
     }
 }
 
-/// A chain whose last link has a mass of its own.
+/// A chain whose last link has a given mass.
 fn heavy_tip(mass: f64) -> Scene {
     let mut builder = SceneBuilder::new().link(LinkDescription { name: "link0".into(), inertial: None });
     for k in 0..8 {
@@ -114,7 +114,7 @@ fn heavy_tip(mass: f64) -> Scene {
     builder.build().unwrap()
 }
 
-/// Largest error over the largest acceleration.
+/// Largest error relative to the largest acceleration.
 fn error(scene: &Scene, form: Form, state: &(Vec<f64>, Vec<f64>, Vec<f64>)) -> f64 {
     let (q, qd, tau) = state;
     let mut qdd = vec![f64::NAN; scene.nv()];
@@ -138,12 +138,12 @@ fn a_heavy_tip_costs_the_square_root_form_no_digit() {
 
 #[test]
 fn both_forms_agree_in_double_double_where_f64_loses_all() {
-    // The reference itself: two recursions that share no step agree to what double-double leaves of 31 digits.
+    // The reference itself: two independent recursions agree up to the rounding error of double-double arithmetic.
     let scene = heavy_tip(1e6);
     let (q, qd, tau) = random_state(&scene, &mut Random::new(6));
     let one = reference(&scene, Form::SquareRoot, &q, &qd, &tau);
     let other = reference(&scene, Form::Covariance, &q, &qd, &tau);
-    // The root of an inertia is rounded to f64: the two are the dynamics of bodies that differ by some eps.
+    // The square root of an inertia is rounded to f64: the two results belong to bodies that differ by some eps.
     tolerance::assert_near("qdd", &one, &other, tolerance::ALL_DIGITS * tolerance::size(&one));
 }
 
@@ -205,7 +205,7 @@ fn a_massless_link_between_two_joints_is_legal_and_at_the_tip_it_is_not() {
         let outcome = singular.forward_dynamics(&mut workspace, &[0.3, 0.4], &[0.1; 2], &[1.0; 2], &[], &mut qdd);
         assert!(matches!(outcome, Err(Error::SingularJoint { joint, .. }) if joint == "two"), "{name}");
     }
-    // A rod turned about its own axis: zero inertia in a frame where nothing is exactly zero.
+    // A rod rotated about its own axis: zero inertia in a frame where no entry is exactly zero.
     let mut turned = build(
         Some(rod),
         Some(Inertial {

@@ -1,7 +1,9 @@
-//! Golden outputs: what every algorithm gives on every arm, as it was when it was last looked at.
+//! Golden outputs: stored results of every algorithm with every instruction set.
 //!
-//! Oracles tell right from wrong; these tell *changed* from the same. `PHIPSI_GOLDEN=bits` asks for the same bits (a change by moves only),
-//! `PHIPSI_GOLDEN=write` writes them anew. Without either, differences of rounding pass, and arms without numbers are passed over.
+//! Oracles detect errors; this test detects *changes*. `PHIPSI_GOLDEN=bits` requires bitwise equality (for changes
+//! that only move code),
+//! `PHIPSI_GOLDEN=write` stores the results. Without either, rounding differences pass, and instruction sets without
+//! results are skipped.
 
 use crate::common::gate::{ALGORITHMS, SCENES, scene};
 use crate::common::lanes::{arguments, arms, on_a_large_stack, states};
@@ -13,19 +15,21 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::PathBuf;
 
-/// Results of one state may differ by so much of the largest: M of these scenes has a condition number below 1e4.
+/// Largest difference of the results of one state relative to the largest: M of these scenes has a condition number
+/// below 1e4.
 const ROUNDING: f64 = 1e-11;
 
-/// How many states there are of a scene; the first goes by itself too.
+/// Number of states of a scene; the first one also runs alone.
 const COUNT: u64 = 3;
 
 fn file() -> PathBuf {
     [env!("CARGO_MANIFEST_DIR"), "tests", "data", "golden.txt"].iter().collect()
 }
 
-/// A few numbers of a result, and what its bits come to (FNV-1a). Of a matrix its product with irregular numbers, which sees every entry.
+/// Some values of a result, and a hash of its bits (FNV-1a). For a matrix, its product with irregular values, which
+/// depends on every entry.
 fn condensed(algorithm: Algorithm, nv: usize, result: &[f64]) -> (u64, Vec<f64>) {
-    // The sign of a zero is not promised.
+    // The sign of a zero is undefined.
     let hash = result
         .iter()
         .fold(0xcbf2_9ce4_8422_2325_u64, |hash, &x| (hash ^ (x + 0.0).to_bits()).wrapping_mul(0x0000_0100_0000_01b3));
@@ -43,7 +47,7 @@ fn condensed(algorithm: Algorithm, nv: usize, result: &[f64]) -> (u64, Vec<f64>)
     (hash, numbers)
 }
 
-/// What an arm gives, by "arm scene algorithm state".
+/// Results of an instruction set, by "arm scene algorithm state".
 fn found(arm: Arm) -> BTreeMap<String, (u64, Vec<f64>)> {
     let mut all = BTreeMap::new();
     for name in SCENES {
@@ -104,7 +108,7 @@ fn every_algorithm_gives_what_it_gave() {
             assert_near(key, numbers, expected, ROUNDING * size(expected));
             compared += 1;
         }
-        // The baseline runs splat.
+        // The baseline uses splat.
         assert!(compared >= SCENES.len() * ALGORITHMS.len() * (usize::try_from(COUNT).unwrap() + 1));
     });
 }

@@ -1,4 +1,4 @@
-//! Inverse kinematics: what it reaches, what it keeps, and what its covariance is.
+//! Inverse kinematics: reached targets, satisfied constraints, and covariance.
 
 use nalgebra::{DMatrix, Matrix3, Rotation3, Vector3};
 use phipsi::inverse_kinematics::{Goal, Options, Outcome, Task};
@@ -11,7 +11,7 @@ fn uniform(state: &mut u64) -> f64 {
     f64::from(u32::try_from(*state >> 33).unwrap()) / f64::from(1_u32 << 31)
 }
 
-/// An arm of seven turning joints with limits, like those that people have.
+/// A typical arm with seven revolute joints with limits.
 fn arm() -> Scene {
     let axes = [
         [0.0, 0.0, 1.0],
@@ -53,7 +53,7 @@ fn arm() -> Scene {
     builder.build().expect("an arm")
 }
 
-/// An arm with the dimensions and limits of a panda, whose limits end most descents that find no answer.
+/// An arm with the dimensions and limits of a panda, whose limits end most descents without a solution.
 fn panda() -> Scene {
     let half = std::f64::consts::FRAC_PI_2;
     let mut builder = SceneBuilder::new().link(LinkDescription { name: "link0".into(), inertial: None });
@@ -108,7 +108,7 @@ fn poses_within_the_limits_are_reached() {
             failures += 1;
             continue;
         }
-        // It is where it says, by the scene's own placement.
+        // The result is confirmed by forward kinematics of the scene.
         let Goal::Pose { frame, target } = task.goal else { unreachable!() };
         let found = scene.placement(&q, frame).unwrap();
         assert!((found.lever - target.lever).norm() <= 1e-9 && (found.rotation - target.rotation).abs().max() <= 2e-9);
@@ -158,13 +158,14 @@ fn a_joint_that_may_turn_more_than_a_turn_is_not_held_at_its_limits() {
         let outcome = solver.solve(&mut scene.workspace(), &[Task::new(goal)], &[6.2, 0.0], None, &mut q).unwrap();
         (outcome.reached, q)
     };
-    // From just before the limit the way goes beyond it: the same place is within the limits a turn back.
+    // From just before the limit the shortest path exceeds it: the same orientation is within the limits one turn
+    // back.
     let there = scene.placement(&[0.5, 0.7], frame).unwrap();
     let (reached, q) = solve(Goal::Pose { frame, target: there }, Options::default());
     assert!(reached && (q[0] - 0.5).abs() < 1e-8 && (q[1] - 0.7).abs() < 1e-8, "{q:?}");
     let (reached, q) = solve(Goal::Pose { frame, target: there }, Options { limits: false, ..Options::default() });
     assert!(reached && (q[0] - 0.5 - turn).abs() < 1e-8, "{q:?}");
-    // Its position is asked for, or expected: turns are told apart.
+    // Its position is a target, or a prior: full turns are distinguished.
     let (reached, q) = solve(Goal::Joint { joint: 0, target: 6.8 }, Options::default());
     assert!(!reached && (q[0] - 6.25).abs() < 1e-15, "{q:?}");
     let (_, q) = solve(Goal::Pose { frame, target: there }, Options { posture: Some(1.0), ..Options::default() });
@@ -201,7 +202,7 @@ fn what_is_out_of_reach_is_said_and_brought_near() {
         .solve(&mut scene.workspace(), &[task], &[0.3; 7], None, &mut q)
         .unwrap();
     assert!(!outcome.reached && outcome.starts == 20);
-    // Stretched upward as far as it goes.
+    // Stretched upward as far as possible.
     let height = scene.placement(&q, frame).unwrap().lever[2];
     assert!((5.0 - height - outcome.position_error).abs() < 1e-3 && height > 1.1, "{height}");
 }
@@ -218,7 +219,8 @@ fn a_posture_decides_where_the_task_does_not() {
     let mut solver = scene.inverse_kinematics(&options).unwrap();
     let outcome = solver.solve(&mut scene.workspace(), &[task], &posture, Some(&mut covariance), &mut q).unwrap();
     assert!(outcome.reached && outcome.starts == 1);
-    // Where F is least, the pull of the posture is along what the task tells: nothing is left across it.
+    // At the minimum of F, the gradient of the posture is in the row space of the task: its projection on the null
+    // space is zero.
     let mut jacobian = vec![0.0; 42];
     scene.jacobian(&q, frame, ReferenceFrame::LocalWorldAligned, &mut jacobian).unwrap();
     let linear = DMatrix::from_row_slice(3, 7, &jacobian[21..]);

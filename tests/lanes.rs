@@ -1,5 +1,5 @@
-//! States in lanes, on every arm that this processor has: the same numbers as one state at a time in plain f64, the same bits in any
-//! lane, and the same errors.
+//! States in lanes, with every instruction set of this processor: the results of one state at a time in plain
+//! f64, bitwise equal in any lane, and the same errors.
 
 use crate::common::lanes::{
     ALGORITHMS, aligned, arguments, arms, crowd, evaluate, forces, limbed, on_a_large_stack, plainly, states, trees,
@@ -21,7 +21,7 @@ fn largest(values: &[f64]) -> f64 {
     values.iter().fold(0.0, |size, x| x.abs().max(size))
 }
 
-/// How far apart two ways of rounding may be; through M^-1 the condition number is that of the trees of these tests.
+/// Difference due to rounding; for M^-1 the condition number is that of the trees of these tests.
 fn allowed(scene: &Scene, algorithm: Algorithm, plain: &[f64]) -> f64 {
     match algorithm {
         _ if algorithm.form().is_some() => tolerance::inverse(tolerance::CONDITION_OF_TREES, largest(plain)),
@@ -55,7 +55,8 @@ fn every_arm_gives_what_plain_numbers_give() {
     });
 }
 
-/// Products along changes of what is constant: every arm as plain numbers, each state the same bits alone, and no bad number is missed.
+/// Products along changes of constants: every instruction set like plain scalars, each state bitwise equal to the
+/// single state, and no value that is not finite is missed.
 #[test]
 fn directions_of_what_is_constant() {
     on_a_large_stack(|| {
@@ -103,8 +104,8 @@ fn directions_of_what_is_constant() {
     });
 }
 
-/// M^-1 is computed in one way where joints are shallow and in another where they are deep; frames
-/// that only signs and angles turn have ways of their own, in every algorithm.
+/// M^-1 uses one algorithm for shallow trees and another for deep ones; frames
+/// that differ only by signs and angles have separate code, in every algorithm.
 #[test]
 fn deep_trees_and_aligned_ones() {
     on_a_large_stack(|| {
@@ -115,11 +116,11 @@ fn deep_trees_and_aligned_ones() {
             aligned(34, 61, 0.03),
             aligned(35, 61, 0.3),
             Tree { seed: 36, bodies: 45, kinds: &ALL_KINDS, branching: 0.04, armature: 1.0, floating: true }.scene(),
-            // Fewer joints than a register has columns.
+            // Fewer joints than a register has lanes.
             aligned(40, 1, 0.0),
             aligned(41, 2, 0.0),
             aligned(42, 3, 0.5),
-            // Deep ones.
+            // Deep trees.
             Tree { seed: 37, bodies: 80, kinds: &ALL_KINDS, branching: 0.02, armature: 1.0, floating: true }.scene(),
             aligned(38, 80, 0.02),
         ];
@@ -132,7 +133,7 @@ fn deep_trees_and_aligned_ones() {
                 let mut evaluator = Evaluator::on(arm, scene);
                 for algorithm in ALGORITHMS {
                     let all: Vec<_> = states.iter().zip(&forces).map(|(s, w)| arguments(algorithm, s, w)).collect();
-                    // Twice: nothing of the first may be left.
+                    // Twice: no values of the first call may remain.
                     for all in [&all[..], &all[4..5], &all[..]] {
                         let found = evaluate(scene, &mut evaluator, algorithm, all);
                         for (state, found) in all.iter().zip(found.chunks_exact(scene.width(algorithm))) {
@@ -152,7 +153,7 @@ fn deep_trees_and_aligned_ones() {
     });
 }
 
-/// Trunks with limbs of like build, whole ones and such that miss a body.
+/// Trunks with limbs of equal structure, complete ones and ones that lack a body.
 fn branched() -> impl Iterator<Item = Scene> {
     let kinds = [(50, 2, 6, true), (51, 4, 3, true), (52, 3, 5, false), (53, 6, 3, true), (54, 5, 2, false)];
     kinds.into_iter().flat_map(|(seed, limbs, length, floating)| {
@@ -160,7 +161,7 @@ fn branched() -> impl Iterator<Item = Scene> {
     })
 }
 
-/// Two pendula on the base, whose joints all move in one plane: bodies of like build.
+/// Two pendula on the base, whose joints all move in one plane: bodies of equal structure.
 fn pendula() -> Scene {
     let mut builder = SceneBuilder::new().link(LinkDescription { name: "base".into(), inertial: None });
     for name in ["left", "right"] {
@@ -173,23 +174,23 @@ fn pendula() -> Scene {
     builder.gravity([0.0, -9.81, 0.0]).build().expect("pendula")
 }
 
-/// A state's bits depend on nothing but the state: alone, in any lane, beside any others, in a chunk that is not full.
+/// The bits of a state depend only on the state: alone, in any lane, with any other states, in an incomplete chunk.
 #[test]
 fn neighbours_change_no_bit() {
     on_a_large_stack(|| {
         check_neighbours(&trees().nth(2).unwrap(), 19);
         branched().for_each(|scene| check_neighbours(&scene, 9));
         check_neighbours(&pendula(), 9);
-        // Deeper than the trees, shallower than what M^-1 goes the other way for.
+        // Deeper than the trees, but not deep enough for the other algorithm of M^-1.
         check_neighbours(&phipsi::scenes::chain(40).unwrap(), 9);
-        // Too deep for M^-1 to be multiplied out: the recursion does it.
+        // Too deep for M^-1 as a product: the recursion computes it.
         check_neighbours(&phipsi::scenes::chain(310).unwrap(), 2);
     });
 }
 
 fn check_neighbours(scene: &Scene, count: u64) {
     let mut states = states(scene, count);
-    // Some at rest, which alone would leave out what their neighbours need.
+    // Some at rest, for which terms of moving states would be skipped.
     for state in states.iter_mut().step_by(3) {
         state.1.fill(0.0);
     }
@@ -206,7 +207,7 @@ fn check_neighbours(scene: &Scene, count: u64) {
             let reversed = evaluate(scene, &mut evaluator, algorithm, &backwards);
             let last = all.len() - 1;
             for (i, state) in all.iter().enumerate() {
-                // A zero may differ in its sign: lanes that are idle at a body add zeros there.
+                // A zero may differ in its sign, because lanes that are idle at a body add zeros there.
                 let bits = |x: &[f64]| x.iter().map(|x| (x + 0.0).to_bits()).collect::<Vec<_>>();
                 let here = bits(&together[i * width..(i + 1) * width]);
                 assert_eq!(here, bits(&reversed[(last - i) * width..(last - i + 1) * width]), "{arm:?} {algorithm:?}");
@@ -217,7 +218,7 @@ fn check_neighbours(scene: &Scene, count: u64) {
     }
 }
 
-/// A number that is not finite puts one state in doubt, whichever number it is.
+/// Any value that is not finite flags its state only.
 #[test]
 fn one_bad_number_is_seen_wherever_it_is() {
     on_a_large_stack(|| {
@@ -244,7 +245,7 @@ fn one_bad_number_is_seen_wherever_it_is() {
     });
 }
 
-/// What is wrong with one state is told of that state, and the others are computed.
+/// An error of one state is reported for that state, and the others are computed.
 #[test]
 fn a_bad_state_is_named() {
     on_a_large_stack(|| {
@@ -280,7 +281,7 @@ fn a_bad_state_is_named() {
     });
 }
 
-/// Two links on slides in a row, the second with a mass.
+/// Two links on prismatic joints in series, the second with mass.
 fn slides(mass: f64, kind: JointKind, lever: f64) -> Scene {
     let mut builder = SceneBuilder::new().link(LinkDescription { name: "base".into(), inertial: None });
     for (name, parent, kind) in [("first", "base", kind), ("second", "first", JointKind::Prismatic)] {
@@ -297,7 +298,7 @@ fn slides(mass: f64, kind: JointKind, lever: f64) -> Scene {
     builder.build().expect("slides")
 }
 
-/// Entries of matrices that overflow from numbers that do not: of one state and in lanes.
+/// Entries of matrices that overflow from finite values: for one state and in lanes.
 #[test]
 fn a_matrix_that_overflows_is_refused() {
     on_a_large_stack(|| {
@@ -347,7 +348,7 @@ fn wrong_lengths_are_refused() {
     });
 }
 
-/// States that lose digits in covariance form are done again, and only those.
+/// States with a loss of precision in covariance form are recomputed, and only those.
 #[test]
 fn auto_is_as_exact_in_lanes_as_alone() {
     on_a_large_stack(|| {
@@ -369,7 +370,8 @@ fn auto_is_as_exact_in_lanes_as_alone() {
     });
 }
 
-/// Rods, which resist nothing about themselves, all but along an axis of their frames: their roots are other ones in frames that are renamed.
+/// Rods, which have no inertia about their own axes, all except one along a coordinate axis: the square roots of
+/// their inertias differ in permuted frames.
 fn rods() -> Scene {
     let mut builder = SceneBuilder::new().link(LinkDescription { name: "link0".into(), inertial: None });
     for k in 1..5 {
@@ -386,8 +388,8 @@ fn rods() -> Scene {
     builder.build().expect("rods")
 }
 
-/// What the kernels of the square-root form give without being in doubt keeps all digits, of heavy tips, of limbs and of rods; and they
-/// are in doubt of few.
+/// Results of the square-root kernels that are not flagged have full precision, for heavy tips, limbs and rods; and
+/// few are flagged.
 #[test]
 fn the_square_root_form_keeps_all_digits_in_lanes() {
     on_a_large_stack(|| {
@@ -401,7 +403,7 @@ fn the_square_root_form_keeps_all_digits_in_lanes() {
             let exact: Vec<_> = all.iter().map(|state| plainly(&scene, algorithm, state)).collect();
             for arm in arms() {
                 let mut evaluator = Evaluator::on(arm, &scene);
-                // One at a time, and as many as there are lanes.
+                // One at a time, and one per lane.
                 for count in [1, evaluator.lanes()] {
                     let mut kept = 0;
                     for (given, exact) in all.chunks(count).zip(exact.chunks(count)) {
@@ -418,7 +420,8 @@ fn the_square_root_form_keeps_all_digits_in_lanes() {
                             }
                         }
                     }
-                    // Of the heaviest tip, and of rods whose spin needs a force outside their root, all may be in doubt.
+                    // For the heaviest tip, and for rods whose rotation needs a force outside the range of their
+                    // square root, all may be flagged.
                     assert!(
                         kept * 2 >= all.len() || which == 1 || which == 2,
                         "scene {which}, {arm:?}, {count} at once: {kept}"
@@ -429,7 +432,7 @@ fn the_square_root_form_keeps_all_digits_in_lanes() {
     });
 }
 
-/// Sine and cosine of the fused scalar, against the standard library in double-double's place: a unit in the last place or so.
+/// Sine and cosine of the fused scalar compared with double-double arithmetic: about one unit in the last place.
 #[test]
 fn sine_and_cosine_are_good_to_two_units_in_the_last_place() {
     let mut random = Random::new(5);
@@ -454,7 +457,7 @@ fn sine_and_cosine_are_good_to_two_units_in_the_last_place() {
     }
 }
 
-/// Everyday functions of frames on every second link and of the whole robot.
+/// Kinematic and centroidal functions for frames on every second link and for the whole robot.
 fn everyday(frames: &[Frame<f64>]) -> Vec<Everyday<'_>> {
     let mut all = vec![
         Everyday::CenterOfMass,
@@ -487,7 +490,7 @@ fn everyday(frames: &[Frame<f64>]) -> Vec<Everyday<'_>> {
 fn everyday_functions_in_lanes_are_those_of_one_state() {
     on_a_large_stack(|| {
         for scene in trees().chain([aligned(36, 11, 0.3)]) {
-            // No multiple of any number of lanes.
+            // Not a multiple of any number of lanes.
             let states = states(&scene, 13);
             let every_second = scene.links().iter().step_by(2);
             let frames: Vec<_> =
@@ -511,7 +514,7 @@ fn everyday_functions_in_lanes_are_those_of_one_state() {
                     let mut evaluator = Evaluator::on(arm, &scene);
                     let mut found = vec![f64::NAN; one.len()];
                     scene.evaluate_everyday(&mut evaluator, &what, &given, &mut found).unwrap();
-                    // Of a rate that is zero what cancels remains, and that is of about one.
+                    // For a zero derivative the rounding error of terms of about one remains.
                     let scale = tolerance::size(&one).max(1.0);
                     tolerance::assert_near(
                         &format!("{arm:?}, {what:?}"),

@@ -1,4 +1,5 @@
-//! States in lanes of f32: what plain f64 gives, to what f32 allows; twice the lanes; and f64 where f32 is in doubt.
+//! States in lanes of f32: the results of plain f64 up to the precision of f32; twice the number of lanes; and f64 if
+//! the error estimate exceeds the tolerance.
 
 use crate::common::Random;
 use crate::common::lanes::{
@@ -14,7 +15,7 @@ use phipsi::spatial::SpatialVector;
 use phipsi::{Algorithm, Arguments, Derivatives, Products};
 use phipsi::{Error, Scene};
 
-#[allow(clippy::cast_possible_truncation)] // that is the question
+#[allow(clippy::cast_possible_truncation)] // compared exactly
 fn rounded(x: &[f64]) -> Vec<f32> {
     x.iter().map(|&x| x as f32).collect()
 }
@@ -23,21 +24,21 @@ fn widened(x: &[f32]) -> Vec<f64> {
     x.iter().map(|&x| f64::from(x)).collect()
 }
 
-/// States in f32, and the same numbers in f64.
+/// States in f32, and the same values in f64.
 fn both(scene: &Scene, count: u64) -> (Vec<State<f32>>, Vec<State>) {
     let single: Vec<_> = states(scene, count).iter().map(|(q, qd, u)| (rounded(q), rounded(qd), rounded(u))).collect();
     let double = single.iter().map(|(q, qd, u)| (widened(q), widened(qd), widened(u))).collect();
     (single, double)
 }
 
-/// The condition of M at one state, measured.
+/// Condition number of M in one state.
 fn condition(scene: &Scene, q: &[f64]) -> Conditioning {
     let mut m = vec![f64::NAN; scene.nv() * scene.nv()];
     scene.mass_matrix(&mut scene.workspace(), q, &mut m).unwrap();
     conditioning(scene.nv(), &m)
 }
 
-/// How far f32 may be from the plain results: rounding on the way, and of the scene.
+/// Largest difference of f32 from the plain results: rounding in the recursion, and of the scene.
 fn allowed(scene: &Scene, algorithm: Algorithm, (q, qd, u): &State, plain: &[f64]) -> f64 {
     let size = tolerance::size(plain);
     tolerance::single(match algorithm {
@@ -63,7 +64,7 @@ fn allowed(scene: &Scene, algorithm: Algorithm, (q, qd, u): &State, plain: &[f64
 fn every_arm_gives_what_plain_numbers_give() {
     on_a_large_stack(|| {
         for scene in trees().chain([aligned(36, 11, 0.3)]) {
-            // No multiple of any number of lanes.
+            // Not a multiple of any number of lanes.
             let (single, double) = both(&scene, 21);
             let forces = forces(&scene, single.len());
             for arm in arms() {
@@ -93,7 +94,7 @@ fn twice_the_lanes_of_f64_where_it_is_compiled() {
     }
 }
 
-/// A state's bits depend on nothing but the state: alone, in any lane, beside any others, in a chunk that is not full.
+/// The bits of a state depend only on the state: alone, in any lane, with any other states, in an incomplete chunk.
 #[test]
 fn neighbours_change_no_bit() {
     on_a_large_stack(|| {
@@ -109,7 +110,7 @@ fn neighbours_change_no_bit() {
                     backwards.reverse();
                     let reversed = evaluate(&scene, &mut evaluator, algorithm, &backwards);
                     for (i, (state, here)) in all.iter().zip(together.chunks(width)).enumerate() {
-                        // A zero may differ in its sign: lanes that are idle at a body add zeros there.
+                        // A zero may differ in its sign, because lanes that are idle at a body add zeros there.
                         let bits = |x: &[f32]| x.iter().map(|x| (x + 0.0).to_bits()).collect::<Vec<_>>();
                         let there = all.len() - 1 - i;
                         let there = &reversed[there * width..(there + 1) * width];
@@ -123,7 +124,7 @@ fn neighbours_change_no_bit() {
     });
 }
 
-/// What is not compiled for f32, and what loses its digits, is what f64 gives, rounded once.
+/// Algorithms without f32 kernels, and states with a loss of precision, have the results of f64, rounded once.
 #[test]
 fn states_in_doubt_are_done_in_f64() {
     on_a_large_stack(|| {
@@ -191,7 +192,7 @@ fn a_bad_state_is_named() {
     });
 }
 
-/// Rates of 1e20 give torques of about 1e40: numbers of f64, and none of f32.
+/// Velocities of 1e20 give torques of about 1e40: finite in f64, but not in f32.
 #[test]
 fn results_that_f32_cannot_hold_are_refused() {
     on_a_large_stack(|| {
@@ -207,7 +208,7 @@ fn results_that_f32_cannot_hold_are_refused() {
             let message = Error::from(fault).to_string();
             assert!(message.contains("in state 4") && message.contains("float32 cannot hold"), "{message}");
         }
-        // An armature that f32 cannot hold, on the diagonal of M and nowhere else.
+        // An armature beyond the range of f32, on the diagonal of M and nowhere else.
         let mut joint = JointDescription::new("j", JointKind::Spherical, "base", "tip");
         joint.armature = 1e39;
         let base = LinkDescription { name: "base".into(), inertial: None };
@@ -220,7 +221,7 @@ fn results_that_f32_cannot_hold_are_refused() {
             let fault = geared.evaluate(&mut evaluator, Algorithm::MassMatrix, &one, &mut [0.0; 9]).unwrap_err();
             assert!(Error::from(fault).to_string().contains("float32 cannot hold"));
         }
-        // Forces that f32 cannot hold, and accelerations that it can: f64 has the last word.
+        // Forces beyond the range of f32, and accelerations within it: f64 is used.
         let heavy = phipsi::scenes::extreme("heavy-tip", Some(1e9), None, 0).unwrap().scene;
         let (single, double) = both(&heavy, 1);
         let mut forces = vec![SpatialVector::zeros(); heavy.model().bodies.len()];
@@ -257,7 +258,7 @@ fn wrong_lengths_are_refused() {
     }
 }
 
-/// Against f64, which is exact here: on 60,000 angles and beside multiples of pi/2.
+/// Compared with f64, which is exact here: for 60,000 angles and near multiples of pi/2.
 fn sine_and_cosine_of<S: Instructions>() {
     if S::token().is_none() {
         return;

@@ -1,4 +1,5 @@
-//! Every switch of [`Omissions`]: the results are the same to rounding with it on and off, and it does leave something out.
+//! Every simplification of [`Omissions`]: the results are equal up to rounding with and without it, and it has an
+//! effect on the computation.
 
 use crate::common::oracle::{Oracle, ds};
 use crate::common::tolerance::{self, Conditioning, assert_near, conditioning, size};
@@ -13,7 +14,7 @@ use phipsi::spatial::{SpatialVector, Symmetric3};
 use phipsi::{Algorithm, Arguments, Derivatives};
 use phipsi::{Error, Scene};
 
-/// A link on a joint anywhere.
+/// A link on a joint with a general frame.
 fn attached(
     builder: SceneBuilder,
     random: &mut Random,
@@ -29,8 +30,8 @@ fn attached(
     builder.link(LinkDescription { name: name.to_owned(), inertial }).joint(joint)
 }
 
-/// A random mixed tree on a base that has mass and carries a second link, with a link and a slide without mass, and with a
-/// fixed joint after a moving one.
+/// A random mixed tree on a base that has mass and a second link, with a link and a prismatic joint without
+/// mass, and with a fixed joint after a movable one.
 fn builder(seed: u64) -> SceneBuilder {
     let odd = seed % 2 == 1;
     let tree = Tree {
@@ -60,20 +61,20 @@ fn builder(seed: u64) -> SceneBuilder {
     builder = add(builder, "welded", JointKind::Fixed, "carried", true);
     builder = add(builder, "frame", JointKind::Fixed, "welded", false);
     builder = add(builder, "turned", JointKind::Continuous, "welded", true);
-    // A wrist: axes along those of the parent, origins in one point.
+    // A wrist: axes parallel to those of the parent, with a common origin.
     for (parent, name, axis) in [("turned", "pitched", Vector3::y()), ("pitched", "rolled", -Vector3::x())] {
         let mut joint = JointDescription::new(format!("to {name}"), JointKind::Revolute, parent, name);
         joint.axis = axis;
-        // The second is turned about its own axis besides.
+        // The second is also rotated about its own axis.
         joint.origin.rotation = *Rotation3::new(Vector3::x() * axis.x * 0.7).matrix();
         let inertial = Some(random_inertial(&mut random));
         builder = builder.link(LinkDescription { name: name.to_owned(), inertial }).joint(joint);
     }
-    // The last body of all has no row where fixed joints are kept.
+    // The last body has no row if fixed joints are kept.
     attached(builder, &mut random, "tool", (JointKind::Fixed, "turned"), true)
 }
 
-/// What is left out: all, all but one, nothing.
+/// Simplifications: all, all except one, none.
 fn choices() -> Vec<(String, Omissions)> {
     let but = Omissions::SWITCHES.map(|(name, switch)| (format!("all but {name}"), Omissions::all_but(switch)));
     but.into_iter().chain([("nothing".to_owned(), Omissions::none())]).collect()
@@ -102,7 +103,7 @@ fn states(scene: &Scene, seed: u64) -> Vec<State> {
     all
 }
 
-/// What a scene gives at a state, by name.
+/// Results of a scene in a state, by name.
 fn results(scene: &Scene, state: &State) -> Vec<(String, Vec<f64>)> {
     let State { q, qd, u, wrenches } = state;
     let nv = scene.nv();
@@ -144,7 +145,7 @@ fn results(scene: &Scene, state: &State) -> Vec<(String, Vec<f64>)> {
     ] {
         let given = one.read_by(algorithm);
         let width = scene.width(algorithm);
-        // One alone, which has code of its own, and enough for every lane.
+        // A single state, which has separate code, and enough states for every lane.
         for count in [1, many] {
             let mut out = vec![f64::NAN; width * count];
             scene.evaluate(&mut evaluator, algorithm, &vec![given; count], &mut out).unwrap();
@@ -176,7 +177,7 @@ fn results(scene: &Scene, state: &State) -> Vec<(String, Vec<f64>)> {
     all
 }
 
-/// What each result may be off by.
+/// Bound of each result.
 struct Bounds {
     n: usize,
     terms: f64,
@@ -189,7 +190,7 @@ impl Bounds {
         let (_, terms) = Oracle::new(scene.source()).at(&ds(&state.q), &ds(&state.qd)).bias(&[]);
         let mass = &found[0].1;
         let pushes: f64 = state.wrenches.iter().map(|(_, wrench)| 10.0 * wrench.amax()).sum();
-        // Every term of a torque: bias, wrenches at levers of metres, M times accelerations.
+        // All terms of a torque: bias, wrenches at offsets of meters, M times accelerations.
         let terms = terms + pushes + size(mass) * size(&state.u) * tolerance::count(scene.nv());
         Self { n: scene.links().len(), terms, matrix: conditioning(scene.nv(), mass), mass: size(mass) }
     }
@@ -201,7 +202,7 @@ impl Bounds {
             "acceleration" => tolerance::solution(&self.matrix, size(values), self.terms),
             "inverse" => tolerance::inverse(self.matrix.number, self.matrix.inverse_norm),
             "derivatives" => tolerance::inverse(self.matrix.number, size(values).max(self.matrix.inverse_norm)),
-            // Heights of metres, times weight.
+            // Heights of meters, times gravity.
             "potential energy" => tolerance::product(self.n, 100.0 * self.mass),
             _ => tolerance::product(self.n, size(values).max(10.0)),
         }
@@ -230,11 +231,12 @@ fn results_are_the_same_with_every_switch_on_and_off() {
     }
 }
 
-/// x, -y and z; and axes tilted in a plane of two of their parent's, and in none.
+/// x, -y and z; and axes that are tilted in a coordinate plane of their parent, and in none.
 const STRAIGHT: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]];
 const TILTED: [[f64; 3]; 3] = [[0.6, 0.0, -0.8], [0.0, -1.0, 0.0], [0.48, 0.6, 0.64]];
 
-/// A chain of turns about these axes, for each with levers along none, one, two and all axes; two tips on the last link but two.
+/// A chain of revolute joints about these axes, each with offsets along none, one, two and all axes; two tips on the
+/// last link but two.
 fn along_some_axes(armature: f64, axes: [[f64; 3]; 3]) -> SceneBuilder {
     let mut random = Random::new(7);
     let mut builder = SceneBuilder::new().link(LinkDescription { name: "base".into(), inertial: None });
@@ -251,7 +253,7 @@ fn along_some_axes(armature: f64, axes: [[f64; 3]; 3]) -> SceneBuilder {
     builder
 }
 
-/// Offsets along some axes only, on axes along and across the parent's.
+/// Offsets along some axes only, on axes parallel and perpendicular to those of the parent.
 #[test]
 fn offsets_along_some_axes_lose_no_digit() {
     for (armature, axes) in [(0.0, STRAIGHT), (0.2, STRAIGHT), (0.0, TILTED), (0.2, TILTED)] {
@@ -310,7 +312,7 @@ fn the_plan_names_every_switch_and_what_it_saves() {
         let item = item.unwrap_or_else(|| panic!("no item for {name}"));
         assert!(item.count > 0 && item.operations > 0, "{name}: {item:?}");
     }
-    // With gravity there is no bias to leave out.
+    // With gravity there is no zero bias.
     let plan = builder(0).build().unwrap().plan();
     assert!(plan.items.iter().all(|item| item.switch != Some("zero_gravity")));
 }
@@ -326,7 +328,7 @@ fn operators_and_estimation_refuse_bodies_that_cannot_move() {
     }
 }
 
-/// The entries of a matrix, or of a vector, that belong to some rows.
+/// Entries of a matrix, or of a vector, for some rows.
 fn kept(matrix: &[f64], nv: usize, rows: &[usize]) -> Vec<f64> {
     rows.iter().flat_map(|&i| rows.iter().map(move |&j| matrix[i * nv + j])).collect()
 }
@@ -335,7 +337,7 @@ fn kept(matrix: &[f64], nv: usize, rows: &[usize]) -> Vec<f64> {
 fn locked_joints_are_rows_removed() {
     for seed in 0..12 {
         let scene = builder(seed).build().unwrap();
-        // Every second joint; with all that it carries, where its children are locked too.
+        // Every second joint; with all outboard joints, if its children are locked too.
         let locked: Vec<&str> = scene.joints().iter().skip(1).step_by(2).map(|joint| joint.name.as_str()).collect();
         let (q, mut qd, tau) = random_state(&scene, &mut Random::new(seed));
         let (mut rows, mut coordinates) = (Vec::new(), Vec::new());
@@ -374,7 +376,7 @@ fn locked_joints_are_rows_removed() {
     }
 }
 
-/// A hub that turns on the base, with three arms of three joints each; some joints of several degrees of freedom.
+/// A rotating hub on the base, with three arms of three joints each; some joints have several degrees of freedom.
 fn arms(seed: u64) -> Scene {
     let mut random = Random::new(seed);
     let base = LinkDescription { name: "base".into(), inertial: None };
@@ -399,7 +401,7 @@ fn arms(seed: u64) -> Scene {
     builder.build().unwrap()
 }
 
-/// Every number of a factor that can be asked for, as bits: pivots, and all operators on some vectors.
+/// All values of a factor as bits: pivots, and all operators on some vectors.
 fn bits(factor: &Factor<f64>) -> Vec<u64> {
     let mut all: Vec<u64> = factor.pivots().map(f64::to_bits).collect();
     let mut random = Random::new(1);
@@ -425,20 +427,21 @@ fn an_updated_factor_has_the_bits_of_a_new_one() {
             let (mut q, ..) = random_state(&scene, &mut random);
             let mut factor = scene.factor(&mut workspace, &q).unwrap();
             let all = scene.model().bodies.len();
-            // Nothing, one joint of one arm, the hub, two arms, everything.
+            // None, one joint of one arm, the hub, two arms, all.
             for moved in [&[][..], &["to b2"], &["to c0"], &["turn"], &["to a1", "to c2"], &["turn", "to a2", "to b2"]]
             {
                 let (other, ..) = random_state(&scene, &mut random);
                 for joint in scene.joints().iter().filter(|joint| moved.contains(&joint.name.as_str())) {
                     q[joint.q.clone()].copy_from_slice(&other[joint.q.clone()]);
                 }
-                // Lambda is made when asked for: it must be made again.
+                // Lambda is computed on request and must be recomputed.
                 let _ = bits(&factor);
                 let bodies = scene.update_factor(&mut workspace, &mut factor, &q).unwrap();
                 let say = format!("seed {seed}, {form:?}, moved {moved:?}");
                 assert_eq!(bits(&factor), bits(&scene.factor(&mut workspace, &q).unwrap()), "{say}");
                 if matches!(form, Form::Covariance | Form::Joseph) {
-                    // A planar joint is three bodies, of which only those that turn or slide anew, and what carries them, change.
+                    // A planar joint is three bodies, of which only those whose coordinate changed, and the bodies
+                    // inboard of them, change.
                     assert!(bodies < all && (bodies > 0) != moved.is_empty(), "{say}: {bodies} of {all}");
                     assert!(moved != ["turn"] || bodies == 1, "{say}: {bodies}");
                 } else {
@@ -451,7 +454,7 @@ fn an_updated_factor_has_the_bits_of_a_new_one() {
 
 #[test]
 fn an_update_to_where_a_pivot_is_lost_changes_nothing() {
-    // A slide along x on a slide: at q = 0 of the turn between them the last one's mass is all that either moves.
+    // A prismatic joint along x on another one: at q = 0 of the rotation between them, both move only the last mass.
     let point = Inertial { mass: 1.0, centre: Vector3::zeros(), central: Symmetric3::zero() };
     let mut builder = SceneBuilder::new();
     for (name, inertial) in [("base", None), ("carriage", None), ("wheel", None), ("weight", Some(point))] {
@@ -486,7 +489,7 @@ fn the_plan_counts_what_calls_on_a_factor_save() {
     step[last.v.end - 1] = 0.1;
     scene.integrate(&q, &step, &mut moved).unwrap();
     let calls = of_factor(&scene, &q, &moved);
-    // One arm of three and the hub: no more than that is computed anew, the ends of the other two arms sent again.
+    // One arm of three and the hub: only these are recomputed; the results of the other two arms are added again.
     assert!(2 * calls.updated.flops() < calls.made.flops(), "{calls:?}");
     // The threshold of the pivots is a product.
     assert!(of_factor(&scene, &q, &q).updated.flops() <= 1);
@@ -500,7 +503,7 @@ fn the_plan_counts_what_calls_on_a_factor_save() {
     assert!(shared.operations > 0 && shared.saved.contains(&format!("{} operations", calls.solved.flops())));
     assert_eq!(found("outputs").count, 4);
     assert!(found("outputs").operations > 0);
-    // On a chain all of it carries the last joint.
+    // On a chain all bodies are inboard of the last joint.
     let chain = phipsi::scenes::chain(5).unwrap().plan();
     assert!(chain.items.iter().all(|item| !item.what.contains("last joint alone")));
 }
@@ -512,7 +515,7 @@ fn a_locked_subtree_is_one_body() {
         let (q, ..) = random_state(&scene, &mut Random::new(seed));
         let arm = ["to b0", "to b1", "to b2"];
         let locked = scene.lock(&arm, &q).unwrap();
-        // All four links of it are one body, the hub's.
+        // All four links of it are one body, that of the hub.
         let hub = locked.link("hub").unwrap().body;
         assert!(hub.is_some());
         assert!(["b0", "b1", "b2"].iter().all(|link| locked.link(link).unwrap().body == hub));
@@ -520,7 +523,7 @@ fn a_locked_subtree_is_one_body() {
             |scene: &Scene, link: &str| scene.model().bodies[scene.link(link).unwrap().body.unwrap()].inertia.mass;
         let parts: f64 = ["hub", "b0", "b1", "b2"].iter().map(|link| mass(&scene, link)).sum();
         assert_near("mass", &[mass(&locked, "hub")], &[parts], tolerance::product(4, parts));
-        // With the joint to the hub locked too, the arm is on the base and is no body.
+        // If the joint to the hub is locked too, the arm is part of the base.
         let fixed = scene.lock(&["turn", "to b0", "to b1", "to b2"], &q).unwrap();
         assert!(["hub", "b0", "b1", "b2"].iter().all(|link| fixed.link(link).unwrap().body.is_none()));
         // One by one, or all at once.
@@ -533,7 +536,7 @@ fn a_locked_subtree_is_one_body() {
             let plan = scene.plan();
             let item = plan.items.iter().find(|item| item.what.contains("locked")).unwrap();
             assert_eq!((item.count, &item.names[..]), (3, &arm.map(str::to_owned)[..]));
-            // Against the scene where they move, counted.
+            // Compared with the scene where they move, by operation counts.
             let of = |scene: &Scene| {
                 let ones = vec![1.0; scene.nv()];
                 let state =

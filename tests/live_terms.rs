@@ -1,6 +1,6 @@
-//! Every term of the dynamics is there: a test that agrees with a reference proves little where both sides are zero.
+//! Every term of the dynamics is nonzero: agreement with a reference proves little if both sides are zero.
 //!
-//! Each test asserts that something is clearly *not* zero, against the size of what it is a part of.
+//! Each test asserts that a term is clearly *not* zero, relative to the sum that it is a part of.
 
 use crate::common::tolerance::{self, conditioning, size};
 use crate::common::{ALL_KINDS, Random, Tree, random_inertial, random_state};
@@ -8,10 +8,10 @@ use nalgebra::Vector6;
 use phipsi::Scene;
 use phipsi::scene::{JointDescription, JointKind, LinkDescription, SceneBuilder};
 
-/// A part counts as live from this share of the whole.
+/// Smallest fraction of the sum for which a term counts as nonzero.
 const SHARE: f64 = 1e-3;
 
-/// One tree of each kind of joint alone, and mixed ones: seeds 0..8 and 8..16.
+/// One tree with each type of joint alone, and mixed ones: seeds 0..8 and 8..16.
 fn trees() -> impl Iterator<Item = Tree<'static>> {
     (0..16).map(|seed| {
         let at = usize::try_from(seed).unwrap();
@@ -42,7 +42,7 @@ fn assert_live(what: &str, part: &[f64], whole: &[f64]) {
     assert!(part >= SHARE * whole && part > 0.0, "{what}: {part:e} of {whole:e}");
 }
 
-/// Only sliding joints know no velocity torque.
+/// Only prismatic joints have no velocity torque.
 fn turns(kind: JointKind) -> bool {
     kind != JointKind::Prismatic
 }
@@ -158,7 +158,7 @@ fn wrenches_enter_on_every_body() {
     }
 }
 
-/// Two arms on one trunk: M has no entry between them, M^-1 has, and loses it when the trunk does not move.
+/// Two arms on one trunk: M has no entry between them; M^-1 has one, unless the trunk is locked.
 #[test]
 fn branches_couple_in_the_inverse_alone() {
     for (trunk, coupled) in [(JointKind::Spherical, true), (JointKind::Revolute, true), (JointKind::Fixed, false)] {

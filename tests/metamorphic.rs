@@ -1,4 +1,4 @@
-//! The same system described in another way: what must not change does not, what must change does so as predicted.
+//! The same system in different descriptions: invariant results are equal, others change as predicted.
 
 use crate::common::oracle::{Oracle, ds};
 use crate::common::tolerance::{self, assert_near, conditioning, size};
@@ -8,7 +8,7 @@ use phipsi::Scene;
 use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, ROOT_JOINT, SceneBuilder};
 use phipsi::spatial::{RigidShift, Symmetric3};
 
-/// What the scene gives at a state.
+/// Results of the scene in a state.
 struct Results {
     mass: DMatrix<f64>,
     bias: DVector<f64>,
@@ -28,7 +28,7 @@ fn results(scene: &Scene, q: &[f64], qd: &[f64], tau: &[f64]) -> Results {
     }
 }
 
-/// The sizes that bounds need: of the terms of a torque, and of what M does to errors.
+/// Magnitudes for the bounds: of the terms of a torque, and of the amplification of errors by M.
 struct Bounds {
     n: usize,
     terms: f64,
@@ -71,7 +71,7 @@ fn trees() -> impl Iterator<Item = Tree<'static>> {
     })
 }
 
-/// The same builder with its links and joints rearranged or replaced.
+/// The same builder with its links and joints reordered or replaced.
 fn rebuilt(source: &SceneBuilder, links: Vec<LinkDescription>, joints: Vec<JointDescription>) -> SceneBuilder {
     let mut builder = SceneBuilder::new().gravity(source.gravity_vector()).floating_base(source.is_floating());
     for link in links {
@@ -87,7 +87,7 @@ fn link(name: &str, inertial: Option<Inertial>) -> LinkDescription {
     LinkDescription { name: name.into(), inertial }
 }
 
-/// `values` of one scene in the order of another that has the same joints: coordinates (`q`) or rates.
+/// `values` of one scene in the order of another scene with the same joints: coordinates (`q`) or velocities.
 fn reordered(from: &Scene, to: &Scene, values: &[f64], coordinates: bool) -> Vec<f64> {
     let range = |joint: &phipsi::scene::Joint| if coordinates { joint.q.clone() } else { joint.v.clone() };
     to.joints().iter().flat_map(|joint| values[range(from.joint(&joint.name).unwrap())].to_vec()).collect()
@@ -136,7 +136,7 @@ fn a_base_that_stands_elsewhere_changes_nothing() {
         let scene = source.clone().build().unwrap();
         let mut random = Random::new(200 + tree.seed);
         let (q, qd, tau) = random_state(&scene, &mut random);
-        // On a ground of which the base sees the same gravity.
+        // On a rotated ground with the same gravity in the base frame.
         let origin = RigidShift { rotation: random.rotation(), lever: random.vector() };
         let gravity = origin.rotation * Vector3::from(source.gravity_vector());
         let mut ground = JointDescription::new("bolts", JointKind::Fixed, "ground", "base");
@@ -172,7 +172,7 @@ fn a_body_in_two_pieces_is_the_same_body() {
     }
 }
 
-/// Two bodies as one, by the parallel-axis theorem about the common mass centre.
+/// Two bodies as one, by the parallel-axis theorem about the common center of mass.
 fn welded(first: &Inertial, second: &Inertial, placement: &RigidShift<f64>) -> Inertial {
     let r = placement.rotation;
     let parts = [
@@ -210,7 +210,7 @@ fn accelerations_do_not_know_the_unit_of_mass() {
             let tau: Vec<f64> = tau.iter().map(|x| x * s).collect();
             results(&heavier, &q, &qd, &tau)
         };
-        // A power of two rounds nothing, anywhere.
+        // Multiplication by a power of two causes no rounding.
         let found = scaled_by(1024.0);
         assert_eq!(found.mass, &original.mass * 1024.0);
         assert_eq!(found.bias, &original.bias * 1024.0);
@@ -247,7 +247,7 @@ fn with_knee(seed: u64, middle: &[JointDescription]) -> SceneBuilder {
     builder.joint(wrist).joint(finger)
 }
 
-/// The knee as one joint of a kind, at a random place.
+/// The knee as one joint of a type, at a random pose.
 fn knee(seed: u64, kind: JointKind) -> JointDescription {
     let mut random = Random::new(1 + seed);
     let mut joint = JointDescription::new("knee", kind, "thigh", "shin");
@@ -255,7 +255,7 @@ fn knee(seed: u64, kind: JointKind) -> JointDescription {
     joint
 }
 
-/// The knee as a chain of one-axis joints through links without mass.
+/// The knee as a chain of one-axis joints with massless links.
 fn knee_chain(seed: u64, parts: &[(JointKind, Vector3<f64>)]) -> Vec<JointDescription> {
     let between = |i: usize| format!("knee{i}");
     let name = |i: usize| match i {
@@ -320,7 +320,7 @@ fn a_screw_without_pitch_is_a_hinge() {
     }
 }
 
-/// Three hinges about z, y, x: the same M seen through their Jacobian, and the same motion for the same power.
+/// Three hinges about z, y, x: the same M through their Jacobian, and the same motion for the same power.
 #[test]
 fn a_spherical_joint_is_three_hinges() {
     for seed in 540..550 {
@@ -336,7 +336,8 @@ fn a_spherical_joint_is_three_hinges() {
         let turned = nalgebra::UnitQuaternion::from_euler_angles(roll, pitch, yaw).coords;
         let ball_q = [&q[..1], turned.as_slice(), &q[4..]].concat();
 
-        // Angular velocity in the child's frame = columns . (yaw, pitch, roll) rates, and how the columns turn.
+        // Angular velocity in the child frame = columns . (yaw, pitch, roll) velocities, and the derivatives of the
+        // columns.
         let roll_back = nalgebra::Rotation3::from_axis_angle(&Vector3::x_axis(), -roll);
         let pitch_back = nalgebra::Rotation3::from_axis_angle(&Vector3::y_axis(), -pitch);
         let about_pitch = roll_back * Vector3::y();
@@ -359,7 +360,7 @@ fn a_spherical_joint_is_three_hinges() {
             acceleration: jacobian.clone().lu().solve(&(&ball.acceleration - &drifted)).unwrap(),
         };
         let mut bounds = Bounds::new(&chain, &q, &qd, &expected);
-        // The angles themselves lose the condition of their Jacobian.
+        // The angles themselves have the condition number of their Jacobian.
         let angles = conditioning(6, jacobian.as_slice()).number;
         bounds.terms = (bounds.terms + bounds.mass * drift.norm()) * angles;
         bounds.mass *= angles;
@@ -378,7 +379,7 @@ fn a_floating_base_that_is_locked_is_a_fixed_base() {
         let (q, qd, tau) = random_state(&floating, &mut Random::new(600 + tree.seed));
         let locked = floating.lock(&[ROOT_JOINT], &q).unwrap();
         assert_eq!((locked.nq() + 7, locked.nv() + 6), (floating.nq(), floating.nv()));
-        // The base stands turned, so a fixed one sees gravity from there.
+        // The base is rotated, so that gravity of a fixed base is expressed in that frame.
         let placement = floating.placements(&q).unwrap()[0];
         let gravity = placement.rotate_back(&Vector3::from(floating.source().gravity_vector()));
         let fixed = fixed.gravity(gravity.into()).build().unwrap();
@@ -420,7 +421,7 @@ fn locking_a_joint_deletes_its_rows_and_columns() {
             (of(false), |values: &[f64], at: &[usize]| at.iter().map(|&i| values[i]).collect::<Vec<_>>());
         locked_rows += scene.nv() - rows.len();
         assert_eq!(locked.nv(), rows.len());
-        // The locked joints do not move in the whole scene either.
+        // The locked joints do not move in the complete scene either.
         let mut rates = vec![0.0; scene.nv()];
         for &row in &rows {
             rates[row] = qd[row];

@@ -1,4 +1,4 @@
-//! Joints that follow others, in Rust: the methods of one state, the evaluator, motion, and what is refused.
+//! Coupled joints in Rust: methods for one state, the evaluator, simulation, and refused arguments.
 
 use nalgebra::{DMatrix, DVector, Vector3};
 use phipsi::motion::{Method, Rollout, Settings, Torque};
@@ -59,7 +59,7 @@ fn assert_near(found: &[f64], expected: &[f64]) {
     }
 }
 
-/// M and the bias of the free tree at the expanded state, reduced; and the accelerations by dense algebra.
+/// M and the bias of the tree in the expanded state, reduced; and the accelerations by dense algebra.
 fn dense() -> (DMatrix<f64>, DVector<f64>, DVector<f64>) {
     let free = arm(MimicJoints::Free);
     let (g, o) = reduction();
@@ -110,7 +110,7 @@ fn many_states_at_once() {
     for of_state in out.chunks_exact(2) {
         assert_near(of_state, qdd.as_slice());
     }
-    #[allow(clippy::cast_possible_truncation)] // that is what is asked for
+    #[allow(clippy::cast_possible_truncation)] // compared exactly
     let [q, qd, u] = [Q, QD, TAU].map(|numbers| numbers.map(|x| x as f32));
     let states = [Arguments { q: &q, qd: &qd, u: &u, ..Arguments::default() }; 19];
     let mut out = [f32::NAN; 38];

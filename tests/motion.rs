@@ -1,5 +1,5 @@
-//! States through time: the order of every method beside an independent integration in coordinates, stiff joints, momentum, energy,
-//! lanes, and what is refused.
+//! Simulation: the order of every method compared with an independent integration in coordinates, stiff joints,
+//! momentum, energy, lanes, and refused arguments.
 
 use crate::common::{ALL_KINDS, Random, Tree, random_state, tolerance};
 use phipsi::batch::Broadcast;
@@ -12,12 +12,12 @@ use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, Scen
 use phipsi::spatial::Symmetric3;
 use phipsi::{Error, Scene};
 
-/// Joints whose motion is smooth over the horizon of the tests.
+/// Joints whose motion is smooth over the duration of the tests.
 fn tree(kinds: &[JointKind], floating: bool) -> Scene {
     Tree { seed: 5, bodies: 5, kinds, branching: 0.4, armature: 0.3, floating }.scene()
 }
 
-/// Everything that a joint can do by itself, of moderate size, rest and target near `q`.
+/// All joint properties with moderate values, rest and target near `q`.
 fn settings(scene: &Scene, q: &[f64], random: &mut Random) -> Settings {
     let mut settings = Settings::new(scene, 1.0);
     let nv = scene.nv();
@@ -40,8 +40,8 @@ fn settings(scene: &Scene, q: &[f64], random: &mut Random) -> Settings {
     settings
 }
 
-/// The torque that joints and control law add, from the definitions: distances by [`Scene::difference`], but for the
-/// linear part of a free joint, which is a distance in space seen from the child.
+/// Torque of the joints and the control law, from the definitions: distances by [`Scene::difference`], except for the
+/// linear part of a free joint, which is a distance in space in the child frame.
 fn own_torque(scene: &Scene, settings: &Settings, q: &[f64], v: &[f64]) -> Vec<f64> {
     let p = &settings.properties;
     let away = |from: &[f64]| {
@@ -74,7 +74,7 @@ fn own_torque(scene: &Scene, settings: &Settings, q: &[f64], v: &[f64]) -> Vec<f
     torque
 }
 
-/// The same motion in coordinates, quaternions as four numbers: the classical method of order 4 with very small steps.
+/// The same motion in coordinates, quaternions as four values: the classical method of order 4 with very small steps.
 fn reference(
     scene: &Scene,
     settings: &Settings,
@@ -131,12 +131,12 @@ fn after(
     (q.to_vec(), v.to_vec())
 }
 
-/// The largest difference, positions on the manifold.
+/// Largest difference, positions on the manifold.
 fn distance(scene: &Scene, a: &(Vec<f64>, Vec<f64>), b: &(Vec<f64>, Vec<f64>)) -> f64 {
     let mut s = vec![f64::NAN; scene.nv()];
     scene.difference(&a.0, &b.0, &mut s).unwrap();
     let rates = a.1.iter().zip(&b.1).map(|(a, b)| a - b);
-    // A NaN wins.
+    // NaN propagates.
     s.iter().copied().chain(rates).map(f64::abs).fold(0.0, |m, x| if x <= m { m } else { x })
 }
 
@@ -160,7 +160,7 @@ fn every_method_has_its_order() {
                 [steps, 2 * steps].map(|steps| distance(scene, &after(scene, &settings, state, *time, steps), &exact));
             let order = (errors[0] / errors[1]).log2();
             println!("case {k}, {name}: errors {errors:?}, order {order:.3}");
-            // Next to rounding the errors of order 5 fall faster.
+            // Near the rounding error, errors of order 5 decrease faster.
             let faster = if method.order() == 5 { 1.0 } else { tolerance::ORDER };
             let above = order - f64::from(method.order());
             assert!((-tolerance::ORDER..=faster).contains(&above), "{name}: {order}, {errors:?}");
@@ -196,7 +196,7 @@ fn rows_are_recorded_and_calls_may_be_cut_anywhere() {
         assert!(whole.0.iter().chain(&whole.1).all(|x| x.is_finite()));
         assert_eq!(whole.0[..nq], q[..nq]);
         assert_eq!(whole, run(&[1, 2, 4, 3]));
-        // One state by itself, step by step.
+        // One state alone, step by step.
         let mut alone = Rollout::new(&scene, settings.clone(), &q[11 * nq..12 * nq], &v[11 * nv..12 * nv]).unwrap();
         for n in 0..9 {
             let u = &torques[(11 * 10 + n) * nv..][..nv];
@@ -208,7 +208,7 @@ fn rows_are_recorded_and_calls_may_be_cut_anywhere() {
     }
 }
 
-/// Without optimisation the kernels of the lanes need more stack than a thread has by default.
+/// Without optimization the lane kernels need more stack than a thread has by default.
 fn on_a_large_stack(work: impl FnOnce() + Send + 'static) {
     std::thread::Builder::new().stack_size(256 << 20).spawn(work).unwrap().join().unwrap();
 }
@@ -230,7 +230,7 @@ fn lanes_move_as_one_state_does() {
                     let mut found = Vec::new();
                     for arm in ARMS.into_iter().map(|(_, arm)| arm).filter(|arm| arm.available()) {
                         settings.arm = arm;
-                        // Few enough steps that no other thread, with less stack, is asked.
+                        // Few enough steps that no other thread, with a smaller stack, is used.
                         let mut rollout = Rollout::new(&scene, settings.clone(), &q, &v).unwrap();
                         rollout.advance(2, &Torque::Zero, None).unwrap();
                         let all: Vec<_> = (0..11).map(|i| rollout.state(i)).collect();
@@ -249,7 +249,7 @@ fn lanes_move_as_one_state_does() {
     });
 }
 
-/// A pendulum of three rods, all joints but the first sprung; gravity and motion load the springs.
+/// A pendulum of three rods with springs at all joints except the first; gravity and motion load the springs.
 fn sprung(stiffness: f64) -> (Scene, Settings) {
     let scene = crate::common::swinging(3);
     let mut settings = Settings::new(&scene, 1e-3);
@@ -257,7 +257,7 @@ fn sprung(stiffness: f64) -> (Scene, Settings) {
     (scene, settings)
 }
 
-/// Where the springs of [`sprung`] rest, the rods are one body: the scene with its sprung joints locked.
+/// With the springs of [`sprung`] at rest, the rods are one body: the scene with these joints locked.
 fn rigid(scene: &Scene) -> Scene {
     scene.lock(&["j1", "j2"], &[0.0; 3]).unwrap()
 }
@@ -268,7 +268,7 @@ fn springs_of_a_billion_are_stable_and_followed_on_the_slow_manifold() {
     let (q, v, u) = ([0.3, 0.0, 0.0], [0.5, 0.0, 0.0], [0.4, 0.0, 0.0]);
     let slow = rigid(&scene);
     let exact = reference(&slow, &Settings::new(&slow, 1.0), (&q[..1], &v[..1], &u[..1]), 0.2, 2000);
-    // That the springs give way moves the rods by as much as the third order is off.
+    // The deflection of the springs moves the rods by as much as the error of the third order.
     let fine = Settings { method: Method::Rosenbrock3, ..settings.clone() };
     let elastic = after(&scene, &fine, (&q, &v, &u), 0.2, 3200).0[0];
     assert!((elastic - exact.0[0]).abs() <= tolerance::SLOW_ORDER_3, "{elastic}");
@@ -277,7 +277,7 @@ fn springs_of_a_billion_are_stable_and_followed_on_the_slow_manifold() {
         let swung = |steps: usize| {
             let (q, v) = after(&scene, &settings, (&q, &v, &u), 0.2, steps);
             let bent = q[1].abs().max(q[2].abs());
-            // They give way to what they carry, and no more.
+            // They deflect only under their load.
             assert!((tolerance::BENT_LEAST..=tolerance::BENT).contains(&bent), "{method:?}: {bent:e}");
             (q[0], v[0])
         };
@@ -286,7 +286,7 @@ fn springs_of_a_billion_are_stable_and_followed_on_the_slow_manifold() {
         let [coarse, half] = found.map(|(q, _)| (q - elastic).abs());
         let order = (coarse / half).log2();
         println!("{method:?}: {errors:?}, beside the sprung rods {coarse:.1e} {half:.1e}, order {order:.3}");
-        // No reduction here: the fast modes are dead.
+        // No order reduction here: the fast modes are damped.
         assert!((order - f64::from(method.order())).abs() <= tolerance::ORDER, "{method:?}: {order}, {errors:?}");
         assert!(errors[0] <= tolerance::SLOW, "{method:?}: {errors:?}");
         if method == Method::Rosenbrock3 {
@@ -345,7 +345,7 @@ fn friction_stops_a_joint_and_does_not_turn_it_round() {
     assert!(before <= 1e-6, "{before}");
 }
 
-/// The noise that friction is comes and goes with the steps: a body that floats has none when the scene is built.
+/// Friction as measurement noise varies with the steps: a floating body has none when the scene is built.
 #[test]
 fn friction_of_a_floating_body_does_not_turn_it_round() {
     let central = Symmetric3::new([0.1, 0.0, 0.0, 0.1, 0.0, 0.1]);
@@ -368,14 +368,15 @@ fn momentum(scene: &Scene, q: &[f64], v: &[f64]) -> nalgebra::Vector6<f64> {
     scene.momentum(&mut scene.workspace(), q, v).unwrap()
 }
 
-/// The linear momentum of a body that slides on others is linear in the rates where nothing turns: every method keeps it.
+/// The linear momentum of a body on prismatic joints is linear in the velocities without rotations: every method
+/// conserves it.
 #[test]
 fn momentum_of_what_only_slides_is_kept_to_rounding() {
     let mut builder =
         Tree { seed: 4, bodies: 5, kinds: &[JointKind::Prismatic], branching: 0.5, armature: 0.0, floating: false }
             .builder();
     builder = builder.gravity([0.0; 3]);
-    // Three rails in place of a base: without axes to turn about.
+    // Three rails instead of a base: without rotations.
     let mut rails = SceneBuilder::new().gravity([0.0; 3]);
     for name in ["world", "x", "y"] {
         rails = rails.link(LinkDescription { name: name.into(), inertial: None });
@@ -413,14 +414,14 @@ fn momentum_of_what_only_slides_is_kept_to_rounding() {
     }
 }
 
-/// A floating tree whose joints turn, without gravity.
+/// A floating tree with revolute joints, without gravity.
 fn turning_tree() -> Scene {
     let kinds = &[JointKind::Revolute, JointKind::Spherical];
     let tree = Tree { seed: 6, bodies: 4, kinds, branching: 0.4, armature: 0.0, floating: true };
     tree.builder().gravity([0.0; 3]).build().unwrap()
 }
 
-/// What turns has momentum that is not linear in the rates: its drift falls with the order of the method.
+/// With rotations, momentum is not linear in the velocities: its drift decreases with the order of the method.
 #[test]
 fn drift_of_momentum_and_energy_falls_with_the_order() {
     let scene = turning_tree();
@@ -450,7 +451,7 @@ fn drift_of_momentum_and_energy_falls_with_the_order() {
 /// q, qd and torque.
 type State = (Vec<f64>, Vec<f64>, Vec<f64>);
 
-/// A tree of six bodies on a free joint; everything acts in its joints, nothing along the free one.
+/// A tree of six bodies on a free joint; all forces act at its joints, none at the free joint.
 fn floating(kinds: &[JointKind], gravity: [f64; 3]) -> (Scene, Settings, State) {
     let tree = Tree { seed: 6, bodies: 5, kinds, branching: 0.4, armature: 0.3, floating: true };
     let scene = tree.builder().gravity(gravity).build().unwrap();
@@ -468,7 +469,7 @@ fn floating(kinds: &[JointKind], gravity: [f64; 3]) -> (Scene, Settings, State) 
     (scene, settings, (q, v, u))
 }
 
-/// Mass times mass centre, by the energy in gravity of 1 m/s^2 along each axis; and the mass.
+/// Mass times center of mass, by the potential energy with gravity of 1 m/s^2 along each axis; and the mass.
 fn moment_of_mass(scene: &Scene, q: &[f64]) -> (nalgebra::Vector3<f64>, f64) {
     let mut model = scene.model().clone();
     let mut workspace = phipsi::Workspace::new(&model);
@@ -481,7 +482,8 @@ fn moment_of_mass(scene: &Scene, q: &[f64]) -> (nalgebra::Vector3<f64>, f64) {
     (moment, links.filter_map(|link| link.inertial.as_ref()).map(|inertial| inertial.mass).sum())
 }
 
-/// What weight alone makes of the momentum about the origin and of the mass centre: (momentum, mass times mass centre) after `t`.
+/// Effect of gravity alone on the momentum about the origin and on the center of mass: (momentum, mass times center
+/// of mass) after `t`.
 fn thrown(scene: &Scene, (q, v): (&[f64], &[f64]), t: f64) -> (nalgebra::Vector6<f64>, nalgebra::Vector3<f64>) {
     let (g, start) = (scene.model().gravity, momentum(scene, q, v));
     let (moment, mass) = moment_of_mass(scene, q);
@@ -492,11 +494,11 @@ fn thrown(scene: &Scene, (q, v): (&[f64], &[f64]), t: f64) -> (nalgebra::Vector6
     (nalgebra::Vector6::from_iterator(turning.iter().chain(&after).copied()), moment)
 }
 
-/// How far a state is from [`thrown`], in units of the rounding that its momentum and moment may have.
+/// Distance of a state from [`thrown`], in units of the rounding error of its momentum and moment.
 fn off_course(scene: &Scene, start: (&[f64], &[f64]), (q, v): (&[f64], &[f64]), t: f64) -> f64 {
     let (expected, expected_moment) = thrown(scene, start, t);
     let (moment, mass) = moment_of_mass(scene, q);
-    // Links reach about a metre further than the first one.
+    // Links extend about a meter further than the first one.
     let reach = 1.0 + q[..3].iter().fold(0.0_f64, |m, x| m.max(x.abs())) + tolerance::count(scene.joints().len());
     let speed = reach * v.iter().fold(1.0_f64, |m, x| m.max(x.abs()));
     let turning = (momentum(scene, q, v) - expected).amax() / tolerance::product(1, mass * reach * speed);
@@ -531,10 +533,10 @@ fn momentum_of_floating_trees_is_kept_to_rounding_where_asked() {
             println!("{name}, gravity {gravity:?}: {kept:.2e} of the bound");
             assert!(kept <= 1.0, "{name}: {kept}");
             if weightless {
-                // It is not there by itself.
+                // It is not conserved without the correction.
                 let left = worst(false);
                 println!("{name}, not asked: {left:.1e}");
-                // A method of order 5 is nearly there.
+                // A method of order 5 nearly conserves it.
                 assert!(
                     left >= if method.order() < 5 { 1e3 * kept.max(1.0) } else { 2.0 * kept },
                     "{name}: {left:e} beside {kept:e}"
@@ -566,12 +568,12 @@ fn keeping_momentum_leaves_every_method_its_order() {
         println!("{name}: {found:?}, orders {error:.3}, {velocity:.3}, {position:.3}");
         let order = f64::from(method.order());
         if method.order() == 5 {
-            // Next to rounding errors fall faster.
+            // Near the rounding error, errors decrease faster.
             assert!(error - order >= -tolerance::ORDER, "{name}: {error}, {found:?}");
             continue;
         }
         assert!((error - order).abs() <= tolerance::ORDER, "{name}: {error}, {found:?}");
-        // A correction is of the size of the error of one step.
+        // A correction has the magnitude of the error of one step.
         for correction in [velocity, position] {
             assert!((correction - order - 1.0).abs() <= tolerance::ORDER_OF_A_STEP, "{name}: {correction}, {found:?}");
         }
@@ -582,7 +584,7 @@ fn keeping_momentum_leaves_every_method_its_order() {
 fn keeping_momentum_does_not_spoil_the_energy() {
     let scene = turning_tree();
     let mut random = Random::new(2);
-    // Of several states: the drift of one may be small by chance.
+    // For several states, because the drift of one may be small by chance.
     let states: Vec<_> = (0..6).map(|_| random_state(&scene, &mut random)).collect();
     let u = vec![0.0; scene.nv()];
     let energy = |q: &[f64], v: &[f64]| scene.energy(&mut scene.workspace(), q, v).unwrap().kinetic;
@@ -662,7 +664,7 @@ fn trees_side_by_side_keep_their_own_momentum() {
             builder = builder.link(LinkDescription { name: name.clone(), inertial });
         }
         let mut free = JointDescription::new(format!("{tree} free"), JointKind::Floating, "base", &body);
-        // The free joint's own frame is not the base's.
+        // The frame of the free joint differs from that of the base.
         free.origin.rotation = random.rotation();
         free.origin.lever = random.vector();
         let mut hinge = JointDescription::new(format!("{tree} hinge"), JointKind::Revolute, &body, &arm);
@@ -675,7 +677,7 @@ fn trees_side_by_side_keep_their_own_momentum() {
     let mut rollout = Rollout::new(&scene, settings, &q, &v).unwrap();
     rollout.advance(1000, &Torque::Zero, None).unwrap();
     let (q1, v1) = rollout.state(0);
-    // Each tree by itself: the other one without mass.
+    // Each tree independently: the other one without mass.
     for first in ["a", "b"] {
         let mut model = scene.model().clone();
         for (k, body) in model.bodies.iter_mut().enumerate() {
@@ -755,7 +757,7 @@ fn a_tree_at_rest_is_not_corrected() {
 
 #[test]
 fn a_lost_pivot_is_told_with_step_state_and_joint() {
-    // The elbow's inertia vanishes: a point mass on its axis.
+    // The inertia at the elbow is zero: a point mass on its axis.
     let point = Inertial { mass: 1.0, centre: [0.0; 3].into(), central: Symmetric3::zero() };
     let arm = Inertial {
         mass: 1.0,
@@ -779,7 +781,7 @@ fn a_lost_pivot_is_told_with_step_state_and_joint() {
             .expect_err("no inertia");
         assert_eq!((fault.step, fault.state, fault.joint.as_str()), (0, 0, "elbow"));
         assert!(matches!(fault.error, Error::SingularJoint { .. }));
-        // Armature cures it, and so does damping where it is implicit.
+        // Armature is a remedy, and so is damping if it is implicit.
         settings.properties.damping[1] = 0.1;
         let outcome =
             Rollout::new(&scene, settings.clone(), &[0.0; 2], &[0.0; 2]).unwrap().advance(5, &Torque::Zero, None);
@@ -847,7 +849,7 @@ fn what_cannot_be_used_is_refused_by_name() {
     let _ = Arm::of_process();
 }
 
-/// Eleven states, one after another, and a torque for each.
+/// Eleven states in sequence, and a torque for each.
 fn eleven(scene: &Scene, seed: u64) -> State {
     let mut random = Random::new(seed);
     let states: Vec<_> = (0..11).map(|_| random_state(scene, &mut random)).collect();
@@ -944,7 +946,7 @@ fn after_a_fault_a_simulator_is_at_the_last_step_that_all_states_finished() {
     for state in 0..20 {
         assert_eq!(bits(simulator.state(state)), bits(rollout.state(state)));
     }
-    // The same again, and then without it.
+    // Once more, and then without it.
     assert_eq!(simulator.step(&Torque::Zero, 1).expect_err("again"), fault);
     assert_eq!(bits(simulator.state(0)), bits(rollout.state(0)));
     let zero = Broadcast::new("q", &[0.0; 2], 2, &[], &[]).unwrap();

@@ -1,4 +1,5 @@
-//! No public call of a scene panics: arguments that are too short, too long or of another scene, and indices that are not there, are errors.
+//! No public call of a scene panics: arguments that are too short, too long or of another scene, and invalid indices,
+//! are errors.
 
 use crate::common::loops::four_bar;
 use nalgebra::{Matrix3, Vector3};
@@ -16,7 +17,7 @@ use phipsi::spatial::RigidShift;
 use phipsi::{Accuracy, Algorithm, Arguments, Derivatives, Error, Everyday, Form, Products, Scene, Workspace, scenes};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// Scratch for all calls of a scene.
+/// Scratch memory for all calls of a scene.
 struct Kit {
     workspace: Workspace<f64>,
     inverse: InverseScratch<f64>,
@@ -47,7 +48,7 @@ impl Kit {
     }
 }
 
-/// The arguments of one state, and by how much results are too long.
+/// The arguments of one state, and the excess length of results.
 #[derive(Clone)]
 struct Given {
     arrays: [Vec<f64>; 4],
@@ -67,7 +68,8 @@ impl Given {
 
 type Run = Box<dyn Fn(&Scene, &mut Kit, &Given) -> Result<(), Error>>;
 
-/// A call: its name, how many of the arguments it reads, whether it has a result of some length, and whether it has scratch of the scene.
+/// A call: its name, the number of its arguments, whether its result has a length, and whether it has scratch memory
+/// of the scene.
 struct Call {
     name: String,
     reads: usize,
@@ -98,7 +100,7 @@ fn algorithms() -> Vec<(Algorithm, usize)> {
     ]
 }
 
-/// The arguments of an algorithm; all of them, also those that it does not read.
+/// All arguments of an algorithm, including those that it ignores.
 fn arguments(algorithm: Algorithm, given: &Given) -> Arguments<'_> {
     let [q, qd, u, seed] = &given.arrays;
     let seed = match algorithm {
@@ -216,7 +218,7 @@ fn calls() -> Vec<Call> {
                 Box::new(move |scene, kit, given| {
                     let what = everyday(&frame)[which];
                     let [q, qd, qdd, _] = &given.arrays;
-                    // Arrays that are not read are empty, or have the length of others.
+                    // Ignored arrays are empty, or have the length of others.
                     let read = |at: usize, x| if at < what.reads() || given.longer == 0 { x } else { &[][..] };
                     let state = Arguments { q, qd: read(1, qd), u: read(2, qdd), ..Arguments::default() };
                     let mut out = given.out(3 * what.width(scene.nv()));
@@ -341,7 +343,8 @@ fn calls() -> Vec<Call> {
     all
 }
 
-/// Scenes of each kind: trees, one with a loop, one whose joints follow each other, one that floats, one with a contact.
+/// Scenes of each kind: trees, one with a loop, one with coupled joints, one with a floating base, one with a
+/// contact.
 fn each_kind() -> Vec<(&'static str, Scene)> {
     let floating = scenes::chain(3).unwrap().source().clone().floating_base(true).build().unwrap();
     let touching = scenes::chain(3).unwrap().source().clone().contact(Contact::new("tip", "link2")).build().unwrap();
@@ -382,7 +385,7 @@ fn short_long_and_foreign_arguments_are_errors() {
         let calls = calls();
         for (kind, scene) in each_kind() {
             let valid = Given::of(&scene);
-            // The same links with another mass, and one of another size: as long and as wide, or not.
+            // The same links with another mass, and one of another size: with equal or different lengths.
             let heavier = scene.with_properties([(scene.joints()[0].name.as_str(), Property::Armature, 0.7)]).unwrap();
             let longer = scenes::chain(5).unwrap();
             let mut others: Vec<Kit> = [&heavier, &longer, scene.tree()].into_iter().map(Kit::of).collect();
@@ -410,7 +413,8 @@ fn short_long_and_foreign_arguments_are_errors() {
                 }
                 for (at, other) in others[..foreign].iter_mut().enumerate() {
                     let outcome = run(&format!("{kind}, foreign scratch {at}"), call, &scene, other, &valid);
-                    // The tree's scratch is that of a scene whose joints follow each other, but for the evaluator.
+                    // The scratch memory of the tree is that of a scene with coupled joints, except for the
+                    // evaluator.
                     let own = at == 2 && !call.name.starts_with("evaluate");
                     let refused =
                         matches!(outcome, Err(Error::Argument { ref found, .. }) if found.contains("another scene"));
@@ -445,7 +449,7 @@ fn indices_and_sizes_that_are_not_there_are_errors() {
     assert!(simulator.step(&Torque::Zero, 1).is_ok());
     assert!(simulator.step(&Torque::Zero, usize::MAX).is_err());
     for panics in [|of: &Simulator<&Scene>| of.time(9), |of: &Simulator<&Scene>| of.state(9).0[0]] {
-        // As documented, with words.
+        // As documented, with a message.
         let caught = catch_unwind(AssertUnwindSafe(|| panics(&simulator))).unwrap_err();
         let words = caught.downcast_ref::<String>().map_or("", String::as_str);
         assert!(words.contains('9'), "{words}");

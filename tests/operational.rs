@@ -1,4 +1,5 @@
-//! The operational-space inertia against J M^-1 J^T from first principles, in about 31 digits; and where it has no inverse.
+//! The operational-space inertia compared with J M^-1 J^T from the definitions, in about 31 digits; and cases in
+//! which it is undefined.
 
 use crate::common::oracle::{D, Instant, Oracle, d, ds, solve};
 use crate::common::tolerance::{self, assert_near, conditioning, size, to_f64};
@@ -11,14 +12,15 @@ use phipsi::scene::{JointDescription, JointKind, LinkDescription, SceneBuilder};
 use phipsi::spatial::RigidShift;
 use phipsi::{Error, Scene, Workspace};
 
-/// Chains and trees of all kinds of joints, fixed and floating bases, with and without armature, one joint to eight.
+/// Chains and trees with all types of joints, fixed and floating bases, with and without armature, one joint to
+/// eight.
 fn trees(n: u64) -> impl Iterator<Item = (u64, SceneBuilder)> {
     (0..n).map(|seed| {
         let bodies = 1 + usize::try_from(seed).unwrap() % 8;
         let armature = if seed % 3 == 0 { 0.0 } else { 0.3 };
         let branching = if seed % 4 == 0 { 0.0 } else { 0.6 };
         let tree = Tree { seed, bodies, kinds: &KINDS_WITH_FIXED, branching, armature, floating: seed % 5 == 1 };
-        // Another arm on the base, apart from the first where that is fixed.
+        // Another arm on the base, independent of the first if that is fixed.
         let mut shoulder = JointDescription::new("shoulder", JointKind::Revolute, "base", "other");
         shoulder.origin.lever = Vector3::new(0.1, 0.2, 0.3);
         let inertial = Some(random_inertial(&mut Random::new(8000 + seed)));
@@ -41,7 +43,7 @@ fn inertia(scene: &Scene, q: &[f64], frames: &[TaskFrame<'_>], s: Option<&[f64]>
     Ok(out)
 }
 
-/// The stacked Jacobians of task frames: w' = R^T w and v' = R^T (v + w x l), of each link's own.
+/// Stacked Jacobians of task frames: w' = R^T w and v' = R^T (v + w x l), for each link.
 fn jacobian(instant: &Instant<'_>, nv: usize, frames: &[TaskFrame<'_>]) -> DMatrix<D> {
     let mut stacked = DMatrix::from_element(6 * frames.len(), nv, d(0.0));
     for (at, frame) in frames.iter().enumerate() {
@@ -62,7 +64,7 @@ fn jacobian(instant: &Instant<'_>, nv: usize, frames: &[TaskFrame<'_>]) -> DMatr
     stacked
 }
 
-/// J M^-1 J^T row by row, and how far f64 may be from it.
+/// J M^-1 J^T by rows, and the bound of the error in f64.
 fn dense(source: &SceneBuilder, q: &[f64], frames: &[TaskFrame<'_>]) -> (Vec<f64>, f64) {
     let oracle = Oracle::new(source);
     let (nv, wide) = (oracle.nv(), 6 * frames.len());
@@ -89,7 +91,7 @@ fn random_frame<'s>(scene: &'s Scene, random: &mut Random) -> TaskFrame<'s> {
     TaskFrame { link, offset }
 }
 
-/// How two links lie to each other, as the recursion tells them apart.
+/// Relation of two links, as the recursion distinguishes it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Pair {
     OnTheBase,
@@ -130,7 +132,7 @@ fn any_pair_of_frames_matches_the_dense_route() {
             let off_diagonal: Vec<f64> = (0..36).map(|at| found[12 * (at / 6) + 6 + at % 6]).collect();
             let still = matches!(kind, Pair::OnTheBase | Pair::Apart);
             assert!(!still || off_diagonal.iter().all(|&x| x == 0.0), "{kind:?}");
-            // A joint of six freedoms on the way lets nothing through: not every block is live.
+            // A joint with six degrees of freedom on the path decouples: not every block is nonzero.
             if still || size(&off_diagonal) > 1e-3 * size(&found) {
                 seen.push(kind);
             }
@@ -142,7 +144,7 @@ fn any_pair_of_frames_matches_the_dense_route() {
     }
 }
 
-/// All links at once: many frames, and the block of each is the block that it has alone, to the bit.
+/// All links at once: many frames, and the block of each is bitwise equal to that of the single frame.
 #[test]
 fn all_links_at_once_are_exactly_symmetric_and_the_blocks_are_those_of_pairs() {
     for (seed, source) in trees(16) {
@@ -190,7 +192,8 @@ fn the_same_link_twice_repeats_its_block() {
     }
 }
 
-/// Lambda^- of a body alone is its block of cov(lambda^-), in any scalar: f64 agrees with double-double.
+/// Lambda^- of a single body is its block of cov(lambda^-), in any scalar type: f64 agrees with double-double
+/// arithmetic.
 #[test]
 fn double_double_agrees() {
     for (seed, source) in trees(16) {
@@ -215,7 +218,7 @@ fn double_double_agrees() {
     }
 }
 
-/// An arm of `joints` parallel hinges, a metre apart, in a plane that is turned at random: nothing is zero by its place.
+/// An arm of `joints` parallel hinges, a meter apart, in a randomly rotated plane: no entry is zero by alignment.
 fn planar_arm(joints: usize, seed: u64) -> Scene {
     let mut random = Random::new(seed);
     let mut builder = SceneBuilder::new().link(LinkDescription { name: "base".into(), inertial: None });
@@ -234,15 +237,16 @@ fn planar_arm(joints: usize, seed: u64) -> Scene {
     builder.build().unwrap()
 }
 
-/// A direction of the tip's own frame, (angular, linear), told in the axes of a task frame on it.
+/// A direction in the frame of the tip, (angular, linear), expressed in a task frame on it.
 fn direction(frame: &TaskFrame<'_>, angular: Vector3<f64>, linear: Vector3<f64>) -> [f64; 6] {
     let back = frame.offset.rotation.transpose();
-    // The velocity at the task frame is R^T (v + w x l): these are rows for v and w at the tip moved there.
+    // The velocity at the task frame is R^T (v + w x l): these are rows for v and w at the tip, transformed to that
+    // frame.
     let (w, v) = (back * angular, back * linear);
     [w[0], w[1], w[2], v[0], v[1], v[2]]
 }
 
-/// Stretched, a planar arm cannot move its tip along itself; bent, it can. Omega is there either way.
+/// A stretched planar arm cannot move its tip along itself; a bent one can. Omega is defined in both cases.
 #[test]
 fn a_stretched_arm_has_an_inverse_inertia_and_no_inertia() {
     for seed in 0..12 {
@@ -261,7 +265,7 @@ fn a_stretched_arm_has_an_inverse_inertia_and_no_inertia() {
         for (q, rank) in [(stretched, 2), (bent, 3)] {
             let (exact, bound) = dense(scene.source(), &q, &[frame]);
             assert_near("planar arm", &inverse_inertia(&scene, &q, &[frame]), &exact, bound);
-            // All six directions: three are out of the plane, zero but for rounding in these axes.
+            // All six directions: three are out of the plane, zero up to rounding in this frame.
             let error = inertia(&scene, &q, &[frame], None).unwrap_err();
             let expected = Error::SingularTask { links: vec!["link3".into()], rank, directions: 6, state: None };
             assert_eq!(error, expected, "seed {seed}");
@@ -276,7 +280,7 @@ fn a_stretched_arm_has_an_inverse_inertia_and_no_inertia() {
             "{message}"
         );
 
-        // Fewer directions where it is stretched, all of the plane's where it is bent.
+        // Fewer directions for the stretched arm, all of the plane for the bent one.
         for (q, s) in [(stretched, [turn, swing].concat()), (bent, in_plane)] {
             let found = inertia(&scene, &q, &[frame], Some(&s)).unwrap();
             assert_inverse(&found, &inverse_inertia(&scene, &q, &[frame]), &s);
@@ -284,8 +288,8 @@ fn a_stretched_arm_has_an_inverse_inertia_and_no_inertia() {
     }
 }
 
-/// A frame that long levers bring back onto the axis of the only hinge: that it does not swing is known to the rounding of the
-/// levers' terms, not of what is left of them.
+/// A frame that long offsets bring back onto the axis of the only hinge: its zero velocity is accurate to the
+/// rounding of the terms of the offsets, not of their difference.
 #[test]
 fn a_direction_lost_in_the_rounding_of_levers_is_singular() {
     for seed in 0..12 {
@@ -349,7 +353,8 @@ fn assert_inverse(found: &[f64], omega: &[f64], s: &[f64]) {
     assert_near("inertia", (&inverse * &product).as_slice(), identity.as_slice(), tolerance::inverse(cond, 1.0));
 }
 
-/// A link that moves freely in all directions has an inertia: on a floating base it is that of the base and what hangs there.
+/// A link that moves freely in all directions has an inertia: on a floating base it is that of the base and its
+/// outboard links.
 #[test]
 fn free_links_have_an_inertia() {
     let kinds = [JointKind::Floating, JointKind::Spherical];
@@ -362,7 +367,7 @@ fn free_links_have_an_inertia() {
         let identity: Vec<f64> = DMatrix::<f64>::identity(6, 6).iter().copied().collect();
         assert_inverse(&found, &inverse_inertia(&scene, &q, &[frame]), &identity);
     }
-    // A body alone: its own inertia, rotational part and mass.
+    // A single body: its own inertia, rotational part and mass.
     let body = random_inertial(&mut Random::new(1));
     let mut builder = SceneBuilder::new().floating_base(true);
     builder = builder.link(LinkDescription { name: "body".into(), inertial: Some(body) });
@@ -377,7 +382,7 @@ fn free_links_have_an_inertia() {
             (false, false) if i == j => body.mass,
             _ => 0.0,
         };
-        // The condition number in these units.
+        // Condition number in these units.
         let cond = body.mass / central.symmetric_eigenvalues().min();
         tolerance::assert_close("rigid body", *value, exact, tolerance::inverse(cond, body.mass));
     }
@@ -391,7 +396,7 @@ fn frames_on_the_base_do_not_move() {
     assert!(inverse_inertia(&scene, &q, &base).iter().all(|&x| x == 0.0));
     let error = inertia(&scene, &q, &base, None).unwrap_err();
     assert_eq!(error, Error::SingularTask { links: vec!["base".into()], rank: 0, directions: 6, state: None });
-    // Nor does anything where no joint moves.
+    // Also if no joint moves.
     let welded = SceneBuilder::new().link(LinkDescription { name: "base".into(), inertial: None }).build().unwrap();
     assert!(inverse_inertia(&welded, &[], &base).iter().all(|&x| x == 0.0));
 }
@@ -414,7 +419,8 @@ fn armature_makes_a_massless_tip_defined_and_its_absence_is_told() {
     assert!(matches!(&error, Error::SingularJoint { joint, .. } if joint == "wrist"), "{error}");
 }
 
-/// The kernel allocates nothing, a call by names nothing once it knows how many; neither reads what an earlier call left.
+/// The kernel allocates nothing, a call by names allocates nothing after the first one; neither reads values of a
+/// previous call.
 #[test]
 fn nothing_is_allocated_and_nothing_is_stale() {
     let scene = planar_arm(5, 1);
@@ -439,7 +445,7 @@ fn nothing_is_allocated_and_nothing_is_stale() {
     assert_eq!(seen.count_total, 0);
 }
 
-/// One broken argument of both methods; the message starts as told.
+/// One broken argument of both methods; the message begins as given.
 #[track_caller]
 fn refused(q: &[f64], frames: &[TaskFrame<'_>], s: Option<&[f64]>, message: &str) {
     let scene = planar_arm(3, 2);

@@ -1,4 +1,5 @@
-//! Operations counted: by hand for one body, linear on chains, the bits of f64, and the counts that the doc comments give.
+//! Operation counts: by hand for one body, linear on chains, bitwise equality with f64, and the counts in doc
+//! comments.
 
 use crate::common::{ALL_KINDS, Random, random_scene, random_state};
 use nalgebra::Vector6;
@@ -19,7 +20,7 @@ use phipsi::spatial::RigidShift;
 use phipsi::{Algorithm, Arguments};
 use phipsi::{Scene, Workspace, scenes};
 
-/// A state of a chain, no number of it zero.
+/// A state of a chain without zero entries.
 fn counted(scene: &Scene, task: Task) -> Count {
     let (q, qd, u) = random_state(scene, &mut Random::new(5));
     count_recursion(scene, task, &Arguments { q: &q, qd: &qd, u: &u, wrenches: &[], ..Arguments::default() })
@@ -29,20 +30,21 @@ fn of_chain(bodies: usize, task: Task) -> Operations {
     counted(&scenes::chain(bodies).unwrap(), task).operations
 }
 
-/// The same on a chain with so much armature that no form loses digits, and none looks twice.
+/// The same on a chain with so much armature that no form loses precision, and none needs a second estimate.
 fn of_calm_chain(bodies: usize, task: Task) -> Operations {
     counted(&random_scene(3, bodies, &[JointKind::Revolute], 0.0, 100.0), task).operations
 }
 
-/// What one more joint adds to a long chain.
+/// Cost of one additional joint of a long chain.
 fn a_joint(work: impl Fn(usize) -> Operations) -> u64 {
     work(21).flops() - work(20).flops()
 }
 
 #[test]
 fn one_body_by_hand() {
-    // R Rz: three rows of two products with a sum and two without. phi^T v: a lever (6 with a sum), two rotations (3 + 6 each).
-    // M v: 6 products without a sum, 18 with; v x* (M v) beside it: 6 + 33 (see BodyInertia::bias_force).
+    // R Rz: three rows of two multiply-adds and two multiplications. phi^T v: an offset (6 multiply-adds), two
+    // rotations (3 + 6 each).
+    // M v: 6 multiplications, 18 multiply-adds; v x* (M v) in addition: 6 + 33 (see BodyInertia::bias_force).
     let placed = Operations { multiplications: 6, fused: 6, sines: 1, ..Operations::NONE };
     let bias = Operations {
         // Velocity and acceleration: two sums of six.
@@ -52,10 +54,10 @@ fn one_body_by_hand() {
         ..placed
     };
     assert_eq!(of_chain(1, Task::Algorithm(Algorithm::BiasTorque)), bias);
-    // Six sums for the joint's acceleration, and the armature's product and sum.
+    // Six sums for the acceleration of the joint, and a multiply-add for the armature.
     let inverse = Operations { additions: bias.additions + 6 + 1, multiplications: bias.multiplications + 1, ..bias };
     assert_eq!(of_chain(1, Task::Algorithm(Algorithm::InverseDynamics)), inverse);
-    // H^T is written by a sum, M H^T is a product, the armature a sum.
+    // H^T is added, M H^T is a product, the armature is added.
     let mass =
         Operations { additions: 2, multiplications: placed.multiplications + 6, fused: placed.fused + 18, ..placed };
     assert_eq!(of_chain(1, Task::Algorithm(Algorithm::MassMatrix)), mass);
@@ -94,7 +96,7 @@ fn linear_on_chains() {
     }
 }
 
-/// The same functions on f64.
+/// The same functions with f64.
 fn plainly(scene: &Scene, task: Task, state: &Arguments<'_>) -> Vec<f64> {
     let model = scene.model();
     let mut workspace = Workspace::new(model);
@@ -166,7 +168,7 @@ fn what_is_counted_is_what_is_evaluated() {
         for kinds in [&ALL_KINDS[..], &[JointKind::Revolute]] {
             let scene = random_scene(seed, 9, kinds, 0.4, 0.1);
             let (q, qd, u) = random_state(&scene, &mut Random::new(seed));
-            // Numbers of their own, products and sums apart, as they are counted.
+            // Separate counts of multiplications and additions.
             let mut evaluator = Evaluator::on(Arm::Baseline, &scene);
             for algorithm in algorithms {
                 let state =
@@ -207,7 +209,7 @@ fn estimates(bodies: usize) -> [Operations; 2] {
     [first, second]
 }
 
-/// The square-root form's sweep with a mean, its first look, and its judge, on a chain.
+/// The sweep of the square-root form with a mean, its simple criteria, and its error estimate, on a chain.
 fn root_sweep(bodies: usize) -> [Operations; 3] {
     let scene = scenes::chain(bodies).unwrap();
     let model: Model<Traced> = scene.model().cast();
@@ -251,7 +253,7 @@ fn root_sweep(bodies: usize) -> [Operations; 3] {
     [swept, looked, judged]
 }
 
-/// One measurement, and what the covariances of a block cost beside those of Lambda.
+/// One measurement, and the cost of the covariances of a block in addition to those of Lambda.
 fn of_one_block() -> [u64; 2] {
     let scene = scenes::chain(1).unwrap();
     let model: Model<Traced> = scene.model().cast();
@@ -262,8 +264,8 @@ fn of_one_block() -> [u64; 2] {
     [update.flops(), block.flops()]
 }
 
-/// Floating-point operations that the doc comments name, of a one-axis joint without armature, and what is counted: within a
-/// twentieth, for they say "about".
+/// Floating-point operations in the doc comments, for a one-axis joint without armature, compared with the
+/// counts: within a twentieth, because they are approximate.
 #[test]
 fn as_documented() {
     let a_joint_of = |task| a_joint(|n| of_chain(n, task));

@@ -1,4 +1,4 @@
-//! Introduction and section 1 of the paper: the spatially random model. One test an equation.
+//! Introduction and section 1 of the paper: the random model. One test per equation.
 
 use crate::common::matrices::{Matrix, Vector, apply, block, swept};
 use crate::common::paper::{self, Case, cases, column, six, trees};
@@ -9,7 +9,8 @@ use phipsi::filter::innovations;
 use phipsi::operators::{Kind, Operator};
 use phipsi::spatial::{BodyInertia, RigidShift, Symmetric3, spatial};
 
-/// Five point masses, from the definition of kinetic energy: their spatial inertia about the origin, and their moments.
+/// Five point masses, from the definition of kinetic energy: their spatial inertia about the origin, and their
+/// moments.
 fn point_masses(random: &mut Random) -> (Matrix6<f64>, f64, Vector3<f64>, Matrix3<f64>) {
     let points: Vec<(f64, Vector3<f64>)> = (0..5).map(|_| (random.uniform(0.1, 2.0), random.vector())).collect();
     let mass: f64 = points.iter().map(|(m, _)| m).sum();
@@ -17,7 +18,7 @@ fn point_masses(random: &mut Random) -> (Matrix6<f64>, f64, Vector3<f64>, Matrix
     let mut spatial_inertia = Matrix6::zeros();
     let mut central = Matrix3::zeros();
     for (m, r) in &points {
-        // The velocity of a point at r is w x r + v: the columns are what each component of (w, v) brings.
+        // The velocity of a point at r is w x r + v: the columns are the contributions of the components of (w, v).
         let velocity = nalgebra::Matrix3x6::from_fn(|i, j| {
             if j < 3 { Vector3::ith(j, 1.0).cross(r)[i] } else { f64::from(u8::from(i == j - 3)) }
         });
@@ -58,7 +59,7 @@ fn eq_0_2_transition_matrix() {
         for j in 0..6 {
             let unit = Vector6::ith(j, 1.0);
             let (moment, force) = (Vector3::new(unit[0], unit[1], unit[2]), Vector3::new(unit[3], unit[4], unit[5]));
-            // A force at the child's origin, about the parent's: its moment grows by L x f.
+            // A force at the origin of the child, about that of the parent: its moment increases by L x f.
             for shift in [&plain, &turned] {
                 let (n, f) = (shift.rotation * moment, shift.rotation * force);
                 let expected = spatial(&(n + lever.cross(&f)), &f);
@@ -79,7 +80,7 @@ fn eq_0_2_transition_matrix() {
     }
 }
 
-/// Forces on each body, the whole forces that `predict` makes of them, and the torques.
+/// Forces on each body, the total forces from `predict`, and the torques.
 fn predicted(case: &Case, w: &[Vector6<f64>]) -> (Vec<Vector6<f64>>, Vector) {
     let (mut z, mut torque) = (w.to_vec(), vec![f64::NAN; case.nv()]);
     innovations::predict(&case.scene.model().system, &case.sweep.shift, &mut z, &mut torque);
@@ -116,7 +117,7 @@ fn eq_1_2_force_is_continuous_across_a_joint() {
         let (z, _) = predicted(case, &w);
         let mut states = vec![f64::NAN; 6 * case.nv()];
         case.factor.operator(Kind::Phi).apply(case.stacked(&w).as_slice(), &mut states);
-        // Every row of a joint, outermost to innermost, carries the same force: nothing is lost between.
+        // All rows of a joint, outermost to innermost, transmit the same force.
         let states = Vector::from_vec(states);
         for (stage, z) in case.scene.model().system.stages.iter().zip(&z) {
             for i in 0..stage.rows.count() {
@@ -124,7 +125,7 @@ fn eq_1_2_force_is_continuous_across_a_joint() {
                 tolerance::assert_near("z^+ = z^-", six(&states, row).as_slice(), z.as_slice(), bound);
             }
         }
-        // A measurement does change what is known of it: A is not one.
+        // A measurement changes the estimate: A is not the identity.
         case.fails("A = 1", &case.one(), &case.f.a);
     }
 }
@@ -132,7 +133,7 @@ fn eq_1_2_force_is_continuous_across_a_joint() {
 #[test]
 fn eq_1_3_bias_and_inertia_are_mean_and_covariance() {
     for (case, draws) in drawn() {
-        // b(k), against the product's own bias torque.
+        // b(k), compared with the bias torque of the crate.
         let b = case.bias();
         let mut torque = vec![f64::NAN; case.nv()];
         case.scene.bias_torque(&mut case.scene.workspace(), &case.q, &case.qd, &mut torque).unwrap();
@@ -197,7 +198,7 @@ fn eq_1_7_phi_is_causal() {
         for i in 0..case.nv() {
             for j in 0..case.nv() {
                 let found = block(&case.f.phi, i, j);
-                // The product of the shifts along the path inward from j, where i is on it; the identity at i = j.
+                // Product of the shifts along the path inward from j, if i is on it; the identity for i = j.
                 let mut expected = Matrix::identity(6, 6);
                 let mut row = j;
                 while row != i {

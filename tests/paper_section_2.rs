@@ -1,4 +1,4 @@
-//! Section 2 of the paper: conditional means and their covariances. One test an equation.
+//! Section 2 of the paper: conditional means and their covariances. One test per equation.
 //!
 //! Armature is measurement noise v of covariance r: T = H X + v, calligraphic M = H R H* + r.
 
@@ -9,12 +9,12 @@ use nalgebra::Vector6;
 use phipsi::filter::{innovations, smoother};
 use phipsi::operators::{Kind, Operator};
 
-/// T - H phi b at the case's state.
+/// T - H phi b in the state of the case.
 fn centred(case: &Case, b: &Vector) -> Vector {
     &case.tau - &case.d.h * &case.d.phi * b
 }
 
-/// The forces that bodies feel when the joints accelerate by `a`: phi (b + Q lambda), by the outward and the inward sweep.
+/// Forces on the bodies if the joint accelerations are `a`: phi (b + Q lambda), by the outward and the inward sweep.
 fn spatial_forces(case: &Case, a: &Vector, b: &Vector) -> Vector {
     let at_joints = apply(&case.factor.operator(Kind::H).transposed(), &column(a));
     let co_states = apply(&case.factor.operator(Kind::Phi).transposed(), &at_joints);
@@ -28,15 +28,15 @@ fn eq_2_1_conditional_mean_of_the_state() {
         let b = case.bias();
         let t = centred(case, &b);
         let estimate = &case.d.phi * &b + &case.f.batch_gain * &t;
-        // Forward dynamics, then the forces that those accelerations need: the conditional mean is what acts.
+        // Forward dynamics, then the forces of those accelerations: the conditional mean is the actual force.
         let actual = spatial_forces(case, &case.forward_dynamics(), &b);
         let terms = [&column(&(&case.d.phi * &b)), &column(&(&case.f.batch_gain * &t))];
         case.holds_among("E(X/T)", &column(&estimate), &column(&actual), &terms);
-        // They give the measured torques, but for what the rotors take.
+        // They give the measured torques, minus those of the rotors.
         let rotors = &case.noise * case.forward_dynamics();
         let tau = column(&case.tau);
         case.holds_among("H E(X/T)", &column(&(&case.d.h * &actual + rotors)), &tau, &terms);
-        // What defines the conditional mean of Gaussians: the error is uncorrelated with the measurements.
+        // Definition of the conditional mean of Gaussians: the error is uncorrelated with the measurements.
         let with_state = &case.d.r * case.d.h.transpose();
         let of_estimate = &case.f.batch_gain * (&case.d.h * &case.d.r * case.d.h.transpose() + &case.noise);
         case.holds("cov(X, T) = cov(E(X/T), T)", &of_estimate, &with_state);
@@ -60,7 +60,7 @@ fn eq_2_3_open_loop_covariance() {
     }
 }
 
-/// (1 - G H) phi W - G v, draw by draw: the error of the conditional mean.
+/// (1 - G H) phi W - G v, by samples: the error of the conditional mean.
 fn errors(case: &Case, draws: &Draws) -> Matrix {
     &draws.x - apply(&case.factor.operator(Kind::BatchGain), &draws.t)
 }
@@ -72,7 +72,7 @@ fn eq_2_4_error_of_the_state_estimate() {
         let open = case.one() - &f.batch_gain * &f.h;
         let typed = &open * &f.phi * &draws.w - &f.batch_gain * &draws.v;
         case.holds_among("X - E(X/T)", &errors(case, draws), &typed, &[&draws.x]);
-        // Printed with W where it must be W - b: the mean would be left in the error.
+        // Printed with W instead of W - b: the error would contain the mean.
         let first = column(&typed.column(0).into_owned());
         let with_mean = &first + column(&(&open * &f.phi * case.bias()));
         case.fails("(1 - G H) phi W", &with_mean, &first);
@@ -86,7 +86,7 @@ fn eq_2_5_error_covariance_as_a_product() {
         let open = case.one() - &f.batch_gain * &f.h;
         let product = &open * &f.r * open.transpose();
         let with_noise = &product + &f.batch_gain * &case.noise * f.batch_gain.transpose();
-        // The covariance of X given T.
+        // Covariance of X given T.
         let conditional = &d.r - &d.r * d.h.transpose() * &d.m_inv * &d.h * &d.r;
         case.holds_among("P", &with_noise, &conditional, &[&d.r]);
         let errors = covariance(&errors(case, draws));
@@ -106,7 +106,7 @@ fn eq_2_6_error_covariance_alternatives() {
         let open = case.one() - &f.batch_gain * &f.h;
         case.holds_among("(1 - G H) R", &(&open * &f.r), &p, &[&d.r]);
         case.holds_among("R (1 - G H)*", &(&f.r * open.transpose()), &p, &[&d.r]);
-        // H P = r M^-1 H R: nothing without noise.
+        // H P = r M^-1 H R: zero without noise.
         let left = &case.noise * &d.m_inv * &d.h * &d.r;
         case.holds_among("H P", &(&f.h * &open * &f.r), &left, &[&(&d.h * &d.r)]);
         if case.has_armature() {
@@ -129,7 +129,7 @@ fn eq_2_7_conditional_mean_of_the_process_noise() {
         let (d, b) = (&case.d, case.bias());
         let t = centred(case, &b);
         let typed = &b + &d.q * d.phi.transpose() * d.h.transpose() * inverse(&d.m) * &t;
-        // The force on each body from Newton and Euler: what is left of the spatial forces of both its sides.
+        // Force on each body by Newton-Euler: the difference of the spatial forces on both sides.
         let forces = spatial_forces(case, &case.forward_dynamics(), &b);
         let on_bodies = &forces - &d.e * &forces;
         case.holds_among("E(W/T)", &column(&on_bodies), &column(&typed), &[&column(&forces), &column(&b)]);
@@ -149,13 +149,13 @@ fn eq_2_8_joint_accelerations() {
     }
 }
 
-/// The size of the terms that phi* H* M^-1 t is the sum of.
+/// Magnitude of the terms of phi* H* M^-1 t.
 fn co_state_terms(case: &Case, t: &Vector) -> Matrix {
     let d = &case.d;
     column(&(d.phi.abs().transpose() * d.h.abs().transpose() * d.m_inv.abs() * t.abs()))
 }
 
-/// What the smoother leaves for the centred torques `t`: lambda^- of each body, and a.
+/// Results of the smoother for the centered torques `t`: lambda^- of each body, and a.
 fn smoothed(case: &Case, t: &Vector) -> (Vec<Vector6<f64>>, Vector) {
     let (system, sweep) = (&case.scene.model().system, &case.sweep);
     let mut z = vec![Vector6::zeros(); sweep.shift.len()];
@@ -196,7 +196,7 @@ fn eq_2_10_inertial_forces() {
 fn eq_2_11_error_of_the_process_noise() {
     for (case, draws) in drawn() {
         let (f, d) = (&case.f, &case.d);
-        // W - E(W/T) by sweeps, draw by draw; its covariance, and that of the formula.
+        // W - E(W/T) by sweeps, by samples; its covariance, and that of the formula.
         let accelerations = apply(&case.factor.operator(Kind::MassInverse), &draws.t);
         let to_inertial =
             case.factor.operator(Kind::Phi).transposed().compose(case.factor.operator(Kind::H).transposed());
@@ -205,7 +205,7 @@ fn eq_2_11_error_of_the_process_noise() {
         let typed = &f.q - h_phi_q.transpose() * &f.m_inv * &h_phi_q;
         has_covariance("W - E(W/T)", &errors, &typed);
         has_not_covariance("W - E(W/T)", &errors, &d.q);
-        // From the definition of the error: [1 - Q phi* H* M^-1 H phi] W and what the noise brings.
+        // From the definition of the error: [1 - Q phi* H* M^-1 H phi] W and the contribution of the noise.
         let gain = &d.q * d.phi.transpose() * d.h.transpose() * &d.m_inv;
         let open = case.one() - &gain * &d.h * &d.phi;
         let dense = &open * &d.q * open.transpose() + &gain * &case.noise * gain.transpose();

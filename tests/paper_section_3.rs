@@ -1,6 +1,6 @@
-//! Section 3 of the paper: sequential estimation, the Riccati recursion and the factors of M. One test an equation.
+//! Section 3 of the paper: sequential estimation, the Riccati recursion and the factors of M. One test per equation.
 //!
-//! With armature r the measurements are noisy and D = H P H* + r; all else is as printed, or as the test says.
+//! With armature r the measurements are noisy and D = H P H* + r; all other equations are as printed unless stated.
 
 use crate::common::matrices::{Matrix, block, inverse};
 use crate::common::paper::{Case, cases, column, noise_free};
@@ -10,7 +10,7 @@ use phipsi::filter::HingeMap;
 use phipsi::operators::dense::ldlt_from_tip;
 use phipsi::spatial::{BodyInertia, Symmetric6};
 
-/// Symmetric blocks, one a row, as a block diagonal.
+/// Symmetric blocks, one per row, as a block diagonal matrix.
 fn diagonal(blocks: &[Symmetric6<f64>]) -> Matrix {
     let mut matrix = Matrix::zeros(6 * blocks.len(), 6 * blocks.len());
     for (row, block) in blocks.iter().enumerate() {
@@ -19,7 +19,7 @@ fn diagonal(blocks: &[Symmetric6<f64>]) -> Matrix {
     matrix
 }
 
-/// r(k) of every row by 3.5, with the inertia of a body without children from `start`.
+/// r(k) of every row by 3.5, where `start` multiplies the inertia of bodies without children.
 fn composite_inertias(case: &Case, start: impl Fn(&BodyInertia<f64>) -> BodyInertia<f64>) -> Matrix {
     let model = case.scene.model();
     let stages = &model.system.stages;
@@ -62,7 +62,7 @@ fn eq_3_1_mass_matrix_factors() {
         for j in 0..case.nv() {
             assert!((j..case.nv()).all(|i| f.k[(i, j)] == 0.0), "{}: K is not strictly causal", case.name);
         }
-        // The unit factor is unique: faer's.
+        // The unit factor is unique: that of faer.
         let m = faer::Mat::from_fn(case.nv(), case.nv(), |i, j| case.d.m[(i, j)]);
         let (unit, d) = ldlt_from_tip(&m).expect("a regular matrix");
         let unit = Matrix::from_fn(case.nv(), case.nv(), |i, j| unit[(i, j)]);
@@ -95,7 +95,7 @@ fn eq_3_4_state_covariance_from_composite_inertias() {
         let r = composite_inertias(case, |own| *own);
         let whole = &r + &f.phi_strict * &r + &r * f.phi_strict.transpose();
         case.holds_directly("R = r + Phi r + r Phi*", &whole, &d.r);
-        // The product's mass matrix is its projection.
+        // The mass matrix of the crate is its projection.
         let mut m = vec![f64::NAN; case.nv() * case.nv()];
         case.scene.mass_matrix(&mut case.scene.workspace(), &case.q, &mut m).unwrap();
         let m = Matrix::from_row_slice(case.nv(), case.nv(), &m);
@@ -109,7 +109,7 @@ fn eq_3_5_composite_inertias() {
     for case in cases() {
         let expected = crate::common::matrices::block_diagonal(&case.d.r);
         case.holds_directly("r", &composite_inertias(case, |own| *own), &expected);
-        // Printed r^-(k) = 0, which must be r^+(0) = 0: a start with r^-(1) = 0 loses the tip.
+        // Printed r^-(k) = 0, which must be r^+(0) = 0: with r^-(1) = 0 the tip would be lost.
         case.fails("r^-(1) = 0", &composite_inertias(case, |_| BodyInertia::zero()), &expected);
     }
 }
@@ -127,7 +127,7 @@ fn eq_3_6_riccati_recursion() {
             let terms = block(&d.p, stage.first_row, stage.first_row);
             case.holds_among("P^+", &found, &block(&d.p_plus, stage.first_row, stage.first_row), &[&terms]);
         }
-        // What P is: the covariance of a state given the measurements outboard of it, and then its own.
+        // Meaning of P: covariance of a state given the outboard measurements, and then its own.
         for row in 0..case.nv() {
             let mut known = outboard(case, row);
             let terms = [&block(&d.r, row, row)];
@@ -183,13 +183,14 @@ fn eq_3_9_sides_of_psi() {
         case.holds("A = 1 - g H", &f.a, &(case.one() - &case.d.g * &case.d.h));
         for (row, inward) in case.inward.iter().enumerate() {
             let Some(inward) = *inward else { continue };
-            // psi(k^-, k-1^+) = phi(k, k-1): from inboard side to the next outboard side, nothing measured in between.
+            // psi(k^-, k-1^+) = phi(k, k-1): from an inboard side to the next outboard side, without a measurement
+            // between.
             let shift = block(&case.d.e, inward, row);
             case.holds_directly("psi(k-, k-1+)", &block(&f.psi, inward, row), &shift);
             case.holds("psi(k-, k-1-)", &block(&f.psi_a, inward, row), &(&shift * block(&case.d.a, row, row)));
             case.holds("psi(k+, k-1+)", &block(&f.a_psi, inward, row), &(block(&case.d.a, inward, inward) * &shift));
         }
-        // The sides are not said in print, and no others give L.
+        // The sides are not printed, and no other choice gives L.
         let l = |transition: &Matrix| &f.h * transition * &f.g;
         case.fails("L with Psi from - to -", &l(&f.psi_a), &case.d.l);
         case.fails("L with Psi from + to +", &l(&f.a_psi), &case.d.l);
@@ -216,7 +217,8 @@ fn eq_3_11_psi_is_a_product_along_the_path() {
         case.holds("A Psi", &f.a_psi, &case.d.a_psi);
         let scale = tolerance::size(case.d.psi.as_slice());
         for j in 0..case.nv() {
-            // Inward from the + side of j: shift, measure, shift, ...; every row that is not passed has a zero.
+            // Inward from the + side of j: shift, measurement, shift, ...; every row that is not on the path has a
+            // zero.
             let mut expected = Matrix::zeros(6 * case.nv(), 6);
             let (mut row, mut transition) = (j, Matrix::identity(6, 6));
             while let Some(next) = case.inward[row] {
@@ -270,6 +272,6 @@ fn result_3_5_k_and_l() {
         case.holds("K = L + L K", &(l + l * k), k);
         case.holds_among("K L = L K", &(k * l), &(l * k), &[k, l]);
     }
-    // Three rows on a path are needed for K L to have an entry.
+    // K L has an entry only with three rows on a path.
     assert!(cases().iter().filter(|case| (&case.f.k * &case.f.l).amax() > 1e-3).count() >= 7);
 }

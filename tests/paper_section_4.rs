@@ -1,7 +1,8 @@
-//! Section 4 of the paper: filtering and smoothing. One test an equation.
+//! Section 4 of the paper: filtering and smoothing. One test per equation.
 //!
-//! T is the centred torque tau - H phi b where the equation has no b; `Run` holds what the sweeps leave for it, and `Biased`
-//! what they leave when b(k) is kept in 4.4 and tau is measured.
+//! T is the centered torque tau - H phi b if the equation has no b; `Run` contains the results of the sweeps for it,
+//! and `Biased`
+//! the results with b(k) in 4.4 and tau as the measurement.
 
 use crate::common::matrices::{Matrix, Vector};
 use crate::common::paper::{Case, cases, column, six};
@@ -12,7 +13,7 @@ use phipsi::filter::{innovations, smoother};
 struct Run {
     /// e^- of every row.
     innovations: Vector,
-    /// z^+ of every body, past all its measurements.
+    /// z^+ of every body, after all its measurements.
     filtered: Vec<Vector6<f64>>,
     /// lambda^- of every body.
     co_states: Vec<Vector6<f64>>,
@@ -35,12 +36,12 @@ fn run(case: &Case, b: &Vector, measurement: &Vector) -> Run {
     }
 }
 
-/// The centred torque.
+/// Centered torque.
 fn centred(case: &Case) -> Vector {
     &case.tau - &case.d.h * &case.d.phi * case.bias()
 }
 
-/// A run on the centred torque, without b.
+/// A run on the centered torque, without b.
 fn centred_run(case: &Case) -> (Vector, Run) {
     let t = centred(case);
     let run = run(case, &Vector::zeros(6 * case.nv()), &t);
@@ -54,7 +55,7 @@ fn biased_run(case: &Case) -> (Vector, Run) {
     (b, run)
 }
 
-/// z^- and z^+ of every row by dense algebra, on the centred torque.
+/// z^- and z^+ of every row by dense algebra, for the centered torque.
 fn states(case: &Case, t: &Vector) -> (Vector, Vector) {
     let d = &case.d;
     let predicted = &d.psi * &d.g * t;
@@ -70,7 +71,7 @@ fn bodies(case: &Case, x: &[Vector6<f64>]) -> Matrix {
     column(&case.stacked(x))
 }
 
-/// Sizes of the terms that torques, and forces, are sums of.
+/// Magnitudes of the terms of torques and of forces.
 fn torque_terms(case: &Case, b: &Vector) -> Matrix {
     column(&(case.tau.abs() + (&case.d.h * &case.d.phi).abs() * b.abs()))
 }
@@ -91,7 +92,7 @@ fn eq_4_1_accelerations_from_torques() {
         let terms = column(&(case.d.m_inv.abs() * t.abs()));
         case.holds_among("a, typed", &column(&typed), &column(&dense), &[&terms]);
         case.holds_among("a by Factor::solve", &column(&Vector::from_vec(solved)), &column(&dense), &[&terms]);
-        // Printed with T not centred: the torque itself.
+        // Printed with T not centered: the torque itself.
         case.fails("a from tau", &column(&(&case.d.m_inv * &case.tau)), &column(&case.forward_dynamics()));
     }
 }
@@ -105,7 +106,7 @@ fn eq_4_2_innovations() {
         let (b, biased) = biased_run(case);
         let terms = torque_terms(case, &b);
         case.holds_among("e^- from tau and b", &column(&biased.innovations), &column(&dense), &[&terms]);
-        // Printed beside b in 4.4, (1 - L) applies to tau: it does not give the innovations.
+        // Printed with b in 4.4, (1 - L) is applied to tau: this does not give the innovations.
         let printed = (case.unit() - &case.d.l) * &case.tau;
         case.fails("(1 - L) tau", &column(&printed), &column(&biased.innovations));
     }
@@ -133,7 +134,7 @@ fn eq_4_4_prediction() {
         let t = centred(case);
         let (predicted, filtered) = states(case, &t);
         case.holds("Z^- = E Z^+", &column(&(&case.f.e * &filtered)), &column(&predicted));
-        // With b kept: z^-(k) = sum of phi z^+ + b(k), and the same with the part that b causes, phi b, taken off.
+        // With b: z^-(k) = sum of phi z^+ + b(k), and the same minus the contribution of b, phi b.
         let stages = &case.scene.model().system.stages;
         let own = case.outermost(&b);
         let with_bias: Vec<Vector6<f64>> = (0..stages.len())
@@ -145,7 +146,7 @@ fn eq_4_4_prediction() {
         let whole = &predicted + &case.d.phi * &b;
         let expected = bodies(case, &case.outermost(&whole));
         case.holds_among("z^- with b", &bodies(case, &with_bias), &expected, &[&force_terms(case, &b)]);
-        // Printed without saying that T then is tau: b added to the centred recursion is another state.
+        // Printed without the remark that T is then tau: with b added, the centered recursion has another state.
         case.fails(
             "Psi g tau + phi b",
             &column(&(&case.d.psi * &case.d.g * &case.tau + &case.d.phi * &b)),
@@ -192,12 +193,13 @@ fn eq_4_7_smoothing() {
     }
 }
 
-/// e^+, lambda^+ and lambda^- of every row by dense algebra: from what they are, not from 4.8; and a scale of their terms.
+/// e^+, lambda^+ and lambda^- of every row by dense algebra: from their definitions, not from 4.8; and the magnitude
+/// of their terms.
 fn co_states(case: &Case, t: &Vector) -> (Vector, Vector, Vector, Matrix) {
     let d = &case.d;
     let e_plus = &d.d_inv * (case.unit() - &d.l) * t;
     let a = &d.m_inv * t;
-    // Spatial accelerations: outboard of a joint with its own rate, inboard without.
+    // Spatial accelerations: outboard of a joint with its own acceleration, inboard without.
     let minus = d.phi.transpose() * d.h.transpose() * &a;
     let plus = d.phi_strict.transpose() * d.h.transpose() * &a;
     let terms = column(&(d.phi.abs().transpose() * d.h.abs().transpose() * d.m_inv.abs() * t.abs()));
@@ -237,7 +239,7 @@ fn eq_4_10_co_states_outward() {
         let (_, plus, minus, terms) = co_states(case, &t);
         let typed = case.f.e.transpose() * &minus;
         case.holds_among("lambda^+(k-1) = phi^T lambda^-(k)", &column(&typed), &column(&plus), &[&terms]);
-        // On the sweep's own numbers, body by body; lambda^+ is zero at the base.
+        // With the results of the sweep, body by body; lambda^+ is zero at the base.
         for (k, stage) in case.scene.model().system.stages.iter().enumerate() {
             let carried = match stage.parent {
                 Some(parent) => case.sweep.shift[k].motion_to_child(&run.co_states[parent]),

@@ -1,6 +1,6 @@
-//! Section 5 of the paper: covariances of states, innovations and co-states. One test an equation.
+//! Section 5 of the paper: covariances of states, innovations and co-states. One test per equation.
 //!
-//! Each against dense algebra from the definition of what it is the covariance of, and against draws of the random model.
+//! Each compared with dense algebra from its definition as a covariance, and with samples of the random model.
 
 use crate::common::matrices::{Matrix, apply, block, block_diagonal};
 use crate::common::paper::{Case, cases, chains, trees};
@@ -12,7 +12,7 @@ use phipsi::operators::{Kind, Operator};
 use phipsi::spatial::Symmetric6;
 use std::sync::OnceLock;
 
-/// The filter and the smoother on every draw: e^-, and a.
+/// Filter and smoother on every sample: e^-, and a.
 fn filtered_and_smoothed(case: &Case, draws: &Draws) -> (Matrix, Matrix) {
     let (system, sweep) = (&case.scene.model().system, &case.sweep);
     let mut innovations = Matrix::from_element(case.nv(), DRAWS, f64::NAN);
@@ -45,7 +45,7 @@ fn eq_5_1_mass_matrix_is_a_covariance() {
         case.holds_directly("M of the scene", &m, &case.d.m);
         let sample = sampling::covariance(&draws.t);
         has_covariance("E T T*", &sample, &m);
-        // Printed as E T T* with b in the model (1.3): with the mean left in, it is not M.
+        // Printed as E T T* with b in the model (1.3): including the mean, it is not M.
         let mean = &case.d.h * &case.d.phi * case.bias();
         case.fails("E T T* with b", &(&m + &mean * mean.transpose()), &m);
         if case.has_armature() {
@@ -54,7 +54,7 @@ fn eq_5_1_mass_matrix_is_a_covariance() {
     }
 }
 
-/// The covariance of X - Z^-, from Z^- = Psi g T; and of X - Z^+, from Z^+ = (1 + A Psi) g T.
+/// Covariance of X - Z^-, from Z^- = Psi g T; and of X - Z^+, from Z^+ = (1 + A Psi) g T.
 fn error_covariances(case: &Case) -> (Matrix, Matrix) {
     let d = &case.d;
     let of = |gain: &Matrix| {
@@ -77,7 +77,7 @@ fn eq_5_2_covariance_of_the_state_errors() {
         let from_filtered = sampling::covariance(&(&draws.x - draws.filtered(case)));
         has_covariance("X - Z^-", &from_predicted, &of_predicted);
         has_covariance("X - Z^+", &from_filtered, &of_filtered);
-        // Printed with Psi itself, whichever P is meant.
+        // Printed with Psi itself, for either P.
         for (p, name) in [(&f.p, "P^-"), (&f.p_plus, "P^+")] {
             let printed = whole(p, &f.psi);
             case.fails(&format!("{name} + Psi P + P Psi*, predicted"), &printed, &predicted);
@@ -101,7 +101,7 @@ fn eq_5_3_mean_square_error() {
         tolerance::assert_close("mean of |X - Z^-|^2", from_predicted, minus, allowed);
         let (from_filtered, allowed) = mean_square(&(&draws.x - draws.filtered(case)), &filtered);
         tolerance::assert_close("mean of |X - Z^+|^2", from_filtered, plus, allowed);
-        // Printed with a P that has no side: the other one is another number.
+        // Printed with a P without a side: the other one has another value.
         let off = (minus - plus) / minus;
         assert!(off > tolerance::PRINTED_FORM_MARGIN, "{}: Tr P^- and Tr P^+ differ by {off:e} only", case.name);
     }
@@ -130,7 +130,8 @@ fn co_state_covariances(case: &Case) -> (Matrix, Matrix) {
     (of(&d.phi_strict), of(&d.phi))
 }
 
-/// The sample covariances of lambda^+ and lambda^- of every case, made once: the smoother's a on every draw, then outward.
+/// Sample covariances of lambda^+ and lambda^- of every case, computed once: a of the smoother on every sample, then
+/// outward.
 fn sampled_co_states() -> impl Iterator<Item = (&'static Case, &'static (Matrix, Matrix))> {
     static SAMPLED: OnceLock<Vec<(Matrix, Matrix)>> = OnceLock::new();
     let sampled = SAMPLED.get_or_init(|| {
@@ -196,7 +197,7 @@ fn eq_5_5_without_the_terms_across_branches() {
     }
 }
 
-/// Lambda^+ of every row and Lambda^- of every body, by the product's sweep.
+/// Lambda^+ of every row and Lambda^- of every body, by the sweep of the crate.
 fn swept(case: &Case) -> (Vec<Matrix>, Vec<Matrix>) {
     let (system, sweep) = (&case.scene.model().system, &case.sweep);
     let full = |lambda: &Symmetric6<f64>| Matrix::from_column_slice(6, 6, lambda.to_matrix().as_slice());
@@ -222,7 +223,7 @@ fn eq_5_6_across_a_joint() {
         for row in 0..case.nv() {
             has_covariance("lambda^-(k)", &block(outboard, row, row), &block(&f.lambda, row, row));
         }
-        // The kernel of one row, on a covariance that is no Lambda.
+        // The kernel of one row, on a general covariance.
         for (row, measured) in case.sweep.measured.iter().enumerate() {
             let stage = model.system.stages.iter().rfind(|stage| stage.first_row <= row).expect("a stage has it");
             let given = case.sweep.p_minus[row];
@@ -251,7 +252,7 @@ fn eq_5_7_outward() {
             if case.inward[row].is_some() {
                 has_covariance("lambda^+(k)", &block(inboard, row, row), &block(&f.lambda_plus, row, row));
             } else {
-                // The terminal condition: nothing at the base.
+                // The terminal condition: zero at the base.
                 assert!(found.iter().all(|&x| x == 0.0), "{}: Lambda^+(N)", case.name);
             }
         }

@@ -1,13 +1,14 @@
-//! Section 6 of the paper: the inverse of M in closed form. One test an equation.
+//! Section 6 of the paper: the inverse of M in closed form. One test per equation.
 //!
-//! On a tree 6.1 and 6.2 gain the terms across branches, with armature 6.2 gains r D^-2; each is also shown to be needed.
+//! On a tree 6.1 and 6.2 have additional terms across branches, with armature 6.2 has the term r D^-2; each is shown
+//! to be necessary.
 
 use crate::common::matrices::{Matrix, Vector, apply, inverse};
 use crate::common::paper::{Case, cases, chains, column};
 use phipsi::dynamics;
 use phipsi::operators::Kind;
 
-/// 6.1 as it holds on one path.
+/// 6.1 for one path.
 fn closed_form(case: &Case) -> Matrix {
     let f = &case.f;
     let spread = f.a.transpose() * &f.lambda_plus * &f.g - f.h.transpose() * &f.d_inv;
@@ -15,14 +16,14 @@ fn closed_form(case: &Case) -> Matrix {
     &f.d_inv + f.g.transpose() * &f.lambda_plus * &f.g + &half + half.transpose()
 }
 
-/// 6.2 as it holds on one path.
+/// 6.2 for one path.
 fn s_on_a_path(case: &Case) -> Matrix {
     let f = &case.f;
     let half = &f.p * f.psi.transpose() * (f.a.transpose() * &f.lambda_plus * &f.p - case.one());
     &f.p + &f.p * &f.lambda_plus * &f.p + &half + half.transpose()
 }
 
-/// The covariance of lambda^+ between branches.
+/// Covariance of lambda^+ between branches.
 fn across(case: &Case) -> Matrix {
     case.across_branches(&case.f.psi, &case.f.lambda)
 }
@@ -32,7 +33,7 @@ fn meets_on_a_body(case: &Case) -> bool {
     (0..case.nv()).any(|i| (0..i).any(|j| case.apart(i, j) && case.meet(i, j).is_some()))
 }
 
-/// S by definition: cov(x) given T, as 6.2 has it, is P - Psi P - P Psi* + P cov(lambda^+) P.
+/// S by definition: cov(x) given T in 6.2 is P - Psi P - P Psi* + P cov(lambda^+) P.
 fn s_by_definition(case: &Case) -> Matrix {
     let d = &case.d;
     let to_joints = &d.h * &d.phi_strict;
@@ -52,7 +53,7 @@ fn eq_6_1_inverse_in_closed_form() {
         case.holds("M^-1 of the scene", &found, &expected);
         let typed = closed_form(case) + f.g.transpose() * across(case) * &f.g;
         case.holds("M^-1, typed", &typed, &expected);
-        // Printed with Lambda of no side, and without A.
+        // Printed with a Lambda without a side, and without A.
         for lambda in [&f.lambda, &f.lambda_plus] {
             let half = f.g.transpose() * f.psi.transpose() * (lambda * &f.g - f.h.transpose() * &f.d_inv);
             let printed = &f.d_inv + f.g.transpose() * lambda * &f.g + &half + half.transpose();
@@ -102,13 +103,13 @@ fn eq_6_3_equations_of_motion() {
         let mut workspace = case.scene.workspace();
         let a = case.tau.as_slice();
         let expected = column(&(&case.d.m * &case.tau));
-        // M a: the operator, the sweep of the dynamics, and inverse dynamics less the bias.
+        // M a: the operator, the sweep of the dynamics, and inverse dynamics minus the bias.
         case.holds_directly("the operator", &apply(&case.factor.operator(Kind::Mass), &column(&case.tau)), &expected);
         let (mut whole, mut bias, mut swept) =
             (vec![f64::NAN; a.len()], vec![f64::NAN; a.len()], vec![f64::NAN; a.len()]);
         case.scene.inverse_dynamics(&mut workspace, &case.q, &case.qd, a, &[], &mut whole).unwrap();
         case.scene.bias_torque(&mut workspace, &case.q, &case.qd, &mut bias).unwrap();
-        // The placements that mul_mass reads.
+        // The poses that mul_mass reads.
         dynamics::bias_torque(model, &mut workspace, &case.q, &case.qd, &[], &mut swept);
         dynamics::mul_mass(model, &mut workspace, a, &mut swept);
         case.holds_directly("mul_mass", &column(&Vector::from_vec(swept)), &expected);

@@ -1,5 +1,5 @@
-//! The chain of the benches is the chain that Pinocchio runs beside it: its accelerations, from Pinocchio 4.1.0 (C++, ABA in
-//! local convention), as `benches/peers/pinocchio_bench --accelerations` prints them.
+//! The chain of the benches is that of Pinocchio: its accelerations, from Pinocchio 4.1.0 (C++, ABA in
+//! local convention), as printed by `benches/peers/pinocchio_bench --accelerations`.
 #![allow(clippy::cast_precision_loss)] // small indices
 
 use crate::common::tolerance::{assert_near, inverse};

@@ -1,10 +1,10 @@
-//! The plain methods of a scene run the compiled kernels, those of this scene and of no other.
+//! The plain methods of a scene run the compiled kernels of this scene.
 
 use crate::common::lanes::{ALGORITHMS, arguments, states, trees};
 use phipsi::batch::Fault;
 use phipsi::{Algorithm, Arguments, Derivatives, Error, Form, Products, Scene, Workspace, scenes};
 
-/// One algorithm by the scene's own method.
+/// One algorithm by the method of the scene.
 fn plain(
     scene: &Scene,
     workspace: &mut Workspace<f64>,
@@ -86,7 +86,7 @@ fn bits(numbers: &[f64]) -> Vec<u64> {
     numbers.iter().map(|x| x.to_bits()).collect()
 }
 
-/// The same bits as the kernels, which differ from those of the recursions in the last place.
+/// Bitwise equal to the kernels, which differ from the recursions in the last place.
 #[test]
 fn a_plain_method_is_the_kernel_of_one_state() {
     for scene in trees().chain([scenes::chain(7).unwrap()]) {
@@ -101,7 +101,8 @@ fn a_plain_method_is_the_kernel_of_one_state() {
     }
 }
 
-/// Chains of seven on which the recursions and the kernels differ by the order of their sums: the plain method is not the recursion.
+/// Chains of seven for which the recursions and the kernels differ by the order of their sums: the plain method is
+/// not the recursion.
 #[test]
 fn a_plain_method_is_not_the_recursion() {
     let scene = scenes::chain(7).unwrap();
@@ -119,7 +120,7 @@ fn a_plain_method_is_not_the_recursion() {
     assert!(differ);
 }
 
-/// A workspace of another scene is refused by name, also one of the same size, by all calls that take one.
+/// A workspace of another scene is refused by name, even with the same size, by all calls with a workspace.
 #[test]
 fn a_workspace_of_another_scene_is_refused() {
     let (scene, other) = (scenes::chain(7).unwrap(), scenes::chain(9).unwrap());
@@ -145,13 +146,13 @@ fn a_workspace_of_another_scene_is_refused() {
         let outcome = scene.operational_inverse_inertia(&mut foreign, &mut scratch, q, &["link6"], &mut omega);
         refused("operational_inverse_inertia", outcome);
     }
-    // And so is scratch for the inverse, where the recursion reads it.
+    // And so is scratch memory for the inverse, if the recursion reads it.
     let mut workspace = scene.workspace().in_form(Form::Joseph);
     let outcome = scene.mass_matrix_inverse(&mut workspace, &mut other.inverse_scratch(), q, &mut [0.0; 49]);
     assert!(outcome.unwrap_err().to_string().contains("scene.inverse_scratch()"));
 }
 
-/// A copy, and one that was made for the recursions, make kernels of their own.
+/// A copy, and a workspace created for the recursions, create their own kernels.
 #[test]
 fn any_workspace_of_this_size_will_do() {
     let scene = scenes::chain(7).unwrap();

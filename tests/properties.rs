@@ -1,5 +1,5 @@
 //! Identities of mechanics on random mixed trees, drawn and shrunk by proptest: fixed and floating bases, branches,
-//! joints of many degrees of freedom, armature and velocity together.
+//! joints with several degrees of freedom, armature and velocity together.
 
 use crate::common::oracle::{D, Oracle, d, ds};
 use crate::common::tolerance::{self, assert_close, assert_near, assert_near_double, conditioning, size, to_f64};
@@ -11,14 +11,14 @@ use phipsi::{Scene, Workspace, dynamics, kinematics};
 use proptest::prelude::{ProptestConfig, Strategy, any, proptest};
 use proptest::test_runner::RngSeed;
 
-/// The seed of every draw below: a failure comes back on every run.
+/// Seed of all cases below, so that a failure is reproducible.
 const SEED: u64 = 0x00B0_D1E5;
 
 fn config(cases: u32) -> ProptestConfig {
     ProptestConfig { cases, rng_seed: RngSeed::Fixed(SEED), failure_persistence: None, ..ProptestConfig::default() }
 }
 
-/// A tree of up to `most` joints; shrinks towards few bodies, a chain, no armature, a fixed base.
+/// A tree with up to `most` joints; shrinks toward few bodies, a chain, no armature, a fixed base.
 fn tree(most: usize) -> impl Strategy<Value = Tree<'static>> {
     (any::<u32>(), 1..=most, 0..3_u8, any::<bool>(), any::<bool>()).prop_map(
         |(seed, bodies, branching, geared, floating)| Tree {
@@ -32,7 +32,7 @@ fn tree(most: usize) -> impl Strategy<Value = Tree<'static>> {
     )
 }
 
-/// A scene with a state, wrenches on its bodies, and what the bounds need to know of it.
+/// A scene with a state, wrenches on its bodies, and magnitudes for the bounds.
 struct Case {
     scene: Scene,
     q: Vec<f64>,
@@ -77,8 +77,8 @@ impl Case {
         qdd
     }
 
-    /// Size of the terms that torques are sums of, at the accelerations `qdd`: the bias force of each link and the wrench on each
-    /// body, each with its lever, and M qdd.
+    /// Magnitude of the terms of torques, at the accelerations `qdd`: the bias force of each link and the
+    /// wrench on each body, each with its offset, and M qdd.
     fn terms(&self, qdd: &[f64]) -> f64 {
         let (_, bias) = Oracle::new(self.scene.source()).at(&ds(&self.q), &ds(&self.qd)).bias(&[]);
         let placements = self.scene.placements(&self.q).unwrap();
@@ -88,8 +88,8 @@ impl Case {
     }
 }
 
-/// The same scene in double-double arithmetic, its rotations too: those of f64 are off by 1e-16, which is all that these
-/// identities would then show.
+/// The same scene in double-double arithmetic, with orthonormal rotations: those of f64 have errors of 1e-16,
+/// which would dominate these identities.
 struct Double {
     model: Model<D>,
     workspace: Workspace<D>,
@@ -99,7 +99,7 @@ impl Double {
     fn new(scene: &Scene) -> Self {
         let mut model: Model<D> = scene.model().cast();
         for body in &mut model.bodies {
-            // One Newton step squares the defect.
+            // One Newton step squares the error.
             let r = body.tree.rotation;
             body.tree.rotation = r * (Matrix3::identity() * d(3.0) - r.transpose() * r) * d(0.5);
         }
@@ -114,7 +114,7 @@ impl Double {
         q.iter().zip(&rates).map(|(&q, &rate)| q + rate * d(h)).collect()
     }
 
-    /// The rate of `f(q, v)` along `v` with acceleration `a`, by a central difference.
+    /// Derivative of `f(q, v)` along `v` with acceleration `a`, by a central difference.
     fn rate<const N: usize>(
         &mut self,
         (q, v, a): (&[D], &[D], &[D]),
@@ -155,7 +155,7 @@ proptest! {
         let conditioning = conditioning(case.nv(), m.as_slice());
         let qdd = case.forward_dynamics(&case.tau, &case.wrenches);
         let tau = case.inverse_dynamics(&case.scene, &case.qd, &qdd, &case.wrenches);
-        // A backward error of M qdd, and the rounding of qdd itself.
+        // Backward error of M qdd, and rounding of qdd itself.
         let terms = case.terms(&qdd);
         assert_near("inverse of forward", &tau, &case.tau, tolerance::product(case.n, terms));
 
@@ -225,7 +225,7 @@ proptest! {
         let bound = tolerance::product(case.n, case.terms(&mixed) + case.terms(&a) + case.terms(&b));
         assert_near("affine in qdd", at(&mixed).as_slice(), expected.as_slice(), bound);
 
-        // Accelerations enter through M alone.
+        // Accelerations have an effect through M alone.
         let moved = case.mass_matrix() * DVector::from_column_slice(&a) + at(&zero);
         assert_near("M qdd + bias", at(&a).as_slice(), moved.as_slice(), bound);
 
@@ -247,11 +247,11 @@ proptest! {
         let (zero, other) = (vec![0.0; nv], case.random.array(nv, 1.0));
         let torque = |qd: &[f64]| DVector::from_vec(case.inverse_dynamics(&scene, qd, &zero, &[]));
         let scaled = |factor: f64| -> Vec<f64> { case.qd.iter().map(|x| factor * x).collect() };
-        // Powers of two and signs round nothing.
+        // Powers of two and signs cause no rounding.
         assert_eq!(torque(&scaled(2.0)), torque(&case.qd) * 4.0);
         assert_eq!(torque(&scaled(-1.0)), torque(&case.qd));
         assert_eq!(torque(&zero), DVector::zeros(nv));
-        // Parallelogram law: what two motions do to each other changes sign with one of them.
+        // Parallelogram law: the interaction of two motions changes sign with one of them.
         let plus: Vec<f64> = case.qd.iter().zip(&other).map(|(x, y)| x + y).collect();
         let minus: Vec<f64> = case.qd.iter().zip(&other).map(|(x, y)| x - y).collect();
         let sum = torque(&plus) + torque(&minus);
@@ -280,7 +280,7 @@ proptest! {
     fn steps_and_differences_undo_each_other(tree in tree(7)) {
         let mut case = Case::new(tree);
         let (nv, scene) = (case.nv(), &case.scene);
-        // Rotations of less than a half turn, where the short way is the way taken.
+        // Rotations of less than half a turn, for which the shortest path is unique.
         let step: Vec<f64> = case.random.array(nv, 1.0);
         let (mut moved, mut back) = (vec![f64::NAN; scene.nq()], vec![f64::NAN; nv]);
         scene.integrate(&case.q, &step, &mut moved).unwrap();
@@ -291,7 +291,8 @@ proptest! {
         assert_near("step by a difference", &again, &moved, tolerance::product(8, 1.0 + size(&moved)));
     }
 
-    /// Two half steps of a constant velocity are one whole step, near and far: holds for the exponential alone.
+    /// Two half steps of a constant velocity are one whole step, for small and large steps: holds only for the
+    /// exponential map.
     #[test]
     fn half_steps_make_whole_steps(tree in tree(7), decade in -6..1_i32) {
         let mut case = Case::new(tree);
@@ -304,7 +305,7 @@ proptest! {
         scene.integrate(&middle, &half, &mut end).unwrap();
         scene.integrate(&case.q, &step, &mut whole).unwrap();
         assert_near("two half steps", &end, &whole, tolerance::product(8, 1.0 + size(&whole)));
-        // And it starts off at the rates of the coordinates.
+        // And its initial velocity is that of the coordinates.
         if decade == -6 {
             let model = scene.model();
             let mut rates = vec![f64::NAN; scene.nq()];
@@ -331,7 +332,7 @@ proptest! {
             let energy = dynamics::energy(model, workspace, q, v);
             [energy.kinetic + energy.potential]
         });
-        // The power of a wrench, by the torque that it takes off the joints.
+        // The power of a wrench, from its effect on the joint torques.
         let mut with = vec![d(f64::NAN); case.nv()];
         let mut without = with.clone();
         dynamics::bias_torque(&double.model, &mut double.workspace, &q, &qd, &wrenches, &mut with);
@@ -342,7 +343,7 @@ proptest! {
         assert!(to_f64(power).abs() > 1e9 * tolerance::difference(case.n, scale), "the power is not trivial");
     }
 
-    /// qd (Mdot - 2C) qd = 0: without gravity the velocity torque does half the work that the change of M does.
+    /// qd (Mdot - 2C) qd = 0: without gravity the power of the velocity torque is half of that of the change of M.
     #[test]
     fn velocity_torque_is_passive(tree in tree(5)) {
         let case = Case::new(tree);
@@ -350,7 +351,7 @@ proptest! {
         let mut double = Double::new(&scene);
         let (q, qd) = (ds(&case.q), ds(&case.qd));
         let still = vec![d(0.0); case.nv()];
-        // Half qd Mdot qd, with the rates held.
+        // Half qd Mdot qd, with constant velocities.
         let [change] = double.rate((&q, &qd, &still), |model, workspace, q, v| {
             [dynamics::energy(model, workspace, q, v).kinetic]
         });
@@ -361,7 +362,7 @@ proptest! {
         assert_near_double("passivity", &[inner(&qd, &torque)], &[change], bound);
     }
 
-    /// A floating tree driven by internal torques alone: its momentum changes by its weight and by nothing else.
+    /// A floating tree with internal torques only: its momentum changes by gravity alone.
     #[test]
     fn internal_torques_leave_momentum_alone(mut tree in tree(5), weightless in any::<bool>()) {
         tree.floating = true;
@@ -377,7 +378,8 @@ proptest! {
             let momentum = dynamics::momentum(model, workspace, q, v);
             std::array::from_fn::<D, 6, _>(|i| momentum[i])
         });
-        // Weight in the mass centre, from the total mass and the gradient of the potential in each direction of gravity.
+        // Gravity force at the center of mass, from the total mass and the gradient of the potential in each
+        // direction of gravity.
         let mass: f64 = scene.source().links().iter().filter_map(|link| link.inertial).map(|i| i.mass).sum();
         let moment = first_moment(&scene, &case.q);
         let g = Vector3::from(gravity);
@@ -390,12 +392,12 @@ proptest! {
         } else {
             assert_near("weight", &rounded(&rate), &expected, tolerance::product(case.n, scale));
         }
-        // The state is one in which momentum is there to be lost.
+        // The state has a momentum that could change.
         let momentum = scene.momentum(&mut scene.workspace(), &case.q, &case.qd).unwrap();
         assert!(momentum.amax() > 1e-3);
     }
 
-    /// The first six rows of M qd are the momentum, seen from the root body.
+    /// The first six rows of M qd are the momentum, in the frame of the root body.
     #[test]
     fn root_rows_of_the_mass_matrix_give_momentum(mut tree in tree(5)) {
         tree.floating = true;
@@ -410,7 +412,7 @@ proptest! {
     }
 }
 
-/// Mass times mass centre, on the base, from the potential under gravity along each axis.
+/// Mass times center of mass, in the base frame, from the potential with gravity along each axis.
 fn first_moment(scene: &Scene, q: &[f64]) -> Vector3<f64> {
     Vector3::from_fn(|i, _| {
         let mut gravity = [0.0; 3];

@@ -1,5 +1,6 @@
-//! The recursions against two references, neither of them the same code in the same precision: rigid-body dynamics from first
-//! principles (`common/oracle.rs`, about 31 digits), and the recursions themselves in double-double arithmetic.
+//! The recursions compared with two references, neither of them the same code in the same precision: rigid-body
+//! dynamics from the definitions (`common/oracle.rs`, about 31 digits), and the recursions themselves in
+//! double-double arithmetic.
 
 use crate::common::oracle::{D, LinkWrench, Oracle, d, ds, solve};
 use crate::common::tolerance::{self, assert_close, assert_near, assert_near_double, conditioning, size, to_f64};
@@ -12,7 +13,8 @@ use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, Mode
 use phipsi::spatial::{RigidShift, Symmetric3};
 use phipsi::{Algorithm, Arguments, Form, Scene, Workspace};
 
-/// Joints whose rates are the derivatives of their coordinates, for which Lagrange's equations hold as in the textbook.
+/// Joints whose velocities are the derivatives of their coordinates, for which the textbook form of Lagrange's
+/// equations holds.
 const COORDINATE_KINDS: [JointKind; 5] = [
     JointKind::Revolute,
     JointKind::Prismatic,
@@ -40,7 +42,7 @@ fn mixed_trees(n: u64) -> impl Iterator<Item = (u64, SceneBuilder)> {
     })
 }
 
-/// A wrench on two links, merged ones and the base among them.
+/// A wrench on two links, including merged ones and the base.
 fn link_wrenches(scene: &Scene, random: &mut Random) -> Vec<(String, [f64; 6])> {
     (0..2)
         .map(|_| {
@@ -77,7 +79,7 @@ fn dynamics_match_first_principles() {
         scene.bias_torque(&mut workspace, &q, &qd, &mut torque).unwrap();
         assert_near("bias torque", &torque, &round(&exact_bias), tolerance::product(n, terms));
 
-        // Inverse dynamics at an acceleration of its own.
+        // Inverse dynamics at a separate acceleration.
         let qdd = random.array(nv, 3.0);
         let exact: Vec<D> =
             (0..nv).map(|i| (0..nv).fold(loaded_bias[i], |sum, j| sum + exact_mass[(i, j)] * d(qdd[j]))).collect();
@@ -118,7 +120,7 @@ fn energy_momentum_and_kinematics_match_first_principles() {
         let (kinetic, potential) = instant.energy();
         let energy = scene.energy(&mut workspace, &q, &qd).unwrap();
         assert_close("kinetic energy", energy.kinetic, to_f64(kinetic), tolerance::product(n, to_f64(kinetic)));
-        // Weight of all links, at the reach of the tree (and of its sliding joints).
+        // Weight of all links, at the extent of the tree (and of its prismatic joints).
         let reach = tolerance::count(n) * (1.0 + size(&q));
         let weight = 10.0 * 2.0 * tolerance::count(n);
         assert_close("potential energy", energy.potential, to_f64(potential), tolerance::product(1, weight * reach));
@@ -142,11 +144,11 @@ fn energy_momentum_and_kinematics_match_first_principles() {
     }
 }
 
-/// tau = d/dt (M qd) - d/dq (qd M qd / 2) + dU/dq, from M and U alone: says that the oracle's own torque is right too.
+/// tau = d/dt (M qd) - d/dq (qd M qd / 2) + dU/dq, from M and U alone: verifies the torque of the oracle too.
 #[test]
 fn bias_torque_satisfies_lagranges_equations() {
     for seed in 0..16 {
-        // Rotations that are exact: M and the torque would disagree by the rounding of one that is not quite a rotation.
+        // Orthonormal rotations: otherwise M and the torque would differ by their rounding error.
         let source = exact_tree(seed, &COORDINATE_KINDS);
         let scene = source.clone().build().unwrap();
         let oracle = Oracle::new(&source);
@@ -202,7 +204,7 @@ fn gravity_torque_is_the_gradient_of_the_potential() {
     }
 }
 
-/// Everything that the recursions give at one state, in double-double arithmetic.
+/// All results of the recursions in one state, in double-double arithmetic.
 struct InDouble {
     mass: Vec<D>,
     inverse: Vec<D>,
@@ -255,7 +257,7 @@ fn recursions_match_themselves_in_double_double() {
         assert_near("M^-1 in double-double", &matrix, &round(&exact.inverse), bound);
         recursion(Algorithm::BiasTorque, &Arguments { u: &[], ..state }, &mut vector);
         assert_near("bias in double-double", &vector, &round(&exact.bias), tolerance::product(n, terms));
-        // The torque serves as the acceleration here.
+        // The torque is used as the acceleration here.
         recursion(Algorithm::InverseDynamics, &state, &mut vector);
         let moving = terms + size(&exact_mass) * tau.iter().map(|x| x.abs()).sum::<f64>();
         assert_near("ID in double-double", &vector, &round(&exact.torque), tolerance::product(n, moving));
@@ -266,7 +268,7 @@ fn recursions_match_themselves_in_double_double() {
     }
 }
 
-/// A tree whose numbers f64 holds exactly: quarter turns, coordinate axes, levers and inertias in 1/64ths.
+/// A tree whose constants are exact in f64: quarter turns, coordinate axes, offsets and inertias in 1/64ths.
 fn exact_tree(seed: u64, kinds: &[JointKind]) -> SceneBuilder {
     let mut random = Random::new(seed);
     let quarter = |i: usize| {
@@ -288,7 +290,8 @@ fn exact_tree(seed: u64, kinds: &[JointKind]) -> SceneBuilder {
         let inertial = Inertial {
             mass: 1.5 + dyadic(&mut random),
             centre: Vector3::from_fn(|_, _| dyadic(&mut random)),
-            // Diagonal: in double-double an inertia is that of its root, L W L^T, and only such a root is exact in all frames.
+            // Diagonal: in double-double arithmetic an inertia is computed from its square root, L W L^T, which is
+            // exact in all frames only if it is diagonal.
             central: Symmetric3::new([0.25, 0.0, 0.0, 0.3125, 0.0, 0.375]),
         };
         let link = LinkDescription { name: format!("link{k}"), inertial: Some(inertial) };
@@ -297,8 +300,8 @@ fn exact_tree(seed: u64, kinds: &[JointKind]) -> SceneBuilder {
     builder
 }
 
-/// Where nothing is rounded on the way in, recursion and first principles agree to some 30 digits: no constant, sign or
-/// coefficient is right in its leading digits alone.
+/// Without rounding of the input, recursion and definitions agree to about 30 digits: no constant, sign or
+/// coefficient is correct only in its leading digits.
 #[test]
 fn double_double_recursions_match_first_principles_to_thirty_digits() {
     for seed in 0..16 {

@@ -1,5 +1,7 @@
-//! Gradients of functions of trajectories: the same on every arm and from any checkpoints, and what is refused. That they are right is in
-//! `src/motion/backward/tests.rs`, beside dual numbers of twice the digits, and in `tests/python/test_rollout_gradients.py`.
+//! Gradients of functions of trajectories: equal with every instruction set and from any checkpoints, and refused
+//! arguments. Their correctness is tested in
+//! `src/motion/backward/tests.rs`, by comparison with dual numbers in double-double arithmetic, and in
+//! `tests/python/test_rollout_gradients.py`.
 
 use crate::common::{ALL_KINDS, Random, Tree, random_state, tolerance};
 use phipsi::batch::Broadcast;
@@ -16,7 +18,7 @@ fn tree(seed: u64, floating: bool) -> Scene {
     Tree { seed, bodies: 4, kinds: &ALL_KINDS, branching: 0.4, armature: 0.2, floating }.scene()
 }
 
-/// A run of several states under torques of every step, and gradients of a scalar of its rows.
+/// A simulation of several states with torques in every step, and gradients of a scalar function of its rows.
 struct Run {
     scene: Scene,
     settings: Settings,
@@ -46,7 +48,7 @@ impl Run {
         Self { scene, settings, q, qd, tau, by }
     }
 
-    /// Of the last row, by its configuration and its rates.
+    /// For the last row, with respect to its configuration and its velocities.
     fn gradients(&self, every: usize) -> RolloutGradients {
         let (nq, nv) = (self.scene.nq(), self.scene.nv());
         let (rows, batch) = (STEPS / every + 1, [STATES]);
@@ -76,7 +78,7 @@ fn arms() -> impl Iterator<Item = Arm> {
     ARMS.into_iter().map(|(_, arm)| arm).filter(|arm| arm.available())
 }
 
-/// Without optimisation the kernels of the lanes need more stack than a thread has by default.
+/// Without optimization the lane kernels need more stack than a thread has by default.
 fn on_a_large_stack(work: impl FnOnce() + Send + 'static) {
     std::thread::Builder::new().stack_size(256 << 20).spawn(work).unwrap().join().unwrap();
 }
@@ -85,7 +87,7 @@ fn on_a_large_stack(work: impl FnOnce() + Send + 'static) {
 fn every_arm_and_any_checkpoints_give_the_same() {
     on_a_large_stack(|| {
         #[cfg(feature = "parallel")]
-        phipsi::batch::set_threads(1).unwrap(); // others have less stack
+        phipsi::batch::set_threads(1).unwrap(); // others have a smaller stack
         for (seed, floating) in [(1, false), (2, true)] {
             for (name, method) in METHODS {
                 let mut run = Run::new(seed, floating, method);

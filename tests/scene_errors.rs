@@ -1,5 +1,5 @@
-//! One valid scene and one valid call; then one broken thing a test. Messages name what was at fault, what was found and what
-//! would have been accepted.
+//! One valid scene and one valid call; then one broken argument per test. Messages name the subject, what was
+//! found and what was expected.
 
 use crate::common::arm::{assembled, link, parts};
 use nalgebra::{Matrix3, Vector3, Vector6};
@@ -12,7 +12,7 @@ fn valid() -> Scene {
     assembled(parts()).build().unwrap()
 }
 
-/// Breaks the parts; the scene must be refused for `subject`, with these words in what was found and expected.
+/// Breaks one part; the error must name `subject`, with these words in what was found and expected.
 #[track_caller]
 fn refused(
     broken: impl FnOnce(&mut Vec<LinkDescription>, &mut Vec<JointDescription>),
@@ -205,7 +205,7 @@ fn an_axis_of_no_direction() {
             ("joint \"shoulder\"", "axis (0, 0, 0)", "an axis with a direction"),
         );
     }
-    // Where the axis means nothing, nothing is wrong with it.
+    // If the axis is not used, it is not checked.
     let (links, mut joints) = parts();
     joints[1].axis = Vector3::zeros();
     assert!(assembled((links, joints)).build().is_ok());
@@ -302,7 +302,7 @@ fn a_mimic_joint_warns() {
     assert_eq!(scene.nv(), 4, "it stays a coordinate");
 }
 
-/// A call of one algorithm with arguments that may be broken.
+/// A call of one algorithm with possibly broken arguments.
 struct Call {
     q: Vec<f64>,
     qd: Vec<f64>,

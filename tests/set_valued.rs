@@ -1,4 +1,5 @@
-//! Exact Coulomb friction and joint stops: held arms, closed forms of sliding and bouncing, and the same results alone, in batches, on threads and by every instruction set.
+//! Exact Coulomb friction and joint stops: arms in static equilibrium, closed forms of sliding and bouncing, and
+//! equal results alone, in batches, on threads and with every instruction set.
 
 use crate::common::{Random, tolerance};
 use phipsi::Scene;
@@ -60,13 +61,13 @@ fn what_friction_cannot_hold_moves() {
 
 #[test]
 fn sliding_friction_stops_a_body_where_it_should() {
-    // Upward against gravity and friction, at rest in between for an instant, and held there.
+    // Upward against gravity and friction, instantaneously at rest, and kept there by friction.
     let (friction, v) = (1.2 * 2.0 * G, 3.0);
     let scene = lift(friction, f64::NEG_INFINITY, f64::INFINITY);
     let rollout = run(&scene, Settings::new(&scene, 1e-3), (0.0, v), 1000);
     let exact = 0.5 * v * v / (2.2 * G);
     let (q, v) = rollout.state(0);
-    // The last step of the slide is taken to be shorter or longer by part of a step: h^2 a/2.
+    // The last step of the slide is too short or too long by a fraction of a step: h^2 a/2.
     assert!((q[0] - exact).abs() <= 1e-6 * 2.2 * G && v[0].to_bits() == 0.0_f64.to_bits(), "{q:?} {v:?}");
     let tally = rollout.tally(0);
     assert!((tally.friction + friction * exact).abs() <= 1e-3 * friction * exact, "{tally:?}");
@@ -115,7 +116,7 @@ fn limits_can_be_reported_only_and_starts_outside_return() {
     assert!(fastest < 8.0);
 }
 
-/// Chains with friction and stops, started at random: every path through the code.
+/// Chains with friction and stops from random states: every path through the code.
 fn rubbing(states: usize) -> (Scene, Settings, Vec<f64>, Vec<f64>) {
     let mut random = Random::new(11);
     let chain = phipsi::scenes::chain(5).unwrap();
@@ -150,7 +151,7 @@ fn alone_and_in_batches_and_in_pieces_the_bits_are_the_same() {
         for piece in [1, 7, 192, 200] {
             one.step(&Torque::Constant(Broadcast::new("tau", &[0.0; 5], 5, &[], &[]).unwrap()), piece).unwrap();
         }
-        // One state runs on a scalar of its own: close, and in the same modes.
+        // One state uses a separate scalar type: nearly equal results, and the same modes.
         let (a, b) = (one.state(0), all.state(state));
         for (a, b) in a.0.iter().chain(a.1).zip(b.0.iter().chain(b.1)) {
             assert!((a - b).abs() <= 1e-7 * (1.0 + b.abs()), "{a} {b}");

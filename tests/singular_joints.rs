@@ -1,5 +1,5 @@
-//! Pivots: those that are lost are errors that name joint, link and remedy; those that are merely small are not; and what overflows
-//! says so.
+//! Pivots: singular ones are errors that name joint, link and remedy; small ones are not; and overflow
+//! is reported.
 
 use crate::common::arm::{assembled, link, parts, solid};
 use nalgebra::{Matrix3, Vector3};
@@ -7,7 +7,7 @@ use phipsi::scene::{Inertial, JointDescription, JointKind};
 use phipsi::spatial::{RigidShift, Symmetric3};
 use phipsi::{Error, Scene};
 
-/// A joint about whose axis nothing is left to move, in a scene that is valid otherwise.
+/// A joint that moves no inertia about its axis, in a scene that is valid otherwise.
 #[track_caller]
 fn assert_singular(scene: &Scene, joint: &str, link: &str) {
     let nv = scene.nv();
@@ -27,13 +27,13 @@ fn assert_singular(scene: &Scene, joint: &str, link: &str) {
         );
         assert!(error.in_state(3).to_string().contains(&format!("(of link {link:?}) in state 3: ")));
     }
-    // What needs no pivot works.
+    // Algorithms without pivots work.
     scene.mass_matrix(&mut workspace, &q, &mut matrix).unwrap();
     scene.inverse_dynamics(&mut workspace, &q, &zero, &zero, &[], &mut vec![f64::NAN; nv]).unwrap();
     scene.placements(&q).unwrap();
 }
 
-/// The arm with a joint "tip" of some kind and armature at the hand, and a link "needle" on it.
+/// The arm with a joint "tip" of a given type and armature at the hand, and a link "needle" on it.
 fn with_needle(kind: JointKind, armature: f64, needle: Option<Inertial>) -> Scene {
     let mut tip = JointDescription::new("tip", kind, "hand", "needle");
     tip.origin.lever = Vector3::new(0.0, 0.1, 0.3);
@@ -55,7 +55,7 @@ fn a_tip_without_mass_is_singular() {
         for inertial in [None, Some(massless)] {
             assert_singular(&with_needle(kind, 0.0, inertial), "tip", "needle");
         }
-        // With armature the joint has something to move.
+        // With armature the joint moves an inertia.
         let scene = with_needle(kind, 1e-6, None);
         let zero = vec![0.0; scene.nv()];
         let mut qdd = vec![f64::NAN; scene.nv()];
@@ -69,8 +69,8 @@ fn a_point_mass_on_its_axis_is_singular() {
     assert_singular(&with_needle(JointKind::Revolute, 0.0, Some(point)), "tip", "needle");
 }
 
-/// A point mass that a fixed joint brings onto the axis: the terms of its inertia cancel to rounding, not to zero, and none of them
-/// was subtracted by a measurement.
+/// A point mass that a fixed joint places on the axis: the terms of its inertia cancel up to rounding, not to
+/// zero, and none of them was subtracted by a measurement update.
 #[test]
 fn a_point_mass_welded_onto_the_axis_is_singular() {
     for i in 1..20_i32 {
@@ -95,7 +95,7 @@ fn a_point_mass_welded_onto_the_axis_is_singular() {
 #[test]
 fn a_light_link_is_no_singularity() {
     for inertia in [1e-6, 1e-12, 1e-18] {
-        // Light all over, and light about the axis alone.
+        // Small total mass, and small inertia about the axis alone.
         let light = Inertial {
             mass: 1e-6,
             centre: Vector3::zeros(),
@@ -110,7 +110,7 @@ fn a_light_link_is_no_singularity() {
             let scene = with_needle(JointKind::Revolute, 0.0, Some(inertial));
             let zero = vec![0.0; scene.nv()];
             let mut tau = zero.clone();
-            // A torque to match: the needle alone turns, by one radian a second squared.
+            // A corresponding torque: the needle alone accelerates, by one radian per second squared.
             tau[scene.joint("tip").unwrap().v.start] = inertia;
             let mut qdd = vec![f64::NAN; scene.nv()];
             let mut workspace = scene.workspace();
@@ -118,13 +118,14 @@ fn a_light_link_is_no_singularity() {
             let mut still = qdd.clone();
             scene.forward_dynamics(&mut workspace, &scene.neutral(), &zero, &zero, &[], &mut still).unwrap();
             let turned = qdd[scene.nv() - 1] - still[scene.nv() - 1];
-            // What the torque does to the hand (of about 0.03 kg m^2) is the rest.
+            // The difference is the effect of the torque on the hand (of about 0.03 kg m^2).
             assert!((turned - 1.0).abs() <= 100.0 * inertia + 1e-9, "{turned} for {inertia:e}");
         }
     }
 }
 
-/// Two hinges on one axis with nothing between them: the outer one takes all the inertia that the inner one could move.
+/// Two hinges on one axis with no inertia between them: the outer one removes all inertia about the axis of the inner
+/// one.
 fn doubled(kind: JointKind, rotation: Matrix3<f64>, between: Option<Inertial>) -> Scene {
     let mut inner = JointDescription::new("inner", kind, "hand", "ring");
     inner.origin = RigidShift { rotation, lever: Vector3::new(0.1, -0.2, 0.3) };
@@ -187,7 +188,7 @@ fn overflow_is_an_error_and_no_nan() {
 
 #[test]
 fn an_inertia_that_overflows_is_not_called_singular() {
-    // Finite numbers, each of them, whose moments are not: more inertia would not help.
+    // Finite values whose moments overflow: more inertia would not help.
     let (mut links, joints) = parts();
     links[2].inertial.as_mut().unwrap().centre = Vector3::new(1e200, 0.0, 0.0);
     let result = assembled((links, joints)).build().and_then(|scene| {

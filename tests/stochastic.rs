@@ -1,4 +1,4 @@
-//! The spatially random model: its samples obey (1.1) to (1.6), and M emerges from them (5.1).
+//! The random model: its samples satisfy (1.1) to (1.6), and M is their covariance (5.1).
 
 use crate::common::{ALL_KINDS, Random, Tree, random_scene, random_state, tolerance};
 use phipsi::operators::{Kind, Operator};
@@ -17,7 +17,7 @@ fn mass_matrix(scene: &Scene, q: &[f64]) -> Vec<f64> {
     m
 }
 
-/// Trees of all joint kinds, every other one with armature, every third floating.
+/// Trees with all types of joints, every other one with armature, every third floating.
 fn cases() -> impl Iterator<Item = (Scene, Vec<f64>, Vec<f64>)> {
     (0..6).map(|seed| {
         let armature = if seed % 2 == 0 { 0.0 } else { 0.3 };
@@ -131,7 +131,8 @@ fn monte_carlo_is_right_within_its_standard_error() {
     }
 }
 
-/// How often the interval of each entry holds it, over many seeds; few samples, where the intervals are hard.
+/// Fraction of intervals that contain the exact entry, over many seeds; few samples, for which the intervals are
+/// difficult.
 fn coverage(model: &RandomModel, exact: &[f64], samples: usize, seeds: u64, confidence: f64) -> Vec<f64> {
     let mut held = vec![0_u32; exact.len()];
     for seed in 0..seeds {
@@ -161,10 +162,10 @@ fn intervals_hold_as_often_as_they_say() {
     }
 }
 
-/// Least squares slope of log error over log samples; the error is the root mean square over seeds.
+/// Least-squares slope of log error against log samples; the error is the root mean square over seeds.
 fn slope(exact: &[f64], sizes: &[usize], seeds: u64, estimate: impl Fn(usize, u64) -> Vec<f64>) -> f64 {
     let point = |&size: &usize| {
-        // Samples of one seed share their beginning: each size has seeds of its own.
+        // Samples of one seed have a common beginning: each size has separate seeds.
         let first = 1000 * size as u64;
         let squares: f64 = (first..first + seeds).map(|seed| error(&estimate(size, seed), exact).powi(2)).sum();
         (tolerance::count(size).ln(), 0.5 * (squares / tolerance::count(usize::try_from(seeds).unwrap())).ln())

@@ -1,4 +1,5 @@
-//! The number of threads: set, told, refused, and without effect on a bit. One process, one number: so one test.
+//! The number of threads: set, reported, refused, and without effect on the bits. It is a property of the process:
+//! one test.
 #![cfg(feature = "parallel")]
 
 use phipsi::Error;
@@ -9,7 +10,7 @@ use std::sync::{Barrier, Mutex};
 use std::thread::ThreadId;
 use std::time::{Duration, Instant};
 
-/// Results of many states that are worth threads, and the threads that computed them.
+/// Results of many states, enough for several threads, and the threads that computed them.
 fn run() -> (Vec<u64>, HashSet<ThreadId>) {
     let (pool, seen) = (Pool::default(), Mutex::new(HashSet::new()));
     let mut results = vec![f64::NAN; 2000];
@@ -23,7 +24,8 @@ fn run() -> (Vec<u64>, HashSet<ThreadId>) {
     (results.into_iter().map(f64::to_bits).collect(), seen.into_inner().unwrap())
 }
 
-/// How many threads are in a batch at the same time: each waits in its first state until as many have come.
+/// Number of threads that are in a batch at the same time: each waits in its first state until that number has
+/// arrived.
 fn threads_that_meet(wanted: usize) -> usize {
     let (pool, seen, gone) = (Pool::default(), Mutex::new(HashSet::new()), Instant::now());
     let batch = Batch { states: 2000, cost: 100_000, pool: &pool, make: || () };
@@ -38,7 +40,7 @@ fn threads_that_meet(wanted: usize) -> usize {
     seen.into_inner().unwrap().len()
 }
 
-/// A batch that one thread is busy with for long does not hold up another thread's: that ends when much of the long one is still to do.
+/// A long batch of one thread does not block a batch of another thread, which ends long before it.
 fn a_short_batch_ends_before_a_long_one() {
     let (pool, short_has_ended) = (Pool::default(), AtomicBool::new(false));
     let (begun, gone, done) = (Barrier::new(2), Instant::now(), AtomicUsize::new(0));
@@ -49,7 +51,7 @@ fn a_short_batch_ends_before_a_long_one() {
                 if state == 0 {
                     begun.wait();
                 }
-                // Until the short one has ended: then there is no hurry any more.
+                // Until the short one has ended; then there is no deadline.
                 if !short_has_ended.load(Ordering::Relaxed) && gone.elapsed() < Duration::from_secs(20) {
                     std::thread::sleep(Duration::from_millis(1));
                 }
@@ -89,7 +91,7 @@ fn any_number_of_threads_gives_the_same_bits() {
         assert!(error.to_string().contains(&absurd.to_string()));
         assert_eq!(threads(), 5, "what was set before stays");
     }
-    // Changed while batches run: they keep theirs.
+    // Changed while batches run: they keep their number.
     std::thread::scope(|scope| {
         let batches: Vec<_> = (0..4).map(|_| scope.spawn(|| (0..20).map(|_| run().0).collect::<Vec<_>>())).collect();
         for wanted in [2, 1, 4, 0, 3].into_iter().cycle().take(50) {
@@ -101,7 +103,7 @@ fn any_number_of_threads_gives_the_same_bits() {
     });
     set_threads(2).unwrap();
     a_short_batch_ends_before_a_long_one();
-    // A pool that the caller is in is used, whatever was set.
+    // The pool of the caller is used, independent of the setting.
     let own = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
     set_threads(3).unwrap();
     assert_eq!(own.install(threads), 2);

@@ -1,4 +1,4 @@
-//! One scene, many threads: the same bits as one thread alone.
+//! One scene, many threads: bitwise equal to one thread alone.
 
 use crate::common::{ALL_KINDS, Random, Tree, random_state};
 use phipsi::operators::Factor;
@@ -17,7 +17,7 @@ const _: () = shared_between_threads::<SceneBuilder>();
 const _: () = shared_between_threads::<Workspace<f64>>();
 const _: () = shared_between_threads::<Error>();
 
-/// Everything that the scene gives at a state drawn from `seed`, as bits.
+/// All results of the scene in a state drawn from `seed`, as bits.
 fn bits(scene: &Scene, workspace: &mut Workspace<f64>, factor: &Factor<f64>, seed: u64) -> Vec<u64> {
     let (q, qd, tau) = random_state(scene, &mut Random::new(seed));
     let nv = scene.nv();
@@ -52,7 +52,7 @@ fn threads_share_a_scene_and_a_factor() {
                 scope.spawn(move || {
                     let mut workspace = scene.workspace();
                     start.wait();
-                    // Each thread takes the states in an order of its own.
+                    // Each thread uses the states in a different order.
                     let order = (0..STATES).map(|i| (i * (2 * thread + 5) + thread) % STATES);
                     order.map(|seed| (seed, bits(scene, &mut workspace, factor, seed))).collect::<Vec<_>>()
                 })

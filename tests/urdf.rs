@@ -1,4 +1,4 @@
-//! The URDF reader: what it reads, what it refuses and in what words, and that no input makes it slow or panic.
+//! The URDF reader: supported input, errors and their messages, and linear time without panics for any input.
 
 use crate::common::Random;
 use crate::common::tolerance::{assert_near, product};
@@ -26,7 +26,7 @@ fn scene(xml: &str) -> Result<Scene, Error> {
     SceneBuilder::from_urdf(xml)?.build()
 }
 
-/// The message of the scene error that a text must give.
+/// Message of the scene error for a text.
 #[track_caller]
 fn refusal(xml: &str) -> String {
     match scene(xml) {
@@ -98,7 +98,7 @@ fn every_joint_type_and_attribute_is_read() {
 }
 
 #[test]
-#[allow(clippy::float_cmp)] // what the file says, exactly
+#[allow(clippy::float_cmp)] // exactly the value in the file
 fn rotations_and_turned_inertias_agree_with_mpmath() {
     let builder = mixed();
     // Rz Ry Rx of the decimals in the file, and R I R^T: mpmath 1.4, 40 digits.
@@ -138,7 +138,7 @@ fn a_mixed_scene_builds_with_fixed_and_floating_base() {
 }
 
 #[test]
-#[allow(clippy::float_cmp)] // what the file says, exactly
+#[allow(clippy::float_cmp)] // exactly the value in the file
 fn limits_left_out() {
     let limits = |xml: &str| scene(xml).unwrap().joint("hinge").unwrap().limits;
     let element = r#"<limit lower="-1" upper="1" effort="2" velocity="3"/>"#;
@@ -356,7 +356,7 @@ fn inertias_that_no_body_has_are_told_and_rounding_is_not() {
     }
 }
 
-/// Runs where `PHIPSI_ROBOTS` names the folder share/example-robot-data/robots of the `PyPI` package.
+/// Runs if `PHIPSI_ROBOTS` is the folder share/example-robot-data/robots of the `PyPI` package.
 #[test]
 fn example_robot_data() {
     let Some(folder) = std::env::var_os("PHIPSI_ROBOTS") else {

@@ -1,4 +1,4 @@
-//! What a URDF says that is not read, and limits that mean nothing: warnings of the scene, errors of a strict one.
+//! Ignored parts of a URDF, and invalid limits: warnings of the scene, errors of a strict one.
 
 use phipsi::Error;
 use phipsi::scene::{Limits, SceneBuilder, SceneWarning};
@@ -17,7 +17,7 @@ fn arm_with(from: &str, to: &str) -> SceneBuilder {
     SceneBuilder::from_urdf(&ARM.replacen(from, to, 1)).unwrap()
 }
 
-/// The message of the error that a strict scene of it gives.
+/// Message of the error with strict.
 #[track_caller]
 fn strictly(builder: SceneBuilder) -> String {
     let error = builder.strict(true).build().unwrap_err();
@@ -37,7 +37,7 @@ fn what_is_not_understood_is_one_warning_and_an_error_if_strict() {
 }
 
 #[test]
-#[allow(clippy::float_cmp)] // what the file says, exactly
+#[allow(clippy::float_cmp)] // exactly the value in the file
 fn limits_that_mean_nothing_are_none() {
     let builder = arm_with(
         r#"lower="-1" upper="1" effort="2" velocity="3""#,
@@ -62,7 +62,7 @@ fn moving_links_that_all_have_no_mass() {
     assert!(strictly(builder).contains("1 of 1 moving link has no mass"));
 }
 
-/// Names of foreign programs and broken documents, of any size, take time that grows with their length.
+/// Names and broken documents of any size take linear time.
 #[test]
 fn many_findings_and_prefixes_are_quick() {
     let start = std::time::Instant::now();

@@ -1,10 +1,10 @@
-//! What the benches share: algorithms, models (chains, and the robots of `make peers`), states, and a clock.
+//! Common parts of the benches: algorithms, models (chains, and the robots of `make peers`), states, and timing.
 #![allow(dead_code)] // each bench uses its own part
 
 use phipsi::{Algorithm, Arguments, Derivatives, Form, Scene, scenes};
 use std::time::{Duration, Instant};
 
-/// The algorithms that the peers have too, in the form that they run.
+/// Algorithms that the peers have too, in the form that they use.
 pub const ALGORITHMS: [(&str, Algorithm); 6] = [
     ("forward_dynamics", Algorithm::ForwardDynamics(Form::Covariance)),
     ("inverse_dynamics", Algorithm::InverseDynamics),
@@ -14,16 +14,17 @@ pub const ALGORITHMS: [(&str, Algorithm); 6] = [
     ("forward_dynamics_derivatives", Algorithm::Derivatives(Derivatives::ForwardDynamics(Form::Covariance))),
 ];
 
-/// Bodies of the chains that the peers run too.
+/// Numbers of bodies of the chains, as for the peers.
 pub const CHAINS: [usize; 4] = [7, 16, 30, 64];
 
-/// The robots of `make peers`, and whether their base floats.
+/// Robots of `make peers`, and whether they have a floating base.
 pub const ROBOTS: [(&str, bool); 5] =
     [("ur5", false), ("panda", false), ("anymal", true), ("g1", true), ("talos", true)];
 
 const STATES: usize = 256;
 
-/// States of a batch; fewer of derivatives, three matrices each, for more would measure how fast memory is written.
+/// States of a batch; fewer for derivatives, with three matrices each, because more would measure the memory
+/// bandwidth.
 pub fn batch_of(algorithm: Algorithm) -> usize {
     if matches!(algorithm, Algorithm::Derivatives(_)) { 256 } else { 4096 }
 }
@@ -31,7 +32,8 @@ pub fn batch_of(algorithm: Algorithm) -> usize {
 /// (q, qd, tau) of one state.
 pub type State = [Vec<f64>; 3];
 
-/// Random states of a scene: velocities and torques in -1 to 1, configurations that far from the neutral one.
+/// Random states of a scene: velocities and torques in -1 to 1, configurations displaced by that much from the
+/// neutral one.
 pub fn states(scene: &Scene) -> Vec<State> {
     let mut seed = 0x1234_5678_9abc_def0_u64;
     let mut draw = |n: usize| -> Vec<f64> {
@@ -53,21 +55,21 @@ pub fn states(scene: &Scene) -> Vec<State> {
         .collect()
 }
 
-/// A kind of states that robots are in, and random ones never: python/phipsi/report/kinds.py says what each is.
+/// A kind of states other than random ones; python/phipsi/report/kinds.py defines them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Kind {
-    /// Held against gravity: no rates, the torques of the bias.
+    /// Static equilibrium: zero velocities, the torques of the bias.
     Held,
-    /// Let go: no rates, no torques.
+    /// Passive, at rest: zero velocities and torques.
     AtRest,
-    /// No torques.
+    /// Passive, in motion: zero torques.
     Falling,
 }
 
-/// Every kind by its name, a minus for a space.
+/// Every kind by its name, with a hyphen for a space.
 pub const KINDS: [(&str, Kind); 3] = [("held", Kind::Held), ("at-rest", Kind::AtRest), ("falling", Kind::Falling)];
 
-/// States of a kind, with the configurations and rates of random ones.
+/// States of a kind, with the configurations and velocities of random ones.
 pub fn states_of(kind: Kind, scene: &Scene, states: &[State]) -> Vec<State> {
     let zero = || vec![0.0; scene.nv()];
     let mut workspace = scene.workspace();
@@ -81,12 +83,12 @@ pub fn states_of(kind: Kind, scene: &Scene, states: &[State]) -> Vec<State> {
     states.iter().map(of).collect()
 }
 
-/// The arguments that an algorithm reads of a state.
+/// The arguments of an algorithm for one state.
 pub fn arguments(algorithm: Algorithm, [q, qd, u]: &State) -> Arguments<'_> {
     Arguments { q, qd, u, wrenches: &[], seed: [qd, u, qd], ..Arguments::default() }.read_by(algorithm)
 }
 
-/// A robot of `make peers`, on the base that the peers give it; none, and a word about it, where its file is not there.
+/// A robot of `make peers`, with the base of the peers; `None`, with a message, if its file does not exist.
 #[cfg(feature = "urdf")]
 pub fn robot(name: &str, floating: bool) -> Option<Scene> {
     let path = format!("{}/target/peers/models/{name}.urdf", env!("CARGO_MANIFEST_DIR"));
@@ -98,13 +100,13 @@ pub fn robot(name: &str, floating: bool) -> Option<Scene> {
     Some(builder.build().expect("a robot"))
 }
 
-/// Without URDF there is none.
+/// Not available without URDF.
 #[cfg(not(feature = "urdf"))]
 pub fn robot(_: &str, _: bool) -> Option<Scene> {
     None
 }
 
-/// A chain of [`CHAINS`], as `chain_7`, or one of [`ROBOTS`]; none where it is neither, or its file is not there.
+/// A chain of [`CHAINS`], as `chain_7`, or one of [`ROBOTS`]; `None` if it is neither, or its file does not exist.
 pub fn model(name: &str) -> Option<Scene> {
     if let Some(&bodies) = CHAINS.iter().find(|bodies| format!("chain_{bodies}") == name) {
         return Some(scenes::chain(bodies).expect("a chain"));
@@ -112,11 +114,11 @@ pub fn model(name: &str) -> Option<Scene> {
     ROBOTS.iter().find(|(known, _)| *known == name).and_then(|(_, floating)| robot(name, *floating))
 }
 
-/// The shortest repeat, so that the clock's own cost vanishes.
+/// Duration of the shortest repetition, so that the cost of the clock is negligible.
 const REPEAT: Duration = Duration::from_micros(200);
 
-/// Median nanoseconds a state of `cycle`, which works through that many states: after one that warms the caches, repeats of whole
-/// cycles fill `seconds`. As `benches/peers/pinocchio_bench.cpp` does it on the other side.
+/// Median nanoseconds per state of `cycle`, which processes that many states: after a warm-up, repetitions of whole
+/// cycles fill `seconds`, as in `benches/peers/pinocchio_bench.cpp`.
 #[allow(clippy::cast_precision_loss)] // counts
 pub fn median_ns(seconds: f64, states: usize, mut cycle: impl FnMut()) -> f64 {
     cycle();

@@ -1,4 +1,4 @@
-"""Programs and their output, and instructions counted by callgrind."""
+"""Programs and their output, and instruction counts by callgrind."""
 
 import os
 import re
@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NoReturn
 
 ROOT = Path(__file__).resolve().parents[2]
-#: What valgrind says of an instruction that it lacks (3.19: vmovq between registers), before the program ends.
+#: Message of valgrind about an unsupported instruction (3.19: vmovq between registers), before the program ends.
 UNKNOWN = "Unrecognised instruction"
 
 
@@ -18,7 +18,7 @@ def fail(message: str) -> NoReturn:
 
 
 def output(command: list[str], **environment: str) -> str:
-    """What a command prints; it must not fail, but for want of an instruction in valgrind."""
+    """Output of a command, which must not fail except for an instruction that valgrind does not support."""
     done = subprocess.run(
         command, cwd=ROOT, env=os.environ | environment, capture_output=True, text=True, check=False
     )
@@ -30,7 +30,7 @@ def output(command: list[str], **environment: str) -> str:
 
 
 def instructions(program: list[str], arm: str) -> int | None:
-    """Of one whole run on this arm; none where valgrind cannot run it."""
+    """Instructions of one complete run on this instruction set; None if valgrind cannot run it."""
     with tempfile.TemporaryDirectory() as folder:
         valgrind = ["valgrind", "--tool=callgrind", f"--callgrind-out-file={folder}/out"]
         said = output([*valgrind, *program], PHIPSI_ARM=arm)
@@ -43,6 +43,6 @@ def instructions(program: list[str], arm: str) -> int | None:
 
 
 def a_call(few: list[str], many: list[str], calls: int, arm: str) -> int | None:
-    """Of one call, by two runs of which the second makes so many calls more."""
+    """Instructions per call, from two runs with different numbers of calls."""
     counts = [instructions(program, arm) for program in (few, many)]
     return None if None in counts else round((counts[1] - counts[0]) / calls)  # type: ignore[operator]

@@ -1,11 +1,15 @@
-"""Counts the instructions of every algorithm with callgrind, and fails where one takes more than it did: `make instructions`.
+"""Count the instructions of every algorithm with callgrind, and fail if one needs more than before: `make
+instructions`.
 
 Usage: python3 benches/instructions/count.py [--update] [--binary PATH]
 
-Each case (a scene of tests/common/gate.rs and an algorithm) runs twice, with different numbers of calls; the difference is the calls alone. Counts are compared with those
-of expected.json beside this file: more than 3 % above is a failure, more than 3 % below is told. They depend on the compiler: under
-another rustc than the one that expected.json names nothing is compared. --update writes the file anew.
-Arms: baseline and avx2 (valgrind has no AVX-512); one state, and on avx2 four, a register full of them.
+Each case (a scene of tests/common/gate.rs and an algorithm) runs twice, with different numbers of calls; the
+difference belongs to the calls alone. Counts are compared with those of expected.json in this folder: more than 3 %
+above is a failure, more than 3 % below is reported. They depend on the compiler: with another rustc than the one in
+expected.json nothing is compared. --update rewrites the file.
+
+Instruction sets: baseline and avx2 (valgrind does not support AVX-512); one state, and with avx2 also four, which
+fill a register.
 """
 
 import argparse
@@ -19,15 +23,15 @@ from pathlib import Path
 from callgrind import ROOT, a_call, fail, output
 
 EXPECTED = Path(__file__).with_name("expected.json")
-#: Calls of the shorter and of the longer run.
+#: Numbers of calls of the shorter and of the longer run.
 REPEATS = (4, 24)
-#: (arm, states of a call).
+#: (instruction set, states per call).
 RUNS = (("baseline", 1), ("avx2", 1), ("avx2", 4))
 SLACK = 0.03
 
 
 def built() -> str:
-    """The path of the bench, after building it."""
+    """Path of the bench, after building it."""
     command = ["cargo", "bench", "--locked", "--no-run", "--features", "urdf,parallel,dense,stochastic,adaptive,avx512,float32"]
     found = re.search(r"\(([^)]*instructions-[0-9a-f]+)\)", output([*command, "--bench", "instructions"]))
     if found is None:
@@ -36,13 +40,13 @@ def built() -> str:
 
 
 def of_case(binary: str, arm: str, case: str, states: int) -> int | None:
-    """Instructions of one call; none where valgrind lacks one of them."""
+    """Instructions per call; None if valgrind does not support one of them."""
     few, many = ([binary, "count", *case.split(), str(states), str(repeats)] for repeats in REPEATS)
     return a_call(few, many, REPEATS[1] - REPEATS[0], arm)
 
 
 def counted(binary: str) -> dict[str, int | None]:
-    """Instructions of one call, by case; none where valgrind lacks one of them."""
+    """Instructions per call, by case; None if valgrind does not support one of them."""
     listed = output([binary, "list"]).splitlines()
     cases = [(arm, case, states) for arm, states in RUNS for case in listed]
     with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:

@@ -1,6 +1,7 @@
-"""Batches: arrays in, arrays out, as contestants.py has it for one state a call.
+"""Batches: arrays in, arrays out, like contestants.py for one state per call.
 
-phipsi has them for every algorithm; Pinocchio is looped over, and has two of its own; MuJoCo has `mujoco.rollout`.
+phipsi has batches for every algorithm; Pinocchio is called in a loop, and has two batched functions; MuJoCo has
+`mujoco.rollout`.
 """
 
 from collections.abc import Callable, Iterator
@@ -16,7 +17,7 @@ from problems import KINDS, Array, Problem
 
 
 def of_phipsi(problem: Problem, threads: int = 1) -> Iterator[Entry]:
-    """Numpy arrays in and out; the number of threads is that of the process."""
+    """NumPy arrays in and out; the number of threads is that of the process."""
     scene, q, qd, tau, qdd = problem.scene, problem.q, problem.qd, problem.tau, problem.qdd
     library = "phipsi" if threads == 1 else f"phipsi, {threads} threads"
 
@@ -38,7 +39,7 @@ def of_phipsi(problem: Problem, threads: int = 1) -> Iterator[Entry]:
     for form in ("covariance", "auto"):
         loop = lambda form=form: scene.mass_matrix_inverse(q, form=form)  # noqa: E731
         yield entry("mass_matrix_inverse", f"mass_matrix_inverse, {form}", loop)
-    # A new array of so many matrices is paid page by page.
+    # The pages of a new array of this size are allocated one by one.
     out = np.empty((len(problem), scene.nv, scene.nv))
     yield entry("mass_matrix", f"mass_matrix{INTO_GIVEN}", lambda: scene.mass_matrix(q, out=out))
     inverse = "mass_matrix_inverse"
@@ -46,7 +47,7 @@ def of_phipsi(problem: Problem, threads: int = 1) -> Iterator[Entry]:
 
 
 def of_pinocchio(problem: Problem) -> Iterator[Entry]:
-    """A loop over the rows, as its users write it; and its own batches, which it has for two algorithms."""
+    """A loop over the rows, as in user code; and its batched functions for two algorithms."""
     model, at = pinocchio_model(problem)
     data, last, nv = model.createData(), len(problem) - 1, model.nv
     q, v, tau, a = pinocchio_arrays(problem, at)

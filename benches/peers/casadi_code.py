@@ -1,8 +1,9 @@
-"""Dynamics of one robot as CasADi writes it: the usual recursions on its symbols, in C, compiled by the system's compiler.
+"""Dynamics of one robot by CasADi: the usual recursions with its symbols, in C, compiled by the system's compiler.
 
-What is compared with phipsi.compile in benches/compiled.py. The recursions are written as one would for speed: constants are numbers before they meet a symbol, symmetric matrices have one
-triangle, the free joint is six rows one after another, and CasADi's common subexpressions are one. Derivatives are CasADi's own, by automatic differentiation. A batch runs as many states at
-once as a register of this processor holds.
+Benchmark for phipsi.compile in benches/compiled.py. The recursions are written for speed: constants are folded before
+they are combined with symbols, symmetric matrices have one triangle, the free joint is processed as six rows in
+sequence, and CasADi eliminates common subexpressions. Derivatives are CasADi's own, by automatic differentiation. A
+batch processes as many states at once as fit in a register of this processor.
 """
 
 import ctypes
@@ -15,23 +16,23 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-#: By whoever compiles what CasADi writes; sines of a register's lanes come with it.
+#: Compilers of CasADi's code; vectorized sine and cosine are included.
 FLAGS = ("-O3", "-march=native", "-ffast-math", "-fPIC", "-shared", "-w")
 
 
 def _columns(joint: pin.JointModel) -> tuple[ca.SX, int]:
-    """The columns of the joint's motion in its frame, (angular, linear), and how many numbers of q it has."""
+    """Columns of the joint's motion subspace in its frame, (angular, linear), and the number of its entries in q."""
     name = joint.shortname()
     if name == "JointModelFreeFlyer":
         return ca.SX(np.roll(np.eye(6), 3, axis=0)), 7
     data = joint.createData()
     joint.calc(data, np.zeros(joint.nq))
-    # Pinocchio's is (linear, angular).
+    # Pinocchio's order is (linear, angular).
     return ca.SX(ca.sparsify(ca.DM(np.roll(np.asarray(data.S).reshape(6, 1), 3, axis=0)))), 1
 
 
 def _placement(joint: pin.JointModel, columns: ca.SX, q: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """The rotation from the joint's frame behind it to that before it, and the offset."""
+    """Rotation from the frame after the joint to that before it, and the offset."""
     if q.numel() == 7:
         x, y, z, w = (q[i] for i in range(3, 7))
         rows = [
@@ -87,15 +88,15 @@ def _cross_force(v: ca.SX, f: ca.SX) -> ca.SX:
 
 
 def _bodies(model: pin.Model, q: ca.SX, qd: ca.SX) -> list[_Body]:
-    """Placements, inertias and velocities, base to tip; the model's first joint is the world."""
+    """Placements, inertias and velocities, base to tip; the first joint of the model is the world."""
     bodies: list[_Body] = []
     for k in range(1, model.njoints):
         joint, fixed, inertia = model.joints[k], model.jointPlacements[k], model.inertias[k]
         columns, count = _columns(joint)
         own, along = _placement(joint, columns, q[joint.idx_q : joint.idx_q + count])
         rotation, offset = ca.SX(fixed.rotation) @ own, ca.SX(fixed.translation) + ca.SX(fixed.rotation) @ along
-        mass, centre = inertia.mass, pin.skew(inertia.lever)
-        matrix = np.block([[inertia.inertia - mass * centre @ centre, mass * centre], [-mass * centre, mass * np.eye(3)]])
+        mass, center = inertia.mass, pin.skew(inertia.lever)
+        matrix = np.block([[inertia.inertia - mass * center @ center, mass * center], [-mass * center, mass * np.eye(3)]])
         rows = slice(joint.idx_v, joint.idx_v + joint.nv)
         body = _Body(model.parents[k] - 1, rows, columns, rotation, offset, ca.SX(ca.sparsify(ca.DM(matrix))), ca.SX(), ca.SX())
         relative = columns @ qd[rows]
@@ -109,7 +110,7 @@ def _base(model: pin.Model) -> ca.SX:
 
 
 def forward_dynamics(model: pin.Model, q: ca.SX, qd: ca.SX, tau: ca.SX) -> ca.SX:
-    """The articulated-body recursion."""
+    """Articulated-body recursion."""
     bodies = _bodies(model, q, qd)
     inertia = [body.inertia for body in bodies]
     force = [_cross_force(body.velocity, body.inertia @ body.velocity) for body in bodies]
@@ -140,7 +141,7 @@ def forward_dynamics(model: pin.Model, q: ca.SX, qd: ca.SX, tau: ca.SX) -> ca.SX
 
 
 def inverse_dynamics(model: pin.Model, q: ca.SX, qd: ca.SX, qdd: ca.SX) -> ca.SX:
-    """The Newton-Euler recursion."""
+    """Newton-Euler recursion."""
     bodies = _bodies(model, q, qd)
     accelerations: list[ca.SX] = []
     force: list[ca.SX] = []
@@ -158,17 +159,17 @@ def inverse_dynamics(model: pin.Model, q: ca.SX, qd: ca.SX, qdd: ca.SX) -> ca.SX
 
 
 def _by_each(result: ca.SX, *numbers: ca.SX) -> ca.SX:
-    """Derivatives by automatic differentiation, each row by row once they are a vector."""
+    """Derivatives by automatic differentiation, by row of a vector."""
     return ca.horzcat(*(ca.jacobian(result, by).T for by in numbers))
 
 
 def forward_dynamics_derivatives(model: pin.Model, q: ca.SX, qd: ca.SX, tau: ca.SX) -> ca.SX:
-    """By q, qd and tau, one after another; q of one number a joint."""
+    """With respect to q, qd and tau, concatenated; each joint has one entry of q."""
     return _by_each(forward_dynamics(model, q, qd, tau), q, qd, tau)
 
 
 def inverse_dynamics_derivatives(model: pin.Model, q: ca.SX, qd: ca.SX, qdd: ca.SX) -> ca.SX:
-    """By q, qd and qdd, likewise."""
+    """With respect to q, qd and qdd, likewise."""
     return _by_each(inverse_dynamics(model, q, qd, qdd), q, qd, qdd)
 
 
@@ -263,7 +264,7 @@ extern "C" void batch(size_t count, const double *q, const double *qd, const dou
 
 
 class Compiled(NamedTuple):
-    """A function of one robot, compiled: for a whole number of registers of states, and for one."""
+    """A compiled function of one robot: for a multiple of the register width, and for one state."""
 
     code: ctypes.CDLL
     size: int
@@ -271,13 +272,13 @@ class Compiled(NamedTuple):
     bytes: int
 
     def batch(self, q: np.ndarray, qd: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """The results of all states, (..., size)."""
+        """Results of all states, (..., size)."""
         out = np.empty((len(q), self.size))
         self.code.batch(ctypes.c_size_t(len(q)), *_addresses(q, qd, u, out))
         return out
 
     def least(self, q: np.ndarray, qd: np.ndarray, u: np.ndarray) -> float:
-        """The least time of one state, ns, in C."""
+        """The shortest time of one state, ns, in C."""
         self.code.least.restype = ctypes.c_double
         out = np.empty(self.size)
         return float(self.code.least(ctypes.c_size_t(len(q)), *_addresses(q, qd, u, out)))
@@ -288,7 +289,7 @@ def _addresses(*arrays: np.ndarray) -> list[ctypes.c_void_p]:
 
 
 def compiled(model: pin.Model, function: str, directory: Path, lanes: int) -> Compiled:
-    """Writes a function of this module for one robot, compiles it and loads it; the time is of all of it."""
+    """Generate, compile and load a function of this module for one robot; the time includes all of it."""
     begin = time.perf_counter()
     q, qd, u = ca.SX.sym("q", model.nq), ca.SX.sym("qd", model.nv), ca.SX.sym("u", model.nv)
     result = ca.cse(ca.densify(ca.vec(globals()[function](model, q, qd, u))))
@@ -296,7 +297,7 @@ def compiled(model: pin.Model, function: str, directory: Path, lanes: int) -> Co
     for name in ("lanes", "one"):
         generator = ca.CodeGenerator(f"{name}.inc", {"casadi_real": "lane" if name == "lanes" else "double", "with_header": False, "avoid_stack": False})
         generator.add(f)
-        # The lines that belong to a file of its own.
+        # The lines that belong to a separate file.
         lines = [line for line in generator.dump().splitlines() if not line.startswith(('extern "C"', "#ifdef __cplusplus", "#include"))]
         (directory / f"{name}.inc").write_text("\n".join(lines))
     sizes = {"LANES": lanes, "NQ": model.nq, "NV": model.nv, "OUT": result.numel(), "WORK": max(1, f.sz_w())}

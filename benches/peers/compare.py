@@ -1,12 +1,13 @@
-"""Compare phipsi in Rust with Pinocchio in C++ on the same models, on this machine, now.
+"""Compare phipsi in Rust with Pinocchio in C++ on the same models, on this machine.
 
 Usage: .venv-peers/bin/python benches/peers/compare.py [--passes N] [--seconds S] [MODEL...]
 
-Two programs that measure one case when they are asked: benches/turns.rs, built here where that is necessary, and
-target/peers/pinocchio_bench (`make peers` builds it). A shared machine drifts by a factor within minutes, so they are asked
-in turns: a burst of phipsi's, and right before or after it a burst of each of Pinocchio's ways to the same answer; then the
-next case; and all cases again every pass, in an order that moves on. A ratio is taken within a pass, and is to the way
-that is the fastest on that model, by its median over everything. Prints a table, writes target/peers/comparison.json.
+Two programs measure one case per request: benches/turns.rs, built here if necessary, and target/peers/pinocchio_bench
+(`make peers` builds it). The speed of a shared machine drifts by a factor within minutes. Therefore the requests are
+interleaved: a burst of phipsi and, directly before or after it, a burst of each of Pinocchio's algorithms for the
+same result; then the next case; all cases are repeated in every pass, in rotated order. Ratios are computed within a
+pass, relative to the algorithm that is fastest on that model by its median over all passes. Prints a table, writes
+target/peers/comparison.json.
 """
 
 import argparse
@@ -27,10 +28,10 @@ PEERS = ROOT / "target" / "peers"
 
 MODELS = ("chain_7", "chain_16", "chain_30", "chain_64", "ur5", "panda", "anymal", "g1", "talos")
 
-#: The features that the benches are built with: those of `make check`, after which nothing is compiled again.
+#: Features of the benches: those of `make check`, so that nothing is compiled again.
 FEATURES = "urdf,parallel,dense,stochastic,adaptive,avx512,float32"
 
-#: phipsi's groups: the algorithms of pinocchio_bench that answer the same question. The fastest one is the peer.
+#: Groups of phipsi, and the algorithms of pinocchio_bench for the same result. The fastest one is the peer.
 OPERATIONS = {
     "forward_dynamics": ("aba_local", "aba_world", "crba_forward_dynamics"),
     "inverse_dynamics": ("rnea",),
@@ -39,15 +40,16 @@ OPERATIONS = {
     "inverse_dynamics_derivatives": ("rnea_derivatives",),
     "forward_dynamics_derivatives": ("aba_derivatives",),
 }
-#: Pinocchio has no batches on one core: its peer is the same call, one state at a time.
+#: Pinocchio has no batches on one core: its peer is the same call with one state at a time.
 BATCH = "_batch"
-#: What calls from Python end in that write into the caller's array.
+#: Suffix of calls from Python that write into an array of the caller.
 INTO_GIVEN = ", out="
-#: Forms that are measured beside covariance, where there are forms.
+#: Forms that are measured in addition to covariance.
 FORMS = {"forward_dynamics": ("auto", "square-root"), "mass_matrix_inverse": ("auto",), "forward_dynamics_derivatives": ("auto",)}
-#: States that form "auto" is measured in beside random ones: names of python/phipsi/report/kinds.py, a minus for a space.
+#: States for form "auto" in addition to random ones: names of python/phipsi/report/kinds.py, with a hyphen for a
+#: space.
 STATES = ("held", "at-rest", "falling")
-#: The arm on which batches are measured too, where the machine has a wider one.
+#: Instruction set for an additional measurement of batches, if the machine has a wider one.
 NARROWER = "avx2"
 
 Report = dict[str, Any]  # JSON
@@ -55,7 +57,7 @@ Report = dict[str, Any]  # JSON
 
 @dataclass(frozen=True)
 class Spread:
-    """Nanoseconds a state, over the passes."""
+    """Nanoseconds per state, over the passes."""
 
     min: float
     median: float
@@ -67,14 +69,14 @@ class Spread:
         return cls(min(values), statistics.median(values), max(values), len(values))
 
     def __str__(self) -> str:
-        if self.passes == 1:  # no spread was measured, so none is shown
+        if self.passes == 1:  # no spread was measured
             return f"{self.median:.0f}"
         return f"{self.median:.0f} ({self.min:.0f} to {self.max:.0f})"
 
 
 @dataclass
 class Case:
-    """A group of benches/turns.rs on a model, and the time of each of its contestants, pass by pass."""
+    """A group of benches/turns.rs on a model, and the times of its contestants by pass."""
 
     group: str
     operation: str
@@ -91,9 +93,9 @@ class Row:
     pinocchio_ns: Spread
     pinocchio_algorithm: str
     ratio: Spread
-    """How many times faster phipsi is, pass by pass."""
+    """Ratio of the times (peer to phipsi), by pass."""
     ratio_of_best: float
-    """The shortest time beside the shortest: nearest to a machine that nobody else uses."""
+    """Ratio of the shortest times, which other load affects least."""
     pinocchio_all_ns: dict[str, Spread]
 
 
@@ -102,7 +104,7 @@ def fail(message: str) -> NoReturn:
 
 
 class Server:
-    """A program that says in its first line what it is, and answers each further line with nanoseconds."""
+    """A program whose first line describes it, and which answers each further line with nanoseconds."""
 
     def __init__(self, *command: str) -> None:
         self.name = Path(command[0]).name
@@ -132,7 +134,7 @@ class Server:
 
 
 def turns_bench() -> str:
-    """The path of benches/turns.rs, after building it."""
+    """Path of benches/turns.rs, after building it."""
     command = ["cargo", "bench", "--locked", "--no-run", "--message-format=json-render-diagnostics"]
     command += ["--features", FEATURES, "--bench", "turns"]
     try:
@@ -156,7 +158,7 @@ def start() -> tuple[Server, Server]:
 
 
 def groups(arm: str, arms: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """What is measured, with its operation; on this arm unless the group says another one."""
+    """The measured group with its operation; on this instruction set unless the group specifies another one."""
     for operation in OPERATIONS:
         for group in (operation, operation + BATCH):
             yield group, operation
@@ -170,7 +172,7 @@ def groups(arm: str, arms: Sequence[str]) -> Iterator[tuple[str, str]]:
 
 
 def take_turns(cases: Sequence[Case], servers: tuple[Server, Server], passes: int, seconds: float) -> None:
-    """Everyone once a pass; both orders move on, so that nobody always follows the same one."""
+    """All contestants once per pass; both orders rotate, so that none always follows the same one."""
     phipsi, pinocchio = servers
     for number in range(passes):
         print(f"pass {number + 1} of {passes}", file=sys.stderr)
@@ -187,7 +189,9 @@ def take_turns(cases: Sequence[Case], servers: tuple[Server, Server], passes: in
 
 
 def rows_of(cases: Sequence[Case]) -> list[Row]:
-    """The peer is the same algorithm for all groups of an operation on a model, so all of its bursts choose it."""
+    """The fastest peer; it is the same algorithm for all groups of an operation on a model, so all of its bursts
+    count.
+    """
     every: dict[tuple[str, str], dict[str, list[float]]] = {}
     for case in cases:
         for algorithm, ns in case.theirs.items():
@@ -205,7 +209,7 @@ def rows_of(cases: Sequence[Case]) -> list[Row]:
 
 
 def first_line(*command: str) -> str:
-    """Of what the command prints; "unknown" where it is not installed or fails: it only labels the figures."""
+    """Output of the command; "unknown" if it is not installed or fails, because it only labels the results."""
     try:
         done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
     except (OSError, subprocess.CalledProcessError):
@@ -223,7 +227,7 @@ def processor() -> str:
 
 
 def rustflags() -> str:
-    """What cargo gives the compiler."""
+    """Compiler flags of cargo."""
     return os.environ.get("RUSTFLAGS", "")
 
 
@@ -267,7 +271,7 @@ def print_table(rows: list[Row], machine: Report, passes: int) -> None:
 
 
 def write_report(name: str, report: dict[str, Any]) -> None:
-    """What was measured, as JSON where report_page.py looks for it."""
+    """The results, as JSON in the file that report_page.py reads."""
     PEERS.mkdir(parents=True, exist_ok=True)
     path = PEERS / name
     path.write_text(json.dumps(report, indent=1, allow_nan=False) + "\n")

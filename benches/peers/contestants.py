@@ -1,7 +1,7 @@
-"""phipsi and the peers, one state a call, each as a set of loops over states that python_peers.py times.
+"""phipsi and the peers with one state per call: loops over states that python_peers.py times.
 
-A loop runs over all states once and returns its last raw result. What a caller has to do for every state (set a context, pass
-arguments) is in the loop; converting states to the library's coordinates was done before.
+A loop runs over all states once and returns its last raw result. Work that a caller has to do for every state (set a
+context, pass arguments) is in the loop; states were converted to the coordinates of the library before.
 """
 
 import tempfile
@@ -29,15 +29,15 @@ class Entry:
     loop: Callable[[], Any]
     ours: Callable[[Any], Array]
     scale: float = 0.0
-    """What answers may differ relative to, where the answer is less: of what is held still nothing is left."""
+    """Smallest reference value for relative differences, because the results vanish in static equilibrium."""
 
 
 class Refused(Exception):
-    """The library does not take the model."""
+    """The library does not support the model."""
 
 
 def over(function: Callable[..., Any], states: list[tuple[Any, ...]], **options: Any) -> Callable[[], Any]:
-    """One call a state. Options are passed only where there are any: an empty dictionary costs too."""
+    """One call per state. Options are passed only if there are any, because an empty dictionary costs time."""
 
     def plain() -> Any:
         for state in states:
@@ -53,7 +53,7 @@ def over(function: Callable[..., Any], states: list[tuple[Any, ...]], **options:
 
 
 def rows(*arrays: Array) -> list[tuple[Array, ...]]:
-    """Each state as arrays of its own."""
+    """Each state as separate arrays."""
     return [tuple(np.array(row) for row in state) for state in zip(*arrays, strict=True)]
 
 
@@ -127,7 +127,7 @@ def of_pinocchio(problem: Problem) -> Iterator[Entry]:
 
 
 def mujoco_model(problem: Problem) -> tuple[Any, Coordinates]:
-    """From the same URDF, fixed links fused as is its default, without contacts, limits and other constraints."""
+    """From the same URDF, with fixed links fused (its default), without contacts, limits and other constraints."""
     specification = mujoco.MjSpec.from_string(problem.urdf)
     if problem.floating:
         specification.worldbody.first_body().add_freejoint()
@@ -183,20 +183,20 @@ def of_mujoco(problem: Problem) -> Iterator[Entry]:
 
 
 def root_link(urdf: str) -> str:
-    """The link that no joint carries."""
+    """The root link."""
     robot = ET.fromstring(urdf)
     carried = {child.get("link") for child in robot.iter("child")}
     return next(link.get("name", "") for link in robot.findall("link") if link.get("name") not in carried)
 
 
 def drake_plant(problem: Problem) -> tuple[Any, Coordinates]:
-    """A plant in continuous time from the same URDF."""
+    """A continuous-time plant from the same URDF."""
     plant = drake.MultibodyPlant(time_step=0.0)
     plant.mutable_gravity_field().set_gravity_vector(GRAVITY)
     try:
         [instance] = drake.Parser(plant).AddModelsFromString(problem.urdf, "urdf")
         root = root_link(problem.urdf)
-        if not problem.floating and root != "world":  # that one it welds itself
+        if not problem.floating and root != "world":  # the link that it welds itself
             plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(root, instance))
         plant.Finalize()
     except RuntimeError as error:
@@ -248,7 +248,7 @@ def of_drake(problem: Problem) -> Iterator[Entry]:
 
 
 def breadth_first(urdf: str) -> list[str]:
-    """The movable joints in dynibo's order; it has no names to ask for."""
+    """The movable joints in dynibo's order, which has no function for their names."""
     joints = ET.fromstring(urdf).findall("joint")
     queue, order = [root_link(urdf)], []
     while queue:

@@ -1,9 +1,9 @@
-"""Write the models that the peers are timed on, in the binary form that pinocchio_bench reads.
+"""Write the benchmark models in the binary format of pinocchio_bench.
 
 Usage: .venv-peers/bin/python benches/peers/dump_models.py OUT
 
-OUT/NAME.bin   the Pinocchio model
-OUT/NAME.urdf  for the robots, the file it was read from, so that both sides read the same one
+    OUT/NAME.bin   the Pinocchio model
+    OUT/NAME.urdf  for robots, the file of the model, so that both programs read the same one
 """
 
 import argparse
@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-# In order of size. "floating" gives the root link a free joint, as the legged robots are used.
+# In order of size. "floating" adds a free joint at the root link, as for legged robots.
 ROBOTS = [
     ("ur5", "ur_description/urdf/ur5_robot.urdf", "fixed"),
     ("panda", "panda_description/urdf/panda.urdf", "fixed"),
@@ -25,14 +25,15 @@ CHAIN_LENGTHS = (7, 16, 30, 64)
 
 LINK_LENGTH = 0.3  # m
 LINK_MASS = 1.0  # kg
-LINK_INERTIA = (0.01, 0.01, 0.002)  # kg m^2, principal, about the centre of mass
+LINK_INERTIA = (0.01, 0.01, 0.002)  # kg m^2, principal, about the center of mass
 
 
 def urdf_path(relative: str) -> Path:
     """The URDF below robots/ of the wheel example-robot-data.
 
-    The wheel holds data and no module, so it is found from pinocchio, which lives in the same prefix:
-    <prefix>/lib/pythonX.Y/site-packages/pinocchio/__init__.py.
+    The wheel contains data and no module. It is found from pinocchio, which is in the same prefix:
+
+        <prefix>/lib/pythonX.Y/site-packages/pinocchio/__init__.py.
     """
     prefix = Path(pin.__file__).resolve().parents[4]
     path = prefix / "share" / "example-robot-data" / "robots" / relative
@@ -42,17 +43,17 @@ def urdf_path(relative: str) -> Path:
 
 
 def robot(path: Path, base: str) -> pin.Model:
-    """The robot of the URDF. Mimic joints count as joints of their own, which is Pinocchio's default."""
+    """The robot of the URDF. Mimic joints are independent, as in Pinocchio's default."""
     if base == "floating":
         return pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
     return pin.buildModelFromUrdf(str(path))
 
 
 def chain(n: int) -> pin.Model:
-    """n equal links, each along z of its own frame and turning about that z.
+    """n equal links, each along z of its frame and rotating about that z.
 
-    Every second joint frame is turned by 90 degrees about x against its parent's. So the axes of joints 0 and 1 are
-    at right angles, those of 1 and 2 coincide, those of 2 and 3 are at right angles, and so on.
+    Every second joint frame is rotated by 90 degrees about x relative to its parent. Therefore the axes of joints 0
+    and 1 are at right angles, those of 1 and 2 coincide, those of 2 and 3 are at right angles, and so on.
     """
     inertia = pin.Inertia(LINK_MASS, np.array([0.0, 0.0, LINK_LENGTH / 2]), np.diag(LINK_INERTIA))
     quarter_turn = pin.utils.rotate("x", np.pi / 2)

@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
-# Installs the peers and builds their harness; `make peers` calls it. Safe to call again: what is up to date is kept.
+# Installs the peers and builds the harness; `make peers` calls it. It can be called again: up-to-date parts are skipped.
 #
 #   .venv-peers/                       the peers and example-robot-data, of the versions in requirements.txt
 #   target/peers/models/               the models, and the URDF of each robot
 #   target/peers/pinocchio_bench       the harness
-#   target/peers/accelerations.csv     what both sides must compute before their times are compared
+#   target/peers/accelerations.csv     values that both programs must reproduce before their times are compared
 #
-# PYTHON=... picks the interpreter of the environment; the system's own packages are never touched.
+# PYTHON=... selects the interpreter of the environment; the packages of the system are not changed.
 set -euo pipefail
 shopt -s inherit_errexit
 
@@ -54,14 +54,14 @@ refresh_venv() {
   "$venv/bin/python" -m pip install --quiet --disable-pip-version-check -r "$here/requirements.txt"
 }
 
-# Flags: the definitions are those that Pinocchio's own CMake target passes to its users.
+# Flags: the definitions are those of Pinocchio's CMake target.
 compile_flags=(-std=c++17 -O3 -DNDEBUG -march=native)
 definitions=(
   -DBOOST_MPL_LIMIT_LIST_SIZE=30 -DBOOST_MPL_LIMIT_VECTOR_SIZE=30
   -DBOOST_MPL_CFG_NO_PREPROCESSED_HEADERS -DBOOST_FUSION_INVOKE_MAX_ARITY=12
 )
 
-# Everything that the harness depends on; -march=native makes the processor one of those.
+# All dependencies of the harness; with -march=native the processor is one of them.
 stamp() {
   echo "${compile_flags[*]} ${definitions[*]}"
   sha256sum <"$here/pinocchio_bench.cpp"
@@ -91,11 +91,11 @@ current=$(stamp)
 if [[ -x $out/pinocchio_bench && -f $out/stamp && $(<"$out/stamp") == "$current" ]]; then
   say "up to date: $out/pinocchio_bench"
 else
-  rm -f "$out/stamp" # written last, so that a build that was cut short is done again
+  rm -f "$out/stamp" # written last, so that an interrupted build is repeated
   build
   echo "$current" >"$out/stamp"
   say "built $out/pinocchio_bench"
 fi
-# These take a second or two: written every time.
+# These take a second or two and are written every time.
 "$venv/bin/python" "$here/dump_models.py" "$out/models"
 "$out/pinocchio_bench" --accelerations "$out"/models/*.bin >"$out/accelerations.csv"

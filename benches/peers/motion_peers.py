@@ -1,19 +1,23 @@
-"""Compare steps through time with MuJoCo's and with a loop over Pinocchio, a chain of seven; on this machine, now.
+"""Compare simulation steps with those of MuJoCo and of a loop over Pinocchio, for a chain of seven links, on this
+machine.
 
 Usage: .venv-peers/bin/python benches/peers/motion_peers.py [--passes N] [--seconds S] [--states N]
 
-One process, all in turns, in an order that moves on by one every pass. Four parts:
+One process, interleaved, in an order that rotates with every pass. Four parts:
 
-steps     one core. phipsi: a batch, 20 steps a call with the last row kept, and one step a call. MuJoCo: one state in a loop in C, which
-          is mj_step(nstep=2000) or mujoco.rollout of 2000 steps, whichever is faster here. Pinocchio: a Python loop over pin.aba.
-rollouts  two cores. 200 steps of every state from one call, every step recorded, beside mujoco.rollout with two threads, into arrays
-          of its own or given ones, whichever is faster here.
-one       one core, UR5: one state, a torque and a step a call from Python, as a controller does it: simulator.step(tau) beside mj_step.
-MPPI      examples/mppi.py as it stands, on all cores: states a second, with all that is not a rollout in the time.
+    steps     one core. phipsi: a batch, 20 steps per call with the last row recorded, and one step per call. MuJoCo:
+    one state in a loop in C, mj_step(nstep=2000) or mujoco.rollout of 2000 steps, whichever is faster. Pinocchio: a
+    Python loop over pin.aba.
+    rollouts  two cores. 200 steps of every state in one call, every step recorded, compared with mujoco.rollout with
+    two threads, into new or given arrays, whichever is faster.
+    one       one core, UR5: one state, one torque and one step per call from Python, as in a controller:
+    simulator.step(tau) compared with mj_step.
+    MPPI      examples/mppi.py unchanged, on all cores: states per second, including all other work.
 
-Contacts and all constraints are off. Before anything is timed, one step of every integrator must agree to 1e-9 between the libraries,
-or with the step from its definition by dense algebra where the two treat springs differently; and so must all rows of the rollouts.
-Where one does not, nothing is reported; 100 steps of UR5 must agree too. Prints tables, writes target/peers/motion.json.
+Contacts and all constraints are disabled. Before the timing, one step of every integrator must agree to 1e-9 between
+the libraries, or with the step from its definition by dense algebra if the two treat springs differently; the same
+holds for all rows of the rollouts, and for 100 steps of UR5. Otherwise nothing is reported. Prints tables, writes
+target/peers/motion.json.
 """
 
 import argparse
@@ -38,20 +42,20 @@ from python_peers import Timed, nanoseconds, turns, versions
 MODEL = "chain_7"
 DT = 1e-3  # s
 STEPS, ROLLOUT, LOOP = 20, 200, 2000
-#: Joint properties where there are some: N m/rad, N m s/rad.
+#: Joint properties, if any: N m/rad, N m s/rad.
 STIFFNESS, DAMPING = 10.0, 0.1
-#: States whose step is compared; and those that the loop over Pinocchio has.
+#: Number of states whose step is compared, and number of states of the loop over Pinocchio.
 COMPARED, FEW = 256, 64
-#: Of the largest acceleration (a step), or of the largest coordinate (a rollout).
+#: Tolerance relative to the largest acceleration (step) or the largest coordinate (rollout).
 AGREEMENT = 1e-9
-#: Issue 6: how many times faster a step is, and a rollout; states a second of MPPI.
+#: Issue 6: speedup of a step and of a rollout; states per second of MPPI.
 AIM_STEP, AIM_ROLLOUT, AIM_MPPI = 20.0, 15.0, 1e5
-#: Issue 32: a step of simulator at most 2 us where mj_step takes 2.6.
+#: Issue 32: at most 2 us per step of simulator, where mj_step takes 2.6.
 AIM_ONE = 1.3
 ROBOT = "ur5"
 FORMS = ("covariance", "auto")
 MANY = f"simulate, {STEPS} steps a call"
-#: phipsi's methods, and what MuJoCo has beside them. It has nothing like the last two.
+#: Methods of phipsi and the corresponding ones of MuJoCo, which has none for the last two.
 BESIDE = {
     "semi-implicit-euler": "Euler",
     "implicit-euler": "implicitfast",
@@ -69,10 +73,10 @@ FORCES = int(mujoco.mjtState.mjSTATE_QFRC_APPLIED)
 
 @dataclass
 class Contestant(Timed):
-    """One call that makes steps; `states` is states times steps."""
+    """One call that makes steps; `states` is the product of states and steps."""
 
     key: tuple[str, ...] = ()
-    """What only those with the same key are compared in: the part, MuJoCo's integrator, and what the joints have."""
+    """Key of comparable calls: part, MuJoCo's integrator, and joint properties."""
     method: str = ""
     form: str = ""
     aim: float | None = None
@@ -92,7 +96,7 @@ def contestant(
     model: str = MODEL,
     **more: Any,
 ) -> Contestant:
-    """Warm, and with its number of threads set before the clock starts."""
+    """Warm up, with the number of threads set before the timing."""
 
     def measure(seconds: float) -> float:
         phipsi.set_num_threads(threads)
@@ -111,7 +115,7 @@ def joints(springs: bool) -> dict[str, float]:
 
 
 def mujoco_of(model: Problem, integrator: str, springs: bool) -> Any:
-    """Its model; the joints in phipsi's order, or this script is wrong."""
+    """Its model; raises if the joints are not in phipsi's order."""
     made, at = mujoco_model(model)
     if model.floating or not np.array_equal(at.at, np.arange(model.scene.nv)):
         fail(f"{model.name}: MuJoCo's joints are in another order")
@@ -123,12 +127,12 @@ def mujoco_of(model: Problem, integrator: str, springs: bool) -> Any:
 
 
 def full_states(q: Array, qd: Array) -> Array:
-    """As mujoco.rollout takes them: time, positions, rates."""
+    """States in the layout of mujoco.rollout: time, positions, velocities."""
     return np.hstack([np.zeros((len(q), 1)), q, qd])
 
 
 class Pinocchio:
-    """The integrators over pin.aba, one state at a time, as its users write them."""
+    """Integrators with pin.aba, one state at a time, as in user code."""
 
     def __init__(self, model: Problem, springs: bool) -> None:
         self.model, at = pinocchio_model(model)
@@ -136,7 +140,7 @@ class Pinocchio:
             fail(f"{model.name}: Pinocchio's joints are in another order")
         self.data, self.none = self.model.createData(), np.zeros(self.model.nv)
         self.springs = springs
-        if springs:  # what the implicit step adds to M is diagonal, as armature is
+        if springs:  # the implicit step adds a diagonal to M, like armature
             self.model.armature[:] = DT * DAMPING + DT**2 * STIFFNESS
 
     def step(self, method: str, q: Array, v: Array) -> tuple[Array, Array]:
@@ -158,7 +162,9 @@ class Pinocchio:
 
 
 def dense_step(model: Problem, springs: bool, *, springs_at_end: bool) -> tuple[Array, Array]:
-    """An Euler step by its definition. MuJoCo's implicitfast takes damping at the step's end and springs at its start; phipsi both at its end."""
+    """An Euler step by its definition. MuJoCo's implicitfast evaluates damping at the end of the step and
+    springs at its start; phipsi evaluates both at the end.
+    """
     scene, q, v = model.scene, model.q[:COMPARED], model.qd[:COMPARED]
     k, d = (STIFFNESS, DAMPING) if springs else (0.0, 0.0)
     ahead = DT if springs_at_end else 0.0
@@ -172,7 +178,7 @@ def dense_step(model: Problem, springs: bool, *, springs_at_end: bool) -> tuple[
 
 
 def off(found: tuple[Array, Array], expected: tuple[Array, Array], start: tuple[Array, Array]) -> float:
-    """Of what a step changes: the largest difference over the largest change, positions and rates apart."""
+    """Largest difference relative to the largest change of a step, separately for positions and velocities."""
     return max(
         float(np.max(np.abs(a - b)) / np.max(np.abs(b - c))) for a, b, c in zip(found, expected, start, strict=True)
     )
@@ -200,7 +206,7 @@ def pinocchio_step(model: Problem, method: str, springs: bool) -> tuple[Array, A
 
 
 def agreement(model: Problem) -> dict[str, float]:
-    """Every integrator's step against MuJoCo's or the dense one; ends the script where two differ."""
+    """Compare the step of every integrator with that of MuJoCo or with dense algebra; exit if two differ."""
     start = model.q[:COMPARED], model.qd[:COMPARED]
     found: dict[str, float] = {}
     reference = mujoco_step(model, "RK4", False)
@@ -222,7 +228,8 @@ def agreement(model: Problem) -> dict[str, float]:
             fail(
                 f"{name}: one step is off by {error:.1e} of what it changes, more than {AGREEMENT:g}; nothing is timed"
             )
-    # MuJoCo has no such methods: that they follow the same motion is all that is asked here; tests/motion.rs has their orders.
+    # MuJoCo has no such methods: only the agreement of the motion is checked here; tests/motion.rs checks their
+    # orders.
     for method in ("rosenbrock-2", "rosenbrock-3"):
         error = off(our_step(model, method, "covariance", False), reference, start)
         if not error <= 1e-3:
@@ -273,7 +280,7 @@ def steps(model: Problem) -> Iterator[Contestant]:
 
 
 def mujoco_steps(model: Problem, key: tuple[str, ...], springs: bool) -> Iterator[Contestant]:
-    """Its cost without Python: a loop in C over one state, two ways to have it."""
+    """Cost without Python: a loop in C over one state, by two functions."""
     made = mujoco_of(model, key[1], springs)
     full = full_states(model.q[:1], model.qd[:1])
     data, other = mujoco.MjData(made), mujoco.MjData(made)
@@ -294,7 +301,7 @@ def mujoco_steps(model: Problem, key: tuple[str, ...], springs: bool) -> Iterato
 
 
 def rollouts(model: Problem, found: dict[str, float]) -> Iterator[Contestant]:
-    """Two cores; each case with MuJoCo's first, whose rows ours must have."""
+    """Two cores; each case with MuJoCo's call first, whose rows ours must equal."""
     torques = np.random.default_rng(2).uniform(-1.0, 1.0, (len(model), ROLLOUT, model.scene.nv))
     work = len(model) * ROLLOUT
     full = full_states(model.q, model.qd)
@@ -333,7 +340,7 @@ def rollouts(model: Problem, found: dict[str, float]) -> Iterator[Contestant]:
 
 
 def one_by_one(model: Problem, found: dict[str, float]) -> Iterator[Contestant]:
-    """One state, a torque and a step a call."""
+    """One state, one torque and one step per call."""
     made = mujoco_of(model, "Euler", False)
     data, start = mujoco.MjData(made), full_states(model.q[:1], model.qd[:1])[0]
     torques = list(model.tau)
@@ -367,20 +374,20 @@ def one_by_one(model: Problem, found: dict[str, float]) -> Iterator[Contestant]:
 
 
 def mppi(runs: int, cycles: int) -> dict[str, Any]:
-    """States a second, as the example prints them; with the threads that a user has."""
+    """States per second, as printed by the example, with the default number of threads."""
     command = [sys.executable, "examples/mppi.py", "--cycles", str(cycles)]
     environment = {name: value for name, value in os.environ.items() if name != "RAYON_NUM_THREADS"}
     rates = []
     for _ in range(runs):
         done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
-        rate = re.search(r"(\d+) thousand states a second", done.stdout)
+        rate = re.search(r"(\d+) thousand states per second", done.stdout)
         if done.returncode or not rate:
-            fail(f"examples/mppi.py: {done.stderr.strip() or 'prints no states a second'}")
+            fail(f"examples/mppi.py: {done.stderr.strip() or 'found no rate in its output'}")
         rates.append(1e3 * float(rate[1]))
     return {"command": " ".join(["python", *command[1:]]), "states_a_second": asdict(Spread.of(rates)), "aim": AIM_MPPI}
 
 
-# Figures
+# Results
 
 
 def row_of(one: Contestant) -> dict[str, Any]:
@@ -393,7 +400,7 @@ def row_of(one: Contestant) -> dict[str, Any]:
 
 
 def pairs_of(timed: Sequence[Contestant]) -> list[dict[str, Any]]:
-    """Each of phipsi's calls beside each library's fastest one; the ratio is taken within a pass."""
+    """Each call of phipsi compared with the fastest one of each library; the ratio is computed within a pass."""
     pairs = []
     for ours in timed:
         if ours.library != "phipsi":
@@ -401,7 +408,7 @@ def pairs_of(timed: Sequence[Contestant]) -> list[dict[str, Any]]:
         peers = [one for one in timed if one.key == ours.key and one.library != "phipsi"]
         for library in dict.fromkeys(one.library for one in peers):
             calls = [one for one in peers if one.library == library]
-            # Beside a Python loop one of our calls says enough, and only one of the same method.
+            # With a Python loop, only one of our calls with the same method is compared.
             if library == "Pinocchio" and (ours.call != MANY or ours.method.startswith("rosenbrock")):
                 continue
             theirs = min(calls, key=lambda one: Spread.of(one.ns).median)
@@ -440,10 +447,10 @@ def print_table(report: dict[str, Any]) -> None:
     for line in cells:
         print("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip())
     print(
-        f"\nns a state and step: median (minimum to maximum) of {report['passes']} passes; ratios within a pass, and of the best."
+        f"\nns per state and step: median (minimum to maximum) of {report['passes']} passes; ratios within a pass, and of the best."
     )
     rate = report["mppi"]["states_a_second"]
-    print(f"examples/mppi.py: {plain(rate, 0)} states a second, aim {AIM_MPPI:g}")
+    print(f"examples/mppi.py: {plain(rate, 0)} states per second, aim {AIM_MPPI:g}")
     print(f"agreement: one step, and all rows of rollouts, within {max(report['agreement'].values()):.1e}")
 
 
@@ -460,7 +467,7 @@ def main() -> None:
     model = problem(MODEL, options.states)
     found = agreement(model)
     timed = [*steps(model), *rollouts(model, found), *one_by_one(problem(ROBOT, ONE_STATES), found)]
-    # Apart, so that each has its neighbours in time: a pass over the rollouts takes many seconds.
+    # Separate, so that each has its neighbors in time: a pass over the rollouts takes many seconds.
     for part in ("steps", "rollouts", "one"):
         print(f"{part}: {options.passes} passes", file=sys.stderr)
         turns([one for one in timed if one.key[0] == part], options.passes, options.seconds)

@@ -1,14 +1,14 @@
-// Times Pinocchio's C++ algorithms on the models written by dump_models.py.
+// Measures Pinocchio's C++ algorithms on the models written by dump_models.py.
 //
 //   pinocchio_bench [--csv | --json | --accelerations | --serve] MODEL.bin...
 //
-// --csv             the default, a line per model: median nanoseconds a call of each algorithm
+// --csv             the default, one line per model: median nanoseconds per call of each algorithm
 // --json            the same, with the compiler, the versions and the accelerations below
 // --accelerations   no timing: CSV of the fixed state and of its joint accelerations, a line per degree of freedom.
-//                   Whoever compares times checks first that it computes these: same model, same problem.
+//                   Another program must reproduce them before its times are compared: same model, same problem.
 // --serve           prints a line of JSON, the compiler and the versions; then reads lines MODEL ALGORITHM SECONDS, measures
-//                   for about that long, and answers each with a line: nanoseconds a call. For compare.py, which has it
-//                   and benches/turns.rs take turns.
+//                   for about that long, and answers each with a line: nanoseconds per call. Used by compare.py, which alternates
+//                   between it and benches/turns.rs.
 //
 // Pinocchio is compiled from its headers here, because the shared library of the wheel is built for any x86-64.
 #include <pinocchio/multibody.hpp>
@@ -61,7 +61,7 @@ template <class Result> inline void consume(const Result& result) {
 }
 
 // Median nanoseconds of `call(state)`, which returns the Eigen object that holds its result: one cycle through the states
-// warms the caches, then repeats of whole cycles fill `seconds`. As benches/common/mod.rs does it on the other side.
+// warms the caches, then repetitions of whole cycles fill `seconds`, as in benches/common/mod.rs.
 template <class Call> double median_ns(double seconds, Call call) {
   const auto cycle = [&] {
     for (int state = 0; state < STATES; state++) consume(call(state));
@@ -85,7 +85,7 @@ template <class Call> double median_ns(double seconds, Call call) {
   return *middle;
 }
 
-// Forward dynamics by way of the factored mass matrix. On small robots it can beat the articulated-body algorithm.
+// Forward dynamics with the factorized mass matrix. On small robots it can be faster than the articulated-body algorithm.
 const VectorXd& crba_forward_dynamics(const Model& model, Data& data, const VectorXd& q, const VectorXd& v,
                                       const VectorXd& tau) {
   pinocchio::nonLinearEffects(model, data, q, v);
@@ -109,17 +109,17 @@ const auto& aba_derivatives(const Model& model, Data& data, const VectorXd& q, c
   return data.ddq_dq;
 }
 
-// A model with its scratch, and random states.
+// A model with its data, and random states.
 struct Problem {
   Model model;
   Data data;
   std::vector<VectorXd> q, v, a, tau;
 
   explicit Problem(const Model& given) : model(given), data(given) {
-    std::srand(1);  // Eigen and Pinocchio draw from std::rand: every run sees the same states
+    std::srand(1);  // Eigen and Pinocchio use std::rand: every run has the same states
     const VectorXd bound = VectorXd::Ones(model.nq);
     for (int state = 0; state < STATES; state++) {
-      q.push_back(pinocchio::randomConfiguration(model, -bound, bound));  // a free joint's attitude: uniform
+      q.push_back(pinocchio::randomConfiguration(model, -bound, bound));  // uniform orientation of a free joint
       v.push_back(VectorXd::Random(model.nv));
       a.push_back(VectorXd::Random(model.nv));
       tau.push_back(VectorXd::Random(model.nv));
@@ -127,7 +127,7 @@ struct Problem {
   }
 };
 
-// Every algorithm: `visit(name, call)`, where `call(state)` does it.
+// Every algorithm: `visit(name, call)`, where `call(state)` runs it.
 template <class Visit> void each_algorithm(Problem& problem, Visit visit) {
   const Model& model = problem.model;
   Data& data = problem.data;
@@ -164,13 +164,13 @@ Timings time_all(const Model& model) {
 
 struct Dof {
   std::string joint;
-  bool has_q;  // false for a free joint, which has no coordinate a degree of freedom
+  bool has_q;  // false for a free joint, which has no coordinate per degree of freedom
   double q, qd, tau;
-  double aba_local, aba_world, crba;  // three routes to the acceleration; their spread shows the digits to trust
+  double aba_local, aba_world, crba;  // three algorithms for the acceleration; their differences show the accuracy
 };
 
 // q_i = 0.3 + 0.1 i, qd_i = 0.5 - 0.05 i, tau_i = 1 - 0.2 i, with i the index of the degree of freedom from 0.
-// A free joint stands at the origin, unturned; its qd and tau follow the rule.
+// A free joint is at the origin with zero rotation; its qd and tau follow the rule.
 std::vector<Dof> fixed_state(const Model& model) {
   VectorXd q = pinocchio::neutral(model), v(model.nv), tau(model.nv);
   std::vector<Dof> dofs(model.nv);
@@ -191,7 +191,7 @@ std::vector<Dof> fixed_state(const Model& model) {
   const VectorXd local = pinocchio::aba(model, data, q, v, tau, Convention::LOCAL);
   const VectorXd world = pinocchio::aba(model, data, q, v, tau, Convention::WORLD);
   const VectorXd crba = crba_forward_dynamics(model, data, q, v, tau);
-  // Loose: long chains lose digits. It is here to catch a route that is called wrongly, not to measure error.
+  // Loose, because long chains lose precision. It detects a wrong call of an algorithm and does not measure errors.
   const double scale = local.lpNorm<Eigen::Infinity>();
   const double spread = std::max((local - world).lpNorm<Eigen::Infinity>(), (local - crba).lpNorm<Eigen::Infinity>());
   if (!(spread <= 1e-6 * scale)) throw std::runtime_error("the three routes to the accelerations disagree");
@@ -225,8 +225,8 @@ void print_timings_csv(const std::string& name, int nv, const Timings& timings, 
   std::printf("\n");
 }
 
-// Names come from URDF files and compiler strings: none of them holds a quote or a backslash, and one that did would
-// make the JSON unreadable, which the reader reports.
+// Names are from URDF files and compiler strings. A name with a quote or a backslash would
+// make the JSON invalid, which its reader reports.
 void print_json(const std::string& name, int nv, const Timings& timings, const std::vector<Dof>& dofs, bool first) {
   std::printf("%s\n  {\"model\": \"%s\", \"nv\": %d,\n   \"ns\": {", first ? "" : ",", name.c_str(), nv);
   const char* comma = "";
@@ -249,13 +249,13 @@ std::string model_name(const std::string& path) {
   return file.substr(0, file.find_last_of('.'));
 }
 
-// What the figures were made with: the members of a JSON object.
+// Compiler and versions: the members of a JSON object.
 void print_versions() {
   std::printf("\"compiler\": \"g++ %s\", \"flags\": \"%s\", \"pinocchio\": \"%s\", \"eigen\": \"%d.%d.%d\"", __VERSION__,
               COMPILE_FLAGS, PINOCCHIO_VERSION, EIGEN_WORLD_VERSION, EIGEN_MAJOR_VERSION, EIGEN_MINOR_VERSION);
 }
 
-// Throws where one algorithm is named that does not exist.
+// Throws for an unknown algorithm.
 double time_one(Problem& problem, const std::string& algorithm, double seconds) {
   double ns = NAN;
   each_algorithm(problem, [&](const char* name, auto call) {
@@ -265,13 +265,13 @@ double time_one(Problem& problem, const std::string& algorithm, double seconds) 
   return ns;
 }
 
-// Answers lines until there are no more.
+// Answers lines until the end of the input.
 void serve(const std::vector<std::string>& paths) {
   std::map<std::string, Problem> problems;
   for (const std::string& path : paths) {
     Model model;
     pinocchio::serialization::loadFromBinary(model, path);
-    fixed_state(model);  // throws where its routes disagree
+    fixed_state(model);  // throws if the algorithms disagree
     problems.emplace(model_name(path), model);
   }
   std::printf("{");

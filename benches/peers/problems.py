@@ -1,7 +1,7 @@
-"""The models and states that python_peers.py gives to every library, and how their coordinates map onto each other.
+"""Models and states that python_peers.py passes to every library, and the mapping of their coordinates.
 
-phipsi's coordinates are the reference: q of a free joint is (x, y, z, qx, qy, qz, qw), its rates are (linear, angular)
-along the base's own axes. A peer may order joints otherwise, put the angular part first, or use the axes of the world.
+phipsi's coordinates are the reference: q of a free joint is (x, y, z, qx, qy, qz, qw), its velocities are (linear,
+angular) in the base frame. A peer may order joints differently, put the angular part first, or use the world frame.
 """
 
 import sys
@@ -19,9 +19,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from studies.programs.model import World
 
-#: dynibo has this one and no other; so all of them have it.
+#: Gravity of dynibo, which cannot be changed; therefore all programs use it.
 GRAVITY = (0.0, 0.0, -9.80665)
-#: What form "auto" is timed in beside random states.
+#: Kinds of states for form "auto" in addition to random ones.
 KINDS = (kinds.HELD, kinds.REST, kinds.FALLING)
 MODELS = ("chain_7", "ur5", "panda", "g1", "talos")
 ONE_STATES, BATCH_STATES = 256, 4096
@@ -31,7 +31,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Problem:
-    """A model as phipsi's scene and as URDF text without shapes, damping and transmissions; and states."""
+    """A model as a scene of phipsi and as URDF text without shapes, damping and transmissions; and states."""
 
     name: str
     floating: bool
@@ -52,17 +52,17 @@ class Problem:
 
     @property
     def first(self) -> int:
-        """Degrees of freedom of the base."""
+        """Number of degrees of freedom of the base."""
         return 6 if self.floating else 0
 
     @property
     def joints(self) -> list[str]:
-        """Without the free joint."""
+        """Joints without the free joint."""
         return list(self.scene.joint_names)[1 if self.floating else 0 :]
 
 
 def chain_urdf(scene: phipsi.Scene) -> str:
-    """dump_models.chain as URDF, with the names of phipsi's."""
+    """dump_models.chain as URDF, with the names of phipsi's chain."""
     ixx, iyy, izz = dump_models.LINK_INERTIA
     base, *links = ["base", *scene.body_names]
     lines = [f'<link name="{base}"/>']
@@ -81,7 +81,9 @@ def chain_urdf(scene: phipsi.Scene) -> str:
 
 
 def robot_urdf(relative: str) -> str:
-    """The robot's file with what is not dynamics left out; and damping, which phipsi has in simulation only."""
+    """The file of the robot without elements that do not affect the dynamics, and without damping, which phipsi uses
+    only in simulation.
+    """
     root = ET.parse(dump_models.urdf_path(relative)).getroot()
     unwanted = {"link": ("visual", "collision"), "joint": ("dynamics", "safety_controller", "calibration")}
     for child in list(root):
@@ -95,7 +97,9 @@ def robot_urdf(relative: str) -> str:
 
 
 def problem(name: str, states: int) -> Problem:
-    """Random states: rates, torques and accelerations within 1, configurations that far from the neutral one."""
+    """Random states: velocities, torques and accelerations within (-1, 1), configurations displaced by that much from
+    the neutral one.
+    """
     if name.startswith("chain_"):
         floating = False
         scene = phipsi.scenes.chain(int(name.removeprefix("chain_")))
@@ -106,7 +110,7 @@ def problem(name: str, states: int) -> Problem:
         relative, base = next((path, base) for known, path, base in dump_models.ROBOTS if known == name)
         floating = base == "floating"
         urdf = robot_urdf(relative)
-        with warnings.catch_warnings():  # mimic joints are joints of their own, inertias are as the file has them
+        with warnings.catch_warnings():  # mimic joints are independent, inertias are those of the file
             warnings.simplefilter("ignore", UserWarning)
             scene = phipsi.Scene.from_urdf(urdf, floating_base=floating, gravity=GRAVITY)
     rng = np.random.default_rng(1)
@@ -120,17 +124,17 @@ def problem(name: str, states: int) -> Problem:
 
 @dataclass(frozen=True)
 class Coordinates:
-    """How a peer's vectors of degrees of freedom relate to phipsi's: theirs = turn @ ours, an orthogonal matrix."""
+    """Relation of a peer's vectors of degrees of freedom to phipsi's: theirs = turn @ ours, an orthogonal matrix."""
 
     problem: Problem
     at: Array
-    """Where each of phipsi's joints is in the peer's vectors, free joint not counted."""
+    """Index of each of phipsi's joints in the peer's vectors, without the free joint."""
     angular_first: bool = False
     world: str = ""
-    """Which parts of the base's rates are along the axes of the world: of "linear angular"."""
+    """Parts of the velocity of the base that the peer expresses in the world frame: "linear", "angular" or both."""
 
     def turn(self, state: int) -> Array:
-        """The matrix of that state."""
+        """Matrix for that state."""
         problem = self.problem
         first, nv = problem.first, problem.scene.nv
         turn = np.zeros((nv, nv))
@@ -143,43 +147,45 @@ class Coordinates:
         return turn
 
     def extra(self, state: int) -> Array:
-        """Acceleration of the base's origin less the derivative of its rate along its own axes; phipsi's order."""
+        """Acceleration of the origin of the base minus the derivative of its velocity in the base frame; phipsi's
+        order.
+        """
         extra = np.zeros(self.problem.scene.nv)
         if self.problem.first and "linear" in self.world:
             extra[:3] = np.cross(self.problem.qd[state, 3:6], self.problem.qd[state, :3])
         return extra
 
     def positions(self, state: int) -> Array:
-        """q of the joints in the peer's order, free joint not counted."""
+        """q of the joints in the peer's order, without the free joint."""
         q = np.empty(len(self.at))
         q[self.at] = self.problem.q[state, 7 if self.problem.first else 0 :]
         return q
 
     def base(self, state: int) -> Array:
-        """(x, y, z, qw, qx, qy, qz) of the base; empty where it is fixed."""
+        """(x, y, z, qw, qx, qy, qz) of the base; empty for a fixed base."""
         return self.problem.q[state, [0, 1, 2, 6, 3, 4, 5]] if self.problem.first else np.empty(0)
 
     def rates(self, state: int) -> Array:
-        """qd there."""
+        """qd in the peer's convention."""
         return self.turn(state) @ self.problem.qd[state]
 
     def forces(self, state: int) -> Array:
-        """tau there."""
+        """tau in the peer's convention."""
         return self.turn(state) @ self.problem.tau[state]
 
     def accelerations(self, state: int) -> Array:
-        """qdd there."""
+        """qdd in the peer's convention."""
         return self.turn(state) @ (self.problem.qdd[state] + self.extra(state))
 
     def our_accelerations(self, theirs: Array, state: int) -> Array:
-        """Back to phipsi's."""
+        """Acceleration in phipsi's convention."""
         return self.turn(state).T @ theirs - self.extra(state)
 
     def our_forces(self, theirs: Array, state: int) -> Array:
-        """Back to phipsi's."""
+        """Torque in phipsi's convention."""
         return self.turn(state).T @ theirs
 
     def our_matrix(self, theirs: Array, state: int) -> Array:
-        """The mass matrix or its inverse, back to phipsi's."""
+        """Mass matrix or its inverse in phipsi's convention."""
         turn = self.turn(state)
         return turn.T @ theirs @ turn

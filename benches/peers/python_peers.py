@@ -1,11 +1,11 @@
-"""Compare phipsi with the peers as called from Python: one state a call, and batches; on this machine, now.
+"""Compare phipsi with the peers as called from Python, with one state per call and with batches, on this machine.
 
 Usage: .venv-peers/bin/python benches/peers/python_peers.py [--passes N] [--seconds S] [MODEL...]
 
-All contestants take turns in one process, pass by pass, in an order that moves on by one every pass; phipsi on two threads is
-a second process, because rayon's pool is made once a process, and takes its turn with the others. Before a call is timed, its
-answer on the last state must agree with phipsi's square-root form (mass matrix: with the first that is named); one that does
-not is reported and not timed. Prints a table, writes target/peers/python.json.
+All contestants are interleaved in one process, in an order that rotates with every pass. phipsi on two threads runs
+in a second process, because rayon creates its pool once per process. Before a call is timed, its result for the last
+state must agree with phipsi's square-root form (mass matrix: with the first contestant); a call that does not agree
+is reported and not timed. Prints a table, writes target/peers/python.json.
 """
 
 import argparse
@@ -22,9 +22,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-# Before phipsi makes its pool: the first process is the one-core one.
+# Before phipsi creates its pool: the first process uses one core.
 os.environ["RAYON_NUM_THREADS"] = os.environ.get("PHIPSI_BENCH_THREADS", "1")
-# Or the threads of pin.abaInParallel spin on, on the core of whoever is next.
+# Otherwise the threads of pin.abaInParallel continue to spin on the core of the next contestant.
 os.environ["OMP_WAIT_POLICY"] = "passive"
 
 import batches
@@ -34,9 +34,9 @@ from compare import Spread, describe_machine, write_report
 from contestants import Entry, Refused
 from problems import BATCH_STATES, MODELS, ONE_STATES, Problem, problem
 
-#: Answers may differ by this much of the largest entry; the robots are not extreme.
+#: Tolerance of the results relative to the largest entry; the robots are not extreme.
 AGREEMENT = 1e-8
-#: The call of phipsi's that ratios of an operation refer to, where there are two.
+#: Call of phipsi that the ratios of an operation refer to, if there are two.
 REFERENCE = ", auto"
 
 
@@ -50,12 +50,12 @@ class Timed:
     call: str
     states: int
     measure: Callable[[float], float]
-    """Seconds to spend at least, to nanoseconds a state."""
+    """Time per state, ns, from a measurement of at least that many seconds."""
     ns: list[float] = field(default_factory=list)
 
 
 def nanoseconds(loop: Callable[[], Any], states: int, seconds: float) -> float:
-    """The time of as many loops as it takes, a state."""
+    """Time per state, over as many loops as necessary."""
     loops, start = 0, time.perf_counter()
     while True:
         loop()
@@ -66,12 +66,12 @@ def nanoseconds(loop: Callable[[], Any], states: int, seconds: float) -> float:
 
 
 def answer(entry: Entry) -> np.ndarray:
-    """Runs the loop once, which also warms it up."""
+    """Run the loop once, which is also the warm-up."""
     return np.asarray(entry.ours(entry.loop()), dtype=float)
 
 
 class SecondProcess:
-    """phipsi on more threads: the same batches in a process of its own, asked in turns."""
+    """phipsi on more threads: the same batches in a separate process, interleaved."""
 
     def __init__(self, threads: int) -> None:
         self.threads = threads
@@ -87,7 +87,7 @@ class SecondProcess:
         return self.pipe.recv()
 
     def entries(self, model: str, states: int) -> Iterator[tuple[Entry, Callable[[float], float]]]:
-        """What phipsi does in this process, with how to time it there."""
+        """Calls of phipsi in this process, with their timing functions there."""
         for index, (operation, library, call, scale) in enumerate(self.ask("load", model, states)):
 
             def loop(index: int = index) -> Any:
@@ -117,7 +117,7 @@ def serve(pipe: Any, threads: int) -> None:
 
 
 class Table:
-    """What is timed, and what is not, with the reason."""
+    """Timed calls, and calls that are not timed, with the reason."""
 
     def __init__(self) -> None:
         self.timed: list[Timed] = []
@@ -131,7 +131,7 @@ class Table:
             print(f"{model}: {library}: {row['reason']}", file=sys.stderr)
 
     def add(self, model: Problem, entry: Entry, expected: dict[str, np.ndarray], measure: Any = None) -> None:
-        """Times this call from now on, if its answer is right."""
+        """Time this call from now on, if its result is correct."""
         states = len(model)
         found = answer(entry)
         known = expected.setdefault(entry.operation, found)
@@ -144,7 +144,7 @@ class Table:
 
 
 def expected_of(model: Problem) -> dict[str, np.ndarray]:
-    """Accelerations in the square-root form; the rest is compared with phipsi's own, which comes first."""
+    """Accelerations in the square-root form; other results are compared with phipsi's own, which come first."""
     state = (model.q[-1], model.qd[-1], model.tau[-1])
     forward = model.scene.forward_dynamics(*state, form="square-root")
     inverse = model.scene.mass_matrix_inverse(model.q[-1], form="square-root")
@@ -170,7 +170,7 @@ def gather(table: Table, name: str, more: SecondProcess) -> None:
 
 
 def turns(timed: list[Timed], passes: int, seconds: float) -> None:
-    """Everyone once a pass; the order moves on, so that nobody always follows the same one."""
+    """All contestants once per pass; the order rotates, so that none always follows the same one."""
     gc.collect()
     gc.disable()
     for number in range(passes):
@@ -181,7 +181,7 @@ def turns(timed: list[Timed], passes: int, seconds: float) -> None:
 
 
 def rows_of(timed: list[Timed]) -> list[dict[str, Any]]:
-    """Median, minimum and maximum; how many times phipsi's time on as many threads that is, median by median."""
+    """Median, minimum and maximum, and the ratio to phipsi's time on the same number of threads, by medians."""
     ours: dict[tuple[str, str, str], float] = {}
     for one in timed:
         name, _, threads = one.library.partition(", ")
@@ -201,7 +201,7 @@ def rows_of(timed: list[Timed]) -> list[dict[str, Any]]:
 
 
 def print_table(rows: list[dict[str, Any]]) -> None:
-    header = ("operation", "model", "library", "call", "ns a state", "over phipsi")
+    header = ("operation", "model", "library", "call", "ns per state", "over phipsi")
     cells = [header]
     for row in rows:
         ratio = f"{row['ratio']:.2f}" if row["ratio"] else "-"
@@ -226,7 +226,7 @@ def main() -> None:
     if options.passes < 1 or options.seconds < 0:
         parser.error("--passes must be at least 1, --seconds not negative")
 
-    logging.getLogger("drake").setLevel(logging.ERROR)  # hundreds of lines on tags that it does not know
+    logging.getLogger("drake").setLevel(logging.ERROR)  # suppresses hundreds of lines on unknown tags
     machine = describe_machine(os.getloadavg()[0]) | {"python": sys.version.split()[0], "versions": versions()}
     more = SecondProcess(min(2, len(os.sched_getaffinity(0))))
     table = Table()

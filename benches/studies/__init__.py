@@ -1,1 +1,1 @@
-"""Studies that compare phipsi with other programs: made in the repository, on the pipeline of the reports that ship in the wheel."""
+"""Studies that compare phipsi with other programs, with the pipeline of the reports in the wheel."""

@@ -1,4 +1,6 @@
-"""phipsi's stability report with other programs beside it, and first where phipsi is worse than one of them: docs/numerics.md."""
+"""Stability report of phipsi with other programs, beginning with the cases in which phipsi is less accurate:
+docs/numerics.md.
+"""
 
 from __future__ import annotations
 
@@ -25,19 +27,19 @@ import static
 from . import programs
 from .programs import Peer
 
-#: A peer's numbers are shown if it is right to this on the cases below at 1, where nothing is extreme.
+#: Results of a peer are shown if its error is below this on the cases below at parameter 1, where nothing is extreme.
 AGREEMENT = 1e-10
 ORDINARY = ("heavy-tip", "prismatic-chain", "heavy-leaves", "armature", "far-base")
 NOT_FINITE = "a result is not finite"
-#: Errors below these, max-norm and component by component, are rounding: no comparison is made of them.
+#: Errors below these, max-norm and per component, count as rounding and are not compared.
 NOISE = {"max-norm": 1e-15, "components": 1e-14}
 
 
 def error_of(peer: Peer, case: scenes.Extreme, exact: _core.Exact) -> Error:
-    """The error of a peer on one case; why, where it does not take it."""
+    """Error of a peer on one case; or the reason if it does not support it."""
     nan, scene = float("nan"), case.scene
     if peer.gravity is not None:
-        # Its own gravity cannot be set: the same scene under that, and the exact answer to that.
+        # Its gravity cannot be set: the scene and the exact result use its gravity.
         scene = programs.under_gravity(scene, peer.gravity)
     try:
         with warnings.catch_warnings():
@@ -53,20 +55,20 @@ def error_of(peer: Peer, case: scenes.Extreme, exact: _core.Exact) -> Error:
 
 
 def compared(seed: int = 0) -> tuple[list[Other], list[str]]:
-    """The peers to compare with, and a line on each program that is not one of them."""
+    """Peers of the comparison, and a line on each program that is not included."""
     peers, absent = programs.installed()
     kept, lines = [], list(absent)
     for peer in peers:
         off = _off(peer, seed)
         if off <= AGREEMENT:
-            kept.append(Other(peer.name, peer.version, peer.colour, partial(error_of, peer)))
+            kept.append(Other(peer.name, peer.version, peer.color, partial(error_of, peer)))
         else:
-            lines.append(f"{peer.name} ({peer.version}) is off by {off:.0e} on scenes that are not extreme: left out.")
+            lines.append(f"{peer.name} ({peer.version}) has an error of {off:.0e} on scenes that are not extreme: omitted.")
     return kept, lines
 
 
 def _off(peer: Peer, seed: int) -> float:
-    """The peer's largest error on the ordinary scenes that it takes, max-norm; infinite where it takes none."""
+    """Largest max-norm error of the peer on the ordinary scenes that it supports; infinite if it supports none."""
     errors = []
     for name in ORDINARY:
         case = scenes.extreme(name, 1.0, seed=seed)
@@ -78,18 +80,18 @@ def _off(peer: Peer, seed: int) -> float:
 
 @dataclass
 class Compared(Stability):
-    """The stability of phipsi and of its peers."""
+    """Stability of phipsi and of its peers."""
 
     absent: Sequence[str] = ()
     """A line on each program that was not compared: not installed, or wrong on an ordinary scene."""
 
     def head(self) -> dict[str, Any]:
-        """And what was not compared."""
+        """Provenance, including programs that were not compared."""
         return {**super().head(), "not_compared": self.absent}
 
 
 class Worse(NamedTuple):
-    """Where a peer does better."""
+    """Cases in which a peer is more accurate."""
 
     point: Point
     peer: str
@@ -100,7 +102,7 @@ class Worse(NamedTuple):
 
 
 def _pairs(found: Stability, method: str) -> list[Worse]:
-    """The errors of the method beside those of every peer, in both norms."""
+    """Errors of the method and of every peer, in both norms."""
     rows = []
     for point in found.points:
         mine, floor = point.errors[method, "float64"], point.floor
@@ -112,7 +114,9 @@ def _pairs(found: Stability, method: str) -> list[Worse]:
 
 
 def worse(found: Stability, method: str) -> list[Worse]:
-    """Where a peer's error is less than half of the method's, in either norm, which is above rounding and 4 times the sensitivity."""
+    """Cases in which a peer's error is less than half of the method's, in either norm, if the latter is above rounding
+    and 4 times the sensitivity.
+    """
     return [
         row for row in _pairs(found, method)
         if (math.isnan(row.ours) and math.isfinite(row.theirs))
@@ -121,7 +125,7 @@ def worse(found: Stability, method: str) -> list[Worse]:
 
 
 def _table(found: Stability, method: str) -> Table:
-    """A row a case, peer and norm: how often, and the state where the peer is furthest ahead."""
+    """A row per case, peer and norm: number of states, and the state with the largest ratio."""
     grouped: dict[tuple[str, str, str], list[Worse]] = {}
     for row in worse(found, method):
         grouped.setdefault((row.point.name, row.peer, row.norm), []).append(row)
@@ -135,44 +139,44 @@ def _table(found: Stability, method: str) -> Table:
 
 
 def _words(found: Stability, method: str) -> str:
-    """A sentence on how the method stands beside the peers, by counts."""
+    """A sentence that compares the method with the peers, by counts."""
     if not found.others:
-        return f"No peer was compared: the {method} stands beside dense algebra only."
+        return f"No peer was compared: the {method} is compared with dense algebra only."
     pairs = [row for row in _pairs(found, method) if row.point.errors[row.peer, "float64"].reason is None]
     ahead = sum(row.ours < 0.5 * row.theirs and row.theirs > NOISE[row.norm] for row in pairs)
     versions = ", ".join(dict.fromkeys(other.version for other in found.others))
     return (
-        f"Of {len(pairs)} comparisons with {versions} (every case, value, state and peer, in two norms), the {method} has the"
-        f" larger error in {len(worse(found, method))}: more than twice the peer's, above four times the sensitivity, and above"
-        f" {NOISE['max-norm']:.0e} (max-norm) or {NOISE['components']:.0e} (component by component). It has less than half of the"
-        f" peer's in {ahead}."
+        f"In {len(worse(found, method))} of {len(pairs)} comparisons with {versions} (every case, value, state and peer, in two norms), the error of the {method} is"
+        f" larger: more than twice that of the peer, above four times the sensitivity, and above"
+        f" {NOISE['max-norm']:.0e} (max-norm) or {NOISE['components']:.0e} (per component). In {ahead} comparisons it is less than half of"
+        f" that of the peer."
     )
 
 
 def _blocks(found: Compared) -> list[Block]:
-    absent = " ".join(["Not compared:", *found.absent]) if found.absent else "Every peer that this report knows was compared."
-    times = "Times beside Pinocchio's in C++ are not in this report: make bench measures them."
+    absent = " ".join(["Not compared:", *found.absent]) if found.absent else "All supported peers were compared."
+    times = "make bench measures times in comparison with Pinocchio in C++; they are not part of this report."
     refusals = (
-        "A dash in the column of phipsi is a refusal: the covariance form finds a pivot lost in rounding and raises, naming the joint, where"
-        " the peer returns an answer with the error given. It is counted as worse all the same."
+        "A dash in the column of phipsi is an error: the covariance form detects a pivot below the rounding error and raises, naming the joint, where"
+        " the peer returns a result with the given error. It counts as a larger error."
     )
     return [
         f"{_words(found, ROOT)} {absent} {times}", _table(found, ROOT), _words(found, COVARIANCE), _table(found, COVARIANCE), refusals
     ]
 
 
-WORSE = Section("worse", "Where phipsi is worse than a peer", blocks=_blocks)
+WORSE = Section("worse", "Cases in which a peer is more accurate", blocks=_blocks)
 COMPARED: Layout[Compared] = Layout(
     "compared", STABILITY.numbers, (WORSE, *STABILITY.sections), (Path(__file__).with_name("templates"),)
 )
 
 
 def collect(reporter: Reporter, *, quick: bool = False, seed: int = 0) -> Compared:
-    """The stability report, every program that is installed beside phipsi."""
+    """Stability report with every installed program."""
     others, absent = compared(seed)
     return pipeline.collect(COMPARED, Compared(quick, seed, others, absent), reporter)
 
 
 def write(found: Compared, folder: Path | None, markdown: Path | None = None, reporter: Reporter | None = None) -> list[Path]:
-    """Writes the folder and the Markdown, each where asked for; returns the pages."""
+    """Write the folder and the Markdown, if requested; return the pages."""
     return pipeline.write(COMPARED, found, folder, markdown, reporter, static.draw)

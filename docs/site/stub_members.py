@@ -12,7 +12,7 @@ class StubMembers(griffe.Extension):
     """Methods that the stub has by overloads only become members, with the docstring of the first overload."""
 
     def on_package(self, *, pkg: griffe.Module, **_: Any) -> None:
-        """Goes through all that was read."""
+        """Visits all members of the package."""
         self._visit(pkg)
 
     def _visit(self, owner: griffe.Module | griffe.Class) -> None:

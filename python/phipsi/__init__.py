@@ -1,7 +1,8 @@
 """Articulated-body dynamics as Kalman filtering.
 
-Joint torques are measurements, body inertias process noise, spatial forces states: forward dynamics is a filter that
-runs from tip to base and a smoother that runs back, and the mass matrix is the covariance of the measurements.
+Joint torques are measurements, body inertias are process noise covariances, and spatial forces are states.
+Forward dynamics is a filter from tip to base followed by a smoother from base to tip; the mass matrix is the
+covariance of the measurements.
 
 >>> import phipsi
 >>> scene = (
@@ -14,7 +15,8 @@ runs from tip to base and a smoother that runs back, and the mass matrix is the 
 >>> scene.forward_dynamics([0.1], [0.0], [0.0]).round(3)
 array([-1.484])
 
-SI units and radians throughout; spatial vectors are angular first; arrays have leading batch axes that broadcast.
+Units are SI units and radians. Spatial vectors are angular first. Leading axes of arrays are batch axes, which
+broadcast.
 """
 
 from . import errors, scenes, tasks

@@ -1,4 +1,4 @@
-"""`python -m phipsi` is the command `phipsi`."""
+"""`python -m phipsi` runs the command `phipsi`."""
 
 from .cli import main
 

@@ -1,7 +1,8 @@
-"""Arguments that are no plain arrays of numbers: entries are matched with joints by name, or refused; none is taken by its position alone.
+"""Arguments that are not plain arrays of numbers: labeled entries are matched with joints by name, or refused; never by
+position alone.
 
-Labels are told by what their classes have, not by their modules: whatever looks like a Series or DataFrame of pandas (modin, cuDF, polars),
-a DataArray of xarray or a Table of Arrow is one; none of them is imported.
+Labels are detected by the attributes of a class, not by its module: Series and DataFrames of pandas (modin,
+cuDF, polars), DataArrays of xarray and Tables of Arrow. None of these packages is imported.
 """
 
 from __future__ import annotations
@@ -22,16 +23,18 @@ if TYPE_CHECKING:
 
 __all__ = ["array_of", "check_tree", "flags", "is_masked", "leading", "not_numbers", "split_mask", "states_of", "vectors"]
 
-#: Lists within lists are looked into so deep: one may hold itself.
+#: Largest depth of nested lists that are searched, because a list may contain itself.
 DEEPEST = 8
-#: So many names stand in a message.
+#: Largest number of names in a message.
 LISTED = 12
-#: What an argument's entries belong to: each joint with the number of its entries, in their order; None where no joint has any.
+#: Joints that the entries of an argument belong to, with the number of entries of each, in order; None if there are none.
 Joints = Sequence[tuple[str, int]] | None
 
 
 def array_of(name: str, value: Any, joints: Joints, width: int) -> NDArray[Any]:
-    """The argument as an array of real numbers, its entries in the order of the joints; `width` entries in its last axis are expected."""
+    """The argument as an array of real numbers with entries in the order of the joints; the last axis should have
+    `width` entries.
+    """
     value = _resolved(name, value, joints, width)
     try:
         array = np.asarray(value)
@@ -45,7 +48,7 @@ def array_of(name: str, value: Any, joints: Joints, width: int) -> NDArray[Any]:
 
 
 def vectors(name: str, values: ArrayLike, size: int) -> NDArray[np.float64]:
-    """Vectors of that many numbers, (..., size), of another program's state."""
+    """Vectors of another program's state, (..., size)."""
     found = np.asarray(values, float)
     if found.ndim == 0 or found.shape[-1] != size:
         raise of_argument(ShapeError, name, f"found shape {found.shape}; expected (..., {size})")
@@ -53,15 +56,15 @@ def vectors(name: str, values: ArrayLike, size: int) -> NDArray[np.float64]:
 
 
 def leading(q: NDArray[np.float64], v: NDArray[np.float64]) -> tuple[int, ...]:
-    """The axes that configurations and what stands beside them broadcast to."""
+    """Leading axes that configurations and velocities broadcast to."""
     try:
         return np.broadcast_shapes(q.shape[:-1], v.shape[:-1])
     except ValueError:
-        raise of_argument(ShapeError, "q", f"found leading axes {q.shape[:-1]}, and {v.shape[:-1]} beside; expected ones that broadcast") from None
+        raise of_argument(ShapeError, "q", f"found leading axes {q.shape[:-1]} and {v.shape[:-1]}; expected leading axes that broadcast") from None
 
 
 def flags(name: str, value: Any, joints: Joints, width: int) -> list[bool] | None:
-    """The entries of a boolean array (width,); None for what has another dtype, an index of names for instance."""
+    """Entries of a boolean array (width,); None for other dtypes, for instance an index of names."""
     try:
         if np.asarray(value).dtype.kind != "b":
             return None
@@ -75,18 +78,22 @@ def flags(name: str, value: Any, joints: Joints, width: int) -> list[bool] | Non
 
 
 def is_masked(value: Any) -> bool:
-    """Whether it is a masked array, of which even the empty mask would not follow what is written."""
+    """Whether the value is a masked array, even with an empty mask: a view would not show later changes of the data."""
     return isinstance(value, np.ma.MaskedArray)
 
 
 def split_mask(value: Any) -> tuple[Any, NDArray[np.float64]] | None:
-    """A masked array with zeros where it is masked, and infinity there in a second array, which is zero elsewhere; None where nothing is masked."""
+    """A masked array with zeros at masked entries, and a second array with infinity there and zeros elsewhere; None if
+    nothing is masked.
+    """
     mask = _mask_of(value)
     return None if mask is None else (value.filled(0), np.where(mask, np.inf, 0.0))
 
 
 def _resolved(name: str, value: Any, joints: Joints, width: int) -> Any:
-    """The argument without labels, its entries in the order of the joints; what cannot be read as numbers at all is left to NumPy."""
+    """The argument without labels, with entries in the order of the joints. NumPy reports values that are not
+    numbers.
+    """
     if _is_number(value) or type(value) is np.ndarray:
         return value
     if type(value) in (list, tuple):
@@ -100,12 +107,12 @@ def _resolved(name: str, value: Any, joints: Joints, width: int) -> Any:
 
 
 def _is_number(value: Any) -> bool:
-    """Whether it is a number of Python's, or a scalar of NumPy's of any kind: neither has names."""
+    """Whether the value is a number of Python or any NumPy scalar; neither has labels."""
     return type(value) in (float, int) or isinstance(value, np.generic)
 
 
 def _strange(name: str, sequence: Any, depth: int = 1) -> Iterator[tuple[str, int, Any]]:
-    """What is neither number nor array in lists and tuples, however deep: how it is called, its place in its list, itself."""
+    """Entries of nested lists and tuples that are neither numbers nor arrays: label, index in the list, and value."""
     if set(map(type, sequence)) <= {float, int}:
         return
     for at, entry in enumerate(sequence):
@@ -117,7 +124,7 @@ def _strange(name: str, sequence: Any, depth: int = 1) -> Iterator[tuple[str, in
 
 
 def _check_entries(name: str, sequence: Any) -> None:
-    """Refuses names and masks within lists and tuples, which would be lost."""
+    """Refuse labels and masks within lists and tuples, which would be lost."""
     for label, _, entry in _strange(name, sequence):
         if isinstance(entry, str):
             continue
@@ -129,7 +136,9 @@ def _check_entries(name: str, sequence: Any) -> None:
 
 
 def states_of(states: Any, batch: tuple[int, ...]) -> tuple[tuple[int, ...], NDArray[np.uintp]]:
-    """The shape of what `states` selects from a batch, as NumPy's indexing has it, and the indices of the states (flattened)."""
+    """Shape of the part of a batch that `states` selects, with the rules of NumPy indexing, and the flattened
+    indices of the states.
+    """
     every = np.arange(math.prod(batch), dtype=np.uintp).reshape(batch)
     try:
         found = np.asarray(every[states])
@@ -140,11 +149,11 @@ def states_of(states: Any, batch: tuple[int, ...]) -> tuple[tuple[int, ...], NDA
 
 
 def _mask_of(value: Any) -> NDArray[np.bool_] | None:
-    """The mask of a masked array, of its shape, where any entry is masked."""
+    """Mask of a masked array, of its shape, if any entry is masked."""
     if not is_masked(value):
         return None
     mask = np.ma.getmaskarray(value)
-    # Of a record each field has its own; such are refused for their dtype.
+    # Records have one mask per field; they are refused because of their dtype.
     return mask if mask.dtype.kind == "b" and mask.any() else None
 
 
@@ -160,10 +169,10 @@ def _refuse_masked(name: str, value: Any) -> None:
 
 
 def _by_joint(name: str, mapping: Mapping[Any, Any], joints: Joints, width: int) -> NDArray[np.float64]:
-    """One state, from a mapping of every joint's name to its number or numbers."""
+    """One state from a mapping from the names of all joints to their values."""
     what = _described(mapping)
     if joints is None:
-        raise _refused(name, what, f"an array of shape (..., {width}): no names of joints belong to its entries")
+        raise _refused(name, what, f"an array of shape (..., {width}), because its entries do not belong to joints")
     for key in mapping:
         if not isinstance(key, str):
             raise _refused(name, f"the key {key!r}", "names of joints")
@@ -178,13 +187,13 @@ def _by_joint(name: str, mapping: Mapping[Any, Any], joints: Joints, width: int)
     return np.array(numbers)
 
 
-#: What gives the numbers alone, and what the labels along the last axis are: None for numbers from 0 on, which say no more than the
-#: position; names, or why there are none that could be matched.
+#: Expression that returns the values without labels, and the labels of the last axis: None for the integers from 0, which equal the
+#: position; names; or the reason why they cannot be matched.
 _Labels = tuple[str, list[Any] | str | None]
 
 
 def _labels(name: str, value: Any) -> _Labels | None:
-    """The labels of a value that has such."""
+    """Labels of a value, if it has any."""
     try:
         return _labels_of(value)
     except Exception as error:
@@ -193,7 +202,9 @@ def _labels(name: str, value: Any) -> _Labels | None:
 
 
 def _labels_of(value: Any) -> _Labels | None:
-    """Asked of its class: a Series finds its labels among its own attributes."""
+    """Labels of a value. The attributes are looked up in its class, because a Series has its labels as
+    attributes of the instance.
+    """
 
     def has(*attributes: str) -> bool:
         return all(hasattr(type(value), attribute) for attribute in attributes)
@@ -219,7 +230,7 @@ _ELSEWHERE = "the names are on another axis than the last; transpose it"
 
 
 def _labels_of_index(index: Any) -> list[Any] | None:
-    """Those of an index of pandas."""
+    """Labels of an index of pandas."""
     if type(index).__name__ == "RangeIndex" and index.start == 0 and index.step == 1:
         return None
     return list(index)
@@ -230,7 +241,7 @@ def _has_names(labels: list[Any] | None) -> bool:
 
 
 def _labels_of_table(table: Any, has_rows: bool) -> list[Any] | str | None:
-    """Those of the columns of a table. A time is a label of a row's state, a name is one of a joint."""
+    """Labels of the columns of a table. A label that is a time belongs to the state of a row, a name to a joint."""
     columns = _labels_of_index(table.columns)
     if columns is None and has_rows and not callable(table.index) and _has_names(_labels_of_index(table.index)):
         return _ELSEWHERE
@@ -238,7 +249,7 @@ def _labels_of_table(table: Any, has_rows: bool) -> list[Any] | str | None:
 
 
 def _labels_of_dimensions(array: Any, is_dataset: bool) -> list[Any] | str | None:
-    """Those of the last dimension of an array of xarray."""
+    """Labels of the last dimension of an array of xarray."""
     if is_dataset:
         return "it has several arrays"
     labels = [array.coords[name].values.tolist() if name in array.coords else None for name in array.dims]
@@ -248,9 +259,9 @@ def _labels_of_dimensions(array: Any, is_dataset: bool) -> list[Any] | str | Non
 
 
 def _matched(name: str, value: Any, labels: _Labels, joints: Joints) -> Any:
-    """The numbers of a value with labels, in the order of the joints."""
+    """Values of a labeled array, in the order of the joints."""
     remedy, along = labels
-    # Fields of a tuple say something where joints are expected only.
+    # Names of the fields of a tuple are used only for joints.
     if along is None or (joints is None and isinstance(value, tuple)):
         return value
     what = _described(value)
@@ -266,10 +277,10 @@ def _matched(name: str, value: Any, labels: _Labels, joints: Joints) -> Any:
     if isinstance(along, str):
         raise refused(along)
     if joints is None:
-        raise refused("it has labels, which nothing here is matched by")
+        raise refused("it has labels, which this argument does not use")
     for joint, count in joints:
         if count != 1:
-            why = f"joint {_quoted(joint)} has {count} entries here, which one label does not tell apart (a dict from names to arrays does)"
+            why = f"joint {_quoted(joint)} has {count} entries here, which one label cannot distinguish: pass a dict from names to arrays"
             raise refused(why)
     if not _has_names(along):
         raise refused("its labels are no names")
@@ -281,25 +292,25 @@ def _matched(name: str, value: Any, labels: _Labels, joints: Joints) -> Any:
 
 
 def _order(name: str, what: str, labels: list[Any], joints: Sequence[tuple[str, int]]) -> list[int]:
-    """For each joint where its label is; every joint must have one, and every label a joint."""
+    """Index of the label of each joint; every joint must have exactly one label, and every label a joint."""
     known = [joint for joint, _ in joints]
     labels = [label if isinstance(label, str) else "a label that is no string" for label in labels]
     counts, names = Counter(labels), set(known)
     unknown = [label for label in labels if label not in names]
     twice = [label for label, count in counts.items() if count > 1 and label in names]
     missing = [joint for joint in known if joint not in counts]
-    faults = (("without", missing), ("with what is no movable joint,", unknown), ("with twice", twice))
-    told = [f"{how} {_listed(names)}" for how, names in faults if names]
-    if told:
-        raise _refused(name, f"{what} {' and '.join(told)}", f"every joint once: {_listed(known)}")
+    faults = (("without", missing), ("with names that are not movable joints,", unknown), ("with twice", twice))
+    faults_found = [f"{how} {_listed(names)}" for how, names in faults if names]
+    if faults_found:
+        raise _refused(name, f"{what} {' and '.join(faults_found)}", f"every joint once: {_listed(known)}")
     places = {label: at for at, label in enumerate(labels)}
     return [places[joint] for joint in known]
 
 
 def _of_dtype(name: str, value: Any, dtype: np.dtype[Any]) -> ArgumentError:
-    """The error for a value that NumPy reads as that dtype, of no real numbers."""
+    """The error for a value whose dtype in NumPy is not real."""
     is_sequence = type(value) in (list, tuple)
-    # Truth values and complex numbers are what their dtype says.
+    # For booleans and complex numbers the dtype is sufficient.
     if isinstance(value, np.ndarray) or (is_sequence and dtype.kind in "bc"):
         return not_numbers(name, f"dtype {dtype}")
     if is_sequence:
@@ -309,12 +320,12 @@ def _of_dtype(name: str, value: Any, dtype: np.dtype[Any]) -> ArgumentError:
 
 
 def not_numbers(name: str, found: str, remedy: str = "") -> ArgumentError:
-    """The error for an argument that is no array of real numbers."""
+    """The error for an argument that is not an array of real numbers."""
     return _refused(name, found, f"an array of real numbers (float64; float32 and integers are converted){remedy}")
 
 
 def _remedy(value: Any) -> str:
-    """What to do with an object that is no array of numbers."""
+    """Suggestion for an object that is not an array of numbers."""
     if isinstance(value, str):
         return ""
     if hasattr(type(value), "toarray"):
@@ -325,7 +336,7 @@ def _remedy(value: Any) -> str:
 
 
 def _described(value: Any) -> str:
-    """Type and module of an object, in words."""
+    """Type and module of an object, for messages."""
     if value is None:
         return "None"
     kind = type(value)
@@ -338,7 +349,7 @@ def _quoted(name: str) -> str:
 
 
 def _listed(names: Sequence[str]) -> str:
-    """Names in quotes, not too many."""
+    """Quoted names, shortened if there are many."""
     more = f", ... ({len(names)} in all)" if len(names) > LISTED else ""
     return ", ".join(map(_quoted, names[:LISTED])) + more
 
@@ -352,7 +363,7 @@ def _wrong_shape(name: str, array: NDArray[Any], expected: str) -> ShapeError:
 
 
 def check_tree(scene: Scene, what: str) -> None:
-    """Refuses a scene with connections for what knows trees only."""
+    """Refuse a scene with connections in functions that support only trees."""
     if scene.connection_names:
         names = ", ".join(map(repr, scene.connection_names[:8]))
         message = f"found a scene with connections ({names}); expected a tree: scene.without_connections() is the same one without them"

@@ -1,4 +1,6 @@
-"""Machine code of one function on batches: which arrays it takes, how they reach it, and what its watch has the scene do once more."""
+"""Compiled code of one function for batches: accepted arrays, memory layout, and recomputation of states whose error
+estimate exceeds the tolerance.
+"""
 
 from __future__ import annotations
 
@@ -20,30 +22,36 @@ __all__ = ["Batches", "entry"]
 _Array: TypeAlias = NDArray[Any]
 _Entry: TypeAlias = Callable[..., int]
 addressof, numbers_of = ctypes.addressof, ctypes.c_char.from_buffer
-#: A thread gets so many states at the least.
+#: Smallest number of states per thread.
 WORTH_A_THREAD = 2048
-#: What lies between two steps of the code is kept to so many bytes, which a core's own cache has room for; of a quarter of that, out took derivatives of an arm a tenth longer.
+#: Size of intermediate blocks, bytes, chosen to fit in the L2 cache of a core. With a quarter of it, derivatives of an arm with out take 10 % longer.
 BETWEEN = 1 << 20
 
 
 def entry(code: ctypes.CDLL, name: str, arrays: int) -> _Entry:
-    """A function of the library: a count, and the addresses of so many arrays; 1 where a number was not finite."""
+    """A function of the library. Its arguments are a count and the addresses of that many arrays; it returns 1 if a
+    value was not finite.
+    """
     function = getattr(code, name)
-    # Told once: numbers that are wrapped call by call take twice as long.
+    # Declared once: wrapping each number in each call takes twice as long.
     function.argtypes = [ctypes.c_size_t, *[ctypes.c_void_p] * arrays]
     function.restype = ctypes.c_int
     return function  # type: ignore[no-any-return]
 
 
 class Batches:
-    """One function as machine code, called with arrays (..., n): the results, as one array of shape (..., *shape) or a list of several; None of what the scene is to do."""
+    """One compiled function for arrays (..., n). Returns one array of shape (..., *shape) or a list of several; None if
+    the scene has to compute the call.
+    """
 
     def __init__(self, run: _Entry, reads: Sequence[int], shapes: Sequence[tuple[int, ...]], dtype: np.dtype[Any], few: int) -> None:
-        """reads: how many numbers each argument has of a state. shapes: of each result of a state, all the same size. few: fewer states are not worth the way."""
+        """reads: number of values per state of each argument. shapes: shape of each result of a state, all of equal
+        size. few: batches with fewer states are computed by the scene.
+        """
         self._run, self._reads, self.dtype = run, tuple(reads), dtype
         self._shape, self._results, self._width = shapes[0], len(shapes), prod(shapes[0])
         self._whole = self._shape if len(shapes) == 1 else (len(shapes), *self._shape)
-        # Of no numbers there are always few.
+        # Results without entries always count as few.
         self._least = tuple(max(few * width, 1) for width in reads)
         self._steps = [dtype.itemsize * width for width in (*reads, *[self._width] * len(shapes))]
         self._unwritten: Callable[[int], _Array] = _unwritten if dtype == np.float64 else partial(np.empty, dtype=dtype)
@@ -51,16 +59,18 @@ class Batches:
         self._watch: _Entry | None = None
 
     def watched(self, again: Callable[..., Any], watch: _Entry | None = None) -> Batches:
-        """Has states whose margin is below zero done by again(*arrays). The margin is the function's own last result; or that of watch, of the same q."""
+        """Recompute states with a negative margin by again(*arrays). The margin is the last result of the function, or
+        that of `watch` for the same q.
+        """
         self._again, self._watch = again, watch
         if watch is None:
             self._steps.append(self.dtype.itemsize)
         return self
 
     def __call__(self, given: tuple[Any, ...], out: _Array | None = None) -> Any:
-        # Of arrays that are numbers and nothing else: others, as masked ones, are the scene's to read.
+        # Only plain arrays: the scene reads others, for instance masked arrays.
         is_few = True
-        for value, least in zip(given, self._least):  # noqa: B905  # strict takes its time
+        for value, least in zip(given, self._least):  # noqa: B905  # strict costs time
             if type(value) is not np.ndarray and type(value) is not np.memmap:
                 return None
             if value.size >= least:
@@ -80,12 +90,12 @@ class Batches:
         return self._done(arrays, addresses, batch, out)
 
     def _done(self, arrays: Sequence[_Array], addresses: list[int], batch: tuple[int, ...], out: _Array | None) -> Any:
-        """The results: in memory of their own, or in out, of which several are views."""
+        """The results: in new memory, or in out, of which several results are views."""
         count = arrays[0].size // self._reads[0]
         size, several, margins = count * self._width, self._results > 1, None
         results: Any = out
         if self._again is not None:
-            # In one piece with the results: the allocator gives the pages of several back to the system every time, which clears them anew.
+            # One allocation together with the results: the allocator returns the pages of several allocations to the system, which clears them each time.
             numbers = self._unwritten(count + (size * self._results if out is None else 0))
             margins = numbers[-count:]
             if out is None:
@@ -108,7 +118,7 @@ class Batches:
         return list(results) if several else results
 
     def _ran(self, count: int, addresses: list[int], margins: _Array | None, out: _Array | None) -> bool:
-        """Runs the code on all states, on threads where they are many. Whether all numbers were finite."""
+        """Run the code on all states, on several threads if there are many. Returns whether all values were finite."""
         watch = None if self._watch is None or margins is None else address(margins)
         if count >= 2 * WORTH_A_THREAD and (threads := min(get_num_threads(), count // WORTH_A_THREAD)) > 1:
             cuts = [count * i // threads for i in range(threads + 1)]
@@ -123,7 +133,9 @@ class Batches:
         return self._piece(0, count, addresses, watch, out) == 0
 
     def _piece(self, first: int, end: int, addresses: list[int], watch: int | None, out: _Array | None) -> int:
-        """Some of the states: first what watches them, then the function itself. Faults."""
+        """Run the code on some of the states: first the error estimate, then the function itself. Returns the number of
+        faults.
+        """
         faults, size = 0, self.dtype.itemsize
         if self._watch is not None and watch is not None:
             faults += self._watch(end - first, addresses[0] + first * self._steps[0], watch + first * size)
@@ -132,7 +144,9 @@ class Batches:
         return faults + self._into(out, first, end, addresses)
 
     def _into(self, out: _Array, first: int, end: int, addresses: list[int]) -> int:
-        """Some of the states into an array that has the results of each state side by side: the code writes each result of many states in a row, some states at a time. Faults."""
+        """Write some of the states into an array that stores the results of each state contiguously; the code writes
+        each result of many states contiguously. Returns the number of faults.
+        """
         faults = 0
         most = _at_a_time(self.dtype.itemsize * self._width * self._results)
         of_states = out.reshape(-1, self._results, self._width)
@@ -145,20 +159,22 @@ class Batches:
         return faults
 
     def _mended(self, arrays: Sequence[_Array], margins: _Array, results: _Array) -> bool:
-        """States whose margin is below zero, or NaN, done once more; False where the scene is to say of all what is wrong."""
-        doubtful = np.flatnonzero(~(margins >= 0))
+        """Recompute the states whose margin is negative or NaN; False if the scene has to compute the call and
+        raise.
+        """
+        uncertain = np.flatnonzero(~(margins >= 0))
         assert self._again is not None
         try:
-            better = self._again(*(array.reshape(margins.size, -1)[doubtful] for array in arrays))
+            better = self._again(*(array.reshape(margins.size, -1)[uncertain] for array in arrays))
         except PhipsiError:
             return False
-        among = np.unravel_index(doubtful, arrays[0].shape[:-1])
+        among = np.unravel_index(uncertain, arrays[0].shape[:-1])
         for result, part in zip(results, better, strict=False) if self._results > 1 else [(results, better)]:
             result[among] = part
         return True
 
     def _addresses(self, given: tuple[Any, ...]) -> list[int] | None:
-        """Where the numbers of arrays begin that the code reads as they are; None of others."""
+        """Addresses of arrays that the code can read without a copy; None if there are others."""
         batch, found = given[0].shape[:-1], []
         for value, width in zip(given, self._reads):  # noqa: B905  # as above
             if value.dtype is not self.dtype or value.shape != (*batch, width) or not value.flags.carray:
@@ -167,7 +183,9 @@ class Batches:
         return found
 
     def _in_order(self, given: tuple[Any, ...]) -> list[_Array]:
-        """The same numbers as arrays of one batch that the code reads; no arrays of what the scene is to look at."""
+        """Copies of the arguments as arrays of one batch that the code can read; an empty list if the scene has to
+        compute the call.
+        """
         if any(value.dtype not in (np.float64, self.dtype) or value.ndim == 0 for value in given):
             return []
         if any(value.shape[-1] != width for value, width in zip(given, self._reads, strict=True)):
@@ -178,13 +196,13 @@ class Batches:
             return []
         if prod(batch) == 0:
             return []
-        # What is too large for float32 becomes infinite, which the code finds.
+        # Values beyond the range of float32 become infinite, which the code detects.
         with np.errstate(over="ignore"):
             wide = (np.broadcast_to(value, (*batch, value.shape[-1])) for value in given)
             return [np.require(value, self.dtype, ("C", "A")) for value in wide]
 
     def _fits(self, out: Any, batch: tuple[int, ...], given: tuple[Any, ...]) -> bool:
-        """Whether the code may write to out; else the scene says what is wrong with it."""
+        """Whether the code may write to out; otherwise the scene raises the error."""
         return (
             type(out) in (np.ndarray, np.memmap)
             and out.dtype == self.dtype
@@ -195,9 +213,9 @@ class Batches:
 
 
 def address(array: Any) -> int:
-    """Where its numbers begin."""
+    """Address of the first entry of an array."""
     try:
-        # A quarter of the time of array.ctypes.data; of memory that may be written to.
+        # Takes a quarter of the time of array.ctypes.data; requires writable memory.
         return addressof(numbers_of(array))
     except (TypeError, ValueError):
         there: int = array.ctypes.data
@@ -205,5 +223,5 @@ def address(array: Any) -> int:
 
 
 def _at_a_time(size: int) -> int:
-    """How many states of so many bytes: whole registers of them."""
+    """Number of states of that size per block: a multiple of the register width."""
     return max(BETWEEN // max(size, 1), 64) // 16 * 16

@@ -1,4 +1,4 @@
-"""What phipsi.jax and phipsi.torch share: functions of plain numbers on the host, with their derivatives."""
+"""Common part of phipsi.jax and phipsi.torch: functions of real arrays on the host, with their derivatives."""
 
 from __future__ import annotations
 
@@ -18,22 +18,24 @@ from .errors import BadStateWarning, PhipsiError, ShapeError, of_argument
 if TYPE_CHECKING:
     from ._core import Scene
 
-#: One array of results, or one per derivative, from the arguments; leading axes are batches and broadcast.
+#: Returns one array of results, or one per derivative; leading axes of the arguments are batch axes and broadcast.
 Host = Callable[..., Any]
 Errors = Literal["raise", "nan"]
 
 
 class Call:
-    """A function of a scene: its value, its derivatives by each argument (by the numbers of q, not by its tangent), and the shape of a result."""
+    """A function of a scene: its value, its derivatives with respect to each argument (to the entries of q, not to its
+    tangent), and the shape of a result.
+    """
 
     def __init__(self, value: Host, derivatives: Host, names: tuple[str, ...], widths: tuple[int, ...], size: int) -> None:
         self.value = value
         self.derivatives = derivatives
-        #: Names of the arguments, and how many numbers each argument and the result have.
+        #: Names and widths of the arguments, and width of the result.
         self.names = names
         self.widths = widths
         self.size = size
-        # An empty batch: the scene checks its options now and not in the callback of a compiled graph.
+        # With an empty batch the scene checks its options now, and not in the callback of a compiled graph.
         value(*(np.zeros((0, width)) for width in widths))
 
 
@@ -43,14 +45,14 @@ def _by_coordinates(coordinates: Coordinates, q: Array, by_tangent: NDArray[np.f
 
 @lru_cache(maxsize=32)
 def forward_dynamics(scene: Scene, form: str, errors: Errors = "raise", tolerance: float | None = None) -> Call:
-    """qdd of (q, qd, tau)."""
+    """qdd as a function of (q, qd, tau)."""
     coordinates = Coordinates(scene)
 
     def value(q: Array, qd: Array, tau: Array) -> Array:
-        return np.asarray(scene.forward_dynamics(coordinates.normalised(q), qd, tau, form=form, tolerance=tolerance, errors=errors))  # type: ignore[call-overload]
+        return np.asarray(scene.forward_dynamics(coordinates.normalized(q), qd, tau, form=form, tolerance=tolerance, errors=errors))  # type: ignore[call-overload]
 
     def derivatives(q: Array, qd: Array, tau: Array) -> tuple[Array, ...]:
-        by_q, by_qd, minv = scene.forward_dynamics_derivatives(coordinates.normalised(q), qd, tau, form=form, tolerance=tolerance, errors=errors)  # type: ignore[arg-type]
+        by_q, by_qd, minv = scene.forward_dynamics_derivatives(coordinates.normalized(q), qd, tau, form=form, tolerance=tolerance, errors=errors)  # type: ignore[arg-type]
         return _by_coordinates(coordinates, q, by_q), by_qd, minv
 
     return Call(value, derivatives, ("q", "qd", "tau"), (scene.nq, scene.nv, scene.nv), scene.nv)
@@ -58,14 +60,14 @@ def forward_dynamics(scene: Scene, form: str, errors: Errors = "raise", toleranc
 
 @lru_cache(maxsize=32)
 def inverse_dynamics(scene: Scene, errors: Errors = "raise") -> Call:
-    """tau of (q, qd, qdd)."""
+    """tau as a function of (q, qd, qdd)."""
     coordinates = Coordinates(scene)
 
     def value(q: Array, qd: Array, qdd: Array) -> Array:
-        return np.asarray(scene.inverse_dynamics(coordinates.normalised(q), qd, qdd, errors=errors))
+        return np.asarray(scene.inverse_dynamics(coordinates.normalized(q), qd, qdd, errors=errors))
 
     def derivatives(q: Array, qd: Array, qdd: Array) -> tuple[Array, ...]:
-        by_q, by_qd, mass = scene.inverse_dynamics_derivatives(coordinates.normalised(q), qd, qdd, errors=errors)
+        by_q, by_qd, mass = scene.inverse_dynamics_derivatives(coordinates.normalized(q), qd, qdd, errors=errors)
         return _by_coordinates(coordinates, q, by_q), by_qd, mass
 
     return Call(value, derivatives, ("q", "qd", "qdd"), (scene.nq, scene.nv, scene.nv), scene.nv)
@@ -73,11 +75,11 @@ def inverse_dynamics(scene: Scene, errors: Errors = "raise") -> Call:
 
 @lru_cache(maxsize=32)
 def integrate(scene: Scene, errors: Errors = "raise") -> Call:
-    """q (+) v of (q, v)."""
+    """q (+) v as a function of (q, v)."""
     coordinates = Coordinates(scene)
 
     def value(q: Array, v: Array) -> Array:
-        return np.asarray(scene.integrate(coordinates.normalised(q), v, errors=errors))
+        return np.asarray(scene.integrate(coordinates.normalized(q), v, errors=errors))
 
     def derivatives(q: Array, v: Array) -> tuple[Array, ...]:
         if errors == "raise":
@@ -90,9 +92,11 @@ def integrate(scene: Scene, errors: Errors = "raise") -> Call:
 
 
 class Rollout:
-    """States through time with torques of their own in every step, as functions of plain numbers: the rows, and the gradients of a scalar of them.
+    """Trajectories with given torques in every step, as functions of real arrays: the rows, and the gradients of a
+    scalar function of them.
 
-    Two of them are equal if their scene is the same object and their options are equal, so that JAX compiles their callbacks once.
+    Two instances are equal if their scene is the same object and their options are equal, so that JAX compiles
+    their callbacks once.
     """
 
     names = ("q", "qd", "tau")
@@ -100,13 +104,13 @@ class Rollout:
     def __init__(self, scene: Scene, record_every: int, errors: Errors = "raise", **options: Any) -> None:
         self.scene, self.record_every, self.errors, self.options = scene, record_every, errors, options
         self.coordinates = Coordinates(scene)
-        # No state and no step: the scene checks its options now and not in the callback of a compiled graph.
+        # Without states and steps the scene checks its options now, and not in the callback of a compiled graph.
         q, qd, tau = np.zeros((0, scene.nq)), np.zeros((0, scene.nv)), np.zeros((0, 0, scene.nv))
         self._rows(q, qd, tau)
         scene.integrate(q, qd, errors=errors)
         try:
             self._key: Any = (scene, record_every, errors, pickle.dumps(sorted(options.items())))
-        except Exception:  # what cannot be pickled has no key but itself
+        except Exception:  # options that cannot be pickled are compared by identity
             self._key = (id(self),)
 
     def __eq__(self, other: object) -> bool:
@@ -116,7 +120,7 @@ class Rollout:
         return hash(self._key)
 
     def value(self, q: Array, qd: Array, tau: Array) -> tuple[Array, Array]:
-        """The rows of (q, qd, tau): (..., rows, nq) and (..., rows, nv)."""
+        """Rows for (q, qd, tau): (..., rows, nq) and (..., rows, nv)."""
         if self.errors == "raise":
             return self._rows(q, qd, tau)
         batch = np.broadcast_shapes(q.shape[:-1], qd.shape[:-1], tau.shape[:-2])
@@ -149,7 +153,7 @@ class Rollout:
         return found[0].reshape(*batch, rows, -1), found[1].reshape(*batch, rows, -1)
 
     def gradients(self, q: Array, tau: Array, rows: Array, rates: Array, by_rows: Array, by_rates: Array) -> tuple[Array, Array, Array]:
-        """By q, qd and tau, given those by the rows and their rates; NaN where the rows are NaN."""
+        """Gradients with respect to q, qd and tau, given those with respect to the rows; NaN where the rows are NaN."""
         if self.errors == "raise":
             return self._gradients(q, tau, rows, rates, by_rows, by_rates)
         batch = np.broadcast_shapes(q.shape[:-1], *(array.shape[:-2] for array in (tau, rows, rates, by_rows, by_rates)))
@@ -162,17 +166,17 @@ class Rollout:
         return found  # type: ignore[return-value]
 
     def _rows(self, q: Array, qd: Array, tau: Array) -> tuple[Array, Array]:
-        path = self.scene.simulate(self.coordinates.normalised(q), qd, tau_steps=tau, **self._steps(tau))
+        path = self.scene.simulate(self.coordinates.normalized(q), qd, tau_steps=tau, **self._steps(tau))
         return path.q, path.qd
 
     def _gradients(self, q: Array, tau: Array, rows: Array, rates: Array, by_rows: Array, by_rates: Array) -> tuple[Array, Array, Array]:
-        rows = self.coordinates.normalised(rows)
+        rows = self.coordinates.normalized(rows)
         by_tangents = np.einsum("...i,...ij->...j", by_rows, self.coordinates.changes(rows))
         found = self.scene.simulate_vjp(rows, rates, by_tangents, by_rates, tau_steps=tau, **self._steps(tau))
         return np.einsum("...i,...ij->...j", found.q, self.coordinates.tangents(q)), found.qd, found.tau
 
     def _alone(self, q: Array, qd: Array, tau: Array, reason: PhipsiError) -> PhipsiError:
-        """The error of one state alone, whose message names no place among the states that were left."""
+        """Error of a single state, whose message contains no index within the remaining states."""
         try:
             self._rows(q, qd, tau)
         except PhipsiError as alone:
@@ -196,17 +200,19 @@ class Rollout:
         return {**self.options, "steps": tau.shape[-2], "record_every": self.record_every}
 
     def rows(self, steps: int) -> int:
-        """How many rows so many steps give."""
+        """Number of recorded rows for this number of steps."""
         return steps // self.record_every + 1
 
 
 def on_host(function: Host, arrays: tuple[ArrayLike, ...]) -> Any:
-    """Calls a function with float64 arrays."""
+    """Call a function with float64 arrays."""
     return function(*(np.asarray(array, dtype=np.float64) for array in arrays))
 
 
 def batch_of(names: Sequence[str], shapes: Sequence[tuple[int, ...]], own: Sequence[tuple[int | None, ...]]) -> tuple[int, ...]:
-    """The leading axes that the arguments broadcast to; ShapeError as the scene's methods raise it. own: the trailing axes of each, None for any length."""
+    """Leading axes that the arguments broadcast to; raises ShapeError like the methods of the scene. own: trailing axes
+    of each argument, None for any length.
+    """
     batch: tuple[int, ...] = ()
     for name, shape, trailing in zip(names, shapes, own, strict=True):
         fits = len(shape) >= len(trailing) and all(want in (None, has) for has, want in zip(shape[len(shape) - len(trailing) :], trailing, strict=True))
@@ -222,5 +228,5 @@ def batch_of(names: Sequence[str], shapes: Sequence[tuple[int, ...]], own: Seque
 
 
 def refuse_dtype(name: str, dtype: Any) -> None:
-    """Raises what the scene's methods raise for numbers that are not real."""
+    """Raise the ArgumentError that the methods of the scene raise for values that are not real."""
     raise not_numbers(name, f"dtype {str(dtype).removeprefix('torch.')}")

@@ -1,4 +1,5 @@
-"""Rotations by a vector w, |w| < 2 pi: exp(w), the rate of w of a body that turns with u in its own frame, and what both change by with w.
+"""Rotations by a vector w, |w| < 2 pi: exp(w), the time derivative of w for an angular velocity u in the body frame, and
+derivatives.
 
 With W the matrix of w x, t = |w|,
 
@@ -28,7 +29,7 @@ __all__ = [
 
 _Array = NDArray[np.float64]
 
-#: Below this angle, rad, series: their next terms are below rounding.
+#: Angle, rad, below which series are used; their omitted terms are below the rounding error.
 SMALL = 0.05
 
 
@@ -39,7 +40,7 @@ def _rotated(w: _Array, u: _Array, once: Any, twice: Any) -> _Array:
 
 
 def _second(t: _Array) -> _Array:
-    """c of an angle."""
+    """Coefficient c of an angle."""
     small = t < SMALL
     half = np.where(small, 0.5, 0.5 * t)
     series = 1 / 12 + t**2 / 720 + t**4 / 30240
@@ -47,7 +48,7 @@ def _second(t: _Array) -> _Array:
 
 
 def carried_back(w: _Array, u: _Array) -> _Array:
-    """B(w) u: the rate of the rotation vector w of a body that turns with u, in its own frame; (..., 3)."""
+    """B(w) u: time derivative of the rotation vector w for the angular velocity u in the body frame; (..., 3)."""
     t = np.linalg.norm(w, axis=-1, keepdims=True)
     return _rotated(w, u, 0.5, _second(t))
 
@@ -59,13 +60,13 @@ def by_vector(w: _Array, u: _Array) -> _Array:
 
 
 def by_quaternion(quaternion: _Array, u: _Array, sign: float = 1.0) -> _Array:
-    """u rotated by a quaternion (x, y, z, w) of any norm; with the sign -1 rotated back; (..., 3)."""
+    """u rotated by a quaternion (x, y, z, w) of any norm, or rotated back with the sign -1; (..., 3)."""
     unit = quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
     return _rotated(unit[..., :3], u, 2.0 * sign * unit[..., 3:], 2.0)
 
 
 def skew(w: _Array) -> _Array:
-    """The matrix of w x, (..., 3) to (..., 3, 3)."""
+    """Matrix of the cross product w x, (..., 3) to (..., 3, 3)."""
     x, y, z = np.moveaxis(w, -1, 0)
     o = np.zeros_like(x)
     return np.stack([np.stack([o, -z, y], -1), np.stack([z, o, -x], -1), np.stack([-y, x, o], -1)], -2)
@@ -82,14 +83,16 @@ def carried_back_matrix(w: _Array) -> _Array:
 
 
 def tangent(w: _Array) -> _Array:
-    """J(w), (3, 3): the rotation vector, in the turned frame, by which exp(w) turns on when w changes."""
+    """J(w), (3, 3): derivative of the rotation exp(w) with respect to w, as a rotation vector in the rotated frame."""
     t = np.linalg.norm(w)
     twice = 1 / 6 - t**2 / 120 + t**4 / 5040 if t < SMALL else (1 - np.sinc(t / np.pi)) / t**2
     return _rotated(w, np.eye(3), -0.5 * np.sinc(0.5 * t / np.pi) ** 2, twice).T
 
 
 def carried_back_derivative(w: _Array, u: _Array) -> _Array:
-    """d(B(w) u)/dw = -U/2 - c (the matrix of (w x u) x, + W U) + c'/t (w x (w x u)) w*, (3, 3), U that of u x."""
+    """d(B(w) u)/dw = -U/2 - c (X + W U) + c'/t (w x (w x u)) w*, (3, 3); U and X are the matrices of u x and (w x u)
+    x.
+    """
     t = float(np.linalg.norm(w))
     c = float(_second(np.asarray(t)))
     if t < SMALL:
@@ -103,5 +106,5 @@ def carried_back_derivative(w: _Array, u: _Array) -> _Array:
 
 
 def by_vector_derivative(w: _Array, u: _Array) -> _Array:
-    """d(exp(w) u)/dw = -exp(w) U J(w), (3, 3), U the matrix of u x."""
+    """d(exp(w) u)/dw = -exp(w) U J(w), (3, 3); U is the matrix of u x."""
     return -rotation(w) @ skew(u) @ tangent(w)

@@ -1,7 +1,9 @@
-"""Configurations as plain numbers, for libraries that differentiate by each: quaternions of any norm, and tangents of q (+) d beside changes of q.
+"""Configurations as independent real values, for libraries that differentiate with respect to each entry.
 
-A configuration is normalised before it is used, so that every function of it is one of plain numbers. Coordinates of one axis are their own tangents; a quaternion (x, y,
-z, w) = (v, s) has the tangent 2 (s dv + dv x v - v ds) / |q|^2 in the child's axes, and the position of a free joint R^T dp.
+A configuration is normalized before it is used, so that every function of it is defined for all values of its
+entries.
+Coordinates with one axis are their own tangents. A quaternion (x, y, z, w) = (v, s) has the tangent
+2 (s dv + dv x v - v ds) / |q|^2 in the child frame, and the position of a free joint has the tangent R^T dp.
 """
 
 from __future__ import annotations
@@ -18,19 +20,21 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-#: Below this angle, rad, the right Jacobian is its series: the closed form cancels.
+#: Angle, rad, below which the right Jacobian is computed by its series, because the closed form suffers from cancellation.
 SMALL = 0.5
-#: Terms of the series: the next is below 1e-17 there.
+#: Number of terms of the series; the next term is below 1e-17.
 TERMS = 14
 
 
 def rotation(quaternion: Array) -> Array:
-    """R of quaternions (x, y, z, w) of any norm, (..., 4) to (..., 3, 3)."""
+    """Rotation matrices of quaternions (x, y, z, w) of any norm, (..., 4) to (..., 3, 3)."""
     return np.swapaxes(by_quaternion(quaternion[..., None, :], np.eye(3)), -1, -2)
 
 
 def right_jacobian(a: Array, angle: Array) -> Array:
-    """The sum of a^i / (i + 1)!, a = -V x a bracket of a rotation by this angle, with a translation or without: (..., n, n), n = 3 or 6."""
+    """Sum of a^i / (i + 1)!, for -a the matrix of a Lie bracket of a rotation by this angle, with or without a
+    translation: (..., n, n), n = 3 or 6.
+    """
     identity = np.eye(a.shape[-1])
     series = np.broadcast_to(identity, a.shape)
     for i in range(TERMS, 1, -1):
@@ -46,13 +50,13 @@ def right_jacobian(a: Array, angle: Array) -> Array:
 
 
 class Coordinates:
-    """Where the quaternions of a scene are, and what follows from it."""
+    """Entries of the quaternions of a scene, and conversions between changes of q and tangents."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
-        #: In q and in v, (quaternion, angular) of every spherical and free joint.
+        #: (quaternion, angular) of every spherical and free joint: slices of q and v.
         self.turns: list[tuple[slice, slice]] = []
-        #: Of every free joint (position, quaternion, linear, angular).
+        #: (position, quaternion, linear, angular) of every free joint.
         self.moves: list[tuple[slice, slice, slice, slice]] = []
         plain: list[tuple[int, int]] = []
         for joint in scene.joint_names:
@@ -67,8 +71,10 @@ class Coordinates:
                 plain.extend(zip(range(q.start, q.stop), range(v.start, v.stop), strict=True))
         self._plain = tuple(np.array(plain, dtype=np.intp).reshape(-1, 2).T)
 
-    def normalised(self, q: Array) -> Array:
-        """The same configurations, quaternions of norm one: (..., nq). A quaternion without a norm stays as it is, for the scene to report."""
+    def normalized(self, q: Array) -> Array:
+        """The configurations with unit quaternions, (..., nq). Zero and infinite quaternions are unchanged, so that the
+        scene reports them.
+        """
         q = np.array(q, dtype=np.float64)
         for turn, _ in self.turns:
             norm = np.linalg.norm(q[..., turn], axis=-1, keepdims=True)
@@ -76,13 +82,13 @@ class Coordinates:
         return q
 
     def tangents(self, q: Array) -> Array:
-        """T with tangent = T dq, (..., nv, nq): what a change of each number of q is as a tangent; q of any norm."""
+        """T with tangent = T dq, (..., nv, nq), for q with quaternions of any norm."""
         t = np.zeros((*q.shape[:-1], self.scene.nv, self.scene.nq))
         in_q, in_v = self._plain
         t[..., in_v, in_q] = 1.0
         for turn, angular in self.turns:
             v, s = q[..., turn][..., :3], q[..., turn][..., 3, None, None]
-            # A zero quaternion has no tangent: infinite here, and its results are NaN or were refused before.
+            # A zero quaternion has no tangent: the scale is infinite, and its results are NaN or have raised before.
             with np.errstate(divide="ignore", over="ignore"):
                 scale = 2.0 / np.sum(q[..., turn] ** 2, axis=-1)[..., None, None]
             t[..., angular, turn] = scale * np.concatenate([s * np.eye(3) - skew(v), -v[..., None]], axis=-1)
@@ -91,7 +97,7 @@ class Coordinates:
         return t
 
     def changes(self, q: Array) -> Array:
-        """E with dq = E tangent, (..., nq, nv), of normalised configurations: T E = 1."""
+        """E with dq = E tangent, (..., nq, nv), for normalized configurations: T E = 1."""
         e = np.zeros((*q.shape[:-1], self.scene.nq, self.scene.nv))
         in_q, in_v = self._plain
         e[..., in_q, in_v] = 1.0
@@ -103,7 +109,9 @@ class Coordinates:
         return e
 
     def integrated(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """The derivatives of q (+) v, (..., nq, nq) and (..., nq, nv): by the numbers of q and of v; q of any norm."""
+        """Derivatives of q (+) v, (..., nq, nq) and (..., nq, nv), with respect to the entries of q and v, for q with
+        quaternions of any norm.
+        """
         batch = np.broadcast_shapes(q.shape[:-1], v.shape[:-1])
         q, v = np.broadcast_to(q, (*batch, self.scene.nq)), np.broadcast_to(v, (*batch, self.scene.nv))
         along, by_v = np.zeros((2, *batch, self.scene.nv, self.scene.nv))
@@ -113,7 +121,7 @@ class Coordinates:
         blocks = [(angular, -skew(v[..., angular])) for _, angular in self.turns if angular.start not in free]
         for _, _, linear, angular in self.moves:
             turning, moving = -skew(v[..., angular]), -skew(v[..., linear])
-            # In the order (linear, angular).
+            # Order: (linear, angular).
             bracket = np.block([[turning, moving], [np.zeros_like(turning), turning]])
             blocks.append((slice(linear.start, angular.stop), bracket))
         for rows, a in blocks:
@@ -121,5 +129,5 @@ class Coordinates:
             jacobian = right_jacobian(a, angle)
             along[..., rows, rows] = np.eye(a.shape[-1]) + a @ jacobian
             by_v[..., rows, rows] = jacobian
-        end = self.changes(self.scene.integrate(self.normalised(q), v))
+        end = self.changes(self.scene.integrate(self.normalized(q), v))
         return end @ along @ self.tangents(q), end @ by_v

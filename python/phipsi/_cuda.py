@@ -1,4 +1,4 @@
-"""One robot as CUDA kernels, compiled at run time by NVRTC through CuPy."""
+"""Functions of one robot as CUDA kernels, compiled at run time by NVRTC through CuPy."""
 
 from __future__ import annotations
 
@@ -16,24 +16,37 @@ if TYPE_CHECKING:
 
 __all__ = ["CompiledForCuda", "compile_for_cuda"]
 
-#: What NVRTC is told.
+#: Options of NVRTC.
 OPTIONS = ("--std=c++17",)
-#: Threads of a block; of long programs a thread takes most of the registers that it may have.
+#: Threads per block; a thread of a long kernel uses most of the available registers.
 THREADS = 64
-#: Kinds of memory in DLPack that a GPU of CUDA reads: its own, and managed.
+#: Device types of DLPack that a CUDA GPU can read: device memory and managed memory.
 ON_GPU = (2, 13)
 
 
 class CompiledForCuda(Functions[Any]):
-    """Functions of one scene as CUDA kernels, one state a thread; arguments are arrays on the GPU, whatever library made them, results are CuPy arrays.
+    """Functions of one scene as CUDA kernels with one state per thread; returned by phipsi.compile(device="cuda").
 
-    Each method takes arrays of CuPy, PyTorch, JAX or of others that DLPack passes on, of the dtype that was compiled, (..., nq) and (..., nv), whose leading axes broadcast. Results are those of the
-    scene's method of that name to rounding, in form "covariance": digits that this loses are not noticed, and states are not looked at, so that NaN comes of what is not finite. Work is queued on
-    CuPy's current stream. out, errors="nan", wrenches and what else the scene's methods have are refused. Kernels read each component of all states in a row: arrays whose memory has it so, as results have, are not copied.
+    Each method takes arrays on the GPU, (..., nq) and (..., nv), whose leading axes broadcast: of CuPy,
+    PyTorch, JAX or another library that supports DLPack, with the compiled dtype. Results are CuPy arrays, and
+    equal those of the scene's method of the same name with form "covariance" up to rounding.
+
+    The kernels do not estimate the loss of precision and do not check the states: input that is not finite
+    gives NaN. Work is queued on the current stream of CuPy. The arguments out, errors="nan", wrenches and other
+    options of the scene's methods raise ArgumentError. The kernels read each component of all states
+    contiguously; arrays with this memory layout, such as results, are not copied.
+
+    Examples
+    --------
+    >>> import cupy, phipsi  # doctest: +SKIP
+    >>> scene = phipsi.load(phipsi.BUNDLED_ARM)  # doctest: +SKIP
+    >>> fast = phipsi.compile(scene, functions=("forward_dynamics",), device="cuda")  # doctest: +SKIP
+    >>> fast.forward_dynamics(*(cupy.zeros((1000, 6)) for _ in range(3))).shape  # doctest: +SKIP
+    (1000, 6)
     """
 
     source: str
-    """The kernels, CUDA C++."""
+    """CUDA C++ source of the kernels."""
 
     def __init__(self, scene: Scene, functions: tuple[Function, ...], dtype: str, source: str, cupy: Any) -> None:
         super().__init__(scene, functions, dtype)
@@ -42,7 +55,7 @@ class CompiledForCuda(Functions[Any]):
         self._kernels = {parts(function): module.get_function(f"robot_{symbol(function)}") for function in functions}
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickles the scene and the options; unpickling compiles again."""
+        """Pickle the scene and the options; unpickling compiles again."""
         return compile_for_cuda, (self.scene, self.functions, self.dtype.name)
 
     def _run(self, function: tuple[str, ...], given: tuple[Any, ...], out: Any = None, errors: _Errors = "raise", more: dict[str, Any] | None = None) -> Any:
@@ -59,7 +72,7 @@ class CompiledForCuda(Functions[Any]):
             batch = np.broadcast_shapes(*(array.shape[:-1] for array in arrays.values()))
         except ValueError:
             those = ", ".join(f"{name} {array.shape}" for name, array in arrays.items())
-            raise of_argument(ShapeError, "q", f"found leading axes that do not broadcast: {those}; expected those of one batch") from None
+            raise of_argument(ShapeError, "q", f"found leading axes that do not broadcast: {those}; expected leading axes of one batch") from None
         parts_of_one = shapes(function, self.scene)
         count, widths = prod(batch), [prod(shape) for shape in parts_of_one]
         with arrays["q"].device:
@@ -71,43 +84,43 @@ class CompiledForCuda(Functions[Any]):
         return found if len(found) > 1 else found[0]
 
     def _array(self, name: str, value: Any) -> Any:
-        """The argument as an array of CuPy, its memory shared."""
+        """The argument as an array of CuPy that shares its memory."""
         if not isinstance(value, self._numpy.ndarray):
             where = value.__dlpack_device__()[0] if hasattr(value, "__dlpack_device__") else None
             if where not in ON_GPU:
                 found = f"{type(value).__name__} that is not on a GPU"
-                raise of_argument(ArgumentError, name, f"found {found}; expected an array there: cupy.asarray({name}) takes it there")
+                raise of_argument(ArgumentError, name, f"found {found}; expected an array on the GPU: use cupy.asarray({name})")
             value = self._numpy.from_dlpack(value)
         if value.dtype != self.dtype:
-            raise of_argument(ArgumentError, name, f"found {value.dtype}; expected {self.dtype}, which was compiled: convert it, or compile with dtype={str(value.dtype)!r}")
+            raise of_argument(ArgumentError, name, f"found {value.dtype}; expected the compiled dtype {self.dtype}: convert the array, or compile with dtype={str(value.dtype)!r}")
         return value
 
 
 def _refuse(more: dict[str, Any], function: str) -> None:
-    """Arguments of the scene's method that kernels have not."""
+    """Refuse arguments of the scene's method that the kernels do not support."""
     for name, value in more.items():
         if value is not None and value is not False:
             found = repr(value) if isinstance(value, (str, bool)) else f"an object of type {type(value).__name__}"
-            raise of_argument(ArgumentError, name, f"found {found}; expected none on a GPU, whose kernels know no {name}: scene.{function} takes it")
+            raise of_argument(ArgumentError, name, f"found {found}; expected no {name}, which kernels on a GPU do not support: use scene.{function}")
 
 
 def _by_components(cupy: Any, array: Any, batch: tuple[int, ...], count: int) -> Any:
-    """(width, states), one component of all states in a row."""
+    """Array (width, states), with each component of all states contiguous."""
     width = array.shape[-1]
     return cupy.ascontiguousarray(cupy.broadcast_to(array, (*batch, width)).reshape(count, width).T)
 
 
 def compile_for_cuda(scene: Scene, functions: tuple[Function, ...], dtype: str) -> CompiledForCuda:
-    """What phipsi.compile(device="cuda") gives."""
+    """Implementation of phipsi.compile(device="cuda")."""
     try:
         import cupy
     except ImportError as error:
-        raise ImportError("phipsi.compile(device='cuda') needs CuPy: pip install 'phipsi[cuda]'; device='cpu' needs none") from error
+        raise ImportError("phipsi.compile(device='cuda') needs CuPy: pip install 'phipsi[cuda]', or use device='cpu'") from error
     source = scene.to_cuda(name="robot", functions=functions, dtype=dtype)["robot.cu"]  # type: ignore[arg-type]
     try:
         found = cupy.cuda.runtime.getDeviceCount()
     except cupy.cuda.runtime.CUDARuntimeError as error:
-        raise of_argument(ArgumentError, "device", f"found no GPU ({error}); expected a GPU with its driver, or device='cpu'") from error
+        raise of_argument(ArgumentError, "device", f"found no GPU ({error}); expected a GPU with its driver: use device='cpu'") from error
     if found == 0:
-        raise of_argument(ArgumentError, "device", "found no GPU; expected one, or device='cpu'")
+        raise of_argument(ArgumentError, "device", "found no GPU; expected one: use device='cpu'")
     return CompiledForCuda(scene, functions, dtype, source, cupy)

@@ -1,4 +1,4 @@
-"""Scenes of whatever a robot comes as: one call that looks what it is."""
+"""Scenes from robot descriptions of several formats, in one call."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 #: The root element of a file.
 ROOT = re.compile(r"<\s*([A-Za-z_][\w:.-]*)")
-EXPECTED = "a path of URDF, xacro or MJCF, such a text, a name of robot_descriptions, or a model of MuJoCo or Pinocchio"
+EXPECTED = "a path or text of URDF, xacro or MJCF, a module name of robot_descriptions, or a model of MuJoCo or Pinocchio"
 
 
 def load(
@@ -34,20 +34,57 @@ def load(
     mimic: Literal["couple", "free"] = "free",
     ignore: Collection[Any] = (),
 ) -> Scene:
-    """The scene of a robot, whatever it comes as.
+    """Load a scene from a robot description; the format is detected from the content.
 
-    source: the path or the text of a URDF, a xacro (needs the package xacro) or a MuJoCo model (needs mujoco); the name of a module of
-    robot_descriptions, as "ur5e_description", where that package is there; or mujoco.MjModel, mujoco.MjSpec, pinocchio.Model.
-    floating_base: puts a free joint under the root link of a URDF; models of MuJoCo and Pinocchio say themselves what floats.
-    gravity: (3,), m/s^2; None: (0, 0, -9.81), or what the model says. strict, leave_out: as in Scene.from_urdf.
-    xacro_arguments: values of the file's <xacro:arg>. mimic: whether joints of a URDF with <mimic> follow, as in Scene.from_urdf. ignore: parts of a MuJoCo
-    model to omit, as in Scene.from_mujoco.
+    Parameters
+    ----------
+    source : path, str or model
+        Path or text of a URDF, of a xacro (needs the package xacro) or of an MJCF model (needs the package
+        mujoco); the name of a module of robot_descriptions, such as "ur5e_description"; or a mujoco.MjModel,
+        mujoco.MjSpec or pinocchio.Model.
+    floating_base : bool
+        Whether to add a free joint between the base and the root link of a URDF. Models of MuJoCo and Pinocchio
+        define their free joints themselves.
+    gravity : array_like, (3,), optional
+        Gravity in the base frame, m/s^2; None: that of the model, or (0, 0, -9.81) for a URDF.
+    strict : bool
+        True to raise SceneError instead of a warning, as in Scene.from_urdf.
+    leave_out : collection of str, optional
+        Simplifications to use, as in Scene.from_urdf; None: all.
+    xacro_arguments : mapping of str to str, optional
+        Values of the `<xacro:arg>` elements of a xacro.
+    mimic : {"free", "couple"}
+        "free" or "couple": joints of a URDF with `<mimic>` are independent or coupled, as in Scene.from_urdf.
+    ignore : collection of str
+        Parts of an MJCF model to omit, as in Scene.from_mujoco.
 
-    $(find package) of a xacro is the folder of that name, or the one whose package.xml has it, above or beside the file or in a folder of ROS_PACKAGE_PATH or
-    AMENT_PREFIX_PATH; then it is looked up as ROS does.
+    Returns
+    -------
+    Scene
+        The scene.
 
-    Raises as Scene.from_urdf, Scene.from_mujoco and Scene.from_pinocchio do; ImportError where a package is missing; ArgumentError for a source that is none of
-    these, for arguments that the source has no use for, and for xacro_arguments that the file does not have or that it needs and that are missing.
+    Raises
+    ------
+    SceneError
+        If the source cannot be read or is not a valid robot description.
+    ArgumentError
+        If the source has an unsupported type, if an argument does not apply to the format of the source, or if
+        xacro_arguments lacks a required argument or contains an unknown one.
+    ImportError
+        If a package that the format needs is not installed.
+
+    Notes
+    -----
+    `$(find package)` in a xacro resolves to the folder of that name, or to the folder whose package.xml has
+    that name, in the folders above the file, beside them, or in ROS_PACKAGE_PATH or AMENT_PREFIX_PATH;
+    otherwise ROS resolves it.
+
+    Examples
+    --------
+    >>> import phipsi
+    >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+    >>> scene.nq, scene.joint_names[:2]
+    (6, ('joint1', 'joint2'))
     """
     options: dict[str, Any] = {"gravity": gravity, "strict": strict, "leave_out": leave_out}
     package = type(source).__module__.partition(".")[0]
@@ -81,7 +118,9 @@ def load(
 
 
 def read(source: str | os.PathLike[str]) -> tuple[str, Path | None]:
-    """The text of a source, and its file, if it is one; bytes that are no text are replaced: only the root is looked at here."""
+    """Text of a source, and its path if it is a file. Undecodable bytes are replaced, because only the root element is
+    read here.
+    """
     if isinstance(source, str) and source.lstrip().startswith("<"):
         return source, None
     file = Path(source)
@@ -92,20 +131,20 @@ def read(source: str | os.PathLike[str]) -> tuple[str, Path | None]:
 
 
 def root_of(text: str) -> str:
-    """Name of the root element; empty where there is none."""
+    """Name of the root element; empty if there is none."""
     found = ROOT.search(COMMENT.sub("", text[:100_000]))
     return found[1] if found else ""
 
 
 def described(name: str) -> str:
-    """The file of a module of robot_descriptions."""
+    """Path of the robot description of a module of robot_descriptions."""
     if find_spec("robot_descriptions") is None:
-        raise ImportError(f"{name}: found no such file and no package robot_descriptions; install it with: pip install robot_descriptions")
+        raise ImportError(f"source: found {name!r}, which is not a file, and no package robot_descriptions; install it with: pip install robot_descriptions")
     try:
         module = importlib.import_module(f"robot_descriptions.{name}")
     except ModuleNotFoundError:
-        raise SceneError(f"source: found {name!r}; expected a file, or a module of robot_descriptions, which has none of that name") from None
-    except Exception as error:  # whatever git says
+        raise SceneError(f"source: found {name!r}; expected a file, or a module of robot_descriptions") from None
+    except Exception as error:  # git raises many types
         raise SceneError(f"source: robot_descriptions cannot fetch {name}: {' '.join(str(error).split())}") from error
     if hasattr(module, "XACRO_PATH") and not hasattr(module, "URDF_PATH"):
         return str(importlib.import_module("robot_descriptions._xacro").get_urdf_path(module))
@@ -116,18 +155,19 @@ def described(name: str) -> str:
 
 
 def _of_file(scene: Scene, file: Path | None) -> Scene:
-    """The scene, knowing the file that it was read from."""
+    """The scene with the path of the file that it was read from."""
     if file is None:
         return scene
     builder = scene.to_builder()
     builder._set_file(file.resolve())
     with warnings.catch_warnings():
-        # They were given when it was read.
+        # The reader has already given these warnings.
         warnings.simplefilter("ignore")
         return builder.build()
 
 
 def _has_no_use(value: Any, argument: str, source: Any) -> None:
+    """Raise ArgumentError if an argument is given that does not apply to the source."""
     if value:
         kind = repr(str(source)[:60]) if isinstance(source, str | os.PathLike) else type(source).__name__
-        raise ArgumentError(f"{argument}: found {value!r} for {kind}, which has no use for it; expected it to be left out")
+        raise ArgumentError(f"{argument}: found {value!r}, which does not apply to {kind}; expected no value: omit {argument}")

@@ -1,4 +1,4 @@
-"""Models of MuJoCo as MuJoCo compiles them: of files, text and specifications; names of elements; what is switched off."""
+"""MuJoCo models from files, text and specifications: compilation, names of elements, and disabled features."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 #: Types of joints, as MuJoCo numbers them.
 FREE, BALL, SLIDE, HINGE = range(4)
-#: mjtEq, mjtTrn, mjtObj: the values that are looked for.
+#: Values of mjtEq, mjtTrn and mjtObj.
 EQUALITY_CONNECT, EQUALITY_WELD, EQUALITY_JOINT = range(3)
 TRANSMISSION_JOINT = (0, 1)
 OBJECT_BODY = 1
@@ -26,9 +26,9 @@ HIDDEN = 5
 
 
 def compiled(source: Any, strict: bool = False) -> tuple[mujoco.MjModel, Path | None]:
-    """The compiled model of a file, XML, a specification or a model itself; and the file, if there is one.
+    """Compiled model of a file, XML, a specification or a model, and the path of the file, if any.
 
-    Missing files of meshes and textures give a MeshWarning (SceneError if strict), if no inertia depends on them.
+    Missing mesh and texture files give a MeshWarning (SceneError if strict), if no inertia depends on them.
     """
     try:
         import mujoco
@@ -47,7 +47,7 @@ def compiled(source: Any, strict: bool = False) -> tuple[mujoco.MjModel, Path | 
         file = Path(source)
         if not file.is_file():
             raise SceneError(
-                f"source: found {str(source)[:100]!r}, which is no file; expected the path of a model, or XML"
+                f"source: found {str(source)[:100]!r}, which is not a file; expected the path of a model, or XML"
             )
     try:
         if file is not None and file.suffix == ".mjb":
@@ -56,7 +56,7 @@ def compiled(source: Any, strict: bool = False) -> tuple[mujoco.MjModel, Path | 
             model = _compile(source, file)
         except ValueError:
             if not hasattr(mujoco.MjSpec, "attach"):
-                # Specifications of the first versions do not give access to all that is to be omitted.
+                # Specifications of the first versions do not give access to all elements that are omitted here.
                 raise
             specification = _specification(source, file)
             lost = _omit_lost_files(specification, Path(specification.modelfiledir) if file is None else file.parent)
@@ -80,7 +80,7 @@ def _compile(source: Any, file: Path | None) -> mujoco.MjModel:
 
 
 def _specification(source: Any, file: Path | None) -> mujoco.MjSpec:
-    """A specification that may be changed."""
+    """A specification that can be modified."""
     import mujoco
 
     if file is not None:
@@ -90,14 +90,16 @@ def _specification(source: Any, file: Path | None) -> mujoco.MjSpec:
 
 def _report_lost_files(lost: list[str], strict: bool) -> None:
     more = f" and {len(lost) - 1} more" if len(lost) > 1 else ""
-    text = f"source: found no file {lost[0]}{more}; expected the meshes and textures beside the model"
+    text = f"source: found no file {lost[0]}{more}; expected the meshes and textures in the folders that the model names"
     if strict:
         raise SceneError(text)
-    warnings.warn(f"{text}; inertias do not depend on them, and they are not drawn", MeshWarning, stacklevel=2)
+    warnings.warn(f"{text}; they are not drawn; no inertia depends on them", MeshWarning, stacklevel=2)
 
 
 def _omit_lost_files(specification: mujoco.MjSpec, folder: Path) -> list[str]:
-    """Replaces what has no file; the files. SceneError where an inertia is computed from a missing mesh."""
+    """Replace elements whose file is missing, and return the files. Raises SceneError if an inertia is computed from a
+    missing mesh.
+    """
     import mujoco
 
     has_file = _Files(specification, folder)
@@ -124,7 +126,7 @@ def _omit_lost_files(specification: mujoco.MjSpec, folder: Path) -> list[str]:
     for material in specification.materials:
         material.textures = ["" if name in textures else name for name in material.textures]
     for lost in (*meshes.values(), *fields.values(), *textures.values(), *skins):
-        # Elements delete themselves in older versions.
+        # In older versions the elements have the method.
         specification.delete(lost) if hasattr(specification, "delete") else lost.delete()
     return [
         repr(lost.file or "of a texture") for lost in (*meshes.values(), *fields.values(), *skins, *textures.values())
@@ -132,7 +134,7 @@ def _omit_lost_files(specification: mujoco.MjSpec, folder: Path) -> list[str]:
 
 
 class _Files:
-    """Whether files that a specification names are there."""
+    """Whether the files of a specification exist."""
 
     def __init__(self, specification: mujoco.MjSpec, folder: Path) -> None:
         self.specification, self.folder = specification, folder
@@ -143,7 +145,7 @@ class _Files:
 
 
 def _gives_inertia(specification: mujoco.MjSpec, geom: Any) -> bool:
-    """Whether the inertia of a body that moves is computed from a geom."""
+    """Whether the inertia of a moving body is computed from a geom."""
     body, compiler = geom.parent, specification.compiler
     first, last = compiler.inertiagrouprange
     from_geoms = int(compiler.inertiafromgeom)
@@ -163,9 +165,9 @@ def _gives_inertia(specification: mujoco.MjSpec, geom: Any) -> bool:
 
 
 class Names:
-    """Names of the elements of a model; those that have none in the file get one that no other has.
+    """Names of the elements of a model; elements without a name in the file get a unique one.
 
-    Bodies and sites become links and share one set of names; joints, fixed ones included, have a second one.
+    Bodies and sites become links and share one set of names; joints, fixed ones included, have a second set.
     """
 
     def __init__(self, model: mujoco.MjModel) -> None:
@@ -173,7 +175,7 @@ class Names:
         self.bodies = self._complete(_own(model, model.name_bodyadr), "body", self._links)
         self.joints = self._complete(_own(model, model.name_jntadr), "joint", self._joints)
         self.equalities = self._complete(_own(model, model.name_eqadr), "equality ", set())
-        #: Of sites: a site that has the name of a body gets another one, and one without a name gets none.
+        #: Names of sites: a site with the name of a body gets another name; unnamed sites stay unnamed.
         self.sites = [
             name and self.link(name if name not in self._links else f"{name}/site")
             for name in _own(model, model.name_siteadr)
@@ -185,16 +187,16 @@ class Names:
         return [name or _fresh(f"{kind}{at}", taken) for at, name in enumerate(own)]
 
     def link(self, name: str) -> str:
-        """A name for a link that the file does not have."""
+        """A link name that the file does not contain."""
         return _fresh(name, self._links)
 
     def joint(self, name: str) -> str:
-        """A name for a joint that the file does not have."""
+        """A joint name that the file does not contain."""
         return _fresh(name, self._joints)
 
 
 def _own(model: mujoco.MjModel, addresses: Any) -> list[str]:
-    """The names at these addresses; empty where there is none."""
+    """Names at these addresses; empty if there is none."""
     return [model.names[at : model.names.index(b"\0", at)].decode("utf-8", "replace") for at in addresses.tolist()]
 
 
@@ -205,11 +207,11 @@ def _fresh(name: str, taken: set[str]) -> str:
     return name
 
 
-# What is switched off
+# Disabled features
 
 
 def is_disabled(model: mujoco.MjModel, *flags: str) -> bool:
-    """Whether all of these parts are switched off, each a name of mjtDisableBit without mjDSBL_."""
+    """Whether all of these features are disabled, each a name of mjtDisableBit without mjDSBL_."""
     import mujoco
 
     # Older versions have one flag for springs and dampers.
@@ -220,17 +222,19 @@ def is_disabled(model: mujoco.MjModel, *flags: str) -> bool:
 
 
 def has_constraints(model: mujoco.MjModel, kind: str) -> bool:
-    """Whether constraints of a kind act: EQUALITY, LIMIT, FRICTIONLOSS or CONTACT."""
+    """Whether constraints of a kind are active: EQUALITY, LIMIT, FRICTIONLOSS or CONTACT."""
     return not is_disabled(model, kind) and not is_disabled(model, "CONSTRAINT")
 
 
 def has_passive_forces(model: mujoco.MjModel) -> bool:
-    """Whether MuJoCo has passive forces: without springs and dampers it has no medium and no gravity compensation."""
+    """Whether passive forces are active: without springs and dampers MuJoCo applies no fluid forces and no gravity
+    compensation.
+    """
     return not is_disabled(model, "SPRING", "DAMPER")
 
 
 def equalities(model: mujoco.MjModel) -> list[int]:
-    """The equality constraints that act; those between two bodies that cannot move against each other do not."""
+    """Active equality constraints, without those between two bodies that cannot move relative to each other."""
     if not has_constraints(model, "EQUALITY"):
         return []
     return [at for at in range(model.neq) if model.eq_active0[at] and not _is_idle(model, at)]
@@ -250,13 +254,15 @@ def connected(model: mujoco.MjModel, at: int) -> tuple[int, int]:
 
 
 def ties_bodies(model: mujoco.MjModel, at: int) -> bool:
-    """Whether an equality constraint names bodies: sites otherwise, which the first versions do not have there."""
+    """Whether an equality constraint refers to bodies; otherwise it refers to sites, which the first versions do not
+    support.
+    """
     types = field(model, "eq_objtype")
     return types is None or bool(types[at] == OBJECT_BODY)
 
 
 def stops(model: mujoco.MjModel) -> tuple[Any, Any]:
-    """Where the stops of joints are, (njnt,) each: they act from the margin on, as if they stood there."""
+    """Positions of the joint stops, (njnt,) each: limits reduced by the margin."""
     return model.jnt_range[:, 0] + model.jnt_margin, model.jnt_range[:, 1] - model.jnt_margin
 
 
@@ -270,5 +276,5 @@ def joint_actuators(model: mujoco.MjModel) -> Iterator[tuple[int, int, float]]:
 
 
 def field(model: mujoco.MjModel, name: str) -> Any:
-    """A field that older versions of MuJoCo do not have; None there."""
+    """A field of the model; None if this version of MuJoCo does not have it."""
     return getattr(model, name, None)

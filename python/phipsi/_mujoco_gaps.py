@@ -1,4 +1,6 @@
-"""What acts in a model of MuJoCo and has no place in a scene: refused, or reported by a warning, by name."""
+"""Parts of a MuJoCo model that affect the motion and that a scene cannot represent: an error or a warning for each
+kind.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,7 @@ from .errors import ArgumentError, ModelWarning, SceneError
 if TYPE_CHECKING:
     import mujoco
 
-#: What a model may have that a scene has not, and that `ignore` may name.
+#: Names for the argument `ignore`: features that a scene does not support.
 IGNORED = (
     "actuators",
     "armature",
@@ -41,25 +43,25 @@ IGNORED = (
     "softness",
     "tendons",
 )
-#: Density, kg/m^3, and viscosity, Pa s, that no air exceeds.
+#: Upper bounds of the density, kg/m^3, and viscosity, Pa s, of air.
 AIR = (1.3, 2e-5)
-#: MuJoCo's default impedance of constraints, and their stiffness by inertia there, 1/s^2.
+#: MuJoCo's default impedance of constraints, and the corresponding stiffness per inertia, 1/s^2.
 IMPEDANCE, STIFFNESS = 0.95, 1.0 / (0.95 * 0.02) ** 2
 
 
 class Gap(NamedTuple):
-    """A part of a model that a scene does not have."""
+    """A part of a model that a scene cannot represent."""
 
     name: str
-    """As `ignore` names it."""
+    """Name in the argument `ignore`."""
     found: str
     consequence: str
     is_refused: bool = True
-    """Whether the motion without it is another one; a warning if it need not be."""
+    """Whether omitting the part changes the motion: an error; otherwise a warning."""
 
 
 def check(model: mujoco.MjModel, names: Names, ignore: Collection[str], strict: bool) -> None:
-    """Raises SceneError for what acts in a model and cannot be read, or warns; what `ignore` names is passed over."""
+    """Raise SceneError, or warn, for active parts of a model that cannot be represented, except those in `ignore`."""
     for name in ignore:
         if name not in IGNORED:
             raise ArgumentError(f"ignore: found {name!r}; expected names of {', '.join(IGNORED)}")
@@ -71,22 +73,22 @@ def check(model: mujoco.MjModel, names: Names, ignore: Collection[str], strict: 
     if refused:
         what = "; ".join(_text(of) for of in refused.values())
         raise SceneError(
-            f"source: found {what}; expected a model without, or to read it without them: ignore={tuple(refused)!r}"
+            f"source: found {what}; expected a model without these features; use ignore={tuple(refused)!r} to omit them"
         )
     for name, of in found.items():
-        text = f"source: found {_text(of)}; ignore={(name,)!r} reads it without this warning, strict=True refuses it"
+        text = f"source: found {_text(of)}; use ignore={(name,)!r} to suppress this warning, or strict=True to raise an error"
         warnings.warn(text, ModelWarning, stacklevel=3)
 
 
 def _text(of: list[Gap]) -> str:
-    """The first of these, a refused one if there is one, and how many more there are."""
+    """Description of the first of these, preferably a refused one, and the number of others."""
     first = next((gap for gap in of if gap.is_refused), of[0])
     more = f" and {len(of) - 1} more" if len(of) > 1 else ""
     return f"{first.found}{more}: {first.consequence}"
 
 
 def gaps(model: mujoco.MjModel, names: Names, ignore: Collection[str]) -> Iterator[Gap]:
-    """All of them."""
+    """All parts that cannot be represented."""
     if "equality" not in ignore:
         yield from _of_equalities(model, names)
     yield from _of_tendons(model)
@@ -98,7 +100,7 @@ def gaps(model: mujoco.MjModel, names: Names, ignore: Collection[str]) -> Iterat
         yield Gap(
             "contacts",
             f"geoms that collide, of {one!r} and {other!r} for instance",
-            "bodies pass through each other, as contacts of a file are not read",
+            "bodies can pass through each other, because contacts of a file are not read",
             False,
         )
 
@@ -109,14 +111,14 @@ def _of_equalities(model: mujoco.MjModel, names: Names) -> Iterator[Gap]:
         what, kind = f"the equality constraint {names.equalities[at]!r}", int(model.eq_type[at])
         is_curved = kind == EQUALITY_JOINT and np.any(model.eq_data[at][2:5])
         if is_curved or kind not in (EQUALITY_CONNECT, EQUALITY_WELD, EQUALITY_JOINT):
-            yield Gap("equality", what, "connections are of kind connect, weld and joint, that one linear")
+            yield Gap("equality", what, "only the kinds connect, weld and linear joint are supported")
             continue
         if kind != EQUALITY_JOINT:
             for body in moved.intersection(connected(model, at)):
                 yield Gap(
                     "mocap",
-                    f"{what} with the body {names.bodies[body]!r}, which is moved by the program (mocap)",
-                    "scenes hold it where the file places it",
+                    f"{what} with the body {names.bodies[body]!r}, which the program moves (mocap)",
+                    "a scene fixes it at its initial pose",
                 )
         if _is_soft(model.eq_solref[at], model.eq_solimp[at]):
             yield Gap(
@@ -128,7 +130,7 @@ def _of_equalities(model: mujoco.MjModel, names: Names) -> Iterator[Gap]:
 
 
 def _is_soft(solref: Any, solimp: Any) -> bool:
-    """Whether a constraint yields more than one with MuJoCo's default parameters."""
+    """Whether a constraint is softer than with MuJoCo's default parameters."""
     if solref[0] > 0.0:
         stiffness = 1.0 / (max(solimp[1], 1e-6) * solref[0] * max(solref[1], 1e-6)) ** 2
     else:
@@ -151,7 +153,7 @@ def _of_tendons(model: mujoco.MjModel) -> Iterator[Gap]:
             yield Gap("tendons", f"{what}, with springs, losses or armature", "scenes have no tendons")
         elif limited[at]:
             yield Gap(
-                "tendons", f"{what}, with limits", "scenes have no tendons, and it does not limit the joints", False
+                "tendons", f"{what}, with limits", "scenes have no tendons, so that the joints are not limited", False
             )
 
 
@@ -163,7 +165,7 @@ def _of_bodies(model: mujoco.MjModel, names: Names) -> Iterator[Gap]:
             yield Gap(
                 "gravcomp",
                 f"gravcomp {model.body_gravcomp[at]:g} at the body {names.bodies[at]!r}",
-                "weight acts on all bodies",
+                "gravity acts on all bodies",
             )
     option = model.opt
     if has_passive_forces(model) and (option.density or option.viscosity):
@@ -177,8 +179,8 @@ def _of_bodies(model: mujoco.MjModel, names: Names) -> Iterator[Gap]:
         below = np.flatnonzero(model.body_parentid == at)
         if len(below):
             carried = names.bodies[below[0]]
-            what = f"the body {names.bodies[at]!r}, which is moved by the program (mocap) and carries {carried!r}"
-            yield Gap("mocap", what, "scenes hold it where the file places it")
+            what = f"the body {names.bodies[at]!r}, which the program moves (mocap) and carries {carried!r}"
+            yield Gap("mocap", what, "a scene fixes it at its initial pose")
 
 
 def _of_joints(model: mujoco.MjModel, names: Names) -> Iterator[Gap]:
@@ -197,8 +199,8 @@ def _of_joints(model: mujoco.MjModel, names: Names) -> Iterator[Gap]:
     for at in _where(model.jnt_type == FREE):
         name, dofs = names.joints[at], slice(model.jnt_dofadr[at], model.jnt_dofadr[at] + WIDTHS[FREE])
         if model.jnt_stiffness[at] and not is_disabled(model, springs):
-            yield Gap("nonlinear", f"stiffness at the free joint {name!r}", "its spring differs from phipsi's")
-        # Rows of the linear velocity are along axes of the world there, along those of the body here.
+            yield Gap("nonlinear", f"stiffness at the free joint {name!r}", "the spring model differs from that of phipsi")
+        # MuJoCo expresses the linear velocity in the world frame, phipsi in the body frame.
         for kind, values, acts in (
             ("armature", model.dof_armature, True),
             ("friction", model.dof_frictionloss, has_constraints(model, "FRICTIONLOSS")),
@@ -207,7 +209,7 @@ def _of_joints(model: mujoco.MjModel, names: Names) -> Iterator[Gap]:
                 yield Gap(
                     kind,
                     f"{kind} {values[dofs][0]:g} at the free joint {name!r}",
-                    "MuJoCo applies it along axes of the world, phipsi along those of the body",
+                    "MuJoCo applies it in the world frame, phipsi in the body frame",
                 )
     if has_constraints(model, "LIMIT"):
         for at in _where((model.jnt_type == BALL) & (model.jnt_limited != 0)):
@@ -215,12 +217,14 @@ def _of_joints(model: mujoco.MjModel, names: Names) -> Iterator[Gap]:
         low, high = stops(model)
         for at in _where((model.jnt_type >= SLIDE) & (model.jnt_limited != 0) & (low > high)):
             margin, between = model.jnt_margin[at], model.jnt_range[at].tolist()
-            what = f"limits of the joint {names.joints[at]!r}, whose margin {margin:g} is more than half of the range {between}"
+            what = f"limits of the joint {names.joints[at]!r}, whose margin {margin:g} exceeds half of the range {between}"
             yield Gap("limits", what, "both stops act at once")
 
 
 def _of_actuators(model: mujoco.MjModel) -> Iterator[Gap]:
-    """Armature and damping of actuators act without a control too; those of hinges and slides are added to the joint's."""
+    """Armature and damping of actuators, which act without control too; those of hinges and slides are added to the
+    joint.
+    """
     read = {at for at, _, _ in joint_actuators(model)}
     for at in range(len(model.actuator_trntype)):
         for what in ("armature", "damping", "dampingpoly"):
@@ -232,11 +236,11 @@ def _of_actuators(model: mujoco.MjModel) -> Iterator[Gap]:
             if what == "dampingpoly":
                 yield Gap("nonlinear", f"{what} at {of}", "damping is linear")
             elif at not in read:
-                yield Gap("actuators", f"{what} at {of}", "it is read at actuators of hinges and slides only")
+                yield Gap("actuators", f"{what} at {of}", "it is supported only at actuators of hinge and slide joints")
 
 
 def colliding(model: mujoco.MjModel) -> tuple[int, int] | None:
-    """Two bodies whose geoms may collide, as MuJoCo selects them; None if no bodies may."""
+    """Two bodies whose geoms can collide according to MuJoCo's filters; None if there are none."""
     if not has_constraints(model, "CONTACT"):
         return None
     if model.npair:
@@ -262,12 +266,12 @@ def colliding(model: mujoco.MjModel) -> tuple[int, int] | None:
 
 
 def _where(condition: Any) -> list[int]:
-    """Indices of what is true, or not zero."""
+    """Indices of entries that are true or nonzero."""
     return [int(at) for at in np.flatnonzero(condition)]
 
 
 def _rows(values: Any) -> list[int]:
-    """Rows that are not zero."""
+    """Indices of nonzero rows."""
     return (
         []
         if values is None or not len(values)

@@ -1,12 +1,16 @@
-"""The equations of motion for SciPy's adaptive integrators, in tangent coordinates that are centred anew as the motion turns.
+"""The equations of motion for SciPy's adaptive integrators, in tangent coordinates whose center moves with the
+configuration.
 
-Around a centre q0 the configuration is q = q0 * x, x of nv numbers: a joint of one axis adds its own; a spherical joint turns by
-the rotation vector w, R = R0 exp(w); a free joint is moved to p0 + R0 a and turned likewise. With the body's velocity v,
+Relative to a center q0 the configuration is q = q0 * x, with x of nv entries: a joint with one axis adds its entry; a
+spherical joint rotates by the rotation vector w, R = R0 exp(w); a free joint is moved to p0 + R0 a and rotated
+likewise.
+With v the velocity of the body,
 
-    da/dt = exp(w) v_linear,    dw/dt = the angular part of v, carried back (see _chart),
+    da/dt = exp(w) v_linear,    dw/dt = B(w) v_angular (see _chart).
 
-so that the state (x, v) is a vector, and the integrator's error control on it one on the manifold: no quaternion's norm is
-integrated. The chart is good to |w| < 2 pi; a step that ends beyond 1 rad is the last before a new centre.
+The state (x, v) is therefore a vector, the error control of the integrator acts on the manifold, and no
+quaternion norm is integrated. The coordinates are valid for |w| < 2 pi; after a step that ends beyond 1 rad,
+they are centered at its end.
 """
 
 from __future__ import annotations
@@ -40,21 +44,31 @@ __all__ = ["Ode"]
 
 _Array = NDArray[np.float64]
 _Torque = Callable[[float, _Array, _Array], ArrayLike]
-#: Time, configuration, rates.
+#: Time, configuration, joint velocities.
 _Row = tuple[float, _Array, _Array]
 
-#: A rotation further than this from the centre, rad, asks for a new one.
+#: Rotation from the center, rad, beyond which the coordinates get a new center.
 TURNED = 1.0
-#: The default bound on steps: minutes of an arm, by DOP853.
+#: Default bound of the number of steps: minutes of motion of an arm with DOP853.
 MAX_STEPS = 100_000
-#: Step of the differences of a function for tau, relative to one unit: truncation and rounding are then alike.
+#: Relative step of the central differences, which balances truncation and rounding errors.
 DIFFERENCE = float(np.finfo(np.float64).eps) ** (1 / 3)
 
 
 class Ode:
-    """The right side dy/dt = f(t, y) and its Jacobian for y = (x, v), x the tangent coordinates around a centre; made by Scene.ode.
+    """Equations of motion dy/dt = f(t, y) and their Jacobian, for y = (x, qd) with x the tangent coordinates; returned
+    by Scene.ode.
 
-    rhs and jacobian go to scipy.integrate.solve_ivp as they are (vectorized=True is allowed); solve does it all, with new centres.
+    `rhs` and `jacobian` can be passed to scipy.integrate.solve_ivp (also with vectorized=True). `solve`
+    integrates and moves the center of the coordinates as needed.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import phipsi
+    >>> ode = phipsi.scenes.chain(3).ode()
+    >>> ode.rhs(0.0, np.zeros(6)).shape, ode.jacobian(0.0, np.zeros(6)).shape
+    ((6,), (6, 6))
     """
 
     def __init__(
@@ -82,14 +96,14 @@ class Ode:
             if not np.all(np.isfinite(value)):
                 raise errors.of_argument(errors.NotFiniteError, name, f"found {value}; expected finite numbers")
             if not signed and np.any(value < 0):
-                raise errors.of_argument(errors.ArgumentError, name, f"found {value}; expected numbers that are zero or positive")
+                raise errors.of_argument(errors.ArgumentError, name, f"found {value}; expected zero or positive values")
             return value
 
         self._damping = rates("damping", damping, scene.damping)
         self._stiffness = rates("stiffness", stiffness, scene.stiffness)
         self._friction = rates("friction", friction, scene.friction)
         if not (np.isfinite(friction_speed) and friction_speed > 0):
-            message = f"found {friction_speed}; expected a speed, finite and positive"
+            message = f"found {friction_speed}; expected a finite positive speed"
             raise errors.of_argument(errors.ArgumentError, "friction_speed", message)
         self._speed = float(friction_speed)
         self._rest = self._configuration("rest", scene.rest if rest is None else rest)
@@ -103,7 +117,7 @@ class Ode:
                 self._configuration("pd.target", law.target),
                 rates("pd.target_rate", law.target_rate, 0.0, signed=True),
             )
-        #: Where the rotations are, and what a free joint moves by.
+        #: Entries of rotations, and of the translations of free joints.
         coordinates = Coordinates(scene)
         self._turns, self._moves = coordinates.turns, coordinates.moves
         self._centre = scene.neutral()
@@ -116,15 +130,51 @@ class Ode:
 
     @property
     def centre(self) -> _Array:
-        """The configuration that the tangent coordinates are around, (nq,)."""
+        """Center of the tangent coordinates, a configuration (nq,)."""
         return self._centre.copy()
 
     def centre_at(self, q: ArrayLike) -> None:
-        """Centres the tangent coordinates at q, (nq,): x is zero there."""
+        """Set the center of the tangent coordinates, where x is zero.
+
+        Parameters
+        ----------
+        q : array_like, (nq,)
+            Configuration.
+
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            If q is not a valid configuration.
+
+        Examples
+        --------
+        >>> import phipsi
+        >>> ode = phipsi.scenes.chain(3).ode()
+        >>> ode.centre_at([0.1, 0.2, 0.3])
+        >>> ode.centre.tolist()
+        [0.1, 0.2, 0.3]
+        """
         self._centre = self._configuration("q", q)
 
     def configuration(self, x: ArrayLike) -> _Array:
-        """q of tangent coordinates, (..., nv) to (..., nq)."""
+        """Configuration of tangent coordinates.
+
+        Parameters
+        ----------
+        x : array_like, (..., nv)
+            Tangent coordinates.
+
+        Returns
+        -------
+        array
+            Configurations, (..., nq).
+
+        Examples
+        --------
+        >>> import phipsi
+        >>> phipsi.scenes.chain(3).ode().configuration([0.1, 0.2, 0.3]).tolist()
+        [0.1, 0.2, 0.3]
+        """
         x = np.asarray(x, dtype=np.float64)
         step = x.copy()
         for _, _, linear, _ in self._moves:
@@ -135,7 +185,29 @@ class Ode:
         return q
 
     def torque(self, t: float, q: _Array, v: _Array) -> _Array:
-        """All joint torques: given, damping, friction, springs and control law, (..., nv)."""
+        """Sum of all joint torques: given torques, damping, friction, springs and control law.
+
+        Parameters
+        ----------
+        t : float
+            Time, s.
+        q : array, (..., nq)
+            Configurations.
+        v : array, (..., nv)
+            Joint velocities, rad/s or m/s.
+
+        Returns
+        -------
+        array
+            Joint torques, (..., nv), N m or N.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import phipsi
+        >>> phipsi.scenes.chain(3).ode(tau=1.0).torque(0.0, np.zeros(3), np.zeros(3)).tolist()
+        [1.0, 1.0, 1.0]
+        """
         u = self._given(t, q, v) - self._damping * v
         u = u - self._friction * v / np.hypot(v, self._speed)
         if self._stiffness.any():
@@ -146,7 +218,7 @@ class Ode:
         return u
 
     def _given(self, t: float, q: _Array, v: _Array) -> _Array:
-        """The torques that are given."""
+        """The given torques."""
         return _core._numbers("tau(t, q, qd)", self._tau(t, q, v), self.scene) if callable(self._tau) else self._tau
 
     def _away(self, rest: _Array, q: _Array) -> _Array:
@@ -156,7 +228,7 @@ class Ode:
         return away
 
     def _away_derivative(self, rest: _Array, q: _Array) -> _Array:
-        """What _away changes by with q's tangent, (nv, nv)."""
+        """Derivative of _away with respect to the tangent of q, (nv, nv)."""
         away, change = self._away(rest, q), np.eye(self.scene.nv)
         for _, angular in self._turns:
             change[angular, angular] = carried_back_matrix(away[angular])
@@ -165,7 +237,27 @@ class Ode:
         return change
 
     def rhs(self, t: float, y: ArrayLike) -> _Array:
-        """dy/dt: y is (2 nv,) or, as SciPy's vectorized=True has it, (2 nv, k)."""
+        """Right-hand side dy/dt.
+
+        Parameters
+        ----------
+        t : float
+            Time, s.
+        y : array_like, (2 nv,) or (2 nv, k)
+            State (x, qd), or several states as with vectorized=True of SciPy.
+
+        Returns
+        -------
+        array
+            Time derivatives, of the shape of y.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import phipsi
+        >>> phipsi.scenes.chain(3).ode().rhs(0.0, np.zeros((6, 2))).shape
+        (6, 2)
+        """
         y = np.asarray(y, dtype=np.float64)
         x, v = np.split(np.ascontiguousarray(y.T), 2, axis=-1)
         q = self.configuration(x)
@@ -178,13 +270,35 @@ class Ode:
         return np.ascontiguousarray(np.concatenate([rates, accelerations], axis=-1).T)
 
     def jacobian(self, t: float, y: ArrayLike) -> _Array:
-        """df/dy, (2 nv, 2 nv), exact: the derivatives of forward dynamics, by the chain rule through chart and torques.
+        """Exact Jacobian df/dy: the derivatives of forward dynamics, with the chain rule for the coordinates and the
+        torques.
 
-        With x to q's tangent by T(x), dx/dt = R(x) v, and u the torques of torque(),
+        Parameters
+        ----------
+        t : float
+            Time, s.
+        y : array_like, (2 nv,)
+            State (x, qd).
+
+        Returns
+        -------
+        array
+            Jacobian, (2 nv, 2 nv).
+
+        Notes
+        -----
+        With T(x) from x to the tangent of q, dx/dt = R(x) v, and u the torques of torque(),
 
             df/dy = [[d(R v)/dx, R], [(dqdd/dq + M^-1 du/dq) T, dqdd/dqd + M^-1 du/dv]]
 
-        Of a function for tau its own changes are taken by central differences, 4 nv calls of it, and only those.
+        If tau is a function, its derivatives are computed by central differences, with 4 nv calls.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import phipsi
+        >>> phipsi.scenes.chain(3).ode().jacobian(0.0, np.zeros(6)).shape
+        (6, 6)
         """
         x, v = np.split(np.asarray(y, dtype=np.float64), 2)
         q = self.configuration(x)
@@ -206,7 +320,9 @@ class Ode:
         return np.vstack([np.hstack([rates_x, rates_v]), accelerations])
 
     def _torque_derivatives(self, q: _Array, v: _Array) -> tuple[_Array, _Array]:
-        """Of damping, friction, springs and control law: by q's tangent, (nv, nv), and by v, a diagonal, (nv,)."""
+        """Derivatives of the torques of damping, friction, springs and control law: with respect to the tangent of q,
+        (nv, nv), and with respect to v, a diagonal, (nv,).
+        """
         by_q = np.zeros((self.scene.nv, self.scene.nv))
         by_v = -self._damping - self._friction * self._speed**2 / np.hypot(v, self._speed) ** 3
         if self._stiffness.any():
@@ -218,7 +334,7 @@ class Ode:
         return by_q, by_v
 
     def _tau_differences(self, t: float, x: _Array, v: _Array) -> _Array:
-        """The changes of a function for tau with (x, v), (nv, 2 nv)."""
+        """Derivatives of a function for tau with respect to (x, v), by central differences, (nv, 2 nv)."""
         y = np.concatenate([x, v])
         step = DIFFERENCE * np.maximum(1.0, np.abs(y))
         ahead, behind = y + np.diag(step), y - np.diag(step)
@@ -244,15 +360,50 @@ class Ode:
         max_steps: int = MAX_STEPS,
         progress: Callable[[float, float], object] | None = None,
     ) -> Trajectory:
-        """Solves from (q, qd) over t_span with a method of scipy.integrate.solve_ivp; the implicit ones get the Jacobian.
+        """Integrate from (q, qd) over t_span with a method of scipy.integrate.solve_ivp; implicit methods use the
+        Jacobian.
 
-        q: (nq,); qd: (nv,); t_eval: times to report, in order; None: those of the integrator's steps. rtol and atol bound the
-        error of a step in (x, v). For springs much faster than the motion take "Radau" or "BDF". max_step: the longest step, s. max_steps: the most steps of the
-        integrator. progress: called with the time that was reached and the end of t_span, s, after every step.
+        Parameters
+        ----------
+        q : array_like, (nq,)
+            Initial configuration.
+        qd : array_like, (nv,)
+            Initial joint velocities, rad/s or m/s.
+        t_span : tuple of float
+            Start and end time, s.
+        method : {"RK23", "RK45", "DOP853", "Radau", "BDF", "LSODA"}
+            Method of SciPy. If springs are much faster than the motion, use "Radau" or "BDF".
+        rtol, atol : float
+            Bounds of the relative and absolute error of a step in (x, qd).
+        t_eval : array_like, optional
+            Times of the rows, ascending, s; None: those of the steps of the integrator.
+        max_step : float
+            Largest step, s.
+        max_steps : int
+            Largest number of steps.
+        progress : callable, optional
+            Called after every step with the current time and the end time, s.
 
-        Returns a Trajectory (its dt is NaN, its steps those of the integrator).
+        Returns
+        -------
+        Trajectory
+            The solution. Its dt is NaN; its steps are those of the integrator.
 
-        Raises SimulationError, with .trajectory, where the integrator gives up or max_steps is reached; ImportError without SciPy; ArgumentError and its like.
+        Raises
+        ------
+        SimulationError
+            If the integrator fails or reaches max_steps; `trajectory` has the rows before.
+        ShapeError, NotFiniteError, ArgumentError
+            If an argument is invalid.
+        ImportError
+            If SciPy is not installed.
+
+        Examples
+        --------
+        >>> import phipsi
+        >>> path = phipsi.scenes.chain(3).ode().solve([0.1, 0.2, 0.3], [0.0] * 3, (0.0, 0.1), t_eval=[0.0, 0.1])
+        >>> path.q.shape
+        (2, 3)
         """
         try:
             from scipy import integrate  # type: ignore[import-untyped,unused-ignore]
@@ -264,14 +415,14 @@ class Ode:
             raise errors.of_argument(errors.ArgumentError, "method", f'found "{method}"; expected one of {names}')
         start, end = (float(t) for t in t_span)
         if not (np.isfinite(start) and np.isfinite(end) and end > start):
-            raise errors.of_argument(errors.ArgumentError, "t_span", f"found ({start}, {end}); expected finite times, the second later")
+            raise errors.of_argument(errors.ArgumentError, "t_span", f"found ({start}, {end}); expected finite times, the second one larger")
         if isinstance(max_steps, bool) or not isinstance(max_steps, int | np.integer) or max_steps < 1:
             raise errors.of_argument(errors.ArgumentError, "max_steps", f"found {max_steps!r}; expected a whole number, at least 1")
         wanted = None if t_eval is None else _core._numbers("t_eval", t_eval)
         if wanted is not None and not (
             wanted.ndim == 1 and np.all(np.diff(wanted) > 0) and np.all((wanted >= start) & (wanted <= end))
         ):
-            raise errors.of_argument(errors.ArgumentError, "t_eval", "found other; expected times within t_span, each later than the last")
+            raise errors.of_argument(errors.ArgumentError, "t_eval", "found times outside t_span or not ascending; expected ascending times within t_span")
         v = _core._numbers("qd", qd, self.scene)
         if v.shape != (self.scene.nv,):
             raise errors.of_argument(errors.ShapeError, "qd", f"found shape {v.shape}; expected ({self.scene.nv},)")
@@ -316,7 +467,7 @@ class Ode:
         return float(t), self.configuration(x), np.array(v)
 
     def _rows(self, solver: Any, wanted: _Array | None) -> list[_Row]:
-        """What a solution reports of the solver's last step: its end, or the times asked for."""
+        """Rows of the last step of the solver: its end, or the requested times within it."""
         if wanted is None:
             return [self._row(solver.t, solver.y)]
         due = wanted[(wanted > solver.t_old) & (wanted <= solver.t)]
@@ -333,7 +484,7 @@ class Ode:
 
     @staticmethod
     def _bound(method: str, end: float) -> str:
-        """The message where max_steps is reached."""
+        """Error message if max_steps is reached."""
         stiff = "" if method in ("Radau", "BDF", "LSODA") else 'method="Radau" for stiff gains, '
         return f"found max_steps steps before the end, {end:g} s; expected {stiff}larger rtol and atol, or a larger max_steps"
 

@@ -1,4 +1,4 @@
-"""A scene as URDF."""
+"""Export of scenes as URDF."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ if TYPE_CHECKING:
 
 _Array = NDArray[np.float64]
 
-#: The joints that URDF has; spherical ones, which phipsi reads too, no other program knows.
+#: Joint types of URDF, and "spherical", which only phipsi reads.
 KINDS = ("fixed", "revolute", "continuous", "prismatic", "planar", "floating", "spherical")
-#: What a free joint may have that URDF has no place for where it is made by floating_base=True.
+#: Properties of a free joint that URDF cannot store if floating_base=True creates the joint.
 LOSSES = ("armature", "damping", "friction", "stiffness")
 
 
 def to_urdf(scene: Scene, path: str | os.PathLike[str] | None, name: str) -> str:
-    """As Scene.to_urdf, which calls it."""
+    """Implementation of Scene.to_urdf."""
     if scene.connection_names:
         names = ", ".join(map(repr, scene.connection_names[:8]))
-        raise of_argument(ArgumentError, "scene", f"found connections ({names}), which URDF has not; expected a tree: scene.without_connections()")
+        raise of_argument(ArgumentError, "scene", f"found connections ({names}), which URDF cannot represent; expected a tree: use scene.without_connections()")
     if scene.contact_names:
         names = ", ".join(map(repr, scene.contact_names[:8]))
-        raise of_argument(ArgumentError, "scene", f"found contacts ({names}), which URDF has not; expected none: scene.without_contacts()")
+        raise of_argument(ArgumentError, "scene", f"found contacts ({names}), which URDF cannot represent; expected none: use scene.without_contacts()")
     robot = ElementTree.Element("robot", name=name)
     shapes, materials = _shapes(scene.file)
     robot.extend(materials)
@@ -59,7 +59,9 @@ def to_urdf(scene: Scene, path: str | os.PathLike[str] | None, name: str) -> str
 
 
 def _shapes(file: Path | None) -> tuple[dict[str, list[ElementTree.Element]], list[ElementTree.Element]]:
-    """The shapes of links by name, and the materials, of a URDF or xacro that is still there; files of meshes beside it get their whole path."""
+    """Shapes of links by name, and materials, of a URDF or xacro file that still exists; relative mesh paths become
+    absolute.
+    """
     if file is None or not file.is_file():
         return {}, []
     text = expanded_again(file, file.read_text(encoding="utf-8", errors="replace"))
@@ -81,17 +83,19 @@ def _shapes(file: Path | None) -> tuple[dict[str, list[ElementTree.Element]], li
 
 
 def _check_root(joint: Joint) -> None:
-    """The free joint of a floating base is not written: it comes back with floating_base=True, without losses."""
+    """Check that the free joint of a floating base has no losses: it is not written, because floating_base=True creates
+    it on reading.
+    """
     for what in LOSSES:
         if (value := getattr(joint, what)) != 0.0:
-            raise ArgumentError(f"scene: found {what} {value:g} at the free joint {joint.name!r} of the base; expected 0: URDF has no place for it")
+            raise ArgumentError(f"scene: found {what} {value:g} at the free joint {joint.name!r} of the base; expected 0, because URDF cannot store it")
 
 
 def _joint(robot: ElementTree.Element, joint: Joint) -> None:
     if joint.type not in KINDS:
-        raise ArgumentError(f"scene: found joint {joint.name!r} of type {joint.type!r}, which URDF has not; expected one of {', '.join(KINDS)}")
+        raise ArgumentError(f"scene: found joint {joint.name!r} of type {joint.type!r}, which URDF cannot represent; expected one of {', '.join(KINDS)}")
     is_bounded = bool(np.isfinite(joint.lower) or np.isfinite(joint.upper))
-    # To other programs a revolute joint is one with limits.
+    # Other programs expect limits at revolute joints.
     kind = "continuous" if joint.type == "revolute" and not is_bounded else joint.type
     element = _child(robot, "joint", name=joint.name, type=kind)
     _child(element, "parent", link=str(joint.parent))
@@ -106,10 +110,10 @@ def _joint(robot: ElementTree.Element, joint: Joint) -> None:
     dynamics = {what: _text(value) for what in LOSSES if (value := getattr(joint, what)) != 0.0}
     if "stiffness" in dynamics:
         if len(joint.rest) != 1:
-            raise ArgumentError(f"scene: found a spring at joint {joint.name!r} of {len(joint.rest)} coordinates; expected it at joints of one: URDF has no other")
+            raise ArgumentError(f"scene: found a spring at joint {joint.name!r} with {len(joint.rest)} coordinates; expected springs only at joints with one coordinate, because URDF cannot represent others")
         dynamics["rest"] = _text(joint.rest)
     if dynamics:
-        # Other readers refuse the element without one of its own attributes.
+        # Other programs refuse the element without a standard attribute.
         _child(element, "dynamics", **{"damping": _text(joint.damping), **dynamics})
     if joint.mimic is not None:
         ratio, offset = _text(joint.mimic.multiplier), _text(joint.mimic.offset)
@@ -121,12 +125,12 @@ def _child(parent: ElementTree.Element, tag: str, **attributes: str) -> ElementT
 
 
 def _text(numbers: Any) -> str:
-    """Numbers with every digit that they have."""
+    """Values with all significant digits."""
     return " ".join(repr(float(number)) for number in np.atleast_1d(numbers))
 
 
 def _angles(rotation: _Array) -> _Array:
-    """Roll, pitch and yaw of Rz(yaw) Ry(pitch) Rx(roll), in rad; with the pitch a right angle the yaw is zero."""
+    """Roll, pitch and yaw of Rz(yaw) Ry(pitch) Rx(roll), rad; the yaw is zero if the pitch is a right angle."""
     level = np.hypot(rotation[0, 0], rotation[1, 0])
     pitch = np.arctan2(-rotation[2, 0], level)
     if level < 1e-9:

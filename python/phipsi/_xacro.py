@@ -1,4 +1,4 @@
-"""Xacro files as URDF: their arguments, and the packages that they name."""
+"""Expansion of xacro files to URDF: their arguments, and the packages that they refer to."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from typing import Any, NoReturn
 from .errors import ArgumentError, MeshWarning, SceneError
 
 COMMENT = re.compile("<!--.*?-->", re.DOTALL)
-#: The name of an argument that a file declares.
+#: Name of a declared argument.
 DECLARED = re.compile(r"""<xacro:arg\b[^>]*?\bname\s*=\s*["']([^"']+)["']""")
 #: The name of a package, in its package.xml.
 PACKAGE = re.compile(r"<name>\s*([^<]*?)\s*</name>")
@@ -24,17 +24,17 @@ PACKAGE = re.compile(r"<name>\s*([^<]*?)\s*</name>")
 SEARCHED = ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH")
 #: The arguments that files were expanded with, for their shapes; None if they were expanded with different ones.
 _arguments: dict[Path, dict[str, str] | None] = {}
-#: xacro keeps what it reads in variables of its module.
+#: xacro stores its state in global variables.
 _one_at_a_time = threading.Lock()
 
 
 def is_xacro(text: str) -> bool:
-    """Whether a text has elements of xacro: what xacro has expanded may still name them."""
+    """Whether a text contains xacro elements; expanded files may contain the namespace only."""
     return "<xacro:" in COMMENT.sub("", text)
 
 
 def expanded(source: str | os.PathLike[str], arguments: Mapping[str, str] | None = None) -> str:
-    """The URDF of a xacro, file or text."""
+    """URDF of a xacro file or text."""
     try:
         import xacro
     except ImportError:
@@ -50,7 +50,7 @@ def expanded(source: str | os.PathLike[str], arguments: Mapping[str, str] | None
                 xacro.process_doc(document, mappings=given)
             else:
                 document = xacro.process_file(os.fspath(file), mappings=given)
-        except Exception as error:  # xacro raises what Python's eval raises
+        except Exception as error:  # xacro raises exceptions of any type
             _raise_of(error, given.missing)
         texts = (
             [str(source)]
@@ -70,7 +70,7 @@ def expanded(source: str | os.PathLike[str], arguments: Mapping[str, str] | None
 
 
 def expanded_again(file: Path, text: str) -> str | None:
-    """The URDF of a scene's file, for its shapes; None, and a MeshWarning, for a xacro whose arguments are not known."""
+    """URDF of the file of a scene, for its shapes; None, with a MeshWarning, for a xacro with unknown arguments."""
     if not is_xacro(text):
         return text
     arguments = _arguments.get(file.resolve(), {})
@@ -82,7 +82,7 @@ def expanded_again(file: Path, text: str) -> str | None:
         except (SceneError, ArgumentError, ImportError) as error:
             reason = "it needs arguments" if isinstance(error, ArgumentError) else str(error).removeprefix("source: ")
     warnings.warn(
-        f"shapes of the xacro {file.name!r} are omitted, as it cannot be expanded again: {reason}",
+        f"shapes of the xacro {file.name!r} are omitted, because it cannot be expanded again: {reason}",
         MeshWarning,
         stacklevel=2,
     )
@@ -90,7 +90,7 @@ def expanded_again(file: Path, text: str) -> str | None:
 
 
 class _Arguments(dict[str, str]):
-    """Values of arguments, and the names that xacro has asked for."""
+    """Values of arguments, and the names that xacro has requested."""
 
     def __init__(self, values: Mapping[str, str]) -> None:
         super().__init__(values)
@@ -118,7 +118,7 @@ def _closest(name: str, known: set[str]) -> str:
 
 
 def _raise_of(error: Exception, missing: str | None) -> NoReturn:
-    """The error of phipsi for one that xacro raised; the causes of XacroException are in its attribute exc."""
+    """Raise the error of phipsi for an exception of xacro; causes of XacroException are in its attribute exc."""
     if missing is not None:
         raise ArgumentError(
             f"xacro_arguments: found none for {missing!r}, which the file needs; "
@@ -141,10 +141,10 @@ class _NoPackage(Exception):
 
 @contextmanager
 def _finding(file: Path | None) -> Iterator[None]:
-    """Has xacro look up $(find package) without ROS first."""
+    """Resolve $(find package) in folders before ROS does."""
     try:
         substitution: Any = importlib.import_module("xacro.substitution_args")
-    except ImportError:  # of ROS 1, whose look-up is another
+    except ImportError:  # xacro of ROS 1 resolves packages differently
         yield
         return
     by_ros: Callable[[str], str] = substitution._eval_find
@@ -154,7 +154,7 @@ def _finding(file: Path | None) -> Iterator[None]:
             return str(folder)
         try:
             return by_ros(package)
-        except Exception:  # without ROS it is an ImportError, with it one of its own
+        except Exception:  # ImportError without ROS, otherwise an exception of ROS
             where = "above or beside the file" if file is not None else "anywhere, as the source is text"
             variables = " or ".join(SEARCHED)
             raise _NoPackage(
@@ -170,7 +170,7 @@ def _finding(file: Path | None) -> Iterator[None]:
 
 
 def _package(name: str, file: Path | None) -> Path | None:
-    """The folder of a package: above or beside a file, or in the folders of the environment."""
+    """Folder of a package: above or beside a file, or in the folders of the environment variables."""
     above = list(file.resolve().parents) if file is not None else []
     for folder in above:
         if _is_package(folder, name):
@@ -186,7 +186,7 @@ def _package(name: str, file: Path | None) -> Path | None:
 
 
 def _is_package(folder: Path, name: str) -> bool:
-    """Whether a folder has the name, or a package.xml that gives it."""
+    """Whether a folder has the name, or contains a package.xml with the name."""
     manifest = folder / "package.xml"
     if manifest.is_file() and (found := PACKAGE.search(manifest.read_text(encoding="utf-8", errors="replace"))):
         return found[1] == name

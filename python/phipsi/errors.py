@@ -1,6 +1,14 @@
 """The errors and warnings of phipsi.
 
-Every message names the argument, link or joint, what was found, what was expected, and the remedy where there is one.
+Each message names the argument, link or joint, what was found, what was expected, and a fix if there is one.
+
+>>> import phipsi
+>>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+>>> try:
+...     scene.forward_dynamics([0.0] * 5, [0.0] * 6, [0.0] * 6)
+... except phipsi.errors.ShapeError as error:
+...     print(error.argument)
+q
 """
 
 from __future__ import annotations
@@ -36,179 +44,198 @@ __all__ = [
 
 
 class PhipsiError(Exception):
-    """The base of all errors that phipsi raises on purpose."""
+    """Base class of all errors that phipsi raises."""
 
 
 class SceneError(PhipsiError, ValueError):
-    """A scene that cannot be read or built: a cycle, an unknown parent, a negative mass, malformed XML."""
+    """A scene cannot be read or built: a kinematic cycle, an unknown parent, a negative mass, malformed XML."""
 
 
 class ArgumentError(PhipsiError, ValueError):
-    """An argument whose type or value cannot be used, or a name that is not there."""
+    """An argument has an unsupported type or value, or names an unknown link, joint or option."""
 
     argument: str = ""
     """Name of the argument."""
 
 
 class ShapeError(PhipsiError, ValueError):
-    """An array whose shape does not fit the scene, or whose leading axes do not broadcast with the others."""
+    """The shape of an array does not match the scene, or its leading axes do not broadcast with those of the other
+    arguments.
+    """
 
     argument: str = ""
     """Name of the argument."""
 
 
 class NotFiniteError(PhipsiError, ValueError):
-    """A NaN or an infinity in an argument, or a result that overflowed."""
+    """An argument contains NaN or infinity, or a result overflowed."""
 
     argument: str = ""
-    """Name of the argument (or result)."""
+    """Name of the argument or result."""
     index: int = 0
     """Index of the entry within its state."""
     state: int | tuple[int, ...] | None = None
-    """Index of the state in the batch, a tuple if the batch has several axes; None for a single state."""
+    """Index of the state in the batch; a tuple if the batch has several axes; None for a single state."""
 
 
 _OfArgument = TypeVar("_OfArgument", ArgumentError, ShapeError, NotFiniteError, "OutOfMemoryError")
 
 
 def of_argument(kind: type[_OfArgument], argument: str, message: str) -> _OfArgument:
-    """The error of an argument, which its message begins with."""
+    """The error of an argument; its message begins with the name of the argument."""
     error = kind(f"{argument}: {message}")
     error.argument = argument
     return error
 
 
 def place_in_time(step: int, t: float) -> str:
-    """A step and its time, s, as messages name them."""
+    """A step and its time, s, for messages."""
     return f"step {step} (t = {t:.6f} s)" if abs(t) < 1e9 else f"step {step} (t = {t:.6g} s)"
 
 
 class SingularJointError(PhipsiError, ArithmeticError):
-    """A joint without inertia along its axis: its pivot D(k) of equation 3.6 is lost in rounding.
+    """A joint has no inertia along its axis: its pivot D(k) (equation 3.6) is below the rounding error.
 
-    Add inertia about the axis (Scene.with_payload), or give the joint armature (Scene.with_properties).
+    Add inertia about the axis (Scene.with_payload) or armature to the joint (Scene.with_properties).
     """
 
     joint: str = ""
     """Name of the joint."""
     link: str = ""
-    """Name of the link that the joint carries."""
+    """Name of the link outboard of the joint."""
     pivot: float = float("nan")
-    """The pivot found, kg m^2 or kg."""
+    """Computed pivot, kg m^2 or kg."""
     state: int | tuple[int, ...] | None = None
-    """Index of the state in the batch, a tuple if the batch has several axes; None for a single state."""
+    """Index of the state in the batch; a tuple if the batch has several axes; None for a single state."""
 
 
 class SingularTaskError(PhipsiError, ArithmeticError):
-    """Task directions without an operational-space inertia: the scene cannot move in all of them independently.
+    """The operational-space inertia is undefined, because the scene cannot move in all task directions independently.
 
-    The inverse inertia is defined there: use operational_inverse_inertia, or leave out directions.
+    The inverse inertia is defined: use Scene.operational_inverse_inertia, or omit dependent directions.
     """
 
     links: tuple[str, ...] = ()
     """Names of the links, in the order of the call."""
     rank: int = 0
-    """How many of the directions are independent."""
+    """Number of independent directions."""
     directions: int = 0
-    """How many directions the task has."""
+    """Number of directions of the task."""
     state: int | tuple[int, ...] | None = None
-    """Index of the state in the batch, a tuple if the batch has several axes; None for a single state."""
+    """Index of the state in the batch; a tuple if the batch has several axes; None for a single state."""
 
 
 class ConstraintError(PhipsiError, ArithmeticError):
-    """Connections that cannot hold: they contradict each other, or a state does not meet them and cannot be brought to.
+    """Connections cannot be satisfied: they contradict each other, or a state violates them and cannot be
+    projected onto them.
 
-    Scene.project gives positions and velocities that meet the connections, where there are any nearby.
+    Scene.project computes the nearest positions and velocities that satisfy the connections, if there are any.
     """
 
     connections: tuple[str, ...] = ()
     """Names of the connections."""
     residual: float = 0.0
-    """The largest error (rad or m), or what is left of its rate (by s) or of its second derivative (by s^2)."""
+    """Largest remaining error: of the position (rad or m), or of its first (1/s) or second (1/s^2) time derivative."""
     state: int | tuple[int, ...] | None = None
-    """Index of the state in the batch, a tuple if the batch has several axes; None for a single state."""
+    """Index of the state in the batch; a tuple if the batch has several axes; None for a single state."""
 
 
 class OutOfMemoryError(PhipsiError, MemoryError):
-    """A size that there is no memory for, refused before anything is computed where that can be known."""
+    """The memory for an argument or a result is not available; if the size is known in advance, the error is raised
+    before the computation.
+    """
 
     argument: str = ""
-    """Name of the argument that says how large."""
+    """Name of the argument that determines the size."""
     bytes: int = 0
-    """What it would take."""
+    """Required memory, bytes."""
     free: int | None = None
-    """What is free, where that is known and was the reason."""
+    """Free memory, bytes, if it is known and was the reason; otherwise None."""
 
 
 class SimulationError(PhipsiError, ArithmeticError):
-    """A simulation that could not go on: motion diverged, a pivot was lost, or the function for tau raised.
+    """A simulation ended early, because the motion diverged, a joint became singular, or the function for tau raised an
+    exception.
 
-    The cause is chained (__cause__); the steps before are kept.
+    The exception is chained (`__cause__`); the attributes contain the completed steps.
     """
 
     trajectory: Trajectory
-    """The rows of the steps that were finished; of a Simulator, which keeps none, the one row where it is now."""
+    """Rows of the completed steps; of a Simulator, which records no rows, the current state."""
     step: int = 0
-    """Index of the step at fault, from zero: so many were finished."""
+    """Index of the failed step, from zero: the number of completed steps."""
     joint: str = ""
-    """Name of the joint at fault; empty where tau raised."""
+    """Name of the joint that caused the error; empty if tau raised an exception."""
     state: int | tuple[int, ...] | None = None
-    """Index of the state in the batch, a tuple if the batch has several axes; None for a single state, or where tau raised."""
+    """Index of the state in the batch; a tuple if the batch has several axes; None for a single state, or if tau raised
+    an exception.
+    """
 
 
 class SimulationInterrupted(KeyboardInterrupt):
-    """A simulation that was stopped by Ctrl-C; the steps before are kept."""
+    """A simulation was interrupted by Ctrl-C; the attributes contain the completed steps."""
 
     trajectory: Trajectory
-    """The rows of the steps that were finished; of a Simulator, which keeps none, the one row where it is now."""
+    """Rows of the completed steps; of a Simulator, which records no rows, the current state."""
     step: int = 0
-    """How many steps were finished."""
+    """Number of completed steps."""
 
 
 class InertiaWarning(UserWarning):
-    """A link whose inertia no body can have, or a URDF whose moving links all have no mass; it is computed with as it is."""
+    """The inertia of a link is physically impossible, or no moving link of a URDF has mass; the values are used
+    unchanged.
+    """
 
 
 class LimitWarning(UserWarning):
-    """Limits in a URDF that mean nothing (lower above upper, velocity or effort below zero), which are taken as none; or joints that start outside of their limits."""
+    """Limits of a URDF are invalid (lower above upper, negative velocity or effort) and are ignored, or a joint starts
+    outside its limits.
+    """
 
 
 class CacheWarning(UserWarning):
-    """A cache of compiled code that cannot be written: the code is compiled again in each process."""
+    """The cache of compiled code cannot be written; each process compiles the code again."""
 
 
 class LinkageWarning(UserWarning):
-    """Rows of connections that depend on each other to within the tolerance of the scene, but not to within rounding, and count as dependent: a linkage that is drawn with few digits."""
+    """Constraints of a linkage are linearly dependent to within the tolerance of the scene, but not to within rounding,
+    and count as dependent: the dimensions of the linkage have few digits.
+    """
 
 
 class LongCodeWarning(UserWarning):
-    """Code of a robot that the compiler will take long for."""
+    """The generated code of a robot will take the compiler a long time."""
 
 
 class MimicWarning(UserWarning):
-    """A joint that should follow another; it is taken as an independent coordinate."""
+    """A joint that should follow another joint is an independent coordinate."""
 
 
 class ModelWarning(UserWarning):
-    """Parts of a MuJoCo model that a scene does not have and that were omitted: contacts, limits of tendons and ball joints, air, soft constraints."""
+    """Parts of a MuJoCo model that a scene cannot represent are omitted: contacts, limits of tendons and ball joints,
+    air, soft constraints.
+    """
 
 
 class UnknownTagWarning(UserWarning):
-    """Elements, attributes or text of a URDF that are not understood and were passed over: one warning for a file."""
+    """Unknown elements, attributes or text of a URDF are ignored; one warning per file."""
 
 
 class MeshWarning(UserWarning):
-    """Shapes of a URDF or MuJoCo model that are not drawn, because their file was not found or cannot be read."""
+    """Meshes of a URDF or MuJoCo model are not drawn, because their files were not found or cannot be read."""
 
 
 class BadStateWarning(UserWarning):
-    """States of a call with errors="nan" that could not be computed: their results are NaN, all others are as they would be.
+    """States of a call with errors="nan" could not be computed: their results are NaN; all other results are
+    unaffected.
 
-    ``with warnings.catch_warnings(record=True) as caught: ...`` keeps it, as ``caught[0].message``; a filter that makes it an error raises
-    it, and the results are lost.
+    ``with warnings.catch_warnings(record=True) as caught: ...`` gives access to the warning as
+    ``caught[0].message``. If a filter turns the warning into an error, the results are lost.
     """
 
     states: tuple[int | tuple[int, ...], ...] = ()
-    """Indices of the bad states in the batch, ascending: numbers, tuples if the batch has several axes, () for a single state."""
+    """Indices of the bad states in the batch, ascending: integers; tuples if the batch has several axes; () for
+    a single state.
+    """
     reasons: tuple[PhipsiError, ...] = ()
-    """What errors="raise" would have raised for each of them alone, with its attributes."""
+    """Exception that errors="raise" would have raised for each of these states, with its attributes."""

@@ -1,4 +1,4 @@
-"""Dynamics inside JAX: jit, vmap, grad, jacobian, forward and reverse, by phipsi's analytic derivatives.
+"""Dynamics in JAX: jit, vmap, grad and jacobian in forward and reverse mode, with the analytic derivatives of phipsi.
 
 >>> import jax, phipsi, phipsi.jax                                          # doctest: +SKIP
 >>> jax.config.update("jax_enable_x64", True)                               # doctest: +SKIP
@@ -6,13 +6,16 @@
 >>> loss = lambda tau: (phipsi.jax.forward_dynamics(scene, q, qd, tau) ** 2).sum()   # doctest: +SKIP
 >>> jax.jit(jax.grad(loss))(tau)                                            # doctest: +SKIP
 
-Every function calls phipsi on the host, once for a whole batch (vmap included), in float64. Results have the floating dtype that the arguments are promoted to, and
-that of jnp.zeros(()) if all are integers; other dtypes and wrong shapes raise ArgumentError and ShapeError, at trace time under jit. The derivative is the analytic
-Jacobian, from the host as well, in one call; there are no derivatives of second order. q is taken as plain numbers: quaternions are normalised first, and gradients are by
-their four numbers.
+Each function calls phipsi on the host, once for a whole batch (vmap included), in float64. Results have the
+floating dtype that the arguments are promoted to, or that of jnp.zeros(()) if all arguments are integers. Other
+dtypes raise ArgumentError and wrong shapes raise ShapeError, under jit at trace time.
 
-errors: "raise", or "nan" to return NaN for bad states, in results and derivatives, with one BadStateWarning, as in Scene.forward_dynamics. Under jit an error of the host
-ends the compiled program, and "nan" lets it go on.
+The derivative is the analytic Jacobian, which the host computes in one call. Second derivatives are not
+supported. The entries of q are independent variables: quaternions are normalized first, and gradients are with
+respect to their four entries.
+
+With errors="nan", bad states give NaN in results and derivatives, with one BadStateWarning. With
+errors="raise", an error on the host terminates a program that jit has compiled.
 """
 
 from __future__ import annotations
@@ -39,27 +42,170 @@ __all__ = ["forward_dynamics", "integrate", "inverse_dynamics", "simulate"]
 
 
 def forward_dynamics(scene: Scene, q: Any, qd: Any, tau: Any, *, form: str = "auto", tolerance: float | None = None, errors: _calls.Errors = "raise") -> jax.Array:
-    """Joint accelerations, as Scene.forward_dynamics: q (..., nq), qd and tau (..., nv); leading axes broadcast. form, tolerance: as there; derivatives have the same."""
+    """Joint accelerations, as Scene.forward_dynamics, with derivatives for JAX.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    q : array, (..., nq)
+        Joint positions, rad or m; quaternions are normalized.
+    qd : array, (..., nv)
+        Joint velocities, rad/s or m/s.
+    tau : array, (..., nv)
+        Joint torques, N m or N.
+    form : str
+        Form of the filter, as in Scene.forward_dynamics; derivatives use the same form.
+    tolerance : float, optional
+        Bound of the relative error for form="auto", as in Scene.forward_dynamics.
+    errors : {"raise", "nan"}
+        "raise" or "nan": bad states raise an error, or return NaN with one BadStateWarning, as in Scene.forward_dynamics.
+
+    Returns
+    -------
+    jax.Array
+        Joint accelerations, (..., nv), rad/s^2 or m/s^2.
+
+    Raises
+    ------
+    ArgumentError, ShapeError
+        If an argument has an unsupported dtype or a wrong shape.
+    PhipsiError
+        As Scene.forward_dynamics.
+
+    Examples
+    --------
+    >>> import jax.numpy  # doctest: +SKIP
+    >>> import phipsi, phipsi.jax  # doctest: +SKIP
+    >>> scene = phipsi.load(phipsi.BUNDLED_ARM)  # doctest: +SKIP
+    >>> phipsi.jax.forward_dynamics(scene, *(jax.numpy.zeros(6) for _ in range(3))).shape  # doctest: +SKIP
+    """
     return _apply(scene, _calls.forward_dynamics(scene, form, errors, tolerance), q, qd, tau)
 
 
 def inverse_dynamics(scene: Scene, q: Any, qd: Any, qdd: Any, *, errors: _calls.Errors = "raise") -> jax.Array:
-    """Joint torques, as Scene.inverse_dynamics: q (..., nq), qd and qdd (..., nv); leading axes broadcast."""
+    """Joint torques, as Scene.inverse_dynamics, with derivatives for JAX.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    q : array, (..., nq)
+        Joint positions, rad or m; quaternions are normalized.
+    qd : array, (..., nv)
+        Joint velocities, rad/s or m/s.
+    qdd : array, (..., nv)
+        Joint accelerations, rad/s^2 or m/s^2.
+    errors : {"raise", "nan"}
+        "raise" or "nan": bad states raise an error, or return NaN with one BadStateWarning, as in Scene.forward_dynamics.
+
+    Returns
+    -------
+    jax.Array
+        Joint torques, (..., nv), N m or N.
+
+    Raises
+    ------
+    ArgumentError, ShapeError
+        If an argument has an unsupported dtype or a wrong shape.
+    PhipsiError
+        As Scene.inverse_dynamics.
+
+    Examples
+    --------
+    >>> import jax.numpy  # doctest: +SKIP
+    >>> import phipsi, phipsi.jax  # doctest: +SKIP
+    >>> scene = phipsi.load(phipsi.BUNDLED_ARM)  # doctest: +SKIP
+    >>> phipsi.jax.inverse_dynamics(scene, *(jax.numpy.zeros(6) for _ in range(3))).shape  # doctest: +SKIP
+    """
     return _apply(scene, _calls.inverse_dynamics(scene, errors), q, qd, qdd)
 
 
 def integrate(scene: Scene, q: Any, v: Any, *, errors: _calls.Errors = "raise") -> jax.Array:
-    """q moved along v for a unit of time, as Scene.integrate: q (..., nq), v (..., nv); leading axes broadcast. A step is integrate(scene, q, dt * qd)."""
+    """Configuration after moving along the tangent vector v, as Scene.integrate, with derivatives for JAX.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    q : array, (..., nq)
+        Joint positions, rad or m; quaternions are normalized.
+    v : array, (..., nv)
+        Tangent vector, rad or m: for a time step, dt times the joint velocities.
+    errors : {"raise", "nan"}
+        "raise" or "nan": bad states raise an error, or return NaN with one BadStateWarning, as in Scene.forward_dynamics.
+
+    Returns
+    -------
+    jax.Array
+        Configuration, (..., nq).
+
+    Raises
+    ------
+    ArgumentError, ShapeError
+        If an argument has an unsupported dtype or a wrong shape.
+    PhipsiError
+        As Scene.integrate.
+
+    Examples
+    --------
+    >>> import jax.numpy  # doctest: +SKIP
+    >>> import phipsi, phipsi.jax  # doctest: +SKIP
+    >>> scene = phipsi.load(phipsi.BUNDLED_ARM)  # doctest: +SKIP
+    >>> phipsi.jax.integrate(scene, jax.numpy.zeros(6), jax.numpy.zeros(6)).shape  # doctest: +SKIP
+    """
     return _apply(scene, _calls.integrate(scene, errors), q, v)
 
 
 def simulate(
     scene: Scene, q: Any, qd: Any, tau: Any, *, dt: float, record_every: int = 1, errors: _calls.Errors = "raise", **given: Any
 ) -> tuple[jax.Array, jax.Array]:
-    """Rows of q and qd, (..., rows, nq) and (..., rows, nv), as Scene.simulate: q (..., nq) and qd (..., nv) at the start, tau (..., steps, nv); leading axes broadcast.
+    """Simulate with given torques in each step, as Scene.simulate, with gradients for JAX.
 
-    given: other keywords of Scene.simulate (method, pd, damping, ...), which are constants: traced values raise ArgumentError. grad and vjp by q, qd and tau, by the adjoint of
-    every step; no jvp. Rows are checkpoints: with record_every=1 no step is made twice.
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    q : array, (..., nq)
+        Initial joint positions, rad or m; quaternions are normalized.
+    qd : array, (..., nv)
+        Initial joint velocities, rad/s or m/s.
+    tau : array, (..., steps, nv)
+        Joint torques of each step, N m or N.
+    dt : float
+        Step size, s.
+    record_every : int
+        Number of steps between recorded rows. Rows are checkpoints: with 1, no step is recomputed for gradients.
+    errors : {"raise", "nan"}
+        "raise" or "nan": bad states raise an error, or return NaN with one BadStateWarning, as in Scene.forward_dynamics.
+    **given
+        Other keyword arguments of Scene.simulate (method, pd, damping, ...). They are constants: traced values raise
+        ArgumentError.
+
+    Returns
+    -------
+    q : jax.Array, (..., rows, nq)
+        Configurations.
+    qd : jax.Array, (..., rows, nv)
+        Joint velocities, rad/s or m/s.
+
+    Raises
+    ------
+    ArgumentError, ShapeError
+        If an argument has an unsupported dtype or a wrong shape, or is not a constant.
+    PhipsiError
+        As Scene.simulate.
+
+    Notes
+    -----
+    Gradients with respect to q, qd and tau use the adjoint of every step (grad and vjp); jvp is not supported.
+
+    Examples
+    --------
+    >>> import jax.numpy  # doctest: +SKIP
+    >>> import phipsi, phipsi.jax  # doctest: +SKIP
+    >>> scene = phipsi.load(phipsi.BUNDLED_ARM)  # doctest: +SKIP
+    >>> rows, _ = phipsi.jax.simulate(scene, jax.numpy.zeros(6), jax.numpy.zeros(6), jax.numpy.zeros((10, 6)), dt=1e-3)  # doctest: +SKIP
     """
     for name, value in (("dt", dt), ("record_every", record_every), *given.items()):
         if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(value)):
@@ -73,7 +219,7 @@ def simulate(
     ))
 
 
-# Defined once: JAX compiles again for every new function object, and never frees what it compiled.
+# Defined once: JAX recompiles for every new function object and never frees compiled code.
 @partial(jax.custom_vjp, nondiff_argnums=(0,))
 def _rollout(rollout: _calls.Rollout, q: jax.Array, qd: jax.Array, tau: jax.Array) -> Any:
     rows, scene = rollout.rows(tau.shape[-2]), rollout.scene
@@ -110,7 +256,7 @@ def _shape(arguments: Sequence[jax.Array], *own: int) -> tuple[int, ...]:
 
 
 class _Host(NamedTuple):
-    """A method that is called on the host. Equal ones are one callback for JAX, which then does not compile again."""
+    """Callback on the host. Equal callbacks are identical for JAX, which therefore does not recompile."""
 
     of: _calls.Call | _calls.Rollout
     method: str
@@ -122,10 +268,10 @@ class _Host(NamedTuple):
 
 
 def _ask(of: _calls.Call | _calls.Rollout, method: str, arguments: Sequence[jax.Array], *shapes: tuple[int, ...]) -> Any:
-    """Calls the host, once for a whole batch; results of these shapes, of the dtype of the arguments."""
+    """Call the host once for a whole batch; results have these shapes and the dtype of the arguments."""
     host = _Host(of, method, arguments[0].dtype)
     if not any(isinstance(array, jax.core.Tracer) for array in arguments):
-        # Nothing to compile, and phipsi's errors are raised as they are.
+        # Outside of a trace nothing is compiled, and errors of phipsi are raised unchanged.
         device = next((array.device for array in arguments if array.committed and len(array.devices()) == 1), None)
         return tuple(jax.device_put(array, device) for array in host(*arguments))
     results = tuple(jax.ShapeDtypeStruct(shape, host.dtype) for shape in shapes)
@@ -139,7 +285,7 @@ def _apply(scene: Scene, call: _calls.Call, *given: Any) -> jax.Array:
 
 
 def _arrays(scene: Scene, names: Sequence[str], given: Sequence[Any]) -> tuple[list[jax.Array], Any]:
-    """The arguments as arrays of real numbers, and the floating dtype that they are promoted to."""
+    """The arguments as arrays of real values, and the floating dtype that they are promoted to."""
     arrays = [_array(scene, name, value) for name, value in zip(names, given, strict=True)]
     dtype = jnp.result_type(*arrays)
     return arrays, dtype if jnp.issubdtype(dtype, jnp.floating) else jnp.zeros(()).dtype

@@ -1,11 +1,12 @@
-"""Models of MuJoCo: as scenes, and states and forces from its conventions to phipsi's and back. Needs phipsi[mujoco].
+"""Read MuJoCo models, and convert states and forces between the conventions of MuJoCo and phipsi. Needs phipsi[mujoco].
 
 >>> import mujoco, phipsi.mujoco                                        # doctest: +SKIP
 >>> scene = phipsi.Scene.from_mujoco("humanoid.xml")                    # doctest: +SKIP
 >>> q, qd = phipsi.mujoco.to_state(scene, data.qpos, data.qvel)         # doctest: +SKIP
 
-The order of joints is the same. What differs: MuJoCo writes quaternions (w, x, y, z) and the linear velocity of a free joint in axes of the world,
-phipsi (x, y, z, w) and in axes of the body. Scenes without ball and free joints need no conversion.
+The order of the joints is the same. MuJoCo stores quaternions as (w, x, y, z) and expresses the linear velocity
+of a free joint in the world frame; phipsi stores (x, y, z, w) and uses the body frame. Scenes without ball
+joints and free joints need no conversion.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ def read(
     leave_out: Collection[Any] | None,
     ignore: Collection[str],
 ) -> Scene:
-    """As Scene.from_mujoco, which calls it."""
+    """Implementation of Scene.from_mujoco."""
     model, file = compiled(source, strict)
     names = Names(model)
     check(model, names, ignore, strict)
@@ -59,13 +60,13 @@ def read(
 
 
 class _Frame(NamedTuple):
-    """A place: what it makes of axes, and where its origin is, m."""
+    """A frame: its rotation matrix and its origin, m."""
 
     rotation: _Array
     origin: _Array
 
     def then(self, rotation: _Array, origin: _Array) -> _Frame:
-        """A place that is given in this one."""
+        """A frame that is given relative to this one."""
         return _Frame(self.rotation @ rotation, self.origin + self.rotation @ origin)
 
 
@@ -82,11 +83,11 @@ class _Reader:
         for at, joint, gear in joint_actuators(model):
             self.actuators.setdefault(joint, []).append((at, gear))
         self.low, self.high = stops(model)
-        # A MimicWarning is not due for joints that a connection ties.
+        # No MimicWarning for joints that a connection couples.
         self.mimics = self._mimics() if "equality" in ignore else {}
 
     def builder(self) -> SceneBuilder:
-        """The builder, with all elements."""
+        """The builder with all elements."""
         self._add_sites(0)
         for body in range(1, self.model.nbody):
             self._add_body(body)
@@ -96,10 +97,12 @@ class _Reader:
         return self.scene
 
     def _add_body(self, body: int) -> None:
-        """A body and its joints. The first joint is the outermost from the body: MuJoCo moves the body by each, in axes that the ones before have turned.
+        """Add a body and its joints, from the parent outward: MuJoCo expresses each joint in the frame that the
+        previous ones have moved.
 
-        A joint's axis goes through the origin of the link that it moves. So a joint whose anchor is not the body's origin moves a link of its own, to
-        which the body is fixed; so does each joint of a body but its last.
+        The axis of a joint of phipsi passes through the origin of its child link. Therefore each joint whose
+        anchor differs from the origin of the body, and each joint of a body except the last, gets an additional
+        link.
         """
         model, names = self.model, self.names
         name, parent = names.bodies[body], names.bodies[model.body_parentid[body]]
@@ -129,7 +132,7 @@ class _Reader:
             self.scene.joint(names.joint(f"{name}/fixed"), "fixed", parent, name, xyz=place.origin, rotation=place.rotation)
 
     def _add_sites(self, body: int) -> None:
-        """The sites of a body that have names, as links without mass."""
+        """Add the named sites of a body as massless links."""
         model, names = self.model, self.names
         for site in self.sites[body]:
             if name := names.sites[site]:
@@ -145,7 +148,7 @@ class _Reader:
         return "continuous" if kind == "revolute" and not self._is_limited(joint) else kind
 
     def _numbers(self, joint: int) -> dict[str, Any]:
-        """Armature, losses, spring and limits of a joint, as SceneBuilder.joint takes them."""
+        """Armature, damping, friction, spring and limits of a joint, as keyword arguments of SceneBuilder.joint."""
         model = self.model
         kind, dof, at = model.jnt_type[joint], model.jnt_dofadr[joint], model.jnt_qposadr[joint]
         dofs = slice(dof, dof + WIDTHS[int(kind)])
@@ -156,7 +159,7 @@ class _Reader:
                 continue
             if np.any(values != values[0]):
                 of = self.names.joints[joint]
-                raise SceneError(f"source: found {theirs} {values.tolist()} at the joint {of!r}; expected one number for all its axes")
+                raise SceneError(f"source: found {theirs} {values.tolist()} at the joint {of!r}; expected equal values for all axes")
             found[ours] = float(values[0])
         for ours in ("armature", "damping"):
             if (values := field(model, f"actuator_{ours}")) is not None:
@@ -176,7 +179,7 @@ class _Reader:
         return found
 
     def _effort(self, joint: int) -> float | None:
-        """The largest force that actuators can give a joint, N m or N; None where nothing bounds it."""
+        """Largest force of the actuators on a joint, N m or N; None if it is unbounded."""
         model = self.model
         if model.jnt_actfrclimited[joint]:
             return float(np.abs(model.jnt_actfrcrange[joint]).max())
@@ -186,7 +189,7 @@ class _Reader:
         return float(sum(np.abs(model.actuator_forcerange[at]).max() * abs(gear) for at, gear in acting))
 
     def _add_connection(self, at: int) -> None:
-        """An equality constraint as a rigid connection: solref and solimp are not read."""
+        """Add an equality constraint as a rigid connection; solref and solimp are ignored."""
         model, names = self.model, self.names
         kind, data, name = model.eq_type[at], model.eq_data[at], names.equalities[at]
         ends = int(model.eq_obj1id[at]), int(model.eq_obj2id[at])
@@ -202,7 +205,7 @@ class _Reader:
                 first, second = _Frame(rotation(data[6:10]), data[3:6]), _Frame(np.eye(3), data[0:3])
         else:
             first, second = (_Frame(rotation(model.site_quat[site]), model.site_pos[site]) for site in ends)
-        # A weld without a scale of torques resists none.
+        # A weld with a torque scale of zero does not constrain the rotation.
         is_weld = kind == EQUALITY_WELD and data[10] != 0.0
         self.scene.connect(
             name,
@@ -216,7 +219,7 @@ class _Reader:
         )
 
     def _line(self, at: int) -> tuple[float, float]:
-        """Offset and slope of a linear equality of joints, in their coordinates: MuJoCo has it between distances from qpos0."""
+        """Offset and slope of a linear joint equality in joint coordinates; MuJoCo defines them relative to qpos0."""
         model = self.model
         follower, leader = int(model.eq_obj1id[at]), int(model.eq_obj2id[at])
         offset, slope = (float(x) for x in model.eq_data[at][:2])
@@ -225,7 +228,9 @@ class _Reader:
         return zero + offset - slope * of, slope
 
     def _mimics(self) -> dict[int, dict[str, Any]]:
-        """Joints that follow another linearly by an ignored equality constraint, as SceneBuilder.joint takes it."""
+        """Joints that follow another joint linearly by an ignored equality constraint, as keyword arguments of
+        SceneBuilder.joint.
+        """
         model = self.model
         found: dict[int, dict[str, Any]] = {}
         for at in equalities(model):
@@ -238,12 +243,12 @@ class _Reader:
 
 
 def _moves_body(model: mujoco.MjModel, joint: int) -> bool:
-    """Whether the axis of a body's last joint goes through the body's origin."""
+    """Whether the axis of the last joint of a body passes through the origin of the body."""
     return bool(model.jnt_type[joint] in (FREE, SLIDE) or not np.any(model.jnt_pos[joint]))
 
 
 def rotation(quaternion: ArrayLike) -> _Array:
-    """The matrix of a unit quaternion (w, x, y, z)."""
+    """Rotation matrix of a unit quaternion (w, x, y, z)."""
     w, x, y, z = np.asarray(quaternion, float) / np.linalg.norm(quaternion)
     return np.array(
         [
@@ -255,7 +260,7 @@ def rotation(quaternion: ArrayLike) -> _Array:
 
 
 def _turn(axis: _Array, angle: float) -> _Array:
-    """The matrix of a turn about a unit axis by an angle, rad."""
+    """Rotation matrix for an angle, rad, about a unit axis."""
     return rotation(np.concatenate([[np.cos(0.5 * angle)], np.sin(0.5 * angle) * axis]))
 
 
@@ -263,11 +268,36 @@ def _turn(axis: _Array, angle: float) -> _Array:
 
 
 def to_state(scene: Scene, qpos: ArrayLike, qvel: ArrayLike | None = None) -> tuple[_Array, _Array]:
-    """Configuration q, (..., nq), and rates qd, (..., nv), of MuJoCo's qpos and qvel.
+    """Convert a state of MuJoCo to one of phipsi.
 
-    qvel: None for zeros.
+    Parameters
+    ----------
+    scene : Scene
+        Scene of the model.
+    qpos : array_like, (..., nq)
+        Positions of MuJoCo.
+    qvel : array_like, (..., nv), optional
+        Velocities of MuJoCo; None: zero.
 
-    Raises ShapeError where the last axes are not nq and nv, or the others do not broadcast.
+    Returns
+    -------
+    q : array, (..., nq)
+        Configuration.
+    qd : array, (..., nv)
+        Joint velocities, rad/s or m/s.
+
+    Raises
+    ------
+    ShapeError
+        If a last axis has a wrong size, or the leading axes do not broadcast.
+
+    Examples
+    --------
+    >>> import mujoco, phipsi, phipsi.mujoco  # doctest: +SKIP
+    >>> model = mujoco.MjModel.from_xml_path("humanoid.xml")  # doctest: +SKIP
+    >>> data = mujoco.MjData(model)  # doctest: +SKIP
+    >>> scene = phipsi.Scene.from_mujoco(model)  # doctest: +SKIP
+    >>> q, qd = phipsi.mujoco.to_state(scene, data.qpos, data.qvel)  # doctest: +SKIP
     """
     qpos = vectors("qpos", qpos, scene.nq)
     qvel = np.zeros(scene.nv) if qvel is None else vectors("qvel", qvel, scene.nv)
@@ -276,11 +306,36 @@ def to_state(scene: Scene, qpos: ArrayLike, qvel: ArrayLike | None = None) -> tu
 
 
 def from_state(scene: Scene, q: ArrayLike, qd: ArrayLike | None = None) -> tuple[_Array, _Array]:
-    """MuJoCo's qpos, (..., nq), and qvel, (..., nv), of a configuration and rates.
+    """Convert a state of phipsi to one of MuJoCo.
 
-    qd: None for zeros.
+    Parameters
+    ----------
+    scene : Scene
+        Scene of the model.
+    q : array_like, (..., nq)
+        Configuration.
+    qd : array_like, (..., nv), optional
+        Joint velocities, rad/s or m/s; None: zero.
 
-    Raises ShapeError as to_state does.
+    Returns
+    -------
+    qpos : array, (..., nq)
+        Positions of MuJoCo.
+    qvel : array, (..., nv)
+        Velocities of MuJoCo.
+
+    Raises
+    ------
+    ShapeError
+        If a last axis has a wrong size, or the leading axes do not broadcast.
+
+    Examples
+    --------
+    >>> import mujoco, phipsi, phipsi.mujoco  # doctest: +SKIP
+    >>> model = mujoco.MjModel.from_xml_path("humanoid.xml")  # doctest: +SKIP
+    >>> data = mujoco.MjData(model)  # doctest: +SKIP
+    >>> scene = phipsi.Scene.from_mujoco(model)  # doctest: +SKIP
+    >>> data.qpos[:], data.qvel[:] = phipsi.mujoco.from_state(scene, scene.neutral())  # doctest: +SKIP
     """
     q = vectors("q", q, scene.nq)
     qd = np.zeros(scene.nv) if qd is None else vectors("qd", qd, scene.nv)
@@ -288,44 +343,150 @@ def from_state(scene: Scene, q: ArrayLike, qd: ArrayLike | None = None) -> tuple
 
 
 def to_forces(scene: Scene, q: ArrayLike, qfrc: ArrayLike) -> _Array:
-    """Joint torques tau, (..., nv), N m or N, of MuJoCo's generalised forces (qfrc_applied, qfrc_bias, ...).
+    """Convert generalized forces of MuJoCo (qfrc_applied, qfrc_bias, ...) to joint torques.
 
-    q: phipsi's configuration, (..., nq), of to_state.
+    Parameters
+    ----------
+    scene : Scene
+        Scene of the model.
+    q : array_like, (..., nq)
+        Configuration in the convention of phipsi, from to_state.
+    qfrc : array_like, (..., nv)
+        Generalized forces of MuJoCo.
 
-    Raises ShapeError as to_state does.
+    Returns
+    -------
+    array
+        Joint torques, (..., nv), N m or N.
+
+    Raises
+    ------
+    ShapeError
+        If a last axis has a wrong size, or the leading axes do not broadcast.
+
+    Examples
+    --------
+    >>> import mujoco, phipsi, phipsi.mujoco  # doctest: +SKIP
+    >>> model = mujoco.MjModel.from_xml_path("humanoid.xml")  # doctest: +SKIP
+    >>> data = mujoco.MjData(model)  # doctest: +SKIP
+    >>> scene = phipsi.Scene.from_mujoco(model)  # doctest: +SKIP
+    >>> tau = phipsi.mujoco.to_forces(scene, q, data.qfrc_bias)  # doctest: +SKIP
     """
     return _turned(scene, vectors("q", q, scene.nq), vectors("qfrc", qfrc, scene.nv), inward=True)
 
 
 def from_forces(scene: Scene, q: ArrayLike, tau: ArrayLike) -> _Array:
-    """MuJoCo's generalised forces, (..., nv), of joint torques; q and errors as in to_forces."""
+    """Convert joint torques to generalized forces of MuJoCo.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene of the model.
+    q : array_like, (..., nq)
+        Configuration in the convention of phipsi, from to_state.
+    tau : array_like, (..., nv)
+        Joint torques, N m or N.
+
+    Returns
+    -------
+    array
+        Generalized forces of MuJoCo, (..., nv).
+
+    Raises
+    ------
+    ShapeError
+        If a last axis has a wrong size, or the leading axes do not broadcast.
+
+    Examples
+    --------
+    >>> import mujoco, phipsi, phipsi.mujoco  # doctest: +SKIP
+    >>> model = mujoco.MjModel.from_xml_path("humanoid.xml")  # doctest: +SKIP
+    >>> data = mujoco.MjData(model)  # doctest: +SKIP
+    >>> scene = phipsi.Scene.from_mujoco(model)  # doctest: +SKIP
+    >>> data.qfrc_applied[:] = phipsi.mujoco.from_forces(scene, q, tau)  # doctest: +SKIP
+    """
     return _turned(scene, vectors("q", q, scene.nq), vectors("tau", tau, scene.nv), inward=False)
 
 
 def to_accelerations(scene: Scene, q: ArrayLike, qd: ArrayLike, qacc: ArrayLike) -> _Array:
-    """Joint accelerations qdd, (..., nv), rad/s^2 or m/s^2, of MuJoCo's qacc.
+    """Convert qacc of MuJoCo to joint accelerations.
 
-    q, qd: phipsi's, of to_state: a free joint's linear velocity is seen from the body, so that its rate lacks w x v.
+    Parameters
+    ----------
+    scene : Scene
+        Scene of the model.
+    q, qd : array_like, (..., nq) and (..., nv)
+        State in the convention of phipsi, from to_state.
+    qacc : array_like, (..., nv)
+        Accelerations of MuJoCo.
 
-    Raises ShapeError as to_state does.
+    Returns
+    -------
+    array
+        Joint accelerations, (..., nv), rad/s^2 or m/s^2. For a free joint the linear part is the time
+        derivative of the linear velocity in the body frame, which differs from the rotated acceleration by w x
+        v.
+
+    Raises
+    ------
+    ShapeError
+        If a last axis has a wrong size, or the leading axes do not broadcast.
+
+    Examples
+    --------
+    >>> import mujoco, phipsi, phipsi.mujoco  # doctest: +SKIP
+    >>> model = mujoco.MjModel.from_xml_path("humanoid.xml")  # doctest: +SKIP
+    >>> data = mujoco.MjData(model)  # doctest: +SKIP
+    >>> scene = phipsi.Scene.from_mujoco(model)  # doctest: +SKIP
+    >>> qdd = phipsi.mujoco.to_accelerations(scene, q, qd, data.qacc)  # doctest: +SKIP
     """
     q, qd, qacc = (vectors(name, value, size) for name, value, size in (("q", q, scene.nq), ("qd", qd, scene.nv), ("qacc", qacc, scene.nv)))
     return _turned(scene, q, qacc, inward=True) - _spin(scene, qd)
 
 
 def from_accelerations(scene: Scene, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> _Array:
-    """MuJoCo's qacc, (..., nv), of joint accelerations; q, qd and errors as in to_accelerations."""
+    """Convert joint accelerations to qacc of MuJoCo.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene of the model.
+    q, qd : array_like, (..., nq) and (..., nv)
+        State in the convention of phipsi, from to_state.
+    qdd : array_like, (..., nv)
+        Joint accelerations, rad/s^2 or m/s^2.
+
+    Returns
+    -------
+    array
+        Accelerations of MuJoCo, (..., nv).
+
+    Raises
+    ------
+    ShapeError
+        If a last axis has a wrong size, or the leading axes do not broadcast.
+
+    Examples
+    --------
+    >>> import mujoco, phipsi, phipsi.mujoco  # doctest: +SKIP
+    >>> model = mujoco.MjModel.from_xml_path("humanoid.xml")  # doctest: +SKIP
+    >>> data = mujoco.MjData(model)  # doctest: +SKIP
+    >>> scene = phipsi.Scene.from_mujoco(model)  # doctest: +SKIP
+    >>> qacc = phipsi.mujoco.from_accelerations(scene, q, qd, qdd)  # doctest: +SKIP
+    """
     q, qd, qdd = (vectors(name, value, size) for name, value, size in (("q", q, scene.nq), ("qd", qd, scene.nv), ("qdd", qdd, scene.nv)))
     return _turned(scene, q, qdd + _spin(scene, qd), inward=False)
 
 
 def _wide(scene: Scene, at: Callable[[str], slice], width: int) -> Iterator[slice]:
-    """Joints of so many numbers: 4 coordinates are a ball joint's, 7 a free joint's, and 6 degrees of freedom too."""
+    """Slices of the joints with that many entries: 4 coordinates for a ball joint; 7 coordinates or 6 velocities for a
+    free joint.
+    """
     return (part for part in map(at, scene.joint_names) if part.stop - part.start == width)
 
 
 def _reordered(scene: Scene, q: _Array, by: int) -> _Array:
-    """Quaternions turned in their order: by -1 from (w, x, y, z), by 1 to it."""
+    """Configurations with cyclically shifted quaternions: by -1 from (w, x, y, z), by 1 to (w, x, y, z)."""
     found = np.array(q)
     for at in _wide(scene, scene.q_index, 4):
         found[..., at] = np.roll(found[..., at], by, axis=-1)
@@ -336,7 +497,9 @@ def _reordered(scene: Scene, q: _Array, by: int) -> _Array:
 
 
 def _turned(scene: Scene, q: _Array, v: _Array, *, inward: bool) -> _Array:
-    """The linear part of free joints from axes of the world to those of the body (inward), or back."""
+    """Velocities with the linear part of free joints rotated from the world frame to the body frame (inward), or
+    back.
+    """
     found = np.array(np.broadcast_to(v, (*leading(q, v), v.shape[-1])))
     places = zip(_wide(scene, scene.q_index, 7), _wide(scene, scene.v_index, 6), strict=True)
     for at, rows in places:
@@ -345,14 +508,14 @@ def _turned(scene: Scene, q: _Array, v: _Array, *, inward: bool) -> _Array:
         axis, w = quaternion[..., :3], quaternion[..., 3:]
         part = slice(rows.start, rows.start + 3)
         linear = found[..., part]
-        # Of the quaternion u: v + 2 w u x v + 2 u x (u x v), with the sign of w for the way.
+        # For the quaternion (u, w): v + 2 w u x v + 2 u x (u x v); the sign of w selects the direction.
         across = np.cross(axis, linear)
         found[..., part] = linear + 2.0 * ((-w if inward else w) * across + np.cross(axis, across))
     return found
 
 
 def _spin(scene: Scene, qd: _Array) -> _Array:
-    """w x v of free joints, zero elsewhere."""
+    """w x v of free joints; zero for other joints."""
     found = np.zeros_like(qd)
     for at in _wide(scene, scene.v_index, 6):
         found[..., at.start : at.start + 3] = np.cross(qd[..., at.start + 3 : at.stop], qd[..., at.start : at.start + 3])

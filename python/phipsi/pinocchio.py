@@ -1,13 +1,14 @@
-"""Models of Pinocchio (the wheel `pin`): as scenes, and states from its conventions to phipsi's and back.
+"""Read Pinocchio models (package `pin`), and convert states between the conventions of Pinocchio and phipsi.
 
 >>> import pinocchio, phipsi.pinocchio                                  # doctest: +SKIP
 >>> model = pinocchio.buildModelFromUrdf("robot.urdf")                  # doctest: +SKIP
 >>> scene = phipsi.Scene.from_pinocchio(model)                          # doctest: +SKIP
->>> q, qd = phipsi.pinocchio.to_state(scene, model, q_there, v_there)   # doctest: +SKIP
+>>> q, qd = phipsi.pinocchio.to_state(scene, model, q_pin, v_pin)       # doctest: +SKIP
 
-What differs: Pinocchio writes joints without limits as (cos, sin) and planar ones as (x, y, cos, sin), with rates in axes of the body; and it numbers the joints
-as they were added, phipsi depth first. Quaternions (x, y, z, w) and the rates of free joints (linear, angular, in axes of the body) are the same.
-Pinocchio's spatial vectors are linear first, phipsi's angular first.
+Pinocchio represents joints without limits as (cos, sin) and planar joints as (x, y, cos, sin), with velocities
+in the body frame, and numbers the joints in the order in which they were added; phipsi numbers them depth
+first. Quaternions (x, y, z, w) and the velocities of free joints (linear, angular, in the body frame) are the
+same. Spatial vectors are linear first in Pinocchio and angular first in phipsi.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ TRANSLATION = "JointModelTranslation"
 
 
 def read(model: pinocchio.Model, gravity: ArrayLike | None, strict: bool, leave_out: Collection[Any] | None) -> Scene:
-    """As Scene.from_pinocchio, which calls it."""
+    """Implementation of Scene.from_pinocchio."""
     try:
         import pinocchio as pin
     except ImportError:
@@ -57,7 +58,9 @@ def read(model: pinocchio.Model, gravity: ArrayLike | None, strict: bool, leave_
 
 
 def _own_links(model: pinocchio.Model) -> list[str]:
-    """The link that each joint moves: the first body at the joint's own place, else one that has the joint's name."""
+    """Link of each joint: the first body whose frame is that of the joint; otherwise a new link with the name of the
+    joint.
+    """
     links: dict[int, str] = {}
     bodies = list(_bodies(model))
     taken = {body.name for body in bodies}
@@ -77,17 +80,17 @@ def _bodies(model: pinocchio.Model) -> Iterator[Any]:
 
 
 class _Taken:
-    """Names that links and joints have, so that made-up ones do not clash with them."""
+    """Names of links and joints that are in use, so that generated names are unique."""
 
     def __init__(self, links: Iterable[str], joints: Iterable[str]) -> None:
         self.links, self.joints = set(links), set(joints)
 
     def link(self, name: str) -> str:
-        """A name of a link that is not taken."""
+        """An unused name for a link."""
         return _fresh(name, self.links)
 
     def joint(self, name: str) -> str:
-        """A name of a joint that is not taken."""
+        """An unused name for a joint."""
         return _fresh(name, self.joints)
 
 
@@ -99,7 +102,7 @@ def _fresh(name: str, taken: set[str]) -> str:
 
 
 def _add_joint(builder: SceneBuilder, model: pinocchio.Model, joint: int, links: list[str], names: _Taken) -> None:
-    """A joint, or the three slides of a translation."""
+    """Add a joint, or the three prismatic joints of a translation."""
     place, name = model.jointPlacements[joint], model.names[joint]
     xyz, rotation = np.array(place.translation), np.array(place.rotation)
     parts = list(_parts(model, joint))
@@ -116,18 +119,18 @@ def _add_joint(builder: SceneBuilder, model: pinocchio.Model, joint: int, links:
 
 
 class _Part(NamedTuple):
-    """A joint of phipsi, and where it is in Pinocchio's q and v."""
+    """A joint of phipsi and its entries in q and v of Pinocchio."""
 
     name: str
     kind: Any
-    """None for a joint of one degree of freedom: _of_one tells."""
+    """None for a joint with one degree of freedom: see _of_one."""
     axis: _Array
     q: slice
     v: slice
 
 
 def _parts(model: pinocchio.Model, joint: int) -> Iterator[_Part]:
-    """What a joint is in phipsi."""
+    """Joints of phipsi that represent a joint of Pinocchio."""
     there, name = model.joints[joint], model.names[joint]
     kind = there.shortname()
     q, v = slice(there.idx_q, there.idx_q + there.nq), slice(there.idx_v, there.idx_v + there.nv)
@@ -137,17 +140,17 @@ def _parts(model: pinocchio.Model, joint: int) -> Iterator[_Part]:
     elif kind == TRANSLATION:
         known = set(model.names)
         for at, axis in enumerate(np.eye(3)):
-            # Two translations cannot get the same name, as those end by the axis and underscores.
+            # The names of two translations cannot collide, because they end in the axis and underscores.
             yield _Part(_fresh(f"{name}_{'xyz'[at]}", known), "prismatic", axis, slice(q.start + at, q.start + at + 1), slice(v.start + at, v.start + at + 1))
     elif there.nv == 1 and not kind.startswith(("JointModelMimic", "JointModelComposite")):
         yield _Part(name, None, up, q, v)
     else:
         ours = "revolute, continuous, prismatic, helical, planar, translation, spherical (quaternion) and free-flyer joints"
-        raise SceneError(f"model: found joint {name!r} of type {kind}; expected {ours}: build it of these")
+        raise SceneError(f"model: found joint {name!r} of type {kind}; expected {ours}: compose the joint of these")
 
 
 def _of_one(joint: Any) -> tuple[Any, _Array, float | None]:
-    """Kind, axis and pitch of a joint of one degree of freedom."""
+    """Kind, axis and pitch of a joint with one degree of freedom."""
     moves = _subspace(joint)
     linear, angular = moves[:3], moves[3:]
     if not np.any(angular):
@@ -158,7 +161,9 @@ def _of_one(joint: Any) -> tuple[Any, _Array, float | None]:
 
 
 def _subspace(joint: Any) -> _Array:
-    """The motion of a joint of one degree of freedom, (linear, angular), in its own frame: of a model of nothing else, where it is exact."""
+    """Motion subspace of a joint with one degree of freedom, (linear, angular), in its own frame. It is exact, because
+    it is computed in a model that contains only this joint.
+    """
     import pinocchio as pin
 
     alone = pin.Model()
@@ -169,21 +174,21 @@ def _subspace(joint: Any) -> _Array:
 
 
 def _numbers(model: pinocchio.Model, part: _Part, kind: str, name: str) -> dict[str, Any]:
-    """Armature, losses and limits of a joint, as SceneBuilder.joint takes them."""
+    """Armature, damping, friction and limits of a joint, as keyword arguments of SceneBuilder.joint."""
     found: dict[str, Any] = {}
     friction = _first(model, "upperDryFrictionLimit", "friction")
     lower = getattr(model, "lowerDryFrictionLimit", None)
     if lower is not None and np.any(lower[part.v] != -friction[part.v]):
-        raise SceneError(f"model: found dry friction from {lower[part.v].tolist()} to {friction[part.v].tolist()} at the joint {name!r}; expected limits of one size")
+        raise SceneError(f"model: found dry friction from {lower[part.v].tolist()} to {friction[part.v].tolist()} at the joint {name!r}; expected symmetric limits")
     for ours, values in (("armature", model.armature), ("damping", model.damping), ("friction", friction)):
         own = np.array(values[part.v])
         if np.any(own != own[0]):
-            raise SceneError(f"model: found {ours} {own.tolist()} at the joint {name!r}; expected one number for all its axes")
+            raise SceneError(f"model: found {ours} {own.tolist()} at the joint {name!r}; expected equal values for all axes")
         if kind == "planar" and ours != "damping" and own[0]:
-            why = "Pinocchio applies it along axes of the body, phipsi along those of the parent"
-            raise SceneError(f"model: found {ours} {own[0]:g} at the planar joint {name!r}; expected zero, or joints PX, PY and RZ in its place: {why}")
+            why = "Pinocchio applies it in the body frame, phipsi in the parent frame"
+            raise SceneError(f"model: found {ours} {own[0]:g} at the planar joint {name!r}; expected zero, or the joints PX, PY and RZ instead, because {why}")
         found[ours] = float(own[0])
-    # A joint without limits, and one of several coordinates, has none that phipsi could hold.
+    # Continuous joints and joints with several coordinates have no position limits in phipsi.
     if kind in ("revolute", "prismatic", "screw"):
         found |= {"lower": float(model.lowerPositionLimit[part.q][0]), "upper": float(model.upperPositionLimit[part.q][0])}
     if kind not in KINDS.values():
@@ -193,12 +198,12 @@ def _numbers(model: pinocchio.Model, part: _Part, kind: str, name: str) -> dict[
 
 
 def _first(model: pinocchio.Model, *fields: str) -> Any:
-    """The field that this version has."""
+    """The first of these fields that this version of Pinocchio has."""
     return next(getattr(model, field) for field in fields if hasattr(model, field))
 
 
 def _add_frames(builder: SceneBuilder, model: pinocchio.Model, links: list[str], names: _Taken) -> None:
-    """Bodies that are fixed to others, whose mass is in those already, and operational frames."""
+    """Add operational frames, and bodies that are fixed to others; the mass of these is already included there."""
     import pinocchio as pin
 
     own = set(links)
@@ -226,12 +231,41 @@ def _symmetric(matrix: Any) -> _Array:
 
 
 def to_state(scene: Scene, model: pinocchio.Model, q: ArrayLike, v: ArrayLike | None = None) -> tuple[_Array, _Array]:
-    """phipsi's configuration, (..., nq), and rates, (..., nv), of Pinocchio's.
+    """Convert a state of Pinocchio to one of phipsi.
 
-    scene: of Scene.from_pinocchio(model), or of the URDF that the model was built from. v: None for zeros. Torques and accelerations of robots
-    without planar joints go the same way as v.
+    Joint torques and accelerations of robots without planar joints are converted like v.
 
-    Raises ShapeError where the last axes are not model.nq and model.nv or the others do not broadcast, ArgumentError for a joint that is not in the scene.
+    Parameters
+    ----------
+    scene : Scene
+        Scene.from_pinocchio(model), or the scene of the URDF that the model was built from.
+    model : pinocchio.Model
+        The model.
+    q : array_like, (..., model.nq)
+        Configuration of Pinocchio.
+    v : array_like, (..., model.nv), optional
+        Velocities of Pinocchio; None: zero.
+
+    Returns
+    -------
+    q : array, (..., nq)
+        Configuration.
+    qd : array, (..., nv)
+        Joint velocities, rad/s or m/s.
+
+    Raises
+    ------
+    ShapeError
+        If a last axis has a wrong size, or the leading axes do not broadcast.
+    ArgumentError
+        If a joint of the model is not in the scene.
+
+    Examples
+    --------
+    >>> import pinocchio, phipsi, phipsi.pinocchio  # doctest: +SKIP
+    >>> model = pinocchio.buildModelFromUrdf("robot.urdf")  # doctest: +SKIP
+    >>> scene = phipsi.Scene.from_pinocchio(model)  # doctest: +SKIP
+    >>> q, qd = phipsi.pinocchio.to_state(scene, model, pinocchio.neutral(model))  # doctest: +SKIP
     """
     q, v = vectors("q", q, model.nq), np.zeros(model.nv) if v is None else vectors("v", v, model.nv)
     ours, rates = np.empty((*q.shape[:-1], scene.nq)), np.empty((*leading(q, v), scene.nv))
@@ -247,7 +281,40 @@ def to_state(scene: Scene, model: pinocchio.Model, q: ArrayLike, v: ArrayLike | 
 
 
 def from_state(scene: Scene, model: pinocchio.Model, q: ArrayLike, qd: ArrayLike | None = None) -> tuple[_Array, _Array]:
-    """Pinocchio's configuration, (..., model.nq), and rates, (..., model.nv), of phipsi's; scene, model and errors as in to_state."""
+    """Convert a state of phipsi to one of Pinocchio.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene.from_pinocchio(model), or the scene of the URDF that the model was built from.
+    model : pinocchio.Model
+        The model.
+    q : array_like, (..., nq)
+        Configuration.
+    qd : array_like, (..., nv), optional
+        Joint velocities, rad/s or m/s; None: zero.
+
+    Returns
+    -------
+    q : array, (..., model.nq)
+        Configuration of Pinocchio.
+    v : array, (..., model.nv)
+        Velocities of Pinocchio.
+
+    Raises
+    ------
+    ShapeError
+        If a last axis has a wrong size, or the leading axes do not broadcast.
+    ArgumentError
+        If a joint of the model is not in the scene.
+
+    Examples
+    --------
+    >>> import pinocchio, phipsi, phipsi.pinocchio  # doctest: +SKIP
+    >>> model = pinocchio.buildModelFromUrdf("robot.urdf")  # doctest: +SKIP
+    >>> scene = phipsi.Scene.from_pinocchio(model)  # doctest: +SKIP
+    >>> q_pin, v_pin = phipsi.pinocchio.from_state(scene, model, scene.neutral())  # doctest: +SKIP
+    """
     q, qd = vectors("q", q, scene.nq), np.zeros(scene.nv) if qd is None else vectors("qd", qd, scene.nv)
     theirs, rates = np.empty((*q.shape[:-1], model.nq)), np.empty((*leading(q, qd), model.nv))
     for part, at, rows in _matched(scene, model):
@@ -264,7 +331,7 @@ def from_state(scene: Scene, model: pinocchio.Model, q: ArrayLike, qd: ArrayLike
 
 
 def _matched(scene: Scene, model: pinocchio.Model) -> Iterator[tuple[_Part, slice, slice]]:
-    """Joints of the model, and where they are in phipsi's q and qd."""
+    """Joints of the model, and their entries in q and qd of phipsi."""
     known = set(scene.joint_names)
     for joint in range(1, model.njoints):
         for part in _parts(model, joint):
@@ -274,7 +341,7 @@ def _matched(scene: Scene, model: pinocchio.Model) -> Iterator[tuple[_Part, slic
 
 
 def _planar(cos: _Array, sin: _Array, rate: _Array) -> _Array:
-    """Rates of a planar joint, turned by an angle."""
+    """Velocities of a planar joint, rotated by an angle."""
     x, y, turn = rate[..., 0:1], rate[..., 1:2], rate[..., 2:]
     turned: _Array = np.concatenate(np.broadcast_arrays(cos * x - sin * y, sin * x + cos * y, turn), axis=-1)
     return turned

@@ -1,4 +1,4 @@
-"""Scenes that ship with the library: a plain chain, and extreme cases by name.
+"""Scenes that are included in the package: a chain, and extreme cases by name.
 
 >>> import phipsi
 >>> case = phipsi.scenes.extreme("heavy-tip", 1e12)
@@ -22,46 +22,119 @@ __all__ = ["Extreme", "chain", "extreme", "names"]
 
 
 class Extreme(NamedTuple):
-    """An extreme case at one value of its parameter, with one state."""
+    """An extreme case at one value of its parameter, with one state.
+
+    Examples
+    --------
+    >>> import phipsi
+    >>> phipsi.scenes.extreme("heavy-tip").name
+    'heavy-tip'
+    """
 
     scene: Scene
-    """Links `link0`, ... on joints `joint0`, ... from the base outward."""
+    """Scene with the links `link0`, ... on the joints `joint0`, ... from the base outward."""
     q: NDArray[np.float64]
-    """Configuration, (nq,). All numbers of the state are generic, and but for quaternions ones that float32 holds."""
+    """Configuration, (nq,). All values of the state are generic and, except for quaternions, exactly representable in
+    float32.
+    """
     qd: NDArray[np.float64]
-    """Rates, (nv,), rad/s or m/s."""
+    """Joint velocities, (nv,), rad/s or m/s."""
     tau: NDArray[np.float64]
-    """Torques or forces, (nv,), N m or N."""
+    """Joint torques, (nv,), N m or N."""
     name: str
-    """Its name, one of names()."""
+    """Name of the case, one of names()."""
     value: float
-    """The value that was used."""
+    """Value of the parameter."""
     parameter: str
-    """What is swept, with its unit."""
+    """Description of the parameter, with its unit."""
     values: tuple[float, ...]
-    """Values worth sweeping."""
+    """Suggested values for a parameter sweep."""
 
 
 def names() -> tuple[str, ...]:
-    """The names of the extreme cases."""
+    """Names of the extreme cases.
+
+    Returns
+    -------
+    tuple of str
+        Names, for the argument `name` of extreme.
+
+    Examples
+    --------
+    >>> import phipsi
+    >>> "heavy-tip" in phipsi.scenes.names()
+    True
+    """
     return _core.extreme_names()
 
 
 def extreme(name: str, value: float | None = None, *, bodies: int | None = None, seed: int = 0) -> Extreme:
-    """The extreme case of that name: its scene with the parameter at `value` and with `bodies` joints, and a state.
+    """Build an extreme case: a scene with a given value of its parameter, and one state.
 
-    What is not given is as usual for the case; `seed` picks the state, and the masses of "log-uniform-masses". The same
-    arguments give the same case. "zero-inertia" at 0 builds, and its forward dynamics raises for its last joint. O(bodies).
+    Parameters
+    ----------
+    name : str
+        Name of the case, one of names().
+    value : float, optional
+        Value of the parameter; None: the default of the case.
+    bodies : int, optional
+        Number of joints; None: the default of the case.
+    seed : int
+        Seed of the state, and of the masses of "log-uniform-masses". Equal arguments give equal cases.
 
-    Raises ArgumentError for a name that is not there (with those that are), a value that the case has no meaning for, and
-    too few or too many bodies; OutOfMemoryError for more than there is room for.
+    Returns
+    -------
+    Extreme
+        Scene and state. With "zero-inertia" at 0 the scene is built, but its forward dynamics raises for the last
+        joint.
+
+    Raises
+    ------
+    ArgumentError
+        If the name is unknown, the value is not valid for the case, or the number of bodies is out of range.
+    OutOfMemoryError
+        If the memory for the bodies is not available.
+
+    Notes
+    -----
+    The cost is O(bodies).
+
+    Examples
+    --------
+    >>> import phipsi
+    >>> phipsi.scenes.extreme("heavy-tip", 1e6, bodies=4).scene.nv
+    4
     """
     return Extreme(*_core.extreme(name, value, bodies, seed))
 
 
 def chain(n: int) -> Scene:
-    """A chain of n equal links, 0.3 m and 1 kg, revolute about z, successive axes at right angles: what the benches run.
+    """Build a serial chain of equal links, as used in the benchmarks.
 
-    Raises ArgumentError where n is no whole number; OutOfMemoryError for more links than there is room for.
+    Each link has a length of 0.3 m and a mass of 1 kg; the joints are revolute about z, with successive axes at right
+    angles.
+
+    Parameters
+    ----------
+    n : int
+        Number of links.
+
+    Returns
+    -------
+    Scene
+        The chain.
+
+    Raises
+    ------
+    ArgumentError
+        If n is not a nonnegative integer.
+    OutOfMemoryError
+        If the memory for the links is not available.
+
+    Examples
+    --------
+    >>> import phipsi
+    >>> phipsi.scenes.chain(3).nv
+    3
     """
     return _core.chain(n)

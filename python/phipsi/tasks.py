@@ -1,4 +1,5 @@
-"""Tasks of inverse kinematics: what should be where, and how exactly it is meant.
+"""Tasks of inverse kinematics: a quantity of the robot, its target and the standard deviation with which it is to be
+met.
 
 >>> import phipsi
 >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
@@ -6,8 +7,9 @@
 >>> scene.inverse_kinematics([hand]).reached
 True
 
-Positions, directions and rotations are in the base's frame, or in that of the link that a task is relative to; a target with leading axes is a batch. position and rotation are standard deviations, m and rad: of two tasks
-that cannot both be met, the one with the smaller deviation wins; those that can be met all are, whatever their deviations.
+Targets are expressed in the base frame, or in the frame of the link `relative_to`. Leading axes of a target are
+a batch. `position` (m) and `rotation` (rad) are standard deviations: they weight tasks that cannot be met
+together. Tasks that can be met together are all met, independently of their deviations.
 """
 
 from __future__ import annotations
@@ -24,144 +26,227 @@ __all__ = ["CenterOfMass", "Direction", "InverseKinematics", "JointPosition", "L
 
 _Array = NDArray[np.float64]
 
-#: Within what a task is meant, unless it says otherwise: a millimetre, a milliradian.
+#: Default standard deviation of a task, m and rad.
 DEVIATION = 1e-3
 ORIGIN, FORWARD = (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
 
 class Pose(NamedTuple):
-    """A link has a place: its frame, moved by `at`, is where the target says."""
+    """Task: the frame of a link, translated by `at`, has a given pose.
+
+    Examples
+    --------
+    >>> import phipsi
+    >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+    >>> task = phipsi.tasks.Pose("link6", scene.placement([0.3] * 6, "link6"))
+    >>> bool(scene.inverse_kinematics(task).reached)
+    True
+    """
 
     link: str
     """Name of the link."""
     target: ArrayLike
-    """Homogeneous matrix, link to base, (..., 4, 4), as Scene.placement gives it; a rotation with three decimals or more is orthonormalized."""
+    """Pose of the link, homogeneous matrix from link to base, (..., 4, 4), as Scene.placement returns it. A rotation
+    with at least three correct decimals is orthonormalized.
+    """
     at: ArrayLike = ORIGIN
-    """The point of the link that is meant, in its frame, (3,), m."""
+    """Point of the link, in the link frame, (3,), m."""
     position: float = DEVIATION
     """Standard deviation of the position, m."""
     rotation: float = DEVIATION
     """Standard deviation of the rotation, rad."""
     relative_to: str | None = None
-    """Name of the link in whose frame the target is; None: the base's."""
+    """Name of the link whose frame the target is expressed in; None: the base frame."""
 
 
 class Position(NamedTuple):
-    """A point of a link is at a point."""
+    """Task: a point of a link has a given position.
+
+    Examples
+    --------
+    >>> import phipsi
+    >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+    >>> task = phipsi.tasks.Position("link6", (0.5, 0.1, 0.4))
+    >>> bool(scene.inverse_kinematics(task).reached)
+    True
+    """
 
     link: str
     """Name of the link."""
     target: ArrayLike
-    """(..., 3), m."""
+    """Position, (..., 3), m."""
     at: ArrayLike = ORIGIN
-    """The point of the link, in its frame, (3,), m."""
+    """Point of the link, in the link frame, (3,), m."""
     position: float = DEVIATION
-    """Standard deviation, m."""
+    """Standard deviation of the position, m."""
     relative_to: str | None = None
-    """Name of the link in whose frame the target is; None: the base's."""
+    """Name of the link whose frame the target is expressed in; None: the base frame."""
 
 
 class Orientation(NamedTuple):
-    """A link has an orientation."""
+    """Task: a link has a given orientation.
+
+    Examples
+    --------
+    >>> import phipsi
+    >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+    >>> task = phipsi.tasks.Orientation("link6", scene.placement([0.3] * 6, "link6")[:3, :3])
+    >>> bool(scene.inverse_kinematics(task).reached)
+    True
+    """
 
     link: str
     """Name of the link."""
     target: ArrayLike
-    """Rotation matrix, link to base, (..., 3, 3); one with three decimals or more is orthonormalized."""
+    """Rotation matrix from link to base, (..., 3, 3). A matrix with at least three correct decimals is
+    orthonormalized.
+    """
     rotation: float = DEVIATION
-    """Standard deviation, rad."""
+    """Standard deviation of the rotation, rad."""
     relative_to: str | None = None
-    """Name of the link in whose frame the target is; None: the base's."""
+    """Name of the link whose frame the target is expressed in; None: the base frame."""
 
 
 class Direction(NamedTuple):
-    """An axis of a link has a direction; turning about it is free."""
+    """Task: an axis of a link points in a given direction; the rotation about that axis is free.
+
+    Examples
+    --------
+    >>> import phipsi
+    >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+    >>> task = phipsi.tasks.Direction("link6", (0, 0, -1))
+    >>> bool(scene.inverse_kinematics(task).reached)
+    True
+    """
 
     link: str
     """Name of the link."""
     target: ArrayLike
-    """(..., 3), of any length."""
+    """Direction, (..., 3), of any positive length."""
     axis: ArrayLike = FORWARD
-    """In the link's frame, (3,), of any length."""
+    """Axis of the link, in the link frame, (3,), of any positive length."""
     rotation: float = DEVIATION
-    """Standard deviation, rad."""
+    """Standard deviation of the angle, rad."""
     relative_to: str | None = None
-    """Name of the link in whose frame the target is; None: the base's."""
+    """Name of the link whose frame the target is expressed in; None: the base frame."""
 
 
 class LookAt(NamedTuple):
-    """An axis through a point of a link points to a point: a camera that keeps something in view."""
+    """Task: an axis through a point of a link points to a target point, as the optical axis of a camera.
+
+    Examples
+    --------
+    >>> import phipsi
+    >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+    >>> task = phipsi.tasks.LookAt("link6", (0.5, 0.1, 0.0))
+    >>> bool(scene.inverse_kinematics(task).reached)
+    True
+    """
 
     link: str
     """Name of the link."""
     target: ArrayLike
-    """(..., 3), m."""
+    """Target point, (..., 3), m."""
     axis: ArrayLike = FORWARD
-    """In the link's frame, (3,), of any length."""
+    """Axis of the link, in the link frame, (3,), of any positive length."""
     at: ArrayLike = ORIGIN
-    """The point of the link that the axis goes through, in its frame, (3,), m."""
+    """Point of the link that the axis passes through, in the link frame, (3,), m."""
     rotation: float = DEVIATION
-    """Standard deviation, rad."""
+    """Standard deviation of the angle, rad."""
     relative_to: str | None = None
-    """Name of the link in whose frame the target is; None: the base's."""
+    """Name of the link whose frame the target is expressed in; None: the base frame."""
 
 
 class CenterOfMass(NamedTuple):
-    """The mass centre of all that moves is at a point."""
+    """Task: the center of mass of all moving bodies has a given position.
+
+    Examples
+    --------
+    >>> import phipsi
+    >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+    >>> task = phipsi.tasks.CenterOfMass(scene.center_of_mass([0.3] * 6))
+    >>> bool(scene.inverse_kinematics(task).reached)
+    True
+    """
 
     target: ArrayLike
-    """(..., 3), m."""
+    """Position in the base frame, (..., 3), m."""
     position: float = DEVIATION
-    """Standard deviation, m."""
+    """Standard deviation of the position, m."""
 
 
 class JointPosition(NamedTuple):
-    """A joint of one coordinate has a position."""
+    """Task: a joint with one coordinate has a given position.
+
+    Examples
+    --------
+    >>> import phipsi
+    >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+    >>> task = phipsi.tasks.JointPosition("joint2", -0.4)
+    >>> bool(scene.inverse_kinematics(task).reached)
+    True
+    """
 
     joint: str
     """Name of the joint."""
     target: ArrayLike
-    """(...), rad or m."""
+    """Joint position, (...), rad or m."""
     deviation: float = DEVIATION
     """Standard deviation, rad or m."""
 
 
 class InverseKinematics(NamedTuple):
-    """What inverse kinematics found."""
+    """Result of inverse kinematics.
+
+    Examples
+    --------
+    >>> import phipsi
+    >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+    >>> found = scene.inverse_kinematics([phipsi.tasks.Position("link6", (0.5, 0.1, 0.4))])
+    >>> found.q.shape, found.reached
+    ((6,), True)
+    """
 
     q: _Array
-    """The configuration, (..., nq), within the limits of the joints and with closed connections."""
+    """Configuration, (..., nq), within the joint limits and on the constraints of the connections."""
     reached: NDArray[np.bool_] | bool
-    """Whether every task's error is within the tolerance, (...). Where it is not, q is the best that was found: a local minimum, which does not prove that there is none."""
+    """Whether the errors of all tasks are within the tolerance, (...). Otherwise q is the best local minimum that was
+    found; this does not prove that no solution exists.
+    """
     position_error: _Array | np.float64
-    """The largest distance of a task from its target, (...), m."""
+    """Largest distance of a task from its target, (...), m."""
     rotation_error: _Array | np.float64
-    """The largest angle of a task, (...), rad."""
+    """Largest angle of a task from its target, (...), rad."""
     starts: NDArray[np.int64] | int
-    """How many starts were used, (...)."""
+    """Number of starting configurations that were used, (...)."""
     iterations: NDArray[np.int64] | int
-    """Steps over all starts, (...)."""
+    """Number of iterations, summed over all starting configurations, (...)."""
     covariance: _Array | None = None
-    """Of q in its tangent space, (..., nv, nv), as deviations of tasks and posture have it; zero at joints that are at a limit, infinite where a motion is left undetermined and there is no
-    posture. None where it was not asked for."""
+    """Covariance of q in its tangent space, (..., nv, nv), from the standard deviations of the tasks and of the
+    posture.
+    It is zero at joints that are at a limit, and infinite in directions that no task determines if no posture is
+    given. None if it was not requested.
+    """
 
 
 Task: TypeAlias = Pose | Position | Orientation | Direction | LookAt | CenterOfMass | JointPosition
 
-#: By the names that Rust knows them by; width of a target.
+#: Name of each kind on the Rust side, and the number of values of a target.
 KINDS: dict[type, tuple[str, int]] = {
     Pose: ("pose", 16), Position: ("position", 3), Orientation: ("orientation", 9), Direction: ("direction", 3), LookAt: ("look-at", 3),
     CenterOfMass: ("center-of-mass", 3), JointPosition: ("joint", 1),
 }  # fmt: skip
 
-#: The last axes of targets that are matrices.
+#: Trailing axes of targets that are matrices.
 SQUARE: dict[str, tuple[int, int]] = {"pose": (4, 4), "orientation": (3, 3)}
 
 _Unpacked = tuple[str, str, str, Sequence[float], Sequence[float], float, float, _Array, int, str | None]
 
 
 def unpacked(tasks: Any) -> list[_Unpacked]:
-    """For Rust: kind, what errors call it, link or joint, point, axis, deviations, target with its numbers in the last axis, how many these are, and the link that it is relative to."""
+    """Tasks as the Rust side takes them: kind, name for error messages, link or joint, point, axis, deviations, target
+    with its values in the last axis, their number, and the link that the target is relative to.
+    """
     given = [tasks] if type(tasks) in KINDS else list(tasks)
     return [_one(at, task) for at, task in enumerate(given)]
 
@@ -182,7 +267,7 @@ def _one(at: int, task: Any) -> _Unpacked:
     elif target.ndim == 0 or target.shape[-1] != width:
         raise of_argument(ShapeError, f"{name}.target", f"found shape {target.shape}; expected (..., {width})")
     point, axis = getattr(task, "at", ORIGIN), getattr(task, "axis", FORWARD)
-    # Most calls have neither.
+    # Most tasks use the defaults.
     point = ORIGIN if point is ORIGIN else _triple(name, "at", point).tolist()
     axis = FORWARD if axis is FORWARD else _unit(f"{name}.axis", _triple(name, "axis", axis)).tolist()
     deviation = getattr(task, "deviation", DEVIATION)
@@ -195,7 +280,7 @@ def _numbers(name: str, field: str, value: ArrayLike) -> _Array:
     try:
         return np.asarray(value, float)
     except (TypeError, ValueError):
-        raise of_argument(ArgumentError, f"{name}.{field}", f"found {type(value).__name__}, which is no array of numbers") from None
+        raise of_argument(ArgumentError, f"{name}.{field}", f"found {type(value).__name__}; expected an array of numbers") from None
 
 
 def _triple(name: str, field: str, value: ArrayLike) -> _Array:
@@ -206,22 +291,22 @@ def _triple(name: str, field: str, value: ArrayLike) -> _Array:
 
 
 def _unit(name: str, axis: _Array) -> _Array:
-    """Of unit length."""
+    """The axis with unit length."""
     if not np.isfinite(axis).all():
         raise of_argument(NotFiniteError, name, f"found {axis.tolist()}; expected finite numbers")
     largest = np.abs(axis).max()
     if largest == 0.0:
         raise of_argument(ArgumentError, name, "found an axis without direction; expected one of any length above zero")
-    scaled = axis / largest  # squares of small or large numbers are none
+    scaled = axis / largest  # avoids overflow and underflow of the squares
     return np.asarray(scaled / np.linalg.norm(scaled))
 
 
-#: Of a state that could not be computed: reached, errors, starts, iterations.
+#: Results of a state that could not be computed: reached, errors, starts, iterations.
 NO_NUMBERS = np.array([0.0, np.nan, np.nan, 0.0, 0.0])
 
 
 def gathered(numbers: _Array, nq: int, nv: int, covariance: bool) -> InverseKinematics:
-    """From Rust: the results of a batch, a row a state."""
+    """Results of a batch from the Rust side, one row per state."""
     q, beside, rest = numbers[..., :nq].copy(), numbers[..., nq : nq + 5], numbers[..., nq + 5 :]
     room = rest.reshape(*numbers.shape[:-1], nv, nv).copy() if covariance else None
     if numbers.ndim == 1:

@@ -1,16 +1,21 @@
-"""Dynamics inside PyTorch: autograd, forward mode and torch.func (vmap, jacrev, jacfwd) by phipsi's analytic derivatives.
+"""Dynamics in PyTorch: autograd, forward mode and torch.func (vmap, jacrev, jacfwd), with the analytic derivatives of
+phipsi.
 
 >>> import phipsi, phipsi.torch, torch                                      # doctest: +SKIP
 >>> scene = phipsi.Scene.from_urdf("ur5.urdf")                              # doctest: +SKIP
 >>> tau = torch.zeros(scene.nv, dtype=torch.float64, requires_grad=True)    # doctest: +SKIP
 >>> phipsi.torch.forward_dynamics(scene, q, qd, tau).square().sum().backward()   # doctest: +SKIP
 
-Every function calls phipsi on the CPU, once for a whole batch (vmap included), in float64. Results have the device of the first argument and the floating dtype that the
-arguments are promoted to, torch.get_default_dtype() if all are integers; other dtypes and wrong shapes raise ArgumentError and ShapeError. The derivative is the
-analytic Jacobian, in one call; there are no derivatives of second order. q is taken as plain numbers: quaternions are normalised first, and gradients are by
-their four numbers.
+Each function calls phipsi on the CPU, once for a whole batch (vmap included), in float64. Results have the
+device of the first argument and the floating dtype that the arguments are promoted to, or
+torch.get_default_dtype() if all arguments are integers. Other dtypes raise ArgumentError and wrong shapes raise
+ShapeError.
 
-errors: "raise", or "nan" to return NaN for bad states, in results and derivatives, with one BadStateWarning, as in Scene.forward_dynamics.
+The derivative is the analytic Jacobian, computed in one call. Second derivatives are not supported. The entries
+of q are independent variables: quaternions are normalized first, and gradients are with respect to their four
+entries.
+
+With errors="nan", bad states give NaN in results and derivatives, with one BadStateWarning.
 """
 
 from __future__ import annotations
@@ -37,27 +42,171 @@ __all__ = ["forward_dynamics", "integrate", "inverse_dynamics", "simulate"]
 
 
 def forward_dynamics(scene: Scene, q: Tensor, qd: Tensor, tau: Tensor, *, form: str = "auto", tolerance: float | None = None, errors: _calls.Errors = "raise") -> Tensor:
-    """Joint accelerations, as Scene.forward_dynamics: q (..., nq), qd and tau (..., nv); leading axes broadcast. form, tolerance: as there; derivatives have the same."""
+    """Joint accelerations, as Scene.forward_dynamics, with derivatives for PyTorch.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    q : array, (..., nq)
+        Joint positions, rad or m; quaternions are normalized.
+    qd : array, (..., nv)
+        Joint velocities, rad/s or m/s.
+    tau : array, (..., nv)
+        Joint torques, N m or N.
+    form : str
+        Form of the filter, as in Scene.forward_dynamics; derivatives use the same form.
+    tolerance : float, optional
+        Bound of the relative error for form="auto", as in Scene.forward_dynamics.
+    errors : {"raise", "nan"}
+        "raise" or "nan": bad states raise an error, or return NaN with one BadStateWarning, as in Scene.forward_dynamics.
+
+    Returns
+    -------
+    Tensor
+        Joint accelerations, (..., nv), rad/s^2 or m/s^2.
+
+    Raises
+    ------
+    ArgumentError, ShapeError
+        If an argument has an unsupported dtype or a wrong shape.
+    PhipsiError
+        As Scene.forward_dynamics.
+
+    Examples
+    --------
+    >>> import torch  # doctest: +SKIP
+    >>> import phipsi, phipsi.torch  # doctest: +SKIP
+    >>> scene = phipsi.load(phipsi.BUNDLED_ARM)  # doctest: +SKIP
+    >>> phipsi.torch.forward_dynamics(scene, *(torch.zeros(6) for _ in range(3))).shape  # doctest: +SKIP
+    """
     return _apply(scene, _calls.forward_dynamics(scene, form, errors, tolerance), q, qd, tau)
 
 
 def inverse_dynamics(scene: Scene, q: Tensor, qd: Tensor, qdd: Tensor, *, errors: _calls.Errors = "raise") -> Tensor:
-    """Joint torques, as Scene.inverse_dynamics: q (..., nq), qd and qdd (..., nv); leading axes broadcast."""
+    """Joint torques, as Scene.inverse_dynamics, with derivatives for PyTorch.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    q : array, (..., nq)
+        Joint positions, rad or m; quaternions are normalized.
+    qd : array, (..., nv)
+        Joint velocities, rad/s or m/s.
+    qdd : array, (..., nv)
+        Joint accelerations, rad/s^2 or m/s^2.
+    errors : {"raise", "nan"}
+        "raise" or "nan": bad states raise an error, or return NaN with one BadStateWarning, as in Scene.forward_dynamics.
+
+    Returns
+    -------
+    Tensor
+        Joint torques, (..., nv), N m or N.
+
+    Raises
+    ------
+    ArgumentError, ShapeError
+        If an argument has an unsupported dtype or a wrong shape.
+    PhipsiError
+        As Scene.inverse_dynamics.
+
+    Examples
+    --------
+    >>> import torch  # doctest: +SKIP
+    >>> import phipsi, phipsi.torch  # doctest: +SKIP
+    >>> scene = phipsi.load(phipsi.BUNDLED_ARM)  # doctest: +SKIP
+    >>> phipsi.torch.inverse_dynamics(scene, *(torch.zeros(6) for _ in range(3))).shape  # doctest: +SKIP
+    """
     return _apply(scene, _calls.inverse_dynamics(scene, errors), q, qd, qdd)
 
 
 def integrate(scene: Scene, q: Tensor, v: Tensor, *, errors: _calls.Errors = "raise") -> Tensor:
-    """q moved along v for a unit of time, as Scene.integrate: q (..., nq), v (..., nv); leading axes broadcast. A step is integrate(scene, q, dt * qd)."""
+    """Configuration after moving along the tangent vector v, as Scene.integrate, with derivatives for PyTorch.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    q : array, (..., nq)
+        Joint positions, rad or m; quaternions are normalized.
+    v : array, (..., nv)
+        Tangent vector, rad or m: for a time step, dt times the joint velocities.
+    errors : {"raise", "nan"}
+        "raise" or "nan": bad states raise an error, or return NaN with one BadStateWarning, as in Scene.forward_dynamics.
+
+    Returns
+    -------
+    Tensor
+        Configuration, (..., nq).
+
+    Raises
+    ------
+    ArgumentError, ShapeError
+        If an argument has an unsupported dtype or a wrong shape.
+    PhipsiError
+        As Scene.integrate.
+
+    Examples
+    --------
+    >>> import torch  # doctest: +SKIP
+    >>> import phipsi, phipsi.torch  # doctest: +SKIP
+    >>> scene = phipsi.load(phipsi.BUNDLED_ARM)  # doctest: +SKIP
+    >>> phipsi.torch.integrate(scene, torch.zeros(6), torch.zeros(6)).shape  # doctest: +SKIP
+    """
     return _apply(scene, _calls.integrate(scene, errors), q, v)
 
 
 def simulate(
     scene: Scene, q: Tensor, qd: Tensor, tau: Tensor, *, dt: float, record_every: int = 1, errors: _calls.Errors = "raise", **given: Any
 ) -> tuple[Tensor, Tensor]:
-    """Rows of q and qd, (..., rows, nq) and (..., rows, nv), as Scene.simulate: q (..., nq) and qd (..., nv) at the start, tau (..., steps, nv); leading axes broadcast.
+    """Simulate with given torques in each step, as Scene.simulate, with gradients for PyTorch.
 
-    given: other keywords of Scene.simulate (method, pd, damping, ...), which are constants: tensors that require gradients raise ArgumentError. Gradients by q, qd and tau,
-    by the adjoint of every step; no forward mode. Rows are checkpoints: with record_every=1 no step is made twice.
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    q : array, (..., nq)
+        Initial joint positions, rad or m; quaternions are normalized.
+    qd : array, (..., nv)
+        Initial joint velocities, rad/s or m/s.
+    tau : array, (..., steps, nv)
+        Joint torques of each step, N m or N.
+    dt : float
+        Step size, s.
+    record_every : int
+        Number of steps between recorded rows. Rows are checkpoints: with 1, no step is recomputed for gradients.
+    errors : {"raise", "nan"}
+        "raise" or "nan": bad states raise an error, or return NaN with one BadStateWarning, as in Scene.forward_dynamics.
+    **given
+        Other keyword arguments of Scene.simulate (method, pd, damping, ...). They are constants: tensors that
+        require gradients raise ArgumentError.
+
+    Returns
+    -------
+    q : Tensor, (..., rows, nq)
+        Configurations.
+    qd : Tensor, (..., rows, nv)
+        Joint velocities, rad/s or m/s.
+
+    Raises
+    ------
+    ArgumentError, ShapeError
+        If an argument has an unsupported dtype or a wrong shape, or is not a constant.
+    PhipsiError
+        As Scene.simulate.
+
+    Notes
+    -----
+    Gradients with respect to q, qd and tau use the adjoint of every step (reverse mode); forward mode is not
+    supported.
+
+    Examples
+    --------
+    >>> import torch  # doctest: +SKIP
+    >>> import phipsi, phipsi.torch  # doctest: +SKIP
+    >>> scene = phipsi.load(phipsi.BUNDLED_ARM)  # doctest: +SKIP
+    >>> rows, _ = phipsi.torch.simulate(scene, torch.zeros(6), torch.zeros(6), torch.zeros((10, 6)), dt=1e-3)  # doctest: +SKIP
     """
     for name, value in (("dt", dt), *given.items()):
         for part in value if isinstance(value, tuple) else (value,):
@@ -72,7 +221,7 @@ def _apply(scene: Scene, call: _calls.Call, *arguments: Any) -> Tensor:
 
 
 def _whole(scene: Scene, names: Sequence[str], given: Sequence[Any], own: Sequence[tuple[int | None, ...]]) -> list[Tensor]:
-    """The arguments as tensors of real numbers of one floating dtype, of one batch. own: the trailing axes of each."""
+    """The arguments as tensors of real values of one floating dtype and one batch. own: the trailing axes of each."""
     tensors = [_tensor(scene, name, value) for name, value in zip(names, given, strict=True)]
     dtype = reduce(torch.promote_types, (tensor.dtype for tensor in tensors))
     dtype = dtype if dtype.is_floating_point else torch.get_default_dtype()
@@ -104,7 +253,7 @@ def _in_front(info: Any, dims: tuple[int | None, ...], arguments: tuple[Tensor, 
 
 
 class _OnHost(torch.autograd.Function):
-    """Derivatives or gradients; a function of its own, so that vmap asks for those of a whole batch."""
+    """Derivatives or gradients, as a separate function, so that vmap computes them for a whole batch in one call."""
 
     generate_vmap_rule = False
 
@@ -118,7 +267,7 @@ class _OnHost(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *_: Tensor) -> Any:
-        raise NotImplementedError("phipsi.torch has no derivatives of second order")
+        raise NotImplementedError("phipsi.torch: found a request for second derivatives, which are not supported; expected first derivatives only")
 
     @staticmethod
     def vmap(info: Any, dims: Any, function: _calls.Host, *arguments: Tensor) -> Any:

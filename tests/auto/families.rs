@@ -1,4 +1,4 @@
-//! Families of random scenes and states, from ordinary to extreme, each case from its number alone.
+//! Families of random scenes and states, from ordinary to extreme; each case is determined by its number.
 
 use crate::common::{ALL_KINDS, Random, Tree, random_state};
 use nalgebra::{Matrix3, Rotation3, Vector3, Vector6};
@@ -7,7 +7,7 @@ use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, Scen
 use phipsi::spatial::{RigidShift, Symmetric3, spatial};
 use phipsi::{dynamics, kinematics};
 
-/// The families by name; a case is of family `number % FAMILIES.len()`.
+/// Names of the families; a case belongs to family `number % FAMILIES.len()`.
 pub const FAMILIES: [&str; 22] = [
     "ordinary trees",
     "ordinary large trees",
@@ -33,8 +33,8 @@ pub const FAMILIES: [&str; 22] = [
     "everything at once",
 ];
 
-/// The states that robots are in, beside one as drawn: of falling ones no torque acts, held ones have the torques that their state needs
-/// to accelerate by nothing.
+/// Typical states in addition to random ones: passive ones have zero torques, those in static equilibrium have
+/// the torques for zero accelerations.
 pub const STATES: [&str; 8] = [
     "falling",
     "falling, with rates",
@@ -55,25 +55,25 @@ pub struct Case {
     pub qd: Vec<f64>,
     pub tau: Vec<f64>,
     pub wrenches: Vec<Vector6<f64>>,
-    /// Forces on bodies that are too small beside `wrenches` to be added to them; empty where there are none.
+    /// Forces on bodies that are too small to be added to `wrenches`; empty if there are none.
     pub pushes: Vec<Vector6<f64>>,
 }
 
-/// One link with the joint that carries it.
+/// One link with its joint.
 #[derive(Clone, Copy)]
 struct Part {
     parent: Option<usize>,
     kind: JointKind,
     axis: Vector3<f64>,
     turned: Matrix3<f64>,
-    /// From the parent's origin to this joint's, m.
+    /// From the origin of the parent to this joint, m.
     lever: Vector3<f64>,
     mass: f64,
     /// Size of the body, m.
     length: f64,
-    /// Mass centre, in lengths.
+    /// Center of mass, relative to the size.
     centre: Vector3<f64>,
-    /// Principal inertias over m l^2, before needles.
+    /// Principal inertias divided by m l^2, before needles.
     principal: Vector3<f64>,
     armature: f64,
 }
@@ -124,7 +124,7 @@ fn build(parts: &[Part], random: &mut Random, gravity: bool) -> SceneBuilder {
     builder
 }
 
-/// 10 to a power drawn from a range.
+/// 10 to a power from a range.
 fn decades(random: &mut Random, low: f64, high: f64) -> f64 {
     10f64.powf(random.uniform(low, high))
 }
@@ -133,8 +133,8 @@ fn power(base: f64, k: usize) -> f64 {
     base.powi(i32::try_from(k).expect("few links"))
 }
 
-/// Case `number`; the same from the same number.
-#[allow(clippy::too_many_lines)] // one arm a family
+/// Case `number`, reproducible.
+#[allow(clippy::too_many_lines)] // one arm per family
 pub fn case(number: usize) -> Case {
     let family = number % FAMILIES.len();
     let random = &mut Random::new(0x00A0_7000 + number as u64);
@@ -167,7 +167,7 @@ pub fn case(number: usize) -> Case {
     let mut parts: Vec<Part> = (0..n).map(|k| part(random, k, branching, kinds)).collect();
     let straight = random.below(2) == 0;
     if straight {
-        // A chain as robots are: axes along the frame's, levers along x, one body like another.
+        // A typical chain: axes and offsets along coordinate axes, similar bodies.
         let (axis_step, mut model) = (1 + random.below(2), parts[0]);
         model.lever = Vector3::new(0.5, 0.0, 0.0);
         let tilt = if random.below(2) == 0 { 0.0 } else { 0.3 };
@@ -296,7 +296,7 @@ pub fn case(number: usize) -> Case {
                     parts[k].lever += way * far;
                 }
                 _ => {
-                    // Out and back: the mass centre is far from the frame that it is given in.
+                    // An offset and its opposite: the center of mass is far from the frame in which it is given.
                     let k = random.below(n);
                     let p = &mut parts[k];
                     p.lever += p.turned * (way * far);
@@ -355,7 +355,7 @@ fn finish(builder: SceneBuilder, random: &mut Random, (speed, torque, pushed): (
 }
 
 impl Case {
-    /// The same robot in one of the [`STATES`]; none where nothing moves.
+    /// The same robot in one of the [`STATES`]; none if nothing moves.
     pub fn in_state(&self, state: &str) -> Option<Case> {
         let nv = self.scene.nv();
         let last = nv.checked_sub(1)?;
@@ -385,7 +385,7 @@ impl Case {
         Some(Case { qd, tau, wrenches: Vec::new(), ..self.clone() })
     }
 
-    /// The same robot on a base that is free to move and has inertia; none where it is free already.
+    /// The same robot on a free base with inertia; none if it has a free base already.
     pub fn on_a_free_base(&self, seed: u64) -> Option<Case> {
         if self.builder.is_floating() {
             return None;
@@ -405,7 +405,8 @@ impl Case {
         Some(finish(builder, &mut Random::new(seed), (1.0, 1.0, false)))
     }
 
-    /// The terms of b(k) of every body, in its frame: what its acceleration needs where no joint accelerates, what its velocity needs, and the wrench.
+    /// The terms of b(k) of every body, in its frame: due to its acceleration without joint accelerations, due to its
+    /// velocity, and the wrench.
     fn terms_of_bias(&self) -> Vec<[Vector6<f64>; 3]> {
         let model = self.scene.model();
         let base = spatial(&Vector3::zeros(), &-model.gravity);
@@ -425,7 +426,8 @@ impl Case {
         forces
     }
 
-    /// The same case with a force on every body that is one unit in the last place of each component of the terms of its b(k), up or down.
+    /// The same case with an additional force on every body: one unit in the last place of each component of the
+    /// terms of its b(k), with random signs.
     pub fn with_bias_jiggled(&self, seed: u64) -> Case {
         let mut random = Random::new(seed);
         let mut ulp = |x: f64| x * if random.below(2) == 0 { f64::EPSILON } else { -f64::EPSILON };
@@ -434,13 +436,14 @@ impl Case {
         Case { pushes, ..self.clone() }
     }
 
-    /// The same case with every number of the scene and of the state one unit in the last place up or down.
+    /// The same case with every constant of the scene and every entry of the state changed by one unit in the last
+    /// place, with random signs.
     pub fn jiggled(&self, seed: u64) -> Case {
         let mut random = Random::new(seed);
         let mut ulp = |x: f64| x * (1.0 + if random.below(2) == 0 { f64::EPSILON } else { -f64::EPSILON });
         let gravity = self.scene.model().gravity.norm();
         let mut builder = SceneBuilder::new()
-            // Its direction too: where an axis is along gravity, a component that is zero is one unit off.
+            // Its direction too: if an axis is along gravity, a component that is zero changes by one unit.
             .gravity(self.builder.gravity_vector().map(|x| x + ulp(gravity) - gravity))
             .floating_base(self.builder.is_floating());
         for link in self.builder.links() {

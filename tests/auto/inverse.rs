@@ -1,5 +1,5 @@
-//! M^-1 in form `auto` over the same scenes: where the sweeps that batches and calls from Python run are content with the covariance form, it kept
-//! its digits.
+//! M^-1 in form `auto` for the same scenes: if the sweeps of batches and of calls from Python accept the
+//! covariance form, its precision is sufficient.
 
 use super::families::{Case, FAMILIES, case};
 use super::{double, error, from_environment, sensitivity_of};
@@ -12,7 +12,7 @@ use phipsi::scalar::{DoubleDouble, Real};
 use phipsi::scene::Model;
 use phipsi::{Algorithm, Arguments};
 
-/// The square-root form in double-double arithmetic; none where a pivot is lost even there.
+/// The square-root form in double-double arithmetic; none if a pivot is singular even there.
 fn reference(case: &Case) -> Option<Vec<DoubleDouble>> {
     let model: Model<DoubleDouble> = case.scene.model().cast();
     let mut out = double(&vec![f64::NAN; model.nv() * model.nv()]);
@@ -25,7 +25,7 @@ fn reference(case: &Case) -> Option<Vec<DoubleDouble>> {
 struct Row {
     scenes: usize,
     kept: usize,
-    /// Of those kept, and of the covariance form in all.
+    /// Errors of accepted cases, and of the covariance form in all cases.
     worst: [f64; 2],
 }
 

@@ -1,6 +1,8 @@
-//! `forward_dynamics_auto` over random scenes, ordinary and extreme: right wherever the problem allows it, and fast on robots.
+//! `forward_dynamics_auto` for random scenes, ordinary and extreme: accurate if the sensitivity allows it, and fast
+//! for robots.
 //!
-//! `PHIPSI_AUTO_SCENES=100000 cargo test --release --test all auto:: -- --nocapture` is the full run, with a table of the families;
+//! `PHIPSI_AUTO_SCENES=100000 cargo test --release --test all auto:: -- --nocapture` is the full test, with a table
+//! of the families;
 //! `PHIPSI_AUTO_FIRST` is the number of its first scene.
 
 pub mod families;
@@ -22,7 +24,7 @@ fn double(x: &[f64]) -> Vec<DoubleDouble> {
     x.iter().map(|&x| DoubleDouble::from_f64(x)).collect()
 }
 
-/// The square-root form in double-double arithmetic; none where a pivot is lost even there.
+/// The square-root form in double-double arithmetic; none if a pivot is singular even there.
 fn reference(case: &Case) -> Option<Vec<DoubleDouble>> {
     let model: Model<DoubleDouble> = case.scene.model().cast();
     let mut qdd = double(&vec![f64::NAN; model.nv()]);
@@ -39,7 +41,7 @@ fn reference(case: &Case) -> Option<Vec<DoubleDouble>> {
     (pivots.clear(0) && qdd.iter().all(|x| x.lane(0).is_finite())).then_some(qdd)
 }
 
-/// The largest error over the largest entry; NaN where there is one.
+/// Largest error relative to the largest entry; NaN if there is one.
 fn error(found: &[DoubleDouble], expected: &[DoubleDouble]) -> f64 {
     let off: Vec<f64> = found.iter().zip(expected).map(|(&x, &y)| tolerance::to_f64(x - y)).collect();
     let size: Vec<f64> = expected.iter().map(|&x| tolerance::to_f64(x)).collect();
@@ -47,7 +49,8 @@ fn error(found: &[DoubleDouble], expected: &[DoubleDouble]) -> f64 {
     if off == 0.0 { off } else { off / tolerance::size(&size) }
 }
 
-/// How far the accelerations move where every input, or every component of every bias force b(k), moves by a unit in its last place.
+/// Change of the accelerations if every input, or every component of every bias force b(k), changes by a unit in the
+/// last place.
 fn sensitivity(case: &Case, expected: &[DoubleDouble]) -> f64 {
     let of_bias = (0..tolerance::ULP_DRAWS).fold(0.0, |worst: f64, seed| {
         let moved = reference(&case.with_bias_jiggled(seed)).map_or(f64::INFINITY, |moved| error(&moved, expected));
@@ -56,7 +59,7 @@ fn sensitivity(case: &Case, expected: &[DoubleDouble]) -> f64 {
     of_bias.max(sensitivity_of(case, expected, reference))
 }
 
-/// How far an answer moves where every input moves by a unit in its last place, the worst of a few draws.
+/// Change of a result if every input changes by a unit in the last place, the largest of several random choices.
 fn sensitivity_of(
     case: &Case,
     expected: &[DoubleDouble],
@@ -91,8 +94,8 @@ fn auto(case: &Case) -> (Vec<f64>, dynamics::Choice<f64>) {
     (qdd, choice)
 }
 
-/// The sweeps that keep nothing but the result, as batches and calls from Python run them: the answer, and whether it is theirs. None where
-/// the call said that a pivot is lost.
+/// The sweeps that return only the result, as in batches and calls from Python: the result, and whether it was
+/// accepted. None if the call reported a singular pivot.
 fn sweeps(case: &Case, form: Form) -> Option<(Vec<f64>, bool)> {
     let mut qdd = vec![f64::NAN; case.scene.nv()];
     let state =
@@ -112,25 +115,26 @@ struct Row {
     scenes: usize,
     singular: usize,
     worst: [f64; 5],
-    /// Of all: kept by the sweeps sweeps, of the covariance form and of the square-root form.
+    /// Of all cases: accepted results, of the covariance form and of the square-root form.
     sweeps: [usize; 2],
-    /// Of all: to the square-root form, and from there to double-double arithmetic.
+    /// Of all cases: fallbacks to the square-root form, and from there to double-double arithmetic.
     by_auto: [usize; 2],
-    /// Of those: where the form that was left had a tenth of the allowed error.
+    /// Of these: unnecessary fallbacks, with an error below a tenth of the tolerance.
     needlessly: usize,
-    /// Of all in square-root form: looked at closely, and refined.
+    /// Of all cases in square-root form: with a second estimate, and recomputed.
     by_root: [usize; 2],
-    /// Of all, by each of these: where the checked call said that a pivot is lost, and the reference knows better.
+    /// Of all cases, by each of these: a singular pivot reported, although the reference is regular.
     refused: [usize; 2],
-    /// In doubt in the end.
+    /// Cases whose final estimate exceeds the tolerance.
     in_doubt: usize,
-    /// Above [`tolerance::ALL_DIGITS`] and above twenty times the sensitivity: auto, square-root.
+    /// Cases above [`tolerance::ALL_DIGITS`] and above twenty times the sensitivity: auto, square-root.
     beyond_aim: [usize; 2],
-    /// The largest true error over the estimated one, where it is not below what the problem allows anyway.
+    /// Largest ratio of the true to the estimated error, for errors above the sensitivity.
     spread: f64,
 }
 
-/// The cases of a number: as drawn, and the same robot in one of the states that robots are in, every other one on a free base.
+/// Cases of a number: the random state, and the same robot in one of the typical states, every other one with a free
+/// base.
 fn cases(number: usize) -> Vec<(Case, &'static str)> {
     let (drawn, state) = (case(number), STATES[number / FAMILIES.len() % STATES.len()]);
     let free = number / (FAMILIES.len() * STATES.len()) % 2 == 1;
@@ -139,7 +143,7 @@ fn cases(number: usize) -> Vec<(Case, &'static str)> {
     std::iter::once((drawn, "as drawn")).chain(there.map(|case| (case, state))).collect()
 }
 
-/// What form `auto` told of its own accuracy.
+/// Error estimate of form `auto`.
 fn told(case: &Case) -> Option<(Vec<f64>, Accuracy)> {
     let mut qdd = vec![f64::NAN; case.scene.nv()];
     let state =
@@ -150,7 +154,8 @@ fn told(case: &Case) -> Option<(Vec<f64>, Accuracy)> {
     Some((qdd, accuracy[0]))
 }
 
-/// The true error over the estimated one, where it is more than what the problem allows; what is wrong with what was told.
+/// Ratio of the true to the estimated error if the error is above the sensitivity; or an inconsistency of the
+/// estimate.
 fn spread_of(case: &Case, found: &[f64], expected: &[DoubleDouble], allowed: f64) -> Result<f64, String> {
     let Some((qdd, Accuracy { form, doubled, error: estimate, .. })) = told(case) else { return Ok(0.0) };
     let largest = tolerance::size(&expected.iter().map(|&x| tolerance::to_f64(x)).collect::<Vec<_>>());
@@ -158,7 +163,8 @@ fn spread_of(case: &Case, found: &[f64], expected: &[DoubleDouble], allowed: f64
     if qdd != found {
         return Err(format!("told of other numbers: {form:?}"));
     }
-    // Below a few units in the last place, of gravity too, which are lost before the sweeps, and below the problem's own there is nothing to estimate.
+    // Errors of a few units in the last place, also of gravity, which occur before the sweeps, and errors below the
+    // sensitivity are not estimated.
     let units = 64.0 * f64::EPSILON * largest.max(case.scene.model().gravity.norm());
     if off <= units || off <= allowed * largest {
         return Ok(0.0);
@@ -169,7 +175,7 @@ fn spread_of(case: &Case, found: &[f64], expected: &[DoubleDouble], allowed: f64
     Ok(off / estimate)
 }
 
-/// One case into its family's row; what is wrong with it, if anything is.
+/// Adds one case to the row of its family; returns a failure, if any.
 fn enter(row: &mut Row, number: usize, case: &Case, state: &str) -> Option<String> {
     let Some(expected) = reference(case) else {
         row.singular += 1;
@@ -177,7 +183,8 @@ fn enter(row: &mut Row, number: usize, case: &Case, state: &str) -> Option<Strin
     };
     row.scenes += 1;
     if tolerance::size(&expected.iter().map(|&x| tolerance::to_f64(x)).collect::<Vec<_>>()) <= tolerance::NOTHING {
-        // Nothing moves, as where gravity is along every axis; what is left of the reference is its own rounding.
+        // Nothing accelerates, for instance if gravity is along all axes; the reference consists of its rounding
+        // error.
         let found =
             [Form::Auto, Form::SquareRoot].map(|form| sweeps(case, form).map_or(0.0, |(qdd, _)| tolerance::size(&qdd)));
         let still = found.iter().all(|&size| size <= tolerance::KEPT);
@@ -210,7 +217,7 @@ fn enter(row: &mut Row, number: usize, case: &Case, state: &str) -> Option<Strin
     row.in_doubt += usize::from(judged.in_doubt(0) || choice.without_root);
     let [_, root, auto, sweeps, lean_root] = errors;
     let place = format!("scene {number}, {}, {state}", FAMILIES[number % FAMILIES.len()]);
-    // Looked at with what the problem allows only where it is needed: that takes six references.
+    // The sensitivity, which needs six references, is computed only if necessary.
     let mut sensitivity = f64::NAN;
     let of_estimate = spread_of(case, &answer, &expected, 0.0).or_else(|_| {
         sensitivity = self::sensitivity(case, &expected);
@@ -286,7 +293,7 @@ fn auto_and_the_square_root_form_keep_digits_wherever_the_problem_does() {
     }
 }
 
-/// The next scene of a family that the covariance form gets wrong.
+/// The next scene of a family for which the covariance form is wrong.
 fn wrong_in_covariance_form(family: &str) -> Case {
     let first = FAMILIES.iter().position(|&name| name == family).expect("a family");
     (first..)
@@ -324,7 +331,7 @@ fn a_state_in_doubt_is_refined_to_the_last_digit_and_counted() {
     assert!(judged.rounding.is_some_and(|rounding| !rounding.clear(0, judged.tolerance)));
 }
 
-/// A body without a root leaves nothing to refine: NaN, and a doubt.
+/// A body without a square root cannot be recomputed: NaN, and a flag.
 #[test]
 fn what_cannot_be_refined_stays_in_doubt() {
     let case = wrong_in_covariance_form("heavy tip");
@@ -370,7 +377,7 @@ fn a_state_that_is_not_a_number_is_not_clear() {
     assert!(choice.is_covariance_in_doubt && qdd.iter().all(|x| x.is_nan()));
 }
 
-/// Runs where `PHIPSI_ROBOTS` names the folder share/example-robot-data/robots of the `PyPI` package.
+/// Runs if `PHIPSI_ROBOTS` is the folder share/example-robot-data/robots of the `PyPI` package.
 #[cfg(feature = "urdf")]
 #[test]
 fn robots_stay_in_covariance_form() {
@@ -398,15 +405,15 @@ fn robots_stay_in_covariance_form() {
             for seed in 0..u64::try_from(from_environment("PHIPSI_AUTO_STATES", 10)).expect("a count") {
                 for (state, (answer, choice)) in robot(&scene, seed) {
                     if choice.cancellation.relative_error(0).is_nan() {
-                        // A joint that carries no mass: an error in every form.
+                        // A joint that moves no mass: an error in every form.
                         singular += 1;
                         continue;
                     }
                     states += 1;
                     doubtful += usize::from(choice.is_covariance_in_doubt);
-                    // What is all but held, on a free base, is no state that a robot is in.
+                    // Near static equilibrium with a free base is not a typical state.
                     let counts = state != "held by nine tenths";
-                    // Estimated errors of up to 2e-12, true ones of 2e-13, where hands of light links fall.
+                    // Estimated errors up to 2e-12, true ones of 2e-13, for hands of light links in free fall.
                     let known = file.ends_with("human.urdf") && floating;
                     if counts && !known && choice.form != Form::Covariance {
                         let expected = reference(&answer.1);
@@ -420,7 +427,7 @@ fn robots_stay_in_covariance_form() {
                         ));
                     }
                     let kept = |form| sweeps(&answer.1, form).is_some_and(|(_, kept)| kept);
-                    // A pivot in doubt is looked at again in either form.
+                    // A singular pivot is estimated again in either form.
                     if counts && !choice.without_root && kept(Form::Covariance) && !kept(Form::Auto) {
                         again += 1;
                     }
@@ -429,7 +436,7 @@ fn robots_stay_in_covariance_form() {
                     } else if let Some(expected) = reference(&answer.1) {
                         let error = error(&double(&answer.0), &expected);
                         if state.starts_with("held") {
-                            // Six references, of one state of each kind.
+                            // Six references, for one state of each kind.
                             if seed == 0
                                 && !(error <= tolerance::KEPT)
                                 && !(error <= tolerance::kept(sensitivity(&answer.1, &expected)))
@@ -452,11 +459,11 @@ fn robots_stay_in_covariance_form() {
     assert!(states > 0 && worst <= tolerance::KEPT && failures.is_empty(), "{worst:e}\n{}", failures.join("\n"));
 }
 
-/// Accelerations, what they are of, and what was found on the way.
+/// Accelerations, their description, and intermediate results.
 #[cfg(feature = "urdf")]
 type Answer = ((Vec<f64>, Case), dynamics::Choice<f64>);
 
-/// A robot as drawn, and in each of the states that robots are in, there and in its neutral configuration.
+/// A robot in a random state and in each of the typical states, there and in its neutral configuration.
 #[cfg(feature = "urdf")]
 fn robot(scene: &Scene, seed: u64) -> Vec<(&'static str, Answer)> {
     let (q, qd, tau) = random_state(scene, &mut Random::new(seed));
@@ -483,13 +490,13 @@ fn robot(scene: &Scene, seed: u64) -> Vec<(&'static str, Answer)> {
         .collect()
 }
 
-/// In float32 nothing is refined: what is not in doubt is right to what float32 allows, and what is in doubt is told.
+/// In float32 nothing is recomputed: unflagged results are accurate to float32, and others are flagged.
 #[test]
 fn float32_tells_its_doubts() {
     let count = from_environment("PHIPSI_AUTO_SCENES", 440);
-    // Digits of float32 to those of float64.
+    // From the precision of float32 to that of float64.
     let coarser = f64::from(f32::EPSILON) / f64::EPSILON;
-    #[allow(clippy::cast_possible_truncation)] // that is the question
+    #[allow(clippy::cast_possible_truncation)] // compared exactly
     let single = |x: &[f64]| x.iter().map(|&x| x as f32).collect::<Vec<_>>();
     let (mut scenes, mut by_form, mut in_doubt, mut failures) = (0, 0, 0, Vec::new());
     for number in 0..count {

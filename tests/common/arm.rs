@@ -1,4 +1,4 @@
-//! A small arm in parts, for tests that break one of them.
+//! A small arm in parts, for tests that break one part.
 
 use nalgebra::Vector3;
 use phipsi::scene::{Inertial, JointDescription, JointKind, Limits, LinkDescription, SceneBuilder};

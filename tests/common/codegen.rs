@@ -1,4 +1,4 @@
-//! Scenes that are compiled, and what their methods give.
+//! Scenes for generated code, and results of their methods.
 
 use super::{ALL_KINDS, Random, Tree, random_inertial};
 use nalgebra::Vector3;
@@ -6,12 +6,13 @@ use phipsi::codegen::Function;
 use phipsi::scene::{JointDescription, JointKind, LinkDescription};
 use phipsi::{Scene, SceneBuilder};
 
-/// Trees of all joints: of an even seed on a fixed base, of an odd one floating.
+/// Trees with all types of joints: with an even seed on a fixed base, with an odd one floating.
 pub fn tree(seed: u64, bodies: usize) -> Scene {
     Tree { seed, bodies, kinds: &ALL_KINDS, floating: seed % 2 == 1, branching: 0.3, armature: 0.1 }.scene()
 }
 
-/// A floating trunk on four legs of three joints, whose programs repeat what a leg needs: the numbers differ from leg to leg.
+/// A floating trunk on four legs with three joints, whose programs share the code of a leg: the constants differ from
+/// leg to leg.
 pub fn quadruped() -> Scene {
     let random = &mut Random::new(8);
     let mut link = |name: &str| LinkDescription { name: name.to_owned(), inertial: Some(random_inertial(random)) };
@@ -31,7 +32,7 @@ pub fn quadruped() -> Scene {
     builder.build().unwrap()
 }
 
-/// What the scene's method gives, all results one after another.
+/// Result of the scene's method, with all results concatenated.
 pub fn by_method(scene: &Scene, function: &Function, given: &[Vec<f64>]) -> Vec<f64> {
     let (mut workspace, mut out) = (scene.workspace(), vec![f64::NAN; function.width(scene)]);
     let w = &mut workspace;

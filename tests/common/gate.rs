@@ -1,10 +1,10 @@
-//! The scenes whose instruction counts and golden outputs are kept: between them every way in which a joint carries what crosses it.
+//! Scenes for instruction counts and golden outputs: together they contain all variants of the joint transformations.
 
 use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder};
 use phipsi::spatial::Symmetric3;
 use phipsi::{Algorithm, Derivatives, Form, Products, Scene, scenes};
 
-/// Every algorithm that has kernels, by its name.
+/// Every algorithm with kernels, by its name.
 pub const ALGORITHMS: [(&str, Algorithm); 17] = [
     ("forward_dynamics/auto", Algorithm::ForwardDynamics(Form::Auto)),
     ("forward_dynamics/covariance", Algorithm::ForwardDynamics(Form::Covariance)),
@@ -25,7 +25,7 @@ pub const ALGORITHMS: [(&str, Algorithm); 17] = [
     ("forward_dynamics_vjp/constants", Algorithm::Products(Products::ForwardGradients(Form::Auto))),
 ];
 
-/// The scenes by their names.
+/// Names of the scenes.
 pub const SCENES: [&str; 4] = ["chain_7", "oblique", "slides", "branched"];
 
 /// One of [`SCENES`].
@@ -48,10 +48,11 @@ pub fn scene(name: &str) -> Option<Scene> {
     }
 }
 
-/// A joint: its kind, its axis, and the order of axes of its frame at zero angle as (x, y, z) angles about the parent's axes.
+/// A joint: its type, its axis, and the rotation of its frame at zero as (x, y, z) angles about the axes of the
+/// parent.
 type Joint = (JointKind, [f64; 3], [f64; 3]);
 
-/// Axes along none of the parent's, and one that is behind a right angle.
+/// Axes that are not parallel to those of the parent, and one after a right angle.
 const OBLIQUE: [Joint; 7] = [
     (JointKind::Revolute, [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]),
     (JointKind::Revolute, [0.0, 0.6, 0.8], [0.0, 0.0, 0.0]),
@@ -62,7 +63,7 @@ const OBLIQUE: [Joint; 7] = [
     (JointKind::Revolute, [0.0, 0.0, -1.0], [0.0, 0.5, 0.0]),
 ];
 
-/// A rail, an arm, and an oblique and an aligned finger; a screw and a joint of three degrees of freedom.
+/// A rail, an arm, an oblique and an aligned finger; a screw and a joint with three degrees of freedom.
 const SLIDES: [Joint; 8] = [
     (JointKind::Prismatic, [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]),
     (JointKind::Revolute, [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]),
@@ -81,7 +82,7 @@ const LEG: [Joint; 3] = [
     (JointKind::Revolute, [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]),
 ];
 
-/// Links and joints with irregular numbers, each another.
+/// Links and joints with irregular constants, all different.
 struct Arm {
     builder: SceneBuilder,
     bodies: u32,
@@ -95,7 +96,7 @@ impl Arm {
         arm
     }
 
-    /// A number in -1 to 1 of this body.
+    /// A value in -1 to 1 for this body.
     fn number(&self, which: u32) -> f64 {
         (1.0 + 2.7 * f64::from(self.bodies) + 4.1 * f64::from(which)).sin()
     }

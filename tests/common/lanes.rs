@@ -1,4 +1,4 @@
-//! States in lanes: the arms of this machine, scenes and states, and the plain way beside them.
+//! States in lanes: instruction sets of this machine, scenes and states, and the plain implementation for comparison.
 
 use super::{ALL_KINDS, Random, Tree, random_inertial, random_state};
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
@@ -11,7 +11,7 @@ use phipsi::{Algorithm, Arguments, Derivatives, Products};
 use phipsi::{Scene, SceneBuilder};
 use std::f64::consts::{FRAC_PI_2, PI};
 
-/// Everything that runs in lanes, or is done one state at a time beside them.
+/// Everything that runs in lanes, or one state at a time for comparison.
 pub const ALGORITHMS: [Algorithm; 25] = [
     Algorithm::ForwardDynamics(Form::Auto),
     Algorithm::ForwardDynamics(Form::Covariance),
@@ -40,12 +40,12 @@ pub const ALGORITHMS: [Algorithm; 25] = [
     Algorithm::Products(Products::ForwardGradients(Form::SquareRoot)),
 ];
 
-/// Those of this machine; the baseline is always there.
+/// Instruction sets of this machine; the baseline is always available.
 pub fn arms() -> impl Iterator<Item = Arm> {
     ARMS.into_iter().map(|(_, arm)| arm).filter(|arm| arm.available())
 }
 
-/// Without optimisation the kernels of the lanes need more stack than a thread has by default.
+/// Without optimization the lane kernels need more stack than a thread has by default.
 pub fn on_a_large_stack(work: impl FnOnce() + Send + 'static) {
     std::thread::Builder::new().stack_size(256 << 20).spawn(work).unwrap().join().unwrap();
 }
@@ -58,7 +58,7 @@ pub fn states(scene: &Scene, count: u64) -> Vec<State> {
     (0..count).map(|seed| random_state(scene, &mut Random::new(seed))).collect()
 }
 
-/// The arguments that an algorithm reads.
+/// The arguments of an algorithm.
 pub fn arguments<'a, P>(
     algorithm: Algorithm,
     (q, qd, u): &'a State<P>,
@@ -79,7 +79,8 @@ pub fn evaluate<P: Evaluated>(
     out
 }
 
-/// One state by the checked recursion in plain f64, which other tests hold to dense algebra and higher precision.
+/// One state by the checked recursion in plain f64, which other tests compare with dense algebra and higher
+/// precision.
 pub fn plainly(scene: &Scene, algorithm: Algorithm, state: &Arguments<'_>) -> Vec<f64> {
     let mut out = vec![f64::NAN; scene.width(algorithm)];
     scene.recursion(&mut scene.workspace(), None, algorithm, state, &mut out).unwrap();
@@ -95,7 +96,7 @@ pub fn forces(scene: &Scene, states: usize) -> Vec<Vec<SpatialVector<f64>>> {
         .collect()
 }
 
-/// Trees of every kind of joint, with and without armature.
+/// Trees with all types of joints, with and without armature.
 pub fn trees() -> impl Iterator<Item = Scene> {
     [(1, 1, false), (2, 5, false), (3, 12, true), (4, 30, false)].into_iter().map(|(seed, bodies, floating)| {
         let armature = if seed % 2 == 0 { 0.1 } else { 0.0 };
@@ -109,7 +110,8 @@ fn about(axis: Vector3<f64>, angle: f64) -> Matrix3<f64> {
     *Rotation3::from_axis_angle(&Unit::new_unchecked(axis), angle).matrix()
 }
 
-/// A tree whose joints are mostly revolute about the axes of their parents, some of them on the base: only signs and angles turn its frames.
+/// A tree whose joints are mostly revolute about coordinate axes of their parents, some of them on the base: its
+/// frames differ only by signs and angles.
 pub fn aligned(seed: u64, bodies: usize, branching: f64) -> Scene {
     let mut random = Random::new(seed);
     let mut builder = SceneBuilder::new().link(LinkDescription { name: "base".into(), inertial: None });
@@ -120,7 +122,7 @@ pub fn aligned(seed: u64, bodies: usize, branching: f64) -> Scene {
         let mut joint = JointDescription::new(format!("joint{k}"), JointKind::Revolute, parent, format!("link{k}"));
         joint.axis = Vector3::zeros();
         joint.axis[random.below(3)] = if random.uniform(0.0, 1.0) < 0.5 { 1.0 } else { -1.0 };
-        // Some that are no turns about an axis of their parent's: frames that were chosen end there.
+        // Some that do not rotate about an axis of their parent, so that aligned frames end there.
         match k % 7 {
             3 => joint.axis = random.vector(),
             4 => joint.kind = JointKind::Prismatic,
@@ -128,13 +130,14 @@ pub fn aligned(seed: u64, bodies: usize, branching: f64) -> Scene {
             _ => {}
         }
         match k % 5 {
-            // Turned about the joint's own axis by any angle; and by a right angle or two about any axis, as doubles have them.
+            // Rotated about the joint axis by any angle; and by one or two right angles about any axis, as
+            // represented in floating point.
             2 => joint.origin.rotation = about(joint.axis.normalize(), random.uniform(-3.0, 3.0)),
             3 => joint.origin.rotation = about(Vector3::x(), FRAC_PI_2) * about(Vector3::z(), PI),
             _ => {}
         }
         joint.origin.lever = random.vector() * 0.3;
-        // Of every third none: of such rows what is zero is not computed.
+        // Every third joint has no offset: zero terms of such rows are skipped.
         joint.armature = if k % 3 == 1 { 0.0 } else { random.uniform(0.2, 1.0) };
         let inertial = Some(random_inertial(&mut random));
         builder = builder.link(LinkDescription { name: format!("link{k}"), inertial }).joint(joint);
@@ -142,9 +145,10 @@ pub fn aligned(seed: u64, bodies: usize, branching: f64) -> Scene {
     builder.build().expect("a tree")
 }
 
-/// A trunk with limbs of like build, their numbers their own: turns about the axes of their parents, in a plane of two and about any, slides, and a ball in
-/// each; two fingers each. With `ragged` the second limb has a finger less, or where the seed is odd the first has none; and the last ends
-/// in another joint.
+/// A trunk with limbs of equal structure and different constants: rotations about coordinate axes of the
+/// parents, in a plane of two and about any axis, a prismatic and a spherical joint in each; two fingers each.
+/// With `ragged` the second limb has one finger less, or for odd seeds the first has none; and the last ends
+/// with another joint.
 pub fn limbed(seed: u64, limbs: usize, length: usize, floating: bool, ragged: bool) -> Scene {
     let mut random = Random::new(seed);
     let inertial = floating.then(|| random_inertial(&mut random));
@@ -187,7 +191,7 @@ pub fn limbed(seed: u64, limbs: usize, length: usize, floating: bool, ragged: bo
         }
         for finger in 0..2 {
             let mut alike = Random::new(seed + 3 + finger);
-            // Where it is the first, it has none: it ends where the others go on.
+            // If it is the first one, it has none: it ends where the others continue.
             let is_missing = if seed.is_multiple_of(2) { limb == 1 && finger == 1 } else { limb == 0 };
             if !(ragged && is_missing) {
                 builder = add(builder, &parent, &format!("finger{limb}_{finger}"), &mut alike, false);
@@ -197,8 +201,8 @@ pub fn limbed(seed: u64, limbs: usize, length: usize, floating: bool, ragged: bo
     builder.build().expect("a tree")
 }
 
-/// Several bodies that float side by side, one of them alone, the others with arms; an arm that stands beside them; and joints that do not
-/// move, at tips too, which are no part of their parents.
+/// Several floating bodies, one of them single, the others with arms; an arm on the base; and fixed
+/// joints, also at tips, which are not merged with their parents.
 pub fn crowd(seed: u64, floats: usize, length: usize) -> Scene {
     let mut random = Random::new(seed);
     let kept = Omissions { fixed_joints: false, ..Omissions::all() };

@@ -1,4 +1,5 @@
-//! Scenes with closed loops, and what their accelerations are by definition: the KKT system of rows written in the world's axes, in about 31 digits.
+//! Scenes with closed loops, and their accelerations by definition: the KKT system with constraints in the world
+//! frame, in about 31 digits.
 
 use super::oracle::{D, Oracle, V, cross, d, ds, inner, solve, vector};
 use super::tolerance::to_f64;
@@ -29,7 +30,7 @@ fn joint(name: &str, kind: JointKind, parent: &str, at: [f64; 3], axis: [f64; 3]
     joint
 }
 
-/// A four-bar linkage about y, its rods of these masses, cut where the coupler meets the rocker.
+/// A four-bar linkage about y with rods of these masses, cut between the coupler and the rocker.
 pub fn four_bar(kind: ConnectionKind, masses: [f64; 3]) -> Scene {
     let mut builder = SceneBuilder::new().link(LinkDescription { name: "ground".into(), inertial: None });
     for (name, parent, at, length, mass) in [
@@ -42,12 +43,13 @@ pub fn four_bar(kind: ConnectionKind, masses: [f64; 3]) -> Scene {
     }
     let mut pin = Connection::new("pin", kind, "coupler", Some("rocker"));
     pin.frame.lever = [0.0, 0.0, 0.4].into();
-    // The rocker's frame does not turn with the coupler: a weld of both holds the linkage still.
+    // The frame of the rocker does not rotate with the coupler: a weld of both locks the linkage.
     pin.other_frame = Some(RigidShift { lever: [0.0, 0.0, 0.3].into(), ..RigidShift::identity() });
     builder.connect(pin).build().expect("a linkage")
 }
 
-/// The same linkage as a chain of four hinges whose last link is held on the ground by a weld: of its 6 rows 3 are in the plane.
+/// The same linkage as a chain of four hinges whose last link is welded to the ground: 3 of its 6 constraints are in
+/// the plane.
 pub fn welded_four_bar() -> Scene {
     let mut builder = SceneBuilder::new().link(LinkDescription { name: "ground".into(), inertial: None });
     for (name, parent, at, length) in [
@@ -64,7 +66,7 @@ pub fn welded_four_bar() -> Scene {
     builder.connect(held).build().expect("a linkage")
 }
 
-/// A random tree with connections of every kind, which hold in the neutral configuration.
+/// A random tree with connections of every kind, which are satisfied in the neutral configuration.
 pub fn tangle(seed: u64, kinds: &[JointKind]) -> Scene {
     let mut random = Random::new(1000 + seed);
     let tree = super::Tree { seed, bodies: 12, kinds, branching: 0.4, armature: 0.2, floating: seed % 2 == 1 };
@@ -90,8 +92,8 @@ pub fn tangle(seed: u64, kinds: &[JointKind]) -> Scene {
     builder.build().expect("links that can move against each other")
 }
 
-/// A platform on six legs, each two rods with a prismatic joint between and spherical joints at the ends: 6 of the 6 legs are closed by points, but for the one
-/// that carries the platform.
+/// A platform on six legs, each with two rods, a prismatic joint between them and spherical joints at the ends;
+/// all legs except one are closed by point connections.
 pub fn stewart() -> Scene {
     let mut random = Random::new(3);
     let mut builder = SceneBuilder::new().link(LinkDescription { name: "ground".into(), inertial: None });
@@ -124,7 +126,8 @@ pub fn stewart() -> Scene {
     builder.build().expect("a platform")
 }
 
-/// A floating body on two legs of six hinges, each foot held on the ground by these kinds (a foot's `points` corners by points, where there are any).
+/// A floating body on two legs with six hinges, each foot connected to the ground by these kinds (the corners
+/// `points` of a foot by points, if any).
 pub fn biped(points: usize) -> Scene {
     let mut random = Random::new(7);
     let mut builder = SceneBuilder::new().floating_base(true);
@@ -151,17 +154,18 @@ pub fn biped(points: usize) -> Scene {
     builder.build().expect("a biped")
 }
 
-/// What accelerations and the torques of the connections are at a state that meets them.
+/// Accelerations and torques of the connections in a state that satisfies them.
 pub struct Exact {
     pub qdd: Vec<f64>,
     /// J^T lambda.
     pub torque: Vec<f64>,
     pub rank: usize,
-    /// Of G, its diagonal scaled to one, over its range.
+    /// Ratio of the largest to the smallest eigenvalue of G, scaled to unit diagonal.
     pub condition: f64,
 }
 
-/// One end: rotation, position, velocities, their rates without joint accelerations, and the Jacobian, in the world's axes.
+/// One end: rotation, position, velocities, their derivatives without joint accelerations, and the Jacobian, in the
+/// world frame.
 struct End {
     z: V,
     position: V,
@@ -205,7 +209,7 @@ fn end(oracle: &Oracle, q: &[D], qd: &[D], link: Option<&str>, frame: &RigidShif
     }
 }
 
-/// Rows J and gamma, at a state that meets the connections.
+/// Rows J and gamma, in a state that satisfies the connections.
 fn rows(scene: &Scene, oracle: &Oracle, q: &[D], qd: &[D]) -> (Vec<Vec<D>>, Vec<D>) {
     let nv = oracle.nv();
     let (mut j, mut gamma) = (Vec::new(), Vec::new());
@@ -314,7 +318,7 @@ pub fn exact(scene: &Scene, q: &[f64], qd: &[f64], tau: &[f64]) -> Exact {
             r[i] -= term;
         }
     }
-    // Back from the last pivot: each row has what later ones have left in it.
+    // Back substitution from the last pivot.
     let mut lambda = vec![d(0.0); count];
     for (at, &i) in order.iter().enumerate().rev() {
         let sum = order[at + 1..].iter().fold(r[i], |sum, &k| sum + g[i][k] * lambda[k]);
@@ -333,7 +337,7 @@ pub fn exact(scene: &Scene, q: &[f64], qd: &[f64], tau: &[f64]) -> Exact {
     Exact { qdd: back(qdd), torque: back(torque), rank: order.len(), condition }
 }
 
-/// A state that meets the connections, near a random one.
+/// A state that satisfies the connections, near a random one.
 pub fn state(scene: &Scene, seed: u64, size: f64) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
     let mut random = Random::new(seed);
     let step = random.array(scene.nv(), size);

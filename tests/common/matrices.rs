@@ -1,8 +1,8 @@
-//! The paper's composite matrices: what the product computes, and the same from definitions.
+//! The composite matrices of the paper: computed by the crate, and from definitions.
 //!
-//! By sweep: an operator applied to the columns of the identity. By definition: from E, H, Q and the Riccati recursion on full
-//! matrices, with products and LU. Rows run from base to tip, so that what the paper prints lower triangular is upper
-//! triangular here.
+//! By sweep: an operator applied to the columns of the identity. By definition: from E, H, Q and the Riccati
+//! recursion on full matrices, with products and LU. Rows are ordered from base to tip, so that matrices that
+//! are lower triangular in the paper are upper triangular here.
 
 use nalgebra::{DMatrix, DVector};
 use phipsi::operators::dense::Composite;
@@ -11,7 +11,7 @@ use phipsi::operators::{Factor, Kind, Operator};
 pub type Matrix = DMatrix<f64>;
 pub type Vector = DVector<f64>;
 
-/// The composite matrices of one scene at one configuration, by the names they have in Python.
+/// Composite matrices of one scene at one configuration, by their names in Python.
 pub struct Matrices {
     pub e: Matrix,
     pub phi: Matrix,
@@ -44,7 +44,7 @@ pub fn swept(operator: &impl Operator<f64>) -> Matrix {
     apply(operator, &Matrix::identity(columns, columns))
 }
 
-/// An operator's sweep on each column.
+/// The sweep of an operator on each column.
 pub fn apply(operator: &impl Operator<f64>, x: &Matrix) -> Matrix {
     let mut y = Matrix::from_element(operator.shape().0, x.ncols(), f64::NAN);
     for (x, mut y) in x.column_iter().zip(y.column_iter_mut()) {
@@ -58,7 +58,7 @@ pub fn inverse(m: &Matrix) -> Matrix {
     m.clone().try_inverse().expect("a matrix with an inverse")
 }
 
-/// The 6x6 blocks on the diagonal alone.
+/// The 6x6 diagonal blocks.
 pub fn block_diagonal(m: &Matrix) -> Matrix {
     Matrix::from_fn(m.nrows(), m.ncols(), |i, j| if i / 6 == j / 6 { m[(i, j)] } else { 0.0 })
 }
@@ -98,7 +98,7 @@ impl Matrices {
         }
     }
 
-    /// From E, H, Q, r and the Riccati recursion on full matrices; everything else by products and LU.
+    /// From E, H, Q, r and the Riccati recursion on full matrices; all others by products and LU.
     pub fn defined(composite: &Composite, noise: &Matrix) -> Self {
         let nv = composite.d.len();
         let copy = |m: &faer::Mat<f64>| Matrix::from_fn(m.nrows(), m.ncols(), |i, j| m[(i, j)]);

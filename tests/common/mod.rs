@@ -1,4 +1,4 @@
-//! What the Rust tests share: random scenes and states from a seed, and the one table of tolerances.
+//! Common parts of the Rust tests: random scenes and states from a seed, and the table of tolerances.
 
 pub mod arm;
 pub mod codegen;
@@ -19,7 +19,7 @@ use phipsi::Scene;
 use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder};
 use phipsi::spatial::{RigidShift, Symmetric3};
 
-/// A small counter-based generator (splitmix64), so that every test names its seed.
+/// A small counter-based generator (splitmix64), so that every test has an explicit seed.
 pub struct Random(u64);
 
 impl Random {
@@ -58,7 +58,7 @@ impl Random {
     }
 }
 
-/// What kinds of joints a random scene may have.
+/// Types of joints in a random scene.
 pub const ALL_KINDS: [JointKind; 8] = [
     JointKind::Revolute,
     JointKind::Revolute,
@@ -70,7 +70,7 @@ pub const ALL_KINDS: [JointKind; 8] = [
     JointKind::Floating,
 ];
 
-/// A body of about 1 kg and 0.3 m, physically possible: six point masses and a shell.
+/// A body of about 1 kg and 0.3 m with a physically possible inertia: six point masses and a shell.
 pub fn random_inertial(random: &mut Random) -> Inertial {
     let mass = random.uniform(0.5, 2.0);
     let rotation = random.rotation();
@@ -83,7 +83,7 @@ pub fn random_inertial(random: &mut Random) -> Inertial {
     }
 }
 
-/// Every kind, fixed joints among them.
+/// All types, including fixed joints.
 pub const KINDS_WITH_FIXED: [JointKind; 9] = [
     JointKind::Revolute,
     JointKind::Fixed,
@@ -96,18 +96,18 @@ pub const KINDS_WITH_FIXED: [JointKind; 9] = [
     JointKind::Fixed,
 ];
 
-/// What a random tree looks like; the same tree from the same numbers.
+/// Parameters of a random tree, which is reproducible.
 #[derive(Debug, Clone, Copy)]
 pub struct Tree<'k> {
     pub seed: u64,
-    /// Joints, and links beside the base.
+    /// Number of joints, and of links except the base.
     pub bodies: usize,
     pub kinds: &'k [JointKind],
-    /// Probability that a link hangs on any earlier link, not on the last one; 0 gives a chain.
+    /// Probability that a link is attached to any previous link and not to the last one; 0 gives a chain.
     pub branching: f64,
-    /// Largest armature; 0 for none.
+    /// Largest armature; 0: none.
     pub armature: f64,
-    /// Whether the base floats; it then has mass.
+    /// True if the base floats; it then has mass.
     pub floating: bool,
 }
 
@@ -143,7 +143,8 @@ impl Tree<'_> {
     }
 }
 
-/// A pendulum of rods that swing about parallel axes: gravity and motion load every joint, those that springs hold among them.
+/// A pendulum of rods that rotate about parallel axes: gravity and motion load every joint, including those with
+/// springs.
 pub fn swinging(rods: usize) -> Scene {
     let rod = Inertial {
         mass: 1.0,
@@ -162,7 +163,7 @@ pub fn swinging(rods: usize) -> Scene {
     builder.build().expect("rods on hinges")
 }
 
-/// A random tree of `bodies` joints after a base link; `branching` 0 gives a chain.
+/// A random tree of `bodies` joints on a base link; `branching` 0 gives a chain.
 pub fn random_scene(seed: u64, bodies: usize, kinds: &[JointKind], branching: f64, armature: f64) -> Scene {
     Tree { seed, bodies, kinds, branching, armature, floating: false }.scene()
 }

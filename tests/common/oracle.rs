@@ -1,8 +1,9 @@
-//! Rigid-body dynamics from first principles, in about 31 digits: the oracle of the reference tests.
+//! Rigid-body dynamics from the definitions, in about 31 digits: the oracle of the reference tests.
 //!
-//! Shares nothing with the recursions of the crate but the description of the scene. It works in the world frame with 3-vectors:
-//! velocities and accelerations by differentiating positions, Jacobians column by column from axes and points,
-//! M = sum of m Jv^T Jv + Jw^T I Jw, torques by Newton and Euler for each link on its own, accelerations by elimination.
+//! It shares only the description of the scene with the recursions of the crate. It works in the world frame with
+//! 3-vectors:
+//! velocities and accelerations by differentiating positions, Jacobians by column from axes and points,
+//! M = sum of m Jv^T Jv + Jw^T I Jw, torques by Newton-Euler for each link, accelerations by elimination.
 
 use super::tolerance::to_f64;
 use nalgebra::{DMatrix, Matrix3, Vector3};
@@ -18,7 +19,7 @@ pub fn d(x: f64) -> D {
     D::from_f64(x)
 }
 
-/// Numbers of one state in the oracle's scalar.
+/// Values of one state in the scalar type of the oracle.
 pub fn ds(values: &[f64]) -> Vec<D> {
     values.iter().copied().map(d).collect()
 }
@@ -63,7 +64,8 @@ fn quaternion_turn(q: &[D]) -> R {
     R::identity() + (k * q[3] + k * k) * (d(2.0) / square)
 }
 
-/// Two axes that span the plane normal to `n`: the first along the coordinate axis least along `n`.
+/// Two axes that span the plane normal to `n`: the first one along the coordinate axis with the smallest component
+/// along `n`.
 fn plane(n: &V) -> (V, V) {
     let mut least = 0;
     for i in 1..3 {
@@ -78,7 +80,7 @@ fn plane(n: &V) -> (V, V) {
     (u, cross(n, &u))
 }
 
-/// A joint with the numbers of its two links and the places of its coordinates.
+/// A joint with the indices of its two links and of its coordinates.
 struct Hinge {
     joint: JointDescription,
     parent: usize,
@@ -87,7 +89,8 @@ struct Hinge {
     v: usize,
 }
 
-/// One degree of freedom in the world: a point x outboard of it moves at `angular x (x - at) + linear` a unit of rate.
+/// One degree of freedom in the world: per unit of velocity, a point x outboard of it moves at `angular x (x - at) +
+/// linear`.
 #[derive(Clone)]
 struct Column {
     angular: V,
@@ -95,7 +98,7 @@ struct Column {
     at: V,
 }
 
-/// One link in the world at a state; accelerations are those without joint accelerations.
+/// One link in the world in a state; accelerations are those without joint accelerations.
 #[derive(Clone)]
 struct Placed {
     rotation: R,
@@ -104,7 +107,7 @@ struct Placed {
     velocity: V,
     alpha: V,
     acceleration: V,
-    /// Degrees of freedom between it and the world.
+    /// Degrees of freedom between the link and the world.
     path: Vec<usize>,
 }
 
@@ -120,7 +123,7 @@ pub struct Oracle {
     pub nq: usize,
 }
 
-/// A scene at a state.
+/// A scene in a state.
 pub struct Instant<'o> {
     oracle: &'o Oracle,
     links: Vec<Placed>,
@@ -220,15 +223,17 @@ impl Oracle {
     }
 }
 
-/// The motion of a joint seen from its parent link: displacement, its two derivatives (without joint accelerations),
-/// rotation, and the degrees of freedom as (angular, linear) directions; `in_child` where these turn with the child.
+/// Motion of a joint relative to its parent link: displacement, its two derivatives (without joint accelerations),
+/// rotation, and the degrees of freedom as (angular, linear) directions; `in_child` if these are constant in the
+/// child frame.
 struct Local {
     displacement: V,
     speed: V,
     change: V,
     rotation: R,
     directions: Vec<(V, V)>,
-    /// How fast the joint's own angular velocity turns, where its directions turn neither with the parent nor with the child alone.
+    /// Derivative of the angular velocity of the joint if its directions are constant neither in the parent nor in
+    /// the child frame.
     turning: V,
 }
 
@@ -311,7 +316,7 @@ impl Instant<'_> {
         let rows = hinge.v..hinge.v + joint.kind.nv();
         let local = Local::new(joint, &q[hinge.q..hinge.q + joint.kind.nq()], &self.qd[rows.clone()]);
 
-        // The joint's frame on the parent, then the displacement in it.
+        // The frame of the joint on the parent, then the displacement in it.
         let frame = parent.rotation * joint.origin.rotation.map(d);
         let lever = parent.rotation * vector(&joint.origin.lever);
         let (moved, speed, change) = (frame * local.displacement, frame * local.speed, frame * local.change);
@@ -338,14 +343,16 @@ impl Instant<'_> {
             position,
             omega: w + relative,
             velocity,
-            // The rates are constant either in the parent or in the child, the change is w x relative both ways; but for what turns by itself.
+            // Directions are constant either in the parent or in the child frame; the derivative is w x relative in
+            // both cases, plus the term above.
             alpha: parent.alpha + cross(w, &relative) + frame * local.turning,
             acceleration,
             path,
         }
     }
 
-    /// Links that move and have mass: the link, its inertial, its mass centre seen from its origin, its inertia; in the world's axes.
+    /// Moving links with mass: link, its inertial, its center of mass relative to its origin, its inertia; in the
+    /// world frame.
     fn masses(&self) -> impl Iterator<Item = (&Placed, D, V, R)> {
         self.links.iter().zip(&self.oracle.inertials).filter(|(link, _)| !link.path.is_empty()).filter_map(
             |(link, inertial)| {
@@ -357,13 +364,13 @@ impl Instant<'_> {
         )
     }
 
-    /// Angular and linear velocity, a unit of rate `row`, of the point `x`.
+    /// Angular and linear velocity of the point `x`, per unit of velocity of `row`.
     fn column(&self, row: usize, x: &V) -> (V, V) {
         let column = &self.columns[row];
         (column.angular, cross(&column.angular, &(x - column.at)) + column.linear)
     }
 
-    /// M, armature included.
+    /// M, including armature.
     pub fn mass_matrix(&self) -> DMatrix<D> {
         let nv = self.oracle.nv();
         let mut m = DMatrix::from_fn(nv, nv, |i, j| d(if i == j { self.oracle.armature[i] } else { 0.0 }));
@@ -380,7 +387,7 @@ impl Instant<'_> {
         m
     }
 
-    /// The torque without joint accelerations, and the size of the terms that it is the sum of.
+    /// Torque without joint accelerations, and the magnitude of the terms of its sum.
     pub fn bias(&self, wrenches: &[LinkWrench<'_>]) -> (Vec<D>, f64) {
         let mut torque = vec![d(0.0); self.oracle.nv()];
         let mut terms = vec![0.0; self.oracle.nv()];
@@ -428,7 +435,7 @@ impl Instant<'_> {
         (kinetic * d(0.5), potential)
     }
 
-    /// Angular momentum about the world's origin, and linear momentum.
+    /// Angular momentum about the origin of the world, and linear momentum.
     pub fn momentum(&self) -> [D; 6] {
         let (mut angular, mut linear) = (zero(), zero());
         for (link, mass, centre, inertia) in self.masses() {
@@ -444,19 +451,20 @@ impl Instant<'_> {
         &self.links[index.expect("the link is there")]
     }
 
-    /// Where a link is, on the world.
+    /// Pose of a link in the world.
     pub fn placement(&self, link: &str) -> RigidShift<D> {
         let link = self.link(link);
         RigidShift { rotation: link.rotation, lever: link.position }
     }
 
-    /// How a link moves without joint accelerations, in the world's axes: angular velocity, velocity of its origin, and the rates of both.
+    /// Motion of a link without joint accelerations, in the world frame: angular velocity, velocity of its origin,
+    /// and the derivatives of both.
     pub fn motion(&self, link: &str) -> [V; 4] {
         let link = self.link(link);
         [link.omega, link.velocity, link.alpha, link.acceleration]
     }
 
-    /// The Jacobian of a link's (angular, linear) velocity at its origin and in its own frame.
+    /// Jacobian of the (angular, linear) velocity of a link at its origin and in its frame.
     pub fn jacobian(&self, link: &str) -> DMatrix<D> {
         let link = self.link(link);
         let mut jacobian = DMatrix::from_element(6, self.oracle.nv(), d(0.0));
@@ -470,7 +478,7 @@ impl Instant<'_> {
     }
 }
 
-/// The solution of `m x = b` for symmetric positive definite `m`, by elimination.
+/// Solution of `m x = b` for symmetric positive definite `m`, by elimination.
 pub fn solve(m: &DMatrix<D>, b: &[D]) -> Vec<D> {
     let (mut m, mut x, n) = (m.clone(), b.to_vec(), b.len());
     for k in 0..n {

@@ -1,4 +1,5 @@
-//! Random chains and trees with the paper's matrices twice over, by sweeps and from definitions, and what its tests assert.
+//! Random chains and trees with the matrices of the paper computed twice, by sweeps and from definitions, and
+//! assertions for the tests.
 
 use super::matrices::{Matrices, Matrix, Vector, block};
 use super::tolerance::{self, PRINTED_FORM_MARGIN};
@@ -13,7 +14,7 @@ use phipsi::scene::JointKind;
 use phipsi::spatial::{RigidShift, Symmetric6, cross_force, cross_motion, spatial};
 use std::sync::OnceLock;
 
-/// What one Riccati sweep leaves.
+/// Results of one Riccati sweep.
 pub struct Swept {
     /// phi of each stage to its parent.
     pub shift: Vec<RigidShift<f64>>,
@@ -21,11 +22,11 @@ pub struct Swept {
     pub measured: Vec<Measured<f64>>,
     /// P^- of each row.
     pub p_minus: Vec<Symmetric6<f64>>,
-    /// P^+ of each stage, all its rows measured.
+    /// P^+ of each stage after all its rows are measured.
     pub p_plus: Vec<Symmetric6<f64>>,
 }
 
-/// One random scene at one random state.
+/// One random scene in one random state.
 pub struct Case {
     pub name: String,
     pub scene: Scene,
@@ -33,15 +34,15 @@ pub struct Case {
     pub qd: Vec<f64>,
     pub tau: Vector,
     pub factor: Factor<f64>,
-    /// As the product computes it.
+    /// Computed by the crate.
     pub f: Matrices,
     /// From definitions.
     pub d: Matrices,
     pub sweep: Swept,
-    /// diag(armature), the covariance of the measurements' noise.
+    /// diag(armature), the covariance of the measurement noise.
     pub noise: Matrix,
     pub condition: f64,
-    /// The next row inward of each row.
+    /// Next inboard row of each row.
     pub inward: Vec<Option<usize>>,
 }
 
@@ -87,12 +88,12 @@ impl Case {
         self.scene.nv()
     }
 
-    /// The identity of the states, 6nv x 6nv.
+    /// Identity of the states, 6nv x 6nv.
     pub fn one(&self) -> Matrix {
         Matrix::identity(6 * self.nv(), 6 * self.nv())
     }
 
-    /// The identity of the joints, nv x nv.
+    /// Identity of the joints, nv x nv.
     pub fn unit(&self) -> Matrix {
         Matrix::identity(self.nv(), self.nv())
     }
@@ -101,28 +102,29 @@ impl Case {
         self.noise.iter().any(|&r| r > 0.0)
     }
 
-    /// Rows i and j lie on different branches.
+    /// True if rows i and j are on different branches.
     pub fn apart(&self, i: usize, j: usize) -> bool {
         !self.path(i).contains(&j) && !self.path(j).contains(&i)
     }
 
-    /// Row i and everything inward of it.
+    /// Row i and all rows inboard of it.
     fn path(&self, i: usize) -> Vec<usize> {
         std::iter::successors(Some(i), |&row| self.inward[row]).collect()
     }
 
-    /// The nearest common ancestor of two rows, where they have one.
+    /// Nearest common ancestor of two rows, if there is one.
     pub fn meet(&self, i: usize, j: usize) -> Option<usize> {
         let other = self.path(j);
         self.path(i).into_iter().find(|row| other.contains(row))
     }
 
-    /// Whether some rows lie on different branches.
+    /// True if some rows are on different branches.
     pub fn branches(&self) -> bool {
         (0..self.nv()).any(|i| (0..self.nv()).any(|j| self.apart(i, j)))
     }
 
-    /// What branches add to 5.5, 6.1 and 6.2: t(c,i)* Lambda^-(c) t(c,j) for rows i, j on different branches that meet at c.
+    /// Terms of branches in 5.5, 6.1 and 6.2: t(c,i)* Lambda^-(c) t(c,j) for rows i, j on different branches that
+    /// meet at c.
     pub fn across_branches(&self, transition: &Matrix, lambda: &Matrix) -> Matrix {
         let mut sum = Matrix::zeros(6 * self.nv(), 6 * self.nv());
         for i in 0..self.nv() {
@@ -136,7 +138,7 @@ impl Case {
         sum
     }
 
-    /// One vector a body, as the stacked vector that has it at the body's outermost row.
+    /// One vector per body, as the stacked vector with this vector at the outermost row of the body.
     pub fn stacked(&self, bodies: &[Vector6<f64>]) -> Vector {
         let mut x = Vector::zeros(6 * self.nv());
         for (stage, value) in self.scene.model().system.stages.iter().zip(bodies) {
@@ -146,13 +148,13 @@ impl Case {
         x
     }
 
-    /// The blocks of a stacked vector at the outermost row of each body.
+    /// Blocks of a stacked vector at the outermost row of each body.
     pub fn outermost(&self, x: &Vector) -> Vec<Vector6<f64>> {
         let stages = &self.scene.model().system.stages;
         stages.iter().map(|stage| six(x, stage.first_row + stage.rows.count() - 1)).collect()
     }
 
-    /// The blocks of a stacked vector at the innermost row of each body.
+    /// Blocks of a stacked vector at the innermost row of each body.
     pub fn innermost(&self, x: &Vector) -> Vec<Vector6<f64>> {
         self.scene.model().system.stages.iter().map(|stage| six(x, stage.first_row)).collect()
     }
@@ -162,7 +164,8 @@ impl Case {
         let model = self.scene.model();
         let joint = self.d.h.transpose() * Vector::from_column_slice(&self.qd);
         let velocity = self.outermost(&(self.d.phi.transpose() * &joint));
-        // phi* of what each joint adds: its velocity product, and at the root the base's acceleration.
+        // phi* of the contribution of each joint: its velocity product, and for the root the acceleration of the
+        // base.
         let mut added = Vector::zeros(6 * self.nv());
         let base = spatial(&nalgebra::Vector3::zeros(), &-model.gravity);
         for (k, (stage, body)) in model.system.stages.iter().zip(&model.bodies).enumerate() {
@@ -184,7 +187,7 @@ impl Case {
         &self.d.q * acceleration + self.stacked(&gyroscopic)
     }
 
-    /// The joint accelerations of forward dynamics at this state.
+    /// Joint accelerations of forward dynamics in this state.
     pub fn forward_dynamics(&self) -> Vector {
         let mut qdd = vec![f64::NAN; self.nv()];
         let (scene, tau) = (&self.scene, self.tau.as_slice());
@@ -192,13 +195,13 @@ impl Case {
         Vector::from_vec(qdd)
     }
 
-    /// Asserts that two routes agree to rounding, through an inverse or a factorisation of M.
+    /// Asserts that two results agree up to rounding, through an inverse or a factorization of M.
     #[track_caller]
     pub fn holds(&self, what: &str, found: &Matrix, expected: &Matrix) {
         self.holds_among(what, found, expected, &[]);
     }
 
-    /// The same where the sides are sums of larger terms that cancel: rounding is theirs.
+    /// The same if both sides are sums of larger terms that cancel, whose rounding counts.
     #[track_caller]
     pub fn holds_among(&self, what: &str, found: &Matrix, expected: &Matrix, terms: &[&Matrix]) {
         let size = |m: &Matrix| tolerance::size(m.as_slice());
@@ -206,7 +209,7 @@ impl Case {
         self.near(what, found, expected, tolerance::identity(self.condition, scale));
     }
 
-    /// Asserts that two routes agree to the rounding of products and sums: nothing is inverted on either side.
+    /// Asserts that two results agree up to the rounding of products and sums, without inverses.
     #[track_caller]
     pub fn holds_directly(&self, what: &str, found: &Matrix, expected: &Matrix) {
         let scale = tolerance::size(expected.as_slice());
@@ -220,7 +223,7 @@ impl Case {
         tolerance::assert_near(&what, found.as_slice(), expected.as_slice(), bound);
     }
 
-    /// Asserts that a printed form does not hold, by a clear margin.
+    /// Asserts that a printed form is wrong by a clear margin.
     #[track_caller]
     pub fn fails(&self, what: &str, printed: &Matrix, expected: &Matrix) {
         let residual = relative(printed, expected);
@@ -228,13 +231,13 @@ impl Case {
     }
 }
 
-/// Largest difference over the largest entry of what is expected.
+/// Largest difference relative to the largest expected entry.
 pub fn relative(found: &Matrix, expected: &Matrix) -> f64 {
     assert_eq!(found.shape(), expected.shape());
     tolerance::size((found - expected).as_slice()) / tolerance::size(expected.as_slice())
 }
 
-/// A vector as a matrix of one column.
+/// A vector as a matrix with one column.
 pub fn column(x: &Vector) -> Matrix {
     Matrix::from_column_slice(x.len(), 1, x.as_slice())
 }
@@ -244,7 +247,7 @@ pub fn six(x: &Vector, row: usize) -> Vector6<f64> {
     x.fixed_rows::<6>(6 * row).into_owned()
 }
 
-/// `filter::riccati::sweep` on the scene's inertias.
+/// `filter::riccati::sweep` on the inertias of the scene.
 fn riccati_sweep(scene: &Scene, q: &[f64]) -> Swept {
     let model = scene.model();
     let shift: Vec<_> = model.bodies.iter().map(|body| joint_shift(body, q)).collect();
@@ -262,7 +265,7 @@ const ONE_AXIS: [JointKind; 4] =
 const SEVERAL_AXES: [JointKind; 3] = [JointKind::Revolute, JointKind::Spherical, JointKind::Planar];
 const WITH_FIXED: [JointKind; 3] = [JointKind::Fixed, JointKind::Revolute, JointKind::Prismatic];
 
-/// Chains and trees, with and without armature, of all joint kinds; made once.
+/// Chains and trees, with and without armature, with all types of joints; created once.
 pub fn cases() -> &'static [Case] {
     static CASES: OnceLock<Vec<Case>> = OnceLock::new();
     CASES.get_or_init(|| {
@@ -283,17 +286,17 @@ pub fn cases() -> &'static [Case] {
     })
 }
 
-/// Those without branches, where 5.5, 6.1 and 6.2 need no term across branches.
+/// Cases without branches, for which 5.5, 6.1 and 6.2 need no branch terms.
 pub fn chains() -> impl Iterator<Item = &'static Case> {
     cases().iter().filter(|case| !case.branches())
 }
 
-/// Those with branches.
+/// Cases with branches.
 pub fn trees() -> impl Iterator<Item = &'static Case> {
     cases().iter().filter(|case| case.branches())
 }
 
-/// The noise-free ones.
+/// Cases without noise.
 pub fn noise_free() -> impl Iterator<Item = &'static Case> {
     cases().iter().filter(|case| !case.has_armature())
 }

@@ -1,5 +1,5 @@
-//! The spatially random model drawn at random: W with covariance Q, noise v with that of the armature, and what their sample
-//! moments may be off by.
+//! Samples of the random model: W with covariance Q, noise v with that of the armature, and bounds for
+//! sample moments.
 
 use super::Random;
 use super::matrices::{Matrix, apply};
@@ -8,36 +8,36 @@ use super::tolerance::{self, sample_covariance, sample_mean, sample_mean_square}
 use phipsi::operators::{Kind, Operator};
 use std::sync::OnceLock;
 
-/// Draws of every case.
+/// Number of samples of every case.
 pub const DRAWS: usize = 2000;
 
-/// Every case with its draws, made once; case i from seed 1000 + i.
+/// Every case with its samples, created once; case i with seed 1000 + i.
 pub fn drawn() -> impl Iterator<Item = (&'static Case, &'static Draws)> {
     static DRAWN: OnceLock<Vec<Draws>> = OnceLock::new();
     let draws = DRAWN.get_or_init(|| cases().iter().zip(1000..).map(|(case, seed)| Draws::new(case, seed)).collect());
     cases().iter().zip(draws)
 }
 
-/// A standard normal number by Box and Muller.
+/// A standard normal value by the Box-Muller transform.
 fn normal(random: &mut Random) -> f64 {
     let (u, angle) = (random.uniform(0.0, 1.0), random.uniform(0.0, std::f64::consts::TAU));
     (-2.0 * (1.0 - u).ln()).sqrt() * angle.cos()
 }
 
-/// Columns are draws: W - b with covariance Q, v with covariance diag(r), and what they cause.
+/// Columns are samples: W - b with covariance Q, v with covariance diag(r), and derived quantities.
 pub struct Draws {
-    /// 6nv x draws.
+    /// 6nv x samples.
     pub w: Matrix,
-    /// nv x draws.
+    /// nv x samples.
     pub v: Matrix,
     /// X = phi W.
     pub x: Matrix,
-    /// T = H X + v, centred.
+    /// T = H X + v, centered.
     pub t: Matrix,
 }
 
 impl Draws {
-    /// The bodies' forces by a Cholesky factor of each M(k); massless bodies have none.
+    /// Forces of the bodies by a Cholesky factor of each M(k); massless bodies have none.
     fn new(case: &Case, seed: u64) -> Self {
         let mut random = Random::new(seed);
         let mut w = Matrix::zeros(6 * case.nv(), DRAWS);
@@ -57,13 +57,13 @@ impl Draws {
         Self { w, v, x, t }
     }
 
-    /// The predicted states Z^- = Psi g T (4.3).
+    /// Predicted states Z^- = Psi g T (4.3).
     pub fn predicted(&self, case: &Case) -> Matrix {
         let factor = &case.factor;
         apply(&factor.operator(Kind::Psi).compose(factor.operator(Kind::Gain)), &self.t)
     }
 
-    /// The filtered states Z^+ = (1 + A Psi) g T.
+    /// Filtered states Z^+ = (1 + A Psi) g T.
     pub fn filtered(&self, case: &Case) -> Matrix {
         let factor = &case.factor;
         let fresh = apply(&factor.operator(Kind::Gain), &self.t);
@@ -71,15 +71,15 @@ impl Draws {
     }
 }
 
-/// The mean of x x* over the columns, for draws of known mean zero.
+/// Mean of x x* over the columns, for samples of known mean zero.
 pub fn covariance(x: &Matrix) -> Matrix {
     x * x.transpose() / tolerance::count(x.ncols())
 }
 
-/// The largest distance of a sample covariance from `expected`, in units of what it may be off by.
+/// Largest difference of a sample covariance from `expected`, in units of its bound.
 fn distance(sample: &Matrix, expected: &Matrix) -> f64 {
     assert_eq!(sample.shape(), expected.shape());
-    // What is known exactly, such as zeros, may be off by rounding.
+    // Exactly known entries, such as zeros, have the bound of rounding.
     let rounding = tolerance::inverse(1e3, tolerance::size(expected.as_slice()));
     let mut worst = 0.0_f64;
     for i in 0..expected.nrows() {
@@ -101,14 +101,14 @@ pub fn has_covariance(what: &str, sample: &Matrix, expected: &Matrix) {
     assert!(off <= 1.0, "{what}: sample covariance off by {off} times what {DRAWS} draws allow");
 }
 
-/// Asserts that a sample covariance is clearly not the one that the paper prints.
+/// Asserts that a sample covariance clearly differs from the printed one.
 #[track_caller]
 pub fn has_not_covariance(what: &str, sample: &Matrix, printed: &Matrix) {
     let off = distance(sample, printed);
     assert!(off > 2.0, "{what}: the printed covariance is within {off} times what {DRAWS} draws allow");
 }
 
-/// Asserts that draws have this mean, their covariance being `spread`.
+/// Asserts that samples have this mean; `spread` is their covariance.
 #[track_caller]
 pub fn has_mean(what: &str, draws: &Matrix, expected: &[f64], spread: &Matrix) {
     let rounding = tolerance::inverse(1e3, tolerance::size(expected));
@@ -119,7 +119,7 @@ pub fn has_mean(what: &str, draws: &Matrix, expected: &[f64], spread: &Matrix) {
     }
 }
 
-/// The mean of x* x over the columns, and by how much that of Gaussian draws of this covariance may be off.
+/// Mean of x* x over the columns, and its bound for Gaussian samples with this covariance.
 pub fn mean_square(draws: &Matrix, covariance: &Matrix) -> (f64, f64) {
     let trace_of_square = covariance.component_mul(&covariance.transpose()).sum();
     (draws.norm_squared() / tolerance::count(draws.ncols()), sample_mean_square(draws.ncols(), trace_of_square))

@@ -1,6 +1,6 @@
-//! Every tolerance of the Rust tests, in one place.
+//! All tolerances of the Rust tests.
 //!
-//! Run a test with `PHIPSI_SHOW_RATIOS=1` and `--nocapture` to see how much of each bound it uses.
+//! Run a test with `PHIPSI_SHOW_RATIOS=1` and `--nocapture` to print the ratio of each value to its bound.
 
 use phipsi::scalar::{DoubleDouble, Real};
 
@@ -10,12 +10,12 @@ pub fn count(n: usize) -> f64 {
     n as f64
 }
 
-/// What a bound on rounding in float64 is in float32, where the numbers of the scene are rounded too.
+/// The float32 bound for a rounding bound in float64; the constants of the scene are rounded too.
 pub fn single(bound: f64) -> f64 {
     bound * (f64::from(f32::EPSILON) / f64::EPSILON)
 }
 
-/// How far sine and cosine in float32 may be off, in units in the last place: 0.80 is the most for any angle up to 1e5.
+/// Largest error of sine and cosine in float32, in units in the last place: 0.80 is the maximum for angles up to 1e5.
 pub const SINGLE_ULPS: f64 = 0.81;
 
 /// For products and sums without a solve: `c * n * eps * scale`.
@@ -23,67 +23,70 @@ pub fn product(n: usize, scale: f64) -> f64 {
     8.0 * count(n.max(1)) * f64::EPSILON * scale
 }
 
-/// Standard errors that an estimate may be off: one in two billion is further, and the seeds are fixed.
+/// Largest deviation of an estimate in standard errors: larger ones have a probability of 5e-10, and the seeds are
+/// fixed.
 pub const SIGMAS: f64 = 6.0;
 
-/// The condition number of M that the random trees of `tests/lanes.rs` stay below.
+/// Largest condition number of M of the random trees of `tests/lanes.rs`.
 pub const CONDITION_OF_TREES: f64 = 1e6;
 
-/// How much larger than the results the terms are that they are sums of, on those trees.
+/// Ratio of the terms of the sums to the results, for these trees.
 pub const TERMS_OF_TREES: f64 = 1e2;
 
-/// Largest error over largest entry where a form claims to lose no digit, whatever the condition number.
+/// Largest error relative to the largest entry for a form with full precision, independent of the condition number.
 pub const ALL_DIGITS: f64 = 1e-13;
 
-/// Through the inverse of a matrix of condition number `cond`.
+/// Through the inverse of a matrix with condition number `cond`.
 pub fn inverse(cond: f64, scale: f64) -> f64 {
     16.0 * cond * f64::EPSILON * scale
 }
 
-/// An identity between the paper's matrices that goes through a factorisation: `2 cond eps scale`, of which a tenth is used.
+/// An identity between matrices of the paper that involves a factorization: `2 cond eps scale`, of which a tenth is
+/// used.
 pub fn identity(cond: f64, scale: f64) -> f64 {
     2.0 * cond * f64::EPSILON * scale
 }
 
-/// A solution of `M x = b` where both sides are known to a few units in the last place:
-/// `c * eps * (cond(M) |x| + |M^-1| |b|)`, with `|b|` the size of the terms that b is the sum of.
+/// A solution of `M x = b` whose both sides are accurate to a few units in the last place:
+/// `c * eps * (cond(M) |x| + |M^-1| |b|)`, with `|b|` the magnitude of the terms of b.
 pub fn solution(conditioning: &Conditioning, x: f64, b: f64) -> f64 {
     8.0 * f64::EPSILON * (conditioning.number * x + conditioning.inverse_norm * b)
 }
 
-/// By how much a form that the paper misprints must fail, relative to the size of what it should be: rounding is 1e-12 and
-/// less, on random data such forms are off by 0.1 to 10.
+/// Smallest error of a misprinted form, relative to the correct value: rounding is below 1e-12;
+/// on random data such forms have errors of 0.1 to 10.
 pub const PRINTED_FORM_MARGIN: f64 = 1e-3;
 
-/// How many standard errors a sample moment may be off; seeds are fixed, so a test that passes keeps passing.
+/// Largest deviation of a sample moment in standard errors; seeds are fixed, so that a test is reproducible.
 pub const STANDARD_ERRORS: f64 = 6.0;
 
-/// A sample mean of `n` draws of variance `variance`.
+/// A sample mean of `n` samples of variance `variance`.
 pub fn sample_mean(n: usize, variance: f64) -> f64 {
     STANDARD_ERRORS * (variance / count(n)).sqrt()
 }
 
-/// A sample covariance of `n` Gaussian draws of known mean: the product of two components has variance
+/// A sample covariance of `n` Gaussian samples of known mean: the product of two components has variance
 /// `c_ii c_jj + c_ij^2`.
 pub fn sample_covariance(n: usize, c_ii: f64, c_jj: f64, c_ij: f64) -> f64 {
     STANDARD_ERRORS * ((c_ii * c_jj + c_ij * c_ij) / count(n)).sqrt()
 }
 
-/// A sample mean of x* x over `n` Gaussian draws, of variance 2 tr(C C).
+/// A sample mean of x* x over `n` Gaussian samples, of variance 2 tr(C C).
 pub fn sample_mean_square(n: usize, trace_of_square: f64) -> f64 {
     STANDARD_ERRORS * (2.0 * trace_of_square / count(n)).sqrt()
 }
 
-/// The error that forward dynamics may have, in the max norm and relative to the largest acceleration, where the problem allows it.
+/// Largest error of forward dynamics, in the max-norm and relative to the largest acceleration, if the sensitivity is
+/// smaller.
 pub const KEPT: f64 = 1e-12;
 
-/// Accelerations below this are none: what double-double arithmetic leaves of zero.
+/// Accelerations below this value are zero up to the rounding error of double-double arithmetic.
 pub const NOTHING: f64 = 1e-25;
 
-/// Draws of one unit in the last place from which a sensitivity is taken.
+/// Number of random changes by one unit in the last place for a sensitivity.
 pub const ULP_DRAWS: u64 = 3;
 
-/// [`KEPT`], or twenty times the problem's own sensitivity.
+/// [`KEPT`], or twenty times the sensitivity of the problem.
 pub fn kept(sensitivity: f64) -> f64 {
     KEPT.max(20.0 * sensitivity)
 }
@@ -93,16 +96,17 @@ pub fn double_double(n: usize, scale: f64) -> f64 {
     8.0 * count(n.max(1)) * f64::EPSILON * f64::EPSILON * scale
 }
 
-/// Half the distance between the two states of a central difference in double-double arithmetic, 2^-40.
+/// Half the distance of the two states of a central difference in double-double arithmetic, 2^-40.
 pub const STEP: f64 = 9.094_947_017_729_282e-13;
 
-/// A central difference over [`STEP`]s in double-double arithmetic of something of size `scale` that varies over times (or
-/// distances) of about 1: truncation, its third derivative allowed 1e4 times its size, and rounding.
+/// A central difference with [`STEP`] in double-double arithmetic of a quantity of magnitude `scale` that
+/// varies over times (or distances) of about 1: truncation, with a third derivative of up to 1e4 times its
+/// magnitude, and rounding.
 pub fn difference(n: usize, scale: f64) -> f64 {
     1e4 * STEP * STEP * scale + double_double(n, scale) / STEP
 }
 
-/// What a matrix does to errors, in the 2-norm.
+/// Amplification of errors by a matrix, in the 2-norm.
 #[derive(Debug, Clone, Copy)]
 pub struct Conditioning {
     pub number: f64,
@@ -110,7 +114,7 @@ pub struct Conditioning {
     pub inverse_norm: f64,
 }
 
-/// Measured from the singular values of a square matrix, row by row (or column by column).
+/// Computed from the singular values of a square matrix, stored by rows (or columns).
 pub fn conditioning(n: usize, matrix: &[f64]) -> Conditioning {
     if n == 0 {
         return Conditioning { number: 1.0, norm: 0.0, inverse_norm: 0.0 };
@@ -121,7 +125,7 @@ pub fn conditioning(n: usize, matrix: &[f64]) -> Conditioning {
     Conditioning { number: largest / smallest, norm: largest, inverse_norm: 1.0 / smallest }
 }
 
-/// Largest absolute entry; NaN where any is NaN.
+/// Largest absolute entry; NaN if any is NaN.
 pub fn size(values: &[f64]) -> f64 {
     if values.iter().any(|x| x.is_nan()) {
         return f64::NAN;
@@ -156,7 +160,7 @@ pub fn assert_near(what: &str, a: &[f64], b: &[f64], bound: f64) {
     show_ratio(what, worst, bound);
 }
 
-/// Asserts |a - b| <= bound entry by entry, the difference taken in double-double arithmetic; NaN fails.
+/// Asserts |a - b| <= bound entry by entry, with the difference in double-double arithmetic; NaN fails.
 #[track_caller]
 pub fn assert_near_double(what: &str, a: &[DoubleDouble], b: &[DoubleDouble], bound: f64) {
     assert_eq!(a.len(), b.len(), "{what}: lengths");
@@ -173,47 +177,50 @@ fn show_ratio(what: &str, worst: f64, bound: f64) {
     }
 }
 
-/// What the square-root form may be off in the max-norm, beside the problem's sensitivity to one unit in the last place.
+/// Max-norm error of the square-root form, in addition to the sensitivity of the problem to one unit in the last
+/// place.
 pub fn square_root(sensitivity: f64) -> f64 {
     (20.0 * sensitivity).max(1e-13)
 }
 
-/// The same of one acceleration against its own size.
+/// The same for one acceleration relative to itself.
 pub fn square_root_component(sensitivity: f64) -> f64 {
     (20.0 * sensitivity).max(1e-12)
 }
 
-/// How far a measured order of convergence may be from the method's.
+/// Largest deviation of a measured order of convergence from that of the method.
 pub const ORDER: f64 = 0.1;
 
-/// The same of the largest error of one step, which is found at another time with another step.
+/// The same for the largest error of one step, which occurs at different times for different steps.
 pub const ORDER_OF_A_STEP: f64 = 0.3;
 
-/// How many times the drift of energy may be what it is without momentum kept.
+/// Largest ratio of the energy drift with and without momentum conservation.
 pub const ENERGY_KEEPING_MOMENTUM: f64 = 2.0;
 
-/// What a solution of so many adaptive steps may be off that controls the error of each to `step`.
+/// Largest error of a solution with that many adaptive steps, each with the error bound `step`.
 pub fn adaptive(steps: usize, step: f64) -> f64 {
     10.0 * count(steps) * step
 }
 
-/// How far a spring of 1e8 N m/rad and more gives way to the torques of the tests, rad.
+/// Largest deflection of a spring of 1e8 N m/rad or more under the torques of the tests, rad.
 pub const BENT: f64 = 1e-6;
 
-/// How far the springs of 1e9 N m/rad of the swinging rods give way at the least: they carry about a N m.
+/// Smallest deflection of the springs of 1e9 N m/rad of the moving rods, which carry about 1 N m.
 pub const BENT_LEAST: f64 = 1e-10;
 
-/// The error of 200 implicit steps of 1 ms along the slow motion beside springs of 1e9 N m/rad, the first order's the largest.
+/// Error of 200 implicit steps of 1 ms along the slow motion with springs of 1e9 N m/rad, for the first order, which
+/// is the largest.
 pub const SLOW: f64 = 2e-3;
 
-/// The same of the third order, where what the springs give way by is as much.
+/// The same for third order, which is as large as the deflection of the springs.
 pub const SLOW_ORDER_3: f64 = 1e-8;
 
-/// The error that derivatives of forward dynamics may have on the extreme scenes in form `auto`, relative to their largest entry.
+/// Largest error of derivatives of forward dynamics on the extreme scenes in form `auto`, relative to their largest
+/// entry.
 pub const EXTREME_DERIVATIVES: f64 = 1e-11;
 
-/// The same on random extreme scenes, where digits may cancel down to 1e-9 by an estimate before more are taken.
+/// The same on random extreme scenes, for which estimated errors up to 1e-9 are accepted.
 pub const CANCELLED_DERIVATIVES: f64 = 1e-7;
 
-/// A mixed second difference over 1e-4 of numbers of about 1: truncation, and rounding over 1e-8.
+/// A mixed second difference with step 1e-4 of values of about 1: truncation, and rounding divided by 1e-8.
 pub const MIXED_DIFFERENCE: f64 = 1e-6;

@@ -1,10 +1,10 @@
-//! One valid call of each checked method, and one broken argument a test; no call allocates.
+//! One valid call of each checked method, and one broken argument per test; no call allocates.
 
 use super::support::{State, trees};
 use crate::common::{Random, random_state};
 use phipsi::{Error, Form, Scene, Workspace};
 
-/// A scene with one state and room for everything.
+/// A scene with one state and memory for all results.
 struct Case {
     scene: Scene,
     workspace: Workspace<f64>,
@@ -30,7 +30,7 @@ impl Case {
         self.scene.forward_dynamics_derivatives(&mut self.workspace, q, qd, u, wrenches, &mut self.out)
     }
 
-    /// The messages of both with one thing broken.
+    /// The messages of both with one broken argument.
     fn refused(break_it: impl Fn(&mut Self)) -> [String; 2] {
         let mut case = Self::new();
         break_it(&mut case);
@@ -53,7 +53,7 @@ fn no_call_allocates() {
     for form in [Form::Auto, Form::Covariance] {
         let mut case = Case::new();
         case.workspace.form = form;
-        // The first call makes its scratch.
+        // The first call allocates the scratch memory.
         case.inverse().unwrap();
         case.forward().unwrap();
         let counted = allocation_counter::measure(|| {

@@ -1,4 +1,4 @@
-//! The Coriolis matrix, and how the mass matrix changes.
+//! Coriolis matrix, and time derivative of the mass matrix.
 
 use super::support::{State, of_torques, round, trees, widened};
 use crate::common::oracle::{D, d};
@@ -17,7 +17,7 @@ fn found(scene: &Scene, q: &[f64], qd: &[f64]) -> [Vec<f64>; 2] {
     out
 }
 
-/// The torque of the rates alone, by first differences of none: bias with rates less bias without.
+/// Torque of the velocities alone: bias with velocities minus bias without.
 #[test]
 fn it_gives_the_torque_of_the_rates() {
     for tree in trees(32) {
@@ -39,7 +39,7 @@ fn it_gives_the_torque_of_the_rates() {
     }
 }
 
-/// M at q (+) h qd in 31 digits, ahead and back.
+/// M at q (+) h qd in 31 digits, forward and backward.
 #[test]
 fn with_its_transpose_it_is_the_rate_of_the_mass_matrix() {
     let mut moved = 0.0_f64;
@@ -69,7 +69,7 @@ fn with_its_transpose_it_is_the_rate_of_the_mass_matrix() {
     assert!(moved > 0.1);
 }
 
-/// Christoffel's: of joints of one axis it is half of what the torques are by the rates.
+/// Christoffel symbols: for one-axis joints, half of the derivatives of the torques with respect to the velocities.
 #[test]
 fn of_one_axis_joints_it_is_half_of_dtau_dqd() {
     const KINDS: [JointKind; 3] = [JointKind::Revolute, JointKind::Prismatic, JointKind::Screw { pitch: 0.3 }];

@@ -1,4 +1,4 @@
-//! Operations, counted. `PHIPSI_SHOW_RATIOS=1 ... -- --nocapture cost` prints them beside those of the dynamics.
+//! Operation counts. `PHIPSI_SHOW_RATIOS=1 ... -- --nocapture cost` prints them with those of the dynamics.
 
 use super::support::{KINDS, State, of_accelerations, of_torques};
 use crate::common::Tree;
@@ -7,7 +7,7 @@ use phipsi::scalar::Traced;
 use phipsi::scene::JointKind;
 use phipsi::{Algorithm, Arguments, Form, Scene, scenes};
 
-/// Of dtau/dq, dtau/dqd and M, and of dqdd/dq, dqdd/dqd and M^-1 in covariance form, floating-point operations.
+/// Floating-point operations of dtau/dq, dtau/dqd and M, and of dqdd/dq, dqdd/dqd and M^-1 in covariance form.
 fn counted(scene: &Scene) -> [u64; 2] {
     let (model, state) = (scene.model().cast(), State::random(scene, 1).cast::<Traced>());
     let (_, inverse) = Traced::counted(|| of_torques(&model, &state));
@@ -51,7 +51,7 @@ fn operations() {
     }
 }
 
-/// O(N depth): of legs of equal depth, twice as many cost twice as much.
+/// O(N depth): with legs of equal depth, twice as many cost twice as much.
 #[test]
 fn linear_in_the_number_of_equal_branches() {
     let star = |legs: usize| {

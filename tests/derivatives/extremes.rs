@@ -1,7 +1,9 @@
-//! Form `auto` where digits cancel: the extreme scenes by name, and random ones, ordinary and extreme, in the states that robots are in.
+//! Form `auto` in cases with cancellation: the extreme scenes by name, and random ones, ordinary and extreme, in
+//! typical states.
 //!
-//! `PHIPSI_SHOW_RATIOS=1 PHIPSI_DERIVATIVE_SCENES=2200 cargo test --test all derivatives::extremes -- --nocapture` prints a table of the families: median, one in
-//! ten, and largest error of dqdd/dq, dqdd/dqd and M^-1.
+//! `PHIPSI_SHOW_RATIOS=1 PHIPSI_DERIVATIVE_SCENES=2200 cargo test --test all derivatives::extremes --
+//! --nocapture` prints a table of the families: median, 90th percentile and largest error of dqdd/dq, dqdd/dqd
+//! and M^-1.
 
 use super::support::{NAMES, State, Three, of_accelerations, of_accelerations_by_method, round};
 use crate::auto::families::{Case, FAMILIES, STATES, case};
@@ -9,14 +11,15 @@ use crate::common::tolerance::{self, size};
 use phipsi::scenes::{extreme, names};
 use phipsi::{Form, Scene};
 
-/// The derivatives in double-double arithmetic, square-root form; none where a pivot is lost even there.
+/// The derivatives in double-double arithmetic, square-root form; none if a pivot is singular even there.
 fn reference(scene: &Scene, state: &State<f64>) -> Option<Three<f64>> {
     let exact = of_accelerations(&scene.model().cast(), Form::SquareRoot, &state.cast()).ok()?;
     let exact = exact.map(|matrix| round(&matrix));
     exact.iter().flatten().all(|x| x.is_finite()).then_some(exact)
 }
 
-/// The largest error over the largest entry, of each; where there is nothing but rounding of double-double arithmetic, over that of M^-1.
+/// Largest error relative to the largest entry, of each; if a result consists of rounding errors of double-double
+/// arithmetic, relative to that of M^-1.
 fn errors(found: &Three<f64>, exact: &Three<f64>) -> [f64; 3] {
     let inverse = size(&exact[2]);
     [0, 1, 2].map(|i| {
@@ -53,7 +56,7 @@ fn extreme_scenes_keep_their_digits() {
     }
 }
 
-/// Errors of `auto` at one state, where there is a reference.
+/// Errors of `auto` in one state, if there is a reference.
 fn errors_at(case: &Case) -> Option<[f64; 3]> {
     let Case { q, qd, tau, wrenches, .. } = case.clone();
     let state = State { q, qd, u: tau, wrenches };
@@ -62,7 +65,7 @@ fn errors_at(case: &Case) -> Option<[f64; 3]> {
     Some(errors(&found, &exact))
 }
 
-/// To what is promised, by an estimate: hence the slack.
+/// Up to the documented tolerance, which applies to an estimate: hence the margin.
 #[test]
 fn random_scenes_keep_what_is_promised() {
     let scenes = std::env::var("PHIPSI_DERIVATIVE_SCENES").map_or(66, |n| n.parse().unwrap());
@@ -85,7 +88,7 @@ fn random_scenes_keep_what_is_promised() {
     }
 }
 
-/// Held against gravity and falling: accelerations cancel to nothing, their derivatives do not.
+/// Static equilibrium and free fall: accelerations cancel, their derivatives do not.
 #[test]
 fn the_states_that_robots_are_in() {
     for (number, family) in FAMILIES.iter().enumerate() {

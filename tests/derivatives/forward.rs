@@ -13,7 +13,7 @@ use phipsi::{Form, Scene, scenes};
 
 const FORMS: [Form; 4] = [Form::Auto, Form::Covariance, Form::Joseph, Form::SquareRoot];
 
-/// The condition number of M at a state.
+/// Condition number of M in a state.
 fn condition(scene: &Scene, q: &[f64]) -> f64 {
     let mut mass = vec![f64::NAN; scene.nv() * scene.nv()];
     scene.mass_matrix(&mut scene.workspace(), q, &mut mass).unwrap();
@@ -46,7 +46,7 @@ fn all_joints_as_central_differences() {
     }
 }
 
-/// -M^-1 dtau/dq at the accelerations, M by first principles and eliminated.
+/// -M^-1 dtau/dq at the accelerations, with M from the definitions and elimination.
 #[test]
 fn as_dense_algebra() {
     for tree in trees(16) {
@@ -71,7 +71,8 @@ fn as_dense_algebra() {
     }
 }
 
-/// A body that falls freely: its acceleration R* g in its own axes turns with them, and rates add the other way round.
+/// A body in free fall: its acceleration R* g in the body frame rotates with it, and velocities have the opposite
+/// effect.
 #[test]
 fn a_single_body_by_hand() {
     let tree = Tree { seed: 1, bodies: 0, kinds: &[JointKind::Fixed], branching: 0.0, armature: 0.0, floating: true };
@@ -95,7 +96,7 @@ fn a_single_body_by_hand() {
     assert_near("no rates", &by_qd, &[0.0; 36], tolerance::product(8, 10.0));
 }
 
-/// Beyond 300 links columns go through filter and smoother; beside M in 31 digits, eliminated.
+/// Above 300 links, columns are computed by filter and smoother; compared with M in 31 digits and elimination.
 #[test]
 fn on_both_sides_of_where_columns_are_fewer_operations() {
     for links in [60, 301] {

@@ -18,13 +18,13 @@ const ONE_AXIS: [JointKind; 5] = [
     JointKind::Universal,
 ];
 
-/// The size of what the entries are sums of.
+/// Magnitude of the terms of the sums.
 fn scale(model: &Model<f64>, found: &Three<f64>, state: &State<f64>) -> f64 {
     let tau = round(&torque(&model.cast(), &state.cast()));
     found.iter().map(|matrix| size(matrix)).sum::<f64>() + size(&tau) + size(&state.u)
 }
 
-/// Analytic derivatives in double-double arithmetic against differences, and those in f64 against them.
+/// Analytic derivatives in double-double arithmetic compared with differences, and those in f64 compared with them.
 #[track_caller]
 fn assert_right(scene: &Scene, state: &State<f64>) -> Three<f64> {
     let (model, n) = (scene.model(), scene.links().len());
@@ -49,7 +49,7 @@ fn all_joints_as_central_differences() {
     }
 }
 
-/// Of one joint alone, S x* F would be wrong in its own rows, and its parent's velocity is not its own.
+/// For a single joint S x* F would be wrong in its own rows, and the velocity of its parent differs from its own.
 #[test]
 fn each_kind_alone_and_on_a_turning_parent() {
     for kind in KINDS {
@@ -99,9 +99,9 @@ fn as_differences_of_first_principles() {
     }
 }
 
-/// By qdd it is M itself, which has the same bits as where it is computed alone, but for the sign of a zero.
+/// The derivative with respect to qdd is M, bitwise equal to M computed alone, except for the sign of a zero.
 #[test]
-#[allow(clippy::float_cmp)] // equality is what is asserted
+#[allow(clippy::float_cmp)] // equality is asserted
 fn the_third_is_the_mass_matrix_and_symmetric() {
     for tree in trees(16) {
         let scene = tree.scene();
@@ -119,7 +119,7 @@ fn the_third_is_the_mass_matrix_and_symmetric() {
 }
 
 #[test]
-#[allow(clippy::float_cmp)] // equality is what is asserted
+#[allow(clippy::float_cmp)] // equality is asserted
 fn armature_is_in_the_mass_matrix_alone() {
     for tree in trees(16).filter(|tree| tree.armature > 0.0) {
         let (geared, plain) = (tree.scene(), Tree { armature: 0.0, ..tree }.scene());
@@ -136,7 +136,7 @@ fn armature_is_in_the_mass_matrix_alone() {
     }
 }
 
-/// How far one change of the state moves dtau/dq and dtau/dqd.
+/// Effect of one change of the state on dtau/dq and dtau/dqd.
 fn change(scene: &Scene, state: &State<f64>, make: impl Fn(&mut State<f64>)) -> [f64; 2] {
     let mut other = state.clone();
     make(&mut other);
@@ -162,7 +162,8 @@ fn no_term_is_zero() {
     }
 }
 
-/// A joint's own rows do not see that its frame turns: what its torque is by its own rotation is no larger than M and F make it.
+/// A rotation of the frame of a joint does not affect its own rows: the derivative of its torque with respect to its
+/// rotation is not larger than the terms of M and F.
 #[test]
 fn at_rest_the_weight_of_one_axis_joints_has_a_symmetric_derivative() {
     for seed in 0..12 {
@@ -180,7 +181,7 @@ fn at_rest_the_weight_of_one_axis_joints_has_a_symmetric_derivative() {
     }
 }
 
-/// At rest, held against gravity, falling: the states that trajectories begin and end with.
+/// At rest, in static equilibrium, passive: typical initial and final states of trajectories.
 #[test]
 fn at_rest_and_falling() {
     for tree in trees(24) {
@@ -197,7 +198,7 @@ fn at_rest_and_falling() {
     }
 }
 
-/// Along a way between branches, and nowhere else.
+/// Along a path between branches, and nowhere else.
 #[test]
 #[allow(clippy::float_cmp)] // zeros are exact
 fn branches_do_not_see_each_other() {
@@ -226,7 +227,7 @@ fn branches_do_not_see_each_other() {
     assert!(between > 0);
 }
 
-/// A robot that floats far from the base's origin keeps its digits: everything is in body frames.
+/// A robot that floats far from the origin of the base has full precision, because everything is in body frames.
 #[test]
 fn far_from_the_origin_no_digit_is_lost() {
     let tree =

@@ -1,4 +1,4 @@
-//! The linear system of small deviations.
+//! Linearized system.
 
 use super::support::{State, of_accelerations_by_method, trees};
 use crate::common::tolerance::{self, assert_near, size};
@@ -14,7 +14,7 @@ fn linearized(scene: &Scene, state: &State<f64>) -> (Vec<f64>, Vec<f64>) {
 }
 
 #[test]
-#[allow(clippy::float_cmp)] // the same numbers in other places
+#[allow(clippy::float_cmp)] // the same values in other entries
 fn its_lower_half_is_the_derivatives_and_its_upper_right_the_identity() {
     for tree in trees(16) {
         let scene = tree.scene();
@@ -32,7 +32,7 @@ fn its_lower_half_is_the_derivatives_and_its_upper_right_the_identity() {
     }
 }
 
-/// Two motions side by side, each along its rates: how fast they part, beside what A says.
+/// Two neighboring motions: the growth of their difference, compared with A.
 #[test]
 fn its_upper_left_is_how_fast_neighbours_part() {
     const STEP: f64 = 1e-4;

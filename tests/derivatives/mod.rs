@@ -1,4 +1,5 @@
-//! Derivatives of the dynamics against central differences in double-double arithmetic, against first principles, dense algebra and identities.
+//! Derivatives of the dynamics compared with central differences in double-double arithmetic, definitions, dense
+//! algebra and identities.
 
 mod arguments;
 mod coriolis;

@@ -1,4 +1,5 @@
-//! Jacobians times vectors and vectors times Jacobians, against the dense derivatives, each other, and central differences.
+//! Jacobians times vectors and vectors times Jacobians, compared with the dense derivatives, each other, and central
+//! differences.
 
 use super::support::{KINDS, State, acceleration, of_accelerations, of_torques, round, torque, trees, widened};
 use crate::auto::families::{Case, FAMILIES, STATES, case};
@@ -17,10 +18,10 @@ use phipsi::{Arguments, Form, Scene, Workspace, dynamics, scenes};
 
 const FORMS: [Form; 4] = [Form::Auto, Form::Covariance, Form::Joseph, Form::SquareRoot];
 
-/// A direction of everything that there is, or cotangents of it.
+/// A direction for all variables, or cotangents.
 #[derive(Clone)]
 struct Everything<T> {
-    /// Of q, qd and u, one after another.
+    /// For q, qd and u, concatenated.
     state: Vec<T>,
     wrenches: Vec<Vector6<T>>,
     parameters: Vec<Parameters<T>>,
@@ -142,7 +143,7 @@ fn vjp_of_accelerations<T: Real<Parameter = T>>(
     all
 }
 
-/// Of a model whose inertias were changed and their roots were not.
+/// For a model whose inertias were changed, but not their square roots.
 fn acceleration_of(model: &Model<D>, state: &State<D>) -> Vec<D> {
     let State { q, qd, u, wrenches } = state;
     let mut workspace = Workspace::new(model).in_form(Form::Covariance);
@@ -151,7 +152,7 @@ fn acceleration_of(model: &Model<D>, state: &State<D>) -> Vec<D> {
     out
 }
 
-/// A model and a state so far along a direction.
+/// A model and a state moved along a direction.
 fn moved(model: &Model<D>, state: &State<D>, along: &Everything<D>, h: D) -> (Model<D>, State<D>) {
     let (mut model, mut state, nv) = (model.clone(), state.clone(), model.nv());
     let (v, mut q): (Vec<D>, _) = (along.state[..nv].iter().map(|&v| v * h).collect(), state.q.clone());
@@ -177,7 +178,7 @@ fn moved(model: &Model<D>, state: &State<D>, along: &Everything<D>, h: D) -> (Mo
     (model, state)
 }
 
-/// The central difference along a direction of everything.
+/// Central difference along a direction of all variables.
 fn difference(
     model: &Model<D>,
     state: &State<D>,
@@ -191,7 +192,7 @@ fn difference(
     ahead.iter().zip(&back).map(|(&a, &b)| (a - b) * d(0.5 / tolerance::STEP)).collect()
 }
 
-/// J v or, `transposed`, w J of three matrices side by side.
+/// J v or, `transposed`, w J for three concatenated matrices.
 fn dense(three: &[Vec<D>; 3], vector: &[D], transposed: bool) -> Vec<D> {
     let nv = vector.len() / if transposed { 1 } else { 3 };
     if transposed {
@@ -207,7 +208,7 @@ fn dense(three: &[Vec<D>; 3], vector: &[D], transposed: bool) -> Vec<D> {
         .collect()
 }
 
-/// The state itself, at rest, held against its weight, and falling.
+/// The state itself, at rest, in static equilibrium, and passive.
 fn states(scene: &Scene, seed: u64) -> Vec<State<f64>> {
     let state = State::random(scene, seed);
     let mut rest = State { wrenches: Vec::new(), ..state.clone() };
@@ -237,7 +238,7 @@ fn torques_as_dense_derivatives_and_differences() {
             let x: Vec<D> = w.cast::<D>().armature;
             let three = of_torques(&wide, &at);
             let scale = largest(&three, &round(&torque(&wide, &at)));
-            // As J v and w J, in twice the digits and in f64.
+            // As J v and w J, in double-double arithmetic and in f64.
             let (expected, gradients) = (dense(&three, &along.state, false), dense(&three, &x, true));
             let found = jvp_of_torques(&wide, &at, &along.along(false));
             assert_near_double("J v", &found, &expected, tolerance::double_double(n, scale));
@@ -247,7 +248,7 @@ fn torques_as_dense_derivatives_and_differences() {
             assert_near_double("w J", &all.state, &gradients, tolerance::double_double(n, scale));
             let found = vjp_of_torques(model, &state, &w.armature);
             assert_near("w J", &found.numbers(), &round(&all.numbers()), tolerance::product(n, 10.0 * scale));
-            // Along everything, by differences and by the adjoint identity.
+            // Along all variables, by differences and by the adjoint identity.
             let tangent = jvp_of_torques(&wide, &at, &along.along(true));
             let expected = difference(&wide, &at, &along, torque);
             assert_near_double("along everything", &tangent, &expected, tolerance::difference(n, 10.0 * scale));
@@ -257,7 +258,7 @@ fn torques_as_dense_derivatives_and_differences() {
     }
 }
 
-/// The condition number of M at a configuration.
+/// Condition number of M at a configuration.
 fn condition(scene: &Scene, q: &[f64]) -> f64 {
     let mut mass = vec![f64::NAN; scene.nv() * scene.nv()];
     scene.mass_matrix(&mut scene.workspace(), q, &mut mass).unwrap();
@@ -302,7 +303,8 @@ fn accelerations_as_dense_derivatives_and_differences() {
     }
 }
 
-/// Of one joint alone what its own frame hands inward is not seen, and its parent's motion is not its own.
+/// For a single joint the inward propagation of its own frame has no effect, and the motion of its parent differs
+/// from its own.
 #[test]
 fn each_kind_alone_and_on_a_turning_parent() {
     for kind in KINDS {
@@ -329,7 +331,8 @@ fn each_kind_alone_and_on_a_turning_parent() {
     }
 }
 
-/// Torques are linear in the parameters: their cotangents times these are x . tau, but for wrenches and armature.
+/// Torques are linear in the parameters: the products of cotangents and parameters sum up to x . tau, except for
+/// wrenches and armature.
 #[test]
 fn torques_are_linear_in_the_parameters() {
     for tree in trees(16) {
@@ -349,7 +352,8 @@ fn torques_are_linear_in_the_parameters() {
     }
 }
 
-/// A link's parameters and its body's: <Y, T d> = <T* Y, d>, and the body that is the link has those that it is given.
+/// Parameters of a link and of its body: <Y, T d> = <T* Y, d>, and a body that is a single link has the given
+/// parameters.
 #[test]
 fn parameters_of_links_and_bodies() {
     let scene = trees(8).last().unwrap().scene();
@@ -367,7 +371,8 @@ fn parameters_of_links_and_bodies() {
     }
 }
 
-/// Floating-point operations of the products, of a call on one state: of torques along a direction and back, of accelerations likewise.
+/// Floating-point operations of the products, per call on one state: of torques along a direction and back, of
+/// accelerations likewise.
 fn counted(scene: &Scene) -> [u64; 6] {
     let (model, state) = (scene.model().cast::<Traced>(), State::random(scene, 1).cast::<Traced>());
     let v: Everything<Traced> = Everything::random(scene, 2).cast();
@@ -444,7 +449,7 @@ fn operations() {
     }
 }
 
-/// O(N): a link more costs the same, wherever it is.
+/// O(N): each additional link has the same cost, at any position.
 #[test]
 fn linear_in_the_length_of_a_chain() {
     let [short, long, twice] = [500, 1000, 2000].map(|n| counted(&scenes::chain(n).unwrap()));
@@ -453,7 +458,7 @@ fn linear_in_the_length_of_a_chain() {
     }
 }
 
-/// By dual numbers in f64, beside central differences of the gradients in twice the digits.
+/// By dual numbers in f64, compared with central differences of the gradients in double-double arithmetic.
 #[test]
 fn hessians_as_differences_of_gradients() {
     for tree in trees(24) {
@@ -462,7 +467,7 @@ fn hessians_as_differences_of_gradients() {
         for state in states(&scene, 100 + tree.seed) {
             let (v, x) = (Everything::random(&scene, 6).state, Everything::random(&scene, 17).armature);
             let direction = [&v[..nv], &v[nv..2 * nv], &v[2 * nv..]];
-            // Of the state alone.
+            // For the state alone.
             let along = Everything {
                 wrenches: vec![Vector6::zeros(); model.bodies.len()],
                 parameters: vec![[0.0; 10]; model.bodies.len()],
@@ -493,7 +498,7 @@ fn hessians_as_differences_of_gradients() {
     }
 }
 
-/// A joint without inertia about its axis is named, whatever the product; of torques nothing is lost.
+/// A joint without inertia about its axis is named by every product; products of torques have no singular pivots.
 #[test]
 fn a_lost_pivot_is_told() {
     let scene = scenes::chain(3).unwrap();
@@ -519,7 +524,7 @@ fn a_lost_pivot_is_told() {
     assert!(vjp_of_torques(&model, &state, qd).numbers().iter().all(|x| x.is_finite()));
 }
 
-/// What is wrong with an argument is said by its name.
+/// Errors of arguments contain their names.
 #[test]
 fn bad_arguments_are_named() {
     let scene = scenes::chain(3).unwrap();
@@ -559,7 +564,7 @@ fn bad_arguments_are_named() {
     }
 }
 
-/// The methods along everything that changes, as the functions of the recursion.
+/// The methods along all variables, as the functions of the recursion.
 #[test]
 fn methods_along_constants_are_the_recursion() {
     for tree in trees(8) {
@@ -585,8 +590,9 @@ fn methods_along_constants_are_the_recursion() {
     }
 }
 
-/// The largest errors of form `auto`, by the methods, over the largest entry: along a random direction, and of the gradients by q, qd and tau; none where a pivot is
-/// lost in twice the digits too.
+/// Largest errors of form `auto`, by the methods, relative to the largest entry: along a random direction, and
+/// of the gradients with respect to q, qd and tau; none if a pivot is singular even in double-double
+/// arithmetic.
 fn errors_of_auto(scene: &Scene, state: &State<f64>) -> Option<[f64; 4]> {
     let (nv, wide) = (scene.nv(), scene.model().cast::<D>());
     let (v, c) = (Everything::random(scene, 3), Everything::random(scene, 4).armature);
@@ -632,7 +638,7 @@ fn shown(errors: &[f64]) -> String {
     errors.iter().map(|error| format!("{error:.1e}")).collect::<Vec<_>>().join(" ")
 }
 
-/// As the dense derivatives of `auto`.
+/// Compared with the dense derivatives of `auto`.
 #[test]
 fn extreme_scenes_keep_what_is_promised() {
     let mut worst = Vec::new();

@@ -1,4 +1,5 @@
-//! Random states of random trees, and derivatives of them in any scalar: analytic, and by central differences in about 31 digits.
+//! Random states of random trees, and their derivatives in any scalar type: analytic, and by central differences in
+//! about 31 digits.
 
 use crate::common::oracle::{D, d};
 use crate::common::{Random, Tree, random_state, tolerance};
@@ -10,7 +11,7 @@ use phipsi::scalar::Real;
 use phipsi::scene::{JointKind, Model};
 use phipsi::{Error, Form, Scene, Workspace};
 
-/// Every kind of joint, twice those that one-axis scenes hide.
+/// All types of joints, with those that one-axis scenes do not contain twice.
 pub const KINDS: [JointKind; 10] = [
     JointKind::Revolute,
     JointKind::Prismatic,
@@ -36,8 +37,8 @@ pub fn trees(n: u64) -> impl Iterator<Item = Tree<'static>> {
     })
 }
 
-/// The numbers of a scene in about 31 digits, each rotation the nearest that is one to as many: turned by one that is not quite a rotation, what a
-/// joint feels in its own axes would differ by the rounding of f64.
+/// The constants of a scene in about 31 digits, with each rotation matrix orthonormalized to that precision:
+/// otherwise quantities in the frames of joints would differ by the rounding of f64.
 pub fn widened(scene: &Scene) -> Model<D> {
     let mut model: Model<D> = scene.model().cast();
     for body in &mut model.bodies {
@@ -59,7 +60,7 @@ pub struct State<T> {
 }
 
 impl State<f64> {
-    /// Everything at once, wrenches on all bodies.
+    /// All contributions, with wrenches on all bodies.
     pub fn random(scene: &Scene, seed: u64) -> Self {
         let mut random = Random::new(seed);
         let (q, qd, u) = random_state(scene, &mut random);
@@ -67,7 +68,7 @@ impl State<f64> {
         Self { q, qd, u, wrenches: wrenches.collect() }
     }
 
-    /// The same in another scalar.
+    /// The same in another scalar type.
     pub fn cast<T: Real>(&self) -> State<T> {
         let of = |x: &[f64]| x.iter().map(|&x| T::from_f64(x)).collect();
         let wrenches = self.wrenches.iter().map(|w| w.map(T::from_f64)).collect();
@@ -75,7 +76,7 @@ impl State<f64> {
     }
 }
 
-/// By q, by qd, and M or its inverse; (nv x nv), row by row.
+/// With respect to q and qd, and M or its inverse; (nv x nv), by rows.
 pub type Three<T> = [Vec<T>; 3];
 
 fn split<T: Real>(model: &Model<T>, all: &[T]) -> Three<T> {
@@ -87,7 +88,7 @@ fn room<T: Real>(model: &Model<T>) -> Vec<T> {
     vec![T::from_f64(f64::NAN); 3 * model.nv() * model.nv()]
 }
 
-/// dtau/dq, dtau/dqd, M by the recursion, in any scalar.
+/// dtau/dq, dtau/dqd, M by the recursion, in any scalar type.
 pub fn of_torques<T: Real<Parameter = T>>(model: &Model<T>, state: &State<T>) -> Three<T> {
     let State { q, qd, u, wrenches } = state;
     let mut out = room(model);
@@ -110,7 +111,7 @@ pub fn of_accelerations<T: Real<Parameter = T>>(
     Ok(split(model, &out))
 }
 
-/// dtau/dq, dtau/dqd, M by the method of the scene, which is compiled kernels.
+/// dtau/dq, dtau/dqd, M by the method of the scene, which uses compiled kernels.
 pub fn of_torques_by_method(scene: &Scene, state: &State<f64>) -> Three<f64> {
     let State { q, qd, u, wrenches } = state;
     let mut out = room(scene.model());
@@ -151,7 +152,7 @@ pub fn moved(model: &Model<D>, q: &[D], row: usize, h: D) -> Vec<D> {
     out
 }
 
-/// Central differences by q, qd and u of a function of a state, (nv x nv), row by row.
+/// Central differences of a function of a state with respect to q, qd and u, (nv x nv), by rows.
 pub fn differences(model: &Model<D>, state: &State<D>, f: impl Fn(&Model<D>, &State<D>) -> Vec<D>) -> Three<D> {
     let nv = model.nv();
     let mut out = split(model, &room(model));

@@ -1,4 +1,4 @@
-"""Pages in a headless Chromium, where there is one: what they ask the network for, errors of their scripts, and pictures."""
+"""Pages in a headless Chromium, if it is installed: network requests, script errors, and screenshots."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ needs_browser = pytest.mark.skipif(CHROMIUM is None and "PHIPSI_NEEDS_BROWSER" n
 def browser() -> Iterator[Any]:
     api = pytest.importorskip("playwright.sync_api")
     with api.sync_playwright() as driver:
-        # Without a graphics processor, and as root, as in a container.
+        # Options for a container: no graphics processor, and the root user.
         options = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
         opened = driver.chromium.launch(executable_path=CHROMIUM, args=options)
         yield opened
         opened.close()
 
 
-#: How long a busy machine may take, ms.
+#: Timeout on a busy machine, ms.
 PATIENCE = 120_000
 
 
 class Opened:
-    """A page, and what it asked the network for."""
+    """A page, and its network requests."""
 
     def __init__(self, browser: Any, file: Path, width: int) -> None:
         self.page = browser.new_page(viewport={"width": width, "height": 600})
@@ -47,7 +47,7 @@ class Opened:
         return self
 
     def __exit__(self, *_: object) -> None:
-        # It would go on drawing.
+        # Otherwise it would continue to draw.
         self.page.close()
 
     def check(self, file: Path) -> None:
@@ -62,28 +62,30 @@ class Opened:
         return np.asarray(Image.open(io.BytesIO(whole)).convert("RGB"), float)
 
     def plots(self) -> list[dict[str, Any]]:
-        """Waits until every plot is drawn. Of each: its name, how many of its traces are drawn, and what is cut off or lies over another."""
+        """Wait until every plot is drawn. For each: its name, the number of drawn traces, and text that is cut off or
+        overlaps.
+        """
         self.page.wait_for_function("window.plots", timeout=PATIENCE)
         self.page.evaluate("() => window.plots")
         found: list[dict[str, Any]] = self.page.evaluate(PLOTS)
         return found
 
     def resize(self, width: int) -> None:
-        """Makes the window so wide, and waits until its plots have followed."""
+        """Set the width of the window, and wait until its plots have adapted."""
         self.page.set_viewport_size({"width": width, "height": 600})
         self.page.wait_for_function(FOLLOWED, timeout=PATIENCE)
 
     def wide(self) -> int:
-        """The width of the page, px: more than that of the window where it scrolls sideways."""
+        """Width of the page, px: larger than that of the window if it scrolls horizontally."""
         return int(self.page.evaluate("document.documentElement.scrollWidth"))
 
 
-#: Whether every plot that is drawn has the layout and the width of its window.
+#: Whether every drawn plot has the layout and the width of its window.
 FOLLOWED = """() => window.plots && [...document.querySelectorAll('.plot')].every(place => {
   const canvas = place.querySelector('.canvas'), full = canvas._fullLayout;
   return full && Math.abs(full.width - canvas.clientWidth) < 2 && Math.abs(full.height - canvas.clientHeight) < 2;
 })"""
-#: Text of a plot outside its frame, and marks of an axis, titles and entries of the legend that meet.
+#: Text of a plot outside its frame, and overlapping tick labels, titles and legend entries.
 PLOTS = """() => [...document.querySelectorAll('.plot')].map(place => {
   const canvas = place.querySelector('.canvas'), frame = canvas.getBoundingClientRect();
   const boxes = query => [...place.querySelectorAll(query)].filter(e => e.textContent.trim()).map(e => [e.textContent, e.getBoundingClientRect()]).filter(([, b]) => b.width > 0);

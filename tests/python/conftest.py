@@ -1,4 +1,4 @@
-"""Random scenes of all joint kinds, and states of them, from a seed."""
+"""Random scenes with all types of joints, and states of them, from a seed."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def random_scene(
     floating_base: bool = False,
     gravity: Sequence[float] = (0.3, -0.5, -9.6),
 ) -> phipsi.Scene:
-    """A tree whose first joints take each of the kinds once, at least; bodies of about 1 kg and 0.3 m."""
+    """A tree that contains each type of joint at least once; bodies of about 1 kg and 0.3 m."""
     random = np.random.default_rng(seed)
     builder = phipsi.SceneBuilder()
 
@@ -74,7 +74,7 @@ class State(NamedTuple):
 
 
 def at_once(work: Callable[[int], None], count: int) -> None:
-    """Does work(0), work(1), ... on a thread each, and waits for all."""
+    """Run work(0), work(1), ... on one thread each, and wait for all."""
     threads = [threading.Thread(target=work, args=(number,)) for number in range(count)]
     for thread in threads:
         thread.start()
@@ -91,7 +91,7 @@ def random_states(scene: phipsi.Scene, seed: int, batch: tuple[int, ...] = ()) -
 
 @pytest.fixture
 def c_compiler() -> str:
-    """The command of the C compiler; skips tests where there is none."""
+    """Command of the C compiler; skips the test if there is none."""
     compiler = os.environ.get("CC", "cc")
     if shutil.which(compiler) is None:
         pytest.skip("no C compiler here")
@@ -100,13 +100,13 @@ def c_compiler() -> str:
 
 @pytest.fixture(scope="session")
 def mixed() -> phipsi.Scene:
-    """Every kind of joint, branching, a fixed base."""
+    """All types of joints, branching, a fixed base."""
     return random_scene(1, 10, armature=0.1)
 
 
 @pytest.fixture(scope="session")
 def floating() -> phipsi.Scene:
-    """Every kind of joint on a floating base, without armature."""
+    """All types of joints on a floating base, without armature."""
     return random_scene(2, 9, floating_base=True)
 
 
@@ -136,11 +136,11 @@ OF_MASS = {
     "centroidal_momentum_matrix": 1,
     "centroidal_momentum_matrix_rate": 2,
 }
-"""Methods about the mass centre, and how many of q, qd and qdd each takes."""
+"""Methods for the center of mass, and their numbers of arguments of q, qd and qdd."""
 
 
 def methods(scene: phipsi.Scene, state: State) -> dict[str, tuple[Method, tuple[np.ndarray, ...]]]:
-    """Every method that takes batches, with its array arguments; results as arrays."""
+    """All methods that take batches, with their array arguments; results as arrays."""
     q, qd, tau = state
     link = scene.link_names[-1]
 
@@ -157,16 +157,18 @@ def methods(scene: phipsi.Scene, state: State) -> dict[str, tuple[Method, tuple[
         noise = np.resize([0.0, 0.5, np.inf], scene.nv)
         found = scene.estimate(q, qd, tau, noise=noise, covariance=True, wrenches={link: np.ones(6)})
         blocks = found.force, found.process, found.force_covariance, found.process_covariance
-        # One row of each block, so that no axis is lost where there are no states.
+        # One row per block, so that axes are preserved without states.
         flat = [block[..., i] if block.ndim == found.force.ndim else block[..., i, 0] for block in blocks for i in range(6)]
         return np.concatenate([found.acceleration, found.torque, found.acceleration_variance, found.torque_variance, *flat], axis=-1)
 
     def stacked(method: Callable[..., tuple[np.ndarray, ...]]) -> Method:
-        """The matrices that it returns, one below the other."""
+        """The matrices of the result, stacked vertically."""
         return lambda *state: np.concatenate(method(*state), axis=-2)
 
     def gradients(method: Callable[..., tuple[np.ndarray, ...]]) -> Method:
-        """Those of the state that it returns, the state's own arguments for its cotangent and its direction."""
+        """The parts of the result that concern the state; the arguments of the state serve as cotangent and
+        direction.
+        """
         return lambda q, qd, tau: np.concatenate(method(q, qd, tau, qd)[:3], axis=-1)
 
     def hessian(method: Callable[..., tuple[np.ndarray, ...]]) -> Method:
@@ -248,5 +250,5 @@ METHODS = (
 
 @pytest.fixture(params=METHODS)
 def method(request: pytest.FixtureRequest) -> str:
-    """The name of each method that takes batches."""
+    """Name of each method that takes batches."""
     return str(request.param)

@@ -1,7 +1,7 @@
-"""Calls of every method with a size that memory does not hold, and the child process that makes one of them.
+"""Calls of every method with a size that exceeds the memory, and the child process that makes one of them.
 
-``python large_calls.py NAME`` prepares the call, leaves this process a little more memory than it has, makes the call, and prints
-the error as JSON. What it must not do is die.
+``python large_calls.py NAME`` prepares the call, limits the memory of this process to slightly more than it uses,
+makes the call, and prints the error as JSON. The process must not crash.
 """
 
 from __future__ import annotations
@@ -23,24 +23,24 @@ Call = Callable[[], object]
 
 
 class Large(NamedTuple):
-    """A call that asks for too much."""
+    """A call that needs too much memory."""
 
     argument: str
-    """What the error must name."""
+    """Name that the error must contain."""
     prepare: Callable[[phipsi.Scene], Call]
-    """The call, all that it is given made already."""
+    """The call, with all arguments created."""
     room: int = 200
-    """Megabytes that are left to it."""
+    """Additional memory of the process, megabytes."""
     covers: tuple[str, ...] = ()
-    """Parameters that this is a test of, as "method.parameter"."""
+    """Tested parameters, as "method.parameter"."""
 
 
 OF_THREE = ("forward_dynamics", "inverse_dynamics", "estimate", "acceleration", "center_of_mass_acceleration")
-"""Methods that take q, qd and a third."""
+"""Methods with the arguments q, qd and a third one."""
 
 
 def broadcast(method: str, second: str = "nv", **options: Any) -> Callable[[phipsi.Scene], Call]:
-    """Two arguments that are small by themselves and make a batch that is not."""
+    """Two small arguments that broadcast to a large batch."""
 
     def prepare(scene: phipsi.Scene) -> Call:
         first, other = np.zeros((2**14, 1, scene.nq)), np.zeros((2**14, scene.nv if second == "nv" else scene.nq))
@@ -62,12 +62,12 @@ def batch(states: int, call: Callable[..., object], **options: Any) -> Callable[
 
 
 def looped(scene: phipsi.Scene) -> phipsi.Scene:
-    """The same chain, its tip held by a point of the world."""
+    """The same chain, with its tip connected to a point of the world."""
     return scene.to_builder().connect("tip", "point", scene.link_names[-1], xyz=(0, 0, 0.3)).build()
 
 
 def through_connections(method: str, arrays: int, states: int = 10**6, **options: Any) -> Callable[[phipsi.Scene], Call]:
-    """A method on a scene with connections that takes q and so many arrays of rates."""
+    """A method on a scene with connections, with q and that many arrays of joint velocities."""
 
     def prepare(scene: phipsi.Scene) -> Call:
         closed, q = looped(scene), np.zeros((states, scene.nq))
@@ -77,7 +77,7 @@ def through_connections(method: str, arrays: int, states: int = 10**6, **options
 
 
 def on_the_ground(method: str, arrays: int, states: int) -> Callable[[phipsi.Scene], Call]:
-    """A method on the same chain with a contact at its tip that takes q and so many arrays of rates."""
+    """A method on the same chain with a contact at its tip, with q and that many arrays of joint velocities."""
 
     def prepare(scene: phipsi.Scene) -> Call:
         touching = scene.to_builder().contact("tip", scene.link_names[-1], xyz=(0.1, 0, 0.3), friction=0.5).build()
@@ -105,7 +105,7 @@ def of_factor(states: int, call: Callable[[phipsi.Factor, np.ndarray], object]) 
 
 
 def of_long_chain(call: Callable[[phipsi.Scene, np.ndarray], object]) -> Callable[[phipsi.Scene], Call]:
-    """A scene that is there, for whose scratch there is no room."""
+    """An existing scene for whose intermediate results there is no memory."""
 
     def prepare(scene: phipsi.Scene) -> Call:
         long = phipsi.scenes.chain(30_000)
@@ -316,7 +316,7 @@ LARGE: dict[str, Large] = {
     ),
 }
 
-#: Parameters that say how much work there is, or which of what is there, and not how much memory.
+#: Parameters that determine computing time, or select elements, but do not determine memory.
 NO_MEMORY = {"connect.length", "emergence.samples", "sensitivity.draws", "step.steps", "reset.states", "with_inertias.links"}
 
 
@@ -324,7 +324,7 @@ def main(name: str) -> None:
     import resource
 
     large = LARGE[name]
-    # Threads take address space of their own.
+    # Threads need additional address space.
     phipsi.set_num_threads(1)
     call = large.prepare(phipsi.scenes.chain(7))
     with open("/proc/self/statm") as file:
@@ -335,7 +335,7 @@ def main(name: str) -> None:
     except (MemoryError, phipsi.errors.ArgumentError) as error:
         found = {"class": type(error).__name__, "text": str(error), "argument": getattr(error, "argument", None)}
         resource.setrlimit(resource.RLIMIT_AS, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
-        # Whatever was asked for, small things go on.
+        # Small calls still work after any error.
         small = phipsi.scenes.chain(2)
         found["after"] = small.forward_dynamics(np.zeros(2), np.zeros(2), np.zeros(2)).shape == (2,)
         print(json.dumps(found))

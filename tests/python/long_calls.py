@@ -1,7 +1,7 @@
-"""Calls that take long, and the child process that is interrupted in one of them.
+"""Long calls, and the child process that is interrupted during one of them.
 
-``python long_calls.py NAME`` begins the call, sends itself SIGINT a little later, and prints as JSON how much processor time the call
-took after that until it ended, and how it ended. Processor time, because others use the machine too.
+``python long_calls.py NAME`` starts the call, sends itself SIGINT shortly afterwards, and prints as JSON the
+processor time until the call ended, and its outcome. Processor time is independent of other load on the machine.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from phipsi import _core
 
 Call = Callable[[], object]
 
-#: Between the beginning of a call and the signal, s.
+#: Time between the start of a call and the signal, s.
 BEFORE = 0.1
 
 
@@ -88,7 +88,7 @@ def on_the_ground(count: int, call: Callable[[phipsi.Scene, np.ndarray], object]
 
 
 def in_doubt() -> Call:
-    """States that take a thousand times what is expected of them."""
+    """States that take a thousand times the expected time."""
     case = phipsi.scenes.extreme("heavy-tip", 1e12, bodies=30)
     many = np.tile(case.q, (100_000, 1))
     return lambda: case.scene.forward_dynamics(many, case.qd, case.tau)
@@ -243,7 +243,7 @@ LONG: dict[str, Callable[[], Call]] = {
 
 
 def main(name: str) -> None:
-    # Started in the background of a shell, Python ignores SIGINT, as the shell told it to.
+    # A background process of a shell inherits ignored SIGINT.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     began = time.process_time()
     chain(2000)
@@ -259,7 +259,7 @@ def main(name: str) -> None:
     timer = threading.Thread(target=send)
     timer.start()
     try:
-        # Again where a fast machine was done before the signal. One that comes between two calls raises here.
+        # Repeated if a fast machine completed before the signal. A signal between two calls raises here.
         while not sent:
             call()
         time.sleep(1.0)
@@ -267,11 +267,11 @@ def main(name: str) -> None:
     except KeyboardInterrupt as error:
         found.update(raised=type(error).__name__, late=time.process_time() - sent[0])
     timer.join()
-    # What was interrupted can be called again.
+    # An interrupted call can be repeated.
     small = chain(3)
     found["after"] = bool(np.isfinite(small.forward_dynamics(np.zeros((100, 3)), np.zeros(3), np.zeros(3))).all())
     print(json.dumps(found), flush=True)
-    # What is left need not be put away.
+    # No cleanup is necessary.
     os._exit(0)
 
 

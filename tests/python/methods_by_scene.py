@@ -1,4 +1,5 @@
-"""What each public method of a scene does in scenes with connections, contacts or coupled joints: one call of each, and the table of docs/methods-by-scene.md.
+"""Behavior of each public method of a scene with connections, contacts or coupled joints: one call of each, and the
+table of docs/methods-by-scene.md.
 
 `python tests/python/methods_by_scene.py docs/methods-by-scene.md` writes the page.
 """
@@ -43,7 +44,7 @@ def _vjp(scene: phipsi.Scene, s: State) -> Any:
 
 
 def _extras(scene: phipsi.Scene) -> tuple[Any, ...]:
-    """What a changed scene must keep."""
+    """Properties that a derived scene must keep."""
     return scene.connection_names, scene.contact_names, scene.nv, scene.link_names
 
 
@@ -53,7 +54,7 @@ def _identify(scene: phipsi.Scene, s: State) -> Any:
     return scene.identify(q, qd, qdd, scene.inverse_dynamics(q, qd, qdd) + 0.01 * random.normal(size=(40, scene.nv))).parameters
 
 
-#: A call of each method that takes a state of the scene, or makes another scene.
+#: A call of each method that takes a state of the scene, or returns another scene.
 CALLS: dict[str, Call] = {
     "acceleration": lambda scene, s: scene.acceleration(s.q, s.qd, s.qdd, _tip(scene)),
     "bias_torque": lambda scene, s: scene.bias_torque(s.q, s.qd),
@@ -131,7 +132,9 @@ def _stepped(scene: phipsi.Scene, s: State) -> np.ndarray:
 
 
 def _links(builder: phipsi.SceneBuilder, mimic: dict[str, Any] | None = None) -> phipsi.SceneBuilder:
-    """A crank, a coupler and a rocker in a plane, none of them balanced; the rocker follows another joint if `mimic` is given."""
+    """A crank, a coupler and a rocker in a plane, all unbalanced; the rocker is coupled to another joint if `mimic` is
+    given.
+    """
     for name, parent, at, length in (("crank", "ground", (0, 0, 0), 0.2), ("coupler", "crank", (0, 0, 0.2), 0.4), ("rocker", "ground", (0.3, 0, 0), 0.3)):
         builder.link(name, 1.0, (0.01, 0, 0.4 * length), np.diag([0.01, 0.012, 0.003]))
         builder.joint(name, "revolute", parent, name, xyz=at, axis=(0, 1, 0), lower=-3.0, upper=3.0, damping=0.1, **(mimic or {} if name == "rocker" else {}))
@@ -139,7 +142,7 @@ def _links(builder: phipsi.SceneBuilder, mimic: dict[str, Any] | None = None) ->
 
 
 def scene_of(kind: str) -> tuple[phipsi.Scene, phipsi.Scene, State]:
-    """A scene of a kind, the tree without what makes it of this kind, and a state of it."""
+    """A scene of a kind, the corresponding tree, and a state."""
     builder = _links(phipsi.SceneBuilder().link("ground"))
     q = np.array([0.5, 0.8, 0.2])
     if kind == "mimic":
@@ -162,21 +165,21 @@ def scene_of(kind: str) -> tuple[phipsi.Scene, phipsi.Scene, State]:
 
 
 def outcome(name: str, kind: str) -> tuple[str, str]:
-    """What a method does: "acts", where its result differs from the tree's; "tree", where it does not; "yes", for coupled joints; "refused", with the message."""
+    """Behavior of a method, one of the keys of MEANING, and the message of an error."""
     scene, tree, state = scene_of(kind)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             found = CALLS[name](scene, state)
         except (ValueError, phipsi.errors.PhipsiError) as error:
-            return "refused", f"{type(error).__name__}: {error}"
+            return "error", f"{type(error).__name__}: {error}"
         if kind == "mimic":
-            return "yes", ""
+            return "supported", ""
         try:
             of_tree = CALLS[name](tree, state)
         except (ValueError, phipsi.errors.PhipsiError) as error:
-            return "acts", f"the tree: {error}"
-    return ("tree" if _same(found, of_tree) else "acts"), ""
+            return "included", f"the tree: {error}"
+    return ("tree" if _same(found, of_tree) else "included"), ""
 
 
 def _same(found: Any, expected: Any) -> bool:
@@ -187,38 +190,38 @@ def _same(found: Any, expected: Any) -> bool:
     return str(found) == str(expected)
 
 
-#: Methods that take no state: constructors, names and indices, pictures. `check` and `identify` have tests of their own.
+#: Methods without a state: constructors, names and indices, pictures. `check` and `identify` have separate tests.
 WITHOUT_STATE = frozenset(
     ["check", "connection_rows", "from_mujoco", "from_pinocchio", "from_urdf", "joint", "link", "neutral", "q_index", "show", "v_index", "without_connections", "without_contacts"]
 )
 
 MEANING = {
-    "acts": "the result includes them",
-    "tree": "the quantity is defined by the tree alone: the result is that of the same scene without them",
-    "yes": "takes independent coordinates, one for each joint that follows no other",
-    "refused": "raises an error that names them",
+    "included": "the result includes their effect",
+    "tree": "the quantity depends on the tree of joints only: the result is that of the same scene without them",
+    "supported": "the method works with the independent coordinates, one for each joint that does not follow another",
+    "error": "the method raises an error that names them",
 }
 
-#: What each method does, for connections, contacts, coupled joints, in this order; a method that is not listed: "tree", "tree", "yes".
+#: Behavior of each method for connections, contacts, coupled joints, in this order; default: "tree", "tree", "supported".
 EXPECTED: dict[str, tuple[str, str, str]] = {
-    **dict.fromkeys(["constrained_dynamics", "constrained_inverse_dynamics", "constrained_mass_matrix_inverse", "constraint_bias"], ("acts", "tree", "refused")),
-    **dict.fromkeys(["constraint_error", "constraint_jacobian", "project"], ("acts", "tree", "refused")),
-    **dict.fromkeys(["contact_gaps", "contact_velocities"], ("tree", "acts", "refused")),
-    **dict.fromkeys(["forward_dynamics", "forward_dynamics_derivatives", "forward_dynamics_jvp", "forward_dynamics_vjp", "linearize"], ("acts", "tree", "yes")),
-    **dict.fromkeys(["inverse_kinematics", "inverse_kinematics_rates", "plan"], ("acts", "tree", "yes")),
-    **dict.fromkeys(["simulate", "simulator"], ("acts", "acts", "yes")),
-    **dict.fromkeys(["lock", "to_builder", "with_inertias", "with_payload", "with_properties"], ("acts", "acts", "yes")),
-    **dict.fromkeys(["estimate", "forward_dynamics_hvp", "identify", "to_c", "to_cuda", "to_rust"], ("refused", "tree", "refused")),
-    **dict.fromkeys(["factor", "inverse_dynamics_hvp", "operational_inertia", "operational_inverse_inertia", "random_model"], ("tree", "tree", "refused")),
-    "ode": ("refused", "refused", "yes"),
-    "simulate_vjp": ("refused", "refused", "refused"),
-    "to_urdf": ("refused", "refused", "yes"),
+    **dict.fromkeys(["constrained_dynamics", "constrained_inverse_dynamics", "constrained_mass_matrix_inverse", "constraint_bias"], ("included", "tree", "error")),
+    **dict.fromkeys(["constraint_error", "constraint_jacobian", "project"], ("included", "tree", "error")),
+    **dict.fromkeys(["contact_gaps", "contact_velocities"], ("tree", "included", "error")),
+    **dict.fromkeys(["forward_dynamics", "forward_dynamics_derivatives", "forward_dynamics_jvp", "forward_dynamics_vjp", "linearize"], ("included", "tree", "supported")),
+    **dict.fromkeys(["inverse_kinematics", "inverse_kinematics_rates", "plan"], ("included", "tree", "supported")),
+    **dict.fromkeys(["simulate", "simulator"], ("included", "included", "supported")),
+    **dict.fromkeys(["lock", "to_builder", "with_inertias", "with_payload", "with_properties"], ("included", "included", "supported")),
+    **dict.fromkeys(["estimate", "forward_dynamics_hvp", "identify", "to_c", "to_cuda", "to_rust"], ("error", "tree", "error")),
+    **dict.fromkeys(["factor", "inverse_dynamics_hvp", "operational_inertia", "operational_inverse_inertia", "random_model"], ("tree", "tree", "error")),
+    "ode": ("error", "error", "supported"),
+    "simulate_vjp": ("error", "error", "error"),
+    "to_urdf": ("error", "error", "supported"),
 }
 
 
 def expected(name: str, kind: str) -> str:
-    """What a method does in scenes of a kind."""
-    return EXPECTED.get(name, ("tree", "tree", "yes"))[KINDS.index(kind)]
+    """Behavior of a method in scenes of a kind."""
+    return EXPECTED.get(name, ("tree", "tree", "supported"))[KINDS.index(kind)]
 
 
 def page() -> str:
@@ -231,8 +234,8 @@ def page() -> str:
         "",
         *(f"- **{word}**: {meaning}." for word, meaning in MEANING.items()),
         "",
-        "Kinematics, momentum, energy, the mass matrix and inverse dynamics describe the tree, and connections and contacts do not change them: the forces of connections are an argument of the "
-        "equations of motion, not a part of these quantities. `constrained_mass_matrix_inverse` and `constrained_inverse_dynamics` are the counterparts with connections. Contacts act in `simulate` and in simulators only.",
+        "Kinematics, momentum, energy, the mass matrix and inverse dynamics are quantities of the tree of joints, which connections and contacts do not change. `constrained_mass_matrix_inverse` and "
+        "`constrained_inverse_dynamics` are the corresponding methods that include connections. Only `simulate` and simulators include contacts.",
         "",
         "| method | connections | contacts | coupled joints |",
         "| --- | --- | --- | --- |",

@@ -1,4 +1,4 @@
-"""Small robots with friction, damping and joint stops for the tests of motion."""
+"""Small robots with friction, damping and joint stops for the tests of simulation."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ ROD_WEIGHT = GRAVITY * 0.5
 
 
 def slide(mass: float = 2.0, axis: tuple[float, float, float] = (1.0, 0.0, 0.0), **joint: object) -> phipsi.Scene:
-    """A mass on a prismatic joint, level by default."""
+    """A mass on a prismatic joint, horizontal by default."""
     builder = phipsi.SceneBuilder().link("base").link("block", mass)
     return builder.joint("slide", "prismatic", "base", "block", axis=axis, **joint).build()  # type: ignore[arg-type]
 
 
 def pendulum(**joint: object) -> phipsi.Scene:
-    """A rod that hangs down at q = 0."""
+    """A rod whose stable equilibrium is q = 0."""
     builder = phipsi.SceneBuilder().link("base").link("rod", 1.0, (0, 0, -0.5), np.diag([0.08, 0.08, 0.001]))
     return builder.joint("hinge", "revolute", "base", "rod", axis=(0, 1, 0), **joint).build()  # type: ignore[arg-type]
 

@@ -1,4 +1,4 @@
-"""Models of MuJoCo for the tests: written ones with what users write, and random ones."""
+"""MuJoCo models for the tests: typical models of users, and random ones."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 
 def shipped() -> list[Path]:
-    """The robots of Gymnasium, where that is there."""
+    """Robots of Gymnasium, if it is installed."""
     try:
         import gymnasium.envs.mujoco as environments
     except ImportError:
@@ -69,7 +69,7 @@ FLOATING = """
 
 
 def random_model(seed: int, bodies: int = 8) -> str:
-    """A tree of joints of all kinds, up to three a body, with anchors, references, springs, losses and armature."""
+    """A tree with all types of joints, up to three per body, with anchors, references, springs, losses and armature."""
     draw = np.random.default_rng(seed)
 
     def numbers(size: int, scale: float = 1.0) -> str:
@@ -93,7 +93,7 @@ def random_model(seed: int, bodies: int = 8) -> str:
                 joints += f'<joint type="{of}" axis="{numbers(3)}" ref="{draw.uniform(-1, 1):.17g}" {anchor} {spring} {losses}/>'
         inertia = np.sort(draw.uniform(0.01, 0.02, 3))
         inertial = f'<inertial pos="{numbers(3, 0.1)}" quat="{numbers(4)}" mass="{draw.uniform(0.5, 3):.17g}" diaginertia="{" ".join(map(str, inertia))}"/>'
-        # The first body below another has the lower number: depth first, as MuJoCo numbers them.
+        # The first child body has the lower number: depth first, as in MuJoCo's numbering.
         text = f'<body name="b{body}" pos="{numbers(3, 0.3)}" quat="{numbers(4)}">{joints}{inertial}{"".join(children[body])}</body>'
         children[parent].insert(0, text)
     return f'<mujoco><compiler angle="radian"/><worldbody>{"".join(children[0])}</worldbody></mujoco>'

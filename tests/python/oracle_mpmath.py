@@ -1,8 +1,9 @@
-"""Articulated-body dynamics at 60 digits (mpmath) from first principles, sharing nothing with phipsi but the input.
+"""Articulated-body dynamics with 60 digits (mpmath) from the definitions, independent of phipsi except for the input.
 
-Everything is in the base frame and nothing is recursive but kinematics: M = sum over links of J^T I J, and the torque is the
-virtual work of each link's inertial, gravity and applied forces. M = (1 + K) D (1 + K)^T, 1 + K unit upper triangular, is the
-Cholesky factorisation from the last row, and L = 1 - (1 + K)^-1. Vectors are NumPy arrays of mpf.
+Everything is in the base frame, and only the kinematics is recursive: M = sum over links of J^T I J, and the torque
+is the virtual work of the inertial, gravity and applied forces of each link. M = (1 + K) D (1 + K)^T, with 1 + K unit
+upper triangular, is the Cholesky factorization from the last row, and L = 1 - (1 + K)^-1. Vectors are NumPy arrays of
+mpf.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class Tree:
-    """Links and joints in the order of a file; the first link is the root."""
+    """Links and joints in file order; the first link is the root."""
 
     links: tuple[Link, ...]
     joints: tuple[Joint, ...]
@@ -64,7 +65,7 @@ class Tree:
     floating_base: bool = False
 
     def scene(self) -> phipsi.Scene:
-        """phipsi's reading of it."""
+        """The scene that phipsi reads from it."""
         builder = phipsi.SceneBuilder()
         for link in self.links:
             builder.link(link.name, link.mass, link.com, link.inertia)
@@ -77,7 +78,7 @@ class Tree:
 
     @cached_property
     def order(self) -> tuple[Joint, ...]:
-        """All joints depth first, siblings in file order, the free joint of a floating base in front."""
+        """All joints depth first, siblings in file order, preceded by the free joint of a floating base."""
         found: list[Joint] = []
         if self.floating_base:
             found.append(Joint("root_joint", "floating", "", self.links[0].name))
@@ -97,7 +98,7 @@ class Tree:
 
 
 def exact(values: object) -> np.ndarray:
-    """Doubles as mpf, digit for digit; mpf as they are."""
+    """Exact conversion of doubles to mpf; mpf are unchanged."""
     if isinstance(values, np.ndarray) and values.dtype == object:
         return values
     doubles = np.asarray(values, dtype=float)
@@ -132,7 +133,9 @@ def turn(axis: np.ndarray, angle: object) -> np.ndarray:
 
 
 def nearest_rotation(doubles: np.ndarray) -> np.ndarray:
-    """The rotation that a matrix of doubles stands for, orthogonal to all digits: Newton's iteration for the polar factor."""
+    """The rotation nearest to a matrix of doubles, orthogonal to full precision, by Newton's iteration for the polar
+    factor.
+    """
     found = exact(doubles)
     for _ in range(3):
         found = found @ (3 * identity(3) - found.T @ found) / 2
@@ -140,13 +143,15 @@ def nearest_rotation(doubles: np.ndarray) -> np.ndarray:
 
 
 def of_quaternion(q: np.ndarray) -> np.ndarray:
-    """The rotation of (x, y, z, w) over its norm."""
+    """The rotation of (x, y, z, w), normalized."""
     v, w = unit(q)[:3], unit(q)[3]
     return identity(3) + 2 * w * skew(v) + 2 * (skew(v) @ skew(v))
 
 
 def in_plane(normal: np.ndarray) -> np.ndarray:
-    """The directions u, v of a planar joint, as columns: u is the coordinate axis least along the normal, projected."""
+    """Directions u, v of a planar joint, as columns: u is the projected coordinate axis with the smallest component
+    along the normal.
+    """
     least = min(range(3), key=lambda i: abs(normal[i]))
     e = identity(3)[least]
     u = unit(e - normal * (normal @ e))
@@ -154,7 +159,7 @@ def in_plane(normal: np.ndarray) -> np.ndarray:
 
 
 class State:
-    """A tree at q and qd, doubles (taken as exact) or mpf."""
+    """A tree at q and qd, doubles (exact) or mpf."""
 
     def __init__(self, tree: Tree, q: np.ndarray, qd: np.ndarray) -> None:
         self.tree, self.nv = tree, tree.nv
@@ -183,7 +188,8 @@ class State:
         base = self.rotation[parent] @ nearest_rotation(joint.rotation)
         axis = unit(exact(joint.axis))
         turned, moved = identity(3), zeros(3)
-        # Columns of the joint's rates: its angular velocity in the child's frame, its linear one in the parent-side frame.
+        # Columns of the joint velocities: angular velocity in the child frame, linear velocity in the frame on the
+        # parent side.
         spin, slide = zeros(3, joint.nv), zeros(3, joint.nv)
         match joint.kind:
             case "revolute" | "continuous":
@@ -218,7 +224,8 @@ class State:
         omega, alpha = self.angular[parent] @ self.qd, self.angular_bias[parent]
         spun, slid = spin @ self.qd[v] + zeros(3), slide @ self.qd[v] + zeros(3)
         self.angular_bias[child] = alpha + skew(omega) @ spun
-        # The rates of a floating joint are constant in the child's frame, which turns; those of the others in the parent's.
+        # The directions of the velocities of a floating joint are constant in the rotating child frame; those of
+        # other joints in the parent frame.
         turning = skew(spun) @ slid if joint.kind == "floating" else zeros(3)
         self.linear_bias[child] = (
             self.linear_bias[parent]
@@ -229,7 +236,7 @@ class State:
         self.moves[child] = bool(joint.nv) or self.moves.get(parent, False)
 
     def _inertia(self, link: Link) -> tuple[object, np.ndarray, np.ndarray, np.ndarray]:
-        """Mass, lever of the mass centre, central inertia in the base frame, Jacobian of the mass centre."""
+        """Mass, offset of the center of mass, central inertia in the base frame, Jacobian of the center of mass."""
         rotation = self.rotation[link.name]
         lever = rotation @ exact(link.com)
         central = rotation @ exact(link.inertia) @ rotation.T
@@ -239,20 +246,20 @@ class State:
     def mass_matrix(self) -> np.ndarray:
         total = identity(self.nv) * self.armature
         for link in self.links:
-            mass, _, central, centre = self._inertia(link)
+            mass, _, central, center = self._inertia(link)
             angular = self.angular[link.name]
-            total = total + mass * (centre.T @ centre) + angular.T @ central @ angular
+            total = total + mass * (center.T @ center) + angular.T @ central @ angular
         return total
 
     @cached_property
     def bias_torque(self) -> np.ndarray:
         torque = zeros(self.nv)
         for link in self.links:
-            mass, lever, central, centre = self._inertia(link)
+            mass, lever, central, center = self._inertia(link)
             omega, alpha = self.angular[link.name] @ self.qd, self.angular_bias[link.name]
-            at_centre = self.linear_bias[link.name] + skew(alpha) @ lever + skew(omega) @ (skew(omega) @ lever)
+            at_center = self.linear_bias[link.name] + skew(alpha) @ lever + skew(omega) @ (skew(omega) @ lever)
             moment = central @ alpha + skew(omega) @ (central @ omega)
-            torque = torque + centre.T @ (mass * (at_centre - self.gravity)) + self.angular[link.name].T @ moment
+            torque = torque + center.T @ (mass * (at_center - self.gravity)) + self.angular[link.name].T @ moment
         return torque
 
     def applied(self, wrenches: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -271,7 +278,7 @@ class State:
 
     @cached_property
     def factors(self) -> tuple[np.ndarray, np.ndarray]:
-        """(1 + K, diagonal of D), from the last row up."""
+        """(1 + K, diagonal of D), from the last row upward."""
         rest, upper, pivots = self.mass_matrix.copy(), identity(self.nv), zeros(self.nv)
         for j in reversed(range(self.nv)):
             pivots[j] = rest[j, j]
@@ -309,8 +316,8 @@ class State:
         """(angular about the base's origin, linear), in the base frame."""
         angular, linear = zeros(3), zeros(3)
         for link in self.links:
-            mass, lever, central, centre = self._inertia(link)
-            push = mass * (centre @ self.qd)
+            mass, lever, central, center = self._inertia(link)
+            push = mass * (center @ self.qd)
             linear = linear + push
             turning = central @ (self.angular[link.name] @ self.qd)
             angular = angular + turning + skew(self.position[link.name] + lever) @ push
@@ -341,7 +348,9 @@ def random_tree(
     gravity: tuple[float, float, float] = (0.3, -0.5, -9.6),
     floating_base: bool = False,
 ) -> Tree:
-    """A tree of bodies of about 1 kg and 0.3 m with at most that many degrees of freedom; the kinds come in turn, shuffled."""
+    """A tree of bodies of about 1 kg and 0.3 m with at most that many degrees of freedom; the joint types are used in
+    shuffled order.
+    """
 
     def rotation() -> np.ndarray:
         q, _ = np.linalg.qr(random.normal(size=(3, 3)))
@@ -374,11 +383,11 @@ def random_tree(
 
 
 STEP = mpf(10) ** -20
-"""Of central differences: a third of the digits for the step, a third for what is truncated."""
+"""Step of central differences: a third of the digits for the step, a third for the truncation error."""
 
 
 def moved(tree: Tree, q: np.ndarray, rate: np.ndarray, by: object) -> np.ndarray:
-    """q moved along a rate, to first order in the step (and second, after a central difference)."""
+    """q moved along a velocity, to first order in the step (to second order in a central difference)."""
     found, at_q, at_v = q.copy(), 0, 0
     for joint in tree.order:
         here, v = found[at_q : at_q + joint.nq], rate[at_v : at_v + joint.nv] * by

@@ -1,7 +1,8 @@
-"""Pinocchio (the wheel ``pin``) beside phipsi: one URDF read by both, and states and results taken from one to the other.
+"""Comparison of Pinocchio (the wheel ``pin``) with phipsi: one URDF read by both, and conversion of states and results.
 
-Pinocchio orders siblings by name and phipsi by the file, so that joints are matched by name; it writes a continuous joint as
-(cos, sin), and spatial vectors linear first. Its local convention, the more accurate one, is used throughout.
+Pinocchio orders siblings by name and phipsi by the file, so that joints are matched by name. Pinocchio represents a
+continuous joint as (cos, sin), and spatial vectors linear first. Its local convention, the more accurate one, is used
+throughout.
 """
 
 from __future__ import annotations
@@ -22,19 +23,19 @@ SWAP = np.r_[3:6, 0:3]
 
 
 def urdf_files() -> list[str]:
-    """Every URDF of example-robot-data, as paths below its folder of robots."""
+    """All URDF files of example-robot-data, as paths below its folder of robots."""
     return sorted(path.relative_to(ROBOTS).as_posix() for path in ROBOTS.rglob("*.urdf"))
 
 
 def load(file: str, floating_base: bool, *, strict: bool = False) -> tuple[phipsi.Scene, list[warnings.WarningMessage]]:
-    """phipsi's scene of a file of example-robot-data, and the warnings that it gave."""
+    """phipsi's scene of a file of example-robot-data, and the warnings."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         return phipsi.Scene.from_urdf(ROBOTS / file, floating_base=floating_base, strict=strict), caught
 
 
 class Oracle:
-    """Pinocchio's model of a file, speaking in phipsi's order and conventions."""
+    """Pinocchio's model of a file, with results in phipsi's order and conventions."""
 
     def __init__(self, file: str, floating_base: bool, scene: phipsi.Scene, *, mimic: bool = False) -> None:
         path = str(ROBOTS / file)
@@ -42,7 +43,7 @@ class Oracle:
         self.model = pin.buildModelFromUrdf(path, *root, *((True,) if mimic else ()))
         self.model.gravity.linear[:] = scene.gravity
         self.data = self.model.createData()
-        # Those that follow others are joints of Pinocchio's, and none of a coupled scene's.
+        # Mimic joints are joints of Pinocchio, but not of a scene with coupled joints.
         names = [name for name in self.model.names[1:] if not mimic or name in scene.joint_names]
         assert sorted(names) == sorted(scene.joint_names)
         assert self.model.nv == scene.nv
@@ -57,7 +58,7 @@ class Oracle:
             self.v_order[at] = joint.idx_v + np.arange(joint.nv)
 
     def configuration(self, q: np.ndarray) -> np.ndarray:
-        """phipsi's q as Pinocchio's."""
+        """phipsi's q in Pinocchio's convention."""
         there = np.empty(self.model.nq)
         for name in self.scene.joint_names:
             joint = self.model.joints[self.model.getJointId(name)]
@@ -79,7 +80,7 @@ class Oracle:
         return np.asarray(v)[..., self.v_order]
 
     def symmetric(self, upper: np.ndarray) -> np.ndarray:
-        """A symmetric matrix of Pinocchio, of which the upper triangle is right, in phipsi's order."""
+        """A symmetric matrix of Pinocchio with a valid upper triangle, in phipsi's order."""
         full = np.triu(upper) + np.triu(upper, 1).T
         return full[np.ix_(self.v_order, self.v_order)]
 
@@ -132,7 +133,7 @@ class Oracle:
         return kinetic, pin.computePotentialEnergy(self.model, self.data, q)
 
     def momentum(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
-        """(angular, linear) about the base's origin: Pinocchio's is about the mass centre of what moves."""
+        """(angular, linear) about the origin of the base; Pinocchio's is about the center of mass."""
         q, qd = self.configuration(q), self.there(qd)
         pin.ccrba(self.model, self.data, q, qd)
         linear, angular = self.data.hg.linear, self.data.hg.angular
@@ -145,7 +146,7 @@ class Oracle:
     def inverse_dynamics_derivatives(
         self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, wrenches: Mapping[str, np.ndarray]
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """By q, by qd, and M without armature."""
+        """Derivatives with respect to q and qd, and M without armature."""
         arguments = (self.configuration(q), self.there(qd), self.there(qdd), self.joint_forces(wrenches))
         by_q, by_qd, mass = pin.computeRNEADerivatives(self.model, self.data, *arguments)
         return self.square(by_q), self.square(by_qd), self.symmetric(np.reshape(mass, (self.model.nv, self.model.nv)))
@@ -156,7 +157,7 @@ class Oracle:
     def forward_dynamics_derivatives(
         self, q: np.ndarray, qd: np.ndarray, tau: np.ndarray, wrenches: Mapping[str, np.ndarray]
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """By q, by qd, by tau."""
+        """Derivatives with respect to q, qd and tau."""
         arguments = (self.configuration(q), self.there(qd), self.there(tau), self.joint_forces(wrenches))
         by_q, by_qd, inverse = pin.computeABADerivatives(self.model, self.data, *arguments)
         return self.square(by_q), self.square(by_qd), self.symmetric(np.reshape(inverse, (self.model.nv, self.model.nv)))

@@ -1,7 +1,7 @@
-"""Forward dynamics of long trees in O(N) at 34 digits (mpmath), from the description of a `Tree` with orthonormal rotations.
+"""Forward dynamics of long trees in O(N) with 34 digits (mpmath), for a `Tree` with orthonormal rotations.
 
-The oracle of `oracle_mpmath` is dense and serves for a dozen bodies; this one serves for thousands. Body frames, 6 x 6 inertias and one
-step of elimination per degree of freedom; `test_long_chains` compares the two on small trees.
+The oracle of `oracle_mpmath` is dense and limited to a dozen bodies; this one is for thousands. It uses body frames,
+6 x 6 inertias and one step of elimination per degree of freedom; `test_long_chains` compares the two on small trees.
 """
 
 from __future__ import annotations
@@ -54,7 +54,9 @@ def of_quaternion(q: Entries) -> Entries:
 
 
 def motion(joint: Joint, q: Entries) -> tuple[Entries, Entries, Entries]:
-    """Rotation and displacement of a joint, and the columns of its velocities in the child's frame, (6, nv), angular first."""
+    """Rotation and displacement of a joint, and the columns of its velocities in the child frame, (6, nv), angular
+    first.
+    """
     axis = exact(joint.axis)
     axis = axis / CONTEXT.sqrt(axis @ axis)
     columns = zeros(6, joint.nv)
@@ -80,7 +82,7 @@ def motion(joint: Joint, q: Entries) -> tuple[Entries, Entries, Entries]:
 
 
 def shift(rotation: Entries, lever: Entries) -> Entries:
-    """phi: forces of the child at the parent."""
+    """phi: forces on the child, at the parent."""
     found = zeros(6, 6)
     found[:3, :3] = found[3:, 3:] = rotation
     found[:3, 3:] = skew(lever) @ rotation
@@ -88,7 +90,7 @@ def shift(rotation: Entries, lever: Entries) -> Entries:
 
 
 def crossed(v: Entries) -> Entries:
-    """v x of motions; of forces it is minus the transpose."""
+    """v x for motions; for forces it is minus the transpose."""
     found = zeros(6, 6)
     found[:3, :3] = found[3:, 3:] = skew(v[:3])
     found[3:, :3] = skew(v[3:])
@@ -96,7 +98,7 @@ def crossed(v: Entries) -> Entries:
 
 
 def inertia_of(link: Link) -> Entries:
-    """About the link's origin, (6, 6)."""
+    """About the link origin, (6, 6)."""
     mass, com, found = mpf(link.mass), skew(exact(link.com)), zeros(6, 6)
     found[:3, :3] = exact(link.inertia) - com @ com * mass
     found[:3, 3:], found[3:, :3] = com * mass, -com * mass
@@ -105,7 +107,7 @@ def inertia_of(link: Link) -> Entries:
 
 
 def forward_dynamics(tree: Tree, q: np.ndarray, qd: np.ndarray, tau: np.ndarray) -> Entries:
-    """The joint accelerations, (nv) mpf. What is kept of a body is vectors: 100,000 fit into a gigabyte."""
+    """Joint accelerations, (nv) mpf. Only vectors are stored per body: 100,000 bodies fit into a gigabyte."""
     q, qd, tau = exact(q), exact(qd), exact(tau)
     links = {link.name: link for link in tree.links}
     joints = tree.order if tree.floating_base else tree.joints
@@ -132,7 +134,7 @@ def forward_dynamics(tree: Tree, q: np.ndarray, qd: np.ndarray, tau: np.ndarray)
         inertia, force = arrived.pop(k, (zeros(6, 6), zeros(6)))
         force = force - crossed(velocities[k]).T @ (own @ velocities[k])
         inertia = inertia + own
-        # The acceleration that velocities add, before the joint's own.
+        # Velocity-dependent acceleration, before that of the joint.
         force = force + inertia @ coriolis[k]
         for i in reversed(range(columns[k].shape[1])):
             h, row = columns[k][:, i], rows[k] + i

@@ -1,4 +1,4 @@
-"""The docstrings of the stub `_core.pyi` are those of the compiled module. `python stub_docs.py STUB...` writes them into it."""
+"""Copy the docstrings of the compiled module into the stub `_core.pyi`: `python stub_docs.py STUB...`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from phipsi import _core
 
 
 def with_docs(stub: str) -> str:
-    """The stub with the docstrings of the module that is imported: of all that is public, the first of several overloads."""
+    """The stub with the docstrings of the imported module, for all public names and the first of several overloads."""
     lines = stub.splitlines()
     for node, doc in reversed(list(_documented(ast.parse(stub).body, _core))):
         own, *rest = doc.splitlines()

@@ -1,4 +1,4 @@
-"""Form `auto` in the states that robots are in, and what forward dynamics tells of its own accuracy."""
+"""Form `auto` in typical states of robots, and the error estimate of forward dynamics."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from phipsi.report import kinds
 STATES = 4
 #: Files without a moving joint, or with joints that move no mass.
 LEFT_OUT = {"ur_description/urdf/ur3.urdf", "romeo_description/urdf/romeo.urdf", "romeo_description/urdf/romeo_laas_small.urdf"}
-#: Inertias that no body can have leave no other form than the covariance form.
+#: With impossible inertias only the covariance form works.
 NO_ROOT = {"icub_description/robots/icub.urdf"}
 
 
@@ -84,8 +84,8 @@ def test_what_was_refined_is_visible_state_by_state() -> None:
     assert np.all(info.error <= 1e-12 * largest)
     alone, covariance = scene.forward_dynamics(q, qd, tau, form="covariance", return_info=True)
     off = np.abs(alone - qdd).max(axis=-1)
-    assert np.all(off > 1e-9 * largest), "the covariance form loses digits here"
-    assert np.all(off <= ESTIMATE_SPREAD * covariance.error), "and says so"
+    assert np.all(off > 1e-9 * largest), "the covariance form loses precision here"
+    assert np.all(off <= ESTIMATE_SPREAD * covariance.error), "its error estimate is too small"
 
 
 def test_refined_states_stand_among_others_of_a_batch() -> None:
@@ -103,7 +103,7 @@ def test_in_float32_the_estimate_is_that_of_float32() -> None:
     expected = scene.forward_dynamics(q, qd, tau)
     qdd, info = scene.forward_dynamics(q, qd, tau, dtype=np.float32, return_info=True)
     assert qdd.dtype == np.float32 and np.all(info.error > 1e3 * EPS)
-    # The scene's numbers and the arguments are rounded too, which no estimate sees.
+    # The constants of the scene and the arguments are rounded too, which the estimate does not include.
     assert np.all(np.abs(qdd - expected).max(axis=-1) <= 100.0 * info.error)
 
 

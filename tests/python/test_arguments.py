@@ -1,4 +1,4 @@
-"""One valid call, then one broken argument a test; and every kind of array that is taken."""
+"""One valid call, then one broken argument per test; and all supported kinds of arrays."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ def test_a_quaternion_far_from_unit_is_refused(mixed: phipsi.Scene) -> None:
 
 
 def test_a_singular_joint_is_named() -> None:
-    """A point mass on a turntable, lifted about an axis beside the first: at elevation 0 it is on the first."""
+    """A point mass on a turntable, lifted about an axis near the first: at elevation 0 it is on the first axis."""
     builder = phipsi.SceneBuilder().link("base").link("table").link("arm", 2.0, (1, 0, 0))
     builder.joint("turn", "revolute", "base", "table")
     builder.joint("lift", "revolute", "table", "arm", xyz=(-1, 0, 0), axis=(0, 1, 0))
@@ -204,7 +204,7 @@ def test_dense_matrices_stop_at_4000() -> None:
 
 
 def test_too_many_states_raise_memory_errors(arm: phipsi.Scene) -> None:
-    """Broadcasting makes results larger than any memory without large arguments."""
+    """Broadcasting can create results larger than the memory from small arguments."""
     tall, wide = np.zeros((2**20, 1, 7)), np.zeros((2**20, 7))
     with pytest.raises(MemoryError):
         arm.bias_torque(tall, wide)
@@ -215,7 +215,7 @@ def test_too_many_states_raise_memory_errors(arm: phipsi.Scene) -> None:
 
 
 def converted(q: np.ndarray) -> dict[str, Any]:
-    """The same numbers in every other way to hold them; the numbers are exact in float32."""
+    """The same values in all other array types; the values are exact in float32."""
     raw = np.zeros(8 * q.size + 1, np.uint8)
     unaligned = raw[1:].view(np.float64).reshape(q.shape)
     unaligned[...] = q

@@ -1,4 +1,6 @@
-"""Form `auto` means the same in every call: on the extreme scenes each result is within its tolerance of 60 digits."""
+"""Form `auto` has the same meaning in every call: on the extreme scenes each result is within its tolerance of 60
+digits.
+"""
 
 from __future__ import annotations
 
@@ -27,11 +29,11 @@ CASES = {
 }
 DIRECTIONS = ("dq", "dqd", "dtau")
 STEP = CONTEXT.mpf(10) ** -12
-"""Of second differences: of 60 digits 24 are truncated, and 24 are lost."""
+"""Step of second differences: of 60 digits, 24 are truncation error and 24 rounding error."""
 
 
 class Case:
-    """An extreme scene with a state, three directions and a cotangent, and what 60 digits say."""
+    """An extreme scene with a state, three directions and a cotangent, and the results with 60 digits."""
 
     def __init__(self, name: str, value: float) -> None:
         extreme = scenes.extreme(name, value)
@@ -45,7 +47,7 @@ class Case:
         self.jacobian = at_state.jacobian(self.scene.link_names[-1])
 
     def accelerations(self, along: dict[str, object]) -> np.ndarray:
-        """Those of the state moved along each direction by so much."""
+        """Results of the state moved along each direction by that step."""
         q, qd, tau = (exact(x) for x in self.state)
         steps = {name: exact(self.directions[name]) * along.get(name, 0) for name in DIRECTIONS}
         state = State(self.tree, moved(self.tree, q, steps["dq"], 1), qd + steps["dqd"])
@@ -57,7 +59,7 @@ class Case:
 
     @functools.cache
     def twice(self, name: str) -> object:
-        """The second derivative of cotangent . qdd, along a direction and along all three."""
+        """Second derivative of cotangent . qdd, along a direction and along all three."""
 
         def change(h: object, k: object) -> object:
             return exact(self.cotangent) @ self.accelerations({other: h * (other == name) + k for other in DIRECTIONS})
@@ -65,7 +67,7 @@ class Case:
         return (change(STEP, STEP) - change(STEP, -STEP) - change(-STEP, STEP) + change(-STEP, -STEP)) / (4 * STEP * STEP)
 
     def seeds(self, name: str) -> tuple[np.ndarray, ...]:
-        """That direction alone."""
+        """The given direction only."""
         return tuple(self.directions[other] * (other == name) for other in DIRECTIONS)
 
 
@@ -80,7 +82,7 @@ def case(request: pytest.FixtureRequest) -> Case:
 
 
 def assert_accepted(found: object, expected: object, size: float | None = None) -> None:
-    """Within what `auto` accepts, relative to the largest entry or to a size."""
+    """Within the tolerance of `auto`, relative to the largest entry or to a scale."""
     expected = np.asarray(expected, dtype=object)
     size = float(np.max(np.abs(rounded(expected)))) if size is None else size
     off = float(np.max(np.abs(rounded(exact(np.asarray(found)) - expected))))

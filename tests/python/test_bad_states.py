@@ -1,4 +1,4 @@
-"""errors="nan": the good states of a batch come back as they would without the bad ones, which are NaN, and are told of."""
+"""errors="nan": the results of the good states of a batch do not depend on the bad ones, which are NaN and reported."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ BAD = (0, 17, 18, 130, 299)
 
 
 def calls(scene: phipsi.Scene) -> dict[str, Any]:
-    """Every method that takes `errors`, from (q, qd, tau) to one array."""
+    """All methods that take `errors`, from (q, qd, tau) to one array."""
     link = scene.link_names[-1]
 
     def stacked(arrays: Any, axis: int) -> np.ndarray:
@@ -173,7 +173,7 @@ def test_every_kind_of_bad_state() -> None:
 
 
 def test_singular_joints_are_bad_states() -> None:
-    """Two hinges through one point mass: the outer one is singular where the mass is on its axis."""
+    """Two hinges through one point mass: the outer one is singular if the mass is on its axis."""
     builder = phipsi.SceneBuilder().link("base").link("frame").link("mass", 1.0, (1.0, 0, 0))
     builder.joint("inner", "revolute", "base", "frame", axis=(0, 0, 1), armature=1.0)
     builder.joint("outer", "revolute", "frame", "mass", axis=(0, 1, 0))

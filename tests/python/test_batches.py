@@ -1,4 +1,4 @@
-"""Batches: the bits of single states, broadcasting, no states, no joints."""
+"""Batches: bitwise equality with single states, broadcasting, no states, no joints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scenes from code: what the builder takes, refuses and warns of."""
+"""Scenes from code: supported, refused and warned arguments of the builder."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ BODY = {"mass": 1.0, "com": (0.1, 0.2, 0.3), "inertia": np.diag([2.0, 3.0, 4.0])
 
 
 def pendulum(link: dict[str, Any] | None = None, **joint: Any) -> phipsi.SceneBuilder:
-    """A base and a rod; keywords replace the rod's and the joint's."""
+    """A base and a rod; keywords replace those of the rod and the joint."""
     arguments = {"name": "hinge", "type": "revolute", "parent": "base", "child": "rod"} | joint
     name, kind, parent, child = (arguments.pop(key) for key in ("name", "type", "parent", "child"))
     builder = phipsi.SceneBuilder().link("base").link("rod", **(BODY | (link or {})))
@@ -48,7 +48,7 @@ def test_a_builder_can_build_twice() -> None:
     assert builder.build().link_names == ("base", "rod", "tool")
 
 
-def test_inertia_is_about_the_mass_centre() -> None:
+def test_inertia_is_about_the_center_of_mass() -> None:
     scene = pendulum(axis=(0, 0, 1)).build()
     assert_near(scene.mass_matrix([0.0]), [[4.0 + 0.1**2 + 0.2**2]], 8 * EPS)
 
@@ -179,7 +179,7 @@ def test_error_classes() -> None:
 
 
 def test_names_from_anywhere() -> None:
-    """Names are data: quotes, other scripts and zero bytes pass through messages unharmed."""
+    """Names are data: quotes, other scripts and zero bytes are unchanged in messages."""
     name = 'ра"м\0a'
     builder = phipsi.SceneBuilder().link("base").link(name, 1.0, (0, 0, 0), np.diag([1.0, 1.0, 3.0]))
     with pytest.warns(InertiaWarning, match=re.escape("ра")):

@@ -1,4 +1,6 @@
-"""What phipsi.jax and phipsi.torch call on the host: derivatives by the numbers of q, quaternions of any norm among them."""
+"""Host functions of phipsi.jax and phipsi.torch: derivatives with respect to the entries of q, including quaternions of
+any norm.
+"""
 
 from __future__ import annotations
 
@@ -13,13 +15,14 @@ from phipsi import _calls
 from phipsi._chart import skew
 from phipsi._coordinates import Coordinates, right_jacobian
 
-#: Step of differences of fourth order, and what they leave of a function of like size: rounding over the step, and truncation.
+#: Step of differences of fourth order, and their error for a function of similar magnitude: rounding relative to the
+#: step, and truncation.
 STEP = 2e-3
 LEFT = 64.0 * EPS / STEP + 64.0 * STEP**4
 
 
 def floating() -> phipsi.Scene:
-    """A floating body with a spherical joint, a slide and a hinge."""
+    """A floating body with a spherical joint, a prismatic joint and a hinge."""
     builder = phipsi.SceneBuilder()
     for name in ("body", "ball", "slider", "arm"):
         builder.link(name, mass=1.3, com=(0.05, -0.02, 0.1), inertia=np.diag([0.2, 0.3, 0.25]))
@@ -83,7 +86,7 @@ def test_changes_and_tangents_are_inverses() -> None:
 
 @pytest.mark.parametrize("angle", [0.0, 1e-8, 1e-3, 0.499999, 0.500001, 2.0, np.pi])
 def test_either_way_to_the_right_jacobian_is_its_series(angle: float) -> None:
-    """At the identity, at half a turn, and on both sides of where the closed form takes over."""
+    """At the identity, at half a turn, and on both sides of the transition to the closed form."""
     axis = np.array([0.48, -0.6, 0.64])
     turning, moving = -skew(angle * axis), -skew(np.array([0.3, -1.1, 0.7]))
     bracket = np.block([[turning, moving], [np.zeros((3, 3)), turning]])

@@ -1,8 +1,10 @@
-"""A biped whose legs are loops of rods, as Cassie's are: its dynamics against a dense solution at 60 digits and beside Pinocchio's constraintDynamics, and its motion.
+"""A biped whose legs are loops of rods, like Cassie's: dynamics compared with a dense solution with 60 digits and with
+Pinocchio's constraintDynamics, and simulation.
 
-Each leg has seven hinges from the hip to the foot and one to the foot crank, with a spring at the shin, and two rods. The achilles rod hangs on a ball joint at the thigh and ends at the
-tarsus: a body, or a distance without mass. The plantar rod goes from the foot crank to the foot: a loop in a plane, of whose three rows two are independent. Dimensions and masses are
-about Cassie's.
+Each leg has seven hinges from the hip to the foot and one to the foot crank, with a spring at the shin, and two rods.
+The achilles rod is attached to the thigh by a ball joint and ends at the tarsus: a body, or a distance without mass.
+The plantar rod connects the foot crank with the foot: a planar loop, two of whose three constraints are independent.
+Dimensions and masses are similar to Cassie's.
 """
 
 from __future__ import annotations
@@ -18,12 +20,12 @@ from tolerances import assert_near, assert_same_bits, inverse, size
 import phipsi
 
 SIDES = {"left": 1.0, "right": -1.0}
-#: Joints with motors, of each leg.
+#: Actuated joints of each leg.
 MOTORS = ("roll", "yaw", "pitch", "knee", "foot")
-#: N m/rad, of the springs at the shins.
+#: Stiffness of the shin springs, N m/rad.
 STIFFNESS = 1500.0
 
-#: Whether achilles rods are bodies, and how many rows of the connections are independent.
+#: Whether achilles rods are bodies, and the number of independent constraints.
 RODS = pytest.mark.parametrize(("are_bodies", "rank"), [(True, 10), (False, 6)], ids=["bodies", "distances"])
 
 
@@ -33,7 +35,7 @@ def about_z(degrees: float) -> np.ndarray:
 
 
 def axes(x: tuple[int, int, int], y: tuple[int, int, int]) -> np.ndarray:
-    """The rotation to the frame with these axes."""
+    """Rotation to the frame with these axes."""
     return np.column_stack([x, y, np.cross(x, y)]).astype(float)
 
 
@@ -44,21 +46,21 @@ def bar(mass: float, length: float, thickness: float) -> np.ndarray:
 
 
 class Leg:
-    """Where things are in a leg, by side: +1 left, -1 right."""
+    """Positions in a leg, by side: +1 left, -1 right."""
 
     def __init__(self, side: float) -> None:
-        #: The hinges from thigh to knee, knee to shin and shin to tarsus, each in the link before.
+        #: Hinges from thigh to knee, knee to shin and shin to tarsus, each in the frame of the previous link.
         self.knee, self.shin, self.tarsus = (0.12, 0.0, 0.0045 * side), (0.061, 0.047, 0.0), (0.435, 0.02, 0.0)
-        #: The ends of the achilles rod: in the thigh, and in the tarsus.
+        #: Ends of the achilles rod, in the frames of thigh and tarsus.
         self.ball, self.heel = np.array([0.0, 0.0, 0.045 * side]), np.array([-0.12, -0.03, 0.001 * side])
-        #: The achilles rod where all joints are at zero, in the thigh.
+        #: The achilles rod in the configuration with all joints at zero, in the thigh frame.
         self.rod = np.array(self.knee) + about_z(-45) @ (np.array(self.shin) + np.array(self.tarsus) + about_z(58) @ self.heel) - self.ball
         self.length = float(np.linalg.norm(self.rod))
 
 
 @cache
 def tree(are_bodies: bool) -> Tree:
-    """The joints without what connects the rods, which is closed where all are at zero."""
+    """The joints without the connections of the rods, which are closed with all joints at zero."""
     links = [Link("pelvis", 10.3, np.array([0.05, 0.0, 0.03]), np.diag([0.09, 0.05, 0.09]))]
     joints: list[Joint] = []
     straight = np.eye(3)
@@ -101,7 +103,7 @@ def biped(are_bodies: bool) -> phipsi.Scene:
 
 
 def moving(scene: phipsi.Scene, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A state that meets the connections, and the torques of motors and springs."""
+    """A state that satisfies the connections, and the torques of motors and springs."""
     random = np.random.default_rng(seed)
     q = scene.integrate(scene.neutral(), random.uniform(-0.2, 0.2, scene.nv))
     q, qd, _ = scene.project(q, random.uniform(-1.0, 1.0, scene.nv))
@@ -114,20 +116,22 @@ def moving(scene: phipsi.Scene, seed: int) -> tuple[np.ndarray, np.ndarray, np.n
     return q, qd, tau
 
 
-# The oracle
+# Oracle
 
 
 def ends(scene: phipsi.Scene) -> list[tuple[str, str, str, str, np.ndarray, np.ndarray]]:
-    """Name, kind, both links and both points of each connection, as the scene's pickle has them."""
+    """Name, kind, both links and both points of each connection, from the pickle of the scene."""
     description = scene.__reduce__()[1][0]
     return [(name, kind, link, other, np.array(first[1]), np.array(second[1])) for name, kind, _, _, _, link, other, first, second in description[-1][1]]
 
 
 def rows(state: State, scene: phipsi.Scene) -> tuple[np.ndarray, np.ndarray, dict[str, slice]]:
-    """J and what J qdd is for rates that stay on the connections: of the second end seen from the first link, or of how far apart the ends are."""
+    """J, and J qdd for velocities that satisfy the constraints: of the second end relative to the first link, or of the
+    distance of the ends.
+    """
 
     def point(link: str, at: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Place, Jacobian and acceleration for qdd = 0, in the base's frame."""
+        """Pose, Jacobian and acceleration for qdd = 0, in the base frame."""
         lever = state.rotation[link] @ exact(at)
         omega, alpha = state.angular[link] @ state.qd, state.angular_bias[link]
         bias = state.linear_bias[link] + skew(alpha) @ lever + skew(omega) @ (skew(omega) @ lever)
@@ -138,7 +142,7 @@ def rows(state: State, scene: phipsi.Scene) -> tuple[np.ndarray, np.ndarray, dic
         (here, moves, bias), (there, moves_other, bias_other) = point(link, first), point(other, second)
         apart, relative, drift = there - here, moves_other - moves, bias_other - bias
         if kind == "point":
-            # The first link turns: so does what is seen from it.
+            # The first link rotates, which changes vectors expressed in its frame.
             omega, alpha = state.angular[link] @ state.qd, state.angular_bias[link]
             relative = relative + skew(apart) @ state.angular[link]
             drift = drift - skew(alpha) @ apart - skew(omega) @ (skew(omega) @ apart + 2 * (relative @ state.qd))
@@ -155,7 +159,9 @@ def rows(state: State, scene: phipsi.Scene) -> tuple[np.ndarray, np.ndarray, dic
 
 
 def solved(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, int]:
-    """A solution of A x = b, A symmetric and without negative eigenvalues, and A's rank: elimination by the largest pivots, where what is left is rounding of 60 digits."""
+    """A solution of A x = b, with A symmetric positive semidefinite, and the rank of A: elimination with the largest
+    pivots, down to the rounding error of 60 digits.
+    """
     a, b, kept = a.copy(), b.copy(), []
     largest = max(abs(a[i, i]) for i in range(len(b)))
     while True:
@@ -184,7 +190,7 @@ def test_accelerations_and_forces_are_those_of_dense_algebra(are_bodies: bool, r
     through = state.inverse @ jacobian.T
     forces, expected_rank = solved(jacobian @ through, right - jacobian @ free)
     qdd = free + through @ forces
-    # It solves what it should, redundant rows too.
+    # It satisfies the system, including redundant rows.
     assert max(abs(x) for x in jacobian @ qdd - right) < mpf(10) ** -35
     found = scene.constrained_dynamics(q, qd, tau)
     assert found.rank == expected_rank == rank
@@ -193,7 +199,7 @@ def test_accelerations_and_forces_are_those_of_dense_algebra(are_bodies: bool, r
     condition = float(singular[0] / singular[-1])
     assert_near(found.qdd, rounded(qdd), inverse(condition, size(rounded(qdd))))
     for name, kind, *_ in ends(scene):
-        # Of a point, what the first link does to the second one has the other sign than what it feels.
+        # For a point, the force of the first link on the second has the opposite sign.
         expected = rounded(forces[where[name]]) * (-1.0 if kind == "point" else 1.0)
         assert_near(found.forces[name], expected, inverse(condition, size(rounded(forces))))
     assert found.residual < inverse(condition, size(rounded(qdd), tau))
@@ -201,7 +207,7 @@ def test_accelerations_and_forces_are_those_of_dense_algebra(are_bodies: bool, r
 
 
 def of_pinocchio(scene: phipsi.Scene, q: np.ndarray, qd: np.ndarray, tau: np.ndarray) -> np.ndarray:
-    """The accelerations that Pinocchio gives, whose joints are those of the tree in the same order."""
+    """Accelerations of Pinocchio, whose joints have the order of the tree."""
     pin = pytest.importorskip("pinocchio")
     model, ids = pin.Model(), {"": 0}
     model.gravity.linear[:] = scene.gravity
@@ -235,7 +241,7 @@ def test_accelerations_are_those_of_pinocchio(seed: int) -> None:
 
 @RODS
 def test_its_legs_stay_closed_as_it_moves(are_bodies: bool, rank: int) -> None:
-    """In free fall, with springs at its shins: no energy is lost, and the mass centre falls as a point does."""
+    """In free fall, with springs at the shins: energy is conserved, and the center of mass moves like a point mass."""
     scene = biped(are_bodies)
     scene = scene.with_properties(stiffness={f"{side} spring": STIFFNESS for side in SIDES})
     q, qd, _ = moving(scene, 7)
@@ -251,12 +257,12 @@ def test_its_legs_stay_closed_as_it_moves(are_bodies: bool, rank: int) -> None:
     assert scene.constrained_dynamics(path.q[-1], path.qd[-1], np.zeros(scene.nv)).rank == rank
 
 
-#: What the knees stand at where all joints are at zero, in MuJoCo's coordinates, rad.
+#: Angle of the knees with all joints at zero, in MuJoCo's coordinates, rad.
 ZERO = -0.7
 
 
 def of_mujoco() -> str:
-    """The biped with rods as bodies, in MuJoCo's format."""
+    """The biped with rods as bodies, as MJCF."""
     robot, scene = tree(True), biped(True)
     links = {link.name: link for link in robot.links}
 
@@ -280,7 +286,7 @@ def of_mujoco() -> str:
 
 
 def test_it_is_read_from_mujoco() -> None:
-    """The same accelerations, and those of dense algebra with MuJoCo's mass matrix and its rows, at rest."""
+    """The same accelerations as dense algebra with MuJoCo's mass matrix and constraints, at rest."""
     mujoco = pytest.importorskip("mujoco")
     import phipsi.mujoco
 

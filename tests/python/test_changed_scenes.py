@@ -1,4 +1,4 @@
-"""New scenes from a scene: the way back to the builder, other properties, loads; and links and joints by name."""
+"""New scenes from a scene: conversion to a builder, other properties, payloads; and links and joints by name."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def test_builders_pickle_and_copy(remade: Any) -> None:
     builder = scene.to_builder()
     other = remade(builder)
     assert_equal_scenes(other.build(), scene)
-    # Each goes its own way.
+    # The copies are independent.
     other.link("more").joint("to more", "revolute", "base", "more")
     assert "more" not in builder.build().link_names
     assert "more" in other.build().link_names
@@ -130,7 +130,7 @@ def test_properties_by_name_by_array_and_by_number(name: str) -> None:
     scene = floating()
     joints = scene.joint_names
     before = getattr(scene, name)
-    # By name: the others stay.
+    # By name: the others are unchanged.
     changed = scene.with_properties(**{name: {"joint1": 0.7, "root_joint": 0.9}})
     expected = before.copy()
     expected[scene.v_index("joint1")] = 0.7
@@ -138,13 +138,13 @@ def test_properties_by_name_by_array_and_by_number(name: str) -> None:
     assert_same_bits(getattr(changed, name), expected)
     for other in set(PROPERTIES) - {name}:
         assert_same_bits(getattr(changed, other), getattr(scene, other))
-    # One number, one a joint, one a degree of freedom.
+    # One value, one per joint, one per degree of freedom.
     assert_same_bits(getattr(scene.with_properties(**{name: 0.25}), name), np.full(scene.nv, 0.25))
     each = 0.1 + np.arange(len(joints))
     by_row = np.concatenate([np.full(scene.v_index(joint).stop - scene.v_index(joint).start, x) for joint, x in zip(joints, each, strict=True)])
     for given in (each, by_row, {joint: x for joint, x in zip(joints, each, strict=True)}):
         assert_same_bits(getattr(scene.with_properties(**{name: given}), name), by_row)
-    # What was set stays set, on the way through a builder too.
+    # Properties are preserved, including conversion to a builder.
     assert_same_bits(getattr(changed.with_properties(), name), expected)
     assert_same_bits(getattr(changed.to_builder().build(), name), expected)
 
@@ -234,7 +234,7 @@ def test_a_point_mass_far_away_keeps_its_digits() -> None:
     found = scene.with_payload("link1", own.mass, own.com + [1e8, 0, 0]).links["link1"]
     reduced = own.mass / 2
     assert_near(found.inertia, own.inertia + reduced * np.diag([0, 1e16, 1e16]), product(4, 1e16))
-    # A load of no mass changes nothing.
+    # A payload without mass changes nothing.
     same = scene.with_payload("link1", 0.0).links["link1"]
     assert_same_bits(same.inertia, own.inertia)
     assert_same_bits(same.com, own.com)

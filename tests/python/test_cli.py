@@ -16,7 +16,7 @@ from click.testing import CliRunner, Result
 from phipsi.report import commands, completion, identify, ik, info, kinds, simulate, view_robot  # noqa: F401  # the others register their commands
 from phipsi.report.sections import residuals
 
-#: Two links in line, the second without mass: its joint moves nothing.
+#: Two links in series, the second without mass: its joint moves no mass.
 MASSLESS_TIP = """
 <robot name="r"><link name="base"/><link name="a"><inertial><mass value="1"/><origin xyz="0 0 0.1"/>
 <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link><link name="tip"/>
@@ -49,7 +49,7 @@ def test_info_of_a_file(tmp_path: Path) -> None:
     robot.write_text(MASSLESS_TIP.replace('"j1"', '"[red]j1"').replace('lower="-1"', "", 1), encoding="utf-8")
     result = run("info", str(robot), "--floating-base")
     assert result.exit_code == 0, result.output
-    assert "8 degrees of freedom (9 coordinates), 3 links, 1 kg that move" in result.output
+    assert "8 degrees of freedom (9 coordinates), 3 links, 1 kg moving mass" in result.output
     assert [line.split()[:4] for line in result.output.splitlines() if "j1" in line] == [["[red]j1", "revolute", "a", "7"]]
     content = json.loads(run("info", str(robot), "--json").stdout)
     assert (content["nq"], content["nv"], content["mass"], content["file"]) == (2, 2, 1.0, str(robot))
@@ -74,7 +74,7 @@ def test_completion(shell: str) -> None:
 
 
 def test_bash_completes(tmp_path: Path) -> None:
-    """The script is one that bash reads, and the command answers it."""
+    """bash can read the script, and the command answers completion requests."""
     if (bash := shutil.which("bash")) is None:
         pytest.skip("no bash")
     script = tmp_path / "completion.bash"
@@ -88,7 +88,7 @@ def test_bash_completes(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Torques of the bundled arm with a load in its hand."""
+    """Torques of the bundled arm with a payload in its hand."""
     scene = phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM)
     loaded = scene.with_payload(scene.body_names[-1], mass=1.5, com=(0.0, 0.0, 0.1), inertia=0.01 * np.eye(3))
     q, qd, qdd = np.random.default_rng(0).uniform(-1, 1, (3, 200, 6))
@@ -103,13 +103,13 @@ def test_identify(measured: Path, tmp_path: Path) -> None:
     robot = str(measured.parent / "arm.urdf")
     result = run("identify", robot, str(measured), "--noise", "0.001", "-o", str(tmp_path / "found.urdf"))
     assert result.exit_code == 0, result.output
-    assert "200 states tell" in result.output and str(tmp_path / "found.urdf") in result.output
+    assert "200 states determine" in result.output and str(tmp_path / "found.urdf") in result.output
     result = run("identify", robot, str(measured), "--noise", "0.001", "--fit", "damping", "--json")
     assert result.exit_code == 0, result.output
     found = json.loads(result.output)
     assert max(found["after"]) < 0.01 < max(found["before"])
     assert list(found["joints"]["damping"]) == list(phipsi.Scene.from_urdf(robot).joint_names)
-    # The robot that was written explains the torques.
+    # The identified robot reproduces the torques.
     with np.load(measured) as archive:
         arrays = dict(archive)
     written = phipsi.Scene.from_urdf(tmp_path / "found.urdf")
@@ -125,9 +125,9 @@ def test_identify_from_rates_alone(measured: Path, tmp_path: Path) -> None:
     file, robot = tmp_path / "rates.npz", str(measured.parent / "arm.urdf")
     np.savez(file, **arrays)
     refused = run("identify", robot, str(file))
-    assert refused.exit_code == 2 and "neither qdd nor times t" in refused.output
+    assert refused.exit_code == 2 and "neither qdd nor ascending times t" in refused.output
     np.savez(file, t=t, **arrays)
-    assert "accelerations are differences of qd" in run("identify", robot, str(file)).output
+    assert "accelerations were computed from qd by differences" in run("identify", robot, str(file)).output
 
 
 def test_identify_without_torques(measured: Path, tmp_path: Path) -> None:
@@ -146,12 +146,12 @@ def test_ik(measured: Path) -> None:
     place = scene.placement(np.array(list(found["joints"].values())), "link6")
     roll, pitch, yaw = np.arctan2(place[2, 1], place[2, 2]), -np.arcsin(place[2, 0]), np.arctan2(place[1, 0], place[0, 0])
     assert np.allclose(place[:3, 3], [0.5, 0.1, 0.3], atol=1e-8) and np.allclose([roll, pitch, yaw], [0.1, 0.2, 0.3], atol=1e-8)
-    assert "reached: off by" in run("ik", robot, "link6", "--position", "0.5", "0.1", "0.3").output
+    assert "reached: error" in run("ik", robot, "link6", "--position", "0.5", "0.1", "0.3").output
 
 
 def test_ik_out_of_reach_exits_with_1(measured: Path) -> None:
     result = run("ik", str(measured.parent / "arm.urdf"), "link6", "--position", "9", "0", "0")
-    assert result.exit_code == 1 and "not reached: off by" in result.output
+    assert result.exit_code == 1 and "not reached: error" in result.output
 
 
 def test_ik_without_a_goal_exits_with_2(measured: Path) -> None:
@@ -184,7 +184,7 @@ def test_check_of_a_floating_base() -> None:
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """What it prints for two robots."""
+    """Output for two robots."""
     folder = tmp_path_factory.mktemp("bench")
     for name in ("first", "second"):
         (folder / f"{name}.urdf").write_text(phipsi.BUNDLED_ARM, encoding="utf-8")
@@ -195,7 +195,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 @pytest.mark.parametrize("command", [("check", "--states", "2"), ("bench", "--quick"), ("report", "--quick", "--states", "4")])
 def test_figures_for_programs(command: tuple[str, ...], tmp_path: Path) -> None:
-    """Nothing but JSON on the standard output, and the figures of the tables."""
+    """The standard output contains only JSON, with the values of the tables."""
     options = ["-o", str(tmp_path)] if command[0] == "report" else []
     result = run(*command, *options, "--json")
     assert result.exit_code == 0, result.output
@@ -222,7 +222,7 @@ def test_bench_times_public_calls_auto_first(bench: str) -> None:
 
 
 def test_bench_has_the_states_that_robots_are_in(bench: str) -> None:
-    assert bench.count("form auto over covariance") == 2
+    assert bench.count("form auto relative to covariance") == 2
     heads = [line.split() for line in bench.splitlines() if line.startswith("state ")]
     assert heads == [["state", "first", "second"]] * 2
     for base in ("fixed base", "free base"):
@@ -306,12 +306,12 @@ TENDON = '<tendon><fixed name="rope" stiffness="2"><joint joint="hinge" coef="1"
 
 
 def test_messages_suggest_options_that_the_command_takes(tmp_path: Path) -> None:
-    """Whatever a message of load suggests."""
+    """All suggestions in messages of load."""
     pytest.importorskip("mujoco")
     robot = tmp_path / "robot.xml"
     robot.write_text(CONTACTS.format(""), encoding="utf-8")
     result = run("info", str(robot))
-    assert result.exit_code == 0 and "--ignore contacts reads it without this warning, --strict refuses it" in " ".join(result.output.split())
+    assert result.exit_code == 0 and "use --ignore contacts to suppress this warning, or --strict to raise an error" in " ".join(result.output.split())
     assert "warning" not in run("info", str(robot), "--ignore", "contacts").output
     strict = run("info", str(robot), "--strict")
     assert strict.exit_code == 2 and "--ignore contacts" in strict.output

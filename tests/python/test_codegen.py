@@ -1,4 +1,6 @@
-"""One robot as C: compiled by the system's compiler and called by ctypes, beside the scene's methods; what is refused."""
+"""One robot as C code: compiled by the system's compiler and called by ctypes, compared with the scene's methods;
+refused arguments.
+"""
 
 from __future__ import annotations
 
@@ -36,14 +38,14 @@ FUNCTIONS = {
 
 
 def parts(result: object) -> list[np.ndarray]:
-    """The arrays of a result, whatever holds them."""
+    """The arrays of a result, in any container."""
     if isinstance(result, dict):
         return list(result.values())
     return [part for part in result if part is not None] if isinstance(result, tuple) else [np.asanyarray(result)]
 
 
 def assert_same(found: object, expected: object, cond: float) -> None:
-    """To rounding, beside the largest of all results: some are nothing but rounding."""
+    """Up to rounding relative to the largest of all results, because some consist of rounding errors."""
     assert type(found) is type(expected)
     bound = 1e-14 * (cond + 16) * size(*parts(expected))
     for one, other in zip(parts(found), parts(expected), strict=True):
@@ -52,7 +54,7 @@ def assert_same(found: object, expected: object, cond: float) -> None:
 
 @pytest.fixture(autouse=True)
 def _small_batches(c_compiler: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    # Batches are small here.
+    # Small batches.
     monkeypatch.setattr("phipsi._compile.FEW", dict.fromkeys(phipsi._compile.FEW, 16))
 
 
@@ -85,7 +87,7 @@ def test_functions_that_are_asked_for_are_all_there_are() -> None:
     files = phipsi.scenes.chain(3).to_c(name="tail", functions=["mass_matrix"])
     assert list(files) == ["tail.c", "tail.h", "test_tail.c", "Makefile"]
     assert "tail_mass_matrix(" in files["tail.h"] and "forward_dynamics" not in files["tail.c"]
-    # Nothing of it turns with the first joint, and neither sine nor gravity is there twice.
+    # The result does not depend on the rotation of the first joint: no sine and no gravity is computed twice.
     assert "q[0]" not in files["tail.c"] and files["tail.c"].count("sin(q[1])") == 1
     assert "float" in phipsi.scenes.chain(3).to_c(dtype="float32")["robot.h"]
 
@@ -125,7 +127,7 @@ def test_the_dynamics_of_scenes_with_connections_are_refused() -> None:
     for function in ("forward_dynamics_derivatives", "inverse_dynamics_vjp"):
         with pytest.raises(ArgumentError, match="tip"):
             scene.to_c(functions=[function])
-    # Where links are does not depend on them.
+    # The poses of links do not depend on them.
     assert "robot_placement_link2(" in scene.to_c(functions=[("placement", "link2")])["robot.h"]
 
 
@@ -141,7 +143,7 @@ def states(scene: phipsi.Scene, shape: tuple[int, ...], seed: int = 0) -> tuple[
 
 
 def states_of_people(scene: phipsi.Scene, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Twenty states: at random, at rest, held against gravity, falling, one joint moving; the third is a torque."""
+    """Twenty states: random, at rest, static equilibrium, passive, one joint moving; the third is a torque."""
     q, qd, tau = states(scene, (20,), seed)
     q[4:8] = scene.neutral()
     qd[4:12] = tau[4:8] = tau[12:] = 0.0
@@ -162,7 +164,7 @@ def test_batches_of_compiled_scenes(seed: int, cache: Path) -> None:
         for function, reads in FUNCTIONS.items():
             expected = getattr(scene, function)(*(given[name] for name in reads))
             assert_same(getattr(fast, function)(*(given[name] for name in reads)), expected, cond)
-    # Leading axes broadcast, and angles of a million turns are angles.
+    # Leading axes broadcast, and angles of a million turns are valid.
     q, qd, u = states(scene, (20,), seed)
     one = fast.inverse_dynamics(q, qd[0], u[0])
     np.testing.assert_allclose(one, scene.inverse_dynamics(q, qd[0], u[0]), rtol=0, atol=1e-12 * float(np.max(np.abs(one))))
@@ -197,7 +199,7 @@ def test_what_was_compiled_once_is_loaded_again(cache: Path, monkeypatch: pytest
 
 
 def test_states_in_doubt_are_done_by_the_scene(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A heavy tip loses all digits of the covariance form; ordinary states are not handed over."""
+    """With a heavy tip the covariance form loses all precision; ordinary states are not passed to the scene."""
     names = ["forward_dynamics", "mass_matrix_inverse"]
     heavy = phipsi.scenes.extreme("heavy-tip", 1e9).scene
     q, qd, u = states(heavy, (3, 8))
@@ -207,7 +209,8 @@ def test_states_in_doubt_are_done_by_the_scene(cache: Path, monkeypatch: pytest.
         expected = getattr(heavy, name)(*given)
         assert_near(getattr(fast, name)(*given), expected, 1e-12 * size(expected))
         assert np.max(np.abs(getattr(loses, name)(*given) - expected)) > 1e-10 * size(expected)
-    # Of people's states none is in doubt but those of a robot stretched out straight, which the scene looks at twice.
+    # Of typical states, only those of a straight robot are recomputed, which the scene estimates with two test
+    # vectors.
     arm = phipsi.scenes.chain(5)
     handed: list[tuple[str, int]] = []
     q, qd, u = states_of_people(arm, 0)
@@ -221,7 +224,7 @@ def test_states_in_doubt_are_done_by_the_scene(cache: Path, monkeypatch: pytest.
 
 
 class Recorder:
-    """A scene that notes which methods are asked of it, and for how many states."""
+    """A scene that records the called methods and the numbers of states."""
 
     def __init__(self, scene: phipsi.Scene, asked: list[tuple[str, int]]) -> None:
         self.scene, self.asked = scene, asked
@@ -239,7 +242,7 @@ class Recorder:
 
 
 def test_what_the_scene_refuses_of_states_in_doubt_it_is_asked_of_all(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """So that what it says names states by their numbers among all."""
+    """Messages contain the index of a state within the whole batch."""
     heavy, asked = phipsi.scenes.extreme("heavy-tip", 1e9).scene, []
     fast = phipsi.compile(heavy, ["forward_dynamics"], flags=["-O0"], cache=cache)
     light = phipsi.scenes.extreme("heavy-tip", 1.0).scene
@@ -288,7 +291,7 @@ def test_long_code_is_announced(cache: Path, monkeypatch: pytest.MonkeyPatch) ->
     scene = phipsi.scenes.chain(2)
     with pytest.warns(LongCodeWarning, match="operations"):
         phipsi.compile(scene, ["bias_torque"], flags=["-O0"], cache=cache)
-    # What is in the cache needs no compiler.
+    # Code in the cache needs no compiler.
     phipsi.compile(scene, ["bias_torque"], flags=["-O0"], cache=cache)
 
 
@@ -302,7 +305,7 @@ def test_compilers_that_are_none_or_fail_are_named(cache: Path) -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_compiled_derivatives_against_60_digits(seed: int, cache: Path) -> None:
-    """Matrices, products and kinematics on trees of all kinds of joints, from first principles with three times the digits."""
+    """Matrices, products and kinematics on trees with all types of joints, from the definitions with 60 digits."""
     random = np.random.default_rng(seed)
     tree = random_tree(random, 6, kinds=tuple(np.roll(KINDS, seed)), most=8, armature=0.3 * (seed % 2), floating_base=seed == 3, branching=0.5)
     scene = tree.scene()

@@ -1,4 +1,5 @@
-"""CUDA kernels of a robot without a GPU: as C whose threads are a loop, beside the scene's methods; by NVRTC, compiled and not run; and what Python does around them, with a stand-in for CuPy.
+"""CUDA kernels of a robot without a GPU: compiled as C with a loop over threads, compared with the scene's methods;
+compiled by NVRTC without running; and the Python interface with a substitute for CuPy.
 
 Nothing here runs on a GPU.
 """
@@ -40,13 +41,13 @@ def states(scene: phipsi.Scene, shape: tuple[int, ...], dtype: str) -> dict[str,
 
 
 def expected_of(scene: phipsi.Scene, function: str, given: dict[str, np.ndarray]) -> list[np.ndarray]:
-    """What the method gives, all links of placements one after another."""
+    """Result of the method, with the placements of all links concatenated."""
     found = parts(getattr(scene, function)(*(given[name] for name in FUNCTIONS[function])))
     return [np.stack(found, axis=-3)] if function == "placements" else found
 
 
 def bound(scene: phipsi.Scene, function: str, given: dict[str, np.ndarray], dtype: str) -> float:
-    """What a difference may be: a bias of chance is measured by torques of the same motion."""
+    """Scale of a difference; a bias torque near zero by chance is compared with the torques of the same motion."""
     measure = "inverse_dynamics" if function == "bias_torque" else function
     size = max(np.max(np.abs(part)) for part in expected_of(scene, measure, given))
     cond = float(np.max(np.linalg.cond(scene.mass_matrix(given["q"]))))
@@ -54,7 +55,7 @@ def bound(scene: phipsi.Scene, function: str, given: dict[str, np.ndarray], dtyp
 
 
 class Kernels:
-    """The kernels of a source, compiled by the C compiler; arrays are addresses, as CuPy passes them."""
+    """Kernels of a source, compiled by the C compiler; arrays are addresses, as CuPy passes them."""
 
     def __init__(self, source: str, one_thread: str, into: Path) -> None:
         calls = []
@@ -87,7 +88,7 @@ def test_kernels_give_what_the_methods_give(seed: int, dtype: str, tmp_path: Pat
     given = states(scene, (count,), dtype)
     for function, reads in FUNCTIONS.items():
         expected = expected_of(scene, function, given)
-        # One state more than there are: its threads write nothing.
+        # One state more than the batch has: its threads write nothing.
         found = [np.full((part[0].size, count), np.nan, dtype) for part in expected]
         kernels(function, 64, count, *(np.ascontiguousarray(given[name].T) for name in reads), *found)
         for one, other in zip(found, expected, strict=True):
@@ -99,7 +100,7 @@ def test_the_c_compiler_runs_the_test_that_is_written(tmp_path: Path) -> None:
     assert list(files) == ["arm.cu", "one_thread.h", "test_arm.cu", "Makefile"]
     made = subprocess.run(["make", "-s", "test-c", f"CC={COMPILER}"], cwd=tmp_path, check=True, capture_output=True, text=True)
     assert [line.split(":")[0] for line in made.stdout.splitlines()] == ["forward_dynamics", "mass_matrix"]
-    # A result that is not the scene's is a fault.
+    # A result that differs from that of the scene is an error.
     broken = (tmp_path / "arm.cu").read_text().replace("sine_and_cosine(g", "sine_and_cosine(1.0 + g")
     (tmp_path / "arm.cu").write_text(broken)
     assert subprocess.run(["make", "-s", "test-c", f"CC={COMPILER}"], cwd=tmp_path, check=False, capture_output=True).returncode != 0
@@ -107,7 +108,7 @@ def test_the_c_compiler_runs_the_test_that_is_written(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 def test_nvrtc_compiles_the_kernels(dtype: str) -> None:
-    """For a processor of compute capability 8.0, without any: the driver is not asked."""
+    """For a processor with compute capability 8.0, without a driver."""
     try:
         package = importlib.util.find_spec("nvidia.cuda_nvrtc")
     except ModuleNotFoundError:
@@ -132,7 +133,7 @@ def test_nvrtc_compiles_the_kernels(dtype: str) -> None:
 
 
 class OnGpu(np.ndarray):
-    """An array of the stand-in for CuPy."""
+    """An array of the substitute for CuPy."""
 
     @property
     def device(self) -> Any:
@@ -140,7 +141,7 @@ class OnGpu(np.ndarray):
 
 
 class Foreign:
-    """An array of another library, on a GPU as far as it says."""
+    """An array of another library that claims to be on a GPU."""
 
     def __init__(self, array: np.ndarray) -> None:
         self.array = array
@@ -153,11 +154,11 @@ class Foreign:
 
 
 class CudaError(RuntimeError):
-    """What CuPy raises."""
+    """The exception of CuPy."""
 
 
 def stand_in(one_thread: str, into: Path, devices: Callable[[], int] = lambda: 1) -> Any:
-    """CuPy as far as it is used, whose GPU is the C compiler."""
+    """The used part of CuPy; its GPU is the C compiler."""
 
     def taken(make: Callable[..., Any]) -> Callable[..., OnGpu]:
         return lambda *given, **named: make(*given, **named).view(OnGpu)
@@ -201,7 +202,7 @@ def test_batches_of_any_shape_and_library(gpu: Any, dtype: str) -> None:
                 assert isinstance(found, OnGpu) and found.shape == expected.shape and found.dtype == dtype
                 if expected.size:
                     np.testing.assert_allclose(found, expected, rtol=0, atol=bound(scene, function, given, dtype), err_msg=function)
-    # Leading axes broadcast, and results go in again.
+    # Leading axes broadcast, and results are valid arguments.
     given = {name: gpu.asarray(array) for name, array in states(scene, (4, 3), dtype).items()}
     qdd = fast.forward_dynamics(given["q"], given["qd"][0], given["u"][0, 0])
     tau = fast.inverse_dynamics(given["q"], given["qd"][0], qdd)

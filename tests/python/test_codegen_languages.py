@@ -1,4 +1,6 @@
-"""One robot as a Rust crate and as C in float: what is written, what the command takes, and compiled code in float32 beside the scene's methods."""
+"""One robot as a Rust crate and as C code in float: generated files, arguments of the command, and compiled code in
+float32 compared with the scene's methods.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,7 @@ def test_a_crate_has_what_is_asked_for() -> None:
     assert list(files) == CRATE
     assert 'name = "tail"' in files["Cargo.toml"] and "pub fn mass_matrix<T: Number>(q: &[T; 3]) -> [T; 9]" in files["src/dynamics.rs"]
     assert not any("forward_dynamics" in text for text in files.values())
-    # Nothing of it turns with the first joint, and neither is a sine there twice.
+    # The result does not depend on the rotation of the first joint, and no sine is computed twice.
     assert "q[0]" not in files["src/dynamics.rs"] and files["src/dynamics.rs"].count("q[1].sin_cos()") == 1
 
 
@@ -78,7 +80,7 @@ def test_broken_options_of_kernels_are_refused(options: dict[str, object], messa
 
 @pytest.mark.usefixtures("c_compiler")
 def test_compiled_in_float32(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    # Batches are small here.
+    # Small batches.
     monkeypatch.setattr("phipsi._compile.FEW", dict.fromkeys(phipsi._compile.FEW, 16))
     scene = random_scene(1, 4, floating_base=True, armature=0.1)
     fast = phipsi.compile(scene, dtype="float32", flags=["-O0"], cache=tmp_path)
@@ -121,5 +123,5 @@ def test_code_in_float_asks_for_nothing_but_sines(compiler: str, tmp_path: Path)
     said = subprocess.run([nm, "-u", "robot.o"], cwd=tmp_path, check=True, capture_output=True, text=True).stdout
     asked = {line.split()[-1].lstrip("_") for line in said.splitlines() if line.strip()}
     assert {"sinf", "cosf"} & asked or "sincosf" in asked
-    # Neither memory nor arithmetic of double.
+    # Neither memory nor arithmetic in double.
     assert asked <= {"sinf", "cosf", "sincosf", "sqrtf"}

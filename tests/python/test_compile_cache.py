@@ -1,4 +1,4 @@
-"""phipsi.compile: its cache where files are broken or cannot be written, commands of compilers, interruption, and pickles."""
+"""phipsi.compile: its cache with broken or read-only files, compiler commands, interruption, and pickles."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ import phipsi
 from phipsi.errors import ArgumentError, CacheWarning
 
 COMPILER = os.environ.get("CC", "cc")
-#: The longest wait for another process, s.
+#: Longest wait for another process, s.
 PATIENCE = 30.0
 
 
@@ -50,21 +50,21 @@ def check(scene: phipsi.Scene, fast: phipsi.Compiled) -> None:
 @pytest.mark.parametrize("content", [b"", b"\x7fELF", b"no library", None])
 def test_a_broken_library_is_built_again(scene: phipsi.Scene, tmp_path: Path, content: bytes | None) -> None:
     first = compiled(scene, tmp_path / "first").library
-    # At another path: a library that is loaded is not read again.
+    # At another path, because a loaded library is not read again.
     whole, library = first.read_bytes(), tmp_path / first.parent.name / first.name
     library.parent.mkdir()
     library.write_bytes(whole[: len(whole) // 2] if content is None else content)
     shutil.copy(first.with_suffix(".sha256"), library.parent)
     check(scene, compiled(scene, tmp_path))
     assert len(library.read_bytes()) == len(whole)
-    # And is there for the next call.
+    # And it is available for the next call.
     before = library.stat().st_mtime_ns
     check(scene, compiled(scene, tmp_path))
     assert library.stat().st_mtime_ns == before
 
 
 def unwritable(tmp_path: Path, kind: str) -> Path:
-    """A cache that no library can be written to, by root neither."""
+    """A cache to which no library can be written, even by root."""
     file = tmp_path / "file"
     file.write_text("in the way", encoding="utf-8")
     if kind == "rights":
@@ -87,7 +87,7 @@ def test_a_cache_that_cannot_be_written_is_replaced(scene: phipsi.Scene, tmp_pat
     tmp_path.chmod(stat.S_IRWXU)
     check(scene, fast)
     assert not fast.library.is_relative_to(tmp_path)
-    # In one process it is built once.
+    # It is built once per process.
     before = fast.library.stat().st_mtime_ns
     with pytest.warns(CacheWarning):
         again = phipsi.compile(scene, ["mass_matrix"], flags=["-O0"], cache=unwritable(tmp_path, "a file"))
@@ -95,7 +95,7 @@ def test_a_cache_that_cannot_be_written_is_replaced(scene: phipsi.Scene, tmp_pat
 
 
 def script(path: Path, text: str) -> Path:
-    """A program of the shell."""
+    """A shell script."""
     path.write_text(f"#!/bin/sh\n{text}\n", encoding="utf-8")
     path.chmod(0o755)
     return path
@@ -135,7 +135,7 @@ def test_commands_that_are_none_are_refused(scene: phipsi.Scene, tmp_path: Path,
 
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="no groups of processes")
 def test_an_interrupted_compiler_ends_and_leaves_no_files(scene: phipsi.Scene, tmp_path: Path) -> None:
-    """With the processes that it started, which know nothing of Ctrl-C."""
+    """With its child processes, which do not receive Ctrl-C."""
     child, cache = tmp_path / "child", tmp_path / "cache"
     text = f"""if [ "$1" = --version ]; then echo 1; exit; fi
 touch "${{TMPDIR:-/tmp}}/left-behind"
@@ -162,7 +162,7 @@ sleep 1000 & echo $! > {child}.new; mv {child}.new {child}; wait"""
 
 
 def is_alive(process: int) -> bool:
-    """Whether a process runs; one that nobody has waited for does not."""
+    """Whether a process runs; a zombie does not."""
     if sys.platform == "linux":
         try:
             return Path(f"/proc/{process}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0] not in "ZX"
@@ -184,7 +184,7 @@ def test_compiled_robots_pickle(scene: phipsi.Scene, tmp_path: Path, options: di
     q, qd, tau = np.random.default_rng(0).uniform(-1, 1, (3, 300, 2)).astype(fast.dtype)
     assert_same_bits(again.forward_dynamics(q, qd, tau), fast.forward_dynamics(q, qd, tau))
     assert_same_bits(again.placement(q, link), fast.placement(q, link))
-    # On another machine, or where the cache was cleared, it is compiled again.
+    # On another machine, or with an empty cache, it is compiled again.
     shutil.rmtree(tmp_path)
     rebuilt = pickle.loads(pickle.dumps(again))
     assert rebuilt.library == fast.library and rebuilt.library.exists()

@@ -1,4 +1,4 @@
-"""Libraries of phipsi.compile that are loaded: only those that no other user can have written."""
+"""phipsi.compile loads only libraries that no other user could have written."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Arguments of compiled robots beside those of the scene: the same signatures, out, errors, and what the scene is asked to do."""
+"""Arguments of compiled robots compared with those of the scene: equal signatures, out, errors, and calls of the
+scene.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,7 @@ import phipsi
 from phipsi.errors import ArgumentError, BadStateWarning, NotFiniteError, ShapeError
 
 WITH_OUT = ["forward_dynamics", "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse", "forward_dynamics_derivatives", "inverse_dynamics_derivatives"]
-#: Some that machine code does, and a few that the scene does.
+#: Numbers of states that machine code computes, and a few that the scene computes.
 BATCHES = [(300,), (20, 15), (3,), ()]
 
 
@@ -49,7 +51,7 @@ def given(scene: phipsi.Scene, function: str, batch: tuple[int, ...], dtype: str
 
 
 def unwritten(scene: phipsi.Scene, function: str, batch: tuple[int, ...], dtype: str = "float64") -> np.ndarray:
-    """An out of NaN."""
+    """An array out filled with NaN."""
     matrices = (3, scene.nv) if function.endswith("derivatives") else (scene.nv,) if "matrix" in function else ()
     return np.full((*batch, *matrices, scene.nv), np.nan, dtype)
 
@@ -86,7 +88,9 @@ def test_results_go_into_out(scene: phipsi.Scene, function: str, dtype: str, cac
 
 
 def test_out_is_written_by_the_machine_code(scene: phipsi.Scene, fast: phipsi.Compiled, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The scene is not asked where all is in order, and out is not copied to; of several results neither are all copied at once."""
+    """The scene is not called for valid arguments, and out is not copied; several results are not all copied at
+    once.
+    """
     asked: list[tuple[str, int]] = []
     monkeypatch.setattr(fast, "scene", Recorder(scene, asked))
     before = phipsi.get_num_threads()
@@ -140,7 +144,7 @@ def test_out_that_overlaps_an_argument_is_refused(scene: phipsi.Scene, fast: phi
     before = u.copy()
     with pytest.raises(ArgumentError, match="out: found memory that is shared with an argument"):
         fast.forward_dynamics(q, qd, u, out=u)
-    # Of one that is converted too.
+    # The same for an array that is converted.
     both = np.zeros((301, scene.nv))
     with pytest.raises(ArgumentError, match="out: found memory that is shared with an argument"):
         fast.forward_dynamics(q, both[1], u, out=both[:-1])
@@ -149,7 +153,7 @@ def test_out_that_overlaps_an_argument_is_refused(scene: phipsi.Scene, fast: phi
 
 @pytest.mark.parametrize("count", [300, 3])
 def test_derivatives_in_float32_have_an_out_of_that(scene: phipsi.Scene, cache: Path, count: int) -> None:
-    """Which the scene has not: what is wrong is said without it."""
+    """The message does not depend on the scene."""
     fast = phipsi.compile(scene, ["inverse_dynamics_derivatives"], dtype="float32", flags=["-O0"], cache=cache)
     arguments = given(scene, "inverse_dynamics_derivatives", (count,), "float32")
     with pytest.raises(ArgumentError, match="out: found float64 .*float32"):
@@ -230,7 +234,7 @@ def test_a_wrench_on_no_link_is_refused(scene: phipsi.Scene, fast: phipsi.Compil
 
 
 def test_arrays_that_are_no_plain_numbers_are_read(scene: phipsi.Scene, fast: phipsi.Compiled, tmp_path: Path) -> None:
-    """Read-only, mapped from a file, strided, in float32 or in Fortran's order: as the scene reads them."""
+    """Read-only, memory-mapped, strided, float32 and Fortran-ordered arrays: read as by the scene."""
     q, qd, u = given(scene, "forward_dynamics", (300,))
     expected = scene.forward_dynamics(q, qd, u)
     locked, mapped = qd.copy(), np.memmap(tmp_path / "u", np.float64, "w+", shape=u.shape)
@@ -267,13 +271,13 @@ def test_a_masked_array_is_refused(scene: phipsi.Scene, fast: phipsi.Compiled) -
             of.forward_dynamics(q, hidden, u)
 
 
-# --- The watch of derivatives and products.
+# --- Error estimates of derivatives and products.
 
 WATCHED = ["forward_dynamics_derivatives", "forward_dynamics_jvp", "forward_dynamics_vjp"]
 
 
 def heavy_tip(ratio: float) -> Tree:
-    """Eight rods in a row, more than the tip has ways to move; the last so many times as heavy."""
+    """Eight rods in series, more than the tip has degrees of freedom; the last has that multiple of the mass."""
     links = [Link("base", 1.0, np.zeros(3), np.eye(3))]
     joints = []
     for i in range(8):
@@ -285,7 +289,7 @@ def heavy_tip(ratio: float) -> Tree:
 
 
 def in_60_digits(tree: Tree, q: np.ndarray, qd: np.ndarray, tau: np.ndarray) -> list[np.ndarray]:
-    """dqdd/dq, dqdd/dqd and M^-1 at one state."""
+    """dqdd/dq, dqdd/dqd and M^-1 in one state."""
     n, at_q, rates = tree.nv, exact(q), exact(qd)
     here = State(tree, q, qd)
     qdd = here.forward_dynamics(exact(tau), {})
@@ -296,7 +300,7 @@ def in_60_digits(tree: Tree, q: np.ndarray, qd: np.ndarray, tau: np.ndarray) -> 
 
 @pytest.mark.parametrize("bent", [0.0, 1.0], ids=["stretched out", "bent"])
 def test_derivatives_keep_their_digits_against_60(bent: float, cache: Path) -> None:
-    """A heavy tip: stretched out straight at rest, and bent and moving. The covariance form alone loses digits that are seen."""
+    """A heavy tip: straight at rest, and bent in motion. The covariance form alone has a visible loss of precision."""
     tree = heavy_tip(1e7)
     scene = tree.scene()
     random = np.random.default_rng(2)
@@ -325,7 +329,7 @@ def test_derivatives_keep_their_digits_against_60(bent: float, cache: Path) -> N
 
 @pytest.mark.parametrize("function", WATCHED)
 def test_of_the_states_of_people_none_is_handed_over(function: str, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """At random, at rest, held against gravity, falling, one joint moving; and out takes what the scene does too."""
+    """Random, at rest, static equilibrium, passive, one joint moving; out also receives the results of the scene."""
     arm, heavy = phipsi.scenes.chain(5), phipsi.scenes.extreme("heavy-tip", 1e9).scene
     for scene, most in ((arm, 0), (heavy, 140)):
         asked: list[tuple[str, int]] = []

@@ -1,4 +1,6 @@
-"""Derivatives of forward dynamics through connections: against differences, products against matrices, and what is refused."""
+"""Derivatives of forward dynamics with connections: compared with differences, products compared with matrices, and
+refused arguments.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,7 @@ def four_bar(kind: str) -> tuple[phipsi.Scene, np.ndarray]:
     bar(builder, "coupler", "crank", (0, 0, 0.2), 0.4)
     bar(builder, "rocker", "ground", (0.3, 0, 0), 0.3)
     if kind == "weld":
-        # The rocker hangs on the coupler, and its foot is welded to a hinge of the ground.
+        # The rocker is attached to the coupler, and its foot is welded to a hinge on the ground.
         builder = phipsi.SceneBuilder().link("ground")
         bar(builder, "foot", "ground", (0.3, 0, 0), 0.1)
         bar(builder, "crank", "ground", (0, 0, 0), 0.2)
@@ -47,11 +49,11 @@ def on_it(scene: phipsi.Scene, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarra
 
 
 def tied(seed: int) -> phipsi.Scene:
-    """A random tree of all kinds of joints with three connections between its links and the world."""
+    """A random tree with all types of joints and three connections between its links and the world."""
     tree = random_scene(seed, 9, branching=0.6, armature=0.1, floating_base=bool(seed % 2))
     builder, links = tree.to_builder(), tree.link_names
     random = np.random.default_rng(seed)
-    # Frames where they meet in the neutral configuration; the last two links of the tree are not rigidly attached.
+    # Frames that coincide in the neutral configuration; the last two links of the tree are not rigidly attached.
     builder.connect("ball", "point", links[-1], xyz=random.uniform(-0.2, 0.2, 3))
     builder.connect("rod", "distance", links[-2], links[2], xyz=random.uniform(-0.2, 0.2, 3), other_xyz=random.uniform(-0.2, 0.2, 3))
     return builder.build()
@@ -134,7 +136,9 @@ def test_what_has_no_form_says_so() -> None:
 
 @pytest.mark.parametrize("of", ["point", "axis", "weld", "distance"])
 def test_gradients_by_what_is_constant(of: str) -> None:
-    """Wrenches and armature against differences; and accelerations do not change where inertias, torques, wrenches and armature all grow alike."""
+    """Wrenches and armature compared with differences; and accelerations do not change if inertias, torques, wrenches
+    and armature are scaled together.
+    """
     scene, start = four_bar(of)
     random = np.random.default_rng(3)
     qd, tau, cotangent = random.uniform(-0.5, 0.5, (3, scene.nv))

@@ -1,4 +1,6 @@
-"""Closed loops: beside Pinocchio's constraintDynamics and MuJoCo's equality constraints, batches, pickles, motion, and what is refused."""
+"""Closed loops: compared with Pinocchio's constraintDynamics and MuJoCo's equality constraints, batches, pickles,
+simulation, and refused arguments.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,7 @@ from phipsi.errors import ArgumentError, ConstraintError, SceneError, ShapeError
 
 
 def bars(builder: phipsi.SceneBuilder | None = None) -> phipsi.SceneBuilder:
-    """A four-bar linkage about y, cut where the coupler meets the rocker."""
+    """A four-bar linkage about y, cut between the coupler and the rocker."""
     builder = builder or phipsi.SceneBuilder().link("ground")
     for name, parent, at, length in (
         ("crank", "ground", (0, 0, 0), 0.2),
@@ -37,7 +39,7 @@ def linkage(kind: str = "axis") -> phipsi.Scene:
 
 
 def closed(scene: phipsi.Scene, states: tuple[int, ...] = (), seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """States that meet the connections, not far from one that is easy to meet."""
+    """States that satisfy the connections, near a given one."""
     random = np.random.default_rng(seed)
     q = np.array([0.5, 0.8, 0.2]) + random.uniform(-0.1, 0.1, (*states, 3))
     found = scene.project(q, random.uniform(-1, 1, (*states, 3)))
@@ -45,7 +47,7 @@ def closed(scene: phipsi.Scene, states: tuple[int, ...] = (), seed: int = 0) -> 
 
 
 def tangle(seed: int, kinds: tuple[str, ...], joints: int = 8, floating_base: bool = False) -> phipsi.Scene:
-    """A random tree with points and welds that hold at zero."""
+    """A random tree with points and welds that are satisfied at zero."""
     random = np.random.default_rng(seed)
     scene = random_scene(seed, joints, kinds=kinds, floating_base=floating_base)
     builder = scene.to_builder()
@@ -57,7 +59,7 @@ def tangle(seed: int, kinds: tuple[str, ...], joints: int = 8, floating_base: bo
 
 
 def near(scene: phipsi.Scene, seed: int, size: float = 0.05) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A state that meets the connections, near the neutral one, and torques."""
+    """A state that satisfies the connections, near the neutral one, and torques."""
     random = np.random.default_rng(seed)
     q = scene.integrate(scene.neutral(), random.uniform(-size, size, scene.nv))
     found = scene.project(q, random.uniform(-1, 1, scene.nv))
@@ -65,7 +67,7 @@ def near(scene: phipsi.Scene, seed: int, size: float = 0.05) -> tuple[np.ndarray
 
 
 def of_pinocchio(scene: phipsi.Scene, q: np.ndarray, qd: np.ndarray, tau: np.ndarray, floating_base: bool) -> np.ndarray:
-    """The accelerations that Pinocchio's constraintDynamics gives."""
+    """Accelerations by Pinocchio's constraintDynamics."""
     pin = pytest.importorskip("pinocchio")
     tree = scene.without_connections()
     root = (pin.JointModelFreeFlyer(),) if floating_base else ()
@@ -95,7 +97,7 @@ def of_pinocchio(scene: phipsi.Scene, q: np.ndarray, qd: np.ndarray, tau: np.nda
 
 
 def placed(scene: phipsi.Scene) -> list[tuple]:
-    """The connections of a scene, as its pickle has them."""
+    """Connections of a scene, from its pickle."""
     description = scene.__reduce__()[1][0]
     shift = lambda frame: (np.reshape(frame[0], (3, 3)), np.array(frame[1]))  # noqa: E731
     return [(name, kind, link, other, shift(first), shift(second)) for name, kind, _, _, _, link, other, first, second in description[-1][1]]
@@ -152,11 +154,11 @@ def test_forward_dynamics_goes_through_connections_and_batches_are_as_singles() 
 
 
 def test_wrenches_and_forces_are_in_their_frames() -> None:
-    # A rod on a hinge, welded to the world: the weld and the hinge share what holds it.
+    # A rod on a hinge, welded to the world: the weld and the hinge share the load.
     builder = phipsi.SceneBuilder().link("ground").link("rod", mass=2.0, com=(0, 0, 0.5), inertia=np.diag([0.1, 0.1, 0.01]))
     builder.joint("hinge", "revolute", "ground", "rod", axis=(0, 1, 0), lower=-9, upper=9, velocity=9, effort=9)
     scene = builder.connect("rope", "rod", "rod", xyz=(0, 0, 1.0), other_xyz=(1.0, 0, 1.0)).build()
-    # A horizontal rod of no mass from the tip to a wall: pushed by 3 N at the middle it carries 1.5 N, pressed.
+    # A horizontal massless rod from the tip to a wall: with 3 N at the middle it transmits 1.5 N of compression.
     found = scene.constrained_dynamics([0.0], [0.0], [0.0], wrenches={"rod": [0, 0.5 * 3, 0, 3, 0, 0]})
     assert np.allclose(found.forces["rope"], [1.5], atol=1e-12) and found.rank == 1
     welded = builder.build().to_builder().connect("weld", "weld", "rod", xyz=(0, 0, 1.0)).build()
@@ -180,7 +182,8 @@ def test_rows_that_give_way_are_measurements_with_noise() -> None:
         left = jacobian @ found.qdd + gamma
         assert found.rank == m and abs(found.residual - np.max(np.abs(left))) <= 1e-9 * np.max(np.abs(left))
         assert np.max(np.abs(left + compliance * forces)) <= 1e-9 * np.max(np.abs(left))
-    # Each state its own, and one number for all rows; with next to none the rows hold.
+    # One value per state, and one value for all constraints; with nearly zero compliance the constraints are
+    # satisfied.
     many = scene.constrained_dynamics(q, qd, tau, compliance=np.stack([compliance, np.full(m, 0.5)]))
     alone = scene.constrained_dynamics(q, qd, tau, compliance=0.5)
     np.testing.assert_allclose(many.qdd[1], alone.qdd, rtol=1e-9, atol=1e-9)
@@ -420,7 +423,7 @@ def test_rows_of_mujoco_are_those_of_the_scene(element: str, kind: int) -> None:
     mujoco.mj_forward(model, data)
     ours = scene.constraint_error(data.qpos)
     theirs = data.efc_pos[:kind]
-    # In other axes, and torsions scaled: sizes.
+    # In other frames, and with scaled torsions: magnitudes.
     if kind == 6:
         assert np.isclose(np.linalg.norm(ours[3:]), np.linalg.norm(theirs[:3]))
     else:

@@ -1,4 +1,6 @@
-"""Contacts with friction: closed forms, beside MuJoCo, batches, pickles, what is told, and what is refused."""
+"""Contacts with friction: closed forms, comparison with MuJoCo, batches, pickles, reported values, and refused
+arguments.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,9 @@ def along(*v: float) -> np.ndarray:
 
 
 def pendulum(friction: float, restitution: float, offset: float) -> phipsi.Scene:
-    """Two rods in a plane, weightless: Kane's, where Newton's restitution with friction makes energy."""
+    """Two rods in a plane without gravity: Kane's example, in which Newton's restitution with friction increases the
+    energy.
+    """
     builder = phipsi.SceneBuilder().link("base")
     for name, parent, z in (("upper", "base", 0.0), ("lower", "upper", -1.0)):
         builder.link(name, mass=1.0, com=(0, 0, -0.5), inertia=np.diag([1 / 12, 1 / 12, 1e-4]))
@@ -49,7 +53,7 @@ def pendulum(friction: float, restitution: float, offset: float) -> phipsi.Scene
 
 
 def biped(friction: float = 0.7, restitution: float = 0.0) -> phipsi.Scene:
-    """A trunk on two legs of six joints, four points a foot."""
+    """A trunk on two legs with six joints each and four points per foot."""
     builder = phipsi.SceneBuilder().link("trunk", mass=15.0, com=(0, 0, 0.2), inertia=np.diag([0.5, 0.4, 0.2]))
     for side, y in (("left", 0.1), ("right", -0.1)):
         parent = "trunk"
@@ -337,7 +341,7 @@ def test_friction_of_any_size_ends_no_run(friction: float) -> None:
 
 
 def test_a_step_without_impulses_that_meet_the_law_is_an_error_that_names_it() -> None:
-    # Friction beyond the digits of numbers: the solver does not get there, and says so.
+    # Friction beyond the precision of float64: the solver does not converge and reports it.
     scene = box(1e12)
     with pytest.raises(SimulationError, match=r"step \d+ .*contacts? \"corner.*residual") as caught:
         scene.simulate(at(z=0.5), np.array([0.3, -0.2, 0, 1.5, 2.0, 0.7]), dt=1e-3, steps=2000)

@@ -1,4 +1,4 @@
-"""The names, orders, shapes and objects of the Python surface."""
+"""Names, orders, shapes and objects of the Python interface."""
 
 from __future__ import annotations
 

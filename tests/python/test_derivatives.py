@@ -1,4 +1,4 @@
-"""Derivatives of the dynamics: against Pinocchio on real robots, against 60 digits on random trees, and as calls."""
+"""Derivatives of the dynamics: compared with Pinocchio on real robots, with 60 digits on random trees, and as calls."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from phipsi.errors import ArgumentError, BadStateWarning, NotFiniteError, ShapeE
 
 G1 = "g1_description/urdf/g1_29dof_rev_1_0.urdf"
 worst: dict[str, float] = {}
-"""The largest error that the tests so far saw, by what it is beside, in units of n eps or cond eps of the quantity's size."""
+"""Largest error of the tests so far, by reference, in units of n eps or cond eps of the magnitude of the quantity."""
 
 
 def note(name: str, off: float, unit: float) -> None:
@@ -31,7 +31,7 @@ def largest(values: np.ndarray) -> float:
 
 
 def real_state(scene: phipsi.Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-    """A random state with a wrench on every third link, merged ones included."""
+    """A random state with a wrench on every third link, including merged ones."""
     random = np.random.default_rng(scene.nv)
     q = scene.integrate(scene.neutral(), random.uniform(-np.pi, np.pi, scene.nv))
     qd, u = random.uniform(-2.0, 2.0, (2, scene.nv))
@@ -47,7 +47,7 @@ def robot(file: str, floating_base: bool) -> tuple[phipsi.Scene, Oracle]:
 @bases
 @robots
 def test_of_torques_as_pinocchio(file: str, floating_base: bool) -> None:
-    """To n eps, singular models included."""
+    """To n eps, including singular models."""
     scene, oracle = robot(file, floating_base)
     q, qd, qdd, wrenches = real_state(scene)
     found = scene.inverse_dynamics_derivatives(q, qd, qdd, wrenches=wrenches)
@@ -78,7 +78,9 @@ def test_of_accelerations_as_pinocchio(file: str, floating_base: bool) -> None:
 @bases
 @regular_robots
 def test_robots_need_no_second_look(file: str, floating_base: bool) -> None:
-    """What form "auto" estimates to be lost stays below the 1e-9 from which on it takes twice the digits: moving, falling and held."""
+    """The error estimate of form "auto" is below 1e-9, above which it would recompute: in motion, passive and in static
+    equilibrium.
+    """
     scene, _ = robot(file, floating_base)
     q, qd, tau, _ = real_state(scene)
     still = np.zeros(scene.nv)
@@ -105,7 +107,7 @@ def test_against_60_digits(seed: int) -> None:
     here, at_q, rates = State(tree, q, qd), exact(q), exact(qd)
 
     def torques(accelerations: np.ndarray) -> list[np.ndarray]:
-        """By q and by qd at these accelerations."""
+        """Derivatives with respect to q and qd at these accelerations."""
 
         def along(unit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             by_q = derivative(lambda h: State(tree, moved(tree, at_q, unit, h), rates).inverse_dynamics(accelerations, wrenches))
@@ -134,7 +136,7 @@ def test_against_60_digits(seed: int) -> None:
 
 
 def test_far_from_the_origin_no_digit_is_lost() -> None:
-    """A robot that floats 1,000 km away, where one common frame loses eleven digits."""
+    """A floating robot at a distance of 1,000 km, where one common frame loses eleven digits."""
     scene, _ = robot(G1, True)
     q, qd, qdd, _ = real_state(scene)
     near = scene.inverse_dynamics_derivatives(q, qd, qdd)
@@ -147,7 +149,7 @@ def test_far_from_the_origin_no_digit_is_lost() -> None:
 @bases
 @robots
 def test_coriolis_matrix_as_pinocchio(file: str, floating_base: bool) -> None:
-    """And dM/dt = C + C^T; with Pinocchio's C to n eps of its terms."""
+    """And dM/dt = C + C^T; compared with Pinocchio's C to n eps of its terms."""
     scene, oracle = robot(file, floating_base)
     q, qd, _, _ = real_state(scene)
     coriolis, rate = scene.coriolis_matrix(q, qd), scene.mass_matrix_derivative(q, qd)
@@ -236,7 +238,7 @@ def test_the_linear_system_is_made_of_the_derivatives(mixed: phipsi.Scene) -> No
     assert np.max(np.abs(a[:, :n, :n])) > 0.1
 
 
-def test_at_rest_neighbours_do_not_part(mixed: phipsi.Scene) -> None:
+def test_at_rest_neighbors_do_not_part(mixed: phipsi.Scene) -> None:
     q, qd, tau = random_states(mixed, 6)
     a, _ = mixed.linearize(q, 0.0 * qd, tau)
     assert np.all(a[: mixed.nv, : mixed.nv] == 0.0)
@@ -319,7 +321,7 @@ def test_a_scene_too_large_for_dense_matrices(name: str) -> None:
 
 
 def test_summary(capsys: pytest.CaptureFixture[str]) -> None:
-    """Prints the largest errors seen by the tests above."""
+    """Print the largest errors of the tests above."""
     with capsys.disabled():
         print()
         print("derivatives, largest errors: " + ", ".join(f"{name} {ratio:.2g}" for name, ratio in worst.items()))

@@ -1,4 +1,4 @@
-"""The pages: their Python runs as it stands, their links lead somewhere, and README has the figures of the generated pages."""
+"""The pages: their Python code runs, their links are valid, and README has the results of the generated pages."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ import phipsi.pinocchio
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 PAGES = sorted([*(path for folder in (".", "benches", "benches/peers") for path in (ROOT / folder).glob("*.md")), *DOCS.rglob("*.md")])
-#: Packages that a page may do without: it is skipped where they are not there.
+#: Optional packages: a page that needs one is skipped if it is not installed.
 OPTIONAL = ("cupy", "distributed", "gymnasium", "jax", "matplotlib", "mujoco", "pinocchio", "pydrake", "scipy", "torch", "viser")
 
 
 def script(page: Path) -> str:
-    """The Python blocks of a page, one after the other, each line where the page has it."""
+    """The Python blocks of a page in sequence, with the line numbers of the page."""
     lines, inside = [], False
     for line in page.read_text(encoding="utf-8").splitlines():
         begins = not inside and line == "```python"
@@ -37,7 +37,7 @@ SCRIPTS = {str(page.relative_to(ROOT)): text for page in DOCS.rglob("*.md") if (
 
 
 def missing(text: str) -> list[str]:
-    """The packages of OPTIONAL that a script needs and that are not there."""
+    """Packages of OPTIONAL that a script needs and that are not installed."""
     modules = {name.name for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Import) for name in node.names}
     modules |= {node.module for node in ast.walk(ast.parse(text)) if isinstance(node, ast.ImportFrom) and node.module}
     needed = {module.removeprefix("phipsi.").partition(".")[0] for module in modules} | ({"viser"} if ".show(" in text else set())
@@ -45,12 +45,13 @@ def missing(text: str) -> list[str]:
 
 
 def anchors(page: Path) -> set[str]:
-    """What GitHub makes of the headings."""
+    """Anchors of the headings on GitHub."""
     headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), flags=re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
-# A process of its own for each page, as a reader has: JAX and Dask start threads and processes. `make test-jax` runs the page on JAX.
+# A separate process for each page, because JAX and Dask start threads and processes. `make test-jax` runs the page on
+# JAX.
 @pytest.mark.parametrize("page", sorted(SCRIPTS))
 def test_python_blocks_run(page: str, tmp_path: Path) -> None:
     text = SCRIPTS[page]
@@ -58,9 +59,9 @@ def test_python_blocks_run(page: str, tmp_path: Path) -> None:
         pytest.skip(f"{page} needs {', '.join(absent)}")
     file = tmp_path / f"{Path(page).stem.replace('-', '_')}_page.py"
     file.write_text(text, encoding="utf-8")
-    # What Dask warns of in its own threads is not ours to fail on.
+    # Warnings of Dask in its own threads are ignored.
     strict = [] if "distributed" in text else ["-W", "error"]
-    # Threads of BLAS that wait for small matrices take the processor from those that compute.
+    # Idle BLAS threads would take processor time from other threads.
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
     command = [sys.executable, *strict, str(file)]
     run = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300, check=False)

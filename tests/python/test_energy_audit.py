@@ -1,4 +1,6 @@
-"""What a trajectory says of itself: the work of everything that acts, energy that passive robots do not gain, error control, and the error estimate of fixed steps."""
+"""Energy balance of a trajectory: works of all forces, no energy gain of passive robots, error control, and the error
+estimate of fixed steps.
+"""
 
 from __future__ import annotations
 
@@ -16,17 +18,17 @@ import phipsi
 from phipsi.errors import ArgumentError
 
 LONG = 20
-"""How long the subprocesses may take that would otherwise not end, s."""
+"""Timeout of subprocesses that might not end, s."""
 
 
 def shares(path: phipsi.Trajectory) -> dict[str, float]:
-    """The works of a trajectory of one state, J."""
+    """Works of a single-state trajectory, J."""
     audit = path.energy_audit()._asdict()
     return {kind: float(value) for kind, value in audit.items() if kind not in ("change", "remainder", "share")}
 
 
 def test_the_work_of_every_cause_and_nothing_else() -> None:
-    """All causes at once, then one after the other: each is the only one with work."""
+    """All causes at once, then each alone: only its work is nonzero."""
     scene, q, qd = robot(3, range_of_motion=0.35), *start(robot(3), 3)
     law, tau = phipsi.PD(5.0, 0.2, np.full(3, 0.1)), np.array([0.3, -0.2, 0.4])
     nothing = {"damping": 0.0, "friction": 0.0, "limits": "report"}
@@ -74,7 +76,7 @@ def test_the_audit_counts_every_step_whether_it_has_a_row_or_not() -> None:
 
 
 def test_known_works() -> None:
-    """A sliding mass that friction stops; a mass that is pushed; one that a spring of the control law stops."""
+    """A sliding mass stopped by friction; an actuated mass; one stopped by a spring of the control law."""
     path = slide(2.0, friction=3.0).simulate([0.0], [1.5], dt=1e-3, steps=2000)
     assert_near(path.energy_audit().friction, -0.5 * 2.0 * 1.5**2, 1e-5)
     assert_near(path.q[-1], [0.5 * 2.0 * 1.5**2 / 3.0], 1e-5)
@@ -98,7 +100,9 @@ def test_the_work_of_contacts() -> None:
 
 
 def test_a_robot_at_rest_exchanges_no_energy() -> None:
-    """Rounding is no error of the integrator: of a loop that cannot move, and of an arm that friction holds."""
+    """Rounding is not counted as integration error: for a loop that cannot move, and for an arm that friction keeps at
+    rest.
+    """
     builder = phipsi.SceneBuilder().link("base")
     for name, parent, z in (("a", "base", 0.0), ("b", "a", -0.5)):
         builder.link(name, 1.0, (0, 0, -0.25), 0.02 * np.eye(3))
@@ -120,24 +124,24 @@ def test_friction_takes_energy_where_a_joint_returns_to_its_limit() -> None:
 @pytest.mark.parametrize("restitution", [0.0, 0.6, 1.0])
 @pytest.mark.parametrize("dt", [1e-3, 4e-3])
 def test_passive_robots_do_not_gain_energy(dt: float, restitution: float, floating_base: bool) -> None:
-    """Chains with friction, damping and stops, of which some have none of one of them."""
+    """Chains with friction, damping and stops; some lack one of them."""
     for seed in range(30):
         scene = robot(seed, range_of_motion=0.4 if seed % 2 else 3.0, friction=0.3 * (seed % 5 > 0), damping=0.3 * (seed % 3 > 0), floating_base=floating_base)
         q, qd = start(scene, seed)
         path = scene.simulate(q, qd, dt=dt, steps=round(1.0 / dt), restitution=restitution)
         energy, works = path.energy(), shares(path)
         gained = np.max(energy.total - np.minimum.accumulate(energy.total))
-        # Elastic impacts of order 1 give and take what a step of gravity is.
+        # Elastic impacts of order 1 gain or lose the work of gravity in a step.
         assert gained <= (2e-3 if restitution == 1.0 else 1e-3) * size(energy.kinetic), f"robot {seed}"
         assert max(works.values()) <= product(6, size(energy.kinetic)), f"robot {seed}"
-        # Impacts with a rebound make steps of order 1.
+        # Impacts with rebound make steps first-order.
         assert path.energy_audit().share < (AUDIT if restitution == 0.0 else 3 * AUDIT), f"robot {seed}"
 
 
 @pytest.mark.parametrize("restitution", [0.0, 0.6, 1.0])
 @pytest.mark.parametrize("gap", [0.0, 1e-4])
 def test_an_impact_that_drives_another_joint_into_its_stop_does_not_gain_energy(gap: float, restitution: float) -> None:
-    """A light carriage leaves its stop while the heavy block on it meets its own."""
+    """A light carriage leaves its stop while the heavy block on it reaches its own."""
     builder = phipsi.SceneBuilder().link("base").link("carriage", 0.1).link("block", 1.0)
     builder.joint("one", "prismatic", "base", "carriage", axis=(1, 0, 0), lower=-1.0, upper=0.0)
     scene = builder.joint("two", "prismatic", "carriage", "block", axis=(1, 0, 0), lower=-1.0, upper=0.0).build(gravity=(0, 0, 0))
@@ -147,7 +151,9 @@ def test_an_impact_that_drives_another_joint_into_its_stop_does_not_gain_energy(
 
 
 def controlled_and_fine(scene: phipsi.Scene, q: np.ndarray, qd: np.ndarray, accuracy: float, **given: object) -> float:
-    """The error at the end of half a second with error control against a run with a thousandth of the bound, relative to the bound."""
+    """Error after half a second with error control, compared with a simulation with a thousandth of the bound, relative
+    to the bound.
+    """
     path, fine = (scene.simulate(q, qd, duration=0.5, dt=0.05, accuracy=bound, **given) for bound in (accuracy, 1e-3 * accuracy))
     assert len(path) == 11
     off = np.abs(scene.difference(fine.q[-1], path.q[-1])).max(), np.abs(path.qd[-1] - fine.qd[-1]).max() / size(fine.qd)
@@ -165,7 +171,7 @@ def test_error_control_meets_its_bound_on_smooth_motion(accuracy: float) -> None
 
 
 def check_stops(accuracy: float, restitution: float) -> None:
-    """Robots that meet their stops."""
+    """Robots that reach their stops."""
     impacts = 0
     for seed in range(8):
         scene = robot(seed, range_of_motion=0.35)
@@ -202,9 +208,9 @@ def test_what_error_control_refuses() -> None:
     scene = robot(1)
     q, qd = start(scene, 1)
     path = scene.simulate(q, qd, duration=0.1, accuracy=1e-6)
-    with pytest.raises(ArgumentError, match="accuracy: found a run with error control"):
+    with pytest.raises(ArgumentError, match="accuracy: found a simulation with error control"):
         path.vjp(np.ones((len(path), 3)))
-    with pytest.raises(ArgumentError, match="accuracy: found a run with error control"):
+    with pytest.raises(ArgumentError, match="accuracy: found a simulation with error control"):
         path.error_estimate()
     with pytest.raises(ArgumentError, match="accuracy: found error control with .* or a method"):
         scene.simulate(q, qd, duration=0.1, accuracy=1e-6, method="rk4")
@@ -214,7 +220,7 @@ def test_what_error_control_refuses() -> None:
 
 
 def in_time(code: str) -> None:
-    """Runs a program that must end."""
+    """Run a program that must end."""
     program = f"import warnings, sys\nwarnings.simplefilter('ignore')\nsys.path.insert(0, {str(Path(__file__).parent)!r})\nfrom motion_scenes import *\n{code}"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=LONG, check=False)
     assert done.returncode == 0, done.stderr
@@ -233,7 +239,7 @@ def test_error_control_ends_bounces_that_become_ever_shorter() -> None:
 
 
 def errors_and_estimates(range_of_motion: float, friction: float) -> tuple[np.ndarray, np.ndarray]:
-    """At the end of 40 runs with a step of 4 ms: the error against error control, and the estimate."""
+    """At the end of 40 simulations with a step of 4 ms: the error compared with error control, and the estimate."""
     found = []
     for seed in range(40):
         scene = robot(seed, range_of_motion=range_of_motion, friction=friction)
@@ -252,5 +258,5 @@ def test_the_error_estimate_bounds_the_error_of_most_runs(range_of_motion: float
     off, estimates = errors_and_estimates(range_of_motion, friction)
     bounded = off <= 3.0 * estimates + 1e-12
     assert np.mean(bounded) >= 0.9, f"{np.sum(~bounded)} of {len(off)}, up to {np.max(off / np.maximum(estimates, 1e-300)):.1e} times the estimate"
-    # And it is not far above it.
+    # The estimate is not much larger.
     assert np.median(estimates / np.maximum(off, 1e-12)) < 30.0

@@ -1,4 +1,6 @@
-"""Estimation against the joint Gaussian of (X, W, T, a, y) conditioned on y with NumPy, against 60 digits, and by sampling."""
+"""Estimation compared with the joint Gaussian of (X, W, T, a, y) conditioned on y with NumPy, with 60 digits, and by
+sampling.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,7 @@ ROOT = Path(__file__).parents[2]
 
 
 class Case:
-    """A scene of all joint kinds, a state, and torques measured with noise none, some and infinite."""
+    """A scene with all types of joints, a state, and torques measured with zero, finite and infinite noise."""
 
     def __init__(self, seed: int, noises: str = "mixed") -> None:
         random = np.random.default_rng(100 + seed)
@@ -60,11 +62,11 @@ class Case:
 
     @functools.cached_property
     def bias(self) -> np.ndarray:
-        """b of every row; what it is worth is tested at 60 digits below."""
+        """b of every row; its value is tested with 60 digits below."""
         return self.estimate(measured=[], prior_acceleration=None).process.reshape(-1)
 
     def model(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The map from (W, v) to (X, W, T, a), and mean and covariance of (W, v)."""
+        """Map from (W, v) to (X, W, T, a), and mean and covariance of (W, v)."""
         phi, noise, h, armature, m = self.matrices
         n = len(m)
         to_torque = np.hstack([h @ phi, np.eye(n)])
@@ -83,12 +85,14 @@ class Case:
         return through, mean, covariance
 
     def conditional(self) -> tuple[np.ndarray, np.ndarray, float, np.ndarray, np.ndarray, float]:
-        """Means and covariance of (X, W, T, a) given y, log density of y, the sizes of both, and the condition number met."""
+        """Means and covariance of (X, W, T, a) given y, log density of y, the magnitudes of both, and the condition
+        number.
+        """
         m = self.matrices[-1]
         n = len(m)
         through, mean, covariance = self.model()
         z, prior = through @ mean, through @ covariance @ through.T
-        # a = M^-1 (T - H phi b): the bias is known, and causes no acceleration.
+        # a = M^-1 (T - H phi b): the bias is known and causes no acceleration.
         z[13 * n :] = through[13 * n :] @ (mean - np.concatenate([self.bias, np.zeros(n)]))
         measured = np.flatnonzero(np.isfinite(self.noise))
         at = 12 * n + measured
@@ -113,7 +117,7 @@ def case(request: pytest.FixtureRequest) -> Case:
 
 
 def blocks(matrix: np.ndarray) -> np.ndarray:
-    """The diagonal blocks of six."""
+    """The 6 x 6 diagonal blocks."""
     n = len(matrix) // 6
     return np.stack([matrix[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] for i in range(n)])
 
@@ -183,7 +187,7 @@ def test_all_measured_exactly_is_forward_dynamics(seed: int) -> None:
     condition = float(np.linalg.cond(case.scene.mass_matrix(case.q)))
     assert_near(found.acceleration, expected, inverse(condition, float(np.abs(expected).max())))
     assert_near(found.torque, case.y, inverse(condition, float(np.abs(found.force).max() + np.abs(case.y).max())))
-    # Whatever was expected before.
+    # Independent of the prior.
     again = case.estimate(prior_acceleration=np.full(case.scene.nv, 2.0))
     scale = float(np.max(sum(np.abs(e.acceleration) for e in (again, found)))) + 2.0
     assert_near(again.acceleration, found.acceleration, inverse(condition, scale))
@@ -214,7 +218,7 @@ def test_an_unmeasured_acceleration_keeps_its_prior(case: Case) -> None:
     unknown = np.isinf(case.noise)
     assert np.all(found.acceleration[unknown] == case.a0[unknown])
     assert np.all(found.acceleration_variance[unknown] == prior.acceleration_variance[unknown])
-    # Its torque, by contrast, is told something, and so is the rest.
+    # Information about its torque, by contrast, is available, and about the others.
     assert np.any(found.torque[unknown] != prior.torque[unknown])
     assert np.all(found.torque_variance <= prior.torque_variance)
     assert np.any(found.torque_variance[unknown] < 0.999 * prior.torque_variance[unknown])
@@ -223,7 +227,7 @@ def test_an_unmeasured_acceleration_keeps_its_prior(case: Case) -> None:
 
 @pytest.mark.parametrize("seed", range(0, 12, 2))
 def test_h_p_is_zero(seed: int) -> None:
-    """H P = 0 (after 2.6): to the bit where H picks a component, to rounding along a screw."""
+    """H P = 0 (after 2.6): exactly if H selects a component, up to rounding for a screw."""
     case = case_of(seed)
     assert not case.has_armature
     found = case.estimate()
@@ -244,7 +248,7 @@ def test_h_p_is_zero(seed: int) -> None:
 
 
 def test_noise_and_variance_in_other_units(case: Case) -> None:
-    """Both times 4: the means keep their bits, covariances are 4 times as large."""
+    """Both times 4: the means are bitwise equal, covariances are 4 times as large."""
     one, other = case.estimate(), case.estimate(noise=4.0 * case.noise, acceleration_variance=4.0 * case.s)
     for name in MEANS:
         assert_same_bits(getattr(other, name), getattr(one, name), name)
@@ -254,14 +258,16 @@ def test_noise_and_variance_in_other_units(case: Case) -> None:
 
 @pytest.mark.parametrize("noise", [1e-9, 1e-3, 1.0, 1e6, 1e12])
 def test_variances_over_all_sizes_of_noise(noise: float) -> None:
-    """A torque is known to the sensor's noise or to the model's, whichever is better, to all digits of the smaller."""
+    """The variance of a torque is that of the sensor or of the model, whichever is smaller, with the full relative
+    precision of the smaller one.
+    """
     for seed in (0, 1, 3):
         case = case_of(seed)
         n = case.scene.nv
         found = case.estimate(noise=noise)
         phi, _, h, armature, m = case.matrices
         told = np.linalg.inv(case.s * m + noise * np.eye(n))
-        # noise s M (s M + noise)^-1: no difference is formed.
+        # noise s M (s M + noise)^-1, without a difference.
         expected = np.diag(noise * case.s * m @ told)
         condition = float(np.linalg.cond(case.s * m + noise * np.eye(n)) * np.linalg.cond(m))
         bound = inverse(condition, float(min(noise, case.s * np.abs(phi).max() ** 2 * np.abs(m).max())))
@@ -307,7 +313,8 @@ def test_errors_have_the_covariance_that_is_claimed(seed: int) -> None:
         covariance = np.asarray(getattr(claimed, name)).reshape(n, error.shape[-1], -1)
         seen = np.einsum("kni,knj->nij", error, error) / samples
         variances = np.einsum("nii->ni", covariance)
-        # Rounding, seen where a variance is zero: that of the samples, whose root has eigenvalues of rounding.
+        # Rounding is visible if a variance is zero: the square root in the samples has eigenvalues of rounding
+        # magnitude.
         floor = 10.0 * inverse(case.conditional()[-1], float(np.abs(getattr(found, name.split("_")[0])).max()))
         spread = np.sqrt(np.abs(variances[:, :, None] * variances[:, None, :]) + covariance**2)
         off = np.abs(seen - covariance)
@@ -319,7 +326,7 @@ def test_errors_have_the_covariance_that_is_claimed(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", [1, 2, 4, 9])
 def test_against_sixty_digits(seed: int) -> None:
-    """Joint space from M and the bias of Newton and Euler; forces by their sizes, which no frame changes."""
+    """Joint space from M and the Newton-Euler bias; forces by their magnitudes, which are independent of the frame."""
     random = np.random.default_rng(seed)
     tree = random_tree(
         random, 6, armature=0.3 * (seed % 2), branching=0.5, floating_base=seed == 4,
@@ -358,15 +365,15 @@ def test_against_sixty_digits(seed: int) -> None:
         off = rounded(exact(np.atleast_1d(getattr(found, name))) - np.atleast_1d(expected))
         assert np.all(np.abs(off) <= inverse(condition, float(scale))), name
 
-    # Newton and Euler for each link at the estimated accelerations, added up over what is outboard of each joint.
+    # Newton-Euler for each link at the estimated accelerations, summed over the links outboard of each joint.
     wrench = {}
     for link in state.links:
         mass, lever, central, _ = state._inertia(link)
         name = link.name
         omega, alpha = state.angular[name] @ state.qd, state.angular_bias[name] + state.angular[name] @ a
         origin = state.linear_bias[name] + state.linear[name] @ a
-        centre = origin + skew(alpha) @ lever + skew(omega) @ (skew(omega) @ lever)
-        force = mass * (centre - state.gravity)
+        center = origin + skew(alpha) @ lever + skew(omega) @ (skew(omega) @ lever)
+        force = mass * (center - state.gravity)
         wrench[name] = (central @ alpha + skew(omega) @ (central @ omega), force, state.position[name] + lever)
 
     def outboard(link: str) -> list[str]:

@@ -1,4 +1,4 @@
-"""What Scene.estimate takes and refuses: masks, shapes, joints without inertia; one broken argument a test."""
+"""Arguments of Scene.estimate: masks, shapes, joints without inertia; one broken argument per test."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def test_a_mask_is_infinite_noise(mixed: phipsi.Scene) -> None:
         found = mixed.estimate(q, qd, broken, noise=0.5, measured=measured, covariance=True)
         for one, other in zip(found, expected, strict=True):
             assert_same_bits(one, other)
-    # What noise says of a joint that is not measured is not read.
+    # The noise of a joint that is not measured is ignored.
     found = mixed.estimate(q, qd, broken, noise=np.where(mask, 0.5, np.nan), measured=names)
     assert_same_bits(found.force, expected.force)
 
@@ -69,7 +69,8 @@ def test_a_joint_without_inertia() -> None:
     with pytest.raises(SingularJointError, match="finger") as caught:
         ghost().estimate(np.zeros((3, 2)), zero, zero)
     assert (caught.value.joint, caught.value.state) == ("finger", 0)
-    # Not measured, or measured with noise, it does not matter; but its acceleration has no variance.
+    # It has no effect if it is not measured, or measured with noise; but the variance of its acceleration is
+    # undefined.
     assert np.all(ghost().estimate(zero, zero, [0.1, 5.0], measured=["shoulder"]).acceleration != [0.0, 1.0])
     assert np.isfinite(ghost().estimate(zero, zero, [0.1, 5.0], noise=0.5).acceleration).all()
     with pytest.raises(SingularJointError, match="finger"):

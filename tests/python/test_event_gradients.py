@@ -1,4 +1,6 @@
-"""Gradients through sliding, sticking, impacts, rebounds, divided steps, returns to limits and control laws, against central differences of the same steps."""
+"""Gradients through sliding, sticking, impacts, rebounds, substeps, returns to limits and control laws, compared with
+central differences of the same steps.
+"""
 
 from __future__ import annotations
 
@@ -24,14 +26,14 @@ CASES: dict[str, tuple[dict[str, float], float, dict[str, object]]] = {
     "implicit Euler": ({}, 1.0, {"method": "implicit-euler"}),
     "order three": ({"range_of_motion": 0.35}, 1.0, {"method": "rosenbrock-3"}),
 }
-"""Of each case: the robot, how fast it starts, and arguments of simulate."""
+"""For each case: the robot, its initial speed, and arguments of simulate."""
 
-#: What must have happened in some robot of a case, by field of the trajectory.
+#: Events that must occur in at least one robot of a case, by field of the trajectory.
 HAPPENS = {"sticking": "events", "stuck": "events", "impact": "stops", "impact and friction": "stops", "rebound": "stops", "return to a limit": "events", "order three": "stops"}
 
 
 def differences(scene: phipsi.Scene, q: np.ndarray, qd: np.ndarray, seed: int, **given: object) -> phipsi.Trajectory:
-    """Compares every gradient of a random function of the rows with central differences."""
+    """Compare every gradient of a random function of the rows with central differences."""
     random = np.random.default_rng(seed)
     steps = int(given.setdefault("steps", STEPS))  # type: ignore[call-overload]
     given.setdefault("dt", 1e-3)
@@ -52,7 +54,7 @@ def differences(scene: phipsi.Scene, q: np.ndarray, qd: np.ndarray, seed: int, *
     for i, unit in enumerate(EVENT_STEP * np.eye(scene.nv)):
         compare("q", found.q[i], *(value(q=scene.integrate(q, change)) for change in (unit, -unit)))
         if qd[i] != 0.0:
-            # From rest, friction acts against either change.
+            # At rest, friction opposes either change.
             compare("qd", found.qd[i], *(value(qd=qd + change) for change in (unit, -unit)))
         for kind, values in (("friction", scene.friction), ("damping", scene.damping)):
             if values[i] > 0.0:

@@ -1,4 +1,6 @@
-"""The everyday functions: links one by one, the mass centre, the momentum about it. Against Pinocchio on real robots, 60 digits and identities."""
+"""Frequently used functions: single links, center of mass, momentum about it. Compared with Pinocchio on real
+robots, 60 digits and identities.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,7 @@ FRAMES = {
     "local-world-aligned": pin.ReferenceFrame.LOCAL_WORLD_ALIGNED,
 }
 worst: dict[str, float] = {}
-"""The largest error that the tests so far saw beside Pinocchio, by what it is, in units of n eps of the quantity's size."""
+"""Largest error of the tests so far compared with Pinocchio, by quantity, in units of n eps of its magnitude."""
 
 
 def largest(values: np.ndarray) -> float:
@@ -32,7 +34,7 @@ def largest(values: np.ndarray) -> float:
 
 
 class Moving(NamedTuple):
-    """A robot in one state, and the same in Pinocchio with all derivatives of its joints' placements in `data`."""
+    """A robot in one state, and the same in Pinocchio with all derivatives of its kinematics in `data`."""
 
     scene: phipsi.Scene
     oracle: Oracle
@@ -40,7 +42,7 @@ class Moving(NamedTuple):
     qd: np.ndarray
     qdd: np.ndarray
     scale: float
-    """Size of the accelerations of its links, in all frames: of the terms that vectors of links are sums of."""
+    """Magnitude of the accelerations of its links, in all frames: of the terms of their sums."""
 
 
 @functools.cache
@@ -69,7 +71,7 @@ def robot(file: str, floating_base: bool) -> Moving:
 
 
 def some_links(scene: phipsi.Scene) -> list[str]:
-    """The root, which a fixed base holds, the last, and some between, many of them welded to others."""
+    """The root, which is on a fixed base, the last link, and some between, many of them on fixed joints."""
     names = scene.link_names
     return sorted({names[at * (len(names) - 1) // 5] for at in range(6)})
 
@@ -105,7 +107,7 @@ def test_links_as_pinocchio(file: str, floating_base: bool) -> None:
                 classical = pin.getFrameClassicalAcceleration(model, data, index, frame).vector[SWAP]
                 check("acceleration", qd, qdd, expected=classical, kind="classical")
                 if n == 0:
-                    # Pinocchio ends the process there.
+                    # Pinocchio terminates the process in this case.
                     assert scene.jacobian(q, link, frame=name).shape == scene.jacobian_rate(q, qd, link, frame=name).shape == (6, 0)
                     continue
                 check("jacobian", expected=oracle.here(pin.getFrameJacobian(model, data, index, frame))[SWAP])
@@ -118,7 +120,7 @@ def test_links_as_pinocchio(file: str, floating_base: bool) -> None:
 
 @bases
 @robots
-def test_the_mass_centre_as_pinocchio(file: str, floating_base: bool) -> None:
+def test_the_center_of_mass_as_pinocchio(file: str, floating_base: bool) -> None:
     scene, oracle, q, qd, qdd, scale = robot(file, floating_base)
     model, n = oracle.model, scene.nv
     if n == 0:
@@ -140,12 +142,13 @@ def test_the_mass_centre_as_pinocchio(file: str, floating_base: bool) -> None:
     momentum = oracle.here(pin.ccrba(model, other, *there[:2]))[SWAP]
     beside_pinocchio("centroidal_momentum_matrix", scene.centroidal_momentum_matrix(q), momentum, n, oracle.mass)
     beside_pinocchio("momentum", scene.centroidal_momentum_matrix(q) @ qd, other.hg.vector[SWAP], n, oracle.mass * scale)
-    # Its other name, computeCentroidalMapTimeVariation, returns in Python what is no rate of A: beside differences of A it is off by 0.5.
+    # Its alias computeCentroidalMapTimeVariation does not return the derivative of A in Python: it differs from
+    # differences of A by 0.5.
     rate = oracle.here(pin.dccrba(model, third, *there[:2]))[SWAP]
     beside_pinocchio("centroidal_momentum_matrix_rate", scene.centroidal_momentum_matrix_rate(q, qd), rate, n, oracle.mass * scale)
 
 
-#: What moves, by name: nothing, with nothing but accelerations, with one joint moving, with all.
+#: Moving quantities, by name: none, only accelerations, one joint, all.
 STATES: dict[str, Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]] = {
     "at rest": lambda qd, qdd: (0 * qd, 0 * qdd),
     "starting": lambda qd, qdd: (0 * qd, qdd),
@@ -175,14 +178,14 @@ def test_identities(request: pytest.FixtureRequest, scene: str, state: str) -> N
             acceleration = scene.acceleration(q, qd, qdd, link, kind=kind, **given)
             assert_near(jacobian @ qdd + along, acceleration, product(n, scale))
     mass, matrix = scene.total_mass, scene.centroidal_momentum_matrix(q)
-    centre, jacobian = scene.center_of_mass(q), scene.center_of_mass_jacobian(q)
+    center, jacobian = scene.center_of_mass(q), scene.center_of_mass_jacobian(q)
     assert_near(mass, sum(scene.link(name).mass for name in scene.link_names if name in moving_links(scene)), product(n, mass))
-    scale = size(matrix, centre) * size(qd, qdd) * size(qd) * size(centre)
+    scale = size(matrix, center) * size(qd, qdd) * size(qd) * size(center)
     assert_near(mass * jacobian, matrix[3:], product(n, scale))
     assert_near(scene.center_of_mass_velocity(q, qd), jacobian @ qd, product(n, scale))
     about_origin = scene.momentum(q, qd)
-    about_centre = np.concatenate([about_origin[:3] - np.cross(centre, about_origin[3:]), about_origin[3:]])
-    assert_near(matrix @ qd, about_centre, product(n, scale))
+    about_center = np.concatenate([about_origin[:3] - np.cross(center, about_origin[3:]), about_origin[3:]])
+    assert_near(matrix @ qd, about_center, product(n, scale))
     rate = scene.centroidal_momentum_matrix_rate(q, qd)
     scale *= size(qd)
     assert_near(scene.center_of_mass_acceleration(q, qd, qdd), jacobian @ qdd + rate[3:] @ qd / mass, product(n, scale))
@@ -191,13 +194,13 @@ def test_identities(request: pytest.FixtureRequest, scene: str, state: str) -> N
 
 
 def moving_links(scene: phipsi.Scene) -> set[str]:
-    """Links that some joint moves, by what the configuration does to where they are."""
+    """Movable links, by the effect of the configuration on their poses."""
     here, there = (scene.placements(random_states(scene, seed).q) for seed in (0, 1))
     return {name for name in here if not np.array_equal(here[name], there[name])}
 
 
 class Exact:
-    """60 digits at a state, and the rates of what depends on q along qd."""
+    """60 digits in a state, and the derivatives along qd of functions of q."""
 
     def __init__(self, tree: Tree, q: np.ndarray, qd: np.ndarray) -> None:
         q, qd = exact(q), exact(qd)
@@ -210,36 +213,36 @@ class Exact:
 
 
 def aligned(state: State, link: str) -> np.ndarray:
-    """J of the point in the base's axes."""
+    """J of the point in the base frame."""
     lever = state.rotation[link] @ exact(np.array(POINT))
     return np.concatenate([state.angular[link], state.linear[link] - skew(lever) @ state.angular[link]])
 
 
 def world(state: State, link: str) -> np.ndarray:
-    """J of what passes the base's origin."""
+    """J of the material point at the origin of the base."""
     return np.concatenate([state.angular[link], state.linear[link] + skew(state.position[link]) @ state.angular[link]])
 
 
-def mass_centre(state: State) -> np.ndarray:
+def center_of_mass(state: State) -> np.ndarray:
     total = sum(exact(np.array(link.mass)) for link in state.links)
     return sum(exact(np.array(link.mass)) * (state.position[link.name] + state.rotation[link.name] @ exact(link.com)) for link in state.links) / total
 
 
 def centroidal(state: State) -> np.ndarray:
-    """A from its definition: what each link adds to the momentum."""
-    found, centre = np.zeros((6, state.nv)), mass_centre(state)
+    """A from its definition: contribution of each link to the momentum."""
+    found, center = np.zeros((6, state.nv)), center_of_mass(state)
     for link in state.links:
         mass, central = exact(np.array(link.mass)), state.rotation[link.name] @ exact(link.inertia) @ state.rotation[link.name].T
         lever = state.rotation[link.name] @ exact(link.com)
         push = mass * (state.linear[link.name] - skew(lever) @ state.angular[link.name])
-        turning = central @ state.angular[link.name] + skew(state.position[link.name] + lever - centre) @ push
+        turning = central @ state.angular[link.name] + skew(state.position[link.name] + lever - center) @ push
         found = found + np.concatenate([turning, push])
     return found
 
 
 @functools.cache
 def in_60_digits(seed: int) -> tuple[phipsi.Scene, Exact, np.ndarray, np.ndarray]:
-    """A scene, the oracle of it, and q and qd."""
+    """A scene, its oracle, and q and qd."""
     random = np.random.default_rng(seed)
     tree = random_tree(random, 5, kinds=tuple(np.roll(KINDS, seed)), most=8, armature=0.3, floating_base=seed % 2 == 1, branching=0.5)
     scene = tree.scene()
@@ -269,12 +272,12 @@ def test_links_against_60_digits(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_the_mass_centre_against_60_digits(seed: int) -> None:
+def test_the_center_of_mass_against_60_digits(seed: int) -> None:
     scene, oracle, q, qd = in_60_digits(seed)
     n, mass = scene.nv, scene.total_mass
-    centre, matrix = rounded(mass_centre(oracle.here)), rounded(centroidal(oracle.here))
-    assert_near(scene.center_of_mass(q), centre, product(n, size(centre)))
-    assert_near(scene.center_of_mass_velocity(q, qd), oracle.along(mass_centre), product(n, size(matrix)))
+    center, matrix = rounded(center_of_mass(oracle.here)), rounded(centroidal(oracle.here))
+    assert_near(scene.center_of_mass(q), center, product(n, size(center)))
+    assert_near(scene.center_of_mass_velocity(q, qd), oracle.along(center_of_mass), product(n, size(matrix)))
     assert_near(scene.centroidal_momentum_matrix(q), matrix, product(n, size(matrix)))
     rate = oracle.along(centroidal)
     assert_near(scene.centroidal_momentum_matrix_rate(q, qd), rate, product(n, size(matrix, rate)))
@@ -292,7 +295,7 @@ def test_the_mass_centre_against_60_digits(seed: int) -> None:
 
 @pytest.mark.parametrize("far", [1e3, 1e6])
 def test_far_from_the_origin_the_momentum_keeps_its_digits(far: float) -> None:
-    """In the frame that moves with the robot nothing but its own size counts."""
+    """In the frame that moves with the robot, errors depend only on the size of the robot."""
     scene = random_scene(2, 9, floating_base=True, kinds=("revolute", "prismatic", "spherical"))
     q, qd, qdd = random_states(scene, 1)
     away = q.copy()
@@ -318,11 +321,11 @@ def test_links_on_the_base_do_not_move_and_are_not_of_the_mass() -> None:
         scene = builder.build(leave_out=leave_out)
         assert scene.total_mass == 3.0
         q, qd = np.array([0.5]), np.array([2.0])
-        centre = np.array([4 / 3 * np.cos(0.5), 4 / 3 * np.sin(0.5), 1.0])
-        assert_near(scene.center_of_mass(q), centre, product(4, 1.0))
-        assert_near(scene.center_of_mass_velocity(q, qd), 2 * np.array([-centre[1], centre[0], 0]), product(4, 4.0))
-        assert_near(scene.center_of_mass_acceleration(q, qd, 0 * qd), -4 * centre * (1, 1, 0), product(4, 8.0))
-        assert_near(scene.centroidal_momentum_matrix(q)[:, 0], [0, 0, 1 + 2 / 3, -3 * centre[1], 3 * centre[0], 0], product(4, 8.0))
+        center = np.array([4 / 3 * np.cos(0.5), 4 / 3 * np.sin(0.5), 1.0])
+        assert_near(scene.center_of_mass(q), center, product(4, 1.0))
+        assert_near(scene.center_of_mass_velocity(q, qd), 2 * np.array([-center[1], center[0], 0]), product(4, 4.0))
+        assert_near(scene.center_of_mass_acceleration(q, qd, 0 * qd), -4 * center * (1, 1, 0), product(4, 8.0))
+        assert_near(scene.centroidal_momentum_matrix(q)[:, 0], [0, 0, 1 + 2 / 3, -3 * center[1], 3 * center[0], 0], product(4, 8.0))
         for frame in FRAMES:
             assert not scene.jacobian(q, "mast", frame=frame).any()
             for vector in (scene.velocity(q, qd, "mast", frame=frame), scene.acceleration(q, qd, qd, "base", frame=frame)):
@@ -334,7 +337,7 @@ def test_links_on_the_base_do_not_move_and_are_not_of_the_mass() -> None:
 
 
 def test_one_state_in_arrays_has_the_bits_of_one_in_lists(mixed: phipsi.Scene) -> None:
-    """Arrays take the short way, and lists the long one; refusals are the same."""
+    """Arrays use the fast path, and lists the general one; errors are equal."""
     q, qd, qdd = random_states(mixed, 4)
     calls: dict[str, tuple[Callable[..., Any], int]] = {
         **{name: (getattr(mixed, name), count) for name, count in OF_MASS.items()},
@@ -356,7 +359,7 @@ def test_one_state_in_arrays_has_the_bits_of_one_in_lists(mixed: phipsi.Scene) -
 
 
 def outcome(call: Callable[..., Any], state: Sequence[Any]) -> object:
-    """The bytes of a result, or what is said of an error."""
+    """Bytes of a result, or the message of an error."""
     try:
         return np.asarray(call(*state)).tobytes()
     except PhipsiError as error:

@@ -1,4 +1,4 @@
-"""The examples run as they stand."""
+"""The examples run unchanged."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ def test_paper_shows_every_equation() -> None:
         assert scene.count("as printed") >= 15
 
 
-def test_mppi_brings_the_arm_towards_its_goal() -> None:
+def test_mppi_brings_the_arm_toward_its_goal() -> None:
     command = [sys.executable, str(PAPER.with_name("mppi.py")), "--samples", "32", "--cycles", "25"]
     run = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert run.returncode == 0, run.stdout[-2000:] + run.stderr
     before, after = (float(x) for x in re.findall(r"(\d\.\d+) m from", run.stdout))
     assert after < 0.5 * before
-    assert "thousand states a second" in run.stdout
+    assert "thousand states per second" in run.stdout
 
 
 def test_the_rods_stay_on_the_cart() -> None:
@@ -73,7 +73,7 @@ def test_environments_keep_to_the_rules_of_gymnasium() -> None:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     check_env(module.CartPole(), skip_render_check=True)
-    # A batch is as many of them, and begins those anew whose episode is over.
+    # A batch is as many of them, and restarts those whose episode is over.
     many, one = module.CartPoles(3), module.CartPole()
     state, _ = many.reset(seed=5)
     assert many.observation_space.contains(state)
@@ -91,7 +91,7 @@ def test_environments_keep_to_the_rules_of_gymnasium() -> None:
     assert not np.array_equal(state[~ended], before[~ended])
 
 
-# In processes of their own: what Dask warns of there is not ours to fail on.
+# In separate processes, because warnings of Dask are ignored there.
 SWEEP = [sys.executable, str(PAPER.with_name("sweep.py")), "--starts", "8"]
 needs_dask = pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="distributed (Dask) is not installed")
 CLUSTER = """
@@ -125,11 +125,12 @@ def test_the_sweep_tells_failed_tasks_from_slow_ones(direct: dict[str, np.ndarra
     failed = reasons != ""
     assert 0 < failed.sum() < failed.size / 2
     assert np.array_equal(np.isnan(settling), failed) and np.array_equal(np.isnan(effort), failed)
-    # The stiffest and most damped gains are beyond a controller of that rate; the softest do not settle in the time.
+    # The stiffest and most damped gains are unstable for a controller of that rate; the softest do not settle in
+    # time.
     assert failed[-1, -1] and not failed[0].any()
     assert "motion has diverged" in reasons[-1, -1] and 'joint "joint' in reasons[-1, -1]
     assert np.isinf(settling[0]).all() and np.isfinite(settling).sum() > settling.size / 2
-    # Of a second-order system: at the same damping, twice the bandwidth settles faster and takes more torque.
+    # As for a second-order system: at the same damping, twice the bandwidth settles faster and needs more torque.
     assert (np.diff(settling[1:5, 2]) < 0).all() and (np.diff(effort[:, 2]) > 0).all()
 
 

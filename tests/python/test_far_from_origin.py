@@ -1,4 +1,6 @@
-"""Results do not depend on where a mechanism is: each method of a scene, moved by up to 1,000 km and rotated, beside the same at the origin."""
+"""Results do not depend on the position of a mechanism: each method of a scene, moved by up to 1,000 km and rotated,
+compared with the same at the origin.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,7 @@ def times(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.append(v, a[3] * b[3] - a[:3] @ b[:3])
 
 
-#: Where the base is moved to: a rotation and a position in whole meters, which positions add to without rounding of their own.
+#: New poses of the base: a rotation and a position in integer meters, whose addition causes no rounding.
 MOVES = {
     "moved": (np.eye(3), np.array([DISTANCE, -DISTANCE / 2, DISTANCE / 4])),
     "rotated": (random_rotation(np.random.default_rng(5)), np.zeros(3)),
@@ -43,7 +45,9 @@ MOVES = {
 
 
 class Pair:
-    """A floating scene at a state near the origin, and the same moved with its gravity, contacts and connections."""
+    """A floating scene in a state near the origin, and the same scene moved with its gravity, contacts and
+    connections.
+    """
 
     def __init__(self, make: Callable[[], phipsi.SceneBuilder], move: str) -> None:
         self.rotation, self.at = MOVES[move]
@@ -53,7 +57,7 @@ class Pair:
         self.far = builder.build(floating_base=True, gravity=self.rotation @ gravity)
         random = np.random.default_rng(3)
         q = self.near.integrate(self.near.neutral(), random.uniform(-0.3, 0.3, self.near.nv))
-        # A multiple of a power of two, so that it is the same beside the distance.
+        # A multiple of a power of two, so that it is unchanged by the addition of the distance.
         q[:3] = np.round(q[:3] * 2.0**20) / 2.0**20
         self.q = q
         self.qd, self.tau, self.more = random.uniform(-1, 1, (3, self.near.nv))
@@ -73,7 +77,7 @@ class Pair:
         return flat.reshape(q.shape)
 
     def same(self, ask: Callable[[phipsi.Scene, np.ndarray], Any], scale: float = 1.0) -> None:
-        """The same numbers of both, in body frames; scale: how much the problem enlarges rounding."""
+        """Equal results in body frames; scale: amplification of rounding errors by the problem."""
         near, far = (np.asarray(ask(scene, q)) for scene, q in ((self.near, self.q), (self.far, self.moved_q)))
         assert_near(far, near, FAR * scale * size(near))
 
@@ -83,7 +87,9 @@ def tree() -> phipsi.SceneBuilder:
 
 
 def loops() -> phipsi.SceneBuilder:
-    """A floating base with a four-bar linkage, whose hinge has three rows that move nothing, a rod and a coupled joint."""
+    """A floating base with a four-bar linkage, whose hinge has three redundant constraints, a rod and a coupled
+    joint.
+    """
     builder = phipsi.SceneBuilder().link("ground", mass=1.0, com=(0.1, 0, 0), inertia=np.diag([0.1, 0.1, 0.1]))
     for name, parent, xyz, length in (
         ("crank", "ground", (0, 0, 0), 0.2),
@@ -151,7 +157,7 @@ def test_kinematics_of_trees(trees: Pair) -> None:
         pair.same(lambda scene, q, link=link: scene.acceleration(q, qd, u, link, **local))
         pair.same(lambda scene, q, link=link: scene.operational_inverse_inertia(q, link), 10)
         pair.same(lambda scene, q, link=link: scene.operational_inertia(q, link), 100)
-        # In the axes of the base, at the link: turned with it.
+        # In the base frame, at the link: rotated with it.
         both = np.kron(np.eye(2), rotation)
         aligned = [scene.velocity(q, qd, link, frame="local-world-aligned") for scene, q in ((pair.near, pair.q), (pair.far, pair.moved_q))]
         assert_near(aligned[1], both @ aligned[0], FAR * size(aligned[0]))
@@ -222,7 +228,7 @@ def test_linkages(linkages: Pair) -> None:
     pair.same(lambda scene, q: np.concatenate(scene.forward_dynamics_derivatives(q, qd, tau)), 100)
     pair.same(lambda scene, q: np.stack(scene.forward_dynamics_vjp(q, qd, tau, u)[:3]), 100)
     pair.same(lambda scene, q: scene.forward_dynamics_jvp(q, qd, tau, u, tau, qd), 100)
-    # Zero on the joints that move both ends alike, not to within rounding.
+    # Exactly zero for joints that move both ends equally.
     assert not np.any(pair.far.constraint_jacobian(pair.moved_q)[:, :6])
 
 
@@ -248,7 +254,7 @@ def test_projection_and_motion_of_linkages(linkages: Pair) -> None:
 
 
 def fixed_linkage(rotation: np.ndarray, at: np.ndarray) -> phipsi.Scene:
-    """A four-bar linkage on the ground, drawn where it stands."""
+    """A four-bar linkage on the ground, described at its position."""
     builder = phipsi.SceneBuilder().link("ground")
     for name, parent, xyz, length in (
         ("crank", "ground", (0, 0, 0), 0.25),
@@ -267,7 +273,7 @@ def test_a_linkage_that_is_drawn_far_away(move: str) -> None:
     rotation, at = MOVES[move]
     near, far = fixed_linkage(np.eye(3), np.zeros(3)), fixed_linkage(rotation, at)
     if np.any(rotation - np.eye(3)) and np.any(at):
-        # Its own numbers are rounded: to 1e-10 m at this distance.
+        # Its constants are rounded: to 1e-10 m at this distance.
         bound = FAR * size(at)
     else:
         bound = FAR * 1000
@@ -298,7 +304,7 @@ def test_contacts(move: str) -> None:
     (gaps, velocities, end), (far_gaps, far_velocities, far_end) = ends
     assert_near(far_gaps, gaps, FAR * size(at))
     assert_near(np.linalg.norm(far_velocities, axis=-1), np.linalg.norm(velocities, axis=-1), FAR * 10)
-    # The height over the plane is a difference of two distances.
+    # The height above the plane is a difference of two distances.
     assert_near(far_end, end, 1e4 * FAR * size(at))
     assert np.isclose(np.linalg.norm(normal), 1.0)
 

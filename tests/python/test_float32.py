@@ -1,4 +1,4 @@
-"""float32 where it was asked for: dtypes, digits, errors, and the same bits in any batch."""
+"""float32 on request: dtypes, precision, errors, and bitwise equality in any batch."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def test_float64_is_the_default(arm: phipsi.Scene, dtype: Any) -> None:
     q = random_states(arm, 0).q
     found = arm.mass_matrix(q, dtype=dtype)
     assert found.dtype == np.float64 and np.array_equal(found, arm.mass_matrix(q))
-    # The dtype of the arguments decides nothing.
+    # The dtype of the arguments has no effect.
     assert arm.mass_matrix(q.astype(np.float32)).dtype == np.float64
 
 
@@ -122,7 +122,7 @@ def test_numbers_beyond_float32_are_not_finite(arm: phipsi.Scene) -> None:
     q = np.zeros((2, 7))
     q[1, 3] = 1e300
     with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "overflow", RuntimeWarning)  # NumPy's, which those before 1.24 do not give
+        warnings.filterwarnings("ignore", "overflow", RuntimeWarning)  # a NumPy error that versions before 1.24 do not have
         with pytest.raises(NotFiniteError, match="q: found inf at index 3"):
             arm.mass_matrix(q, dtype=np.float32)
 

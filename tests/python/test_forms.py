@@ -1,4 +1,4 @@
-"""The forms of the recursion from Python: one answer, and typed errors for what a form cannot take."""
+"""Forms of the recursion from Python: equal results, and typed errors if a form is not applicable."""
 
 import numpy as np
 import phipsi

@@ -1,4 +1,6 @@
-"""Scene.from_pinocchio beside Pinocchio: every joint that both have, robots of example-robot-data, what is refused."""
+"""Scene.from_pinocchio compared with Pinocchio: every joint that both support, robots of example-robot-data, refused
+models.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,7 @@ JOINTS = {
 
 
 def of(*kinds: str, seed: int = 0) -> pin.Model:
-    """A chain of joints of these kinds, with a side arm at each second body."""
+    """A chain of joints of these types, with a side arm at each second body."""
     pin.seed(seed)
     draw = np.random.default_rng(seed)
     model = pin.Model()
@@ -56,7 +58,7 @@ def beside(scene: phipsi.Scene, model: pin.Model, seed: int = 1) -> None:
     v_there = draw.standard_normal(model.nv)
     q, qd = phipsi.pinocchio.to_state(scene, model, q_there, v_there)
     pin.forwardKinematics(model, data, q_there, v_there)
-    # Its own kinetic energy has not all of the armature behind joints of oblique axes.
+    # Pinocchio's kinetic energy does not include all of the armature behind joints with oblique axes.
     mass = np.triu(pin.crba(model, data, q_there))
     energy = 0.5 * v_there @ (mass + np.triu(mass, 1).T) @ v_there
     assert_near(0.5 * qd @ scene.mass_matrix(q) @ qd, energy, recursion(scene.nv, size(energy)))
@@ -69,12 +71,12 @@ def beside(scene: phipsi.Scene, model: pin.Model, seed: int = 1) -> None:
 
 
 def order(scene: phipsi.Scene, model: pin.Model) -> np.ndarray:
-    """Entry i of phipsi's rates is this entry of Pinocchio's."""
+    """Index of each of phipsi's velocities in those of Pinocchio."""
     return phipsi.pinocchio.to_state(scene, model, pin.neutral(model), np.arange(model.nv, dtype=float))[1].astype(int)
 
 
 def dynamics(scene: phipsi.Scene, model: pin.Model) -> None:
-    """M, bias and accelerations, where rates are the same but for their order."""
+    """M, bias and accelerations, for velocities that differ only in their order."""
     data, draw, rows = model.createData(), np.random.default_rng(5), order(scene, model)
     q_there = pin.integrate(model, pin.neutral(model), draw.standard_normal(model.nv))
     v_there, tau_there = draw.standard_normal((2, model.nv))
@@ -170,7 +172,9 @@ def test_a_scene_of_another_model() -> None:
 
 
 def test_planar_joints_in_motion() -> None:
-    """With equal armature elsewhere: forces turn with the body's axes, and accelerations with them and their rotation."""
+    """With equal armature elsewhere: forces rotate with the body frame, and accelerations with the frame and its
+    rotation.
+    """
     model = of("RX", "planar", "RZ")
     scene, data, draw = phipsi.Scene.from_pinocchio(model), model.createData(), np.random.default_rng(4)
     q_there = pin.integrate(model, pin.neutral(model), draw.standard_normal(model.nv))
@@ -195,7 +199,7 @@ def test_planar_joints_with_losses_along_axes_of_the_body_are_refused(what: str)
         model.armature[:] = 0.1
     else:
         model.upperDryFrictionLimit[:], model.lowerDryFrictionLimit[:] = 0.1, -0.1
-    with pytest.raises(SceneError, match=f"{what} 0.1 at the planar joint 'planar0'; expected zero, or joints PX, PY and RZ"):
+    with pytest.raises(SceneError, match=f"{what} 0.1 at the planar joint 'planar0'; expected zero, or the joints PX, PY and RZ"):
         phipsi.Scene.from_pinocchio(model)
 
 
@@ -209,7 +213,7 @@ def test_dry_friction_of_two_sizes_is_refused() -> None:
 
 
 def test_made_up_names_do_not_clash() -> None:
-    """A translation becomes three joints and two links more; bodies that are fixed to others get a joint."""
+    """A translation becomes three joints and two additional links; fixed bodies get a joint."""
     model = pin.Model()
     first = model.addJoint(0, pin.JointModelTranslation(), pin.SE3.Identity(), "move")
     second = model.addJoint(first, pin.JointModelRX(), pin.SE3.Identity(), "move_x")

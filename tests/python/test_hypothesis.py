@@ -1,4 +1,6 @@
-"""Laws of mechanics on trees drawn by hypothesis: all joint kinds, branching, armature, velocities and wrenches together."""
+"""Laws of mechanics on trees drawn by hypothesis: all types of joints, branching, armature, velocities and wrenches
+together.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,7 @@ def body(random: np.random.Generator, name: str) -> Link:
 
 @dataclass
 class Case:
-    """A tree, its scene, and a state of it; printed, it is what to shrink by."""
+    """A tree, its scene, and a state; its string representation is the input for shrinking."""
 
     tree: Tree
     seed: int
@@ -57,7 +59,7 @@ class Case:
         return self.scene.inverse_dynamics(self.q, self.qd, self.qdd, wrenches=self.wrenches)
 
     def pushed(self) -> np.ndarray:
-        """The joint torques of the wrenches."""
+        """Joint torques of the wrenches."""
         torques = [self.scene.jacobian(self.q, link).T @ wrench for link, wrench in self.wrenches.items()]
         return np.sum(torques, axis=0)
 
@@ -66,14 +68,18 @@ class Case:
         return self.scene.integrate(self.q, h * self.qd), self.qd + h * qdd
 
     def third_derivative(self, qdd: np.ndarray) -> float:
-        """Of a function of the state along `moved`, over the function: three rates, or two changes of rates."""
+        """Bound for a function of the state along `moved`, relative to the function: three velocities, or two
+        changes of velocities.
+        """
         return size(self.qd) ** 3 + size(qdd) ** 2
 
     def torque_scale(self) -> float:
         return size(self.tau, self.scene.bias_torque(self.q, self.qd), self.pushed(), self.m * size(self.qdd))
 
     def acceleration_bound(self, *qdd: np.ndarray) -> float:
-        """Of accelerations; cond(M) knows nothing of torques that cancel, as those of gravity and a motor do."""
+        """Bound for accelerations; cond(M) does not include the cancellation of torques, such as those of gravity and a
+        motor.
+        """
         spread = float(np.linalg.norm(np.linalg.inv(self.m), 2)) * self.torque_scale()
         return max(inverse(self.condition, size(*qdd)), product(1, spread))
 
@@ -82,7 +88,7 @@ class Case:
 def cases(
     draw: st.DrawFn, floating_base: bool | None = None, gravity: tuple[float, float, float] = (0.3, -0.5, -9.6)
 ) -> Case:
-    """Up to seven joints of any kind, each on any link before it; the numbers come from a seed."""
+    """Up to seven joints of any type, each on any previous link; the values come from a seed."""
     kinds = draw(st.lists(st.sampled_from(KINDS), min_size=1, max_size=7))
     parents = [draw(st.integers(0, k)) for k in range(len(kinds))]
     seed = draw(st.integers(0, 2**16))
@@ -134,7 +140,7 @@ def test_forward_undoes_inverse_and_inverse_undoes_forward(case: Case) -> None:
 @law
 @given(cases())
 def test_the_mass_matrix_is_a_covariance(case: Case) -> None:
-    """Symmetric and positive definite, and so is its inverse; above what the armature alone gives."""
+    """Symmetric and positive definite, like the inverse; larger than the armature alone."""
     n, m, inverted = case.scene.nv, case.m, case.scene.mass_matrix_inverse(case.q)
     assert_same_bits(m, m.T)
     assert_same_bits(inverted, inverted.T)
@@ -174,7 +180,7 @@ def test_momentum_of_a_free_system_changes_by_the_wrenches_alone(case: Case) -> 
 @law
 @given(cases(), st.integers(1, 9))
 def test_batches_are_singles(case: Case, states: int) -> None:
-    """Bit by bit, whatever lanes or threads a batch runs in."""
+    """Bitwise, independent of lanes and threads of a batch."""
     scene, n = case.scene, case.scene.nv
     q = scene.integrate(scene.neutral(), case.random.uniform(-2.0, 2.0, (states, n)))
     qd, x = case.random.uniform(-2.0, 2.0, (2, states, n))
@@ -202,7 +208,7 @@ def test_batches_are_singles(case: Case, states: int) -> None:
 @law
 @given(cases(), st.integers(-12, 12))
 def test_units_of_mass_cancel(case: Case, power: int) -> None:
-    """All masses, inertias, armatures, torques and wrenches times 4^k: the same accelerations, bit by bit."""
+    """All masses, inertias, armatures, torques and wrenches times 4^k: bitwise equal accelerations."""
     factor = 4.0**power
     links = tuple(replace(link, mass=factor * link.mass, inertia=factor * link.inertia) for link in case.tree.links)
     joints = tuple(replace(joint, armature=factor * joint.armature) for joint in case.tree.joints)
@@ -239,7 +245,7 @@ def test_the_order_in_the_file_does_not_matter(case: Case, shuffler: object) -> 
 @law
 @given(cases(), st.integers(0, 2**16))
 def test_the_frame_of_the_base_does_not_matter(case: Case, seed: int) -> None:
-    """Base and gravity turned and moved together: the same torques and accelerations."""
+    """Base and gravity rotated and moved together: equal torques and accelerations."""
     random = np.random.default_rng(seed)
     turn = random.normal(size=4)
     turn /= np.linalg.norm(turn)
@@ -266,7 +272,7 @@ def test_the_frame_of_the_base_does_not_matter(case: Case, seed: int) -> None:
 @law
 @given(cases(), st.integers(0, 2**16))
 def test_a_link_cut_in_two_and_welded_is_the_link(case: Case, seed: int) -> None:
-    """Half of each link moved to a new one on a fixed joint somewhere: the merged body is the same."""
+    """Half of each link moved to a new one on a fixed joint: the merged body is the same."""
     random = np.random.default_rng(seed)
     links, joints = [], list(case.tree.joints)
     for link in case.tree.links:
@@ -307,7 +313,7 @@ def test_integrate_follows_one_motion(case: Case) -> None:
     bound = product(n, size(q, reached))
     assert_near(scene.difference(q, reached), v, bound)
     assert_near(scene.difference(q, scene.integrate(q, np.zeros(n))), np.zeros(n), bound)
-    # Half the way twice, and there and back; quaternions may have changed their sign.
+    # Twice half of the displacement, and back again; quaternions may have changed their sign.
     assert_near(scene.difference(scene.integrate(scene.integrate(q, 0.5 * v), 0.5 * v), reached), np.zeros(n), bound)
     assert_near(scene.difference(scene.integrate(reached, -v), q), np.zeros(n), bound)
     other = scene.integrate(scene.neutral(), case.random.uniform(-2.0, 2.0, n))
@@ -322,7 +328,7 @@ def test_integrate_follows_one_motion(case: Case) -> None:
 @law
 @given(cases())
 def test_scenes_survive_locking_nothing(case: Case) -> None:
-    """A scene with no joint locked computes the same bits: the description that it was built from is whole."""
+    """A scene with no locked joint computes bitwise equal results: its description is complete."""
     scene = case.scene.lock([], case.q)
     assert isinstance(scene, phipsi.Scene)
     assert_same_bits(

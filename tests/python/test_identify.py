@@ -1,4 +1,6 @@
-"""Scene.identify: what explains torques is found, is the least value of its definition, and is what bodies can have."""
+"""Scene.identify: parameters that explain the torques are found, minimize the objective, and are physically
+possible.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,7 @@ def arm(seed: int, bodies: int = 6, base: bool = False, **joints: float) -> phip
 
 
 def like(scene: phipsi.Scene, seed: int) -> phipsi.Scene:
-    """The robot as it was built: each inertia off by some tenths."""
+    """The robot as built: each inertia differs by some tenths."""
     draw = np.random.default_rng(seed)
     spread = {
         name: (link.mass * draw.uniform(0.7, 1.3), link.com + draw.uniform(-0.02, 0.02, 3), link.inertia * draw.uniform(0.7, 1.3))
@@ -60,7 +62,7 @@ def test_exact_torques_are_explained_and_predicted() -> None:
     found = scene.identify(q, qd, qdd, built.inverse_dynamics(q, qd, qdd), noise=1e-3)
     assert np.all(found.before > 0.05)
     assert np.all(found.after < 1e-3)
-    # Of 60 parameters 3 of the first body and 7 of each other one are told.
+    # Of 60 parameters, 3 of the first body and 7 of each other one are identifiable.
     assert found.known == 3 + 5 * 7
     new = states(scene, 50, seed=6)
     off = found.scene.inverse_dynamics(*new) - built.inverse_dynamics(*new)
@@ -79,12 +81,12 @@ def test_noise_is_estimated_and_averaged(seed: int) -> None:
     assert np.all(np.abs(found.noise / sigma - 1.0) < SIGMAS / np.sqrt(2 * 1000))
     new = states(scene, 200, seed=7)
     off = found.scene.inverse_dynamics(*new) - built.inverse_dynamics(*new)
-    # 38 numbers from 6000: the torques are off by about sqrt(38 / 6000) of the noise.
+    # 38 parameters from 6000 values: the torques have an error of about sqrt(38 / 6000) of the noise.
     assert np.sqrt(np.mean((off / sigma) ** 2)) < 3.0 * np.sqrt(38 / 6000)
 
 
 def test_it_is_the_least_value_of_its_definition() -> None:
-    """Written out anew, with the ten parameters of each body as variables."""
+    """The objective, implemented independently with the ten parameters of each body as variables."""
     scene = arm(4, bodies=3)
     built = like(scene, 5)
     q, qd, qdd = states(scene, 30)
@@ -108,7 +110,7 @@ def test_it_is_the_least_value_of_its_definition() -> None:
         ahead, behind = (value(found.parameters + h * step) for h in (1e-3, -1e-3))
         curvature = (ahead + behind - 2.0 * least) / 1e-6
         assert curvature > 0.0
-        # The slope over the curvature is how far the least value is, in steps of the standard deviations.
+        # Gradient divided by curvature: distance to the minimum in units of the standard deviations.
         assert abs((ahead - behind) / 2e-3) / curvature < 1e-4
         curvatures.append(curvature)
     assert np.median(curvatures) > 1.0
@@ -116,7 +118,7 @@ def test_it_is_the_least_value_of_its_definition() -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_bodies_stay_bodies_where_data_are_poor(seed: int) -> None:
-    """Few states, much noise: least squares gives bodies that cannot be."""
+    """Few states, much noise: least squares gives physically impossible bodies."""
     scene = arm(seed)
     q, qd, qdd = states(scene, 12, seed)
     tau = like(scene, seed + 20).inverse_dynamics(q, qd, qdd) + np.random.default_rng(seed).standard_normal((12, 6))
@@ -130,7 +132,9 @@ def test_bodies_stay_bodies_where_data_are_poor(seed: int) -> None:
 
 
 def distance(scene: phipsi.Scene, given: Any, found: Any, trust: float) -> float:
-    """How far the minimum is, in standard deviations of what was found: Newton's step from there, with the rows and the prior written out anew."""
+    """Distance to the minimum in standard deviations: Newton's step from the result, with an independent implementation
+    of the rows and the prior.
+    """
     q, qd, qdd, tau = given
     rows = scene.inverse_dynamics_vjp(q[:, None], qd[:, None], qdd[:, None], np.eye(scene.nv), parameters=True).parameters
     assert rows is not None
@@ -153,7 +157,7 @@ def distance(scene: phipsi.Scene, given: Any, found: Any, trust: float) -> float
 @pytest.mark.parametrize("mass", [0.0, 1.0, 30.0])
 @pytest.mark.parametrize("trust", [1.0, 1e-3])
 def test_bodies_far_from_the_model(noise: float, mass: float, trust: float) -> None:
-    """A payload many times heavier than the body that carries it: the minimum is far from the prior."""
+    """A payload many times heavier than its body: the minimum is far from the prior."""
     scene = arm(7)
     light = scene.with_inertias({"link6": (0.015, (0.0, 0.0, 0.01), 2e-6 * np.eye(3)), "tool": (0.0, np.zeros(3), None)})
     built = light.with_payload("tool", mass=mass, com=(0.0, 0.0, 0.1)) if mass else light
@@ -166,7 +170,7 @@ def test_bodies_far_from_the_model(noise: float, mass: float, trust: float) -> N
 
 
 def test_torques_that_no_robot_gives() -> None:
-    """Far beyond the noise that is claimed: the least value all the same, on bodies that can be."""
+    """Errors far beyond the stated noise: still the minimum, with physically possible bodies."""
     scene = arm(7)
     q, qd, qdd = states(scene, 8)
     tau = scene.inverse_dynamics(q, qd, qdd) + 30.0 * np.random.default_rng(1).standard_normal((8, 6))
@@ -207,7 +211,7 @@ def test_a_joint_without_measured_torques_has_no_noise() -> None:
 
 
 def test_torques_that_contradict_all_bodies_are_reported() -> None:
-    """Without noise and with the wrong sign: 1e10 standard deviations from what any body gives."""
+    """Without noise and with the wrong sign: 1e10 standard deviations from any possible body."""
     scene = arm(9, bodies=3)
     q, qd, qdd = states(scene, 60)
     with pytest.raises(PhipsiError, match="identify: found no minimum in .* steps .*expected torques in N m or N with the signs of inverse_dynamics, or noise"):
@@ -215,7 +219,7 @@ def test_torques_that_contradict_all_bodies_are_reported() -> None:
 
 
 def test_states_that_tell_nothing() -> None:
-    """A slide across gravity, at rest."""
+    """A prismatic joint perpendicular to gravity, at rest."""
     scene = phipsi.SceneBuilder().link("base").link("cart", 1.0, (0, 0, 0), np.eye(3)).joint("slide", "prismatic", "base", "cart", axis=(1, 0, 0)).build()
     zero = np.zeros((20, 1))
     with pytest.raises(ArgumentError, match="q: found states at which no torque depends on any parameter"):
@@ -235,7 +239,7 @@ def test_joints_alone() -> None:
 @pytest.mark.parametrize("scale", [-10.0, -0.01, 1.0, 1e3, 1e6, 1e-6])
 @pytest.mark.parametrize("trust", [1e-3, 1.0, 1e9])
 def test_data_of_other_units_and_signs(scale: float, trust: float) -> None:
-    """With the noise of good sensors the least value is found, however far it is from the model."""
+    """With the noise of good sensors the minimum is found, independent of its distance from the model."""
     scene = arm(9, bodies=3)
     q, qd, qdd = states(scene, 60)
     tau = scale * scene.inverse_dynamics(q, qd, qdd)
@@ -246,7 +250,7 @@ def test_data_of_other_units_and_signs(scale: float, trust: float) -> None:
 
 
 def test_blocks_of_states_are_one_problem() -> None:
-    """More states than are read at once: as with the rows in one matrix."""
+    """More states than are processed at once: the same result as with the rows in one matrix."""
     scene = arm(5, bodies=3)
     q, qd, qdd = states(scene, 1000)
     tau = like(scene, 6).inverse_dynamics(q, qd, qdd) + 0.1 * np.random.default_rng(0).standard_normal((1000, 3))
@@ -278,12 +282,13 @@ def test_what_acts_at_the_joints() -> None:
     found = scene.identify(q, qd, qdd, tau, fit=list(values), noise=1e-3)
     for name, value in values.items():
         assert list(found.joints[name]) == list(scene.joint_names)
-        # The armature of a joint is told apart from the inertia about its axis by the joints before it, but for the first.
+        # The armature of a joint is distinguished from the inertia about its axis by the inboard joints, except for
+        # the first.
         got = np.array(list(found.joints[name].values()))[1 if name == "armature" else 0 :]
         assert np.max(np.abs(got - value)) < 0.01
         assert_near(getattr(found.scene, name), list(found.joints[name].values()), product(1, 1.0))
     assert np.all(found.after < 2e-3)
-    # The model's own losses and springs are part of the torques where they are not fitted.
+    # The losses and springs of the model are part of the torques if they are not fitted.
     left = scene.identify(q, qd, qdd, scene.inverse_dynamics(q, qd, qdd) + 0.3 * qd + 2.0 * q, noise=0.1)
     assert np.max(left.before) < 1e-9
 
@@ -319,7 +324,7 @@ def test_bodies_that_are_kept() -> None:
     found = scene.identify(q, qd, qdd, built.inverse_dynamics(q, qd, qdd), noise=1e-3, keep=keep)
     assert_near(found.parameters[:5], own_parameters(scene)[:5], 0.0)
     assert np.all(found.deviations[:5] == 0.0)
-    # The hand has all ten told.
+    # All ten parameters of the hand are identifiable.
     assert found.known == 10
     assert_near(found.parameters[5], own_parameters(built)[5], 1e-4)
     assert found.scene.links["link1"].mass == scene.links["link1"].mass
@@ -366,7 +371,7 @@ INERTIAS: dict[str, Any] = {
 
 @pytest.mark.parametrize("kind", INERTIAS)
 def test_a_body_that_cannot_be(kind: str) -> None:
-    """The prior is a body near it; the torques before are those of the model as it is."""
+    """The prior is a body near it; the torques before identification are those of the given model."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         scene = arm(16).with_inertias({"link2": INERTIAS[kind]})

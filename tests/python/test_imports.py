@@ -1,4 +1,4 @@
-"""The house keeps its direction: a room of the Rust crate uses only rooms above it, and no files import each other in a circle.
+"""Module structure of the Rust crate: a module uses only modules above it, and no files import each other in a circle.
 
 Imports are followed through re-exports to the file that defines the name; those of unit tests do not count.
 """
@@ -13,7 +13,7 @@ import pytest
 
 SRC = Path(__file__).parents[2] / "src"
 
-#: From the top: each uses only those before it.
+#: From top to bottom: each module uses only those before it.
 ROOMS = (
     "error",
     "watch",
@@ -42,7 +42,7 @@ ROOMS = (
     "plan",
     "python",
 )
-#: Files that import each other, in one room.
+#: Largest number of files in one module that import each other.
 LARGEST_CIRCLE = 2
 
 Module = tuple[str, ...]
@@ -50,13 +50,13 @@ USE = re.compile(r"^[ \t]*(pub(?:\([^)]*\))? )?use ([^;]+);", re.MULTILINE)
 
 
 def code(file: Path) -> str:
-    """Of a file what is neither a comment nor a unit test."""
+    """Code of a file without comments and unit tests."""
     text = re.split(r"#\[cfg\([^\n]*test[^\n]*\)\]\nmod tests", file.read_text(encoding="utf-8"))[0]
     return "\n".join(line for line in text.splitlines() if not line.strip().startswith("//"))
 
 
 def names(prefix: list[str], tree: str) -> list[list[str]]:
-    """The paths of a tree of imports, as `a::{b, c::{d, e}}`."""
+    """Paths of an import tree, as `a::{b, c::{d, e}}`."""
     head, brace, rest = tree.strip().partition("{")
     parts = prefix + [part.strip() for part in head.split(" as ")[0].split("::") if part.strip()]
     if not brace:
@@ -73,7 +73,7 @@ def names(prefix: list[str], tree: str) -> list[list[str]]:
 
 
 class Crate:
-    """Which file imports which."""
+    """Imported files of each file."""
 
     def __init__(self) -> None:
         self.files: dict[Module, Path] = {}
@@ -99,7 +99,7 @@ class Crate:
         }
 
     def absolute(self, module: Module, path: list[str]) -> list[str] | None:
-        """A path from the crate's root; none of another crate's."""
+        """A path from the root of the crate; None for another crate."""
         if path[0] == "crate":
             return path[1:]
         if path[0] == "self":
@@ -110,7 +110,7 @@ class Crate:
         return [*base, *path] if len(base) < len(module) or (*module, path[0]) in self.files else None
 
     def defining(self, path: list[str], seen: frozenset[tuple[Module, str]] = frozenset()) -> Module | None:
-        """The file where a name is defined."""
+        """File that defines a name."""
         for length in range(len(path), -1, -1):
             module = tuple(path[:length])
             if module not in self.files:
@@ -121,7 +121,7 @@ class Crate:
         return None
 
     def reaches(self, module: Module) -> set[Module]:
-        """The files that this one imports, and those that they do."""
+        """Files that this one imports, directly or indirectly."""
         found: set[Module] = set()
         ahead = [module]
         while ahead:

@@ -1,4 +1,4 @@
-"""Scene.with_inertias: links with other numbers."""
+"""Scene.with_inertias: links with other inertial parameters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ctrl-C is seen in every long call, and leaves scenes as they were."""
+"""Every long call can be interrupted by Ctrl-C and leaves scenes unchanged."""
 
 from __future__ import annotations
 
@@ -24,8 +24,9 @@ pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals to oneself")
 
 
 def bound(pace: float) -> float:
-    """Processor time, s. What is promised is 0.2 s; two threads may use it twice, and builds without optimisation get more, by the
-    time they take for a scene."""
+    """Processor time, s. The documented bound is 0.2 s; two threads may use it twice, and builds without optimization
+    get more, in proportion to their time for a scene.
+    """
     return 1.0 + 40 * pace
 
 
@@ -41,7 +42,7 @@ def test_a_long_call_ends_soon_after_ctrl_c(name: str) -> None:
 
 
 class Alarm(Exception):
-    """What a handler of ours raises."""
+    """Exception of a custom handler."""
 
 
 @pytest.fixture
@@ -63,7 +64,7 @@ def test_any_handler_is_called_and_what_it_raises_is_raised(alarm: None) -> None
 
 
 def test_a_handler_that_raises_nothing_changes_nothing() -> None:
-    """It may call what it interrupts."""
+    """The handler may call the interrupted method."""
     scene = phipsi.scenes.chain(7)
     model, factor = scene.random_model(np.full(7, 0.2)), scene.factor(np.full((2000, 7), 0.2))
     expected = model.mass_matrix(1_000_000, seed=1).mass_matrix
@@ -105,7 +106,7 @@ def test_an_interrupted_scene_and_factor_go_on_as_they_were(alarm: None) -> None
 
 
 def test_other_threads_are_not_interrupted() -> None:
-    """Ctrl-C is the main thread's matter."""
+    """Only the main thread handles Ctrl-C."""
     model = phipsi.scenes.chain(7).random_model(np.zeros(7))
     found: list[phipsi.MassEstimate] = []
     other = threading.Thread(target=lambda: found.append(model.mass_matrix(1_000_000, seed=1)))

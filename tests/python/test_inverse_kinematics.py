@@ -1,4 +1,6 @@
-"""Scene.inverse_kinematics: what it reaches on real arms, by Pinocchio's placements; batches; each task; what it refuses."""
+"""Scene.inverse_kinematics: reached targets on real arms, compared with Pinocchio's forward kinematics; batches; each
+task; refused arguments.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,7 @@ from tolerances import assert_near, assert_same_bits, inverse, product
 
 ARM = phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM)
 HAND = ARM.body_names[-1]
-#: Arms that people have, and the link that is their hand.
+#: Real arms, and the link that is their end effector.
 ARMS = {
     "ur_description/urdf/ur5_robot.urdf": "tool0",
     "panda_description/urdf/panda.urdf": "panda_link8",
@@ -24,7 +26,7 @@ ARMS = {
 
 
 def within(scene: phipsi.Scene, count: int, seed: int) -> np.ndarray:
-    """Configurations within the limits, or half a turn where there are none."""
+    """Configurations within the limits, or within half a turn without limits."""
     lower, upper = (np.clip(one, -np.pi, np.pi) for one in (scene.limits.lower, scene.limits.upper))
     return np.random.default_rng(seed).uniform(lower, upper, (count, scene.nv))
 
@@ -92,7 +94,7 @@ def test_each_task_is_met(task: Any) -> None:
         assert_near(found.q[2], 0.4, 2e-9)
 
 
-def test_a_mass_centre_and_a_hand_of_a_floating_robot() -> None:
+def test_a_center_of_mass_and_a_hand_of_a_floating_robot() -> None:
     scene = phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM, floating_base=True)
     place = np.eye(4)
     place[:3, 3] = 0.4, 0.1, 0.3
@@ -103,7 +105,9 @@ def test_a_mass_centre_and_a_hand_of_a_floating_robot() -> None:
 
 
 def test_the_smaller_deviation_wins() -> None:
-    """Two points for one hand: the answer is their mean with the inverse variances as weights, where the arm can go anywhere."""
+    """Two target points for one hand: the result is their mean with the inverse variances as weights, if the arm can
+    move freely.
+    """
     near, far = np.array([0.5, 0.1, 0.3]), np.array([0.5, 0.2, 0.3])
     found = ARM.inverse_kinematics([tasks.Position(HAND, near, position=1e-3), tasks.Position(HAND, far, position=2e-3)], starts=1)
     assert not found.reached
@@ -320,11 +324,11 @@ def test_an_unknown_link_to_be_relative_to_is_named() -> None:
         ARM.inverse_kinematics(tasks.Position(HAND, (0.1, 0.1, 0.1), relative_to="elbow"))
 
 
-# The metric
+# Metric
 
 
 def test_steps_by_mass_move_heavy_joints_less() -> None:
-    """A point that a redundant chain can reach in many ways: of small steps, those of least kinetic energy; both reach it."""
+    """A point that a redundant chain can reach in many ways: small steps minimize the kinetic energy; both reach it."""
     scene, q = phipsi.scenes.chain(7), np.full(7, 0.3)
     link = scene.body_names[-1]
     target = scene.placement(q, link)[:3, 3] + [1e-3, -1e-3, 1e-3]
@@ -334,7 +338,7 @@ def test_steps_by_mass_move_heavy_joints_less() -> None:
         assert found.reached
         energies.append(scene.kinetic_energy(q, found.q - q))
     assert energies[1] < energies[0]
-    # The least that there is, of all moves that reach it to first order.
+    # The minimum over all displacements that reach it to first order.
     jacobian = scene.jacobian(q, link, frame="local-world-aligned")[3:]
     inverted = scene.mass_matrix_inverse(q) @ jacobian.T
     least = inverted @ np.linalg.solve(jacobian @ inverted, target - scene.placement(q, link)[:3, 3])
@@ -346,7 +350,7 @@ def test_an_unknown_metric_is_refused() -> None:
         ARM.inverse_kinematics(tasks.Position(HAND, (0.1, 0.1, 0.1)), metric="energy")
 
 
-# Rates
+# Joint velocities
 
 
 def test_rates_are_those_of_damped_least_squares() -> None:
@@ -356,7 +360,7 @@ def test_rates_are_those_of_damped_least_squares() -> None:
     rates = ARM.inverse_kinematics_rates(tasks.Position(HAND, target[:3, 3]), q, dt=0.5, gain=0.7, damping=1e-9, limits=False)
     jacobian = ARM.jacobian(q, HAND, frame="local-world-aligned")[3:]
     assert_near(jacobian @ rates * 0.5, 0.7 * np.array([0.01, -0.02, 0.005]), 1e-7)
-    # Of all that do it, nearly the least, each joint by what it does for the task.
+    # Nearly the minimum of all solutions, each joint weighted by its effect on the task.
     assert rates.shape == (6,)
 
 
@@ -400,7 +404,7 @@ def test_rates_without_a_time_are_refused(name: str, value: float) -> None:
 
 
 def looped(task: Any, q: np.ndarray, steps: int, **given: float) -> np.ndarray:
-    """The velocities of a control loop."""
+    """Joint velocities of a control loop."""
     rates = []
     for _ in range(steps):
         rates.append(ARM.inverse_kinematics_rates(task, q, dt=0.005, **given))
@@ -417,7 +421,7 @@ def test_joints_come_to_rest_where_a_target_is_out_of_reach(gain: float, beyond:
     far[:3, 3] *= 1.0 + beyond + 0.6
     task = tasks.Pose(HAND, far) if pose else tasks.Position(HAND, far[:3, 3])
     rates = looped(task, np.array([0.3, -0.6, 0.9, 0.1, 0.4, 0.0]), 1500, gain=gain)
-    # No joint goes to and fro: in the end it hardly moves, or keeps its sign.
+    # No oscillation: in the end each joint hardly moves, or keeps its sign.
     last = rates[-50:]
     turns = np.sum(last[1:] * last[:-1] < 0.0, axis=0)
     assert np.all((turns <= 5) | (np.abs(last).max(axis=0) <= 1e-3)), (turns, np.abs(last).max(axis=0))

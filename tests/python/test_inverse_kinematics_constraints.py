@@ -1,4 +1,4 @@
-"""Connections, joints that follow others, and limits: hard constraints of inverse kinematics and of its joint velocities."""
+"""Connections, coupled joints and limits: hard constraints of inverse kinematics and of its joint velocities."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def bar(builder: phipsi.SceneBuilder, name: str, parent: str, at: tuple[float, f
 
 
 def four_bar(**limits: dict[str, float]) -> phipsi.Scene:
-    """That of docs/how-to/closed-loops.md."""
+    """The linkage of docs/how-to/closed-loops.md."""
     builder = phipsi.SceneBuilder().link("ground")
     bar(builder, "crank", "ground", (0, 0, 0), 0.2, **limits.get("crank", {}))
     bar(builder, "coupler", "crank", (0, 0, 0.2), 0.4, **limits.get("coupler", {}))
@@ -53,7 +53,7 @@ def test_an_open_start_is_closed() -> None:
 
 
 def test_what_the_tree_alone_would_reach_is_not_reached() -> None:
-    """The least distance of the loop from the target, compared with a scan of the crank."""
+    """Smallest distance of the loop from the target, compared with a scan of the crank."""
     target = np.array([0.2, 0.0, -0.1])
     point = (0.0, 0.0, 0.1)
     tree = FOUR_BAR.without_connections()
@@ -78,7 +78,7 @@ def test_the_covariance_is_along_the_connections() -> None:
     found = FOUR_BAR.inverse_kinematics(tasks.Position("coupler", FOUR_BAR.placement(CLOSED, "coupler")[:3, 3]), CLOSED, covariance=True)
     assert found.reached and found.covariance is not None
     assert_near(FOUR_BAR.constraint_jacobian(found.q) @ found.covariance, np.zeros((5, 3)), 1e-12)
-    # One motion is left: along it the variance is that of a measurement of the point.
+    # One motion remains: its variance is that of a measurement of the point.
     motion = np.linalg.svd(FOUR_BAR.constraint_jacobian(found.q))[2][2]
     speed = FOUR_BAR.jacobian(found.q, "coupler", frame="local-world-aligned")[3:] @ motion
     assert_near(found.covariance, np.outer(motion, motion) * 1e-6 / (speed @ speed), 1e-9)
@@ -106,7 +106,7 @@ def test_a_posture_and_a_batch_with_connections() -> None:
 
 
 def test_a_ball_of_an_arm_stays_in_its_socket() -> None:
-    """A floating arm whose hand is connected with the world: a spatial loop, with a free joint in it."""
+    """A floating arm whose hand is connected with the world: a spatial loop with a free joint."""
     builder = phipsi.SceneBuilder()
     for k in range(6):
         builder.link(f"link{k}", 1.0, (0.0, 0.0, 0.1), np.eye(3) * 0.01)
@@ -161,7 +161,7 @@ def test_coupled_coordinates_are_kept() -> None:
     assert_near(found.q[2], -0.5 * found.q[0] + 0.1, 1e-12)
 
 
-# Joints that follow others
+# Coupled joints
 
 FOLLOWER = """<robot name="pair"><link name="base"/>
 <link name="a"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
@@ -209,7 +209,7 @@ def test_a_joint_beyond_its_limit_returns(q: float, target: float) -> None:
     scene = hinge(lower=-1.0, upper=1.0, velocity=2.0)
     qd = scene.inverse_kinematics_rates(tasks.JointPosition("hinge", target), [q], dt=0.01)
     assert_near(qd, [-2.0 * np.sign(q)], 1e-12)
-    # All the way within one long step, and on toward the target.
+    # To the limit within one long step, and on toward the target.
     qd = scene.inverse_kinematics_rates(tasks.JointPosition("hinge", target), [q], dt=10.0)
     assert_near(q + 10.0 * qd, [np.clip(target, -1.0, 1.0)], 1e-5)
     free = hinge(lower=-1.0, upper=1.0)

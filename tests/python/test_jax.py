@@ -1,4 +1,4 @@
-"""phipsi.jax: values, derivatives forward and reverse, jit and vmap, of robots with quaternions and without."""
+"""phipsi.jax: values, forward and reverse derivatives, jit and vmap, for robots with and without quaternions."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
 
 
 def tree() -> phipsi.Scene:
-    """A floating body with a spherical joint, a slide and two hinges."""
+    """A floating body with a spherical joint, a prismatic joint and two hinges."""
     builder = phipsi.SceneBuilder()
     inertia = np.diag([0.02, 0.03, 0.025])
     for name in ("body", "ball", "slider", "arm", "hand"):
@@ -68,7 +68,7 @@ def test_values_are_those_of_the_scene_jitted_and_mapped(scene: phipsi.Scene, na
 
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_derivatives_forward_and_reverse(scene: phipsi.Scene, name: str) -> None:
-    """Those of the host (test_calls.py), by every number."""
+    """Derivatives of the host (test_calls.py), with respect to every entry."""
     given = arguments(scene, name)
     function = lambda *given: FUNCTIONS[name](scene, *given)  # noqa: E731
     calls = {"forward_dynamics": _calls.forward_dynamics(scene, "auto"), "inverse_dynamics": _calls.inverse_dynamics(scene)}
@@ -80,7 +80,7 @@ def test_derivatives_forward_and_reverse(scene: phipsi.Scene, name: str) -> None
 
 
 def test_gradients_inside_a_jitted_loop_are_differences() -> None:
-    """Ten steps of a chain, the way that learning and predictive control use it."""
+    """Ten steps of a chain, as in learning and predictive control."""
     scene = phipsi.scenes.chain(3)
     q, qd, tau = arguments(scene, "forward_dynamics")
 
@@ -188,7 +188,7 @@ def test_bad_options_are_refused_when_traced(number: int) -> None:
 
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_bad_states_are_nan(scene: phipsi.Scene, name: str) -> None:
-    """The others are as they would be, in values and in derivatives, eagerly and under jit and vmap."""
+    """The others are unaffected, in values and in derivatives, eagerly and under jit and vmap."""
     given = arguments(scene, name, 4)
     expected = np.asarray(FUNCTIONS[name](scene, *given))
     given[1][2, 0] = np.nan
@@ -206,7 +206,7 @@ def test_bad_states_are_nan(scene: phipsi.Scene, name: str) -> None:
 
 
 def test_bad_rollouts_are_nan() -> None:
-    """States that are bad at the start, states that diverge, and a quaternion without a norm."""
+    """Bad initial states, diverging states, and a quaternion without a norm."""
     scene = tree()
     q, qd, tau = (array.copy() for array in rollout(scene, 2, 3))
     options: dict[str, Any] = {"dt": 0.02, "record_every": 2, "method": "rk4"}
@@ -280,7 +280,7 @@ def test_gradients_of_a_rollout(scene: phipsi.Scene, method: str) -> None:
         assert_near(np.asarray(found[0]), path.q, product(scene.nv, size(path.q)))
         assert_near(np.asarray(found[1]), path.qd, product(scene.nv, size(path.qd)))
     check_grads(jax.jit(function), tuple(array[0] for array in given), order=1, modes=["rev"], atol=1e-4, rtol=1e-4)
-    # Of a start that all share the sum.
+    # For a shared initial state, the sum.
     loss = lambda q, qd, tau: sum((rows**2).sum() for rows in function(q, qd, tau))  # noqa: E731
     shared = jax.grad(loss)(given[0][0], given[1], given[2])
     each = jax.vmap(jax.grad(loss), in_axes=(None, 0, 0))(given[0][0], given[1], given[2])

@@ -1,4 +1,6 @@
-"""Arguments with names, masks and units: matched by joint, or refused; and objects that are no arrays, refused by the name of their type."""
+"""Arguments with labels, masks and units: matched by joint, or refused; and objects that are not arrays, refused by
+type.
+"""
 
 from __future__ import annotations
 
@@ -190,7 +192,7 @@ def test_a_default_index_is_none(arm: phipsi.Scene, state: Any, kind: str) -> No
 REFUSED = {
     "shuffled numbers": (lambda p, v: p.Series(v[SHUFFLED], index=SHUFFLED), "its labels are no names"),
     "a slice": (lambda p, v: p.Series(np.r_[0, v])[1:], "its labels are no names"),
-    "other names": (lambda p, v: p.Series(v, index=list("abcdefg")), 'without "joint0", .* with what is no movable joint, "a", "b"'),
+    "other names": (lambda p, v: p.Series(v, index=list("abcdefg")), 'without "joint0", .* with names that are not movable joints, "a", "b"'),
     "one missing": (lambda p, v: p.Series(v[:6], index=NAMES[:6]), 'without "joint6"; expected every joint once: "joint0"'),
     "twice": (lambda p, v: p.Series(v, index=("joint0", *NAMES[:6])), 'without "joint6" and with twice "joint0"'),
     "dates": (lambda p, v: p.Series(v, index=p.date_range("2026-01-01", periods=7)), "its labels are no names"),
@@ -227,7 +229,7 @@ def test_names_where_no_joints_are(arm: phipsi.Scene) -> None:
         phipsi.SceneBuilder().link("base").build(gravity=labelled)
     with pytest.raises(ArgumentError, match="gravity: found an object of type dict"):
         phipsi.SceneBuilder().link("base").build(gravity={"x": 0, "y": 0, "z": 1})  # type: ignore[arg-type]
-    # Fields of a tuple are what its position says.
+    # Fields of a tuple are interpreted by position.
     vector = collections.namedtuple("vector", "x y z")  # noqa: PYI024
     assert phipsi.SceneBuilder().link("base").build(gravity=vector(1, 2, 3)).gravity[2] == 3.0
     with pytest.raises(ArgumentError, match=r'wrenches\["link1"\]: found an object of type dict'):
@@ -259,7 +261,7 @@ def test_units_are_not_converted(arm: phipsi.Scene, state: Any) -> None:
 
 BROKEN_DICTS: dict[str, tuple[Any, type[Exception], str]] = {
     "missing": ({name: 0.0 for name in NAMES[1:]}, ArgumentError, 'q: found an object of type dict without "joint0"; expected every joint once'),
-    "unknown": ({name: 0.0 for name in (*NAMES, "elbow")}, ArgumentError, 'with what is no movable joint, "elbow"'),
+    "unknown": ({name: 0.0 for name in (*NAMES, "elbow")}, ArgumentError, 'with names that are not movable joints, "elbow"'),
     "empty": ({}, ArgumentError, 'without "joint0", "joint1"'),
     "key": ({**dict.fromkeys(NAMES, 0.0), 7: 1.0}, ArgumentError, "q: found the key 7; expected names of joints"),
     "vector": ({**dict.fromkeys(NAMES, 0.0), "joint3": [1.0, 2.0]}, ShapeError, r'q\["joint3"\]: found shape \(2,\)'),
@@ -287,7 +289,7 @@ def masked(values: np.ndarray, *entries: int) -> Any:
 def test_masked_entries_raise(arm: phipsi.Scene, argument: str, batch: tuple[int, ...]) -> None:
     given: dict[str, Any] = random_states(arm, 0, batch)._asdict()
     expected = arm.forward_dynamics(**given)
-    # Nothing is masked: it is an array as others.
+    # Without masked entries it is an ordinary array.
     assert_same_bits(arm.forward_dynamics(**(given | {argument: masked(given[argument])})), expected)
     given[argument] = masked(given[argument], 3, 5)
     with pytest.raises(ArgumentError, match=rf"{argument}: found a masked array with 2 of \d+ entries masked, the first at index 3"):
@@ -443,7 +445,7 @@ def test_subclasses_without_masks_or_units_are_arrays(arm: phipsi.Scene, state: 
 
 
 def test_a_label_that_is_an_attribute_s_name() -> None:
-    """A Series has its labels as attributes: what tells it must not be found among them."""
+    """A Series has its labels as attributes, which must not be mistaken for those of its class."""
     pandas = pytest.importorskip("pandas")
     names = ["columns", "dims", "coords", "unit", "mask"]
     builder = phipsi.SceneBuilder().link("base")

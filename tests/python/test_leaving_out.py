@@ -1,4 +1,4 @@
-"""What a scene leaves out: switches by name, the same results with and without, and the plan that lists it."""
+"""Simplifications of a scene: switches by name, equal results with and without, and the plan that lists them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,9 @@ SWITCHES = (
 
 
 def builder() -> phipsi.SceneBuilder:
-    """base - (column) - a: arm - (weld) - hand - c: flap - d: tip - b: sledge (planar), every link with mass; c and d are parallel."""
+    """base - (column) - a: arm - (weld) - hand - c: flap - d: tip - b: sledge (planar), every link with mass; c and d
+    are parallel.
+    """
     builder = phipsi.SceneBuilder()
     for name in ("base", "column", "arm", "hand", "flap", "tip", "sledge"):
         builder.link(name, mass=1.5, com=(0.1, 0.2, -0.1), inertia=np.diag((0.2, 0.3, 0.25)))
@@ -63,7 +65,7 @@ def test_results_are_the_same(leave_out: list[str], gravity: tuple[float, ...]) 
                 other.forward_dynamics(q, rates, tau, wrenches=wrenches),
             ),
         ):
-            # Terms of a torque: weights and forces of some bodies at levers of some metres.
+            # Terms of a torque: weights and forces of several bodies at offsets of several meters.
             size = 100.0 + np.abs(expected).max()
             np.testing.assert_allclose(found, expected, rtol=0, atol=tolerances.inverse(condition, size))
 
@@ -74,7 +76,7 @@ def test_the_plan_lists_what_was_left_out() -> None:
     assert items["fixed_joints"].names == ("column", "weld")
     assert items["base_links"].names == ("base", "column")
     assert all(items[switch].operations > 0 for switch in SWITCHES)
-    assert "operations a call" in repr(builder().build().plan())
+    assert "operations per call" in repr(builder().build().plan())
     kept = builder().build(leave_out=()).plan()
     assert all(item.switch is None for item in kept.items)
     # The base, the column, the hand.
@@ -111,7 +113,7 @@ def test_the_report_times_what_is_left_out() -> None:
     scene = builder().build()
     times = left_out.measured(scene, states.draw(scene, tree_of(scene), 8, 0))
     switches = {item.switch for item in scene.plan().items if item.switch}
-    # On a chain every body carries the last joint, and an update saves nothing.
+    # On a chain all bodies are inboard of the last joint, and an update saves nothing.
     assert set(times) == switches | {"the factor of M, in calls that share q"}
     assert all(np.isfinite(row.ns_on) and row.ns_on > 0 and np.isfinite(row.ns_off) and row.ns_off > 0 for row in times.values())
     kept = {item.switch for item in left_out.without(scene, "base_links").plan().items}
@@ -119,7 +121,7 @@ def test_the_report_times_what_is_left_out() -> None:
 
 
 def arms_on_a_cart() -> phipsi.SceneBuilder:
-    """Two arms on a cart, in the plane across y."""
+    """Two arms on a cart, in the plane perpendicular to y."""
     builder = phipsi.SceneBuilder().link("base")
     builder.link("cart", mass=3.0)
     builder.joint("slide", "prismatic", "base", "cart", axis=(1, 0, 0), armature=0.1)
@@ -143,7 +145,8 @@ def test_an_updated_factor_is_a_new_one(form: str) -> None:
     tau = np.linspace(-1.0, 1.0, scene.nv)
     bodies = 4 * scene.plan().bodies
     whole = form in ("auto", "square-root")
-    # The last joint of arm b has three bodies and the cart on its path; the slide has none but its own.
+    # The path of the last joint of arm b contains three bodies and the cart; that of the prismatic joint only its
+    # own.
     for joint, count in (("b2", 4 * 4), ("slide", 4 * 1)):
         q = q.copy()
         q[:, scene.q_index(joint)] += 0.3
@@ -157,7 +160,7 @@ def test_an_updated_factor_is_a_new_one(form: str) -> None:
 
 
 def test_a_bad_update_changes_nothing() -> None:
-    """Two slides, of which the second has all the mass: along one line, the first has none of its own."""
+    """Two prismatic joints, the second with all the mass: along one line, the first has no inertia of its own."""
     builder = phipsi.SceneBuilder().link("base").link("carriage").link("wheel").link("weight", mass=1.0)
     builder.joint("first", "prismatic", "base", "carriage", axis=(1, 0, 0))
     builder.joint("turn", "revolute", "carriage", "wheel", armature=0.1)
@@ -215,7 +218,7 @@ def test_the_plan_lists_calls_and_outputs() -> None:
 
 
 def many_links(count: int) -> phipsi.Scene:
-    """A hinge with so many links welded onto it, and as many onto the base."""
+    """A hinge with that many links on fixed joints, and as many on the base."""
     builder = phipsi.SceneBuilder().link("base").link("rod", 1.0, inertia=np.eye(3)).joint("hinge", "revolute", "base", "rod")
     for k in range(count):
         for carrier in ("base", "rod"):
@@ -224,7 +227,7 @@ def many_links(count: int) -> phipsi.Scene:
 
 
 def test_the_plan_takes_time_in_proportion_to_the_links() -> None:
-    """Eight times the links took sixty times as long where each was looked up among all."""
+    """Eight times the links took sixty times as long when each was searched among all."""
     times = []
     for count in (1_000, 8_000):
         scene = many_links(count)

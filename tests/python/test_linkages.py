@@ -1,4 +1,6 @@
-"""Linkages drawn with few digits keep the mobility of the linkage that is meant and warn; with strict=True they are rigid."""
+"""Linkages described with few digits keep the mobility of the intended linkage and warn; with strict=True they are
+rigid.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,9 @@ def turned(axis: np.ndarray, angle: float) -> np.ndarray:
 
 
 class Drawing:
-    """A builder whose joints are off by `error`: rad about random axes, and m in random directions where lengths are off too."""
+    """A builder whose joints have errors `error`: rad about random axes, and m in random directions if lengths have
+    errors too.
+    """
 
     def __init__(self, error: float, lengths: bool = False, seed: int = 1) -> None:
         self.builder, self.error, self.lengths = phipsi.SceneBuilder().link("ground"), error, lengths
@@ -69,7 +73,7 @@ def slider_crank(error: float) -> tuple[phipsi.SceneBuilder, list[float], int]:
 
 
 def three_cranks(error: float) -> tuple[phipsi.SceneBuilder, list[float], int]:
-    """A parallelogram with a third crank, whose lengths are off as well: one row too many within the plane."""
+    """A parallelogram with a third crank whose lengths have errors too: one redundant constraint in the plane."""
     drawing = Drawing(error, lengths=True)
     for i, at in enumerate((0.0, 0.3, 0.6)):
         drawing.add(f"crank{i}", "ground", (at, 0, 0))
@@ -95,7 +99,9 @@ def scissors(error: float) -> tuple[phipsi.SceneBuilder, list[float], int]:
 
 
 def delta(error: float) -> tuple[phipsi.SceneBuilder, list[float], int]:
-    """Three arms with forearms of two rods each: the platform translates. Drawn closed: 25 rows, of which 13 are independent."""
+    """Three arms with forearms of two rods each: the platform translates. Described in a closed configuration: 25
+    constraints, 13 of them independent.
+    """
     drawing = Drawing(error)
     across = (-0.8, 0.0, 0.6)
     for i in range(3):
@@ -124,7 +130,7 @@ LINKAGES = {
 
 @contextmanager
 def expecting_warnings(error: float) -> Iterator[list[warnings.WarningMessage]]:
-    """LinkageWarnings are caught, and there is one where the drawing is off."""
+    """Catches LinkageWarnings; there is one if the description is inaccurate."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         yield caught
@@ -133,12 +139,12 @@ def expecting_warnings(error: float) -> Iterator[list[warnings.WarningMessage]]:
 
 
 def tolerance_of(error: float) -> float | None:
-    """The default where the drawing is within it."""
+    """The default tolerance if the error of the description is within it."""
     return None if error < 1e-5 else 5e-3
 
 
 def moved(name: str, error: float) -> tuple[np.ndarray, np.ndarray, phipsi.Trajectory]:
-    """A motion of a linkage: where it starts, its accelerations there, and where it goes."""
+    """A motion of a linkage: initial state, initial accelerations, and trajectory."""
     builder, q, mobility = LINKAGES[name](error)
     with expecting_warnings(error):
         scene = builder.build(tolerance=tolerance_of(error))
@@ -154,7 +160,7 @@ def moved(name: str, error: float) -> tuple[np.ndarray, np.ndarray, phipsi.Traje
         simulator = scene.simulator(at, qd, dt=1e-3)
         simulator.step(tau, steps=100)
         assert np.array_equal(simulator.q, path.q[-1])
-        # Errors of rows that are not kept are in the result.
+        # The errors of dependent constraints are in the result.
         assert path.drift.max() <= 50 * max(error, FAR)
         inverse = scene.constrained_mass_matrix_inverse(at)
         assert np.linalg.matrix_rank(inverse, 1e-9 * np.max(np.abs(inverse))) == mobility
@@ -176,7 +182,7 @@ def test_motion_tends_to_that_of_the_exact_linkage(name: str) -> None:
         ]
         print(f"{name} {error:.0e}: " + " ".join(f"{value:.1e}" for value in relative))
         off.append(max(relative))
-        # No more than the drawing is off, and some rounding.
+        # At most the error of the description, and rounding.
         assert max(relative) <= 100 * error + 100 * FAR
 
 
@@ -211,7 +217,7 @@ def test_the_warning_names_joint_row_and_angle() -> None:
     assert len(caught) == 1
     for part in ('connection "pin"', "row ", '"crank"', '"coupler"', "3.7e-6 rad", "treated as parallel", "3.0e-5", "strict=True"):
         assert part in text, text
-    # Once for a scene.
+    # Once per scene.
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         scene.project([0.4, 0.6, 0.3], [1.0, 0, 0])
@@ -241,7 +247,7 @@ JOINT = '<joint name="{0}" type="continuous"><parent link="{1}"/><child link="{0
     [("1.5708", 2e-4), ("-1.5708", 2e-4), ("1.57", 5e-3), ("-1.571", 2e-3), ("1.570796", 3e-5), ("1.5707963267948966", 3e-5)],
 )
 def test_right_angles_of_a_file(angle: str, tolerance: float) -> None:
-    # The frames of coupler and rocker are turned about x, and their axes are y of the ground but for the digits.
+    # The frames of coupler and rocker are rotated about x, and their axes are y of the ground up to rounding.
     axis = "0 0 -1" if angle.startswith("1") else "0 0 1"
     text = "".join(LINK.format(name) for name in ("crank", "coupler", "rocker"))
     text += JOINT.format("crank", "ground", "0 0 0", "0 0 0", "0 1 0")
@@ -273,7 +279,7 @@ def four_bar_of_angles() -> phipsi.Scene:
     for name, parent, xyz in (("crank", "ground", (0, 0, 0)), ("coupler", "crank", (0, 0, 0.2)), ("rocker", "ground", (0.45, 0, 0))):
         inertia, com = (np.diag([4e-3, 4e-3, 1e-3]), (0, 0, 0.1))
         if name != "crank":
-            # As the file has it, in frames that are turned.
+            # As in the file, in rotated frames.
             turn = turned(np.array([1.0, 0, 0]), np.pi / 2)
             inertia, com = turn @ inertia @ turn.T, tuple(turn @ np.array(com))
         builder.link(name, mass=1.0, com=com, inertia=inertia).joint(name, "continuous", parent, name, xyz=xyz, axis=(0, 1, 0))
@@ -284,7 +290,7 @@ def four_bar_of_angles() -> phipsi.Scene:
 def test_rows_that_give_way(error: float) -> None:
     builder, q, _ = four_bar(error)
     exact, scene = four_bar(0.0)[0].build(), builder.build(tolerance=5e-3)
-    # A small compliance keeps the mobility of a linkage that is drawn badly.
+    # A small compliance preserves the mobility of an inaccurate linkage.
     compliance = 1e-3
     found = scene.project(q, [1.0, 0.0, 0.0], compliance=1e-4)
     assert found.rank == 5 and np.max(np.abs(found.qd)) > 0.1
@@ -295,7 +301,7 @@ def test_rows_that_give_way(error: float) -> None:
     for one in (simulator, again):
         one.step(steps=200)
         assert np.array_equal(one.q, path.q[-1])
-    # With next to no compliance, the rows hold.
+    # With nearly zero compliance, the constraints are satisfied.
     held, tight = exact.project(q, [1.0, 0.0, 0.0]), exact.project(q, [1.0, 0.0, 0.0], compliance=1e-12)
     assert np.max(np.abs(tight.q - held.q)) <= 1e-8 and np.max(np.abs(tight.qd - held.qd)) <= 1e-8
     ends = [exact.simulate(held.q, held.qd, dt=1e-3, steps=200, **options).q[-1] for options in ({}, {"compliance": 1e-12})]
@@ -336,7 +342,9 @@ def test_broken_tolerances_are_refused(tolerance: float) -> None:
 
 
 def test_singular_positions_keep_their_lower_rank() -> None:
-    """An exact parallelogram, stretched out: three rows of four are independent there only to within the position."""
+    """An exact parallelogram, stretched: three of four constraints are independent there only up to the accuracy of the
+    position.
+    """
     builder = phipsi.SceneBuilder().link("ground")
     for name, parent, xyz in (("crank", "ground", (0, 0, 0)), ("bar", "crank", (0, 0, 0.2)), ("rocker", "ground", (0.3, 0, 0))):
         builder.link(name, mass=1.0, com=(0, 0, 0.1), inertia=ROD).joint(name, "continuous", parent, name, xyz=xyz, axis=(0, 1, 0))

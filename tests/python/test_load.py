@@ -1,4 +1,4 @@
-"""phipsi.load: files and texts of each kind, names of robot_descriptions, what it refuses."""
+"""phipsi.load: files and texts of each format, names of robot_descriptions, refused sources."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_shapes_of_a_xacro_are_written_back(xacro_file: Path) -> None:
 
 
 def test_shapes_of_a_xacro_with_arguments(xacro_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """They are those of the arguments that it was read with, or omitted where these are not known."""
+    """Shapes are those of the arguments that it was read with, or omitted if these are unknown."""
     shape = '<visual><geometry><sphere radius="$(arg mass)"/></geometry></visual>'
     xacro_file.write_text(XACRO.replace('<xacro:arg name="mass" default="2.0"/>', "").replace("</inertial>", f"</inertial>{shape}"))
     scene = phipsi.load(xacro_file, xacro_arguments={"mass": "3"})
@@ -73,7 +73,7 @@ def test_shapes_of_a_xacro_with_arguments(xacro_file: Path, monkeypatch: pytest.
 
 
 def test_what_xacro_has_expanded_is_a_urdf(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It may still name xacro, and have its elements in comments."""
+    """Expanded text may still contain the namespace, and xacro elements in comments."""
     monkeypatch.setitem(sys.modules, "xacro", None)
     text = phipsi.BUNDLED_ARM.replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ', 1).replace("</robot>", "<!-- <xacro:arm/> --></robot>")
     assert phipsi.load(text).nv == 6
@@ -98,7 +98,7 @@ def test_a_mujoco_model() -> None:
 
 @pytest.mark.parametrize("field", ["URDF_PATH", "MJCF_PATH"])
 def test_a_name_of_robot_descriptions(field: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With modules that stand for the package's, which fetch robots from the network."""
+    """With substitutes for the modules of the package, which download robots."""
     file = tmp_path / "robot.xml"
     file.write_text(phipsi.BUNDLED_ARM if field == "URDF_PATH" else ARM)
     package = types.ModuleType("robot_descriptions")
@@ -120,7 +120,7 @@ def test_a_name_without_the_package(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_what_is_no_robot() -> None:
-    with pytest.raises(ArgumentError, match="source: found int; expected a path of URDF"):
+    with pytest.raises(ArgumentError, match="source: found int; expected a path or text of URDF"):
         phipsi.load(3)
 
 
@@ -132,7 +132,7 @@ def test_a_file_that_is_not_there() -> None:
 @pytest.mark.parametrize("given", [{"floating_base": True}, {"xacro_arguments": {"a": "b"}}])
 def test_arguments_without_use(given: dict[str, object]) -> None:
     pytest.importorskip("mujoco")
-    with pytest.raises(ArgumentError, match=f"(?s){next(iter(given))}: found .* which has no use for it"):
+    with pytest.raises(ArgumentError, match=f"(?s){next(iter(given))}: found .* which does not apply to"):
         phipsi.load(ARM, **given)  # type: ignore[arg-type]
 
 
@@ -151,7 +151,7 @@ def test_an_unknown_argument_of_xacro(xacro_file: Path) -> None:
 
 
 def test_an_argument_that_is_declared_where_it_is_not_needed(xacro_file: Path) -> None:
-    """In a branch that is not taken, or in a file that is included."""
+    """In a branch that is not evaluated, or in an included file."""
     branch = '<xacro:if value="false"><xacro:arg name="tool" default="none"/></xacro:if><xacro:include filename="more.xacro"/>'
     xacro_file.write_text(XACRO.replace('<link name="base"/>', f'<link name="base"/>{branch}'))
     (xacro_file.parent / "more.xacro").write_text('<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="more" default="1"/></robot>')
@@ -197,11 +197,11 @@ def test_a_package_that_is_not_found(xacro_file: Path) -> None:
         phipsi.load(xacro_file)
     with pytest.raises(SceneError, match="no folder 'parts' anywhere, as the source is text"):
         phipsi.load(text)
-    # The packages of one file are not those of the next.
+    # The packages of one file are not used for the next one.
     assert phipsi.load(XACRO).nv == 2
 
 
 @pytest.mark.parametrize("source", [phipsi.BUNDLED_ARM, XACRO])
 def test_parts_to_ignore_of_a_urdf(source: str) -> None:
-    with pytest.raises(ArgumentError, match="ignore: found .* which has no use for it"):
+    with pytest.raises(ArgumentError, match="ignore: found .* which does not apply to"):
         phipsi.load(source, ignore=["tendons"])

@@ -1,4 +1,6 @@
-"""Long chains of every kind of joint against 34 digits: each form within 8 sqrt(n) eps, and form `auto` does not leave the covariance form."""
+"""Long chains with every type of joint compared with 34 digits: each form within 8 sqrt(n) eps, and form `auto`
+uses the covariance form.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +49,7 @@ def state_of(scene: phipsi.Scene, seed: int, rate: float = 0.1) -> tuple[np.ndar
 
 @functools.cache
 def case(kind: str) -> tuple[phipsi.Scene, tuple[np.ndarray, ...], np.ndarray]:
-    """A scene, a state, and its accelerations to 34 digits."""
+    """A scene, a state, and its accelerations with 34 digits."""
     tree = chain_of(KINDS.get(kind, (kind,)), LONG[kind], seed=1)
     scene = tree.scene()
     state = state_of(scene, 2)
@@ -55,7 +57,7 @@ def case(kind: str) -> tuple[phipsi.Scene, tuple[np.ndarray, ...], np.ndarray]:
 
 
 def off(found: np.ndarray, expected: np.ndarray) -> float:
-    """The largest error over the largest entry."""
+    """Largest error relative to the largest entry."""
     difference = oracle_recursive.exact(found) - expected
     return float(max(abs(difference)) / max(abs(expected)))
 
@@ -77,7 +79,8 @@ def test_the_reference_is_the_dense_one() -> None:
 def test_each_form_is_within_the_rounding_of_its_length(kind: str, form: str) -> None:
     scene, state, expected = case(kind)
     qdd, info = scene.forward_dynamics(*state, form=form, return_info=True)
-    # Screws and slides among the turns lose more in covariance form; the error stays within the tolerance that `auto` accepts.
+    # Screw and prismatic joints among revolute ones lose more precision in covariance form; the error is within the
+    # tolerance of `auto`.
     loses = kind == "mixed" and form != "square-root"
     assert off(qdd, expected) <= (4.0 * scene.nv * EPS if loses else chain(scene.nv))
     if form == "auto":
@@ -98,7 +101,7 @@ def test_rotations_too_long_and_too_short_by_half_an_eps_give_the_same_answer() 
     for stretch in (1.0 - 0.5 * EPS, 1.0 + EPS):
         joints = []
         for joint in tree.joints:
-            # Rounded away from the entry: a product with 1 + eps/2 would not move it.
+            # Smaller than the rounding error of the entry: a product with 1 + eps/2 would not change it.
             longer = np.nextafter(joint.rotation, np.sign(joint.rotation) * (2.0 if stretch > 1.0 else 0.0))
             joints.append(Joint(joint.name, joint.kind, joint.parent, joint.child, joint.xyz, longer, joint.axis))
         scene = Tree(tree.links, tuple(joints)).scene()
@@ -111,7 +114,7 @@ def test_rotations_too_long_and_too_short_by_half_an_eps_give_the_same_answer() 
 
 
 def test_stored_rotations_change_no_length_on_average() -> None:
-    """Neither those that are given, nor those that are composed of many fixed joints."""
+    """Neither the given ones, nor compositions of many fixed joints."""
     random = np.random.default_rng(7)
     defects = []
     for _ in range(30):
@@ -127,5 +130,5 @@ def test_stored_rotations_change_no_length_on_average() -> None:
             wide = exact(placement[:3, :3])
             defects.append(float(np.sum(wide * wide) - 3) / (3.0 * EPS))
     assert abs(np.mean(defects)) <= 0.2
-    # Ten in a row are no longer than one.
+    # Ten in series are not longer than one.
     assert np.max(np.abs(defects)) <= recursion(1, 1.0) / EPS

@@ -1,4 +1,4 @@
-"""Sizes that memory does not hold are refused by name: they never end the interpreter."""
+"""Sizes that exceed the memory raise an error with the name of the argument: they never terminate the interpreter."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ import phipsi
 from phipsi import _core
 from phipsi.errors import ArgumentError, OutOfMemoryError
 
-#: Names of parameters that say how many of something there are to be.
+#: Names of parameters that determine a number of elements.
 SIZES = {
     "n", "bodies", "count", "directions", "draws", "length", "links", "number", "record_every", "repeats", "replicates", "rows", "samples",
     "size", "states", "steps",
 }  # fmt: skip
 
-#: Methods with states whose batch is as large as the caller likes, but which make nothing for each of them.
+#: Methods with states of any batch size that allocate nothing per state.
 NO_BATCH = {"lock", "random_model", "check"}
 
 
 def public() -> Iterator[tuple[str, str, list[str]]]:
-    """Where each public function or method is, its name, and the names of its parameters."""
+    """Object, name and parameter names of each public function or method."""
     scopes = {"": phipsi, "scenes": phipsi.scenes, "_core": _core}
     for scope in (phipsi.Scene, phipsi.SceneBuilder, phipsi.RandomModel, phipsi.Factor, phipsi.Simulator, _core.Exact):
         scopes[scope.__name__] = scope
@@ -119,7 +119,7 @@ def test_numbers_of_numpy_count(
 
 
 def test_more_than_is_free_is_refused_and_not_promised(chain: phipsi.Scene) -> None:
-    """Less than the machine has, so that the system would promise it, and end the process when it is written."""
+    """Less than the machine has, so that the system would grant it and terminate the process on writing."""
     with open("/proc/meminfo") as file:
         lines = dict(line.split(":") for line in file)
     free = 1024 * (int(lines["MemAvailable"].split()[0]) + int(lines["SwapFree"].split()[0]))

@@ -1,4 +1,6 @@
-"""Every public method of a scene, with connections, contacts and coupled joints: supported, refused by name, or a quantity of the tree."""
+"""Every public method of a scene, with connections, contacts and coupled joints: supported, refused by name, or a
+quantity of the tree.
+"""
 
 from __future__ import annotations
 
@@ -27,5 +29,5 @@ def test_the_page_is_that_of_the_table() -> None:
 def test_methods_do_what_the_table_says(name: str, kind: str) -> None:
     found, message = methods_by_scene.outcome(name, kind)
     assert found == methods_by_scene.expected(name, kind), message
-    if found == "refused":
+    if found == "error":
         assert NAMED[kind] in message

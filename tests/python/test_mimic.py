@@ -1,4 +1,6 @@
-"""Joints that follow others, mimic="couple": against 60 digits and against Pinocchio, which reduces coordinates too; and what a user does with such a scene."""
+"""Coupled joints, mimic="couple": compared with 60 digits and with Pinocchio, which reduces coordinates too; and
+operations on such scenes.
+"""
 
 from __future__ import annotations
 
@@ -20,11 +22,11 @@ from phipsi.errors import ArgumentError, MimicWarning, NotFiniteError, SceneErro
 ONE_AXIS = ("revolute", "continuous", "prismatic", "screw")
 FILES = [file for file in urdf_files() if "<mimic" in (ROBOTS / file).read_text(encoding="utf-8", errors="replace")]
 BROKEN = {"alex_description/urdf/alex_psyonic_hands.urdf": "index_q1"}
-"""Files whose mimics name joints that are not there."""
+"""Files whose mimic joints refer to joints that do not exist."""
 
 
 def builder_of(tree: Tree, follows: dict[str, tuple[str, float, float]]) -> phipsi.SceneBuilder:
-    """A tree whose joints follow others: names to (joint, multiplier, offset)."""
+    """A tree with coupled joints: names to (joint, multiplier, offset)."""
     builder = phipsi.SceneBuilder()
     for link in tree.links:
         builder.link(link.name, link.mass, link.com, link.inertia)
@@ -38,7 +40,7 @@ def builder_of(tree: Tree, follows: dict[str, tuple[str, float, float]]) -> phip
 
 
 class Case:
-    """A random tree with followers, the scene of it, the tree's scene, and q = G q' + o."""
+    """A random tree with followers, its scene, the scene of the tree, and q = G q' + o."""
 
     def __init__(self, seed: int, joints: int = 9, **how: object) -> None:
         random = np.random.default_rng(seed)
@@ -46,7 +48,7 @@ class Case:
         self.tree = random_tree(random, joints, kinds=kinds, most=14, armature=0.2, floating_base=bool(seed % 3 == 0), **how)
         one = [j.name for j in self.tree.joints if j.kind in ONE_AXIS]
         order = list(random.permutation(one))
-        # The first is followed, the next ones follow one that comes earlier, itself a follower perhaps.
+        # The first joint is a leader; the next ones follow a previous joint, possibly a follower.
         self.follows: dict[str, tuple[str, float, float]] = {}
         for at, name in enumerate(order[1:], 1):
             if random.uniform() < 0.6:
@@ -71,7 +73,7 @@ class Case:
         return name, ratio, offset
 
     def reduction(self) -> tuple[np.ndarray, np.ndarray]:
-        """G (nv of the tree x nv) and o, by coordinate of one-axis joints, in 60 digits."""
+        """G (nv of the tree x nv) and o, by coordinate of one-axis joints, with 60 digits."""
         g, o = zeros(self.free.nv, self.scene.nv), zeros(self.free.nv)
         for name in self.free.joint_names:
             of_tree = self.free.v_index(name)
@@ -176,7 +178,7 @@ def test_kinetic_energy_is_that_of_m(case: Case) -> None:
 
 
 def differences(case: Case, function: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray], u: np.ndarray) -> list[np.ndarray]:
-    """By q along the tangent, by qd and by u, column by column."""
+    """Derivatives with respect to the tangent of q, qd and u, by column."""
     n, found = case.scene.nv, []
     for which in range(3):
         columns = []
@@ -248,7 +250,7 @@ def test_batches_are_their_states(case: Case) -> None:
         many = np.asarray(method(q, rates[1], rates[2]))
         each = np.stack([np.asarray(method(q[i], rates[1, i], rates[2, i])) for i in range(11)])
         each = each if many.shape == each.shape else np.swapaxes(each, 0, 1)
-        # Lanes may be fused where one state is not.
+        # Fused multiply-add may be used in lanes and not for one state.
         assert_near(many, each, inverse(1e3 * case.condition, size(each)))
 
 
@@ -272,12 +274,12 @@ def test_real_robots_as_pinocchio(file: str) -> None:
         scene = phipsi.Scene.from_urdf(ROBOTS / file, mimic="couple")
         free = phipsi.Scene.from_urdf(ROBOTS / file)
     followers = [name for name in free.joint_names if free.joint(name).mimic is not None]
-    # Some files have fixed joints with a mimic, which has no meaning.
+    # Some files have fixed joints with a mimic element, which has no meaning.
     assert scene.nv == free.nv - len(followers)
     try:
         oracle = Oracle(file, False, scene, mimic=True)
     except ValueError as error:
-        # Pinocchio wants the followed joint further in; phipsi anywhere.
+        # Pinocchio requires the leader to be inboard; phipsi does not.
         assert "not in the kinematic tree" in str(error)
         return
     assert oracle.model.nv == scene.nv
@@ -306,7 +308,9 @@ def test_some_real_robots_are_compared() -> None:
 
 
 def gripper(ratio: float, armature: float = 0.0) -> phipsi.SceneBuilder:
-    """An arm of three joints with two fingers that close together, the second `ratio` times as heavy as the arm."""
+    """An arm of three joints with two fingers that close together, the second with `ratio` times the mass of the
+    arm.
+    """
     builder = phipsi.SceneBuilder().link("base")
     parent = "base"
     for k in range(3):
@@ -323,7 +327,7 @@ def gripper(ratio: float, armature: float = 0.0) -> phipsi.SceneBuilder:
 
 
 def heavy_tip(ratio: float, joints: int = 8) -> phipsi.SceneBuilder:
-    """A chain whose last link is `ratio` times as heavy as the others, and follows the first."""
+    """A chain whose last link has `ratio` times the mass of the others, and follows the first."""
     random = np.random.default_rng(1)
     builder, parent = phipsi.SceneBuilder().link("base"), "base"
     for k in range(joints):
@@ -353,8 +357,9 @@ class Extreme(Case):
 @pytest.mark.parametrize("make", [gripper, heavy_tip])
 @pytest.mark.parametrize("form", ["auto", "square-root"])
 def test_mass_ratios_keep_their_digits(ratio: float, make: Callable[[float], phipsi.SceneBuilder], form: str) -> None:
-    """The bound is what a change of q, qd and tau by 2^-40 does, not the condition number of M: in square-root form by 2^-52, in auto, which goes on to it where a
-    pivot lost five digits, by 2^-40 itself."""
+    """The bound is the effect of a change of q, qd and tau by 2^-40, not the condition number of M: in square-root form
+    by 2^-52; in auto, which falls back to it if a pivot lost five digits, by 2^-40.
+    """
     case = Extreme(make(ratio))
     qdd = case.exact_accelerations()
     found = case.scene.forward_dynamics(case.q, case.qd, case.tau, form=form)
@@ -380,7 +385,7 @@ def test_covariance_form_loses_what_auto_keeps() -> None:
 
 
 def test_a_finger_without_mass_follows() -> None:
-    """Its own pivot is zero, that of the sum is not: free, this robot is singular."""
+    """Its own pivot is zero, that of the sum is not: with an independent joint, this robot is singular."""
     text = gripper(0.0)
     scene = text.build(mimic="couple")
     state = np.full(4, 0.3)
@@ -423,7 +428,7 @@ def test_a_multiplier_of_zero_locks(case: Case) -> None:
     at = scene.neutral()
     rates = np.linspace(-1.0, 1.0, scene.nv)
     found, expected = scene.forward_dynamics(at, rates, rates), locked.forward_dynamics(at, rates, rates)
-    # Rotors of locked joints turn in neither.
+    # Rotors of locked joints are at rest in both.
     condition = float(np.linalg.cond(locked.mass_matrix(at)))
     assert_near(found, expected, inverse(condition, size(expected)))
 
@@ -465,12 +470,12 @@ def test_properties_are_those_of_the_coordinate() -> None:
     assert repr(scene).count("and 1 that follow") == 1
 
 
-# In motion
+# In simulation
 
 
 @pytest.mark.parametrize("method", ["semi-implicit-euler", "rk4", "implicit-euler", "rosenbrock-2", "rosenbrock-3"])
 def test_simulation_converges(method: str) -> None:
-    """To what a fine run of RK4 on the accelerations gives, at the method's order or better."""
+    """Compared with fine RK4 steps on the accelerations, at the order of the method or better."""
     case = Case(1)
     scene = case.scene.with_properties(damping=0.3)
     end, order = 0.2, {"rk4": 4, "rosenbrock-2": 2, "rosenbrock-3": 3}.get(method, 1)
@@ -531,7 +536,7 @@ def test_inverse_kinematics_moves_followers_too() -> None:
         assert_near(case.scene.placement(found.q, link), target, 1e-7)
 
 
-# What is refused
+# Refused arguments
 
 
 def two(**follow: object) -> phipsi.SceneBuilder:

@@ -1,4 +1,6 @@
-"""States through time from Python: shapes, records, torques, errors that keep what was computed; adaptive beside fixed steps."""
+"""Simulation from Python: shapes, recorded rows, torques, errors with the completed steps; adaptive compared with fixed
+steps.
+"""
 
 from __future__ import annotations
 
@@ -131,14 +133,14 @@ def test_momentum_of_a_floating_tree_is_kept_to_rounding_where_asked(floating: p
     loose = floating.simulate(q, qd, **given)
     pushed = kept.momentum()[..., :1, 3:]
     energy = floating.energy(q, qd).potential
-    # A second of weight.
+    # One second of gravity.
     mass = (kept.momentum()[..., -1, 3:] - pushed[..., 0, :]) @ floating.gravity / (floating.gravity @ floating.gravity)
     assert_near(mass, np.full_like(mass, mass.flat[0]), product(10, size(mass)))
     expected = pushed + mass[..., None, None] * floating.gravity * kept.t[:, None]
     scale = size(mass) * size(kept.qd) * size(kept.q)
     bound = product(floating.nv, scale)
     assert_near(kept.momentum()[..., 3:], expected, bound)
-    # Potential energy falls as that of a point on the parabola.
+    # The potential energy decreases like that of a point on the parabola.
     speed = pushed / mass[..., None, None]
     fallen = (speed @ floating.gravity) * kept.t + 0.5 * (floating.gravity @ floating.gravity) * kept.t**2
     assert_near(kept.energy().potential, energy[..., None] - mass[..., None] * fallen, 100 * bound)
@@ -258,7 +260,7 @@ def test_a_lost_pivot_is_a_cause_with_its_joint() -> None:
 
 @pytest.fixture
 def interruptible() -> Iterator[None]:
-    """Started in the background of a shell, Python ignores SIGINT, as the shell told it to."""
+    """A background process of a shell inherits ignored SIGINT."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
@@ -308,14 +310,14 @@ def test_adaptive_and_fixed_steps_agree(seed: int, kinds: tuple[str, ...] | None
     assert_near(found.qd, path.qd, bound)
 
 
-def test_new_centres_change_nothing_and_quaternions_stay_unit() -> None:
+def test_new_centers_change_nothing_and_quaternions_stay_unit() -> None:
     pytest.importorskip("scipy")
-    # A free body that turns three times round: its rate of turn about a principal axis is kept.
+    # A free body that makes three turns: its angular velocity about a principal axis is constant.
     builder = phipsi.SceneBuilder().link("top", 1.0, (0, 0, 0), np.diag([0.2, 0.3, 0.4]))
     scene = builder.build(floating_base=True, gravity=(0, 0, 0))
     rates = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 20.0])
     path = scene.ode().solve(scene.neutral(), rates, (0.0, 1.0), rtol=1e-11, atol=1e-11)
-    # In the body's frame the velocity of the mass centre turns back.
+    # In the body frame the velocity of the center of mass rotates backward.
     assert_near(path.momentum(), np.broadcast_to(path.momentum()[0], path.momentum().shape), 1e-8)
     assert_near(np.linalg.norm(path.q[:, 3:], axis=-1), np.ones(len(path)), product(4, 1.0))
     assert_near(path.q[-1, :3], [1.0, 0.0, 0.0], 1e-8)
@@ -350,7 +352,7 @@ def test_the_jacobian_is_that_of_the_right_side_and_stiff_methods_take_it() -> N
 
 @pytest.mark.parametrize("speed", [1e70, -1e200])
 def test_messages_have_short_numbers(speed: float) -> None:
-    """With exponents where all digits would be many."""
+    """With exponents if all digits would be long."""
     with pytest.raises(errors.SimulationError, match=f"from {speed:g}; expected".replace("+", "")) as found:
         phipsi.scenes.chain(2).simulate(np.zeros(2), [speed, 0.0], dt=1e-3, steps=5)
     assert len(str(found.value)) < 300

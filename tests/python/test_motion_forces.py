@@ -1,4 +1,4 @@
-"""What acts in a motion: torques, forces of connections and contacts, and where their arrows are."""
+"""Forces during a simulation: torques, forces of connections and contacts, and the positions of their arrows."""
 
 from __future__ import annotations
 
@@ -17,9 +17,11 @@ BODY = {"mass": 2.0, "com": (0.1, 0.0, -0.2), "inertia": np.diag([0.03, 0.05, 0.
 @pytest.mark.parametrize("kind", ["mixed", "floating"])
 @pytest.mark.parametrize("friction_speed", [0.0, 0.01])
 def test_torques_make_the_motion(kind: str, friction_speed: float, request: pytest.FixtureRequest) -> None:
-    """A step of semi-implicit Euler is dt times the acceleration that they give: of springs, losses, a control law and torques, in free and spherical joints too.
+    """A semi-implicit Euler step is dt times the acceleration by the torques: of springs, losses, a control law and
+    given torques, also in free and spherical joints.
 
-    Torques exclude those of the stops, which are switched off. Exact friction is constant in a step in which every joint slides in one direction: short steps have no others.
+    The torques exclude those of the stops, which are disabled. Exact friction is constant in a step in which every
+    joint slides in one direction: short steps have no others.
     """
     scene: phipsi.Scene = request.getfixturevalue(kind)
     q, qd, tau = random_states(scene, 7, (3,))
@@ -48,14 +50,14 @@ def test_torques_that_are_a_function_are_not_known() -> None:
 
 
 def hung(kind: str) -> phipsi.Scene:
-    """A body that hangs on the world by one connection, off its mass centre."""
+    """A body attached to the world by one connection at a distance from its center of mass."""
     builder = phipsi.SceneBuilder().link("body", **BODY)
     return builder.connect("hook", kind, "body", xyz=(0.0, 0.3, 0.1), other_xyz=(0.4, 0.3, 0.9 if kind == "rod" else 0.1), rpy=(0.4, 0.2, 0.1)).build(floating_base=True)
 
 
 @pytest.mark.parametrize("kind", ["point", "rod", "weld"])
-def test_forces_of_connections_are_what_moves_the_mass_centre(kind: str) -> None:
-    """Newton: m a = m g + force, with the accelerations of the motion itself."""
+def test_forces_of_connections_are_what_moves_the_center_of_mass(kind: str) -> None:
+    """Newton: m a = m g + force, with the accelerations of the simulation."""
     scene = hung(kind)
     start = scene.neutral()
     if kind != "rod":
@@ -68,7 +70,7 @@ def test_forces_of_connections_are_what_moves_the_mass_centre(kind: str) -> None
     expected = BODY["mass"] * (scene.center_of_mass_acceleration(path.q, path.qd, qdd) - scene.gravity)
     assert np.linalg.norm(expected) > 1.0
     assert_near(found.force[:, 0], expected, 1e6 * EPS * size(expected))
-    # Where it acts: on the body's own point.
+    # Point of application: on the body.
     place = scene.placement(path.q, "body")
     assert_near(found.at[:, 0], place[:, :3, :3] @ [0.0, 0.3, 0.1] + place[:, :3, 3], product(9, size(path.q)))
     if kind == "rod":

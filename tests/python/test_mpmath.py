@@ -1,4 +1,6 @@
-"""Against 60 digits (mpmath) on random trees of all joint kinds: branching, armature, velocities and wrenches together."""
+"""Comparison with 60 digits (mpmath) on random trees with all types of joints: branching, armature, velocities and
+wrenches together.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +13,11 @@ from tolerances import EPS, recursion, solve
 
 SEEDS = range(16)
 worst: dict[str, dict[str, float]] = {"n eps": {}, "cond eps": {}, "eps": {}}
-"""By unit and quantity: the largest error that the tests so far saw, relative to the quantity's size."""
+"""By unit and quantity: largest error of the tests so far, relative to the magnitude of the quantity."""
 
 
 class Case:
-    """A scene, one state of it, and the oracle's word on both."""
+    """A scene, one state, and the oracle's results for both."""
 
     def __init__(self, seed: int) -> None:
         random = np.random.default_rng(seed)
@@ -46,7 +48,7 @@ def case(request: pytest.FixtureRequest) -> Case:
 
 
 def error(found: object, expected: object) -> tuple[float, float]:
-    """The largest difference, formed at 60 digits, and the largest entry."""
+    """Largest difference, computed with 60 digits, and largest entry."""
     expected = np.asarray(expected, dtype=object)
     found = np.asarray(found)
     assert found.shape == expected.shape
@@ -129,7 +131,7 @@ def test_mass_matrix_inverse_and_determinant(case: Case) -> None:
 
 
 def test_the_factor_is_the_unique_one(case: Case) -> None:
-    """K, D and L by the filter against the Cholesky factorisation of M from its last row."""
+    """K, D and L by the filter compared with the Cholesky factorization of M from its last row."""
     factor, n = case.scene.factor(case.q), case.scene.nv
     one_plus_k, pivots = case.state.factors
     k, l = one_plus_k - identity(n), identity(n) - case.state.unit_inverse  # noqa: E741 - the paper's letter
@@ -144,7 +146,8 @@ def test_the_factor_is_the_unique_one(case: Case) -> None:
     assert_recursion(case, "factor.mul", factor.mul(case.tau), case.state.mass_matrix @ exact(case.tau))
 
 
-# The oracle itself, at 60 digits: against Lagrange's equations and the balance of power, by differences with a step of 1e-20.
+# The oracle itself, with 60 digits: compared with Lagrange's equations and the power balance, by differences with a
+# step of 1e-20.
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -178,7 +181,7 @@ def test_oracle_balances_power(seed: int) -> None:
 
 
 def test_summary(capsys: pytest.CaptureFixture[str]) -> None:
-    """Prints the largest error of each quantity seen by the tests above."""
+    """Print the largest error of each quantity in the tests above."""
     lines = [", ".join(f"{name} {ratio:.2g}" for name, ratio in worst[unit].items()) for unit in worst]
     with capsys.disabled():
         print()

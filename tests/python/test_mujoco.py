@@ -1,4 +1,6 @@
-"""Scene.from_mujoco beside MuJoCo: places, mass matrix, bias, springs and losses, accelerations; what it refuses, by name."""
+"""Scene.from_mujoco compared with MuJoCo: poses, mass matrix, bias, springs and losses, accelerations; refused
+features, by name.
+"""
 
 from __future__ import annotations
 
@@ -23,11 +25,11 @@ MODELS |= {path.stem: str(path) for path in shipped()}
 
 
 class There:
-    """A state of a model, and what MuJoCo says of it, in its own conventions."""
+    """A state of a model, and MuJoCo's results in its own conventions."""
 
     def __init__(self, source: str, seed: int) -> None:
         self.model = mujoco.MjModel.from_xml_string(source) if source.lstrip().startswith("<") else mujoco.MjModel.from_xml_path(source)
-        # swimmer's; test_what_a_scene_has_not_is_refused_by_name has it.
+        # swimmer is in test_what_a_scene_has_not_is_refused_by_name.
         self.model.opt.density = self.model.opt.viscosity = 0.0
         self.data = mujoco.MjData(self.model)
         draw = np.random.default_rng(seed)
@@ -63,7 +65,7 @@ def test_bodies_are_where_mujoco_has_them(pair: tuple[phipsi.Scene, There]) -> N
 def test_the_mass_matrix_is_mujocos(pair: tuple[phipsi.Scene, There]) -> None:
     scene, there = pair
     q, _ = state(scene, there)
-    # Rows and columns go as forces do.
+    # Rows and columns are converted like forces.
     half = phipsi.mujoco.to_forces(scene, q, there.mass)
     assert_near(scene.mass_matrix(q), phipsi.mujoco.to_forces(scene, q, half.T), recursion(scene.nv, size(there.mass)))
 
@@ -71,7 +73,8 @@ def test_the_mass_matrix_is_mujocos(pair: tuple[phipsi.Scene, There]) -> None:
 def test_the_bias_is_mujocos(pair: tuple[phipsi.Scene, There]) -> None:
     scene, there = pair
     q, qd = state(scene, there)
-    # MuJoCo's accelerations are of the linear velocity in axes of the world: without any of these, phipsi's are -w x v.
+    # MuJoCo's accelerations are those of the linear velocity in the world frame: if they are zero, those of phipsi
+    # are -w x v.
     still = phipsi.mujoco.to_accelerations(scene, q, qd, np.zeros(scene.nv))
     bound = recursion(scene.nv, size(there.data.qfrc_bias))
     assert_near(scene.inverse_dynamics(q, qd, still), phipsi.mujoco.to_forces(scene, q, there.data.qfrc_bias), bound)
@@ -93,7 +96,7 @@ def test_springs_and_damping_are_mujocos(pair: tuple[phipsi.Scene, There]) -> No
     scene, there = pair
     q, qd = state(scene, there)
     mass = scene.mass_matrix(q)
-    # A step of a thousandth of a thousandth of a second: the rates change by what acts.
+    # A step of a microsecond: the change of the velocities is due to the acting forces.
     dt = 1e-6
     path = scene.simulate(q, qd, dt=dt, steps=1, method="semi-implicit-euler", friction=0.0, limits="report")
     acting = mass @ (path.qd[-1] - qd) / dt + scene.bias_torque(q, qd)
@@ -167,7 +170,7 @@ def test_what_a_scene_has_not_is_refused_by_name(what: str) -> None:
     with pytest.raises(SceneError, match=message) as caught:
         phipsi.Scene.from_mujoco(text)
     assert f"ignore=({what!r},)" in str(caught.value)
-    # And read where that is asked for.
+    # And read on request.
     assert phipsi.Scene.from_mujoco(text, ignore=(what,)).nv == phipsi.Scene.from_mujoco(FLOATING).nv
 
 
@@ -209,7 +212,7 @@ def test_unequal_numbers_of_one_joint_are_refused() -> None:
     [
         (3, ArgumentError, "source: found int"),
         ("<mujoco><worldbody><bdy/></worldbody></mujoco>", SceneError, "MuJoCo cannot read it.*bdy"),
-        ("missing.xml", SceneError, "'missing.xml', which is no file"),
+        ("missing.xml", SceneError, "'missing.xml', which is not a file"),
         (mujoco.MjSpec.from_string('<mujoco><worldbody><body><joint/></body></worldbody></mujoco>'), SceneError, "MuJoCo cannot read it: .*mass and inertia"),
     ],
 )
@@ -237,7 +240,7 @@ def test_states_that_do_not_broadcast() -> None:
 
 
 def test_a_motion_is_mujocos() -> None:
-    """A second of both, each with its own RK4."""
+    """One second of both, each with its own RK4."""
     there = There(FLOATING, 3)
     there.model.opt.timestep, there.model.opt.integrator = 1e-3, mujoco.mjtIntegrator.mjINT_RK4
     there.data.qfrc_applied[:] = 0.0
@@ -270,7 +273,7 @@ def test_made_up_names_do_not_clash_with_names_of_the_file() -> None:
 
 
 def test_sites_are_links() -> None:
-    """Where MuJoCo has them; they add nothing to the motion."""
+    """MuJoCo's contacts; they do not affect the motion."""
     model = mujoco.MjModel.from_xml_string(NAMED)
     scene, data = phipsi.load(model), mujoco.MjData(model)
     data.qpos[:] = np.random.default_rng(0).standard_normal(model.nq)
@@ -304,7 +307,7 @@ def test_constraints_between_bodies_that_cannot_move_apart_are_none() -> None:
 
 
 def test_models_are_read_in_linear_time() -> None:
-    """Steps of the interpreter are counted, as a time would differ from run to run."""
+    """Counts interpreter steps, because times vary."""
 
     def steps(count: int) -> int:
         arms = "".join(f'<body><joint name="j{at}"/><geom size=".1" contype="0" conaffinity="0"/></body>' for at in range(count))
@@ -347,9 +350,9 @@ def test_missing_meshes_that_no_inertia_depends_on(tmp_path: Path) -> None:
     specification = mujoco.MjSpec.from_file(str(file))
     with pytest.warns(MeshWarning, match="found no file 'shell.stl' and 1 more"):
         assert phipsi.load(specification).total_mass == 2.0
-    # A caller's specification stays as it is.
+    # The caller's specification is unchanged.
     assert [mesh.file for mesh in specification.meshes] == ["shell.stl"]
-    # Of a body without <inertial> the mesh gives the inertia, unless it has no mass.
+    # For a body without <inertial> the mesh determines the inertia, unless it has no mass.
     without = MESHES.replace('<inertial pos="0 0 1" mass="2" diaginertia="1 1 1"/>', "{}")
     file.write_text(without.format(""))
     with pytest.raises(SceneError, match="found no file 'shell.stl', from which the inertia of body 'arm' is computed"):

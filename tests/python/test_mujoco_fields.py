@@ -1,4 +1,4 @@
-"""Each field of MjModel that changes accelerations, without contacts and actuation, is followed or refused by name."""
+"""Each field of MjModel that changes accelerations, without contacts and actuation, is supported or refused by name."""
 
 from __future__ import annotations
 
@@ -57,7 +57,8 @@ MODELS = {
         '<equality><connect site1="on_arm" site2="on_trunk"/><weld site1="on_tool" site2="base"/></equality>'
     ),
 }
-#: How soft constraints are and how MuJoCo solves for their forces: constraints of a scene are rigid, and docs/how-to/read-a-robot.md says so.
+#: Parameters of soft constraints and of MuJoCo's solver: constraints of a scene are rigid, see
+#: docs/how-to/read-a-robot.md.
 SOFTNESS = {
     "solref",
     "solimp",
@@ -82,7 +83,7 @@ def state(model: mujoco.MjModel) -> mujoco.MjData:
 
 
 class Seen:
-    """What MuJoCo computes in a state, in terms that a scene has too."""
+    """MuJoCo's results in a state, for quantities that a scene has."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         kinds = mujoco.mjtConstraint
@@ -99,7 +100,8 @@ class Seen:
                 self.stops[int(at)] = float(position - margin)
             elif kind == kinds.mjCNSTR_EQUALITY:
                 rows[int(at)].append(float(position))
-        # Lengths, as axes differ: the number of rows, the distance and, of a weld, the sine of half the angle.
+        # Norms, because frames differ: the number of constraints, the distance and, for a weld, the sine of half the
+        # angle.
         self.errors = {
             at: (
                 len(values),
@@ -110,12 +112,12 @@ class Seen:
         }
 
     def numbers(self) -> list[float]:
-        """All but the accelerations under constraints."""
+        """All except the accelerations with constraints."""
         return [*self.smooth, *self.friction, *self.stops.values(), *(x for each in self.errors.values() for x in each)]
 
 
 def follows(model: mujoco.MjModel, seen: Seen, data: mujoco.MjData) -> None:
-    """Asserts that the scene of a model has the accelerations, friction, stops and connections of MuJoCo."""
+    """Assert that the scene of a model has the accelerations, friction, stops and connections of MuJoCo."""
     scene = phipsi.Scene.from_mujoco(model)
     q, qd = phipsi.mujoco.to_state(scene, data.qpos, data.qvel)
     tau = scene.stiffness * scene.difference(q, scene.rest) - scene.damping * qd
@@ -172,7 +174,7 @@ def changed(text: str) -> Iterator[tuple[str, mujoco.MjModel]]:
         ("disableflags", mujoco.mjtDisableBit, "mjDSBL_"),
         ("enableflags", mujoco.mjtEnableBit, "mjENBL_"),
     ):
-        # The first two are for other states of the scene; the third needs an integrator of its own.
+        # The first two are for other states of the scene; the third needs a separate integrator.
         for name in {name for name in dir(kind) if name.startswith(prefix)} - {
             "mjDSBL_CONTACT",
             "mjDSBL_ACTUATION",
@@ -213,7 +215,7 @@ def test_every_field_is_followed_or_refused(kind: str) -> None:
         name for name in found["soft"] if name not in SOFTNESS and not any(name.endswith(end) for end in SOFTNESS)
     }
     assert not unknown, f"changes accelerations, and nothing in the scene: {unknown}"
-    # The walk is over what it should be.
+    # The loop covers the expected fields.
     assert found["followed"] >= {
         "body_mass",
         "body_ipos",
@@ -248,7 +250,7 @@ def joint(name: str, attributes: str) -> str:
 
 
 TENDON = '<tendon><spatial name="rope" {}><site site="on_arm"/><site site="on_trunk"/></spatial></tendon>'
-#: Parts that act only if the compiler knows of them: the name for `ignore`, whether it only warns, and the model.
+#: Parts that act only if the compiler knows them: the name for `ignore`, whether it only warns, and the model.
 PARTS = {
     "gravcomp": ("gravcomp", False, MODEL.replace('<body name="tool"', '<body name="tool" gravcomp="1"')),
     "water": ("fluid", False, with_('<option density="1000"/>')),

@@ -1,4 +1,4 @@
-"""Names with $, _, ^, of other scripts and of control characters on pages; pytest makes warnings errors."""
+"""Names with $, _, ^, of other scripts and with control characters on pages; pytest makes warnings errors."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_the_page_of_a_simulation(case: str, tmp_path: Path) -> None:
     (page,) = pipeline.write(RUN, pipeline.collect(RUN, found, Silent()), tmp_path)
     text = page.read_bytes().decode()
     curves, picture = contents(text)
-    # A name of Plotly is HTML, and nothing in ours is.
+    # Plotly interprets names as HTML; ours contain none.
     assert html.escape(interactive.shortened(name), quote=False) in {trace["name"] for trace in curves["traces"]}
     assert picture["traces"]
     legend = re.findall(r"<button[^>]*><i [^>]*>.?</i>(.*?)</button>", text, flags=re.DOTALL)
@@ -80,7 +80,7 @@ def test_the_command(case: str, tmp_path: Path) -> None:
         encoding="utf-8",
     )
     if not NAMES[case].strip():
-        return  # refused by the reader, or not, by its own rules
+        return  # refused by the reader or not, by its own rules
     result = CliRunner().invoke(commands.group, ["simulate", str(robot), "-o", str(tmp_path / "out"), "--time", "0.01"])
     assert result.exit_code == 0, result.output
     assert len(contents((tmp_path / "out" / "index.html").read_text(encoding="utf-8"))) == 2

@@ -1,4 +1,6 @@
-"""The Jacobian of Scene.ode: against derivatives at 60 digits of the right side from its definitions, and as implicit methods use it."""
+"""The Jacobian of Scene.ode: compared with derivatives of the right-hand side from its definitions with 60 digits, and
+in implicit methods.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,7 @@ def turned(q: np.ndarray, w: np.ndarray) -> np.ndarray:
 
 
 def vector_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The rotation vector from one quaternion to the other, the shorter way."""
+    """Rotation vector from one quaternion to the other, the shorter one."""
     between = turned(b, zeros(3))
     a = unit(a)
     v = a[3] * between[:3] - between[3] * a[:3] - skew(a[:3]) @ between[:3]
@@ -37,7 +39,7 @@ def vector_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def rate_of(w: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """The rate of w of a body that turns with u: the solution r of J(w) r = u."""
+    """Time derivative of w for a body with angular velocity u: the solution r of J(w) r = u."""
     t = CONTEXT.sqrt(w @ w)
     if not t:
         return u
@@ -47,7 +49,7 @@ def rate_of(w: np.ndarray, u: np.ndarray) -> np.ndarray:
 
 
 def right_side(tree: Tree, centre: np.ndarray, laws: Laws, tau: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Callable[[np.ndarray], np.ndarray]:
-    """dy/dt of y = (x, v), from the definitions, at 60 digits."""
+    """dy/dt for y = (x, v), from the definitions, with 60 digits."""
     centre = exact(centre)
     given = {name: exact(np.broadcast_to(value, (len(centre) if name in ("rest", "target") else tree.nv,))) for name, value in laws.items()}
 
@@ -89,7 +91,7 @@ def right_side(tree: Tree, centre: np.ndarray, laws: Laws, tau: Callable[[np.nda
 
 
 def laws_of(scene: phipsi.Scene, random: np.random.Generator) -> Laws:
-    """Everything that acts, rest and target anywhere."""
+    """All forces, with arbitrary rest and target."""
     near = [scene.integrate(scene.neutral(), random.uniform(-1.0, 1.0, scene.nv)) for _ in range(2)]
     names = ("damping", "stiffness", "friction", "kp", "kd")
     laws: Laws = {name: random.uniform(0.1, 2.0, scene.nv) for name in names}
@@ -128,7 +130,7 @@ def test_the_jacobian_is_that_at_sixty_digits(seed: int, kinds: tuple[str, ...],
     value = rounded(f(exact(y)))
     assert_near(ode.rhs(0.0, y), value, inverse(condition, size(value)))
     assert_near(found, expected, inverse(condition, size(expected, value)))
-    # Joints on different branches are independent; nothing else is zero that would hide a term.
+    # Joints on different branches are independent; no other entry is zero and could hide a term.
     assert np.count_nonzero(found[scene.nv :]) > 0.3 * found[scene.nv :].size
 
 
@@ -179,7 +181,7 @@ def test_derivatives_of_the_chart_at_any_angle(angle: float) -> None:
     def exponential(w: np.ndarray) -> np.ndarray:
         return of_quaternion(turned(exact([0.0, 0.0, 0.0, 1.0]), w)) @ exact(u)
 
-    # Towards a whole turn the coordinates end.
+    # The coordinates are singular at a full turn.
     bound = product(4, size(u)) / (2 * np.pi - angle) ** 2
     rate = columns(lambda w: rate_of(w, exact(u)), w)
     assert_near(_chart.carried_back_derivative(w, u), rate, 30 * bound)
@@ -207,7 +209,7 @@ def test_implicit_methods_take_it_and_ask_less_often(method: str) -> None:
     fewer = len(asked)
     by_differences = integrate.solve_ivp(counted, (0.0, 0.05), y, **options)
     assert by_differences.success and exactly.success
-    # SciPy counts without those of its differences.
+    # SciPy does not count the calls for its differences.
     assert exactly.njev > 0 and fewer + len(y) <= len(asked) - fewer
     assert_near(exactly.y[:, -1], by_differences.y[:, -1], 1e-4 * size(by_differences.y))
     found = ode.solve(q, qd, (0.0, 0.05), method=method, rtol=1e-6, atol=1e-8)
@@ -220,7 +222,9 @@ STIFF = {"kp": [1e6, 1e6], "kd": [1e4, 1e4], "target": [0.3, -0.2]}
 
 
 def test_the_steps_of_a_stiff_solution_are_bounded() -> None:
-    """Explicit methods follow the fastest gain; the bound raises with the rows before, and names a method that does not."""
+    """Explicit methods follow the fastest gain; the bound raises with the completed rows, and suggests an implicit
+    method.
+    """
     scene = phipsi.scenes.chain(2)
     ode, start = scene.ode(pd=tuple(STIFF.values())), (scene.neutral(), np.zeros(2))
     reached: list[tuple[float, float]] = []
@@ -231,7 +235,7 @@ def test_the_steps_of_a_stiff_solution_are_bounded() -> None:
     assert {end for _, end in reached} == {10.0}
     path = ode.solve(*start, (0.0, 10.0), method="Radau", max_steps=2000)
     assert_near(path.q[-1], STIFF["target"], 1e-6)
-    # The last step may be the one that the bound allows.
+    # The last step may be the one that the bound permits.
     assert ode.solve(*start, (0.0, 10.0), method="Radau", max_steps=path.steps).steps == path.steps
 
 

@@ -1,4 +1,6 @@
-"""Operational space: the inverse inertia of frames against dense algebra and against what forces do, and its inverse."""
+"""Operational space: the inverse inertia of frames compared with dense algebra and with the effect of forces, and its
+inverse.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,7 @@ from phipsi.errors import (
 
 
 def stacked(scene: phipsi.Scene, q: np.ndarray, links: list[str], xyz: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """The Jacobians of task frames, one on the other: w' = R^T w and v' = R^T (v + w x l)."""
+    """The Jacobians of task frames, stacked: w' = R^T w and v' = R^T (v + w x l)."""
     rows = []
     for link, lever, turn in zip(links, xyz, rotation, strict=True):
         own = scene.jacobian(q, link)
@@ -35,7 +37,7 @@ def stacked(scene: phipsi.Scene, q: np.ndarray, links: list[str], xyz: np.ndarra
 
 
 def random_task(scene: phipsi.Scene, seed: int, count: int) -> tuple[list[str], np.ndarray, np.ndarray]:
-    """Links, repeats allowed, and a frame on each."""
+    """Links, possibly repeated, and a frame on each."""
     random = np.random.default_rng(seed)
     links = [scene.link_names[i] for i in random.integers(len(scene.link_names), size=count)]
     return links, random.normal(size=(count, 3)), np.stack([random_rotation(random) for _ in range(count)])
@@ -78,7 +80,7 @@ def test_one_frame_serves_all_links(arm: phipsi.Scene) -> None:
     shared = arm.operational_inverse_inertia(q, links, xyz=xyz, rotation=rotation)
     each = arm.operational_inverse_inertia(q, links, xyz=[xyz, xyz], rotation=[rotation, rotation])
     assert_same_bits(shared, each)
-    # The frame matters, and so does each of its parts.
+    # The frame has an effect, and so has each of its parts.
     for other in ({}, {"xyz": xyz}, {"rotation": rotation}):
         assert np.max(np.abs(shared - arm.operational_inverse_inertia(q, links, **other))) > 1e-3 * np.max(np.abs(shared))
 
@@ -133,7 +135,7 @@ def test_nothing_moves_without_joints(welded: phipsi.Scene) -> None:
 
 @pytest.mark.parametrize("fixture", ["mixed", "floating", "arm"])
 def test_a_wrench_accelerates_frames_by_the_inverse_inertia(fixture: str, request: pytest.FixtureRequest) -> None:
-    """A wrench on one link of a scene changes the accelerations of that link and of another one by Omega w."""
+    """A wrench on one link changes the accelerations of that link and of another one by Omega w."""
     scene = request.getfixturevalue(fixture)
     random = np.random.default_rng(11)
     live = 0
@@ -147,7 +149,7 @@ def test_a_wrench_accelerates_frames_by_the_inverse_inertia(fixture: str, reques
         for rows, link in ((omega[:6], pushed), (omega[6:], watched)):
             jacobian = scene.jacobian(q, link)
             expected = rows[:, :6] @ wrench
-            # The accelerations that are subtracted are larger than their difference.
+            # The subtracted accelerations are larger than their difference.
             scale = size(np.max(np.abs(free))) * size(np.sum(np.abs(jacobian)))
             both = np.concatenate([jacobian, scene.jacobian(q, pushed)])
             tolerance = inverse(float(np.linalg.cond(scene.mass_matrix(q))), scale) + bound(scene, q, both) * size(wrench)
@@ -183,7 +185,7 @@ def test_the_inertia_is_the_inverse(arm: phipsi.Scene) -> None:
 
 
 def planar() -> phipsi.Scene:
-    """Three links of a metre, in a plane."""
+    """Three links of a meter, in a plane."""
     builder = phipsi.SceneBuilder().link("base")
     for k in range(3):
         builder.link(f"link{k}", 1.0, (0.5, 0, 0), np.eye(3) * 0.1)
@@ -198,7 +200,7 @@ def test_a_stretched_arm_is_singular_along_itself() -> None:
     scene = planar()
     bent, stretched = np.array([0.3, 0.5, -0.7]), np.array([0.3, 0.0, 0.0])
     assert scene.operational_inertia(bent, "tool", directions=IN_PLANE).shape == (3, 3)
-    # There is an inverse inertia, and it does not move along.
+    # The inverse inertia exists, and the link does not move in that direction.
     omega = scene.operational_inverse_inertia(stretched, "tool")
     assert abs(omega[3, 3]) <= inverse(1.0, 1.0) < omega[4, 4]
     q = np.stack([bent, bent, stretched, bent]).reshape(2, 2, 3)
@@ -208,7 +210,7 @@ def test_a_stretched_arm_is_singular_along_itself() -> None:
     assert isinstance(error, PhipsiError) and isinstance(error, ArithmeticError)
     assert (error.links, error.rank, error.directions, error.state) == (("tool",), 2, 3, (1, 0))
     assert "operational_inverse_inertia" in str(error) and "leave out directions" in str(error)
-    # Without the direction that is lost there is an inertia.
+    # Without the dependent direction the inertia exists.
     assert scene.operational_inertia(q, "tool", directions=IN_PLANE[[0, 2]]).shape == (2, 2, 2, 2)
     with pytest.raises(SingularTaskError) as found:
         scene.operational_inertia(stretched, ["tool"], directions=IN_PLANE)

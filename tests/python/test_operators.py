@@ -1,4 +1,4 @@
-"""The paper's equations typed at the prompt, operators against their definitions, and SciPy taking them."""
+"""The equations of the paper, operators compared with their definitions, and operators in SciPy."""
 
 import inspect
 from typing import Any
@@ -90,7 +90,7 @@ def test_scipy_takes_operators(case: tuple[phipsi.Scene, np.ndarray]) -> None:
     tau = np.linspace(-1.0, 2.0, scene.nv)
     m = scipy.sparse.linalg.aslinearoperator(f.M)
     inverse = scipy.sparse.linalg.aslinearoperator(f.M_inv)
-    # Before SciPy 1.12 it is called tol.
+    # The argument is tol before SciPy 1.12.
     relative = "rtol" if "rtol" in inspect.signature(scipy.sparse.linalg.cg).parameters else "tol"
     solution, code = scipy.sparse.linalg.cg(m, tau, atol=0.0, M=inverse, **{relative: 1e-10})
     assert code == 0

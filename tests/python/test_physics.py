@@ -1,4 +1,4 @@
-"""What the methods mean, by identities between them on mixed trees."""
+"""Meaning of the methods, by identities between them on trees with all types of joints."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_jacobian_is_the_derivative_of_placements(seed: int) -> None:
     for link in scene.link_names:
         rotation = here[link][:3, :3]
         rate = rotation.T @ (after[link] - before[link])[:, :3, :] / (2 * STEP)
-        # R^T dR is the skew matrix of the angular velocity in the link's frame.
+        # R^T dR is the skew matrix of the angular velocity in the link frame.
         numeric = np.stack([rate[:, 2, 1], rate[:, 0, 2], rate[:, 1, 0], *rate[..., 3].T])
         assert_near(scene.jacobian(q, link), numeric, central_difference(size(*here.values()) * 4.0))
 
@@ -92,7 +92,7 @@ def test_energy(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_momentum_of_a_free_scene_is_that_of_its_root(seed: int) -> None:
-    """The first six rows of M qd are the momentum in the root's frame, force before moment."""
+    """The first six rows of M qd are the momentum in the frame of the root, linear before angular."""
     scene = random_scene(seed, 8, floating_base=True)
     q, qd, _ = random_states(scene, seed)
     root = scene.placements(q)["base"]

@@ -1,4 +1,4 @@
-"""What a scene gives goes through pickle and copy, with equal results; builders and scenes are in test_changed_scenes.py."""
+"""Results of a scene are preserved by pickle and copy; builders and scenes are in test_changed_scenes.py."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def test_factors_that_were_updated(arm: phipsi.Scene, remade: Remade, form: Any)
     factor.update(moved)
     again = remade(factor)
     assert_same_bits(again.solve(tau), factor.solve(tau))
-    # Each goes its own way.
+    # The copies are independent.
     before = factor.solve(tau)
     again.update(q)
     assert_same_bits(factor.solve(tau), before)

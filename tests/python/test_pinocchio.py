@@ -1,4 +1,4 @@
-"""Every URDF of example-robot-data against Pinocchio, with fixed and with floating base."""
+"""Every URDF of example-robot-data compared with Pinocchio, with fixed and with floating base."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ STATES = 3
 FILES = urdf_files()
 
 EMPTY = "ur_description/urdf/ur3.urdf"
-"""A stub: a <robot> without links."""
+"""A placeholder: a <robot> without links."""
 
 SINGULAR = {
     "romeo_description/urdf/romeo.urdf": "RThumb3",
     "romeo_description/urdf/romeo_laas_small.urdf": "r_gripper_joint",
 }
-"""Robots with finger joints that move no mass, and the joint that a sweep from the tips meets first."""
+"""Robots with finger joints that move no mass, and the first such joint in a sweep from the tips."""
 
 UNPHYSICAL = {
     "alex_description/urdf/alex_psyonic_hands.urdf",
@@ -48,9 +48,9 @@ UNPHYSICAL = {
     "tiago_description/robots/tiago_dual.urdf",
     "tiago_description/robots/tiago_no_hand.urdf",
 }
-"""Robots with a link whose inertia no body can have."""
+"""Robots with a link whose inertia is physically impossible."""
 
-#: Files with elements or attributes that are not understood, and the first of them.
+#: Files with unknown elements or attributes, and the first of them.
 NOT_UNDERSTOOD = {
     "anymal_b_simple_description/robots/anymal-kinova.urdf": 'attribute command_effort of <limit> of joint "LF_HAA"',
     "anymal_b_simple_description/robots/anymal.urdf": 'attribute command_effort of <limit> of joint "LF_HAA"',
@@ -70,12 +70,12 @@ bases = pytest.mark.parametrize("floating_base", [False, True], ids=["fixed", "f
 
 
 class Off(NamedTuple):
-    """How far phipsi and Pinocchio are apart, and the bound that they may be apart by."""
+    """Difference of phipsi and Pinocchio, and its bound."""
 
     found: float
     bound: float
     units: float
-    """found in units of n eps or cond eps of the size of the quantity."""
+    """found in units of n eps or cond eps of the magnitude of the quantity."""
 
 
 class States(NamedTuple):
@@ -90,7 +90,9 @@ class States(NamedTuple):
 
 
 def states_of(scene: phipsi.Scene, floating_base: bool) -> States:
-    """Random states: angles in a full turn, uniform quaternions, a wrench on every third link, merged ones included."""
+    """Random states: angles in a full turn, uniform quaternions, a wrench on every third link, including merged
+    ones.
+    """
     random = np.random.default_rng(len(scene.link_names))
     q = random.uniform(-np.pi, np.pi, (STATES, scene.nq))
     if floating_base:
@@ -109,7 +111,7 @@ def pair(file: str, floating_base: bool) -> tuple[phipsi.Scene, Oracle, States]:
 
 
 def largest(*values: np.ndarray) -> float:
-    """The largest absolute entry, NaN if there is one, 0 of nothing."""
+    """Largest absolute entry; NaN if there is one, 0 without entries."""
     return max((float(np.max(np.abs(v), initial=0.0)) for v in values), key=lambda x: (np.isnan(x), x))
 
 
@@ -118,7 +120,9 @@ def in_units(found: float, unit: float) -> float:
 
 
 def recursions_apart(n: int, found: np.ndarray, expected: np.ndarray, scale: float = 0.0) -> Off:
-    """Off in units of n eps; the scale is that of the results over the states, or the one given if that is larger."""
+    """Difference in units of n eps; the scale is that of the results over the states, or the given one if it is
+    larger.
+    """
     assert found.shape == expected.shape
     off, scale = largest(found - expected), max(scale, largest(expected))
     return Off(off, recursion(n, scale), in_units(off, max(n, 1) * EPS * scale))
@@ -127,7 +131,7 @@ def recursions_apart(n: int, found: np.ndarray, expected: np.ndarray, scale: flo
 def inverses_apart(
     bound: Callable[[float, float], float], conditions: list[float], found: np.ndarray, expected: np.ndarray
 ) -> Off:
-    """Off in units of cond eps, of the state that is worst."""
+    """Difference in units of cond eps, for the worst state."""
     assert found.shape == expected.shape
     states = []
     for condition, one, other in zip(conditions, found, expected, strict=True):
@@ -138,7 +142,7 @@ def inverses_apart(
 
 @functools.cache
 def recursions(file: str, floating_base: bool) -> dict[str, Off]:
-    """What needs no solve: by name, in units of n eps."""
+    """Quantities without a solve: by name, in units of n eps."""
     scene, oracle, states = pair(file, floating_base)
     n = scene.nv
     q, qd, qdd, _, wrenches = states
@@ -171,7 +175,7 @@ def recursions(file: str, floating_base: bool) -> dict[str, Off]:
 
 @functools.cache
 def inverses(file: str, floating_base: bool) -> dict[str, Off]:
-    """What goes through the inverse of M: by name, in units of cond(M) eps."""
+    """Quantities that involve the inverse of M: by name, in units of cond(M) eps."""
     scene, oracle, states = pair(file, floating_base)
     q, qd, _, tau, wrenches = states
     masses = [oracle.mass_matrix(each) for each in q]
@@ -199,7 +203,7 @@ def assert_within(offs: dict[str, Off]) -> None:
 @bases
 @robots
 def test_without_a_solve_as_pinocchio(file: str, floating_base: bool) -> None:
-    """RNEA, bias, CRBA, placements, Jacobians, energies and momentum: to n eps, singular models included."""
+    """RNEA, bias, CRBA, forward kinematics, Jacobians, energies and momentum: to n eps, including singular models."""
     assert_within(recursions(file, floating_base))
 
 
@@ -266,7 +270,7 @@ def test_what_is_not_understood_is_one_warning_and_raises_when_strict(file: str)
 
 
 ROUNDED = 1e-4
-"""Relative slack of the triangle inequality for inertias printed to a few digits; the product's own is finer."""
+"""Relative tolerance of the triangle inequality for inertias with few digits; that of phipsi is smaller."""
 
 
 def inertias_of(file: str) -> dict[str, np.ndarray]:
@@ -281,7 +285,7 @@ def inertias_of(file: str) -> dict[str, np.ndarray]:
 
 
 def is_physical(inertia: np.ndarray, slack: float) -> bool:
-    """Whether no principal inertia is negative or above the sum of the others, by NumPy's eigenvalues."""
+    """Whether no principal inertia is negative or larger than the sum of the others, by NumPy's eigenvalues."""
     low, middle, high = np.linalg.eigvalsh(inertia)
     return bool(low >= -slack * high and low + middle >= high * (1.0 - slack))
 
@@ -303,7 +307,7 @@ def test_mimic_joints_warn_by_name(file: str) -> None:
 
 
 def test_summary(capsys: pytest.CaptureFixture[str]) -> None:
-    """Loads 68 of 69 both ways, and prints the largest disagreements of all."""
+    """Loads 68 of 69 files in both programs, and prints the largest differences of all."""
     loaded = {floating_base: 0 for floating_base in (False, True)}
     for floating_base in loaded:
         for file in FILES:

@@ -1,4 +1,6 @@
-"""Plots of pages in a browser: all are drawn, nothing is cut or hides something else, names are buttons, and nothing is asked of the network."""
+"""Plots of pages in a browser: all are drawn, nothing is cut off or overlaps, names are buttons, and there are no
+network requests.
+"""
 
 from __future__ import annotations
 
@@ -26,16 +28,16 @@ import static
 WIDTHS = (400, 1400)
 LONG = "a_rather_long_name_of_a_joint_of_the_left_hand_of_a_robot"
 NAMES = [LONG, f"{LONG}_2", "short", "<b>bold</b>", "$x_1^$", "&amp;", "%{x}", "右肩_関節"]
-#: Puts the mouse on the first point of a curve, until its name and its numbers stand beside it.
+#: Moves the mouse to the first point of a curve, until its hover label shows.
 HOVER = """([at, name]) => { const canvas = document.querySelector('.canvas'); Plotly.Fx.hover(canvas, [{curveNumber: at, pointNumber: 0}], 'xy');
 const shown = canvas.querySelector('.hoverlayer').textContent; return shown.startsWith(name) && shown.includes(': 200ns'); }"""
 
 
 def written(plots: Sequence[Plot], folder: Path) -> Path:
-    """A page of plots alone."""
+    """A page with only plots."""
     blocks = [Figure(plot.name, "") for plot in plots]
     only = Section[Findings]("plots", "Plots", plots=lambda _: plots, blocks=lambda _: blocks)
-    # Whatever page.html a layout has: that of the stability report wants numbers.
+    # Independent of page.html of a layout: that of the stability report needs results.
     (folder / "templates" / "bare").mkdir(parents=True)
     (folder / "templates" / "bare" / "page.html").write_text('{% extends "page.html" %}', encoding="utf-8")
     layout: Layout[Findings] = Layout("bare", "numbers.json", (only,), (folder / "templates",))
@@ -89,7 +91,7 @@ def test_long_names_and_many_panels(browser: Any, tmp_path: Path) -> None:  # no
 
 @needs_browser
 def test_names_under_the_mouse_are_what_they_are(browser: Any, tmp_path: Path) -> None:  # noqa: F811
-    """No tag is followed, no formula is set."""
+    """No tag is interpreted, no formula is typeset."""
     file = written([chart(NAMES)], tmp_path)
     with Opened(browser, file, 400) as opened:
         opened.plots()
@@ -111,7 +113,7 @@ def test_names_are_buttons(browser: Any, tmp_path: Path) -> None:  # noqa: F811
         assert opened.page.evaluate(shown) == [True] * 9
         opened.page.get_by_role("button", name="three").dblclick()
         assert opened.page.evaluate(shown) == [False, False, True] * 3
-        # The same after the window has become narrow, where panels are one under the other.
+        # The same after the window has become narrow, with one panel per row.
         opened.resize(400)
         assert opened.page.evaluate(shown) == [False, False, True] * 3
         opened.page.get_by_role("button", name="three").dblclick()
@@ -121,7 +123,7 @@ def test_names_are_buttons(browser: Any, tmp_path: Path) -> None:  # noqa: F811
 
 
 def figure(plot: Plot) -> dict[str, Any]:
-    """What stands in the page."""
+    """Contents of the page."""
     (content,) = re.findall(r'<script type="application/json">(.*?)</script>', interactive.markup(plot), flags=re.DOTALL)
     found: dict[str, Any] = json.loads(content)
     return found

@@ -1,4 +1,4 @@
-"""Scenes between processes and threads."""
+"""Scenes in several processes and threads."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_a_pickle_of_another_version_says_so(arm: phipsi.Scene) -> None:
 
 
 def test_errors_pickle(arm: phipsi.Scene) -> None:
-    """Processes send their errors home."""
+    """Exceptions are passed between processes."""
     builder = phipsi.SceneBuilder().link("base").link("rod")
     scene = builder.joint("hinge", "revolute", "base", "rod").build()
     with pytest.raises(SingularJointError) as found:
@@ -73,7 +73,7 @@ def test_errors_pickle(arm: phipsi.Scene) -> None:
 
 
 def large(scene: phipsi.Scene) -> State:
-    """Enough states that threads are woken."""
+    """Enough states for several threads."""
     return random_states(scene, 0, (500,))
 
 
@@ -83,7 +83,7 @@ def test_a_forked_process_has_threads_of_its_own(arm: phipsi.Scene) -> None:
     state = large(arm)
     expected = arm.forward_dynamics(*state)
     with warnings.catch_warnings():
-        # Python 3.12 and later warn of any fork beside threads: that is what is tested.
+        # Python 3.12 and later warn of a fork with several threads, which is tested here.
         warnings.simplefilter("ignore", DeprecationWarning)
         with multiprocessing.get_context("fork").Pool(1) as pool:
             found = pool.apply_async(arm.forward_dynamics, state).get(timeout=120)
@@ -109,7 +109,7 @@ def test_the_number_of_threads_changes_no_bit(mixed: phipsi.Scene, threads: str)
 
 @pytest.fixture
 def threads_of_the_machine() -> Iterator[int]:
-    """Tests that set the number of threads leave it as it was."""
+    """Restores the number of threads."""
     phipsi.set_num_threads(None)
     yield phipsi.get_num_threads()
     phipsi.set_num_threads(None)
@@ -128,7 +128,9 @@ def test_the_number_of_threads_is_set(mixed: phipsi.Scene, threads_of_the_machin
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="threads are listed by Linux")
 def test_threads_are_kept_where_their_number_changes(mixed: phipsi.Scene, threads_of_the_machine: int) -> None:
-    """A thread that ends leaves memory behind: programs that change the number in every batch grew without end."""
+    """A thread that ends leaks memory: without reuse, programs that change the number in every batch would grow without
+    limit.
+    """
     state = large(mixed)
     phipsi.set_num_threads(4)
     mixed.forward_dynamics(*state)
@@ -136,7 +138,7 @@ def test_threads_are_kept_where_their_number_changes(mixed: phipsi.Scene, thread
     for threads in (1, 2, 3, 4) * 5:
         phipsi.set_num_threads(threads)
         mixed.forward_dynamics(*state)
-    # Threads of tests before this one may end meanwhile.
+    # Threads of previous tests may end meanwhile.
     assert set(os.listdir("/proc/self/task")) <= before
 
 
@@ -190,7 +192,7 @@ def test_eight_threads_with_large_batches(mixed: phipsi.Scene) -> None:
 
 @pytest.fixture
 def no_forced_switches() -> Iterator[None]:
-    """Python hands the GIL over only where a thread gives it up."""
+    """Python switches threads only if one releases the GIL."""
     before = sys.getswitchinterval()
     sys.setswitchinterval(1000.0)
     yield
@@ -199,7 +201,7 @@ def no_forced_switches() -> Iterator[None]:
 
 @pytest.mark.usefixtures("no_forced_switches")
 def test_the_gil_is_released(arm: phipsi.Scene) -> None:
-    """This thread runs while another one is inside a batch: it could not if the batch kept the GIL."""
+    """This thread runs while another one is in a batch, which is possible only if the batch releases the GIL."""
     state, limit = large(arm), 2000
     arm.forward_dynamics(*state)
     rounds = 0

@@ -1,4 +1,6 @@
-"""Jacobians of the dynamics times vectors, and vectors times them: against the dense derivatives, against differences, and as calls."""
+"""Jacobians of the dynamics times vectors, and vectors times them: compared with dense derivatives, with differences,
+and as calls.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,7 @@ def condition(scene: phipsi.Scene, q: np.ndarray) -> float:
 
 
 def wrenches_of(scene: phipsi.Scene, random: np.random.Generator) -> dict[str, np.ndarray]:
-    """One on every second link, those on fixed joints and on the base included."""
+    """One on every second link, including those on fixed joints and on the base."""
     return {link: random.uniform(-3.0, 3.0, 6) for link in scene.link_names[::2]}
 
 
@@ -75,7 +77,7 @@ def test_of_accelerations_as_dense_derivatives(seed: int, form: str) -> None:
 
 
 def parameters_of(link: phipsi.Link) -> np.ndarray:
-    """(m, m c, I) about the link's origin."""
+    """(m, m c, I) about the link origin."""
     m, c = link.mass, link.com
     about = link.inertia + m * (c @ c * np.eye(3) - np.outer(c, c))
     return np.array([m, *(m * c), about[0, 0], about[0, 1], about[1, 1], about[0, 2], about[1, 2], about[2, 2]])
@@ -83,7 +85,9 @@ def parameters_of(link: phipsi.Link) -> np.ndarray:
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_torques_are_linear_in_parameters(seed: int) -> None:
-    """Their gradients times themselves, and armature's, are cotangent . tau: of links on which nothing else is fixed."""
+    """The products of parameters and their gradients, including armature, sum up to cotangent . tau: for links without
+    fixed children.
+    """
     scene = random_scene(seed, 6, kinds=("revolute", "prismatic", "spherical"), floating_base=seed % 2 == 1)
     q, qd, qdd = random_states(scene, seed)
     cotangent = np.random.default_rng(seed).uniform(-1, 1, scene.nv)
@@ -93,7 +97,7 @@ def test_torques_are_linear_in_parameters(seed: int) -> None:
     total = np.sum(found.parameters * own) + found.armature @ scene.armature
     expected = cotangent @ scene.inverse_dynamics(q, qd, qdd)
     assert_near(total, expected, recursion(10 * scene.nv, largest(found.parameters * own, expected)))
-    # Gravity is an acceleration of everything the other way.
+    # Gravity is an acceleration of all bodies in the opposite direction.
     still = np.zeros(scene.nv)
     held = scene.inverse_dynamics_vjp(q, still, still, cotangent, parameters=True)
     weight = cotangent @ scene.bias_torque(q, still)
@@ -102,7 +106,7 @@ def test_torques_are_linear_in_parameters(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_hessians_as_differences(seed: int) -> None:
-    """To the two thirds of the digits that differences in float64 leave."""
+    """To the two thirds of the digits that differences in float64 preserve."""
     scene, random = a_scene(seed), np.random.default_rng(seed)
     q, qd, u = random_states(scene, seed)
     direction, cotangent = random.uniform(-1, 1, (3, scene.nv)), random.uniform(-1, 1, scene.nv)

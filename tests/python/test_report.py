@@ -1,4 +1,4 @@
-"""The report: its numbers, its page, and scenes that cannot have all of it. Nothing here asserts a time."""
+"""The report: its values, its page, and scenes for which parts are missing. No test asserts a time."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from tolerances import SIGMAS, assert_near, product
 sys.path.insert(0, str(Path(__file__).parents[2] / "benches"))
 import auto_states
 
-#: In the order of the page: what the user of the robot looks for, then how it is computed.
+#: Order of the page: properties of the robot, then the computation.
 PARTS = (
     "view", "scene", "joints", "mass", "calls", "kinds",
     "plan", "accuracy", "residuals", "condition", "emergence", "growth", "limits", "provenance",
@@ -119,7 +119,7 @@ def test_errors_of_every_method_and_precision(bundled: tuple[dict[str, Any], str
 
 
 def rows_with_times(tree: Any) -> Iterator[dict[str, Any]]:
-    """Every dictionary that holds a time, and what its keys above it say where it says nothing itself."""
+    """Every dictionary with a time, completed with the values of the enclosing levels."""
     if isinstance(tree, list):
         for item in tree:
             yield from rows_with_times(item)
@@ -139,7 +139,7 @@ def test_every_time_says_what_it_is_of(bundled: tuple[dict[str, Any], str, Path]
         assert row["from"] in ("Rust", "Python"), row
         assert row["call"] and row["states"] and row["batch"] >= 1, row
         assert row["form"] in (None, "auto", "covariance", "square-root", "joseph"), row
-        # The general recursions are nobody's call.
+        # The general recursions are not public calls.
         assert row["from"] == "Python" or any(name in row["call"] for name in PUBLIC), row
 
 
@@ -180,7 +180,7 @@ def test_the_states_that_robots_are_in_are_measured(bundled: tuple[dict[str, Any
             chosen = [row for row in rows if (row["states"], row["batch"]) == (kind, batch)]
             assert [row["form"] for row in chosen] == ["auto", "covariance"]
             assert all(row["ns_per_state"] > 0.0 and row["ns_over_covariance"] > 0.0 for row in chosen)
-            # Beside what the bias alone would give, both forms are right.
+            # Compared with the accelerations of the bias alone, both forms are accurate.
             assert all(0.0 <= row["error_median"] <= row["error_max"] < 1e-12 for row in chosen), chosen
         assert f"<td>{kind}<br>" in page
     assert {kinds.REST, kinds.HELD, kinds.FALLING, kinds.MOVING} <= {row["states"] for row in rows}
@@ -212,7 +212,7 @@ def test_times_from_python_are_of_public_calls() -> None:
     found = calls.measured(scene, drawn, True, Silent())  # type: ignore[arg-type]
     assert {(row.of.call.split("(")[0].removeprefix("scene."), row.of.form) for row in found} == set(scene.seen)
     for sizes in scene.seen.values():
-        # Warmed up, then timed: one state a call, and all of them.
+        # Warm-up, then timing: one state per call, and all of them.
         assert sizes.count(1) >= 8 * 2 and sizes.count(8) >= 2
 
 
@@ -259,7 +259,7 @@ def test_the_table_of_auto_over_covariance() -> None:
     assert ["free base, held", "–"] in auto_cost.table(costs, False)[1]
     page = auto_states.markdown(auto_cost, costs)
     assert "| fixed base, held | 3.00 |" in page
-    assert "Worst: one, free base, held, a batch of 256: auto 8 ns a state, covariance 2." in page
+    assert "Worst: one, free base, held, a batch of 256: auto 8 ns per state, covariance 2." in page
 
 
 def test_the_page_needs_nothing_beside_itself(bundled: tuple[dict[str, Any], str, Path]) -> None:
@@ -267,13 +267,13 @@ def test_the_page_needs_nothing_beside_itself(bundled: tuple[dict[str, Any], str
     places = [page.index(f'<section id="{part}">') for part in PARTS]
     assert places == sorted(places)
     assert places[0] < page.index('<p class="lead">') < page.index('<div class="key">') < places[1]
-    # The robot is a page of its own, which test_view.py opens in a browser, as test_plots.py does with the plots.
+    # The robot is a separate page, which test_view.py opens in a browser; test_plots.py opens the plots.
     page, frames = re.subn(r' srcdoc="[^"]*"', "", page)
     assert frames == 1
     page, scripts = re.subn(r"<script( type=\"application/json\")?>.*?</script>", "", page, flags=re.DOTALL)
     assert scripts == len(PLOTS) + 1
     assert "`" not in page
-    # Namespaces are names, not addresses that anything fetches.
+    # Namespaces are names and are not requested.
     fetched = re.findall(r"""(?:src|href|data)\s*=\s*["']([^"'#][^"']*)""", page)
     assert not [address for address in fetched if not address.startswith("data:")]
     assert not re.search(r"<script|<link|@import|url\((?!#)", page)
@@ -305,7 +305,7 @@ def test_limits_and_gravity_of_the_bundled_arm(bundled: tuple[dict[str, Any], st
         assert row["share"] == row["gravity_max"] / row["effort"]
     here = [row["gravity_here"] for row in rows]
     assert_near(here, scene.gravity_torque(scene.neutral()), product(6, 40.0))
-    # What turns about the vertical feels no gravity.
+    # Joints about the vertical have no gravity torque.
     assert rows[0]["gravity_max"] < 1e-9 < rows[1]["gravity_max"]
     assert rows[1]["gravity_max"] >= 37.0
 
@@ -353,7 +353,7 @@ def test_a_residual_beyond_its_bound_exits_with_1_and_is_on_the_page(
     result = CliRunner().invoke(commands.group, ["report", "--quick", "--states", "4", "-o", str(tmp_path)])
     assert result.exit_code == 1
     assert json.loads((tmp_path / "report.json").read_text())["passed"] is False
-    assert "✗ beyond" in (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert "✗ exceeded" in (tmp_path / "index.html").read_text(encoding="utf-8")
 
 
 def test_a_residual_that_is_not_a_number_fails() -> None:
@@ -387,7 +387,7 @@ def test_a_scene_where_nothing_moves_has_a_page(tmp_path: Path) -> None:
     found, page = written(scene, tmp_path)
     assert found["missing"].keys() == {"view", "joints", "mass", "residuals", "calls", "accuracy", "condition", "emergence"}
     assert found["emergence"] is None
-    assert "Nothing moves" in page
+    assert "This scene has no degree of freedom" in page
 
 
 def test_a_scene_too_large_for_dense_algebra_has_a_page(tmp_path: Path) -> None:
@@ -397,7 +397,7 @@ def test_a_scene_too_large_for_dense_algebra_has_a_page(tmp_path: Path) -> None:
         axis = (1, 0, 0) if k % 2 else (0, 0, 1)
         builder = builder.joint(f"j{k}", "revolute", f"l{k}", f"l{k + 1}", xyz=(0, 0, 0.2), axis=axis)
     found, page = written(builder.build(), tmp_path, count=4)
-    # How many cores there are decides whether a rate can be had in time.
+    # The number of cores determines if a rate can be measured in time.
     assert found["missing"].keys() - {"samples a second"} == {"view", "mass", "residuals", "condition", "sobol", "dense product"}
     assert {point["route"] for point in found["emergence"]["points"]} == {"monte-carlo", "sigma-points", "recursion"}
     assert "1920 random numbers a sample" in page
@@ -472,7 +472,7 @@ def test_an_inertia_that_no_body_has_is_not_sampled_but_reported(tmp_path: Path)
     assert "odd" in found["missing"]["sampling"]
     assert {point["route"] for point in found["emergence"]["points"]} == {"recursion", "dense product"}
     assert found["emergence"]["slopes"] == found["emergence"]["samples_a_second"] == []
-    assert "Samples not here: inertia of link" in page
+    assert "Samples not available: inertia of link" in page
     assert 'id="plot-emergence"' not in page
     assert all(math.isfinite(number) for number in numbers(found))
 
@@ -492,7 +492,7 @@ def test_samples_are_drawn_on_as_many_threads_as_it_says(monkeypatch: pytest.Mon
     assert phipsi.get_num_threads() == before and missing == {}
     assert [rate.threads for rate in found.samples_a_second] == [1, 3]
     assert seen[-2:] == [("monte-carlo", 1), ("monte-carlo", 3)]
-    # All errors and times are those of one thread; the first calls only ask whether a way is open.
+    # All errors and times are those of one thread; the first calls only check whether a method is available.
     assert {threads for _, threads in seen[2:-2]} == {1}
 
 

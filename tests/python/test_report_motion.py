@@ -1,4 +1,4 @@
-"""The motion study of benches/: references, orders, failures, the page and the command. Nothing here asserts a time."""
+"""The motion study of benches/: references, orders, failures, the page and the command. No test asserts a time."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from studies.motion.collect import expected
 SMOOTH = ("double pendulum", "arm", "floating tree", "chain of 64")
 SPRINGS = ("springs 1e3", "springs 1e5", "springs 1e7", "springs 1e9")
 EXPLICIT, IMPLICIT = ("semi-implicit-euler", "rk4"), ("implicit-euler", "rosenbrock-2", "rosenbrock-3")
-#: A measured order may be off by this, quick as the run is.
+#: Tolerance of a measured order in a quick run.
 ORDER = 0.1
 
 
@@ -70,14 +70,15 @@ def test_orders_of_the_peers_are_those_of_their_integrators(study: Study) -> Non
         for result in study.smooth:
             measured = result.order(peer.name)
             assert measured is not None
-            # Their loops in Python are shorter: the double pendulum is not in its asymptotic range yet.
+            # The runs of the Python loops are shorter: the double pendulum is not in its asymptotic range yet.
             assert abs(measured - expected(study, peer.name)) <= 2 * ORDER, (peer.name, result.case.name)
 
 
 @pytest.mark.parametrize("name", SPRINGS)
 def test_orders_on_the_slow_manifold(numbers: dict[str, Any], name: str) -> None:
     orders = case_of(numbers, name)["orders"]
-    # With 1e5 N m/rad the fastest spring turns by about 1 rad in the finest steps, and the third order wavers.
+    # With 1e5 N m/rad the phase of the fastest spring advances by about 1 rad in the finest steps, and the third
+    # order is not reached exactly.
     loose = 0.25 if name == "springs 1e5" else ORDER
     for method, wanted in zip(IMPLICIT, (1, 2, 3), strict=True):
         assert abs(orders[method] - wanted) <= (ORDER if wanted < 3 else loose), (method, orders[method])
@@ -132,13 +133,15 @@ def test_references_are_far_below_every_error_shown(numbers: dict[str, Any]) -> 
         assert case["reference"]["smallest_error_shown"] == min(shown)
 
 
-#: Angles of the rods from the vertical and their rates at 1 s: mpmath's odefun at 22 digits on Lagrange's equations of `lagrange`, tolerance
-#: 1e-18.
+#: Angles of the rods from the vertical and their velocities at 1 s: mpmath's odefun with 22 digits on Lagrange's
+#: equations of `lagrange`, tolerance 1e-18.
 AT_ONE_SECOND = (-2.402152250168684721688544, -0.3712350460598062891676202)
 
 
 def test_the_double_pendulum_is_that_of_lagrange() -> None:
-    """Other equations, other arithmetic, another integrator; the whole second takes half a minute, so that is written down."""
+    """Different equations, arithmetic and integrator; the full second takes half a minute, so the result is stored
+    here.
+    """
     mpmath = pytest.importorskip("mpmath")
     case = cases.double_pendulum()
     exact = reference.reference(case)
@@ -157,8 +160,8 @@ def lagrange(_: Any, y: Any) -> list[Any]:
 
     a, b, u, w = y
     length, gravity = mpmath.mpf("0.5"), mpmath.mpf("9.81")
-    about_centre = length**2 / 12 * (1 + mpmath.mpf(1) / 400)
-    one, two = about_centre + 1.25 * length**2, about_centre + 0.25 * length**2
+    about_center = length**2 / 12 * (1 + mpmath.mpf(1) / 400)
+    one, two = about_center + 1.25 * length**2, about_center + 0.25 * length**2
     mixed, turn = 0.5 * length**2 * mpmath.cos(a - b), 0.5 * length**2 * mpmath.sin(a - b)
     r = -turn * w**2 - 1.5 * length * gravity * mpmath.sin(a)
     s = turn * u**2 - 0.5 * length * gravity * mpmath.sin(b)
@@ -168,7 +171,9 @@ def lagrange(_: Any, y: Any) -> list[Any]:
 
 @pytest.mark.parametrize("stiffness", cases.SPRINGS)
 def test_the_start_is_on_the_slow_manifold(stiffness: float) -> None:
-    """The springs hold the joints to the slow motion: what is left over accelerates no more than the motion bends."""
+    """The springs keep the joints on the slow manifold: the remaining accelerations are not larger than those of the
+    slow motion.
+    """
     case = cases.springs(stiffness)
     scene, fast = case.scene, case.scene.stiffness > 0.0
     accelerations = scene.forward_dynamics(case.q, case.qd, -scene.stiffness * case.q)
@@ -195,7 +200,9 @@ def test_drifts_fall_with_the_order(study: Study) -> None:
 
 
 def test_peers_end_where_phipsi_does(study: Study) -> None:
-    """Other programs with the same integrators: the difference of runs is of the size of rounding, not of the methods' errors."""
+    """Other programs with the same integrators: the difference of runs is of the magnitude of rounding, not of the
+    errors of the methods.
+    """
     if not study.peers:
         pytest.skip("no peer is installed")
     case = cases.floating_tree()
@@ -206,7 +213,7 @@ def test_peers_end_where_phipsi_does(study: Study) -> None:
             if peer.name in names:
                 theirs = peer.runner(case)(case.time / 100, 100)
                 apart = runs.distance(case, ours.q[-1], theirs.q[-1])
-                # MuJoCo turns the free body along other axes: same order, other constants.
+                # MuJoCo expresses the velocity of the free body in another frame: same order, other constants.
                 assert apart <= 1e-7, (peer.name, apart)
 
 

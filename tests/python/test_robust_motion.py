@@ -1,4 +1,6 @@
-"""Motion with dry friction, joint stops and fast rotation against closed forms: stick-slip, turning points, held poses, rebounds, Dzhanibekov's spin, orders, bits."""
+"""Simulation with dry friction, joint stops and fast rotation compared with closed forms: stick-slip, turning points,
+static equilibrium, rebounds, Dzhanibekov's spin, orders, bitwise equality.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,9 @@ from phipsi.errors import ArgumentError, LimitWarning
 
 
 class Belt:
-    """A block with dry friction on a spring whose other end is pulled at a constant speed, and back at the same speed from the instant when the block first stops."""
+    """A block with dry friction on a spring whose other end moves at a constant speed, and reverses when the
+    block first stops.
+    """
 
     mass, stiffness, friction, speed = 2.0, 50.0, 4.0, 0.1
 
@@ -27,7 +31,7 @@ class Belt:
         self.end = self.slip_back + 2 * np.pi / self.rate
 
     def state(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Position and velocity: at rest, a full slip along, at rest, a full slip back."""
+        """Position and velocity: at rest, a full slip forward, at rest, a full slip back."""
 
         def slipped(since: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             angle = self.rate * np.clip(since, 0.0, 2 * np.pi / self.rate)
@@ -37,7 +41,7 @@ class Belt:
         return along[0] - back[0], along[1] - back[1]
 
     def force(self, t: np.ndarray) -> np.ndarray:
-        """The mean force of the pulled end in each step, through the spring."""
+        """Mean force at the moving end in each step, through the spring."""
         since = np.maximum(t - self.turn, 0.0)
         integral = 0.5 * self.speed * t**2 - self.speed * since**2
         return self.stiffness * np.diff(integral) / np.diff(t)
@@ -74,7 +78,9 @@ def test_amplitudes_decrease_by_twice_the_dead_band_until_the_mass_stops_in_it(d
 
 
 def stops_of_the_pendulum(friction: float, q: float) -> list[tuple[float, float]]:
-    """Times and angles where a pendulum released at q turns, until friction holds it, by SciPy with events."""
+    """Times and angles of the turning points of a pendulum released at q, until friction stops it, by SciPy with
+    events.
+    """
     integrate = pytest.importorskip("scipy.integrate")
     t, found = 0.0, []
     while ROD_WEIGHT * abs(np.sin(q)) > friction:
@@ -99,7 +105,7 @@ def test_a_pendulum_with_dry_friction_stops_at_the_exact_angle(dt: float) -> Non
     path = pendulum(friction=0.7).simulate([1.5], [0.0], dt=dt, steps=round(6.0 / dt))
     assert len(turns) >= 4
     for t, q in turns:
-        # The row next to the turning point is half a step from it.
+        # The row nearest to the turning point is half a step from it.
         assert_near(path.q[round(t / dt)], [q], of_order(2, dt, ROD_WEIGHT / ROD_INERTIA))
     rests = path.t > turns[-1][0] + dt
     assert not path.qd[rests].any() and np.ptp(path.q[rests]) == 0.0
@@ -152,7 +158,7 @@ def test_a_falling_mass_comes_to_rest_on_its_stop(dt: float) -> None:
 
 @pytest.mark.parametrize("dt", [1e-2, 1e-3])
 def test_a_bouncing_mass_keeps_the_law_of_restitution(dt: float) -> None:
-    """The instant of an impact is known to a step, and the velocity with it to g dt."""
+    """The time of an impact is accurate to a step, and the velocity to g dt."""
     scene, mass, height, rebound = slide(2.0, (0, 0, 1), lower=0.0), 2.0, 1.0, 0.8
     path = scene.simulate([height], [0.0], dt=dt, steps=round(6.0 / dt), restitution=rebound)
     assert 0.0 <= path.stops[0].time - np.sqrt(2 * height / GRAVITY) <= dt
@@ -235,7 +241,7 @@ def test_a_start_far_outside_of_a_limit_is_not_accelerated_beyond_reason() -> No
     with pytest.warns(LimitWarning, match='"joint2" at 3 beyond its upper limit'):
         path = arm.simulate(q, np.zeros(6), dt=1e-3, steps=3000)
     assert path.q[-1, 1] <= arm.limits.upper[1]
-    # At 1 rad/s at most, without more energy than falling through that angle gives.
+    # At most 1 rad/s, without more energy than gravity supplies through that angle.
     assert path.energy().kinetic.max() < 10.0 * np.ptp(path.energy().potential)
 
 
@@ -243,7 +249,7 @@ PRINCIPAL = np.array([0.2, 0.3, 0.4])
 
 
 def spinning(rate: float) -> tuple[phipsi.Scene, np.ndarray, np.ndarray]:
-    """A free body that spins about its middle axis, almost."""
+    """A free body that rotates almost about its middle principal axis."""
     scene = phipsi.SceneBuilder().link("top", 1.0, (0, 0, 0), np.diag(PRINCIPAL)).build(floating_base=True, gravity=(0, 0, 0))
     return scene, scene.neutral(), rate * np.array([0, 0, 0, 1e-3, 1.0, 0.0])
 
@@ -258,7 +264,7 @@ def test_fast_spin_about_the_middle_axis_keeps_energy_and_momentum() -> None:
 
 
 def test_the_middle_axis_flips_with_the_period_of_the_elliptic_integral() -> None:
-    """L. D. Landau and E. M. Lifshitz, Mechanics, section 37: half a period is 2 K(k^2) over the rate."""
+    """L. D. Landau and E. M. Lifshitz, Mechanics, section 37: half a period is 2 K(k^2) divided by the rate."""
     special = pytest.importorskip("scipy.special")
     scene, q, qd = spinning(30.0)
     path = scene.simulate(q, qd, dt=1e-3, steps=10_000)
@@ -276,7 +282,9 @@ def test_the_middle_axis_flips_with_the_period_of_the_elliptic_integral() -> Non
 
 
 def errors_of_steps(scene: phipsi.Scene, counts: tuple[int, ...], seed: int, **law: object) -> tuple[list[float], list[str]]:
-    """Errors at the end of 0.16 s in so many steps against the explicit method with short steps; and the methods that were chosen."""
+    """Errors after 0.16 s with that many steps compared with the explicit method with short steps; and the selected
+    methods.
+    """
     q, qd, tau = random_states(scene, seed)
     given = {"tau": 0.2 * tau, "limits": "report", **law}
     fine = scene.simulate(q, 0.3 * qd, dt=0.16 / 10_000, steps=10_000, method="rk4", record_every=10_000, **given)

@@ -1,4 +1,6 @@
-"""Gradients of functions of trajectories: against dense Jacobians of every step, against differences, in closed form; and as calls."""
+"""Gradients of functions of trajectories: compared with dense Jacobians of every step, with differences, and
+with closed forms; and as calls.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,7 @@ METHODS = ("semi-implicit-euler", "rk4", "implicit-euler", "rosenbrock-2", "rose
 
 
 def spring(**joint: object) -> phipsi.Scene:
-    """One mass on a slide, level, so that its motion is linear."""
+    """One mass on a horizontal prismatic joint, so that its motion is linear."""
     builder = phipsi.SceneBuilder().link("base").link("mass", 2.0, (0, 0, 0))
     return builder.joint("slide", "prismatic", "base", "mass", axis=(1, 0, 0), **joint).build()  # type: ignore[arg-type]
 
@@ -47,7 +49,9 @@ def test_of_a_linear_motion_is_the_power_of_a_step(method: str, steps: int, ever
 
 
 def jacobians(scene: phipsi.Scene, method: str, dt: float, q: np.ndarray, qd: np.ndarray, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of one explicit step by (q, qd) and by tau, from the dense derivatives of its stages; for coordinates that add."""
+    """Derivatives of one explicit step with respect to (q, qd) and tau, from the dense derivatives of its stages; for
+    additive coordinates.
+    """
     nv = scene.nv
     into, by_tau = np.eye(2 * nv), np.zeros((2 * nv, nv))
 
@@ -94,7 +98,7 @@ def test_of_explicit_steps_as_the_product_of_dense_jacobians(seed: int, method: 
 
 
 def everything(scene: phipsi.Scene, q: np.ndarray, seed: int) -> dict[str, object]:
-    """All that can act at the joints."""
+    """All forces that can act at the joints."""
     random = np.random.default_rng(seed)
     near = lambda: scene.integrate(q, random.uniform(-0.4, 0.4, scene.nv))  # noqa: E731
     some = lambda scale: random.uniform(0.1, 1.0, scene.nv) * scale  # noqa: E731
@@ -118,7 +122,7 @@ def test_of_every_kind_of_joint_beside_differences(method: str, every: int) -> N
 
     def value(q: np.ndarray = q, qd: np.ndarray = qd, tau: np.ndarray = tau, **changed: object) -> float:
         other = scene.simulate(q, qd, tau_steps=tau, **{**given, **changed})
-        # The difference from where it was is the tangent there, to first order.
+        # The difference from the previous position is the tangent there, to first order.
         return float(np.sum(by_q * scene.difference(path.q, other.q)) + np.sum(by_qd * other.qd))
 
     def along(change: Callable[[float], float]) -> float:
@@ -138,10 +142,10 @@ def test_of_every_kind_of_joint_beside_differences(method: str, every: int) -> N
 
 
 def test_of_what_is_not_there_beside_differences(mixed: phipsi.Scene) -> None:
-    """Springs, damping and friction that are zero have gradients: more of them would act."""
+    """Zero springs, damping and friction have gradients."""
     q, qd, _ = random_states(mixed, 5)
     given = {"dt": 0.02, "steps": 5, "method": "rosenbrock-2", "rest": mixed.integrate(q, np.full(mixed.nv, 0.3))}
-    # Exact friction makes an event of a joint that turns round, however small it is.
+    # Any exact friction causes an event when a joint reverses.
     given["friction_speed"] = 0.5
     path = mixed.simulate(q, qd, **given)
     by_q, by_qd = cotangents(path)
@@ -149,7 +153,7 @@ def test_of_what_is_not_there_beside_differences(mixed: phipsi.Scene) -> None:
     for name in ("damping", "stiffness", "friction"):
         assert np.all(getattr(found, name) != 0.0)
         for i, unit in enumerate(np.eye(mixed.nv)):
-            # One-sided: less than none is refused.
+            # One-sided, because negative values raise.
             values = []
             for h in (0.0, STEP, 2 * STEP):
                 other = mixed.simulate(q, qd, **given, **{name: h * unit})
@@ -177,7 +181,7 @@ def test_of_parameters_beside_heavier_links() -> None:
         other = scene(heavier).simulate([0.3, -0.4], [0.5, 0.2], dt=0.01, steps=20)
         return float(np.sum(by_q * other.q) + np.sum(by_qd * other.qd))
 
-    # A link that is welded on is part of the hand: its mass is a point's at its own centre, moved by the weld.
+    # A fixed link is part of the hand: its mass is that of a point at its center of mass, moved by the fixed joint.
     place = own.placements([0.0, 0.0])
     at = np.linalg.inv(place["hand"]) @ place["tool"] @ [0.1, 0.1, 0.3, 1.0]
     x, y, z = at[:3]
@@ -187,7 +191,7 @@ def test_of_parameters_beside_heavier_links() -> None:
 
 
 def test_more_checkpoints_change_nothing_but_rounding(mixed: phipsi.Scene) -> None:
-    """Where a run of steps is long some of them are kept, and the others made from these."""
+    """In long simulations some steps are stored, and the others recomputed from these."""
     q, qd, _ = random_states(mixed, 6)
     tau = np.random.default_rng(2).uniform(-1, 1, (600, mixed.nv))
     found = []
@@ -225,7 +229,9 @@ def test_one_state_a_batch_and_threads_have_the_same_bits(mixed: phipsi.Scene, m
 
 
 def test_in_doubt_as_the_product_of_dense_jacobians() -> None:
-    """A mass at the tip that the covariance form loses digits with: steps in doubt are gone back through with twice the digits."""
+    """A mass at the tip for which the covariance form loses precision: the adjoint of steps whose error
+    estimate exceeds the tolerance is recomputed in double-double arithmetic.
+    """
     case = phipsi.scenes.extreme("heavy-tip", 1e10, bodies=6)
     scene, dt, steps = case.scene, 1e-3, 4
     path = scene.simulate(case.q, case.qd, dt=dt, steps=steps, tau=case.tau, method="semi-implicit-euler")
@@ -238,7 +244,7 @@ def test_in_doubt_as_the_product_of_dense_jacobians() -> None:
 
 
 def test_at_rest_held_and_falling(arm: phipsi.Scene) -> None:
-    """States that people are in: the adjoint of a small change is that change's effect."""
+    """Typical states: the adjoint of a small change is the effect of that change."""
     floating = random_scene(1, 5, kinds=("revolute",), floating_base=True)
     for scene, tau in ((arm, None), (arm, arm.bias_torque(np.full(arm.nq, 0.4), np.zeros(arm.nv))), (floating, None)):
         q = scene.neutral() if scene is floating else np.full(scene.nq, 0.4)
@@ -331,5 +337,5 @@ def test_where_a_simulator_went(arm: phipsi.Scene) -> None:
     simulator = arm.simulator(np.zeros(arm.nq), dt=1.0, limits="report")
     with pytest.raises(SimulationError) as caught:
         simulator.step(np.full(arm.nv, 1e300), 1000)
-    with pytest.raises(ArgumentError, match="trajectory: found where a simulator went"):
+    with pytest.raises(ArgumentError, match="trajectory: found the trajectory of a Simulator"):
         caught.value.trajectory.vjp()

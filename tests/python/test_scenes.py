@@ -1,4 +1,4 @@
-"""The extreme scenes: the same from the same arguments, refused by name, and three of them against 60 digits from first principles."""
+"""The extreme scenes: reproducible, errors by name, and three of them compared with 60 digits from the definitions."""
 
 from __future__ import annotations
 
@@ -90,13 +90,13 @@ def test_bad_values_are_refused_by_name(argument: str, call: object) -> None:
 
 
 def tree_of(scene: phipsi.Scene) -> Tree:
-    """The oracle's reading of a scene: the numbers that it was built from."""
+    """The oracle's tree for a scene, from its constants."""
     _, gravity, floating, _, links, joints, *_ = scene.__reduce__()[1][0]
     assert not floating
     found = []
     for name, inertial in links:
-        mass, centre, (xx, xy, xz, yy, yz, zz) = inertial or (0.0, (0.0,) * 3, (0.0,) * 6)
-        found.append(Link(name, mass, np.array(centre), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])))
+        mass, center, (xx, xy, xz, yy, yz, zz) = inertial or (0.0, (0.0,) * 3, (0.0,) * 6)
+        found.append(Link(name, mass, np.array(center), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])))
     return Tree(
         tuple(found),
         tuple(
@@ -121,10 +121,11 @@ def tree_of(scene: phipsi.Scene) -> Tree:
     ("name", "value"), [("heavy-tip", 1e12), ("growing-masses", 1e2), ("needles", 1e-9), ("near-coincident-axes", 1e-2)]
 )
 def test_the_square_root_form_is_right_to_60_digits(name: str, value: float) -> None:
-    """Double-double runs our own recursion; this shares nothing with it but the numbers of the scene.
+    """The double-double reference uses our own recursion; this test is independent of it except for the
+    constants of the scene.
 
-    The oracle starts from the numbers of the links and joints, so that the rounding of the builder is in the difference too:
-    it is covered by the sensitivity to the model's parameters.
+    The oracle starts from the constants of the links and joints, so that the difference includes the rounding of the
+    builder, which is covered by the sensitivity to the parameters of the model.
     """
     case = scenes.extreme(name, value)
     oracle = State(tree_of(case.scene), case.q, case.qd).forward_dynamics(case.tau, {})
@@ -140,7 +141,7 @@ def test_the_square_root_form_is_right_to_60_digits(name: str, value: float) -> 
     assert norm + off <= square_root(inherent), f"square-root form: {norm:.1e}"
     assert norm == pytest.approx(max(components * np.abs(exact.toarray())) / scale, rel=1e-6)
     if name == "heavy-tip":
-        # What makes the test worth running: the covariance form fails it.
+        # The test is meaningful only if the covariance form fails it.
         assert exact.error("covariance form")[0] > 1e-8
 
 

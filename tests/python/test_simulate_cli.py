@@ -1,4 +1,4 @@
-"""The command `phipsi simulate`: what it writes, what it refuses, and what it keeps of a run that fails."""
+"""The command `phipsi simulate`: its output, its errors, and the output of failed simulations."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_the_bundled_arm_from_a_state_file(tmp_path: Path) -> None:
     assert_same_bits(np.array(rows, dtype=float), np.column_stack([path.t, path.q, path.qd]))
     page = (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
     assert 'id="plot-over-time"' in page and 'id="plot-stroboscope"' in page
-    # What it wrote is a state file for another run, by npz.
+    # The output is a state file for another simulation, by npz.
     np.savez(tmp_path / "end.npz", q=path.q[-1], qd=path.qd[-1])
     again = run("-o", tmp_path / "again", "--state", tmp_path / "end.npz", "--time", 0.002, "--hold", "10", "1")
     assert again.exit_code == 0, again.output
@@ -82,7 +82,8 @@ def test_forces_of_connections_are_in_the_page_and_beside_it(tmp_path: Path) -> 
     with np.load(tmp_path / "out" / "trajectory.npz") as found:
         q, qd, force = found["q"], found["qd"], found["force"]
         assert force.shape == found["force_at"].shape == (51, 1, 3) and tuple(found["force_names"]) == ("pin",)
-    # Newton, of both bodies: the pin and the joint of the crank carry them, and about that joint the pin's moment and the weights' are what turns them.
+    # Newton, for both bodies: the pin and the joint of the crank carry them; the moments of the pin and of the
+    # weights about that joint accelerate them.
     qdd = scene.forward_dynamics(q, qd, np.zeros_like(qd))
     free = scene.without_connections()
     turning = free.inverse_dynamics(q, qd, qdd)[:, 0]
@@ -102,7 +103,7 @@ def test_limits_broken_are_told(tmp_path: Path) -> None:
     state.write_text('{"q": {"joint2": 3.0}}')
     result = run("-o", tmp_path, "--state", state, "--time", 0.002, "--limits", "report")
     assert result.exit_code == 0
-    assert "beyond its limit: joint2, upper 0.785398, first at t = 0 s" in result.output
+    assert "limit exceeded: joint2, upper 0.785398, first at t = 0 s" in result.output
 
 
 def test_what_diverges_exits_with_1_and_keeps_its_rows(tmp_path: Path) -> None:
@@ -188,7 +189,7 @@ def test_connections_of_a_mujoco_model(tmp_path: Path) -> None:
     )  # fmt: skip
     result = run(file, "-o", tmp_path / "run", "--time", 0.05, "--csv")
     assert result.exit_code == 0, result.output
-    assert "connections open by" in result.output
+    assert "largest constraint error of the connections:" in result.output
     with np.load(tmp_path / "run" / "trajectory.npz") as found:
         assert found["drift"].max() < 1e-9
     assert (tmp_path / "run" / "trajectory.csv").read_text(encoding="utf-8").splitlines()[0].endswith(",drift")

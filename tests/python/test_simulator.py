@@ -1,4 +1,4 @@
-"""Scene.simulator: the bits of simulate step by step, one state and batches, resets, errors, copies."""
+"""Scene.simulator: bitwise equal to simulate step by step, for one state and batches, resets, errors, copies."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ of_start = pytest.mark.filterwarnings("ignore:q. found joint .* limit:phipsi.err
 
 
 def acting(scene: phipsi.Scene, batch: tuple[int, ...] = ()) -> dict[str, Any]:
-    """All that simulate and simulator take."""
+    """All options of simulate and simulator."""
     target = random_states(scene, 9, batch).q
     return {
         "dt": 1e-3, "pd": phipsi.PD(2.0, 0.1, target), "armature": 0.3, "damping": 0.2, "stiffness": 3.0, "rest": scene.neutral(),
@@ -257,7 +257,7 @@ def test_after_an_error_it_is_where_the_last_good_step_was(arm: phipsi.Scene) ->
     assert_same_bits(error.trajectory.q[..., 0, :], simulator.q)
     assert_near(error.trajectory.t, expected.trajectory.t[-1:], product(1, 1.0))
     assert error.trajectory.energy().total.shape == (2, 3, 1)
-    # The same again; and on without that state.
+    # Once more; and continued without that state.
     with pytest.raises(errors.SimulationError) as caught:
         simulator.step()
     assert caught.value.step == error.step

@@ -1,6 +1,6 @@
-"""One plain float64 state takes a shorter way to the kernel: nothing but its time may tell it from the long way.
+"""One plain float64 state uses a fast path to the kernel, whose results equal those of the general path.
 
-`dtype=np.float64` asks for what is computed anyhow, and goes the long way.
+`dtype=np.float64` requests the default dtype and uses the general path.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import phipsi
 Evaluate = Callable[..., np.ndarray]
 
 FORMS = ("auto", "covariance", "joseph", "square-root")
-#: Name, keywords, and how many of q, qd and u it takes.
+#: Name, keywords, and number of arguments of q, qd and u.
 CALLS: list[tuple[str, dict[str, Any], int]] = [
     *(("forward_dynamics", {"form": form}, 3) for form in FORMS),
     ("inverse_dynamics", {}, 3),
@@ -31,7 +31,7 @@ WITH_OUT = ("forward_dynamics", "inverse_dynamics")
 
 @pytest.fixture(params=CALLS, ids=lambda call: "-".join([call[0], *call[1].values()]))
 def evaluate(request: pytest.FixtureRequest) -> Callable[[phipsi.Scene], tuple[Evaluate, int]]:
-    """A method with its keywords, of a scene, and how many arrays it takes."""
+    """A method with its keywords, and its number of arrays."""
     name, keywords, count = request.param
 
     def of(scene: phipsi.Scene) -> tuple[Evaluate, int]:
@@ -41,7 +41,7 @@ def evaluate(request: pytest.FixtureRequest) -> Callable[[phipsi.Scene], tuple[E
 
 
 def outcome(call: Callable[[], np.ndarray]) -> Any:
-    """The result, or everything that tells an error from another."""
+    """The result, or all properties of an error."""
     try:
         return call()
     except phipsi.errors.PhipsiError as error:
@@ -49,7 +49,7 @@ def outcome(call: Callable[[], np.ndarray]) -> Any:
 
 
 def same(evaluate: Evaluate, *arguments: Any, what: str, out: Any = None) -> None:
-    """The short way does what the long way does, be it a result or an error."""
+    """The fast path has the results and errors of the general path."""
     given = {} if out is None else {"out": out}
     short = outcome(lambda: evaluate(*arguments, **given))
     short = short.copy() if isinstance(short, np.ndarray) else short
@@ -71,7 +71,7 @@ def test_same_bits(scene: str, evaluate: Any, request: pytest.FixtureRequest) ->
 
 @pytest.mark.parametrize("joints", [1, 13, 18, 38, 39, 64, 65, 90])
 def test_same_bits_for_any_size(joints: int, evaluate: Any) -> None:
-    """On both sides of where arrays are borrowed, and the GIL is given up."""
+    """On both sides of the sizes at which arrays are borrowed, and the GIL is released."""
     scene = random_scene(7, joints, kinds=("revolute", "prismatic"))
     call, count = evaluate(scene)
     same(call, *random_states(scene, 0)[:count], what=f"{joints} joints")
@@ -91,7 +91,7 @@ def test_results_are_arrays_of_their_own(arm: phipsi.Scene, evaluate: Any) -> No
 
 
 def forms_of(numbers: np.ndarray) -> dict[str, Any]:
-    """One state in every way to hold it, and in every way that is no state."""
+    """One state in all array types, and invalid states."""
     strided, unaligned = np.zeros(2 * numbers.size), np.zeros(8 * numbers.size + 1, np.uint8)
     strided[::2] = numbers
     unaligned[1:].view(np.float64)[...] = numbers
@@ -137,7 +137,7 @@ def test_all_kinds_of_arguments(arm: phipsi.Scene, evaluate: Any, kind: str) -> 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e200])
 def test_numbers_that_are_refused(mixed: phipsi.Scene, evaluate: Any, value: float) -> None:
-    """Not finite, overflowing, or a quaternion far from unit: the same error, and the next call is in order."""
+    """Not finite, overflow, or a quaternion far from unit: the same error, and the next call succeeds."""
     call, count = evaluate(mixed)
     state = random_states(mixed, 5)[:count]
     expected = call(*state)
@@ -212,7 +212,7 @@ def test_arguments_are_left_alone(mixed: phipsi.Scene, evaluate: Any) -> None:
 
 
 def test_threads_take_turns(arm: phipsi.Scene) -> None:
-    """Each with states of its own, every other one refused while the rest go on."""
+    """Each thread has its own states; every other state raises while the rest continue."""
     rounds, failed = 300, []
 
     def work(seed: int) -> None:

@@ -1,4 +1,4 @@
-"""The stability report: what it measures, what it says first, and the command."""
+"""The stability report: measurements, summary, and the command."""
 
 from __future__ import annotations
 
@@ -78,12 +78,14 @@ def test_exact_accelerations_are_those_of_places_in_fifty_digits(name: str, rati
         n, h = len(q), mpmath.mpf(10) ** -20
 
         def places(joints: list[Any]) -> list[Any]:
-            """Of every link z and x of its mass centre and its angle, each times the root of its inertia; where the end misses, seen from the last."""
+            """For every link, z and x of its center of mass and its angle, each times the square root of its inertia;
+            the position error of the end is attributed to the last link.
+            """
             end, angle, rows = mpmath.mpc(0), mpmath.mpf(0), []
             for k in range(n):
                 angle += joints[k]
-                centre = mpmath.sqrt(mass[k]) * (end + com[k] * mpmath.expj(angle))
-                rows += [centre.real, centre.imag, mpmath.sqrt(inertia[k]) * angle]
+                center = mpmath.sqrt(mass[k]) * (end + com[k] * mpmath.expj(angle))
+                rows += [center.real, center.imag, mpmath.sqrt(inertia[k]) * angle]
                 end += length[k] * mpmath.expj(angle)
             missing = mpmath.expj(-angle) * (mpmath.mpc(0, loops.APART) - end)
             return [*rows, missing.real, missing.imag]
@@ -94,7 +96,7 @@ def test_exact_accelerations_are_those_of_places_in_fifty_digits(name: str, rati
         units = [[mpmath.mpf(i == k) for i in range(n)] for k in range(n)]
         columns = [[(a - b) / (2 * h) for a, b in zip(along(unit, 1), along(unit, -1), strict=True)] for unit in units]
         curved = [(a - 2 * m + b) / h**2 for a, m, b in zip(along(qd, 1), places(q), along(qd, -1), strict=True)]
-        # Gauss: of the accelerations that keep the end, those nearest to what free links would do.
+        # Gauss: of the accelerations that satisfy the constraint at the end, those nearest to the free accelerations.
         free = [-mpmath.sqrt(mass[k // 3]) * mpmath.mpf(loops.GRAVITY) if k % 3 == 0 else mpmath.mpf(0) for k in range(3 * n)]
         short = [f - c for f, c in zip(free, curved, strict=False)]
         matrix, right = mpmath.zeros(n + 2), mpmath.zeros(n + 2, 1)

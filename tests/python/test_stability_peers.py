@@ -1,4 +1,4 @@
-"""The stability study: phipsi's report with other programs beside it, from benches/."""
+"""The stability study of benches/: phipsi's report with other programs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The spatially random model from Python: sampling (1.1 to 1.6), and M from the covariance of T (5.1)."""
+"""The random model from Python: sampling (1.1 to 1.6), and M from the covariance of T (5.1)."""
 
 import concurrent.futures
 
@@ -38,8 +38,8 @@ def test_mean_is_the_bias(case: Case) -> None:
     t = scene.random_model(q, qd, acceleration_variance=4.0).sample_torque(20_000, seed=1)
     standard_error = np.sqrt(4.0 * np.diagonal(scene.mass_matrix(q)) / len(t))
     assert np.all(np.abs(t.mean(axis=0) - scene.bias_torque(q, qd)) <= SIGMAS * standard_error)
-    centred = scene.random_model(q).sample_torque(20_000, seed=1)
-    assert np.all(np.abs(centred.mean(axis=0)) <= SIGMAS * standard_error / 2.0)
+    centerd = scene.random_model(q).sample_torque(20_000, seed=1)
+    assert np.all(np.abs(centerd.mean(axis=0)) <= SIGMAS * standard_error / 2.0)
 
 
 def test_three_ways_to_m(case: Case) -> None:
@@ -54,7 +54,7 @@ def test_three_ways_to_m(case: Case) -> None:
         model.mass_matrix(2**15, seed=2, method="sobol", replicates=16),
     ):
         off = np.abs(estimate.mass_matrix - m)
-        # Student's quantile at six sigmas and 15 degrees of freedom is 10.
+        # Student's quantile at six standard deviations and 15 degrees of freedom is 10.
         assert np.all(off <= 2 * SIGMAS * estimate.standard_error)
         assert np.all((estimate.low <= estimate.mass_matrix) & (estimate.mass_matrix <= estimate.high))
         assert np.array_equal(estimate.mass_matrix, estimate.mass_matrix.T)

@@ -9,7 +9,9 @@ import phipsi
 
 
 def two_blocks(*, upper: float, closed: bool, floor: bool = False) -> phipsi.Scene:
-    """Blocks of 2 and 3 kg on level slides; `closed`: coupled, so that they move together; `floor`: the second rests on a point of a third body."""
+    """Blocks of 2 and 3 kg on horizontal prismatic joints; `closed`: coupled, so that they move together; `floor`: the
+    second is in contact with a point of a third body.
+    """
     builder = phipsi.SceneBuilder().link("base").link("left", 2.0).link("right", 3.0)
     builder.joint("left", "prismatic", "base", "left", axis=(1, 0, 0), lower=-1.0, upper=1.0)
     builder.joint("right", "prismatic", "base", "right", axis=(1, 0, 0), lower=-upper, upper=upper)
@@ -100,7 +102,7 @@ def test_stops_act_beside_a_contact() -> None:
 
 
 def leg(upper: float) -> phipsi.Scene:
-    """A body on a foot with a knee whose upper limit is given, above the floor; a slide keeps it upright."""
+    """A body on a foot with a knee with the given upper limit, above the floor; a prismatic joint keeps it upright."""
     builder = phipsi.SceneBuilder().link("base").link("body", 4.0, inertia=0.05 * np.eye(3))
     builder.link("thigh", 1.0, (0, 0, -0.15), 0.01 * np.eye(3)).link("shin", 0.7, (0, 0, -0.15), 0.007 * np.eye(3))
     builder.joint("rail", "prismatic", "base", "body", axis=(0, 0, 1))
@@ -140,7 +142,7 @@ def test_simulators_and_batches_stop_as_single_runs_do() -> None:
 
 
 def test_a_stop_and_momentum_of_a_floating_robot_with_contacts() -> None:
-    """In flight no contact acts: stops are internal, so momentum is conserved."""
+    """Without contact, stops are internal forces, so that momentum is conserved."""
     builder = phipsi.SceneBuilder().link("hull", 2.0, inertia=0.1 * np.eye(3)).link("arm", 1.0, (0.3, 0, 0), 0.02 * np.eye(3))
     builder.joint("arm", "revolute", "hull", "arm", axis=(0, 1, 0), lower=-0.5, upper=0.5).contact("ground", "hull", radius=0.2, friction=0.5)
     scene = builder.build(floating_base=True, gravity=(0, 0, 0))
@@ -148,7 +150,7 @@ def test_a_stop_and_momentum_of_a_floating_robot_with_contacts() -> None:
     path = scene.simulate(q, [0, 0, 0, 0, 0, 0, 3.0], dt=1e-3, steps=400)
     assert path.q[:, 7].max() == 0.5 and path.qd[-1, 6] == 0.0 and len(path.stops) == 1
     momentum = scene.momentum(path.q, path.qd)
-    assert np.abs(momentum[-1] - momentum[0]).max() < 2e-2 * np.abs(momentum[0]).max()  # a step of order 1
+    assert np.abs(momentum[-1] - momentum[0]).max() < 2e-2 * np.abs(momentum[0]).max()  # a first-order step
 
 
 def test_limits_are_checked_by_name() -> None:

@@ -1,4 +1,4 @@
-"""What an editor shows, from the stub, is what help() shows; the names that it offers are those that there are."""
+"""The stub, which editors show, equals help(); its names exist."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from stub_docs import with_docs
 
 STUB = Path(phipsi.__file__).with_name("_core.pyi").read_text(encoding="utf-8")
 BUILDER = phipsi.SceneBuilder().link("base").link("a", 1.0).joint("turn", "revolute", "base", "a")
-#: What refuses a name that there is not, with those that there are.
+#: Functions that raise for unknown names, with the known names.
 CALLS: dict[str, Any] = {
     "_Errors": lambda name: BUILDER.build().mass_matrix([0.0], errors=name),
     "_Form": lambda name: BUILDER.build().factor([0.0], form=name),

@@ -1,4 +1,6 @@
-"""Scenes as URDF: read back they are the scenes that they were, and what URDF cannot hold is refused by name."""
+"""Scenes as URDF: reading the file gives an equal scene, and features that URDF cannot represent are refused by
+name.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,7 @@ def test_a_random_tree_comes_back(seed: int, floating: bool) -> None:
 
 
 def test_the_bundled_arm_comes_back_whole(tmp_path: Path) -> None:
-    """Limits, losses and names to the last bit, rotations to rounding; a second turn changes nothing more than that."""
+    """Limits, losses and names are bitwise equal, rotations up to rounding; a second export is equal to the first."""
     scene = phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM)
     text = scene.to_urdf(tmp_path / "arm.urdf", name="arm & <hand>")
     assert (tmp_path / "arm.urdf").read_text(encoding="utf-8") == text
@@ -103,7 +105,7 @@ def test_what_urdf_cannot_hold_is_named() -> None:
 
 
 def test_shapes_of_the_file_are_kept(tmp_path: Path) -> None:
-    """Materials too; a mesh beside the file is found from elsewhere."""
+    """Materials too; a relative mesh path becomes absolute."""
     (tmp_path / "there").mkdir()
     link = '<link name="{}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>{}</link>'
     shape = '<visual><geometry><mesh filename="{}"/></geometry><material name="red"/></visual><collision><geometry><sphere radius="2"/></geometry></collision>'

@@ -1,4 +1,4 @@
-"""The tolerance of form `auto`: every call that takes a form takes it, and it decides what is recomputed."""
+"""The tolerance of form `auto`: an argument of every call with a form, which determines the recomputed states."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ def test_each_state_of_a_batch_has_the_bits_and_the_bound_that_it_has_alone() ->
             one, alone = case.scene.forward_dynamics(q[i], qd[i], tau[i], tolerance=tolerance, return_info=True)
             np.testing.assert_array_equal(one, qdd[i])
             assert (alone.form, alone.bound) == (info.form[i], info.bound[i])
-    # And the next call has the usual one again.
+    # And the next call has the default again.
     np.testing.assert_array_equal(case.scene.forward_dynamics(q, qd, tau), before)
 
 

@@ -1,4 +1,4 @@
-"""phipsi.torch: gradcheck, torch.func, batches; of robots with quaternions and without."""
+"""phipsi.torch: gradcheck, torch.func, batches; for robots with and without quaternions."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ torch = pytest.importorskip("torch")
 import phipsi.torch  # noqa: E402
 from phipsi.errors import ArgumentError, BadStateWarning, NotFiniteError, ShapeError  # noqa: E402
 
-# Forward mode of torch calls what torch itself has deprecated.
+# Forward mode of torch calls deprecated functions of torch.
 pytestmark = pytest.mark.filterwarnings("ignore:.torch.jit.script. is deprecated:FutureWarning", "ignore:.torch.jit.script_method.:FutureWarning")
 
 FUNCTIONS: dict[str, Callable[..., Any]] = {

@@ -1,4 +1,4 @@
-"""Scenes from URDF: what counts as a source, and what reaches Python from the reader."""
+"""Scenes from URDF: supported sources, and the interface of the reader in Python."""
 
 from __future__ import annotations
 

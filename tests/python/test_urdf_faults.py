@@ -1,4 +1,4 @@
-"""Documents that are not quite URDF: accepted where nothing is in doubt, else refused with what to change."""
+"""Documents that deviate from URDF: accepted if they are unambiguous, otherwise an error with a suggestion."""
 
 from __future__ import annotations
 

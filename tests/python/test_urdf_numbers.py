@@ -1,4 +1,4 @@
-"""URDF: what warns because it can hardly be meant, axes of any length, rotor inertia, and bases that float."""
+"""URDF: warnings for implausible values, axes of any length, rotor inertia, and floating bases."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the reader of URDF does not understand: one warning that lists it and where, an error if strict."""
+"""Unknown parts of a URDF: one warning that lists them with their lines, an error if strict."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MIMIC = arm('<axis xyz="0 0 1"/>', '<axis xyz="0 0 1"/><mimic joint="hinge" mult
 
 
 def told(text: str) -> str:
-    """The only warning of a text, which must be of what is not understood, and an error if strict."""
+    """The only warning for a text, which must be an UnknownTagWarning, and an error if strict."""
     _, caught = load(text)
     assert [one.category for one in caught] == [UnknownTagWarning]
     with pytest.raises(SceneError, match="strict"):
@@ -142,7 +142,7 @@ def test_what_never_enters_the_dynamics_is_quiet(name: str) -> None:
 
 
 def spans() -> list[tuple[int, int, str]]:
-    """The place of each name of an element (in its opening tag) or attribute that is read."""
+    """Position of each name of an element (in its opening tag) or attribute that is read."""
     assert ElementTree.fromstring(MIMIC) is not None
     found = []
     for match in re.finditer(r"<(\w+)|\s([a-z]+)=", MIMIC):
@@ -163,7 +163,7 @@ def test_no_misspelling_passes_in_silence(start: int, end: int, name: str, kind:
             continue
         text = MIMIC[:start] + misspelt + MIMIC[end:]
         if MIMIC[start - 1] == "<":
-            # The closing tag too, where the element has one.
+            # The closing tag too, if the element has one.
             close = MIMIC.find(f"</{name}>", end)
             opening = MIMIC[end : MIMIC.index(">", end)]
             if close >= 0 and not opening.endswith("/"):

@@ -1,4 +1,4 @@
-"""Memory of large results is written to again: only where nobody has the old ones any more."""
+"""Memory of large results is reused only if the previous results have been deleted."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import phipsi
 import pytest
 from conftest import at_once, random_states
 
-#: States whose mass matrices, of forty joints, take 33 megabytes.
+#: States whose mass matrices, with forty joints, take 33 megabytes.
 MANY = 2650
 
 
@@ -41,10 +41,10 @@ def test_results_that_somebody_has_are_never_written_to(scene: phipsi.Scene, q: 
 
 
 def test_memory_that_nobody_has_is_written_again(scene: phipsi.Scene, q: np.ndarray) -> None:
-    q = q[10:]  # of a size that nothing before it had
+    q = q[10:]  # a size that was not used before
     first = scene.mass_matrix(q)
     place, reference, expected = address(first), weakref.ref(first), first.copy()
-    # What somebody did to an array is not done to the next one.
+    # Changes of one array do not affect the next one.
     first.flags.writeable = False
     first.shape = (-1,)
     del first

@@ -1,4 +1,4 @@
-"""The robot in a browser: what is drawn, what is refused, and pages that live in one file, in a headless Chromium where there is one."""
+"""The robot in a browser: drawn shapes, errors, and self-contained pages, in a headless Chromium if it is installed."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from phipsi.errors import ArgumentError, MeshWarning, NotFiniteError, ShapeError
 from phipsi.report import commands, simulate, view_robot  # noqa: F401  # the last two register their commands
 from tolerances import assert_near, product
 
-# `make dev` goes without.
+# `make dev` does not install it.
 pytest.importorskip("viser")
 import phipsi.view  # noqa: E402
 import trimesh  # noqa: E402
@@ -28,7 +28,7 @@ from phipsi.view.player import HOST, MOST, PORTS, RATE, Motion  # noqa: E402
 from phipsi.view.shapes import find, robot_size, shapes_of  # noqa: E402
 
 LINK = '<inertial><mass value="2"/><inertia ixx="0.1" iyy="0.1" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>'
-#: A link with a shape of each kind; one without.
+#: A link with a shape of each kind; one without shapes.
 SHAPES = f"""<robot name="r"><material name="red"><color rgba="1 0 0 1"/></material>
 <link name="base"><visual><geometry><box size="0.2 0.2 0.1"/></geometry></visual></link>
 <link name="arm">{LINK}
@@ -43,7 +43,7 @@ SHAPES = f"""<robot name="r"><material name="red"><color rgba="1 0 0 1"/></mater
 
 @pytest.fixture
 def robot(tmp_path: Path) -> Path:
-    """A package of a robot, with one mesh in millimetres."""
+    """A package of a robot, with one mesh in millimeters."""
     meshes = tmp_path / "thing" / "meshes"
     meshes.mkdir(parents=True)
     trimesh.creation.box(extents=(100, 100, 300)).export(str(meshes / "part.stl"))
@@ -76,7 +76,7 @@ def test_shapes_of_a_file(robot: Path) -> None:
     assert cylinder.visual.material.baseColorFactor[:3].tolist() == [255, 0, 0]
 
 
-#: A body with a shape of each kind that MuJoCo has, where it has them.
+#: A body with a shape of each kind of MuJoCo.
 MUJOCO = """<mujoco><option><flag contact="disable"/></option><asset><mesh name="tetra" vertex="0 0 0 1 0 0 0 1 0 0 0 1"/><material name="red" rgba="1 0 0 1"/></asset><worldbody>
 <geom type="plane" size="1 1 1"/><body name="arm" pos="0 0 1"><joint axis="0 1 0"/>
 <geom type="box" size="0.1 0.2 0.3" pos="1 2 3" euler="0 0 90" rgba="0 0 1 1"/><geom type="sphere" size="0.2"/><geom type="capsule" size="0.1 0.4"/>
@@ -95,7 +95,7 @@ def test_shapes_of_a_mujoco_model(tmp_path: Path) -> None:
     for found, expected in zip(extents, [(0.2, 0.4, 0.6), (0.4,) * 3, (0.2, 0.2, 1.0), (0.2, 0.2, 0.8), (0.2, 0.4, 0.6)], strict=False):
         assert np.max(np.abs(found - expected)) < 0.01
     assert_near(shapes[0].place, np.array([[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]]), product(1, 3.0))
-    # MuJoCo turns a mesh to its own axes, and its place too.
+    # MuJoCo rotates a mesh to its principal axes, and changes its pose accordingly.
     corners = np.hstack([shapes[5].mesh.vertices, np.ones((4, 1))]) @ shapes[5].place.T
     assert np.max(np.abs(np.sort(corners[:, :3], axis=0) - np.sort(np.vstack([np.zeros(3), np.eye(3)]), axis=0))) < 1e-6
     assert [tuple(shape.mesh.visual.material.baseColorFactor) for shape in shapes][::5] == [(0, 0, 255, 255), (255, 0, 0, 255)]
@@ -111,7 +111,9 @@ def test_shapes_of_a_xacro(robot: Path) -> None:
 
 
 def test_capsules_stand_for_inertias() -> None:
-    """Of a rod along an oblique axis: as long as the box of its inertia, about its mass centre, along the axis."""
+    """For a rod along an oblique axis: as long as the box with its inertia, centered at its center of mass, along the
+    axis.
+    """
     axis = np.array([1.0, 2.0, 2.0]) / 3.0
     long, thin, mass = 0.6, 0.04, 2.0
     across, along = mass * (long**2 + thin**2) / 12, mass * thin**2 / 6
@@ -172,7 +174,7 @@ BROKEN: dict[str, bytes] = {
 
 @pytest.mark.parametrize("name", BROKEN)
 def test_meshes_that_cannot_be_read_are_named(robot: Path, name: str) -> None:
-    """Whatever the reader of their format raises; the other shapes are drawn."""
+    """For any exception of the reader of their format; the other shapes are drawn."""
     (robot.parent / name).write_bytes(BROKEN[name])
     robot.write_text(SHAPES.replace("package://thing/meshes/part.stl", name), encoding="utf-8")
     with pytest.warns(MeshWarning, match=f"shapes that are not drawn: arm: '{name}' (has no triangles|cannot be read)"):
@@ -181,7 +183,7 @@ def test_meshes_that_cannot_be_read_are_named(robot: Path, name: str) -> None:
 
 
 def test_what_a_mesh_reader_raises_is_a_warning(robot: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As pycollada's DaeMalformedError, where it is there."""
+    """Like pycollada's DaeMalformedError, if it is installed."""
 
     class Malformed(Exception):
         pass
@@ -190,13 +192,13 @@ def test_what_a_mesh_reader_raises_is_a_warning(robot: Path, monkeypatch: pytest
         raise Malformed("line 1")
 
     monkeypatch.setattr(trimesh, "load", load)
-    with pytest.warns(MeshWarning, match=r"part.stl' cannot be read \(Malformed: line 1\); expected files that can be read"):
+    with pytest.warns(MeshWarning, match=r"part.stl' cannot be read \(Malformed: line 1\); expected readable files"):
         assert len(shapes_of(phipsi.Scene.from_urdf(robot), None)) == 3
 
 
 @pytest.mark.parametrize("port", [99999, -1, 65536, 80.5, "8080", True])
 def test_ports_that_are_none_are_refused(port: Any) -> None:
-    with pytest.raises(ArgumentError, match="port: found .*; expected a whole number from 1 to 65535, or 0"):
+    with pytest.raises(ArgumentError, match="port: found .*; expected an integer from 1 to 65535, or 0"):
         phipsi.scenes.chain(2).show(port=port, browser=False)
 
 
@@ -238,7 +240,7 @@ def test_a_motion_is_shown_evenly() -> None:
     assert len(long) == MOST
 
 
-#: What is wrong, and what the message names.
+#: Invalid arguments, and the names in the messages.
 BAD: dict[str, tuple[tuple[Any, ...], dict[str, Any], type[Exception], str]] = {
     "too many coordinates": ((np.zeros(3),), {}, ShapeError, "q"),
     "several motions": ((np.zeros((2, 2, 2)),), {"t": [0.0, 1.0]}, ShapeError, "q"),
@@ -260,7 +262,7 @@ def test_what_cannot_be_shown(case: str, tmp_path: Path) -> None:
 
 
 class Drawn(SimpleNamespace):
-    """A viser server that remembers what is drawn."""
+    """A viser server that records what is drawn."""
 
     def __init__(self) -> None:
         super().__init__(scene=self)
@@ -279,7 +281,9 @@ class Drawn(SimpleNamespace):
 
 
 def test_arrows_are_to_scale() -> None:
-    """Each as long as its newtons, beside one on the ground that says its own; what is zero or not known is not drawn."""
+    """Lengths are proportional to newtons, with a labeled reference arrow on the ground; zero and unknown
+    forces are not drawn.
+    """
     force = np.zeros((50, 2, 3))
     force[10:30, 0, 2] = 30.0
     force[20:40, 1] = (0.0, 3.0, 4.0)
@@ -290,7 +294,7 @@ def test_arrows_are_to_scale() -> None:
     assert arrows is not None
     text, key = getattr(drawn, "/newtons/label").text, getattr(drawn, "/newtons").points
     assert text == "contact forces: 20 N"
-    metres = np.linalg.norm(key[0, 1] - key[0, 0]) / 20.0
+    meters = np.linalg.norm(key[0, 1] - key[0, 0]) / 20.0
     assert_near(key[..., 2], np.full((1, 2), -1.0), product(1, 1.0))
     frames, shown = ([getattr(drawn, f"/forces/{i}{part}") for i in range(2)] for part in ("", "/arrow"))
     for frame, seen in ((0, []), (15, [0]), (25, [0, 1]), (35, [1]), (39, []), (45, [])):
@@ -298,8 +302,8 @@ def test_arrows_are_to_scale() -> None:
         assert [i for i in range(2) if frames[i].visible] == seen
         for i in seen:
             assert_near(frames[i].position, at[frame, i], 0.0)
-            assert_near(shown[i].points, [[np.zeros(3), metres * force[frame, i]]], 1e-6)
-            assert 0.0 < shown[i].head_length <= 0.51 * metres * np.linalg.norm(force[frame, i])
+            assert_near(shown[i].points, [[np.zeros(3), meters * force[frame, i]]], 1e-6)
+            assert 0.0 < shown[i].head_length <= 0.51 * meters * np.linalg.norm(force[frame, i])
     arrows.turn(False, 15)
     assert not frames[0].visible and not getattr(drawn, "/newtons").visible
     assert Arrows.of(drawn, Forces("contact", at, np.zeros_like(force)), 2.0, np.zeros(3), -1.0) is None
@@ -334,18 +338,18 @@ def test_the_command(tmp_path: Path) -> None:
 
 
 def differing(one: np.ndarray, other: np.ndarray) -> int:
-    """How many points of two pictures differ visibly."""
+    """Number of visibly different pixels of two pictures."""
     return int(np.count_nonzero(np.abs(one - other).max(axis=-1) > 30.0))
 
 
 def check_player(opened: Opened, frame: Any) -> None:
-    """The canvas shows something; it stands still while stopped, and a click on play moves it."""
+    """The canvas is not empty; it is static while paused, and a click on play starts the motion."""
     canvas = frame.locator("canvas").last
     canvas.wait_for(timeout=PATIENCE)
     button = frame.locator("button:has(svg.tabler-icon-player-pause-filled), button:has(svg.tabler-icon-player-pause)").first
     button.wait_for(timeout=PATIENCE)
     opened.page.wait_for_timeout(1500)
-    # Without waiting for two pictures in which it stands still: a processor alone draws few.
+    # Without waiting for two static pictures, because without a graphics processor few are drawn.
     button.dispatch_event("click")
     opened.page.wait_for_timeout(1000)
     still = opened.picture(canvas)
@@ -373,13 +377,13 @@ def test_a_page_plays_without_a_network(browser: Any, tmp_path: Path) -> None:
 
 
 def green(picture: np.ndarray) -> int:
-    """How many points of a picture are green: of what is drawn here, arrows alone are."""
+    """Number of green pixels, the color of arrows."""
     return int(np.count_nonzero((picture[..., 1] > picture[..., 0] + 25) & (picture[..., 1] > picture[..., 2])))
 
 
 @needs_browser
 def test_forces_are_arrows(browser: Any, tmp_path: Path) -> None:
-    """Green where forces are given, and nowhere else."""
+    """Green if forces are given, and nowhere else."""
     scene, seen = phipsi.scenes.chain(3), []
     push = np.array([[[0.2, 0.2, 0.2]]]), np.array([[[0.0, 0.0, 20.0]]])
     for forces in (push, None):
@@ -409,7 +413,7 @@ def test_the_page_of_a_simulation(browser: Any, tmp_path: Path, width: int, robo
         curves = next(plot for plot in opened.plots() if plot["name"] == "plot-over-time")
         assert {"hinge", "turn", "total"} <= set(curves["legend"])
         titles = " ".join(opened.page.locator("#plot-over-time [class*='title']").all_text_contents())
-        assert "torque, N m or N" in titles and "torque / its limit" in titles
+        assert "torque, N m or N" in titles and "torque relative to its limit" in titles
         assert opened.wide() <= width
         opened.check(file)
 
@@ -422,7 +426,7 @@ def test_the_report_opens_with_the_robot(browser: Any, tmp_path: Path) -> None:
     with Opened(browser, file, 1400) as opened:
         assert re.sub(r"\s+", " ", opened.page.locator("h2").first.inner_text()) == "The robot"
         check_player(opened, opened.page.frame_locator("iframe.robot"))
-        # On a phone the page is as wide as the phone, and wide tables scroll by themselves.
+        # On a phone the page has the width of the phone, and wide tables scroll separately.
         opened.resize(400)
         assert opened.wide() <= 400
         opened.check(file)

@@ -1,4 +1,4 @@
-"""Every tolerance of the Python tests, in one place: they scale with eps, size and conditioning."""
+"""All tolerances of the Python tests, which scale with eps, magnitude and conditioning."""
 
 from __future__ import annotations
 
@@ -8,21 +8,32 @@ from numpy.typing import ArrayLike
 EPS = float(np.finfo(np.float64).eps)
 
 STEP = EPS ** (1 / 3)
-"""Step of a central difference: its truncation and its rounding are then both about EPS ** (2 / 3)."""
+"""Step of a central difference: truncation and rounding error are both about EPS ** (2
+
+3).
+"""
 
 
 ESTIMATE_SPREAD = 20.0
-"""How many times the estimated error of forward dynamics the true one may be here; over random scenes tests/auto has the bound."""
+"""Largest ratio of the true to the estimated error of forward dynamics here; tests/auto has the bound over random
+scenes.
+"""
 
 AUDIT = 0.01
-"""The largest share of the exchanged energy that the integrator's error may have in a run with a step of some milliseconds; `phipsi simulate` warns above it."""
+"""Largest integration error relative to the exchanged energy with a step of some milliseconds; `phipsi simulate` warns
+above it.
+"""
 
 SIGMAS = 6.0
-"""Standard errors that an estimate may be off: one in two billion is further, and the seeds are fixed."""
+"""Largest deviation of an estimate in standard errors: larger ones have a probability of 5e-10, and the seeds are
+fixed.
+"""
 
 
 FAR = 1e-12
-"""How far results of a mechanism 1,000 km from the origin may be from those at the origin, over their size, and over the distance where they are positions."""
+"""Largest difference of results of a mechanism 1,000 km from the origin and at the origin, relative to their magnitude,
+and to the distance for positions.
+"""
 
 
 def product(n: int, scale: float) -> float:
@@ -31,27 +42,27 @@ def product(n: int, scale: float) -> float:
 
 
 def inverse(condition: float, scale: float) -> float:
-    """Through the inverse of a matrix of that condition number."""
+    """For results that involve the inverse of a matrix with that condition number."""
     return 64.0 * condition * EPS * scale
 
 
 def in_float32(bound: float) -> float:
-    """What a bound on rounding in float64 is in float32, where the numbers of the scene are rounded too."""
+    """The float32 bound for a rounding bound in float64; the constants of the scene are rounded too."""
     return bound * float(np.finfo(np.float32).eps) / EPS
 
 
 def central_difference(scale: float) -> float:
-    """For a derivative by differences with STEP; scale is the size of the function and its third derivative."""
+    """For a derivative by differences with STEP; scale is the magnitude of the function and its third derivative."""
     return 32.0 * EPS ** (2 / 3) * scale
 
 
 def size(*values: ArrayLike) -> float:
-    """The largest absolute entry, at least one: for quantities whose natural unit is one."""
+    """Largest absolute entry, at least one: for quantities whose natural unit is one."""
     return max([1.0, *(float(np.max(np.abs(v), initial=0.0)) for v in values)])
 
 
 def assert_near(found: ArrayLike, expected: ArrayLike, bound: float) -> None:
-    """Entry by entry within the bound; a NaN fails, and so does another shape."""
+    """Entry by entry within the bound; NaN and different shapes fail."""
     found, expected = np.asarray(found), np.asarray(expected)
     assert found.shape == expected.shape
     off = np.abs(found - expected)
@@ -59,7 +70,7 @@ def assert_near(found: ArrayLike, expected: ArrayLike, bound: float) -> None:
 
 
 def assert_same_bits(found: ArrayLike, expected: ArrayLike, what: str = "") -> None:
-    """Equal bit by bit, signs of zeros included."""
+    """Bitwise equal, including the signs of zeros."""
     found, expected = np.asarray(found, dtype=np.float64), np.asarray(expected, dtype=np.float64)
     assert found.shape == expected.shape, what
     different = np.count_nonzero(found.reshape(-1).view(np.int64) != expected.reshape(-1).view(np.int64))
@@ -67,44 +78,58 @@ def assert_same_bits(found: ArrayLike, expected: ArrayLike, what: str = "") -> N
 
 
 def recursion(n: int, scale: float) -> float:
-    """For one recursion over n degrees of freedom beside another: both round, neither solves."""
+    """For two recursions over n degrees of freedom without a solve, which both round."""
     return 8.0 * max(n, 1) * EPS * scale
 
 
 def chain(n: int) -> float:
-    """For accelerations of a chain of n joints, relative to the largest: rounding adds up as in a random walk, and so do rotations."""
+    """For accelerations of a chain of n joints, relative to the largest: rounding errors accumulate as in a
+    random walk, and so do rotations.
+    """
     return 8.0 * float(np.sqrt(n)) * EPS
 
 
 def accepted(scale: float) -> float:
-    """The error that form `auto` accepts in derivatives of forward dynamics and their products; scale is the largest entry."""
+    """Tolerance of form `auto` in derivatives of forward dynamics and their products; scale is the largest entry."""
     return 1e-11 * scale
 
 
 def solve(condition: float, scale: float) -> float:
-    """For an inverse beside one by a backward stable program: tighter than `inverse`, which allows for Pinocchio's."""
+    """For an inverse compared with one by a backward stable program: smaller than `inverse`, which allows for
+    Pinocchio's errors.
+    """
     return 8.0 * condition * EPS * scale
 
 
 def sampling(samples: int, spread: ArrayLike) -> np.ndarray:
-    """For the mean of that many draws, each with the standard deviation `spread`: five standard deviations of the mean."""
+    """For the mean of that many samples, each with the standard deviation `spread`: five standard deviations of the
+    mean.
+    """
     return np.asarray(5.0 / np.sqrt(samples) * np.asarray(spread))
 
 
 def square_root(sensitivity: float) -> float:
-    """What the square-root form may be off in the max-norm, beside the problem's own sensitivity to one unit in the last place."""
+    """Max-norm error of the square-root form, in addition to the sensitivity of the problem to one unit in the last
+    place.
+    """
     return max(20.0 * sensitivity, 1e-13)
 
 
 def of_order(order: int, step: float, scale: float) -> float:
-    """For a method of that order with that step; scale is the derivative that its error is proportional to, times the duration."""
+    """For a method of that order with that step; scale is the derivative that its error is proportional to, times the
+    duration.
+    """
     return scale * step**order
 
 
 EVENT_STEP = 1e-6
-"""Step of a central difference through impacts and sticking: so short that joints stick, slip and meet their stops in the same substeps."""
+"""Step of a central difference through impacts and sticking: so short that joints stick, slip and reach their stops in
+the same substeps.
+"""
 
 
 def through_events(scale: float) -> float:
-    """For a derivative by differences with EVENT_STEP: rounding of the function over the step, over some hundred steps of motion."""
+    """For a derivative by differences with EVENT_STEP: rounding error of the function divided by the step, over some
+    hundred steps of motion.
+    """
     return 1e-7 * scale

@@ -1,4 +1,4 @@
-"""A small robot as URDF, for tests that change one thing of it."""
+"""A small robot as URDF, for tests that change one part of it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ARM = """<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">
 
 
 def arm(old: str = "", new: str = "") -> str:
-    """The arm with the first text replaced by the second, once."""
+    """The arm with the first occurrence of a text replaced."""
     assert old in ARM, old
     return ARM.replace(old, new, 1)
 

@@ -1,4 +1,6 @@
-"""The motion study: error against step and run time, orders and drifts of every fixed-step method, beside the peers installed."""
+"""Motion study: error against step and run time, orders and drifts of every fixed-step method, compared with the
+installed peers.
+"""
 
 from __future__ import annotations
 
@@ -19,16 +21,16 @@ __all__ = ["MOTION", "Study", "collect", "to_json", "write"]
 
 
 def collect(reporter: Reporter, *, quick: bool = False) -> Study:
-    """Measures every case. With `quick`: fewer steps, tolerances and springs."""
+    """Measure every case. With `quick`: fewer steps, tolerances and springs."""
     with threads(1):
         return pipeline.collect(MOTION, Study(quick, *peers.installed()), reporter)
 
 
 def to_json(study: Study) -> dict[str, Any]:
-    """All numbers; None where a run failed, with the reason."""
+    """All values; None for failed runs, with the reason."""
     return pipeline.to_json(MOTION, study)
 
 
 def write(study: Study, folder: Path | None, markdown: Path | None = None, reporter: Reporter | None = None) -> list[Path]:
-    """Writes the folder and the Markdown, each where asked for; returns the pages."""
+    """Write the folder and the Markdown, if requested; return the pages."""
     return pipeline.write(MOTION, study, folder, markdown, reporter, static.draw)

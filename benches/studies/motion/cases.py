@@ -1,4 +1,4 @@
-"""The scenes whose motion is compared, and their starts."""
+"""Scenes of the comparison, and their initial states."""
 
 from __future__ import annotations
 
@@ -13,33 +13,33 @@ from .slow import at_rest
 
 Array = NDArray[np.float64]
 
-#: N m/rad.
+#: Stiffness, N m/rad.
 SPRINGS = (1e3, 1e5, 1e7, 1e9)
 
 
 @dataclass(frozen=True)
 class Case:
-    """A scene, where it starts, and how long it moves."""
+    """A scene, its initial state, and the duration of the motion."""
 
     name: str
     what: str
-    """In a sentence."""
+    """Description in one sentence."""
     scene: Scene
     q: Array
     qd: Array
     time: float
-    """s."""
+    """Duration, s."""
     first: int
-    """Steps of the coarsest run; the others have 2, 4, 8, ... times as many."""
+    """Number of steps of the coarsest run; the others have 2, 4, 8, ... times as many."""
     stiff: bool = False
     rings: bool = False
-    """Whether its start is off the slow manifold."""
+    """Whether the initial state is off the slow manifold."""
 
     @property
     def omega(self) -> float:
-        """The fastest rate of springs and dampers at the start, rad/s or 1/s; zero without them.
+        """Largest rate of springs and dampers in the initial state, rad/s or 1/s; zero without them.
 
-        The largest eigenvalue of M^-1 K, its root, or of M^-1 D.
+        It is the largest eigenvalue of M^-1 D, or the square root of that of M^-1 K.
         """
         mass = self.scene.mass_matrix(self.q)
         squares, rates = (
@@ -55,7 +55,7 @@ class Case:
 
 
 def _rod(builder: SceneBuilder, name: str, mass: float, along: tuple[float, float, float]) -> None:
-    """A slender body from its joint to that point, a twentieth as thick."""
+    """A slender body from its joint to that point, with a thickness of a twentieth of its length."""
     line = np.array(along)
     length = float(np.linalg.norm(line))
     direction = line / length
@@ -68,7 +68,7 @@ def pendulum(
     springs: Sequence[float], masses: Sequence[float], length: float, *,
     armature: Sequence[float] | None = None, damping: Sequence[float] | None = None,
 ) -> Scene:
-    """Rods that hang from one another, all turning about y."""
+    """Rods in series, all rotating about y."""
     builder = SceneBuilder().link("base")
     for i, (spring, mass) in enumerate(zip(springs, masses, strict=True)):
         _rod(builder, f"rod{i}", mass, (0.0, 0.0, -length))
@@ -88,7 +88,7 @@ def double_pendulum() -> Case:
 
 
 def arm() -> Case:
-    """Seven joints with axes along z and y in turn, motors of 0.02 kg m^2."""
+    """Seven joints with axes along z and y alternately, rotor inertias of 0.02 kg m^2."""
     builder = SceneBuilder().link("base")
     for i in range(7):
         _rod(builder, f"link{i}", 4.0 - 0.5 * i, (0.03, 0.0, 0.2))
@@ -99,11 +99,11 @@ def arm() -> Case:
     scene = builder.build()
     q = np.array([0.0, 1.2, 0.3, -0.8, 0.2, 0.6, 0.0])
     qd = np.array([1.0, 0.0, -0.5, 0.0, 1.0, 0.0, 2.0])
-    return Case("arm", "seven revolute joints, 1.4 m, falling under its weight, motors without torque", scene, q, qd, 0.5, 40)
+    return Case("arm", "seven revolute joints, 1.4 m, passive under gravity", scene, q, qd, 0.5, 40)
 
 
 def floating_tree() -> Case:
-    """A free body with two arms of three joints, no gravity."""
+    """A free body with two arms of three joints, without gravity."""
     builder = SceneBuilder().link("body", 5.0, (0.02, -0.01, 0.03), np.diag([0.15, 0.2, 0.1]))
     axes = ((0, 0, 1), (0, 1, 0), (1, 0, 0))
     for side, sign in (("left", 1.0), ("right", -1.0)):
@@ -118,11 +118,11 @@ def floating_tree() -> Case:
     q[7:] = [0.3, -0.2, 0.5, -0.4, 0.1, 0.2]
     qd[:6] = [0.2, -0.1, 0.3, 1.0, -1.5, 0.8]
     qd[6:] = [1.0, -2.0, 0.5, -1.0, 1.5, 2.0]
-    return Case("floating tree", "a free body with two arms of three joints, no gravity, turning", scene, q, qd, 0.5, 40)
+    return Case("floating tree", "a rotating free body with two arms of three joints, without gravity", scene, q, qd, 0.5, 40)
 
 
 def long_chain() -> Case:
-    """Sixty-four links, axes along x and y in turn."""
+    """Sixty-four links, axes along x and y alternately."""
     links = 64
     builder = SceneBuilder().link("base")
     for i in range(links):
@@ -134,12 +134,12 @@ def long_chain() -> Case:
     scene = builder.build()
     q = 0.05 * np.sin(0.4 * np.arange(links))
     q[0] = 1.2
-    what = "64 links of 0.1 m, axes crossed, released in a curve"
+    what = "64 links of 0.1 m with alternating axes, released from a curved configuration"
     return Case("chain of 64", what, scene, q, np.zeros(links), 0.2, 40)
 
 
 def springs(stiffness: float) -> Case:
-    """A pendulum of three rods, two of its joints held by springs, from rest on the slow manifold."""
+    """A pendulum of three rods with springs at two joints, at rest on the slow manifold."""
     scene = pendulum((0.0, stiffness, stiffness), (1.0, 1.0, 1.0), 0.4)
     q = at_rest(scene, np.array([1.0, 0.0, 0.0]), scene.stiffness > 0.0)
     size = f"{stiffness:.0e}".replace("e+0", "e")
@@ -148,7 +148,7 @@ def springs(stiffness: float) -> Case:
 
 
 def held(stiffness: float, *, ringing: bool) -> Case:
-    """Two rods with a spring between them; from rest on the slow manifold, or with the spring unloaded."""
+    """Two rods with a spring between them; at rest on the slow manifold, or with the spring unloaded."""
     scene = pendulum((0.0, stiffness), (1.0, 1.0), 0.4)
     q = np.array([1.0, 0.0])
     if not ringing:
@@ -157,14 +157,14 @@ def held(stiffness: float, *, ringing: bool) -> Case:
 
 
 def struck() -> Case:
-    """The same, released with its springs unloaded: they ring."""
+    """The same, released with unloaded springs, so that they oscillate."""
     scene = pendulum((0.0, 1e5, 1e5), (1.0, 1.0, 1.0), 0.4)
-    what = "the same with 1e5 N m/rad, released with the springs unloaded: off the slow manifold, so they ring"
+    what = "the same with 1e5 N m/rad, released with unloaded springs: off the slow manifold, so that they oscillate"
     return Case("struck springs", what, scene, np.array([1.0, 0.0, 0.0]), np.zeros(3), 0.1, 50, stiff=True, rings=True)
 
 
 def dampers() -> Case:
-    """A pendulum of three rods, two of its joints with dampers."""
+    """A pendulum of three rods with dampers at two joints."""
     scene = pendulum((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 0.4, damping=(0.0, 1e3, 1e3))
     what = "a pendulum of three rods, joints 2 and 3 with dampers of 1e3 N m s/rad and no springs"
     return Case("dampers", what, scene, np.array([1.0, 0.0, 0.0]), np.zeros(3), 0.2, 50, stiff=True)
@@ -179,18 +179,18 @@ def light_on_heavy() -> Case:
 
 
 def armatures() -> Case:
-    """Armatures from two thousand times a link's inertia to none."""
+    """Armatures from two thousand times the inertia of a link to zero."""
     scene = pendulum((1e4, 1e6, 1e6, 1e6), (1.0, 1.0, 1.0, 1.0), 0.4, armature=(1e2, 1.0, 1e-3, 0.0))
     fast = np.array([False, True, True, True])
     q = at_rest(scene, np.array([0.5, 0.0, 0.0, 0.0]), fast)
     what = (
         "four rods of 1 kg, armatures 100, 1, 1e-3 and 0 kg m^2, springs of 1e4 N m/rad on the first joint and 1e6 on the others,"
-        " these on the slow manifold"
+        " the latter on the slow manifold"
     )
     return Case("armature ratios", what, scene, q, np.zeros(4), 0.2, 50, stiff=True)
 
 
 def cases() -> list[Case]:
-    """All of them, the smooth ones first."""
+    """All cases, the smooth ones first."""
     smooth = [double_pendulum(), arm(), floating_tree(), long_chain()]
     return [*smooth, *(springs(k) for k in SPRINGS), struck(), dampers(), light_on_heavy(), armatures()]

@@ -1,4 +1,4 @@
-"""Everything that the motion report says, measured."""
+"""Measurements of the motion report."""
 
 from __future__ import annotations
 
@@ -23,44 +23,45 @@ from .sweep import Spring
 
 
 class Effort(NamedTuple):
-    """How much is done."""
+    """Extent of the measurement."""
 
     work: float
     """Steps times stages times degrees of freedom of the longest run."""
     calls: int
     """Steps times stages of the longest run of a peer in Python."""
     followed: int
-    """Steps in which a reference follows springs, at most."""
+    """Largest number of steps of a reference that resolves springs."""
     turns: int
-    """Times that a step is timed."""
+    """Number of timings of a step."""
     tolerances: Sequence[float]
-    """Of the adaptive methods."""
+    """Tolerances of the adaptive methods."""
 
 
 QUICK = Effort(1.7e5, 6_000, 20_000, 5, (1e-4, 1e-7, 1e-10))
 FULL = Effort(1e6, 30_000, 200_000, 15, tuple(10.0**-e for e in range(3, 13)))
 
 
-#: Relative drifts below this are near rounding: the energy of gravity is large beside what it changes by.
+#: Relative drifts below this are near the rounding error, because the potential energy is large compared with its
+#: changes.
 ROUNDING = 1e-12
-#: Radau takes many short steps to follow springs that ring: tighter tolerances are not tried there.
+#: Radau needs many short steps to resolve oscillating springs: tighter tolerances are omitted for them.
 RINGING = 1e-5
 
 
 class Point(NamedTuple):
-    """A run: error at the end, and the largest drift on the way."""
+    """A run: final error, and largest drift."""
 
     steps: int
     dt: float
-    """s."""
+    """Step, s."""
     error: float | None
-    """rad or m; None where the run failed."""
+    """Final error, rad or m; None if the run failed."""
     known: bool
-    """Whether the error is far above the reference's own."""
+    """Whether the error is far above that of the reference."""
     drift: Drift
     failure: str | None
     rate_error: float | None = None
-    """rad/s or m/s, the largest component."""
+    """Final error of the joint velocities, rad/s or m/s, largest component."""
     rate_known: bool = False
 
 
@@ -77,7 +78,7 @@ class Adaptive(NamedTuple):
 
 @dataclass
 class Result:
-    """What was measured on a case."""
+    """Results for one case."""
 
     case: Case
     exact: Exact
@@ -85,34 +86,34 @@ class Result:
     """By method, peers included, from coarse to fine."""
     adaptive: list[Adaptive] = field(default_factory=list)
     alone: dict[str, float] = field(default_factory=dict)
-    """ns of a step, one state."""
+    """Time of a step, ns, one state."""
     batch: dict[str, float] = field(default_factory=dict)
-    """ns of a step and state, of a batch."""
+    """Time of a step per state, ns, in a batch."""
     refused: list[str] = field(default_factory=list)
-    """What a peer said that does not take the scene."""
+    """Message of a peer that refuses the scene."""
 
     def known(self, method: str) -> list[Point]:
-        """The runs whose error is known."""
+        """Runs with a known error."""
         return [point for point in self.points.get(method, []) if point.known]
 
     def order(self, method: str) -> float | None:
-        """The slope over the finest runs."""
+        """Slope over the finest runs."""
         known = self.known(method)
         return order.fitted([point.dt for point in known], [point.error or math.nan for point in known])
 
     def rate_order(self, method: str) -> float | None:
-        """The same of the rates."""
+        """The same for joint velocities."""
         known = [point for point in self.points.get(method, []) if point.rate_known]
         return order.fitted([point.dt for point in known], [point.rate_error or math.nan for point in known])
 
     def drift_order(self, method: str, kind: str) -> float | None:
-        """The slope of a drift ("energy", "angular", "linear") against the step, where it is above rounding."""
+        """Slope of a drift ("energy", "angular", "linear") against the step, above the rounding error."""
         rows = [(point.dt, getattr(point.drift, kind)) for point in self.points.get(method, [])]
         above = [(dt, value) for dt, value in rows if value is not None and value >= ROUNDING]
         return order.fitted([dt for dt, _ in above], [value for _, value in above])
 
     def json(self) -> dict[str, Any]:
-        """All numbers; the runs as rows."""
+        """All values; the runs as rows."""
         case, exact, names = self.case, self.exact, list(self.points)
         return {
             "name": case.name,
@@ -141,14 +142,14 @@ class Result:
         }  # fmt: skip
 
     def smallest(self) -> float:
-        """The smallest error that is shown."""
+        """Smallest error that is shown."""
         shown = [p.error for rows in self.points.values() for p in rows if p.known and p.error is not None]
         return min([*shown, *(row.error for row in self.adaptive if row.known)], default=math.nan)
 
 
 @dataclass
 class Study(Findings):
-    """What was measured."""
+    """All results."""
 
     peers: Sequence[peers.Peer] = ()
     versions: Sequence[str] = ()
@@ -162,13 +163,13 @@ class Study(Findings):
 
     @property
     def results(self) -> list[Result]:
-        """Every case."""
+        """All cases."""
         results: list[Result] = self.parts["cases"]
         return results
 
     @property
     def horizon(self) -> Horizon:
-        """How long the motion of the first case can be compared."""
+        """Duration for which the motion of the first case can be compared."""
         seen: Horizon = self.parts["horizon"]
         return seen
 
@@ -179,17 +180,17 @@ class Study(Findings):
         return rows
 
     def of(self, name: str) -> Result:
-        """The result of that case."""
+        """Results of that case."""
         return next(result for result in self.results if result.case.name == name)
 
     @property
     def smooth(self) -> list[Result]:
-        """The results without stiff joints."""
+        """Results without stiff joints."""
         return [result for result in self.results if not result.case.stiff]
 
     @property
     def stiff(self) -> list[Result]:
-        """The others."""
+        """Results with stiff joints."""
         return [result for result in self.results if result.case.stiff]
 
     def head(self) -> dict[str, Any]:
@@ -203,20 +204,20 @@ class Study(Findings):
         }
 
     def provenance(self) -> list[tuple[str, str]]:
-        """Machine and programs."""
-        noisy = "noisy where other programs share the machine; errors, orders and drifts are the same in every run"
+        """Hardware and programs."""
+        noisy = "times vary with other load on the machine; errors, orders and drifts are the same in every run"
         quick = [("quick", "fewer steps, tolerances and springs")] if self.quick else []
         return [*super().provenance(), ("programs compared", ", ".join(self.versions) or "none"), ("times", noisy), *quick]
 
 
 def expected(study: Study, method: str) -> int:
-    """The order of a method on smooth motion, by its makers."""
+    """Nominal order of a method on smooth motion."""
     orders = {row.name: row.order for row in METHODS} | {peer.name: peer.order for peer in study.peers}
     return orders[method]
 
 
 def results(study: Study, reporter: Reporter) -> list[Result]:
-    """Measures every case. Quick: fewer steps and tolerances."""
+    """Measure every case. Quick: fewer steps and tolerances."""
     effort = QUICK if study.quick else FULL
     found = [Result(case, reference(case, effort.followed)) for case in reporter.each("References", cases.cases())]
     for result in reporter.each("Error against step", found):
@@ -246,7 +247,7 @@ def _fixed(result: Result, others: Sequence[peers.Peer], effort: Effort) -> None
 
 
 def _ladder(case: Case, exact: Exact, run: Runner, most: float) -> list[Point]:
-    """Runs of more and more steps, until their error is no more known or they are too many; four at least."""
+    """Runs with increasing numbers of steps, until the error is unknown or the number is too large; at least four."""
     points: list[Point] = []
     steps = case.first
     while len(points) < 4 or steps <= most:
@@ -265,7 +266,7 @@ def _point(case: Case, exact: Exact, steps: int, dt: float, path: Path) -> Point
         return Point(steps, dt, None, False, nothing, path.failure)
     error = distance(case, exact.q, path.q[-1])
     if not error <= WRONG:
-        return Point(steps, dt, None, False, nothing, f"ends {error:.1e} rad or m away")
+        return Point(steps, dt, None, False, nothing, f"final error {error:.1e} rad or m")
     rates = float(np.max(np.abs(path.qd[-1] - exact.qd)))
     return Point(
         steps, dt, error, error >= FAR * exact.error, drift(case, path), None, rates, rates >= FAR * exact.rate_error
@@ -273,7 +274,9 @@ def _point(case: Case, exact: Exact, steps: int, dt: float, path: Path) -> Point
 
 
 def _adaptive(case: Case, exact: Exact, effort: Effort) -> list[Adaptive]:
-    """DOP853 where no spring is too fast for it, Radau on what is stiff; where springs ring, Radau at loose tolerances only."""
+    """DOP853 if it can resolve the springs, Radau for stiff scenes; for oscillating springs, Radau at loose tolerances
+    only.
+    """
     methods = ["DOP853"] if case.time * case.omega < 500.0 else []
     if case.stiff:
         methods.append("Radau")

@@ -1,4 +1,4 @@
-"""What the laws of motion keep: energy, and the momentum of what floats without gravity."""
+"""Conserved quantities: energy, and the momentum of floating trees without gravity."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ Array = NDArray[np.float64]
 
 
 class Drift(NamedTuple):
-    """The largest change over the rows of a run; None where the law does not hold in the scene."""
+    """Largest change over the rows of a run; None if the quantity is not conserved in the scene."""
 
     energy: float | None
-    """Over the largest kinetic energy of the run."""
+    """Relative to the largest kinetic energy of the run."""
     angular: float | None
-    """Angular momentum about the world's origin, over its size."""
+    """Angular momentum about the origin of the world, relative to its magnitude."""
     linear: float | None
 
 
 def drift(case: Case, path: Path) -> Drift:
-    """Of a run that did not fail."""
+    """For a run that did not fail."""
     scene = case.scene
     energy = angular = linear = None
     if case.conserves:

@@ -1,4 +1,4 @@
-"""Numbers of the study put together: the tables of the page, and the sentences that hold numbers."""
+"""Tables of the page, and sentences that contain results."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from . import order
 from .collect import Point, Result, Study
 from .runs import METHODS
 
-#: phipsi's method, and the same of the peers.
+#: Method of phipsi, and the same method of the peers.
 SAME = (
     ("semi-implicit-euler", ("MuJoCo Euler", "Pinocchio semi-implicit")),
     ("rk4", ("MuJoCo RK4", "Pinocchio rk4")),
 )
-#: rad or m; errors of the peers are compared above this, where rounding is no part of them.
+#: rad or m; errors of the peers are compared above this value, where rounding is negligible.
 COMPARED = 1e-10
-#: s; the larger of the two steps that orders on stiff scenes are shown for.
+#: s; the larger of the two steps for which orders on stiff scenes are shown.
 COARSE = 1e-3
 
 
 def error_text(value: float | None) -> str:
-    """Such as 2e-9."""
+    """An error, such as 2e-9."""
     return "–" if value is None or not value > 0.0 else f"{value:.0e}".replace("e-0", "e-").replace("e+0", "e").replace("e+", "e")
 
 
@@ -31,14 +31,14 @@ def _order_text(value: float | None) -> str:
 
 
 def smooth_orders(study: Study) -> Table:
-    """A row a method, a column a smooth scene."""
+    """A row per method, a column per smooth scene."""
     names = [name for name in study.methods if any(name in result.points for result in study.smooth)]
     rows = [[name, *(_order_text(result.order(name)) for result in study.smooth)] for name in names]
     return Table(("method", *(result.case.name for result in study.smooth)), rows)
 
 
 def drift_orders(study: Study) -> Table:
-    """Slopes of the drifts: energy on every smooth scene, momentum where there is one to keep."""
+    """Slopes of the drifts: energy on every smooth scene, momentum if it is conserved."""
     tree = study.of("floating tree")
     columns = [(result, "energy") for result in study.smooth] + [(tree, "angular"), (tree, "linear")]
     names = [name for name in study.methods if any(name in result.points for result in study.smooth)]
@@ -47,7 +47,7 @@ def drift_orders(study: Study) -> Table:
 
 
 def adaptive_wins(study: Study) -> str:
-    """Where DOP853 is the quicker way to an error; empty where nowhere."""
+    """Errors for which DOP853 is faster; empty if there are none."""
     ahead = []
     for result in study.smooth:
         least = [
@@ -61,11 +61,11 @@ def adaptive_wins(study: Study) -> str:
             ahead.append(f"{result.case.name} (errors of {error_text(max(least))} and below)")
     if not ahead:
         return ""
-    return f"No fixed step tried is as small in error and as quick as DOP853, for all its loop in Python, on: {', '.join(ahead)}."
+    return f"No tested fixed step is as accurate and as fast as DOP853, in spite of its loop in Python, on: {', '.join(ahead)}."
 
 
 def third_order(study: Study) -> str:
-    """What rosenbrock-3 costs where nothing is stiff."""
+    """Cost of rosenbrock-3 on scenes that are not stiff."""
     ratios = []
     for result in study.smooth:
         ours = {point.steps: point.error for point in result.known("rosenbrock-3")}
@@ -73,8 +73,8 @@ def third_order(study: Study) -> str:
     if not ratios:
         return ""
     return (
-        f"On smooth scenes rosenbrock-3, with as many stages, has {significant(min(ratios), 2)} to {significant(max(ratios), 2)} times the"
-        " error of rk4 at the same step."
+        f"On smooth scenes the error of rosenbrock-3, which has the same number of stages, is {significant(min(ratios), 2)} to {significant(max(ratios), 2)} times"
+        " that of rk4 at the same step."
     )
 
 
@@ -97,7 +97,7 @@ def _stiff_cell(result: Result, method: str, rates: bool) -> str:
 
 
 def stiff_orders(study: Study, *, rates: bool = False) -> Table:
-    """The order between 1 ms and 0.5 ms, and over the finest steps; of configurations, or of rates."""
+    """Order between 1 ms and 0.5 ms, and over the finest steps; of configurations, or of joint velocities."""
     names = [name for name in study.methods if any(name in result.points for result in study.stiff)]
     rows = [[name, *(_stiff_cell(result, name, rates) for result in study.stiff)] for name in names]
     return Table(("method", *(result.case.name for result in study.stiff)), rows)
@@ -115,14 +115,14 @@ def _needed(result: Result, method: str) -> str:
 
 
 def largest_steps(study: Study) -> Table:
-    """The largest step tried at which, and below which, no run fails."""
+    """Largest step such that no run with it or a smaller step fails."""
     names = [name for name in study.methods if any(name in result.points for result in study.stiff)]
     rows = [[name, *(_needed(result, name) for result in study.stiff)] for name in names]
     return Table(("method", *(result.case.name for result in study.stiff)), rows)
 
 
 def references(study: Study) -> Table:
-    """How each reference was computed, and how far below the smallest error shown it is."""
+    """Computation of each reference, and its error relative to the smallest error shown."""
     rows = []
     for result in study.results:
         exact, smallest = result.exact, result.smallest()
@@ -132,7 +132,7 @@ def references(study: Study) -> Table:
 
 
 def scenes(study: Study) -> Table:
-    """What the scenes are."""
+    """Descriptions of the scenes."""
     rows = []
     for result in study.results:
         case, omega = result.case, result.case.omega
@@ -142,7 +142,7 @@ def scenes(study: Study) -> Table:
 
 
 def step_times(study: Study) -> Table:
-    """A row a method: time of a step for a state alone, and in a batch, on each smooth scene."""
+    """A row per method: time of a step for a single state, and in a batch, on each smooth scene."""
     names = [name for name in study.methods if any(name in result.alone for result in study.smooth)]
 
     def cell(result: Result, name: str) -> str:
@@ -174,22 +174,22 @@ def beside_peers(study: Study) -> list[str]:
             ]
             if apart:
                 texts.append(
-                    f"At the same step the errors of {mine} and of {other} on the smooth scenes, where above"
-                    f" {error_text(COMPARED)}, differ by {error_text(max(apart))} of their size at most."
+                    f"At the same step the errors of {mine} and of {other} on the smooth scenes, if above"
+                    f" {error_text(COMPARED)}, differ by at most {error_text(max(apart))} relative to their magnitude."
                 )
     for mine, other in (("semi-implicit-euler", "MuJoCo Euler"), ("rk4", "MuJoCo RK4"), ("implicit-euler", "MuJoCo implicitfast")):
         alone = _ratios(study.smooth, lambda r, m=mine: r.alone.get(m), lambda r, o=other: r.alone.get(o))  # type: ignore[misc]
         batch = _ratios(study.smooth, lambda r, m=mine: r.batch.get(m), lambda r, o=other: r.alone.get(o))  # type: ignore[misc]
         if alone and batch:
             texts.append(
-                f"A step of {mine} takes {min(alone):.2g} to {max(alone):.2g} times that of {other} for a state alone, and"
+                f"A step of {mine} takes {min(alone):.2g} to {max(alone):.2g} times as long as one of {other} for a single state, and"
                 f" {min(batch):.2g} to {max(batch):.2g} times in a batch."
             )
     return texts
 
 
 def explicit(study: Study) -> str:
-    """The sentence on where explicit methods fail."""
+    """Sentence on the failures of explicit methods."""
     result = study.of("springs 1e9")
     found = []
     for method in METHODS:
@@ -197,14 +197,14 @@ def explicit(study: Study) -> str:
         if failed:
             found.append(f"{method.name} at {min(failed) * 1e6:.3g} µs and more")
     return (
-        f"Explicit methods fail on stiff springs unless the step follows them: with springs of 1e9 N m/rad {', '.join(found)}. The implicit"
-        " ones are stable at every step tried, but do not follow what is faster than the step: a spring that rings is damped, and the error"
-        " is then as large as the ringing until the step resolves it; and orders reduce in the rates."
+        f"Explicit methods fail for stiff springs unless the step resolves their oscillation: with springs of 1e9 N m/rad {', '.join(found)}. The implicit"
+        " methods are stable at every tested step, but do not resolve motion that is faster than the step: an oscillating spring is damped, and the error"
+        " is as large as the oscillation until the step resolves it; and the order of the velocities is reduced."
     )
 
 
 def ringing(study: Study) -> str:
-    """The sentence on springs that ring, with its numbers."""
+    """Sentence on oscillating springs, with results."""
     result = study.of("struck springs")
     rows = []
     for method in METHODS:
@@ -213,7 +213,7 @@ def ringing(study: Study) -> str:
             rows.append(f"{method.name} {error_text(point.error)} rad")
     fine = [f"{m.name} {_order_text(result.order(m.name))}" for m in METHODS]
     return (
-        f"At 1 ms the fastest spring turns {COARSE * result.case.omega:.1f} rad in a step, and the errors are: {', '.join(rows)}; of"
-        f" the two Rosenbrock methods that is the ringing itself, which they have damped away. Orders over the finest steps there:"
+        f"At 1 ms the phase of the fastest spring advances by {COARSE * result.case.omega:.1f} rad per step, and the errors are: {', '.join(rows)}; for"
+        f" the two Rosenbrock methods this is the oscillation itself, which they damp. Orders over the finest steps:"
         f" {', '.join(fine)}."
     )

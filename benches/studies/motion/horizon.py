@@ -1,4 +1,4 @@
-"""Over which time the motion of the double pendulum can be compared at all."""
+"""Duration for which the motion of the double pendulum can be compared."""
 
 from __future__ import annotations
 
@@ -14,34 +14,34 @@ from .runs import METHODS
 
 Array = NDArray[np.float64]
 
-#: rad; small beside everything, large beside rounding.
+#: rad; small compared with the motion, large compared with rounding.
 MOVED = 1e-12
-#: Random directions in which the start is moved.
+#: Number of random directions of the perturbation of the initial state.
 DIRECTIONS = 8
-#: s.
+#: Distance of the rows, s.
 END, APART = 12.0, 0.25
-#: Steps a second of the solutions by rk4, and of the methods shown.
+#: Steps per second of the solutions by rk4, and of the methods.
 FINE, SHOWN = 4096, 1024
-#: The two references must agree to this, rad.
+#: Largest difference of the two references, rad.
 AGREED = 1e-10
 
 
 @dataclass(frozen=True)
 class Horizon:
-    """Growth of a small change of the start, and of the difference of two references."""
+    """Growth of a small perturbation of the initial state, and of the difference of two references."""
 
     case: str
     t: Array
     """(n,), s."""
     growth: Array
-    """(n,), the largest over the directions, over what it was."""
+    """(n,), maximum over the directions, relative to the initial perturbation."""
     difference: Array
-    """(n,), between the references, rad."""
+    """(n,), difference of the references, rad."""
     errors: dict[str, Array]
     """(n,) by method, with steps of 1/SHOWN s; NaN after a failure."""
 
     def json(self) -> dict[str, Any]:
-        """All numbers, with what was asked for."""
+        """All values, with the settings."""
         return {
             "case": self.case, "seconds": self.end, "agreement": AGREED, "t": self.t, "growth": self.growth,
             "difference_of_references": self.difference, "step": 1.0 / SHOWN, "errors": self.errors,
@@ -49,13 +49,15 @@ class Horizon:
 
     @property
     def end(self) -> float:
-        """The last time before which the references always agree to AGREED, s."""
+        """Last time until which the references agree to AGREED, s."""
         apart = self.difference > AGREED
         return float(self.t[int(np.argmax(apart)) - 1] if apart.any() else self.t[-1])
 
 
 def measure(case: Case, end: float = END) -> Horizon:
-    """Both references every APART s, DOP853 and rk4 extrapolated; the start moved in random directions; every method."""
+    """Both references every APART s, DOP853 and extrapolated rk4; the initial state perturbed in random directions;
+    every method.
+    """
     scene = case.scene
     count = round(end / APART)
     t: Array = np.linspace(APART, count * APART, count)
@@ -80,7 +82,7 @@ def measure(case: Case, end: float = END) -> Horizon:
 
 
 def _adaptive(case: Case, t: Array) -> Array:
-    """DOP853 from instant to instant: at its own ends, for between them it interpolates with fewer digits."""
+    """DOP853 restarted at every row, because its interpolation between steps is less accurate."""
     q, qd, before, rows = case.q, case.qd, 0.0, []
     for now in t:
         path = case.scene.ode().solve(q, qd, (before, now), rtol=1e-13, atol=1e-14)

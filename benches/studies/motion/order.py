@@ -6,14 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-#: Steps that a slope is fitted over.
+#: Number of steps for the fit of a slope.
 FITTED = 3
-#: Beyond this, rad or m, an error says nothing on the order.
+#: Errors above this, rad or m, are excluded.
 LARGEST = 0.1
 
 
 def fitted(steps: Sequence[float], errors: Sequence[float]) -> float | None:
-    """The slope over the finest steps, of errors that are known and small; None where there are not as many."""
+    """Slope over the finest steps, of errors that are known and small; None if there are too few."""
     chosen = sorted((h, e) for h, e in zip(steps, errors, strict=True) if 0.0 < e <= LARGEST)[:FITTED]
     if len(chosen) < FITTED:
         return None
@@ -22,5 +22,5 @@ def fitted(steps: Sequence[float], errors: Sequence[float]) -> float | None:
 
 
 def local(coarse: float, fine: float) -> float | None:
-    """The order between two errors, of a step and of half of it."""
+    """Order from two errors, of a step and of half of it."""
     return float(np.log2(coarse / fine)) if coarse > 0.0 and fine > 0.0 and np.isfinite(coarse * fine) else None

@@ -1,4 +1,4 @@
-"""The motion report: its sections, from measurements to words, tables and plots."""
+"""Motion report: its sections with texts, tables and plots."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def _losses(study: Study) -> list[Block]:
         texts.append(f"Not compared: {' '.join(study.absent)}")
     refused = [f"{result.case.name}: {text}" for result in study.results for text in result.refused]
     if refused:
-        texts.append(f"Scenes that a peer does not take: {'; '.join(refused)}.")
+        texts.append(f"Scenes that a peer does not support: {'; '.join(refused)}.")
     return [text for text in texts if text]
 
 
@@ -96,7 +96,7 @@ def _references(study: Study) -> list[Block]:
 
 
 def _seen(study: Study, reporter: Reporter) -> horizon.Horizon:
-    (seen,) = map(horizon.measure, reporter.each("How long motion is comparable", [study.results[0].case]))
+    (seen,) = map(horizon.measure, reporter.each("Horizon of comparability", [study.results[0].case]))
     return seen
 
 
@@ -104,11 +104,11 @@ MOTION: Layout[Study] = Layout(
     "motion",
     "report.json",
     (
-        Section("losses", "Where phipsi loses, and beside the peers", blocks=_losses),
+        Section("losses", "Comparison with the peers", blocks=_losses),
         Section("cases", "The scenes", results, blocks=lambda study: [figures.scenes(study)]),
-        Section("horizon", "How long motion can be compared", _seen, lambda study: [plots.horizon_plot(study)], _horizon),
+        Section("horizon", "Horizon of comparability", _seen, lambda study: [plots.horizon_plot(study)], _horizon),
         Section("smooth", "Error against step and run time, smooth scenes", plots=plots.smooth, blocks=_smooth),
-        Section("stiff", "The same on stiff scenes", plots=plots.stiff, blocks=_stiff),
+        Section("stiff", "Error against step and run time, stiff scenes", plots=plots.stiff, blocks=_stiff),
         Section("springs", "Order of convergence", sweep.sweep, lambda study: [plots.stiffness(study)], _orders),
         Section("drift", "Drift of energy and momentum", plots=lambda study: [plots.drift(study)], blocks=_drift),
         Section("times", "Time of a step", blocks=_times),

@@ -1,8 +1,8 @@
-"""MuJoCo and Pinocchio beside scene.simulate: the same scenes, the same steps.
+"""MuJoCo and Pinocchio, compared with scene.simulate for the same scenes and steps.
 
-MuJoCo steps by itself (`mj_step`, constraints off), springs and armature from its model. Pinocchio has no steps: `aba` goes into the
-same integrators, written here in Python with `pin.integrate`. On a free joint its rk4 carries rates back by the derivative of the
-exponential, as phipsi does; without that its order would be lower.
+MuJoCo has its own integrators (`mj_step`, constraints disabled), with springs and armature in its model. Pinocchio
+has none: `aba` is used in the same integrators, written here in Python with `pin.integrate`. For a free joint, rk4
+transforms velocities by the derivative of the exponential map, as in phipsi; without this its order would be lower.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from .runs import ROWS, Path, Runner
 
 Array = NDArray[np.float64]
 
-#: A coordinate or rate beyond this has diverged; MuJoCo would set the state back at 1e10.
+#: Coordinates or velocities beyond this value count as divergence; MuJoCo would reset the state at 1e10.
 DIVERGED = 1e9
 
 
@@ -92,7 +92,7 @@ def _pinocchio(pin: Any, integrator: str, case: Case) -> Runner:
     offset = model.nq - model.nv
 
     def acceleration(q: Array, qd: Array) -> Array:
-        # Springs are at rest at zero, on joints of one axis.
+        # Springs are at rest at zero, at joints with one axis.
         tau = -springs * q[offset:] - dampers * qd
         return np.array(pin.aba(model, data, q, qd, tau))
 
@@ -135,7 +135,7 @@ def _pinocchio(pin: Any, integrator: str, case: Case) -> Runner:
     return run
 
 
-#: Program, name here, stages, order on smooth motion, how, its name there, whether compiled.
+#: Program, name here, stages, order on smooth motion, implementation, its name there, whether compiled.
 METHODS = (
     ("MuJoCo", "MuJoCo Euler", 1, 1, _mujoco, "EULER", True),
     ("MuJoCo", "MuJoCo implicitfast", 1, 1, _mujoco, "IMPLICITFAST", True),
@@ -146,7 +146,7 @@ METHODS = (
 
 
 def installed() -> tuple[list[Peer], list[str], list[str]]:
-    """The peers that can be imported, their versions, and a line on each that cannot."""
+    """Peers that can be imported, their versions, and a line on each that cannot."""
     found: list[Peer] = []
     versions: list[str] = []
     absent: list[str] = []

@@ -1,4 +1,4 @@
-"""The plots of the motion report."""
+"""Plots of the motion report."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from phipsi.report.plotting import GREY, Axis, Chart, Panel, Plot, Series, level
+from phipsi.report.plotting import GRAY, Axis, Chart, Panel, Plot, Series, level
 from . import horizon
 from .collect import ROUNDING, Point, Result, Study
 from .reference import FAR
@@ -15,7 +15,7 @@ from .runs import METHODS, WRONG
 
 
 class Look(NamedTuple):
-    """Of a method's curves."""
+    """Style of the curves of a method."""
 
     ink: str
     symbol: str = "circle"
@@ -24,7 +24,7 @@ class Look(NamedTuple):
     size: float = 7.0
 
 
-#: Colours apart for all kinds of colour vision, a hue an integrator whoever runs it.
+#: Colors that are distinguishable with color vision deficiency, one hue per integrator.
 LOOKS: dict[str, Look] = {
     "semi-implicit-euler": Look("#0072b2"),
     "rk4": Look("#222222"),
@@ -39,30 +39,30 @@ LOOKS: dict[str, Look] = {
     "DOP853": Look("#8c6bb1", "x", size=8.0),
     "Radau": Look("#8c6bb1", "cross", size=10.0),
 }
-#: Where failed runs are marked, one height a method, and the axis' end.
+#: Position of the markers of failed runs, one height per method, and end of the axis.
 FAILED, TOP = 4.0, 3e3
-#: rad: beyond it two angles have nothing to do with each other.
+#: rad; larger differences of angles are meaningless.
 LOST = 3.0
 
 PHIPSI = tuple(method.name for method in METHODS)
-UNKNOWN = f"within {FAR:.0f} times the reference's own error"
-ERROR, STEP, RUN = "error at the end, rad or m", "step, s", "run time of a simulated second"
+UNKNOWN = f"within {FAR:.0f} times the error of the reference"
+ERROR, STEP, RUN = "final error, rad or m", "step, s", "run time per simulated second"
 
 
 def stiff(study: Study) -> list[Plot]:
-    """The springs, and the other stiff scenes."""
+    """Scenes with springs, and other stiff scenes."""
     springs = [result for result in study.stiff if result.case.name.startswith("springs")]
     others = [result for result in study.stiff if result not in springs]
     return [_stiff(study, "work-precision-springs", springs), _stiff(study, "work-precision-other-stiff", others)]
 
 
 def smooth(study: Study) -> list[Plot]:
-    """A plot a scene."""
+    """A plot per scene."""
     return [_smooth(study, result) for result in study.smooth]
 
 
 def file_name(result: Result) -> str:
-    """Of the diagram of a smooth scene."""
+    """Title of the panel of a smooth scene."""
     return f"work-precision-{result.case.name.replace(' ', '-')}"
 
 
@@ -74,13 +74,13 @@ def _line(name: str, x: Sequence[float], y: Sequence[float | None], note: str = 
 
 
 def _crosses(name: str, x: Sequence[float], height: float) -> Series:
-    """Where the method failed."""
+    """Steps at which the method failed."""
     return Series(name, LOOKS[name].ink, x, [height] * len(x), mark=8.0, symbol="x", note="failed")
 
 
 def _area(name: str, top: float, x: Axis) -> Series:
     assert x.low is not None and x.high is not None
-    return Series(name, GREY, [x.low, x.high], [top, top], line=1.0, dash=True, below=True, told=False)
+    return Series(name, GRAY, [x.low, x.high], [top, top], line=1.0, dash=True, below=True, told=False)
 
 
 def _upright(name: str, at: float, y: Axis, *, dash: bool = False) -> Series:
@@ -93,7 +93,7 @@ def _names(study: Study, results: Sequence[Result]) -> list[str]:
 
 
 def _wide(title: str, values: Iterable[float], by: float = 1.6) -> Axis:
-    """A logarithmic axis around the values."""
+    """A logarithmic axis for the values."""
     known = [value for value in values if value > 0.0 and np.isfinite(value)] or [1.0]
     return Axis.powers(title, min(known) / by, max(known) * by)
 
@@ -111,7 +111,7 @@ def _against_step(study: Study, result: Result, x: Axis, y: Axis, title: str) ->
 
 
 def _failures(study: Study, result: Result, at: Callable[[Point], float], x: Axis) -> list[Series]:
-    """Runs that failed, above the line, a row a method."""
+    """Failed runs, above the line, a row per method."""
     failing = [name for name in study.methods if any(p.failure for p in result.points.get(name, []))]
     rows = [
         _crosses(name, [at(point) for point in result.points[name] if point.failure], FAILED * 2.4**row)
@@ -121,7 +121,7 @@ def _failures(study: Study, result: Result, at: Callable[[Point], float], x: Axi
 
 
 def _run_times(result: Result, ns: dict[str, float], adaptive: bool) -> list[tuple[str, list[float], list[float | None]]]:
-    """Of every method: run time of a simulated second, s, and error."""
+    """Run time per simulated second, s, and error of every method."""
     found: list[tuple[str, list[float], list[float | None]]] = []
     for name in (name for name in result.points if name in ns):
         known = result.known(name)
@@ -153,19 +153,19 @@ def _errors(results: Sequence[Result]) -> Axis:
 
 
 def _smooth(study: Study, result: Result) -> Chart:
-    """Against step, against time of one state, against time of a state in a batch."""
+    """Error against step, time of one state, and time per state in a batch."""
     batch = result.batch | {name: ns for name, ns in result.alone.items() if name not in result.batch}
     x, y = _times(_run_times(result, result.alone, True) + _run_times(result, batch, False)), _errors([result])
     panels = [
         _against_step(study, result, _steps([result]), y, "against step"),
         _against_time(study, result, result.alone, x, y, "against time, one state", adaptive=True),
-        _against_time(study, result, batch, x, y, "against time, a state of 64", adaptive=False),
+        _against_time(study, result, batch, x, y, "against time per state, batch of 64", adaptive=False),
     ]
     return Chart(file_name(result), panels, 3, 320)
 
 
 def _stiff(study: Study, name: str, results: Sequence[Result]) -> Chart:
-    """A scene below the other: against step left, against time of one state right."""
+    """One row per scene: error against step left, against time of one state right."""
     y, panels = _errors(results), []
     x = _times([row for result in results for row in _run_times(result, result.alone, True)])
     for result in results:
@@ -175,21 +175,21 @@ def _stiff(study: Study, name: str, results: Sequence[Result]) -> Chart:
 
 
 def horizon_plot(study: Study) -> Chart:
-    """Growth and references left, the methods' errors right."""
+    """Growth and references left, errors of the methods right."""
     seen = study.horizon
     end = study.results[0].case.time
     x = Axis("time, s", 0.0, float(seen.t[-1]))
     y = [Axis.powers(title, 1e-16, 100.0) for title in ("difference, rad", "error, rad")]
     left = [
-        Series(f"a change of {horizon.MOVED:.0e} in the start", "#009e73", seen.t, seen.growth * horizon.MOVED, 1.6, 5.0),
+        Series(f"perturbation of the initial state by {horizon.MOVED:.0e}", "#009e73", seen.t, seen.growth * horizon.MOVED, 1.6, 5.0),
         Series("difference of two references", "#aa3377", seen.t, seen.difference, 1.6, 5.0),
     ]
-    right = [Series(UNKNOWN, GREY, seen.t, FAR * seen.difference, 1.0, dash=True, below=True, told=False)]
+    right = [Series(UNKNOWN, GRAY, seen.t, FAR * seen.difference, 1.0, dash=True, below=True, told=False)]
     for name in PHIPSI:
         lost = np.logical_or.accumulate(~(seen.errors[name] <= LOST))
         errors = np.where(lost | (seen.errors[name] < FAR * seen.difference), np.nan, seen.errors[name])
         right.append(Series(name, LOOKS[name].ink, seen.t, errors, 1.6, 5.0, dash=LOOKS[name].dash))
-    titles = ("what becomes of a small difference", f"error of the methods, h = 1/{horizon.SHOWN} s")
+    titles = ("growth of a small difference", f"error of the methods, h = 1/{horizon.SHOWN} s")
     panels = []
     for series, axis, title in zip((left, right), y, titles, strict=True):
         ends = [_upright("end of the diagrams below", end, axis), _upright("horizon", seen.end, axis, dash=True)]
@@ -198,11 +198,13 @@ def horizon_plot(study: Study) -> Chart:
 
 
 def stiffness(study: Study) -> Chart:
-    """Error above and order below, against h omega: configurations and rates on the slow manifold, configurations of what rings."""
+    """Error above and order below, against h omega: configurations and velocities on the slow manifold, configurations
+    of oscillating springs.
+    """
     columns = (
         ("on the slow manifold", False, "errors", "order", "error after 0.1 s, h = 1 ms, rad"),
-        ("the same, error of the rates", False, "rate_errors", "rate_order", "error of rates, rad/s"),
-        ("off it: the spring rings", True, "errors", "order", "error, rad"),
+        ("error of the velocities", False, "rate_errors", "rate_order", "error of rates, rad/s"),
+        ("off the slow manifold: oscillating spring", True, "errors", "order", "error, rad"),
     )
     x = _wide("h ω for h = 1 ms", [row.turned for row in study.springs])
     known = [error for row in study.springs for _, _, errors, _, _ in columns for error in getattr(row, errors) if error]
@@ -229,7 +231,7 @@ def _spring_orders(study: Study, x: Axis, rings: bool, order: str, title: str) -
     series = [_upright("h ω = 1", 1.0, y, dash=True)]
     for name in PHIPSI:
         rows = [one for one in study.springs if one.method == name and one.ringing == rings]
-        # Beyond the axis an order says that a run was about to fail, or that its error was changing its sign.
+        # An order beyond the axis means that a run was close to failure, or that its error changed its sign.
         orders = [getattr(one, order) for one in rows]
         shown = [None if value is None or not low <= value <= high else value for value in orders]
         series.append(_line(name, [one.turned for one in rows], shown))
@@ -250,5 +252,5 @@ def drift(study: Study) -> Chart:
             curves.append(_line(name, [h for h, _ in rows], [value if value else None for _, value in rows]))
         known = [value for curve in curves for value in curve.y if value and np.isfinite(value)]
         y = Axis.powers("largest relative drift", max(min([*known, ROUNDING]) / 3.0, 1e-16), max([*known, ROUNDING]) * 3.0)
-        panels.append(Panel(x, y, [_area("rounding has a part in it", ROUNDING, x), *curves], f"{result.case.name}: {title}"))
+        panels.append(Panel(x, y, [_area("affected by rounding", ROUNDING, x), *curves], f"{result.case.name}: {title}"))
     return Chart("drift", panels, 2, 280)

@@ -1,4 +1,4 @@
-"""The reference of each case: two solutions of different kinds, whose difference is taken for its error."""
+"""Reference of each case: two solutions by different methods, whose difference is the estimate of the error."""
 
 from __future__ import annotations
 
@@ -12,33 +12,33 @@ from .runs import distance
 
 Array = NDArray[np.float64]
 
-#: An error is shown if it is so many times larger than the reference's own.
+#: An error is shown if it is larger than that of the reference by this factor.
 FAR = 30.0
-#: Steps in which springs are followed by rk4, at most.
+#: Largest number of rk4 steps for springs.
 MOST_STEPS = 200_000
-#: The fastest spring turns by so much in a step there, rad.
+#: Angle of the fastest spring per step, rad.
 RESOLVED = 0.05
-#: Steps of the second solution where springs are not followed: on the slow manifold nothing is as fast.
+#: Steps of the second solution on the slow manifold, where springs are not resolved.
 SLOW_STEPS = 4000
 
 
 class Exact(NamedTuple):
-    """What a case ends with."""
+    """Final state of a case."""
 
     q: Array
     qd: Array
     error: float
-    """Between the two solutions, as errors are measured; eps times the size of q at least."""
+    """Difference of the two solutions, as errors are measured; at least eps times the magnitude of q."""
     rate_error: float
-    """The same of the rates; where the other solution damps springs, between two tolerances of this one."""
+    """The same for joint velocities; if the other solution damps springs, between two tolerances of this one."""
     by: str
-    """How it was computed."""
+    """Method of the solution."""
     beside: str
-    """And the other solution."""
+    """Method of the other solution."""
 
 
 def reference(case: Case, most: int = MOST_STEPS) -> Exact:
-    """An adaptive solution by SciPy, and beside it one of fixed steps in the core, extrapolated."""
+    """An adaptive solution by SciPy, and an extrapolated fixed-step solution in the core."""
     turns = case.time * case.omega
     adaptive, tolerance, absolute = ("DOP853", 1e-13, 1e-14) if turns < 2e3 else ("Radau", 1e-12, 1e-16)
     q, qd, taken = _adaptive(case, adaptive, tolerance, absolute)
@@ -62,7 +62,9 @@ def _adaptive(case: Case, method: str, tolerance: float, absolute: float) -> tup
 
 
 def ringing(case: Case) -> Exact:
-    """For springs that ring: rk4 with small steps, extrapolated, and beside it the same with twice the steps, which is kept."""
+    """For oscillating springs: extrapolated rk4 with small steps, and the same with twice the number of steps, which is
+    used.
+    """
     steps = 10 * int(np.ceil(max(case.time * case.omega / RESOLVED, 64 * case.first) / 10))
     (first, before), (second, rates) = (extrapolated(case, "rk4", count) for count in (steps, 2 * steps))
     return Exact(
@@ -73,12 +75,12 @@ def ringing(case: Case) -> Exact:
 
 
 def rounding(values: Array) -> float:
-    """What no solution in float64 is known better than."""
+    """Lower bound of the error of any solution in float64."""
     return float(np.finfo(np.float64).eps) * max(1.0, float(np.max(np.abs(values))))
 
 
 def extrapolated(case: Case, method: str, steps: int) -> tuple[Array, Array]:
-    """q and qd at the end by Richardson's extrapolation of two runs, on the manifold."""
+    """Final q and qd by Richardson extrapolation of two runs, on the manifold."""
     order = {"rk4": 4, "rosenbrock-3": 3}[method]
     coarse, fine = (
         case.scene.simulate(case.q, case.qd, dt=case.time / count, steps=count, method=method, record_every=count)

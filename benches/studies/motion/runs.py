@@ -1,4 +1,4 @@
-"""One run of one method: the states that it passes through, or why it failed."""
+"""One run of one method: its states, or the reason of its failure."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from .cases import Case
 
 Array = NDArray[np.float64]
 
-#: Instants of a run that are kept beside its start; steps are a multiple of it.
+#: Number of recorded times in addition to the initial one; steps are a multiple of it.
 ROWS = 10
-#: A configuration that is off by more, rad or m, is no result.
+#: Configuration error, rad or m, above which a run counts as failed.
 WRONG = 1.0
 
 
@@ -38,14 +38,14 @@ METHODS = (
 
 
 class Path(NamedTuple):
-    """ROWS + 1 states in phipsi's coordinates; fewer, and the reason, where the run failed."""
+    """ROWS + 1 states in phipsi's coordinates; fewer, and the reason, if the run failed."""
 
     q: Array
     qd: Array
     failure: str | None = None
 
 
-#: A case, a step (s) and a number of steps, to a path.
+#: From a case, a step (s) and a number of steps to the states.
 Runner = Callable[[float, int], Path]
 
 
@@ -64,5 +64,5 @@ def runner(case: Case, method: str) -> Runner:
 
 
 def distance(case: Case, exact: Array, found: Array) -> float:
-    """The largest component of the difference on the manifold, rad or m: a rotation counts as its rotation vector."""
+    """Largest component of the difference on the manifold, rad or m; a rotation counts as its rotation vector."""
     return float(np.max(np.abs(case.scene.difference(exact, found))))

@@ -1,8 +1,11 @@
-"""Starts on the slow manifold: springs loaded just as the slow motion will have them, so that nothing rings.
+"""Initial states on the slow manifold: the springs have the deflections of the slow motion, so that they do not
+oscillate.
 
-At rest, by the symmetry of time, fast joints have no rate there. Their place follows from the torques that hold them to the slow
-motion, k q = -(M a + bias), with their own accelerations those of the manifold itself. What is left over rings with an amplitude of
-(slow rate / fast rate)^4 times the deflection.
+At rest, by time symmetry, fast joints have zero velocity there. Their positions follow from the torques that keep
+them on the slow motion, k q = -(M a + bias), with the accelerations of the manifold. The remaining oscillation has an
+amplitude of (slow rate
+
+fast rate)^4 times the deflection.
 """
 
 from __future__ import annotations
@@ -14,15 +17,17 @@ from phipsi import Scene
 
 Array = NDArray[np.float64]
 
-#: s; the second difference along the slow motion.
+#: s; interval of the second difference along the slow motion.
 APART = 1e-3
 
 
 def at_rest(scene: Scene, q: Array, fast: NDArray[np.bool_]) -> Array:
-    """q with the joints that are `fast` moved to the slow manifold, rates zero; all joints of one axis, springs at rest at zero."""
+    """q with the `fast` joints moved to the slow manifold, velocities zero; all joints have one axis, springs are at
+    rest at zero.
+    """
     zero = np.zeros(scene.nv)
     here, acceleration = _held(scene, q, zero, zero, fast)
-    # The slow motion for a moment, and where it takes the fast joints.
+    # The slow motion over a short interval, and the resulting motion of the fast joints.
     later = here + np.where(fast, 0.0, 0.5 * acceleration * APART**2)
     there, _ = _held(scene, later, np.where(fast, 0.0, acceleration * APART), zero, fast)
     bend = np.where(fast, 2.0 * (there - here) / APART**2, 0.0)
@@ -30,7 +35,7 @@ def at_rest(scene: Scene, q: Array, fast: NDArray[np.bool_]) -> Array:
 
 
 def _held(scene: Scene, q: Array, qd: Array, bend: Array, fast: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """The fast joints where their springs give the accelerations `bend`; and all accelerations."""
+    """Positions of the fast joints at which their springs cause the accelerations `bend`; and all accelerations."""
     q, slow = q.copy(), ~fast
     for _ in range(60):
         mass, bias = scene.mass_matrix(q), scene.bias_torque(q, qd) + scene.stiffness * np.where(slow, q, 0.0)

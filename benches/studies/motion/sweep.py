@@ -1,4 +1,6 @@
-"""Springs from soft to stiff at one step: where h omega is near 1, between what a step follows and what it damps."""
+"""Springs from soft to stiff at one step size: the transition near h omega = 1 between resolved and damped
+oscillations.
+"""
 
 from __future__ import annotations
 
@@ -15,11 +17,11 @@ from .order import local
 from .reference import FAR, Exact, reference, ringing
 from .runs import METHODS, Path, distance, runner
 
-#: s; the order is that between the two.
+#: s; the order is computed between the two.
 STEPS = (1e-3, 5e-4)
 #: Exponents of the springs, full and quick: stiffness 10^(e / 2) N m/rad.
 FULL, QUICK = range(2, 19), range(2, 19, 2)
-#: Springs beyond this, N m/rad, are not shown ringing: a reference would take too long.
+#: Stiffness, N m/rad, above which oscillations are omitted, because a reference would take too long.
 RINGING = {True: 1e6, False: 1e7}
 
 
@@ -27,28 +29,28 @@ class Spring(NamedTuple):
     """One method at one spring."""
 
     stiffness: float
-    """N m/rad."""
+    """Stiffness, N m/rad."""
     ringing: bool
-    """Whether the start is off the slow manifold."""
+    """Whether the initial state is off the slow manifold."""
     method: str
     turned: float
     """h omega of the larger step, rad."""
     errors: tuple[float | None, ...]
-    """At each of STEPS, rad; None where the run failed or the error is not known."""
+    """Error at each of STEPS, rad; None if the run failed or the error is unknown."""
     order: float | None
     rate_errors: tuple[float | None, ...]
-    """The same of the rates, rad/s."""
+    """The same for joint velocities, rad/s."""
     rate_order: float | None
     failed: bool
     reference: float
-    """The reference's own error, rad."""
+    """Error of the reference, rad."""
     rate_reference: float
-    """rad/s."""
+    """The same for joint velocities, rad/s."""
     steps: tuple[float, ...] = STEPS
 
 
 def sweep(study: Findings, reporter: Reporter) -> list[Spring]:
-    """Every method at every spring, from both starts."""
+    """Every method at every spring, from both initial states."""
     quick = study.quick
     chosen = [10.0 ** (e / 2) for e in (QUICK if quick else FULL)]
     pairs = [(k, rings) for k in chosen for rings in (False, True) if not rings or k <= RINGING[quick]]

@@ -1,4 +1,4 @@
-"""Time of a step: one state alone, and a state of a batch; on one thread."""
+"""Time of a step: for a single state, and per state in a batch, on one thread."""
 
 from __future__ import annotations
 
@@ -11,18 +11,19 @@ from .cases import Case
 from .peers import Peer
 from .runs import METHODS, ROWS
 
-#: States of a batch.
+#: Number of states of a batch.
 BATCH = 64
-#: Steps times stages times degrees of freedom in a timed run, about.
+#: Approximate product of steps, stages and degrees of freedom in a timed run.
 WORK = 6000
 
 
 def times(case: Case, peers: list[Peer], turns: int) -> tuple[dict[str, float], dict[str, float]]:
-    """ns of a step for a state alone, and in a batch; the least of some turns, for other load only ever adds time. Peers take states one by one.
+    """Time of a step, ns, for a single state, and per state in a batch; the minimum of several timings, because other
+    load only increases times. Peers compute states one by one.
 
-    A step costs the same whatever its size, but for states that `form="auto"` does once more.
+    The time does not depend on the step size, except for states that `form="auto"` recomputes.
     """
-    # So small that explicit methods survive springs.
+    # So small that explicit methods remain stable with springs.
     dt = 1e-3 / max(case.omega, 1.0 / case.time)
     alone: dict[str, Callable[[], float]] = {}
     batch: dict[str, Callable[[], float]] = {}

@@ -1,8 +1,8 @@
-"""Other programs on the extreme scenes, where they are installed: Pinocchio in both its conventions, MuJoCo, Drake, dynibo.
+"""Other programs on the extreme scenes, if they are installed: Pinocchio in both conventions, MuJoCo, Drake, dynibo.
 
-Their models are built from the same numbers as the scene's: frames of the extreme scenes are parallel at zero configuration, so
-that nothing is rounded on the way but the lengths of axes, and the rates and accelerations of a floating base where a peer has
-them along the axes of the world. What a peer does not take is refused with its own message.
+Their models are built from the same values as the scene. The frames of the extreme scenes are parallel at the zero
+configuration, so that only the lengths of axes are rounded, and the velocities and accelerations of a floating base
+if a peer expresses them in the world frame. If a peer refuses a scene, its message is reported.
 """
 
 from __future__ import annotations
@@ -20,24 +20,24 @@ from .model import Refused, Solver, under_gravity
 __all__ = ["INKS", "PROGRAMS", "Peer", "Refused", "Solver", "installed", "under_gravity", "version"]
 
 
-#: Colours in plots, by program.
+#: Colors in plots, by program.
 INKS = {"Pinocchio": "#222222", "MuJoCo": "#b8860b", "Drake": "#56b4e9", "dynibo": "#e377c2"}
 
 
 class Peer(NamedTuple):
-    """A program, and how it is asked."""
+    """A program, and its forward dynamics."""
 
     name: str
     version: str
     solver: Callable[[Scene], Solver]
-    colour: str = "#555555"
-    """In plots."""
+    color: str = "#555555"
+    """Color in plots."""
     gravity: tuple[float, float, float] | None = None
-    """Its gravity, m/s^2, where that cannot be set: it is then given the scene, and compared with the reference, under this one."""
+    """Gravity of the program, m/s^2, if it cannot be set: the scene and the reference then use it."""
 
 
 class _Program(NamedTuple):
-    """How a program is called, imported and installed, and the peers that it makes."""
+    """Name, import and installation of a program, and its peers."""
 
     title: str
     module: str
@@ -67,7 +67,7 @@ PROGRAMS = (
 
 
 def installed() -> tuple[list[Peer], Sequence[str]]:
-    """The peers that can be imported; and a line on each program that cannot."""
+    """Peers that can be imported; and a line on each program that cannot."""
     found: list[Peer] = []
     absent = []
     for program in PROGRAMS:
@@ -81,7 +81,7 @@ def installed() -> tuple[list[Peer], Sequence[str]]:
 
 
 def version(package: str) -> str:
-    """The package's; a build of one's own may be of none."""
+    """Version of the package; a local build may have none."""
     try:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:

@@ -1,4 +1,4 @@
-"""Drake: a MultibodyPlant in continuous time, its time derivatives."""
+"""Drake: time derivatives of a continuous-time MultibodyPlant."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from .model import Array, Inertial, Model, Refused, Solver, World, read
 def _inertia(drake: Any, inertial: Inertial | None) -> Any:
     if inertial is None:
         return drake.SpatialInertia.Zero()
-    mass, centre, central = inertial
+    mass, center, central = inertial
     rotational = drake.RotationalInertia(
         central[0, 0], central[1, 1], central[2, 2], central[0, 1], central[0, 2], central[1, 2]
     )
-    # Checks what it is given, and raises.
-    return drake.SpatialInertia.MakeFromCentralInertia(mass, centre, rotational)
+    # Raises for invalid values.
+    return drake.SpatialInertia.MakeFromCentralInertia(mass, center, rotational)
 
 
 def _plant(drake: Any, model: Model) -> tuple[Any, list[Any]]:
@@ -41,14 +41,14 @@ def _plant(drake: Any, model: Model) -> tuple[Any, list[Any]]:
         joint = plant.AddJoint(kind(part.name, frame, body.body_frame(), part.axis))
         joints.append(joint)
         if part.armature:
-            # Rotor inertia times the gear ratio, 1, squared; its input stays zero.
+            # Rotor inertia times the squared gear ratio, 1; its input is zero.
             plant.AddJointActuator(f"of_{part.name}", joint).set_default_rotor_inertia(part.armature)
     plant.Finalize()
     return plant, joints
 
 
 def _message(error: Exception) -> str:
-    """The first sentence, without the source line that Drake puts in front."""
+    """First sentence of the message, without Drake's source line."""
     text = " ".join(str(error).split())
     _, marker, after = text.partition("): ")
     text = after if marker else text
@@ -56,7 +56,9 @@ def _message(error: Exception) -> str:
 
 
 def solver(drake: Any, scene: Scene) -> Solver:
-    """Forward dynamics. A floating base has (angular, linear) rates along the world's axes there, and (w, x, y, z, position)."""
+    """Forward dynamics. A floating base has (angular, linear) velocities in the world frame, and coordinates (w, x, y,
+    z, position).
+    """
     origin = read(scene)
     try:
         plant, joints = _plant(drake, origin)

@@ -1,4 +1,4 @@
-"""dynibo: a URDF file, `forward_dynamics`. Its gravity is fixed, and armature has no place in a URDF."""
+"""dynibo: `forward_dynamics` of a URDF file. Its gravity is fixed, and URDF has no armature."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from phipsi import Scene
 from .model import Array, Inertial, Model, Refused, Solver, World, read
 
-#: Standard gravity, m/s^2: what dynibo has, and offers no way to set.
+#: Standard gravity, m/s^2, which dynibo uses and which cannot be changed.
 GRAVITY = (0.0, 0.0, -9.80665)
 
 
@@ -22,20 +22,20 @@ def _numbers(values: Array) -> str:
 def _link(name: str, inertial: Inertial | None) -> str:
     if inertial is None:
         return f'<link name="{name}"/>'
-    mass, centre, central = inertial
+    mass, center, central = inertial
     entries = " ".join(
         f'i{"xyz"[row]}{"xyz"[column]}="{float(central[row, column])!r}"'
         for row in range(3)
         for column in range(row, 3)
     )
     return (
-        f'<link name="{name}"><inertial><origin xyz="{_numbers(centre)}" rpy="0 0 0"/><mass value="{mass!r}"/>'
+        f'<link name="{name}"><inertial><origin xyz="{_numbers(center)}" rpy="0 0 0"/><mass value="{mass!r}"/>'
         f"<inertia {entries}/></inertial></link>"
     )
 
 
 def urdf(model: Model) -> str:
-    """The model as URDF; joints without limits, for positions are not compared with them."""
+    """The model as URDF, with joints without limits, because positions are not compared with them."""
     lines = [_link(model.base, model.base_inertial)]
     for part in model.parts:
         kind = "continuous" if part.kind == "revolute" else part.kind
@@ -49,7 +49,7 @@ def urdf(model: Model) -> str:
 
 
 def _order(model: Model) -> list[int]:
-    """dynibo's order of the joints: breadth first, siblings in file order. There are no names to check it by."""
+    """Order of the joints in dynibo: breadth first, siblings in file order. It has no names for a check."""
     order, links = [], [model.base]
     while links:
         link = links.pop(0)
@@ -61,7 +61,7 @@ def _order(model: Model) -> list[int]:
 
 
 def solver(dynibo: Any, scene: Scene) -> Solver:
-    """Forward dynamics. A floating base has (angular, linear) rates along the world's axes there."""
+    """Forward dynamics. A floating base has (angular, linear) velocities in the world frame."""
     origin = read(scene)
     if tuple(origin.gravity) != GRAVITY:
         raise Refused(f"gravity is {GRAVITY} there")

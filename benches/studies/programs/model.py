@@ -1,4 +1,4 @@
-"""What the peers are built from: the joints and links of an extreme scene, as numbers."""
+"""Joints and links of an extreme scene as values, from which the models of the peers are built."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ Array = NDArray[np.float64]
 #: (q, qd, tau) to accelerations.
 Solver = Callable[[Array, Array, Array], Array]
 
-#: Larger scenes are not given to peers: Pinocchio's data hold several dense matrices of that order.
+#: Largest scene for the peers, because Pinocchio's data contain several dense matrices of that order.
 LARGEST = 300
 
 
 class Refused(Exception):
-    """The peer does not take the scene; the message says why."""
+    """The peer does not support the scene; the message gives the reason."""
 
 
 class Inertial(NamedTuple):
-    """Mass, kg, mass centre, m, and inertia about it (3, 3), kg m^2."""
+    """Mass, kg, center of mass, m, and inertia about it (3, 3), kg m^2."""
 
     mass: float
-    centre: Array
+    center: Array
     central: Array
 
 
 class Part(NamedTuple):
-    """A joint and the link that it carries."""
+    """A joint and its child link."""
 
     name: str
     kind: str
@@ -44,12 +44,12 @@ class Part(NamedTuple):
     inertial: Inertial | None
     damping: float
     stiffness: float
-    """Of a spring that is at rest at zero."""
+    """Stiffness of a spring that is at rest at zero."""
 
 
 @dataclass(frozen=True)
 class Model:
-    """A scene of revolute and prismatic joints whose frames are parallel at zero configuration."""
+    """A scene of revolute and prismatic joints whose frames are parallel at the zero configuration."""
 
     base: str
     floating: bool
@@ -59,12 +59,12 @@ class Model:
     """Parents first, in the order of the degrees of freedom."""
 
     def children(self, link: str) -> list[Part]:
-        """The joints on that link, in their order."""
+        """Joints on that link, in their order."""
         return [part for part in self.parts if part.parent == link]
 
 
 def read(scene: Scene) -> Model:
-    """The numbers of a scene. Raises Refused for one that is too large, or has another kind of joint or a turned frame."""
+    """Values of a scene. Raises Refused if the scene is too large, or has another type of joint or a rotated frame."""
     if len(scene.joint_names) > LARGEST:
         raise Refused(f"not compared beyond {LARGEST} bodies")
     _, (description,) = scene.__reduce__()
@@ -74,9 +74,9 @@ def read(scene: Scene) -> Model:
         if inertial is None:
             inertials[name] = None
             continue
-        mass, centre, (xx, xy, xz, yy, yz, zz) = inertial
+        mass, center, (xx, xy, xz, yy, yz, zz) = inertial
         central = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        inertials[name] = Inertial(mass, np.array(centre), central)
+        inertials[name] = Inertial(mass, np.array(center), central)
     parts = []
     for name, kind, _pitch, parent, child, (rotation, lever), axis, (armature, damping, _), _, _, (stiffness, _) in joints:
         if kind not in ("revolute", "prismatic") or not np.array_equal(np.reshape(rotation, (3, 3)), np.eye(3)):
@@ -91,7 +91,7 @@ def read(scene: Scene) -> Model:
 
 
 def under_gravity(scene: Scene, gravity: tuple[float, float, float]) -> Scene:
-    """The same scene under another gravity, m/s^2."""
+    """The same scene with another gravity, m/s^2."""
     rebuild, (description,) = scene.__reduce__()
     version, _, *rest = description
     again: Scene = rebuild((version, gravity, *rest))
@@ -99,18 +99,18 @@ def under_gravity(scene: Scene, gravity: tuple[float, float, float]) -> Scene:
 
 
 class World(NamedTuple):
-    """The state of a floating base along the axes of the world: what some peers want, and give."""
+    """State of a floating base in the world frame, the convention of some peers."""
 
     rotation: Array
-    """From the base's axes to the world's."""
+    """Rotation matrix from the base frame to the world frame."""
     spin: Array
-    """Angular rate along the base's axes, rad/s."""
+    """Angular velocity in the base frame, rad/s."""
     speed: Array
-    """Rate along the base's axes, m/s."""
+    """Linear velocity in the base frame, m/s."""
 
     @classmethod
     def of(cls, q: Array, qd: Array) -> World:
-        """From q = (x, y, z, qx, qy, qz, qw, ...) and qd = (linear, angular, ...) in the frame of the base."""
+        """From q = (x, y, z, qx, qy, qz, qw, ...) and qd = (linear, angular, ...) in the base frame."""
         x, y, z, w = q[3:7]
         rotation = np.array(
             [
@@ -122,6 +122,8 @@ class World(NamedTuple):
         return cls(rotation, qd[3:6].copy(), qd[:3].copy())
 
     def linear(self, along_world: Array) -> Array:
-        """The derivative of the base's rate along its own axes, from the acceleration of its origin along the world's."""
+        """Derivative of the linear velocity in the base frame, from the acceleration of the origin in the world
+        frame.
+        """
         derivative: Array = self.rotation.T @ along_world - np.cross(self.spin, self.speed)
         return derivative

@@ -1,4 +1,4 @@
-"""MuJoCo: an MJCF text, `mj_forward` without contacts, limits and other constraints."""
+"""MuJoCo: `mj_forward` of an MJCF text, without contacts, limits and other constraints."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ import numpy as np
 from phipsi import Scene
 from .model import Array, Inertial, Model, Part, Refused, Solver, World, read
 
-#: Nothing is raised to a bound, averaged or guessed from shapes; what MuJoCo still refuses, it refuses.
+#: No value is raised to a bound, averaged or derived from shapes; errors of MuJoCo remain.
 COMPILER = '<compiler angle="radian" inertiafromgeom="false" balanceinertia="false" boundmass="0" boundinertia="0"/>'
 
 
 @contextmanager
 def quiet(mujoco: Any) -> Iterator[None]:
-    """Without a handler MuJoCo's warnings go to the terminal and into a file in the working directory."""
+    """Handler for MuJoCo's warnings, which otherwise go to the terminal and to a file in the working directory."""
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda _: None)
     try:
@@ -33,13 +33,13 @@ def _numbers(values: Array) -> str:
 def _inertial(inertial: Inertial | None) -> str:
     if inertial is None:
         return ""
-    mass, centre, central = inertial
+    mass, center, central = inertial
     diagonal = np.diag(central)
     if np.array_equal(central, np.diag(diagonal)):
         about = f'diaginertia="{_numbers(diagonal)}"'
     else:
         about = f'fullinertia="{_numbers(np.array([*diagonal, central[0, 1], central[0, 2], central[1, 2]]))}"'
-    return f'<inertial mass="{mass!r}" pos="{_numbers(centre)}" {about}/>'
+    return f'<inertial mass="{mass!r}" pos="{_numbers(center)}" {about}/>'
 
 
 def _body(model: Model, part: Part, moving: bool) -> str:
@@ -51,7 +51,7 @@ def _body(model: Model, part: Part, moving: bool) -> str:
 
 
 def mjcf(model: Model, *, moving: bool = False) -> str:
-    """The model as MJCF; with `moving`, springs and damping too, and a state that diverges is not set back."""
+    """The model as MJCF; with `moving`, including springs and damping, and without the reset of diverging states."""
     tree = "".join(_body(model, part, moving) for part in model.children(model.base))
     if model.floating:
         tree = f"<body>{_inertial(model.base_inertial)}<freejoint/>{tree}</body>"
@@ -61,7 +61,7 @@ def mjcf(model: Model, *, moving: bool = False) -> str:
 
 
 def load(mujoco: Any, origin: Model, *, moving: bool = False) -> Any:
-    """Its model. Raises Refused with its own message."""
+    """MuJoCo's model. Raises Refused with its message."""
     try:
         with quiet(mujoco):
             model = mujoco.MjModel.from_xml_string(mjcf(origin, moving=moving))
@@ -74,7 +74,7 @@ def load(mujoco: Any, origin: Model, *, moving: bool = False) -> Any:
 
 
 def solver(mujoco: Any, scene: Scene) -> Solver:
-    """Forward dynamics. A free joint has its linear rates, forces and accelerations along the world's axes there."""
+    """Forward dynamics. A free joint has its linear velocities, forces and accelerations in the world frame."""
     origin = read(scene)
     model = load(mujoco, origin)
     data = mujoco.MjData(model)

@@ -1,4 +1,4 @@
-"""Pinocchio: its own model, `aba` in either convention."""
+"""Pinocchio: `aba` of its own model, in either convention."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .model import Array, Refused, Solver, read
 
 
 def load(pin: Any, scene: Scene) -> Any:
-    """Its model of the scene."""
+    """Pinocchio's model of the scene."""
     origin = read(scene)
     model = pin.Model()
     model.gravity.linear[:] = origin.gravity

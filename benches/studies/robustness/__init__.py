@@ -1,1 +1,3 @@
-"""Measurements of how robust and how accurate simulation is: the sections of docs/motion-robustness.md, made by benches/motion_robustness.py."""
+"""Robustness and accuracy of simulation: the sections of docs/motion-robustness.md, written by
+benches/motion_robustness.py.
+"""

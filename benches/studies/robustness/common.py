@@ -1,4 +1,4 @@
-"""Helpers that all sections share: robots, start states, runs with the default method, and Markdown tables."""
+"""Common helpers of the sections: robots, initial states, runs with the default method, and Markdown tables."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SPEED = 1e6
 RISE = 0.02
 #: Energy range of a robot that hardly moves, J, which gains are compared with.
 LEAST_RANGE = 1e-6
-#: Arguments that turn joint stops off; versions without an energy audit have no stops either.
+#: Arguments that disable joint stops; versions without an energy audit have no stops.
 NO_STOPS: dict[str, str] = {"limits": "report"} if hasattr(phipsi.Trajectory, "energy_audit") else {}
 #: Files that `--quick` uses.
 QUICK = ("a1", "allegro_right_hand", "centauro", "panda", "romeo", "so100", "talos_left_arm", "talos_reduced", "xarm7", "z1")
@@ -110,7 +110,7 @@ def lacks_inertia(scene: phipsi.Scene) -> bool:
 
 
 def bounds(scene: phipsi.Scene) -> tuple[Array, Array]:
-    """Position limits, (nv,) each; plus and minus 1 where there is none."""
+    """Position limits, (nv,) each; -1 and 1 for joints without limits."""
     lower, upper = scene.limits.lower, scene.limits.upper
     bounded = np.isfinite(lower) & np.isfinite(upper)
     return np.where(bounded, lower, -1.0), np.where(bounded, upper, 1.0)
@@ -123,7 +123,9 @@ def random_poses(scene: phipsi.Scene, count: int, seed: int = 0) -> Array:
 
 
 def run(scene: phipsi.Scene, q: Array, qd: Array, method: str, *, dt: float, duration: float, rows: int = 50, **more: Any) -> Run:
-    """Simulates, with a recorded row at the start, at the end and at about `rows` times between; says why if that fails."""
+    """Simulate, with recorded rows at the start, at the end and at about `rows` times between; return the reason of a
+    failure.
+    """
     steps = round(duration / dt)
     every = next(k for k in range(max(1, steps // rows), 0, -1) if steps % k == 0)
     try:

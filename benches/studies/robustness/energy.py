@@ -1,4 +1,4 @@
-"""Energy: passive robots never gain it, and a free spinning body keeps it."""
+"""Energy: passive robots do not gain energy, and a free spinning body conserves it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SPINS, SPIN_TIME, SPIN_ROWS = (30.0, 300.0), 60.0, 600
 MOMENTS, DIRECTION = np.array([0.01, 0.02, 0.03]), np.ones(3) / np.sqrt(3)
 #: Position of the center of mass in the second body, m; it is at the origin in the first.
 OFFSET = np.array([0.1, 0.05, 0.0])
-#: Largest relative error of energy and momentum that is aimed at.
+#: Target of the relative errors of energy and momentum.
 AIM = 1e-6
 
 
@@ -59,7 +59,7 @@ def passive(options: Options) -> Section:
 
 
 def body(com: Array) -> phipsi.Scene:
-    """A free body in no gravity."""
+    """A free body without gravity."""
     builder = phipsi.SceneBuilder().link("body", 1.0, com=com, inertia=np.diag(MOMENTS))
     return builder.build(floating_base=True, gravity=(0, 0, 0))
 
@@ -68,7 +68,7 @@ def spun(options: Options, com: Array, spin: float) -> tuple[float, float, int]:
     """Relative errors of energy and angular momentum about the center of mass of phipsi's default, and the largest number of substeps."""
     scene = body(com)
     rate = spin * DIRECTION
-    # The center of mass is at rest: the frame's origin moves with -omega x com.
+    # The center of mass is at rest: the origin of the frame moves with -omega x com.
     qd = np.r_[-np.cross(rate, com), rate]
     found = common.run(scene, scene.neutral(), qd, options.method, dt=STEP, duration=SPIN_TIME, rows=SPIN_ROWS).trajectory
     if found is None:

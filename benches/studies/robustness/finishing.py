@@ -1,4 +1,4 @@
-"""Which runs finish: passive and pushed robots of example-robot-data, and robots under PD laws."""
+"""Completed runs: passive and actuated robots of example-robot-data, and robots with PD laws."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from . import common
 from .common import Array, Finding, Options, Section
 from .peer import Peer
 
-#: Torque of the pushed runs at every joint, N m (N at prismatic joints).
+#: Constant torque at every joint, N m (N at prismatic joints).
 PUSH = 0.3
 STEPS = (1e-3, 2e-3)
 #: Gains, N m/rad; the derivative gain is that of critical damping for the diagonal entry of the mass matrix.
 GAINS = (1e2, 1e3, 1e4, 1e6)
 LAWS = ("hold", "sine", "floating")
 LAW_STEPS = (1e-4, 1e-3, 4e-3)
-#: MuJoCo's integrators under PD laws.
+#: MuJoCo's integrators with PD laws.
 PEERS = ("Euler", "implicitfast")
-#: Duration of a run under a PD law, and how long one target is held, s.
+#: Duration of a run with a PD law, and duration of each target, s.
 LAW_TIME, HELD = 0.3, 4e-3
 #: Amplitude, rad, and angular frequency, rad/s, of the sine.
 AMPLITUDE, OMEGA = 0.2, 4 * np.pi
 
 
 def peer_of(name: str, scene: phipsi.Scene, *, floating: bool = False, actuators: bool = False) -> Peer | None:
-    """The MuJoCo model of a robot; None if MuJoCo refuses it."""
+    """MuJoCo model of a robot; None if MuJoCo refuses it."""
     text = (ROBOTS / common.files()[name]).read_text(encoding="utf-8")
     try:
         return Peer(text, scene, floating=floating, actuators=actuators)
@@ -98,7 +98,7 @@ def distinct(scenes: dict[str, phipsi.Scene]) -> list[str]:
 
 
 def targets(scene: phipsi.Scene, q: Array, law: str, joints: Array) -> list[tuple[float, Array, Array]]:
-    """Targets of a law, each with the time that it is held, s."""
+    """Targets of a law, each with its duration."""
     if law != "sine":
         return [(LAW_TIME, q, np.zeros(scene.nv))]
     pieces = []
@@ -109,7 +109,7 @@ def targets(scene: phipsi.Scene, q: Array, law: str, joints: Array) -> list[tupl
 
 
 def under_law(scene: phipsi.Scene, q: Array, law: phipsi.PD, pieces: list[tuple[float, Array, Array]], method: str, dt: float) -> bool:
-    """Whether all pieces of a run finish."""
+    """Whether all parts of a run complete."""
     qd = np.zeros(scene.nv)
     for duration, target, rate in pieces:
         found = common.run(scene, q, qd, method, dt=dt, duration=duration, rows=5, pd=law._replace(target=target, target_rate=rate))
@@ -132,7 +132,7 @@ def peer_under_law(peer: Peer, q: Array, law: phipsi.PD, pieces: list[tuple[floa
 
 
 def pd_laws(options: Options) -> Section:
-    """Failures under PD laws from soft to stiff."""
+    """Failures with PD laws from soft to stiff."""
     scenes = common.robots(options.quick)
     names = distinct(scenes)
     counts: dict[str, list[int]] = {}
@@ -147,7 +147,7 @@ def pd_laws(options: Options) -> Section:
         for law in LAWS:
             floating = law == "floating"
             scene = common.robots(options.quick, floating)[name] if floating else scenes[name]
-            # Velocity of one at the joints and of zero at the floating base.
+            # Velocity of one at the joints and zero at the floating base.
             joints = np.r_[np.zeros(6), np.ones(scene.nv - 6)] if floating else np.ones(scene.nv)
             pose = common.random_poses(scenes[name], 1)[0]
             q = np.r_[scene.neutral()[:7], pose] if floating else pose

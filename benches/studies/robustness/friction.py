@@ -1,4 +1,4 @@
-"""Dry friction: wrong answers that no error reports, and arms that friction holds."""
+"""Dry friction: wrong results without an error, and arms in static equilibrium by friction."""
 
 from __future__ import annotations
 
@@ -14,24 +14,27 @@ from .finishing import peer_of
 STEP, FINER = 1e-3, 32
 #: Duration, s, and random poses of each robot.
 DURATION, POSES = 0.3, 8
-#: The reference: friction regularized at this speed, rad/s, by this method at this step, s; and the tolerance of SciPy's Radau, which checks it.
+#: Reference: friction regularized at this speed, rad/s, by this method at this step, s; and the tolerance of SciPy's
+#: Radau, which verifies it.
 SPEED, REFERENCE, REFERENCE_STEP, TOLERANCE = 1e-4, "rosenbrock-3", 2e-5, 1e-7
-#: A run is wrong if its error exceeds this, rad or m; it is silent if the estimate is below a third of the error.
+#: A run is wrong if its error exceeds this value, rad or m; it is silent if the estimate is below a third of the
+#: error.
 WRONG, TOLD = 1e-2, 1 / 3
-#: Robots that friction holds, by name and file.
+#: Robots that friction keeps at rest, by name and file.
 HELD = {
     "panda": "panda_description/urdf/panda.urdf",
     "allegro_right_hand": "allegro_hand_description/urdf/allegro_right_hand.urdf",
     "talos_left_arm": "talos_data/robots/talos_left_arm.urdf",
     "talos_reduced": "talos_data/robots/talos_reduced.urdf",
 }
-#: Friction over gravity torque, and what is added at joints without gravity torque, relative to the largest one.
+#: Friction relative to the gravity torque, and additional friction at joints without gravity torque, relative to the
+#: largest one.
 FACTOR, FLOOR = 1.5, 1e-6
 HELD_TIME, HELD_POSES = 10.0, 3
 
 
 def silent_errors(options: Options) -> Section:
-    """Error of the default with the file's friction, compared with two references and with the error estimate."""
+    """Error of the default with the friction of the file, compared with two references and with the error estimate."""
     rows, wrong, silent, failed, runs, worst = [], 0, 0, 0, 0, 0.0
     for name, scene in common.robots(options.quick).items():
         if not np.any(scene.friction > 0):
@@ -103,4 +106,4 @@ def held_arms(options: Options) -> Section:
         + common.table(["robot", "phipsi", "MuJoCo"], rows)
     )
     found_text = ", ".join(f"{name} {common.relative(drift)}" if drift else f"{name} 0" for name, drift in drifts)
-    return Section("Arms held by friction", text, [Finding("arm held by dry friction, 10 s: drift", found_text, "exactly 0", not any(drift for _, drift in drifts))])
+    return Section("Arms in static equilibrium by friction", text, [Finding("arm held by dry friction, 10 s: drift", found_text, "exactly 0", not any(drift for _, drift in drifts))])

@@ -15,7 +15,8 @@ INTEGRATORS = {
     "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
     "RK4": mujoco.mjtIntegrator.mjINT_RK4,
 }
-#: Options of MuJoCo's compiler, tried in this order: the file unchanged, then with its inertias made acceptable to MuJoCo.
+#: Options of MuJoCo's compiler, tried in this order: the unchanged file, then with modified inertias that MuJoCo
+#: accepts.
 REPAIRS: tuple[dict[str, str], ...] = ({}, {"balanceinertia": "true"}, {"balanceinertia": "true", "boundmass": "1e-6", "boundinertia": "1e-9"})
 DIVERGED = [int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{what}")) for what in ("QPOS", "QVEL", "QACC")]
 #: Steps between two checks for divergence.
@@ -27,7 +28,7 @@ mujoco.set_mju_user_warning(lambda _: None)
 class Peer:
     """A MuJoCo model without geometry, loops or effort limits, and one state of it.
 
-    Raises ValueError if MuJoCo does not accept the file even with repaired inertias.
+    Raises ValueError if MuJoCo does not accept the file even with modified inertias.
     """
 
     def __init__(self, urdf: str, scene: phipsi.Scene, *, floating: bool = False, constraints: bool = True, actuators: bool = False) -> None:
@@ -89,7 +90,7 @@ class Peer:
         self.data.ctrl[:] = kp[self.v_here] * q[self.q_here] + kd[self.v_here] * qd[self.v_here]
 
     def start(self, q: Array, qd: Array, tau: float = 0.0) -> None:
-        """Sets the state of the one-axis joints; a floating base starts at MuJoCo's own pose, at rest."""
+        """Set the state of the one-axis joints; a floating base starts at MuJoCo's own pose, at rest."""
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[self.q_there], self.data.qvel[self.v_there] = q[self.q_here], qd[self.v_here]
         self.data.qfrc_applied[self.v_there] = tau
@@ -101,7 +102,7 @@ class Peer:
         return q, qd
 
     def advance(self, steps: int) -> bool:
-        """Makes the steps; False as soon as MuJoCo warns of divergence or a velocity exceeds the bound of all programs."""
+        """Make the steps; False if MuJoCo warns of divergence or a velocity exceeds the bound of all programs."""
         while steps > 0:
             mujoco.mj_step(self.model, self.data, nstep=min(CHUNK, steps))
             steps -= CHUNK
@@ -110,7 +111,7 @@ class Peer:
         return True
 
     def rows(self, steps: int, every: int) -> tuple[Array, Array] | None:
-        """States at the start and after every so many steps, (rows, nv) each; None if the motion diverges."""
+        """States at the start and after every `every` steps, (rows, nv) each; None if the motion diverges."""
         states = [self.state()]
         for _ in range(steps // every):
             if not self.advance(every):

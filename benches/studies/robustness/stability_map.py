@@ -1,4 +1,6 @@
-"""Maps of stability: each method on a chain of three with stiff gains, extreme mass ratios and strong friction, at steps from 1e-6 to 0.1 s."""
+"""Stability maps: each method on a chain of three with stiff gains, extreme mass ratios and strong friction, at steps
+from 1e-6 to 0.1 s.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,7 @@ from .peer import INTEGRATORS, Peer
 
 METHODS = ("rk4", "semi-implicit-euler", "implicit-euler", "rosenbrock-2", "rosenbrock-3")
 STEPS = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
-#: Steps of a run, at the most, and its longest duration, s.
+#: Largest number of steps of a run, and its longest duration, s.
 MOST_STEPS, LONGEST = 3000, 1.0
 #: A cell is accurate if the error at the end is below this, rad.
 ACCURATE = 1e-3
@@ -28,7 +30,7 @@ LEGEND = "`a` accurate, `d` damped or inaccurate, but stable, `F` failed, `?` st
 
 @dataclass
 class Problem:
-    """One column of a map: a chain, its start, and arguments of the runs."""
+    """One column of a map: a chain, its initial state, and arguments of the runs."""
 
     scene: phipsi.Scene
     q: Array
@@ -43,7 +45,9 @@ class Problem:
         return found | ({"friction": self.friction} if self.friction else {})
 
     def solve(self) -> None:
-        """Fills in the reference: SciPy's Radau twice, with other tolerances, or with friction regularized at other speeds."""
+        """Compute the reference: SciPy's Radau twice, with different tolerances or different speeds of regularized
+        friction.
+        """
         times = sorted({duration(dt) for dt in STEPS})
         solutions = []
         for tolerance, speed in ((1e-9, SLOW[0]), (1e-7, SLOW[1])):
@@ -58,7 +62,7 @@ class Problem:
         self.reference = {time: q for time, q, off in zip(times, solutions[0], apart, strict=True) if off <= KNOWN}
 
     def judged(self, dt: float, q: Array, qd: Array) -> str:
-        """The letter of a run that finished, from its rows."""
+        """Letter of a completed run, from its rows."""
         energy = self.scene.energy(q, qd)
         potential = np.asarray(energy.potential)
         if self.law:
@@ -79,7 +83,7 @@ class Problem:
         return "F" if found is None else self.judged(dt, found.q, found.qd)
 
     def peer(self) -> Peer | None:
-        """MuJoCo's model, with the law as springs and dampers; None if it refuses the masses."""
+        """MuJoCo's model, with the law as springs and dampers; None if MuJoCo refuses the masses."""
         try:
             peer = Peer(self.scene.to_urdf(), self.scene)
         except ValueError:
@@ -104,7 +108,7 @@ class Problem:
 
 
 def duration(dt: float) -> float:
-    """Duration of the runs at a step, s."""
+    """Duration of the runs with a step size, s."""
     return float(f"{min(LONGEST, MOST_STEPS * dt):g}")
 
 
@@ -120,7 +124,7 @@ def chain(tip: float = LINK_MASS) -> phipsi.Scene:
 
 
 def gains(value: float) -> Problem:
-    """Gains at the first and the last joint, with critical damping; the joint between them swings."""
+    """Gains at the first and the last joint, with critical damping; the joint between them is passive."""
     scene, q = chain(), np.array([0.3, 0.8, -0.4])
     where = np.array([1.0, 0.0, 1.0])
     mass = np.diag(scene.mass_matrix(q))

@@ -1,4 +1,6 @@
-"""Cost of the default: error against run time, error-controlled runs, and steps compared with forward dynamics."""
+"""Time of the default: error against run time, simulations with error control, and steps compared with forward
+dynamics.
+"""
 
 from __future__ import annotations
 
@@ -18,9 +20,9 @@ from .peer import INTEGRATORS, Peer
 
 CASES = {"panda": "panda_description/urdf/panda.urdf", "talos_reduced": "talos_data/robots/talos_reduced.urdf"}
 STEPS = (5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4)
-#: Duration, s, distance of the rows that errors are taken at, s, and gain of the PD law, N m/rad.
+#: Duration, s, interval of the rows for errors, s, and gain of the PD law, N m/rad.
 DURATION, ROW, GAIN = 0.3, 1e-2, 1e4
-#: Errors whose run time is interpolated.
+#: Errors for which the run time is interpolated.
 ERRORS = (1e-3, 1e-5)
 #: Other methods of phipsi in the table.
 METHODS = ("rosenbrock-3", "rk4")
@@ -30,7 +32,9 @@ TURNS, QUICK_TURNS = 9, 3
 
 
 class Motion:
-    """A robot without dry friction from a random moving state, passive or under a PD law whose target is the start."""
+    """A robot without dry friction from a random moving state, passive or with a PD law whose target is the initial
+    state.
+    """
 
     def __init__(self, file: str, law: bool) -> None:
         self.scene = load(file).with_properties(friction=0.0)
@@ -56,7 +60,9 @@ class Motion:
             self.peer.set_target(self.kp, self.kd, self.q, np.zeros_like(self.qd))
 
     def acceleration_difference(self) -> float:
-        """Relative difference of the accelerations at the start between the programs, without law and damping: whether they have the same model."""
+        """Relative difference of the initial accelerations between the programs, without law and damping: whether they
+        have the same model.
+        """
         ours = self.scene.forward_dynamics(self.q, self.qd, -self.scene.damping * self.qd - (self.kd * self.qd if self.more else 0.0))
         self.start_peer()
         mujoco.mj_forward(self.peer.model, self.peer.data)
@@ -65,14 +71,14 @@ class Motion:
         return float(np.max(np.abs(ours - theirs)) / np.max(np.abs(ours)))
 
     def ours(self, method: str, dt: float) -> tuple[float, Callable[[], object]]:
-        """The error, infinite if the run fails, and a run to time."""
+        """The error, infinite if the run fails, and a function that runs it for timing."""
         steps, more = round(DURATION / dt), self.more | common.NO_STOPS
         found = common.run(self.scene, self.q, self.qd, method, dt=dt, duration=DURATION, rows=round(DURATION / ROW), **more).trajectory
         error = np.inf if found is None else self.error(found.q)
         return error, lambda: self.scene.simulate(self.q, self.qd, dt=dt, steps=steps, record_every=steps, method=method, **more)
 
     def theirs(self, integrator: str, dt: float) -> tuple[float, Callable[[], object]]:
-        """The same of MuJoCo."""
+        """The same for MuJoCo."""
         steps = round(DURATION / dt)
         self.peer.integrate_with(integrator, dt)
         self.start_peer()
@@ -87,7 +93,7 @@ class Motion:
 
 
 def at_error(points: list[tuple[float, float]], error: float) -> str:
-    """The run time, ms, at which an error is reached, interpolated in logarithms; points are (error, ms) from coarse to fine."""
+    """Run time, ms, for an error, interpolated logarithmically; points are (error, ms) from coarse to fine."""
     for (coarse, short), (fine, long) in zip(points, points[1:], strict=False):
         if np.isfinite(coarse) and coarse > error >= fine:
             share = np.log(coarse / error) / np.log(coarse / fine)
@@ -99,12 +105,14 @@ def at_error(points: list[tuple[float, float]], error: float) -> str:
 
 
 def error_at(points: list[tuple[float, float]], ms: float) -> float | None:
-    """The smallest error of the runs that take at most so long; None if none does."""
+    """Smallest error of the runs within a time; None if there is none."""
     return min((error for error, long in points if long <= ms), default=None)
 
 
 def least_ratio(ours: list[tuple[float, float]], theirs: list[tuple[float, float]]) -> float:
-    """The least ratio of their error to ours in at most the same time; infinite if all their runs fail, NaN if all ours do."""
+    """Smallest ratio of their error to ours within the same time; infinite if all their runs fail, NaN if all ours
+    fail.
+    """
     if not any(np.isfinite(error) for error, _ in ours):
         return np.nan
     ratios = [error / own for error, ms in theirs if np.isfinite(error) and (own := error_at(ours, ms)) is not None]
@@ -113,7 +121,7 @@ def least_ratio(ours: list[tuple[float, float]], theirs: list[tuple[float, float
 
 
 def error_against_time(options: Options) -> Section:
-    """Error and time of phipsi and MuJoCo at the same steps, against an independent reference."""
+    """Error and time of phipsi and MuJoCo at the same steps, compared with an independent reference."""
     texts, findings = [], []
     steps = STEPS[1:4] if options.quick else STEPS
     for name, file in CASES.items():
@@ -186,7 +194,9 @@ def error_controlled(options: Options) -> Section:
 
 
 def cost(options: Options) -> Section:
-    """Time of a step over one forward dynamics, in batches, where the time of the call from Python is negligible."""
+    """Time of a step relative to one forward dynamics, in batches, where the overhead of the call from Python is
+    negligible.
+    """
     states, steps = 256, 20
     rows, findings = [], []
     for name, file, floating in (("ur5", "ur_description/urdf/ur5_robot.urdf", False), ("g1", "g1_description/urdf/g1_29dof_rev_1_0.urdf", True)):

@@ -1,6 +1,7 @@
-"""What form "auto" costs beside "covariance", by kind of state: Python calls, one state and a batch.
+"""Time of form "auto" relative to "covariance" by kind of state: Python calls, one state and a batch.
 
-benches/auto_states.py runs it against wheels that are older than it: the public names of phipsi, kinds.py and timing.py are all it uses.
+benches/auto_states.py also runs this file with older wheels. Therefore it uses only public names of phipsi,
+kinds.py and timing.py.
 """
 
 from __future__ import annotations
@@ -33,19 +34,21 @@ ROBOTS = {
 
 @dataclass(frozen=True)
 class Cost:
-    """Times of `scene.forward_dynamics(q, qd, tau, form=...)` called from Python on one thread, ns a state, medians."""
+    """Times of `scene.forward_dynamics(q, qd, tau, form=...)` called from Python on one thread, ns per state,
+    medians.
+    """
 
     kind: str
     batch: int
-    """States of a call; 1: a call a state."""
+    """Number of states per call."""
     auto: float
     covariance: float
     ratio: float
-    """auto over covariance: median over the turns, in each of which one follows the other."""
+    """auto relative to covariance: median over the interleaved timings."""
 
 
 def of_kind(scene: phipsi.Scene, drawn: kinds.Drawn, kind: str, quick: bool) -> list[Cost]:
-    """The cost of one kind, one state and the batch of `drawn`; without what has no answer."""
+    """Times of one kind, for one state and for the batch of `drawn`, without calls that raise."""
     rows, states = [], kinds.state(scene, drawn, kind)
     with threads(1):
         for size, calls in ((1, one_by_one(states)), (len(drawn.q), [states])):
@@ -57,7 +60,7 @@ def of_kind(scene: phipsi.Scene, drawn: kinds.Drawn, kind: str, quick: bool) -> 
 
 
 def measured(scene: phipsi.Scene, drawn: kinds.Drawn, *, quick: bool = False) -> list[Cost]:
-    """The cost of every kind."""
+    """Times of every kind."""
     return [row for kind in kinds.KINDS for row in of_kind(scene, drawn, kind, quick)]
 
 
@@ -69,8 +72,8 @@ def _cost(scene: phipsi.Scene, kind: str, size: int, calls: Sequence[Arguments],
 
 
 def example_robots() -> dict[str, Path]:
-    """The robots of example-robot-data where this interpreter has them, by name."""
-    # Of the wheel, and of conda.
+    """Robots of example-robot-data by name, if this interpreter has the package."""
+    # In the wheel and in conda.
     prefixes = Path(sysconfig.get_path("purelib")) / "cmeel.prefix", Path(sys.prefix)
     folders = [prefix / "share" / "example-robot-data" / "robots" for prefix in prefixes]
     return {
@@ -78,7 +81,7 @@ def example_robots() -> dict[str, Path]:
     }
 
 
-#: Kind of base, robot, and what was measured.
+#: Results by base and robot.
 Costs = Mapping[tuple[str, str], Sequence[Cost]]
 BASES = {"fixed base": False, "free base": True}
 
@@ -90,7 +93,9 @@ def of_robots(
     seed: int = 0,
     each: Callable[[Sequence[tuple[str, str]]], Iterable[tuple[str, str]]] = iter,
 ) -> dict[tuple[str, str], list[Cost]]:
-    """The costs on every robot (a path or URDF text by name), on a fixed and on a free base; `each` hands them out."""
+    """Times for every robot (a path or URDF text by name), with a fixed and a free base; `each` iterates over the
+    cases.
+    """
     found = {}
     for base, name in each([(base, name) for base in BASES for name in sources]):
         scene = _on(sources[name], BASES[base])
@@ -100,7 +105,7 @@ def of_robots(
 
 
 def _on(source: str | Path, floating: bool) -> phipsi.Scene | None:
-    """The robot on that base; None where a free one cannot be: it floats already."""
+    """The robot with that base; None if the robot already has a free base."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         try:
@@ -112,7 +117,7 @@ def _on(source: str | Path, floating: bool) -> phipsi.Scene | None:
 
 
 def table(costs: Costs, batch: bool) -> tuple[list[str], list[list[str]]]:
-    """Robots, and a row a base and kind: auto over covariance, for the batch or for one state a call."""
+    """Robots, and one row per base and kind: auto relative to covariance, for the batch or for one state per call."""
     robots = list(dict.fromkeys(robot for _, robot in costs))
     rows = []
     for base in dict.fromkeys(base for base, _ in costs):
@@ -122,6 +127,6 @@ def table(costs: Costs, batch: bool) -> tuple[list[str], list[list[str]]]:
     return robots, rows
 
 
-#: What the tables show.
-TITLE = "forward_dynamics from Python, form auto over covariance (medians, one thread)"
-SIZES = {True: f"batches of {BATCH}", False: "one state a call"}
+#: Title of the tables.
+TITLE = "forward_dynamics from Python, time of form auto relative to covariance (medians, one thread)"
+SIZES = {True: f"batches of {BATCH}", False: "one state per call"}

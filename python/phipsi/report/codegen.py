@@ -10,7 +10,7 @@ import click
 from .._functions import FUNCTIONS, Function
 from .commands import FLOATING, MIMIC, ROBOT, Mimic, _load, _typed_errors, group
 
-#: The method that writes a language, and what runs its test.
+#: Method that writes each language, and command that runs its test.
 LANGUAGES = {
     "c": ("to_c", "make -C {} test"),
     "rust": ("to_rust", "cargo test --manifest-path {}/Cargo.toml"),
@@ -18,16 +18,16 @@ LANGUAGES = {
 }
 
 
-#: Functions of one link, and the frames of a Jacobian.
+#: Functions of one link, and frames of a Jacobian.
 OF_LINKS, FRAMES = ("placement", "jacobian"), ("local", "world", "local-world-aligned")
 KNOWN = f"{', '.join(FUNCTIONS)}, placement:LINK, jacobian:LINK, jacobian:LINK:FRAME"
 
 
 def _read(ctx: click.Context, param: click.Parameter, given: tuple[str, ...]) -> tuple[Function, ...]:
-    """Functions by their names; of a link NAME:LINK, and jacobian:LINK:FRAME."""
+    """Functions from their names; NAME:LINK for functions of a link, jacobian:LINK:FRAME for a Jacobian in a frame."""
     functions: list[Any] = []
-    for said in given:
-        name, colon, link = said.partition(":")
+    for text in given:
+        name, colon, link = text.partition(":")
         before, _, frame = link.rpartition(":")
         if name in FUNCTIONS and not colon:
             functions.append(name)
@@ -36,7 +36,7 @@ def _read(ctx: click.Context, param: click.Parameter, given: tuple[str, ...]) ->
         elif name in OF_LINKS and link:
             functions.append((name, link))
         else:
-            raise click.BadParameter(f"{said!r} is none of {KNOWN}; FRAME is one of {', '.join(FRAMES)}.", ctx, param)
+            raise click.BadParameter(f"found {text!r}; expected {KNOWN}; FRAME is one of {', '.join(FRAMES)}.", ctx, param)
     return tuple(functions)
 
 
@@ -44,18 +44,18 @@ def _read(ctx: click.Context, param: click.Parameter, given: tuple[str, ...]) ->
 @ROBOT
 @FLOATING
 @MIMIC
-@click.option("-o", "--output", "directory", type=click.Path(path_type=Path, file_okay=False), default=Path("generated"), show_default=True, help="Where the files go.")
-@click.option("--lang", type=click.Choice(tuple(LANGUAGES)), default="c", show_default=True, help="The language: C99, Rust without the standard library, or CUDA.")
-@click.option("--name", default="robot", show_default=True, help="What files and functions begin with.")
+@click.option("-o", "--output", "directory", type=click.Path(path_type=Path, file_okay=False), default=Path("generated"), show_default=True, help="Output folder.")
+@click.option("--lang", type=click.Choice(tuple(LANGUAGES)), default="c", show_default=True, help="Language: C99, Rust (no_std), or CUDA.")
+@click.option("--name", default="robot", show_default=True, help="Prefix of the names of files and functions.")
 @click.option(
     "--functions",
     "-f",
     callback=_read,
     multiple=True,
-    help=f"What to write; again for more: {KNOWN}.  [default: all that are of no one link]",
+    help=f"Function to write; repeatable: {KNOWN}.  [default: all except those of one link]",
 )
-@click.option("--float32", "is_single", is_flag=True, help="float in place of double, in C and CUDA; Rust takes both.")
-@click.option("--batches", is_flag=True, help="Functions of many states too, in C; Rust has them, and CUDA nothing else.")
+@click.option("--float32", "is_single", is_flag=True, help="float instead of double in C and CUDA; Rust code is generic.")
+@click.option("--batches", is_flag=True, help="Write also functions for batches of states in C; Rust and CUDA code always has them.")
 def codegen(
     robot: Path | None,
     floating_base: bool,
@@ -67,9 +67,10 @@ def codegen(
     is_single: bool,
     batches: bool,
 ) -> None:
-    """Write the dynamics of one robot as code that needs no library: sources, a test with reference values, and what builds it.
+    """Write the dynamics of one robot as code without dependencies: sources, a test with reference values, and build
+    files.
 
-    Without ROBOT.urdf, the bundled arm. The last line says how to compile and run the test.
+    Without ROBOT.urdf, the bundled arm is used. The last line of the output shows how to compile and run the test.
     """
     for flag, given, languages in (("--float32", is_single, ("c", "cuda")), ("--batches", batches, ("c",))):
         if given and lang not in languages:

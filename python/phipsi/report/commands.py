@@ -23,9 +23,9 @@ from .robot import DENSE_CAP, Report
 from .sections import accuracy, calls, growth, residuals
 from .stability import STABILITY, Stability
 
-#: Whether mimic joints follow.
+#: Whether mimic joints are coupled.
 Mimic: TypeAlias = Literal["couple", "free"]
-#: What the bundled arm is called.
+#: Name of the bundled arm.
 BUNDLED = "PUMA 560 (bundled)"
 
 #: Exit codes.
@@ -33,14 +33,14 @@ BEYOND, BAD_INPUT = 1, 2
 
 
 class BadInput(click.ClickException):
-    """Something the user gave cannot be used; one line, exit code 2."""
+    """Invalid input; one line, exit code 2."""
 
     exit_code = BAD_INPUT
 
 
 @contextmanager
 def _typed_errors() -> Iterator[None]:
-    """Errors of the library as one line."""
+    """Convert errors of the library to one line."""
     try:
         yield
     except (errors.PhipsiError, OSError, ImportError) as error:
@@ -48,14 +48,14 @@ def _typed_errors() -> Iterator[None]:
 
 
 def _as_options(text: str) -> str:
-    """A message, with the keyword arguments of load that it suggests as options of the commands."""
+    """A message in which keyword arguments of load are replaced by options of the commands."""
     text = re.sub(r"\bignore=\(([^)]*)\)", lambda found: " ".join(f"--ignore {name}" for name in re.findall(r"'(\w+)'", found[1])), text)
     text = re.sub(r"\bxacro_arguments=\{'(\w+)': \.\.\.\}", r"--xacro-argument \1=VALUE", text)
     return re.sub(r'\bmimic="(\w+)"', r"--mimic \1", text.replace("strict=True", "--strict").replace("floating_base=True", "--floating-base"))
 
 
 def _load(robot: Path | None, floating_base: bool, mimic: Mimic = "free") -> tuple[Scene, str, str, list[str]]:
-    """Scene, name, source and warnings, of which the first are shown."""
+    """Scene, name, source and warnings; prints the first warnings."""
     reading = click.get_current_context().meta
     with warnings.catch_warnings(record=True) as caught, _typed_errors():
         warnings.simplefilter("always")
@@ -76,12 +76,12 @@ def _load(robot: Path | None, floating_base: bool, mimic: Mimic = "free") -> tup
 
 
 ROBOT = click.argument("robot", metavar="[ROBOT.urdf]", required=False, type=click.Path(path_type=Path))
-#: How a robot is read, where the context of a command keeps it.
+#: Keys of the options for reading a robot in the context of a command.
 STRICT, IGNORE, XACRO_ARGUMENTS = (f"{__name__}.{name}" for name in ("strict", "ignore", "xacro_arguments"))
 
 
 def _keep(key: str) -> Callable[[click.Context, click.Parameter, Any], None]:
-    """Keeps an option in the context."""
+    """Callback that stores an option in the context."""
     return lambda context, _, value: context.meta.__setitem__(key, value)
 
 
@@ -95,44 +95,44 @@ def _pair(_: click.Context, parameter: click.Parameter, values: tuple[str, ...])
 
 
 def FLOATING(command: Callable[..., Any]) -> Callable[..., Any]:
-    """The options of how a robot is read; only --floating-base is an argument of the command."""
+    """Options for reading a robot; only --floating-base is an argument of the command."""
     for option in (
         click.option("--xacro-argument", multiple=True, metavar="NAME=VALUE", expose_value=False, callback=_pair, help="Value of an <xacro:arg>; repeatable."),
         click.option("--ignore", multiple=True, metavar="PART", expose_value=False, callback=_keep(IGNORE), help="Part of a MuJoCo model to omit; repeatable."),
-        click.option("--strict", is_flag=True, expose_value=False, callback=_keep(STRICT), help="Refuse what is warned about otherwise."),
-        click.option("--floating-base", is_flag=True, help="Put a free joint under the root link."),
+        click.option("--strict", is_flag=True, expose_value=False, callback=_keep(STRICT), help="Raise an error instead of a warning."),
+        click.option("--floating-base", is_flag=True, help="Add a free joint between the base and the root link."),
     ):
         command = option(command)
     return command
 
 
 MIMIC = click.option(
-    "--mimic", type=click.Choice(("couple", "free")), default="free", show_default=True, help="Whether joints of a URDF with <mimic> follow."
+    "--mimic", type=click.Choice(("couple", "free")), default="free", show_default=True, help="Whether joints of a URDF with <mimic> are coupled or free."
 )
 SEED = click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the random states.")
 COUNT = click.IntRange(1, 100_000)
-JSON = click.option("--json", "as_json", is_flag=True, help="All numbers, as JSON.")
+JSON = click.option("--json", "as_json", is_flag=True, help="Print all values as JSON.")
 
 
 def echo_json(found: Any) -> None:
-    """Prints what was found as JSON."""
+    """Print results as JSON."""
     click.echo(json.dumps(pipeline.plain(found), indent=1, allow_nan=False, ensure_ascii=False))
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="phipsi")
 def group() -> None:
-    """Robot dynamics: look at a robot, move it, and see what is computed for it, how well and how fast."""
+    """Robot dynamics: show and simulate robots, compute their dynamics, and measure accuracy and speed."""
 
 
 @group.command()
 @ROBOT
 @click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), help="Folder for the report.  [required]")
 @FLOATING
-@click.option("--quick", is_flag=True, help="Fewer states and passes: some seconds.")
-@click.option("--states", "count", type=COUNT, help="Random states.  [default: 400, quick: 64]")
+@click.option("--quick", is_flag=True, help="Use fewer states and timings; takes a few seconds.")
+@click.option("--states", "count", type=COUNT, help="Number of random states.  [default: 400, quick: 64]")
 @SEED
-@click.option("--stability", is_flag=True, help="The report on extreme scenes, instead of one on a robot.")
+@click.option("--stability", is_flag=True, help="Report on the extreme scenes instead of a robot.")
 @JSON
 @click.option("--motion", is_flag=True, hidden=True)
 def report(
@@ -146,22 +146,23 @@ def report(
     as_json: bool,
     motion: bool,
 ) -> None:
-    """Write a page about a robot: index.html, which needs nothing beside itself, and report.json.
+    """Write a report on a robot: index.html, a self-contained page, and report.json.
 
-    First the robot: in motion, its links and joints, limits and gravity torques, mass matrix, how long each call takes. Then how it is
-    computed, and how exactly: work that is left out, error and run time of every method in two precisions, checks of the theory,
-    conditioning, the mass matrix from random forces, time against the number of bodies. Without ROBOT.urdf, the bundled arm.
+    The first part describes the robot: motion, links and joints, limits and gravity torques, mass matrix, and the
+    time of each call. The second part describes the computation: simplifications, error and run time of every method
+    in two precisions, checks of the theory, conditioning, the mass matrix from random forces, and the time as a
+    function of the number of bodies. Without ROBOT.urdf, the bundled arm is used.
 
-    With --stability, a page about the extreme scenes instead: the error of every form and of dense algebra, in two norms, beside the
-    problems' own sensitivity.
+    With --stability, the report is on the extreme scenes instead: the error of every form and of dense algebra, in
+    two norms, compared with the sensitivity of the problems.
 
-    Exit code 1: a residual is beyond its bound (the report says which); 2: bad input.
+    Exit codes: 1, a residual exceeds its bound (the report shows which one); 2, invalid input.
     """
     if motion:
-        raise BadInput("--motion: the study of integrators is made in phipsi's repository, by: make motion")
+        raise BadInput("--motion: found a request for the study of integrators; expected the repository of phipsi: run make motion there")
     if stability:
         if robot is not None or floating_base or count is not None:
-            raise click.UsageError("--stability has scenes of its own: leave out ROBOT.urdf, --floating-base and --states")
+            raise click.UsageError("--stability: found ROBOT.urdf, --floating-base or --states; expected none of them, because the scenes are fixed")
     if output is None:
         raise click.UsageError("Missing option '-o' / '--output'.")
     console = Console(stderr=True)
@@ -185,22 +186,24 @@ def report(
         click.echo(pages[0])
         terminal.summary(console, found)
     if not found.passed:
-        terminal.line(console, f"beyond the bound: {'; '.join(found.beyond)}", "bold red")
+        terminal.line(console, f"residual exceeds its bound: {'; '.join(found.beyond)}", "bold red")
         raise SystemExit(BEYOND)
 
 
 @group.command()
 @ROBOT
 @FLOATING
-@click.option("--states", "count", type=COUNT, default=16, show_default=True, help="Random states.")
+@click.option("--states", "count", type=COUNT, default=16, show_default=True, help="Number of random states.")
 @SEED
 @JSON
 def check(robot: Path | None, floating_base: bool, count: int, seed: int, as_json: bool) -> None:
-    """Check the theory's identities on a robot.
+    """Check the identities of the theory on a robot.
 
-    Factorisation against faer's LDLT, operators against their definitions, M M^-1 = 1, forward then inverse dynamics, power.
-    The bound is 64 eps times the degrees of freedom, or times cond(M) where an inverse comes in. Without ROBOT.urdf, the
-    bundled arm. Exit code 1: a residual is beyond its bound; 2: bad input, or a robot that cannot be checked.
+    The identities are: factorization compared with faer's LDLT, operators compared with their definitions, M M^-1 =
+    1, forward after inverse dynamics, and power. The bound is 64 eps times the number of degrees of freedom, or times
+    cond(M) if an inverse is involved. Without ROBOT.urdf, the bundled arm is used.
+
+    Exit codes: 1, a residual exceeds its bound; 2, invalid input, or a robot that cannot be checked.
     """
     console = Console(width=None if Console().is_terminal else 110)
     scene, name, _, _ = _load(robot, floating_base)
@@ -209,11 +212,11 @@ def check(robot: Path | None, floating_base: bool, count: int, seed: int, as_jso
         if as_json:
             echo_json(about | {"passed": True, "residuals": []})
         else:
-            click.echo(f"{name}: nothing moves, nothing to check")
+            click.echo(f"{name}: 0 degrees of freedom, nothing to check")
         return
     drawn = Report(True, name, "", scene, seed, count)
     if scene.nv > DENSE_CAP:
-        raise BadInput(f"scene: {scene.nv} degrees of freedom found; expected at most {DENSE_CAP}, for the dense comparison")
+        raise BadInput(f"scene: found {scene.nv} degrees of freedom; expected at most {DENSE_CAP}, because the check uses dense matrices")
     with _typed_errors(), reporter(Console(stderr=True)) as says:
         rows = residuals.residuals(scene, drawn.states, drawn.conditions, says)
     held = sum(row.passed for row in rows)
@@ -221,7 +224,7 @@ def check(robot: Path | None, floating_base: bool, count: int, seed: int, as_jso
         echo_json(about | {"passed": held == len(rows), "residuals": rows})
     else:
         terminal.residuals(console, rows)
-        click.echo(f"{name}: {held} of {len(rows)} hold at {count} random states (seed {seed})")
+        click.echo(f"{name}: {held} of {len(rows)} identities hold at {count} random states (seed {seed})")
     if held < len(rows):
         raise SystemExit(BEYOND)
 
@@ -229,33 +232,35 @@ def check(robot: Path | None, floating_base: bool, count: int, seed: int, as_jso
 @group.command()
 @click.argument("robots", metavar="[ROBOT.urdf...]", nargs=-1, type=click.Path(path_type=Path))
 @FLOATING
-@click.option("--quick", is_flag=True, help="Fewer turns.")
+@click.option("--quick", is_flag=True, help="Use fewer timings.")
 @SEED
 @JSON
 def bench(robots: tuple[Path, ...], floating_base: bool, quick: bool, seed: int, as_json: bool) -> None:
-    """Time what people call: each call from Python, each method in Rust, form auto in the states that robots are in, growth with size.
+    """Measure the time of calls from Python, of each method in Rust, of form auto by kind of state, and by number of
+    bodies.
 
-    The first two are of the first ROBOT.urdf, or of the bundled arm. Form auto over covariance is of every robot given, on a fixed and on
-    a free base; without one, of ur5, panda, anymal, g1 and talos of example-robot-data where it is installed, else of the bundled
-    arm. A quick look, on one thread; `cargo bench` and `make peers` in the repository measure properly.
+    The first two measurements use the first ROBOT.urdf, or the bundled arm. The time of form auto relative to
+    covariance is measured for every given robot, with a fixed and a free base; without a robot, for ur5, panda,
+    anymal, g1 and talos if example-robot-data is installed, and for the bundled arm otherwise. The measurements are
+    brief and use one thread; `cargo bench` and `make peers` in the repository are more accurate.
     """
     scene, name, _, _ = _load(robots[0] if robots else None, floating_base)
     drawn = Report(quick, name, "", scene, seed, 64)
     found: dict[str, Any] = {"name": name, "machine": drawn.machine, "calls": None, "accuracy": None}
-    # What is measured is shown at once, or at the end as JSON.
+    # Results are printed at once, or at the end as JSON.
     console = Console(quiet=as_json)
     with _typed_errors():
         if 0 < scene.nv <= DENSE_CAP:
             found["calls"] = calls.measured(scene, drawn.batch, quick, Silent())
             terminal.calls(console, f"{name}, random states, one thread", found["calls"])
-            title = f"{name}, {drawn.effort.states} random states, Scene::evaluate in Rust, one state a call"
+            title = f"{name}, {drawn.effort.states} random states, Scene::evaluate in Rust, one state per call"
             found["accuracy"] = accuracy.accuracy(drawn, Silent())
             terminal.accuracy(console, title, found["accuracy"])
         elif not as_json:
-            click.echo(f"{name}: {scene.nv} degrees of freedom; the methods are compared from 1 to {DENSE_CAP}")
+            click.echo(f"{name}: {scene.nv} degrees of freedom; the methods are compared for 1 to {DENSE_CAP}")
         sources: Mapping[str, str | Path] = auto_cost.example_robots() or {BUNDLED: _core.BUNDLED_ARM}
         if robots:
-            # Files of one name in several folders stay apart.
+            # Files with equal names in several folders are named by their paths.
             stems = [robot.stem for robot in robots]
             sources = {robot.stem if stems.count(robot.stem) == 1 else str(robot): robot for robot in robots}
         with reporter(Console(stderr=True)) as says:
@@ -268,4 +273,4 @@ def bench(robots: tuple[Path, ...], floating_base: bool, quick: bool, seed: int,
     if as_json:
         echo_json(found)
         return
-    click.echo("For more: cargo bench, make peers; phipsi report -o DIR for error against run time as a page.")
+    click.echo("See also: cargo bench, make peers; phipsi report -o DIR for error against run time.")

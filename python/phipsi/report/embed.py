@@ -1,4 +1,4 @@
-"""The robot in a page, with a play button. All is in the page, nothing is loaded."""
+"""The robot in motion within a page, with a play button. The page is self-contained."""
 
 from __future__ import annotations
 
@@ -14,29 +14,31 @@ from .._motion import Trajectory
 from .pipeline import Missing
 from .states import Array
 
-#: What the extra `view` brings.
+#: Packages of the extra `view`.
 EXTRA = ("viser", "yourdfpy", "trimesh")
-#: Above this the page would be too large to open.
+#: Largest number of links; larger pages would be too large to open.
 MOST_LINKS = 300
 
 
 def lacking() -> str | None:
-    """What has to be installed first; None where all is there."""
+    """Packages that have to be installed first; None if there are none."""
     absent = [name for name in EXTRA if find_spec(name) is None]
     return f"found no {', '.join(absent)}; install with: pip install \"phipsi[view]\"" if absent else None
 
 
 def check(scene: Scene) -> None:
-    """Raises Missing where a robot cannot be shown."""
+    """Raise Missing if the robot cannot be shown."""
     if (reason := lacking()) is not None:
         raise Missing(reason)
     links = len(scene.link_names)
     if scene.nv == 0 or links > MOST_LINKS:
-        raise Missing(f"found {links} links, {scene.nv} degrees of freedom; a robot is shown with up to {MOST_LINKS} links, if any moves")
+        raise Missing(f"found {links} links, {scene.nv} degrees of freedom; expected at most {MOST_LINKS} links, and at least one degree of freedom")
 
 
 def robot(scene: Scene, motion: Trajectory | Array, t: Array | None = None) -> dict[str, Any]:
-    """What a template shows of a robot in motion, or at configurations, (k, nq), at times, (k,), s: a frame, whether its file has shapes, and which are lost."""
+    """Values for a template that shows a robot in motion, or at configurations, (k, nq), at times, (k,), s: an iframe,
+    True if the file has shapes, and a list of missing shapes.
+    """
     from .. import view
     from ..view import shapes
 
@@ -44,7 +46,7 @@ def robot(scene: Scene, motion: Trajectory | Array, t: Array | None = None) -> d
         warnings.simplefilter("always", errors.MeshWarning)
         own = shapes.of_file(scene, None)
     html = view.page(scene, motion, t=t, shapes=own or shapes.stand_ins(scene))
-    # A srcdoc is an attribute: quotes and ampersands alone are special there.
+    # srcdoc is an attribute, in which only quotes and ampersands are special.
     frame = Markup('<iframe class="robot" title="The robot in motion" srcdoc="{}"></iframe>').format(html)
     acts = "contacts" if scene.contact_names else "connections" if scene.connection_names else None
     return {"frame": frame, "meshes": bool(own), "lost": [str(one.message) for one in caught], "acts": acts if isinstance(motion, Trajectory) else None}

@@ -21,11 +21,11 @@ NEEDED = ("q", "qd", "tau")
 @click.argument("robot", metavar="ROBOT.urdf", type=click.Path(path_type=Path))
 @click.argument("data", metavar="DATA.npz", type=click.Path(path_type=Path, dir_okay=False))
 @FLOATING
-@click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), help="Write the robot that was found as a URDF.")
-@click.option("--fit", type=click.Choice(JOINTS), multiple=True, help="Of the joints, too; may be given several times.")
-@click.option("--noise", type=float, help="Standard deviation of the torques, N m or N.  [default: as the residuals have it]")
-@click.option("--trust", type=float, default=1.0, show_default=True, help="How much the model's own numbers count.")
-@click.option("--keep", multiple=True, metavar="LINK", help="A link whose inertia stays; may be given several times.")
+@click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), help="Write the identified robot as a URDF.")
+@click.option("--fit", type=click.Choice(JOINTS), multiple=True, help="Property of the joints to identify too; repeatable.")
+@click.option("--noise", type=float, help="Standard deviation of the torques, N m or N.  [default: estimated from the residuals]")
+@click.option("--trust", type=float, default=1.0, show_default=True, help="Weight of the parameters of the model.")
+@click.option("--keep", multiple=True, metavar="LINK", help="Link whose inertia is not identified; repeatable.")
 @JSON
 def identify(
     robot: Path,
@@ -38,10 +38,11 @@ def identify(
     keep: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Find a robot's inertias from measured motion and torques.
+    """Identify the inertial parameters of a robot from measured motion and torques.
 
-    DATA.npz holds q, qd, qdd and tau, a row a measured state; without qdd it is taken from qd by differences over t. NaN in tau is a torque that was
-    not measured. Inertias come out as bodies can have them, near the model's where the motion does not tell them.
+    DATA.npz contains q, qd, qdd and tau with one row per measured state; without qdd it also contains times t, and
+    qdd is computed from qd by differences. NaN in tau marks a torque that was not measured. The identified inertias
+    are physically possible; parameters that the motion does not determine stay near those of the model.
     """
     scene, name, _, _ = _load(robot, floating_base)
     measured, by_differences = _read(data)
@@ -56,15 +57,15 @@ def identify(
         return
     _tell(found, scene.body_names, scene.joint_names, [scene.v_index(joint) for joint in scene.joint_names])
     states, unknowns = len(measured["q"]), 10 * (len(scene.body_names) - len(keep)) + sum(map(len, found.joints.values()))
-    click.echo(f"{name}: {states} states tell {found.known} combinations of {unknowns} parameters; the others are the model's")
+    click.echo(f"{name}: {states} states determine {found.known} combinations of {unknowns} parameters; the others are those of the model")
     if by_differences:
-        click.echo("accelerations are differences of qd: DATA.npz has no qdd")
+        click.echo("accelerations were computed from qd by differences, because DATA.npz has no qdd")
     if output is not None:
         click.echo(output)
 
 
 def _read(data: Path) -> tuple[dict[str, Any], bool]:
-    """The arrays of a file, and whether accelerations were made of rates."""
+    """Arrays of a file, and whether accelerations were computed from joint velocities."""
     try:
         with np.load(data, allow_pickle=False) as archive:
             arrays = {name: np.asarray(archive[name], float) for name in archive.files if name in ("t", "q", "qd", "qdd", "tau")}
@@ -77,7 +78,7 @@ def _read(data: Path) -> tuple[dict[str, Any], bool]:
         return arrays, False
     rates = arrays["qd"]
     if times is None or times.ndim != 1 or rates.shape[:1] != times.shape or len(times) < 3 or not np.all(np.diff(times) > 0.0):
-        raise BadInput("DATA.npz: found neither qdd nor times t, (k,), that rise; expected one of them")
+        raise BadInput("DATA.npz: found neither qdd nor ascending times t, (k,); expected one of them")
     return arrays | {"qdd": np.gradient(rates, times, axis=0)}, True
 
 
@@ -87,10 +88,10 @@ def _tell(found: Identification, links: tuple[str, ...], joints: tuple[str, ...]
         (escape(link), f"{m:.4g}", f"{dm:.2g}", *(f"{value / m:.4g}" for value in h), *(f"{value:.4g}" for value in moments))
         for link, (m, *h), moments, dm in zip(links, found.parameters[:, :4], found.parameters[:, [4, 6, 9]], found.deviations[:, 0], strict=True)
     ]
-    terminal.table(console, "Bodies (moments about the link's origin)", ("link", "mass, kg", "+-", "x, m", "y", "z", "Ixx, kg m^2", "Iyy", "Izz"), body, 1)
+    terminal.table(console, "Bodies (moments of inertia about the origin of the link)", ("link", "mass, kg", "+-", "x, m", "y", "z", "Ixx, kg m^2", "Iyy", "Izz"), body, 1)
     each = [
         (escape(joint), *(f"{np.sqrt(np.mean(values[at] ** 2)):.3g}" for values in (found.noise, found.before, found.after)),
          *(f"{of.get(joint, np.nan):.4g}" for of in found.joints.values()))
         for joint, at in zip(joints, rows, strict=True)
     ]  # fmt: skip
-    terminal.table(console, "Torques, rms", ("joint", "noise", "off before", "off after", *found.joints), each, 1)
+    terminal.table(console, "Torques, rms", ("joint", "noise", "residual before", "residual after", *found.joints), each, 1)

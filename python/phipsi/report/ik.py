@@ -11,6 +11,7 @@ import numpy as np
 from .. import tasks
 from .commands import JSON, BEYOND, FLOATING, MIMIC, BadInput, Mimic, _load, _typed_errors, echo_json, group
 from .motion import read_state
+from .text import plural
 
 
 @group.command()
@@ -18,10 +19,10 @@ from .motion import read_state
 @click.argument("link")
 @FLOATING
 @MIMIC
-@click.option("--position", nargs=3, type=float, metavar="X Y Z", help="Where the link's origin should be, m.")
-@click.option("--rpy", nargs=3, type=float, metavar="R P Y", help="How the link should be turned, rad: Rz(Y) Ry(P) Rx(R).")
-@click.option("--state", type=click.Path(path_type=Path, dir_okay=False), help="The first start: JSON or npz with q.  [default: neutral]")
-@click.option("--starts", type=click.IntRange(1), default=20, show_default=True, help="How many starts at the most.")
+@click.option("--position", nargs=3, type=float, metavar="X Y Z", help="Target of the origin of the link, m.")
+@click.option("--rpy", nargs=3, type=float, metavar="R P Y", help="Target orientation of the link, rad: Rz(Y) Ry(P) Rx(R).")
+@click.option("--state", type=click.Path(path_type=Path, dir_okay=False), help="First starting configuration: JSON or npz with q.  [default: neutral]")
+@click.option("--starts", type=click.IntRange(1), default=20, show_default=True, help="Largest number of starting configurations.")
 @click.option("--limits/--no-limits", default=True, help="Whether joints stay within their limits.")
 @JSON
 def ik(
@@ -36,13 +37,13 @@ def ik(
     limits: bool,
     as_json: bool,
 ) -> None:
-    """Find joint positions that put a LINK where it should be.
+    """Find joint positions that place a LINK at a target.
 
-    Exit code 1: it was not reached (what came nearest is told); 2: bad input.
+    Exit codes: 1, the target was not reached (the nearest configuration is printed); 2, invalid input.
     """
     scene, name, _, _ = _load(robot, floating_base, mimic)
     if position is None and rpy is None:
-        raise BadInput("--position, --rpy: found neither; expected one of them, or both")
+        raise BadInput("--position, --rpy: found neither; expected at least one of them")
     with _typed_errors():
         q0 = read_state(state, scene).get("q") if state is not None else None
         wanted: list[Any] = []
@@ -59,12 +60,12 @@ def ik(
         for joint, values in joints.items():
             click.echo(f"{joint}: {' '.join(f'{value:.9g}' for value in values)}")
         said = "reached" if found.reached else "not reached"
-        click.echo(f"{said}: off by {found.position_error:.2g} m, {found.rotation_error:.2g} rad, after {found.starts} starts and {found.iterations} steps")
+        click.echo(f"{said}: error {found.position_error:.2g} m and {found.rotation_error:.2g} rad, after {plural(int(found.starts), 'start')} and {plural(int(found.iterations), 'iteration')}")
     if not found.reached:
         raise SystemExit(BEYOND)
 
 
 def _rotation(roll: float, pitch: float, yaw: float) -> Any:
-    """Rz(yaw) Ry(pitch) Rx(roll)."""
+    """Rotation matrix Rz(yaw) Ry(pitch) Rx(roll)."""
     (a, b, c), (d, e, f) = np.cos([roll, pitch, yaw]), np.sin([roll, pitch, yaw])
     return np.array([[c * b, c * e * d - f * a, c * e * a + f * d], [f * b, f * e * d + c * a, f * e * a - c * d], [-e, b * d, b * a]])

@@ -1,4 +1,4 @@
-"""The command `phipsi info`: what a robot is, on the terminal or as JSON."""
+"""The command `phipsi info`: properties of a robot, on the terminal or as JSON."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ from .commands import JSON, FLOATING, MIMIC, ROBOT, Mimic, _load, echo_json, gro
 @MIMIC
 @JSON
 def info(robot: Path | None, floating_base: bool, mimic: Mimic, as_json: bool) -> None:
-    """Say what a robot is: its joints in the order of q, with limits, and its mass.
+    """Show the properties of a robot: its mass, and its joints with their limits in the order of q.
 
-    Without ROBOT.urdf, the bundled arm.
+    Without ROBOT.urdf, the bundled arm is used.
     """
     scene, name, _, texts = _load(robot, floating_base, mimic)
     found = about(scene) | {"name": name, "warnings": texts}
     if as_json:
         echo_json(found)
         return
-    click.echo(f"{name}: {scene.nv} degrees of freedom ({scene.nq} coordinates), {len(scene.link_names)} links, {scene.total_mass:.4g} kg that move")
+    click.echo(f"{name}: {scene.nv} degrees of freedom ({scene.nq} coordinates), {len(scene.link_names)} links, {scene.total_mass:.4g} kg moving mass")
     rows = [
         (escape(joint["name"]), joint["type"], escape(joint["child"]), _span(joint["q"]), *(_number(joint[key]) for key in ("lower", "upper", "velocity", "effort")))
         for joint in found["joints"]
     ]
-    terminal.table(Console(), "", ("joint", "type", "moves", "in q", "lower", "upper", "speed", "effort"), rows, 3)
+    terminal.table(Console(), "", ("joint", "type", "child", "in q", "lower", "upper", "speed", "effort"), rows, 3)
 
 
 def about(scene: Scene) -> dict[str, Any]:
-    """Counts, mass, gravity, and the joints that move, in the order of q."""
+    """Counts, mass, gravity, and the movable joints in the order of q."""
     joints = scene.joints
     moving = [joints[name] for name in scene.joint_names]
     return {
@@ -66,7 +66,7 @@ def _ends(at: slice) -> tuple[int, int]:
 
 
 def _span(ends: tuple[int, int]) -> str:
-    """First and last place, or the only one."""
+    """First and last index, or the only one."""
     first, behind = ends
     return str(first) if behind == first + 1 else f"{first} to {behind - 1}"
 

@@ -1,4 +1,4 @@
-"""Plots of a page that answer to the mouse: the one place that makes Plotly figures. All is in the page, nothing is loaded."""
+"""Interactive plots of a page; the only file that creates Plotly figures. The page is self-contained."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from .plotting import FAINT, INK, Axis, Chart, Matrix, Panel, Part, Plot, Series
 
 Json = dict[str, Any]
 
-#: Longer names are shown without their middle.
+#: Longer names are shown without their middle part.
 LONGEST = 36
-#: What Plotly calls symbols that are not filled.
+#: Plotly's names of symbols that are not filled.
 SYMBOLS = {"dash": "line-ew-open", "x": "x-thin-open", "cross": "cross-thin-open"}
-#: Marks as text, filled and hollow.
+#: Markers as text, filled and hollow.
 GLYPHS = {"square": ("■", "□"), "diamond": ("◆", "◇"), "triangle-up": ("▲", "△"), "x": ("×", "×"), "cross": ("+", "+")}
-#: px: left of a panel, for names of marks and the title; below, for the names; a line of a title.
+#: Space in px: left of a panel for tick labels and the title; below it for tick labels; per line of a title.
 LEFT, UNDER, LINE = 64, 26, 17
-#: Characters of a title in a line, on a narrow page.
+#: Characters per line of a title on a narrow page.
 NARROW = 40
-#: Matrices with more rows have no names beside them; larger ones have no exact entries under the mouse.
+#: Largest number of rows of a matrix with row labels, and of one with exact values in the hover label.
 MOST_NAMES, MOST_EXACT = 12, 100
 
 
@@ -55,17 +55,17 @@ class _Drawing:
 
 
 def shortened(name: str) -> str:
-    """A name that leaves room for what it names: long ones without their middle."""
+    """A name without its middle part if it is long."""
     return name if len(name) <= LONGEST else f"{name[: LONGEST - 13]}…{name[-12:]}"
 
 
 def _text(name: str) -> str:
-    """A name as it is: Plotly takes tags and entities for what they are in HTML."""
+    """A name in which tags and entities are escaped, because Plotly interprets them as HTML."""
     return html.escape(shortened(name), quote=False)
 
 
 def markup(plot: Plot) -> Markup:
-    """The plot as an element of a page that has `script()` at its end; its legend has a button a name."""
+    """The plot as an element of a page that ends with `script()`; its legend has one button per name."""
     drawing = _chart(plot) if isinstance(plot, Chart) else _matrix(plot) if isinstance(plot, Matrix) else _space(plot)
     content = {"traces": drawing.traces, "wide": drawing.wide, "narrow": drawing.narrow}
     data = json.dumps(content, allow_nan=False, separators=(",", ":"), ensure_ascii=False).replace("<", "\\u003c")
@@ -76,14 +76,14 @@ def markup(plot: Plot) -> Markup:
         )
         for one in entries
     )
-    # The heights stand before the script has run, so that nothing below jumps.
+    # The heights are set before the script runs, so that the layout does not shift.
     place = '<div class="plot" id="plot-{}" style="--wide:{}px;--narrow:{}px"><div class="canvas"></div><div class="legend">{}</div>'
     head = Markup(place).format(plot.name, drawing.wide["height"], drawing.narrow["height"], buttons)
     return head + Markup('<script type="application/json">') + Markup(data) + Markup("</script></div>")
 
 
 def _numbers(values: Values | Iterable[float]) -> list[float | None]:
-    """With as many digits as a screen can show."""
+    """Values rounded to the resolution of a screen."""
     return [float(f"{value:.5g}") if math.isfinite(value) else None for value in values]
 
 
@@ -111,7 +111,7 @@ def _chart(chart: Chart) -> _Drawing:
 
 
 def _kind(series: Series) -> str:
-    """The look of an entry: a class of style.css."""
+    """Style of a legend entry: a class of style.css."""
     if series.below:
         return "area"
     if series.mark and not series.line:
@@ -120,7 +120,7 @@ def _kind(series: Series) -> str:
 
 
 def _glyph(series: Series) -> str:
-    """What tells its marks from circles, where others have the same colour."""
+    """Glyph of the markers, if they are not circles."""
     filled, hollow = GLYPHS.get(series.symbol, ("", ""))
     return hollow if series.hollow else filled
 
@@ -146,7 +146,7 @@ def _trace(series: Series, panel: Panel) -> Json:
     if series.below:
         trace |= {"fill": "tozeroy", "fillcolor": "rgba(201,206,211,0.45)"}
     if series.told:
-        # Not in the template: a name may look like a part of one.
+        # Not in the template, because a name may contain template syntax.
         trace["meta"] = ", ".join(filter(None, (_text(series.name), _text(series.note))))
         rows = [f"{_text_all(axis.title)}: %{{{letter}:{axis.form}}}{axis.unit}" for letter, axis in (("x", panel.x), ("y", panel.y)) if axis.title]
         trace["hovertemplate"] = "<br>".join(["<b>%{meta}</b>", *rows]) + "<extra></extra>"
@@ -156,7 +156,7 @@ def _trace(series: Series, panel: Panel) -> Json:
 
 
 def _panels(chart: Chart, columns: int, narrow: bool) -> Json:
-    """The layout with so many panels beside each other."""
+    """Layout with that many panels per row."""
     count = len(chart.panels)
     rows = [chart.panels[first : first + columns] for first in range(0, count, columns)]
     above = [24 if any(panel.title for panel in row) else 8 for row in rows]
@@ -165,7 +165,7 @@ def _panels(chart: Chart, columns: int, narrow: bool) -> Json:
     layout = _base(height + 8)
     if chart.together:
         layout |= {"hovermode": "x unified"}
-    # A finger that moves over a plot moves the page.
+    # On a touch screen, dragging scrolls the page.
     layout["dragmode"] = False if narrow else "zoom"
     gap, titles, top = (0.0 if columns == 1 else 0.09 if columns == 2 else 0.075), [], 0.0
     width = (1.0 - gap * (columns - 1)) / columns
@@ -194,7 +194,7 @@ def _panels(chart: Chart, columns: int, narrow: bool) -> Json:
 
 
 def _lines(axis: Axis, narrow: bool) -> list[str]:
-    """The title of an x axis."""
+    """Lines of the title of an x axis."""
     return textwrap.wrap(axis.title, NARROW if narrow else 90)
 
 
@@ -259,20 +259,20 @@ def _space(plot: Space) -> _Drawing:
     cloud = np.concatenate([part.points for part in plot.parts])
     low, high = np.nanmin(cloud, axis=0), np.nanmax(cloud, axis=0)
     size = float((high - low).max()) or 1.0
-    # So that a flat figure has its shape, too.
+    # Keeps a flat figure visible.
     extent = np.maximum(high - low, 0.02 * size)
     hidden: Json = {"visible": False, "showspikes": False}
     axes = {
         f"{letter}axis": hidden | {"range": _numbers([middle - 0.5 * length, middle + 0.5 * length])}
         for letter, middle, length in zip("xyz", 0.5 * (low + high), extent, strict=True)
     }
-    eye = plot.towards / np.linalg.norm(plot.towards)
+    eye = plot.toward / np.linalg.norm(plot.toward)
     right = np.cross([0.0, 0.0, 1.0], eye)
-    # The middle of the box is the middle of the picture.
+    # The center of the box is the center of the picture.
     flat = (cloud - 0.5 * (low + high)) @ np.stack([right, np.cross(eye, right)], axis=-1) / size
     across, high_up = np.maximum(2.0 * np.nanmax(np.abs(flat), axis=0), 0.02)
     layouts = []
-    # What fits beside and above each other, in units of the scene; names need room beside the figure.
+    # Scales that fit in width and height, in units of the scene; labels need space beside the figure.
     for height, widest in ((480, 3.2), (380, 1.3)):
         ratio = _numbers(min(1.75 / high_up, widest / across) * extent / size)
         scene = {
@@ -305,7 +305,7 @@ def _in_space(part: Part) -> Json:
 
 
 def _rows(text: str) -> str:
-    """Names one below the other."""
+    """Names on separate lines."""
     return "<br>".join(map(_text, text.split("\n")))
 
 
@@ -320,11 +320,11 @@ def _library() -> str:
 
 
 def script() -> Markup:
-    """What draws every plot of a page, once, at its end: Plotly, packed, for it is five times as large unpacked, and a few lines."""
+    """Script that draws all plots of a page, at its end: Plotly, compressed to a fifth of its size, and a few lines."""
     return Markup("<script>") + Markup(DRAW.replace("PACKED", _library())) + Markup("</script>")
 
 
-#: A click on a name hides it, two hide all others.
+#: A click on a name hides it; a double click hides all others.
 DRAW = """
 window.plots = (async () => {
 const packed = Uint8Array.from(atob('PACKED'), c => c.charCodeAt(0));

@@ -1,7 +1,7 @@
-"""Kinds of states: the ones that robots are in, beside random ones. The one place that says what each kind is.
+"""Kinds of states for benchmarks: random states, and states that occur in the use of robots.
 
-Benches import it, and benches/auto_states.py runs it against wheels that are older than it: numpy and the public names of
-phipsi are all it uses.
+The benchmarks import this file, and benches/auto_states.py runs it with older wheels. Therefore it uses only
+numpy and public names of phipsi.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from phipsi import Scene
 
 Array = NDArray[np.float64]
 
-#: N m or N, and rad/s or m/s: a push or a rate that is small beside gravity.
+#: Torque (N m or N) or velocity (rad/s or m/s) that is small compared with gravity.
 SMALL = 1e-9
-#: rad/s or m/s: the rate of a joint that moves alone.
+#: Velocity of a joint that moves alone, rad/s or m/s.
 RATE = 1.0
 
 RANDOM = "random"
@@ -29,24 +29,24 @@ ONE_TORQUE = "one small torque"
 ONE_RATE = "one small rate"
 MOVING = "one joint moving"
 
-#: What each kind is.
+#: Definition of each kind.
 MEANING: dict[str, str] = {
-    RANDOM: "random rates and torques",
-    HELD: "held against gravity: qd = 0, tau = bias(q, 0)",
-    PUSHED: f"held, and {SMALL:g} N m more at one joint",
-    REST: "let go: qd = 0, tau = 0",
-    FALLING: "random rates, tau = 0",
+    RANDOM: "random velocities and torques",
+    HELD: "static equilibrium: qd = 0, tau = bias(q, 0)",
+    PUSHED: f"static equilibrium, and {SMALL:g} N m more at one joint",
+    REST: "passive, at rest: qd = 0, tau = 0",
+    FALLING: "passive, in motion: random velocities, tau = 0",
     ONE_TORQUE: f"qd = 0, tau = {SMALL:g} N m at one joint, else 0",
     ONE_RATE: f"tau = 0, qd = {SMALL:g} rad/s at one joint, else 0",
     MOVING: f"tau = 0, qd = {RATE:g} rad/s at one joint, else 0",
 }
-#: In the order of tables: random states first.
+#: Order of the tables: random states first.
 KINDS = tuple(MEANING)
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """Random configurations, rates and torques that states of every kind are made from, one a row."""
+    """Random configurations, joint velocities and torques, one per row, that states of every kind are made from."""
 
     q: Array
     """(n, nq)."""
@@ -55,11 +55,13 @@ class Drawn:
     tau: Array
     """(n, nv)."""
     joint: NDArray[np.int64]
-    """(n,): the degree of freedom that is pushed or moves alone; none of a free base's where others are."""
+    """(n,): degree of freedom that is perturbed or moves alone; not one of a free base if there are others."""
 
 
 def first_joint(scene: Scene) -> int:
-    """How many degrees of freedom a free base has, in front of the joints; 0 where it has no other."""
+    """Number of degrees of freedom of a free base that precede those of the joints; 0 without a free base, or if there
+    are no others.
+    """
     names = scene.joint_names
     if not names:
         return 0
@@ -69,7 +71,7 @@ def first_joint(scene: Scene) -> int:
 
 
 def draw(scene: Scene, count: int, seed: int) -> Drawn:
-    """Configurations, rates and torques within 1, the same for the same seed."""
+    """Configurations, joint velocities and torques within (-1, 1), reproducible by seed."""
     generator = np.random.default_rng(seed)
 
     def numbers() -> Array:
@@ -80,7 +82,7 @@ def draw(scene: Scene, count: int, seed: int) -> Drawn:
 
 
 def of(scene: Scene, q: Array, qd: Array, tau: Array, generator: np.random.Generator) -> Drawn:
-    """The same from states that are there: (n, nq), (n, nv), (n, nv)."""
+    """The same for given states: (n, nq), (n, nv), (n, nv)."""
     return Drawn(q, qd, tau, generator.integers(first_joint(scene), scene.nv, len(q)))
 
 

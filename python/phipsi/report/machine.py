@@ -1,4 +1,4 @@
-"""What the figures were measured on and with."""
+"""Hardware and software of a measurement."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .. import __version__
 
 
 def describe() -> dict[str, str | int | None]:
-    """Processor, system and versions; None where this machine does not tell."""
+    """Processor, system and versions; None if unknown."""
     repository = _repository()
     return {
         "cpu": _cpu(),
@@ -40,7 +40,7 @@ def _cpu() -> str | None:
 
 
 def _repository() -> Path | None:
-    """The checkout of phipsi that this installation lies in, if it does."""
+    """Checkout of phipsi that contains this installation, if any."""
     for folder in Path(__file__).resolve().parents:
         manifest = folder / "Cargo.toml"
         if manifest.is_file() and 'name = "phipsi"' in manifest.read_text(errors="replace"):
@@ -49,7 +49,7 @@ def _repository() -> Path | None:
 
 
 def _output(folder: Path | None, *command: str) -> str | None:
-    """First line that a command prints in a folder; None without one, and where it fails."""
+    """First line of the output of a command in a folder; None without a folder, and if the command fails."""
     if folder is None:
         return None
     try:

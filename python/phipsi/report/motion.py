@@ -1,4 +1,4 @@
-"""A trajectory as files and in one picture: state files in, npz and CSV out, the robot at several instants."""
+"""Trajectories as files and as one picture: reading of state files, npz and CSV output, stroboscopic picture."""
 
 from __future__ import annotations
 
@@ -15,22 +15,23 @@ from .._core import Scene
 from .._forces import of_motion
 from .._motion import Trajectory
 from .draw import View, segments
-from .plotting import COLOURS, Part, Space
+from .plotting import COLORS, Part, Space
 from .states import Array
 from .structure import Tree
 
-#: What a state file may say.
+#: Keys of a state file.
 KEYS = ("q", "qd", "tau")
-#: The largest share of the energy exchanged that may be the error of the integrator, without a warning.
+#: Largest integration error, relative to the exchanged energy, without a warning.
 SHARE = 0.01
-#: Figures of the robot in a stroboscopic picture.
+#: Number of poses in a stroboscopic picture.
 FLASHES = 9
 
 
 def read_state(path: Path, scene: Scene) -> dict[str, Array]:
-    """q, qd and tau of a state file, JSON or npz; neutral and zeros where it says nothing.
+    """q, qd and tau of a state file, JSON or npz; neutral and zeros for missing keys.
 
-    In JSON each is a list, or a mapping from joint names to a number or a list. Raises ArgumentError, naming file and key.
+    In JSON each value is a list, or a mapping from joint names to a number or a list. Raises ArgumentError with file
+    and key.
     """
     state = {"q": scene.neutral(), "qd": np.zeros(scene.nv), "tau": np.zeros(scene.nv)}
     for key, value in _read(path).items():
@@ -60,7 +61,7 @@ def _read(path: Path) -> Mapping[str, Any]:
 
 
 def write(path: Trajectory, folder: Path, *, table: bool) -> list[Path]:
-    """Writes trajectory.npz, and trajectory.csv where a table is asked for; gives the files."""
+    """Write trajectory.npz, and trajectory.csv if `table` is set; return the files."""
     scene = path.scene
     archive = folder / "trajectory.npz"
     found: dict[str, Any] = {"t": path.t, "q": path.q, "qd": path.qd, "dt": path.dt, "method": path.method}
@@ -77,7 +78,7 @@ def write(path: Trajectory, folder: Path, *, table: bool) -> list[Path]:
 
 
 def columns(scene: Scene, letter: str) -> list[str]:
-    """What the entries of q ("q"), or of qd (another letter), are called: the letter, a colon and the joint."""
+    """Labels of the entries of q ("q") or of qd (another letter): the letter, a colon and the joint."""
     index = scene.q_index if letter == "q" else scene.v_index
     names = []
     for joint in scene.joint_names:
@@ -92,25 +93,27 @@ def _table(path: Trajectory, file: Path) -> None:
         out = csv.writer(stream)
         has_drift = bool(path.scene.connection_names)
         out.writerow(["t", *columns(path.scene, "q"), *columns(path.scene, "qd"), *["drift"] * has_drift])
-        # repr: every digit comes back.
+        # repr is exact: float(repr(x)) == x.
         out.writerows([repr(float(x)) for x in row] for row in np.column_stack([path.t, path.q, path.qd, *[path.drift] * has_drift]))
 
 
 def stroboscope(path: Trajectory, tree: Tree, flashes: int = FLASHES) -> Space:
-    """The robot at instants evenly through the motion, links as lines between joints, from pale to dark; its tips' paths between."""
+    """The robot at equidistant times, with links as lines between joints, from light to dark, and the paths of its
+    tips.
+    """
     at, dense = (np.unique(np.linspace(0, len(path) - 1, count).round().astype(int)) for count in (flashes, 400))
     bones = [(str(joint.parent), joint.child) for joint in tree.joints.values() if joint.parent in tree.links]
     tips = [link for link in tree.links if not tree.children.get(link)] or [tree.root]
     frozen, flown = path.scene.placements(path.q[at]), path.scene.placements(path.q[dense])
     origins = {name: placement[:, :3, 3] for name, placement in frozen.items()}
-    parts = [Part("paths of the tips", COLOURS[2], np.concatenate([_apart(flown[tip][:, :3, 3]) for tip in tips]), line=2.0)]
+    parts = [Part("paths of the tips", COLORS[2], np.concatenate([_apart(flown[tip][:, :3, 3]) for tip in tips]), line=2.0)]
     for i, shade in enumerate(np.linspace(0.25, 1.0, len(at))):
         lines = segments([(origins[one][i], origins[other][i]) for one, other in bones])
         if len(lines):
-            parts.append(Part(f"t = {path.t[at[i]]:.3g} s", COLOURS[0], lines, line=2.0 + 3.0 * shade, shade=float(shade)))
-    return Space("stroboscope", parts, View.best(np.concatenate(list(origins.values()))).towards)
+            parts.append(Part(f"t = {path.t[at[i]]:.3g} s", COLORS[0], lines, line=2.0 + 3.0 * shade, shade=float(shade)))
+    return Space("stroboscope", parts, View.best(np.concatenate(list(origins.values()))).toward)
 
 
 def _apart(line: Array) -> Array:
-    """A line that does not meet the next one."""
+    """A line that is not connected with the next one."""
     return np.vstack([line, np.full(3, np.nan)])

@@ -1,4 +1,4 @@
-"""The page of a report: Jinja2 templates, tables and figures, as HTML or as Markdown."""
+"""Page of a report: Jinja2 templates, tables and figures, as HTML or Markdown."""
 
 from __future__ import annotations
 
@@ -18,29 +18,29 @@ if TYPE_CHECKING:
 
 
 class Table(NamedTuple):
-    """Rows of text under a head."""
+    """Rows of text with column titles."""
 
     head: Sequence[str]
     rows: Sequence[Sequence[str]]
     numbers_from: int = 1
-    """The first of its columns that holds numbers."""
+    """Index of the first column with numbers."""
 
 
 class Figure(NamedTuple):
-    """A plot by its name, and what it shows and does not show."""
+    """A plot by name, with its caption."""
 
     name: str
     caption: str
 
 
 class Heading(NamedTuple):
-    """Of a part of a section."""
+    """Heading of a part of a section."""
 
     text: str
 
 
 class Code(NamedTuple):
-    """What a program says, as it says it."""
+    """Verbatim output of a program."""
 
     text: str
 
@@ -51,12 +51,12 @@ class Facts(NamedTuple):
     pairs: Sequence[tuple[str, str]]
 
 
-#: A paragraph, or one of the others.
+#: A paragraph of text, or one of the other blocks.
 Block: TypeAlias = "str | Table | Figure | Heading | Code | Facts"
 
 
 class Page:
-    """What the templates of one report are filled with."""
+    """Context of the templates of one report."""
 
     def __init__(self, layout: Layout[Any], found: Any, plots: Sequence[Plot], stem: str = "") -> None:
         self._layout, self._found = layout, found
@@ -64,7 +64,7 @@ class Page:
         folders = [jinja2.FileSystemLoader(layout.templates), jinja2.PackageLoader(__package__, "templates")]
         self._templates = jinja2.Environment(
             loader=jinja2.ChoiceLoader(folders),
-            # Everything in HTML is escaped; Markdown is read as it is, and has nothing in it that a user names.
+            # HTML is escaped. Markdown is not: it contains no names that a user has chosen.
             autoescape=jinja2.select_autoescape(["html"]),
             undefined=jinja2.StrictUndefined,
             trim_blocks=True,
@@ -93,7 +93,7 @@ class Page:
         return self._markup(self._templates.get_template(f"{self._layout.name}/{key}.{self._kind}").render(shown=shown))
 
     def _blocks(self, blocks: Sequence[Block]) -> str:
-        """Blocks one under the other, without the figures that were not drawn."""
+        """Consecutive blocks, without figures that were not drawn."""
         items = [
             ("text" if isinstance(one, str) else type(one).__name__.lower(), one)
             for one in blocks
@@ -103,16 +103,16 @@ class Page:
 
 
 def flowed(words: str, **values: object) -> str:
-    """A paragraph in one line, with the values put in."""
+    """A paragraph in one line, with formatted values."""
     return " ".join(words.format(**values).split())
 
 
 def coded(words: str) -> Markup:
-    """Words with what stands between backticks as code."""
+    """Text with the parts between backticks as code."""
     return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", str(escape(words))))
 
 
-#: What templates write numbers with.
+#: Filters of the templates.
 FILTERS: dict[str, Callable[..., Any]] = {
     function.__name__: function
     for function in (text.count, text.minus, text.plural, text.rate, text.power, text.scientific, text.significant, text.symbols, text.time)

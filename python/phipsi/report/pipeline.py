@@ -1,4 +1,4 @@
-"""The one way that every report is made: sections measure and draw, templates show; what was found becomes a page, Markdown and JSON."""
+"""Pipeline of all reports: sections measure and draw, templates format; the output is a page, Markdown and JSON."""
 
 from __future__ import annotations
 
@@ -21,31 +21,31 @@ from .progress import Reporter, Silent
 
 
 class Missing(Exception):
-    """A section that cannot be had; the message says why, and stands in its place."""
+    """A section is not available; the message gives the reason and is shown in its place."""
 
 
 @dataclass
 class Findings:
-    """What every report knows of itself, and what its sections have found."""
+    """Common data of all reports, and the results of the sections."""
 
     quick: bool
     parts: dict[str, Any] = field(default_factory=dict, kw_only=True)
-    """By section, as JSON has it: rows, or a mapping."""
+    """Results by section, in JSON form: rows, or a mapping."""
     missing: dict[str, str] = field(default_factory=dict, kw_only=True)
-    """Why a section, or a part of one, is empty."""
+    """Reasons why a section, or a part of one, is empty."""
     date: str = field(default_factory=lambda: datetime.now(timezone.utc).isoformat(timespec="seconds"), kw_only=True)
     machine: dict[str, str | int | None] = field(default_factory=machine.describe, kw_only=True)
 
     def head(self) -> dict[str, Any]:
-        """What stands in the JSON beside the sections."""
+        """Entries of the JSON in addition to the sections."""
         return {}
 
     def provenance(self) -> list[tuple[str, str]]:
-        """What it was measured on and with."""
+        """Hardware, software and date of the measurement."""
         known = {key: "unknown" if value is None else str(value) for key, value in self.machine.items()}
         commit = f", commit {known['commit']}" if self.machine["commit"] else ""
         facts = [
-            ("processor", f"{known['cpu']}, {known['cores']} cores seen"),
+            ("processor", f"{known['cpu']}, {known['cores']} cores available"),
             ("system", known["os"]),
             ("phipsi", known["phipsi"] + commit),
             ("compiler", known["compiler"]),
@@ -56,27 +56,27 @@ class Findings:
 
 
 F = TypeVar("F", bound=Findings)
-#: A section of a report serves every report that says more.
+#: A section of a report can be used in every report with more data.
 C = TypeVar("C", bound=Findings, contravariant=True)
 
 
 @dataclass(frozen=True)
 class Section(Generic[C]):
-    """A part of a report. On the page it is its template, named after its key, or the blocks that it gives."""
+    """A part of a report. The page shows its template, which is named after its key, or its blocks."""
 
     key: str
     title: str
     collect: Callable[[C, Reporter], Any] | None = None
-    """Measures; raises Missing, or an error of phipsi, where it cannot be had."""
+    """Measures; raises Missing or an error of phipsi if the section is not available."""
     plots: Callable[[C], Iterable[Plot]] | None = None
     blocks: Callable[[C], Sequence[Block]] | None = None
     """None: the section has a template."""
     shown: Callable[[C], Any] | None = None
-    """What its template gets beside the report: numbers put together for the page, and not in the JSON."""
+    """Additional values for its template that are not in the JSON."""
     empty: Any = None
-    """What the JSON has where the section is missing."""
+    """Value in the JSON if the section is missing."""
     part: str = ""
-    """The title of the part of the page that begins with it, if one does."""
+    """Title of the part of the page that begins with this section, if any."""
 
 
 @dataclass(frozen=True)
@@ -84,21 +84,21 @@ class Layout(Generic[C]):
     """A kind of report."""
 
     name: str
-    """The folder of its templates; the page itself is page.html there, and page.md where it has Markdown."""
+    """Folder of its templates. It contains page.html, and page.md if the report has Markdown."""
     numbers: str
-    """The name of its JSON."""
+    """File name of its JSON."""
     sections: Sequence[Section[C]]
     templates: Sequence[Path] = ()
-    """Folders of templates beside those that ship."""
+    """Folders of templates in addition to those in the package."""
 
 
 def provenance() -> Section[Any]:
     """The last section of every report."""
-    return Section("provenance", "How this was made", blocks=lambda found: [Facts(found.provenance())])
+    return Section("provenance", "Hardware, software and settings", blocks=lambda found: [Facts(found.provenance())])
 
 
 def collect(layout: Layout[F], found: F, reporter: Reporter) -> F:
-    """Has every section measure, in their order; what cannot be had is noted in `missing`."""
+    """Measure all sections in order; the reasons for missing sections are stored in `missing`."""
     for section in layout.sections:
         if section.collect is not None:
             found.parts[section.key] = section.empty
@@ -110,7 +110,7 @@ def collect(layout: Layout[F], found: F, reporter: Reporter) -> F:
 
 
 def to_json(layout: Layout[F], found: F) -> dict[str, Any]:
-    """All numbers of a report; None where a method failed and where a part is missing."""
+    """All values of a report; None for failed methods and missing parts."""
     about = {"format": 1, "date": found.date, "machine": found.machine, "missing": found.missing}
     shown = {section.key: found.parts[section.key] for section in layout.sections if section.key in found.parts}
     content: dict[str, Any] = plain(about | found.head() | shown)
@@ -118,7 +118,9 @@ def to_json(layout: Layout[F], found: F) -> dict[str, Any]:
 
 
 def plain(value: Any) -> Any:
-    """A value as JSON has it. Rows give their fields and properties, what is under `of` among them; NaN and infinities become None."""
+    """A value in JSON form. Rows become mappings of their fields and properties, including those of `of`; NaN and
+    infinities become None.
+    """
     if hasattr(value, "json"):
         value = value.json()
     if dataclasses.is_dataclass(value) or hasattr(value, "_asdict"):
@@ -139,12 +141,12 @@ def plain(value: Any) -> Any:
 
 
 def draw(layout: Layout[F], found: F, reporter: Reporter | None = None) -> list[Plot]:
-    """The plots of all sections that are there."""
+    """Plots of all sections that are available."""
     drawing = [section for section in layout.sections if section.plots is not None and section.key not in found.missing]
     return [plot for section in (reporter or Silent()).each("Drawing", drawing) for plot in section.plots(found)]  # type: ignore[misc]
 
 
-#: Draws a plot as a PNG, for pages that are not HTML.
+#: Renders a plot as PNG for pages in Markdown.
 Drawer: TypeAlias = "Callable[[Plot], bytes]"
 
 
@@ -152,10 +154,10 @@ def write(
     layout: Layout[F], found: F, folder: Path | None, markdown: Path | None = None, reporter: Reporter | None = None,
     drawer: Drawer | None = None,
 ) -> list[Path]:
-    """Writes index.html and the JSON into the folder, Markdown with plots beside it, each where asked for; gives the pages.
+    """Write index.html and the JSON into the folder, and Markdown with plots, each if requested; return the pages.
 
     Markdown needs a drawer.
-    """  # fmt: skip
+    """
     plots = draw(layout, found, reporter)
     pages = []
     if folder is not None:

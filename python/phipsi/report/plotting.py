@@ -1,4 +1,6 @@
-"""What a plot shows, as data: series on axes, a matrix by colour, or lines in space. interactive.py draws it in a page, benches/static.py as a picture."""
+"""Plots as data: series on axes, a matrix by color, or lines in space. interactive.py draws them on a page,
+benches/static.py as pictures.
+"""
 
 from __future__ import annotations
 
@@ -15,12 +17,12 @@ from .text import brief_time, count, power
 Array = NDArray[np.float64]
 Values: TypeAlias = "Sequence[float] | Array"
 
-#: By place in METHODS; apart for all kinds of colour vision.
-COLOURS = ("#0072b2", "#009e73", "#d55e00", "#aa3377", "#56b4e9", "#e69f00", "#4d4d4d")
-INK, SOFT, GREY, FAINT = "#2b2f33", "#6b7279", "#8a9199", "#d9dde1"
-#: Marks of an axis at the most, of powers of ten and of longer names: so many fit on a phone.
+#: Colors by index in METHODS; distinguishable with color vision deficiency.
+COLORS = ("#0072b2", "#009e73", "#d55e00", "#aa3377", "#56b4e9", "#e69f00", "#4d4d4d")
+INK, SOFT, GRAY, FAINT = "#2b2f33", "#6b7279", "#8a9199", "#d9dde1"
+#: Largest number of ticks of an axis, with powers of ten and with longer labels, for narrow screens.
 MOST_POWERS, MOST_TICKS = 8, 5
-#: Where marks of a logarithmic axis may be in a decade, finest first.
+#: Possible positions of ticks in a decade of a logarithmic axis, finest first.
 STEPS = ((1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0), (1.0, 1.5, 2.0, 3.0, 5.0, 7.0), (1.0, 2.0, 5.0), (1.0, 3.0), (1.0,))
 
 
@@ -30,19 +32,19 @@ class Axis:
 
     title: str
     low: float | None = None
-    """Its ends; None: as the values are."""
+    """Ends of the axis; None: the range of the values."""
     high: float | None = None
     ticks: Sequence[tuple[float, str]] | None = None
-    """Values with names; None: whatever fits."""
+    """Values with labels; None: automatic."""
     log: bool = False
     form: str = ".3~g"
-    """How a value under the mouse is written (d3-format)."""
+    """Format of a value in the hover label (d3-format)."""
     unit: str = ""
-    """Behind it."""
+    """Unit after the value."""
 
     @staticmethod
     def powers(title: str, low: float, high: float, form: str = ".2~e") -> Axis:
-        """Logarithmic, with marks at powers of ten, and others where there are fewer than two."""
+        """Logarithmic axis with ticks at powers of ten, and more ticks if there are fewer than two."""
         found = range(math.ceil(math.log10(low)), math.floor(math.log10(high)) + 1)
         every = math.ceil(len(found) / MOST_POWERS) or 1
         ticks = [(10.0**e, power(e)) for e in found if e % every == 0] if len(found) > 1 else log_ticks(low, high, _number)
@@ -50,12 +52,12 @@ class Axis:
 
     @staticmethod
     def times(title: str, low: float, high: float) -> Axis:
-        """Logarithmic, of times in seconds."""
+        """Logarithmic axis of times in seconds."""
         return Axis(title, low, high, log_ticks(low, high, lambda s: brief_time(1e9 * s)), True, ".3~s", "s")
 
 
 def log_ticks(low: float, high: float, name: Callable[[float], str]) -> list[tuple[float, str]]:
-    """Marks of a logarithmic axis with their names: the finest that are not more than MOST_TICKS."""
+    """Ticks of a logarithmic axis with their labels: the finest of at most MOST_TICKS."""
     exponents = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     found: list[float] = []
     for steps in STEPS:
@@ -66,7 +68,7 @@ def log_ticks(low: float, high: float, name: Callable[[float], str]) -> list[tup
         every = math.ceil(len(found) / MOST_TICKS)
         found = [value for value in found if round(math.log10(value)) % every == 0]
     if len(found) < 3:
-        # Hardly a logarithmic axis: marks at even distances.
+        # The range is less than a decade: equidistant ticks.
         size = 10.0 ** math.floor(math.log10((high - low) / MOST_TICKS))
         step = next(m * size for m in (1.0, 2.0, 5.0, 10.0) if (high - low) / (m * size) <= MOST_TICKS)
         found = [k * step for k in range(math.ceil(low / step), math.floor(high / step) + 1)]
@@ -82,28 +84,28 @@ def _number(value: float) -> str:
 
 @dataclass(frozen=True)
 class Series:
-    """Points of one name: marks, a line, or both. All series of a name have one entry in the legend, and are hidden together."""
+    """Points with one name: markers, a line, or both. Series with the same name share one legend entry."""
 
     name: str
     ink: str
     x: Values
     y: Values
     line: float = 0.0
-    """Its width, px; 0: no line."""
+    """Line width, px; 0: no line."""
     mark: float = 0.0
-    """The size of the marks, px; 0: none."""
+    """Marker size, px; 0: no markers."""
     symbol: str = "circle"
     """circle, square, diamond, triangle-up, x, cross or dash."""
     dash: bool = False
     hollow: bool = False
     shade: float = 1.0
-    """Its opacity."""
+    """Opacity."""
     below: bool = False
     """Whether the area below it is filled."""
     told: bool = True
-    """Whether the mouse over it shows its name and its numbers."""
+    """Whether the hover label shows its name and values."""
     note: str = ""
-    """Behind the name there."""
+    """Text after the name in the hover label."""
 
 
 @dataclass(frozen=True)
@@ -144,38 +146,38 @@ class Matrix:
 
 @dataclass(frozen=True)
 class Part:
-    """Lines or marks in space under one name."""
+    """Lines or markers in space with one name."""
 
     name: str
     ink: str
     points: Array
-    """(n, 3), m. Of lines: one after the other, NaN between lines that do not meet."""
+    """(n, 3), m. Points of lines in sequence, with NaN between separate lines."""
     line: float = 0.0
     marks: Values | float = 0.0
     """Sizes, px."""
     texts: Sequence[str] = ()
-    """What the mouse shows of each point."""
+    """Hover labels of the points."""
     names: Sequence[str] = ()
-    """What stands beside each point."""
+    """Labels of the points."""
     shade: float = 1.0
     shown: bool = True
-    """Whether it is there before its entry in the legend is clicked."""
+    """Whether it is visible initially."""
 
 
 @dataclass(frozen=True)
 class Space:
-    """Lines and marks in space, turned with the mouse."""
+    """Lines and markers in space; dragging rotates the view."""
 
     name: str
     parts: Sequence[Part]
-    towards: Array
-    """From where it is seen, (3,)."""
+    toward: Array
+    """Direction of the viewer, (3,)."""
 
 
 Plot: TypeAlias = "Chart | Matrix | Space"
 
 
 def level(name: str, value: float, x: Axis) -> Series:
-    """A dashed line across."""
+    """A dashed horizontal line."""
     assert x.low is not None and x.high is not None
-    return Series(name, GREY, [x.low, x.high], [value, value], line=1.0, dash=True, told=False)
+    return Series(name, GRAY, [x.low, x.high], [value, value], line=1.0, dash=True, told=False)

@@ -1,4 +1,4 @@
-"""Progress on a terminal: a bar where there is one, otherwise a line for each part of the work."""
+"""Progress on a terminal: a bar, or one line for each part of the work if the output is not a terminal."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ T = TypeVar("T")
 
 
 class Reporter:
-    """Told what is being done: a line a part, or a bar where there are bars."""
+    """Receives the progress of the work and shows it as lines or bars."""
 
     def __init__(self, console: Console, bars: Progress | None = None) -> None:
         self._console, self._bars = console, bars
 
     def each(self, name: str, pieces: Sequence[T]) -> Iterator[T]:
-        """The pieces of a part of the work, one after the other; the next is asked for when one is done."""
+        """Iterate over the pieces of a part of the work."""
         if self._bars is not None:
             return iter(self._bars.track(pieces, description=name))
         self._console.print(f"{name} ...", highlight=False)
         return iter(pieces)
 
     def counter(self, name: str) -> Callable[[int, int], None] | None:
-        """What is told how many of how many steps are done; None where nothing would be shown."""
+        """A callback for the number of completed and total steps; None if nothing would be shown."""
         if self._bars is None:
             return None
         update = partial(self._bars.update, self._bars.add_task(name))
@@ -35,7 +35,7 @@ class Reporter:
 
 
 class Silent(Reporter):
-    """Says nothing."""
+    """A reporter without output."""
 
     def __init__(self) -> None:
         super().__init__(Console(quiet=True))
@@ -43,7 +43,7 @@ class Silent(Reporter):
 
 @contextmanager
 def reporter(console: Console) -> Iterator[Reporter]:
-    """Bars on a terminal, lines elsewhere."""
+    """Bars on a terminal, lines otherwise."""
     if not console.is_terminal:
         yield Reporter(console)
         return

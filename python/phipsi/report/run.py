@@ -1,4 +1,4 @@
-"""The page of `phipsi simulate`: the robot in motion, what moves it, and the limits that it breaks."""
+"""Page of `phipsi simulate`: the robot in motion, curves over time, energy, and exceeded limits."""
 
 from __future__ import annotations
 
@@ -13,23 +13,24 @@ from .._motion import Trajectory
 from . import embed, motion
 from .page import Block, Figure, Table
 from .pipeline import Findings, Layout, Section, provenance
-from .plotting import COLOURS, GREY, Axis, Chart, Panel, Series
+from .plotting import COLORS, GRAY, Axis, Chart, Panel, Series
 from .progress import Reporter
 from .states import Array
 from .structure import Tree
+from .text import plural
 
-#: Rows that curves show: a screen has no more points.
+#: Number of points of a curve, limited by the resolution of a screen.
 MOST_ROWS = 1200
-#: Values that the mouse shows at once, at the most.
+#: Largest number of values in one hover label.
 MOST_TOGETHER = 12
-#: Impacts that the page lists.
+#: Number of impacts in the table.
 MOST_IMPACTS = 40
-#: Rows of the energy table that are always there, and their names.
+#: Rows of the energy table that are always shown, and names of the rows.
 ALWAYS = ("change", "remainder")
 KINDS = {"torque": "work of given torques", "damping": "work of damping", "friction": "work of dry friction", "control": "work of the control law"}
 KINDS |= {"stops": "work of joint stops", "contacts": "work of contacts", "change": "change of the energy", "remainder": "remainder"}
-#: Colours of curves, one after the other.
-INKS = (*COLOURS[:6], "#8c564b", "#7f7f7f", "#17becf", "#bcbd22")
+#: Colors of the curves, in order.
+INKS = (*COLORS[:6], "#8c564b", "#7f7f7f", "#17becf", "#bcbd22")
 
 
 @dataclass
@@ -40,9 +41,9 @@ class Run(Findings):
     path: Trajectory
     tree: Tree
     torque: Array
-    """What acts at the joints beside springs, damping and friction, (rows, nv), N m or N."""
+    """Joint torques without springs, damping and friction, (rows, nv), N m or N."""
     error: float | None = None
-    """The estimated error at the end, rad or m."""
+    """Estimated error at the end, rad or m."""
 
     def head(self) -> dict[str, Any]:
         path = self.path
@@ -55,7 +56,7 @@ def _view(run: Run, _: Reporter) -> dict[str, Any]:
 
 
 def over_time(run: Run) -> Chart:
-    """Coordinates, rates, torques and energies, a panel each."""
+    """Coordinates, joint velocities, torques and energies, one panel each."""
     path, scene = run.path, run.path.scene
     rows = np.unique(np.linspace(0, len(path) - 1, MOST_ROWS).round().astype(int))
     energy, effort = path.energy(), scene.limits.effort
@@ -68,14 +69,14 @@ def over_time(run: Run) -> Chart:
     if np.any(run.torque):
         found.append(("torque, N m or N", {name: run.torque[rows, i] for i, name in enumerate(names)}))
         if shares:
-            found.append(("torque / its limit", shares))
+            found.append(("torque relative to its limit", shares))
     if (forces := of_motion(path, rows)) is not None:
         sizes = np.linalg.norm(forces.force, axis=-1)
         found.append((f"force of {forces.what}s, N", {name: sizes[:, i] for i, name in enumerate(forces.names)}))
-    kinds = {"kinetic": energy.kinetic, "of gravity": energy.potential, "of springs": energy.spring, "total": energy.total}
+    kinds = {"kinetic": energy.kinetic, "potential": energy.potential, "spring": energy.spring, "total": energy.total}
     found.append(("energy, J", {name: values[rows] for name, values in kinds.items() if name == "total" or np.any(values)}))
     if scene.connection_names:
-        found.append(("connections open by, m or rad", {"drift": path.drift[rows]}))
+        found.append(("constraint error, m or rad", {"drift": path.drift[rows]}))
     every = list(dict.fromkeys(label for _, values in found for label in values))
     inks = {label: INKS[i % len(INKS)] for i, label in enumerate(every)}
     time = Axis("time, s", form=".3~f", unit=" s")
@@ -84,7 +85,7 @@ def over_time(run: Run) -> Chart:
         series = [Series(label, inks[label], path.t[rows], one, line=1.6) for label, one in values.items()]
         if values is shares:
             ends = path.t[[0, -1]]
-            series += [Series("limit of torque", GREY, ends, [way, way], line=1.0, dash=True, told=False) for way in (1.0, -1.0)]
+            series += [Series("limit of torque", GRAY, ends, [way, way], line=1.0, dash=True, told=False) for way in (1.0, -1.0)]
         panels.append(Panel(time, Axis(title, form=".4~g"), series))
     return Chart("over-time", panels, height=200, linked=True, together=len(names) <= MOST_TOGETHER)
 
@@ -96,13 +97,13 @@ def _shown(run: Run) -> dict[str, Any]:
 def _limits(run: Run) -> Sequence[Block]:
     broken = run.path.violations()
     if not broken:
-        blocks: list[Block] = ["No recorded row is beyond a limit of position or speed."]
+        blocks: list[Block] = ["No recorded row exceeds a limit of position or velocity."]
     else:
         rows = [(one.joint, one.limit, f"{one.bound:g}", f"{one.time:.3g}", f"{one.worst:.4g}") for one in broken]
-        blocks = [Table(("joint", "limit", "at", "first beyond it, s", "worst"), rows, 2)]
+        blocks = [Table(("joint", "limit", "value", "first exceeded at, s", "worst value"), rows, 2)]
     if run.path.limits == "stop":
         found = run.path.stops
-        blocks.append(f"Joint limits were stops, with {len(found)} impacts." + (f" The first {MOST_IMPACTS}:" if len(found) > MOST_IMPACTS else ""))
+        blocks.append(f"Joint limits were stops, with {plural(len(found), 'impact')}." + (f" The first {MOST_IMPACTS}:" if len(found) > MOST_IMPACTS else ""))
         hits = [(one.joint, one.limit, f"{one.time:.4g}", f"{one.speed:.3g}", f"{one.impulse:.3g}") for one in found[:MOST_IMPACTS]]
         if hits:
             blocks.append(Table(("joint", "stop", "time, s", "speed, rad/s or m/s", "impulse, N m s or N s"), hits, 2))
@@ -117,21 +118,21 @@ def _energy(run: Run) -> Sequence[Block]:
     share = 100.0 * float(audit.share)
     verdict = f"The remainder, the error of the integrator, is {share:.2g} % of the energy exchanged."
     if audit.share > motion.SHARE:
-        verdict += " **That is more than 1 %: take a smaller step, or error control.**"
+        verdict += " **That is more than 1 %: use a smaller step or error control.**"
     blocks: list[Block] = [Table(("work or change", "J"), rows, 1), verdict]
     if run.path.estimated_error > 0.0:
-        blocks.append(f"Estimated error of all substeps together: {float(run.path.estimated_error):.1e} rad or m.")
+        blocks.append(f"Sum of the estimated errors of all substeps: {float(run.path.estimated_error):.1e} rad or m.")
     elif run.error is not None:
-        blocks.append(f"Estimated error of the configuration at the end, from a run with half the step: {run.error:.1e} rad or m.")
+        blocks.append(f"Estimated error of the final configuration, by comparison with a more accurate simulation: {run.error:.1e} rad or m.")
     return blocks
 
 
 def _pictures(_: Run) -> Sequence[Block]:
-    return [Figure("stroboscope", "The robot at instants evenly through the motion, from pale to dark, and the paths of its tips. Drag to turn it.")]
+    return [Figure("stroboscope", "The robot at equidistant times, from light to dark, and the paths of its tips. Drag to rotate the view.")]
 
 
 def _over_time(_: Run) -> Sequence[Block]:
-    return [Figure("over-time", "A click on a name hides its curve, two clicks all others; a frame drawn with the mouse comes closer, two clicks go back.")]
+    return [Figure("over-time", "Click a name to hide its curve, double-click it to hide all others. Drag to zoom in, double-click to reset.")]
 
 
 RUN: Layout[Run] = Layout(
@@ -142,7 +143,7 @@ RUN: Layout[Run] = Layout(
         Section("curves", "Over time", plots=lambda run: [over_time(run)], blocks=_over_time),
         Section("energy", "Energy and error", blocks=_energy),
         Section("limits", "Limits", blocks=_limits),
-        Section("pictures", "In one picture", plots=lambda run: [motion.stroboscope(run.path, run.tree)], blocks=_pictures),
+        Section("pictures", "Stroboscopic picture", plots=lambda run: [motion.stroboscope(run.path, run.tree)], blocks=_pictures),
         provenance(),
     ),
 )

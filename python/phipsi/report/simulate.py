@@ -17,13 +17,14 @@ from .progress import Silent, reporter
 from .run import RUN, Run
 from .structure import tree_of
 from .terminal import line
+from .text import plural
 
-#: The exit code of a run that was stopped, as shells have it.
+#: Exit code of an interrupted simulation, as in shells.
 STOPPED = 130
 METHODS = ("auto", "semi-implicit-euler", "rk4", "dormand-prince-5", "implicit-euler", "rosenbrock-2", "rosenbrock-3")
 #: The fields of an energy audit that are works.
 WORKS = ("torque", "damping", "friction", "control", "stops", "contacts")
-#: Rows of a trajectory, unless --record-every says otherwise.
+#: Number of rows of a trajectory without --record-every.
 ROWS = 2000
 
 
@@ -33,17 +34,17 @@ ROWS = 2000
 @FLOATING
 @MIMIC
 @click.option(
-    "--state", type=click.Path(path_type=Path, dir_okay=False), help="The start: JSON or npz with q, qd, tau.  [default: neutral, at rest]"
+    "--state", type=click.Path(path_type=Path, dir_okay=False), help="Initial state: JSON or npz with q, qd, tau.  [default: neutral, at rest]"
 )
-@click.option("--time", "duration", type=float, default=2.0, show_default=True, help="How long, s.")
-@click.option("--dt", type=float, default=1e-3, show_default=True, help="The step, s.")
+@click.option("--time", "duration", type=float, default=2.0, show_default=True, help="Duration, s.")
+@click.option("--dt", type=float, default=1e-3, show_default=True, help="Step size, s.")
 @click.option("--method", type=click.Choice(METHODS), default="auto", show_default=True, help="Integration method.")
 @click.option("--limits", type=click.Choice(("stop", "report")), help="Whether joint limits are stops.  [default: stop]")
 @click.option("--restitution", type=float, default=0.0, show_default=True, help="Coefficient of restitution of the stops.")
-@click.option("--accuracy", type=float, help="Error control: the largest estimated error of a substep, rad or m.")
-@click.option("--record-every", type=click.IntRange(1), help=f"A row after so many steps.  [default: about {ROWS} rows]")
-@click.option("--hold", nargs=2, type=float, metavar="KP KD", help="Hold the start with a control law of these gains.")
-@click.option("--csv", "table", is_flag=True, help="The trajectory as CSV, too.")
+@click.option("--accuracy", type=float, help="Error control: largest estimated error of a substep, rad or m.")
+@click.option("--record-every", type=click.IntRange(1), help=f"Number of steps per recorded row.  [default: about {ROWS} rows]")
+@click.option("--hold", nargs=2, type=float, metavar="KP KD", help="Hold the initial position with a PD control law with these gains.")
+@click.option("--csv", "table", is_flag=True, help="Write the trajectory also as CSV.")
 @JSON
 def simulate(
     robot: Path | None,
@@ -62,18 +63,21 @@ def simulate(
     table: bool,
     as_json: bool,
 ) -> None:
-    """Simulate a robot: a page with the robot in motion and curves over time, and trajectory.npz.
+    """Simulate a robot; write a page with the robot in motion and curves over time, and trajectory.npz.
 
-    Damping, friction, stiffness and armature are those of the file. The state file has q, qd and tau (held throughout), each a
-    list or, in JSON, a mapping from joint names: {"q": {"elbow": 0.5}}. The page reports where the energy went and the estimated
-    error; a warning says if the integrator's share of the energy exceeds 1 %. Ctrl-C stops and writes what was computed. A start that is off the connections of a MuJoCo model is moved onto them. Without ROBOT.urdf, the bundled arm.
+    Damping, friction, stiffness and armature are those of the file. The state file contains q, qd and tau (constant),
+    each as a list or, in JSON, as a mapping from joint names: {"q": {"elbow": 0.5}}. A state that violates the
+    connections of a MuJoCo model is projected onto them. The page reports the energy balance and the estimated error;
+    a warning is printed if the integration error exceeds 1 % of the exchanged energy. Ctrl-C stops the simulation and
+    writes the completed steps. Without ROBOT.urdf, the bundled arm is used.
 
-    Exit code 1: the motion diverged or a pivot was lost (what came before is written); 2: bad input; 130: stopped.
+    Exit codes: 1, the motion diverged or a joint became singular (the completed steps are written); 2, invalid input;
+    130, interrupted.
     """
     console = Console(stderr=True)
     scene, name, _, _ = _load(robot, floating_base, mimic)
     if not (np.isfinite(dt) and dt > 0.0 and np.isfinite(duration) and duration >= 0.0):
-        raise BadInput(f"--time, --dt: found {duration} and {dt}; expected finite times, the step positive")
+        raise BadInput(f"--time, --dt: found {duration} and {dt}; expected a finite duration and a finite positive step")
     if duration / dt > 1e12:
         raise BadInput(f"--dt: found {duration / dt:.1e} steps; expected at most 1e12")
     steps = round(duration / dt)
@@ -118,7 +122,7 @@ def simulate(
 
 
 def _error(path: Trajectory) -> float | None:
-    """The estimated error at the end, if there is one."""
+    """Estimated error at the end, if available."""
     if path.estimated_error > 0.0 or path.contacts is not None:
         return None
     try:
@@ -128,7 +132,7 @@ def _error(path: Trajectory) -> float | None:
 
 
 def _numbers(path: Trajectory) -> dict[str, Any]:
-    """The run in figures: where it ended, its energy, what it broke."""
+    """Values of the simulation: final state, energy, exceeded limits."""
     energy = path.energy()
     about: dict[str, Any] = {"steps": path.steps, "dt": path.dt, "method": path.method, "t": path.t[-1], "q": path.q[-1], "qd": path.qd[-1]}
     about["energy"] = {name: values[[0, -1]] for name, values in (*energy._asdict().items(), ("total", energy.total))}
@@ -137,10 +141,10 @@ def _numbers(path: Trajectory) -> dict[str, Any]:
 
 
 def _tell(name: str, path: Trajectory) -> None:
-    """The run in a line, and the limits that it broke."""
+    """Print the simulation in one line, and the exceeded limits."""
     total, audit = path.energy().total, path.energy_audit()
     click.echo(
-        f"{name}: {path.steps} steps of {path.dt:g} s by {path.integrator}; "
+        f"{name}: {plural(path.steps, 'step')} of {path.dt:g} s by {path.integrator}; "
         f"energy from {total[0]:.6g} to {total[-1]:.6g} J"
     )
     works = {kind: float(getattr(audit, kind)) for kind in WORKS if getattr(audit, kind) != 0.0}
@@ -148,15 +152,15 @@ def _tell(name: str, path: Trajectory) -> None:
         click.echo("work: " + ", ".join(f"{kind} {work:.4g} J" for kind, work in works.items()))
     if audit.share > motion.SHARE:
         click.echo(
-            f"warning: the integrator's error is {float(audit.remainder):.3g} J, {100 * float(audit.share):.1f} % of the energy exchanged; take a smaller --dt, or --accuracy",
+            f"warning: the integrator's error is {float(audit.remainder):.3g} J, {100 * float(audit.share):.1f} % of the energy exchanged; use a smaller --dt or --accuracy",
             err=True,
         )
     if path.stops:
-        click.echo(f"{len(path.stops)} impacts on joint stops, the first by {path.stops[0].joint} at t = {path.stops[0].time:.4g} s")
+        click.echo(f"{plural(len(path.stops), 'impact')} on joint stops, the first at {path.stops[0].joint}, t = {path.stops[0].time:.4g} s")
     if path.scene.connection_names:
-        click.echo(f"connections open by {path.drift.max():.1e} m or rad at the most")
+        click.echo(f"largest constraint error of the connections: {path.drift.max():.1e} m or rad")
     for found in path.violations():
         click.echo(
-            f"beyond its limit: {found.joint}, {found.limit} {found.bound:g}, first at t = {found.time:g} s, "
+            f"limit exceeded: {found.joint}, {found.limit} {found.bound:g}, first at t = {found.time:g} s, "
             f"worst {found.worst:.4g}"
         )

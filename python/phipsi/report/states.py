@@ -1,4 +1,4 @@
-"""Random states of a scene, the same for the same seed."""
+"""Random states of a scene, reproducible by seed."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from .structure import Tree
 
 Array = NDArray[np.float64]
 
-#: Limits beyond this (rad or m) stand for "none" in many files.
+#: Limits beyond this value (rad or m) mean "no limit" in many files.
 LARGEST_LIMIT = 20.0
 
 
 @dataclass(frozen=True)
 class States:
-    """States of a scene, one a row, every number exact in float32."""
+    """States of a scene, one per row; all values are exactly representable in float32."""
 
     q: Array
     """(n, nq)."""
@@ -32,7 +32,7 @@ class States:
 
     @property
     def arrays(self) -> tuple[Array, Array, Array]:
-        """The three of them."""
+        """q, qd and tau."""
         return self.q, self.qd, self.tau
 
     def first(self, count: int) -> States:
@@ -41,10 +41,10 @@ class States:
 
 
 def draw(scene: Scene, tree: Tree, count: int, seed: int) -> States:
-    """Draws states: positions within limits, rates in (-1, 1), torques as large as the bias torque of their joint.
+    """Draw states: positions within limits, joint velocities in (-1, 1), torques of the magnitude of the bias torque.
 
-    A joint without limits turns through (-pi, pi) or slides through (-1, 1) m. The numbers are rounded to float32, so that
-    both precisions start from the same inputs.
+    A joint without limits is rotated in (-pi, pi) or translated in (-1, 1) m. The values are rounded to
+    float32, so that both precisions have the same inputs.
     """
     generator = np.random.default_rng(seed)
     low, high = ranges(scene, tree)
@@ -58,7 +58,7 @@ def draw(scene: Scene, tree: Tree, count: int, seed: int) -> States:
 
 
 def ranges(scene: Scene, tree: Tree) -> tuple[Array, Array]:
-    """Smallest and largest step from neutral of every degree of freedom."""
+    """Smallest and largest displacement from neutral of every degree of freedom."""
     low, high = np.empty(scene.nv), np.empty(scene.nv)
     limits = scene.limits
     for name in scene.joint_names:
@@ -72,7 +72,7 @@ def ranges(scene: Scene, tree: Tree) -> tuple[Array, Array]:
     return low, high
 
 
-#: How far a joint without limits moves from neutral, by degree of freedom: rad or m.
+#: Largest displacement from neutral of a joint without limits, by degree of freedom: rad or m.
 REACH: dict[str, list[float]] = {
     "revolute": [np.pi],
     "continuous": [np.pi],

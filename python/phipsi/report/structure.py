@@ -1,4 +1,4 @@
-"""The tree of a scene as it was described, fixed joints included: who hangs on whom."""
+"""Kinematic tree of a scene as described, including fixed joints."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 from .._core import Scene
 from .._results import Joint, Link
 
-#: Above the root link of a floating base, unless a link has that name.
+#: Name of the parent of a floating base, unless a link has that name.
 WORLD = "world"
 
 
@@ -23,7 +23,7 @@ class Row(NamedTuple):
     joint: Joint
     link: Link
     level: int
-    """Branchings above it: a chain stays on its level."""
+    """Number of branchings above it; a chain stays on its level."""
     branch: bool
     """Whether it has siblings."""
 
@@ -35,10 +35,10 @@ class Tree:
     root: str
     links: dict[str, Link]
     joints: dict[str, Joint]
-    """Every one with a parent, the world if need be, and an axis, zero if it has none."""
+    """All joints, with a parent (the world if necessary) and an axis (zero if there is none)."""
     children: dict[str, list[Joint]] = field(default_factory=dict)
     floating: bool = False
-    """Whether the first joint is the free one of a floating base."""
+    """Whether the first joint is the free joint of a floating base."""
 
     @property
     def mass(self) -> float:
@@ -47,23 +47,23 @@ class Tree:
 
     @property
     def movable(self) -> list[Joint]:
-        """The joints that move."""
+        """Movable joints."""
         return [joint for joint in self.joints.values() if joint.type != "fixed"]
 
     @property
     def kinds(self) -> dict[str, int]:
-        """How many movable joints there are of each kind."""
+        """Number of movable joints by type."""
         return dict(Counter(joint.type for joint in self.movable))
 
     @cached_property
     def numbers(self) -> dict[str, int]:
-        """The joints that move, counted from 1 in the order of `rows`."""
+        """Numbers of the movable joints, from 1 in the order of `rows`."""
         moving = [row.joint.name for row in self.rows() if row.joint.type != "fixed"]
-        # Behind a link whose name is empty no row leads on.
+        # `rows` ends at links with an empty name.
         return {name: number for number, name in enumerate(dict.fromkeys([*moving, *(joint.name for joint in self.movable)]), 1)}
 
     def carries_motion(self, link: str) -> bool:
-        """Whether a joint that moves is on the link or beyond it."""
+        """Whether the link or a link outboard of it carries a movable joint."""
         stack = [link]
         while stack:
             for joint in self.children.get(stack.pop(), []):
@@ -73,7 +73,7 @@ class Tree:
         return False
 
     def rows(self) -> Iterator[Row]:
-        """Joints depth first; the level goes up where a link has several children."""
+        """Joints depth first; the level increases at links with several children."""
         stack = self._below(self.root, 0)
         while stack:
             row = stack.pop()
@@ -87,7 +87,7 @@ class Tree:
 
 
 def tree_of(scene: Scene) -> Tree:
-    """The tree of a scene, as it was described."""
+    """Tree of a scene, as described."""
     links = dict(scene.links)
     root = next(link.name for link in links.values() if link.parent is None)
     world = WORLD
@@ -95,7 +95,7 @@ def tree_of(scene: Scene) -> Tree:
         world += "_"
     tree = Tree(root, links, {})
     for name, joint in scene.joints.items():
-        # A floating base's free joint has no parent link.
+        # The free joint of a floating base has no parent link.
         if joint.parent is None:
             tree.root, tree.floating = world, True
         axis = np.zeros(3) if joint.axis is None else joint.axis

@@ -1,4 +1,4 @@
-"""Tables on the terminal, for `phipsi check` and `phipsi bench`, and what `phipsi report` says in a line."""
+"""Tables on the terminal for `phipsi check` and `phipsi bench`, and the summary of `phipsi report`."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from .sections.residuals import Residual
 
 
 def line(console: Console, words: str, style: str | None = None) -> None:
-    """Words as they are, in one line however wide the terminal is."""
+    """Print text without markup in one line, independent of the width of the terminal."""
     console.print(words, style=style, highlight=False, markup=False, soft_wrap=True)
 
 
 def table(console: Console, title: str, heads: Sequence[str], rows: Iterable[Sequence[str]], words: int = 1) -> None:
-    """A table under its title; the first so many columns are words, the others numbers."""
+    """Print a table with a title; the first `words` columns are text, the others numbers."""
     if title:
         line(console, title, "italic")
     made = Table(box=None, pad_edge=False, header_style="bold")
@@ -37,7 +37,7 @@ def table(console: Console, title: str, heads: Sequence[str], rows: Iterable[Seq
 
 
 def residuals(console: Console, rows: Sequence[Residual]) -> None:
-    """Every identity with its bound, and whether it holds."""
+    """Print every identity with its residual, its bound, and whether it holds."""
     cells = [
         [row.name.replace("[", r"\["), *(f"{value:.1e}" for value in (row.median, row.worst, row.bound)),
          "[green]pass[/]" if row.passed else "[bold red]FAIL[/]"]
@@ -47,7 +47,7 @@ def residuals(console: Console, rows: Sequence[Residual]) -> None:
 
 
 def accuracy(console: Console, title: str, rows: Sequence[Accuracy]) -> None:
-    """Time and error of every method: `Scene::evaluate` in Rust, one state a call."""
+    """Print time and error of every method: `Scene::evaluate` in Rust, one state per call."""
     cells = [
         [row.method, row.precision, text.time(row.ns_per_state), f"{row.error_median:.1e}", f"{row.error_max:.1e}"] for row in rows
     ]
@@ -55,7 +55,7 @@ def accuracy(console: Console, title: str, rows: Sequence[Accuracy]) -> None:
 
 
 def calls(console: Console, title: str, rows: Sequence[CallTime]) -> None:
-    """What every public call takes from Python, one state and a batch, ns a state."""
+    """Print the time of every public call from Python, for one state and in a batch, ns per state."""
     batches = {(row.of.call, row.of.form): row for row in rows if row.of.batch > 1}
     cells = []
     for row in rows:
@@ -67,7 +67,9 @@ def calls(console: Console, title: str, rows: Sequence[CallTime]) -> None:
 
 
 def auto_costs(console: Console, costs: Costs) -> None:
-    """Form auto over covariance by kind of state and robot, batches first; and what the kinds are."""
+    """Print the time of form "auto" relative to "covariance" by kind of state and robot, batches first, and the
+    definitions of the kinds.
+    """
     for batch, size in auto_cost.SIZES.items():
         robots, rows = auto_cost.table(costs, batch)
         table(console, f"{auto_cost.TITLE}, {size}", ("state", *robots), rows)
@@ -76,8 +78,8 @@ def auto_costs(console: Console, costs: Costs) -> None:
 
 
 def growth(console: Console, found: Mapping[str, Any]) -> None:
-    """Time a body by number of bodies."""
-    title, rows = "Time a body on a chain: Scene::evaluate in Rust, one state a call", found["rows"]
+    """Print the time per body by number of bodies."""
+    title, rows = "Time per body on a chain: Scene::evaluate in Rust, one state per call", found["rows"]
     cells = [[text.count(row.bodies), *(text.time(row.of(kind)) for kind in TIMED)] for row in rows]
     table(console, title, ("bodies", "forward, auto", "forward, covariance", "inverse"), cells, 0)
     spreads = (found[f"{kind}_max_over_min"] for kind in TIMED)
@@ -85,12 +87,12 @@ def growth(console: Console, found: Mapping[str, Any]) -> None:
 
 
 def summary(console: Console, found: Report) -> None:
-    """What forward dynamics takes, how M emerges, and what is missing, in a line each."""
+    """Print the time of forward dynamics, the estimates of M from samples, and the missing parts."""
     one, many = (found.call(batch=batch) for batch in (False, True))
     if one is not None and many is not None:
         line(
             console,
-            f"{FORWARD} from Python, form auto: {text.time(one.ns_per_state)} for one state, {text.time(many.ns_per_state)} a state in"
+            f"{FORWARD} from Python, form auto: {text.time(one.ns_per_state)} for one state, {text.time(many.ns_per_state)} per state in"
             f" batches of {many.of.batch}, on one thread",
         )
     if found.parts["emergence"] is not None:

@@ -1,4 +1,4 @@
-"""Numbers and the names of identities, as text."""
+"""Formatting of values and of the names of identities."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def power(exponent: int, base: int = 10) -> str:
-    """The base to a power."""
+    """Base with a superscript exponent."""
     return str(base) + str(exponent).translate(SUPERSCRIPT)
 
 
 def scientific(value: float, digits: int = 1) -> str:
-    """Such as 2.1 × 10⁻¹⁶; plain where that is shorter."""
+    """Scientific notation such as 2.1 × 10⁻¹⁶; plain notation if it is shorter."""
     if not math.isfinite(value):
         return "∞" if value > 0 else "–"
     if value == 0.0:
@@ -25,7 +25,7 @@ def scientific(value: float, digits: int = 1) -> str:
 
 
 def significant(value: float, digits: int = 3) -> str:
-    """Plain notation with so many significant digits; thousands set apart."""
+    """Plain notation with that many significant digits and thousands separators."""
     if not math.isfinite(value):
         return "–"
     if value == 0.0:
@@ -36,17 +36,17 @@ def significant(value: float, digits: int = 3) -> str:
 
 
 def rate(per_second: float) -> str:
-    """How many a second, such as 0.89 million."""
+    """Rate per second, such as 0.89 million."""
     return f"{significant(per_second / 1e6, 2)} million" if per_second >= 1e5 else significant(float(f"{per_second:.2g}"), 2)
 
 
 def minus(number: str) -> str:
-    """A formatted number with the sign of mathematics."""
+    """A formatted number with a typographic minus sign."""
     return number.replace("-", "−")
 
 
 def count(value: int) -> str:
-    """A whole number, thousands set apart from 10 000 on."""
+    """An integer, with thousands separators from 10 000 on."""
     return f"{value:,}".replace(",", "\u202f") if value >= 10_000 else str(value)
 
 
@@ -59,17 +59,17 @@ def time(ns: float) -> str:
 
 
 def brief_time(ns: float) -> str:
-    """A time with its unit, no more digits than it has."""
+    """A time with its unit and at most three significant digits."""
     unit, size = next(((unit, size) for unit, size in (("s", 1e9), ("ms", 1e6), ("µs", 1e3)) if ns >= 0.9995 * size), ("ns", 1.0))
     return f"{ns / size:.3g} {unit}"
 
 
 def plural(number: int, noun: str, several: str = "") -> str:
-    """Such as "1 body", "3 bodies"."""
+    """A number with its noun, such as "1 body" or "3 bodies"."""
     return f"{count(number)} {noun if number == 1 else several or noun + 's'}"
 
 
-#: ASCII names of the core, as a reader of the paper knows them.
+#: ASCII names on the Rust side, and the symbols of the paper.
 SYMBOLS = (
     ("M^-1", "M⁻¹"),
     ("D^-1", "D⁻¹"),
@@ -86,7 +86,7 @@ SYMBOLS = (
 
 
 def symbols(name: str) -> str:
-    """A name of the core with its Greek letters and exponents."""
+    """Name of an identity with Greek letters and superscripts."""
     for ascii_form, symbol in SYMBOLS:
         name = name.replace(ascii_form, symbol)
     return name

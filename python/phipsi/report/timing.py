@@ -1,6 +1,6 @@
-"""How calls from Python are timed: in turns, on one thread.
+"""Timing of calls from Python: interleaved, on one thread.
 
-benches/auto_states.py runs it against wheels that are older than it: the public names of phipsi are all it uses.
+benches/auto_states.py also runs this file with older wheels. Therefore it uses only public names of phipsi.
 """
 
 from __future__ import annotations
@@ -18,42 +18,44 @@ import phipsi
 Array = NDArray[np.float64]
 #: Arguments of a call.
 Arguments = tuple[Array, ...]
-#: Does something once.
+#: Function that is timed.
 Once = Callable[[], None]
 
-#: States of a batch.
+#: Number of states of a batch.
 BATCH = 256
-#: States that are called one by one.
+#: Number of states for calls with one state.
 SINGLE = 16
-#: Calls that are compared are timed this often, in turns; quick: the second.
+#: Number of interleaved timings of the compared calls; the second with quick.
 TURNS = (15, 5)
-#: ns that a turn of one call takes at least; quick: the second.
+#: Shortest duration of one timing, ns; the second with quick.
 LEAST = (400_000, 100_000)
-#: Turns end early where they have taken so many ns, but not before three.
+#: The timings end after this time, ns, but not before the third.
 ENOUGH = 4_000_000_000
 
 
 @dataclass(frozen=True)
 class Of:
-    """What a time is of."""
+    """Description of a measured time."""
 
     from_: str
-    """The language of the caller."""
+    """Programming language of the caller."""
     call: str
     form: str | None
-    """None where the call has none."""
+    """None if the call has no form."""
     states: str
-    """Their kind: one of kinds.KINDS, or "chain"."""
+    """Kind of the states: one of kinds.KINDS, or "chain"."""
     batch: int = 1
-    """States of a call."""
+    """Number of states per call."""
 
 
 def in_turns(loops: Sequence[Once], quick: bool) -> NDArray[np.float64]:
-    """Times of the loops, ns a run: (turns, loops). One follows the other, so that a change of the machine's pace falls on all alike."""
+    """Times of the loops, ns per run: (turns, loops). The loops are interleaved, so that changes of the clock rate
+    affect all of them equally.
+    """
     least, turns, start = LEAST[quick], [], time.perf_counter_ns()
     for turn in range(TURNS[quick] + 1):
         row = [_ns(once, least) for once in loops]
-        if turn:  # the first warms up
+        if turn:  # the first turn is a warm-up
             turns.append(row)
         if len(turns) >= 3 and time.perf_counter_ns() - start > ENOUGH:
             break
@@ -61,7 +63,7 @@ def in_turns(loops: Sequence[Once], quick: bool) -> NDArray[np.float64]:
 
 
 def _ns(once: Once, least: int) -> float:
-    """Time of one run, over as many as take `least` ns."""
+    """Time of one run, averaged over at least `least` ns."""
     runs, start = 0, time.perf_counter_ns()
     while True:
         once()
@@ -72,7 +74,7 @@ def _ns(once: Once, least: int) -> float:
 
 
 def looped(call: Callable[..., object], arguments: Sequence[Arguments]) -> Once:
-    """The call with each of the arguments, one after the other."""
+    """A function that calls with each of the arguments in sequence."""
 
     def once() -> None:
         for each in arguments:
@@ -82,13 +84,13 @@ def looped(call: Callable[..., object], arguments: Sequence[Arguments]) -> Once:
 
 
 def one_by_one(states: Arguments) -> list[Arguments]:
-    """The first SINGLE of the states, each as the arguments of a call of its own."""
+    """The first SINGLE states, each as the arguments of a separate call."""
     return [tuple(np.array(array[k]) for array in states) for k in range(min(SINGLE, len(states[0])))]
 
 
 @contextmanager
 def threads(count: int) -> Iterator[None]:
-    """Batches on so many threads, and afterwards on as many as before."""
+    """Run batches on that many threads, then restore the previous number."""
     before = phipsi.get_num_threads()
     phipsi.set_num_threads(count)
     try:

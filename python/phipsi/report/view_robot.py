@@ -15,15 +15,16 @@ from .commands import FLOATING, MIMIC, ROBOT, BadInput, Mimic, _load, _typed_err
 @ROBOT
 @FLOATING
 @MIMIC
-@click.option("--motion", type=click.Path(path_type=Path, dir_okay=False), help="trajectory.npz of `phipsi simulate`, or any with t and q.")
-@click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), help="Write a page that holds all it needs, and serve nothing.")
-@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Of 127.0.0.1.  [default: any that is free]")
+@click.option("--motion", type=click.Path(path_type=Path, dir_okay=False), help="trajectory.npz of `phipsi simulate`, or another npz file with t and q.")
+@click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), help="Write a self-contained page instead of starting a server.")
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port on 127.0.0.1.  [default: any free port]")
 @click.option("--browser/--no-browser", default=True, help="Whether to open a browser.")
 def view(robot: Path | None, floating_base: bool, mimic: Mimic, motion: Path | None, output: Path | None, port: int, browser: bool) -> None:
-    """Show a robot in the browser: with a slider a joint, or a motion with a play button.
+    """Show a robot in the browser, with one slider per joint, or a trajectory with a play button.
 
-    Meshes are those of the URDF: beside it, in a package above it, or in a folder of ROS_PACKAGE_PATH or AMENT_PREFIX_PATH. A robot without
-    shapes is drawn as capsules of its inertia. Runs until Ctrl-C. Without ROBOT.urdf, the bundled arm.
+    Meshes are read from the folder of the URDF, a package above it, or a folder of ROS_PACKAGE_PATH or
+    AMENT_PREFIX_PATH. A robot without shapes is drawn as capsules that represent its inertia. The command runs until
+    Ctrl-C. Without ROBOT.urdf, the bundled arm is used.
     """
     if (reason := embed.lacking()) is not None:
         raise BadInput(reason)
@@ -42,5 +43,5 @@ def view(robot: Path | None, floating_base: bool, mimic: Mimic, motion: Path | N
             click.echo(scene.show(q, t=t, forces=forces, to=output))
             return
         viewer = scene.show(q, t=t, forces=forces, port=port, title=name, browser=browser)
-        click.echo(f"{name}: {viewer.url} (Ctrl-C ends it)")
+        click.echo(f"{name}: {viewer.url} (stop with Ctrl-C)")
         viewer.wait()

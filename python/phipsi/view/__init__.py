@@ -1,4 +1,4 @@
-"""The robot in a browser: `scene.show`, and pages that hold all they need. Needs phipsi[view].
+"""Viewer for robots in a browser, `scene.show`, and self-contained pages. Needs phipsi[view].
 
 >>> scene.show(path)                      # doctest: +SKIP
 >>> scene.show(path, to="motion.html")    # doctest: +SKIP
@@ -9,7 +9,7 @@ try:
     import viser  # noqa: F401
     import yourdfpy  # noqa: F401
 except ImportError as missing:
-    raise ImportError(f"the viewer needs {missing.name}: pip install 'phipsi[view]'") from missing
+    raise ImportError(f"the viewer needs {missing.name}; install it with: pip install 'phipsi[view]'") from missing
 
 from .player import Viewer, page, show
 

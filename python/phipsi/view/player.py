@@ -1,4 +1,6 @@
-"""The robot in a browser, by viser: a pose with sliders, a motion with a play button, or the page of a motion as one file."""
+"""The robot in a browser with viser: a pose with sliders, a motion with a play button, or a motion as a self-contained
+page.
+"""
 
 from __future__ import annotations
 
@@ -22,77 +24,77 @@ from .._core import Scene
 from .._forces import Forces
 from .._motion import Trajectory
 from ..errors import ArgumentError, ShapeError
-from .arrows import TOWARDS, Arrows, below
+from .arrows import TOWARD, Arrows, below
 from .shapes import Shape, robot_size, shapes_of, translucent
 
 _Array = NDArray[np.float64]
 
-#: Pictures a second of a recorded motion, and the most of them.
+#: Frames per second of a recorded motion, and their largest number.
 RATE, MOST = 30.0, 1800
-#: At how many rows the ground is looked for.
+#: Number of rows for the height of the ground.
 LOOKS = 16
-#: How much larger than the robot the room it moves in may be, to be seen as a whole.
+#: Largest workspace, relative to the size of the robot, that the camera shows completely.
 FAR = 3.0
-#: How far the camera is, of that room.
+#: Distance of the camera, relative to the workspace.
 SPAN = 0.75
-#: Most joints that get sliders.
+#: Largest number of joints with sliders.
 SLIDERS = 64
-#: Where sliders of joints without limits end, rad or m.
+#: Range of the sliders of joints without limits, rad or m.
 UNLIMITED = np.pi
-#: The address that is served: this machine alone.
+#: Address of the server, accessible only from this machine.
 HOST = "127.0.0.1"
-#: Of a port that is in use, so many after it are tried.
+#: Number of ports that are tried if a port is in use.
 PORTS = 100
-#: Endings of the files that pages are written to.
+#: File name extensions of pages.
 PAGES = (".html", ".htm")
 
 
 class Motion:
-    """Configurations, (k, nq), at times, (k,), s; one of them is a pose."""
+    """Configurations, (k, nq), at times, (k,), s; a pose is a single configuration."""
 
     def __init__(self, scene: Scene, motion: Any, t: ArrayLike | None, forces: tuple[ArrayLike, ArrayLike] | None = None) -> None:
         self._path = motion if isinstance(motion, Trajectory) else None
         given = scene.neutral() if motion is None else motion
         if isinstance(given, Trajectory):
             if t is not None:
-                raise ArgumentError("t: found times beside a Trajectory; expected None: it has its own")
+                raise ArgumentError("t: found times in addition to a Trajectory; expected None, because a Trajectory has times")
             self.t, self.q, name = given.t, given.q, "motion"
         else:
             name = "q"
             self.q = np.array(_core._numbers(name, given, scene, True))
             if t is None and self.q.ndim == 2:
-                raise ArgumentError(f"t: found none for {len(self.q)} configurations; expected their times, (k,), s")
+                raise ArgumentError(f"t: found None for {len(self.q)} configurations; expected their times, (k,), s")
             self.t = np.zeros(1) if t is None else np.array(_core._numbers("t", t))
             if self.q.ndim == 1:
                 self.q = self.q[None]
         if self.q.ndim != 2 or self.q.shape[1] != scene.nq:
             raise ShapeError(f"{name}: found shape {self.q.shape}; expected ({scene.nq},) or (k, {scene.nq}), a motion of one state")
         if scene.link_names:
-            # Refuses numbers that are not finite, by state.
+            # Raises for values that are not finite, with the index of the state.
             scene.placement(self.q, scene.link_names[-1])
         if self.t.shape != (len(self.q),) or not np.isfinite(self.t).all() or np.any(np.diff(self.t) < 0.0):
-            raise ArgumentError(f"t: found shape {self.t.shape}; expected ({len(self.q)},), finite times that do not fall")
+            raise ArgumentError(f"t: found shape {self.t.shape}; expected ({len(self.q)},), finite times in ascending order")
         self._given = None if forces is None else _forces.given(*forces, len(self.q))
 
     @property
     def moves(self) -> bool:
-        """Whether there is more than a pose."""
+        """Whether there is more than one pose."""
         return len(self.q) > 1 and float(self.t[-1]) > float(self.t[0])
 
     def frames(self) -> tuple[_Array, _Array]:
-        """Times, s, and the configurations of the rows that are nearest to them: evenly, as many a second as people see."""
+        """Equidistant times, s, and the configurations of the nearest rows, at the frame rate."""
         times, rows = self._frames()
         return times, self.q[rows]
 
     def forces(self) -> Forces | None:
-        """The forces that are shown in frames(), if there are any."""
+        """Forces at the times of frames(), if there are any."""
         rows = self._frames()[1]
         if self._given is not None:
             return self._given._replace(at=self._given.at[rows], force=self._given.force[rows])
         return None if self._path is None else _forces.of_motion(self._path, rows)
 
     def _frames(self) -> tuple[_Array, NDArray[np.int_]]:
-        """Times, s, and the rows that are nearest to them."""
+        """Times, s, and the nearest rows."""
         if not self.moves:
             return self.t[:1], np.zeros(1, int)
         length = float(self.t[-1] - self.t[0])
@@ -104,12 +106,12 @@ class Motion:
 
 
 class _Stage:
-    """A robot on a viser server: a frame a link with its meshes, the ground, the mass centre, arrows of forces."""
+    """A robot on a viser server: one frame per link with its meshes, the ground, the center of mass, force arrows."""
 
     def __init__(self, scene: Scene, shapes: Sequence[Shape], port: int, motion: Motion) -> None:
         self.scene, size, rows = scene, robot_size(scene), motion.q
         low, middle, away = self._extent(shapes, rows, size)
-        # What it prints of its address, the caller is told in a better place.
+        # Suppresses the printed address, which is returned to the caller.
         with contextlib.redirect_stdout(io.StringIO()):
             self.server = viser.ViserServer(host=HOST, port=port, verbose=False)
         self.server.gui.configure_theme(show_logo=False, show_share_button=False)
@@ -123,17 +125,19 @@ class _Stage:
             self.server.scene.add_mesh_trimesh(
                 f"/robot/{index[shape.link]}/{i}", mesh, wxyz=place.rotation().wxyz, position=place.translation()
             )
-        self.centre = self.server.scene.add_icosphere("/mass_centre", radius=0.02 * size, color=(220, 60, 40), visible=False)
+        self.center = self.server.scene.add_icosphere("/center_of_mass", radius=0.02 * size, color=(220, 60, 40), visible=False)
         self.server.scene.add_grid(
             "/ground", width=6 * size, height=6 * size, cell_size=below(size / 5), section_size=below(size), position=(*middle[:2], low)
         )
         camera = self.server.initial_camera
-        camera.position = tuple(middle + away * TOWARDS)
+        camera.position = tuple(middle + away * TOWARD)
         camera.look_at = tuple(middle)
         self.update(rows[0])
 
     def _extent(self, shapes: Sequence[Shape], rows: _Array, size: float) -> tuple[float, _Array, float]:
-        """At some of the rows, or at the first where the robot goes far: the height of the lowest corner of any mesh, the middle of all, and how far the camera is."""
+        """Height of the lowest corner of a mesh, center of the robot, and distance of the camera, over some of
+        the rows, or for the first row if the robot moves far.
+        """
         some = rows[np.unique(np.linspace(0, len(rows) - 1, LOOKS).astype(int))]
         placements = self.scene.placements(some)
         corners = [place[:, None, :3, 3] for place in placements.values()]
@@ -147,13 +151,13 @@ class _Stage:
         return float(low[2]), (low + high) / 2, max(size, SPAN * float(np.ptp(points, axis=(0, 1)).max()))
 
     def update(self, q: _Array) -> None:
-        """Moves every link, and the mass centre, to where they are at q, (nq,)."""
+        """Move all links and the center of mass to the configuration q, (nq,)."""
         placements = self.scene.placements(q)
         with self.server.atomic():
             for link, frame in self.links.items():
                 self._move(frame, placements[link])
-            if self.centre.visible:
-                self.centre.position = tuple(self.scene.center_of_mass(q))
+            if self.center.visible:
+                self.center.position = tuple(self.scene.center_of_mass(q))
 
     @staticmethod
     def _move(frame: Any, place: _Array) -> None:
@@ -165,18 +169,18 @@ class _Stage:
         times, rows = motion.frames()
         placements = self.scene.placements(rows)
         if len(rows) > 1 and self.scene.total_mass > 0.0:
-            self.centre.visible, centres = True, self.scene.center_of_mass(rows)
+            self.center.visible, centers = True, self.scene.center_of_mass(rows)
             self.server.scene.add_line_segments(
-                "/path", np.stack([centres[:-1], centres[1:]], axis=1), colors=(220, 60, 40), thickness=2.0, thickness_units="screen"
+                "/path", np.stack([centers[:-1], centers[1:]], axis=1), colors=(220, 60, 40), thickness=2.0, thickness_units="screen"
             )
         serializer = self.server.get_scene_serializer()
         for i in range(len(rows)):
             for link, frame in self.links.items():
-                # A link that stands still is written once.
+                # A link at rest is written only once.
                 if i == 0 or not np.array_equal(placements[link][i], placements[link][i - 1]):
                     self._move(frame, placements[link][i])
-            if self.centre.visible:
-                self.centre.position = tuple(centres[i])
+            if self.center.visible:
+                self.center.position = tuple(centers[i])
             if self.arrows is not None:
                 self.arrows.show(i)
             serializer.insert_sleep(float(times[i + 1] - times[i]) if i + 1 < len(times) else 0.0)
@@ -188,10 +192,18 @@ class _Stage:
 
 
 class Viewer:
-    """A robot that is shown in a browser, until close(); also a context manager."""
+    """A robot in a browser until close() is called; returned by Scene.show. It is also a context manager.
+
+    Examples
+    --------
+    >>> import phipsi
+    >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+    >>> with scene.show(browser=False) as viewer:  # doctest: +SKIP
+    ...     viewer.update([0.3] * 6)
+    """
 
     url: str
-    """Where it is."""
+    """Address of the viewer."""
 
     def __init__(self, scene: Scene, motion: Motion, urdf: str | os.PathLike[str] | None, port: int, title: str | None) -> None:
         self._stage = _Stage(scene, shapes_of(scene, urdf), port, motion)
@@ -201,14 +213,32 @@ class Viewer:
         gui = self._stage.server.gui
         gui.set_panel_label(title or "phipsi")
         if scene.total_mass > 0.0:
-            self._add_mass_centre()
+            self._add_center_of_mass()
         if motion.moves:
             self._add_player()
         else:
             self._add_sliders()
 
     def update(self, q: ArrayLike) -> None:
-        """Shows the robot at q, (nq,)."""
+        """Show the robot at a configuration.
+
+        Parameters
+        ----------
+        q : array_like, (nq,)
+            Configuration.
+
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            If q is not a valid configuration.
+
+        Examples
+        --------
+        >>> import phipsi
+        >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+        >>> viewer = scene.show(browser=False)  # doctest: +SKIP
+        >>> viewer.update([0.3] * 6)  # doctest: +SKIP
+        """
         scene = self._stage.scene
         found: _Array = np.array(_core._numbers("q", q, scene, True))
         if found.shape != (scene.nq,):
@@ -217,14 +247,28 @@ class Viewer:
         self._stage.update(found)
 
     def wait(self) -> None:
-        """Returns when the viewer is closed, or on Ctrl-C."""
+        """Block until the viewer is closed, or until Ctrl-C.
+
+        Examples
+        --------
+        >>> import phipsi
+        >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+        >>> scene.show().wait()  # doctest: +SKIP
+        """
         with contextlib.suppress(KeyboardInterrupt):
             while not self._closed.wait(0.5):
                 pass
         self.close()
 
     def close(self) -> None:
-        """Ends it; the browser shows that the connection is gone."""
+        """Stop the server; the browser shows that the connection is closed.
+
+        Examples
+        --------
+        >>> import phipsi
+        >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+        >>> scene.show(browser=False).close()  # doctest: +SKIP
+        """
         if not self._closed.is_set():
             self._closed.set()
             self._stage.close()
@@ -238,11 +282,11 @@ class Viewer:
     def __repr__(self) -> str:
         return f"<phipsi.view.Viewer: {self.url}{', closed' if self._closed.is_set() else ''}>"
 
-    def _add_mass_centre(self) -> None:
-        shown = self._stage.server.gui.add_checkbox("mass centre", False)
+    def _add_center_of_mass(self) -> None:
+        shown = self._stage.server.gui.add_checkbox("center of mass", False)
 
         def turn(_: Any) -> None:
-            self._stage.centre.visible = shown.value
+            self._stage.center.visible = shown.value
             self._stage.update(self._q)
 
         shown.on_update(turn)
@@ -307,13 +351,13 @@ def _is_single(scene: Scene, joint: str) -> bool:
 
 
 def _free(port: Any) -> int:
-    """The port, or the next one that is not in use; zero stands for any."""
+    """The port, or the next free one; zero means any port."""
     if isinstance(port, bool) or not isinstance(port, int | np.integer) or not 0 <= port < 65536:
-        raise ArgumentError(f"port: found {port!r}; expected a whole number from 1 to 65535, or 0 for any that is free")
+        raise ArgumentError(f"port: found {port!r}; expected an integer from 1 to 65535, or 0 for any free port")
     reason = ""
     for found in range(int(port), min(int(port) + PORTS, 65536)):
         with socket.socket() as probe:
-            # As servers do, which take a port again that was closed a moment ago.
+            # Same option as servers, which can reuse a recently closed port.
             if os.name == "posix":
                 probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:
@@ -322,7 +366,7 @@ def _free(port: Any) -> int:
                 reason = error.strerror or str(error)
                 continue
             return found
-    raise ArgumentError(f"port: found {port}, which cannot be used ({reason}), nor can those after it; expected another, or 0 for any that is free")
+    raise ArgumentError(f"port: found {port}, which cannot be used ({reason}), nor can the following ones; expected another port, or 0 for any free port")
 
 
 def page(
@@ -334,7 +378,39 @@ def page(
     urdf: str | os.PathLike[str] | None = None,
     shapes: Sequence[Shape] | None = None,
 ) -> str:
-    """The HTML of a pose or a motion: meshes, viewer and all, without anything to load; arguments as in Scene.show. shapes: instead of those of the URDF."""
+    """HTML of a pose or a motion as a self-contained page.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    motion : Trajectory or array_like, optional
+        Trajectory of one state, configurations (k, nq), or one configuration (nq,); None: neutral.
+    t : array_like, (k,), optional
+        Times of the configurations, s.
+    forces : tuple of array_like, optional
+        Points of application, (k, n, 3), m, and forces, (k, n, 3), N, in the base frame, as arrows.
+    urdf : path, optional
+        File with the shapes; None: the file of the scene.
+    shapes : sequence of Shape, optional
+        Shapes instead of those of a file.
+
+    Returns
+    -------
+    str
+        HTML.
+
+    Raises
+    ------
+    ShapeError, NotFiniteError, ArgumentError
+        If an argument is invalid.
+
+    Examples
+    --------
+    >>> import phipsi
+    >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+    >>> html = phipsi.view.page(scene, [0.3] * 6)  # doctest: +SKIP
+    """
     shown = Motion(scene, motion, t, forces)
     stage = _Stage(scene, shapes_of(scene, urdf) if shapes is None else shapes, 0, shown)
     try:
@@ -355,11 +431,11 @@ def show(
     title: str | None = None,
     browser: bool = True,
 ) -> Viewer | Path:
-    """As Scene.show, which calls it."""
+    """Implementation of Scene.show."""
     if to is not None:
         file = Path(to)
         if file.suffix.lower() not in PAGES:
-            raise ArgumentError(f"to: found {str(to)!r}; expected a path that ends in {' or '.join(PAGES)}: a page of HTML is written, no other format")
+            raise ArgumentError(f"to: found {str(to)!r}; expected a path that ends in {' or '.join(PAGES)}, because only HTML is supported")
         file.write_text(page(scene, motion, t=t, forces=forces, urdf=urdf), encoding="utf-8")
         return file
     viewer = Viewer(scene, Motion(scene, motion, t, forces), urdf, _free(port), title)

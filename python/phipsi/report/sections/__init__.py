@@ -1,4 +1,6 @@
-"""The sections of the report on a robot, a file each: what is measured, and what is drawn. First what its user looks for, then the method."""
+"""Sections of the report on a robot, one file each: measurement and plots. The properties of the robot come first, then
+the method.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +12,11 @@ from . import accuracy, calls, condition, emergence_plots, growth, joints, kinds
 
 USER = (view, scene, joints, mass, calls, kinds)
 THEORY = (plan, accuracy, residuals, condition, emergence_plots, growth)
-LIMITS: Section[Report] = Section("limits", "What the numbers do not show")
+LIMITS: Section[Report] = Section("limits", "Limitations of the measurements")
 
 
 def _part(title: str, sections: list[Section[Report]]) -> list[Section[Report]]:
-    """The same sections under a title."""
+    """The same sections with the title of a part."""
     return [replace(sections[0], part=title), *sections[1:]]
 
 
@@ -23,6 +25,6 @@ ROBOT: Layout[Report] = Layout(
     "report.json",
     (
         *_part("The robot", [one.SECTION for one in USER]),
-        *_part("How it is computed, and how exactly", [*(one.SECTION for one in THEORY), LIMITS, provenance()]),
+        *_part("Computation and accuracy", [*(one.SECTION for one in THEORY), LIMITS, provenance()]),
     ),
 )

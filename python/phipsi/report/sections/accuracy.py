@@ -1,4 +1,4 @@
-"""Error against run time: every method in both precisions, against double-double."""
+"""Error against run time: every method in both precisions, compared with double-double arithmetic."""
 
 from __future__ import annotations
 
@@ -9,70 +9,73 @@ import numpy as np
 
 from ... import _core
 from ..pipeline import Section
-from ..plotting import COLOURS, Axis, Chart, Panel, Plot, Series, level
+from ..plotting import COLORS, Axis, Chart, Panel, Plot, Series, level
 from ..progress import Reporter
 from ..robot import DENSE_CAP, EPS, PRECISIONS, Report, median, rust
 from ..states import Array
 from ..text import symbols
 from ..timing import Of
 
-#: Times each method is measured, in turns with the others.
+#: Number of interleaved measurements of each method.
 ROUNDS = 5
-#: Beyond this many degrees of freedom M^-1 is not formed.
+#: Largest number of degrees of freedom for which M^-1 is formed.
 INVERSE_CAP = 2000
-#: What forward dynamics is called in Rust.
+#: Name of forward dynamics in Rust.
 FORWARD = _core.method_call(_core.METHODS[0])[0]
 
 
 @dataclass(frozen=True)
 class Accuracy:
-    """One method in one precision over all states; error and time are of the same calls."""
+    """One method in one precision over all states; error and time belong to the same calls."""
 
     method: str
     precision: str
     ns_per_state: float
-    """Median time of `Scene::evaluate` in Rust, one state a call."""
+    """Median time of `Scene::evaluate` in Rust, one state per call."""
     errors: Array
-    """Of each state: largest error over largest acceleration; NaN where the method met a bad pivot."""
+    """Largest error relative to the largest acceleration, of each state; NaN if the method encountered an invalid
+    pivot.
+    """
 
     @property
     def of(self) -> Of:
-        """What is timed."""
+        """Description of the timed call."""
         return rust(*_core.method_call(self.method))
 
     @property
     def error_median(self) -> float:
-        """Of the states where it did not fail."""
+        """Median over the states without failure."""
         return median(self.errors)
 
     @property
     def error_max(self) -> float:
-        """The same."""
+        """Maximum over the states without failure."""
         return float(np.max(self.errors[np.isfinite(self.errors)], initial=-np.inf)) if self.failed_states < len(self.errors) else np.nan
 
     @property
     def failed_states(self) -> int:
-        """States where the method met a bad pivot."""
+        """Number of states in which the method encountered an invalid pivot."""
         return int(np.count_nonzero(~np.isfinite(self.errors)))
 
     @property
     def digits_lost(self) -> float:
-        """log10 of the median error in units of eps; below zero where it is less than one unit."""
+        """log10 of the median error in units of eps; negative if it is less than one unit."""
         return self.digits(self.error_median)
 
-    def colour(self) -> str:
-        """Its colour in every plot and table."""
-        return COLOURS[_core.METHODS.index(self.method) % len(COLOURS)]
+    def color(self) -> str:
+        """Color in all plots and tables."""
+        return COLORS[_core.METHODS.index(self.method) % len(COLORS)]
 
     def digits(self, error: float) -> float:
-        """The same of an error."""
+        """log10 of an error in units of eps."""
         return float(np.log10(max(error, 1e-300) / EPS[self.precision])) if np.isfinite(error) else float("nan")
 
 
 def accuracy(report: Report, reporter: Reporter) -> list[Accuracy]:
-    """Error against run time: every method in both precisions, against double-double, `auto` first.
+    """Error against run time: every method in both precisions, compared with double-double arithmetic, `auto` first.
 
-    The time is the median over the rounds of each round's median of some passes. Large scenes go without what forms a matrix.
+    The time is the median over the rounds of the median over the passes of each round. Methods that form a
+    matrix are omitted for large scenes.
     """
     scene, states, methods = report.scene, report.solvable, _core.METHODS
     if scene.nv > DENSE_CAP:
@@ -80,7 +83,7 @@ def accuracy(report: Report, reporter: Reporter) -> list[Accuracy]:
         methods = tuple(m for m in methods if _core.method_call(m)[0] == FORWARD or (inverse and "M^-1" in m))
     reference = _core.reference(scene, *states.arrays)
     cases = [(method, precision) for precision in PRECISIONS for method in methods]
-    # In rounds, so that a change of the machine's pace falls on all methods alike.
+    # Interleaved, so that changes of the clock rate affect all methods equally.
     rounds = [
         [_core.measure(scene, *case, *states.arrays, reference, report.effort.repeats) for case in cases]
         for _ in reporter.each("Error against run time", range(ROUNDS))
@@ -96,11 +99,13 @@ def _plots(report: Report) -> Iterable[Plot]:
 
 
 def error_against_time(rows: Sequence[Accuracy]) -> Chart:
-    """Median time of a call of `Scene::evaluate` against the error of every state, one panel a precision on the same axis of times."""
+    """Median time of `Scene::evaluate` against the error of every state, one panel per precision with a common time
+    axis.
+    """
     usable = [row for row in rows if np.isfinite(row.error_median)]
     times = [1e-9 * row.ns_per_state for row in usable]
     x = Axis.times("median time of a call in Rust, one state", min(times) / 1.5, max(times) * 1.25)
-    # The better precision, which most use, comes first.
+    # The higher precision, which is the default, comes first.
     return Chart("error-against-time", [_panel([row for row in usable if row.precision == one], one, x) for one in PRECISIONS])
 
 
@@ -110,11 +115,11 @@ def _panel(rows: Sequence[Accuracy], precision: str, x: Axis) -> Panel:
     low = min([eps / 4, *(float(np.quantile(e, 0.02)) for e in errors)])
     high = max([eps * 12, *(float(e.max()) for e in errors)])
     y = Axis.powers("relative error of accelerations", low / 1.8, high * 2.2)
-    series = [level("one unit of rounding (eps)", eps, x)]
+    series = [level("machine epsilon", eps, x)]
     generator = np.random.default_rng(0)
     for row, values in zip(rows, errors, strict=True):
-        name, ink, at = symbols(row.method), row.colour(), 1e-9 * row.ns_per_state
-        # Beside each other, so that each is seen.
+        name, ink, at = symbols(row.method), row.color(), 1e-9 * row.ns_per_state
+        # Spread horizontally, so that points do not overlap.
         spread = at * np.exp(generator.uniform(-0.02, 0.02, len(values)))
         series += [
             Series(name, ink, spread, values, mark=4, shade=0.3, told=False),

@@ -1,4 +1,4 @@
-"""What the public calls take, called from Python: one state, and a batch."""
+"""Time of the public calls from Python, for one state and a batch."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from ..progress import Reporter
 from ..robot import DENSE_CAP, FORWARD, Report
 from ..timing import Arguments, Of, in_turns, looped, one_by_one, threads
 
-#: Of forward dynamics, `auto` first, as it is what a call does that names none.
+#: Forms of forward dynamics; `auto`, the default, comes first.
 FORMS = ("auto", "covariance", "square-root", "joseph")
-#: Numbers that the matrices of a batch have at the most.
+#: Largest number of entries of the matrices of a batch.
 MOST_NUMBERS = 4_000_000
 
 
@@ -38,7 +38,7 @@ class _Call:
     form: str | None
     run: Callable[..., Any]
     takes: int
-    """How many of q, qd, tau it takes."""
+    """Number of arguments of q, qd, tau."""
     is_matrix: bool = False
 
 
@@ -54,12 +54,14 @@ def _calls(scene: Scene) -> list[_Call]:
 
 
 def measured(scene: Scene, drawn: Drawn, quick: bool, reporter: Reporter) -> list[CallTime]:
-    """Every call at the random states, in turns: one state a call, and a batch. Without a call that a form refuses."""
+    """Time of every call at the random states, interleaved: one state per call, and a batch. Calls whose form
+    raises are omitted.
+    """
     states = kinds.state(scene, drawn, kinds.RANDOM)
     rows = []
     with threads(1):
         usable = [call for call in _calls(scene) if _answers(call, states)]
-        for is_batch in reporter.each("What calls take", (False, True)):
+        for is_batch in reporter.each("Time of calls", (False, True)):
             sized = [_sized(scene, call, states, is_batch) for call in usable]
             loops = [looped(call.run, arguments) for call, (_, arguments) in zip(usable, sized, strict=True)]
             times = np.median(in_turns(loops, quick), axis=0)
@@ -78,7 +80,7 @@ def _answers(call: _Call, states: Arguments) -> bool:
 
 
 def _sized(scene: Scene, call: _Call, states: Arguments, is_batch: bool) -> tuple[int, list[Arguments]]:
-    """States a call, and the arguments of each call."""
+    """Number of states per call, and the arguments of each call."""
     taken = states[: call.takes]
     if not is_batch:
         return 1, one_by_one(taken)
@@ -90,4 +92,4 @@ def _collect(report: Report, reporter: Reporter) -> list[CallTime]:
     return measured(report.scene, report.batch, report.quick, reporter)
 
 
-SECTION = Section("calls", "How long a call takes", _collect, empty=[])
+SECTION = Section("calls", "Time of calls", _collect, empty=[])

@@ -1,4 +1,4 @@
-"""The condition number of the mass matrix, and what it costs each method."""
+"""Condition number of the mass matrix, and its effect on each method."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def _plots(report: Report) -> Iterable[Plot]:
 
 
 def error_against_condition(rows: Sequence[Accuracy], conditions: Array) -> Chart:
-    """The error of every state against the condition number of M there."""
+    """Error of every state against the condition number of M."""
     eps = EPS["float64"]
     finite = conditions[np.isfinite(conditions)]
     low, high = float(finite.min()), float(finite.max())
@@ -37,8 +37,8 @@ def error_against_condition(rows: Sequence[Accuracy], conditions: Array) -> Char
     highest, lowest = max(row.error_max for row in rows), min(row.error_median for row in rows)
     x = Axis.powers("condition number of M at the state", low / pad, high * pad, form=".3~g")
     y = Axis.powers("relative error of accelerations", max(0.02 * eps, lowest / 20.0), max(highest * 3.0, 30.0 * eps))
-    marks = [Series(symbols(row.method), row.colour(), conditions, row.errors, mark=5, shade=0.55) for row in rows]
-    return Chart("error-against-condition", [Panel(x, y, [level("one unit of rounding (eps)", eps, x), *marks])])
+    marks = [Series(symbols(row.method), row.color(), conditions, row.errors, mark=5, shade=0.55) for row in rows]
+    return Chart("error-against-condition", [Panel(x, y, [level("machine epsilon", eps, x), *marks])])
 
 
 SECTION = Section("condition", "Conditioning", _collect, _plots)

@@ -1,4 +1,6 @@
-"""M from samples of the random model (5.1): error, time and slope of each way to it, coverage, samples a second."""
+"""M from samples of the random model (5.1): error, time and convergence rate of each method, coverage, samples
+per second.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,7 @@ from ..states import Array
 from ..timing import Of, threads
 
 PLAIN, SOBOL, SIGMA, RECURSION, DENSE = _core.ROUTES
-#: What is timed of each way, all in Rust: what it makes is made within the time, and dropped.
+#: Timed call of each method, in Rust; the time includes the allocation of the results.
 CALLS = {
     PLAIN: "Scene::random_model, RandomModel::mass_matrix(MonteCarlo)",
     SOBOL: "Scene::random_model, RandomModel::sobol_estimate",
@@ -26,27 +28,29 @@ CALLS = {
     RECURSION: "Scene::evaluate(MassMatrix)",
     DENSE: "Composite::new, Composite::mass_matrix",
 }
-#: The ways that take a number of samples, and the slope of log error on log samples that theory gives them.
+#: Methods with a number of samples, and the theoretical slope of log error against log samples.
 SAMPLED = {PLAIN: -0.5, SOBOL: -1.0}
-#: Beyond this many degrees of freedom sigma points take seconds.
+#: Largest number of degrees of freedom; beyond it sigma points take seconds.
 CAP = 1000
-#: Samples of each estimate whose intervals are counted, and the confidences that they state.
+#: Samples of each estimate for the coverage, and the stated confidences.
 COVERAGE_SAMPLES, CONFIDENCES = 100, (0.8, 0.95, 0.99)
-#: Samples that one thread sums up at a time, as in the core: a rate on threads needs several of them for each.
+#: Samples that one thread accumulates at a time, as on the Rust side; a rate on several threads needs several pieces per thread.
 PIECE = 2**14
 
 
 class Effort(NamedTuple):
-    """How much is drawn. It rests on what work should cost, not on a clock, so the same seed gives the same numbers."""
+    """Number of samples. It depends on estimated operation counts and not on a clock, so that equal seeds give equal
+    results.
+    """
 
     sizes: tuple[int, ...]
     seeds: int
     size_ns: float
-    """What all seeds of one number of samples may take."""
+    """Time budget of all seeds with one number of samples."""
     rate_ns: float
-    """What measuring the rate on one core may take."""
+    """Time budget for the rate on one core."""
     rate_pieces: int
-    """Pieces a thread, where there is time for them."""
+    """Pieces per thread, within the time budget."""
 
 
 QUICK = Effort(tuple(2**k for k in range(6, 15)), 6, 6e8, 1e9, 4)
@@ -54,43 +58,43 @@ FULL = Effort(tuple(2**k for k in range(6, 21)), 12, 2.6e10, 1e10, 16)
 
 
 def cost(route: str, dimension: int, nv: int) -> float:
-    """About what one sample takes on one thread, ns."""
+    """Approximate time of one sample on one thread, ns."""
     return (16.0 if route == SOBOL else 8.0) * dimension + 0.2 * nv * nv
 
 
 class Slope(NamedTuple):
-    """The straight line through log error over log samples, by least squares."""
+    """Least-squares line of log error against log samples."""
 
     route: str
     measured: float
     standard_error: float
     theory: float
     at_one_sample: float
-    """Error where the line meets one sample."""
+    """Value of the line at one sample."""
 
     def error(self, samples: float) -> float:
-        """On the line."""
+        """Value of the line."""
         return self.at_one_sample * float(samples**self.measured)
 
 
 class Point(NamedTuple):
-    """A way to M, with a number of samples where it takes one."""
+    """A method for M, with its number of samples if it takes one."""
 
     route: str
     samples: int | None
     ns_median: float
-    """Over the seeds, or of all passes."""
+    """Median over the seeds, or over all passes."""
     error: float
-    """Frobenius norm over that of M; the root of the mean square over the seeds."""
+    """Frobenius norm of the error relative to that of M; root mean square over the seeds."""
 
     @property
     def of(self) -> Of:
-        """What is timed."""
+        """Description of the timed call."""
         return rust(CALLS[self.route])
 
 
 class Rate(NamedTuple):
-    """Samples a second of Monte Carlo, from q to its estimate of M."""
+    """Samples per second of Monte Carlo, from q to the estimate of M."""
 
     threads: int
     samples: int
@@ -100,43 +104,45 @@ class Rate(NamedTuple):
 
 @dataclass
 class Emergence:
-    """What was measured at one state."""
+    """Results at one state."""
 
     seeds: int
     random_numbers_a_sample: int | None = None
     unit_error_in_theory: float | None = None
-    """The error that theory expects of plain sampling, times the root of the number of samples."""
+    """Theoretical error of independent samples, times the square root of the number of samples."""
     points: list[Point] = field(default_factory=list)
     slopes: list[Slope] = field(default_factory=list)
     coverage: dict[str, Any] | None = None
-    """How often intervals held their entries, by the confidence that they state."""
+    """Fraction of intervals that contain the exact entry, by stated confidence."""
     samples_a_second: list[Rate] = field(default_factory=list)
 
     def sampled(self) -> bool:
-        """Whether anything was drawn."""
+        """Whether samples were drawn."""
         return any(point.samples for point in self.points)
 
     def along(self, route: str) -> list[Point]:
-        """The points of one way, by number of samples."""
+        """Points of one method, by number of samples."""
         return [point for point in self.points if point.route == route]
 
     def slope(self, route: str) -> Slope | None:
-        """The line through them; None where there is none."""
+        """Line through the points of one method; None if there is none."""
         return next((line for line in self.slopes if line.route == route), None)
 
 
 def collect(report: Report, reporter: Reporter) -> Emergence:
-    """M every way at the first state of a report."""
+    """M by every method at the first state of a report."""
     return measured(report.scene, report.states.q[0], report.seed, report.quick, report.missing, reporter)
 
 
 def measured(scene: Scene, q: Array, seed: int, quick: bool, missing: dict[str, str], reporter: Reporter) -> Emergence:
-    """M every way at q; of what cannot be had the reason is noted in `missing`. Raises Missing where nothing can."""
+    """M by every method at q. Reasons for missing parts are stored in `missing`. Raises Missing if there is no
+    result.
+    """
     if scene.nv > CAP:
-        raise Missing(f"{scene.nv} degrees of freedom: M is not sampled beyond {CAP}.")
+        raise Missing(f"{scene.nv} degrees of freedom: M is sampled for at most {CAP}.")
     matrix = scene.mass_matrix(q)
     if not np.any(matrix):
-        raise Missing("The mass matrix is zero at this state: there is nothing to estimate.")
+        raise Missing("The mass matrix is zero at this state: no estimate is possible.")
     effort = QUICK if quick else FULL
     model = None
     try:
@@ -159,7 +165,7 @@ def measured(scene: Scene, q: Array, seed: int, quick: bool, missing: dict[str, 
 
 
 class _Case(NamedTuple):
-    """A way, with a number of samples where it takes one, and how often it is timed."""
+    """A method, its number of samples if it takes one, and the number of timings."""
 
     route: str
     samples: int | None
@@ -167,7 +173,7 @@ class _Case(NamedTuple):
 
 
 def _cases(scene: Scene, q: Array, model: RandomModel | None, effort: Effort, missing: dict[str, str]) -> list[_Case]:
-    """What this scene can be asked for."""
+    """Methods that this scene supports."""
     nv = scene.nv
     passes = 301 if nv <= 12 else 31 if nv <= 60 else 3
     found = []
@@ -178,7 +184,7 @@ def _cases(scene: Scene, q: Array, model: RandomModel | None, effort: Effort, mi
             except errors.PhipsiError as error:
                 missing[route] = str(error)
                 continue
-            # The core computes M thrice for one time and one error.
+            # The Rust side computes M three times for one time and one error.
             sample = 3.0 * effort.seeds * cost(route, model.dimension, nv)
             sizes = [_Case(route, n, 1) for n in effort.sizes if n * sample <= effort.size_ns]
             if not sizes:
@@ -189,18 +195,18 @@ def _cases(scene: Scene, q: Array, model: RandomModel | None, effort: Effort, mi
     if nv <= DENSE_CAP:
         found.append(_Case(DENSE, None, passes if nv <= 60 else 1))
     else:
-        missing[DENSE] = f"{nv} degrees of freedom: nothing dense is built beyond {DENSE_CAP}."
+        missing[DENSE] = f"{nv} degrees of freedom: dense matrices are formed for at most {DENSE_CAP}."
     return found
 
 
 def _errors(scene: Scene, q: Array, seed: int, cases: Sequence[_Case], rounds: int, reporter: Reporter) -> list[Point]:
-    """Error and time of every case, in rounds so that a change of the machine's pace falls on all alike."""
-    # Seeds of their own for each size: the same ones would begin with the same samples, and the errors would go together.
+    """Error and time of every case, in rounds, so that changes of the clock rate affect all cases equally."""
+    # Separate seeds for each size: with equal seeds the errors would be correlated.
     seeds = _seeds(seed, 0, rounds * len(cases))
     answers: dict[_Case, list[tuple[float, float]]] = {}
     for case, one in reporter.each("M from the random model", list(zip([*cases] * rounds, seeds, strict=True))):
         known = answers.setdefault(case, [])
-        # Dense products of large scenes take seconds, and always give the same.
+        # Dense products of large scenes take seconds and are deterministic.
         if not known or case.samples or case.repeats > 1:
             known.append(_core.emergence(scene, q, case.route, case.samples or 1, int(one), case.repeats))
     found = []
@@ -215,13 +221,13 @@ def _seeds(seed: int, purpose: int, count: int) -> NDArray[np.int64]:
 
 
 def unit_error(matrix: Array) -> float:
-    """Of one sample: the variance of the product T_i T_j of centred normal numbers is M_ii M_jj + M_ij^2."""
+    """Error of one sample: the variance of the product T_i T_j of centered normal variables is M_ii M_jj + M_ij^2."""
     square = float(np.sum(matrix**2))
     return float(np.sqrt((float(np.trace(matrix)) ** 2 + square) / square))
 
 
 def slope(points: Sequence[Point], theory: float) -> Slope | None:
-    """The line of least squares through log error over log samples; None below three points, or where an error is zero."""
+    """Least-squares line of log error against log samples; None for fewer than three points, or if an error is zero."""
     if len(points) < 3 or not all(point.error > 0.0 for point in points):
         return None
     samples, found = np.array([(float(point.samples or 1), point.error) for point in points]).T
@@ -230,9 +236,9 @@ def slope(points: Sequence[Point], theory: float) -> Slope | None:
 
 
 def _covered(model: RandomModel, matrix: Array, confidence: float, seeds: NDArray[np.int64]) -> dict[str, Any]:
-    """The share of entries that their intervals held, of those whose torques vary, and its standard error; None without such entries.
+    """Fraction of the entries whose intervals contain the exact value, and its standard error; None if no torques vary.
 
-    A share is over entries, its standard error over seeds, which are independent.
+    The fraction is over entries; its standard error is over seeds, which are independent.
     """
     size = np.diagonal(matrix) > 0.0
     varies = np.outer(size, size)
@@ -256,16 +262,16 @@ def _covered(model: RandomModel, matrix: Array, confidence: float, seeds: NDArra
 def _rates(
     scene: Scene, q: Array, model: RandomModel, effort: Effort, missing: dict[str, str], reporter: Reporter
 ) -> list[Rate]:
-    """On one thread and on as many as there are cores, the same samples."""
+    """Rates on one thread and on all cores, for the same samples."""
     repeats, cores = 3, _core.get_num_threads()
     piece = PIECE * cost(PLAIN, model.dimension, scene.nv) * (repeats + 2)
-    # As many as work should allow, and one a thread at least; no clock decides.
+    # Limited by the estimated time, at least one per thread; independent of a clock.
     pieces = cores * max(1, min(effort.rate_pieces, int(effort.rate_ns / piece / cores)))
     if pieces * piece > 4 * effort.rate_ns:
         missing["samples a second"] = f"{scene.nv} degrees of freedom: enough samples for {cores} threads take too long."
         return []
     rates = []
-    for count in reporter.each("Samples a second", sorted({1, cores})):
+    for count in reporter.each("Samples per second", sorted({1, cores})):
         with threads(count):
             ns, _ = _core.emergence(scene, q, PLAIN, pieces * PIECE, 0, repeats)
         rates.append(Rate(count, pieces * PIECE, rust(CALLS[PLAIN]), pieces * PIECE / ns * 1e9))

@@ -1,4 +1,4 @@
-"""M from the random model on the page: error against run time and against the number of samples, and the numbers of its tables."""
+"""Plots and tables of M from the random model: error against run time and against the number of samples."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from ..pipeline import Section
-from ..plotting import COLOURS, INK, SOFT, Axis, Chart, Panel, Plot, Series, level
+from ..plotting import COLORS, INK, SOFT, Axis, Chart, Panel, Plot, Series, level
 from ..robot import EPS, Report
 from ..text import minus, power
 from .emergence import DENSE, PLAIN, RECURSION, SAMPLED, SIGMA, SOBOL, Emergence, Point, Slope, collect
 
-#: By way, apart for all kinds of colour vision; names as the page has them.
-INKS = {PLAIN: COLOURS[2], SOBOL: COLOURS[0], SIGMA: COLOURS[1], RECURSION: COLOURS[3], DENSE: SOFT}
+#: Colors and names of the methods.
+INKS = {PLAIN: COLORS[2], SOBOL: COLORS[0], SIGMA: COLORS[1], RECURSION: COLORS[3], DENSE: SOFT}
 NAMES = {
     PLAIN: "plain Monte Carlo",
     SOBOL: "scrambled Sobol points",
@@ -23,30 +23,30 @@ NAMES = {
     RECURSION: "recursion (3.5)",
     DENSE: "dense product (5.1)",
 }
-#: The slopes that theory gives, as text.
+#: Theoretical slopes, as text.
 THEORY = {PLAIN: "−1/2", SOBOL: "about −1"}
-#: What may be missing here while the rest is not, and what the page calls it.
+#: Parts that can be missing separately, and their names on the page.
 PARTS = {
     "sampling": "Samples",
     SOBOL: "Sobol points",
     PLAIN: "Plain Monte Carlo",
     DENSE: "Dense product",
-    "samples a second": "Samples a second",
+    "samples a second": "Samples per second",
 }
 
 
 def _floor(error: float) -> float:
-    """An error with a place on a logarithmic axis: one that is zero is drawn far below rounding."""
+    """Error for a logarithmic axis: zero is drawn far below the rounding error."""
     return max(error, 1e-2 * EPS["float64"])
 
 
 def error_against_time(found: Emergence) -> Chart:
-    """Error of M against the time from q to it, every way."""
+    """Error of M against the time from q to M, for every method."""
     eps, points = EPS["float64"], found.points
     times, values = [_seconds(point) for point in points], [_floor(point.error) for point in points]
     x = Axis.times("median time from q to M, one thread", min(times) / 2.0, max(times) * 2.0)
     y = Axis.powers("relative error of M", min([*values, eps]) / 6.0, max([*values, eps * 100.0]) * 5.0)
-    series = [level("one unit of rounding (eps)", eps, x)]
+    series = [level("machine epsilon", eps, x)]
     for route in SAMPLED:
         if along := found.along(route):
             series += _curve(found, route, along)
@@ -61,18 +61,18 @@ def _seconds(point: Point) -> float:
 
 
 def _curve(found: Emergence, route: str, points: Sequence[Point]) -> Iterable[Series]:
-    """The points of one way, and a line of the measured slope through the last one."""
+    """Points of one method, and a line with the measured slope through the last one."""
     name, ink, line = _named(found, route), INKS[route], found.slope(route)
     x, y = np.array([_seconds(point) for point in points]), np.array([_floor(point.error) for point in points])
     yield Series(name, ink, x, y, line=1.6, mark=6)
     if line is not None:
-        # The time is proportional to the number of samples but for the setup, which bends the curve where they are few.
+        # The time is proportional to the number of samples, apart from a constant setup time.
         yield Series(name, ink, x, y[-1] * (x / x[-1]) ** line.measured, line=1.0, dash=True, shade=0.7, told=False)
 
 
 def _named(found: Emergence, route: str) -> str:
     line = found.slope(route)
-    return NAMES[route] if line is None else f"{NAMES[route]}, slope {_slope(line)}, in theory {THEORY[route]}"
+    return NAMES[route] if line is None else f"{NAMES[route]}, slope {_slope(line)}, theory {THEORY[route]}"
 
 
 def _slope(line: Slope) -> str:
@@ -80,7 +80,7 @@ def _slope(line: Slope) -> str:
 
 
 def error_against_samples(found: Emergence) -> Chart:
-    """Error of M against the number of samples, with the lines whose slopes are measured."""
+    """Error of M against the number of samples, with the fitted lines."""
     samples = [point.samples for point in found.points if point.samples]
     values = [_floor(point.error) for point in found.points if point.samples]
     low, high = min(samples) / 1.3, max(samples) * 1.3
@@ -101,8 +101,8 @@ def _line(found: Emergence, route: str) -> Iterable[Series]:
     if line is not None:
         yield Series(name, ink, n, [line.error(one) for one in n], line=1.2, told=False)
     if route == PLAIN and found.unit_error_in_theory is not None:
-        # Where theory knows the error itself, and not its slope alone.
-        yield Series("independent samples in theory", INK, n, found.unit_error_in_theory / np.sqrt(n), line=1.2, dash=True)
+        # For independent samples the theory gives the error and not only the slope.
+        yield Series("independent samples, theory", INK, n, found.unit_error_in_theory / np.sqrt(n), line=1.2, dash=True)
 
 
 def _plots(report: Report) -> Iterable[Plot]:
@@ -113,7 +113,7 @@ def _plots(report: Report) -> Iterable[Plot]:
 
 
 def _shown(report: Report) -> dict[str, Any]:
-    """A row a way, at its largest number of samples where it takes one; and what is missing."""
+    """One row per method, at its largest number of samples if it takes one; and missing parts."""
     found: Emergence = report.parts["emergence"]
     ways = [(NAMES[route], ink, points[-1], THEORY.get(route, "exact")) for route, ink in INKS.items() if (points := found.along(route))]
     absent = {title: report.missing[part] for part, title in PARTS.items() if part in report.missing}

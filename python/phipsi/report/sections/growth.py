@@ -1,4 +1,4 @@
-"""Time a body on chains, by number of bodies: flat where the work is O(N)."""
+"""Time per body on chains, by number of bodies: constant if the time is O(N)."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ import numpy as np
 
 from ... import _core
 from ..pipeline import Section
-from ..plotting import COLOURS, SOFT, Axis, Chart, Panel, Series, log_ticks
+from ..plotting import COLORS, SOFT, Axis, Chart, Panel, Series, log_ticks
 from ..progress import Reporter
 from ..robot import Report, rust, spread
 from ..text import count
 from .accuracy import FORWARD
 
-#: Times each chain is measured.
+#: Number of measurements of each chain.
 ROUNDS = 3
-#: Chains that operators are applied on.
+#: Sizes of the chains for operators.
 OPERATOR_SIZES = (10, 100, 1000, 10_000)
-#: What is timed, and what it is called.
+#: Timed calls and their names.
 TIMED = {
     "forward": ("forward dynamics, auto", FORWARD, "auto"),
     "covariance": ("forward dynamics, covariance", FORWARD, "covariance"),
@@ -28,7 +28,7 @@ TIMED = {
 
 
 class Row(NamedTuple):
-    """Time a body on a chain of equal links, ns: `Scene::evaluate` in Rust, one state a call."""
+    """Time per body on a chain of equal links, ns: `Scene::evaluate` in Rust, one state per call."""
 
     bodies: int
     forward_ns_per_body: float
@@ -36,14 +36,14 @@ class Row(NamedTuple):
     inverse_ns_per_body: float
 
     def of(self, kind: str) -> float:
-        """The time of one of TIMED."""
+        """Time of one of TIMED."""
         return float(getattr(self, f"{kind}_ns_per_body"))
 
 
 def growth(sizes: Sequence[int], repeats: int, reporter: Reporter) -> dict[str, Any]:
-    """Time a body of forward and inverse dynamics, by number of bodies."""
+    """Time per body of forward and inverse dynamics, by number of bodies."""
     best = np.full((len(sizes), len(TIMED)), np.inf)
-    # Other load only ever adds time, and rarely to the same size twice: the least of the rounds' medians.
+    # Other load only increases times; the minimum over the rounds of the medians removes it.
     for row, bodies in reporter.each("Growth with size", list(zip(best, sizes, strict=True)) * ROUNDS):
         np.minimum(row, _core.growth(bodies, repeats), out=row)
     rows = [Row(bodies, *map(float, times)) for bodies, times in zip(sizes, best, strict=True)]
@@ -52,7 +52,7 @@ def growth(sizes: Sequence[int], repeats: int, reporter: Reporter) -> dict[str, 
 
 
 def operators(repeats: int, reporter: Reporter) -> dict[str, Any]:
-    """Time a body of applying every operator and its transpose (a star), by number of bodies."""
+    """Time per body of every operator and its transpose (a star), by number of bodies."""
     best: dict[str, list[float]] = {}
     for at, bodies in reporter.each("Operators on chains", list(enumerate(OPERATOR_SIZES)) * ROUNDS):
         for name, ns in _core.operator_growth(bodies, repeats):
@@ -72,11 +72,11 @@ def _plot(rows: Sequence[Row]) -> Chart:
     low, high = min(bodies) / 1.25, max(bodies) * 1.25
     x = Axis("bodies in the chain", low, high, log_ticks(low, high, lambda value: count(round(value))), True)
     series = []
-    for (kind, (name, _, _)), ink in zip(TIMED.items(), (*COLOURS[:2], SOFT), strict=True):
+    for (kind, (name, _, _)), ink in zip(TIMED.items(), (*COLORS[:2], SOFT), strict=True):
         values = [row.of(kind) for row in rows]
         series.append(Series(f"{name}, largest / smallest {spread(values):.2f}", ink, bodies, values, line=1.6, mark=6))
     highest = max(float(np.max(one.y)) for one in series)
-    return Chart("growth", [Panel(x, Axis("time a body, ns", 0.0, 1.15 * highest, form=".3~g"), series)], height=260)
+    return Chart("growth", [Panel(x, Axis("time per body, ns", 0.0, 1.15 * highest, form=".3~g"), series)], height=260)
 
 
 SECTION = Section("growth", "Time against the number of bodies", _collect, lambda report: [_plot(report.parts["growth"]["rows"])], shown=lambda _: ROUNDS)

@@ -1,4 +1,4 @@
-"""Limits of the joints, and what gravity asks of them."""
+"""Joint limits and gravity torques."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ from ..progress import Reporter
 from ..robot import Report
 from ..text import minus, significant
 
-#: The table is cut after so many rows.
+#: Largest number of rows of the table.
 MOST_ROWS = 120
 
 
 @dataclass(frozen=True)
 class Row:
-    """One coordinate of a joint: limits in rad or m, rad/s or m/s, N m or N; infinite where there are none."""
+    """One coordinate of a joint: limits in rad or m, rad/s or m/s, N m or N; infinite if there is none."""
 
     name: str
-    """Of the joint, with a number behind it where it has several."""
+    """Name of the joint, with an index if it has several coordinates."""
     type: str
     lower: float
     upper: float
     velocity: float
     effort: float
     gravity_here: float
-    """What holds the robot against gravity in the pose of the figure, N m or N."""
+    """Gravity torque in the pose of the figure, N m or N."""
     gravity_max: float
-    """The largest size of it over the random poses."""
+    """Largest absolute gravity torque over the random poses."""
 
     @property
     def share(self) -> float | None:
-        """The largest over the limit; None where there is no limit."""
+        """Largest gravity torque relative to the limit; None without a limit."""
         return self.gravity_max / self.effort if np.isfinite(self.effort) and self.effort > 0.0 else None
 
 
@@ -56,7 +56,7 @@ def _collect(report: Report, _: Reporter) -> list[Row]:
 
 
 def _shown(report: Report) -> dict[str, Any]:
-    """Text of each row; without the free joint of a floating base, which no motor moves."""
+    """Text of each row, without the free joint of a floating base, which has no actuator."""
     every: Sequence[Row] = report.parts["joints"]
     rows = every[6:] if report.tree.floating else every
     shares = {row.name: row.share for row in rows if row.share is not None}
@@ -78,7 +78,6 @@ def _texts(row: Row) -> dict[str, Any]:
 
 
 def _number(value: float) -> str:
-    # Rounding is no torque.
     return minus(f"{value:.3g}") if np.isfinite(value) else "∞" if value > 0 else "−∞"
 
 

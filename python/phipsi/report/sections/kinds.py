@@ -1,4 +1,4 @@
-"""Forward dynamics in the states that robots are in: what form auto costs there, and how right it is."""
+"""Forward dynamics in typical states: time of form auto, and its accuracy."""
 
 from __future__ import annotations
 
@@ -18,10 +18,12 @@ from ..timing import Of
 
 
 def kind_errors(scene: Scene, drawn: Drawn, kind: str, count: int) -> dict[str, tuple[float, float]]:
-    """Median and worst error of the first `count` states, from Python, by form ("auto" and "covariance"); empty where they have no answer.
+    """Median and largest error of the first `count` states, from Python, by form ("auto" and "covariance"); empty if
+    they raise.
 
-    Of each state the largest error of an acceleration, against double-double, over the largest acceleration, or over that of bias torque
-    alone where this is more: of what is held still nothing is left to be compared with.
+    The error of a state is the largest error of an acceleration, compared with double-double arithmetic,
+    relative to the largest acceleration or to the largest acceleration from the bias torque alone, whichever is
+    larger: in static equilibrium the accelerations vanish.
     """
     q, qd, tau = (values[:count] for values in kinds.state(scene, drawn, kind))
     try:
@@ -48,13 +50,15 @@ def _collect(report: Report, reporter: Reporter) -> list[dict[str, Any]]:
         for cost in auto_cost.of_kind(report.scene, report.batch, kind, report.quick):
             for form, ns, ratio in (("auto", cost.auto, cost.ratio), ("covariance", cost.covariance, 1.0)):
                 middle, worst = errors_of.get(form, (None, None))
-                told = {"meaning": kinds.MEANING[kind], "ns_per_state": ns, "ns_over_covariance": ratio, "error_median": middle}
-                rows.append({"of": Of("Python", FORWARD, form, kind, cost.batch), **told, "error_max": worst})
+                about = {"meaning": kinds.MEANING[kind], "ns_per_state": ns, "ns_over_covariance": ratio, "error_median": middle}
+                rows.append({"of": Of("Python", FORWARD, form, kind, cost.batch), **about, "error_max": worst})
     return rows
 
 
 def _shown(report: Report) -> Sequence[dict[str, Any]]:
-    """A row a kind that was measured in every form and size: auto and covariance, one state a call and a batch."""
+    """One row per kind that was measured in every form and size: auto and covariance, one state per call and a
+    batch.
+    """
     found = []
     for kind, meaning in kinds.MEANING.items():
         mine = {(row["of"].form, row["of"].batch > 1): row for row in report.parts["kinds"] if row["of"].states == kind}
@@ -64,4 +68,4 @@ def _shown(report: Report) -> Sequence[dict[str, Any]]:
     return found
 
 
-SECTION = Section("kinds", "The same in states that robots are in", _collect, shown=_shown, empty=[])
+SECTION = Section("kinds", "Forward dynamics in typical states", _collect, shown=_shown, empty=[])

@@ -1,4 +1,4 @@
-"""The mass matrix of one pose as a picture, and the inertia that each joint feels."""
+"""Mass matrix of one pose, and the inertia at each joint."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from ..states import Array
 from ..text import significant
 from .joints import MOST_ROWS
 
-#: Poses whose mass matrices are looked at.
+#: Number of poses for the range of inertias.
 POSES = 64
 
 
 @dataclass(frozen=True)
 class Inertia:
-    """A diagonal entry of M over the random poses: kg m², or kg where the joint slides."""
+    """Range of a diagonal entry of M over the random poses: kg m², or kg for prismatic joints."""
 
     name: str
     type: str
@@ -48,7 +48,7 @@ def _collect(report: Report, _: Reporter) -> dict[str, Any]:
 
 
 def _plot(report: Report) -> Matrix:
-    """|M|; zeros, and what is only rounding beside the largest entry, are white."""
+    """|M|; zeros, and entries below the rounding error of the largest entry, are white."""
     sizes: Array = np.abs(report.scene.mass_matrix(report.states.q[0]))
     names = [name[2:] for name in columns(report.scene, "v")]
     return Matrix("mass-matrix", np.where(sizes > EPS["float64"] * sizes.max(), sizes, np.nan), names, "|M|, kg m², kg m or kg")

@@ -1,4 +1,4 @@
-"""What was not computed, why that changes nothing, and what it saves: the scene beside the same one with one switch off, in turns."""
+"""Simplifications of the scene, their reasons and savings: the time with and without each of them, interleaved."""
 
 from __future__ import annotations
 
@@ -19,25 +19,26 @@ from ..states import States
 from ..timing import TURNS, Of, Once, in_turns, looped, threads
 
 class Times(NamedTuple):
-    """Forward dynamics in covariance form from Python on one thread, all states in one call, ns a state, medians.
+    """Forward dynamics in covariance form from Python on one thread, all states in one call, ns per state, medians.
 
-    Of the factor: a right side of `solve` beside forward dynamics at the same q, and an `update` beside a new factor, call by call.
+    For a factor: one right-hand side of `solve` compared with forward dynamics at the same q, and an `update`
+    compared with a new factor, per call.
     """
 
     of: Of | None
-    """What is called."""
+    """Description of the call."""
     ns_on: float | None
-    """As the scene is, or by the factor."""
+    """With the simplification, or with the factor."""
     ns_off: float | None
-    """With this switch off, or without the factor."""
+    """Without this simplification, or without the factor."""
 
 
-#: Where a pickled scene has the names of what is left out.
+#: Index of the names of simplifications in a pickled scene.
 LEFT_OUT = 6
 
 
 def without(scene: Scene, switch: str) -> Scene:
-    """The same scene with one switch off."""
+    """The same scene without one simplification."""
     rebuild, (description,) = scene.__reduce__()
     left_out = [name for name in description[LEFT_OUT] if name != switch]
     again: Scene = rebuild((*description[:LEFT_OUT], left_out, *description[LEFT_OUT + 1 :]))
@@ -45,9 +46,8 @@ def without(scene: Scene, switch: str) -> Scene:
 
 
 def measured(scene: Scene, states: States) -> dict[str, Times]:
-    """The times of what is left out of this scene, by switch; of calls on the factor, by what the plan calls them.
-
-    Where a pair cannot both be timed, there is none.
+    """Times of the simplifications of this scene by switch, and of calls on the factor by description; pairs
+    that cannot both be timed are omitted.
     """
     found = {}
     with threads(1):
@@ -67,27 +67,29 @@ def measured(scene: Scene, states: States) -> dict[str, Times]:
 
 
 def name_of(item: Omission) -> str:
-    """What the times of an item are found by."""
+    """Key of the times of an item."""
     return item.switch or item.what
 
 
 def _pair(scene: Scene, states: States, item: Omission) -> tuple[str, int, Once, Once] | None:
-    """What is timed for an item: the call, of how many states, with this left out, and without."""
+    """Timed loops of an item: the call, the number of states, the loop with the simplification, and the loop without
+    it.
+    """
     if item.switch is not None:
-        # Two of the switches are for calls at rest.
+        # Two of the simplifications concern calls at rest.
         here = replace(states, qd=np.zeros_like(states.qd)) if item.switch.startswith("zero_") else states
         return FORWARD, len(here), _forward(scene, here), _forward(without(scene, item.switch), here)
     if "share q" in item.what:
         factor = scene.factor(states.q[0], form="covariance")
         here = replace(states, q=np.broadcast_to(states.q[0], states.q.shape))
-        return f"factor.solve(tau) beside {FORWARD}", len(here), looped(factor.solve, [(here.tau,)]), _forward(scene, here)
+        return f"factor.solve(tau) compared with {FORWARD}", len(here), looped(factor.solve, [(here.tau,)]), _forward(scene, here)
     if "last joint alone" in item.what:
-        # There and back, so that each call moves it.
+        # Alternates between two configurations, so that each call changes the joint.
         step = np.zeros(scene.nv)
         step[-1] = 0.1
         both = [(states.q[0],), (scene.integrate(states.q[0], step),)]
-        moving, anew = scene.factor(*both[1], form="covariance"), partial(scene.factor, form="covariance")
-        return "factor.update(q) beside scene.factor(q)", len(both), looped(moving.update, both), looped(anew, both)
+        moving, new = scene.factor(*both[1], form="covariance"), partial(scene.factor, form="covariance")
+        return "factor.update(q) compared with scene.factor(q)", len(both), looped(moving.update, both), looped(new, both)
     return None
 
 
@@ -101,10 +103,10 @@ def _collect(report: Report, _: Reporter) -> dict[str, Any]:
         times = measured(report.scene, report.solvable) if report.scene.nv else {}
     except errors.PhipsiError:
         times = {}
-    told = ("what", "switch", "count", "names", "why", "saved", "operations")
+    fields = ("what", "switch", "count", "names", "why", "saved", "operations")
     nothing = Times(None, None, None)
-    items = [{**{name: getattr(item, name) for name in told}, "of": times.get(name_of(item), nothing)} for item in plan.items]
+    items = [{**{name: getattr(item, name) for name in fields}, "of": times.get(name_of(item), nothing)} for item in plan.items]
     return {"bodies": plan.bodies, "links": plan.links, "items": items}
 
 
-SECTION = Section("plan", "Work that is left out", _collect, shown=lambda _: TURNS[True])
+SECTION = Section("plan", "Simplifications", _collect, shown=lambda _: TURNS[True])

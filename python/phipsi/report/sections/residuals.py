@@ -1,4 +1,4 @@
-"""The identities of the theory, each evaluated two ways, against its bound."""
+"""Identities of the theory, each evaluated in two ways, with bounds of the difference."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..progress import Reporter
 from ..robot import EPS, Report
 from ..states import Array, States
 
-#: Residuals may be this many times eps times size or condition number.
+#: Bound of the residuals in units of eps times size or condition number.
 SLACK = 64.0
 
 
@@ -25,27 +25,27 @@ class Residual:
     median: float
     worst: float
     bound: float
-    """The bound at the state where the residual is worst in units of it."""
+    """Bound at the state with the largest residual relative to its bound."""
     worst_in_bounds: float
-    """Largest residual in units of its bound."""
+    """Largest residual relative to its bound."""
     bound_grows_with_condition: bool
     """Whether the bound is 64 cond(M) eps; otherwise 64 nv eps."""
 
     @property
     def passed(self) -> bool:
-        """Whether it holds; NaN does not."""
+        """Whether the identity holds; false for NaN."""
         return self.worst_in_bounds <= 1.0
 
     @property
     def _marks(self) -> tuple[float, ...]:
-        """Median, worst and bound on a scale of powers of ten, 1e-18 to 1e-6 in 182 units."""
+        """Median, maximum and bound on a logarithmic scale from 1e-18 to 1e-6, in 182 units."""
         values = np.array([self.median, self.worst, self.bound])
         decades = np.log10(np.maximum(np.where(np.isfinite(values), values, 1.0), 1e-30)) + 18.0
         return tuple(4.0 + 182.0 * np.clip(decades, 0.0, 12.0) / 12.0)
 
 
 def residuals(scene: Scene, states: States, conditions: Array, reporter: Reporter) -> list[Residual]:
-    """Every identity at every state, against its bound; `conditions`: cond(M) of each state."""
+    """Every identity at every state, with its bound; `conditions`: cond(M) of each state."""
     values: dict[str, list[float]] = {}
     grows: dict[str, bool] = {}
     for q, qd, tau in reporter.each("Residuals", list(zip(*states.arrays, strict=True))):
@@ -53,15 +53,15 @@ def residuals(scene: Scene, states: States, conditions: Array, reporter: Reporte
             values.setdefault(name, []).append(value)
             grows[name] = through_inverse
     by_size = np.full(len(states), SLACK * scene.nv * EPS["float64"])
-    # The condition number of a small matrix may be below its size, and so the sums of nv terms decide.
+    # cond(M) of a small matrix can be below its size; then the bound for sums of nv terms applies.
     by_condition = np.maximum(by_size, SLACK * conditions * EPS["float64"])
     return [residual(name, np.array(v), by_condition if grows[name] else by_size, grows[name]) for name, v in values.items()]
 
 
 def residual(name: str, values: Array, bounds: Array, through_inverse: bool) -> Residual:
-    """One identity from its residual and bound at each state."""
+    """One identity from its residuals and bounds at all states."""
     ratios = values / bounds
-    # A NaN is the worst there is: argmax finds it.
+    # argmax returns the index of a NaN, if there is one.
     at = int(np.argmax(ratios))
     return Residual(name, float(np.median(values)), float(values.max()), float(bounds[at]), float(ratios[at]), through_inverse)
 

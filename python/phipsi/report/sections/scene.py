@@ -1,4 +1,4 @@
-"""What the robot is: facts, the figure, the tree of joints."""
+"""Properties of the robot: facts, figure, kinematic tree."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..robot import Report
 from ..structure import Row
 from ..text import scientific
 
-#: A tree with more rows than this is cut short.
+#: Largest number of rows of the tree.
 MOST_ROWS = 400
 
 
@@ -55,12 +55,12 @@ def _row(row: Row) -> dict[str, Any]:
     mass = f"{scientific(row.link.mass, 2)} kg" if row.link.mass > 0.0 else ""
     kind = "" if joint.type == "fixed" else f"{joint.type}{_axis(row)}"
     details = " · ".join(text for text in (kind, mass) if text)
-    ink, rails = draw.COLOURS.get(joint.type, TURN), min(row.level, 12) - row.branch
+    ink, rails = draw.COLORS.get(joint.type, TURN), min(row.level, 12) - row.branch
     return {"joint": joint, "ink": ink, "details": details, "rails": rails, "branch": row.branch}
 
 
 def _axis(row: Row) -> str:
-    """The axis by its letter where it is one of the frame's."""
+    """Letter of the axis, if it is a coordinate axis of the frame."""
     if row.joint.type not in ("revolute", "continuous", "prismatic", "screw"):
         return ""
     axis = row.joint.axis

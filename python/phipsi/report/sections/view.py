@@ -1,4 +1,4 @@
-"""The robot itself, one joint after another."""
+"""The robot in motion, one joint after another."""
 
 from __future__ import annotations
 
@@ -12,21 +12,23 @@ from ..progress import Reporter
 from ..robot import Report
 from ..states import Array, ranges
 
-#: How long a joint takes to one side, the other and back, s; all together; pictures a second.
+#: Duration of the motion of a joint, s; largest duration of all, s; frames per second.
 A_JOINT, ALL, RATE = 1.6, 16.0, 15.0
-#: How far a joint goes to each side: rad; of the size of the robot.
+#: Amplitude of a joint: rad; fraction of the size of the robot.
 TURN, SLIDE = 0.8, 0.1
 
 
 def one_by_one(report: Report) -> tuple[Array, Array]:
-    """Times, s, and configurations: each joint in turn to both sides of the figure's pose, within its limits."""
+    """Times, s, and configurations: each joint in turn moves to both sides of the pose of the figure, within its
+    limits.
+    """
     scene, start = report.scene, draw.pose(report.scene, report.tree)[0]
     low, high = ranges(scene, report.tree)
     reach = np.full(scene.nv, TURN)
     for name in scene.joint_names:
         if report.tree.joints[name].type == "prismatic":
             reach[scene.v_index(name)] = SLIDE * _size(report)
-    # A floating base stays where it is, unless there is nothing else.
+    # A floating base does not move, unless the robot has no other joints.
     first = 6 if report.tree.floating and scene.nv > 6 else 0
     away = scene.difference(scene.neutral(), start)
     frames = max(int(min(A_JOINT, ALL / (scene.nv - first)) * RATE), 4)

@@ -1,4 +1,6 @@
-"""The stability report: the error of every form and of dense algebra on the extreme scenes, beside the problems' own sensitivity."""
+"""Stability report: errors of every form and of dense algebra on the extreme scenes, compared with the sensitivity of
+the problems.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,7 @@ STABILITY: Layout[Stability] = Layout(
     "stability.json",
     (
         Section("beyond", "Where the square-root form misses its aim", blocks=tables.beyond),
-        Section("sweeps", "Error against what is swept", plots=plots.draw, blocks=tables.pictures),
+        Section("sweeps", "Error against the parameter", plots=plots.draw, blocks=tables.pictures),
         Section("timed", "Error against run time", measure.timed, blocks=tables.timed),
         Section("recursions", "Inverse dynamics, bias torque, mass matrix", measure.recursions, blocks=tables.recursions),
         Section("derivatives", "Derivatives of forward dynamics", measure.derivatives, blocks=tables.derivatives),

@@ -1,4 +1,4 @@
-"""Closed loops of extreme masses: a linkage, against its equations of motion in exact fractions."""
+"""Closed loops with extreme mass ratios: a linkage, compared with its equations of motion in exact fractions."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from ..progress import Reporter
 from ..states import Array
 from .measure import DERIVED_FORMS, DRAWS, Error, Stability, worst
 
-#: The links that are so many times as heavy as the others.
+#: Links whose mass is multiplied by the ratio.
 HEAVY: dict[str, tuple[int, ...]] = {"first": (0,), "third": (2,), "last": (5,), "last two": (4, 5), "every other": (1, 3, 5)}
 RATIOS = (1.0, 1e4, 1e8, 1e12)
 LINKS, LENGTH = 6, 0.2
-#: How far apart the linkage is held, m, and gravity, m/s^2.
+#: Distance of the fixed ends of the linkage, m, and gravity, m/s^2.
 APART, GRAVITY = 0.4, 9.81
-#: Angles at the joints that the states are drawn around.
+#: Joint angles around which the states are drawn.
 ARCH = (-1.6, 0.5, 0.6, 0.6, 0.5, 0.6)
-#: Dense algebra: M and J as phipsi gives them, and the linear system of accelerations and forces in NumPy.
+#: Dense algebra: M and J of phipsi, and the linear system of accelerations and forces in NumPy.
 DENSE = "dense system, NumPy"
-#: Bits of the fixed point that sines are computed in.
+#: Bits of the fixed-point arithmetic for sines.
 BITS = 200
 
 
 class Loop(NamedTuple):
-    """The error of the accelerations of a linkage, the worst of some states, by method."""
+    """Largest error of the accelerations of a linkage over some states, by method."""
 
     heavy: str
     ratio: float
@@ -38,13 +38,13 @@ class Loop(NamedTuple):
 
 
 class Linkage(NamedTuple):
-    """A chain of bars about y whose ends are held, and its state: all the numbers that describe the problem."""
+    """A chain of bars with parallel axes y whose ends are fixed, and its state: all values that define the problem."""
 
     mass: Array
     inertia: Array
-    """About each mass centre, kg m^2."""
+    """About each center of mass, kg m^2."""
     com: Array
-    """From each joint to its link's mass centre, m."""
+    """From each joint to the center of mass of its link, m."""
     length: Array
     q: Array
     """Angles at the joints."""
@@ -52,7 +52,7 @@ class Linkage(NamedTuple):
     tau: Array
 
     def scene(self) -> _core.Scene:
-        """The chain, whose last link is held on the world by a hinge."""
+        """The chain, whose last link is connected to the world by a hinge."""
         builder = _core.SceneBuilder().link("ground")
         for k, length in enumerate(self.length):
             name, parent, at = f"link{k}", f"link{k - 1}" if k else "ground", self.length[k - 1] if k else 0.0
@@ -62,12 +62,14 @@ class Linkage(NamedTuple):
         return builder.build(gravity=(0.0, 0.0, -GRAVITY))
 
     def exact(self) -> Array:
-        """The accelerations at the joints, rounded once: M t'' + h = Q + J^T f with J t'' + J' t' = 0, for the angles t of the links from z."""
+        """Joint accelerations, rounded once: M t'' + h = Q + J^T f with J t'' + J' t' = 0, for the angles t of
+        the links from z.
+        """
         mass, inertia, com, length, q, qd, tau = ([Fraction(x) for x in row.tolist()] for row in self)
         n = range(len(q))
         rates = list(accumulate(qd))
         sines = [_sine_and_cosine(angle) for angle in accumulate(q)]
-        # How far along each link the mass centre of link k is.
+        # Distance along each link that contributes to the center of mass of link k.
         reach = [[length[i] if i < k else com[k] if i == k else Fraction(0) for i in n] for k in n]
         couples = [[_sum(mass[k] * reach[k][i] * reach[k][j] for k in n) for j in n] for i in n]
         matrix, right = [], []
@@ -78,7 +80,7 @@ class Linkage(NamedTuple):
             weight = Fraction(GRAVITY) * sine * _sum(mass[k] * reach[k][i] for k in n)
             across = _sum(couples[i][j] * apart[j][0] * rates[j] ** 2 for j in n)
             right.append(tau[i] - (tau[i + 1] if i + 1 < len(q) else 0) + weight - across)
-        # The error of the end is seen from the last link, whose turning moves it as far as it is not zero.
+        # The position error of the end is attributed to the last link, whose rotation moves it.
         speed = [_sum(row[len(q) + axis] * rate for row, rate in zip(matrix, rates, strict=True)) for axis in range(2)]
         gap = [Fraction(at) - _sum(length[i] * sines[i][axis] for i in n) for axis, at in enumerate((APART, 0.0))]
         matrix[-1][-2:] = [matrix[-1][-2] + gap[1], matrix[-1][-1] - gap[0]]
@@ -90,7 +92,7 @@ class Linkage(NamedTuple):
         return np.array([float(x - before) for x, before in zip(of_links, [Fraction(0), *of_links], strict=False)])
 
     def moved(self, random: np.random.Generator) -> Linkage:
-        """Every number moved by one unit in the last place, up or down."""
+        """The problem with every value changed by one unit in the last place, in random directions."""
         return Linkage(*(np.nextafter(row, row + random.choice([-1.0, 1.0], row.shape)) for row in self))
 
 
@@ -99,13 +101,13 @@ def _sum(terms: Iterable[Fraction]) -> Fraction:
 
 
 def _sine_and_cosine(angle: Fraction) -> tuple[Fraction, Fraction]:
-    """Their series in fixed point, right to some 1e-55 for angles of a few radians."""
+    """Sine and cosine by their series in fixed point, accurate to about 1e-55 for angles of a few radians."""
     x = (angle.numerator << BITS) // angle.denominator
     sums, term, k = [0, 0], 1 << BITS, 0
     while term:
         sums[k % 2] += term if k % 4 < 2 else -term
         k += 1
-        # Towards zero: rounded down, a negative term would never end.
+        # Rounded toward zero: rounded down, a negative term would never become zero.
         term = int(Fraction(term * x, k << BITS))
     return Fraction(sums[1], 1 << BITS), Fraction(sums[0], 1 << BITS)
 
@@ -124,7 +126,9 @@ def _solve(matrix: list[list[Fraction]], right: list[Fraction]) -> list[Fraction
 
 
 def linkage(heavy: Sequence[int], ratio: float, seed: int) -> Linkage:
-    """A linkage whose links `heavy` have `ratio` times the mass of the others, in a drawn state that its end allows."""
+    """A linkage whose links `heavy` have `ratio` times the mass of the others, in a random state that satisfies the
+    connection.
+    """
     random = np.random.default_rng(seed)
     length = np.full(LINKS, LENGTH)
     q, qd = ARCH + random.uniform(-0.1, 0.1, LINKS), random.uniform(-1.0, 1.0, LINKS)
@@ -136,7 +140,7 @@ def linkage(heavy: Sequence[int], ratio: float, seed: int) -> Linkage:
 
 
 def measure(found: Stability, reporter: Reporter) -> list[Loop]:
-    """The error of every form, and of dense algebra, on linkages of heavy and light links."""
+    """Error of every form, and of dense algebra, on linkages of heavy and light links."""
     cases = [(name, ratio) for ratio in RATIOS for name in (HEAVY if ratio > 1.0 else ("none",))]
     return [_loop(*case, found.seeds) for case in reporter.each("Closed loops", cases)]
 
@@ -165,7 +169,9 @@ def _error(accelerations: Array, exact: Array) -> Error:
 
 
 def _dense(scene: _core.Scene, one: Linkage) -> Array:
-    """[M, J^T; J, 0] and the forces, with the two rows of the hinge in the plane: the other three depend on them, or are zero."""
+    """Solution of [M, J^T; J, 0] with the two rows of the hinge in the plane; the other three are zero or depend on
+    them.
+    """
     plane = [2, 3]
     rows = scene.constraint_jacobian(one.q)[plane]
     matrix = np.block([[scene.mass_matrix(one.q), rows.T], [rows, np.zeros((2, 2))]])

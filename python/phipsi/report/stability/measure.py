@@ -1,4 +1,4 @@
-"""What the stability report measures: errors against double-double arithmetic, sensitivities, times."""
+"""Measurements of the stability report: errors compared with double-double arithmetic, sensitivities, times."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ from ..robot import PRECISIONS
 from ..states import Array
 
 COVARIANCE, ROOT, LDLT, CHOLESKY = _core.FORMS
-#: Of derivatives.
+#: Forms of derivatives.
 DERIVED_FORMS: tuple[Literal["auto", "covariance", "joseph", "square-root"], ...] = ("auto", "covariance", "joseph", "square-root")
-#: Draws of each sensitivity.
+#: Number of random perturbations for each sensitivity.
 DRAWS = 3
-#: States of each case at each value.
+#: Number of states of each case at each value.
 STATES = 8
-#: Beyond this many links --quick does not go; two states, not eight.
+#: Largest number of links with --quick, and with eight instead of two states.
 QUICK_LINKS = 1000
 #: Cases whose methods are timed: name, value.
 TIMED = (("heavy-tip", 1.0), ("heavy-tip", 1e9), ("growing-masses", 100.0), ("alternating-masses", 1e-9))
-#: What the square-root form aims at, max-norm and component by component; or so many times the sensitivity where that is larger.
+#: Accuracy targets of the square-root form, max-norm and per component; or that multiple of the sensitivity, if it is larger.
 AIMS, TIMES = (1e-13, 1e-12), 20.0
 
 
 class Error(NamedTuple):
-    """The error of one method on one case, relative; NaN, with the reason, where it failed."""
+    """Relative error of one method on one case; NaN, with the reason, if it failed."""
 
     norm: float
-    """Largest error over the largest acceleration."""
+    """Largest error relative to the largest acceleration."""
     component: float
-    """Largest error of an acceleration over that acceleration."""
+    """Largest error of an acceleration relative to that acceleration."""
     reason: str | None = None
 
     @staticmethod
@@ -46,19 +46,19 @@ class Error(NamedTuple):
 
 
 def worst(found: Sequence[Error]) -> Error:
-    """The worst of each number; a failure only where all failed."""
+    """Largest value of each norm; a failure only if all failed."""
     sound = [error for error in found if error.reason is None]
     return Error(max(error.norm for error in sound), max(error.component for error in sound)) if sound else found[0]
 
 
 class Other(NamedTuple):
-    """Another program that is given the same scenes."""
+    """Another program that computes the same scenes."""
 
     name: str
     version: str
-    colour: str
+    color: str
     error: Callable[[scenes.Extreme, _core.Exact], Error]
-    """Its error on a case, against the exact answer."""
+    """Its error on a case, compared with the exact result."""
 
 
 @dataclass(frozen=True)
@@ -70,9 +70,9 @@ class Point:
     seed: int
     degrees_of_freedom: int
     sensitivity: dict[str, Error]
-    """By kind of number, `state` first."""
+    """By kind of value, `state` first."""
     errors: dict[tuple[str, str], Error]
-    """By method (other programs included) and precision."""
+    """By method (including other programs) and precision."""
 
     @property
     def floor(self) -> Error:
@@ -86,7 +86,7 @@ class Point:
 
     @property
     def aim(self) -> Error:
-        """What the square-root form is meant to keep to here."""
+        """Accuracy target of the square-root form."""
         return Error(max(AIMS[0], TIMES * self.floor.norm), max(AIMS[1], TIMES * self.floor.component))
 
     def json(self) -> dict[str, Any]:
@@ -110,7 +110,7 @@ class Timed(NamedTuple):
 
 
 class Derived(NamedTuple):
-    """The error of the derivative of accelerations by q on one case, in every form."""
+    """Error of the derivative of accelerations with respect to q on one case, in every form."""
 
     case: str
     value: float
@@ -132,15 +132,17 @@ class Recursion(NamedTuple):
 
 @dataclass
 class Stability(Findings):
-    """What was measured on the extreme scenes, each case at every value of its sweep; `quick`: two states, and chains of up to 1000 links."""
+    """Results for the extreme scenes, each case at every value of its parameter; `quick`: two states, and chains of up
+    to 1000 links.
+    """
 
     seed: int = 0
     others: Sequence[Other] = ()
-    """Programs that are compared."""
+    """Programs for the comparison."""
 
     @property
     def seeds(self) -> range:
-        """Of the states of each case."""
+        """Seeds of the states of each case."""
         return range(self.seed, self.seed + (2 if self.quick else STATES))
 
     @cached_property
@@ -156,13 +158,13 @@ class Stability(Findings):
 
     @property
     def points(self) -> list[Point]:
-        """Errors and sensitivities there, but where the scene is singular."""
+        """Errors and sensitivities, without singular scenes."""
         points: list[Point] = self.parts["cases"]
         return points
 
     @property
     def methods(self) -> tuple[str, ...]:
-        """The forms, dense algebra, and the other programs."""
+        """Forms, dense algebra, and other programs."""
         return (*_core.FORMS, *(other.name for other in self.others))
 
     @property
@@ -171,7 +173,7 @@ class Stability(Findings):
         return tuple(dict.fromkeys(point.name for point in self.points))
 
     def of(self, name: str) -> list[Point]:
-        """One case in the order of its sweep: the worst over the seeds, of errors and of sensitivities."""
+        """One case in the order of its parameter: the maximum over the seeds of errors and sensitivities."""
         values = dict.fromkeys(point.value for point in self.points if point.name == name)
         return [_merged([p for p in self.points if (p.name, p.value) == (name, value)]) for value in values]
 
@@ -180,25 +182,25 @@ class Stability(Findings):
         return [row for row in self.parts["timed"] if (row.case, row.value, row.precision) == (name, value, precision)]
 
     def head(self) -> dict[str, Any]:
-        """States, and what was compared."""
+        """States, and programs of the comparison."""
         return {"quick": self.quick, "seeds": list(self.seeds), "peers": [other.version for other in self.others]}
 
     def keeps(self, method: str) -> bool:
-        """Whether the method keeps to the aim everywhere in the max-norm."""
+        """Whether the method meets the target in all cases in the max-norm."""
         return all(point.errors[method, "float64"].norm <= point.aim.norm for point in self.points)
 
     def largest(self, method: str) -> float:
-        """The method's largest error in the max-norm, where it did not fail."""
+        """Largest error of the method in the max-norm, without failures."""
         return worst([point.errors[method, "float64"] for point in self.points]).norm
 
     @property
     def missed(self) -> set[str]:
-        """The cases where the square-root form misses its aim in either norm."""
+        """Cases in which the square-root form misses its target in either norm."""
         roots = [(point, point.errors[ROOT, "float64"]) for point in self.points]
         return {point.name for point, own in roots if not (own.norm <= point.aim.norm and own.component <= point.aim.component)}
 
     def provenance(self) -> list[tuple[str, str]]:
-        """Machine, states and programs."""
+        """Hardware, states and programs."""
         compared = ", ".join(dict.fromkeys(other.version for other in self.others)) or "none"
         seeds = f"{self.seeds[0]} to {self.seeds[-1]}{' (quick)' if self.quick else ''}"
         return [*super().provenance(), ("seeds", seeds), ("programs compared", compared)]
@@ -214,7 +216,7 @@ def _merged(points: Sequence[Point]) -> Point:
 
 
 def exact_of(case: scenes.Extreme, quantity: str = "forward dynamics") -> _core.Exact:
-    """The answer in double-double arithmetic."""
+    """Result in double-double arithmetic."""
     return _core.Exact(case.scene, quantity, case.q, case.qd, case.tau)
 
 
@@ -223,7 +225,7 @@ def _is_singular(case: scenes.Extreme) -> bool:
 
 
 def cases(found: Stability, reporter: Reporter) -> list[Point]:
-    """The error of every method on every case that is not singular."""
+    """Error of every method on every case that is not singular."""
     chosen = [(case, seed) for seed, case in found.scenes if not _is_singular(case)]
     return [_point(case, seed, found.others) for case, seed in reporter.each("Error of every method", chosen)]
 
@@ -237,7 +239,7 @@ def _point(case: scenes.Extreme, seed: int, others: Sequence[Other]) -> Point:
 
 
 def singular(found: Stability, _: Reporter) -> str:
-    """What the singular case raises."""
+    """The message of the error that the singular case raises."""
     case = next(case for _, case in found.scenes if _is_singular(case))
     try:
         case.scene.forward_dynamics(case.q, case.qd, case.tau)
@@ -253,14 +255,14 @@ def timed(found: Stability, reporter: Reporter) -> list[Timed]:
         exact = exact_of(scenes.extreme(name, value, seed=found.seed))
         for precision in PRECISIONS:
             for method in _core.FORMS:
-                # The least of some medians: other load only ever adds time.
+                # Minimum of several medians, because other load only increases times.
                 ns = min(exact.time(method, precision, 200 if found.quick else 2000) for _ in range(5))
                 rows.append(Timed(name, value, method, precision, ns, *Error.of(*exact.error(method, precision))))
     return rows
 
 
 def recursions(found: Stability, reporter: Reporter) -> list[Recursion]:
-    """The error of the other recursions, on scenes that are not large; and of inverse dynamics in free fall."""
+    """Error of the other recursions, for scenes of moderate size, and of inverse dynamics in free fall."""
     small = [case for seed, case in found.scenes if case.scene.nv <= 100 and seed < found.seed + 2]
     chosen = [(quantity, case) for case in small for quantity in _core.QUANTITIES[1:4]]
     return [_recursion(*one) for one in reporter.each("Inverse dynamics, bias and mass matrix", [*chosen, *_falling()])]
@@ -273,7 +275,7 @@ def _recursion(quantity: str, case: scenes.Extreme) -> Recursion:
 
 
 def derivatives(found: Stability, reporter: Reporter) -> list[Derived]:
-    """The error of the derivative of accelerations by q, in every form, on scenes that are not large."""
+    """Error of the derivative of accelerations with respect to q, in every form, for scenes of moderate size."""
     small = [case for seed, case in found.scenes if case.scene.nv <= 30 and seed < found.seed + 2 and not _is_singular(case)]
     return [_derived(case) for case in reporter.each("Derivatives of forward dynamics", small)]
 
@@ -293,7 +295,7 @@ def _derived_in(form: Literal["auto", "covariance", "joseph", "square-root"], ca
 
 
 def _falling() -> list[tuple[str, scenes.Extreme]]:
-    """A floating base that falls freely but for a small acceleration: gravity against it cancels in inverse dynamics."""
+    """A floating base in free fall with a small additional acceleration: gravity cancels in inverse dynamics."""
     falls = []
     case = scenes.extreme("far-base", 1.0)
     fall = np.zeros(case.scene.nv)

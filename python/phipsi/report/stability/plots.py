@@ -8,19 +8,19 @@ from collections.abc import Sequence
 import numpy as np
 
 from ... import _core
-from ..plotting import COLOURS, GREY, Axis, Chart, Panel, Plot, Series, level
+from ..plotting import COLORS, GRAY, Axis, Chart, Panel, Plot, Series, level
 from ..robot import PRECISIONS
 from ..text import power
 from .measure import COVARIANCE, ROOT, TIMED, Point, Stability
 
 ERROR = "relative error of accelerations"
-#: Plots against a parameter: file; case, how the axis is called, caption.
+#: Plots against a parameter: file; case, title of the axis, caption.
 SWEEPS = {
-    "error-against-tip-mass": ("heavy-tip", "mass of the last of 8 links, kg (the others 1 kg)", "Eight links, the last one heavier and heavier."),
-    "error-against-growth": ("growing-masses", "mass of each of 8 links over that of the one before it", "Eight links, each heavier than the one before it."),
-    "error-against-links": ("long-chain", "links of a nearly straight chain", "A nearly straight chain; nothing dense is formed beyond 1000 links."),
-    "error-against-spin": ("spin", "rates, rad/s", "Twelve links, rates up to a million radians a second."),
-    "error-against-lever": ("long-lever", "distance between two joints in the middle, m", "Eight links, two of the joints further and further apart."),
+    "error-against-tip-mass": ("heavy-tip", "mass of the last of 8 links, kg (the others 1 kg)", "Eight links; the mass of the last one increases."),
+    "error-against-growth": ("growing-masses", "ratio of the masses of consecutive links (8 links)", "Eight links with increasing masses."),
+    "error-against-links": ("long-chain", "links of a nearly straight chain", "A nearly straight chain; dense matrices are formed for at most 1000 links."),
+    "error-against-spin": ("spin", "joint velocities, rad/s", "Twelve links with joint velocities up to 1e6 rad/s."),
+    "error-against-lever": ("long-lever", "distance between two joints in the middle, m", "Eight links; the distance of two joints increases."),
 }
 
 
@@ -30,12 +30,12 @@ def draw(found: Stability) -> list[Plot]:
 
 
 def _inks(found: Stability) -> dict[str, str]:
-    """A colour a method."""
-    return dict(zip(_core.FORMS, COLOURS, strict=False)) | {other.name: other.colour for other in found.others}
+    """A color per method."""
+    return dict(zip(_core.FORMS, COLORS, strict=False)) | {other.name: other.color for other in found.others}
 
 
 def _sweep(found: Stability, name: str, case: str, label: str) -> Chart:
-    """Error of every method against the parameter: left in the max-norm, right component by component."""
+    """Error of every method against the parameter: left in the max-norm, right per component."""
     points = found.of(case)
     values = [point.value for point in points]
     reach = max(values) / min(values)
@@ -43,16 +43,16 @@ def _sweep(found: Stability, name: str, case: str, label: str) -> Chart:
     every = [_curves(found, points, norm) for norm in (0, 1)]
     sizes = np.concatenate([np.asarray(one.y, dtype=float) for series in every for one in series])
     sizes = sizes[np.isfinite(sizes) & (sizes > 0.0)]
-    # An error of ten is as wrong as one of 1e47.
+    # Errors above ten are equally useless.
     y = Axis.powers(ERROR, max(sizes.min() / 3.0, 1e-18), min(sizes.max() * 4.0, 10.0))
-    titles = ("max-norm", "component by component")
+    titles = ("max-norm", "per component")
     return Chart(name, [Panel(x, y, series, title) for series, title in zip(every, titles, strict=True)], 2)
 
 
 def _curves(found: Stability, points: Sequence[Point], norm: int) -> list[Series]:
     x = [point.value for point in points]
     floor = [float(point.floor[norm] or 0.0) for point in points]
-    series = [Series("sensitivity of the problem", GREY, x, floor, line=1.0, dash=True, below=True)]
+    series = [Series("sensitivity of the problem", GRAY, x, floor, line=1.0, dash=True, below=True)]
     for method, ink in _inks(found).items():
         y = np.array([float(point.errors[method, "float64"][norm] or 0.0) for point in points])
         y = np.where(np.isfinite(y), np.maximum(y, 1e-18), np.nan)
@@ -62,7 +62,7 @@ def _curves(found: Stability, points: Sequence[Point], norm: int) -> list[Series
 
 
 def _against_time(found: Stability) -> Chart:
-    """Time a state against error, one point a method, a panel a case."""
+    """Time per state against error, one point per method, one panel per case."""
     return Chart("error-against-run-time", [_timed(found, name, value) for name, value in TIMED], 2, 240)
 
 
@@ -70,7 +70,7 @@ def _timed(found: Stability, name: str, value: float) -> Panel:
     inks = {method: ink for method, ink in _inks(found).items() if method in _core.FORMS}
     rows = [row for precision in PRECISIONS for row in found.timed(name, value, precision)]
     times = [1e-9 * row.ns for row in rows]
-    x = Axis.times("median time a state", min(times) / 1.25, max(times) * 1.25)
+    x = Axis.times("median time per state", min(times) / 1.25, max(times) * 1.25)
     floor = next(point for point in found.of(name) if point.value == value).floor.norm
     series = [level("sensitivity of the problem", floor, x)]
     for row in rows:

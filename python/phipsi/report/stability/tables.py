@@ -1,4 +1,4 @@
-"""The tables and words of the stability report."""
+"""Tables and texts of the stability report."""
 
 from __future__ import annotations
 
@@ -14,32 +14,32 @@ from .measure import COVARIANCE, DERIVED_FORMS, ROOT, TIMED, Derived, Error, Poi
 from .plots import SWEEPS
 
 RUN_TIME = """\
-One point a method; filled circles float64, hollow squares float32. A method without a point failed. Times are of one thread and one
-state, calls of Scene::evaluate in Rust (the dense methods: with faer).
+One point per method; filled circles: float64, hollow squares: float32. A method without a point failed. Times are for one state on one
+thread, calls of Scene::evaluate in Rust (dense methods: with faer).
 """
 AIM = """\
-The aim is an error of at most 1e-13 in the max-norm (largest error over the largest acceleration), and of at most 1e-12 component by
-component (each acceleration against its own size); or 20 times the problem's own sensitivity where that is larger. It is missed by:
+The accuracy target is an error of at most 1e-13 in the max-norm (largest error relative to the largest acceleration), and of at most 1e-12
+per component (each error relative to the acceleration itself), or 20 times the sensitivity of the problem if that is larger. It is missed in these cases:
 """
 SWEPT = """\
-The grey area is below the problem's sensitivity: the change of the exact answer when the numbers that describe the problem move by
+The gray area is below the sensitivity of the problem: the change of the exact result if the values that define the problem change by
 one unit in the last place.
 """
-RECURSIONS = "For each case the value where a component is furthest above its sensitivity, if it loses more than 1e-13:"
-DERIVATIVES = "For each case the value where the covariance form loses most; errors in the max-norm:"
+RECURSIONS = "For each case, the value with the largest error of a component relative to its sensitivity, if the error exceeds 1e-13:"
+DERIVATIVES = "For each case, the value with the largest error of the covariance form; errors in the max-norm:"
 LOOPS = """\
 Accelerations of six bars in a plane, hinged to each other and at both ends to the ground: a tree of six joints, closed by a hinge.
-Some bars have the ratio times the mass of the others. The reference is their equations of motion solved in exact fractions. Errors in
-the max-norm, the worst of the states.
+The mass of some bars is the ratio times that of the others. The reference is the exact solution of the equations of motion in fractions.
+Errors are in the max-norm, the maximum over the states.
 """
 CASES = """\
-Each number is the worst of the states, of the errors as of the sensitivities. The columns state and parameters are sensitivities; –
-means that a method failed or was not compared at every state, with the reason above.
+Each value is the maximum over the states. The columns state and parameters are sensitivities; – means that a method failed or was not
+compared in all states, for the reason above.
 """
 
 
 def number(value: float) -> str:
-    """A parameter, such as 1e12 or 0.1."""
+    """A parameter value, such as 1e12 or 0.1."""
     if value == 0.0 or 1e-2 <= value < 1e4:
         return f"{value:g}"
     exponent = math.floor(math.log10(value) + 1e-9)
@@ -54,7 +54,7 @@ def error(value: float) -> str:
 
 
 def beyond(found: Stability) -> list[Block]:
-    """Where the square-root form misses its aim, in either norm: how often, and the worst."""
+    """Cases in which the square-root form misses its target, in either norm: number of states and largest error."""
     grouped: dict[tuple[str, float, str], list[tuple[float, float]]] = {}
     for point in found.points:
         own, aim = point.errors[ROOT, "float64"], point.aim
@@ -66,18 +66,18 @@ def beyond(found: Stability) -> list[Block]:
         states = sum((point.name, point.value) == (name, value) for point in found.points)
         worst = max(group, key=lambda pair: pair[0] / pair[1])
         rows.append([name, number(value), norm, f"{len(group)} of {states}", *map(error, worst)])
-    return [flowed(AIM), Table(("case", "value", "norm", "states", "worst error", "aim there"), rows, 3)]
+    return [flowed(AIM), Table(("case", "value", "norm", "states", "worst error", "target"), rows, 3)]
 
 
 def pictures(found: Stability) -> list[Block]:
-    """The plots."""
-    states = f"Each point is the worst of {len(found.seeds)} states; the grey area is below the sensitivity."
+    """Plots."""
+    states = f"Each point is the maximum over {len(found.seeds)} states; the gray area is below the sensitivity."
     sweeps = [Figure(name, f"{caption} {states}") for name, (_, _, caption) in SWEEPS.items()]
     return [flowed(SWEPT), *sweeps, Figure("error-against-run-time", flowed(RUN_TIME))]
 
 
 def timed(found: Stability) -> list[Block]:
-    """What the forms cost."""
+    """Times of the forms."""
     rows, ratios = [], []
     for name, value in TIMED:
         for precision in PRECISIONS:
@@ -87,12 +87,12 @@ def timed(found: Stability) -> list[Block]:
                 if row.method == ROOT and precision == "float64":
                     ratios.append(row.ns / base)
                 rows.append([f"{name}, {number(value)}", precision, row.method, time(row.ns), f"{row.ns / base:.2f}", error(row.norm)])
-    words = f"In float64 the square-root form takes {min(ratios):.1f} to {max(ratios):.1f} times the time of the covariance form here."
-    return [words, Table(("case", "precision", "method", "time", "over covariance", "max-norm error"), rows, 3)]
+    words = f"In float64 the square-root form takes {min(ratios):.1f} to {max(ratios):.1f} times as long as the covariance form."
+    return [words, Table(("case", "precision", "method", "time", "relative to covariance", "max-norm error"), rows, 3)]
 
 
 def recursions(found: Stability) -> list[Block]:
-    """The worst point of each case for each quantity: the component furthest above what the problem allows."""
+    """For each case and quantity, the value with the largest error of a component relative to its sensitivity."""
 
     def above(row: Recursion) -> float:
         ratio = row.component / max(row.sensitivity.component, 1e-15)
@@ -111,7 +111,9 @@ def recursions(found: Stability) -> list[Block]:
 
 
 def derivatives(found: Stability) -> list[Block]:
-    """Of each case the value where the covariance form loses most, or fails, and the errors of every form there."""
+    """For each case, the value with the largest error of the covariance form, or its failure, and the errors of every
+    form.
+    """
     worst: dict[str, Derived] = {}
     for row in found.parts["derivatives"]:
         known = worst.get(row.case)
@@ -125,7 +127,7 @@ def derivatives(found: Stability) -> list[Block]:
 
 
 def loops(found: Stability) -> list[Block]:
-    """A linkage of every ratio, and the errors of every form and of dense algebra."""
+    """One linkage per ratio, and the errors of every form and of dense algebra."""
     methods = (*DERIVED_FORMS, DENSE)
     rows = [
         [row.heavy, number(row.ratio), error(row.sensitivity.norm), *(error(row.errors[method].norm) for method in methods)]
@@ -140,12 +142,12 @@ def _lost(row: Derived) -> float:
 
 
 def singular(found: Stability) -> list[Block]:
-    """What is refused."""
-    return ["A body without inertia about its joint's axis is refused, not regularised:", Code(found.parts["singular"])]
+    """Error of the singular case."""
+    return ["A body without inertia about the axis of its joint raises an error; it is not regularized:", Code(found.parts["singular"])]
 
 
 def failed(found: Stability) -> list[Block]:
-    """Which methods failed where, and why."""
+    """Failures of methods, with reasons."""
     counted: dict[tuple[str, str, str], list[str]] = {}
     for point in found.points:
         for (method, precision), one in point.errors.items():
@@ -156,18 +158,18 @@ def failed(found: Stability) -> list[Block]:
 
 
 def cases(found: Stability) -> list[Block]:
-    """Two tables a case."""
+    """Two tables per case."""
     blocks: list[Block] = [flowed(CASES)]
     for name in found.names:
         points = found.of(name)
         freedom = plural(points[-1].degrees_of_freedom, "degree")
         words = f"Value: {scenes.extreme(name).parameter}. {freedom} of freedom at the last value."
-        blocks += [Heading(name), words, "Max-norm:", _numbers(found, points, 0), "Component by component:", _numbers(found, points, 1)]
+        blocks += [Heading(name), words, "Max-norm:", _numbers(found, points, 0), "Per component:", _numbers(found, points, 1)]
     return blocks
 
 
 def _numbers(found: Stability, points: Sequence[Point], norm: int) -> Table:
-    """A row a point: what the problem allows, and the error of every method, in one of the norms of Error."""
+    """One row per point: sensitivities, and the error of every method, in one of the norms of Error."""
     singles = (ROOT, COVARIANCE)
     rows = []
     for point in points:

@@ -1,0 +1,255 @@
+"""Parts of a trajectory: control law, energies, contacts, impacts and limit violations."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = [
+    "PD",
+    "ContactMotion",
+    "ContactState",
+    "EnergyAudit",
+    "MomentumCorrection",
+    "MotionEnergy",
+    "StopImpact",
+    "Violation",
+]
+
+_Array = NDArray[np.float64]
+
+
+class PD(NamedTuple):
+    """Proportional-derivative control law for Scene.simulate: tau = kp (target - q) + kd (target_rate - qd).
+
+    The difference target - q is taken on the manifold. Implicit methods treat the law implicitly, so that the
+    gains can be arbitrarily stiff.
+
+    Examples
+    --------
+    >>> import phipsi
+    >>> scene = phipsi.scenes.chain(3)
+    >>> law = phipsi.PD(kp=1e4, kd=1e3, target=[0.3] * 3)
+    >>> path = scene.simulate([0.0] * 3, [0.0] * 3, dt=1e-3, steps=2000, pd=law)
+    >>> bool(abs(path.q[-1] - 0.3).max() < 0.01)
+    True
+    """
+
+    kp: ArrayLike
+    """Proportional gains, (nv,) or scalar, N m/rad or N/m."""
+    kd: ArrayLike
+    """Derivative gains, (nv,) or scalar, N m s/rad or N s/m."""
+    target: ArrayLike
+    """Target configurations, (..., nq)."""
+    target_rate: ArrayLike | None = None
+    """Target joint velocities, (..., nv); None: zero."""
+
+
+class MotionEnergy(NamedTuple):
+    """Energy along a trajectory, (..., rows) each, J.
+
+    Examples
+    --------
+    >>> import phipsi
+    >>> scene = phipsi.scenes.chain(3)
+    >>> path = scene.simulate([0.3] * 3, [0.0] * 3, dt=1e-3, steps=100)
+    >>> path.energy().total.shape
+    (101,)
+    """
+
+    kinetic: _Array
+    """Kinetic energy qd* M qd / 2, armature included."""
+    potential: _Array
+    """Potential energy of gravity; zero if the center of mass is at the origin of the base."""
+    spring: _Array
+    """Energy of the joint springs, without that of the control law."""
+
+    @property
+    def total(self) -> _Array:
+        """Sum of kinetic, potential and spring energy, (..., rows), J."""
+        return self.kinetic + self.potential + self.spring
+
+
+class MomentumCorrection(NamedTuple):
+    """Largest correction per step that conserve_momentum applied to floating trees, (...) each.
+
+    Examples
+    --------
+    >>> import phipsi
+    >>> scene = phipsi.load(phipsi.BUNDLED_ARM, floating_base=True, gravity=(0, 0, 0))
+    >>> path = scene.simulate(scene.neutral(), [0.1] * scene.nv, dt=1e-3, steps=10, conserve_momentum=True)
+    >>> bool(path.momentum_correction.position < 1e-6)
+    True
+    """
+
+    velocity: _Array
+    """sqrt(E'/(E + E')): E' is the kinetic energy of the correction as a motion, E that of the tree before the
+    correction, both without rotors.
+    """
+    position: _Array
+    """Displacement of the center of mass, m."""
+
+
+class ContactState(IntEnum):
+    """State of a contact in a step: the values of ContactMotion.state.
+
+    Examples
+    --------
+    >>> import phipsi
+    >>> int(phipsi.ContactState.STICKING)
+    1
+    """
+
+    OPEN = 0
+    """The normal force is zero."""
+    STICKING = 1
+    """The normal force is positive and the friction force is below mu times the normal force."""
+    SLIDING = 2
+    """The normal force is positive and the friction force is at its bound. A contact without friction has this state
+    at any slip speed, also at zero.
+    """
+
+
+class ContactMotion(NamedTuple):
+    """Contacts of a trajectory by name, in every row: (..., rows), or (..., rows, 3) in the base frame; and totals over
+    all steps, (...).
+
+    Examples
+    --------
+    >>> import phipsi
+    >>> ball = phipsi.SceneBuilder().link("world").link("ball", mass=1.0, inertia=[[0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]])
+    >>> ball = ball.joint("z", "prismatic", "world", "ball", axis=(0, 0, 1)).contact("floor", "ball", radius=0.1, friction=0.5)
+    >>> path = ball.build().simulate([0.5], [0.0], dt=1e-3, steps=1000)
+    >>> int(path.contacts.state["floor"][-1]) != phipsi.ContactState.OPEN
+    True
+    """
+
+    gap: dict[str, _Array]
+    """Signed distance to the plane, (..., rows), m; negative below the plane."""
+    slip: dict[str, _Array]
+    """Tangential velocity of the point nearest to the plane, (..., rows, 3), m/s."""
+    force: dict[str, _Array]
+    """Force on the link in the step that ends at the row, without impacts, (..., rows, 3), N; zero in the first row."""
+    impulse: dict[str, _Array]
+    """Impulse on the link of all impacts with rebound since the previous row, (..., rows, 3), N s."""
+    state: dict[str, NDArray[np.int8]]
+    """ContactState in the step that ends at the row, (..., rows): 0 open, 1 sticking, 2 sliding; open in the first row.
+
+    The state is that at the end of the step. If a rebound has separated the contact by then, it is the state during
+    the impact.
+    """
+    residual: _Array
+    """Largest residual of the contact law in a step, (...): a velocity relative to that of the fastest contact.
+
+    Above 1e-5 the simulation ends with SimulationError.
+    """
+    converged: NDArray[np.bool_]
+    """Whether the solver met 1e-10, or the rounding level of its values, in every step, (...)."""
+    iterations: NDArray[np.int_]
+    """Number of iterations of all solves, (...): the number of factorized matrices."""
+    lost_in_impacts: _Array
+    """Kinetic energy lost in impacts, (...), J."""
+    lost_in_friction: _Array
+    """Energy dissipated by friction, (...), J."""
+    expansion_kept: _Array
+    """Smallest fraction of a rebound that was applied so that an impact does not increase the kinetic energy, (...); 1
+    if no rebound was reduced.
+    """
+    impulse_kept: _Array
+    """Smallest fraction of an impulse that was applied so that an impact does not increase the kinetic energy, (...);
+    below 1 only if a solve did not converge.
+    """
+    depth: _Array
+    """Largest penetration at the end of a step, before it was corrected, (...), m."""
+
+
+class EnergyAudit(NamedTuple):
+    """Energy balance of a simulation, (...) each, J: the work of everything that acts at the joints, from the start to
+    the last step.
+
+    Examples
+    --------
+    >>> import phipsi
+    >>> scene = phipsi.scenes.chain(3)
+    >>> path = scene.simulate([0.3] * scene.nv, [0.0] * scene.nv, dt=1e-3, steps=100)
+    >>> bool(abs(path.energy_audit().remainder) < 1e-6)
+    True
+    """
+
+    torque: _Array
+    """Work of tau."""
+    damping: _Array
+    """Work of damping; zero or negative."""
+    friction: _Array
+    """Work of dry friction."""
+    control: _Array
+    """Work of pd."""
+    stops: _Array
+    """Work of the joint stops."""
+    contacts: _Array
+    """Work of contacts: impacts and sliding friction; zero without contacts."""
+    change: _Array
+    """Change of kinetic, potential and spring energy."""
+    remainder: _Array
+    """Change minus the sum of all works: the error of the integrator, and that of the works, which are sums over
+    steps.
+    """
+    share: _Array
+    """Remainder relative to the largest of the kinetic energy, the range of the potential energy, and each work."""
+
+
+class StopImpact(NamedTuple):
+    """Impact of a joint on a stop.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import phipsi
+    >>> arm = phipsi.load(phipsi.BUNDLED_ARM)
+    >>> path = arm.simulate(np.zeros(6), np.zeros(6), dt=1e-3, steps=1000)
+    >>> [impact.joint for impact in path.stops][:1]
+    ['joint2']
+    """
+
+    joint: str
+    """Name of the joint."""
+    limit: str
+    """Stop: "lower" or "upper"."""
+    time: float
+    """Time at the end of the step or substep of the impact, s."""
+    speed: float
+    """Speed of the joint before the impact, rad/s or m/s."""
+    impulse: float
+    """Impulse of the stop on the joint, N m s or N s."""
+    state: int | tuple[int, ...] | None
+    """Index of the state in the batch; None for a single state."""
+
+
+class Violation(NamedTuple):
+    """A limit that a trajectory exceeds in at least one recorded row.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import phipsi
+    >>> arm = phipsi.load(phipsi.BUNDLED_ARM)
+    >>> path = arm.simulate(np.zeros(6), np.zeros(6), dt=1e-3, steps=1000, limits="report")
+    >>> [violation.limit for violation in path.violations()][:1]
+    ['upper']
+    """
+
+    joint: str
+    """Name of the joint."""
+    limit: str
+    """Limit: "lower", "upper" or "velocity"."""
+    bound: float
+    """Value of the limit."""
+    worst: float
+    """Coordinate or velocity furthest beyond the limit."""
+    time: float
+    """Time of the first row beyond the limit, s."""
+    rows: int
+    """Number of rows beyond the limit, over all states."""
