@@ -25,37 +25,7 @@ NEEDS = {
     "Scene.show": "viser",
 }
 #: Functions and methods whose docstrings are not complete yet. A name that is complete has to leave the list.
-INCOMPLETE: frozenset[str] = frozenset(
-    {
-        "Factor.mul",
-        "Factor.solve",
-        "Factor.update",
-        "Ode.centre_at",
-        "Ode.configuration",
-        "Ode.jacobian",
-        "Ode.rhs",
-        "Ode.solve",
-        "Ode.torque",
-        "Operator.inv",
-        "Operator.matmat",
-        "Operator.matvec",
-        "Operator.rmatvec",
-        "Operator.toarray",
-        "Trajectory.connection_forces",
-        "Trajectory.energy",
-        "Trajectory.energy_audit",
-        "Trajectory.error_estimate",
-        "Trajectory.momentum",
-        "Trajectory.torques",
-        "Trajectory.violations",
-        "Trajectory.vjp",
-        "compile",
-        "load",
-        "scenes.chain",
-        "scenes.extreme",
-        "scenes.names",
-    }
-)
+INCOMPLETE: frozenset[str] = frozenset({"compile"})
 STUB = ast.parse(Path(phipsi.__file__).with_name("_core.pyi").read_text(encoding="utf-8"))
 
 
