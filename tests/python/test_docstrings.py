@@ -24,13 +24,13 @@ NEEDS = {
     "Scene.ode": "scipy",
     "Scene.show": "viser",
 }
-#: Functions and methods whose docstrings are not complete yet. A name that is complete has to leave the list.
+#: Functions and methods with incomplete docstrings. A complete one has to leave the list.
 INCOMPLETE: frozenset[str] = frozenset({"compile"})
 STUB = ast.parse(Path(phipsi.__file__).with_name("_core.pyi").read_text(encoding="utf-8"))
 
 
 def public() -> Iterator[tuple[str, Any]]:
-    """All that `phipsi` exports: functions, classes with their methods and properties, and the same of its modules."""
+    """Public names of `phipsi` and its modules: functions, and classes with their methods and properties."""
     for name in phipsi.__all__:
         thing = getattr(phipsi, name)
         for inner in thing.__all__ if inspect.ismodule(thing) else ():
@@ -90,7 +90,7 @@ def returns_nothing(name: str, thing: Any) -> bool:
 
 
 def faults(name: str, thing: Any) -> list[str]:
-    """What numpydoc form lacks in the docstring of a function or method."""
+    """Deviations of the docstring of a function or method from numpydoc form."""
     found = sections(inspect.getdoc(thing) or "")
     parameters = [one for one in inspect.signature(thing).parameters if one != "self"]
     described = entries(found.get("Parameters", []))
@@ -101,7 +101,7 @@ def faults(name: str, thing: Any) -> list[str]:
     return wrong + ([] if order == sorted(order) else [f"sections in the order {list(found)[1:]}"])
 
 
-def test_a_docstring_that_lacks_something_is_found() -> None:
+def test_an_incomplete_docstring_is_found() -> None:
     def both(a: int, b: int) -> int:
         """Sum.
 
@@ -140,7 +140,7 @@ def test_docstrings_begin_with_a_sentence_and_compiled_ones_with_one_line() -> N
         assert re.search(r"[.;]$", first) and (not is_compiled or "\n" not in first), f"{name}: {first}"
 
 
-def test_the_list_of_incomplete_names_has_only_names_that_there_are() -> None:
+def test_lists_contain_existing_names_only() -> None:
     assert set(ROUTINES) >= INCOMPLETE and set(ROUTINES) >= set(NEEDS)
 
 
