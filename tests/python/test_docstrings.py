@@ -82,7 +82,8 @@ def returns_nothing(name: str, thing: Any) -> bool:
     if annotation is inspect.Signature.empty:
         nodes: list[ast.stmt] = STUB.body
         for part in name.split("."):
-            node = next(node for node in nodes if isinstance(node, ast.ClassDef | ast.FunctionDef) and node.name == part)
+            named = [node for node in nodes if isinstance(node, ast.ClassDef | ast.FunctionDef)]
+            node = next(node for node in named if node.name == part)
             nodes = node.body
         assert isinstance(node, ast.FunctionDef) and node.returns is not None, name
         annotation = ast.unparse(node.returns)
