@@ -7,7 +7,8 @@
 //! files are the methods by subject. No two files use each other, and no file outside of this folder uses pyo3 or
 //! numpy.
 
-#![allow(clippy::doc_markdown)] // the comments of classes and methods are Python's docstrings
+// The doc comments of classes and methods are docstrings of Python, not Markdown.
+#![allow(clippy::doc_markdown, clippy::doc_link_with_quotes, clippy::doc_lazy_continuation)]
 
 #[macro_use]
 mod docstrings;
