@@ -76,7 +76,8 @@ fn builder(seed: u64) -> SceneBuilder {
 
 /// Simplifications: all, all except one, none.
 fn choices() -> Vec<(String, Simplifications)> {
-    let but = Simplifications::SWITCHES.map(|(name, switch)| (format!("all but {name}"), Simplifications::all_but(switch)));
+    let but =
+        Simplifications::SWITCHES.map(|(name, switch)| (format!("all but {name}"), Simplifications::all_but(switch)));
     but.into_iter().chain([("nothing".to_owned(), Simplifications::none())]).collect()
 }
 
