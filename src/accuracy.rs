@@ -10,8 +10,8 @@ pub struct Accuracy {
     pub form: Form,
     /// Whether the square-root form was run in double-double arithmetic, and its result rounded.
     pub doubled: bool,
-    /// The estimated error of the largest acceleration, in its unit (rad/s^2 or m/s^2), or NaN where there is no estimate: in Joseph's
-    /// form, and where a pivot is lost.
+    /// The estimated error of the largest acceleration, in its unit (rad/s^2 or m/s^2), or NaN where there is no estimate: where a
+    /// pivot is lost.
     ///
     /// An estimate, by one or two more right sides: as a rule five to ten times the true error; [`ESTIMATE_SPREAD`] says how far it may be below. What is
     /// rounded before the sweeps, in phi and in b, is the same in every form and not in it.

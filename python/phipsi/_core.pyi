@@ -79,7 +79,7 @@ _Float64: TypeAlias = type[np.float64] | np.dtype[np.float64] | Literal["float64
 # mypy takes type[np.float32] for something of type[np.float64]: overloads of the two are told to ignore that.
 _Float32: TypeAlias = type[np.float32] | np.dtype[np.float32] | Literal["float32"]
 _Errors: TypeAlias = Literal["raise", "nan"]
-_Form: TypeAlias = Literal["auto", "covariance", "joseph", "square-root"]
+_Form: TypeAlias = Literal["auto", "covariance", "square-root"]
 _Frame: TypeAlias = Literal["local", "world", "local-world-aligned"]
 _Kind: TypeAlias = Literal["spatial", "classical"]
 _Method: TypeAlias = Literal["auto", "semi-implicit-euler", "rk4", "dormand-prince-5", "implicit-euler", "rosenbrock-2", "rosenbrock-3", "contact"]
@@ -310,7 +310,7 @@ class Scene:
 
         q: (..., nq); qd, tau: (..., nv); SI units, radians; leading axes broadcast. wrenches: dict from link names (links on fixed joints
         too) to (..., 6), each a (moment, force) acting on that link, at its origin and in its frame. form: how P is carried: "covariance"
-        (3.6), "joseph", "square-root" (right at extreme mass ratios too, at about twice the time), or "auto", which takes the first and recomputes a state
+        (3.6), "square-root" (right at extreme mass ratios too, at about twice the time), or "auto", which takes the first and recomputes a state
         in square-root form, and in double-double arithmetic where that is not enough, if its estimated error exceeds the tolerance and what rounding of the
         forces by a unit in the last place makes of it. tolerance: the largest accepted error relative to the largest acceleration, above 0 and below 1, for the forms "auto"
         and "square-root"; None: max(5e-14, 4 n eps), n being the number of degrees of freedom on the longest path to the base. out: C-contiguous, of the

@@ -36,11 +36,11 @@ class Accuracy(NamedTuple):
     """What forward dynamics knows of its own accuracy: one entry a state, plain values for one state, arrays of the batch's shape for many."""
 
     form: NDArray[np.str_] | str
-    """The form that gave the accelerations: "covariance", "square-root" or "joseph", or "double-double" where form "auto" or "square-root"
+    """The form that gave the accelerations: "covariance" or "square-root", or "double-double" where form "auto" or "square-root"
     was still in doubt and did the state once more with twice the digits."""
     error: NDArray[np.float64] | float
     """The estimated error of the largest acceleration, rad/s^2 or m/s^2: as a rule five to ten times the true one. Of 10,000 random
-    scenes, ordinary and extreme, one is off by more than 20 times it, none by more than 1000 times; NaN where there is no estimate (form "joseph"; float32, but for "auto")."""
+    scenes, ordinary and extreme, one is off by more than 20 times it, none by more than 1000 times; NaN where there is no estimate (float32, but for "auto")."""
     bound: NDArray[np.str_] | str
     """The bound that the error meets: "tolerance", relative to the largest acceleration; "sensitivity", some times what one unit in the last place of the forces makes of the accelerations;
     "pivots", of the square-root form, whose pivots and gains bound its rounding whatever the estimate; "neither", where there was nothing better; "unknown", where there is no estimate."""

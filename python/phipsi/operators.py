@@ -342,7 +342,7 @@ class Factor:
         """Moves the factor to the configuration q, (..., nq) with the leading axes it was made with, to the bits of a new one.
 
         A body's phi depends on its own joint, its P, D and g on the joints that it carries: where only some joints differ from the factor's
-        configuration, only their phi and what carries them is computed. So it is for form="covariance" and "joseph"; "auto" and
+        configuration, only their phi and what carries them is computed. So it is for form="covariance"; "auto" and
         "square-root" judge the factor as a whole and compute it anew. Operators of this factor follow, but not what was computed
         from them (arrays, and ``D.inv()``, which holds numbers).
 

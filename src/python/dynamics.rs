@@ -29,7 +29,7 @@ impl PyScene {
     ///
     /// q: (..., nq); qd, tau: (..., nv); SI units, radians; leading axes broadcast. wrenches: dict from link names (links on fixed joints
     /// too) to (..., 6), each a (moment, force) acting on that link, at its origin and in its frame. form: how P is carried: "covariance"
-    /// (3.6), "joseph", "square-root" (right at extreme mass ratios too, at about twice the time), or "auto", which takes the first and recomputes a state
+    /// (3.6), "square-root" (right at extreme mass ratios too, at about twice the time), or "auto", which takes the first and recomputes a state
     /// in square-root form, and in double-double arithmetic where that is not enough, if its estimated error exceeds the tolerance and what rounding of the
     /// forces by a unit in the last place makes of it. tolerance: the largest accepted error relative to the largest acceleration, above 0 and below 1, for the forms "auto"
     /// and "square-root"; None: max(5e-14, 4 n eps), n being the number of degrees of freedom on the longest path to the base. out: C-contiguous, of the

@@ -49,11 +49,10 @@ pub enum Method {
 }
 
 /// Every method with the name it has in Python; `auto`, which is what a call does that asks for nothing else, comes first.
-pub const METHODS: [(&str, Method); 7] = [
+pub const METHODS: [(&str, Method); 6] = [
     ("auto", Method::Filter(Form::Auto)),
     ("covariance", Method::Filter(Form::Covariance)),
     ("square-root", Method::Filter(Form::SquareRoot)),
-    ("joseph", Method::Filter(Form::Joseph)),
     ("M^-1 (6.1) times torque", Method::ClosedInverse),
     (LDLT, Method::DenseLdlt),
     (CHOLESKY, Method::DenseCholesky),

@@ -17,7 +17,7 @@ import phipsi
 
 Evaluate = Callable[..., np.ndarray]
 
-FORMS = ("auto", "covariance", "joseph", "square-root")
+FORMS = ("auto", "covariance", "square-root")
 #: Name, keywords, and how many of q, qd and u it takes.
 CALLS: list[tuple[str, dict[str, Any], int]] = [
     *(("forward_dynamics", {"form": form}, 3) for form in FORMS),

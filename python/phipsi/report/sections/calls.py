@@ -19,7 +19,7 @@ from ..robot import DENSE_CAP, FORWARD, Report
 from ..timing import Arguments, Of, in_turns, looped, one_by_one, threads
 
 #: Of forward dynamics, `auto` first, as it is what a call does that names none.
-FORMS = ("auto", "covariance", "square-root", "joseph")
+FORMS = ("auto", "covariance", "square-root")
 #: Numbers that the matrices of a batch have at the most.
 MOST_NUMBERS = 4_000_000
 
