@@ -10,8 +10,8 @@ pub struct Accuracy {
     pub form: Form,
     /// True if the square-root form ran in double-double arithmetic, with its result rounded to f64.
     pub doubled: bool,
-    /// Estimated absolute error of the largest acceleration, rad/s^2 or m/s^2. NaN if there is no estimate: in Joseph's
-    /// form and for a singular pivot.
+    /// Estimated absolute error of the largest acceleration, rad/s^2 or m/s^2. NaN if there is no estimate, as for a
+    /// singular pivot.
     ///
     /// The estimator propagates one or two additional right-hand sides. The estimate is typically five to ten times the
     /// true error; [`ESTIMATE_SPREAD`] bounds how far it can be below. It excludes rounding errors made before the

@@ -13,7 +13,7 @@ use phipsi::scene::{Connection, ConnectionKind, Property};
 use phipsi::spatial::RigidShift;
 use phipsi::{Algorithm, Arguments, Error, Scene};
 
-const FORMS: [Form; 4] = [Form::Auto, Form::Covariance, Form::Joseph, Form::SquareRoot];
+const FORMS: [Form; 3] = [Form::Auto, Form::Covariance, Form::SquareRoot];
 
 type State = (Vec<f64>, Vec<f64>, Vec<f64>);
 

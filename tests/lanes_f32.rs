@@ -136,9 +136,7 @@ fn states_in_doubt_are_done_in_f64() {
             (&heavy, forward(Form::Auto)),
             (&heavy, inverse(Form::Auto)),
             (&ordinary, forward(Form::SquareRoot)),
-            (&ordinary, forward(Form::Joseph)),
             (&ordinary, inverse(Form::SquareRoot)),
-            (&ordinary, inverse(Form::Joseph)),
         ] {
             let (single, double) = both(scene, 5);
             let all: Vec<_> = single.iter().map(|s| arguments(algorithm, s, &[])).collect();

@@ -441,7 +441,7 @@ fn an_updated_factor_has_the_bits_of_a_new_one() {
                 let bodies = scene.update_factor(&mut workspace, &mut factor, &q).unwrap();
                 let say = format!("seed {seed}, {form:?}, moved {moved:?}");
                 assert_eq!(bits(&factor), bits(&scene.factor(&mut workspace, &q).unwrap()), "{say}");
-                if matches!(form, Form::Covariance | Form::Joseph) {
+                if form == Form::Covariance {
                     // A planar joint is three bodies, of which only those whose coordinate changed, and the bodies
                     // inboard of them, change.
                     assert!(bodies < all && (bodies > 0) != moved.is_empty(), "{say}: {bodies} of {all}");

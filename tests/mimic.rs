@@ -89,7 +89,7 @@ fn methods_of_one_state() {
     let mut two = [f64::NAN; 2];
     scene.bias_torque(&mut workspace, &Q, &QD, &mut two).expect("bias");
     assert_near(&two, bias.as_slice());
-    for form in [Form::Auto, Form::Covariance, Form::Joseph, Form::SquareRoot] {
+    for form in [Form::Auto, Form::Covariance, Form::SquareRoot] {
         workspace.form = form;
         scene.forward_dynamics(&mut workspace, &Q, &QD, &TAU, &[], &mut two).expect("accelerations");
         assert_near(&two, qdd.as_slice());

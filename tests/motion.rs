@@ -828,7 +828,7 @@ fn what_cannot_be_used_is_refused_by_name() {
     for dt in [0.0, -1e-3, f64::NAN, f64::INFINITY] {
         refused(&|s| s.dt = dt, &["dt", &format!("{dt}"), "positive"]);
     }
-    refused(&|s| s.form = Form::Joseph, &["form", "joseph"]);
+    refused(&|s| s.form = Form::SquareRoot, &["form", "square-root"]);
     refused(&|s| s.properties.damping = vec![0.0; 3], &["damping", "(3,)", "(2,)"]);
     refused(&|s| s.properties.stiffness[1] = -1.0, &["stiffness", "-1", "j1"]);
     refused(&|s| s.properties.friction[0] = f64::NAN, &["friction", "NaN"]);

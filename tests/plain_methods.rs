@@ -147,7 +147,7 @@ fn a_workspace_of_another_scene_is_refused() {
         refused("operational_inverse_inertia", outcome);
     }
     // And so is scratch memory for the inverse, if the recursion reads it.
-    let mut workspace = scene.workspace().in_form(Form::Joseph);
+    let mut workspace = scene.workspace().in_form(Form::SquareRoot);
     let outcome = scene.mass_matrix_inverse(&mut workspace, &mut other.inverse_scratch(), q, &mut [0.0; 49]);
     assert!(outcome.unwrap_err().to_string().contains("scene.inverse_scratch()"));
 }

@@ -79,7 +79,7 @@ _Float64: TypeAlias = type[np.float64] | np.dtype[np.float64] | Literal["float64
 # mypy accepts type[np.float32] as type[np.float64], so overloads of the two need type: ignore.
 _Float32: TypeAlias = type[np.float32] | np.dtype[np.float32] | Literal["float32"]
 _Errors: TypeAlias = Literal["raise", "nan"]
-_Form: TypeAlias = Literal["auto", "covariance", "joseph", "square-root"]
+_Form: TypeAlias = Literal["auto", "covariance", "square-root"]
 _Frame: TypeAlias = Literal["local", "world", "local-world-aligned"]
 _Kind: TypeAlias = Literal["spatial", "classical"]
 _Method: TypeAlias = Literal[
@@ -499,7 +499,7 @@ class Scene:
             Joint velocities, rad/s or m/s.
         tau : (..., nv) array_like
             Joint torques, N m or N; those of a free joint are (force, moment).
-        form : {"auto", "covariance", "joseph", "square-root"}, default "auto"
+        form : {"auto", "covariance", "square-root"}, default "auto"
             Form of the covariance P in the filter. "covariance" (eq. 3.6) is the fastest; "square-root" is accurate at
             extreme mass ratios too and takes about twice the time. "auto" runs the covariance form and recomputes a
             state in square-root form, and then in double-double arithmetic, if its error estimate exceeds the
@@ -1138,7 +1138,7 @@ class Scene:
         ----------
         q : (..., nq) array_like
             Joint positions, rad or m.
-        form : {"auto", "covariance", "joseph", "square-root"}, default "auto"
+        form : {"auto", "covariance", "square-root"}, default "auto"
             Form of the covariance P; see forward_dynamics.
         tolerance : float, optional
             Largest accepted relative error in the forms "auto" and "square-root"; see forward_dynamics.
@@ -1582,7 +1582,7 @@ class Scene:
             Joint velocities, rad/s or m/s.
         tau : (..., nv) array_like
             Joint torques, N m or N; those of a free joint are (force, moment).
-        form : {"auto", "covariance", "joseph", "square-root"}, default "auto"
+        form : {"auto", "covariance", "square-root"}, default "auto"
             Form of the covariance P; see forward_dynamics.
         tolerance : float, optional
             Replaces both bounds of form "auto": that of forward_dynamics for the factor of M, and 1e-11 of the largest
@@ -1647,7 +1647,7 @@ class Scene:
             Joint velocities, rad/s or m/s.
         tau : (..., nv) array_like
             Joint torques, N m or N; those of a free joint are (force, moment).
-        form : {"auto", "covariance", "joseph", "square-root"}, default "auto"
+        form : {"auto", "covariance", "square-root"}, default "auto"
             Form of the covariance P; see forward_dynamics.
         tolerance : float, optional
             As in forward_dynamics_derivatives.
@@ -1840,7 +1840,7 @@ class Scene:
             Change of qd.
         dtau : (..., nv) array_like
             Change of tau.
-        form : {"auto", "covariance", "joseph", "square-root"}, default "auto"
+        form : {"auto", "covariance", "square-root"}, default "auto"
             Form of the covariance P; see forward_dynamics.
         tolerance : float, optional
             As in forward_dynamics_derivatives.
@@ -1910,7 +1910,7 @@ class Scene:
             Joint torques, N m or N; those of a free joint are (force, moment).
         cotangent : (..., nv) array_like
             Gradient of a scalar function with respect to qdd.
-        form : {"auto", "covariance", "joseph", "square-root"}, default "auto"
+        form : {"auto", "covariance", "square-root"}, default "auto"
             Form of the covariance P; see forward_dynamics.
         tolerance : float, optional
             As in forward_dynamics_derivatives.
@@ -2045,7 +2045,7 @@ class Scene:
             Change of qd.
         dtau : (..., nv) array_like
             Change of tau.
-        form : {"auto", "covariance", "joseph", "square-root"}, default "auto"
+        form : {"auto", "covariance", "square-root"}, default "auto"
             Form of the covariance P; see forward_dynamics.
         tolerance : float, optional
             As in forward_dynamics_derivatives.
@@ -2186,7 +2186,7 @@ class Scene:
             Origins of the task frames in the link frames, m; zero by default. The same for the whole batch.
         rotation : (3, 3) or (m, 3, 3) array_like, optional
             Axes of the task frames in the link frames; the identity by default. The same for the whole batch.
-        form : {"auto", "covariance", "joseph", "square-root"}, default "auto"
+        form : {"auto", "covariance", "square-root"}, default "auto"
             Form of the covariance P; see forward_dynamics.
         tolerance : float, optional
             Largest accepted relative error in the forms "auto" and "square-root"; see forward_dynamics.
@@ -2246,7 +2246,7 @@ class Scene:
         directions : (k, 6m) array_like, optional
             S: each row is a direction in the stacked (angular, linear) velocities of the frames; all 6m by default. The
             same for the whole batch.
-        form : {"auto", "covariance", "joseph", "square-root"}, default "auto"
+        form : {"auto", "covariance", "square-root"}, default "auto"
             Form of the covariance P; see forward_dynamics.
         tolerance : float, optional
             Largest accepted relative error in the forms "auto" and "square-root"; see forward_dynamics.
@@ -2538,7 +2538,7 @@ class Scene:
         compliance : float or (..., m) array_like, optional
             Compliance of each row of the connections in the order of connection_rows, (m/s^2)/N or (rad/s^2)/(N m), not
             negative. None: the connections are rigid.
-        form : {"auto", "covariance", "joseph", "square-root"}, default "auto"
+        form : {"auto", "covariance", "square-root"}, default "auto"
             Form of the covariance P; see forward_dynamics.
         tolerance : float, optional
             Largest accepted relative error in the forms "auto" and "square-root"; see forward_dynamics.
@@ -2669,7 +2669,7 @@ class Scene:
             Joint accelerations, rad/s^2 or m/s^2.
         actuated : iterable of str or (nv,) array_like of bool, optional
             Names of the actuated joints, or a mask; the torque of all others is zero. None: all joints.
-        form : {"auto", "covariance", "joseph", "square-root"}, default "auto"
+        form : {"auto", "covariance", "square-root"}, default "auto"
             Form of the covariance P; see forward_dynamics.
         tolerance : float, optional
             Largest accepted relative error in the forms "auto" and "square-root"; see forward_dynamics.
@@ -2721,7 +2721,7 @@ class Scene:
         ----------
         q : (..., nq) array_like
             Joint positions, rad or m.
-        form : {"auto", "covariance", "joseph", "square-root"}, default "auto"
+        form : {"auto", "covariance", "square-root"}, default "auto"
             Form of the covariance P; see forward_dynamics.
         tolerance : float, optional
             Largest accepted relative error in the forms "auto" and "square-root"; see forward_dynamics.
@@ -3626,7 +3626,7 @@ class Scene:
         ----------
         q : (..., nq) array_like
             Joint positions, rad or m.
-        form : {"auto", "covariance", "joseph", "square-root"}, default "auto"
+        form : {"auto", "covariance", "square-root"}, default "auto"
             Form of the covariance P; see forward_dynamics.
         tolerance : float, optional
             Largest accepted relative error in the forms "auto" and "square-root"; see forward_dynamics.

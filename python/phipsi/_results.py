@@ -50,14 +50,14 @@ class Accuracy(NamedTuple):
     """
 
     form: NDArray[np.str_] | str
-    """Form that computed the accelerations: "covariance", "square-root" or "joseph"; "double-double" if the error
+    """Form that computed the accelerations: "covariance" or "square-root"; "double-double" if the error
     estimate of form "auto" or "square-root" exceeded the tolerance and the state was recomputed in double-double
     arithmetic.
     """
     error: NDArray[np.float64] | float
     """Estimated error of the largest acceleration, rad/s^2 or m/s^2, typically five to ten times the true error. Of
     10,000 random scenes, ordinary and extreme, one estimate was too small by more than a factor of 20, none by more
-    than 1000. NaN if there is no estimate (form "joseph"; float32 except with form "auto").
+    than 1000. NaN if there is no estimate (float32 except with form "auto").
     """
     bound: NDArray[np.str_] | str
     """Criterion that the error meets: "tolerance", relative to the largest acceleration; "sensitivity", a multiple of

@@ -137,7 +137,7 @@ class Factor:
         -----
         phi of a body depends on its own joint; P, D and g depend on the outboard joints. If only some joints
         differ from the configuration of the factor, only their phi and the bodies inboard of them are
-        recomputed. This holds for form="covariance" and "joseph"; "auto" and "square-root" estimate the error
+        recomputed. This holds for form="covariance"; "auto" and "square-root" estimate the error
         of the whole factor and recompute all of it. The operators of this factor change with it, but not arrays
         and operators that were computed from them before, such as ``D.inv()``.
 

@@ -13,8 +13,8 @@ impl Scene {
     /// accuracy, one entry a state.
     ///
     /// In form `auto` the estimate comes with the result. In the forms `covariance` and `square-root` the general recursion is run besides, which takes
-    /// about five times as long as they do. Joseph's form has no
-    /// estimate, and in f32 only `auto` has one: of its own rounding, not of that of the scene's constants and of the arguments.
+    /// about five times as long as they do. In f32 only
+    /// `auto` has an estimate: of its own rounding, not of that of the scene's constants and of the arguments.
     ///
     /// # Errors
     ///
@@ -42,7 +42,7 @@ impl Scene {
         }
         self.evaluate(evaluator, Algorithm::ForwardDynamics(form), states, out)?;
         accuracy.fill(Accuracy::unknown(form));
-        if form == Form::Joseph || P::EPSILON > f64::EPSILON {
+        if P::EPSILON > f64::EPSILON {
             return Ok(());
         }
         // The general recursion watches these forms; its results are as good as those that are there, and not the same bits.

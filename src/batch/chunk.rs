@@ -456,8 +456,7 @@ fn compute<T: Vectorized, I: Target, const GROUP: u8>(
                 Form::Auto => accelerations::watched(target, call, errors),
                 Form::Covariance => accelerations::by_covariance(target, call),
                 Form::SquareRoot if T::Number::RARE_KERNELS => accelerations::by_roots(target, call),
-                // Joseph's form is not worth code of its own for every arm.
-                Form::SquareRoot | Form::Joseph => u64::MAX,
+                Form::SquareRoot => u64::MAX,
             }
         }
         Algorithm::MassMatrixInverse(form @ (Form::Auto | Form::Covariance))

@@ -58,7 +58,7 @@ pub(super) fn run<T: Vectorized, I: Target>(target: I, form: Form, call: Call<'_
     let mut doubt = match form {
         Form::Auto => factor::watched(target, scene, scratch, (state.0, &mut results[..nv])),
         Form::Covariance => factor::unwatched(target, scene, scratch, state.0),
-        Form::SquareRoot | Form::Joseph => return u64::MAX,
+        Form::SquareRoot => return u64::MAX,
     };
     factor::innovations(target, scene, scratch, state, (wrenches, innovations));
     doubt |= target.within(Begin(scene, scratch, rows, (state.1, state.2, innovations)));

@@ -235,7 +235,7 @@ impl Scene {
     /// where accelerations are computed.
     ///
     /// The scene's constants are rounded to f32 too. A state in doubt is done in f64 and its results rounded: one whose estimated error is
-    /// above max(2.7e-5, 4 n eps) and above what the problem allows in form `auto`, a lost pivot, an overflow, the square-root and Joseph's form, and every state on the baseline
+    /// above max(2.7e-5, 4 n eps) and above what the problem allows in form `auto`, a lost pivot, an overflow, the square-root form, and every state on the baseline
     /// arm, which has no lanes. Results that f32 cannot hold are refused. What becomes less than 1e-38 on the way becomes zero.
     #[must_use]
     pub fn evaluator_f32(&self) -> Evaluator<f32> {

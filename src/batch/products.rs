@@ -69,7 +69,7 @@ pub(super) fn run<T: Vectorized, I: Target>(target: I, which: Products, call: Ca
     let constants = if which.gives_constants() { constants_width(nv, bodies) } else { 0 };
     results.resize(which.count() * nv + constants, zero);
     if let Some(form) = which.form() {
-        if matches!(form, Form::SquareRoot | Form::Joseph) {
+        if form == Form::SquareRoot {
             return u64::MAX;
         }
         let call = accelerations::Call { scene, scratch: &mut *scratch, state, wrenches, qdd: &mut *qdd };

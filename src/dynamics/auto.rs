@@ -135,7 +135,7 @@ fn watched_step<T: Real>(
     seen: &mut dyn FnMut(usize, &Symmetric6<T>),
 ) {
     let before = workspace.p[k].diagonal();
-    workspace.covariances().step::<false>(system, k, pivots, seen);
+    workspace.covariances().step(system, k, pivots, seen);
     let stage = &system.stages[k];
     if let Some(parent) = stage.parent {
         let left = stage.terms_left(before.into(), workspace.p[k].diagonal().into());

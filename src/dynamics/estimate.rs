@@ -156,7 +156,7 @@ pub fn estimate<T: Real>(
     }
     forces_and_noise(model, workspace, Motion { q, qd, qdd: measurements.prior_acceleration, wrenches });
     let accelerations = &mut out.acceleration;
-    let monitor = filter_tip_to_base::<T, false>(&scratch.system, workspace, &scratch.measurement, accelerations);
+    let monitor = filter_tip_to_base(&scratch.system, workspace, &scratch.measurement, accelerations);
     out.log_likelihood = log_likelihood(measurements, &workspace.measured, accelerations);
     // The smoother gives what the measurements add to a0.
     smoother::sweep(&scratch.system, &workspace.shift, &workspace.measured, &mut workspace.co_state, accelerations);

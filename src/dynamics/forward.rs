@@ -34,33 +34,16 @@ pub fn forward_dynamics<T: Real>(
         Form::SquareRoot => {
             return refined::forward_dynamics_judged(model, workspace, q, qd, tau, wrenches, qdd).pivots;
         }
-        Form::Covariance | Form::Joseph => workspace.accuracy = Accuracy::unknown(workspace.form),
+        Form::Covariance => workspace.accuracy = Accuracy::unknown(workspace.form),
     }
-    if workspace.form == Form::Covariance && workspace.estimates_error {
+    if workspace.estimates_error {
         // Whatever it lost.
         let watched = auto::forward_dynamics_watched(model, workspace, (q, qd, tau), wrenches, qdd);
         workspace.accuracy = watched.accuracy(workspace.accepted_error(), qdd);
         return watched.pivots;
     }
-    if workspace.form == Form::Joseph {
-        covariance_form::<T, true>(model, workspace, q, qd, tau, wrenches, qdd)
-    } else {
-        covariance_form::<T, false>(model, workspace, q, qd, tau, wrenches, qdd)
-    }
-}
-
-/// [`forward_dynamics`] in covariance form, or in Joseph's.
-pub(crate) fn covariance_form<T: Real, const JOSEPH: bool>(
-    model: &Model<T>,
-    workspace: &mut Workspace<T>,
-    q: &[T],
-    qd: &[T],
-    tau: &[T],
-    wrenches: &[Vector6<T>],
-    qdd: &mut [T],
-) -> PivotMonitor<T> {
     forces_and_noise(model, workspace, Motion { q, qd, qdd: None, wrenches });
-    let monitor = filter_tip_to_base::<T, JOSEPH>(&model.system, workspace, tau, qdd);
+    let monitor = filter_tip_to_base(&model.system, workspace, tau, qdd);
     smoother::sweep(&model.system, &workspace.shift, &workspace.measured, &mut workspace.co_state, qdd);
     monitor
 }
@@ -73,7 +56,7 @@ pub(super) fn forces_and_noise<T: Real>(model: &Model<T>, workspace: &mut Worksp
 }
 
 /// Tip to base: Riccati recursion and filter in one pass; `innovations` receives e^-.
-pub(super) fn filter_tip_to_base<T: Real, const JOSEPH: bool>(
+pub(super) fn filter_tip_to_base<T: Real>(
     system: &System<T>,
     workspace: &mut Workspace<T>,
     tau: &[T],
@@ -81,7 +64,7 @@ pub(super) fn filter_tip_to_base<T: Real, const JOSEPH: bool>(
 ) -> PivotMonitor<T> {
     let mut monitor = PivotMonitor::new();
     for k in (0..system.stages.len()).rev() {
-        workspace.covariances().step::<JOSEPH>(system, k, &mut monitor, &mut |_, _| {});
+        workspace.covariances().step(system, k, &mut monitor, &mut |_, _| {});
         innovations::step(system, k, &workspace.shift, &workspace.measured, tau, &mut workspace.z, innovations);
     }
     monitor
@@ -99,7 +82,6 @@ pub fn factorise<T: Real>(
         Form::Auto => auto::factorise(model, workspace, &mut seen),
         Form::SquareRoot => forward_root::factorise(model, workspace, &mut seen),
         Form::Covariance => riccati::sweep(&model.system, &mut covariances_of_noise(model, workspace), seen),
-        Form::Joseph => riccati::sweep_joseph(&model.system, &mut covariances_of_noise(model, workspace), seen),
     }
 }
 

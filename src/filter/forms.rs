@@ -1,24 +1,18 @@
-//! The forms of the Riccati recursion: one problem, several ways to carry P.
+//! The forms of the Riccati recursion: the representations of the covariance P.
 
-/// How P is carried.
+/// The representation of the covariance P.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Form {
-    /// The covariance form while it keeps its digits, else the square-root form; forward dynamics with twice the digits where that
-    /// is in doubt too.
+    /// The covariance form. States whose error estimate exceeds the tolerance are recomputed in square-root form, and forward dynamics in double-double
+    /// arithmetic if the error estimate of the square-root form exceeds the tolerance too.
     #[default]
     Auto,
-    /// P itself, eq. 3.6: the fastest; what a measurement takes away is subtracted.
+    /// P itself (3.6). The fastest form; each measurement subtracts from P, so digits can cancel.
     Covariance,
-    /// P itself, the measurement as A P A^T + g r g^T: stays symmetric and positive by its form, and loses as many digits.
-    Joseph,
-    /// A square root of P: nothing is subtracted, and no digit is lost that the problem does not lose itself.
+    /// A square root of P. Nothing is subtracted; the loss of precision is that of the problem itself.
     SquareRoot,
 }
 
 /// Every form with its name.
-pub const FORMS: [(&str, Form); 4] = [
-    ("auto", Form::Auto),
-    ("covariance", Form::Covariance),
-    ("joseph", Form::Joseph),
-    ("square-root", Form::SquareRoot),
-];
+pub const FORMS: [(&str, Form); 3] =
+    [("auto", Form::Auto), ("covariance", Form::Covariance), ("square-root", Form::SquareRoot)];

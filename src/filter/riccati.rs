@@ -18,7 +18,7 @@
 use super::pivots::{PivotMonitor, Scale};
 use super::system::{HingeMap, Rows, System};
 use crate::scalar::Real;
-use crate::spatial::{RigidShift, Symmetric6, scaled, scaled_add};
+use crate::spatial::{RigidShift, Symmetric6, scaled};
 use nalgebra::Vector6;
 
 /// What one scalar measurement leaves: pivot D, its inverse, and the gain g = P^- H^T / D.
@@ -45,26 +45,13 @@ impl<T: Real> Measured<T> {
 /// prediction, nothing would be left of them. 56 operations.
 #[inline(always)]
 pub fn measurement_update<T: Real>(p: &mut Symmetric6<T>, hinge: &HingeMap<T>, noise: T) -> Measured<T> {
-    update::<T, false>(p, hinge, noise)
-}
-
-/// The same; with `JOSEPH` P^+ is formed as A P A^T + g r g^T, about 170 operations.
-#[inline(always)]
-fn update<T: Real, const JOSEPH: bool>(p: &mut Symmetric6<T>, hinge: &HingeMap<T>, noise: T) -> Measured<T> {
     let ph = hinge.covariance_column(p);
-    let variance = hinge.project(&ph);
-    let pivot = variance + noise;
+    let pivot = hinge.project(&ph) + noise;
     let pivot_inverse = pivot.recip();
     let mut gain = scaled(&ph, pivot_inverse);
     *p = p.add_rank_one(&scaled(&ph, -pivot_inverse), &ph);
     // In every lane or in none.
     let (is_noise_free, is_measured) = (noise.lane(0) == 0.0, noise.lane(0) < f64::INFINITY);
-    if JOSEPH {
-        // A P A^T + g r g^T = (P - g H P) - c g^T + r g g^T with c = (1 - g H) P H^T, parallel to g but for rounding.
-        let left = scaled_add(&gain, -variance, &ph);
-        let half = (left - gain * noise) * T::from_f64(0.5);
-        *p = p.add_rank_one(&-half, &gain).add_rank_one(&-gain, &half);
-    }
     match *hinge {
         HingeMap::Axis(i) if is_noise_free => {
             gain[i] = pivot.constant(1.0);
@@ -92,7 +79,7 @@ pub struct Covariances<'a, T: Real> {
 impl<T: Real> Covariances<'_, T> {
     /// One stage, all its rows (last first), then the time update onto its parent; `seen` is called with each row's P^-.
     #[doc(hidden)]
-    pub fn step<const JOSEPH: bool>(
+    pub fn step(
         &mut self,
         system: &System<T>,
         k: usize,
@@ -101,7 +88,7 @@ impl<T: Real> Covariances<'_, T> {
     ) {
         let (shift, p, scale) = (&self.shift[k], &mut self.p[k], self.scale[k]);
         let sent = Scale::sent_by(p, shift);
-        measure_stage::<T, JOSEPH>(system, k, p, self.measured, seen);
+        measure_stage(system, k, p, self.measured, seen);
         monitor.observe_stage(&system.stages[k], self.measured, &scale);
         let carried = shift.inertia_to_parent(p);
         if let Some(parent) = system.stages[k].parent {
@@ -115,7 +102,7 @@ impl<T: Real> Covariances<'_, T> {
 /// The rows of one stage, last first: D and g, and P^- becomes P^+. `seen` is called with each row's P^-.
 #[inline(always)]
 #[doc(hidden)]
-pub fn measure_stage<T: Real, const JOSEPH: bool>(
+pub fn measure_stage<T: Real>(
     system: &System<T>,
     k: usize,
     p: &mut Symmetric6<T>,
@@ -126,43 +113,25 @@ pub fn measure_stage<T: Real, const JOSEPH: bool>(
     if let Rows::One(HingeMap::Axis(2)) = stage.rows {
         // The commonest row is named, so that the compiler sees which column of P is meant.
         seen(stage.first_row, p);
-        measured[stage.first_row] = update::<T, JOSEPH>(p, &HingeMap::Axis(2), system.noise[stage.first_row]);
+        measured[stage.first_row] = measurement_update(p, &HingeMap::Axis(2), system.noise[stage.first_row]);
         return;
     }
     for i in (0..stage.rows.count()).rev() {
         let row = stage.first_row + i;
         seen(row, p);
-        measured[row] = update::<T, JOSEPH>(p, &stage.rows.row(i), system.noise[row]);
+        measured[row] = measurement_update(p, &stage.rows.row(i), system.noise[row]);
     }
 }
 
-/// Tip to base: D, g and P^+ of every stage, covariance form.
+/// Tip to base: D, g and P^+ of every stage, covariance form. `seen` is called with each row's P^-.
 pub fn sweep<T: Real>(
     system: &System<T>,
     covariances: &mut Covariances<'_, T>,
     mut seen: impl FnMut(usize, &Symmetric6<T>),
 ) -> PivotMonitor<T> {
-    sweep_as::<T, false>(system, covariances, &mut seen)
-}
-
-/// The same, measurements in Joseph's form.
-pub fn sweep_joseph<T: Real>(
-    system: &System<T>,
-    covariances: &mut Covariances<'_, T>,
-    mut seen: impl FnMut(usize, &Symmetric6<T>),
-) -> PivotMonitor<T> {
-    sweep_as::<T, true>(system, covariances, &mut seen)
-}
-
-// Whoever looks is called, not compiled in: the recursion is there once a scalar.
-fn sweep_as<T: Real, const JOSEPH: bool>(
-    system: &System<T>,
-    covariances: &mut Covariances<'_, T>,
-    seen: &mut dyn FnMut(usize, &Symmetric6<T>),
-) -> PivotMonitor<T> {
     let mut monitor = PivotMonitor::new();
     for k in (0..system.stages.len()).rev() {
-        covariances.step::<JOSEPH>(system, k, &mut monitor, seen);
+        covariances.step(system, k, &mut monitor, &mut seen);
     }
     monitor
 }

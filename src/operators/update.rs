@@ -35,16 +35,15 @@ impl<T: Real> Factor<T> {
     /// The factor at `q` from that at the configuration it has, to the bits that [`Factor::new`] gives.
     ///
     /// phi(k) depends on joint k alone, and P(k), D(k), g(k) on the joints outboard of body k: only phi of the joints that differ is computed,
-    /// and P, D, g of what carries them, from P^+ of what did not change. In the covariance and Joseph's form; the others judge the factor
-    /// as a whole and compute it anew, with `workspace`. `model` is the one that the factor was made of.
+    /// and P, D, g of what carries them, from P^+ of what did not change. This holds in covariance form; the other forms estimate the error of
+    /// the whole factor and recompute it, with `workspace`. `model` is the one that the factor was made of.
     ///
     /// # Panics
     ///
     /// If `q` is shorter than the model's, or model or workspace are others; [`Scene::update_factor`] returns errors.
     pub fn update(&mut self, model: &Model<T>, workspace: &mut Workspace<T>, q: &[T]) -> Updated<T> {
         match self.sweep.form {
-            Form::Covariance => self.update_as::<false>(model, q),
-            Form::Joseph => self.update_as::<true>(model, q),
+            Form::Covariance => self.update_covariance(model, q),
             form @ (Form::Auto | Form::SquareRoot) => {
                 (workspace.form, workspace.tolerance) = (form, self.sweep.tolerance);
                 let (factor, pivots) = Self::new(model, workspace, q);
@@ -54,7 +53,7 @@ impl<T: Real> Factor<T> {
         }
     }
 
-    fn update_as<const JOSEPH: bool>(&mut self, model: &Model<T>, q: &[T]) -> Updated<T> {
+    fn update_covariance(&mut self, model: &Model<T>, q: &[T]) -> Updated<T> {
         let changes = self.take_configuration(model, q);
         let (system, mut monitor) = (&self.system, PivotMonitor::new());
         let sweep = &mut self.sweep;
@@ -75,7 +74,7 @@ impl<T: Real> Factor<T> {
             let (p_minus, measured) = (&mut self.p_minus, &mut self.measured);
             let mut covariances =
                 Covariances { shift: &self.shift, p: &mut sweep.p, scale: &mut sweep.scale, measured };
-            covariances.step::<JOSEPH>(system, k, &mut monitor, &mut |row, p| p_minus[row] = *p);
+            covariances.step(system, k, &mut monitor, &mut |row, p| p_minus[row] = *p);
             for i in 0..stage.rows.count() {
                 let row = stage.first_row + i;
                 self.p_plus[row] = if i == 0 { sweep.p[k] } else { self.p_minus[row - 1] };
@@ -107,7 +106,7 @@ impl<T: Real> Factor<T> {
         changes
     }
 
-    /// The lost pivot furthest from the base, if the monitor of an update in covariance or Joseph's form is in doubt.
+    /// The lost pivot furthest from the base, if a pivot of an update in covariance form is not clear of the bound of its terms.
     fn lost_pivot(&self, model: &Model<T>, monitor: &PivotMonitor<T>) -> Option<LostPivot> {
         if (0..T::LANES).all(|lane| monitor.clear(lane)) {
             return None;

@@ -55,7 +55,7 @@ dgravity : (..., 3) array_like, optional
     the link, N m and N."
     };
     (form) => {
-        r#"form : {"auto", "covariance", "joseph", "square-root"}, default "auto"
+        r#"form : {"auto", "covariance", "square-root"}, default "auto"
     Form of the covariance P; see forward_dynamics."#
     };
     (tolerance) => {

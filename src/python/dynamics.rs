@@ -27,7 +27,7 @@ mod cost {
 impl PyScene {
     /// Joint accelerations from joint torques, in O(N): M qdd + bias = tau + J^T w, by a filter and a smoother.
     #[doc = parameters!(q qd tau)]
-    /// form : {"auto", "covariance", "joseph", "square-root"}, default "auto"
+    /// form : {"auto", "covariance", "square-root"}, default "auto"
     ///     Form of the covariance P in the filter. "covariance" (eq. 3.6) is the fastest; "square-root" is accurate at
     ///     extreme mass ratios too and takes about twice the time. "auto" runs the covariance form and recomputes a
     ///     state in square-root form, and then in double-double arithmetic, if its error estimate exceeds the

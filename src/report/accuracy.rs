@@ -50,11 +50,10 @@ pub enum Method {
 }
 
 /// All methods with their Python names. `auto`, the default of calls, is the first.
-pub const METHODS: [(&str, Method); 7] = [
+pub const METHODS: [(&str, Method); 6] = [
     ("auto", Method::Filter(Form::Auto)),
     ("covariance", Method::Filter(Form::Covariance)),
     ("square-root", Method::Filter(Form::SquareRoot)),
-    ("joseph", Method::Filter(Form::Joseph)),
     ("M^-1 (6.1) times torque", Method::ClosedInverse),
     (LDLT, Method::DenseLdlt),
     (CHOLESKY, Method::DenseCholesky),

@@ -5,10 +5,9 @@ use phipsi::spatial::Symmetric3;
 use phipsi::{Algorithm, Derivatives, Form, Products, Scene, scenes};
 
 /// Every algorithm with kernels, by its name.
-pub const ALGORITHMS: [(&str, Algorithm); 17] = [
+pub const ALGORITHMS: [(&str, Algorithm); 16] = [
     ("forward_dynamics/auto", Algorithm::ForwardDynamics(Form::Auto)),
     ("forward_dynamics/covariance", Algorithm::ForwardDynamics(Form::Covariance)),
-    ("forward_dynamics/joseph", Algorithm::ForwardDynamics(Form::Joseph)),
     ("forward_dynamics/square-root", Algorithm::ForwardDynamics(Form::SquareRoot)),
     ("inverse_dynamics", Algorithm::InverseDynamics),
     ("bias_torque", Algorithm::BiasTorque),

@@ -12,10 +12,9 @@ use phipsi::{Scene, SceneBuilder};
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Everything that runs in lanes, or one state at a time for comparison.
-pub const ALGORITHMS: [Algorithm; 25] = [
+pub const ALGORITHMS: [Algorithm; 24] = [
     Algorithm::ForwardDynamics(Form::Auto),
     Algorithm::ForwardDynamics(Form::Covariance),
-    Algorithm::ForwardDynamics(Form::Joseph),
     Algorithm::ForwardDynamics(Form::SquareRoot),
     Algorithm::InverseDynamics,
     Algorithm::BiasTorque,

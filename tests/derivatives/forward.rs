@@ -11,7 +11,7 @@ use nalgebra::DMatrix;
 use phipsi::scene::{JointDescription, JointKind, LinkDescription, SceneBuilder};
 use phipsi::{Form, Scene, scenes};
 
-const FORMS: [Form; 4] = [Form::Auto, Form::Covariance, Form::Joseph, Form::SquareRoot];
+const FORMS: [Form; 3] = [Form::Auto, Form::Covariance, Form::SquareRoot];
 
 /// Condition number of M in a state.
 fn condition(scene: &Scene, q: &[f64]) -> f64 {

@@ -16,7 +16,7 @@ use phipsi::scenes::{extreme, names};
 use phipsi::spatial::RigidShift;
 use phipsi::{Arguments, Form, Scene, Workspace, dynamics, scenes};
 
-const FORMS: [Form; 4] = [Form::Auto, Form::Covariance, Form::Joseph, Form::SquareRoot];
+const FORMS: [Form; 3] = [Form::Auto, Form::Covariance, Form::SquareRoot];
 
 /// A direction for all variables, or cotangents.
 #[derive(Clone)]

@@ -145,12 +145,12 @@ def backward(record_every: int) -> Callable[[], Call]:
 
 
 LONG: dict[str, Callable[[], Call]] = {
-    "forward_dynamics": batch(30, 300_000, lambda scene, q: scene.forward_dynamics(q, q, q, form="joseph")),
+    "forward_dynamics": batch(30, 300_000, lambda scene, q: scene.forward_dynamics(q, q, q, form="square-root")),
     "forward_dynamics, auto": batch(30, 500_000, lambda scene, q: scene.forward_dynamics(q, q, q)),
     "forward_dynamics, float32": batch(30, 500_000, lambda scene, q: scene.forward_dynamics(q, q, q, dtype="float32")),
     "forward_dynamics, in doubt": in_doubt,
     "forward_dynamics, errors=nan": batch(
-        30, 300_000, lambda scene, q: scene.forward_dynamics(q, q, q, form="joseph", errors="nan")
+        30, 300_000, lambda scene, q: scene.forward_dynamics(q, q, q, form="square-root", errors="nan")
     ),
     "inverse_dynamics": batch(300, 200_000, lambda scene, q: scene.inverse_dynamics(q, q, q)),
     "bias_torque": batch(300, 200_000, lambda scene, q: scene.bias_torque(q, q)),

@@ -49,13 +49,13 @@ def states(scene: phipsi.Scene, count: int) -> tuple[np.ndarray, np.ndarray, np.
 def test_the_accelerations_are_those_without_it_bit_by_bit() -> None:
     scene = random_scene(3, 12)
     q, qd, tau = states(scene, 37)
-    for form in ("auto", "covariance", "square-root", "joseph"):
+    for form in ("auto", "covariance", "square-root"):
         qdd, info = scene.forward_dynamics(q, qd, tau, form=form, return_info=True)
         np.testing.assert_array_equal(qdd, scene.forward_dynamics(q, qd, tau, form=form))
         assert info.form.shape == info.error.shape == (37,)
         assert set(info.form) == {"covariance" if form == "auto" else form}
-        assert np.all(np.isnan(info.error)) if form == "joseph" else np.all(info.error > 0.0)
-        assert form == "joseph" or np.all(info.error <= 1e-9 * np.abs(qdd).max(axis=-1))
+        assert np.all(info.error > 0.0)
+        assert np.all(info.error <= 1e-9 * np.abs(qdd).max(axis=-1))
 
 
 def test_one_state_is_told_in_plain_values() -> None:

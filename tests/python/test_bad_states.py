@@ -28,7 +28,6 @@ def calls(scene: phipsi.Scene) -> dict[str, Any]:
     return {
         "forward_dynamics": lambda q, qd, tau, **e: scene.forward_dynamics(q, qd, tau, **e),
         "square-root": lambda q, qd, tau, **e: scene.forward_dynamics(q, qd, tau, form="square-root", **e),
-        "joseph": lambda q, qd, tau, **e: scene.forward_dynamics(q, qd, tau, form="joseph", **e),
         "with wrenches": lambda q, qd, tau, **e: scene.forward_dynamics(q, qd, tau, wrenches={link: np.arange(6.0)}, **e),
         "float32": lambda q, qd, tau, **e: scene.forward_dynamics(q, qd, tau, dtype=np.float32, **e),
         "inverse_dynamics": lambda q, qd, tau, **e: scene.inverse_dynamics(q, qd, tau, **e),

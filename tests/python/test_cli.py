@@ -216,7 +216,7 @@ def test_bench_names_every_method(bench: str) -> None:
 def test_bench_times_public_calls_auto_first(bench: str) -> None:
     assert "call from Python" in bench and "Scene::evaluate in Rust" in bench
     lines = [line for line in bench.splitlines() if line.startswith("scene.forward_dynamics")]
-    assert [line.split()[3] for line in lines] == ["auto", "covariance", "square-root", "joseph"]
+    assert [line.split()[3] for line in lines] == ["auto", "covariance", "square-root"]
     for call in ("inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse"):
         assert f"scene.{call}(" in bench
 

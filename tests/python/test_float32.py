@@ -134,9 +134,8 @@ def test_states_in_doubt_are_float64_rounded() -> None:
     assert np.array_equal(case.scene.forward_dynamics(*single, dtype=np.float32), expected.astype(np.float32))
     ordinary = random_scene(3, 9)
     state = [x.astype(np.float32) for x in random_states(ordinary, 0, (5,))]
-    for form in ("square-root", "joseph"):
-        found = ordinary.forward_dynamics(*state, form=form, dtype=np.float32)
-        assert np.array_equal(found, ordinary.forward_dynamics(*state, form=form).astype(np.float32))
+    found = ordinary.forward_dynamics(*state, form="square-root", dtype=np.float32)
+    assert np.array_equal(found, ordinary.forward_dynamics(*state, form="square-root").astype(np.float32))
 
 
 @pytest.mark.parametrize("method", METHODS)

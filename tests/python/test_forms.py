@@ -7,7 +7,7 @@ from conftest import random_scene, random_states
 from phipsi.errors import ArgumentError, SingularJointError
 from tolerances import assert_near, inverse, size
 
-FORMS = ("auto", "covariance", "joseph", "square-root")
+FORMS = ("auto", "covariance", "square-root")
 
 
 @pytest.fixture(params=range(4))
@@ -42,10 +42,10 @@ def test_every_form_gives_the_dense_answer(form: str, case: Case) -> None:
 def test_forms_are_different_programs(case: Case) -> None:
     scene, q, qd, tau = case
     found = {scene.forward_dynamics(q, qd, tau, form=form).tobytes() for form in FORMS[1:]}
-    assert len(found) == 3
+    assert len(found) == 2
 
 
-@pytest.mark.parametrize("form", ["Square-Root", "", "kalman"])
+@pytest.mark.parametrize("form", ["Square-Root", "", "kalman", "joseph"])
 def test_unknown_form(form: str, arm: phipsi.Scene) -> None:
     zero = np.zeros(7)
     for call in (
@@ -55,7 +55,7 @@ def test_unknown_form(form: str, arm: phipsi.Scene) -> None:
         lambda: arm.operational_inverse_inertia(zero, "link6", form=form),
         lambda: arm.operational_inertia(zero, "link6", form=form),
     ):
-        with pytest.raises(ArgumentError, match='form: found .* one of "auto", "covariance", "joseph", "square-root"'):
+        with pytest.raises(ArgumentError, match='form: found .* one of "auto", "covariance", "square-root"'):
             call()
 
 

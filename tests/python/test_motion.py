@@ -194,7 +194,7 @@ BAD = {
     "steps beyond addresses": ({"steps": 2**63 - 1}, MemoryError, "steps: no room"),
     "record_every": ({"record_every": 0}, errors.ArgumentError, "record_every: found 0"),
     "method": ({"method": "euler"}, errors.ArgumentError, "rosenbrock-3"),
-    "form": ({"form": "joseph"}, errors.ArgumentError, "form"),
+    "form": ({"form": "square-root"}, errors.ArgumentError, "form"),
     "tau": ({"tau": np.zeros(2)}, errors.ShapeError, r"tau: found shape \(2,\); expected \(..., 7\)"),
     "tau not finite": ({"tau": np.full(7, np.inf)}, errors.NotFiniteError, "tau"),
     "tau_steps": ({"tau_steps": np.zeros((9, 7))}, errors.ShapeError, r"tau_steps: found shape \(9, 7\); expected \(..., 10, 7\)"),

@@ -27,7 +27,7 @@ def remade(request: pytest.FixtureRequest) -> Remade:
     return WAYS[request.param]
 
 
-FORMS = ("auto", "covariance", "joseph", "square-root")
+FORMS = ("auto", "covariance", "square-root")
 
 
 @pytest.mark.parametrize("form", FORMS)

@@ -55,7 +55,7 @@ def test_of_torques_as_dense_derivatives(seed: int) -> None:
     assert plain.wrenches is None and plain.parameters is None
 
 
-@pytest.mark.parametrize("form", ["auto", "covariance", "joseph", "square-root"])
+@pytest.mark.parametrize("form", ["auto", "covariance", "square-root"])
 @pytest.mark.parametrize("seed", SEEDS)
 def test_of_accelerations_as_dense_derivatives(seed: int, form: str) -> None:
     scene, random = a_scene(seed), np.random.default_rng(seed)

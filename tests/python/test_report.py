@@ -138,7 +138,7 @@ def test_every_time_says_what_it_is_of(bundled: tuple[dict[str, Any], str, Path]
     for row in rows:
         assert row["from"] in ("Rust", "Python"), row
         assert row["call"] and row["states"] and row["batch"] >= 1, row
-        assert row["form"] in (None, "auto", "covariance", "square-root", "joseph"), row
+        assert row["form"] in (None, "auto", "covariance", "square-root"), row
         # The general recursions are not public calls.
         assert row["from"] == "Python" or any(name in row["call"] for name in PUBLIC), row
 
@@ -152,7 +152,7 @@ def test_auto_comes_first(bundled: tuple[dict[str, Any], str, Path]) -> None:
     for part in ("accuracy", "calls", "kinds"):
         assert found[part][0]["form"] == "auto"
         assert "dynamics" in found[part][0]["call"].lower()
-    assert {row["form"] for row in found["accuracy"]} >= {"auto", "covariance", "square-root", "joseph", None}
+    assert {row["form"] for row in found["accuracy"]} >= {"auto", "covariance", "square-root", None}
     lead = page[page.index('<p class="lead">') : page.index('<div class="key">')]
     one, many = (
         next(row for row in found["calls"] if (row["form"], row["batch"] > 1) == ("auto", batch)) for batch in (False, True)
@@ -166,7 +166,7 @@ def test_one_state_and_a_batch_of_every_call(bundled: tuple[dict[str, Any], str,
     for batch in (1, 256):
         rows = [row for row in found if row["batch"] == batch]
         forward = [row["form"] for row in rows if "forward_dynamics" in row["call"]]
-        assert forward == ["auto", "covariance", "square-root", "joseph"]
+        assert forward == ["auto", "covariance", "square-root"]
         for name in ("inverse_dynamics", "bias_torque", "mass_matrix(", "mass_matrix_inverse"):
             assert any(name in row["call"] for row in rows)
         assert all(row["from"] == "Python" and row["ns_per_state"] > 0.0 for row in rows)
@@ -402,7 +402,7 @@ def test_a_scene_too_large_for_dense_algebra_has_a_page(tmp_path: Path) -> None:
     assert {point["route"] for point in found["emergence"]["points"]} == {"monte-carlo", "sigma-points", "recursion"}
     assert "1920 random numbers a sample" in page
     assert {row["method"] for row in found["accuracy"]} == set(METHODS[:5])
-    assert {row["form"] for row in found["calls"]} == {None, "auto", "covariance", "square-root", "joseph"}
+    assert {row["form"] for row in found["calls"]} == {None, "auto", "covariance", "square-root"}
     assert "320 degrees of freedom" in page
 
 

@@ -174,7 +174,7 @@ def test_a_reset_broadcasts_and_stands_still_if_not_told(arm: phipsi.Scene) -> N
 BAD = {
     "dt": ({"dt": 0.0}, errors.ArgumentError, "dt: found 0"),
     "method": ({"method": "euler"}, errors.ArgumentError, "rosenbrock-3"),
-    "form": ({"form": "joseph"}, errors.ArgumentError, "form"),
+    "form": ({"form": "square-root"}, errors.ArgumentError, "form"),
     "pd": ({"pd": 3}, errors.ArgumentError, "PD"),
     "pd target": ({"pd": (1, 1, np.zeros(3))}, errors.ShapeError, "pd.target"),
     "damping": ({"damping": -1.0}, errors.ArgumentError, "damping"),

@@ -17,7 +17,7 @@ import phipsi
 
 Evaluate = Callable[..., np.ndarray]
 
-FORMS = ("auto", "covariance", "joseph", "square-root")
+FORMS = ("auto", "covariance", "square-root")
 #: Name, keywords, and number of arguments of q, qd and u.
 CALLS: list[tuple[str, dict[str, Any], int]] = [
     *(("forward_dynamics", {"form": form}, 3) for form in FORMS),

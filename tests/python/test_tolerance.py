@@ -141,8 +141,6 @@ def test_the_bound_of_a_state_near_equilibrium_is_the_sensitivity() -> None:
     tau[3] *= 1.0 + 1e-10
     _, info = scene.forward_dynamics(q, rest, tau, return_info=True)
     assert (info.form, info.bound) == ("covariance", "sensitivity")
-    _, joseph = scene.forward_dynamics(q, rest, tau, form="joseph", return_info=True)
-    assert joseph.bound == "unknown"
 
 
 def test_factors_and_simulators_keep_their_tolerance() -> None:

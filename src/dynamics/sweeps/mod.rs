@@ -65,14 +65,13 @@ use nalgebra::Vector6;
 pub(crate) fn covers(algorithm: Algorithm) -> bool {
     !matches!(
         algorithm,
-        Algorithm::ForwardDynamics(Form::Joseph)
-            | Algorithm::MassMatrixInverse(Form::SquareRoot | Form::Joseph)
-            | Algorithm::Derivatives(Derivatives::ForwardDynamics(Form::SquareRoot | Form::Joseph))
+        Algorithm::MassMatrixInverse(Form::SquareRoot)
+            | Algorithm::Derivatives(Derivatives::ForwardDynamics(Form::SquareRoot))
             | Algorithm::Products(
-                Products::ForwardTangent(Form::SquareRoot | Form::Joseph)
-                    | Products::ForwardTangents(Form::SquareRoot | Form::Joseph)
-                    | Products::ForwardGradient(Form::SquareRoot | Form::Joseph)
-                    | Products::ForwardGradients(Form::SquareRoot | Form::Joseph)
+                Products::ForwardTangent(Form::SquareRoot)
+                    | Products::ForwardTangents(Form::SquareRoot)
+                    | Products::ForwardGradient(Form::SquareRoot)
+                    | Products::ForwardGradients(Form::SquareRoot)
             )
     )
 }

@@ -19,7 +19,7 @@ from ..robot import DENSE_CAP, FORWARD, Report
 from ..timing import Arguments, Of, in_turns, looped, one_by_one, threads
 
 #: Forms of forward dynamics; `auto`, the default, comes first.
-FORMS = ("auto", "covariance", "square-root", "joseph")
+FORMS = ("auto", "covariance", "square-root")
 #: Largest number of entries of the matrices of a batch.
 MOST_NUMBERS = 4_000_000
 

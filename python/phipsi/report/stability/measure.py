@@ -17,7 +17,7 @@ from ..states import Array
 
 COVARIANCE, ROOT, LDLT, CHOLESKY = _core.FORMS
 #: Forms of derivatives.
-DERIVED_FORMS: tuple[Literal["auto", "covariance", "joseph", "square-root"], ...] = ("auto", "covariance", "joseph", "square-root")
+DERIVED_FORMS: tuple[Literal["auto", "covariance", "square-root"], ...] = ("auto", "covariance", "square-root")
 #: Number of random perturbations for each sensitivity.
 DRAWS = 3
 #: Number of states of each case at each value.
@@ -286,7 +286,7 @@ def _derived(case: scenes.Extreme) -> Derived:
     return Derived(case.name, case.value, {form: _derived_in(form, case, exact) for form in DERIVED_FORMS}, sensitivity)
 
 
-def _derived_in(form: Literal["auto", "covariance", "joseph", "square-root"], case: scenes.Extreme, exact: _core.Exact) -> Error:
+def _derived_in(form: Literal["auto", "covariance", "square-root"], case: scenes.Extreme, exact: _core.Exact) -> Error:
     try:
         by_q = case.scene.forward_dynamics_derivatives(case.q, case.qd, case.tau, form=form).dqdd_dq
     except errors.PhipsiError as error:

@@ -152,7 +152,7 @@ impl<T: Real> Measures<T> for AnyRows<'_, T> {
     #[inline(always)]
     fn measure(&self, p: &[T; 21], measured: &mut [Measured<T>]) -> ((), [T; 21]) {
         let mut p = unpacked(p);
-        riccati::measure_stage::<T, false>(self.0, self.1, &mut p, measured, |_, _| {});
+        riccati::measure_stage(self.0, self.1, &mut p, measured, |_, _| {});
         ((), packed(&p))
     }
 
