@@ -17,7 +17,7 @@ array([-1.484])
 SI units and radians throughout; spatial vectors are angular first; arrays have leading batch axes that broadcast.
 """
 
-from . import errors, scenes, tasks
+from . import errors, estimation, scenes, tasks
 from ._compile import Compiled, compile
 from ._core import (
     BUNDLED_ARM,
@@ -30,7 +30,6 @@ from ._core import (
     set_num_threads,
 )
 from ._cuda import CompiledForCuda
-from ._identify import Identification
 from ._load import load
 from ._motion import (
     PD,
@@ -66,6 +65,7 @@ from ._results import (
     RolloutGradients,
     Samples,
 )
+from .estimation import Identification, smooth
 from .operators import Factor, Operator
 
 __all__ = [
@@ -112,9 +112,11 @@ __all__ = [
     "__version__",
     "compile",
     "errors",
+    "estimation",
     "get_num_threads",
     "load",
     "scenes",
     "set_num_threads",
+    "smooth",
     "tasks",
 ]

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._functions import Function as _Function
-from ._identify import Identification
 from ._motion import PD, ContactMotion, MomentumCorrection, StopImpact, Trajectory
 from ._ode import Ode
 from ._results import (
@@ -32,6 +31,7 @@ from ._results import (
     RolloutGradients,
     Samples,
 )
+from .estimation import Excitation, Identification
 from .operators import Factor
 from .tasks import InverseKinematics, Task
 from .view import Viewer
@@ -50,12 +50,15 @@ __all__ = [
     "SceneBuilder",
     "Simulator",
     "__version__",
+    "_log_likelihood",
     "_numbers",
     "_rebuild_builder",
     "_rebuild_factor",
     "_rebuild_random_model",
     "_rebuild_scene",
     "_rebuild_simulator",
+    "_rotate_rows",
+    "_smooth_log",
     "_unwritten",
     "chain",
     "emergence",
@@ -1565,6 +1568,9 @@ class Scene:
         Raises ArgumentError for what is no task, unknown links and joints, and values out of range; ShapeError,
         NotFiniteError, naming the task and the state; ConstraintError where no start leads to closed connections.
         """
+    def regressor(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, *, errors: _Errors = "raise") -> NDArray[np.float64]:
+        """."""
+
     def identify(
         self,
         q: ArrayLike,
@@ -1572,29 +1578,35 @@ class Scene:
         qdd: ArrayLike,
         tau: ArrayLike,
         *,
-        fit: Collection[Literal["armature", "damping", "friction"]] = (),
+        fit: Collection[Literal["armature", "damping", "friction", "offset", "stribeck", "load"]] = (),
         noise: ArrayLike | None = None,
         trust: float = 1.0,
         keep: Collection[str] = (),
         friction_speed: float = 0.01,
+        stribeck_speed: float = 0.1,
+        time: ArrayLike | None = None,
+        transmission: ArrayLike | None = None,
+        tau_delay: float = 0.0,
+        acceleration_noise: ArrayLike | None = None,
+        instruments: tuple[ArrayLike, ArrayLike, ArrayLike] | None = None,
+        blocks: int = 20,
     ) -> Identification:
-        """The most probable inertias, and what acts at the joints, from measured motion and torques; each body gets inertias that a body can have.
+        """."""
 
-        q: (k, nq); qd, qdd, tau: (k, nv), k measured states; a NaN in tau is a torque that was not measured. fit: what of the joints is found too, of
-        "armature", "damping" and "friction". noise: standard deviation of the torques, (nv,) or a number, N m or N; None: as the residuals of least squares have it, which
-        takes more measured torques than there are parameters. trust: how much the model's own numbers count: each parameter is expected within about 1 / sqrt(trust)
-        of them, relatively. keep: names of body_names whose inertias stay. friction_speed: rad/s or m/s, where friction becomes viscous.
+    def excitation(
+        self,
+        duration: float,
+        *,
+        limits: Limits | None = None,
+        harmonics: int = 5,
+        fit: Collection[Literal["armature", "damping", "friction", "offset", "stribeck", "load"]] = (),
+        noise: ArrayLike | None = None,
+        rate: float = 100.0,
+        iterations: int = 300,
+        seed: int = 0,
+    ) -> Excitation:
+        """."""
 
-        What is not fitted is the model's: its armature, damping, friction and springs are part of the torques. Maximum a posteriori with a Wishart prior on
-        each body's second moments of mass; convex. States are read in blocks: memory does not grow with k. 10 to 60 steps of O((10 bodies)^3).
-
-        Returns a phipsi.Identification: the new scene, parameters with standard deviations, noise, residuals before and after, and how many
-        combinations of parameters the motion tells.
-
-        Bodies of the model whose inertia no body can have start from the nearest that one can have, with an InertiaWarning.
-
-        Raises ArgumentError for too few measurements, unknown names, noise below the rounding of the torques, and bodies of the model without mass, by name; ShapeError and NotFiniteError for arrays.
-        """
     def plan(self) -> Plan:
         """What this scene does not need and was left out when it was built, why, and what that saved."""
 
@@ -1958,6 +1970,9 @@ def _rebuild_simulator(
     /,
 ) -> Simulator: ...
 def _unwritten(count: int, /) -> _Array: ...
+def _rotate_rows(triangle: _Array, rows: _Array, /) -> None: ...
+def _log_likelihood(time: _Array, position: _Array, variance: _Array, density: float, prior: tuple[float, float, float], /) -> tuple[float, float, int]: ...
+def _smooth_log(time: _Array, position: _Array, variance: _Array, density: float, prior: tuple[float, float, float], /) -> _Array: ...
 
 @final
 class Simulator:

@@ -15,9 +15,11 @@ __all__ = [
     "BadStateWarning",
     "CacheWarning",
     "ConstraintError",
+    "IdentificationWarning",
     "InertiaWarning",
     "LimitWarning",
     "LinkageWarning",
+    "LogWarning",
     "LongCodeWarning",
     "MeshWarning",
     "MimicWarning",
@@ -165,6 +167,10 @@ class SimulationInterrupted(KeyboardInterrupt):
     """How many steps were finished."""
 
 
+class IdentificationWarning(UserWarning):
+    """A result of an identification that is less certain than its intervals: the predicted bias by noise in the measured motion is large, or the scene cannot represent all of it."""
+
+
 class InertiaWarning(UserWarning):
     """A link whose inertia no body can have, or a URDF whose moving links all have no mass; it is computed with as it is."""
 
@@ -179,6 +185,10 @@ class CacheWarning(UserWarning):
 
 class LinkageWarning(UserWarning):
     """Rows of connections that depend on each other to within the tolerance of the scene, but not to within rounding, and count as dependent: a linkage that is drawn with few digits."""
+
+
+class LogWarning(UserWarning):
+    """A log of measurements that contradicts itself or the model: units, clocks, gaps, repeated times."""
 
 
 class LongCodeWarning(UserWarning):

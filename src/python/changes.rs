@@ -3,13 +3,13 @@
 use super::axis::Axis;
 use super::builder::{PySceneBuilder, inertial};
 use super::choice::items;
-use super::object::{Object, imported};
+use super::object::Object;
 use super::scene::PyScene;
 use super::{errors, input};
 use crate::error::Error;
 use crate::scene::{Inertial, Joint, Property, Scene};
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyMapping};
+use pyo3::types::PyMapping;
 
 #[pymethods]
 impl PyScene {
@@ -94,35 +94,6 @@ impl PyScene {
         let given = each.collect::<PyResult<Vec<(String, Inertial)>>>()?;
         let given: Vec<(&str, Inertial)> = given.iter().map(|(link, inertial)| (&**link, *inertial)).collect();
         self.changed(py, self.scene.with_inertias(&given)?)
-    }
-
-    /// The most probable inertias, and what acts at the joints, from measured motion and torques; each body gets inertias that a body can have.
-    ///
-    /// q: (k, nq); qd, qdd, tau: (k, nv), k measured states; a NaN in tau is a torque that was not measured. fit: what of the joints is found too, of
-    /// "armature", "damping" and "friction". noise: standard deviation of the torques, (nv,) or a number, N m or N; None: as the residuals of least squares have it, which
-    /// takes more measured torques than there are parameters. trust: how much the model's own numbers count: each parameter is expected within about 1 / sqrt(trust)
-    /// of them, relatively. keep: names of body_names whose inertias stay. friction_speed: rad/s or m/s, where friction becomes viscous.
-    ///
-    /// What is not fitted is the model's: its armature, damping, friction and springs are part of the torques. Maximum a posteriori with a Wishart prior on
-    /// each body's second moments of mass; convex. States are read in blocks: memory does not grow with k. 10 to 60 steps of O((10 bodies)^3).
-    ///
-    /// Returns a phipsi.Identification: the new scene, parameters with standard deviations, noise, residuals before and after, and how many
-    /// combinations of parameters the motion tells.
-    ///
-    /// Bodies of the model whose inertia no body can have start from the nearest that one can have, with an InertiaWarning.
-    ///
-    /// Raises ArgumentError for too few measurements, unknown names, noise below the rounding of the torques, and bodies of the model without mass, by name; ShapeError and NotFiniteError for arrays.
-    #[pyo3(signature = (q, qd, qdd, tau, **how),
-           text_signature = "($self, q, qd, qdd, tau, *, fit=(), noise=None, trust=1.0, keep=(), friction_speed=0.01)")]
-    fn identify<'py>(
-        slf: &Bound<'py, Self>,
-        q: &Object<'py>,
-        qd: &Object<'py>,
-        qdd: &Object<'py>,
-        tau: &Object<'py>,
-        how: Option<&Bound<'py, PyDict>>,
-    ) -> PyResult<Object<'py>> {
-        imported!(slf.py(), "phipsi._identify", "identify")?.call((slf, q, qd, qdd, tau), how)
     }
 }
 
