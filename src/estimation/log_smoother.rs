@@ -6,6 +6,8 @@
 
 /// The state.
 const N: usize = 3;
+/// Innovations that the start decides: without a prior of the first position there are two.
+const FIRST: usize = N - 1;
 type Vector = [f64; N];
 type Matrix = [[f64; N]; N];
 
@@ -31,7 +33,7 @@ pub struct Log<'a> {
     pub prior: [f64; 3],
 }
 
-/// Sums over the innovations e with variance a, of those after the first three measured positions.
+/// Sums over the innovations e with variance a, of those after the first two: the start decides these.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Likelihood {
     /// Sum of e^2 / a.
@@ -59,7 +61,24 @@ impl Log<'_> {
     }
 
     /// Position, velocity and acceleration with their variances, six numbers for each time into `out`.
+    ///
+    /// The log is smoothed forward and backward, and each half is taken from the run that ends there: where a run starts, its wide prior costs precision.
     pub fn smooth(&self, out: &mut [[f64; 6]]) -> Likelihood {
+        let found = self.smooth_forward(out);
+        let [time, position, variance] =
+            [self.time, self.position, self.variance].map(|values| values.iter().rev().copied().collect::<Vec<f64>>());
+        let time: Vec<f64> = time.iter().map(|time| -time).collect();
+        let backward = Log { time: &time, position: &position, variance: &variance, ..*self };
+        let mut reversed = vec![[0.0; 6]; out.len()];
+        backward.smooth_forward(&mut reversed);
+        let half = out.len() / 2;
+        for (to, [q, qd, qdd, var_q, var_qd, var_qdd]) in out[..half].iter_mut().zip(reversed.into_iter().rev()) {
+            *to = [q, -qd, qdd, var_q, var_qd, var_qdd];
+        }
+        found
+    }
+
+    fn smooth_forward(&self, out: &mut [[f64; 6]]) -> Likelihood {
         let mut states = Vec::with_capacity(self.time.len());
         let mut found = Likelihood::default();
         self.filter(|innovation| found.add(innovation), |predicted, filtered| states.push((predicted, filtered)));
@@ -87,15 +106,21 @@ impl Log<'_> {
         for (i, deviation) in self.prior.into_iter().enumerate() {
             state.root[i][i] = deviation;
         }
+        // A first position that was measured is where the motion starts, without any prior.
+        let mut is_start = self.position.first().is_some_and(|position| position.is_finite());
+        if let (true, Some(variance)) = (is_start, self.variance.first()) {
+            state.root[0][0] = variance.sqrt();
+        }
         let mut before: Option<f64> = None;
         for ((&time, &position), &variance) in self.time.iter().zip(self.position).zip(self.variance) {
             if let Some(before) = before {
                 state = predicted(&state, (time - before, self.density));
             }
             let prediction = state;
-            if position.is_finite() {
+            if position.is_finite() && !is_start {
                 state.update(position, variance, &mut innovation);
             }
+            is_start = false;
             keep(prediction, state);
             before = Some(time);
         }
@@ -105,7 +130,7 @@ impl Log<'_> {
 impl Likelihood {
     fn add(&mut self, [innovation, variance]: [f64; 2]) {
         self.count += 1;
-        if self.count > N {
+        if self.count > FIRST {
             self.squares += innovation * innovation / variance;
             self.logarithms += variance.ln();
         }
@@ -184,44 +209,44 @@ fn lower(mut rows: [[f64; 2 * N]; N]) -> Matrix {
 }
 
 /// The smoothed state from the filtered one, the prediction from it and the smoothed state of the next time: P = (1 - G F) P (1 - G F)* + G (s Q + P_next) G*.
+///
+/// With the roots S of P and L of the prediction and C = L^-1 F S, which is at most 1, the gain is G = S C* L^-1: its products are formed without G, which would cost the
+/// square of the condition of L.
 fn smoothed(
     filtered: &State,
     prediction: &State,
     (next_mean, next_covariance): &(Vector, Matrix),
     (step, density): (f64, f64),
 ) -> (Vector, Matrix) {
-    let moved = transition(step);
-    let root = product(&moved, &filtered.root);
-    // G = root_filtered root* (L L*)^-1.
-    let mut gain = times_transposed(&filtered.root, &root);
-    for row in &mut gain {
-        divide(&prediction.root, row);
-    }
-    let off: Vector = std::array::from_fn(|i| next_mean[i] - prediction.mean[i]);
-    let back = times(&gain, &off);
-    let mean = std::array::from_fn(|i| filtered.mean[i] + back[i]);
-    let through = product(&gain, &root);
+    let contraction = divided(&prediction.root, product(&transition(step), &filtered.root));
+    let back: Matrix =
+        std::array::from_fn(|i| std::array::from_fn(|j| (0..N).map(|k| filtered.root[i][k] * contraction[j][k]).sum()));
+    let off: Matrix = std::array::from_fn(|i| [next_mean[i] - prediction.mean[i], 0.0, 0.0]);
+    let change = product(&back, &divided(&prediction.root, off));
+    let mean = std::array::from_fn(|i| filtered.mean[i] + change[i][0]);
+    let through = product(&back, &contraction);
     let kept: Matrix = std::array::from_fn(|i| std::array::from_fn(|j| filtered.root[i][j] - through[i][j]));
-    let noise = product(&gain, &noise_root((step, density)));
-    let of_next = times_transposed(&product(&gain, next_covariance), &gain);
+    let noise = product(&back, &divided(&prediction.root, noise_root((step, density))));
+    // L^-1 P_next L^-*, of which P_next L^-* is the transpose of L^-1 P_next.
+    let scaled = divided(&prediction.root, transposed(&divided(&prediction.root, *next_covariance)));
+    let of_next = times_transposed(&product(&back, &scaled), &back);
     let (own, jerk) = (times_transposed(&kept, &kept), times_transposed(&noise, &noise));
     (mean, std::array::from_fn(|i| std::array::from_fn(|j| own[i][j] + jerk[i][j] + of_next[i][j])))
 }
 
-/// x (L L*)^-1 for a row x and a lower triangular L.
-fn divide(root: &Matrix, row: &mut Vector) {
+/// L^-1 A for a lower triangular L.
+fn divided(root: &Matrix, mut a: Matrix) -> Matrix {
     for i in 0..N {
-        for j in 0..i {
-            row[i] -= root[i][j] * row[j];
+        for column in 0..N {
+            let before: f64 = (0..i).map(|j| root[i][j] * a[j][column]).sum();
+            a[i][column] = (a[i][column] - before) / root[i][i];
         }
-        row[i] /= root[i][i];
     }
-    for i in (0..N).rev() {
-        for j in i + 1..N {
-            row[i] -= root[j][i] * row[j];
-        }
-        row[i] /= root[i][i];
-    }
+    a
+}
+
+fn transposed(a: &Matrix) -> Matrix {
+    std::array::from_fn(|i| std::array::from_fn(|j| a[j][i]))
 }
 
 fn times(a: &Matrix, x: &Vector) -> Vector {
@@ -234,4 +259,29 @@ fn product(a: &Matrix, b: &Matrix) -> Matrix {
 
 fn times_transposed(a: &Matrix, b: &Matrix) -> Matrix {
     std::array::from_fn(|i| std::array::from_fn(|j| (0..N).map(|k| a[i][k] * b[j][k]).sum()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Log;
+
+    /// A motion without jerk is reproduced, with a gap, and its variances are those of least squares where the density is small: sigma^2 / k in the mean.
+    #[test]
+    fn a_parabola_stays() {
+        let time: Vec<f64> = (0..50).map(|k| 0.01 * f64::from(k) + 0.002 * f64::from(k % 3)).collect();
+        let mut position: Vec<f64> = time.iter().map(|t| 3.0 + 2.0 * t - 5.0 * t * t).collect();
+        for missing in &mut position[20..30] {
+            *missing = f64::NAN;
+        }
+        let log =
+            Log { time: &time, position: &position, variance: &[1e-4; 50], density: 1e-3, prior: [1e3, 1e4, 1e6] };
+        let mut out = [[f64::NAN; 6]; 50];
+        let likelihood = log.smooth(&mut out);
+        assert_eq!((likelihood.count, log.likelihood()), (39, likelihood));
+        for (t, [q, qd, qdd, var_q, var_qd, var_qdd]) in time.iter().zip(out) {
+            assert!((q - (3.0 + 2.0 * t - 5.0 * t * t)).abs() <= 1e-8, "{q}");
+            assert!((qd - (2.0 - 10.0 * t)).abs() <= 1e-7 && (qdd + 10.0).abs() <= 1e-6, "{qd} {qdd}");
+            assert!(var_q > 0.0 && var_q <= 1e-4 && var_qd > 0.0 && var_qdd > 0.0);
+        }
+    }
 }

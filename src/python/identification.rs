@@ -107,7 +107,8 @@ impl PyScene {
     /// instruments : tuple of array_like, optional
     ///     (q, qd, qdd) of the trajectory that was commanded: instrumental variables, which remove the bias by noise in the measured motion.
     /// blocks : int
-    ///     The number of blocks of time of the jackknife. Each should be longer than half the correlation time of the residuals.
+    ///     The number of blocks of time of the jackknife. Each should be longer than half the correlation time of the residuals: where neighboring blocks are correlated, or have fewer than two torques per parameter, they are
+    ///     merged, down to eight.
     ///
     /// Returns
     /// -------

@@ -122,7 +122,7 @@ def test_identify_from_rates_alone(measured: Path, tmp_path: Path) -> None:
     scene, t = phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM), np.linspace(0, 2, 1001)
     turns = np.outer(t, [5.0, 6.0, 7.0, 8.0, 9.0, 10.0])
     q, qd, qdd = np.sin(turns), turns[1] / t[1] * np.cos(turns), -((turns[1] / t[1]) ** 2) * np.sin(turns)
-    arrays = {"q": q, "qd": qd, "tau": scene.inverse_dynamics(q, qd, qdd)}
+    arrays = {"q": q, "qd": qd, "tau": scene.inverse_dynamics(q, qd, qdd) + scene.damping * qd + scene.friction * qd / np.sqrt(qd**2 + 1e-4)}
     file, robot = tmp_path / "rates.npz", str(measured.parent / "arm.urdf")
     np.savez(file, **arrays)
     refused = run("identify", robot, str(file))

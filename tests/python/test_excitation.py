@@ -30,12 +30,14 @@ def test_it_is_within_limits_and_consistent(arm: phipsi.Scene) -> None:
 
 def test_limits_of_torque_bind(arm: phipsi.Scene) -> None:
     limits = arm.limits
-    held = np.max(np.abs(arm.gravity_torque(0.5 * (limits.lower + limits.upper))))
-    tight = limits._replace(effort=np.full(6, 1.5 * held))
-    found = arm.excitation(4.0, limits=tight, iterations=10)
-    assert np.all(np.abs(found.tau) <= tight.effort)
+    held = np.abs(arm.gravity_torque(0.5 * (limits.lower + limits.upper)))
+    tight = limits._replace(effort=0.25 * limits.effort)
+    assert np.all(np.abs(arm.excitation(4.0, limits=tight, iterations=10).tau) <= tight.effort)
+    assert np.any(np.abs(arm.excitation(4.0, iterations=10).tau) > tight.effort)
     with pytest.raises(ArgumentError, match=r"limits: found too little torque for joint 'joint\d' to hold"):
-        arm.excitation(4.0, limits=limits._replace(effort=np.full(6, 0.1 * held)))
+        arm.excitation(4.0, limits=limits._replace(effort=np.full(6, 0.1 * held.max())))
+    with pytest.raises(ArgumentError, match=r"limits: found too little torque for joint 'joint\d' to move"):
+        arm.excitation(4.0, limits=limits._replace(effort=held + 0.5 * arm.friction))
 
 
 def test_predicted_deviations_are_those_of_a_log() -> None:

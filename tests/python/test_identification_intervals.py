@@ -51,7 +51,7 @@ def test_intervals_hold_whatever_the_spectrum(kind: str, log: tuple[phipsi.Scene
 def test_the_jackknife_is_that_of_refits(log: tuple[phipsi.Scene, tuple[np.ndarray, ...], np.ndarray]) -> None:
     """Least squares on independent columns without each block, written out."""
     scene, motion, tau = log
-    measured = tau + 0.3 * residuals("drift of 1 s", 2000, 3, np.random.default_rng(1))
+    measured = tau + 0.3 * residuals("low pass 10 Hz", 2000, 3, np.random.default_rng(1))
     found = scene.identify(*motion, measured, fit=FIT, noise=0.3)
     columns = found.columns
     rows, known = columns.rows(*motion)
@@ -90,7 +90,7 @@ def test_where_data_decide_nothing_the_share_says_so() -> None:
     q, qd, qdd = states(scene, 500)
     tau = scene.inverse_dynamics(q, qd, qdd) + 0.1 * np.random.default_rng(0).standard_normal((500, 6))
     found = scene.identify(q, qd, qdd, tau, noise=0.1)
-    # The first link turns about a fixed axis: its mass has no effect.
+    # The first link rotates about a fixed axis: its mass has no effect.
     assert found.share[0, 0] < 0.01 and ("link1", "m") in found.undecided()
     alone = scene.identify(q, qd, qdd, tau, noise=0.1, keep=[f"link{at}" for at in range(1, 6)])
     assert np.all(alone.share[5] > 0.9) and np.all(np.isnan(alone.share[:5]))

@@ -40,12 +40,13 @@ def dense(time: np.ndarray, q: np.ndarray, sigma: float, density: float) -> tupl
     return values, np.array([float(covariance[i, i]) for i in range(3 * count)]).reshape(count, 3)
 
 
-def test_it_is_dense_estimation_at_any_spacing() -> None:
-    draw = np.random.default_rng(0)
+@pytest.mark.parametrize("sigma", [1e-3, 1e-6, 1e-8])
+def test_it_is_dense_estimation_at_any_spacing(sigma: float) -> None:
+    """From the first to the last time: where the motion starts there is no prior, and no digits are lost to one."""
+    draw, cutoff = np.random.default_rng(0), 8.0
     time = np.cumsum(draw.uniform(0.002, 0.05, 18))
-    q = np.sin(5 * time) + 1e-3 * draw.standard_normal(18)
+    q = np.sin(5 * time) + sigma * draw.standard_normal(18)
     q[[4, 9, 10]] = np.nan
-    sigma, cutoff = 1e-3, 8.0
     found = phipsi.smooth(time, q, noise=sigma, cutoff=cutoff)
     seen = time[np.isfinite(q)]
     step = (seen[-1] - seen[0]) / (len(seen) - 1)

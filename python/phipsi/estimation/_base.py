@@ -18,8 +18,9 @@ __all__ = ["BaseParameters", "Combinations", "combinations"]
 
 _Array = NDArray[np.float64]
 
-#: A column depends on those before where this share of it, at most, is independent of them. Rounding leaves 1e-13, robots have 1e-4 and more.
-DEPENDENT = 1e-9
+#: A column depends on those before where this share of it, at most, is independent of them. Rounding leaves 1e-13; right angles that a file has as 1.5708 leave 4e-6, which
+#: no log can determine; independent columns of robots have 1e-2 and more.
+DEPENDENT = 2e-5
 #: Coefficients below this are those of rounding.
 COEFFICIENT = 1e-9
 

@@ -28,6 +28,8 @@ ANGLE, LENGTH = 1.0, 0.2
 USED, SEARCHED = 0.9, 120
 #: Standard deviations of the search's steps: the first, the last, and relative to the amplitudes.
 STEP = (0.5, 0.02)
+#: The least share of the range that a motion takes.
+LEAST = 1e-3
 #: The noise of the torques where none is given: this share of the largest.
 NOISE = 0.01
 
@@ -86,12 +88,10 @@ def excitation(
     time = np.arange(round(duration * rate)) / rate
     q, qd, qdd = search.motion(best, time)
     columns = search.columns
-    tau = scene.inverse_dynamics(q, qd, qdd) + columns.known(q, qd, qdd)
-    losses = {"damping": qd, "friction": qd / np.sqrt(qd**2 + columns.slow**2)}
-    for name in columns.fit:
-        if name in losses:
-            tau = tau + getattr(scene, name) * losses[name]
-    deviation = NOISE * np.maximum(np.max(np.abs(tau), axis=0), 1e-300) if noise is None else np.asarray(_core._numbers("noise", noise))
+    springs = scene.stiffness * scene.difference(np.broadcast_to(scene.rest, q.shape), q)
+    tau = scene.inverse_dynamics(q, qd, qdd) + scene.damping * qd + scene.friction * qd / np.sqrt(qd**2 + columns.slow**2) + springs
+    largest = np.max(np.abs(tau), axis=0)
+    deviation = NOISE * np.maximum(largest, 1e-6 * largest.max()) if noise is None else np.asarray(_core._numbers("noise", noise))
     if deviation.shape not in ((), (scene.nv,)) or not np.all(deviation > 0.0):
         raise of_argument(ShapeError, "noise", f"found shape {deviation.shape}; expected () or ({scene.nv},), above zero")
     matrix = search.matrix(q, qd, qdd, np.broadcast_to(deviation, (scene.nv,)))
@@ -166,6 +166,10 @@ class _Search:
         for _ in range(20):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if self._allowed(middle * found) else (low, middle)
+        if low < LEAST:
+            moved = np.abs(self._torques(*self.motion(LEAST * found, self.times))).max(axis=0)
+            joint = self.scene.joint_names[int(np.argmax(moved / self.effort))]
+            raise of_argument(ArgumentError, "limits", f"found too little torque for joint {joint!r} to move: {moved.max():.3g} needed; expected more effort, or a range around another position")
         return np.asarray(low * found)
 
     def _allowed(self, coefficients: _Array) -> bool:
@@ -184,7 +188,8 @@ class _Search:
         """Logarithm of the determinant of the information."""
         q, qd, qdd = self.motion(coefficients, self.times)
         torques = self._torques(q, qd, qdd)
-        singular = np.linalg.svd(self.matrix(q, qd, qdd, np.maximum(np.abs(torques).max(axis=0), 1e-12)), compute_uv=False)
+        largest = np.abs(torques).max(axis=0)
+        singular = np.linalg.svd(self.matrix(q, qd, qdd, np.maximum(largest, 1e-6 * largest.max(initial=1e-300))), compute_uv=False)
         return float(2.0 * np.sum(np.log(np.maximum(singular, 1e-300))))
 
     def run(self, iterations: int, random: np.random.Generator) -> tuple[_Array, float]:

@@ -17,6 +17,7 @@ uncertain, H^-1 P H^-1 with the prior's part P of H. For independent residuals t
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -25,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from ..errors import ArgumentError, IdentificationWarning, ShapeError, of_argument
-from ._accumulator import Accumulator, Block, merged_triangles
+from ._accumulator import Accumulator, Block, _halved, merged_triangles
 from ._base import BaseParameters, Combinations, combinations
 from ._bodies import prior_of_bodies, with_parameters
 from ._columns import PROPERTIES, SIGNED, Columns
@@ -49,6 +50,8 @@ ROUNDING = 2.0**-36
 DECIDED, BIAS = 0.9, 0.2
 #: Fewer blocks give no interval: that of independent residuals is taken.
 FEWEST_BLOCKS = 4
+#: Blocks are too short where the scores of neighbors are correlated by more than this, or with fewer torques than so many per parameter: neighbors are merged, down to so many.
+CORRELATED, ROWS, FEWEST_LONG = 0.1, 2.0, 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -335,6 +338,8 @@ def solved(accumulator: Accumulator, noise: ArrayLike | None, trust: float, *, s
     triangle = merged_triangles([np.column_stack([rows @ problem.to_own, target])])
     z, root = most_probable(triangle[:, :-1], triangle[:, -1], problem.bodies, trust)
     own = problem.to_own @ z
+    # Merges blocks that are too short.
+    base = base_parameters(problem, weights)
     by_data, by_prior = _columns_of_covariance(problem, weights, own, root)
     parameters = columns.own.copy()
     full = np.zeros((len(parameters), 10, by_data.shape[1] + by_prior.shape[1]))
@@ -351,7 +356,6 @@ def solved(accumulator: Accumulator, noise: ArrayLike | None, trust: float, *, s
         joints[extra.kind][extra.name] = float(own[at])
         spread[extra.kind][extra.name] = float(np.sqrt(np.sum(by_data[at] ** 2) + np.sum(by_prior[at] ** 2)))
     singular = np.linalg.svd(triangle[:, :-1], compute_uv=False)
-    base = base_parameters(problem, weights)
     blocks = len(problem.blocks) if len(problem.blocks) >= FEWEST_BLOCKS else 1
     found = Identification(
         columns, own, _scene(columns, parameters, joints, stacklevel + 1), parameters, _squared(full), full, share, joints, spread, base, weights,
@@ -381,8 +385,6 @@ def _warn_of_bias(found: Identification, stacklevel: int) -> None:
 
 def _for_jackknife(accumulator: Accumulator) -> list[Block]:
     """The blocks, near the wanted number."""
-    from ._accumulator import _halved
-
     found = accumulator.blocks()
     while 2 * len(found) >= 3 * accumulator.wanted:
         found = _halved(found)
@@ -431,12 +433,23 @@ def base_parameters(problem: _Problem, weights: _Array) -> BaseParameters:
     values = root @ (orthogonal.T[kept] @ target)
     own = np.zeros(columns.width)
     own[at] = values
+
+    def scores() -> Iterator[tuple[_Array, _Array, _Array]]:
+        """Of each block the whitened columns, left and right, and the score."""
+        for block in problem.blocks:
+            part = problem.rows(block.triangles, weights)
+            of_block = (part.left[:, at] @ root).T
+            yield of_block, part.right[:, at] @ root, of_block @ (part.target - part.right @ own)
+
+    torques = float(np.sum(problem.counts))
+    while len(problem.blocks) >= 2 * FEWEST_LONG and (
+        torques < ROWS * root.shape[1] * len(problem.blocks) or _correlation([score for _, _, score in scores()]) > CORRELATED
+    ):
+        problem.blocks = _halved(problem.blocks)
     moved: list[_Array] = []
-    for block in problem.blocks:
-        part = problem.rows(block.triangles, weights)
-        of_block = (part.left[:, at] @ root).T
-        remaining = np.eye(root.shape[1]) - of_block @ (part.right[:, at] @ root)
-        moved.append(np.asarray(np.linalg.lstsq(remaining, of_block @ (part.target - part.right @ own), rcond=None)[0], float))
+    for of_block, right_of_block, score in scores():
+        remaining = np.eye(root.shape[1]) - of_block @ right_of_block
+        moved.append(np.asarray(np.linalg.lstsq(remaining, score, rcond=None)[0], float))
     by_data = root @ _jackknife(moved) if len(moved) >= FEWEST_BLOCKS else root
     covariance = by_data @ by_data.T
     covariance[~determined, ~determined] = np.inf
@@ -446,6 +459,13 @@ def base_parameters(problem: _Problem, weights: _Array) -> BaseParameters:
     degrees = float(len(moved) - 1) if len(moved) >= FEWEST_BLOCKS else np.inf
     bias = _bias(problem, weights, (at, root, values)) if problem.accumulator.acceleration_noise is not None else np.full(count, np.nan)
     return BaseParameters(tuple(names[i] for i in at), found.matrix, tuple(names), values, np.asarray(model), covariance, degrees, bias)
+
+
+def _correlation(scores: list[_Array]) -> float:
+    """Of the scores of neighboring blocks: about -1 / blocks where they are independent."""
+    all_scores = np.array(scores)
+    total = float(np.sum(all_scores**2))
+    return float(np.sum(all_scores[1:] * all_scores[:-1])) / total if total > 0.0 else 0.0
 
 
 def _combinations(columns: Columns) -> Combinations:

@@ -18,10 +18,12 @@ _Array = NDArray[np.float64]
 
 #: Samples that noise and bandwidth are estimated from, in pieces.
 SAMPLED, PIECES = 8000, 4
-#: Standard deviations of position, velocity and acceleration at the start, in ranges of the signal over powers of the step: wide enough to have no weight.
-WIDE = (1e3, 1e2, 1e2)
+#: Standard deviations at the start, in the largest differences: wide enough to have no weight.
+WIDE = 1e3
 #: Multiples of a step of the encoder that are still steps; the largest share of samples that may be off them.
 WHOLE = 1e-3
+#: Innovations of a piece that its start decides.
+START = 2
 #: Steps of the search for the bandwidth.
 STEPS = 40
 
@@ -148,11 +150,21 @@ class _Joint:
             slow = np.append(changes, changes[-1:]) < 2.0 * self.quantum
             self.relative[np.flatnonzero(seen)[slow]] = 3.0
         self.range = max(float(np.ptp(measured)), 1e-12 * float(np.max(np.abs(measured))), 1e-300)
-        self.prior = (WIDE[0] * self.range, WIDE[1] * self.range / self.step, WIDE[2] * self.range / self.step**2)
+        self.prior = self._prior(time[seen], measured)
         pieces = max(1, min(PIECES, len(position) // (SAMPLED // PIECES)))
         length = min(len(position), SAMPLED // pieces if len(position) > SAMPLED else len(position))
         begins = np.linspace(0, len(position) - length, pieces).astype(int) if length < len(position) else [0]
         self.pieces = [slice(int(begin), int(begin) + length) for begin in begins]
+
+    def _prior(self, time: _Array, measured: _Array) -> tuple[float, float, float]:
+        """Standard deviations of position, velocity and acceleration at the start, above all that the differences have."""
+        moving = np.append(True, np.diff(time) > 0.0)
+        time, measured = time[moving], measured[moving]
+        rates = np.diff(measured) / np.diff(time)
+        bends = np.diff(rates) / (0.5 * (time[2:] - time[:-2]))
+        least = self.range / max(float(time[-1] - time[0]), self.step)
+        velocity = max(float(np.max(np.abs(rates))), least)
+        return WIDE * self.range, WIDE * velocity, WIDE * max(float(np.max(np.abs(bends), initial=0.0)), velocity / max(float(time[-1] - time[0]), self.step))
 
     def likelihood(self, variance: float, hertz: float) -> tuple[float, float, int]:
         """Sum of e^2 / a, sum of log a and number of the innovations."""
@@ -172,7 +184,7 @@ class _Joint:
             hertz = float(np.exp(log_hertz))
             variance = noise**2 if noise is not None else self.range**2 * 1e-6
             squares, logarithms, count = self.likelihood(variance, hertz)
-            count = max(count - 3 * len(self.pieces), 1)
+            count = max(count - START * len(self.pieces), 1)
             if noise is not None:
                 return squares + logarithms, noise
             # Innovations scale with the noise at a given bandwidth.

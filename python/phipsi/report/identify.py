@@ -146,12 +146,14 @@ def _show(found: Identification, links: tuple[str, ...]) -> None:
     console = Console()
     low, high = found.interval()
     half = 0.5 * (high - low)
-    body = []
-    for link, values, bars, share in zip(links, found.parameters, half, found.share, strict=True):
-        mark = ["" if not np.isfinite(one) or one >= DECIDED else "*" for one in share]
-        body.append((escape(link), *(f"{values[at]:.4g} ± {bars[at]:.2g}{mark[at]}" for at in (0, 1, 2, 3, 4, 6, 9))))
-    heads = ("link", "m, kg", "m cx, kg m", "m cy", "m cz", "Ixx, kg m^2", "Iyy", "Izz")
-    terminal.table(console, "Bodies about the link's origin, with intervals of 95 % (* the prior's: the data do not decide)", heads, body, 1)
+    title = "Bodies about the link's origin, with intervals of 95 % (* the prior's: the data do not decide)"
+    for heads, entries in ((("m, kg", "m cx, kg m", "m cy", "m cz"), (0, 1, 2, 3)), (("Ixx, kg m^2", "Iyy", "Izz"), (4, 6, 9))):
+        body = []
+        for link, values, bars, share in zip(links, found.parameters, half, found.share, strict=True):
+            mark = ["" if not np.isfinite(one) or one >= DECIDED else "*" for one in share]
+            body.append((escape(link), *(f"{values[at]:.3g} ± {bars[at]:.2g}{mark[at]}" for at in entries)))
+        terminal.table(console, title, ("link", *heads), body, 1)
+        title = ""
     motors = found.columns.motor_names
     each = [
         (escape(motor), *(f"{value:.3g}" for value in values), *(f"{of[motor]:.4g}" if motor in of else "" for of in found.joints.values()))
