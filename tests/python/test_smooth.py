@@ -101,6 +101,13 @@ def test_noise_and_bandwidth_are_estimated(seed: int) -> None:
     assert 0.8 < np.std(off) < 1.2
 
 
+def test_noise_is_estimated_at_a_given_bandwidth() -> None:
+    """Far above the frequency of the motion, and not taken for what a narrower filter delays."""
+    time = np.arange(0.0, 10.0, 0.01)
+    q = 2.0 * np.sin(2 * np.pi * 0.5 * time) + 1e-5 * np.random.default_rng(0).standard_normal(1000)
+    assert 0.9e-5 < phipsi.smooth(time, q, cutoff=6.0).noise[0] < 1.1e-5
+
+
 def test_the_steps_of_an_encoder_are_its_noise() -> None:
     time, quantum = np.arange(0.0, 4.0, 0.002), 1e-3
     truth = np.sin(2 * time)

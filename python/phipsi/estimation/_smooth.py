@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,6 +25,8 @@ WIDE = 1e3
 WHOLE = 1e-3
 #: Innovations of a piece that its start decides.
 START = 2
+#: Periods of the bandwidth from an end of the log, within which what the smoother leaves is not all noise.
+ENDS = 1.5
 #: Steps of the search for the bandwidth.
 STEPS = 40
 
@@ -128,6 +131,12 @@ def _given(name: str, value: ArrayLike | None, count: int) -> _Array | None:
     return np.array(np.broadcast_to(found, (count,)))
 
 
+class _Part(NamedTuple):
+    time: _Array
+    position: _Array
+    relative: _Array
+
+
 class _Joint:
     """The log of one joint."""
 
@@ -192,7 +201,7 @@ class _Joint:
             return squares / scale + logarithms + count * np.log(scale), float(np.sqrt(scale * variance))
 
         if cutoff is not None:
-            return max(at(np.log(cutoff))[1], least), cutoff
+            return max(self._left(cutoff), least), cutoff
         low, high = np.log(0.5 / (self.time[-1] - self.time[0])), np.log(0.45 / self.step)
         grid = np.linspace(low, max(high, low + 0.1), STEPS // 2)
         best = int(np.argmin([at(float(one))[0] for one in grid]))
@@ -206,6 +215,24 @@ class _Joint:
                 left = one
         middle = 0.5 * (left + right)
         return at(middle)[1], float(np.exp(middle))
+
+    def _left(self, hertz: float) -> float:
+        """Standard deviation of the noise by what a smoother of this bandwidth leaves: innovations would have the signal in them that the bandwidth delays."""
+        squares, share, count = 0.0, 0.0, 0
+        for part in self.pieces:
+            own = _Part(self.time[part], self.position[part], self.relative[part])
+            density = (2.0 * np.pi * hertz) ** 6 * self.step
+            found = _core._smooth_log(own.time, own.position, own.relative, density, self.prior)
+            seen = np.isfinite(own.position)
+            # Near the ends the bandwidth is lower.
+            inner = (own.time > own.time[0] + ENDS / hertz) & (own.time < own.time[-1] - ENDS / hertz)
+            if (seen & inner).sum() > 0.2 * seen.sum():
+                seen &= inner
+            squares += float(np.sum((own.position - found[:, 0])[seen] ** 2 / own.relative[seen]))
+            # The variance of what is left is that of the noise less that of the estimate.
+            share += float(np.sum(1.0 - found[seen, 3] / own.relative[seen]))
+            count += int(seen.sum())
+        return float(np.sqrt(squares / max(share, 1e-3 * count)))
 
     def smooth(self, noise: float, hertz: float) -> _Array:
         """q, qd, qdd and their variances, (k, 6)."""
