@@ -30,6 +30,7 @@ impl PyScene {
     ///
     /// Raises ArgumentError for a scene with connections; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
     ///
+    /// >>> import phipsi
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> scene.regressor([0.1, 0.2, 0.3], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]).shape
     /// (3, 3, 10)

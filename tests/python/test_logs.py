@@ -10,7 +10,7 @@ import pytest
 from logs import STEP, arm_of_three, fourier
 
 import phipsi
-from phipsi.errors import ArgumentError
+from phipsi.errors import ArgumentError, LogWarning
 from phipsi.estimation import Accumulator, _logs, accumulate_logs, read_log
 
 #: A file that says that a worker was lost once.
@@ -111,6 +111,13 @@ def test_a_bag(written: tuple[phipsi.Scene, list[Path], dict[str, np.ndarray]], 
     (mcap,) = (tmp_path / "bag").glob("*.mcap")
     assert len(read_log(mcap, scene)["q"]) == 300
     assert accumulate_logs(scene, [tmp_path / "bag"], cutoff=10.0).states == 300
+
+
+def test_faults_of_each_log_are_reported(written: tuple[phipsi.Scene, list[Path], dict[str, np.ndarray]], tmp_path: Path) -> None:
+    scene, files, arrays = written
+    np.savez(tmp_path / "degrees.npz", t=arrays["t"], q=arrays["q"], qd=np.degrees(arrays["qd"]), qdd=np.degrees(arrays["qdd"]), tau=arrays["tau"])
+    with pytest.warns(LogWarning, match="qd: found q that changes 0.017"):
+        accumulate_logs(scene, [files[0], tmp_path / "degrees.npz"])
 
 
 def test_what_cannot_be_read(written: tuple[phipsi.Scene, list[Path], dict[str, np.ndarray]], tmp_path: Path) -> None:

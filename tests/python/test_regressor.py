@@ -9,7 +9,9 @@ from tolerances import assert_near, recursion, size
 
 import phipsi
 from phipsi.errors import ArgumentError, NotFiniteError, ShapeError
+from phipsi.estimation._base import combinations
 from phipsi.estimation._bodies import own_parameters
+from phipsi.estimation._columns import Columns
 
 
 def mixed() -> phipsi.Scene:
@@ -71,6 +73,26 @@ def test_as_pinocchios() -> None:
         configuration = np.concatenate([[np.cos(a), np.sin(a)] for a in q[k]]) if model.nq == 12 else q[k]
         theirs = pin.computeJointTorqueRegressor(model, data, configuration, qd[k], qdd[k]).reshape(6, 6, 10)[:, order]
         assert_near(found[k], theirs, recursion(6, 10 * size(theirs)))
+
+
+@pytest.mark.parametrize("kind", ["bundled", "arm", "floating"])
+def test_base_parameters_are_the_rank_of_pinocchios_regressor(kind: str) -> None:
+    """And torques are those of the base parameters alone. benches/estimation.py has larger robots."""
+    pin = pytest.importorskip("pinocchio")
+    scene = {"bundled": lambda: phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM), "arm": lambda: arm(4), "floating": lambda: arm(5, 4, base=True)}[kind]()
+    floating = kind == "floating"
+    text = scene.to_urdf()
+    model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer()) if floating else pin.buildModelFromXML(text)
+    data, draw = model.createData(), np.random.default_rng(0)
+    drawn = [(pin.integrate(model, pin.neutral(model), draw.uniform(-2, 2, model.nv)), *draw.standard_normal((2, model.nv))) for _ in range(40)]
+    stacked = np.concatenate([pin.computeJointTorqueRegressor(model, data, *state).copy() for state in drawn])
+    singular = np.linalg.svd(stacked / np.maximum(np.linalg.norm(stacked, axis=0), 1e-12), compute_uv=False)
+    found = combinations(Columns(scene))
+    assert len(found.columns) == np.sum(singular > 1e-6 * singular[0])
+    given = moving(scene, 10)
+    tau = scene.with_properties(armature=0.0).inverse_dynamics(*given)
+    columns = scene.regressor(*given).reshape(10, scene.nv, -1)[:, :, found.columns]
+    assert_near(columns @ (found.matrix @ own_parameters(scene).ravel()), tau, 1e-9 * size(tau))
 
 
 def test_batches_broadcast_and_are_those_of_single_states() -> None:

@@ -28,13 +28,13 @@ __all__ = ["Accumulator", "Block"]
 _Array = NDArray[np.float64]
 
 #: Numbers of the regressors that are computed at once, and the least and the largest number of states.
-AT_ONCE, FEWEST, MOST = 1 << 21, 64, 4096
+AT_ONCE, FEWEST, MOST = 1 << 19, 64, 4096
 #: The number of states of the first blocks of a stream.
 FIRST = 256
 #: The largest torque, whose square is a number.
 LARGEST = 1e100
 #: States whose rows are rotated on several threads.
-THREADED = 1024
+THREADED = 256
 #: Of each call, the number of states at which the effect of noisy accelerations is computed.
 SAMPLED = 100
 
@@ -174,27 +174,30 @@ class Accumulator:
             self._add_noise(q[::every], qd[::every], qdd[::every], float(every))
         for begin in range(0, count, chunk):
             part = slice(begin, begin + chunk)
-            rows, known = columns.rows(q[part], qd[part], qdd[part])
+            rows, known = columns.rows(q[part], qd[part], qdd[part], room=1)
             of_reference = None if reference is None else columns.rows(*(one[part] for one in reference))[0]
             seen = np.isfinite(tau[part])
             torque = tau[part] - known
+            for motor, block in enumerate(rows):
+                block[:, -1] = torque[:, motor]
             self._squares += np.sum(np.where(seen, tau[part], 0.0) ** 2, axis=0)
             at = 0
             while at < len(torque):
                 upto = min(len(torque), at + self.length - self._open.states)
-                self._rotate(slice(at, upto), rows, of_reference, torque, seen)
+                self._rotate(slice(at, upto), rows, of_reference, seen)
                 self._open = self._open._replace(states=self._open.states + upto - at)
                 at = upto
                 if self._open.states == self.length:
                     self._close()
         return self
 
-    def _rotate(self, part: slice, rows: list[_Array], reference: list[_Array] | None, torque: _Array, seen: NDArray[np.bool_]) -> None:
+    def _rotate(self, part: slice, rows: list[_Array], reference: list[_Array] | None, seen: NDArray[np.bool_]) -> None:
         """Rows of each motor into its triangle of the open block, on several threads where there are many rows."""
 
         def rotate(motor: int) -> None:
-            parts = [] if reference is None else [reference[motor][part]]
-            whole = np.concatenate([*parts, rows[motor][part], torque[part, motor, None]], axis=1)
+            whole = rows[motor][part]
+            if reference is not None:
+                whole = np.concatenate([reference[motor][part], whole], axis=1)
             measured = seen[part, motor]
             if not measured.all():
                 whole = whole[measured]
@@ -204,7 +207,7 @@ class Accumulator:
         # The widest first.
         motors = sorted(range(len(rows)), key=lambda motor: -self._widths[motor])
         threads = min(_core.get_num_threads(), len(rows))
-        if threads > 1 and len(torque[part]) >= THREADED:
+        if threads > 1 and part.stop - part.start >= THREADED:
             with ThreadPoolExecutor(threads) as pool:
                 list(pool.map(rotate, motors))
         else:

@@ -178,8 +178,8 @@ class Columns:
         rows = self.scene.regressor(q, qd, qdd)
         return rows if self.inverse is None else np.einsum("ji,kjbp->kibp", self.inverse, rows)
 
-    def rows(self, q: _Array, qd: _Array, qdd: _Array) -> tuple[list[_Array], _Array]:
-        """For each row of torques the columns that it has, (k, used), and the torques that no column has, (k, motors)."""
+    def rows(self, q: _Array, qd: _Array, qdd: _Array, room: int = 0) -> tuple[list[_Array], _Array]:
+        """For each row of torques the columns that it has, (k, used + room), `room` of them not set, and the torques that no column has, (k, motors)."""
         of_bodies = self.regressor(q, qd, qdd)
         known = self.known(q, qd, qdd)
         if self.kept:
@@ -191,7 +191,7 @@ class Columns:
         found = []
         for at, used in enumerate(self.used):
             bodies = used[used < 10 * len(self.free)]
-            block = np.empty((len(q), len(used)))
+            block = np.empty((len(q), len(used) + room))
             if len(bodies) and bodies[-1] - bodies[0] + 1 == len(bodies):
                 block[:, : len(bodies)] = flat[:, at, bodies[0] : bodies[-1] + 1]
             else:

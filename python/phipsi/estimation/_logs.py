@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ArgumentError, of_argument
-from ._accumulator import Accumulator
+from ._accumulator import Accumulator, _log
+from ._checks import checked_time, warn_of_motion
 from ._smooth import smooth
 
 if TYPE_CHECKING:
@@ -207,6 +208,10 @@ def accumulate_logs(
 def _accumulated(scene: Scene, log: str, cutoff: float | None, settings: dict[str, Any]) -> Accumulator:
     """The triangles of one log."""
     arrays, _ = with_derivatives(read_log(log, scene), log, cutoff)
+    # Warnings of other processes are not seen; those of this one name the faults of each log.
+    q, qd, qdd, _ = _log(scene, arrays["q"], arrays["qd"], arrays["qdd"], arrays["tau"])
+    time = checked_time(arrays["time"], len(q), 5) if "time" in arrays else None
+    warn_of_motion(scene, time, q, qd, qdd, 5)
     return Accumulator(scene, **settings).add(arrays["q"], arrays["qd"], arrays["qdd"], arrays["tau"])
 
 
