@@ -208,7 +208,7 @@ fn lower(mut rows: [[f64; 2 * N]; N]) -> Matrix {
     found
 }
 
-/// The smoothed state from the filtered one, the prediction from it and the smoothed state of the next time: P = (1 - G F) P (1 - G F)* + G (s Q + P_next) G*.
+/// The smoothed state from the filtered one, the prediction from it and the smoothed state of the next time: `P = (1 - G F) P (1 - G F)* + G (s Q + P_next) G*`.
 ///
 /// With the roots S of P and L of the prediction and C = L^-1 F S, which is at most 1, the gain is G = S C* L^-1: its products are formed without G, which would cost the
 /// square of the condition of L.
@@ -227,7 +227,7 @@ fn smoothed(
     let through = product(&back, &contraction);
     let kept: Matrix = std::array::from_fn(|i| std::array::from_fn(|j| filtered.root[i][j] - through[i][j]));
     let noise = product(&back, &divided(&prediction.root, noise_root((step, density))));
-    // L^-1 P_next L^-*, of which P_next L^-* is the transpose of L^-1 P_next.
+    // `L^-1 P_next L^-*`: `P_next L^-*` is the transpose of `L^-1 P_next`.
     let scaled = divided(&prediction.root, transposed(&divided(&prediction.root, *next_covariance)));
     let of_next = times_transposed(&product(&back, &scaled), &back);
     let (own, jerk) = (times_transposed(&kept, &kept), times_transposed(&noise, &noise));
@@ -236,10 +236,11 @@ fn smoothed(
 
 /// L^-1 A for a lower triangular L.
 fn divided(root: &Matrix, mut a: Matrix) -> Matrix {
-    for i in 0..N {
-        for column in 0..N {
-            let before: f64 = (0..i).map(|j| root[i][j] * a[j][column]).sum();
-            a[i][column] = (a[i][column] - before) / root[i][i];
+    for (i, row) in root.iter().enumerate() {
+        let (before, rest) = a.split_at_mut(i);
+        for (column, entry) in rest[0].iter_mut().enumerate() {
+            let known: f64 = row.iter().zip(before.iter()).map(|(factor, above)| factor * above[column]).sum();
+            *entry = (*entry - known) / row[i];
         }
     }
     a

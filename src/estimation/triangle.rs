@@ -118,12 +118,11 @@ mod tests {
     /// Columns that depend on others leave rounding, and rounding of rounding, whose squares are below all numbers.
     #[test]
     fn dependent_columns_leave_finite_numbers() {
-        let width = 12;
-        let entry = |i: usize, j: usize| ((i * (j % 3 + 1)) as f64 * 0.7).sin() * if j > 8 { 1e-170 } else { 1.0 };
-        let rows: Vec<f64> = (0..40 * width).map(|at| entry(at / width, at % width)).collect();
-        let mut triangle = vec![0.0; width * width];
+        let entry = |i: u32, j: u32| f64::from(i * (j % 3 + 1)).sin() * if j > 8 { 1e-170 } else { 1.0 };
+        let rows: Vec<f64> = (0..480).map(|at| entry(at / 12, at % 12)).collect();
+        let mut triangle = vec![0.0; 144];
         for _ in 0..30 {
-            rotate_in(&mut triangle, &rows, width);
+            rotate_in(&mut triangle, &rows, 12);
         }
         assert!(triangle.iter().all(|entry| entry.is_finite()));
     }
@@ -132,8 +131,8 @@ mod tests {
     #[test]
     fn the_information_is_that_of_all_rows() {
         for (width, height) in [(1, 3), (5, 2), (6, 300), (13, 131)] {
-            let entry = |i: usize| ((i * i) as f64 * 0.7).sin() + 0.1;
-            let rows: Vec<f64> = (0..width * height).map(entry).collect();
+            let entries = (0..4000).map(|i| (f64::from(i) * f64::from(i) * 0.7).sin() + 0.1);
+            let rows: Vec<f64> = entries.take(width * height).collect();
             let mut triangle = vec![0.0; width * width];
             let (some, others) = rows.split_at(width * (height / 3));
             rotate_in(&mut triangle, some, width);
@@ -143,7 +142,7 @@ mod tests {
                 for j in 0..width {
                     let sum = |m: &[f64]| m.chunks_exact(width).map(|row| row[i] * row[j]).sum::<f64>();
                     let (found, expected) = (sum(&triangle), sum(&rows));
-                    assert!((found - expected).abs() <= 1e-12 * height as f64, "{found} {expected}");
+                    assert!((found - expected).abs() <= 1e-10, "{found} {expected}");
                 }
             }
         }
