@@ -1,5 +1,6 @@
 """Estimation from logs of measurements: smoothing, identification of parameters with intervals, excitation.
 
+>>> import numpy as np
 >>> import phipsi
 >>> time = np.arange(0.0, 2.0, 0.01)
 >>> phipsi.smooth(time, np.sin(time), cutoff=10.0).qd.shape

@@ -74,6 +74,9 @@ class Accumulator:
 
     Examples
     --------
+    >>> import numpy as np
+    >>> import phipsi
+    >>> from phipsi.estimation import Accumulator
     >>> scene = phipsi.scenes.chain(3)
     >>> q, qd, qdd = np.random.default_rng(0).uniform(-1, 1, (3, 1000, 3))
     >>> parts = [Accumulator(scene).add(q[a:b], qd[a:b], qdd[a:b], scene.inverse_dynamics(q, qd, qdd)[a:b]) for a, b in ((0, 500), (500, 1000))]
@@ -175,7 +178,7 @@ class Accumulator:
         for begin in range(0, count, chunk):
             part = slice(begin, begin + chunk)
             rows, known = columns.rows(q[part], qd[part], qdd[part], room=1)
-            of_reference = None if reference is None else columns.rows(*(one[part] for one in reference))[0]
+            of_reference = None if reference is None else columns.rows(reference[0][part], reference[1][part], reference[2][part])[0]
             seen = np.isfinite(tau[part])
             torque = tau[part] - known
             for motor, block in enumerate(rows):

@@ -92,6 +92,8 @@ def smooth(time: ArrayLike, q: ArrayLike, *, noise: ArrayLike | None = None, cut
 
     Examples
     --------
+    >>> import numpy as np
+    >>> import phipsi
     >>> time = np.arange(0.0, 2.0, 0.005)
     >>> found = phipsi.smooth(time, np.sin(3 * time) + 1e-4 * np.random.default_rng(0).standard_normal(400))
     >>> float(np.abs(found.qdd[20:-20] + 9 * np.sin(3 * time[20:-20, None])).max()) < 0.5
