@@ -48,6 +48,27 @@ def test_intervals_hold_whatever_the_spectrum(kind: str, log: tuple[phipsi.Scene
         assert np.mean(white) < 0.7
 
 
+def test_intervals_of_single_parameters_hold_where_the_data_decide(log: tuple[phipsi.Scene, tuple[np.ndarray, ...], np.ndarray]) -> None:
+    """Of the last body, the others being known; with a prior that is off by some tenths."""
+    scene, motion, _ = log
+    built, draw, held = like(scene, 4), np.random.default_rng(8), []
+    others = scene.with_inertias({"link3": _inertial(built, "link3")})
+    truth = own_parameters(others)[2]
+    tau = others.inverse_dynamics(*motion) + scene.damping * motion[1] + scene.friction * motion[1] / np.sqrt(motion[1] ** 2 + 0.01**2)
+    for _ in range(LOGS):
+        found = scene.identify(*motion, tau + 0.05 * residuals("AR(1) 0.25 s", 2000, 3, draw), keep=["link1", "link2"], noise=0.05)
+        low, high = found.interval(0.95)
+        decided = found.share[2] > 0.9
+        held.append(np.mean(((low[2] <= truth) & (truth <= high[2]))[decided]))
+        assert decided.sum() >= 6
+    assert abs(np.mean(held) - 0.95) < 4.0 * max(np.std(held), 0.05) / np.sqrt(LOGS)
+
+
+def _inertial(scene: phipsi.Scene, name: str) -> tuple[float, np.ndarray, np.ndarray]:
+    link = scene.links[name]
+    return link.mass, link.com, link.inertia
+
+
 def test_the_jackknife_is_that_of_refits(log: tuple[phipsi.Scene, tuple[np.ndarray, ...], np.ndarray]) -> None:
     """Least squares on independent columns without each block, written out."""
     scene, motion, tau = log

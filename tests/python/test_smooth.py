@@ -172,3 +172,10 @@ def test_bad_arguments(change: dict[str, Any], kind: type[Exception], message: s
     given = GOOD | change
     with pytest.raises(kind, match=message):
         phipsi.smooth(given["time"], given["q"], noise=given["noise"], cutoff=given["cutoff"])
+
+
+def test_warnings_are_the_callers() -> None:
+    time = np.arange(0.0, 4.0, 0.01)
+    with pytest.warns(LogWarning) as caught:
+        phipsi.smooth(np.append(time, 9.0), np.append(np.angle(np.exp(2j * time)), 0.0), noise=1e-3, cutoff=3.0)
+    assert len(caught) == 2 and all(one.filename == __file__ for one in caught)

@@ -252,7 +252,7 @@ class Accumulator:
         """The identification from all states that were added; arguments, result and errors as in Scene.identify."""
         from ._identification import solved
 
-        return solved(self, noise, trust, stacklevel=4)
+        return solved(self, noise, trust, stacklevel=3)
 
     def _like(self) -> Accumulator:
         """An empty accumulator of the same columns."""

@@ -153,7 +153,7 @@ class _Joint:
         if np.any(jumps := (np.abs(changes - 2.0 * np.pi) < 0.5) & (steps < 3.0 * self.step) & (changes > 20.0 * np.median(changes) + 1.0)):
             at = int(np.flatnonzero(jumps)[0])
             text = f"q: found a jump of {changes[at]:.3g} in column {joint} at row {int(np.flatnonzero(seen)[at + 1])}, a revolution; np.unwrap(q, axis=0) takes it out"
-            warnings.warn(text, LogWarning, stacklevel=4)
+            warnings.warn(text, LogWarning, stacklevel=3)
         self.quantum = _quantum(changes)
         #: Variances relative to that of a sample whose rounding is white: slow ones are three times as uncertain.
         self.relative = np.ones(len(position))
