@@ -17,17 +17,42 @@ const NOTHING: f64 = 1e-280;
 /// Where the lengths are not those of whole rows and of a square.
 pub fn rotate_in(triangle: &mut [f64], rows: &[f64], width: usize) {
     assert!(triangle.len() == width * width && rows.len().is_multiple_of(width.max(1)), "triangle: (width, width)");
-    if width == 0 {
-        return;
+    if width > 0 {
+        rotate(triangle, (width, rows.len() / width), |i| rows[i * width..(i + 1) * width].iter().copied());
     }
+}
+
+/// The same for rows whose first entries are chosen ones of wider rows, and whose last are given: row i is `wide[i][chosen]`, then `last[i]`.
+///
+/// # Panics
+///
+/// Where the lengths are not those of as many rows each and of a square, or a chosen entry is none of a row.
+pub fn rotate_chosen(
+    triangle: &mut [f64],
+    (wide, stride): (&[f64], usize),
+    chosen: &[usize],
+    (last, lasts): (&[f64], usize),
+) {
+    let (width, height) = (chosen.len() + lasts, last.len() / lasts.max(1));
+    assert!(triangle.len() == width * width && wide.len() == height * stride, "triangle: (width, width)");
+    if width > 0 {
+        rotate(triangle, (width, height), |i| {
+            let (row, given) = (&wide[i * stride..(i + 1) * stride], &last[i * lasts..(i + 1) * lasts]);
+            chosen.iter().map(|&at| row[at]).chain(given.iter().copied())
+        });
+    }
+}
+
+/// Rotates rows in blocks that are stored column by column.
+fn rotate<R: Iterator<Item = f64>>(triangle: &mut [f64], (width, height): (usize, usize), row: impl Fn(usize) -> R) {
     let mut columns = vec![0.0; BLOCK * width];
-    for block in rows.chunks(BLOCK * width) {
-        let height = block.len() / width;
+    for first in (0..height).step_by(BLOCK) {
+        let block = (height - first).min(BLOCK);
         // Padded with zeros to whole lanes.
-        let padded = height.next_multiple_of(LANES);
+        let padded = block.next_multiple_of(LANES);
         columns.fill(0.0);
-        for (i, row) in block.chunks_exact(width).enumerate() {
-            for (j, &entry) in row.iter().enumerate() {
+        for i in 0..block {
+            for (j, entry) in row(first + i).enumerate() {
                 columns[j * padded + i] = entry;
             }
         }
@@ -113,7 +138,7 @@ fn subtract(axis: &[f64], along: [f64; COLUMNS], columns: [&mut [f64]; COLUMNS])
 
 #[cfg(test)]
 mod tests {
-    use super::rotate_in;
+    use super::{rotate_chosen, rotate_in};
 
     /// Columns that depend on others leave rounding, and rounding of rounding, whose squares are below all numbers.
     #[test]
@@ -127,6 +152,10 @@ mod tests {
         assert!(triangle.iter().all(|entry| entry.is_finite()));
     }
 
+    fn lasts(rows: &[f64], width: usize) -> Vec<f64> {
+        rows.chunks_exact(width).map(|row| row[width - 1]).collect()
+    }
+
     /// R* R is the sum of the rows' outer products.
     #[test]
     fn the_information_is_that_of_all_rows() {
@@ -134,9 +163,12 @@ mod tests {
             let entries = (0..4000).map(|i| (f64::from(i) * f64::from(i) * 0.7).sin() + 0.1);
             let rows: Vec<f64> = entries.take(width * height).collect();
             let mut triangle = vec![0.0; width * width];
+            let mut same = triangle.clone();
+            rotate_chosen(&mut same, (&rows, width), &(0..width - 1).collect::<Vec<_>>(), (&lasts(&rows, width), 1));
             let (some, others) = rows.split_at(width * (height / 3));
             rotate_in(&mut triangle, some, width);
             rotate_in(&mut triangle, others, width);
+            assert!(same.iter().zip(&triangle).all(|(a, b)| (a.abs() - b.abs()).abs() <= 1e-10));
             for i in 0..width {
                 assert!(triangle[i * width..i * width + i].iter().all(|&below| below == 0.0));
                 for j in 0..width {

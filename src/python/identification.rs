@@ -202,6 +202,21 @@ pub(super) fn rotate_rows(
     detached(py, || triangle::rotate_in(triangle, rows, width))
 }
 
+/// The same for rows of chosen entries of wider rows, (m, stride), followed by given ones, (m, width - chosen).
+#[pyfunction]
+#[pyo3(name = "_rotate_chosen", signature = (triangle, wide, chosen, last, /))]
+pub(super) fn rotate_chosen(
+    py: Python<'_>,
+    mut triangle: PyReadwriteArray2<'_, f64>,
+    wide: PyReadonlyArray2<'_, f64>,
+    chosen: Vec<usize>,
+    last: PyReadonlyArray2<'_, f64>,
+) -> PyResult<()> {
+    let (stride, lasts) = (wide.shape()[1], last.shape()[1]);
+    let (wide, last, triangle) = (wide.as_slice()?, last.as_slice()?, triangle.as_slice_mut()?);
+    detached(py, || triangle::rotate_chosen(triangle, (wide, stride), &chosen, (last, lasts)))
+}
+
 /// Sum of e^2 / a, sum of log a, and number of the innovations of a log of one coordinate.
 #[pyfunction]
 #[pyo3(name = "_log_likelihood", signature = (time, position, variance, density, prior, /))]

@@ -75,7 +75,7 @@ mod core_module {
     #[pymodule_export]
     use super::fresh::unwritten_numbers;
     #[pymodule_export]
-    use super::identification::{log_likelihood, rotate_rows, smooth_log};
+    use super::identification::{log_likelihood, rotate_chosen, rotate_rows, smooth_log};
     #[pymodule_export]
     use super::pickled_simulator::rebuild_simulator;
     #[pymodule_export]

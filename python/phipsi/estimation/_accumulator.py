@@ -177,39 +177,38 @@ class Accumulator:
             self._add_noise(q[::every], qd[::every], qdd[::every], float(every))
         for begin in range(0, count, chunk):
             part = slice(begin, begin + chunk)
-            rows, known = columns.rows(q[part], qd[part], qdd[part], room=1)
+            parts = columns.parts(q[part], qd[part], qdd[part])
             of_reference = None if reference is None else columns.rows(reference[0][part], reference[1][part], reference[2][part])[0]
             seen = np.isfinite(tau[part])
-            torque = tau[part] - known
-            for motor, block in enumerate(rows):
-                block[:, -1] = torque[:, motor]
+            torque = tau[part] - parts.known
+            last = [np.column_stack([own, torque[:, motor]]) for motor, own in enumerate(parts.of_motors)]
             self._squares += np.sum(np.where(seen, tau[part], 0.0) ** 2, axis=0)
             at = 0
             while at < len(torque):
                 upto = min(len(torque), at + self.length - self._open.states)
-                self._rotate(slice(at, upto), rows, of_reference, seen)
+                self._rotate(slice(at, upto), (parts.of_bodies, last), of_reference, seen)
                 self._open = self._open._replace(states=self._open.states + upto - at)
                 at = upto
                 if self._open.states == self.length:
                     self._close()
         return self
 
-    def _rotate(self, part: slice, rows: list[_Array], reference: list[_Array] | None, seen: NDArray[np.bool_]) -> None:
+    def _rotate(self, part: slice, rows: tuple[_Array, list[_Array]], reference: list[_Array] | None, seen: NDArray[np.bool_]) -> None:
         """Rows of each motor into its triangle of the open block, on several threads where there are many rows."""
 
         def rotate(motor: int) -> None:
-            whole = rows[motor][part]
-            if reference is not None:
-                whole = np.concatenate([reference[motor][part], whole], axis=1)
-            measured = seen[part, motor]
-            if not measured.all():
-                whole = whole[measured]
-            _core._rotate_rows(self._open.triangles[motor], np.ascontiguousarray(whole))
-            self._open.counts[motor] += len(whole)
+            measured, chosen, triangle = seen[part, motor], self.columns.chosen[motor], self._open.triangles[motor]
+            wide, own = rows[0][part], rows[1][motor][part]
+            if reference is None and measured.all():
+                _core._rotate_chosen(triangle, wide, chosen.tolist(), own)
+            else:
+                before = [] if reference is None else [reference[motor][part]]
+                _core._rotate_rows(triangle, np.ascontiguousarray(np.concatenate([*before, wide[:, chosen], own], axis=1)[measured]))
+            self._open.counts[motor] += int(measured.sum())
 
         # The widest first.
-        motors = sorted(range(len(rows)), key=lambda motor: -self._widths[motor])
-        threads = min(_core.get_num_threads(), len(rows))
+        motors = sorted(range(len(self._widths)), key=lambda motor: -self._widths[motor])
+        threads = min(_core.get_num_threads(), len(motors))
         if threads > 1 and part.stop - part.start >= THREADED:
             with ThreadPoolExecutor(threads) as pool:
                 list(pool.map(rotate, motors))

@@ -44,6 +44,17 @@ class Extra(NamedTuple):
     """Its value in the scene, zero where the scene has none."""
 
 
+class Parts(NamedTuple):
+    """Columns at some states."""
+
+    of_bodies: _Array
+    """The regressor, (k, motors x bodies x 10)."""
+    of_motors: list[_Array]
+    """Of each row of torques the columns of its motor, (k, number)."""
+    known: _Array
+    """The torques that no column has, (k, motors)."""
+
+
 class Columns:
     """The columns of W for a scene."""
 
@@ -80,6 +91,10 @@ class Columns:
         if not self.width:
             raise of_argument(ArgumentError, "keep", "found all bodies, and nothing of the joints to fit; expected something to find")
         self.used = self._used()
+        #: Of each row the columns of bodies in the regressor, (motors x bodies x 10) in one.
+        free = np.array([10 * body + entry for body in self.free for entry in range(10)], dtype=np.intp)
+        size = 10 * len(scene.body_names)
+        self.chosen = [motor * size + free[used[used < len(free)]] for motor, used in enumerate(self.used)]
 
     def _names(self) -> list[str]:
         joints = [""] * self.scene.nv
@@ -178,28 +193,24 @@ class Columns:
         rows = self.scene.regressor(q, qd, qdd)
         return rows if self.inverse is None else np.einsum("ji,kjbp->kibp", self.inverse, rows)
 
-    def rows(self, q: _Array, qd: _Array, qdd: _Array, room: int = 0) -> tuple[list[_Array], _Array]:
-        """For each row of torques the columns that it has, (k, used + room), `room` of them not set, and the torques that no column has, (k, motors)."""
+    def rows(self, q: _Array, qd: _Array, qdd: _Array) -> tuple[list[_Array], _Array]:
+        """For each row of torques the columns that it has, (k, used), and the torques that no column has, (k, motors)."""
+        parts = self.parts(q, qd, qdd)
+        return [np.concatenate([parts.of_bodies[:, chosen], own], axis=1) for chosen, own in zip(self.chosen, parts.of_motors, strict=True)], parts.known
+
+    def parts(self, q: _Array, qd: _Array, qdd: _Array) -> Parts:
+        """The same without copies of the regressor: the columns of bodies of row i are those at `chosen[i]`."""
         of_bodies = self.regressor(q, qd, qdd)
         known = self.known(q, qd, qdd)
         if self.kept:
             known = known + np.einsum("kibp,bp->ki", of_bodies[:, :, self.kept], self.own[self.kept])
-        if self.kept:
-            of_bodies = of_bodies[:, :, self.free]
-        flat = of_bodies.reshape(len(q), self.motors, -1)
-        of_motors = self.of_motors(q, qd, qdd)
-        found = []
-        for at, used in enumerate(self.used):
-            bodies = used[used < 10 * len(self.free)]
-            block = np.empty((len(q), len(used) + room))
-            if len(bodies) and bodies[-1] - bodies[0] + 1 == len(bodies):
-                block[:, : len(bodies)] = flat[:, at, bodies[0] : bodies[-1] + 1]
-            else:
-                block[:, : len(bodies)] = flat[:, at, bodies]
-            for place in range(len(bodies), len(used)):
-                block[:, place] = of_motors[self.extras[used[place] - 10 * len(self.free)].kind][:, at]
-            found.append(block)
-        return found, known
+        kinds = self.of_motors(q, qd, qdd)
+        bodies = 10 * len(self.free)
+        of_motors = []
+        for motor, used in enumerate(self.used):
+            own = [kinds[self.extras[at - bodies].kind][:, motor] for at in used[used >= bodies]]
+            of_motors.append(np.stack(own, axis=1) if own else np.empty((len(q), 0)))
+        return Parts(of_bodies.reshape(len(q), -1), of_motors, known)
 
     def sensitivity(self, q: _Array, qd: _Array, qdd: _Array, joint: int) -> list[_Array]:
         """How the columns, and last the torques that no column has, change with the acceleration of one degree of freedom: they are linear in it."""
