@@ -210,6 +210,7 @@ pub mod codegen;
 mod contact;
 pub mod dynamics;
 mod error;
+pub mod estimation;
 pub mod filter;
 pub mod interrupt;
 pub mod inverse_kinematics;

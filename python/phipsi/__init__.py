@@ -19,7 +19,7 @@ Units are SI units and radians. Spatial vectors are angular first. Leading axes 
 broadcast.
 """
 
-from . import errors, scenes, tasks
+from . import errors, estimation, scenes, tasks
 from ._compile import Compiled, compile
 from ._core import (
     BUNDLED_ARM,
@@ -32,7 +32,6 @@ from ._core import (
     set_num_threads,
 )
 from ._cuda import CompiledForCuda
-from ._identify import Identification
 from ._load import load
 from ._motion import (
     PD,
@@ -68,6 +67,7 @@ from ._results import (
     RolloutGradients,
     Samples,
 )
+from .estimation import Identification, smooth
 from .operators import Factor, Operator
 
 __all__ = [
@@ -114,9 +114,11 @@ __all__ = [
     "__version__",
     "compile",
     "errors",
+    "estimation",
     "get_num_threads",
     "load",
     "scenes",
     "set_num_threads",
+    "smooth",
     "tasks",
 ]

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._functions import Function as _Function
-from ._identify import Identification
 from ._motion import PD, ContactMotion, MomentumCorrection, StopImpact, Trajectory
 from ._ode import Ode
 from ._results import (
@@ -32,6 +31,7 @@ from ._results import (
     RolloutGradients,
     Samples,
 )
+from .estimation import Excitation, Identification
 from .operators import Factor
 from .tasks import InverseKinematics, Task
 from .view import Viewer
@@ -50,12 +50,16 @@ __all__ = [
     "SceneBuilder",
     "Simulator",
     "__version__",
+    "_log_likelihood",
     "_numbers",
     "_rebuild_builder",
     "_rebuild_factor",
     "_rebuild_random_model",
     "_rebuild_scene",
     "_rebuild_simulator",
+    "_rotate_chosen",
+    "_rotate_rows",
+    "_smooth_log",
     "_unwritten",
     "chain",
     "emergence",
@@ -3458,6 +3462,25 @@ class Scene:
         >>> found.reached, np.allclose(scene.placement(found.q, "flange"), goal)
         (True, True)
         """
+    def regressor(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, *, errors: _Errors = "raise") -> NDArray[np.float64]:
+        """The joint torque regressor Y: torques are linear in the inertial parameters, inverse_dynamics(q, qd, qdd) = Y pi + armature qdd.
+
+        q: (..., nq); qd, qdd: (..., nv); SI units, radians; leading axes broadcast. errors: as in forward_dynamics.
+
+        Entry (i, b, p) is the derivative of torque i by parameter p of the link body_names[b], with what is fixed onto it: the parameters are
+        (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz), in the axes of the link, I about the link's origin, as in Identification.parameters. It is zero where the link is
+        not outboard of the joint. Computed in O(N depth).
+
+        Returns (..., nv, bodies, 10).
+
+        Raises ArgumentError for a scene with connections; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+
+        >>> import phipsi
+        >>> scene = phipsi.scenes.chain(3)
+        >>> scene.regressor([0.1, 0.2, 0.3], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]).shape
+        (3, 3, 10)
+        """
+
     def identify(
         self,
         q: ArrayLike,
@@ -3465,71 +3488,130 @@ class Scene:
         qdd: ArrayLike,
         tau: ArrayLike,
         *,
-        fit: Collection[Literal["armature", "damping", "friction"]] = (),
+        fit: Collection[Literal["armature", "damping", "friction", "offset", "stribeck", "load"]] = (),
         noise: ArrayLike | None = None,
         trust: float = 1.0,
         keep: Collection[str] = (),
         friction_speed: float = 0.01,
+        stribeck_speed: float = 0.1,
+        time: ArrayLike | None = None,
+        transmission: ArrayLike | None = None,
+        tau_delay: float = 0.0,
+        acceleration_noise: ArrayLike | None = None,
+        instruments: tuple[ArrayLike, ArrayLike, ArrayLike] | None = None,
+        blocks: int = 20,
     ) -> Identification:
-        """Most probable inertial parameters, and joint parameters, from measured motion and torques.
+        """The most probable inertias, and what acts at the joints, from measured motion and torques, with intervals that hold for noise of any spectrum.
+
+        Each body gets inertias that a body can have: maximum a posteriori with a Wishart prior on its second moments of mass, which is convex. Intervals are by the
+        delete-one-block jackknife over blocks of time, so that they hold where residuals are correlated, which those of real robots are.
 
         Parameters
         ----------
         q : (k, nq) array_like
-            Joint positions of k measured states, rad or m.
-        qd : (k, nv) array_like
-            Joint velocities, rad/s or m/s.
-        qdd : (k, nv) array_like
-            Joint accelerations, rad/s^2 or m/s^2.
+            Positions, rad or m, in the order of time.
+        qd, qdd : (k, nv) array_like
+            Velocities and accelerations, for instance of `phipsi.smooth`.
         tau : (k, nv) array_like
-            Measured joint torques, N m or N; NaN: not measured.
-        fit : collection of {"armature", "damping", "friction"}, optional
-            Joint parameters to identify too. The others are those of the scene.
-        noise : float or (nv,) array_like, optional
-            Standard deviation of the torques, N m or N. None: estimated from the residuals of least squares, which
-            needs more measured torques than parameters.
-        trust : float, default 1
-            Weight of the parameters of the scene: each parameter is expected within about 1 / sqrt(trust) of them,
-            relatively.
-        keep : collection of str, optional
-            Names in body_names whose inertias remain.
-        friction_speed : float, default 0.01
-            Speed below which friction is viscous, rad/s or m/s.
+            Measured torques, N m or N; NaN where one was not measured. With `transmission`: of the motors, (k, motors).
+        fit : collection of str
+            What is found beside inertias, of "armature", "damping", "friction", "offset", "stribeck" (friction that falls with velocity) and "load" (friction proportional to the
+            torque that the joint carries). What is not fitted is the model's: its armature, damping, friction and springs are part of the torques.
+        noise : array_like, optional
+            Standard deviation of the torques, one number or one per torque: the weights. None: that of the residuals of least squares, which takes at least twice as many
+            measured torques as there are parameters that they determine.
+        trust : float
+            Weight of the model's own inertias: each parameter is expected within about 1 / sqrt(trust) of them, relatively.
+        keep : collection of str
+            Names of body_names whose inertias stay.
+        friction_speed : float
+            Velocity below which dry friction becomes viscous, rad/s or m/s.
+        stribeck_speed : float
+            Velocity at which the friction of "stribeck" has fallen to 1/e.
+        time : (k,) array_like, optional
+            Times of the rows, s, rising. With them gaps, repeated times, units that disagree, and clocks of q and tau that disagree are found and reported.
+        transmission : (motors, nv) array_like, optional
+            B of motor velocities = B qd, motors = nv: joint torques are B^T times those of the motors. Armature, damping, friction, offsets and noise are then the motors'.
+        tau_delay : float
+            How much later than q the torques are, s; they are shifted back by linear interpolation. Needs `time`.
+        acceleration_noise : array_like, optional
+            Standard deviation of the noise in qdd, (nv,), as `phipsi.smooth(...).acceleration_noise` has it: predicts the bias that it causes.
+        instruments : tuple of array_like, optional
+            (q, qd, qdd) of the trajectory that was commanded: instrumental variables, which remove the bias by noise in the measured motion.
+        blocks : int
+            The number of blocks of time of the jackknife. Each should be longer than half the correlation time of the residuals: where neighboring blocks are correlated, or have fewer than two torques per parameter, they are
+            merged, down to eight.
 
         Returns
         -------
-        identification : Identification
-            The new scene, parameters with standard deviations, noise, residuals before and after, and the number of
-            identifiable combinations of parameters.
+        phipsi.Identification
+            The new scene, parameters, intervals, base parameters, residuals, and the share of each parameter that the data decide.
 
         Raises
         ------
         ArgumentError
-            Too few measurements, unknown names, noise below the rounding of the torques, bodies without mass, by name.
+            Too few measurements, unknown names, times that fall, noise below the rounding of the torques, and bodies of the model without mass.
         ShapeError, NotFiniteError
-            Invalid arrays.
+            Arrays of wrong shapes, and numbers that are not finite.
 
         Warns
         -----
+        LogWarning
+            Units and clocks that disagree; gaps and repeated times.
+        IdentificationWarning
+            A predicted bias above 0.2 standard deviations.
         InertiaWarning
-            A body of the scene whose inertia no rigid body can have. The iteration starts from the nearest one that
-            can.
+            Bodies of the model whose inertia no body can have: they start from the nearest that one can have.
 
         Notes
         -----
-        Maximum a posteriori with a Wishart prior on the second moments of mass of each body: convex, and every body
-        receives an inertia that a rigid body can have. 10 to 60 steps of O((10 bodies)^3). The memory does not grow
-        with k.
-
-        Examples
-        --------
-        >>> scene = phipsi.load(phipsi.BUNDLED_ARM).with_properties(damping=0.0, friction=0.0)
-        >>> q, qd, qdd = np.random.default_rng(0).normal(size=(3, 50, 6))
-        >>> tau = scene.with_payload("link6", 1.0).inverse_dynamics(q, qd, qdd)
-        >>> found = scene.identify(q, qd, qdd, tau, noise=0.01)
-        >>> bool((found.after < 1e-3).all())     # N m
-        True
+        States are read in blocks: memory does not grow with k. For logs that do not fit into memory: phipsi.estimation.Accumulator.
         """
+
+    def excitation(
+        self,
+        duration: float,
+        *,
+        limits: Limits | None = None,
+        harmonics: int = 5,
+        fit: Collection[Literal["armature", "damping", "friction", "offset", "stribeck", "load"]] = (),
+        noise: ArrayLike | None = None,
+        rate: float = 100.0,
+        iterations: int = 300,
+        seed: int = 0,
+    ) -> Excitation:
+        """A periodic trajectory that excites the parameters: Fourier series within limits, whose determinant of the information matrix is largest (D-optimal).
+
+        Parameters
+        ----------
+        duration : float
+            Length of the trajectory, s: one period.
+        limits : phipsi.Limits, optional
+            Limits of position, velocity and torque. None: those of the scene. Where one is infinite, positions stay within 1 rad or 0.2 m of the middle.
+        harmonics : int
+            Frequencies of the series, multiples of 1/duration.
+        fit : collection of str
+            As in identify.
+        noise : array_like, optional
+            Standard deviation of the torques, for the predicted standard deviations; 1 % of the largest torque by default.
+        rate : float
+            Samples per second.
+        iterations : int
+            Steps of the search.
+        seed : int
+            Of its random steps.
+
+        Returns
+        -------
+        phipsi.estimation.Excitation
+            Times, q, qd, qdd, torques of the model, and the standard deviations that the base parameters will have.
+
+        Raises
+        ------
+        ArgumentError
+            A scene with joints that are not of one axis, or limits that leave no room.
+        """
+
     def plan(self) -> Plan:
         """Simplifications of this scene: which computations are skipped, why, and how many operations that saves.
 
@@ -4381,6 +4463,10 @@ def _rebuild_simulator(
     /,
 ) -> Simulator: ...
 def _unwritten(count: int, /) -> _Array: ...
+def _rotate_chosen(triangle: _Array, wide: _Array, chosen: list[int], last: _Array, /) -> None: ...
+def _rotate_rows(triangle: _Array, rows: _Array, /) -> None: ...
+def _log_likelihood(time: _Array, position: _Array, variance: _Array, density: float, prior: tuple[float, float, float], /) -> tuple[float, float, int]: ...
+def _smooth_log(time: _Array, position: _Array, variance: _Array, density: float, prior: tuple[float, float, float], /) -> _Array: ...
 
 @final
 class Simulator:

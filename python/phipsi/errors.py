@@ -23,9 +23,11 @@ __all__ = [
     "BadStateWarning",
     "CacheWarning",
     "ConstraintError",
+    "IdentificationWarning",
     "InertiaWarning",
     "LimitWarning",
     "LinkageWarning",
+    "LogWarning",
     "LongCodeWarning",
     "MeshWarning",
     "MimicWarning",
@@ -181,6 +183,10 @@ class SimulationInterrupted(KeyboardInterrupt):
     """Number of completed steps."""
 
 
+class IdentificationWarning(UserWarning):
+    """A result of an identification that is less certain than its intervals: the predicted bias by noise in the measured motion is large, or the scene cannot represent all of it."""
+
+
 class InertiaWarning(UserWarning):
     """The inertia of a link is physically impossible, or no moving link of a URDF has mass; the values are used
     unchanged.
@@ -201,6 +207,10 @@ class LinkageWarning(UserWarning):
     """Constraints of a linkage are linearly dependent to within the tolerance of the scene, but not to within rounding,
     and count as dependent: the dimensions of the linkage have few digits.
     """
+
+
+class LogWarning(UserWarning):
+    """A log of measurements that contradicts itself or the model: units, clocks, gaps, repeated times."""
 
 
 class LongCodeWarning(UserWarning):

@@ -3,13 +3,13 @@
 use super::axis::Axis;
 use super::builder::{PySceneBuilder, inertial};
 use super::choice::items;
-use super::object::{Object, imported};
+use super::object::Object;
 use super::scene::PyScene;
 use super::{errors, input};
 use crate::error::Error;
 use crate::scene::{Inertial, Joint, Property, Scene};
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyMapping};
+use pyo3::types::PyMapping;
 
 #[pymethods]
 impl PyScene {
@@ -133,66 +133,6 @@ impl PyScene {
         let given = each.collect::<PyResult<Vec<(String, Inertial)>>>()?;
         let given: Vec<(&str, Inertial)> = given.iter().map(|(link, inertial)| (&**link, *inertial)).collect();
         self.changed(py, self.scene.with_inertias(&given)?)
-    }
-
-    /// Most probable inertial parameters, and joint parameters, from measured motion and torques.
-    #[doc = section!(Parameters)]
-    /// q : (k, nq) array_like
-    ///     Joint positions of k measured states, rad or m.
-    /// qd : (k, nv) array_like
-    ///     Joint velocities, rad/s or m/s.
-    /// qdd : (k, nv) array_like
-    ///     Joint accelerations, rad/s^2 or m/s^2.
-    /// tau : (k, nv) array_like
-    ///     Measured joint torques, N m or N; NaN: not measured.
-    /// fit : collection of {"armature", "damping", "friction"}, optional
-    ///     Joint parameters to identify too. The others are those of the scene.
-    /// noise : float or (nv,) array_like, optional
-    ///     Standard deviation of the torques, N m or N. None: estimated from the residuals of least squares, which
-    ///     needs more measured torques than parameters.
-    /// trust : float, default 1
-    ///     Weight of the parameters of the scene: each parameter is expected within about 1 / sqrt(trust) of them,
-    ///     relatively.
-    /// keep : collection of str, optional
-    ///     Names in body_names whose inertias remain.
-    /// friction_speed : float, default 0.01
-    ///     Speed below which friction is viscous, rad/s or m/s.
-    #[doc = section!(Returns)]
-    /// identification : Identification
-    ///     The new scene, parameters with standard deviations, noise, residuals before and after, and the number of
-    ///     identifiable combinations of parameters.
-    #[doc = section!(Raises)]
-    /// ArgumentError
-    ///     Too few measurements, unknown names, noise below the rounding of the torques, bodies without mass, by name.
-    /// ShapeError, NotFiniteError
-    ///     Invalid arrays.
-    #[doc = section!(Warns)]
-    /// InertiaWarning
-    ///     A body of the scene whose inertia no rigid body can have. The iteration starts from the nearest one that
-    ///     can.
-    #[doc = section!(Notes)]
-    /// Maximum a posteriori with a Wishart prior on the second moments of mass of each body: convex, and every body
-    /// receives an inertia that a rigid body can have. 10 to 60 steps of O((10 bodies)^3). The memory does not grow
-    /// with k.
-    #[doc = section!(Examples)]
-    /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM).with_properties(damping=0.0, friction=0.0)
-    /// >>> q, qd, qdd = np.random.default_rng(0).normal(size=(3, 50, 6))
-    /// >>> tau = scene.with_payload("link6", 1.0).inverse_dynamics(q, qd, qdd)
-    /// >>> found = scene.identify(q, qd, qdd, tau, noise=0.01)
-    /// >>> bool((found.after < 1e-3).all())     # N m
-    /// True
-    #[pyo3(signature = (q, qd, qdd, tau, **how),
-           text_signature = "($self, q, qd, qdd, tau, *, fit=(), noise=None, trust=1.0, keep=(), \
-                             friction_speed=0.01)")]
-    fn identify<'py>(
-        slf: &Bound<'py, Self>,
-        q: &Object<'py>,
-        qd: &Object<'py>,
-        qdd: &Object<'py>,
-        tau: &Object<'py>,
-        how: Option<&Bound<'py, PyDict>>,
-    ) -> PyResult<Object<'py>> {
-        imported!(slf.py(), "phipsi._identify", "identify")?.call((slf, q, qd, qdd, tau), how)
     }
 }
 

@@ -42,6 +42,7 @@ mod evaluate;
 mod factor;
 mod fresh;
 mod geometry;
+mod identification;
 mod input;
 mod interrupts;
 mod inverse_kinematics;
@@ -79,6 +80,8 @@ mod core_module {
     use super::factor::{PyFactor, rebuild_factor};
     #[pymodule_export]
     use super::fresh::unwritten_numbers;
+    #[pymodule_export]
+    use super::identification::{log_likelihood, rotate_chosen, rotate_rows, smooth_log};
     #[pymodule_export]
     use super::pickled_simulator::rebuild_simulator;
     #[pymodule_export]

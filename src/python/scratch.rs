@@ -1,7 +1,7 @@
 //! Workspaces of a thread, reused between calls.
 
 use crate::batch::evaluator::{Evaluated, Evaluator};
-use crate::dynamics::derivatives::HessianScratch;
+use crate::dynamics::derivatives::{HessianScratch, RegressorScratch};
 use crate::dynamics::operational::OperationalScratch;
 use crate::dynamics::{ConstraintScratch, Estimate, EstimateCovariance, EstimateScratch};
 use crate::filter::Form;
@@ -26,6 +26,8 @@ pub(super) struct Scratch {
     constraints: Option<ConstraintScratch>,
     /// For Hessians only.
     hessians: Option<HessianScratch>,
+    /// For regressors only.
+    regressors: Option<RegressorScratch<f64>>,
     /// Evaluators of the vectorized kernels, for float64 and float32.
     pub evaluator: Option<Evaluator>,
     evaluator_f32: Option<Evaluator<f32>>,
@@ -45,6 +47,7 @@ impl Scratch {
             operational: None,
             constraints: None,
             hessians: None,
+            regressors: None,
             evaluator: None,
             evaluator_f32: None,
             forces: vec![Vec::new(); MOST_LANES],
@@ -70,6 +73,11 @@ impl Scratch {
     pub fn for_hessians(&mut self, scene: &Scene) -> (&mut Workspace<f64>, &mut HessianScratch, &Forces) {
         let hessians = self.hessians.get_or_insert_with(|| scene.hessian_scratch());
         (&mut self.workspace, hessians, &self.forces[0])
+    }
+
+    /// For a call on regressors, and the buffer for the results of one state.
+    pub fn for_regressors(&mut self, scene: &Scene) -> (&mut RegressorScratch<f64>, &mut Vec<f64>) {
+        (self.regressors.get_or_insert_with(|| scene.regressor_scratch()), &mut self.results)
     }
 }
 

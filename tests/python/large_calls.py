@@ -51,6 +51,16 @@ def broadcast(method: str, second: str = "nv", **options: Any) -> Callable[[phip
     return prepare
 
 
+def in_float32(states: int, call: Callable[..., object]) -> Callable[[phipsi.Scene], Call]:
+    """One argument with many states, of which there is a copy in float64: for what reads states in blocks."""
+
+    def prepare(scene: phipsi.Scene) -> Call:
+        q = np.zeros((states, scene.nq), np.float32)
+        return lambda: call(scene, q)
+
+    return prepare
+
+
 def batch(states: int, call: Callable[..., object], **options: Any) -> Callable[[phipsi.Scene], Call]:
     """One argument with many states."""
 
@@ -191,7 +201,8 @@ LARGE: dict[str, Large] = {
     "forward_dynamics_vjp": Large(
         "q", batch(10**6, lambda scene, q: scene.forward_dynamics_vjp(q, rates(q), rates(q), rates(q), parameters=True))
     ),
-    "identify": Large("q", batch(2_000_000, lambda scene, q: scene.identify(q, q, q, q))),
+    "regressor": Large("q", batch(10**6, lambda scene, q: scene.regressor(q, rates(q), rates(q)))),
+    "identify": Large("q", in_float32(8_000_000, lambda scene, q: scene.identify(q, q, q, q))),
     "inverse_kinematics": Large(
         "q0",
         batch(10**6, lambda scene, q: scene.inverse_kinematics(phipsi.tasks.Position("link6", np.ones(3)), q, covariance=True)),

@@ -109,6 +109,7 @@ CALLS: dict[str, Call] = {
     "placements": lambda scene, s: scene.placements(s.q),
     "plan": lambda scene, s: scene.plan(),
     "project": lambda scene, s: scene.project(s.q + 0.01, s.qd),
+    "regressor": lambda scene, s: scene.regressor(s.q, s.qd, s.qdd),
     "random_model": lambda scene, s: scene.random_model(s.q, s.qd).sample_torque(3, seed=1),
     "simulate": lambda scene, s: scene.simulate(s.q, s.qd, tau=s.tau, dt=1e-3, steps=3).qd,
     "simulate_vjp": _vjp,
@@ -192,7 +193,7 @@ def _same(found: Any, expected: Any) -> bool:
 
 #: Methods without a state: constructors, names and indices, pictures. `check` and `identify` have separate tests.
 WITHOUT_STATE = frozenset(
-    ["check", "connection_rows", "from_mujoco", "from_pinocchio", "from_urdf", "joint", "link", "neutral", "q_index", "show", "v_index", "without_connections", "without_contacts"]
+    ["check", "connection_rows", "excitation", "from_mujoco", "from_pinocchio", "from_urdf", "joint", "link", "neutral", "q_index", "show", "v_index", "without_connections", "without_contacts"]
 )
 
 MEANING = {
@@ -211,7 +212,7 @@ EXPECTED: dict[str, tuple[str, str, str]] = {
     **dict.fromkeys(["inverse_kinematics", "inverse_kinematics_rates", "plan"], ("included", "tree", "supported")),
     **dict.fromkeys(["simulate", "simulator"], ("included", "included", "supported")),
     **dict.fromkeys(["lock", "to_builder", "with_inertias", "with_payload", "with_properties"], ("included", "included", "supported")),
-    **dict.fromkeys(["estimate", "forward_dynamics_hvp", "identify", "to_c", "to_cuda", "to_rust"], ("error", "tree", "error")),
+    **dict.fromkeys(["estimate", "forward_dynamics_hvp", "identify", "regressor", "to_c", "to_cuda", "to_rust"], ("error", "tree", "error")),
     **dict.fromkeys(["factor", "inverse_dynamics_hvp", "operational_inertia", "operational_inverse_inertia", "random_model"], ("tree", "tree", "error")),
     "ode": ("error", "error", "supported"),
     "simulate_vjp": ("error", "error", "error"),

@@ -103,11 +103,12 @@ def test_identify(measured: Path, tmp_path: Path) -> None:
     robot = str(measured.parent / "arm.urdf")
     result = run("identify", robot, str(measured), "--noise", "0.001", "-o", str(tmp_path / "found.urdf"))
     assert result.exit_code == 0, result.output
-    assert "200 states determine" in result.output and str(tmp_path / "found.urdf") in result.output
+    assert "identification from 200 states" in result.output and str(tmp_path / "found.urdf") in result.output
     result = run("identify", robot, str(measured), "--noise", "0.001", "--fit", "damping", "--json")
     assert result.exit_code == 0, result.output
     found = json.loads(result.output)
     assert max(found["after"]) < 0.01 < max(found["before"])
+    assert np.shape(found["low"]) == np.shape(found["parameters"]) == (6, 10) and len(found["base"]["names"]) == len(found["base"]["values"])
     assert list(found["joints"]["damping"]) == list(phipsi.Scene.from_urdf(robot).joint_names)
     # The identified robot reproduces the torques.
     with np.load(measured) as archive:
@@ -121,13 +122,41 @@ def test_identify_from_rates_alone(measured: Path, tmp_path: Path) -> None:
     scene, t = phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM), np.linspace(0, 2, 1001)
     turns = np.outer(t, [5.0, 6.0, 7.0, 8.0, 9.0, 10.0])
     q, qd, qdd = np.sin(turns), turns[1] / t[1] * np.cos(turns), -((turns[1] / t[1]) ** 2) * np.sin(turns)
-    arrays = {"q": q, "qd": qd, "tau": scene.inverse_dynamics(q, qd, qdd)}
+    arrays = {"q": q, "qd": qd, "tau": scene.inverse_dynamics(q, qd, qdd) + scene.damping * qd + scene.friction * qd / np.sqrt(qd**2 + 1e-4)}
     file, robot = tmp_path / "rates.npz", str(measured.parent / "arm.urdf")
     np.savez(file, **arrays)
     refused = run("identify", robot, str(file))
-    assert refused.exit_code == 2 and "neither qdd nor ascending times t" in refused.output
+    assert refused.exit_code == 2 and "found neither qdd nor time" in refused.output
     np.savez(file, t=t, **arrays)
-    assert "accelerations were computed from qd by differences" in run("identify", robot, str(file)).output
+    smoothed = run("identify", robot, str(file))
+    assert "velocities and accelerations are from the smoothed positions" in smoothed.output, smoothed.output
+    page = run("identify", robot, str(file), "--held-out", "0.3", "--report", str(tmp_path / "page"))
+    assert page.exit_code == 0, page.output
+    text = (tmp_path / "page/index.html").read_text(encoding="utf-8")
+    for title in ("How well torques are explained", "Measured and predicted torques", "Parameters with intervals", "Base parameters", "Spectrum of the residuals", "What cannot be known"):
+        assert title in text
+    assert "Not here:" not in text and "explained, held out" in text
+    numbers = json.loads((tmp_path / "page/identification.json").read_text(encoding="utf-8"))
+    assert min(numbers["explained_held_out"]) > 0.99 and numbers["states"] == 701
+
+
+def test_identify_from_several_logs(measured: Path, tmp_path: Path) -> None:
+    robot = str(measured.parent / "arm.urdf")
+    both = run("identify", robot, str(measured), str(measured), "--noise", "0.001", "--fit", "damping", "--json")
+    assert both.exit_code == 0, both.output
+    assert json.loads(both.output)["states"] == 400
+    for option, value, message in (("--held-out", "0.2", "--held-out: found several logs"), ("--fit", "load", "--fit: found load with several logs")):
+        refused = run("identify", robot, str(measured), str(measured), option, value)
+        assert refused.exit_code == 2 and message in refused.output
+
+
+def test_identify_with_a_transmission(measured: Path, tmp_path: Path) -> None:
+    robot = str(measured.parent / "arm.urdf")
+    np.savetxt(tmp_path / "B.txt", np.eye(6))
+    result = run("identify", robot, str(measured), "--noise", "0.001", "--fit", "damping", "--transmission", str(tmp_path / "B.txt"), "--json")
+    assert result.exit_code == 0, result.output
+    refused = run("identify", robot, str(measured), "--transmission", str(tmp_path / "none.npy"))
+    assert refused.exit_code == 2 and "--transmission: found" in refused.output
 
 
 def test_identify_without_torques(measured: Path, tmp_path: Path) -> None:

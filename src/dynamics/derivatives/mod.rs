@@ -43,6 +43,7 @@ mod outward;
 mod parameters;
 mod product;
 mod products;
+mod regressor;
 mod tangent;
 
 pub(crate) use adjoint::CoStates;
@@ -64,6 +65,7 @@ pub use products::{
     ProductScratch, forward_dynamics_jvp, forward_dynamics_vjp, inverse_dynamics_jvp, inverse_dynamics_vjp,
 };
 pub(crate) use products::{gradients_in_sweeps, tangent_in_sweeps};
+pub use regressor::{RegressorScratch, joint_torque_regressor};
 pub(crate) use tangent::Changes;
 pub use tangent::Directions;
 

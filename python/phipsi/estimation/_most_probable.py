@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import PhipsiError
+from ..errors import PhipsiError
 
 __all__ = ["BASIS", "COLUMNS", "ROWS", "most_probable"]
 

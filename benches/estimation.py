@@ -1,0 +1,277 @@
+"""Identification from logs: what intervals hold, a log of a real arm, memory and time, ranks. Writes docs/measured/identification.md.
+
+Usage, each seeded, with the interpreter that has phipsi (and Pinocchio with example-robot-data, for `rank` and `memory`):
+
+    python benches/estimation.py coverage [--logs 300]      # 95 % intervals over logs with residuals of four spectra
+    python benches/estimation.py tx40 FOLDER                # the log of a Staubli TX40: explained variance of the part that is not fitted, agreement of disjoint segments
+    python benches/estimation.py memory [--rows 10000000]   # of a 7-joint arm
+    python benches/estimation.py rank [--tx40 FOLDER]       # base parameters against the rank of Pinocchio's regressor
+
+The folder of the TX40 has pos_read_data_first_half.csv.gz, curr_data_first_half.csv.gz and tx40.urdf (thanhndv212/figaroh-examples, Apache-2.0). Every section of the page has the command,
+and is written by that command alone.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gzip
+import resource
+import sys
+import time
+import warnings
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import phipsi
+from phipsi.estimation import Accumulator
+from phipsi.estimation._student import student_quantile
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "tests/python"))
+PAGE = ROOT / "docs/measured/identification.md"
+HEAD = """# Identification, measured
+
+Written by `benches/estimation.py`; the command is above each table. The method is explained in [Identification from logs](../how-to/identification.md).
+"""
+FIT = ("armature", "damping", "friction")
+
+
+def write(name: str, text: str) -> None:
+    """Replaces a section of the page."""
+    begin, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->\n"
+    page = PAGE.read_text(encoding="utf-8") if PAGE.exists() else HEAD
+    if begin in page:
+        before, rest = page.split(begin)
+        page = before + rest.split(end)[1]
+    PAGE.parent.mkdir(exist_ok=True)
+    PAGE.write_text(page.rstrip() + "\n\n" + begin + text.strip() + "\n" + end, encoding="utf-8")
+    print(text)
+
+
+def table(head: list[str], rows: list[list[str]]) -> str:
+    """As Markdown."""
+    return "\n".join("| " + " | ".join(row) + " |" for row in [head, ["---"] * len(head), *rows])
+
+
+# Intervals
+
+
+def coverage(logs: int) -> None:
+    """Of base parameters, over logs of one motion with other residuals."""
+    from logs import NOISES, STEP, arm_of_three, fourier, residuals
+
+    scene, rows = arm_of_three(), []
+    for seconds in (10, 40):
+        count = round(seconds / STEP)
+        motion = fourier(STEP * np.arange(count))
+        q, qd, qdd = motion
+        tau = scene.inverse_dynamics(q, qd, qdd) + scene.damping * qd + scene.friction * qd / np.sqrt(qd**2 + 0.01**2)
+        white = Accumulator(scene, fit=FIT, block_length=count).add(*motion, tau).identify(noise=0.3).base.deviations
+        for number, kind in enumerate(NOISES):
+            draw, held, lower, assumed = np.random.default_rng([number, seconds]), [], [], []
+            for _ in range(logs):
+                found = Accumulator(scene, fit=FIT, block_length=-(-count // 20)).add(*motion, tau + 0.3 * residuals(kind, count, 3, draw)).identify(noise=0.3).base
+                off = np.abs(found.values - found.model)
+                held.append(off <= student_quantile(0.95, found.degrees) * found.deviations)
+                lower.append(off <= student_quantile(0.683, found.degrees) * found.deviations)
+                assumed.append(off <= 1.96 * white)
+            shares = 100 * np.mean(held, axis=1)
+            mean, error = np.mean(shares), 1.96 * np.std(shares) / np.sqrt(logs)
+            worst = 100 * np.mean(held, axis=0).min()
+            aim = "93 to 97" if seconds == 10 else "94 to 96"
+            rows.append([f"{seconds} s", kind, f"{100 * np.mean(assumed):.0f}", f"{mean:.1f} ± {error:.1f}", aim, f"{100 * np.mean(lower):.1f}", f"{worst:.0f}"])
+            print(rows[-1], flush=True)
+    text = table(["log", "residuals", "95 %, if residuals were independent", "95 % intervals", "aim", "68.3 % intervals", "lowest parameter"], rows)
+    base = len(found.values)
+    write("coverage", f"""
+## Coverage of intervals
+
+`python benches/estimation.py coverage --logs {logs}`: share of the {base} base parameters of a 3-joint arm (with armature, damping and friction) that are within their intervals, in %, over {logs} logs at
+{1 / STEP:.0f} Hz with residuals of a stated spectrum; ± is a 95 % confidence interval of the mean over logs. The third column is the coverage of intervals sigma² (W^T W)^-1, which most programs report.
+
+{text}
+""")
+
+
+# A real arm
+
+
+def tx40_log(folder: Path) -> tuple[phipsi.Scene, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Scene, transmission, times, positions of the joints, and torques of the motors at the joints' side of their gears."""
+    def read(name: str) -> np.ndarray:
+        with gzip.open(folder / name, "rt") as file:
+            return np.loadtxt(file, delimiter=",", skiprows=1)
+
+    ratio = np.array([32.0, 32.0, 45.0, -48.0, 45.0, 32.0])
+    gears = np.diag(ratio)
+    gears[5, 4] = 32.0
+    q = np.linalg.solve(gears, read("pos_read_data_first_half.csv.gz").T).T
+    q[:, 1] -= np.pi / 2
+    q[:, 2] += np.pi / 2
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        scene = phipsi.Scene.from_urdf(folder / "tx40.urdf")
+        link = scene.links["link_6"]
+        # No body has the inertia of the file: zero.
+        scene = scene.with_inertias({"link_6": (link.mass, link.com, 2e-4 * np.eye(3))})
+    return scene, gears / ratio[:, None], 2e-4 * np.arange(len(q)), q, read("curr_data_first_half.csv.gz") * ratio
+
+
+def tx40(folder: Path) -> None:
+    scene, transmission, times, positions, currents = tx40_log(folder)
+    begun = time.perf_counter()
+    motion = phipsi.smooth(times, positions, cutoff=40.0)
+    torque = phipsi.smooth(times, currents, cutoff=40.0).q
+    smoothing = time.perf_counter() - begun
+    inner = slice(500, -500, 25)
+    q, qd, qdd, filtered, raw = (one[inner] for one in (motion.q, motion.qd, motion.qdd, torque, currents))
+    half = len(q) // 2
+
+    def identified(rows: slice, blocks: int = 20) -> phipsi.Identification:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", phipsi.errors.IdentificationWarning)
+            return scene.identify(q[rows], qd[rows], qdd[rows], filtered[rows], fit=FIT, transmission=transmission, friction_speed=0.02, blocks=blocks)
+
+    begun = time.perf_counter()
+    found = identified(slice(0, half))
+    identifying = time.perf_counter() - begun
+    later = slice(half, None)
+    rows = []
+    for name, measured in (("filtered", filtered), ("raw", raw)):
+        # Of the joints: B^T times those of the motors.
+        at_joints, predicted = measured[later] @ transmission, found.torques(q[later], qd[later], qdd[later]) @ transmission
+        explained = 1.0 - np.mean((at_joints - predicted) ** 2, axis=0) / np.var(at_joints, axis=0)
+        rows.append([f"{name} torque", *(f"{value:.3f}" for value in explained)])
+    rows.insert(1, ["aim, filtered torque", ".99", ".975", ".98", ".98", ".93", ".90"])
+    first = table(["explained variance", *(f"joint {at}" for at in range(1, 7))], rows)
+    agreement = []
+    for segments in (2, 3, 4):
+        row = [str(segments)]
+        for blocks in (20, 10):
+            bounds = np.linspace(0, len(q), segments + 1).astype(int)
+            parts = [identified(slice(int(a), int(b)), blocks).base for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
+            held = []
+            for one, other in combinations(parts, 2):
+                spread = np.sqrt(one.deviations**2 + other.deviations**2)
+                held.append(np.abs(one.values - other.values) <= student_quantile(0.95, 2 * one.degrees) * spread)
+            row.append(f"{100 * np.mean(held):.0f}")
+        agreement.append(row)
+    second = table(["segments", "20 blocks, %", "10 blocks, %"], agreement)
+    write("tx40", f"""
+## A real arm: Staubli TX40
+
+`python benches/estimation.py tx40 FOLDER`: {times[-1]:.1f} s at 5 kHz, positions smoothed at 40 Hz and torques through the same filter, every 25th row; armature, damping and friction of the motors, of which the sixth
+moves by the sum of joints 5 and 6. Fitted on the first half of the log; explained variance of the second half, which was not fitted ({found.known} combinations of parameters determined).
+
+{first}
+
+Estimates of disjoint segments of the log, all pairs: share of the {len(found.base.values)} base parameters whose difference is within its 95 % interval (aim: at least 94).
+
+{second}
+
+Smoothing {len(times):,} samples of 12 signals took {smoothing:.1f} s, the identification {identifying:.2f} s. One arm and {times[-1]:.1f} s of motion: the shares are of dependent parameters.
+""")
+
+
+# Memory and time
+
+
+def memory(rows: int) -> None:
+    from robots import load
+
+    scene = load("panda_description/urdf/panda.urdf")
+    scene = scene.lock([name for name in scene.joint_names if "finger" in name], np.zeros(scene.nq))
+    draw, count = np.random.default_rng(0), 65_536
+    start = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    base = 2 * np.pi * np.outer(np.arange(count) / 1000.0, [0.11, 0.13, 0.17, 0.19, 0.23, 0.29, 0.31])
+    rates = base[1]  # rad per sample
+    q, qd, qdd = np.sin(base), 1000 * rates * np.cos(base), -((1000 * rates) ** 2) * np.sin(base)
+    tau = scene.inverse_dynamics(q, qd, qdd) + 0.1 * draw.standard_normal(q.shape)
+    accumulator = Accumulator(scene, fit=FIT)
+    begun, processor = time.perf_counter(), time.process_time()
+    added = 0
+    while added < rows:
+        some = min(count, rows - added)
+        accumulator.add(q[:some], qd[:some], qdd[:some], tau[:some])
+        added += some
+    adding, processor = time.perf_counter() - begun, time.process_time() - processor
+    found = accumulator.identify()
+    whole = time.perf_counter() - begun
+    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    load_average = Path("/proc/loadavg").read_text().split()[0] if Path("/proc/loadavg").exists() else "unknown"
+    text = table(["", "measured", "aim"], [
+        ["memory of the process, MB", f"{most:.0f} (of which {start:.0f} before the log)", "200"],
+        ["time, s", f"{whole:.0f} ({processor:.0f} s of processor time for the rows, {whole - adding:.1f} s for the identification)", "60"],
+    ])  # fmt: skip
+    write("memory", f"""
+## Memory and time
+
+`python benches/estimation.py memory --rows {rows}`: {rows:,} states of a 7-joint arm (panda, fingers locked), armature, damping and friction, {scene.nv} torques per state, in chunks of {count:,}, on {phipsi.get_num_threads()} threads;
+{found.known} combinations of parameters determined. The load average of the machine was {load_average}.
+
+{text}
+""")
+
+
+# Ranks
+
+
+def rank(folder: Path | None) -> None:
+    import pinocchio as pin
+    from phipsi.estimation._base import combinations as of
+    from phipsi.estimation._columns import Columns
+    from robots import ROBOTS, load
+
+    files = {"UR5": "ur_description/urdf/ur5_robot.urdf", "panda": "panda_description/urdf/panda.urdf", "g1": "g1_description/urdf/g1_29dof_rev_1_0.urdf"}
+    cases = [(name, ROBOTS / file, load(file, floating), floating) for name, file in files.items() for floating in (False, True)]
+    if folder is not None:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            cases.append(("TX40", folder / "tx40.urdf", phipsi.Scene.from_urdf(folder / "tx40.urdf"), False))
+    rows = []
+    for name, file, scene, floating in cases:
+        model = pin.buildModelFromUrdf(str(file), pin.JointModelFreeFlyer()) if floating else pin.buildModelFromUrdf(str(file))
+        data, draw = model.createData(), np.random.default_rng(0)
+        stacked = []
+        for _ in range(max(60, 12 * model.njoints // 4)):
+            q = pin.integrate(model, pin.neutral(model), draw.uniform(-2, 2, model.nv))
+            stacked.append(pin.computeJointTorqueRegressor(model, data, q, *draw.standard_normal((2, model.nv))).copy())
+        matrix = np.concatenate(stacked)
+        norms = np.linalg.norm(matrix, axis=0)
+        singular = np.linalg.svd(matrix[:, norms > 0] / norms[norms > 0], compute_uv=False)
+        theirs = int(np.sum(singular > 1e-9 * singular[0]))
+        found = len(of(Columns(scene)).columns)
+        gap = f"{singular[theirs - 1]:.0e} to {singular[theirs]:.0e}" if theirs < len(singular) else "full"
+        rows.append([name + (", floating base" if floating else ""), str(10 * len(scene.body_names)), str(found), str(theirs), gap])
+    text = table(["robot", "parameters", "base parameters", "rank of Pinocchio's regressor", "singular values about the gap"], rows)
+    where = " --tx40 FOLDER" if folder is not None else ""
+    write("rank", f"""
+## Base parameters
+
+`python benches/estimation.py rank{where}`: against the rank of `computeJointTorqueRegressor` of Pinocchio {pin.__version__}, stacked at random states.
+
+{text}
+""")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    commands = parser.add_subparsers(dest="command", required=True)
+    commands.add_parser("coverage").add_argument("--logs", type=int, default=300)
+    commands.add_parser("tx40").add_argument("folder", type=Path)
+    commands.add_parser("memory").add_argument("--rows", type=int, default=10_000_000)
+    commands.add_parser("rank").add_argument("--tx40", type=Path)
+    given = parser.parse_args()
+    if given.command == "coverage":
+        coverage(given.logs)
+    elif given.command == "tx40":
+        tx40(given.folder)
+    elif given.command == "memory":
+        memory(given.rows)
+    else:
+        rank(given.tx40)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,353 @@
+"""Logs of any length as triangles: the square-root information form of the least-squares problem, in blocks of time.
+
+A block of rows is the triangle R of [Z W y], one for each row of torques: Z are instruments, where there are any, W the columns, y the torques. Triangles of blocks merge by
+a QR factorization of the two, in any order and on any machine. When there are twice as many blocks as wanted, neighbors are merged, so that memory is O(blocks p^2)
+for logs of any length, and one pass over the data suffices.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import _core
+from .._arguments import check_tree
+from ..errors import ArgumentError, OutOfMemoryError, ShapeError, of_argument
+from ._columns import Columns
+
+if TYPE_CHECKING:
+    from .._core import Scene
+    from ._identification import Identification
+
+__all__ = ["Accumulator", "Block"]
+
+_Array = NDArray[np.float64]
+
+#: Numbers of the regressors that are computed at once, and the least and the largest number of states.
+AT_ONCE, FEWEST, MOST = 1 << 19, 64, 4096
+#: The number of states of the first blocks of a stream.
+FIRST = 256
+#: The largest torque, whose square is a number.
+LARGEST = 1e100
+#: States whose rows are rotated on several threads.
+THREADED = 256
+#: Of each call, the number of states at which the effect of noisy accelerations is computed.
+SAMPLED = 100
+
+
+class Block(NamedTuple):
+    """Some rows of a log, as triangles."""
+
+    states: int
+    counts: _Array
+    """The number of measured torques by motor."""
+    triangles: list[_Array]
+    """Of [Z W y], (rows, width) by motor, with at most as many rows as columns."""
+
+
+class Accumulator:
+    """Measured motion and torques, stored as triangles: memory does not grow with the log, and parts of logs can be added on different machines.
+
+    Parameters
+    ----------
+    scene : phipsi.Scene
+        The model.
+    fit, keep, friction_speed, stribeck_speed, transmission
+        As in Scene.identify.
+    load_model : phipsi.Scene, optional
+        The robot whose torques the friction of "load" is proportional to; None: `scene`. Scene.identify takes that of a first identification.
+    instruments : bool
+        Whether `add` is given instruments.
+    acceleration_noise : array_like, optional
+        Standard deviation of the noise in qdd, (nv,), as in Scene.identify.
+    blocks : int
+        The least number of blocks of time for the jackknife of the intervals, where there are that many states.
+
+    Raises
+    ------
+    ArgumentError
+        Unknown names, a transmission without inverse, a scene with connections.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import phipsi
+    >>> from phipsi.estimation import Accumulator
+    >>> scene = phipsi.scenes.chain(3)
+    >>> q, qd, qdd = np.random.default_rng(0).uniform(-1, 1, (3, 1000, 3))
+    >>> parts = [Accumulator(scene).add(q[a:b], qd[a:b], qdd[a:b], scene.inverse_dynamics(q, qd, qdd)[a:b]) for a, b in ((0, 500), (500, 1000))]
+    >>> parts[0].merge(parts[1]).states
+    1000
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        fit: Collection[str] = (),
+        keep: Collection[str] = (),
+        friction_speed: float = 0.01,
+        stribeck_speed: float = 0.1,
+        transmission: ArrayLike | None = None,
+        load_model: Scene | None = None,
+        instruments: bool = False,
+        acceleration_noise: ArrayLike | None = None,
+        blocks: int = 20,
+        block_length: int = FIRST,
+    ) -> None:
+        check_tree(scene, "identify")
+        for name, value, least in (("blocks", blocks, 2), ("block_length", block_length, 1)):
+            if not (isinstance(value, (int, np.integer)) and value >= least):
+                raise of_argument(ArgumentError, name, f"found {value!r}; expected a whole number, at least {least}")
+        self.columns = Columns(scene, fit, keep, friction_speed, stribeck_speed, transmission, load_model)
+        self.instruments, self.wanted, self.length = bool(instruments), int(blocks), int(block_length)
+        self.acceleration_noise = None if acceleration_noise is None else _deviations(scene, acceleration_noise)
+        motors = self.columns.motors
+        self._widths = [(1 + self.instruments) * len(used) + 1 for used in self.columns.used]
+        self._closed: list[Block] = []
+        self._open = self._empty()
+        #: Of all rows: sums of squares of measured torques by motor, and triangles of the effect of noisy accelerations.
+        self._squares = np.zeros(motors)
+        self._noise = [np.zeros((0, len(used) + 1)) for used in self.columns.used]
+
+    @property
+    def scene(self) -> Scene:
+        """The model."""
+        return self.columns.scene
+
+    @property
+    def states(self) -> int:
+        """The number of states that were added."""
+        return self._open.states + sum(block.states for block in self._closed)
+
+    def add(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        qdd: ArrayLike,
+        tau: ArrayLike,
+        *,
+        instruments: tuple[ArrayLike, ArrayLike, ArrayLike] | None = None,
+    ) -> Accumulator:
+        """Adds states in the order of time, which are read in chunks; returns this accumulator.
+
+        Parameters
+        ----------
+        q : (k, nq) array_like
+            Positions, rad or m.
+        qd, qdd : (k, nv) array_like
+            Velocities and accelerations.
+        tau : (k, motors) array_like
+            Measured torques, N m or N; NaN where one was not measured.
+        instruments : tuple of array_like, optional
+            (q, qd, qdd) of the trajectory that was commanded.
+
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            Naming the argument.
+        """
+        try:
+            return self._add(q, qd, qdd, tau, instruments)
+        except MemoryError:
+            size = 8 * (sum(width**2 for width in self._widths) + len(np.asarray(q)) * 4 * self.scene.nv)
+            error = of_argument(OutOfMemoryError, "q", f"no room for {size} bytes; expected fewer states, or fewer bodies (Scene.lock)")
+            error.bytes = size
+            raise error from None
+
+    def _add(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, tau: ArrayLike, instruments: tuple[ArrayLike, ArrayLike, ArrayLike] | None) -> Accumulator:
+        scene, columns = self.scene, self.columns
+        q, qd, qdd, tau = _log(scene, q, qd, qdd, tau)
+        count = len(q)
+        if (instruments is not None) != self.instruments:
+            found = "none" if instruments is None else "some"
+            raise of_argument(ArgumentError, "instruments", f"found {found}; expected as the accumulator was made: instruments={self.instruments}")
+        reference = None
+        if instruments is not None:
+            if not (isinstance(instruments, (tuple, list)) and len(instruments) == 3 and all(len(np.asarray(one)) == count for one in instruments)):
+                raise of_argument(ShapeError, "instruments", f"found no three arrays of {count} states; expected (q, qd, qdd) of the commanded trajectory at the same rows")
+            reference = _log(scene, *instruments, tau, prefix="instruments: ")[:3]
+        chunk = int(min(max(AT_ONCE // max(scene.nv * len(scene.body_names) * 10, 1), FEWEST), MOST))
+        if self.acceleration_noise is not None:
+            every = max(1, count // SAMPLED)
+            self._add_noise(q[::every], qd[::every], qdd[::every], float(every))
+        for begin in range(0, count, chunk):
+            part = slice(begin, begin + chunk)
+            parts = columns.parts(q[part], qd[part], qdd[part])
+            of_reference = None if reference is None else columns.rows(reference[0][part], reference[1][part], reference[2][part])[0]
+            seen = np.isfinite(tau[part])
+            torque = tau[part] - parts.known
+            last = [np.column_stack([own, torque[:, motor]]) for motor, own in enumerate(parts.of_motors)]
+            self._squares += np.sum(np.where(seen, tau[part], 0.0) ** 2, axis=0)
+            at = 0
+            while at < len(torque):
+                upto = min(len(torque), at + self.length - self._open.states)
+                self._rotate(slice(at, upto), (parts.of_bodies, last), of_reference, seen)
+                self._open = self._open._replace(states=self._open.states + upto - at)
+                at = upto
+                if self._open.states == self.length:
+                    self._close()
+        return self
+
+    def _rotate(self, part: slice, rows: tuple[_Array, list[_Array]], reference: list[_Array] | None, seen: NDArray[np.bool_]) -> None:
+        """Rows of each motor into its triangle of the open block, on several threads where there are many rows."""
+
+        def rotate(motor: int) -> None:
+            measured, chosen, triangle = seen[part, motor], self.columns.chosen[motor], self._open.triangles[motor]
+            wide, own = rows[0][part], rows[1][motor][part]
+            if reference is None and measured.all():
+                _core._rotate_chosen(triangle, wide, chosen.tolist(), own)
+            else:
+                before = [] if reference is None else [reference[motor][part]]
+                _core._rotate_rows(triangle, np.ascontiguousarray(np.concatenate([*before, wide[:, chosen], own], axis=1)[measured]))
+            self._open.counts[motor] += int(measured.sum())
+
+        # The widest first.
+        motors = sorted(range(len(self._widths)), key=lambda motor: -self._widths[motor])
+        threads = min(_core.get_num_threads(), len(motors))
+        if threads > 1 and part.stop - part.start >= THREADED:
+            with ThreadPoolExecutor(threads) as pool:
+                list(pool.map(rotate, motors))
+        else:
+            for motor in motors:
+                rotate(motor)
+
+    def merge(self, other: Accumulator) -> Accumulator:
+        """A new accumulator with the states of both, those of `other` after these.
+
+        Raises ArgumentError where the two were not made with the same model and settings.
+        """
+        if not (isinstance(other, Accumulator) and self.columns.same_as(other.columns) and self.instruments == other.instruments):
+            raise of_argument(ArgumentError, "other", "found an accumulator of other columns; expected the same scene, fit, keep, transmission and instruments")
+        found = self._like()
+        parts = [self, other]
+        found.length = max(one.length for one in parts if one.states) if any(one.states for one in parts) else self.length
+        for one in parts:
+            blocks, length = one.blocks(), one.length
+            while length < found.length:
+                blocks, length = _halved(blocks), 2 * length
+            found._closed += blocks
+            found._squares = found._squares + one._squares
+            found._noise = [_triangle(np.concatenate(both)) for both in zip(found._noise, one._noise, strict=True)]
+        found._coarsen()
+        return found
+
+    def blocks(self) -> list[Block]:
+        """All blocks in the order of time; a last one of less than half the length is joined with its neighbor."""
+        found = list(self._closed)
+        if self._open.states:
+            last = self._trimmed(self._open)
+            if found and 2 * last.states < self.length:
+                found[-1] = _joined(found[-1], last)
+            else:
+                found.append(last)
+        return found
+
+    def identify(self, *, noise: ArrayLike | None = None, trust: float = 1.0) -> Identification:
+        """The identification from all states that were added; arguments, result and errors as in Scene.identify."""
+        from ._identification import solved
+
+        return solved(self, noise, trust, stacklevel=3)
+
+    def _like(self) -> Accumulator:
+        """An empty accumulator of the same columns."""
+        found = Accumulator.__new__(Accumulator)
+        found.__dict__.update(self.__dict__)
+        found._closed, found._open = [], found._empty()
+        found._squares = np.zeros_like(self._squares)
+        found._noise = [np.zeros((0, len(used) + 1)) for used in self.columns.used]
+        return found
+
+    def _empty(self) -> Block:
+        return Block(0, np.zeros(len(self._widths)), [np.zeros((width, width)) for width in self._widths])
+
+    def _close(self) -> None:
+        self._closed.append(self._trimmed(self._open))
+        self._open = self._open._replace(states=0, counts=np.zeros_like(self._open.counts))
+        for triangle in self._open.triangles:
+            triangle.fill(0.0)
+        self._coarsen()
+
+    def _coarsen(self) -> None:
+        while len(self._closed) >= 2 * self.wanted:
+            self._closed, self.length = _halved(self._closed), 2 * self.length
+
+    @staticmethod
+    def _trimmed(block: Block) -> Block:
+        return Block(block.states, block.counts.copy(), [_trimmed(triangle) for triangle in block.triangles])
+
+    def _add_noise(self, q: _Array, qd: _Array, qdd: _Array, weight: float) -> None:
+        """Of the states the changes of the columns and of the known torques by noise in the accelerations."""
+        assert self.acceleration_noise is not None
+        for joint, deviation in enumerate(self.acceleration_noise):
+            changed = self.columns.sensitivity(q, qd, qdd, joint)
+            self._noise = [_triangle(np.concatenate([had, np.sqrt(weight) * deviation * more])) for had, more in zip(self._noise, changed, strict=True)]
+
+
+def _log(scene: Scene, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, tau: ArrayLike, prefix: str = "") -> tuple[_Array, _Array, _Array, _Array]:
+    """The arrays of a log, checked."""
+    q, qd, qdd = (np.asarray(_core._numbers(*one)) for one in ((prefix + "q", q, scene, True), (prefix + "qd", qd, scene), (prefix + "qdd", qdd, scene)))
+    tau = np.asarray(_core._numbers("tau", tau, scene))
+    count = len(q) if q.ndim == 2 else 0
+    for name, array, size in (("q", q, scene.nq), ("qd", qd, scene.nv), ("qdd", qdd, scene.nv), ("tau", tau, scene.nv)):
+        if array.shape != (count, size) or count == 0:
+            raise of_argument(ShapeError, prefix + name if name != "tau" else name, f"found shape {array.shape}; expected (k, {size}), as many states as q has")
+    if np.any(np.isinf(tau)):
+        raise of_argument(ArgumentError, "tau", "found an infinity; expected numbers, NaN where a torque was not measured")
+    # Reports what is not finite, by the index of the state.
+    for begin in range(0, count, MOST):
+        part = slice(begin, begin + MOST)
+        if not all(np.isfinite(one[part]).all() for one in (q, qd, qdd)):
+            scene.inverse_dynamics(q, qd, qdd)
+    largest = max(float(np.nanmax(tau, initial=0.0)), -float(np.nanmin(tau, initial=0.0)))
+    if largest > LARGEST:
+        raise of_argument(ArgumentError, "tau", f"found {largest:g}; expected torques below {LARGEST:g}, in N m or N")
+    return q, qd, qdd, tau
+
+
+def _deviations(scene: Scene, noise: ArrayLike) -> _Array:
+    found = np.asarray(_core._numbers("acceleration_noise", noise))
+    if found.shape not in ((), (scene.nv,)):
+        raise of_argument(ShapeError, "acceleration_noise", f"found shape {found.shape}; expected () or ({scene.nv},)")
+    if not (np.all(np.isfinite(found)) and np.all(found >= 0.0)):
+        raise of_argument(ArgumentError, "acceleration_noise", f"found {found.min()}; expected finite standard deviations, not negative")
+    return np.array(np.broadcast_to(found, (scene.nv,)))
+
+
+def _halved(blocks: list[Block]) -> list[Block]:
+    """Neighbors merged; one that is left over joins the pair before it."""
+    found = [_joined(one, other) for one, other in zip(blocks[0::2], blocks[1::2], strict=False)]
+    if len(blocks) % 2:
+        if found:
+            found[-1] = _joined(found[-1], blocks[-1])
+        else:
+            found.append(blocks[-1])
+    return found
+
+
+def _joined(one: Block, other: Block) -> Block:
+    merged = [merged_triangles([mine, its]) for mine, its in zip(one.triangles, other.triangles, strict=True)]
+    return Block(one.states + other.states, one.counts + other.counts, merged)
+
+
+def merged_triangles(parts: list[_Array]) -> _Array:
+    """The triangle of all these rows together."""
+    width = parts[0].shape[1]
+    found = np.zeros((width, width))
+    for part in parts:
+        _core._rotate_rows(found, np.ascontiguousarray(part))
+    return _trimmed(found)
+
+
+def _trimmed(triangle: _Array) -> _Array:
+    """Without rows of zeros at the end."""
+    rows = np.flatnonzero(triangle.any(axis=1))
+    return triangle[: rows[-1] + 1 if len(rows) else 0].copy()
+
+
+def _triangle(rows: _Array) -> _Array:
+    return merged_triangles([rows])

@@ -1,0 +1,185 @@
+"""Faults of logs that no shape and no NaN shows: times, units, clocks. Each is an error or a LogWarning that names the argument and the joint."""
+
+from __future__ import annotations
+
+import warnings
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import _core
+from ..errors import ArgumentError, LogWarning, ShapeError, of_argument
+from ._columns import Columns
+
+if TYPE_CHECKING:
+    from .._core import Scene
+
+__all__ = ["checked_time", "clock_offset", "shifted", "warn_of_motion", "warn_of_torques"]
+
+_Array = NDArray[np.float64]
+
+#: A step of so many median steps is a gap.
+GAP = 10.0
+#: Ratios of a derivative to the differences of what it is the derivative of, beyond which units disagree; and the least correlation that a ratio is taken from.
+RATIO, CORRELATED = 1.5, 0.9
+#: Positions beyond this, rad, are no angles of a joint with limits; whole numbers beyond this are counts.
+FAR, FEW = 1e3, 20.0
+#: Ratios of measured torques to those of the model, beyond which a constant factor is suspected, and the least correlation.
+FACTOR, ALIKE = 4.0, 0.97
+#: Lags that are tried, in samples; states that are used; the reduction of the residual's variance that counts.
+LAGS, SAMPLED, REDUCED = 40, 3000, 0.02
+
+
+def checked_time(time: ArrayLike, count: int, stacklevel: int) -> _Array:
+    """Times (k,), not falling. Warns of gaps and of repeated times."""
+    found = np.asarray(_core._numbers("time", time))
+    if found.shape != (count,):
+        raise of_argument(ShapeError, "time", f"found shape {found.shape}; expected ({count},), one time per row")
+    if not np.isfinite(found).all():
+        at = int(np.flatnonzero(~np.isfinite(found))[0])
+        raise of_argument(ArgumentError, "time", f"found {found[at]} at row {at}; expected finite times, s")
+    steps = np.diff(found)
+    if np.any(steps < 0.0):
+        at = int(np.flatnonzero(steps < 0.0)[0])
+        message = f"found {found[at + 1]:g} after {found[at]:g} at row {at + 1}; expected times that rise: sort all arrays by np.argsort(time)"
+        raise of_argument(ArgumentError, "time", message)
+    if repeated := int(np.sum(steps == 0.0)):
+        at = int(np.flatnonzero(steps == 0.0)[0])
+        warnings.warn(f"time: found {repeated} repeated times, the first {found[at]:g} at row {at + 1}; np.unique(time, return_index=True) gives rows without them", LogWarning, stacklevel=stacklevel)
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    if usual > 0.0 and np.any(gaps := steps > GAP * usual):
+        at = int(np.argmax(steps))
+        text = f"time: found {int(gaps.sum())} gaps, the longest of {steps[at]:.3g} s after {found[at]:g} s, with steps of {usual:.3g} s elsewhere"
+        warnings.warn(f"{text}; add the parts one by one to a phipsi.estimation.Accumulator if they are separate logs", LogWarning, stacklevel=stacklevel)
+    return found
+
+
+class _Joint(NamedTuple):
+    name: str
+    q: int
+    v: int
+    angle: bool
+
+
+def _one_axis(scene: Scene) -> list[_Joint]:
+    found = []
+    for name in scene.joint_names:
+        of, at = scene.v_index(name), scene.q_index(name)
+        kind = scene.joints[name].type
+        if of.stop - of.start == 1 and at.stop - at.start == 1:
+            found.append(_Joint(name, at.start, of.start, kind not in ("prismatic",)))
+    return found
+
+
+def warn_of_motion(scene: Scene, time: _Array | None, q: _Array, qd: _Array, qdd: _Array, stacklevel: int) -> None:
+    """Warns of positions in degrees or counts, and of derivatives that are not those of what they should be derivatives of."""
+    limits = scene.limits
+    for joint in _one_axis(scene):
+        values = q[:, joint.q]
+        low, high = float(limits.lower[joint.v]), float(limits.upper[joint.v])
+        reach = float(np.max(np.abs(values)))
+        if not joint.angle:
+            continue
+        limited = np.isfinite(low) and np.isfinite(high) and high > low
+        whole = reach > FEW and np.array_equal(values, np.round(values))
+        if whole or (limited and reach > FAR):
+            what = "whole numbers, as counts of an encoder are" if whole else f"with limits of {low:.3g} and {high:.3g} rad"
+            warnings.warn(f"q: found {reach:.3g} at joint {joint.name!r}, {what}; expected rad: multiply by 2 pi / counts per revolution", LogWarning, stacklevel=stacklevel)
+        elif limited:
+            beyond = max(low - float(values.min()), float(values.max()) - high)
+            # Degrees that are allowed, and far from being radians that are.
+            if beyond > 2.0 * (high - low) and low - 0.1 <= np.radians(values.min()) and np.radians(values.max()) <= high + 0.1:
+                text = f"q: found {reach:.3g} at joint {joint.name!r} with limits of {low:.3g} and {high:.3g} rad, which it meets in degrees; expected rad: np.deg2rad(q)"
+                warnings.warn(text, LogWarning, stacklevel=stacklevel)
+    if time is None or len(time) < 10:
+        return
+    steps = np.diff(time)
+    usual = float(np.median(steps))
+    near = (steps > 0.0) & (steps < GAP * usual)
+    for joint in _one_axis(scene):
+        for name, of, values, derivative in (("qd", "q", q[:, joint.q], qd[:, joint.v]), ("qdd", "qd", qd[:, joint.v], qdd[:, joint.v])):
+            differences, means = np.diff(values)[near] / steps[near], 0.5 * (derivative[1:] + derivative[:-1])[near]
+            ratio = _ratio(differences, means)
+            if ratio is not None and not 1.0 / RATIO < ratio < RATIO:
+                hint = f"{name} is in degrees or {of} in rad" if abs(ratio - 1.0 / 57.3) < 0.003 else f"{of} is in degrees or {name} in rad" if abs(ratio - 57.3) < 10.0 else "units disagree"
+                text = f"{name}: found {of} that changes {ratio:.3g} times as fast as {name} has it, at joint {joint.name!r}: {hint}; expected rad, s and their derivatives"
+                warnings.warn(text, LogWarning, stacklevel=stacklevel)
+
+
+def _ratio(found: _Array, expected: _Array) -> float | None:
+    """The factor between two signals that are alike but for it; None where they are not."""
+    squares, others, both = float(found @ found), float(expected @ expected), float(found @ expected)
+    if squares == 0.0 or others == 0.0 or abs(both) < CORRELATED * np.sqrt(squares * others):
+        return None
+    return both / others
+
+
+def warn_of_torques(columns: Columns, q: _Array, qd: _Array, qdd: _Array, tau: _Array, stacklevel: int) -> None:
+    """Warns of torques that are the model's times a constant: currents, or torques of the other side of a gear."""
+    some = slice(None, None, max(1, len(q) // SAMPLED))
+    q, qd, qdd, tau = q[some], qd[some], qdd[some], tau[some]
+    model = columns.to_motors(columns.scene.inverse_dynamics(q, qd, qdd))
+    found, shown = [], 0
+    for motor in range(columns.motors):
+        seen = np.isfinite(tau[:, motor])
+        measured, expected = tau[seen, motor], model[seen, motor]
+        squares, others, both = float(measured @ measured), float(expected @ expected), float(measured @ expected)
+        if len(measured) < 20 or squares == 0.0 or others <= 1e-12 * float(np.sum(model**2)):
+            continue
+        shown += 1
+        correlation, factor = both / np.sqrt(squares * others), both / others
+        if abs(correlation) > ALIKE and not 1.0 / FACTOR < factor < FACTOR:
+            found.append(f"{columns.motor_names[motor]!r}: {factor:.3g}")
+    # A payload may do so at some joints.
+    if 2 * len(found) > shown:
+        text = f"tau: found torques that are those of the model times a constant ({', '.join(found)}), as currents are; expected N m or N: multiply by torque constant and gear ratio"
+        warnings.warn(text, LogWarning, stacklevel=stacklevel)
+
+
+def shifted(tau: _Array, time: _Array, delay: float) -> _Array:
+    """Torques that were measured `delay` later than their times, at the times; NaN beyond the log and next to what was not measured."""
+    found = np.empty_like(tau)
+    for motor in range(tau.shape[1]):
+        found[:, motor] = np.interp(time + delay, time, tau[:, motor], left=np.nan, right=np.nan)
+    return found
+
+
+def clock_offset(columns: Columns, used: NDArray[np.intp], time: _Array, arrays: tuple[_Array, _Array, _Array, _Array], weights: _Array, stacklevel: int) -> float:
+    """How much later than q the torques are, s: where the residual of least squares in the base parameters is least. Warns where the residual shows it."""
+    q, qd, qdd, tau = arrays
+    step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+    if step <= 0.0 or len(time) < 20 * LAGS:
+        return float("nan")
+    middle = slice(max(0, (len(time) - SAMPLED) // 2), max(0, (len(time) - SAMPLED) // 2) + SAMPLED)
+    rows, known = columns.rows(q[middle], qd[middle], qdd[middle])
+    known_at = np.isfinite(weights)
+    stacked = []
+    for motor, (block, at) in enumerate(zip(rows, columns.used, strict=True)):
+        whole = np.zeros((len(block), columns.width))
+        if known_at[motor]:
+            whole[:, at] = block / weights[motor]
+        stacked.append(whole[:, used])
+    matrix = np.concatenate(stacked)
+    orthogonal = np.linalg.svd(matrix / np.maximum(np.linalg.norm(matrix, axis=0), 1e-300), full_matrices=False)[0]
+    scale = np.where(known_at, weights, 1.0)
+
+    def residual(delay: float) -> float:
+        """Mean square of what the columns do not explain."""
+        torque = shifted(tau, time, delay)[middle] - known
+        torque = np.where(np.isfinite(torque) & known_at, torque, 0.0) / scale
+        target = torque.T.ravel()
+        return float((target @ target - np.sum((orthogonal.T @ target) ** 2)) / max(len(target), 1))
+
+    lags = np.arange(-LAGS, LAGS + 1)
+    values = np.array([residual(lag * step) for lag in lags])
+    best = int(np.argmin(values))
+    if best in (0, len(lags) - 1):
+        return float("nan")
+    before, here, after = values[best - 1 : best + 2]
+    bend = before - 2.0 * here + after
+    offset = (lags[best] + (0.5 * (before - after) / bend if bend > 0.0 else 0.0)) * step
+    if values[LAGS] > (1.0 + REDUCED) * here and abs(offset) > 0.5 * step:
+        text = f"tau: found torques that are {1e3 * offset:.3g} ms later than q by the residuals, whose variance is {100 * (1 - here / values[LAGS]):.2g} % less there; expected one clock"
+        warnings.warn(f"{text}: tau_delay={offset:.3g} shifts them", LogWarning, stacklevel=stacklevel)
+    return float(offset)

@@ -1,0 +1,241 @@
+"""The linear model of measured torques: tau = W x + known, with the parameters of bodies and of motors in x.
+
+Rows are those of motors: with B, motor velocities = B qd, joint torques are B^T times motor torques, so that W = B^-T Y for the bodies (Y: Scene.regressor). Columns of motor i
+are armature (B qdd)_i, damping (B qd)_i, dry friction s_i = smooth sign of (B qd)_i, offset 1, Stribeck friction s_i exp(-(v/vs)^2), and load dependent friction
+s_i |torque of the model|. Without a transmission B is the identity and the motors are the degrees of freedom.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import _core
+from ..errors import ArgumentError, ShapeError, of_argument
+from ._bodies import own_parameters
+
+if TYPE_CHECKING:
+    from .._core import Scene
+
+__all__ = ["KINDS", "PROPERTIES", "Columns", "Extra"]
+
+_Array = NDArray[np.float64]
+
+#: What is found of motors: what a scene has, and all.
+PROPERTIES = ("armature", "damping", "friction")
+KINDS = (*PROPERTIES, "offset", "stribeck", "load")
+#: Those whose sign is free.
+SIGNED = ("offset", "stribeck")
+#: The largest condition number of a transmission.
+CONDITION = 1e8
+
+
+class Extra(NamedTuple):
+    """A parameter of a motor."""
+
+    kind: str
+    name: str
+    rows: tuple[int, ...]
+    """The rows that it acts on: several for a joint of several degrees of freedom."""
+    model: float
+    """Its value in the scene, zero where the scene has none."""
+
+
+class Parts(NamedTuple):
+    """Columns at some states."""
+
+    of_bodies: _Array
+    """The regressor, (k, motors x bodies x 10)."""
+    of_motors: list[_Array]
+    """Of each row of torques the columns of its motor, (k, number)."""
+    known: _Array
+    """The torques that no column has, (k, motors)."""
+
+
+class Columns:
+    """The columns of W for a scene."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        fit: Collection[str] = (),
+        keep: Collection[str] = (),
+        friction_speed: float = 0.01,
+        stribeck_speed: float = 0.1,
+        transmission: ArrayLike | None = None,
+        load: Scene | None = None,
+    ) -> None:
+        for name in fit:
+            if name not in KINDS:
+                raise of_argument(ArgumentError, "fit", f"found {name!r}; expected names of {', '.join(KINDS)}")
+        for name in keep:
+            if name not in scene.body_names:
+                raise of_argument(ArgumentError, "keep", f"found {name!r}; expected names of scene.body_names")
+        for argument, value in (("friction_speed", friction_speed), ("stribeck_speed", stribeck_speed)):
+            if not (np.isfinite(value) and value > 0.0):
+                raise of_argument(ArgumentError, argument, f"found {value}; expected a finite number above zero")
+        self.scene, self.fit, self.keep, self.load = scene, tuple(dict.fromkeys(fit)), tuple(keep), load
+        self.slow, self.stribeck = float(friction_speed), float(stribeck_speed)
+        self.own = own_parameters(scene)
+        self.free = [at for at, name in enumerate(scene.body_names) if name not in keep]
+        self.kept = [at for at in range(len(scene.body_names)) if at not in self.free]
+        self.transmission = None if transmission is None else _checked_transmission(scene, transmission)
+        self.inverse = None if self.transmission is None else np.linalg.inv(self.transmission)
+        self.motors = scene.nv
+        self.motor_names = self._names()
+        self.extras = [] if not self.fit else list(self._extras())
+        self.width = 10 * len(self.free) + len(self.extras)
+        if not self.width:
+            raise of_argument(ArgumentError, "keep", "found all bodies, and nothing of the joints to fit; expected something to find")
+        self.used = self._used()
+        #: Of each row the columns of bodies in the regressor, (motors x bodies x 10) in one.
+        free = np.array([10 * body + entry for body in self.free for entry in range(10)], dtype=np.intp)
+        size = 10 * len(scene.body_names)
+        self.chosen = [motor * size + free[used[used < len(free)]] for motor, used in enumerate(self.used)]
+
+    def _names(self) -> list[str]:
+        joints = [""] * self.scene.nv
+        for joint in self.scene.joint_names:
+            of = self.scene.v_index(joint)
+            for at in range(of.start, of.stop):
+                joints[at] = joint if of.stop - of.start == 1 else f"{joint}[{at - of.start}]"
+        if self.transmission is None:
+            return joints
+        return ["+".join(name for name, entry in zip(joints, row, strict=True) if entry) for row in self.transmission]
+
+    def _extras(self) -> Iterator[Extra]:
+        scene, values = self.scene, {name: getattr(self.scene, name) for name in PROPERTIES}
+        for kind in self.fit:
+            if self.transmission is None:
+                for joint in scene.joint_names:
+                    of = scene.v_index(joint)
+                    # A floating base has none of them.
+                    if scene.joints[joint].type != "floating":
+                        yield Extra(kind, joint, tuple(range(of.start, of.stop)), float(values[kind][of][0]) if kind in values else 0.0)
+                continue
+            for at, row in enumerate(self.transmission):
+                (entries,) = np.nonzero(row)
+                model = 0.0
+                if kind in values and len(entries) == 1:
+                    ratio = abs(float(row[entries[0]]))
+                    model = float(values[kind][entries[0]]) / (ratio if kind == "friction" else ratio**2)
+                yield Extra(kind, self.motor_names[at], (at,), model)
+
+    def _used(self) -> list[NDArray[np.intp]]:
+        """For each row the columns that are not zero everywhere: of bodies outboard of its joints, and of its motor."""
+        scene, names = self.scene, self.scene.body_names
+        # Two states suffice: an entry that is zero at both is zero by structure.
+        draw = np.random.default_rng(0)
+        q = scene.integrate(np.broadcast_to(scene.neutral(), (2, scene.nq)), draw.uniform(-1, 1, (2, scene.nv)))
+        rows = scene.regressor(q, *draw.uniform(-1, 1, (2, 2, scene.nv)))
+        touched = np.any(rows != 0.0, axis=(0, 3))
+        if self.inverse is not None:
+            touched = (np.abs(self.inverse.T) @ touched.astype(float)) > 0.0
+        found = []
+        for row in range(self.motors):
+            bodies = [at for at, body in enumerate(self.free) if touched[row, body]]
+            columns = [10 * at + entry for at in bodies for entry in range(10)]
+            columns += [10 * len(self.free) + at for at, extra in enumerate(self.extras) if row in extra.rows]
+            found.append(np.array(columns, dtype=np.intp))
+        assert len(names) == touched.shape[1]
+        return found
+
+    def names(self) -> list[str]:
+        """The name of each column."""
+        entries = ("m", "m*cx", "m*cy", "m*cz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+        bodies = [f"{self.scene.body_names[at]}.{entry}" for at in self.free for entry in entries]
+        return bodies + [f"{extra.name}.{extra.kind}" for extra in self.extras]
+
+    def to_motors(self, torques: _Array) -> _Array:
+        """Torques of motors from those of joints, (k, nv)."""
+        return torques if self.inverse is None else torques @ self.inverse
+
+    def rates(self, qd: _Array) -> _Array:
+        """Velocities of motors."""
+        return qd if self.transmission is None else qd @ self.transmission.T
+
+    def of_motors(self, q: _Array, qd: _Array, qdd: _Array) -> dict[str, _Array]:
+        """The columns of each kind that is fitted, (k, motors): one motor each."""
+        v = self.rates(qd)
+        sliding = v / np.sqrt(v**2 + self.slow**2)
+        found: dict[str, _Array] = {}
+        for kind in self.fit:
+            if kind == "armature":
+                found[kind] = self.rates(qdd)
+            elif kind == "damping":
+                found[kind] = v
+            elif kind == "friction":
+                found[kind] = sliding
+            elif kind == "offset":
+                found[kind] = np.ones_like(v)
+            elif kind == "stribeck":
+                found[kind] = sliding * np.exp(-((v / self.stribeck) ** 2))
+            else:
+                load = self.scene if self.load is None else self.load
+                found[kind] = sliding * np.abs(self.to_motors(load.inverse_dynamics(q, qd, qdd)))
+        return found
+
+    def known(self, q: _Array, qd: _Array, qdd: _Array) -> _Array:
+        """Torques of motors that no column has: springs, and what of the joints is not fitted, (k, motors)."""
+        scene = self.scene
+        found = scene.stiffness * scene.difference(np.broadcast_to(scene.rest, q.shape), q)
+        columns = {"armature": qdd, "damping": qd, "friction": qd / np.sqrt(qd**2 + self.slow**2)}
+        for name, column in columns.items():
+            if name not in self.fit:
+                found = found + getattr(scene, name) * column
+        return self.to_motors(found)
+
+    def regressor(self, q: _Array, qd: _Array, qdd: _Array) -> _Array:
+        """W of all bodies, (k, motors, bodies, 10)."""
+        rows = self.scene.regressor(q, qd, qdd)
+        return rows if self.inverse is None else np.einsum("ji,kjbp->kibp", self.inverse, rows)
+
+    def rows(self, q: _Array, qd: _Array, qdd: _Array) -> tuple[list[_Array], _Array]:
+        """For each row of torques the columns that it has, (k, used), and the torques that no column has, (k, motors)."""
+        parts = self.parts(q, qd, qdd)
+        return [np.concatenate([parts.of_bodies[:, chosen], own], axis=1) for chosen, own in zip(self.chosen, parts.of_motors, strict=True)], parts.known
+
+    def parts(self, q: _Array, qd: _Array, qdd: _Array) -> Parts:
+        """The same without copies of the regressor: the columns of bodies of row i are those at `chosen[i]`."""
+        of_bodies = self.regressor(q, qd, qdd)
+        known = self.known(q, qd, qdd)
+        if self.kept:
+            known = known + np.einsum("kibp,bp->ki", of_bodies[:, :, self.kept], self.own[self.kept])
+        kinds = self.of_motors(q, qd, qdd)
+        bodies = 10 * len(self.free)
+        of_motors = []
+        for motor, used in enumerate(self.used):
+            own = [kinds[self.extras[at - bodies].kind][:, motor] for at in used[used >= bodies]]
+            of_motors.append(np.stack(own, axis=1) if own else np.empty((len(q), 0)))
+        return Parts(of_bodies.reshape(len(q), -1), of_motors, known)
+
+    def sensitivity(self, q: _Array, qd: _Array, qdd: _Array, joint: int) -> list[_Array]:
+        """How the columns, and last the torques that no column has, change with the acceleration of one degree of freedom: they are linear in it."""
+        ahead = qdd.copy()
+        ahead[:, joint] += 1.0
+        (rows, known), (rows_here, known_here) = self.rows(q, qd, ahead), self.rows(q, qd, qdd)
+        off = known - known_here
+        return [np.column_stack([one - other, off[:, motor]]) for motor, (one, other) in enumerate(zip(rows, rows_here, strict=True))]
+
+    def same_as(self, other: Columns) -> bool:
+        """Whether both have the same columns."""
+        mine, its = self.transmission, other.transmission
+        alike = (mine is None) == (its is None) and (mine is None or its is None or np.array_equal(mine, its))
+        return alike and self.names() == other.names() and np.array_equal(self.own, other.own) and (self.slow, self.stribeck) == (other.slow, other.stribeck)
+
+
+def _checked_transmission(scene: Scene, transmission: ArrayLike) -> _Array:
+    found = np.array(_core._numbers("transmission", transmission))
+    if found.shape != (scene.nv, scene.nv):
+        raise of_argument(ShapeError, "transmission", f"found shape {found.shape}; expected ({scene.nv}, {scene.nv}): motor velocities = transmission @ qd")
+    if not np.all(np.isfinite(found)) or not np.linalg.cond(found) < CONDITION:
+        raise of_argument(ArgumentError, "transmission", "found a matrix that is not finite or has no inverse; expected motors that move all joints")
+    several = [joint for joint in scene.joint_names if scene.v_index(joint).stop - scene.v_index(joint).start != 1]
+    if several:
+        raise of_argument(ArgumentError, "transmission", f"found a scene with joint {several[0]!r} of several degrees of freedom; expected joints of one axis, or no transmission")
+    return found
+
+

@@ -1,0 +1,80 @@
+"""Scene.identify: the checks of a log that is in memory, and the identification from it."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .._arguments import check_tree
+from ..errors import ArgumentError, of_argument
+from ._accumulator import Accumulator, _log
+from ._checks import checked_time, clock_offset, shifted, warn_of_motion, warn_of_torques
+from ._identification import Identification, _combinations, solved
+
+if TYPE_CHECKING:
+    from .._core import Scene
+
+__all__ = ["identify"]
+
+_Array = NDArray[np.float64]
+
+#: How many warnings' frames lie between the caller and `identify`.
+CALLER = 3
+
+
+def identify(
+    scene: Scene,
+    q: ArrayLike,
+    qd: ArrayLike,
+    qdd: ArrayLike,
+    tau: ArrayLike,
+    *,
+    fit: Collection[str] = (),
+    noise: ArrayLike | None = None,
+    trust: float = 1.0,
+    keep: Collection[str] = (),
+    friction_speed: float = 0.01,
+    stribeck_speed: float = 0.1,
+    time: ArrayLike | None = None,
+    transmission: ArrayLike | None = None,
+    tau_delay: float = 0.0,
+    acceleration_noise: ArrayLike | None = None,
+    instruments: tuple[ArrayLike, ArrayLike, ArrayLike] | None = None,
+    blocks: int = 20,
+) -> Identification:
+    """As Scene.identify, which calls it."""
+    check_tree(scene, "identify")
+    if not (np.isfinite(trust) and trust > 0.0):
+        raise of_argument(ArgumentError, "trust", f"found {trust}; expected a finite number above zero")
+    q, qd, qdd, tau = _log(scene, q, qd, qdd, tau)
+    times = None if time is None else checked_time(time, len(q), CALLER)
+    if not np.isfinite(tau_delay) or (tau_delay != 0.0 and times is None):
+        raise of_argument(ArgumentError, "tau_delay", f"found {tau_delay}{' without time' if np.isfinite(tau_delay) else ''}; expected a finite delay in s, and time")
+    if tau_delay != 0.0 and times is not None:
+        tau = shifted(tau, times, tau_delay)
+    warn_of_motion(scene, times, q, qd, qdd, CALLER)
+
+    def accumulated(kinds: tuple[str, ...], load: Scene | None) -> Accumulator:
+        length = max(1, -(-len(q) // max(int(blocks), 1))) if isinstance(blocks, (int, np.integer)) else 1
+        accumulator = Accumulator(
+            scene, fit=kinds, keep=keep, friction_speed=friction_speed, stribeck_speed=stribeck_speed, transmission=transmission, load_model=load,
+            instruments=instruments is not None, acceleration_noise=acceleration_noise, blocks=blocks, block_length=length,
+        )  # fmt: skip
+        return accumulator.add(q, qd, qdd, tau, instruments=instruments)
+
+    kinds, load = tuple(fit), None
+    if "load" in kinds:
+        # The torque that friction depends on is that of a model: the measured one has the noise in it.
+        others = tuple(kind for kind in kinds if kind != "load")
+        if others or len(keep) < len(scene.body_names):
+            load = solved(accumulated(others, None), noise, trust, stacklevel=CALLER).scene
+    accumulator = accumulated(kinds, load)
+    warn_of_torques(accumulator.columns, q, qd, qdd, tau, CALLER)
+    offset = float("nan")
+    if times is not None:
+        weights = np.where(np.isfinite(tau).any(axis=0), 1.0, np.nan) * np.maximum(np.sqrt(accumulator._squares / len(q)), 1e-300)
+        offset = clock_offset(accumulator.columns, _combinations(accumulator.columns).columns, times, (q, qd, qdd, tau), weights, CALLER)
+    return solved(accumulator, noise, trust, stacklevel=CALLER, clock_offset=offset)

@@ -1,0 +1,241 @@
+"""Logs in files: npz, csv, parquet, rosbag2 and mcap; and identification from many of them, on several processes or machines."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import ArgumentError, of_argument
+from ._accumulator import Accumulator, _log
+from ._checks import checked_time, warn_of_motion
+from ._smooth import smooth
+
+if TYPE_CHECKING:
+    from .._core import Scene
+
+__all__ = ["accumulate_logs", "read_log"]
+
+_Array = NDArray[np.float64]
+
+ARRAYS = ("time", "q", "qd", "qdd", "tau")
+#: Other names of columns and of arrays.
+ALIASES = {"t": "time", "position": "q", "velocity": "qd", "acceleration": "qdd", "effort": "tau", "torque": "tau"}
+#: How often a log is read again whose process was lost.
+ATTEMPTS = 3
+
+
+def read_log(path: str | Path, scene: Scene) -> dict[str, _Array]:
+    """The arrays of a log: "time" (k,), "q", "qd", "qdd" and "tau" (k, nv), those that it has.
+
+    Parameters
+    ----------
+    path : path
+        npz with these arrays (t for time); csv or parquet with a column "time" and columns "joint.q", "joint.qd", "joint.qdd", "joint.tau" by the names of the joints, or "q1", "q2",
+        ..., by their order (needs polars); a folder of rosbag2 or an mcap file with sensor_msgs/JointState messages (needs rosbags), whose positions and efforts are taken.
+    scene : phipsi.Scene
+        The robot, for the names and the order of its joints.
+
+    Raises
+    ------
+    ArgumentError
+        A file that cannot be read as a log, naming what it lacks.
+    ImportError
+        Without the package that reads this format, naming it.
+    """
+    path = Path(path)
+    kind = path.suffix.lower()
+    if kind == ".npz":
+        found = _of_npz(path)
+    elif kind in (".csv", ".parquet"):
+        found = _of_table(path, scene)
+    elif kind == ".mcap" or path.is_dir():
+        found = _of_bag(path, scene)
+    else:
+        raise of_argument(ArgumentError, "log", f"found {path.name!r}; expected .npz, .csv, .parquet, .mcap or a folder of rosbag2")
+    lacking = [name for name in ("q", "tau") if name not in found]
+    if lacking:
+        raise of_argument(ArgumentError, "log", f"found no {', '.join(lacking)} in {str(path)!r}; expected q, tau, and qd and qdd or time")
+    return found
+
+
+def with_derivatives(found: dict[str, _Array], source: str, cutoff: float | None = None) -> tuple[dict[str, _Array], bool]:
+    """The arrays with velocities and accelerations, and whether they were made by smoothing the positions, which takes times."""
+    if "qd" in found and "qdd" in found:
+        return found, False
+    if "time" not in found:
+        lacking = " and ".join(name for name in ("qd", "qdd") if name not in found)
+        raise of_argument(ArgumentError, "log", f"found neither {lacking} nor time in {source!r}; expected one of them")
+    smoothed = smooth(found["time"], found["q"], cutoff=cutoff)
+    return found | {"q": smoothed.q, "qd": smoothed.qd, "qdd": smoothed.qdd}, True
+
+
+def _of_npz(path: Path) -> dict[str, _Array]:
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            names = {name: ALIASES.get(name, name) for name in archive.files}
+            return {to: np.asarray(archive[name], float) for name, to in names.items() if to in ARRAYS}
+    except (OSError, ValueError, EOFError) as error:
+        raise of_argument(ArgumentError, "log", f"found {error}; expected an .npz with q, qd, qdd and tau") from None
+
+
+def _of_table(path: Path, scene: Scene) -> dict[str, _Array]:
+    try:
+        import polars
+    except ImportError:
+        raise ImportError('log: csv and parquet are read by polars; install it with: pip install "phipsi[logs]"') from None
+    try:
+        table = polars.read_csv(path, infer_schema_length=10_000) if path.suffix.lower() == ".csv" else polars.read_parquet(path)
+    except Exception as error:
+        raise of_argument(ArgumentError, "log", f"found {error}; expected a table") from None
+    return _of_columns({name: np.asarray(table[name].cast(polars.Float64, strict=False).to_numpy(), float) for name in table.columns}, scene)
+
+
+def _of_columns(columns: dict[str, _Array], scene: Scene) -> dict[str, _Array]:
+    """The arrays of named columns."""
+    joints, found = list(scene.joint_names), dict[str, dict[int, _Array]]()
+    times = None
+    for name, values in columns.items():
+        if ALIASES.get(name, name) == "time":
+            times = values
+            continue
+        before, _, after = name.rpartition(".")
+        kind = ALIASES.get(after, after)
+        if before in joints and kind in ARRAYS:
+            found.setdefault(kind, {})[scene.v_index(before).start] = values
+            continue
+        letters = name.rstrip("0123456789")
+        kind = ALIASES.get(letters.rstrip("_"), letters.rstrip("_"))
+        if kind in ARRAYS and letters != name and 1 <= int(name[len(letters) :]) <= scene.nv:
+            found.setdefault(kind, {})[int(name[len(letters) :]) - 1] = values
+    arrays: dict[str, _Array] = {} if times is None else {"time": times}
+    for kind, of_joints in found.items():
+        lacking = [at for at in range(scene.nv) if at not in of_joints]
+        if lacking:
+            raise of_argument(ArgumentError, "log", f"found no column {kind} of joint {joints[lacking[0]]!r}; expected {joints[lacking[0]]}.{kind} or {kind}{lacking[0] + 1}")
+        arrays[kind] = np.stack([of_joints[at] for at in range(scene.nv)], axis=1)
+    return arrays
+
+
+def _of_bag(path: Path, scene: Scene) -> dict[str, _Array]:
+    try:
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError:
+        raise ImportError('log: bags are read by rosbags; install it with: pip install "phipsi[logs]"') from None
+    joints = list(scene.joint_names)
+    rows: list[tuple[float, list[float], list[float]]] = []
+    try:
+        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+            topics = [one for one in reader.connections if one.msgtype == "sensor_msgs/msg/JointState"]
+            for connection, _, raw in reader.messages(connections=topics):
+                message: Any = reader.deserialize(raw, connection.msgtype)
+                at = {name: place for place, name in enumerate(message.name)}
+                if not all(joint in at for joint in joints):
+                    continue
+                position, effort = (
+                    [float(values[at[joint]]) if len(values) > at[joint] else np.nan for joint in joints] for values in (message.position, message.effort)
+                )
+                rows.append((message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec, position, effort))
+    except Exception as error:
+        raise of_argument(ArgumentError, "log", f"found {error}; expected a bag of ROS 2") from None
+    if not rows:
+        raise of_argument(ArgumentError, "log", f"found no sensor_msgs/JointState with the joints {', '.join(joints)} in {str(path)!r}; expected some")
+    rows.sort(key=lambda row: row[0])
+    time = np.array([row[0] for row in rows])
+    return {"time": time - time[0], "q": np.array([row[1] for row in rows]), "tau": np.array([row[2] for row in rows])}
+
+
+def accumulate_logs(
+    scene: Scene,
+    logs: Sequence[str | Path],
+    *,
+    workers: int = 1,
+    client: Any = None,
+    cutoff: float | None = None,
+    **settings: Any,
+) -> Accumulator:
+    """The accumulator of many logs: each is read and reduced to triangles on one of several processes, or of the machines of a Dask client.
+
+    Parameters
+    ----------
+    scene : phipsi.Scene
+        The model.
+    logs : sequence of paths
+        Files as read_log reads them, in the order of time. Positions are smoothed where velocities or accelerations are missing.
+    workers : int
+        Processes of this machine.
+    client : distributed.Client, optional
+        Of a Dask cluster, whose workers see the files.
+    cutoff : float, optional
+        As in phipsi.smooth.
+    **settings
+        As of Accumulator.
+
+    Returns
+    -------
+    Accumulator
+        Merged in the order of the logs: the result does not depend on the workers. A log whose worker is lost is read again, up to three times.
+
+    Raises
+    ------
+    ArgumentError
+        No logs, a file that cannot be read, or one that lost its worker three times.
+    """
+    if not logs:
+        raise of_argument(ArgumentError, "logs", "found none; expected at least one file")
+    if not (isinstance(workers, (int, np.integer)) and workers >= 1):
+        raise of_argument(ArgumentError, "workers", f"found {workers!r}; expected a whole number, at least 1")
+    Accumulator(scene, **settings)
+    if client is not None:
+        tasks = [client.submit(_accumulated, scene, str(log), cutoff, settings, retries=ATTEMPTS, pure=False) for log in logs]
+        parts: Iterable[Accumulator] = client.gather(tasks)
+    elif workers == 1 or len(logs) == 1:
+        parts = (_accumulated(scene, str(log), cutoff, settings) for log in logs)
+    else:
+        parts = _on_processes(scene, [str(log) for log in logs], workers, cutoff, settings)
+    found: Accumulator | None = None
+    for part in parts:
+        found = part if found is None else found.merge(part)
+    assert found is not None
+    return found
+
+
+def _accumulated(scene: Scene, log: str, cutoff: float | None, settings: dict[str, Any]) -> Accumulator:
+    """The triangles of one log."""
+    arrays, _ = with_derivatives(read_log(log, scene), log, cutoff)
+    # Warnings of other processes are not seen; those of this one name the faults of each log.
+    q, qd, qdd, _ = _log(scene, arrays["q"], arrays["qd"], arrays["qdd"], arrays["tau"])
+    time = checked_time(arrays["time"], len(q), 5) if "time" in arrays else None
+    warn_of_motion(scene, time, q, qd, qdd, 5)
+    return Accumulator(scene, **settings).add(arrays["q"], arrays["qd"], arrays["qdd"], arrays["tau"])
+
+
+def _on_processes(scene: Scene, logs: list[str], workers: int, cutoff: float | None, settings: dict[str, Any]) -> Iterator[Accumulator]:
+    """Those of all logs, in their order."""
+    import multiprocessing
+    from concurrent.futures import ProcessPoolExecutor
+    from concurrent.futures.process import BrokenProcessPool
+
+    done: dict[int, Accumulator] = {}
+    for attempt in range(1 + ATTEMPTS):
+        lost = [at for at in range(len(logs)) if at not in done]
+        if not lost:
+            break
+        if attempt == ATTEMPTS:
+            raise of_argument(ArgumentError, "logs", f"found a worker that was lost {ATTEMPTS} times, last with {logs[lost[0]]!r}; expected enough memory: fewer workers, or workers=1")
+        # A fork would copy the threads' locks; new processes begin clean.
+        with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
+            tasks = {at: pool.submit(_accumulated, scene, logs[at], cutoff, settings) for at in lost}
+            for at, task in tasks.items():
+                try:
+                    done[at] = task.result()
+                except BrokenProcessPool:
+                    warnings.warn(f"logs: a worker was lost; {logs[at]!r} is read again", RuntimeWarning, stacklevel=4)
+                    break
+    for at in range(len(logs)):
+        yield done[at]

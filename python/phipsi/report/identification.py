@@ -1,0 +1,188 @@
+"""The page of `phipsi identify`: measured against predicted torques, parameters with intervals, the spectrum of the residuals, and what cannot be known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..estimation._identification import DECIDED, Identification
+from .page import Block, Figure, Table
+from .pipeline import Findings, Layout, Section, provenance
+from .plotting import COLOURS, GREY, Axis, Chart, Panel, Series
+from .states import Array
+
+#: Rows that curves show, and base parameters that the page lists.
+MOST_ROWS, MOST_BASE = 1500, 200
+#: Pieces of the residual that its spectrum is averaged over.
+PIECES = 8
+
+
+@dataclass
+class IdentificationReport(Findings):
+    """An identification, and the log that it is compared with."""
+
+    name: str
+    model: Any
+    """The scene before."""
+    found: Identification
+    time: Array
+    """Times of the rows, (k,), s; their indices where the log has none."""
+    measured: Array
+    """Measured torques, (k, motors)."""
+    predicted: Array
+    """Torques of the identified parameters."""
+    before: Array
+    """Torques of the model."""
+    held_out: int
+    """The first row that was not fitted; k where all were."""
+    level: float = 0.95
+
+    def head(self) -> dict[str, Any]:
+        found = self.found
+        low, high = found.interval(self.level)
+        return {
+            "name": self.name, "states": found.states, "known": found.known, "blocks": found.blocks, "noise": found.noise, "parameters": found.parameters, "low": low, "high": high,
+            "share": found.share, "joints": found.joints, "explained": self.explained(slice(0, self.held_out)),
+            "explained_held_out": self.explained(slice(self.held_out, None)) if self.held_out < len(self.time) else None,
+        }  # fmt: skip
+
+    @property
+    def motors(self) -> list[str]:
+        return self.found.columns.motor_names
+
+    def explained(self, rows: slice, predicted: Array | None = None) -> Array:
+        """The share of the variance of measured torques that is explained, (motors,)."""
+        measured, off = self.measured[rows], self.measured[rows] - (self.predicted if predicted is None else predicted)[rows]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.asarray(1.0 - np.nanmean(off**2, axis=0) / np.nanvar(measured, axis=0))
+
+
+def _torques(report: IdentificationReport) -> Chart:
+    rows = np.unique(np.linspace(0, len(report.time) - 1, MOST_ROWS).round().astype(int))
+    fitted, held = rows[rows < report.held_out], rows[rows >= report.held_out]
+    panels = []
+    for motor, name in enumerate(report.motors):
+        series = [
+            Series("measured", GREY, report.time[rows], report.measured[rows, motor], line=1.2),
+            Series("identified, fitted part", COLOURS[0], report.time[fitted], report.predicted[fitted, motor], line=1.4),
+        ]
+        if len(held):
+            series.append(Series("identified, held-out part", COLOURS[2], report.time[held], report.predicted[held, motor], line=1.4))
+        series.append(Series("model before", COLOURS[4], report.time[rows], report.before[rows, motor], line=1.0, dash=True))
+        panels.append(Panel(Axis("time, s", form=".4~g", unit=" s"), Axis("N m or N", form=".4~g"), series, name))
+    return Chart("torques", panels, height=170, linked=True)
+
+
+def _fit(report: IdentificationReport) -> Sequence[Block]:
+    found, fitted = report.found, slice(0, report.held_out)
+    held = report.held_out < len(report.time)
+    columns = [found.noise, found.before, found.after, report.explained(fitted, report.before), report.explained(fitted)]
+    heads = ["motor", "noise", "rms off before", "rms off after", "explained before", "explained"]
+    if held:
+        columns.append(report.explained(slice(report.held_out, None)))
+        heads.append("explained, held out")
+    rows = [(name, *(f"{value:.3g}" for value in values)) for name, *values in zip(report.motors, *columns, strict=True)]
+    blocks: list[Block] = [Table(heads, rows, 1)]
+    if held:
+        blocks.append(f"The last {len(report.time) - report.held_out} of {len(report.time)} states were not fitted: the held-out part shows how well other motions are predicted.")
+    if np.isfinite(found.clock_offset):
+        blocks.append(f"By the residuals the torques are {1e3 * found.clock_offset:.3g} ms later than the positions.")
+    return blocks
+
+
+def _with_bar(value: float, low: float, high: float) -> str:
+    return f"{value:.4g} ± {0.5 * (high - low):.2g}"
+
+
+def _parameters(report: IdentificationReport) -> Sequence[Block]:
+    from ..estimation._bodies import own_parameters
+
+    found, model = report.found, own_parameters(report.model)
+    low, high = found.interval(report.level)
+    names = ("m", "m cx", "m cy", "m cz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+    rows = []
+    for body, link in enumerate(found.scene.body_names):
+        for at, entry in enumerate(names):
+            share = found.share[body, at]
+            by = "kept" if not np.isfinite(share) else f"{share:.2f}" + ("" if share >= DECIDED else ", prior")
+            rows.append((link if at == 0 else "", entry, f"{model[body, at]:.4g}", _with_bar(found.parameters[body, at], low[body, at], high[body, at]), by))
+    blocks: list[Block] = [
+        f"Intervals of {100 * report.level:g} %, in SI units, about the link's origin. The last column is the share of the variance that the data decide: below {DECIDED} the interval is that of the prior.",
+        Table(("link", "parameter", "model", "identified", "decided by data"), rows, 2),
+    ]
+    if any(found.joints.values()):
+        each = [(motor, kind, f"{value:.4g} ± {2 * found.joint_deviations[kind][motor]:.2g}") for kind, values in found.joints.items() for motor, value in values.items()]
+        blocks.append(Table(("motor", "kind", "identified, ± two standard deviations"), each, 2))
+    return blocks
+
+
+def _base(report: IdentificationReport) -> Sequence[Block]:
+    base = report.found.base
+    low, high = base.interval(report.level)
+    rows = []
+    for at in range(min(len(base.names), MOST_BASE)):
+        bias = "" if not np.isfinite(base.bias[at]) else f"{base.bias[at] / base.deviations[at]:.2g}"
+        rows.append((base.combination(at), f"{base.model[at]:.4g}", _with_bar(base.values[at], low[at], high[at]), bias))
+    return [
+        f"Torques depend on {len(base.names)} combinations of the parameters alone. These are their least-squares estimates, without the prior. The last column is the predicted bias by noise in the accelerations, in standard deviations.",
+        Table(("combination", "model", "identified", "bias"), rows, 1),
+    ]
+
+
+def _spectrum(report: IdentificationReport) -> Chart:
+    off = np.nan_to_num(report.measured - report.predicted)
+    length = len(off) // PIECES
+    steps = np.diff(report.time)
+    step = float(np.median(steps)) if len(steps) else 1.0
+    window = np.hanning(length)[:, None]
+    power = np.mean([np.abs(np.fft.rfft(window * off[at * length : (at + 1) * length], axis=0)) ** 2 for at in range(PIECES)], axis=0)
+    power = 2.0 * step * power / np.sum(window**2)
+    frequency = np.asarray(np.fft.rfftfreq(length, step), float)
+    series = [Series(name, COLOURS[at % len(COLOURS)], frequency[1:], np.maximum(power[1:, at], 1e-300), line=1.3) for at, name in enumerate(report.motors)]
+    high, low = float(power[1:].max()), float(power[1:].min())
+    y = Axis.powers("power spectral density, (N m)²/Hz", max(low, 1e-9 * high) / 2, 2 * high)
+    return Chart("spectrum", [Panel(Axis.powers("frequency, Hz", float(frequency[1]), float(frequency[-1])), y, series)], height=300)
+
+
+def _spectra(report: IdentificationReport) -> list[Chart]:
+    return [_spectrum(report)] if len(report.time) >= 16 * PIECES and np.any(report.measured != report.predicted) else []
+
+
+def _unknown(report: IdentificationReport) -> Sequence[Block]:
+    found = report.found
+    undecided: dict[str, list[str]] = {}
+    for link, entry in found.undecided():
+        undecided.setdefault(link, []).append(entry)
+    total = int(np.sum(np.isfinite(found.share)))
+    count = sum(map(len, undecided.values()))
+    blocks: list[Block] = [
+        f"Of {found.columns.width} parameters the motion determines {found.known} combinations; {count} of {total} single parameters of bodies are not decided by the data. "
+        "No experiment at the joints can separate them: they appear in torques only together with others. Their intervals are those of the prior.",
+    ]
+    if undecided:
+        blocks.append(Table(("link", "not decided by the data"), [(link, ", ".join(entries)) for link, entries in undecided.items()], 2))
+    infinite = [name for name, deviation in zip(found.base.names, found.base.deviations, strict=True) if not np.isfinite(deviation)]
+    if infinite:
+        blocks.append(f"This log does not determine, but another one could: {', '.join(infinite)}. Scene.excitation plans one.")
+    return blocks
+
+
+REPORT: Layout[IdentificationReport] = Layout(
+    "identification",
+    "identification.json",
+    (
+        Section("fit", "How well torques are explained", blocks=_fit),
+        Section("torques", "Measured and predicted torques", plots=lambda report: [_torques(report)], blocks=lambda _: [Figure("torques", "A click on a name hides its curve.")]),
+        Section("parameters", "Parameters with intervals", blocks=_parameters),
+        Section("base", "Base parameters", blocks=_base),
+        Section(
+            "spectrum", "Spectrum of the residuals", plots=_spectra,
+            blocks=lambda _: [Figure("spectrum", "White residuals are flat. Peaks are missing parts of the model; intervals take both into account.")],
+        ),
+        Section("unknown", "What cannot be known", blocks=_unknown),
+        provenance(),
+    ),
+)  # fmt: skip
