@@ -199,6 +199,7 @@ pub mod codegen;
 mod contact;
 pub mod dynamics;
 mod error;
+pub mod estimation;
 pub mod filter;
 pub mod inverse_kinematics;
 mod joints;

@@ -17,7 +17,7 @@ array([-1.484])
 SI units and radians throughout; spatial vectors are angular first; arrays have leading batch axes that broadcast.
 """
 
-from . import errors, scenes, tasks
+from . import errors, estimation, scenes, tasks
 from ._compile import Compiled, compile
 from ._core import (
     BUNDLED_ARM,
@@ -112,6 +112,7 @@ __all__ = [
     "__version__",
     "compile",
     "errors",
+    "estimation",
     "get_num_threads",
     "load",
     "scenes",

@@ -17,6 +17,7 @@ from .errors import ArgumentError, InertiaWarning, LimitWarning, SimulationError
 if TYPE_CHECKING:
     from ._core import Scene
     from ._results import RolloutGradients
+    from .estimation import Bands
 
 __all__ = [
     "PD",
@@ -237,6 +238,8 @@ class Trajectory:
     """The number of substeps in which a joint stuck, began to slide, or met or left a stop, (...)."""
     estimated_error: _Array = field(default_factory=lambda: np.array(0.0), repr=False)
     """With accuracy, the sum of the estimated errors of all substeps, (...); else zero, and error_estimate gives one."""
+    bands: Bands | None = field(default=None, repr=False)
+    """Standard deviations and covariances of every row, with covariance; None without."""
     given: dict[str, Any] | None = field(default=None, repr=False)
     """The other arguments of Scene.simulate, for vjp; arrays are copies. None where a simulator went there."""
 

@@ -15,6 +15,7 @@ __all__ = [
     "BadStateWarning",
     "CacheWarning",
     "ConstraintError",
+    "DivergenceWarning",
     "InertiaWarning",
     "LimitWarning",
     "LinkageWarning",
@@ -191,6 +192,15 @@ class MimicWarning(UserWarning):
 
 class ModelWarning(UserWarning):
     """Parts of a MuJoCo model that a scene does not have and that were omitted: contacts, limits of tendons and ball joints, air, soft constraints."""
+
+
+class DivergenceWarning(UserWarning):
+    """An observer whose innovations are larger than it states: a model, a noise or a sensor is another than it was given."""
+
+    sensor: str = ""
+    """Name of the sensor whose innovations are the furthest off."""
+    state: tuple[int, ...] = ()
+    """Index of the robot in the batch, () for one."""
 
 
 class UnknownTagWarning(UserWarning):

@@ -11,6 +11,7 @@ pub mod methods;
 pub mod operational;
 mod own;
 mod products;
+mod uncertainty;
 
 pub use constraints::{Constrained, Projection};
 pub use links::OnLink;

@@ -114,6 +114,9 @@ impl PyScene {
     ///     sticking and sliding and impacts on stops are located within 1e-7 dt. Trajectory.estimated_error is the sum of the estimates.
     /// duration : float, optional
     ///     Simulated time, s, instead of steps.
+    /// covariance : phipsi.estimation.MotionUncertainty, optional
+    ///     What is uncertain: the trajectory gets .bands, standard deviations and covariances of every row to first order; or a covariance of the inertial parameters alone, as in
+    ///     forward_dynamics_variance. Needs method="semi-implicit-euler" and record_every=1, and is refused where motion has no derivative (stops, exact friction, contacts).
     ///
     /// Returns
     /// -------
@@ -147,11 +150,11 @@ impl PyScene {
     /// ((11, 3), 'rk4')
     #[pyo3(signature = (q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, method=None, record_every=None, pd=None,
                         armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=None, form="auto", tolerance=None,
-                        progress=None, conserve_momentum=false, baumgarte=None, compliance=None, limits=None, restitution=0.0, accuracy=None, duration=None),
+                        progress=None, conserve_momentum=false, baumgarte=None, compliance=None, limits=None, restitution=0.0, accuracy=None, duration=None, covariance=None),
            text_signature = "($self, q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, method='auto', record_every=1, \
                              pd=None, armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=None, \
                              form='auto', tolerance=None, progress=None, conserve_momentum=False, baumgarte=None, compliance=None, limits=None, \
-                             restitution=0.0, accuracy=None, duration=None)")]
+                             restitution=0.0, accuracy=None, duration=None, covariance=None)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulate<'py>(
         slf: &Bound<'py, Self>,
@@ -180,6 +183,7 @@ impl PyScene {
         restitution: f64,
         accuracy: Option<f64>,
         duration: Option<f64>,
+        covariance: Option<&Object<'py>>,
     ) -> PyResult<Object<'py>> {
         let (py, own) = (slf.py(), slf.get());
         let scene = &own.scene;
@@ -265,9 +269,12 @@ impl PyScene {
         fields.set_item("end", ends)?;
         let whole = (own.of_scene(out_q.finish().into_any(), false)?, own.of_scene(out_qd.finish().into_any(), true)?);
         let trajectory = imported!(py, "phipsi._motion", "trajectory_of")?.call(whole, Some(&fields))?;
-        match stopped {
-            None => Ok(trajectory),
-            Some(stopped) => Err(stopped.raise(py, &trajectory, &batch)?),
+        match (stopped, covariance) {
+            (None, None) => Ok(trajectory),
+            (None, Some(covariance)) => {
+                imported!(py, "phipsi.estimation.trajectories", "with_bands")?.call1((trajectory, covariance))
+            }
+            (Some(stopped), _) => Err(stopped.raise(py, &trajectory, &batch)?),
         }
     }
 }

@@ -31,6 +31,7 @@ ROOMS = (
     "scenes",
     "workspace",
     "dynamics",
+    "estimation",
     "batch",
     "operators",
     "api",
