@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 import phipsi
-from phipsi.estimation import Accelerometer, Contact, Encoder, ExternalWrench, Gyro, MomentumObserver, alarm_threshold, consistency_bounds, nees
+from phipsi.estimation import Accelerometer, Contact, Encoder, ExternalWrench, Gyro, consistency_bounds, nees
 
 #: Torque noise of an arm of the size of a UR5, (N m)^2 s.
 DENSITY = np.array([2.0, 2.0, 1.0, 0.3, 0.3, 0.3]) ** 2 / 100.0
@@ -117,7 +117,7 @@ def consistency(case: Case, runs: int, steps: int, seed: int, smooth: bool = Tru
     observer = scene.observer(
         dt, case.sensors, q=start, torque_noise=case.torque_noise, wrenches=case.wrenches, initial=case.initial, history=steps if smooth else 0
     )
-    # The truth is drawn from what the filter is told.
+    # The truth is drawn from the initial covariance of the filter.
     root = observer._prior.root
     e = np.einsum("...ij,...j->...i", root, rng.normal(size=root.shape[:-1]))
     q, qd, rest = scene.integrate(start, e[:, :nv]), e[:, nv : 2 * nv], e[:, 2 * nv :]
@@ -255,3 +255,267 @@ def pickup(arm: Arm, bandwidth: float, runs: int, seed: int, mass: float = 1.0, 
         qd = qd + dt * robot.forward_dynamics(q, qd, tau + noise)
         q = q + dt * qd
     return delay, observer.threshold
+
+
+# Variances: accuracy and cost
+
+
+def parameters_of(scene: phipsi.Scene, seed: int, rank: int) -> np.ndarray:
+    """Covariances of the bodies' parameters, relative to the sizes that they have."""
+    rng = np.random.default_rng(seed)
+    size = np.array([0.1, 0.02, 0.02, 0.02, *(0.005 * np.ones(6))])
+    root = rng.normal(size=(len(scene.body_names), 10, rank)) * size[:, None]
+    return root @ root.transpose(0, 2, 1)
+
+
+def accuracy(scene: phipsi.Scene, states: int, seed: int) -> float:
+    """The largest error of the variances against dense algebra, relative to the largest variance and over the condition of M.
+
+    Dense: J C J* with J = -M^-1 Y, Y the regressor by central differences of inverse dynamics, which is linear in the parameters: exact to rounding.
+    """
+    rng = np.random.default_rng(seed)
+    q = scene.integrate(np.broadcast_to(scene.neutral(), (states, scene.nq)), rng.normal(size=(states, scene.nv)))
+    qd, tau = rng.normal(size=(states, scene.nv)), 10.0 * rng.normal(size=(states, scene.nv))
+    sigma, torque = parameters_of(scene, seed, 10), rng.uniform(0.0, 1.0, scene.nv)
+    found = scene.forward_dynamics_variance(q, qd, tau, parameters=sigma, torque=torque)
+    qdd = scene.forward_dynamics(q, qd, tau)
+    zero = np.zeros(scene.nv)
+    units = np.eye(10 * len(scene.body_names)).reshape(-1, 1, len(scene.body_names), 10)
+    columns = np.moveaxis(scene.inverse_dynamics_jvp(q, qd, qdd, zero, zero, zero, dparameters=units), 0, -1)
+    mass = scene.mass_matrix(q)
+    inverse = np.linalg.inv(mass)
+    blocks = columns.reshape(states, scene.nv, -1, 10)
+    x = np.einsum("snbp,bpr,smbr->snm", blocks, sigma, blocks) + np.diag(torque)
+    expected = np.einsum("sij,sjk,sik->si", inverse, x, inverse)
+    off = np.max(np.abs(found - expected), axis=1) / np.max(expected, axis=1)
+    return float(np.max(off / np.linalg.cond(mass)))
+
+
+def seconds(work: Callable[[], object], repeats: int) -> float:
+    """The shortest of some calls."""
+    best = float("inf")
+    for _ in range(repeats):
+        begin = time.perf_counter()
+        work()
+        best = min(best, time.perf_counter() - begin)
+    return best
+
+
+class Cost(NamedTuple):
+    """Times of one state in a batch on one thread, us."""
+
+    bodies: int
+    forward: float
+    covariance_form: float
+    rank_one: float
+    full: float
+
+
+def cost(scene: phipsi.Scene, states: int) -> Cost:
+    rng = np.random.default_rng(0)
+    q = scene.integrate(np.broadcast_to(scene.neutral(), (states, scene.nq)), rng.normal(size=(states, scene.nv)))
+    qd, tau = rng.normal(size=(2, states, scene.nv))
+    threads = phipsi.get_num_threads()
+    phipsi.set_num_threads(1)
+    try:
+        plain, single = (seconds(lambda form=form: scene.forward_dynamics(q, qd, tau, form=form), 7) for form in ("auto", "square-root"))
+        variances = [seconds(lambda sigma=parameters_of(scene, 1, rank): scene.forward_dynamics_variance(q, qd, tau, parameters=sigma, torque=0.1), 5) for rank in (1, 10)]
+    finally:
+        phipsi.set_num_threads(threads)
+    return Cost(len(scene.body_names), *(1e6 * t / states for t in (plain, single, *variances)))
+
+
+# A textbook filter on one problem
+
+
+def textbook(seed: int = 3, steps: int = 300) -> tuple[float, float, float, float]:
+    """A pendulum with an encoder: the largest difference to a textbook extended Kalman filter, of the estimate in its standard deviations and of these; microseconds a step of both.
+
+    The textbook's is written out here, with a covariance and the gain P H* S^-1, as in filterpy.
+    """
+    rng = np.random.default_rng(seed)
+    scene = phipsi.SceneBuilder().link("base").link("rod", 1.0, (0, 0, -0.5), np.diag([0.1, 0.1, 0.01])).joint("hinge", "revolute", "base", "rod", axis=(0, 1, 0)).build()
+    inertia, weight = float(scene.mass_matrix([0.0])[0, 0]), 0.5 * 9.81
+    dt, density, noise = 0.01, 0.05, 0.02
+    observer = scene.observer(dt, [Encoder(noise=noise)], q=[0.5], torque_noise=density, initial=(0.1, 0.2), history=0)
+    x, p = np.array([0.5, 0.0]), np.diag([0.01, 0.04])
+    truth = x + np.array([0.1, 0.2]) * rng.normal(size=2)
+    off_mean = off_deviation = ours = theirs = 0.0
+    for step in range(steps):
+        tau = np.sin(0.05 * step)
+        z = truth[0] + noise * rng.normal()
+        begin = time.perf_counter()
+        estimate = observer.step([tau], {"encoder": [z]})
+        ours += time.perf_counter() - begin
+        begin = time.perf_counter()
+        h = np.array([[1.0, 0.0]])
+        s = h @ p @ h.T + noise**2
+        gain = p @ h.T / s
+        x, p = x + gain[:, 0] * (z - x[0]), (np.eye(2) - gain @ h) @ p
+        at = x.copy(), p.copy()
+        rate = x[1] + dt * (tau - weight * np.sin(x[0])) / inertia
+        f = np.array([[1.0, dt], [0.0, 1.0]]) @ np.array([[1.0, 0.0], [-dt * weight * np.cos(x[0]) / inertia, 1.0]])
+        b = np.array([dt, 1.0]) * dt / inertia
+        x = np.array([x[0] + dt * rate, rate])
+        p = f @ p @ f.T + np.outer(b, b) * density / dt
+        theirs += time.perf_counter() - begin
+        deviation = np.sqrt(np.diag(at[1]))
+        off_mean = max(off_mean, float(np.max(np.abs(np.concatenate([estimate.q, estimate.qd]) - at[0]) / deviation)))
+        off_deviation = max(off_deviation, float(np.max(np.abs(np.sqrt(np.diag(estimate.covariance)) / deviation - 1.0))))
+        truth[1] += dt * (tau + np.sqrt(density / dt) * rng.normal() - weight * np.sin(truth[0])) / inertia
+        truth[0] += dt * truth[1]
+    return off_mean, off_deviation, 1e6 * ours / steps, 1e6 * theirs / steps
+
+
+# The page
+
+
+def of_variance(options: argparse.Namespace) -> list[str]:
+    rows = [("bundled arm", phipsi.load(phipsi.BUNDLED_ARM)), ("floating base with legs", floating_scene()), ("chain of 7", phipsi.scenes.chain(7))]
+    lines = ["## Variances of forward dynamics", "", "Error: the largest one against J C J* with dense matrices, relative to the largest variance and divided by the condition of M; asked for: 1e-12.", ""]
+    lines += ["| scene | states | largest error over cond M |", "|---|---|---|"]
+    lines += [f"| {name} | 200 | {accuracy(scene, 200, options.seed):.1e} |" for name, scene in rows]
+    lines += ["", "Time of one state in a batch on one thread, us. Forward dynamics runs vectorized over states; the variances run one state at a time. Asked for: at most 6 times forward dynamics, and linear to 10,000 bodies.", ""]
+    lines += ["| scene | bodies | forward dynamics | in square-root form | variances, rank one | full | full over forward dynamics | full per body |", "|---|---|---|---|---|---|---|---|"]
+    lengths = (100, 1000) if options.quick else (100, 1000, 10_000)
+    for name, scene in [*rows, *((f"chain of {n}", phipsi.scenes.chain(n)) for n in lengths)]:
+        found = cost(scene, max(1, 20_000 // max(1, scene.nv)))
+        lines.append(
+            f"| {name} | {found.bodies} | {found.forward:.2f} | {found.covariance_form:.2f} | {found.rank_one:.1f} | {found.full:.1f} | {found.full / found.forward:.1f} | {found.full / found.bodies:.2f} |"
+        )
+    return lines
+
+
+def of_consistency(options: argparse.Namespace) -> list[str]:
+    runs, steps = (50, 50) if options.quick else (100, 250)
+    lines = [
+        "## Consistency of the Kalman filter",
+        "",
+        f"{runs} runs of {steps} steps of 4 ms, truth drawn from what the filter is given. NIS/m: mean over all steps of all runs over the number of readings, and its 95 % interval. NEES/n: mean, and the share of steps whose mean"
+        " over the runs is within its 95 % interval (steps of one run are correlated). Beyond: the share of NIS beyond their 99 % point.",
+        "",
+        "| scene | NIS/m | 95 % interval | inside | NIS beyond 99 % | lag-one correlation of NIS | NEES/n | steps inside | smoother NEES/n |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for case in (arm_case(False), arm_case(True), floating_case()):
+        f = consistency(case, runs, steps, options.seed)
+        inside = "yes" if f.bounds[0] < f.nis < f.bounds[1] else "no"
+        lines.append(
+            f"| {case.name} | {f.nis:.4f} | [{f.bounds[0]:.4f}, {f.bounds[1]:.4f}] | {inside} | {100 * f.beyond_99:.2f} % | {f.correlation:.4f} | {f.nees:.3f} | {100 * f.nees_inside:.1f} % | {f.smoothed:.3f} |"
+        )
+    return lines
+
+
+def of_alarms(options: argparse.Namespace) -> list[str]:
+    count = 500 if options.quick else 5000
+    lines = ["## False alarms of the momentum observer", "", f"At least {count} alarms each; the interval is the 95 % interval of the count. Asked for: within 10 % of the stated rate.", ""]
+    lines += ["| what moves | joints | bandwidth, 1/s | step, ms | stated, 1/s | measured, 1/s | 95 % interval | measured over stated |", "|---|---|---|---|---|---|---|---|"]
+
+    def row(name: str, size: int, bandwidth: float, dt: float, found: Alarms) -> str:
+        half = 1.96 * found.measured / np.sqrt(found.count)
+        cells = f"{found.stated:g} | {found.measured:.4f} | [{found.measured - half:.4f}, {found.measured + half:.4f}] | {found.measured / found.stated:.3f}"
+        return f"| {name} | {size} | {bandwidth:g} | {1e3 * dt:g} | {cells} |"
+
+    for size, bandwidth, dt, rate in ((1, 20.0, 2e-3, 0.1), (1, 20.0, 1e-2, 0.1), (1, 5.0, 2e-3, 0.05), (6, 20.0, 2e-3, 0.1), (6, 20.0, 1e-2, 0.1), (6, 5.0, 2e-3, 0.05)):
+        lines.append(row("residual alone", size, bandwidth, dt, false_alarms_of_residual(size, rate, bandwidth, dt, count, 4000, options.seed)))
+    lines.append(row("moving arm", 6, 20.0, 4e-3, false_alarms(phipsi.load(phipsi.BUNDLED_ARM), 1.0, 20.0, 4e-3, count, 1000, options.seed)))
+    lines += ["", "One false alarm per hour itself would take 5,000 hours per row: the formula is tested at rates at which it can be."]
+    return lines
+
+
+def of_pickup(options: argparse.Namespace) -> list[str]:
+    runs = 60 if options.quick else 200
+    lines = [
+        "## Delay until a load is noticed",
+        "",
+        f"1 kg is picked up by a moving arm, one false alarm per hour, {runs} runs. Torque noise (2, 2, 1, 0.3, 0.3, 0.3)^2/100 (N m)^2 s. Asked for: median 50 ms, 95 % 150 ms. Intervals: 95 % intervals of the quantile, by order statistics.",
+        "",
+        "| arm | bandwidth, 1/s | threshold, standard deviations | median, ms | 95 %, ms | missed within 1 s |",
+        "|---|---|---|---|---|---|",
+    ]
+    arms = [("bundled arm", bundled_arm())]
+    try:
+        from robots import load
+
+        arms.insert(0, ("UR5", Arm(load("ur_description/urdf/ur5_robot.urdf"), np.array([0.3, -1.0, 1.2, -0.5, 0.4, 0.0]), "wrist_3_link", (0.0, 0.1, 0.0))))
+    except ModuleNotFoundError:
+        lines[2] += " The UR5 needs example-robot-data, which is not installed."
+    for name, arm in arms:
+        for bandwidth in (5.0, 10.0, 20.0, 40.0):
+            delay, threshold = pickup(arm, bandwidth, runs, options.seed)
+            cells = " | ".join(_quantile(1e3 * delay, share) for share in (0.5, 0.95))
+            lines.append(f"| {name} | {bandwidth:g} | {threshold:.2f} | {cells} | {int(np.isinf(delay).sum())} |")
+    return lines
+
+
+def _quantile(values: np.ndarray, share: float) -> str:
+    """A quantile with its 95 % interval."""
+    ordered, half = np.sort(values), 1.96 * np.sqrt(share * (1.0 - share) * len(values))
+    low, middle, high = (ordered[min(len(values) - 1, max(0, round(share * len(values) + d) - 1))] for d in (-half, 0.0, half))
+    return f"{middle:.0f} [{low:.0f}, {high:.0f}]"
+
+
+def of_bands(options: argparse.Namespace) -> list[str]:
+    from phipsi.estimation import MotionUncertainty
+
+    scene = phipsi.load(phipsi.BUNDLED_ARM)
+    q, steps = np.array([0.3, -0.6, 0.9, 0.1, 0.4, 0.0]), 200
+    runs = {"dt": 2e-3, "steps": steps, "tau": scene.gravity_torque(q), "method": "semi-implicit-euler", "limits": "report", "damping": 0.0, "friction": 0.0}
+    lines = [
+        "## Trajectories with bands",
+        "",
+        f"The bundled arm for {1e3 * steps * runs['dt']:.0f} ms under constant torques; relative errors of masses (with their first moments) as stated, one standard deviation. Ratio: variance of the runs over the first-order variance"
+        " at the end, range over q and qd.",
+        "",
+        "| error of masses | way | runs | ratio, least | ratio, largest | time, s |",
+        "|---|---|---|---|---|---|",
+    ]
+    samples = 200 if options.quick else 2000
+    for relative in (0.01, 0.05, 0.2):
+        columns = np.array([relative * scene.link(name).mass * np.array([1.0, *scene.link(name).com, 0, 0, 0, 0, 0, 0]) for name in scene.body_names])
+        sigma = columns[:, :, None] * columns[:, None, :]
+        for way in (None, "unscented", "monte-carlo"):
+            unsure = MotionUncertainty(parameters=sigma, check=way, samples=samples, seed=options.seed)
+            begin = time.perf_counter()
+            path = scene.simulate(q, np.zeros(6), covariance=unsure, **runs)
+            took = time.perf_counter() - begin
+            ratio = np.ones(12) if way is None else path.bands.ratio[-1]
+            count = {None: 1, "unscented": 12, "monte-carlo": samples}[way]
+            lines.append(f"| {100 * relative:g} % | {way or 'first order'} | {count} | {ratio.min():.3f} | {ratio.max():.3f} | {took:.3f} |")
+    lines += ["", f"The standard error of a ratio by Monte Carlo is about {np.sqrt(2.0 / samples):.3f}. The time of a checked run contains that of the first order."]
+    return lines
+
+
+def of_textbook(options: argparse.Namespace) -> list[str]:
+    mean, deviation, ours, theirs = textbook(options.seed)
+    return [
+        "## Against a textbook filter",
+        "",
+        "A pendulum with an encoder, 300 steps, and an extended Kalman filter written out in NumPy with covariances and derivatives by hand.",
+        "",
+        f"Largest difference of the estimates: {mean:.1e} standard deviations; of the standard deviations: {deviation:.1e}, relative. A step takes {ours:.0f} us, {theirs:.0f} us in the textbook filter, which knows only this pendulum.",
+    ]
+
+
+PARTS = {"variance": of_variance, "bands": of_bands, "consistency": of_consistency, "alarms": of_alarms, "pickup": of_pickup, "textbook": of_textbook}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="fewer runs")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART")
+    parser.add_argument("--markdown", type=Path, metavar="FILE", help="the page")
+    options = parser.parse_args()
+    lines = ["# Uncertainty: stated and measured", "", f"Written by `python benches/observers.py --seed {options.seed}`. Everything is seeded; times depend on the machine.", ""]
+    for part in options.only:
+        found = PARTS[part](options)
+        print("\n".join(found), flush=True)
+        lines += [*found, ""]
+    if options.markdown is not None:
+        options.markdown.parent.mkdir(parents=True, exist_ok=True)
+        options.markdown.write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -32,6 +32,7 @@ from ._results import (
     RolloutGradients,
     Samples,
 )
+from .estimation import AccelerationVariance, ExternalWrench, MomentumObserver, MotionUncertainty, Observer, Sensor
 from .operators import Factor
 from .tasks import InverseKinematics, Task
 from .view import Viewer
@@ -453,6 +454,7 @@ class Scene:
         restitution: float = 0.0,
         accuracy: float | None = None,
         duration: float | None = None,
+        covariance: MotionUncertainty | ArrayLike | object | None = None,
     ) -> Trajectory:
         """Simulates states in time: one state or a batch, with a step that is stable for stiff springs, damping, gains, dry friction and joint stops.
 
@@ -1565,6 +1567,81 @@ class Scene:
         Raises ArgumentError for what is no task, unknown links and joints, and values out of range; ShapeError,
         NotFiniteError, naming the task and the state; ConstraintError where no start leads to closed connections.
         """
+    @overload
+    def forward_dynamics_variance(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        tau: ArrayLike,
+        *,
+        parameters: ArrayLike | object | None = None,
+        joints: Mapping[str, ArrayLike] | ArrayLike | None = None,
+        torque: ArrayLike | None = None,
+        links: None = None,
+        wrenches: Mapping[str, ArrayLike] | None = None,
+        friction_speed: float = 0.01,
+        errors: _Errors = "raise",
+    ) -> _Array: ...
+    @overload
+    def forward_dynamics_variance(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        tau: ArrayLike,
+        *,
+        links: str | Collection[str],
+        parameters: ArrayLike | object | None = None,
+        joints: Mapping[str, ArrayLike] | ArrayLike | None = None,
+        torque: ArrayLike | None = None,
+        wrenches: Mapping[str, ArrayLike] | None = None,
+        friction_speed: float = 0.01,
+        errors: _Errors = "raise",
+    ) -> AccelerationVariance: ...
+    def inverse_dynamics_variance(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        qdd: ArrayLike,
+        *,
+        parameters: ArrayLike | object | None = None,
+        joints: Mapping[str, ArrayLike] | ArrayLike | None = None,
+        torque: ArrayLike | None = None,
+        friction_speed: float = 0.01,
+        errors: _Errors = "raise",
+    ) -> _Array: ...
+    def momentum_observer(
+        self,
+        dt: float,
+        *,
+        torque_noise: ArrayLike,
+        bandwidth: float,
+        false_alarms_per_hour: float = 1.0,
+        parameters: ArrayLike | object | None = None,
+    ) -> MomentumObserver: ...
+    def observer(
+        self,
+        dt: float,
+        sensors: Collection[Sensor],
+        *,
+        q: ArrayLike,
+        qd: ArrayLike | None = None,
+        torque_noise: ArrayLike,
+        wrenches: Collection[ExternalWrench] = (),
+        initial: ArrayLike = (0.1, 0.1),
+        history: int = 1000,
+    ) -> Observer: ...
+    def _variance(
+        self,
+        forward: bool,
+        state: tuple[ArrayLike, ArrayLike, ArrayLike],
+        roots: _Array,
+        torque: _Array,
+        joints: _Array | None,
+        friction_speed: float,
+        links: list[str] | None,
+        wrenches: Any,
+        errors: str,
+    ) -> _Array: ...
     def identify(
         self,
         q: ArrayLike,

@@ -61,11 +61,11 @@ pub struct VarianceScratch<T: Real> {
     /// Accelerations of the state.
     qdd: Vec<T>,
     /// t, the variance of each torque error.
-    torque: Vec<T>,
+    pub(super) torque: Vec<T>,
     /// Pi^-(k), complete.
-    predicted: Vec<Symmetric6<T>>,
+    pub(super) predicted: Vec<Symmetric6<T>>,
     /// Pi before the measurement of each row.
-    before_row: Vec<Symmetric6<T>>,
+    pub(super) before_row: Vec<Symmetric6<T>>,
     /// phi Pi^+ phi* of each body at its parent.
     carried: Vec<Symmetric6<T>>,
     /// Of each body: C of its parent and what the parent's later children brought.
@@ -75,7 +75,7 @@ pub struct VarianceScratch<T: Real> {
     /// U(k) outboard of the joint.
     independent: Vec<Symmetric6<T>>,
     /// Lambda^-(k).
-    co_state: Vec<Symmetric6<T>>,
+    pub(super) co_state: Vec<Symmetric6<T>>,
     pub(crate) identity: u64,
 }
 
@@ -119,22 +119,25 @@ pub fn forward_dynamics_variance<T: Real>(
     // The regressor is taken at the acceleration that was found, not at zero.
     forces_base_to_tip(model, workspace, Motion { q, qd, qdd: Some(&scratch.qdd), wrenches: &[] });
     torque.evaluate(qd, &scratch.qdd, &mut scratch.torque);
-    tip_to_base(model, workspace, scratch, parameters);
+    force_covariances(workspace, scratch, parameters);
+    tip_to_base(model, workspace, scratch);
     base_to_tip(model, workspace, scratch, out);
     monitor
 }
 
-/// Tip to base: Pi^-(k) = C(k) + sum over children of phi Pi^+ phi*, and Pi^+ = A Pi A* + t g g* at each row.
-#[inline(always)]
-fn tip_to_base<T: Real>(
-    model: &Model<T>,
+/// C(k) of every body, at the velocities and accelerations in the workspace.
+fn force_covariances<T: Real>(
     workspace: &Workspace<T>,
     scratch: &mut VarianceScratch<T>,
     parameters: &ParameterRoots<T>,
 ) {
-    for k in 0..model.bodies.len() {
-        scratch.predicted[k] = parameters.force_covariance(k, &workspace.velocity[k], &workspace.acceleration[k]);
+    for (k, covariance) in scratch.predicted.iter_mut().enumerate() {
+        *covariance = parameters.force_covariance(k, &workspace.velocity[k], &workspace.acceleration[k]);
     }
+}
+
+/// Tip to base: Pi^-(k) = C(k) + sum over children of phi Pi^+ phi*, and Pi^+ = A Pi A* + t g g* at each row.
+pub(super) fn tip_to_base<T: Real>(model: &Model<T>, workspace: &Workspace<T>, scratch: &mut VarianceScratch<T>) {
     for (k, stage) in model.system.stages.iter().enumerate().rev() {
         let mut pi = scratch.predicted[k];
         for i in (0..stage.rows.count()).rev() {
@@ -177,8 +180,7 @@ fn past_measurement<T: Real>(
 }
 
 /// Base to tip: the variance of each acceleration, U and Lambda.
-#[inline(always)]
-fn base_to_tip<T: Real>(
+pub(super) fn base_to_tip<T: Real>(
     model: &Model<T>,
     workspace: &Workspace<T>,
     scratch: &mut VarianceScratch<T>,
@@ -187,7 +189,7 @@ fn base_to_tip<T: Real>(
     for (k, stage) in model.system.stages.iter().enumerate() {
         let (mut lambda, mut independent) = (Symmetric6::zero(), Symmetric6::zero());
         if let Some(parent) = stage.parent {
-            // What the parent's noise and that of the other children bring; where this body is the only child, `earlier` is zero.
+            // The noise of the parent and of the other children; for an only child, `earlier` is zero.
             let others = scratch.later[k].add(&scratch.earlier[parent]);
             let at_parent = &scratch.co_state[parent];
             let felt = scratch.independent[parent].add(&congruence(at_parent, &others));
@@ -253,9 +255,7 @@ pub fn inverse_dynamics_variance<T: Real>(
 ) {
     torque.evaluate(qd, qdd, out);
     forces_base_to_tip(model, workspace, Motion { q, qd, qdd: Some(qdd), wrenches: &[] });
-    for k in 0..model.bodies.len() {
-        scratch.predicted[k] = parameters.force_covariance(k, &workspace.velocity[k], &workspace.acceleration[k]);
-    }
+    force_covariances(workspace, scratch, parameters);
     for (k, stage) in model.system.stages.iter().enumerate().rev() {
         let pi = scratch.predicted[k];
         for i in 0..stage.rows.count() {

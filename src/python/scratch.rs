@@ -116,7 +116,7 @@ impl Estimation {
     }
 }
 
-/// What a thread keeps for variances.
+/// Scratch of one thread for variances.
 pub(super) struct Uncertainty {
     pub scratch: VarianceScratch<f64>,
     /// The covariance of each body's acceleration.

@@ -168,7 +168,7 @@ impl PyScene {
     /// >>> estimate.q.shape, estimate.covariance.shape
     /// ((3,), (6, 6))
     #[pyo3(signature = (dt, sensors, **how),
-           text_signature = "($self, dt, sensors, *, q, qd=None, torque_noise, wrenches=None, initial=None, history=1000)")]
+           text_signature = "($self, dt, sensors, *, q, qd=None, torque_noise, wrenches=(), initial=(0.1, 0.1), history=1000)")]
     fn observer<'py>(
         slf: &Bound<'py, Self>,
         dt: &Object<'py>,

@@ -32,7 +32,7 @@ from phipsi.estimation.observer import _Record, _State
 from tolerances import assert_near
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benches"))
-import observers as bench  # noqa: E402
+import observers as bench
 
 STEP = 1e-4
 #: Of differences of fourth order with that step, relative to the derivative's size: truncation is 1e-16, rounding 1e-11.
@@ -43,7 +43,7 @@ def differences(function: object, size: int) -> np.ndarray:
     """The derivative of a function of a vector at zero, by central differences of fourth order."""
     columns = []
     for unit in np.eye(size):
-        f = lambda t, unit=unit: function(t * unit)  # noqa: E731
+        f = lambda t, unit=unit: function(t * unit)
         columns.append((8.0 * (f(STEP) - f(-STEP)) - (f(2.0 * STEP) - f(-2.0 * STEP))) / (12.0 * STEP))
     return np.stack(columns, axis=-1)
 

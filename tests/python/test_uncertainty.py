@@ -7,8 +7,8 @@ import phipsi
 import pytest
 from conftest import random_scene, random_states
 from oracle_mpmath import State, exact, random_tree, rounded, skew, zeros
-from phipsi.estimation import ParameterCovariance
 from phipsi.errors import ArgumentError, NotFiniteError, ShapeError
+from phipsi.estimation import ParameterCovariance
 from tolerances import assert_near, inverse, product
 
 ENTRIES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))

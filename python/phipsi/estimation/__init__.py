@@ -2,7 +2,8 @@
 
 from .consistency import consistency_bounds, nees, nis
 from .momentum import MomentumObserver, ObservedTorque, alarm_threshold, mean_time_to_alarm
-from .observer import ExternalWrench, Observer, ObserverEstimate, SmoothedMotion
+from .motion import ExternalWrench, ObserverEstimate, SmoothedMotion
+from .observer import Observer
 from .sensors import Accelerometer, Contact, Encoder, Gyro, Sensor, TorqueSensor
 from .trajectories import Bands, MotionUncertainty
 from .uncertainty import AccelerationVariance, ParameterCovariance

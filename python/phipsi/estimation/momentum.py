@@ -142,7 +142,7 @@ class MomentumObserver:
     joint_torque : (..., nv)
         The last estimate r.
     alarm : (...)
-        Whether the last step exceeded the threshold.
+        Whether r of the last step is beyond the threshold.
     covariance : (..., nv, nv)
         Covariance of r without contact, at the last step.
 
@@ -311,7 +311,7 @@ class MomentumObserver:
             raise of_argument(ArgumentError, "link", "found no step so far; expected step() before wrench()")
         root = np.linalg.cholesky(self.covariance)
         rows = np.linalg.solve(root, np.swapaxes(self.scene.jacobian(self._q, link), -1, -2))
-        # Moments and forces have their own units: columns in units of what a joint feels of them.
+        # Moments and forces differ in units: columns are scaled to unit effect on the joints.
         size = np.linalg.norm(rows, axis=-2, keepdims=True)
         left, values, right = np.linalg.svd(rows / np.where(size > 0.0, size, 1.0), full_matrices=False)
         if values.shape[-1] < 6 or not np.all(values[..., -1] > 1e-9 * values[..., 0]):

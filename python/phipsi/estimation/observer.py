@@ -2,7 +2,7 @@
 
 The state is (q, qd, wrenches, biases); its error e is a tangent, truth = estimate (+) e, with (+) on q as Scene.integrate adds. A root L of the covariance, P = L L*, is carried and
 rotated from the right: no covariance is subtracted from another. The torque noise n of a step is part of the state while its readings are processed, because accelerometers
-feel it, and is dropped in the step that it drives.
+measure its effect, and is dropped in the step that it drives.
 """
 
 from __future__ import annotations
@@ -20,12 +20,14 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _core
 from ..errors import ArgumentError, DivergenceWarning, NotFiniteError, ShapeError, of_argument
 from ._chi_square import chi_square_quantile
+from ._manifold import exponential, joint_groups, lower_root
+from .motion import ExternalWrench, ObserverEstimate, SmoothedMotion
 from .sensors import Contact, Sensor
 
 if TYPE_CHECKING:
     from .._core import Scene
 
-__all__ = ["ExternalWrench", "Observer", "ObserverEstimate", "SmoothedMotion"]
+__all__ = ["Observer"]
 
 _Array = NDArray[np.float64]
 
@@ -33,70 +35,6 @@ _Array = NDArray[np.float64]
 WINDOW, UNLIKELY = 100, 1e-9
 #: Directions of a root below this share of its rows are without variance.
 SINGULAR = 1e-12
-
-
-@dataclass(frozen=True)
-class ExternalWrench:
-    """A wrench on a link that the observer estimates: a random walk, or an Ornstein-Uhlenbeck process.
-
-    Attributes
-    ----------
-    link : str
-        The link; the wrench (moment, force) acts at its origin and is written in its frame.
-    density : float or (6,)
-        Density of its white rate, (N m)^2/s and N^2/s: a random walk has moved by sqrt(density t) after t.
-    correlation_time : float
-        s; infinite for a random walk. Otherwise its stationary variance is density correlation_time / 2.
-    deviation : float or (6,), optional
-        Standard deviation at the start; by default zero for a random walk, the stationary one otherwise.
-
-    Examples
-    --------
-    >>> from phipsi.estimation import ExternalWrench
-    >>> ExternalWrench("hand", density=4.0).correlation_time
-    inf
-    """
-
-    link: str
-    density: ArrayLike
-    correlation_time: float = math.inf
-    deviation: ArrayLike | None = None
-
-
-class ObserverEstimate(NamedTuple):
-    """What a step of the observer gives, at the time of its readings."""
-
-    q: _Array
-    """Configuration, (..., nq)."""
-    qd: _Array
-    """Joint velocities, (..., nv)."""
-    wrenches: dict[str, _Array]
-    """(moment, force) on each link at its origin in its frame, (..., 6)."""
-    biases: dict[str, _Array]
-    """Bias of each sensor that has one, by its name, (..., 3)."""
-    covariance: _Array
-    """Of the error (q in its tangent space, qd, wrenches, biases), (..., n, n), in the order of the arguments."""
-    nis: _Array
-    """Normalized innovation squared of all readings of this time, (...); NaN while delayed readings of it are still to come and none of an earlier time is complete."""
-    nis_size: NDArray[np.int_]
-    """The number of readings in it, (...)."""
-
-
-class SmoothedMotion(NamedTuple):
-    """The estimate at each time from the readings of all times."""
-
-    time: _Array
-    """(steps,), s since the first step."""
-    q: _Array
-    """(steps, ..., nq)."""
-    qd: _Array
-    """(steps, ..., nv)."""
-    wrenches: dict[str, _Array]
-    """(steps, ..., 6) each."""
-    biases: dict[str, _Array]
-    """(steps, ..., 3) each."""
-    covariance: _Array
-    """(steps, ..., n, n), as in ObserverEstimate."""
 
 
 class _State(NamedTuple):
@@ -153,7 +91,7 @@ class Observer:
     Attributes
     ----------
     names : tuple of str
-        What the components of the error are, in the order of the covariance.
+        The name of each component of the error, in the order of the covariance.
 
     Raises
     ------
@@ -212,13 +150,16 @@ class Observer:
         self.names += tuple(f"wrench on {wrench.link}[{i}]" for wrench in self.wrenches for i in range(6))
         self.names += tuple(f"bias of {sensor.name}[{i}]" for sensor in self._with_bias for i in range(3))
         deviations = [self._initial(initial)]
-        decay, walk = [], []
+        decay: list[_Array] = []
+        walk: list[_Array] = []
         for wrench in self.wrenches:
             own = self._wrench_process(wrench)
-            decay.append(own[0]), walk.append(own[1]), deviations.append(own[2])
+            for found, part in zip((decay, walk, deviations), own, strict=True):
+                found.append(part)
         for sensor in self._with_bias:
             start, growth = sensor.biases or (0.0, 0.0)
-            decay.append(np.ones(3)), walk.append(np.full(3, growth * math.sqrt(dt))), deviations.append(np.full(3, start))
+            for found, number in zip((decay, walk, deviations), (1.0, growth * math.sqrt(dt), start), strict=True):
+                found.append(np.full(3, number))
         self._decay = np.concatenate([*decay, np.zeros(0)])
         self._walk = np.concatenate([*walk, np.zeros(0)])
         root = np.diag(np.concatenate(deviations))
@@ -251,7 +192,7 @@ class Observer:
             noise = np.asarray(sensor.noise, float)
             size = sensor.size(self.scene)
             if noise.shape not in ((), (size,)) or not np.all(np.isfinite(noise) & (noise > 0.0)):
-                raise of_argument(ArgumentError, f"noise of {sensor.name!r}", f"found {sensor.noise}; expected a standard deviation, one number or {size}, finite and positive")
+                raise of_argument(ArgumentError, f"noise of {sensor.name!r}", f"found {sensor.noise!r}; expected a standard deviation, one number or {size}, finite and positive")
             for deviation in sensor.biases or ():
                 if not (np.isfinite(deviation) and deviation >= 0.0):
                     raise of_argument(ArgumentError, f"bias of {sensor.name!r}", f"found {deviation}; expected standard deviations, zero or positive")
@@ -416,7 +357,7 @@ class Observer:
             size = reading.shape[-1]
             own = np.zeros((*batch, size, n + nv))
             own[..., :nv], own[..., nv : 2 * nv] = predicted.by_q, predicted.by_qd
-            if predicted.by_qdd is not None:
+            if predicted.by_qdd is not None and flow is not None:
                 own += predicted.by_qdd @ flow
             if predicted.by_noise is not None:
                 own[..., n:] += predicted.by_noise
@@ -425,7 +366,8 @@ class Observer:
                 place = 6 * len(self.wrenches) + 3 * self._with_bias.index(sensor)
                 own[..., :, 2 * nv + place : 2 * nv + place + 3] += np.eye(3)
                 error = error - prior.rest[..., place : place + 3]
-            rows.append(np.where(seen[..., None], own, 0.0)), errors.append(np.where(seen, error, 0.0))
+            rows.append(np.where(seen[..., None], own, 0.0))
+            errors.append(np.where(seen, error, 0.0))
             deviations.append(np.where(seen, np.broadcast_to(sensor.noise, (size,)), 1.0))
             spans.append((sensor.name, slice(at, at + size), seen.sum(axis=-1)))
             at += size
@@ -438,7 +380,7 @@ class Observer:
         before[..., np.arange(at), np.arange(at)] = r
         before[..., :at, at:] = h @ widened
         before[..., at:, at:] = widened
-        after = _lower(before)
+        after = lower_root(before)
         root, gain, left = after[..., :at, :at], after[..., at:, :at], after[..., at:, at:]
         white = np.linalg.solve(root, e[..., None])[..., 0]
         change = np.einsum("...ij,...j->...i", gain, white)
@@ -452,7 +394,7 @@ class Observer:
         state = self._corrected(prior, change[..., :n], left)
         record.state, record.root, record.noise = state, state.root, change[..., n:]
         # Of the state alone: the noise of the step goes on in the record.
-        state = state._replace(root=_lower(state.root[..., :n, :]))
+        state = state._replace(root=lower_root(state.root[..., :n, :]))
         record.state = state
         return state, record.noise
 
@@ -481,7 +423,7 @@ class Observer:
         assert record.root is not None
         added = np.zeros((*qd.shape[:-1], n, len(rest)))
         added[..., rest, rest - 2 * nv] = self._walk
-        root = _lower(np.concatenate([flow @ record.root, added], axis=-1))
+        root = lower_root(np.concatenate([flow @ record.root, added], axis=-1))
         record.flow = flow
         return _State(scene.integrate(state.q, h * qd), qd, self._decay * state.rest, root)
 
@@ -576,7 +518,7 @@ class Observer:
         wrenches, biases = self._named(np.stack([state.rest for state in found]))
         roots = np.stack([state.root for state in found])
         return SmoothedMotion(
-            self.dt * np.arange(begin, self._steps),
+            np.arange(begin, self._steps) * np.float64(self.dt),
             np.stack([state.q for state in found]),
             np.stack([state.qd for state in found]),
             wrenches,
@@ -590,7 +532,7 @@ class Observer:
         assert state is not None and root is not None and flow is not None and predicted is not None
         nv, n = self.scene.nv, state.root.shape[-1]
         carried = flow @ root
-        # P1 = L1 L1*: rows in their own units, so that what has no variance is told from what is small.
+        # P1 = L1 L1*: rows are scaled to unit size, so that a zero variance is distinguished from a small one.
         size = np.linalg.norm(predicted.root, axis=-1, keepdims=True)
         size = np.where(size > 0.0, size, 1.0)
         inverse = np.linalg.pinv(predicted.root / size, rcond=SINGULAR)
@@ -601,7 +543,7 @@ class Observer:
         added = np.zeros((*state.qd.shape[:-1], n, n - 2 * nv))
         added[..., np.arange(2 * nv, n), np.arange(n - 2 * nv)] = self._walk
         whole = np.concatenate([root[..., :n, :] - gain @ carried, gain @ added, gain @ later.root], axis=-1)
-        return self._corrected(state, np.einsum("...ij,...j->...i", gain, moved), _lower(whole))
+        return self._corrected(state, np.einsum("...ij,...j->...i", gain, moved), lower_root(whole))
 
 
 def _positive(name: str, value: ArrayLike, size: int) -> _Array:
@@ -612,59 +554,3 @@ def _positive(name: str, value: ArrayLike, size: int) -> _Array:
     if not np.all(np.isfinite(found) & (found >= 0.0)):
         raise of_argument(ArgumentError, name, "found a number that is negative or not finite; expected zero or positive ones")
     return np.broadcast_to(found, (size,)).astype(float)
-
-
-def joint_groups(scene: Scene) -> NDArray[np.int_]:
-    """The first and the last degree of freedom of the body that moves by each, (2, nv): spherical and free joints move one body, planar and universal ones several."""
-    groups = np.tile(np.arange(scene.nv), (2, 1))
-    for joint in scene.joint_names:
-        own = scene.v_index(joint)
-        if scene.joints[joint].type in ("spherical", "floating"):
-            groups[0, own], groups[1, own] = own.start, own.stop - 1
-    return groups
-
-
-def exponential(groups: NDArray[np.int_], x: _Array) -> tuple[_Array, _Array]:
-    """Of steps x on the manifold: Ad of their inverses, and their right Jacobians, (..., nv, nv)."""
-    nv = x.shape[-1]
-    back, right = (np.broadcast_to(np.eye(nv), (*x.shape, nv)).copy() for _ in range(2))
-    for first in np.unique(groups[0]):
-        last = int(groups[1][first])
-        if last == first:
-            continue
-        own = slice(int(first), last + 1)
-        minus = -_bracket(x[..., own])
-        term, ad, jacobian = (np.broadcast_to(np.eye(last + 1 - int(first)), minus.shape).copy() for _ in range(3))
-        for k in range(1, 100):
-            term = term @ minus / k
-            ad += term
-            jacobian += term / (k + 1)
-            if not np.any(np.abs(term) > 1e-17):
-                break
-        back[..., own, own], right[..., own, own] = ad, jacobian
-    return back, right
-
-
-def _bracket(x: _Array) -> _Array:
-    """ad of a tangent: of a rotation (..., 3), or of a screw (linear, angular) (..., 6)."""
-
-    def skew(a: _Array) -> _Array:
-        out = np.zeros((*a.shape, 3))
-        out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -a[..., 2], a[..., 1], -a[..., 0]
-        return out - np.swapaxes(out, -1, -2)
-
-    if x.shape[-1] == 3:
-        return skew(x)
-    out = np.zeros((*x.shape, 6))
-    out[..., :3, :3] = out[..., 3:, 3:] = skew(x[..., 3:])
-    out[..., :3, 3:] = skew(x[..., :3])
-    return out
-
-
-def _lower(matrix: _Array) -> _Array:
-    """A square lower triangular root of matrix matrix*: the rotation from the right."""
-    rows = matrix.shape[-2]
-    triangle = np.swapaxes(np.linalg.qr(np.swapaxes(matrix, -1, -2), mode="r"), -1, -2)
-    if triangle.shape[-1] < rows:
-        triangle = np.concatenate([triangle, np.zeros((*triangle.shape[:-1], rows - triangle.shape[-1]))], axis=-1)
-    return np.asarray(triangle)

@@ -37,7 +37,7 @@ class Prediction(NamedTuple):
 class LinkMotion:
     """Velocity and acceleration of a frame on a link, weight included, with their derivatives, in that frame."""
 
-    def __init__(self, scene: Scene, groups: _Array, state: tuple[_Array, _Array, _Array | None], link: str, at: ArrayLike, rotation: _Array) -> None:
+    def __init__(self, scene: Scene, groups: NDArray[np.int_], state: tuple[_Array, _Array, _Array | None], link: str, at: ArrayLike, rotation: _Array) -> None:
         q, qd, qdd = state
         turn = np.zeros((6, 6))
         turn[:3, :3] = turn[3:, 3:] = rotation.T
@@ -75,7 +75,7 @@ class LinkMotion:
 
 def _cross3(a: _Array, b: _Array) -> _Array:
     """a x b, vectors along the last axis but one."""
-    return np.cross(*np.broadcast_arrays(a, b), axis=-2)
+    return np.asarray(np.cross(np.broadcast_to(a, np.broadcast_shapes(a.shape, b.shape)), np.broadcast_to(b, np.broadcast_shapes(a.shape, b.shape)), axis=-2))
 
 
 def _cross(a: _Array, b: _Array) -> _Array:
@@ -106,7 +106,7 @@ class Sensor:
         """The number m of its components."""
         raise NotImplementedError
 
-    def predict(self, scene: Scene, groups: _Array, state: tuple[_Array, _Array, _Array | None], tau: _Array) -> Prediction:
+    def predict(self, scene: Scene, groups: NDArray[np.int_], state: tuple[_Array, _Array, _Array | None], tau: _Array) -> Prediction:
         """What it reads at (q, qd, qdd), under these joint torques."""
         raise NotImplementedError
 
@@ -157,7 +157,7 @@ class Encoder(Sensor):
     def size(self, scene: Scene) -> int:
         return len(_rows_of(scene, self.joints, "Encoder.joints")[0])
 
-    def predict(self, scene: Scene, groups: _Array, state: tuple[_Array, _Array, _Array | None], tau: _Array) -> Prediction:
+    def predict(self, scene: Scene, groups: NDArray[np.int_], state: tuple[_Array, _Array, _Array | None], tau: _Array) -> Prediction:
         q = state[0]
         coordinates, rows = _rows_of(scene, self.joints, "Encoder.joints")
         by_q = np.zeros((*q.shape[:-1], len(rows), scene.nv))
@@ -187,7 +187,7 @@ class TorqueSensor(Sensor):
     def size(self, scene: Scene) -> int:
         return len(_rows_of(scene, self.joints, "TorqueSensor.joints")[0])
 
-    def predict(self, scene: Scene, groups: _Array, state: tuple[_Array, _Array, _Array | None], tau: _Array) -> Prediction:
+    def predict(self, scene: Scene, groups: NDArray[np.int_], state: tuple[_Array, _Array, _Array | None], tau: _Array) -> Prediction:
         rows = _rows_of(scene, self.joints, "TorqueSensor.joints")[1]
         none = np.zeros((*state[0].shape[:-1], len(rows), scene.nv))
         by_noise = none.copy()
@@ -208,7 +208,7 @@ class _OnLink(Sensor):
             raise of_argument(ArgumentError, f"rotation of {self.name!r}", "found a matrix that is no rotation; expected the sensor's axes as columns in the link's frame")
         return 3
 
-    def _motion(self, scene: Scene, groups: _Array, state: tuple[_Array, _Array, _Array | None]) -> LinkMotion:
+    def _motion(self, scene: Scene, groups: NDArray[np.int_], state: tuple[_Array, _Array, _Array | None]) -> LinkMotion:
         return LinkMotion(scene, groups, state, self.link, self.xyz, np.asarray(self.rotation, float))
 
 
@@ -242,7 +242,7 @@ class Gyro(_OnLink):
     def biases(self) -> tuple[float, float] | None:
         return (self.bias, self.bias_walk) if self.bias > 0.0 or self.bias_walk > 0.0 else None
 
-    def predict(self, scene: Scene, groups: _Array, state: tuple[_Array, _Array, _Array | None], tau: _Array) -> Prediction:
+    def predict(self, scene: Scene, groups: NDArray[np.int_], state: tuple[_Array, _Array, _Array | None], tau: _Array) -> Prediction:
         motion = self._motion(scene, groups, (state[0], state[1], None))
         return Prediction(motion.velocity[..., :3], motion.velocity_by_q[..., :3, :], motion.jacobian[..., :3, :])
 
@@ -251,7 +251,7 @@ class Gyro(_OnLink):
 class Accelerometer(_OnLink):
     """Acceleration less gravity of a point on a link in the sensor's axes, m/s^2, with a bias that walks.
 
-    It feels the torque noise of its own step, which the observer takes into account.
+    The torque noise of a step affects its reading; the observer takes this correlation into account.
 
     Attributes
     ----------
@@ -285,7 +285,7 @@ class Accelerometer(_OnLink):
     def needs_acceleration(self) -> bool:
         return True
 
-    def predict(self, scene: Scene, groups: _Array, state: tuple[_Array, _Array, _Array | None], tau: _Array) -> Prediction:
+    def predict(self, scene: Scene, groups: NDArray[np.int_], state: tuple[_Array, _Array, _Array | None], tau: _Array) -> Prediction:
         motion = self._motion(scene, groups, state)
         return Prediction(motion.point_acceleration, motion.point_by_q, motion.point_by_qd, motion.jacobian[..., 3:, :])
 
@@ -312,6 +312,6 @@ class Contact(_OnLink):
 
     name: str = "contact"
 
-    def predict(self, scene: Scene, groups: _Array, state: tuple[_Array, _Array, _Array | None], tau: _Array) -> Prediction:
+    def predict(self, scene: Scene, groups: NDArray[np.int_], state: tuple[_Array, _Array, _Array | None], tau: _Array) -> Prediction:
         motion = self._motion(scene, groups, (state[0], state[1], None))
         return Prediction(motion.velocity[..., 3:], motion.velocity_by_q[..., 3:, :], motion.jacobian[..., 3:, :])

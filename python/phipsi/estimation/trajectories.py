@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ArgumentError, InertiaWarning, ShapeError, of_argument
-from .observer import _lower, exponential, joint_groups
+from ._manifold import exponential, joint_groups, lower_root
 from .uncertainty import JOINT_PARAMETERS, ParameterCovariance, _joint_covariance, _per_joint, covariance_root
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ __all__ = ["Bands", "MotionUncertainty", "with_bands"]
 _Array = NDArray[np.float64]
 
 #: The one method whose steps are linearized.
-METHOD = "semi-implicit-euler"
+METHOD: Final = "semi-implicit-euler"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -173,7 +173,7 @@ class _Propagation:
             constant = flow @ constant + self._pushed(h * columns[..., k, :, :], right)
             root = flow @ root
             if noisy:
-                root = _lower(np.concatenate([root, self._pushed(h * noise[..., k, :, :], right)], axis=-1))
+                root = lower_root(np.concatenate([root, self._pushed(h * noise[..., k, :, :], right)], axis=-1))
         deviation = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
         ratio = None if self.unsure.check is None else self._ratio(deviation**2)
         return Bands(deviation[..., :nv], deviation[..., nv:], covariance, ratio)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -140,7 +140,7 @@ def forward_dynamics_variance(
     links: str | Sequence[str] | None = None,
     wrenches: Any = None,
     friction_speed: float = 0.01,
-    errors: str = "raise",
+    errors: Literal["raise", "nan"] = "raise",
 ) -> _Array | AccelerationVariance:
     """As Scene.forward_dynamics_variance, which calls it."""
     found = ParameterCovariance(scene, parameters)
@@ -171,7 +171,7 @@ def inverse_dynamics_variance(
     joints: Any = None,
     torque: ArrayLike | None = None,
     friction_speed: float = 0.01,
-    errors: str = "raise",
+    errors: Literal["raise", "nan"] = "raise",
 ) -> _Array:
     """As Scene.inverse_dynamics_variance, which calls it."""
     found = ParameterCovariance(scene, parameters)
