@@ -24,6 +24,8 @@ _Array = NDArray[np.float64]
 
 #: The one method whose steps are linearized.
 METHOD: Final = "semi-implicit-euler"
+#: Standard deviations below this share of the largest are rounding.
+ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,7 +79,7 @@ class Bands(NamedTuple):
     covariance: _Array
     """Covariance of (q in its tangent space, qd), (..., rows, 2 nv, 2 nv)."""
     ratio: _Array | None
-    """Variance of the checking runs over the first-order variance, (..., rows, 2 nv): far from 1 the bands are not to be trusted. NaN where the variance is zero; None without a check."""
+    """Variance of the checking runs over the first-order variance, (..., rows, 2 nv): far from 1 the bands are not to be trusted. NaN where the variance is zero to rounding; None without a check."""
 
 
 def with_bands(path: Trajectory, uncertainty: Any) -> Trajectory:
@@ -223,8 +225,12 @@ class _Propagation:
         spread = np.asarray(away)
         # The variance about the mean of the runs: what the mean moved by is a bias and no width.
         found = np.var(spread, axis=0, ddof=1 if unsure.check == "monte-carlo" else 0)
+        # Below this share of the largest variance of its kind a variance is rounding.
+        halves = variance.reshape(*variance.shape[:-1], 2, -1)
+        least = np.repeat(np.max(halves, axis=(-1, -3), keepdims=True) * ROUNDING**2, halves.shape[-1], axis=-1)
+        known = variance > np.broadcast_to(least, halves.shape).reshape(variance.shape)
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.where(variance > 0.0, found / variance, np.nan)
+            return np.where(known, found / variance, np.nan)
 
     def _run(self, of_bodies: _Array, of_joints: _Array, start: _Array, rng: np.random.Generator | None) -> Trajectory:
         """The run with these errors, in standard deviations."""
