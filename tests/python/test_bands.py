@@ -8,6 +8,8 @@ import pytest
 from conftest import random_scene
 from phipsi.errors import ArgumentError, ShapeError
 from phipsi.estimation import MotionUncertainty
+from phipsi.report.run import Run, over_time
+from phipsi.report.structure import tree_of
 from tolerances import assert_near
 
 STEP = 1e-4
@@ -138,6 +140,16 @@ def test_a_covariance_of_parameters_is_taken_alone() -> None:
     assert_near(given.covariance, named.covariance, 0.0)
     assert given.ratio is None and float(given.q[-1].min()) > 0.0
     assert scene.simulate([0.5, 0.4], [0.0, 0.0], **HOW).bands is None
+
+
+def test_the_page_of_a_simulation_draws_the_bands() -> None:
+    scene = pendulum()
+    path = scene.simulate([0.5, 0.4], [0.0, 0.0], **HOW, covariance=MotionUncertainty(torque_noise=0.1))
+    plain = scene.simulate([0.5, 0.4], [0.0, 0.0], **HOW)
+    with_bands, without = (over_time(Run(False, "pendulum", one, tree_of(scene), np.zeros_like(one.qd))).panels for one in (path, plain))
+    assert [len(one.series) - len(other.series) for one, other in zip(with_bands, without, strict=True)] == [4, 4, 0]
+    upper = next(one for one in with_bands[0].series if one.name == "95 % band of to_lower")
+    assert_near(np.asarray(upper.y)[-1], path.q[-1, 1] + 1.96 * path.bands.q[-1, 1], 1e-12)
 
 
 class TestArguments:
