@@ -22,6 +22,7 @@
 //! # }
 //! ```
 
+pub(crate) mod lanes;
 mod parameter_roots;
 #[cfg(test)]
 mod tests;

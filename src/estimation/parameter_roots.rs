@@ -1,6 +1,6 @@
 //! Roots of the covariances of bodies' inertial parameters.
 
-use crate::dynamics::derivatives::{Parameters, inertia};
+use crate::dynamics::derivatives::{Parameters, inertia, parameters};
 use crate::scalar::Real;
 use crate::spatial::{BodyInertia, Symmetric6};
 use nalgebra::Vector6;
@@ -34,19 +34,36 @@ impl<T: Real> ParameterRoots<T> {
     }
 
     /// The columns of body `k`.
+    #[inline(always)]
     fn of_body(&self, k: usize) -> &[BodyInertia<T>] {
         let begin = k.checked_sub(1).map_or(0, |before| self.ends[before]);
         &self.columns[begin..self.ends[k]]
     }
 
-    /// C(k) = Y(k) L L* Y(k)*: the covariance of the force that the parameters' errors are at this velocity and acceleration, weight included.
+    /// C(k) = Y(k) L L* Y(k)* of every body: the covariance of the force that the parameters' errors are at these velocities and accelerations, weight included.
     #[inline(always)]
-    pub(super) fn force_covariance(&self, k: usize, velocity: &Vector6<T>, acceleration: &Vector6<T>) -> Symmetric6<T> {
-        let mut covariance = Symmetric6::zero();
-        for column in self.of_body(k) {
-            let force = column.bias_force(velocity, acceleration);
-            covariance = covariance.add_rank_one(&force, &force);
+    pub(super) fn force_covariances(
+        &self,
+        velocity: &[Vector6<T>],
+        acceleration: &[Vector6<T>],
+        out: &mut [Symmetric6<T>],
+    ) {
+        for (k, out) in out.iter_mut().enumerate() {
+            let mut covariance = Symmetric6::zero();
+            for column in self.of_body(k) {
+                let force = column.bias_force(&velocity[k], &acceleration[k]);
+                covariance = covariance.add_rank_one(&force, &force);
+            }
+            *out = covariance;
         }
-        covariance
+    }
+}
+
+impl ParameterRoots<f64> {
+    /// The same in another scalar.
+    #[must_use]
+    pub(super) fn cast<T: Real>(&self) -> ParameterRoots<T> {
+        let columns = self.columns.iter().map(|column| inertia(&parameters(column).map(T::from_f64))).collect();
+        ParameterRoots { columns, ends: self.ends.clone() }
     }
 }

@@ -1,6 +1,6 @@
 //! The analysis of the filter with its own noise is the paper's: C = M and t = r give Pi = P, V = Lambda and the diagonal of M^-1.
 
-use super::variance::{VarianceScratch, Variances, base_to_tip, tip_to_base};
+use super::variance::{Factored, VarianceScratch, Variances, base_to_tip, tip_to_base};
 use crate::dynamics::{InverseScratch, factorise, mass_matrix_inverse};
 use crate::filter::{Form, covariance};
 use crate::model::Model;
@@ -32,14 +32,15 @@ fn check(scene: &Scene, armature: f64) {
         *noise = body.inertia.to_symmetric();
     }
     scratch.torque.copy_from_slice(&model.system.noise);
-    tip_to_base(&model, &workspace, &mut scratch);
+    let factor = Factored { shift: &workspace.shift, measured: &workspace.measured };
+    tip_to_base(&model, factor, &mut scratch);
     for (row, (found, expected)) in scratch.before_row.iter().zip(&before).enumerate() {
         assert!(off(found, expected) <= 1e-27, "P of row {row}");
     }
     let nan = DoubleDouble::from_f64(f64::NAN);
     let mut joints = vec![nan; nv];
     let mut bodies = vec![Symmetric6::filled(nan); model.bodies.len()];
-    base_to_tip(&model, &workspace, &mut scratch, &mut Variances { joints: &mut joints, bodies: &mut bodies });
+    base_to_tip(&model, factor, &mut scratch, &mut Variances { joints: &mut joints, bodies: &mut bodies });
     for (k, (found, expected)) in bodies.iter().zip(&lambda).enumerate() {
         assert!(off(found, expected) <= 1e-24, "V of body {k}");
     }

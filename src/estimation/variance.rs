@@ -12,7 +12,7 @@ use crate::filter::riccati::Measured;
 use crate::filter::{HingeMap, covariance};
 use crate::model::Model;
 use crate::scalar::Real;
-use crate::spatial::{Symmetric6, dot, scaled, scaled_add};
+use crate::spatial::{RigidShift, Symmetric6, dot, scaled, scaled_add};
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
 
@@ -33,7 +33,7 @@ pub struct TorqueVariance<'a, T> {
 impl<T: Real> TorqueVariance<'_, T> {
     /// t = noise + y* Sigma y with y = (qdd, qd, qd / sqrt(qd^2 + speed^2), 1), of every degree of freedom.
     #[inline(always)]
-    fn evaluate(&self, qd: &[T], qdd: &[T], t: &mut [T]) {
+    pub(super) fn evaluate(&self, qd: &[T], qdd: &[T], t: &mut [T]) {
         t.copy_from_slice(self.noise);
         for (row, covariance) in self.joints.iter().enumerate() {
             let speed = qd[row].mul_add(qd[row], self.friction_speed * self.friction_speed).sqrt();
@@ -59,7 +59,7 @@ pub struct Variances<'a, T: Real> {
 #[derive(Debug, Clone)]
 pub struct VarianceScratch<T: Real> {
     /// Accelerations of the state.
-    qdd: Vec<T>,
+    pub(super) qdd: Vec<T>,
     /// t, the variance of each torque error.
     pub(super) torque: Vec<T>,
     /// Pi^-(k), complete.
@@ -119,25 +119,23 @@ pub fn forward_dynamics_variance<T: Real>(
     // The regressor is taken at the acceleration that was found, not at zero.
     forces_base_to_tip(model, workspace, Motion { q, qd, qdd: Some(&scratch.qdd), wrenches: &[] });
     torque.evaluate(qd, &scratch.qdd, &mut scratch.torque);
-    force_covariances(workspace, scratch, parameters);
-    tip_to_base(model, workspace, scratch);
-    base_to_tip(model, workspace, scratch, out);
+    parameters.force_covariances(&workspace.velocity, &workspace.acceleration, &mut scratch.predicted);
+    let factor = Factored { shift: &workspace.shift, measured: &workspace.measured };
+    tip_to_base(model, factor, scratch);
+    base_to_tip(model, factor, scratch, out);
     monitor
 }
 
-/// C(k) of every body, at the velocities and accelerations in the workspace.
-fn force_covariances<T: Real>(
-    workspace: &Workspace<T>,
-    scratch: &mut VarianceScratch<T>,
-    parameters: &ParameterRoots<T>,
-) {
-    for (k, covariance) in scratch.predicted.iter_mut().enumerate() {
-        *covariance = parameters.force_covariance(k, &workspace.velocity[k], &workspace.acceleration[k]);
-    }
+/// The factor of M that the variances are propagated with.
+#[derive(Clone, Copy)]
+pub(super) struct Factored<'a, T: Real> {
+    pub shift: &'a [RigidShift<T>],
+    pub measured: &'a [Measured<T>],
 }
 
 /// Tip to base: Pi^-(k) = C(k) + sum over children of phi Pi^+ phi*, and Pi^+ = A Pi A* + t g g* at each row.
-pub(super) fn tip_to_base<T: Real>(model: &Model<T>, workspace: &Workspace<T>, scratch: &mut VarianceScratch<T>) {
+#[inline(always)]
+pub(super) fn tip_to_base<T: Real>(model: &Model<T>, factor: Factored<'_, T>, scratch: &mut VarianceScratch<T>) {
     for (k, stage) in model.system.stages.iter().enumerate().rev() {
         let mut pi = scratch.predicted[k];
         for i in (0..stage.rows.count()).rev() {
@@ -145,10 +143,10 @@ pub(super) fn tip_to_base<T: Real>(model: &Model<T>, workspace: &Workspace<T>, s
             scratch.before_row[row] = pi;
             let noise_free = model.system.is_noise_free(row);
             let t = scratch.torque[row];
-            pi = past_measurement(&pi, &stage.rows.row(i), &workspace.measured[row], t, noise_free);
+            pi = past_measurement(&pi, &stage.rows.row(i), &factor.measured[row], t, noise_free);
         }
         if let Some(parent) = stage.parent {
-            let carried = workspace.shift[k].inertia_to_parent(&pi);
+            let carried = factor.shift[k].inertia_to_parent(&pi);
             scratch.later[k] = scratch.predicted[parent];
             scratch.predicted[parent] = scratch.predicted[parent].add(&carried);
             scratch.carried[k] = carried;
@@ -180,9 +178,10 @@ fn past_measurement<T: Real>(
 }
 
 /// Base to tip: the variance of each acceleration, U and Lambda.
+#[inline(always)]
 pub(super) fn base_to_tip<T: Real>(
     model: &Model<T>,
-    workspace: &Workspace<T>,
+    factor: Factored<'_, T>,
     scratch: &mut VarianceScratch<T>,
     out: &mut Variances<'_, T>,
 ) {
@@ -193,13 +192,13 @@ pub(super) fn base_to_tip<T: Real>(
             let others = scratch.later[k].add(&scratch.earlier[parent]);
             let at_parent = &scratch.co_state[parent];
             let felt = scratch.independent[parent].add(&congruence(at_parent, &others));
-            lambda = workspace.shift[k].co_covariance_to_child(at_parent);
-            independent = workspace.shift[k].co_covariance_to_child(&felt);
+            lambda = factor.shift[k].co_covariance_to_child(at_parent);
+            independent = factor.shift[k].co_covariance_to_child(&felt);
             scratch.earlier[parent] = scratch.earlier[parent].add(&scratch.carried[k]);
         }
         for i in 0..stage.rows.count() {
             let row = stage.first_row + i;
-            let (hinge, measured) = (stage.rows.row(i), &workspace.measured[row]);
+            let (hinge, measured) = (stage.rows.row(i), &factor.measured[row]);
             let (next, u) = covariance::row_update(&lambda, &hinge, measured);
             let w = dot(&measured.gain, &u) + measured.pivot_inverse;
             let v = hinge.spread_onto(&scaled(&u, w.constant(-1.0)), w);
@@ -255,16 +254,26 @@ pub fn inverse_dynamics_variance<T: Real>(
 ) {
     torque.evaluate(qd, qdd, out);
     forces_base_to_tip(model, workspace, Motion { q, qd, qdd: Some(qdd), wrenches: &[] });
-    force_covariances(workspace, scratch, parameters);
+    parameters.force_covariances(&workspace.velocity, &workspace.acceleration, &mut scratch.predicted);
+    torques_tip_to_base(model, &workspace.shift, &mut scratch.predicted, out);
+}
+
+/// Tip to base: Pi(k), and H Pi H* added to the variance of each torque.
+#[inline(always)]
+pub(super) fn torques_tip_to_base<T: Real>(
+    model: &Model<T>,
+    shift: &[RigidShift<T>],
+    covariance: &mut [Symmetric6<T>],
+    out: &mut [T],
+) {
     for (k, stage) in model.system.stages.iter().enumerate().rev() {
-        let pi = scratch.predicted[k];
+        let pi = covariance[k];
         for i in 0..stage.rows.count() {
             let (row, hinge) = (stage.first_row + i, stage.rows.row(i));
             out[row] += hinge.project(&hinge.covariance_column(&pi));
         }
         if let Some(parent) = stage.parent {
-            let carried = workspace.shift[k].inertia_to_parent(&pi);
-            scratch.predicted[parent] = scratch.predicted[parent].add(&carried);
+            covariance[parent] = covariance[parent].add(&shift[k].inertia_to_parent(&pi));
         }
     }
 }

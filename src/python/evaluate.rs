@@ -138,7 +138,7 @@ impl<'py, P: Dtype> Call<'_, 'py, P> {
     }
 
     /// Runs every state, as many at a time as there are lanes, each of so many results and ns: `run` gets them, the index of the first, and where results go.
-    fn chunks(
+    pub(super) fn chunks(
         &self,
         py: Python<'py>,
         (width, cost): (usize, usize),
@@ -206,10 +206,11 @@ impl<'py> Call<'_, 'py> {
 }
 
 /// What runs some neighbouring states of a batch, the first of which has that index.
-type Run<'a, P> = dyn Fn(&mut Evaluator<P>, &[Arguments<'_, P>], usize, &mut [P]) -> Result<(), Fault> + Sync + 'a;
+pub(super) type Run<'a, P> =
+    dyn Fn(&mut Evaluator<P>, &[Arguments<'_, P>], usize, &mut [P]) -> Result<(), Fault> + Sync + 'a;
 
 /// What writes the third vector of the seed of one state of these arguments.
-type Third<'a, P> = dyn Fn(&[Broadcast<'_, P>], usize, &mut Vec<P>) -> Result<(), Error> + Sync + 'a;
+pub(super) type Third<'a, P> = dyn Fn(&[Broadcast<'_, P>], usize, &mut Vec<P>) -> Result<(), Error> + Sync + 'a;
 
 /// The arguments of neighbouring states of a batch, q, then qd, then u, then the seed; forces stay as they are.
 fn take<'a, P>(states: &mut [Arguments<'a, P>], arguments: &[Broadcast<'a, P>], first: usize) {

@@ -4,11 +4,10 @@ use crate::batch::evaluator::{Evaluated, Evaluator};
 use crate::dynamics::derivatives::HessianScratch;
 use crate::dynamics::operational::OperationalScratch;
 use crate::dynamics::{ConstraintScratch, Estimate, EstimateCovariance, EstimateScratch};
-use crate::estimation::VarianceScratch;
 use crate::filter::Form;
 use crate::scalar::MOST_LANES;
 use crate::scene::Scene;
-use crate::spatial::{RigidShift, SpatialVector, Symmetric6};
+use crate::spatial::{RigidShift, SpatialVector};
 use crate::workspace::Workspace;
 use numpy::Element;
 
@@ -21,8 +20,6 @@ pub(super) struct Scratch {
     pub workspace: Workspace<f64>,
     /// For estimation only.
     pub estimation: Option<Estimation>,
-    /// For variances only.
-    pub uncertainty: Option<Uncertainty>,
     /// For operational space only.
     pub operational: Option<OperationalScratch<f64>>,
     /// For closed loops only.
@@ -45,7 +42,6 @@ impl Scratch {
         Self {
             workspace: Workspace::new(scene.model()),
             estimation: None,
-            uncertainty: None,
             operational: None,
             constraints: None,
             hessians: None,
@@ -113,19 +109,5 @@ impl Estimation {
             covariance: EstimateCovariance::new(model),
             noise: vec![f64::NAN; model.nv()],
         }
-    }
-}
-
-/// Scratch of one thread for variances.
-pub(super) struct Uncertainty {
-    pub scratch: VarianceScratch<f64>,
-    /// The covariance of each body's acceleration.
-    pub bodies: Vec<Symmetric6<f64>>,
-}
-
-impl Uncertainty {
-    pub fn new(scene: &Scene) -> Self {
-        let model = scene.model();
-        Self { scratch: VarianceScratch::new(model), bodies: vec![Symmetric6::filled(f64::NAN); model.bodies.len()] }
     }
 }

@@ -4,20 +4,28 @@ use super::bad_states::Errors;
 use super::call::Call;
 use super::choice::names;
 use super::cost::Cost;
-use super::input::{fixed, shaped, wrong_shape};
+use super::input::{FEW, fixed, shaped, wrong_shape};
 use super::object::{Object, imported};
-use super::output::Array;
+use super::output::{Array, Output};
 use super::scene::PyScene;
-use super::scratch::{Scratch, Uncertainty};
 use super::wrenches::Wrench;
+use crate::algorithm::{Algorithm, Arguments};
+use crate::batch::Fault;
+use crate::batch::arms::Arm;
+use crate::batch::evaluator::Evaluator;
 use crate::dynamics::derivatives::Parameters;
 use crate::error::Error;
+use crate::estimation::lanes::{Accelerated, Question, VarianceLanes, variance_lanes};
 use crate::estimation::{JointCovariance, ParameterRoots, TorqueVariance, Variances};
 use crate::filter::Form;
 use crate::kinematics::Frame;
+use crate::scene::Scene;
+use crate::spatial::Symmetric6;
+use crate::workspace::Workspace;
 use nalgebra::Matrix6;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use std::sync::Mutex;
 
 /// Rough times of one body in one state, ns (see `Call::new`).
 mod cost {
@@ -208,40 +216,96 @@ impl PyScene {
             joints.iter().flat_map(|all| all.as_chunks::<16>().0).map(by_rows).collect();
         let links = links.map(|links| names("links", links, "names of links")).transpose()?.unwrap_or_default();
         let frames = links.iter().map(|link| scene.frame(&link.as_str().into())).collect::<Result<Vec<_>, _>>()?;
-        let each = if forward { cost::FORWARD } else { cost::INVERSE };
-        let cost = Cost::of(each * bodies.max(1) + cost::LINK * links.len());
+        let lanes = Arm::of_process().lanes(size_of::<f64>());
+        let each = if forward { cost::FORWARD } else { cost::INVERSE } * bodies.max(1) + cost::LINK * links.len();
         let [q, qd, third] = &state;
         let given = [("q", q), ("qd", qd), (if forward { "tau" } else { "qdd" }, third)];
-        let call = Call::new(self, self.inputs(given)?, Wrench::read(scene, wrenches)?, cost)?;
-        call.with(Errors::read(errors)?).array(py, &[nv + 36 * links.len()], |scene, scratch, [q, qd, u], out| {
-            let torque = TorqueVariance { noise: &noise, joints: &joints, friction_speed };
-            let Scratch { workspace, uncertainty, forces, .. } = scratch;
-            let Uncertainty { scratch, bodies } = uncertainty.get_or_insert_with(|| Uncertainty::new(scene));
-            let (joints, of_links) = out.split_at_mut(nv);
-            if !forward {
-                return scene.inverse_dynamics_variance(workspace, scratch, (q, qd, u), &parameters, &torque, joints);
+        let cost = each / lanes;
+        let call = Call::new(self, self.inputs(given)?, Wrench::read(scene, wrenches)?, Cost::of(cost))?;
+        let call = call.with(Errors::read(errors)?);
+        let torque = TorqueVariance { noise: &noise, joints: &joints, friction_speed };
+        let question = Question { forward, parameters: &parameters, torque, frames: &frames };
+        let width = nv + 36 * links.len();
+        let mut output = call.output(py, &[width], None, Output::new)?;
+        let kernels: Mutex<Vec<Box<dyn VarianceLanes>>> = Mutex::new(Vec::new());
+        call.chunks(py, (width, cost), None, output.numbers()?, &|evaluator, states, _, out| {
+            let kept = kernels.lock().ok().and_then(|mut kernels| kernels.pop());
+            let mut kernel = kept.unwrap_or_else(|| variance_lanes(scene, &question));
+            let outcome = of_states(scene, &question, evaluator, &mut *kernel, states, out);
+            if let Ok(mut kernels) = kernels.lock() {
+                kernels.push(kernel);
             }
-            workspace.form = Form::Auto;
-            let bodies = if frames.is_empty() { &mut [] } else { &mut bodies[..] };
-            let mut variances = Variances { joints, bodies };
-            scene.forward_dynamics_variance(
-                workspace,
-                scratch,
-                (q, qd, u),
-                &forces[0],
-                &parameters,
-                &torque,
-                &mut variances,
-            )?;
-            for (out, Frame { body, placement }) in of_links.chunks_exact_mut(36).zip(&frames) {
-                let phi = placement.to_matrix();
-                let own = body.map_or_else(Matrix6::zeros, |body| variances.bodies[body].to_matrix());
-                // Symmetric: the order of columns is that of rows.
-                out.copy_from_slice((phi.transpose() * own * phi).as_slice());
-            }
-            Ok(())
-        })
+            outcome
+        })?;
+        Ok(output.finish())
     }
+}
+
+/// The states of one chunk: accelerations by the kernels, variances in lanes, and with the checked method where a lane reports it.
+fn of_states(
+    scene: &Scene,
+    question: &Question<'_>,
+    evaluator: &mut Evaluator,
+    kernel: &mut dyn VarianceLanes,
+    states: &[Arguments<'_>],
+    out: &mut [f64],
+) -> Result<(), Fault> {
+    let (nv, count) = (scene.nv(), states.len());
+    let mut qdd = [f64::NAN; FEW];
+    let mut many = Vec::new();
+    let qdd = match qdd.get_mut(..nv * count) {
+        Some(qdd) => qdd,
+        None => {
+            many.resize(nv * count, f64::NAN);
+            &mut many[..]
+        }
+    };
+    if question.forward {
+        scene.evaluate(evaluator, Algorithm::ForwardDynamics(Form::Auto), states, qdd)?;
+    } else {
+        // Checks q, qd and qdd, of which it computes the torques.
+        scene.evaluate(evaluator, Algorithm::InverseDynamics, states, qdd)?;
+        for (qdd, state) in qdd.chunks_exact_mut(nv.max(1)).zip(states) {
+            qdd.copy_from_slice(state.u);
+        }
+    }
+    let at = |i: usize| [states[i].q, states[i].qd, &qdd[i * nv..(i + 1) * nv]];
+    let width = out.len() / count.max(1);
+    let mut doubt = 0;
+    for first in (0..count).step_by(kernel.lanes()) {
+        let last = count.min(first + kernel.lanes());
+        let some: Vec<Accelerated<'_>> = (first..last).map(at).collect();
+        doubt |= kernel.run(&some, &mut out[first * width..last * width]) << first;
+    }
+    for i in (0..count).filter(|i| doubt >> i & 1 == 1) {
+        let out = &mut out[i * width..(i + 1) * width];
+        one_by_one(scene, question, &states[i], out).map_err(|error| Fault { state: i, error })?;
+    }
+    Ok(())
+}
+
+/// One state with every check.
+#[cold]
+fn one_by_one(scene: &Scene, question: &Question<'_>, state: &Arguments<'_>, out: &mut [f64]) -> Result<(), Error> {
+    let Question { forward, parameters, torque, frames } = question;
+    let (mut workspace, mut scratch) = (Workspace::new(scene.model()), scene.variance_scratch());
+    let (joints, of_frames) = out.split_at_mut(scene.nv());
+    let at = (state.q, state.qd, state.u);
+    if !forward {
+        return scene.inverse_dynamics_variance(&mut workspace, &mut scratch, at, parameters, torque, joints);
+    }
+    let count = if frames.is_empty() { 0 } else { scene.model().bodies.len() };
+    let mut bodies = vec![Symmetric6::filled(f64::NAN); count];
+    let mut variances = Variances { joints, bodies: &mut bodies };
+    let wrenches = state.wrenches;
+    scene.forward_dynamics_variance(&mut workspace, &mut scratch, at, wrenches, parameters, torque, &mut variances)?;
+    for (out, Frame { body, placement }) in of_frames.chunks_exact_mut(36).zip(*frames) {
+        let phi = placement.to_matrix();
+        let own = body.map_or_else(Matrix6::zeros, |body| bodies[body].to_matrix());
+        // Symmetric: the order of columns is that of rows.
+        out.copy_from_slice((phi.transpose() * own * phi).as_slice());
+    }
+    Ok(())
 }
 
 impl PyScene {

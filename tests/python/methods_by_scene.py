@@ -219,10 +219,10 @@ EXPECTED: dict[str, tuple[str, str, str]] = {
     **dict.fromkeys(["inverse_kinematics", "inverse_kinematics_rates", "plan"], ("acts", "tree", "yes")),
     **dict.fromkeys(["simulate", "simulator"], ("acts", "acts", "yes")),
     **dict.fromkeys(["lock", "to_builder", "with_inertias", "with_payload", "with_properties"], ("acts", "acts", "yes")),
-    **dict.fromkeys(["estimate", "forward_dynamics_hvp", "identify", "to_c", "to_cuda", "to_rust"], ("refused", "tree", "refused")),
-    **dict.fromkeys(["factor", "inverse_dynamics_hvp", "operational_inertia", "operational_inverse_inertia", "random_model"], ("tree", "tree", "refused")),
+    **dict.fromkeys(["estimate", "forward_dynamics_hvp", "forward_dynamics_variance", "identify", "to_c", "to_cuda", "to_rust"], ("refused", "tree", "refused")),
+    **dict.fromkeys(["factor", "inverse_dynamics_hvp", "inverse_dynamics_variance", "operational_inertia", "operational_inverse_inertia", "random_model"], ("tree", "tree", "refused")),
     "ode": ("refused", "refused", "yes"),
-    "simulate_vjp": ("refused", "refused", "refused"),
+    **dict.fromkeys(["momentum_observer", "observer", "simulate_vjp"], ("refused", "refused", "refused")),
     "to_urdf": ("refused", "refused", "yes"),
 }
 

@@ -142,7 +142,7 @@ class MomentumObserver:
     joint_torque : (..., nv)
         The last estimate r.
     alarm : (...)
-        Whether r of the last step is beyond the threshold.
+        Whether the norm of r exceeded the threshold in the last step.
     covariance : (..., nv, nv)
         Covariance of r without contact, at the last step.
 
