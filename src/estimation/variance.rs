@@ -12,7 +12,7 @@ use crate::filter::riccati::Measured;
 use crate::filter::{HingeMap, covariance};
 use crate::model::Model;
 use crate::scalar::Real;
-use crate::spatial::{RigidShift, Symmetric6, dot, scaled, scaled_add};
+use crate::spatial::{RigidShift, Symmetric6, dot, scaled, scaled_add, zero};
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
 
@@ -38,9 +38,10 @@ impl<T: Real> TorqueVariance<'_, T> {
         for (row, covariance) in self.joints.iter().enumerate() {
             let speed = qd[row].mul_add(qd[row], self.friction_speed * self.friction_speed).sqrt();
             let y = [qdd[row], qd[row], qd[row] / speed, T::one()];
-            for (weight, entries) in y.into_iter().zip(covariance) {
-                let inner = entries.iter().zip(y).fold(T::zero(), |sum, (&entry, y)| entry.mul_add(y, sum));
-                t[row] = weight.mul_add(inner, t[row]);
+            for i in 0..4 {
+                let e = &covariance[i];
+                let inner = e[0].mul_add(y[0], e[1].mul_add(y[1], e[2].mul_add(y[2], e[3] * y[3])));
+                t[row] = y[i].mul_add(inner, t[row]);
             }
         }
     }
@@ -225,8 +226,13 @@ pub(super) fn base_to_tip<T: Real>(
 #[inline(always)]
 fn congruence<T: Real>(lambda: &Symmetric6<T>, x: &Symmetric6<T>) -> Symmetric6<T> {
     const PACKED: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
-    let columns: [Vector6<T>; 6] = std::array::from_fn(|i| lambda.column(i));
-    let products: [Vector6<T>; 6] = std::array::from_fn(|i| x.mul_vector(&columns[i]));
+    // No closures: in lanes they would be functions without the instructions of the arm.
+    let mut columns = [zero(); 6];
+    let mut products = columns;
+    for i in 0..6 {
+        columns[i] = lambda.column(i);
+        products[i] = x.mul_vector(&columns[i]);
+    }
     let mut out = Symmetric6::zero();
     for (at, (i, j)) in PACKED.into_iter().enumerate() {
         out.angular.entries[at] = dot(&columns[i], &products[j]);

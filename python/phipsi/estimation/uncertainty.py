@@ -70,32 +70,45 @@ class ParameterCovariance:
                 self.columns = covariance_root("parameters", given).T.reshape(-1, bodies, 10)
                 return
             given = blocks[np.arange(bodies), np.arange(bodies)]
-        for body in range(bodies):
-            root = covariance_root(f"parameters[{body}]", given[body]).T
-            wide = np.zeros((bodies, max(len(root), self.blocks.shape[1]), 10))
-            wide[:, : self.blocks.shape[1]] = self.blocks
-            wide[body, : len(root)] = root
-            self.blocks = wide
-        count = [body for body in range(bodies) for column in self.blocks[body] if column.any()]
-        self.columns = np.zeros((len(count), bodies, 10))
-        self.columns[np.arange(len(count)), count] = [column for body in self.blocks for column in body if column.any()]
+        if bodies:
+            # The columns of most rank come last, as eigenvalues do.
+            roots = covariance_roots("parameters", given).transpose(0, 2, 1)
+            used = roots.any(axis=(0, 2))
+            self.blocks = np.ascontiguousarray(roots[:, used])
+            body, column = np.nonzero(self.blocks.any(axis=-1))
+            self.columns = np.zeros((len(body), bodies, 10))
+            self.columns[np.arange(len(body)), body] = self.blocks[body, column]
 
 
 def covariance_root(name: str, covariance: _Array) -> _Array:
     """A root L, (n, rank), of a covariance L L*, which is checked to be one; columns that are rounding are left out."""
-    deviations = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
+    root = covariance_roots(name, covariance[None], single=True)[0]
+    return root[:, root.any(axis=0)]
+
+
+def covariance_roots(name: str, covariances: _Array, single: bool = False) -> _Array:
+    """Roots of some covariances, (..., n, n); columns that are rounding are zero."""
+    deviations = np.sqrt(np.maximum(np.diagonal(covariances, axis1=-2, axis2=-1), 0.0))
     scale = np.where(deviations > 0.0, deviations, 1.0)
-    unit = covariance / np.outer(scale, scale)
-    if not np.all(np.abs(unit - unit.T) <= 1e-9):
-        raise of_argument(ArgumentError, name, "found a matrix that is not symmetric; expected a covariance, for instance 0.5 * (C + C.T)")
-    values, vectors = np.linalg.eigh(0.5 * (unit + unit.T))
-    bound = ROUNDING * max(1.0, float(np.max(np.abs(values), initial=0.0)))
-    if not np.all(values >= -bound):
-        found = f"found a matrix with an eigenvalue of {values[0]:.3g} in units of its own variances"
-        raise of_argument(ArgumentError, name, f"{found}; expected a covariance, whose eigenvalues are zero or positive")
-    kept = values > 1e-3 * bound
-    root: _Array = scale[:, None] * vectors[:, kept] * np.sqrt(values[kept])
-    return root
+    unit = covariances / (scale[:, :, None] * scale[:, None, :])
+    transposed = np.swapaxes(unit, -1, -2)
+
+    def named(at: int) -> str:
+        return name if single else f"{name}[{at}]"
+
+    uneven = ~np.all(np.abs(unit - transposed) <= 1e-9, axis=(-2, -1))
+    if uneven.any():
+        raise of_argument(ArgumentError, named(int(np.argmax(uneven))), "found a matrix that is not symmetric; expected a covariance, for instance 0.5 * (C + C.T)")
+    values, vectors = np.linalg.eigh(0.5 * (unit + transposed))
+    bound = ROUNDING * np.maximum(1.0, np.max(np.abs(values), axis=-1, initial=0.0))
+    negative = ~np.all(values >= -bound[:, None], axis=-1)
+    if negative.any():
+        at = int(np.argmax(negative))
+        found = f"found a matrix with an eigenvalue of {values[at, 0]:.3g} in units of its own variances"
+        raise of_argument(ArgumentError, named(at), f"{found}; expected a covariance, whose eigenvalues are zero or positive")
+    kept = np.where(values > 1e-3 * bound[:, None], values, 0.0)
+    roots: _Array = scale[:, :, None] * vectors * np.sqrt(kept)[:, None, :]
+    return roots
 
 
 def _per_joint(scene: Scene, name: str, value: ArrayLike) -> _Array:
