@@ -500,14 +500,31 @@ def of_bands(options: argparse.Namespace) -> list[str]:
     return lines
 
 
+def step_time(batch: tuple[int, ...], repeats: int = 100) -> float:
+    """Microseconds a step of one arm with an IMU and a wrench, of a batch of that shape."""
+    case = arm_case(True)
+    q = np.broadcast_to(case.q, (*batch, 6))
+    observer = case.scene.observer(case.dt, case.sensors, q=q, torque_noise=case.torque_noise, wrenches=case.wrenches, initial=case.initial, history=0)
+    still = -case.scene.placement(case.q, case.scene.link_names[-1])[:3, :3].T @ case.scene.gravity
+    readings, tau = {"encoder": case.q, "gyro": np.zeros(3), "accelerometer": still}, case.scene.gravity_torque(case.q)
+    with warnings.catch_warnings():
+        # A robot whose readings have no noise.
+        warnings.simplefilter("ignore")
+        observer.step(tau, readings)
+        return 1e6 * seconds(lambda: observer.step(tau, readings), repeats) / max(1, int(np.prod(batch)))
+
+
 def of_textbook(options: argparse.Namespace) -> list[str]:
     mean, deviation, ours, theirs = textbook(options.seed)
+    one, many = step_time(()), step_time((100,), 10)
     return [
         "## Against a textbook filter",
         "",
         "A pendulum with an encoder, 300 steps, and an extended Kalman filter written out in NumPy with covariances and derivatives by hand.",
         "",
         f"Largest difference of the estimates: {mean:.1e} standard deviations; of the standard deviations: {deviation:.1e}, relative. A step takes {ours:.0f} us, {theirs:.0f} us in the textbook filter, which knows only this pendulum.",
+        "",
+        f"A step of the six-joint arm with an IMU and a wrench (24 states, 12 readings), from Python: {one:.0f} us alone, {many:.0f} us per robot of 100 that are observed together. Asked for: 20 us from Rust, where there is no observer yet.",
     ]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
@@ -49,6 +50,7 @@ def _fraction(a: float, x: NDArray[np.float64]) -> NDArray[np.float64]:
     return h
 
 
+@functools.lru_cache(maxsize=256)
 def chi_square_quantile(probability: float, size: float) -> float:
     """The x below which chi-square of `size` degrees of freedom is with that probability: the method of Newton between bounds that close in."""
     low, high = 0.0, size + 10.0

@@ -48,7 +48,7 @@ def mean_time_to_alarm(threshold: float, rate: float, size: int) -> float:
     Examples
     --------
     >>> from phipsi.estimation import mean_time_to_alarm
-    >>> 3000 < mean_time_to_alarm(6.07, 10.0, 6) < 4000
+    >>> 3000 < mean_time_to_alarm(6.19, 10.0, 6) < 4000
     True
     """
     if not threshold > 0.0:
@@ -85,7 +85,7 @@ def alarm_threshold(false_alarms_per_hour: float, rate: float, dt: float, size: 
     --------
     >>> from phipsi.estimation import alarm_threshold
     >>> round(alarm_threshold(1.0, 10.0, 1e-3, 6), 2)
-    5.99
+    6.11
     """
     wanted = 3600.0 / false_alarms_per_hour
     low, high = 0.0, 1.0

@@ -63,19 +63,20 @@ class LinkMotion:
         by_q = _cross(before, s) + _cross(self.velocity_by_q, whole - inboard)
         by_qd = _cross(outboard, s) - _cross(whole - inboard, s)
         #: Of the origin as a point: a + w x v.
-        self.point_acceleration: _Array = acceleration[..., 3:] + np.cross(self.velocity[..., :3], self.velocity[..., 3:])
+        self.point_acceleration: _Array = acceleration[..., 3:] + _cross3(self.velocity[..., :3, None], self.velocity[..., 3:, None])[..., 0]
         self.point_by_q: _Array = by_q[..., 3:, :] + self._turning(self.velocity_by_q)
         self.point_by_qd: _Array = by_qd[..., 3:, :] + self._turning(s)
 
     def _turning(self, change: _Array) -> _Array:
         """The change of w x v."""
         w, v = self.velocity[..., :3], self.velocity[..., 3:]
-        return _cross3(change[..., :3, :], v[..., :, None]) + _cross3(np.broadcast_to(w[..., :, None], change[..., 3:, :].shape), change[..., 3:, :])
+        return _cross3(change[..., :3, :], v[..., :, None]) + _cross3(w[..., :, None], change[..., 3:, :])
 
 
 def _cross3(a: _Array, b: _Array) -> _Array:
-    """a x b, vectors along the last axis but one."""
-    return np.asarray(np.cross(np.broadcast_to(a, np.broadcast_shapes(a.shape, b.shape)), np.broadcast_to(b, np.broadcast_shapes(a.shape, b.shape)), axis=-2))
+    """a x b, vectors along the last axis but one: written out, because numpy.cross takes most of its time to arrange axes."""
+    (a0, a1, a2), (b0, b1, b2) = ([x[..., i, :] for i in range(3)] for x in (a, b))
+    return np.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], axis=-2)
 
 
 def _cross(a: _Array, b: _Array) -> _Array:

@@ -83,7 +83,8 @@ class ParameterCovariance:
 def covariance_root(name: str, covariance: _Array) -> _Array:
     """A root L, (n, rank), of a covariance L L*, which is checked to be one; columns that are rounding are left out."""
     root = covariance_roots(name, covariance[None], single=True)[0]
-    return root[:, root.any(axis=0)]
+    kept: _Array = root[:, root.any(axis=0)]
+    return kept
 
 
 def covariance_roots(name: str, covariances: _Array, single: bool = False) -> _Array:
