@@ -31,7 +31,16 @@ from ._results import (
     RolloutGradients,
     Samples,
 )
-from .estimation import Excitation, Identification
+from .estimation import (
+    AccelerationVariance,
+    Excitation,
+    ExternalWrench,
+    Identification,
+    MomentumObserver,
+    MotionUncertainty,
+    Observer,
+    Sensor,
+)
 from .operators import Factor
 from .tasks import InverseKinematics, Task
 from .view import Viewer
@@ -719,6 +728,7 @@ class Scene:
         restitution: float = 0.0,
         accuracy: float | None = None,
         duration: float | None = None,
+        covariance: MotionUncertainty | ArrayLike | object | None = None,
     ) -> Trajectory:
         """Simulate one state or a batch in time: M(q) dv/dt + bias(q, v) = tau + forces of joints and stops, dq/dt = v.
 
@@ -779,6 +789,9 @@ class Scene:
             Error control: bound of the estimated error of each substep, rad or m, relative above 1 rad/s or m/s.
         duration : float, optional
             Simulated time, s, instead of steps.
+        covariance : phipsi.estimation.MotionUncertainty, optional
+            What is uncertain: the trajectory gets .bands, standard deviations and covariances of every row to first order; or a covariance of the inertial parameters alone, as in
+            forward_dynamics_variance. Needs method="semi-implicit-euler" and record_every=1, and is refused where motion has no derivative (stops, exact friction, contacts).
 
         Returns
         -------
@@ -3481,6 +3494,188 @@ class Scene:
         (3, 3, 10)
         """
 
+    @overload
+    def forward_dynamics_variance(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        tau: ArrayLike,
+        *,
+        parameters: ArrayLike | object | None = None,
+        joints: Mapping[str, ArrayLike] | ArrayLike | None = None,
+        torque: ArrayLike | None = None,
+        links: None = None,
+        wrenches: Mapping[str, ArrayLike] | None = None,
+        friction_speed: float = 0.01,
+        errors: _Errors = "raise",
+    ) -> _Array:
+        """Variances of the joint accelerations of forward dynamics, from those of inertial parameters, joint parameters and torques, in O(N).
+
+        At the true acceleration an error of the parameters pi is a force on the bodies: M d(qdd) = dtau - H phi Y d(pi), with Y the regressor at the qdd that forward dynamics
+        gives. The variances are those of a filter and smoother whose gains were made for another noise. First order in the errors.
+
+        Parameters
+        ----------
+        q : (..., nq)
+            Configurations. Leading axes broadcast.
+        qd, tau : (..., nv)
+            Joint velocities, rad/s or m/s, and torques, N m or N.
+        parameters : (bodies, 10, 10), (10 bodies, 10 bodies), or an Identification, optional
+            Covariance of (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz) of each link of body_names, I about the link's origin, in the link's frame. Bodies are independent
+            of each other, or correlated in a full matrix (10 bodies, 10 bodies), which costs one right side of the filter per column of its root. Any object with
+            `.covariance` of one of these shapes stands for it. Default: the parameters are known.
+        joints : dict or (nv, 4, 4), optional
+            Variances of "armature", "damping", "friction" and "offset" by name, a number or (nv,) each, or the covariance of the four of each degree of freedom.
+        torque : (nv,) or float, optional
+            Variance of the torque, (N m)^2 or N^2.
+        links : str or sequence of str, optional
+            Links whose accelerations are wanted too.
+        wrenches : dict, optional
+            As in forward_dynamics; they are known.
+        friction_speed : float
+            Speed below which friction is viscous, as in identify.
+        errors : str
+            As in forward_dynamics.
+
+        Returns
+        -------
+        array (..., nv), or AccelerationVariance
+            Variances of the joint accelerations, (rad/s^2)^2 or (m/s^2)^2. With links an AccelerationVariance(joints, links): links is a dict from names to the covariance (..., 6, 6) of the
+            (angular, linear) acceleration of the link's origin in the link's frame.
+
+        Raises
+        ------
+        ArgumentError
+            A covariance that is not symmetric or has a negative eigenvalue, a negative variance, an unknown name; scenes with connections or joints that follow others.
+        SingularJointError, ShapeError, NotFiniteError
+            As in forward_dynamics.
+
+        Examples
+        --------
+        >>> import numpy as np, phipsi
+        >>> scene = phipsi.scenes.chain(3)
+        >>> parameters = np.zeros((3, 10, 10))
+        >>> parameters[2, 0, 0] = 0.01  # the mass of the last link, to 0.1 kg
+        >>> variance = scene.forward_dynamics_variance([0.3, 0.2, 0.1], [0.0] * 3, [1.0, 0.0, 0.0], parameters=parameters, torque=0.01)
+        >>> variance.shape, bool((variance > 0).all())
+        ((3,), True)
+        """
+    @overload
+    def forward_dynamics_variance(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        tau: ArrayLike,
+        *,
+        links: str | Collection[str],
+        parameters: ArrayLike | object | None = None,
+        joints: Mapping[str, ArrayLike] | ArrayLike | None = None,
+        torque: ArrayLike | None = None,
+        wrenches: Mapping[str, ArrayLike] | None = None,
+        friction_speed: float = 0.01,
+        errors: _Errors = "raise",
+    ) -> AccelerationVariance: ...
+    def inverse_dynamics_variance(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        qdd: ArrayLike,
+        *,
+        parameters: ArrayLike | object | None = None,
+        joints: Mapping[str, ArrayLike] | ArrayLike | None = None,
+        torque: ArrayLike | None = None,
+        friction_speed: float = 0.01,
+        errors: _Errors = "raise",
+    ) -> _Array:
+        """Variances of the joint torques of inverse dynamics, from those of inertial and joint parameters, in O(N): H phi C phi* H* + t.
+
+        C is the covariance of the force that a body's parameter errors are, Y Sigma Y*. Torques are linear in the parameters: nothing is approximate.
+
+        Parameters
+        ----------
+        q : (..., nq)
+            Configurations. Leading axes broadcast.
+        qd, qdd : (..., nv)
+            Joint velocities, rad/s or m/s, and accelerations.
+        parameters, joints, torque, friction_speed, errors
+            As in forward_dynamics_variance; torque: the variance of what is added to the torque, of a sensor's noise for instance.
+
+        Returns
+        -------
+        array (..., nv)
+            Variances of the torques, (N m)^2 or N^2.
+
+        Raises
+        ------
+        ArgumentError, ShapeError, NotFiniteError
+            As forward_dynamics_variance; connections are no obstacle, since their forces are not part of these torques.
+
+        Examples
+        --------
+        >>> import numpy as np, phipsi
+        >>> scene = phipsi.scenes.chain(3)
+        >>> parameters = np.zeros((3, 10, 10))
+        >>> parameters[:, 0, 0] = 0.01
+        >>> variance = scene.inverse_dynamics_variance([0.3, 0.2, 0.1], [0.0] * 3, [1.0, 0.0, 0.0], parameters=parameters)
+        >>> variance.shape
+        (3,)
+        """
+    def momentum_observer(
+        self,
+        dt: float,
+        *,
+        torque_noise: ArrayLike,
+        bandwidth: float,
+        false_alarms_per_hour: float = 1.0,
+        parameters: ArrayLike | object | None = None,
+    ) -> MomentumObserver:
+        """An observer of external joint torques that raises alarms at a stated rate: a phipsi.estimation.MomentumObserver, which documents the arguments.
+
+        Examples
+        --------
+        >>> import phipsi
+        >>> scene = phipsi.scenes.chain(3)
+        >>> observer = scene.momentum_observer(1e-3, torque_noise=0.01, bandwidth=10.0)
+        >>> torque, alarm = observer.step([0.3, 0.2, 0.1], [0.0] * 3, scene.gravity_torque([0.3, 0.2, 0.1]))
+        >>> torque.shape, bool(alarm)
+        ((3,), False)
+        """
+    def observer(
+        self,
+        dt: float,
+        sensors: Collection[Sensor],
+        *,
+        q: ArrayLike,
+        qd: ArrayLike | None = None,
+        torque_noise: ArrayLike,
+        wrenches: Collection[ExternalWrench] = (),
+        initial: ArrayLike = (0.1, 0.1),
+        history: int = 1000,
+    ) -> Observer:
+        """An error-state Kalman filter of joint motion, external wrenches and sensor biases: a phipsi.estimation.Observer, which documents the arguments.
+
+        Examples
+        --------
+        >>> import phipsi
+        >>> from phipsi.estimation import Encoder
+        >>> scene = phipsi.scenes.chain(3)
+        >>> observer = scene.observer(1e-3, [Encoder(noise=1e-4)], q=[0.3, 0.2, 0.1], torque_noise=0.01)
+        >>> estimate = observer.step(scene.gravity_torque([0.3, 0.2, 0.1]), {"encoder": [0.3, 0.2, 0.1]})
+        >>> estimate.q.shape, estimate.covariance.shape
+        ((3,), (6, 6))
+        """
+    def _variance(
+        self,
+        forward: bool,
+        state: tuple[ArrayLike, ArrayLike, ArrayLike],
+        roots: _Array,
+        torque: _Array,
+        joints: _Array | None,
+        friction_speed: float,
+        links: list[str] | None,
+        wrenches: Any,
+        errors: str,
+    ) -> _Array: ...
     def identify(
         self,
         q: ArrayLike,

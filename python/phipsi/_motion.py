@@ -26,6 +26,7 @@ from .errors import ArgumentError, InertiaWarning, LimitWarning, SimulationError
 if TYPE_CHECKING:
     from ._core import Scene
     from ._results import RolloutGradients
+    from .estimation import Bands
 
 __all__ = [
     "PD",
@@ -104,6 +105,8 @@ class Trajectory:
     """Number of substeps in which a joint stuck, began to slide, or reached or left a stop, (...)."""
     estimated_error: _Array = field(default_factory=lambda: np.array(0.0), repr=False)
     """With accuracy, the sum of the estimated errors of all substeps, (...); otherwise zero: use error_estimate."""
+    bands: Bands | None = field(default=None, repr=False)
+    """With covariance, the standard deviations and covariances of each row; otherwise None."""
     given: dict[str, Any] | None = field(default=None, repr=False)
     """Other arguments of Scene.simulate, for vjp; arrays are copies. None for a Simulator."""
 

@@ -24,6 +24,7 @@ __all__ = [
     "CacheWarning",
     "ConstraintError",
     "IdentificationWarning",
+    "DivergenceWarning",
     "InertiaWarning",
     "LimitWarning",
     "LinkageWarning",
@@ -225,6 +226,15 @@ class ModelWarning(UserWarning):
     """Parts of a MuJoCo model that a scene cannot represent are omitted: contacts, limits of tendons and ball joints,
     air, soft constraints.
     """
+
+
+class DivergenceWarning(UserWarning):
+    """An observer whose innovations are larger than it states: a model, a noise or a sensor is another than it was given."""
+
+    sensor: str = ""
+    """Name of the sensor whose innovations are the furthest off."""
+    state: tuple[int, ...] = ()
+    """Index of the robot in the batch, () for one."""
 
 
 class UnknownTagWarning(UserWarning):

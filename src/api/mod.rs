@@ -12,6 +12,7 @@ mod links;
 pub mod methods;
 pub mod operational;
 mod products;
+mod uncertainty;
 
 pub use constraints::{Constrained, Projection};
 pub use links::OnLink;

@@ -139,7 +139,7 @@ impl<'py, P: Dtype> Call<'_, 'py, P> {
 
     /// Evaluates every state in chunks of the number of lanes, with `width` results of `cost` ns per state: `run`
     /// receives the states, the index of the first, and the memory of the results.
-    fn chunks(
+    pub(super) fn chunks(
         &self,
         py: Python<'py>,
         (width, cost): (usize, usize),
@@ -208,10 +208,11 @@ impl<'py> Call<'_, 'py> {
 }
 
 /// Function that evaluates neighboring states of a batch from an index on.
-type Run<'a, P> = dyn Fn(&mut Evaluator<P>, &[Arguments<'_, P>], usize, &mut [P]) -> Result<(), Fault> + Sync + 'a;
+pub(super) type Run<'a, P> =
+    dyn Fn(&mut Evaluator<P>, &[Arguments<'_, P>], usize, &mut [P]) -> Result<(), Fault> + Sync + 'a;
 
 /// Function that writes the third seed vector of one state of these arguments.
-type Third<'a, P> = dyn Fn(&[Broadcast<'_, P>], usize, &mut Vec<P>) -> Result<(), Error> + Sync + 'a;
+pub(super) type Third<'a, P> = dyn Fn(&[Broadcast<'_, P>], usize, &mut Vec<P>) -> Result<(), Error> + Sync + 'a;
 
 /// Sets the arguments of neighboring states of a batch: q, qd, u and the seed, but not the forces.
 fn take<'a, P>(states: &mut [Arguments<'a, P>], arguments: &[Broadcast<'a, P>], first: usize) {

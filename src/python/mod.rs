@@ -66,6 +66,7 @@ mod stability;
 mod stepping;
 mod stochastic;
 mod threads;
+mod uncertainty;
 mod wrenches;
 
 /// Articulated-body dynamics as Kalman filtering: the compiled half of `phipsi`.

@@ -94,6 +94,10 @@ impl PyScene {
     ///     Error control: bound of the estimated error of each substep, rad or m, relative above 1 rad/s or m/s.
     /// duration : float, optional
     ///     Simulated time, s, instead of steps.
+    /// covariance : MotionUncertainty or (bodies, 10, 10) array_like, optional
+    ///     Uncertainty of the start, the parameters and the torques, or the covariance of the inertial parameters
+    ///     alone. The trajectory then has .bands: standard deviations and covariances of each row, to first order.
+    ///     Requires method="semi-implicit-euler" and record_every=1; an error for stops, exact friction and contacts.
     #[doc = section!(Returns)]
     /// trajectory : Trajectory
     ///     Rows t (rows,), q (..., rows, nq) and qd (..., rows, nv), the first at the start, with the integrator,
@@ -118,12 +122,13 @@ impl PyScene {
     #[pyo3(signature = (q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, method=None, record_every=None,
                         pd=None, armature=None, damping=None, stiffness=None, rest=None, friction=None,
                         friction_speed=None, form="auto", tolerance=None, progress=None, conserve_momentum=false,
-                        baumgarte=None, compliance=None, limits=None, restitution=0.0, accuracy=None, duration=None),
+                        baumgarte=None, compliance=None, limits=None, restitution=0.0, accuracy=None, duration=None,
+                        covariance=None),
            text_signature = "($self, q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, method='auto', \
                              record_every=1, pd=None, armature=None, damping=None, stiffness=None, rest=None, \
                              friction=None, friction_speed=None, form='auto', tolerance=None, progress=None, \
                              conserve_momentum=False, baumgarte=None, compliance=None, limits=None, \
-                             restitution=0.0, accuracy=None, duration=None)")]
+                             restitution=0.0, accuracy=None, duration=None, covariance=None)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulate<'py>(
         slf: &Bound<'py, Self>,
@@ -152,6 +157,7 @@ impl PyScene {
         restitution: f64,
         accuracy: Option<f64>,
         duration: Option<f64>,
+        covariance: Option<&Object<'py>>,
     ) -> PyResult<Object<'py>> {
         let (py, own) = (slf.py(), slf.get());
         let scene = &own.scene;
@@ -237,9 +243,12 @@ impl PyScene {
         fields.set_item("end", ends)?;
         let whole = (own.of_scene(out_q.finish().into_any(), false)?, own.of_scene(out_qd.finish().into_any(), true)?);
         let trajectory = imported!(py, "phipsi._motion", "trajectory_of")?.call(whole, Some(&fields))?;
-        match stopped {
-            None => Ok(trajectory),
-            Some(stopped) => Err(stopped.raise(py, &trajectory, &batch)?),
+        match (stopped, covariance) {
+            (None, None) => Ok(trajectory),
+            (None, Some(covariance)) => {
+                imported!(py, "phipsi.estimation.trajectories", "with_bands")?.call1((trajectory, covariance))
+            }
+            (Some(stopped), _) => Err(stopped.raise(py, &trajectory, &batch)?),
         }
     }
 }

@@ -54,6 +54,13 @@ def _identify(scene: phipsi.Scene, s: State) -> Any:
     return scene.identify(q, qd, qdd, scene.inverse_dynamics(q, qd, qdd) + 0.01 * random.normal(size=(40, scene.nv))).parameters
 
 
+def _parameters(scene: phipsi.Scene) -> np.ndarray:
+    """Parameter covariance: masses with a standard deviation of 0.1 kg."""
+    covariance = np.zeros((len(scene.body_names), 10, 10))
+    covariance[:, 0, 0] = 0.01
+    return covariance
+
+
 #: A call of each method that takes a state of the scene, or returns another scene.
 CALLS: dict[str, Call] = {
     "acceleration": lambda scene, s: scene.acceleration(s.q, s.qd, s.qdd, _tip(scene)),
@@ -81,6 +88,7 @@ CALLS: dict[str, Call] = {
     "forward_dynamics_derivatives": lambda scene, s: scene.forward_dynamics_derivatives(s.q, s.qd, s.tau),
     "forward_dynamics_hvp": lambda scene, s: scene.forward_dynamics_hvp(s.q, s.qd, s.tau, s.qdd, s.qd, s.qdd, s.tau),
     "forward_dynamics_jvp": lambda scene, s: scene.forward_dynamics_jvp(s.q, s.qd, s.tau, s.qd, s.qdd, s.tau),
+    "forward_dynamics_variance": lambda scene, s: scene.forward_dynamics_variance(s.q, s.qd, s.tau, parameters=_parameters(scene), torque=0.1),
     "forward_dynamics_vjp": lambda scene, s: scene.forward_dynamics_vjp(s.q, s.qd, s.tau, s.qdd),
     "gravity_torque": lambda scene, s: scene.gravity_torque(s.q),
     "identify": _identify,
@@ -89,6 +97,7 @@ CALLS: dict[str, Call] = {
     "inverse_dynamics_derivatives": lambda scene, s: scene.inverse_dynamics_derivatives(s.q, s.qd, s.qdd),
     "inverse_dynamics_hvp": lambda scene, s: scene.inverse_dynamics_hvp(s.q, s.qd, s.qdd, s.tau, s.qd, s.qdd, s.tau),
     "inverse_dynamics_jvp": lambda scene, s: scene.inverse_dynamics_jvp(s.q, s.qd, s.qdd, s.qd, s.qdd, s.tau),
+    "inverse_dynamics_variance": lambda scene, s: scene.inverse_dynamics_variance(s.q, s.qd, s.qdd, parameters=_parameters(scene), torque=0.1),
     "inverse_dynamics_vjp": lambda scene, s: scene.inverse_dynamics_vjp(s.q, s.qd, s.qdd, s.tau),
     "inverse_kinematics": lambda scene, s: scene.inverse_kinematics(_target(scene, s), s.q, seed=1).q,
     "inverse_kinematics_rates": lambda scene, s: scene.inverse_kinematics_rates(_target(scene, s), s.q, dt=0.01),
@@ -102,6 +111,8 @@ CALLS: dict[str, Call] = {
     "mass_matrix_derivative": lambda scene, s: scene.mass_matrix_derivative(s.q, s.qd),
     "mass_matrix_inverse": lambda scene, s: scene.mass_matrix_inverse(s.q),
     "momentum": lambda scene, s: scene.momentum(s.q, s.qd),
+    "momentum_observer": lambda scene, s: scene.momentum_observer(1e-3, torque_noise=0.1, bandwidth=10.0).step(s.q, s.qd, s.tau).joint_torque,
+    "observer": lambda scene, s: scene.observer(1e-3, [phipsi.estimation.Encoder(noise=1e-3)], q=s.q, torque_noise=0.1).step(s.tau, {"encoder": s.q}).covariance,
     "ode": lambda scene, s: scene.ode(tau=s.tau).solve(s.q, s.qd, (0.0, 0.01)).qd[-1],
     "operational_inertia": lambda scene, s: scene.operational_inertia(s.q, _tip(scene), directions=np.eye(6)[1:2]),
     "operational_inverse_inertia": lambda scene, s: scene.operational_inverse_inertia(s.q, _tip(scene)),
@@ -212,10 +223,10 @@ EXPECTED: dict[str, tuple[str, str, str]] = {
     **dict.fromkeys(["inverse_kinematics", "inverse_kinematics_rates", "plan"], ("included", "tree", "supported")),
     **dict.fromkeys(["simulate", "simulator"], ("included", "included", "supported")),
     **dict.fromkeys(["lock", "to_builder", "with_inertias", "with_payload", "with_properties"], ("included", "included", "supported")),
-    **dict.fromkeys(["estimate", "forward_dynamics_hvp", "identify", "regressor", "to_c", "to_cuda", "to_rust"], ("error", "tree", "error")),
-    **dict.fromkeys(["factor", "inverse_dynamics_hvp", "operational_inertia", "operational_inverse_inertia", "random_model"], ("tree", "tree", "error")),
+    **dict.fromkeys(["estimate", "forward_dynamics_hvp", "forward_dynamics_variance", "identify", "regressor", "to_c", "to_cuda", "to_rust"], ("error", "tree", "error")),
+    **dict.fromkeys(["factor", "inverse_dynamics_hvp", "inverse_dynamics_variance", "operational_inertia", "operational_inverse_inertia", "random_model"], ("tree", "tree", "error")),
     "ode": ("error", "error", "supported"),
-    "simulate_vjp": ("error", "error", "error"),
+    **dict.fromkeys(["momentum_observer", "observer", "simulate_vjp"], ("error", "error", "error")),
     "to_urdf": ("error", "error", "supported"),
 }
 

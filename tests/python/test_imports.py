@@ -33,6 +33,7 @@ ROOMS = (
     "dynamics",
     "estimation",
     "batch",
+    "estimation",
     "operators",
     "api",
     "codegen",

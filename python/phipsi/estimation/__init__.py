@@ -1,4 +1,4 @@
-"""Estimation from logs of measurements: smoothing, identification of parameters with intervals, excitation.
+"""Estimation: identification from logs with intervals, uncertainty of results, observers.
 
 >>> import numpy as np
 >>> import phipsi
@@ -13,5 +13,42 @@ from ._excitation import Excitation
 from ._identification import Identification
 from ._logs import accumulate_logs, read_log
 from ._smooth import Smoothed, smooth
+from .consistency import consistency_bounds, nees, nis
+from .momentum import MomentumObserver, ObservedTorque, alarm_threshold, mean_time_to_alarm
+from .motion import ExternalWrench, ObserverEstimate, SmoothedMotion
+from .observer import Observer
+from .sensors import Accelerometer, Contact, Encoder, Gyro, Sensor, TorqueSensor
+from .trajectories import Bands, MotionUncertainty
+from .uncertainty import AccelerationVariance, ParameterCovariance
 
-__all__ = ["Accumulator", "BaseParameters", "Excitation", "Identification", "Smoothed", "accumulate_logs", "read_log", "smooth"]
+__all__ = [
+    "AccelerationVariance",
+    "Accelerometer",
+    "Accumulator",
+    "Bands",
+    "BaseParameters",
+    "Contact",
+    "Encoder",
+    "Excitation",
+    "ExternalWrench",
+    "Gyro",
+    "Identification",
+    "MomentumObserver",
+    "MotionUncertainty",
+    "ObservedTorque",
+    "Observer",
+    "ObserverEstimate",
+    "ParameterCovariance",
+    "Sensor",
+    "Smoothed",
+    "SmoothedMotion",
+    "TorqueSensor",
+    "accumulate_logs",
+    "alarm_threshold",
+    "consistency_bounds",
+    "mean_time_to_alarm",
+    "nees",
+    "nis",
+    "read_log",
+    "smooth",
+]

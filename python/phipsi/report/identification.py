@@ -11,7 +11,7 @@ import numpy as np
 from ..estimation._identification import DECIDED, Identification
 from .page import Block, Figure, Table
 from .pipeline import Findings, Layout, Section, provenance
-from .plotting import COLOURS, GREY, Axis, Chart, Panel, Series
+from .plotting import COLORS, GRAY, Axis, Chart, Panel, Series
 from .states import Array
 
 #: Rows that curves show, and base parameters that the page lists.
@@ -66,12 +66,12 @@ def _torques(report: IdentificationReport) -> Chart:
     panels = []
     for motor, name in enumerate(report.motors):
         series = [
-            Series("measured", GREY, report.time[rows], report.measured[rows, motor], line=1.2),
-            Series("identified, fitted part", COLOURS[0], report.time[fitted], report.predicted[fitted, motor], line=1.4),
+            Series("measured", GRAY, report.time[rows], report.measured[rows, motor], line=1.2),
+            Series("identified, fitted part", COLORS[0], report.time[fitted], report.predicted[fitted, motor], line=1.4),
         ]
         if len(held):
-            series.append(Series("identified, held-out part", COLOURS[2], report.time[held], report.predicted[held, motor], line=1.4))
-        series.append(Series("model before", COLOURS[4], report.time[rows], report.before[rows, motor], line=1.0, dash=True))
+            series.append(Series("identified, held-out part", COLORS[2], report.time[held], report.predicted[held, motor], line=1.4))
+        series.append(Series("model before", COLORS[4], report.time[rows], report.before[rows, motor], line=1.0, dash=True))
         panels.append(Panel(Axis("time, s", form=".4~g", unit=" s"), Axis("N m or N", form=".4~g"), series, name))
     return Chart("torques", panels, height=170, linked=True)
 
@@ -141,7 +141,7 @@ def _spectrum(report: IdentificationReport) -> Chart:
     power = np.mean([np.abs(np.fft.rfft(window * off[at * length : (at + 1) * length], axis=0)) ** 2 for at in range(PIECES)], axis=0)
     power = 2.0 * step * power / np.sum(window**2)
     frequency = np.asarray(np.fft.rfftfreq(length, step), float)
-    series = [Series(name, COLOURS[at % len(COLOURS)], frequency[1:], np.maximum(power[1:, at], 1e-300), line=1.3) for at, name in enumerate(report.motors)]
+    series = [Series(name, COLORS[at % len(COLORS)], frequency[1:], np.maximum(power[1:, at], 1e-300), line=1.3) for at, name in enumerate(report.motors)]
     high, low = float(power[1:].max()), float(power[1:].min())
     y = Axis.powers("power spectral density, (N m)²/Hz", max(low, 1e-9 * high) / 2, 2 * high)
     return Chart("spectrum", [Panel(Axis.powers("frequency, Hz", float(frequency[1]), float(frequency[-1])), y, series)], height=300)

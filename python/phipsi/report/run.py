@@ -31,6 +31,8 @@ KINDS = {"torque": "work of given torques", "damping": "work of damping", "frict
 KINDS |= {"stops": "work of joint stops", "contacts": "work of contacts", "change": "change of the energy", "remainder": "remainder"}
 #: Colors of the curves, in order.
 INKS = (*COLORS[:6], "#8c564b", "#7f7f7f", "#17becf", "#bcbd22")
+#: Half width of an interval of 95 % of a normal distribution, in standard deviations.
+INTERVAL = 1.96
 
 
 @dataclass
@@ -86,8 +88,21 @@ def over_time(run: Run) -> Chart:
         if values is shares:
             ends = path.t[[0, -1]]
             series += [Series("limit of torque", GRAY, ends, [way, way], line=1.0, dash=True, told=False) for way in (1.0, -1.0)]
+        for label, one in values.items():
+            if (deviation := _deviation(path, title, label)) is not None:
+                away = INTERVAL * deviation[rows]
+                series += [Series(f"95 % band of {label}", inks[label], path.t[rows], one + way * away, line=0.8, dash=True, told=False) for way in (1.0, -1.0)]
         panels.append(Panel(time, Axis(title, form=".4~g"), series))
     return Chart("over-time", panels, height=200, linked=True, together=len(names) <= MOST_TOGETHER)
+
+
+def _deviation(path: Trajectory, title: str, joint: str) -> Array | None:
+    """Standard deviations of a curve of a joint of one axis, if the trajectory has bands."""
+    if path.bands is None or title[:2] not in ("q,", "qd") or joint not in path.scene.joint_names:
+        return None
+    own = path.scene.v_index(joint)
+    bands = path.bands.q if title.startswith("q,") else path.bands.qd
+    return bands[:, own.start] if own.stop - own.start == 1 else None
 
 
 def _shown(run: Run) -> dict[str, Any]:

@@ -1,0 +1,323 @@
+"""The momentum observer: external joint torques from motion and joint torques, with alarms at a stated rate."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import _core
+from ..errors import ArgumentError, ShapeError, SingularTaskError, of_argument
+from ._chi_square import chi_square_cdf
+from .uncertainty import ParameterCovariance
+
+if TYPE_CHECKING:
+    from .._core import Scene
+
+__all__ = ["MomentumObserver", "ObservedTorque", "alarm_threshold", "mean_time_to_alarm"]
+
+_Array = NDArray[np.float64]
+
+#: What sampling adds to a threshold, in standard deviations of the change from one sample to the next: -zeta(1/2) / sqrt(2 pi) (Siegmund).
+SAMPLING = 0.5826
+#: Points of the integral over one standard deviation.
+POINTS = 40
+
+
+def mean_time_to_alarm(threshold: float, rate: float, size: int) -> float:
+    """The mean time until an Ornstein-Uhlenbeck process of `size` independent unit components first leaves the ball of that radius, from its middle.
+
+    T = (1/K) int_0^c e^(x^2/2) x^(1-d) int_0^x z^(d-1) e^(-z^2/2) dz dx, with c the threshold, K the rate and d the size.
+
+    Parameters
+    ----------
+    threshold : float
+        Radius c in standard deviations.
+    rate : float
+        K, 1/s: the process forgets by e^(-K t).
+    size : int
+        d, the number of components.
+
+    Returns
+    -------
+    float
+        The mean time, s.
+
+    Examples
+    --------
+    >>> from phipsi.estimation import mean_time_to_alarm
+    >>> 3000 < mean_time_to_alarm(6.19, 10.0, 6) < 4000
+    True
+    """
+    if not threshold > 0.0:
+        return 0.0
+    panels = max(1, math.ceil(threshold))
+    nodes, weights = np.polynomial.legendre.leggauss(POINTS)
+    width = threshold / panels
+    x = (width * (np.arange(panels)[:, None] + 0.5 * (nodes + 1.0))).ravel()
+    # The inner integral is 2^(d/2-1) Gamma(d/2) times the distribution function of chi-square at x^2.
+    inner = np.exp(0.5 * x**2 + (1.0 - size) * np.log(x) + (0.5 * size - 1.0) * math.log(2.0) + math.lgamma(0.5 * size)) * chi_square_cdf(x**2, size)
+    return float(np.sum(0.5 * width * np.tile(weights, panels) * inner) / rate)
+
+
+def alarm_threshold(false_alarms_per_hour: float, rate: float, dt: float, size: int) -> float:
+    """The threshold in standard deviations that a sampled process of unit covariance exceeds that many times an hour: see mean_time_to_alarm.
+
+    Parameters
+    ----------
+    false_alarms_per_hour : float
+        Alarms an hour; after each the process starts from zero again.
+    rate : float
+        K, 1/s: from one sample to the next the process is multiplied by e^(-K dt).
+    dt : float
+        Time between two samples, s.
+    size : int
+        Number of components.
+
+    Returns
+    -------
+    float
+        The threshold. Between two samples the process may leave and come back, so that it is less than that of continuous time by 0.5826 sqrt(2 K dt).
+
+    Examples
+    --------
+    >>> from phipsi.estimation import alarm_threshold
+    >>> round(alarm_threshold(1.0, 10.0, 1e-3, 6), 2)
+    6.11
+    """
+    wanted = 3600.0 / false_alarms_per_hour
+    low, high = 0.0, 1.0
+    while mean_time_to_alarm(high, rate, size) < wanted:
+        high *= 2.0
+        if high > 32.0:
+            raise of_argument(ArgumentError, "false_alarms_per_hour", f"found {false_alarms_per_hour:g}, which no threshold below 32 standard deviations gives; expected more")
+    for _ in range(100):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if mean_time_to_alarm(middle, rate, size) < wanted else (low, middle)
+    threshold = high - SAMPLING * math.sqrt(2.0 * rate * dt)
+    if not threshold > 0.5:
+        found = f"found {false_alarms_per_hour:g}: alarms would come every {wanted:g} s, not far from the observer's time constant {1.0 / rate:g} s"
+        raise of_argument(ArgumentError, "false_alarms_per_hour", f"{found}; expected fewer")
+    return threshold
+
+
+class ObservedTorque(NamedTuple):
+    """What a step of the momentum observer gives."""
+
+    joint_torque: _Array
+    """Estimate of the external joint torques, (..., nv), N m or N."""
+    alarm: NDArray[np.bool_] | bool
+    """Whether it exceeds the threshold, (...)."""
+
+
+class MomentumObserver:
+    """External joint torques from motion and joint torques, and an alarm with a stated rate of false alarms; Scene.momentum_observer makes it.
+
+    The momentum p = M qd obeys p' = tau + C* qd - g + tau_ext + n, with n the noise of the torque. Under a random walk of tau_ext the Kalman filter in its steady state is the
+    momentum observer r' = K (p' - u - r), here in its sampled form: no accelerations, and no M^-1. Without contact r is an Ornstein-Uhlenbeck process, so successive samples
+    depend on each other; the threshold comes from the mean time in which such a process first leaves a ball.
+
+    Parameters
+    ----------
+    scene : Scene
+        The robot, without connections; joints that follow others are refused.
+    dt : float
+        Time between two steps, s.
+    torque_noise : (nv,) or float
+        Density of the torque noise of each degree of freedom, (N m)^2 s: the variance of its mean over a time T, times T. Positive. Friction that is not modeled counts.
+    bandwidth : float
+        K, 1/s: how fast the estimate follows. Slower observers see smaller torques, later.
+    false_alarms_per_hour : float
+        Alarms an hour without any contact.
+    parameters : optional
+        Covariance of the inertial parameters, as in Scene.forward_dynamics_variance. Their errors are torques that do not average out: the covariance of the torque that they
+        are at the state is added to that of r. They are constant for one robot, so the stated rate is then an upper bound over robots.
+
+    Attributes
+    ----------
+    threshold : float
+        The norm of r, in standard deviations, beyond which there is an alarm.
+    joint_torque : (..., nv)
+        The last estimate r.
+    alarm : (...)
+        Whether the norm of r exceeded the threshold in the last step.
+    covariance : (..., nv, nv)
+        Covariance of r without contact, at the last step.
+
+    Raises
+    ------
+    ArgumentError
+        Noise, bandwidth, step or rate that is not positive; scenes with connections or joints that follow others.
+    ShapeError
+        An array of another shape.
+
+    Examples
+    --------
+    >>> import numpy as np, phipsi
+    >>> scene = phipsi.scenes.chain(3)
+    >>> observer = scene.momentum_observer(1e-3, torque_noise=0.01, bandwidth=10.0)
+    >>> q, held = np.array([0.3, 0.2, 0.1]), scene.gravity_torque([0.3, 0.2, 0.1])
+    >>> for _ in range(1000):  # the arm stands still, though its motors push with 2 N m too little
+    ...     torque, alarm = observer.step(q, np.zeros(3), held - [2.0, 0.0, 0.0])
+    >>> torque.round(2), bool(alarm)
+    (array([2., 0., 0.]), True)
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        dt: float,
+        *,
+        torque_noise: ArrayLike,
+        bandwidth: float,
+        false_alarms_per_hour: float = 1.0,
+        parameters: Any = None,
+    ) -> None:
+        for name, value in (("dt", dt), ("bandwidth", bandwidth), ("false_alarms_per_hour", false_alarms_per_hour)):
+            if not (np.isfinite(value) and value > 0.0):
+                raise of_argument(ArgumentError, name, f"found {value}; expected a finite number above zero")
+        noise = np.asarray(torque_noise, float)
+        if noise.shape not in ((), (scene.nv,)):
+            raise of_argument(ShapeError, "torque_noise", f"found shape {noise.shape}; expected () or {(scene.nv,)}")
+        if not np.all(np.isfinite(noise) & (noise > 0.0)):
+            raise of_argument(ArgumentError, "torque_noise", "found a density that is not finite and positive; expected (N m)^2 s of every degree of freedom, a floating base's too")
+        self.scene, self.dt = scene, float(dt)
+        ratio = (bandwidth * dt) ** 2
+        steady = 0.5 * (math.sqrt(ratio * (ratio + 4.0)) - ratio)
+        self._gain = steady / (1.0 - steady)
+        density = np.broadcast_to(noise, (scene.nv,))
+        # The stationary variance of r = (r + gain n) / (1 + gain), n of variance density / dt.
+        self._variance = density * self._gain / (dt * (2.0 + self._gain))
+        self._parameters = ParameterCovariance(scene, parameters)
+        self.threshold = alarm_threshold(false_alarms_per_hour, math.log1p(self._gain) / dt, dt, scene.nv)
+        self.reset()
+
+    def reset(self) -> None:
+        """Starts again from no external torque, after an alarm for instance; the next step only takes the momentum.
+
+        Examples
+        --------
+        >>> import phipsi
+        >>> observer = phipsi.scenes.chain(2).momentum_observer(1e-3, torque_noise=0.01, bandwidth=10.0)
+        >>> observer.reset()
+        """
+        self.joint_torque: _Array = np.zeros(self.scene.nv)
+        self.alarm: NDArray[np.bool_] | bool = False
+        self.covariance: _Array = np.diag(self._variance)
+        self._q: _Array | None = None
+        self._before: tuple[_Array, _Array, _Array] | None = None
+
+    def step(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> ObservedTorque:
+        """Takes a sample of motion, and the torque from this sample to the next.
+
+        Parameters
+        ----------
+        q : (..., nq)
+            Configuration. Leading axes are robots, the same ones in every step.
+        qd : (..., nv)
+            Joint velocities, rad/s or m/s.
+        tau : (..., nv)
+            Joint torques that act from now to the next step, N m or N; with friction that is known.
+
+        Returns
+        -------
+        ObservedTorque
+            The named tuple (joint_torque, alarm): external torques (..., nv) and whether they exceed the threshold (...). The first step gives zero.
+
+        Raises
+        ------
+        ShapeError, NotFiniteError
+            As Scene.inverse_dynamics.
+
+        Examples
+        --------
+        >>> import phipsi
+        >>> observer = phipsi.scenes.chain(2).momentum_observer(1e-3, torque_noise=0.01, bandwidth=10.0)
+        >>> observer.step([0.0, 0.0], [0.0, 0.0], [0.0, 0.0]).joint_torque
+        array([0., 0.])
+        """
+        scene = self.scene
+        q, qd, tau = (np.array(_core._numbers(*one)) for one in (("q", q, scene, True), ("qd", qd, scene), ("tau", tau, scene)))
+        # C* qd - g: what moves momentum besides torques.
+        flow = np.einsum("...ji,...j->...i", scene.coriolis_matrix(q, qd), qd) - scene.gravity_torque(q)
+        momentum = np.einsum("...ij,...j->...i", scene.mass_matrix(q), qd)
+        if self._before is None:
+            self.joint_torque = np.zeros(np.broadcast_shapes(momentum.shape, tau.shape))
+        else:
+            before, drift, torque = self._before
+            if before.shape != momentum.shape:
+                raise of_argument(ShapeError, "q", f"found states of shape {momentum.shape} where the step before had {before.shape}; expected the same, or reset() first")
+            moved = momentum - before - self.dt * (torque + 0.5 * (drift + flow))
+            self.joint_torque = (self.joint_torque + self._gain / self.dt * moved) / (1.0 + self._gain)
+        self._before, self._q = (momentum, flow, tau), q
+        self.covariance = self._covariance(q, qd, tau)
+        self.alarm = self._exceeds()
+        return ObservedTorque(self.joint_torque.copy(), self.alarm)
+
+    def _covariance(self, q: _Array, qd: _Array, tau: _Array) -> _Array:
+        """That of r without contact."""
+        noise = np.diag(self._variance)
+        columns = self._parameters.columns
+        if not len(columns):
+            return noise
+        qdd, zero = self.scene.forward_dynamics(q, qd, tau + self.joint_torque), np.zeros(self.scene.nv)
+        columns = columns.reshape(-1, *(1,) * (qdd.ndim - 1), *columns.shape[1:])
+        torques = self.scene.inverse_dynamics_jvp(q, qd, qdd, zero, zero, zero, dparameters=columns)
+        return np.asarray(noise + np.einsum("s...i,s...j->...ij", torques, torques))
+
+    def _exceeds(self) -> NDArray[np.bool_] | bool:
+        r = self.joint_torque
+        if self.covariance.ndim == 2 and not len(self._parameters.columns):
+            square = np.sum(r**2 / self._variance, axis=-1)
+        else:
+            square = np.einsum("...i,...i->...", r, np.linalg.solve(self.covariance, r[..., None])[..., 0])
+        alarm = square > self.threshold**2
+        return bool(alarm) if np.ndim(alarm) == 0 else alarm
+
+    def wrench(self, link: str) -> _Array:
+        """The wrench on a link that explains the external torques best, if it is the only one: weighted least squares of joint_torque = J* w.
+
+        Parameters
+        ----------
+        link : str
+            Name of the link.
+
+        Returns
+        -------
+        array (..., 6)
+            (moment, force) at the link's origin in its frame, N m and N.
+
+        Raises
+        ------
+        SingularTaskError
+            Fewer than six independent joints move the link, so that torques leave some of the wrench undetermined.
+        ArgumentError
+            An unknown link; no step so far.
+
+        Examples
+        --------
+        >>> import numpy as np, phipsi
+        >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+        >>> observer = scene.momentum_observer(1e-3, torque_noise=0.01, bandwidth=10.0)
+        >>> q = np.full(6, 0.5)
+        >>> for _ in range(2000):
+        ...     torque, alarm = observer.step(q, np.zeros(6), scene.gravity_torque(q))
+        >>> observer.wrench(scene.link_names[-1]).shape
+        (6,)
+        """
+        if self._q is None:
+            raise of_argument(ArgumentError, "link", "found no step so far; expected step() before wrench()")
+        root = np.linalg.cholesky(self.covariance)
+        rows = np.linalg.solve(root, np.swapaxes(self.scene.jacobian(self._q, link), -1, -2))
+        # Moments and forces differ in units: columns are scaled to unit effect on the joints.
+        size = np.linalg.norm(rows, axis=-2, keepdims=True)
+        left, values, right = np.linalg.svd(rows / np.where(size > 0.0, size, 1.0), full_matrices=False)
+        if values.shape[-1] < 6 or not np.all(values[..., -1] > 1e-9 * values[..., 0]):
+            error = SingularTaskError(f"link {link!r}: its joints do not move it in six independent directions here, so that joint torques leave its wrench undetermined; use joint_torque")
+            error.links = (link,)
+            raise error
+        white = np.linalg.solve(root, self.joint_torque[..., None])
+        scaled = np.swapaxes(right, -1, -2) @ ((np.swapaxes(left, -1, -2) @ white) / values[..., None])
+        return np.asarray(scaled[..., 0] / size[..., 0, :])

@@ -1,0 +1,246 @@
+//! Variances of as many states at once as a register has lanes, with the instructions of the arm of this process.
+//!
+//! The accelerations are given; gains are those of the covariance form. A lane whose pivots or results are not in order is reported, and the caller recomputes that state
+//! with [`forward_dynamics_variance`](super::forward_dynamics_variance).
+
+use super::parameter_roots::ParameterRoots;
+use super::variance::{
+    Factored, JointCovariance, TorqueVariance, VarianceScratch, Variances, base_to_tip, tip_to_base,
+    torques_tip_to_base,
+};
+use crate::batch::arms::{Arm, Baseline, Target, Vectorized, Work, take_states};
+use crate::filter::riccati::{Measured, measure_stage};
+use crate::kinematics::{Frame, base_acceleration, joint_motion, joint_shift, motion_step};
+use crate::model::Model;
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+use crate::scalar::Lanes;
+use crate::scalar::Real;
+use crate::scene::Scene;
+use crate::spatial::{RigidShift, Symmetric6, sum, zero};
+use nalgebra::Vector6;
+#[cfg(target_arch = "aarch64")]
+use pulp::aarch64::Neon;
+#[cfg(target_arch = "x86_64")]
+use pulp::x86::V3;
+#[cfg(all(target_arch = "x86_64", feature = "avx512"))]
+use pulp::x86::V4;
+
+/// What is uncertain, and what of it is wanted: the same for all states of a batch.
+pub(crate) struct Question<'a> {
+    /// Of accelerations, or of torques.
+    pub forward: bool,
+    pub parameters: &'a ParameterRoots<f64>,
+    pub torque: TorqueVariance<'a, f64>,
+    /// Frames whose accelerations are wanted.
+    pub frames: &'a [Frame<f64>],
+}
+
+/// A state: q, qd and qdd.
+pub(crate) type Accelerated<'a> = [&'a [f64]; 3];
+
+/// Variances of some states at once.
+pub(crate) trait VarianceLanes: Send {
+    /// The number of states.
+    fn lanes(&self) -> usize;
+
+    /// Variances (nv), then the covariance (6, 6) of each frame, of each state; a bit for each state that is to be recomputed.
+    fn run(&mut self, states: &[Accelerated<'_>], out: &mut [f64]) -> u64;
+}
+
+/// Lanes for a scene and a question, in the widest registers of this process.
+pub(crate) fn variance_lanes(scene: &Scene, question: &Question<'_>) -> Box<dyn VarianceLanes> {
+    match Arm::of_process() {
+        #[cfg(target_arch = "x86_64")]
+        Arm::Avx2 => of_target::<Lanes<V3>, V3>(scene, question),
+        #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
+        Arm::Avx512 => of_target::<Lanes<V4>, V4>(scene, question),
+        #[cfg(target_arch = "aarch64")]
+        Arm::Neon => of_target::<Lanes<Neon>, Neon>(scene, question),
+        _ => of_target::<f64, Baseline>(scene, question),
+    }
+}
+
+fn of_target<T: Vectorized<Number = f64> + Send + 'static, I: Target>(
+    scene: &Scene,
+    question: &Question<'_>,
+) -> Box<dyn VarianceLanes> {
+    match I::here() {
+        Some(target) => Box::new(Kernel::<T, I>::new(scene, question, target)),
+        None => Box::new(Kernel::<f64, Baseline>::new(scene, question, Baseline)),
+    }
+}
+
+/// The constants in the scalar of the lanes, and scratch.
+struct Kernel<T: Vectorized, I> {
+    target: I,
+    numbers: Numbers<T>,
+    scratch: Scratch<T>,
+}
+
+struct Numbers<T: Vectorized> {
+    forward: bool,
+    model: Model<T>,
+    parameters: ParameterRoots<T>,
+    noise: Vec<T>,
+    joints: Vec<JointCovariance<T>>,
+    friction_speed: T,
+    frames: Vec<(Option<usize>, RigidShift<T>)>,
+}
+
+struct Scratch<T: Vectorized> {
+    variance: VarianceScratch<T>,
+    q: Vec<T>,
+    qd: Vec<T>,
+    shift: Vec<RigidShift<T>>,
+    velocity: Vec<Vector6<T>>,
+    acceleration: Vec<Vector6<T>>,
+    inertia: Vec<Symmetric6<T>>,
+    measured: Vec<Measured<T>>,
+    bodies: Vec<Symmetric6<T>>,
+    results: Vec<T>,
+}
+
+impl<T: Vectorized<Number = f64>, I> Kernel<T, I> {
+    fn new(scene: &Scene, question: &Question<'_>, target: I) -> Self {
+        let model: Model<T> = scene.model().cast();
+        let (bodies, nv) = (model.bodies.len(), model.nv());
+        let nan = T::from_f64(f64::NAN);
+        let matrices = |count| vec![Symmetric6::filled(nan); count];
+        let scratch = Scratch {
+            variance: VarianceScratch::new(&model),
+            q: vec![nan; model.nq],
+            qd: vec![nan; nv],
+            shift: vec![RigidShift::filled(nan); bodies],
+            velocity: vec![Vector6::from_element(nan); bodies],
+            acceleration: vec![Vector6::from_element(nan); bodies],
+            inertia: matrices(bodies),
+            measured: vec![Measured::filled(nan); nv],
+            bodies: matrices(if question.frames.is_empty() { 0 } else { bodies }),
+            results: vec![nan; nv + 36 * question.frames.len()],
+        };
+        let wide = |joint: &JointCovariance<f64>| joint.map(|row| row.map(T::from_f64));
+        let numbers = Numbers {
+            forward: question.forward,
+            model,
+            parameters: question.parameters.cast(),
+            noise: question.torque.noise.iter().map(|&x| T::from_f64(x)).collect(),
+            joints: question.torque.joints.iter().map(wide).collect(),
+            friction_speed: T::from_f64(question.torque.friction_speed),
+            frames: question.frames.iter().map(|frame| (frame.body, frame.placement.cast())).collect(),
+        };
+        Self { target, numbers, scratch }
+    }
+}
+
+impl<T: Vectorized<Number = f64> + Send, I: Target> VarianceLanes for Kernel<T, I> {
+    fn lanes(&self) -> usize {
+        T::LANES
+    }
+
+    fn run(&mut self, states: &[Accelerated<'_>], out: &mut [f64]) -> u64 {
+        if states.is_empty() || out.is_empty() {
+            return 0;
+        }
+        self.target.within(Run { numbers: &self.numbers, scratch: &mut self.scratch, states, out })
+    }
+}
+
+struct Run<'a, T: Vectorized> {
+    numbers: &'a Numbers<T>,
+    scratch: &'a mut Scratch<T>,
+    states: &'a [Accelerated<'a>],
+    out: &'a mut [f64],
+}
+
+impl<T: Vectorized<Number = f64>> Work for Run<'_, T> {
+    type Output = u64;
+
+    #[inline(always)]
+    fn call(self) -> u64 {
+        let Self { numbers, scratch, states, out } = self;
+        let count = states.len();
+        take_states(&mut scratch.q, count, |i| states[i][0]);
+        take_states(&mut scratch.qd, count, |i| states[i][1]);
+        take_states(&mut scratch.variance.qdd, count, |i| states[i][2]);
+        motion(numbers, scratch);
+        variances(numbers, scratch);
+        T::put_lanes(&scratch.results, out);
+        let width = scratch.results.len();
+        let mut doubt = 0;
+        for (lane, out) in out.chunks_exact(width).enumerate().take(count) {
+            let is_lost = |m: &Measured<T>| !(m.pivot.lane(lane) > 0.0);
+            let is_bad =
+                !out.iter().all(|x| x.is_finite()) || (numbers.forward && scratch.measured.iter().any(is_lost));
+            doubt |= u64::from(is_bad) << lane;
+        }
+        doubt
+    }
+}
+
+/// Base to tip: phi, velocities and accelerations.
+#[inline(always)]
+fn motion<T: Vectorized>(numbers: &Numbers<T>, scratch: &mut Scratch<T>) {
+    let model = &numbers.model;
+    let (still, base) = (zero(), base_acceleration(model));
+    for (k, (body, stage)) in model.bodies.iter().zip(&model.system.stages).enumerate() {
+        let shift = joint_shift(body, &scratch.q);
+        let parent = match stage.parent {
+            Some(parent) => (&scratch.velocity[parent], &scratch.acceleration[parent]),
+            None => (&still, &base),
+        };
+        let (velocity, acceleration) = motion_step(body, stage.first_row, &shift, parent, &scratch.qd);
+        let own = joint_motion(body, stage.first_row, &scratch.variance.qdd);
+        scratch.shift[k] = shift;
+        scratch.velocity[k] = velocity;
+        scratch.acceleration[k] = sum(&acceleration, &own);
+    }
+}
+
+#[inline(always)]
+fn variances<T: Vectorized>(numbers: &Numbers<T>, scratch: &mut Scratch<T>) {
+    let Numbers { model, parameters, .. } = numbers;
+    let Scratch { variance, qd, shift, velocity, acceleration, inertia, measured, bodies, results, .. } = scratch;
+    let (joints, of_frames) = results.split_at_mut(model.nv());
+    let torque =
+        TorqueVariance { noise: &numbers.noise, joints: &numbers.joints, friction_speed: numbers.friction_speed };
+    parameters.force_covariances(velocity, acceleration, &mut variance.predicted);
+    if !numbers.forward {
+        torque.evaluate(qd, &variance.qdd, joints);
+        torques_tip_to_base(model, shift, &mut variance.predicted, joints);
+        return;
+    }
+    torque.evaluate(qd, &variance.qdd, &mut variance.torque);
+    factorise(model, shift, inertia, measured);
+    let factor = Factored { shift, measured };
+    tip_to_base(model, factor, variance);
+    base_to_tip(model, factor, variance, &mut Variances { joints, bodies });
+    for (out, (body, placement)) in of_frames.chunks_exact_mut(36).zip(&numbers.frames) {
+        let covariance = match *body {
+            Some(body) => placement.co_covariance_to_child(&bodies[body]),
+            None => Symmetric6::zero(),
+        };
+        for (i, column) in out.chunks_exact_mut(6).enumerate() {
+            column.copy_from_slice(covariance.column(i).as_slice());
+        }
+    }
+}
+
+/// Tip to base: D and g (3.6, 3.10), in covariance form.
+#[inline(always)]
+fn factorise<T: Real>(
+    model: &Model<T>,
+    shift: &[RigidShift<T>],
+    inertia: &mut [Symmetric6<T>],
+    measured: &mut [Measured<T>],
+) {
+    for (inertia, body) in inertia.iter_mut().zip(&model.bodies) {
+        *inertia = body.inertia.to_symmetric();
+    }
+    for (k, stage) in model.system.stages.iter().enumerate().rev() {
+        let mut p = inertia[k];
+        measure_stage(&model.system, k, &mut p, measured, |_, _| {});
+        if let Some(parent) = stage.parent {
+            inertia[parent] = inertia[parent].add(&shift[k].inertia_to_parent(&p));
+        }
+    }
+}

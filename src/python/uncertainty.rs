@@ -1,0 +1,340 @@
+//! Methods of `Scene`: variances through the dynamics, and observers.
+
+use super::bad_states::Errors;
+use super::call::Call;
+use super::choice::names;
+use super::cost::Cost;
+use super::input::{FEW, fixed, shaped, wrong_shape};
+use super::object::{Object, imported};
+use super::output::{Array, Output};
+use super::scene::PyScene;
+use super::wrenches::Wrench;
+use crate::algorithm::{Algorithm, Arguments};
+use crate::batch::Fault;
+use crate::batch::arms::Arm;
+use crate::batch::evaluator::Evaluator;
+use crate::dynamics::derivatives::Parameters;
+use crate::error::Error;
+use crate::estimation::lanes::{Accelerated, Question, VarianceLanes, variance_lanes};
+use crate::estimation::{JointCovariance, ParameterRoots, TorqueVariance, Variances};
+use crate::filter::Form;
+use crate::kinematics::Frame;
+use crate::scene::Scene;
+use crate::spatial::Symmetric6;
+use crate::workspace::Workspace;
+use nalgebra::Matrix6;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use std::sync::Mutex;
+
+/// Rough times of one body in one state, ns (see `Call::new`).
+mod cost {
+    pub const FORWARD: usize = 2000;
+    pub const INVERSE: usize = 600;
+    /// Of one link's covariance.
+    pub const LINK: usize = 300;
+}
+
+#[pymethods]
+impl PyScene {
+    /// Variances of the joint accelerations of forward dynamics, from those of inertial parameters, joint parameters and torques, in O(N).
+    ///
+    /// At the true acceleration an error of the parameters pi is a force on the bodies: M d(qdd) = dtau - H phi Y d(pi), with Y the regressor at the qdd that forward dynamics
+    /// gives. The variances are those of a filter and smoother whose gains were made for another noise. First order in the errors.
+    ///
+    /// Parameters
+    /// ----------
+    /// q : (..., nq)
+    ///     Configurations. Leading axes broadcast.
+    /// qd, tau : (..., nv)
+    ///     Joint velocities, rad/s or m/s, and torques, N m or N.
+    /// parameters : (bodies, 10, 10), (10 bodies, 10 bodies), or an Identification, optional
+    ///     Covariance of (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz) of each link of body_names, I about the link's origin, in the link's frame. Bodies are independent
+    ///     of each other, or correlated in a full matrix (10 bodies, 10 bodies), which costs one right side of the filter per column of its root. Any object with
+    ///     `.covariance` of one of these shapes stands for it. Default: the parameters are known.
+    /// joints : dict or (nv, 4, 4), optional
+    ///     Variances of "armature", "damping", "friction" and "offset" by name, a number or (nv,) each, or the covariance of the four of each degree of freedom.
+    /// torque : (nv,) or float, optional
+    ///     Variance of the torque, (N m)^2 or N^2.
+    /// links : str or sequence of str, optional
+    ///     Links whose accelerations are wanted too.
+    /// wrenches : dict, optional
+    ///     As in forward_dynamics; they are known.
+    /// friction_speed : float
+    ///     Speed below which friction is viscous, as in identify.
+    /// errors : str
+    ///     As in forward_dynamics.
+    ///
+    /// Returns
+    /// -------
+    /// array (..., nv), or AccelerationVariance
+    ///     Variances of the joint accelerations, (rad/s^2)^2 or (m/s^2)^2. With links an AccelerationVariance(joints, links): links is a dict from names to the covariance (..., 6, 6) of the
+    ///     (angular, linear) acceleration of the link's origin in the link's frame.
+    ///
+    /// Raises
+    /// ------
+    /// ArgumentError
+    ///     A covariance that is not symmetric or has a negative eigenvalue, a negative variance, an unknown name; scenes with connections or joints that follow others.
+    /// SingularJointError, ShapeError, NotFiniteError
+    ///     As in forward_dynamics.
+    ///
+    /// Examples
+    /// --------
+    /// >>> import numpy as np, phipsi
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> parameters = np.zeros((3, 10, 10))
+    /// >>> parameters[2, 0, 0] = 0.01  # the mass of the last link, to 0.1 kg
+    /// >>> variance = scene.forward_dynamics_variance([0.3, 0.2, 0.1], [0.0] * 3, [1.0, 0.0, 0.0], parameters=parameters, torque=0.01)
+    /// >>> variance.shape, bool((variance > 0).all())
+    /// ((3,), True)
+    #[pyo3(signature = (q, qd, tau, **how),
+           text_signature = "($self, q, qd, tau, *, parameters=None, joints=None, torque=None, links=None, wrenches=None, friction_speed=0.01, errors='raise')")]
+    fn forward_dynamics_variance<'py>(
+        slf: &Bound<'py, Self>,
+        q: &Object<'py>,
+        qd: &Object<'py>,
+        tau: &Object<'py>,
+        how: Option<&Bound<'py, PyDict>>,
+    ) -> PyResult<Object<'py>> {
+        imported!(slf.py(), "phipsi.estimation.uncertainty", "forward_dynamics_variance")?.call((slf, q, qd, tau), how)
+    }
+
+    /// Variances of the joint torques of inverse dynamics, from those of inertial and joint parameters, in O(N): H phi C phi* H* + t.
+    ///
+    /// C is the covariance of the force that a body's parameter errors are, Y Sigma Y*. Torques are linear in the parameters: nothing is approximate.
+    ///
+    /// Parameters
+    /// ----------
+    /// q : (..., nq)
+    ///     Configurations. Leading axes broadcast.
+    /// qd, qdd : (..., nv)
+    ///     Joint velocities, rad/s or m/s, and accelerations.
+    /// parameters, joints, torque, friction_speed, errors
+    ///     As in forward_dynamics_variance; torque: the variance of what is added to the torque, of a sensor's noise for instance.
+    ///
+    /// Returns
+    /// -------
+    /// array (..., nv)
+    ///     Variances of the torques, (N m)^2 or N^2.
+    ///
+    /// Raises
+    /// ------
+    /// ArgumentError, ShapeError, NotFiniteError
+    ///     As forward_dynamics_variance; connections are no obstacle, since their forces are not part of these torques.
+    ///
+    /// Examples
+    /// --------
+    /// >>> import numpy as np, phipsi
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> parameters = np.zeros((3, 10, 10))
+    /// >>> parameters[:, 0, 0] = 0.01
+    /// >>> variance = scene.inverse_dynamics_variance([0.3, 0.2, 0.1], [0.0] * 3, [1.0, 0.0, 0.0], parameters=parameters)
+    /// >>> variance.shape
+    /// (3,)
+    #[pyo3(signature = (q, qd, qdd, **how),
+           text_signature = "($self, q, qd, qdd, *, parameters=None, joints=None, torque=None, friction_speed=0.01, errors='raise')")]
+    fn inverse_dynamics_variance<'py>(
+        slf: &Bound<'py, Self>,
+        q: &Object<'py>,
+        qd: &Object<'py>,
+        qdd: &Object<'py>,
+        how: Option<&Bound<'py, PyDict>>,
+    ) -> PyResult<Object<'py>> {
+        imported!(slf.py(), "phipsi.estimation.uncertainty", "inverse_dynamics_variance")?.call((slf, q, qd, qdd), how)
+    }
+
+    /// An observer of external joint torques that raises alarms at a stated rate: a phipsi.estimation.MomentumObserver, which documents the arguments.
+    ///
+    /// Examples
+    /// --------
+    /// >>> import phipsi
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> observer = scene.momentum_observer(1e-3, torque_noise=0.01, bandwidth=10.0)
+    /// >>> torque, alarm = observer.step([0.3, 0.2, 0.1], [0.0] * 3, scene.gravity_torque([0.3, 0.2, 0.1]))
+    /// >>> torque.shape, bool(alarm)
+    /// ((3,), False)
+    #[pyo3(signature = (dt, **how),
+           text_signature = "($self, dt, *, torque_noise, bandwidth, false_alarms_per_hour=1.0, parameters=None)")]
+    fn momentum_observer<'py>(
+        slf: &Bound<'py, Self>,
+        dt: &Object<'py>,
+        how: Option<&Bound<'py, PyDict>>,
+    ) -> PyResult<Object<'py>> {
+        slf.get().check_observed("momentum_observer")?;
+        imported!(slf.py(), "phipsi.estimation.momentum", "MomentumObserver")?.call((slf, dt), how)
+    }
+
+    /// An error-state Kalman filter of joint motion, external wrenches and sensor biases: a phipsi.estimation.Observer, which documents the arguments.
+    ///
+    /// Examples
+    /// --------
+    /// >>> import phipsi
+    /// >>> from phipsi.estimation import Encoder
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> observer = scene.observer(1e-3, [Encoder(noise=1e-4)], q=[0.3, 0.2, 0.1], torque_noise=0.01)
+    /// >>> estimate = observer.step(scene.gravity_torque([0.3, 0.2, 0.1]), {"encoder": [0.3, 0.2, 0.1]})
+    /// >>> estimate.q.shape, estimate.covariance.shape
+    /// ((3,), (6, 6))
+    #[pyo3(signature = (dt, sensors, **how),
+           text_signature = "($self, dt, sensors, *, q, qd=None, torque_noise, wrenches=(), initial=(0.1, 0.1), history=1000)")]
+    fn observer<'py>(
+        slf: &Bound<'py, Self>,
+        dt: &Object<'py>,
+        sensors: &Object<'py>,
+        how: Option<&Bound<'py, PyDict>>,
+    ) -> PyResult<Object<'py>> {
+        slf.get().check_observed("observer")?;
+        imported!(slf.py(), "phipsi.estimation.observer", "Observer")?.call((slf, dt, sensors), how)
+    }
+
+    /// Variances of accelerations (forward) or torques, (..., nv), then the covariance (6, 6) of each of the links; `roots` is (bodies, rank, 10).
+    #[pyo3(name = "_variance")]
+    #[allow(clippy::too_many_arguments)] // one caller, in Python
+    fn variance<'py>(
+        &self,
+        py: Python<'py>,
+        forward: bool,
+        state: [Object<'py>; 3],
+        roots: &Object<'py>,
+        torque: &Object<'py>,
+        joints: Option<&Object<'py>>,
+        friction_speed: f64,
+        links: Option<&Object<'py>>,
+        wrenches: Option<&Object<'py>>,
+        errors: &str,
+    ) -> Array<'py> {
+        let scene = &self.scene;
+        scene.check_independent()?;
+        if forward {
+            scene.check_no_connections("forward_dynamics_variance")?;
+        }
+        let (nv, bodies) = (scene.nv(), scene.joints().len());
+        let parameters = self.roots(roots)?;
+        let noise = fixed("torque", torque, &[nv])?;
+        let joints = joints.map(|joints| fixed("joints", joints, &[nv, 4, 4])).transpose()?;
+        let joints: Vec<JointCovariance<f64>> =
+            joints.iter().flat_map(|all| all.as_chunks::<16>().0).map(by_rows).collect();
+        let links = links.map(|links| names("links", links, "names of links")).transpose()?.unwrap_or_default();
+        let frames = links.iter().map(|link| scene.frame(&link.as_str().into())).collect::<Result<Vec<_>, _>>()?;
+        let lanes = Arm::of_process().lanes(size_of::<f64>());
+        let each = if forward { cost::FORWARD } else { cost::INVERSE } * bodies.max(1) + cost::LINK * links.len();
+        let [q, qd, third] = &state;
+        let given = [("q", q), ("qd", qd), (if forward { "tau" } else { "qdd" }, third)];
+        let cost = each / lanes;
+        let call = Call::new(self, self.inputs(given)?, Wrench::read(scene, wrenches)?, Cost::of(cost))?;
+        let call = call.with(Errors::read(errors)?);
+        let torque = TorqueVariance { noise: &noise, joints: &joints, friction_speed };
+        let question = Question { forward, parameters: &parameters, torque, frames: &frames };
+        let width = nv + 36 * links.len();
+        let mut output = call.output(py, &[width], None, Output::new)?;
+        let kernels: Mutex<Vec<Box<dyn VarianceLanes>>> = Mutex::new(Vec::new());
+        call.chunks(py, (width, cost), None, output.numbers()?, &|evaluator, states, _, out| {
+            let kept = kernels.lock().ok().and_then(|mut kernels| kernels.pop());
+            let mut kernel = kept.unwrap_or_else(|| variance_lanes(scene, &question));
+            let outcome = of_states(scene, &question, evaluator, &mut *kernel, states, out);
+            if let Ok(mut kernels) = kernels.lock() {
+                kernels.push(kernel);
+            }
+            outcome
+        })?;
+        Ok(output.finish())
+    }
+}
+
+/// The states of one chunk: accelerations by the kernels, variances in lanes, and with the checked method where a lane reports it.
+fn of_states(
+    scene: &Scene,
+    question: &Question<'_>,
+    evaluator: &mut Evaluator,
+    kernel: &mut dyn VarianceLanes,
+    states: &[Arguments<'_>],
+    out: &mut [f64],
+) -> Result<(), Fault> {
+    let (nv, count) = (scene.nv(), states.len());
+    let mut qdd = [f64::NAN; FEW];
+    let mut many = Vec::new();
+    let qdd = match qdd.get_mut(..nv * count) {
+        Some(qdd) => qdd,
+        None => {
+            many.resize(nv * count, f64::NAN);
+            &mut many[..]
+        }
+    };
+    if question.forward {
+        scene.evaluate(evaluator, Algorithm::ForwardDynamics(Form::Auto), states, qdd)?;
+    } else {
+        // Checks q, qd and qdd, of which it computes the torques.
+        scene.evaluate(evaluator, Algorithm::InverseDynamics, states, qdd)?;
+        for (qdd, state) in qdd.chunks_exact_mut(nv.max(1)).zip(states) {
+            qdd.copy_from_slice(state.u);
+        }
+    }
+    let at = |i: usize| [states[i].q, states[i].qd, &qdd[i * nv..(i + 1) * nv]];
+    let width = out.len() / count.max(1);
+    let mut doubt = 0;
+    for first in (0..count).step_by(kernel.lanes()) {
+        let last = count.min(first + kernel.lanes());
+        let some: Vec<Accelerated<'_>> = (first..last).map(at).collect();
+        doubt |= kernel.run(&some, &mut out[first * width..last * width]) << first;
+    }
+    for i in (0..count).filter(|i| doubt >> i & 1 == 1) {
+        let out = &mut out[i * width..(i + 1) * width];
+        one_by_one(scene, question, &states[i], out).map_err(|error| Fault { state: i, error })?;
+    }
+    Ok(())
+}
+
+/// One state with every check.
+#[cold]
+fn one_by_one(scene: &Scene, question: &Question<'_>, state: &Arguments<'_>, out: &mut [f64]) -> Result<(), Error> {
+    let Question { forward, parameters, torque, frames } = question;
+    let (mut workspace, mut scratch) = (Workspace::new(scene.model()), scene.variance_scratch());
+    let (joints, of_frames) = out.split_at_mut(scene.nv());
+    let at = (state.q, state.qd, state.u);
+    if !forward {
+        return scene.inverse_dynamics_variance(&mut workspace, &mut scratch, at, parameters, torque, joints);
+    }
+    let count = if frames.is_empty() { 0 } else { scene.model().bodies.len() };
+    let mut bodies = vec![Symmetric6::filled(f64::NAN); count];
+    let mut variances = Variances { joints, bodies: &mut bodies };
+    let wrenches = state.wrenches;
+    scene.forward_dynamics_variance(&mut workspace, &mut scratch, at, wrenches, parameters, torque, &mut variances)?;
+    for (out, Frame { body, placement }) in of_frames.chunks_exact_mut(36).zip(*frames) {
+        let phi = placement.to_matrix();
+        let own = body.map_or_else(Matrix6::zeros, |body| bodies[body].to_matrix());
+        // Symmetric: the order of columns is that of rows.
+        out.copy_from_slice((phi.transpose() * own * phi).as_slice());
+    }
+    Ok(())
+}
+
+impl PyScene {
+    /// Observers know trees of independent joints: the forces of connections and contacts would be external ones.
+    fn check_observed(&self, what: &str) -> Result<(), Error> {
+        self.scene.check_independent()?;
+        self.scene.check_no_connections(what)?;
+        self.scene.check_no_contacts(what)
+    }
+
+    /// The roots of the parameters' covariances, from (bodies, rank, 10).
+    fn roots(&self, roots: &Object<'_>) -> PyResult<ParameterRoots<f64>> {
+        let (shape, numbers) = shaped("parameters", roots, 10)?;
+        let bodies = self.scene.joints().len();
+        let [found, rank, 10] = shape[..] else {
+            return Err(wrong_shape("parameters", &shape, format!("({bodies}, rank, 10)")));
+        };
+        if found != bodies {
+            return Err(wrong_shape("parameters", &shape, format!("({bodies}, rank, 10)")));
+        }
+        let columns: &[Parameters<f64>] = numbers.as_chunks::<10>().0;
+        let is_some = |column: &&Parameters<f64>| column.iter().any(|&x| x != 0.0);
+        let of_body = |k: usize| columns[k * rank..(k + 1) * rank].iter().filter(is_some).copied().collect();
+        let of_links: Vec<Vec<Parameters<f64>>> = (0..bodies).map(of_body).collect();
+        Ok(self.scene.parameter_roots(&of_links)?)
+    }
+}
+
+/// Sixteen numbers as rows of four.
+fn by_rows(all: &[f64; 16]) -> JointCovariance<f64> {
+    std::array::from_fn(|i| std::array::from_fn(|j| all[4 * i + j]))
+}

@@ -1,0 +1,194 @@
+"""Trajectories with bands: columns against differences of simulations, torque noise against a sum over steps, checks by runs, and what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import phipsi
+import pytest
+from conftest import random_scene
+from phipsi.errors import ArgumentError, ShapeError
+from phipsi.estimation import MotionUncertainty
+from phipsi.report.run import Run, over_time
+from phipsi.report.structure import tree_of
+from tolerances import assert_near
+
+STEP = 1e-4
+HOW = {"dt": 2e-3, "steps": 40, "method": "semi-implicit-euler", "limits": "report"}
+
+
+def differences(function: object) -> np.ndarray:
+    """The derivative of a function of a number at zero, by central differences of fourth order."""
+    return (8.0 * (function(STEP) - function(-STEP)) - (function(2.0 * STEP) - function(-2.0 * STEP))) / (12.0 * STEP)
+
+
+def scene_and_start(floating_base: bool) -> tuple[phipsi.Scene, np.ndarray, np.ndarray, np.ndarray]:
+    scene = random_scene(3, 6, kinds=("revolute", "spherical", "planar", "prismatic"), floating_base=floating_base, armature=0.1)
+    rng = np.random.default_rng(1)
+    q = scene.integrate(scene.neutral(), 0.5 * rng.normal(size=scene.nv))
+    return scene, q, rng.normal(size=scene.nv), rng.normal(size=scene.nv)
+
+
+@pytest.mark.parametrize("floating_base", [False, True])
+def test_the_start_is_propagated_exactly(floating_base: bool) -> None:
+    scene, q, qd, tau = scene_and_start(floating_base)
+    nv = scene.nv
+    rng = np.random.default_rng(2)
+    root = 0.1 * rng.normal(size=(2 * nv, 2 * nv))
+    forces = {"tau": tau, "damping": 0.3, "friction": 0.2, "friction_speed": 0.1}
+    path = scene.simulate(q, qd, **HOW, **forces, covariance=MotionUncertainty(initial=root @ root.T))
+
+    def end(column: np.ndarray, by: float) -> np.ndarray:
+        moved = scene.simulate(scene.integrate(q, by * column[:nv]), qd + by * column[nv:], **HOW, **forces)
+        return np.concatenate([scene.difference(path.q[-1], moved.q[-1]), moved.qd[-1] - path.qd[-1]])
+
+    columns = np.stack([differences(lambda by, column=column: end(column, by)) for column in root.T], axis=-1)
+    expected = columns @ columns.T
+    assert_near(path.bands.covariance[-1], expected, 1e-8 * float(np.max(np.abs(expected))))
+    assert_near(path.bands.covariance[0], root @ root.T, 1e-12)
+    assert_near(path.bands.q[-1], np.sqrt(np.diag(expected))[:nv], 1e-8 * float(np.max(expected)) ** 0.5)
+
+
+def test_parameters_and_joints_are_propagated_exactly() -> None:
+    scene, q, qd, tau = scene_and_start(False)
+    sigma = np.zeros((len(scene.body_names), 10, 10))
+    # A change of the mass with its first moments and inertia: a link that is heavier by a share.
+    link = scene.link(scene.body_names[-1])
+    com = np.asarray(link.com)
+    about = np.asarray(link.inertia) + link.mass * (com @ com * np.eye(3) - np.outer(com, com))
+    share = 0.1 * np.array([link.mass, *(link.mass * com), about[0, 0], about[0, 1], about[1, 1], about[0, 2], about[1, 2], about[2, 2]])
+    sigma[-1] = np.outer(share, share)
+    joints = {"armature": 1e-4, "damping": 4e-4, "friction": 1e-4, "offset": 9e-4}
+    forces = {"friction": 0.2, "friction_speed": 0.1, "damping": 0.3}
+    path = scene.simulate(q, qd, **HOW, **forces, tau=tau, covariance=MotionUncertainty(parameters=sigma, joints=joints))
+
+    def end(name: str, row: int, by: float) -> np.ndarray:
+        own = {"armature": scene.armature.copy(), "damping": np.full(scene.nv, 0.3), "friction": np.full(scene.nv, 0.2), "friction_speed": 0.1}
+        other, torque = scene, tau.copy()
+        if name == "mass":
+            other = scene.with_inertias({link.name: (link.mass * (1.0 + 0.1 * by), com, np.asarray(link.inertia) * (1.0 + 0.1 * by))})
+        elif name == "offset":
+            torque[row] -= by * 0.03
+        else:
+            own[name][row] += by * np.sqrt(joints[name])
+        moved = other.simulate(q, qd, **HOW, **own, tau=torque)
+        return np.concatenate([scene.difference(path.q[-1], moved.q[-1]), moved.qd[-1] - path.qd[-1]])
+
+    places = [("mass", 0), *((name, row) for name in joints for row in range(scene.nv))]
+    columns = np.stack([differences(lambda by, name=name, row=row: end(name, row, by)) for name, row in places], axis=-1)
+    expected = columns @ columns.T
+    assert_near(path.bands.covariance[-1], expected, 1e-7 * float(np.max(np.abs(expected))))
+
+
+def test_torque_noise_is_a_sum_over_steps() -> None:
+    scene, q, qd, tau = scene_and_start(False)
+    how = HOW | {"steps": 5}
+    torques = np.tile(tau, (5, 1))
+    density = 0.3
+    path = scene.simulate(q, qd, **how, tau_steps=torques, covariance=MotionUncertainty(torque_noise=density))
+
+    def end(step: int, row: int, by: float) -> np.ndarray:
+        other = torques.copy()
+        other[step, row] += by
+        moved = scene.simulate(q, qd, **how, tau_steps=other)
+        return np.concatenate([scene.difference(path.q[-1], moved.q[-1]), moved.qd[-1] - path.qd[-1]])
+
+    places = [(step, row) for step in range(5) for row in range(scene.nv)]
+    columns = np.stack([differences(lambda by, step=step, row=row: end(step, row, by)) for step, row in places], axis=-1)
+    expected = columns @ columns.T * density / how["dt"]
+    assert_near(path.bands.covariance[-1], expected, 1e-8 * float(np.max(np.abs(expected))))
+
+
+def test_a_batch_has_the_bands_of_its_states() -> None:
+    scene = phipsi.scenes.chain(3)
+    q = 0.3 * np.random.default_rng(0).normal(size=(4, 3))
+    unsure = MotionUncertainty(initial=1e-4 * np.eye(6), torque_noise=0.1)
+    whole = scene.simulate(q, np.zeros(3), **HOW, covariance=unsure)
+    for at in range(4):
+        own = scene.simulate(q[at], np.zeros(3), **HOW, covariance=unsure)
+        assert_near(whole.bands.covariance[at], own.bands.covariance, 1e-13)
+
+
+def pendulum() -> phipsi.Scene:
+    """Two rods that swing in one plane."""
+    builder = phipsi.SceneBuilder().link("base")
+    for name, parent in (("upper", "base"), ("lower", "upper")):
+        builder.link(name, 1.0, (0, 0, -0.25), np.diag([0.03, 0.03, 0.001]))
+        builder.joint(f"to_{name}", "revolute", parent, name, xyz=(0, 0, -0.5), axis=(0, 1, 0))
+    return builder.build()
+
+
+def test_small_errors_have_a_ratio_of_one_and_large_ones_do_not() -> None:
+    scene = pendulum()
+    how = HOW | {"steps": 300}
+
+    def ratio(size: float, check: str) -> np.ndarray:
+        unsure = MotionUncertainty(initial=np.diag([size**2, size**2, 0.0, 0.0]), check=check, samples=400, seed=1)
+        return scene.simulate([0.5, 0.4], [0.0, 0.0], **how, covariance=unsure).bands.ratio[-1]
+
+    assert_near(ratio(1e-3, "unscented"), np.ones(4), 1e-3)
+    # A variance of 400 draws: a standard error of 7 %.
+    assert_near(ratio(1e-3, "monte-carlo"), np.ones(4), 0.4)
+    assert float(np.max(np.abs(ratio(0.8, "unscented") - 1.0))) > 0.1
+
+
+def test_a_covariance_of_parameters_is_taken_alone() -> None:
+    scene = pendulum()
+    sigma = np.zeros((2, 10, 10))
+    sigma[:, 0, 0] = 1e-4
+    given = scene.simulate([0.5, 0.4], [0.0, 0.0], **HOW, covariance=sigma).bands
+    named = scene.simulate([0.5, 0.4], [0.0, 0.0], **HOW, covariance=MotionUncertainty(parameters=sigma)).bands
+    assert_near(given.covariance, named.covariance, 0.0)
+    assert given.ratio is None and float(given.q[-1].min()) > 0.0
+    assert scene.simulate([0.5, 0.4], [0.0, 0.0], **HOW).bands is None
+
+
+def test_the_page_of_a_simulation_draws_the_bands() -> None:
+    scene = pendulum()
+    path = scene.simulate([0.5, 0.4], [0.0, 0.0], **HOW, covariance=MotionUncertainty(torque_noise=0.1))
+    plain = scene.simulate([0.5, 0.4], [0.0, 0.0], **HOW)
+    with_bands, without = (over_time(Run(False, "pendulum", one, tree_of(scene), np.zeros_like(one.qd))).panels for one in (path, plain))
+    assert [len(one.series) - len(other.series) for one, other in zip(with_bands, without, strict=True)] == [4, 4, 0]
+    upper = next(one for one in with_bands[0].series if one.name == "95 % band of to_lower")
+    assert_near(np.asarray(upper.y)[-1], path.q[-1, 1] + 1.96 * path.bands.q[-1, 1], 1e-12)
+
+
+class TestArguments:
+    scene = phipsi.scenes.chain(2)
+    unsure = MotionUncertainty(torque_noise=0.1)
+
+    def run(self, **changed: object) -> object:
+        given = HOW | {"covariance": self.unsure} | changed
+        return given.pop("scene", self.scene).simulate([0.5, 0.4], [0.0, 0.0], **given)
+
+    def test_another_method(self) -> None:
+        with pytest.raises(ArgumentError, match="method.*semi-implicit-euler"):
+            self.run(method="rk4")
+
+    def test_rows_left_out(self) -> None:
+        with pytest.raises(ArgumentError, match="record_every.*expected 1"):
+            self.run(record_every=2)
+
+    def test_a_function_for_torques(self) -> None:
+        with pytest.raises(ArgumentError, match="tau.*function"):
+            self.run(tau=lambda t, q, qd: qd)
+
+    def test_exact_friction(self) -> None:
+        with pytest.raises(ArgumentError, match="friction_speed.*positive"):
+            self.run(friction=0.1)
+
+    def test_a_start_of_another_shape(self) -> None:
+        with pytest.raises(ShapeError, match=r"initial.*\(4, 4\)"):
+            self.run(covariance=MotionUncertainty(initial=np.eye(3)))
+
+    def test_an_unknown_check(self) -> None:
+        with pytest.raises(ArgumentError, match="check.*monte-carlo"):
+            self.run(covariance=MotionUncertainty(check="twice"))
+
+    def test_sigma_points_of_torque_noise(self) -> None:
+        with pytest.raises(ArgumentError, match="check.*monte-carlo"):
+            self.run(covariance=MotionUncertainty(torque_noise=0.1, check="unscented"))
+
+    def test_stops(self) -> None:
+        scene = phipsi.SceneBuilder().link("base").link("rod", 1.0, (0, 0, 0.5), np.eye(3)).joint("hinge", "revolute", "base", "rod", axis=(0, 1, 0), upper=0.1, lower=-1.0).build()
+        with pytest.raises(ArgumentError, match="limits.*report"):
+            scene.simulate([0.05], [3.0], dt=2e-3, steps=100, method="semi-implicit-euler", limits="stop", covariance=self.unsure)
