@@ -29,6 +29,8 @@ FAR, FEW = 1e3, 20.0
 FACTOR, ALIKE = 4.0, 0.97
 #: Lags that are tried, in samples; states that are used; the reduction of the residual's variance that counts.
 LAGS, SAMPLED, REDUCED = 40, 3000, 0.02
+#: Entries of the largest matrix of columns that clocks are compared with.
+ENTRIES = 5_000_000
 
 
 def checked_time(time: ArrayLike, count: int, stacklevel: int) -> _Array:
@@ -151,7 +153,9 @@ def clock_offset(columns: Columns, used: NDArray[np.intp], time: _Array, arrays:
     step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
     if step <= 0.0 or len(time) < 20 * LAGS:
         return float("nan")
-    middle = slice(max(0, (len(time) - SAMPLED) // 2), max(0, (len(time) - SAMPLED) // 2) + SAMPLED)
+    count = int(min(SAMPLED, max(10 * LAGS, ENTRIES // (columns.motors * columns.width))))
+    first = max(0, (len(time) - count) // 2)
+    middle = slice(first, first + count)
     rows, known = columns.rows(q[middle], qd[middle], qdd[middle])
     known_at = np.isfinite(weights)
     stacked = []
