@@ -218,7 +218,6 @@ pub mod spatial;
 #[cfg(feature = "stochastic")]
 pub mod stochastic;
 pub mod watch;
-mod workspace;
 
 pub use accuracy::{Accuracy, Bound, ESTIMATE_SPREAD};
 pub use algorithm::{Algorithm, Arguments, Derivatives, Everyday, Products};
@@ -228,6 +227,8 @@ pub use filter::Form;
 pub use plan::{Omission, Plan};
 pub use scene::{Scene, SceneBuilder};
 pub use workspace::{Tally, Workspace};
+
+pub(crate) use dynamics::workspace;
 
 /// The README's Rust runs as a test.
 #[cfg(doctest)]

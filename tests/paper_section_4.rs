@@ -3,10 +3,10 @@
 //! T is the centred torque tau - H phi b where the equation has no b; `Run` holds what the sweeps leave for it, and `Biased`
 //! what they leave when b(k) is kept in 4.4 and tau is measured.
 
+use crate::common::filter;
 use crate::common::matrices::{Matrix, Vector};
 use crate::common::paper::{Case, cases, column, six};
 use nalgebra::Vector6;
-use phipsi::filter::{innovations, smoother};
 
 /// One run of filter and smoother.
 struct Run {
@@ -24,9 +24,9 @@ fn run(case: &Case, b: &Vector, measurement: &Vector) -> Run {
     let (system, sweep) = (&case.scene.model().system, &case.sweep);
     let mut z = case.outermost(b);
     let mut innovations = vec![f64::NAN; case.nv()];
-    innovations::sweep(system, &sweep.shift, &sweep.measured, measurement.as_slice(), &mut z, &mut innovations);
+    filter::innovations(system, &sweep.shift, &sweep.measured, measurement.as_slice(), &mut z, &mut innovations);
     let (mut co_states, mut estimates) = (vec![Vector6::repeat(f64::NAN); z.len()], innovations.clone());
-    smoother::sweep(system, &sweep.shift, &sweep.measured, &mut co_states, &mut estimates);
+    filter::smoother(system, &sweep.shift, &sweep.measured, &mut co_states, &mut estimates);
     Run {
         innovations: Vector::from_vec(innovations),
         filtered: z,

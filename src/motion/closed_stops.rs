@@ -144,7 +144,7 @@ impl Constrained<'_> {
         s: &Scratch<f64>,
     ) -> Result<(), Failure> {
         // The factor at q, which the projections below leave as it is; a pivot that is lost there has ended the step already.
-        factorise(&s.model, &mut self.scratch.workspace, &s.q, |_, _| {});
+        factorise(&s.model, &mut self.scratch.workspace, &s.q);
         for &i in late {
             let (mut torque, mut column) = (vec![0.0; s.v.len()], vec![0.0; s.v.len()]);
             torque[limits[i].row] = limits[i].sign();

@@ -84,12 +84,20 @@ pub trait Real:
     /// What a constant of a scene is kept in: one number for all lanes.
     type Parameter: Scalar + Copy + Send + Sync;
 
+    /// Whether the passes of `dynamics` are compiled for the general joint only. In a scalar whose operations are function calls, code for each kind of joint
+    /// multiplies the size of the program and saves no time.
+    const GENERAL_JOINTS: bool = false;
+
     /// The nearest number to `x`.
     fn parameter(x: f64) -> Self::Parameter;
 
     /// A number in every lane; `self` says only of which kind, as for [`Real::constant`].
     #[must_use]
     fn splat(self, x: Self::Parameter) -> Self;
+
+    /// The number that a value holds in its first lane, exactly: the inverse of [`Real::splat`].
+    #[must_use]
+    fn to_parameter(self) -> Self::Parameter;
 
     /// The number in one lane, rounded to f64.
     fn lane(self, index: usize) -> f64;
@@ -150,6 +158,11 @@ macro_rules! its_own_parameter {
         #[inline(always)]
         fn splat(self, x: Self) -> Self {
             x
+        }
+
+        #[inline(always)]
+        fn to_parameter(self) -> Self {
+            self
         }
     };
 }

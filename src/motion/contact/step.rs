@@ -141,7 +141,7 @@ impl Touching {
         if near.is_empty() {
             return Ok(outcome);
         }
-        let pivots = factorise(&s.model, workspace, &s.q, |_, _| {});
+        let pivots = factorise(&s.model, workspace, &s.q);
         if let Some(lost) = workspace.lost_pivot(&s.model, &pivots) {
             return Err(pivot_fault(scene, lost.stage, scene.singular(lost)));
         }
