@@ -230,7 +230,6 @@ pub mod scenes;
 pub mod spatial;
 #[cfg(feature = "stochastic")]
 pub mod stochastic;
-mod workspace;
 
 pub use accuracy::{Accuracy, Bound, ESTIMATE_SPREAD};
 pub use algorithm::{Algorithm, Arguments, Derivatives, Everyday, Products};
@@ -240,6 +239,8 @@ pub use filter::Form;
 pub use plan::{Plan, Simplification};
 pub use scene::{Scene, SceneBuilder};
 pub use workspace::{Tally, Workspace};
+
+pub(crate) use dynamics::workspace;
 
 /// Runs the Rust examples of the README as tests.
 #[cfg(doctest)]

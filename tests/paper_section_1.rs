@@ -1,11 +1,11 @@
 //! Introduction and section 1 of the paper: the random model. One test per equation.
 
+use crate::common::filter;
 use crate::common::matrices::{Matrix, Vector, apply, block, swept};
 use crate::common::paper::{self, Case, cases, column, six, trees};
 use crate::common::sampling::{DRAWS, covariance, drawn, has_covariance, has_mean};
 use crate::common::{Random, tolerance};
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
-use phipsi::filter::innovations;
 use phipsi::operators::{Kind, Operator};
 use phipsi::spatial::{BodyInertia, RigidShift, Symmetric3, spatial};
 
@@ -83,7 +83,7 @@ fn eq_0_2_transition_matrix() {
 /// Forces on each body, the total forces from `predict`, and the torques.
 fn predicted(case: &Case, w: &[Vector6<f64>]) -> (Vec<Vector6<f64>>, Vector) {
     let (mut z, mut torque) = (w.to_vec(), vec![f64::NAN; case.nv()]);
-    innovations::predict(&case.scene.model().system, &case.sweep.shift, &mut z, &mut torque);
+    filter::predict(&case.scene.model().system, &case.sweep.shift, &mut z, &mut torque);
     (z, Vector::from_vec(torque))
 }
 

@@ -2,11 +2,11 @@
 //!
 //! Armature is measurement noise v of covariance r: T = H X + v, calligraphic M = H R H* + r.
 
+use crate::common::filter;
 use crate::common::matrices::{Matrix, Vector, apply, inverse};
 use crate::common::paper::{Case, cases, column, noise_free};
 use crate::common::sampling::{Draws, covariance, drawn, has_covariance, has_not_covariance};
 use nalgebra::Vector6;
-use phipsi::filter::{innovations, smoother};
 use phipsi::operators::{Kind, Operator};
 
 /// T - H phi b in the state of the case.
@@ -160,8 +160,8 @@ fn smoothed(case: &Case, t: &Vector) -> (Vec<Vector6<f64>>, Vector) {
     let (system, sweep) = (&case.scene.model().system, &case.sweep);
     let mut z = vec![Vector6::zeros(); sweep.shift.len()];
     let mut a = vec![f64::NAN; case.nv()];
-    innovations::sweep(system, &sweep.shift, &sweep.measured, t.as_slice(), &mut z, &mut a);
-    smoother::sweep(system, &sweep.shift, &sweep.measured, &mut z, &mut a);
+    filter::innovations(system, &sweep.shift, &sweep.measured, t.as_slice(), &mut z, &mut a);
+    filter::smoother(system, &sweep.shift, &sweep.measured, &mut z, &mut a);
     (z, Vector::from_vec(a))
 }
 

@@ -4,10 +4,10 @@
 //! and `Biased`
 //! the results with b(k) in 4.4 and tau as the measurement.
 
+use crate::common::filter;
 use crate::common::matrices::{Matrix, Vector};
 use crate::common::paper::{Case, cases, column, six};
 use nalgebra::Vector6;
-use phipsi::filter::{innovations, smoother};
 
 /// One run of filter and smoother.
 struct Run {
@@ -25,9 +25,9 @@ fn run(case: &Case, b: &Vector, measurement: &Vector) -> Run {
     let (system, sweep) = (&case.scene.model().system, &case.sweep);
     let mut z = case.outermost(b);
     let mut innovations = vec![f64::NAN; case.nv()];
-    innovations::sweep(system, &sweep.shift, &sweep.measured, measurement.as_slice(), &mut z, &mut innovations);
+    filter::innovations(system, &sweep.shift, &sweep.measured, measurement.as_slice(), &mut z, &mut innovations);
     let (mut co_states, mut estimates) = (vec![Vector6::repeat(f64::NAN); z.len()], innovations.clone());
-    smoother::sweep(system, &sweep.shift, &sweep.measured, &mut co_states, &mut estimates);
+    filter::smoother(system, &sweep.shift, &sweep.measured, &mut co_states, &mut estimates);
     Run {
         innovations: Vector::from_vec(innovations),
         filtered: z,

@@ -2,12 +2,13 @@
 //!
 //! Each compared with dense algebra from its definition as a covariance, and with samples of the random model.
 
+use crate::common::filter;
 use crate::common::matrices::{Matrix, apply, block, block_diagonal};
 use crate::common::paper::{Case, cases, chains, trees};
 use crate::common::sampling::{self, DRAWS, Draws, drawn, has_covariance, has_not_covariance, mean_square};
 use crate::common::tolerance;
 use nalgebra::Vector6;
-use phipsi::filter::{covariance, innovations, smoother};
+use phipsi::filter::covariance;
 use phipsi::operators::{Kind, Operator};
 use phipsi::spatial::Symmetric6;
 use std::sync::OnceLock;
@@ -18,12 +19,12 @@ fn filtered_and_smoothed(case: &Case, draws: &Draws) -> (Matrix, Matrix) {
     let mut innovations = Matrix::from_element(case.nv(), DRAWS, f64::NAN);
     for (t, mut e) in draws.t.column_iter().zip(innovations.column_iter_mut()) {
         let mut z = vec![Vector6::zeros(); sweep.shift.len()];
-        innovations::sweep(system, &sweep.shift, &sweep.measured, t.as_slice(), &mut z, e.as_mut_slice());
+        filter::innovations(system, &sweep.shift, &sweep.measured, t.as_slice(), &mut z, e.as_mut_slice());
     }
     let mut accelerations = innovations.clone();
     let mut co_states = vec![Vector6::zeros(); sweep.shift.len()];
     for mut a in accelerations.column_iter_mut() {
-        smoother::sweep(system, &sweep.shift, &sweep.measured, &mut co_states, a.as_mut_slice());
+        filter::smoother(system, &sweep.shift, &sweep.measured, &mut co_states, a.as_mut_slice());
     }
     (innovations, accelerations)
 }

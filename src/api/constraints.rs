@@ -72,9 +72,9 @@ impl Scene {
         self.check_configuration("q", q)?;
         self.check_scratch_of_rows(workspace, scratch)?;
         check_length("out", out.len(), self.constraint_rows() * self.nv())?;
-        placements_base_to_tip(self.model(), q, &mut workspace.shift);
+        placements_base_to_tip(self.model(), q, &mut workspace.store.shifts);
         let at = (q, &workspace.rest[..]);
-        jacobian_of_rows(self.model(), self.constraints(), scratch, &workspace.shift, at, out)
+        jacobian_of_rows(self.model(), self.constraints(), scratch, &workspace.store.shifts, at, out)
             .map_err(|at| self.no_direction(at))?;
         self.check_result("constraint jacobian", out)
     }

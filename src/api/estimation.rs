@@ -51,7 +51,7 @@ impl Scene {
             check_lengths("covariance", [acceleration.len(), torque.len(), force.len(), process.len()], [nv, bodies])?;
         }
         let monitor = dynamics::estimate(self.model(), workspace, scratch, q, qd, measurements, wrenches, estimate);
-        if let Some(lost) = workspace.lost_pivot_of(self.model(), &scratch.system, &monitor) {
+        if let Some(lost) = workspace.lost_pivot_of(self.model(), &scratch.model.system, &monitor) {
             return Err(self.singular(lost));
         }
         self.check_result("estimated acceleration", &estimate.acceleration)?;

@@ -76,7 +76,8 @@ impl Scene {
         let q = &*self.tree_configuration("q", q)?;
         self.check_workspace(workspace)?;
         check_length("out", out.len(), links.len())?;
-        let Workspace { needed, shift, .. } = workspace;
+        let Workspace { needed, store, .. } = workspace;
+        let shift = &mut store.shifts;
         needed.fill(false);
         for &link in links {
             if let Some(body) = self.on_link(&link.into())?.body {

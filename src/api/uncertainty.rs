@@ -72,7 +72,6 @@ impl Scene {
     /// As [`Scene::forward_dynamics_variance`]; connections are no obstacle.
     pub fn inverse_dynamics_variance(
         &self,
-        workspace: &mut Workspace<f64>,
         scratch: &mut VarianceScratch<f64>,
         state: (&[f64], &[f64], &[f64]),
         parameters: &ParameterRoots<f64>,
@@ -80,9 +79,8 @@ impl Scene {
         out: &mut [f64],
     ) -> Result<(), Error> {
         self.check_state_and_uncertainty(scratch, ("qdd", state), parameters, torque)?;
-        self.check_workspace(workspace)?;
         check_length("out", out.len(), self.nv())?;
-        estimation::inverse_dynamics_variance(self.model(), workspace, scratch, state, parameters, torque, out);
+        estimation::inverse_dynamics_variance(self.model(), scratch, state, parameters, torque, out);
         self.check_result("variance of the torque", out)
     }
 

@@ -58,9 +58,9 @@ impl<T: Vectorized> Work for Watched<'_, T> {
     #[inline(always)]
     fn call(self) -> u64 {
         let Call { scene, scratch, state, wrenches, qdd } = self.0;
-        let watched = auto::watched_in_sweeps::<T, T::Columns>(scene, scratch, state, wrenches, qdd);
+        let watched = auto::estimated_in_lanes::<T, T::Columns>(scene, scratch, state, wrenches, qdd);
         *self.1 = watched.errors();
-        lanes_but::<T>(|lane| watched.kept(lane))
+        lanes_but::<T>(|lane| watched.is_accepted(lane))
     }
 }
 

@@ -69,8 +69,8 @@ impl<T: Vectorized> Work for Watched<'_, T> {
     #[inline(always)]
     fn call(self) -> u64 {
         let Self(scene, scratch, (q, estimates)) = self;
-        let watched = auto::factor_watched_in_sweeps::<T, T::Columns>(scene, scratch, q, estimates);
-        lanes_but::<T>(|lane| watched.kept(lane))
+        let watched = auto::factor_with_estimate_in_lanes::<T, T::Columns>(scene, scratch, q, estimates);
+        lanes_but::<T>(|lane| watched.is_accepted(lane))
     }
 }
 

@@ -1,8 +1,8 @@
 //! What the scene's own methods give for the arguments of a function, all results one after another.
 
 use super::tracing::Place;
-use crate::dynamics::auto::{self, Watched};
-use crate::dynamics::sweeps::{self, SweepModel, SweepScratch};
+use crate::dynamics::auto::{self, ErrorEstimate};
+use crate::dynamics::sweeps::{SweepModel, SweepScratch, general};
 use crate::error::Error;
 use crate::scene::Scene;
 use crate::workspace::Workspace;
@@ -32,8 +32,8 @@ pub(super) fn forward_dynamics_watched(
     let mut scratch = SweepScratch::new(model, &sweeps).accepting(workspace.tolerance);
     let (qdd, margin) = out.split_at_mut(scene.nv());
     let state = (given[0], given[1], given[2]);
-    let look = sweeps::forward_dynamics_watched::<f64, f64>((model, &sweeps), &mut scratch, state, &[], qdd);
-    margin[0] = Watched::once(look, scratch.accepted_square).margin();
+    let look = general::forward_dynamics_with_estimate((model, &sweeps), &mut scratch, state, &[], qdd);
+    margin[0] = ErrorEstimate::of_one_vector(look, scratch.accepted_square).margin();
     Ok(())
 }
 
@@ -59,7 +59,7 @@ fn margin_of_factor(scene: &Scene, tolerance: Option<f64>, q: &[f64]) -> f64 {
     let (model, sweeps) = (scene.model(), SweepModel::<f64>::new(scene.model()));
     let mut scratch = SweepScratch::new(model, &sweeps).accepting(tolerance);
     let mut estimates = vec![f64::NAN; scene.nv()];
-    auto::factor_watched_in_sweeps::<f64, f64>((model, &sweeps), &mut scratch, q, &mut estimates).margin()
+    auto::estimated_factor((model, &sweeps), &mut scratch, q, &mut estimates).margin()
 }
 
 pub(super) fn inverse_dynamics(

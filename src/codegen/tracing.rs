@@ -47,7 +47,7 @@ pub(super) fn mass_matrix_inverse_watched(tracer: &mut Tracer<'_>, given: &[Vec<
 
 pub(super) fn factor_watched(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
     let mut estimates = vec![Traced::from_f64(f64::NAN); tracer.traced.model.nv()];
-    out[0] = tracer.traced.factor_watched(&given[0], &mut estimates).margin();
+    out[0] = tracer.traced.factor_with_estimate(&given[0], &mut estimates).margin();
 }
 
 pub(super) fn inverse_dynamics(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {

@@ -1,18 +1,18 @@
-//! The mass centre of all moving bodies, how it moves, and the momentum about it.
+//! The center of mass of all moving bodies, how it moves, and the momentum about it.
 //!
-//! Links on the base are not among them, whether or not they were left out, nor are rotors: armature is a measurement's noise. Levers are taken from
-//! the mass centre itself, by way of the first moving body's origin: how far from the base's origin a robot floats takes no digits.
-//! Without moving mass there is no mass centre: results are NaN then.
+//! Links on the base are not among them, whether or not they were left out, nor are rotors: armature is a measurement's
+//! noise. Levers are taken from the center of mass itself, through the origin of the first moving body: the distance of
+//! a floating robot from the base's origin causes no loss of precision. Without moving mass there is no center of mass:
+//! results are NaN then.
 
 use super::energy::{momentum, sum_on_base, velocities_base_to_tip};
-use super::forces::{Motion, Needed, step_outward};
 use super::mass_matrix::composite_inertias_tip_to_base;
 use crate::filter::System;
 use crate::joints::vectors::plus;
-use crate::kinematics::{placements_base_to_tip, write_column};
+use crate::kinematics::{joint_motion, placements_base_to_tip, write_column};
 use crate::model::Model;
 use crate::scalar::Real;
-use crate::spatial::{RigidShift, cross, cross_motion, linear, scaled_add, spatial, sum, zero};
+use crate::spatial::{RigidShift, cross, cross_motion, linear, scaled_add, spatial, sum};
 use crate::workspace::Workspace;
 use nalgebra::{Vector3, Vector6};
 
@@ -23,16 +23,16 @@ pub fn total_mass<T: Real>(model: &Model<T>) -> T {
     moving.fold(T::zero(), |sum, (_, body)| sum + body.inertia.mass)
 }
 
-/// The mass centre at `q`, from the base's origin and in its axes, m. O(N): mass and first moment, tip to base.
+/// The center of mass at `q`, from the base's origin and in its axes, m. O(N): mass and first moment, tip to base.
 #[inline(always)]
 pub fn center_of_mass<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T]) -> Vector3<T> {
-    placements_base_to_tip(model, q, &mut workspace.shift);
+    placements_base_to_tip(model, q, &mut workspace.store.shifts);
     first_moments_tip_to_base(model, workspace);
     let centre = centre(model, workspace);
     plus(&centre.from, q[0].constant(1.0), &centre.to)
 }
 
-/// The velocity of the mass centre in the base's axes, m/s: linear momentum by mass. O(N).
+/// The velocity of the center of mass in the base's axes, m/s: linear momentum by mass. O(N).
 #[inline(always)]
 pub fn center_of_mass_velocity<T: Real>(
     model: &Model<T>,
@@ -43,7 +43,8 @@ pub fn center_of_mass_velocity<T: Real>(
     divided(&linear(&momentum(model, workspace, q, qd)), total_mass(model))
 }
 
-/// The acceleration of the mass centre in the base's axes, m/s^2, at joint accelerations `qdd`: the force that moves all bodies, by mass. O(N).
+/// The acceleration of the center of mass in the base's axes, m/s^2, at joint accelerations `qdd`: the force that moves
+/// all bodies, by mass. O(N).
 #[inline(always)]
 pub fn center_of_mass_acceleration<T: Real>(
     model: &Model<T>,
@@ -52,49 +53,60 @@ pub fn center_of_mass_acceleration<T: Real>(
     qd: &[T],
     qdd: &[T],
 ) -> Vector3<T> {
-    let state = Motion { q, qd, qdd: Some(qdd), wrenches: &[] };
-    let (still, needed) = (zero(), Needed::of(model, state));
-    for k in 0..model.bodies.len() {
-        step_outward(model, workspace, k, state, needed, (&still, &still));
+    placements_base_to_tip(model, q, &mut workspace.store.shifts);
+    velocities_base_to_tip(model, workspace, qd);
+    let Workspace { store, velocity, z: acceleration, .. } = &mut *workspace;
+    for (k, (body, stage)) in model.bodies.iter().zip(&model.system.stages).enumerate() {
+        let joint = joint_motion(body, stage.first_row, qd);
+        let own = sum(&body.motion.velocity_product(&velocity[k], &joint), &joint_motion(body, stage.first_row, qdd));
+        acceleration[k] = match stage.parent {
+            Some(parent) => sum(&store.shifts[k].motion_to_child(&acceleration[parent]), &own),
+            None => own,
+        };
+    }
+    for ((z, body), velocity) in acceleration.iter_mut().zip(&model.bodies).zip(velocity) {
+        *z = body.inertia.bias_force(velocity, z);
     }
     divided(&linear(&sum_on_base(model, workspace)), total_mass(model))
 }
 
-/// The Jacobian of the mass centre at `q` into `out`, (3 x nv) row by row: its velocity in the base's axes is J qd. O(N).
+/// The Jacobian of the center of mass at `q` into `out`, (3 x nv) row by row: its velocity in the base's axes is J qd.
+/// O(N).
 #[inline(always)]
 pub fn center_of_mass_jacobian<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], out: &mut [T]) {
-    placements_base_to_tip(model, q, &mut workspace.shift);
+    placements_base_to_tip(model, q, &mut workspace.store.shifts);
     first_moments_tip_to_base(model, workspace);
     let centre = centre(model, workspace);
     placements_from(model, workspace, &centre);
     let by_mass = centre.mass.recip();
     each_row(model, |k, j, axis| {
         let momentum = linear(&workspace.composite[k].mul_motion(axis));
-        let column = workspace.shift[k].rotate(&momentum);
+        let column = workspace.store.shifts[k].rotate(&momentum);
         write_column(out, model.nv(), j, &[column[0] * by_mass, column[1] * by_mass, column[2] * by_mass]);
     });
 }
 
-/// The centroidal momentum matrix at `q` into `out`, (6 x nv) row by row: the momentum (angular about the mass centre, linear) in the base's axes
-/// is A qd. O(N).
+/// The centroidal momentum matrix at `q` into `out`, (6 x nv) row by row: the momentum (angular about the center of
+/// mass, linear) in the base's axes is A qd. O(N).
 ///
-/// Column j is the momentum of all bodies outboard of joint k, as one, at a unit rate: phi(base, k) r(k) S, with the moment about the mass centre.
+/// Column j is the momentum of all bodies outboard of joint k, as one, at a unit rate: phi(base, k) r(k) S, with the
+/// moment about the center of mass.
 #[inline(always)]
 pub fn centroidal_momentum_matrix<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], out: &mut [T]) {
-    placements_base_to_tip(model, q, &mut workspace.shift);
+    placements_base_to_tip(model, q, &mut workspace.store.shifts);
     composite_inertias_tip_to_base(model, workspace);
     let centre = centre(model, workspace);
     placements_from(model, workspace, &centre);
     each_row(model, |k, j, axis| {
-        let column = workspace.shift[k].force_to_parent(&workspace.composite[k].mul_motion(axis));
+        let column = workspace.store.shifts[k].force_to_parent(&workspace.composite[k].mul_motion(axis));
         write_column(out, model.nv(), j, column.as_slice());
     });
 }
 
 /// The rate of the centroidal momentum matrix along `qd` into `out`, (6 x nv) row by row. O(N).
 ///
-/// With r' the rate of r(k) in fixed axes and S' = v(k) x S the columns about a fixed point are phi(base, k) (r' S + r S'); the mass centre moves
-/// on at c', which takes c' x the linear half of A off the angular half.
+/// With r' the rate of r(k) in fixed axes and S' = v(k) x S the columns about a fixed point are phi(base, k) (r' S + r
+/// S'); the center of mass moves on at c', which takes c' x the linear half of A off the angular half.
 #[inline(always)]
 pub fn centroidal_momentum_matrix_rate<T: Real>(
     model: &Model<T>,
@@ -103,7 +115,7 @@ pub fn centroidal_momentum_matrix_rate<T: Real>(
     qd: &[T],
     out: &mut [T],
 ) {
-    placements_base_to_tip(model, q, &mut workspace.shift);
+    placements_base_to_tip(model, q, &mut workspace.store.shifts);
     velocities_base_to_tip(model, workspace, qd);
     composite_inertias_tip_to_base(model, workspace);
     composite_rates_tip_to_base(model, workspace);
@@ -111,11 +123,11 @@ pub fn centroidal_momentum_matrix_rate<T: Real>(
     placements_from(model, workspace, &centre);
     let (one, mut momentum) = (centre.mass.constant(1.0), Vector3::from_element(centre.mass.constant(0.0)));
     for k in roots(model) {
-        momentum = plus(&momentum, one, &workspace.shift[k].rotate(&workspace.composite_rate[k].first_moment));
+        momentum = plus(&momentum, one, &workspace.store.shifts[k].rotate(&workspace.composite_rate[k].first_moment));
     }
     let velocity = divided(&momentum, centre.mass);
     each_row(model, |k, j, axis| {
-        let (composite, shift) = (&workspace.composite[k], &workspace.shift[k]);
+        let (composite, shift) = (&workspace.composite[k], &workspace.store.shifts[k]);
         let turned = composite.mul_motion(&cross_motion(&workspace.velocity[k], axis));
         let rate = shift.force_to_parent(&sum(&workspace.composite_rate[k].mul_motion(axis), &turned));
         let pushed = shift.rotate(&linear(&composite.mul_motion(axis)));
@@ -131,7 +143,7 @@ fn divided<T: Real>(x: &Vector3<T>, s: T) -> Vector3<T> {
     Vector3::new(x[0] / s, x[1] / s, x[2] / s)
 }
 
-/// Whether a body moves against the base: a joint at it or inboard of it does.
+/// True if a body moves against the base: a joint at it or inboard of it does.
 #[inline(always)]
 fn moves<T: Real>(system: &System<T>, body: usize) -> bool {
     let mut inward = std::iter::successors(Some(body), |&k| system.stages[k].parent);
@@ -152,27 +164,27 @@ fn roots<T: Real>(model: &Model<T>) -> impl Iterator<Item = usize> {
     stages.filter(|&(k, stage)| stage.rows.count() > 0 && moving_parent(system, k).is_none()).map(|(k, _)| k)
 }
 
-/// Where one of them is on the base, with phi of each body to its parent in the workspace.
+/// Where one of them is on the base, with phi of each body to its parent in the store.
 #[inline(always)]
 fn on_base<T: Real>(model: &Model<T>, workspace: &Workspace<T>, root: usize) -> RigidShift<T> {
-    let (mut at, mut placement) = (model.system.stages[root].parent, workspace.shift[root]);
+    let (mut at, mut placement) = (model.system.stages[root].parent, workspace.store.shifts[root]);
     while let Some(k) = at {
-        placement = workspace.shift[k].compose(&placement);
+        placement = workspace.store.shifts[k].compose(&placement);
         at = model.system.stages[k].parent;
     }
     placement
 }
 
-/// Where the mass centre is, in the base's axes.
+/// Where the center of mass is, in the base's axes.
 struct Centre<T> {
     mass: T,
     /// From the base's origin to that of the first root.
     from: Vector3<T>,
-    /// From there to the mass centre.
+    /// From there to the center of mass.
     to: Vector3<T>,
 }
 
-/// The mass centre, from masses and first moments of the composites.
+/// The center of mass, from masses and first moments of the composites.
 #[inline(always)]
 fn centre<T: Real>(model: &Model<T>, workspace: &Workspace<T>) -> Centre<T> {
     let zero = T::zero();
@@ -199,7 +211,7 @@ fn first_moments_tip_to_base<T: Real>(model: &Model<T>, workspace: &mut Workspac
             let carried = workspace.composite[k];
             workspace.composite[parent].mass += carried.mass;
             let to = &mut workspace.composite[parent].first_moment;
-            *to = plus(to, carried.mass.constant(1.0), &carried.first_moment_in_parent(&workspace.shift[k]));
+            *to = plus(to, carried.mass.constant(1.0), &carried.first_moment_in_parent(&workspace.store.shifts[k]));
         }
     }
 }
@@ -213,18 +225,18 @@ fn composite_rates_tip_to_base<T: Real>(model: &Model<T>, workspace: &mut Worksp
     }
     for (k, stage) in model.system.stages.iter().enumerate().rev() {
         if let Some(parent) = stage.parent {
-            let carried = workspace.composite_rate[k].to_parent(&workspace.shift[k]);
+            let carried = workspace.composite_rate[k].to_parent(&workspace.store.shifts[k]);
             workspace.composite_rate[parent] = workspace.composite_rate[parent].add(&carried);
         }
     }
 }
 
-/// Base to tip: phi of every moving body to the base's axes and the mass centre, in place of phi to its parent.
+/// Base to tip: phi of every moving body to the base's axes and the center of mass, in place of phi to its parent.
 #[inline(always)]
 fn placements_from<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, centre: &Centre<T>) {
     for (k, stage) in model.system.stages.iter().enumerate() {
-        workspace.shift[k] = match moving_parent(&model.system, k) {
-            Some(parent) => workspace.shift[parent].compose(&workspace.shift[k]),
+        workspace.store.shifts[k] = match moving_parent(&model.system, k) {
+            Some(parent) => workspace.store.shifts[parent].compose(&workspace.store.shifts[k]),
             None if stage.rows.count() > 0 => {
                 let place = on_base(model, workspace, k);
                 let minus_one = centre.mass.constant(-1.0);

@@ -18,15 +18,16 @@ use crate::spatial::SpatialVector;
 use crate::workspace::Workspace;
 
 impl Scene {
-    /// One algorithm on one state by the recursion of the paper, in `f64` and with every check: what [`Scene::forward_dynamics`] and its
-    /// like do where the compiled kernels are in doubt, three times as slow.
+    /// One algorithm on one state by the recursion of the paper, in `f64` and with every check: what
+    /// [`Scene::forward_dynamics`] and similar calls run if the kernels need a fallback, three times slower.
     ///
-    /// Of `state` it looks at what the algorithm takes and at nothing else. It sets the workspace's form to that of the algorithm, and its tolerance to that of the state. `inverse`: scratch for M^-1; None: made for this call.
+    /// Of `state` it looks at what the algorithm takes and at nothing else. It sets the workspace's form to that of the
+    /// algorithm, and its tolerance to that of the state. `inverse`: scratch for M^-1; None: made for this call.
     ///
     /// # Errors
     ///
-    /// Wrong lengths, numbers that are not finite, a workspace of another scene, [`Error::SingularJoint`] where a pivot is lost, and in
-    /// square-root form an inertia that has no root.
+    /// Wrong lengths, numbers that are not finite, a workspace of another scene, [`Error::SingularJoint`] where a pivot
+    /// is lost, and in square-root form an inertia that has no root.
     pub fn recursion(
         &self,
         workspace: &mut Workspace<f64>,
@@ -91,7 +92,8 @@ impl Scene {
         self.check_result(what, out)
     }
 
-    /// Forward dynamics of a scene with connections, and where they are asked for the forces, the rank and the residual.
+    /// Forward dynamics of a scene with connections, and where they are asked for the forces, the rank and the
+    /// residual.
     fn through_connections(
         &self,
         workspace: &mut Workspace<f64>,
@@ -127,7 +129,7 @@ impl Scene {
             .map_err(|at| self.no_direction(at))?;
         self.check_pivots(workspace, outcome.pivots)?;
         workspace.accuracy = Accuracy::unknown(workspace.form);
-        // What has overflowed contradicts nothing.
+        // An overflow is no contradiction.
         if qdd.iter().all(|a| a.is_finite()) {
             self.check_agreement(&outcome)?;
         }
@@ -156,8 +158,8 @@ impl Scene {
         Ok(qdd)
     }
 
-    /// Products with these. The rows of the connections do not depend on what is constant, so that with the third matrix Mc and inverse dynamics ID at the
-    /// accelerations of the state, a change of it gives dqdd = -Mc dID.
+    /// Products with these. The rows of the connections do not depend on what is constant, so that with the third
+    /// matrix Mc and inverse dynamics ID at the accelerations of the state, a change of it gives dqdd = -Mc dID.
     fn products_through_connections(
         &self,
         workspace: &mut Workspace<f64>,
@@ -296,7 +298,7 @@ impl Scene {
         Ok(())
     }
 
-    /// As many numbers of zero or above as there are rows of connections, or none.
+    /// One nonnegative value per row of the connections, or none.
     pub(crate) fn check_compliance(&self, compliance: &[f64]) -> Result<(), Error> {
         if compliance.is_empty() {
             return Ok(());
@@ -341,13 +343,14 @@ impl Scene {
         }
     }
 
-    /// Whether the kernels, which know connections in forward dynamics only, would give an algorithm's result wrong.
+    /// True if the kernels would compute a wrong result: they support connections in forward dynamics only.
     fn goes_through_connections(&self, algorithm: Algorithm) -> bool {
         let is_derivative = matches!(algorithm, Algorithm::Derivatives(_) | Algorithm::Products(_));
         is_derivative && algorithm.goes_through_connections() && !self.constraints().is_empty()
     }
 
-    /// Whether the kernels compute a state: its arguments have the lengths that an algorithm reads, and no connections take part that they do not know.
+    /// True if the kernels can compute a state: its arguments have the lengths that the algorithm reads, and it has no
+    /// connections that they do not support.
     pub(crate) fn fits<P: Precision>(&self, algorithm: Algorithm, state: &Arguments<'_, P>) -> bool {
         let (rates, third) = algorithm.reads();
         let [qd, u] = [rates, third.is_some()].map(|is_read| if is_read { self.nv() } else { 0 });
@@ -421,7 +424,7 @@ fn multiply(three: &[f64], which: Products, [first, second, third]: [&[f64]; 3],
     }
 }
 
-/// What an algorithm and its result are called in messages.
+/// The names of an algorithm and of its result in error messages.
 fn named(algorithm: Algorithm) -> (&'static str, &'static str) {
     match algorithm {
         Algorithm::ForwardDynamics(_) => ("forward dynamics", "qdd"),

@@ -1,7 +1,7 @@
-//! Columns of M^-1, a few side by side.
+//! Columns of M^-1, vectorized (SIMD) over a block of columns.
 //!
-//! A block is as many neighbouring columns as `C` holds. Each has a vector of its own at each body; a lane whose column has nothing
-//! at a body holds zeros there, so that lanes of different branches go through one sweep.
+//! A block is as many neighbouring columns as `C` holds. Each has a vector of its own at each body; a lane whose column
+//! has nothing at a body holds zeros there, so that lanes of different branches go through one sweep.
 
 use crate::filter::HingeMap;
 use crate::model::Model;
@@ -15,7 +15,7 @@ use std::ops::Range;
 pub struct Columns<C: Real> {
     /// One vector a body.
     pub(super) at: Vec<Vector6<C>>,
-    /// Whether a column of the block has anything at a body.
+    /// True if a column of the block has anything at a body.
     pub(super) active: Vec<bool>,
 }
 
@@ -115,7 +115,7 @@ pub(super) fn spread_hinge<T: Real, C: ColumnsOf<T>>(like: C, hinge: HingeMap<T>
     }
 }
 
-/// Neighbouring columns, as many as are done side by side.
+/// Neighboring columns that are computed at once.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Block {
     /// The first column.

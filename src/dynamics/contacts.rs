@@ -1,11 +1,14 @@
 //! Contacts at one state: gaps, velocities, G = J M^-1 J* of those that touch, and what impulses do to the rates.
 //!
-//! The rows of a contact are t1, t2, n of its plane: u = J v is the velocity of the material point of the link nearest to the plane. A unit force
-//! along a row, run inward to the base, collects innovations W; G = W* W as for [connections](super::constraints), never a difference.
+//! The rows of a contact are t1, t2, n of its plane: u = J v is the velocity of the material point of the link nearest
+//! to the plane. A unit force along a row, run inward to the base, collects innovations W; G = W* W as for
+//! [connections](super::constraints), never a difference.
 //!
-//! Joint limits are further contacts without friction, numbered after the others: the normal velocity is that of the joint, away from the limit, and the two tangents are zero.
+//! Joint limits are further contacts without friction, numbered after the others: the normal velocity is that of the
+//! joint, away from the limit, and the two tangents are zero.
 
-use crate::filter::{innovations, smoother};
+use super::sweeps::general;
+use crate::filter::innovations;
 use crate::kinematics::{joint_motion, placements_base_to_tip};
 use crate::model::Model;
 use crate::scene::contact_point::ContactPoint;
@@ -147,10 +150,10 @@ impl ContactScratch {
             };
             let out = &mut self.whitened[row * nv..(row + 1) * nv];
             while let Some(k) = next {
-                innovations::through_stage((system, k), &workspace.measured, &self.torque, &mut z, out);
+                innovations::through_stage((system, k), &workspace.store.measured, &self.torque, &mut z, out);
                 let stage = &system.stages[k];
                 let joint = stage.first_row..stage.first_row + stage.rows.count();
-                for (out, measured) in out[joint.clone()].iter_mut().zip(&workspace.measured[joint]) {
+                for (out, measured) in out[joint.clone()].iter_mut().zip(&workspace.store.measured[joint]) {
                     *out *= measured.pivot_inverse.sqrt();
                 }
                 z = self.shift[k].force_to_parent(&z);
@@ -184,9 +187,9 @@ impl ContactScratch {
                 self.state[point.body] -= unit * impulses[3 * at + row];
             }
         }
-        let Workspace { measured, co_state, .. } = workspace;
-        innovations::sweep(&model.system, &self.shift, measured, &self.torque, &mut self.state, &mut self.response);
-        smoother::sweep(&model.system, &self.shift, measured, co_state, &mut self.response);
+        let (scene, store) = workspace.passes(model);
+        store.set_forces(self.state.iter().copied());
+        general::solve::<f64, true>(scene, store, &self.torque, &mut self.response);
         self.torque.fill(0.0);
     }
 }

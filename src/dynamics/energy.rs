@@ -13,7 +13,7 @@ use nalgebra::Vector6;
 pub struct Energy<T> {
     /// Half of v* M v over all bodies, plus half of armature times rate squared.
     pub kinetic: T,
-    /// Minus gravity times the first moment of mass; zero with the mass centre at the base's origin.
+    /// Minus gravity times the first moment of mass; zero with the center of mass at the base's origin.
     pub potential: T,
 }
 
@@ -29,7 +29,7 @@ pub fn energy<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], 
 /// Kinetic energy alone in O(N), J: half of v* M v over all bodies, plus half of armature times rate squared.
 #[inline(always)]
 pub fn kinetic_energy<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], qd: &[T]) -> T {
-    placements_base_to_tip(model, q, &mut workspace.shift);
+    placements_base_to_tip(model, q, &mut workspace.store.shifts);
     velocities_base_to_tip(model, workspace, qd);
     let mut twice_kinetic = T::zero();
     for (body, v) in model.bodies.iter().zip(&workspace.velocity) {
@@ -46,7 +46,7 @@ pub fn kinetic_energy<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q
 /// Armature is a measurement's noise, not a body: rotors add nothing here.
 #[inline(always)]
 pub fn momentum<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], qd: &[T]) -> Vector6<T> {
-    placements_base_to_tip(model, q, &mut workspace.shift);
+    placements_base_to_tip(model, q, &mut workspace.store.shifts);
     velocities_base_to_tip(model, workspace, qd);
     for ((z, body), v) in workspace.z.iter_mut().zip(&model.bodies).zip(&workspace.velocity) {
         *z = body.inertia.mul_motion(v);
@@ -59,7 +59,7 @@ pub fn momentum<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T]
 pub(super) fn sum_on_base<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>) -> Vector6<T> {
     let mut total = Vector6::from_element(T::zero());
     for (k, stage) in model.system.stages.iter().enumerate().rev() {
-        let carried = workspace.shift[k].force_to_parent(&workspace.z[k]);
+        let carried = workspace.store.shifts[k].force_to_parent(&workspace.z[k]);
         match stage.parent {
             Some(parent) => workspace.z[parent] = sum(&workspace.z[parent], &carried),
             None => total = sum(&total, &carried),
@@ -75,7 +75,7 @@ pub(super) fn velocities_base_to_tip<T: Real>(model: &Model<T>, workspace: &mut 
         let stage = &model.system.stages[k];
         let mut velocity = joint_motion(body, stage.first_row, qd);
         if let Some(parent) = stage.parent {
-            velocity = sum(&velocity, &workspace.shift[k].motion_to_child(&workspace.velocity[parent]));
+            velocity = sum(&velocity, &workspace.store.shifts[k].motion_to_child(&workspace.velocity[parent]));
         }
         workspace.velocity[k] = velocity;
     }
@@ -88,7 +88,7 @@ fn total_inertia<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>) -> Bod
     let mut total = BodyInertia::zero();
     for (k, stage) in model.system.stages.iter().enumerate() {
         if stage.parent.is_none() {
-            total = total.add(&workspace.composite[k].to_parent(&workspace.shift[k]));
+            total = total.add(&workspace.composite[k].to_parent(&workspace.store.shifts[k]));
         }
     }
     total

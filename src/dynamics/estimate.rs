@@ -1,24 +1,26 @@
 //! Estimation (section 2): forces, accelerations and torques given the torques of some of the joints, with noise.
 //!
-//! The prior is the spatially random model itself: W ~ N(b + Q phi* H* a0, s Q), X = phi W, T = H X + v, v ~ N(r a0, s r) with
-//! the armature r. s is the `acceleration_variance`: Q is an inertia, so s Q is a covariance of forces where s is the variance
-//! of the acceleration of one kg m^2, (rad/s^2)^2, or of one kg, (m/s^2)^2. Torques are T ~ N(T0, s M), and the accelerations
-//! a = M^-1 (T - H phi b) are N(a0, s M^-1): heavy joints are expected to accelerate less. Measured is y = T + n, n ~ N(0, noise).
+//! The prior is the spatially random model itself: W ~ N(b + Q phi* H* a0, s Q), X = phi W, T = H X + v, v ~ N(r a0, s
+//! r) with the armature r. s is the `acceleration_variance`: Q is an inertia, so s Q is a covariance of forces where s
+//! is the variance of the acceleration of one kg m^2, (rad/s^2)^2, or of one kg, (m/s^2)^2. Torques are T ~ N(T0, s M),
+//! and the accelerations a = M^-1 (T - H phi b) are N(a0, s M^-1): heavy joints are expected to accelerate less.
+//! Measured is y = T + n, n ~ N(0, noise).
 //!
-//! Divided by s, this is the filter of section 3 with measurement noise r + noise/s. A joint that is not measured has infinite
-//! noise: its gain is zero, and its acceleration keeps the prior's mean, as if it were locked (a0 = 0) or driven along a0.
+//! Divided by s, this is the filter of section 3 with measurement noise r + noise/s. A joint that is not measured has
+//! infinite noise: its gain is zero, and its acceleration keeps the prior's mean, as if it were locked (a0 = 0) or
+//! driven along a0.
 
-use super::forces::{self, Motion};
-use super::forward::{covariances_of_noise, filter_tip_to_base, forces_and_noise};
+use super::forces::Motion;
+use super::sweeps::general;
 use crate::filter::pivots::PivotMonitor;
-use crate::filter::{System, covariance, innovations, riccati, smoothed, smoother};
+use crate::filter::{covariance, riccati, smoothed};
 use crate::model::Model;
 use crate::scalar::Real;
 use crate::spatial::Symmetric6;
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
 
-/// What is measured, how well, and what is expected beforehand; slices are (nv).
+/// The measurements, their noise, and the prior; slices are (nv).
 #[derive(Debug, Clone, Copy)]
 pub struct Measurements<'a, T: Real> {
     /// Measured torques y, N m or N; not read where the noise is infinite.
@@ -34,7 +36,7 @@ pub struct Measurements<'a, T: Real> {
 }
 
 impl<T: Real> Measurements<'_, T> {
-    /// Whether degree of freedom `row` is measured.
+    /// True if degree of freedom `row` is measured.
     #[must_use]
     pub(crate) fn is_measured(&self, row: usize) -> bool {
         self.noise[row].lane(0) < f64::INFINITY
@@ -50,7 +52,8 @@ pub struct Estimate<T: Real> {
     pub torque: Vec<T>,
     /// E(X|y) of each body, (moment, force) through its joint in its frame; the state of every row of the joint (2.1).
     pub force: Vec<Vector6<T>>,
-    /// E(W|y) of each body, (moment, force) that its own motion needs, bias included; enters at its outermost row (2.7, 2.10).
+    /// E(W|y) of each body, (moment, force) that its own motion needs, bias included; enters at its outermost row (2.7,
+    /// 2.10).
     pub process: Vec<Vector6<T>>,
     /// log of the density of the measured torques before they were known; zero where none is measured.
     pub log_likelihood: f64,
@@ -103,11 +106,12 @@ impl<T: Real> EstimateCovariance<T> {
 /// Scratch that only estimation needs, beside the workspace.
 #[derive(Debug, Clone)]
 pub struct EstimateScratch<T: Real> {
-    /// The scene's system with the noise of the state at hand, r + noise/s.
-    pub(crate) system: System<T>,
+    /// The scene's model with the noise of the measurements of this state, r + noise/s.
+    pub(crate) model: Model<T>,
     /// y - r a0; zero where not measured.
     measurement: Vec<T>,
-    /// Lambda^- of each body.
+    /// P^+ and Lambda^- of each body.
+    filtered: Vec<Symmetric6<T>>,
     co_state_covariance: Vec<Symmetric6<T>>,
     /// The diagonal of (H R H* + r + noise/s)^-1.
     information: Vec<T>,
@@ -121,8 +125,9 @@ impl<T: Real> EstimateScratch<T> {
     pub fn new(model: &Model<T>) -> Self {
         let nan = T::from_f64(f64::NAN);
         Self {
-            system: model.system.clone(),
+            model: model.clone(),
             measurement: vec![nan; model.nv()],
+            filtered: vec![Symmetric6::filled(nan); model.bodies.len()],
             co_state_covariance: vec![Symmetric6::filled(nan); model.bodies.len()],
             information: vec![nan; model.nv()],
             identity: model.identity(),
@@ -130,11 +135,12 @@ impl<T: Real> EstimateScratch<T> {
     }
 }
 
-/// E(a|y), E(T|y), E(X|y), E(W|y) and the likelihood of y in O(N): filter and smoother, then inverse dynamics at the estimate.
+/// E(a|y), E(T|y), E(X|y), E(W|y) and the likelihood of y in O(N): filter and smoother, then inverse dynamics at the
+/// estimate.
 ///
-/// `q` (nq) and `qd` (nv) are one state, `wrenches` as in [`forward_dynamics`](super::forward_dynamics), which this is where all
-/// joints are measured without noise. About 1150 operations a one-axis joint. The pivots that the returned monitor speaks of
-/// are those of [`EstimateScratch`]'s system; where one is lost, `out` means nothing.
+/// `q` (nq) and `qd` (nv) are one state, `wrenches` as in [`forward_dynamics`](super::forward_dynamics), which this is
+/// where all joints are measured without noise. About 1150 operations a one-axis joint. The pivots that the returned
+/// monitor speaks of are those of [`EstimateScratch`]'s system; where one is lost, `out` means nothing.
 #[allow(clippy::too_many_arguments)] // a state, what is known of it, and where results go
 pub fn estimate<T: Real>(
     model: &Model<T>,
@@ -148,36 +154,44 @@ pub fn estimate<T: Real>(
 ) -> PivotMonitor<T> {
     for row in 0..model.nv() {
         let armature = model.system.noise[row];
-        scratch.system.noise[row] = armature + measurements.noise[row] / measurements.acceleration_variance;
+        scratch.model.system.noise[row] = armature + measurements.noise[row] / measurements.acceleration_variance;
         // The mean of v is not part of H X.
         let mean = measurements.prior_acceleration.map_or_else(T::zero, |prior| armature * prior[row]);
         let is_measured = measurements.is_measured(row);
         scratch.measurement[row] = if is_measured { measurements.torque[row] - mean } else { T::zero() };
     }
-    forces_and_noise(model, workspace, Motion { q, qd, qdd: measurements.prior_acceleration, wrenches });
+    let (scene, store) = workspace.passes(&scratch.model);
+    general::forces::<T, false>(scene, store, Motion { q, qd, qdd: measurements.prior_acceleration, wrenches });
     let accelerations = &mut out.acceleration;
-    let monitor = filter_tip_to_base(&scratch.system, workspace, &scratch.measurement, accelerations);
-    out.log_likelihood = log_likelihood(measurements, &workspace.measured, accelerations);
+    let monitor = general::filter_forces(scene, store, &scratch.measurement, accelerations);
+    out.log_likelihood = log_likelihood(measurements, &store.measured, accelerations);
+    // The rows write the same D and g again.
+    let mut measured = std::mem::take(&mut store.measured);
+    for (filtered, body) in scratch.filtered.iter_mut().zip(scene.1.swept()) {
+        *filtered = store.filtered_covariance((&scene.0.system, body), &mut measured, false, |_, _| {});
+    }
+    store.measured = measured;
     // The smoother gives what the measurements add to a0.
-    smoother::sweep(&scratch.system, &workspace.shift, &workspace.measured, &mut workspace.co_state, accelerations);
+    general::smooth(scene, store, accelerations);
     if let Some(prior) = measurements.prior_acceleration {
         for (a, &prior) in accelerations.iter_mut().zip(prior) {
             *a += prior;
         }
     }
     // 2.10 and 2.1: W = b + Q lambda and X = phi W are what inverse dynamics computes on its way.
-    forces::forces_base_to_tip(model, workspace, Motion { q, qd, qdd: Some(accelerations), wrenches });
-    out.process.copy_from_slice(&workspace.z);
-    innovations::predict(&model.system, &workspace.shift, &mut workspace.z, &mut out.torque);
-    out.force.copy_from_slice(&workspace.z);
+    let (scene, store) = workspace.passes(model);
+    general::forces::<T, false>(scene, store, Motion { q, qd, qdd: Some(accelerations), wrenches });
+    out.process.iter_mut().zip(store.forces()).for_each(|(process, force)| *process = force);
+    general::predict(scene, store, &mut out.torque);
+    out.force.iter_mut().zip(store.forces()).for_each(|(whole, force)| *whole = force);
     for ((torque, &a), &armature) in out.torque.iter_mut().zip(accelerations.iter()).zip(&model.system.noise) {
         *torque += armature * a;
     }
     monitor
 }
 
-/// Sum over the measured rows of -(e^2 / (s D) + log(2 pi s D)) / 2: innovations are independent; f64, since no scalar here
-/// has a logarithm.
+/// Sum over the measured rows of -(e^2 / (s D) + log(2 pi s D)) / 2: innovations are independent; f64, since no scalar
+/// here has a logarithm.
 fn log_likelihood<T: Real>(
     measurements: &Measurements<'_, T>,
     measured: &[riccati::Measured<T>],
@@ -195,13 +209,14 @@ fn log_likelihood<T: Real>(
     total
 }
 
-/// The covariances that belong to the [`estimate()`] just made with the same workspace, scratch and measurements, in O(N).
+/// The covariances that belong to the [`estimate()`] just made with the same workspace, scratch and measurements, in
+/// O(N).
 ///
-/// Forces and process by 2.6 and 2.11; torques from them and from the noise; accelerations as s ((M^-1)(i,i) - W(i,i)), W the
-/// inverse of the covariance of the measurements over s, which takes a second Riccati sweep. That difference and those of 2.6
-/// and 2.11 are right to eps times the prior's variance, not to eps of what is left; the first is exactly zero where all joints
-/// are measured without noise. Nothing is clipped. About 2700 operations a one-axis joint. The returned monitor speaks of the
-/// scene's own pivots.
+/// Forces and process by 2.6 and 2.11; torques from them and from the noise; accelerations as s ((M^-1)(i,i) - W(i,i)),
+/// W the inverse of the covariance of the measurements over s, which takes a second Riccati sweep. That difference and
+/// those of 2.6 and 2.11 are right to eps times the prior's variance, not to eps of what is left; the first is exactly
+/// zero where all joints are measured without noise. Nothing is clipped. About 2700 operations a one-axis joint. The
+/// returned monitor speaks of the scene's own pivots.
 pub fn estimate_covariance<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
@@ -215,7 +230,8 @@ pub fn estimate_covariance<T: Real>(
         co_state: &mut scratch.co_state_covariance,
         information: &mut scratch.information,
     };
-    smoothed::sweep(&scratch.system, &workspace.shift, &workspace.measured, &workspace.p, &mut all);
+    let (_, store) = workspace.passes(model);
+    smoothed::sweep(&scratch.model.system, &store.shifts, &store.measured, &scratch.filtered, &mut all);
     for (k, (body, stage)) in model.bodies.iter().zip(&model.system.stages).enumerate() {
         let lambda = &scratch.co_state_covariance[k];
         out.process[k] = smoothed::remaining(&body.inertia.to_symmetric(), lambda).scaled(s);
@@ -229,21 +245,24 @@ pub fn estimate_covariance<T: Real>(
         out.force[k] = out.force[k].scaled(s);
     }
 
-    let monitor = riccati::sweep(&model.system, &mut covariances_of_noise(model, workspace), |_, _| {});
-    let (measured, accelerations) = (&workspace.measured, &mut out.acceleration);
+    let (scene, store) = workspace.passes(model);
+    let monitor = general::refactor(scene, store);
+    let (measured, accelerations) = (&store.measured, &mut out.acceleration);
     let co_states = &mut scratch.co_state_covariance;
     let told = &scratch.information;
-    covariance::sweep(&model.system, &workspace.shift, measured, co_states, |row, lambda, _| {
+    covariance::sweep(&model.system, &store.shifts, measured, co_states, |row, lambda, _| {
         accelerations[row] = s * (smoothed::information(&measured[row], lambda) - told[row]);
     });
     monitor
 }
 
-/// The variance of T = H x + v given all measurements; `remaining` is H (P - P Lambda P) H* (before s), W `information`.
+/// The variance of T = H x + v given all measurements; `remaining` is H (P - P Lambda P) H* (before s), W
+/// `information`.
 ///
-/// Not measured: s (H.H* + r), v being known by nothing. Measured: with h the variance of H x by the other rows and c = r +
-/// noise/s, W = 1/(h + c) and `remaining` = h c/(h + c), so that noise (1 - noise/s W) = noise (`remaining`/c + r W). The first is
-/// exact where the noise is zero, the second where it is far above what the model knows; each is used on its side.
+/// Not measured: s (H.H* + r), v being known by nothing. Measured: with h the variance of H x by the other rows and c =
+/// r + noise/s, W = 1/(h + c) and `remaining` = h c/(h + c), so that noise (1 - noise/s W) = noise (`remaining`/c + r
+/// W). The first is exact where the noise is zero, the second where it is far above what the model knows; each is used
+/// on its side.
 fn torque_variance<T: Real>(
     measurements: &Measurements<'_, T>,
     row: usize,

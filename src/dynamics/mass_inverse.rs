@@ -3,19 +3,19 @@
 use super::columns::{
     Block, Columns, body_of_row, put, put_row, spread_hinge, spread_shift, spread_symmetric, spread_vector,
 };
+use super::double_double_state::DoubleDoubleState;
 use super::forward::factorise;
-use super::widened::Widened;
 use crate::filter::Form;
 use crate::filter::covariance;
 use crate::filter::innovations::past_rows;
 use crate::filter::pivots::PivotMonitor;
 use crate::model::Model;
-use crate::scalar::{ColumnsOf, DoubleDouble, Real};
+use crate::scalar::{ColumnsOf, Real};
 use crate::spatial::{Symmetric6, dot, scaled_add, zero};
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
 
-/// Scratch that only the closed form needs, for as many columns side by side as `C` holds.
+/// Scratch of the closed form, for the columns that `C` holds.
 #[derive(Debug, Clone)]
 pub struct InverseScratch<T: Real, C: Real = T> {
     /// Lambda^- of each body.
@@ -26,7 +26,7 @@ pub struct InverseScratch<T: Real, C: Real = T> {
     inward: Columns<C>,
     /// Minus their co-states, outboard of each body; where another branch leaves, Lambda^- Psi g.
     outward: Columns<C>,
-    /// Whether more than one body hangs on each body.
+    /// True for bodies with more than one child.
     branches: Vec<bool>,
     /// Of the model that it was made for.
     identity: u64,
@@ -61,10 +61,12 @@ impl InverseScratch<f64> {
 
 /// M^-1 at `q` into `out`, (nv x nv) row by row, full and symmetric (6.1 with its cross-branch terms).
 ///
-/// With L+ = Lambda^+ and A = 1 - gH: the diagonal is 1/D + g* L+ g; outboard of joint j the entry is g(i)* Psi* (A* L+ g - H*/D);
-/// across branches that part at body c it is g(i)* Psi(c,i)* Lambda^-(c) Psi(c,j) g(j). O(N^2), the order of the output.
+/// With L+ = Lambda^+ and A = 1 - gH: the diagonal is 1/D + g* L+ g; outboard of joint j the entry is g(i)* Psi* (A* L+
+/// g - H*/D); across branches that part at body c it is g(i)* Psi(c,i)* Lambda^-(c) Psi(c,j) g(j). O(N^2), the order of
+/// the output.
 ///
-/// In form `auto` a state where the error estimate of the factor of M exceeds the tolerance is recomputed in double-double arithmetic and rounded (f64 only).
+/// In form `auto` a state where the error estimate of the factor of M exceeds the tolerance is recomputed in
+/// double-double arithmetic and rounded (f64 only).
 pub fn mass_matrix_inverse<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
@@ -72,28 +74,20 @@ pub fn mass_matrix_inverse<T: Real>(
     q: &[T],
     out: &mut [T],
 ) -> PivotMonitor<T> {
-    let monitor = factorise(model, workspace, q, |_, _| {});
+    let monitor = factorise(model, workspace, q);
     if !(workspace.form == Form::Auto && monitor.of_roots && doubled(model, q, out)) {
         closed_form(model, workspace, scratch, out);
     }
     monitor
 }
 
-/// M^-1 in double-double arithmetic and square-root form, rounded into `out`; false, and `out` as it was, where there is no model to widen (only f64 has one), a body's inertia
-/// has no root, or the wider numbers overflow as well.
-#[cold]
+/// M^-1 in double-double arithmetic, see [`DoubleDoubleState::recompute`].
 fn doubled<T: Real>(model: &Model<T>, q: &[T], out: &mut [T]) -> bool {
-    let Some(mut widened) = Widened::of(model, (q, &[], &[]), &[]) else { return false };
-    let Widened { model, workspace, q, .. } = &mut widened;
-    let mut wide = vec![DoubleDouble::from_f64(f64::NAN); out.len()];
-    mass_matrix_inverse(model, workspace, &mut InverseScratch::new(model), q, &mut wide);
-    if !wide.iter().all(|x| x.high.is_finite()) {
-        return false;
-    }
-    for (to, from) in out.iter_mut().zip(&wide) {
-        *to = T::from_f64(from.high);
-    }
-    true
+    DoubleDoubleState::recompute(model, (q, &[], &[]), &[], out, |wide, out| {
+        let DoubleDoubleState { model, workspace, q, .. } = wide;
+        mass_matrix_inverse(model, workspace, &mut InverseScratch::new(model), q, out);
+        true
+    })
 }
 
 /// [`mass_matrix_inverse`] with the factor already in the workspace, a block of columns at a time.
@@ -105,10 +99,16 @@ pub(crate) fn closed_form<T: Real, C: ColumnsOf<T>>(
     out: &mut [T],
 ) {
     let spread_gain = &mut scratch.spread_gain;
-    let measured = &workspace.measured;
-    covariance::sweep(&model.system, &workspace.shift, measured, &mut scratch.co_state_covariance, |row, _, u| {
-        spread_gain[row] = *u;
-    });
+    let measured = &workspace.store.measured;
+    covariance::sweep(
+        &model.system,
+        &workspace.store.shifts,
+        measured,
+        &mut scratch.co_state_covariance,
+        |row, _, u| {
+            spread_gain[row] = *u;
+        },
+    );
     let nv = model.nv();
     let mut first = 0;
     while first < nv {
@@ -119,7 +119,8 @@ pub(crate) fn closed_form<T: Real, C: ColumnsOf<T>>(
     }
 }
 
-/// Tip to base from the block's last body: u = Psi(c,j) g(j) at every body c inboard, and y = Lambda^-(c) u where branches part.
+/// Tip to base from the block's last body: u = Psi(c,j) g(j) at every body c inboard, and y = Lambda^-(c) u where
+/// branches part.
 #[inline(always)]
 fn inward<T: Real, C: ColumnsOf<T>>(
     model: &Model<T>,
@@ -145,19 +146,19 @@ fn inward<T: Real, C: ColumnsOf<T>>(
             }
             for row in rows.clone().rev() {
                 let hinge = spread_hinge(like, stage.rows.row(row - rows.start));
-                let gain = spread_vector(like, &workspace.measured[row].gain);
+                let gain = spread_vector(like, &workspace.store.measured[row].gain);
                 inward.at[k] = scaled_add(&gain, -hinge.project(&inward.at[k]), &inward.at[k]);
             }
         }
         for column in block.between(rows.start, rows.end) {
-            let mut u = workspace.measured[column].gain;
-            past_rows(stage, &workspace.measured, 0..column - rows.start, &mut u);
+            let mut u = workspace.store.measured[column].gain;
+            past_rows(stage, &workspace.store.measured, 0..column - rows.start, &mut u);
             inward.insert(k, column - block.first, &u);
         }
         if inward.active[k]
             && let Some(parent) = stage.parent
         {
-            let carried = spread_shift(like, &workspace.shift[k]).force_to_parent(&inward.at[k]);
+            let carried = spread_shift(like, &workspace.store.shifts[k]).force_to_parent(&inward.at[k]);
             inward.add(parent, &carried);
         }
     }
@@ -183,12 +184,12 @@ fn outward<T: Real, C: ColumnsOf<T>>(
         // Of columns that belong further out: what they have here for other branches.
         let parted = if k <= last { outward.at[k] } else { nothing };
         outward.at[k] = match stage.parent {
-            Some(parent) => spread_shift(like, &workspace.shift[k]).motion_to_child(&outward.at[parent]),
+            Some(parent) => spread_shift(like, &workspace.store.shifts[k]).motion_to_child(&outward.at[parent]),
             None => nothing,
         };
         for row in rows.clone() {
             let y = &outward.at[k];
-            let entry = dot(&spread_vector(like, &workspace.measured[row].gain), y);
+            let entry = dot(&spread_vector(like, &workspace.store.measured[row].gain), y);
             put_row(out, nv, row, (block, block.between(block.first, rows.start)), &entry);
             outward.at[k] = spread_hinge(like, stage.rows.row(row - rows.start)).spread_onto(y, -entry);
         }
@@ -208,7 +209,8 @@ fn outward<T: Real, C: ColumnsOf<T>>(
     }
 }
 
-/// The entries of a column in the rows of its own joint, from the diagonal on; gives y = A* L+ g - H*/D past all of them.
+/// The entries of a column in the rows of its own joint, from the diagonal on; gives y = A* L+ g - H*/D past all of
+/// them.
 #[inline(always)]
 fn own_rows<T: Real>(
     model: &Model<T>,
@@ -217,7 +219,7 @@ fn own_rows<T: Real>(
     spread_gain: &Vector6<T>,
     out: &mut [T],
 ) -> Vector6<T> {
-    let (stage, measured) = (&model.system.stages[k], &workspace.measured);
+    let (stage, measured) = (&model.system.stages[k], &workspace.store.measured);
     let mut y = *spread_gain;
     let end = stage.first_row + stage.rows.count();
     for (row, of_row) in measured.iter().enumerate().take(end).skip(column) {

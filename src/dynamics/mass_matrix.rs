@@ -1,6 +1,7 @@
-//! The mass matrix as the covariance of the measurements, M = H R H* (5.1), from the composite inertias r(k) (3.4, 3.5).
+//! The mass matrix as the covariance of the measurements, M = H R H* (5.1), from the composite inertias r(k) (3.4,
+//! 3.5).
 
-use crate::kinematics::placements_base_to_tip;
+use super::sweeps::general;
 use crate::model::Model;
 use crate::scalar::Real;
 use crate::workspace::Workspace;
@@ -9,36 +10,8 @@ use crate::workspace::Workspace;
 ///
 /// r(k) runs tip to base; column k of R H* is r(k) H*(k) carried inward (3.4). O(N depth).
 pub fn mass_matrix<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], out: &mut [T]) {
-    let nv = model.nv();
-    let stages = &model.system.stages;
-    placements_base_to_tip(model, q, &mut workspace.shift);
-    composite_inertias_tip_to_base(model, workspace);
-    out.fill(T::zero());
-    for (k, stage) in stages.iter().enumerate() {
-        for i in 0..stage.rows.count() {
-            let row = stage.first_row + i;
-            let axis = stage.rows.row(i).to_column();
-            let mut force = workspace.composite[k].mul_motion(&axis);
-            for other in 0..=i {
-                let entry = stage.rows.row(other).project(&force);
-                let column = stage.first_row + other;
-                out[row * nv + column] = entry;
-                out[column * nv + row] = entry;
-            }
-            out[row * nv + row] += model.system.noise[row];
-            let mut child = k;
-            while let Some(parent) = stages[child].parent {
-                force = workspace.shift[child].force_to_parent(&force);
-                for other in 0..stages[parent].rows.count() {
-                    let entry = stages[parent].rows.row(other).project(&force);
-                    let column = stages[parent].first_row + other;
-                    out[row * nv + column] = entry;
-                    out[column * nv + row] = entry;
-                }
-                child = parent;
-            }
-        }
-    }
+    let Workspace { sweeps, store, columns, .. } = workspace;
+    general::mass_matrix((model, sweeps), (store, columns), q, out);
 }
 
 /// Tip to base: r(k) = M(k) + sum over children of phi r phi* (3.5); a composite of rigid bodies is a rigid body.
@@ -49,7 +22,7 @@ pub(crate) fn composite_inertias_tip_to_base<T: Real>(model: &Model<T>, workspac
     }
     for (k, stage) in model.system.stages.iter().enumerate().rev() {
         if let Some(parent) = stage.parent {
-            let carried = workspace.composite[k].to_parent(&workspace.shift[k]);
+            let carried = workspace.composite[k].to_parent(&workspace.store.shifts[k]);
             workspace.composite[parent] = workspace.composite[parent].add(&carried);
         }
     }
@@ -58,5 +31,5 @@ pub(crate) fn composite_inertias_tip_to_base<T: Real>(model: &Model<T>, workspac
 /// log det M = sum of log D(k), with the factor already in the workspace; f64, since no scalar here has a logarithm.
 #[must_use]
 pub fn log_det_mass_matrix<T: Real>(workspace: &Workspace<T>) -> f64 {
-    workspace.measured.iter().map(|m| m.pivot.lane(0).ln()).sum()
+    workspace.store.measured.iter().map(|m| m.pivot.lane(0).ln()).sum()
 }

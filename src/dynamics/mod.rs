@@ -1,12 +1,14 @@
 //! The equations of motion in any scalar: the physics of rigid bodies bound to the [`filter`](crate::filter).
 //!
 //! The functions take a [`Model`](crate::scene::Model) in any scalar, slices for one state and a
-//! [`Workspace`](crate::Workspace), check nothing and allocate nothing. [`Scene`](crate::Scene) wraps them with checks and names.
+//! [`Workspace`](crate::Workspace), check nothing and allocate nothing. [`Scene`](crate::Scene) wraps them with checks
+//! and names.
 //!
 //! # Panics
 //!
-//! The functions of this module and of [`derivatives`] panic, or give results without meaning, where a slice is shorter than the model needs, and where a workspace
-//! or scratch was made for another model. The methods of [`Scene`](crate::Scene) return errors.
+//! The functions of this module and of [`derivatives`] panic, or give results without meaning, where a slice is shorter
+//! than the model needs, and where a workspace or scratch was made for another model. The methods of
+//! [`Scene`](crate::Scene) return errors.
 //!
 //! ```
 //! use phipsi::scalar::{DoubleDouble, Real};
@@ -36,11 +38,11 @@ pub(crate) mod constraints;
 pub(crate) mod contacts;
 pub(crate) mod coupled;
 pub mod derivatives;
+mod double_double_state;
 pub(crate) mod energy;
 pub(crate) mod estimate;
 pub(crate) mod forces;
 pub(crate) mod forward;
-mod forward_root;
 pub(crate) mod inverse;
 pub(crate) mod mass_inverse;
 pub(crate) mod mass_matrix;
@@ -48,10 +50,7 @@ pub(crate) mod operational;
 pub(crate) mod refined;
 pub(crate) mod sweeps;
 pub(crate) mod traced;
-mod widened;
-
-#[cfg(feature = "stochastic")]
-pub(crate) use inverse::bias_forces_base_to_tip;
+pub(crate) mod workspace;
 
 #[doc(hidden)]
 pub use auto::{Choice, forward_dynamics_auto};
@@ -64,4 +63,4 @@ pub use mass_inverse::{InverseScratch, mass_matrix_inverse};
 pub use mass_matrix::{log_det_mass_matrix, mass_matrix};
 pub use operational::{OperationalScratch, operational_inverse_inertia};
 #[doc(hidden)]
-pub use refined::{Judged, forward_dynamics_judged};
+pub use refined::{SquareRootResult, forward_dynamics_square_root};

@@ -1,7 +1,7 @@
 //! Operational space: the inverse inertia of bodies and task frames, the covariance of their co-states, without M.
 
+use super::double_double_state::DoubleDoubleState;
 use super::forward::factorise;
-use super::widened::Widened;
 use crate::filter::Form;
 use crate::filter::covariance;
 use crate::filter::innovations::past_rows;
@@ -42,13 +42,14 @@ impl<T: Real> OperationalScratch<T> {
 
 /// Omega = J M^-1 J^T of m frames at `q` into `out`, (6m x 6m) row by row, full and exactly symmetric.
 ///
-/// J stacks the Jacobians of the frames, (angular, linear) at each frame's origin and in its axes: forces F on the frames change
-/// their accelerations by Omega F. On bodies Omega is phi* H* M^-1 H phi = cov(lambda^-) (2.9, 5.5 as it holds): with c the nearest
-/// common ancestor of bodies i and j, which may be one of them, its block is X(c,i)* Lambda^-(c) X(c,j), where X = Psi A carries
-/// forces from the outboard side of one body to that of another and X(c,c) = 1. Without a common ancestor, and on the base,
-/// it is zero. O(N + m^2 depth), and nothing is allocated; but in form `auto` a state where the error estimate of the factor of M exceeds the tolerance is recomputed in double-double arithmetic and
-/// rounded (f64 only). Where [`Workspace::lost_pivot`] finds one with the returned
-/// monitor, `out` means nothing, and so it is under a [`interrupt`] that ends the work. A frame's body must be one of the model's.
+/// J stacks the Jacobians of the frames, (angular, linear) at each frame's origin and in its axes: forces F on the
+/// frames change their accelerations by Omega F. On bodies Omega is phi* H* M^-1 H phi = cov(lambda^-) (2.9, 5.5 as it
+/// holds): with c the nearest common ancestor of bodies i and j, which may be one of them, its block is X(c,i)*
+/// Lambda^-(c) X(c,j), where X = Psi A carries forces from the outboard side of one body to that of another and
+/// X(c,c) = 1. Without a common ancestor, and on the base, it is zero. O(N + m^2 depth), and nothing is allocated; but in form
+/// `auto` a state where the error estimate of the factor of M exceeds the tolerance is recomputed in double-double
+/// arithmetic and rounded (f64 only). Where [`Workspace::lost_pivot`] finds one with the returned monitor, `out` means
+/// nothing, and so it is under a [`interrupt`] that ends the work. A frame's body must be one of the model's.
 pub fn operational_inverse_inertia<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
@@ -57,10 +58,10 @@ pub fn operational_inverse_inertia<T: Real>(
     frames: &[Frame<T>],
     out: &mut [T],
 ) -> PivotMonitor<T> {
-    let monitor = factorise(model, workspace, q, |_, _| {});
+    let monitor = factorise(model, workspace, q);
     let is_in_doubt = workspace.form == Form::Auto && monitor.of_roots;
     let lambda = &mut scratch.co_state_covariance;
-    covariance::sweep(&model.system, &workspace.shift, &workspace.measured, lambda, |_, _, _| {});
+    covariance::sweep(&model.system, &workspace.store.shifts, &workspace.store.measured, lambda, |_, _, _| {});
     if is_in_doubt && doubled(model, q, frames, out) {
         return monitor;
     }
@@ -83,27 +84,19 @@ pub fn operational_inverse_inertia<T: Real>(
     monitor
 }
 
-/// The same in double-double arithmetic and square-root form, rounded into `out`; false, and `out` as it was, where there is no model to widen (only f64 has one), a body's inertia has no
-/// root, or the wider numbers overflow as well.
-#[cold]
+/// The same in double-double arithmetic, see [`DoubleDoubleState::recompute`].
 fn doubled<T: Real>(model: &Model<T>, q: &[T], frames: &[Frame<T>], out: &mut [T]) -> bool {
-    let Some(mut widened) = Widened::of(model, (q, &[], &[]), &[]) else { return false };
-    let Widened { model, workspace, q, .. } = &mut widened;
     let narrow = |RigidShift { rotation, lever }: &RigidShift<T>| RigidShift {
         rotation: rotation.map(|x| x.lane(0)),
         lever: lever.map(|x| x.lane(0)),
     };
     let frames: Vec<Frame<DoubleDouble>> =
         frames.iter().map(|frame| Frame { body: frame.body, placement: narrow(&frame.placement) }.cast()).collect();
-    let mut wide = vec![DoubleDouble::from_f64(f64::NAN); out.len()];
-    operational_inverse_inertia(model, workspace, &mut OperationalScratch::new(model), q, &frames, &mut wide);
-    if !wide.iter().all(|x| x.high.is_finite()) {
-        return false;
-    }
-    for (to, from) in out.iter_mut().zip(&wide) {
-        *to = T::from_f64(from.high);
-    }
-    true
+    DoubleDoubleState::recompute(model, (q, &[], &[]), &[], out, |wide, out| {
+        let DoubleDoubleState { model, workspace, q, .. } = wide;
+        operational_inverse_inertia(model, workspace, &mut OperationalScratch::new(model), q, &frames, out);
+        true
+    })
 }
 
 /// The covariance of the co-states of two frames: unit forces on both run inward until they meet.
@@ -125,8 +118,8 @@ fn covariance_between<T: Real>(
         let (side, k) = if i > j { (0, i) } else { (1, j) };
         let stage = &stages[k];
         for force in &mut forces[side] {
-            past_rows(stage, &workspace.measured, 0..stage.rows.count(), force);
-            *force = workspace.shift[k].force_to_parent(force);
+            past_rows(stage, &workspace.store.measured, 0..stage.rows.count(), force);
+            *force = workspace.store.shifts[k].force_to_parent(force);
         }
         at[side] = stage.parent;
     };
@@ -142,11 +135,12 @@ fn unit_forces<T: Real>(placement: &RigidShift<T>) -> [Vector6<T>; 6] {
 }
 
 impl OperationalScratch<f64> {
-    /// Sizes of the terms that a frame's motion was formed from in the last call, angular and linear, as standard deviations:
-    /// the largest of its body and the bodies inward, moved by the frame's lever.
+    /// Sizes of the terms that a frame's motion was formed from in the last call, angular and linear, as standard
+    /// deviations: the largest of its body and the bodies inward, moved by the frame's lever.
     ///
     /// The rounding of an entry of Omega is eps times the product of two of them; the entry itself may be much smaller,
-    /// or zero but for rounding. Traces, since rotations mix the components of each kind, and never the kinds. O(depth).
+    /// or zero but for rounding. Traces, since rotations mix the components of each kind, and never the kinds.
+    /// O(depth).
     pub(crate) fn term_sizes(&self, model: &Model<f64>, frame: &Frame<f64>) -> [f64; 2] {
         let size = |e: &[f64; 6]| (e[0] + e[3] + e[5]).abs().sqrt();
         let inward = std::iter::successors(frame.body, |&k| model.system.stages[k].parent);

@@ -1,7 +1,9 @@
-//! The sweeps on numbers that trace and count, each compiled once: the code is long, and who traces and who counts need the same.
+//! The passes on scalars that record or count operations, on the kernels' model of a scene: what codegen writes and the
+//! reports count.
 
-use super::auto::{self, Watched};
-use super::sweeps::{self, InverseColumns, Look, MassColumns, SweepModel, SweepScratch};
+use super::auto::{self, ErrorEstimate};
+use super::forces::Motion;
+use super::sweeps::{self, ErrorTerms, InverseColumns, MassColumns, SweepModel, SweepScratch, general};
 use crate::model::Model;
 use crate::scalar::Traced;
 use nalgebra::Vector6;
@@ -27,89 +29,83 @@ impl TracedSweeps {
         Self { model, sweeps, scratch }
     }
 
-    /// As [`sweeps::forward_dynamics`].
-    #[inline(never)]
+    fn passes(&mut self) -> ((&Model<Traced>, &SweepModel<Traced>), &mut SweepScratch<Traced>) {
+        ((&self.model, &self.sweeps), &mut self.scratch)
+    }
+
+    /// As [`general::forward_dynamics`].
     pub fn forward_dynamics(&mut self, state: State<'_>, wrenches: &[Vector6<Traced>], qdd: &mut [Traced]) {
-        let Self { model, sweeps, scratch } = self;
-        sweeps::forward_dynamics::<Traced, Traced>((model, sweeps), scratch, state, wrenches, qdd);
+        let (scene, scratch) = self.passes();
+        general::forward_dynamics(scene, scratch, state, wrenches, qdd);
     }
 
-    /// As [`sweeps::forward_dynamics_watched`].
-    #[inline(never)]
-    fn look(&mut self, state: State<'_>, wrenches: &[Vector6<Traced>], qdd: &mut [Traced]) -> Look<Traced> {
-        let Self { model, sweeps, scratch } = self;
-        sweeps::forward_dynamics_watched::<Traced, Traced>((model, sweeps), scratch, state, wrenches, qdd)
+    fn estimate(&mut self, state: State<'_>, wrenches: &[Vector6<Traced>], qdd: &mut [Traced]) -> ErrorTerms<Traced> {
+        let (scene, scratch) = self.passes();
+        general::forward_dynamics_with_estimate(scene, scratch, state, wrenches, qdd)
     }
 
-    /// The same, and [`Watched::margin`] of a single look.
+    /// The same, and [`ErrorEstimate::margin`] of the first test vector.
     pub fn forward_dynamics_and_margin(&mut self, state: State<'_>, qdd: &mut [Traced]) -> Traced {
-        Watched::once(self.look(state, &[], qdd), self.scratch.accepted_square).margin()
+        ErrorEstimate::of_one_vector(self.estimate(state, &[], qdd), self.scratch.accepted_square).margin()
     }
 
-    /// As [`auto::watched_in_sweeps`]; whether the digits were kept.
-    pub fn forward_dynamics_watched(
+    /// As [`auto::estimated_in_lanes`](super::auto::estimated_in_lanes). Returns whether the error estimate meets the
+    /// tolerance.
+    pub fn forward_dynamics_with_estimate(
         &mut self,
         state: State<'_>,
         wrenches: &[Vector6<Traced>],
         qdd: &mut [Traced],
     ) -> bool {
-        let first = Watched::once(self.look(state, wrenches, qdd), self.scratch.accepted_square);
-        if first.kept(0) {
+        let first = ErrorEstimate::of_one_vector(self.estimate(state, wrenches, qdd), self.scratch.accepted_square);
+        if first.is_accepted(0) {
             return true;
         }
-        self.scratch.exchange_probes();
-        let second = self.look(state, wrenches, qdd);
-        self.scratch.exchange_probes();
-        first.and(&second).kept(0)
+        self.scratch.exchange_test_vectors();
+        let second = self.estimate(state, wrenches, qdd);
+        self.scratch.exchange_test_vectors();
+        first.with_second_vector(&second).is_accepted(0)
     }
 
-    /// As [`sweeps::forward_dynamics_by_roots`]; whether its pivots are clear of rounding.
-    #[inline(never)]
+    /// As [`general::forward_dynamics_by_roots`]. Returns whether its pivots are clear of rounding.
     pub fn forward_dynamics_by_roots(
         &mut self,
         state: State<'_>,
         wrenches: &[Vector6<Traced>],
         qdd: &mut [Traced],
     ) -> bool {
-        let Self { model, sweeps, scratch } = self;
-        let (pivots, reach) =
-            sweeps::forward_dynamics_by_roots::<Traced, Traced>((model, sweeps), scratch, state, wrenches, qdd);
+        let (scene, scratch) = self.passes();
+        let (pivots, reach) = general::forward_dynamics_by_roots(scene, scratch, state, wrenches, qdd);
         pivots.clear(0) && reach.clear(0)
     }
 
-    /// As [`sweeps::inverse_dynamics`].
-    #[inline(never)]
+    /// As [`general::inverse_dynamics`].
     pub fn inverse_dynamics(
         &mut self,
-        state: (&[Traced], &[Traced], Option<&[Traced]>),
+        (q, qd, qdd): (&[Traced], &[Traced], Option<&[Traced]>),
         wrenches: &[Vector6<Traced>],
         tau: &mut [Traced],
     ) {
-        let Self { model, sweeps, scratch } = self;
-        sweeps::inverse_dynamics::<Traced, Traced>((model, sweeps), scratch, state, wrenches, tau);
+        let (scene, scratch) = self.passes();
+        general::inverse_dynamics(scene, scratch, Motion { q, qd, qdd, wrenches }, tau);
     }
 
-    /// As [`sweeps::mass_matrix`].
-    #[inline(never)]
+    /// As [`general::mass_matrix`].
     pub fn mass_matrix(&mut self, q: &[Traced], out: &mut [Traced]) {
-        let Self { model, sweeps, scratch } = self;
-        let mut columns: MassColumns<Traced, Traced> = MassColumns::new();
-        columns.prepare(model, sweeps);
-        sweeps::mass_matrix::<Traced, Traced, false>((model, sweeps), (scratch, &mut columns), q, out);
+        let (scene, scratch) = self.passes();
+        general::mass_matrix(scene, (scratch, &mut MassColumns::new()), q, out);
     }
 
-    /// As [`sweeps::factor`]; whether its pivots are clear of rounding.
-    #[inline(never)]
+    /// As [`general::factor`]. Returns whether its pivots are clear of rounding.
     pub fn factor(&mut self, q: &[Traced]) -> bool {
-        let Self { model, sweeps, scratch } = self;
-        sweeps::factor::<Traced, Traced>((model, sweeps), scratch, q).clear(0)
+        let (scene, scratch) = self.passes();
+        general::factor(scene, scratch, q).clear(0)
     }
 
-    /// As [`auto::factor_watched_in_sweeps`].
-    #[inline(never)]
-    pub fn factor_watched(&mut self, q: &[Traced], estimates: &mut [Traced]) -> Watched<Traced> {
-        let Self { model, sweeps, scratch } = self;
-        auto::factor_watched_in_sweeps::<Traced, Traced>((model, sweeps), scratch, q, estimates)
+    /// As [`general::factor_with_estimate`].
+    pub fn factor_with_estimate(&mut self, q: &[Traced], estimates: &mut [Traced]) -> ErrorEstimate<Traced> {
+        let (scene, scratch) = self.passes();
+        auto::estimated_factor(scene, scratch, q, estimates)
     }
 
     /// M^-1 of the factor in the scratch, as [`sweeps::multiplied_out`].
@@ -121,22 +117,21 @@ impl TracedSweeps {
         sweeps::multiplied_out::<Traced, Traced, false>((model, sweeps), scratch, &mut columns, out);
     }
 
-    /// The innovations with the factor in the scratch, as [`sweeps::innovations_of_factor`].
-    #[inline(never)]
+    /// The innovations of a state with the factor in the scratch (4.2).
     pub fn innovations_of_factor(
         &mut self,
-        state: State<'_>,
+        (q, qd, tau): State<'_>,
         wrenches: &[Vector6<Traced>],
         innovations: &mut [Traced],
     ) {
-        let Self { model, sweeps, scratch } = self;
-        sweeps::innovations_of_factor::<Traced, Traced>((model, sweeps), scratch, state, wrenches, innovations);
+        let (scene, scratch) = self.passes();
+        general::forces::<_, false>(scene, scratch, Motion { q, qd, qdd: None, wrenches });
+        general::innovations::<_, true>(scene, scratch, tau, innovations);
     }
 
-    /// The smoother with the factor in the scratch, as [`sweeps::smooth`].
-    #[inline(never)]
+    /// As [`general::smooth`].
     pub fn smooth(&mut self, estimates: &mut [Traced]) {
-        let Self { model, sweeps, scratch } = self;
-        sweeps::smooth((model, sweeps), scratch, estimates);
+        let (scene, scratch) = self.passes();
+        general::smooth(scene, scratch, estimates);
     }
 }

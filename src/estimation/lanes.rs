@@ -5,19 +5,18 @@
 
 use super::parameter_roots::ParameterRoots;
 use super::variance::{
-    Factored, JointCovariance, TorqueVariance, VarianceScratch, Variances, base_to_tip, tip_to_base,
+    BodyMotions, Factored, JointCovariance, TorqueVariance, VarianceScratch, Variances, base_to_tip, tip_to_base,
     torques_tip_to_base,
 };
 use crate::batch::arms::{Arm, Baseline, Target, Vectorized, Work, take_states};
 use crate::filter::riccati::{Measured, measure_stage};
-use crate::kinematics::{Frame, base_acceleration, joint_motion, joint_shift, motion_step};
+use crate::kinematics::Frame;
 use crate::model::Model;
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 use crate::scalar::Lanes;
 use crate::scalar::Real;
 use crate::scene::Scene;
-use crate::spatial::{RigidShift, Symmetric6, sum, zero};
-use nalgebra::Vector6;
+use crate::spatial::{RigidShift, Symmetric6};
 #[cfg(target_arch = "aarch64")]
 use pulp::aarch64::Neon;
 #[cfg(target_arch = "x86_64")]
@@ -91,9 +90,6 @@ struct Scratch<T: Vectorized> {
     variance: VarianceScratch<T>,
     q: Vec<T>,
     qd: Vec<T>,
-    shift: Vec<RigidShift<T>>,
-    velocity: Vec<Vector6<T>>,
-    acceleration: Vec<Vector6<T>>,
     inertia: Vec<Symmetric6<T>>,
     measured: Vec<Measured<T>>,
     bodies: Vec<Symmetric6<T>>,
@@ -110,9 +106,6 @@ impl<T: Vectorized<Number = f64>, I> Kernel<T, I> {
             variance: VarianceScratch::new(&model),
             q: vec![nan; model.nq],
             qd: vec![nan; nv],
-            shift: vec![RigidShift::filled(nan); bodies],
-            velocity: vec![Vector6::from_element(nan); bodies],
-            acceleration: vec![Vector6::from_element(nan); bodies],
             inertia: matrices(bodies),
             measured: vec![Measured::filled(nan); nv],
             bodies: matrices(if question.frames.is_empty() { 0 } else { bodies }),
@@ -162,7 +155,8 @@ impl<T: Vectorized<Number = f64>> Work for Run<'_, T> {
         take_states(&mut scratch.q, count, |i| states[i][0]);
         take_states(&mut scratch.qd, count, |i| states[i][1]);
         take_states(&mut scratch.variance.qdd, count, |i| states[i][2]);
-        motion(numbers, scratch);
+        let Scratch { variance, q, qd, .. } = &mut *scratch;
+        variance.motions.base_to_tip(&numbers.model, (q, qd, &variance.qdd));
         variances(numbers, scratch);
         T::put_lanes(&scratch.results, out);
         let width = scratch.results.len();
@@ -177,32 +171,14 @@ impl<T: Vectorized<Number = f64>> Work for Run<'_, T> {
     }
 }
 
-/// Base to tip: phi, velocities and accelerations.
-#[inline(always)]
-fn motion<T: Vectorized>(numbers: &Numbers<T>, scratch: &mut Scratch<T>) {
-    let model = &numbers.model;
-    let (still, base) = (zero(), base_acceleration(model));
-    for (k, (body, stage)) in model.bodies.iter().zip(&model.system.stages).enumerate() {
-        let shift = joint_shift(body, &scratch.q);
-        let parent = match stage.parent {
-            Some(parent) => (&scratch.velocity[parent], &scratch.acceleration[parent]),
-            None => (&still, &base),
-        };
-        let (velocity, acceleration) = motion_step(body, stage.first_row, &shift, parent, &scratch.qd);
-        let own = joint_motion(body, stage.first_row, &scratch.variance.qdd);
-        scratch.shift[k] = shift;
-        scratch.velocity[k] = velocity;
-        scratch.acceleration[k] = sum(&acceleration, &own);
-    }
-}
-
 #[inline(always)]
 fn variances<T: Vectorized>(numbers: &Numbers<T>, scratch: &mut Scratch<T>) {
     let Numbers { model, parameters, .. } = numbers;
-    let Scratch { variance, qd, shift, velocity, acceleration, inertia, measured, bodies, results, .. } = scratch;
+    let Scratch { variance, qd, inertia, measured, bodies, results, .. } = scratch;
     let (joints, of_frames) = results.split_at_mut(model.nv());
     let torque =
         TorqueVariance { noise: &numbers.noise, joints: &numbers.joints, friction_speed: numbers.friction_speed };
+    let BodyMotions { shift, velocity, acceleration } = &variance.motions;
     parameters.force_covariances(velocity, acceleration, &mut variance.predicted);
     if !numbers.forward {
         torque.evaluate(qd, &variance.qdd, joints);
@@ -211,9 +187,12 @@ fn variances<T: Vectorized>(numbers: &Numbers<T>, scratch: &mut Scratch<T>) {
     }
     torque.evaluate(qd, &variance.qdd, &mut variance.torque);
     factorise(model, shift, inertia, measured);
-    let factor = Factored { shift, measured };
+    // Taken out and put back: phi is read beside the rest of the scratch, and nothing is allocated.
+    let shift = std::mem::take(&mut variance.motions.shift);
+    let factor = Factored { shift: &shift, measured };
     tip_to_base(model, factor, variance);
     base_to_tip(model, factor, variance, &mut Variances { joints, bodies });
+    variance.motions.shift = shift;
     for (out, (body, placement)) in of_frames.chunks_exact_mut(36).zip(&numbers.frames) {
         let covariance = match *body {
             Some(body) => placement.co_covariance_to_child(&bodies[body]),

@@ -5,14 +5,14 @@
 //! part of the co-state that does not depend on the noise outboard. Nothing is subtracted from a covariance that was added to it before: congruences and sums only.
 
 use super::parameter_roots::ParameterRoots;
-use crate::dynamics::forces::{Motion, forces_base_to_tip};
 use crate::dynamics::forward_dynamics;
 use crate::filter::pivots::PivotMonitor;
 use crate::filter::riccati::Measured;
 use crate::filter::{HingeMap, covariance};
+use crate::kinematics::{base_acceleration, joint_motion, joint_shift, motion_step};
 use crate::model::Model;
 use crate::scalar::Real;
-use crate::spatial::{RigidShift, Symmetric6, dot, scaled, scaled_add, zero};
+use crate::spatial::{RigidShift, Symmetric6, dot, scaled, scaled_add, sum, zero};
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
 
@@ -56,11 +56,46 @@ pub struct Variances<'a, T: Real> {
     pub bodies: &'a mut [Symmetric6<T>],
 }
 
+/// phi, velocity and acceleration of every body in its frame.
+#[derive(Debug, Clone)]
+pub(super) struct BodyMotions<T: Real> {
+    pub shift: Vec<RigidShift<T>>,
+    pub velocity: Vec<Vector6<T>>,
+    pub acceleration: Vec<Vector6<T>>,
+}
+
+impl<T: Real> BodyMotions<T> {
+    fn new(bodies: usize) -> Self {
+        let nan = T::from_f64(f64::NAN);
+        let vectors = vec![Vector6::from_element(nan); bodies];
+        Self { shift: vec![RigidShift::filled(nan); bodies], velocity: vectors.clone(), acceleration: vectors }
+    }
+
+    /// Base to tip: the motion of a state (2.9).
+    #[inline(always)]
+    pub fn base_to_tip(&mut self, model: &Model<T>, (q, qd, qdd): (&[T], &[T], &[T])) {
+        let (still, base) = (zero(), base_acceleration(model));
+        for (k, (body, stage)) in model.bodies.iter().zip(&model.system.stages).enumerate() {
+            let shift = joint_shift(body, q);
+            let parent = match stage.parent {
+                Some(parent) => (&self.velocity[parent], &self.acceleration[parent]),
+                None => (&still, &base),
+            };
+            let (velocity, acceleration) = motion_step(body, stage.first_row, &shift, parent, qd);
+            let own = joint_motion(body, stage.first_row, qdd);
+            self.shift[k] = shift;
+            self.velocity[k] = velocity;
+            self.acceleration[k] = sum(&acceleration, &own);
+        }
+    }
+}
+
 /// Scratch for the variances.
 #[derive(Debug, Clone)]
 pub struct VarianceScratch<T: Real> {
     /// Accelerations of the state.
     pub(super) qdd: Vec<T>,
+    pub(super) motions: BodyMotions<T>,
     /// t, the variance of each torque error.
     pub(super) torque: Vec<T>,
     /// Pi^-(k), complete.
@@ -88,6 +123,7 @@ impl<T: Real> VarianceScratch<T> {
         let of_bodies = || vec![Symmetric6::filled(nan); model.bodies.len()];
         Self {
             qdd: vec![nan; model.nv()],
+            motions: BodyMotions::new(model.bodies.len()),
             torque: vec![nan; model.nv()],
             predicted: of_bodies(),
             before_row: vec![Symmetric6::filled(nan); model.nv()],
@@ -118,10 +154,11 @@ pub fn forward_dynamics_variance<T: Real>(
 ) -> PivotMonitor<T> {
     let monitor = forward_dynamics(model, workspace, q, qd, tau, wrenches, &mut scratch.qdd);
     // The regressor is taken at the acceleration that was found, not at zero.
-    forces_base_to_tip(model, workspace, Motion { q, qd, qdd: Some(&scratch.qdd), wrenches: &[] });
+    scratch.motions.base_to_tip(model, (q, qd, &scratch.qdd));
     torque.evaluate(qd, &scratch.qdd, &mut scratch.torque);
-    parameters.force_covariances(&workspace.velocity, &workspace.acceleration, &mut scratch.predicted);
-    let factor = Factored { shift: &workspace.shift, measured: &workspace.measured };
+    let BodyMotions { velocity, acceleration, .. } = &scratch.motions;
+    parameters.force_covariances(velocity, acceleration, &mut scratch.predicted);
+    let factor = Factored { shift: &workspace.store.shifts, measured: &workspace.store.measured };
     tip_to_base(model, factor, scratch);
     base_to_tip(model, factor, scratch, out);
     monitor
@@ -251,7 +288,6 @@ fn congruence<T: Real>(lambda: &Symmetric6<T>, x: &Symmetric6<T>) -> Symmetric6<
 /// `q` (nq), `qd`, `qdd` (nv) are one state. Torques are linear in the parameters: nothing is approximate.
 pub fn inverse_dynamics_variance<T: Real>(
     model: &Model<T>,
-    workspace: &mut Workspace<T>,
     scratch: &mut VarianceScratch<T>,
     (q, qd, qdd): (&[T], &[T], &[T]),
     parameters: &ParameterRoots<T>,
@@ -259,9 +295,10 @@ pub fn inverse_dynamics_variance<T: Real>(
     out: &mut [T],
 ) {
     torque.evaluate(qd, qdd, out);
-    forces_base_to_tip(model, workspace, Motion { q, qd, qdd: Some(qdd), wrenches: &[] });
-    parameters.force_covariances(&workspace.velocity, &workspace.acceleration, &mut scratch.predicted);
-    torques_tip_to_base(model, &workspace.shift, &mut scratch.predicted, out);
+    let VarianceScratch { motions, predicted, .. } = scratch;
+    motions.base_to_tip(model, (q, qd, qdd));
+    parameters.force_covariances(&motions.velocity, &motions.acceleration, predicted);
+    torques_tip_to_base(model, &motions.shift, predicted, out);
 }
 
 /// Tip to base: Pi(k), and H Pi H* added to the variance of each torque.

@@ -1,68 +1,71 @@
-//! How many digits the covariance form lost: an estimate of its error, from one more right side.
+//! The error estimate of the covariance form, from a test vector: one more right side.
 //!
-//! The covariance form subtracts: P^+ = P^- - g D g* (3.6), z^+ = z^- + g e^- (4.5). Where little is left, as inboard of a heavy
-//! body that joints set free, the rounding of what was there stays, and meets small pivots further in. To first order, an error
-//! dP in P and df in z of stage k changes the estimates as a force dP lambda(k) + df on that stage would, so that for any
-//! weights w on the rows
+//! The covariance form subtracts: P^+ = P^- - g D g* (3.6), z^+ = z^- + g e^- (4.5). If the difference is small, as
+//! inboard of a heavy body that joints leave free, the rounding of the operands remains and is divided by small pivots
+//! further inward. To first order, an error dP in P and df in z of stage k changes the estimates as a force
+//! dP lambda(k) + df on that stage does. For any weights w on the rows
 //!
 //! `w* da = sum over k of nu(k)* (dP(k) lambda(k) + df(k))`, nu = the co-states of the measurements w alone, M a = w.
 //!
-//! One more right side, irregular numbers of either sign, therefore sees the error of every row through every gain, with the
-//! contraction of the closed loop (a bound that adds up norms has none, and calls every long chain lost) and with what the outward
-//! sweep makes of a small error at the root of a long lever. The smoother's own rounding is added as in [`rounding`](super::rounding). Rounding is taken as dP about eps times the terms of P^-
-//! (axis by axis), df about eps times z^+ and g e^-, independent from stage to stage: squares are
-//! added. The whole costs a filter and a smoother more for w, about 370 operations a stage, no branch on a value, and one comparison
-//! in the end.
+//! A test vector w of irregular numbers of either sign therefore measures the error of every row through every gain. It
+//! includes the contraction of the closed loop (a bound that adds norms does not, and rejects every long chain) and the
+//! growth of a small error at the root of a long lever in the outward pass. The rounding of the smoother is added as in
+//! [`rounding`](super::rounding). The rounding errors are assumed to be independent, so that squares are added: dP is
+//! about eps times the terms of P^- (axis by axis), df about eps times z^+ and g e^-. The estimate costs a filter and a
+//! smoother of w, about 370 operations a stage, without a branch on a value, and one comparison at the end.
 //!
-//! The estimated error is allowed to be as large as [`Margins`] say: a part of the largest estimate, or what the problem itself makes
-//! of one unit in the last place. A robot that is held against gravity accelerates by nothing but rounding: there one unit in the last
-//! place of a torque, or of a force that a joint transmits, moves the estimates as far as any algorithm does. What such units make of
-//! w* a comes out of the same sums, by the same nu:
+//! The estimated error is accepted if it is below a fraction of the largest estimate, or below the sensitivity of the
+//! problem to one unit in the last place of its data ([`Margins`]). The accelerations of a robot in static equilibrium
+//! are rounding: one unit in the last place of a torque, or of a force that a joint transmits, changes them as much as
+//! any algorithm does. The same sums with the same nu give the effect of such units on w* a:
 //!
-//! - of the forces at rest, `nu(k)_i f(k)_i`: f = z^+ + P^+ lambda is the force that the body transmits, and `f_i^2` is above
-//!   `z_i^2 / 2 - P_ii (lambda* P lambda)`. Where a body is free to fall nothing is left of it.
+//! - of the forces at rest, `nu(k)_i f(k)_i`: f = z^+ + P^+ lambda is the force that the body transmits, and `f_i^2` is
+//!   above `z_i^2 / 2 - P_ii (lambda* P lambda)`. For a body in free fall it is zero.
 //! - of the bias, `nu(k)_i b(k)_i`: the body's own weight, velocity effects and wrench.
 //!
-//! It is an estimate, not a bound: as a rule five to ten times the true error in the max norm of all rows. The weights of one right side
-//! may cancel: what is not far from doubt is looked at again with others (by `dynamics::auto`). What neither sees: errors made before the sweep (in phi, in velocities, in b), which every form
-//! shares; a component that is small beside the largest; in float32, squares of what is below 1e-19.
+//! It is an estimate, not a bound: usually five to ten times the true error in the max norm of all rows. The weights of
+//! one test vector may cancel, so `dynamics::auto` recomputes states near the bound with a second one. Neither measures
+//! errors made before the filter (in phi, in velocities, in b), which all forms share; a component that is small
+//! compared with the largest; and in float32 squares of values below 1e-19.
 
 use super::riccati::Measured;
-use super::rounding::{carried, squares};
-use super::system::{Stage, System};
+use super::rounding::carried;
+use super::system::Stage;
 use crate::scalar::{Real, larger};
-use crate::spatial::{RigidShift, dot, scaled_add, times_each, zero};
+use crate::spatial::{dot, scaled_add, times_each, zero};
 use nalgebra::Vector6;
 
-/// How large the estimated error may be for the sensitivity of the problem: what the bias allows, and what the forces at rest allow beside it, as a sum of
-/// squares. A part of the largest estimate is allowed in any problem: the tolerance.
+/// The accepted multiples of the sensitivity of the problem: to the bias and to the forces at rest, as a sum of
+/// squares. The tolerance relative to the largest estimate is accepted in any case.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Margins {
-    /// In units of what one unit in the last place of the forces at rest makes of the estimates.
+    /// In units of the sensitivity to one unit in the last place of the forces at rest.
     pub of_rest: f64,
-    /// The same of the bias...
+    /// The same for the bias.
     pub of_bias: f64,
-    /// ... but no more than so many eps of the largest estimate.
+    /// The limit of the contribution of the bias, in eps of the largest estimate.
     pub of_bias_at_most: f64,
 }
 
 impl Margins {
-    /// Where one set of weights has been looked at, which may cancel.
+    /// For one test vector, whose weights may cancel.
     pub const CLOSE: Self = Self { of_rest: 2.5, of_bias: 60.0, of_bias_at_most: 1500.0 };
 
-    /// Where two sets have been looked at.
+    /// For two test vectors.
     ///
-    /// Of 400,000 random cases a dozen have a true error above 1e-12 and 20 times the sensitivity with an estimate below it, by a factor of 2.3 at the most.
+    /// Of 400,000 random cases a dozen have a true error above 1e-12 and 20 times the sensitivity with an estimate
+    /// below it, by a factor of 2.3 at the most.
     pub const USUAL: Self = Self { of_rest: 3.0, of_bias: 60.0, of_bias_at_most: 2500.0 };
 
-    /// For right sides that nobody gave: there is no problem whose sensitivity would matter.
+    /// For a factor: without a right side there is no sensitivity.
     pub const OF_A_FACTOR: Self = Self { of_rest: 0.0, of_bias: 0.0, of_bias_at_most: 0.0 };
 }
 
-/// The square of the terms that bounds of P^- say, against that of the rounding of a usual entry in eps.
+/// The ratio of the squared bound on the terms of P^- to the squared rounding of a typical entry in eps.
 const BOUND_SQUARED: f64 = 64.0;
 
-/// The weight of a row: between 3/4 and 5/4, of either sign, and unlike those of its neighbours, lest errors cancel.
+/// The weight of a row: between 3/4 and 5/4, of either sign, and different from those of its neighbors, so that errors
+/// do not cancel.
 #[must_use]
 pub fn weight(row: usize) -> f64 {
     // The mixing of splitmix64.
@@ -73,14 +76,14 @@ pub fn weight(row: usize) -> f64 {
     if sign & 1 == 0 { size } else { -size }
 }
 
-/// What a smoothing sweep found out about its own rounding.
+/// The error estimate, as the smoother accumulates it.
 #[derive(Debug, Clone, Copy)]
 pub struct Cancellation<T> {
-    /// The estimated square of w* da, over eps^2: what P and the forces make of it.
+    /// The estimated square of w* da, over eps^2: the contribution of P and of the forces.
     noise: T,
     /// The same of the smoother.
     smoother: T,
-    /// The square of what one unit in the last place of the forces at rest makes of w* a, over eps^2.
+    /// The square of the effect on w* a of one unit in the last place of the forces at rest, over eps^2.
     rest: T,
     /// The same of the bias.
     bias: T,
@@ -89,7 +92,7 @@ pub struct Cancellation<T> {
 }
 
 impl<T: Real> Cancellation<T> {
-    /// A monitor that has seen nothing.
+    /// The estimate before the first stage.
     #[inline(always)]
     #[must_use]
     pub fn new() -> Self {
@@ -97,8 +100,8 @@ impl<T: Real> Cancellation<T> {
         Self { noise: o, smoother: o, rest: o, bias: o, size: o }
     }
 
-    /// The estimated error of the largest estimate, in its unit, with what one unit in the last place of the forces makes of it; NaN where
-    /// it cannot be told.
+    /// The estimated error of the largest estimate, in its unit, with what one unit in the last place of the forces
+    /// makes of it; NaN where it cannot be told.
     #[inline(always)]
     #[must_use]
     pub fn error(&self) -> T {
@@ -112,8 +115,8 @@ impl<T: Real> Cancellation<T> {
         if error == 0.0 { error } else { error / -self.size.lane(lane) }
     }
 
-    /// How far the error stays below the tolerance, given as its square in units of eps^2, or below the margins, as a difference of squares: negative or NaN in
-    /// a lane whose error is too large.
+    /// How far the error stays below the tolerance, given as its square in units of eps^2, or below the margins, as a
+    /// difference of squares: negative or NaN in a lane whose error is too large.
     #[inline(always)]
     #[must_use]
     pub fn slack(&self, tolerance: T, margins: &Margins) -> T {
@@ -138,8 +141,8 @@ impl<T: Real> Cancellation<T> {
 
     /// Adds what a stage makes of w* a.
     #[inline(always)]
-    fn add(&mut self, stage: &OfStage<T>) {
-        let OfStage { p, state, bias, .. } = *stage;
+    fn add(&mut self, stage: &StageRounding<T>) {
+        let StageRounding { p, state, bias, .. } = *stage;
         self.add_noise(stage);
         // Less what may be accelerated of it; never less than nothing.
         let transmitted = state.mul_add(p.constant(-0.5), p);
@@ -149,8 +152,8 @@ impl<T: Real> Cancellation<T> {
 
     /// The same of its rounding alone.
     #[inline(always)]
-    fn add_noise(&mut self, stage: &OfStage<T>) {
-        let OfStage { p, state, added, .. } = *stage;
+    fn add_noise(&mut self, stage: &StageRounding<T>) {
+        let StageRounding { p, state, added, .. } = *stage;
         self.noise = p.mul_add(p.constant(1.0 / BOUND_SQUARED), self.noise) + (state + added);
     }
 }
@@ -161,36 +164,9 @@ impl<T: Real> Default for Cancellation<T> {
     }
 }
 
-/// The arrays of the filter after its sweep, and the second right side.
+/// The filter's results for one stage.
 #[derive(Debug)]
-pub struct Probe<'a, T: Real> {
-    /// phi of each stage to its parent.
-    pub shift: &'a [RigidShift<T>],
-    /// D and g of each row.
-    pub measured: &'a [Measured<T>],
-    /// Bounds on the terms of the diagonal of each P^-(k).
-    pub terms: &'a [Vector6<T>],
-    /// z^+(k).
-    pub z: &'a [Vector6<T>],
-    /// b(k).
-    pub bias: &'a [Vector6<T>],
-    /// e^- of each row for the measurements w.
-    pub innovations: &'a [T],
-    /// In, for [`sweep`]: zeta^+(k), the filtered states of the measurements w. Out: nu(k).
-    pub co_state: &'a mut [Vector6<T>],
-}
-
-impl<T: Real> Probe<'_, T> {
-    #[inline(always)]
-    fn swept(&self, k: usize) -> Swept<'_, T> {
-        let (z, bias, terms) = (self.z[k].as_ref(), self.bias[k].as_ref(), self.terms[k].as_ref());
-        Swept { z, bias, terms, measured: self.measured }
-    }
-}
-
-/// What the filter left of one stage.
-#[derive(Debug)]
-pub(crate) struct Swept<'a, T: Real> {
+pub(crate) struct StageState<'a, T: Real> {
     /// z^+.
     pub z: &'a [T; 6],
     /// b.
@@ -201,19 +177,20 @@ pub(crate) struct Swept<'a, T: Real> {
     pub measured: &'a [Measured<T>],
 }
 
-/// Squares of what one unit in the last place of one stage makes of w* a, over eps^2: of P, z^+, what its measurements added, and b.
+/// Squares of what one unit in the last place of one stage makes of w* a, over eps^2: of P, z^+, what its measurements
+/// added, and b.
 #[derive(Debug, Clone, Copy)]
-struct OfStage<T> {
+struct StageRounding<T> {
     p: T,
     state: T,
     added: T,
     bias: T,
 }
 
-impl<T: Real> OfStage<T> {
+impl<T: Real> StageRounding<T> {
     /// From the squares of g e^-, summed over the rows.
     #[inline(always)]
-    fn new(swept: &Swept<'_, T>, added: &Vector6<T>, (nu, lambda): (&Vector6<T>, &Vector6<T>)) -> Self {
+    fn new(swept: &StageState<'_, T>, added: &Vector6<T>, (nu, lambda): (&Vector6<T>, &Vector6<T>)) -> Self {
         let (terms, z, bias) = (Vector6::from(*swept.terms), Vector6::from(*swept.z), Vector6::from(*swept.bias));
         Self {
             p: squared(&terms, nu) * squared(&terms, lambda),
@@ -225,21 +202,23 @@ impl<T: Real> OfStage<T> {
 }
 
 impl<T: Real> Cancellation<T> {
-    /// What the smoother's rounding is, of a co-state `outer` carried past a lever of this square to where zeta^+ has these [`squares`].
+    /// Adds the smoother's rounding of a co-state `outer` carried past a lever of this square to where zeta^+ has these
+    /// [`squares`].
     #[inline(always)]
     pub(crate) fn carried(&mut self, zeta: (T, T), outer: &Vector6<T>, lever_square: T) {
         self.smoother += carried(zeta, outer, lever_square);
     }
 
-    /// [`through_stage`](Self::through_stage) of one row that picks entry `PICKED` of its state; e^- of both right sides in, the estimate out.
+    /// [`through_stage`](Self::through_stage) of one row that picks entry `PICKED` of its state; e^- of both right
+    /// sides in, the estimate out.
     ///
-    /// Without ALLOWS what the problem allows is not summed up: there is none where nobody gave the right side. Each number is read where
-    /// it is needed: all of them at once are more than there are registers.
+    /// Without ALLOWS what the problem allows is not summed up: there is none where nobody gave the right side. Each
+    /// number is read where it is needed: all of them at once are more than there are registers.
     #[inline(always)]
     pub(crate) fn through_axis<const PICKED: usize, const ALLOWS: bool>(
         &mut self,
         measured: &Measured<T>,
-        &Swept { z, bias, terms, .. }: &Swept<'_, T>,
+        &StageState { z, bias, terms, .. }: &StageState<'_, T>,
         (lambda, nu): (&mut [T; 6], &mut [T; 6]),
         (e, e_w): (T, T),
     ) -> T {
@@ -262,7 +241,7 @@ impl<T: Real> Cancellation<T> {
                 of_bias = (bias[i] * bias[i]).mul_add(square, of_bias);
             }
         }
-        let of_stage = OfStage { p: of_p_nu * of_p_lambda, state, added: e * e * added, bias: of_bias };
+        let of_stage = StageRounding { p: of_p_nu * of_p_lambda, state, added: e * e * added, bias: of_bias };
         if ALLOWS {
             self.add(&of_stage);
         } else {
@@ -271,13 +250,13 @@ impl<T: Real> Cancellation<T> {
         a
     }
 
-    /// The rows of one stage for both right sides, as [`smoother::through_stage`](super::smoother::through_stage): co-states lambda^+ and
-    /// nu^+ in, lambda^- and nu out; e^- in, estimates out for the first, e^- of the second.
+    /// The rows of one stage for both right sides, as [`smoother::through_stage`](super::smoother::through_stage):
+    /// co-states lambda^+ and nu^+ in, lambda^- and nu out; e^- in, estimates out for the first, e^- of the second.
     #[inline(always)]
     pub(crate) fn through_stage(
         &mut self,
         stage: &Stage<T>,
-        swept: &Swept<'_, T>,
+        swept: &StageState<'_, T>,
         (lambda, nu): (&mut Vector6<T>, &mut Vector6<T>),
         (estimates, weighed): (&mut [T], &[T]),
     ) {
@@ -296,7 +275,7 @@ impl<T: Real> Cancellation<T> {
             estimates[row] = a;
             self.size = self.size.worst(-a.abs());
         }
-        self.add(&OfStage::new(swept, &added, (nu, lambda)));
+        self.add(&StageRounding::new(swept, &added, (nu, lambda)));
     }
 }
 
@@ -304,29 +283,4 @@ impl<T: Real> Cancellation<T> {
 #[inline(always)]
 fn squared<T: Real>(terms: &Vector6<T>, x: &Vector6<T>) -> T {
     dot(&times_each(terms, x), x)
-}
-
-/// Base to tip: the smoother, as [`smoother::sweep`](super::smoother::sweep), for both right sides, and what their products say.
-pub fn sweep<T: Real>(
-    system: &System<T>,
-    probe: &mut Probe<'_, T>,
-    co_state: &mut [Vector6<T>],
-    estimates: &mut [T],
-) -> Cancellation<T> {
-    let mut seen = Cancellation::<T>::new();
-    for (k, stage) in system.stages.iter().enumerate() {
-        let (mut lambda, mut nu) = match stage.parent {
-            Some(parent) => {
-                let shift = &probe.shift[k];
-                seen.carried(squares(&probe.co_state[k]), &co_state[parent], shift.lever.dot(&shift.lever));
-                (shift.motion_to_child(&co_state[parent]), shift.motion_to_child(&probe.co_state[parent]))
-            }
-            None => (zero(), zero()),
-        };
-        let swept = probe.swept(k);
-        seen.through_stage(stage, &swept, (&mut lambda, &mut nu), (estimates, probe.innovations));
-        co_state[k] = lambda;
-        probe.co_state[k] = nu;
-    }
-    seen
 }

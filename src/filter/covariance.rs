@@ -21,7 +21,8 @@ use nalgebra::Vector6;
 
 /// Lambda^- from Lambda^+ across one row: (1 - gH)^T Lambda^+ (1 - gH) + H^T H / D (5.6).
 ///
-/// Also gives u = Lambda^+ g. Written as Lambda^+ - H^T u^T - u H + H^T H (g.u + 1/D) so only one row and column change.
+/// Also gives u = Lambda^+ g. Written as Lambda^+ - H^T u^T - u H + H^T H (g.u + 1/D) so only one row and column
+/// change.
 #[inline(always)]
 #[must_use]
 pub fn row_update<T: Real>(

@@ -3,8 +3,9 @@
 /// The representation of the covariance P.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Form {
-    /// The covariance form. States whose error estimate exceeds the tolerance are recomputed in square-root form, and forward dynamics in double-double
-    /// arithmetic if the error estimate of the square-root form exceeds the tolerance too.
+    /// The covariance form. States whose error estimate exceeds the tolerance are recomputed in square-root form, and
+    /// forward dynamics in double-double arithmetic if the error estimate of the square-root form exceeds the tolerance
+    /// too.
     #[default]
     Auto,
     /// P itself (3.6). The fastest form; each measurement subtracts from P, so digits can cancel.

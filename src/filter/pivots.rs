@@ -1,8 +1,8 @@
-//! Whether a pivot D(k) means anything: a cheap monitor for the sweep, and a judge for what it doubts.
+//! Detection of lost pivots D(k): a cheap monitor for the passes, and a test for pivots below its bound.
 //!
-//! A pivot is lost where it does not stand clear of the rounding of the terms that form it, 64 eps of their absolute sum; a
-//! small pivot is not lost. The sweep keeps only a bound on those terms ([`Scale`], a few operations a stage) and never
-//! branches on it. Where a pivot comes near the bound, [`first_lost`] adds up the terms themselves.
+//! A pivot is lost if it is not above the rounding of the terms that form it, 64 eps of their absolute sum; a small
+//! pivot is not lost. The passes keep only a bound on those terms ([`Scale`], a few operations a stage) and never
+//! branch on it. If a pivot is below the bound, [`first_lost`] adds up the terms themselves.
 
 use super::riccati::Measured;
 use super::system::{HingeMap, Stage, System};
@@ -10,13 +10,13 @@ use crate::scalar::Real;
 use crate::spatial::{RigidShift, Symmetric6};
 use nalgebra::{Matrix3, Vector3, Vector6};
 
-/// How many times the rounding of its terms a pivot must exceed.
+/// The multiple of the rounding of its terms that a pivot must exceed.
 pub(crate) const PIVOT_MARGIN: f64 = 64.0;
 
-/// How far a pivot may be below the bound of its terms, so that one set of weights may say what was lost: five digits of D.
+/// The largest ratio of the bound of a pivot's terms to the pivot for which one test vector suffices: five digits of D.
 ///
-/// Weights that cancel see nothing of a row that has lost ten. Chains of slender rods come to 8e4, robots to 1e4.
-pub(crate) const SINGLE_LOOK_REACH: f64 = 1e5;
+/// Weights that cancel do not measure a row that has lost ten digits. Chains of slender rods reach 8e4, robots 1e4.
+pub(crate) const SINGLE_ESTIMATE_LIMIT: f64 = 1e5;
 
 /// A bound on the terms that form any angular, and any linear, diagonal entry of P^- of one stage.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -42,8 +42,9 @@ impl<T: Real> Scale<T> {
         Self { angular: terms[0] + terms[1] + terms[2], linear: terms[3] + terms[4] + terms[5] }
     }
 
-    /// What P^- of a stage, before its measurements, can bring to the entries of its parent: with the traces a and b of its
-    /// blocks, |R| |A| |R| <= a, the lever's terms <= a + 2 |l|^2 b, and as much again for what measurements subtract.
+    /// What P^- of a stage, before its measurements, can bring to the entries of its parent: with the traces a and b of
+    /// its blocks, |R| |A| |R| <= a, the lever's terms <= a + 2 |l|^2 b, and as much again for what measurements
+    /// subtract.
     #[inline(always)]
     #[must_use]
     pub(crate) fn sent_by(p: &Symmetric6<T>, shift: &RigidShift<T>) -> Self {
@@ -98,7 +99,7 @@ impl<T: Real> Scale<T> {
 pub struct PivotMonitor<T> {
     worst: T,
     threshold: T,
-    /// Whether the pivots are those of the square-root form.
+    /// True if the pivots are those of the square-root form.
     pub(crate) of_roots: bool,
 }
 
@@ -110,11 +111,11 @@ impl<T: Real> PivotMonitor<T> {
         Self { worst: T::one(), threshold: T::epsilon() * T::from_f64(PIVOT_MARGIN), of_roots: false }
     }
 
-    /// The same that is clear only where each pivot is within [`SINGLE_LOOK_REACH`] of the bound of its terms.
+    /// The same that is clear only where each pivot is within [`SINGLE_ESTIMATE_LIMIT`] of the bound of its terms.
     #[inline(always)]
     #[must_use]
-    pub(crate) fn for_a_single_look() -> Self {
-        Self { threshold: T::from_f64(1.0 / SINGLE_LOOK_REACH), ..Self::new() }
+    pub(crate) fn for_a_single_estimate() -> Self {
+        Self { threshold: T::from_f64(1.0 / SINGLE_ESTIMATE_LIMIT), ..Self::new() }
     }
 
     /// The same for the square-root form, where the rounding of a pivot is the square of that of the root's row.
@@ -146,7 +147,8 @@ impl<T: Real> PivotMonitor<T> {
         self.worst
     }
 
-    /// Whether every pivot of one lane stood clear of the bound; where not, [`Workspace::lost_pivot`](crate::Workspace::lost_pivot) judges.
+    /// True if every pivot of one lane stood clear of the bound; if not,
+    /// [`Workspace::lost_pivot`](crate::Workspace::lost_pivot) decides.
     #[inline(always)]
     #[must_use]
     pub fn clear(&self, lane: usize) -> bool {
@@ -173,7 +175,7 @@ pub struct LostPivot {
     pub terms: f64,
 }
 
-/// What the judge looks at: the arrays of the recursion after the sweep.
+/// The arrays of the recursion that the test reads.
 #[derive(Debug, Clone, Copy)]
 pub struct Evidence<'a, T: Real> {
     /// phi of each stage to its parent.
@@ -189,7 +191,7 @@ pub struct Evidence<'a, T: Real> {
 /// The lost pivot furthest from the root, if any; `noise_terms` gives the terms of the diagonal of Q(k).
 ///
 /// The terms of D(k) are those of H Q(k) H*, |H phi| |P^+| |H phi|* of every child, and twice what each measurement in
-/// between subtracted. Called only where the sweep was in doubt: O(N) for each doubtful pivot.
+/// between subtracted. Called only if the monitor is not clear: O(N) for each pivot below the bound.
 pub fn first_lost<T: Real>(
     system: &System<T>,
     evidence: &Evidence<'_, T>,

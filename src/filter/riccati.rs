@@ -13,15 +13,14 @@
 //! assert_eq!(p.diagonal().as_slice(), [1.0, 1.0, 0.0, 1.0, 1.0, 1.0]);
 //! ```
 //!
-//! The sweep over a tree is in the example of [`filter`](super).
+//! A tree of two stages is in the example of [`filter`](super).
 
-use super::pivots::{PivotMonitor, Scale};
 use super::system::{HingeMap, Rows, System};
 use crate::scalar::Real;
-use crate::spatial::{RigidShift, Symmetric6, scaled};
+use crate::spatial::{Symmetric6, scaled};
 use nalgebra::Vector6;
 
-/// What one scalar measurement leaves: pivot D, its inverse, and the gain g = P^- H^T / D.
+/// The result of one scalar measurement: pivot D, its inverse, and the gain g = P^- H^T / D.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Measured<T> {
     /// D(k) = H P^- H^T + r, the variance of the innovation.
@@ -41,8 +40,8 @@ impl<T: Real> Measured<T> {
 
 /// The measurement update of eq. 3.6: turns P^- into P^+ and gives D and g.
 ///
-/// P^+ H^T = r g, and without noise H g = 1, hold exactly and are written, not computed, where H picks one component: where the noise is small beside the
-/// prediction, nothing would be left of them. 56 operations.
+/// P^+ H^T = r g, and without noise H g = 1, hold exactly and are written, not computed, where H picks one component:
+/// where the noise is small beside the prediction, nothing would be left of them. 56 operations.
 #[inline(always)]
 pub fn measurement_update<T: Real>(p: &mut Symmetric6<T>, hinge: &HingeMap<T>, noise: T) -> Measured<T> {
     let ph = hinge.covariance_column(p);
@@ -63,45 +62,8 @@ pub fn measurement_update<T: Real>(p: &mut Symmetric6<T>, hinge: &HingeMap<T>, n
     Measured { pivot, pivot_inverse, gain }
 }
 
-/// The arrays of the recursion, one entry a stage or a row.
-#[derive(Debug)]
-pub struct Covariances<'a, T: Real> {
-    /// phi of each stage to its parent.
-    pub shift: &'a [RigidShift<T>],
-    /// In: process noise Q(k). Out: P^+(k), children's contributions added on the way.
-    pub p: &'a mut [Symmetric6<T>],
-    /// In: the bound of Q(k)'s terms. Out: that of P^-(k).
-    pub scale: &'a mut [Scale<T>],
-    /// D and g of each row.
-    pub measured: &'a mut [Measured<T>],
-}
-
-impl<T: Real> Covariances<'_, T> {
-    /// One stage, all its rows (last first), then the time update onto its parent; `seen` is called with each row's P^-.
-    #[doc(hidden)]
-    pub fn step(
-        &mut self,
-        system: &System<T>,
-        k: usize,
-        monitor: &mut PivotMonitor<T>,
-        seen: &mut dyn FnMut(usize, &Symmetric6<T>),
-    ) {
-        let (shift, p, scale) = (&self.shift[k], &mut self.p[k], self.scale[k]);
-        let sent = Scale::sent_by(p, shift);
-        measure_stage(system, k, p, self.measured, seen);
-        monitor.observe_stage(&system.stages[k], self.measured, &scale);
-        let carried = shift.inertia_to_parent(p);
-        if let Some(parent) = system.stages[k].parent {
-            let at_parent = &mut self.p[parent];
-            *at_parent = at_parent.add(&carried);
-            self.scale[parent] = self.scale[parent].sum(&sent);
-        }
-    }
-}
-
 /// The rows of one stage, last first: D and g, and P^- becomes P^+. `seen` is called with each row's P^-.
 #[inline(always)]
-#[doc(hidden)]
 pub fn measure_stage<T: Real>(
     system: &System<T>,
     k: usize,
@@ -121,17 +83,4 @@ pub fn measure_stage<T: Real>(
         seen(row, p);
         measured[row] = measurement_update(p, &stage.rows.row(i), system.noise[row]);
     }
-}
-
-/// Tip to base: D, g and P^+ of every stage, covariance form. `seen` is called with each row's P^-.
-pub fn sweep<T: Real>(
-    system: &System<T>,
-    covariances: &mut Covariances<'_, T>,
-    mut seen: impl FnMut(usize, &Symmetric6<T>),
-) -> PivotMonitor<T> {
-    let mut monitor = PivotMonitor::new();
-    for k in (0..system.stages.len()).rev() {
-        covariances.step(system, k, &mut monitor, &mut seen);
-    }
-    monitor
 }

@@ -1,53 +1,58 @@
-//! How many digits the square-root form lost: a first look that costs next to nothing, and a judge for what it doubts.
+//! The rounding of the square-root form: a bound that costs almost nothing, and an error estimate for states that do
+//! not meet it.
 //!
-//! Rotations keep each row of a root relative to its length. Where heavy columns are nearly parallel in what the remaining rows
-//! see of them, what is left is shorter, and its error is not. The smoother adds up what the levers multiply. To first order,
-//! for any weights w on the rows, with nu = the co-states of M c = w and zeta = the filtered states of the measurements w
-//! (compare [`cancellation`](super::cancellation)),
+//! Rotations preserve the length of each row of a root, with a relative error of eps. If heavy columns are nearly
+//! parallel in the remaining rows, the remainder is shorter, and its error is not. The smoother adds errors that levers
+//! amplify. To first order, for any weights w on the rows, with nu = the co-states of M c = w and zeta = the filtered
+//! states of the measurements w (compare [`cancellation`](super::cancellation)),
 //!
 //! `w* da = sum of nu(k)* (dP(k) lambda(k) + df(k)) + c* dtau - zeta^+(k)* dlambda^+(k) + e_w* d(e/D - g* lambda)`.
 //!
-//! The terms are what rounding makes of each, taken as independent, squares added: with P = S S*, b = S eta and rows of S known
-//! to eps of their length, dP lambda = dS (S* lambda) + S (dS* lambda), which needs the diagonal of P and two quadratic forms of it;
-//! df = dS eta + S d(eta) + dt + g de; dlambda^+ is eps of the terms that a lever makes of the parent's co-state. Measured over 44,000 random scenes,
-//! ordinary and extreme, the true error was 0.08 of the estimate in the median, and above it in one of a thousand.
+//! The terms are the rounding errors of each quantity, assumed to be independent, so that squares are added. With P = S
+//! S*, b = S eta and rows of S known to eps of their length, dP lambda = dS (S* lambda) + S (dS* lambda), which needs
+//! the diagonal of P and two quadratic forms of it; df = dS eta + S d(eta) + dt + g de; dlambda^+ is eps of the terms
+//! that a lever makes of the parent's co-state. Over 44,000 random scenes, ordinary and extreme, the true error was
+//! 0.08 of the estimate in the median, and above it in one of a thousand.
 //!
-//! A judge costs about as much as half the covariance form. It is asked only where [`RootMonitor`] saw a pivot or a weight that is
-//! small beside the terms that form it, or where [`Reach`] finds gains times levers that could carry the smoother's rounding far.
+//! The estimate costs about half as much as the covariance form. It is computed only if [`RootMonitor`] finds a pivot
+//! or a weight that is small compared with the terms that form it, or if [`RoundingBound`] finds gains times levers
+//! that could amplify the rounding of the smoother.
 
 use super::pivots::{PivotMonitor, Scale};
 use super::riccati::Measured;
-use super::system::{HingeMap, System};
+use super::system::{HingeMap, Stage};
 use crate::scalar::Real;
-use crate::spatial::{RigidShift, Root6, dot, root_row};
+use crate::spatial::{Root6, dot, root_row};
 use nalgebra::Vector6;
 
-/// The largest accepted estimated error, in eps and relative to the largest estimate, in trees whose paths are short: 2e-14 in f64, where true
-/// errors are below 1e-13. It is also the least that the first look is made for.
+/// The largest accepted estimated error, in eps and relative to the largest estimate, in trees whose paths are short:
+/// 2e-14 in f64, where true errors are below 1e-13. It is also the smallest tolerance that [`RoundingBound`] is made
+/// for.
 pub const ROUNDING_MARGIN: f64 = 100.0;
 
-/// How far a pivot may be below the bound of its terms, so that the first look calls it clear.
-const PIVOT_REACH: f64 = 1e6;
+/// The largest accepted ratio of the bound of a pivot's terms to the pivot.
+const PIVOT_LIMIT: f64 = 1e6;
 
-/// The same of a weight beside its diagonal entry of P^-.
-const WEIGHT_REACH: f64 = 1e4;
+/// The largest accepted ratio of a diagonal entry of P^- to the weight.
+const WEIGHT_LIMIT: f64 = 1e4;
 
-/// Gains times co-states, over the largest estimate, so that the first look calls the smoother clear.
-const SMOOTHER_REACH: f64 = 30.0;
+/// The largest accepted product of gains and co-states, over the largest estimate.
+const SMOOTHER_LIMIT: f64 = 30.0;
 
-/// What the square-root sweep keeps an eye on: the pivots, what is small beside its terms, and the largest gains.
+/// The quantities of the square-root filter that the bound needs: pivots, weights that are small compared with their
+/// terms, and the largest gains.
 #[derive(Debug, Clone, Copy)]
 pub struct RootMonitor<T> {
-    /// The verdict on the pivots.
+    /// The monitor of the pivots.
     pub pivots: PivotMonitor<T>,
-    /// Twice the sum of what was below its bound; zero where nothing was.
+    /// Twice the sum of the differences by which values are below their bounds; zero if none is.
     shortfall: T,
     /// Minus the largest square of the angular part of a gain, and of the linear part.
     gain: [T; 2],
 }
 
 impl<T: Real> RootMonitor<T> {
-    /// A monitor that has seen nothing.
+    /// A monitor before the first stage.
     #[inline(always)]
     #[must_use]
     pub fn new() -> Self {
@@ -63,9 +68,10 @@ impl<T: Real> RootMonitor<T> {
     /// Takes note of the root of P^- of a stage, with the diagonal of P^-.
     #[inline(always)]
     pub fn observe_root(&mut self, root: &Root6<T>, diagonal: &[T; 6]) {
-        let reach = diagonal[0].constant(WEIGHT_REACH);
+        let reach = diagonal[0].constant(WEIGHT_LIMIT);
         for (&weight, &whole) in root.weights[1..].iter().zip(&diagonal[1..]) {
-            // Times the weight: one of exactly zero is none that was nearly lost, the child of a massless body has five columns.
+            // Times the weight: one of exactly zero is none that was nearly lost, the child of a massless body has five
+            // columns.
             self.want_positive(weight * (weight * reach - whole));
         }
     }
@@ -74,7 +80,7 @@ impl<T: Real> RootMonitor<T> {
     #[inline(always)]
     pub fn observe(&mut self, measured: &Measured<T>, hinge: &HingeMap<T>, scale: &Scale<T>) {
         self.pivots.observe(measured.pivot, hinge, scale);
-        self.want_positive(measured.pivot * measured.pivot.constant(PIVOT_REACH) - scale.of_row(hinge));
+        self.want_positive(measured.pivot * measured.pivot.constant(PIVOT_LIMIT) - scale.of_row(hinge));
         let (turned, moved) = squares(&measured.gain);
         self.gain = [self.gain[0].worst(-turned), self.gain[1].worst(-moved)];
     }
@@ -86,17 +92,18 @@ impl<T: Real> Default for RootMonitor<T> {
     }
 }
 
-/// What the smoother of the square-root form is watched for.
+/// The quantities of the smoother that the bound needs.
 #[derive(Debug, Clone, Copy)]
 pub struct Outward<T> {
-    /// Of the co-states that shifts carry, minus the largest square of the angular part, and of the linear part where they carry it.
+    /// Of the co-states that shifts carry, minus the largest square of the angular part, and of the linear part where
+    /// they carry it.
     carried: [T; 2],
     /// Minus the square of the largest estimate.
     size: T,
 }
 
 impl<T: Real> Outward<T> {
-    /// Of nothing yet.
+    /// Before the first stage.
     #[inline(always)]
     #[must_use]
     pub fn new() -> Self {
@@ -124,43 +131,23 @@ impl<T: Real> Default for Outward<T> {
     }
 }
 
-/// How far rounding can have come: the first look, after the smoother.
+/// The bound on the rounding of the square-root form, after the smoother.
 #[derive(Debug, Clone, Copy)]
-pub struct Reach<T> {
+pub struct RoundingBound<T> {
     /// As [`RootMonitor`] has them.
     shortfall: T,
     gain: [T; 2],
     outward: Outward<T>,
 }
 
-impl<T: Real> Reach<T> {
-    /// From what the sweep saw, the co-states and the estimates. About 18 operations a stage.
-    #[inline(always)]
-    pub fn new(
-        monitor: &RootMonitor<T>,
-        system: &System<T>,
-        shift: &[RigidShift<T>],
-        co_state: &[Vector6<T>],
-        estimates: &[T],
-    ) -> Self {
-        let mut outward = Outward::new();
-        for (k, stage) in system.stages.iter().enumerate() {
-            let Some(parent) = stage.parent else { continue };
-            outward.observe_carried(&co_state[parent], shift[k].lever_square());
-        }
-        for &a in estimates {
-            outward.observe_estimate(a);
-        }
-        Self::of(monitor, outward)
-    }
-
-    /// From what both sweeps saw.
+impl<T: Real> RoundingBound<T> {
+    /// From the filter and the smoother.
     #[inline(always)]
     pub fn of(monitor: &RootMonitor<T>, outward: Outward<T>) -> Self {
         Self { shortfall: monitor.shortfall, gain: monitor.gain, outward }
     }
 
-    /// Whether the rounding of one lane cannot have come far; where not, [`judge`] is to say.
+    /// True if the rounding of one lane is within the bound. If not, [`Rounding`] estimates it.
     #[inline(always)]
     #[must_use]
     pub fn clear(&self, lane: usize) -> bool {
@@ -170,11 +157,11 @@ impl<T: Real> Reach<T> {
     }
 }
 
-/// Whether gains times co-states, squared, are within reach of the largest estimate; all are negative.
+/// True if gains times co-states, squared, are within reach of the largest estimate; all are negative.
 #[inline(always)]
 fn is_near([angular, linear]: [f64; 2], [turned, moved]: [f64; 2], size: f64) -> bool {
     // Two products of two negative numbers, and minus the square of the size.
-    angular * turned + linear * moved + size * (SMOOTHER_REACH * SMOOTHER_REACH) <= 0.0
+    angular * turned + linear * moved + size * (SMOOTHER_LIMIT * SMOOTHER_LIMIT) <= 0.0
 }
 
 /// The estimated rounding of the square-root form.
@@ -207,80 +194,82 @@ impl<T: Real> Rounding<T> {
     }
 }
 
-/// What the sweeps of the square-root form left.
+/// The results of the square-root form for one stage.
 #[derive(Debug, Clone, Copy)]
-pub struct Swept<'a, T: Real> {
-    /// phi of each stage to its parent.
-    pub shift: &'a [RigidShift<T>],
-    /// The root of P^+(k).
-    pub root: &'a [Root6<T>],
-    /// y after the stage's measurements.
-    pub coordinates: &'a [[T; 6]],
-    /// t after the stage's measurements.
-    pub added: &'a [Vector6<T>],
-    /// D and g of each row.
+pub struct OfRoot<'a, T: Real> {
+    /// The root of P^+.
+    pub root: &'a Root6<T>,
+    /// y and t after the stage's measurements.
+    pub y: &'a [T; 6],
+    /// See `y`.
+    pub t: &'a [T; 6],
+    /// D and g of every row.
     pub measured: &'a [Measured<T>],
-    /// The measurements.
-    pub measurement: &'a [T],
-    /// a of each row.
-    pub estimates: &'a [T],
-    /// lambda^-(k).
-    pub co_state: &'a [Vector6<T>],
 }
 
-/// The second right side, w: its filter and smoother.
-#[derive(Debug, Clone, Copy)]
-pub struct Weighed<'a, T: Real> {
-    /// zeta^+(k).
-    pub state: &'a [Vector6<T>],
-    /// The innovations `e_w` of each row.
-    pub innovations: &'a [T],
-    /// c of each row, M c = w.
-    pub estimates: &'a [T],
-    /// nu^-(k).
-    pub co_state: &'a [Vector6<T>],
-}
+impl<T: Real> Rounding<T> {
+    /// The estimate before the first stage.
+    #[must_use]
+    pub fn new() -> Self {
+        Self { noise: T::zero(), size: T::zero() }
+    }
 
-/// The estimate, from both right sides. About 420 operations a stage.
-#[must_use]
-pub fn judge<T: Real>(system: &System<T>, swept: &Swept<'_, T>, weighed: &Weighed<'_, T>) -> Rounding<T> {
-    let mut seen = Rounding { noise: T::zero(), size: T::zero() };
-    for (k, stage) in system.stages.iter().enumerate() {
-        let mut lambda = Vector6::from_element(T::zero());
-        if let Some(parent) = stage.parent {
-            let outer = &swept.co_state[parent];
-            lambda = swept.shift[k].motion_to_child(outer);
-            seen.noise += carried(squares(&weighed.state[k]), outer, swept.shift[k].lever.dot(&swept.shift[k].lever));
+    /// Adds the smoother's rounding of a co-state `outer` that is carried past a lever of this square to where zeta^+
+    /// has these [`squares`].
+    pub(crate) fn carried(&mut self, zeta: (T, T), outer: &Vector6<T>, lever_square: T) {
+        self.noise += carried(zeta, outer, lever_square);
+    }
+
+    /// Adds the rows of one stage. Of the problem: measurements and estimates a of all rows; `weighed`: the innovations
+    /// of the test vector. Co-states lambda^+ and nu^+ in, lambda^- and nu^- out. About 530 operations a stage with its
+    /// filter and smoother.
+    pub fn through_stage(
+        &mut self,
+        stage: &Stage<T>,
+        of_root: &OfRoot<'_, T>,
+        (measurement, estimates, weighed): (&[T], &[T], &[T]),
+        (lambda, nu): (&mut Vector6<T>, &mut Vector6<T>),
+    ) {
+        let rows = stage.first_row..stage.first_row + stage.rows.count();
+        let measured = &of_root.measured[rows.clone()];
+        let mut c = [T::zero(); 6];
+        for (i, (m, c)) in measured.iter().zip(&mut c).enumerate() {
+            *c = weighed[rows.start + i].mul_add(m.pivot_inverse, -dot(&m.gain, nu));
+            *nu = stage.rows.row(i).spread_onto(nu, *c);
         }
-        let (nu, mut terms) = (&weighed.co_state[k], Terms::of_root(&swept.root[k], &swept.coordinates[k]));
-        for i in 0..stage.rows.count() {
-            let row = stage.first_row + i;
-            let (m, a) = (&swept.measured[row], swept.estimates[row]);
-            let (share, terms_of_a) = shares(a, &m.gain, &lambda);
+        let mut terms = Terms::of_root(of_root.root, of_root.y);
+        for (i, m) in measured.iter().enumerate() {
+            let row = rows.start + i;
+            let (tau, a) = (measurement[row], estimates[row]);
+            let (share, terms_of_a) = shares(a, &m.gain, lambda);
             let e = m.pivot * share;
-            let tau = swept.measurement[row];
-            let smoothed = terms_of_a * weighed.innovations[row];
-            let measured = weighed.estimates[row];
+            let (smoothed, change) = (terms_of_a * weighed[row], c[i]);
             let (turned, moved) = squares(&nu.component_mul(&m.gain));
-            seen.noise += smoothed * smoothed + measured * measured * (tau * tau + e * e) + (turned + moved) * (e * e);
+            self.noise += smoothed * smoothed + change * change * (tau * tau + e * e) + (turned + moved) * (e * e);
             terms.add_row(m, (tau * tau + e * e) * m.pivot_inverse);
-            lambda = stage.rows.row(i).spread_onto(&lambda, a);
-            seen.size = seen.size.worst(-a.abs());
+            *lambda = stage.rows.row(i).spread_onto(lambda, a);
+            self.size = self.size.worst(-a.abs());
         }
-        let (mut of_lambda, mut of_nu) = (terms.squared_length(&lambda), terms.squared_length(nu));
-        for m in &swept.measured[stage.first_row..stage.first_row + stage.rows.count()] {
-            let (along_lambda, along_nu) = (dot(&m.gain, &lambda), dot(&m.gain, nu));
+        let (mut of_lambda, mut of_nu) = (terms.squared_length(lambda), terms.squared_length(nu));
+        for m in measured {
+            let (along_lambda, along_nu) = (dot(&m.gain, lambda), dot(&m.gain, nu));
             of_lambda += along_lambda * along_lambda * m.pivot;
             of_nu += along_nu * along_nu * m.pivot;
         }
         let rows = |x: &Vector6<T>| terms.diagonal.component_mul(x).dot(x);
-        let (turned, moved) = squares(&nu.component_mul(&swept.added[k]));
-        seen.noise += rows(nu) * (of_lambda + terms.mean) + of_nu * (rows(&lambda) + terms.mean) + turned + moved;
+        let (turned, moved) = squares(&nu.component_mul(&Vector6::from(*of_root.t)));
+        self.noise += rows(nu) * (of_lambda + terms.mean) + of_nu * (rows(lambda) + terms.mean) + turned + moved;
     }
-    seen
 }
 
-/// The square of zeta* dlambda^+: eps of the terms that the lever makes of the parent's co-state; of zeta the [`squares`].
+impl<T: Real> Default for Rounding<T> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// The square of zeta* dlambda^+: eps of the terms that the lever makes of the parent's co-state; of zeta the
+/// [`squares`].
 #[inline(always)]
 pub(super) fn carried<T: Real>((turned, moved): (T, T), outer: &Vector6<T>, lever_square: T) -> T {
     let (angular, linear) = squares(outer);
@@ -295,7 +284,7 @@ pub(super) fn shares<T: Real>(a: T, gain: &Vector6<T>, lambda: &Vector6<T>) -> (
     (share, products.iter().fold(share.abs(), |sum, term| sum + term.abs()))
 }
 
-/// What the rounding of a stage's P^- and b is relative to.
+/// The terms that the rounding of a stage's P^- and b is relative to.
 struct Terms<'a, T: Real> {
     root: &'a Root6<T>,
     /// The diagonal of P^-, in the order of the state.

@@ -1,7 +1,8 @@
 //! Covariances of what the smoother estimates: the diagonal blocks of 2.6 and 2.11, in O(N).
 //!
-//! Given the filter's P^+, D and g, base to tip with the co-state covariances (5.6, 5.7): what all measurements together leave
-//! unknown of a state, of a process noise, and of a measurement. About 700 operations a block beside those of Lambda.
+//! Given the filter's P^+, D and g, base to tip with the co-state covariances (5.6, 5.7): what all measurements
+//! together leave unknown of a state, of a process noise, and of a measurement. About 700 operations a block beside
+//! those of Lambda.
 //!
 //! ```
 //! use nalgebra::Matrix3;
@@ -25,10 +26,10 @@ use crate::scalar::Real;
 use crate::spatial::{RigidShift, Symmetric3, Symmetric6, dot};
 use nalgebra::{Matrix3, Vector6};
 
-/// `C - C Lambda C`: a covariance C less what measurements tell of it.
+/// `C - C Lambda C`: a covariance C given the measurements.
 ///
-/// With C = P^+ and Lambda^+ (or P^- and Lambda^-: the two are equal) it is the block of 2.6; with C = Q and Lambda^- that of
-/// 2.11. Rows and columns of C that are zero stay zero. Rounding is relative to C, not to the result.
+/// With C = P^+ and Lambda^+ (or P^- and Lambda^-: the two are equal) it is the block of 2.6; with C = Q and Lambda^-
+/// that of 2.11. Rows and columns of C that are zero stay zero. Rounding is relative to C, not to the result.
 #[inline(always)]
 #[must_use]
 pub fn remaining<T: Real>(covariance: &Symmetric6<T>, lambda: &Symmetric6<T>) -> Symmetric6<T> {
@@ -61,7 +62,8 @@ pub struct Smoothed<'a, T: Real> {
 
 /// Base to tip, with P^+ of every stage known.
 ///
-/// Taken on the inboard side of a stage's rows, where the zeros that noise-free measurements wrote into P^+ make H P = 0 exact.
+/// Taken on the inboard side of a stage's rows, where the zeros that noise-free measurements wrote into P^+ make H P =
+/// 0 exact.
 pub fn sweep<T: Real>(
     system: &System<T>,
     shift: &[RigidShift<T>],

@@ -1,14 +1,19 @@
 //! Outputs that are weighted sums of rows: a measurement that waits until all of its rows are there.
 //!
-//! Output s is `y_s = sum over its rows i of w_i (H_i z + v_i)`. The sweep tip to base meets these rows one after another, often on different branches.
-//! It carries the part that it has met, `u_s`, beside the six numbers of the state: a filter of the augmented state (z, u), whose covariance has the blocks
-//! P = cov(z), C = cov(z, u) and S = cov(u). Where the last row is met, or where the branches meet, u_s is measured like any state:
+//! Output s is `y_s = sum over its rows i of w_i (H_i z + v_i)`. The sweep tip to base meets these rows one after
+//! another, often on different branches. It carries the part that it has met, `u_s`, beside the six numbers of the
+//! state: a filter of the augmented state (z, u), whose covariance has the blocks P = cov(z), C = cov(z, u) and S =
+//! cov(u). Where the last row is met, or where the branches meet, u_s is measured like any state:
 //!
-//! - a row of the sum adds to it: `u_s += w H z`, so C_s += w P H^T, S_st += w H C_t, `S_ss += 2 w H C_s + w^2 (H P H^T + r)`;
-//! - it is measured where it is complete: `D = S_ss`, gains C_s / D of z and S_st / D of the others, as in (3.6, 3.10, 4.2, 4.5);
-//! - base to tip, its estimate `a_s = e_s / D - g* lambda - sum over t of g_t a_t` (4.9) is known before its rows are met, and each of them has `a_i = w_i a_s` (4.11).
+//! - a row of the sum adds to it: `u_s += w H z`, so C_s += w P H^T, S_st += w H C_t,
+//!   `S_ss += 2 w H C_s + w^2 (H P H^T + r)`;
+//! - it is measured where it is complete: `D = S_ss`, gains C_s / D of z and S_st / D of the others, as in (3.6, 3.10,
+//!   4.2, 4.5);
+//! - base to tip, its estimate `a_s = e_s / D - g* lambda - sum over t of g_t a_t` (4.9) is known before its rows are
+//!   met, and each of them has `a_i = w_i a_s` (4.11).
 //!
-//! The estimates are those of the system with measurement rows G^T H phi, for joints that move as `qdd = G a`: (G^T M G)^-1 in O(N + what is carried).
+//! The estimates are those of the system with measurement rows G^T H phi, for joints that move as `qdd = G a`: (G^T M
+//! G)^-1 in O(N + what is carried).
 //!
 //! ```
 //! use phipsi::filter::summed::Sums;
@@ -31,7 +36,7 @@ use std::collections::BTreeSet;
 /// Which rows are measured together, and where on the tree.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sums {
-    /// Of each row: its sum and its weight; none where it is measured by itself.
+    /// Of each row: its sum and its weight; none if it is measured alone.
     of_row: Vec<Option<(usize, f64)>>,
     /// Stages, then one more for the base, where sums end whose rows are on different roots.
     stages: Vec<Waiting>,
@@ -41,9 +46,9 @@ pub struct Sums {
 /// The sums at hand at one stage.
 #[derive(Debug, Clone, PartialEq, Default)]
 struct Waiting {
-    /// Those that rows of the stage or outboard of it are part of, and that were not complete outboard.
+    /// Sums with rows of the stage or outboard of it that were not complete outboard.
     active: Vec<usize>,
-    /// Those that are complete where the branches meet, before any row of the stage.
+    /// Sums that are complete where the branches meet, before any row of the stage.
     complete_on_arrival: Vec<usize>,
     /// The sum that is complete with the row of the stage.
     complete_with_row: Option<usize>,
@@ -53,7 +58,7 @@ struct Waiting {
 }
 
 impl Waiting {
-    /// Whether a sum goes on to the parent.
+    /// True if a sum goes on to the parent.
     fn passes_on(&self, sum: usize) -> bool {
         self.complete_with_row != Some(sum) && !self.complete_on_arrival.contains(&sum)
     }
@@ -113,7 +118,7 @@ impl Sums {
         self.count
     }
 
-    /// How many outputs: rows by themselves, and sums.
+    /// The number of outputs: single rows and sums.
     #[must_use]
     pub fn outputs(&self) -> usize {
         self.count + self.of_row.iter().filter(|of| of.is_none()).count()
@@ -127,12 +132,12 @@ impl Sums {
     }
 }
 
-/// What was seen of the pivots of a sweep.
+/// The monitors of the pivots of a factor.
 #[derive(Debug, Clone, Copy)]
 pub struct Seen<T> {
-    /// Whether some pivot may be lost.
+    /// True if some pivot may be lost.
     pub lost: PivotMonitor<T>,
-    /// Whether some pivot has lost more than five of its digits.
+    /// True if some pivot has lost more than five of its digits.
     pub doubt: PivotMonitor<T>,
 }
 
@@ -148,7 +153,7 @@ impl<T: Real> Seen<T> {
 pub struct SummedFactor<T: Real> {
     p: Vec<Symmetric6<T>>,
     scale: Vec<Scale<T>>,
-    /// D and g of rows that are measured by themselves; of others what a row has that is not measured.
+    /// D and g of rows that are measured alone; for other rows the values of a row that is not measured.
     measured: Vec<Measured<T>>,
     /// D of each sum, and the gain of z.
     sums: Vec<Measured<T>>,
@@ -204,7 +209,7 @@ impl<T: Real> SummedFactor<T> {
 
     /// Tip to base: D and gains of every row and every sum, with Q(k) in place; P^+ afterwards.
     pub fn factorise(&mut self, system: &System<T>, sums: &Sums, shift: &[RigidShift<T>]) -> Seen<T> {
-        let mut seen = Seen { lost: PivotMonitor::new(), doubt: PivotMonitor::for_a_single_look() };
+        let mut seen = Seen { lost: PivotMonitor::new(), doubt: PivotMonitor::for_a_single_estimate() };
         self.columns.fill(zero());
         self.squares.fill(T::zero());
         self.row_gains.fill(T::zero());
@@ -278,7 +283,7 @@ impl<T: Real> SummedFactor<T> {
         self.bound[s] += crossed + crossed + weight * weight * (self.scale[k].of_row(hinge) + noise);
     }
 
-    /// What a row that is measured by itself leaves of C and S.
+    /// The update of C and S by a row that is measured alone.
     fn past_row(&mut self, waiting: &Waiting, (i, hinge, noise): (usize, &HingeMap<T>, T), measured: &Measured<T>) {
         let active = waiting.active.len();
         for t in 0..active {
@@ -352,7 +357,8 @@ impl<T: Real> SummedFactor<T> {
 
     /// Estimates of all rows from their measurements, tip to base and back: rows of a sum have `a_i = w_i a_s`.
     ///
-    /// `measurement` holds tau of each row; that of a sum is its weighted sum. `z` holds b(k) on entry, and z^+ on return; `estimates` receives a of each row.
+    /// `measurement` holds tau of each row; that of a sum is its weighted sum. `z` holds b(k) on entry, and z^+ on
+    /// return; `estimates` receives a of each row.
     pub fn solve(
         &mut self,
         system: &System<T>,
@@ -442,7 +448,8 @@ impl<T: Real> SummedFactor<T> {
         self.estimates[s] = innovation;
     }
 
-    /// `a_s = e_s / D - g* lambda - sum over t of g_t a_t`: those that it waited beside are known, for they were complete further inward.
+    /// `a_s = e_s / D - g* lambda - sum over t of g_t a_t`: those that it waited beside are known, for they were
+    /// complete further inward.
     fn estimate_sum(&mut self, waiting: &Waiting, s: usize, lambda: &Vector6<T>) {
         let Some(place) = waiting.place(s) else { return };
         let active = waiting.active.len();
@@ -482,7 +489,8 @@ impl<T: Real> SummedFactor<T> {
         self.co_state[k] = lambda;
     }
 
-    /// The pivot that is lost, furthest from the base, if one is; `noise_terms` gives the terms of the diagonal of Q(k).
+    /// The pivot that is lost, furthest from the base, if one is; `noise_terms` gives the terms of the diagonal of
+    /// Q(k).
     pub fn lost_pivot(
         &self,
         system: &System<T>,

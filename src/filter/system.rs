@@ -117,8 +117,8 @@ pub struct Stage<T> {
 }
 
 impl<T: Real> Stage<T> {
-    /// The terms of the diagonal that goes on to the parent, by what rounding is counted: those of P^+, or of P^- where the row mixes components, for
-    /// H P^+ = 0 holds there to rounding only.
+    /// The terms of the diagonal that goes on to the parent, by what rounding is counted: those of P^+, or of P^- where
+    /// the row mixes components, for H P^+ = 0 holds there to rounding only.
     #[inline(always)]
     #[must_use]
     pub(crate) fn terms_left(&self, before: [T; 6], after: [T; 6]) -> [T; 6] {
@@ -143,14 +143,14 @@ impl<T: Real> System<T> {
         self.noise.len()
     }
 
-    /// Whether a row is measured without noise. In all lanes or in none.
+    /// True if a row is measured without noise. In all lanes or in none.
     #[inline(always)]
     #[must_use]
     pub fn is_noise_free(&self, row: usize) -> bool {
         self.noise[row].lane(0) == 0.0
     }
 
-    /// Whether a row is measured at all.
+    /// True if a row is measured at all.
     #[inline(always)]
     #[must_use]
     pub fn is_measured(&self, row: usize) -> bool {

@@ -5,18 +5,19 @@ use super::rounding::ROUNDING_MARGIN;
 /// The bound of the covariance form, in eps of the largest entry: 5e-14 in f64.
 const LEAST: f64 = 225.0;
 
-/// What each row on the longest path to the base adds to it. The estimate grows as their number, the true error as its root: on chains of 100 to 10,000
-/// links the estimate is 0.2 to 2.8 eps a row, 8 to 34 times the error.
+/// What each row on the longest path to the base adds to it. The estimate grows as their number, the true error as its
+/// root: on chains of 100 to 10,000 links the estimate is 0.2 to 2.8 eps a row, 8 to 34 times the error.
 const EACH_ROW: f64 = 4.0;
 
 /// The default bound on the estimated error of products with derivatives, relative to their largest entry.
 ///
-/// Their terms cancel in many states of many robots, and what one unit in the last place of the model makes of them is not known. The estimate is
-/// eps times the terms: over 2,200 random scenes, ordinary and extreme, the error is as a rule half of it, and in 99 of 100 less than seven times;
-/// robots stay below 2e-12 (docs/derivatives.md).
+/// Their terms cancel in many states of many robots, and what one unit in the last place of the model makes of them is
+/// not known. The estimate is eps times the terms: over 2,200 random scenes, ordinary and extreme, the error is as a
+/// rule half of it, and in 99 of 100 less than seven times; robots stay below 2e-12 (docs/derivatives.md).
 const MOST_LOST: f64 = 1e-11;
 
-/// The bound on the estimated error of a result, relative to its largest entry: what the caller gave, or the default for the length of the tree.
+/// The bound on the estimated error of a result, relative to its largest entry: what the caller gave, or the default
+/// for the length of the tree.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Tolerance {
     /// The caller's.

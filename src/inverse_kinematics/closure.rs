@@ -87,13 +87,13 @@ impl Closure {
     /// Computes errors and Jacobian at `q`.
     pub fn evaluate(&mut self, workspace: &mut Workspace<f64>, scene: &Scene, q: &[f64]) -> Result<(), Error> {
         self.errors_at(scene, q)?;
-        placements_base_to_tip(scene.model(), q, &mut workspace.shift);
+        placements_base_to_tip(scene.model(), q, &mut workspace.store.shifts);
         let at = (q, &workspace.rest[..]);
         jacobian_of_rows(
             scene.model(),
             scene.constraints(),
             &mut self.scratch,
-            &workspace.shift,
+            &workspace.store.shifts,
             at,
             &mut self.jacobian,
         )

@@ -21,7 +21,7 @@ impl Frame<f64> {
     }
 }
 
-/// What the motion (angular, linear) of a frame on a link is written in.
+/// The frame in which the motion (angular, linear) of a frame on a link is expressed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ReferenceFrame {
     /// The frame itself: at its origin, in its axes.
@@ -56,8 +56,8 @@ impl ReferenceFrame {
         }
     }
 
-    /// How the frame on the link moves against this one, where it moves with `velocity` against the base: all in the former's axes. What is
-    /// constant in the former changes in this one at the rate of this motion x it.
+    /// How the frame on the link moves against this one, where it moves with `velocity` against the base: all in the
+    /// former's axes. What is constant in the former changes in this one at the rate of this motion x it.
     #[inline(always)]
     pub(super) fn seen_from<T: Real>(self, velocity: &Vector6<T>) -> Vector6<T> {
         match self {

@@ -1,4 +1,5 @@
-//! From one frame inward, over the joints that move it: its placement, velocity and acceleration, in O(depth) and without scratch.
+//! From one frame inward, over the joints that move it: its placement, velocity and acceleration, in O(depth) and
+//! without scratch.
 
 use super::frame::{AccelerationKind, Frame, ReferenceFrame};
 use super::outward::{joint_motion, joint_shift};
@@ -7,8 +8,8 @@ use crate::scalar::Real;
 use crate::spatial::{RigidShift, angular, cross_add, cross_motion, linear, spatial, sum, zero};
 use nalgebra::{Vector3, Vector6};
 
-/// A way from a frame to the base.
-pub(super) struct Way<'a, T: Real> {
+/// The path from a frame to the base.
+pub(super) struct PathToBase<'a, T: Real> {
     model: &'a Model<T>,
     q: &'a [T],
     /// The body at hand; none once the base is reached.
@@ -17,7 +18,7 @@ pub(super) struct Way<'a, T: Real> {
     pub placement: RigidShift<T>,
 }
 
-impl<'a, T: Real> Way<'a, T> {
+impl<'a, T: Real> PathToBase<'a, T> {
     /// At the body that carries the frame.
     #[inline(always)]
     pub fn from(model: &'a Model<T>, q: &'a [T], frame: &Frame<T>) -> Self {
@@ -63,15 +64,15 @@ fn less<T: Real>(a: &Vector3<T>, b: &Vector3<T>) -> Vector3<T> {
 /// Where a frame is on the base at `q`. O(depth).
 #[inline(always)]
 pub fn placement<T: Real>(model: &Model<T>, q: &[T], frame: &Frame<T>) -> RigidShift<T> {
-    let mut way = Way::from(model, q, frame);
-    while let Some(k) = way.body {
-        way.past(k);
+    let mut path = PathToBase::from(model, q, frame);
+    while let Some(k) = path.body {
+        path.past(k);
     }
-    way.placement
+    path.placement
 }
 
-/// Where bodies are on the base at `q`, into `placements`: those that `needed` says and all inboard of them, which it says afterwards. The others
-/// are left as they are.
+/// Where bodies are on the base at `q`, into `placements`: those that `needed` says and all inboard of them, which it
+/// says afterwards. The others are left as they are.
 #[inline(always)]
 pub fn placements_on_the_way<T: Real>(
     model: &Model<T>,
@@ -105,10 +106,11 @@ pub struct FrameMotion<T> {
     pub acceleration: Vector6<T>,
 }
 
-/// The motion of a frame at q and qd with the accelerations `qdd`, or with none: J' qd is then the acceleration. O(depth).
+/// The motion of a frame at q and qd with the accelerations `qdd`, or with none: J' qd is then the acceleration.
+/// O(depth).
 ///
-/// With s(k) what joint k adds to the velocity, V = sum of s, and s' = (V(k) - V) x s in the frame's axes, where V - V(k) = sum of s outboard of k:
-/// so one way inward is enough, and J' is not formed.
+/// With s(k) what joint k adds to the velocity, V = sum of s, and s' = (V(k) - V) x s in the frame's axes, where V -
+/// V(k) = sum of s outboard of k: so one pass inward is enough, and J' is not formed.
 #[inline(always)]
 pub fn frame_motion<T: Real>(
     model: &Model<T>,
@@ -128,20 +130,20 @@ pub(super) fn motion_along<T: Real>(
     frame: &Frame<T>,
     (junction, origin): (Option<usize>, &Vector3<T>),
 ) -> FrameMotion<T> {
-    let mut way = Way::from(model, q, frame);
+    let mut path = PathToBase::from(model, q, frame);
     let (mut velocity, mut acceleration) = (zero(), zero());
-    while way.body != junction {
-        let Some(k) = way.body else { break };
+    while path.body != junction {
+        let Some(k) = path.body else { break };
         let (body, row) = (&model.bodies[k], model.system.stages[k].first_row);
-        let own = way.placement.motion_to_child(&joint_motion(body, row, qd));
+        let own = path.placement.motion_to_child(&joint_motion(body, row, qd));
         acceleration = sum(&acceleration, &cross_motion(&own, &velocity));
         if let Some(qdd) = qdd {
-            acceleration = sum(&acceleration, &way.placement.motion_to_child(&joint_motion(body, row, qdd)));
+            acceleration = sum(&acceleration, &path.placement.motion_to_child(&joint_motion(body, row, qdd)));
         }
         velocity = sum(&velocity, &own);
-        way.past_from(k, junction, origin);
+        path.past_from(k, junction, origin);
     }
-    FrameMotion { placement: way.placement_from(frame, junction, origin), velocity, acceleration }
+    FrameMotion { placement: path.placement_from(frame, junction, origin), velocity, acceleration }
 }
 
 impl<T: Real> FrameMotion<T> {
@@ -164,8 +166,9 @@ impl<T: Real> FrameMotion<T> {
         }
     }
 
-    /// The rate of the velocity as it is written in `reference`: J' qd + J qdd of the Jacobian there. In the frame itself and in the world that is
-    /// the spatial acceleration; in the base's axes at the frame's origin, which moves, the classical one.
+    /// The rate of the velocity as it is written in `reference`: J' qd + J qdd of the Jacobian there. In the frame
+    /// itself and in the world that is the spatial acceleration; in the base's axes at the frame's origin, which moves,
+    /// the classical one.
     #[inline(always)]
     pub fn rate_in(&self, reference: ReferenceFrame) -> Vector6<T> {
         let turning = cross_motion(&reference.seen_from(&self.velocity), &self.velocity);

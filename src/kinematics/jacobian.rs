@@ -1,7 +1,7 @@
 //! The Jacobian of a frame and its rate: what each degree of freedom inboard of it does to it.
 
 use super::frame::{Frame, ReferenceFrame};
-use super::inward::Way;
+use super::inward::PathToBase;
 use crate::filter::{HingeMap, Stage};
 use crate::joints::vectors::plus;
 use crate::model::Model;
@@ -9,7 +9,8 @@ use crate::scalar::Real;
 use crate::spatial::{RigidShift, cross_motion, minus, scaled_add, spatial, zero};
 use nalgebra::{Vector3, Vector6};
 
-/// J of a frame at `q` into `out`, (6 x nv) row by row: its velocity (angular, linear), written in `reference`, is J qd. O(depth), beside the zeros.
+/// J of a frame at `q` into `out`, (6 x nv) row by row: its velocity (angular, linear), written in `reference`, is J
+/// qd. O(depth), beside the zeros.
 #[inline(always)]
 pub fn jacobian<T: Real>(model: &Model<T>, q: &[T], frame: &Frame<T>, reference: ReferenceFrame, out: &mut [T]) {
     let placement = local_jacobian(model, q, frame, out);
@@ -24,10 +25,11 @@ pub fn jacobian<T: Real>(model: &Model<T>, q: &[T], frame: &Frame<T>, reference:
     }
 }
 
-/// J' of a frame at q and qd into `out`, (6 x nv) row by row: the rate of J as it is written in `reference`. O(depth), beside the zeros.
+/// J' of a frame at q and qd into `out`, (6 x nv) row by row: the rate of J as it is written in `reference`. O(depth),
+/// beside the zeros.
 ///
-/// A column in the frame's axes is a motion that is constant in its body k: its rate is (V(k) - V) x column, V the frame's velocity, and in `reference`
-/// V x column more of what moves against it.
+/// A column in the frame's axes is a motion that is constant in its body k: its rate is (V(k) - V) x column, V the
+/// frame's velocity, and in `reference` V x column more of what moves against it.
 #[inline(always)]
 pub fn jacobian_rate<T: Real>(
     model: &Model<T>,
@@ -59,16 +61,16 @@ pub fn jacobian_rate<T: Real>(
 pub(crate) fn local_jacobian<T: Real>(model: &Model<T>, q: &[T], frame: &Frame<T>, out: &mut [T]) -> RigidShift<T> {
     let nv = model.nv();
     out.fill(T::zero());
-    let mut way = Way::from(model, q, frame);
-    while let Some(k) = way.body {
+    let mut path = PathToBase::from(model, q, frame);
+    while let Some(k) = path.body {
         let stage = &model.system.stages[k];
         for i in 0..stage.rows.count() {
-            let column = hinge_to_child(&way.placement, &stage.rows.row(i));
+            let column = hinge_to_child(&path.placement, &stage.rows.row(i));
             write_column(out, nv, stage.first_row + i, column.as_slice());
         }
-        way.past(k);
+        path.past(k);
     }
-    way.placement
+    path.placement
 }
 
 /// phi^T H^T of one row of H: [`RigidShift::motion_to_child`] of a motion along or about one axis. At most 9 products.

@@ -1,6 +1,7 @@
-//! What holds between two frames C and D, as scalar rows: how far it is from holding, and how fast that changes.
+//! Constraints between two frames C and D, as scalar rows: their error, and its rate.
 //!
-//! With (R, p) the place of C in D's axes, r = R^T p the same vector in C's axes, and V = (w, v) the velocity of C against D, in C's axes at C's origin:
+//! With (R, p) the place of C in D's axes, r = R^T p the same vector in C's axes, and V = (w, v) the velocity of C
+//! against D, in C's axes at C's origin:
 //!
 //! ```text
 //! origins      error r                              rate v - w x r
@@ -9,15 +10,15 @@
 //! axes z       error z x u / cos(t/2), u = R^T z    rate along u' = u x w     (2 sin(t/2) again, t the angle between them)
 //! ```
 //!
-//! Each rate is a row `E_i` times V, exactly and everywhere, so that the force of row i on C is `E_i`. Its own rate is `E_i` V' + `E_i`' V with V' =
-//! A - X `A_D` + V x X `V_D`.
+//! Each rate is a row `E_i` times V, exactly and everywhere, so that the force of row i on C is `E_i`. Its own rate is
+//! `E_i` V' + `E_i`' V with V' = A - X `A_D` + V x X `V_D`.
 
 use super::inward::FrameMotion;
 use crate::scalar::Real;
 use crate::spatial::{RigidShift, angular, cross, cross_motion, linear, scaled_add, spatial, sum, zero};
 use nalgebra::{Matrix3, Vector3, Vector6};
 
-/// What holds between two frames.
+/// A constraint between two frames.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Pair {
     /// Their origins coincide.
@@ -52,7 +53,8 @@ pub(crate) struct PairRows<T> {
     pub of_motion: [Vector6<T>; 6],
     /// E' V: what the rate of the rate has beside E V'.
     pub turning: [T; 6],
-    /// Positive where this way of writing the rows serves: states in lanes have one way for all of them, a state by itself has the best one.
+    /// Positive if this parametrization of the rows is regular: states in lanes share one, a single state uses the best
+    /// one.
     pub margin: T,
 }
 
@@ -69,7 +71,8 @@ impl<T: Real> PairRows<T> {
 /// Opposite z axes, to within this of 1 + cos: there is no direction in which they are nearest.
 const OPPOSITE: f64 = 1e-12;
 
-/// The rows of a pair where C is at `place` in D's axes and moves with V = `velocity` against it; none for a distance between origins that coincide.
+/// The rows of a pair where C is at `place` in D's axes and moves with V = `velocity` against it; none for a distance
+/// between origins that coincide.
 #[inline(always)]
 pub(crate) fn pair_rows<T: Real>(pair: Pair, place: &RigidShift<T>, velocity: &Vector6<T>) -> Option<PairRows<T>> {
     let nothing = T::zero();
@@ -140,7 +143,8 @@ fn square<T: Real>(a: &Vector3<T>) -> T {
     product(a, a)
 }
 
-/// The quaternion (vector, scalar) of a rotation, scalar not negative: by the largest of its entries, so that nothing cancels.
+/// The quaternion (vector, scalar) of a rotation, scalar not negative: by the largest of its entries, so that nothing
+/// cancels.
 #[inline(always)]
 fn quaternion<T: Real>(r: &Matrix3<T>) -> (Vector3<T>, T) {
     let one = T::one();

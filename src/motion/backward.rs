@@ -214,7 +214,7 @@ impl BackwardSolver<f64> for EventSolver<'_> {
     ) -> u64 {
         let CheckedBackward { workspace, products, lost } = &mut *self.solver;
         let Call { scene: (model, _), state: (q, qd, _), wrenches, .. } = call;
-        let pivots = dynamics::factorise(model, workspace, q, |_, _| {});
+        let pivots = dynamics::factorise(model, workspace, q);
         if lost.is_none() {
             *lost = workspace.lost_pivot(model, &pivots);
         }

@@ -79,7 +79,7 @@ pub(super) fn choose(scene: &Scene, dt: f64, properties: &Properties, gains: Opt
     let mut model = scene.model().clone();
     model.system.noise.clone_from(&properties.armature);
     let mut workspace = Workspace::new(&model).in_form(Form::Auto);
-    let pivots = factorise(&model, &mut workspace, q, |_, _| {});
+    let pivots = factorise(&model, &mut workspace, q);
     if workspace.lost_pivot(&model, &pivots).is_some() {
         return Method::Rosenbrock2;
     }

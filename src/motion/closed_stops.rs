@@ -153,7 +153,7 @@ impl Constrained<'_> {
         s: &Scratch<f64>,
     ) -> Result<(), Failure> {
         // Factors M at q for the projections below; a singular pivot has ended the step before.
-        factorise(&s.model, &mut self.scratch.workspace, &s.q, |_, _| {});
+        factorise(&s.model, &mut self.scratch.workspace, &s.q);
         for &i in late {
             let (mut torque, mut column) = (vec![0.0; s.v.len()], vec![0.0; s.v.len()]);
             torque[limits[i].row] = limits[i].sign();

@@ -97,7 +97,7 @@ impl Checked {
         if self.solve_coupled(model, (q, None), right, out) {
             return;
         }
-        let pivots = dynamics::factorise(model, &mut self.workspace, q, |_, _| {});
+        let pivots = dynamics::factorise(model, &mut self.workspace, q);
         dynamics::solve(model, &mut self.workspace, right, out);
         if self.lost.is_none() {
             self.lost = self.workspace.lost_pivot(model, &pivots);

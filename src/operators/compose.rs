@@ -40,7 +40,7 @@ pub struct Product<A, B>(pub A, pub B);
 pub struct Sum<A, B> {
     /// A.
     pub left: A,
-    /// What B is multiplied by.
+    /// The factor of B.
     pub scale: f64,
     /// B.
     pub right: B,

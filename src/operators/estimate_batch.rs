@@ -1,12 +1,12 @@
 //! Estimation in one batch: section 2 as it is printed, with composite matrices; the check of the sequential solution.
 //!
-//! Nothing here calls the filter: phi, H and Q are matrices, the gain G = R H* (H R H* + r + noise/s)^-1 is over the measured
-//! rows, and the covariance that it inverts is factored by faer.
+//! Nothing here calls the filter: phi, H and Q are matrices, the gain G = R H* (H R H* + r + noise/s)^-1 is over the
+//! measured rows, and the covariance that it inverts is factored by faer.
 
 use super::dense::{Composite, product};
 use crate::dynamics::estimate::Measurements;
 use crate::dynamics::forces::Motion;
-use crate::dynamics::forces::forces_base_to_tip;
+use crate::dynamics::inverse::forces_base_to_tip;
 use crate::error::Error;
 use crate::model::Model;
 use crate::workspace::Workspace;
@@ -44,12 +44,13 @@ pub struct BatchCovariance {
     pub process: Mat<f64>,
 }
 
-/// Section 2 with dense matrices, O(N^3); the state is (q, qd, wrenches) as in [`forward_dynamics`](crate::dynamics::forward_dynamics).
+/// Section 2 with dense matrices, O(N^3); the state is (q, qd, wrenches) as in
+/// [`forward_dynamics`](crate::dynamics::forward_dynamics).
 ///
 /// # Errors
 ///
-/// [`Error::Argument`] beyond 300 degrees of freedom, and where the covariance of the measured torques (or, with covariances,
-/// the mass matrix) is not positive definite.
+/// [`Error::Argument`] beyond 300 degrees of freedom, and where the covariance of the measured torques (or, with
+/// covariances, the mass matrix) is not positive definite.
 pub fn estimate_batch(
     model: &Model<f64>,
     workspace: &mut Workspace<f64>,
@@ -119,7 +120,8 @@ pub fn estimate_batch(
     })
 }
 
-/// s times the prior's covariances less what the measured rows tell, from H phi of those rows and the factor of their covariance.
+/// s times the prior's covariances less what the measured rows tell, from H phi of those rows and the factor of their
+/// covariance.
 fn covariances(
     composite: &Composite,
     phi: &Mat<f64>,

@@ -2,8 +2,9 @@
 
 use super::{Applied, Kind};
 use crate::dynamics::factorise;
+use crate::dynamics::sweeps::Accumulated;
 use crate::error::Error;
-use crate::filter::pivots::{PivotMonitor, Scale};
+use crate::filter::pivots::PivotMonitor;
 use crate::filter::riccati::Measured;
 use crate::filter::{Form, HingeMap, Stage, System, covariance, innovations, smoother};
 use crate::memory;
@@ -30,13 +31,13 @@ pub struct Factor<T: Real> {
     pub(super) p_minus: Vec<Symmetric6<T>>,
     /// P^+ of each row.
     pub(super) p_plus: Vec<Symmetric6<T>>,
-    /// What [`update`](super::update) goes on from.
+    /// The data that [`update`](super::update) needs.
     pub(super) sweep: Sweep<T>,
-    /// Made when first asked for: most uses of a factor need none.
+    /// Computed on first use: most uses of a factor do not need it.
     pub(super) co_states: OnceLock<CoStateCovariances<T>>,
 }
 
-/// What the sweep left that the operators do not read.
+/// The results of the pass that the operators do not read.
 #[derive(Debug, Clone)]
 pub(super) struct Sweep<T: Real> {
     pub form: Form,
@@ -45,10 +46,8 @@ pub(super) struct Sweep<T: Real> {
     pub tolerance: Option<f64>,
     /// The configuration.
     pub q: Vec<T>,
-    /// P^+ of each stage.
-    pub p: Vec<Symmetric6<T>>,
-    /// The bound on the terms of P^- of each stage.
-    pub scale: Vec<Scale<T>>,
+    /// The sum over the children of each body: P^- without its own inertia, and the bound on its terms.
+    pub arrived: Vec<Accumulated<T>>,
 }
 
 /// Lambda of each row, on both sides (5.6, 5.7).
@@ -63,40 +62,46 @@ pub(super) struct CoStateCovariances<T: Real> {
 impl<T: Real> Factor<T> {
     /// The factor at `q`, by one tip-to-base sweep (3.6). The workspace keeps what an error message needs.
     pub fn new(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T]) -> (Self, PivotMonitor<T>) {
-        let mut p_minus = vec![Symmetric6::filled(T::from_f64(f64::NAN)); model.nv()];
-        let monitor = factorise(model, workspace, q, |row, p| p_minus[row] = *p);
-        let mut p_plus = p_minus.clone();
-        for (k, stage) in model.system.stages.iter().enumerate() {
-            // P^+ of a row is P^- of the next one inward; the innermost row's is what the sweep left.
-            for i in 0..stage.rows.count() {
-                let row = stage.first_row + i;
-                p_plus[row] = if i == 0 { workspace.p[k] } else { p_minus[row - 1] };
-            }
-        }
-        let factor = Self {
+        let monitor = factorise(model, workspace, q);
+        let unset = vec![Symmetric6::filled(T::from_f64(f64::NAN)); model.nv()];
+        let mut factor = Self {
             system: model.system.clone(),
-            shift: workspace.shift.clone(),
+            shift: workspace.store.shifts.clone(),
             inertia: model.bodies.iter().map(|body| body.inertia).collect(),
-            measured: workspace.measured.clone(),
+            measured: workspace.store.measured.clone(),
             hinges: model
                 .system
                 .stages
                 .iter()
                 .flat_map(|stage| (0..stage.rows.count()).map(|i| stage.rows.row(i)))
                 .collect(),
-            p_minus,
-            p_plus,
+            p_minus: unset.clone(),
+            p_plus: unset,
             sweep: Sweep {
                 form: workspace.form,
                 identity: model.identity(),
                 tolerance: workspace.tolerance,
                 q: q.to_vec(),
-                p: workspace.p.clone(),
-                scale: workspace.scale.clone(),
+                arrived: workspace.store.covariances().to_vec(),
             },
             co_states: OnceLock::new(),
         };
+        for k in 0..model.bodies.len() {
+            factor.take_covariances(workspace, k, monitor.of_roots);
+        }
         (factor, monitor)
+    }
+
+    /// P^- and P^+ of the rows of body `k` from the store of the workspace.
+    pub(super) fn take_covariances(&mut self, workspace: &Workspace<T>, k: usize, of_roots: bool) {
+        let Self { system, measured, p_minus, p_plus, .. } = self;
+        let seen = |row: usize, p: &Symmetric6<T>| p_minus[row] = *p;
+        let inboard = workspace.filtered_covariance((system, k), measured, of_roots, seen);
+        let stage = &system.stages[k];
+        // P^+ of a row is P^- of the next one inward.
+        for row in (stage.first_row..stage.first_row + stage.rows.count()).rev() {
+            p_plus[row] = if row == stage.first_row { inboard } else { p_minus[row - 1] };
+        }
     }
 
     /// About the bytes that the factors of so many states take.
@@ -108,8 +113,7 @@ impl<T: Real> Factor<T> {
         let body = size_of::<Stage<T>>()
             + size_of::<RigidShift<T>>()
             + size_of::<BodyInertia<T>>()
-            + size_of::<Symmetric6<T>>()
-            + size_of::<Scale<T>>();
+            + size_of::<Accumulated<T>>();
         let row =
             2 * size_of::<T>() + size_of::<Measured<T>>() + size_of::<HingeMap<T>>() + 2 * size_of::<Symmetric6<T>>();
         let one = size_of::<Self>() + VECTORS * ADDED + body * model.bodies.len() + row * model.nv() + 8 * model.nq;
@@ -144,8 +148,19 @@ impl<T: Real> Factor<T> {
         super::assert_lengths((self.nv(), self.nv()), (out.len(), tau.len()));
         let zero = Vector6::from_element(T::zero());
         let mut z = vec![zero; self.shift.len()];
-        innovations::sweep(&self.system, &self.shift, &self.measured, tau, &mut z, out);
-        smoother::sweep(&self.system, &self.shift, &self.measured, &mut z, out);
+        let stages = &self.system.stages;
+        for (k, stage) in stages.iter().enumerate().rev() {
+            let mut state = z[k];
+            innovations::through_stage((&self.system, k), &self.measured, tau, &mut state, out);
+            if let Some(parent) = stage.parent {
+                z[parent] += self.shift[k].force_to_parent(&state);
+            }
+        }
+        for (k, stage) in stages.iter().enumerate() {
+            let mut co_state = stage.parent.map_or(zero, |parent| self.shift[k].motion_to_child(&z[parent]));
+            smoother::through_stage(stage, &self.measured, &mut co_state, out);
+            z[k] = co_state;
+        }
     }
 
     /// Lambda on both sides of every row, by one base-to-tip sweep the first time.

@@ -1,8 +1,8 @@
 //! The paper's operators as objects: phi, Psi, K, L, D, P and their kin, applied by sweeps in O(N).
 //!
 //! One block row a degree of freedom, in the order of qd (base to tip), so phi, Psi, K and L are strictly *upper* block
-//! triangular where the paper, counting from the tip, prints them lower. A joint with d degrees of freedom is d states with no
-//! shift between them; the body's inertia enters at the outermost. States are in body frames.
+//! triangular where the paper, counting from the tip, prints them lower. A joint with d degrees of freedom is d states
+//! with no shift between them; the body's inertia enters at the outermost. States are in body frames.
 //!
 //! ```
 //! use phipsi::operators::{Kind, Operator};
@@ -123,7 +123,7 @@ impl Kind {
         KINDS.iter().find(|(known, _)| *known == name).map(|&(_, kind)| kind)
     }
 
-    /// Whether it is made of the covariances of the co-states, which a factor computes when they are first asked for.
+    /// True if it is made of the covariances of the co-states, which a factor computes when they are first asked for.
     #[must_use]
     #[doc(hidden)]
     pub fn needs_co_states(self) -> bool {

@@ -11,7 +11,7 @@ struct Node {
     body: usize,
     /// The next row inward, and whether a rigid shift lies between.
     inward: Option<(usize, bool)>,
-    /// Whether the body's inertia enters here.
+    /// True if the body's inertia enters here.
     outermost: bool,
 }
 

@@ -1,17 +1,17 @@
 //! The factor at another configuration, from where the two differ on.
 
 use super::Factor;
+use crate::dynamics::sweeps::general;
 use crate::error::Error;
 use crate::filter::Form;
-use crate::filter::pivots::{Evidence, LostPivot, PivotMonitor, Scale, first_lost};
-use crate::filter::riccati::Covariances;
+use crate::filter::pivots::PivotMonitor;
 use crate::kinematics::joint_shift;
 use crate::model::Model;
 use crate::scalar::Real;
 use crate::scene::Scene;
 use crate::workspace::Workspace;
 
-/// What an update did.
+/// The result of an update.
 #[derive(Debug, Clone, Copy)]
 pub struct Updated<T> {
     /// How many bodies were computed anew: those whose joints moved (phi), and all that carry them (P, D and g).
@@ -20,7 +20,7 @@ pub struct Updated<T> {
     pub pivots: PivotMonitor<T>,
 }
 
-/// What becomes of a body.
+/// The change of a body.
 #[derive(Clone, Copy, PartialEq)]
 enum Change {
     /// Nothing.
@@ -34,16 +34,17 @@ enum Change {
 impl<T: Real> Factor<T> {
     /// The factor at `q` from that at the configuration it has, to the bits that [`Factor::new`] gives.
     ///
-    /// phi(k) depends on joint k alone, and P(k), D(k), g(k) on the joints outboard of body k: only phi of the joints that differ is computed,
-    /// and P, D, g of what carries them, from P^+ of what did not change. This holds in covariance form; the other forms estimate the error of
-    /// the whole factor and recompute it, with `workspace`. `model` is the one that the factor was made of.
+    /// phi(k) depends on joint k alone, and P(k), D(k), g(k) on the joints outboard of body k: only phi of the joints
+    /// that differ is computed, and P, D, g of what carries them, from P^+ of what did not change. This holds in
+    /// covariance form; the other forms estimate the error of the whole factor and recompute it, with `workspace`.
+    /// `model` is the one that the factor was made of.
     ///
     /// # Panics
     ///
     /// If `q` is shorter than the model's, or model or workspace are others; [`Scene::update_factor`] returns errors.
     pub fn update(&mut self, model: &Model<T>, workspace: &mut Workspace<T>, q: &[T]) -> Updated<T> {
         match self.sweep.form {
-            Form::Covariance => self.update_covariance(model, q),
+            Form::Covariance => self.update_covariance(model, workspace, q),
             form @ (Form::Auto | Form::SquareRoot) => {
                 (workspace.form, workspace.tolerance) = (form, self.sweep.tolerance);
                 let (factor, pivots) = Self::new(model, workspace, q);
@@ -53,35 +54,23 @@ impl<T: Real> Factor<T> {
         }
     }
 
-    fn update_covariance(&mut self, model: &Model<T>, q: &[T]) -> Updated<T> {
+    /// The update in covariance form: the pass over the bodies that carry a change, with the store of the workspace in
+    /// the state that it had for this factor.
+    fn update_covariance(&mut self, model: &Model<T>, workspace: &mut Workspace<T>, q: &[T]) -> Updated<T> {
         let changes = self.take_configuration(model, q);
-        let (system, mut monitor) = (&self.system, PivotMonitor::new());
-        let sweep = &mut self.sweep;
-        let carries_change = |k: usize| changes[k] == Change::Inertia;
-        // Before what children send: they come later in the order.
-        for (k, body) in model.bodies.iter().enumerate().filter(|&(k, _)| carries_change(k)) {
-            sweep.p[k] = body.inertia.to_symmetric();
-            sweep.scale[k] = Scale::of_noise(&body.inertia_terms);
-        }
-        for (k, stage) in system.stages.iter().enumerate().rev() {
-            if !carries_change(k) {
-                if !stage.parent.is_some_and(carries_change) {
-                    continue;
-                }
-                // Its own P has not changed, but is to be sent again: its measurements are repeated, to the same bits.
-                sweep.p[k] = self.p_minus[stage.first_row + stage.rows.count() - 1];
-            }
-            let (p_minus, measured) = (&mut self.p_minus, &mut self.measured);
-            let mut covariances =
-                Covariances { shift: &self.shift, p: &mut sweep.p, scale: &mut sweep.scale, measured };
-            covariances.step(system, k, &mut monitor, &mut |row, p| p_minus[row] = *p);
-            for i in 0..stage.rows.count() {
-                let row = stage.first_row + i;
-                self.p_plus[row] = if i == 0 { sweep.p[k] } else { self.p_minus[row - 1] };
-            }
+        let is_changed = |k: usize| changes[k] == Change::Inertia;
+        workspace.store.shifts.copy_from_slice(&self.shift);
+        workspace.store.measured.copy_from_slice(&self.measured);
+        workspace.store.covariances_mut().copy_from_slice(&self.sweep.arrived);
+        let (scene, store) = workspace.passes(model);
+        let pivots = general::update_factor(scene, store, &is_changed);
+        self.measured.copy_from_slice(&workspace.store.measured);
+        self.sweep.arrived.copy_from_slice(workspace.store.covariances());
+        for k in (0..model.bodies.len()).filter(|&k| is_changed(k)) {
+            self.take_covariances(workspace, k, false);
         }
         self.co_states.take();
-        Updated { bodies: changes.iter().filter(|&&change| change != Change::None).count(), pivots: monitor }
+        Updated { bodies: changes.iter().filter(|&&change| change != Change::None).count(), pivots }
     }
 
     /// Takes `q` with phi of every joint that differs, and says what that changes.
@@ -105,29 +94,19 @@ impl<T: Real> Factor<T> {
         self.sweep.q.copy_from_slice(q);
         changes
     }
-
-    /// The lost pivot furthest from the base, if a pivot of an update in covariance form is not clear of the bound of its terms.
-    fn lost_pivot(&self, model: &Model<T>, monitor: &PivotMonitor<T>) -> Option<LostPivot> {
-        if (0..T::LANES).all(|lane| monitor.clear(lane)) {
-            return None;
-        }
-        let (shift, measured) = (&self.shift, &self.measured);
-        let evidence = Evidence { shift, p: &self.sweep.p, measured, scale: &self.sweep.scale };
-        first_lost(&self.system, &evidence, monitor, |k| model.bodies[k].inertia_terms)
-    }
 }
 
-/// Whether two numbers are the same, the sign of a zero included: it is a bit of a sine.
+/// True if two numbers are the same, the sign of a zero included: it is a bit of a sine.
 fn is_same<T: Real>(before: T, after: T) -> bool {
     before == after && (0..T::LANES).all(|lane| before.lane(lane).to_bits() == after.lane(lane).to_bits())
 }
 
 impl Scene {
-    /// Moves a factor of this scene to `q`, to the bits of a new one there; gives how many bodies were computed anew: see
-    /// [`Factor::update`].
+    /// Moves a factor of this scene to `q`, to the bits of a new one there; gives how many bodies were computed anew:
+    /// see [`Factor::update`].
     ///
-    /// In the form that the factor was made in. What it costs is that of the bodies between the joints that differ and the base, and a
-    /// comparison a coordinate.
+    /// In the form that the factor was made in. What it costs is that of the bodies between the joints that differ and
+    /// the base, and a comparison a coordinate.
     ///
     /// # Errors
     ///
@@ -149,7 +128,7 @@ impl Scene {
         }
         let before = factor.sweep.q.clone();
         let Updated { bodies, pivots } = factor.update(model, workspace, q);
-        if let Some(lost) = factor.lost_pivot(model, &pivots) {
+        if let Some(lost) = workspace.lost_pivot(model, &pivots) {
             let error = self.singular(lost);
             factor.update(model, workspace, &before);
             return Err(error);

@@ -288,14 +288,15 @@ fn of_states(
 #[cold]
 fn one_by_one(scene: &Scene, question: &Question<'_>, state: &Arguments<'_>, out: &mut [f64]) -> Result<(), Error> {
     let Question { forward, parameters, torque, frames } = question;
-    let (mut workspace, mut scratch) = (Workspace::new(scene.model()), scene.variance_scratch());
+    let mut scratch = scene.variance_scratch();
     let (joints, of_frames) = out.split_at_mut(scene.nv());
     let at = (state.q, state.qd, state.u);
     if !forward {
-        return scene.inverse_dynamics_variance(&mut workspace, &mut scratch, at, parameters, torque, joints);
+        return scene.inverse_dynamics_variance(&mut scratch, at, parameters, torque, joints);
     }
     let count = if frames.is_empty() { 0 } else { scene.model().bodies.len() };
     let mut bodies = vec![Symmetric6::filled(f64::NAN); count];
+    let mut workspace = Workspace::new(scene.model());
     let mut variances = Variances { joints, bodies: &mut bodies };
     let wrenches = state.wrenches;
     scene.forward_dynamics_variance(&mut workspace, &mut scratch, at, wrenches, parameters, torque, &mut variances)?;

@@ -89,7 +89,7 @@ fn through_connections(
     let nv = traced.model.nv();
     let (qdd, rest) = out.split_at_mut(nv);
     let kept = match form {
-        Form::Auto => traced.factor_watched(q, qdd).kept(0),
+        Form::Auto => traced.factor_with_estimate(q, qdd).is_accepted(0),
         _ => traced.factor(q),
     };
     traced.innovations_of_factor((q, qd, tau), wrenches, qdd);
@@ -129,10 +129,10 @@ pub(crate) fn count_in_sweeps(
     let (kept, operations) = Traced::counted(|| {
         let state = (&q[..], &qd[..], &u[..]);
         match algorithm {
-            Algorithm::ForwardDynamics(Form::Auto) => traced.forward_dynamics_watched(state, &wrenches, &mut out),
+            Algorithm::ForwardDynamics(Form::Auto) => traced.forward_dynamics_with_estimate(state, &wrenches, &mut out),
             Algorithm::MassMatrixInverse(Form::Auto) => {
                 let nv = traced.model.nv();
-                let kept = traced.factor_watched(&q, &mut out[..nv]).kept(0);
+                let kept = traced.factor_with_estimate(&q, &mut out[..nv]).is_accepted(0);
                 traced.multiplied_out(&mut out);
                 kept
             }
@@ -265,11 +265,11 @@ pub fn count_recursion(scene: &Scene, task: Task, state: &Arguments<'_>) -> Coun
         }
         Task::Factor(form) => {
             workspace.form = form;
-            dynamics::factorise(&model, &mut workspace, &q, |_, _| {});
+            dynamics::factorise(&model, &mut workspace, &q);
         }
     });
     if let Task::Factor(_) = task {
-        out.extend(workspace.measured.iter().map(|row| row.pivot));
+        out.extend(workspace.store.measured.iter().map(|row| row.pivot));
     }
     Count { operations, results: out.into_iter().map(|x| x.lane(0)).collect() }
 }

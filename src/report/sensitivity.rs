@@ -202,7 +202,7 @@ pub(super) fn singular<T: Real>(scene: &Scene, workspace: &Workspace<T>) -> Erro
     let stages = &scene.model().system.stages;
     let lost = stages.iter().enumerate().rev().find_map(|(k, stage)| {
         let rows = stage.first_row..stage.first_row + stage.rows.count();
-        let pivots = rows.map(|row| workspace.measured[row].pivot.lane(0));
+        let pivots = rows.map(|row| workspace.store.measured[row].pivot.lane(0));
         pivots.into_iter().find(|&pivot| !(pivot > 0.0 && pivot.is_finite())).map(|pivot| (k, pivot))
     });
     let (k, pivot) = lost.unwrap_or((0, f64::NAN));

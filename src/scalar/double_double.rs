@@ -239,6 +239,8 @@ impl One for DoubleDouble {
 impl Real for DoubleDouble {
     const LANES: usize = 1;
 
+    const GENERAL_JOINTS: bool = true;
+
     fn from_f64(x: f64) -> Self {
         Self::exact(x)
     }

@@ -118,6 +118,8 @@ impl<T: Real> One for Dual<T> {
 impl<T: Real<Parameter = T>> Real for Dual<T> {
     const LANES: usize = T::LANES;
 
+    const GENERAL_JOINTS: bool = true;
+
     fn from_f64(x: f64) -> Self {
         Self::constant_of(T::from_f64(x))
     }

@@ -136,6 +136,11 @@ impl<S: Instructions, P: Precision> Real for Lanes<S, P> {
     }
 
     #[inline(always)]
+    fn to_parameter(self) -> P {
+        self.lanes()[0]
+    }
+
+    #[inline(always)]
     fn lane(self, index: usize) -> f64 {
         self.lanes()[index].widened()
     }

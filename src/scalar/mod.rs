@@ -85,12 +85,20 @@ pub trait Real:
     /// The type in which constants of a scene are stored: one value for all lanes.
     type Parameter: Scalar + Copy + Send + Sync;
 
+    /// Whether the passes of `dynamics` are compiled for the general joint only. For a scalar whose operations are
+    /// function calls, code for each kind of joint multiplies the size of the program and saves no time.
+    const GENERAL_JOINTS: bool = false;
+
     /// The stored value nearest to `x`.
     fn parameter(x: f64) -> Self::Parameter;
 
     /// A stored value in every lane; `self` determines only the type, as for [`Real::constant`].
     #[must_use]
     fn splat(self, x: Self::Parameter) -> Self;
+
+    /// The value of the first lane, exactly: the inverse of [`Real::splat`].
+    #[must_use]
+    fn to_parameter(self) -> Self::Parameter;
 
     /// The value of one lane, rounded to f64.
     fn lane(self, index: usize) -> f64;
@@ -151,6 +159,11 @@ macro_rules! its_own_parameter {
         #[inline(always)]
         fn splat(self, x: Self) -> Self {
             x
+        }
+
+        #[inline(always)]
+        fn to_parameter(self) -> Self {
+            self
         }
     };
 }

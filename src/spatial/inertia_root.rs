@@ -116,6 +116,20 @@ fn form<T: Real>(m: &Matrix3x6<T>, i: usize, products: &[T; 6]) -> T {
     sum
 }
 
+impl<M: Scalar + Copy> BodyRoot<M> {
+    /// Applies a function to every number.
+    pub(crate) fn map<N: Scalar>(&self, number: impl Fn(M) -> N + Copy) -> BodyRoot<N> {
+        BodyRoot {
+            mass: number(self.mass),
+            center: self.center.map(number),
+            central: self.central.map(number),
+            weights: self.weights.map(number),
+            spin: self.spin.map(number),
+            rest: self.rest.map(number),
+        }
+    }
+}
+
 impl BodyRoot<f64> {
     /// From mass, center of mass and the square root of the central inertia.
     fn new(mass: f64, center: Vector3<f64>, (central, weights): (Matrix3<f64>, Vector3<f64>)) -> Self {
@@ -131,18 +145,6 @@ impl BodyRoot<f64> {
         }
         let (spin, rest) = spin_of(&same.central, &same.weights);
         BodyRoot { spin, rest, ..same }
-    }
-
-    /// Converts each value.
-    pub(crate) fn map<N: Scalar>(&self, number: impl Fn(f64) -> N + Copy) -> BodyRoot<N> {
-        BodyRoot {
-            mass: number(self.mass),
-            center: self.center.map(number),
-            central: self.central.map(number),
-            weights: self.weights.map(number),
-            spin: self.spin.map(number),
-            rest: self.rest.map(number),
-        }
     }
 
     /// The same body in another frame with the same origin; `frame` rotates from this frame to that one.

@@ -47,13 +47,14 @@ pub enum Method {
 pub struct MassEstimate {
     /// The estimate.
     pub mass_matrix: Vec<f64>,
-    /// What is known of its error; none for sigma points.
+    /// Its error estimate; none for sigma points.
     pub spread: Option<Spread>,
     /// Points that were used.
     pub samples: usize,
 }
 
-/// Standard errors and confidence intervals, entry by entry: each holds its entry with the stated confidence, not all at once.
+/// Standard errors and confidence intervals, entry by entry: each holds its entry with the stated confidence, not all
+/// at once.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Spread {
     /// Standard error of each entry.
@@ -71,9 +72,10 @@ impl RandomModel {
     ///
     /// # Errors
     ///
-    /// [`Error::Argument`] for no samples, a confidence out of range, Sobol samples that are not `replicates` times a power of
-    /// two, fewer than two replicates, or more than 1000 random numbers a sample with Sobol points; [`Error::Memory`] for more replicates, or
-    /// a larger matrix, than there is room for; [`Error::Interrupted`] under a [`interrupt`](crate::interrupt) that ends the work.
+    /// [`Error::Argument`] for no samples, a confidence out of range, Sobol samples that are not `replicates` times a
+    /// power of two, fewer than two replicates, or more than 1000 random numbers a sample with Sobol points;
+    /// [`Error::Memory`] for more replicates, or a larger matrix, than there is room for; [`Error::Interrupted`] under
+    /// an [`interrupt`](crate::interrupt) that ends the work.
     pub fn mass_matrix(&self, method: Method) -> Result<MassEstimate, Error> {
         let nv = self.nv();
         // M, its error and the ends of the intervals, and the sums on the way there.

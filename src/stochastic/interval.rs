@@ -3,12 +3,14 @@
 use crate::error::Error;
 use statrs::distribution::{ChiSquared, ContinuousCDF, StudentsT};
 
-/// What the interval at one level of confidence and one number of samples needs: n over the two quantiles of chi squared.
+/// The constants of the interval at one level of confidence and one number of samples: n over the two quantiles of chi
+/// squared.
 ///
-/// For samples x and y of two torques scaled to unit variance, (x + y)^2 and (x - y)^2 are independent, each is a variance
-/// times chi squared of one degree of freedom, and x y is a quarter of their difference. Each of the two
-/// variances has an exact interval; that of their difference takes from either the side that counts (the method of variance
-/// estimates recovery). On the diagonal the second variance is zero, and the interval is the exact one of chi squared.
+/// For samples x and y of two torques scaled to unit variance, (x + y)^2 and (x - y)^2 are independent, each is a
+/// variance times chi squared of one degree of freedom, and x y is a quarter of their difference. Each of the two
+/// variances has an exact interval; that of their difference takes from either the side that counts (the method of
+/// variance estimates recovery). On the diagonal the second variance is zero, and the interval is the exact one of chi
+/// squared.
 #[derive(Debug, Clone, Copy)]
 pub struct Quantiles {
     /// n / upper quantile, below one.

@@ -2,7 +2,8 @@
 
 use super::points::{BLOCK, Coordinates, Lane, Points};
 use crate::batch::{Batch, Fault, Pool};
-use crate::dynamics::bias_forces_base_to_tip;
+use crate::dynamics::forces::Motion;
+use crate::dynamics::inverse::forces_base_to_tip;
 use crate::error::Error;
 use crate::filter::{HingeMap, System};
 use crate::interrupt;
@@ -19,8 +20,8 @@ pub(super) const COST: usize = 8;
 
 /// The spatially random model of a scene at one configuration: w(k) ~ N(b(k), s M(k)), X = phi W, T = H X + v.
 ///
-/// s is the `acceleration_variance`: the variance, (rad/s^2)^2, of the acceleration of one kg m^2. v has the variance s r,
-/// r the armature. Without rates the model is centred, b = 0.
+/// s is the `acceleration_variance`: the variance, (rad/s^2)^2, of the acceleration of one kg m^2. v has the variance s
+/// r, r the armature. Without rates the model is centred, b = 0.
 #[derive(Debug, Clone)]
 pub struct RandomModel {
     pub(super) system: System<f64>,
@@ -33,7 +34,8 @@ pub struct RandomModel {
     dimension: usize,
 }
 
-/// Samples, one row a sample; states are in body frames, a block of six a degree of freedom, as in [`crate::operators`].
+/// Samples, one row a sample; states are in body frames, a block of six a degree of freedom, as in
+/// [`crate::operators`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Samples {
     /// W, (samples x 6nv): the force w(k) at the outermost row of a body, zero at its other rows.
@@ -87,7 +89,8 @@ impl Scene {
     ///
     /// # Errors
     ///
-    /// Bad arguments; [`Error::Argument`] naming the link whose inertia has no square root, or the acceleration variance.
+    /// Bad arguments; [`Error::Argument`] naming the link whose inertia has no square root, or the acceleration
+    /// variance.
     pub fn random_model(
         &self,
         q: &[f64],
@@ -104,13 +107,13 @@ impl Scene {
         let mut bias = vec![Vector6::zeros(); model.bodies.len()];
         if let Some(qd) = qd {
             self.check_rates("qd", qd)?;
-            bias_forces_base_to_tip(model, &mut workspace, q, qd);
+            forces_base_to_tip(model, &mut workspace, Motion { q, qd, qdd: None, wrenches: &[] });
             bias.copy_from_slice(&workspace.z);
             for force in &bias {
                 self.check_result("bias force", force.as_slice())?;
             }
         }
-        placements_base_to_tip(model, q, &mut workspace.shift);
+        placements_base_to_tip(model, q, &mut workspace.store.shifts);
         let roots = model.inertia_roots.iter().enumerate().map(|(k, root)| {
             let root = root.as_ref().map(|root| root.to_root().to_matrix());
             root.ok_or_else(|| self.indefinite(k))
@@ -120,7 +123,7 @@ impl Scene {
         let noisy = model.system.noise.iter().filter(|&&r| r > 0.0).count();
         Ok(RandomModel {
             system: model.system.clone(),
-            shift: workspace.shift,
+            shift: workspace.store.shifts,
             roots,
             bias,
             deviation: acceleration_variance.sqrt(),
@@ -159,7 +162,8 @@ impl RandomModel {
     ///
     /// # Errors
     ///
-    /// [`Error::Argument`] for Sobol points of fewer dimensions than [`RandomModel::dimension`]; [`Error::Memory`] for more samples than there is room for; [`Error::Interrupted`] under a [`interrupt`] that ends the work.
+    /// [`Error::Argument`] for Sobol points of fewer dimensions than [`RandomModel::dimension`]; [`Error::Memory`] for
+    /// more samples than there is room for; [`Error::Interrupted`] under a [`interrupt`] that ends the work.
     pub fn sample(&self, points: &Points, samples: Range<u64>) -> Result<Samples, Error> {
         let (count, nv) = (count_of(&samples)?, self.nv());
         memory::room("samples", self.bytes_of_samples(count))?;
@@ -186,7 +190,8 @@ impl RandomModel {
         memory::bytes_of::<f64>(&[count, 13, self.nv()])
     }
 
-    /// W, X and T of the samples numbered `samples`, into arrays of the shapes of [`Samples`]; W and X may be empty, and are left out then.
+    /// W, X and T of the samples numbered `samples`, into arrays of the shapes of [`Samples`]; W and X may be empty,
+    /// and are left out then.
     ///
     /// # Errors
     ///
@@ -259,7 +264,7 @@ impl RandomModel {
         }
     }
 
-    /// Whether there is room for what threads draw a block in.
+    /// True if there is memory for the blocks of all threads.
     pub(super) fn check_blocks(&self) -> Result<(), Error> {
         #[cfg(feature = "parallel")]
         let threads = if self.shift.len() < FEW { 1 } else { crate::batch::threads() };
@@ -346,7 +351,7 @@ impl RandomModel {
     }
 }
 
-/// What of a block is wanted.
+/// The requested part of a block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Wanted {
     /// W, X and T, with their mean.

@@ -78,12 +78,15 @@ fn covariance(case: &Case) -> Vec<f64> {
     qdd
 }
 
-fn square_root(case: &Case) -> (Vec<f64>, dynamics::Judged<f64>) {
+fn square_root(case: &Case) -> (Vec<f64>, dynamics::SquareRootResult<f64>) {
     let mut qdd = vec![f64::NAN; case.scene.nv()];
     let (model, mut w) = (case.scene.model(), case.scene.workspace());
     let judged =
-        dynamics::forward_dynamics_judged(model, &mut w, &case.q, &case.qd, &case.tau, &case.wrenches, &mut qdd);
-    assert_eq!((w.tally.refined, w.tally.in_doubt), (usize::from(judged.refined), usize::from(judged.in_doubt(0))));
+        dynamics::forward_dynamics_square_root(model, &mut w, &case.q, &case.qd, &case.tau, &case.wrenches, &mut qdd);
+    assert_eq!(
+        (w.tally.refined, w.tally.unresolved),
+        (usize::from(judged.refined), usize::from(judged.needs_fallback(0)))
+    );
     (qdd, judged)
 }
 
@@ -210,11 +213,11 @@ fn enter(row: &mut Row, number: usize, case: &Case, state: &str) -> Option<Strin
     }
     let fell_back = choice.form == Form::SquareRoot;
     row.by_auto[0] += usize::from(fell_back);
-    row.by_auto[1] += usize::from(choice.judged.is_some_and(|judged| judged.refined));
+    row.by_auto[1] += usize::from(choice.square_root.is_some_and(|judged| judged.refined));
     row.needlessly += usize::from(fell_back && errors[0] <= tolerance::KEPT / 10.0);
     row.by_root[0] += usize::from(judged.rounding.is_some());
     row.by_root[1] += usize::from(judged.refined);
-    row.in_doubt += usize::from(judged.in_doubt(0) || choice.without_root);
+    row.in_doubt += usize::from(judged.needs_fallback(0) || choice.without_root);
     let [_, root, auto, sweeps, lean_root] = errors;
     let place = format!("scene {number}, {}, {state}", FAMILIES[number % FAMILIES.len()]);
     // The sensitivity, which needs six references, is computed only if necessary.
@@ -308,7 +311,7 @@ fn a_heavy_tip_is_left_to_the_square_root_form() {
     let case = wrong_in_covariance_form("heavy tip");
     let (qdd, choice) = auto(&case);
     assert_eq!(choice.form, Form::SquareRoot);
-    assert!(choice.pivots.clear(0) && !choice.without_root && choice.is_covariance_in_doubt);
+    assert!(choice.pivots.clear(0) && !choice.without_root && choice.covariance_needs_fallback);
     assert_eq!(qdd, square_root(&case).0, "nothing of the first attempt is left");
 }
 
@@ -322,12 +325,16 @@ fn a_state_in_doubt_is_refined_to_the_last_digit_and_counted() {
         let mut qdd = vec![f64::NAN; model.nv()];
         for times in 1..3 {
             dynamics::forward_dynamics(model, &mut w, &case.q, &case.qd, &case.tau, &case.wrenches, &mut qdd);
-            assert_eq!(w.tally, Tally { square_root: times * fell_back, refined: times, in_doubt: 0 });
+            assert_eq!(w.tally, Tally { square_root: times * fell_back, refined: times, unresolved: 0 });
         }
         assert_eq!(qdd, expected, "{form:?}");
     }
     let (choice, judged) = (auto(&case).1, square_root(&case).1);
-    assert!(choice.judged.is_some_and(|judged| judged.refined) && !choice.in_doubt(0) && !judged.in_doubt(0));
+    assert!(
+        choice.square_root.is_some_and(|judged| judged.refined)
+            && !choice.needs_fallback(0)
+            && !judged.needs_fallback(0)
+    );
     assert!(judged.rounding.is_some_and(|rounding| !rounding.clear(0, judged.tolerance)));
 }
 
@@ -339,9 +346,9 @@ fn what_cannot_be_refined_stays_in_doubt() {
     model.inertia_roots[0] = None;
     let (mut w, mut qdd) = (Workspace::new(&model), vec![f64::NAN; model.nv()]);
     let judged =
-        dynamics::forward_dynamics_judged(&model, &mut w, &case.q, &case.qd, &case.tau, &case.wrenches, &mut qdd);
-    assert!(judged.in_doubt(0) && !judged.refined);
-    assert_eq!(w.tally, Tally { in_doubt: 1, ..Tally::default() });
+        dynamics::forward_dynamics_square_root(&model, &mut w, &case.q, &case.qd, &case.tau, &case.wrenches, &mut qdd);
+    assert!(judged.needs_fallback(0) && !judged.refined);
+    assert_eq!(w.tally, Tally { unresolved: 1, ..Tally::default() });
 }
 
 #[test]
@@ -351,7 +358,7 @@ fn an_ordinary_chain_stays_in_covariance_form() {
     let case = Case { builder: scene.source().clone(), scene, q, qd, tau, wrenches: Vec::new(), pushes: Vec::new() };
     let (qdd, choice) = auto(&case);
     assert_eq!(choice.form, Form::Covariance);
-    assert!(choice.cancellation.relative_error(0) > 0.0 && !choice.is_covariance_in_doubt);
+    assert!(choice.cancellation.relative_error(0) > 0.0 && !choice.covariance_needs_fallback);
     assert_eq!(qdd, covariance(&case), "the same numbers as without a watch");
 }
 
@@ -374,7 +381,7 @@ fn a_state_that_is_not_a_number_is_not_clear() {
     let (q, qd, tau) = (vec![0.1; 3], vec![f64::NAN; 3], vec![1.0; 3]);
     let case = Case { builder: scene.source().clone(), scene, q, qd, tau, wrenches: Vec::new(), pushes: Vec::new() };
     let (qdd, choice) = auto(&case);
-    assert!(choice.is_covariance_in_doubt && qdd.iter().all(|x| x.is_nan()));
+    assert!(choice.covariance_needs_fallback && qdd.iter().all(|x| x.is_nan()));
 }
 
 /// Runs if `PHIPSI_ROBOTS` is the folder share/example-robot-data/robots of the `PyPI` package.
@@ -410,7 +417,7 @@ fn robots_stay_in_covariance_form() {
                         continue;
                     }
                     states += 1;
-                    doubtful += usize::from(choice.is_covariance_in_doubt);
+                    doubtful += usize::from(choice.covariance_needs_fallback);
                     // Near static equilibrium with a free base is not a typical state.
                     let counts = state != "held by nine tenths";
                     // Estimated errors up to 2e-12, true ones of 2e-13, for hands of light links in free fall.
@@ -511,9 +518,9 @@ fn float32_tells_its_doubts() {
         let choice = dynamics::forward_dynamics_auto(&model, &mut w, &q, &qd, &tau, &wrenches, &mut qdd);
         scenes += 1;
         by_form += usize::from(choice.form == Form::SquareRoot);
-        if choice.in_doubt(0) {
+        if choice.needs_fallback(0) {
             in_doubt += 1;
-            assert_eq!(w.tally.in_doubt, 1);
+            assert_eq!(w.tally.unresolved, 1);
             continue;
         }
         let found: Vec<f64> = qdd.iter().map(|&x| f64::from(x)).collect();

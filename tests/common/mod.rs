@@ -2,6 +2,8 @@
 
 pub mod arm;
 pub mod codegen;
+#[cfg(feature = "dense")]
+pub mod filter;
 pub mod gate;
 pub mod lanes;
 pub mod loops;

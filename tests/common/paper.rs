@@ -1,13 +1,13 @@
 //! Random chains and trees with the matrices of the paper computed twice, by sweeps and from definitions, and
 //! assertions for the tests.
 
+use super::filter;
 use super::matrices::{Matrices, Matrix, Vector, block};
 use super::tolerance::{self, PRINTED_FORM_MARGIN};
 use super::{ALL_KINDS, Random, Tree, random_state};
 use nalgebra::Vector6;
 use phipsi::Scene;
-use phipsi::filter::Scale;
-use phipsi::filter::riccati::{self, Covariances, Measured};
+use phipsi::filter::riccati::Measured;
 use phipsi::kinematics::joint_shift;
 use phipsi::operators::Factor;
 use phipsi::scene::JointKind;
@@ -247,17 +247,13 @@ pub fn six(x: &Vector, row: usize) -> Vector6<f64> {
     x.fixed_rows::<6>(6 * row).into_owned()
 }
 
-/// `filter::riccati::sweep` on the inertias of the scene.
+/// The Riccati recursion on the inertias of the scene.
 fn riccati_sweep(scene: &Scene, q: &[f64]) -> Swept {
     let model = scene.model();
     let shift: Vec<_> = model.bodies.iter().map(|body| joint_shift(body, q)).collect();
-    let mut p: Vec<_> = model.bodies.iter().map(|body| body.inertia.to_symmetric()).collect();
-    let mut scale: Vec<_> = model.bodies.iter().map(|body| Scale::of_noise(&body.inertia_terms)).collect();
-    let mut measured = vec![Measured::filled(f64::NAN); scene.nv()];
-    let mut p_minus = vec![Symmetric6::filled(f64::NAN); scene.nv()];
-    let mut covariances = Covariances { shift: &shift, p: &mut p, scale: &mut scale, measured: &mut measured };
-    riccati::sweep(&model.system, &mut covariances, |row, p| p_minus[row] = *p);
-    Swept { shift, measured, p_minus, p_plus: p }
+    let noise = model.bodies.iter().map(|body| body.inertia.to_symmetric()).collect();
+    let (measured, p_minus, p_plus) = filter::riccati(&model.system, &shift, noise);
+    Swept { shift, measured, p_minus, p_plus }
 }
 
 const ONE_AXIS: [JointKind; 4] =

@@ -39,6 +39,19 @@ def test_every_form_gives_the_dense_answer(form: str, case: Case) -> None:
     assert_near(scene.operational_inverse_inertia(q, link, form=form), omega, inverse(condition, size(omega)))
 
 
+@pytest.mark.parametrize("form", FORMS)
+def test_an_inertia_about_one_axis_needs_a_force_outside_of_its_root(form: str) -> None:
+    builder = phipsi.SceneBuilder().link("base")
+    for k, (inertia, axis) in enumerate([((0.2, 0.3, 0.25), (0, 0, 1)), ((0.1, 0.2, 0.2), (0, 1, 0.4)), ((0.3, 0.0, 0.0), (1, 0, 0.2))]):
+        builder.link(f"link{k}", 1.5, (0.1, 0.2, -0.1), np.diag(inertia))
+        builder.joint(f"joint{k}", "revolute", f"link{k - 1}" if k else "base", f"link{k}", xyz=(0.3, 0.1, 0.2), rpy=(0.3, -0.2, 0.5), axis=axis)
+    with pytest.warns(phipsi.errors.InertiaWarning, match="link2"):
+        scene = builder.build()
+    q, qd, tau = np.array([0.3, -0.7, 0.4]), np.array([2.0, -3.0, 1.5]), np.array([0.5, 1.0, -0.2])
+    dense = np.linalg.solve(scene.mass_matrix(q), tau - scene.bias_torque(q, qd))
+    assert_near(scene.forward_dynamics(q, qd, tau, form=form), dense, inverse(float(np.linalg.cond(scene.mass_matrix(q))), size(dense)))
+
+
 def test_forms_are_different_programs(case: Case) -> None:
     scene, q, qd, tau = case
     found = {scene.forward_dynamics(q, qd, tau, form=form).tobytes() for form in FORMS[1:]}

@@ -29,7 +29,6 @@ ROOMS = (
     "algorithm",
     "scene",
     "scenes",
-    "workspace",
     "dynamics",
     "estimation",
     "batch",

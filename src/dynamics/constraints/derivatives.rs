@@ -8,7 +8,8 @@
 //! dqdd = Mc (right side above) - N (change of the rows),    Mc = M^-1 - N J M^-1,  N = M^-1 J* G^+
 //! ```
 //!
-//! What the rows and their forces change by, two frames against each other, comes of dual numbers on the bodies between them and the base.
+//! The changes of the rows and of their forces are computed with dual numbers on the bodies between the two frames and
+//! the base.
 
 use super::NoDirection;
 use super::inverse::constrained_mass_matrix_inverse;
@@ -35,8 +36,9 @@ type DualState<'a> = (&'a [Dual<f64>], &'a [Dual<f64>], &'a [Dual<f64>]);
 /// Forces on bodies, by index.
 type Forces = [Option<(usize, Vector6<f64>)>; 2];
 
-/// dqdd/dq, dqdd/dqd and dqdd/dtau at the state that [`constrained_dynamics`](super::constrained_dynamics) was run on last with this scratch, whose accelerations are `qdd`, into
-/// `out`, (3 x nv x nv): the third is the inverse mass matrix through the connections. O(nv^3 + m nv depth).
+/// dqdd/dq, dqdd/dqd and dqdd/dtau at the state that [`constrained_dynamics`](super::constrained_dynamics) was run on
+/// last with this scratch, whose accelerations are `qdd`, into `out`, (3 x nv x nv): the third is the inverse mass
+/// matrix through the connections. O(nv^3 + m nv depth).
 pub(crate) fn constrained_derivatives(
     (model, constraints): (&Model<f64>, &Constraints),
     workspace: &mut Workspace<f64>,
@@ -57,7 +59,7 @@ pub(crate) fn constrained_derivatives(
     // Row by row in `out`.
     let by = |matrix: &[f64]| DMatrix::from_row_slice(nv, nv, matrix);
     let (mut by_q, by_qd) = (by(&out[..square]), by(&out[square..2 * square]));
-    let rows = changes((model, constraints), &workspace.shift, (q, qd, qdd), &forces, &mut by_q)?;
+    let rows = changes((model, constraints), &workspace.store.shifts, (q, qd, qdd), &forces, &mut by_q)?;
 
     let mut inverse = vec![0.0; square];
     constrained_mass_matrix_inverse((model, constraints), workspace, scratch, q, &mut inverse)?;
@@ -83,7 +85,8 @@ pub(crate) fn constrained_derivatives(
     Ok(())
 }
 
-/// How every row changes with q and qd; and dID/dq less what the forces of the connections change by as they turn with their frames.
+/// How every row changes with q and qd; and dID/dq less what the forces of the connections change by as they turn with
+/// their frames.
 fn changes(
     (model, constraints): (&Model<f64>, &Constraints),
     shift: &[RigidShift<f64>],
@@ -135,7 +138,8 @@ fn changes(
     Ok(changes)
 }
 
-/// The change of a connection's rows J qdd + gamma along the tangents of a state, and that of its forces on bodies, in the bodies' axes.
+/// The change of a connection's rows J qdd + gamma along the tangents of a state, and that of its forces on bodies, in
+/// the bodies' axes.
 fn along(
     (model, constraint, index): (&Model<Dual<f64>>, &Constraint, usize),
     (q, qd, qdd): DualState<'_>,
@@ -159,7 +163,7 @@ fn along(
     Ok((accelerations, [on(c.body, &c.placement, change(&force)), on(d.body, &d.placement, -change(&back))]))
 }
 
-/// J* of forces on the bodies of a connection's path: what each joint feels of them.
+/// J* of forces on the bodies of a connection's path: the torque of each joint.
 fn felt(
     model: &Model<f64>,
     shift: &[RigidShift<f64>],

@@ -1,4 +1,4 @@
-//! What is wrong with connections, in words.
+//! Error messages for connections.
 
 use super::geometry::relaxed_at;
 use super::rows::{errors_of_rows, rates_of_rows};
@@ -8,7 +8,8 @@ use crate::scalar::Precision;
 use crate::scene::Scene;
 use crate::scene::constraint::Tie;
 
-/// A state of a call may be so far from the connections, m or rad, and m/s or rad/s: measurements, differences and the drift of an integrator are below.
+/// A state of a call may be so far from the connections, m or rad, and m/s or rad/s: measurements, differences and the
+/// drift of an integrator are below.
 pub(super) const IN_CALLS: f64 = 1e-3;
 
 impl Scene {
@@ -51,8 +52,9 @@ impl Scene {
         .into())
     }
 
-    /// Checks that a state meets the connections: errors to within `slack`, m or rad, and their rates to within as much, in m/s or rad/s, or relative to the
-    /// fastest joint where that is faster than 1. Combinations of rows that count as dependent may be open by the tolerance of the scene.
+    /// Checks that a state meets the connections: errors to within `slack`, m or rad, and their rates to within as
+    /// much, in m/s or rad/s, or relative to the fastest joint where that is faster than 1. Combinations of rows that
+    /// count as dependent may be open by the tolerance of the scene.
     pub(crate) fn check_on_connections(&self, q: &[f64], qd: &[f64], slack: f64) -> Result<(), Error> {
         if self.constraints().is_empty() {
             return Ok(());
@@ -94,7 +96,8 @@ impl Scene {
         self.check_on_connections(q, qd, IN_CALLS)
     }
 
-    /// True if a configuration of the right length meets the couplings of joints, whose positions the kernels do not check.
+    /// True if a configuration of the right length meets the couplings of joints, whose positions the kernels do not
+    /// check.
     pub(in crate::dynamics) fn couplings_hold<P: Precision>(&self, q: &[P]) -> bool {
         self.constraints().all.iter().all(|constraint| match &constraint.tie {
             Tie::Coordinates { first, second, multiplier, offset } => {

@@ -4,7 +4,8 @@ use super::NoDirection;
 use super::gram_inverse::GramInverse;
 use super::rows::{begin, units_of_rows};
 use super::scratch::ConstraintScratch;
-use crate::filter::{HingeMap, innovations, smoother};
+use crate::dynamics::sweeps::general;
+use crate::filter::{HingeMap, innovations};
 use crate::model::Model;
 use crate::scene::constraint::{Constraint, Constraints};
 use crate::spatial::{angular, linear, sum};
@@ -30,16 +31,17 @@ impl ConstraintScratch {
         for (i, compliance) in compliance.iter().enumerate() {
             gram[(i, i)] += compliance;
         }
-        self.relax((model, constraints), &workspace.shift, q, compliance);
+        self.relax((model, constraints), &workspace.store.shifts, q, compliance);
         self.inverse = GramInverse::of(&gram, &self.sizes, self.relaxed.basis());
         Ok(())
     }
 
-    /// The row i of W*: a unit force along row i runs inward from the bodies that it acts on, through the measurements of each joint.
+    /// The row i of W*: a unit force along row i runs inward from the bodies that it acts on, through the measurements
+    /// of each joint.
     fn whiten(&mut self, model: &Model<f64>, workspace: &Workspace<f64>, constraint: &Constraint, i: usize) {
         let Self { units, state, moments, whitened, sizes, torque, estimates, .. } = self;
         let (system, nv) = (&model.system, model.nv());
-        // What is measured is the torque of the row; a force on a body lowers the force that its joint has to transmit.
+        // The measurement is the torque of the row; a force on a body lowers the force that its joint has to transmit.
         begin(constraint, &units[i], state, -1.0);
         for &k in &constraint.path {
             moments[k] = 0.0;
@@ -64,14 +66,14 @@ impl ConstraintScratch {
                     HingeMap::Axis(_) => linear(&z).norm(),
                     HingeMap::Screw(pitch) => moments[k] + pitch.abs() * linear(&z).norm(),
                 } + torque[stage.first_row + row].abs();
-                square += size * size * workspace.measured[stage.first_row + row].pivot_inverse;
+                square += size * size * workspace.store.measured[stage.first_row + row].pivot_inverse;
             }
-            innovations::through_stage((system, k), &workspace.measured, torque, &mut z, estimates);
+            innovations::through_stage((system, k), &workspace.store.measured, torque, &mut z, estimates);
             for row in stage.first_row..stage.first_row + stage.rows.count() {
-                out[row] = estimates[row] * workspace.measured[row].pivot_inverse.sqrt();
+                out[row] = estimates[row] * workspace.store.measured[row].pivot_inverse.sqrt();
             }
             if let Some(parent) = stage.parent {
-                let shift = &workspace.shift[k];
+                let shift = &workspace.store.shifts[k];
                 state[parent] = sum(&state[parent], &shift.force_to_parent(&z));
                 // A lever along a force leaves a moment of rounding, which is no moment.
                 moments[parent] += angular(&z).norm().max(moments[k]) + shift.lever.norm() * linear(&z).norm();
@@ -123,17 +125,13 @@ impl ConstraintScratch {
 
     /// M^-1 J* of the forces that [`ConstraintScratch::spread`] has left, in `estimates`: one more right side. O(N).
     pub(super) fn respond(&mut self, model: &Model<f64>, workspace: &mut Workspace<f64>) {
-        let Self { wrenches, torque, state, estimates, .. } = self;
-        for (z, wrench) in state.iter_mut().zip(wrenches) {
-            *z = -*wrench;
-        }
-        let Workspace { shift, measured, co_state, .. } = workspace;
-        innovations::sweep(&model.system, shift, measured, torque, state, estimates);
-        smoother::sweep(&model.system, shift, measured, co_state, estimates);
+        let (scene, store) = workspace.passes(model);
+        store.set_forces(self.wrenches.iter().map(|wrench| -wrench));
+        general::solve::<f64, true>(scene, store, &self.torque, &mut self.estimates);
     }
 }
 
-/// What two lists that fall have in common.
+/// The common entries of two decreasing lists.
 fn common<'a>(first: &'a [usize], second: &'a [usize]) -> impl Iterator<Item = usize> + 'a {
     let mut at = 0;
     first.iter().copied().filter(move |&k| {

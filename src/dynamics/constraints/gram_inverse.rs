@@ -8,10 +8,11 @@ const LOST: f64 = 1e-13;
 /// A row of W that is so small beside the terms that it is formed from moves nothing.
 pub(super) const NOTHING: f64 = 1e-12;
 
-/// Pivots of G, its diagonal scaled to one, above which it is told to be regular by its Cholesky factor alone.
+/// Pivots of G, its diagonal scaled to one, above which its Cholesky factor alone shows that it is regular.
 pub(super) const REGULAR: f64 = 1e-9;
 
-/// G^+ of combinations C of the rows, C* (C G C*)^+ C; with C = 1 it is S B B* S, S the scale that makes G's diagonal one: B = L^-* of the Cholesky factor where G is regular, else V mu^-1/2 over the eigenvalues mu that mean something.
+/// G^+ of combinations C of the rows, C* (C G C*)^+ C; with C = 1 it is S B B* S, S the scale that makes G's diagonal
+/// one: B = L^-* of the Cholesky factor where G is regular, else V mu^-1/2 over the eigenvalues mu that mean something.
 #[derive(Debug, Clone, Default)]
 pub(super) struct GramInverse {
     scale: Vec<f64>,

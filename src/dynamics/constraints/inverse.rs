@@ -5,7 +5,7 @@ use super::rows::{accelerations_of_rows, jacobian_of_rows};
 use super::scratch::ConstraintScratch;
 use crate::dynamics::forward::factorise;
 use crate::dynamics::inverse::inverse_dynamics;
-use crate::filter::innovations;
+use crate::dynamics::sweeps::general;
 use crate::filter::pivots::PivotMonitor;
 use crate::model::Model;
 use crate::scene::constraint::Constraints;
@@ -18,7 +18,7 @@ const SMALL: f64 = 1e-11;
 /// A torque without a motor that is so small beside the terms that it is the sum of is rounding.
 const UNNOTICED: f64 = 1e-8;
 
-/// What constrained inverse dynamics found.
+/// The result of constrained inverse dynamics.
 #[derive(Debug, Clone)]
 pub(crate) struct InverseOutcome {
     pub pivots: PivotMonitor<f64>,
@@ -30,11 +30,11 @@ pub(crate) struct InverseOutcome {
     pub unmet: Option<(usize, f64)>,
 }
 
-/// Torques `tau` and the forces of the connections (in the scratch) with tau + J* lambda = f, f the tree's inverse dynamics, and tau zero where
-/// `actuated` is false.
+/// Torques `tau` and the forces of the connections (in the scratch) with tau + J* lambda = f, f the tree's inverse
+/// dynamics, and tau zero where `actuated` is false.
 ///
-/// Where that leaves a choice, tau has the least tau* M^-1 tau. Without the rows that are not actuated, that is lambda = G^+ J M^-1 f, in O(N + m^2 depth +
-/// m^3); else dense in m rows and nv.
+/// Where that leaves a choice, tau has the least tau* M^-1 tau. Without the rows that are not actuated, that is
+/// lambda = G^+ J M^-1 f, in O(N + m^2 depth + m^3); else dense in m rows and nv.
 pub(crate) fn constrained_inverse_dynamics(
     (model, constraints): (&Model<f64>, &Constraints),
     workspace: &mut Workspace<f64>,
@@ -46,7 +46,7 @@ pub(crate) fn constrained_inverse_dynamics(
 ) -> Result<InverseOutcome, NoDirection> {
     let (nv, m) = (model.nv(), constraints.rows);
     inverse_dynamics(model, workspace, q, qd, qdd, wrenches, tau);
-    let pivots = factorise(model, workspace, q, |_, _| {});
+    let pivots = factorise(model, workspace, q);
     if workspace.lost_pivot(model, &pivots).is_some() {
         return Ok(InverseOutcome { pivots, rank: 0, residual: f64::NAN, unmet: None });
     }
@@ -55,7 +55,7 @@ pub(crate) fn constrained_inverse_dynamics(
     accelerations_of_rows(model, constraints, (q, qd), Some(qdd), (residual, terms))?;
     let residual = residual.iter().fold(0.0, |largest: f64, left| largest.max(left.abs()));
 
-    let white = whitened(model, workspace, &mut scratch.state, tau);
+    let white = whitened(model, workspace, tau);
     let w = DMatrix::from_fn(nv, m, |row, i| scratch.whitened_row(i, nv)[row]);
     if actuated.iter().all(|&a| a) {
         let against = w.tr_mul(&white);
@@ -64,10 +64,11 @@ pub(crate) fn constrained_inverse_dynamics(
         scratch.forces = forces;
     } else {
         let mut jacobian = vec![0.0; m * nv];
-        jacobian_of_rows(model, constraints, scratch, &workspace.shift, (q, &workspace.rest), &mut jacobian)?;
+        jacobian_of_rows(model, constraints, scratch, &workspace.store.shifts, (q, &workspace.rest), &mut jacobian)?;
         let free: Vec<usize> = (0..nv).filter(|&row| !actuated[row]).collect();
-        // Rows scaled by the inertia that each joint sees, columns to what the rows of the connections are to the filter.
-        let weight = |row: usize| workspace.measured[row].pivot_inverse.sqrt();
+        // Rows scaled by the inertia that each joint sees, columns to what the rows of the connections are to the
+        // filter.
+        let weight = |row: usize| workspace.store.measured[row].pivot_inverse.sqrt();
         let forces = scratch.inverse.scaled_forces();
         let of_free = DMatrix::from_fn(free.len(), m, |r, i| jacobian[i * nv + free[r]] * weight(free[r]));
         let right = DVector::from_iterator(free.len(), free.iter().map(|&row| tau[row] * weight(row)));
@@ -78,9 +79,10 @@ pub(crate) fn constrained_inverse_dynamics(
     let forces = std::mem::take(&mut scratch.forces);
     scratch.spread(&forces);
     scratch.forces = forces;
-    let ConstraintScratch { wrenches, torque, state, estimates, .. } = scratch;
-    state.copy_from_slice(wrenches);
-    innovations::predict(&model.system, &workspace.shift, state, estimates);
+    let ConstraintScratch { wrenches, torque, estimates, .. } = scratch;
+    let (scene, store) = workspace.passes(model);
+    store.set_forces(wrenches.iter().copied());
+    general::predict(scene, store, estimates);
     let mut unmet: Option<(usize, f64)> = None;
     for row in 0..nv {
         let taken = estimates[row] + torque[row];
@@ -102,11 +104,11 @@ fn largest(x: &[f64]) -> f64 {
 }
 
 /// D^-1/2 (1 - L) tau, with the factor of M in the workspace.
-fn whitened(model: &Model<f64>, workspace: &Workspace<f64>, state: &mut [Vector6<f64>], tau: &[f64]) -> DVector<f64> {
-    state.fill(Vector6::zeros());
+fn whitened(model: &Model<f64>, workspace: &mut Workspace<f64>, tau: &[f64]) -> DVector<f64> {
     let mut e = vec![0.0; tau.len()];
-    innovations::sweep(&model.system, &workspace.shift, &workspace.measured, tau, state, &mut e);
-    DVector::from_iterator(e.len(), e.iter().zip(&workspace.measured).map(|(e, row)| e * row.pivot_inverse.sqrt()))
+    let (scene, store) = workspace.passes(model);
+    general::innovations::<f64, false>(scene, store, tau, &mut e);
+    DVector::from_iterator(e.len(), e.iter().zip(&store.measured).map(|(e, row)| e * row.pivot_inverse.sqrt()))
 }
 
 /// mu with A mu nearest to b, and among those with B mu nearest to c.
@@ -142,7 +144,8 @@ fn least(a: &DMatrix<f64>, b: &DVector<f64>, to: &DMatrix<f64>, c: &DVector<f64>
 
 /// M^-1 - M^-1 J* G^+ J M^-1 at `q` into `out`, (nv x nv): how torques accelerate what the connections leave free.
 ///
-/// As a Gram matrix, so that nothing is subtracted: with Y = D^-1/2 (1 - L) and P the projection off the columns of W it is Y* P Y. O(nv^3) at the most.
+/// As a Gram matrix, so that nothing is subtracted: with Y = D^-1/2 (1 - L) and P the projection off the columns of W
+/// it is Y* P Y. O(nv^3) at the most.
 pub(crate) fn constrained_mass_matrix_inverse(
     (model, constraints): (&Model<f64>, &Constraints),
     workspace: &mut Workspace<f64>,
@@ -151,7 +154,7 @@ pub(crate) fn constrained_mass_matrix_inverse(
     out: &mut [f64],
 ) -> Result<PivotMonitor<f64>, NoDirection> {
     let (nv, m) = (model.nv(), constraints.rows);
-    let pivots = factorise(model, workspace, q, |_, _| {});
+    let pivots = factorise(model, workspace, q);
     if workspace.lost_pivot(model, &pivots).is_some() {
         return Ok(pivots);
     }
@@ -163,7 +166,7 @@ pub(crate) fn constrained_mass_matrix_inverse(
     let mut columns = DMatrix::zeros(nv, nv);
     for j in 0..nv {
         unit[j] = 1.0;
-        columns.set_column(j, &whitened(model, workspace, &mut scratch.state, &unit));
+        columns.set_column(j, &whitened(model, workspace, &unit));
         unit[j] = 0.0;
     }
     // Twice: the first leaves the rounding of what it takes away.

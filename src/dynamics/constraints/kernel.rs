@@ -1,6 +1,7 @@
 //! Forward dynamics through connections for states in lanes and for one state, where nothing but the result is wanted.
 //!
-//! With the factor of M in the scratch of the [sweeps](crate::dynamics::sweeps) and e^- the innovations of the tree (4.2):
+//! With the factor of M in the scratch of the [sweeps](crate::dynamics::sweeps) and e^- the innovations of the tree
+//! (4.2):
 //!
 //! ```text
 //! w_i     innovations of a unit force along row i, over its path only
@@ -9,9 +10,9 @@
 //! e^-     + sum of w_i lambda_i                   goes outward once, through the smoother (4.9 to 4.11)
 //! ```
 //!
-//! What is left of J qdd + gamma is looked at with the accelerations that came of it, and taken away once more where it is no rounding. A row that moves nothing is
-//! left out. Where the others are not independent, or something stays that is no rounding, a state is in doubt:
-//! [`constrained_dynamics`](super::constrained_dynamics) finds its rank.
+//! What is left of J qdd + gamma is looked at with the accelerations that came of it, and taken away once more where it
+//! is no rounding. A row that moves nothing is left out. Where the others are not independent, or something stays that
+//! is no rounding, a state needs a fallback: [`constrained_dynamics`](super::constrained_dynamics) finds its rank.
 
 use super::faults::IN_CALLS;
 use super::gram_inverse::{NOTHING, REGULAR};
@@ -35,7 +36,7 @@ const ROUNDING: f64 = 8.0;
 /// Rows that depend on each other to within the geometric tolerance times this are not told to be independent here.
 const UNSURE: f64 = 10.0;
 
-/// What is tied, in the scalar of the kernel.
+/// The connections, in the scalar of the kernel.
 #[derive(Debug)]
 enum LaneTie<T> {
     /// Frames in those of the sweeps.
@@ -59,14 +60,15 @@ struct Connection<T> {
 /// A row of a connection at one state.
 #[derive(Debug, Clone, Copy)]
 struct Row<T> {
-    /// The forces on the bodies at the ends of its path, in the frames of the sweeps, and the sums of the absolute values of their halves.
+    /// The forces on the bodies at the ends of its path, in the frames of the sweeps, and the sums of the absolute
+    /// values of their halves.
     forces: [[T; 6]; 2],
     sizes: [[T; 2]; 2],
     /// J' qd.
     gamma: T,
 }
 
-/// What the kernel has of one scene and of the states at hand; starts as NaN.
+/// The data of the kernel for one scene and the current states; initialized with NaN.
 #[derive(Debug)]
 pub(crate) struct ConstraintKernel<T> {
     connections: Vec<Connection<T>>,
@@ -93,7 +95,7 @@ pub(crate) struct ConstraintKernel<T> {
     unsure: f64,
     /// The noise of each row, zero where it does not give way.
     pub compliance: Vec<T>,
-    /// What rounding is relative to in each row.
+    /// The size that the rounding of each row is relative to.
     terms: Vec<T>,
     /// What the weight of the robot does to a row is below the size of that row times this; and weight and torques.
     weight: T,
@@ -144,8 +146,9 @@ impl<T: Real> ConstraintKernel<T> {
         }
     }
 
-    /// Rows, w, G and its factor at the q of the scratch and `qd`, and the first step of lambda; `innovations` are those of the tree. Negative or NaN in lanes where rows are not independent,
-    /// or where their form is not the usual one.
+    /// Rows, w, G and its factor at the q of the scratch and `qd`, and the first step of lambda; `innovations` are
+    /// those of the tree. Negative or NaN in lanes where rows are not independent, or where their form is not the usual
+    /// one.
     #[inline(always)]
     pub fn begin(
         &mut self,
@@ -191,7 +194,8 @@ impl<T: Real> ConstraintKernel<T> {
         regular
     }
 
-    /// The unit forces of one connection and J' qd of its rows; positive where they are written the usual way and the state meets them.
+    /// The unit forces of one connection and J' qd of its rows; positive where they are written the usual way and the
+    /// state meets them.
     #[inline(always)]
     fn rows_of(&mut self, at: usize, scene: (&Model<T>, &SweepModel<T>), scratch: &SweepScratch<T>, qd: &[T]) -> T {
         let zero = scene.0.gravity[0].constant(0.0);
@@ -217,7 +221,8 @@ impl<T: Real> ConstraintKernel<T> {
         };
         motions_along(scene, scratch, (path, qd), &mut self.motions);
         let on_branch = ends.map(|end| end.and_then(|step| path.on_branch(step)));
-        // Distances of a mechanism from the base do not enter: both frames are placed from where the second one's branch begins.
+        // Distances of a mechanism from the base do not enter: both frames are placed from where the second one's
+        // branch begins.
         let origin =
             on_branch[1].map_or_else(|| frames[1].lever.into(), |step| origin_along(scene, scratch, (path, step)));
         let along = (path, &self.motions[..], &origin);
@@ -303,7 +308,8 @@ impl<T: Real> ConstraintKernel<T> {
         }
     }
 
-    /// Scales the diagonal of G to one; rows that move nothing leave a one there and zeros beside it, and the rank is that of the others.
+    /// Scales the diagonal of G to one; rows that move nothing leave a one there and zeros beside it, and the rank is
+    /// that of the others.
     #[inline(always)]
     fn scaled(&mut self, zero: T) -> T {
         let Self { gram, scale, sizes, rank, compliance, unsure, .. } = self;
@@ -399,8 +405,8 @@ impl<T: Real> ConstraintKernel<T> {
         }
     }
 
-    /// What is left of the rows at these accelerations, and the step that takes it away. By how much it is within rounding, and within what could be rounding: negative where it
-    /// is not.
+    /// What is left of the rows at these accelerations, and the step that takes it away. By how much it is within
+    /// rounding, and within what could be rounding: negative where it is not.
     #[inline(always)]
     pub fn look(&mut self, scene: (&Model<T>, &SweepModel<T>), scratch: &SweepScratch<T>, qdd: &[T]) -> [T; 2] {
         let zero = scene.0.gravity[0].constant(0.0);
@@ -419,7 +425,8 @@ impl<T: Real> ConstraintKernel<T> {
             ..
         } = self;
         let (mut most, mut near, mut far) = (zero, zero.constant(1.0), zero.constant(1.0));
-        // A row of bodies that are held still is a sum of rounding: what it is to be compared with is what acts on them, forces by sqrt(G_jj) |lambda_j|.
+        // A row of bodies that are held still is a sum of rounding: what it is to be compared with is what acts on
+        // them, forces by sqrt(G_jj) |lambda_j|.
         let mut acting = *pushing;
         for (&lambda, &scale) in forces_of_rows.iter().zip(&*scale) {
             // Rows that are left out have none of either.
@@ -503,7 +510,8 @@ impl<T: Real> Connection<T> {
 /// A path, the motions of its bodies, and the origin of placements.
 type Along<'a, T> = (&'a Path, &'a [[[T; 6]; 2]], &'a [T; 3]);
 
-/// How the frame at an end of a path moves against the body where the branches meet, the bodies of the path moving so; without a step on a branch it is on that body.
+/// How the frame at an end of a path moves against the body where the branches meet, the bodies of the path moving so;
+/// without a step on a branch it is on that body.
 #[inline(always)]
 fn motion_of_end<T: Real>(
     scene: (&Model<T>, &SweepModel<T>),

@@ -20,7 +20,7 @@ const STEPS: usize = 100;
 /// An error below this, m or rad, that no longer falls is rounding.
 const CLOSED: f64 = 1e-9;
 
-/// What a projection found.
+/// The result of a projection.
 #[derive(Debug, Clone)]
 pub(crate) struct Projected {
     pub pivots: PivotMonitor<f64>,
@@ -32,10 +32,12 @@ pub(crate) struct Projected {
     pub stays: Option<usize>,
 }
 
-/// The configuration that meets the connections, from `q` by Newton steps -M^-1 J* (G + compliance)^+ error, each of least kinetic energy. Rows that give way end at error =
-/// -compliance lambda, with lambda the sum of what the steps pushed with.
+/// The configuration that meets the connections, from `q` by Newton steps -M^-1 J* (G + compliance)^+ error, each of
+/// least kinetic energy. Rows that give way end at error = -compliance lambda, with lambda the sum of what the steps
+/// pushed with.
 ///
-/// On return the factors of the tree and of the rows are those of the last configuration that a step was made from. O(N + m^2 depth + m^3) a step.
+/// On return the factors of the tree and of the rows are those of the last configuration that a step was made from.
+/// O(N + m^2 depth + m^3) a step.
 pub(crate) fn project_positions(
     (model, constraints): (&Model<f64>, &Constraints),
     workspace: &mut Workspace<f64>,
@@ -61,7 +63,7 @@ pub(crate) fn project_positions(
         if is_closed(left) || !left.is_finite() || (!falls && best.0 <= CLOSED * size) {
             break;
         }
-        pivots = factorise(model, workspace, q, |_, _| {});
+        pivots = factorise(model, workspace, q);
         if workspace.lost_pivot(model, &pivots).is_some() {
             return Ok(Projected { pivots, rank: 0, left, stays: None });
         }
@@ -100,7 +102,8 @@ pub(crate) fn project_positions(
     Ok(Projected { pivots, rank: scratch.inverse.rank, left, stays })
 }
 
-/// The velocities nearest to `qd` that keep the connections as they are, by kinetic energy: qd - M^-1 J* (G + compliance)^+ J qd.
+/// The velocities nearest to `qd` that keep the connections as they are, by kinetic energy: qd - M^-1 J* (G +
+/// compliance)^+ J qd.
 pub(crate) fn project_velocities(
     (model, constraints): (&Model<f64>, &Constraints),
     workspace: &mut Workspace<f64>,
@@ -108,7 +111,7 @@ pub(crate) fn project_velocities(
     (q, qd): (&[f64], &mut [f64]),
     compliance: &[f64],
 ) -> Result<Projected, NoDirection> {
-    let pivots = factorise(model, workspace, q, |_, _| {});
+    let pivots = factorise(model, workspace, q);
     if workspace.lost_pivot(model, &pivots).is_some() {
         return Ok(Projected { pivots, rank: 0, left: f64::NAN, stays: None });
     }
@@ -135,7 +138,8 @@ pub(crate) fn project_velocities(
 }
 
 impl ConstraintScratch {
-    /// The residuals of the rows that are kept, in `residual`: errors or velocities, plus compliance times lambda. Returns the largest.
+    /// The residuals of the rows that are kept, in `residual`: errors or velocities, plus compliance times lambda.
+    /// Returns the largest.
     fn open(&mut self, compliance: &[f64], is_of_positions: bool) -> f64 {
         let Self { residual, errors, rates, forces, relaxed, dropped, .. } = self;
         residual.copy_from_slice(if is_of_positions { errors } else { rates });

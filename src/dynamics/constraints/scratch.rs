@@ -30,7 +30,7 @@ pub struct ConstraintScratch {
     pub(crate) relaxed: Relaxed,
     /// Of the rows at hand, the part that is not kept.
     pub(crate) dropped: Vec<f64>,
-    /// What is left of each row, and the sizes of its terms.
+    /// The residual of each row, and the sizes of its terms.
     pub(crate) residual: Vec<f64>,
     pub(super) terms: Vec<f64>,
     /// lambda of each row: moments N m and forces N, on the connection's link in its first frame's axes.

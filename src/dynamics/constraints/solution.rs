@@ -4,9 +4,11 @@ use super::NoDirection;
 use super::rows::{accelerations_of_rows, errors_of_rows, rates_of_rows};
 use super::scratch::ConstraintScratch;
 use crate::dynamics::forces::Motion;
-use crate::dynamics::forward::{factorise, forces_and_noise, forward_dynamics};
+use crate::dynamics::forward::{factorise, forward_dynamics};
+use crate::dynamics::inverse::forces_base_to_tip;
+use crate::dynamics::sweeps::general;
+use crate::filter::Form;
 use crate::filter::pivots::PivotMonitor;
-use crate::filter::{Form, innovations, smoother};
 use crate::model::Model;
 use crate::scalar::Real;
 use crate::scene::constraint::Constraints;
@@ -31,7 +33,7 @@ pub(super) fn weight<T: Real>(model: &Model<T>) -> f64 {
     mass.sqrt() * model.gravity.map(|g| g.lane(0)).norm()
 }
 
-/// What constrained dynamics found.
+/// The result of constrained dynamics.
 #[derive(Debug, Clone)]
 pub(crate) struct Outcome {
     pub pivots: PivotMonitor<f64>,
@@ -43,7 +45,7 @@ pub(crate) struct Outcome {
     pub contradicted: Vec<usize>,
 }
 
-/// What the rows of the connections are to be: J qdd + gamma = -2 alpha J qd - alpha^2 errors - compliance lambda.
+/// The required rows of the connections: J qdd + gamma = -2 alpha J qd - alpha^2 errors - compliance lambda.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct RowsAre<'a> {
     /// 1/s; without it there is nothing of rates and errors.
@@ -52,10 +54,12 @@ pub(crate) struct RowsAre<'a> {
     pub compliance: &'a [f64],
 }
 
-/// Accelerations `qdd` and the forces of the connections (in the scratch) from torques, where the rows are as they are to be.
+/// Accelerations `qdd` and the forces of the connections (in the scratch) from torques, where the rows are as they are
+/// to be.
 ///
-/// The tree's accelerations qdd0; lambda = -(G + compliance)^+ (J qdd0 + gamma - wanted); the tree's accelerations with J* lambda acting on it. What is left of the rows is taken away by one
-/// more right side each, while it falls. One factor and two right sides in covariance form, two forward dynamics in others, O(N), and O(m^2 depth + m^3).
+/// The tree's accelerations qdd0; lambda = -(G + compliance)^+ (J qdd0 + gamma - wanted); the tree's accelerations with
+/// J* lambda acting on it. What is left of the rows is taken away by one more right side each, while it falls. One
+/// factor and two right sides in covariance form, two forward dynamics in others, O(N), and O(m^2 depth + m^3).
 pub(crate) fn constrained_dynamics(
     (model, constraints): (&Model<f64>, &Constraints),
     workspace: &mut Workspace<f64>,
@@ -65,7 +69,7 @@ pub(crate) fn constrained_dynamics(
     qdd: &mut [f64],
 ) -> Result<Outcome, NoDirection> {
     let state = (q, qd);
-    let (mut pivots, way) = accelerations_of_tree(model, workspace, (q, qd, tau), wrenches, qdd);
+    let (mut pivots, right_sides) = accelerations_of_tree(model, workspace, (q, qd, tau), wrenches, qdd);
     if workspace.lost_pivot(model, &pivots).is_some() {
         return Ok(Outcome { pivots, rank: 0, residual: f64::NAN, contradicted: Vec::new() });
     }
@@ -80,21 +84,21 @@ pub(crate) fn constrained_dynamics(
     keep_larger(&mut terms, &scratch.terms);
     scratch.take_away();
 
-    // With the forces as they are, so that they cancel in the sums that rounding is relative to, and not in accelerations.
+    // With the forces as they are, so that they cancel in the sums that rounding is relative to, and not in
+    // accelerations.
     let forces = std::mem::take(&mut scratch.forces);
     scratch.spread(&forces);
     scratch.forces = forces;
     for (sum, own) in scratch.torque.iter_mut().zip(tau) {
         *sum += own;
     }
-    match way {
-        Way::OneFactor => {
-            for ((z, bias), force) in workspace.z.iter_mut().zip(&workspace.bias).zip(&scratch.wrenches) {
-                *z = bias - force;
-            }
+    match right_sides {
+        RightSides::OneFactor => {
+            let Workspace { store, z, .. } = &mut *workspace;
+            store.set_forces(z.iter().zip(&scratch.wrenches).map(|(bias, force)| bias - force));
             right_side(model, workspace, &scratch.torque, qdd);
         }
-        Way::Anew => {
+        RightSides::Anew => {
             for (sum, own) in scratch.wrenches.iter_mut().zip(wrenches) {
                 *sum += own;
             }
@@ -130,7 +134,8 @@ pub(crate) fn constrained_dynamics(
             break;
         }
     }
-    // What a row is the sum of can be rounding itself, of bodies that are held still: what acts on them cancels.
+    // The terms of a row can be rounding themselves for bodies in static equilibrium, because the forces on them
+    // cancel.
     let acting = scratch.acting() + pushing(model, workspace, tau);
     let is_left = |&i: &usize| {
         let (left, dropped) = (scratch.residual[i].abs(), scratch.dropped[i].abs());
@@ -150,52 +155,50 @@ fn largest_of(residual: &[f64]) -> f64 {
     residual.iter().fold(0.0, |largest: f64, left| largest.max(left.abs()))
 }
 
-/// How the tree's accelerations are found for another right side.
+/// The method for further right sides.
 #[derive(Clone, Copy)]
-enum Way {
-    /// By the factor that there is, in covariance form, and the bias forces in the workspace's `bias`.
+enum RightSides {
+    /// By the factor that there is, in covariance form, and the bias forces in the workspace's `z`.
     OneFactor,
     /// From the start, in the workspace's form.
     Anew,
 }
 
-/// The tree's accelerations, with the factor of M left in the workspace. In form `auto` by one factor in covariance form where that keeps its digits for right sides that are made up, for
-/// more are to come.
+/// The tree's accelerations, with the factor of M left in the workspace. In form `auto` by one factor in covariance
+/// form if its error estimate for test vectors meets the tolerance, for more are to come.
 fn accelerations_of_tree(
     model: &Model<f64>,
     workspace: &mut Workspace<f64>,
     (q, qd, tau): (&[f64], &[f64], &[f64]),
     wrenches: &[Vector6<f64>],
     qdd: &mut [f64],
-) -> (PivotMonitor<f64>, Way) {
+) -> (PivotMonitor<f64>, RightSides) {
     let form = workspace.form;
     if matches!(form, Form::Auto | Form::Covariance) {
-        let pivots = factorise(model, workspace, q, |_, _| {});
+        let pivots = factorise(model, workspace, q);
         if form == Form::Covariance || !pivots.of_roots {
-            forces_and_noise(model, workspace, Motion { q, qd, qdd: None, wrenches });
-            workspace.bias.copy_from_slice(&workspace.z);
+            forces_base_to_tip(model, workspace, Motion { q, qd, qdd: None, wrenches });
             right_side(model, workspace, tau, qdd);
-            return (pivots, Way::OneFactor);
+            return (pivots, RightSides::OneFactor);
         }
     }
     let mut pivots = forward_dynamics(model, workspace, q, qd, tau, wrenches, qdd);
     if workspace.lost_pivot(model, &pivots).is_none() && form == Form::Auto {
         // That form watched one right side; these are others.
-        pivots = factorise(model, workspace, q, |_, _| {});
+        pivots = factorise(model, workspace, q);
     }
-    (pivots, Way::Anew)
+    (pivots, RightSides::Anew)
 }
 
-/// Accelerations by the factor in the workspace, for these torques and the forces in its z, which are used up.
+/// Accelerations by the factor in the workspace, for these torques and the forces in its store.
 fn right_side(model: &Model<f64>, workspace: &mut Workspace<f64>, tau: &[f64], qdd: &mut [f64]) {
-    let Workspace { shift, measured, z, co_state, .. } = workspace;
-    innovations::sweep(&model.system, shift, measured, tau, z, qdd);
-    smoother::sweep(&model.system, shift, measured, co_state, qdd);
+    let (scene, store) = workspace.passes(model);
+    general::solve::<f64, true>(scene, store, tau, qdd);
 }
 
 /// The same of torques, by the factor in the workspace, and of the weight.
 fn pushing(model: &Model<f64>, workspace: &Workspace<f64>, tau: &[f64]) -> f64 {
-    let torques = tau.iter().zip(&workspace.measured).map(|(tau, row)| tau.abs() * row.pivot_inverse.sqrt());
+    let torques = tau.iter().zip(&workspace.store.measured).map(|(tau, row)| tau.abs() * row.pivot_inverse.sqrt());
     torques.sum::<f64>() + weight(model)
 }
 
@@ -207,7 +210,7 @@ fn keep_larger(terms: &mut [f64], others: &[f64]) {
 }
 
 impl ConstraintScratch {
-    /// What is left of every row at these accelerations, in `residual`; gives the largest.
+    /// The residual of every row at these accelerations, in `residual`. Returns the largest.
     fn left(
         &mut self,
         model: &Model<f64>,
@@ -238,7 +241,8 @@ impl ConstraintScratch {
         Ok(largest_of(residual))
     }
 
-    /// The sum of sqrt(`G_jj`) |`lambda_j`|: times the size of a row, a bound on the terms that the forces of the connections add to it.
+    /// The sum of sqrt(`G_jj`) |`lambda_j`|: times the size of a row, a bound on the terms that the forces of the
+    /// connections add to it.
     fn acting(&self) -> f64 {
         self.inverse.weighed(&self.forces)
     }

@@ -1,4 +1,4 @@
-//! What one row of the connections does to bodies and joints.
+//! The forces of one row of the connections on bodies and joints.
 
 use crate::kinematics::Frame;
 use crate::spatial::{RigidShift, angular, linear};
@@ -14,7 +14,8 @@ pub(super) struct UnitRow {
 }
 
 impl UnitRow {
-    /// Of a force on frame C, in its axes at its origin, and of the opposite one on frame D, where C is at `place` in D's axes.
+    /// Of a force on frame C, in its axes at its origin, and of the opposite one on frame D, where C is at `place` in
+    /// D's axes.
     pub fn between([c, d]: [&Frame<f64>; 2], place: &RigidShift<f64>, force: &Vector6<f64>) -> Self {
         let back = -place.force_to_parent(force);
         let (moment, push) = (angular(force).norm(), linear(force).norm());

@@ -1,7 +1,8 @@
-//! Accelerations of joints that follow each other, qdd = G a: rows that are measured together, in O(N) beside what waits for its sum.
+//! Accelerations of joints that follow each other, qdd = G a: rows that are measured together, in O(N) beside what
+//! waits for its sum.
 
 use crate::dynamics::forces::Motion;
-use crate::dynamics::forward::forces_and_noise;
+use crate::dynamics::inverse::forces_base_to_tip;
 use crate::filter::Form;
 use crate::filter::pivots::{LostPivot, Scale};
 use crate::filter::summed::{Seen, SummedFactor, Sums};
@@ -30,9 +31,9 @@ impl<T: Real> Solver<T> {
     fn factorise(&mut self, sums: &Sums, q: &[T], bias: Option<(&[T], &[Vector6<T>])>) -> Seen<T> {
         let Self { model, workspace, factor } = self;
         if let Some((qd, wrenches)) = bias {
-            forces_and_noise(model, workspace, Motion { q, qd, qdd: None, wrenches });
+            forces_base_to_tip(model, workspace, Motion { q, qd, qdd: None, wrenches });
         } else {
-            placements_base_to_tip(model, q, &mut workspace.shift);
+            placements_base_to_tip(model, q, &mut workspace.store.shifts);
             workspace.z.fill(zero());
         }
         let (p, scale) = factor.noise();
@@ -40,28 +41,28 @@ impl<T: Real> Solver<T> {
             *p = body.inertia.to_symmetric();
             *scale = Scale::of_noise(&body.inertia_terms);
         }
-        factor.factorise(&model.system, sums, &workspace.shift)
+        factor.factorise(&model.system, sums, &workspace.store.shifts)
     }
 
     /// The accelerations for these torques and the bias forces in z, which are used up.
     fn solve(&mut self, sums: &Sums, tau: &[T], qdd: &mut [T]) {
         let Self { model, workspace, factor } = self;
-        factor.solve(&model.system, sums, &workspace.shift, tau, &mut workspace.z, qdd);
+        factor.solve(&model.system, sums, &workspace.store.shifts, tau, &mut workspace.z, qdd);
     }
 
     fn lost(&self, sums: &Sums, seen: &Seen<T>) -> Option<LostPivot> {
         let noise = |k: usize| self.model.bodies[k].inertia_terms;
-        self.factor.lost_pivot(&self.model.system, sums, &self.workspace.shift, seen, noise)
+        self.factor.lost_pivot(&self.model.system, sums, &self.workspace.store.shifts, seen, noise)
     }
 }
 
-/// Accelerations of a tree whose joints follow each other, in f64, and with twice the digits where those of f64 are in doubt.
+/// Accelerations of a tree with mimic joints, in f64, and in double-double arithmetic if a pivot in f64 is inaccurate.
 #[derive(Debug, Clone)]
 pub(crate) struct CoupledAccelerations {
     narrow: Solver<f64>,
     /// Made when it is first needed.
     wide: Option<Box<Solver<DoubleDouble>>>,
-    /// Whether the last factor is the wide one.
+    /// True if the last factor is the wide one.
     pub(crate) is_wide: bool,
 }
 
@@ -82,7 +83,8 @@ impl CoupledAccelerations {
         }
     }
 
-    /// The factor at `q`, and with rates (and forces on bodies) the bias. In form `auto` with twice the digits where a pivot lost more than five; in square-root form always.
+    /// The factor at `q`, and with rates (and forces on bodies) the bias. In form `auto` in double-double arithmetic if
+    /// a pivot lost more than five digits; in square-root form always.
     ///
     /// Gives the pivot that is lost, where one is.
     pub fn factorise(
@@ -107,7 +109,8 @@ impl CoupledAccelerations {
         wide.lost(sums, &seen)
     }
 
-    /// The accelerations of all joints, (nv of the tree), by the factor that there is: for the bias of the call before, or without any.
+    /// The accelerations of all joints, (nv of the tree), by the factor that there is: for the bias of the call before,
+    /// or without any.
     pub fn solve(&mut self, sums: &Sums, tau: &[f64], qdd: &mut [f64]) {
         match &mut self.wide {
             Some(wide) if self.is_wide => {

@@ -1,8 +1,11 @@
-//! Gradients of inverse dynamics in O(N), without any matrix: a pass outward with the co-state of the torques, and one inward.
+//! Gradients of inverse dynamics in O(N), without any matrix: a pass outward with the co-state of the torques, and one
+//! inward.
 //!
-//! With x the cotangent of tau, u = phi* H* x goes outward beside the velocity V and the acceleration A, weight included; then, inward,
+//! With x the cotangent of tau, u = phi* H* x goes outward beside the velocity V and the acceleration A, weight
+//! included; then, inward,
 //!
-//! - F, the force through a joint; G = M u + sum phi G; Y = B* u + sum R Y, a moment (B as in [`BodyCoriolis`](super::BodyCoriolis));
+//! - F, the force through a joint; G = M u + sum phi G; Y = B* u + sum R Y, a moment (B as in
+//!   [`BodyCoriolis`](super::BodyCoriolis));
 //! - e = -`A_p` x* G + `V_p` x* (`V_p` x* G - Y) - `u_p` x* F; `q_bar` = H e;
 //! - `qd_bar` = H (Y - (`V_p` + V) x* G) and `qdd_bar` = H G + r x.
 //!
@@ -23,7 +26,7 @@ use crate::spatial::transform::Transform;
 use crate::spatial::{BodyInertia, angular, cross, cross_add, cross_force, linear, scaled, scaled_add, sum};
 use nalgebra::{Vector3, Vector6};
 
-/// What the way out keeps for the way in; starts as NaN.
+/// The results of the outward pass that the inward pass reads; initialized with NaN.
 #[derive(Debug, Clone)]
 pub(crate) struct CoStates<T> {
     /// V, A and u in slots outward; the first is the base's.
@@ -57,7 +60,8 @@ impl<T: Real> CoStates<T> {
 pub struct Constants<'a, T> {
     /// Of the wrenches, one a body, in the body's frame.
     pub wrenches: &'a mut [Vector6<T>],
-    /// Of (m, m c, I) of each body about its frame's origin, in the order (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz).
+    /// Of (m, m c, I) of each body about its frame's origin, in the order (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz,
+    /// Iyz, Izz).
     pub parameters: &'a mut [Parameters<T>],
     /// Of the armature of each degree of freedom.
     pub armature: &'a mut [T],
@@ -72,8 +76,8 @@ impl<T> Default for Constants<'_, T> {
     }
 }
 
-/// All cotangents of tau at a state, turns and shifts being there: those of q, qd and qdd one after another into `out`, where x is on entry in the
-/// last third.
+/// All cotangents of tau at a state, turns and shifts being there: those of q, qd and qdd one after another into `out`,
+/// where x is on entry in the last third.
 #[inline(always)]
 pub(crate) fn in_sweeps<T: Real>(
     scene: (&Model<T>, &SweepModel<T>),
@@ -140,7 +144,8 @@ fn base_to_tip<T: Real>(
     }
 }
 
-/// B* u of one body, a moment: 2 Sigma (w x a) - 2 v x (h x a) + 2 p x c, with u = (a, c), Sigma = tr(I)/2 - I and the momentum p = m v + w x h.
+/// B* u of one body, a moment: 2 Sigma (w x a) - 2 v x (h x a) + 2 p x c, with u = (a, c), Sigma = tr(I)/2 - I and the
+/// momentum p = m v + w x h.
 #[inline(always)]
 fn turn<T: Real>(inertia: &BodyInertia<T>, velocity: &Vector6<T>, co_state: &Vector6<T>) -> [T; 3] {
     let (w, v) = (angular(velocity), linear(velocity));

@@ -1,4 +1,4 @@
-//! What one degree of freedom makes of the forces inboard of it, and the entries of the matrices that come of it.
+//! The change of the forces inboard of one degree of freedom, and the matrix entries that follow.
 
 use super::effect::Effect;
 use super::hinge::{along, moment_along};
@@ -7,8 +7,8 @@ use crate::scalar::Real;
 use crate::spatial::dot;
 use nalgebra::Vector6;
 
-/// What one degree of freedom, with the column S, makes of the force through each joint inboard of it: r S (6), B* S (a moment, 3), the force by q (6) and the force
-/// by qd (6), one after another.
+/// What one degree of freedom, with the column S, makes of the force through each joint inboard of it: r S (6), B* S (a
+/// moment, 3), the force by q (6) and the force by qd (6), one after another.
 pub(super) type Column<T> = [T; 21];
 
 /// Those four as one.
@@ -38,7 +38,8 @@ pub(super) fn in_row<T: Real>(column: &Column<T>, hinge: &HingeMap<T>, sense: T)
     [sense * along(hinge, &by_position), sense * along(hinge, &by_rate), sense * along(hinge, &by_acceleration)]
 }
 
-/// The entries that a column's own row has in the columns of that joint, by q and by qd: the forces that what it changes needs, along S.
+/// The entries that a column's own row has in the columns of that joint, by q and by qd: the forces that what it
+/// changes needs, along S.
 #[inline(always)]
 pub(super) fn in_column<T: Real>(column: &Column<T>, effect: &Effect<T>, hinge: &HingeMap<T>, sense: T) -> [T; 2] {
     let (by_acceleration, m, _, _) = parts(column);

@@ -1,4 +1,5 @@
-//! Tip to base: the columns of all degrees of freedom side by side, and the entries that each shares with all that is inboard of it.
+//! Tip to base: the columns of all degrees of freedom, vectorized (SIMD) over columns, and the entries of each with the
+//! degrees of freedom inboard of it.
 
 use super::Kept;
 use super::column::{Column, column, in_column, in_row, parts};
@@ -17,7 +18,8 @@ use crate::spatial::transform::Transform;
 use nalgebra::Vector6;
 use std::ops::Range;
 
-/// In lanes the numbers of a pair of a row and a column outward of it: by q and by qd, each as (row, column) and as (column, row), and M.
+/// In lanes the numbers of a pair of a row and a column outward of it: by q and by qd, each as (row, column) and as
+/// (column, row), and M.
 const OF_PAIR: usize = 5;
 
 /// The columns on their way inward; made when derivatives are first asked for.
@@ -147,7 +149,8 @@ impl<E> Places<'_, E> {
         }
     }
 
-    /// In lanes: those of a pair within one joint, as (row, column), or where it is `below` the diagonal the other way round.
+    /// In lanes: those of a pair within one joint, as (row, column), or where it is `below` the diagonal the other way
+    /// round.
     #[inline(always)]
     fn put_own<T: Real, C: ColumnsOf<T, Entry = E>>(&mut self, pair: usize, below: bool, entries: [T; 3]) {
         let to = &mut self.out[1 + OF_PAIR * pair..][..OF_PAIR];
@@ -166,7 +169,7 @@ fn send<C: Real>(whole: &mut Column<C>, across: &impl Transform<C>) {
     *whole = column(&by_acceleration, &across.rotate_to_parent(moment), &by_position, &by_rate);
 }
 
-/// What the sweep inward reads and writes.
+/// The arguments of the inward pass.
 struct Inward<'a, T: Real, C: ColumnsOf<T>> {
     layout: &'a ColumnLayout<C>,
     columns: &'a mut [Column<C>],
@@ -176,7 +179,8 @@ struct Inward<'a, T: Real, C: ColumnsOf<T>> {
     to: Places<'a, C::Entry>,
 }
 
-// In debug builds this is a call: in one frame, where nothing shares a place, it would take more than a thread's stack has.
+// In debug builds this is a call: in one frame, where nothing shares a place, it would take more than a thread's stack
+// has.
 impl<T: Real, C: ColumnsOf<T>> Inward<'_, T, C> {
     /// One body: the entries of its rows, its own columns, and what goes on to its parent.
     #[cfg_attr(not(debug_assertions), inline(always))]
@@ -214,7 +218,8 @@ impl<T: Real, C: ColumnsOf<T>> Inward<'_, T, C> {
         transform.send_force(&force, false, &mut forces[parent]);
     }
 
-    /// Of all columns outboard of a joint the entries in one of its rows, and of its column in theirs; where `across` is given columns go on to the parent.
+    /// Of all columns outboard of a joint the entries in one of its rows, and of its column in theirs; where `across`
+    /// is given columns go on to the parent.
     #[inline(always)]
     fn entries_of_row(
         &mut self,

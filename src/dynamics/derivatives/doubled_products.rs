@@ -1,16 +1,14 @@
-//! Products of a state that loses digits: once more with twice the digits.
+//! Products in double-double arithmetic, for states whose error estimate exceeds the tolerance.
 
 use super::adjoint::Constants;
 use super::products::{ProductScratch, forward_dynamics_jvp, forward_dynamics_vjp};
 use super::tangent::Directions;
-use crate::dynamics::widened::Widened;
+use crate::dynamics::double_double_state::DoubleDoubleState;
 use crate::model::Model;
 use crate::scalar::{DoubleDouble, Real};
 use nalgebra::Vector6;
 
-/// [`forward_dynamics_jvp`] in double-double arithmetic and square-root form, rounded into `out`; false, and `out` as it was, where there is no model to widen (only f64
-/// has one), a body's inertia has no root, or the wider numbers overflow as well.
-#[cold]
+/// [`forward_dynamics_jvp`] in double-double arithmetic, see [`DoubleDoubleState::recompute`].
 pub(super) fn tangent<T: Real>(
     model: &Model<T>,
     state: (&[T], &[T], &[T]),
@@ -18,21 +16,20 @@ pub(super) fn tangent<T: Real>(
     along: &Directions<'_, T>,
     out: &mut [T],
 ) -> bool {
-    let Some(mut wide) = Widened::of(model, state, wrenches) else { return false };
-    let Widened { model, workspace, q, qd, tau, wrenches } = &mut wide;
-    let mut scratch = ProductScratch::new(model);
-    let mut found = vec![DoubleDouble::from_f64(f64::NAN); out.len()];
-    let along = Directions {
-        q: &all(along.q),
-        qd: &all(along.qd),
-        u: &all(along.u),
-        wrenches: &along.wrenches.iter().map(|wrench| wrench.map(widened)).collect::<Vec<_>>(),
-        parameters: &along.parameters.iter().map(|ten| ten.map(widened)).collect::<Vec<_>>(),
-        armature: &all(along.armature),
-        gravity: &all(along.gravity),
-    };
-    let done = forward_dynamics_jvp(model, workspace, &mut scratch, (q, qd, tau), wrenches, &along, &mut found);
-    done.is_ok() && rounded(&found, out)
+    DoubleDoubleState::recompute(model, state, wrenches, out, |wide, out| {
+        let DoubleDoubleState { model, workspace, q, qd, tau, wrenches } = wide;
+        let along = Directions {
+            q: &all(along.q),
+            qd: &all(along.qd),
+            u: &all(along.u),
+            wrenches: &along.wrenches.iter().map(|wrench| wrench.map(widened)).collect::<Vec<_>>(),
+            parameters: &along.parameters.iter().map(|ten| ten.map(widened)).collect::<Vec<_>>(),
+            armature: &all(along.armature),
+            gravity: &all(along.gravity),
+        };
+        let scratch = &mut ProductScratch::new(model);
+        forward_dynamics_jvp(model, workspace, scratch, (q, qd, tau), wrenches, &along, out).is_ok()
+    })
 }
 
 /// The same of [`forward_dynamics_vjp`].
@@ -44,8 +41,8 @@ pub(super) fn gradients<T: Real>(
     cotangent: &[T],
     (constants, out): (&mut Constants<'_, T>, &mut [T]),
 ) -> bool {
-    let Some(mut wide) = Widened::of(model, state, wrenches) else { return false };
-    let Widened { model, workspace, q, qd, tau, wrenches } = &mut wide;
+    let Some(mut wide) = DoubleDoubleState::of(model, state, wrenches) else { return false };
+    let DoubleDoubleState { model, workspace, q, qd, tau, wrenches } = &mut wide;
     let mut scratch = ProductScratch::new(model);
     let nan = DoubleDouble::from_f64(f64::NAN);
     let mut found = vec![nan; out.len()];

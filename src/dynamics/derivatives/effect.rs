@@ -1,4 +1,5 @@
-//! How a unit of one degree of freedom changes the velocity and the acceleration of the bodies outboard of it, as they are seen in those bodies' own frames.
+//! How a unit of one degree of freedom changes the velocity and the acceleration of the bodies outboard of it, as they
+//! are seen in those bodies' own frames.
 
 use super::Matrices;
 use super::hinge::{halves, motion_cross_hinge};
@@ -23,7 +24,8 @@ impl<T: Real> Effect<T> {
         Self { velocity: [value; 3], acceleration: [value; 6], by_rate: [value; 6] }
     }
 
-    /// From the parent's motion as seen at the joint, weight included, and the body's own velocity; S is `sense` times the row.
+    /// From the parent's motion as seen at the joint, weight included, and the body's own velocity; S is `sense` times
+    /// the row.
     #[inline(always)]
     pub fn new(
         (hinge, sense): (&HingeMap<T>, T),
@@ -46,7 +48,7 @@ impl<T: Real> Effect<T> {
         Self { velocity: [sense * x, sense * y, sense * z], acceleration: changed, by_rate }
     }
 
-    /// The same for columns side by side.
+    /// The same for a block of columns.
     #[inline(always)]
     pub fn spread<C: ColumnsOf<T>>(&self, like: C) -> Effect<C> {
         let mut spread = Effect::filled(like);

@@ -4,25 +4,27 @@ use super::DerivativeScratch;
 use super::doubled;
 use super::inverse::inverse_dynamics_derivatives;
 use crate::dynamics::forces::Motion;
-use crate::dynamics::forces::forces_base_to_tip;
 use crate::dynamics::mass_inverse::closed_form;
+use crate::dynamics::sweeps::general;
 use crate::dynamics::{factorise, forward_dynamics, solve};
+use crate::filter::Form;
 use crate::filter::pivots::{LostPivot, PivotMonitor};
-use crate::filter::{Form, innovations, smoother};
 use crate::interrupt;
 use crate::model::Model;
 use crate::scalar::{Real, larger};
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
 
-/// -M^-1 dtau/dq, -M^-1 dtau/dqd and M^-1: the derivatives of [`forward_dynamics`](crate::dynamics::forward_dynamics) at a state, (nv x nv) each, row by row (a row an
-/// acceleration), one after another into `out`.
+/// -M^-1 dtau/dq, -M^-1 dtau/dqd and M^-1: the derivatives of [`forward_dynamics`](crate::dynamics::forward_dynamics)
+/// at a state, (nv x nv) each, row by row (a row an acceleration), one after another into `out`.
 ///
 /// Arguments as there; P is carried as the workspace's form says. dtau/dq and dtau/dqd are those of
-/// [`inverse_dynamics_derivatives`] at the accelerations of the state; M^-1 is (6.1), and the columns of both go through filter and smoother: O(N^2).
+/// [`inverse_dynamics_derivatives`] at the accelerations of the state; M^-1 is (6.1), and the columns of both go
+/// through filter and smoother: O(N^2).
 ///
-/// In form `auto` a state is recomputed in double-double arithmetic and rounded where the error estimate of the factor of M exceeds the tolerance, or the estimated
-/// error of the columns exceeds the tolerance of products ([`Workspace::tolerance`]): f64 only, some thirty times as long, with scratch for as long as it lasts. Under a
+/// In form `auto` a state is recomputed in double-double arithmetic and rounded where the error estimate of the factor
+/// of M exceeds the tolerance, or the estimated error of the columns exceeds the tolerance of products
+/// ([`Workspace::tolerance`]): f64 only, some thirty times as long, with scratch for as long as it lasts. Under an
 /// [`interrupt`] that ends the work `out` means nothing.
 ///
 /// # Errors
@@ -66,7 +68,8 @@ pub fn forward_dynamics_derivatives<T: Real<Parameter = T>>(
 
 /// The accelerations of a state, and the factor of M in the workspace that columns go through too.
 ///
-/// In form `auto` the factor is judged by right sides that are made up, for the columns are many: by the torques alone more would pass.
+/// In form `auto` the factor is judged by right sides that are made up, for the columns are many: by the torques alone
+/// more would pass.
 pub(super) fn accelerations<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
@@ -77,15 +80,15 @@ pub(super) fn accelerations<T: Real>(
     if workspace.form != Form::Auto {
         return forward_dynamics(model, workspace, q, qd, tau, wrenches, acceleration);
     }
-    let monitor = factorise(model, workspace, q, |_, _| {});
-    forces_base_to_tip(model, workspace, Motion { q, qd, qdd: None, wrenches });
-    let Workspace { shift, measured, z, co_state, .. } = workspace;
-    innovations::sweep(&model.system, shift, measured, tau, z, acceleration);
-    smoother::sweep(&model.system, shift, measured, co_state, acceleration);
+    let monitor = factorise(model, workspace, q);
+    let (scene, store) = workspace.passes(model);
+    general::forces::<T, false>(scene, store, Motion { q, qd, qdd: None, wrenches });
+    general::solve::<T, true>(scene, store, tau, acceleration);
     monitor
 }
 
-/// -M^-1 times a matrix, in its place, column by column through filter and smoother. Whether digits cancel. Told to stop, it stops: whoever checks next says so.
+/// -M^-1 times a matrix, in its place, column by column through filter and smoother. Returns true if digits cancel. It
+/// stops at an interruption; the next check raises it.
 fn columns<T: Real<Parameter = T>>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,

@@ -4,10 +4,10 @@ use super::adjoint::Constants;
 use super::forward::accelerations;
 use super::products::{ProductScratch, inverse_dynamics_vjp, solved};
 use super::tangent::Directions;
+use crate::dynamics::double_double_state::DoubleDoubleState;
 use crate::dynamics::forces::Motion;
 use crate::dynamics::solve;
 use crate::dynamics::sweeps::motion::carriers;
-use crate::dynamics::widened::Widened;
 use crate::filter::Form;
 use crate::filter::pivots::LostPivot;
 use crate::kinematics::coordinate_rates;
@@ -91,10 +91,11 @@ fn join<S: Real>(to: &mut [Dual<S>], values: &[S], tangents: &[S]) {
     }
 }
 
-/// How the gradients of [`inverse_dynamics_vjp`] change along a direction (dq, dqd, dqdd), (3 x nv) into `out`: the Hessian of x . tau times it. O(N), some three
-/// times that.
+/// How the gradients of [`inverse_dynamics_vjp`] change along a direction (dq, dqd, dqdd), (3 x nv) into `out`: the
+/// Hessian of x . tau times it. O(N), some three times that.
 ///
-/// Arguments as there. The gradient by q is that in the tangent space at q, which moves along: on spherical and free joints that Hessian is not symmetric.
+/// Arguments as there. The gradient by q is that in the tangent space at q, which moves along: on spherical and free
+/// joints that Hessian is not symmetric.
 pub fn inverse_dynamics_hvp(
     model: &Model<f64>,
     scratch: &mut HessianScratch,
@@ -115,12 +116,13 @@ pub fn inverse_dynamics_hvp(
     }
 }
 
-/// How the gradients of [`forward_dynamics_vjp`](super::forward_dynamics_vjp) change along a direction (dq, dqd, dtau), (3 x nv) into `out`: the Hessian of c . qdd times it.
-/// One factor and four right sides, O(N).
+/// How the gradients of [`forward_dynamics_vjp`](super::forward_dynamics_vjp) change along a direction (dq, dqd, dtau),
+/// (3 x nv) into `out`: the Hessian of c . qdd times it. One factor and four right sides, O(N).
 ///
-/// The accelerations change by [`forward_dynamics_jvp`](super::forward_dynamics_jvp), and x = M^-1 c by -M^-1 (dM x), dM x being the change of M x along dq. Arguments as
-/// there; P is carried as the workspace's form says. In form `auto` a state is recomputed in double-double arithmetic and rounded where the covariance form loses
-/// digits in the factor of M, or the estimated error of either change exceeds the tolerance of products.
+/// The accelerations change by [`forward_dynamics_jvp`](super::forward_dynamics_jvp), and x = M^-1 c by -M^-1 (dM x),
+/// dM x being the change of M x along dq. Arguments as there; P is carried as the workspace's form says. In form `auto`
+/// a state is recomputed in double-double arithmetic and rounded where the covariance form loses digits in the factor
+/// of M, or the estimated error of either change exceeds the tolerance of products.
 ///
 /// # Errors
 ///
@@ -144,8 +146,7 @@ pub fn forward_dynamics_hvp(
     Ok(())
 }
 
-/// The same in double-double arithmetic and square-root form, rounded into `out`, where a body's inertia has a root and the wider numbers do not overflow.
-#[cold]
+/// The same in double-double arithmetic, see [`DoubleDoubleState::recompute`].
 fn doubled(
     model: &Model<f64>,
     state: (&[f64], &[f64], &[f64]),
@@ -153,19 +154,14 @@ fn doubled(
     (cotangent, direction): (&[f64], [&[f64]; 3]),
     out: &mut [f64],
 ) {
-    let Some(mut wide) = Widened::of(model, state, wrenches) else { return };
     let mut scratch = HessianScratch::new(model);
-    let Widened { model, workspace, q, qd, tau, wrenches } = &mut wide;
     let all = |numbers: &[f64]| -> Vec<_> { numbers.iter().map(|&x| DoubleDouble::from_f64(x)).collect() };
     let (cotangent, [dq, dqd, dtau]) = (all(cotangent), direction.map(all));
-    let mut found = vec![DoubleDouble::from_f64(f64::NAN); out.len()];
-    let along = (&cotangent[..], [&dq[..], &dqd[..], &dtau[..]]);
-    let done = product((model, workspace, &mut scratch), (q, qd, tau), wrenches, along, &mut found);
-    if done.is_ok() && found.iter().all(|x| x.high.is_finite()) {
-        for (to, from) in out.iter_mut().zip(found) {
-            *to = from.high;
-        }
-    }
+    DoubleDoubleState::recompute(model, state, wrenches, out, |wide, out| {
+        let DoubleDoubleState { model, workspace, q, qd, tau, wrenches } = wide;
+        let along = (&cotangent[..], [&dq[..], &dqd[..], &dtau[..]]);
+        product((model, workspace, &mut scratch), (q, qd, tau), wrenches, along, out).is_ok()
+    });
 }
 
 /// The product in any scalar, and whether its estimated error exceeds what form `auto` accepts.
@@ -185,7 +181,7 @@ fn product<S: Real<Parameter = S>>(
     carriers(&plain.sweeps, &mut plain.sweep_scratch, S::zero(), q);
     let judges = workspace.form == Form::Auto && !monitor.of_roots;
     let mut is_in_doubt = workspace.form == Form::Auto && monitor.of_roots;
-    plain.judge_by(judges.then_some(&workspace.bias[..]));
+    plain.judge_by(judges.then_some(&workspace.store));
     let along = Directions { q: dq, qd: dqd, u: dtau, ..Directions::default() };
     let motion = Motion { q, qd, qdd: Some(qdd), wrenches };
     solved(model, workspace, plain, (motion, &along, &model.gravity), qdd_change);

@@ -1,13 +1,16 @@
-//! Derivatives of the dynamics by configuration, rates and torques: Jacobians of (nv x nv), analytic.
+//! Analytic derivatives of the dynamics with respect to configuration, velocities and torques: (nv x nv) Jacobians.
 //!
-//! By q they are taken along tangents d of q (+) d, as [`Scene::integrate`](crate::Scene::integrate) adds them: coordinates of one axis add, spherical
-//! joints turn by d in the child's axes, free joints move by the screw of d = (linear, angular) in the child's frame.
-//! Wrenches are held in their body's frame; armature is in M and in nothing else.
+//! Derivatives with respect to q are taken along tangents d of q (+) d, as
+//! [`Scene::integrate`](crate::Scene::integrate) adds them: coordinates of one axis add, spherical joints rotate by d in
+//! the axes of the child, free joints move by the screw of d = (linear, angular) in the frame of the child. Wrenches are
+//! constant in the frame of their body. Armature is part of M only.
 //!
-//! What a turn of joint j by the twist s does to body k outboard of it is that the world inboard of j moves by -s: with `V_p`, `A_p` the motion of j's
-//! parent seen at j, the velocity that k feels changes by Psi1 = `V_p` x s and its acceleration by Psi2 = `A_p` x s + `V_p` x Psi1, but for what is
-//! carried along. Forces that are handed inward from j change in addition by s x* F, for a frame that moved carries them.
-//! Everything is in body frames, where digits do not depend on how far from the base's origin a robot is.
+//! Perturb joint j by the twist s = S d. All bodies outboard of j move rigidly with it, so in their body frames the
+//! perturbation is equivalent to moving the inboard part of the mechanism by -s. With the motion `V_p`, `A_p` of the
+//! parent of j at j, the velocity of a body outboard changes by Psi1 = `V_p` x s and its acceleration by
+//! Psi2 = `A_p` x s + `V_p` x Psi1, apart from the transport. Forces that are propagated inward from j change in addition
+//! by s x* F, because the frame that they are expressed in moves. All quantities are in body frames, so that precision
+//! does not depend on the distance of a robot from the base's origin.
 //!
 //! ```
 //! use phipsi::Workspace;
@@ -81,21 +84,23 @@ use nalgebra::Vector3;
 /// Columns between questions whether to stop.
 const AT_A_TIME: usize = 16;
 
-/// What the columns make.
+/// The matrices that the columns form.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Matrices {
     /// dtau/dq and dtau/dqd.
     Derivatives,
-    /// In the place of dtau/dqd the Coriolis matrix: B/2 for B, and V x S for Psi1 + V x S. What is in the place of dtau/dq means nothing.
+    /// In the place of dtau/dqd the Coriolis matrix: B/2 for B, and V x S for Psi1 + V x S. What is in the place of
+    /// dtau/dq means nothing.
     Coriolis,
 }
 
-/// What the way out keeps for the way in; starts as NaN.
+/// The results of the outward pass that the inward pass reads; initialized with NaN.
 #[derive(Debug, Clone)]
 pub(crate) struct Kept<T> {
     /// Velocity and acceleration, weight included, in slots outward; the first is the base's.
     motions: Vec<[[T; 6]; 2]>,
-    /// By places in the sweeps: M(k), then that of all bodies outboard of joint k; B(k) and the force that a body needs likewise.
+    /// By places in the sweeps: M(k), then that of all bodies outboard of joint k; B(k) and the force that a body needs
+    /// likewise.
     composites: Vec<BodyInertia<T>>,
     coriolis: Vec<BodyCoriolis<T>>,
     forces: Vec<[T; 6]>,
@@ -126,7 +131,8 @@ pub struct DerivativeScratch<T: Real<Parameter = T>> {
     sweep_scratch: SweepScratch<T>,
     kept: Kept<T>,
     columns: DerivativeColumns<T, T>,
-    /// One number a degree of freedom: a column, what becomes of it, the largest entry of each row of M^-1, and the accelerations of the state.
+    /// One number a degree of freedom: a column, what becomes of it, the largest entry of each row of M^-1, and the
+    /// accelerations of the state.
     column: Vec<T>,
     solved: Vec<T>,
     largest: Vec<T>,

@@ -42,8 +42,9 @@ impl<T: Real, C: ColumnsOf<T>> Product<T, C> {
         self.packed = vec![[C::zero(); 2]; end];
     }
 
-    /// -M^-1 times both, in their places: `out` holds dtau/dq, dtau/dqd and M^-1, one after another. The lanes, as bits, in which digits cancel: eps times the
-    /// terms that the largest column is the sum of is more than what is `accepted`, in eps of the largest entry.
+    /// -M^-1 times both, in their places: `out` holds dtau/dq, dtau/dqd and M^-1, one after another. The lanes, as
+    /// bits, in which digits cancel: eps times the terms that the largest column is the sum of is more than what is
+    /// `accepted`, in eps of the largest entry.
     #[inline(always)]
     pub fn in_place(
         &mut self,
@@ -114,7 +115,8 @@ impl<T: Real, C: ColumnsOf<T>> Product<T, C> {
             let mut terms = [like; 2];
             for (&i, packed) in rows.iter().zip(&mut packed[begin..end]) {
                 let i = i as usize;
-                // What is behind the last column is another row's, and nobody's result; behind both matrices there is M^-1.
+                // What is behind the last column is another row's, and nobody's result; behind both matrices there is
+                // M^-1.
                 *packed = [some(like, &out[i * nv + first..]), some(like, &out[(nv + i) * nv + first..])];
                 let largest = like.spread(largest[i]);
                 terms[0] = largest.mul_add(packed[0].abs(), terms[0]);
@@ -151,7 +153,7 @@ fn only<T: Real, C: ColumnsOf<T>>(like: C, mut block: C, width: usize) -> C {
     block
 }
 
-/// As many columns of a block as there is room for.
+/// The columns of a block that fit.
 #[inline(always)]
 fn put<T: Real, C: ColumnsOf<T>>(block: C, to: &mut [C::Entry]) {
     if to.len() == C::COLUMNS {
@@ -163,7 +165,8 @@ fn put<T: Real, C: ColumnsOf<T>>(block: C, to: &mut [C::Entry]) {
     }
 }
 
-/// The lanes, as bits, in which the rounding of the terms may be more than what is accepted, in eps of the largest result.
+/// The lanes, as bits, in which the rounding of the terms may be more than what is accepted, in eps of the largest
+/// result.
 #[inline(always)]
 fn lost<T: Real, C: ColumnsOf<T>>(terms: [C; 2], size: [C; 2], accepted: T) -> u64 {
     let mut lanes = 0;

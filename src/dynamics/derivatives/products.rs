@@ -8,9 +8,9 @@ use crate::dynamics::forces::Motion;
 use crate::dynamics::solve;
 use crate::dynamics::sweeps::motion::carriers;
 use crate::dynamics::sweeps::scratch::SweepScratch;
-use crate::dynamics::sweeps::{self, SweepModel};
+use crate::dynamics::sweeps::{self, SweepModel, general};
+use crate::filter::Form;
 use crate::filter::pivots::LostPivot;
-use crate::filter::{Form, smoother};
 use crate::model::Model;
 use crate::scalar::{ColumnsOf, Real, larger};
 use crate::workspace::Workspace;
@@ -43,10 +43,13 @@ impl<T: Real<Parameter = T>> ProductScratch<T> {
         }
     }
 
-    /// From here on the errors of solutions are estimated by the probe that the factor of M was watched with, whose co-states these are; or are not.
-    pub(super) fn judge_by(&mut self, co_states: Option<&[Vector6<T>]>) {
-        self.changes.judges = co_states.is_some();
-        self.sweep_scratch.take_probe(co_states.unwrap_or_default());
+    /// From here on the errors of solutions are estimated by the test vector of the factor of M in this store, or are
+    /// not estimated.
+    pub(super) fn judge_by(&mut self, factor: Option<&SweepScratch<T>>) {
+        self.changes.judges = factor.is_some();
+        if let Some(factor) = factor {
+            self.sweep_scratch.take_test_vector(factor);
+        }
     }
 
     /// True if the estimated error of the last solution exceeds the tolerance of products.
@@ -60,8 +63,8 @@ impl<T: Real<Parameter = T>> ProductScratch<T> {
     }
 }
 
-/// dtau of [`inverse_dynamics`](crate::dynamics::inverse_dynamics) along one direction, (nv) into `out`: dtau/dq dq + dtau/dqd dqd + M dqdd, and what changes of wrenches, inertias,
-/// armature and gravity add. O(N).
+/// dtau of [`inverse_dynamics`](crate::dynamics::inverse_dynamics) along one direction, (nv) into `out`: dtau/dq dq +
+/// dtau/dqd dqd + M dqdd, and what changes of wrenches, inertias, armature and gravity add. O(N).
 ///
 /// `q` (nq), `qd`, `qdd` (nv), SI units; `wrenches` as there; dq is in the tangent space of q: q (+) dq as
 /// [`Scene::integrate`](crate::Scene::integrate) adds it.
@@ -81,8 +84,9 @@ pub fn inverse_dynamics_jvp<T: Real<Parameter = T>>(
     tangent::add_armature(model, (state, along), out);
 }
 
-/// Gradients of x . tau of [`inverse_dynamics`](crate::dynamics::inverse_dynamics), x being the cotangent of tau: by q (in its tangent space), qd and qdd, (3 x nv) into `out`, and into
-/// `constants` those by wrenches, inertias, armature and gravity that are asked for. O(N).
+/// Gradients of x . tau of [`inverse_dynamics`](crate::dynamics::inverse_dynamics), x being the cotangent of tau: by q
+/// (in its tangent space), qd and qdd, (3 x nv) into `out`, and into `constants` those by wrenches, inertias, armature
+/// and gravity that are asked for. O(N).
 ///
 /// Arguments as there, `cotangent` (nv).
 pub fn inverse_dynamics_vjp<T: Real<Parameter = T>>(
@@ -100,12 +104,14 @@ pub fn inverse_dynamics_vjp<T: Real<Parameter = T>>(
     gradients_of_torques((model, sweeps), (sweep_scratch, co_states), state, constants, out);
 }
 
-/// dqdd of [`forward_dynamics`](crate::dynamics::forward_dynamics) along one direction, (nv) into `out`: dqdd/dq dq + dqdd/dqd dqd + M^-1 dtau, and what changes of wrenches,
-/// inertias, armature and gravity add. One more right side of the filter, with the gains of the state: O(N).
+/// dqdd of [`forward_dynamics`](crate::dynamics::forward_dynamics) along one direction, (nv) into `out`: dqdd/dq dq +
+/// dqdd/dqd dqd + M^-1 dtau, and what changes of wrenches, inertias, armature and gravity add. One more right side of
+/// the filter, with the gains of the state: O(N).
 ///
-/// Arguments as in [`inverse_dynamics_jvp`], `along.u` of tau. P is carried as the workspace's form says. In form `auto` a state is recomputed in double-double
-/// arithmetic and rounded where the error estimate of the factor of M exceeds the tolerance, as in [`forward_dynamics_derivatives`](super::forward_dynamics_derivatives),
-/// and where the estimated error of the product, by the probe that the factor was watched with, exceeds the tolerance of products.
+/// Arguments as in [`inverse_dynamics_jvp`], `along.u` of tau. P is carried as the workspace's form says. In form
+/// `auto` a state is recomputed in double-double arithmetic and rounded where the error estimate of the factor of M
+/// exceeds the tolerance, as in [`forward_dynamics_derivatives`](super::forward_dynamics_derivatives), and where the
+/// estimated error of the product, by the probe that the factor was watched with, exceeds the tolerance of products.
 ///
 /// # Errors
 ///
@@ -130,7 +136,7 @@ pub fn forward_dynamics_jvp<T: Real<Parameter = T>>(
         let (q, qd, _) = state;
         carriers(&scratch.sweeps, &mut scratch.sweep_scratch, T::zero(), q);
         let judges = is_auto && !monitor.of_roots;
-        scratch.judge_by(judges.then_some(&workspace.bias[..]));
+        scratch.judge_by(judges.then_some(&workspace.store));
         let motion = Motion { q, qd, qdd: Some(&qdd), wrenches };
         solved(model, workspace, scratch, (motion, along, &model.gravity), out);
         is_lost = judges && scratch.has_lost(workspace, out);
@@ -147,7 +153,8 @@ pub fn forward_dynamics_jvp<T: Real<Parameter = T>>(
     Ok(())
 }
 
-/// M^-1 (dtau - the change of inverse dynamics where dqdd is none), with the factor in the workspace, turns and shifts being there.
+/// M^-1 (dtau - the change of inverse dynamics where dqdd is none), with the factor in the workspace, turns and shifts
+/// being there.
 pub(super) fn solved<T: Real<Parameter = T>>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
@@ -159,17 +166,20 @@ pub(super) fn solved<T: Real<Parameter = T>>(
     let unaccelerated = Directions { u: &[], ..*along };
     changes_of_forces((model, sweeps), (sweep_scratch, changes), (motion, &unaccelerated), gravity);
     tangent::right_side((motion, along), right);
-    let Workspace { shift, measured, co_state, .. } = workspace;
-    tangent::tip_to_base::<T, true>((model, sweeps), (sweep_scratch, measured), changes, (along, right), out);
-    smoother::sweep(&model.system, shift, measured, co_state, out);
+    let (scene, store) = workspace.passes(model);
+    tangent::tip_to_base::<T, true>((model, sweeps), (sweep_scratch, &store.measured), changes, (along, right), out);
+    general::smooth(scene, store, out);
 }
 
-/// Gradients of c . qdd of [`forward_dynamics`](crate::dynamics::forward_dynamics), c being the cotangent of qdd: by q (in its tangent space), qd and tau, (3 x nv) into `out`, and into
-/// `constants` those by wrenches, inertias, armature and gravity that are asked for. O(N).
+/// Gradients of c . qdd of [`forward_dynamics`](crate::dynamics::forward_dynamics), c being the cotangent of qdd: by q
+/// (in its tangent space), qd and tau, (3 x nv) into `out`, and into `constants` those by wrenches, inertias, armature
+/// and gravity that are asked for. O(N).
 ///
-/// That by tau is x = M^-1 c, filter and smoother once more; all others are those of [`inverse_dynamics_vjp`] at the accelerations of the state with -x for its
-/// cotangent. Arguments as there; P as in [`forward_dynamics_jvp`]. In form `auto` a state is done in double-double arithmetic where the factor of M loses digits, as there, and where
-/// M x, of which the gradients are made body by body, misses c by more than the tolerance of products of its largest entry, or would by the rounding of its terms.
+/// That by tau is x = M^-1 c, filter and smoother once more; all others are those of [`inverse_dynamics_vjp`] at the
+/// accelerations of the state with -x for its cotangent. Arguments as there; P as in [`forward_dynamics_jvp`]. In form
+/// `auto` a state is recomputed in double-double arithmetic if the error estimate of the factor of M exceeds the
+/// tolerance, as there, and if M x, of which the gradients are made body by body, misses c by more than the tolerance
+/// of products of its largest entry, or would by the rounding of its terms.
 ///
 /// # Errors
 ///
@@ -243,8 +253,9 @@ fn of_products<T: Real>(workspace: &Workspace<T>) -> T {
     T::from_f64(workspace.accepted_error().of_products() / T::epsilon().lane(0))
 }
 
-/// The product along a direction, for states in lanes and for one state: of torques, or where `solves` of accelerations, then with the factor, turns and shifts in the
-/// scratch; `right` is scratch too. Positive where a solution is `judged` and its estimated error exceeds the tolerance.
+/// The product along a direction, for states in lanes and for one state: of torques, or where `solves` of
+/// accelerations, then with the factor, turns and shifts in the scratch; `right` is scratch too. Positive where a
+/// solution is `judged` and its estimated error exceeds the tolerance.
 #[inline(always)]
 pub(crate) fn tangent_in_sweeps<T: Real, C: ColumnsOf<T>>(
     scene: (&Model<T>, &SweepModel<T>),
@@ -273,8 +284,9 @@ pub(crate) fn tangent_in_sweeps<T: Real, C: ColumnsOf<T>>(
     T::zero()
 }
 
-/// The gradients by q, qd and u, and by the constants that are asked for, likewise: of torques, or where `solves` of accelerations, then with the factor, turns and shifts in
-/// the scratch; x is scratch. Above zero where digits were lost.
+/// The gradients by q, qd and u, and by the constants that are asked for, likewise: of torques, or where `solves` of
+/// accelerations, then with the factor, turns and shifts in the scratch; x is scratch. Above zero where digits were
+/// lost.
 #[inline(always)]
 pub(crate) fn gradients_in_sweeps<T: Real, C: ColumnsOf<T>>(
     scene: (&Model<T>, &SweepModel<T>),
@@ -296,8 +308,9 @@ pub(crate) fn gradients_in_sweeps<T: Real, C: ColumnsOf<T>>(
     if solves { solved_short_of(cotangent, judging, &mut out[last..], x) } else { T::zero() }
 }
 
-/// x in the place of -M x, which the way inward has found; by how much M x misses the right side c, or the rounding of the `terms` that it is made of where that is
-/// more, less what is let pass: not above zero where the forces that gradients are made of kept their digits.
+/// x in the place of -M x, which the way inward has found; by how much M x misses the right side c, or the rounding of
+/// the `terms` that it is made of where that is more, less what is let pass: not above zero where the forces that
+/// gradients are made of kept their digits.
 #[inline(always)]
 fn solved_short_of<T: Real>(cotangent: &[T], (terms, accepted): (T, T), product: &mut [T], x: &[T]) -> T {
     let zero = T::zero();

@@ -1,13 +1,14 @@
-//! What inverse dynamics, or forward dynamics, changes by along one direction, in O(N) and without any matrix: a pass outward with the changes of the motion, and one
-//! inward with those of the forces.
+//! What inverse dynamics, or forward dynamics, changes by along one direction, in O(N) and without any matrix: a pass
+//! outward with the changes of the motion, and one inward with those of the forces.
 //!
 //! With eta = S dq, and `V_p`, `A_p` the parent's motion as it is seen at the joint, weight included:
 //!
 //! - dV = phi* dV + `V_p` x eta + S dqd; dA = phi* dA + `A_p` x eta + S dqdd + dV x S qd + V x S dqd;
 //! - dF = d(M A + V x* M V) - dw + sum phi (dF + eta x* F); dtau = H dF + r dqdd + dr qdd.
 //!
-//! For forward dynamics dqdd is none on the way out. What has to be zero then is dtau less what there is, which is one more right side of the filter: z is dF, and
-//! z^+ + eta x* F is what goes on to the parent. The gains do not change to first order, for the estimates are a stationary point.
+//! For forward dynamics dqdd is none on the way out. What has to be zero then is dtau less what there is, which is one
+//! more right side of the filter: z is dF, and z^+ + eta x* F is what goes on to the parent. The gains do not change to
+//! first order, for the estimates are a stationary point.
 
 use super::layout::constants_of;
 use super::outward::{ABOUT_Z, carried, needed_force, past_axial, past_joint};
@@ -26,7 +27,8 @@ use crate::spatial::transform::Transform;
 use crate::spatial::{BodyInertia, angular, cross, cross_add, cross_force, cross_motion, linear, spatial, sum};
 use nalgebra::{Vector3, Vector6};
 
-/// One direction: of q in its tangent space, of qd, of qdd (or of tau, in forward dynamics), (nv) each; the rest is empty where it does not change.
+/// One direction: of q in its tangent space, of qd, of qdd (or of tau, in forward dynamics), (nv) each; the rest is
+/// empty where it does not change.
 #[derive(Debug, Clone, Copy)]
 pub struct Directions<'a, T> {
     /// Of q, in its tangent space.
@@ -46,7 +48,8 @@ pub struct Directions<'a, T> {
 }
 
 impl<'a, T: Real> Directions<'a, T> {
-    /// The direction that the seed of a product is, with changes of what is constant where the third vector goes on; `wrenches` is scratch.
+    /// The direction that the seed of a product is, with changes of what is constant where the third vector goes on;
+    /// `wrenches` is scratch.
     pub(crate) fn of_seed([q, qd, third]: [&'a [T]; 3], bodies: usize, wrenches: &'a mut Vec<Vector6<T>>) -> Self {
         let (u, rest) = third.split_at(q.len());
         if rest.is_empty() {
@@ -66,7 +69,7 @@ impl<T> Default for Directions<'_, T> {
     }
 }
 
-/// What the way out keeps for the way in; starts as NaN.
+/// The results of the outward pass that the inward pass reads; initialized with NaN.
 #[derive(Debug, Clone)]
 pub(crate) struct Changes<T> {
     /// V, A, dV and dA in slots outward; the first is the base's.
@@ -76,7 +79,8 @@ pub(crate) struct Changes<T> {
     forces_change: Vec<[T; 6]>,
     /// True if the error of a solution is estimated, by the probe of the factor of M.
     pub judges: bool,
-    /// The estimated square of w* d(dqdd), over eps^2: what the rounding of dF makes of it, as in [`cancellation`](crate::filter::cancellation).
+    /// The estimated square of w* d(dqdd), over eps^2: what the rounding of dF makes of it, as in
+    /// [`cancellation`](crate::filter::cancellation).
     noise: T,
 }
 
@@ -92,7 +96,8 @@ impl<T: Real> Changes<T> {
         }
     }
 
-    /// The estimated error of a solution less the accepted one, in eps of its largest entry: positive or NaN where it exceeds the tolerance.
+    /// The estimated error of a solution less the accepted one, in eps of its largest entry: positive or NaN where it
+    /// exceeds the tolerance.
     #[inline(always)]
     pub fn lost(&self, accepted: T, out: &[T]) -> T {
         let mut size = self.noise.constant(0.0);
@@ -129,7 +134,7 @@ fn noise_of<T: Real>([moment, force]: [T; 2], nu: &[T; 6]) -> T {
     of_moment.mul_add(of_moment, of_force * of_force)
 }
 
-/// Base to tip: F and dF of every body by itself; `along.u` is of qdd, or empty where that does not change.
+/// Base to tip: F and dF of every body alone; `along.u` is of qdd, or empty where that does not change.
 #[inline(always)]
 pub(super) fn base_to_tip<T: Real>(
     (model, sweeps): (&Model<T>, &SweepModel<T>),
@@ -175,7 +180,7 @@ pub(super) fn base_to_tip<T: Real>(
         }
         if *judges {
             let terms = terms_of_change(&inertia_of, &velocity, [&own[2], &own[3]]);
-            *noise += noise_of(terms, &scratch.probe_co_state(place));
+            *noise += noise_of(terms, &scratch.test_co_state(place));
         }
         forces[place] = needed_force(body, &inertia_of, &[own[0], own[1]], state);
         forces_change[place] = change.into();
@@ -260,7 +265,8 @@ fn change_of<T: Real>(inertia: &BodyInertia<T>, velocity: &Vector6<T>, [dv, da]:
     )
 }
 
-/// Tip to base: dtau of inverse dynamics into `out`, but for armature; where `FILTERS`, with D and g of each row and dtau given, e^- of the filter.
+/// Tip to base: dtau of inverse dynamics into `out`, but for armature; where `FILTERS`, with D and g of each row and
+/// dtau given, e^- of the filter.
 #[inline(always)]
 pub(super) fn tip_to_base<T: Real, const FILTERS: bool>(
     (model, sweeps): (&Model<T>, &SweepModel<T>),
@@ -272,7 +278,7 @@ pub(super) fn tip_to_base<T: Real, const FILTERS: bool>(
     for (place, body) in sweeps.swept().iter().enumerate().rev() {
         let (force, mut change) = (kept.forces[place], kept.forces_change[place]);
         if FILTERS && kept.judges {
-            let nu = shifts_of.probe_co_state(place);
+            let nu = shifts_of.test_co_state(place);
             for (&change, nu) in change.iter().zip(nu) {
                 kept.noise = (change * nu).mul_add(change * nu, kept.noise);
             }

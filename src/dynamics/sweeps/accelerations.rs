@@ -10,8 +10,8 @@ use crate::scalar::Real;
 use crate::spatial::transform::Transform;
 use nalgebra::Vector6;
 
-/// Co-states and estimates (4.9 to 4.11); `estimates` holds e^- on entry and a on return. Where `SEEN` the largest estimates are told, and the
-/// largest co-states that are carried outward; else nothing is.
+/// Co-states and estimates (4.9 to 4.11); `estimates` holds e^- on entry and a on return. With `SEEN` it returns the
+/// largest estimate and the largest co-states that are propagated outward.
 #[inline(always)]
 pub(super) fn base_to_tip<T: Real, const SEEN: bool>(
     (model, sweeps): (&Model<T>, &SweepModel<T>),
@@ -20,7 +20,7 @@ pub(super) fn base_to_tip<T: Real, const SEEN: bool>(
 ) -> Outward<T> {
     let mut seen = Outward::new();
     let SweepScratch { own, shifts, measured, co_states, .. } = scratch;
-    // Of one length, for the compiler to see.
+    // Of the same length, which the compiler then knows.
     let estimates = &mut estimates[..measured.len()];
     for (body, own) in sweeps.swept().iter().zip(own) {
         let outer = &co_states[body.places.parent_outward];

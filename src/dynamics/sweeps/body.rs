@@ -1,7 +1,8 @@
-//! The constants of a scene as these sweeps read them: one number for all lanes, in [frames](super::frames) of their own.
+//! The constants of the bodies as the passes read them: one number for all lanes, in the [frames](super::frames) of the
+//! passes.
 
+use super::axis_permutation::AxisPermutation;
 use super::joint::Joint;
-use super::renaming::Renaming;
 use super::slots::Places;
 use super::spin::Load;
 use crate::filter::pivots::Scale;
@@ -11,22 +12,24 @@ use crate::spatial::{BodyInertia, Symmetric3};
 use nalgebra::Vector3;
 
 /// One body.
-#[allow(clippy::struct_excessive_bools)] // facts, each by itself
+#[allow(clippy::struct_excessive_bools)] // independent facts
 #[derive(Debug, Clone, PartialEq)]
 pub(in crate::dynamics) struct SweepBody<N> {
     pub joint: Joint,
-    /// Of a revolute joint, 1, or -1 where its z points the other way: rate, acceleration and torque are those about z, times this.
+    /// For a revolute joint 1, or -1 if its z axis is reversed: velocity, acceleration and torque are those about z,
+    /// times this.
     pub sense: N,
-    /// To its frame here from its frame in the model.
-    pub frame: Renaming<N>,
-    /// Its index, and that of the body inward.
+    /// From its frame in the model to its frame in the passes.
+    pub frame: AxisPermutation<N>,
+    /// Its index in the model, and that of its parent.
     pub index: usize,
     pub parent: Option<usize>,
     /// Its first row.
     pub row: usize,
-    /// Of a revolute joint, from the parent's origin to the body's, in the joint's frame: the body's at its zero angle, or the parent's where the axis is oblique.
+    /// For a revolute joint, from the origin of the parent to that of the body, in the frame of the joint: that of the
+    /// body at angle zero, or of the parent for an oblique axis.
     pub offset: Offset<N>,
-    /// The same in the parent's frame: where its acceleration is found.
+    /// The same in the frame of the parent, for the acceleration of the origin.
     pub offset_at_parent: Offset<N>,
     /// M(k).
     pub load: Load<N>,
@@ -34,25 +37,26 @@ pub(in crate::dynamics) struct SweepBody<N> {
     pub scale: [N; 2],
     /// The terms of its diagonal.
     pub terms: [N; 6],
-    /// Whether the weights of its root are positive, and of its parent's.
+    /// True if the weights of its root are positive, and those of its parent's root.
     pub is_definite: bool,
     pub hangs_on_definite: bool,
     pub places: Places,
-    /// Whether anything hangs on it.
+    /// True if it has no children.
     pub is_leaf: bool,
-    /// One past the place of the first body on a revolute joint that hangs on it, and of the next one on its own parent; 0 where there is none.
+    /// One past the place of its first child on a revolute joint, and of the next such child of its parent; 0 if there
+    /// is none.
     pub first_axial: usize,
     pub next_axial: usize,
-    /// Whether a body on another joint hangs on it.
+    /// True if it has a child on another kind of joint.
     pub carries_others: bool,
-    /// How many rows there are from the base to its own.
+    /// The number of rows between the base and its own.
     pub depth: usize,
-    /// One past the last row of what hangs on it.
+    /// One past the last row outboard of it.
     pub end_row: usize,
 }
 
 impl<N: Copy> SweepBody<N> {
-    /// P^- (3.6): the body's inertia M(k), of which six entries are zero, and what arrived from its children.
+    /// P^- (3.6): the body's inertia M(k), of which six entries are zero, plus the sum over its children.
     #[inline(always)]
     pub fn with_noise<T: Real<Parameter = N>>(&self, arrived: &[T; 21]) -> [T; 21] {
         let [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5] = *arrived;
@@ -84,7 +88,7 @@ impl<N: Copy> SweepBody<N> {
         ]
     }
 
-    /// The composite inertia (3.5): the body's own and what arrived.
+    /// The composite inertia (3.5): the body's own plus the sum over its children.
     #[inline(always)]
     pub fn with_inertia<T: Real<Parameter = N>>(&self, arrived: &BodyInertia<T>) -> BodyInertia<T> {
         arrived.add(&self.inertia(arrived.mass))
@@ -115,7 +119,7 @@ impl<N: Copy> SweepBody<N> {
         Scale { angular: like.splat(angular), linear: like.splat(linear) }
     }
 
-    /// The terms of the diagonal of P^-: those of M(k), and what arrived.
+    /// The terms of the diagonal of P^-: those of M(k), plus the sum over its children.
     #[inline(always)]
     pub fn with_terms<T: Real<Parameter = N>>(&self, arrived: &[T; 6]) -> [T; 6] {
         let [a, b, c, d, e, f] = *arrived;
@@ -131,7 +135,7 @@ impl<N: Copy> SweepBody<N> {
     }
 }
 
-/// Tells each of the bodies, in the order of the sweeps, what hangs on it.
+/// Links each of the bodies, in the order of the passes, with its children.
 pub(in crate::dynamics) fn link_children<N>(swept: &mut [SweepBody<N>]) {
     for place in (0..swept.len()).rev() {
         let Some(parent) = swept[place].places.parent.checked_sub(1) else { continue };
@@ -144,15 +148,15 @@ pub(in crate::dynamics) fn link_children<N>(swept: &mut [SweepBody<N>]) {
     }
 }
 
-/// What the angle of a revolute joint is made of.
+/// The angle of a revolute joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::dynamics) struct Turning<N> {
     /// The joint's coordinate.
     pub q: usize,
-    /// The body's place in the order of the sweeps.
+    /// The body's place in the order of the passes.
     pub place: usize,
-    /// 1, or -1 where the turn's z points the other way.
+    /// 1, or -1 if the z axis is reversed.
     pub sense: N,
-    /// Sine and cosine where the joint's angle is zero, where they are not those of none.
+    /// Sine and cosine of the constant angle that is added, if there is one.
     pub offset: Option<[N; 2]>,
 }

@@ -1,7 +1,8 @@
-//! Where the columns of a matrix are while they go inward, several side by side.
+//! The layout of the columns of a matrix during the inward pass, in blocks that are vectorized (SIMD).
 //!
-//! A segment is a run of bodies on each of which hangs the next one and nothing else. Its rows are dealt out to blocks from the outermost
-//! on, so that only the last block of a segment is not full; what hangs on a body is then some neighbouring blocks, each of one segment.
+//! A segment is a run of bodies on each of which hangs the next one and nothing else. Its rows are dealt out to blocks
+//! from the outermost on, so that only the last block of a segment is not full; the columns outboard of a body are then
+//! neighboring blocks, each of one segment.
 
 use super::model::SweepModel;
 use super::tiles::{below_overflow, units};
@@ -16,13 +17,13 @@ pub(in crate::dynamics) struct Place {
     pub lane: usize,
     /// One past the last block that holds a column outward of it.
     pub end_block: usize,
-    /// Of one state where the diagonal is. In lanes the number of the pair (row, row) among the pairs of a row and a column outward of it: those of one row,
-    /// by their columns, come one after another.
+    /// Of one state where the diagonal is. In lanes the number of the pair (row, row) among the pairs of a row and a
+    /// column outward of it: those of one row, by their columns, come one after another.
     pub entries: usize,
 }
 
 /// The columns of a scene, dealt out to blocks.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(in crate::dynamics) struct ColumnLayout<C> {
     /// One in one lane, zero in the others.
     pub units: Vec<C>,
@@ -30,7 +31,7 @@ pub(in crate::dynamics) struct ColumnLayout<C> {
     pub ends: Vec<usize>,
     /// Of each row.
     pub places: Vec<Place>,
-    /// Whether there are entries between branches, which are zero.
+    /// True if there are entries between branches, which are zero.
     pub is_branched: bool,
 }
 
@@ -68,7 +69,7 @@ impl<C: Copy> ColumnLayout<C> {
                     layout.ends.push(row + 1);
                 }
                 let place = &mut layout.places[row];
-                // Blocks are counted from the last one; what hangs on a body comes before it.
+                // Blocks are counted from the last one; those outboard of a body precede it.
                 (place.block, place.lane, place.entries) = (blocks, width - 1 - dealt % width, row * nv + row);
                 dealt += 1;
             }
@@ -127,9 +128,11 @@ impl<C: Copy> ColumnLayout<C> {
     }
 }
 
-/// Of one state: the entries of a row in the columns of a block, which ends before `end`, and those of the block's rows in the row's column.
+/// Of one state: the entries of a row in the columns of a block, which ends before `end`, and those of the block's rows
+/// in the row's column.
 ///
-/// What is in lanes that no column is in comes where the next block inward, or a row further inward, writes after it; or where there is nothing, a zero.
+/// What is in lanes that no column is in comes where the next block inward, or a row further inward, writes after it;
+/// or where there is nothing, a zero.
 #[inline(always)]
 pub(in crate::dynamics) fn put_block<T: Real, C: ColumnsOf<T>>(
     out: &mut [C::Entry],

@@ -1,17 +1,17 @@
-//! What M and M^-1 are written to in lanes before they go to the caller: entries that each of theirs is one of.
+//! The buffer of entries from which M and M^-1 of states in lanes are gathered for the caller.
 
 use crate::scalar::{ColumnsOf, Real};
 
 /// Entries of a symmetric matrix.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Entries<T: Real, C: ColumnsOf<T>> {
-    /// In lanes what the entries are chosen from, behind one zero: those of one triangle that are not zero by structure, or tiles that hold them. Of one
-    /// state none, for it is written where it belongs.
+    /// In lanes what the entries are chosen from, behind one zero: those of one triangle that are not zero by
+    /// structure, or tiles that hold them. Of one state none, for it is written where it belongs.
     pub numbers: Vec<C::Entry>,
     /// In lanes: which of those stands at each place of the matrix.
     chosen: Vec<u32>,
     pub(in crate::dynamics) is_made: bool,
-    /// Whether there are entries that nothing is written to.
+    /// True if there are entries that nothing is written to.
     has_gaps: bool,
     /// Zero where every entry is finite, else NaN; where they were looked at.
     pub(in crate::dynamics) fault: C,

@@ -1,13 +1,14 @@
 //! The frames that these sweeps have the bodies in.
 //!
-//! Where a joint turns about an axis of its parent's frame, signs and places become part of the body's constants, no digit of them touched:
-//! its z is then one axis of its parent's at zero angle, its x and y the two that follow it in their cycle. What is left of a revolute joint is a
-//! rotation about z, to one side or the other, and one of three ways to read the parent's vectors; and where the joint's frame is turned about
-//! its z at zero angle by what is no renaming of axes, a constant *offset* of the angle. An axis that is along none of its parent's is
-//! *oblique*, by a [constant rotation](ConstantRotation) from one of them.
+//! If a joint rotates about an axis of its parent's frame, signs and places become part of the body's constants, no
+//! digit of them touched: its z is then one axis of its parent's at zero angle, its x and y the two that follow it in
+//! their cycle. What is left of a revolute joint is a rotation about z, to one side or the other, and one of three ways
+//! to read the parent's vectors; and where the joint's frame is turned about its z at zero angle by what is no
+//! axis_permutation of axes, a constant *offset* of the angle. An axis that is along none of its parent's is *oblique*,
+//! by a [constant rotation](ConstantRotation) from one of them.
 
+use super::axis_permutation::AxisPermutation;
 use super::joint::{Joint, JointAxis};
-use super::renaming::Renaming;
 use crate::filter::Rows;
 use crate::model::{Body, Model, Motion};
 use crate::spatial::transform::{AboutAxis, ConstantRotation, ConstantSlide};
@@ -20,7 +21,8 @@ pub(super) struct Framed {
     pub joints: Vec<Joint>,
     /// Sine and cosine of the turn's angle where the joint's is zero, where they are not those of none.
     pub angle_offsets: Vec<Option<[f64; 2]>>,
-    /// The offsets as they are met inward: of a revolute joint in its frame at zero angle, or its parent's where the axis is oblique.
+    /// The offsets as they are met inward: of a revolute joint in its frame at zero angle, or its parent's where the
+    /// axis is oblique.
     pub offsets_inward: Vec<Vector3<f64>>,
     /// Those of oblique axes.
     pub constant_rotations: Vec<ConstantRotation<f64>>,
@@ -80,7 +82,7 @@ impl Framed {
             });
             here.inertia.first_moment = frame * body.inertia.first_moment;
             here.inertia.rotational = body.inertia.rotational.congruence(&frame);
-            here.inertia_terms = Vector6::from(Renaming::of(&frame, |x| x).apply(&body.inertia_terms)).abs();
+            here.inertia_terms = Vector6::from(AxisPermutation::of(&frame, |x| x).apply(&body.inertia_terms)).abs();
             framed.bodies.push(here);
             framed.joints.push(joint);
             framed.angle_offsets.push(offset);
@@ -112,7 +114,8 @@ mod tests {
         Shift,
     }
 
-    /// The frames of a body on a joint about or along an axis of a frame turned so, and the rotation that the model has there.
+    /// The frames of a body on a joint about or along an axis of a frame turned so, and the rotation that the model has
+    /// there.
     fn framed(
         kind: JointKind,
         (rotation, axis): (Matrix3<f64>, Vector3<f64>),

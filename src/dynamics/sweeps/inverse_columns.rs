@@ -1,4 +1,4 @@
-//! Columns of M^-1 of one state, or of one state a lane, side by side.
+//! Columns of M^-1 of one state, or of one state per lane, in blocks.
 
 use super::entries::Entries;
 use super::model::SweepModel;
@@ -14,7 +14,7 @@ pub(super) type Block<C> = [C; 6];
 pub(crate) struct InverseColumns<T: Real, C: ColumnsOf<T>> {
     /// In slots outward: of every joint on the path c of the innovation D^-1/2, and beyond them zero.
     pub(super) slots: Vec<Vec<Block<C>>>,
-    /// What multiplies the factors out.
+    /// Scratch of the product of the factors.
     pub(super) tiles: Tiles<T, C>,
 }
 
@@ -24,8 +24,8 @@ impl<T: Real, C: ColumnsOf<T>> InverseColumns<T, C> {
         Self { slots: Vec::new(), tiles: Tiles::new() }
     }
 
-    /// Makes them for a scene, where there are none; gives what M^-1 is written to in lanes. None for a scene whose factors are not
-    /// [multiplied out](super::inverse_product).
+    /// Makes them for a scene, where there are none; gives what M^-1 is written to in lanes. None for a scene whose
+    /// factors are not [multiplied out](super::inverse_product).
     #[inline(always)]
     pub fn prepare(&mut self, model: &Model<T>, sweeps: &SweepModel<T>) -> Option<&mut Entries<T, C>> {
         if !sweeps.is_shallow {

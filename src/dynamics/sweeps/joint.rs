@@ -1,24 +1,24 @@
-//! The joint of a body: what carries what crosses it, and what is measured there.
+//! The joint of a body: its transform and its measurement rows.
 
 use crate::spatial::transform::Axis;
 
-// What the macros name, as `joint::...`.
+// The names that the macros use, as `joint::...`.
 pub(in crate::dynamics) use super::rows::{AboutZ, AlongZ, AnyRows, Six};
 pub(in crate::dynamics) use crate::spatial::transform::{
     Axial, Base, ObliqueRotation, Order, PARENT_FRAME, Prismatic, about,
 };
 
-/// What a revolute joint turns about.
+/// The axis of a revolute joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::dynamics) enum JointAxis {
     /// An axis of its parent's frame.
     Aligned(Axis),
-    /// Another: the place of its constant rotation among all.
+    /// Any other: the index of its constant rotation.
     Oblique(usize),
 }
 
 impl JointAxis {
-    /// The axis of the parent's frame that the joint's z is: its own where a constant rotation goes all the way.
+    /// The axis of the parent's frame that is the joint's z, after the constant rotation if there is one.
     pub fn axis(self) -> Axis {
         match self {
             Self::Aligned(axis) => axis,
@@ -27,23 +27,24 @@ impl JointAxis {
     }
 }
 
-/// Which [`Transform`](crate::spatial::transform::Transform) a joint has; numbers are places among those of its kind.
+/// Which [`Transform`](crate::spatial::transform::Transform) a joint has; numbers are indices among those of its kind.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::dynamics) enum Joint {
     /// A revolute joint.
     Axial(JointAxis),
-    /// A prismatic joint whose rotation is constant angles: its place among shifts, and among slides.
+    /// A prismatic joint whose rotation is constant angles: its index among shifts, and among slides.
     Prismatic(usize, usize),
     /// All six degrees of freedom on the base.
     Free(usize),
-    /// Any other, and what is left of those.
+    /// Any other joint.
     General(usize),
 }
 
-// Where they are used, `joint` is this module.
+// Callers import this module as `joint`.
 
-/// Does `$do` with the transform of a revolute joint about this axis, turned so, at the end of this offset. In `copies` there is a copy for each order of axes,
-/// which saves a tenth of inverse dynamics of one state, and elsewhere nothing.
+/// Evaluates `$do` with the transform of a revolute joint about this axis, with this rotation and offset. With `copies`
+/// it is compiled for each order of axes, which saves a tenth of the time of inverse dynamics of one state, and nothing
+/// elsewhere.
 macro_rules! with_axial {
     (copies, $axis:expr, $turn:expr, $sweeps:expr, $offset:expr, $transform:ident, $do:expr) => {
         match $axis {
@@ -70,49 +71,61 @@ macro_rules! with_axial {
 }
 pub(in crate::dynamics) use with_axial;
 
-/// Does `$do` with the transform and the rows of the joint of a body.
+/// Evaluates `$do` with the transform and the rows of the joint of a body. `T` is the scalar of the caller: with
+/// [`Real::GENERAL_JOINTS`](crate::scalar::Real) only the arm of the general joint is compiled.
 macro_rules! with_joint {
     ($body:expr, $turn:expr, ($model:expr, $sweeps:expr, $shifts:expr), $transform:ident, $rows:ident, $do:expr) => {
-        match $body.joint {
-            joint::Joint::Axial(axis) => {
-                let $rows = &joint::AboutZ::new(($body.row, $body.sense), &$model.system, $body.index);
-                joint::with_axial!(axis, $turn, $sweeps, $body.offset, $transform, $do)
-            }
-            joint::Joint::Prismatic(at, slide) => {
-                let $rows = &joint::AlongZ(&$model.system, $body.index);
-                let $transform = &joint::Prismatic { shift: &$shifts[at], rotation: &$sweeps.slides[slide] };
-                $do
-            }
-            joint::Joint::Free(_) if joint::Six::is_noise_free($body.row, &$model.system) => {
-                let $rows = &joint::Six::new(&$model.system, $body.index);
-                let $transform = &joint::Base($model.gravity[0]);
-                $do
-            }
-            joint::Joint::Free(at) | joint::Joint::General(at) => {
-                let $rows = &joint::AnyRows(&$model.system, $body.index);
-                let $transform = &$shifts[at];
-                $do
+        if T::GENERAL_JOINTS {
+            let $rows = &joint::AnyRows(&$model.system, $body.index);
+            let $transform = &$shifts[$body.index];
+            $do
+        } else {
+            match $body.joint {
+                joint::Joint::Axial(axis) => {
+                    let $rows = &joint::AboutZ::new(($body.row, $body.sense), &$model.system, $body.index);
+                    joint::with_axial!(axis, $turn, $sweeps, $body.offset, $transform, $do)
+                }
+                joint::Joint::Prismatic(at, slide) => {
+                    let $rows = &joint::AlongZ(&$model.system, $body.index);
+                    let $transform = &joint::Prismatic { shift: &$shifts[at], rotation: &$sweeps.slides[slide] };
+                    $do
+                }
+                joint::Joint::Free(_) if joint::Six::is_noise_free($body.row, &$model.system) => {
+                    let $rows = &joint::Six::new(&$model.system, $body.index);
+                    let $transform = &joint::Base($model.gravity[0]);
+                    $do
+                }
+                joint::Joint::Free(at) | joint::Joint::General(at) => {
+                    let $rows = &joint::AnyRows(&$model.system, $body.index);
+                    let $transform = &$shifts[at];
+                    $do
+                }
             }
         }
     };
 }
 pub(in crate::dynamics) use with_joint;
 
-/// Does `$do` with the rows of the joint of a body.
+/// Evaluates `$do` with the rows of the joint of a body.
 macro_rules! with_rows {
     ($body:expr, $model:expr, $rows:ident, $do:expr) => {
-        match $body.joint {
-            joint::Joint::Axial(_) => {
-                let $rows = &joint::AboutZ::new(($body.row, $body.sense), &$model.system, $body.index);
-                $do
-            }
-            joint::Joint::Free(_) if joint::Six::is_noise_free($body.row, &$model.system) => {
-                let $rows = &joint::Six::new(&$model.system, $body.index);
-                $do
-            }
-            _ => {
-                let $rows = &joint::AnyRows(&$model.system, $body.index);
-                $do
+        if T::GENERAL_JOINTS {
+            let $rows = &joint::AnyRows(&$model.system, $body.index);
+            $do
+        } else {
+            match $body.joint {
+                joint::Joint::Axial(_) => {
+                    let $rows = &joint::AboutZ::new(($body.row, $body.sense), &$model.system, $body.index);
+                    $do
+                }
+                joint::Joint::Free(_) if joint::Six::is_noise_free($body.row, &$model.system) => {
+                    let $rows = &joint::Six::new(&$model.system, $body.index);
+                    $do
+                }
+                _ => {
+                    let $rows = &joint::AnyRows(&$model.system, $body.index);
+                    $do
+                }
             }
         }
     };

@@ -1,4 +1,4 @@
-//! Columns of M on their way inward, of one state or of one state a lane, side by side.
+//! Columns of M during the inward pass, of one state or of one state per lane, in blocks.
 
 use super::column_layout::{ColumnLayout, Place, put_block};
 use super::entries::Entries;
@@ -12,7 +12,7 @@ use crate::scalar::{ColumnsOf, Real};
 const FREE_ROWS: usize = PICKED.len();
 
 /// Scratch of M.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct MassColumns<T: Real, C: ColumnsOf<T>> {
     /// By blocks: the force of each column at the body at hand; zero in lanes that no column is in.
     forces: Vec<Block<C>>,
@@ -71,8 +71,8 @@ impl<T: Real, C: ColumnsOf<T>> MassColumns<T, C> {
         &mut self.forces[blocks]
     }
 
-    /// Takes up the column of `row`, this force at its body, writes the row's entries from the diagonal to before `end`, and carries on the columns outward
-    /// of it. Rows come from the outermost on.
+    /// Takes up the column of `row`, this force at its body, writes the row's entries from the diagonal to before
+    /// `end`, and carries on the columns outward of it. Rows come from the outermost on.
     #[inline(always)]
     pub(super) fn put_row<const CHECK: bool>(
         &mut self,
@@ -167,12 +167,12 @@ impl<T: Real, C: ColumnsOf<T>> MassColumns<T, C> {
     }
 }
 
-/// What is done with the columns at one row: a trait, for a closure is not always compiled into its caller.
+/// The operations on the columns at one row. A trait, because a closure is not always inlined.
 pub(super) trait Measurement<C> {
     /// H f.
     fn entry(&self, force: &Block<C>) -> C;
 
-    /// What the force is at the next row.
+    /// The force at the next row.
     fn carry(&self, force: &mut Block<C>);
 }
 

@@ -1,6 +1,7 @@
-//! Tip to base: composite inertias (3.5), and from each joint the column of M inward of it (3.4), all columns of a body side by side.
+//! Tip to base: composite inertias (3.5), and from each joint the column of M inward of it (3.4), vectorized (SIMD)
+//! over the columns of a body.
 //!
-//! At a body every column of what hangs on it goes the same way: what the way is made of is read once, and no column waits for another.
+//! All columns outboard of a body pass its joint alike: the transform is read once, and no column depends on another.
 
 use super::body::SweepBody;
 use super::inverse_columns::Block;
@@ -17,8 +18,9 @@ use crate::scalar::{ColumnsOf, Real};
 use crate::spatial::BodyInertia;
 use crate::spatial::transform::{Axes, Axial, Rotates, Transform};
 
-/// M at `q` into `out`, as [`Entries`](super::Entries) has it and [`mass_matrix`](crate::dynamics::mass_matrix) gives it to rounding, after the
-/// columns were [made](MassColumns::prepare); with CHECK it is seen whether all of it is finite.
+/// M at `q` into `out`, as [`Entries`](super::Entries) has it and [`mass_matrix`](crate::dynamics::mass_matrix) gives
+/// it to rounding, after the columns were [made](MassColumns::prepare); with CHECK it is seen whether all of it is
+/// finite.
 #[inline(always)]
 pub(crate) fn mass_matrix<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
     (model, sweeps): (&Model<T>, &SweepModel<T>),
@@ -70,7 +72,7 @@ pub(crate) fn mass_matrix<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
         };
         if body.parent.is_some() {
             let to = &mut composites[body.places.parent_inward];
-            sent = if body.places.arrives_first { carried } else { to.add(&carried) };
+            sent = if body.places.accumulates_first { carried } else { to.add(&carried) };
             is_next = T::LANES == 1 && body.places.parent == place;
             if !is_next {
                 *to = sent;
@@ -105,7 +107,7 @@ fn through_axial<T: Real, C: ColumnsOf<T>, R: Rotates<T>, A: Axes, const CHECK: 
 struct Turn<C, X> {
     sense: C,
     transform: X,
-    /// Whether there is no parent to carry anything to.
+    /// True if the body has no parent.
     ends: bool,
 }
 

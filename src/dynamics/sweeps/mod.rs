@@ -1,24 +1,32 @@
-//! Forward and inverse dynamics, M and M^-1 where nothing but the result is wanted, for states in lanes and for one state.
+//! The recursions of forward and inverse dynamics, M and M^-1: each pass once, generic over the scalar, the kinds of
+//! joints and the store.
 //!
-//! The recursions are those of [`forward`](super::forward), [`forward_root`](super::forward_root) and [`inverse`](super::inverse), which keep
-//! everything for whoever asks later, and against which these are tested. Four things differ.
+//! - *Scalar*: f64, lanes of states, double-double, dual and traced numbers. Constants of the scene are one number for
+//!   all lanes.
+//! - *Joints*: the kernels' model ([`SweepModel::new`]) has a transform per kind of joint. A revolute joint about an
+//!   axis of the parent's frame is a rotation about z and a constant lever; [`frames`] are chosen so that one of three
+//!   orders of the parent's axes remains, and each is compiled separately. Any other axis adds a constant rotation. P
+//!   passes a prismatic joint by constant angles. All other joints use the general shift. The general model
+//!   ([`SweepModel::general`]) uses the general shift for every joint, in the frames of the model.
+//! - *Store*: each body has [slots]. In the kernels' model a slot is reused after the last body that reads it: a chain
+//!   has two. In the general model each body has its own, so that P, D, g, forces and co-states of every body can be
+//!   read afterwards.
 //!
-//! - What only the next body reads (motions, P, co-states) is in a *slot*, which another body takes over; a chain has two.
-//! - Constants of the scene are one number for all lanes.
-//! - A revolute joint about an axis of its parent's frame is carried by its angle alone: about z, then along the constant lever. [`frames`] are chosen
-//!   so that one of three orders of the parent's axes is left, and each is compiled by itself. About any other axis a
-//!   [constant rotation](constant_rotation) comes between. Of a [prismatic] joint P goes by constant angles too. Everything else goes through the general shift.
-//! - Bodies at equal depth come one after another: they do not wait for each other.
+//! The kernels compile these passes inline for each instruction set. [`general`] compiles each of them once per scalar.
 
 mod accelerations;
+mod axis_permutation;
 pub(super) mod body;
 pub(super) mod column_layout;
 mod entries;
+mod error_estimate;
 mod filter;
 mod frames;
+pub(crate) mod general;
 mod inverse_columns;
 mod inverse_product;
 pub(super) mod joint;
+mod kept;
 mod mass_columns;
 mod mass_inverse;
 mod mass_matrix;
@@ -26,7 +34,6 @@ pub(super) mod model;
 pub(super) mod motion;
 mod paths;
 mod predict;
-mod renaming;
 mod root_filter;
 pub(super) mod rows;
 pub(super) mod scratch;
@@ -35,9 +42,9 @@ mod solve;
 mod spin;
 mod tiles;
 mod vectors;
-mod watch;
 
 pub(crate) use entries::Entries;
+pub(crate) use error_estimate::{ErrorTerms, factor_with_estimate, forward_dynamics_with_estimate};
 pub(crate) use inverse_columns::InverseColumns;
 pub(crate) use inverse_product::multiplied_out;
 pub(crate) use mass_columns::MassColumns;
@@ -48,20 +55,19 @@ pub(crate) use paths::{
     Forces, MOST_FORCES, Path, accelerations_along, frame_here, innovations_along, motions_along, origin_along,
     placement_along,
 };
-pub(crate) use scratch::{SweepScratch, bytes};
+pub(crate) use scratch::{Accumulated, SweepScratch, bytes};
 pub(crate) use solve::{innovations_of_factor, smooth, solve};
-pub(crate) use watch::{Look, factor_watched, forward_dynamics_watched};
 
 use super::forces::Motion;
 use crate::algorithm::{Algorithm, Derivatives, Products};
 use crate::filter::Form;
 use crate::filter::pivots::PivotMonitor;
-use crate::filter::rounding::Reach;
+use crate::filter::rounding::RoundingBound;
 use crate::model::Model;
 use crate::scalar::{ColumnsOf, Real};
 use nalgebra::Vector6;
 
-/// Whether an algorithm is done by these sweeps, or in form `auto` at least looked at first.
+/// True if an algorithm has kernels, in form `auto` at least for states that need no fallback.
 pub(crate) fn covers(algorithm: Algorithm) -> bool {
     !matches!(
         algorithm,
@@ -76,7 +82,7 @@ pub(crate) fn covers(algorithm: Algorithm) -> bool {
     )
 }
 
-/// Joint accelerations, as [`forward_dynamics`](super::forward_dynamics) in covariance form gives them to rounding.
+/// Joint accelerations in covariance form.
 #[inline(always)]
 pub(crate) fn forward_dynamics<T: Real, C: ColumnsOf<T>>(
     (model, sweeps): (&Model<T>, &SweepModel<T>),
@@ -92,8 +98,7 @@ pub(crate) fn forward_dynamics<T: Real, C: ColumnsOf<T>>(
     monitor
 }
 
-/// Joint accelerations in square-root form, and the first look at them, to rounding as
-/// [`forward_dynamics_judged`](super::refined::forward_dynamics_judged) takes them.
+/// Joint accelerations in square-root form, and the bound on their rounding.
 #[inline(always)]
 pub(crate) fn forward_dynamics_by_roots<T: Real, C: ColumnsOf<T>>(
     (model, sweeps): (&Model<T>, &SweepModel<T>),
@@ -101,15 +106,15 @@ pub(crate) fn forward_dynamics_by_roots<T: Real, C: ColumnsOf<T>>(
     (q, qd, tau): (&[T], &[T], &[T]),
     wrenches: &[Vector6<T>],
     qdd: &mut [T],
-) -> (PivotMonitor<T>, Reach<T>) {
+) -> (PivotMonitor<T>, RoundingBound<T>) {
     let state = Motion { q, qd, qdd: None, wrenches };
     motion::base_to_tip::<T, C, true>((model, sweeps), scratch, state);
-    let monitor = root_filter::tip_to_base((model, sweeps), scratch, tau, qdd);
+    let monitor = root_filter::tip_to_base::<T, false>((model, sweeps), scratch, tau, qdd);
     let outward = accelerations::base_to_tip::<T, true>((model, sweeps), scratch, qdd);
-    (monitor.pivots, Reach::of(&monitor, outward))
+    (monitor.pivots, RoundingBound::of(&monitor, outward))
 }
 
-/// Joint torques, as [`inverse_dynamics`](super::inverse_dynamics) gives them to rounding; those of the bias without `qdd`.
+/// Joint torques; without `qdd` those of the bias.
 #[inline(always)]
 pub(crate) fn inverse_dynamics<T: Real, C: ColumnsOf<T>>(
     (model, sweeps): (&Model<T>, &SweepModel<T>),
@@ -120,10 +125,16 @@ pub(crate) fn inverse_dynamics<T: Real, C: ColumnsOf<T>>(
 ) {
     let state = Motion { q, qd, qdd, wrenches };
     motion::base_to_tip::<T, C, false>((model, sweeps), scratch, state);
-    predict::tip_to_base((model, sweeps), scratch, tau);
+    predict::tip_to_base::<T, false>((model, sweeps), scratch, tau);
     if let Some(qdd) = qdd {
-        for ((tau, &qdd), &armature) in tau.iter_mut().zip(qdd).zip(&model.system.noise) {
-            *tau += armature * qdd;
-        }
+        add_armature(model, qdd, tau);
+    }
+}
+
+/// Adds the torque of the rotor inertias, r qdd.
+#[inline(always)]
+fn add_armature<T: Real>(model: &Model<T>, qdd: &[T], tau: &mut [T]) {
+    for ((tau, &qdd), &armature) in tau.iter_mut().zip(qdd).zip(&model.system.noise) {
+        *tau += armature * qdd;
     }
 }

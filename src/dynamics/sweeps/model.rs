@@ -1,9 +1,9 @@
-//! A scene as these sweeps read it.
+//! A scene as the passes read it.
 
+use super::axis_permutation::AxisPermutation;
 use super::body::{SweepBody, Turning, link_children};
 use super::frames::Framed;
 use super::joint::Joint;
-use super::renaming::Renaming;
 use super::slots::{Ordered, SlotCounts, interleaved, last_children};
 use super::spin::Load;
 use crate::filter::pivots::Scale;
@@ -13,11 +13,11 @@ use crate::spatial::BodyRoot;
 use crate::spatial::transform::{ConstantRotation, ConstantSlide, Offset};
 use nalgebra::Matrix3;
 
-/// As many joints inward of both as two joints may have, on average over all pairs, for M^-1 to be multiplied out: chains of up to 300. Beyond, (6.1)
-/// takes fewer operations, by the recursion that keeps everything.
+/// The largest number of joints inward of both of two joints, averaged over all pairs, for which M^-1 is the product of
+/// its factors: chains of up to 300. For deeper trees (6.1) takes fewer operations.
 const SHALLOW: usize = 100;
 
-/// Of each body its own value joined with those of all outboard of it.
+/// For each body its own value joined with those of all bodies outboard of it.
 fn with_all_outboard<V: Copy>(parents: &[Option<usize>], mut values: Vec<V>, join: impl Fn(V, V) -> V) -> Vec<V> {
     for (k, parent) in parents.iter().enumerate().rev() {
         if let Some(parent) = *parent {
@@ -27,8 +27,8 @@ fn with_all_outboard<V: Copy>(parents: &[Option<usize>], mut values: Vec<V>, joi
     values
 }
 
-/// Tells bodies, in the order of the rows, how many rows there are inward of them. Gives the steps that M^-1 by
-/// its rows takes, and how many rows the longest path from the base has.
+/// Sets the number of rows inward of each body, in the order of the rows. Returns the number of steps that M^-1 by its
+/// rows takes, and the number of rows on the longest path from the base.
 fn measure_paths<N, T: Real>(model: &Model<T>, bodies: &mut [SweepBody<N>]) -> (usize, usize) {
     let (mut steps, mut longest_path) = (0, 0);
     for k in 0..bodies.len() {
@@ -41,11 +41,12 @@ fn measure_paths<N, T: Real>(model: &Model<T>, bodies: &mut [SweepBody<N>]) -> (
     (steps, longest_path)
 }
 
-/// A root in a body's frame here; NaN where there is none, or where something is left beside it, which depends on the frame.
+/// A root in the frame that the passes use for a body; NaN if there is none, or if its spin needs a force outside of
+/// it, which depends on the frame.
 fn root_in(frame: &Matrix3<f64>, root: Option<&BodyRoot<f64>>) -> BodyRoot<f64> {
     match root.map(|root| root.turned(frame)) {
         Some(root) if root.rest.iter().all(|&x| x == 0.0) => root,
-        _ => BodyRoot::zero().map(|_| f64::NAN),
+        _ => BodyRoot::<f64>::zero().map(|_| f64::NAN),
     }
 }
 
@@ -53,27 +54,30 @@ fn root_in(frame: &Matrix3<f64>, root: Option<&BodyRoot<f64>>) -> BodyRoot<f64> 
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct SweepModel<T: Real> {
     pub(in crate::dynamics) bodies: Vec<SweepBody<T::Parameter>>,
-    /// The bodies in the order of the sweeps; none where that is theirs.
+    /// The bodies in the order of the passes; empty if that is their own order.
     pub(in crate::dynamics) reordered: Vec<SweepBody<T::Parameter>>,
-    /// Those of oblique axes, and of prismatic joints.
+    /// The constant rotations of oblique axes, and those of prismatic joints.
     pub(in crate::dynamics) constant_rotations: Vec<ConstantRotation<T::Parameter>>,
     pub(in crate::dynamics) slides: Vec<ConstantSlide<T::Parameter>>,
-    /// What the square-root form needs of them, in the order of the sweeps: NaN of a body that has no root, or whose
-    /// spin needs a force outside of it.
+    /// The roots of the bodies, in the order of the passes: NaN for a body that has no root.
     pub(in crate::dynamics) roots: Vec<BodyRoot<T::Parameter>>,
-    /// Those that are not on a revolute joint, whole: the frames of those that do not slide are the model's, those of their parents need not be.
+    /// True if the passes compute the force that the spin of a body needs outside of its root; otherwise such roots are
+    /// NaN.
+    pub(in crate::dynamics) has_rests: bool,
+    /// The bodies that are not on a revolute joint. Their frames are those of the model except for prismatic joints;
+    /// those of their parents may differ.
     pub(in crate::dynamics) shifting: Vec<Body<T>>,
-    /// Those on a revolute joint, in the order of the sweeps.
+    /// The rotations of revolute joints, in the order of the passes.
     pub(in crate::dynamics) turning: Vec<Turning<T::Parameter>>,
-    /// How many slots there are in the order of the sweeps.
+    /// The numbers of slots.
     pub(in crate::dynamics) swept_slots: SlotCounts,
-    /// Whether M^-1 is its factors multiplied out.
+    /// True if M^-1 is the product of its factors.
     pub(in crate::dynamics) is_shallow: bool,
-    /// As many rows has the longest path from the base.
+    /// Number of rows on the longest path from the base.
     pub(in crate::dynamics) longest_path: usize,
 }
 
-/// The bodies that are carried by any shift, and what carries those that turn, by their places in the sweeps.
+/// The bodies that are not on revolute joints, and the rotations of those that are, by their places in the passes.
 fn by_kind<T: Real>(framed: &Framed, whole: &Model<T>, at: &[usize]) -> (Vec<Body<T>>, Vec<Turning<T::Parameter>>) {
     let of_kind = |turns: bool| {
         let joints = framed.joints.iter().enumerate();
@@ -91,32 +95,32 @@ fn by_kind<T: Real>(framed: &Framed, whole: &Model<T>, at: &[usize]) -> (Vec<Bod
     (shifting, turning)
 }
 
-impl<T: Real<Parameter = T>> SweepModel<T> {
-    /// The bodies in the model's own order and frames, each carried by its shift, for any scalar of one lane. Roots are left out: what is computed by them has a
-    /// recursion of its own.
+impl<T: Real> SweepModel<T> {
+    /// The bodies in the order and the frames of the model, each with the general joint and its own slot: for any
+    /// scalar, and for callers that read the results of every body.
     pub fn general(model: &Model<T>) -> Self {
         let stages = &model.system.stages;
         let parents: Vec<_> = stages.iter().map(|stage| stage.parent).collect();
-        let order: Vec<usize> = (0..parents.len()).collect();
-        let swept = Ordered::new(&parents, &order);
+        let swept = Ordered::keeping_all(&parents);
+        let one = T::parameter(1.0);
         let end_rows = stages.iter().map(|stage| stage.first_row + stage.rows.count()).collect();
         let end_row = with_all_outboard(&parents, end_rows, usize::max);
         let last_child = last_children(&parents);
-        let none = Offset { entries: [T::zero(); 3], square: T::zero() };
+        let none = Offset { entries: [T::parameter(0.0); 3], square: T::parameter(0.0) };
         let bodies = model.bodies.iter().zip(stages).enumerate().map(|(k, (body, stage))| {
             let scale = Scale::of_noise(&body.inertia_terms);
             SweepBody {
                 joint: Joint::General(k),
-                sense: T::one(),
-                frame: Renaming::none(T::one()),
+                sense: one,
+                frame: AxisPermutation::identity(one),
                 index: k,
                 parent: stage.parent,
                 row: stage.first_row,
                 offset: none,
                 offset_at_parent: none,
-                load: Load::of(&body.inertia, |x| x),
-                scale: [scale.angular, scale.linear],
-                terms: body.inertia_terms.into(),
+                load: Load::of(&body.inertia, Real::to_parameter),
+                scale: [scale.angular.to_parameter(), scale.linear.to_parameter()],
+                terms: [0, 1, 2, 3, 4, 5].map(|i| body.inertia_terms[i].to_parameter()),
                 is_definite: false,
                 hangs_on_definite: false,
                 places: swept.places[k],
@@ -131,12 +135,17 @@ impl<T: Real<Parameter = T>> SweepModel<T> {
         let mut bodies: Vec<_> = bodies.collect();
         let (steps, longest_path) = measure_paths(model, &mut bodies);
         link_children(&mut bodies);
+        let root = |root: &Option<BodyRoot<T>>| match root {
+            Some(root) => root.map(Real::to_parameter),
+            None => BodyRoot::<f64>::zero().map(|_| T::parameter(f64::NAN)),
+        };
         Self {
             bodies,
             reordered: Vec::new(),
             constant_rotations: Vec::new(),
             slides: Vec::new(),
-            roots: Vec::new(),
+            roots: model.inertia_roots.iter().map(root).collect(),
+            has_rests: true,
             shifting: model.bodies.clone(),
             turning: Vec::new(),
             swept_slots: swept.slots,
@@ -163,7 +172,7 @@ impl<T: Real> SweepModel<T> {
             SweepBody {
                 joint: framed.joints[k],
                 sense: number(frame[(2, 2)]),
-                frame: Renaming::of(frame, number),
+                frame: AxisPermutation::of(frame, number),
                 index: k,
                 parent: stage.parent,
                 row: stage.first_row,
@@ -197,6 +206,7 @@ impl<T: Real> SweepModel<T> {
             slides: framed.slides.iter().map(|slide| slide.map(number)).collect(),
             reordered,
             roots: order.iter().map(root).collect(),
+            has_rests: false,
             shifting,
             turning,
             is_shallow: steps <= SHALLOW * model.nv().pow(2),
@@ -205,7 +215,8 @@ impl<T: Real> SweepModel<T> {
         }
     }
 
-    /// Calls with every pair of a row and a column outward of it, its own included: row by row, and by columns.
+    /// Calls `each` for every pair of a row and a column outward of it, the diagonal included: row by row, and by
+    /// columns.
     pub(in crate::dynamics) fn each_pair(&self, model: &Model<T>, mut each: impl FnMut(usize, usize)) {
         for (k, body) in self.bodies.iter().enumerate() {
             for row in body.row..body.row + model.system.stages[k].rows.count() {
@@ -216,12 +227,12 @@ impl<T: Real> SweepModel<T> {
         }
     }
 
-    /// Whether M^-1 is its factors multiplied out.
+    /// True if M^-1 is the product of its factors.
     pub fn is_shallow(&self) -> bool {
         self.is_shallow
     }
 
-    /// The bodies in the order of the sweeps.
+    /// The bodies in the order of the passes.
     #[inline(always)]
     pub(in crate::dynamics) fn swept(&self) -> &[SweepBody<T::Parameter>] {
         if self.reordered.is_empty() { &self.bodies } else { &self.reordered }

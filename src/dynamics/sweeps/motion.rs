@@ -1,8 +1,9 @@
-//! Base to tip: how each body moves, and the force that this motion needs.
+//! Base to tip: the motion of each body, and the force that this motion needs (1.3, 2.9).
 //!
-//! The acceleration here is that of the point at the frame's origin, a + w x v of the spatial one: three vectors are carried instead of
-//! four, and nothing large is added that would have to cancel again. A body's [spin](Spin) gives the accelerations of all its points relative to that one: those
-//! of what hangs on it by a revolute joint are sent there at once.
+//! The acceleration is that of the point at the origin of the frame, the spatial one plus w x v: three vectors are
+//! propagated instead of four, and no large term is added that would have to cancel. The [spin](Spin) of a body gives
+//! the accelerations of all its points relative to that one. Those of the origins of children on revolute joints are
+//! computed at the step of the body.
 
 use super::body::SweepBody;
 use super::joint::{self, Joint, with_axial};
@@ -18,7 +19,8 @@ use crate::spatial::transform::{Axes, Axial, AxialRotation, Rotates};
 use crate::spatial::{BodyRoot, RigidShift};
 use nalgebra::Vector3;
 
-/// The turn or shift of every body at `q`: they wait for nothing. Sines and cosines of as many angles at once as `C` holds.
+/// The rotation or shift of every joint at `q`, independent of each other. Sines and cosines are computed of as many
+/// angles at once as `C` holds.
 #[inline(always)]
 pub(in crate::dynamics) fn carriers<T: Real, C: ColumnsOf<T>>(
     sweeps: &SweepModel<T>,
@@ -28,7 +30,7 @@ pub(in crate::dynamics) fn carriers<T: Real, C: ColumnsOf<T>>(
 ) {
     for some in sweeps.turning.chunks(C::COLUMNS) {
         let mut angles = like.constant(0.0);
-        // By a number of lanes that the compiler knows.
+        // A constant number of iterations, which the compiler unrolls.
         for lane in 0..C::COLUMNS {
             if let Some(turning) = some.get(lane) {
                 angles.set_column(lane, q[turning.q]);
@@ -50,7 +52,8 @@ pub(in crate::dynamics) fn carriers<T: Real, C: ColumnsOf<T>>(
     }
 }
 
-/// Base to tip: the force b of every body; where `ROOT` the coordinates y of its root, b = L y + t, and t, what wrenches bring.
+/// Base to tip: the force b of every body. With `ROOT` the coordinates y and the rest t of b = L y + t, L being the
+/// root of its inertia; t contains wrenches.
 #[inline(always)]
 pub(super) fn base_to_tip<T: Real, C: ColumnsOf<T>, const ROOT: bool>(
     scene: (&Model<T>, &SweepModel<T>),
@@ -58,63 +61,74 @@ pub(super) fn base_to_tip<T: Real, C: ColumnsOf<T>, const ROOT: bool>(
     state: Motion<'_, T>,
 ) {
     carriers(scene.1, scratch, C::zero(), state.q);
-    let needed = Needed::of(scene.0, state);
+    let (needed, g) = (Needed::of(scene.0, state), &scene.0.gravity);
+    // The base accelerates upward, so that the weight is part of every force.
+    let base = [-g[0], -g[1], -g[2]];
+    // The usual case is compiled separately, so that the loop over the bodies does not test for it.
     if needed.velocity && state.wrenches.is_empty() {
-        // Mostly: what is known of all bodies is not asked at each.
         let needed = Needed { velocity: true, acceleration: true };
-        forces::<T, ROOT>(scene, scratch, Motion { wrenches: &[], ..state }, needed);
+        forces::<T, ROOT>(scene.1, scratch, base, Motion { wrenches: &[], ..state }, needed);
     } else {
-        forces::<T, ROOT>(scene, scratch, state, needed);
+        forces::<T, ROOT>(scene.1, scratch, base, state, needed);
     }
 }
 
-/// The same, turns and shifts being there: compiled once for what is mostly needed, and once for anything else.
+/// [`base_to_tip`] with the rotations and shifts of the joints in the scratch, on a base that accelerates by `base` and
+/// does not rotate.
 #[inline(always)]
-fn forces<T: Real, const ROOT: bool>(
-    (model, sweeps): (&Model<T>, &SweepModel<T>),
+pub(super) fn forces<T: Real, const ROOT: bool>(
+    sweeps: &SweepModel<T>,
     scratch: &mut SweepScratch<T>,
+    base: [T; 3],
     state: Motion<'_, T>,
     needed: Needed,
 ) {
     let (o, bodies) = (T::zero(), sweeps.swept());
-    let g = &model.gravity;
     let SweepScratch { motions, own, added, shifts, .. } = scratch;
-    let base = [-g[0], -g[1], -g[2]];
     motions[0] = [[o; 3], [o; 3], base];
-    // Of one length, for the compiler to see: a row of one is a row of the other.
+    // Of the same length, so that the compiler omits bounds checks.
     let state = Motion { qdd: state.qdd.map(|qdd| &qdd[..state.qd.len()]), ..state };
     let own = &mut own[..bodies.len()];
     for (place, body) in bodies.iter().enumerate() {
         let root = if ROOT { Some(&sweeps.roots[place]) } else { None };
         let [w, dw, _] = motions[body.places.parent_outward];
-        // All of it in each arm: after them the motion would come by way of memory.
-        match body.joint {
-            Joint::Axial(axis) => {
-                with_axial!(copies, axis, own[place].turn, sweeps, body.offset, transform, {
-                    let joint = (state.qd, state.qdd);
-                    let moving = if body.parent.is_none() {
-                        on_base(body, transform, base, joint, needed)
-                    } else {
-                        let [x, y, z, ..] = own[place].force;
-                        turned(body, transform, [w, dw, [x, y, z]], joint, needed)
-                    };
-                    keep((bodies, place), root, moving, needed, (motions, own));
-                });
-            }
-            Joint::Free(at) => {
-                let moving = floating(body.row, &shifts[at], &base, state, needed);
-                keep((bodies, place), root, moving, needed, (motions, own));
-            }
-            Joint::Prismatic(at, _) | Joint::General(at) => {
-                let parent = motions[body.places.parent_outward];
-                let moving = shifted(&sweeps.shifting[at], body.row, &shifts[at], &parent, state, needed);
-                keep((bodies, place), root, moving, needed, (motions, own));
+        let rest = if ROOT {
+            added[place] = [o; 6];
+            sweeps.has_rests.then_some(&mut added[place])
+        } else {
+            None
+        };
+        if T::GENERAL_JOINTS {
+            let (at, parent) = (body.index, motions[body.places.parent_outward]);
+            let moving = shifted(&sweeps.shifting[at], body.row, &shifts[at], &parent, state, needed);
+            keep((bodies, place), (root, rest), moving, needed, (motions, own));
+        } else {
+            // All of it in each arm: after them the motion would be passed through memory.
+            match body.joint {
+                Joint::Axial(axis) => {
+                    with_axial!(copies, axis, own[place].turn, sweeps, body.offset, transform, {
+                        let joint = (state.qd, state.qdd);
+                        let moving = if body.parent.is_none() {
+                            on_base(body, transform, base, joint, needed)
+                        } else {
+                            let [x, y, z, ..] = own[place].force;
+                            turned(body, transform, [w, dw, [x, y, z]], joint, needed)
+                        };
+                        keep((bodies, place), (root, rest), moving, needed, (motions, own));
+                    });
+                }
+                Joint::Free(at) => {
+                    let moving = floating(body.row, &shifts[at], &base, state, needed);
+                    keep((bodies, place), (root, rest), moving, needed, (motions, own));
+                }
+                Joint::Prismatic(at, _) | Joint::General(at) => {
+                    let parent = motions[body.places.parent_outward];
+                    let moving = shifted(&sweeps.shifting[at], body.row, &shifts[at], &parent, state, needed);
+                    keep((bodies, place), (root, rest), moving, needed, (motions, own));
+                }
             }
         }
         let outside = if ROOT { &mut added[place] } else { &mut own[place].force };
-        if ROOT {
-            *outside = [o; 6];
-        }
         if !state.wrenches.is_empty() {
             for (f, given) in outside.iter_mut().zip(body.frame.apply(&state.wrenches[body.index])) {
                 *f -= given;
@@ -123,12 +137,12 @@ fn forces<T: Real, const ROOT: bool>(
     }
 }
 
-/// The force; where a body hangs on this one the motion, and of those on a revolute joint the acceleration of their origins, in the frame here: where their forces
-/// will be.
+/// Stores the force of a body, its motion if it has children, and the accelerations of the origins of children on
+/// revolute joints, in the frame of the body and in the place of their forces.
 #[inline(always)]
 fn keep<T: Real>(
     (bodies, place): (&[SweepBody<T::Parameter>], usize),
-    root: Option<&BodyRoot<T::Parameter>>,
+    (root, rest): (Option<&BodyRoot<T::Parameter>>, Option<&mut [T; 6]>),
     moving: Moving<T>,
     needed: Needed,
     (motions, own): (&mut [Moving<T>], &mut [BodyState<T>]),
@@ -150,6 +164,9 @@ fn keep<T: Real>(
             next = child_body.next_axial;
         }
     }
+    if let (Some(root), Some(rest)) = (root, rest) {
+        spin.add_rest(root, rest);
+    }
     own[place].force = match root {
         _ if !needed.acceleration => [a[0].constant(0.0); 6],
         Some(root) => coordinates_of(root, &spin, a),
@@ -157,7 +174,7 @@ fn keep<T: Real>(
     };
 }
 
-/// Across a revolute joint on a base that accelerates by `a` and does not turn.
+/// The motion past a revolute joint on a base that accelerates by `a` and does not rotate.
 #[inline(always)]
 fn on_base<T: Real>(
     body: &SweepBody<T::Parameter>,
@@ -173,7 +190,8 @@ fn on_base<T: Real>(
     [[o, o, rate], [o, o, acceleration], a]
 }
 
-/// Across a revolute joint: the parent's rotation and the acceleration of the body's origin, in the parent's frame, and the joint's own.
+/// The motion past a revolute joint, from the rotation of the parent and the acceleration of the body's origin in the
+/// frame of the parent.
 #[inline(always)]
 fn turned<T: Real>(
     body: &SweepBody<T::Parameter>,
@@ -199,7 +217,7 @@ fn turned<T: Real>(
     [w, dw, a]
 }
 
-/// Of a body that floats, against a base that accelerates by `base` and does not turn.
+/// The motion of a floating body on a base that accelerates by `base` and does not rotate.
 #[inline(always)]
 fn floating<T: Real>(
     row: usize,
@@ -224,7 +242,7 @@ fn floating<T: Real>(
     [w, dw, a]
 }
 
-/// Across any joint.
+/// The motion past any joint.
 #[inline(always)]
 fn shifted<T: Real>(
     body: &Body<T>,
@@ -270,7 +288,7 @@ fn shifted<T: Real>(
     [w, dw, a]
 }
 
-/// A free vector, parent to child.
+/// Rotates a free vector from the parent to the child.
 #[inline(always)]
 fn back<T: Real>(shift: &RigidShift<T>, v: [T; 3]) -> [T; 3] {
     let turned = shift.rotate_back(&Vector3::new(v[0], v[1], v[2]));

@@ -1,7 +1,7 @@
-//! Forces that act on one body or two: only the bodies between these and the base feel them.
+//! Forces that act on one body or two: they affect only the bodies between these and the base.
 //!
-//! They run inward through the measurements of each joint as the mean force does in the [filter](super::filter), and what accelerates along the way is
-//! summed outward again. The factor of M is in the scratch.
+//! They run inward through the measurements of each joint as the mean force does in the [filter](super::filter), and
+//! the accelerations on the path are summed outward again. The factor of M is in the scratch.
 
 use super::joint::{self, Joint, with_joint};
 use super::model::SweepModel;
@@ -15,7 +15,7 @@ use crate::spatial::{RigidShift, cross_motion};
 use nalgebra::{Matrix3, Vector3, Vector6};
 use std::ops::Range;
 
-/// As many forces at once go along a path.
+/// The largest number of forces that are propagated along a path at once.
 pub(crate) const MOST_FORCES: usize = 6;
 
 /// The bodies between one or two bodies and the base, outermost first.
@@ -33,7 +33,7 @@ struct Step {
     place: usize,
     /// The step of the body inward of it.
     parent: Option<usize>,
-    /// Whether it is the first that sends a force there, and nothing acts there.
+    /// True if it is the first that sends a force there, and nothing acts there.
     begins: bool,
     /// True for bodies on a branch of a loop; the motion of other bodies is taken as zero.
     is_on_branch: bool,
@@ -47,7 +47,8 @@ pub(crate) struct Forces<T> {
 }
 
 impl Path {
-    /// Over these bodies, whose indices fall, with forces on some of them; motions and placements are those of the branches, against the body where they meet.
+    /// Over these bodies, whose indices fall, with forces on some of them; motions and placements are those of the
+    /// branches, against the body where they meet.
     pub fn new<T: Real>(sweeps: &SweepModel<T>, (bodies, branches): (&[usize], &[usize]), act_on: &[usize]) -> Self {
         let at = |k: usize| bodies.iter().position(|&body| body == k);
         let mut has_begun: Vec<bool> = bodies.iter().map(|body| act_on.contains(body)).collect();
@@ -75,7 +76,7 @@ impl Path {
         self.steps[step].is_on_branch.then_some(step)
     }
 
-    /// The rows of all of its joints that another path has too, what lies side by side together.
+    /// The rows of the joints that are on another path too, neighboring rows joined.
     pub fn rows_shared<T: Real>(&self, other: &Self, model: &Model<T>) -> Vec<Range<usize>> {
         let shared = self.steps.iter().rev().filter(|step| other.steps.iter().any(|o| o.body == step.body));
         let mut all: Vec<Range<usize>> = Vec::new();
@@ -90,8 +91,9 @@ impl Path {
     }
 }
 
-/// The innovations of the first `count` forces of each body, into `out` (count x nv), where a path goes: what is measured is `torque`, zero mostly. `forces` are b(k) - w of each
-/// step, and are used up. `sizes` receives squares: what a row of `out` over the root of D would be if no moment cancelled, torques left out.
+/// The innovations of the first `count` forces of each body, into `out` (count x nv), where a path goes: what is
+/// measured is `torque`, zero mostly. `forces` are b(k) - w of each step, and are used up. `sizes` receives squares:
+/// what a row of `out` over the root of D would be if no moment cancelled, without torques.
 #[inline(always)]
 pub(crate) fn innovations_along<T: Real>(
     (model, sweeps): (&Model<T>, &SweepModel<T>),
@@ -104,7 +106,7 @@ pub(crate) fn innovations_along<T: Real>(
     let nv = torque.len();
     for (at, step) in path.steps.iter().enumerate() {
         let body = &sweeps.swept()[step.place];
-        // What the squares of a moment and of a force weigh.
+        // The weights of the squares of a moment and of a force.
         let stage = &model.system.stages[step.body];
         let (mut of_moment, mut of_force) = (model.gravity[0].constant(0.0), model.gravity[0].constant(0.0));
         for row in 0..stage.rows.count() {
@@ -134,7 +136,8 @@ pub(crate) fn innovations_along<T: Real>(
     }
 }
 
-/// The velocity of each body of a path and the part of its acceleration that the rates cause, gravity left out, into `motions`, a step each.
+/// The velocity of each body of a path and the part of its acceleration that the rates cause, gravity left out, into
+/// `motions`, a step each.
 #[inline(always)]
 pub(crate) fn motions_along<T: Real>(
     (model, sweeps): (&Model<T>, &SweepModel<T>),
@@ -159,7 +162,7 @@ pub(crate) fn motions_along<T: Real>(
             }
             rows.spread(qd, &mut joint);
         });
-        // What a joint adds turns with the body that it hangs on: V(k-1) x s, and V(k-1) = V(k) - s.
+        // The contribution of a joint rotates with the body inboard of it: V(k-1) x s, and V(k-1) = V(k) - s.
         let turning = cross_motion(&velocity.into(), &joint.into());
         for i in 0..6 {
             velocity[i] += joint[i];
@@ -199,7 +202,8 @@ pub(crate) fn origin_along<T: Real>(
     offset_of(scene, scratch, &path.steps[at])
 }
 
-/// Where a frame on the body of a step on a branch is, in the axes of the body where the branches meet and from `origin` there: `frame` is in the body's frame here.
+/// Where a frame on the body of a step on a branch is, in the axes of the body where the branches meet and from
+/// `origin` there: `frame` is in the body's frame here.
 #[inline(always)]
 pub(crate) fn placement_along<T: Real>(
     (model, sweeps): (&Model<T>, &SweepModel<T>),
@@ -258,16 +262,17 @@ pub(crate) fn frame_here<T: Real>(
     (path, step): (&Path, usize),
     frame: &RigidShift<T>,
 ) -> RigidShift<T> {
-    let renaming = &sweeps.swept()[path.steps[step].place].frame;
+    let axis_permutation = &sweeps.swept()[path.steps[step].place].frame;
     let here = |v: [T; 3]| {
-        let [x, y, z, ..] = renaming.apply(&Vector6::new(v[0], v[1], v[2], v[0], v[1], v[2]));
+        let [x, y, z, ..] = axis_permutation.apply(&Vector6::new(v[0], v[1], v[2], v[0], v[1], v[2]));
         Vector3::new(x, y, z)
     };
     let axis = |i: usize| here([frame.rotation[(0, i)], frame.rotation[(1, i)], frame.rotation[(2, i)]]);
     RigidShift { rotation: Matrix3::from_columns(&[axis(0), axis(1), axis(2)]), lever: here(frame.lever.into()) }
 }
 
-/// The accelerations of the bodies of a path where its joints accelerate by `qdd`, without those of velocities and gravity, into `motions`, a step each.
+/// The accelerations of the bodies of a path where its joints accelerate by `qdd`, without those of velocities and
+/// gravity, into `motions`, a step each.
 #[inline(always)]
 pub(crate) fn accelerations_along<T: Real>(
     (model, sweeps): (&Model<T>, &SweepModel<T>),

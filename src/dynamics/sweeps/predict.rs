@@ -1,4 +1,4 @@
-//! Tip to base, open loop: the torques that forces need.
+//! Tip to base, open loop: the torques of given forces.
 
 use super::joint::{self, with_joint};
 use super::model::SweepModel;
@@ -8,9 +8,10 @@ use crate::model::Model;
 use crate::scalar::Real;
 use crate::spatial::transform::Transform;
 
-/// The torque H z of every row, z carried inward (1.5).
+/// The torque H z of every row, z propagated inward (1.5). With `KEEP` the whole force z(k) that each body transmits is
+/// stored in the place of its own.
 #[inline(always)]
-pub(super) fn tip_to_base<T: Real>(
+pub(super) fn tip_to_base<T: Real, const KEEP: bool>(
     (model, sweeps): (&Model<T>, &SweepModel<T>),
     scratch: &mut SweepScratch<T>,
     torques: &mut [T],
@@ -18,12 +19,15 @@ pub(super) fn tip_to_base<T: Real>(
     let SweepScratch { own, shifts, .. } = scratch;
     let bodies = sweeps.swept();
     let own = &mut own[..bodies.len()];
-    // What goes to the body whose turn is next stays in registers.
+    // The force that is propagated to the next body stays in registers.
     let (mut sent, mut is_next) = ([T::zero(); 6], false);
     for (place, body) in bodies.iter().enumerate().rev() {
         let BodyState { turn, mut force } = own[place];
         if is_next {
             force = added(force, &sent);
+        }
+        if KEEP {
+            own[place].force = force;
         }
         let parent = body.places.parent;
         with_joint!(body, turn, (model, sweeps, shifts), transform, rows, {

@@ -1,7 +1,6 @@
-//! Tip to base, the square-root form: roots of P, and the filter.
+//! Tip to base in square-root form: roots of P (3.6), and the filter (4.2, 4.4, 4.5).
 //!
-//! What hangs on a body is joined to its root before its own measurements: first comes the body itself, then its children one after
-//! another.
+//! The children of a body are joined to its root one after another, before the measurements of its joint.
 
 use super::joint::{self, with_joint, with_rows};
 use super::model::SweepModel;
@@ -15,7 +14,7 @@ use crate::spatial::transform::Transform;
 use crate::spatial::{Root6, RootColumns};
 use nalgebra::Vector6;
 
-/// What a body sends to its parent.
+/// The contribution of a body to its parent.
 struct Sent<T> {
     columns: RootColumns<T>,
     y: [T; 6],
@@ -31,7 +30,7 @@ impl<T: Real> Sent<T> {
 }
 
 impl<T: Real> Rooted<T> {
-    /// Becomes a body alone. Number by number: a copy of the whole would be a call.
+    /// Becomes the root of a body without its children. Entry by entry: a copy of the whole would be a function call.
     #[inline(always)]
     fn begin(&mut self, sweeps: &SweepModel<T>, own: &[BodyState<T>], added: &[[T; 6]], place: usize) {
         let (body, of_body, y, t) = (&sweeps.swept()[place], &sweeps.roots[place], &own[place].force, &added[place]);
@@ -57,7 +56,7 @@ impl<T: Real> Rooted<T> {
         (rows[5][3], rows[5][4]) = (like.splat(c[(2, 0)]), like.splat(c[(2, 1)]));
     }
 
-    /// Takes in a child, as [`Root6::join`] does.
+    /// Joins a child, see [`Root6::join`].
     #[inline(always)]
     fn join<const FREE: usize, const POSITIVE: bool>(&mut self, sent: &mut Sent<T>) {
         self.root.join::<FREE, POSITIVE>(&mut sent.columns, Some((&mut self.y, &mut sent.y)));
@@ -68,10 +67,10 @@ impl<T: Real> Rooted<T> {
     }
 }
 
-/// Every joint's measurements (3.6, 4.2, 4.5) and the way to its parent; `innovations` receives e^-. Of a revolute joint D, g and e^- are those about
-/// its z.
+/// The measurements of every joint (3.6, 4.2, 4.5) and the propagation to its parent; `innovations` receives e^-. D, g
+/// and e^- of a revolute joint are those about its z. With `KEEP` t after the measurements is stored.
 #[inline(always)]
-pub(super) fn tip_to_base<T: Real>(
+pub(super) fn tip_to_base<T: Real, const KEEP: bool>(
     (model, sweeps): (&Model<T>, &SweepModel<T>),
     scratch: &mut SweepScratch<T>,
     tau: &[T],
@@ -93,6 +92,9 @@ pub(super) fn tip_to_base<T: Real>(
         let two_are_free = with_rows!(body, model, rows, {
             rows.measure_root(root, mean, (tau, innovations), measured, &mut monitor)
         });
+        if KEEP {
+            here.t = t.into();
+        }
         if body.parent.is_none() {
             continue;
         }
@@ -106,7 +108,7 @@ pub(super) fn tip_to_base<T: Real>(
             *sent = y;
         }
         let to = &mut rooted[body.places.parent_inward];
-        if body.places.arrives_first {
+        if body.places.accumulates_first {
             to.begin(sweeps, own, added, body.places.parent - 1);
         }
         match (two_are_free, body.hangs_on_definite) {

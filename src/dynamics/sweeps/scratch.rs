@@ -1,4 +1,4 @@
-//! Scratch of the sweeps.
+//! The store of the passes: slots that are reused, or one slot per body that keeps everything.
 
 use super::body::SweepBody;
 use super::model::SweepModel;
@@ -12,24 +12,25 @@ use crate::model::{Body, Model};
 use crate::scalar::Real;
 use crate::spatial::transform::{AxialRotation, ConstantRotation};
 use crate::spatial::{BodyInertia, BodyRoot, RigidShift, Root6, Symmetric3};
-use nalgebra::{Vector3, Vector6};
+use nalgebra::Vector3;
 
-/// Angular velocity, angular acceleration and acceleration of the origin (kept for shifts only).
+/// Angular velocity, angular acceleration and acceleration of the origin (stored for the general joint only).
 pub(in crate::dynamics) type Moving<T> = [[T; 3]; 3];
 
-/// Of one body, read again by its own later steps only.
+/// The state of one body that only its own later steps read.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::dynamics) struct BodyState<T> {
-    /// Of a body on a revolute joint.
+    /// The rotation of a revolute joint.
     pub turn: AxialRotation<T>,
-    /// Of a body on a revolute joint until its step outward, the acceleration of its origin in its parent's frame, in the first three. Then b(k), or its coordinates
-    /// in the body's root; then z(k) in inverse dynamics, and z^+(k) where the digits are watched.
+    /// Before the outward step of a body on a revolute joint: the acceleration of its origin in its parent's frame, in
+    /// the first three entries. Then b(k), or its coordinates in the body's root; then z(k) in inverse dynamics, and
+    /// z^+(k) with an error estimate.
     pub force: [T; 6],
 }
 
-/// What the bodies that hang on one send to it: its own noise and force are added when it is its turn.
+/// The sum over the children of a body: P^- without the body's own inertia, and z^- without its own force.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::dynamics) struct Arriving<T> {
+pub(crate) struct Accumulated<T> {
     /// 6 + 9 + 6 numbers of the covariance: angular, coupling by rows, linear.
     pub p: [T; 21],
     /// The bounds on their terms, where they follow it.
@@ -37,35 +38,35 @@ pub(in crate::dynamics) struct Arriving<T> {
     pub force: [T; 6],
 }
 
-impl<T: Real> Arriving<T> {
+impl<T: Real> Accumulated<T> {
     fn filled(value: T) -> Self {
         Self { p: [value; 21], scale: Scale::filled(value), force: [value; 6] }
     }
 }
 
-/// What the watch sends to a body.
+/// The same sum for the error estimate.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::dynamics) struct ProbeArriving<T> {
+pub(in crate::dynamics) struct TestAccumulated<T> {
     /// Bounds on the terms of the diagonal of P^-.
     pub terms: [T; 6],
-    /// The force of the second right side.
+    /// The force of the test vector.
     pub zeta: [T; 6],
 }
 
-/// What the watch has of a body.
+/// The state of one body for the error estimate.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::dynamics) struct Watched<T> {
+pub(in crate::dynamics) struct TestState<T> {
     /// Bounds on the terms of the diagonal of P^-.
     pub terms: [T; 6],
     /// b(k).
     pub bias: [T; 6],
-    /// Of zeta^+, the squares of its halves.
+    /// Squares of the angular and the linear half of zeta^+.
     pub zeta: (T, T),
-    /// The co-state of the probe, where the factor of M is watched.
+    /// The co-state of the test vector, for the factor of M.
     pub nu: [T; 6],
 }
 
-/// A body with some of what hangs on it: the root of P, and z = L y + t.
+/// The root of P and z = L y + t of a body with the children that have been joined to it.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::dynamics) struct Rooted<T> {
     pub root: Root6<T>,
@@ -81,46 +82,47 @@ impl<T: Real> Rooted<T> {
     }
 }
 
-/// What the watch has: a second right side, and the bounds.
-#[derive(Debug)]
-pub(in crate::dynamics) struct Watching<T> {
+/// The error estimate: the test vector, a second right side, and its state.
+#[derive(Debug, Clone)]
+pub(in crate::dynamics) struct TestVector<T> {
     /// w of each row.
-    pub probe: Vec<T>,
-    /// Another one: for a second look, and for where there is no right side.
-    pub other_probe: Vec<T>,
+    pub vector: Vec<T>,
+    /// The second test vector: for states that the first one does not accept, and the right side for the factor of M.
+    pub other_vector: Vec<T>,
     /// Innovations of w.
     pub innovations: Vec<T>,
     /// In slots, inward; the first is always zero.
-    pub arriving: Vec<ProbeArriving<T>>,
-    /// Of each body.
-    pub own: Vec<Watched<T>>,
+    pub accumulated: Vec<TestAccumulated<T>>,
+    /// One per body.
+    pub own: Vec<TestState<T>>,
     /// lambda^- and nu, in slots, outward; the first, of the base, is zero.
     pub co_states: Vec<[[T; 6]; 2]>,
 }
 
 /// One for each thread; starts as NaN.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct SweepScratch<T: Real> {
-    /// Of each body.
+    /// One per body.
     pub(in crate::dynamics) own: Vec<BodyState<T>>,
-    /// Of those that are not on a revolute joint.
-    pub(in crate::dynamics) shifts: Vec<RigidShift<T>>,
+    /// phi of each joint that is not revolute; in the general model of each joint.
+    pub(crate) shifts: Vec<RigidShift<T>>,
     /// In slots, outward.
     pub(in crate::dynamics) motions: Vec<Moving<T>>,
-    /// In slots, inward; the first, of a body that nothing hangs on, is always zero.
-    pub(in crate::dynamics) arriving: Vec<Arriving<T>>,
+    /// In slots, inward; the first, of leaves that have no slot, is always zero.
+    pub(in crate::dynamics) accumulated: Vec<Accumulated<T>>,
     /// The same of M.
     pub(in crate::dynamics) composites: Vec<BodyInertia<T>>,
     /// D and g of each row.
-    pub(in crate::dynamics) measured: Vec<Measured<T>>,
+    pub(crate) measured: Vec<Measured<T>>,
     /// In slots, outward.
     pub(in crate::dynamics) co_states: Vec<[T; 6]>,
-    pub(in crate::dynamics) watching: Watching<T>,
-    /// Of b(k), what is not in its coordinates.
+    pub(in crate::dynamics) test: TestVector<T>,
+    /// The part of b(k) that is not in its coordinates.
     pub(in crate::dynamics) added: Vec<[T; 6]>,
-    /// In slots, inward: what the square-root form has of a body before its measurements; the first is any leaf's while it is its turn.
+    /// In slots, inward: the roots. Leaves that have no slot use the first.
     pub(in crate::dynamics) rooted: Vec<Rooted<T>>,
-    /// The square of the largest estimated error that form `auto` accepts, relative to the largest entry, in units of eps^2.
+    /// The square of the largest estimated error that form `auto` accepts, relative to the largest entry, in units of
+    /// eps^2.
     pub(crate) accepted_square: T,
     /// The same of products with derivatives, in units of eps, and not squared.
     pub(crate) accepted_of_products: T,
@@ -132,38 +134,39 @@ impl<T: Real> SweepScratch<T> {
     pub fn new(model: &Model<T>, sweeps: &SweepModel<T>) -> Self {
         let nan = T::from_f64(f64::NAN);
         let (bodies, nv) = (sweeps.bodies.len(), model.nv());
-        // The base has no co-state, and what its motion is each call says.
+        // The base has no co-state. Each call sets its motion.
         let mut co_states = vec![[nan; 6]; sweeps.swept_slots.outward];
         co_states[0] = [T::zero(); 6];
-        let mut watched = vec![[[nan; 6]; 2]; sweeps.swept_slots.outward];
-        watched[0] = [[T::zero(); 6]; 2];
-        // Nothing arrives at a body that nothing hangs on.
-        let mut arriving = vec![Arriving::filled(nan); sweeps.swept_slots.inward];
-        arriving[0] = Arriving::filled(T::zero());
-        let besides = |value| ProbeArriving { terms: [value; 6], zeta: [value; 6] };
-        let mut arriving_besides = vec![besides(nan); sweeps.swept_slots.inward];
-        arriving_besides[0] = besides(T::zero());
+        let mut test_co_states = vec![[[nan; 6]; 2]; sweeps.swept_slots.outward];
+        test_co_states[0] = [[T::zero(); 6]; 2];
+        // Nothing is added to the slot of a leaf.
+        let mut accumulated = vec![Accumulated::filled(nan); sweeps.swept_slots.inward];
+        let empty = || sweeps.bodies.iter().filter(|body| body.is_leaf).map(|body| body.places.inward).chain([0]);
+        empty().for_each(|slot| accumulated[slot] = Accumulated::filled(T::zero()));
+        let test_sum = |value| TestAccumulated { terms: [value; 6], zeta: [value; 6] };
+        let mut test_accumulated = vec![test_sum(nan); sweeps.swept_slots.inward];
+        empty().for_each(|slot| test_accumulated[slot] = test_sum(T::zero()));
         let composite = |value| BodyInertia {
             mass: value,
             first_moment: Vector3::from_element(value),
             rotational: Symmetric3::new([value; 6]),
         };
         let mut composites = vec![composite(nan); sweeps.swept_slots.inward];
-        composites[0] = composite(T::zero());
+        empty().for_each(|slot| composites[slot] = composite(T::zero()));
         Self {
             own: vec![BodyState { turn: AxialRotation { s: nan, c: nan }, force: [nan; 6] }; bodies],
             shifts: vec![RigidShift::filled(nan); sweeps.shifting.len()],
             motions: vec![[[nan; 3]; 3]; sweeps.swept_slots.outward],
-            arriving,
+            accumulated,
             composites,
             measured: vec![Measured::filled(nan); nv],
-            watching: Watching {
-                probe: (0..nv).map(|row| T::from_f64(weight(row))).collect(),
-                other_probe: (nv..2 * nv).map(|row| T::from_f64(weight(row))).collect(),
+            test: TestVector {
+                vector: (0..nv).map(|row| T::from_f64(weight(row))).collect(),
+                other_vector: (nv..2 * nv).map(|row| T::from_f64(weight(row))).collect(),
                 innovations: vec![nan; nv],
-                arriving: arriving_besides,
-                own: vec![Watched { terms: [nan; 6], bias: [nan; 6], zeta: (nan, nan), nu: [nan; 6] }; bodies],
-                co_states: watched,
+                accumulated: test_accumulated,
+                own: vec![TestState { terms: [nan; 6], bias: [nan; 6], zeta: (nan, nan), nu: [nan; 6] }; bodies],
+                co_states: test_co_states,
             },
             co_states,
             added: vec![[nan; 6]; bodies],
@@ -175,12 +178,18 @@ impl<T: Real> SweepScratch<T> {
         .accepting(None)
     }
 
-    /// The same, to accept estimated errors up to this tolerance, relative to the largest entry; None: the usual one.
+    /// The same, to accept estimated errors up to this tolerance, relative to the largest entry; None: the default.
     pub(crate) fn accepting(mut self, tolerance: Option<f64>) -> Self {
+        self.accept(tolerance);
+        self
+    }
+
+    /// From here on estimated errors up to this tolerance are accepted, relative to the largest entry; None: the
+    /// default.
+    pub(crate) fn accept(&mut self, tolerance: Option<f64>) {
         let [square, of_products] = self.accepted(tolerance);
         self.accepted_square = T::from_f64(square);
         self.accepted_of_products = T::from_f64(of_products);
-        self
     }
 
     /// The accepted errors with this tolerance: the square in units of eps^2, and that of products in units of eps.
@@ -191,35 +200,35 @@ impl<T: Real> SweepScratch<T> {
 }
 
 impl<T: Real> SweepScratch<T> {
-    /// 1 / D of a row, of the factor that is there.
+    /// 1 / D of a row of the factor.
     #[inline(always)]
     pub(crate) fn pivot_inverse(&self, row: usize) -> T {
         self.measured[row].pivot_inverse
     }
 
-    /// The co-state of the probe of the body at a place, after the factor of M was watched.
+    /// The co-state of the test vector at a place, of the factor of M with an error estimate.
     #[inline(always)]
-    pub(in crate::dynamics) fn probe_co_state(&self, place: usize) -> [T; 6] {
-        self.watching.own[place].nu
+    pub(in crate::dynamics) fn test_co_state(&self, place: usize) -> [T; 6] {
+        self.test.own[place].nu
     }
 
-    /// Takes the co-states of a probe that another recursion watched the factor of M with, by places.
-    pub(in crate::dynamics) fn take_probe(&mut self, nu: &[Vector6<T>]) {
-        for (own, nu) in self.watching.own.iter_mut().zip(nu) {
-            own.nu = (*nu).into();
+    /// Takes the co-states of the test vector of the factor of M in another scratch of the same order.
+    pub(in crate::dynamics) fn take_test_vector(&mut self, factor: &Self) {
+        for (own, of_factor) in self.test.own.iter_mut().zip(&factor.test.own) {
+            own.nu = of_factor.nu;
         }
     }
 
-    /// The other probe in the place of the first, for a second look.
+    /// Exchanges the two test vectors.
     #[inline(always)]
-    pub(crate) fn exchange_probes(&mut self) {
-        let Watching { probe, other_probe, .. } = &mut self.watching;
-        std::mem::swap(probe, other_probe);
+    pub(crate) fn exchange_test_vectors(&mut self) {
+        let TestVector { vector, other_vector, .. } = &mut self.test;
+        std::mem::swap(vector, other_vector);
     }
 }
 
-/// Bytes that an algorithm reads or writes in f64, arguments and results not counted: constants of the scene, which all lanes share, and what there is of
-/// each state.
+/// Bytes that an algorithm reads or writes in f64, arguments and results not counted: constants of the scene, which all
+/// lanes share, and what there is of each state.
 pub(crate) fn bytes(sweeps: &SweepModel<f64>, nv: usize, algorithm: Algorithm) -> [usize; 2] {
     let bodies = sweeps.bodies.len();
     let shifts = sweeps.shifting.len() * (size_of::<RigidShift<f64>>() + size_of::<Body<f64>>())
@@ -230,19 +239,17 @@ pub(crate) fn bytes(sweeps: &SweepModel<f64>, nv: usize, algorithm: Algorithm) -
     let model = bodies * constants;
     let noise = nv * size_of::<f64>();
     let motions = sweeps.swept_slots.outward * size_of::<Moving<f64>>() + bodies * size_of::<[f64; 6]>();
-    let filter = sweeps.swept_slots.inward * size_of::<Arriving<f64>>() + nv * size_of::<Measured<f64>>();
+    let filter = sweeps.swept_slots.inward * size_of::<Accumulated<f64>>() + nv * size_of::<Measured<f64>>();
     // Two numbers a row; bounds and squares of a body; and what arrives inward and outward.
-    let watching = nv * 2 * size_of::<f64>()
-        + bodies * size_of::<Watched<f64>>()
-        + sweeps.swept_slots.inward * size_of::<ProbeArriving<f64>>()
+    let test = nv * 2 * size_of::<f64>()
+        + bodies * size_of::<TestState<f64>>()
+        + sweeps.swept_slots.inward * size_of::<TestAccumulated<f64>>()
         + sweeps.swept_slots.outward * size_of::<[[f64; 6]; 2]>();
     let product = sweeps.swept_slots.outward * sweeps.longest_path * size_of::<[f64; 6]>() + nv * nv * size_of::<f64>();
     let swept = match algorithm {
         Algorithm::InverseDynamics | Algorithm::BiasTorque => motions,
         Algorithm::MassMatrix => sweeps.swept_slots.inward * size_of::<BodyInertia<f64>>() + nv * size_of::<[f64; 6]>(),
-        Algorithm::ForwardDynamics(Form::Auto) | Algorithm::ConstrainedDynamics(Form::Auto) => {
-            motions + filter + watching
-        }
+        Algorithm::ForwardDynamics(Form::Auto) | Algorithm::ConstrainedDynamics(Form::Auto) => motions + filter + test,
         Algorithm::ForwardDynamics(Form::SquareRoot) => {
             let of_bodies = bodies * size_of::<[f64; 6]>();
             let slots = sweeps.swept_slots.inward * size_of::<Rooted<f64>>()
@@ -254,10 +261,10 @@ pub(crate) fn bytes(sweeps: &SweepModel<f64>, nv: usize, algorithm: Algorithm) -
         }
         // And a right side that is made up, with its forces.
         Algorithm::MassMatrixInverse(Form::Auto) => {
-            filter + watching + product + nv * size_of::<f64>() + bodies * size_of::<[f64; 6]>()
+            filter + test + product + nv * size_of::<f64>() + bodies * size_of::<[f64; 6]>()
         }
         Algorithm::MassMatrixInverse(_) => filter + product,
-        // What goes outward and inward beside the dynamics: of each body, and of each state.
+        // The state of each body in the outward and the inward pass of the product, and of each row.
         Algorithm::Products(which) => {
             let factor = if which.form().is_some() { filter } else { 0 };
             motions + factor + bodies * size_of::<[[f64; 6]; 6]>() + nv * size_of::<[f64; 5]>()

@@ -1,9 +1,10 @@
-//! The order of the sweeps, and places for what lives only until the last body that reads it is done.
+//! The order of the passes, and the slots of their store: reused after the last body that reads them, or one per body.
 
-/// As many bodies are swept in an order of their own: what is kept of them fits in the caches then, whatever the order. Not timed beyond.
+/// The largest number of bodies that the passes reorder: their data fits in the caches in any order. Larger numbers
+/// have not been measured.
 const INTERLEAVED: usize = 500;
 
-/// How many bodies there are between each and the base.
+/// The number of bodies between each body and the base.
 pub(in crate::dynamics) fn bodies_inward(parents: &[Option<usize>]) -> Vec<usize> {
     let mut counts: Vec<usize> = Vec::with_capacity(parents.len());
     for parent in parents {
@@ -12,8 +13,8 @@ pub(in crate::dynamics) fn bodies_inward(parents: &[Option<usize>]) -> Vec<usize
     counts
 }
 
-/// The order of the sweeps, parents first: those at equal depth one after another, for they do not wait for each
-/// other, and what a body waits for was done a while ago.
+/// The order of the passes, parents first. Bodies at equal depth follow each other: they do not depend on each other,
+/// and their parents are some steps back.
 pub(in crate::dynamics) fn interleaved(parents: &[Option<usize>]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..parents.len()).collect();
     if parents.len() <= INTERLEAVED {
@@ -23,30 +24,31 @@ pub(in crate::dynamics) fn interleaved(parents: &[Option<usize>]) -> Vec<usize> 
     order
 }
 
-/// The place of each body's number, and how many places there are.
+/// The slot of each body, and the number of slots.
 #[derive(Debug, Clone, PartialEq)]
 struct Slots {
-    /// For each body its place; 0 is the base's outward, and inward that of what nothing hangs on.
+    /// The slot of each body. Slot 0 is that of the base outward, and that of leaves inward.
     of: Vec<usize>,
-    /// How many places, that one included.
+    /// The number of slots, slot 0 included.
     count: usize,
 }
 
 impl Slots {
-    /// Base to tip: a body's number is written at its own step and read at its children's. A leaf's is not read.
+    /// Base to tip: the slot of a body is written at its own step and read at those of its children. That of a leaf is
+    /// not read.
     fn outward(parents: &[Option<usize>]) -> Self {
         let last_reader = last_children(parents);
         Self::assign(parents.len(), 0..parents.len(), |k| last_reader[k].map(|last| (k, last)))
     }
 
-    /// Tip to base: a body's number is begun at its last child's step and read at its own.
+    /// Tip to base: the slot of a body is first written at the step of its last child and read at its own.
     fn inward(parents: &[Option<usize>]) -> Self {
         let first_writer = last_children(parents);
         let n = parents.len();
         Self::assign(n, (0..n).rev(), |k| first_writer[k].map(|last| (last, k)))
     }
 
-    /// Steps in order, with the step at which a body's place is taken and the one after which it is free.
+    /// Assigns slots. `life`: the step at which the slot of a body is taken and the step after which it is free.
     fn assign(n: usize, steps: impl Iterator<Item = usize>, life: impl Fn(usize) -> Option<(usize, usize)>) -> Self {
         let (mut taken_at, mut freed_at) = (vec![Vec::new(); n], vec![Vec::new(); n]);
         for body in 0..n {
@@ -57,7 +59,7 @@ impl Slots {
         }
         let (mut of, mut count, mut free) = (vec![0; n], 1, Vec::new());
         for step in steps {
-            // What is taken at a step never shares a place with what is read at it.
+            // A slot that is taken at a step is never one that is read at it.
             for &body in &taken_at[step] {
                 of[body] = free.pop().unwrap_or_else(|| {
                     count += 1;
@@ -70,37 +72,58 @@ impl Slots {
     }
 }
 
-/// Where a body's vectors are, in one order of the bodies.
+/// The slots of a body, in one order of the bodies.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::dynamics) struct Places {
-    /// Its place and its parent's, outward; 0 is the base's.
+    /// Its slot and that of its parent, outward; 0 is the base.
     pub outward: usize,
     pub parent_outward: usize,
-    /// The place of what arrives at it and at its parent, inward; 0 where nothing does.
+    /// The slots of the sums over its children and over those of its parent, inward; 0 if there are none.
     pub inward: usize,
     pub parent_inward: usize,
-    /// Whether it is the first that arrives at its parent, inward: outward, the last that reads it.
-    pub arrives_first: bool,
-    /// One past its parent in that order; 0 is the base.
+    /// True if it is the first summand at its parent, inward; outward it is the last that reads the parent.
+    pub accumulates_first: bool,
+    /// One past the place of its parent in that order; 0 is the base.
     pub parent: usize,
 }
 
-/// How many slots there are; the first is the base's outward, and nothing's inward.
+/// The numbers of slots, slot 0 included.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::dynamics) struct SlotCounts {
     pub outward: usize,
     pub inward: usize,
 }
 
-/// The bodies in one order, which has parents first.
+/// The bodies in one order, parents first.
 pub(in crate::dynamics) struct Ordered {
-    /// Where each body is in it.
+    /// The place of each body in the order.
     pub at: Vec<usize>,
     pub places: Vec<Places>,
     pub slots: SlotCounts,
 }
 
 impl Ordered {
+    /// The bodies in their own order, each with its own slot in both directions, so that the store keeps the results of
+    /// every body.
+    pub fn keeping_all(parents: &[Option<usize>]) -> Self {
+        let last_child = last_children(parents);
+        let places = parents.iter().enumerate().map(|(k, &parent)| {
+            let parent_slot = parent.map_or(0, |parent| parent + 1);
+            Places {
+                outward: k + 1,
+                parent_outward: parent_slot,
+                inward: k + 1,
+                parent_inward: parent_slot,
+                accumulates_first: parent.is_some_and(|parent| last_child[parent] == Some(k)),
+                parent: parent_slot,
+            }
+        });
+        let count = parents.len() + 1;
+        let slots = SlotCounts { outward: count, inward: count };
+        Self { at: (0..parents.len()).collect(), places: places.collect(), slots }
+    }
+
+    /// The bodies in an order, with slots that are reused after the last body that reads them.
     pub fn new(parents: &[Option<usize>], order: &[usize]) -> Self {
         let mut at = vec![0; order.len()];
         for (i, &k) in order.iter().enumerate() {
@@ -115,7 +138,7 @@ impl Ordered {
             parent_outward: place(&outward, of_order[i]),
             inward: inward.of[i],
             parent_inward: place(&inward, of_order[i]),
-            arrives_first: of_order[i].is_some_and(|parent| last_child[parent] == Some(i)),
+            accumulates_first: of_order[i].is_some_and(|parent| last_child[parent] == Some(i)),
             parent: of_order[i].map_or(0, |parent| parent + 1),
         });
         Self { places: places.collect(), slots: SlotCounts { outward: outward.count, inward: inward.count }, at }
@@ -135,10 +158,26 @@ pub(in crate::dynamics) fn last_children(parents: &[Option<usize>]) -> Vec<Optio
 
 #[cfg(test)]
 mod tests {
-    use super::{Ordered, interleaved};
+    use super::{Ordered, Places, interleaved};
+    use std::collections::BTreeSet;
 
     /// Parents of a tree with branches, and of a chain.
     const TREE: [Option<usize>; 9] = [None, Some(0), Some(1), Some(1), Some(0), Some(4), Some(5), Some(4), None];
+
+    /// Each body has its own slot in both directions, and reads and adds to that of its parent.
+    #[test]
+    fn a_store_that_keeps_everything_has_one_slot_per_body() {
+        let Ordered { places, slots, .. } = Ordered::keeping_all(&TREE);
+        for of in [|places: &Places| places.outward, |places: &Places| places.inward] {
+            let taken: BTreeSet<usize> = places.iter().map(of).collect();
+            assert!(taken.len() == TREE.len() && !taken.contains(&0) && taken.iter().all(|&slot| slot < slots.inward));
+        }
+        for (k, parent) in TREE.iter().enumerate() {
+            let expected = parent.map_or([0; 3], |parent| [places[parent].outward, places[parent].inward, parent + 1]);
+            assert_eq!([places[k].parent_outward, places[k].parent_inward, places[k].parent], expected);
+        }
+        assert_eq!(slots.outward, slots.inward);
+    }
 
     #[test]
     fn no_body_overwrites_what_is_still_read() {
@@ -167,7 +206,7 @@ mod tests {
                         assert_eq!(place.inward, 0, "nothing arrives at {k}");
                     }
                     if let Some(parent) = parents[k] {
-                        assert_eq!(place.arrives_first, held[place.parent_inward] != parent);
+                        assert_eq!(place.accumulates_first, held[place.parent_inward] != parent);
                         assert_ne!(place.parent_inward, 0);
                         held[place.parent_inward] = parent;
                     }

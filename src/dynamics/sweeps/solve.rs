@@ -1,4 +1,4 @@
-//! One more right side, with the factor of M that is there.
+//! Another right side, with the factor of M in the scratch.
 
 use super::accelerations;
 use super::joint::{self, with_joint};
@@ -12,7 +12,7 @@ use crate::scalar::{ColumnsOf, Real};
 use crate::spatial::transform::Transform;
 use nalgebra::Vector6;
 
-/// e^- of a state (4.2), with the factor in the scratch: [`smooth`] makes accelerations of them.
+/// e^- of a state (4.2), with the factor in the scratch; [`smooth`] computes the accelerations from them.
 #[inline(always)]
 pub(crate) fn innovations_of_factor<T: Real, C: ColumnsOf<T>>(
     scene: (&Model<T>, &SweepModel<T>),
@@ -22,7 +22,7 @@ pub(crate) fn innovations_of_factor<T: Real, C: ColumnsOf<T>>(
     innovations: &mut [T],
 ) {
     motion::base_to_tip::<T, C, false>(scene, scratch, Motion { q, qd, qdd: None, wrenches });
-    tip_to_base::<T, true>(scene, scratch, tau, innovations);
+    tip_to_base::<T, true, false>(scene, scratch, tau, innovations);
 }
 
 /// M^-1 tau (4.1), with the factor in the scratch.
@@ -33,7 +33,7 @@ pub(crate) fn solve<T: Real>(
     tau: &[T],
     estimates: &mut [T],
 ) {
-    tip_to_base::<T, false>(scene, scratch, tau, estimates);
+    tip_to_base::<T, false, false>(scene, scratch, tau, estimates);
     accelerations::base_to_tip::<T, false>(scene, scratch, estimates);
 }
 
@@ -43,17 +43,18 @@ pub(crate) fn smooth<T: Real>(scene: (&Model<T>, &SweepModel<T>), scratch: &mut 
     accelerations::base_to_tip::<T, false>(scene, scratch, estimates);
 }
 
-/// The filter alone (4.2, 4.4, 4.5); where `BIASED` with the force b(k) of each body, else without.
+/// The filter alone (4.2, 4.4, 4.5); with `BIASED` with the force b(k) of each body. With `KEEP` z^+(k) is stored in its
+/// place.
 #[inline(always)]
-fn tip_to_base<T: Real, const BIASED: bool>(
+pub(super) fn tip_to_base<T: Real, const BIASED: bool, const KEEP: bool>(
     (model, sweeps): (&Model<T>, &SweepModel<T>),
     scratch: &mut SweepScratch<T>,
     tau: &[T],
     innovations: &mut [T],
 ) {
-    let SweepScratch { own, arriving, shifts, measured, .. } = scratch;
+    let SweepScratch { own, accumulated, shifts, measured, .. } = scratch;
     for (body, own) in sweeps.swept().iter().zip(own).rev() {
-        let mut z = arriving[body.places.inward].force;
+        let mut z = accumulated[body.places.inward].force;
         if BIASED {
             for (z, &bias) in z.iter_mut().zip(&own.force) {
                 *z += bias;
@@ -62,8 +63,15 @@ fn tip_to_base<T: Real, const BIASED: bool>(
         with_joint!(body, own.turn, (model, sweeps, shifts), transform, rows, {
             rows.filter(measured, tau, &mut z, innovations);
             if body.parent.is_some() {
-                transform.send_force(&z, body.places.arrives_first, &mut arriving[body.places.parent_inward].force);
+                transform.send_force(
+                    &z,
+                    body.places.accumulates_first,
+                    &mut accumulated[body.places.parent_inward].force,
+                );
             }
         });
+        if KEEP {
+            own.force = z;
+        }
     }
 }

@@ -41,7 +41,7 @@ pub(in crate::dynamics) struct Spin<T> {
     /// Of U the entries yz, zx, xy, and zy, xz, yx.
     after: [T; 3],
     before: [T; 3],
-    /// What the diagonal takes away: `w_y`^2 + `w_z`^2, and so on. Zero without velocities and not read, as all below.
+    /// The subtracted diagonal: `w_y`^2 + `w_z`^2, and so on. Zero and not read without velocities, as all below.
     pull: [T; 3],
     dw: [T; 3],
     /// The squares of w, and its products of y and z, z and x, x and y.
@@ -94,6 +94,19 @@ impl<T: Real> Spin<T> {
             zy.mul_add(y, zx.mul_add(x, a[2])),
         ];
         a
+    }
+
+    /// Adds the moment that the velocity needs outside of the root, for inertias that no body can have.
+    #[inline(always)]
+    pub fn add_rest(&self, root: &BodyRoot<T::Parameter>, force: &mut [T; 6]) {
+        if self.has_velocity {
+            let ([xx, yy, zz], [yz, zx, xy]) = (self.squares, self.products);
+            for (i, moment) in force[..3].iter_mut().enumerate() {
+                for (j, product) in [xx, yy, zz, xy, zx, yz].into_iter().enumerate() {
+                    *moment = product.splat(root.rest[(i, j)]).mul_add(product, *moment);
+                }
+            }
+        }
     }
 
     /// I dw + w x I w.

@@ -1,6 +1,7 @@
 //! D^-1/2 (1 - L) and M^-1 in tiles of four rows and four columns.
 //!
-//! A tile of M^-1 needs the joints inward of one of its rows and of one of its columns; in the others its factors are zero.
+//! A tile of M^-1 needs the joints inward of one of its rows and of one of its columns; in the others its factors are
+//! zero.
 
 use super::entries::Entries;
 use super::model::SweepModel;
@@ -14,7 +15,8 @@ pub(super) const TILE: usize = 4;
 /// Of each row its blocks, and room for the most that there are.
 pub(super) type Tile<C> = [[C; TILE]; TILE];
 
-/// A four of rows and as many fours of columns as are multiplied at once, the first of them no further out than the rows.
+/// A four of rows and as many fours of columns as are multiplied at once, the first of them no further out than the
+/// rows.
 #[derive(Debug, Clone)]
 pub(super) struct Pair {
     pub side: usize,
@@ -36,14 +38,14 @@ pub(super) fn units<T: Real, C: ColumnsOf<T>>() -> Vec<C> {
 /// Scratch of the product.
 #[derive(Debug)]
 pub(crate) struct Tiles<T: Real, C: ColumnsOf<T>> {
-    /// D^-1/2 (1 - L) by rows, in blocks of columns; zero where the column's joint is not outward of the row's. Behind all of it one place for what
-    /// means nothing.
+    /// D^-1/2 (1 - L) by rows, in blocks of columns; zero where the column's joint is not outward of the row's. Behind
+    /// all of it one place for what means nothing.
     pub(super) factors: Vec<C>,
     /// Where [`put_factors`] puts them, in the order of the sweep; the first as many as a block has lanes count.
     pub(super) targets: Vec<[usize; TILE]>,
     /// One in one lane, zero in the others.
     pub(super) units: Vec<C>,
-    /// What is multiplied, in order.
+    /// The factors, in order.
     pub(super) pairs: Vec<Pair>,
     /// By fours of rows: where the factors begin of each joint inward of one of them.
     pub(super) inward: Vec<usize>,
@@ -54,10 +56,10 @@ pub(crate) struct Tiles<T: Real, C: ColumnsOf<T>> {
 }
 
 impl<T: Real, C: ColumnsOf<T>> Tiles<T, C> {
-    /// Blocks side by side in a tile.
+    /// Number of blocks in a tile.
     pub(super) const ACROSS: usize = TILE / C::COLUMNS;
 
-    /// Tiles side by side that are multiplied at once: more would not fit the registers.
+    /// Number of tiles that are multiplied at once: more would not fit into the registers.
     pub(super) const AT_ONCE: usize = if C::COLUMNS == 1 { 1 } else { 2 };
 
     /// None yet.
@@ -141,8 +143,8 @@ pub(super) fn put_factors<T: Real, C: ColumnsOf<T>>(factors: &mut [C], targets: 
     }
 }
 
-/// Writes one tile of the lower triangle, the tile WHICH of those side by side: in lanes the `number`th, of one state where it belongs, and its
-/// mirror image.
+/// Writes one tile of the lower triangle, the tile WHICH of those side by side: in lanes the `number`th, of one state
+/// where it belongs, and its mirror image.
 #[inline(always)]
 pub(super) fn put<T: Real, C: ColumnsOf<T>, const WHICH: usize>(
     numbers: &mut [C::Entry],
@@ -187,7 +189,8 @@ pub(super) fn put<T: Real, C: ColumnsOf<T>, const WHICH: usize>(
     }
 }
 
-/// The same number, known to be below 2^32: products of it are seen not to overflow, and one look at a length is enough for all that is below it.
+/// The same number, known to be below 2^32: products of it are seen not to overflow, and one look at a length is enough
+/// for all that is below it.
 #[inline(always)]
 #[allow(clippy::cast_possible_truncation)] // a matrix of that many rows fits no memory
 pub(super) fn below_overflow(nv: usize) -> usize {

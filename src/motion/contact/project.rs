@@ -42,7 +42,7 @@ pub(super) fn out_of_planes(
         // The displacement can push contacts under the plane whose gap is below the largest penetration.
         let near: Vec<usize> = (0..rows.gaps.len()).filter(|&i| rows.gaps[i] < depth).collect();
         let gap = |i: usize| if i < points.len() { rows.gaps[i] } else { rows.gaps[i].max(0.0) };
-        let pivots = factorise(model, workspace, q, |_, _| {});
+        let pivots = factorise(model, workspace, q);
         if let Some(lost) = workspace.lost_pivot(model, &pivots) {
             return Err(lost);
         }

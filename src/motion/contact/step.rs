@@ -142,7 +142,7 @@ impl ContactStep {
         if near.is_empty() {
             return Ok(outcome);
         }
-        let pivots = factorise(&s.model, workspace, &s.q, |_, _| {});
+        let pivots = factorise(&s.model, workspace, &s.q);
         if let Some(lost) = workspace.lost_pivot(&s.model, &pivots) {
             return Err(pivot_fault(scene, lost.stage, scene.singular(lost)));
         }

@@ -1,7 +1,7 @@
 //! The row of a revolute joint: the moment about its z.
 
 use super::{Measures, RootMean, diagonal};
-use crate::filter::cancellation::{Cancellation, Swept};
+use crate::filter::cancellation::{Cancellation, StageState};
 use crate::filter::pivots::{PivotMonitor, Scale};
 use crate::filter::riccati::Measured;
 use crate::filter::rounding::{Outward, RootMonitor};
@@ -91,7 +91,7 @@ impl<T: Real> Measures<T> for AboutZ<'_, T> {
     fn smooth_both<const ALLOWS: bool>(
         &self,
         seen: &mut Cancellation<T>,
-        swept: &Swept<'_, T>,
+        swept: &StageState<'_, T>,
         co_states: (&mut [T; 6], &mut [T; 6]),
         (estimates, innovations): (&mut [T], &[T]),
     ) {
@@ -119,9 +119,9 @@ impl<T: Real> Measures<T> for AboutZ<'_, T> {
         let mean = (y, t, measurement[self.row] * measurement[self.row].splat(self.sense));
         let at_row = (&hinge, noise.variance);
         let (m, e) = if is_definite {
-            square_root::measure_row::<T, true>(at_row, root, Some(mean))
+            square_root::measure_row::<T, true>(at_row, root, mean)
         } else {
-            square_root::measure_row::<T, false>(at_row, root, Some(mean))
+            square_root::measure_row::<T, false>(at_row, root, mean)
         };
         monitor.observe(&m, &hinge, scale);
         (measured[self.row], innovations[self.row]) = (m, e);
@@ -133,7 +133,7 @@ impl<T: Real> Measures<T> for AboutZ<'_, T> {
 #[derive(Clone, Copy)]
 pub(super) struct Noise<T> {
     pub variance: T,
-    /// Whether it is zero: then H g = 1 and H P^+ = 0 are written, not computed.
+    /// True if it is zero: then H g = 1 and H P^+ = 0 are written, not computed.
     pub is_free: bool,
 }
 
@@ -170,7 +170,8 @@ pub(super) fn past_row<T: Real>(noise: Noise<T>, p: &[T; 21]) -> (Measured<T>, [
     (m, after)
 }
 
-/// P^+ = P^- - g H P^- past a revolute joint about z (3.6). Row and column 2, which H picks, are r g: exactly zero where r is.
+/// P^+ = P^- - g H P^- past a revolute joint about z (3.6). Row and column 2, which H picks, are r g: exactly zero
+/// where r is.
 #[inline(always)]
 fn filtered<T: Real>(p: &[T; 21], [ph0, ph1, ph3, ph4, ph5]: &[T; 5], (m, r): (&Measured<T>, T)) -> [T; 21] {
     let g = &m.gain;

@@ -1,7 +1,9 @@
-//! What is measured at a joint: D and g, the filter, the smoother, and what the square-root form makes of a row; one type a kind of rows.
+//! The measurements of a joint: D and g, the filter, the smoother, and the measurement in square-root form; one type
+//! per kind of rows.
 //!
-//! The sweeps know no kind of joint: they ask [`Measures`] what a joint measures, and [`Transform`](crate::spatial::transform::Transform) what goes on to the
-//! parent. Of a revolute joint everything is about its z: D, g and e^- too, where its sense is the other.
+//! The passes do not depend on the kind of joint: [`Measures`] has the measurements, and
+//! [`Transform`](crate::spatial::transform::Transform) the propagation to the parent. All quantities of a revolute
+//! joint are about its z, D, g and e^- included, if its axis is reversed too.
 
 mod about_z;
 mod along_z;
@@ -11,11 +13,11 @@ pub(in crate::dynamics) use about_z::{ABOUT_Z, AboutZ, along};
 pub(in crate::dynamics) use along_z::AlongZ;
 pub(in crate::dynamics) use six::{PICKED, Six, picked};
 
-use crate::filter::cancellation::{Cancellation, Swept};
+use crate::filter::cancellation::{Cancellation, StageState};
 use crate::filter::pivots::{PivotMonitor, Scale};
 use crate::filter::riccati::{self, Measured};
 use crate::filter::rounding::{Outward, RootMonitor};
-use crate::filter::square_root::{self, StageMean};
+use crate::filter::square_root;
 use crate::filter::{System, innovations, smoother};
 use crate::scalar::Real;
 use crate::spatial::Root6;
@@ -33,8 +35,8 @@ pub(in crate::dynamics) trait Measures<T: Real> {
     /// The stage whose rows they are: by it everything is done that a kind of rows does not do in a way of its own.
     fn stage(&self) -> (&System<T>, usize);
 
-    /// D and g (3.6, 3.10), and P^+ of P^-, in 6 + 9 + 6 numbers. What is not written yet is [kept](Self::keep) after P has left: before, the compiler could take
-    /// it for what P is read from, and would read all of that first.
+    /// D and g (3.6, 3.10), and P^+ of P^-, in 6 + 9 + 6 numbers. What is not written yet is [kept](Self::keep) after P
+    /// has left: before, the compiler could take it for what P is read from, and would read all of that first.
     fn measure(&self, p: &[T; 21], measured: &mut [Measured<T>]) -> (Self::Gains, [T; 21]);
 
     /// Writes D and g.
@@ -91,12 +93,13 @@ pub(in crate::dynamics) trait Measures<T: Real> {
         *lambda = state.into();
     }
 
-    /// The same of two right sides, with what the second says of the first; where `ALLOWS` with what the problem allows.
+    /// The same of two right sides, with what the second says of the first; where `ALLOWS` with what the problem
+    /// allows.
     #[inline(always)]
     fn smooth_both<const ALLOWS: bool>(
         &self,
         seen: &mut Cancellation<T>,
-        swept: &Swept<'_, T>,
+        swept: &StageState<'_, T>,
         (lambda, nu): (&mut [T; 6], &mut [T; 6]),
         right_sides: (&mut [T], &[T]),
     ) {
@@ -115,8 +118,9 @@ pub(in crate::dynamics) trait Measures<T: Real> {
         }
     }
 
-    /// D, g and e^- in square-root form (3.6, 4.2, 4.5), and the root of P^+ of that of P^-, given with its bounds and whether all of its weights are positive. Whether the row is one turn
-    /// without noise, which leaves two columns free of any linear part.
+    /// D, g and e^- in square-root form (3.6, 4.2, 4.5), and the root of P^+ of that of P^-, given with its bounds and
+    /// whether all of its weights are positive. Whether the row is one turn without noise, which leaves two columns
+    /// free of any linear part.
     #[inline(always)]
     fn measure_root(
         &self,
@@ -126,8 +130,7 @@ pub(in crate::dynamics) trait Measures<T: Real> {
         measured: &mut [Measured<T>],
         monitor: &mut RootMonitor<T>,
     ) -> bool {
-        let mut mean: Option<StageMean<'_, T>> = Some((y, t, measurement, innovations));
-        square_root::through_stage(self.stage(), (root, scale), &mut mean, measured, monitor, |_, _| {})
+        square_root::through_stage(self.stage(), (root, scale), (y, t, measurement, innovations), measured, monitor)
     }
 }
 

@@ -1,5 +1,5 @@
-//! The rows of a body that floats: all six on the base, measured without noise. Nothing goes on from it, and what a row is measured at is exactly
-//! zero for those after it, so that each row has one column less.
+//! The rows of a body that floats: all six on the base, measured without noise. Nothing goes on from it, and what a row
+//! is measured at is exactly zero for those after it, so that each row has one column less.
 
 use super::{Measures, RootMean};
 use crate::filter::pivots::Scale;
@@ -48,7 +48,7 @@ impl<'a, T: Real> Six<'a, T> {
         Self { system, k, first: system.stages[k].first_row }
     }
 
-    /// Whether those from this row on are measured without noise now: friction, taken implicitly, comes and goes.
+    /// True if those from this row on are measured without noise now: friction, taken implicitly, comes and goes.
     #[inline(always)]
     pub fn is_noise_free(first: usize, system: &System<T>) -> bool {
         (first..first + 6).all(|row| system.is_noise_free(row))

@@ -1,23 +1,23 @@
-//! Names of axes and senses, which these sweeps choose and the model does not know.
+//! Signed permutations of axes: from the frame of a body in the model to the frame that the passes use.
 
 use crate::scalar::Real;
 use nalgebra::{Matrix3, Vector6};
 
-/// A renaming of axes, from a body's frame in the model to the one that these sweeps have it in, as a table: which entry each becomes.
+/// A signed permutation of axes, from the frame of a body in the model to the frame that the passes use.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(in crate::dynamics) struct Renaming<N> {
-    /// Entry i here is `sign[i]` times entry `from[i]` in the model.
+pub(in crate::dynamics) struct AxisPermutation<N> {
+    /// Entry i in the passes is `sign[i]` times entry `from[i]` in the model.
     pub from: [u8; 3],
     pub sign: [N; 3],
 }
 
-impl<N: Copy> Renaming<N> {
-    /// That which changes nothing.
-    pub fn none(one: N) -> Self {
+impl<N: Copy> AxisPermutation<N> {
+    /// The identity.
+    pub fn identity(one: N) -> Self {
         Self { from: [0, 1, 2], sign: [one; 3] }
     }
 
-    /// Of a rotation whose entries are zeros and, one in each row and column, 1 or -1.
+    /// From a rotation with one entry of 1 or -1 in each row and column, and zeros.
     #[allow(clippy::cast_possible_truncation)] // below three
     pub fn of(rotation: &Matrix3<f64>, number: impl Fn(f64) -> N) -> Self {
         Self {
@@ -26,7 +26,7 @@ impl<N: Copy> Renaming<N> {
         }
     }
 
-    /// A motion or a force from the model's frame.
+    /// Converts a motion or a force from the frame of the model.
     #[inline(always)]
     pub fn apply<T: Real<Parameter = N>>(&self, v: &Vector6<T>) -> [T; 6] {
         let mut here: [T; 6] = (*v).into();
@@ -37,7 +37,7 @@ impl<N: Copy> Renaming<N> {
         here
     }
 
-    /// A motion or a force back to the model's frame.
+    /// Converts a motion or a force back to the frame of the model.
     #[inline(always)]
     pub fn back<T: Real<Parameter = N>>(&self, here: &[T; 6]) -> Vector6<T> {
         let mut there = Vector6::from(*here);
@@ -47,7 +47,7 @@ impl<N: Copy> Renaming<N> {
         there
     }
 
-    /// A symmetric matrix's entry (i, j), i and j the other way round as well: where it is in the model, and its sign.
+    /// The place and the sign in the model of entry (i, j) of a symmetric matrix.
     #[inline(always)]
     pub fn entry<T: Real<Parameter = N>>(&self, like: T, i: usize, j: usize) -> ([usize; 2], T) {
         ([usize::from(self.from[i]), usize::from(self.from[j])], like.splat(self.sign[i]) * like.splat(self.sign[j]))

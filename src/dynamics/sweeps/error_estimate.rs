@@ -1,40 +1,42 @@
-//! The covariance form with an estimate of the digits that it lost: the first form of [`auto`](crate::dynamics::auto).
+//! The covariance form with an error estimate by a test vector: the first form of [`auto`](crate::dynamics::auto).
 
 use super::filter;
 use super::joint::{self, with_joint};
 use super::model::SweepModel;
 use super::motion;
 use super::rows::Measures;
-use super::scratch::{SweepScratch, Watching};
+use super::scratch::{SweepScratch, TestVector};
 use crate::dynamics::forces::Motion;
-use crate::filter::cancellation::{Cancellation, Swept};
+use crate::filter::cancellation::{Cancellation, StageState};
 use crate::filter::pivots::PivotMonitor;
 use crate::model::Model;
 use crate::scalar::{ColumnsOf, Real};
 use crate::spatial::transform::Transform;
 use nalgebra::Vector6;
 
-/// What a look at the covariance form finds: its pivots, whether a single look at them may do, and the digits that were lost.
-pub(crate) type Look<T> = (PivotMonitor<T>, PivotMonitor<T>, Cancellation<T>);
+/// The pivots of the covariance form, whether one test vector suffices to accept them, and the error estimate by that
+/// vector.
+pub(crate) type ErrorTerms<T> = (PivotMonitor<T>, PivotMonitor<T>, Cancellation<T>);
 
-/// [`forward_dynamics`](super::forward_dynamics), looked at by the probe.
+/// [`forward_dynamics`](super::forward_dynamics) with the terms of the error estimate.
 #[inline(always)]
-pub(crate) fn forward_dynamics_watched<T: Real, C: ColumnsOf<T>>(
+pub(crate) fn forward_dynamics_with_estimate<T: Real, C: ColumnsOf<T>>(
     (model, sweeps): (&Model<T>, &SweepModel<T>),
     scratch: &mut SweepScratch<T>,
     (q, qd, tau): (&[T], &[T], &[T]),
     wrenches: &[Vector6<T>],
     qdd: &mut [T],
-) -> Look<T> {
+) -> ErrorTerms<T> {
     let state = Motion { q, qd, qdd: None, wrenches };
     motion::base_to_tip::<T, C, false>((model, sweeps), scratch, state);
-    let [monitor, near] = filter::tip_to_base::<T, { filter::WATCH }>((model, sweeps), scratch, tau, qdd);
+    let [monitor, near] = filter::tip_to_base::<T, { filter::ESTIMATE }>((model, sweeps), scratch, tau, qdd);
     (monitor, near, base_to_tip::<T, true>((model, sweeps), scratch, qdd))
 }
 
-/// The factor of M, and what two made-up right sides say of it; `estimates` is scratch, (nv).
+/// The factor of M, and the error of the solution of one test vector, estimated by the other; `estimates` is scratch,
+/// (nv).
 #[inline(always)]
-pub(crate) fn factor_watched<T: Real, C: ColumnsOf<T>>(
+pub(crate) fn factor_with_estimate<T: Real, C: ColumnsOf<T>>(
     (model, sweeps): (&Model<T>, &SweepModel<T>),
     scratch: &mut SweepScratch<T>,
     q: &[T],
@@ -45,40 +47,45 @@ pub(crate) fn factor_watched<T: Real, C: ColumnsOf<T>>(
     for own in &mut scratch.own {
         own.force = [o; 6];
     }
-    // Borrowed from the scratch and given back: it is read beside the rest, and nothing is allocated.
-    let other = std::mem::take(&mut scratch.watching.other_probe);
-    let [monitor, _] = filter::tip_to_base::<T, { filter::WATCH }>((model, sweeps), scratch, &other, estimates);
-    scratch.watching.other_probe = other;
+    // Taken out and put back: it is read while the rest of the scratch is written, and nothing is allocated.
+    let other = std::mem::take(&mut scratch.test.other_vector);
+    let [monitor, _] = filter::tip_to_base::<T, { filter::ESTIMATE }>((model, sweeps), scratch, &other, estimates);
+    scratch.test.other_vector = other;
     (monitor, base_to_tip::<T, false>((model, sweeps), scratch, estimates))
 }
 
-/// The smoother for both right sides; where `ALLOWS` with what the problem allows.
+/// The smoother for the right side and the test vector; with `ALLOWS` with the sensitivity of the problem.
 #[inline(always)]
-fn base_to_tip<T: Real, const ALLOWS: bool>(
+pub(super) fn base_to_tip<T: Real, const ALLOWS: bool>(
     (model, sweeps): (&Model<T>, &SweepModel<T>),
     scratch: &mut SweepScratch<T>,
     estimates: &mut [T],
 ) -> Cancellation<T> {
     let mut seen = Cancellation::new();
-    let SweepScratch { own, shifts, measured, watching, .. } = scratch;
-    let Watching { own: watched, co_states, innovations, .. } = watching;
-    // Of one length, for the compiler to see.
+    let SweepScratch { own, shifts, measured, test, .. } = scratch;
+    let TestVector { own: tested, co_states, innovations, .. } = test;
+    // Of the same length, which the compiler then knows.
     let rows = measured.len();
     let (estimates, innovations) = (&mut estimates[..rows], &innovations[..rows]);
-    for ((body, own), watched) in sweeps.swept().iter().zip(own).zip(watched) {
+    for ((body, own), tested) in sweeps.swept().iter().zip(own).zip(tested) {
         let [outer, outer_nu] = &co_states[body.places.parent_outward];
         let o = outer[0].constant(0.0);
         let (mut lambda, mut nu) = ([o; 6], [o; 6]);
-        let swept = Swept { z: &own.force, bias: &watched.bias, terms: &watched.terms, measured };
+        let state_of_stage = StageState { z: &own.force, bias: &tested.bias, terms: &tested.terms, measured };
         with_joint!(body, own.turn, (model, sweeps, shifts), transform, rows, {
             if body.parent.is_some() {
-                seen.carried(watched.zeta, &Vector6::from(*outer), transform.offset_square());
+                seen.carried(tested.zeta, &Vector6::from(*outer), transform.offset_square());
                 (lambda, nu) = (transform.carry_motion(outer), transform.carry_motion(outer_nu));
             }
-            rows.smooth_both::<ALLOWS>(&mut seen, &swept, (&mut lambda, &mut nu), (&mut *estimates, innovations));
+            rows.smooth_both::<ALLOWS>(
+                &mut seen,
+                &state_of_stage,
+                (&mut lambda, &mut nu),
+                (&mut *estimates, innovations),
+            );
         });
         if !ALLOWS {
-            watched.nu = nu;
+            tested.nu = nu;
         }
         if !body.is_leaf {
             co_states[body.places.outward] = [lambda, nu];
@@ -89,28 +96,28 @@ fn base_to_tip<T: Real, const ALLOWS: bool>(
 
 #[cfg(test)]
 mod tests {
-    use super::{SweepModel, SweepScratch, forward_dynamics_watched};
+    use super::{SweepModel, SweepScratch, forward_dynamics_with_estimate};
     use crate::filter::cancellation::Margins;
     use crate::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder};
     use crate::scenes;
     use crate::spatial::Symmetric3;
 
-    /// Torques that hold a chain against its weight leave next to nothing of it: beside what is left most digits are missing, beside
-    /// what one unit in the last place of the forces makes of it none.
+    /// Torques that balance the weight of a chain leave accelerations of the size of their rounding: the error is large
+    /// compared with these, and within what one unit in the last place of the forces makes of them.
     #[test]
-    fn what_is_held_still_is_seen_beside_the_forces_that_hold_it() {
+    fn a_state_near_equilibrium_is_accepted_by_its_sensitivity() {
         let scene = scenes::chain(7).expect("a chain");
         let model = scene.model();
         let (q, still) = ([0.3, -0.7, 0.5, 0.9, -0.4, 0.6, 0.2], [0.0; 7]);
         let mut held = [f64::NAN; 7];
         scene.bias_torque(&mut scene.workspace(), &q, &still, &mut held).expect("a state");
-        // Off by a part in ten thousand million, which is what is left.
+        // A relative change of 1e-10, which is what is left.
         held[3] *= 1.0 + 1e-10;
         let sweeps = SweepModel::new(model);
         let seen = |torque: &[f64]| {
             let (mut scratch, mut qdd) = (SweepScratch::new(model, &sweeps), [f64::NAN; 7]);
             let state = (&q[..], &still[..], torque);
-            forward_dynamics_watched::<_, f64>((model, &sweeps), &mut scratch, state, &[], &mut qdd).2
+            forward_dynamics_with_estimate::<_, f64>((model, &sweeps), &mut scratch, state, &[], &mut qdd).2
         };
         let nothing = Margins { of_rest: 0.0, of_bias: 0.0, of_bias_at_most: 0.0 };
         let (size, rest) = (400.0 * 400.0, Margins { of_rest: 4.0, ..nothing });
@@ -121,9 +128,9 @@ mod tests {
         assert!(falling.relative_error(0) < 1e-13 && falling.slack(size, &nothing) > 0.0);
     }
 
-    /// Two bodies that fall freely transmit no force: nothing is excused but what their own weights allow.
+    /// Two bodies in free fall transmit no force: only the sensitivity to their weights counts.
     #[test]
-    fn what_falls_freely_is_not_at_rest() {
+    fn a_state_in_free_fall_is_not_at_rest() {
         let link = |name: &str| LinkDescription {
             name: name.into(),
             inertial: Some(Inertial {
@@ -141,7 +148,7 @@ mod tests {
         q[7] = 0.8;
         let (mut scratch, mut qdd) = (SweepScratch::new(model, &sweeps), [f64::NAN; 7]);
         let state = (&q[..], &still[..], &still[..]);
-        let seen = forward_dynamics_watched::<_, f64>((model, &sweeps), &mut scratch, state, &[], &mut qdd).2;
+        let seen = forward_dynamics_with_estimate::<_, f64>((model, &sweeps), &mut scratch, state, &[], &mut qdd).2;
         let nothing = Margins { of_rest: 0.0, of_bias: 0.0, of_bias_at_most: 0.0 };
         assert!(seen.relative_error(0) > 0.0 && seen.slack(0.0, &Margins { of_rest: 1e6, ..nothing }) < 0.0);
         assert!(seen.slack(0.0, &Margins { of_bias: 60.0, of_bias_at_most: 1500.0, ..nothing }) > 0.0);
