@@ -5,11 +5,11 @@ use super::functions::{Array, Function};
 use super::lanes;
 use super::pieces::{self, Form};
 use super::program::Program;
+use super::syntax;
 use super::width::Width;
 use crate::algorithm::Algorithm;
 use crate::error::Error;
 use crate::filter;
-use crate::scalar::Operation;
 use crate::scene::Scene;
 use std::collections::HashMap;
 use std::fmt::Write;
@@ -187,45 +187,16 @@ fn source(name: &str, programs: &[Program], (width, batches): (Width, bool)) -> 
 fn one_state(name: &str, program: &Program, width: Width, text: &mut String) {
     let number = width.of_c();
     let form = Form {
-        head: declaration(name, program, width),
-        before: "",
+        syntax: &syntax::C,
+        width,
+        head: format!("\n{}\n{{\n", declaration(name, program, width)),
+        tail: "}\n".to_owned(),
         name: format!("{name}_{}", program.function.symbol()),
         parameters: program.named(&format!("const {number} *restrict "), &format!("{number} *restrict ")),
         names: program.named("", ""),
-        number,
-        width,
-        of_part: "static APART",
-        of_table: "static",
         is_apart: false,
-        constant: str::to_owned,
-        number_of: |array, index| format!("{array}[{index}]"),
-        reads_once: false,
-        has_pairs: false,
-        right_side,
     };
-    pieces::write(program, &form, text);
-}
-
-/// What computes a number; nothing of constants and arguments.
-pub(super) fn right_side(operation: &Operation, said: &[String], width: Width) -> Option<String> {
-    let (of, f) = (|place: u32| &said[place as usize], width.suffix());
-    Some(match *operation {
-        Operation::Constant(_) | Operation::Argument(_) => return None,
-        Operation::Sum(a, b) => format!("{} + {}", of(a), of(b)),
-        Operation::Difference(a, b) => format!("{} - {}", of(a), of(b)),
-        Operation::Product(a, b) => format!("{} * {}", of(a), of(b)),
-        Operation::ProductSum(a, b, c) => format!("{} * {} + {}", of(a), of(b), of(c)),
-        Operation::MinusProduct(a, b, c) => format!("{} - {} * {}", of(c), of(a), of(b)),
-        Operation::Quotient(a, b) => format!("{} / {}", of(a), of(b)),
-        Operation::Negative(a) => format!("-{}", of(a)),
-        Operation::Root(a) => format!("sqrt{f}({})", of(a)),
-        Operation::Sine(a) => format!("sin{f}({})", of(a)),
-        Operation::Cosine(a) => format!("cos{f}({})", of(a)),
-        Operation::Absolute(a) => format!("fabs{f}({})", of(a)),
-        // fmin would pass over NaN.
-        Operation::Smaller(a, b) => format!("{0} < {1} || {0} != {0} ? {0} : {1}", of(a), of(b)),
-        Operation::OneIfZero(a) => format!("{} == 0 ? 1 : 0", of(a)),
-    })
+    text.extend(pieces::write(program, &form));
 }
 
 /// A state of the scene, and what the methods give there.

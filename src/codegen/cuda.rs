@@ -1,10 +1,11 @@
 //! CUDA C++ of programs: one state a thread, arrays by components, for NVRTC and nvcc.
 
-use super::c::{Sources, WRITTEN_BY, check, constants, joints, meaning, programs, right_side};
+use super::c::{Sources, WRITTEN_BY, check, constants, joints, meaning, programs};
 use super::case::Case;
 use super::functions::{Array, Function};
 use super::pieces::{self, Form};
 use super::program::Program;
+use super::syntax;
 use super::width::Width;
 use crate::error::Error;
 use crate::scene::Scene;
@@ -87,24 +88,21 @@ fn kernel(name: &str, program: &Program, width: Width, text: &mut String) {
     let parameters = program.named(&format!("const {number} *__restrict__ "), &format!("{number} *__restrict__ "));
     let name = format!("{name}_{}", program.function.symbol());
     let form = Form {
-        head: format!("__global__ void {name}(unsigned long long count, {parameters})"),
-        before: "    const unsigned long long state = (unsigned long long)blockIdx.x * blockDim.x + threadIdx.x;\n    if (state >= count) return;\n",
+        syntax: &syntax::CUDA,
+        width,
+        head: format!("\n__global__ void {name}(unsigned long long count, {parameters})\n{{\n{THREAD}"),
+        tail: "}\n".to_owned(),
         name,
         parameters: format!("unsigned long long count, unsigned long long state, {parameters}"),
         names: format!("count, state, {}", program.named("", "")),
-        number,
-        width,
-        of_part: "__device__ APART",
-        of_table: "__device__",
         is_apart: true,
-        constant: str::to_owned,
-        number_of: |array, index| format!("{array}[{index} * count + state]"),
-        reads_once: true,
-        has_pairs: true,
-        right_side,
     };
-    pieces::write(program, &form, text);
+    text.extend(pieces::write(program, &form));
 }
+
+/// The state of a thread.
+const THREAD: &str = "    const unsigned long long state = (unsigned long long)blockIdx.x * blockDim.x + threadIdx.x;\n    \
+                      if (state >= count) return;\n";
 
 /// Some states, and what the methods give there: on a GPU by nvcc, else one thread after another.
 fn test(scene: &Scene, name: &str, programs: &[Program], width: Width) -> Result<String, Error> {

@@ -3,8 +3,8 @@
 use super::circle::Sines;
 use super::pieces::{self, Form};
 use super::program::Program;
+use super::syntax;
 use super::width::Width;
-use crate::scalar::Operation;
 use std::fmt::Write;
 
 /// What all programs in lanes use: vectors, sines with their cosines, and the way of states into lanes and out.
@@ -246,24 +246,16 @@ pub(super) fn functions(name: &str, program: &Program, width: Width, text: &mut 
     let function = program.function.symbol();
     let parameters = program.named("const lanes *restrict ", "lanes *restrict ");
     let form = Form {
-        head: format!("static void {function}_lanes({parameters})"),
-        before: "",
+        syntax: &syntax::LANES,
+        width,
+        head: format!("\nstatic void {function}_lanes({parameters})\n{{\n"),
+        tail: "}\n".to_owned(),
         name: format!("{function}_lanes"),
         parameters,
         names: program.named("", ""),
-        number: "lanes",
-        width,
-        of_part: "static APART",
-        of_table: "static",
         is_apart: true,
-        // A number by itself is no vector.
-        constant: |value| format!("(lanes){{0}} + {value}"),
-        number_of: |array, index| format!("{array}[{index}]"),
-        reads_once: false,
-        has_pairs: true,
-        right_side,
     };
-    pieces::write(program, &form, text);
+    text.extend(pieces::write(program, &form));
 
     let _ = write!(text, "\n{}\n{{\n", declaration(name, program, width));
     text.push_str("    lanes fault = {0};\n    for (size_t first = 0; first < count; first += LANES) {\n");
@@ -286,19 +278,6 @@ pub(super) fn functions(name: &str, program: &Program, width: Width, text: &mut 
     text.push_str(
         "    }\n    for (int i = 0; i < LANES; i++)\n        if (fault[i] != 0) return 1;\n    return 0;\n}\n",
     );
-}
-
-/// What computes a number; nothing of constants and arguments. Of two operands one at least is a vector: what is constant was computed.
-fn right_side(operation: &Operation, said: &[String], width: Width) -> Option<String> {
-    let of = |place: u32| &said[place as usize];
-    Some(match *operation {
-        Operation::Root(a) => format!("root({})", of(a)),
-        Operation::Absolute(a) => format!("absolute({})", of(a)),
-        // A number by itself is no vector.
-        Operation::Smaller(a, b) => format!("smaller((lanes){{0}} + {}, (lanes){{0}} + {})", of(a), of(b)),
-        Operation::OneIfZero(a) => format!("one_if_zero({})", of(a)),
-        _ => return super::c::right_side(operation, said, width),
-    })
 }
 
 /// A part of the test: some states in a batch, the arguments smaller and smaller, beside each by itself.

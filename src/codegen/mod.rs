@@ -27,8 +27,8 @@ mod pieces;
 mod program;
 mod reference;
 mod rust;
-mod rust_parts;
 mod rust_texts;
+mod syntax;
 mod tracing;
 mod width;
 
