@@ -3,7 +3,7 @@
 mod counted;
 
 use crate::filter::{HingeMap, Rows};
-use crate::model::{Body, Motion, Omissions};
+use crate::model::{Body, Omissions};
 use crate::scene::{JointKind, Scene};
 use crate::watch;
 use std::collections::HashSet;
@@ -45,7 +45,7 @@ pub struct Plan {
 
 /// Operations of one body in the covariance form. Counted by running it on a scalar that counts: docs/leaving-out.md.
 mod operations {
-    use super::{Body, Motion};
+    use super::Body;
 
     /// A body without rows and without mass: shifts of motions, of its force and of P, and their sums.
     pub const FIXED_BODY: usize = 550;
@@ -60,14 +60,7 @@ mod operations {
 
     /// Velocities of a body, and what they cause: phi* v, v x H* qd, v x* M v.
     pub fn of_velocity(body: &Body<f64>) -> usize {
-        let motion = match body.motion {
-            Motion::Revolute => 58,
-            Motion::Prismatic => 56,
-            Motion::Screw(_) => 85,
-            Motion::Spherical | Motion::Free => 84,
-            Motion::Fixed => 54,
-        };
-        motion + FORCE - WEIGHT
+        body.motion.operations_of_velocity() + FORCE - WEIGHT
     }
 
     /// The acceleration of gravity at a body, and its weight.

@@ -36,5 +36,6 @@ pub use c::{Sources, sources, sources_accepting};
 pub use cuda::cuda_sources;
 pub use functions::{Array, FUNCTIONS, Function, WATCHED};
 pub use program::Program;
+pub(crate) use program::count;
 pub use rust::rust_sources;
 pub use width::Width;

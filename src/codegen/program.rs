@@ -5,7 +5,8 @@ use super::tracing::Tracer;
 use super::width::Width;
 use crate::dynamics::sweeps::SweepModel;
 use crate::error::Error;
-use crate::scalar::{Operation, Operations, Traced};
+use crate::model::Model;
+use crate::scalar::{Operation, Operations, Real, Traced};
 use crate::scene::Scene;
 use std::collections::HashSet;
 
@@ -55,7 +56,7 @@ impl Program {
                 given.push(next.by_ref().take(argument.width()).map(Traced::argument).collect());
             }
             let mut out = vec![Traced::argument(0); results.iter().map(Array::width).sum()];
-            function.trace()(&mut Tracer::new(scene, place, tolerance), &given, &mut out);
+            function.trace()(&mut Tracer::new(scene, scene.model(), place, tolerance), &given, &mut out);
             // A constant gets its place here.
             out.iter().map(|number| number.place()).collect()
         });
@@ -206,6 +207,22 @@ impl Program {
         }
         count
     }
+}
+
+/// The operations of a function's sweeps at these arguments, q first, in a model of `scene` (with other switches, for instance): every one that
+/// runs, also of constants alone.
+pub(crate) fn count(
+    scene: &Scene,
+    model: &Model<f64>,
+    function: &Function,
+    given: &[&[f64]],
+) -> Result<Operations, Error> {
+    let given: Vec<Vec<Traced>> =
+        given.iter().map(|array| array.iter().copied().map(Traced::from_f64).collect()).collect();
+    let given = &given[..function.arguments(scene).len()];
+    let mut out = vec![Traced::from_f64(f64::NAN); function.width(scene)];
+    let mut tracer = Tracer::new(scene, model, function.place(scene)?, None);
+    Ok(Traced::counted(|| function.trace()(&mut tracer, given, &mut out)).1)
 }
 
 fn check(scene: &Scene, function: &Function) -> Result<(), Error> {

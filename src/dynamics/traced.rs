@@ -121,6 +121,13 @@ impl TracedSweeps {
         sweeps::multiplied_out::<Traced, Traced, false>((model, sweeps), scratch, &mut columns, out);
     }
 
+    /// M^-1 tau with the factor in the scratch, as [`sweeps::solve`].
+    #[inline(never)]
+    pub fn solve(&mut self, tau: &[Traced], estimates: &mut [Traced]) {
+        let Self { model, sweeps, scratch } = self;
+        sweeps::solve((model, sweeps), scratch, tau, estimates);
+    }
+
     /// The innovations with the factor in the scratch, as [`sweeps::innovations_of_factor`].
     #[inline(never)]
     pub fn innovations_of_factor(

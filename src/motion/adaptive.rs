@@ -221,7 +221,7 @@ impl<'a> Field<'a> {
         let model = self.scene.model();
         advance(model, &self.centre, x, q);
         for (body, stage) in model.bodies.iter().zip(&model.system.stages) {
-            if matches!(body.motion, Motion::Free) {
+            if body.motion.is_free() {
                 let (at, row) = (body.q, stage.first_row);
                 let moved =
                     quaternion_rotation(&self.centre[at + 3..at + 7]) * Vector3::from_column_slice(&x[row..row + 3]);
@@ -252,15 +252,12 @@ impl<'a> Field<'a> {
         for (body, stage) in model.bodies.iter().zip(&model.system.stages) {
             let row = stage.first_row;
             let triple = |of: &[f64], at: usize| Vector3::from_column_slice(&of[at..at + 3]);
-            let turning = match body.motion {
-                Motion::Spherical => row,
-                Motion::Free => {
-                    let turn = UnitQuaternion::from_scaled_axis(triple(x, row + 3));
-                    rates[row..row + 3].copy_from_slice((turn * triple(v, row)).as_slice());
-                    row + 3
-                }
-                _ => continue,
-            };
+            let Some((_, place)) = body.motion.quaternion() else { continue };
+            let turning = row + place;
+            if body.motion.is_free() {
+                let turn = UnitQuaternion::from_scaled_axis(triple(x, turning));
+                rates[row..row + 3].copy_from_slice((turn * triple(v, row)).as_slice());
+            }
             let carried = carried_back(&triple(x, turning), &triple(v, turning));
             rates[turning..turning + 3].copy_from_slice(carried.as_slice());
         }
@@ -297,11 +294,7 @@ impl<'a> Field<'a> {
     fn turned(&self, x: &[f64]) -> f64 {
         let model = self.scene.model();
         let angles = model.bodies.iter().zip(&model.system.stages).filter_map(|(body, stage)| {
-            let at = match body.motion {
-                Motion::Spherical => stage.first_row,
-                Motion::Free => stage.first_row + 3,
-                _ => return None,
-            };
+            let at = stage.first_row + body.motion.quaternion()?.1;
             Some(Vector3::from_column_slice(&x[at..at + 3]).norm())
         });
         angles.fold(0.0, f64::max)

@@ -369,7 +369,7 @@ fn keep(kept: &mut [f64], outcome: &Outcome, contacts: usize) {
 /// Where the rates of free joints begin in qd, and which bodies they move.
 fn free_joints(model: &Model<f64>) -> impl Iterator<Item = (usize, usize)> {
     let each = model.bodies.iter().zip(&model.system.stages).enumerate();
-    each.filter(|(_, (body, _))| body.motion == Motion::Free).map(|(k, (_, stage))| (k, stage.first_row))
+    each.filter(|(_, (body, _))| body.motion.is_free()).map(|(k, (_, stage))| (k, stage.first_row))
 }
 
 /// Adds w x v to the accelerations of free joints: of the origin, in axes at rest where the step begins.
@@ -390,7 +390,7 @@ fn move_along(h: f64, s: &mut Scratch<f64>) {
     }
     for (body, stage) in s.model.bodies.iter().zip(&s.model.system.stages) {
         let x = &mut s.x[stage.first_row..];
-        if body.motion == Motion::Free {
+        if body.motion.is_free() {
             let along = rotation(&s.q[body.q..]) * triple(x);
             x[..3].fill(0.0);
             body.motion.advance(&s.q[body.q..], x, &mut s.q_next[body.q..]);
