@@ -1,6 +1,6 @@
 //! The algorithms, again and again, for callgrind to count instructions: `make instructions`, see benches/instructions/count.py.
 //!
-//! `instructions count <scene> <algorithm> <states> <repeats>` evaluates that many states a call, on the arm of `PHIPSI_ARM`; without
+//! `instructions count <scene> <algorithm> <states> <repeats>` evaluates that many states a call, on the arm of `PHIPSI_INSTRUCTION_SET`; without
 //! `count` (as `cargo bench` starts it) it does nothing. The scene is one of tests/common/gate.rs, or by hand a model of `make peers`.
 
 mod common;
@@ -9,7 +9,7 @@ mod gate;
 
 use common::{arguments, model, states};
 use gate::{ALGORITHMS, SCENES};
-use phipsi::batch::Arm;
+use phipsi::batch::InstructionSet;
 use phipsi::{Algorithm, Scene};
 use std::hint::black_box;
 
@@ -39,8 +39,9 @@ fn main() {
             let (_, found) =
                 *ALGORITHMS.iter().find(|(name, _)| name == algorithm).unwrap_or_else(|| panic!("no {algorithm}"));
             // Another arm than the one asked for would be counted as that.
-            let (wanted, arm) = (std::env::var("PHIPSI_ARM").unwrap_or_default(), Arm::of_process().name());
-            assert!(wanted == arm, "PHIPSI_ARM is {wanted:?}, this processor runs {arm:?}");
+            let (wanted, arm) =
+                (std::env::var("PHIPSI_INSTRUCTION_SET").unwrap_or_default(), InstructionSet::of_process().name());
+            assert!(wanted == arm, "PHIPSI_INSTRUCTION_SET is {wanted:?}, this processor runs {arm:?}");
             let found_scene = gate::scene(scene).or_else(|| model(scene));
             run(&found_scene.unwrap_or_else(|| panic!("no scene {scene}")), found, number(states), number(repeats));
         }

@@ -1,6 +1,6 @@
 //! Many states a call: as many at once as a register holds, with the same bits as one by one.
 //!
-//! An [`Evaluator`] has the kernels of one scene for the instructions of this processor ([`Arm`]) and their scratch; [`Scene::evaluate`](crate::Scene::evaluate) runs
+//! An [`Evaluator`] has the kernels of one scene for the instructions of this processor ([`InstructionSet`]) and their scratch; [`Scene::evaluate`](crate::Scene::evaluate) runs
 //! them on one thread. [`motion`](crate::motion) runs its batches on as many threads as `set_threads` says (feature `parallel`), and takes arguments that broadcast
 //! by strides ([`Broadcast`]): a state that is shared is not copied.
 //!
@@ -22,17 +22,17 @@
 pub(crate) mod accelerations;
 #[cfg(target_arch = "x86_64")]
 mod accuracy;
-pub(crate) mod arms;
 pub(crate) mod chunk;
 mod compiled;
 mod connected;
 mod coupled;
 pub(crate) mod derivatives;
 pub(crate) mod evaluator;
-mod everyday;
 pub(crate) mod factor;
 mod finite;
+pub(crate) mod instruction_set;
 pub(crate) mod products;
+mod quantities;
 #[cfg(feature = "parallel")]
 mod threads;
 #[cfg(feature = "parallel")]
@@ -41,10 +41,10 @@ mod work_queue;
 #[cfg(feature = "parallel")]
 pub use threads::{set_threads, threads};
 
-pub use arms::{ARMS, Arm};
-#[doc(hidden)]
-pub use arms::{Target, Vectorised, Work};
 pub use evaluator::{Evaluated, Evaluator};
+pub use instruction_set::{INSTRUCTION_SETS, InstructionSet};
+#[doc(hidden)]
+pub use instruction_set::{Target, Vectorised, Work};
 
 use crate::error::Error;
 pub use crate::error::Fault;

@@ -221,7 +221,7 @@ pub mod watch;
 mod workspace;
 
 pub use accuracy::{Accuracy, Bound, ESTIMATE_SPREAD};
-pub use algorithm::{Algorithm, Arguments, Derivatives, Everyday, Products};
+pub use algorithm::{Algorithm, Arguments, Derivatives, KinematicQuantity, Products};
 pub use api::{BodyWrenches, Constrained, OnLink, Projection, TaskFrame};
 pub use error::{ConstraintFault, Error, Shortage};
 pub use filter::Form;
@@ -234,10 +234,10 @@ pub use workspace::{Tally, Workspace};
 #[doc = include_str!("../README.md")]
 struct Readme;
 
-/// So does that of the page on everyday functions.
+/// So does that of the page on kinematic quantities.
 #[cfg(doctest)]
-#[doc = include_str!("../docs/everyday.md")]
-struct EverydayPage;
+#[doc = include_str!("../docs/kinematic-quantities.md")]
+struct KinematicQuantitiesPage;
 
 /// And that of the page on the random model.
 #[cfg(all(doctest, feature = "stochastic"))]

@@ -2,8 +2,8 @@
 
 use crate::common::{ALL_KINDS, Random, random_scene, random_state};
 use nalgebra::Vector6;
-use phipsi::batch::Arm;
 use phipsi::batch::Evaluator;
+use phipsi::batch::InstructionSet;
 use phipsi::dynamics::InverseScratch;
 use phipsi::dynamics::{self, Estimate, EstimateCovariance, EstimateScratch, Measurements};
 use phipsi::filter::Scale;
@@ -167,7 +167,7 @@ fn what_is_counted_is_what_is_evaluated() {
             let scene = random_scene(seed, 9, kinds, 0.4, 0.1);
             let (q, qd, u) = random_state(&scene, &mut Random::new(seed));
             // Numbers of their own, products and sums apart, as they are counted.
-            let mut evaluator = Evaluator::on(Arm::Baseline, &scene);
+            let mut evaluator = Evaluator::on(InstructionSet::Baseline, &scene);
             for algorithm in algorithms {
                 let state =
                     Arguments { q: &q, qd: &qd, u: &u, wrenches: &[], ..Arguments::default() }.read_by(algorithm);

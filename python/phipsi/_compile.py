@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from ._batches import Batches, entry
 from ._cuda import CompiledForCuda, compile_for_cuda
-from ._functions import ARGUMENTS, FUNCTIONS, IN_FORM, Function, Functions, parts, shapes, symbol
+from ._functions import ARGUMENTS, COMPILED, FUNCTIONS, IN_FORM, Function, Functions, parts, shapes, symbol
 from .errors import ArgumentError, CacheWarning, LongCodeWarning, of_argument
 
 if TYPE_CHECKING:
@@ -38,20 +38,14 @@ _Array: TypeAlias = NDArray[Any]
 ALWAYS = ("-std=c99", "-ffp-contract=fast", "-fno-math-errno", "-shared", "-fPIC", "-DROBOT_BATCHES_ALONE")
 #: So many operations, and roughly how long a compiler takes for each.
 LONG, SECONDS_EACH = 50_000, 4e-4
-#: What is compiled of functions that watch what rounding does.
-WATCHED: dict[str, Any] = {name: f"{name}_watched" for name in ("forward_dynamics", "mass_matrix_inverse")}
-#: What is compiled beside functions whose results do not tell by themselves what rounding does: it judges the factor of M, which they all go through.
-WATCH, WATCHES = "factor_watched", ("forward_dynamics_derivatives", "forward_dynamics_jvp", "forward_dynamics_vjp")
-#: Fewer states are faster by the scene's own call, whose way from Python is 3 to 6 us shorter: so many states of arms of six and seven joints and of a humanoid, measured, take as long both ways.
-FEW = {
-    **dict.fromkeys(("forward_dynamics_derivatives", "inverse_dynamics_derivatives", "placements"), 24),
-    "mass_matrix_inverse": 32,
-    **dict.fromkeys(("forward_dynamics", "forward_dynamics_jvp", "forward_dynamics_vjp", "inverse_dynamics_jvp", "inverse_dynamics_vjp"), 48),
-    **dict.fromkeys(("mass_matrix", "jacobian"), 64),
-    **dict.fromkeys(("inverse_dynamics", "bias_torque", "placement"), 128),
-}
+#: Functions that are compiled with the margin of their error estimate in form "auto".
+WATCHED: dict[str, Any] = {name: row["watched"] for name, row in COMPILED.items() if row["watched"]}
+#: The other functions with a form have no margin of their own: the margin of the factor of M, which they all use, is compiled with them.
+WATCH, WATCHES = "factor_watched", tuple(name for name in IN_FORM if name not in WATCHED)
+#: The number of states below which the call of the scene takes less time.
+FEW: dict[str, int] = {name: row["few"] for name, row in COMPILED.items()}
 #: Methods of scenes that compute in dtype themselves.
-IN_DTYPE = ("forward_dynamics", "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse")
+IN_DTYPE = tuple(name for name, row in COMPILED.items() if row["has_dtype"])
 
 
 class Compiled(Functions[_Array]):

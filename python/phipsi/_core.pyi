@@ -50,6 +50,7 @@ __all__ = [
     "SceneBuilder",
     "Simulator",
     "__version__",
+    "_function_table",
     "_numbers",
     "_rebuild_builder",
     "_rebuild_factor",
@@ -1957,6 +1958,7 @@ def _rebuild_simulator(
     steps: int,
     /,
 ) -> Simulator: ...
+def _function_table() -> list[dict[str, Any]]: ...
 def _unwritten(count: int, /) -> _Array: ...
 
 @final

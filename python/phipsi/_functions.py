@@ -1,4 +1,4 @@
-"""What both kinds of compiled robots have: names of functions, and the methods."""
+"""The table of functions, which the compiled module holds; and the methods that both kinds of compiled robots have."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, TypeAlias, TypeVar, get
 
 import numpy as np
 
+from ._core import _function_table
 from ._results import (
     Accuracy,
     ForwardDynamicsDerivatives,
@@ -45,28 +46,13 @@ Function: TypeAlias = (
 )
 #: All of them that are of no one link.
 FUNCTIONS: tuple[_OfScene, ...] = get_args(_OfScene)
-_TAU, _QDD, _ALONG = ("q", "qd", "tau"), ("q", "qd", "qdd"), ("dq", "dqd")
-#: The arrays that each takes.
-ARGUMENTS: dict[str, tuple[str, ...]] = {
-    "forward_dynamics": _TAU,
-    "inverse_dynamics": _QDD,
-    "bias_torque": ("q", "qd"),
-    "forward_dynamics_derivatives": _TAU,
-    "inverse_dynamics_derivatives": _QDD,
-    "forward_dynamics_jvp": (*_TAU, *_ALONG, "dtau"),
-    "forward_dynamics_vjp": (*_TAU, "cotangent"),
-    "inverse_dynamics_jvp": (*_QDD, *_ALONG, "dqdd"),
-    "inverse_dynamics_vjp": (*_QDD, "cotangent"),
-    **dict.fromkeys(("mass_matrix", "mass_matrix_inverse", "placements", "placement", "jacobian"), ("q",)),
-}
-#: Those that the scene does in a form.
-IN_FORM = (
-    "forward_dynamics",
-    "mass_matrix_inverse",
-    "forward_dynamics_derivatives",
-    "forward_dynamics_jvp",
-    "forward_dynamics_vjp",
-)
+#: The rows of the table (src/algorithm.rs), by their names.
+TABLE: dict[str, dict[str, Any]] = {row["name"]: row for row in _function_table()}
+#: The functions that code for one robot has: they alone have a number of states below which the scene is faster.
+COMPILED = {name: row for name, row in TABLE.items() if row["few"] is not None}
+#: The arrays that each takes, and the functions that the scene computes in a form.
+ARGUMENTS: dict[str, tuple[str, ...]] = {name: tuple(row["arguments"]) for name, row in COMPILED.items()}
+IN_FORM = tuple(name for name, row in COMPILED.items() if row["has_form"])
 
 
 class Functions(Generic[A]):
@@ -227,18 +213,10 @@ class Functions(Generic[A]):
 
 
 def shapes(function: tuple[str, ...], scene: Scene) -> list[tuple[int, ...]]:
-    """Of each result of one state."""
-    rates: tuple[int, ...] = (scene.nv,)
-    pairs: tuple[int, ...] = (scene.nv, scene.nv)
-    links: dict[str, tuple[int, ...]] = {"placements": (len(scene.link_names), 4, 4), "placement": (4, 4), "jacobian": (6, scene.nv)}
-    name = function[0]
-    if name in links:
-        return [links[name]]
-    if name.endswith("derivatives"):
-        return 3 * [pairs]
-    if name.endswith("vjp"):
-        return 3 * [rates]
-    return [pairs if name.startswith("mass_matrix") else rates]
+    """The shapes of the results of one state."""
+    lengths = {"nq": scene.nq, "nv": scene.nv, "links": len(scene.link_names)}
+    results: dict[str, tuple[str | int, ...]] = TABLE[function[0]]["results"]
+    return [tuple(axis if isinstance(axis, int) else lengths[axis] for axis in axes) for axes in results.values()]
 
 
 def _changes(wrenches: Any, dwrenches: Any, dparameters: Any, darmature: Any, dgravity: Any) -> dict[str, Any] | None:

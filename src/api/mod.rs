@@ -5,12 +5,12 @@ mod constraints;
 mod contacts;
 mod derivatives;
 mod estimation;
-mod everyday;
 mod links;
 pub mod methods;
 pub mod operational;
 mod own;
 mod products;
+mod quantities;
 
 pub use constraints::{Constrained, Projection};
 pub use links::OnLink;

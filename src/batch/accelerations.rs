@@ -1,7 +1,7 @@
 //! Joint accelerations of as many states as a scalar has lanes: each form compiled once for a scalar and its instructions, and called by whoever
 //! asks, batches and simulation.
 
-use super::arms::{Target, Vectorised, Work};
+use super::instruction_set::{Target, Vectorised, Work};
 use crate::dynamics::auto::{self, Errors};
 use crate::dynamics::sweeps::{self, SweepModel, SweepScratch};
 use crate::model::Model;

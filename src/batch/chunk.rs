@@ -4,14 +4,14 @@
 //! called does that state again with every check (see [`Evaluator`](super::evaluator::Evaluator)).
 
 use super::accelerations;
-use super::arms::{Entry, Target, Vectorised, Work};
 use super::connected::{self, ConnectedKernel};
 use super::derivatives::{self, DerivativeKernel};
-use super::everyday::{self, EverydayKernel};
 use super::factor;
 use super::finite::{any_not_finite, not_finite};
+use super::instruction_set::{Entry, Target, Vectorised, Work};
 use super::products::{self, ProductKernel};
-use crate::algorithm::{Algorithm, Arguments, Derivatives, Everyday};
+use super::quantities::{self, QuantityKernel};
+use crate::algorithm::{Algorithm, Arguments, Derivatives, KinematicQuantity};
 use crate::dynamics::auto::Errors;
 use crate::dynamics::derivatives::with_transpose;
 use crate::dynamics::sweeps::{self, Entries, InverseColumns, MassColumns, SweepModel, SweepScratch};
@@ -53,7 +53,7 @@ pub struct Chunk<T: Vectorised> {
     derivatives: Option<Box<DerivativeKernel<T>>>,
     products: Option<Box<ProductKernel<T>>>,
     connected: Option<Box<ConnectedKernel<T>>>,
-    everyday: Option<Box<EverydayKernel<T>>>,
+    quantities: Option<Box<QuantityKernel<T>>>,
 }
 
 impl<T: Vectorised> Chunk<T> {
@@ -83,7 +83,7 @@ impl<T: Vectorised> Chunk<T> {
             derivatives: None,
             products: None,
             connected: None,
-            everyday: None,
+            quantities: None,
             numbers,
         }
     }
@@ -137,17 +137,17 @@ impl<T: Vectorised> Chunk<T> {
         }
     }
 
-    /// As [`Chunks::everyday`](crate::algorithm::Chunks::everyday), for these instructions; float32 has none of them.
+    /// As [`Chunks::kinematic_quantity`](crate::algorithm::Chunks::kinematic_quantity), for these instructions; float32 has none of them.
     #[inline(always)]
-    pub fn everyday<I: Target>(
+    pub fn kinematic_quantity<I: Target>(
         &mut self,
         target: I,
-        what: &Everyday<'_>,
+        what: &KinematicQuantity<'_>,
         states: &[Arguments<'_, T::Number>],
         out: &mut [T::Number],
     ) -> u64 {
         if T::Number::RARE_KERNELS {
-            return target.within(EverydayRun { chunk: self, what, states, out });
+            return target.within(QuantityRun { chunk: self, what, states, out });
         }
         u64::MAX
     }
@@ -395,26 +395,26 @@ impl<T: Vectorised, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
     }
 }
 
-/// An everyday function with its states, to be run inside an arm.
-struct EverydayRun<'a, T: Vectorised> {
+/// A kinematic quantity with its states, to be run inside an arm.
+struct QuantityRun<'a, T: Vectorised> {
     chunk: &'a mut Chunk<T>,
-    what: &'a Everyday<'a>,
+    what: &'a KinematicQuantity<'a>,
     states: &'a [Arguments<'a, T::Number>],
     out: &'a mut [T::Number],
 }
 
-impl<T: Vectorised> Work for EverydayRun<'_, T> {
+impl<T: Vectorised> Work for QuantityRun<'_, T> {
     type Output = u64;
 
     #[inline(always)]
     fn call(self) -> u64 {
-        let Self { chunk: Chunk { numbers: constants, arguments, everyday, .. }, what, states, out } = self;
+        let Self { chunk: Chunk { numbers: constants, arguments, quantities, .. }, what, states, out } = self;
         let Numbers { model, quaternions, .. } = &**constants;
         let [q, qd, qdd] = arguments;
         let mut fault = gather_state([&mut *q, qd, qdd], &in_lanes(states));
         let nearness = nearness(quaternions, q);
-        let kernel = everyday.get_or_insert_default();
-        let results = everyday::run(model, kernel, what, (q, qd, qdd));
+        let kernel = quantities.get_or_insert_default();
+        let results = quantities::run(model, kernel, what, (q, qd, qdd));
         fault += any_not_finite(results);
         T::put_lanes(results, out);
         doubtful(states.len(), nearness, fault)

@@ -12,15 +12,15 @@ use pulp::x86::V4;
 
 macro_rules! compiled {
     ($module:ident, $scalar:ty) => {
-        compiled!($module, $scalar, <$scalar as crate::batch::arms::Vectorised>::Least);
+        compiled!($module, $scalar, <$scalar as crate::batch::instruction_set::Vectorised>::Least);
     };
     ($module:ident, $scalar:ty, $instructions:ty) => {
         pub(super) mod $module {
             #[allow(unused_imports)] // each scalar needs some of them
             use super::*;
-            use crate::algorithm::{Algorithm, Arguments, Chunks, Everyday};
-            use crate::batch::arms::{Target, Vectorised};
+            use crate::algorithm::{Algorithm, Arguments, Chunks, KinematicQuantity};
             use crate::batch::chunk::Chunk;
+            use crate::batch::instruction_set::{Target, Vectorised};
             #[allow(unused_imports)]
             use crate::scalar::{Fused, Lanes};
             use crate::scene::Scene;
@@ -38,13 +38,13 @@ macro_rules! compiled {
                     self.0.run(self.1, algorithm, states, out)
                 }
 
-                fn everyday(
+                fn kinematic_quantity(
                     &mut self,
-                    what: &Everyday<'_>,
+                    what: &KinematicQuantity<'_>,
                     states: &[Arguments<'_, Number>],
                     out: &mut [Number],
                 ) -> u64 {
-                    self.0.everyday(self.1, what, states, out)
+                    self.0.kinematic_quantity(self.1, what, states, out)
                 }
 
                 fn error(&self, lane: usize) -> f64 {

@@ -1,8 +1,8 @@
 //! Forward dynamics through connections, of as many states as a scalar has lanes.
 
-use super::arms::{Target, Vectorised, Work};
 use super::factor;
 use super::finite::any_not_finite;
+use super::instruction_set::{Target, Vectorised, Work};
 use crate::dynamics::constraints::ConstraintKernel;
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::filter::Form;

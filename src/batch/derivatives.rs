@@ -1,9 +1,9 @@
 //! Derivatives of as many states as a scalar has lanes.
 
 use super::accelerations;
-use super::arms::{Entry, Target, Vectorised, Work};
 use super::factor::with_factor;
 use super::finite::entries_not_finite;
+use super::instruction_set::{Entry, Target, Vectorised, Work};
 use crate::algorithm::Derivatives;
 use crate::dynamics::derivatives::{DerivativeColumns, Kept, Matrices, Product, in_sweeps};
 use crate::dynamics::forces::Motion;
@@ -79,7 +79,7 @@ pub(super) fn run<T: Vectorised, I: Target>(target: I, which: Derivatives, call:
     let entries = columns.prepare(scene.0, scene.1);
     let mut numbers = std::mem::take(&mut entries.numbers);
     // Of one state where they belong, if all of them are asked for.
-    let is_whole = which.count() == 3;
+    let is_whole = which.entry().results.len() == 3;
     let to = if T::LANES > 1 {
         &mut numbers[..]
     } else if is_whole {

@@ -1,11 +1,11 @@
 //! States of a scene through the fastest code that this processor has: one by one, or in lanes.
 
 use super::Fault;
-use super::arms::Arm;
 use super::compiled;
 use super::coupled::CoupledEvaluator;
+use super::instruction_set::InstructionSet;
 use crate::accuracy::Accuracy;
-use crate::algorithm::{Algorithm, Arguments, Chunks, Everyday};
+use crate::algorithm::{Algorithm, Arguments, Chunks, KinematicQuantity};
 use crate::dynamics::mass_inverse::InverseScratch;
 use crate::error::{Error, check_length};
 use crate::filter::Form;
@@ -19,7 +19,7 @@ use crate::workspace::Workspace;
 /// States and results are f64, or f32 and then twice as many in a register. What it computes has the same bits in any lane and with
 /// any neighbours, but for the sign of a zero.
 pub struct Evaluator<P = f64> {
-    arm: Arm,
+    arm: InstructionSet,
     /// Of the scene that it was made for.
     identity: u64,
     pub(super) kernels: Kernels<P>,
@@ -48,7 +48,7 @@ impl<P> Chunks<P> for Doubts {
         u64::MAX
     }
 
-    fn everyday(&mut self, _: &Everyday<'_>, _: &[Arguments<'_, P>], _: &mut [P]) -> u64 {
+    fn kinematic_quantity(&mut self, _: &KinematicQuantity<'_>, _: &[Arguments<'_, P>], _: &mut [P]) -> u64 {
         u64::MAX
     }
 
@@ -61,27 +61,27 @@ impl<P> Chunks<P> for Doubts {
 pub trait Evaluated: Precision {
     /// The kernels of an arm that this processor has.
     #[doc(hidden)]
-    fn kernels(arm: Arm, scene: &Scene) -> Kernels<Self>;
+    fn kernels(arm: InstructionSet, scene: &Scene) -> Kernels<Self>;
 }
 
 impl Evaluated for f64 {
-    fn kernels(arm: Arm, scene: &Scene) -> Kernels<Self> {
+    fn kernels(arm: InstructionSet, scene: &Scene) -> Kernels<Self> {
         let one = match arm {
-            Arm::Baseline => compiled::plain::kernels(scene),
+            InstructionSet::Baseline => compiled::plain::kernels(scene),
             #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-            Arm::Avx512 => compiled::fused_avx512::kernels(scene),
-            Arm::Avx2 | Arm::Neon => compiled::fused::kernels(scene),
+            InstructionSet::Avx512 => compiled::fused_avx512::kernels(scene),
+            InstructionSet::Avx2 | InstructionSet::Neon => compiled::fused::kernels(scene),
             // Not compiled, so never picked.
             #[allow(unreachable_patterns)]
             _ => None,
         };
         let many = match arm {
             #[cfg(target_arch = "x86_64")]
-            Arm::Avx2 => compiled::avx2::kernels(scene),
+            InstructionSet::Avx2 => compiled::avx2::kernels(scene),
             #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-            Arm::Avx512 => compiled::avx512::kernels(scene),
+            InstructionSet::Avx512 => compiled::avx512::kernels(scene),
             #[cfg(target_arch = "aarch64")]
-            Arm::Neon => compiled::neon::kernels(scene),
+            InstructionSet::Neon => compiled::neon::kernels(scene),
             _ => None,
         };
         Kernels { one, many }
@@ -91,14 +91,14 @@ impl Evaluated for f64 {
 /// In lanes or not at all: one state leaves the others idle, for code of its own would not be worth the time to compile it.
 impl Evaluated for f32 {
     #[allow(unused_variables)] // where there are no lanes
-    fn kernels(arm: Arm, scene: &Scene) -> Kernels<Self> {
+    fn kernels(arm: InstructionSet, scene: &Scene) -> Kernels<Self> {
         let many = match arm {
             #[cfg(all(target_arch = "x86_64", feature = "float32"))]
-            Arm::Avx2 => compiled::avx2_f32::kernels(scene),
+            InstructionSet::Avx2 => compiled::avx2_f32::kernels(scene),
             #[cfg(all(target_arch = "x86_64", feature = "float32", feature = "avx512"))]
-            Arm::Avx512 => compiled::avx512_f32::kernels(scene),
+            InstructionSet::Avx512 => compiled::avx512_f32::kernels(scene),
             #[cfg(all(target_arch = "aarch64", feature = "float32"))]
-            Arm::Neon => compiled::neon_f32::kernels(scene),
+            InstructionSet::Neon => compiled::neon_f32::kernels(scene),
             _ => None,
         };
         Kernels { one: None, many }
@@ -144,13 +144,13 @@ impl<P: Evaluated> Evaluator<P> {
     /// Scratch for `scene` on the arm of this process.
     #[must_use]
     pub fn new(scene: &Scene) -> Self {
-        Self::on(Arm::of_process(), scene)
+        Self::on(InstructionSet::of_process(), scene)
     }
 
     /// The same on an arm of the caller's choice; on the baseline where this processor cannot run it.
     #[must_use]
-    pub fn on(arm: Arm, scene: &Scene) -> Self {
-        let arm = if arm.available() { arm } else { Arm::Baseline };
+    pub fn on(arm: InstructionSet, scene: &Scene) -> Self {
+        let arm = if arm.available() { arm } else { InstructionSet::Baseline };
         let workspace = Workspace::new(scene.model());
         let checked = Checked { workspace, inverse: None, results: Vec::new() };
         let coupled = CoupledEvaluator::of(arm, scene);
@@ -160,7 +160,7 @@ impl<P: Evaluated> Evaluator<P> {
 
     /// The arm that it runs on.
     #[must_use]
-    pub fn arm(&self) -> Arm {
+    pub fn arm(&self) -> InstructionSet {
         self.arm
     }
 
@@ -193,9 +193,9 @@ impl<P> Kernels<P> {
         self.of(states.len()).map_or(u64::MAX, |kernels| kernels.run(algorithm, states, out))
     }
 
-    /// The same of an everyday function.
-    fn everyday(&mut self, what: &Everyday<'_>, states: &[Arguments<'_, P>], out: &mut [P]) -> u64 {
-        self.of(states.len()).map_or(u64::MAX, |kernels| kernels.everyday(what, states, out))
+    /// The same of a kinematic quantity.
+    fn kinematic_quantity(&mut self, what: &KinematicQuantity<'_>, states: &[Arguments<'_, P>], out: &mut [P]) -> u64 {
+        self.of(states.len()).map_or(u64::MAX, |kernels| kernels.kinematic_quantity(what, states, out))
     }
 
     /// Those that run a single state, without the others' scratch.
@@ -321,18 +321,18 @@ impl Scene {
         Ok(())
     }
 
-    /// An everyday function of any number of states: the results one after another in `out`, as long for each state; u is qdd.
+    /// A kinematic quantity of any number of states: the results one after another in `out`, as long for each state; u is qdd.
     ///
     /// As many states at once as the processor's registers hold; a state whose arguments or results are in doubt is done once more by the method for one state
-    /// ([`Scene::everyday`]).
+    /// ([`Scene::kinematic_quantity`]).
     ///
     /// # Errors
     ///
     /// [`Fault`] of the lowest state that failed, with the error of that method; `out` is then partly written. [`Error::Argument`] for the evaluator of another scene.
-    pub fn evaluate_everyday(
+    pub fn evaluate_kinematic_quantity(
         &self,
         evaluator: &mut Evaluator,
-        what: &Everyday<'_>,
+        what: &KinematicQuantity<'_>,
         states: &[Arguments<'_>],
         out: &mut [f64],
     ) -> Result<(), Fault> {
@@ -341,7 +341,7 @@ impl Scene {
             self.check_frame(frame).map_err(|error| Fault { state: 0, error })?;
         }
         if let (Some(coupling), Some(coupled)) = (self.coupling(), &mut evaluator.coupled) {
-            return coupled.everyday((self, coupling), what, states, out);
+            return coupled.kinematic_quantity((self, coupling), what, states, out);
         }
         let (lanes, width, nv) = (evaluator.lanes(), what.width(self.nv()), self.nv());
         check_length("out", out.len(), width * states.len()).map_err(|error| Fault { state: 0, error })?;
@@ -353,11 +353,11 @@ impl Scene {
             };
             let mut doubt = u64::MAX;
             if states.iter().all(fits) {
-                doubt = evaluator.kernels.everyday(what, states, out);
+                doubt = evaluator.kernels.kinematic_quantity(what, states, out);
             }
             for lane in (0..states.len()).filter(|lane| doubt >> lane & 1 == 1) {
                 let (state, out) = (&states[lane], &mut out[lane * width..(lane + 1) * width]);
-                self.everyday(&mut evaluator.checked.workspace, what, [state.q, state.qd, state.u], out)
+                self.kinematic_quantity(&mut evaluator.checked.workspace, what, [state.q, state.qd, state.u], out)
                     .map_err(|error| Fault { state: i * lanes + lane, error })?;
             }
         }

@@ -1,7 +1,7 @@
 //! The factor of M, and right sides that go through it, of as many states as a scalar has lanes: each compiled once for whoever asks.
 
 use super::accelerations;
-use super::arms::{Target, Vectorised, Work};
+use super::instruction_set::{Target, Vectorised, Work};
 use crate::dynamics::auto;
 use crate::dynamics::sweeps::{self, SweepModel, SweepScratch};
 use crate::filter::Form;

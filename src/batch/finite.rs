@@ -1,6 +1,6 @@
 //! Whether numbers are finite, without a branch on each.
 
-use super::arms::{Entry, Vectorised};
+use super::instruction_set::{Entry, Vectorised};
 use crate::scalar::{ColumnsOf, Real};
 
 /// Zero where `x` is finite, else NaN; no branch.

@@ -1,9 +1,9 @@
 //! Products with Jacobians, of as many states as a scalar has lanes.
 
 use super::accelerations;
-use super::arms::{Target, Vectorised, Work};
 use super::factor::with_factor;
 use super::finite::any_not_finite;
+use super::instruction_set::{Target, Vectorised, Work};
 use crate::algorithm::Products;
 use crate::dynamics::derivatives::{
     Changes, CoStates, ConstantParts, Constants, Directions, GradientParts, constants_width, gradients_in_sweeps,
@@ -67,7 +67,7 @@ pub(super) fn run<T: Vectorised, I: Target>(target: I, which: Products, call: Ca
     let (nv, bodies, zero) =
         (first.len(), scene.0.bodies.len(), first.first().map_or_else(T::zero, |x| x.constant(0.0)));
     let constants = if which.gives_constants() { constants_width(nv, bodies) } else { 0 };
-    results.resize(which.count() * nv + constants, zero);
+    results.resize(which.entry().results.len() * nv + constants, zero);
     if let Some(form) = which.form() {
         if matches!(form, Form::SquareRoot | Form::Joseph) {
             return u64::MAX;

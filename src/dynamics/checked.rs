@@ -8,6 +8,7 @@ use super::derivatives::{
 use super::mass_inverse::{InverseScratch, mass_matrix_inverse};
 use super::{forward, inverse, mass_matrix};
 use crate::accuracy::Accuracy;
+use crate::algorithm::table::Sizes;
 use crate::algorithm::{Algorithm, Arguments, Derivatives, Products};
 use crate::error::{Error, check_finite, check_length, number};
 use crate::filter::pivots::PivotMonitor;
@@ -282,7 +283,7 @@ impl Scene {
         if matches!(algorithm, Algorithm::ConstrainedDynamics(_)) {
             return self.check_compliance(seed[0]);
         }
-        for (i, (&name, seed)) in algorithm.seeds().iter().zip(seed).enumerate() {
+        for (i, (&(name, _), seed)) in algorithm.seeds().iter().zip(seed).enumerate() {
             check_length(name, seed.len(), self.seed_width(algorithm, i))?;
             let (own, rest) = seed.split_at(nv);
             check_finite(name, own)?;
@@ -321,7 +322,7 @@ impl Scene {
                 nv + constants_width(nv, self.model().bodies.len())
             }
             Algorithm::ConstrainedDynamics(_) if i == 0 => self.constraint_rows(),
-            Algorithm::Products(which) if i < which.seeds().len() => nv,
+            Algorithm::Products(which) if i < which.entry().seeds().len() => nv,
             _ => 0,
         }
     }
@@ -329,16 +330,18 @@ impl Scene {
     /// How many numbers an algorithm gives for one state.
     #[must_use]
     pub fn width(&self, algorithm: Algorithm) -> usize {
+        let (nv, width) = (self.nv(), algorithm.entry().width(&self.sizes()));
         match algorithm {
-            Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_) => self.nv() * self.nv(),
-            Algorithm::Derivatives(which) => which.count() * self.nv() * self.nv(),
-            Algorithm::Products(which) => {
-                let (nv, bodies) = (self.nv(), self.model().bodies.len());
-                which.count() * nv + if which.gives_constants() { constants_width(nv, bodies) } else { 0 }
+            Algorithm::Products(which) if which.gives_constants() => {
+                width + constants_width(nv, self.model().bodies.len())
             }
-            Algorithm::ConstrainedDynamics(_) => self.nv() + self.constraints().rows + 2,
-            _ => self.nv(),
+            _ => width,
         }
+    }
+
+    /// The lengths that this scene gives to the axes of arguments and results.
+    pub(crate) fn sizes(&self) -> Sizes {
+        Sizes { nq: self.nq(), nv: self.nv(), links: self.links().len(), connection_rows: self.constraints().rows }
     }
 
     /// Whether the kernels, which know connections in forward dynamics only, would give an algorithm's result wrong.

@@ -1,6 +1,7 @@
 //! Kinetic and potential energy, and momentum.
 
 use super::mass_matrix::composite_inertias_tip_to_base;
+use crate::algorithm::KinematicQuantity;
 use crate::kinematics::{joint_motion, placements_base_to_tip};
 use crate::model::Model;
 use crate::scalar::Real;
@@ -15,6 +16,27 @@ pub struct Energy<T> {
     pub kinetic: T,
     /// Minus gravity times the first moment of mass; zero with the mass centre at the base's origin.
     pub potential: T,
+}
+
+/// The quantities of this file, into `out`; false for the others.
+#[inline(always)]
+pub(super) fn quantity<T: Real>(
+    model: &Model<T>,
+    workspace: &mut Workspace<T>,
+    what: &KinematicQuantity<'_>,
+    (q, qd, _): (&[T], &[T], &[T]),
+    out: &mut [T],
+) -> bool {
+    match what {
+        KinematicQuantity::Momentum => out.copy_from_slice(momentum(model, workspace, q, qd).as_slice()),
+        KinematicQuantity::KineticEnergy => out[0] = kinetic_energy(model, workspace, q, qd),
+        KinematicQuantity::Energy => {
+            let both = energy(model, workspace, q, qd);
+            out.copy_from_slice(&[both.kinetic, both.potential]);
+        }
+        _ => return false,
+    }
+    true
 }
 
 /// Kinetic and potential energy in O(N).

@@ -19,7 +19,7 @@ use super::step::{finish_stage, finish_step, rounded_speed, set_friction, stage}
 use super::step_settings::By;
 use super::substeps::Lock;
 use crate::batch::accelerations::Call;
-use crate::batch::arms::{Target, Vectorised};
+use crate::batch::instruction_set::{Target, Vectorised};
 use crate::batch::{factor::with_factor, products};
 use crate::dynamics;
 use crate::dynamics::derivatives::{self, CoStates, Constants, Parameters, ProductScratch};

@@ -11,7 +11,7 @@ use super::step_settings::{By, StepSettings};
 use super::stepper::{Stepper, fill, scatter, take_lane};
 use super::substeps::{Event, Locks, Substeps};
 use super::torque::{StepFault, Torque};
-use crate::batch::arms::{Arm, Baseline, Target, Vectorised, Work, take_states};
+use crate::batch::instruction_set::{Baseline, InstructionSet, Target, Vectorised, Work, take_states};
 use crate::dynamics::derivatives::Parameters;
 use crate::error::Error;
 use crate::filter::Form;
@@ -76,15 +76,15 @@ trait Reversing: Send + Sync {
 /// Scratch for going back on one thread, made when it is first used.
 pub(super) struct Reverser {
     stepper: Stepper,
-    arm: Arm,
+    arm: InstructionSet,
     form: Form,
     one: Option<Box<dyn Reversing>>,
     many: Option<Box<dyn Reversing>>,
 }
 
 impl Reverser {
-    pub fn new(form: Form, arm: Arm) -> Self {
-        let arm = if arm.available() { arm } else { Arm::Baseline };
+    pub fn new(form: Form, arm: InstructionSet) -> Self {
+        let arm = if arm.available() { arm } else { InstructionSet::Baseline };
         Self { stepper: Stepper::new(form, arm), arm, form, one: None, many: None }
     }
 
@@ -173,15 +173,15 @@ fn through(
 }
 
 /// Scratch in the scalar of an arm, for one state or for several.
-fn scratch(job: &Job<'_>, (form, arm): (Form, Arm), alone: bool) -> Box<dyn Reversing> {
+fn scratch(job: &Job<'_>, (form, arm): (Form, InstructionSet), alone: bool) -> Box<dyn Reversing> {
     let on_arm: Option<Box<dyn Reversing>> = match (arm, alone) {
-        (Arm::Baseline, _) => None,
+        (InstructionSet::Baseline, _) => None,
         #[cfg(target_arch = "x86_64")]
-        (Arm::Avx2, false) => Compiled::<Lanes<V3>, V3>::boxed(job, form),
+        (InstructionSet::Avx2, false) => Compiled::<Lanes<V3>, V3>::boxed(job, form),
         #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-        (Arm::Avx512, false) => Compiled::<Lanes<V4>, V4>::boxed(job, form),
+        (InstructionSet::Avx512, false) => Compiled::<Lanes<V4>, V4>::boxed(job, form),
         #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-        (Arm::Avx512, true) => Compiled::<Fused, V4>::boxed(job, form),
+        (InstructionSet::Avx512, true) => Compiled::<Fused, V4>::boxed(job, form),
         _ => Compiled::<Fused, <Fused as Vectorised>::Least>::boxed(job, form),
     };
     on_arm.unwrap_or_else(|| Box::new(Compiled::<f64, Baseline>::new(job, form, Baseline)))

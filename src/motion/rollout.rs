@@ -13,7 +13,7 @@ use super::substeps::StopImpact;
 use super::tally::{TALLY, Tally};
 use super::torque::{StepFault, Torque};
 use crate::algorithm::Algorithm;
-use crate::batch::arms::Arm;
+use crate::batch::instruction_set::InstructionSet;
 use crate::batch::{Batch, Fault, Pool, SLICE};
 use crate::dynamics::contacts::ContactScratch;
 use crate::error::Error;
@@ -61,7 +61,7 @@ pub struct Rollout<S> {
     limits: Limits,
     keeper: Keeper<f64>,
     pub(super) form: Form,
-    pub(super) arm: Arm,
+    pub(super) arm: InstructionSet,
     states: usize,
     /// (q, qd) of every state, and where momentum is kept what is kept and the largest corrections.
     current: Vec<f64>,
@@ -428,7 +428,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let impacts = &*impacts;
         let scene: &Scene = (*scene).borrow().tree();
         // The lanes know no contacts.
-        let arm = if law.method == Method::Contact { Arm::Baseline } else { *arm };
+        let arm = if law.method == Method::Contact { InstructionSet::Baseline } else { *arm };
         let make = || Stepper::new(*form, arm);
         let batch = Batch { states: self.states, cost, pool, make };
         let outcome = batch.run_pieces(GRAIN, current, |stepper, states, current| {

@@ -2,7 +2,7 @@
 
 use super::method::Method;
 use super::properties::{Gains, Properties};
-use crate::batch::arms::Arm;
+use crate::batch::instruction_set::InstructionSet;
 use crate::filter::Form;
 use crate::scene::Scene;
 
@@ -24,7 +24,7 @@ pub struct Settings {
     /// The control law, if any.
     pub gains: Option<Gains>,
     /// The instruction set; the baseline if the processor does not have it.
-    pub arm: Arm,
+    pub arm: InstructionSet,
     /// True if floating trees conserve their momentum, and the parabola of their center of mass, to rounding. Each step then ends with a rigid displacement of
     /// the tree that removes the error of the step in them (see [`Rollout::correction`](super::Rollout::correction)). Every tree must be connected to the base by a free joint
     /// without armature, damping, spring, friction, control law or torque.
@@ -63,7 +63,7 @@ impl Settings {
             tolerance: None,
             properties,
             gains: None,
-            arm: Arm::of_process(),
+            arm: InstructionSet::of_process(),
             conserve_momentum: false,
             stabilisation: Stabilisation::default(),
             compliance: Vec::new(),

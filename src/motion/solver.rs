@@ -1,7 +1,7 @@
 //! How the accelerations of a stage are found: by the kernels, with or without an error estimate, or by the general recursions with every check.
 
 use crate::batch::accelerations::{Call, by_covariance, watched};
-use crate::batch::arms::{Baseline, Target, Vectorised};
+use crate::batch::instruction_set::{Baseline, Target, Vectorised};
 use crate::dynamics;
 use crate::dynamics::auto::Errors;
 use crate::dynamics::coupled::CoupledAccelerations;

@@ -2,7 +2,7 @@
 
 use super::object::Object;
 use super::scene::PyScene;
-use crate::algorithm::Everyday;
+use crate::algorithm::KinematicQuantity;
 use pyo3::prelude::*;
 
 /// Rough time of one body in one state, ns.
@@ -31,7 +31,7 @@ impl PyScene {
     fn center_of_mass<'py>(&self, py: Python<'py>, q: &Object<'py>, errors: &str) -> PyResult<Object<'py>> {
         self.scene.check_has_mass()?;
         let size = (&[3][..], cost::CENTRE * self.size());
-        self.everyday(py, &Everyday::CenterOfMass, [("q", q)], size, errors)
+        self.kinematic_quantity(py, &KinematicQuantity::CenterOfMass, [("q", q)], size, errors)
     }
 
     /// The velocity of the mass centre in the base's axes: linear momentum by mass.
@@ -49,7 +49,7 @@ impl PyScene {
     ) -> PyResult<Object<'py>> {
         self.scene.check_has_mass()?;
         let (given, cost) = ([("q", q), ("qd", qd)], cost::MOTION * self.size());
-        self.everyday(py, &Everyday::CenterOfMassVelocity, given, (&[3], cost), errors)
+        self.kinematic_quantity(py, &KinematicQuantity::CenterOfMassVelocity, given, (&[3], cost), errors)
     }
 
     /// The acceleration of the mass centre in the base's axes, at joint accelerations qdd; gravity is not in it.
@@ -69,7 +69,7 @@ impl PyScene {
     ) -> PyResult<Object<'py>> {
         self.scene.check_has_mass()?;
         let (given, cost) = ([("q", q), ("qd", qd), ("qdd", qdd)], cost::MOTION * self.size());
-        self.everyday(py, &Everyday::CenterOfMassAcceleration, given, (&[3], cost), errors)
+        self.kinematic_quantity(py, &KinematicQuantity::CenterOfMassAcceleration, given, (&[3], cost), errors)
     }
 
     /// The Jacobian J of the mass centre: its velocity in the base's axes is J qd.
@@ -81,7 +81,7 @@ impl PyScene {
     fn center_of_mass_jacobian<'py>(&self, py: Python<'py>, q: &Object<'py>, errors: &str) -> PyResult<Object<'py>> {
         self.scene.check_has_mass()?;
         let (shape, cost) = ([3, self.scene.nv()], cost::MATRIX * self.size());
-        self.everyday(py, &Everyday::CenterOfMassJacobian, [("q", q)], (&shape, cost), errors)
+        self.kinematic_quantity(py, &KinematicQuantity::CenterOfMassJacobian, [("q", q)], (&shape, cost), errors)
     }
 
     /// The centroidal momentum matrix A: the momentum of all links that move, (angular about the mass centre, linear) in the base's axes, is A qd.
@@ -94,7 +94,7 @@ impl PyScene {
     fn centroidal_momentum_matrix<'py>(&self, py: Python<'py>, q: &Object<'py>, errors: &str) -> PyResult<Object<'py>> {
         self.scene.check_has_mass()?;
         let (shape, cost) = ([6, self.scene.nv()], cost::MATRIX * self.size());
-        self.everyday(py, &Everyday::CentroidalMomentumMatrix, [("q", q)], (&shape, cost), errors)
+        self.kinematic_quantity(py, &KinematicQuantity::CentroidalMomentumMatrix, [("q", q)], (&shape, cost), errors)
     }
 
     /// The rate A' of the centroidal momentum matrix along qd: the momentum about the mass centre changes at A qdd + A' qd.
@@ -114,6 +114,6 @@ impl PyScene {
         self.scene.check_has_mass()?;
         let (given, shape) = ([("q", q), ("qd", qd)], [6, self.scene.nv()]);
         let size = (&shape[..], cost::RATE * self.size());
-        self.everyday(py, &Everyday::CentroidalMomentumMatrixRate, given, size, errors)
+        self.kinematic_quantity(py, &KinematicQuantity::CentroidalMomentumMatrixRate, given, size, errors)
     }
 }

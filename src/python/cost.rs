@@ -1,7 +1,7 @@
 //! How long a state takes, roughly: that decides about threads and the GIL, not about results.
 
 use crate::algorithm::Algorithm;
-use crate::batch::arms::Arm;
+use crate::batch::instruction_set::InstructionSet;
 use crate::dynamics::sweeps;
 
 /// The GIL is kept for calls shorter than this (ns of one thread), as `NumPy` does: giving it up takes a tenth of a
@@ -33,7 +33,7 @@ impl Cost {
 
     /// Of one of so many states, by `algorithm` in `P` on the arm of this process.
     pub fn of_many<P>(self, states: usize, algorithm: Algorithm) -> usize {
-        let lanes = if sweeps::covers(algorithm) { Arm::of_process().lanes(size_of::<P>()) } else { 1 };
+        let lanes = if sweeps::covers(algorithm) { InstructionSet::of_process().lanes(size_of::<P>()) } else { 1 };
         Self { arithmetic: self.arithmetic / lanes.min(states.max(1)), ..self }.of_one()
     }
 }

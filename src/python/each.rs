@@ -1,4 +1,4 @@
-//! Everyday functions, and methods that evaluate states one by one, from the arguments of a call to its result.
+//! KinematicQuantity functions, and methods that evaluate states one by one, from the arguments of a call to its result.
 
 use super::bad_states::is_nan;
 use super::cost::Cost;
@@ -6,18 +6,18 @@ use super::object::Object;
 use super::output::Output;
 use super::scene::PyScene;
 use super::scratch::Scratch;
-use crate::algorithm::{Arguments, Everyday};
+use crate::algorithm::{Arguments, KinematicQuantity};
 use crate::error::Error;
 use crate::scene::Scene;
 use pyo3::prelude::*;
 
 impl PyScene {
-    /// An everyday function of every state, of so many ns each, into a new array of shape batch + `shape`, a NumPy scalar for the empty shape: one plain state by
+    /// A kinematic quantity of every state, of so many ns each, into a new array of shape batch + `shape`, a NumPy scalar for the empty shape: one plain state by
     /// itself, others in lanes.
-    pub(super) fn everyday<'py, const N: usize>(
+    pub(super) fn kinematic_quantity<'py, const N: usize>(
         &self,
         py: Python<'py>,
-        what: &Everyday<'_>,
+        what: &KinematicQuantity<'_>,
         given: [(&'static str, &Object<'py>); N],
         (shape, cost): (&[usize], usize),
         errors: &str,
@@ -28,7 +28,7 @@ impl PyScene {
                 let evaluator = scratch.evaluator.get_or_insert_with(|| scene.evaluator());
                 let of = |k: usize| state.get(k).copied().unwrap_or_default();
                 let state = [Arguments { q: of(0), qd: of(1), u: of(2), ..Arguments::default() }];
-                scene.evaluate_everyday(evaluator, what, &state, out).map_err(|fault| fault.error)
+                scene.evaluate_kinematic_quantity(evaluator, what, &state, out).map_err(|fault| fault.error)
             };
             if let Some(result) = self.single_by(py, values, shape, Cost::of(cost), None, kernel)? {
                 return Ok(result);
@@ -36,7 +36,7 @@ impl PyScene {
         }
         let call = self.call(self.inputs(given)?, cost, errors)?;
         let mut output = call.output(py, shape, None, Output::unwritten)?;
-        call.everyday_in_chunks(py, what, output.numbers()?)?;
+        call.quantity_in_chunks(py, what, output.numbers()?)?;
         output.finish_or_scalar()
     }
 

@@ -10,9 +10,9 @@ use super::output::Output;
 use super::scene::PyScene;
 use super::scratch::Dtype;
 use super::wrenches::{self, Wrench};
-use crate::algorithm::{Algorithm, Arguments, Everyday};
-use crate::batch::arms::Arm;
+use crate::algorithm::{Algorithm, Arguments, KinematicQuantity};
 use crate::batch::evaluator::Evaluator;
+use crate::batch::instruction_set::InstructionSet;
 use crate::batch::{Broadcast, Fault};
 use crate::error::Error;
 use crate::filter::Form;
@@ -44,14 +44,7 @@ impl PyScene {
         given: Given<'_, 'py, N>,
         keywords: &Keywords<'_, 'py>,
     ) -> PyResult<Object<'py>> {
-        let nv = self.scene.nv();
-        let matrices = [3, nv, nv];
-        let vector = [self.scene.width(algorithm)];
-        let shape = match algorithm {
-            Algorithm::Derivatives(which) if which.count() == 3 => &matrices[..],
-            Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_) | Algorithm::Derivatives(_) => &matrices[1..],
-            _ => &vector[..],
-        };
+        let shape = &*algorithm.entry().shape(&self.scene.sizes());
         let cost = Cost { arithmetic: body * self.size(), results: self.scene.width(algorithm) };
         let &Keywords { wrenches, out, dtype, errors, tolerance, info } = keywords;
         if !is_nan(errors)? && !info && wrenches.is_none() && dtype.is_none() && tolerance.is_none() {
@@ -194,13 +187,18 @@ impl<'py, P: Dtype> Call<'_, 'py, P> {
 }
 
 impl<'py> Call<'_, 'py> {
-    /// An everyday function of every state, as many at a time as there are lanes.
-    pub(super) fn everyday_in_chunks(&self, py: Python<'py>, what: &Everyday<'_>, results: &mut [f64]) -> PyResult<()> {
+    /// A kinematic quantity of every state, as many at a time as there are lanes.
+    pub(super) fn quantity_in_chunks(
+        &self,
+        py: Python<'py>,
+        what: &KinematicQuantity<'_>,
+        results: &mut [f64],
+    ) -> PyResult<()> {
         let scene = &self.scene.scene;
-        let lanes = Arm::of_process().lanes(size_of::<f64>()).min(self.states.max(1));
+        let lanes = InstructionSet::of_process().lanes(size_of::<f64>()).min(self.states.max(1));
         let cost = self.cost.of_one() / lanes;
         self.chunks(py, (what.width(scene.nv()), cost), None, results, &|evaluator, states, _, out| {
-            scene.evaluate_everyday(evaluator, what, states, out)
+            scene.evaluate_kinematic_quantity(evaluator, what, states, out)
         })
     }
 }

@@ -4,7 +4,7 @@ use super::errors::asked_by;
 use super::object::{Object, imported};
 use super::output::Output;
 use super::scene::PyScene;
-use crate::algorithm::Everyday;
+use crate::algorithm::KinematicQuantity;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -54,7 +54,7 @@ impl PyScene {
         let inputs = [self.configuration("q", q)?, self.rate("qd", qd)?];
         let call = self.call(inputs, cost::ENERGY * self.size(), errors)?;
         let mut both = call.scratch_results(py, 2)?;
-        call.everyday_in_chunks(py, &Everyday::Energy, both.numbers()?)?;
+        call.quantity_in_chunks(py, &KinematicQuantity::Energy, both.numbers()?)?;
         let mut part = |which: usize| {
             let mut output = asked_by(py, &call.asking(), Output::new(py, &call.batch))?;
             output.gather(py, 1, both.numbers()?.chunks_exact(2).map(|state| &state[which..=which]))?;
@@ -77,7 +77,7 @@ impl PyScene {
         errors: &str,
     ) -> PyResult<Object<'py>> {
         let cost = cost::MOMENTUM * self.size();
-        self.everyday(py, &Everyday::KineticEnergy, [("q", q), ("qd", qd)], (&[], cost), errors)
+        self.kinematic_quantity(py, &KinematicQuantity::KineticEnergy, [("q", q), ("qd", qd)], (&[], cost), errors)
     }
 
     /// Spatial momentum of all moving bodies: (angular about the base's origin, linear), in the base frame.
@@ -88,6 +88,6 @@ impl PyScene {
     #[pyo3(signature = (q, qd, *, errors="raise"))]
     fn momentum<'py>(&self, py: Python<'py>, q: &Object<'py>, qd: &Object<'py>, errors: &str) -> PyResult<Object<'py>> {
         let size = (&[6][..], cost::MOMENTUM * self.size());
-        self.everyday(py, &Everyday::Momentum, [("q", q), ("qd", qd)], size, errors)
+        self.kinematic_quantity(py, &KinematicQuantity::Momentum, [("q", q), ("qd", qd)], size, errors)
     }
 }

@@ -4,7 +4,7 @@ use super::choice::{choose, names};
 use super::input::triple;
 use super::object::Object;
 use super::scene::PyScene;
-use crate::algorithm::Everyday;
+use crate::algorithm::KinematicQuantity;
 use crate::error::{Error, check_finite};
 use crate::kinematics::frame::{ACCELERATION_KINDS, REFERENCE_FRAMES};
 use crate::kinematics::{Frame, ReferenceFrame};
@@ -42,7 +42,13 @@ impl PyScene {
         if let Ok(name) = link.cast::<PyString>() {
             let frame = self.scene.frame(&name.to_str()?.into())?;
             let cost = cost::PLACEMENT * self.depth(&frame);
-            return self.everyday(py, &Everyday::Placement(&frame), [("q", q)], (&[4, 4], cost), errors);
+            return self.kinematic_quantity(
+                py,
+                &KinematicQuantity::Placement(&frame),
+                [("q", q)],
+                (&[4, 4], cost),
+                errors,
+            );
         }
         let names = names("link", link, "the name of a link, or a sequence of names")?;
         memory::room("link", memory::bytes_of::<f64>(&[names.len(), 16, 3]))?;
@@ -89,7 +95,13 @@ impl PyScene {
     ) -> PyResult<Object<'py>> {
         let (reference, frame) = (read_frame(frame)?, self.on_link(link, at)?);
         let cost = cost::MOTION * self.depth(&frame);
-        self.everyday(py, &Everyday::Velocity(&frame, reference), [("q", q), ("qd", qd)], (&[6], cost), errors)
+        self.kinematic_quantity(
+            py,
+            &KinematicQuantity::Velocity(&frame, reference),
+            [("q", q), ("qd", qd)],
+            (&[6], cost),
+            errors,
+        )
     }
 
     /// The acceleration of a link against the base, (angular, linear), at joint accelerations qdd; gravity is not in it.
@@ -118,7 +130,13 @@ impl PyScene {
         let kind = choose("kind", kind, &ACCELERATION_KINDS)?;
         let cost = cost::MOTION * self.depth(&frame);
         let given = [("q", q), ("qd", qd), ("qdd", qdd)];
-        self.everyday(py, &Everyday::Acceleration(&frame, reference, kind), given, (&[6], cost), errors)
+        self.kinematic_quantity(
+            py,
+            &KinematicQuantity::Acceleration(&frame, reference, kind),
+            given,
+            (&[6], cost),
+            errors,
+        )
     }
 
     /// The Jacobian J of a link: its velocity (angular, linear) is J qd.
@@ -141,7 +159,7 @@ impl PyScene {
     ) -> PyResult<Object<'py>> {
         let (reference, frame) = (read_frame(frame)?, self.on_link(link, at)?);
         let (cost, shape) = (cost::JACOBIAN * self.depth(&frame), [6, self.scene.nv()]);
-        self.everyday(py, &Everyday::Jacobian(&frame, reference), [("q", q)], (&shape, cost), errors)
+        self.kinematic_quantity(py, &KinematicQuantity::Jacobian(&frame, reference), [("q", q)], (&shape, cost), errors)
     }
 
     /// The rate J' of the Jacobian of a link along qd, entry by entry as jacobian writes it in this frame.
@@ -167,7 +185,7 @@ impl PyScene {
         let (reference, frame) = (read_frame(frame)?, self.on_link(link, at)?);
         let (cost, shape) = (2 * cost::JACOBIAN * self.depth(&frame), [6, self.scene.nv()]);
         let given = [("q", q), ("qd", qd)];
-        self.everyday(py, &Everyday::JacobianRate(&frame, reference), given, (&shape, cost), errors)
+        self.kinematic_quantity(py, &KinematicQuantity::JacobianRate(&frame, reference), given, (&shape, cost), errors)
     }
 
     /// J' qd of a link, without J': the acceleration that rates alone give, as jacobian_rate @ qd.
@@ -191,7 +209,13 @@ impl PyScene {
         let (reference, frame) = (read_frame(frame)?, self.on_link(link, at)?);
         let cost = cost::MOTION * self.depth(&frame);
         let given = [("q", q), ("qd", qd)];
-        self.everyday(py, &Everyday::JacobianRateProduct(&frame, reference), given, (&[6], cost), errors)
+        self.kinematic_quantity(
+            py,
+            &KinematicQuantity::JacobianRateProduct(&frame, reference),
+            given,
+            (&[6], cost),
+            errors,
+        )
     }
 }
 

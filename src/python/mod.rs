@@ -35,6 +35,7 @@ mod estimation;
 mod evaluate;
 mod factor;
 mod fresh;
+mod function_table;
 mod geometry;
 mod input;
 mod interrupts;
@@ -73,6 +74,8 @@ mod core_module {
     use super::factor::{PyFactor, rebuild_factor};
     #[pymodule_export]
     use super::fresh::unwritten_numbers;
+    #[pymodule_export]
+    use super::function_table::function_table;
     #[pymodule_export]
     use super::pickled_simulator::rebuild_simulator;
     #[pymodule_export]

@@ -279,7 +279,7 @@ impl PyScene {
         let errors = self.errors(keywords.errors, which.form())?;
         let mut inputs = self.inputs(given)?;
         inputs.extend(others);
-        let cost = Cost { arithmetic: body * self.size(), results: which.count() * self.scene.nv() };
+        let cost = Cost { arithmetic: body * self.size(), results: which.entry().results.len() * self.scene.nv() };
         let call = Call::new(self, inputs, Wrench::read(&self.scene, keywords.wrenches)?, cost)?;
         Ok(call.with(errors).accepting(keywords.tolerance))
     }

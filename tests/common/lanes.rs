@@ -2,8 +2,8 @@
 
 use super::{ALL_KINDS, Random, Tree, random_inertial, random_state};
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
-use phipsi::batch::{ARMS, Arm};
 use phipsi::batch::{Evaluated, Evaluator};
+use phipsi::batch::{INSTRUCTION_SETS, InstructionSet};
 use phipsi::filter::Form;
 use phipsi::scene::{JointDescription, JointKind, LinkDescription, Omissions};
 use phipsi::spatial::SpatialVector;
@@ -41,8 +41,8 @@ pub const ALGORITHMS: [Algorithm; 25] = [
 ];
 
 /// Those of this machine; the baseline is always there.
-pub fn arms() -> impl Iterator<Item = Arm> {
-    ARMS.into_iter().map(|(_, arm)| arm).filter(|arm| arm.available())
+pub fn arms() -> impl Iterator<Item = InstructionSet> {
+    INSTRUCTION_SETS.into_iter().map(|(_, arm)| arm).filter(|arm| arm.available())
 }
 
 /// Without optimisation the kernels of the lanes need more stack than a thread has by default.

@@ -1,7 +1,7 @@
 //! Steps backward beside steps on dual numbers of twice the digits, along every direction: state, torques, what joints do by themselves, inertias.
 
 use super::*;
-use crate::batch::arms::Baseline;
+use crate::batch::instruction_set::Baseline;
 use crate::motion::solver::Solver;
 use crate::motion::step::step;
 use crate::motion::step_settings::StepSettings;

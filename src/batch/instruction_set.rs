@@ -1,7 +1,7 @@
-//! The instruction sets that the same generic code is compiled for, one of which is picked when the program runs.
+//! The instruction sets that the same generic code is compiled for. One of them is selected when the program runs.
 //!
-//! A *kernel* is generic over the scalar; an *arm* is a scalar together with the instructions it is compiled for. Which arm runs
-//! is decided once, from what the processor has and from the environment variable `PHIPSI_ARM`.
+//! A *kernel* is generic over the scalar, and is compiled once per scalar and instruction set. The instruction set is selected once, from
+//! those that the processor has and from the environment variable `PHIPSI_INSTRUCTION_SET`.
 
 use super::finite::any_not_finite;
 use crate::scalar::{ColumnsOf, Fused, Precision, Real};
@@ -15,12 +15,15 @@ use pulp::x86::V3;
 use pulp::x86::V4;
 use std::sync::OnceLock;
 
-/// The variable that forces an arm: "baseline", "avx2", "avx512" or "neon".
-pub const VARIABLE: &str = "PHIPSI_ARM";
+/// The environment variable that selects an instruction set: "baseline", "avx2", "avx512" or "neon".
+pub const VARIABLE: &str = "PHIPSI_INSTRUCTION_SET";
 
-/// A set of instructions.
+/// Its name until version 0.1, which has no effect.
+const OLD_VARIABLE: &str = "PHIPSI_ARM";
+
+/// An instruction set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Arm {
+pub enum InstructionSet {
     /// Those that every processor of the target has, one number at a time.
     Baseline,
     /// AVX2 and fused products (x86-64-v3).
@@ -31,18 +34,22 @@ pub enum Arm {
     Neon,
 }
 
-/// Every arm of every processor with its name, those of one processor the narrowest first.
-pub const ARMS: [(&str, Arm); 4] =
-    [("baseline", Arm::Baseline), ("avx2", Arm::Avx2), ("avx512", Arm::Avx512), ("neon", Arm::Neon)];
+/// Every instruction set of every processor with its name, those of one processor the narrowest first.
+pub const INSTRUCTION_SETS: [(&str, InstructionSet); 4] = [
+    ("baseline", InstructionSet::Baseline),
+    ("avx2", InstructionSet::Avx2),
+    ("avx512", InstructionSet::Avx512),
+    ("neon", InstructionSet::Neon),
+];
 
-impl Arm {
-    /// The name, as the environment variable `PHIPSI_ARM` takes it.
+impl InstructionSet {
+    /// The name, as the environment variable `PHIPSI_INSTRUCTION_SET` takes it.
     #[must_use]
     pub fn name(self) -> &'static str {
-        ARMS.iter().find(|(_, arm)| *arm == self).map_or("", |(name, _)| name)
+        INSTRUCTION_SETS.iter().find(|(_, arm)| *arm == self).map_or("", |(name, _)| name)
     }
 
-    /// How many numbers of so many bytes a register holds.
+    /// The number of values of so many bytes that a register holds.
     pub(crate) fn lanes(self, bytes: usize) -> usize {
         match self {
             Self::Baseline => 1,
@@ -52,7 +59,7 @@ impl Arm {
         }
     }
 
-    /// Whether this processor can run it, and it was compiled: [`Arm::Avx512`] needs the feature `avx512`.
+    /// Whether this processor has it, and kernels were compiled for it: [`InstructionSet::Avx512`] needs the feature `avx512`.
     #[must_use]
     pub fn available(self) -> bool {
         match self {
@@ -63,29 +70,40 @@ impl Arm {
             Self::Avx512 => V4::try_new().is_some(),
             #[cfg(target_arch = "aarch64")]
             Self::Neon => Neon::try_new().is_some(),
-            #[allow(unreachable_patterns)] // the arms of other processors
+            #[allow(unreachable_patterns)] // those of other processors
             _ => false,
         }
     }
 
-    /// The arm of this process: what the environment variable `PHIPSI_ARM` names if that can run here, else the widest that can.
+    /// The instruction set of this process: the one that the environment variable `PHIPSI_INSTRUCTION_SET` names, else the widest of this
+    /// processor. A name that is unknown or not available here is reported on the standard error.
     ///
-    /// A build with debug assertions picks the baseline unless told otherwise: without optimisation the kernels of the lanes need
+    /// A build with debug assertions selects the baseline unless the variable is set: without optimization the kernels of the lanes need
     /// more stack than a thread has.
     #[must_use]
     pub fn of_process() -> Self {
-        static PICKED: OnceLock<Arm> = OnceLock::new();
-        *PICKED.get_or_init(|| {
-            let widest = if cfg!(debug_assertions) { 1 } else { ARMS.len() };
-            let widest =
-                ARMS[..widest].iter().rev().map(|&(_, arm)| arm).find(|arm| arm.available()).unwrap_or(Self::Baseline);
-            let wanted = std::env::var(VARIABLE).unwrap_or_default();
-            ARMS.iter().find(|(name, arm)| *name == wanted && arm.available()).map_or(widest, |&(_, arm)| arm)
+        static SELECTED: OnceLock<InstructionSet> = OnceLock::new();
+        *SELECTED.get_or_init(|| {
+            let most = if cfg!(debug_assertions) { 1 } else { INSTRUCTION_SETS.len() };
+            let sets = INSTRUCTION_SETS.map(|(_, set)| set);
+            let widest = sets[..most].iter().rev().copied().find(|set| set.available()).unwrap_or(Self::Baseline);
+            if std::env::var_os(OLD_VARIABLE).is_some() {
+                eprintln!("phipsi: the environment variable {OLD_VARIABLE} has no effect: set {VARIABLE}");
+            }
+            let Ok(wanted) = std::env::var(VARIABLE) else { return widest };
+            let named = INSTRUCTION_SETS.iter().find(|(name, set)| *name == wanted && set.available());
+            if named.is_none() && !wanted.is_empty() {
+                let known: Vec<&str> =
+                    INSTRUCTION_SETS.iter().filter(|(_, set)| set.available()).map(|&(name, _)| name).collect();
+                let name = widest.name();
+                eprintln!("phipsi: {VARIABLE} is {wanted:?}, expected one of {known:?}: {name:?} is used");
+            }
+            named.map_or(widest, |&(_, set)| set)
         })
     }
 }
 
-/// Work that an arm compiles for its instructions; everything that it calls must be inlined into it.
+/// Work that is compiled for an instruction set; everything that it calls must be inlined into it.
 pub trait Work {
     /// What it gives.
     type Output;

@@ -1,4 +1,4 @@
-"""The everyday functions: links one by one, the mass centre, the momentum about it. Against Pinocchio on real robots, 60 digits and identities."""
+"""Kinematic quantities: links one by one, the mass centre, the momentum about it. Against Pinocchio on real robots, 60 digits and identities."""
 
 from __future__ import annotations
 
