@@ -1,4 +1,4 @@
-//! What forward dynamics knows of its own accuracy, for Python: the form of each state, and its estimated error.
+//! Accuracy of forward dynamics for Python: the form and the estimated error of each state.
 
 use super::object::{Object, imported};
 use crate::accuracy::Accuracy;
@@ -14,20 +14,20 @@ use numpy::IntoPyArray;
 use pyo3::prelude::*;
 use std::sync::{Mutex, PoisonError};
 
-/// The accuracy of every state of a call, written by all of its threads.
+/// Accuracy of every state of a call, written by all of its threads.
 pub(super) struct Told {
     form: Form,
     of_states: Mutex<Vec<Accuracy>>,
 }
 
 impl Told {
-    /// Room for so many states.
+    /// Allocates the entries of `states` states.
     pub fn new(form: Form, states: usize) -> Result<Self, Error> {
         let of_states = memory::filled("return_info", states, Accuracy::unknown(form))?;
         Ok(Self { form, of_states: Mutex::new(of_states) })
     }
 
-    /// Evaluates neighbouring states, the first of which is the batch's `first`, and keeps their accuracy.
+    /// Evaluates neighboring states from index `first` of the batch on, and stores their accuracy.
     pub fn evaluate<P: Evaluated>(
         &self,
         scene: &Scene,
@@ -44,20 +44,20 @@ impl Told {
         outcome
     }
 
-    /// The `Accuracy` of a batch with these leading axes.
+    /// Creates the `Accuracy` of a batch with these leading axes.
     pub fn finish<'py>(self, py: Python<'py>, batch: &[usize]) -> PyResult<Object<'py>> {
         let of_states = self.of_states.into_inner().unwrap_or_else(PoisonError::into_inner);
         let class = imported!(py, "phipsi._results", "Accuracy")?;
         if let ([], [one]) = (batch, &*of_states) {
             return class.call1((one.name(), one.error, one.bound.name()));
         }
-        // The names of forms and bounds, the lists of them that NumPy reads, and the errors.
+        // The names of forms and bounds, the lists from which NumPy reads them, and the errors.
         memory::room("return_info", memory::bytes_of::<[u64; 9]>(&[of_states.len()]))?;
         let names: Vec<&str> = of_states.iter().map(Accuracy::name).collect();
         let bounds: Vec<&str> = of_states.iter().map(|accuracy| accuracy.bound.name()).collect();
         let errors: Vec<f64> = of_states.iter().map(|accuracy| accuracy.error).collect();
         let shape = batch.to_vec();
-        // The longest name's width, though no state have it.
+        // The dtype has the width of the longest name, whether or not a state has that form.
         let in_batch = |names: Vec<&str>, width: &str| {
             py.import("numpy")?.call_method1("array", (names, width))?.call_method1("reshape", (shape.clone(),))
         };

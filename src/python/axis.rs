@@ -1,11 +1,11 @@
-//! What the entries along the last axis of an argument belong to.
+//! Meaning of the entries along the last axis of an argument.
 
 use crate::scene::{JointKind, Scene};
 
-/// The owner of each entry: arguments with names are matched by it.
+/// Meaning of each entry; labeled arguments are matched by it.
 #[derive(Clone, Copy)]
 pub(super) enum Axis<'a> {
-    /// So many numbers that no name of ours stands for.
+    /// Entries without names.
     Plain(usize),
     /// Coordinates, as in q.
     Coordinates(&'a Scene),
@@ -22,7 +22,7 @@ impl From<usize> for Axis<'_> {
 }
 
 impl<'a> Axis<'a> {
-    /// How many entries.
+    /// Number of entries.
     pub fn width(self) -> usize {
         match self {
             Self::Plain(width) => width,
@@ -32,7 +32,7 @@ impl<'a> Axis<'a> {
         }
     }
 
-    /// Every joint with the number of its entries, in their order; none where no joint has any.
+    /// Joints with their numbers of entries, in order; None if the entries do not belong to joints.
     pub fn joints(self) -> Option<Vec<(&'a str, usize)>> {
         let (scene, count): (&Scene, fn(JointKind) -> usize) = match self {
             Self::Plain(_) => return None,

@@ -1,4 +1,4 @@
-//! The argument `errors`: whether a state that cannot be computed ends the call, or becomes NaN.
+//! The argument `errors`: whether an invalid state raises, or its results become NaN.
 
 use super::choice::choose;
 use super::errors::{batch_index, classes, fault};
@@ -9,36 +9,37 @@ use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 use std::sync::{Mutex, PoisonError};
 
-/// So many reasons stand in the text of the warning.
+/// Largest number of reasons in the text of the warning.
 const TOLD: usize = 3;
 
-/// What becomes of the faults of states.
+/// Treatment of the faults of states.
 #[derive(Default)]
 pub(super) enum Errors {
-    /// The lowest ends the call.
+    /// The fault of the lowest state raises.
     #[default]
     Raise,
-    /// They are gathered, of all threads.
+    /// The faults of all threads are collected.
     Nan(Mutex<Vec<Fault>>),
 }
 
-/// Whether NaN is asked for, by the name of the choice.
+/// True if the value of the argument selects NaN.
 pub(super) fn is_nan(errors: &str) -> Result<bool, Error> {
     choose("errors", errors, &[("raise", false), ("nan", true)])
 }
 
 impl Errors {
-    /// The choice of that name.
+    /// Reads the argument.
     pub fn read(errors: &str) -> Result<Self, Error> {
         Ok(if is_nan(errors)? { Self::Nan(Mutex::default()) } else { Self::Raise })
     }
 
-    /// Whether bad states become NaN.
+    /// True if the results of invalid states become NaN.
     pub fn are_gathered(&self) -> bool {
         matches!(self, Self::Nan(_))
     }
 
-    /// Gathers a fault, or gives it back as what ends the call. An interrupt and want of memory end it always: they are no state's.
+    /// Collects a fault, or returns it to be raised. Interrupts and allocation failures are always raised, because they
+    /// do not belong to a state.
     pub fn note(&self, fault: Fault) -> Result<(), Fault> {
         match (self, &fault.error) {
             (Self::Raise, _) | (_, Error::Interrupted | Error::Memory { .. }) => Err(fault),
@@ -54,14 +55,14 @@ impl Errors {
         }
     }
 
-    /// Warns of what was gathered, once, at the caller's line.
+    /// Issues one warning for the collected faults, at the line of the caller.
     pub fn warn(&self, py: Python<'_>, batch: &[usize]) -> PyResult<()> {
         let Self::Nan(faults) = self else { return Ok(()) };
         let mut faults = std::mem::take(&mut *faults.lock().unwrap_or_else(PoisonError::into_inner));
         if faults.is_empty() {
             return Ok(());
         }
-        // Stable: of several faults of a state the first found stays.
+        // The sort is stable: of several faults of one state, the first one found remains.
         faults.sort_by_key(|fault| fault.state);
         faults.dedup_by_key(|fault| fault.state);
         let bad = faults.len();
@@ -76,14 +77,15 @@ impl Errors {
         let more = if bad > TOLD { "; ..." } else { "" };
         let total: usize = batch.iter().product();
         let text = format!(
-            "{bad} of {total} states could not be computed and {} NaN: {}{more} (the warning's .states and .reasons have all)",
+            "{bad} of {total} states could not be computed and {} NaN: {}{more} \
+             (.states and .reasons of this warning list all)",
             if bad == 1 { "is" } else { "are" },
             told.join("; ")
         );
         let warning = classes(py)?.getattr("BadStateWarning")?.call1((text,))?;
         warning.setattr("states", PyTuple::new(py, states)?)?;
         warning.setattr("reasons", PyTuple::new(py, reasons)?)?;
-        // Functions of a compiled module have no Python frame of their own: level 1 is the caller's line.
+        // Functions of a compiled module have no Python frame: level 1 is the line of the caller.
         py.import("warnings")?.call_method1("warn", (warning,))?;
         Ok(())
     }

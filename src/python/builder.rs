@@ -1,4 +1,4 @@
-//! The class `SceneBuilder`: a scene from code.
+//! The class `SceneBuilder`: creates scenes from code.
 
 use super::choice::read_mimic;
 use super::cost::WORTH_DETACHING;
@@ -14,12 +14,19 @@ use nalgebra::{Matrix3, Rotation3};
 use pyo3::prelude::*;
 use std::path::PathBuf;
 
-/// How far an inertia given as a 3x3 matrix may be from symmetric, relative to its largest entry.
+/// Largest asymmetry of a 3x3 inertia matrix, relative to its largest entry.
 const ASYMMETRY: f64 = 1e-9;
 
-/// Collects links and joints by name, each call returning the builder; build() checks them and makes the Scene.
+/// Builder of a Scene: collects links, joints, connections and contacts by name; build() checks them.
 ///
-/// Builders pickle and copy; a copy goes its own way.
+/// Every method that adds a part returns the builder, so calls can be chained. Builders can be pickled and copied;
+/// a copy is independent.
+#[doc = section!(Examples)]
+/// >>> import phipsi
+/// >>> builder = phipsi.SceneBuilder().link("base").link("rod", mass=1.0, com=(0, 0, -0.5))
+/// >>> scene = builder.joint("hinge", "revolute", "base", "rod", axis=(0, 1, 0)).build()
+/// >>> scene.mass_matrix([0.0])
+/// array([[0.25]])
 #[pyclass(name = "SceneBuilder", module = "phipsi")]
 pub(crate) struct PySceneBuilder {
     pub(super) builder: SceneBuilder,
@@ -32,12 +39,24 @@ impl PySceneBuilder {
         Self { builder: SceneBuilder::new() }
     }
 
-    /// Adds a link.
-    ///
-    /// mass: kg. com: (3,), mass centre in the link's frame, m. inertia: (3, 3), about the mass centre, axes parallel to
-    /// the link's frame, kg m^2; None for a point mass. A link without mass and inertia is a mere frame.
-    ///
-    /// Raises ShapeError or ArgumentError for com and inertia, naming the link; build() checks the rest.
+    /// Add a link.
+    #[doc = section!(Parameters)]
+    /// name : str
+    ///     Name of the link.
+    /// mass : float, default 0
+    ///     Mass, kg. A link without mass and inertia is a frame.
+    /// com : (3,) array_like, default (0, 0, 0)
+    ///     Center of mass in the link frame, m.
+    /// inertia : (3, 3) array_like, optional
+    ///     Inertia about the center of mass, with axes parallel to the link frame, kg m^2. None: a point mass.
+    #[doc = returns!(builder)]
+    #[doc = section!(Raises)]
+    /// ShapeError, ArgumentError
+    ///     Invalid com or inertia. The message names the link; build() checks the rest.
+    #[doc = section!(Examples)]
+    /// >>> builder = phipsi.SceneBuilder().link("base").link("ball", mass=2.0)
+    /// >>> builder.joint("free", "floating", "base", "ball").build().total_mass
+    /// 2.0
     #[pyo3(signature = (name, mass=0.0, com=None, inertia=None),
            text_signature = "($self, name, mass=0.0, com=(0, 0, 0), inertia=None)")]
     fn link<'py>(
@@ -53,24 +72,68 @@ impl PySceneBuilder {
         Ok(slf)
     }
 
-    /// Adds a joint; the links that it names may come later.
-    ///
-    /// type: "fixed", "revolute", "continuous", "prismatic", "screw", "planar", "universal", "spherical" or "floating". xyz: (3,), m,
-    /// and rpy: (3,), rad, R = Rz(yaw) Ry(pitch) Rx(roll), or rotation: (3, 3): the child's frame at zero configuration
-    /// seen from the parent's. axis: (3,), in the child's frame, of any length. pitch: m/rad, for a screw. armature: kg m^2
-    /// or kg for each degree of freedom, part of the mass matrix. damping (N m s/rad or N s/m), friction (N m or N),
-    /// stiffness (N m/rad or N/m) and rest (the joint's coordinates there, None: the neutral ones): simulation only. lower, upper,
-    /// velocity, effort: limits; lower and upper are stops in simulations, the others are reported. mimic: a joint that this one should follow, as mimic_multiplier
-    /// times its coordinate plus mimic_offset (rad or m); build(mimic="couple") has it follow.
-    ///
-    /// Raises SceneError for an unknown type or a missing pitch; ShapeError or ArgumentError for arrays, naming the joint;
-    /// build() checks the rest.
+    /// Add a joint. The links that it names may be added later.
+    #[doc = section!(Parameters)]
+    /// name : str
+    ///     Name of the joint.
+    /// type : str
+    ///     "fixed", "revolute", "continuous", "prismatic", "screw", "planar", "universal", "spherical" or "floating".
+    /// parent : str
+    ///     Name of the parent link.
+    /// child : str
+    ///     Name of the child link.
+    /// xyz : (3,) array_like, default (0, 0, 0)
+    ///     Origin of the child frame at zero configuration, in the parent frame, m.
+    /// rpy : (3,) array_like, optional
+    ///     Orientation of the child frame at zero configuration, rad: R = Rz(yaw) Ry(pitch) Rx(roll).
+    /// rotation : (3, 3) array_like, optional
+    ///     The same as a matrix, instead of rpy.
+    /// axis : (3,) array_like, default (0, 0, 1)
+    ///     Axis in the child frame, of any length.
+    /// pitch : float, optional
+    ///     Pitch of a screw joint, m/rad.
+    /// armature : float, default 0
+    ///     Rotor inertia of each degree of freedom, kg m^2 or kg, part of the mass matrix.
+    /// damping : float, default 0
+    ///     Viscous damping, N m s/rad or N s/m, in simulations.
+    /// friction : float, default 0
+    ///     Coulomb friction, N m or N, in simulations.
+    /// stiffness : float, default 0
+    ///     Stiffness of the spring, N m/rad or N/m, in simulations.
+    /// rest : float or array_like, optional
+    ///     Coordinates of the joint where the spring is at rest. None: the neutral ones.
+    /// lower : float, optional
+    ///     Lower position limit, rad or m: a stop in simulations.
+    /// upper : float, optional
+    ///     Upper position limit, rad or m: a stop in simulations.
+    /// velocity : float, optional
+    ///     Velocity limit, rad/s or m/s; reported only.
+    /// effort : float, optional
+    ///     Effort limit, N m or N; reported only.
+    /// mimic : str, optional
+    ///     Name of a joint to follow, with build(mimic="couple").
+    /// mimic_multiplier : float, default 1
+    ///     Factor of the coordinate of that joint.
+    /// mimic_offset : float, default 0
+    ///     Offset that is added, rad or m.
+    #[doc = returns!(builder)]
+    #[doc = section!(Raises)]
+    /// SceneError
+    ///     An unknown type, or a screw joint without a pitch.
+    /// ShapeError, ArgumentError
+    ///     Invalid arrays. The message names the joint; build() checks the rest.
+    #[doc = section!(Examples)]
+    /// >>> builder = phipsi.SceneBuilder().link("base").link("slider", mass=2.0)
+    /// >>> scene = builder.joint("rail", "prismatic", "base", "slider", axis=(1, 0, 0), upper=0.5).build()
+    /// >>> scene.limits.upper
+    /// array([0.5])
     #[pyo3(signature = (name, r#type, parent, child, *, xyz=None, rpy=None, rotation=None, axis=None, pitch=None,
-                        armature=0.0, damping=0.0, friction=0.0, stiffness=0.0, rest=None, lower=None, upper=None, velocity=None,
-                        effort=None, mimic=None, mimic_multiplier=1.0, mimic_offset=0.0),
-           text_signature = "($self, name, type, parent, child, *, xyz=(0, 0, 0), rpy=None, rotation=None, \
-                             axis=(0, 0, 1), pitch=None, armature=0.0, damping=0.0, friction=0.0, stiffness=0.0, rest=None, \
-                             lower=None, upper=None, velocity=None, effort=None, mimic=None, mimic_multiplier=1.0, mimic_offset=0.0)")]
+                        armature=0.0, damping=0.0, friction=0.0, stiffness=0.0, rest=None, lower=None, upper=None,
+                        velocity=None, effort=None, mimic=None, mimic_multiplier=1.0, mimic_offset=0.0),
+           text_signature = "($self, name, type, parent, child, *, xyz=(0, 0, 0), rpy=None, rotation=None, axis=(0, \
+                             0, 1), pitch=None, armature=0.0, damping=0.0, friction=0.0, stiffness=0.0, rest=None, \
+                             lower=None, upper=None, velocity=None, effort=None, mimic=None, mimic_multiplier=1.0, \
+                             mimic_offset=0.0)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn joint<'py>(
         mut slf: PyRefMut<'py, Self>,
@@ -130,20 +193,45 @@ impl PySceneBuilder {
         Ok(slf)
     }
 
-    /// Checks everything and makes the Scene; the builder can be used again.
-    ///
-    /// floating_base: puts a free joint under the root link, named as in Scene.from_urdf. gravity: (3,), m/s^2, in the base
-    /// frame. strict: unphysical inertias raise instead of warning. leave_out, mimic: as in Scene.from_urdf. What is None is as the
-    /// builder has it: a fixed base, (0, 0, -9.81), False, all and "free" in a new one, the scene's own in one from Scene.to_builder.
-    ///
-    /// tolerance: geometric tolerance of linkages, an angle in rad or a length over the reach of the loop, 0 to 0.1: rows of connections that depend on each other to within it
-    /// count as dependent, with a LinkageWarning at the first call that finds one (Scene.project has the details). None: 3e-5; 5e-3, 2e-3 or 2e-4 for a URDF whose angles have two, three or four
-    /// decimals. With strict=True only rows that depend on each other to within rounding do, and an axis that is drawn 1e-6 rad off makes a planar linkage rigid.
-    ///
-    /// Raises SceneError, naming link or joint, for: no link, a name used twice, an unknown parent or child, two parents,
-    /// two roots, a cycle, an axis without direction, numbers that are not finite, negative mass, armature, damping or
-    /// friction, lower above upper, a floating base of what floats already; naming the connection, for links or joints that are not there or cannot be connected. Warns InertiaWarning for
-    /// inertias that no body can have, and MimicWarning, as Scene.from_urdf does.
+    /// Check all parts and create the Scene. The builder can be used again.
+    #[doc = section!(Parameters)]
+    /// floating_base : bool, optional
+    ///     If true, add a free joint below the root link, as in Scene.from_urdf.
+    /// gravity : (3,) array_like, optional
+    ///     Gravity in the base frame, m/s^2.
+    /// strict : bool, optional
+    ///     If true, unphysical inertias raise instead of warning.
+    #[doc = entries!(leave_out)]
+    /// mimic : {"free", "couple"}, optional
+    ///     Treatment of mimic joints, as in Scene.from_urdf.
+    /// tolerance : float, optional
+    ///     Geometric tolerance of linkages, 0 to 0.1: an angle in rad, or a length relative to the reach of the loop.
+    ///     Rows of connections that are dependent within it count as dependent, with a LinkageWarning at the first call
+    ///     that finds one (see Scene.project). Default: 3e-5, or 5e-3, 2e-3 or 2e-4 for a URDF whose angles have two,
+    ///     three or four decimals. With strict=True, only rows that are dependent within rounding count.
+    #[doc = section!(Returns)]
+    /// scene : Scene
+    ///     The scene.
+    #[doc = section!(Raises)]
+    /// SceneError
+    ///     No link, duplicate names, an unknown parent or child, two parents, two roots, a cycle, an axis of length
+    ///     zero, non-finite numbers, negative mass, armature, damping or friction, lower above upper, a floating base
+    ///     of a floating robot, or connections and contacts that name unknown or unsuitable parts. The message names
+    ///     the part.
+    #[doc = entries!(arguments)]
+    #[doc = section!(Warns)]
+    /// InertiaWarning
+    ///     An inertia that no rigid body can have.
+    /// MimicWarning
+    ///     A mimic joint that is independent.
+    #[doc = section!(Notes)]
+    /// None means the value of the builder: a fixed base, gravity (0, 0, -9.81), strict=False, all simplifications and
+    /// mimic="free" in a new builder; the values of the scene in a builder from Scene.to_builder.
+    #[doc = section!(Examples)]
+    /// >>> builder = phipsi.SceneBuilder().link("base", mass=1.0)
+    /// >>> scene = builder.build(floating_base=True, gravity=(0, 0, 0))
+    /// >>> scene.nv
+    /// 6
     #[pyo3(signature = (floating_base=None, gravity=None, strict=None, *, leave_out=None, mimic=None, tolerance=None))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn build(
@@ -170,13 +258,13 @@ impl PySceneBuilder {
             let tolerance = tolerance.or(builder.tolerance_of_linkages());
             builder.strict(strict).omissions(omissions).mimic_joints(mimic).tolerance(tolerance).build()
         };
-        // A builder that is being read without the GIL refuses to grow: that is for those which take long.
+        // A builder that is read without the GIL rejects changes, so only large scenes are built without the GIL.
         let scene = if self.builder.links().len() < WORTH_DETACHING { build()? } else { detached_checked(py, build)? };
         errors::warn(py, &scene)?;
         Ok(PyScene::new(scene))
     }
 
-    /// The file that scenes of this builder come from, for readers in Python.
+    /// Sets the file of the scenes of this builder, for readers in Python.
     fn _set_file(&mut self, file: PathBuf) {
         self.change(|builder| builder.with_file(Some(file)));
     }
@@ -206,7 +294,7 @@ impl PySceneBuilder {
     }
 }
 
-/// The builder of what SceneBuilder.__reduce__ gave.
+/// Rebuilds a builder from the result of SceneBuilder.__reduce__.
 #[pyfunction]
 #[pyo3(name = "_rebuild_builder", signature = (description, /))]
 pub(super) fn rebuild_builder(description: &Object<'_>) -> PyResult<PySceneBuilder> {
@@ -214,13 +302,13 @@ pub(super) fn rebuild_builder(description: &Object<'_>) -> PyResult<PySceneBuild
 }
 
 impl PySceneBuilder {
-    /// Through the builder's methods, which take it and give it back.
+    /// Applies a method of the builder, which consumes and returns it.
     pub(super) fn change(&mut self, step: impl FnOnce(SceneBuilder) -> SceneBuilder) {
         self.builder = step(std::mem::take(&mut self.builder));
     }
 }
 
-/// Mass, mass centre and inertia from the arguments of those names, in messages as `named` says.
+/// Reads mass, center of mass and inertia; `named` gives the names for messages.
 pub(super) fn inertial(
     named: &dyn Fn(&str) -> String,
     mass: f64,
@@ -240,7 +328,7 @@ fn matrix(name: &str, value: &Object<'_>) -> PyResult<Matrix3<f64>> {
     Ok(Matrix3::from_row_slice(&input::fixed(name, value, &[3, 3])?))
 }
 
-/// A symmetric matrix; NaN and infinities pass, the scene's own checks name them.
+/// Reads a symmetric matrix. NaN and infinities pass, because the checks of the scene name them.
 fn symmetric(name: &str, value: &Object<'_>) -> PyResult<Symmetric3<f64>> {
     let m = matrix(name, value)?;
     let defect = (m - m.transpose()).amax();
@@ -251,7 +339,7 @@ fn symmetric(name: &str, value: &Object<'_>) -> PyResult<Symmetric3<f64>> {
     Ok(Symmetric3::from_upper(&m))
 }
 
-/// The rotation of an origin, from angles or from a matrix.
+/// Reads the rotation of an origin, from angles or from a matrix.
 pub(super) fn orientation(
     of_joint: &dyn Fn(&str) -> String,
     rpy: Option<&Object<'_>>,
@@ -264,6 +352,8 @@ pub(super) fn orientation(
             Ok(*Rotation3::from_euler_angles(roll, pitch, yaw).matrix())
         }
         (None, Some(rotation)) => matrix(&of_joint("rotation"), rotation),
-        (Some(_), Some(_)) => Err(Error::argument(of_joint("rotation"), "rpy as well", "one of the two").into()),
+        (Some(_), Some(_)) => {
+            Err(Error::argument(of_joint("rotation"), "rpy and rotation", "either rpy or rotation").into())
+        }
     }
 }

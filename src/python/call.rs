@@ -1,4 +1,4 @@
-//! One call: its arguments over the states of the batch, its result, and the GIL.
+//! One call: its arguments broadcast over the batch, its result, and the release of the GIL.
 
 use super::bad_states::Errors;
 use super::cost::{Cost, WORTH_RELEASING};
@@ -19,22 +19,22 @@ use crate::scene::Scene;
 use numpy::Element;
 use pyo3::prelude::*;
 
-/// The arguments of a call, the leading axes they broadcast to, and about how long one state takes.
+/// Arguments of a call, the leading axes to which they broadcast, and the approximate time per state.
 pub(super) struct Call<'a, 'py, P: Element = f64> {
     pub scene: &'a PyScene,
     inputs: Vec<Input<'py, P>>,
     wrenches: Vec<Wrench<'py>>,
-    /// The leading axes of the result.
+    /// Leading axes of the result.
     pub batch: Vec<usize>,
     pub states: usize,
     pub cost: Cost,
     pub errors: Errors,
-    /// The largest estimated error that is accepted, where it is not the usual one.
+    /// Largest accepted error estimate; None: the default.
     pub tolerance: Option<f64>,
 }
 
 impl PyScene {
-    /// A configuration, (..., nq).
+    /// Reads a configuration, (..., nq).
     pub(super) fn configuration<'py, P: Precision + Element>(
         &self,
         name: &'static str,
@@ -43,7 +43,7 @@ impl PyScene {
         Input::new(name, value, self.coordinates())
     }
 
-    /// Rates, accelerations or torques, (..., nv).
+    /// Reads joint velocities, accelerations or torques, (..., nv).
     pub(super) fn rate<'py, P: Precision + Element>(
         &self,
         name: &'static str,
@@ -52,7 +52,7 @@ impl PyScene {
         Input::new(name, value, self.rates())
     }
 
-    /// q, then arrays of rates.
+    /// Reads q, then arrays of shape (..., nv).
     pub(super) fn inputs<'a, 'py: 'a, P: Precision + Element>(
         &self,
         given: impl IntoIterator<Item = (&'static str, &'a Object<'py>)>,
@@ -61,7 +61,7 @@ impl PyScene {
         given.into_iter().enumerate().map(read).collect()
     }
 
-    /// A call with these arguments, of so many ns a state.
+    /// Creates a call with these arguments, of `cost` ns per state.
     pub(super) fn call<'a, 'py>(
         &'a self,
         inputs: impl Into<Vec<Input<'py>>>,
@@ -82,22 +82,22 @@ impl<'a, 'py, P: Precision + Element> Call<'a, 'py, P> {
         let all = || names_and_axes(&inputs, &wrenches);
         let batch = if all().all(|(_, axes)| axes.is_empty()) { Vec::new() } else { broadcast_axes(all())? };
         let Some(states) = entries(&batch) else {
-            return Err(Error::argument("batch", "more states than memory has addresses", "fewer").into());
+            return Err(Error::argument("batch", "more states than memory can address", "fewer states").into());
         };
         Ok(Self { scene, inputs, wrenches, batch, states, cost, errors: Errors::Raise, tolerance: None })
     }
 
-    /// The same call with another choice of what becomes of bad states.
+    /// Sets the treatment of invalid states.
     pub fn with(self, errors: Errors) -> Self {
         Self { errors, ..self }
     }
 
-    /// The same call with another tolerance than the usual one.
+    /// Sets the tolerance.
     pub fn accepting(self, tolerance: Option<f64>) -> Self {
         Self { tolerance, ..self }
     }
 
-    /// The array of shape batch + `shape` that receives the results: a new one from `make`, or the caller's `out`.
+    /// Array of shape batch + `shape` for the results: a new one from `make`, or the caller's `out`.
     pub fn output(
         &self,
         py: Python<'py>,
@@ -113,21 +113,21 @@ impl<'a, 'py, P: Precision + Element> Call<'a, 'py, P> {
         Output::given(out, &full, self.inputs.iter().map(Input::addresses).chain(wrenches))
     }
 
-    /// The names of the arguments that make the batch as large as it is.
+    /// Names of the arguments that determine the size of the batch.
     pub fn asking(&self) -> String {
         let all = names_and_axes(&self.inputs, &self.wrenches);
         let names: Vec<&str> = all.filter(|(_, axes)| !axes.is_empty()).map(|(name, _)| name).collect();
         if names.is_empty() { "scene".to_owned() } else { names.join(", ") }
     }
 
-    /// The arguments for the threads, which see no Python.
+    /// Views of the arguments for threads without access to Python.
     pub fn over(&self) -> PyResult<(Vec<Broadcast<'_, P>>, Vec<wrenches::States<'_>>)> {
         let arguments = self.inputs.iter().map(|input| input.over(&self.batch)).collect::<PyResult<Vec<_>>>()?;
         let wrenches = self.wrenches.iter().map(|wrench| wrench.over(&self.batch)).collect::<PyResult<Vec<_>>>()?;
         Ok((arguments, wrenches))
     }
 
-    /// Runs the states, of so many ns each, and warns of those that were bad.
+    /// Evaluates the states, of `cost` ns each, and warns about invalid ones.
     pub fn run<W>(&self, py: Python<'py>, cost: usize, work: W) -> PyResult<()>
     where
         W: FnOnce(Batch<'_, Scratch, &(dyn Fn() -> Scratch + Sync)>) -> Result<(), Fault> + Send,
@@ -142,11 +142,11 @@ impl<'a, 'py, P: Precision + Element> Call<'a, 'py, P> {
 }
 
 impl<'py> Call<'_, 'py> {
-    /// Room for `width` numbers a state, where the result is not one array; for the arrays that they are copied to there is room too.
+    /// Allocates `width` values per state for results that are not one array. The memory for the copies is checked too.
     pub fn scratch_results(&self, py: Python<'py>, width: usize) -> PyResult<Output<'py>> {
         memory::room(&self.asking(), memory::bytes_of::<f64>(&[self.states, width, 2]))?;
         let Some(entries) = self.states.checked_mul(width) else {
-            return Err(Error::argument(self.asking(), "more numbers than memory has addresses", "fewer states").into());
+            return Err(Error::argument(self.asking(), "more numbers than memory can address", "fewer states").into());
         };
         asked_by(py, &self.asking(), Output::new(py, &[entries]))
     }
@@ -169,7 +169,7 @@ impl<'py> Call<'_, 'py> {
         self.each_state(py, results, |scene, scratch, of, out| kernel(scene, scratch, std::array::from_fn(of), out))
     }
 
-    /// The same with any number of arguments: the kernel gets what gives the numbers of each.
+    /// The same for any number of arguments: the kernel receives a function that returns the values of each.
     pub fn each_state<K>(&self, py: Python<'py>, results: &mut [f64], kernel: K) -> PyResult<()>
     where
         K: for<'a> Fn(&Scene, &mut Scratch, &dyn Fn(usize) -> &'a [f64], &mut [f64]) -> Result<(), Error> + Sync,
@@ -192,7 +192,7 @@ impl<'py> Call<'_, 'py> {
     }
 }
 
-/// What messages call the arguments of a call, and their leading axes.
+/// Names of the arguments in messages, and their leading axes.
 fn names_and_axes<'a, P: Precision + Element>(
     inputs: &'a [Input<'_, P>],
     wrenches: &'a [Wrench<'_>],
@@ -201,7 +201,7 @@ fn names_and_axes<'a, P: Precision + Element>(
     given.chain(wrenches.iter().map(|Wrench { input, .. }| (&*input.name, input.leading())))
 }
 
-/// Runs a batch with these leading axes without the GIL, but for short ones; raises the fault of the lowest state.
+/// Evaluates a batch with these leading axes, without the GIL unless it is short; raises the fault of the lowest state.
 pub(super) fn run<S: Send, M: Fn() -> S + Sync + Send>(
     py: Python<'_>,
     axes: &[usize],

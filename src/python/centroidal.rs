@@ -1,11 +1,11 @@
-//! Methods of `Scene`: its mass, its mass centre, and the momentum about it.
+//! Methods of `Scene`: mass, center of mass, and centroidal momentum.
 
 use super::object::Object;
 use super::scene::PyScene;
 use crate::algorithm::KinematicQuantity;
 use pyo3::prelude::*;
 
-/// Rough time of one body in one state, ns.
+/// Approximate time per body and state, ns.
 mod cost {
     pub const CENTRE: usize = 40;
     pub const MOTION: usize = 80;
@@ -15,18 +15,27 @@ mod cost {
 
 #[pymethods]
 impl PyScene {
-    /// Mass of all links that move, kg: those on fixed joints to them included, links on the base not, nor rotors (armature is no mass).
+    /// Mass of all moving links, kg: links fixed to them included, links fixed to the base and armature excluded.
     #[getter]
     fn total_mass(&self) -> f64 {
         self.scene.total_mass()
     }
 
-    /// The mass centre of all links that move, in the base frame.
-    ///
-    /// q: (..., nq). Returns (..., 3), m, from the base's origin. O(N). Links on the base are not part of it.
-    ///
-    /// errors: as in forward_dynamics. Raises ArgumentError where nothing that moves has mass; ShapeError, NotFiniteError, ArgumentError for a bad q,
-    /// naming the state.
+    /// Center of mass of all moving links, in the base frame.
+    #[doc = parameters!(q errors)]
+    #[doc = section!(Returns)]
+    /// c : (..., 3) ndarray
+    ///     Center of mass, m, from the origin of the base frame.
+    #[doc = section!(Raises)]
+    /// ArgumentError
+    ///     A scene whose moving links have no mass.
+    #[doc = entries!(arguments)]
+    #[doc = section!(Notes)]
+    /// O(N). Links fixed to the base are excluded.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+    /// >>> scene.center_of_mass(scene.neutral()).round(3)
+    /// array([0.113, 0.147, 0.023])
     #[pyo3(signature = (q, *, errors="raise"))]
     fn center_of_mass<'py>(&self, py: Python<'py>, q: &Object<'py>, errors: &str) -> PyResult<Object<'py>> {
         self.scene.check_has_mass()?;
@@ -34,11 +43,17 @@ impl PyScene {
         self.kinematic_quantity(py, &KinematicQuantity::CenterOfMass, [("q", q)], size, errors)
     }
 
-    /// The velocity of the mass centre in the base's axes: linear momentum by mass.
-    ///
-    /// q: (..., nq); qd: (..., nv); leading axes broadcast. Returns (..., 3), m/s. O(N).
-    ///
-    /// errors: as in forward_dynamics. Raises as center_of_mass, naming the argument.
+    /// Velocity of the center of mass in the base frame: linear momentum divided by mass, in O(N).
+    #[doc = parameters!(q qd errors)]
+    #[doc = section!(Returns)]
+    /// v : (..., 3) ndarray
+    ///     Velocity, m/s.
+    #[doc = raises!(arguments)]
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q, qd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2]
+    /// >>> np.allclose(scene.center_of_mass_velocity(q, qd), scene.center_of_mass_jacobian(q) @ qd)
+    /// True
     #[pyo3(signature = (q, qd, *, errors="raise"))]
     fn center_of_mass_velocity<'py>(
         &self,
@@ -52,12 +67,18 @@ impl PyScene {
         self.kinematic_quantity(py, &KinematicQuantity::CenterOfMassVelocity, given, (&[3], cost), errors)
     }
 
-    /// The acceleration of the mass centre in the base's axes, at joint accelerations qdd; gravity is not in it.
-    ///
-    /// q: (..., nq); qd, qdd: (..., nv); leading axes broadcast. Returns (..., 3), m/s^2: times total_mass it is the force from outside, weight included,
-    /// that such a motion takes. O(N).
-    ///
-    /// errors: as in forward_dynamics. Raises as center_of_mass, naming the argument.
+    /// Acceleration of the center of mass in the base frame for joint accelerations qdd, without gravity, in O(N).
+    #[doc = parameters!(q qd qdd errors)]
+    #[doc = section!(Returns)]
+    /// a : (..., 3) ndarray
+    ///     Acceleration, m/s^2. Multiplied by total_mass, it is the sum of the external forces, weight included.
+    #[doc = raises!(arguments)]
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q, still = [0.3, 0.2, 0.1], np.zeros(3)
+    /// >>> a = scene.center_of_mass_acceleration(q, still, [1.0, 0.0, 0.0])
+    /// >>> np.allclose(a, scene.center_of_mass_jacobian(q)[:, 0])
+    /// True
     #[pyo3(signature = (q, qd, qdd, *, errors="raise"))]
     fn center_of_mass_acceleration<'py>(
         &self,
@@ -72,11 +93,17 @@ impl PyScene {
         self.kinematic_quantity(py, &KinematicQuantity::CenterOfMassAcceleration, given, (&[3], cost), errors)
     }
 
-    /// The Jacobian J of the mass centre: its velocity in the base's axes is J qd.
-    ///
-    /// q: (..., nq). Returns (..., 3, nv), SI units: the linear rows of centroidal_momentum_matrix by mass. O(N).
-    ///
-    /// errors: as in forward_dynamics. Raises as center_of_mass.
+    /// Jacobian J of the center of mass: its velocity in the base frame is J qd.
+    #[doc = parameters!(q errors)]
+    #[doc = section!(Returns)]
+    /// J : (..., 3, nv) ndarray
+    ///     Jacobian, m or 1: the linear rows of centroidal_momentum_matrix divided by the mass.
+    #[doc = raises!(arguments)]
+    #[doc = section!(Notes)]
+    /// O(N).
+    #[doc = section!(Examples)]
+    /// >>> phipsi.scenes.chain(3).center_of_mass_jacobian([0.3, 0.2, 0.1]).shape
+    /// (3, 3)
     #[pyo3(signature = (q, *, errors="raise"))]
     fn center_of_mass_jacobian<'py>(&self, py: Python<'py>, q: &Object<'py>, errors: &str) -> PyResult<Object<'py>> {
         self.scene.check_has_mass()?;
@@ -84,12 +111,20 @@ impl PyScene {
         self.kinematic_quantity(py, &KinematicQuantity::CenterOfMassJacobian, [("q", q)], (&shape, cost), errors)
     }
 
-    /// The centroidal momentum matrix A: the momentum of all links that move, (angular about the mass centre, linear) in the base's axes, is A qd.
-    ///
-    /// q: (..., nq). Returns (..., 6, nv), SI units. O(N): column j is r S of the composite inertia (3.5) of what is outboard of joint j. Armature adds
-    /// nothing. Rows are angular, then linear; Pinocchio's Ag has (linear, angular).
-    ///
-    /// errors: as in forward_dynamics. Raises as center_of_mass.
+    /// Centroidal momentum matrix A: the momentum (angular about the center of mass, linear) in the base frame is A qd.
+    #[doc = parameters!(q errors)]
+    #[doc = section!(Returns)]
+    /// A : (..., 6, nv) ndarray
+    ///     Matrix in SI units; angular rows first. Pinocchio's Ag has the linear rows first.
+    #[doc = raises!(arguments)]
+    #[doc = section!(Notes)]
+    /// O(N): column j is r S, with the composite inertia r (eq. 3.5) of the bodies outboard of joint j. Armature does
+    /// not contribute.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> A = scene.centroidal_momentum_matrix([0.3, 0.2, 0.1])
+    /// >>> np.allclose(A[3:] / scene.total_mass, scene.center_of_mass_jacobian([0.3, 0.2, 0.1]))
+    /// True
     #[pyo3(signature = (q, *, errors="raise"))]
     fn centroidal_momentum_matrix<'py>(&self, py: Python<'py>, q: &Object<'py>, errors: &str) -> PyResult<Object<'py>> {
         self.scene.check_has_mass()?;
@@ -97,12 +132,21 @@ impl PyScene {
         self.kinematic_quantity(py, &KinematicQuantity::CentroidalMomentumMatrix, [("q", q)], (&shape, cost), errors)
     }
 
-    /// The rate A' of the centroidal momentum matrix along qd: the momentum about the mass centre changes at A qdd + A' qd.
-    ///
-    /// q: (..., nq); qd: (..., nv); leading axes broadcast. Returns (..., 6, nv), SI units, rows as those of A. O(N). For a tree that floats that is
-    /// weight and wrenches, the moment about the mass centre.
-    ///
-    /// errors: as in forward_dynamics. Raises as center_of_mass, naming the argument.
+    /// Time derivative A' of the centroidal momentum matrix along qd: the centroidal momentum changes at A qdd + A' qd.
+    #[doc = parameters!(q qd errors)]
+    #[doc = section!(Returns)]
+    /// dA : (..., 6, nv) ndarray
+    ///     Matrix in SI units, with the rows of centroidal_momentum_matrix.
+    #[doc = raises!(arguments)]
+    #[doc = section!(Notes)]
+    /// O(N). For a floating tree, A qdd + A' qd is the sum of weight and external forces, with moments about the center
+    /// of mass.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q, qd = np.array([0.3, 0.2, 0.1]), np.array([1.0, 0.5, 0.2])
+    /// >>> ahead, behind = (scene.centroidal_momentum_matrix(q + h * qd) for h in (1e-6, -1e-6))
+    /// >>> np.allclose(scene.centroidal_momentum_matrix_rate(q, qd), (ahead - behind) / 2e-6)
+    /// True
     #[pyo3(signature = (q, qd, *, errors="raise"))]
     fn centroidal_momentum_matrix_rate<'py>(
         &self,

@@ -1,4 +1,4 @@
-//! Methods of `Scene` that give a changed one: the way back to the builder, properties of joints, loads on links.
+//! Methods of `Scene` that create changed scenes: the builder, joint properties, payloads, inertias.
 
 use super::axis::Axis;
 use super::builder::{PySceneBuilder, inertial};
@@ -13,22 +13,39 @@ use pyo3::types::{PyDict, PyMapping};
 
 #[pymethods]
 impl PyScene {
-    /// A builder that holds what the scene was made of: links, joints, gravity, base, and what is left out.
-    ///
-    /// build() without arguments gives a scene with the same results, bit for bit; links and joints can be added before.
+    /// Create a builder that has the links, joints, gravity, base and simplifications of the scene.
+    #[doc = section!(Returns)]
+    /// builder : SceneBuilder
+    ///     Its build() without arguments creates a scene with bit-identical results; parts can be added before.
+    #[doc = section!(Examples)]
+    /// >>> builder = phipsi.scenes.chain(3).to_builder().link("tool", mass=0.2)
+    /// >>> builder.joint("flange", "fixed", "link2", "tool").build().total_mass
+    /// 3.2
     #[pyo3(signature = ())]
     fn to_builder(&self) -> PySceneBuilder {
         PySceneBuilder { builder: self.scene.source().clone() }
     }
 
-    /// A new scene with other properties of joints; what is not given stays.
-    ///
-    /// armature: kg m^2 or kg; damping: N m s/rad or N s/m; friction: N m or N; stiffness: N m/rad or N/m. Each is a dict from joint
-    /// names to numbers, one number for all movable joints (a floating base's "root_joint" among them: name joints to leave it out),
-    /// or an array: (nv,), or a number a joint in the order of joint_names. A joint has one number for all its degrees of freedom.
-    ///
-    /// Raises ArgumentError, named after the property, for a joint that is unknown or fixed and for a value that is negative or
-    /// not finite; ShapeError.
+    /// Create a scene with other joint properties; properties that are not given remain.
+    #[doc = section!(Parameters)]
+    /// armature : dict of str to float, float or array_like, optional
+    ///     Armature, kg m^2 or kg: by joint name, one value for all movable joints (including "root_joint"), or an
+    ///     array: (nv,), or one value per joint in the order of joint_names. All degrees of freedom of a joint have one
+    ///     value.
+    /// damping : dict of str to float, float or array_like, optional
+    ///     Viscous damping, N m s/rad or N s/m.
+    /// friction : dict of str to float, float or array_like, optional
+    ///     Coulomb friction, N m or N.
+    /// stiffness : dict of str to float, float or array_like, optional
+    ///     Stiffness of the springs, N m/rad or N/m.
+    #[doc = returns!(scene)]
+    #[doc = section!(Raises)]
+    /// ShapeError, ArgumentError
+    ///     An unknown or fixed joint, or a value that is negative or not finite. The message names the property.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3).with_properties(armature=0.01, damping={"j2": 0.5})
+    /// >>> scene.armature, scene.damping
+    /// (array([0.01, 0.01, 0.01]), array([0. , 0. , 0.5]))
     #[pyo3(signature = (*, armature=None, damping=None, friction=None, stiffness=None))]
     fn with_properties(
         &self,
@@ -49,13 +66,26 @@ impl PyScene {
         self.changed(py, self.scene.with_properties(changes)?)
     }
 
-    /// A new scene with a rigid body added to a link: what a gripper holds, a tool, a battery.
-    ///
-    /// link: its name. mass: kg. com: (3,), the body's mass centre in the link's frame, m. inertia: (3, 3), about that mass centre,
-    /// axes parallel to the link's frame, kg m^2; None for a point mass. On a link of the base it changes nothing.
-    ///
-    /// Raises ArgumentError for an unknown link and for a mass that is negative; ShapeError, ArgumentError for arrays. Warns
-    /// InertiaWarning where link and body together have an inertia that no body can have.
+    /// Create a scene with a rigid body attached to a link, such as a tool or a gripped object.
+    #[doc = section!(Parameters)]
+    /// link : str
+    ///     Name of the link. On a link of the base, the payload has no effect.
+    /// mass : float
+    ///     Mass, kg.
+    /// com : (3,) array_like, default (0, 0, 0)
+    ///     Center of mass of the body in the link frame, m.
+    /// inertia : (3, 3) array_like, optional
+    ///     Inertia about that center of mass, with axes parallel to the link frame, kg m^2. None: a point mass.
+    #[doc = returns!(scene)]
+    #[doc = section!(Raises)]
+    /// ShapeError, ArgumentError
+    ///     An unknown link, a negative mass, or an invalid array.
+    #[doc = section!(Warns)]
+    /// InertiaWarning
+    ///     Link and body together have an inertia that no rigid body can have.
+    #[doc = section!(Examples)]
+    /// >>> phipsi.scenes.chain(3).with_payload("link2", 0.5, com=(0, 0, 0.3)).total_mass
+    /// 3.5
     #[pyo3(signature = (link, mass, com=None, inertia=None),
            text_signature = "($self, link, mass, com=(0, 0, 0), inertia=None)")]
     fn with_payload(
@@ -70,13 +100,22 @@ impl PyScene {
         self.changed(py, self.scene.with_payload(link, &payload)?)
     }
 
-    /// A new scene whose named links have other inertias: of a better model, of an identification, of a random robot for learning.
-    ///
-    /// links: from names to (mass, com, inertia): kg; (3,), the mass centre in the link's frame, m; (3, 3), about the mass centre, axes parallel to the link's
-    /// frame, kg m^2, or None for a point mass. Other links keep theirs, those that are fixed onto a named one too.
-    ///
-    /// Raises ArgumentError for an unknown link and for a mass that is negative; ShapeError, ArgumentError for arrays, by the link's name. Warns
-    /// InertiaWarning for inertias that no body can have.
+    /// Create a scene in which links have other inertias, for instance identified or randomized ones.
+    #[doc = section!(Parameters)]
+    /// links : dict of str to (mass, com, inertia)
+    ///     By link name: mass, kg; center of mass in the link frame, (3,), m; inertia about it with axes parallel to
+    ///     the link frame, (3, 3), kg m^2, or None for a point mass. All other links keep theirs.
+    #[doc = returns!(scene)]
+    #[doc = section!(Raises)]
+    /// ShapeError, ArgumentError
+    ///     An unknown link, a negative mass, or an invalid array. The message names the link.
+    #[doc = section!(Warns)]
+    /// InertiaWarning
+    ///     An inertia that no rigid body can have.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3).with_inertias({"link2": (2.0, (0, 0, 0.2), 0.01 * np.eye(3))})
+    /// >>> scene.link("link2").mass
+    /// 2.0
     fn with_inertias(&self, py: Python<'_>, links: &Object<'_>) -> PyResult<Self> {
         let expected = "a dict from names of links to (mass, com, inertia)";
         let refused = |found: String| Error::argument("links", found, expected);
@@ -96,24 +135,55 @@ impl PyScene {
         self.changed(py, self.scene.with_inertias(&given)?)
     }
 
-    /// The most probable inertias, and what acts at the joints, from measured motion and torques; each body gets inertias that a body can have.
-    ///
-    /// q: (k, nq); qd, qdd, tau: (k, nv), k measured states; a NaN in tau is a torque that was not measured. fit: what of the joints is found too, of
-    /// "armature", "damping" and "friction". noise: standard deviation of the torques, (nv,) or a number, N m or N; None: as the residuals of least squares have it, which
-    /// takes more measured torques than there are parameters. trust: how much the model's own numbers count: each parameter is expected within about 1 / sqrt(trust)
-    /// of them, relatively. keep: names of body_names whose inertias stay. friction_speed: rad/s or m/s, where friction becomes viscous.
-    ///
-    /// What is not fitted is the model's: its armature, damping, friction and springs are part of the torques. Maximum a posteriori with a Wishart prior on
-    /// each body's second moments of mass; convex. States are read in blocks: memory does not grow with k. 10 to 60 steps of O((10 bodies)^3).
-    ///
-    /// Returns a phipsi.Identification: the new scene, parameters with standard deviations, noise, residuals before and after, and how many
-    /// combinations of parameters the motion tells.
-    ///
-    /// Bodies of the model whose inertia no body can have start from the nearest that one can have, with an InertiaWarning.
-    ///
-    /// Raises ArgumentError for too few measurements, unknown names, noise below the rounding of the torques, and bodies of the model without mass, by name; ShapeError and NotFiniteError for arrays.
+    /// Most probable inertial parameters, and joint parameters, from measured motion and torques.
+    #[doc = section!(Parameters)]
+    /// q : (k, nq) array_like
+    ///     Joint positions of k measured states, rad or m.
+    /// qd : (k, nv) array_like
+    ///     Joint velocities, rad/s or m/s.
+    /// qdd : (k, nv) array_like
+    ///     Joint accelerations, rad/s^2 or m/s^2.
+    /// tau : (k, nv) array_like
+    ///     Measured joint torques, N m or N; NaN: not measured.
+    /// fit : collection of {"armature", "damping", "friction"}, optional
+    ///     Joint parameters to identify too. The others are those of the scene.
+    /// noise : float or (nv,) array_like, optional
+    ///     Standard deviation of the torques, N m or N. None: estimated from the residuals of least squares, which
+    ///     needs more measured torques than parameters.
+    /// trust : float, default 1
+    ///     Weight of the parameters of the scene: each parameter is expected within about 1 / sqrt(trust) of them,
+    ///     relatively.
+    /// keep : collection of str, optional
+    ///     Names in body_names whose inertias remain.
+    /// friction_speed : float, default 0.01
+    ///     Speed below which friction is viscous, rad/s or m/s.
+    #[doc = section!(Returns)]
+    /// identification : Identification
+    ///     The new scene, parameters with standard deviations, noise, residuals before and after, and the number of
+    ///     identifiable combinations of parameters.
+    #[doc = section!(Raises)]
+    /// ArgumentError
+    ///     Too few measurements, unknown names, noise below the rounding of the torques, bodies without mass, by name.
+    /// ShapeError, NotFiniteError
+    ///     Invalid arrays.
+    #[doc = section!(Warns)]
+    /// InertiaWarning
+    ///     A body of the scene whose inertia no rigid body can have. The iteration starts from the nearest one that
+    ///     can.
+    #[doc = section!(Notes)]
+    /// Maximum a posteriori with a Wishart prior on the second moments of mass of each body: convex, and every body
+    /// receives an inertia that a rigid body can have. 10 to 60 steps of O((10 bodies)^3). The memory does not grow
+    /// with k.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM).with_properties(damping=0.0, friction=0.0)
+    /// >>> q, qd, qdd = np.random.default_rng(0).normal(size=(3, 50, 6))
+    /// >>> tau = scene.with_payload("link6", 1.0).inverse_dynamics(q, qd, qdd)
+    /// >>> found = scene.identify(q, qd, qdd, tau, noise=0.01)
+    /// >>> bool((found.after < 1e-3).all())     # N m
+    /// True
     #[pyo3(signature = (q, qd, qdd, tau, **how),
-           text_signature = "($self, q, qd, qdd, tau, *, fit=(), noise=None, trust=1.0, keep=(), friction_speed=0.01)")]
+           text_signature = "($self, q, qd, qdd, tau, *, fit=(), noise=None, trust=1.0, keep=(), \
+                             friction_speed=0.01)")]
     fn identify<'py>(
         slf: &Bound<'py, Self>,
         q: &Object<'py>,
@@ -127,14 +197,15 @@ impl PyScene {
 }
 
 impl PyScene {
-    /// A scene made from this one, with the warnings that this one does not have.
+    /// Wraps a scene that was created from this one, and issues the warnings that this one does not have.
     fn changed(&self, py: Python<'_>, scene: Scene) -> PyResult<Self> {
         errors::warn_beyond(py, &scene, self.scene.warnings())?;
         Ok(Self::new(scene))
     }
 }
 
-/// A property of joints by name: from a dict of some, one number for all, or an array by joint or by degree of freedom.
+/// Reads a joint property: from a dict by joint name, one value for all joints, or an array by joint or degree of
+/// freedom.
 fn of_joints(scene: &Scene, name: &str, given: &Object<'_>) -> PyResult<Vec<(String, f64)>> {
     if let Ok(mapping) = given.cast::<PyMapping>() {
         let each = items(name, mapping, "names of joints")?.into_iter().map(|(joint, value)| {
@@ -161,10 +232,10 @@ fn of_joints(scene: &Scene, name: &str, given: &Object<'_>) -> PyResult<Vec<(Str
     joints.iter().enumerate().map(of_joint).collect()
 }
 
-/// The one number of a joint's degrees of freedom.
+/// The common value of all degrees of freedom of a joint.
 fn equal(name: &str, joint: &str, numbers: &[f64]) -> Result<f64, Error> {
     let first = numbers.first().copied().unwrap_or(0.0);
-    // Bits, so that a NaN comes through to the check that names it.
+    // Bits are compared, so that a NaN reaches the check that names it.
     if numbers.iter().all(|number| number.to_bits() == first.to_bits()) {
         return Ok(first);
     }

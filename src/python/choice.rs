@@ -1,4 +1,4 @@
-//! Arguments that are names: of forms, of types, of links and joints.
+//! Arguments that are names: of forms, dtypes, links and joints.
 
 use super::object::Object;
 use crate::algorithm::Algorithm;
@@ -9,7 +9,7 @@ use numpy::{PyArrayDescr, PyArrayDescrMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyMapping, PyString};
 
-/// The thing of that name; the error lists the names that there are.
+/// Finds a name in `known`; the error lists all names.
 pub(super) fn choose<T: Copy>(argument: &str, name: &str, known: &[(&'static str, T)]) -> Result<T, Error> {
     known.iter().find(|(known, _)| *known == name).map(|&(_, thing)| thing).ok_or_else(|| {
         let names: Vec<String> = known.iter().map(|(name, _)| format!("{name:?}")).collect();
@@ -17,12 +17,12 @@ pub(super) fn choose<T: Copy>(argument: &str, name: &str, known: &[(&'static str
     })
 }
 
-/// The form of that name.
+/// Reads the argument `form`.
 pub(super) fn read_form(form: &str) -> Result<Form, Error> {
     choose("form", form, &FORMS)
 }
 
-/// The form of that name and the tolerance that goes with it, for an algorithm of a scene.
+/// Reads form and tolerance for an algorithm of a scene.
 pub(super) fn read_judged(
     scene: &Scene,
     (form, tolerance): (&str, Option<f64>),
@@ -33,7 +33,7 @@ pub(super) fn read_judged(
     Ok((algorithm, tolerance))
 }
 
-/// The same of a call that factors M and has no algorithm's name.
+/// The same for a call that factors M and is not one of the algorithms.
 pub(super) fn read_judged_factor(
     scene: &Scene,
     form: &str,
@@ -44,32 +44,32 @@ pub(super) fn read_judged_factor(
     Ok((form, tolerance))
 }
 
-/// What becomes of mimic joints, by name.
+/// Treatments of mimic joints, by name.
 const MIMIC: [(&str, MimicJoints); 2] = [("couple", MimicJoints::Coupled), ("free", MimicJoints::Free)];
 
-/// The argument `mimic`.
+/// Reads the argument `mimic`.
 pub(super) fn read_mimic(mimic: &str) -> Result<MimicJoints, Error> {
     choose("mimic", mimic, &MIMIC)
 }
 
-/// Its name.
+/// Name of the treatment.
 pub(super) fn name_of_mimic(mimic: MimicJoints) -> &'static str {
     MIMIC.iter().find(|(_, known)| *known == mimic).map_or("free", |(name, _)| name)
 }
 
-/// The name of a form.
+/// Name of a form.
 pub(super) fn name_of(form: Form) -> &'static str {
     FORMS.iter().find(|(_, known)| *known == form).map_or("auto", |(name, _)| name)
 }
 
-/// The kinds of numbers that algorithms in lanes compute in.
+/// Scalar types of the vectorized (SIMD) algorithms.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Precise {
     Float64,
     Float32,
 }
 
-/// The argument `precision`: a name.
+/// Reads the argument `precision`, a name.
 pub(super) fn read_precision(name: &str) -> Result<Precise, Error> {
     match name {
         "float64" => Ok(Precise::Float64),
@@ -78,7 +78,7 @@ pub(super) fn read_precision(name: &str) -> Result<Precise, Error> {
     }
 }
 
-/// The argument `dtype`: whatever `NumPy` takes for float64 or float32; None for float64.
+/// Reads the argument `dtype`: any value that `NumPy` accepts for float64 or float32; None: float64.
 pub(super) fn read_dtype(dtype: Option<&Object<'_>>) -> PyResult<Precise> {
     let Some(given) = dtype else { return Ok(Precise::Float64) };
     let py = given.py();
@@ -90,9 +90,9 @@ pub(super) fn read_dtype(dtype: Option<&Object<'_>>) -> PyResult<Precise> {
     }
 }
 
-/// The strings of an iterable that is no string itself; the error says what is expected.
+/// Reads an iterable of strings that is not a string; `expected` is part of the error message.
 pub(super) fn names(argument: &str, given: &Object<'_>, expected: &str) -> PyResult<Vec<String>> {
-    // The keys of a dict would pass, and its values be lost.
+    // The keys of a dict would be accepted and its values silently ignored.
     let is_none = given.is_instance_of::<PyString>() || given.is_instance_of::<PyMapping>();
     let read = || given.try_iter().ok()?.map(|name| name.and_then(|name| name.extract()).ok()).collect();
     match if is_none { None } else { read() } {
@@ -101,7 +101,7 @@ pub(super) fn names(argument: &str, given: &Object<'_>, expected: &str) -> PyRes
     }
 }
 
-/// The entries of a mapping whose keys are strings; the error says what these should be.
+/// Reads the entries of a mapping whose keys are strings; `expected` is part of the error message.
 pub(super) fn items<'py>(
     argument: &str,
     mapping: &Bound<'py, PyMapping>,

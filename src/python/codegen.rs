@@ -1,4 +1,4 @@
-//! Methods of `Scene`: the robot as code.
+//! Methods of `Scene`: code generation.
 
 use super::choice::names;
 use super::links::read_frame;
@@ -12,23 +12,48 @@ use pyo3::types::{PyDict, PyMapping, PyString};
 
 #[pymethods]
 impl PyScene {
-    /// Generates C99 code for the dynamics of this robot, which depends on libm only: a dict from file names to their contents, NAME.c, NAME.h, test_NAME.c and a Makefile.
-    ///
-    /// directory: the directory to which the files are also written, created if necessary; None: no files are written. name: prefix of files and functions. functions: names among "forward_dynamics",
-    /// "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse", "forward_dynamics_derivatives", "inverse_dynamics_derivatives", "forward_dynamics_jvp",
-    /// "forward_dynamics_vjp", "inverse_dynamics_jvp", "inverse_dynamics_vjp", "placements", "forward_dynamics_watched", "mass_matrix_inverse_watched" and "factor_watched", which also return a margin for each
-    /// state, negative if precision may be lost; and functions of one link, ("placement", link), ("jacobian", link) and ("jacobian", link, frame), with frame as in jacobian. None: all functions without a margin that are
-    /// not for one link. dtype: "float64" or "float32", the type of the code. batches: True to add functions for batches, such as NAME_forward_dynamics_batch(count, ...), vectorized over states with the vector
-    /// extensions of GCC and Clang. tolerance: the error to which the margins refer, as in forward_dynamics.
-    ///
-    /// Each function, for instance NAME_forward_dynamics(q, qd, tau, qdd), is a sequence of operations for one state, without allocations: constants are folded, and operations that this robot does not
-    /// need are omitted. Several results are consecutive arguments, as in NAME_forward_dynamics_derivatives(q, qd, tau, dqdd_dq, dqdd_dqd, Minv). Functions of one link have its name in theirs, as in
-    /// NAME_jacobian_tool0_world(q, jacobian), with _ for characters that C does not allow. The order of q and qd is that of the scene; SI units, radians. The results equal those of form "covariance" to rounding,
-    /// without an error estimate. Wrenches and changed parameters are not supported. `make test` in the directory compiles the code and compares it with the scene at one state.
-    ///
-    /// Raises ArgumentError for a name that is not a C identifier, unknown functions and links, and links whose functions would have the same name in C; for dynamics of a scene with connections, for a scene with
-    /// coupled joints (mimic="couple"), and for the inverse mass matrix and the derivatives of forward dynamics of chains of more than 300 joints; OSError if files cannot be written.
-    #[pyo3(signature = (directory=None, *, name="robot", functions=None, dtype="float64", batches=false, tolerance=None))]
+    /// Generate C99 code for the dynamics of this robot, which depends on libm only.
+    #[doc = parameters!(directory)]
+    /// name : str, default "robot"
+    ///     Prefix of files and functions, a C identifier.
+    /// functions : iterable of str or tuple, optional
+    ///     "forward_dynamics", "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse",
+    ///     "forward_dynamics_derivatives", "inverse_dynamics_derivatives", "forward_dynamics_jvp",
+    ///     "forward_dynamics_vjp", "inverse_dynamics_jvp", "inverse_dynamics_vjp" and "placements";
+    ///     "forward_dynamics_watched", "mass_matrix_inverse_watched" and "factor_watched", which also return a margin
+    ///     per state, negative if precision may be lost; and functions of one link, ("placement", link), ("jacobian",
+    ///     link) and ("jacobian", link, frame). None: those of the first group.
+    /// dtype : {"float64", "float32"}, default "float64"
+    ///     Scalar type of the code.
+    /// batches : bool, default False
+    ///     If true, add functions for batches, such as NAME_forward_dynamics_batch(count, ...), vectorized over
+    ///     states with the vector extensions of GCC and Clang.
+    /// tolerance : float, optional
+    ///     Error to which the margins refer, as in forward_dynamics.
+    #[doc = section!(Returns)]
+    /// files : dict of str to str
+    ///     File names and contents: NAME.c, NAME.h, test_NAME.c and a Makefile.
+    #[doc = section!(Raises)]
+    /// ArgumentError
+    ///     An invalid name, unknown functions or links, links with equal names in C, dynamics of scenes with
+    ///     connections, scenes with coupled joints, and chains of more than 300 joints for the inverse mass matrix and
+    ///     the forward derivatives.
+    /// OSError
+    ///     Files that cannot be written.
+    #[doc = section!(Notes)]
+    /// Each function, for instance NAME_forward_dynamics(q, qd, tau, qdd), is a sequence of operations for one state
+    /// without allocations: constants are folded, and operations that this robot does not need are omitted. Several
+    /// results are consecutive arguments: NAME_forward_dynamics_derivatives(q, qd, tau, dqdd_dq, dqdd_dqd, Minv).
+    /// Functions of one link contain its name, as NAME_jacobian_tool0_world(q, jacobian), with _ for characters that C
+    /// does not allow. The order of q and qd is that of the scene. Results equal those of form "covariance" to
+    /// rounding, without an error estimate. Wrenches and changed parameters are not supported. `make test` in the
+    /// directory compares the code with the scene at one state.
+    #[doc = section!(Examples)]
+    /// >>> files = phipsi.scenes.chain(3).to_c(name="arm", functions=["forward_dynamics"])
+    /// >>> sorted(files)
+    /// ['Makefile', 'arm.c', 'arm.h', 'test_arm.c']
+    #[pyo3(signature = (directory=None, *, name="robot", functions=None, dtype="float64", batches=false,
+                        tolerance=None))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn to_c<'py>(
         &self,
@@ -53,15 +78,30 @@ impl PyScene {
         written(py, directory, sources_accepting(&self.scene, name, &functions, (width, batches), tolerance)?)
     }
 
-    /// The dynamics of this robot as a Rust crate that needs `core` alone, a dict from names of files to their texts: Cargo.toml, src/lib.rs, src/dynamics.rs, src/lanes.rs, src/numbers.rs and tests/reference.rs.
-    ///
-    /// directory: where to write them too, made where it is not there; None: nowhere. name: of the crate. functions: as of to_c.
-    ///
-    /// Each function is one straight line of operations in safe code, forward_dynamics(&q, &qd, &tau) -> [T; NV] for instance, without allocations, for any T of the trait Number that src/dynamics.rs defines: f64 and f32 by
-    /// the standard library (feature "std", on unless switched off), Lanes<T, N> of src/lanes.rs for N states at once, or a type of yours; forward_dynamics_batch and its like take slices of states. Order of q
-    /// and qd as in the scene; SI units, radians. Results are those of form "covariance" to rounding: digits that it loses are not noticed. `cargo test` in the directory compares with the scene at one state.
-    ///
-    /// Raises ArgumentError for a name that no crate can have, and as to_c; OSError where files cannot be written.
+    /// Generate a Rust crate for the dynamics of this robot, which depends on `core` only.
+    #[doc = parameters!(directory)]
+    /// name : str, default "robot"
+    ///     Name of the crate.
+    #[doc = entries!(functions)]
+    #[doc = section!(Returns)]
+    /// files : dict of str to str
+    ///     File names and contents: Cargo.toml, src/lib.rs, src/dynamics.rs, src/lanes.rs, src/numbers.rs,
+    ///     tests/reference.rs.
+    #[doc = section!(Raises)]
+    /// ArgumentError
+    ///     An invalid name, and as to_c.
+    /// OSError
+    ///     Files that cannot be written.
+    #[doc = section!(Notes)]
+    /// Each function, for instance forward_dynamics(&q, &qd, &tau) -> [T; NV], is a sequence of operations in safe code
+    /// without allocations, for any type with the trait Number of src/dynamics.rs: f64 and f32 (feature "std", enabled
+    /// by default), Lanes<T, N> of src/lanes.rs for N states at once, or your own type. Functions such as
+    /// forward_dynamics_batch take slices of states. Results equal those of form "covariance" to rounding, without an
+    /// error estimate. `cargo test` compares the crate with the scene at one state.
+    #[doc = section!(Examples)]
+    /// >>> files = phipsi.scenes.chain(3).to_rust(functions=["mass_matrix"])
+    /// >>> "pub fn mass_matrix" in files["src/dynamics.rs"]
+    /// True
     #[pyo3(signature = (directory=None, *, name="robot", functions=None))]
     fn to_rust<'py>(
         &self,
@@ -73,15 +113,27 @@ impl PyScene {
         written(py, directory, rust_sources(&self.scene, name, &read_functions(functions)?)?)
     }
 
-    /// The dynamics of this robot as CUDA kernels, a dict from names of files to their texts: NAME.cu, one_thread.h, test_NAME.cu and a Makefile.
-    ///
-    /// directory: where to write them too, made where it is not there; None: nowhere. name: what files and kernels begin with. functions: as of to_c. dtype: "float64" or "float32", the numbers of the code.
-    ///
-    /// Each kernel takes many states, one a thread: NAME_forward_dynamics(count, q, qd, tau, qdd) for instance, extern "C", with `count` an unsigned long long. Number i of the q of state s is q[i * count + s]. NAME.cu includes nothing: NVRTC
-    /// compiles it at run time, as phipsi.compile(device="cuda") does, or nvcc. Order of q and qd as in the scene; SI units, radians. Results are those of form "covariance" to rounding: digits that it loses are not
-    /// noticed. `make test` in the directory compares with the scene at one state on a GPU; `make test-c` does so by the C compiler, where threads are a loop.
-    ///
-    /// Raises ArgumentError as to_c; OSError where files cannot be written.
+    /// Generate CUDA kernels for the dynamics of this robot.
+    #[doc = parameters!(directory)]
+    /// name : str, default "robot"
+    ///     Prefix of files and kernels.
+    #[doc = entries!(functions)]
+    /// dtype : {"float64", "float32"}, default "float64"
+    ///     Scalar type of the code.
+    #[doc = section!(Returns)]
+    /// files : dict of str to str
+    ///     File names and contents: NAME.cu, one_thread.h, test_NAME.cu and a Makefile.
+    #[doc = raises!(as_to_c)]
+    #[doc = section!(Notes)]
+    /// Each kernel, for instance extern "C" NAME_forward_dynamics(count, q, qd, tau, qdd) with an unsigned long long
+    /// count, computes one state per thread. Entry i of the q of state s is q[i * count + s]. NAME.cu has no includes:
+    /// NVRTC compiles it at run time (phipsi.compile(device="cuda")), or nvcc does. Results equal those of form
+    /// "covariance" to rounding, without an error estimate. `make test` compares the kernels with the scene at one
+    /// state on a GPU; `make test-c` does so with the C compiler.
+    #[doc = section!(Examples)]
+    /// >>> files = phipsi.scenes.chain(3).to_cuda(functions=["forward_dynamics"])
+    /// >>> "robot.cu" in files
+    /// True
     #[pyo3(signature = (directory=None, *, name="robot", functions=None, dtype="float64"))]
     fn to_cuda<'py>(
         &self,
@@ -95,7 +147,7 @@ impl PyScene {
     }
 }
 
-/// Files as a dict, and in a directory where one is given.
+/// Returns the files as a dict, and writes them to the directory if one is given.
 fn written<'py>(py: Python<'py>, directory: Option<&Object<'py>>, sources: Sources) -> PyResult<Bound<'py, PyDict>> {
     let files = PyDict::new(py);
     for (file, text) in sources {
@@ -115,7 +167,8 @@ fn read_width(dtype: &str) -> PyResult<Width> {
     }
 }
 
-/// Functions by their names, or of one link as (name, link) and (name, link, frame), each once; of None all that are of no one link and not watched.
+/// Reads functions: names, (name, link) or (name, link, frame), without duplicates. None: all functions that are not
+/// for one link and have no margin.
 fn read_functions(given: Option<&Object<'_>>) -> PyResult<Vec<Function>> {
     let Some(given) = given else {
         return Ok(FUNCTIONS.to_vec());

@@ -1,4 +1,4 @@
-//! Methods of `Scene`: configurations as a manifold, and limits.
+//! Methods of `Scene`: configurations on the manifold, and joint limits.
 
 use super::object::{Object, imported};
 use super::output::{Array, from_numbers};
@@ -6,23 +6,39 @@ use super::scene::PyScene;
 use crate::scene::Limits;
 use pyo3::prelude::*;
 
-/// Rough time of one body in one state, ns.
+/// Approximate time per body and state, ns.
 const COST: usize = 30;
 
 #[pymethods]
 impl PyScene {
-    /// The neutral configuration, (nq,): zero everywhere, the identity (0, 0, 0, 1) for quaternions.
+    /// Neutral configuration: zero everywhere, and the identity (0, 0, 0, 1) for quaternions.
+    #[doc = section!(Returns)]
+    /// q : (nq,) ndarray
+    ///     Joint positions, rad or m.
+    #[doc = section!(Examples)]
+    /// >>> phipsi.scenes.chain(3).neutral()
+    /// array([0., 0., 0.])
     #[pyo3(signature = ())]
     fn neutral<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         from_numbers(py, &self.scene.neutral(), &[self.scene.nq()])
     }
 
-    /// The configuration reached from q by the constant velocity v in unit time, on the manifold.
-    ///
-    /// q: (..., nq); v: (..., nv); leading axes broadcast. Returns (..., nq), quaternions of unit norm. A free joint moves
-    /// along the screw of its twist, a spherical joint turns about its rate, all others add.
-    ///
-    /// errors: as in forward_dynamics. Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+    /// Configuration that the constant joint velocity v reaches from q in unit time, on the manifold.
+    #[doc = parameters!(q)]
+    /// v : (..., nv) array_like
+    ///     Displacement in the tangent space of q, rad or m.
+    #[doc = entries!(errors)]
+    #[doc = section!(Returns)]
+    /// q : (..., nq) ndarray
+    ///     Joint positions, with quaternions of unit norm.
+    #[doc = raises!(arguments)]
+    #[doc = section!(Notes)]
+    /// A free joint moves along the screw motion of its twist, a spherical joint rotates about its angular velocity,
+    /// and the coordinates of all other joints are added.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> scene.integrate([0.3, 0.2, 0.1], [0.1, 0.0, 0.0])
+    /// array([0.4, 0.2, 0.1])
     #[pyo3(signature = (q, v, *, errors="raise"))]
     fn integrate<'py>(&self, py: Python<'py>, q: &Object<'py>, v: &Object<'py>, errors: &str) -> Array<'py> {
         let inputs = [self.configuration("q", q)?, self.rate("v", v)?];
@@ -30,11 +46,21 @@ impl PyScene {
         call.array(py, &[self.scene.nq()], |scene, _, [q, v], out| scene.integrate(q, v, out))
     }
 
-    /// The velocity that takes q0 to q1 in unit time, the inverse of integrate; rotations go the short way.
-    ///
-    /// q0, q1: (..., nq); leading axes broadcast. Returns (..., nv), SI units.
-    ///
-    /// errors: as in forward_dynamics. Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+    /// Joint velocity that moves q0 to q1 in unit time, the inverse of integrate, on the manifold.
+    #[doc = section!(Parameters)]
+    /// q0 : (..., nq) array_like
+    ///     Joint positions at the start, rad or m.
+    /// q1 : (..., nq) array_like
+    ///     Joint positions at the end, rad or m.
+    #[doc = entries!(errors)]
+    #[doc = section!(Returns)]
+    /// v : (..., nv) ndarray
+    ///     Displacement in the tangent space of q0, rad or m. Rotations take the shorter way.
+    #[doc = raises!(arguments)]
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> scene.difference([0.3, 0.2, 0.1], [0.5, 0.2, 0.1]).round(3)
+    /// array([0.2, 0. , 0. ])
     #[pyo3(signature = (q0, q1, *, errors="raise"))]
     fn difference<'py>(&self, py: Python<'py>, q0: &Object<'py>, q1: &Object<'py>, errors: &str) -> Array<'py> {
         let inputs = [self.configuration("q0", q0)?, self.configuration("q1", q1)?];
@@ -42,10 +68,10 @@ impl PyScene {
         call.array(py, &[self.scene.nv()], |scene, _, [q0, q1], out| scene.difference(q0, q1, out))
     }
 
-    /// Limits by degree of freedom, as the named tuple Limits(lower, upper, velocity, effort) of arrays (nv,).
+    /// Joint limits per degree of freedom as Limits(lower, upper, velocity, effort), each (nv,); infinite for none.
     ///
-    /// rad or m, rad/s or m/s, N m or N; infinite where there is none; a joint of several degrees of freedom repeats its own.
-    /// Positions are stops in simulations (limits="report" switches them off); velocity and effort are reported only.
+    /// Units are rad or m, rad/s or m/s, and N m or N. A joint of several degrees of freedom repeats its limits.
+    /// Position limits are stops in simulations, unless limits="report"; velocity and effort limits are reported only.
     #[getter]
     fn limits<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         let column = |of: fn(&Limits) -> f64| {

@@ -5,7 +5,7 @@ use crate::scene::{Connection, ConnectionKind};
 use crate::spatial::RigidShift;
 use nalgebra::Matrix3;
 
-/// The kind of that name, with what it has.
+/// Reads a kind of connection with its axis or length.
 pub(super) fn kind_of(
     connection: &str,
     name: &str,
@@ -32,7 +32,8 @@ pub(super) fn kind_of(
     Ok(kind)
 }
 
-/// A connection in plain numbers and names: name, kind, axis, length, (multiplier, offset), link, other, the two frames (rotation row by row, lever).
+/// A connection as numbers and names: name, kind, axis, length, (multiplier, offset), link, other, and the two frames
+/// (rotation in row-major order, lever).
 pub(super) type ConnectionTuple = (
     String,
     String,
@@ -45,7 +46,7 @@ pub(super) type ConnectionTuple = (
     Option<([f64; 9], [f64; 3])>,
 );
 
-/// All that a connection was given.
+/// The complete description of a connection.
 pub(super) fn connection_tuple(connection: &Connection) -> ConnectionTuple {
     let Connection { name, kind, link, other, frame, other_frame } = connection;
     let (axis, length, ratio) = match *kind {
@@ -73,7 +74,7 @@ pub(super) fn connection_tuple(connection: &Connection) -> ConnectionTuple {
     )
 }
 
-/// The connection of its tuple.
+/// The connection of a tuple.
 pub(super) fn connection_of(tuple: ConnectionTuple) -> Result<Connection, Error> {
     let (name, kind, axis, length, ratio, link, other, frame, other_frame) = tuple;
     let kind = match ratio {

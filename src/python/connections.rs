@@ -1,4 +1,4 @@
-//! What closes loops: methods of `SceneBuilder` that connect, and of `Scene` that tell of connections.
+//! Closed loops: the methods of `SceneBuilder` that add connections, and the properties of `Scene` that describe them.
 
 use super::builder::{PySceneBuilder, optional_triple, orientation};
 use super::connection_tuple::kind_of;
@@ -14,18 +14,48 @@ use pyo3::types::{PySlice, PyTuple};
 
 #[pymethods]
 impl PySceneBuilder {
-    /// Closes a loop: connects a frame on a link with a frame on another, or on the world.
-    ///
-    /// kind: "point" (the origins coincide: 3 rows), "axis" (the origins coincide, and the direction axis, (3,), in both frames, None: z: a hinge, 5
-    /// rows), "weld" (the frames coincide: 6 rows), "distance" or "rod" (the origins are length apart, m; None: as in the neutral configuration: 1
-    /// row). link, other: names of links, which may come later; None: the world, the base's frame. xyz: (3,), m, and rpy: (3,), rad, or rotation: (3,
-    /// 3): the first frame seen from link, as in joint. other_xyz, other_rpy, other_rotation: the second seen from other; none of them: where the
-    /// first frame is in the neutral configuration.
-    ///
-    /// Raises SceneError for an unknown kind, and an axis or a length that the kind has not; ShapeError or ArgumentError for arrays, naming the
-    /// connection; build() checks the rest.
-    #[pyo3(signature = (name, kind, link, other=None, *, xyz=None, rpy=None, rotation=None, other_xyz=None, other_rpy=None, other_rotation=None, axis=None, length=None),
-           text_signature = "($self, name, kind, link, other=None, *, xyz=(0, 0, 0), rpy=None, rotation=None, other_xyz=None, other_rpy=None, other_rotation=None, axis=None, length=None)")]
+    /// Close a kinematic loop: connect a frame on a link with a frame on another link or on the base.
+    #[doc = section!(Parameters)]
+    /// name : str
+    ///     Name of the connection.
+    /// kind : {"point", "axis", "weld", "distance", "rod"}
+    ///     "point": the origins coincide (3 rows). "axis": a hinge: the origins and the direction `axis` coincide (5
+    ///     rows). "weld": the frames coincide (6 rows). "distance" or "rod": the origins are `length` apart (1 row).
+    /// link : str
+    ///     Name of the first link, which may be added later.
+    /// other : str, optional
+    ///     Name of the second link. None: the base.
+    /// xyz : (3,) array_like, default (0, 0, 0)
+    ///     Origin of the first frame in `link`, m.
+    /// rpy : (3,) array_like, optional
+    ///     Orientation of the first frame in `link`, rad, as in joint.
+    /// rotation : (3, 3) array_like, optional
+    ///     The same as a matrix, instead of rpy.
+    /// other_xyz : (3,) array_like, optional
+    ///     Origin of the second frame in `other`, m.
+    /// other_rpy : (3,) array_like, optional
+    ///     Orientation of the second frame in `other`, rad.
+    /// other_rotation : (3, 3) array_like, optional
+    ///     The same as a matrix. None of the three: the second frame is where the first one is in the neutral
+    ///     configuration.
+    /// axis : (3,) array_like, optional
+    ///     Direction in both frames, for "axis"; z by default.
+    /// length : float, optional
+    ///     Length, m, for "distance" and "rod"; by default that in the neutral configuration.
+    #[doc = returns!(builder)]
+    #[doc = section!(Raises)]
+    /// SceneError
+    ///     An unknown kind, or an axis or a length that the kind does not have.
+    /// ShapeError, ArgumentError
+    ///     Invalid arrays. The message names the connection; build() checks the rest.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3).to_builder().connect("pin", "point", "link2", xyz=(0, 0, 0.3)).build()
+    /// >>> scene.connection_names, scene.constraint_jacobian([0.3, 0.2, 0.1]).shape
+    /// (('pin',), (3, 3))
+    #[pyo3(signature = (name, kind, link, other=None, *, xyz=None, rpy=None, rotation=None, other_xyz=None,
+                        other_rpy=None, other_rotation=None, axis=None, length=None),
+           text_signature = "($self, name, kind, link, other=None, *, xyz=(0, 0, 0), rpy=None, rotation=None, \
+                             other_xyz=None, other_rpy=None, other_rotation=None, axis=None, length=None)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn connect<'py>(
         mut slf: PyRefMut<'py, Self>,
@@ -58,11 +88,25 @@ impl PySceneBuilder {
         Ok(slf)
     }
 
-    /// Couples a joint to another: its coordinate is multiplier times that one's, plus offset (rad or m), kept by a force: 1 row.
-    ///
-    /// name: of the connection. joint, other: names of joints of one axis, which may come later; other None: the coordinate is offset.
-    ///
-    /// build() raises SceneError for joints that are not there or have several axes, and for numbers that are not finite.
+    /// Couple two joints by a constraint force (1 row): coordinate = multiplier * other coordinate + offset.
+    #[doc = section!(Parameters)]
+    /// name : str
+    ///     Name of the connection.
+    /// joint : str
+    ///     Name of a joint with one axis, which may be added later.
+    /// other : str, optional
+    ///     Name of the other joint with one axis. None: the coordinate equals offset.
+    /// multiplier : float, default 1
+    ///     Factor of the coordinate of the other joint.
+    /// offset : float, default 0
+    ///     Offset, rad or m.
+    #[doc = returns!(builder)]
+    #[doc = section!(Notes)]
+    /// build() raises SceneError for unknown joints, joints with several axes and non-finite numbers.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1", multiplier=-2.0).build()
+    /// >>> scene.constraint_error([0.0, 0.1, 0.0]).round(3)
+    /// array([0.2])
     #[pyo3(signature = (name, joint, other=None, *, multiplier=1.0, offset=0.0))]
     fn couple<'py>(
         mut slf: PyRefMut<'py, Self>,
@@ -80,21 +124,30 @@ impl PySceneBuilder {
 
 #[pymethods]
 impl PyScene {
-    /// Names of the connections that close loops, in the order they were made: the keys of the forces of constrained_dynamics.
+    /// Names of the connections in the order of their creation: the keys of the forces of constrained_dynamics.
     #[getter]
     fn connection_names<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
         PyTuple::new(py, self.scene.connections().iter().map(|connection| &connection.name).collect::<Vec<_>>())
     }
 
-    /// Geometric tolerance of linkages, an angle in rad or a length over the reach of the loop: see SceneBuilder.build. Zero with strict=True.
+    /// Geometric tolerance of linkages, an angle in rad or a relative length; see SceneBuilder.build.
     #[getter]
     fn tolerance(&self) -> f64 {
         self.scene.tolerance()
     }
 
-    /// Where a connection is among the rows of constraint_error, constraint_bias and constraint_jacobian, a slice.
-    ///
-    /// Raises ArgumentError, with the names that there are, for an unknown connection.
+    /// Slice of the rows of a connection in constraint_error, constraint_bias and constraint_jacobian.
+    #[doc = section!(Parameters)]
+    /// connection : str
+    ///     Name of the connection.
+    #[doc = section!(Returns)]
+    /// slice
+    ///     Position of the rows.
+    #[doc = raises!(unknown)]
+    #[doc = section!(Examples)]
+    /// >>> builder = phipsi.scenes.chain(3).to_builder().connect("pin", "point", "link2")
+    /// >>> builder.couple("gear", "j2", "j1").build().connection_rows("gear")
+    /// slice(3, 4, 1)
     #[pyo3(signature = (connection, /))]
     fn connection_rows<'py>(&self, py: Python<'py>, connection: &str) -> PyResult<Bound<'py, PySlice>> {
         let Some((_, rows)) = self.scene.rows_of_connections().find(|(name, _)| *name == connection) else {
@@ -109,7 +162,14 @@ impl PyScene {
         Ok(PySlice::new(py, isize::try_from(rows.start)?, isize::try_from(rows.end)?, 1))
     }
 
-    /// The same tree without the connections, for what knows trees only.
+    /// Create the scene of the same kinematic tree without the connections, for methods that support trees only.
+    #[doc = section!(Returns)]
+    /// scene : Scene
+    ///     The tree.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
+    /// >>> scene.without_connections().connection_names
+    /// ()
     #[pyo3(signature = ())]
     fn without_connections(&self, py: Python<'_>) -> PyResult<Self> {
         let make = || self.scene.without_connections();

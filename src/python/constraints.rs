@@ -1,4 +1,4 @@
-//! Methods of `Scene`: motion through connections.
+//! Methods of `Scene`: constrained dynamics.
 
 use super::call::Call;
 use super::choice::{names, read_judged, read_judged_factor};
@@ -16,15 +16,15 @@ use crate::filter::Form;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PySlice};
 
-/// Rough times in one state, ns (see `Call::new`).
+/// Approximate times per state, ns (see `Call::new`).
 mod cost {
-    /// Of one body: two forward dynamics, a factor, some more right sides.
+    /// Per body: two forward dynamics, a factor, some more right-hand sides.
     pub const BODY: usize = 600;
-    /// Of one row on its way through one body.
+    /// Per row and body on its path to the base.
     pub const ROW: usize = 60;
-    /// Of the eigenvalues of m x m, over m^3.
+    /// Eigenvalues of an m x m matrix, divided by m^3.
     pub const CUBE: usize = 20;
-    /// Of forward dynamics alone, by the compiled kernels: of one body, of one row on its way through it, and of a Cholesky factor.
+    /// Forward dynamics in the compiled kernels: per body, per row and body, and of a Cholesky factorization.
     pub const FAST_BODY: usize = 250;
     pub const FAST_ROW: usize = 15;
     pub const FAST_CUBE: usize = 1;
@@ -32,13 +32,23 @@ mod cost {
 
 #[pymethods]
 impl PyScene {
-    /// How far each row of the connections is from holding, (..., m): the rows of one connection are those of connection_rows.
-    ///
-    /// q: (..., nq). errors: as in forward_dynamics. Origins in m, in the first frame's axes; rotations as 2 sin(t/2) about their axis, t the angle,
-    /// which is t where it is small; of an axis the two directions across it: the first frame's x and y, turned with it the short way from z to the
-    /// axis; angular rows before linear ones. A distance less its length, m; the coordinate of a joint less what it should be.
-    ///
-    /// Raises ConstraintError for a rod whose ends coincide; ShapeError, NotFiniteError, ArgumentError, naming the state.
+    /// Constraint error of each row of the connections; zero if the connections are closed.
+    #[doc = parameters!(q errors)]
+    #[doc = section!(Returns)]
+    /// error : (..., m) ndarray
+    ///     Errors, rad or m; connection_rows has the rows of each connection, angular rows first.
+    #[doc = section!(Raises)]
+    /// ConstraintError
+    ///     A rod of length zero.
+    #[doc = entries!(arguments)]
+    #[doc = section!(Notes)]
+    /// Origins: m, in the axes of the first frame. Rotations: 2 sin(t/2) about the axis, with the angle t. Direction of
+    /// an axis: the two components across it. Distance: current length minus `length`. Coupling: coordinate minus its
+    /// nominal value.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
+    /// >>> scene.constraint_error([0.0, 0.1, 0.3]).round(3)
+    /// array([0.2])
     #[pyo3(signature = (q, *, errors="raise"))]
     fn constraint_error<'py>(&self, py: Python<'py>, q: &Object<'py>, errors: &str) -> Array<'py> {
         let m = self.scene.constraint_rows();
@@ -46,11 +56,18 @@ impl PyScene {
         call.array(py, &[m], |scene, _, [q], out| scene.constraint_error(q, out))
     }
 
-    /// The Jacobian of the connections, (..., m, nv): J qd is the rate of constraint_error, exactly and at every q.
-    ///
-    /// q: (..., nq). errors: as in forward_dynamics. O(m depth), beside the zeros.
-    ///
-    /// Raises as constraint_error.
+    /// Constraint Jacobian J of the connections: J qd is the time derivative of constraint_error, at every q.
+    #[doc = parameters!(q errors)]
+    #[doc = section!(Returns)]
+    /// J : (..., m, nv) ndarray
+    ///     Jacobian, SI units.
+    #[doc = raises!(arguments)]
+    #[doc = section!(Notes)]
+    /// O(m depth) operations.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
+    /// >>> scene.constraint_jacobian([0.0, 0.1, 0.3])
+    /// array([[ 0., -1.,  1.]])
     #[pyo3(signature = (q, *, errors="raise"))]
     fn constraint_jacobian<'py>(&self, py: Python<'py>, q: &Object<'py>, errors: &str) -> Array<'py> {
         let (m, nv) = (self.scene.constraint_rows(), self.scene.nv());
@@ -61,11 +78,20 @@ impl PyScene {
         })
     }
 
-    /// J' qd of the connections, (..., m): the second derivative of constraint_error where no joint accelerates.
-    ///
-    /// q: (..., nq); qd: (..., nv). errors: as in forward_dynamics. O(m depth).
-    ///
-    /// Raises as constraint_error.
+    /// Constraint bias J' qd: the second time derivative of constraint_error at zero joint accelerations.
+    #[doc = parameters!(q qd errors)]
+    #[doc = section!(Returns)]
+    /// bias : (..., m) ndarray
+    ///     Acceleration of each row, rad/s^2 or m/s^2.
+    #[doc = raises!(arguments)]
+    #[doc = section!(Notes)]
+    /// O(m depth) operations.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3).to_builder().connect("pin", "point", "link2").build()
+    /// >>> q, qd = np.array([0.3, 0.2, 0.1]), np.array([1.0, 0.5, 0.2])
+    /// >>> ahead, behind = (scene.constraint_jacobian(q + h * qd) @ qd for h in (1e-6, -1e-6))
+    /// >>> np.allclose(scene.constraint_bias(q, qd), (ahead - behind) / 2e-6)
+    /// True
     #[pyo3(signature = (q, qd, *, errors="raise"))]
     fn constraint_bias<'py>(&self, py: Python<'py>, q: &Object<'py>, qd: &Object<'py>, errors: &str) -> Array<'py> {
         let m = self.scene.constraint_rows();
@@ -73,22 +99,32 @@ impl PyScene {
         call.array(py, &[m], |scene, _, [q, qd], out| scene.constraint_bias(q, qd, out))
     }
 
-    /// Joint accelerations through the connections, and the forces of these: M qdd + bias = tau + J^T forces with J qdd + J' qd = 0.
+    /// Joint accelerations and constraint forces with connections: M qdd + bias = tau + J^T f, J qdd + J' qd = 0.
+    #[doc = parameters!(q qd tau compliance form tolerance wrenches errors)]
+    #[doc = section!(Returns)]
+    /// dynamics : ConstrainedDynamics
+    ///     Named tuple: qdd (..., nv); forces, a dict from connection names to (..., rows); rank (...) and residual
+    ///     (...).
+    #[doc = section!(Raises)]
+    /// ConstraintError
+    ///     No forces satisfy all rows (contradicting connections), or positions or velocities violate the connections
+    ///     by more than 1e-3 (m or rad; relative to the fastest joint velocity above 1) without compliance. Attributes:
+    ///     .connections, .residual and .state. Scene.project closes the connections.
+    #[doc = entries!(singular arguments)]
+    #[doc = section!(Notes)]
+    /// O(N + m^2 depth + m^3) for m rows: unit forces along the rows run inward through the filter of the tree, and
+    /// their Gram matrix is J M^-1 J^T. With compliance, the rows are measurements with that noise, J qdd + J' qd =
+    /// -compliance f: contradicting rows compromise, and dependent rows share their force.
     ///
-    /// q: (..., nq); qd, tau: (..., nv). form, tolerance, wrenches, errors: as in forward_dynamics, the error being that of the tree's factor. Unit forces along the rows run inward through the tree's
-    /// filter; their Gram matrix is J M^-1 J^T. O(N + m^2 depth + m^3) for m rows.
-    ///
-    /// compliance: how much each row gives way, (m/s^2)/N or (rad/s^2)/(N m), zero or above: one number, or (..., m) in the order of connection_rows. The rows are J qdd + J' qd =
-    /// -compliance forces then, measurements with that noise: rows that contradict each other get a compromise, and rows that depend on each other share their force by it.
-    ///
-    /// Returns a phipsi.ConstrainedDynamics: qdd (..., nv); forces, a dict from names of connections to (..., rows); rank (...) and residual (...). A
-    /// force is what the connection does to its link, (moment, force) as far as it has rows of them, at the origin of its first frame and in that
-    /// frame's axes; the other link gets the opposite. That of a rod is positive where it pushes, that of a coupling acts along its joint. Where rows
-    /// depend on each other, qdd is unique and the forces are those of least sum (J M^-1 J^T)_ii forces_i^2.
-    ///
-    /// Raises ConstraintError, with .connections, .residual and .state, where no forces meet all rows: connections that contradict each other; and
-    /// where positions or velocities are further than 1e-3 from the connections (m or rad; m/s or rad/s, relative to the fastest joint where that is faster than 1; see project), unless compliance
-    /// is given. Otherwise as forward_dynamics.
+    /// A force acts from the connection on `link`, (moment, force) in the rows that it has, at the origin and in the
+    /// axes of its first frame; the other link receives the opposite. The force of a rod is positive in compression;
+    /// that of a coupling acts along its joint. If rows are dependent, qdd is unique and the forces have the least sum
+    /// (J M^-1 J^T)_ii f_i^2.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
+    /// >>> dynamics = scene.constrained_dynamics([0.0, 0.1, 0.1], np.zeros(3), [0.0, 0.1, 0.0])
+    /// >>> np.isclose(dynamics.qdd[1], dynamics.qdd[2]), dynamics.forces["gear"].shape
+    /// (np.True_, (1,))
     #[pyo3(signature = (q, qd, tau, *, compliance=None, form="auto", tolerance=None, wrenches=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn constrained_dynamics<'py>(
@@ -116,24 +152,36 @@ impl PyScene {
         imported!(py, "phipsi._results", "constrained_dynamics")?.call1((results, nv, self.rows_by_name(py)?))
     }
 
-    /// The configuration nearest to q that meets the connections, and the velocities nearest to qd that keep them so.
+    /// Nearest configuration that closes the connections, and nearest joint velocities that keep them closed.
+    #[doc = parameters!(q)]
+    /// qd : (..., nv) array_like, optional
+    ///     Joint velocities, rad/s or m/s.
+    #[doc = entries!(compliance errors)]
+    #[doc = section!(Returns)]
+    /// projection : Projection
+    ///     Named tuple: q; qd, or None; rank (...), the number of independent rows, lower in a singular configuration.
+    #[doc = section!(Raises)]
+    /// ConstraintError
+    ///     An error remains: no small displacement closes the connections. Attributes: .connections, .residual and
+    ///     .state.
+    #[doc = entries!(singular arguments)]
+    #[doc = section!(Warns)]
+    /// LinkageWarning
+    ///     Once per scene: rows count as dependent that are not dependent within rounding, or axes of a loop are nearly
+    ///     parallel.
+    #[doc = section!(Notes)]
+    /// Newton steps -M^-1 J^T (J M^-1 J^T)^+ error, each of least kinetic energy and at most 0.5 rad or m per joint;
+    /// velocities minus M^-1 J^T (J M^-1 J^T)^+ J qd, as by an inelastic impact. With compliance, the result minimizes
+    /// half the squared distance from q in the kinetic-energy metric plus the sum of error^2 / (2 compliance).
     ///
-    /// q: (..., nq); qd: (..., nv) or None. errors: as in forward_dynamics. Newton steps -M^-1 J^T (J M^-1 J^T)^+ error, each of least kinetic
-    /// energy, and no longer than 0.5 rad or m at any joint; velocities less M^-1 J^T (J M^-1 J^T)^+ J qd, as by an impact without rebound.
-    ///
-    /// compliance: how much each row gives way, as in constrained_dynamics: one number, or (..., m). The result is then where half the squared distance from q, by kinetic energy, plus
-    /// the sum of error^2/(2 compliance) is least.
-    ///
-    /// Combinations of rows that move joints by less than Scene.tolerance, where the linkage that is meant has a rank that is lower by as many, count as dependent: a linkage that is drawn with
-    /// few digits keeps its mobility. Their errors stay, at most 10 times the tolerance, and constraint_error gives them.
-    ///
-    /// Returns a phipsi.Projection: q, qd (None without one), and rank (...), how many rows are independent there: fewer than elsewhere where the
-    /// mechanism is singular.
-    ///
-    /// Warns LinkageWarning, once for a scene, where rows count as dependent that are not to within rounding, and where axes of a loop miss being parallel by little more than the tolerance.
-    ///
-    /// Raises ConstraintError, with .connections, .residual and .state, where an error stays: no small moves from there meet the connections;
-    /// SingularJointError, ShapeError, NotFiniteError, ArgumentError, naming the state.
+    /// Combinations of rows that move joints by less than Scene.tolerance count as dependent if the rank of the
+    /// intended linkage is lower by as many: a linkage drawn with few digits keeps its mobility. Their errors remain,
+    /// at most 10 times the tolerance; constraint_error has them.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
+    /// >>> closed = scene.project([0.0, 0.1, 0.3])
+    /// >>> np.allclose(scene.constraint_error(closed.q), 0.0)
+    /// True
     #[pyo3(signature = (q, qd=None, *, compliance=None, errors="raise"))]
     fn project<'py>(
         &self,
@@ -171,16 +219,27 @@ impl PyScene {
         imported!(py, "phipsi._results", "projection")?.call1((output.finish(), nq, is_moving))
     }
 
-    /// Joint torques, and forces of the connections, that give the accelerations: tau + J^T forces = M qdd + bias.
-    ///
-    /// q: (..., nq); qd, qdd: (..., nv). actuated: names of joints with motors, or a boolean array (nv,); None: all. tau is zero at the others. Where
-    /// that leaves a choice, tau has the least tau^T M^-1 tau: torques that do not load the connections. wrenches, form, tolerance, errors: as in
-    /// forward_dynamics.
-    ///
-    /// Returns a phipsi.ConstrainedInverseDynamics: tau (..., nv); forces, rank as in constrained_dynamics; residual (...), the largest entry of J
-    /// qdd + J' qd: where it is not rounding, no torques give these accelerations.
-    ///
-    /// Raises ArgumentError, named actuated, where a joint without a motor would need a torque; otherwise as inverse_dynamics.
+    /// Joint torques and constraint forces for given joint accelerations: tau + J^T f = M qdd + bias.
+    #[doc = parameters!(q qd qdd)]
+    /// actuated : iterable of str or (nv,) array_like of bool, optional
+    ///     Names of the actuated joints, or a mask; the torque of all others is zero. None: all joints.
+    #[doc = entries!(form tolerance wrenches errors)]
+    #[doc = section!(Returns)]
+    /// dynamics : ConstrainedInverseDynamics
+    ///     Named tuple: tau (..., nv); forces and rank as in constrained_dynamics; residual (...), the largest entry of
+    ///     J qdd + J' qd, which is not rounding if no torques cause these accelerations.
+    #[doc = section!(Raises)]
+    /// ArgumentError
+    ///     A joint outside of `actuated` needs a torque, or an invalid argument.
+    #[doc = entries!(singular arguments)]
+    #[doc = section!(Notes)]
+    /// If there is a choice, tau minimizes tau^T M^-1 tau: torques that do not load the connections.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
+    /// >>> q, qd, qdd = [0.0, 0.1, 0.1], np.zeros(3), np.ones(3)
+    /// >>> dynamics = scene.constrained_inverse_dynamics(q, qd, qdd, actuated=["j0", "j1"])
+    /// >>> float(dynamics.tau[2])
+    /// 0.0
     #[pyo3(signature = (q, qd, qdd, *, actuated=None, form="auto", tolerance=None, wrenches=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn constrained_inverse_dynamics<'py>(
@@ -216,11 +275,19 @@ impl PyScene {
         imported!(py, "phipsi._results", "constrained_inverse_dynamics")?.call1((results, nv, self.rows_by_name(py)?))
     }
 
-    /// How torques accelerate the joints through the connections, (..., nv, nv): M^-1 - M^-1 J^T (J M^-1 J^T)^+ J M^-1, symmetric and of lower rank.
-    ///
-    /// q: (..., nq). form, tolerance, errors: as in forward_dynamics. A Gram matrix: nothing is subtracted, and no eigenvalue is negative beyond rounding. O(nv^3).
-    ///
-    /// Raises ArgumentError above 4000 degrees of freedom; otherwise as mass_matrix_inverse and constraint_error.
+    /// Inverse mass matrix through the connections: M^-1 - M^-1 J^T (J M^-1 J^T)^+ J M^-1.
+    #[doc = parameters!(q form tolerance errors)]
+    #[doc = section!(Returns)]
+    /// inverse : (..., nv, nv) ndarray
+    ///     Change of the joint accelerations per joint torque, SI units; symmetric, of rank nv minus that of J.
+    #[doc = raises!(singular dense arguments)]
+    #[doc = section!(Notes)]
+    /// O(nv^3), as a Gram matrix without a subtraction: no eigenvalue is negative beyond rounding.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
+    /// >>> inverse = scene.constrained_mass_matrix_inverse([0.0, 0.1, 0.1])
+    /// >>> np.allclose(scene.constraint_jacobian([0.0, 0.1, 0.1]) @ inverse, 0.0)
+    /// True
     #[pyo3(signature = (q, *, form="auto", tolerance=None, errors="raise"))]
     fn constrained_mass_matrix_inverse<'py>(
         &self,
@@ -243,28 +310,33 @@ impl PyScene {
 }
 
 impl PyScene {
-    /// The number of rows that the argument compliance is for; an error where there are none.
+    /// Number of rows for the argument `compliance`; an error if there are none.
     pub(super) fn compliant_rows(&self) -> PyResult<usize> {
         let rows = self.scene.constraint_rows();
         if rows == 0 {
             let found = "a value for a scene without connections";
-            return Err(Error::argument("compliance", found, "none, or connections (SceneBuilder.connect)").into());
+            return Err(Error::argument(
+                "compliance",
+                found,
+                "no compliance, or a scene with connections (SceneBuilder.connect)",
+            )
+            .into());
         }
         Ok(rows)
     }
 
-    /// The argument compliance, (..., rows).
+    /// Reads the argument `compliance`, (..., rows).
     fn compliance<'py>(&self, compliance: &Object<'py>) -> PyResult<Input<'py>> {
         Input::spread("compliance", compliance, self.compliant_rows()?.into())
     }
 
-    /// Warns, once for a scene, of a linkage that is drawn with few digits.
+    /// Warns, once per scene, about a linkage that is drawn with few digits.
     pub(super) fn warn_of_linkage(&self, py: Python<'_>) -> PyResult<()> {
         let texts = self.scene.new_linkage_warnings();
         texts.iter().try_for_each(|text| warn_as(py, "LinkageWarning", text))
     }
 
-    /// Of one body in forward dynamics through connections, ns.
+    /// Approximate time per body of forward dynamics with connections, ns.
     pub(super) fn cost_through_connections(&self) -> usize {
         let m = self.scene.constraint_rows();
         let rows =
@@ -278,7 +350,7 @@ impl PyScene {
         bodies.saturating_add(cost::CUBE.saturating_mul(m.saturating_pow(3)))
     }
 
-    /// Forward dynamics where rows give way.
+    /// Forward dynamics with compliant connections.
     fn through_compliant_connections<'py>(
         &self,
         py: Python<'py>,
@@ -297,7 +369,7 @@ impl PyScene {
         Ok(output.finish().into_any())
     }
 
-    /// A call with a state and wrenches.
+    /// Creates a call with a state and wrenches.
     fn through_connections<'a, 'py, const N: usize>(
         &'a self,
         given: [(&'static str, &Object<'py>); N],
@@ -309,7 +381,7 @@ impl PyScene {
         Ok(call.with(self.errors(errors, Some(form))?))
     }
 
-    /// A dict from names of connections to their rows, slices.
+    /// Creates a dict from connection names to the slices of their rows.
     fn rows_by_name<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let all = PyDict::new(py);
         for (name, rows) in self.scene.rows_of_connections() {
@@ -318,7 +390,7 @@ impl PyScene {
         Ok(all)
     }
 
-    /// Which degrees of freedom have a motor.
+    /// Reads which degrees of freedom are actuated.
     fn motors(&self, actuated: &Object<'_>) -> PyResult<Vec<bool>> {
         let flags = imported!(actuated.py(), "phipsi._arguments", "flags")?;
         if let Some(mask) = in_python(flags, "actuated", actuated, self.rates())?.extract()? {

@@ -1,4 +1,4 @@
-//! What touches planes of the world: a method of `SceneBuilder` that adds contacts, and those of `Scene` that tell of them.
+//! Contacts: the method of `SceneBuilder` that adds them, and the methods of `Scene` that evaluate them.
 
 use super::builder::{PySceneBuilder, optional_triple};
 use super::cost::WORTH_DETACHING;
@@ -11,26 +11,48 @@ use crate::scene::Contact;
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
-/// Numbers of one contact in a recorded row.
+/// Number of values per contact in a recorded row.
 pub(super) const OF_CONTACT: usize = 11;
 
-/// Rough time of one contact in one state, ns, for each body on its way to the base.
+/// Approximate time per contact, state and body on its path to the base, ns.
 const CONTACT: usize = 20;
 
 #[pymethods]
 impl PySceneBuilder {
-    /// Adds a contact: a sphere on a link, or a point of it, that does not go through a plane of the world. Simulation only.
-    ///
-    /// name: of the contact. link: the name of a link, which may come later. xyz: (3,), the sphere's centre in the link's frame, m. radius: m; 0: a
-    /// point. normal: (3,), out of the ground, in the base frame, of any length, and offset: m: the plane is where the unit normal times y is offset.
-    /// friction: Coulomb's coefficient mu, zero or more. restitution: from 0 (no rebound) to 1 (elastic). Two links do not touch each other, and
-    /// nothing is searched: what may touch is what is named.
-    ///
-    /// Raises ShapeError or ArgumentError for arrays, naming the contact. build() raises SceneError, naming the contact, for a name used twice, a
-    /// link that is not there or cannot move, a normal without direction, numbers that are out of range or not finite, and connections beside
-    /// contacts.
+    /// Add a contact of a sphere or a point on a link with a fixed plane, with Coulomb friction.
+    #[doc = section!(Parameters)]
+    /// name : str
+    ///     Name of the contact.
+    /// link : str
+    ///     Name of the link, which may be added later.
+    /// friction : float
+    ///     Coefficient of Coulomb friction, not negative.
+    /// xyz : (3,) array_like, default (0, 0, 0)
+    ///     Center of the sphere in the link frame, m.
+    /// radius : float, default 0
+    ///     Radius, m; 0: a point.
+    /// normal : (3,) array_like, default (0, 0, 1)
+    ///     Outward normal of the plane in the base frame, of any length.
+    /// offset : float, default 0
+    ///     Distance of the plane from the origin along the normal, m.
+    /// restitution : float, default 0
+    ///     Coefficient of restitution, from 0 (no rebound) to 1 (elastic).
+    #[doc = returns!(builder)]
+    #[doc = section!(Raises)]
+    /// ShapeError, ArgumentError
+    ///     Invalid arrays. The message names the contact.
+    #[doc = section!(Notes)]
+    /// Contacts act in simulations only. There is no collision detection: only the named pairs can touch, and links do
+    /// not touch each other. build() raises SceneError for duplicate names, links that are unknown or cannot move, a
+    /// normal of length zero, values out of range, and contacts together with connections.
+    #[doc = section!(Examples)]
+    /// >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
+    /// >>> scene = builder.contact("foot", "ball", friction=0.5, radius=0.1).build(floating_base=True)
+    /// >>> scene.contact_gaps([0, 0, 0.3, 0, 0, 0, 1]).round(3)
+    /// array([0.2])
     #[pyo3(signature = (name, link, *, friction, xyz=None, radius=0.0, normal=None, offset=0.0, restitution=0.0),
-           text_signature = "($self, name, link, *, friction, xyz=(0, 0, 0), radius=0.0, normal=(0, 0, 1), offset=0.0, restitution=0.0)")]
+           text_signature = "($self, name, link, *, friction, xyz=(0, 0, 0), radius=0.0, normal=(0, 0, 1), \
+                             offset=0.0, restitution=0.0)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn contact<'py>(
         mut slf: PyRefMut<'py, Self>,
@@ -54,17 +76,26 @@ impl PySceneBuilder {
 
 #[pymethods]
 impl PyScene {
-    /// Names of the contacts, in the order they were made: the last axis of contact_gaps, and the keys of Trajectory.contacts.
+    /// Names of the contacts in the order of their creation, that of contact_gaps and of Trajectory.contacts.
     #[getter]
     fn contact_names<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
         PyTuple::new(py, self.scene.contacts().iter().map(|contact| &contact.name).collect::<Vec<_>>())
     }
 
-    /// How far each contact is above its plane, (..., contacts), m; below zero where it is under it.
-    ///
-    /// q: (..., nq). errors: as in forward_dynamics. O(depth) each.
-    ///
-    /// Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+    /// Distance of each contact from its plane; negative below the plane.
+    #[doc = parameters!(q errors)]
+    #[doc = section!(Returns)]
+    /// gaps : (..., contacts) ndarray
+    ///     Distance, m, in the order of contact_names.
+    #[doc = raises!(arguments)]
+    #[doc = section!(Notes)]
+    /// O(depth) per contact.
+    #[doc = section!(Examples)]
+    /// >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
+    /// >>> scene = builder.contact("foot", "ball", friction=0.5, radius=0.1).build(floating_base=True)
+    /// >>> scene.contact_gaps([[0, 0, 0.3, 0, 0, 0, 1], [0, 0, 0.05, 0, 0, 0, 1]]).round(3)
+    /// array([[ 0.2 ],
+    ///        [-0.05]])
     #[pyo3(signature = (q, *, errors="raise"))]
     fn contact_gaps<'py>(&self, py: Python<'py>, q: &Object<'py>, errors: &str) -> Array<'py> {
         let contacts = self.scene.contacts().len();
@@ -72,11 +103,19 @@ impl PyScene {
         call.array(py, &[contacts], |scene, _, [q], out| scene.contact_gaps(q, out))
     }
 
-    /// The velocity of the point of each link that is nearest to its contact's plane, (..., contacts, 3), m/s, in the base frame.
-    ///
-    /// q: (..., nq); qd: (..., nv). errors: as in forward_dynamics. O(depth) each.
-    ///
-    /// Raises as contact_gaps.
+    /// Velocity of the point of each link that is nearest to the plane of its contact, in the base frame.
+    #[doc = parameters!(q qd errors)]
+    #[doc = section!(Returns)]
+    /// v : (..., contacts, 3) ndarray
+    ///     Velocity, m/s, in the order of contact_names.
+    #[doc = raises!(arguments)]
+    #[doc = section!(Notes)]
+    /// O(depth) per contact.
+    #[doc = section!(Examples)]
+    /// >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
+    /// >>> scene = builder.contact("foot", "ball", friction=0.5, radius=0.1).build(floating_base=True)
+    /// >>> scene.contact_velocities([0, 0, 0.1, 0, 0, 0, 1], [1, 0, 0, 0, 0, 0])
+    /// array([[1., 0., 0.]])
     #[pyo3(signature = (q, qd, *, errors="raise"))]
     fn contact_velocities<'py>(&self, py: Python<'py>, q: &Object<'py>, qd: &Object<'py>, errors: &str) -> Array<'py> {
         let contacts = self.scene.contacts().len();
@@ -84,7 +123,15 @@ impl PyScene {
         call.array(py, &[contacts, 3], |scene, _, [q, qd], out| scene.contact_velocities(q, qd, out))
     }
 
-    /// The same scene without the contacts, for what knows none.
+    /// Create the same scene without the contacts, for methods that do not support contacts.
+    #[doc = section!(Returns)]
+    /// scene : Scene
+    ///     The scene without contacts.
+    #[doc = section!(Examples)]
+    /// >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
+    /// >>> scene = builder.contact("foot", "ball", friction=0.5).build(floating_base=True)
+    /// >>> scene.without_contacts().contact_names
+    /// ()
     #[pyo3(signature = ())]
     fn without_contacts(&self, py: Python<'_>) -> PyResult<Self> {
         let make = || self.scene.without_contacts();
@@ -98,7 +145,7 @@ impl PyScene {
     }
 }
 
-/// What steps told of the contacts of each state of a batch, (..., 8).
+/// Reports of the steps about the contacts of each state of a batch, (..., 8).
 pub(super) fn reports<'py>(
     py: Python<'py>,
     batch: &[usize],
@@ -120,7 +167,8 @@ pub(super) fn reports<'py>(
     from_numbers(py, &all, &[batch, &[8]].concat())
 }
 
-/// Recorded rows of contacts, (..., rows, contacts * 11), and what steps told, as a `ContactMotion`.
+/// Creates a `ContactMotion` from the recorded rows of contacts, (..., rows, contacts * 11), and the reports of the
+/// steps.
 pub(super) fn contact_motion<'py>(
     scene: &Bound<'py, PyScene>,
     rows: Object<'py>,

@@ -1,4 +1,4 @@
-//! What drives a simulation: torques that are constant, one a step or asked of a function, and the control law.
+//! Inputs of a simulation: joint torques (constant, one per step, or from a function) and the control law.
 
 use super::input::{self, Input, wrong_shape};
 use super::object::Object;
@@ -11,7 +11,7 @@ use crate::scene::Coupling;
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
-/// The numbers of every state of the batch, one after another.
+/// Values of all states of the batch, consecutively.
 pub(super) fn everyone(input: &Input<'_>, batch: &[usize], states: usize) -> PyResult<Vec<f64>> {
     let own = input.over(batch)?;
     let width = if states == 0 { 0 } else { own.state(0).len() };
@@ -22,7 +22,7 @@ pub(super) fn everyone(input: &Input<'_>, batch: &[usize], states: usize) -> PyR
     Ok(all)
 }
 
-/// The torques of a call, as given.
+/// Joint torques of a call, as given.
 pub(super) enum Given<'py> {
     Nothing,
     Constant(Input<'py>),
@@ -40,7 +40,9 @@ impl<'py> Given<'py> {
         let rates = scene.rates();
         match (tau, tau_steps) {
             (None, None) => Ok(Self::Nothing),
-            (Some(_), Some(_)) => Err(Error::argument("tau_steps", "tau as well", "one of the two").into()),
+            (Some(_), Some(_)) => {
+                Err(Error::argument("tau_steps", "tau and tau_steps", "either tau or tau_steps").into())
+            }
             (Some(tau), None) if tau.is_callable() => Ok(Self::Function(tau.clone())),
             (Some(given), None) => {
                 let tau = Input::new("tau", given, rates)?;
@@ -59,7 +61,7 @@ impl<'py> Given<'py> {
         }
     }
 
-    /// The leading axes that the batch must have.
+    /// Leading axes of the argument, to which the batch must broadcast.
     pub fn leading(&self) -> Option<(&'static str, &[usize])> {
         match self {
             Self::Nothing | Self::Function(_) => None,
@@ -71,7 +73,7 @@ impl<'py> Given<'py> {
         }
     }
 
-    /// The torques of all steps; none where a function gives them.
+    /// Torques of all steps; None if a function returns them.
     pub fn torque<'a>(&'a self, batch: &[usize], (steps, nv): (usize, usize)) -> PyResult<Torque<'a>> {
         Ok(match self {
             Self::Constant(tau) => Torque::Constant(tau.over(batch)?),
@@ -85,7 +87,7 @@ impl<'py> Given<'py> {
     }
 }
 
-/// The control law of a call, as given.
+/// Control law of a call, as given.
 pub(super) struct Pd<'py> {
     gains: [Vec<f64>; 2],
     target: Input<'py>,
@@ -118,7 +120,7 @@ impl<'py> Pd<'py> {
         })
     }
 
-    /// The leading axes that the batch must have.
+    /// Leading axes of the argument, to which the batch must broadcast.
     pub fn leading(&self) -> [(&'static str, &[usize]); 2] {
         [("pd.target", self.target.leading()), ("pd.target_rate", self.rate.leading())]
     }

@@ -1,4 +1,4 @@
-//! Scenes whose joints follow each other, on their way to what computes with the tree: simulations.
+//! Scenes with coupled joints: conversion to and from the tree of independent joints, in which simulations run.
 
 use super::input::Input;
 use super::object::Object;
@@ -7,11 +7,11 @@ use crate::motion::Properties;
 use crate::scene::Coupling;
 use pyo3::prelude::*;
 
-/// How the numbers of one state of the scene become those of the tree.
+/// Conversion of the values of one state of the scene to those of the tree.
 pub(super) type Expand = fn(&Coupling, &[f64]) -> Vec<f64>;
 
 impl PyScene {
-    /// An argument as the tree has it: the argument itself, unless joints follow each other.
+    /// Converts an argument to the tree; the identity without coupled joints.
     pub(super) fn on_tree<'py>(&self, py: Python<'py>, input: Input<'py>, expand: Expand) -> PyResult<Input<'py>> {
         match self.scene.coupling() {
             None => Ok(input),
@@ -19,7 +19,7 @@ impl PyScene {
         }
     }
 
-    /// The numbers of one state of the tree from those of the scene.
+    /// Converts the values of one state of the scene to the tree.
     pub(super) fn expanded(&self, numbers: Vec<f64>, expand: Expand) -> Vec<f64> {
         match self.scene.coupling() {
             None => numbers,
@@ -27,24 +27,24 @@ impl PyScene {
         }
     }
 
-    /// An array of configurations or rates of the tree, (..., nq) or (..., nv), as the scene has it.
+    /// Converts configurations or joint velocities of the tree, (..., nq) or (..., nv), to the scene.
     pub(super) fn of_scene<'py>(&self, array: Object<'py>, rates: bool) -> PyResult<Object<'py>> {
         let Some(coupling) = self.scene.coupling() else { return Ok(array) };
         let kept = if rates { coupling.independent_rows() } else { coupling.independent_coordinates_at() };
         array.call_method1("take", (kept.to_vec(), -1))
     }
 
-    /// Configurations of the tree as the scene has them.
+    /// Converts configurations of the tree to the scene.
     pub(super) fn coordinates_of_scene(&self, q: &[f64]) -> Vec<f64> {
         self.scene.coupling().map_or_else(|| q.to_vec(), |coupling| coupling.independent_coordinates(q))
     }
 
-    /// Rates of the tree as the scene has them.
+    /// Converts joint velocities of the tree to the scene.
     pub(super) fn rates_of_scene(&self, qd: &[f64]) -> Vec<f64> {
         self.scene.coupling().map_or_else(|| qd.to_vec(), |coupling| coupling.independent_rates(qd))
     }
 
-    /// What the joints do by themselves, by the scene's own coordinates.
+    /// Converts joint properties of the tree to the coordinates of the scene.
     pub(super) fn properties_of_scene(&self, of: &Properties) -> Properties {
         let Some(coupling) = self.scene.coupling() else { return of.clone() };
         Properties {

@@ -1,4 +1,4 @@
-//! Methods of `Scene`: derivatives of the dynamics, and the linear system of small deviations.
+//! Methods of `Scene`: derivatives of the dynamics, and linearization.
 
 use super::call::Call;
 use super::choice::read_form;
@@ -13,36 +13,38 @@ use crate::algorithm::{Algorithm, Derivatives};
 use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-/// Linear systems between two looks at signals.
+/// Number of linear systems between two checks for signals.
 const AT_A_TIME: usize = 1024;
 
-/// Rough times in one state, ns (see [`Cost`](super::cost::Cost)).
+/// Approximate times per state, ns (see [`Cost`](super::cost::Cost)).
 mod cost {
-    /// Of one body: its motion, its composite and what it lets others feel.
+    /// Per body: motion, composite inertia and effect on other bodies.
     pub const BODY: usize = 80;
     /// The same with the factor of M.
     pub const WITH_FACTOR: usize = 200;
-    /// Of two degrees of freedom: their entries of the results.
+    /// Per pair of degrees of freedom: entries of the results.
     pub const PAIR: usize = 10;
 }
 
 #[pymethods]
 impl PyScene {
-    /// Derivatives of inverse dynamics, in the tangent space of q: dtau/dq, dtau/dqd and dtau/dqdd = M, analytic, in O(N depth).
-    ///
-    /// q: (..., nq); qd, qdd: (..., nv); SI units, radians; leading axes broadcast. wrenches and errors: as in forward_dynamics; they stay as they
-    /// are in their link's frame.
-    ///
-    /// Row i is the torque tau_i. Column j of dtau_dq is the derivative along integrate(q, v) by v_j: an angle or a length for joints of one axis, a
-    /// rotation in the child's frame for spherical joints, (linear, angular) in the child's frame for free joints. Armature is in M alone. Entries of
-    /// joints on different branches are zero.
-    ///
-    /// out: C-contiguous float64, (..., 3, nv, nv), overlapping no argument, of which the results are views; large batches take half the time into one that was
-    /// used before.
-    ///
-    /// Returns a phipsi.InverseDynamicsDerivatives (dtau_dq, dtau_dqd, M), each (..., nv, nv), SI units.
-    ///
-    /// Raises ArgumentError above 4000 degrees of freedom; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+    /// Analytical derivatives of inverse dynamics, in the tangent space of q: dtau/dq, dtau/dqd and dtau/dqdd = M.
+    #[doc = parameters!(q qd qdd wrenches out_of_derivatives errors)]
+    #[doc = section!(Returns)]
+    /// derivatives : InverseDynamicsDerivatives
+    ///     Named tuple (dtau_dq, dtau_dqd, M), each (..., nv, nv), SI units. Row i is the torque tau_i.
+    #[doc = raises!(dense arguments)]
+    #[doc = section!(Notes)]
+    /// O(N depth). Column j of dtau_dq is the derivative along integrate(q, v) with respect to v_j: an angle or a
+    /// length, a rotation in the child frame for spherical joints, (linear, angular) in the child frame for free
+    /// joints. Wrenches are constant in the frames of their links.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q, qd, qdd = np.array([0.3, 0.2, 0.1]), [1.0, 0.5, 0.2], [0.0, 1.0, 0.0]
+    /// >>> step = np.array([0.0, 1e-6, 0.0])
+    /// >>> change = scene.inverse_dynamics(q + step, qd, qdd) - scene.inverse_dynamics(q - step, qd, qdd)
+    /// >>> np.allclose(scene.inverse_dynamics_derivatives(q, qd, qdd).dtau_dq[:, 1], change / 2e-6)
+    /// True
     #[pyo3(signature = (q, qd, qdd, *, wrenches=None, out=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn inverse_dynamics_derivatives<'py>(
@@ -63,21 +65,28 @@ impl PyScene {
         class.call1((part(&all, 2, 0)?, part(&all, 2, 1)?, part(&all, 2, 2)?))
     }
 
-    /// Derivatives of forward dynamics, in the tangent space of q: dqdd/dq = -M^-1 dtau/dq, dqdd/dqd = -M^-1 dtau/dqd and dqdd/dtau = M^-1.
-    ///
-    /// q: (..., nq); qd, tau: (..., nv); SI units, radians; leading axes broadcast. form, wrenches and errors: as in forward_dynamics; wrenches stay as
-    /// they are in their link's frame. In form "auto" a state is recomputed in double-double arithmetic, which takes some thirty times as long, where the error of
-    /// the factor of M exceeds the tolerance of forward_dynamics, or the estimated error of a derivative 1e-11 of its largest entry. tolerance: replaces both.
-    ///
-    /// Row i is the acceleration qdd_i; columns as in inverse_dynamics_derivatives, whose results at the accelerations of the state are multiplied by
-    /// M^-1 (6.1).
-    ///
-    /// out: as in inverse_dynamics_derivatives.
-    ///
-    /// Returns a phipsi.ForwardDynamicsDerivatives (dqdd_dq, dqdd_dqd, Minv), each (..., nv, nv), SI units.
-    ///
-    /// Raises SingularJointError where a joint has no inertia along its axis; ArgumentError above 4000 degrees of freedom, and for the square-root form
-    /// of an inertia that no body can have; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+    /// Analytical derivatives of forward dynamics, in the tangent space of q: dqdd/dq, dqdd/dqd and dqdd/dtau = M^-1.
+    #[doc = parameters!(q qd tau form)]
+    /// tolerance : float, optional
+    ///     Replaces both bounds of form "auto": that of forward_dynamics for the factor of M, and 1e-11 of the largest
+    ///     entry for the derivatives. States beyond are recomputed in double-double arithmetic, which takes about 30
+    ///     times longer.
+    #[doc = entries!(wrenches out_of_derivatives errors)]
+    #[doc = section!(Returns)]
+    /// derivatives : ForwardDynamicsDerivatives
+    ///     Named tuple (dqdd_dq, dqdd_dqd, Minv), each (..., nv, nv), SI units. Row i is the acceleration qdd_i.
+    #[doc = raises!(singular dense arguments)]
+    #[doc = section!(Notes)]
+    /// dqdd/dq = -M^-1 dtau/dq and dqdd/dqd = -M^-1 dtau/dqd, by eq. 6.1 from inverse_dynamics_derivatives, whose
+    /// columns they have. Wrenches are constant in the frames of their links.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q, qd, tau = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.0, 0.0, 0.0]
+    /// >>> qdd = scene.forward_dynamics(q, qd, tau)
+    /// >>> forward = scene.forward_dynamics_derivatives(q, qd, tau)
+    /// >>> inverse = scene.inverse_dynamics_derivatives(q, qd, qdd)
+    /// >>> np.allclose(inverse.M @ forward.dqdd_dq, -inverse.dtau_dq)
+    /// True
     #[pyo3(signature = (q, qd, tau, *, form="auto", tolerance=None, wrenches=None, out=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn forward_dynamics_derivatives<'py>(
@@ -102,17 +111,21 @@ impl PyScene {
         class.call1((part(&all, 2, 0)?, part(&all, 2, 1)?, part(&all, 2, 2)?))
     }
 
-    /// The linear system dx/dt = A x + B u of small deviations from the motion through a state, x = (tangent of q, change of qd), u a change of tau.
-    ///
-    /// q: (..., nq); qd, tau: (..., nv); SI units, radians; leading axes broadcast. form, tolerance, wrenches and errors: as in forward_dynamics_derivatives.
-    ///
-    /// A = [[-ad(qd), 1], [dqdd_dq, dqdd_dqd]], B = [[0], [M^-1]]. ad(qd) is zero at rest and for joints of one axis; it is the cross product by the
-    /// angular velocity for spherical joints, and the bracket of (linear, angular) velocities for free joints, since the deviation is in axes that turn
-    /// with the motion: difference(q, q of the neighbour).
-    ///
-    /// Returns a phipsi.LinearSystem (A, B), (..., 2 nv, 2 nv) and (..., 2 nv, nv), in continuous time, SI units.
-    ///
-    /// Raises as forward_dynamics_derivatives.
+    /// Linearization dx/dt = A x + B u about a motion: x = (tangent of q, change of qd), u = change of tau.
+    #[doc = parameters!(q qd tau form tolerance_of_derivatives wrenches errors)]
+    #[doc = section!(Returns)]
+    /// system : LinearSystem
+    ///     Named tuple (A, B), (..., 2 nv, 2 nv) and (..., 2 nv, nv), in continuous time, SI units.
+    #[doc = raises!(singular dense arguments)]
+    #[doc = section!(Notes)]
+    /// A = [[-ad(qd), 1], [dqdd_dq, dqdd_dqd]] and B = [[0], [M^-1]]. The deviation difference(q, q + dq) is expressed
+    /// in axes that move with the motion: ad(qd) is zero at rest and for joints with one axis, the cross product with
+    /// the angular velocity for spherical joints, and the bracket of (linear, angular) velocities for free joints.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> A, B = scene.linearize([0.3, 0.2, 0.1], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0])
+    /// >>> A.shape, B.shape
+    /// ((6, 6), (6, 3))
     #[pyo3(signature = (q, qd, tau, *, form="auto", tolerance=None, wrenches=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn linearize<'py>(
@@ -151,7 +164,7 @@ impl PyScene {
             let states = all.as_slice()?.chunks_exact(3 * nv * nv);
             let systems = a.numbers()?.chunks_exact_mut(4 * nv * nv).zip(b.numbers()?.chunks_exact_mut(2 * nv * nv));
             for (i, (of_state, (a, b))) in states.zip(systems).enumerate() {
-                // A bad state's, all of it.
+                // All results of an invalid state are NaN.
                 if of_state[0].is_nan() {
                     a.fill(f64::NAN);
                     b.fill(f64::NAN);
@@ -167,12 +180,20 @@ impl PyScene {
         class.call1((a, b))
     }
 
-    /// The Coriolis matrix C: C qd is the torque of the rates alone, and dM/dt - 2 C is antisymmetric.
-    ///
-    /// q: (..., nq); qd: (..., nv); leading axes broadcast; out and errors as in forward_dynamics. Returns (..., nv, nv), SI units. For joints of one axis it is the one
-    /// of Christoffel's symbols. Computed in O(N depth).
-    ///
-    /// Raises ArgumentError above 4000 degrees of freedom; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+    /// Coriolis matrix C: C qd is the torque of the joint velocities, and dM/dt - 2 C is antisymmetric.
+    #[doc = parameters!(q qd out errors)]
+    #[doc = section!(Returns)]
+    /// C : (..., nv, nv) ndarray
+    ///     Coriolis matrix, SI units; for joints with one axis that of the Christoffel symbols.
+    #[doc = raises!(dense arguments)]
+    #[doc = section!(Notes)]
+    /// O(N depth).
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q, qd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2]
+    /// >>> skew = scene.mass_matrix_derivative(q, qd) - 2 * scene.coriolis_matrix(q, qd)
+    /// >>> np.allclose(skew, -skew.T)
+    /// True
     #[pyo3(signature = (q, qd, *, out=None, errors="raise"))]
     fn coriolis_matrix<'py>(
         &self,
@@ -187,12 +208,20 @@ impl PyScene {
         self.derivatives(py, Derivatives::CoriolisMatrix, cost::BODY, [("q", q), ("qd", qd)], &keywords)
     }
 
-    /// dM/dt, how the mass matrix changes along the rates: C + C^T with the Coriolis matrix C.
-    ///
-    /// q: (..., nq); qd: (..., nv); leading axes broadcast; out and errors as in forward_dynamics. Returns (..., nv, nv), exactly symmetric, SI units. Armature is
-    /// constant and not in it. Computed in O(N depth).
-    ///
-    /// Raises ArgumentError above 4000 degrees of freedom; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+    /// Time derivative dM/dt of the mass matrix along the joint velocities: C + C^T with the Coriolis matrix C.
+    #[doc = parameters!(q qd out errors)]
+    #[doc = section!(Returns)]
+    /// dM : (..., nv, nv) ndarray
+    ///     Derivative, SI units; exactly symmetric. The armature is constant and does not contribute.
+    #[doc = raises!(dense arguments)]
+    #[doc = section!(Notes)]
+    /// O(N depth).
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q, qd = np.array([0.3, 0.2, 0.1]), np.array([1.0, 0.5, 0.2])
+    /// >>> change = scene.mass_matrix(q + 1e-6 * qd) - scene.mass_matrix(q - 1e-6 * qd)
+    /// >>> np.allclose(scene.mass_matrix_derivative(q, qd), change / 2e-6)
+    /// True
     #[pyo3(signature = (q, qd, *, out=None, errors="raise"))]
     fn mass_matrix_derivative<'py>(
         &self,
@@ -209,7 +238,7 @@ impl PyScene {
 }
 
 impl PyScene {
-    /// Evaluates derivatives, of so many ns a body beside those of its pairs.
+    /// Evaluates derivatives, of `body` ns per body in addition to its pairs.
     fn derivatives<'py, const N: usize>(
         &self,
         py: Python<'py>,

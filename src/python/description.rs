@@ -1,4 +1,4 @@
-//! A scene as plain tuples of numbers and names, for pickling; and in one line, for `repr`.
+//! A scene as plain tuples of numbers and names, for pickling, and as one line, for `repr`.
 
 use super::choice::{choose, name_of_mimic, names, read_mimic};
 use super::connection_tuple::{ConnectionTuple, connection_of, connection_tuple};
@@ -15,14 +15,14 @@ use nalgebra::Matrix3;
 use pyo3::prelude::*;
 use std::path::{Path, PathBuf};
 
-/// Counts up when the tuples change.
+/// Version of the tuples.
 const VERSION: u32 = 8;
 
-/// Name, then mass, mass centre and inertia about it (xx, xy, xz, yy, yz, zz) if it has any.
+/// Name, then mass, center of mass and inertia about it (xx, xy, xz, yy, yz, zz), if any.
 type LinkTuple = (String, Option<(f64, [f64; 3], [f64; 6])>);
 
-/// Name, kind, pitch, parent, child, origin (rotation row by row, lever), axis, (armature, damping, friction), limits
-/// (lower, upper, velocity, effort), mimic (joint, multiplier, offset), spring (stiffness, rest).
+/// Name, kind, pitch, parent, child, origin (rotation in row-major order, lever), axis, (armature, damping, friction),
+/// limits (lower, upper, velocity, effort), mimic (joint, multiplier, offset), spring (stiffness, rest).
 pub(super) type JointTuple = (
     String,
     String,
@@ -37,11 +37,12 @@ pub(super) type JointTuple = (
     (f64, Vec<f64>),
 );
 
-/// A joint that was locked: name, kind, pitch.
+/// A locked joint: name, kind, pitch.
 type LockedTuple = (String, String, Option<f64>);
 
-/// Version, gravity, floating base, strict, links, joints, names of what is left out, joints that were locked, what the free joint of a
-/// floating base has (armature, damping, friction, stiffness), the file that all of it comes from, what becomes of mimic joints, connections, contacts, the tolerance of linkages.
+/// Version, gravity, floating base, strict, links, joints, names of simplifications, locked joints, (armature, damping,
+/// friction, stiffness) of the free joint of a floating base, file, treatment of mimic joints, connections, contacts,
+/// tolerance of linkages.
 #[derive(IntoPyObject, FromPyObject)]
 pub(super) struct Description(
     u32,
@@ -57,17 +58,17 @@ pub(super) struct Description(
     Beyond,
 );
 
-/// Beyond a tree of free joints: the treatment of mimic joints, connections, contacts, the tolerance of linkages.
+/// Parts beyond a kinematic tree: the treatment of mimic joints, connections, contacts, the tolerance of linkages.
 type Beyond = (String, Vec<ConnectionTuple>, Vec<ContactTuple>, Option<f64>);
 
-/// Where the links are in a description.
+/// Index of the links in a description.
 const LINKS: usize = 4;
 
-/// About what the description of a link and its joint takes, in bytes, as numbers and as Python's objects.
+/// Approximate size of the description of a link and its joint, in bytes, including the Python objects.
 const A_COPY: usize = 3_000;
 
 impl Description {
-    /// Everything that a scene was built from.
+    /// The complete description of a scene.
     pub fn of(source: &SceneBuilder) -> Result<Self, Error> {
         memory::room("scene", memory::bytes_of::<[u8; A_COPY]>(&[source.links().len()]))?;
         let links = source.links().iter().map(link_tuple).collect();
@@ -99,7 +100,7 @@ impl Description {
         ))
     }
 
-    /// From its tuples, if there is room for what they describe.
+    /// Reads the tuples, if the described scene fits in memory.
     pub fn read(what: &str, tuples: &Object<'_>) -> PyResult<Self> {
         if let Ok(links) = tuples.get_item(LINKS).and_then(|links| links.len()) {
             memory::room(what, memory::bytes_of::<[u8; A_COPY]>(&[links]))?;
@@ -107,14 +108,14 @@ impl Description {
         tuples.extract()
     }
 
-    /// The builder that it was made from.
+    /// The builder of the scene.
     pub fn builder(self) -> Result<SceneBuilder, Error> {
         let Self(version, gravity, floating, strict, links, joints, left_out, locked, root, file, beyond) = self;
         let (mimic, connections, contacts, tolerance) = beyond;
         if version != VERSION {
             return Err(Error::scene("pickled scene", format!("version {version}"), format!("version {VERSION}")));
         }
-        let (omissions, mimic) = (omissions("what is left out", &left_out)?, read_mimic(&mimic)?);
+        let (omissions, mimic) = (omissions("leave_out", &left_out)?, read_mimic(&mimic)?);
         let mut builder =
             SceneBuilder::new().gravity(gravity).floating_base(floating).strict(strict).omissions(omissions);
         for (name, inertial) in links {
@@ -150,9 +151,9 @@ fn link_tuple(link: &LinkDescription) -> LinkTuple {
     (name.clone(), inertial.map(|Inertial { mass, centre, central }| (mass, centre.into(), central.entries)))
 }
 
-/// All that a joint was given, in plain numbers and names.
+/// The complete description of a joint, as numbers and names.
 pub(super) fn joint_tuple(joint: &JointDescription) -> JointTuple {
-    // Named one by one, so that a new field cannot be forgotten.
+    // All fields are named, so that a new one cannot be forgotten.
     let JointDescription {
         name,
         kind,
@@ -185,7 +186,7 @@ pub(super) fn joint_tuple(joint: &JointDescription) -> JointTuple {
     )
 }
 
-/// A screw's pitch.
+/// Pitch of a screw joint.
 fn pitch_of(kind: JointKind) -> Option<f64> {
     if let JointKind::Screw { pitch } = kind { Some(pitch) } else { None }
 }
@@ -223,12 +224,12 @@ fn joint_of(tuple: JointTuple) -> Result<JointDescription, Error> {
     })
 }
 
-/// The joint kind of that name; a screw needs a pitch, and nothing else has one.
+/// Reads a joint type; only a screw joint has a pitch.
 pub(super) fn joint_kind(joint: &str, name: &str, pitch: Option<f64>) -> Result<JointKind, Error> {
     let subject = || format!("joint {joint:?}");
     match (name, pitch) {
         ("screw", Some(pitch)) => Ok(JointKind::Screw { pitch }),
-        ("screw", None) => Err(Error::scene(subject(), "a screw without pitch", "pitch, in m/rad")),
+        ("screw", None) => Err(Error::scene(subject(), "a screw joint without a pitch", "pitch, in m/rad")),
         _ => {
             let kind = JointKind::PLAIN.into_iter().find(|kind| kind.name() == name).ok_or_else(|| {
                 let names: Vec<_> = JointKind::PLAIN.iter().map(|kind| kind.name()).collect();
@@ -239,20 +240,20 @@ pub(super) fn joint_kind(joint: &str, name: &str, pitch: Option<f64>) -> Result<
                 Some(pitch) => Err(Error::scene(
                     subject(),
                     format!("pitch {} for a {name} joint", number(pitch)),
-                    "pitch for a screw only",
+                    "a pitch for screw joints only",
                 )),
             }
         }
     }
 }
 
-/// What is left out, by name; everything where nothing is said.
+/// Reads the argument `leave_out`; None: all simplifications.
 pub(super) fn left_out(leave_out: Option<&Object<'_>>) -> PyResult<Omissions> {
     let Some(given) = leave_out else { return Ok(Omissions::all()) };
     Ok(omissions("leave_out", &names("leave_out", given, "a collection of names, or None")?)?)
 }
 
-/// The switches of these names on, the others off.
+/// Enables the named simplifications only.
 fn omissions(argument: &str, names: &[String]) -> Result<Omissions, Error> {
     let mut omissions = Omissions::none();
     for name in names {
@@ -261,7 +262,7 @@ fn omissions(argument: &str, names: &[String]) -> Result<Omissions, Error> {
     Ok(omissions)
 }
 
-/// A scene in one line.
+/// Summary of a scene in one line.
 pub(super) fn summary(scene: &Scene) -> String {
     let mut kinds: Vec<(&str, usize)> = Vec::new();
     for joint in scene.joints() {
@@ -285,7 +286,8 @@ pub(super) fn summary(scene: &Scene) -> String {
     let followers = scene.tree().joints().len() - scene.joints().len();
     let followers = if followers == 0 { String::new() } else { format!(" and {followers} that follow") };
     format!(
-        "<phipsi.Scene: nq={}, nv={}, {} joints{kinds}{followers}, {} links, {} merged joints{closed}{touching}, {} base, gravity ({x}, {y}, {z})>",
+        "<phipsi.Scene: nq={}, nv={}, {} joints{kinds}{followers}, {} links, \
+         {} merged joints{closed}{touching}, {} base, gravity ({x}, {y}, {z})>",
         scene.nq(),
         scene.nv(),
         scene.joints().len(),

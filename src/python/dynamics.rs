@@ -9,13 +9,13 @@ use crate::algorithm::Algorithm;
 use crate::error::Error;
 use pyo3::prelude::*;
 
-/// An array of float64, or of float32 where that was asked for.
+/// Array of float64, or of float32 with `dtype`.
 type Array<'py> = PyResult<Object<'py>>;
 
-/// Dense matrices stop here: (4000, 4000) are 128 MB a state.
+/// Largest number of degrees of freedom for dense matrices: (4000, 4000) is 128 MB per state.
 const DENSE_LIMIT: usize = 4000;
 
-/// Rough time of one body in one state, ns (see [`Cost`](super::cost::Cost)).
+/// Approximate time per body and state, ns (see [`Cost`](super::cost::Cost)).
 mod cost {
     pub const FORWARD: usize = 90;
     pub const INVERSE: usize = 50;
@@ -25,35 +25,50 @@ mod cost {
 
 #[pymethods]
 impl PyScene {
-    /// Joint accelerations from joint torques, in O(N): the smoother's estimates given the torques as measurements.
-    ///
-    /// q: (..., nq); qd, tau: (..., nv); SI units, radians; leading axes broadcast. wrenches: dict from link names (links on fixed joints
-    /// too) to (..., 6), each a (moment, force) acting on that link, at its origin and in its frame. form: how P is carried: "covariance"
-    /// (3.6), "joseph", "square-root" (right at extreme mass ratios too, at about twice the time), or "auto", which takes the first and recomputes a state
-    /// in square-root form, and in double-double arithmetic where that is not enough, if its estimated error exceeds the tolerance and what rounding of the
-    /// forces by a unit in the last place makes of it. tolerance: the largest accepted error relative to the largest acceleration, above 0 and below 1, for the forms "auto"
-    /// and "square-root"; None: max(5e-14, 4 n eps), n being the number of degrees of freedom on the longest path to the base. out: C-contiguous, of the
-    /// result's shape and dtype, overlapping no argument; it is returned. dtype: float64, or float32 to compute in twice as many SIMD
-    /// lanes: about 6 digits, fewer by those of the condition number of M; a state that loses more than 4 in form "auto" is done in
-    /// float64 and rounded, and so is all that docs/lanes.md lists. Arguments are converted to it.
-    /// errors: "raise", or "nan" to go on past bad states (numbers that are not finite, a quaternion off unit norm, a singular joint,
-    /// an overflow): their results are NaN, and one BadStateWarning has .states and .reasons. Wrong shapes raise all the same.
-    ///
-    /// **tau of a free joint is (force, moment), as its qd is (linear, angular); wrenches are (moment, force).**
-    ///
-    /// return_info: whether to tell the accuracy too, one entry a state, for about five times the time in the forms "covariance" and
-    /// "square-root", next to nothing in "auto".
-    ///
-    /// Of a scene with connections the accelerations go through them, as constrained_dynamics has them; no error is estimated.
-    /// Contacts act in simulation only: of a scene with contacts these are the accelerations of the tree.
-    ///
-    /// Returns qdd, (..., nv), with M qdd + bias = tau + J^T w (4.4 to 4.11); with return_info (qdd, Accuracy): .form, the form that gave
-    /// the result; .error, the estimated error of the largest acceleration; and .bound, the bound that this error meets.
-    ///
-    /// Raises SingularJointError where a joint has no inertia along its axis; ConstraintError where connections contradict each other; ArgumentError,
-    /// naming the link, for the square-root form of an inertia that no body can have; ShapeError, NotFiniteError, ArgumentError, each naming the
-    /// argument and the state. After an error out is partly written.
-    #[pyo3(signature = (q, qd, tau, *, form="auto", tolerance=None, wrenches=None, out=None, dtype=None, errors="raise", return_info=false))]
+    /// Joint accelerations from joint torques, in O(N): M qdd + bias = tau + J^T w, by a Kalman filter and a smoother.
+    #[doc = parameters!(q qd tau)]
+    /// form : {"auto", "covariance", "joseph", "square-root"}, default "auto"
+    ///     Form of the covariance P in the filter. "covariance" (eq. 3.6) is the fastest; "square-root" is accurate at
+    ///     extreme mass ratios too and takes about twice the time. "auto" runs the covariance form and recomputes a
+    ///     state in square-root form, and then in double-double arithmetic, if its error estimate exceeds the
+    ///     tolerance.
+    /// tolerance : float, optional
+    ///     Largest accepted error relative to the largest acceleration, between 0 and 1, in the forms "auto" and
+    ///     "square-root". Default: max(5e-14, 4 n eps) with n degrees of freedom on the longest path to the base.
+    ///     Errors as small as the effect of one rounding of the forces are always accepted.
+    #[doc = entries!(wrenches out)]
+    /// dtype : {"float64", "float32"} or numpy dtype, optional
+    ///     Precision of the computation and of the result, float64 by default. float32 has twice the SIMD lanes and
+    ///     about 6 digits, fewer by those of the condition number of M. In form "auto", states that lose more than 4
+    ///     digits are computed in float64; docs/lanes.md lists what else is.
+    /// errors : {"raise", "nan"}, default "raise"
+    ///     "nan": the results of invalid states (not finite, a quaternion off unit norm, a singular joint, an overflow)
+    ///     are NaN, and one BadStateWarning has .states and .reasons. Wrong shapes raise in both cases.
+    /// return_info : bool, default False
+    ///     If true, return an Accuracy too. That costs about five times the time in the forms "covariance" and
+    ///     "square-root", almost nothing in "auto".
+    #[doc = section!(Returns)]
+    /// qdd : (..., nv) ndarray
+    ///     Joint accelerations, rad/s^2 or m/s^2; those of a free joint are (linear, angular) in its body frame.
+    /// info : Accuracy
+    ///     Only with return_info: .form, .error (estimated) and .bound of each state.
+    #[doc = raises!(singular)]
+    /// ConstraintError
+    ///     Connections that contradict each other.
+    /// ArgumentError
+    ///     The square-root form of an inertia that no rigid body can have. The message names the link.
+    #[doc = entries!(arguments)]
+    #[doc = section!(Notes)]
+    /// Equations 4.4 to 4.11. With connections, the result is that of constrained_dynamics, without an error estimate.
+    /// Contacts act in simulations only. If the call raises, `out` may be partly written.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q, qd, tau = [0.3, 0.2, 0.1], [1.0, 0.0, 0.0], [0.0, 0.5, 0.0]
+    /// >>> qdd = scene.forward_dynamics(q, qd, tau)
+    /// >>> np.allclose(scene.inverse_dynamics(q, qd, qdd), tau)
+    /// True
+    #[pyo3(signature = (q, qd, tau, *, form="auto", tolerance=None, wrenches=None, out=None, dtype=None,
+                        errors="raise", return_info=false))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn forward_dynamics<'py>(
         &self,
@@ -77,15 +92,21 @@ impl PyScene {
         self.evaluate(py, algorithm, cost, given, &keywords)
     }
 
-    /// Joint torques from joint accelerations, in O(N), gravity and armature included.
-    ///
-    /// q: (..., nq); qd, qdd: (..., nv); SI units, radians; leading axes broadcast. wrenches, out, dtype and errors as in forward_dynamics.
-    ///
-    /// **tau of a free joint is (force, moment), as its qd and qdd are (linear, angular); wrenches are (moment, force).**
-    ///
-    /// Returns tau, (..., nv) = H phi (Q lambda + b) + armature qdd - J^T w (1.5, 2.9, 2.10).
-    ///
-    /// Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+    /// Joint torques from joint accelerations, in O(N): tau = M qdd + bias - J^T w, including gravity and armature.
+    #[doc = parameters!(q qd qdd wrenches out dtype errors)]
+    #[doc = section!(Returns)]
+    /// tau : (..., nv) ndarray
+    ///     Joint torques, N m or N; those of a free joint are (force, moment), whereas wrenches are (moment, force).
+    #[doc = raises!(arguments)]
+    #[doc = section!(Notes)]
+    /// tau = H phi (Q lambda + b) + armature qdd - J^T w (1.5, 2.9, 2.10). Damping, friction and springs act in
+    /// simulations only.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> still = np.zeros(3)
+    /// >>> tau = scene.inverse_dynamics([0.3, 0.2, 0.1], still, still)
+    /// >>> np.allclose(tau, scene.gravity_torque([0.3, 0.2, 0.1]))
+    /// True
     #[pyo3(signature = (q, qd, qdd, *, wrenches=None, out=None, dtype=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn inverse_dynamics<'py>(
@@ -104,11 +125,18 @@ impl PyScene {
         self.evaluate(py, Algorithm::InverseDynamics, cost::INVERSE, given, &keywords)
     }
 
-    /// The bias torque H phi b: what the joints must give so that none accelerates, gravity included.
-    ///
-    /// q: (..., nq); qd: (..., nv); leading axes broadcast; out, dtype and errors as in forward_dynamics. Returns (..., nv), N m or N.
-    ///
-    /// Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+    /// Bias torque H phi b: joint torques for zero joint accelerations (Coriolis, centrifugal and gravity), in O(N).
+    #[doc = parameters!(q qd out dtype errors)]
+    #[doc = section!(Returns)]
+    /// tau : (..., nv) ndarray
+    ///     Bias torque, N m or N.
+    #[doc = raises!(arguments)]
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q, qd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2]
+    /// >>> nonlinear = scene.coriolis_matrix(q, qd) @ qd + scene.gravity_torque(q)
+    /// >>> np.allclose(scene.bias_torque(q, qd), nonlinear)
+    /// True
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     #[pyo3(signature = (q, qd, *, out=None, dtype=None, errors="raise"))]
     fn bias_torque<'py>(
@@ -124,11 +152,16 @@ impl PyScene {
         self.evaluate(py, Algorithm::BiasTorque, cost::INVERSE, [("q", q), ("qd", qd)], &keywords)
     }
 
-    /// The torques that hold the scene against gravity, dU/dq along the tangent of q: the bias torque at rest.
-    ///
-    /// q: (..., nq); out, dtype and errors as in forward_dynamics. Returns (..., nv), N m or N. O(N).
-    ///
-    /// Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+    /// Gravity torque dU/dq: joint torques that hold the scene in static equilibrium, in O(N).
+    #[doc = parameters!(q out dtype errors)]
+    #[doc = section!(Returns)]
+    /// tau : (..., nv) ndarray
+    ///     Gravity torque, N m or N, along the tangent space of q.
+    #[doc = raises!(arguments)]
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+    /// >>> scene.gravity_torque(scene.neutral()).round(1)
+    /// array([  0. , -37. ,   0.2,   0. ,   0. ,   0. ])
     #[pyo3(signature = (q, *, out=None, dtype=None, errors="raise"))]
     fn gravity_torque<'py>(
         &self,
@@ -143,13 +176,20 @@ impl PyScene {
         self.evaluate(py, Algorithm::BiasTorque, cost::INVERSE, [("q", q), ("qd", &rest)], &keywords)
     }
 
-    /// The joint-space mass matrix, the covariance of the measurements (5.1), armature on its diagonal.
-    ///
-    /// q: (..., nq); out, dtype and errors as in forward_dynamics. Returns (..., nv, nv), full and exactly symmetric, SI units. Large batches of
-    /// matrices take less time into an out that was used before: new memory is cleared by the system first.
-    ///
-    /// Raises ArgumentError above 4000 degrees of freedom: inverse_dynamics multiplies by the matrix without forming it.
-    /// Raises ShapeError, NotFiniteError, ArgumentError for a bad q, naming the state.
+    /// Joint-space mass matrix M(q), the covariance of the joint torques (eq. 5.1), with the armature on its diagonal.
+    #[doc = parameters!(q out dtype errors)]
+    #[doc = section!(Returns)]
+    /// M : (..., nv, nv) ndarray
+    ///     Mass matrix, kg m^2, kg m or kg; full and exactly symmetric.
+    #[doc = raises!(dense arguments)]
+    #[doc = section!(Notes)]
+    /// inverse_dynamics multiplies by M in O(N) without forming it. Large batches are faster into an `out` that is
+    /// reused.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> M = scene.mass_matrix([0.3, 0.2, 0.1])
+    /// >>> M.shape, bool((M == M.T).all())
+    /// ((3, 3), True)
     #[pyo3(signature = (q, *, out=None, dtype=None, errors="raise"))]
     fn mass_matrix<'py>(
         &self,
@@ -164,13 +204,20 @@ impl PyScene {
         self.evaluate(py, Algorithm::MassMatrix, cost::COMPOSITE, [("q", q)], &keywords)
     }
 
-    /// The inverse of the mass matrix in closed form (6.1), without forming or factoring the matrix.
-    ///
-    /// q: (..., nq). form, tolerance, out, dtype and errors: as in forward_dynamics, the error being that of the factor of M. Returns (..., nv, nv), full and exactly symmetric, SI units: the tree's,
-    /// whatever connections there are (constrained_mass_matrix_inverse is through them).
-    ///
-    /// Raises ArgumentError above 4000 degrees of freedom: forward_dynamics multiplies by the inverse without forming it.
-    /// Raises SingularJointError, ShapeError, NotFiniteError, ArgumentError, naming the state.
+    /// Inverse of the joint-space mass matrix in closed form (eq. 6.1), without forming or factoring M.
+    #[doc = parameters!(q form tolerance out dtype errors)]
+    #[doc = section!(Returns)]
+    /// Minv : (..., nv, nv) ndarray
+    ///     Inverse mass matrix of the kinematic tree, SI units; full and exactly symmetric.
+    #[doc = raises!(singular dense arguments)]
+    #[doc = section!(Notes)]
+    /// forward_dynamics multiplies by the inverse in O(N) without forming it. The error estimate is that of the factor
+    /// of M. constrained_mass_matrix_inverse includes the connections.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q = [0.3, 0.2, 0.1]
+    /// >>> np.allclose(scene.mass_matrix_inverse(q) @ scene.mass_matrix(q), np.eye(3))
+    /// True
     #[pyo3(signature = (q, *, form="auto", tolerance=None, out=None, dtype=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn mass_matrix_inverse<'py>(

@@ -1,4 +1,4 @@
-//! KinematicQuantity functions, and methods that evaluate states one by one, from the arguments of a call to its result.
+//! Kinematic quantities, and methods that evaluate states one at a time, from the arguments of a call to its result.
 
 use super::bad_states::is_nan;
 use super::cost::Cost;
@@ -12,8 +12,8 @@ use crate::scene::Scene;
 use pyo3::prelude::*;
 
 impl PyScene {
-    /// A kinematic quantity of every state, of so many ns each, into a new array of shape batch + `shape`, a NumPy scalar for the empty shape: one plain state by
-    /// itself, others in lanes.
+    /// Evaluates a kinematic quantity of every state, of `cost` ns each, into a new array of shape batch + `shape`, or
+    /// a NumPy scalar for the empty shape. A single plain state takes the short path; others are vectorized.
     pub(super) fn kinematic_quantity<'py, const N: usize>(
         &self,
         py: Python<'py>,
@@ -40,9 +40,10 @@ impl PyScene {
         output.finish_or_scalar()
     }
 
-    /// Evaluates every state, of so many ns each, into a new array of shape batch + `shape`; a NumPy scalar for the empty shape.
+    /// Evaluates every state, of `cost` ns each, into a new array of shape batch + `shape`, or a NumPy scalar for the
+    /// empty shape.
     ///
-    /// The kernel gets q, then one or two arrays of rates, as many as are `given`.
+    /// The kernel receives q, then one or two arrays of shape (nv,), according to `given`.
     #[inline(always)] // as `single_by`
     pub(super) fn each<'py, K, const N: usize>(
         &self,

@@ -22,18 +22,18 @@ impl From<Error> for PyErr {
     }
 }
 
-/// The error of one state of a batch with the given leading axes; of the only state where there are none.
+/// The exception for a fault of one state of a batch with these leading axes; () for a single state.
 pub(super) fn fault(py: Python<'_>, fault: Fault, batch: &[usize]) -> PyErr {
     let error = if batch.is_empty() { fault.error } else { fault.into() };
     to_python(py, &error, batch).unwrap_or_else(|failed| failed)
 }
 
-/// The error of a call over a batch with the given leading axes; it may name a state of it.
+/// The exception for an error of a call over a batch with these leading axes.
 pub(super) fn of_batch(py: Python<'_>, error: &Error, batch: &[usize]) -> PyErr {
     to_python(py, error, batch).unwrap_or_else(|failed| failed)
 }
 
-/// The instance of the class that belongs to `error`, with its attributes.
+/// Creates the exception of the class that belongs to `error`, with its attributes.
 fn to_python(py: Python<'_>, error: &Error, batch: &[usize]) -> PyResult<PyErr> {
     let mut message = error.to_string();
     let attributes = PyDict::new(py);
@@ -86,7 +86,8 @@ fn to_python(py: Python<'_>, error: &Error, batch: &[usize]) -> PyResult<PyErr> 
             attributes.set_item("free", shortage.free)?;
             "OutOfMemoryError"
         }
-        // What a handler raised is raised where the work was begun; this is for work that nobody looked after.
+        // The exception of a signal handler is raised where the work was started; this is for work without such a
+        // check.
         Error::Interrupted => return Ok(PyKeyboardInterrupt::new_err(())),
     };
     let instance = classes(py)?.getattr(class)?.call1((message,))?;
@@ -96,7 +97,8 @@ fn to_python(py: Python<'_>, error: &Error, batch: &[usize]) -> PyResult<PyErr> 
     Ok(PyErr::from_value(instance))
 }
 
-/// The error of an array that NumPy could not make for want of memory, for which it says how much unless it is known; another error as it is.
+/// Converts a MemoryError of NumPy to an `OutOfMemoryError` with the size, known or from NumPy; other errors are
+/// returned.
 pub(super) fn no_room(py: Python<'_>, name: &str, cause: &PyErr, bytes: Option<u128>) -> PyErr {
     // A shape that overflows is a ValueError in NumPy.
     if !(cause.is_instance_of::<PyMemoryError>(py) || bytes.is_some() && cause.is_instance_of::<PyValueError>(py)) {
@@ -109,7 +111,7 @@ pub(super) fn no_room(py: Python<'_>, name: &str, cause: &PyErr, bytes: Option<u
     }
 }
 
-/// The same result; an `OutOfMemoryError` said of the argument that chose the size.
+/// Returns the result; an `OutOfMemoryError` then names the argument that determines the size.
 pub(super) fn asked_by<R>(py: Python<'_>, argument: &str, result: PyResult<R>) -> PyResult<R> {
     result.map_err(|error| {
         let value = error.value(py);
@@ -123,7 +125,7 @@ pub(super) fn asked_by<R>(py: Python<'_>, argument: &str, result: PyResult<R>) -
     })
 }
 
-/// What indexes a state in Python: a number for one leading axis, a tuple for several.
+/// Index of a state in Python: an int for one leading axis, a tuple for several.
 pub(super) fn batch_index<'py>(py: Python<'py>, state: usize, batch: &[usize]) -> PyResult<Object<'py>> {
     if batch.len() < 2 {
         return Ok(state.into_pyobject(py)?.into_any());
@@ -138,12 +140,12 @@ pub(super) fn batch_index<'py>(py: Python<'py>, state: usize, batch: &[usize]) -
     Ok(PyTuple::new(py, index)?.into_any())
 }
 
-/// Issues the warnings of a scene, at the line of Python that built it.
+/// Issues the warnings of a scene, at the Python line that built it.
 pub(super) fn warn(py: Python<'_>, scene: &Scene) -> PyResult<()> {
     warn_beyond(py, scene, &[])
 }
 
-/// The same but for those that are known.
+/// The same without the `known` ones.
 pub(super) fn warn_beyond(py: Python<'_>, scene: &Scene, known: &[SceneWarning]) -> PyResult<()> {
     for warning in scene.warnings().iter().filter(|warning| !known.contains(warning)) {
         let class = match warning {
@@ -157,11 +159,11 @@ pub(super) fn warn_beyond(py: Python<'_>, scene: &Scene, known: &[SceneWarning])
     Ok(())
 }
 
-/// Issues a warning of one of the classes of phipsi.errors, at the caller's line.
+/// Issues a warning of a class of phipsi.errors, at the line of the caller.
 pub(super) fn warn_as(py: Python<'_>, class: &str, text: &str) -> PyResult<()> {
     let text = CString::new(text.replace('\0', "\\0")).unwrap_or_default();
     let class = classes(py)?.getattr(class)?;
     let class = class.cast_into::<PyType>().unwrap_or_else(|_| py.get_type::<PyUserWarning>());
-    // Functions of a compiled module have no Python frame of their own: level 1 is the caller's line.
+    // Functions of a compiled module have no Python frame: level 1 is the line of the caller.
     PyErr::warn(py, &class, &text, 1)
 }

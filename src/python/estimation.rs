@@ -1,4 +1,4 @@
-//! The method `Scene.estimate`: forces, accelerations and torques given the torques of some joints (section 2).
+//! The method `Scene.estimate`: conditional means given measured joint torques (section 2).
 
 use super::axis::Axis;
 use super::bad_states::Errors;
@@ -22,42 +22,65 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::iter::once;
 
-/// Rough time of one body in one state, ns (see `Call::new`).
+/// Approximate time per body and state, ns (see `Call::new`).
 mod cost {
     pub const MEANS: usize = 250;
     pub const COVARIANCES: usize = 600;
-    /// Of the cube of the degrees of freedom.
+    /// Divided by the cube of the degrees of freedom.
     pub const DENSE: usize = 200;
 }
 
-/// Numbers a degree of freedom: means, and with covariances.
+/// Number of values per degree of freedom: means, and means with covariances.
 const MEANS: usize = 1 + 1 + 6 + 6;
 const WITH_COVARIANCE: usize = MEANS + 1 + 1 + 36 + 36;
 
 #[pymethods]
 impl PyScene {
-    /// Forces, accelerations and torques given the torques of some joints, with noise: conditional means (2.1, 2.7), in O(N).
-    ///
-    /// q: (..., nq); qd, torque: (..., nv), N m or N; leading axes broadcast. noise: variance of each measurement, (N m)^2 or N^2, one
-    /// number or (..., nv); 0 is exact, inf is not measured. measured: None (all), names of joints, or a boolean array (nv,); torque and
-    /// noise of the other joints are not read, and entries that a masked array (numpy.ma) masks are not measured. prior_acceleration:
-    /// (..., nv), the mean a0 of the accelerations before, zero by default. acceleration_variance: s, the variance of the acceleration of
-    /// one kg m^2, (rad/s^2)^2, and of one kg, (m/s^2)^2. wrenches and errors: as in forward_dynamics. covariance: the covariances of the
-    /// errors too. method: "sequential" (filter and smoother) or "batch" (section 2 with dense matrices, O(N^3), at most 300 degrees of
-    /// freedom: a check).
-    ///
-    /// Under the model W ~ N(b + Q phi* H* a0, s Q), accelerations are N(a0, s M^-1) before anything is measured. A joint that is not
-    /// measured keeps its mean a0 (as if locked there) and its variance; its torque is what that takes. All joints measured without
-    /// noise: forward dynamics. Variances are right to eps times those of the prior (docs/estimation.md).
-    ///
-    /// Returns a phipsi.Estimate.
-    ///
-    /// Raises SingularJointError where a measured joint has no inertia along its axis (with covariance: any joint); ArgumentError for an
-    /// unknown joint or method, noise that is negative or NaN, or a variance that is not positive; ShapeError, NotFiniteError, naming the
-    /// argument and the state.
-    #[pyo3(signature = (q, qd, torque, *, noise=None, measured=None, prior_acceleration=None, acceleration_variance=1.0,
-                        wrenches=None, covariance=false, method="sequential", errors="raise"),
-           text_signature = "($self, q, qd, torque, *, noise=0.0, measured=None, prior_acceleration=None, acceleration_variance=1.0, wrenches=None, covariance=False, method='sequential', errors='raise')")]
+    /// Conditional means of forces, accelerations and torques, given joint torques with noise (2.1, 2.7), in O(N).
+    #[doc = parameters!(q qd)]
+    /// torque : (..., nv) array_like
+    ///     Measured joint torques, N m or N. Entries that a masked array masks are not measured.
+    /// noise : float or (..., nv) array_like, default 0
+    ///     Variance of each measurement, (N m)^2 or N^2; 0: exact, inf: not measured.
+    /// measured : iterable of str or (nv,) array_like of bool, optional
+    ///     Names of the measured joints, or a mask; torque and noise of the others are not read. None: all joints.
+    /// prior_acceleration : (..., nv) array_like, optional
+    ///     Prior mean a0 of the joint accelerations, zero by default.
+    /// acceleration_variance : float, default 1
+    ///     s: prior variance of the acceleration of 1 kg m^2, (rad/s^2)^2, and of 1 kg, (m/s^2)^2.
+    #[doc = entries!(wrenches)]
+    /// covariance : bool, default False
+    ///     If true, compute the covariances of the errors too.
+    /// method : {"sequential", "batch"}, default "sequential"
+    ///     Filter and smoother, or the dense equations of section 2 as a check: O(N^3), at most 300 degrees of freedom.
+    #[doc = entries!(errors)]
+    #[doc = section!(Returns)]
+    /// estimate : Estimate
+    ///     Named tuple with the means of acceleration, torque, force and process, the log likelihood, and the
+    ///     covariances.
+    #[doc = section!(Raises)]
+    /// SingularJointError
+    ///     A measured joint without inertia along its axis; with covariance, any joint.
+    #[doc = entries!(arguments)]
+    #[doc = section!(Notes)]
+    /// Model: W ~ N(b + Q phi* H* a0, s Q), so the prior of the accelerations is N(a0, s M^-1). A joint that is not
+    /// measured keeps its mean a0, as if it were locked there, and its variance; its torque follows. If all joints are
+    /// measured without noise, the result is forward dynamics. Variances are accurate to eps times those of the prior
+    /// (docs/estimation.md).
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q, qd, tau = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.1, 0.0, 0.0]
+    /// >>> estimate = scene.estimate(q, qd, tau)
+    /// >>> np.allclose(estimate.acceleration, scene.forward_dynamics(q, qd, tau))
+    /// True
+    /// >>> scene.estimate(q, qd, tau, measured=["j0"], covariance=True).acceleration_variance.shape
+    /// (3,)
+    #[pyo3(signature = (q, qd, torque, *, noise=None, measured=None, prior_acceleration=None,
+                        acceleration_variance=1.0, wrenches=None, covariance=false, method="sequential",
+                        errors="raise"),
+           text_signature = "($self, q, qd, torque, *, noise=0.0, measured=None, prior_acceleration=None, \
+                             acceleration_variance=1.0, wrenches=None, covariance=False, method='sequential', \
+                             errors='raise')")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn estimate<'py>(
         &self,
@@ -110,7 +133,7 @@ impl PyScene {
             let kept = estimation.get_or_insert_with(|| Estimation::new(scene));
             for (row, own) in kept.noise.iter_mut().enumerate() {
                 let is_measured = measured.as_ref().is_none_or(|measured| measured[row]);
-                // Infinite where masked, else zero.
+                // `hidden` is infinite at masked entries and zero elsewhere.
                 *own = if is_measured { noise[row] + unknown[row] + hidden[row] } else { f64::INFINITY };
             }
             let prior_acceleration = has_prior.then_some(prior);
@@ -132,7 +155,7 @@ impl PyScene {
 }
 
 impl PyScene {
-    /// Whether the dense method is asked for.
+    /// Reads the argument `method`: whether it is the dense one.
     fn is_dense(&self, method: &str) -> Result<bool, Error> {
         let nv = self.scene.nv();
         match method {
@@ -147,7 +170,7 @@ impl PyScene {
         }
     }
 
-    /// The argument `measured` as one flag a degree of freedom.
+    /// Reads the argument `measured` as one flag per degree of freedom.
     fn measured(&self, measured: &Object<'_>) -> PyResult<Vec<bool>> {
         let nv = self.scene.nv();
         let flags = imported!(measured.py(), "phipsi._arguments", "flags")?;
@@ -162,7 +185,7 @@ impl PyScene {
     }
 }
 
-/// Reads an argument of which entries may be masked: zero where they are, and infinity there in a second, which is zero elsewhere.
+/// Reads an argument with masked entries: its values with zero at masked entries, and an array with infinity there.
 fn with_mask<'a, 'py>(
     name: &'static str,
     value: &Object<'py>,
@@ -178,7 +201,7 @@ fn with_mask<'a, 'py>(
     }
 }
 
-/// Writes the results of one state in the order of the fields, a block a degree of freedom.
+/// Writes the results of one state in the order of the fields, one block per degree of freedom.
 fn write_sequential(
     scene: &Scene,
     estimate: &Estimate<f64>,
@@ -200,7 +223,7 @@ fn write_sequential(
         .chain(rows().flat_map(|(k, _)| vector(estimate.force[k])))
         .chain(rows().flat_map(process));
     let covariances = covariance.into_iter().flat_map(|covariance| {
-        // Symmetric, so that the order of columns is that of rows.
+        // The matrix is symmetric, so column-major order equals row-major order.
         let matrix = |m: Matrix6<f64>| (0..36).map(move |i| m[i]);
         let process = move |(k, enters): (usize, bool)| {
             matrix(if enters { covariance.process[k].to_matrix() } else { Matrix6::zeros() })
@@ -212,7 +235,7 @@ fn write_sequential(
     write(means.chain(covariances), out);
 }
 
-/// The same of the dense method.
+/// The same for the dense method.
 fn write_batch(estimate: &BatchEstimate, out: &mut [f64]) {
     let nv = estimate.acceleration.len();
     let BatchEstimate { log_likelihood, acceleration, torque, force, process, covariance } = estimate;
@@ -234,7 +257,7 @@ fn write(numbers: impl Iterator<Item = f64>, out: &mut [f64]) {
     }
 }
 
-/// The named tuple of arrays from the results of all states.
+/// Creates the named tuple of arrays from the results of all states.
 fn result<'py>(
     py: Python<'py>,
     results: &[f64],

@@ -1,4 +1,4 @@
-//! The algorithms that have kernels in lanes, from the arguments of a call to its result.
+//! Algorithms with vectorized (SIMD) kernels, from the arguments of a call to its result.
 
 use super::accuracy::Told;
 use super::bad_states::{Errors, is_nan};
@@ -19,23 +19,23 @@ use crate::filter::Form;
 use crate::scalar::MOST_LANES;
 use pyo3::prelude::*;
 
-/// What a call may have been given beside the state.
+/// Keywords of a call.
 pub(super) struct Keywords<'a, 'py> {
     pub wrenches: Option<&'a Object<'py>>,
     pub out: Option<&'a Object<'py>>,
     pub dtype: Option<&'a Object<'py>>,
     pub errors: &'a str,
-    /// The largest estimated error that is accepted, where it is not the usual one.
+    /// Largest accepted error estimate; None: the default.
     pub tolerance: Option<f64>,
-    /// Whether forward dynamics tells its accuracy.
+    /// True if forward dynamics returns its accuracy.
     pub info: bool,
 }
 
-/// Names and values of the arguments: q, then qd, then u, as many as the algorithm takes.
+/// Names and values of the arguments: q, qd and u, as many as the algorithm has.
 type Given<'a, 'py, const N: usize> = [(&'static str, &'a Object<'py>); N];
 
 impl PyScene {
-    /// Runs `algorithm`, of so many ns a body, on every state of the arguments.
+    /// Evaluates `algorithm`, of `body` ns per body, for every state of the arguments.
     pub(super) fn evaluate<'py, const N: usize>(
         &self,
         py: Python<'py>,
@@ -88,7 +88,7 @@ impl PyScene {
         }
     }
 
-    /// What becomes of bad states; what is wrong with the scene in this form, for all of them, is told first.
+    /// Reads the argument `errors`; faults of the scene in this form, which concern all states, are raised first.
     pub(super) fn errors(&self, errors: &str, form: Option<Form>) -> Result<Errors, Error> {
         let errors = Errors::read(errors)?;
         if let (true, Some(form)) = (errors.are_gathered(), form) {
@@ -99,7 +99,7 @@ impl PyScene {
 }
 
 impl<'py, P: Dtype> Call<'_, 'py, P> {
-    /// Runs `algorithm` on every state, as many at a time as there are lanes.
+    /// Evaluates `algorithm` for every state, in chunks of the number of lanes.
     pub(super) fn in_chunks(
         &self,
         py: Python<'py>,
@@ -115,7 +115,7 @@ impl<'py, P: Dtype> Call<'_, 'py, P> {
         })
     }
 
-    /// The same where the third vector of a seed is made of several arguments, by `third`.
+    /// The same for a third seed vector that `third` computes from several arguments.
     pub(super) fn seeded_in_chunks(
         &self,
         py: Python<'py>,
@@ -130,7 +130,8 @@ impl<'py, P: Dtype> Call<'_, 'py, P> {
         })
     }
 
-    /// Runs every state, as many at a time as there are lanes, each of so many results and ns: `run` gets them, the index of the first, and where results go.
+    /// Evaluates every state in chunks of the number of lanes, with `width` results of `cost` ns per state: `run`
+    /// receives the states, the index of the first, and the memory of the results.
     fn chunks(
         &self,
         py: Python<'py>,
@@ -148,7 +149,8 @@ impl<'py, P: Dtype> Call<'_, 'py, P> {
                 let evaluator = evaluator.get_or_insert_with(|| Evaluator::new(scene));
                 let lanes = evaluator.lanes();
                 let mut thirds = vec![Vec::new(); if third.is_some() { lanes } else { 0 }];
-                // Written anew for every chunk only where it holds forces: that is a kilobyte, a tenth of inverse dynamics.
+                // Reset for every chunk only if it contains forces: that is a kilobyte, a tenth of the time of inverse
+                // dynamics.
                 let mut chunk = [Arguments { tolerance, ..Arguments::default() }; MOST_LANES];
                 for first in states.clone().step_by(lanes) {
                     let count = lanes.min(states.end - first);
@@ -187,7 +189,7 @@ impl<'py, P: Dtype> Call<'_, 'py, P> {
 }
 
 impl<'py> Call<'_, 'py> {
-    /// A kinematic quantity of every state, as many at a time as there are lanes.
+    /// Evaluates a kinematic quantity for every state, in chunks of the number of lanes.
     pub(super) fn quantity_in_chunks(
         &self,
         py: Python<'py>,
@@ -203,13 +205,13 @@ impl<'py> Call<'_, 'py> {
     }
 }
 
-/// What runs some neighbouring states of a batch, the first of which has that index.
+/// Function that evaluates neighboring states of a batch from an index on.
 type Run<'a, P> = dyn Fn(&mut Evaluator<P>, &[Arguments<'_, P>], usize, &mut [P]) -> Result<(), Fault> + Sync + 'a;
 
-/// What writes the third vector of the seed of one state of these arguments.
+/// Function that writes the third seed vector of one state of these arguments.
 type Third<'a, P> = dyn Fn(&[Broadcast<'_, P>], usize, &mut Vec<P>) -> Result<(), Error> + Sync + 'a;
 
-/// The arguments of neighbouring states of a batch, q, then qd, then u, then the seed; forces stay as they are.
+/// Sets the arguments of neighboring states of a batch: q, qd, u and the seed, but not the forces.
 fn take<'a, P>(states: &mut [Arguments<'a, P>], arguments: &[Broadcast<'a, P>], first: usize) {
     let of = |k: usize, state: usize| arguments.get(k).map_or(&[][..], |argument| argument.state(state));
     for (i, state) in states.iter_mut().enumerate() {
@@ -220,8 +222,8 @@ fn take<'a, P>(states: &mut [Arguments<'a, P>], arguments: &[Broadcast<'a, P>], 
     }
 }
 
-/// Runs neighbouring states of a batch, the first of which is its `first`; with bad ones among them the others all the same, if faults
-/// are gathered.
+/// Evaluates neighboring states of a batch from index `first` on. If faults are collected, invalid states do not affect
+/// the others.
 fn evaluate<P: Dtype>(
     (evaluator, run, errors): (&mut Evaluator<P>, &Run<'_, P>, &Errors),
     states: &[Arguments<'_, P>],
@@ -229,7 +231,7 @@ fn evaluate<P: Dtype>(
     out: &mut [P],
 ) -> Result<(), Fault> {
     let (width, mut done) = (out.len() / states.len(), 0);
-    // Those before a bad one are done, in the lanes that they would have without it.
+    // The states before an invalid one are finished, in the same lanes as without it.
     while let Err(fault) = run(evaluator, &states[done..], first + done, &mut out[done * width..]) {
         let bad = done + fault.state;
         errors.note(Fault { state: first + bad, ..fault })?;

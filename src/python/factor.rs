@@ -1,4 +1,4 @@
-//! The class `Factor`: K, L and D at one configuration or at a batch of them, and the operators they are made of.
+//! The class `Factor`: K, L and D at one configuration or a batch of them, and the operators of the paper.
 
 use super::call::run;
 use super::choice::{name_of, read_judged_factor};
@@ -25,7 +25,7 @@ use std::sync::{Arc, PoisonError, RwLock};
 /// The arguments from which pickle rebuilds a factor: scene, configurations, name of the form, tolerance.
 type Remade<'py> = (Py<PyScene>, Object<'py>, &'static str, Option<f64>);
 
-/// The compiled half of phipsi.operators.Factor: applies operators by name.
+/// Compiled part of phipsi.operators.Factor: applies operators by name.
 #[pyclass(frozen, name = "RawFactor", module = "phipsi._core")]
 pub(crate) struct PyFactor {
     scene: Py<PyScene>,
@@ -33,17 +33,19 @@ pub(crate) struct PyFactor {
     form: Form,
     tolerance: Option<f64>,
     pool: Pool<()>,
-    /// Held to take or put the reference, or for an update that takes no time: whoever holds it waits for nothing, the GIL least of all.
+    /// Locked only to read or replace the reference, or for a short update; the holder never waits, in particular not
+    /// for the GIL.
     state: RwLock<Arc<State>>,
 }
 
-/// An update that takes longer, by its estimate in ns, is made on a copy, so that it can be interrupted and nobody waits for it.
+/// An update with a longer estimated time (ns) works on a copy, so that it can be interrupted and blocks no other
+/// thread.
 const IN_PLACE: usize = 1_000_000;
 
-/// Rough time of one body in one state, ns.
+/// Approximate time per body and state, ns.
 const COST: usize = 500;
 
-/// What an update changes.
+/// The part that an update changes.
 #[derive(Clone)]
 struct State {
     factors: Vec<Factor<f64>>,
@@ -66,13 +68,13 @@ impl PyFactor {
         Ok(Self { scene: scene.clone().unbind(), batch, form, tolerance, pool: Pool::default(), state })
     }
 
-    /// The factors and configurations as they are now; a panic cannot have left them half written that this hides, for updates are undone or
-    /// whole.
+    /// Current factors and configurations. Ignoring a poisoned lock is safe, because updates are complete or
+    /// undone.
     fn read(&self) -> Arc<State> {
         Arc::clone(&self.state.read().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// Moves every factor to its configuration in `q`, or none of them; how many bodies were computed anew.
+    /// Updates every factor to its configuration in `q`, or none of them; returns the number of recomputed bodies.
     fn update_all(&self, scratch: &mut Scratch, q: &[f64]) -> Result<usize, Fault> {
         let scene = &self.scene.get().scene;
         let states: usize = self.batch.iter().product();
@@ -107,7 +109,7 @@ impl PyFactor {
 }
 
 impl State {
-    /// Every factor to its configuration in `q`, or none of them.
+    /// Updates every factor to its configuration in `q`, or none of them.
     fn update(&mut self, scene: &Scene, workspace: &mut Workspace<f64>, q: &[f64]) -> Result<usize, Fault> {
         let nq = scene.nq();
         let mut bodies = 0;
@@ -115,10 +117,10 @@ impl State {
             let go_on = watch::check_at(i + 1, 64);
             match go_on.and_then(|()| scene.update_factor(workspace, &mut self.factors[i], &q[i * nq..(i + 1) * nq])) {
                 Ok(count) => bodies += count,
-                // Who is interrupted has a copy in hand.
+                // An interrupted update works on a copy, which is dropped.
                 Err(error @ Error::Interrupted) => return Err(Fault { state: 0, error }),
                 Err(error) => {
-                    // Those before it go back; where they were they had no fault.
+                    // The factors before it return to their previous configurations, which had no fault.
                     for (factor, q) in self.factors.iter_mut().zip(self.configurations.chunks(nq.max(1))).take(i) {
                         let _ = scene.update_factor(workspace, factor, q);
                     }
@@ -132,7 +134,7 @@ impl State {
 }
 
 impl PyScene {
-    /// The factor of every configuration of a batch.
+    /// Computes the factor of every configuration of a batch.
     fn factors(
         &self,
         py: Python<'_>,
@@ -142,7 +144,7 @@ impl PyScene {
         let Self { scene, pool } = self;
         let states: usize = input.leading().iter().product();
         let q = input.over(input.leading())?;
-        // Twice the outer part of each, which is moved in the end, and q.
+        // Twice the outer part of each factor, which is moved at the end, and q.
         let outer = memory::bytes_of::<Factor<f64>>(&[states]) + memory::bytes_of::<f64>(&[states, scene.nq()]);
         memory::room("q", Factor::bytes(scene.model(), states).saturating_add(outer))?;
         self.check_scratch(states)?;
@@ -173,12 +175,17 @@ impl PyScene {
 
 #[pymethods]
 impl PyScene {
-    /// M = (1 + K) D (1 + K*) at q by one sweep (3.1, 3.6), and the operators phi, Psi, K, L, D, P it is made of.
-    ///
-    /// q: (..., nq); the factor is batched where q is. form, tolerance: as in forward_dynamics. Returns a phipsi.Factor: solve(tau) and mul(a) are O(N), and its
-    /// operators compose as the paper's equations do.
-    ///
-    /// Raises SingularJointError, naming joint and state; ShapeError, NotFiniteError or ArgumentError for a bad q.
+    /// Factorization M = (1 + K) D (1 + K*) at q in one sweep (3.1, 3.6), and its operators phi, Psi, K, L, D, P.
+    #[doc = parameters!(q form tolerance)]
+    #[doc = section!(Returns)]
+    /// factor : Factor
+    ///     solve(tau) and mul(a) are O(N); its operators compose as the equations of the paper do. Batched if q is.
+    #[doc = raises!(singular arguments)]
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> factor = scene.factor([0.3, 0.2, 0.1])
+    /// >>> np.allclose(factor.mul(factor.solve([1.0, 2.0, 3.0])), [1.0, 2.0, 3.0])
+    /// True
     #[pyo3(signature = (q, *, form="auto", tolerance=None))]
     fn factor<'py>(
         slf: &Bound<'py, Self>,
@@ -192,7 +199,7 @@ impl PyScene {
 
 #[pymethods]
 impl PyFactor {
-    /// Scene, configurations and form: a factor is made of them to the same bits, updated or not.
+    /// Scene, configurations, form and tolerance: they determine all bits of a factor, updated or not.
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Object<'py>, Remade<'py>)> {
         let rebuild = py.import("phipsi._core")?.getattr("_rebuild_factor")?;
         let shape = [&self.batch[..], &[self.model().nq]].concat();
@@ -200,9 +207,9 @@ impl PyFactor {
         Ok((rebuild, (self.scene.clone_ref(py), q, name_of(self.form), self.tolerance)))
     }
 
-    /// A factor that is updated by itself.
+    /// A factor that is updated independently.
     fn __copy__(&self, py: Python<'_>) -> Self {
-        // Shared until either is updated.
+        // The state is shared until either is updated.
         let (scene, batch, state) = (self.scene.clone_ref(py), self.batch.clone(), self.read());
         let (form, tolerance) = (self.form, self.tolerance);
         Self { scene, batch, form, tolerance, pool: Pool::default(), state: RwLock::new(state) }
@@ -226,7 +233,7 @@ impl PyFactor {
         PyTuple::new(py, &self.batch)
     }
 
-    /// log det M of every configuration, shape of the batch.
+    /// log det M of every configuration, with the shape of the batch.
     fn log_det<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         let mut output = asked_by(py, "q", Output::new(py, &self.batch))?;
         for (value, factor) in output.numbers()?.iter_mut().zip(&self.read().factors) {
@@ -235,7 +242,7 @@ impl PyFactor {
         output.finish_or_scalar()
     }
 
-    /// D of every configuration, (..., nv).
+    /// Pivots D of every configuration, (..., nv).
     fn pivots<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         let mut output = asked_by(py, "q", Output::new(py, &[&self.batch[..], &[self.model().nv()]].concat()))?;
         let state = self.read();
@@ -245,13 +252,13 @@ impl PyFactor {
         output.finish_or_scalar()
     }
 
-    /// (rows, columns) of the operator of that name.
+    /// Shape (rows, columns) of an operator.
     #[pyo3(signature = (kind, /))]
     fn shape(&self, kind: &str) -> PyResult<(usize, usize)> {
         Ok(find(kind)?.shape(self.model().nv()))
     }
 
-    /// The operator of that name times x, (..., columns), by a sweep; its transpose's if so said.
+    /// Product of an operator, or of its transpose, with x, (..., columns), by a sweep.
     #[pyo3(signature = (kind, transpose, x, /))]
     fn apply<'py>(&self, py: Python<'py>, kind: &str, transpose: bool, x: &Object<'py>) -> Array<'py> {
         let kind = find(kind)?;
@@ -286,7 +293,7 @@ impl PyFactor {
         Ok(output.finish())
     }
 
-    /// Moves every factor to its configuration in q, the shape that the factor was made with; how many bodies were computed anew, in all.
+    /// Update the factors to the configurations q, of the same shape; returns the number of recomputed bodies.
     #[pyo3(signature = (q, /))]
     fn update(&self, py: Python<'_>, q: &Object<'_>) -> PyResult<usize> {
         let PyScene { scene, pool } = self.scene.get();
@@ -299,7 +306,7 @@ impl PyFactor {
         detached(py, || pool.with(|| Scratch::new(scene), update))?.map_err(|error| fault(py, error, &self.batch))
     }
 
-    /// The operator of that name as a matrix, (..., rows, columns), built from its definition and not by a sweep.
+    /// Operator as a matrix, (..., rows, columns), from its definition and not by a sweep.
     #[pyo3(signature = (kind, /))]
     fn dense<'py>(&self, py: Python<'py>, kind: &str) -> PyResult<Object<'py>> {
         let kind = find(kind)?;
@@ -323,7 +330,7 @@ impl PyFactor {
     }
 }
 
-/// The factor of what RawFactor.__reduce__ gave.
+/// Rebuilds a factor from the result of RawFactor.__reduce__.
 #[pyfunction]
 #[pyo3(name = "_rebuild_factor", signature = (scene, q, form, tolerance=None, /))]
 pub(super) fn rebuild_factor(

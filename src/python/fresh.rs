@@ -1,4 +1,4 @@
-//! New arrays for results; the memory of very large ones is used again.
+//! New arrays for results; the memory of very large ones is reused.
 
 use super::errors::no_room;
 use super::input::MANY;
@@ -9,22 +9,24 @@ use numpy::{Element, IxDyn, PyArray, PyArrayDyn, PyArrayMethods, PyUntypedArrayM
 use pyo3::prelude::*;
 use std::sync::{Mutex, PoisonError};
 
-/// What is said to ask for the memory of a result, until it is known which argument did.
+/// Name in an `OutOfMemoryError` until the argument that determines the size is known.
 const RESULT: &str = "result";
 
-/// Results of so many bytes are written to memory that results before them had.
+/// Results of at least this size (bytes) reuse the memory of earlier results.
 ///
-/// The allocator takes such from the system each time, which clears it page by page as it is written to. M of a chain of 35 in 4096 states (40 MB)
-/// took 2.1 us a state in new memory and 1.2 us in used memory; below this size the allocator itself keeps it.
+/// The allocator requests such memory from the system each time, which clears it page by page. M of a chain of 35 in
+/// 4096 states (40 MB) took 2.1 us per state in new memory and 1.2 us in reused memory. Smaller blocks are cached by
+/// the allocator.
 const LARGE: usize = 32 << 20;
 
-/// So many bytes are kept at most.
+/// Largest total size of reusable memory, bytes.
 const MOST: usize = 128 << 20;
 
-/// Memory of large results, as arrays of one dimension that results are views of, and its bytes; what was used last is at the end.
+/// Reusable memory: one-dimensional arrays of which results are views, with their sizes in bytes, the last used at the
+/// end.
 static KEPT: Mutex<Vec<(usize, Py<PyAny>)>> = Mutex::new(Vec::new());
 
-/// A new array of zeros.
+/// New array of zeros.
 pub(super) fn zeros<'py, P: Precision + Element>(
     py: Python<'py>,
     shape: &[usize],
@@ -35,7 +37,7 @@ pub(super) fn zeros<'py, P: Precision + Element>(
     made_by(py, imported!(py, "numpy", "zeros")?, shape)
 }
 
-/// A new array of whatever was there: to zero megabytes takes a tenth of computing M.
+/// New uninitialized array: setting megabytes to zero takes a tenth of the time of computing M.
 pub(super) fn unwritten<'py, P: Precision + Element>(
     py: Python<'py>,
     shape: &[usize],
@@ -47,14 +49,14 @@ pub(super) fn unwritten<'py, P: Precision + Element>(
     }
 }
 
-/// So many numbers of whatever was there, for results of methods written in Python.
+/// New uninitialized array of `count` numbers, for results of methods written in Python.
 #[pyfunction]
 #[pyo3(name = "_unwritten", signature = (count, /))]
 pub(super) fn unwritten_numbers(py: Python<'_>, count: usize) -> PyResult<Bound<'_, PyArrayDyn<f64>>> {
     unwritten(py, &[count])
 }
 
-/// How many numbers an array of this shape has; none where that is no number.
+/// Number of entries of an array of this shape; None if it overflows.
 pub(super) fn entries(shape: &[usize]) -> Option<usize> {
     shape.iter().try_fold(1, |product: usize, &length| product.checked_mul(length))
 }
@@ -63,7 +65,7 @@ fn empty<'py, P: Precision + Element>(py: Python<'py>, shape: &[usize]) -> PyRes
     made_by(py, imported!(py, "numpy", "empty")?, shape)
 }
 
-/// What a function of NumPy makes of a shape.
+/// Calls a function of NumPy with a shape.
 fn made_by<'py, P: Precision + Element>(
     py: Python<'py>,
     function: &Object<'py>,
@@ -75,9 +77,9 @@ fn made_by<'py, P: Precision + Element>(
     Ok(made.map_err(|cause| no_room(py, RESULT, &cause, Some(bytes)))?.cast_into()?)
 }
 
-/// An array of so many numbers that nothing else refers to, kept before or kept from now on.
+/// Array of `entries` numbers without other references, reused or added to the reusable memory.
 fn used_again<P: Precision + Element>(py: Python<'_>, entries: usize) -> PyResult<Bound<'_, PyArrayDyn<P>>> {
-    // Without the interpreter's lock others could make a reference while they are counted.
+    // Without the GIL, another thread could create a reference during the count.
     let has_lock = match py.import("sys")?.getattr_opt("_is_gil_enabled")? {
         Some(is_enabled) => is_enabled.call0()?.extract()?,
         None => true,
@@ -90,7 +92,8 @@ fn used_again<P: Precision + Element>(py: Python<'_>, entries: usize) -> PyResul
         return Ok(free);
     }
     let made = empty(py, &[entries])?;
-    // Nothing of Python's runs while this is held, or it could come here again: what is no longer kept is dropped afterwards.
+    // No Python code runs while the lock is held, because it could call this function again; dropped arrays are
+    // released later.
     let mut kept = KEPT.lock().unwrap_or_else(PoisonError::into_inner);
     kept.push((bytes, made.clone().into_any().unbind()));
     let mut total: usize = kept.iter().map(|(bytes, _)| bytes).sum();
@@ -104,7 +107,8 @@ fn used_again<P: Precision + Element>(py: Python<'_>, entries: usize) -> PyResul
     Ok(made)
 }
 
-/// A kept array of so many numbers that nothing but this file refers to. Views of it do, and memory that somebody froze stays as it is.
+/// Reusable array of `entries` numbers without references outside of this file. Views are references, and read-only
+/// memory is not reused.
 #[allow(deprecated)] // the count of references is right where the interpreter's lock is held
 fn free<P: Precision + Element>(py: Python<'_>, entries: usize) -> Option<Bound<'_, PyArrayDyn<P>>> {
     let mut kept = KEPT.lock().unwrap_or_else(PoisonError::into_inner);

@@ -1,4 +1,4 @@
-//! Methods of `Scene`: where all links are, energy and momentum.
+//! Methods of `Scene`: forward kinematics of all links, energy and momentum.
 
 use super::errors::asked_by;
 use super::object::{Object, imported};
@@ -8,7 +8,7 @@ use crate::algorithm::KinematicQuantity;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-/// Rough time of one body (or link) in one state, ns.
+/// Approximate time per body (or link) and state, ns.
 mod cost {
     pub const PLACEMENT: usize = 60;
     pub const ENERGY: usize = 100;
@@ -17,11 +17,18 @@ mod cost {
 
 #[pymethods]
 impl PyScene {
-    /// Where every link is: a dict from link names to homogeneous matrices, link frame to base frame.
-    ///
-    /// q: (..., nq). Each value: (..., 4, 4), [[R, p], [0, 1]] with p in m; an array of its own, in the order of link_names.
-    ///
-    /// errors: as in forward_dynamics. Raises ShapeError, NotFiniteError, ArgumentError for a bad q, naming the state.
+    /// Poses of all links by name: homogeneous matrices from the link frame to the base frame (forward kinematics).
+    #[doc = parameters!(q errors)]
+    #[doc = section!(Returns)]
+    /// poses : dict of str to (..., 4, 4) ndarray
+    ///     [[R, p], [0, 1]] with p in m, in the order of link_names; each value is an array of its own.
+    #[doc = raises!(arguments)]
+    #[doc = section!(Notes)]
+    /// O(N). placement computes the poses of some links only.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+    /// >>> scene.placements(scene.neutral())["flange"][:3, 3].round(3)
+    /// array([0.412, 0.15 , 0.488])
     #[pyo3(signature = (q, *, errors="raise"))]
     fn placements<'py>(&self, py: Python<'py>, q: &Object<'py>, errors: &str) -> PyResult<Bound<'py, PyDict>> {
         let links = self.scene.links();
@@ -43,12 +50,20 @@ impl PyScene {
         Ok(placements)
     }
 
-    /// Kinetic energy (armature included) and potential energy, as the named tuple Energy(kinetic, potential).
-    ///
-    /// q: (..., nq); qd: (..., nv); leading axes broadcast. Each (...), J; the potential is zero with the mass centre at the
-    /// base's origin.
-    ///
-    /// errors: as in forward_dynamics. Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+    /// Kinetic energy qd^T M qd / 2, including armature, and potential energy.
+    #[doc = parameters!(q qd errors)]
+    #[doc = section!(Returns)]
+    /// energy : Energy
+    ///     Named tuple (kinetic, potential), each (...), J. The potential energy is zero with the center of mass at the
+    ///     origin of the base frame.
+    #[doc = raises!(arguments)]
+    #[doc = section!(Notes)]
+    /// O(N). Springs are not included.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> energy = scene.energy([0.3, 0.2, 0.1], [1.0, 0.0, 0.0])
+    /// >>> round(float(energy.kinetic), 3), round(float(energy.potential), 3)
+    /// (0.123, 7.357)
     #[pyo3(signature = (q, qd, *, errors="raise"))]
     fn energy<'py>(&self, py: Python<'py>, q: &Object<'py>, qd: &Object<'py>, errors: &str) -> PyResult<Object<'py>> {
         let inputs = [self.configuration("q", q)?, self.rate("qd", qd)?];
@@ -63,11 +78,17 @@ impl PyScene {
         imported!(py, "phipsi._results", "Energy")?.call1((part(0)?, part(1)?))
     }
 
-    /// Kinetic energy alone, armature included: half of qd M qd.
-    ///
-    /// q: (..., nq); qd: (..., nv); leading axes broadcast. Returns (...), J. O(N).
-    ///
-    /// errors: as in forward_dynamics. Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+    /// Kinetic energy qd^T M qd / 2, including armature, in O(N).
+    #[doc = parameters!(q qd errors)]
+    #[doc = section!(Returns)]
+    /// kinetic : (...) ndarray
+    ///     Kinetic energy, J.
+    #[doc = raises!(arguments)]
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q, qd = np.array([0.3, 0.2, 0.1]), np.array([1.0, 0.5, 0.2])
+    /// >>> np.isclose(scene.kinetic_energy(q, qd), qd @ scene.mass_matrix(q) @ qd / 2)
+    /// np.True_
     #[pyo3(signature = (q, qd, *, errors="raise"))]
     fn kinetic_energy<'py>(
         &self,
@@ -80,11 +101,17 @@ impl PyScene {
         self.kinematic_quantity(py, &KinematicQuantity::KineticEnergy, [("q", q), ("qd", qd)], (&[], cost), errors)
     }
 
-    /// Spatial momentum of all moving bodies: (angular about the base's origin, linear), in the base frame.
-    ///
-    /// q: (..., nq); qd: (..., nv); leading axes broadcast. Returns (..., 6), N m s and N s. Armature adds nothing here.
-    ///
-    /// errors: as in forward_dynamics. Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+    /// Spatial momentum of all moving links: (angular about the origin of the base frame, linear), in the base frame.
+    #[doc = parameters!(q qd errors)]
+    #[doc = section!(Returns)]
+    /// h : (..., 6) ndarray
+    ///     Momentum, N m s and N s; armature does not contribute.
+    #[doc = raises!(arguments)]
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q, qd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2]
+    /// >>> np.allclose(scene.momentum(q, qd)[3:], scene.total_mass * scene.center_of_mass_velocity(q, qd))
+    /// True
     #[pyo3(signature = (q, qd, *, errors="raise"))]
     fn momentum<'py>(&self, py: Python<'py>, q: &Object<'py>, qd: &Object<'py>, errors: &str) -> PyResult<Object<'py>> {
         let size = (&[6][..], cost::MOMENTUM * self.size());

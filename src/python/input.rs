@@ -1,6 +1,7 @@
-//! Arguments to contiguous float64 (or float32, where that was asked for): the one place where that is done.
+//! Conversion of arguments to contiguous float64 (or float32 with `dtype`); no other file converts.
 //!
-//! An array of numbers is read here. Lists, tables, dicts and masked arrays become one in `phipsi._arguments`, which matches names with joints.
+//! This file reads arrays of numbers. `phipsi._arguments` converts lists, tables, dicts and masked arrays to arrays and
+//! matches labels with joints.
 
 use super::axis::Axis;
 use super::errors::no_room;
@@ -19,31 +20,31 @@ use pyo3::types::{PyFloat, PyInt, PyList, PyTuple};
 use std::borrow::Cow;
 use std::ops::Range;
 
-/// Arguments up to this many numbers are copied: cheaper than keeping account of who borrows which array.
+/// Arguments of up to this many numbers are copied, which is cheaper than tracking the borrow of an array.
 pub(super) const FEW: usize = 64;
 
-/// Arrays of more numbers are made by Python, which raises where memory runs out.
+/// Larger arrays are allocated by Python, which raises if memory runs out.
 pub(super) const MANY: usize = 1 << 12;
 
-/// One array argument: C-contiguous numbers of kind `P`, borrowed where it was that already, else converted.
+/// An array argument: C-contiguous numbers of type `P`, borrowed if possible, otherwise converted.
 pub(super) struct Input<'py, P: Element = f64> {
-    /// What messages call it.
+    /// Name in messages.
     pub name: Cow<'static, str>,
     width: usize,
-    /// How many axes a state has.
+    /// Number of axes of one state.
     own_axes: usize,
     array: Bound<'py, PyArrayDyn<P>>,
     numbers: Numbers<'py, P>,
 }
 
-/// The numbers of an argument, row-major.
+/// Values of an argument in row-major order.
 enum Numbers<'py, P: Element> {
     Copied(Vec<P>),
     Borrowed(PyReadonlyArrayDyn<'py, P>),
 }
 
 impl<'py> Input<'py> {
-    /// Reads an argument of that shape, or one number that stands for all of them.
+    /// Reads an argument of shape (..., entries of the axis), or one number for all entries.
     pub fn spread(name: &'static str, value: &Object<'py>, axis: Axis<'_>) -> PyResult<Self> {
         let array = read(name, value, axis)?;
         match (array.ndim(), array.len()) {
@@ -52,7 +53,7 @@ impl<'py> Input<'py> {
         }
     }
 
-    /// One state of `width` equal numbers, for an argument that was not given.
+    /// One state of `width` equal numbers, the default of an argument.
     pub fn filled(py: Python<'py>, name: &'static str, number: f64, width: usize) -> PyResult<Self> {
         let numbers = memory::filled(name, width, number)?;
         Self::of(name.into(), numbers.into_pyarray(py).to_dyn().clone(), width)
@@ -60,7 +61,7 @@ impl<'py> Input<'py> {
 }
 
 impl<'py> Input<'py> {
-    /// The same argument with other numbers for each state, as many for all.
+    /// Maps the values of each state to others, of equal number for all states.
     pub fn mapped(self, py: Python<'py>, map: impl Fn(&[f64]) -> Vec<f64>) -> PyResult<Self> {
         let width = map(&vec![0.0; self.width]).len();
         let mut numbers = memory::with_capacity(&self.name, self.array.len() / self.width.max(1) * width)?;
@@ -85,7 +86,7 @@ impl<'py, P: Precision + Element> Input<'py, P> {
         Self::of(name, array, axis.width())
     }
 
-    /// Reads an argument of shape (..., rows, entries of the axis): a table a state.
+    /// Reads an argument of shape (..., rows, entries of the axis): one table per state.
     pub fn table<'a>(
         name: &'static str,
         value: &Object<'py>,
@@ -113,18 +114,18 @@ impl<'py, P: Precision + Element> Input<'py, P> {
         Ok(Self { name, width, own_axes: 1, array, numbers })
     }
 
-    /// The axes before those of a state.
+    /// Leading (batch) axes.
     pub fn leading(&self) -> &[usize] {
         let shape = self.array.shape();
         &shape[..shape.len().saturating_sub(self.own_axes)]
     }
 
-    /// Its states over those of a batch.
+    /// Broadcasts the states to a batch.
     pub fn over(&self, batch: &[usize]) -> PyResult<Broadcast<'_, P>> {
         Ok(Broadcast::new(&self.name, self.data()?, self.width, self.leading(), batch)?)
     }
 
-    /// All numbers, row-major.
+    /// All values in row-major order.
     pub fn data(&self) -> PyResult<&[P]> {
         match &self.numbers {
             Numbers::Copied(numbers) => Ok(numbers),
@@ -132,19 +133,19 @@ impl<'py, P: Precision + Element> Input<'py, P> {
         }
     }
 
-    /// The addresses that the argument occupies.
+    /// Address range of the argument.
     pub fn addresses(&self) -> Range<usize> {
         addresses(&self.array)
     }
 }
 
-/// The addresses that a C-contiguous array occupies.
+/// Address range of a C-contiguous array.
 pub(super) fn addresses<P: Element, D: Dimension>(array: &Bound<'_, PyArray<P, D>>) -> Range<usize> {
     let start = array.data().addr();
     start..start + array.len() * size_of::<P>()
 }
 
-/// The numbers of an argument, row-major.
+/// Values of an argument in row-major order.
 fn copied(name: &str, array: &Bound<'_, PyArrayDyn<f64>>) -> PyResult<Vec<f64>> {
     if array.len() <= MANY {
         return Ok(array.to_vec()?);
@@ -157,7 +158,7 @@ fn being_written(name: &str) -> Error {
     Error::argument(name, "an array that another call is writing to", "an array that does not change during the call")
 }
 
-/// An argument of any shape, and that shape.
+/// Reads an argument of any shape, with that shape.
 pub(super) fn shaped<'a>(
     name: &str,
     value: &Object<'_>,
@@ -167,7 +168,7 @@ pub(super) fn shaped<'a>(
     Ok((array.shape().to_vec(), copied(name, &array)?))
 }
 
-/// An argument of exactly the given shape, as numbers in row-major order.
+/// Reads an argument of exactly the given shape, in row-major order.
 pub(super) fn fixed(name: &str, value: &Object<'_>, shape: &[usize]) -> PyResult<Vec<f64>> {
     match shaped(name, value, shape.last().copied().unwrap_or(1))? {
         (found, numbers) if found == shape => Ok(numbers),
@@ -175,7 +176,7 @@ pub(super) fn fixed(name: &str, value: &Object<'_>, shape: &[usize]) -> PyResult
     }
 }
 
-/// One state: an argument of shape (entries of the axis,).
+/// Reads one state, an argument of shape (entries of the axis,).
 pub(super) fn state(name: &str, value: &Object<'_>, axis: Axis<'_>) -> PyResult<Vec<f64>> {
     match shaped(name, value, axis)? {
         (found, numbers) if found == [axis.width()] => Ok(numbers),
@@ -183,7 +184,7 @@ pub(super) fn state(name: &str, value: &Object<'_>, axis: Axis<'_>) -> PyResult<
     }
 }
 
-/// One number for all entries of the axis, or an array of them: the numbers.
+/// Reads one number for all entries of the axis, or an array of them.
 pub(super) fn spread(name: &str, value: &Object<'_>, axis: Axis<'_>) -> PyResult<Vec<f64>> {
     let (shape, numbers) = shaped(name, value, axis)?;
     let width = axis.width();
@@ -194,7 +195,7 @@ pub(super) fn spread(name: &str, value: &Object<'_>, axis: Axis<'_>) -> PyResult
     }
 }
 
-/// An argument of the given shape, the same for all of `count` things, or of (count, *shape), one for each: their numbers.
+/// Reads an argument of the given shape, shared by `count` items, or of shape (count, *shape), one for each.
 pub(super) fn one_or_each(name: &str, value: &Object<'_>, count: usize, shape: &[usize]) -> PyResult<Vec<Vec<f64>>> {
     let (found, numbers) = shaped(name, value, shape.last().copied().unwrap_or(1))?;
     let each = [&[count], shape].concat();
@@ -207,7 +208,8 @@ pub(super) fn one_or_each(name: &str, value: &Object<'_>, count: usize, shape: &
     }
 }
 
-/// An argument of shape (rows, width), at least one row: how many, and the numbers in row-major order.
+/// Reads an argument of shape (rows, width) with at least one row: the number of rows, and the values in row-major
+/// order.
 pub(super) fn rows(name: &str, value: &Object<'_>, width: usize) -> PyResult<(usize, Vec<f64>)> {
     let (shape, numbers) = shaped(name, value, width)?;
     match shape[..] {
@@ -216,7 +218,7 @@ pub(super) fn rows(name: &str, value: &Object<'_>, width: usize) -> PyResult<(us
     }
 }
 
-/// Three numbers.
+/// Reads three numbers.
 pub(super) fn triple(name: &str, value: &Object<'_>) -> PyResult<[f64; 3]> {
     if is_of_numbers(value)
         && let Ok(numbers) = value.extract()
@@ -231,7 +233,7 @@ pub(super) fn wrong_shape(name: &str, found: &[usize], expected: String) -> PyEr
     Error::Shape { argument: name.to_owned(), found: shape_text(found), expected }.into()
 }
 
-/// What a function of `phipsi._arguments` makes of an argument.
+/// Calls a function of `phipsi._arguments` with an argument.
 pub(super) fn in_python<'py>(
     function: &Object<'py>,
     name: &str,
@@ -241,7 +243,8 @@ pub(super) fn in_python<'py>(
     function.call1((name, value, axis.joints(), axis.width()))
 }
 
-/// C-contiguous and aligned numbers of kind `P` as they are; any other real numbers converted; the rest refused by name.
+/// Reads an array: C-contiguous aligned numbers of type `P` without a copy, other real numbers by conversion; the rest
+/// raises.
 pub(super) fn read<'py, P: Precision + Element>(
     name: &str,
     value: &Object<'py>,
@@ -253,12 +256,12 @@ pub(super) fn read<'py, P: Precision + Element>(
     }
 }
 
-/// Whether it is an array and no subclass: such have masks or units.
+/// True for an array that is not of a subclass, which can have masks or units.
 pub(super) fn is_bare(value: &Object<'_>) -> bool {
     value.is_exact_instance_of::<PyUntypedArray>()
 }
 
-/// Whether it is a list or a tuple of Python's numbers alone, with neither names nor masks among them.
+/// True for a list or a tuple of Python numbers only, without labels or masks.
 fn is_of_numbers(value: &Object<'_>) -> bool {
     let is_number =
         |entry: Object<'_>| entry.is_exact_instance_of::<PyFloat>() || entry.is_exact_instance_of::<PyInt>();
@@ -268,12 +271,12 @@ fn is_of_numbers(value: &Object<'_>) -> bool {
     }
 }
 
-/// Whether the numbers of an array can be read as they lie.
+/// True if the memory of an array can be read without a copy.
 fn in_order<P: Element, D: Dimension>(array: &Bound<'_, PyArray<P, D>>) -> bool {
     array.is_c_contiguous() && array.data().is_aligned()
 }
 
-/// The numbers of one state and their addresses, where they are (width,) float64 as they lie, and few.
+/// Values of one state and their address range, for a small (width,) float64 array that needs no conversion.
 #[inline(always)] // what it returns would be stored and loaded again
 pub(super) fn plain(value: &Object<'_>, width: usize) -> Option<(Vec<f64>, Range<usize>)> {
     let array = value.cast::<PyArray1<f64>>().ok()?;
@@ -283,7 +286,7 @@ pub(super) fn plain(value: &Object<'_>, width: usize) -> Option<(Vec<f64>, Range
     Some((array.to_vec().ok()?, addresses(array)))
 }
 
-/// A fresh C-contiguous array of kind `P` with the numbers of `value`.
+/// New C-contiguous array of type `P` with the numbers of `value`.
 fn convert<'py, P: Precision + Element>(
     name: &str,
     value: &Object<'py>,

@@ -1,7 +1,8 @@
-//! Long calls without the GIL, in which Ctrl-C is seen: the one place where the GIL is given up for work that may take long.
+//! Long calls without the GIL that respond to Ctrl-C; no other file releases the GIL for long work.
 //!
-//! Signals are the main thread's matter. It takes the GIL back some twenty times a second, between pieces of the work, and has Python handle what
-//! came; if a handler raises, the work ends on all threads, and the call raises that. Other threads are not looked after, nor held up.
+//! Python handles signals on the main thread. About twenty times per second, between pieces of the work, that thread
+//! acquires the GIL and lets Python handle pending signals. If a handler raises, the work ends on all threads and the
+//! call raises that exception. Calls from other threads do not check for signals.
 
 use crate::watch;
 use pyo3::prelude::*;
@@ -9,16 +10,16 @@ use pyo3::sync::PyOnceLock;
 use std::cell::{Cell, RefCell};
 
 thread_local! {
-    /// What a signal handler raised, on its way to the call that it ended.
+    /// Exception of a signal handler, until the interrupted call raises it.
     static RAISED: RefCell<Option<PyErr>> = const { RefCell::new(None) };
 
-    /// The process that this thread was last asked in whether it is Python's main thread, and the answer.
+    /// Process in which this thread last checked whether it is the main thread of Python, and the result.
     static IS_MAIN: Cell<Option<(u32, bool)>> = const { Cell::new(None) };
 }
 
-/// Does `work` without the GIL; on the main thread under a [`watch`].
+/// Runs `work` without the GIL; on the main thread with checks for signals ([`watch`]).
 ///
-/// Raises what a signal handler raised meanwhile, `KeyboardInterrupt` if not told otherwise, whatever came of the work.
+/// Raises the exception of a signal handler, by default `KeyboardInterrupt`, whatever the result of the work.
 pub(super) fn detached<R: Send>(py: Python<'_>, work: impl FnOnce() -> R + Send) -> PyResult<R> {
     if !is_main(py)? {
         return Ok(py.detach(work));
@@ -30,13 +31,14 @@ pub(super) fn detached<R: Send>(py: Python<'_>, work: impl FnOnce() -> R + Send)
     }
 }
 
-/// Takes apart what nobody will have, on a thread of its own: a million of small things take longer than the wait for Ctrl-C may.
+/// Drops a large discarded result on a separate thread: dropping a million small objects would delay the response to
+/// Ctrl-C.
 pub(super) fn drop_elsewhere(large: impl Send + 'static) {
-    // Where there is no thread to be had, it is dropped here.
+    // If no thread can be started, the result is dropped here.
     let _ = std::thread::Builder::new().name("phipsi-drop".to_owned()).spawn(move || drop(large));
 }
 
-/// The same for work that can fail: its error is raised.
+/// The same for work that can fail; its error is raised.
 pub(super) fn detached_checked<R: Send, E: Send + Into<PyErr>>(
     py: Python<'_>,
     work: impl FnOnce() -> Result<R, E> + Send,
@@ -44,7 +46,7 @@ pub(super) fn detached_checked<R: Send, E: Send + Into<PyErr>>(
     detached(py, work)?.map_err(Into::into)
 }
 
-/// Has Python handle the signals that came; whether a handler raised.
+/// Lets Python handle pending signals; returns whether a handler raised.
 fn look() -> bool {
     Python::attach(|py| match py.check_signals() {
         Ok(()) => false,
@@ -55,12 +57,12 @@ fn look() -> bool {
     })
 }
 
-/// Whether this is the thread that Python handles signals on.
+/// True on the thread on which Python handles signals.
 fn is_main(py: Python<'_>) -> PyResult<bool> {
     static THREADING: PyOnceLock<[Py<PyAny>; 2]> = PyOnceLock::new();
     match IS_MAIN.get() {
         Some((_, true)) => return Ok(true),
-        // A process forked from another thread has that one for its main thread.
+        // In a forked process, the thread that called fork is the main thread.
         Some((process, false)) if process == std::process::id() => return Ok(false),
         _ => {}
     }

@@ -1,4 +1,4 @@
-//! The method `Scene.inverse_kinematics`.
+//! The methods `Scene.inverse_kinematics` and `Scene.inverse_kinematics_rates`.
 
 use super::choice::choose;
 use super::counts::{count_or, number};
@@ -14,48 +14,73 @@ use crate::spatial::RigidShift;
 use nalgebra::{Matrix3, Vector3};
 use pyo3::prelude::*;
 
-/// Rough time of one state, ns: a few tens of steps.
+/// Approximate time per state, ns: a few tens of steps.
 const COST: usize = 50_000;
 
-/// The same of joint velocities.
+/// The same for inverse_kinematics_rates.
 const COST_OF_RATES: usize = 3_000;
 
-/// Names of what steps are damped by.
+/// Metrics of the damping, by name.
 const METRICS: [(&str, Metric); 2] = [("coordinates", Metric::Coordinates), ("mass", Metric::Mass)];
 
-/// Numbers beside q: reached, errors, starts, steps.
+/// Number of results in addition to q: reached, errors, starts, steps.
 const BESIDE: usize = 5;
 
-/// A task as phipsi.tasks gives it: kind, name, link or joint, point, axis, deviations, target, how many numbers that has, and the link that it is relative to.
+/// A task from phipsi.tasks: kind, name, link or joint, point, axis, deviations, target, number of its entries, and the
+/// link to which it is relative.
 type Given<'py> = (String, String, String, [f64; 3], [f64; 3], f64, f64, Object<'py>, usize, Option<String>);
 
 #[pymethods]
 impl PyScene {
-    /// Joint positions that meet tasks, within joint limits and with closed connections; the most probable ones.
-    ///
-    /// tasks: a task of phipsi.tasks or a list of them: Pose, Position, Orientation, Direction, LookAt, CenterOfMass,
-    /// JointPosition; targets with leading axes are a batch, which broadcasts with that of q0. q0: (..., nq), the first
-    /// start; None: neutral. starts: the largest number of configurations that it starts from, those after the first
-    /// drawn within the limits, of a few draws the nearest to the tasks. posture: None, or a standard deviation, rad
-    /// and m: how far joints are expected from q0, for robots that tasks leave free. limits: whether joints, and joints
-    /// that follow them, stay within theirs; a q0 beyond them starts at them, and a joint that has room for a whole
-    /// turn gets past them on the way. tolerance: a task is reached where its error is at most this, m and rad.
-    /// iterations: the largest number of steps from each start. metric: what steps are damped by, "coordinates", or
-    /// "mass", kinetic energy: joints that carry much mass move less. covariance: whether to compute it. seed: of the
-    /// starts. errors: as in forward_dynamics; a bad state has NaN for q and errors, and reached False.
-    ///
-    /// Minimizes half the squares of all errors over their standard deviations, by Levenberg and Marquardt's steps on
-    /// the manifold, each the exact minimum of its model within the limits: no step makes it worse. Connections are
-    /// hard constraints: every step ends where they are closed. The same bits for any number of threads. O(tasks depth
-    /// + nv^3) a step.
-    ///
-    /// Returns a phipsi.tasks.InverseKinematics: q, reached, errors, starts, iterations and the covariance.
-    ///
-    /// Raises ArgumentError for what is no task, unknown links and joints, and values out of range; ShapeError,
-    /// NotFiniteError, naming the task and the state; ConstraintError where no start leads to closed connections.
-    #[pyo3(signature = (tasks, q0=None, *, starts=None, posture=None, limits=true, tolerance=1e-9, iterations=None, metric="coordinates", covariance=false, seed=None, errors="raise"),
-           text_signature = "($self, tasks, q0=None, *, starts=20, posture=None, limits=True, tolerance=1e-9, iterations=100, metric='coordinates', \
-                             covariance=False, seed=0, errors='raise')")]
+    /// Most probable joint positions that reach tasks, within joint limits and with closed connections.
+    #[doc = section!(Parameters)]
+    /// tasks : task or list of tasks
+    ///     Tasks of phipsi.tasks: Pose, Position, Orientation, Direction, LookAt, CenterOfMass, JointPosition. Leading
+    ///     axes of their targets are a batch, which broadcasts with that of q0.
+    /// q0 : (..., nq) array_like, optional
+    ///     First start; the neutral configuration by default. A start outside of the limits begins at them.
+    /// starts : int, default 20
+    ///     Largest number of starts. Those after the first are drawn within the limits, of several draws the one
+    ///     nearest to the tasks.
+    /// posture : float, optional
+    ///     Standard deviation of the joints from q0, rad or m, for robots with more freedom than the tasks. None: no
+    ///     posture.
+    /// limits : bool, default True
+    ///     If true, joints, and joints coupled to them, stay within their limits.
+    /// tolerance : float, default 1e-9
+    ///     A task is reached if its error is at most this, m and rad.
+    /// iterations : int, default 100
+    ///     Largest number of steps from each start.
+    /// metric : {"coordinates", "mass"}, default "coordinates"
+    ///     Metric of the damping: coordinates, or kinetic energy, so that joints that carry more mass move less.
+    /// covariance : bool, default False
+    ///     If true, compute the covariance of q.
+    /// seed : int, default 0
+    ///     Seed of the starts.
+    /// errors : {"raise", "nan"}, default "raise"
+    ///     As in forward_dynamics. An invalid state has NaN for q and errors, and reached False.
+    #[doc = section!(Returns)]
+    /// solution : phipsi.tasks.InverseKinematics
+    ///     q, reached, position_error, rotation_error, starts, iterations and covariance. If reached is False, q is the
+    ///     best local minimum.
+    #[doc = section!(Raises)]
+    /// ConstraintError
+    ///     No start leads to closed connections.
+    #[doc = entries!(arguments)]
+    #[doc = section!(Notes)]
+    /// Minimizes half the sum of all squared errors divided by their variances, by Levenberg-Marquardt steps on the
+    /// manifold, each the exact minimum of its model within the limits; no step increases the cost. Connections are
+    /// hard constraints. O(tasks depth + nv^3) per step. Results are bit-identical for any number of threads.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+    /// >>> goal = scene.placement([0.3, -0.6, 0.9, 0.1, 0.4, 0.0], "flange")
+    /// >>> found = scene.inverse_kinematics(phipsi.tasks.Pose("flange", goal))
+    /// >>> found.reached, np.allclose(scene.placement(found.q, "flange"), goal)
+    /// (True, True)
+    #[pyo3(signature = (tasks, q0=None, *, starts=None, posture=None, limits=true, tolerance=1e-9, iterations=None,
+                        metric="coordinates", covariance=false, seed=None, errors="raise"),
+           text_signature = "($self, tasks, q0=None, *, starts=20, posture=None, limits=True, tolerance=1e-9, \
+                             iterations=100, metric='coordinates', covariance=False, seed=0, errors='raise')")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn inverse_kinematics<'py>(
         &self,
@@ -78,7 +103,7 @@ impl PyScene {
         let iterations = count_or("iterations", iterations, 0, usual.iterations)?;
         let seed = seed.map_or(Ok(usual.seed), |seed| number("seed", seed))?;
         let options = Options { starts, iterations, tolerance, limits, posture, metric, seed };
-        // Refuses them before anything is read.
+        // Checks the options before any other argument.
         self.scene.inverse_kinematics(&options)?;
         let neutral = output::from_numbers(py, &self.scene.neutral(), &[self.scene.nq()])?;
         let (fixed, inputs) = self.tasks(tasks, ("q0", q0.unwrap_or(&neutral)))?;
@@ -109,25 +134,44 @@ impl PyScene {
 
 #[pymethods]
 impl PyScene {
-    /// Joint velocities that reduce the tasks' errors, one step of a control loop: within velocity and position limits.
-    ///
-    /// tasks: as in inverse_kinematics; targets with leading axes are a batch, which broadcasts with that of q. q:
-    /// (..., nq). dt: the time that the velocities are held, s. gain: the share of the errors that is taken away in it;
-    /// below 1 errors fall exponentially. damping: of the largest entry of J^T J over deviations; more keeps velocities
-    /// small near singular configurations. limits: whether joints, and joints that follow them, keep to theirs; a joint
-    /// beyond its position limit returns as fast as its velocity limit allows, whatever the tasks want. velocity:
-    /// velocity limits instead of those of the joints, (..., nv) or one number, rad/s and m/s, infinite for none: a
-    /// floating base has limits only here. errors: as in forward_dynamics.
-    ///
-    /// Minimizes half the squares of J qd dt + gain e over the standard deviations, and damping, over the velocities
-    /// that limits and connections allow: exactly, by a projected Newton method. Connections are hard constraints:
-    /// errors that they have at q are taken away, as far as limits allow. Where that step would raise the cost, or pass
-    /// its minimum along the way, it is computed again with more damping, so that joints come to rest where a target is
-    /// out of reach. O(tasks depth + nv^3).
-    ///
-    /// Returns qd, (..., nv), rad/s and m/s.
-    ///
-    /// Raises as inverse_kinematics; ArgumentError for a dt, gain or damping that is not above zero.
+    /// Joint velocities that reduce the errors of tasks within joint limits: one step of a control loop.
+    #[doc = section!(Parameters)]
+    /// tasks : task or list of tasks
+    ///     As in inverse_kinematics.
+    #[doc = entries!(q)]
+    /// dt : float
+    ///     Time for which the velocities are held, s.
+    /// gain : float, default 1
+    ///     Share of the errors that is removed in dt; below 1, errors decay exponentially.
+    /// damping : float, default 1e-6
+    ///     Damping relative to the largest entry of J^T J over the variances; more keeps velocities small near
+    ///     singularities.
+    /// limits : bool, default True
+    ///     If true, joints, and joints coupled to them, stay within their limits. A joint outside of its limits returns as
+    ///     fast as its velocity limit allows.
+    /// velocity : float or (..., nv) array_like, optional
+    ///     Velocity limits instead of those of the joints, rad/s or m/s; inf: none. A floating base has limits only
+    ///     here.
+    #[doc = entries!(errors)]
+    #[doc = section!(Returns)]
+    /// qd : (..., nv) ndarray
+    ///     Joint velocities, rad/s or m/s.
+    #[doc = section!(Raises)]
+    /// ArgumentError
+    ///     dt, gain or damping that is not positive, and as inverse_kinematics.
+    #[doc = entries!(arguments)]
+    #[doc = section!(Notes)]
+    /// Minimizes half the squares of J qd dt + gain e divided by the standard deviations, plus damping, over the
+    /// velocities that limits and connections allow, by a projected Newton method. Connections are hard constraints
+    /// whose errors are removed as far as the limits allow. If the step would increase the cost or pass its minimum, it
+    /// is recomputed with more damping, so joints come to rest if a target is out of reach. O(tasks depth + nv^3).
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+    /// >>> q, task = np.array([0.3, -0.6, 0.9, 0.1, 0.4, 0.0]), phipsi.tasks.Position("flange", (0.5, 0.1, 0.4))
+    /// >>> for step in range(200):
+    /// ...     q += 0.01 * scene.inverse_kinematics_rates(task, q, dt=0.01, gain=0.2)
+    /// >>> scene.placement(q, "flange")[:3, 3].round(3)
+    /// array([0.5, 0.1, 0.4])
     #[pyo3(signature = (tasks, q, *, dt, gain=1.0, damping=1e-6, limits=true, velocity=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn inverse_kinematics_rates<'py>(
@@ -145,7 +189,12 @@ impl PyScene {
         let options = RateOptions { dt, gain, damping, limits, velocity: None };
         options.check(&self.scene)?;
         if velocity.is_some() && !limits {
-            return Err(Error::argument("velocity", "limits beside limits=False", "limits=True, or no velocity").into());
+            return Err(Error::argument(
+                "velocity",
+                "velocity limits with limits=False",
+                "limits=True, or no velocity",
+            )
+            .into());
         }
         let (fixed, mut inputs) = self.tasks(tasks, ("q", q))?;
         let is_limited = velocity.is_some();
@@ -164,7 +213,7 @@ impl PyScene {
 }
 
 impl PyScene {
-    /// Tasks whose targets are not there yet; and the arguments, the configuration first, then the targets.
+    /// Reads the tasks without their targets, and the arguments: the configuration, then the targets.
     fn tasks<'py>(
         &self,
         tasks: &Object<'py>,
@@ -187,7 +236,7 @@ impl PyScene {
     }
 }
 
-/// A task whose target is not there yet: each state has its own.
+/// Creates a task without its target, which differs between states.
 #[allow(clippy::too_many_arguments)] // the fields of a task
 fn aimless(
     scene: &Scene,
@@ -220,16 +269,16 @@ fn aimless(
     Ok(Task { goal, position, rotation, relative_to: None })
 }
 
-/// The last row of a pose, and by how much its entries may differ from it.
+/// Last row of a pose, and the largest accepted deviation of its entries.
 const LAST_ROW: [f64; 4] = [0.0, 0.0, 0.0, 1.0];
 const SLACK: f64 = 1e-6;
 
-/// The tasks with the targets of one state, whose arguments they are from the second on.
+/// Tasks with the targets of one state, which are its arguments from the second on.
 fn all_aimed<'a>(tasks: &[Task], of: &dyn Fn(usize) -> &'a [f64]) -> Result<Vec<Task>, Error> {
     tasks.iter().enumerate().map(|(at, task)| aimed(task, at, of(at + 1))).collect()
 }
 
-/// The task with the target of one state.
+/// Task with the target of one state.
 fn aimed(task: &Task, at: usize, numbers: &[f64]) -> Result<Task, Error> {
     let mut task = *task;
     let name = || format!("target of task {at}");
@@ -245,7 +294,7 @@ fn aimed(task: &Task, at: usize, numbers: &[f64]) -> Result<Task, Error> {
         }
         Goal::Orientation { target, .. } => *target = Matrix3::from_row_slice(numbers),
         Goal::Direction { target, .. } => {
-            // Scaled first: squares of small or large numbers are none.
+            // The axis is scaled first, because squares of very small or large numbers underflow or overflow.
             let given = Vector3::from_column_slice(numbers);
             let given = given / given.amax();
             *target = given.normalize();

@@ -1,4 +1,4 @@
-//! Methods of `Scene`: where one link is and how it moves, in O(depth).
+//! Methods of `Scene`: pose, velocity, acceleration and Jacobian of one link, in O(depth).
 
 use super::choice::{choose, names};
 use super::input::triple;
@@ -14,7 +14,7 @@ use nalgebra::Vector3;
 use pyo3::prelude::*;
 use pyo3::types::PyString;
 
-/// Rough time of one body in one state, ns.
+/// Approximate time per body and state, ns.
 mod cost {
     pub const PLACEMENT: usize = 40;
     pub const MOTION: usize = 60;
@@ -23,14 +23,21 @@ mod cost {
 
 #[pymethods]
 impl PyScene {
-    /// Where a link is, or several: homogeneous matrices, link frame to base frame.
-    ///
-    /// q: (..., nq). link: a name, or a sequence of L names (links on the base and repeated ones too). Only the joints between the base and these links
-    /// are computed: O(depth); placements has all links by name.
-    ///
-    /// Returns (..., 4, 4) for a name, (..., L, 4, 4) for a sequence: [[R, p], [0, 1]] with p in m.
-    ///
-    /// errors: as in forward_dynamics. Raises ArgumentError for an unknown link; ShapeError, NotFiniteError, ArgumentError for a bad q, naming the state.
+    /// Pose of one link or of several: homogeneous matrices from the link frame to the base frame (forward kinematics).
+    #[doc = parameters!(q)]
+    /// link : str or sequence of str
+    ///     Link name or L link names; links on the base and repeated names are allowed.
+    #[doc = entries!(errors)]
+    #[doc = section!(Returns)]
+    /// pose : (..., 4, 4) or (..., L, 4, 4) ndarray
+    ///     [[R, p], [0, 1]] with p in m; (..., L, 4, 4) for a sequence of names.
+    #[doc = raises!(arguments)]
+    #[doc = section!(Notes)]
+    /// O(depth): only the joints between the base and these links are evaluated.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+    /// >>> scene.placement(scene.neutral(), "flange")[:3, 3].round(3)
+    /// array([0.412, 0.15 , 0.488])
     #[pyo3(signature = (q, link, *, errors="raise"))]
     fn placement<'py>(
         &self,
@@ -68,19 +75,25 @@ impl PyScene {
         })
     }
 
-    /// The velocity of a link against the base, (angular, linear): J qd.
-    ///
-    /// q: (..., nq); qd: (..., nv); leading axes broadcast. link: its name. at: a point (3,) in the link's frame, m, that stays where it is on the link;
-    /// the link's origin by default. frame: what the velocity is written in,
-    ///
-    /// - "local": the point's velocity in the link's axes;
-    /// - "local-world-aligned": the same in the base's axes;
-    /// - "world": the spatial velocity in the base's frame: the linear half is that of what is on the link at the base's origin, whatever at is.
-    ///
-    /// They are Pinocchio's LOCAL, LOCAL_WORLD_ALIGNED and WORLD, angular half first. Returns (..., 6), rad/s and m/s. O(depth).
-    ///
-    /// errors: as in forward_dynamics. Raises ArgumentError for an unknown link or frame; ShapeError, NotFiniteError, ArgumentError, each naming the
-    /// argument and the state.
+    /// Spatial velocity of a link relative to the base, (angular, linear): J qd.
+    #[doc = parameters!(q qd link)]
+    /// frame : {"local", "local-world-aligned", "world"}, default "local"
+    ///     "local": velocity of the point `at`, in the axes of the link. "local-world-aligned": the same in the axes of
+    ///     the base. "world": spatial velocity in the base frame, whose linear half is that of the point of the link
+    ///     that coincides with the origin of the base; independent of `at`. They are Pinocchio's LOCAL,
+    ///     LOCAL_WORLD_ALIGNED and WORLD, with the angular half first.
+    #[doc = entries!(at errors)]
+    #[doc = section!(Returns)]
+    /// v : (..., 6) ndarray
+    ///     (angular, linear), rad/s and m/s.
+    #[doc = raises!(arguments)]
+    #[doc = section!(Notes)]
+    /// O(depth).
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q, qd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2]
+    /// >>> np.allclose(scene.velocity(q, qd, "link2"), scene.jacobian(q, "link2") @ qd)
+    /// True
     #[pyo3(signature = (q, qd, link, *, frame="local", at=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn velocity<'py>(
@@ -104,14 +117,24 @@ impl PyScene {
         )
     }
 
-    /// The acceleration of a link against the base, (angular, linear), at joint accelerations qdd; gravity is not in it.
-    ///
-    /// q: (..., nq); qd, qdd: (..., nv); leading axes broadcast. link, frame, at: as in velocity. kind: "spatial", the rate of the spatial velocity, as
-    /// in Newton and Euler's equations of motion; or "classical", whose linear half is the acceleration of the point itself: w x v more.
-    ///
-    /// Returns (..., 6), rad/s^2 and m/s^2. O(depth).
-    ///
-    /// errors: as in forward_dynamics. Raises ArgumentError for an unknown link, frame or kind; otherwise as velocity.
+    /// Spatial acceleration of a link relative to the base, (angular, linear), at joint accelerations qdd; no gravity.
+    #[doc = parameters!(q qd qdd link frame at)]
+    /// kind : {"spatial", "classical"}, default "spatial"
+    ///     "spatial": time derivative of the spatial velocity, as in the Newton-Euler equations. "classical": the
+    ///     linear half is the acceleration of the point, which adds w x v.
+    #[doc = entries!(errors)]
+    #[doc = section!(Returns)]
+    /// a : (..., 6) ndarray
+    ///     (angular, linear), rad/s^2 and m/s^2.
+    #[doc = raises!(arguments)]
+    #[doc = section!(Notes)]
+    /// J qdd + J' qd, in O(depth).
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q, qd, qdd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.0, 1.0, 0.0]
+    /// >>> expected = scene.jacobian(q, "link2") @ qdd + scene.jacobian_rate_product(q, qd, "link2")
+    /// >>> np.allclose(scene.acceleration(q, qd, qdd, "link2"), expected)
+    /// True
     #[pyo3(signature = (q, qd, qdd, link, *, frame="local", at=None, kind="spatial", errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn acceleration<'py>(
@@ -139,13 +162,19 @@ impl PyScene {
         )
     }
 
-    /// The Jacobian J of a link: its velocity (angular, linear) is J qd.
-    ///
-    /// q: (..., nq). link, frame, at: as in velocity; by default at the link's origin and in its own frame. Returns (..., 6, nv), SI units; in frame
-    /// "local" a wrench w on the link there gives the joint torques J^T w. Columns of joints that do not move the link are zero.
-    ///
-    /// errors: as in forward_dynamics. Raises ArgumentError for an unknown link or frame; ShapeError, NotFiniteError, ArgumentError, each naming the
-    /// argument and the state.
+    /// Geometric Jacobian J of a link: its spatial velocity (angular, linear) is J qd.
+    #[doc = parameters!(q link frame at errors)]
+    #[doc = section!(Returns)]
+    /// J : (..., 6, nv) ndarray
+    ///     Jacobian, SI units, angular rows first. Columns of joints that do not move the link are zero.
+    #[doc = raises!(arguments)]
+    #[doc = section!(Notes)]
+    /// In frame "local", a wrench w = (moment, force) on the link at the point `at` causes the joint torques J^T w.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> J = scene.jacobian([0.3, 0.2, 0.1], "link2", frame="world")
+    /// >>> np.allclose(J[:, 0], [0, 0, 1, 0, 0, 0])     # the first joint rotates about z of the base
+    /// True
     #[pyo3(signature = (q, link, *, frame="local", at=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn jacobian<'py>(
@@ -162,14 +191,21 @@ impl PyScene {
         self.kinematic_quantity(py, &KinematicQuantity::Jacobian(&frame, reference), [("q", q)], (&shape, cost), errors)
     }
 
-    /// The rate J' of the Jacobian of a link along qd, entry by entry as jacobian writes it in this frame.
-    ///
-    /// q: (..., nq); qd: (..., nv); leading axes broadcast. link, frame, at: as in velocity. Returns (..., 6, nv), SI units.
-    ///
-    /// J qdd + J' qd is the spatial acceleration in the frames "local" and "world". The frame "local-world-aligned" moves with the point but does not
-    /// turn, so that it is the classical one there. jacobian_rate_product has J' qd alone, in O(depth).
-    ///
-    /// errors: as in forward_dynamics. Raises as jacobian.
+    /// Time derivative J' of the Jacobian of a link along qd, entry by entry in the given frame.
+    #[doc = parameters!(q qd link frame at errors)]
+    #[doc = section!(Returns)]
+    /// dJ : (..., 6, nv) ndarray
+    ///     Derivative of jacobian, SI units.
+    #[doc = raises!(arguments)]
+    #[doc = section!(Notes)]
+    /// J qdd + J' qd is the spatial acceleration in the frames "local" and "world", and the classical acceleration in
+    /// "local-world-aligned". jacobian_rate_product computes J' qd alone, in O(depth).
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q, qd = np.array([0.3, 0.2, 0.1]), np.array([1.0, 0.5, 0.2])
+    /// >>> ahead, behind = (scene.jacobian(q + h * qd, "link2") for h in (1e-6, -1e-6))
+    /// >>> np.allclose(scene.jacobian_rate(q, qd, "link2"), (ahead - behind) / 2e-6)
+    /// True
     #[pyo3(signature = (q, qd, link, *, frame="local", at=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn jacobian_rate<'py>(
@@ -188,12 +224,18 @@ impl PyScene {
         self.kinematic_quantity(py, &KinematicQuantity::JacobianRate(&frame, reference), given, (&shape, cost), errors)
     }
 
-    /// J' qd of a link, without J': the acceleration that rates alone give, as jacobian_rate @ qd.
-    ///
-    /// q: (..., nq); qd: (..., nv); leading axes broadcast. link, frame, at: as in velocity. Returns (..., 6), rad/s^2 and m/s^2: spatial in the frames
-    /// "local" and "world", classical in "local-world-aligned". O(depth).
-    ///
-    /// errors: as in forward_dynamics. Raises as jacobian.
+    /// Acceleration J' qd of a link for zero joint accelerations, without forming J', in O(depth).
+    #[doc = parameters!(q qd link frame at errors)]
+    #[doc = section!(Returns)]
+    /// a : (..., 6) ndarray
+    ///     (angular, linear), rad/s^2 and m/s^2: spatial in the frames "local" and "world", classical in
+    ///     "local-world-aligned".
+    #[doc = raises!(arguments)]
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q, qd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2]
+    /// >>> np.allclose(scene.jacobian_rate_product(q, qd, "link2"), scene.jacobian_rate(q, qd, "link2") @ qd)
+    /// True
     #[pyo3(signature = (q, qd, link, *, frame="local", at=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn jacobian_rate_product<'py>(
@@ -220,7 +262,7 @@ impl PyScene {
 }
 
 impl PyScene {
-    /// The link's own frame, moved to the point `at`; an error for an unknown link, also where the batch is empty.
+    /// Frame of a link, translated to the point `at`; an unknown link is an error, even if the batch is empty.
     fn on_link(&self, link: &str, at: Option<&Object<'_>>) -> PyResult<Frame<f64>> {
         let mut frame = self.scene.frame(&link.into())?;
         if let Some(at) = at {
@@ -231,14 +273,14 @@ impl PyScene {
         Ok(frame)
     }
 
-    /// How many bodies are between the base and a frame, at least one: what the time of a call is counted in.
+    /// Number of bodies between the base and a frame, at least one, for the estimate of the time of a call.
     fn depth(&self, frame: &Frame<f64>) -> usize {
         let stages = &self.scene.model().system.stages;
         std::iter::successors(frame.body, |&k| stages[k].parent).count().max(1)
     }
 }
 
-/// The argument `frame`.
+/// Reads the argument `frame`.
 pub(super) fn read_frame(frame: &str) -> Result<ReferenceFrame, Error> {
     choose("frame", frame, &REFERENCE_FRAMES)
 }

@@ -1,11 +1,16 @@
 //! The Python module `phipsi._core`: `NumPy` in, `NumPy` out, over the same checked algorithms as the crate.
 //!
-//! One path for a call: [`input`] reads the arguments; [`call`] checks that they broadcast and runs the states of the batch with the GIL
-//! released; [`output`] makes the result. [`evaluate`] does so for what has kernels in lanes and [`each`] for what has none, after asking [`single`] whether it is one
-//! plain state. [`errors`] maps each error of the crate to its Python class; the other files are the methods by subject, and no file uses one
-//! that uses it. Nothing outside this folder names pyo3 or numpy.
+//! Every call takes the same path: [`input`] reads the arguments; [`call`] checks that they broadcast and evaluates the
+//! states of the batch without the GIL; [`output`] creates the result. [`evaluate`] does this for algorithms with
+//! vectorized kernels and [`each`] for all others; [`single`] is the short path for one plain state. [`errors`] maps
+//! each error of the crate to its Python class, and [`docstrings`] has the entries that docstrings share. The other
+//! files are the methods by subject. No two files use each other, and no file outside of this folder uses pyo3 or
+//! numpy.
 
 #![allow(clippy::doc_markdown)] // the comments of classes and methods are Python's docstrings
+
+#[macro_use]
+mod docstrings;
 
 mod accuracy;
 mod axis;

@@ -1,4 +1,4 @@
-//! Methods of `Scene`: states through time.
+//! Methods of `Scene`: simulation.
 
 use super::contacts::{OF_CONTACT, contact_motion, reports};
 use super::control::{Given, Pd, everyone};
@@ -22,135 +22,107 @@ use std::time::Instant;
 
 #[pymethods]
 impl PyScene {
-    /// Viscous damping of each degree of freedom, (nv,), N m s/rad or N s/m; a copy. Simulation only.
+    /// Viscous damping of each degree of freedom, (nv,), N m s/rad or N s/m, a copy; used in simulations.
     #[getter]
     fn damping<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         from_numbers(py, &self.properties_of_scene(&Properties::of(&self.scene)).damping, &[self.scene.nv()])
     }
 
-    /// Coulomb friction of each degree of freedom, (nv,), N m or N; a copy. Simulation only.
+    /// Coulomb friction of each degree of freedom, (nv,), N m or N, a copy; used in simulations.
     #[getter]
     fn friction<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         from_numbers(py, &self.properties_of_scene(&Properties::of(&self.scene)).friction, &[self.scene.nv()])
     }
 
-    /// Stiffness of each degree of freedom's spring, (nv,), N m/rad or N/m; a copy. Simulation only.
+    /// Spring stiffness of each degree of freedom, (nv,), N m/rad or N/m, a copy; used in simulations.
     #[getter]
     fn stiffness<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         from_numbers(py, &self.properties_of_scene(&Properties::of(&self.scene)).stiffness, &[self.scene.nv()])
     }
 
-    /// The configuration where the springs are at rest, (nq,); a copy.
+    /// Configuration in which the springs are at rest, (nq,), a copy.
     #[getter]
     fn rest<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         from_numbers(py, &self.properties_of_scene(&Properties::of(&self.scene)).rest, &[self.scene.nq()])
     }
 
-    /// Simulates states in time: one state or a batch, with a step that is stable for stiff springs, damping, gains, dry friction and joint stops.
-    ///
-    /// With d damping, f friction, k stiffness and differences on the manifold,
-    ///
-    ///     M(q) dv/dt + bias(q, v) = tau - d v - f sign(v) - k (q - rest) + kp (target - q) + kd (target_rate - v) + stops
-    ///
-    /// and dq/dt = v on the manifold: quaternions stay unit, free joints move on SE(3).
-    ///
-    /// Parameters
-    /// ----------
-    /// q : (..., nq)
-    ///     Configurations at the start. Leading axes of all arguments broadcast.
-    /// qd : (..., nv)
+    /// Simulate one state or a batch in time: M(q) dv/dt + bias(q, v) = tau + forces of joints and stops, dq/dt = v.
+    #[doc = section!(Parameters)]
+    /// q : (..., nq) array_like
+    ///     Joint positions at the start, rad or m.
+    /// qd : (..., nv) array_like
     ///     Joint velocities at the start, rad/s or m/s.
     /// dt : float
-    ///     Step, s. With accuracy and duration it is the time between rows, a thousandth of duration by default.
+    ///     Step, s. With accuracy and duration: time between rows, duration / 1000 by default.
     /// steps : int
-    ///     Number of steps; or give duration.
-    /// tau : (..., nv), or callable
-    ///     Torque, constant, or a function of (t, q, qd) that is called once per step with the whole batch and returns (..., nv). Held over each step: a
-    ///     function is followed to first order in dt by every method.
-    /// tau_steps : (..., steps, nv)
-    ///     Torque of each step, instead of tau.
-    /// method : str
-    ///     "auto" (the default) is "rosenbrock-2" (order 2), or "rk4" (explicit, order 4) where springs, damping and gains are slow at this step, by bounds at the
-    ///     first state: Trajectory.integrator reports which. "auto" divides steps in which joints rotate too far for the method, into at most 1024 substeps. The other
-    ///     methods never divide for accuracy: "semi-implicit-euler" (order 1), "rk4", "dormand-prince-5" (order 5), "implicit-euler" (order 1), "rosenbrock-2",
-    ///     "rosenbrock-3" (order 3). The implicit ones take
-    ///     springs, damping and pd as measurement noise r + h d + h^2 k at the cost of an explicit stage, and are L-stable for them. Scenes with contacts have one
-    ///     method, "contact" (order 1), which "auto" stands for.
-    /// record_every : int
+    ///     Number of steps. Alternatively, give duration.
+    /// tau : (..., nv) array_like or callable, optional
+    ///     Joint torques: constant, or a function of (t, q, qd) that returns (..., nv), called once per step with the
+    ///     batch.
+    /// tau_steps : (..., steps, nv) array_like, optional
+    ///     Joint torques of each step, instead of tau.
+    /// method : str, default "auto"
+    ///     "semi-implicit-euler", "rk4", "dormand-prince-5", "implicit-euler", "rosenbrock-2" or "rosenbrock-3";
+    ///     "contact" for scenes with contacts. "auto" selects "rk4" or "rosenbrock-2" and divides steps with fast
+    ///     rotations.
+    /// record_every : int, default 1
     ///     Steps between two rows.
-    /// pd : PD(kp, kd, target, target_rate)
-    ///     Control law that is evaluated within the step.
-    /// armature, damping, stiffness, friction : (nv,) or float, optional
-    ///     Instead of the scene's.
-    /// rest : (nq,), optional
-    ///     Configuration where springs are at rest, instead of the scene's.
+    /// pd : PD, optional
+    ///     Control law PD(kp, kd, target, target_rate), evaluated within the step.
+    /// armature : float or (nv,) array_like, optional
+    ///     Armature instead of that of the scene, kg m^2 or kg.
+    #[doc = entries!(losses)]
     /// friction_speed : float, optional
-    ///     Zero or None: exact Coulomb friction. A joint at rest stays exactly at rest while friction can hold it. Positive: regularized friction
-    ///     -f v / sqrt(v^2 + friction_speed^2), with which joints creep, rad/s or m/s. None stands for 0.01 in scenes with contacts or
-    ///     connections, where friction is always regularized: Trajectory.friction_speed reports it.
-    /// form : str
-    ///     "auto" recomputes a step whose estimated error exceeds the tolerance in square-root form; "covariance" checks the pivots only.
+    ///     0 or None: exact Coulomb friction. Positive: friction is viscous below this speed, rad/s or m/s. None is
+    ///     0.01 in scenes with contacts or connections.
+    /// form : {"auto", "covariance"}, default "auto"
+    ///     "auto" recomputes steps whose error estimate exceeds the tolerance; "covariance" checks the pivots only.
     /// tolerance : float, optional
-    ///     Of form "auto", as in forward_dynamics.
+    ///     As in forward_dynamics.
     /// progress : callable, optional
-    ///     Called with (steps done, steps) at most twenty times per second.
-    /// conserve_momentum : bool
-    ///     Each floating tree conserves its momentum, and its center of mass follows its parabola, to rounding: each step ends with a rigid motion of the tree,
-    ///     as large as the step's error in them, O(N). Every tree must be connected to the base by a free joint without tau, pd, damping, stiffness, friction
-    ///     or armature.
-    /// compliance : float or array_like (m,), optional
-    ///     Compliance of each row of the connections, (m/s^2)/N or (rad/s^2)/(N m), zero or above, in the order of connection_rows: accelerations, and the projection that ends each
-    ///     step, let rows give way by it, and states need not meet the connections at the start. The default is none.
+    ///     Function of (steps done, steps), called at most 20 times per second.
+    /// conserve_momentum : bool, default False
+    ///     If true, conserve the momentum of floating trees without external forces to rounding.
     /// baumgarte : float, optional
-    ///     For scenes with connections. None: positions and velocities are projected onto them after each step (see project). A rate a in 1/s:
-    ///     J qdd + J' qd = -2 a J qd - a^2 error.
-    /// limits : str, optional
-    ///     "stop", the default: joint limits are stops that a joint with one degree of freedom does not pass. "report": limits do nothing, and
-    ///     Trajectory.violations lists them. A joint that starts outside of its limits is moved back without a jump of its velocity, with a LimitWarning.
-    /// restitution : float
-    ///     Coefficient of restitution of the stops, 0 to 1. A rebound that would end within the step is none.
+    ///     Rate of Baumgarte stabilization of the connections, 1/s. None: projection after each step.
+    #[doc = entries!(compliance)]
+    /// limits : {"stop", "report"}, optional
+    ///     "stop" (default): position limits are stops. "report": Trajectory.violations() lists them.
+    /// restitution : float, default 0
+    ///     Coefficient of restitution of the stops, 0 to 1.
     /// accuracy : float, optional
-    ///     Error control: the estimated error of each substep, in rad or m and relative to the fastest joint velocity where that exceeds 1, is at most this. Changes between
-    ///     sticking and sliding and impacts on stops are located within 1e-7 dt. Trajectory.estimated_error is the sum of the estimates.
+    ///     Error control: bound of the estimated error of each substep, rad or m, relative above 1 rad/s or m/s.
     /// duration : float, optional
     ///     Simulated time, s, instead of steps.
-    ///
-    /// Returns
-    /// -------
-    /// Trajectory
-    ///     Rows t (rows,), q (..., rows, nq), qd (..., rows, nv), the first at the start; integrator, substeps, events and stops; energy_audit() and error_estimate();
-    ///     momentum_correction, drift and contacts where they apply. Bit for bit the same for any number of threads.
-    ///
-    /// Raises
-    /// ------
+    #[doc = section!(Returns)]
+    /// trajectory : Trajectory
+    ///     Rows t (rows,), q (..., rows, nq) and qd (..., rows, nv), the first at the start, with the integrator,
+    ///     events and stops; bit-identical for any number of threads.
+    #[doc = section!(Raises)]
     /// SimulationError
-    ///     Motion diverges, a pivot is lost, connections cannot hold, no impulses meet the law of contacts to 1e-5, or tau raises. .trajectory has the rows of the finished steps.
+    ///     The motion diverges, a pivot is lost, connections or contacts have no solution, or tau raises. .trajectory
+    ///     has the finished rows.
     /// SimulationInterrupted
-    ///     Ctrl-C (a KeyboardInterrupt), likewise.
+    ///     Ctrl-C (a KeyboardInterrupt), with .trajectory.
     /// ConstraintError
-    ///     A start that does not meet the connections.
-    /// OutOfMemoryError, ShapeError, NotFiniteError, ArgumentError
-    ///     Each names the argument and the state.
-    ///
-    /// Notes
-    /// -----
-    /// O(N) per stage. A step in which a joint sticks, slips or meets a stop is one implicit Euler step whose set-valued law is solved by block principal pivoting, with one
-    /// factorization per pivot; a short substep where joints are fast. In scenes with contacts (see SceneBuilder.contact) each step ends with impulses that meet their law, and
-    /// approaches faster than what gravity gives in a step rebound by Poisson's law; O(N + m^2 depth + m^3) for m rows of contacts that touch.
-    ///
-    /// Examples
-    /// --------
-    /// >>> import phipsi
+    ///     The start violates the connections; see project.
+    #[doc = entries!(memory arguments)]
+    #[doc = section!(Notes)]
+    /// O(N) per stage. docs/motion.md has the equations, the methods and their orders, friction, stops, contacts,
+    /// connections, error control and the energy audit.
+    #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
-    /// >>> path = scene.simulate([0.3, 0.2, 0.1], [0.0] * 3, dt=1e-3, steps=1000, record_every=100)
+    /// >>> path = scene.simulate([0.3, 0.2, 0.1], np.zeros(3), dt=1e-3, steps=1000, record_every=100)
     /// >>> path.q.shape, path.integrator
     /// ((11, 3), 'rk4')
-    #[pyo3(signature = (q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, method=None, record_every=None, pd=None,
-                        armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=None, form="auto", tolerance=None,
-                        progress=None, conserve_momentum=false, baumgarte=None, compliance=None, limits=None, restitution=0.0, accuracy=None, duration=None),
-           text_signature = "($self, q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, method='auto', record_every=1, \
-                             pd=None, armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=None, \
-                             form='auto', tolerance=None, progress=None, conserve_momentum=False, baumgarte=None, compliance=None, limits=None, \
+    #[pyo3(signature = (q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, method=None, record_every=None,
+                        pd=None, armature=None, damping=None, stiffness=None, rest=None, friction=None,
+                        friction_speed=None, form="auto", tolerance=None, progress=None, conserve_momentum=false,
+                        baumgarte=None, compliance=None, limits=None, restitution=0.0, accuracy=None, duration=None),
+           text_signature = "($self, q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, method='auto', \
+                             record_every=1, pd=None, armature=None, damping=None, stiffness=None, rest=None, \
+                             friction=None, friction_speed=None, form='auto', tolerance=None, progress=None, \
+                             conserve_momentum=False, baumgarte=None, compliance=None, limits=None, \
                              restitution=0.0, accuracy=None, duration=None)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulate<'py>(
@@ -274,22 +246,38 @@ impl PyScene {
 
 #[pymethods]
 impl PyScene {
-    /// The equations of motion for SciPy's solve_ivp: right side and Jacobian in tangent coordinates, and a solver with error control
-    /// on the manifold.
-    ///
-    /// tau: (nv,), constant, or a function of (t, q, qd), which is asked at every stage. pd, damping, stiffness, rest, friction:
-    /// as in simulate; friction_speed: positive, rad/s or m/s, for the solvers need smooth friction. Returns an Ode; Ode.solve(q, qd, t_span, method=..., rtol=..., atol=...) gives a Trajectory.
-    ///
-    /// Raises ImportError without SciPy; ShapeError, NotFiniteError, ArgumentError.
+    /// Equations of motion for SciPy's solve_ivp: right-hand side and Jacobian in tangent coordinates, and a solver.
+    #[doc = section!(Parameters)]
+    /// tau : (nv,) array_like or callable, optional
+    ///     Joint torques: constant, or a function of (t, q, qd), called at every stage.
+    /// pd : PD, optional
+    ///     Control law, as in simulate.
+    #[doc = entries!(losses)]
+    /// friction_speed : float, default 0.01
+    ///     Speed below which friction is viscous, rad/s or m/s; positive, because the solvers need smooth friction.
+    #[doc = section!(Returns)]
+    /// ode : Ode
+    ///     ode.solve(q, qd, t_span, method=..., rtol=..., atol=...) returns a Trajectory, with error control on the
+    ///     manifold.
+    #[doc = section!(Raises)]
+    /// ImportError
+    ///     SciPy is not installed.
+    #[doc = entries!(arguments)]
+    #[doc = section!(Examples)]
+    /// >>> ode = phipsi.scenes.chain(3).ode()
+    /// >>> path = ode.solve([0.3, 0.2, 0.1], np.zeros(3), (0.0, 0.5))
+    /// >>> round(float(path.t[-1]), 3)
+    /// 0.5
     #[pyo3(signature = (**given),
-           text_signature = "($self, *, tau=None, pd=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=0.01)")]
+           text_signature = "($self, *, tau=None, pd=None, damping=None, stiffness=None, rest=None, friction=None, \
+                             friction_speed=0.01)")]
     fn ode<'py>(slf: &Bound<'py, Self>, given: Option<&Bound<'py, PyDict>>) -> PyResult<Object<'py>> {
         slf.get().scene.check_no_contacts("ode")?;
         imported!(slf.py(), "phipsi._ode", "Ode")?.call((slf,), given)
     }
 }
 
-/// The step and the number of steps: `steps`, or `duration` over the step; with error control, rows every thousandth of the duration.
+/// Step and number of steps: `steps`, or `duration` divided by the step; with error control, 1000 rows by default.
 fn length_of_run(
     dt: Option<f64>,
     steps: Option<&Object<'_>>,
@@ -307,7 +295,7 @@ fn length_of_run(
         (None, Some(duration)) if controlled => duration / ROWS,
         _ => {
             return Err(
-                Error::argument("dt", "None", "a step in s; it may be left out with accuracy and duration").into()
+                Error::argument("dt", "None", "a step in s, which is optional with accuracy and duration").into()
             );
         }
     };
@@ -316,18 +304,18 @@ fn length_of_run(
         (None, Some(duration)) => {
             let found = (duration / dt).round();
             if !((1.0..1e15).contains(&found)) || !((found * dt - duration).abs() <= 1e-6 * duration) {
-                let expected = "a multiple of dt; or steps";
+                let expected = "a multiple of dt, or steps instead of duration";
                 return Err(Error::argument("duration", format!("{duration} with dt {dt}"), expected).into());
             }
             #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // in these bounds
             Ok((dt, found as usize))
         }
         (None, None) => Err(Error::argument("steps", "None", "a number of steps, or duration").into()),
-        (Some(_), Some(_)) => Err(Error::argument("duration", "steps as well", "one of the two").into()),
+        (Some(_), Some(_)) => Err(Error::argument("duration", "steps and duration", "either steps or duration").into()),
     }
 }
 
-/// What is to be recorded.
+/// Amount of data to record.
 pub(super) struct Room {
     pub states: Option<usize>,
     pub rows: usize,
@@ -335,10 +323,10 @@ pub(super) struct Room {
 }
 
 impl Room {
-    /// The number of states, if there is room for what they record, for where they are, and for where they began.
+    /// Number of states, if their records, current states and initial states fit in memory.
     pub fn checked(&self) -> Result<usize, Error> {
         let Some(states) = self.states else {
-            return Err(Error::argument("batch", "more states than memory has addresses", "fewer"));
+            return Err(Error::argument("batch", "more states than memory can address", "fewer states"));
         };
         let numbers = self.numbers.max(1);
         let rows = memory::bytes_of::<f64>(&[states, self.rows, numbers]);
@@ -358,7 +346,7 @@ impl Room {
     }
 }
 
-/// What a run follows.
+/// Plan of a run.
 struct Plan<'a, 'py> {
     given: &'a Given<'py>,
     batch: &'a [usize],
@@ -369,7 +357,8 @@ struct Plan<'a, 'py> {
     own: &'a PyScene,
 }
 
-/// All steps, in blocks of about the time between two reports; signals are looked at after each, and within those that take longer.
+/// Runs all steps in blocks of about the time between two reports. Signals are checked after each block, and within
+/// long ones.
 fn run<'py>(
     py: Python<'py>,
     rollout: &mut Rollout<&Scene>,
@@ -407,7 +396,7 @@ fn run<'py>(
     Ok(())
 }
 
-/// So many steps, without the GIL.
+/// Runs `steps` steps without the GIL.
 fn advanced(
     py: Python<'_>,
     rollout: &mut Rollout<&Scene>,
@@ -418,7 +407,7 @@ fn advanced(
     detached(py, || rollout.advance(steps, torque, Some(records)))?.map_err(Stopped::Fault)
 }
 
-/// The torques that the caller's function gives for the states as they are.
+/// Calls the function of the caller for the torques at the current states.
 fn asked<'py>(tau: &Object<'py>, rollout: &Rollout<&Scene>, plan: &Plan<'_, 'py>) -> PyResult<Input<'py>> {
     let py = tau.py();
     let states = rollout.states();

@@ -1,11 +1,11 @@
-//! Objects of Python.
+//! Python objects.
 
 use pyo3::prelude::*;
 
-/// Any object: what arguments are before they are read, and results once they are made.
+/// Any object: an argument before it is read, or a result.
 pub(super) type Object<'py> = Bound<'py, PyAny>;
 
-/// What a module has by that name; each place that asks looks it up once.
+/// Attribute of a module; each call site looks it up once.
 macro_rules! imported {
     ($py:expr, $module:literal, $name:literal) => {{
         static FOUND: pyo3::sync::PyOnceLock<pyo3::Py<pyo3::PyAny>> = pyo3::sync::PyOnceLock::new();

@@ -15,30 +15,36 @@ use nalgebra::{Matrix3, Vector3};
 use pyo3::prelude::*;
 use pyo3::types::PyString;
 
-/// Rough times in one state, ns (see `Call::new`).
+/// Approximate times per state, ns (see `Call::new`).
 mod cost {
-    /// Of one body: filter, and covariance of the co-states.
+    /// Per body: filter, and covariance of the co-states.
     pub const BODY: usize = 200;
-    /// Of one pair of links, without the way to where they meet.
+    /// Per pair of links, without the paths to their common ancestor.
     pub const PAIR: usize = 200;
-    /// Of the eigenvalues and the inverse of a k x k matrix, over k^3.
+    /// Eigenvalues and inverse of a k x k matrix, divided by k^3.
     pub const INVERSE: usize = 20;
 }
 
 #[pymethods]
 impl PyScene {
-    /// The operational-space inverse inertia J M^-1 J^T of links, in O(N) from the co-states' covariance (5.6, 5.7, Psi A).
-    ///
-    /// q: (..., nq). links: a name, or m names (links on the base and repeated ones too). xyz: (3,) or (m, 3), m, and
-    /// rotation: (3, 3) or (m, 3, 3): the task frame's origin and axes in its link's frame, by default the link's own; the same
-    /// for the whole batch. form, tolerance and errors: as in forward_dynamics.
-    ///
-    /// Returns (..., 6m, 6m), full and exactly symmetric, SI units. Wrenches (moment, force) on the frames, each at its origin and in
-    /// its axes, stacked, times this is how they change the frames' (angular, linear) accelerations, in the tree without connections. Defined in singular
-    /// configurations too, where operational_inertia is not; zero for links on the base.
-    ///
-    /// Raises ArgumentError for an unknown link, no link, or a rotation that is none (to within 1e-9); SingularJointError, ShapeError,
-    /// NotFiniteError, naming the state.
+    /// Operational-space inverse inertia J M^-1 J^T of links, in O(N): the covariance of the co-states (5.6, 5.7).
+    #[doc = parameters!(q)]
+    /// links : str or sequence of str
+    ///     Link name or m link names; links on the base and repeated names are allowed.
+    #[doc = entries!(task_frames form tolerance errors)]
+    #[doc = section!(Returns)]
+    /// inverse : (..., 6m, 6m) ndarray
+    ///     Change of the stacked (angular, linear) accelerations of the frames per wrench (moment, force) on them, each
+    ///     at the origin and in the axes of its frame; SI units, exactly symmetric, zero for links on the base.
+    #[doc = raises!(singular arguments)]
+    #[doc = section!(Notes)]
+    /// Of the kinematic tree without connections. Defined in singular configurations too, unlike operational_inertia.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q = [0.3, 0.2, 0.1]
+    /// >>> J = scene.jacobian(q, "link2")
+    /// >>> np.allclose(scene.operational_inverse_inertia(q, "link2"), J @ scene.mass_matrix_inverse(q) @ J.T)
+    /// True
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     #[pyo3(signature = (q, links, *, xyz=None, rotation=None, form="auto", tolerance=None, errors="raise"))]
     fn operational_inverse_inertia<'py>(
@@ -67,17 +73,31 @@ impl PyScene {
         })
     }
 
-    /// The operational-space inertia (S J M^-1 J^T S^T)^-1 of task directions S.
-    ///
-    /// q, links, xyz, rotation, form, tolerance, errors: as in operational_inverse_inertia. directions: S, (k, 6m), each row a direction over the
-    /// stacked (angular, linear) velocities of the frames; all 6m by default; the same for the whole batch.
-    ///
-    /// Returns (..., k, k), exactly symmetric and positive definite.
-    ///
-    /// Raises SingularTaskError, with .links, .rank, .directions and .state, where the scene cannot move in all directions
-    /// independently: an eigenvalue of the inverse inertia, each direction scaled to the terms that form it, is not above
-    /// 64 k eps. Otherwise as operational_inverse_inertia.
-    #[pyo3(signature = (q, links, *, xyz=None, rotation=None, directions=None, form="auto", tolerance=None, errors="raise"))]
+    /// Operational-space inertia (S J M^-1 J^T S^T)^-1 of the task directions S.
+    #[doc = parameters!(q)]
+    /// links : str or sequence of str
+    ///     Link name or m link names.
+    #[doc = entries!(task_frames)]
+    /// directions : (k, 6m) array_like, optional
+    ///     S: each row is a direction in the stacked (angular, linear) velocities of the frames; all 6m by default. The
+    ///     same for the whole batch.
+    #[doc = entries!(form tolerance errors)]
+    #[doc = section!(Returns)]
+    /// inertia : (..., k, k) ndarray
+    ///     Inertia, SI units; exactly symmetric and positive definite.
+    #[doc = section!(Raises)]
+    /// SingularTaskError
+    ///     The directions are not independent: an eigenvalue of the scaled inverse inertia is at most 64 k eps. .links,
+    ///     .rank, .directions and .state describe the task.
+    #[doc = entries!(singular arguments)]
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+    /// >>> linear = np.eye(6)[3:]     # the translations, in the link frame
+    /// >>> inertia = scene.operational_inertia(scene.neutral(), "flange", directions=linear)
+    /// >>> inertia.diagonal().round(1)
+    /// array([ 4.3, 25.3, 39. ])
+    #[pyo3(signature = (q, links, *, xyz=None, rotation=None, directions=None, form="auto", tolerance=None,
+                        errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn operational_inertia<'py>(
         &self,
@@ -119,9 +139,9 @@ impl PyScene {
 }
 
 impl PyScene {
-    /// Whether there is room for the matrices between the links' frames and the result.
+    /// Checks that the intermediate matrices and the result fit in memory.
     fn check_task_room(argument: &str, [rows, columns]: [usize; 2]) -> Result<(), Error> {
-        /// Matrices of that size at a time.
+        /// Number of matrices of that size at the same time.
         const AT_ONCE: usize = 6;
         memory::room(argument, memory::bytes_of::<f64>(&[rows, columns, AT_ONCE]))
     }
@@ -131,14 +151,14 @@ impl PyScene {
     }
 }
 
-/// The links of a call by name, and where on them its task frames are.
+/// Links of a call by name, and the task frames on them.
 struct Task {
     links: Vec<String>,
     offsets: Vec<RigidShift<f64>>,
 }
 
 impl Task {
-    /// Reads the arguments; names are looked up here too, since a batch can be empty.
+    /// Reads the arguments. Names are checked here too, because a batch can be empty.
     fn read(
         scene: &Scene,
         links: &Object<'_>,

@@ -1,4 +1,4 @@
-//! Results as arrays: the one place where they are made.
+//! Results as arrays; no other file creates them.
 
 use super::fresh::{entries, unwritten, zeros};
 use super::input::{FEW, MANY, addresses, is_bare, wrong_shape};
@@ -15,26 +15,26 @@ use pyo3::prelude::*;
 use pyo3::types::PySlice;
 use std::ops::Range;
 
-/// What most methods return.
+/// Result of most methods.
 pub(super) type Array<'py> = PyResult<Bound<'py, PyArrayDyn<f64>>>;
 
-/// Copies take the GIL from others for so many numbers at a time, and then look at signals.
+/// Number of values that are copied between two checks for signals.
 const AT_A_TIME: usize = 1 << 19;
 
-/// Where a call writes its result: an array of its own, or the caller's `out`.
+/// Memory of a result: a new array, or the caller's `out`.
 pub(super) enum Output<'py, P: Element = f64> {
-    /// Few numbers, which become an array in the end: cheaper than keeping account of one.
+    /// Few numbers, which become an array at the end; this is cheaper than tracking the borrow of an array.
     Copied(Python<'py>, ArrayD<P>),
     Borrowed(Bound<'py, PyArrayDyn<P>>, PyReadwriteArrayDyn<'py, P>),
 }
 
 impl<'py, P: Precision + Element> Output<'py, P> {
-    /// A new array of zeros of the given shape.
+    /// New array of zeros of the given shape.
     pub fn new(py: Python<'py>, shape: &[usize]) -> PyResult<Self> {
         Self::made(py, shape, zeros)
     }
 
-    /// A new array of the given shape, all of which will be written or nothing be read.
+    /// New uninitialized array of the given shape, which is written completely before it is read.
     pub fn unwritten(py: Python<'py>, shape: &[usize]) -> PyResult<Self> {
         Self::made(py, shape, unwritten)
     }
@@ -50,7 +50,8 @@ impl<'py, P: Precision + Element> Output<'py, P> {
         Self::borrowed(make(py, shape)?)
     }
 
-    /// The caller's array: C-contiguous numbers of kind `P` in the given shape, writable, apart from the addresses of the arguments.
+    /// Checks the caller's array: C-contiguous numbers of type `P` of the given shape, writable, without overlap with
+    /// the arguments.
     pub fn given(out: &Object<'py>, shape: &[usize], inputs: impl IntoIterator<Item = Range<usize>>) -> PyResult<Self> {
         let expected = || format!("a C-contiguous {} array", P::NAME);
         let refuse = |found: String| PyErr::from(Error::argument("out", found, expected()));
@@ -88,7 +89,7 @@ impl<'py, P: Precision + Element> Output<'py, P> {
         Ok(Self::Borrowed(array, write))
     }
 
-    /// The numbers, row-major.
+    /// Values in row-major order.
     pub fn numbers(&mut self) -> PyResult<&mut [P]> {
         match self {
             Self::Copied(_, numbers) => Ok(numbers.as_slice_mut().ok_or(AsSliceError)?),
@@ -96,7 +97,7 @@ impl<'py, P: Precision + Element> Output<'py, P> {
         }
     }
 
-    /// Writes rows that lie elsewhere, `width` numbers each; signals are looked at on the way.
+    /// Copies rows of `width` numbers each, with checks for signals.
     pub fn gather<'a>(
         &mut self,
         py: Python<'py>,
@@ -116,13 +117,13 @@ impl<'py, P: Precision + Element> Output<'py, P> {
         Ok(())
     }
 
-    /// The array, written; a NumPy scalar for the empty shape.
+    /// The finished array, or a NumPy scalar for the empty shape.
     pub fn finish_or_scalar(self) -> PyResult<Object<'py>> {
         let array = self.finish();
         if array.ndim() == 0 { array.get_item(()) } else { Ok(array.into_any()) }
     }
 
-    /// The array, written.
+    /// The finished array.
     pub fn finish(self) -> Bound<'py, PyArrayDyn<P>> {
         match self {
             Self::Copied(py, numbers) => numbers.to_pyarray(py),
@@ -139,7 +140,7 @@ fn refused_output(error: &BorrowError) -> PyErr {
     Error::argument("out", found, "a writable array that overlaps no argument").into()
 }
 
-/// A new array with these numbers in row-major order; a NumPy scalar for the empty shape.
+/// New array with these numbers in row-major order, or a NumPy scalar for the empty shape.
 pub(super) fn from_numbers<'py>(py: Python<'py>, numbers: &[f64], shape: &[usize]) -> PyResult<Object<'py>> {
     match *shape {
         [length] if length == numbers.len() && length <= MANY => return Ok(numbers.to_pyarray(py).into_any()),
@@ -161,7 +162,7 @@ pub(super) fn from_numbers<'py>(py: Python<'py>, numbers: &[f64], shape: &[usize
     output.finish_or_scalar()
 }
 
-/// One of the vectors or matrices (of one axis or two) that stand one after another in the result of each state: a view.
+/// View of one of the vectors or matrices (one or two axes) that are consecutive in the result of each state.
 pub(super) fn part<'py>(all: &Object<'py>, axes: usize, which: usize) -> PyResult<Object<'py>> {
     if all.cast::<PyUntypedArray>()?.ndim() == axes + 1 {
         return all.get_item(which);

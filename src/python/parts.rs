@@ -1,4 +1,4 @@
-//! Methods of `Scene`: its links and joints by name, as they were given.
+//! Methods of `Scene`: links and joints by name, as they were given.
 
 use super::connection_tuple::{ConnectionTuple, connection_tuple};
 use super::contact_tuple::{ContactTuple, contact_tuple};
@@ -17,9 +17,17 @@ use std::collections::HashMap;
 
 #[pymethods]
 impl PyScene {
-    /// The link of that name, those on fixed joints too: the named tuple Link(name, mass, com, inertia, parent, joint).
-    ///
-    /// Raises ArgumentError, with the names that there are, for an unknown link.
+    /// Properties of a link as it was given, including links on fixed joints.
+    #[doc = section!(Parameters)]
+    /// name : str
+    ///     Name of the link.
+    #[doc = section!(Returns)]
+    /// link : Link
+    ///     Named tuple (name, mass, com, inertia, parent, joint).
+    #[doc = raises!(unknown)]
+    #[doc = section!(Examples)]
+    /// >>> phipsi.scenes.chain(3).link("link1").parent
+    /// 'link0'
     #[pyo3(signature = (name, /))]
     fn link<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Object<'py>> {
         self.scene.link(name)?;
@@ -29,19 +37,27 @@ impl PyScene {
         link_parts(py, link, carrier.as_deref())
     }
 
-    /// The joint of that name, fixed ones too: the named tuple Joint(name, type, parent, child, xyz, ...).
-    ///
-    /// Raises ArgumentError, with the names that there are, for an unknown joint.
+    /// Properties of a joint as it was given, including fixed joints.
+    #[doc = section!(Parameters)]
+    /// name : str
+    ///     Name of the joint.
+    #[doc = section!(Returns)]
+    /// joint : Joint
+    ///     Named tuple (name, type, parent, child, xyz, ...).
+    #[doc = raises!(unknown)]
+    #[doc = section!(Examples)]
+    /// >>> phipsi.scenes.chain(3).joint("j1").type
+    /// 'revolute'
     #[pyo3(signature = (name, /))]
     fn joint<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Object<'py>> {
         match joints(&self.scene).find(|joint| joint.name == name) {
             Some(joint) => joint_parts(py, &joint),
-            // The error has the names of those that move: it is one of them that is meant, as a rule.
+            // The error lists the movable joints, because one of them is usually meant.
             None => Err(self.scene.joint(name).err().unwrap_or_else(|| missing("joint", name)).into()),
         }
     }
 
-    /// All links by name, in the order of link_names: a dict of Link, made anew.
+    /// All links by name, in the order of link_names: a new dict of Link.
     #[getter]
     fn links<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let described: HashMap<&str, &LinkDescription> =
@@ -56,7 +72,7 @@ impl PyScene {
         Ok(all)
     }
 
-    /// All joints by name, fixed ones too, in the order they were given, a floating base's first: a dict of Joint, made anew.
+    /// All joints by name, including fixed ones, in the order they were given: a new dict of Joint.
     #[getter]
     fn joints<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let all = PyDict::new(py);
@@ -66,23 +82,23 @@ impl PyScene {
         Ok(all)
     }
 
-    /// The connections as they were given: what their forces act on, for pictures.
+    /// Connections as they were given, for the visualization of their forces.
     #[pyo3(name = "_connections")]
     fn connections_as_given(&self) -> Vec<ConnectionTuple> {
         self.scene.source().connections().iter().map(connection_tuple).collect()
     }
 
-    /// The contacts as they were given.
+    /// Contacts as they were given.
     #[pyo3(name = "_contacts")]
     fn contacts_as_given(&self) -> Vec<ContactTuple> {
         self.scene.source().contacts().iter().map(contact_tuple).collect()
     }
 }
 
-/// The joints as described, the free joint of a floating base first.
+/// Joint descriptions, that of the free joint of a floating base first.
 fn joints(scene: &Scene) -> impl Iterator<Item = Cow<'_, JointDescription>> {
     let source = scene.source();
-    // It is the first that was made.
+    // The free joint of a floating base is the first joint.
     let root = scene.joints().first().filter(|_| source.is_floating());
     let root = root.map(|root| Cow::Owned(source.root_joint(root.child.clone())));
     root.into_iter().chain(source.joints().iter().map(Cow::Borrowed))
@@ -96,7 +112,7 @@ fn vector<'py>(py: Python<'py>, v: &Vector3<f64>) -> PyResult<Object<'py>> {
     from_numbers(py, v.as_slice(), &[3])
 }
 
-/// The named tuple of a link, carried by that joint.
+/// Named tuple of a link that is carried by the joint `carrier`.
 fn link_parts<'py>(
     py: Python<'py>,
     link: &LinkDescription,
@@ -110,12 +126,12 @@ fn link_parts<'py>(
     imported!(py, "phipsi._results", "Link")?.call1(parts)
 }
 
-/// The parent link's name; the free joint of a floating base has none.
+/// Name of the parent link; None for the free joint of a floating base.
 fn parent_of(joint: &JointDescription) -> Option<&str> {
     Some(joint.parent.as_str()).filter(|parent| !parent.is_empty())
 }
 
-/// The named tuple of a joint: its axis as a unit vector, its spring at rest somewhere.
+/// Named tuple of a joint, with its axis as a unit vector and the rest coordinates of its spring.
 fn joint_parts<'py>(py: Python<'py>, joint: &JointDescription) -> PyResult<Object<'py>> {
     let mut told = joint.clone();
     told.axis = (joint.axis / joint.axis.amax()).normalize();

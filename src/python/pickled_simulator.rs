@@ -1,4 +1,4 @@
-//! Pickles and copies of a `Simulator`: what it was made of, and what its steps have made since.
+//! Pickles and copies of a `Simulator`: its arguments, and its current state.
 
 use super::choice::name_of;
 use super::input::shaped;
@@ -14,7 +14,7 @@ use pyo3::types::PyDict;
 
 #[pymethods]
 impl PySimulator {
-    /// What Scene.simulator made it of, and what the steps have made since.
+    /// The arguments of Scene.simulator, and the current state.
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Object<'py>, Object<'py>)> {
         let (q, qd) = (self.q(py)?, self.qd(py)?);
         let moving = self.moving()?;
@@ -28,7 +28,7 @@ impl PySimulator {
 }
 
 impl PySimulator {
-    /// The keywords of Scene.simulator that give these settings.
+    /// Keywords of Scene.simulator for these settings.
     fn keywords<'py>(&self, py: Python<'py>, settings: &Settings) -> PyResult<Bound<'py, PyDict>> {
         let Settings { dt, method, form, properties, gains, conserve_momentum, stabilisation, compliance, .. } =
             settings.clone();
@@ -54,7 +54,7 @@ impl PySimulator {
         keywords.set_item("accuracy", settings.accuracy)?;
         let own = self.scene.get();
         let is_given = own.scene.coupling().is_none() || properties != Properties::of(&own.scene);
-        // What joints that follow each other have of the scene is not only on the independent ones.
+        // The properties of coupled joints are not those of the independent joints only.
         let properties = own.properties_of_scene(&properties);
         let of_joints = [
             ("armature", &properties.armature),
@@ -80,7 +80,7 @@ impl PySimulator {
     }
 }
 
-/// A simulator of what Simulator.__reduce__ gave.
+/// Rebuilds a simulator from the result of Simulator.__reduce__.
 #[pyfunction]
 #[pyo3(name = "_rebuild_simulator", signature = (scene, q, qd, keywords, numbers, begun, steps, /))]
 #[allow(clippy::needless_pass_by_value)] // what Python gives
@@ -96,7 +96,7 @@ pub(super) fn rebuild_simulator<'py>(
     let made = scene.call_method("simulator", (q, qd), Some(keywords))?.cast_into::<PySimulator>()?;
     let (_, numbers) = shaped("pickled simulator", numbers, 0)?;
     if !made.get().moving()?.take_up(&numbers, &begun, steps) {
-        return Err(Error::argument("pickled simulator", "numbers of other states", "those that pickle wrote").into());
+        return Err(Error::argument("pickled simulator", "data of another size", "the data that pickle wrote").into());
     }
     Ok(made)
 }

@@ -1,4 +1,4 @@
-//! What a scene leaves out, as Python objects.
+//! The simplifications of a scene, as Python objects.
 
 use super::cost::WORTH_DETACHING;
 use super::interrupts::detached;
@@ -10,7 +10,14 @@ use pyo3::types::PyTuple;
 
 #[pymethods]
 impl PyScene {
-    /// What this scene does not need and was left out when it was built, why, and what that saved.
+    /// Simplifications of this scene: which computations are skipped, why, and how many operations that saves.
+    #[doc = section!(Returns)]
+    /// plan : Plan
+    ///     Its items are Omission objects; printed, it is a list.
+    #[doc = section!(Examples)]
+    /// >>> plan = phipsi.scenes.chain(3).plan()
+    /// >>> plan.bodies, plan.links
+    /// (3, 4)
     fn plan<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         let short = self.size() < WORTH_DETACHING;
         let plan = if short { self.scene.plan() } else { detached(py, || self.scene.plan())? };

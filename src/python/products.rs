@@ -19,9 +19,9 @@ use crate::spatial::{RigidShift, SpatialVector};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyMapping, PyTuple};
 
-/// Rough times of one body in one state, ns (see [`Cost`]).
+/// Approximate times per body and state, ns (see [`Cost`]).
 mod cost {
-    /// Of torques, in lanes.
+    /// Inverse dynamics, vectorized.
     pub const INVERSE: usize = 120;
     /// With the factor of M.
     pub const FORWARD: usize = 250;
@@ -29,23 +29,23 @@ mod cost {
     pub const HESSIAN: usize = 2500;
 }
 
-/// Where a link is: the moving body that carries it, and its placement there.
+/// Place of a link: the moving body that carries it, and its pose on that body.
 pub(super) type Place = (Option<usize>, RigidShift<f64>);
 
-/// Gradients by the parameters of links, each in its own frame, from those of the bodies that carry them.
+/// Gradients with respect to the parameters of links, each in the link frame, from those of the bodies that carry them.
 pub(super) fn parameters_of(links: &[Place], bodies: &[Parameters<f64>]) -> impl Iterator<Item = Parameters<f64>> {
     links.iter().map(|(body, placement)| body.map_or([0.0; 10], |body| of_link(placement, &bodies[body])))
 }
 
-/// Where every link is that a joint carries, in the order of the joints.
+/// Places of the links that joints carry, in the order of the joints.
 pub(super) fn places_of_links(scene: &Scene) -> Result<Vec<Place>, Error> {
     scene.joints().iter().map(|joint| scene.link(&joint.child).map(|link| (link.body, link.placement))).collect()
 }
 
-/// q, qd and the third with its name, then a direction or a cotangent.
+/// q, qd and the third argument by name, then a direction or a cotangent.
 type Given<'a, 'py> = Vec<(&'static str, &'a Object<'py>)>;
 
-/// What a call may have been given beside these.
+/// Keywords of a call.
 struct Keywords<'a, 'py> {
     wrenches: Option<&'a Object<'py>>,
     errors: &'a str,
@@ -54,21 +54,23 @@ struct Keywords<'a, 'py> {
 
 #[pymethods]
 impl PyScene {
-    /// The change of joint torques along a direction, in O(N) and without any matrix: dtau_dq dq + dtau_dqd dqd + M dqdd.
-    ///
-    /// q: (..., nq); qd, qdd: (..., nv); dq, dqd, dqdd: (..., nv), dq in the tangent space of q; SI units, radians; leading axes broadcast. wrenches and errors: as
-    /// in forward_dynamics; wrenches stay as they are in their link's frame.
-    ///
-    /// dq is a change as integrate(q, dq) adds it: an angle or a length for joints of one axis, a rotation in the child's frame for spherical joints,
-    /// (linear, angular) in the child's frame for free joints. Armature is in M.
-    ///
-    /// What is constant may change too, as inverse_dynamics_vjp has it: dwrenches, a dict from link names to (..., 6); dparameters, (..., bodies, 10); darmature, (..., nv);
-    /// dgravity, (..., 3).
-    ///
-    /// Returns dtau, (..., nv), N m or N.
-    ///
-    /// Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
-    #[pyo3(signature = (q, qd, qdd, dq, dqd, dqdd, *, wrenches=None, dwrenches=None, dparameters=None, darmature=None, dgravity=None, errors="raise"))]
+    /// Directional derivative of the joint torques, in O(N): dtau_dq dq + dtau_dqd dqd + M dqdd.
+    #[doc = parameters!(q qd qdd dq dqd dqdd wrenches constants errors)]
+    #[doc = section!(Returns)]
+    /// dtau : (..., nv) ndarray
+    ///     Change of the joint torques, N m or N.
+    #[doc = raises!(arguments)]
+    #[doc = section!(Notes)]
+    /// Wrenches are constant in the frames of their links, apart from dwrenches. Armature is part of M.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q, qd, qdd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.0, 1.0, 0.0]
+    /// >>> dq, zero = [1.0, 0.0, -1.0], np.zeros(3)
+    /// >>> product = scene.inverse_dynamics_jvp(q, qd, qdd, dq, zero, zero)
+    /// >>> np.allclose(product, scene.inverse_dynamics_derivatives(q, qd, qdd).dtau_dq @ dq)
+    /// True
+    #[pyo3(signature = (q, qd, qdd, dq, dqd, dqdd, *, wrenches=None, dwrenches=None, dparameters=None, darmature=None,
+                        dgravity=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn inverse_dynamics_jvp<'py>(
         &self,
@@ -91,16 +93,22 @@ impl PyScene {
         self.along(py, Products::InverseTangent, given, (&Keywords { wrenches, errors, tolerance: None }, constants))
     }
 
-    /// The gradients of cotangent . tau, in O(N) and without any matrix: cotangent dtau_dq, cotangent dtau_dqd and M cotangent.
-    ///
-    /// q: (..., nq); qd, qdd, cotangent: (..., nv); SI units, radians; leading axes broadcast. wrenches and errors: as in forward_dynamics. parameters: whether to
-    /// give the gradients by inertias, armature and gravity too.
-    ///
-    /// The gradient by q is in its tangent space, (..., nv), as dq in inverse_dynamics_jvp.
-    ///
-    /// Returns a phipsi.InverseDynamicsGradients (q, qd, qdd, wrenches, parameters, armature, gravity); what is not asked for is None.
-    ///
-    /// Raises as inverse_dynamics_jvp.
+    /// Gradients of cotangent . tau, in O(N): cotangent dtau_dq, cotangent dtau_dqd and M cotangent.
+    #[doc = parameters!(q qd qdd)]
+    /// cotangent : (..., nv) array_like
+    ///     Gradient of a scalar function with respect to tau.
+    #[doc = entries!(wrenches parameters errors)]
+    #[doc = section!(Returns)]
+    /// gradients : InverseDynamicsGradients
+    ///     Named tuple (q, qd, qdd, wrenches, parameters, armature, gravity); what is not requested is None. The
+    ///     gradient with respect to q is in its tangent space, (..., nv).
+    #[doc = raises!(arguments)]
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q, qd, qdd, c = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.0, 1.0, 0.0], [1.0, 2.0, 3.0]
+    /// >>> gradients = scene.inverse_dynamics_vjp(q, qd, qdd, c)
+    /// >>> np.allclose(gradients.q, c @ scene.inverse_dynamics_derivatives(q, qd, qdd).dtau_dq)
+    /// True
     #[pyo3(signature = (q, qd, qdd, cotangent, *, wrenches=None, parameters=false, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn inverse_dynamics_vjp<'py>(
@@ -124,23 +132,24 @@ impl PyScene {
         )
     }
 
-    /// The change of joint accelerations along a direction, in O(N) and without any matrix: dqdd_dq dq + dqdd_dqd dqd + M^-1 dtau.
-    ///
-    /// q: (..., nq); qd, tau: (..., nv); dq, dqd, dtau: (..., nv), dq in the tangent space of q, as in inverse_dynamics_jvp; SI units, radians; leading axes
-    /// broadcast. form, wrenches and errors: as in forward_dynamics; wrenches stay as they are in their link's frame. tolerance: as in
-    /// forward_dynamics_derivatives.
-    ///
-    /// dwrenches, dparameters, darmature, dgravity: as in inverse_dynamics_jvp.
-    ///
-    /// One more right side of the filter, with the gains of the state. In form "auto" a state is recomputed in double-double arithmetic where the estimated error of the
-    /// factor of M or of the product exceeds the tolerance.
-    ///
-    /// Returns dqdd, (..., nv), rad/s^2 or m/s^2.
-    ///
-    /// Raises SingularJointError where a joint has no inertia along its axis; ArgumentError for the square-root form of an inertia that no body can have;
-    /// ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
-    #[pyo3(signature = (q, qd, tau, dq, dqd, dtau, *, form="auto", tolerance=None, wrenches=None, dwrenches=None, dparameters=None, darmature=None, dgravity=None,
-                        errors="raise"))]
+    /// Directional derivative of the joint accelerations, in O(N): dqdd_dq dq + dqdd_dqd dqd + M^-1 dtau.
+    #[doc = parameters!(q qd tau dq dqd dtau form tolerance_of_derivatives wrenches constants errors)]
+    #[doc = section!(Returns)]
+    /// dqdd : (..., nv) ndarray
+    ///     Change of the joint accelerations, rad/s^2 or m/s^2.
+    #[doc = raises!(singular arguments)]
+    #[doc = section!(Notes)]
+    /// One more right-hand side of the filter, with the gains of the state. In form "auto", a state is recomputed in
+    /// double-double arithmetic if the error estimate of the factor of M or of the product exceeds the tolerance.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q, qd, tau = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.0, 0.0, 0.0]
+    /// >>> dtau, zero = [1.0, 0.0, -1.0], np.zeros(3)
+    /// >>> product = scene.forward_dynamics_jvp(q, qd, tau, zero, zero, dtau)
+    /// >>> np.allclose(product, scene.mass_matrix_inverse(q) @ dtau)
+    /// True
+    #[pyo3(signature = (q, qd, tau, dq, dqd, dtau, *, form="auto", tolerance=None, wrenches=None, dwrenches=None,
+                        dparameters=None, darmature=None, dgravity=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn forward_dynamics_jvp<'py>(
         &self,
@@ -167,18 +176,27 @@ impl PyScene {
         self.along(py, which, given, (&Keywords { wrenches, errors, tolerance }, constants))
     }
 
-    /// The gradients of cotangent . qdd, in O(N) and without any matrix: cotangent dqdd_dq, cotangent dqdd_dqd and M^-1 cotangent.
-    ///
-    /// q: (..., nq); qd, tau, cotangent: (..., nv); SI units, radians; leading axes broadcast. form, tolerance, wrenches and errors: as in forward_dynamics_jvp. parameters: whether
-    /// to give the gradients by inertias, armature and gravity too.
-    ///
-    /// The gradient by q is in its tangent space, (..., nv), as dq in inverse_dynamics_jvp. x = M^-1 cotangent is filter and smoother once more; all other
-    /// gradients are those of inverse_dynamics_vjp at the accelerations of the state, of -x.
-    ///
-    /// Returns a phipsi.ForwardDynamicsGradients (q, qd, tau, wrenches, parameters, armature, gravity); what is not asked for is None.
-    ///
-    /// Raises as forward_dynamics_jvp.
-    #[pyo3(signature = (q, qd, tau, cotangent, *, form="auto", tolerance=None, wrenches=None, parameters=false, errors="raise"))]
+    /// Gradients of cotangent . qdd, in O(N): cotangent dqdd_dq, cotangent dqdd_dqd and M^-1 cotangent.
+    #[doc = parameters!(q qd tau)]
+    /// cotangent : (..., nv) array_like
+    ///     Gradient of a scalar function with respect to qdd.
+    #[doc = entries!(form tolerance_of_derivatives wrenches parameters errors)]
+    #[doc = section!(Returns)]
+    /// gradients : ForwardDynamicsGradients
+    ///     Named tuple (q, qd, tau, wrenches, parameters, armature, gravity); what is not requested is None. The
+    ///     gradient with respect to q is in its tangent space, (..., nv).
+    #[doc = raises!(singular arguments)]
+    #[doc = section!(Notes)]
+    /// x = M^-1 cotangent is one more filter and smoother; the other gradients are those of inverse_dynamics_vjp at the
+    /// accelerations of the state, with the cotangent -x.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q, qd, tau, c = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.0, 0.0, 0.0], [1.0, 2.0, 3.0]
+    /// >>> gradients = scene.forward_dynamics_vjp(q, qd, tau, c)
+    /// >>> np.allclose(gradients.q, c @ scene.forward_dynamics_derivatives(q, qd, tau).dqdd_dq)
+    /// True
+    #[pyo3(signature = (q, qd, tau, cotangent, *, form="auto", tolerance=None, wrenches=None, parameters=false,
+                        errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn forward_dynamics_vjp<'py>(
         &self,
@@ -200,16 +218,26 @@ impl PyScene {
         self.gradients((py, class), which, given, (&Keywords { wrenches, errors, tolerance }, parameters))
     }
 
-    /// The Hessian of cotangent . tau times a direction, in O(N): how the gradients of inverse_dynamics_vjp change along (dq, dqd, dqdd).
-    ///
-    /// q: (..., nq); qd, qdd, cotangent, dq, dqd, dqdd: (..., nv); SI units, radians; leading axes broadcast. wrenches and errors: as in forward_dynamics.
-    ///
-    /// The gradient by q is that in the tangent space at q, which moves along: on spherical and free joints that Hessian is not symmetric. One state at a time,
-    /// on dual numbers.
-    ///
-    /// Returns a phipsi.InverseDynamicsGradients (q, qd, qdd), the others None.
-    ///
-    /// Raises as inverse_dynamics_jvp.
+    /// Hessian of cotangent . tau times a direction, in O(N): change of the gradients of inverse_dynamics_vjp.
+    #[doc = parameters!(q qd qdd)]
+    /// cotangent : (..., nv) array_like
+    ///     Gradient of a scalar function with respect to tau.
+    #[doc = entries!(dq dqd dqdd wrenches errors)]
+    #[doc = section!(Returns)]
+    /// product : InverseDynamicsGradients
+    ///     Changes of the gradients with respect to q, qd and qdd, each (..., nv); the other fields are None.
+    #[doc = raises!(arguments)]
+    #[doc = section!(Notes)]
+    /// Evaluated on dual numbers, one state at a time. The gradient with respect to q is that in the tangent space of
+    /// the moving q, so the Hessian of spherical and free joints is not symmetric.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q, qd, qdd, c = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.0, 1.0, 0.0], [1.0, 2.0, 3.0]
+    /// >>> dq, zero = np.array([1.0, 0.0, -1.0]), np.zeros(3)
+    /// >>> product = scene.inverse_dynamics_hvp(q, qd, qdd, c, dq, zero, zero)
+    /// >>> ahead, behind = (scene.inverse_dynamics_vjp(q + h * dq, qd, qdd, c).q for h in (1e-6, -1e-6))
+    /// >>> np.allclose(product.q, (ahead - behind) / 2e-6)
+    /// True
     #[pyo3(signature = (q, qd, qdd, cotangent, dq, dqd, dqdd, *, wrenches=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn inverse_dynamics_hvp<'py>(
@@ -231,17 +259,26 @@ impl PyScene {
         self.hessian((py, class), Products::InverseGradient, given, &Keywords { wrenches, errors, tolerance: None })
     }
 
-    /// The Hessian of cotangent . qdd times a direction, in O(N): how the gradients of forward_dynamics_vjp change along (dq, dqd, dtau).
-    ///
-    /// q: (..., nq); qd, tau, cotangent, dq, dqd, dtau: (..., nv); SI units, radians; leading axes broadcast. form, tolerance, wrenches and errors: as
-    /// in forward_dynamics_jvp.
-    ///
-    /// One factor and four right sides; otherwise as inverse_dynamics_hvp.
-    ///
-    /// Returns a phipsi.ForwardDynamicsGradients (q, qd, tau), the others None.
-    ///
-    /// Raises as forward_dynamics_jvp.
-    #[pyo3(signature = (q, qd, tau, cotangent, dq, dqd, dtau, *, form="auto", tolerance=None, wrenches=None, errors="raise"))]
+    /// Hessian of cotangent . qdd times a direction, in O(N): change of the gradients of forward_dynamics_vjp.
+    #[doc = parameters!(q qd tau)]
+    /// cotangent : (..., nv) array_like
+    ///     Gradient of a scalar function with respect to qdd.
+    #[doc = entries!(dq dqd dtau form tolerance_of_derivatives wrenches errors)]
+    #[doc = section!(Returns)]
+    /// product : ForwardDynamicsGradients
+    ///     Changes of the gradients with respect to q, qd and tau, each (..., nv); the other fields are None.
+    #[doc = raises!(singular arguments)]
+    #[doc = section!(Notes)]
+    /// One factor and four right-hand sides on dual numbers; otherwise as inverse_dynamics_hvp.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q, qd, tau, c = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.0, 0.0, 0.0], [1.0, 2.0, 3.0]
+    /// >>> dtau, zero = [1.0, 0.0, -1.0], np.zeros(3)
+    /// >>> product = scene.forward_dynamics_hvp(q, qd, tau, c, zero, zero, dtau)
+    /// >>> np.allclose(product.tau, 0.0)     # qdd is linear in tau
+    /// True
+    #[pyo3(signature = (q, qd, tau, cotangent, dq, dqd, dtau, *, form="auto", tolerance=None, wrenches=None,
+                        errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn forward_dynamics_hvp<'py>(
         &self,
@@ -268,7 +305,7 @@ impl PyScene {
 }
 
 impl PyScene {
-    /// A call with these arguments, of so many ns a body.
+    /// Creates a call with these arguments, of `body` ns per body.
     fn product_call<'a, 'py>(
         &'a self,
         which: Products,
@@ -284,7 +321,7 @@ impl PyScene {
         Ok(call.with(errors).accepting(keywords.tolerance))
     }
 
-    /// A product along a direction, of what is constant too where any of that changes.
+    /// Directional derivative, including changes of constants.
     fn along<'py>(
         &self,
         py: Python<'py>,
@@ -321,7 +358,7 @@ impl PyScene {
         Ok(output.finish().into_any())
     }
 
-    /// Gradients, those by what is constant for links from those for the bodies that carry them.
+    /// Gradients; those with respect to constants of links follow from those of the bodies that carry them.
     fn gradients<'py>(
         &self,
         (py, class): (Python<'py>, &Object<'py>),
@@ -334,7 +371,7 @@ impl PyScene {
             Some(Ok(mapping)) => {
                 items("wrenches", mapping, "names of links")?.into_iter().map(|(name, _)| name).collect()
             }
-            // Refused with the other arguments.
+            // Invalid shapes are reported with the other arguments.
             _ => Vec::new(),
         };
         let body = if which.form().is_some() { cost::FORWARD } else { cost::INVERSE };
@@ -371,7 +408,7 @@ impl PyScene {
         call.parts((py, class), results.numbers()?, &shapes, &names)
     }
 
-    /// A Hessian times a direction, one state at a time.
+    /// Hessian times a direction, one state at a time.
     fn hessian<'py>(
         &self,
         (py, class): (Python<'py>, &Object<'py>),
@@ -397,22 +434,22 @@ impl PyScene {
     }
 }
 
-/// Something constant that changes along a direction.
+/// Constant of the scene or the call that changes along a direction.
 enum Constant {
-    /// A wrench on a link.
+    /// Wrench on a link.
     Wrench(Place),
-    /// The inertial parameters of all links.
+    /// Inertial parameters of all links.
     Parameters,
     Armature,
     Gravity,
 }
 
-/// Of wrenches, parameters, armature and gravity.
+/// Changes of wrenches, parameters, armature and gravity.
 type Changes<'a, 'py> =
     (Option<&'a Object<'py>>, Option<&'a Object<'py>>, Option<&'a Object<'py>>, Option<&'a Object<'py>>);
 
 impl Constant {
-    /// What of them was given, with its numbers.
+    /// Reads the changes that are given.
     fn read<'py>(scene: &Scene, given: Changes<'_, 'py>) -> PyResult<Vec<(Input<'py>, Self)>> {
         let (wrenches, parameters, armature, gravity) = given;
         let mut read = Vec::new();
@@ -432,7 +469,7 @@ impl Constant {
         Ok(read)
     }
 
-    /// Adds the change of these numbers to those of bodies.
+    /// Adds a change to the changes of bodies.
     fn change(&self, numbers: &[f64], changes: &mut ConstantParts<'_, f64>, links: &[Place]) -> Result<(), Error> {
         match self {
             Self::Wrench((body, placement)) => {
@@ -459,7 +496,7 @@ impl Constant {
     }
 }
 
-/// The links that gradients are asked for, and whether their parameters, armature and gravity are.
+/// Links of the requested gradients, and whether those of parameters, armature and gravity are requested.
 struct Links<'a> {
     wrenched: &'a [Place],
     moving: &'a [Place],
@@ -467,7 +504,8 @@ struct Links<'a> {
 }
 
 impl Links<'_> {
-    /// All gradients of one state, from those of bodies: of the state, of wrenches in their links' frames, then of the links' parameters, armature and gravity.
+    /// Writes all gradients of one state from those of bodies: state, wrenches in their link frames, parameters of the
+    /// links, armature and gravity.
     fn gradients(&self, bodies: &GradientParts<'_, f64>, out: &mut [f64]) {
         let (of_state, rest) = out.split_at_mut(bodies.state.len());
         let (of_wrenches, rest) = rest.split_at_mut(6 * self.wrenched.len());
@@ -490,7 +528,8 @@ impl Links<'_> {
 }
 
 impl<'py> Call<'_, 'py> {
-    /// The named tuple of gradients: three of the state, then a dict of those of wrenches with these names, then what else there is; None for what there is not.
+    /// Creates the named tuple of gradients: three of the state, a dict of those of the wrenches, then the others; None
+    /// for those not requested.
     fn parts(
         &self,
         (py, class): (Python<'py>, &Object<'py>),

@@ -20,25 +20,51 @@ use pyo3::types::PyTuple;
 
 #[pymethods]
 impl PyScene {
-    /// Gradients of a function of a trajectory, by the adjoint of every step: Trajectory.vjp with everything said once more.
-    ///
-    /// q: (..., rows, nq); qd: (..., rows, nv): the rows that simulate recorded, the first at the start. cotangent_q, cotangent_qd: (..., rows, nv), the gradients of the
-    /// function by these, that by q in the tangent space of each row, as dq in inverse_dynamics_jvp. dt, steps, tau, tau_steps, method, record_every, pd, armature, damping,
-    /// stiffness, rest, friction, friction_speed, form, tolerance, limits, restitution: as simulate had them; tau is an array. parameters: whether to give the gradients by inertias too.
-    ///
-    /// Steps between rows are made again: with record_every=1 none is. O(N) a stage of a step; steps after the last row change nothing. The memory of a thread grows with the
-    /// root of the steps between two rows.
-    ///
-    /// Returns a phipsi.RolloutGradients (q, qd, tau, armature, damping, stiffness, friction, parameters), of each state by itself: q, qd, tau and what acts at the joints
-    /// (..., nv), tau (..., steps, nv) where tau_steps was given, parameters (..., bodies, 10) or None. Where no torque was given, tau is as for a constant one.
-    ///
-    /// Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument; SingularJointError; OutOfMemoryError.
-    #[pyo3(signature = (q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, method="auto", record_every=None,
-                        pd=None, armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=None,
-                        form="auto", tolerance=None, parameters=false, limits=None, restitution=0.0),
-           text_signature = "($self, q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, method='auto', \
-                             record_every=1, pd=None, armature=None, damping=None, stiffness=None, rest=None, friction=None, \
-                             friction_speed=None, form='auto', tolerance=None, parameters=False, limits=None, restitution=0.0)")]
+    /// Gradients of a function of a trajectory by the adjoint of every step, from recorded rows; as Trajectory.vjp.
+    #[doc = section!(Parameters)]
+    /// q : (..., rows, nq) array_like
+    ///     Recorded joint positions, the first at the start.
+    /// qd : (..., rows, nv) array_like
+    ///     Recorded joint velocities.
+    /// cotangent_q : (..., rows, nv) array_like
+    ///     Gradient of the function with respect to q, in the tangent space of each row.
+    /// cotangent_qd : (..., rows, nv) array_like
+    ///     Gradient of the function with respect to qd.
+    /// dt : float
+    ///     Step, s.
+    /// steps : int
+    ///     Number of steps.
+    /// tau, tau_steps, method, record_every, pd, armature, damping, stiffness, rest, friction, friction_speed
+    ///     As given to simulate; tau is an array.
+    /// form, tolerance, limits, restitution
+    ///     As given to simulate.
+    /// parameters : bool, default False
+    ///     If true, compute the gradients with respect to inertial parameters too.
+    #[doc = section!(Returns)]
+    /// gradients : RolloutGradients
+    ///     Named tuple (q, qd, tau, armature, damping, stiffness, friction, parameters) per state: (..., nv) each; tau
+    ///     is (..., steps, nv) with tau_steps; parameters is (..., bodies, 10) or None.
+    #[doc = raises!(singular memory arguments)]
+    #[doc = section!(Notes)]
+    /// O(N) per stage. Steps between rows are recomputed, none with record_every=1. The memory of a thread grows with
+    /// the square root of the number of steps between two rows. Steps after the last row have no effect.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> path = scene.simulate([0.3, 0.2, 0.1], np.zeros(3), dt=1e-3, steps=100, method="rk4")
+    /// >>> last = np.zeros_like(path.qd)
+    /// >>> last[-1, 0] = 1.0     # the function is q[-1, 0]
+    /// >>> keywords = dict(dt=1e-3, steps=100, method="rk4")
+    /// >>> gradients = scene.simulate_vjp(path.q, path.qd, last, np.zeros_like(last), **keywords)
+    /// >>> np.isclose(gradients.q[0], 1.0)     # the first joint is vertical
+    /// np.True_
+    #[pyo3(signature = (q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, method="auto",
+                        record_every=None, pd=None, armature=None, damping=None, stiffness=None, rest=None,
+                        friction=None, friction_speed=None, form="auto", tolerance=None, parameters=false,
+                        limits=None, restitution=0.0),
+           text_signature = "($self, q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, \
+                             method='auto', record_every=1, pd=None, armature=None, damping=None, stiffness=None, \
+                             rest=None, friction=None, friction_speed=None, form='auto', tolerance=None, \
+                             parameters=False, limits=None, restitution=0.0)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulate_vjp<'py>(
         slf: &Bound<'py, Self>,
@@ -95,8 +121,8 @@ impl PyScene {
         let (mut settings, pd) = keywords.read(own)?;
         let given = Given::read(tau, tau_steps, steps, own)?;
         if matches!(given, Given::Function(_)) {
-            let expected = "arrays: what the function gave, as tau_steps";
-            return Err(Error::argument("tau", "a function, whose gradients are not known", expected).into());
+            let expected = "an array; the torques of a function can be given as tau_steps";
+            return Err(Error::argument("tau", "a function, which has no known gradients", expected).into());
         }
         let inputs = [
             Input::table("q", q, rows, own.coordinates())?,
@@ -114,7 +140,7 @@ impl PyScene {
         }
         let batch = broadcast_axes(axes)?;
         let Some(states) = entries(&batch) else {
-            return Err(Error::argument("batch", "more states than memory has addresses", "fewer").into());
+            return Err(Error::argument("batch", "more states than memory can address", "fewer states").into());
         };
         memory::room("q", memory::bytes_of::<f64>(&[states, rows, nq + 3 * nv]))?;
         if let Some(pd) = pd {
@@ -138,7 +164,7 @@ impl PyScene {
     }
 }
 
-/// Where gradients go.
+/// Memory of the gradients.
 struct Output<'a, 'py> {
     py: Python<'py>,
     batch: &'a [usize],
@@ -150,7 +176,7 @@ impl<'py> Output<'_, 'py> {
         asked_by(self.py, "q", from_numbers(self.py, numbers, &[self.batch, own].concat()))
     }
 
-    /// The named tuple; torques of steps, parameters of links.
+    /// Creates the named tuple, with the torques of steps and the parameters of links if requested.
     fn tuple(&self, found: &RolloutGradients, steps: Option<usize>, links: Option<&[Place]>) -> PyResult<Object<'py>> {
         let torque = steps.map_or_else(|| vec![self.nv], |steps| vec![steps, self.nv]);
         let of_rows = [&found.armature, &found.damping, &found.stiffness, &found.friction];

@@ -1,4 +1,4 @@
-//! The class `Scene`: where it comes from, its names, and its place among Python objects.
+//! The class `Scene`: its sources, its names, and its behavior as a Python object.
 
 use super::axis::Axis;
 use super::choice::{names, read_mimic};
@@ -18,30 +18,40 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PySlice, PyTuple};
 use std::path::{Path, PathBuf};
 
-/// An articulated system: bodies, joints, gravity, and the names of them; immutable, for any number of threads.
+/// Articulated system of links and joints under gravity: immutable, and usable from any number of threads.
 ///
-/// Made by Scene.from_urdf, from_mujoco, from_pinocchio, phipsi.load or SceneBuilder.build. SI units and radians. Spatial 6-vectors are angular first:
-/// wrench = (moment, force), velocity = (angular, linear). Movable joints are in depth-first order, siblings in file order.
+/// Create it with phipsi.load, Scene.from_urdf, Scene.from_mujoco, Scene.from_pinocchio or SceneBuilder.build.
+/// Units are SI and radians. Spatial 6-vectors are angular first: wrench = (moment, force), velocity = (angular,
+/// linear).
+#[doc = section!(Notes)]
+/// **Coordinates.** Movable joints are in depth-first order, siblings in file order. In q, a revolute joint is an
+/// angle (rad), a prismatic joint a length (m), a screw joint an angle (pitch in m/rad), a planar joint (u, v,
+/// theta), a universal joint two angles (about x, then y), a spherical joint a quaternion (x, y, z, w), and a free
+/// joint (x, y, z, qx, qy, qz, qw) with the velocity (linear, angular) in the body frame. Quaternions whose norm
+/// differs from 1 by at most 1e-3 are normalized.
 ///
-/// Arrays are (..., nq) or (..., nv): leading batch axes broadcast, rank in = rank out. Lists, float32, integers, strided
-/// and Fortran-ordered arrays are converted; C-contiguous float64 is used without a copy. In q a revolute joint is an angle
-/// (rad), a prismatic one a length (m), a screw an angle (its pitch in m/rad), a planar one (u, v, theta), a universal one
-/// two angles (about x, then y), a spherical one a quaternion (x, y, z, w), a free one (x, y, z, qx, qy, qz, qw) with the
-/// rates (linear, angular) in the body's frame.
-/// Quaternions may be off unit norm by 1e-3, and are normalised.
+/// **Arrays** are (..., nq) or (..., nv). Leading batch axes broadcast; the result has the batch axes of the
+/// arguments. Lists, float32, integers, strided and Fortran-ordered arrays are converted; C-contiguous float64
+/// arrays are not copied. An argument of one state may be a dict from joint names to values. Labels (the index of a
+/// pandas Series, the columns of a DataFrame of pandas, polars or Arrow, the last dimension of an xarray DataArray)
+/// are matched by joint name or rejected; a default RangeIndex counts as no labels. Masked entries raise, except in
+/// estimate.
 ///
-/// Arguments raise ShapeError, NotFiniteError or ArgumentError (see phipsi.errors), naming the argument and the state.
-/// The GIL is released in all calls longer than some microseconds; large batches run on several threads (as many as
-/// RAYON_NUM_THREADS says, else one a core), with the same bits for any number of them. On the main thread Ctrl-C ends any long call within
-/// some tenths of a second, on all threads of it; out is partly written then.
+/// **Threads.** Calls release the GIL if they take longer than some microseconds. Large batches run on several
+/// threads (RAYON_NUM_THREADS, by default one per core), with bit-identical results for any number of threads. On
+/// the main thread, Ctrl-C ends a long call within some tenths of a second; `out` may then be partly written.
 ///
-/// Results that memory has no room for raise OutOfMemoryError (a MemoryError), naming the arguments that ask for them and the bytes.
+/// **Errors.** Arguments raise ShapeError, NotFiniteError or ArgumentError (see phipsi.errors), which name the
+/// argument and the state. Results that do not fit in memory raise OutOfMemoryError with the number of bytes.
 ///
-/// An argument of one state may be a dict from joint names to numbers (arrays for joints of several coordinates). Labels are matched by
-/// joint name, or refused: the index of a pandas Series, the columns of a DataFrame (pandas, polars, Arrow) or the last dimension
-/// of an xarray DataArray; a default RangeIndex is none. Masked entries raise but in estimate. Neither is silently dropped.
-///
-/// Scenes pickle, compare and hash by identity; copies are the scene itself.
+/// Scenes can be pickled. They compare and hash by identity; a copy is the scene itself.
+#[doc = section!(Examples)]
+/// >>> import numpy as np
+/// >>> import phipsi
+/// >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+/// >>> q = scene.neutral()
+/// >>> np.allclose(scene.forward_dynamics(q, np.zeros(6), scene.gravity_torque(q)), 0.0)
+/// True
 #[pyclass(frozen, name = "Scene", module = "phipsi")]
 pub(crate) struct PyScene {
     pub(super) scene: Scene,
@@ -53,11 +63,11 @@ impl PyScene {
         Self { scene, pool: Pool::default() }
     }
 
-    /// Whether there is room for what the threads of a batch compute in, where that is large.
+    /// Checks that the workspaces of the threads of a batch fit in memory, if they are large.
     pub(super) fn check_scratch(&self, states: usize) -> Result<(), Error> {
-        /// About what a thread needs for a body, in bytes, lanes included.
+        /// Approximate size of the workspace of a thread per body, in bytes, including lanes.
         const A_BODY: usize = 10_000;
-        /// The rest of a process takes more than the scratch of so many bodies.
+        /// Below this number of bodies, workspaces are smaller than the rest of a process.
         const MANY: usize = 5_000;
         let bodies = self.scene.model().bodies.len();
         if bodies < MANY {
@@ -67,17 +77,17 @@ impl PyScene {
         memory::room("scene", memory::bytes_of::<[u8; A_BODY]>(&[bodies, threads]))
     }
 
-    /// What the entries of q, and of a result like it, belong to.
+    /// Meaning of the entries of q.
     pub(super) fn coordinates(&self) -> Axis<'_> {
         Axis::Coordinates(&self.scene)
     }
 
-    /// What the entries of qd, qdd and tau belong to.
+    /// Meaning of the entries of qd, qdd and tau.
     pub(super) fn rates(&self) -> Axis<'_> {
         Axis::Rates(&self.scene)
     }
 
-    /// Number of moving bodies, at least one: what the time of a call is counted in.
+    /// Number of moving bodies, at least one, for the estimate of the time of a call.
     pub(super) fn size(&self) -> usize {
         self.scene.model().bodies.len().max(1)
     }
@@ -85,25 +95,49 @@ impl PyScene {
 
 #[pymethods]
 impl PyScene {
-    /// The scene of a URDF file or text.
-    ///
-    /// source: a path (str or os.PathLike), or the XML itself: a str that starts with "<" after white space.
-    /// floating_base: puts a free joint under the root link, "root_joint", or with "_" behind where the file has that name
-    /// (it is joint_names[0]). gravity: (3,), m/s^2, in the base frame. strict: what is warned of raises, but for mimic
-    /// joints whose source is there. leave_out: names of what may be left out, of "fixed_joints",
-    /// "base_links", "renamed_axes", "tilted_axes", "zero_velocity" and "zero_gravity"; None: all.
-    /// Results are the same to rounding, but operators and estimates need the first two (ArgumentError).
-    /// mimic: "couple", joints with <mimic> follow the joint that they name, and have no coordinates of their own: q, tau and M are those of the others; or "free", they
-    /// are independent, and a MimicWarning names each. Coupled scenes have all of kinematics, dynamics, derivatives and simulation; what has no form for them
-    /// says so (operators, estimation, operational space, gradients of simulations and by parameters).
-    ///
-    /// Raises SceneError for a file that cannot be read or built, naming link or joint; ArgumentError for a source that is
-    /// neither. Warns InertiaWarning for inertias that no body can have and for moving links that all have no mass,
-    /// MimicWarning for free mimic joints, LimitWarning for limits that mean nothing (they are taken as none), and
-    /// UnknownTagWarning, once, for elements, attributes and text that are not understood (they are passed over).
+    /// Create the scene of a URDF file or text.
+    #[doc = section!(Parameters)]
+    /// source : str or os.PathLike
+    ///     Path, or the XML text: a str that starts with "<" after white space.
+    /// floating_base : bool, default False
+    ///     If true, add a free joint below the root link: joint_names[0], "root_joint", with "_" appended if the file
+    ///     has that name.
+    /// gravity : (3,) array_like, default (0, 0, -9.81)
+    ///     Gravity in the base frame, m/s^2.
+    /// strict : bool, default False
+    ///     If true, raise instead of warning, except for mimic joints whose source exists.
+    #[doc = entries!(leave_out)]
+    /// mimic : {"free", "couple"}, default "free"
+    ///     "couple": joints with <mimic> follow the joint that they name and have no coordinates of their own; q, tau
+    ///     and M are those of the other joints. "free": they are independent, with a MimicWarning for each.
+    #[doc = section!(Returns)]
+    /// scene : Scene
+    ///     The robot, including the damping, friction, limits and extensions (armature, stiffness, rest) of its joints.
+    #[doc = section!(Raises)]
+    /// SceneError
+    ///     A file that cannot be read or built. The message names the link or joint.
+    /// ArgumentError
+    ///     A source that is neither a path nor a text, or an invalid argument.
+    #[doc = section!(Warns)]
+    /// InertiaWarning
+    ///     An inertia that no rigid body can have, or moving links without any mass.
+    /// MimicWarning
+    ///     A mimic joint that is independent.
+    /// LimitWarning
+    ///     Invalid limits, which are ignored.
+    /// UnknownTagWarning
+    ///     Elements, attributes and text that are ignored; one warning per file.
+    #[doc = section!(Notes)]
+    /// Operators and estimation need the simplifications "fixed_joints" and "base_links". Scenes with coupled joints
+    /// support kinematics, dynamics, derivatives and simulation; the other methods raise ArgumentError.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM, floating_base=True)
+    /// >>> scene.joint_names[:2], scene.nv
+    /// (('root_joint', 'joint1'), 12)
     #[staticmethod]
     #[pyo3(signature = (source, *, floating_base=false, gravity=None, strict=false, leave_out=None, mimic="free"),
-           text_signature = "(source, *, floating_base=False, gravity=(0, 0, -9.81), strict=False, leave_out=None, mimic='free')")]
+           text_signature = "(source, *, floating_base=False, gravity=(0, 0, -9.81), strict=False, leave_out=None, \
+                             mimic='free')")]
     fn from_urdf(
         py: Python<'_>,
         source: &Object<'_>,
@@ -129,26 +163,56 @@ impl PyScene {
         Ok(Self::new(scene))
     }
 
-    /// The scene of a MuJoCo model: its bodies, joints, armature, damping, frictionloss, springs and limits. Needs phipsi[mujoco].
+    /// Create the scene of a MuJoCo model; needs the extra phipsi[mujoco].
+    #[doc = section!(Parameters)]
+    /// source : path, str, mujoco.MjModel or mujoco.MjSpec
+    ///     Path of an MJCF, URDF or .mjb file, an XML text, or a model.
+    /// gravity : (3,) array_like, optional
+    ///     Gravity in the base frame, m/s^2; by default that of the model.
+    /// strict : bool, default False
+    ///     If true, raise instead of warning.
+    #[doc = entries!(leave_out)]
+    /// ignore : collection of str, optional
+    ///     Parts of the model to omit without a warning: "actuators" (armature and damping of those that do not act on
+    ///     a hinge or slide), "armature" and "friction" (of free joints), "contacts", "equality", "flexes", "fluid",
+    ///     "gravcomp", "limits" (of ball joints), "mocap", "nonlinear" (springs, damping, plasticity), "plugins",
+    ///     "softness" (of equality constraints) and "tendons".
+    #[doc = section!(Returns)]
+    /// scene : Scene
+    ///     The robot. phipsi.mujoco converts states and forces: the conventions differ for ball and free joints.
+    #[doc = section!(Raises)]
+    /// SceneError
+    ///     A model that cannot be read, or parts of it that change the motion and that scenes do not have: other
+    ///     equality constraints, tendons with springs, losses or armature, gravcomp, a medium denser than air, plugins,
+    ///     deformable objects, nonlinear springs and damping, springs, friction and armature of free joints, mocap
+    ///     bodies that carry or hold others. The message names the part and the `ignore` that omits it.
+    /// ImportError
+    ///     MuJoCo is not installed.
+    /// ArgumentError
+    ///     Any other source, or an invalid argument.
+    #[doc = section!(Warns)]
+    /// ModelWarning
+    ///     Contacts, limits of tendons and ball joints, air and soft equality constraints, which are omitted.
+    /// MeshWarning
+    ///     Missing files on which no inertia depends.
+    /// MimicWarning
+    ///     A joint that an ignored equality constraint couples linearly.
+    #[doc = section!(Notes)]
+    /// Joints and bodies keep their names and order. A joint whose anchor is not at the origin of its body, or that is
+    /// not the last of its body, moves a link "body/joint". Named sites become links that are fixed to their bodies.
+    /// Unnamed bodies and joints are named "body3", "joint0" and so on; a name that exists gets "_" appended, a site
+    /// with the name of a body "/site".
     ///
-    /// source: a path of MJCF, URDF or .mjb, as MuJoCo reads them, XML, mujoco.MjModel or mujoco.MjSpec. gravity: (3,), m/s^2; None: the model's. strict: what is
-    /// warned about raises. leave_out: as in Scene.from_urdf. ignore: names of parts of the model to omit, without a warning: "actuators" (armature and damping of those
-    /// that do not act on a hinge or slide), "armature" and "friction" (of free joints), "contacts", "equality", "flexes", "fluid", "gravcomp", "limits" (of ball
-    /// joints), "mocap", "nonlinear" (springs, damping, plasticity), "plugins", "softness" (of equality constraints) and "tendons".
-    ///
-    /// Joints and bodies keep their names and order; a joint whose anchor is off its body's origin, or that is not its body's last, moves a link
-    /// "body/joint". Sites with names become links that are fixed to their bodies. Bodies and joints without a name get "body3", "joint0" and so on; where the file has such a name, or a
-    /// site has that of a body, "_" is appended or "/site". phipsi.mujoco converts states and forces: the conventions differ at ball and free joints.
-    ///
-    /// Equality constraints connect, weld and joint (linear) become connections, by their names or "equality 0" and so on; they are rigid: solref and solimp are
-    /// not read, neither are those of limits and friction. Armature and damping of actuators are added to those of their joint, times the square of the gear ratio; their
-    /// forcerange gives the joint's effort limit. Stops are at range, moved inward by margin. Controls, sensors and the integrator are not read.
-    ///
-    /// Raises SceneError for a model that cannot be read, and for parts of it that change the motion and that scenes do not have, by name, with the `ignore` that omits them: other
-    /// equality constraints, tendons with springs, losses or armature, gravcomp, a medium denser than air, plugins, deformable objects, nonlinear springs and damping, springs, friction
-    /// and armature of free joints, mocap bodies that carry or hold others. Raises ImportError without the extra; ArgumentError for other sources. Warns ModelWarning for contacts, limits of
-    /// tendons and ball joints, air and soft equality constraints, which are omitted; MeshWarning for missing files that no inertia depends on; otherwise as SceneBuilder.build does, with
-    /// MimicWarning for joints that an ignored equality ties linearly.
+    /// The equality constraints connect, weld and joint (linear) become rigid connections with their names or "equality
+    /// 0" and so on; solref and solimp are not read. Armature and damping of actuators are added to those of their
+    /// joint, times the square of the gear ratio; their forcerange is the effort limit. Stops are at range, moved
+    /// inward by margin. Controls, sensors and the integrator are not read.
+    #[doc = section!(Examples)]
+    /// >>> text = '''<mujoco><worldbody><body name="rod"><joint name="hinge" type="hinge" axis="0 1 0"/>
+    /// ... <geom type="capsule" fromto="0 0 0 0 0 -1" size="0.05"/></body></worldbody></mujoco>'''
+    /// >>> scene = phipsi.Scene.from_mujoco(text, ignore=["contacts"])
+    /// >>> scene.joint_names
+    /// ('hinge',)
     #[staticmethod]
     #[pyo3(signature = (source, *, gravity=None, strict=false, leave_out=None, ignore=None),
            text_signature = "(source, *, gravity=None, strict=False, leave_out=None, ignore=())")]
@@ -164,16 +228,35 @@ impl PyScene {
         imported!(py, "phipsi.mujoco", "read")?.call1((source, gravity, strict, leave_out, ignored))
     }
 
-    /// The scene of a Pinocchio model: its joints, inertias, armature, damping, dry friction, limits and gravity.
-    ///
-    /// model: pinocchio.Model. gravity: (3,), m/s^2; None: the model's. strict: unphysical inertias raise instead of warning. leave_out: as in Scene.from_urdf.
-    ///
-    /// Joints keep their names, bodies those of their frames, in depth-first order. phipsi.pinocchio takes states from Pinocchio's conventions to phipsi's and
-    /// back. A body that is fixed to another keeps its frame; its mass is in the other one, as Pinocchio has it.
-    ///
-    /// Raises SceneError, naming the joint, for composite and mimic joints, for those of Euler angles, and for planar joints with armature or friction (Pinocchio applies
-    /// them along axes of the body, phipsi along those of the parent); ImportError without Pinocchio; ArgumentError for
-    /// what is no model. Warns as SceneBuilder.build does.
+    /// Create the scene of a Pinocchio model: joints, inertias, armature, damping, dry friction, limits and gravity.
+    #[doc = section!(Parameters)]
+    /// model : pinocchio.Model
+    ///     The model.
+    /// gravity : (3,) array_like, optional
+    ///     Gravity in the base frame, m/s^2; by default that of the model.
+    /// strict : bool, default False
+    ///     If true, unphysical inertias raise instead of warning.
+    #[doc = entries!(leave_out)]
+    #[doc = section!(Returns)]
+    /// scene : Scene
+    ///     The robot. phipsi.pinocchio converts states between the conventions.
+    #[doc = section!(Raises)]
+    /// SceneError
+    ///     Composite and mimic joints, joints with Euler angles, and planar joints with armature or friction, which
+    ///     Pinocchio applies along axes of the body and phipsi along axes of the parent. The message names the joint.
+    /// ImportError
+    ///     Pinocchio is not installed.
+    /// ArgumentError
+    ///     An object that is not a model, or an invalid argument.
+    #[doc = section!(Notes)]
+    /// Joints keep their names, bodies have the names of their frames, in depth-first order. A body that is fixed to
+    /// another body keeps its frame; its mass is part of the other body, as in Pinocchio. Warnings are those of
+    /// SceneBuilder.build.
+    #[doc = section!(Examples)]
+    /// >>> import pinocchio
+    /// >>> model = pinocchio.buildModelFromXML(phipsi.BUNDLED_ARM)
+    /// >>> phipsi.Scene.from_pinocchio(model).nv
+    /// 6
     #[staticmethod]
     #[pyo3(signature = (model, *, gravity=None, strict=false, leave_out=None),
            text_signature = "(model, *, gravity=None, strict=False, leave_out=None)")]
@@ -187,7 +270,7 @@ impl PyScene {
         imported!(py, "phipsi.pinocchio", "read")?.call1((model, gravity, strict, leave_out))
     }
 
-    /// The file, URDF or MJCF, that the scene comes from, a pathlib.Path; None where it comes from text or code.
+    /// URDF or MJCF file of the scene, a pathlib.Path; None for a scene from text or code.
     #[getter]
     fn file(&self) -> Option<&Path> {
         self.scene.source().file()
@@ -199,7 +282,7 @@ impl PyScene {
         self.scene.nq()
     }
 
-    /// Armature of each degree of freedom, (nv,), kg m^2 or kg; a copy. It is the variance of the measurement noise.
+    /// Armature of each degree of freedom, (nv,), kg m^2 or kg, a copy: the variance of the measurement noise.
     #[getter]
     fn armature<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         let armature = self.properties_of_scene(&Properties::of(&self.scene)).armature;
@@ -212,7 +295,7 @@ impl PyScene {
         self.scene.nv()
     }
 
-    /// Names of the movable joints, in the order of q; the free joint of a floating base is the first, "root_joint".
+    /// Names of the movable joints in the order of q; the free joint of a floating base is the first, "root_joint".
     #[getter]
     fn joint_names<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
         PyTuple::new(py, self.scene.joints().iter().map(|joint| &joint.name).collect::<Vec<_>>())
@@ -224,39 +307,65 @@ impl PyScene {
         PyTuple::new(py, self.scene.joints().iter().map(|joint| &joint.child).collect::<Vec<_>>())
     }
 
-    /// Names of all links, depth first, those on fixed joints included.
+    /// Names of all links in depth-first order, including links on fixed joints.
     #[getter]
     fn link_names<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
         PyTuple::new(py, self.scene.links().iter().map(|link| &link.name).collect::<Vec<_>>())
     }
 
-    /// Gravity in the base frame, (3,), m/s^2; a copy.
+    /// Gravity in the base frame, (3,), m/s^2, a copy.
     #[getter]
     fn gravity<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         output::from_numbers(py, self.scene.model().gravity.as_slice(), &[3])
     }
 
-    /// Where a joint is in q, a slice.
-    ///
-    /// Raises ArgumentError, with the names that there are, for an unknown joint.
+    /// Slice of the coordinates of a joint in q.
+    #[doc = section!(Parameters)]
+    /// joint : str
+    ///     Name of a movable joint.
+    #[doc = section!(Returns)]
+    /// slice
+    ///     Position in q.
+    #[doc = raises!(unknown)]
+    #[doc = section!(Examples)]
+    /// >>> phipsi.scenes.chain(3).q_index("j1")
+    /// slice(1, 2, 1)
     #[pyo3(signature = (joint, /))]
     fn q_index<'py>(&self, py: Python<'py>, joint: &str) -> PyResult<Bound<'py, PySlice>> {
         slice(py, &self.scene.joint(joint)?.q)
     }
 
-    /// Where a joint is in qd, qdd and tau, a slice.
-    ///
-    /// Raises ArgumentError, with the names that there are, for an unknown joint.
+    /// Slice of the degrees of freedom of a joint in qd, qdd and tau.
+    #[doc = section!(Parameters)]
+    /// joint : str
+    ///     Name of a movable joint.
+    #[doc = section!(Returns)]
+    /// slice
+    ///     Position in qd, qdd and tau.
+    #[doc = raises!(unknown)]
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM, floating_base=True)
+    /// >>> scene.q_index("joint1"), scene.v_index("joint1")
+    /// (slice(7, 8, 1), slice(6, 7, 1))
     #[pyo3(signature = (joint, /))]
     fn v_index<'py>(&self, py: Python<'py>, joint: &str) -> PyResult<Bound<'py, PySlice>> {
         slice(py, &self.scene.joint(joint)?.v)
     }
 
-    /// A new scene with the named joints fixed where q, (nq,), has them; names of links stay.
-    ///
-    /// What is locked is folded into the bodies around it and costs nothing. Locking "root_joint" gives a fixed base.
-    ///
-    /// Raises ArgumentError for an unknown joint; ShapeError, NotFiniteError or ArgumentError for a bad q.
+    /// Create a scene in which joints are fixed at their coordinates in q; the names of links remain.
+    #[doc = section!(Parameters)]
+    /// joints : iterable of str
+    ///     Names of movable joints. "root_joint" fixes a floating base.
+    /// q : (nq,) array_like
+    ///     Joint positions, rad or m; only those of the locked joints matter.
+    #[doc = section!(Returns)]
+    /// scene : Scene
+    ///     The scene without these joints, whose bodies are merged: locked joints cost nothing.
+    #[doc = raises!(arguments)]
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3).lock(["j1"], [0.0, 0.5, 0.0])
+    /// >>> scene.joint_names
+    /// ('j0', 'j2')
     fn lock(&self, py: Python<'_>, joints: &Object<'_>, q: &Object<'_>) -> PyResult<Self> {
         let names = names("joints", joints, "a list of joint names")?;
         let q = input::state("q", q, self.coordinates())?;
@@ -265,33 +374,71 @@ impl PyScene {
         Ok(Self::new(if self.size() < WORTH_DETACHING { lock()? } else { detached_checked(py, lock)? }))
     }
 
-    /// The scene as URDF, which from_urdf reads back to the same numbers but for the rounding of angles; a str.
-    ///
-    /// path: a file to write it to; None: none. name: of the robot. The free joint of a floating base is not written: read it with floating_base=True. Armature,
-    /// stiffness and rest are attributes of <dynamics>, which other programs pass over. Shapes are those of the scene's file, where it is a URDF that is still there. A revolute joint without limits is written as
-    /// continuous.
-    ///
-    /// Raises ArgumentError for what URDF cannot hold, by name: connections, contacts, screw and universal joints, springs at joints of several coordinates, losses of a
-    /// floating base.
+    /// Write the scene as URDF, which from_urdf reads back to the same numbers, apart from the rounding of angles.
+    #[doc = section!(Parameters)]
+    /// path : str or os.PathLike, optional
+    ///     File to write. None: no file.
+    /// name : str, default "robot"
+    ///     Name of the robot.
+    #[doc = section!(Returns)]
+    /// text : str
+    ///     The URDF.
+    #[doc = section!(Raises)]
+    /// ArgumentError
+    ///     Parts that URDF cannot represent: connections, contacts, screw and universal joints, springs of joints with
+    ///     several coordinates, losses of a floating base. The message names the part.
+    #[doc = section!(Notes)]
+    /// The free joint of a floating base is not written: read the file with floating_base=True. Armature, stiffness and
+    /// rest are attributes of <dynamics>, which other programs ignore. Shapes are copied from the URDF of the scene if
+    /// it still exists. A revolute joint without limits is written as continuous.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> copy = phipsi.Scene.from_urdf(scene.to_urdf())
+    /// >>> copy.joint_names == scene.joint_names
+    /// True
     #[pyo3(signature = (path=None, *, name="robot"))]
     fn to_urdf<'py>(slf: &Bound<'py, Self>, path: Option<&Object<'py>>, name: &str) -> PyResult<Object<'py>> {
         imported!(slf.py(), "phipsi._urdf", "to_urdf")?.call1((slf, path, name))
     }
 
-    /// Shows the robot in a browser: one pose with a slider a joint, or a motion with a play button. Needs phipsi[view].
-    ///
-    /// motion: None, the neutral configuration; (nq,), a configuration; (k, nq), configurations at the times t, (k,), s; or a Trajectory of one state.
-    /// forces: (at, force), (k, n, 3) each, arrows at points in the base frame, m, and N; None: those of the contacts or connections of a Trajectory, where
-    /// they are known. They are drawn to scale, with one on the ground that says how many newtons it is.
-    /// urdf: the file whose meshes are drawn; None: the one that the scene was read from. Links without a shape there are drawn as capsules of their
-    /// inertia. to: a file (.html or .htm) that gets the page, which holds all it needs and opens without phipsi or a network; nothing is served then. port: of
-    /// 127.0.0.1; 0: any that is free. title: of the panel. browser: whether to open one.
-    ///
-    /// Returns a phipsi.view.Viewer: update(q) moves the robot, wait() keeps a script going, close() ends it; with `to` the path of the page.
-    ///
-    /// Raises ImportError without the extra; ShapeError, NotFiniteError, ArgumentError. Warns MeshWarning where a mesh is not found.
+    /// Show a configuration or a motion of the robot in a browser; needs the extra phipsi[view].
+    #[doc = section!(Parameters)]
+    /// motion : (nq,) or (k, nq) array_like, or Trajectory, optional
+    ///     A configuration, configurations at the times t, or a trajectory of one state. None: the neutral
+    ///     configuration.
+    /// t : (k,) array_like, optional
+    ///     Times of the configurations, s.
+    /// forces : tuple of two (k, n, 3) array_like, optional
+    ///     (at, force): arrows at points in the base frame, m and N, drawn to scale. None: those of the contacts or
+    ///     connections of a Trajectory, if known.
+    /// urdf : str or os.PathLike, optional
+    ///     File whose meshes are drawn. None: that of the scene. Links without a shape are drawn as capsules of their
+    ///     inertia.
+    /// to : str or os.PathLike, optional
+    ///     File (.html or .htm) for a self-contained page. Nothing is served then.
+    /// port : int, default 0
+    ///     Port on 127.0.0.1; 0 selects a free one.
+    /// title : str, optional
+    ///     Title of the panel.
+    /// browser : bool, default True
+    ///     If true, open a browser.
+    #[doc = section!(Returns)]
+    /// viewer : phipsi.view.Viewer or pathlib.Path
+    ///     update(q) moves the robot, wait() keeps a script running, close() ends it. With `to`, the path of the page.
+    #[doc = section!(Raises)]
+    /// ImportError
+    ///     The extra `view` is not installed.
+    #[doc = entries!(arguments)]
+    #[doc = section!(Warns)]
+    /// MeshWarning
+    ///     A mesh that is not found.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+    /// >>> viewer = scene.show(scene.neutral(), browser=False)
+    /// >>> viewer.close()
     #[pyo3(signature = (motion=None, **how),
-           text_signature = "($self, motion=None, *, t=None, forces=None, urdf=None, to=None, port=0, title=None, browser=True)")]
+           text_signature = "($self, motion=None, *, t=None, forces=None, urdf=None, to=None, port=0, title=None, \
+                             browser=True)")]
     fn show<'py>(
         slf: &Bound<'py, Self>,
         motion: Option<&Object<'py>>,
@@ -309,12 +456,12 @@ impl PyScene {
         Ok((rebuild, (Description::of(slf.get().scene.source())?,)))
     }
 
-    /// The scene itself: it cannot change.
+    /// The scene itself, because it is immutable.
     fn __copy__(slf: Py<Self>) -> Py<Self> {
         slf
     }
 
-    /// The scene itself: it cannot change.
+    /// The scene itself, because it is immutable.
     #[pyo3(signature = (memo, /))]
     fn __deepcopy__(slf: Py<Self>, memo: &Object<'_>) -> Py<Self> {
         let _ = memo;
@@ -322,7 +469,7 @@ impl PyScene {
     }
 }
 
-/// Where a scene comes from.
+/// Source of a scene.
 enum Source {
     Text(String),
     File(PathBuf),
@@ -333,7 +480,7 @@ impl Source {
         if let Ok(text) = source.extract::<std::borrow::Cow<'_, str>>()
             && text.trim_start_matches('\u{feff}').trim_start().starts_with('<')
         {
-            // Whole, so that lines are counted as the user counts them.
+            // The text is not stripped, so that line numbers in messages are those of the user.
             return Ok(Self::Text(text.into_owned()));
         }
         if let Ok(path) = source.extract::<PathBuf>() {
@@ -348,7 +495,8 @@ fn slice<'py>(py: Python<'py>, range: &std::ops::Range<usize>) -> PyResult<Bound
     Ok(PySlice::new(py, isize::try_from(range.start)?, isize::try_from(range.end)?, 1))
 }
 
-/// Builds a scene from what Scene.__reduce__ gave; without warnings, which the first building issued.
+/// Rebuilds a scene from the result of Scene.__reduce__, without the warnings, which were issued when it was first
+/// built.
 #[pyfunction]
 #[pyo3(name = "_rebuild_scene", signature = (description, /))]
 pub(super) fn rebuild_scene(py: Python<'_>, description: &Object<'_>) -> PyResult<PyScene> {
@@ -356,7 +504,8 @@ pub(super) fn rebuild_scene(py: Python<'_>, description: &Object<'_>) -> PyResul
     Ok(PyScene::new(detached_checked(py, || description.builder()?.build())?))
 }
 
-/// An argument of a method written in Python as float64, of any shape: its last axis of q's entries or qd's where a scene is given.
+/// Reads an argument of a method written in Python as float64, of any shape; with a scene, the last axis has the
+/// entries of q or qd.
 #[pyfunction]
 #[pyo3(name = "_numbers", signature = (name, value, scene=None, coordinates=false, /))]
 pub(super) fn numbers<'py>(

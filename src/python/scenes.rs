@@ -1,4 +1,4 @@
-//! The scenes that ship with the library, for `phipsi.scenes`.
+//! The scenes of the library, for `phipsi.scenes`.
 
 use super::counts::{count, number};
 use super::interrupts::detached_checked;
@@ -12,7 +12,7 @@ use pyo3::types::PyTuple;
 /// Scene, q, qd, tau, name, value, parameter, values.
 type Case<'py> = (PyScene, Object<'py>, Object<'py>, Object<'py>, &'static str, f64, &'static str, Bound<'py, PyTuple>);
 
-/// The extreme case of that name, as (scene, q, qd, tau, name, value, parameter, values); see phipsi.scenes.extreme.
+/// Extreme case as (scene, q, qd, tau, name, value, parameter, values); see phipsi.scenes.extreme.
 #[pyfunction(name = "extreme")]
 #[pyo3(signature = (name, value, bodies, seed))]
 pub(super) fn extreme_case<'py>(
@@ -31,13 +31,13 @@ pub(super) fn extreme_case<'py>(
     Ok((PyScene::new(case.scene), q, qd, tau, case.name, case.value, case.parameter, values))
 }
 
-/// The names of the extreme cases.
+/// Names of the extreme cases; see phipsi.scenes.names.
 #[pyfunction(name = "extreme_names")]
 pub(super) fn extreme_names(py: Python<'_>) -> PyResult<Bound<'_, PyTuple>> {
     PyTuple::new(py, scenes::names())
 }
 
-/// A chain of n equal links; see phipsi.scenes.chain.
+/// Chain of n equal links; see phipsi.scenes.chain.
 #[pyfunction(name = "chain")]
 #[pyo3(signature = (n))]
 pub(super) fn chain_of(py: Python<'_>, n: &Object<'_>) -> PyResult<PyScene> {

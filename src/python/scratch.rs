@@ -1,4 +1,4 @@
-//! What a thread needs to evaluate states, kept between calls.
+//! Workspaces of a thread, reused between calls.
 
 use crate::batch::evaluator::{Evaluated, Evaluator};
 use crate::dynamics::derivatives::HessianScratch;
@@ -14,9 +14,9 @@ use numpy::Element;
 /// Forces on the bodies of one state.
 pub(super) type Forces = Vec<SpatialVector<f64>>;
 
-/// Scratch of all methods; most of it is made when it is first needed.
+/// Workspaces of all methods; most of them are allocated on first use.
 pub(super) struct Scratch {
-    /// Per-body arrays of the recursions; the kernels are the evaluators'.
+    /// Arrays per body of the general recursions; the evaluators have those of the kernels.
     pub workspace: Workspace<f64>,
     /// For estimation only.
     pub estimation: Option<Estimation>,
@@ -26,14 +26,14 @@ pub(super) struct Scratch {
     constraints: Option<ConstraintScratch>,
     /// For Hessians only.
     hessians: Option<HessianScratch>,
-    /// What runs the kernels in lanes, of float64 and of float32.
+    /// Evaluators of the vectorized kernels, for float64 and float32.
     pub evaluator: Option<Evaluator>,
     evaluator_f32: Option<Evaluator<f32>>,
-    /// Forces on bodies of as many states as there are lanes; empty without wrenches.
+    /// Forces on bodies for one state per lane; empty without wrenches.
     pub forces: Vec<Forces>,
-    /// Results of one state, on their way to an array.
+    /// Results of one state, before they are copied to an array.
     pub results: Vec<f64>,
-    /// Where links are that a call asks for.
+    /// Poses of the links of a call.
     pub placements: Vec<RigidShift<f64>>,
 }
 
@@ -55,7 +55,7 @@ impl Scratch {
 }
 
 impl Scratch {
-    /// For a call through connections, in this form.
+    /// Workspaces for a call with connections, in this form.
     pub fn through_connections(
         &mut self,
         scene: &Scene,
@@ -66,16 +66,16 @@ impl Scratch {
         (&mut self.workspace, rows, &self.forces[0])
     }
 
-    /// For a call on Hessians.
+    /// Workspaces for a call on Hessians.
     pub fn for_hessians(&mut self, scene: &Scene) -> (&mut Workspace<f64>, &mut HessianScratch, &Forces) {
         let hessians = self.hessians.get_or_insert_with(|| scene.hessian_scratch());
         (&mut self.workspace, hessians, &self.forces[0])
     }
 }
 
-/// A dtype that the algorithms in lanes compute in.
+/// Scalar type of the vectorized algorithms.
 pub(super) trait Dtype: Evaluated + Element {
-    /// What runs them, and the forces on bodies of the states at hand.
+    /// The evaluator, and the forces on bodies of the current states.
     fn parts(scratch: &mut Scratch) -> (&mut Option<Evaluator<Self>>, &mut [Forces]);
 }
 
@@ -91,12 +91,12 @@ impl Dtype for f32 {
     }
 }
 
-/// What a thread keeps for estimation.
+/// Workspace of a thread for estimation.
 pub(super) struct Estimation {
     pub scratch: EstimateScratch<f64>,
     pub estimate: Estimate<f64>,
     pub covariance: EstimateCovariance<f64>,
-    /// Noise of the state at hand, infinite where not measured.
+    /// Noise of the current state; infinite: not measured.
     pub noise: Vec<f64>,
 }
 

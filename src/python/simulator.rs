@@ -1,4 +1,4 @@
-//! The class `Simulator`: states that go on call by call, with scratch of their own.
+//! The class `Simulator`: states that are advanced call by call, with their own workspaces.
 
 use super::contacts::{OF_CONTACT, contact_motion, reports};
 use super::control::{Pd, everyone};
@@ -27,7 +27,7 @@ use std::borrow::Borrow;
 use std::sync::{Mutex, MutexGuard, TryLockError};
 use std::time::Instant;
 
-/// How many steps, as given.
+/// Number of steps, as given.
 #[derive(Clone, Copy)]
 struct Steps(usize);
 
@@ -39,7 +39,7 @@ impl<'py> FromPyObject<'_, 'py> for Steps {
     }
 }
 
-/// The scene of a simulator, whose Python object it keeps alive.
+/// The scene of a simulator, as a reference to its Python object.
 pub(super) struct Held(Py<PyScene>);
 
 impl Borrow<Scene> for Held {
@@ -48,19 +48,26 @@ impl Borrow<Scene> for Held {
     }
 }
 
-/// What a state has of configurations, or of rates.
+/// Accessor of the configuration or the joint velocities of a state.
 type Part = for<'a> fn(&'a Simulator<Held>, usize) -> &'a [f64];
 
 const CONFIGURATION: Part = |moving, state| moving.state(state).0;
 const RATES: Part = |moving, state| moving.state(state).1;
 
-/// States that are advanced call by call: what a controller, a learner or a game loop steps.
+/// States that are advanced by calls of step, for controllers, learning and real-time loops.
 ///
-/// Made by Scene.simulator. A step has the bits that it has in Scene.simulate, however steps are cut into calls, and whatever states are beside it.
-/// Scratch is kept between steps. The batch, (...), has the axes that q, qd and the targets of pd broadcast to; large ones run in lanes and on threads.
+/// Create it with Scene.simulator. The batch has the axes to which q, qd and the targets of pd broadcast; large
+/// batches are vectorized and run on threads. Results are bit-identical to those of Scene.simulate, for any
+/// division of the steps into calls and any batch. Intermediate results are preallocated.
 ///
-/// One call at a time: while one is under way, others on the same simulator (of other threads, or of a signal handler) raise ArgumentError. Copies and
-/// pickles are simulators of their own, at the same state, which go on with the same bits.
+/// During a call, other calls on the same simulator raise ArgumentError. Copies and pickles are independent
+/// simulators at the same state.
+#[doc = section!(Examples)]
+/// >>> simulator = phipsi.scenes.chain(3).simulator([0.3, 0.2, 0.1], dt=1e-3)
+/// >>> for step in range(10):
+/// ...     simulator.step(tau=-0.1 * simulator.qd)
+/// >>> np.isclose(simulator.t, 0.01)
+/// np.True_
 #[pyclass(frozen, name = "Simulator", module = "phipsi")]
 pub(crate) struct PySimulator {
     pub(super) scene: Py<PyScene>,
@@ -68,48 +75,41 @@ pub(crate) struct PySimulator {
     dt: f64,
     method: Method,
     conserve_momentum: bool,
-    /// Nobody waits for it: who finds it taken is refused.
+    /// The lock never blocks: a call that finds it taken raises.
     moving: Mutex<Simulator<Held>>,
 }
 
 #[pymethods]
 impl PyScene {
-    /// Creates a simulator: states that are advanced call by call, as a controller or a learner does.
-    ///
-    /// Parameters
-    /// ----------
-    /// q : (..., nq)
-    ///     Configurations at the start.
-    /// qd : (..., nv), optional
-    ///     Joint velocities at the start; zero by default. Leading axes broadcast to those of the batch.
+    /// Create a Simulator: one state or a batch that is advanced call by call.
+    #[doc = section!(Parameters)]
+    /// q : (..., nq) array_like
+    ///     Joint positions at the start, rad or m.
+    /// qd : (..., nv) array_like, optional
+    ///     Joint velocities at the start, rad/s or m/s; zero by default.
     /// dt : float
     ///     Step, s.
-    /// method, pd, armature, damping, stiffness, rest, friction, friction_speed, form, tolerance, conserve_momentum, baumgarte, compliance, limits, restitution, accuracy
+    /// method, pd, armature, damping, stiffness, rest, friction, friction_speed, form, tolerance, conserve_momentum
     ///     As in simulate, for all steps.
-    ///
-    /// Returns
-    /// -------
-    /// Simulator
-    ///     Simulator.step(tau) costs one forward dynamics per stage, and some tenths of a microsecond.
-    ///
-    /// Raises
-    /// ------
-    /// OutOfMemoryError, ShapeError, NotFiniteError, ArgumentError
-    ///     Each names the argument and the state.
-    ///
-    /// Examples
-    /// --------
-    /// >>> import phipsi
+    /// baumgarte, compliance, limits, restitution, accuracy
+    ///     As in simulate, for all steps.
+    #[doc = section!(Returns)]
+    /// simulator : Simulator
+    ///     step(tau) costs one forward dynamics per stage and some tenths of a microsecond.
+    #[doc = raises!(memory arguments)]
+    #[doc = section!(Examples)]
     /// >>> simulator = phipsi.scenes.chain(3).simulator([0.3, 0.2, 0.1], dt=1e-3)
     /// >>> simulator.step(steps=10)
     /// >>> simulator.steps
     /// 10
-    #[pyo3(signature = (q, qd=None, *, dt, method=None, pd=None, armature=None, damping=None, stiffness=None, rest=None,
-                        friction=None, friction_speed=None, form="auto", tolerance=None, conserve_momentum=false, baumgarte=None, compliance=None, limits=None,
-                        restitution=0.0, accuracy=None),
-           text_signature = "($self, q, qd=None, *, dt, method='auto', pd=None, armature=None, damping=None, stiffness=None, \
-                             rest=None, friction=None, friction_speed=None, form='auto', tolerance=None, conserve_momentum=False, baumgarte=None, compliance=None, \
-                             limits=None, restitution=0.0, accuracy=None)")]
+    #[pyo3(signature = (q, qd=None, *, dt, method=None, pd=None, armature=None, damping=None, stiffness=None,
+                        rest=None, friction=None, friction_speed=None, form="auto", tolerance=None,
+                        conserve_momentum=false, baumgarte=None, compliance=None, limits=None, restitution=0.0,
+                        accuracy=None),
+           text_signature = "($self, q, qd=None, *, dt, method='auto', pd=None, armature=None, damping=None, \
+                             stiffness=None, rest=None, friction=None, friction_speed=None, form='auto', \
+                             tolerance=None, conserve_momentum=False, baumgarte=None, compliance=None, limits=None, \
+                             restitution=0.0, accuracy=None)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulator<'py>(
         slf: &Bound<'py, Self>,
@@ -178,7 +178,7 @@ impl PyScene {
 }
 
 impl PyScene {
-    /// A state as given, rates or zero, as the tree has it.
+    /// Reads a state, with joint velocities or zero, and converts it to the tree.
     fn state_of_tree<'py>(
         &self,
         py: Python<'py>,
@@ -189,26 +189,26 @@ impl PyScene {
         Ok([q, self.on_tree(py, self.rates_or_rest(py, qd)?, Coupling::rates)?])
     }
 
-    /// Rates as given, or zero.
+    /// Reads joint velocities, or returns zero.
     fn rates_or_rest<'py>(&self, py: Python<'py>, qd: Option<&Object<'py>>) -> PyResult<Input<'py>> {
         qd.map_or_else(|| Input::filled(py, "qd", 0.0, self.scene.nv()), |qd| self.rate("qd", qd))
     }
 }
 
 impl PySimulator {
-    /// The states, for one call.
+    /// Locks the states for one call.
     pub(super) fn moving(&self) -> Result<MutexGuard<'_, Simulator<Held>>, Error> {
         match self.moving.try_lock() {
             Ok(moving) => Ok(moving),
             Err(TryLockError::Poisoned(poisoned)) => Ok(poisoned.into_inner()),
             Err(TryLockError::WouldBlock) => {
-                let expected = "one call at a time; copy.copy(simulator) gives each thread its own";
-                Err(Error::argument("simulator", "another call on it that is under way", expected))
+                let expected = "one call at a time; copy.copy(simulator) creates an independent one";
+                Err(Error::argument("simulator", "a call during another call on the same simulator", expected))
             }
         }
     }
 
-    /// One array of every state, (..., width), with these axes between.
+    /// Array of one part of every state, with the given axes between batch and width.
     fn of_all<'py>(
         &self,
         py: Python<'py>,
@@ -226,7 +226,7 @@ impl PySimulator {
         own.of_scene(output.finish().into_any(), is_rate)
     }
 
-    /// Makes the steps; long ones without the GIL, in blocks between which signals are looked at.
+    /// Advances all states; long runs release the GIL and check for signals between blocks.
     fn advance(&self, py: Python<'_>, torque: &Torque<'_>, steps: usize) -> PyResult<()> {
         let mut moving = self.moving()?;
         let moving = &mut *moving;
@@ -242,7 +242,7 @@ impl PySimulator {
         Err(stopped.raise(py, &now, &self.batch)?)
     }
 
-    /// The contacts of all states now, with these axes between; none without.
+    /// Current contacts of all states, with the given axes after the batch; None without contacts.
     fn contacts_now<'py>(
         &self,
         py: Python<'py>,
@@ -259,7 +259,7 @@ impl PySimulator {
         contact_motion(self.scene.bind(py), rows, told).map(Some)
     }
 
-    /// The states now as a trajectory of one row.
+    /// Current states as a trajectory of one row.
     fn now<'py>(&self, py: Python<'py>, moving: &Simulator<Held>) -> PyResult<Object<'py>> {
         let fields = about(self.scene.bind(py), &moving.settings())?;
         fields.set_item("steps", moving.steps())?;
@@ -278,7 +278,7 @@ impl PySimulator {
     }
 }
 
-/// All steps, in blocks that take about as long as signals may wait.
+/// Runs all steps in blocks of about the time between two checks for signals.
 fn in_blocks(py: Python<'_>, moving: &mut Simulator<Held>, torque: &Torque<'_>, steps: usize) -> Result<(), Stopped> {
     let mut blocks = Blocks::new();
     let end = moving.steps() + steps;
@@ -294,22 +294,33 @@ fn in_blocks(py: Python<'_>, moving: &mut Simulator<Held>, torque: &Torque<'_>, 
 
 #[pymethods]
 impl PySimulator {
-    /// Makes steps of dt in all states, tau held over them.
-    ///
-    /// tau: (nv,), or (..., nv) with axes that broadcast to the batch, N m or N; None: zero. steps: how many.
-    ///
-    /// Returns nothing: q, qd and t are the new state.
-    ///
-    /// Raises SimulationError where motion diverges or a pivot is lost, with .step, .joint, .state and .trajectory, whose one row is the state now:
-    /// all states, and their times, are after the last step that all of them finished. reset(q, qd, states=error.state) lets the others go on.
-    /// Raises SimulationInterrupted (a KeyboardInterrupt) on Ctrl-C, likewise; ShapeError, NotFiniteError, ArgumentError, after which nothing has moved.
+    /// Advance all states by steps of dt, with constant joint torques.
+    #[doc = section!(Parameters)]
+    /// tau : (..., nv) array_like, optional
+    ///     Joint torques, N m or N, which broadcast to the batch. None: zero.
+    /// steps : int, default 1
+    ///     Number of steps.
+    #[doc = section!(Raises)]
+    /// SimulationError
+    ///     The motion diverges or a pivot is lost. .step, .joint, .state and .trajectory (one row) describe it. All
+    ///     states are at the last step that all of them finished; reset(q, qd, states=error.state) lets the others
+    ///     continue.
+    /// SimulationInterrupted
+    ///     Ctrl-C (a KeyboardInterrupt), likewise.
+    /// ShapeError, NotFiniteError, ArgumentError
+    ///     An invalid argument; no state has moved.
+    #[doc = section!(Examples)]
+    /// >>> simulator = phipsi.scenes.chain(3).simulator([0.3, 0.2, 0.1], dt=1e-3)
+    /// >>> simulator.step([0.5, 0.0, 0.0], steps=100)
+    /// >>> bool(simulator.qd[0] > 0.0)
+    /// True
     #[pyo3(signature = (tau=None, steps=Steps(1)), text_signature = "($self, tau=None, steps=1)")]
     fn step(&self, py: Python<'_>, tau: Option<&Object<'_>>, steps: Steps) -> PyResult<()> {
         let Steps(steps) = steps;
         let Some(tau) = tau else { return self.advance(py, &Torque::Zero, steps) };
         let own = self.scene.get();
         let nv = own.scene.nv();
-        // The shortest way, of one torque in a plain array.
+        // The shortest path, for one torque in a plain array.
         if let Some((numbers, _)) = plain(tau, nv).filter(|_| own.scene.coupling().is_none()) {
             check_finite("tau", &numbers)?;
             return self.advance(py, &Torque::Constant(Broadcast::new("tau", &numbers, nv, &[], &self.batch)?), steps);
@@ -320,13 +331,26 @@ impl PySimulator {
         self.advance(py, &Torque::Constant(tau.over(&self.batch)?), steps)
     }
 
-    /// Begins states anew, at time zero; the others stay as they are.
-    ///
-    /// q: (..., nq); qd: (..., nv), zero if not given. states: None for all, or whatever selects states of an array of the batch's shape in NumPy: a
-    /// mask of that shape, an index, a list of them, a slice. q and qd broadcast to what it selects, as in array[states] = q.
-    ///
-    /// Warns (LimitWarning) of joints that begin beyond limits that are stops, as Scene.simulator does. Raises ShapeError, NotFiniteError, ArgumentError, each naming the
-    /// argument and the state; all states are then as they were.
+    /// Set states and their times to a new start; the other states remain.
+    #[doc = section!(Parameters)]
+    /// q : (..., nq) array_like
+    ///     Joint positions, rad or m.
+    /// qd : (..., nv) array_like, optional
+    ///     Joint velocities, rad/s or m/s; zero by default.
+    /// states : optional
+    ///     Selection of states as in array[states] = q: a mask, an index, a list of indices or a slice. None: all.
+    #[doc = raises!(arguments)]
+    #[doc = section!(Warns)]
+    /// LimitWarning
+    ///     Joints that start outside of limits that are stops.
+    #[doc = section!(Notes)]
+    /// If the call raises, all states are unchanged.
+    #[doc = section!(Examples)]
+    /// >>> simulator = phipsi.scenes.chain(3).simulator(np.zeros((4, 3)), dt=1e-3)
+    /// >>> simulator.step(steps=10)
+    /// >>> simulator.reset([0.3, 0.2, 0.1], states=2)
+    /// >>> simulator.t
+    /// array([0.01, 0.01, 0.  , 0.01])
     #[pyo3(signature = (q, qd=None, *, states=None))]
     fn reset<'py>(
         &self,
@@ -351,26 +375,26 @@ impl PySimulator {
         };
         outcome.map_err(|error| fault(py, error, &self.batch))?;
         let warning = guard.limit_warning(chosen.iter().copied());
-        // A handler of warnings can call the simulator.
+        // The lock is released first, because a handler of warnings can call the simulator.
         drop(guard);
         warn_of_limits(py, warning)
     }
 
-    /// Configurations now, (..., nq); a copy.
+    /// Current joint positions, (..., nq), rad or m, a copy.
     #[getter]
     pub(super) fn q<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         let moving = self.moving()?;
         self.of_all(py, &moving, &[], (moving.scene().nq(), CONFIGURATION))
     }
 
-    /// Rates now, (..., nv); a copy.
+    /// Current joint velocities, (..., nv), rad/s or m/s, a copy.
     #[getter]
     pub(super) fn qd<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         let moving = self.moving()?;
         self.of_all(py, &moving, &[], (moving.scene().nv(), RATES))
     }
 
-    /// How long each state has moved since it began or was reset, (...), s: a number for one state, else an array, a copy.
+    /// Time since the start or last reset of each state, (...), s: a float for one state, otherwise an array.
     #[getter]
     fn t<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         let moving = self.moving()?;
@@ -381,55 +405,60 @@ impl PySimulator {
         times.finish_or_scalar()
     }
 
-    /// How many steps were made, resets or not.
+    /// Number of steps since the creation of the simulator; reset does not change it.
     #[getter]
     fn steps(&self) -> PyResult<usize> {
         Ok(self.moving()?.steps())
     }
 
-    /// The step, s.
+    /// Step, s.
     #[getter]
     fn dt(&self) -> f64 {
         self.dt
     }
 
-    /// How states are advanced, one of the names that Scene.simulate has for it.
+    /// Integration method, one of the names of Scene.simulate.
     #[getter]
     fn method(&self) -> &'static str {
         self.method.name()
     }
 
-    /// The scene that moves.
+    /// Scene that is simulated.
     #[getter]
     fn scene(&self, py: Python<'_>) -> Py<PyScene> {
         self.scene.clone_ref(py)
     }
 
-    /// The axes of the batch; () for one state.
+    /// Shape of the batch; () for one state.
     #[getter]
     fn batch<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
         PyTuple::new(py, &self.batch)
     }
 
-    /// Returns the impacts of joints on their stops since the last call, and forgets them.
-    ///
-    /// Returns
-    /// -------
-    /// list of StopImpact
-    ///     By state and time; times are those of each state.
+    /// Return the impacts of joints on their stops since the last call, and clear the list.
+    #[doc = section!(Returns)]
+    /// stops : list of StopImpact
+    ///     Sorted by state and time; times are those of each state.
+    #[doc = section!(Examples)]
+    /// >>> builder = phipsi.SceneBuilder().link("rail").link("cart", mass=1.0)
+    /// >>> scene = builder.joint("x", "prismatic", "rail", "cart", axis=(1, 0, 0), upper=0.5).build()
+    /// >>> simulator = scene.simulator([0.0], [1.0], dt=0.01)
+    /// >>> simulator.step(steps=100)
+    /// >>> [(stop.joint, stop.limit, round(stop.speed, 3)) for stop in simulator.take_stops()]
+    /// [('x', 'upper', 1.0)]
     fn take_stops<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         let impacts = self.moving()?.take_impacts();
         stop_impacts(py, &self.batch, self.scene.get(), &impacts)
     }
 
-    /// The contacts now, a ContactMotion: force of the last step, impulse of all impacts since the state began or was reset; None for a scene without contacts.
+    /// Contact forces of the last step and impulses since the start or reset, as ContactMotion; None without contacts.
     #[getter]
     fn contacts<'py>(&self, py: Python<'py>) -> PyResult<Option<Object<'py>>> {
         let moving = self.moving()?;
         self.contacts_now(py, &moving, &[])
     }
 
-    /// The largest corrections that conserve_momentum made in each state since it began or was reset, a MomentumCorrection; None without it.
+    /// Largest corrections by conserve_momentum since the start or reset, as MomentumCorrection; None without it.
     #[getter]
     fn momentum_correction<'py>(&self, py: Python<'py>) -> PyResult<Option<Object<'py>>> {
         if !self.conserve_momentum {
@@ -447,17 +476,17 @@ impl PySimulator {
     }
 }
 
-/// Resets of fewer numbers keep the GIL.
+/// Resets of fewer values keep the GIL.
 const RESET_AT_ONCE: usize = 1_000;
 
 impl PySimulator {
-    /// How many numbers a state has.
+    /// Number of values per state.
     fn width(&self) -> usize {
         let scene = &self.scene.get().scene;
         scene.nq() + scene.nv()
     }
 
-    /// The indices of all states.
+    /// Indices of all states.
     fn every(&self) -> Result<Vec<usize>, Error> {
         let states = self.batch.iter().product();
         let mut every = memory::with_capacity("states", states)?;
@@ -465,7 +494,7 @@ impl PySimulator {
         Ok(every)
     }
 
-    /// The axes and the indices of what `states` selects.
+    /// Axes and indices of the states that `states` selects.
     fn chosen(&self, states: &Object<'_>) -> PyResult<(Vec<usize>, Vec<usize>)> {
         let py = states.py();
         let found = imported!(py, "phipsi._arguments", "states_of")?.call1((states, PyTuple::new(py, &self.batch)?))?;

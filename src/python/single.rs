@@ -1,8 +1,9 @@
-//! One state in plain float64 arrays: the shortest way to the kernel.
+//! One state in plain float64 arrays: the shortest path to the kernel.
 //!
-//! For a small robot the kernel takes less than what a batch needs: axes that broadcast, the account of who borrows which
-//! array, lanes. M of one link takes 0.2 us by this way and 0.45 us as the batch of one, forward dynamics of a chain of seven 0.8 and 1.1 us.
-//! Whatever is not this case, refusals included, is left to [`evaluate`](super::evaluate), and to [`each`](super::each) for what has no kernel in lanes.
+//! For a small robot, the kernel takes less time than the preparation of a batch: broadcasting, borrow tracking of
+//! arrays, lanes. M of one link takes 0.2 us on this path and 0.45 us as a batch of one, forward dynamics of a chain of
+//! seven 0.8 and 1.1 us. All other cases, including invalid arguments, are handled by [`evaluate`](super::evaluate),
+//! and by [`each`](super::each) for methods without a vectorized kernel.
 
 use super::cost::{Cost, WORTH_RELEASING};
 use super::fresh::entries;
@@ -16,13 +17,14 @@ use crate::error::Error;
 use crate::scene::Scene;
 use pyo3::prelude::*;
 
-/// As many numbers are written elsewhere first and copied, which takes less time than keeping account of who borrows an array.
+/// Results of up to this many numbers are written to a buffer and copied, which is faster than tracking the borrow of
+/// an array.
 const COPIED: usize = 1024;
 
 impl PyScene {
-    /// Runs `algorithm` on q, qd and u, as many of them as it takes, into an array of this shape.
+    /// Evaluates `algorithm` at q, qd and u, as many of them as it has, into an array of this shape.
     ///
-    /// None where that is not one plain state, or takes so long (by its `cost`) that the GIL is to be given up.
+    /// None if the arguments are not one plain state, or if the call should release the GIL because of its `cost`.
     pub(super) fn single<'py, const N: usize>(
         &self,
         py: Python<'py>,
@@ -40,7 +42,7 @@ impl PyScene {
         })
     }
 
-    /// The same with any kernel of one state, which gets q, then one or two arrays of rates.
+    /// The same with any kernel of one state, which receives q, then one or two arrays of shape (nv,).
     #[inline(always)] // what the kernel is given would be stored and loaded again
     pub(super) fn single_by<'py, const N: usize>(
         &self,
@@ -56,7 +58,7 @@ impl PyScene {
         }
         let scene = &self.scene;
         let widths = [scene.nq(), scene.nv(), scene.nv()];
-        // What is not given is empty, and has no addresses.
+        // Arguments that are not given are empty and have no addresses.
         let mut arguments = [const { (Vec::new(), 0..0) }; 3];
         for ((argument, value), width) in arguments.iter_mut().zip(given).zip(widths) {
             let Some(found) = plain(value, width) else { return Ok(None) };

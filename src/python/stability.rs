@@ -1,4 +1,4 @@
-//! Exact answers, their sensitivity, and the error and time of each method on one state.
+//! Exact results, their sensitivity, and the error and time of each method on one state.
 
 use super::choice::{Precise, choose, read_precision};
 use super::counts::{count, count_or, number};
@@ -15,13 +15,13 @@ use crate::scalar::{DoubleDouble, Real};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-/// A difference in two norms: the largest over the largest number, and each over its own.
+/// A difference in two norms: the max-norm, and each component relative to its own size.
 type Norms<'py> = (f64, Object<'py>);
 
-/// A quantity of one state in double-double arithmetic, and what is measured against it.
+/// Quantity of one state in double-double arithmetic, and errors measured against it.
 ///
 /// quantity: one of QUANTITIES; q: (nq,), qd: (nv,); u: (nv,), torques, or accelerations for "inverse dynamics".
-/// Raises ArgumentError for an unknown quantity, ShapeError and NotFiniteError for arrays, SingularJointError.
+/// Raises ArgumentError for an unknown quantity, ShapeError and NotFiniteError for arrays, and SingularJointError.
 #[pyclass(frozen, name = "Exact", module = "phipsi._core")]
 pub(crate) struct PyExact {
     scene: Py<PyScene>,
@@ -58,13 +58,13 @@ impl PyExact {
         Ok(Self { scene: scene.clone().unbind(), quantity, q, qd, u, exact })
     }
 
-    /// The answer rounded to float64, (nv,) or (nv * nv,).
+    /// Exact result rounded to float64, (nv,) or (nv * nv,).
     fn toarray<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         let rounded: Vec<f64> = self.exact.values.iter().map(|value| value.lane(0)).collect();
         from_numbers(py, &rounded, &[rounded.len()])
     }
 
-    /// How far numbers of another program are from it, relative: the max-norm, and each component against its own size.
+    /// Relative error of a result of another program: the max-norm, and each component relative to its own size.
     #[pyo3(signature = (found, /))]
     fn difference<'py>(&self, py: Python<'py>, found: &Object<'py>) -> PyResult<Norms<'py>> {
         let found = fixed("found", found, &[self.exact.values.len()])?;
@@ -72,8 +72,10 @@ impl PyExact {
         norms(py, &self.exact.difference(&wide))
     }
 
-    /// The error of one method (one of FORMS; the library's recursion for other quantities than forward dynamics) in
-    /// "float64" or "float32": (max-norm, components, reason); NaN and a reason where the method failed, else None.
+    /// Error of a method in "float64" or "float32": (max-norm, components, reason).
+    ///
+    /// method: one of FORMS; for other quantities than forward dynamics, the recursion of the library. After a failure,
+    /// the errors are NaN and the reason is a text, otherwise None.
     #[pyo3(signature = (method, precision="float64"))]
     fn error<'py>(
         &self,
@@ -95,7 +97,7 @@ impl PyExact {
         Ok((norm, components, reason))
     }
 
-    /// By how much the answer changes when numbers move by one unit in the last place: kind of number to (max-norm, components).
+    /// Change of the exact result for one unit in the last place of an input: kind to (max-norm, components).
     #[pyo3(signature = (draws=None, seed=None), text_signature = "($self, draws=4, seed=0)")]
     fn sensitivity<'py>(
         &self,
@@ -114,7 +116,7 @@ impl PyExact {
         Ok(all)
     }
 
-    /// Median time of one method on this state over repeats calls, ns; for forward dynamics.
+    /// Median time (ns) of a method of forward dynamics on this state over repeats calls.
     #[pyo3(signature = (method, precision, repeats))]
     fn time(&self, py: Python<'_>, method: &str, precision: &str, repeats: &Object<'_>) -> PyResult<f64> {
         let repeats = count("repeats", repeats, 1)?;

@@ -1,4 +1,4 @@
-//! What `simulate` and `simulator` have in common: their keywords, how many steps go by between two looks at signals, and how they end early.
+//! Common parts of `simulate` and `simulator`: keywords, number of steps between two checks for signals, early end.
 
 use super::choice::read_form;
 use super::control::Pd;
@@ -16,10 +16,10 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyTuple};
 use std::time::{Duration, Instant};
 
-/// Between reports of progress, and between looks at signals.
+/// Time between two reports of progress, and between two checks for signals.
 pub(super) const BLOCK: Duration = Duration::from_millis(50);
 
-/// How states move, as given.
+/// Keywords of a simulation, as given.
 pub(super) struct Keywords<'a, 'py> {
     pub dt: f64,
     pub method: Option<&'a str>,
@@ -41,11 +41,11 @@ pub(super) struct Keywords<'a, 'py> {
 }
 
 impl<'py> Keywords<'_, 'py> {
-    /// The settings that they are, but for the control law, whose targets may be those of a batch.
+    /// Reads the settings, and the control law, whose targets can be a batch.
     pub fn read(&self, own: &PyScene) -> PyResult<(Settings, Option<Pd<'py>>)> {
         let mut settings = Settings::new(&own.scene, self.dt);
         match self.method.map(Method::named).transpose()? {
-            // The default of a scene with contacts is the method that it has.
+            // Scenes with contacts have one method, which is their default.
             None | Some(Method::Auto) => {}
             Some(method) => settings.method = method,
         }
@@ -82,7 +82,7 @@ impl<'py> Keywords<'_, 'py> {
         Ok((settings, pd))
     }
 
-    /// The keywords and torques that say, beside a trajectory's own fields, how it was made.
+    /// Keywords and torques of a run that are not fields of the trajectory.
     pub fn given(
         &self,
         py: Python<'py>,
@@ -113,7 +113,7 @@ impl<'py> Keywords<'_, 'py> {
     }
 }
 
-/// The fields of a trajectory that say how it was made.
+/// Fields of a trajectory that describe the run.
 pub(super) fn about<'py>(scene: &Bound<'py, PyScene>, settings: &Settings) -> PyResult<Bound<'py, PyDict>> {
     let py = scene.py();
     let fields = PyDict::new(py);
@@ -179,7 +179,7 @@ pub(super) fn stop_impacts<'py>(
     Ok(found.into_any())
 }
 
-/// The largest corrections of each state of a batch, which keep its momentum, as a MomentumCorrection.
+/// Largest corrections of the momentum of each state of a batch, as a MomentumCorrection.
 pub(super) fn largest_corrections<'py>(
     py: Python<'py>,
     batch: &[usize],
@@ -192,7 +192,8 @@ pub(super) fn largest_corrections<'py>(
     imported!(py, "phipsi._motion", "MomentumCorrection")?.call1(largest)
 }
 
-/// How many steps to make at once: doubled or halved until they take as long as they should. Where steps are cut changes nothing in them.
+/// Number of steps per block, doubled or halved until a block takes the intended time. The division does not change
+/// results.
 pub(super) struct Blocks {
     steps: usize,
 }
@@ -202,12 +203,12 @@ impl Blocks {
         Self { steps: 1 }
     }
 
-    /// The next of so many steps.
+    /// Size of the next block.
     pub fn next(&self, remaining: usize) -> usize {
         self.steps.min(remaining)
     }
 
-    /// The block was begun then, and is done.
+    /// Records that a block that started at `began` is finished.
     pub fn done(&mut self, began: Instant) {
         let elapsed = began.elapsed();
         if elapsed < BLOCK / 2 {
@@ -218,7 +219,7 @@ impl Blocks {
     }
 }
 
-/// Why a run ended early.
+/// Reason for the early end of a run.
 pub(super) enum Stopped {
     Fault(StepFault),
     Raised(PyErr),
@@ -231,7 +232,7 @@ impl From<PyErr> for Stopped {
 }
 
 impl Stopped {
-    /// The exception, with what was computed.
+    /// Creates the exception, with the finished part of the trajectory.
     pub fn raise(self, py: Python<'_>, trajectory: &Object<'_>, batch: &[usize]) -> PyResult<PyErr> {
         let (cause, joint, state) = match self {
             Self::Raised(error) => (error, None, None),

@@ -17,9 +17,14 @@ use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 use std::ops::Range;
 
-/// The spatially random model of a scene at one configuration (1.1 to 1.6): w(k) ~ N(b(k), s M(k)), X = phi W, T = H X + v.
+/// Spatially random model at one configuration (1.1 to 1.6): w(k) ~ N(b(k), s M(k)), X = phi W, T = H X + v.
 ///
-/// Made by Scene.random_model. s is the acceleration variance, (rad/s^2)^2 of one kg m^2; v has the variance s times the armature.
+/// Create it with Scene.random_model. s is the acceleration variance, (rad/s^2)^2 of 1 kg m^2; v has the variance s
+/// times the armature.
+#[doc = section!(Examples)]
+/// >>> model = phipsi.scenes.chain(3).random_model([0.3, 0.2, 0.1])
+/// >>> model.nv, model.dimension
+/// (3, 18)
 #[pyclass(frozen, name = "RandomModel", module = "phipsi")]
 pub(crate) struct PyRandomModel {
     model: RandomModel,
@@ -36,7 +41,7 @@ impl PyRandomModel {
     }
 }
 
-/// The model of what RandomModel.__reduce__ gave.
+/// Rebuilds a model from the result of RandomModel.__reduce__.
 #[pyfunction]
 #[pyo3(name = "_rebuild_random_model", signature = (scene, q, qd, acceleration_variance, /))]
 pub(super) fn rebuild_random_model(
@@ -50,13 +55,26 @@ pub(super) fn rebuild_random_model(
 
 #[pymethods]
 impl PyScene {
-    /// The spatially random model at q (1.1 to 1.6), to draw from: forces on the bodies, the joint torques that they cause.
-    ///
-    /// q: (nq,). qd: (nv,), rates: the mean of the forces is then the bias force b(k), gravity included; without rates the
-    /// model is centred. acceleration_variance: (rad/s^2)^2, of one kg m^2 of inertia; it scales all covariances.
-    ///
-    /// Raises ArgumentError for a variance that is not positive, and for an inertia that no body can have, naming the link;
-    /// ShapeError or NotFiniteError for bad arrays.
+    /// Create the spatially random model at q (1.1 to 1.6), to sample forces on bodies and joint torques.
+    #[doc = section!(Parameters)]
+    /// q : (nq,) array_like
+    ///     Joint positions, rad or m.
+    /// qd : (nv,) array_like, optional
+    ///     Joint velocities, rad/s or m/s: the mean force is the bias force b(k), including gravity. None: the mean is
+    ///     zero.
+    /// acceleration_variance : float, default 1
+    ///     s: variance of the acceleration of 1 kg m^2, (rad/s^2)^2. It scales all covariances.
+    #[doc = section!(Returns)]
+    /// model : RandomModel
+    ///     The model.
+    #[doc = section!(Raises)]
+    /// ShapeError, NotFiniteError, ArgumentError
+    ///     An invalid array, a variance that is not positive, or an inertia that no rigid body can have, with its link.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> model = scene.random_model([0.3, 0.2, 0.1])
+    /// >>> np.allclose(model.mass_matrix(method="sigma-points").mass_matrix, scene.mass_matrix([0.3, 0.2, 0.1]))
+    /// True
     #[pyo3(signature = (q, qd=None, *, acceleration_variance=1.0))]
     fn random_model(
         slf: &Bound<'_, Self>,
@@ -78,25 +96,33 @@ impl PyRandomModel {
         self.model.nv()
     }
 
-    /// Random numbers a sample: six a body (fewer for rods, point masses and frames), one a joint with armature.
+    /// Random numbers per sample: six per body (fewer for rods, point masses and frames), one per joint with armature.
     #[getter]
     fn dimension(&self) -> usize {
         self.model.dimension()
     }
 
-    /// s, (rad/s^2)^2 of one kg m^2.
+    /// Acceleration variance s, (rad/s^2)^2 of 1 kg m^2.
     #[getter]
     fn acceleration_variance(&self) -> f64 {
         self.acceleration_variance
     }
 
-    /// Samples of the model: the named tuple Samples(process, force, torque).
-    ///
-    /// samples: how many; seed: an integer from 0 to 2^64 - 1; first: the number of the first sample, 0 if not given. Sample i
-    /// of a seed is the same whatever is drawn with it and on however many threads. process and force: (samples, nv, 6), W and
-    /// X = phi W in body frames, a block a degree of freedom as in Factor; torque: (samples, nv), T = H X + v.
-    ///
-    /// Raises ArgumentError for a bad count or seed; OutOfMemoryError for more samples than there is room for.
+    /// Samples of the process W, the force X = phi W and the torque T = H X + v.
+    #[doc = parameters!(samples)]
+    /// first : int, optional
+    ///     Number of the first sample, 0 by default. Sample i of a seed does not depend on the others or on the
+    ///     threads.
+    #[doc = section!(Returns)]
+    /// samples : Samples
+    ///     Named tuple: process and force, (samples, nv, 6), in body frames with one block per degree of freedom as in
+    ///     Factor; torque, (samples, nv).
+    #[doc = raises!(arguments memory)]
+    #[doc = section!(Examples)]
+    /// >>> model = phipsi.scenes.chain(3).random_model([0.3, 0.2, 0.1])
+    /// >>> one, other = model.sample(4, seed=1), model.sample(2, seed=1, first=2)
+    /// >>> np.array_equal(one.torque[2:], other.torque)
+    /// True
     #[pyo3(signature = (samples, *, seed, first=None))]
     fn sample<'py>(
         &self,
@@ -117,7 +143,18 @@ impl PyRandomModel {
         imported!(py, "phipsi._results", "Samples")?.call1((process.finish(), force.finish(), torque.finish()))
     }
 
-    /// The torques alone of the same samples, (samples, nv): arguments and errors as of sample().
+    /// Samples of the joint torques T = H X + v only, equal to those of sample.
+    #[doc = parameters!(samples)]
+    /// first : int, optional
+    ///     Number of the first sample, 0 by default.
+    #[doc = section!(Returns)]
+    /// torque : (samples, nv) ndarray
+    ///     Joint torques, N m or N.
+    #[doc = raises!(arguments memory)]
+    #[doc = section!(Examples)]
+    /// >>> model = phipsi.scenes.chain(3).random_model([0.3, 0.2, 0.1])
+    /// >>> np.array_equal(model.sample_torque(4, seed=1), model.sample(4, seed=1).torque)
+    /// True
     #[pyo3(signature = (samples, *, seed, first=None))]
     fn sample_torque<'py>(
         &self,
@@ -134,17 +171,33 @@ impl PyRandomModel {
         Ok(torque.finish())
     }
 
-    /// The mass matrix as the covariance of T (5.1), with what is known of its error: the named tuple MassEstimate.
-    ///
-    /// method: "monte-carlo", independent samples, whose error falls as samples^-1/2; "sobol", scrambled Sobol points, samples
-    /// being replicates times a power of two, about samples^-1; "sigma-points", exact, which takes neither samples nor seed.
-    /// confidence: of the interval of each entry, between 0 and 1. replicates: scrambles, at least 2, for "sobol" only.
-    ///
-    /// Memory does not grow with the samples.
-    ///
-    /// Raises ArgumentError, naming the argument; OutOfMemoryError for more replicates than there is room for.
+    /// Mass matrix as the covariance of sampled joint torques T (eq. 5.1), with confidence intervals.
+    #[doc = section!(Parameters)]
+    /// samples : int, optional
+    ///     Number of samples; for "sobol" replicates times a power of two, for "sigma-points" none.
+    /// seed : int, optional
+    ///     Seed, from 0 to 2^64 - 1; for "sigma-points" none.
+    /// method : {"monte-carlo", "sobol", "sigma-points"}, default "monte-carlo"
+    ///     Independent samples, with an error of samples^-1/2; scrambled Sobol points, about samples^-1; or sigma
+    ///     points, exact.
+    /// confidence : float, default 0.95
+    ///     Confidence of the interval of each entry, between 0 and 1.
+    /// replicates : int, default 8
+    ///     Number of scrambles, at least 2, for "sobol" only.
+    #[doc = section!(Returns)]
+    /// estimate : MassEstimate
+    ///     Named tuple (mass_matrix, standard_error, low, high, samples, confidence).
+    #[doc = raises!(arguments memory)]
+    #[doc = section!(Notes)]
+    /// The memory does not grow with the number of samples.
+    #[doc = section!(Examples)]
+    /// >>> model = phipsi.scenes.chain(3).random_model([0.3, 0.2, 0.1])
+    /// >>> estimate = model.mass_matrix(2000, seed=1)
+    /// >>> bool((estimate.low <= estimate.high).all())
+    /// True
     #[pyo3(signature = (samples=None, *, seed=None, method="monte-carlo", confidence=0.95, replicates=None),
-           text_signature = "($self, samples=None, *, seed=None, method='monte-carlo', confidence=0.95, replicates=8)")]
+           text_signature = "($self, samples=None, *, seed=None, method='monte-carlo', confidence=0.95, \
+                             replicates=8)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn mass_matrix<'py>(
         &self,
@@ -180,18 +233,18 @@ impl PyRandomModel {
         to_python(py, &estimate, self.model.nv(), confidence)
     }
 
-    /// What the model is made of.
+    /// Arguments of the model.
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Object<'py>, Remade)> {
         let rebuild = py.import("phipsi._core")?.getattr("_rebuild_random_model")?;
         Ok((rebuild, (self.scene.clone_ref(py), self.q.clone(), self.qd.clone(), self.acceleration_variance)))
     }
 
-    /// The model itself: it cannot change.
+    /// The model itself, because it is immutable.
     fn __copy__(slf: Py<Self>) -> Py<Self> {
         slf
     }
 
-    /// The model itself: it cannot change.
+    /// The model itself, because it is immutable.
     #[pyo3(signature = (memo, /))]
     fn __deepcopy__(slf: Py<Self>, memo: &Object<'_>) -> Py<Self> {
         let _ = memo;
@@ -203,10 +256,10 @@ impl PyRandomModel {
     }
 }
 
-/// What a model is made of: scene, q, qd, acceleration variance.
+/// Arguments of a model: scene, q, qd, acceleration variance.
 type Remade = (Py<PyScene>, Vec<f64>, Option<Vec<f64>>, f64);
 
-/// The named tuple of an estimate.
+/// Named tuple of an estimate.
 fn to_python<'py>(py: Python<'py>, estimate: &MassEstimate, nv: usize, confidence: f64) -> PyResult<Object<'py>> {
     let class = imported!(py, "phipsi._results", "MassEstimate")?;
     let matrix = |numbers: &[f64]| from_numbers(py, numbers, &[nv, nv]);
@@ -220,25 +273,31 @@ fn to_python<'py>(py: Python<'py>, estimate: &MassEstimate, nv: usize, confidenc
     }
 }
 
-/// The generator and the numbers of the samples asked for.
+/// Generator and numbers of the requested samples.
 fn points_of(samples: &Object<'_>, seed: &Object<'_>, first: Option<&Object<'_>>) -> PyResult<(Points, Range<u64>)> {
     let samples = count("samples", samples, 1)? as u64;
     let first = first.map_or(Ok(0), |first| number("first", first))?;
     let Some(end) = first.checked_add(samples) else {
-        return Err(Error::argument("first", first.to_string(), "samples that are numbered below 2^64").into());
+        return Err(Error::argument(
+            "first",
+            first.to_string(),
+            "a number of the first sample such that all are below 2^64",
+        )
+        .into());
     };
     Ok((Points::random(number("seed", seed)?), first..end))
 }
 
-/// More than that nobody waits for.
+/// Checks an upper bound far beyond any practical number of samples.
 fn at_most(name: &str, count: usize) -> Result<usize, Error> {
     const MOST: usize = 1 << 40;
     if count > MOST { Err(Error::argument(name, count.to_string(), "at most 2^40")) } else { Ok(count) }
 }
 
-/// Median time (ns) of one route from q to the mass matrix, and its relative error (Frobenius norm, against double-double).
+/// Median time (ns) of a route from q to the mass matrix, and its error relative to double-double arithmetic.
 ///
-/// route: one of ROUTES; samples and seed are for "monte-carlo" and "sobol" (a power of two); repeats: how often it is timed.
+/// route: one of ROUTES; samples and seed: for "monte-carlo" and "sobol" (a power of two); repeats: number of
+/// timings. The error is in the Frobenius norm.
 #[pyfunction(name = "emergence")]
 #[pyo3(signature = (scene, q, route, samples, seed, repeats))]
 pub(super) fn emergence_of(

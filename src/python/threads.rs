@@ -1,4 +1,4 @@
-//! How many threads batches use.
+//! Number of threads for batches.
 
 use super::object::Object;
 use crate::batch;
@@ -6,12 +6,21 @@ use crate::error::Error;
 use pyo3::prelude::*;
 use pyo3::types::PyBool;
 
-/// Sets how many threads batches use from now on, in this process and those that it forks; calls under way keep theirs.
-///
-/// threads: the caller's and others, 1 for none beside the caller's; None or 0 for what the environment variable
-/// RAYON_NUM_THREADS says, or as many as the machine has, which is what a process begins with. Results have the same bits for any number.
-///
-/// Raises ArgumentError for what is no number of threads, or for more than the system gives; what was set before then stays.
+/// Set the number of threads for batches in this process and its forks; running calls keep theirs.
+#[doc = section!(Parameters)]
+/// threads : int or None
+///     Number of threads, including that of the caller; 1: only that. None or 0: RAYON_NUM_THREADS, or one per
+///     core, which is the initial setting.
+#[doc = section!(Raises)]
+/// ArgumentError
+///     An invalid number, or more threads than the system provides. The previous setting remains.
+#[doc = section!(Notes)]
+/// Results are bit-identical for any number of threads.
+#[doc = section!(Examples)]
+/// >>> phipsi.set_num_threads(1)
+/// >>> phipsi.get_num_threads()
+/// 1
+/// >>> phipsi.set_num_threads(None)
 #[pyfunction]
 #[pyo3(signature = (threads))]
 pub(super) fn set_num_threads(py: Python<'_>, threads: Option<&Object<'_>>) -> PyResult<()> {
@@ -19,14 +28,20 @@ pub(super) fn set_num_threads(py: Python<'_>, threads: Option<&Object<'_>>) -> P
         None => 0,
         Some(given) => {
             let number = if given.is_instance_of::<PyBool>() { None } else { given.extract::<usize>().ok() };
-            let expected = "a whole number, 0 or None for those of the machine";
+            let expected = "a whole number, or None or 0 for the default";
             number.ok_or_else(|| Error::argument("threads", given.to_string(), expected))?
         }
     };
     Ok(py.detach(|| batch::set_threads(wanted))?)
 }
 
-/// How many threads the next batch uses; 1 where it runs on the caller's alone. Starts them where they are not there yet.
+/// Number of threads that the next batch uses; 1 if it runs on that of the caller. Starts the threads if necessary.
+#[doc = section!(Returns)]
+/// threads : int
+///     Number of threads, including that of the caller.
+#[doc = section!(Examples)]
+/// >>> phipsi.get_num_threads() >= 1
+/// True
 #[pyfunction]
 #[pyo3(signature = ())]
 pub(super) fn get_num_threads(py: Python<'_>) -> usize {

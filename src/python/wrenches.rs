@@ -1,4 +1,4 @@
-//! The argument `wrenches`: a dict from links to (..., 6), as forces on bodies.
+//! The argument `wrenches`: a dict from link names to (..., 6), converted to forces on bodies.
 
 use super::choice::items;
 use super::input::Input;
@@ -11,11 +11,11 @@ use nalgebra::Vector6;
 use pyo3::prelude::*;
 use pyo3::types::PyMapping;
 
-/// A wrench (moment, force) on one link, at its origin and in its frame.
+/// Wrench (moment, force) on one link, at its origin and in its frame.
 pub(super) struct Wrench<'py> {
-    /// Its states.
+    /// Values for the states.
     pub input: Input<'py>,
-    /// The moving body that carries the link; none on the base, where a wrench moves nothing.
+    /// Moving body that carries the link; None for links on the base, where a wrench has no effect.
     body: Option<usize>,
     placement: RigidShift<f64>,
 }
@@ -26,7 +26,7 @@ impl<'py> Wrench<'py> {
         Self::named("wrenches", scene, wrenches)
     }
 
-    /// The same of another name.
+    /// The same for an argument of another name.
     pub fn named(argument: &'static str, scene: &Scene, wrenches: Option<&Object<'py>>) -> PyResult<Vec<Self>> {
         let Some(wrenches) = wrenches else { return Ok(Vec::new()) };
         let Ok(mapping) = wrenches.cast::<PyMapping>() else {
@@ -42,19 +42,19 @@ impl<'py> Wrench<'py> {
         Ok(read)
     }
 
-    /// The numbers, the moving body that carries the link, and the link's placement there.
+    /// The values, the moving body that carries the link, and the pose of the link on it.
     pub fn apart(self) -> (Input<'py>, (Option<usize>, RigidShift<f64>)) {
         (self.input, (self.body, self.placement))
     }
 
-    /// The same for the threads, which see no Python.
+    /// View for threads without access to Python.
     pub fn over<'a>(&'a self, batch: &[usize]) -> PyResult<States<'a>> {
         let numbers = self.input.over(batch)?;
         Ok(States { name: &self.input.name, numbers, body: self.body, placement: &self.placement })
     }
 }
 
-/// One wrench over the states of a batch.
+/// One wrench, broadcast over the states of a batch.
 pub(super) struct States<'a> {
     name: &'a str,
     numbers: Broadcast<'a>,
@@ -62,7 +62,7 @@ pub(super) struct States<'a> {
     placement: &'a RigidShift<f64>,
 }
 
-/// Adds up the wrenches of one state as forces on bodies; leaves none where there are no wrenches.
+/// Sums the wrenches of one state as forces on bodies; empty without wrenches.
 pub(super) fn on_bodies(
     wrenches: &[States<'_>],
     bodies: usize,

@@ -87,7 +87,7 @@ REFUSED: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
     "rpy": ({"rpy": [[1, 2, 3]]}, ShapeError, r'rpy of joint "hinge": found shape \(1, 3\)'),
     "rotation": ({"rotation": np.eye(4)}, ShapeError, r'rotation of joint "hinge".*\(3, 3\)'),
     "no rotation": ({"rotation": 2 * np.eye(3)}, SceneError, r'joint "hinge".*rotation'),
-    "rpy and rotation": ({"rpy": (0, 0, 0), "rotation": np.eye(3)}, ArgumentError, r"rpy as well"),
+    "rpy and rotation": ({"rpy": (0, 0, 0), "rotation": np.eye(3)}, ArgumentError, r"rpy and rotation"),
     "axis": ({"axis": (0, 0, 0)}, SceneError, r'joint "hinge".*axis'),
     "armature": ({"armature": -1.0}, SceneError, r'joint "hinge".*armature -1'),
     "damping": ({"damping": math.inf}, SceneError, r'joint "hinge".*damping inf'),

@@ -196,7 +196,7 @@ BAD = {
     "tau": ({"tau": np.zeros(2)}, errors.ShapeError, r"tau: found shape \(2,\); expected \(..., 7\)"),
     "tau not finite": ({"tau": np.full(7, np.inf)}, errors.NotFiniteError, "tau"),
     "tau_steps": ({"tau_steps": np.zeros((9, 7))}, errors.ShapeError, r"tau_steps: found shape \(9, 7\); expected \(..., 10, 7\)"),
-    "two torques": ({"tau": np.zeros(7), "tau_steps": np.zeros((10, 7))}, errors.ArgumentError, "one of the two"),
+    "two torques": ({"tau": np.zeros(7), "tau_steps": np.zeros((10, 7))}, errors.ArgumentError, "either tau or tau_steps"),
     "batches": ({"tau": np.zeros((3, 7)), "q": np.zeros((2, 7))}, errors.ShapeError, "broadcast"),
     "pd": ({"pd": 3}, errors.ArgumentError, "PD"),
     "pd target": ({"pd": (1, 1, np.zeros(3))}, errors.ShapeError, "pd.target"),

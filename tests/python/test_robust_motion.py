@@ -369,7 +369,7 @@ REFUSED = {
     "accuracy below rounding": ({"accuracy": 1e-13}, "accuracy: .* 1e-12 or more"),
     "dt": ({"dt": None}, "dt: found None"),
     "steps": ({"steps": None}, "steps: found None"),
-    "steps and duration": ({"duration": 0.003}, "duration: found steps as well"),
+    "steps and duration": ({"duration": 0.003}, "duration: found steps and duration"),
     "duration negative": ({"steps": None, "duration": -1.0}, "duration: found -1"),
     "duration infinite": ({"steps": None, "duration": np.inf}, "duration: found inf"),
     "duration between steps": ({"steps": None, "duration": 0.00315}, "duration: found 0.00315 with dt 0.001"),
