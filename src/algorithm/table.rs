@@ -114,15 +114,21 @@ impl FunctionEntry {
         self.results.iter().map(|&result| width(result, sizes)).sum()
     }
 
-    /// The shape of the results of one state as one array: results of the same axes along an axis of their own, others one after another.
+    /// The shape of the results of one state as one array, into `room`: results of the same axes along an axis of their own, others one after
+    /// another.
     #[must_use]
-    pub fn shape(&self, sizes: &Sizes) -> Vec<usize> {
+    pub fn shape<'r>(&self, sizes: &Sizes, room: &'r mut [usize; 4]) -> &'r [usize] {
         let (_, first) = self.results[0];
         if self.results.iter().any(|(_, axes)| *axes != first) {
-            return vec![self.width(sizes)];
+            room[0] = self.width(sizes);
+            return &room[..1];
         }
-        let axes = first.iter().map(|axis| axis.length(sizes));
-        if self.results.len() == 1 { axes.collect() } else { std::iter::once(self.results.len()).chain(axes).collect() }
+        let several = usize::from(self.results.len() > 1);
+        room[0] = self.results.len();
+        for (length, axis) in room[several..].iter_mut().zip(first) {
+            *length = axis.length(sizes);
+        }
+        &room[..several + first.len()]
     }
 }
 

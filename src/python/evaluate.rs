@@ -31,32 +31,41 @@ pub(super) struct Keywords<'a, 'py> {
     pub info: bool,
 }
 
-/// Names and values of the arguments: q, qd and u, as many as the algorithm has.
-type Given<'a, 'py, const N: usize> = [(&'static str, &'a Object<'py>); N];
+impl<'a> Keywords<'a, '_> {
+    /// Those of a call that has none but `errors`.
+    pub fn of(errors: &'a str) -> Self {
+        Self { wrenches: None, out: None, dtype: None, errors, tolerance: None, info: false }
+    }
+}
 
 impl PyScene {
-    /// Evaluates `algorithm`, of `body` ns per body, for every state of the arguments.
+    /// Evaluates `algorithm` for every state of the arguments: q, qd and u, as many as its row of the table has.
     pub(super) fn evaluate<'py, const N: usize>(
         &self,
         py: Python<'py>,
         algorithm: Algorithm,
-        body: usize,
-        given: Given<'_, 'py, N>,
+        values: [&Object<'py>; N],
         keywords: &Keywords<'_, 'py>,
     ) -> PyResult<Object<'py>> {
-        let shape = &*algorithm.entry().shape(&self.scene.sizes());
+        let (entry, mut room) = (algorithm.entry(), [0; 4]);
+        let shape = entry.shape(&self.scene.sizes(), &mut room);
+        let is_connected = !self.scene.connections().is_empty();
+        let body = match algorithm {
+            Algorithm::ConstrainedDynamics(_) => self.cost_through_connections(),
+            Algorithm::ForwardDynamics(_) if is_connected => self.cost_through_connections(),
+            _ => entry.cost[0] + entry.cost[1] * self.scene.nv(),
+        };
         let cost = Cost { arithmetic: body * self.size(), results: self.scene.width(algorithm) };
         let &Keywords { wrenches, out, dtype, errors, tolerance, info } = keywords;
         if !is_nan(errors)? && !info && wrenches.is_none() && dtype.is_none() && tolerance.is_none() {
-            let values = given.map(|(_, value)| value);
             if let Some(result) = self.single(py, algorithm, values, shape, cost, out)? {
                 self.warn_of_linkage(py)?;
                 return Ok(result);
             }
         }
         let result = match read_dtype(dtype)? {
-            Precise::Float64 => self.in_lanes::<f64, N>(py, (algorithm, cost), given, shape, keywords),
-            Precise::Float32 => self.in_lanes::<f32, N>(py, (algorithm, cost), given, shape, keywords),
+            Precise::Float64 => self.in_lanes::<f64, N>(py, (algorithm, cost), values, shape, keywords),
+            Precise::Float32 => self.in_lanes::<f32, N>(py, (algorithm, cost), values, shape, keywords),
         };
         self.warn_of_linkage(py)?;
         result
@@ -66,11 +75,12 @@ impl PyScene {
         &self,
         py: Python<'py>,
         (algorithm, cost): (Algorithm, Cost),
-        given: Given<'_, 'py, N>,
+        values: [&Object<'py>; N],
         shape: &[usize],
         keywords: &Keywords<'_, 'py>,
     ) -> PyResult<Object<'py>> {
-        let inputs = self.inputs::<P>(given)?;
+        let names = algorithm.entry().arguments.iter().map(|&(name, _)| name);
+        let inputs = self.inputs::<P>(names.zip(values))?;
         let wrenches = Wrench::read(&self.scene, keywords.wrenches)?;
         let form = algorithm.form();
         let call = Call::new(self, inputs, wrenches, cost)?.with(self.errors(keywords.errors, form)?);

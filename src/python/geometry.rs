@@ -4,16 +4,9 @@ use super::errors::asked_by;
 use super::object::{Object, imported};
 use super::output::Output;
 use super::scene::PyScene;
-use crate::algorithm::KinematicQuantity;
+use crate::algorithm::{KinematicQuantity, PLACEMENTS};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-
-/// Approximate time per body (or link) and state, ns.
-mod cost {
-    pub const PLACEMENT: usize = 60;
-    pub const ENERGY: usize = 100;
-    pub const MOMENTUM: usize = 60;
-}
 
 #[pymethods]
 impl PyScene {
@@ -32,7 +25,8 @@ impl PyScene {
     #[pyo3(signature = (q, *, errors="raise"))]
     fn placements<'py>(&self, py: Python<'py>, q: &Object<'py>, errors: &str) -> PyResult<Bound<'py, PyDict>> {
         let links = self.scene.links();
-        let call = self.call([self.configuration("q", q)?], cost::PLACEMENT * (self.size() + links.len()), errors)?;
+        let call =
+            self.call([self.configuration("q", q)?], PLACEMENTS.cost[0] * (self.size() + links.len()), errors)?;
         let mut all = call.scratch_results(py, 16 * links.len())?;
         call.numbers(py, all.numbers()?, |scene, _, [q], out| {
             for (shift, out) in scene.placements(q)?.iter().zip(out.chunks_exact_mut(16)) {
@@ -49,7 +43,9 @@ impl PyScene {
         }
         Ok(placements)
     }
+}
 
+methods! {
     /// Kinetic energy qd^T M qd / 2, including armature, and potential energy.
     #[doc = parameters!(q qd errors)]
     #[doc = section!(Returns)]
@@ -64,10 +60,9 @@ impl PyScene {
     /// >>> energy = scene.energy([0.3, 0.2, 0.1], [1.0, 0.0, 0.0])
     /// >>> round(float(energy.kinetic), 3), round(float(energy.potential), 3)
     /// (0.123, 7.357)
-    #[pyo3(signature = (q, qd, *, errors="raise"))]
-    fn energy<'py>(&self, py: Python<'py>, q: &Object<'py>, qd: &Object<'py>, errors: &str) -> PyResult<Object<'py>> {
-        let inputs = [self.configuration("q", q)?, self.rate("qd", qd)?];
-        let call = self.call(inputs, cost::ENERGY * self.size(), errors)?;
+    fn energy(q, qd; errors) |scene, py| {
+        let inputs = [scene.configuration("q", q)?, scene.rate("qd", qd)?];
+        let call = scene.call(inputs, scene.cost_of(&KinematicQuantity::Energy), errors)?;
         let mut both = call.scratch_results(py, 2)?;
         call.quantity_in_chunks(py, &KinematicQuantity::Energy, both.numbers()?)?;
         let mut part = |which: usize| {
@@ -89,16 +84,8 @@ impl PyScene {
     /// >>> q, qd = np.array([0.3, 0.2, 0.1]), np.array([1.0, 0.5, 0.2])
     /// >>> np.isclose(scene.kinetic_energy(q, qd), qd @ scene.mass_matrix(q) @ qd / 2)
     /// np.True_
-    #[pyo3(signature = (q, qd, *, errors="raise"))]
-    fn kinetic_energy<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        qd: &Object<'py>,
-        errors: &str,
-    ) -> PyResult<Object<'py>> {
-        let cost = cost::MOMENTUM * self.size();
-        self.kinematic_quantity(py, &KinematicQuantity::KineticEnergy, [("q", q), ("qd", qd)], (&[], cost), errors)
+    fn kinetic_energy(q, qd; errors) |scene, py| {
+        scene.kinematic_quantity(py, &KinematicQuantity::KineticEnergy, [q, qd], errors)
     }
 
     /// Spatial momentum of all moving links: (angular about the origin of the base frame, linear), in the base frame.
@@ -112,9 +99,7 @@ impl PyScene {
     /// >>> q, qd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2]
     /// >>> np.allclose(scene.momentum(q, qd)[3:], scene.total_mass * scene.center_of_mass_velocity(q, qd))
     /// True
-    #[pyo3(signature = (q, qd, *, errors="raise"))]
-    fn momentum<'py>(&self, py: Python<'py>, q: &Object<'py>, qd: &Object<'py>, errors: &str) -> PyResult<Object<'py>> {
-        let size = (&[6][..], cost::MOMENTUM * self.size());
-        self.kinematic_quantity(py, &KinematicQuantity::Momentum, [("q", q), ("qd", qd)], size, errors)
+    fn momentum(q, qd; errors) |scene, py| {
+        scene.kinematic_quantity(py, &KinematicQuantity::Momentum, [q, qd], errors)
     }
 }

@@ -11,6 +11,8 @@
 
 #[macro_use]
 mod docstrings;
+#[macro_use]
+mod methods;
 
 mod accuracy;
 mod axis;
