@@ -220,6 +220,12 @@ pub mod stochastic;
 pub mod watch;
 mod workspace;
 
+/// The table of functions: what each takes and gives, its cost, and what it is the derivative of.
+pub mod function_table {
+    pub use crate::algorithm::FUNCTIONS;
+    pub use crate::algorithm::table::{Array, Axis, Compiled, FunctionEntry, Sizes, width};
+}
+
 pub use accuracy::{Accuracy, Bound, ESTIMATE_SPREAD};
 pub use algorithm::{Algorithm, Arguments, Derivatives, KinematicQuantity, Products};
 pub use api::{BodyWrenches, Constrained, OnLink, Projection, TaskFrame};

@@ -104,7 +104,7 @@ fn algorithms() -> Vec<(Algorithm, usize)> {
 fn arguments(algorithm: Algorithm, given: &Given) -> Arguments<'_> {
     let [q, qd, u, seed] = &given.arrays;
     let seed = match algorithm {
-        Algorithm::Products(which) if which.seeds().len() == 3 => [&seed[..]; 3],
+        Algorithm::Products(which) if which.entry().seeds().len() == 3 => [&seed[..]; 3],
         Algorithm::Products(_) => [&seed[..], &[], &[]],
         _ => [&[][..]; 3],
     };

@@ -117,7 +117,7 @@ impl<T: Vectorised> Chunk<T> {
         self.gather_wrenches(states);
         self.accept(states);
         let is_connected = !self.numbers.constraints.is_empty();
-        let call = Call { chunk: self, algorithm, states, out };
+        let call = ChunkArguments { chunk: self, algorithm, states, out };
         match algorithm {
             Algorithm::ForwardDynamics(_) | Algorithm::ConstrainedDynamics(_) if is_connected => {
                 if T::Number::RARE_KERNELS {
@@ -280,7 +280,7 @@ const PRODUCTS: u8 = 5;
 const CONNECTED: u8 = 6;
 
 /// A chunk with its arguments.
-struct Call<'a, T: Vectorised> {
+struct ChunkArguments<'a, T: Vectorised> {
     chunk: &'a mut Chunk<T>,
     algorithm: Algorithm,
     states: &'a [Arguments<'a, T::Number>],
@@ -288,14 +288,14 @@ struct Call<'a, T: Vectorised> {
 }
 
 /// The same, to be run inside an arm; the algorithm is one of GROUP.
-struct Run<'a, T: Vectorised, I: Target, const GROUP: u8>(Call<'a, T>, I);
+struct Run<'a, T: Vectorised, I: Target, const GROUP: u8>(ChunkArguments<'a, T>, I);
 
 impl<T: Vectorised, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
     type Output = u64;
 
     #[inline(always)]
     fn call(self) -> u64 {
-        let Self(Call { chunk, algorithm, states, out }, target) = self;
+        let Self(ChunkArguments { chunk, algorithm, states, out }, target) = self;
         let Chunk {
             numbers: constants,
             sweep_scratch,
@@ -326,7 +326,8 @@ impl<T: Vectorised, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
         if let (Algorithm::Derivatives(which), true) = (algorithm, GROUP == DERIVATIVES) {
             let kernel = derivatives.get_or_insert_with(|| Box::new(DerivativeKernel::new(model, sweeps)));
             let scratch = (sweep_scratch, inverse_columns);
-            let call = derivatives::Call { scene, scratch, kernel, state: (q, qd, u), wrenches, out: &mut *out };
+            let call =
+                derivatives::KernelArguments { scene, scratch, kernel, state: (q, qd, u), wrenches, out: &mut *out };
             doubt |= derivatives::run(target, which, call);
             if which == Derivatives::MassMatrix {
                 for matrix in out.chunks_exact_mut(model.nv() * model.nv()) {
@@ -347,7 +348,8 @@ impl<T: Vectorised, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
             for lane in 0..states.len() {
                 doubt |= u64::from(fault.lane(lane) != 0.0) << lane;
             }
-            let call = products::Call { scene, scratch: sweep_scratch, kernel, state: (q, qd, u), wrenches, out };
+            let call =
+                products::KernelArguments { scene, scratch: sweep_scratch, kernel, state: (q, qd, u), wrenches, out };
             return doubt | products::run(target, which, call);
         }
         if let (Some(form), true) = (algorithm.form(), GROUP == CONNECTED) {
@@ -360,7 +362,7 @@ impl<T: Vectorised, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
                 doubt |= lanes_but::<T>(|lane| fault.lane(lane) == 0.0);
             }
             let (scratch, states) = (sweep_scratch, states.len());
-            let call = connected::Call { scene, scratch, kernel, state: (q, qd, u), wrenches, out, states };
+            let call = connected::KernelArguments { scene, scratch, kernel, state: (q, qd, u), wrenches, out, states };
             return doubt | connected::run(target, form, call);
         }
         let entries = entries_of::<T, GROUP>(algorithm, scene, inverse_columns, mass_columns);
@@ -451,7 +453,7 @@ fn compute<T: Vectorised, I: Target, const GROUP: u8>(
     let (model, sweeps) = scene;
     match algorithm {
         Algorithm::ForwardDynamics(form) if GROUP == ACCELERATIONS => {
-            let call = accelerations::Call { scene, scratch, state: (q, qd, u), wrenches, qdd: results };
+            let call = accelerations::KernelArguments { scene, scratch, state: (q, qd, u), wrenches, qdd: results };
             match form {
                 Form::Auto => accelerations::watched(target, call, errors),
                 Form::Covariance => accelerations::by_covariance(target, call),

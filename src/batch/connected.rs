@@ -37,7 +37,7 @@ impl<T: Vectorised> ConnectedKernel<T> {
 }
 
 /// What a call reads and writes.
-pub(super) struct Call<'a, T: Vectorised> {
+pub(super) struct KernelArguments<'a, T: Vectorised> {
     pub scene: (&'a Model<T>, &'a SweepModel<T>),
     pub scratch: &'a mut SweepScratch<T>,
     pub kernel: &'a mut ConnectedKernel<T>,
@@ -51,9 +51,16 @@ pub(super) struct Call<'a, T: Vectorised> {
 
 /// Writes the results; gives the lanes in doubt as bits, numbers that are not finite among them.
 #[inline(always)]
-pub(super) fn run<T: Vectorised, I: Target>(target: I, form: Form, call: Call<'_, T>) -> u64 {
-    let Call { scene, scratch, kernel: ConnectedKernel { rows, innovations, results }, state, wrenches, out, states } =
-        call;
+pub(super) fn run<T: Vectorised, I: Target>(target: I, form: Form, call: KernelArguments<'_, T>) -> u64 {
+    let KernelArguments {
+        scene,
+        scratch,
+        kernel: ConnectedKernel { rows, innovations, results },
+        state,
+        wrenches,
+        out,
+        states,
+    } = call;
     let nv = innovations.len();
     let mut doubt = match form {
         Form::Auto => factor::watched(target, scene, scratch, (state.0, &mut results[..nv])),
@@ -66,7 +73,7 @@ pub(super) fn run<T: Vectorised, I: Target>(target: I, form: Form, call: Call<'_
         target.within(Take(rows, innovations));
         results[..nv].copy_from_slice(innovations);
         factor::smooth(target, scene, scratch, &mut results[..nv]);
-        let [is_left, is_open] = target.within(Look(scene, scratch, rows, &results[..nv]));
+        let [is_left, is_open] = target.within(ConnectionResidual(scene, scratch, rows, &results[..nv]));
         if is_left & !doubt == 0 || correction == CORRECTIONS {
             doubt |= is_open;
             break;
@@ -114,14 +121,14 @@ impl<T: Vectorised> Work for Take<'_, T> {
 }
 
 /// What is left of the rows; the lanes where it is more than rounding usually leaves, and where it is none.
-struct Look<'a, T: Vectorised>(
+struct ConnectionResidual<'a, T: Vectorised>(
     (&'a Model<T>, &'a SweepModel<T>),
     &'a SweepScratch<T>,
     &'a mut ConstraintKernel<T>,
     &'a [T],
 );
 
-impl<T: Vectorised> Work for Look<'_, T> {
+impl<T: Vectorised> Work for ConnectionResidual<'_, T> {
     type Output = [u64; 2];
 
     #[inline(always)]

@@ -46,7 +46,7 @@ impl<T: Vectorised> DerivativeKernel<T> {
 }
 
 /// What a call reads and writes.
-pub(super) struct Call<'a, T: Vectorised> {
+pub(super) struct KernelArguments<'a, T: Vectorised> {
     pub scene: (&'a Model<T>, &'a SweepModel<T>),
     pub scratch: (&'a mut SweepScratch<T>, &'a mut InverseColumns<T, T::Columns>),
     pub kernel: &'a mut DerivativeKernel<T>,
@@ -58,8 +58,8 @@ pub(super) struct Call<'a, T: Vectorised> {
 
 /// Writes the matrices; gives the lanes in doubt as bits, numbers that are not finite among them.
 #[inline(always)]
-pub(super) fn run<T: Vectorised, I: Target>(target: I, which: Derivatives, call: Call<'_, T>) -> u64 {
-    let Call { scene, scratch: (scratch, inverse), kernel, state: (q, qd, u), wrenches, out } = call;
+pub(super) fn run<T: Vectorised, I: Target>(target: I, which: Derivatives, call: KernelArguments<'_, T>) -> u64 {
+    let KernelArguments { scene, scratch: (scratch, inverse), kernel, state: (q, qd, u), wrenches, out } = call;
     let DerivativeKernel { kept, columns, product, qdd, matrices, all } = kernel;
     let (size, form) = (matrices.len(), if let Derivatives::ForwardDynamics(form) = which { Some(form) } else { None });
     let mut doubt = 0;
@@ -67,7 +67,7 @@ pub(super) fn run<T: Vectorised, I: Target>(target: I, which: Derivatives, call:
         if !matches!(form, Form::Auto | Form::Covariance) || !scene.1.is_shallow() {
             return u64::MAX;
         }
-        let call = accelerations::Call { scene, scratch, state: (q, qd, u), wrenches, qdd };
+        let call = accelerations::KernelArguments { scene, scratch, state: (q, qd, u), wrenches, qdd };
         doubt = with_factor(target, form, call);
     }
     let (kind, qdd) = match which {

@@ -14,12 +14,16 @@ type Scene<'a, T> = (&'a Model<T>, &'a SweepModel<T>);
 
 /// The accelerations of a state, and the factor of M that more right sides are to go through; the lanes in doubt.
 #[inline(always)]
-pub(crate) fn with_factor<T: Vectorised, I: Target>(target: I, form: Form, call: accelerations::Call<'_, T>) -> u64 {
+pub(crate) fn with_factor<T: Vectorised, I: Target>(
+    target: I,
+    form: Form,
+    call: accelerations::KernelArguments<'_, T>,
+) -> u64 {
     if form != Form::Auto {
         return accelerations::by_covariance(target, call);
     }
     // Judged by right sides that are made up, for more are to come: by the torques alone more would pass.
-    let accelerations::Call { scene, scratch, state, wrenches, qdd } = call;
+    let accelerations::KernelArguments { scene, scratch, state, wrenches, qdd } = call;
     let doubt = watched(target, scene, scratch, (state.0, qdd));
     innovations(target, scene, scratch, state, (wrenches, qdd));
     smooth(target, scene, scratch, qdd);
@@ -58,12 +62,12 @@ pub(super) fn watched<T: Vectorised, I: Target>(
     scratch: &mut SweepScratch<T>,
     state: (&[T], &mut [T]),
 ) -> u64 {
-    target.within(Watched(scene, scratch, state))
+    target.within(FactorWithErrorEstimate(scene, scratch, state))
 }
 
-struct Watched<'a, T: Vectorised>(Scene<'a, T>, &'a mut SweepScratch<T>, (&'a [T], &'a mut [T]));
+struct FactorWithErrorEstimate<'a, T: Vectorised>(Scene<'a, T>, &'a mut SweepScratch<T>, (&'a [T], &'a mut [T]));
 
-impl<T: Vectorised> Work for Watched<'_, T> {
+impl<T: Vectorised> Work for FactorWithErrorEstimate<'_, T> {
     type Output = u64;
 
     #[inline(always)]

@@ -48,7 +48,7 @@ impl<T: Vectorised> ProductKernel<T> {
 }
 
 /// What a call reads and writes.
-pub(super) struct Call<'a, T: Vectorised> {
+pub(super) struct KernelArguments<'a, T: Vectorised> {
     pub scene: (&'a Model<T>, &'a SweepModel<T>),
     pub scratch: &'a mut SweepScratch<T>,
     pub kernel: &'a mut ProductKernel<T>,
@@ -60,8 +60,8 @@ pub(super) struct Call<'a, T: Vectorised> {
 
 /// Writes the product; gives the lanes in doubt as bits, numbers that are not finite among them.
 #[inline(always)]
-pub(super) fn run<T: Vectorised, I: Target>(target: I, which: Products, call: Call<'_, T>) -> u64 {
-    let Call { scene, scratch, kernel, state, wrenches, out } = call;
+pub(super) fn run<T: Vectorised, I: Target>(target: I, which: Products, call: KernelArguments<'_, T>) -> u64 {
+    let KernelArguments { scene, scratch, kernel, state, wrenches, out } = call;
     let ((q, qd, u), mut doubt) = (state, 0);
     let ProductKernel { co_states, changes, seeds: [first, second, third], qdd, x, results, of_wrenches } = kernel;
     let (nv, bodies, zero) =
@@ -72,7 +72,7 @@ pub(super) fn run<T: Vectorised, I: Target>(target: I, which: Products, call: Ca
         if matches!(form, Form::SquareRoot | Form::Joseph) {
             return u64::MAX;
         }
-        let call = accelerations::Call { scene, scratch: &mut *scratch, state, wrenches, qdd: &mut *qdd };
+        let call = accelerations::KernelArguments { scene, scratch: &mut *scratch, state, wrenches, qdd: &mut *qdd };
         doubt = with_factor(target, form, call);
     }
     let qdd = if which.form().is_some() { &qdd[..] } else { u };

@@ -20,19 +20,19 @@ const AWAKE: Duration = Duration::from_micros(100);
 /// How many threads are wanted; 0 for as many as the machine has.
 static WANTED: AtomicUsize = AtomicUsize::new(0);
 
-static POOL: RwLock<Option<Kept>> = RwLock::new(None);
+static POOL: RwLock<Option<ThreadPoolState>> = RwLock::new(None);
 
 /// A pool, how many threads were wanted and are used with the caller, and whose threads it has; none before more than one was wanted.
 ///
 /// A pool is kept when fewer threads are wanted, for threads that end leave memory behind: it can have more than are used.
-struct Kept {
+struct ThreadPoolState {
     process: u32,
     wanted: usize,
     threads: usize,
     pool: Option<Arc<ThreadPool>>,
 }
 
-impl Kept {
+impl ThreadPoolState {
     /// Whether its threads are there, and as many as are wanted.
     fn serves(&self, process: u32, wanted: usize) -> bool {
         (self.process, self.wanted) == (process, wanted)
@@ -160,12 +160,12 @@ pub(super) fn place() -> Place {
 }
 
 /// The pool that there is, if its threads are those of this process.
-fn pool_of(process: u32, kept: Option<&Kept>) -> Option<Arc<ThreadPool>> {
+fn pool_of(process: u32, kept: Option<&ThreadPoolState>) -> Option<Arc<ThreadPool>> {
     kept.filter(|kept| kept.process == process).and_then(|kept| kept.pool.clone())
 }
 
 /// The threads beside the caller: those of the pool that there is, if they are as many; `wanted` is 0 for those of the machine.
-fn make(wanted: usize, before: Option<Arc<ThreadPool>>) -> Result<Kept, rayon::ThreadPoolBuildError> {
+fn make(wanted: usize, before: Option<Arc<ThreadPool>>) -> Result<ThreadPoolState, rayon::ThreadPoolBuildError> {
     let threads = if wanted == 0 { of_the_machine() } else { wanted };
     let suffices = before.as_ref().map_or(0, |pool| pool.current_num_threads()) + 1 >= threads;
     let pool = if suffices {
@@ -174,7 +174,7 @@ fn make(wanted: usize, before: Option<Arc<ThreadPool>>) -> Result<Kept, rayon::T
         let named = ThreadPoolBuilder::new().num_threads(threads - 1).thread_name(|i| format!("phipsi-{i}"));
         Some(Arc::new(named.build()?))
     };
-    Ok(Kept { process: std::process::id(), wanted, threads, pool })
+    Ok(ThreadPoolState { process: std::process::id(), wanted, threads, pool })
 }
 
 /// What `RAYON_NUM_THREADS` says, or as many threads as run at once here.
@@ -185,7 +185,7 @@ fn of_the_machine() -> usize {
 }
 
 /// Puts `new` in the place of what was kept, whose threads end when the batches that use them have.
-fn replace(kept: &mut Option<Kept>, new: Option<Kept>) {
+fn replace(kept: &mut Option<ThreadPoolState>, new: Option<ThreadPoolState>) {
     if let Some(old) = std::mem::replace(kept, new)
         && old.process != std::process::id()
     {

@@ -258,3 +258,25 @@ fn arrays(scene: &Scene, of_table: &'static [table::Array]) -> Vec<Array> {
 fn identifier(name: &str) -> String {
     name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::algorithm;
+
+    #[test]
+    fn the_list_is_that_of_the_table() {
+        let table = algorithm::FUNCTIONS.iter().filter(|entry| entry.compiled.is_some() && !entry.of_link);
+        let mut names: Vec<&str> = table.clone().map(|entry| entry.name).collect();
+        let mut known: Vec<&str> = FUNCTIONS.iter().map(Function::name).collect();
+        names.sort_unstable();
+        known.sort_unstable();
+        assert_eq!(names, known);
+        let mut watched: Vec<&str> =
+            table.filter_map(|entry| entry.compiled?.watched).chain(["factor_watched"]).collect();
+        let mut known: Vec<&str> = WATCHED.iter().map(Function::name).collect();
+        watched.sort_unstable();
+        known.sort_unstable();
+        assert_eq!(watched, known);
+    }
+}

@@ -20,7 +20,6 @@ use super::step_settings::StepSettings;
 use crate::error::Error;
 use crate::filter::Form;
 use crate::joints::quaternion::quaternion_rotation;
-use crate::model::Motion;
 use crate::scene::Scene;
 use crate::watch;
 use diffsol::error::OdeSolverError;

@@ -18,7 +18,7 @@ use super::scratch::{Scratch, add_scaled, clear};
 use super::step::{finish_stage, finish_step, rounded_speed, set_friction, stage};
 use super::step_settings::By;
 use super::substeps::Lock;
-use crate::batch::accelerations::Call;
+use crate::batch::accelerations::KernelArguments;
 use crate::batch::instruction_set::{Target, Vectorised};
 use crate::batch::{factor::with_factor, products};
 use crate::dynamics;
@@ -100,11 +100,16 @@ impl<T: Real> StepGradients<T> {
 /// How accelerations of a stage, and gradients of a scalar of them, are found; both give the lanes that they doubt as bits.
 pub(super) trait BackwardSolver<T: Real> {
     /// Writes qdd, and keeps the factor of M.
-    fn factor(&mut self, call: Call<'_, T>) -> u64;
+    fn factor(&mut self, call: KernelArguments<'_, T>) -> u64;
 
     /// Gradients by q, v and u where `cotangent` is that by qdd, with the factor that [`BackwardSolver::factor`] left; and by the parameters that there is room for.
-    fn gradients(&mut self, call: Call<'_, T>, cotangent: &[T], parameters: &mut [Parameters<T>], out: &mut [T])
-    -> u64;
+    fn gradients(
+        &mut self,
+        call: KernelArguments<'_, T>,
+        cotangent: &[T],
+        parameters: &mut [Parameters<T>],
+        out: &mut [T],
+    ) -> u64;
 }
 
 /// The compiled kernels of these instructions.
@@ -123,19 +128,19 @@ impl<T: Real, I> InLanes<T, I> {
 
 impl<T: Vectorised, I: Target> BackwardSolver<T> for InLanes<T, I> {
     #[inline(always)]
-    fn factor(&mut self, call: Call<'_, T>) -> u64 {
+    fn factor(&mut self, call: KernelArguments<'_, T>) -> u64 {
         with_factor(self.target, self.form, call)
     }
 
     #[inline(always)]
     fn gradients(
         &mut self,
-        call: Call<'_, T>,
+        call: KernelArguments<'_, T>,
         cotangent: &[T],
         parameters: &mut [Parameters<T>],
         out: &mut [T],
     ) -> u64 {
-        let Call { scene, scratch, state: (q, qd, _), wrenches, qdd } = call;
+        let KernelArguments { scene, scratch, state: (q, qd, _), wrenches, qdd } = call;
         let motion = Motion { q, qd, qdd: Some(qdd), wrenches };
         let constants = &mut Constants { parameters, ..Constants::default() };
         let room = (scene, (scratch, &mut self.co_states));
@@ -159,8 +164,8 @@ impl CheckedBackward {
 }
 
 impl BackwardSolver<f64> for CheckedBackward {
-    fn factor(&mut self, call: Call<'_, f64>) -> u64 {
-        let Call { scene: (model, _), state: (q, qd, u), wrenches, qdd, .. } = call;
+    fn factor(&mut self, call: KernelArguments<'_, f64>) -> u64 {
+        let KernelArguments { scene: (model, _), state: (q, qd, u), wrenches, qdd, .. } = call;
         let monitor = dynamics::forward_dynamics(model, &mut self.workspace, q, qd, u, wrenches, qdd);
         if self.lost.is_none() {
             self.lost = self.workspace.lost_pivot(model, &monitor);
@@ -170,13 +175,13 @@ impl BackwardSolver<f64> for CheckedBackward {
 
     fn gradients(
         &mut self,
-        call: Call<'_, f64>,
+        call: KernelArguments<'_, f64>,
         cotangent: &[f64],
         parameters: &mut [Parameters<f64>],
         out: &mut [f64],
     ) -> u64 {
         let Self { workspace, products, lost } = self;
-        let Call { scene: (model, _), state, wrenches, .. } = call;
+        let KernelArguments { scene: (model, _), state, wrenches, .. } = call;
         let constants = &mut Constants { parameters, ..Constants::default() };
         let found =
             derivatives::forward_dynamics_vjp(model, workspace, products, state, wrenches, cotangent, (constants, out));
@@ -194,20 +199,20 @@ pub(super) struct OfEvent<'a> {
 }
 
 impl BackwardSolver<f64> for OfEvent<'_> {
-    fn factor(&mut self, call: Call<'_, f64>) -> u64 {
+    fn factor(&mut self, call: KernelArguments<'_, f64>) -> u64 {
         call.qdd.copy_from_slice(self.accelerations);
         0
     }
 
     fn gradients(
         &mut self,
-        call: Call<'_, f64>,
+        call: KernelArguments<'_, f64>,
         cotangent: &[f64],
         parameters: &mut [Parameters<f64>],
         out: &mut [f64],
     ) -> u64 {
         let CheckedBackward { workspace, products, lost } = &mut *self.solver;
-        let Call { scene: (model, _), state: (q, qd, _), wrenches, .. } = call;
+        let KernelArguments { scene: (model, _), state: (q, qd, _), wrenches, .. } = call;
         let pivots = dynamics::factorise(model, workspace, q, |_, _| {});
         if lost.is_none() {
             *lost = workspace.lost_pivot(model, &pivots);
@@ -226,8 +231,8 @@ impl BackwardSolver<f64> for OfEvent<'_> {
 
 /// What [`BackwardSolver`] reads and writes at stage `i`.
 #[inline(always)]
-fn at_stage<T: Real>(s: &mut Scratch<T>, i: usize) -> Call<'_, T> {
-    Call {
+fn at_stage<T: Real>(s: &mut Scratch<T>, i: usize) -> KernelArguments<'_, T> {
+    KernelArguments {
         scene: (&s.model, &s.constants),
         scratch: &mut s.sweeps,
         state: (&s.q_stage, &s.v_stage, &s.u),

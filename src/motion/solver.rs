@@ -1,6 +1,6 @@
 //! How the accelerations of a stage are found: by the kernels, with or without an error estimate, or by the general recursions with every check.
 
-use crate::batch::accelerations::{Call, by_covariance, watched};
+use crate::batch::accelerations::{KernelArguments, by_covariance, watched};
 use crate::batch::instruction_set::{Baseline, Target, Vectorised};
 use crate::dynamics;
 use crate::dynamics::auto::Errors;
@@ -52,7 +52,7 @@ impl<T: Vectorised, I: Target> Solver<T> for Kernels<T, I> {
         state: (&[T], &[T], &[T]),
         qdd: &mut [T],
     ) -> u64 {
-        let call = Call { scene, scratch, state, wrenches: &[], qdd };
+        let call = KernelArguments { scene, scratch, state, wrenches: &[], qdd };
         if estimates && self.estimates {
             watched(self.target, call, &mut self.errors)
         } else {

@@ -1,6 +1,6 @@
 //! Methods of `Scene`: constrained dynamics.
 
-use super::call::Call;
+use super::call::BatchCall;
 use super::choice::{names, read_judged, read_judged_factor};
 use super::cost::Cost;
 use super::errors::warn_as;
@@ -16,7 +16,7 @@ use crate::filter::Form;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PySlice};
 
-/// Approximate times per state, ns (see `Call::new`).
+/// Approximate times per state, ns (see `BatchCall::new`).
 mod cost {
     /// Per body: two forward dynamics, a factor, some more right-hand sides.
     pub const BODY: usize = 600;
@@ -329,7 +329,7 @@ impl PyScene {
         inputs.push(self.compliance(compliance)?);
         let width = self.scene.width(algorithm);
         let cost = Cost { arithmetic: self.cost_through_connections() * self.size(), results: width };
-        let call = Call::new(self, inputs, Wrench::read(&self.scene, keywords.wrenches)?, cost)?;
+        let call = BatchCall::new(self, inputs, Wrench::read(&self.scene, keywords.wrenches)?, cost)?;
         let call = call.with(self.errors(keywords.errors, algorithm.form())?).accepting(keywords.tolerance);
         let mut output = call.output(py, &[width], None, Output::unwritten)?;
         call.in_chunks(py, algorithm, output.numbers()?, None)?;
@@ -342,9 +342,9 @@ impl PyScene {
         given: [(&'static str, &Object<'py>); N],
         wrenches: Option<&Object<'py>>,
         (form, errors): (Form, &str),
-    ) -> PyResult<Call<'a, 'py>> {
+    ) -> PyResult<BatchCall<'a, 'py>> {
         let wrenches = Wrench::read(&self.scene, wrenches)?;
-        let call = Call::new(self, self.inputs(given)?, wrenches, Cost::of(self.cost_of_rows()))?;
+        let call = BatchCall::new(self, self.inputs(given)?, wrenches, Cost::of(self.cost_of_rows()))?;
         Ok(call.with(self.errors(errors, Some(form))?))
     }
 

@@ -1,6 +1,6 @@
 //! Methods of `Scene`: derivatives of the dynamics, and linearization.
 
-use super::call::Call;
+use super::call::BatchCall;
 use super::choice::read_form;
 use super::cost::Cost;
 use super::errors::asked_by;
@@ -101,7 +101,7 @@ methods! {
         let output = |shape: &[usize]| {
             Output::unwritten(py, &[batch, shape].concat()).or_else(|failed| {
                 let inputs = vec![scene.configuration::<f64>("q", q)?, scene.rate("qd", qd)?, scene.rate("tau", tau)?];
-                let call = Call::new(scene, inputs, Wrench::read(&scene.scene, wrenches)?, Cost::of(0))?;
+                let call = BatchCall::new(scene, inputs, Wrench::read(&scene.scene, wrenches)?, Cost::of(0))?;
                 asked_by(py, &call.asking(), Err(failed))
             })
         };

@@ -1,8 +1,8 @@
 //! Algorithms with vectorized (SIMD) kernels, from the arguments of a call to its result.
 
-use super::accuracy::Told;
+use super::accuracy::BatchAccuracy;
 use super::bad_states::{Errors, is_nan};
-use super::call::Call;
+use super::call::BatchCall;
 use super::choice::{Precise, read_dtype};
 use super::cost::Cost;
 use super::object::Object;
@@ -83,17 +83,17 @@ impl PyScene {
         let inputs = self.inputs::<P>(names.zip(values))?;
         let wrenches = Wrench::read(&self.scene, keywords.wrenches)?;
         let form = algorithm.form();
-        let call = Call::new(self, inputs, wrenches, cost)?.with(self.errors(keywords.errors, form)?);
+        let call = BatchCall::new(self, inputs, wrenches, cost)?.with(self.errors(keywords.errors, form)?);
         let call = call.accepting(keywords.tolerance);
-        let told = match form {
-            Some(form) if keywords.info => Some(Told::new(form, call.states)?),
+        let accuracy = match form {
+            Some(form) if keywords.info => Some(BatchAccuracy::new(form, call.states)?),
             _ => None,
         };
         let mut output = call.output(py, shape, keywords.out, Output::unwritten)?;
-        call.in_chunks(py, algorithm, output.numbers()?, told.as_ref())?;
+        call.in_chunks(py, algorithm, output.numbers()?, accuracy.as_ref())?;
         let result = output.finish().into_any();
-        match told {
-            Some(told) => Ok((result, told.finish(py, &call.batch)?).into_pyobject(py)?.into_any()),
+        match accuracy {
+            Some(accuracy) => Ok((result, accuracy.finish(py, &call.batch)?).into_pyobject(py)?.into_any()),
             None => Ok(result),
         }
     }
@@ -108,19 +108,19 @@ impl PyScene {
     }
 }
 
-impl<'py, P: Dtype> Call<'_, 'py, P> {
+impl<'py, P: Dtype> BatchCall<'_, 'py, P> {
     /// Evaluates `algorithm` for every state, in chunks of the number of lanes.
     pub(super) fn in_chunks(
         &self,
         py: Python<'py>,
         algorithm: Algorithm,
         results: &mut [P],
-        told: Option<&Told>,
+        accuracy: Option<&BatchAccuracy>,
     ) -> PyResult<()> {
         let (scene, cost) = (&self.scene.scene, self.cost.of_many::<P>(self.states, algorithm));
         let width = scene.width(algorithm);
-        self.chunks(py, (width, cost), None, results, &|evaluator, states, first, out| match told {
-            Some(told) => told.evaluate(scene, evaluator, states, first, out),
+        self.chunks(py, (width, cost), None, results, &|evaluator, states, first, out| match accuracy {
+            Some(accuracy) => accuracy.evaluate(scene, evaluator, states, first, out),
             None => scene.evaluate(evaluator, algorithm, states, out),
         })
     }
@@ -198,7 +198,7 @@ impl<'py, P: Dtype> Call<'_, 'py, P> {
     }
 }
 
-impl<'py> Call<'_, 'py> {
+impl<'py> BatchCall<'_, 'py> {
     /// Evaluates a kinematic quantity for every state, in chunks of the number of lanes.
     pub(super) fn quantity_in_chunks(
         &self,

@@ -14,7 +14,7 @@ use nalgebra::{Matrix3, Vector3};
 use pyo3::prelude::*;
 use pyo3::types::PyString;
 
-/// Approximate times per state, ns (see `Call::new`).
+/// Approximate times per state, ns (see `BatchCall::new`).
 mod cost {
     /// Per body: filter, and covariance of the co-states.
     pub const BODY: usize = 200;

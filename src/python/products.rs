@@ -1,7 +1,7 @@
 //! Methods of `Scene`: products with the Jacobians of the dynamics, without the matrices.
 
 use super::axis::Axis;
-use super::call::Call;
+use super::call::BatchCall;
 use super::choice::{items, read_form};
 use super::cost::Cost;
 use super::errors::asked_by;
@@ -200,7 +200,7 @@ impl PyScene {
         given: Given<'_, 'py>,
         others: Vec<Input<'py>>,
         (keywords, body): (&Keywords<'_, 'py>, usize),
-    ) -> PyResult<Call<'a, 'py>> {
+    ) -> PyResult<BatchCall<'a, 'py>> {
         let errors = self.errors(keywords.errors, which.form())?;
         // Of a Hessian the direction follows the cotangent.
         let direction = match which.form() {
@@ -211,7 +211,7 @@ impl PyScene {
         let mut inputs = self.inputs(names.zip(given))?;
         inputs.extend(others);
         let cost = Cost { arithmetic: body * self.size(), results: which.entry().results.len() * self.scene.nv() };
-        let call = Call::new(self, inputs, Wrench::read(&self.scene, keywords.wrenches)?, cost)?;
+        let call = BatchCall::new(self, inputs, Wrench::read(&self.scene, keywords.wrenches)?, cost)?;
         Ok(call.with(errors).accepting(keywords.tolerance))
     }
 
@@ -419,7 +419,7 @@ impl Links<'_> {
     }
 }
 
-impl<'py> Call<'_, 'py> {
+impl<'py> BatchCall<'_, 'py> {
     /// Creates the named tuple of gradients: three of the state, a dict of those of the wrenches, then the others; None
     /// for those not requested.
     fn parts(

@@ -16,7 +16,7 @@ use super::program::{Program, operands, renumbered};
 use crate::scalar::Operation;
 use std::collections::HashMap;
 use std::ops::Range;
-use work::{Call, Work};
+use work::{PartCall, Work};
 
 /// Programs of so many operations are one part.
 ///
@@ -164,7 +164,7 @@ pub(super) fn parts(program: &Program) -> Cut {
 /// The last call that reads each number by way of what is kept.
 fn last_reads(
     work: &Work<'_>,
-    calls: &[Call],
+    calls: &[PartCall],
     of_part: &[Vec<usize>],
     roles: &[Vec<[Option<Role>; 3]>],
 ) -> Vec<Option<usize>> {
@@ -186,7 +186,7 @@ fn last_reads(
 }
 
 /// What each operand of each operation of a part is.
-fn roles(work: &Work<'_>, calls: &[Call], own: &[usize]) -> Vec<[Option<Role>; 3]> {
+fn roles(work: &Work<'_>, calls: &[PartCall], own: &[usize]) -> Vec<[Option<Role>; 3]> {
     let inside = |call: usize, operand: u32| {
         let Range { start, .. } = calls[call].range;
         work.order[operand as usize].checked_sub(start).filter(|_| work.order[operand as usize] != usize::MAX)
@@ -217,7 +217,7 @@ struct Writes {
 }
 
 impl Writes {
-    fn new(work: &Work<'_>, calls: &[Call], of_part: &[Vec<usize>]) -> Self {
+    fn new(work: &Work<'_>, calls: &[PartCall], of_part: &[Vec<usize>]) -> Self {
         let mut of_operation: Vec<Vec<(usize, usize)>> = vec![Vec::new(); work.places.len()];
         let mut leaves = Vec::new();
         for (result, (_, places)) in work.program.outputs().enumerate() {
@@ -255,7 +255,7 @@ impl Writes {
 }
 
 /// The slot of each number that is kept, and how many there are.
-fn slots(calls: &[Call], of_part: &[Vec<usize>], last: &[Option<usize>]) -> (Vec<Option<usize>>, usize) {
+fn slots(calls: &[PartCall], of_part: &[Vec<usize>], last: &[Option<usize>]) -> (Vec<Option<usize>>, usize) {
     let mut own: Vec<&[usize]> = vec![&[]; calls.len()];
     for calls in of_part {
         for &call in calls {
@@ -290,7 +290,7 @@ fn slots(calls: &[Call], of_part: &[Vec<usize>], last: &[Option<usize>]) -> (Vec
 /// One part, from what its operands are and what is kept.
 fn part(
     work: &Work<'_>,
-    (calls, own): (&[Call], &[usize]),
+    (calls, own): (&[PartCall], &[usize]),
     roles: &[[Option<Role>; 3]],
     slot_of: &[Option<usize>],
     writes: Vec<(usize, usize, Vec<usize>)>,

@@ -13,7 +13,7 @@ const LONGEST: usize = 2000;
 const NEAR: usize = 64;
 
 /// What is done by one call: the part, and its operations among those that compute something.
-pub(super) struct Call {
+pub(super) struct PartCall {
     pub part: usize,
     pub range: Range<usize>,
 }
@@ -105,7 +105,7 @@ impl<'a> Work<'a> {
     }
 
     /// All calls in order.
-    pub fn calls(&self) -> Vec<Call> {
+    pub fn calls(&self) -> Vec<PartCall> {
         let mut starts: Vec<(usize, usize, usize)> = Vec::new();
         let mut parts = 0;
         if is_cut(self.program) {
@@ -127,12 +127,12 @@ impl<'a> Work<'a> {
                 let most = if is_cut(self.program) { LONGEST } else { usize::MAX };
                 let mut end = begin.saturating_add(most).min(start);
                 end += usize::from(end < start && self.parts_a_pair(end));
-                calls.push(Call { part: parts, range: begin..end });
+                calls.push(PartCall { part: parts, range: begin..end });
                 parts += 1;
                 begin = end;
             }
             if part != usize::MAX {
-                calls.push(Call { part, range: start..start + length });
+                calls.push(PartCall { part, range: start..start + length });
                 begin = start + length;
             }
         }
