@@ -106,6 +106,8 @@ functions! {
         "The momentum (angular about the origin of the base, linear)", cost: [60, 0];
     KINETIC_ENERGY = kinetic_energy(q: Q, qd: V) -> (kinetic: SCALAR),
         "The kinetic energy", cost: [60, 0];
+    POTENTIAL_ENERGY = potential_energy(q: Q) -> (potential: SCALAR),
+        "The potential energy of gravity", cost: [60, 0];
     ENERGY = energy(q: Q, qd: V) -> (kinetic: SCALAR, potential: SCALAR),
         "The kinetic and the potential energy", cost: [100, 0];
 
@@ -257,6 +259,8 @@ pub enum KinematicQuantity<'a> {
     Momentum,
     /// q, qd; [`Scene::kinetic_energy`](crate::Scene::kinetic_energy), (1).
     KineticEnergy,
+    /// q; [`Scene::potential_energy`](crate::Scene::potential_energy), (1).
+    PotentialEnergy,
     /// q, qd; kinetic and potential energy, [`Scene::energy`](crate::Scene::energy), (2).
     Energy,
 }
@@ -293,6 +297,7 @@ impl KinematicQuantity<'_> {
             Self::CentroidalMomentumMatrixRate => &CENTROIDAL_MOMENTUM_MATRIX_RATE,
             Self::Momentum => &MOMENTUM,
             Self::KineticEnergy => &KINETIC_ENERGY,
+            Self::PotentialEnergy => &POTENTIAL_ENERGY,
             Self::Energy => &ENERGY,
         }
     }

@@ -465,6 +465,7 @@ fn kinematic_quantities(frames: &[Frame<f64>]) -> Vec<KinematicQuantity<'_>> {
         KinematicQuantity::CentroidalMomentumMatrixRate,
         KinematicQuantity::Momentum,
         KinematicQuantity::KineticEnergy,
+        KinematicQuantity::PotentialEnergy,
         KinematicQuantity::Energy,
     ];
     for frame in frames {

@@ -128,6 +128,7 @@ fn kinematic_quantities(frame: &Frame<f64>) -> Vec<KinematicQuantity<'_>> {
         KinematicQuantity::CentroidalMomentumMatrixRate,
         KinematicQuantity::Momentum,
         KinematicQuantity::KineticEnergy,
+        KinematicQuantity::PotentialEnergy,
         KinematicQuantity::Energy,
     ]
 }

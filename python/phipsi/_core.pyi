@@ -1343,6 +1343,9 @@ class Scene:
         errors: as in forward_dynamics. Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
         """
 
+    def potential_energy(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array | np.float64:
+        """Potential energy of gravity of all moving links, in O(N): minus gravity times the first moment of mass."""
+
     def momentum(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
         """Spatial momentum of all moving bodies: (angular about the base's origin, linear), in the base frame.
 

@@ -88,6 +88,23 @@ methods! {
         scene.kinematic_quantity(py, &KinematicQuantity::KineticEnergy, [q, qd], errors)
     }
 
+    /// Potential energy of gravity of all moving links, in O(N): minus gravity times the first moment of mass.
+    #[doc = parameters!(q errors)]
+    #[doc = section!(Returns)]
+    /// potential : (...) ndarray
+    ///     Potential energy, J; zero with the center of mass at the origin of the base frame.
+    #[doc = raises!(arguments)]
+    #[doc = section!(Notes)]
+    /// Its derivative along the tangent space of q is gravity_torque(q). Springs do not contribute.
+    #[doc = section!(Examples)]
+    /// >>> scene, q = phipsi.scenes.chain(3), [0.3, 0.2, 0.1]
+    /// >>> weight = scene.total_mass * np.array(scene.gravity)
+    /// >>> np.isclose(scene.potential_energy(q), -weight @ scene.center_of_mass(q))
+    /// np.True_
+    fn potential_energy(q; errors) |scene, py| {
+        scene.kinematic_quantity(py, &KinematicQuantity::PotentialEnergy, [q], errors)
+    }
+
     /// Spatial momentum of all moving links: (angular about the origin of the base frame, linear), in the base frame.
     #[doc = parameters!(q qd errors)]
     #[doc = section!(Returns)]
