@@ -41,31 +41,31 @@ functions! {
     CONSTRAINED_DYNAMICS = constrained_dynamics(q: Q, qd: V, tau: V, compliance: ROWS) -> (qdd: V, forces: ROWS, rank: SCALAR, residual: SCALAR),
         "Joint accelerations through the connections of the scene, and the forces of these", has_form: true;
     INVERSE_DYNAMICS = inverse_dynamics(q: Q, qd: V, qdd: V) -> (tau: V),
-        "Torques from joint accelerations", cost: [50, 0], has_dtype: true, compiled: compiled(128);
+        "Joint torques from joint accelerations", cost: [50, 0], has_dtype: true, compiled: compiled(128);
     BIAS_TORQUE = bias_torque(q: Q, qd: V) -> (tau: V),
-        "Torques that let no joint accelerate", cost: [50, 0], has_dtype: true, compiled: compiled(128);
+        "Joint torques at which no joint accelerates", cost: [50, 0], has_dtype: true, compiled: compiled(128);
     MASS_MATRIX = mass_matrix(q: Q) -> (mass: VV),
         "The mass matrix, row by row", cost: [30, 0], has_dtype: true, compiled: compiled(64);
     MASS_MATRIX_INVERSE = mass_matrix_inverse(q: Q) -> (inverse: VV),
-        "Its inverse, row by row",
+        "The inverse of the mass matrix, row by row",
         cost: [60, 0], has_form: true, has_dtype: true, compiled: watched(32, "mass_matrix_inverse_watched");
     FORWARD_DYNAMICS_DERIVATIVES = forward_dynamics_derivatives(q: Q, qd: V, tau: V) -> (dqdd_dq: VV, dqdd_dqd: VV, Minv: VV),
-        "Joint accelerations by the tangent of q, by qd and by tau, each row by row",
+        "Derivatives of joint accelerations with respect to q, qd and tau, each row by row",
         derivative_of: Some("forward_dynamics"), cost: [200, 10], has_form: true, compiled: compiled(24);
     INVERSE_DYNAMICS_DERIVATIVES = inverse_dynamics_derivatives(q: Q, qd: V, qdd: V) -> (dtau_dq: VV, dtau_dqd: VV, M: VV),
-        "Torques by the tangent of q, by qd and by qdd, each row by row",
+        "Derivatives of joint torques with respect to q, qd and qdd, each row by row",
         derivative_of: Some("inverse_dynamics"), cost: [80, 10], compiled: compiled(24);
     FORWARD_DYNAMICS_JVP = forward_dynamics_jvp(q: Q, qd: V, tau: V, dq: V, dqd: V, dtau: V) -> (dqdd: V),
         "The change of joint accelerations along a direction",
         derivative_of: Some("forward_dynamics"), cost: [250, 0], has_form: true, compiled: compiled(48);
     FORWARD_DYNAMICS_VJP = forward_dynamics_vjp(q: Q, qd: V, tau: V, cotangent: V) -> (gradient_q: V, gradient_qd: V, gradient_tau: V),
-        "Gradients of cotangent . qdd by the tangent of q, by qd and by tau",
+        "Gradients of cotangent . qdd with respect to q, qd and tau",
         derivative_of: Some("forward_dynamics"), cost: [250, 0], has_form: true, compiled: compiled(48);
     INVERSE_DYNAMICS_JVP = inverse_dynamics_jvp(q: Q, qd: V, qdd: V, dq: V, dqd: V, dqdd: V) -> (dtau: V),
-        "The change of torques along a direction",
+        "The change of joint torques along a direction",
         derivative_of: Some("inverse_dynamics"), cost: [120, 0], compiled: compiled(48);
     INVERSE_DYNAMICS_VJP = inverse_dynamics_vjp(q: Q, qd: V, qdd: V, cotangent: V) -> (gradient_q: V, gradient_qd: V, gradient_qdd: V),
-        "Gradients of cotangent . tau by the tangent of q, by qd and by qdd",
+        "Gradients of cotangent . tau with respect to q, qd and qdd",
         derivative_of: Some("inverse_dynamics"), cost: [120, 0], compiled: compiled(48);
     CORIOLIS_MATRIX = coriolis_matrix(q: Q, qd: V) -> (C: VV),
         "The Coriolis matrix, row by row", cost: [80, 10];
@@ -74,9 +74,9 @@ functions! {
 
     // Kinematic quantities. Of a frame the cost is per body on the path to the base.
     PLACEMENTS = placements(q: Q) -> (placements: POSES),
-        "Where links are: homogeneous matrices, link to base, row by row", cost: [60, 0], compiled: compiled(24);
+        "The poses of all links: homogeneous matrices from link to base, row by row", cost: [60, 0], compiled: compiled(24);
     PLACEMENT = placement(q: Q) -> (placement: POSE),
-        "Where the link is: a homogeneous matrix, link to base, row by row",
+        "The pose of the link: a homogeneous matrix from link to base, row by row",
         cost: [40, 0], of_link: true, compiled: compiled(128);
     JACOBIAN = jacobian(q: Q) -> (jacobian: SPATIAL_V),
         "The Jacobian of the link, row by row: its velocity (angular, linear) is J qd",
@@ -113,11 +113,11 @@ functions! {
 
     // In generated code only: results with the margin of their error estimate.
     FORWARD_DYNAMICS_WATCHED = forward_dynamics_watched(q: Q, qd: V, tau: V) -> (qdd: V, margin: SCALAR),
-        "Joint accelerations from torques; digits may be lost where the margin is below zero";
+        "Joint accelerations from torques; precision may be lost where the margin is negative";
     MASS_MATRIX_INVERSE_WATCHED = mass_matrix_inverse_watched(q: Q) -> (inverse: VV, margin: SCALAR),
-        "The inverse mass matrix, row by row; digits may be lost where the margin is below zero";
+        "The inverse of the mass matrix, row by row; precision may be lost where the margin is negative";
     FACTOR_WATCHED = factor_watched(q: Q) -> (margin: SCALAR),
-        "The margin of the factor of the mass matrix; digits may be lost where it is below zero";
+        "The margin of the factor of the mass matrix; precision may be lost where it is negative";
 }
 
 /// What is computed from one state (q, qd, u).
