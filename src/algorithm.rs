@@ -1,7 +1,9 @@
-//! What is computed, from which arguments, and who computes it: the algorithms, the kinematic quantities, and the table of their functions.
+//! What is computed, from which arguments, and who computes it: the algorithms, the kinematic quantities, and the
+//! table of their functions.
 //!
-//! The table has one row per function: its arguments and results with their shapes, its cost, and what it is the derivative of. The evaluator,
-//! the argument checks, the methods of Python, the generated code and `phipsi.compile` read it.
+//! The table has one row per function: its arguments and results with their shapes, its cost, and what it is the
+//! derivative of. The evaluator, the argument checks, the methods of Python, the generated code and `phipsi.compile`
+//! read it.
 
 pub(crate) mod table;
 
@@ -38,7 +40,8 @@ functions! {
     FORWARD_DYNAMICS = forward_dynamics(q: Q, qd: V, tau: V) -> (qdd: V),
         "Joint accelerations from torques",
         cost: [90, 0], has_form: true, has_dtype: true, compiled: watched(48, "forward_dynamics_watched");
-    CONSTRAINED_DYNAMICS = constrained_dynamics(q: Q, qd: V, tau: V, compliance: ROWS) -> (qdd: V, forces: ROWS, rank: SCALAR, residual: SCALAR),
+    CONSTRAINED_DYNAMICS = constrained_dynamics(q: Q, qd: V, tau: V, compliance: ROWS)
+        -> (qdd: V, forces: ROWS, rank: SCALAR, residual: SCALAR),
         "Joint accelerations through the connections of the scene, and the forces of these", has_form: true;
     INVERSE_DYNAMICS = inverse_dynamics(q: Q, qd: V, qdd: V) -> (tau: V),
         "Joint torques from joint accelerations", cost: [50, 0], has_dtype: true, compiled: compiled(128);
@@ -49,22 +52,26 @@ functions! {
     MASS_MATRIX_INVERSE = mass_matrix_inverse(q: Q) -> (inverse: VV),
         "The inverse of the mass matrix, row by row",
         cost: [60, 0], has_form: true, has_dtype: true, compiled: watched(32, "mass_matrix_inverse_watched");
-    FORWARD_DYNAMICS_DERIVATIVES = forward_dynamics_derivatives(q: Q, qd: V, tau: V) -> (dqdd_dq: VV, dqdd_dqd: VV, Minv: VV),
+    FORWARD_DYNAMICS_DERIVATIVES = forward_dynamics_derivatives(q: Q, qd: V, tau: V)
+        -> (dqdd_dq: VV, dqdd_dqd: VV, Minv: VV),
         "Derivatives of joint accelerations with respect to q, qd and tau, each row by row",
         derivative_of: Some("forward_dynamics"), cost: [200, 10], has_form: true, compiled: compiled(24);
-    INVERSE_DYNAMICS_DERIVATIVES = inverse_dynamics_derivatives(q: Q, qd: V, qdd: V) -> (dtau_dq: VV, dtau_dqd: VV, M: VV),
+    INVERSE_DYNAMICS_DERIVATIVES = inverse_dynamics_derivatives(q: Q, qd: V, qdd: V)
+        -> (dtau_dq: VV, dtau_dqd: VV, M: VV),
         "Derivatives of joint torques with respect to q, qd and qdd, each row by row",
         derivative_of: Some("inverse_dynamics"), cost: [80, 10], compiled: compiled(24);
     FORWARD_DYNAMICS_JVP = forward_dynamics_jvp(q: Q, qd: V, tau: V, dq: V, dqd: V, dtau: V) -> (dqdd: V),
         "The change of joint accelerations along a direction",
         derivative_of: Some("forward_dynamics"), cost: [250, 0], has_form: true, compiled: compiled(48);
-    FORWARD_DYNAMICS_VJP = forward_dynamics_vjp(q: Q, qd: V, tau: V, cotangent: V) -> (gradient_q: V, gradient_qd: V, gradient_tau: V),
+    FORWARD_DYNAMICS_VJP = forward_dynamics_vjp(q: Q, qd: V, tau: V, cotangent: V)
+        -> (gradient_q: V, gradient_qd: V, gradient_tau: V),
         "Gradients of cotangent . qdd with respect to q, qd and tau",
         derivative_of: Some("forward_dynamics"), cost: [250, 0], has_form: true, compiled: compiled(48);
     INVERSE_DYNAMICS_JVP = inverse_dynamics_jvp(q: Q, qd: V, qdd: V, dq: V, dqd: V, dqdd: V) -> (dtau: V),
         "The change of joint torques along a direction",
         derivative_of: Some("inverse_dynamics"), cost: [120, 0], compiled: compiled(48);
-    INVERSE_DYNAMICS_VJP = inverse_dynamics_vjp(q: Q, qd: V, qdd: V, cotangent: V) -> (gradient_q: V, gradient_qd: V, gradient_qdd: V),
+    INVERSE_DYNAMICS_VJP = inverse_dynamics_vjp(q: Q, qd: V, qdd: V, cotangent: V)
+        -> (gradient_q: V, gradient_qd: V, gradient_qdd: V),
         "Gradients of cotangent . tau with respect to q, qd and qdd",
         derivative_of: Some("inverse_dynamics"), cost: [120, 0], compiled: compiled(48);
     CORIOLIS_MATRIX = coriolis_matrix(q: Q, qd: V) -> (C: VV),
@@ -74,7 +81,8 @@ functions! {
 
     // Kinematic quantities. Of a frame the cost is per body on the path to the base.
     PLACEMENTS = placements(q: Q) -> (placements: POSES),
-        "The poses of all links: homogeneous matrices from link to base, row by row", cost: [60, 0], compiled: compiled(24);
+        "The poses of all links: homogeneous matrices from link to base, row by row",
+        cost: [60, 0], compiled: compiled(24);
     PLACEMENT = placement(q: Q) -> (placement: POSE),
         "The pose of the link: a homogeneous matrix from link to base, row by row",
         cost: [40, 0], of_link: true, compiled: compiled(128);
@@ -82,9 +90,11 @@ functions! {
         "The Jacobian of the link, row by row: its velocity (angular, linear) is J qd",
         derivative_of: Some("placement"), cost: [60, 0], of_link: true, compiled: compiled(64);
     JACOBIAN_RATE = jacobian_rate(q: Q, qd: V) -> (rate: SPATIAL_V),
-        "The time derivative of the Jacobian of the link, row by row", derivative_of: Some("jacobian"), cost: [120, 0], of_link: true;
+        "The time derivative of the Jacobian of the link, row by row",
+        derivative_of: Some("jacobian"), cost: [120, 0], of_link: true;
     JACOBIAN_RATE_PRODUCT = jacobian_rate_product(q: Q, qd: V) -> (product: SPATIAL),
-        "The time derivative of the Jacobian of the link times qd", derivative_of: Some("jacobian"), cost: [60, 0], of_link: true;
+        "The time derivative of the Jacobian of the link times qd",
+        derivative_of: Some("jacobian"), cost: [60, 0], of_link: true;
     VELOCITY = velocity(q: Q, qd: V) -> (velocity: SPATIAL),
         "The velocity (angular, linear) of the link", derivative_of: Some("placement"), cost: [60, 0], of_link: true;
     ACCELERATION = acceleration(q: Q, qd: V, qdd: V) -> (acceleration: SPATIAL),
@@ -94,9 +104,11 @@ functions! {
     CENTER_OF_MASS_VELOCITY = center_of_mass_velocity(q: Q, qd: V) -> (velocity: POINT),
         "The velocity of the center of mass", derivative_of: Some("center_of_mass"), needs_mass: true, cost: [80, 0];
     CENTER_OF_MASS_ACCELERATION = center_of_mass_acceleration(q: Q, qd: V, qdd: V) -> (acceleration: POINT),
-        "The acceleration of the center of mass", derivative_of: Some("center_of_mass_velocity"), needs_mass: true, cost: [80, 0];
+        "The acceleration of the center of mass",
+        derivative_of: Some("center_of_mass_velocity"), needs_mass: true, cost: [80, 0];
     CENTER_OF_MASS_JACOBIAN = center_of_mass_jacobian(q: Q) -> (jacobian: POINT_V),
-        "The Jacobian of the center of mass, row by row", derivative_of: Some("center_of_mass"), needs_mass: true, cost: [100, 0];
+        "The Jacobian of the center of mass, row by row",
+        derivative_of: Some("center_of_mass"), needs_mass: true, cost: [100, 0];
     CENTROIDAL_MOMENTUM_MATRIX = centroidal_momentum_matrix(q: Q) -> (matrix: SPATIAL_V),
         "The centroidal momentum matrix, row by row", needs_mass: true, cost: [100, 0];
     CENTROIDAL_MOMENTUM_MATRIX_RATE = centroidal_momentum_matrix_rate(q: Q, qd: V) -> (rate: SPATIAL_V),
@@ -125,8 +137,9 @@ functions! {
 pub enum Algorithm {
     /// u = tau; gives qdd, (nv).
     ForwardDynamics(Form),
-    /// u = tau, seed = the compliance of each row of the connections (m), or nothing where none gives way; gives qdd (nv), the forces of the connections (m), the rank of their rows and
-    /// the largest that is left of these, as [`Scene::constrained_dynamics`](crate::Scene::constrained_dynamics).
+    /// u = tau, seed = the compliance of each row of the connections (m), or nothing where none gives way; gives qdd
+    /// (nv), the forces of the connections (m), the rank of their rows and the largest that is left of these, as
+    /// [`Scene::constrained_dynamics`](crate::Scene::constrained_dynamics).
     ConstrainedDynamics(Form),
     /// u = qdd; gives tau, (nv).
     InverseDynamics,
@@ -142,18 +155,20 @@ pub enum Algorithm {
     Products(Products),
 }
 
-/// A product with the Jacobian of inverse or forward dynamics; see [`dynamics::derivatives`](crate::dynamics::derivatives).
+/// A product with the Jacobian of inverse or forward dynamics; see
+/// [`dynamics::derivatives`](crate::dynamics::derivatives).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Products {
     /// u = qdd, seed = (dq, dqd, dqdd); gives dtau, (nv).
     InverseTangent,
-    /// The same along changes of what is constant too, with which the third vector of the seed goes on: armature (nv), gravity (3), wrenches (bodies x 6), inertial
-    /// parameters (bodies x 10), as [`Directions`](crate::dynamics::derivatives::Directions) has them.
+    /// The same along changes of what is constant too, with which the third vector of the seed goes on: armature
+    /// (nv), gravity (3), wrenches (bodies x 6), inertial parameters (bodies x 10), as
+    /// [`Directions`](crate::dynamics::derivatives::Directions) has them.
     InverseTangents,
     /// u = qdd, seed = the cotangent of tau; gives those of q, qd and qdd, (3 x nv).
     InverseGradient,
-    /// The same and those of what is constant, one after another: armature (nv), gravity (3), wrenches (bodies x 6), inertial parameters (bodies x 10), as
-    /// [`Constants`](crate::dynamics::derivatives::Constants) has them.
+    /// The same and those of what is constant, one after another: armature (nv), gravity (3), wrenches (bodies x 6),
+    /// inertial parameters (bodies x 10), as [`Constants`](crate::dynamics::derivatives::Constants) has them.
     InverseGradients,
     /// u = tau, seed = (dq, dqd, dtau); gives dqdd, (nv).
     ForwardTangent(Form),
@@ -166,7 +181,8 @@ pub enum Products {
 }
 
 impl Products {
-    /// Its row of the table: the same with changes of what is constant, which are further numbers of the third vector, and without.
+    /// Its row of the table: the same with changes of what is constant, which are further numbers of the third
+    /// vector, and without.
     #[must_use]
     pub fn entry(self) -> &'static FunctionEntry {
         match self {
@@ -228,10 +244,12 @@ impl Derivatives {
     }
 }
 
-/// A quantity that depends on the state (q, qd, qdd) alone, not on forces: the motion of a frame on a link, the center of mass, momentum, energy.
+/// A quantity that depends on the state (q, qd, qdd) alone, not on forces: the motion of a frame on a link, the
+/// center of mass, momentum, energy.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum KinematicQuantity<'a> {
-    /// q; where a frame is, as a homogeneous matrix to the base, (4 x 4): [`Scene::placement`](crate::Scene::placement).
+    /// q; where a frame is, as a homogeneous matrix to the base, (4 x 4):
+    /// [`Scene::placement`](crate::Scene::placement).
     Placement(&'a Frame<f64>),
     /// q, qd; [`Scene::velocity`](crate::Scene::velocity) of a frame, (6).
     Velocity(&'a Frame<f64>, ReferenceFrame),
@@ -389,8 +407,8 @@ pub struct Arguments<'a, P = f64> {
     pub wrenches: &'a [SpatialVector<f64>],
     /// A direction or a cotangent: what [`Products`] multiply.
     pub seed: [&'a [P]; 3],
-    /// The largest estimated error that form `auto` accepts, relative to the largest entry of the result; None: the usual one. See
-    /// [`Workspace::tolerance`](crate::Workspace::tolerance).
+    /// The largest estimated error that form `auto` accepts, relative to the largest entry of the result; None: the
+    /// usual one. See [`Workspace::tolerance`](crate::Workspace::tolerance).
     pub tolerance: Option<f64>,
 }
 
@@ -414,13 +432,14 @@ pub trait Chunks<P>: Send + Sync {
     /// How many states at once.
     fn lanes(&self) -> usize;
 
-    /// Runs `algorithm` on one state or more, at most as many as there are lanes, of equal shapes; results one after another in
-    /// `out`. Gives the lanes in doubt as bits; their results mean nothing.
+    /// Runs `algorithm` on one state or more, at most as many as there are lanes, of equal shapes; results one after
+    /// another in `out`. Gives the lanes in doubt as bits; their results mean nothing.
     fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_, P>], out: &mut [P]) -> u64;
 
     /// The same of a kinematic quantity: every lane is in doubt where there are no kernels, as of f32.
     fn kinematic_quantity(&mut self, what: &KinematicQuantity<'_>, states: &[Arguments<'_, P>], out: &mut [P]) -> u64;
 
-    /// The estimated error of the largest acceleration of one lane of the last run of forward dynamics in form `auto`, in its unit.
+    /// The estimated error of the largest acceleration of one lane of the last run of forward dynamics in form
+    /// `auto`, in its unit.
     fn error(&self, lane: usize) -> f64;
 }

@@ -1,8 +1,9 @@
 //! Many states a call: as many at once as a register holds, with the same bits as one by one.
 //!
-//! An [`Evaluator`] has the kernels of one scene for the instructions of this processor ([`InstructionSet`]) and their scratch; [`Scene::evaluate`](crate::Scene::evaluate) runs
-//! them on one thread. [`motion`](crate::motion) runs its batches on as many threads as `set_threads` says (feature `parallel`), and takes arguments that broadcast
-//! by strides ([`Broadcast`]): a state that is shared is not copied.
+//! An [`Evaluator`] has the kernels of one scene for the instructions of this processor ([`InstructionSet`]) and
+//! their scratch; [`Scene::evaluate`](crate::Scene::evaluate) runs them on one thread. [`motion`](crate::motion) runs
+//! its batches on as many threads as `set_threads` says (feature `parallel`), and takes arguments that broadcast by
+//! strides ([`Broadcast`]): a state that is shared is not copied.
 //!
 //! ```
 //! use phipsi::{Algorithm, Arguments, Form};
@@ -52,7 +53,8 @@ use crate::watch;
 use std::ops::Range;
 use std::sync::Mutex;
 
-/// About so long, in ns of one thread, goes by between two questions whether to go on; it takes a thousandth of that to ask.
+/// About so long, in ns of one thread, goes by between two questions whether to go on; it takes a thousandth of that
+/// to ask.
 pub(crate) const SLICE: usize = 100_000;
 
 /// Another thread is woken for so much of a batch, in ns of one thread: it gains what waking costs twice over.
@@ -76,16 +78,19 @@ enum Steps {
     Shared,
     /// Each its own.
     Own,
-    /// Axis by axis, the last first: length of the batch's axis, and stride of the argument in states (0 where it broadcasts).
+    /// Axis by axis, the last first: length of the batch's axis, and stride of the argument in states (0 where it
+    /// broadcasts).
     Axes(Vec<(usize, usize)>),
 }
 
 impl<'a, P> Broadcast<'a, P> {
-    /// States of `width` numbers, row-major over the leading axes `leading`, seen over the axes `batch`: broadcast as arrays of `NumPy` do.
+    /// States of `width` numbers, row-major over the leading axes `leading`, seen over the axes `batch`: broadcast as
+    /// arrays of `NumPy` do.
     ///
     /// # Errors
     ///
-    /// [`Error::Shape`] where the length of `data` is not that of its axes, or the axes do not broadcast to the batch's.
+    /// [`Error::Shape`] where the length of `data` is not that of its axes, or the axes do not broadcast to the
+    /// batch's.
     pub fn new(argument: &str, data: &'a [P], width: usize, leading: &[usize], batch: &[usize]) -> Result<Self, Error> {
         let own = product(leading);
         if own.and_then(|own| own.checked_mul(width)) != Some(data.len()) {
@@ -222,8 +227,8 @@ fn leading_text(leading: &[usize]) -> String {
 
 /// Scratch kept between calls, shared by threads.
 ///
-/// Taking and giving back never wait: a thread that finds the pool in use makes its own scratch and drops it afterwards.
-/// (A process forked while another thread held the lock would wait for ever.)
+/// Taking and giving back never wait: a thread that finds the pool in use makes its own scratch and drops it
+/// afterwards. (A process forked while another thread held the lock would wait for ever.)
 #[derive(Debug)]
 #[doc(hidden)]
 pub struct Pool<S> {
@@ -271,10 +276,11 @@ pub struct Batch<'a, S, M> {
 }
 
 impl<S: Send, M: Fn() -> S + Sync> Batch<'_, S, M> {
-    /// Calls `kernel(scratch, i, out)` for every state i, with `out` its part of `results` (equally long for each state).
+    /// Calls `kernel(scratch, i, out)` for every state i, with `out` its part of `results` (equally long for each
+    /// state).
     ///
-    /// The results have the same bits for any number of threads. The caller's is one of them; the others are those of the rayon pool that it is
-    /// in, else our own.
+    /// The results have the same bits for any number of threads. The caller's is one of them; the others are those of
+    /// the rayon pool that it is in, else our own.
     ///
     /// # Errors
     ///
@@ -293,11 +299,13 @@ impl<S: Send, M: Fn() -> S + Sync> Batch<'_, S, M> {
         })
     }
 
-    /// The same for neighbouring states at once: `kernel(scratch, range, out)`, the range beginning at a multiple of `grain`.
+    /// The same for neighbouring states at once: `kernel(scratch, range, out)`, the range beginning at a multiple of
+    /// `grain`.
     ///
     /// # Errors
     ///
-    /// As [`Batch::run`]; a kernel's fault is the lowest of its range. [`Error::Interrupted`] under a [`watch`] that ends the work.
+    /// As [`Batch::run`]; a kernel's fault is the lowest of its range. [`Error::Interrupted`] under a [`watch`] that
+    /// ends the work.
     #[cfg_attr(not(feature = "parallel"), allow(unused_variables))] // pieces are for threads
     pub fn run_pieces<P, K>(&self, grain: usize, results: &mut [P], kernel: K) -> Result<(), Fault>
     where
@@ -322,7 +330,8 @@ impl<S: Send, M: Fn() -> S + Sync> Batch<'_, S, M> {
         self.pool.with(&self.make, |scratch| self.in_slices(grain, scratch, (0..self.states, results), &kernel))
     }
 
-    /// The kernel on one slice after another of a piece, between which it is asked whether to go on; they begin at multiples of the grain.
+    /// The kernel on one slice after another of a piece, between which it is asked whether to go on; they begin at
+    /// multiples of the grain.
     fn in_slices<P, K>(
         &self,
         grain: usize,
@@ -375,7 +384,8 @@ impl<S: Send, M: Fn() -> S + Sync> Batch<'_, S, M> {
                     if let Err(fault) = self.in_slices(grain, scratch, own, kernel) {
                         batch.end_with(fault);
                     }
-                    // Another caller may wait for no more than to hear that its batch is done. Between pieces: one in hand would wait too.
+                    // Another caller may wait for no more than to hear that its batch is done. Between pieces: one in
+                    // hand would wait too.
                     if matches!(place, threads::Place::Ours(..)) {
                         rayon::yield_now();
                     }

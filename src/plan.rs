@@ -23,8 +23,9 @@ pub struct Omission {
     pub why: &'static str,
     /// What that saved.
     pub saved: String,
-    /// How many floating-point operations (a product with a sum is two) forward dynamics of one state in covariance form does
-    /// less, in a call that needs nothing of this; zero where nothing was counted. Items of calls on the factor say beside what they count.
+    /// How many floating-point operations (a product with a sum is two) forward dynamics of one state in covariance
+    /// form does less, in a call that needs nothing of this; zero where nothing was counted. Items of calls on the
+    /// factor say beside what they count.
     pub operations: usize,
 }
 
@@ -75,8 +76,8 @@ fn counted(count: usize, one: &str, many: &str) -> String {
 impl Scene {
     /// What this scene does not need, and what leaving it out saved.
     ///
-    /// Some of it is counted by running the algorithms on numbers that count: O(N), some microseconds a body. Under a [`watch`] that ends the
-    /// work, only what was found until then.
+    /// Some of it is counted by running the algorithms on numbers that count: O(N), some microseconds a body. Under a
+    /// [`watch`] that ends the work, only what was found until then.
     #[must_use]
     pub fn plan(&self) -> Plan {
         // Joints that follow each other change nothing of what the sweeps of the tree leave out.

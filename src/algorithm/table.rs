@@ -56,8 +56,8 @@ pub fn width((_, axes): Array, sizes: &Sizes) -> usize {
 /// How code for one robot has a function.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Compiled {
-    /// Below this number of states the call of the scene takes less time than that of compiled code, because its way from Python is 3 to 6 us
-    /// shorter: measured on arms of six and seven joints and on a humanoid.
+    /// Below this number of states the call of the scene takes less time than that of compiled code, because its way
+    /// from Python is 3 to 6 us shorter: measured on arms of six and seven joints and on a humanoid.
     pub few: usize,
     /// The function that also returns the margin of its error estimate, where it has one.
     pub watched: Option<&'static str>,
@@ -78,7 +78,8 @@ pub struct FunctionEntry {
     pub results: &'static [Array],
     /// The function that it is the derivative of.
     pub derivative_of: Option<&'static str>,
-    /// Rough time of one state in ns: for each body, and for each body and degree of freedom. It decides about threads, not about results.
+    /// Rough time of one state in ns: for each body, and for each body and degree of freedom. It decides about
+    /// threads, not about results.
     pub cost: [usize; 2],
     /// Whether it is computed in a [`Form`](crate::Form).
     pub has_form: bool,
@@ -114,8 +115,8 @@ impl FunctionEntry {
         self.results.iter().map(|&result| width(result, sizes)).sum()
     }
 
-    /// The shape of the results of one state as one array, into `room`: results of the same axes along an axis of their own, others one after
-    /// another.
+    /// The shape of the results of one state as one array, into `room`: results of the same axes along an axis of
+    /// their own, others one after another.
     #[must_use]
     pub fn shape<'r>(&self, sizes: &Sizes, room: &'r mut [usize; 4]) -> &'r [usize] {
         let (_, first) = self.results[0];
@@ -132,7 +133,8 @@ impl FunctionEntry {
     }
 }
 
-/// The number of leading arguments that are a state: what follows is named after a change of them (dq), a cotangent or the compliance.
+/// The number of leading arguments that are a state: what follows is named after a change of them (dq), a cotangent
+/// or the compliance.
 pub(super) const fn arrays_of_state(arguments: &[Array]) -> usize {
     let mut count = 0;
     while count < arguments.len() && !matches!(arguments[count].0.as_bytes()[0], b'd' | b'c') {
@@ -159,8 +161,8 @@ pub(super) const PLAIN: FunctionEntry = FunctionEntry {
 
 /// The rows of the table, each as a constant, and all of them as [`FUNCTIONS`](super::FUNCTIONS).
 macro_rules! functions {
-    ($($id:ident = $name:ident($($argument:ident: $axes:ident),*) -> ($($result:ident: $of_result:ident),*), $summary:literal
-        $(, $field:ident: $value:expr)*;)*) => {
+    ($($id:ident = $name:ident($($argument:ident: $axes:ident),*)
+        -> ($($result:ident: $of_result:ident),*), $summary:literal $(, $field:ident: $value:expr)*;)*) => {
         $(
             #[doc = $summary]
             pub(crate) static $id: FunctionEntry = FunctionEntry {

@@ -39,7 +39,8 @@ pub(super) fn ready(scene: &Scene) -> OwnKernels {
     kernels
 }
 
-/// One state, of lengths that fit; false where its results mean nothing: it is in doubt, or the kernels are another scene's.
+/// One state, of lengths that fit; false where its results mean nothing: it is in doubt, or the kernels are another
+/// scene's.
 #[inline]
 pub(super) fn run(
     own: &mut OwnKernels,

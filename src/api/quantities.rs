@@ -8,7 +8,8 @@ use crate::workspace::Workspace;
 use std::borrow::Cow;
 
 impl Scene {
-    /// A kinematic quantity at one state (q, qd, qdd), of which it reads [`KinematicQuantity::reads`] arrays, into `out`: what the method of its name gives.
+    /// A kinematic quantity at one state (q, qd, qdd), of which it reads [`KinematicQuantity::reads`] arrays, into
+    /// `out`: what the method of its name gives.
     ///
     /// # Errors
     ///

@@ -1,5 +1,5 @@
-//! Joint accelerations of as many states as a scalar has lanes: each form compiled once for a scalar and its instructions, and called by whoever
-//! asks, batches and simulation.
+//! Joint accelerations of as many states as a scalar has lanes: each form compiled once for a scalar and its
+//! instructions, and called by whoever asks, batches and simulation.
 
 use super::instruction_set::{Target, Vectorised, Work};
 use crate::dynamics::auto::{self, Errors};

@@ -1,7 +1,7 @@
 //! A few states at once, one in each lane of a scalar, through one algorithm compiled for one arm.
 //!
-//! Nothing is raised here: a lane whose arguments, pivots, digits or results are not in order is in *doubt*, and whoever
-//! called does that state again with every check (see [`Evaluator`](super::evaluator::Evaluator)).
+//! Nothing is raised here: a lane whose arguments, pivots, digits or results are not in order is in *doubt*, and
+//! whoever called does that state again with every check (see [`Evaluator`](super::evaluator::Evaluator)).
 
 use super::accelerations;
 use super::connected::{self, ConnectedKernel};
@@ -47,7 +47,8 @@ pub struct Chunk<T: Vectorised> {
     results: Vec<T>,
     /// What form `auto` estimates its error to be.
     errors: Errors<T>,
-    /// True if every lane accepts the default error, and a bit mask of the lanes that accept less than the first probe of the square-root form guarantees.
+    /// True if every lane accepts the default error, and a bit mask of the lanes that accept less than the first
+    /// probe of the square-root form guarantees.
     accepts_usual: bool,
     strict: u64,
     derivatives: Option<Box<DerivativeKernel<T>>>,
@@ -102,7 +103,8 @@ impl<T: Vectorised> Chunk<T> {
         self.errors.of(lane)
     }
 
-    /// As [`Chunks::run`](crate::algorithm::Chunks::run), for these instructions; all that the scalar needs becomes part of whatever calls it.
+    /// As [`Chunks::run`](crate::algorithm::Chunks::run), for these instructions; all that the scalar needs becomes
+    /// part of whatever calls it.
     #[inline(always)]
     pub fn run<I: Target>(
         &mut self,
@@ -137,7 +139,8 @@ impl<T: Vectorised> Chunk<T> {
         }
     }
 
-    /// As [`Chunks::kinematic_quantity`](crate::algorithm::Chunks::kinematic_quantity), for these instructions; float32 has none of them.
+    /// As [`Chunks::kinematic_quantity`](crate::algorithm::Chunks::kinematic_quantity), for these instructions;
+    /// float32 has none of them.
     #[inline(always)]
     pub fn kinematic_quantity<I: Target>(
         &mut self,

@@ -1,7 +1,7 @@
 //! The kernels of every scalar and its instructions, each in a module of its own.
 //!
-//! The compiler hands out its work by modules, and a kernel is all of the algorithms inlined into one function: in one module the arms would
-//! be compiled one after another.
+//! The compiler hands out its work by modules, and a kernel is all of the algorithms inlined into one function: in
+//! one module the arms would be compiled one after another.
 
 #[cfg(target_arch = "aarch64")]
 use pulp::aarch64::Neon;

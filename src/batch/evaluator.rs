@@ -16,8 +16,8 @@ use crate::workspace::Workspace;
 
 /// Scratch for the algorithms of one scene on one thread, for one state and for as many as fit in a register.
 ///
-/// States and results are f64, or f32 and then twice as many in a register. What it computes has the same bits in any lane and with
-/// any neighbours, but for the sign of a zero.
+/// States and results are f64, or f32 and then twice as many in a register. What it computes has the same bits in any
+/// lane and with any neighbours, but for the sign of a zero.
 pub struct Evaluator<P = f64> {
     arm: InstructionSet,
     /// Of the scene that it was made for.
@@ -88,7 +88,8 @@ impl Evaluated for f64 {
     }
 }
 
-/// In lanes or not at all: one state leaves the others idle, for code of its own would not be worth the time to compile it.
+/// In lanes or not at all: one state leaves the others idle, for code of its own would not be worth the time to
+/// compile it.
 impl Evaluated for f32 {
     #[allow(unused_variables)] // where there are no lanes
     fn kernels(arm: InstructionSet, scene: &Scene) -> Kernels<Self> {
@@ -123,7 +124,8 @@ impl Checked {
         accuracy
     }
 
-    /// Of accelerations that the kernels have accepted with this tolerance, and whose error they estimate to be so large.
+    /// Of accelerations that the kernels have accepted with this tolerance, and whose error they estimate to be so
+    /// large.
     fn accepted<P: Precision>(&self, error: f64, given: Option<f64>, qdd: &[P]) -> Accuracy {
         let tolerance = Tolerance { given, ..self.workspace.accepted_error() }.of_covariance(P::EPSILON);
         Accuracy { error, ..Accuracy::unknown(Form::Covariance) }.judged(tolerance, largest(qdd), true)
@@ -173,8 +175,9 @@ impl<P: Evaluated> Evaluator<P> {
         }
     }
 
-    /// The kernel alone, on one state or at most as many as there are lanes, of equal shapes: no lengths are checked. Results one
-    /// after another in `out`; the bits of the result are the states in doubt, which [`Scene::evaluate`] would do again.
+    /// The kernel alone, on one state or at most as many as there are lanes, of equal shapes: no lengths are checked.
+    /// Results one after another in `out`; the bits of the result are the states in doubt, which [`Scene::evaluate`]
+    /// would do again.
     #[doc(hidden)]
     pub fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_, P>], out: &mut [P]) -> u64 {
         self.kernels.run(algorithm, states, out)
@@ -231,12 +234,13 @@ impl Scene {
         Evaluator::new(self)
     }
 
-    /// The same for states and results in f32, twice as many at once: about 6 digits, fewer by those of the condition number of M
-    /// where accelerations are computed.
+    /// The same for states and results in f32, twice as many at once: about 6 digits, fewer by those of the condition
+    /// number of M where accelerations are computed.
     ///
-    /// The scene's constants are rounded to f32 too. A state in doubt is done in f64 and its results rounded: one whose estimated error is
-    /// above max(2.7e-5, 4 n eps) and above what the problem allows in form `auto`, a lost pivot, an overflow, the square-root and Joseph's form, and every state on the baseline
-    /// arm, which has no lanes. Results that f32 cannot hold are refused. What becomes less than 1e-38 on the way becomes zero.
+    /// The scene's constants are rounded to f32 too. A state in doubt is done in f64 and its results rounded: one
+    /// whose estimated error is above max(2.7e-5, 4 n eps) and above what the problem allows in form `auto`, a lost
+    /// pivot, an overflow, the square-root and Joseph's form, and every state on the baseline arm, which has no
+    /// lanes. Results that f32 cannot hold are refused. What becomes less than 1e-38 on the way becomes zero.
     #[must_use]
     pub fn evaluator_f32(&self) -> Evaluator<f32> {
         Evaluator::new(self)
@@ -244,12 +248,13 @@ impl Scene {
 
     /// One algorithm on any number of states: the results one after another in `out`, as long for each state.
     ///
-    /// As many states at once as the processor's registers hold; a state whose arguments, pivots or digits are in doubt is done
-    /// once more by the checked recursion ([`Scene::recursion`]), in the form asked for.
+    /// As many states at once as the processor's registers hold; a state whose arguments, pivots or digits are in
+    /// doubt is done once more by the checked recursion ([`Scene::recursion`]), in the form asked for.
     ///
     /// # Errors
     ///
-    /// [`Fault`] of the lowest state that failed, with the error of the recursion; `out` is then partly written. [`Error::Argument`] for the evaluator of another scene.
+    /// [`Fault`] of the lowest state that failed, with the error of the recursion; `out` is then partly written.
+    /// [`Error::Argument`] for the evaluator of another scene.
     pub fn evaluate<P: Evaluated>(
         &self,
         evaluator: &mut Evaluator<P>,
@@ -260,7 +265,8 @@ impl Scene {
         self.evaluate_each(evaluator, algorithm, states, out, |_, _: &dyn Fn() -> Accuracy| {})
     }
 
-    /// The same; `found` is called with the index of each state and what tells its accuracy, in form `auto`: a call of the kernels that nobody else pays.
+    /// The same; `found` is called with the index of each state and what tells its accuracy, in form `auto`: a call
+    /// of the kernels that nobody else pays.
     #[inline]
     pub(super) fn evaluate_each<P: Evaluated>(
         &self,
@@ -321,14 +327,16 @@ impl Scene {
         Ok(())
     }
 
-    /// A kinematic quantity of any number of states: the results one after another in `out`, as long for each state; u is qdd.
+    /// A kinematic quantity of any number of states: the results one after another in `out`, as long for each state;
+    /// u is qdd.
     ///
-    /// As many states at once as the processor's registers hold; a state whose arguments or results are in doubt is done once more by the method for one state
-    /// ([`Scene::kinematic_quantity`]).
+    /// As many states at once as the processor's registers hold; a state whose arguments or results are in doubt is
+    /// done once more by the method for one state ([`Scene::kinematic_quantity`]).
     ///
     /// # Errors
     ///
-    /// [`Fault`] of the lowest state that failed, with the error of that method; `out` is then partly written. [`Error::Argument`] for the evaluator of another scene.
+    /// [`Fault`] of the lowest state that failed, with the error of that method; `out` is then partly written.
+    /// [`Error::Argument`] for the evaluator of another scene.
     pub fn evaluate_kinematic_quantity(
         &self,
         evaluator: &mut Evaluator,

@@ -1,4 +1,5 @@
-//! The factor of M, and right sides that go through it, of as many states as a scalar has lanes: each compiled once for whoever asks.
+//! The factor of M, and right sides that go through it, of as many states as a scalar has lanes: each compiled once
+//! for whoever asks.
 
 use super::accelerations;
 use super::instruction_set::{Target, Vectorised, Work};

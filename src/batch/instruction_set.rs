@@ -1,7 +1,7 @@
 //! The instruction sets that the same generic code is compiled for. One of them is selected when the program runs.
 //!
-//! A *kernel* is generic over the scalar, and is compiled once per scalar and instruction set. The instruction set is selected once, from
-//! those that the processor has and from the environment variable `PHIPSI_INSTRUCTION_SET`.
+//! A *kernel* is generic over the scalar, and is compiled once per scalar and instruction set. The instruction set is
+//! selected once, from those that the processor has and from the environment variable `PHIPSI_INSTRUCTION_SET`.
 
 use super::finite::any_not_finite;
 use crate::scalar::{ColumnsOf, Fused, Precision, Real};
@@ -59,7 +59,8 @@ impl InstructionSet {
         }
     }
 
-    /// Whether this processor has it, and kernels were compiled for it: [`InstructionSet::Avx512`] needs the feature `avx512`.
+    /// Whether this processor has it, and kernels were compiled for it: [`InstructionSet::Avx512`] needs the feature
+    /// `avx512`.
     #[must_use]
     pub fn available(self) -> bool {
         match self {
@@ -75,11 +76,12 @@ impl InstructionSet {
         }
     }
 
-    /// The instruction set of this process: the one that the environment variable `PHIPSI_INSTRUCTION_SET` names, else the widest of this
-    /// processor. A name that is unknown or not available here is reported on the standard error.
+    /// The instruction set of this process: the one that the environment variable `PHIPSI_INSTRUCTION_SET` names,
+    /// else the widest of this processor. A name that is unknown or not available here is reported on the standard
+    /// error.
     ///
-    /// A build with debug assertions selects the baseline unless the variable is set: without optimization the kernels of the lanes need
-    /// more stack than a thread has.
+    /// A build with debug assertions selects the baseline unless the variable is set: without optimization the
+    /// kernels of the lanes need more stack than a thread has.
     #[must_use]
     pub fn of_process() -> Self {
         static SELECTED: OnceLock<InstructionSet> = OnceLock::new();
@@ -168,8 +170,8 @@ pub trait Vectorised: Real {
     /// The same, to be written.
     fn lanes_mut(&mut self) -> &mut [Self::Number];
 
-    /// Numbers into lanes: `of` gives a slice for each lane, as long as `numbers`, which becomes entry by entry what they hold. Zero where all
-    /// of a lane's are finite, else NaN.
+    /// Numbers into lanes: `of` gives a slice for each lane, as long as `numbers`, which becomes entry by entry what
+    /// they hold. Zero where all of a lane's are finite, else NaN.
     ///
     /// Slices that are empty leave all as it is.
     #[inline(always)]
@@ -182,7 +184,8 @@ pub trait Vectorised: Real {
         if of(0).is_empty() { Self::zero() } else { any_not_finite(numbers) }
     }
 
-    /// Lanes into numbers: of each state as many as there are in `numbers`, one state after another; as many states as `out` has.
+    /// Lanes into numbers: of each state as many as there are in `numbers`, one state after another; as many states
+    /// as `out` has.
     #[inline(always)]
     fn put_lanes(numbers: &[Self], out: &mut [Self::Number]) {
         for (lane, out) in out.chunks_exact_mut(numbers.len()).enumerate() {
@@ -195,8 +198,8 @@ pub trait Vectorised: Real {
     /// Where the entries of a matrix are written: of one state where they belong.
     fn entries_in<'a>(entries: &'a mut [Entry<Self>], out: &'a mut [Self::Number]) -> &'a mut [Entry<Self>];
 
-    /// As [`Self::put_lanes`] of as many numbers as `chosen` says, each by its place in `entries`, of which the first is zero; nothing where
-    /// they were written where they belong.
+    /// As [`Self::put_lanes`] of as many numbers as `chosen` says, each by its place in `entries`, of which the first
+    /// is zero; nothing where they were written where they belong.
     fn put_entries(entries: &[Entry<Self>], chosen: &[u32], out: &mut [Self::Number]);
 }
 

@@ -133,8 +133,8 @@ impl<T: Vectorised> Work for Along<'_, T> {
 /// A scene, and the scratch that gradients need.
 type Room<'a, T> = ((&'a Model<T>, &'a SweepModel<T>), (&'a mut SweepScratch<T>, &'a mut CoStates<T>));
 
-/// All cotangents of a state, of torques, or where there is a form of accelerations, then with the factor in the scratch; the lanes in doubt. Compiled once for batches and
-/// for trajectories.
+/// All cotangents of a state, of torques, or where there is a form of accelerations, then with the factor in the
+/// scratch; the lanes in doubt. Compiled once for batches and for trajectories.
 #[inline(never)]
 pub(crate) fn gradients<T: Vectorised, I: Target>(
     target: I,

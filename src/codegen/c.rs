@@ -19,15 +19,19 @@ pub type Sources = Vec<(String, String)>;
 
 /// C99 of functions of a scene under this name: NAME.c, NAME.h, `test_NAME.c` and a Makefile.
 ///
-/// Each function takes pointers to its arguments, SI units, radians, and then to its results, which it writes; nothing is allocated, and of libm it needs sines, cosines and square roots. Results are those of the
-/// scene's methods to rounding, in covariance form: a state that loses digits there is not noticed. The test compares with the scene at a state of its own. Programs of more than 8000 operations are written in parts, a function each; what limbs of one kind repeat is one of them, called in a loop with the constants of each limb from a table.
+/// Each function takes pointers to its arguments, SI units, radians, and then to its results, which it writes;
+/// nothing is allocated, and of libm it needs sines, cosines and square roots. Results are those of the scene's
+/// methods to rounding, in covariance form: a state that loses digits there is not noticed. The test compares with
+/// the scene at a state of its own. Programs of more than 8000 operations are written in parts, a function each; what
+/// limbs of one kind repeat is one of them, called in a loop with the constants of each limb from a table.
 ///
-/// With `batches` there is a function of many states too for each, as many at once as the processor's registers hold: by the vector extensions of GCC and Clang. Those of one state are left out where
-/// `NAME_BATCHES_ALONE` is defined.
+/// With `batches` there is a function of many states too for each, as many at once as the processor's registers hold:
+/// by the vector extensions of GCC and Clang. Those of one state are left out where `NAME_BATCHES_ALONE` is defined.
 ///
 /// # Errors
 ///
-/// As [`Program::new`]; [`Error::Argument`] for a name that is no identifier of C, for no functions, and for two whose names are one in C.
+/// As [`Program::new`]; [`Error::Argument`] for a name that is no identifier of C, for no functions, and for two
+/// whose names are one in C.
 pub fn sources(
     scene: &Scene,
     name: &str,

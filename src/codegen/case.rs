@@ -5,7 +5,8 @@ use super::program::Program;
 use crate::error::Error;
 use crate::scene::Scene;
 
-/// The arguments of a program at one state, what the scene's method gives there, and the size of such numbers, by which differences are measured.
+/// The arguments of a program at one state, what the scene's method gives there, and the size of such numbers, by
+/// which differences are measured.
 pub(super) struct Case {
     pub given: Vec<Vec<f64>>,
     /// All results, one after another.

@@ -1,4 +1,5 @@
-//! What programs compute: functions of the table ([`algorithm`](crate::algorithm)), how each is traced, and what the scene's method gives.
+//! What programs compute: functions of the table ([`algorithm`](crate::algorithm)), how each is traced, and what the
+//! scene's method gives.
 
 use super::tracing::Place;
 use super::{reference, tracing};
@@ -20,7 +21,8 @@ use crate::spatial::RigidShift;
 pub enum Function {
     /// qdd of (q, qd, tau), in covariance form.
     ForwardDynamics,
-    /// The same, and by how much it stays clear of losing digits: below zero, or NaN, of a state in doubt, which the scene's methods in form auto do by other means.
+    /// The same, and by how much it stays clear of losing digits: below zero, or NaN, of a state in doubt, which the
+    /// scene's methods in form auto do by other means.
     ForwardDynamicsWatched,
     /// tau of (q, qd, qdd).
     InverseDynamics,
@@ -145,7 +147,8 @@ impl Function {
         self.line().0.name
     }
 
-    /// What the code calls it: the name, and of one link the link's, with _ for what no identifier has, and the frame where that is not the link's own.
+    /// What the code calls it: the name, and of one link the link's, with _ for what no identifier has, and the frame
+    /// where that is not the link's own.
     #[must_use]
     pub fn symbol(&self) -> String {
         let name = self.name();

@@ -9,7 +9,8 @@ use std::fmt::Write;
 
 /// What all programs in lanes use: vectors, sines with their cosines, and the way of states into lanes and out.
 ///
-/// Sines and cosines are good to one unit in the last place up to the largest angle of [`Sines`]; beyond, they are libm's. In float the unit is that of one.
+/// Sines and cosines are good to one unit in the last place up to the largest angle of [`Sines`]; beyond, they are
+/// libm's. In float the unit is that of one.
 pub(super) fn prelude(width: Width) -> String {
     let (sines, constant) = (Sines::new(width), |x: f64| width.constant(x));
     let [of_sine, first, of_cosine] = sines.polynomials(&constant);

@@ -1,7 +1,8 @@
-//! One robot, compiled: the sweeps run once on numbers that remember what they come of, and what they leave is written out in C, Rust or CUDA.
+//! One robot, compiled: the sweeps run once on numbers that remember what they come of, and what they leave is
+//! written out in C, Rust or CUDA.
 //!
-//! Zeros, ones, aligned axes, absent gravity and outputs that nobody asked for are gone by one mechanism: a number that is constant is computed here, and an operation that
-//! changes nothing is not written.
+//! Zeros, ones, aligned axes, absent gravity and outputs that nobody asked for are gone by one mechanism: a number
+//! that is constant is computed here, and an operation that changes nothing is not written.
 //!
 //! ```
 //! use phipsi::codegen::{Function, Program};

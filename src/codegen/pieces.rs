@@ -1,5 +1,5 @@
-//! Programs as functions: a short one is one function; each part of a long one is a function, and what limbs repeat is called in a loop, with
-//! the numbers of each limb in tables. [`Syntax`] says how the language writes each piece.
+//! Programs as functions: a short one is one function; each part of a long one is a function, and what limbs repeat
+//! is called in a loop, with the numbers of each limb in tables. [`Syntax`] says how the language writes each piece.
 
 use super::parts::{Cut, Entry, Given, Part, Run, Source, Tables, parts};
 use super::program::{Program, operands};
@@ -23,7 +23,8 @@ pub(super) struct Form<'a> {
     /// The parameters of its parts, and what its calls of them pass.
     pub parameters: String,
     pub names: String,
-    /// Whether the caller guarantees that no result overlaps an argument: results are then written as soon as they are computed.
+    /// Whether the caller guarantees that no result overlaps an argument: results are then written as soon as they
+    /// are computed.
     pub is_apart: bool,
 }
 
@@ -176,7 +177,8 @@ pub(super) fn name_of_pair(operation: &Operation, angle: u32) -> String {
     format!("{}{angle}", if matches!(operation, Operation::Sine(_)) { 's' } else { 'c' })
 }
 
-/// The expression of a given value, or the name that it gets here: where the language wants one, and where its index is read from a table.
+/// The expression of a given value, or the name that it gets here: where the language wants one, and where its index
+/// is read from a table.
 fn given(
     program: &Program,
     (index, given): (usize, &Given),

@@ -31,16 +31,20 @@ pub struct Program {
 impl Program {
     /// The program of one function of `scene`.
     ///
-    /// The sweeps run once on numbers that remember what they come of ([`Traced`]). The order is theirs, joint by joint, in which fewer numbers wait to be read than in one that goes back from the results. O(N) operations for the dynamics, O(N^2) for matrices.
+    /// The sweeps run once on numbers that remember what they come of ([`Traced`]). The order is theirs, joint by
+    /// joint, in which fewer numbers wait to be read than in one that goes back from the results. O(N) operations for
+    /// the dynamics, O(N^2) for matrices.
     ///
     /// # Errors
     ///
-    /// [`Error::Argument`] for a scene with connections, with joints that follow others, or whose inverse mass matrix is not multiplied out (chains of more than 300 joints), or whose constants overflow; an unknown link.
+    /// [`Error::Argument`] for a scene with connections, with joints that follow others, or whose inverse mass matrix
+    /// is not multiplied out (chains of more than 300 joints), or whose constants overflow; an unknown link.
     pub fn new(scene: &Scene, function: &Function) -> Result<Self, Error> {
         Self::accepting(scene, function, None)
     }
 
-    /// The same, whose margin, where it has one, is that of another tolerance than the usual one (see [`Workspace::tolerance`](crate::Workspace::tolerance)).
+    /// The same, whose margin, where it has one, is that of another tolerance than the usual one (see
+    /// [`Workspace::tolerance`](crate::Workspace::tolerance)).
     ///
     /// # Errors
     ///
@@ -209,8 +213,8 @@ impl Program {
     }
 }
 
-/// The operations of a function's sweeps at these arguments, q first, in a model of `scene` (with other switches, for instance): every one that
-/// runs, also of constants alone.
+/// The operations of a function's sweeps at these arguments, q first, in a model of `scene` (with other switches, for
+/// instance): every one that runs, also of constants alone.
 pub(crate) fn count(
     scene: &Scene,
     model: &Model<f64>,

@@ -1,4 +1,5 @@
-//! What the scene gives for the arguments of a function, all results one after another: what generated tests compare with.
+//! What the scene gives for the arguments of a function, all results one after another: what generated tests compare
+//! with.
 
 use crate::algorithm::{Algorithm, Arguments};
 use crate::dynamics::auto::{self, Watched};

@@ -15,11 +15,15 @@ use crate::scene::Scene;
 use std::collections::{HashMap, HashSet};
 use std::fmt::Write;
 
-/// A Rust crate of functions of a scene under this name: Cargo.toml, src/lib.rs, src/dynamics.rs, src/lanes.rs, src/numbers.rs and tests/reference.rs.
+/// A Rust crate of functions of a scene under this name: Cargo.toml, src/lib.rs, src/dynamics.rs, src/lanes.rs,
+/// src/numbers.rs and tests/reference.rs.
 ///
-/// Safe code that needs `core` alone. src/dynamics.rs has the functions, generic over a trait `Number` that it defines, as straight lines of operations, those of more than 8000 in parts as in C: arguments are arrays of one state, SI units, radians, and
-/// the result is an array, or a tuple of arrays. src/lanes.rs adds `Lanes<T, N>`, N numbers side by side, and a function of many states for each. src/numbers.rs makes f64 and f32 numbers, by the standard library
-/// (feature `std`, on unless switched off). Each of the first three can be included in a module of another crate, from a build script for instance. Results are those of the scene's methods to rounding, in
+/// Safe code that needs `core` alone. src/dynamics.rs has the functions, generic over a trait `Number` that it
+/// defines, as straight lines of operations, those of more than 8000 in parts as in C: arguments are arrays of one
+/// state, SI units, radians, and the result is an array, or a tuple of arrays. src/lanes.rs adds `Lanes<T, N>`, N
+/// numbers side by side, and a function of many states for each. src/numbers.rs makes f64 and f32 numbers, by the
+/// standard library (feature `std`, on unless switched off). Each of the first three can be included in a module of
+/// another crate, from a build script for instance. Results are those of the scene's methods to rounding, in
 /// covariance form.
 ///
 /// # Errors
@@ -177,7 +181,8 @@ fn statements(program: &Program) -> (Vec<Statement>, Vec<String>) {
     (all, said)
 }
 
-/// The statements, in blocks that give what others read: each statement opens a scope, and the compiler does not bear thousands of them within each other.
+/// The statements, in blocks that give what others read: each statement opens a scope, and the compiler does not bear
+/// thousands of them within each other.
 fn body(program: &Program, statements: &[Statement], text: &mut String) {
     let block = statements.len().isqrt().max(64);
     let count = program.operations.len();

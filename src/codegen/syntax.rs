@@ -1,4 +1,5 @@
-//! How C, CUDA C++ and Rust write the same program: one table of templates per language, which [`pieces`](super::pieces) fills in.
+//! How C, CUDA C++ and Rust write the same program: one table of templates per language, which
+//! [`pieces`](super::pieces) fills in.
 //!
 //! A placeholder is a name in braces; doubled braces are braces of the text, as in `format!`.
 
@@ -42,7 +43,8 @@ pub(super) struct Syntax {
     pub constants: fn(Width) -> &'static str,
     /// The array of stored values: `{scalar}`, `{slots}`.
     pub kept: &'static str,
-    /// The call of a part (`{name}`, `{index}`, `{names}`, `{tables}`), and one table in it (`{row}` and those of `table`).
+    /// The call of a part (`{name}`, `{index}`, `{names}`, `{tables}`), and one table in it (`{row}` and those of
+    /// `table`).
     pub call: &'static str,
     pub table_argument: &'static str,
     /// Several calls: `{start}`, `{end}`, `{call}`; and the name of the row there.
@@ -50,7 +52,8 @@ pub(super) struct Syntax {
     pub row: &'static str,
 }
 
-/// Operations that the languages write differently: the operands are `{a}`, `{b}` and `{c}`, what ends a function's name `{f}`.
+/// Operations that the languages write differently: the operands are `{a}`, `{b}` and `{c}`, what ends a function's
+/// name `{f}`.
 pub(super) struct Expressions {
     product_sum: &'static str,
     minus_product: &'static str,
@@ -102,7 +105,8 @@ pub(super) const C: Syntax = Syntax {
     row: "i",
 };
 
-/// C99, many states: a number of each state in a lane of a vector. Of two operands at least one is a vector: constants are folded before.
+/// C99, many states: a number of each state in a lane of a vector. Of two operands at least one is a vector:
+/// constants are folded before.
 pub(super) const LANES: Syntax = Syntax {
     scalar: |_| "lanes",
     // A scalar is not a vector.
@@ -152,8 +156,9 @@ pub(super) const RUST: Syntax = Syntax {
         smaller: "{a}.smaller({b})",
         one_if_zero: "{a}.one_if_zero()",
     },
-    part_head: "\n#[rustfmt::skip]\n#[allow(non_snake_case, unused_variables, clippy::approx_constant, clippy::many_single_char_names, \
-                clippy::similar_names, clippy::too_many_arguments, clippy::too_many_lines, clippy::unreadable_literal)]\n\
+    part_head: "\n#[rustfmt::skip]\n#[allow(non_snake_case, unused_variables, clippy::approx_constant, \
+                clippy::many_single_char_names, clippy::similar_names, clippy::too_many_arguments, \
+                clippy::too_many_lines, clippy::unreadable_literal)]\n\
                 fn {name}_{index}<T: Number>({parameters}) {{\n",
     kept_parameter: "kept: &mut [T; {slots}]",
     table_parameter: "{suffix}: &[{kind}; {width}]",

@@ -7,7 +7,8 @@ use crate::model::Model;
 use crate::scalar::Real;
 use crate::workspace::Workspace;
 
-/// One that is of a frame, which needs no scratch, into `out`; false for the others. Of the state it reads what `what` says.
+/// One that is of a frame, which needs no scratch, into `out`; false for the others. Of the state it reads what
+/// `what` says.
 #[inline(always)]
 pub(crate) fn of_frame<T: Real>(
     model: &Model<T>,

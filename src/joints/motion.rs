@@ -46,7 +46,8 @@ impl<T: Real> Motion<T> {
         }
     }
 
-    /// The place of the quaternion in the coordinates of the joint, and of its angular velocity among the velocities; None without a quaternion.
+    /// The place of the quaternion in the coordinates of the joint, and of its angular velocity among the velocities;
+    /// None without a quaternion.
     pub(crate) fn quaternion(&self) -> Option<(usize, usize)> {
         match self {
             Self::Spherical => Some((0, 0)),
@@ -65,7 +66,8 @@ impl<T: Real> Motion<T> {
         matches!(self, Self::Revolute | Self::Prismatic)
     }
 
-    /// Operations of the velocity of a body and of its velocity product, phi* v and v x H* qd: counted on the counting scalar (docs/leaving-out.md).
+    /// Operations of the velocity of a body and of its velocity product, phi* v and v x H* qd: counted on the
+    /// counting scalar (docs/leaving-out.md).
     pub(crate) fn operations_of_velocity(&self) -> usize {
         match self {
             Self::Revolute => 58,
@@ -101,7 +103,8 @@ impl<T: Real> Motion<T> {
         }
     }
 
-    /// H* u in the body's frame; `like` says only of which kind its zeros are, for a body that does not move has no rate.
+    /// H* u in the body's frame; `like` says only of which kind its zeros are, for a body that does not move has no
+    /// rate.
     #[inline(always)]
     pub fn velocity(&self, u: &[T], like: T) -> Vector6<T> {
         let o = like.constant(0.0);
@@ -126,7 +129,8 @@ impl<T: Real> Motion<T> {
         }
     }
 
-    /// dq/dt of the joint's coordinates at its rates: these themselves, but for quaternions and the position of a free joint.
+    /// dq/dt of the joint's coordinates at its rates: these themselves, but for quaternions and the position of a
+    /// free joint.
     pub fn coordinate_rates(&self, q: &[T], v: &[T], rates: &mut [T]) {
         match self {
             Self::Spherical => spherical::coordinate_rates(q, v, rates),
@@ -147,8 +151,9 @@ impl<T: Real> Motion<T> {
         }
     }
 
-    /// The rate of the increment x, q = q0 exp(x), where the body moves with the velocity `v` at q: the inverse of the exponential's
-    /// derivative, v + [x, v]/2 + [x, [x, v]]/12, exact to the third power of x. In place; joints whose motions commute have it as it is.
+    /// The rate of the increment x, q = q0 exp(x), where the body moves with the velocity `v` at q: the inverse of
+    /// the exponential's derivative, v + [x, v]/2 + [x, [x, v]]/12, exact to the third power of x. In place; joints
+    /// whose motions commute have it as it is.
     #[inline(always)]
     pub fn carry_back(&self, x: &[T], v: &mut [T]) {
         match self {
@@ -158,8 +163,9 @@ impl<T: Real> Motion<T> {
         }
     }
 
-    /// How far the joint is from rest, in the child's frame: a difference of coordinates; the rotation vector from rest, at most pi
-    /// long; for a free joint the displacement, then that vector. Minus this is the gradient of half its square.
+    /// How far the joint is from rest, in the child's frame: a difference of coordinates; the rotation vector from
+    /// rest, at most pi long; for a free joint the displacement, then that vector. Minus this is the gradient of half
+    /// its square.
     #[inline(always)]
     pub fn displacement(&self, rest: &[T], q: &[T], out: &mut [T]) {
         match self {

@@ -19,8 +19,8 @@ fn flops(operations: &Operations) -> usize {
     usize::try_from(operations.flops()).unwrap_or(usize::MAX)
 }
 
-/// Operations of a body that a new factor does not compute, but propagates to a parent that is computed again: the measurement of its row, and its
-/// P^+ at the parent. Counted for a revolute joint (docs/leaving-out.md).
+/// Operations of a body that a new factor does not compute, but propagates to a parent that is computed again: the
+/// measurement of its row, and its P^+ at the parent. Counted for a revolute joint (docs/leaving-out.md).
 const PROPAGATED_AGAIN: usize = 360;
 
 /// Operations of one function on a state that moves, in covariance form.

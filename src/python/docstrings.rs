@@ -1,6 +1,6 @@
 //! Parts that many docstrings share, in numpydoc form. `section!(Notes)` begins a section with a blank line;
-//! `parameters!(q qd errors)`, `returns!(..)` and `raises!(..)` begin one with these entries; `entries!(..)` adds entries.
-//! `test_docstrings.py` checks the sections of all methods and runs their examples.
+//! `parameters!(q qd errors)`, `returns!(..)` and `raises!(..)` begin one with these entries; `entries!(..)` adds
+//! entries. `test_docstrings.py` checks the sections of all methods and runs their examples.
 
 macro_rules! entry {
     (q) => {

@@ -12,8 +12,9 @@ use crate::scene::Scene;
 use pyo3::prelude::*;
 
 impl PyScene {
-    /// Evaluates a kinematic quantity of every state: of q, qd and qdd, as many as its row of the table has, into a new array of the shape that it
-    /// has there, or a NumPy scalar for the empty shape. A single plain state takes the short path; others are vectorized.
+    /// Evaluates a kinematic quantity of every state: of q, qd and qdd, as many as its row of the table has, into a
+    /// new array of the shape that it has there, or a NumPy scalar for the empty shape. A single plain state takes
+    /// the short path; others are vectorized.
     pub(super) fn kinematic_quantity<'py, const N: usize>(
         &self,
         py: Python<'py>,

@@ -7,8 +7,9 @@ use pyo3::types::{PyDict, PyList, PyTuple};
 
 /// Every function: a dict of its name, a summary, its arguments and results with their axes, and what is known of it.
 ///
-/// Axes are "nq", "nv", "links", "rows" (of connections) or numbers. state: the number of arguments that are a state. few: the number of states
-/// below which the scene is faster than compiled code; None: no code is generated for it. watched: the function that also returns a margin.
+/// Axes are "nq", "nv", "links", "rows" (of connections) or numbers. state: the number of arguments that are a state.
+/// few: the number of states below which the scene is faster than compiled code; None: no code is generated for it.
+/// watched: the function that also returns a margin.
 #[pyfunction(name = "_function_table")]
 #[pyo3(signature = ())]
 pub(super) fn function_table(py: Python<'_>) -> PyResult<Bound<'_, PyList>> {

@@ -147,7 +147,8 @@ impl PyScene {
     ///     Damping relative to the largest entry of J^T J over the variances; more keeps velocities small near
     ///     singularities.
     /// limits : bool, default True
-    ///     If true, joints, and joints coupled to them, stay within their limits. A joint outside of its limits returns as
+    ///     If true, joints, and joints coupled to them, stay within their limits. A joint outside of its limits
+    /// returns as
     ///     fast as its velocity limit allows.
     /// velocity : float or (..., nv) array_like, optional
     ///     Velocity limits instead of those of the joints, rad/s or m/s; inf: none. A floating base has limits only

@@ -1,9 +1,12 @@
 //! The declarations of methods whose arguments are arrays of a state and the keywords that many methods share.
 
-/// Methods of `Scene` for Python: `fn name(arrays; keywords) |scene, py| body`. Arrays are positional; the keywords have the types and defaults
-/// of the rules `@typed`. `link` among the arrays is a str.
+/// Methods of `Scene` for Python: `fn name(arrays; keywords) |scene, py| body`. Arrays are positional; the keywords
+/// have the types and defaults of the rules `@typed`. `link` among the arrays is a str.
 macro_rules! methods {
-    ($($(#[$meta:meta])* fn $name:ident($($array:ident),*; $($keyword:ident),*) |$scene:ident, $py:ident| $body:block)*) => {
+    ($(
+        $(#[$meta:meta])*
+        fn $name:ident($($array:ident),*; $($keyword:ident),*) |$scene:ident, $py:ident| $body:block
+    )*) => {
         $(methods!(@next [$(#[$meta])*] $name [] [] [$($array)*] [$($keyword)*] |$scene, $py| $body);)*
     };
     // The next argument, once as the token that the rules match and once as the name that the body knows.
@@ -33,7 +36,8 @@ macro_rules! methods {
     (@add ($k:ident: $kind:ty = $default:tt) $docs:tt $name:ident [$($typed:tt)*] [$($names:tt)*] $($more:tt)*) => {
         methods!(@keyword $docs $name [$($typed)* $k: $kind,] [$($names)* $k = $default,] $($more)*);
     };
-    (@keyword [$(#[$meta:meta])*] $name:ident [$($typed:tt)*] [$($names:tt)*] [] |$scene:ident, $py:ident| $body:block) => {
+    (@keyword [$(#[$meta:meta])*] $name:ident [$($typed:tt)*] [$($names:tt)*] []
+        |$scene:ident, $py:ident| $body:block) => {
         #[pymethods]
         impl PyScene {
             $(#[$meta])*

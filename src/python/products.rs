@@ -55,7 +55,8 @@ methods! {
     /// >>> product = scene.inverse_dynamics_jvp(q, qd, qdd, dq, zero, zero)
     /// >>> np.allclose(product, scene.inverse_dynamics_derivatives(q, qd, qdd).dtau_dq @ dq)
     /// True
-    fn inverse_dynamics_jvp(q, qd, qdd, dq, dqd, dqdd; wrenches, dwrenches, dparameters, darmature, dgravity, errors) |scene, py| {
+    fn inverse_dynamics_jvp(q, qd, qdd, dq, dqd, dqdd;
+        wrenches, dwrenches, dparameters, darmature, dgravity, errors) |scene, py| {
         let given = vec![q, qd, qdd, dq, dqd, dqdd];
         let constants = Constant::read(&scene.scene, (dwrenches, dparameters, darmature, dgravity))?;
         scene.along(py, Products::InverseTangent, given, (&Keywords { wrenches, ..Keywords::of(errors) }, constants))
@@ -104,7 +105,8 @@ methods! {
     /// >>> product = scene.forward_dynamics_jvp(q, qd, tau, zero, zero, dtau)
     /// >>> np.allclose(product, scene.mass_matrix_inverse(q) @ dtau)
     /// True
-    fn forward_dynamics_jvp(q, qd, tau, dq, dqd, dtau; form, tolerance, wrenches, dwrenches, dparameters, darmature, dgravity, errors) |scene, py| {
+    fn forward_dynamics_jvp(q, qd, tau, dq, dqd, dtau;
+        form, tolerance, wrenches, dwrenches, dparameters, darmature, dgravity, errors) |scene, py| {
         let given = vec![q, qd, tau, dq, dqd, dtau];
         let constants = Constant::read(&scene.scene, (dwrenches, dparameters, darmature, dgravity))?;
         let which = Products::ForwardTangent(read_form(form)?);
@@ -136,7 +138,8 @@ methods! {
         let class = imported!(py, "phipsi._results", "ForwardDynamicsGradients")?;
         let which = Products::ForwardGradient(read_form(form)?);
         scene.scene.check_tolerance(Algorithm::Products(which), tolerance)?;
-        scene.gradients((py, class), which, given, (&Keywords { wrenches, tolerance, ..Keywords::of(errors) }, parameters))
+        let keywords = Keywords { wrenches, tolerance, ..Keywords::of(errors) };
+        scene.gradients((py, class), which, given, (&keywords, parameters))
     }
 
     /// Hessian of cotangent . tau times a direction, in O(N): change of the gradients of inverse_dynamics_vjp.

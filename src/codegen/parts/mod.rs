@@ -1,7 +1,10 @@
-//! A program as parts, a function each: long programs are cut, and what limbs of one kind repeat is one part that is called with other numbers.
+//! A program as parts, a function each: long programs are cut, and what limbs of one kind repeat is one part that is
+//! called with other numbers.
 //!
-//! Compilers take more than twice the time for a function of twice the length, and a program of one line each limb does not stay in the cache of instructions. What later parts read is kept in an array, where a
-//! slot is used again once nothing reads it any more. What a compiler would keep in registers across a cut is little beside what it has to put on the stack anyway.
+//! Compilers take more than twice the time for a function of twice the length, and a program of one line each limb
+//! does not stay in the cache of instructions. What later parts read is kept in an array, where a slot is used again
+//! once nothing reads it any more. What a compiler would keep in registers across a cut is little beside what it has
+//! to put on the stack anyway.
 
 mod repeats;
 mod tables;
@@ -20,7 +23,8 @@ use work::{PartCall, Work};
 
 /// Programs of so many operations are one part.
 ///
-/// In parts the 15,500 of the derivatives of forward dynamics of a robot of 18 degrees of freedom take GCC half the time; half as long programs lose a tenth of their speed.
+/// In parts the 15,500 of the derivatives of forward dynamics of a robot of 18 degrees of freedom take GCC half the
+/// time; half as long programs lose a tenth of their speed.
 const WHOLE: usize = 8000;
 
 /// What a part reads that is not its own, at each of its calls.
