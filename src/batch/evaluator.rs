@@ -406,25 +406,12 @@ impl Scene {
             if !rounded.widened().is_finite() {
                 let found = format!("{value:e} at index {i}, which {} cannot hold", P::NAME);
                 return Err(Error::argument(
-                    result_of(algorithm),
+                    format!("{} (result)", algorithm.entry().name),
                     found,
                     "results below 3.4e38; float64 holds this one",
                 ));
             }
         }
         Ok(())
-    }
-}
-
-/// What the results are, in messages.
-fn result_of(algorithm: Algorithm) -> &'static str {
-    match algorithm {
-        Algorithm::ForwardDynamics(_) => "qdd (result)",
-        Algorithm::ConstrainedDynamics(_) => "qdd or forces (result)",
-        Algorithm::InverseDynamics | Algorithm::BiasTorque => "tau (result)",
-        Algorithm::MassMatrix => "M (result)",
-        Algorithm::MassMatrixInverse(_) => "M^-1 (result)",
-        Algorithm::Derivatives(_) => "derivatives (result)",
-        Algorithm::Products(_) => "product (result)",
     }
 }

@@ -36,7 +36,6 @@ impl Scene {
         state: &Arguments<'_>,
         out: &mut [f64],
     ) -> Result<(), Error> {
-        let (what, out_name) = named(algorithm);
         let (reads_rates, third) = algorithm.reads();
         let state = &state.read_by(algorithm);
         let &Arguments { q, qd, u, wrenches, .. } = state;
@@ -48,6 +47,11 @@ impl Scene {
             self.check_rates(name, u)?;
             self.check_wrenches(wrenches)?;
         }
+        let entry = algorithm.entry();
+        let out_name = match (algorithm, entry.results) {
+            (Algorithm::ForwardDynamics(_) | Algorithm::InverseDynamics | Algorithm::BiasTorque, [(name, _)]) => name,
+            _ => "out",
+        };
         check_length(out_name, out.len(), self.width(algorithm))?;
         self.check_workspace(workspace)?;
         if let Some(form) = algorithm.form() {
@@ -89,7 +93,10 @@ impl Scene {
             Algorithm::Derivatives(which) => self.derivatives(workspace, which, state, out)?,
             Algorithm::Products(which) => self.products(workspace, which, state, out)?,
         }
-        self.check_result(what, out)
+        if out.iter().all(|value| value.is_finite()) {
+            return Ok(());
+        }
+        self.check_result(&entry.name.replace('_', " "), out)
     }
 
     /// Forward dynamics of a scene with connections, and where they are asked for the forces, the rank and the residual.
@@ -215,20 +222,10 @@ impl Scene {
         let &Arguments { q, qd, u, wrenches, .. } = state;
         let model = self.model();
         let scratch = &mut DerivativeScratch::new(model);
-        match which {
-            Derivatives::InverseDynamics => {
-                derivatives::inverse_dynamics_derivatives(model, scratch, (q, qd, u), wrenches, out);
-            }
-            Derivatives::ForwardDynamics(_) => {
-                derivatives::forward_dynamics_derivatives(model, workspace, scratch, (q, qd, u), wrenches, out)
-                    .map_err(|lost| self.singular(lost))?;
-                // Told to stop, it left off.
-                watch::check()?;
-            }
-            Derivatives::CoriolisMatrix => derivatives::coriolis_matrix(model, scratch, q, qd, out),
-            Derivatives::MassMatrix => derivatives::mass_matrix_derivative(model, scratch, q, qd, out),
-        }
-        Ok(())
+        derivatives::of_state(which, model, (workspace, scratch), (q, qd, u), wrenches, out)
+            .map_err(|lost| self.singular(lost))?;
+        // Those of forward dynamics end early when the watch ends.
+        if matches!(which, Derivatives::ForwardDynamics(_)) { watch::check() } else { Ok(()) }
     }
 
     /// Products at one state, arguments checked, likewise.
@@ -421,29 +418,5 @@ fn multiply(three: &[f64], which: Products, [first, second, third]: [&[f64]; 3],
         for (row, &cotangent) in matrix.chunks_exact(nv).zip(first) {
             out.iter_mut().zip(row).for_each(|(out, a)| *out += cotangent * a);
         }
-    }
-}
-
-/// What an algorithm and its result are called in messages.
-fn named(algorithm: Algorithm) -> (&'static str, &'static str) {
-    match algorithm {
-        Algorithm::ForwardDynamics(_) => ("forward dynamics", "qdd"),
-        Algorithm::ConstrainedDynamics(_) => ("constrained dynamics", "out"),
-        Algorithm::InverseDynamics => ("inverse dynamics", "tau"),
-        Algorithm::BiasTorque => ("bias torque", "tau"),
-        Algorithm::MassMatrix => ("mass matrix", "out"),
-        Algorithm::MassMatrixInverse(_) => ("mass matrix inverse", "out"),
-        Algorithm::Derivatives(Derivatives::InverseDynamics)
-        | Algorithm::Products(
-            Products::InverseTangent
-            | Products::InverseTangents
-            | Products::InverseGradient
-            | Products::InverseGradients,
-        ) => ("derivatives of inverse dynamics", "out"),
-        Algorithm::Derivatives(Derivatives::ForwardDynamics(_)) | Algorithm::Products(_) => {
-            ("derivatives of forward dynamics", "out")
-        }
-        Algorithm::Derivatives(Derivatives::CoriolisMatrix) => ("Coriolis matrix", "out"),
-        Algorithm::Derivatives(Derivatives::MassMatrix) => ("derivative of the mass matrix", "out"),
     }
 }
