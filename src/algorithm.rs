@@ -132,7 +132,7 @@ functions! {
         "The margin of the factor of the mass matrix; precision may be lost where it is negative";
 }
 
-/// What is computed from one state (q, qd, u).
+/// An algorithm of one state (q, qd, u).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Algorithm {
     /// u = tau; gives qdd, (nv).
@@ -193,13 +193,13 @@ impl Products {
         }
     }
 
-    /// Whether it goes along changes of what is constant too.
+    /// True if the direction includes changes of constants (armature, gravity, wrenches, inertial parameters).
     #[must_use]
     pub(crate) fn takes_constants(self) -> bool {
         matches!(self, Self::InverseTangents | Self::ForwardTangents(_))
     }
 
-    /// Whether it gives the gradients by what is constant too.
+    /// True if the results include the gradients with respect to these constants.
     #[must_use]
     pub(crate) fn gives_constants(self) -> bool {
         matches!(self, Self::InverseGradients | Self::ForwardGradients(_))
@@ -218,7 +218,7 @@ impl Products {
     }
 }
 
-/// What is differentiated; see [`dynamics::derivatives`](crate::dynamics::derivatives).
+/// A matrix of derivatives; see [`dynamics::derivatives`](crate::dynamics::derivatives).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Derivatives {
     /// u = qdd; gives dtau/dq, dtau/dqd and M, (3 x nv x nv).
@@ -357,7 +357,7 @@ impl Algorithm {
         }
     }
 
-    /// Whether it takes velocities, and the name of its u: None where it takes none. Wrenches go with u.
+    /// True if it takes velocities, and the name of its u, None if it takes no u. Wrenches are taken with u.
     #[must_use]
     pub fn reads(self) -> (bool, Option<&'static str>) {
         self.entry().reads()
@@ -413,7 +413,7 @@ pub struct Arguments<'a, P = f64> {
 }
 
 impl<P> Arguments<'_, P> {
-    /// What an algorithm takes of them; the rest is empty.
+    /// The arguments that an algorithm takes; the others become empty.
     #[must_use]
     pub fn read_by(self, algorithm: Algorithm) -> Self {
         let (rates, third) = algorithm.reads();
@@ -427,16 +427,16 @@ impl<P> Arguments<'_, P> {
     }
 }
 
-/// What runs chunks of states in `P`, whatever its scalar.
+/// Kernels that run chunks of states in `P`, for any scalar type.
 pub trait Chunks<P>: Send + Sync {
     /// How many states at once.
     fn lanes(&self) -> usize;
 
     /// Runs `algorithm` on one state or more, at most as many as there are lanes, of equal shapes; results one after
-    /// another in `out`. Gives the lanes in doubt as bits; their results mean nothing.
+    /// another in `out`. Returns the lanes that need the fallback as bits; their results are undefined.
     fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_, P>], out: &mut [P]) -> u64;
 
-    /// The same of a kinematic quantity: every lane is in doubt where there are no kernels, as of f32.
+    /// The same for a kinematic quantity: every lane needs the fallback if there are no kernels, as for f32.
     fn kinematic_quantity(&mut self, what: &KinematicQuantity<'_>, states: &[Arguments<'_, P>], out: &mut [P]) -> u64;
 
     /// The estimated error of the largest acceleration of one lane of the last run of forward dynamics in form

@@ -1,4 +1,4 @@
-//! What a scene does not need, and what leaving it out saved.
+//! The simplifications of a scene, and what they save.
 
 mod counted;
 
@@ -21,7 +21,7 @@ pub struct Omission {
     pub names: Vec<String>,
     /// Why the results are the same without it.
     pub why: &'static str,
-    /// What that saved.
+    /// The saving, in words.
     pub saved: String,
     /// How many floating-point operations (a product with a sum is two) forward dynamics of one state in covariance
     /// form does less, in a call that needs nothing of this; zero where nothing was counted. Items of calls on the
@@ -33,14 +33,14 @@ pub struct Omission {
 const NOTHING: Omission =
     Omission { what: "", switch: None, count: 0, names: Vec::new(), why: "", saved: String::new(), operations: 0 };
 
-/// What was left out when the scene was built, and what its calls leave out.
+/// The simplifications of a scene when it was built, and those of its calls.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
     /// Bodies that the sweeps visit.
     pub bodies: usize,
     /// Links that the user gave.
     pub links: usize,
-    /// What was left out; only what this scene had.
+    /// The simplifications that apply to this scene.
     pub items: Vec<Omission>,
 }
 
@@ -50,7 +50,7 @@ mod operations {
 
     /// A body without rows and without mass: shifts of motions, of its force and of P, and their sums.
     pub const FIXED_BODY: usize = 550;
-    /// What a body sends inward: phi z, and both sums.
+    /// The force that a body propagates inward: phi z, and both sums.
     pub const INWARD: usize = 113;
     /// M a + v x* M v.
     pub const FORCE: usize = 102;
@@ -74,7 +74,7 @@ fn counted(count: usize, one: &str, many: &str) -> String {
 }
 
 impl Scene {
-    /// What this scene does not need, and what leaving it out saved.
+    /// The simplifications of this scene, and what they save.
     ///
     /// Some of it is counted by running the algorithms on numbers that count: O(N), some microseconds a body. Under a
     /// [`watch`] that ends the work, only what was found until then.
@@ -105,7 +105,7 @@ impl Scene {
 
     fn merged_item(&self) -> Omission {
         let names = self.merged_joints().to_vec();
-        // What is fixed to the base is not merged for the sake of a sweep: it cannot move and is dropped.
+        // Links fixed to the base are not merged for a sweep: they cannot move and are dropped.
         let children: HashSet<&str> = self
             .source()
             .joints()

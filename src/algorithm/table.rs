@@ -1,4 +1,4 @@
-//! What a row of the table of functions holds. The rows themselves stand beside the algorithms.
+//! The types of the table of functions. Its rows are in the file of the algorithms.
 
 /// The length of an axis of an array of one state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -68,7 +68,7 @@ pub struct Compiled {
 pub struct FunctionEntry {
     /// The name of the method of scenes.
     pub name: &'static str,
-    /// What it computes, in one line.
+    /// A summary of one line.
     pub summary: &'static str,
     /// Its arguments: q, then qd, then tau or qdd, then directions, a cotangent or the compliance.
     pub arguments: &'static [Array],
@@ -81,20 +81,20 @@ pub struct FunctionEntry {
     /// Rough time of one state in ns: for each body, and for each body and degree of freedom. It decides about
     /// threads, not about results.
     pub cost: [usize; 2],
-    /// Whether it is computed in a [`Form`](crate::Form).
+    /// True if it is computed in a [`Form`](crate::Form).
     pub has_form: bool,
-    /// Whether it takes the argument dtype.
+    /// True if it takes the argument dtype.
     pub has_dtype: bool,
-    /// Whether it is of a frame on a link.
+    /// True if it is of a frame on a link.
     pub of_link: bool,
-    /// Whether it needs mass on a link that moves.
+    /// True if it needs mass on a moving link.
     pub needs_mass: bool,
     /// How code for one robot has it.
     pub compiled: Option<Compiled>,
 }
 
 impl FunctionEntry {
-    /// Whether it takes velocities, and the name of the third array of its state.
+    /// True if it takes velocities, and the name of the third array of its state.
     #[must_use]
     #[inline]
     pub fn reads(&self) -> (bool, Option<&'static str>) {

@@ -1,5 +1,5 @@
 //! Joint accelerations of as many states as a scalar has lanes: each form compiled once for a scalar and its
-//! instructions, and called by whoever asks, batches and simulation.
+//! instructions, and called by batches and by simulation.
 
 use super::instruction_set::{Target, Vectorised, Work};
 use crate::dynamics::auto::{self, Errors};
@@ -8,7 +8,7 @@ use crate::model::Model;
 use crate::scalar::{Real, lanes_but};
 use nalgebra::Vector6;
 
-/// What the kernels read, and what they write.
+/// The arguments and results of the kernels.
 pub(crate) struct KernelArguments<'a, T: Real> {
     pub scene: (&'a Model<T>, &'a SweepModel<T>),
     pub scratch: &'a mut SweepScratch<T>,
@@ -19,7 +19,7 @@ pub(crate) struct KernelArguments<'a, T: Real> {
     pub qdd: &'a mut [T],
 }
 
-/// In covariance form. Gives the lanes in doubt as bits, as the others do.
+/// In covariance form. Returns the lanes that need the fallback as bits, as the other kernels do.
 #[inline(never)]
 pub(crate) fn by_covariance<T: Vectorised, I: Target>(target: I, call: KernelArguments<'_, T>) -> u64 {
     target.within(ByCovariance(call))

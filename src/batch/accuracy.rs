@@ -10,7 +10,7 @@ use crate::scene::Scene;
 
 impl Scene {
     /// Joint accelerations as [`Scene::evaluate`] gives them with [`Algorithm::ForwardDynamics`], the same bits, and
-    /// what is known of their accuracy, one entry a state.
+    /// the accuracy of each state.
     ///
     /// In form `auto` the estimate comes with the result. In the forms `covariance` and `square-root` the general
     /// recursion is run besides, which takes about five times as long as they do. Joseph's form has no estimate, and

@@ -45,7 +45,7 @@ pub struct Chunk<T: Vectorised> {
     arguments: [Vec<T>; 3],
     wrenches: Vec<Vector6<T>>,
     results: Vec<T>,
-    /// What form `auto` estimates its error to be.
+    /// The error estimates of form `auto`.
     errors: Errors<T>,
     /// True if every lane accepts the default error, and a bit mask of the lanes that accept less than the first
     /// probe of the square-root form guarantees.
@@ -204,7 +204,7 @@ pub(super) fn nearness<T: Real>(quaternions: &[usize], q: &[T]) -> T {
     nearness
 }
 
-/// Whether a norm may be off by more than is allowed: this bounds its square, so that half of it passes here.
+/// True if a norm may deviate by more than the tolerance: the bound is on its square, so that half of it passes here.
 #[inline(always)]
 pub(super) fn is_far<T: Real>(nearness: T, lane: usize) -> bool {
     !(nearness.lane(lane) >= -QUATERNION_SLACK)
@@ -265,7 +265,7 @@ fn doubtful<T: Real>(states: usize, nearness: T, fault: T) -> u64 {
     doubt
 }
 
-// What is compiled together, each group into one function: in one function with all others M^-1 executed a fifth more.
+// Groups of algorithms, each compiled into one function: in a single function M^-1 executes a fifth more instructions.
 
 /// Forward dynamics.
 const ACCELERATIONS: u8 = 0;
@@ -426,7 +426,7 @@ impl<T: Vectorised> Work for QuantityRun<'_, T> {
     }
 }
 
-/// What a matrix is written to in lanes; none where an algorithm gives none, or all of its results in order.
+/// The entries of a matrix in lanes; None for algorithms without a matrix, or with all results in order.
 #[inline(always)]
 fn entries_of<'a, T: Vectorised, const GROUP: u8>(
     algorithm: Algorithm,

@@ -11,10 +11,10 @@ use crate::scalar::{Precision, lanes_but};
 use crate::scene::constraint::Constraints;
 use nalgebra::Vector6;
 
-/// What rounding leaves in the rows is taken away at most so many times.
+/// Largest number of refinements that remove the rounding error of the rows.
 const CORRECTIONS: usize = 2;
 
-/// What it needs beside the scratch of the dynamics; made when it is first asked for.
+/// Scratch beyond that of the dynamics, allocated by the first call.
 #[derive(Debug)]
 pub(super) struct ConnectedKernel<T: Vectorised> {
     pub rows: ConstraintKernel<T>,
@@ -36,7 +36,7 @@ impl<T: Vectorised> ConnectedKernel<T> {
     }
 }
 
-/// What a call reads and writes.
+/// The arguments and results of a call.
 pub(super) struct KernelArguments<'a, T: Vectorised> {
     pub scene: (&'a Model<T>, &'a SweepModel<T>),
     pub scratch: &'a mut SweepScratch<T>,
@@ -49,7 +49,7 @@ pub(super) struct KernelArguments<'a, T: Vectorised> {
     pub states: usize,
 }
 
-/// Writes the results; gives the lanes in doubt as bits, numbers that are not finite among them.
+/// Writes the results; returns the lanes that need the fallback (values that are not finite, for instance) as bits.
 #[inline(always)]
 pub(super) fn run<T: Vectorised, I: Target>(target: I, form: Form, call: KernelArguments<'_, T>) -> u64 {
     let KernelArguments {
@@ -89,7 +89,7 @@ pub(super) fn run<T: Vectorised, I: Target>(target: I, form: Form, call: KernelA
     doubt | lanes_but::<T>(|lane| fault.lane(lane) == 0.0)
 }
 
-/// Rows, their factor and the first forces; the lanes in doubt.
+/// Rows, their factor and the first forces; the lanes that need the fallback.
 struct Begin<'a, T: Vectorised>(
     (&'a Model<T>, &'a SweepModel<T>),
     &'a SweepScratch<T>,
@@ -108,7 +108,7 @@ impl<T: Vectorised> Work for Begin<'_, T> {
     }
 }
 
-/// What the forces change.
+/// The accelerations due to the forces.
 struct Take<'a, T: Vectorised>(&'a mut ConstraintKernel<T>, &'a mut [T]);
 
 impl<T: Vectorised> Work for Take<'_, T> {
@@ -120,7 +120,7 @@ impl<T: Vectorised> Work for Take<'_, T> {
     }
 }
 
-/// What is left of the rows; the lanes where it is more than rounding usually leaves, and where it is none.
+/// The residual of the rows; the lanes in which it exceeds the usual rounding error, and those in which it is zero.
 struct ConnectionResidual<'a, T: Vectorised>(
     (&'a Model<T>, &'a SweepModel<T>),
     &'a SweepScratch<T>,
@@ -137,7 +137,7 @@ impl<T: Vectorised> Work for ConnectionResidual<'_, T> {
         let [near, far] = rows.look(scene, scratch, qdd);
         let [is_left, is_open] = [near, far].map(|margin| lanes_but::<T>(|lane| margin.lane(lane) >= 0.0));
         if is_left != 0 {
-            // A lane by itself: what its neighbours need does not touch it.
+            // Each lane independently: the needs of other lanes do not change its result.
             let mut kept = near.constant(0.0);
             for (lane, kept) in kept.lanes_mut().iter_mut().enumerate() {
                 *kept = T::Number::nearest(if is_left >> lane & 1 == 1 { 1.0 } else { 0.0 });

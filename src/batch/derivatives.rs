@@ -13,7 +13,7 @@ use crate::model::Model;
 use crate::scalar::ColumnsOf;
 use nalgebra::Vector6;
 
-/// What they need beside the scratch of the dynamics; made when derivatives are first asked for.
+/// Scratch beyond that of the dynamics, allocated by the first call.
 #[derive(Debug)]
 pub(super) struct DerivativeKernel<T: Vectorised> {
     kept: Kept<T>,
@@ -45,7 +45,7 @@ impl<T: Vectorised> DerivativeKernel<T> {
     }
 }
 
-/// What a call reads and writes.
+/// The arguments and results of a call.
 pub(super) struct KernelArguments<'a, T: Vectorised> {
     pub scene: (&'a Model<T>, &'a SweepModel<T>),
     pub scratch: (&'a mut SweepScratch<T>, &'a mut InverseColumns<T, T::Columns>),
@@ -56,7 +56,7 @@ pub(super) struct KernelArguments<'a, T: Vectorised> {
     pub out: &'a mut [T::Number],
 }
 
-/// Writes the matrices; gives the lanes in doubt as bits, numbers that are not finite among them.
+/// Writes the matrices; returns the lanes that need the fallback (values that are not finite, for instance) as bits.
 #[inline(always)]
 pub(super) fn run<T: Vectorised, I: Target>(target: I, which: Derivatives, call: KernelArguments<'_, T>) -> u64 {
     let KernelArguments { scene, scratch: (scratch, inverse), kernel, state: (q, qd, u), wrenches, out } = call;

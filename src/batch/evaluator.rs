@@ -36,7 +36,7 @@ pub struct Kernels<P> {
     many: Option<Box<dyn Chunks<P>>>,
 }
 
-/// What there is where there are no kernels: every state is in doubt.
+/// A substitute for missing kernels: every state needs the fallback.
 struct Doubts;
 
 impl<P> Chunks<P> for Doubts {
@@ -106,7 +106,7 @@ impl Evaluated for f32 {
     }
 }
 
-/// What a state in doubt is done again with, in f64.
+/// Scratch of the fallback, in f64.
 pub(super) struct Checked {
     pub(super) workspace: Workspace<f64>,
     inverse: Option<InverseScratch<f64>>,
@@ -185,7 +185,7 @@ impl<P: Evaluated> Evaluator<P> {
 }
 
 impl<P> Kernels<P> {
-    /// Those that run so many states.
+    /// The kernels for this number of states.
     #[inline]
     fn of(&mut self, states: usize) -> Option<&mut Box<dyn Chunks<P>>> {
         if states == 1 || self.many.is_none() { self.one.as_mut().or(self.many.as_mut()) } else { self.many.as_mut() }
@@ -201,7 +201,7 @@ impl<P> Kernels<P> {
         self.of(states.len()).map_or(u64::MAX, |kernels| kernels.kinematic_quantity(what, states, out))
     }
 
-    /// Those that run a single state, without the others' scratch.
+    /// The kernels for a single state, without the scratch of the others.
     pub(crate) fn for_one_state(self) -> Box<dyn Chunks<P>>
     where
         P: 'static,

@@ -1,5 +1,5 @@
 //! The factor of M, and right sides that go through it, of as many states as a scalar has lanes: each compiled once
-//! for whoever asks.
+//! for all callers.
 
 use super::accelerations;
 use super::instruction_set::{Target, Vectorised, Work};
@@ -10,7 +10,7 @@ use crate::model::Model;
 use crate::scalar::lanes_but;
 use nalgebra::Vector6;
 
-/// What all of them read.
+/// The arguments of all of them.
 type Scene<'a, T> = (&'a Model<T>, &'a SweepModel<T>);
 
 /// The accelerations of a state, and the factor of M that more right sides are to go through; the lanes in doubt.
@@ -31,7 +31,7 @@ pub(crate) fn with_factor<T: Vectorised, I: Target>(
     doubt
 }
 
-/// The factor of M at q in covariance form; the lanes in doubt.
+/// The factor of M at q in covariance form; the lanes that need the fallback.
 #[inline(never)]
 pub(super) fn unwatched<T: Vectorised, I: Target>(
     target: I,
@@ -55,7 +55,8 @@ impl<T: Vectorised> Work for Unwatched<'_, T> {
     }
 }
 
-/// The factor of M at q, watched; the second of `state` is scratch, (nv). The lanes in doubt.
+/// The factor of M at q with an error estimate; the second of `state` is scratch, (nv). Returns the lanes that need
+/// the fallback.
 #[inline(never)]
 pub(super) fn watched<T: Vectorised, I: Target>(
     target: I,

@@ -1,4 +1,4 @@
-//! Whether numbers are finite, without a branch on each.
+//! Checks that values are finite, without a branch for each.
 
 use super::instruction_set::{Entry, Vectorised};
 use crate::scalar::{ColumnsOf, Real};

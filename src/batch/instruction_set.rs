@@ -24,7 +24,7 @@ const OLD_VARIABLE: &str = "PHIPSI_ARM";
 /// An instruction set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum InstructionSet {
-    /// Those that every processor of the target has, one number at a time.
+    /// The instructions that every processor of the target has, one value at a time.
     Baseline,
     /// AVX2 and fused products (x86-64-v3).
     Avx2,
@@ -107,7 +107,7 @@ impl InstructionSet {
 
 /// Work that is compiled for an instruction set; everything that it calls must be inlined into it.
 pub trait Work {
-    /// What it gives.
+    /// The result.
     type Output;
 
     /// Does it.
@@ -123,7 +123,7 @@ pub trait Target: Copy + Send + Sync + 'static {
     fn within<W: Work>(self, work: W) -> W::Output;
 }
 
-/// Those that every processor has.
+/// The instructions that every processor has.
 #[derive(Debug, Clone, Copy)]
 pub struct Baseline;
 
@@ -158,7 +158,7 @@ pub trait Vectorised: Real {
     /// The numbers in its lanes.
     type Number: Precision;
 
-    /// What holds several columns of a matrix of one state.
+    /// The type that holds several columns of a matrix of one state.
     type Columns: ColumnsOf<Self>;
 
     /// The instructions that it cannot do without.

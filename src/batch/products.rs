@@ -16,7 +16,7 @@ use crate::model::Model;
 use crate::scalar::lanes_but;
 use nalgebra::Vector6;
 
-/// What they need beside the scratch of the dynamics; made when a product is first asked for.
+/// Scratch beyond that of the dynamics, allocated by the first call.
 #[derive(Debug)]
 pub(super) struct ProductKernel<T: Vectorised> {
     co_states: CoStates<T>,
@@ -47,7 +47,7 @@ impl<T: Vectorised> ProductKernel<T> {
     }
 }
 
-/// What a call reads and writes.
+/// The arguments and results of a call.
 pub(super) struct KernelArguments<'a, T: Vectorised> {
     pub scene: (&'a Model<T>, &'a SweepModel<T>),
     pub scratch: &'a mut SweepScratch<T>,
@@ -58,7 +58,7 @@ pub(super) struct KernelArguments<'a, T: Vectorised> {
     pub out: &'a mut [T::Number],
 }
 
-/// Writes the product; gives the lanes in doubt as bits, numbers that are not finite among them.
+/// Writes the product; returns the lanes that need the fallback (values that are not finite, for instance) as bits.
 #[inline(always)]
 pub(super) fn run<T: Vectorised, I: Target>(target: I, which: Products, call: KernelArguments<'_, T>) -> u64 {
     let KernelArguments { scene, scratch, kernel, state, wrenches, out } = call;
@@ -134,7 +134,7 @@ impl<T: Vectorised> Work for Along<'_, T> {
 type Room<'a, T> = ((&'a Model<T>, &'a SweepModel<T>), (&'a mut SweepScratch<T>, &'a mut CoStates<T>));
 
 /// All cotangents of a state, of torques, or where there is a form of accelerations, then with the factor in the
-/// scratch; the lanes in doubt. Compiled once for batches and for trajectories.
+/// scratch; the lanes that need the fallback. Compiled once for batches and for trajectories.
 #[inline(never)]
 pub(crate) fn gradients<T: Vectorised, I: Target>(
     target: I,

@@ -1,7 +1,7 @@
 //! The threads of this process, how many they are, and work that they do together with the caller.
 //!
 //! The caller is one of them, and begins at once: to wake another takes 20 to 40 microseconds on a virtual machine,
-//! and 13 of the time of whoever wakes it. So the pool has one thread fewer than are wanted.
+//! and 13 of the time of the thread that wakes it. So the pool has one thread fewer than are wanted.
 //!
 //! rayon's global pool does not survive a fork: the child has the pool but none of its threads, and waits for ever.
 //! Python's multiprocessing forks, so the pool here remembers its process and is made anew in another.
@@ -36,7 +36,7 @@ struct ThreadPoolState {
 }
 
 impl ThreadPoolState {
-    /// Whether its threads are there, and as many as are wanted.
+    /// True if its threads exist, in the requested number.
     fn serves(&self, process: u32, wanted: usize) -> bool {
         (self.process, self.wanted) == (process, wanted)
     }
@@ -111,7 +111,7 @@ impl<'scope> Company<'scope> {
         if self.waiting.is_some() {
             while self.helping.load(Ordering::Acquire) > 0 {
                 if let Err(error) = watch::check() {
-                    // The others hear of it by themselves, at their next question.
+                    // The other threads notice it at their next check.
                     return stop(error);
                 }
                 std::thread::park_timeout(watch::PERIOD);

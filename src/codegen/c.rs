@@ -21,7 +21,7 @@ pub type Sources = Vec<(String, String)>;
 ///
 /// Each function takes pointers to its arguments, SI units, radians, and then to its results, which it writes;
 /// nothing is allocated, and of libm it needs sines, cosines and square roots. Results are those of the scene's
-/// methods to rounding, in covariance form: a state that loses digits there is not noticed. The test compares with
+/// methods to rounding, in covariance form: a loss of precision is not detected. The test compares with
 /// the scene at a state of its own. Programs of more than 8000 operations are written in parts, a function each; what
 /// limbs of one kind repeat is one of them, called in a loop with the constants of each limb from a table.
 ///
@@ -149,14 +149,14 @@ fn header(scene: &Scene, name: &str, programs: &[Program], (width, batches): (Wi
 /// A line for each joint: where it is in q and in qd.
 pub(super) fn joints(scene: &Scene) -> Vec<String> {
     let line = |joint: &crate::scene::Joint| {
-        // What would end a comment has no place in one.
+        // Names must not end the comment.
         let name = joint.name.replace("*/", "* /").replace(['\n', '\r'], " ");
         format!("{name}: q {}..{}, qd {}..{}", joint.q.start, joint.q.end, joint.v.start, joint.v.end)
     };
     scene.joints().iter().map(line).collect()
 }
 
-/// What a program gives, and of how many operations.
+/// The summary of a program, and its number of operations.
 pub(super) fn meaning(program: &Program) -> String {
     let (what, size) = (program.function.meaning(), program.operations());
     format!(

@@ -1,4 +1,4 @@
-//! What the tests that are written beside the code compare with: a state of the scene, and what its method gives there.
+//! Reference data of the generated tests: a state of the scene, and the result of its method there.
 
 use super::functions::Function;
 use super::program::Program;

@@ -4,7 +4,7 @@
 use super::width::Width;
 use crate::scalar::Circle;
 
-/// What the reduction to quarter turns and the polynomials need in numbers of one width.
+/// Constants of the reduction to quarter turns and of the polynomials for scalars of one width.
 pub(super) struct Sines {
     /// The largest absolute value, in radians, that the reduction is good for.
     pub largest: f64,

@@ -32,7 +32,7 @@ pub fn cuda_sources(scene: &Scene, name: &str, functions: &[Function], width: Wi
     ])
 }
 
-/// What makes C99 of a kernel: its threads are taken one after another.
+/// A header that makes a kernel C99: its threads run one after another.
 const ONE_THREAD: &str = "/* Written by phipsi; do not edit. CUDA kernels as C99: include this before them, and run them by ON_ALL_THREADS. */
 #ifndef ONE_THREAD_H
 #define ONE_THREAD_H
@@ -60,7 +60,7 @@ static one_thread_index blockIdx, blockDim = {32}, threadIdx;
 #endif
 ";
 
-/// What all kernels use.
+/// The functions and macros that all kernels use.
 fn prelude(width: Width) -> String {
     let (number, f) = (width.of_c(), width.suffix());
     format!(

@@ -16,7 +16,7 @@ use crate::kinematics::{Frame, ReferenceFrame};
 use crate::scene::Scene;
 use crate::spatial::RigidShift;
 
-/// What a program can compute, named as the method of scenes.
+/// A function of a program, named like the method of scenes.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Function {
     /// qdd of (q, qd, tau), in covariance form.
@@ -72,7 +72,7 @@ pub const FUNCTIONS: [Function; 12] = [
     Function::Placements,
 ];
 
-/// Those that say of each state whether it may have lost digits.
+/// The functions that also return the margin of their error estimate.
 pub const WATCHED: [Function; 3] =
     [Function::ForwardDynamicsWatched, Function::MassMatrixInverseWatched, Function::FactorWatched];
 
@@ -176,17 +176,17 @@ impl Function {
         Ok((scene.frame(&link.into())?, reference))
     }
 
-    /// Whether it says where links are and nothing of forces.
+    /// True for forward kinematics: it does not depend on forces.
     pub(super) fn is_kinematic(&self) -> bool {
         matches!(self, Self::Placements | Self::Placement(_) | Self::Jacobian(..))
     }
 
-    /// Whether it has M^-1 multiplied out.
+    /// True if it forms M^-1.
     pub(super) fn has_inverse(&self) -> bool {
         matches!(self, Self::MassMatrixInverse | Self::MassMatrixInverseWatched | Self::ForwardDynamicsDerivatives)
     }
 
-    /// What it gives, in a few words.
+    /// The summary of the table, with the link.
     #[must_use]
     pub fn meaning(&self) -> String {
         let meaning = self.line().0.summary;
@@ -219,7 +219,7 @@ impl Function {
         self.line().1
     }
 
-    /// What the scene's own method gives for these arguments, all results one after another.
+    /// The results of the scene's own method for these arguments, one after another.
     pub(super) fn by_scene(
         &self,
         scene: &Scene,

@@ -7,7 +7,7 @@ use super::syntax;
 use super::width::Width;
 use std::fmt::Write;
 
-/// What all programs in lanes use: vectors, sines with their cosines, and the way of states into lanes and out.
+/// The code that all programs in lanes share: vectors, sines with cosines, and loading and storing of states.
 ///
 /// Sines and cosines are good to one unit in the last place up to the largest angle of [`Sines`]; beyond, they are
 /// libm's. In float the unit is that of one.
@@ -71,7 +71,7 @@ pub(super) fn prelude(width: Width) -> String {
     replaced.iter().fold(PRELUDE.to_owned(), |text, (name, by)| text.replace(name, by))
 }
 
-/// What transposes as many vectors as there are lanes, for this number of lanes, half of them and a quarter.
+/// The transposition of as many vectors as there are lanes, for this number of lanes, half of it and a quarter.
 fn transposed(most: usize) -> String {
     let mut text = String::new();
     for (lanes, when) in [(most, "#if"), (most / 2, "#elif"), (most / 4, "#elif")] {
@@ -281,7 +281,7 @@ pub(super) fn functions(name: &str, program: &Program, width: Width, text: &mut 
     );
 }
 
-/// A part of the test: some states in a batch, the arguments smaller and smaller, beside each by itself.
+/// A part of the test: some states in a batch, with decreasing arguments, compared with single states.
 pub(super) fn test(name: &str, program: &Program, (number, size): (Width, f64), text: &mut String) {
     const STATES: usize = 11;
     let function = program.function.symbol();

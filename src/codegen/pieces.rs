@@ -18,7 +18,7 @@ pub(super) struct Form<'a> {
     /// The text up to the first statement of the function, and after the last.
     pub head: String,
     pub tail: String,
-    /// What the names of its parts begin with.
+    /// The prefix of the names of its parts.
     pub name: String,
     /// The parameters of its parts, and what its calls of them pass.
     pub parameters: String,
@@ -28,7 +28,7 @@ pub(super) struct Form<'a> {
     pub is_apart: bool,
 }
 
-/// What keeps a part apart.
+/// The macro that prevents the inlining of a part.
 pub(super) const APART: &str =
     "\n#if defined(__GNUC__)\n#define APART __attribute__((noinline))\n#else\n#define APART\n#endif\n";
 

@@ -13,11 +13,11 @@ use std::collections::HashSet;
 /// Operations in order, each of those before it; arguments are numbered through, q first.
 #[derive(Debug, Clone)]
 pub struct Program {
-    /// What it computes.
+    /// The function.
     pub function: Function,
-    /// What it takes, q first.
+    /// The arguments, q first.
     pub arguments: Vec<Array>,
-    /// What it gives.
+    /// The results.
     pub results: Vec<Array>,
     /// The tolerance of its margin, where it has one and that is not the usual one.
     pub(super) tolerance: Option<f64>,
@@ -266,7 +266,7 @@ pub(super) fn value(operation: &Operation, of: impl Fn(u32) -> f64) -> f64 {
     }
 }
 
-/// What an operation reads.
+/// The operands of an operation.
 pub(super) fn operands(operation: &Operation) -> [Option<u32>; 3] {
     match *operation {
         Operation::Constant(_) | Operation::Argument(_) => [None; 3],

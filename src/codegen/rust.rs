@@ -93,7 +93,7 @@ fn function(program: &Program, parts: &mut String, text: &mut String) {
     let (given, results) = (Array::sized(&program.arguments), Array::sized(&program.results));
     let unread: Vec<&str> = program.unread().collect();
     let declared = given.iter().map(|&(name, width)| {
-        // What no result reads is no fault.
+        // An argument that no result depends on is not an error.
         format!("{}{name}: &[T; {width}]", if unread.contains(&name) { "_" } else { "" })
     });
     let declared: Vec<String> = declared.collect();
@@ -141,7 +141,7 @@ fn in_parts(program: &Program, apart: &mut String, text: &mut String) {
     text.push_str(&function);
 }
 
-/// One by itself, several as a tuple.
+/// A single item, or a tuple of several.
 fn several(all: &[String]) -> String {
     if all.len() == 1 { all.concat() } else { format!("({})", all.join(", ")) }
 }
@@ -341,7 +341,7 @@ fn test(scene: &Scene, name: &str, programs: &[Program]) -> Result<String, Error
     Ok(text)
 }
 
-/// Some states in lanes, the arguments smaller and smaller, beside each by itself.
+/// Some states in lanes, with decreasing arguments, compared with single states.
 fn many(name: &str, program: &Program, case: &Case, text: &mut String) {
     const STATES: usize = 11;
     let (function, given, results) =

@@ -12,7 +12,7 @@ pub(super) struct Syntax {
     pub scalar: fn(Width) -> &'static str,
     /// A constant as an operand, given by its bits.
     pub operand: fn(u64, Width) -> String,
-    /// What stands before the name of a value: `{scalar}`.
+    /// The declaration before the name of a value: `{scalar}`.
     pub declare: &'static str,
     /// A constant as a result: `{value}`.
     pub constant_result: &'static str,
@@ -21,12 +21,12 @@ pub(super) struct Syntax {
     /// A constant and an index that differ between calls: `{row}`.
     pub constant_of_call: &'static str,
     pub index_of_call: &'static str,
-    /// Whether a number of an argument (true) or of the stored values (false) gets a name before its first use.
+    /// True if an element of an argument (true) or of the stored values (false) gets a name before its first use.
     pub is_named: fn(bool) -> bool,
     /// One statement for sine and cosine of the same angle: `{scalar}`, `{angle}`, `{place}`; None: two calls.
     pub sine_and_cosine: Option<&'static str>,
     pub expressions: Expressions,
-    /// What begins the function of a part: `{name}`, `{index}`, `{parameters}`.
+    /// The head of the function of a part: `{name}`, `{index}`, `{parameters}`.
     pub part_head: &'static str,
     /// Parameters of a part: the stored values (`{scalar}`, `{slots}`) and a table (`{kind}`, `{suffix}`, `{width}`).
     pub kept_parameter: &'static str,
@@ -35,7 +35,7 @@ pub(super) struct Syntax {
     pub unread: &'static str,
     /// A table: `{name}`, `{NAME}`, `{index}`, `{suffix}`, `{SUFFIX}`, `{kind}`, `{width}`, `{rows}`, `{values}`.
     pub table: &'static str,
-    /// What stands around the numbers of one call in a table.
+    /// The delimiters around the values of one call in a table.
     pub row_of_table: [&'static str; 2],
     /// The types of indices in tables: of 16 bits, and longer.
     pub indices: [&'static str; 2],
@@ -65,7 +65,7 @@ pub(super) struct Expressions {
     one_if_zero: &'static str,
 }
 
-/// What C and its relatives have in common.
+/// The expressions of C and its relatives.
 const C_EXPRESSIONS: Expressions = Expressions {
     product_sum: "{a} * {b} + {c}",
     minus_product: "{c} - {a} * {b}",

@@ -15,7 +15,7 @@ use crate::spatial::RigidShift;
 /// The frame that a function of one link is of, and what its motion is written in.
 pub(super) type Place = (Frame<f64>, ReferenceFrame);
 
-/// What the sweeps read, and their scratch.
+/// The arguments of the sweeps, and their scratch.
 pub(super) struct Tracer<'a> {
     scene: &'a Scene,
     place: Place,

@@ -50,7 +50,7 @@ impl Scene {
     /// Rotations of the tree that keep the joint on an axis.
     pub(super) fn renamed_item(&self) -> Omission {
         let count = self.bodies_on(turns_about_an_axis).count();
-        // What tilted axes save goes with it, and has an item of its own.
+        // The saving of tilted axes depends on it, and has an item of its own.
         let saved = self.saved_beside(
             count,
             |omissions| omissions.tilted_axes = false,
@@ -139,7 +139,7 @@ impl Scene {
         }
     }
 
-    /// Whether there is a factor to speak of.
+    /// True if the scene has a factor.
     fn has_factor(&self) -> bool {
         self.nv() > 0 && self.model().omissions.every_body_moves()
     }
@@ -184,12 +184,12 @@ impl Scene {
         }
     }
 
-    /// What code of this robot alone leaves out of forward dynamics.
+    /// The operations of forward dynamics that generated code omits.
     pub(super) fn compiled_item(&self) -> Omission {
         if self.nv() == 0 || self.nv() > MOST_COMPILED {
             return NOTHING;
         }
-        // Of what programs do not have nothing is told.
+        // No item for functions without a program.
         let Ok(program) = Program::new(self, &Function::ForwardDynamics) else { return NOTHING };
         let asked = of(self, &Function::ForwardDynamics);
         let left = flops(&program.operations());
@@ -203,7 +203,7 @@ impl Scene {
         }
     }
 
-    /// What forward dynamics does not compute.
+    /// The outputs that forward dynamics does not compute.
     pub(super) fn outputs_item(&self) -> Omission {
         let nv = self.nv();
         if nv == 0 {

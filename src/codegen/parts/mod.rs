@@ -27,7 +27,7 @@ use work::{PartCall, Work};
 /// time; half as long programs lose a tenth of their speed.
 const WHOLE: usize = 8000;
 
-/// What a part reads that is not its own, at each of its calls.
+/// A value that a part reads from outside, at each of its calls.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub(super) enum Given {
     /// The f64 of these bits.
@@ -65,7 +65,7 @@ pub(super) struct Cut {
     pub parts: Vec<Part>,
     /// The part of each call, in order; a part's numbers are those of its first call, its second, and so on.
     pub calls: Vec<usize>,
-    /// What else is written: the result, the index in it, and from where.
+    /// The results that no part writes: the result, the index in it, and the source.
     pub others: Vec<(usize, usize, Source)>,
     /// How many numbers are kept.
     pub slots: usize,
@@ -110,12 +110,12 @@ impl Cut {
     }
 }
 
-/// Whether a program is more than one part.
+/// True if a program has more than one part.
 pub(super) fn is_cut(program: &Program) -> bool {
     program.operations.len() > WHOLE
 }
 
-/// What an operand of one part is.
+/// The role of an operand in a part.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Role {
     /// The operation of this index in the part, at every call.
@@ -189,7 +189,7 @@ fn last_reads(
     last
 }
 
-/// What each operand of each operation of a part is.
+/// The roles of all operands of the operations of a part.
 fn roles(work: &Work<'_>, calls: &[PartCall], own: &[usize]) -> Vec<[Option<Role>; 3]> {
     let inside = |call: usize, operand: u32| {
         let Range { start, .. } = calls[call].range;
@@ -215,7 +215,7 @@ fn roles(work: &Work<'_>, calls: &[PartCall], own: &[usize]) -> Vec<[Option<Role
 struct Writes {
     /// By each part itself: the operation in it, the result, the index of each call.
     of_parts: Vec<Vec<(usize, usize, Vec<usize>)>>,
-    /// By whoever calls: the result, the index, the operation, the call.
+    /// Written by the caller: the result, the index, the operation, the call.
     by_caller: Vec<(usize, usize, usize, usize)>,
     leaves: Vec<(usize, usize, Source)>,
 }
@@ -277,7 +277,7 @@ fn slots(calls: &[PartCall], of_part: &[Vec<usize>], last: &[Option<usize>]) -> 
         });
         for at in call.range.clone() {
             let offset = at - call.range.start;
-            // What one call keeps, all of the part do.
+            // If one call stores a value, all calls of the part do.
             if own[index].iter().any(|&other| last[calls[other].range.start + offset].is_some()) {
                 let slot = free.pop().unwrap_or_else(|| {
                     slots += 1;

@@ -29,7 +29,7 @@ pub(super) fn repeats(words: &[u32]) -> Vec<Repeat> {
         if found.is_empty() {
             return all;
         }
-        // What is chosen becomes words that occur once.
+        // The chosen operations become words that occur once.
         for repeat in &found {
             for &start in &repeat.starts {
                 for word in &mut words[start..start + repeat.length] {
