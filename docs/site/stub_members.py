@@ -29,23 +29,44 @@ class StubMembers(griffe.Extension):
 
 
 def as_markdown(docstring: str, names: list[str]) -> str:
-    """A docstring whose sessions are code blocks, whose angle brackets are no HTML, and whose arguments, of these names, are a list."""
+    """Convert a docstring to Markdown: numpydoc sections to lists, sessions to code blocks."""
+    text, *parts = re.split(r"^(\w+)\n-{3,}\n", docstring, flags=re.MULTILINE)
+    paragraphs = _prose(text.rstrip(), names)
+    for title, body in zip(parts[::2], parts[1::2], strict=True):
+        is_list = title not in ("Notes", "Examples")
+        paragraphs += [f"**{title}**", *(_entries(body.rstrip()) if is_list else _prose(body.rstrip(), []))]
+    return "\n\n".join(paragraphs)
+
+
+def _entries(body: str) -> list[str]:
+    """Convert the entries of a numpydoc section, each a head and an indented text, to a list."""
+    items = []
+    for entry in re.split(r"\n(?=\S)", body):
+        head, _, text = entry.partition("\n")
+        given, colon, kind = head.partition(" : ")
+        kind = kind.replace("<", "&lt;").replace("*", r"\*")
+        items.append(f"- {_named(given)}{', ' * bool(colon)}{kind}: {' '.join(text.split()).replace('<', '&lt;')}")
+    return ["\n".join(items)]
+
+
+def _prose(text: str, names: list[str]) -> list[str]:
+    """Convert text outside of lists: sessions become code blocks, and arguments with these names a list."""
     paragraphs: list[str] = []
     listed = False
-    for paragraph in docstring.split("\n\n"):
+    for paragraph in text.split("\n\n"):
         if paragraph.startswith(">>> "):
-            text = re.sub(r" *# doctest: \+SKIP", "", paragraph)
-            paragraphs.append(f"```pycon\n{text}\n```")
+            session = re.sub(r" *# doctest: \+SKIP", "", paragraph)
+            paragraphs.append(f"```pycon\n{session}\n```")
         elif paragraph.startswith("    "):
             paragraphs.append(paragraph)
         else:
-            text = re.sub(r":\w+:`~?([^`]*)`", r"`\1`", paragraph).replace("<", "&lt;")
-            if text.startswith("- "):
-                paragraphs.append("\n".join(f"    {line}" for line in text.splitlines()) if listed else text)
+            joined = re.sub(r":\w+:`~?([^`]*)`", r"`\1`", paragraph).replace("<", "&lt;")
+            if joined.startswith("- "):
+                paragraphs.append("\n".join(f"    {line}" for line in joined.splitlines()) if listed else joined)
                 continue
-            paragraphs += _arguments(" ".join(text.split()), names)
+            paragraphs += _arguments(" ".join(joined.split()), names)
         listed = paragraphs[-1].startswith("- ")
-    return "\n\n".join(paragraphs)
+    return paragraphs
 
 
 def _arguments(text: str, names: list[str]) -> list[str]:
@@ -63,4 +84,4 @@ def _arguments(text: str, names: list[str]) -> list[str]:
 
 
 def _named(given: str) -> str:
-    return re.sub(r"(?!and\b)\w+", r"`\g<0>`", given)
+    return re.sub(r"(?!and\b)[\w.]+", r"`\g<0>`", given)

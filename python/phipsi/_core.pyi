@@ -77,13 +77,22 @@ __version__: Final[str]
 _Array: TypeAlias = NDArray[np.float64]
 _Single: TypeAlias = NDArray[np.float32]
 _Float64: TypeAlias = type[np.float64] | np.dtype[np.float64] | Literal["float64"] | None
-# mypy takes type[np.float32] for something of type[np.float64]: overloads of the two are told to ignore that.
+# mypy accepts type[np.float32] as type[np.float64], so overloads of the two need type: ignore.
 _Float32: TypeAlias = type[np.float32] | np.dtype[np.float32] | Literal["float32"]
 _Errors: TypeAlias = Literal["raise", "nan"]
 _Form: TypeAlias = Literal["auto", "covariance", "joseph", "square-root"]
 _Frame: TypeAlias = Literal["local", "world", "local-world-aligned"]
 _Kind: TypeAlias = Literal["spatial", "classical"]
-_Method: TypeAlias = Literal["auto", "semi-implicit-euler", "rk4", "dormand-prince-5", "implicit-euler", "rosenbrock-2", "rosenbrock-3", "contact"]
+_Method: TypeAlias = Literal[
+    "auto",
+    "semi-implicit-euler",
+    "rk4",
+    "dormand-prince-5",
+    "implicit-euler",
+    "rosenbrock-2",
+    "rosenbrock-3",
+    "contact",
+]
 _Ignored: TypeAlias = Literal[
     "actuators",
     "armature",
@@ -114,30 +123,44 @@ _JointType: TypeAlias = Literal[
 
 @final
 class Scene:
-    """An articulated system: bodies, joints, gravity, and the names of them; immutable, for any number of threads.
+    """Articulated system of links and joints under gravity: immutable, and usable from any number of threads.
 
-    Made by Scene.from_urdf, from_mujoco, from_pinocchio, phipsi.load or SceneBuilder.build. SI units and radians. Spatial 6-vectors are angular first:
-    wrench = (moment, force), velocity = (angular, linear). Movable joints are in depth-first order, siblings in file order.
+    Create it with phipsi.load, Scene.from_urdf, Scene.from_mujoco, Scene.from_pinocchio or SceneBuilder.build.
+    Units are SI and radians. Spatial 6-vectors are angular first: wrench = (moment, force), velocity = (angular,
+    linear).
 
-    Arrays are (..., nq) or (..., nv): leading batch axes broadcast, rank in = rank out. Lists, float32, integers, strided
-    and Fortran-ordered arrays are converted; C-contiguous float64 is used without a copy. In q a revolute joint is an angle
-    (rad), a prismatic one a length (m), a screw an angle (its pitch in m/rad), a planar one (u, v, theta), a universal one
-    two angles (about x, then y), a spherical one a quaternion (x, y, z, w), a free one (x, y, z, qx, qy, qz, qw) with the
-    rates (linear, angular) in the body's frame.
-    Quaternions may be off unit norm by 1e-3, and are normalised.
+    Notes
+    -----
+    **Coordinates.** Movable joints are in depth-first order, siblings in file order. In q, a revolute joint is an
+    angle (rad), a prismatic joint a length (m), a screw joint an angle (pitch in m/rad), a planar joint (u, v,
+    theta), a universal joint two angles (about x, then y), a spherical joint a quaternion (x, y, z, w), and a free
+    joint (x, y, z, qx, qy, qz, qw) with the velocity (linear, angular) in the body frame. Quaternions whose norm
+    differs from 1 by at most 1e-3 are normalized.
 
-    Arguments raise ShapeError, NotFiniteError or ArgumentError (see phipsi.errors), naming the argument and the state.
-    The GIL is released in all calls longer than some microseconds; large batches run on several threads (as many as
-    RAYON_NUM_THREADS says, else one a core), with the same bits for any number of them. On the main thread Ctrl-C ends any long call within
-    some tenths of a second, on all threads of it; out is partly written then.
+    **Arrays** are (..., nq) or (..., nv). Leading batch axes broadcast; the result has the batch axes of the
+    arguments. Lists, float32, integers, strided and Fortran-ordered arrays are converted; C-contiguous float64
+    arrays are not copied. An argument of one state may be a dict from joint names to values. Labels (the index of a
+    pandas Series, the columns of a DataFrame of pandas, polars or Arrow, the last dimension of an xarray DataArray)
+    are matched by joint name or rejected; a default RangeIndex counts as no labels. Masked entries raise, except in
+    estimate.
 
-    Results that memory has no room for raise OutOfMemoryError (a MemoryError), naming the arguments that ask for them and the bytes.
+    **Threads.** Calls release the GIL if they take longer than some microseconds. Large batches run on several
+    threads (RAYON_NUM_THREADS, by default one per core), with bit-identical results for any number of threads. On
+    the main thread, Ctrl-C ends a long call within some tenths of a second; `out` may then be partly written.
 
-    An argument of one state may be a dict from joint names to numbers (arrays for joints of several coordinates). Labels are matched by
-    joint name, or refused: the index of a pandas Series, the columns of a DataFrame (pandas, polars, Arrow) or the last dimension
-    of an xarray DataArray; a default RangeIndex is none. Masked entries raise but in estimate. Neither is silently dropped.
+    **Errors.** Arguments raise ShapeError, NotFiniteError or ArgumentError (see phipsi.errors), which name the
+    argument and the state. Results that do not fit in memory raise OutOfMemoryError with the number of bytes.
 
-    Scenes pickle, compare and hash by identity; copies are the scene itself.
+    Scenes can be pickled. They compare and hash by identity; a copy is the scene itself.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import phipsi
+    >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+    >>> q = scene.neutral()
+    >>> np.allclose(scene.forward_dynamics(q, np.zeros(6), scene.gravity_torque(q)), 0.0)
+    True
     """
 
     @staticmethod
@@ -150,22 +173,59 @@ class Scene:
         leave_out: Collection[_Switch] | None = None,
         mimic: Literal["couple", "free"] = "free",
     ) -> Scene:
-        """The scene of a URDF file or text.
+        """Create the scene of a URDF file or text.
 
-        source: a path (str or os.PathLike), or the XML itself: a str that starts with "<" after white space.
-        floating_base: puts a free joint under the root link, "root_joint", or with "_" behind where the file has that name
-        (it is joint_names[0]). gravity: (3,), m/s^2, in the base frame. strict: what is warned of raises, but for mimic
-        joints whose source is there. leave_out: names of what may be left out, of "fixed_joints",
-        "base_links", "renamed_axes", "tilted_axes", "zero_velocity" and "zero_gravity"; None: all.
-        Results are the same to rounding, but operators and estimates need the first two (ArgumentError).
-        mimic: "couple", joints with <mimic> follow the joint that they name, and have no coordinates of their own: q, tau and M are those of the others; or "free", they
-        are independent, and a MimicWarning names each. Coupled scenes have all of kinematics, dynamics, derivatives and simulation; what has no form for them
-        says so (operators, estimation, operational space, gradients of simulations and by parameters).
+        Parameters
+        ----------
+        source : str or os.PathLike
+            Path, or the XML text: a str that starts with "<" after white space.
+        floating_base : bool, default False
+            If true, add a free joint below the root link: joint_names[0], "root_joint", with "_" appended if the file
+            has that name.
+        gravity : (3,) array_like, default (0, 0, -9.81)
+            Gravity in the base frame, m/s^2.
+        strict : bool, default False
+            If true, raise instead of warning, except for mimic joints whose source exists.
+        leave_out : collection of str, optional
+            Names of the simplifications to allow: "fixed_joints", "base_links", "renamed_axes", "tilted_axes",
+            "zero_velocity" and "zero_gravity". None: all. They change results by rounding only; see Scene.plan.
+        mimic : {"free", "couple"}, default "free"
+            "couple": joints with <mimic> follow the joint that they name and have no coordinates of their own; q, tau
+            and M are those of the other joints. "free": they are independent, with a MimicWarning for each.
 
-        Raises SceneError for a file that cannot be read or built, naming link or joint; ArgumentError for a source that is
-        neither. Warns InertiaWarning for inertias that no body can have and for moving links that all have no mass,
-        MimicWarning for free mimic joints, LimitWarning for limits that mean nothing (they are taken as none), and
-        UnknownTagWarning, once, for elements, attributes and text that are not understood (they are passed over).
+        Returns
+        -------
+        scene : Scene
+            The robot, including the damping, friction, limits and extensions (armature, stiffness, rest) of its joints.
+
+        Raises
+        ------
+        SceneError
+            A file that cannot be read or built. The message names the link or joint.
+        ArgumentError
+            A source that is neither a path nor a text, or an invalid argument.
+
+        Warns
+        -----
+        InertiaWarning
+            An inertia that no rigid body can have, or moving links without any mass.
+        MimicWarning
+            A mimic joint that is independent.
+        LimitWarning
+            Invalid limits, which are ignored.
+        UnknownTagWarning
+            Elements, attributes and text that are ignored; one warning per file.
+
+        Notes
+        -----
+        Operators and estimation need the simplifications "fixed_joints" and "base_links". Scenes with coupled joints
+        support kinematics, dynamics, derivatives and simulation; the other methods raise ArgumentError.
+
+        Examples
+        --------
+        >>> scene = phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM, floating_base=True)
+        >>> scene.joint_names[:2], scene.nv
+        (('root_joint', 'joint1'), 12)
         """
 
     @staticmethod
@@ -177,26 +237,70 @@ class Scene:
         leave_out: Collection[_Switch] | None = None,
         ignore: Collection[_Ignored] = (),
     ) -> Scene:
-        """The scene of a MuJoCo model: its bodies, joints, armature, damping, frictionloss, springs and limits. Needs phipsi[mujoco].
+        """Create the scene of a MuJoCo model; needs the extra phipsi[mujoco].
 
-        source: a path of MJCF, URDF or .mjb, as MuJoCo reads them, XML, mujoco.MjModel or mujoco.MjSpec. gravity: (3,), m/s^2; None: the model's. strict: what is
-        warned about raises. leave_out: as in Scene.from_urdf. ignore: names of parts of the model to omit, without a warning: "actuators" (armature and damping of those
-        that do not act on a hinge or slide), "armature" and "friction" (of free joints), "contacts", "equality", "flexes", "fluid", "gravcomp", "limits" (of ball
-        joints), "mocap", "nonlinear" (springs, damping, plasticity), "plugins", "softness" (of equality constraints) and "tendons".
+        Parameters
+        ----------
+        source : path, str, mujoco.MjModel or mujoco.MjSpec
+            Path of an MJCF, URDF or .mjb file, an XML text, or a model.
+        gravity : (3,) array_like, optional
+            Gravity in the base frame, m/s^2; by default that of the model.
+        strict : bool, default False
+            If true, raise instead of warning.
+        leave_out : collection of str, optional
+            Names of the simplifications to allow: "fixed_joints", "base_links", "renamed_axes", "tilted_axes",
+            "zero_velocity" and "zero_gravity". None: all. They change results by rounding only; see Scene.plan.
+        ignore : collection of str, optional
+            Parts of the model to omit without a warning: "actuators" (armature and damping of those that do not act on
+            a hinge or slide), "armature" and "friction" (of free joints), "contacts", "equality", "flexes", "fluid",
+            "gravcomp", "limits" (of ball joints), "mocap", "nonlinear" (springs, damping, plasticity), "plugins",
+            "softness" (of equality constraints) and "tendons".
 
-        Joints and bodies keep their names and order; a joint whose anchor is off its body's origin, or that is not its body's last, moves a link
-        "body/joint". Sites with names become links that are fixed to their bodies. Bodies and joints without a name get "body3", "joint0" and so on; where the file has such a name, or a
-        site has that of a body, "_" is appended or "/site". phipsi.mujoco converts states and forces: the conventions differ at ball and free joints.
+        Returns
+        -------
+        scene : Scene
+            The robot. phipsi.mujoco converts states and forces: the conventions differ for ball and free joints.
 
-        Equality constraints connect, weld and joint (linear) become connections, by their names or "equality 0" and so on; they are rigid: solref and solimp are
-        not read, neither are those of limits and friction. Armature and damping of actuators are added to those of their joint, times the square of the gear ratio; their
-        forcerange gives the joint's effort limit. Stops are at range, moved inward by margin. Controls, sensors and the integrator are not read.
+        Raises
+        ------
+        SceneError
+            A model that cannot be read, or parts of it that change the motion and that scenes do not have: other
+            equality constraints, tendons with springs, losses or armature, gravcomp, a medium denser than air, plugins,
+            deformable objects, nonlinear springs and damping, springs, friction and armature of free joints, mocap
+            bodies that carry or hold others. The message names the part and the `ignore` that omits it.
+        ImportError
+            MuJoCo is not installed.
+        ArgumentError
+            Any other source, or an invalid argument.
 
-        Raises SceneError for a model that cannot be read, and for parts of it that change the motion and that scenes do not have, by name, with the `ignore` that omits them: other
-        equality constraints, tendons with springs, losses or armature, gravcomp, a medium denser than air, plugins, deformable objects, nonlinear springs and damping, springs, friction
-        and armature of free joints, mocap bodies that carry or hold others. Raises ImportError without the extra; ArgumentError for other sources. Warns ModelWarning for contacts, limits of
-        tendons and ball joints, air and soft equality constraints, which are omitted; MeshWarning for missing files that no inertia depends on; otherwise as SceneBuilder.build does, with
-        MimicWarning for joints that an ignored equality ties linearly.
+        Warns
+        -----
+        ModelWarning
+            Contacts, limits of tendons and ball joints, air and soft equality constraints, which are omitted.
+        MeshWarning
+            Missing files on which no inertia depends.
+        MimicWarning
+            A joint that an ignored equality constraint couples linearly.
+
+        Notes
+        -----
+        Joints and bodies keep their names and order. A joint whose anchor is not at the origin of its body, or that is
+        not the last of its body, moves a link "body/joint". Named sites become links that are fixed to their bodies.
+        Unnamed bodies and joints are named "body3", "joint0" and so on; a name that exists gets "_" appended, a site
+        with the name of a body "/site".
+
+        The equality constraints connect, weld and joint (linear) become rigid connections with their names or "equality
+        0" and so on; solref and solimp are not read. Armature and damping of actuators are added to those of their
+        joint, times the square of the gear ratio; their forcerange is the effort limit. Stops are at range, moved
+        inward by margin. Controls, sensors and the integrator are not read.
+
+        Examples
+        --------
+        >>> text = '''<mujoco><worldbody><body name="rod"><joint name="hinge" type="hinge" axis="0 1 0"/>
+        ... <geom type="capsule" fromto="0 0 0 0 0 -1" size="0.05"/></body></worldbody></mujoco>'''
+        >>> scene = phipsi.Scene.from_mujoco(text, ignore=["contacts"])
+        >>> scene.joint_names
+        ('hinge',)
         """
     @staticmethod
     def from_pinocchio(
@@ -206,20 +310,51 @@ class Scene:
         strict: bool = False,
         leave_out: Collection[_Switch] | None = None,
     ) -> Scene:
-        """The scene of a Pinocchio model: its joints, inertias, armature, damping, dry friction, limits and gravity.
+        """Create the scene of a Pinocchio model: joints, inertias, armature, damping, dry friction, limits and gravity.
 
-        model: pinocchio.Model. gravity: (3,), m/s^2; None: the model's. strict: unphysical inertias raise instead of warning. leave_out: as in Scene.from_urdf.
+        Parameters
+        ----------
+        model : pinocchio.Model
+            The model.
+        gravity : (3,) array_like, optional
+            Gravity in the base frame, m/s^2; by default that of the model.
+        strict : bool, default False
+            If true, unphysical inertias raise instead of warning.
+        leave_out : collection of str, optional
+            Names of the simplifications to allow: "fixed_joints", "base_links", "renamed_axes", "tilted_axes",
+            "zero_velocity" and "zero_gravity". None: all. They change results by rounding only; see Scene.plan.
 
-        Joints keep their names, bodies those of their frames, in depth-first order. phipsi.pinocchio takes states from Pinocchio's conventions to phipsi's and
-        back. A body that is fixed to another keeps its frame; its mass is in the other one, as Pinocchio has it.
+        Returns
+        -------
+        scene : Scene
+            The robot. phipsi.pinocchio converts states between the conventions.
 
-        Raises SceneError, naming the joint, for composite and mimic joints, for those of Euler angles, and for planar joints with armature or friction (Pinocchio applies
-        them along axes of the body, phipsi along those of the parent); ImportError without Pinocchio; ArgumentError for
-        what is no model. Warns as SceneBuilder.build does.
+        Raises
+        ------
+        SceneError
+            Composite and mimic joints, joints with Euler angles, and planar joints with armature or friction, which
+            Pinocchio applies along axes of the body and phipsi along axes of the parent. The message names the joint.
+        ImportError
+            Pinocchio is not installed.
+        ArgumentError
+            An object that is not a model, or an invalid argument.
+
+        Notes
+        -----
+        Joints keep their names, bodies have the names of their frames, in depth-first order. A body that is fixed to
+        another body keeps its frame; its mass is part of the other body, as in Pinocchio. Warnings are those of
+        SceneBuilder.build.
+
+        Examples
+        --------
+        >>> import pinocchio
+        >>> model = pinocchio.buildModelFromXML(phipsi.BUNDLED_ARM)
+        >>> phipsi.Scene.from_pinocchio(model).nv
+        6
         """
     @property
     def file(self) -> Path | None:
-        """The file, URDF or MJCF, that the scene comes from, a pathlib.Path; None where it comes from text or code."""
+        """URDF or MJCF file of the scene, a pathlib.Path; None for a scene from text or code."""
 
     @property
     def nq(self) -> int:
@@ -231,27 +366,27 @@ class Scene:
 
     @property
     def armature(self) -> _Array:
-        """Armature of each degree of freedom, (nv,), kg m^2 or kg; a copy. It is the variance of the measurement noise."""
+        """Armature of each degree of freedom, (nv,), kg m^2 or kg, a copy: the variance of the measurement noise."""
 
     @property
     def damping(self) -> _Array:
-        """Viscous damping of each degree of freedom, (nv,), N m s/rad or N s/m; a copy. Simulation only."""
+        """Viscous damping of each degree of freedom, (nv,), N m s/rad or N s/m, a copy; used in simulations."""
 
     @property
     def friction(self) -> _Array:
-        """Coulomb friction of each degree of freedom, (nv,), N m or N; a copy. Simulation only."""
+        """Coulomb friction of each degree of freedom, (nv,), N m or N, a copy; used in simulations."""
 
     @property
     def stiffness(self) -> _Array:
-        """Stiffness of each degree of freedom's spring, (nv,), N m/rad or N/m; a copy. Simulation only."""
+        """Spring stiffness of each degree of freedom, (nv,), N m/rad or N/m, a copy; used in simulations."""
 
     @property
     def rest(self) -> _Array:
-        """The configuration where the springs are at rest, (nq,); a copy."""
+        """Configuration in which the springs are at rest, (nq,), a copy."""
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Names of the movable joints, in the order of q; the free joint of a floating base is the first, "root_joint"."""
+        """Names of the movable joints in the order of q; the free joint of a floating base is the first, "root_joint"."""
 
     @property
     def body_names(self) -> tuple[str, ...]:
@@ -259,38 +394,86 @@ class Scene:
 
     @property
     def link_names(self) -> tuple[str, ...]:
-        """Names of all links, depth first, those on fixed joints included."""
+        """Names of all links in depth-first order, including links on fixed joints."""
 
     @property
     def gravity(self) -> _Array:
-        """Gravity in the base frame, (3,), m/s^2; a copy."""
+        """Gravity in the base frame, (3,), m/s^2, a copy."""
 
     @property
     def total_mass(self) -> float:
-        """Mass of all links that move, kg: those on fixed joints to them included, links on the base not, nor rotors (armature is no mass)."""
+        """Mass of all moving links, kg: links fixed to them included, links fixed to the base and armature excluded."""
 
     @property
     def limits(self) -> Limits:
-        """Limits by degree of freedom, as the named tuple Limits(lower, upper, velocity, effort) of arrays (nv,).
+        """Joint limits per degree of freedom as Limits(lower, upper, velocity, effort), each (nv,); infinite for none.
 
-        rad or m, rad/s or m/s, N m or N; infinite where there is none; a joint of several degrees of freedom repeats its own.
-        Positions are stops in simulations (limits="report" switches them off); velocity and effort are reported only.
+        Units are rad or m, rad/s or m/s, and N m or N. A joint of several degrees of freedom repeats its limits.
+        Position limits are stops in simulations, unless limits="report"; velocity and effort limits are reported only.
         """
 
     def q_index(self, joint: str, /) -> slice[int, int, int]:
-        """Where a joint is in q, a slice.
+        """Slice of the coordinates of a joint in q.
 
-        Raises ArgumentError, with the names that there are, for an unknown joint.
+        Parameters
+        ----------
+        joint : str
+            Name of a movable joint.
+
+        Returns
+        -------
+        slice
+            Position in q.
+
+        Raises
+        ------
+        ArgumentError
+            An unknown name. The message lists the names that exist.
+
+        Examples
+        --------
+        >>> phipsi.scenes.chain(3).q_index("j1")
+        slice(1, 2, 1)
         """
 
     def v_index(self, joint: str, /) -> slice[int, int, int]:
-        """Where a joint is in qd, qdd and tau, a slice.
+        """Slice of the degrees of freedom of a joint in qd, qdd and tau.
 
-        Raises ArgumentError, with the names that there are, for an unknown joint.
+        Parameters
+        ----------
+        joint : str
+            Name of a movable joint.
+
+        Returns
+        -------
+        slice
+            Position in qd, qdd and tau.
+
+        Raises
+        ------
+        ArgumentError
+            An unknown name. The message lists the names that exist.
+
+        Examples
+        --------
+        >>> scene = phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM, floating_base=True)
+        >>> scene.q_index("joint1"), scene.v_index("joint1")
+        (slice(7, 8, 1), slice(6, 7, 1))
         """
 
     def neutral(self) -> _Array:
-        """The neutral configuration, (nq,): zero everywhere, the identity (0, 0, 0, 1) for quaternions."""
+        """Neutral configuration: zero everywhere, and the identity (0, 0, 0, 1) for quaternions.
+
+        Returns
+        -------
+        q : (nq,) ndarray
+            Joint positions, rad or m.
+
+        Examples
+        --------
+        >>> phipsi.scenes.chain(3).neutral()
+        array([0., 0., 0.])
+        """
 
     @overload
     def forward_dynamics(  # type: ignore[overload-overlap]
@@ -307,34 +490,70 @@ class Scene:
         errors: _Errors = "raise",
         return_info: Literal[False] = False,
     ) -> _Array:
-        """Joint accelerations from joint torques, in O(N): the smoother's estimates given the torques as measurements.
+        """Joint accelerations from joint torques, in O(N): M qdd + bias = tau + J^T w, by a Kalman filter and a smoother.
 
-        q: (..., nq); qd, tau: (..., nv); SI units, radians; leading axes broadcast. wrenches: dict from link names (links on fixed joints
-        too) to (..., 6), each a (moment, force) acting on that link, at its origin and in its frame. form: how P is carried: "covariance"
-        (3.6), "joseph", "square-root" (right at extreme mass ratios too, at about twice the time), or "auto", which takes the first and recomputes a state
-        in square-root form, and in double-double arithmetic where that is not enough, if its estimated error exceeds the tolerance and what rounding of the
-        forces by a unit in the last place makes of it. tolerance: the largest accepted error relative to the largest acceleration, above 0 and below 1, for the forms "auto"
-        and "square-root"; None: max(5e-14, 4 n eps), n being the number of degrees of freedom on the longest path to the base. out: C-contiguous, of the
-        result's shape and dtype, overlapping no argument; it is returned. dtype: float64, or float32 to compute in twice as many SIMD
-        lanes: about 6 digits, fewer by those of the condition number of M; a state that loses more than 4 in form "auto" is done in
-        float64 and rounded, and so is all that docs/lanes.md lists. Arguments are converted to it.
-        errors: "raise", or "nan" to go on past bad states (numbers that are not finite, a quaternion off unit norm, a singular joint,
-        an overflow): their results are NaN, and one BadStateWarning has .states and .reasons. Wrong shapes raise all the same.
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        tau : (..., nv) array_like
+            Joint torques, N m or N; those of a free joint are (force, moment).
+        form : {"auto", "covariance", "joseph", "square-root"}, default "auto"
+            Form of the covariance P in the filter. "covariance" (eq. 3.6) is the fastest; "square-root" is accurate at
+            extreme mass ratios too and takes about twice the time. "auto" runs the covariance form and recomputes a
+            state in square-root form, and then in double-double arithmetic, if its error estimate exceeds the
+            tolerance.
+        tolerance : float, optional
+            Largest accepted error relative to the largest acceleration, between 0 and 1, in the forms "auto" and
+            "square-root". Default: max(5e-14, 4 n eps) with n degrees of freedom on the longest path to the base.
+            Errors as small as the effect of one rounding of the forces are always accepted.
+        wrenches : dict of str to (..., 6) array_like, optional
+            External forces by link name: (moment, force) at the origin and in the frame of the link, N m and N.
+        out : ndarray, optional
+            C-contiguous array of the shape and dtype of the result. It receives the result and is returned.
+        dtype : {"float64", "float32"} or numpy dtype, optional
+            Precision of the computation and of the result, float64 by default. float32 has twice the SIMD lanes and
+            about 6 digits, fewer by those of the condition number of M. In form "auto", states that lose more than 4
+            digits are computed in float64; docs/lanes.md lists what else is.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states (not finite, a quaternion off unit norm, a singular joint, an overflow)
+            are NaN, and one BadStateWarning has .states and .reasons. Wrong shapes raise in both cases.
+        return_info : bool, default False
+            If true, return an Accuracy too. That costs about five times the time in the forms "covariance" and
+            "square-root", almost nothing in "auto".
 
-        **tau of a free joint is (force, moment), as its qd is (linear, angular); wrenches are (moment, force).**
+        Returns
+        -------
+        qdd : (..., nv) ndarray
+            Joint accelerations, rad/s^2 or m/s^2; those of a free joint are (linear, angular) in its body frame.
+        info : Accuracy
+            Only with return_info: .form, .error (estimated) and .bound of each state.
 
-        return_info: whether to tell the accuracy too, one entry a state, for about five times the time in the forms "covariance" and
-        "square-root", next to nothing in "auto".
+        Raises
+        ------
+        SingularJointError
+            A joint without inertia along its axis: its pivot D(k) is lost in rounding.
+        ConstraintError
+            Connections that contradict each other.
+        ArgumentError
+            The square-root form of an inertia that no rigid body can have. The message names the link.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
 
-        Of a scene with connections the accelerations go through them, as constrained_dynamics has them; no error is estimated.
-        Contacts act in simulation only: of a scene with contacts these are the accelerations of the tree.
+        Notes
+        -----
+        Equations 4.4 to 4.11. With connections, the result is that of constrained_dynamics, without an error estimate.
+        Contacts act in simulations only. If the call raises, `out` may be partly written.
 
-        Returns qdd, (..., nv), with M qdd + bias = tau + J^T w (4.4 to 4.11); with return_info (qdd, Accuracy): .form, the form that gave
-        the result; .error, the estimated error of the largest acceleration; and .bound, the bound that this error meets.
-
-        Raises SingularJointError where a joint has no inertia along its axis; ConstraintError where connections contradict each other; ArgumentError,
-        naming the link, for the square-root form of an inertia that no body can have; ShapeError, NotFiniteError, ArgumentError, each naming the
-        argument and the state. After an error out is partly written.
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> q, qd, tau = [0.3, 0.2, 0.1], [1.0, 0.0, 0.0], [0.0, 0.5, 0.0]
+        >>> qdd = scene.forward_dynamics(q, qd, tau)
+        >>> np.allclose(scene.inverse_dynamics(q, qd, qdd), tau)
+        True
         """
 
     @overload
@@ -411,19 +630,59 @@ class Scene:
         limits: Literal["stop", "report"] | None = None,
         restitution: float = 0.0,
     ) -> RolloutGradients:
-        """Gradients of a function of a trajectory, by the adjoint of every step: Trajectory.vjp with everything said once more.
+        """Gradients of a function of a trajectory by the adjoint of every step, from recorded rows; as Trajectory.vjp.
 
-        q: (..., rows, nq); qd: (..., rows, nv): the rows that simulate recorded, the first at the start. cotangent_q, cotangent_qd: (..., rows, nv), the gradients of the
-        function by these, that by q in the tangent space of each row, as dq in inverse_dynamics_jvp. dt, steps, tau, tau_steps, method, record_every, pd, armature, damping,
-        stiffness, rest, friction, friction_speed, form, tolerance, limits, restitution: as simulate had them; tau is an array. parameters: whether to give the gradients by inertias too.
+        Parameters
+        ----------
+        q : (..., rows, nq) array_like
+            Recorded joint positions, the first at the start.
+        qd : (..., rows, nv) array_like
+            Recorded joint velocities.
+        cotangent_q : (..., rows, nv) array_like
+            Gradient of the function with respect to q, in the tangent space of each row.
+        cotangent_qd : (..., rows, nv) array_like
+            Gradient of the function with respect to qd.
+        dt : float
+            Step, s.
+        steps : int
+            Number of steps.
+        tau, tau_steps, method, record_every, pd, armature, damping, stiffness, rest, friction, friction_speed
+            As given to simulate; tau is an array.
+        form, tolerance, limits, restitution
+            As given to simulate.
+        parameters : bool, default False
+            If true, compute the gradients with respect to inertial parameters too.
 
-        Steps between rows are made again: with record_every=1 none is. O(N) a stage of a step; steps after the last row change nothing. The memory of a thread grows with the
-        root of the steps between two rows.
+        Returns
+        -------
+        gradients : RolloutGradients
+            Named tuple (q, qd, tau, armature, damping, stiffness, friction, parameters) per state: (..., nv) each; tau
+            is (..., steps, nv) with tau_steps; parameters is (..., bodies, 10) or None.
 
-        Returns a phipsi.RolloutGradients (q, qd, tau, armature, damping, stiffness, friction, parameters), of each state by itself: q, qd, tau and what acts at the joints
-        (..., nv), tau (..., steps, nv) where tau_steps was given, parameters (..., bodies, 10) or None. Where no torque was given, tau is as for a constant one.
+        Raises
+        ------
+        SingularJointError
+            A joint without inertia along its axis: its pivot D(k) is lost in rounding.
+        OutOfMemoryError
+            A result that does not fit in memory. The message names the argument that determines its size.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
 
-        Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument; SingularJointError; OutOfMemoryError.
+        Notes
+        -----
+        O(N) per stage. Steps between rows are recomputed, none with record_every=1. The memory of a thread grows with
+        the square root of the number of steps between two rows. Steps after the last row have no effect.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> path = scene.simulate([0.3, 0.2, 0.1], np.zeros(3), dt=1e-3, steps=100, method="rk4")
+        >>> last = np.zeros_like(path.qd)
+        >>> last[-1, 0] = 1.0     # the function is q[-1, 0]
+        >>> keywords = dict(dt=1e-3, steps=100, method="rk4")
+        >>> gradients = scene.simulate_vjp(path.q, path.qd, last, np.zeros_like(last), **keywords)
+        >>> np.isclose(gradients.q[0], 1.0)     # the first joint is vertical
+        np.True_
         """
 
     def simulate(
@@ -455,103 +714,95 @@ class Scene:
         accuracy: float | None = None,
         duration: float | None = None,
     ) -> Trajectory:
-        """Simulates states in time: one state or a batch, with a step that is stable for stiff springs, damping, gains, dry friction and joint stops.
-
-        With d damping, f friction, k stiffness and differences on the manifold,
-
-            M(q) dv/dt + bias(q, v) = tau - d v - f sign(v) - k (q - rest) + kp (target - q) + kd (target_rate - v) + stops
-
-        and dq/dt = v on the manifold: quaternions stay unit, free joints move on SE(3).
+        """Simulate one state or a batch in time: M(q) dv/dt + bias(q, v) = tau + forces of joints and stops, dq/dt = v.
 
         Parameters
         ----------
-        q : (..., nq)
-            Configurations at the start. Leading axes of all arguments broadcast.
-        qd : (..., nv)
+        q : (..., nq) array_like
+            Joint positions at the start, rad or m.
+        qd : (..., nv) array_like
             Joint velocities at the start, rad/s or m/s.
         dt : float
-            Step, s. With accuracy and duration it is the time between rows, a thousandth of duration by default.
+            Step, s. With accuracy and duration: time between rows, duration / 1000 by default.
         steps : int
-            Number of steps; or give duration.
-        tau : (..., nv), or callable
-            Torque, constant, or a function of (t, q, qd) that is called once per step with the whole batch and returns (..., nv). Held over each step: a
-            function is followed to first order in dt by every method.
-        tau_steps : (..., steps, nv)
-            Torque of each step, instead of tau.
-        method : str
-            "auto" (the default) is "rosenbrock-2" (order 2), or "rk4" (explicit, order 4) where springs, damping and gains are slow at this step, by bounds at the
-            first state: Trajectory.integrator reports which. "auto" divides steps in which joints rotate too far for the method, into at most 1024 substeps. The other
-            methods never divide for accuracy: "semi-implicit-euler" (order 1), "rk4", "dormand-prince-5" (order 5), "implicit-euler" (order 1), "rosenbrock-2",
-            "rosenbrock-3" (order 3). The implicit ones take
-            springs, damping and pd as measurement noise r + h d + h^2 k at the cost of an explicit stage, and are L-stable for them. Scenes with contacts have one
-            method, "contact" (order 1), which "auto" stands for.
-        record_every : int
+            Number of steps. Alternatively, give duration.
+        tau : (..., nv) array_like or callable, optional
+            Joint torques: constant, or a function of (t, q, qd) that returns (..., nv), called once per step with the
+            batch.
+        tau_steps : (..., steps, nv) array_like, optional
+            Joint torques of each step, instead of tau.
+        method : str, default "auto"
+            "semi-implicit-euler", "rk4", "dormand-prince-5", "implicit-euler", "rosenbrock-2" or "rosenbrock-3";
+            "contact" for scenes with contacts. "auto" selects "rk4" or "rosenbrock-2" and divides steps with fast
+            rotations.
+        record_every : int, default 1
             Steps between two rows.
-        pd : PD(kp, kd, target, target_rate)
-            Control law that is evaluated within the step.
-        armature, damping, stiffness, friction : (nv,) or float, optional
-            Instead of the scene's.
-        rest : (nq,), optional
-            Configuration where springs are at rest, instead of the scene's.
+        pd : PD, optional
+            Control law PD(kp, kd, target, target_rate), evaluated within the step.
+        armature : float or (nv,) array_like, optional
+            Armature instead of that of the scene, kg m^2 or kg.
+        damping : float or (nv,) array_like, optional
+            Viscous damping instead of that of the scene, N m s/rad or N s/m.
+        stiffness : float or (nv,) array_like, optional
+            Stiffness of the springs instead of that of the scene, N m/rad or N/m.
+        rest : (nq,) array_like, optional
+            Configuration in which the springs are at rest, instead of that of the scene.
+        friction : float or (nv,) array_like, optional
+            Coulomb friction instead of that of the scene, N m or N.
         friction_speed : float, optional
-            Zero or None: exact Coulomb friction. A joint at rest stays exactly at rest while friction can hold it. Positive: regularized friction
-            -f v / sqrt(v^2 + friction_speed^2), with which joints creep, rad/s or m/s. None stands for 0.01 in scenes with contacts or
-            connections, where friction is always regularized: Trajectory.friction_speed reports it.
-        form : str
-            "auto" recomputes a step whose estimated error exceeds the tolerance in square-root form; "covariance" checks the pivots only.
+            0 or None: exact Coulomb friction. Positive: friction is viscous below this speed, rad/s or m/s. None is
+            0.01 in scenes with contacts or connections.
+        form : {"auto", "covariance"}, default "auto"
+            "auto" recomputes steps whose error estimate exceeds the tolerance; "covariance" checks the pivots only.
         tolerance : float, optional
-            Of form "auto", as in forward_dynamics.
+            As in forward_dynamics.
         progress : callable, optional
-            Called with (steps done, steps) at most twenty times per second.
-        conserve_momentum : bool
-            Each floating tree conserves its momentum, and its center of mass follows its parabola, to rounding: each step ends with a rigid motion of the tree,
-            as large as the step's error in them, O(N). Every tree must be connected to the base by a free joint without tau, pd, damping, stiffness, friction
-            or armature.
-        compliance : float or array_like (m,), optional
-            Compliance of each row of the connections, (m/s^2)/N or (rad/s^2)/(N m), zero or above, in the order of connection_rows: accelerations, and the projection that ends each
-            step, let rows give way by it, and states need not meet the connections at the start. The default is none.
+            Function of (steps done, steps), called at most 20 times per second.
+        conserve_momentum : bool, default False
+            If true, conserve the momentum of floating trees without external forces to rounding.
         baumgarte : float, optional
-            For scenes with connections. None: positions and velocities are projected onto them after each step (see project). A rate a in 1/s:
-            J qdd + J' qd = -2 a J qd - a^2 error.
-        limits : str, optional
-            "stop", the default: joint limits are stops that a joint with one degree of freedom does not pass. "report": limits do nothing, and
-            Trajectory.violations lists them. A joint that starts outside of its limits is moved back without a jump of its velocity, with a LimitWarning.
-        restitution : float
-            Coefficient of restitution of the stops, 0 to 1. A rebound that would end within the step is none.
+            Rate of Baumgarte stabilization of the connections, 1/s. None: projection after each step.
+        compliance : float or (..., m) array_like, optional
+            Compliance of each row of the connections in the order of connection_rows, (m/s^2)/N or (rad/s^2)/(N m), not
+            negative. None: the connections are rigid.
+        limits : {"stop", "report"}, optional
+            "stop" (default): position limits are stops. "report": Trajectory.violations() lists them.
+        restitution : float, default 0
+            Coefficient of restitution of the stops, 0 to 1.
         accuracy : float, optional
-            Error control: the estimated error of each substep, in rad or m and relative to the fastest joint velocity where that exceeds 1, is at most this. Changes between
-            sticking and sliding and impacts on stops are located within 1e-7 dt. Trajectory.estimated_error is the sum of the estimates.
+            Error control: bound of the estimated error of each substep, rad or m, relative above 1 rad/s or m/s.
         duration : float, optional
             Simulated time, s, instead of steps.
 
         Returns
         -------
-        Trajectory
-            Rows t (rows,), q (..., rows, nq), qd (..., rows, nv), the first at the start; integrator, substeps, events and stops; energy_audit() and error_estimate();
-            momentum_correction, drift and contacts where they apply. Bit for bit the same for any number of threads.
+        trajectory : Trajectory
+            Rows t (rows,), q (..., rows, nq) and qd (..., rows, nv), the first at the start, with the integrator,
+            events and stops; bit-identical for any number of threads.
 
         Raises
         ------
         SimulationError
-            Motion diverges, a pivot is lost, connections cannot hold, no impulses meet the law of contacts to 1e-5, or tau raises. .trajectory has the rows of the finished steps.
+            The motion diverges, a pivot is lost, connections or contacts have no solution, or tau raises. .trajectory
+            has the finished rows.
         SimulationInterrupted
-            Ctrl-C (a KeyboardInterrupt), likewise.
+            Ctrl-C (a KeyboardInterrupt), with .trajectory.
         ConstraintError
-            A start that does not meet the connections.
-        OutOfMemoryError, ShapeError, NotFiniteError, ArgumentError
-            Each names the argument and the state.
+            The start violates the connections; see project.
+        OutOfMemoryError
+            A result that does not fit in memory. The message names the argument that determines its size.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
 
         Notes
         -----
-        O(N) per stage. A step in which a joint sticks, slips or meets a stop is one implicit Euler step whose set-valued law is solved by block principal pivoting, with one
-        factorization per pivot; a short substep where joints are fast. In scenes with contacts (see SceneBuilder.contact) each step ends with impulses that meet their law, and
-        approaches faster than what gravity gives in a step rebound by Poisson's law; O(N + m^2 depth + m^3) for m rows of contacts that touch.
+        O(N) per stage. docs/motion.md has the equations, the methods and their orders, friction, stops, contacts,
+        connections, error control and the energy audit.
 
         Examples
         --------
-        >>> import phipsi
         >>> scene = phipsi.scenes.chain(3)
-        >>> path = scene.simulate([0.3, 0.2, 0.1], [0.0] * 3, dt=1e-3, steps=1000, record_every=100)
+        >>> path = scene.simulate([0.3, 0.2, 0.1], np.zeros(3), dt=1e-3, steps=1000, record_every=100)
         >>> path.q.shape, path.integrator
         ((11, 3), 'rk4')
         """
@@ -579,32 +830,35 @@ class Scene:
         restitution: float = 0.0,
         accuracy: float | None = None,
     ) -> Simulator:
-        """Creates a simulator: states that are advanced call by call, as a controller or a learner does.
+        """Create a Simulator: one state or a batch that is advanced call by call.
 
         Parameters
         ----------
-        q : (..., nq)
-            Configurations at the start.
-        qd : (..., nv), optional
-            Joint velocities at the start; zero by default. Leading axes broadcast to those of the batch.
+        q : (..., nq) array_like
+            Joint positions at the start, rad or m.
+        qd : (..., nv) array_like, optional
+            Joint velocities at the start, rad/s or m/s; zero by default.
         dt : float
             Step, s.
-        method, pd, armature, damping, stiffness, rest, friction, friction_speed, form, tolerance, conserve_momentum, baumgarte, compliance, limits, restitution, accuracy
+        method, pd, armature, damping, stiffness, rest, friction, friction_speed, form, tolerance, conserve_momentum
+            As in simulate, for all steps.
+        baumgarte, compliance, limits, restitution, accuracy
             As in simulate, for all steps.
 
         Returns
         -------
-        Simulator
-            Simulator.step(tau) costs one forward dynamics per stage, and some tenths of a microsecond.
+        simulator : Simulator
+            step(tau) costs one forward dynamics per stage and some tenths of a microsecond.
 
         Raises
         ------
-        OutOfMemoryError, ShapeError, NotFiniteError, ArgumentError
-            Each names the argument and the state.
+        OutOfMemoryError
+            A result that does not fit in memory. The message names the argument that determines its size.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
 
         Examples
         --------
-        >>> import phipsi
         >>> simulator = phipsi.scenes.chain(3).simulator([0.3, 0.2, 0.1], dt=1e-3)
         >>> simulator.step(steps=10)
         >>> simulator.steps
@@ -621,13 +875,44 @@ class Scene:
         friction: ArrayLike | None = None,
         friction_speed: float = 0.01,
     ) -> Ode:
-        """The equations of motion for SciPy's solve_ivp: right side and Jacobian in tangent coordinates, and a solver with error control
-        on the manifold.
+        """Equations of motion for SciPy's solve_ivp: right-hand side and Jacobian in tangent coordinates, and a solver.
 
-        tau: (nv,), constant, or a function of (t, q, qd), which is asked at every stage. pd, damping, stiffness, rest, friction:
-        as in simulate; friction_speed: positive, rad/s or m/s, for the solvers need smooth friction. Returns an Ode; Ode.solve(q, qd, t_span, method=..., rtol=..., atol=...) gives a Trajectory.
+        Parameters
+        ----------
+        tau : (nv,) array_like or callable, optional
+            Joint torques: constant, or a function of (t, q, qd), called at every stage.
+        pd : PD, optional
+            Control law, as in simulate.
+        damping : float or (nv,) array_like, optional
+            Viscous damping instead of that of the scene, N m s/rad or N s/m.
+        stiffness : float or (nv,) array_like, optional
+            Stiffness of the springs instead of that of the scene, N m/rad or N/m.
+        rest : (nq,) array_like, optional
+            Configuration in which the springs are at rest, instead of that of the scene.
+        friction : float or (nv,) array_like, optional
+            Coulomb friction instead of that of the scene, N m or N.
+        friction_speed : float, default 0.01
+            Speed below which friction is viscous, rad/s or m/s; positive, because the solvers need smooth friction.
 
-        Raises ImportError without SciPy; ShapeError, NotFiniteError, ArgumentError.
+        Returns
+        -------
+        ode : Ode
+            ode.solve(q, qd, t_span, method=..., rtol=..., atol=...) returns a Trajectory, with error control on the
+            manifold.
+
+        Raises
+        ------
+        ImportError
+            SciPy is not installed.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Examples
+        --------
+        >>> ode = phipsi.scenes.chain(3).ode()
+        >>> path = ode.solve([0.3, 0.2, 0.1], np.zeros(3), (0.0, 0.5))
+        >>> round(float(path.t[-1]), 3)
+        0.5
         """
 
     @overload
@@ -642,15 +927,47 @@ class Scene:
         dtype: _Float64 = None,
         errors: _Errors = "raise",
     ) -> _Array:
-        """Joint torques from joint accelerations, in O(N), gravity and armature included.
+        """Joint torques from joint accelerations, in O(N): tau = M qdd + bias - J^T w, including gravity and armature.
 
-        q: (..., nq); qd, qdd: (..., nv); SI units, radians; leading axes broadcast. wrenches, out, dtype and errors as in forward_dynamics.
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        qdd : (..., nv) array_like
+            Joint accelerations, rad/s^2 or m/s^2.
+        wrenches : dict of str to (..., 6) array_like, optional
+            External forces by link name: (moment, force) at the origin and in the frame of the link, N m and N.
+        out : ndarray, optional
+            C-contiguous array of the shape and dtype of the result. It receives the result and is returned.
+        dtype : {"float64", "float32"} or numpy dtype, optional
+            Precision of the computation and of the result, float64 by default; see forward_dynamics.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        **tau of a free joint is (force, moment), as its qd and qdd are (linear, angular); wrenches are (moment, force).**
+        Returns
+        -------
+        tau : (..., nv) ndarray
+            Joint torques, N m or N; those of a free joint are (force, moment), whereas wrenches are (moment, force).
 
-        Returns tau, (..., nv) = H phi (Q lambda + b) + armature qdd - J^T w (1.5, 2.9, 2.10).
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
 
-        Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+        Notes
+        -----
+        tau = H phi (Q lambda + b) + armature qdd - J^T w (1.5, 2.9, 2.10). Damping, friction and springs act in
+        simulations only.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> still = np.zeros(3)
+        >>> tau = scene.inverse_dynamics([0.3, 0.2, 0.1], still, still)
+        >>> np.allclose(tau, scene.gravity_torque([0.3, 0.2, 0.1]))
+        True
         """
 
     @overload
@@ -668,13 +985,46 @@ class Scene:
 
     @overload
     def bias_torque(  # type: ignore[overload-overlap]
-        self, q: ArrayLike, qd: ArrayLike, *, out: _Array | None = None, dtype: _Float64 = None, errors: _Errors = "raise"
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        *,
+        out: _Array | None = None,
+        dtype: _Float64 = None,
+        errors: _Errors = "raise",
     ) -> _Array:
-        """The bias torque H phi b: what the joints must give so that none accelerates, gravity included.
+        """Bias torque H phi b: joint torques for zero joint accelerations (Coriolis, centrifugal and gravity), in O(N).
 
-        q: (..., nq); qd: (..., nv); leading axes broadcast; out, dtype and errors as in forward_dynamics. Returns (..., nv), N m or N.
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        out : ndarray, optional
+            C-contiguous array of the shape and dtype of the result. It receives the result and is returned.
+        dtype : {"float64", "float32"} or numpy dtype, optional
+            Precision of the computation and of the result, float64 by default; see forward_dynamics.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+        Returns
+        -------
+        tau : (..., nv) ndarray
+            Bias torque, N m or N.
+
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> q, qd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2]
+        >>> nonlinear = scene.coriolis_matrix(q, qd) @ qd + scene.gravity_torque(q)
+        >>> np.allclose(scene.bias_torque(q, qd), nonlinear)
+        True
         """
 
     @overload
@@ -686,11 +1036,34 @@ class Scene:
     def gravity_torque(  # type: ignore[overload-overlap]
         self, q: ArrayLike, *, out: _Array | None = None, dtype: _Float64 = None, errors: _Errors = "raise"
     ) -> _Array:
-        """The torques that hold the scene against gravity, dU/dq along the tangent of q: the bias torque at rest.
+        """Gravity torque dU/dq: joint torques that hold the scene in static equilibrium, in O(N).
 
-        q: (..., nq); out, dtype and errors as in forward_dynamics. Returns (..., nv), N m or N. O(N).
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        out : ndarray, optional
+            C-contiguous array of the shape and dtype of the result. It receives the result and is returned.
+        dtype : {"float64", "float32"} or numpy dtype, optional
+            Precision of the computation and of the result, float64 by default; see forward_dynamics.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+        Returns
+        -------
+        tau : (..., nv) ndarray
+            Gravity torque, N m or N, along the tangent space of q.
+
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Examples
+        --------
+        >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+        >>> scene.gravity_torque(scene.neutral()).round(1)
+        array([  0. , -37. ,   0.2,   0. ,   0. ,   0. ])
         """
 
     @overload
@@ -702,13 +1075,42 @@ class Scene:
     def mass_matrix(  # type: ignore[overload-overlap]
         self, q: ArrayLike, *, out: _Array | None = None, dtype: _Float64 = None, errors: _Errors = "raise"
     ) -> _Array:
-        """The joint-space mass matrix, the covariance of the measurements (5.1), armature on its diagonal.
+        """Joint-space mass matrix M(q), the covariance of the joint torques (eq. 5.1), with the armature on its diagonal.
 
-        q: (..., nq); out, dtype and errors as in forward_dynamics. Returns (..., nv, nv), full and exactly symmetric, SI units. Large batches of
-        matrices take less time into an out that was used before: new memory is cleared by the system first.
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        out : ndarray, optional
+            C-contiguous array of the shape and dtype of the result. It receives the result and is returned.
+        dtype : {"float64", "float32"} or numpy dtype, optional
+            Precision of the computation and of the result, float64 by default; see forward_dynamics.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        Raises ArgumentError above 4000 degrees of freedom: inverse_dynamics multiplies by the matrix without forming it.
-        Raises ShapeError, NotFiniteError, ArgumentError for a bad q, naming the state.
+        Returns
+        -------
+        M : (..., nv, nv) ndarray
+            Mass matrix, kg m^2, kg m or kg; full and exactly symmetric.
+
+        Raises
+        ------
+        ArgumentError
+            A scene of more than 4000 degrees of freedom, too many for dense matrices.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        inverse_dynamics multiplies by M in O(N) without forming it. Large batches are faster into an `out` that is
+        reused.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> M = scene.mass_matrix([0.3, 0.2, 0.1])
+        >>> M.shape, bool((M == M.T).all())
+        ((3, 3), True)
         """
 
     @overload
@@ -718,39 +1120,133 @@ class Scene:
 
     @overload
     def mass_matrix_inverse(  # type: ignore[overload-overlap]
-        self, q: ArrayLike, *, form: _Form = "auto", tolerance: float | None = None, out: _Array | None = None, dtype: _Float64 = None, errors: _Errors = "raise"
+        self,
+        q: ArrayLike,
+        *,
+        form: _Form = "auto",
+        tolerance: float | None = None,
+        out: _Array | None = None,
+        dtype: _Float64 = None,
+        errors: _Errors = "raise",
     ) -> _Array:
-        """The inverse of the mass matrix in closed form (6.1), without forming or factoring the matrix.
+        """Inverse of the joint-space mass matrix in closed form (eq. 6.1), without forming or factoring M.
 
-        q: (..., nq). form, tolerance, out, dtype and errors: as in forward_dynamics, the error being that of the factor of M. Returns (..., nv, nv), full and exactly symmetric, SI units: the tree's,
-        whatever connections there are (constrained_mass_matrix_inverse is through them).
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        form : {"auto", "covariance", "joseph", "square-root"}, default "auto"
+            Form of the covariance P; see forward_dynamics.
+        tolerance : float, optional
+            Largest accepted relative error in the forms "auto" and "square-root"; see forward_dynamics.
+        out : ndarray, optional
+            C-contiguous array of the shape and dtype of the result. It receives the result and is returned.
+        dtype : {"float64", "float32"} or numpy dtype, optional
+            Precision of the computation and of the result, float64 by default; see forward_dynamics.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        Raises ArgumentError above 4000 degrees of freedom: forward_dynamics multiplies by the inverse without forming it.
-        Raises SingularJointError, ShapeError, NotFiniteError, ArgumentError, naming the state.
+        Returns
+        -------
+        Minv : (..., nv, nv) ndarray
+            Inverse mass matrix of the kinematic tree, SI units; full and exactly symmetric.
+
+        Raises
+        ------
+        SingularJointError
+            A joint without inertia along its axis: its pivot D(k) is lost in rounding.
+        ArgumentError
+            A scene of more than 4000 degrees of freedom, too many for dense matrices.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        forward_dynamics multiplies by the inverse in O(N) without forming it. The error estimate is that of the factor
+        of M. constrained_mass_matrix_inverse includes the connections.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> q = [0.3, 0.2, 0.1]
+        >>> np.allclose(scene.mass_matrix_inverse(q) @ scene.mass_matrix(q), np.eye(3))
+        True
         """
 
     @overload
     def mass_matrix_inverse(
-        self, q: ArrayLike, *, form: _Form = "auto", tolerance: float | None = None, out: _Single | None = None, dtype: _Float32, errors: _Errors = "raise"
+        self,
+        q: ArrayLike,
+        *,
+        form: _Form = "auto",
+        tolerance: float | None = None,
+        out: _Single | None = None,
+        dtype: _Float32,
+        errors: _Errors = "raise",
     ) -> _Single: ...
 
     def placements(self, q: ArrayLike, *, errors: _Errors = "raise") -> dict[str, _Array]:
-        """Where every link is: a dict from link names to homogeneous matrices, link frame to base frame.
+        """Poses of all links by name: homogeneous matrices from the link frame to the base frame (forward kinematics).
 
-        q: (..., nq). Each value: (..., 4, 4), [[R, p], [0, 1]] with p in m; an array of its own, in the order of link_names.
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        errors: as in forward_dynamics. Raises ShapeError, NotFiniteError, ArgumentError for a bad q, naming the state.
+        Returns
+        -------
+        poses : dict of str to (..., 4, 4) ndarray
+            [[R, p], [0, 1]] with p in m, in the order of link_names; each value is an array of its own.
+
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        O(N). placement computes the poses of some links only.
+
+        Examples
+        --------
+        >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+        >>> scene.placements(scene.neutral())["flange"][:3, 3].round(3)
+        array([0.412, 0.15 , 0.488])
         """
 
     def placement(self, q: ArrayLike, link: str | Iterable[str], *, errors: _Errors = "raise") -> _Array:
-        """Where a link is, or several: homogeneous matrices, link frame to base frame.
+        """Pose of one link or of several: homogeneous matrices from the link frame to the base frame (forward kinematics).
 
-        q: (..., nq). link: a name, or a sequence of L names (links on the base and repeated ones too). Only the joints between the base and these links
-        are computed: O(depth); placements has all links by name.
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        link : str or sequence of str
+            Link name or L link names; links on the base and repeated names are allowed.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        Returns (..., 4, 4) for a name, (..., L, 4, 4) for a sequence: [[R, p], [0, 1]] with p in m.
+        Returns
+        -------
+        pose : (..., 4, 4) or (..., L, 4, 4) ndarray
+            [[R, p], [0, 1]] with p in m; (..., L, 4, 4) for a sequence of names.
 
-        errors: as in forward_dynamics. Raises ArgumentError for an unknown link; ShapeError, NotFiniteError, ArgumentError for a bad q, naming the state.
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        O(depth): only the joints between the base and these links are evaluated.
+
+        Examples
+        --------
+        >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+        >>> scene.placement(scene.neutral(), "flange")[:3, 3].round(3)
+        array([0.412, 0.15 , 0.488])
         """
 
     def velocity(
@@ -763,19 +1259,46 @@ class Scene:
         at: ArrayLike | None = None,
         errors: _Errors = "raise",
     ) -> _Array:
-        """The velocity of a link against the base, (angular, linear): J qd.
+        """Spatial velocity of a link relative to the base, (angular, linear): J qd.
 
-        q: (..., nq); qd: (..., nv); leading axes broadcast. link: its name. at: a point (3,) in the link's frame, m, that stays where it is on the link;
-        the link's origin by default. frame: what the velocity is written in,
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        link : str
+            Name of the link.
+        frame : {"local", "local-world-aligned", "world"}, default "local"
+            "local": velocity of the point `at`, in the axes of the link. "local-world-aligned": the same in the axes of
+            the base. "world": spatial velocity in the base frame, whose linear half is that of the point of the link
+            that coincides with the origin of the base; independent of `at`. They are Pinocchio's LOCAL,
+            LOCAL_WORLD_ALIGNED and WORLD, with the angular half first.
+        at : (3,) array_like, optional
+            Point fixed to the link, in the link frame, m; its origin by default.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        - "local": the point's velocity in the link's axes;
-        - "local-world-aligned": the same in the base's axes;
-        - "world": the spatial velocity in the base's frame: the linear half is that of what is on the link at the base's origin, whatever at is.
+        Returns
+        -------
+        v : (..., 6) ndarray
+            (angular, linear), rad/s and m/s.
 
-        They are Pinocchio's LOCAL, LOCAL_WORLD_ALIGNED and WORLD, angular half first. Returns (..., 6), rad/s and m/s. O(depth).
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
 
-        errors: as in forward_dynamics. Raises ArgumentError for an unknown link or frame; ShapeError, NotFiniteError, ArgumentError, each naming the
-        argument and the state.
+        Notes
+        -----
+        O(depth).
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> q, qd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2]
+        >>> np.allclose(scene.velocity(q, qd, "link2"), scene.jacobian(q, "link2") @ qd)
+        True
         """
 
     def acceleration(
@@ -790,14 +1313,49 @@ class Scene:
         kind: _Kind = "spatial",
         errors: _Errors = "raise",
     ) -> _Array:
-        """The acceleration of a link against the base, (angular, linear), at joint accelerations qdd; gravity is not in it.
+        """Spatial acceleration of a link relative to the base, (angular, linear), at joint accelerations qdd; no gravity.
 
-        q: (..., nq); qd, qdd: (..., nv); leading axes broadcast. link, frame, at: as in velocity. kind: "spatial", the rate of the spatial velocity, as
-        in Newton and Euler's equations of motion; or "classical", whose linear half is the acceleration of the point itself: w x v more.
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        qdd : (..., nv) array_like
+            Joint accelerations, rad/s^2 or m/s^2.
+        link : str
+            Name of the link.
+        frame : {"local", "world", "local-world-aligned"}, default "local"
+            Frame of the result; see velocity.
+        at : (3,) array_like, optional
+            Point fixed to the link, in the link frame, m; its origin by default.
+        kind : {"spatial", "classical"}, default "spatial"
+            "spatial": time derivative of the spatial velocity, as in the Newton-Euler equations. "classical": the
+            linear half is the acceleration of the point, which adds w x v.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        Returns (..., 6), rad/s^2 and m/s^2. O(depth).
+        Returns
+        -------
+        a : (..., 6) ndarray
+            (angular, linear), rad/s^2 and m/s^2.
 
-        errors: as in forward_dynamics. Raises ArgumentError for an unknown link, frame or kind; otherwise as velocity.
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        J qdd + J' qd, in O(depth).
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> q, qd, qdd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.0, 1.0, 0.0]
+        >>> expected = scene.jacobian(q, "link2") @ qdd + scene.jacobian_rate_product(q, qd, "link2")
+        >>> np.allclose(scene.acceleration(q, qd, qdd, "link2"), expected)
+        True
         """
 
     def jacobian(
@@ -809,13 +1367,41 @@ class Scene:
         at: ArrayLike | None = None,
         errors: _Errors = "raise",
     ) -> _Array:
-        """The Jacobian J of a link: its velocity (angular, linear) is J qd.
+        """Geometric Jacobian J of a link: its spatial velocity (angular, linear) is J qd.
 
-        q: (..., nq). link, frame, at: as in velocity; by default at the link's origin and in its own frame. Returns (..., 6, nv), SI units; in frame
-        "local" a wrench w on the link there gives the joint torques J^T w. Columns of joints that do not move the link are zero.
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        link : str
+            Name of the link.
+        frame : {"local", "world", "local-world-aligned"}, default "local"
+            Frame of the result; see velocity.
+        at : (3,) array_like, optional
+            Point fixed to the link, in the link frame, m; its origin by default.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        errors: as in forward_dynamics. Raises ArgumentError for an unknown link or frame; ShapeError, NotFiniteError, ArgumentError, each naming the
-        argument and the state.
+        Returns
+        -------
+        J : (..., 6, nv) ndarray
+            Jacobian, SI units, angular rows first. Columns of joints that do not move the link are zero.
+
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        In frame "local", a wrench w = (moment, force) on the link at the point `at` causes the joint torques J^T w.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> J = scene.jacobian([0.3, 0.2, 0.1], "link2", frame="world")
+        >>> np.allclose(J[:, 0], [0, 0, 1, 0, 0, 0])     # the first joint rotates about z of the base
+        True
         """
 
     def jacobian_rate(
@@ -828,14 +1414,45 @@ class Scene:
         at: ArrayLike | None = None,
         errors: _Errors = "raise",
     ) -> _Array:
-        """The rate J' of the Jacobian of a link along qd, entry by entry as jacobian writes it in this frame.
+        """Time derivative J' of the Jacobian of a link along qd, entry by entry in the given frame.
 
-        q: (..., nq); qd: (..., nv); leading axes broadcast. link, frame, at: as in velocity. Returns (..., 6, nv), SI units.
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        link : str
+            Name of the link.
+        frame : {"local", "world", "local-world-aligned"}, default "local"
+            Frame of the result; see velocity.
+        at : (3,) array_like, optional
+            Point fixed to the link, in the link frame, m; its origin by default.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        J qdd + J' qd is the spatial acceleration in the frames "local" and "world". The frame "local-world-aligned" moves with the point but does not
-        turn, so that it is the classical one there. jacobian_rate_product has J' qd alone, in O(depth).
+        Returns
+        -------
+        dJ : (..., 6, nv) ndarray
+            Derivative of jacobian, SI units.
 
-        errors: as in forward_dynamics. Raises as jacobian.
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        J qdd + J' qd is the spatial acceleration in the frames "local" and "world", and the classical acceleration in
+        "local-world-aligned". jacobian_rate_product computes J' qd alone, in O(depth).
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> q, qd = np.array([0.3, 0.2, 0.1]), np.array([1.0, 0.5, 0.2])
+        >>> ahead, behind = (scene.jacobian(q + h * qd, "link2") for h in (1e-6, -1e-6))
+        >>> np.allclose(scene.jacobian_rate(q, qd, "link2"), (ahead - behind) / 2e-6)
+        True
         """
 
     def jacobian_rate_product(
@@ -848,12 +1465,40 @@ class Scene:
         at: ArrayLike | None = None,
         errors: _Errors = "raise",
     ) -> _Array:
-        """J' qd of a link, without J': the acceleration that rates alone give, as jacobian_rate @ qd.
+        """Acceleration J' qd of a link for zero joint accelerations, without forming J', in O(depth).
 
-        q: (..., nq); qd: (..., nv); leading axes broadcast. link, frame, at: as in velocity. Returns (..., 6), rad/s^2 and m/s^2: spatial in the frames
-        "local" and "world", classical in "local-world-aligned". O(depth).
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        link : str
+            Name of the link.
+        frame : {"local", "world", "local-world-aligned"}, default "local"
+            Frame of the result; see velocity.
+        at : (3,) array_like, optional
+            Point fixed to the link, in the link frame, m; its origin by default.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        errors: as in forward_dynamics. Raises as jacobian.
+        Returns
+        -------
+        a : (..., 6) ndarray
+            (angular, linear), rad/s^2 and m/s^2: spatial in the frames "local" and "world", classical in
+            "local-world-aligned".
+
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> q, qd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2]
+        >>> np.allclose(scene.jacobian_rate_product(q, qd, "link2"), scene.jacobian_rate(q, qd, "link2") @ qd)
+        True
         """
 
     def inverse_dynamics_derivatives(
@@ -866,21 +1511,49 @@ class Scene:
         out: _Array | None = None,
         errors: _Errors = "raise",
     ) -> InverseDynamicsDerivatives:
-        """Derivatives of inverse dynamics, in the tangent space of q: dtau/dq, dtau/dqd and dtau/dqdd = M, analytic, in O(N depth).
+        """Analytical derivatives of inverse dynamics, in the tangent space of q: dtau/dq, dtau/dqd and dtau/dqdd = M.
 
-        q: (..., nq); qd, qdd: (..., nv); SI units, radians; leading axes broadcast. wrenches and errors: as in forward_dynamics; they stay as they
-        are in their link's frame.
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        qdd : (..., nv) array_like
+            Joint accelerations, rad/s^2 or m/s^2.
+        wrenches : dict of str to (..., 6) array_like, optional
+            External forces by link name: (moment, force) at the origin and in the frame of the link, N m and N.
+        out : (..., 3, nv, nv) ndarray, optional
+            C-contiguous float64 array; the results are views of it. Large batches take half the time into a reused one.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        Row i is the torque tau_i. Column j of dtau_dq is the derivative along integrate(q, v) by v_j: an angle or a length for joints of one axis, a
-        rotation in the child's frame for spherical joints, (linear, angular) in the child's frame for free joints. Armature is in M alone. Entries of
-        joints on different branches are zero.
+        Returns
+        -------
+        derivatives : InverseDynamicsDerivatives
+            Named tuple (dtau_dq, dtau_dqd, M), each (..., nv, nv), SI units. Row i is the torque tau_i.
 
-        out: C-contiguous float64, (..., 3, nv, nv), overlapping no argument, of which the results are views; large batches take half the time into one that was
-        used before.
+        Raises
+        ------
+        ArgumentError
+            A scene of more than 4000 degrees of freedom, too many for dense matrices.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
 
-        Returns a phipsi.InverseDynamicsDerivatives (dtau_dq, dtau_dqd, M), each (..., nv, nv), SI units.
+        Notes
+        -----
+        O(N depth). Column j of dtau_dq is the derivative along integrate(q, v) with respect to v_j: an angle or a
+        length, a rotation in the child frame for spherical joints, (linear, angular) in the child frame for free
+        joints. Wrenches are constant in the frames of their links.
 
-        Raises ArgumentError above 4000 degrees of freedom; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> q, qd, qdd = np.array([0.3, 0.2, 0.1]), [1.0, 0.5, 0.2], [0.0, 1.0, 0.0]
+        >>> step = np.array([0.0, 1e-6, 0.0])
+        >>> change = scene.inverse_dynamics(q + step, qd, qdd) - scene.inverse_dynamics(q - step, qd, qdd)
+        >>> np.allclose(scene.inverse_dynamics_derivatives(q, qd, qdd).dtau_dq[:, 1], change / 2e-6)
+        True
         """
 
     def forward_dynamics_derivatives(
@@ -895,21 +1568,57 @@ class Scene:
         out: _Array | None = None,
         errors: _Errors = "raise",
     ) -> ForwardDynamicsDerivatives:
-        """Derivatives of forward dynamics, in the tangent space of q: dqdd/dq = -M^-1 dtau/dq, dqdd/dqd = -M^-1 dtau/dqd and dqdd/dtau = M^-1.
+        """Analytical derivatives of forward dynamics, in the tangent space of q: dqdd/dq, dqdd/dqd and dqdd/dtau = M^-1.
 
-        q: (..., nq); qd, tau: (..., nv); SI units, radians; leading axes broadcast. form, wrenches and errors: as in forward_dynamics; wrenches stay as
-        they are in their link's frame. In form "auto" a state is recomputed in double-double arithmetic, which takes some thirty times as long, where the error of
-        the factor of M exceeds the tolerance of forward_dynamics, or the estimated error of a derivative 1e-11 of its largest entry. tolerance: replaces both.
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        tau : (..., nv) array_like
+            Joint torques, N m or N; those of a free joint are (force, moment).
+        form : {"auto", "covariance", "joseph", "square-root"}, default "auto"
+            Form of the covariance P; see forward_dynamics.
+        tolerance : float, optional
+            Replaces both bounds of form "auto": that of forward_dynamics for the factor of M, and 1e-11 of the largest
+            entry for the derivatives. States beyond are recomputed in double-double arithmetic, which takes about 30
+            times longer.
+        wrenches : dict of str to (..., 6) array_like, optional
+            External forces by link name: (moment, force) at the origin and in the frame of the link, N m and N.
+        out : (..., 3, nv, nv) ndarray, optional
+            C-contiguous float64 array; the results are views of it. Large batches take half the time into a reused one.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        Row i is the acceleration qdd_i; columns as in inverse_dynamics_derivatives, whose results at the accelerations of the state are multiplied by
-        M^-1 (6.1).
+        Returns
+        -------
+        derivatives : ForwardDynamicsDerivatives
+            Named tuple (dqdd_dq, dqdd_dqd, Minv), each (..., nv, nv), SI units. Row i is the acceleration qdd_i.
 
-        out: as in inverse_dynamics_derivatives.
+        Raises
+        ------
+        SingularJointError
+            A joint without inertia along its axis: its pivot D(k) is lost in rounding.
+        ArgumentError
+            A scene of more than 4000 degrees of freedom, too many for dense matrices.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
 
-        Returns a phipsi.ForwardDynamicsDerivatives (dqdd_dq, dqdd_dqd, Minv), each (..., nv, nv), SI units.
+        Notes
+        -----
+        dqdd/dq = -M^-1 dtau/dq and dqdd/dqd = -M^-1 dtau/dqd, by eq. 6.1 from inverse_dynamics_derivatives, whose
+        columns they have. Wrenches are constant in the frames of their links.
 
-        Raises SingularJointError where a joint has no inertia along its axis; ArgumentError above 4000 degrees of freedom, and for the square-root form
-        of an inertia that no body can have; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> q, qd, tau = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.0, 0.0, 0.0]
+        >>> qdd = scene.forward_dynamics(q, qd, tau)
+        >>> forward = scene.forward_dynamics_derivatives(q, qd, tau)
+        >>> inverse = scene.inverse_dynamics_derivatives(q, qd, qdd)
+        >>> np.allclose(inverse.M @ forward.dqdd_dq, -inverse.dtau_dq)
+        True
         """
 
     def linearize(
@@ -923,17 +1632,51 @@ class Scene:
         wrenches: Mapping[str, ArrayLike] | None = None,
         errors: _Errors = "raise",
     ) -> LinearSystem:
-        """The linear system dx/dt = A x + B u of small deviations from the motion through a state, x = (tangent of q, change of qd), u a change of tau.
+        """Linearization dx/dt = A x + B u about a motion: x = (tangent of q, change of qd), u = change of tau.
 
-        q: (..., nq); qd, tau: (..., nv); SI units, radians; leading axes broadcast. form, tolerance, wrenches and errors: as in forward_dynamics_derivatives.
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        tau : (..., nv) array_like
+            Joint torques, N m or N; those of a free joint are (force, moment).
+        form : {"auto", "covariance", "joseph", "square-root"}, default "auto"
+            Form of the covariance P; see forward_dynamics.
+        tolerance : float, optional
+            As in forward_dynamics_derivatives.
+        wrenches : dict of str to (..., 6) array_like, optional
+            External forces by link name: (moment, force) at the origin and in the frame of the link, N m and N.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        A = [[-ad(qd), 1], [dqdd_dq, dqdd_dqd]], B = [[0], [M^-1]]. ad(qd) is zero at rest and for joints of one axis; it is the cross product by the
-        angular velocity for spherical joints, and the bracket of (linear, angular) velocities for free joints, since the deviation is in axes that turn
-        with the motion: difference(q, q of the neighbour).
+        Returns
+        -------
+        system : LinearSystem
+            Named tuple (A, B), (..., 2 nv, 2 nv) and (..., 2 nv, nv), in continuous time, SI units.
 
-        Returns a phipsi.LinearSystem (A, B), (..., 2 nv, 2 nv) and (..., 2 nv, nv), in continuous time, SI units.
+        Raises
+        ------
+        SingularJointError
+            A joint without inertia along its axis: its pivot D(k) is lost in rounding.
+        ArgumentError
+            A scene of more than 4000 degrees of freedom, too many for dense matrices.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
 
-        Raises as forward_dynamics_derivatives.
+        Notes
+        -----
+        A = [[-ad(qd), 1], [dqdd_dq, dqdd_dqd]] and B = [[0], [M^-1]]. The deviation difference(q, q + dq) is expressed
+        in axes that move with the motion: ad(qd) is zero at rest and for joints with one axis, the cross product with
+        the angular velocity for spherical joints, and the bracket of (linear, angular) velocities for free joints.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> A, B = scene.linearize([0.3, 0.2, 0.1], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0])
+        >>> A.shape, B.shape
+        ((6, 6), (6, 3))
         """
 
     def inverse_dynamics_jvp(
@@ -952,20 +1695,57 @@ class Scene:
         dgravity: ArrayLike | None = None,
         errors: _Errors = "raise",
     ) -> _Array:
-        """The change of joint torques along a direction, in O(N) and without any matrix: dtau_dq dq + dtau_dqd dqd + M dqdd.
+        """Directional derivative of the joint torques, in O(N): dtau_dq dq + dtau_dqd dqd + M dqdd.
 
-        q: (..., nq); qd, qdd: (..., nv); dq, dqd, dqdd: (..., nv), dq in the tangent space of q; SI units, radians; leading axes broadcast. wrenches and errors: as
-        in forward_dynamics; wrenches stay as they are in their link's frame.
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        qdd : (..., nv) array_like
+            Joint accelerations, rad/s^2 or m/s^2.
+        dq : (..., nv) array_like
+            Change of q in its tangent space: the displacement that integrate(q, dq) applies.
+        dqd : (..., nv) array_like
+            Change of qd.
+        dqdd : (..., nv) array_like
+            Change of qdd.
+        wrenches : dict of str to (..., 6) array_like, optional
+            External forces by link name: (moment, force) at the origin and in the frame of the link, N m and N.
+        dwrenches : dict of str to (..., 6) array_like, optional
+            Changes of the wrenches, by link name.
+        dparameters : (..., bodies, 10) array_like, optional
+            Changes of the inertial parameters of the links of body_names, as InverseDynamicsGradients orders them.
+        darmature : (..., nv) array_like, optional
+            Changes of the armature.
+        dgravity : (..., 3) array_like, optional
+            Change of gravity in the base frame.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        dq is a change as integrate(q, dq) adds it: an angle or a length for joints of one axis, a rotation in the child's frame for spherical joints,
-        (linear, angular) in the child's frame for free joints. Armature is in M.
+        Returns
+        -------
+        dtau : (..., nv) ndarray
+            Change of the joint torques, N m or N.
 
-        What is constant may change too, as inverse_dynamics_vjp has it: dwrenches, a dict from link names to (..., 6); dparameters, (..., bodies, 10); darmature, (..., nv);
-        dgravity, (..., 3).
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
 
-        Returns dtau, (..., nv), N m or N.
+        Notes
+        -----
+        Wrenches are constant in the frames of their links, apart from dwrenches. Armature is part of M.
 
-        Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> q, qd, qdd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.0, 1.0, 0.0]
+        >>> dq, zero = [1.0, 0.0, -1.0], np.zeros(3)
+        >>> product = scene.inverse_dynamics_jvp(q, qd, qdd, dq, zero, zero)
+        >>> np.allclose(product, scene.inverse_dynamics_derivatives(q, qd, qdd).dtau_dq @ dq)
+        True
         """
 
     def inverse_dynamics_vjp(
@@ -979,16 +1759,43 @@ class Scene:
         parameters: bool = False,
         errors: _Errors = "raise",
     ) -> InverseDynamicsGradients:
-        """The gradients of cotangent . tau, in O(N) and without any matrix: cotangent dtau_dq, cotangent dtau_dqd and M cotangent.
+        """Gradients of cotangent . tau, in O(N): cotangent dtau_dq, cotangent dtau_dqd and M cotangent.
 
-        q: (..., nq); qd, qdd, cotangent: (..., nv); SI units, radians; leading axes broadcast. wrenches and errors: as in forward_dynamics. parameters: whether to
-        give the gradients by inertias, armature and gravity too.
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        qdd : (..., nv) array_like
+            Joint accelerations, rad/s^2 or m/s^2.
+        cotangent : (..., nv) array_like
+            Gradient of a scalar function with respect to tau.
+        wrenches : dict of str to (..., 6) array_like, optional
+            External forces by link name: (moment, force) at the origin and in the frame of the link, N m and N.
+        parameters : bool, default False
+            If true, compute the gradients with respect to inertial parameters, armature and gravity too.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        The gradient by q is in its tangent space, (..., nv), as dq in inverse_dynamics_jvp.
+        Returns
+        -------
+        gradients : InverseDynamicsGradients
+            Named tuple (q, qd, qdd, wrenches, parameters, armature, gravity); what is not requested is None. The
+            gradient with respect to q is in its tangent space, (..., nv).
 
-        Returns a phipsi.InverseDynamicsGradients (q, qd, qdd, wrenches, parameters, armature, gravity); what is not asked for is None.
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
 
-        Raises as inverse_dynamics_jvp.
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> q, qd, qdd, c = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.0, 1.0, 0.0], [1.0, 2.0, 3.0]
+        >>> gradients = scene.inverse_dynamics_vjp(q, qd, qdd, c)
+        >>> np.allclose(gradients.q, c @ scene.inverse_dynamics_derivatives(q, qd, qdd).dtau_dq)
+        True
         """
 
     def forward_dynamics_jvp(
@@ -1009,21 +1816,64 @@ class Scene:
         dgravity: ArrayLike | None = None,
         errors: _Errors = "raise",
     ) -> _Array:
-        """The change of joint accelerations along a direction, in O(N) and without any matrix: dqdd_dq dq + dqdd_dqd dqd + M^-1 dtau.
+        """Directional derivative of the joint accelerations, in O(N): dqdd_dq dq + dqdd_dqd dqd + M^-1 dtau.
 
-        q: (..., nq); qd, tau: (..., nv); dq, dqd, dtau: (..., nv), dq in the tangent space of q, as in inverse_dynamics_jvp; SI units, radians; leading axes
-        broadcast. form, wrenches and errors: as in forward_dynamics; wrenches stay as they are in their link's frame. tolerance: as in
-        forward_dynamics_derivatives.
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        tau : (..., nv) array_like
+            Joint torques, N m or N; those of a free joint are (force, moment).
+        dq : (..., nv) array_like
+            Change of q in its tangent space: the displacement that integrate(q, dq) applies.
+        dqd : (..., nv) array_like
+            Change of qd.
+        dtau : (..., nv) array_like
+            Change of tau.
+        form : {"auto", "covariance", "joseph", "square-root"}, default "auto"
+            Form of the covariance P; see forward_dynamics.
+        tolerance : float, optional
+            As in forward_dynamics_derivatives.
+        wrenches : dict of str to (..., 6) array_like, optional
+            External forces by link name: (moment, force) at the origin and in the frame of the link, N m and N.
+        dwrenches : dict of str to (..., 6) array_like, optional
+            Changes of the wrenches, by link name.
+        dparameters : (..., bodies, 10) array_like, optional
+            Changes of the inertial parameters of the links of body_names, as InverseDynamicsGradients orders them.
+        darmature : (..., nv) array_like, optional
+            Changes of the armature.
+        dgravity : (..., 3) array_like, optional
+            Change of gravity in the base frame.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        dwrenches, dparameters, darmature, dgravity: as in inverse_dynamics_jvp.
+        Returns
+        -------
+        dqdd : (..., nv) ndarray
+            Change of the joint accelerations, rad/s^2 or m/s^2.
 
-        One more right side of the filter, with the gains of the state. In form "auto" a state is recomputed in double-double arithmetic where the estimated error of the
-        factor of M or of the product exceeds the tolerance.
+        Raises
+        ------
+        SingularJointError
+            A joint without inertia along its axis: its pivot D(k) is lost in rounding.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
 
-        Returns dqdd, (..., nv), rad/s^2 or m/s^2.
+        Notes
+        -----
+        One more right-hand side of the filter, with the gains of the state. In form "auto", a state is recomputed in
+        double-double arithmetic if the error estimate of the factor of M or of the product exceeds the tolerance.
 
-        Raises SingularJointError where a joint has no inertia along its axis; ArgumentError for the square-root form of an inertia that no body can have;
-        ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> q, qd, tau = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.0, 0.0, 0.0]
+        >>> dtau, zero = [1.0, 0.0, -1.0], np.zeros(3)
+        >>> product = scene.forward_dynamics_jvp(q, qd, tau, zero, zero, dtau)
+        >>> np.allclose(product, scene.mass_matrix_inverse(q) @ dtau)
+        True
         """
 
     def forward_dynamics_vjp(
@@ -1039,17 +1889,54 @@ class Scene:
         parameters: bool = False,
         errors: _Errors = "raise",
     ) -> ForwardDynamicsGradients:
-        """The gradients of cotangent . qdd, in O(N) and without any matrix: cotangent dqdd_dq, cotangent dqdd_dqd and M^-1 cotangent.
+        """Gradients of cotangent . qdd, in O(N): cotangent dqdd_dq, cotangent dqdd_dqd and M^-1 cotangent.
 
-        q: (..., nq); qd, tau, cotangent: (..., nv); SI units, radians; leading axes broadcast. form, tolerance, wrenches and errors: as in forward_dynamics_jvp. parameters: whether
-        to give the gradients by inertias, armature and gravity too.
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        tau : (..., nv) array_like
+            Joint torques, N m or N; those of a free joint are (force, moment).
+        cotangent : (..., nv) array_like
+            Gradient of a scalar function with respect to qdd.
+        form : {"auto", "covariance", "joseph", "square-root"}, default "auto"
+            Form of the covariance P; see forward_dynamics.
+        tolerance : float, optional
+            As in forward_dynamics_derivatives.
+        wrenches : dict of str to (..., 6) array_like, optional
+            External forces by link name: (moment, force) at the origin and in the frame of the link, N m and N.
+        parameters : bool, default False
+            If true, compute the gradients with respect to inertial parameters, armature and gravity too.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        The gradient by q is in its tangent space, (..., nv), as dq in inverse_dynamics_jvp. x = M^-1 cotangent is filter and smoother once more; all other
-        gradients are those of inverse_dynamics_vjp at the accelerations of the state, of -x.
+        Returns
+        -------
+        gradients : ForwardDynamicsGradients
+            Named tuple (q, qd, tau, wrenches, parameters, armature, gravity); what is not requested is None. The
+            gradient with respect to q is in its tangent space, (..., nv).
 
-        Returns a phipsi.ForwardDynamicsGradients (q, qd, tau, wrenches, parameters, armature, gravity); what is not asked for is None.
+        Raises
+        ------
+        SingularJointError
+            A joint without inertia along its axis: its pivot D(k) is lost in rounding.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
 
-        Raises as forward_dynamics_jvp.
+        Notes
+        -----
+        x = M^-1 cotangent is one more filter and smoother; the other gradients are those of inverse_dynamics_vjp at the
+        accelerations of the state, with the cotangent -x.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> q, qd, tau, c = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.0, 0.0, 0.0], [1.0, 2.0, 3.0]
+        >>> gradients = scene.forward_dynamics_vjp(q, qd, tau, c)
+        >>> np.allclose(gradients.q, c @ scene.forward_dynamics_derivatives(q, qd, tau).dqdd_dq)
+        True
         """
 
     def inverse_dynamics_hvp(
@@ -1065,16 +1952,53 @@ class Scene:
         wrenches: Mapping[str, ArrayLike] | None = None,
         errors: _Errors = "raise",
     ) -> InverseDynamicsGradients:
-        """The Hessian of cotangent . tau times a direction, in O(N): how the gradients of inverse_dynamics_vjp change along (dq, dqd, dqdd).
+        """Hessian of cotangent . tau times a direction, in O(N): change of the gradients of inverse_dynamics_vjp.
 
-        q: (..., nq); qd, qdd, cotangent, dq, dqd, dqdd: (..., nv); SI units, radians; leading axes broadcast. wrenches and errors: as in forward_dynamics.
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        qdd : (..., nv) array_like
+            Joint accelerations, rad/s^2 or m/s^2.
+        cotangent : (..., nv) array_like
+            Gradient of a scalar function with respect to tau.
+        dq : (..., nv) array_like
+            Change of q in its tangent space: the displacement that integrate(q, dq) applies.
+        dqd : (..., nv) array_like
+            Change of qd.
+        dqdd : (..., nv) array_like
+            Change of qdd.
+        wrenches : dict of str to (..., 6) array_like, optional
+            External forces by link name: (moment, force) at the origin and in the frame of the link, N m and N.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        The gradient by q is that in the tangent space at q, which moves along: on spherical and free joints that Hessian is not symmetric. One state at a time,
-        on dual numbers.
+        Returns
+        -------
+        product : InverseDynamicsGradients
+            Changes of the gradients with respect to q, qd and qdd, each (..., nv); the other fields are None.
 
-        Returns a phipsi.InverseDynamicsGradients (q, qd, qdd), the others None.
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
 
-        Raises as inverse_dynamics_jvp.
+        Notes
+        -----
+        Evaluated on dual numbers, one state at a time. The gradient with respect to q is that in the tangent space of
+        the moving q, so the Hessian of spherical and free joints is not symmetric.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> q, qd, qdd, c = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.0, 1.0, 0.0], [1.0, 2.0, 3.0]
+        >>> dq, zero = np.array([1.0, 0.0, -1.0]), np.zeros(3)
+        >>> product = scene.inverse_dynamics_hvp(q, qd, qdd, c, dq, zero, zero)
+        >>> ahead, behind = (scene.inverse_dynamics_vjp(q + h * dq, qd, qdd, c).q for h in (1e-6, -1e-6))
+        >>> np.allclose(product.q, (ahead - behind) / 2e-6)
+        True
         """
 
     def forward_dynamics_hvp(
@@ -1092,38 +2016,139 @@ class Scene:
         wrenches: Mapping[str, ArrayLike] | None = None,
         errors: _Errors = "raise",
     ) -> ForwardDynamicsGradients:
-        """The Hessian of cotangent . qdd times a direction, in O(N): how the gradients of forward_dynamics_vjp change along (dq, dqd, dtau).
+        """Hessian of cotangent . qdd times a direction, in O(N): change of the gradients of forward_dynamics_vjp.
 
-        q: (..., nq); qd, tau, cotangent, dq, dqd, dtau: (..., nv); SI units, radians; leading axes broadcast. form, tolerance, wrenches and errors: as
-        in forward_dynamics_jvp.
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        tau : (..., nv) array_like
+            Joint torques, N m or N; those of a free joint are (force, moment).
+        cotangent : (..., nv) array_like
+            Gradient of a scalar function with respect to qdd.
+        dq : (..., nv) array_like
+            Change of q in its tangent space: the displacement that integrate(q, dq) applies.
+        dqd : (..., nv) array_like
+            Change of qd.
+        dtau : (..., nv) array_like
+            Change of tau.
+        form : {"auto", "covariance", "joseph", "square-root"}, default "auto"
+            Form of the covariance P; see forward_dynamics.
+        tolerance : float, optional
+            As in forward_dynamics_derivatives.
+        wrenches : dict of str to (..., 6) array_like, optional
+            External forces by link name: (moment, force) at the origin and in the frame of the link, N m and N.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        One factor and four right sides; otherwise as inverse_dynamics_hvp.
+        Returns
+        -------
+        product : ForwardDynamicsGradients
+            Changes of the gradients with respect to q, qd and tau, each (..., nv); the other fields are None.
 
-        Returns a phipsi.ForwardDynamicsGradients (q, qd, tau), the others None.
+        Raises
+        ------
+        SingularJointError
+            A joint without inertia along its axis: its pivot D(k) is lost in rounding.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
 
-        Raises as forward_dynamics_jvp.
+        Notes
+        -----
+        One factor and four right-hand sides on dual numbers; otherwise as inverse_dynamics_hvp.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> q, qd, tau, c = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.0, 0.0, 0.0], [1.0, 2.0, 3.0]
+        >>> dtau, zero = [1.0, 0.0, -1.0], np.zeros(3)
+        >>> product = scene.forward_dynamics_hvp(q, qd, tau, c, zero, zero, dtau)
+        >>> np.allclose(product.tau, 0.0)     # qdd is linear in tau
+        True
         """
 
     def coriolis_matrix(
         self, q: ArrayLike, qd: ArrayLike, *, out: _Array | None = None, errors: _Errors = "raise"
     ) -> _Array:
-        """The Coriolis matrix C: C qd is the torque of the rates alone, and dM/dt - 2 C is antisymmetric.
+        """Coriolis matrix C: C qd is the torque of the joint velocities, and dM/dt - 2 C is antisymmetric.
 
-        q: (..., nq); qd: (..., nv); leading axes broadcast; out and errors as in forward_dynamics. Returns (..., nv, nv), SI units. For joints of one axis it is the one
-        of Christoffel's symbols. Computed in O(N depth).
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        out : ndarray, optional
+            C-contiguous array of the shape and dtype of the result. It receives the result and is returned.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        Raises ArgumentError above 4000 degrees of freedom; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+        Returns
+        -------
+        C : (..., nv, nv) ndarray
+            Coriolis matrix, SI units; for joints with one axis that of the Christoffel symbols.
+
+        Raises
+        ------
+        ArgumentError
+            A scene of more than 4000 degrees of freedom, too many for dense matrices.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        O(N depth).
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> q, qd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2]
+        >>> skew = scene.mass_matrix_derivative(q, qd) - 2 * scene.coriolis_matrix(q, qd)
+        >>> np.allclose(skew, -skew.T)
+        True
         """
 
     def mass_matrix_derivative(
         self, q: ArrayLike, qd: ArrayLike, *, out: _Array | None = None, errors: _Errors = "raise"
     ) -> _Array:
-        """dM/dt, how the mass matrix changes along the rates: C + C^T with the Coriolis matrix C.
+        """Time derivative dM/dt of the mass matrix along the joint velocities: C + C^T with the Coriolis matrix C.
 
-        q: (..., nq); qd: (..., nv); leading axes broadcast; out and errors as in forward_dynamics. Returns (..., nv, nv), exactly symmetric, SI units. Armature is
-        constant and not in it. Computed in O(N depth).
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        out : ndarray, optional
+            C-contiguous array of the shape and dtype of the result. It receives the result and is returned.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        Raises ArgumentError above 4000 degrees of freedom; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+        Returns
+        -------
+        dM : (..., nv, nv) ndarray
+            Derivative, SI units; exactly symmetric. The armature is constant and does not contribute.
+
+        Raises
+        ------
+        ArgumentError
+            A scene of more than 4000 degrees of freedom, too many for dense matrices.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        O(N depth).
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> q, qd = np.array([0.3, 0.2, 0.1]), np.array([1.0, 0.5, 0.2])
+        >>> change = scene.mass_matrix(q + 1e-6 * qd) - scene.mass_matrix(q - 1e-6 * qd)
+        >>> np.allclose(scene.mass_matrix_derivative(q, qd), change / 2e-6)
+        True
         """
 
     def operational_inverse_inertia(
@@ -1137,18 +2162,49 @@ class Scene:
         tolerance: float | None = None,
         errors: _Errors = "raise",
     ) -> _Array:
-        """The operational-space inverse inertia J M^-1 J^T of links, in O(N) from the co-states' covariance (5.6, 5.7, Psi A).
+        """Operational-space inverse inertia J M^-1 J^T of links, in O(N): the covariance of the co-states (5.6, 5.7).
 
-        q: (..., nq). links: a name, or m names (links on the base and repeated ones too). xyz: (3,) or (m, 3), m, and
-        rotation: (3, 3) or (m, 3, 3): the task frame's origin and axes in its link's frame, by default the link's own; the same
-        for the whole batch. form, tolerance and errors: as in forward_dynamics.
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        links : str or sequence of str
+            Link name or m link names; links on the base and repeated names are allowed.
+        xyz : (3,) or (m, 3) array_like, optional
+            Origins of the task frames in the link frames, m; zero by default. The same for the whole batch.
+        rotation : (3, 3) or (m, 3, 3) array_like, optional
+            Axes of the task frames in the link frames; the identity by default. The same for the whole batch.
+        form : {"auto", "covariance", "joseph", "square-root"}, default "auto"
+            Form of the covariance P; see forward_dynamics.
+        tolerance : float, optional
+            Largest accepted relative error in the forms "auto" and "square-root"; see forward_dynamics.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        Returns (..., 6m, 6m), full and exactly symmetric, SI units. Wrenches (moment, force) on the frames, each at its origin and in
-        its axes, stacked, times this is how they change the frames' (angular, linear) accelerations, in the tree without connections. Defined in singular
-        configurations too, where operational_inertia is not; zero for links on the base.
+        Returns
+        -------
+        inverse : (..., 6m, 6m) ndarray
+            Change of the stacked (angular, linear) accelerations of the frames per wrench (moment, force) on them, each
+            at the origin and in the axes of its frame; SI units, exactly symmetric, zero for links on the base.
 
-        Raises ArgumentError for an unknown link, no link, or a rotation that is none (to within 1e-9); SingularJointError, ShapeError,
-        NotFiniteError, naming the state.
+        Raises
+        ------
+        SingularJointError
+            A joint without inertia along its axis: its pivot D(k) is lost in rounding.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        Of the kinematic tree without connections. Defined in singular configurations too, unlike operational_inertia.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> q = [0.3, 0.2, 0.1]
+        >>> J = scene.jacobian(q, "link2")
+        >>> np.allclose(scene.operational_inverse_inertia(q, "link2"), J @ scene.mass_matrix_inverse(q) @ J.T)
+        True
         """
 
     def operational_inertia(
@@ -1163,82 +2219,286 @@ class Scene:
         tolerance: float | None = None,
         errors: _Errors = "raise",
     ) -> _Array:
-        """The operational-space inertia (S J M^-1 J^T S^T)^-1 of task directions S.
+        """Operational-space inertia (S J M^-1 J^T S^T)^-1 of the task directions S.
 
-        q, links, xyz, rotation, form, tolerance, errors: as in operational_inverse_inertia. directions: S, (k, 6m), each row a direction over the
-        stacked (angular, linear) velocities of the frames; all 6m by default; the same for the whole batch.
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        links : str or sequence of str
+            Link name or m link names.
+        xyz : (3,) or (m, 3) array_like, optional
+            Origins of the task frames in the link frames, m; zero by default. The same for the whole batch.
+        rotation : (3, 3) or (m, 3, 3) array_like, optional
+            Axes of the task frames in the link frames; the identity by default. The same for the whole batch.
+        directions : (k, 6m) array_like, optional
+            S: each row is a direction in the stacked (angular, linear) velocities of the frames; all 6m by default. The
+            same for the whole batch.
+        form : {"auto", "covariance", "joseph", "square-root"}, default "auto"
+            Form of the covariance P; see forward_dynamics.
+        tolerance : float, optional
+            Largest accepted relative error in the forms "auto" and "square-root"; see forward_dynamics.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        Returns (..., k, k), exactly symmetric and positive definite.
+        Returns
+        -------
+        inertia : (..., k, k) ndarray
+            Inertia, SI units; exactly symmetric and positive definite.
 
-        Raises SingularTaskError, with .links, .rank, .directions and .state, where the scene cannot move in all directions
-        independently: an eigenvalue of the inverse inertia, each direction scaled to the terms that form it, is not above
-        64 k eps. Otherwise as operational_inverse_inertia.
+        Raises
+        ------
+        SingularTaskError
+            The directions are not independent: an eigenvalue of the scaled inverse inertia is at most 64 k eps. .links,
+            .rank, .directions and .state describe the task.
+        SingularJointError
+            A joint without inertia along its axis: its pivot D(k) is lost in rounding.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Examples
+        --------
+        >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+        >>> linear = np.eye(6)[3:]     # the translations, in the link frame
+        >>> inertia = scene.operational_inertia(scene.neutral(), "flange", directions=linear)
+        >>> inertia.diagonal().round(1)
+        array([ 4.3, 25.3, 39. ])
         """
 
     @property
     def connection_names(self) -> tuple[str, ...]:
-        """Names of the connections that close loops, in the order they were made: the keys of the forces of constrained_dynamics."""
+        """Names of the connections in the order of their creation: the keys of the forces of constrained_dynamics."""
 
     @property
     def tolerance(self) -> float:
-        """Geometric tolerance of linkages, an angle in rad or a length over the reach of the loop: see SceneBuilder.build. Zero with strict=True."""
+        """Geometric tolerance of linkages, an angle in rad or a relative length; see SceneBuilder.build."""
 
     def connection_rows(self, connection: str, /) -> slice[int, int, int]:
-        """Where a connection is among the rows of constraint_error, constraint_bias and constraint_jacobian, a slice.
+        """Slice of the rows of a connection in constraint_error, constraint_bias and constraint_jacobian.
 
-        Raises ArgumentError, with the names that there are, for an unknown connection.
+        Parameters
+        ----------
+        connection : str
+            Name of the connection.
+
+        Returns
+        -------
+        slice
+            Position of the rows.
+
+        Raises
+        ------
+        ArgumentError
+            An unknown name. The message lists the names that exist.
+
+        Examples
+        --------
+        >>> builder = phipsi.scenes.chain(3).to_builder().connect("pin", "point", "link2")
+        >>> builder.couple("gear", "j2", "j1").build().connection_rows("gear")
+        slice(3, 4, 1)
         """
 
     def without_connections(self) -> Scene:
-        """The same tree without the connections, for what knows trees only."""
+        """Create the scene of the same kinematic tree without the connections, for methods that support trees only.
+
+        Returns
+        -------
+        scene : Scene
+            The tree.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
+        >>> scene.without_connections().connection_names
+        ()
+        """
 
     @property
     def contact_names(self) -> tuple[str, ...]:
-        """Names of the contacts, in the order they were made: the last axis of contact_gaps, and the keys of Trajectory.contacts."""
+        """Names of the contacts in the order of their creation, that of contact_gaps and of Trajectory.contacts."""
 
     def contact_gaps(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array:
-        """How far each contact is above its plane, (..., contacts), m; below zero where it is under it.
+        """Distance of each contact from its plane; negative below the plane.
 
-        q: (..., nq). errors: as in forward_dynamics. O(depth) each.
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+        Returns
+        -------
+        gaps : (..., contacts) ndarray
+            Distance, m, in the order of contact_names.
+
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        O(depth) per contact.
+
+        Examples
+        --------
+        >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
+        >>> scene = builder.contact("foot", "ball", friction=0.5, radius=0.1).build(floating_base=True)
+        >>> scene.contact_gaps([[0, 0, 0.3, 0, 0, 0, 1], [0, 0, 0.05, 0, 0, 0, 1]]).round(3)
+        array([[ 0.2 ],
+               [-0.05]])
         """
 
     def contact_velocities(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
-        """The velocity of the point of each link that is nearest to its contact's plane, (..., contacts, 3), m/s, in the base frame.
+        """Velocity of the point of each link that is nearest to the plane of its contact, in the base frame.
 
-        q: (..., nq); qd: (..., nv). errors: as in forward_dynamics. O(depth) each.
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        Raises as contact_gaps.
+        Returns
+        -------
+        v : (..., contacts, 3) ndarray
+            Velocity, m/s, in the order of contact_names.
+
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        O(depth) per contact.
+
+        Examples
+        --------
+        >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
+        >>> scene = builder.contact("foot", "ball", friction=0.5, radius=0.1).build(floating_base=True)
+        >>> scene.contact_velocities([0, 0, 0.1, 0, 0, 0, 1], [1, 0, 0, 0, 0, 0])
+        array([[1., 0., 0.]])
         """
 
     def without_contacts(self) -> Scene:
-        """The same scene without the contacts, for what knows none."""
+        """Create the same scene without the contacts, for methods that do not support contacts.
+
+        Returns
+        -------
+        scene : Scene
+            The scene without contacts.
+
+        Examples
+        --------
+        >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
+        >>> scene = builder.contact("foot", "ball", friction=0.5).build(floating_base=True)
+        >>> scene.without_contacts().contact_names
+        ()
+        """
 
     def constraint_error(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array:
-        """How far each row of the connections is from holding, (..., m): the rows of one connection are those of connection_rows.
+        """Constraint error of each row of the connections; zero if the connections are closed.
 
-        q: (..., nq). errors: as in forward_dynamics. Origins in m, in the first frame's axes; rotations as 2 sin(t/2) about their axis, t the angle,
-        which is t where it is small; of an axis the two directions across it: the first frame's x and y, turned with it the short way from z to the
-        axis; angular rows before linear ones. A distance less its length, m; the coordinate of a joint less what it should be.
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        Raises ConstraintError for a rod whose ends coincide; ShapeError, NotFiniteError, ArgumentError, naming the state.
+        Returns
+        -------
+        error : (..., m) ndarray
+            Errors, rad or m; connection_rows has the rows of each connection, angular rows first.
+
+        Raises
+        ------
+        ConstraintError
+            A rod of length zero.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        Origins: m, in the axes of the first frame. Rotations: 2 sin(t/2) about the axis, with the angle t. Direction of
+        an axis: the two components across it. Distance: current length minus `length`. Coupling: coordinate minus its
+        nominal value.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
+        >>> scene.constraint_error([0.0, 0.1, 0.3]).round(3)
+        array([0.2])
         """
 
     def constraint_jacobian(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array:
-        """The Jacobian of the connections, (..., m, nv): J qd is the rate of constraint_error, exactly and at every q.
+        """Constraint Jacobian J of the connections: J qd is the time derivative of constraint_error, at every q.
 
-        q: (..., nq). errors: as in forward_dynamics. O(m depth), beside the zeros.
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        Raises as constraint_error.
+        Returns
+        -------
+        J : (..., m, nv) ndarray
+            Jacobian, SI units.
+
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        O(m depth) operations.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
+        >>> scene.constraint_jacobian([0.0, 0.1, 0.3])
+        array([[ 0., -1.,  1.]])
         """
 
     def constraint_bias(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
-        """J' qd of the connections, (..., m): the second derivative of constraint_error where no joint accelerates.
+        """Constraint bias J' qd: the second time derivative of constraint_error at zero joint accelerations.
 
-        q: (..., nq); qd: (..., nv). errors: as in forward_dynamics. O(m depth).
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        Raises as constraint_error.
+        Returns
+        -------
+        bias : (..., m) ndarray
+            Acceleration of each row, rad/s^2 or m/s^2.
+
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        O(m depth) operations.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3).to_builder().connect("pin", "point", "link2").build()
+        >>> q, qd = np.array([0.3, 0.2, 0.1]), np.array([1.0, 0.5, 0.2])
+        >>> ahead, behind = (scene.constraint_jacobian(q + h * qd) @ qd for h in (1e-6, -1e-6))
+        >>> np.allclose(scene.constraint_bias(q, qd), (ahead - behind) / 2e-6)
+        True
         """
 
     def constrained_dynamics(
@@ -1253,45 +2513,123 @@ class Scene:
         wrenches: Mapping[str, ArrayLike] | None = None,
         errors: _Errors = "raise",
     ) -> ConstrainedDynamics:
-        """Joint accelerations through the connections, and the forces of these: M qdd + bias = tau + J^T forces with J qdd + J' qd = 0.
+        """Joint accelerations and constraint forces with connections: M qdd + bias = tau + J^T f, J qdd + J' qd = 0.
 
-        q: (..., nq); qd, tau: (..., nv). form, tolerance, wrenches, errors: as in forward_dynamics, the error being that of the tree's factor. Unit forces along the rows run inward through the tree's
-        filter; their Gram matrix is J M^-1 J^T. O(N + m^2 depth + m^3) for m rows.
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        tau : (..., nv) array_like
+            Joint torques, N m or N; those of a free joint are (force, moment).
+        compliance : float or (..., m) array_like, optional
+            Compliance of each row of the connections in the order of connection_rows, (m/s^2)/N or (rad/s^2)/(N m), not
+            negative. None: the connections are rigid.
+        form : {"auto", "covariance", "joseph", "square-root"}, default "auto"
+            Form of the covariance P; see forward_dynamics.
+        tolerance : float, optional
+            Largest accepted relative error in the forms "auto" and "square-root"; see forward_dynamics.
+        wrenches : dict of str to (..., 6) array_like, optional
+            External forces by link name: (moment, force) at the origin and in the frame of the link, N m and N.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        compliance: how much each row gives way, (m/s^2)/N or (rad/s^2)/(N m), zero or above: one number, or (..., m) in the order of connection_rows. The rows are J qdd + J' qd =
-        -compliance forces then, measurements with that noise: rows that contradict each other get a compromise, and rows that depend on each other share their force by it.
+        Returns
+        -------
+        dynamics : ConstrainedDynamics
+            Named tuple: qdd (..., nv); forces, a dict from connection names to (..., rows); rank (...) and residual
+            (...).
 
-        Returns a phipsi.ConstrainedDynamics: qdd (..., nv); forces, a dict from names of connections to (..., rows); rank (...) and residual (...). A
-        force is what the connection does to its link, (moment, force) as far as it has rows of them, at the origin of its first frame and in that
-        frame's axes; the other link gets the opposite. That of a rod is positive where it pushes, that of a coupling acts along its joint. Where rows
-        depend on each other, qdd is unique and the forces are those of least sum (J M^-1 J^T)_ii forces_i^2.
+        Raises
+        ------
+        ConstraintError
+            No forces satisfy all rows (contradicting connections), or positions or velocities violate the connections
+            by more than 1e-3 (m or rad; relative to the fastest joint velocity above 1) without compliance. Attributes:
+            .connections, .residual and .state. Scene.project closes the connections.
+        SingularJointError
+            A joint without inertia along its axis: its pivot D(k) is lost in rounding.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
 
-        Raises ConstraintError, with .connections, .residual and .state, where no forces meet all rows: connections that contradict each other; and
-        where positions or velocities are further than 1e-3 from the connections (m or rad; m/s or rad/s, relative to the fastest joint where that is faster than 1; see project), unless compliance
-        is given. Otherwise as forward_dynamics.
+        Notes
+        -----
+        O(N + m^2 depth + m^3) for m rows: unit forces along the rows run inward through the filter of the tree, and
+        their Gram matrix is J M^-1 J^T. With compliance, the rows are measurements with that noise, J qdd + J' qd =
+        -compliance f: contradicting rows compromise, and dependent rows share their force.
+
+        A force acts from the connection on `link`, (moment, force) in the rows that it has, at the origin and in the
+        axes of its first frame; the other link receives the opposite. The force of a rod is positive in compression;
+        that of a coupling acts along its joint. If rows are dependent, qdd is unique and the forces have the least sum
+        (J M^-1 J^T)_ii f_i^2.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
+        >>> dynamics = scene.constrained_dynamics([0.0, 0.1, 0.1], np.zeros(3), [0.0, 0.1, 0.0])
+        >>> np.isclose(dynamics.qdd[1], dynamics.qdd[2]), dynamics.forces["gear"].shape
+        (np.True_, (1,))
         """
 
     def project(
-        self, q: ArrayLike, qd: ArrayLike | None = None, *, compliance: ArrayLike | None = None, errors: _Errors = "raise"
+        self,
+        q: ArrayLike,
+        qd: ArrayLike | None = None,
+        *,
+        compliance: ArrayLike | None = None,
+        errors: _Errors = "raise",
     ) -> Projection:
-        """The configuration nearest to q that meets the connections, and the velocities nearest to qd that keep them so.
+        """Nearest configuration that closes the connections, and nearest joint velocities that keep them closed.
 
-        q: (..., nq); qd: (..., nv) or None. errors: as in forward_dynamics. Newton steps -M^-1 J^T (J M^-1 J^T)^+ error, each of least kinetic
-        energy, and no longer than 0.5 rad or m at any joint; velocities less M^-1 J^T (J M^-1 J^T)^+ J qd, as by an impact without rebound.
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like, optional
+            Joint velocities, rad/s or m/s.
+        compliance : float or (..., m) array_like, optional
+            Compliance of each row of the connections in the order of connection_rows, (m/s^2)/N or (rad/s^2)/(N m), not
+            negative. None: the connections are rigid.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        compliance: how much each row gives way, as in constrained_dynamics: one number, or (..., m). The result is then where half the squared distance from q, by kinetic energy, plus
-        the sum of error^2/(2 compliance) is least.
+        Returns
+        -------
+        projection : Projection
+            Named tuple: q; qd, or None; rank (...), the number of independent rows, lower in a singular configuration.
 
-        Combinations of rows that move joints by less than Scene.tolerance, where the linkage that is meant has a rank that is lower by as many, count as dependent: a linkage that is drawn with
-        few digits keeps its mobility. Their errors stay, at most 10 times the tolerance, and constraint_error gives them.
+        Raises
+        ------
+        ConstraintError
+            An error remains: no small displacement closes the connections. Attributes: .connections, .residual and
+            .state.
+        SingularJointError
+            A joint without inertia along its axis: its pivot D(k) is lost in rounding.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
 
-        Returns a phipsi.Projection: q, qd (None without one), and rank (...), how many rows are independent there: fewer than elsewhere where the
-        mechanism is singular.
+        Warns
+        -----
+        LinkageWarning
+            Once per scene: rows count as dependent that are not dependent within rounding, or axes of a loop are nearly
+            parallel.
 
-        Warns LinkageWarning, once for a scene, where rows count as dependent that are not to within rounding, and where axes of a loop miss being parallel by little more than the tolerance.
+        Notes
+        -----
+        Newton steps -M^-1 J^T (J M^-1 J^T)^+ error, each of least kinetic energy and at most 0.5 rad or m per joint;
+        velocities minus M^-1 J^T (J M^-1 J^T)^+ J qd, as by an inelastic impact. With compliance, the result minimizes
+        half the squared distance from q in the kinetic-energy metric plus the sum of error^2 / (2 compliance).
 
-        Raises ConstraintError, with .connections, .residual and .state, where an error stays: no small moves from there meet the connections;
-        SingularJointError, ShapeError, NotFiniteError, ArgumentError, naming the state.
+        Combinations of rows that move joints by less than Scene.tolerance count as dependent if the rank of the
+        intended linkage is lower by as many: a linkage drawn with few digits keeps its mobility. Their errors remain,
+        at most 10 times the tolerance; constraint_error has them.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
+        >>> closed = scene.project([0.0, 0.1, 0.3])
+        >>> np.allclose(scene.constraint_error(closed.q), 0.0)
+        True
         """
 
     def constrained_inverse_dynamics(
@@ -1306,157 +2644,563 @@ class Scene:
         wrenches: Mapping[str, ArrayLike] | None = None,
         errors: _Errors = "raise",
     ) -> ConstrainedInverseDynamics:
-        """Joint torques, and forces of the connections, that give the accelerations: tau + J^T forces = M qdd + bias.
+        """Joint torques and constraint forces for given joint accelerations: tau + J^T f = M qdd + bias.
 
-        q: (..., nq); qd, qdd: (..., nv). actuated: names of joints with motors, or a boolean array (nv,); None: all. tau is zero at the others. Where
-        that leaves a choice, tau has the least tau^T M^-1 tau: torques that do not load the connections. wrenches, form, tolerance, errors: as in
-        forward_dynamics.
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        qdd : (..., nv) array_like
+            Joint accelerations, rad/s^2 or m/s^2.
+        actuated : iterable of str or (nv,) array_like of bool, optional
+            Names of the actuated joints, or a mask; the torque of all others is zero. None: all joints.
+        form : {"auto", "covariance", "joseph", "square-root"}, default "auto"
+            Form of the covariance P; see forward_dynamics.
+        tolerance : float, optional
+            Largest accepted relative error in the forms "auto" and "square-root"; see forward_dynamics.
+        wrenches : dict of str to (..., 6) array_like, optional
+            External forces by link name: (moment, force) at the origin and in the frame of the link, N m and N.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        Returns a phipsi.ConstrainedInverseDynamics: tau (..., nv); forces, rank as in constrained_dynamics; residual (...), the largest entry of J
-        qdd + J' qd: where it is not rounding, no torques give these accelerations.
+        Returns
+        -------
+        dynamics : ConstrainedInverseDynamics
+            Named tuple: tau (..., nv); forces and rank as in constrained_dynamics; residual (...), the largest entry of
+            J qdd + J' qd, which is not rounding if no torques cause these accelerations.
 
-        Raises ArgumentError, named actuated, where a joint without a motor would need a torque; otherwise as inverse_dynamics.
+        Raises
+        ------
+        ArgumentError
+            A joint outside of `actuated` needs a torque, or an invalid argument.
+        SingularJointError
+            A joint without inertia along its axis: its pivot D(k) is lost in rounding.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        If there is a choice, tau minimizes tau^T M^-1 tau: torques that do not load the connections.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
+        >>> q, qd, qdd = [0.0, 0.1, 0.1], np.zeros(3), np.ones(3)
+        >>> dynamics = scene.constrained_inverse_dynamics(q, qd, qdd, actuated=["j0", "j1"])
+        >>> float(dynamics.tau[2])
+        0.0
         """
 
-    def constrained_mass_matrix_inverse(self, q: ArrayLike, *, form: _Form = "auto", tolerance: float | None = None, errors: _Errors = "raise") -> _Array:
-        """How torques accelerate the joints through the connections, (..., nv, nv): M^-1 - M^-1 J^T (J M^-1 J^T)^+ J M^-1, symmetric and of lower rank.
+    def constrained_mass_matrix_inverse(
+        self,
+        q: ArrayLike,
+        *,
+        form: _Form = "auto",
+        tolerance: float | None = None,
+        errors: _Errors = "raise",
+    ) -> _Array:
+        """Inverse mass matrix through the connections: M^-1 - M^-1 J^T (J M^-1 J^T)^+ J M^-1.
 
-        q: (..., nq). form, tolerance, errors: as in forward_dynamics. A Gram matrix: nothing is subtracted, and no eigenvalue is negative beyond rounding. O(nv^3).
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        form : {"auto", "covariance", "joseph", "square-root"}, default "auto"
+            Form of the covariance P; see forward_dynamics.
+        tolerance : float, optional
+            Largest accepted relative error in the forms "auto" and "square-root"; see forward_dynamics.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        Raises ArgumentError above 4000 degrees of freedom; otherwise as mass_matrix_inverse and constraint_error.
+        Returns
+        -------
+        inverse : (..., nv, nv) ndarray
+            Change of the joint accelerations per joint torque, SI units; symmetric, of rank nv minus that of J.
+
+        Raises
+        ------
+        SingularJointError
+            A joint without inertia along its axis: its pivot D(k) is lost in rounding.
+        ArgumentError
+            A scene of more than 4000 degrees of freedom, too many for dense matrices.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        O(nv^3), as a Gram matrix without a subtraction: no eigenvalue is negative beyond rounding.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
+        >>> inverse = scene.constrained_mass_matrix_inverse([0.0, 0.1, 0.1])
+        >>> np.allclose(scene.constraint_jacobian([0.0, 0.1, 0.1]) @ inverse, 0.0)
+        True
         """
 
     def energy(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> Energy:
-        """Kinetic energy (armature included) and potential energy, as the named tuple Energy(kinetic, potential).
+        """Kinetic energy qd^T M qd / 2, including armature, and potential energy.
 
-        q: (..., nq); qd: (..., nv); leading axes broadcast. Each (...), J; the potential is zero with the mass centre at the
-        base's origin.
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        errors: as in forward_dynamics. Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+        Returns
+        -------
+        energy : Energy
+            Named tuple (kinetic, potential), each (...), J. The potential energy is zero with the center of mass at the
+            origin of the base frame.
+
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        O(N). Springs are not included.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> energy = scene.energy([0.3, 0.2, 0.1], [1.0, 0.0, 0.0])
+        >>> round(float(energy.kinetic), 3), round(float(energy.potential), 3)
+        (0.123, 7.357)
         """
 
     def kinetic_energy(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array | np.float64:
-        """Kinetic energy alone, armature included: half of qd M qd.
+        """Kinetic energy qd^T M qd / 2, including armature, in O(N).
 
-        q: (..., nq); qd: (..., nv); leading axes broadcast. Returns (...), J. O(N).
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        errors: as in forward_dynamics. Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+        Returns
+        -------
+        kinetic : (...) ndarray
+            Kinetic energy, J.
+
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> q, qd = np.array([0.3, 0.2, 0.1]), np.array([1.0, 0.5, 0.2])
+        >>> np.isclose(scene.kinetic_energy(q, qd), qd @ scene.mass_matrix(q) @ qd / 2)
+        np.True_
         """
 
     def potential_energy(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array | np.float64:
         """Potential energy of gravity of all moving links, in O(N): minus gravity times the first moment of mass."""
 
     def momentum(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
-        """Spatial momentum of all moving bodies: (angular about the base's origin, linear), in the base frame.
+        """Spatial momentum of all moving links: (angular about the origin of the base frame, linear), in the base frame.
 
-        q: (..., nq); qd: (..., nv); leading axes broadcast. Returns (..., 6), N m s and N s. Armature adds nothing here.
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        errors: as in forward_dynamics. Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+        Returns
+        -------
+        h : (..., 6) ndarray
+            Momentum, N m s and N s; armature does not contribute.
+
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> q, qd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2]
+        >>> np.allclose(scene.momentum(q, qd)[3:], scene.total_mass * scene.center_of_mass_velocity(q, qd))
+        True
         """
 
     def center_of_mass(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array:
-        """The mass centre of all links that move, in the base frame.
+        """Center of mass of all moving links, in the base frame.
 
-        q: (..., nq). Returns (..., 3), m, from the base's origin. O(N). Links on the base are not part of it.
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        errors: as in forward_dynamics. Raises ArgumentError where nothing that moves has mass; ShapeError, NotFiniteError, ArgumentError for a bad q,
-        naming the state.
+        Returns
+        -------
+        c : (..., 3) ndarray
+            Center of mass, m, from the origin of the base frame.
+
+        Raises
+        ------
+        ArgumentError
+            A scene whose moving links have no mass.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        O(N). Links fixed to the base are excluded.
+
+        Examples
+        --------
+        >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+        >>> scene.center_of_mass(scene.neutral()).round(3)
+        array([0.113, 0.147, 0.023])
         """
 
     def center_of_mass_velocity(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
-        """The velocity of the mass centre in the base's axes: linear momentum by mass.
+        """Velocity of the center of mass in the base frame: linear momentum divided by mass, in O(N).
 
-        q: (..., nq); qd: (..., nv); leading axes broadcast. Returns (..., 3), m/s. O(N).
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        errors: as in forward_dynamics. Raises as center_of_mass, naming the argument.
+        Returns
+        -------
+        v : (..., 3) ndarray
+            Velocity, m/s.
+
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> q, qd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2]
+        >>> np.allclose(scene.center_of_mass_velocity(q, qd), scene.center_of_mass_jacobian(q) @ qd)
+        True
         """
 
-    def center_of_mass_acceleration(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
-        """The acceleration of the mass centre in the base's axes, at joint accelerations qdd; gravity is not in it.
+    def center_of_mass_acceleration(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        qdd: ArrayLike,
+        *,
+        errors: _Errors = "raise",
+    ) -> _Array:
+        """Acceleration of the center of mass in the base frame for joint accelerations qdd, without gravity, in O(N).
 
-        q: (..., nq); qd, qdd: (..., nv); leading axes broadcast. Returns (..., 3), m/s^2: times total_mass it is the force from outside, weight included,
-        that such a motion takes. O(N).
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        qdd : (..., nv) array_like
+            Joint accelerations, rad/s^2 or m/s^2.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        errors: as in forward_dynamics. Raises as center_of_mass, naming the argument.
+        Returns
+        -------
+        a : (..., 3) ndarray
+            Acceleration, m/s^2. Multiplied by total_mass, it is the sum of the external forces, weight included.
+
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> q, still = [0.3, 0.2, 0.1], np.zeros(3)
+        >>> a = scene.center_of_mass_acceleration(q, still, [1.0, 0.0, 0.0])
+        >>> np.allclose(a, scene.center_of_mass_jacobian(q)[:, 0])
+        True
         """
 
     def center_of_mass_jacobian(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array:
-        """The Jacobian J of the mass centre: its velocity in the base's axes is J qd.
+        """Jacobian J of the center of mass: its velocity in the base frame is J qd.
 
-        q: (..., nq). Returns (..., 3, nv), SI units: the linear rows of centroidal_momentum_matrix by mass. O(N).
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        errors: as in forward_dynamics. Raises as center_of_mass.
+        Returns
+        -------
+        J : (..., 3, nv) ndarray
+            Jacobian, m or 1: the linear rows of centroidal_momentum_matrix divided by the mass.
+
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        O(N).
+
+        Examples
+        --------
+        >>> phipsi.scenes.chain(3).center_of_mass_jacobian([0.3, 0.2, 0.1]).shape
+        (3, 3)
         """
 
     def centroidal_momentum_matrix(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array:
-        """The centroidal momentum matrix A: the momentum of all links that move, (angular about the mass centre, linear) in the base's axes, is A qd.
+        """Centroidal momentum matrix A: the momentum (angular about the center of mass, linear) in the base frame is A qd.
 
-        q: (..., nq). Returns (..., 6, nv), SI units. O(N): column j is r S of the composite inertia (3.5) of what is outboard of joint j. Armature adds
-        nothing. Rows are angular, then linear; Pinocchio's Ag has (linear, angular).
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        errors: as in forward_dynamics. Raises as center_of_mass.
+        Returns
+        -------
+        A : (..., 6, nv) ndarray
+            Matrix in SI units; angular rows first. Pinocchio's Ag has the linear rows first.
+
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        O(N): column j is r S, with the composite inertia r (eq. 3.5) of the bodies outboard of joint j. Armature does
+        not contribute.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> A = scene.centroidal_momentum_matrix([0.3, 0.2, 0.1])
+        >>> np.allclose(A[3:] / scene.total_mass, scene.center_of_mass_jacobian([0.3, 0.2, 0.1]))
+        True
         """
 
     def centroidal_momentum_matrix_rate(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
-        """The rate A' of the centroidal momentum matrix along qd: the momentum about the mass centre changes at A qdd + A' qd.
+        """Time derivative A' of the centroidal momentum matrix along qd: the centroidal momentum changes at A qdd + A' qd.
 
-        q: (..., nq); qd: (..., nv); leading axes broadcast. Returns (..., 6, nv), SI units, rows as those of A. O(N). For a tree that floats that is
-        weight and wrenches, the moment about the mass centre.
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        errors: as in forward_dynamics. Raises as center_of_mass, naming the argument.
+        Returns
+        -------
+        dA : (..., 6, nv) ndarray
+            Matrix in SI units, with the rows of centroidal_momentum_matrix.
+
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        O(N). For a floating tree, A qdd + A' qd is the sum of weight and external forces, with moments about the center
+        of mass.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> q, qd = np.array([0.3, 0.2, 0.1]), np.array([1.0, 0.5, 0.2])
+        >>> ahead, behind = (scene.centroidal_momentum_matrix(q + h * qd) for h in (1e-6, -1e-6))
+        >>> np.allclose(scene.centroidal_momentum_matrix_rate(q, qd), (ahead - behind) / 2e-6)
+        True
         """
 
     def integrate(self, q: ArrayLike, v: ArrayLike, *, errors: _Errors = "raise") -> _Array:
-        """The configuration reached from q by the constant velocity v in unit time, on the manifold.
+        """Configuration that the constant joint velocity v reaches from q in unit time, on the manifold.
 
-        q: (..., nq); v: (..., nv); leading axes broadcast. Returns (..., nq), quaternions of unit norm. A free joint moves
-        along the screw of its twist, a spherical joint turns about its rate, all others add.
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        v : (..., nv) array_like
+            Displacement in the tangent space of q, rad or m.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        errors: as in forward_dynamics. Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+        Returns
+        -------
+        q : (..., nq) ndarray
+            Joint positions, with quaternions of unit norm.
+
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        A free joint moves along the screw motion of its twist, a spherical joint rotates about its angular velocity,
+        and the coordinates of all other joints are added.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> scene.integrate([0.3, 0.2, 0.1], [0.1, 0.0, 0.0])
+        array([0.4, 0.2, 0.1])
         """
 
     def difference(self, q0: ArrayLike, q1: ArrayLike, *, errors: _Errors = "raise") -> _Array:
-        """The velocity that takes q0 to q1 in unit time, the inverse of integrate; rotations go the short way.
+        """Joint velocity that moves q0 to q1 in unit time, the inverse of integrate, on the manifold.
 
-        q0, q1: (..., nq); leading axes broadcast. Returns (..., nv), SI units.
+        Parameters
+        ----------
+        q0 : (..., nq) array_like
+            Joint positions at the start, rad or m.
+        q1 : (..., nq) array_like
+            Joint positions at the end, rad or m.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        errors: as in forward_dynamics. Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+        Returns
+        -------
+        v : (..., nv) ndarray
+            Displacement in the tangent space of q0, rad or m. Rotations take the shorter way.
+
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> scene.difference([0.3, 0.2, 0.1], [0.5, 0.2, 0.1]).round(3)
+        array([0.2, 0. , 0. ])
         """
 
     def lock(self, joints: Iterable[str], q: ArrayLike) -> Scene:
-        """A new scene with the named joints fixed where q, (nq,), has them; names of links stay.
+        """Create a scene in which joints are fixed at their coordinates in q; the names of links remain.
 
-        What is locked is folded into the bodies around it and costs nothing. Locking "root_joint" gives a fixed base.
+        Parameters
+        ----------
+        joints : iterable of str
+            Names of movable joints. "root_joint" fixes a floating base.
+        q : (nq,) array_like
+            Joint positions, rad or m; only those of the locked joints matter.
 
-        Raises ArgumentError for an unknown joint; ShapeError, NotFiniteError or ArgumentError for a bad q.
+        Returns
+        -------
+        scene : Scene
+            The scene without these joints, whose bodies are merged: locked joints cost nothing.
+
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3).lock(["j1"], [0.0, 0.5, 0.0])
+        >>> scene.joint_names
+        ('j0', 'j2')
         """
 
     def link(self, name: str, /) -> Link:
-        """The link of that name, those on fixed joints too: the named tuple Link(name, mass, com, inertia, parent, joint).
+        """Properties of a link as it was given, including links on fixed joints.
 
-        Raises ArgumentError, with the names that there are, for an unknown link.
+        Parameters
+        ----------
+        name : str
+            Name of the link.
+
+        Returns
+        -------
+        link : Link
+            Named tuple (name, mass, com, inertia, parent, joint).
+
+        Raises
+        ------
+        ArgumentError
+            An unknown name. The message lists the names that exist.
+
+        Examples
+        --------
+        >>> phipsi.scenes.chain(3).link("link1").parent
+        'link0'
         """
 
     def joint(self, name: str, /) -> Joint:
-        """The joint of that name, fixed ones too: the named tuple Joint(name, type, parent, child, xyz, ...).
+        """Properties of a joint as it was given, including fixed joints.
 
-        Raises ArgumentError, with the names that there are, for an unknown joint.
+        Parameters
+        ----------
+        name : str
+            Name of the joint.
+
+        Returns
+        -------
+        joint : Joint
+            Named tuple (name, type, parent, child, xyz, ...).
+
+        Raises
+        ------
+        ArgumentError
+            An unknown name. The message lists the names that exist.
+
+        Examples
+        --------
+        >>> phipsi.scenes.chain(3).joint("j1").type
+        'revolute'
         """
 
     @property
     def links(self) -> dict[str, Link]:
-        """All links by name, in the order of link_names: a dict of Link, made anew."""
+        """All links by name, in the order of link_names: a new dict of Link."""
 
     @property
     def joints(self) -> dict[str, Joint]:
-        """All joints by name, fixed ones too, in the order they were given, a floating base's first: a dict of Joint, made anew."""
+        """All joints by name, including fixed ones, in the order they were given: a new dict of Joint."""
 
     def _connections(self) -> list[tuple[Any, ...]]: ...
     def _contacts(self) -> list[tuple[Any, ...]]: ...
     def to_builder(self) -> SceneBuilder:
-        """A builder that holds what the scene was made of: links, joints, gravity, base, and what is left out.
+        """Create a builder that has the links, joints, gravity, base and simplifications of the scene.
 
-        build() without arguments gives a scene with the same results, bit for bit; links and joints can be added before.
+        Returns
+        -------
+        builder : SceneBuilder
+            Its build() without arguments creates a scene with bit-identical results; parts can be added before.
+
+        Examples
+        --------
+        >>> builder = phipsi.scenes.chain(3).to_builder().link("tool", mass=0.2)
+        >>> builder.joint("flange", "fixed", "link2", "tool").build().total_mass
+        3.2
         """
 
     def with_properties(
@@ -1467,36 +3211,104 @@ class Scene:
         friction: Mapping[str, ArrayLike] | ArrayLike | None = None,
         stiffness: Mapping[str, ArrayLike] | ArrayLike | None = None,
     ) -> Scene:
-        """A new scene with other properties of joints; what is not given stays.
+        """Create a scene with other joint properties; properties that are not given remain.
 
-        armature: kg m^2 or kg; damping: N m s/rad or N s/m; friction: N m or N; stiffness: N m/rad or N/m. Each is a dict from joint
-        names to numbers, one number for all movable joints (a floating base's "root_joint" among them: name joints to leave it out),
-        or an array: (nv,), or a number a joint in the order of joint_names. A joint has one number for all its degrees of freedom.
+        Parameters
+        ----------
+        armature : dict of str to float, float or array_like, optional
+            Armature, kg m^2 or kg: by joint name, one value for all movable joints (including "root_joint"), or an
+            array: (nv,), or one value per joint in the order of joint_names. All degrees of freedom of a joint have one
+            value.
+        damping : dict of str to float, float or array_like, optional
+            Viscous damping, N m s/rad or N s/m.
+        friction : dict of str to float, float or array_like, optional
+            Coulomb friction, N m or N.
+        stiffness : dict of str to float, float or array_like, optional
+            Stiffness of the springs, N m/rad or N/m.
 
-        Raises ArgumentError, named after the property, for a joint that is unknown or fixed and for a value that is negative or
-        not finite; ShapeError.
+        Returns
+        -------
+        scene : Scene
+            The new scene.
+
+        Raises
+        ------
+        ShapeError, ArgumentError
+            An unknown or fixed joint, or a value that is negative or not finite. The message names the property.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3).with_properties(armature=0.01, damping={"j2": 0.5})
+        >>> scene.armature, scene.damping
+        (array([0.01, 0.01, 0.01]), array([0. , 0. , 0.5]))
         """
 
     def with_payload(
         self, link: str, mass: float, com: ArrayLike = (0, 0, 0), inertia: ArrayLike | None = None
     ) -> Scene:
-        """A new scene with a rigid body added to a link: what a gripper holds, a tool, a battery.
+        """Create a scene with a rigid body attached to a link, such as a tool or a gripped object.
 
-        link: its name. mass: kg. com: (3,), the body's mass centre in the link's frame, m. inertia: (3, 3), about that mass centre,
-        axes parallel to the link's frame, kg m^2; None for a point mass. On a link of the base it changes nothing.
+        Parameters
+        ----------
+        link : str
+            Name of the link. On a link of the base, the payload has no effect.
+        mass : float
+            Mass, kg.
+        com : (3,) array_like, default (0, 0, 0)
+            Center of mass of the body in the link frame, m.
+        inertia : (3, 3) array_like, optional
+            Inertia about that center of mass, with axes parallel to the link frame, kg m^2. None: a point mass.
 
-        Raises ArgumentError for an unknown link and for a mass that is negative; ShapeError, ArgumentError for arrays. Warns
-        InertiaWarning where link and body together have an inertia that no body can have.
+        Returns
+        -------
+        scene : Scene
+            The new scene.
+
+        Raises
+        ------
+        ShapeError, ArgumentError
+            An unknown link, a negative mass, or an invalid array.
+
+        Warns
+        -----
+        InertiaWarning
+            Link and body together have an inertia that no rigid body can have.
+
+        Examples
+        --------
+        >>> phipsi.scenes.chain(3).with_payload("link2", 0.5, com=(0, 0, 0.3)).total_mass
+        3.5
         """
 
     def with_inertias(self, links: Mapping[str, tuple[float, ArrayLike, ArrayLike | None]]) -> Scene:
-        """A new scene whose named links have other inertias: of a better model, of an identification, of a random robot for learning.
+        """Create a scene in which links have other inertias, for instance identified or randomized ones.
 
-        links: from names to (mass, com, inertia): kg; (3,), the mass centre in the link's frame, m; (3, 3), about the mass centre, axes parallel to the link's
-        frame, kg m^2, or None for a point mass. Other links keep theirs, those that are fixed onto a named one too.
+        Parameters
+        ----------
+        links : dict of str to (mass, com, inertia)
+            By link name: mass, kg; center of mass in the link frame, (3,), m; inertia about it with axes parallel to
+            the link frame, (3, 3), kg m^2, or None for a point mass. All other links keep theirs.
 
-        Raises ArgumentError for an unknown link and for a mass that is negative; ShapeError, ArgumentError for arrays, by the link's name. Warns
-        InertiaWarning for inertias that no body can have.
+        Returns
+        -------
+        scene : Scene
+            The new scene.
+
+        Raises
+        ------
+        ShapeError, ArgumentError
+            An unknown link, a negative mass, or an invalid array. The message names the link.
+
+        Warns
+        -----
+        InertiaWarning
+            An inertia that no rigid body can have.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3).with_inertias({"link2": (2.0, (0, 0, 0.2), 0.01 * np.eye(3))})
+        >>> scene.link("link2").mass
+        2.0
         """
     def inverse_kinematics_rates(
         self,
@@ -1510,25 +3322,57 @@ class Scene:
         velocity: ArrayLike | None = None,
         errors: _Errors = "raise",
     ) -> _Array:
-        """Joint velocities that reduce the tasks' errors, one step of a control loop: within velocity and position limits.
+        """Joint velocities that reduce the errors of tasks within joint limits: one step of a control loop.
 
-        tasks: as in inverse_kinematics; targets with leading axes are a batch, which broadcasts with that of q. q:
-        (..., nq). dt: the time that the velocities are held, s. gain: the share of the errors that is taken away in it;
-        below 1 errors fall exponentially. damping: of the largest entry of J^T J over deviations; more keeps velocities
-        small near singular configurations. limits: whether joints, and joints that follow them, keep to theirs; a joint
-        beyond its position limit returns as fast as its velocity limit allows, whatever the tasks want. velocity:
-        velocity limits instead of those of the joints, (..., nv) or one number, rad/s and m/s, infinite for none: a
-        floating base has limits only here. errors: as in forward_dynamics.
+        Parameters
+        ----------
+        tasks : task or list of tasks
+            As in inverse_kinematics.
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        dt : float
+            Time for which the velocities are held, s.
+        gain : float, default 1
+            Share of the errors that is removed in dt; below 1, errors decay exponentially.
+        damping : float, default 1e-6
+            Damping relative to the largest entry of J^T J over the variances; more keeps velocities small near
+            singularities.
+        limits : bool, default True
+            If true, joints, and joints coupled to them, stay within their limits. A joint outside of its limits returns as
+            fast as its velocity limit allows.
+        velocity : float or (..., nv) array_like, optional
+            Velocity limits instead of those of the joints, rad/s or m/s; inf: none. A floating base has limits only
+            here.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        Minimizes half the squares of J qd dt + gain e over the standard deviations, and damping, over the velocities
-        that limits and connections allow: exactly, by a projected Newton method. Connections are hard constraints:
-        errors that they have at q are taken away, as far as limits allow. Where that step would raise the cost, or pass
-        its minimum along the way, it is computed again with more damping, so that joints come to rest where a target is
-        out of reach. O(tasks depth + nv^3).
+        Returns
+        -------
+        qd : (..., nv) ndarray
+            Joint velocities, rad/s or m/s.
 
-        Returns qd, (..., nv), rad/s and m/s.
+        Raises
+        ------
+        ArgumentError
+            dt, gain or damping that is not positive, and as inverse_kinematics.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
 
-        Raises as inverse_kinematics; ArgumentError for a dt, gain or damping that is not above zero.
+        Notes
+        -----
+        Minimizes half the squares of J qd dt + gain e divided by the standard deviations, plus damping, over the
+        velocities that limits and connections allow, by a projected Newton method. Connections are hard constraints
+        whose errors are removed as far as the limits allow. If the step would increase the cost or pass its minimum, it
+        is recomputed with more damping, so joints come to rest if a target is out of reach. O(tasks depth + nv^3).
+
+        Examples
+        --------
+        >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+        >>> q, task = np.array([0.3, -0.6, 0.9, 0.1, 0.4, 0.0]), phipsi.tasks.Position("flange", (0.5, 0.1, 0.4))
+        >>> for step in range(200):
+        ...     q += 0.01 * scene.inverse_kinematics_rates(task, q, dt=0.01, gain=0.2)
+        >>> scene.placement(q, "flange")[:3, 3].round(3)
+        array([0.5, 0.1, 0.4])
         """
 
     def inverse_kinematics(
@@ -1546,28 +3390,62 @@ class Scene:
         seed: int = 0,
         errors: _Errors = "raise",
     ) -> InverseKinematics:
-        """Joint positions that meet tasks, within joint limits and with closed connections; the most probable ones.
+        """Most probable joint positions that reach tasks, within joint limits and with closed connections.
 
-        tasks: a task of phipsi.tasks or a list of them: Pose, Position, Orientation, Direction, LookAt, CenterOfMass,
-        JointPosition; targets with leading axes are a batch, which broadcasts with that of q0. q0: (..., nq), the first
-        start; None: neutral. starts: the largest number of configurations that it starts from, those after the first
-        drawn within the limits, of a few draws the nearest to the tasks. posture: None, or a standard deviation, rad
-        and m: how far joints are expected from q0, for robots that tasks leave free. limits: whether joints, and joints
-        that follow them, stay within theirs; a q0 beyond them starts at them, and a joint that has room for a whole
-        turn gets past them on the way. tolerance: a task is reached where its error is at most this, m and rad.
-        iterations: the largest number of steps from each start. metric: what steps are damped by, "coordinates", or
-        "mass", kinetic energy: joints that carry much mass move less. covariance: whether to compute it. seed: of the
-        starts. errors: as in forward_dynamics; a bad state has NaN for q and errors, and reached False.
+        Parameters
+        ----------
+        tasks : task or list of tasks
+            Tasks of phipsi.tasks: Pose, Position, Orientation, Direction, LookAt, CenterOfMass, JointPosition. Leading
+            axes of their targets are a batch, which broadcasts with that of q0.
+        q0 : (..., nq) array_like, optional
+            First start; the neutral configuration by default. A start outside of the limits begins at them.
+        starts : int, default 20
+            Largest number of starts. Those after the first are drawn within the limits, of several draws the one
+            nearest to the tasks.
+        posture : float, optional
+            Standard deviation of the joints from q0, rad or m, for robots with more freedom than the tasks. None: no
+            posture.
+        limits : bool, default True
+            If true, joints, and joints coupled to them, stay within their limits.
+        tolerance : float, default 1e-9
+            A task is reached if its error is at most this, m and rad.
+        iterations : int, default 100
+            Largest number of steps from each start.
+        metric : {"coordinates", "mass"}, default "coordinates"
+            Metric of the damping: coordinates, or kinetic energy, so that joints that carry more mass move less.
+        covariance : bool, default False
+            If true, compute the covariance of q.
+        seed : int, default 0
+            Seed of the starts.
+        errors : {"raise", "nan"}, default "raise"
+            As in forward_dynamics. An invalid state has NaN for q and errors, and reached False.
 
-        Minimizes half the squares of all errors over their standard deviations, by Levenberg and Marquardt's steps on
-        the manifold, each the exact minimum of its model within the limits: no step makes it worse. Connections are
-        hard constraints: every step ends where they are closed. The same bits for any number of threads. O(tasks depth
-        + nv^3) a step.
+        Returns
+        -------
+        solution : phipsi.tasks.InverseKinematics
+            q, reached, position_error, rotation_error, starts, iterations and covariance. If reached is False, q is the
+            best local minimum.
 
-        Returns a phipsi.tasks.InverseKinematics: q, reached, errors, starts, iterations and the covariance.
+        Raises
+        ------
+        ConstraintError
+            No start leads to closed connections.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
 
-        Raises ArgumentError for what is no task, unknown links and joints, and values out of range; ShapeError,
-        NotFiniteError, naming the task and the state; ConstraintError where no start leads to closed connections.
+        Notes
+        -----
+        Minimizes half the sum of all squared errors divided by their variances, by Levenberg-Marquardt steps on the
+        manifold, each the exact minimum of its model within the limits; no step increases the cost. Connections are
+        hard constraints. O(tasks depth + nv^3) per step. Results are bit-identical for any number of threads.
+
+        Examples
+        --------
+        >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+        >>> goal = scene.placement([0.3, -0.6, 0.9, 0.1, 0.4, 0.0], "flange")
+        >>> found = scene.inverse_kinematics(phipsi.tasks.Pose("flange", goal))
+        >>> found.reached, np.allclose(scene.placement(found.q, "flange"), goal)
+        (True, True)
         """
     def identify(
         self,
@@ -1582,25 +3460,79 @@ class Scene:
         keep: Collection[str] = (),
         friction_speed: float = 0.01,
     ) -> Identification:
-        """The most probable inertias, and what acts at the joints, from measured motion and torques; each body gets inertias that a body can have.
+        """Most probable inertial parameters, and joint parameters, from measured motion and torques.
 
-        q: (k, nq); qd, qdd, tau: (k, nv), k measured states; a NaN in tau is a torque that was not measured. fit: what of the joints is found too, of
-        "armature", "damping" and "friction". noise: standard deviation of the torques, (nv,) or a number, N m or N; None: as the residuals of least squares have it, which
-        takes more measured torques than there are parameters. trust: how much the model's own numbers count: each parameter is expected within about 1 / sqrt(trust)
-        of them, relatively. keep: names of body_names whose inertias stay. friction_speed: rad/s or m/s, where friction becomes viscous.
+        Parameters
+        ----------
+        q : (k, nq) array_like
+            Joint positions of k measured states, rad or m.
+        qd : (k, nv) array_like
+            Joint velocities, rad/s or m/s.
+        qdd : (k, nv) array_like
+            Joint accelerations, rad/s^2 or m/s^2.
+        tau : (k, nv) array_like
+            Measured joint torques, N m or N; NaN: not measured.
+        fit : collection of {"armature", "damping", "friction"}, optional
+            Joint parameters to identify too. The others are those of the scene.
+        noise : float or (nv,) array_like, optional
+            Standard deviation of the torques, N m or N. None: estimated from the residuals of least squares, which
+            needs more measured torques than parameters.
+        trust : float, default 1
+            Weight of the parameters of the scene: each parameter is expected within about 1 / sqrt(trust) of them,
+            relatively.
+        keep : collection of str, optional
+            Names in body_names whose inertias remain.
+        friction_speed : float, default 0.01
+            Speed below which friction is viscous, rad/s or m/s.
 
-        What is not fitted is the model's: its armature, damping, friction and springs are part of the torques. Maximum a posteriori with a Wishart prior on
-        each body's second moments of mass; convex. States are read in blocks: memory does not grow with k. 10 to 60 steps of O((10 bodies)^3).
+        Returns
+        -------
+        identification : Identification
+            The new scene, parameters with standard deviations, noise, residuals before and after, and the number of
+            identifiable combinations of parameters.
 
-        Returns a phipsi.Identification: the new scene, parameters with standard deviations, noise, residuals before and after, and how many
-        combinations of parameters the motion tells.
+        Raises
+        ------
+        ArgumentError
+            Too few measurements, unknown names, noise below the rounding of the torques, bodies without mass, by name.
+        ShapeError, NotFiniteError
+            Invalid arrays.
 
-        Bodies of the model whose inertia no body can have start from the nearest that one can have, with an InertiaWarning.
+        Warns
+        -----
+        InertiaWarning
+            A body of the scene whose inertia no rigid body can have. The iteration starts from the nearest one that
+            can.
 
-        Raises ArgumentError for too few measurements, unknown names, noise below the rounding of the torques, and bodies of the model without mass, by name; ShapeError and NotFiniteError for arrays.
+        Notes
+        -----
+        Maximum a posteriori with a Wishart prior on the second moments of mass of each body: convex, and every body
+        receives an inertia that a rigid body can have. 10 to 60 steps of O((10 bodies)^3). The memory does not grow
+        with k.
+
+        Examples
+        --------
+        >>> scene = phipsi.load(phipsi.BUNDLED_ARM).with_properties(damping=0.0, friction=0.0)
+        >>> q, qd, qdd = np.random.default_rng(0).normal(size=(3, 50, 6))
+        >>> tau = scene.with_payload("link6", 1.0).inverse_dynamics(q, qd, qdd)
+        >>> found = scene.identify(q, qd, qdd, tau, noise=0.01)
+        >>> bool((found.after < 1e-3).all())     # N m
+        True
         """
     def plan(self) -> Plan:
-        """What this scene does not need and was left out when it was built, why, and what that saved."""
+        """Simplifications of this scene: which computations are skipped, why, and how many operations that saves.
+
+        Returns
+        -------
+        plan : Plan
+            Its items are Omission objects; printed, it is a list.
+
+        Examples
+        --------
+        >>> plan = phipsi.scenes.chain(3).plan()
+        >>> plan.bodies, plan.links
+        (3, 4)
+        """
 
     def estimate(
         self,
@@ -1617,56 +3549,161 @@ class Scene:
         method: Literal["sequential", "batch"] = "sequential",
         errors: _Errors = "raise",
     ) -> Estimate:
-        """Forces, accelerations and torques given the torques of some joints, with noise: conditional means (2.1, 2.7), in O(N).
+        """Conditional means of forces, accelerations and torques, given joint torques with noise (2.1, 2.7), in O(N).
 
-        q: (..., nq); qd, torque: (..., nv), N m or N; leading axes broadcast. noise: variance of each measurement, (N m)^2 or N^2, one
-        number or (..., nv); 0 is exact, inf is not measured. measured: None (all), names of joints, or a boolean array (nv,); torque and
-        noise of the other joints are not read, and entries that a masked array (numpy.ma) masks are not measured. prior_acceleration:
-        (..., nv), the mean a0 of the accelerations before, zero by default. acceleration_variance: s, the variance of the acceleration of
-        one kg m^2, (rad/s^2)^2, and of one kg, (m/s^2)^2. wrenches and errors: as in forward_dynamics. covariance: the covariances of the
-        errors too. method: "sequential" (filter and smoother) or "batch" (section 2 with dense matrices, O(N^3), at most 300 degrees of
-        freedom: a check).
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        torque : (..., nv) array_like
+            Measured joint torques, N m or N. Entries that a masked array masks are not measured.
+        noise : float or (..., nv) array_like, default 0
+            Variance of each measurement, (N m)^2 or N^2; 0: exact, inf: not measured.
+        measured : iterable of str or (nv,) array_like of bool, optional
+            Names of the measured joints, or a mask; torque and noise of the others are not read. None: all joints.
+        prior_acceleration : (..., nv) array_like, optional
+            Prior mean a0 of the joint accelerations, zero by default.
+        acceleration_variance : float, default 1
+            s: prior variance of the acceleration of 1 kg m^2, (rad/s^2)^2, and of 1 kg, (m/s^2)^2.
+        wrenches : dict of str to (..., 6) array_like, optional
+            External forces by link name: (moment, force) at the origin and in the frame of the link, N m and N.
+        covariance : bool, default False
+            If true, compute the covariances of the errors too.
+        method : {"sequential", "batch"}, default "sequential"
+            Filter and smoother, or the dense equations of section 2 as a check: O(N^3), at most 300 degrees of freedom.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        Under the model W ~ N(b + Q phi* H* a0, s Q), accelerations are N(a0, s M^-1) before anything is measured. A joint that is not
-        measured keeps its mean a0 (as if locked there) and its variance; its torque is what that takes. All joints measured without
-        noise: forward dynamics. Variances are right to eps times those of the prior (docs/estimation.md).
+        Returns
+        -------
+        estimate : Estimate
+            Named tuple with the means of acceleration, torque, force and process, the log likelihood, and the
+            covariances.
 
-        Returns a phipsi.Estimate.
+        Raises
+        ------
+        SingularJointError
+            A measured joint without inertia along its axis; with covariance, any joint.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
 
-        Raises SingularJointError where a measured joint has no inertia along its axis (with covariance: any joint); ArgumentError for an
-        unknown joint or method, noise that is negative or NaN, or a variance that is not positive; ShapeError, NotFiniteError, naming the
-        argument and the state.
+        Notes
+        -----
+        Model: W ~ N(b + Q phi* H* a0, s Q), so the prior of the accelerations is N(a0, s M^-1). A joint that is not
+        measured keeps its mean a0, as if it were locked there, and its variance; its torque follows. If all joints are
+        measured without noise, the result is forward dynamics. Variances are accurate to eps times those of the prior
+        (docs/estimation.md).
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> q, qd, tau = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.1, 0.0, 0.0]
+        >>> estimate = scene.estimate(q, qd, tau)
+        >>> np.allclose(estimate.acceleration, scene.forward_dynamics(q, qd, tau))
+        True
+        >>> scene.estimate(q, qd, tau, measured=["j0"], covariance=True).acceleration_variance.shape
+        (3,)
         """
 
     def factor(self, q: ArrayLike, *, form: _Form = "auto", tolerance: float | None = None) -> Factor:
-        """M = (1 + K) D (1 + K*) at q by one sweep (3.1, 3.6), and the operators phi, Psi, K, L, D, P it is made of.
+        """Factorization M = (1 + K) D (1 + K*) at q in one sweep (3.1, 3.6), and its operators phi, Psi, K, L, D, P.
 
-        q: (..., nq); the factor is batched where q is. form, tolerance: as in forward_dynamics. Returns a phipsi.Factor: solve(tau) and mul(a) are O(N), and its
-        operators compose as the paper's equations do.
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        form : {"auto", "covariance", "joseph", "square-root"}, default "auto"
+            Form of the covariance P; see forward_dynamics.
+        tolerance : float, optional
+            Largest accepted relative error in the forms "auto" and "square-root"; see forward_dynamics.
 
-        Raises SingularJointError, naming joint and state; ShapeError, NotFiniteError or ArgumentError for a bad q.
+        Returns
+        -------
+        factor : Factor
+            solve(tau) and mul(a) are O(N); its operators compose as the equations of the paper do. Batched if q is.
+
+        Raises
+        ------
+        SingularJointError
+            A joint without inertia along its axis: its pivot D(k) is lost in rounding.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> factor = scene.factor([0.3, 0.2, 0.1])
+        >>> np.allclose(factor.mul(factor.solve([1.0, 2.0, 3.0])), [1.0, 2.0, 3.0])
+        True
         """
 
     def random_model(
         self, q: ArrayLike, qd: ArrayLike | None = None, *, acceleration_variance: float = 1.0
     ) -> RandomModel:
-        """The spatially random model at q (1.1 to 1.6), to draw from: forces on the bodies, the joint torques that they cause.
+        """Create the spatially random model at q (1.1 to 1.6), to sample forces on bodies and joint torques.
 
-        q: (nq,). qd: (nv,), rates: the mean of the forces is then the bias force b(k), gravity included; without rates the
-        model is centred. acceleration_variance: (rad/s^2)^2, of one kg m^2 of inertia; it scales all covariances.
+        Parameters
+        ----------
+        q : (nq,) array_like
+            Joint positions, rad or m.
+        qd : (nv,) array_like, optional
+            Joint velocities, rad/s or m/s: the mean force is the bias force b(k), including gravity. None: the mean is
+            zero.
+        acceleration_variance : float, default 1
+            s: variance of the acceleration of 1 kg m^2, (rad/s^2)^2. It scales all covariances.
 
-        Raises ArgumentError for a variance that is not positive, and for an inertia that no body can have, naming the link;
-        ShapeError or NotFiniteError for bad arrays.
+        Returns
+        -------
+        model : RandomModel
+            The model.
+
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid array, a variance that is not positive, or an inertia that no rigid body can have, with its link.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> model = scene.random_model([0.3, 0.2, 0.1])
+        >>> np.allclose(model.mass_matrix(method="sigma-points").mass_matrix, scene.mass_matrix([0.3, 0.2, 0.1]))
+        True
         """
 
     def check(self, q: ArrayLike) -> dict[str, float]:
-        """Residuals of the paper's identities at q, (nq,): name of the identity to its relative residual.
+        """Relative residuals of the identities of the paper at q, by name.
 
-        Factorisation against faer's LDLT, operators against their definitions, closed forms against each other, and the
-        dynamics at a fixed rate and torque. Rounding is a few eps times nv, or times the condition number of M where an
-        inverse is involved.
+        Parameters
+        ----------
+        q : (nq,) array_like
+            Joint positions, rad or m.
 
-        Raises SingularJointError; ArgumentError beyond 300 degrees of freedom; ShapeError or NotFiniteError for a bad q.
+        Returns
+        -------
+        residuals : dict of str to float
+            Name of the identity and its relative residual: rounding is a few eps times nv, or times the condition
+            number of M if an inverse is involved.
+
+        Raises
+        ------
+        ArgumentError
+            A scene of more than 300 degrees of freedom, or an invalid q.
+        SingularJointError
+            A joint without inertia along its axis: its pivot D(k) is lost in rounding.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        Factorization against faer's LDLT, operators against their definitions, closed forms against each other, and the
+        dynamics at a fixed velocity and torque.
+
+        Examples
+        --------
+        >>> max(phipsi.scenes.chain(3).check([0.3, 0.2, 0.1]).values()) < 1e-12
+        True
         """
 
     def to_c(
@@ -1679,22 +3716,58 @@ class Scene:
         batches: bool = False,
         tolerance: float | None = None,
     ) -> dict[str, str]:
-        """Generates C99 code for the dynamics of this robot, which depends on libm only: a dict from file names to their contents, NAME.c, NAME.h, test_NAME.c and a Makefile.
+        """Generate C99 code for the dynamics of this robot, which depends on libm only.
 
-        directory: the directory to which the files are also written, created if necessary; None: no files are written. name: prefix of files and functions. functions: names among "forward_dynamics",
-        "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse", "forward_dynamics_derivatives", "inverse_dynamics_derivatives", "forward_dynamics_jvp",
-        "forward_dynamics_vjp", "inverse_dynamics_jvp", "inverse_dynamics_vjp", "placements", "forward_dynamics_watched", "mass_matrix_inverse_watched" and "factor_watched", which also return a margin for each
-        state, negative if precision may be lost; and functions of one link, ("placement", link), ("jacobian", link) and ("jacobian", link, frame), with frame as in jacobian. None: all functions without a margin that are
-        not for one link. dtype: "float64" or "float32", the type of the code. batches: True to add functions for batches, such as NAME_forward_dynamics_batch(count, ...), vectorized over states with the vector
-        extensions of GCC and Clang. tolerance: the error to which the margins refer, as in forward_dynamics.
+        Parameters
+        ----------
+        directory : str or os.PathLike, optional
+            Directory to write the files to; it is created if necessary. None: no files.
+        name : str, default "robot"
+            Prefix of files and functions, a C identifier.
+        functions : iterable of str or tuple, optional
+            "forward_dynamics", "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse",
+            "forward_dynamics_derivatives", "inverse_dynamics_derivatives", "forward_dynamics_jvp",
+            "forward_dynamics_vjp", "inverse_dynamics_jvp", "inverse_dynamics_vjp" and "placements";
+            "forward_dynamics_watched", "mass_matrix_inverse_watched" and "factor_watched", which also return a margin
+            per state, negative if precision may be lost; and functions of one link, ("placement", link), ("jacobian",
+            link) and ("jacobian", link, frame). None: those of the first group.
+        dtype : {"float64", "float32"}, default "float64"
+            Scalar type of the code.
+        batches : bool, default False
+            If true, add functions for batches, such as NAME_forward_dynamics_batch(count, ...), vectorized over
+            states with the vector extensions of GCC and Clang.
+        tolerance : float, optional
+            Error to which the margins refer, as in forward_dynamics.
 
-        Each function, for instance NAME_forward_dynamics(q, qd, tau, qdd), is a sequence of operations for one state, without allocations: constants are folded, and operations that this robot does not
-        need are omitted. Several results are consecutive arguments, as in NAME_forward_dynamics_derivatives(q, qd, tau, dqdd_dq, dqdd_dqd, Minv). Functions of one link have its name in theirs, as in
-        NAME_jacobian_tool0_world(q, jacobian), with _ for characters that C does not allow. The order of q and qd is that of the scene; SI units, radians. The results equal those of form "covariance" to rounding,
-        without an error estimate. Wrenches and changed parameters are not supported. `make test` in the directory compiles the code and compares it with the scene at one state.
+        Returns
+        -------
+        files : dict of str to str
+            File names and contents: NAME.c, NAME.h, test_NAME.c and a Makefile.
 
-        Raises ArgumentError for a name that is not a C identifier, unknown functions and links, and links whose functions would have the same name in C; for dynamics of a scene with connections, for a scene with
-        coupled joints (mimic="couple"), and for the inverse mass matrix and the derivatives of forward dynamics of chains of more than 300 joints; OSError if files cannot be written.
+        Raises
+        ------
+        ArgumentError
+            An invalid name, unknown functions or links, links with equal names in C, dynamics of scenes with
+            connections, scenes with coupled joints, and chains of more than 300 joints for the inverse mass matrix and
+            the forward derivatives.
+        OSError
+            Files that cannot be written.
+
+        Notes
+        -----
+        Each function, for instance NAME_forward_dynamics(q, qd, tau, qdd), is a sequence of operations for one state
+        without allocations: constants are folded, and operations that this robot does not need are omitted. Several
+        results are consecutive arguments: NAME_forward_dynamics_derivatives(q, qd, tau, dqdd_dq, dqdd_dqd, Minv).
+        Functions of one link contain its name, as NAME_jacobian_tool0_world(q, jacobian), with _ for characters that C
+        does not allow. The order of q and qd is that of the scene. Results equal those of form "covariance" to
+        rounding, without an error estimate. Wrenches and changed parameters are not supported. `make test` in the
+        directory compares the code with the scene at one state.
+
+        Examples
+        --------
+        >>> files = phipsi.scenes.chain(3).to_c(name="arm", functions=["forward_dynamics"])
+        >>> sorted(files)
+        ['Makefile', 'arm.c', 'arm.h', 'test_arm.c']
         """
 
     def to_rust(
@@ -1704,15 +3777,43 @@ class Scene:
         name: str = "robot",
         functions: Iterable[_Function] | None = None,
     ) -> dict[str, str]:
-        """The dynamics of this robot as a Rust crate that needs `core` alone, a dict from names of files to their texts: Cargo.toml, src/lib.rs, src/dynamics.rs, src/lanes.rs, src/numbers.rs and tests/reference.rs.
+        """Generate a Rust crate for the dynamics of this robot, which depends on `core` only.
 
-        directory: where to write them too, made where it is not there; None: nowhere. name: of the crate. functions: as of to_c.
+        Parameters
+        ----------
+        directory : str or os.PathLike, optional
+            Directory to write the files to; it is created if necessary. None: no files.
+        name : str, default "robot"
+            Name of the crate.
+        functions : iterable of str or tuple, optional
+            As in to_c.
 
-        Each function is one straight line of operations in safe code, forward_dynamics(&q, &qd, &tau) -> [T; NV] for instance, without allocations, for any T of the trait Number that src/dynamics.rs defines: f64 and f32 by
-        the standard library (feature "std", on unless switched off), Lanes<T, N> of src/lanes.rs for N states at once, or a type of yours; forward_dynamics_batch and its like take slices of states. Order of q
-        and qd as in the scene; SI units, radians. Results are those of form "covariance" to rounding: digits that it loses are not noticed. `cargo test` in the directory compares with the scene at one state.
+        Returns
+        -------
+        files : dict of str to str
+            File names and contents: Cargo.toml, src/lib.rs, src/dynamics.rs, src/lanes.rs, src/numbers.rs,
+            tests/reference.rs.
 
-        Raises ArgumentError for a name that no crate can have, and as to_c; OSError where files cannot be written.
+        Raises
+        ------
+        ArgumentError
+            An invalid name, and as to_c.
+        OSError
+            Files that cannot be written.
+
+        Notes
+        -----
+        Each function, for instance forward_dynamics(&q, &qd, &tau) -> [T; NV], is a sequence of operations in safe code
+        without allocations, for any type with the trait Number of src/dynamics.rs: f64 and f32 (feature "std", enabled
+        by default), Lanes<T, N> of src/lanes.rs for N states at once, or your own type. Functions such as
+        forward_dynamics_batch take slices of states. Results equal those of form "covariance" to rounding, without an
+        error estimate. `cargo test` compares the crate with the scene at one state.
+
+        Examples
+        --------
+        >>> files = phipsi.scenes.chain(3).to_rust(functions=["mass_matrix"])
+        >>> "pub fn mass_matrix" in files["src/dynamics.rs"]
+        True
         """
 
     def to_cuda(
@@ -1723,26 +3824,79 @@ class Scene:
         functions: Iterable[_Function] | None = None,
         dtype: Literal["float64", "float32"] = "float64",
     ) -> dict[str, str]:
-        """The dynamics of this robot as CUDA kernels, a dict from names of files to their texts: NAME.cu, one_thread.h, test_NAME.cu and a Makefile.
+        """Generate CUDA kernels for the dynamics of this robot.
 
-        directory: where to write them too, made where it is not there; None: nowhere. name: what files and kernels begin with. functions: as of to_c. dtype: "float64" or "float32", the numbers of the code.
+        Parameters
+        ----------
+        directory : str or os.PathLike, optional
+            Directory to write the files to; it is created if necessary. None: no files.
+        name : str, default "robot"
+            Prefix of files and kernels.
+        functions : iterable of str or tuple, optional
+            As in to_c.
+        dtype : {"float64", "float32"}, default "float64"
+            Scalar type of the code.
 
-        Each kernel takes many states, one a thread: NAME_forward_dynamics(count, q, qd, tau, qdd) for instance, extern "C", with `count` an unsigned long long. Number i of the q of state s is q[i * count + s]. NAME.cu includes nothing: NVRTC
-        compiles it at run time, as phipsi.compile(device="cuda") does, or nvcc. Order of q and qd as in the scene; SI units, radians. Results are those of form "covariance" to rounding: digits that it loses are not
-        noticed. `make test` in the directory compares with the scene at one state on a GPU; `make test-c` does so by the C compiler, where threads are a loop.
+        Returns
+        -------
+        files : dict of str to str
+            File names and contents: NAME.cu, one_thread.h, test_NAME.cu and a Makefile.
 
-        Raises ArgumentError as to_c; OSError where files cannot be written.
+        Raises
+        ------
+        ArgumentError
+            An invalid name, and as to_c.
+        OSError
+            Files that cannot be written.
+
+        Notes
+        -----
+        Each kernel, for instance extern "C" NAME_forward_dynamics(count, q, qd, tau, qdd) with an unsigned long long
+        count, computes one state per thread. Entry i of the q of state s is q[i * count + s]. NAME.cu has no includes:
+        NVRTC compiles it at run time (phipsi.compile(device="cuda")), or nvcc does. Results equal those of form
+        "covariance" to rounding, without an error estimate. `make test` compares the kernels with the scene at one
+        state on a GPU; `make test-c` does so with the C compiler.
+
+        Examples
+        --------
+        >>> files = phipsi.scenes.chain(3).to_cuda(functions=["forward_dynamics"])
+        >>> "robot.cu" in files
+        True
         """
 
     def to_urdf(self, path: str | os.PathLike[str] | None = None, *, name: str = "robot") -> str:
-        """The scene as URDF, which from_urdf reads back to the same numbers but for the rounding of angles; a str.
+        """Write the scene as URDF, which from_urdf reads back to the same numbers, apart from the rounding of angles.
 
-        path: a file to write it to; None: none. name: of the robot. The free joint of a floating base is not written: read it with floating_base=True. Armature,
-        stiffness and rest are attributes of <dynamics>, which other programs pass over. Shapes are those of the scene's file, where it is a URDF that is still there. A revolute joint without limits is written as
-        continuous.
+        Parameters
+        ----------
+        path : str or os.PathLike, optional
+            File to write. None: no file.
+        name : str, default "robot"
+            Name of the robot.
 
-        Raises ArgumentError for what URDF cannot hold, by name: connections, contacts, screw and universal joints, springs at joints of several coordinates, losses of a
-        floating base.
+        Returns
+        -------
+        text : str
+            The URDF.
+
+        Raises
+        ------
+        ArgumentError
+            Parts that URDF cannot represent: connections, contacts, screw and universal joints, springs of joints with
+            several coordinates, losses of a floating base. The message names the part.
+
+        Notes
+        -----
+        The free joint of a floating base is not written: read the file with floating_base=True. Armature, stiffness and
+        rest are attributes of <dynamics>, which other programs ignore. Shapes are copied from the URDF of the scene if
+        it still exists. A revolute joint without limits is written as continuous.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> copy = phipsi.Scene.from_urdf(scene.to_urdf())
+        >>> copy.joint_names == scene.joint_names
+        True
         """
 
     @overload
@@ -1758,18 +3912,52 @@ class Scene:
         title: str | None = None,
         browser: bool = True,
     ) -> Viewer:
-        """Shows the robot in a browser: one pose with a slider a joint, or a motion with a play button. Needs phipsi[view].
+        """Show a configuration or a motion of the robot in a browser; needs the extra phipsi[view].
 
-        motion: None, the neutral configuration; (nq,), a configuration; (k, nq), configurations at the times t, (k,), s; or a Trajectory of one state.
-        forces: (at, force), (k, n, 3) each, arrows at points in the base frame, m, and N; None: those of the contacts or connections of a Trajectory, where
-        they are known. They are drawn to scale, with one on the ground that says how many newtons it is.
-        urdf: the file whose meshes are drawn; None: the one that the scene was read from. Links without a shape there are drawn as capsules of their
-        inertia. to: a file (.html or .htm) that gets the page, which holds all it needs and opens without phipsi or a network; nothing is served then. port: of
-        127.0.0.1; 0: any that is free. title: of the panel. browser: whether to open one.
+        Parameters
+        ----------
+        motion : (nq,) or (k, nq) array_like, or Trajectory, optional
+            A configuration, configurations at the times t, or a trajectory of one state. None: the neutral
+            configuration.
+        t : (k,) array_like, optional
+            Times of the configurations, s.
+        forces : tuple of two (k, n, 3) array_like, optional
+            (at, force): arrows at points in the base frame, m and N, drawn to scale. None: those of the contacts or
+            connections of a Trajectory, if known.
+        urdf : str or os.PathLike, optional
+            File whose meshes are drawn. None: that of the scene. Links without a shape are drawn as capsules of their
+            inertia.
+        to : str or os.PathLike, optional
+            File (.html or .htm) for a self-contained page. Nothing is served then.
+        port : int, default 0
+            Port on 127.0.0.1; 0 selects a free one.
+        title : str, optional
+            Title of the panel.
+        browser : bool, default True
+            If true, open a browser.
 
-        Returns a phipsi.view.Viewer: update(q) moves the robot, wait() keeps a script going, close() ends it; with `to` the path of the page.
+        Returns
+        -------
+        viewer : phipsi.view.Viewer or pathlib.Path
+            update(q) moves the robot, wait() keeps a script running, close() ends it. With `to`, the path of the page.
 
-        Raises ImportError without the extra; ShapeError, NotFiniteError, ArgumentError. Warns MeshWarning where a mesh is not found.
+        Raises
+        ------
+        ImportError
+            The extra `view` is not installed.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Warns
+        -----
+        MeshWarning
+            A mesh that is not found.
+
+        Examples
+        --------
+        >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+        >>> viewer = scene.show(scene.neutral(), browser=False)
+        >>> viewer.close()
         """
 
     @overload
@@ -1791,9 +3979,18 @@ class Scene:
 
 @final
 class SceneBuilder:
-    """Collects links and joints by name, each call returning the builder; build() checks them and makes the Scene.
+    """Builder of a Scene: collects links, joints, connections and contacts by name; build() checks them.
 
-    Builders pickle and copy; a copy goes its own way.
+    Every method that adds a part returns the builder, so calls can be chained. Builders can be pickled and copied;
+    a copy is independent.
+
+    Examples
+    --------
+    >>> import phipsi
+    >>> builder = phipsi.SceneBuilder().link("base").link("rod", mass=1.0, com=(0, 0, -0.5))
+    >>> scene = builder.joint("hinge", "revolute", "base", "rod", axis=(0, 1, 0)).build()
+    >>> scene.mass_matrix([0.0])
+    array([[0.25]])
     """
 
     def __new__(cls) -> SceneBuilder: ...
@@ -1804,12 +4001,34 @@ class SceneBuilder:
         com: ArrayLike = (0, 0, 0),
         inertia: ArrayLike | None = None,
     ) -> SceneBuilder:
-        """Adds a link.
+        """Add a link.
 
-        mass: kg. com: (3,), mass centre in the link's frame, m. inertia: (3, 3), about the mass centre, axes parallel to
-        the link's frame, kg m^2; None for a point mass. A link without mass and inertia is a mere frame.
+        Parameters
+        ----------
+        name : str
+            Name of the link.
+        mass : float, default 0
+            Mass, kg. A link without mass and inertia is a frame.
+        com : (3,) array_like, default (0, 0, 0)
+            Center of mass in the link frame, m.
+        inertia : (3, 3) array_like, optional
+            Inertia about the center of mass, with axes parallel to the link frame, kg m^2. None: a point mass.
 
-        Raises ShapeError or ArgumentError for com and inertia, naming the link; build() checks the rest.
+        Returns
+        -------
+        builder : SceneBuilder
+            The same builder.
+
+        Raises
+        ------
+        ShapeError, ArgumentError
+            Invalid com or inertia. The message names the link; build() checks the rest.
+
+        Examples
+        --------
+        >>> builder = phipsi.SceneBuilder().link("base").link("ball", mass=2.0)
+        >>> builder.joint("free", "floating", "base", "ball").build().total_mass
+        2.0
         """
 
     def joint(
@@ -1837,18 +4056,71 @@ class SceneBuilder:
         mimic_multiplier: float = 1.0,
         mimic_offset: float = 0.0,
     ) -> SceneBuilder:
-        """Adds a joint; the links that it names may come later.
+        """Add a joint. The links that it names may be added later.
 
-        type: "fixed", "revolute", "continuous", "prismatic", "screw", "planar", "universal", "spherical" or "floating". xyz: (3,), m,
-        and rpy: (3,), rad, R = Rz(yaw) Ry(pitch) Rx(roll), or rotation: (3, 3): the child's frame at zero configuration
-        seen from the parent's. axis: (3,), in the child's frame, of any length. pitch: m/rad, for a screw. armature: kg m^2
-        or kg for each degree of freedom, part of the mass matrix. damping (N m s/rad or N s/m), friction (N m or N),
-        stiffness (N m/rad or N/m) and rest (the joint's coordinates there, None: the neutral ones): simulation only. lower, upper,
-        velocity, effort: limits; lower and upper are stops in simulations, the others are reported. mimic: a joint that this one should follow, as mimic_multiplier
-        times its coordinate plus mimic_offset (rad or m); build(mimic="couple") has it follow.
+        Parameters
+        ----------
+        name : str
+            Name of the joint.
+        type : str
+            "fixed", "revolute", "continuous", "prismatic", "screw", "planar", "universal", "spherical" or "floating".
+        parent : str
+            Name of the parent link.
+        child : str
+            Name of the child link.
+        xyz : (3,) array_like, default (0, 0, 0)
+            Origin of the child frame at zero configuration, in the parent frame, m.
+        rpy : (3,) array_like, optional
+            Orientation of the child frame at zero configuration, rad: R = Rz(yaw) Ry(pitch) Rx(roll).
+        rotation : (3, 3) array_like, optional
+            The same as a matrix, instead of rpy.
+        axis : (3,) array_like, default (0, 0, 1)
+            Axis in the child frame, of any length.
+        pitch : float, optional
+            Pitch of a screw joint, m/rad.
+        armature : float, default 0
+            Rotor inertia of each degree of freedom, kg m^2 or kg, part of the mass matrix.
+        damping : float, default 0
+            Viscous damping, N m s/rad or N s/m, in simulations.
+        friction : float, default 0
+            Coulomb friction, N m or N, in simulations.
+        stiffness : float, default 0
+            Stiffness of the spring, N m/rad or N/m, in simulations.
+        rest : float or array_like, optional
+            Coordinates of the joint where the spring is at rest. None: the neutral ones.
+        lower : float, optional
+            Lower position limit, rad or m: a stop in simulations.
+        upper : float, optional
+            Upper position limit, rad or m: a stop in simulations.
+        velocity : float, optional
+            Velocity limit, rad/s or m/s; reported only.
+        effort : float, optional
+            Effort limit, N m or N; reported only.
+        mimic : str, optional
+            Name of a joint to follow, with build(mimic="couple").
+        mimic_multiplier : float, default 1
+            Factor of the coordinate of that joint.
+        mimic_offset : float, default 0
+            Offset that is added, rad or m.
 
-        Raises SceneError for an unknown type or a missing pitch; ShapeError or ArgumentError for arrays, naming the joint;
-        build() checks the rest.
+        Returns
+        -------
+        builder : SceneBuilder
+            The same builder.
+
+        Raises
+        ------
+        SceneError
+            An unknown type, or a screw joint without a pitch.
+        ShapeError, ArgumentError
+            Invalid arrays. The message names the joint; build() checks the rest.
+
+        Examples
+        --------
+        >>> builder = phipsi.SceneBuilder().link("base").link("slider", mass=2.0)
+        >>> scene = builder.joint("rail", "prismatic", "base", "slider", axis=(1, 0, 0), upper=0.5).build()
+        >>> scene.limits.upper
+        array([0.5])
         """
 
     def connect(
@@ -1867,16 +4139,54 @@ class SceneBuilder:
         axis: ArrayLike | None = None,
         length: float | None = None,
     ) -> SceneBuilder:
-        """Closes a loop: connects a frame on a link with a frame on another, or on the world.
+        """Close a kinematic loop: connect a frame on a link with a frame on another link or on the base.
 
-        kind: "point" (the origins coincide: 3 rows), "axis" (the origins coincide, and the direction axis, (3,), in both frames, None: z: a hinge, 5
-        rows), "weld" (the frames coincide: 6 rows), "distance" or "rod" (the origins are length apart, m; None: as in the neutral configuration: 1
-        row). link, other: names of links, which may come later; None: the world, the base's frame. xyz: (3,), m, and rpy: (3,), rad, or rotation: (3,
-        3): the first frame seen from link, as in joint. other_xyz, other_rpy, other_rotation: the second seen from other; none of them: where the
-        first frame is in the neutral configuration.
+        Parameters
+        ----------
+        name : str
+            Name of the connection.
+        kind : {"point", "axis", "weld", "distance", "rod"}
+            "point": the origins coincide (3 rows). "axis": a hinge: the origins and the direction `axis` coincide (5
+            rows). "weld": the frames coincide (6 rows). "distance" or "rod": the origins are `length` apart (1 row).
+        link : str
+            Name of the first link, which may be added later.
+        other : str, optional
+            Name of the second link. None: the base.
+        xyz : (3,) array_like, default (0, 0, 0)
+            Origin of the first frame in `link`, m.
+        rpy : (3,) array_like, optional
+            Orientation of the first frame in `link`, rad, as in joint.
+        rotation : (3, 3) array_like, optional
+            The same as a matrix, instead of rpy.
+        other_xyz : (3,) array_like, optional
+            Origin of the second frame in `other`, m.
+        other_rpy : (3,) array_like, optional
+            Orientation of the second frame in `other`, rad.
+        other_rotation : (3, 3) array_like, optional
+            The same as a matrix. None of the three: the second frame is where the first one is in the neutral
+            configuration.
+        axis : (3,) array_like, optional
+            Direction in both frames, for "axis"; z by default.
+        length : float, optional
+            Length, m, for "distance" and "rod"; by default that in the neutral configuration.
 
-        Raises SceneError for an unknown kind, and an axis or a length that the kind has not; ShapeError or ArgumentError for arrays, naming the
-        connection; build() checks the rest.
+        Returns
+        -------
+        builder : SceneBuilder
+            The same builder.
+
+        Raises
+        ------
+        SceneError
+            An unknown kind, or an axis or a length that the kind does not have.
+        ShapeError, ArgumentError
+            Invalid arrays. The message names the connection; build() checks the rest.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3).to_builder().connect("pin", "point", "link2", xyz=(0, 0, 0.3)).build()
+        >>> scene.connection_names, scene.constraint_jacobian([0.3, 0.2, 0.1]).shape
+        (('pin',), (3, 3))
         """
 
     def contact(
@@ -1891,26 +4201,83 @@ class SceneBuilder:
         offset: float = 0.0,
         restitution: float = 0.0,
     ) -> SceneBuilder:
-        """Adds a contact: a sphere on a link, or a point of it, that does not go through a plane of the world. Simulation only.
+        """Add a contact of a sphere or a point on a link with a fixed plane, with Coulomb friction.
 
-        name: of the contact. link: the name of a link, which may come later. xyz: (3,), the sphere's centre in the link's frame, m. radius: m; 0: a
-        point. normal: (3,), out of the ground, in the base frame, of any length, and offset: m: the plane is where the unit normal times y is offset.
-        friction: Coulomb's coefficient mu, zero or more. restitution: from 0 (no rebound) to 1 (elastic). Two links do not touch each other, and
-        nothing is searched: what may touch is what is named.
+        Parameters
+        ----------
+        name : str
+            Name of the contact.
+        link : str
+            Name of the link, which may be added later.
+        friction : float
+            Coefficient of Coulomb friction, not negative.
+        xyz : (3,) array_like, default (0, 0, 0)
+            Center of the sphere in the link frame, m.
+        radius : float, default 0
+            Radius, m; 0: a point.
+        normal : (3,) array_like, default (0, 0, 1)
+            Outward normal of the plane in the base frame, of any length.
+        offset : float, default 0
+            Distance of the plane from the origin along the normal, m.
+        restitution : float, default 0
+            Coefficient of restitution, from 0 (no rebound) to 1 (elastic).
 
-        Raises ShapeError or ArgumentError for arrays, naming the contact. build() raises SceneError, naming the contact, for a name used twice, a
-        link that is not there or cannot move, a normal without direction, numbers that are out of range or not finite, and connections beside
-        contacts.
+        Returns
+        -------
+        builder : SceneBuilder
+            The same builder.
+
+        Raises
+        ------
+        ShapeError, ArgumentError
+            Invalid arrays. The message names the contact.
+
+        Notes
+        -----
+        Contacts act in simulations only. There is no collision detection: only the named pairs can touch, and links do
+        not touch each other. build() raises SceneError for duplicate names, links that are unknown or cannot move, a
+        normal of length zero, values out of range, and contacts together with connections.
+
+        Examples
+        --------
+        >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
+        >>> scene = builder.contact("foot", "ball", friction=0.5, radius=0.1).build(floating_base=True)
+        >>> scene.contact_gaps([0, 0, 0.3, 0, 0, 0, 1]).round(3)
+        array([0.2])
         """
 
     def couple(
         self, name: str, joint: str, other: str | None = None, *, multiplier: float = 1.0, offset: float = 0.0
     ) -> SceneBuilder:
-        """Couples a joint to another: its coordinate is multiplier times that one's, plus offset (rad or m), kept by a force: 1 row.
+        """Couple two joints by a constraint force (1 row): coordinate = multiplier * other coordinate + offset.
 
-        name: of the connection. joint, other: names of joints of one axis, which may come later; other None: the coordinate is offset.
+        Parameters
+        ----------
+        name : str
+            Name of the connection.
+        joint : str
+            Name of a joint with one axis, which may be added later.
+        other : str, optional
+            Name of the other joint with one axis. None: the coordinate equals offset.
+        multiplier : float, default 1
+            Factor of the coordinate of the other joint.
+        offset : float, default 0
+            Offset, rad or m.
 
-        build() raises SceneError for joints that are not there or have several axes, and for numbers that are not finite.
+        Returns
+        -------
+        builder : SceneBuilder
+            The same builder.
+
+        Notes
+        -----
+        build() raises SceneError for unknown joints, joints with several axes and non-finite numbers.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1", multiplier=-2.0).build()
+        >>> scene.constraint_error([0.0, 0.1, 0.0]).round(3)
+        array([0.2])
         """
 
     def build(
@@ -1923,20 +4290,60 @@ class SceneBuilder:
         mimic: Literal["couple", "free"] | None = None,
         tolerance: float | None = None,
     ) -> Scene:
-        """Checks everything and makes the Scene; the builder can be used again.
+        """Check all parts and create the Scene. The builder can be used again.
 
-        floating_base: puts a free joint under the root link, named as in Scene.from_urdf. gravity: (3,), m/s^2, in the base
-        frame. strict: unphysical inertias raise instead of warning. leave_out, mimic: as in Scene.from_urdf. What is None is as the
-        builder has it: a fixed base, (0, 0, -9.81), False, all and "free" in a new one, the scene's own in one from Scene.to_builder.
+        Parameters
+        ----------
+        floating_base : bool, optional
+            If true, add a free joint below the root link, as in Scene.from_urdf.
+        gravity : (3,) array_like, optional
+            Gravity in the base frame, m/s^2.
+        strict : bool, optional
+            If true, unphysical inertias raise instead of warning.
+        leave_out : collection of str, optional
+            Names of the simplifications to allow: "fixed_joints", "base_links", "renamed_axes", "tilted_axes",
+            "zero_velocity" and "zero_gravity". None: all. They change results by rounding only; see Scene.plan.
+        mimic : {"free", "couple"}, optional
+            Treatment of mimic joints, as in Scene.from_urdf.
+        tolerance : float, optional
+            Geometric tolerance of linkages, 0 to 0.1: an angle in rad, or a length relative to the reach of the loop.
+            Rows of connections that are dependent within it count as dependent, with a LinkageWarning at the first call
+            that finds one (see Scene.project). Default: 3e-5, or 5e-3, 2e-3 or 2e-4 for a URDF whose angles have two,
+            three or four decimals. With strict=True, only rows that are dependent within rounding count.
 
-        tolerance: geometric tolerance of linkages, an angle in rad or a length over the reach of the loop, 0 to 0.1: rows of connections that depend on each other to within it
-        count as dependent, with a LinkageWarning at the first call that finds one (Scene.project has the details). None: 3e-5; 5e-3, 2e-3 or 2e-4 for a URDF whose angles have two, three or four
-        decimals. With strict=True only rows that depend on each other to within rounding do, and an axis that is drawn 1e-6 rad off makes a planar linkage rigid.
+        Returns
+        -------
+        scene : Scene
+            The scene.
 
-        Raises SceneError, naming link or joint, for: no link, a name used twice, an unknown parent or child, two parents,
-        two roots, a cycle, an axis without direction, numbers that are not finite, negative mass, armature, damping or
-        friction, lower above upper, a floating base of what floats already; naming the connection, for links or joints that are not there or cannot be connected. Warns InertiaWarning for
-        inertias that no body can have, and MimicWarning, as Scene.from_urdf does.
+        Raises
+        ------
+        SceneError
+            No link, duplicate names, an unknown parent or child, two parents, two roots, a cycle, an axis of length
+            zero, non-finite numbers, negative mass, armature, damping or friction, lower above upper, a floating base
+            of a floating robot, or connections and contacts that name unknown or unsuitable parts. The message names
+            the part.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Warns
+        -----
+        InertiaWarning
+            An inertia that no rigid body can have.
+        MimicWarning
+            A mimic joint that is independent.
+
+        Notes
+        -----
+        None means the value of the builder: a fixed base, gravity (0, 0, -9.81), strict=False, all simplifications and
+        mimic="free" in a new builder; the values of the scene in a builder from Scene.to_builder.
+
+        Examples
+        --------
+        >>> builder = phipsi.SceneBuilder().link("base", mass=1.0)
+        >>> scene = builder.build(floating_base=True, gravity=(0, 0, 0))
+        >>> scene.nv
+        6
         """
 
     def _set_file(self, file: str | os.PathLike[str]) -> None: ...
@@ -1966,81 +4373,148 @@ def _unwritten(count: int, /) -> _Array: ...
 
 @final
 class Simulator:
-    """States that are advanced call by call: what a controller, a learner or a game loop steps.
+    """States that are advanced by calls of step, for controllers, learning and real-time loops.
 
-    Made by Scene.simulator. A step has the bits that it has in Scene.simulate, however steps are cut into calls, and whatever states are beside it.
-    Scratch is kept between steps. The batch, (...), has the axes that q, qd and the targets of pd broadcast to; large ones run in lanes and on threads.
+    Create it with Scene.simulator. The batch has the axes to which q, qd and the targets of pd broadcast; large
+    batches are vectorized and run on threads. Results are bit-identical to those of Scene.simulate, for any
+    division of the steps into calls and any batch. Intermediate results are preallocated.
 
-    One call at a time: while one is under way, others on the same simulator (of other threads, or of a signal handler) raise ArgumentError. Copies and
-    pickles are simulators of their own, at the same state, which go on with the same bits.
+    During a call, other calls on the same simulator raise ArgumentError. Copies and pickles are independent
+    simulators at the same state.
+
+    Examples
+    --------
+    >>> simulator = phipsi.scenes.chain(3).simulator([0.3, 0.2, 0.1], dt=1e-3)
+    >>> for step in range(10):
+    ...     simulator.step(tau=-0.1 * simulator.qd)
+    >>> np.isclose(simulator.t, 0.01)
+    np.True_
     """
 
     def step(self, tau: ArrayLike | None = None, steps: int = 1) -> None:
-        """Makes steps of dt in all states, tau held over them.
+        """Advance all states by steps of dt, with constant joint torques.
 
-        tau: (nv,), or (..., nv) with axes that broadcast to the batch, N m or N; None: zero. steps: how many.
+        Parameters
+        ----------
+        tau : (..., nv) array_like, optional
+            Joint torques, N m or N, which broadcast to the batch. None: zero.
+        steps : int, default 1
+            Number of steps.
 
-        Returns nothing: q, qd and t are the new state.
+        Raises
+        ------
+        SimulationError
+            The motion diverges or a pivot is lost. .step, .joint, .state and .trajectory (one row) describe it. All
+            states are at the last step that all of them finished; reset(q, qd, states=error.state) lets the others
+            continue.
+        SimulationInterrupted
+            Ctrl-C (a KeyboardInterrupt), likewise.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument; no state has moved.
 
-        Raises SimulationError where motion diverges or a pivot is lost, with .step, .joint, .state and .trajectory, whose one row is the state now:
-        all states, and their times, are after the last step that all of them finished. reset(q, qd, states=error.state) lets the others go on.
-        Raises SimulationInterrupted (a KeyboardInterrupt) on Ctrl-C, likewise; ShapeError, NotFiniteError, ArgumentError, after which nothing has moved.
+        Examples
+        --------
+        >>> simulator = phipsi.scenes.chain(3).simulator([0.3, 0.2, 0.1], dt=1e-3)
+        >>> simulator.step([0.5, 0.0, 0.0], steps=100)
+        >>> bool(simulator.qd[0] > 0.0)
+        True
         """
     def reset(self, q: ArrayLike, qd: ArrayLike | None = None, *, states: Any = None) -> None:
-        """Begins states anew, at time zero; the others stay as they are.
+        """Set states and their times to a new start; the other states remain.
 
-        q: (..., nq); qd: (..., nv), zero if not given. states: None for all, or whatever selects states of an array of the batch's shape in NumPy: a
-        mask of that shape, an index, a list of them, a slice. q and qd broadcast to what it selects, as in array[states] = q.
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like, optional
+            Joint velocities, rad/s or m/s; zero by default.
+        states : optional
+            Selection of states as in array[states] = q: a mask, an index, a list of indices or a slice. None: all.
 
-        Warns (LimitWarning) of joints that begin beyond limits that are stops, as Scene.simulator does. Raises ShapeError, NotFiniteError, ArgumentError, each naming the
-        argument and the state; all states are then as they were.
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Warns
+        -----
+        LimitWarning
+            Joints that start outside of limits that are stops.
+
+        Notes
+        -----
+        If the call raises, all states are unchanged.
+
+        Examples
+        --------
+        >>> simulator = phipsi.scenes.chain(3).simulator(np.zeros((4, 3)), dt=1e-3)
+        >>> simulator.step(steps=10)
+        >>> simulator.reset([0.3, 0.2, 0.1], states=2)
+        >>> simulator.t
+        array([0.01, 0.01, 0.  , 0.01])
         """
     @property
     def q(self) -> _Array:
-        """Configurations now, (..., nq); a copy."""
+        """Current joint positions, (..., nq), rad or m, a copy."""
     @property
     def qd(self) -> _Array:
-        """Rates now, (..., nv); a copy."""
+        """Current joint velocities, (..., nv), rad/s or m/s, a copy."""
     @property
     def t(self) -> Any:
-        """How long each state has moved since it began or was reset, (...), s: a number for one state, else an array, a copy."""
+        """Time since the start or last reset of each state, (...), s: a float for one state, otherwise an array."""
     @property
     def steps(self) -> int:
-        """How many steps were made, resets or not."""
+        """Number of steps since the creation of the simulator; reset does not change it."""
     @property
     def dt(self) -> float:
-        """The step, s."""
+        """Step, s."""
     @property
     def method(self) -> str:
-        """How states are advanced, one of the names that Scene.simulate has for it."""
+        """Integration method, one of the names of Scene.simulate."""
     @property
     def scene(self) -> Scene:
-        """The scene that moves."""
+        """Scene that is simulated."""
     @property
     def batch(self) -> tuple[int, ...]:
-        """The axes of the batch; () for one state."""
+        """Shape of the batch; () for one state."""
     @property
     def contacts(self) -> ContactMotion | None:
-        """The contacts now, a ContactMotion: force of the last step, impulse of all impacts since the state began or was reset; None for a scene without contacts."""
+        """Contact forces of the last step and impulses since the start or reset, as ContactMotion; None without contacts."""
 
     @property
     def momentum_correction(self) -> MomentumCorrection | None:
-        """The largest corrections that conserve_momentum made in each state since it began or was reset, a MomentumCorrection; None without it."""
+        """Largest corrections by conserve_momentum since the start or reset, as MomentumCorrection; None without it."""
     def take_stops(self) -> list[StopImpact]:
-        """Returns the impacts of joints on their stops since the last call, and forgets them.
+        """Return the impacts of joints on their stops since the last call, and clear the list.
 
         Returns
         -------
-        list of StopImpact
-            By state and time; times are those of each state.
+        stops : list of StopImpact
+            Sorted by state and time; times are those of each state.
+
+        Examples
+        --------
+        >>> builder = phipsi.SceneBuilder().link("rail").link("cart", mass=1.0)
+        >>> scene = builder.joint("x", "prismatic", "rail", "cart", axis=(1, 0, 0), upper=0.5).build()
+        >>> simulator = scene.simulator([0.0], [1.0], dt=0.01)
+        >>> simulator.step(steps=100)
+        >>> [(stop.joint, stop.limit, round(stop.speed, 3)) for stop in simulator.take_stops()]
+        [('x', 'upper', 1.0)]
         """
     def __reduce__(self) -> tuple[Any, tuple[Any, ...]]: ...
 
 @final
 class RandomModel:
-    """The spatially random model of a scene at one configuration (1.1 to 1.6): w(k) ~ N(b(k), s M(k)), X = phi W, T = H X + v.
+    """Spatially random model at one configuration (1.1 to 1.6): w(k) ~ N(b(k), s M(k)), X = phi W, T = H X + v.
 
-    Made by Scene.random_model. s is the acceleration variance, (rad/s^2)^2 of one kg m^2; v has the variance s times the armature.
+    Create it with Scene.random_model. s is the acceleration variance, (rad/s^2)^2 of 1 kg m^2; v has the variance s
+    times the armature.
+
+    Examples
+    --------
+    >>> model = phipsi.scenes.chain(3).random_model([0.3, 0.2, 0.1])
+    >>> model.nv, model.dimension
+    (3, 18)
     """
 
     @property
@@ -2049,24 +4523,76 @@ class RandomModel:
 
     @property
     def dimension(self) -> int:
-        """Random numbers a sample: six a body (fewer for rods, point masses and frames), one a joint with armature."""
+        """Random numbers per sample: six per body (fewer for rods, point masses and frames), one per joint with armature."""
 
     @property
     def acceleration_variance(self) -> float:
-        """s, (rad/s^2)^2 of one kg m^2."""
+        """Acceleration variance s, (rad/s^2)^2 of 1 kg m^2."""
 
     def sample(self, samples: int, *, seed: int, first: int | None = None) -> Samples:
-        """Samples of the model: the named tuple Samples(process, force, torque).
+        """Samples of the process W, the force X = phi W and the torque T = H X + v.
 
-        samples: how many; seed: an integer from 0 to 2^64 - 1; first: the number of the first sample, 0 if not given. Sample i
-        of a seed is the same whatever is drawn with it and on however many threads. process and force: (samples, nv, 6), W and
-        X = phi W in body frames, a block a degree of freedom as in Factor; torque: (samples, nv), T = H X + v.
+        Parameters
+        ----------
+        samples : int
+            Number of samples.
+        seed : int
+            Seed, from 0 to 2^64 - 1.
+        first : int, optional
+            Number of the first sample, 0 by default. Sample i of a seed does not depend on the others or on the
+            threads.
 
-        Raises ArgumentError for a bad count or seed; OutOfMemoryError for more samples than there is room for.
+        Returns
+        -------
+        samples : Samples
+            Named tuple: process and force, (samples, nv, 6), in body frames with one block per degree of freedom as in
+            Factor; torque, (samples, nv).
+
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+        OutOfMemoryError
+            A result that does not fit in memory. The message names the argument that determines its size.
+
+        Examples
+        --------
+        >>> model = phipsi.scenes.chain(3).random_model([0.3, 0.2, 0.1])
+        >>> one, other = model.sample(4, seed=1), model.sample(2, seed=1, first=2)
+        >>> np.array_equal(one.torque[2:], other.torque)
+        True
         """
 
     def sample_torque(self, samples: int, *, seed: int, first: int | None = None) -> _Array:
-        """The torques alone of the same samples, (samples, nv): arguments and errors as of sample()."""
+        """Samples of the joint torques T = H X + v only, equal to those of sample.
+
+        Parameters
+        ----------
+        samples : int
+            Number of samples.
+        seed : int
+            Seed, from 0 to 2^64 - 1.
+        first : int, optional
+            Number of the first sample, 0 by default.
+
+        Returns
+        -------
+        torque : (samples, nv) ndarray
+            Joint torques, N m or N.
+
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+        OutOfMemoryError
+            A result that does not fit in memory. The message names the argument that determines its size.
+
+        Examples
+        --------
+        >>> model = phipsi.scenes.chain(3).random_model([0.3, 0.2, 0.1])
+        >>> np.array_equal(model.sample_torque(4, seed=1), model.sample(4, seed=1).torque)
+        True
+        """
 
     def mass_matrix(
         self,
@@ -2077,15 +4603,44 @@ class RandomModel:
         confidence: float = 0.95,
         replicates: int = 8,
     ) -> MassEstimate:
-        """The mass matrix as the covariance of T (5.1), with what is known of its error: the named tuple MassEstimate.
+        """Mass matrix as the covariance of sampled joint torques T (eq. 5.1), with confidence intervals.
 
-        method: "monte-carlo", independent samples, whose error falls as samples^-1/2; "sobol", scrambled Sobol points, samples
-        being replicates times a power of two, about samples^-1; "sigma-points", exact, which takes neither samples nor seed.
-        confidence: of the interval of each entry, between 0 and 1. replicates: scrambles, at least 2, for "sobol" only.
+        Parameters
+        ----------
+        samples : int, optional
+            Number of samples; for "sobol" replicates times a power of two, for "sigma-points" none.
+        seed : int, optional
+            Seed, from 0 to 2^64 - 1; for "sigma-points" none.
+        method : {"monte-carlo", "sobol", "sigma-points"}, default "monte-carlo"
+            Independent samples, with an error of samples^-1/2; scrambled Sobol points, about samples^-1; or sigma
+            points, exact.
+        confidence : float, default 0.95
+            Confidence of the interval of each entry, between 0 and 1.
+        replicates : int, default 8
+            Number of scrambles, at least 2, for "sobol" only.
 
-        Memory does not grow with the samples.
+        Returns
+        -------
+        estimate : MassEstimate
+            Named tuple (mass_matrix, standard_error, low, high, samples, confidence).
 
-        Raises ArgumentError, naming the argument; OutOfMemoryError for more replicates than there is room for.
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+        OutOfMemoryError
+            A result that does not fit in memory. The message names the argument that determines its size.
+
+        Notes
+        -----
+        The memory does not grow with the number of samples.
+
+        Examples
+        --------
+        >>> model = phipsi.scenes.chain(3).random_model([0.3, 0.2, 0.1])
+        >>> estimate = model.mass_matrix(2000, seed=1)
+        >>> bool((estimate.low <= estimate.high).all())
+        True
         """
 
     def __copy__(self) -> RandomModel: ...
@@ -2094,7 +4649,7 @@ class RandomModel:
 
 @final
 class RawFactor:
-    """The compiled half of phipsi.operators.Factor: applies operators by name."""
+    """Compiled part of phipsi.operators.Factor: applies operators by name."""
 
     @property
     def nv(self) -> int:
@@ -2105,22 +4660,22 @@ class RawFactor:
         """Leading axes of the configurations."""
 
     def log_det(self) -> Any:
-        """log det M of every configuration, shape of the batch."""
+        """log det M of every configuration, with the shape of the batch."""
 
     def pivots(self) -> _Array:
-        """D of every configuration, (..., nv)."""
+        """Pivots D of every configuration, (..., nv)."""
 
     def shape(self, kind: str, /) -> tuple[int, int]:
-        """(rows, columns) of the operator of that name."""
+        """Shape (rows, columns) of an operator."""
 
     def apply(self, kind: str, transpose: bool, x: ArrayLike, /) -> _Array:
-        """The operator of that name times x, (..., columns), by a sweep; its transpose's if so said."""
+        """Product of an operator, or of its transpose, with x, (..., columns), by a sweep."""
 
     def update(self, q: ArrayLike, /) -> int:
-        """Moves every factor to its configuration in q, the shape that the factor was made with; how many bodies were computed anew, in all."""
+        """Update the factors to the configurations q, of the same shape; returns the number of recomputed bodies."""
 
     def dense(self, kind: str, /) -> _Array:
-        """The operator of that name as a matrix, (..., rows, columns), built from its definition and not by a sweep."""
+        """Operator as a matrix, (..., rows, columns), from its definition and not by a sweep."""
 
     def __copy__(self) -> RawFactor: ...
     def __deepcopy__(self, memo: Any, /) -> RawFactor: ...
@@ -2128,36 +4683,38 @@ class RawFactor:
 
 @final
 class Reference:
-    """Joint accelerations in double-double, the reference of a report."""
+    """Joint accelerations in double-double arithmetic, the reference of a report."""
 
     def toarray(self) -> _Array:
-        """The reference rounded to float64, (n, nv)."""
+        """Reference rounded to float64, (n, nv)."""
 
 @final
 class Exact:
-    """A quantity of one state in double-double arithmetic, and what is measured against it.
+    """Quantity of one state in double-double arithmetic, and errors measured against it.
 
     quantity: one of QUANTITIES; q: (nq,), qd: (nv,); u: (nv,), torques, or accelerations for "inverse dynamics".
-    Raises ArgumentError for an unknown quantity, ShapeError and NotFiniteError for arrays, SingularJointError.
+    Raises ArgumentError for an unknown quantity, ShapeError and NotFiniteError for arrays, and SingularJointError.
     """
 
     def __new__(cls, scene: Scene, quantity: str, q: ArrayLike, qd: ArrayLike, u: ArrayLike) -> Exact: ...
     def toarray(self) -> _Array:
-        """The answer rounded to float64, (nv,) or (nv * nv,)."""
+        """Exact result rounded to float64, (nv,) or (nv * nv,)."""
 
     def difference(self, found: ArrayLike, /) -> tuple[float, _Array]:
-        """How far numbers of another program are from it, relative: the max-norm, and each component against its own size."""
+        """Relative error of a result of another program: the max-norm, and each component relative to its own size."""
 
     def error(self, method: str, precision: str = "float64") -> tuple[float, _Array, str | None]:
-        """The error of one method (one of FORMS; the library's recursion for other quantities than forward dynamics) in
-        "float64" or "float32": (max-norm, components, reason); NaN and a reason where the method failed, else None.
+        """Error of a method in "float64" or "float32": (max-norm, components, reason).
+
+        method: one of FORMS; for other quantities than forward dynamics, the recursion of the library. After a failure,
+        the errors are NaN and the reason is a text, otherwise None.
         """
 
     def sensitivity(self, draws: int = 4, seed: int = 0) -> dict[str, tuple[float, _Array]]:
-        """By how much the answer changes when numbers move by one unit in the last place: kind of number to (max-norm, components)."""
+        """Change of the exact result for one unit in the last place of an input: kind to (max-norm, components)."""
 
     def time(self, method: str, precision: str, repeats: int) -> float:
-        """Median time of one method on this state over repeats calls, ns; for forward dynamics."""
+        """Median time (ns) of a method of forward dynamics on this state over repeats calls."""
 
 BUNDLED_ARM: str
 FORMS: tuple[str, ...]
@@ -2169,7 +4726,7 @@ def residuals(scene: Scene, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> list
     """Residuals at one state, as (name, relative residual, whether rounding grows with the condition number of M)."""
 
 def reference(scene: Scene, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> Reference:
-    """The accelerations of n states in double-double, about 31 digits; q: (n, nq), qd, tau: (n, nv)."""
+    """Accelerations of n states in double-double arithmetic, about 31 digits; q: (n, nq), qd and tau: (n, nv)."""
 
 def measure(
     scene: Scene,
@@ -2181,49 +4738,79 @@ def measure(
     reference: Reference,
     repeats: int,
 ) -> tuple[float, _Array]:
-    """Median time a state (ns) of one method in one precision, and the error of each state against the reference.
+    """Median time per state (ns) of a method in a precision, and the error of each state compared with the reference.
 
-    What is timed is `Scene::evaluate` in Rust, one state a call, and the error is that of the same calls. method: one of METHODS;
-    precision: "float64" or "float32"; repeats: passes over the states. The error is the largest over the joints, relative to the largest
-    acceleration; NaN where the method met a bad pivot.
+    Times `Scene::evaluate` in Rust, one state per call; the error is that of the same calls, the largest over the
+    joints relative to the largest acceleration, or NaN after an invalid pivot. method: one of METHODS; precision:
+    "float64" or "float32"; repeats: passes over the states.
     """
 
 def growth(bodies: int, repeats: int) -> tuple[float, float, float]:
-    """`Scene::evaluate` in Rust on a chain of bodies equal links, one state a call, median ns a body over repeats passes: forward
-    dynamics in form "auto" and in form "covariance", and inverse dynamics.
+    """Median time per body (ns) on a chain: forward dynamics in the forms "auto" and "covariance", inverse dynamics.
+
+    Times `Scene::evaluate` in Rust, one state per call, over repeats passes.
     """
 
 def method_call(method: str) -> tuple[str, str | None]:
-    """What a method of METHODS calls in Rust, and the form it asks for; None where its calls have none."""
+    """Rust function of a method of METHODS, and its form; None if its calls have no form."""
 
 def emergence(scene: Scene, q: ArrayLike, route: str, samples: int, seed: int, repeats: int) -> tuple[float, float]:
-    """Median time (ns) of one route from q to the mass matrix, and its relative error (Frobenius norm, against double-double).
+    """Median time (ns) of a route from q to the mass matrix, and its error relative to double-double arithmetic.
 
-    route: one of ROUTES; samples and seed are for "monte-carlo" and "sobol" (a power of two); repeats: how often it is timed.
+    route: one of ROUTES; samples and seed: for "monte-carlo" and "sobol" (a power of two); repeats: number of
+    timings. The error is in the Frobenius norm.
     """
 
 def operator_growth(bodies: int, repeats: int) -> list[tuple[str, float]]:
-    """Applying each operator, and with a star its transpose, on a chain of bodies equal links: (name, median ns a body)."""
+    """Median time per body (ns) of each operator, and with a star of its transpose, on a chain: (name, ns)."""
 
 def extreme(
     name: str, value: float | None, bodies: int | None, seed: int
 ) -> tuple[Scene, _Array, _Array, _Array, str, float, str, tuple[float, ...]]:
-    """The extreme case of that name, as (scene, q, qd, tau, name, value, parameter, values); see phipsi.scenes.extreme."""
+    """Extreme case as (scene, q, qd, tau, name, value, parameter, values); see phipsi.scenes.extreme."""
 
 def extreme_names() -> tuple[str, ...]:
-    """The names of the extreme cases."""
+    """Names of the extreme cases; see phipsi.scenes.names."""
 
 def chain(n: int) -> Scene:
-    """A chain of n equal links; see phipsi.scenes.chain."""
+    """Chain of n equal links; see phipsi.scenes.chain."""
 
 def set_num_threads(threads: int | None) -> None:
-    """Sets how many threads batches use from now on, in this process and those that it forks; calls under way keep theirs.
+    """Set the number of threads for batches in this process and its forks; running calls keep theirs.
 
-    threads: the caller's and others, 1 for none beside the caller's; None or 0 for what the environment variable
-    RAYON_NUM_THREADS says, or as many as the machine has, which is what a process begins with. Results have the same bits for any number.
+    Parameters
+    ----------
+    threads : int or None
+        Number of threads, including that of the caller; 1: only that. None or 0: RAYON_NUM_THREADS, or one per
+        core, which is the initial setting.
 
-    Raises ArgumentError for what is no number of threads, or for more than the system gives; what was set before then stays.
+    Raises
+    ------
+    ArgumentError
+        An invalid number, or more threads than the system provides. The previous setting remains.
+
+    Notes
+    -----
+    Results are bit-identical for any number of threads.
+
+    Examples
+    --------
+    >>> phipsi.set_num_threads(1)
+    >>> phipsi.get_num_threads()
+    1
+    >>> phipsi.set_num_threads(None)
     """
 
 def get_num_threads() -> int:
-    """How many threads the next batch uses; 1 where it runs on the caller's alone. Starts them where they are not there yet."""
+    """Number of threads that the next batch uses; 1 if it runs on that of the caller. Starts the threads if necessary.
+
+    Returns
+    -------
+    threads : int
+        Number of threads, including that of the caller.
+
+    Examples
+    --------
+    >>> phipsi.get_num_threads() >= 1
+    True
+    """

@@ -80,7 +80,7 @@ methods! {
         scene.kinematic_quantity(py, &KinematicQuantity::CenterOfMassJacobian, [q], errors)
     }
 
-    /// Centroidal momentum matrix A: the momentum (angular about the center of mass, linear) in the base frame is A qd.
+    /// Centroidal momentum matrix A: A qd is (angular momentum about the center of mass, linear), in base axes.
     #[doc = parameters!(q errors)]
     #[doc = section!(Returns)]
     /// A : (..., 6, nv) ndarray
@@ -98,7 +98,7 @@ methods! {
         scene.kinematic_quantity(py, &KinematicQuantity::CentroidalMomentumMatrix, [q], errors)
     }
 
-    /// Time derivative A' of the centroidal momentum matrix along qd: the centroidal momentum changes at A qdd + A' qd.
+    /// Time derivative A' of the centroidal momentum matrix along qd: the momentum changes at A qdd + A' qd.
     #[doc = parameters!(q qd errors)]
     #[doc = section!(Returns)]
     /// dA : (..., 6, nv) ndarray

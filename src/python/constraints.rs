@@ -119,8 +119,8 @@ methods! {
     #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
     /// >>> dynamics = scene.constrained_dynamics([0.0, 0.1, 0.1], np.zeros(3), [0.0, 0.1, 0.0])
-    /// >>> np.isclose(dynamics.qdd[1], dynamics.qdd[2]), dynamics.forces["gear"].shape
-    /// (np.True_, (1,))
+    /// >>> np.allclose(dynamics.qdd[1], dynamics.qdd[2]), dynamics.forces["gear"].shape
+    /// (True, (1,))
     fn constrained_dynamics(q, qd, tau; compliance, form, tolerance, wrenches, errors) |scene, py| {
         scene.scene.check_independent()?;
         let (algorithm, tolerance) = read_judged(&scene.scene, (form, tolerance), Algorithm::ConstrainedDynamics)?;

@@ -43,7 +43,7 @@ methods! {
         class.call1((part(&all, 2, 0)?, part(&all, 2, 1)?, part(&all, 2, 2)?))
     }
 
-    /// Analytical derivatives of forward dynamics, in the tangent space of q: dqdd/dq, dqdd/dqd and dqdd/dtau = M^-1.
+    /// Analytical derivatives of forward dynamics in the tangent space of q: dqdd/dq, dqdd/dqd, dqdd/dtau = M^-1.
     #[doc = parameters!(q qd tau form)]
     /// tolerance : float, optional
     ///     Replaces both bounds of form "auto": that of forward_dynamics for the factor of M, and 1e-11 of the largest

@@ -51,7 +51,8 @@ dgravity : (..., 3) array_like, optional
     };
     (wrenches) => {
         "wrenches : dict of str to (..., 6) array_like, optional
-    External forces by link name: (moment, force) at the origin and in the frame of the link, N m and N."
+    External forces by link name (links on fixed joints too): (moment, force) at the origin and in the frame of
+    the link, N m and N."
     };
     (form) => {
         r#"form : {"auto", "covariance", "joseph", "square-root"}, default "auto"
@@ -63,7 +64,7 @@ dgravity : (..., 3) array_like, optional
     };
     (out) => {
         "out : ndarray, optional
-    C-contiguous array of the shape and dtype of the result. It receives the result and is returned."
+    C-contiguous array of the shape and dtype of the result, without overlap with the arguments. It is returned."
     };
     (dtype) => {
         r#"dtype : {"float64", "float32"} or numpy dtype, optional

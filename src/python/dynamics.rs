@@ -13,7 +13,7 @@ use pyo3::prelude::*;
 const DENSE_LIMIT: usize = 4000;
 
 methods! {
-    /// Joint accelerations from joint torques, in O(N): M qdd + bias = tau + J^T w, by a Kalman filter and a smoother.
+    /// Joint accelerations from joint torques, in O(N): M qdd + bias = tau + J^T w, by a filter and a smoother.
     #[doc = parameters!(q qd tau)]
     /// form : {"auto", "covariance", "joseph", "square-root"}, default "auto"
     ///     Form of the covariance P in the filter. "covariance" (eq. 3.6) is the fastest; "square-root" is accurate at
@@ -112,7 +112,7 @@ methods! {
         scene.evaluate(py, Algorithm::BiasTorque, [q, &rest], &Keywords { out, dtype, ..Keywords::of(errors) })
     }
 
-    /// Joint-space mass matrix M(q), the covariance of the joint torques (eq. 5.1), with the armature on its diagonal.
+    /// Joint-space mass matrix M(q) including armature: the covariance of the joint torques (eq. 5.1).
     #[doc = parameters!(q out dtype errors)]
     #[doc = section!(Returns)]
     /// M : (..., nv, nv) ndarray

@@ -10,7 +10,7 @@ use pyo3::types::PyDict;
 
 #[pymethods]
 impl PyScene {
-    /// Poses of all links by name: homogeneous matrices from the link frame to the base frame (forward kinematics).
+    /// Poses of all links by name (forward kinematics): homogeneous matrices from link to base frame.
     #[doc = parameters!(q errors)]
     #[doc = section!(Returns)]
     /// poses : dict of str to (..., 4, 4) ndarray
@@ -82,8 +82,8 @@ methods! {
     #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> q, qd = np.array([0.3, 0.2, 0.1]), np.array([1.0, 0.5, 0.2])
-    /// >>> np.isclose(scene.kinetic_energy(q, qd), qd @ scene.mass_matrix(q) @ qd / 2)
-    /// np.True_
+    /// >>> np.allclose(scene.kinetic_energy(q, qd), qd @ scene.mass_matrix(q) @ qd / 2)
+    /// True
     fn kinetic_energy(q, qd; errors) |scene, py| {
         scene.kinematic_quantity(py, &KinematicQuantity::KineticEnergy, [q, qd], errors)
     }
@@ -99,13 +99,13 @@ methods! {
     #[doc = section!(Examples)]
     /// >>> scene, q = phipsi.scenes.chain(3), [0.3, 0.2, 0.1]
     /// >>> weight = scene.total_mass * np.array(scene.gravity)
-    /// >>> np.isclose(scene.potential_energy(q), -weight @ scene.center_of_mass(q))
-    /// np.True_
+    /// >>> np.allclose(scene.potential_energy(q), -weight @ scene.center_of_mass(q))
+    /// True
     fn potential_energy(q; errors) |scene, py| {
         scene.kinematic_quantity(py, &KinematicQuantity::PotentialEnergy, [q], errors)
     }
 
-    /// Spatial momentum of all moving links: (angular about the origin of the base frame, linear), in the base frame.
+    /// Spatial momentum of all moving links in the base frame: (angular about its origin, linear).
     #[doc = parameters!(q qd errors)]
     #[doc = section!(Returns)]
     /// h : (..., 6) ndarray

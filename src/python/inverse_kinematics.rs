@@ -148,8 +148,7 @@ impl PyScene {
     ///     singularities.
     /// limits : bool, default True
     ///     If true, joints, and joints coupled to them, stay within their limits. A joint outside of its limits
-    /// returns as
-    ///     fast as its velocity limit allows.
+    ///     returns as fast as its velocity limit allows.
     /// velocity : float or (..., nv) array_like, optional
     ///     Velocity limits instead of those of the joints, rad/s or m/s; inf: none. A floating base has limits only
     ///     here.

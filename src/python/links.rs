@@ -16,7 +16,7 @@ use pyo3::types::PyString;
 
 #[pymethods]
 impl PyScene {
-    /// Pose of one link or of several: homogeneous matrices from the link frame to the base frame (forward kinematics).
+    /// Pose of one link or of several (forward kinematics): homogeneous matrices from link to base frame.
     #[doc = parameters!(q)]
     /// link : str or sequence of str
     ///     Link name or L link names; links on the base and repeated names are allowed.
@@ -87,7 +87,7 @@ methods! {
         scene.kinematic_quantity(py, &KinematicQuantity::Velocity(&frame, reference), [q, qd], errors)
     }
 
-    /// Spatial acceleration of a link relative to the base, (angular, linear), at joint accelerations qdd; no gravity.
+    /// Spatial acceleration of a link relative to the base, (angular, linear): J qdd + J' qd, without gravity.
     #[doc = parameters!(q qd qdd link frame at)]
     /// kind : {"spatial", "classical"}, default "spatial"
     ///     "spatial": time derivative of the spatial velocity, as in the Newton-Euler equations. "classical": the
@@ -98,7 +98,7 @@ methods! {
     ///     (angular, linear), rad/s^2 and m/s^2.
     #[doc = raises!(arguments)]
     #[doc = section!(Notes)]
-    /// J qdd + J' qd, in O(depth).
+    /// O(depth).
     #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> q, qd, qdd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.0, 1.0, 0.0]

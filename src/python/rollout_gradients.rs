@@ -36,10 +36,12 @@ impl PyScene {
     ///     Number of steps.
     /// tau, tau_steps, method, record_every, pd, armature, damping, stiffness, rest, friction, friction_speed
     ///     As given to simulate; tau is an array.
-    /// form, tolerance, limits, restitution
+    /// form, tolerance
     ///     As given to simulate.
     /// parameters : bool, default False
     ///     If true, compute the gradients with respect to inertial parameters too.
+    /// limits, restitution
+    ///     As given to simulate.
     #[doc = section!(Returns)]
     /// gradients : RolloutGradients
     ///     Named tuple (q, qd, tau, armature, damping, stiffness, friction, parameters) per state: (..., nv) each; tau
@@ -55,8 +57,8 @@ impl PyScene {
     /// >>> last[-1, 0] = 1.0     # the function is q[-1, 0]
     /// >>> keywords = dict(dt=1e-3, steps=100, method="rk4")
     /// >>> gradients = scene.simulate_vjp(path.q, path.qd, last, np.zeros_like(last), **keywords)
-    /// >>> np.isclose(gradients.q[0], 1.0)     # the first joint is vertical
-    /// np.True_
+    /// >>> np.allclose(gradients.q[0], 1.0)     # the first joint is vertical
+    /// True
     #[pyo3(signature = (q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, method="auto",
                         record_every=None, pd=None, armature=None, damping=None, stiffness=None, rest=None,
                         friction=None, friction_speed=None, form="auto", tolerance=None, parameters=false,

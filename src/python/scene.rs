@@ -295,7 +295,7 @@ impl PyScene {
         self.scene.nv()
     }
 
-    /// Names of the movable joints in the order of q; the free joint of a floating base is the first, "root_joint".
+    /// Names of the movable joints in the order of q, that of a floating base ("root_joint") first.
     #[getter]
     fn joint_names<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
         PyTuple::new(py, self.scene.joints().iter().map(|joint| &joint.name).collect::<Vec<_>>())

@@ -66,8 +66,8 @@ const RATES: Part = |moving, state| moving.state(state).1;
 /// >>> simulator = phipsi.scenes.chain(3).simulator([0.3, 0.2, 0.1], dt=1e-3)
 /// >>> for step in range(10):
 /// ...     simulator.step(tau=-0.1 * simulator.qd)
-/// >>> np.isclose(simulator.t, 0.01)
-/// np.True_
+/// >>> np.allclose(simulator.t, 0.01)
+/// True
 #[pyclass(frozen, name = "Simulator", module = "phipsi")]
 pub(crate) struct PySimulator {
     pub(super) scene: Py<PyScene>,
@@ -451,7 +451,7 @@ impl PySimulator {
         stop_impacts(py, &self.batch, self.scene.get(), &impacts)
     }
 
-    /// Contact forces of the last step and impulses since the start or reset, as ContactMotion; None without contacts.
+    /// Contact forces of the last step and impulses since the start, a ContactMotion; None without contacts.
     #[getter]
     fn contacts<'py>(&self, py: Python<'py>) -> PyResult<Option<Object<'py>>> {
         let moving = self.moving()?;

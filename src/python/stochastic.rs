@@ -96,7 +96,7 @@ impl PyRandomModel {
         self.model.nv()
     }
 
-    /// Random numbers per sample: six per body (fewer for rods, point masses and frames), one per joint with armature.
+    /// Random numbers per sample: six per body (rods and point masses: fewer), one per joint with armature.
     #[getter]
     fn dimension(&self) -> usize {
         self.model.dimension()

@@ -163,8 +163,8 @@ def test_functions_and_methods_have_their_sections(name: str) -> None:
 
 
 def test_first_lines_are_sentences_of_one_line() -> None:
-    for name, thing in ALL.items():
-        lines = (inspect.getdoc(thing) or "").splitlines()
+    for name in ALL.keys() - INCOMPLETE:
+        lines = (inspect.getdoc(ALL[name]) or "").splitlines()
         assert lines and re.search(r"[.;]$", lines[0]) and lines[1:2] in ([], [""]), f"{name}: {lines[:2]}"
 
 
