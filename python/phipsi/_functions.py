@@ -56,14 +56,14 @@ IN_FORM = tuple(name for name, row in COMPILED.items() if row["has_form"])
 
 
 class Functions(Generic[A]):
-    """Functions of one scene that were compiled, by the names of its methods and with their arguments, but for form and dtype, which are those that were compiled."""
+    """Compiled functions of one scene: methods with the names and arguments of those of the scene, except form and dtype, which are fixed."""
 
     scene: Scene
     """The scene that it was compiled from."""
     functions: tuple[Function, ...]
-    """What was compiled."""
+    """The functions that were compiled."""
     dtype: np.dtype[Any]
-    """The numbers of the machine code, and of results."""
+    """The type of the code and of the results."""
 
     def __init__(self, scene: Scene, functions: tuple[Function, ...], dtype: str) -> None:
         self.scene, self.functions, self.dtype = scene, functions, np.dtype(dtype)
@@ -94,7 +94,7 @@ class Functions(Generic[A]):
         return found
 
     def bias_torque(self, q: Any, qd: Any, *, out: A | None = None, errors: _Errors = "raise") -> A:
-        """The torques that let no joint accelerate, (..., nv), as Scene.bias_torque."""
+        """Joint torques at which no joint accelerates, (..., nv), as Scene.bias_torque."""
         found: A = self._run(("bias_torque",), (q, qd), out, errors)
         return found
 
@@ -104,7 +104,7 @@ class Functions(Generic[A]):
         return found
 
     def mass_matrix_inverse(self, q: Any, *, out: A | None = None, errors: _Errors = "raise") -> A:
-        """Its inverse, (..., nv, nv), as Scene.mass_matrix_inverse in the form that was compiled."""
+        """The inverse of the mass matrix, (..., nv, nv), as Scene.mass_matrix_inverse in the form that was compiled."""
         found: A = self._run(("mass_matrix_inverse",), (q,), out, errors)
         return found
 
@@ -181,12 +181,12 @@ class Functions(Generic[A]):
         return found if isinstance(found, InverseDynamicsGradients) else InverseDynamicsGradients(*found)
 
     def placements(self, q: Any, *, errors: _Errors = "raise") -> dict[str, A]:
-        """Where every link is, a dict from link names to homogeneous matrices (..., 4, 4), as Scene.placements."""
+        """Poses of all links, a dict from link names to homogeneous matrices (..., 4, 4), as Scene.placements."""
         found: Any = self._run(("placements",), (q,), None, errors)
         return found if isinstance(found, dict) else {link: found[..., at, :, :].copy() for at, link in enumerate(self.scene.link_names)}
 
     def placement(self, q: Any, link: str | Iterable[str], *, errors: _Errors = "raise") -> A:
-        """Where a link is, or several, homogeneous matrices (..., 4, 4) or (..., L, 4, 4), as Scene.placement: each that was compiled as ("placement", link)."""
+        """Pose of a link, or of several: homogeneous matrices (..., 4, 4) or (..., L, 4, 4), as Scene.placement: each that was compiled as ("placement", link)."""
         found: A
         if isinstance(link, str):
             found = self._run(("placement", link), (q,), None, errors)
@@ -205,7 +205,7 @@ class Functions(Generic[A]):
         return found
 
     def _run(self, function: tuple[str, ...], given: tuple[Any, ...], out: A | None = None, errors: _Errors = "raise", more: dict[str, Any] | None = None) -> Any:
-        """The result, or several; or what the scene's method gives, where the scene is to do it. more: arguments of the scene's method that no code was compiled for."""
+        """The results of compiled code, or of the method of the scene. more: arguments of that method for which there is no compiled code."""
         raise NotImplementedError
 
     def _missing(self, function: tuple[str, ...]) -> Exception:
@@ -220,7 +220,7 @@ def shapes(function: tuple[str, ...], scene: Scene) -> list[tuple[int, ...]]:
 
 
 def _changes(wrenches: Any, dwrenches: Any, dparameters: Any, darmature: Any, dgravity: Any) -> dict[str, Any] | None:
-    """What products take beside the state and its direction, where any of it is given."""
+    """The constants that change along a direction, if any are given."""
     if wrenches is dwrenches is dparameters is darmature is dgravity is None:
         return None
     return {"wrenches": wrenches, "dwrenches": dwrenches, "dparameters": dparameters, "darmature": darmature, "dgravity": dgravity}
@@ -234,11 +234,11 @@ def parts(function: Function) -> tuple[str, ...]:
 
 
 def symbol(function: Function) -> str:
-    """What the code calls it."""
+    """The name of a function in the code."""
     of = parts(function)
     return "_".join(re.sub(r"[^0-9A-Za-z]", "_", part) for part in of[: 2 if of[2:] == ("local",) else 3])
 
 
 def said(functions: Iterable[Function | tuple[str, ...]]) -> str:
-    """In words."""
+    """The names of functions in messages."""
     return ", ".join(function if isinstance(function, str) else " ".join(function) for function in functions)

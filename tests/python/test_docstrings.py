@@ -48,7 +48,6 @@ INCOMPLETE: frozenset[str] = frozenset(
         "Trajectory.torques",
         "Trajectory.violations",
         "Trajectory.vjp",
-        "compile",
         "load",
         "scenes.chain",
         "scenes.extreme",
