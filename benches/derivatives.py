@@ -1,4 +1,4 @@
-"""Time of derivatives and of frequent calls from Python, compared with Pinocchio in the same run, as a Markdown page.
+"""Time of derivatives and of kinematic quantities from Python, compared with Pinocchio in the same run, as a Markdown page.
 
 Usage: python benches/derivatives.py [--quick] [--markdown FILE]
 
@@ -195,7 +195,7 @@ def in_rosenbrock_steps(_: bool) -> str:
     return f"{text}\n\n{table(['', 'springs and damping', 'exact'], exact_jacobian.rows())}"
 
 
-def everyday(quick: bool) -> str:
+def kinematic_quantities(quick: bool) -> str:
     scene, _ = load(*ROBOTS["ur5"])
     many = kinds.state(scene, kinds.draw(scene, BATCH, 0), kinds.FALLING)
     link = scene.body_names[-1]
@@ -219,7 +219,7 @@ def everyday(quick: bool) -> str:
     found = medians(runs, quick)
     rows = [[name, f"{found[f'{name}, 1']:.2f}", f"{found[f'{name}, 2'] / BATCH:.3f}"] for name in calls]
     rows.append(["a step of `simulator`, auto", f"{found['step']:.2f}", ""])
-    return f"Frequent calls, ur5: one state, and batches of {BATCH}.\n\n" + table(["us per state", "one", "batches"], rows)
+    return f"Kinematic quantities, ur5: one state, and batches of {BATCH}.\n\n" + table(["us per state", "one", "batches"], rows)
 
 
 def main() -> None:
@@ -228,7 +228,7 @@ def main() -> None:
     parser.add_argument("--markdown", type=Path, metavar="FILE", help="write the page, like make derivatives")
     options = parser.parse_args()
     phipsi.set_num_threads(1)
-    parts = [part(options.quick) for part in (beside_pinocchio, for_control, error_against_time, products, trajectories, in_rosenbrock_steps, everyday)]
+    parts = [part(options.quick) for part in (beside_pinocchio, for_control, error_against_time, products, trajectories, in_rosenbrock_steps, kinematic_quantities)]
     page = "\n\n".join([HEAD.strip(), *parts])
     if options.markdown is None:
         print(page)

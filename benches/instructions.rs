@@ -2,8 +2,8 @@
 //! benches/instructions/count.py.
 //!
 //! `instructions count <scene> <algorithm> <states> <repeats>` evaluates that many states per call, with the
-//! instruction set of `PHIPSI_ARM`. Without `count` (as `cargo bench` starts it) it does nothing. The scene is one of
-//! tests/common/gate.rs, or a model of `make peers`.
+//! instruction set of `PHIPSI_INSTRUCTION_SET`. Without `count` (as `cargo bench` starts it) it does nothing. The scene
+//! is one of tests/common/gate.rs, or a model of `make peers`.
 
 mod common;
 #[path = "../tests/common/gate.rs"]
@@ -11,7 +11,7 @@ mod gate;
 
 use common::{arguments, model, states};
 use gate::{ALGORITHMS, SCENES};
-use phipsi::batch::Arm;
+use phipsi::batch::InstructionSet;
 use phipsi::{Algorithm, Scene};
 use std::hint::black_box;
 
@@ -41,8 +41,9 @@ fn main() {
             let (_, found) =
                 *ALGORITHMS.iter().find(|(name, _)| name == algorithm).unwrap_or_else(|| panic!("no {algorithm}"));
             // Otherwise another instruction set than the requested one would be counted.
-            let (wanted, arm) = (std::env::var("PHIPSI_ARM").unwrap_or_default(), Arm::of_process().name());
-            assert!(wanted == arm, "PHIPSI_ARM is {wanted:?}, this processor runs {arm:?}");
+            let (wanted, arm) =
+                (std::env::var("PHIPSI_INSTRUCTION_SET").unwrap_or_default(), InstructionSet::of_process().name());
+            assert!(wanted == arm, "PHIPSI_INSTRUCTION_SET is {wanted:?}, this processor runs {arm:?}");
             let found_scene = gate::scene(scene).or_else(|| model(scene));
             run(&found_scene.unwrap_or_else(|| panic!("no scene {scene}")), found, number(states), number(repeats));
         }

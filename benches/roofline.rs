@@ -7,7 +7,7 @@ mod common;
 
 use common::{arguments, batch_of, robot, states};
 use phipsi::batch::Evaluator;
-use phipsi::batch::{ARMS, Arm, Target, Vectorized, Work};
+use phipsi::batch::{INSTRUCTION_SETS, InstructionSet, Target, Vectorized, Work};
 use phipsi::report::operations::{Task, count, footprint};
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 use phipsi::scalar::Lanes;
@@ -222,13 +222,13 @@ fn cases(name: &str, scene: &Scene, seconds: f64) -> Vec<String> {
             memory.scene,
             scene.width(algorithm) * size_of::<f64>()
         );
-        let mut add = |arm: Arm, states: usize, lanes: usize, ns: f64| {
+        let mut add = |arm: InstructionSet, states: usize, lanes: usize, ns: f64| {
             found.push(format!(
                 "{{{about}, \"arm\": \"{}\", \"states\": {states}, \"lanes\": {lanes}, \"ns\": {ns:.2}}}",
                 arm.name()
             ));
         };
-        for (_, arm) in ARMS.into_iter().filter(|(_, arm)| arm.available()) {
+        for (_, arm) in INSTRUCTION_SETS.into_iter().filter(|(_, arm)| arm.available()) {
             let mut evaluator = Evaluator::on(arm, scene);
             let mut out = vec![0.0; scene.width(algorithm)];
             let mut cycle = all.iter().cycle();
@@ -240,7 +240,7 @@ fn cases(name: &str, scene: &Scene, seconds: f64) -> Vec<String> {
             });
             add(arm, 1, 1, ns);
             // A batch on the baseline processes one state after another.
-            if arm != Arm::Baseline {
+            if arm != InstructionSet::Baseline {
                 let many: Vec<_> = all.iter().cycle().take(batch_of(algorithm)).copied().collect();
                 let mut out = vec![0.0; scene.width(algorithm) * many.len()];
                 let ns = median_ns(seconds, || {

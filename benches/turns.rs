@@ -13,7 +13,7 @@ mod common;
 
 use common::{ALGORITHMS, KINDS, Kind, State, arguments, batch_of, median_ns, model, states, states_of};
 use phipsi::batch::Evaluator;
-use phipsi::batch::{ARMS, Arm};
+use phipsi::batch::{INSTRUCTION_SETS, InstructionSet};
 use phipsi::filter::FORMS;
 use phipsi::{Algorithm, Derivatives, Scene};
 use std::collections::HashMap;
@@ -25,7 +25,7 @@ use std::process::ExitCode;
 struct Group {
     algorithm: Algorithm,
     batch: bool,
-    arm: Arm,
+    arm: InstructionSet,
     /// None: random states.
     kind: Option<Kind>,
 }
@@ -40,7 +40,7 @@ impl Group {
         let first = parts.next().unwrap_or_default();
         let (name, batch) = first.strip_suffix("_batch").map_or((first, false), |name| (name, true));
         let algorithm = named(&ALGORITHMS, name).ok_or_else(|| format!("no algorithm {name:?}"))?;
-        let mut group = Self { algorithm, batch, arm: Arm::of_process(), kind: None };
+        let mut group = Self { algorithm, batch, arm: InstructionSet::of_process(), kind: None };
         for part in parts {
             if let Some(form) = named(&FORMS, part) {
                 group.algorithm = match algorithm {
@@ -55,7 +55,7 @@ impl Group {
                 group.kind = Some(kind);
             } else {
                 // Otherwise another instruction set than the requested one would be measured.
-                let arm = named(&ARMS, part).filter(|arm| arm.available());
+                let arm = named(&INSTRUCTION_SETS, part).filter(|arm| arm.available());
                 group.arm =
                     arm.ok_or_else(|| format!("{part:?} is no form, no kind of states, and no arm of this processor"))?;
             }
@@ -69,7 +69,7 @@ struct Kept {
     scene: Scene,
     /// By kind; random states always exist.
     states: HashMap<Option<Kind>, Vec<State>>,
-    evaluators: HashMap<Arm, Evaluator>,
+    evaluators: HashMap<InstructionSet, Evaluator>,
 }
 
 impl Kept {
@@ -119,8 +119,9 @@ fn main() -> ExitCode {
         eprintln!("turns: asked by benches/peers/compare.py, nothing to do here");
         return ExitCode::SUCCESS;
     }
-    let arms: Vec<_> = ARMS.iter().filter(|(_, arm)| arm.available()).map(|(name, _)| format!("\"{name}\"")).collect();
-    println!("{{\"arm\": \"{}\", \"arms\": [{}]}}", Arm::of_process().name(), arms.join(", "));
+    let arms: Vec<_> =
+        INSTRUCTION_SETS.iter().filter(|(_, arm)| arm.available()).map(|(name, _)| format!("\"{name}\"")).collect();
+    println!("{{\"arm\": \"{}\", \"arms\": [{}]}}", InstructionSet::of_process().name(), arms.join(", "));
     let (mut models, mut out) = (HashMap::new(), Vec::new());
     for line in std::io::stdin().lines().map_while(Result::ok) {
         match answer(&mut models, &mut out, &line) {

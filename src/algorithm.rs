@@ -1,16 +1,145 @@
-//! What is computed, from which arguments, and who computes it.
+//! What is computed, from which arguments, and who computes it: the algorithms, the kinematic quantities, and the
+//! table of their functions.
+//!
+//! The table has one row per function: its arguments and results with their shapes, its cost, and what it is the
+//! derivative of. The evaluator, the argument checks, the methods of Python, the generated code and `phipsi.compile`
+//! read it.
+
+pub(crate) mod table;
 
 use crate::filter::Form;
 use crate::kinematics::{AccelerationKind, Frame, ReferenceFrame};
 use crate::spatial::SpatialVector;
+use table::{Array, Axis, Compiled, FunctionEntry, Sizes, functions};
 
-/// What is computed from one state (q, qd, u).
+/// The axes of the arrays in the table.
+const Q: &[Axis] = &[Axis::Coordinates];
+const V: &[Axis] = &[Axis::Velocities];
+const VV: &[Axis] = &[Axis::Velocities, Axis::Velocities];
+const SCALAR: &[Axis] = &[];
+const POINT: &[Axis] = &[Axis::Fixed(3)];
+const SPATIAL: &[Axis] = &[Axis::Fixed(6)];
+const POSE: &[Axis] = &[Axis::Fixed(4), Axis::Fixed(4)];
+const POSES: &[Axis] = &[Axis::Links, Axis::Fixed(4), Axis::Fixed(4)];
+const POINT_V: &[Axis] = &[Axis::Fixed(3), Axis::Velocities];
+const SPATIAL_V: &[Axis] = &[Axis::Fixed(6), Axis::Velocities];
+const ROWS: &[Axis] = &[Axis::ConnectionRows];
+
+/// Code for one robot from so many states on.
+const fn compiled(few: usize) -> Option<Compiled> {
+    Some(Compiled { few, watched: None })
+}
+
+/// The same with a function that also returns a margin.
+const fn watched(few: usize, watched: &'static str) -> Option<Compiled> {
+    Some(Compiled { few, watched: Some(watched) })
+}
+
+functions! {
+    // Dynamics. Those that code for one robot has stand in the order of its list.
+    FORWARD_DYNAMICS = forward_dynamics(q: Q, qd: V, tau: V) -> (qdd: V),
+        "Joint accelerations from torques",
+        cost: [90, 0], has_form: true, has_dtype: true, compiled: watched(48, "forward_dynamics_watched");
+    CONSTRAINED_DYNAMICS = constrained_dynamics(q: Q, qd: V, tau: V, compliance: ROWS)
+        -> (qdd: V, forces: ROWS, rank: SCALAR, residual: SCALAR),
+        "Joint accelerations through the connections of the scene, and the forces of these", has_form: true;
+    INVERSE_DYNAMICS = inverse_dynamics(q: Q, qd: V, qdd: V) -> (tau: V),
+        "Joint torques from joint accelerations", cost: [50, 0], has_dtype: true, compiled: compiled(128);
+    BIAS_TORQUE = bias_torque(q: Q, qd: V) -> (tau: V),
+        "Joint torques at which no joint accelerates", cost: [50, 0], has_dtype: true, compiled: compiled(128);
+    MASS_MATRIX = mass_matrix(q: Q) -> (mass: VV),
+        "The mass matrix, row by row", cost: [30, 0], has_dtype: true, compiled: compiled(64);
+    MASS_MATRIX_INVERSE = mass_matrix_inverse(q: Q) -> (inverse: VV),
+        "The inverse of the mass matrix, row by row",
+        cost: [60, 0], has_form: true, has_dtype: true, compiled: watched(32, "mass_matrix_inverse_watched");
+    FORWARD_DYNAMICS_DERIVATIVES = forward_dynamics_derivatives(q: Q, qd: V, tau: V)
+        -> (dqdd_dq: VV, dqdd_dqd: VV, Minv: VV),
+        "Derivatives of joint accelerations with respect to q, qd and tau, each row by row",
+        derivative_of: Some("forward_dynamics"), cost: [200, 10], has_form: true, compiled: compiled(24);
+    INVERSE_DYNAMICS_DERIVATIVES = inverse_dynamics_derivatives(q: Q, qd: V, qdd: V)
+        -> (dtau_dq: VV, dtau_dqd: VV, M: VV),
+        "Derivatives of joint torques with respect to q, qd and qdd, each row by row",
+        derivative_of: Some("inverse_dynamics"), cost: [80, 10], compiled: compiled(24);
+    FORWARD_DYNAMICS_JVP = forward_dynamics_jvp(q: Q, qd: V, tau: V, dq: V, dqd: V, dtau: V) -> (dqdd: V),
+        "The change of joint accelerations along a direction",
+        derivative_of: Some("forward_dynamics"), cost: [250, 0], has_form: true, compiled: compiled(48);
+    FORWARD_DYNAMICS_VJP = forward_dynamics_vjp(q: Q, qd: V, tau: V, cotangent: V)
+        -> (gradient_q: V, gradient_qd: V, gradient_tau: V),
+        "Gradients of cotangent . qdd with respect to q, qd and tau",
+        derivative_of: Some("forward_dynamics"), cost: [250, 0], has_form: true, compiled: compiled(48);
+    INVERSE_DYNAMICS_JVP = inverse_dynamics_jvp(q: Q, qd: V, qdd: V, dq: V, dqd: V, dqdd: V) -> (dtau: V),
+        "The change of joint torques along a direction",
+        derivative_of: Some("inverse_dynamics"), cost: [120, 0], compiled: compiled(48);
+    INVERSE_DYNAMICS_VJP = inverse_dynamics_vjp(q: Q, qd: V, qdd: V, cotangent: V)
+        -> (gradient_q: V, gradient_qd: V, gradient_qdd: V),
+        "Gradients of cotangent . tau with respect to q, qd and qdd",
+        derivative_of: Some("inverse_dynamics"), cost: [120, 0], compiled: compiled(48);
+    CORIOLIS_MATRIX = coriolis_matrix(q: Q, qd: V) -> (C: VV),
+        "The Coriolis matrix, row by row", cost: [80, 10];
+    MASS_MATRIX_DERIVATIVE = mass_matrix_derivative(q: Q, qd: V) -> (dM_dt: VV),
+        "The time derivative of the mass matrix, row by row", derivative_of: Some("mass_matrix"), cost: [80, 10];
+
+    // Kinematic quantities. Of a frame the cost is per body on the path to the base.
+    PLACEMENTS = placements(q: Q) -> (placements: POSES),
+        "The poses of all links: homogeneous matrices from link to base, row by row",
+        cost: [60, 0], compiled: compiled(24);
+    PLACEMENT = placement(q: Q) -> (placement: POSE),
+        "The pose of the link: a homogeneous matrix from link to base, row by row",
+        cost: [40, 0], of_link: true, compiled: compiled(128);
+    JACOBIAN = jacobian(q: Q) -> (jacobian: SPATIAL_V),
+        "The Jacobian of the link, row by row: its velocity (angular, linear) is J qd",
+        derivative_of: Some("placement"), cost: [60, 0], of_link: true, compiled: compiled(64);
+    JACOBIAN_RATE = jacobian_rate(q: Q, qd: V) -> (rate: SPATIAL_V),
+        "The time derivative of the Jacobian of the link, row by row",
+        derivative_of: Some("jacobian"), cost: [120, 0], of_link: true;
+    JACOBIAN_RATE_PRODUCT = jacobian_rate_product(q: Q, qd: V) -> (product: SPATIAL),
+        "The time derivative of the Jacobian of the link times qd",
+        derivative_of: Some("jacobian"), cost: [60, 0], of_link: true;
+    VELOCITY = velocity(q: Q, qd: V) -> (velocity: SPATIAL),
+        "The velocity (angular, linear) of the link", derivative_of: Some("placement"), cost: [60, 0], of_link: true;
+    ACCELERATION = acceleration(q: Q, qd: V, qdd: V) -> (acceleration: SPATIAL),
+        "The acceleration (angular, linear) of the link", derivative_of: Some("velocity"), cost: [60, 0], of_link: true;
+    CENTER_OF_MASS = center_of_mass(q: Q) -> (position: POINT),
+        "The center of mass", needs_mass: true, cost: [40, 0];
+    CENTER_OF_MASS_VELOCITY = center_of_mass_velocity(q: Q, qd: V) -> (velocity: POINT),
+        "The velocity of the center of mass", derivative_of: Some("center_of_mass"), needs_mass: true, cost: [80, 0];
+    CENTER_OF_MASS_ACCELERATION = center_of_mass_acceleration(q: Q, qd: V, qdd: V) -> (acceleration: POINT),
+        "The acceleration of the center of mass",
+        derivative_of: Some("center_of_mass_velocity"), needs_mass: true, cost: [80, 0];
+    CENTER_OF_MASS_JACOBIAN = center_of_mass_jacobian(q: Q) -> (jacobian: POINT_V),
+        "The Jacobian of the center of mass, row by row",
+        derivative_of: Some("center_of_mass"), needs_mass: true, cost: [100, 0];
+    CENTROIDAL_MOMENTUM_MATRIX = centroidal_momentum_matrix(q: Q) -> (matrix: SPATIAL_V),
+        "The centroidal momentum matrix, row by row", needs_mass: true, cost: [100, 0];
+    CENTROIDAL_MOMENTUM_MATRIX_RATE = centroidal_momentum_matrix_rate(q: Q, qd: V) -> (rate: SPATIAL_V),
+        "The time derivative of the centroidal momentum matrix, row by row",
+        derivative_of: Some("centroidal_momentum_matrix"), needs_mass: true, cost: [200, 0];
+    MOMENTUM = momentum(q: Q, qd: V) -> (momentum: SPATIAL),
+        "The momentum (angular about the origin of the base, linear)", cost: [60, 0];
+    KINETIC_ENERGY = kinetic_energy(q: Q, qd: V) -> (kinetic: SCALAR),
+        "The kinetic energy", cost: [60, 0];
+    POTENTIAL_ENERGY = potential_energy(q: Q) -> (potential: SCALAR),
+        "The potential energy of gravity", cost: [60, 0];
+    ENERGY = energy(q: Q, qd: V) -> (kinetic: SCALAR, potential: SCALAR),
+        "The kinetic and the potential energy", cost: [100, 0];
+
+    // In generated code only: results with the margin of their error estimate.
+    FORWARD_DYNAMICS_WATCHED = forward_dynamics_watched(q: Q, qd: V, tau: V) -> (qdd: V, margin: SCALAR),
+        "Joint accelerations from torques; precision may be lost where the margin is negative";
+    MASS_MATRIX_INVERSE_WATCHED = mass_matrix_inverse_watched(q: Q) -> (inverse: VV, margin: SCALAR),
+        "The inverse of the mass matrix, row by row; precision may be lost where the margin is negative";
+    FACTOR_WATCHED = factor_watched(q: Q) -> (margin: SCALAR),
+        "The margin of the factor of the mass matrix; precision may be lost where it is negative";
+}
+
+/// An algorithm of one state (q, qd, u).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Algorithm {
     /// u = tau; gives qdd, (nv).
     ForwardDynamics(Form),
-    /// u = tau, seed = the compliance of each row of the connections (m), or nothing where none gives way; gives qdd (nv), the forces of the connections (m), the rank of their rows and
-    /// the largest that is left of these, as [`Scene::constrained_dynamics`](crate::Scene::constrained_dynamics).
+    /// u = tau, seed = the compliance of each row of the connections (m), or nothing where none gives way; gives qdd
+    /// (nv), the forces of the connections (m), the rank of their rows and the largest that is left of these, as
+    /// [`Scene::constrained_dynamics`](crate::Scene::constrained_dynamics).
     ConstrainedDynamics(Form),
     /// u = qdd; gives tau, (nv).
     InverseDynamics,
@@ -26,18 +155,20 @@ pub enum Algorithm {
     Products(Products),
 }
 
-/// A product with the Jacobian of inverse or forward dynamics; see [`dynamics::derivatives`](crate::dynamics::derivatives).
+/// A product with the Jacobian of inverse or forward dynamics; see
+/// [`dynamics::derivatives`](crate::dynamics::derivatives).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Products {
     /// u = qdd, seed = (dq, dqd, dqdd); gives dtau, (nv).
     InverseTangent,
-    /// The same along changes of what is constant too, with which the third vector of the seed goes on: armature (nv), gravity (3), wrenches (bodies x 6), inertial
-    /// parameters (bodies x 10), as [`Directions`](crate::dynamics::derivatives::Directions) has them.
+    /// The same along changes of what is constant too, with which the third vector of the seed goes on: armature
+    /// (nv), gravity (3), wrenches (bodies x 6), inertial parameters (bodies x 10), as
+    /// [`Directions`](crate::dynamics::derivatives::Directions) has them.
     InverseTangents,
     /// u = qdd, seed = the cotangent of tau; gives those of q, qd and qdd, (3 x nv).
     InverseGradient,
-    /// The same and those of what is constant, one after another: armature (nv), gravity (3), wrenches (bodies x 6), inertial parameters (bodies x 10), as
-    /// [`Constants`](crate::dynamics::derivatives::Constants) has them.
+    /// The same and those of what is constant, one after another: armature (nv), gravity (3), wrenches (bodies x 6),
+    /// inertial parameters (bodies x 10), as [`Constants`](crate::dynamics::derivatives::Constants) has them.
     InverseGradients,
     /// u = tau, seed = (dq, dqd, dtau); gives dqdd, (nv).
     ForwardTangent(Form),
@@ -50,40 +181,28 @@ pub enum Products {
 }
 
 impl Products {
-    /// What u is.
+    /// Its row of the table: the same with changes of what is constant, which are further numbers of the third
+    /// vector, and without.
     #[must_use]
-    #[doc(hidden)]
-    pub fn third(self) -> &'static str {
-        if self.form().is_some() { "tau" } else { "qdd" }
-    }
-
-    /// What the seed is, by the names of its vectors, (nv) each but where the third goes on with changes of what is constant.
-    #[must_use]
-    pub fn seeds(self) -> &'static [&'static str] {
+    pub fn entry(self) -> &'static FunctionEntry {
         match self {
-            Self::InverseTangent | Self::InverseTangents => &["dq", "dqd", "dqdd"],
-            Self::ForwardTangent(_) | Self::ForwardTangents(_) => &["dq", "dqd", "dtau"],
-            _ => &["cotangent"],
+            Self::InverseTangent | Self::InverseTangents => &INVERSE_DYNAMICS_JVP,
+            Self::InverseGradient | Self::InverseGradients => &INVERSE_DYNAMICS_VJP,
+            Self::ForwardTangent(_) | Self::ForwardTangents(_) => &FORWARD_DYNAMICS_JVP,
+            Self::ForwardGradient(_) | Self::ForwardGradients(_) => &FORWARD_DYNAMICS_VJP,
         }
     }
 
-    /// Whether it goes along changes of what is constant too.
+    /// True if the direction includes changes of constants (armature, gravity, wrenches, inertial parameters).
     #[must_use]
     pub(crate) fn takes_constants(self) -> bool {
         matches!(self, Self::InverseTangents | Self::ForwardTangents(_))
     }
 
-    /// Whether it gives the gradients by what is constant too.
+    /// True if the results include the gradients with respect to these constants.
     #[must_use]
     pub(crate) fn gives_constants(self) -> bool {
         matches!(self, Self::InverseGradients | Self::ForwardGradients(_))
-    }
-
-    /// How many vectors, (nv) each, of a state it gives.
-    #[must_use]
-    #[doc(hidden)]
-    pub fn count(self) -> usize {
-        4 - self.seeds().len()
     }
 
     /// The form that it is done in, where it has any.
@@ -99,7 +218,7 @@ impl Products {
     }
 }
 
-/// What is differentiated; see [`dynamics::derivatives`](crate::dynamics::derivatives).
+/// A matrix of derivatives; see [`dynamics::derivatives`](crate::dynamics::derivatives).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Derivatives {
     /// u = qdd; gives dtau/dq, dtau/dqd and M, (3 x nv x nv).
@@ -113,29 +232,24 @@ pub enum Derivatives {
 }
 
 impl Derivatives {
-    /// What u is; none is taken where there is no name.
+    /// Its row of the table.
     #[must_use]
-    #[doc(hidden)]
-    pub fn third(self) -> Option<&'static str> {
+    pub fn entry(self) -> &'static FunctionEntry {
         match self {
-            Self::InverseDynamics => Some("qdd"),
-            Self::ForwardDynamics(_) => Some("tau"),
-            Self::CoriolisMatrix | Self::MassMatrix => None,
+            Self::InverseDynamics => &INVERSE_DYNAMICS_DERIVATIVES,
+            Self::ForwardDynamics(_) => &FORWARD_DYNAMICS_DERIVATIVES,
+            Self::CoriolisMatrix => &CORIOLIS_MATRIX,
+            Self::MassMatrix => &MASS_MATRIX_DERIVATIVE,
         }
-    }
-
-    /// How many matrices.
-    #[must_use]
-    #[doc(hidden)]
-    pub fn count(self) -> usize {
-        if self.third().is_some() { 3 } else { 1 }
     }
 }
 
-/// What is asked of a robot beside its dynamics, at one state (q, qd, qdd), of which it reads what it needs: frames on links, mass centre, momentum, energy.
+/// A quantity that depends on the state (q, qd, qdd) alone, not on forces: the motion of a frame on a link, the
+/// center of mass, momentum, energy.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Everyday<'a> {
-    /// q; where a frame is, as a homogeneous matrix to the base, (4 x 4): [`Scene::placement`](crate::Scene::placement).
+pub enum KinematicQuantity<'a> {
+    /// q; where a frame is, as a homogeneous matrix to the base, (4 x 4):
+    /// [`Scene::placement`](crate::Scene::placement).
     Placement(&'a Frame<f64>),
     /// q, qd; [`Scene::velocity`](crate::Scene::velocity) of a frame, (6).
     Velocity(&'a Frame<f64>, ReferenceFrame),
@@ -163,11 +277,13 @@ pub enum Everyday<'a> {
     Momentum,
     /// q, qd; [`Scene::kinetic_energy`](crate::Scene::kinetic_energy), (1).
     KineticEnergy,
+    /// q; [`Scene::potential_energy`](crate::Scene::potential_energy), (1).
+    PotentialEnergy,
     /// q, qd; kinetic and potential energy, [`Scene::energy`](crate::Scene::energy), (2).
     Energy,
 }
 
-impl Everyday<'_> {
+impl KinematicQuantity<'_> {
     /// The frame that it is of, if it is of one.
     pub(crate) fn frame(&self) -> Option<&Frame<f64>> {
         match self {
@@ -181,72 +297,76 @@ impl Everyday<'_> {
         }
     }
 
-    /// Whether it gives a matrix with a column for each degree of freedom.
-    pub(crate) fn has_columns(&self) -> bool {
-        matches!(
-            self,
-            Self::Jacobian(..)
-                | Self::JacobianRate(..)
-                | Self::CenterOfMassJacobian
-                | Self::CentroidalMomentumMatrix
-                | Self::CentroidalMomentumMatrixRate
-        )
+    /// Its row of the table.
+    #[must_use]
+    pub fn entry(&self) -> &'static FunctionEntry {
+        match self {
+            Self::Placement(_) => &PLACEMENT,
+            Self::Velocity(..) => &VELOCITY,
+            Self::Acceleration(..) => &ACCELERATION,
+            Self::Jacobian(..) => &JACOBIAN,
+            Self::JacobianRate(..) => &JACOBIAN_RATE,
+            Self::JacobianRateProduct(..) => &JACOBIAN_RATE_PRODUCT,
+            Self::CenterOfMass => &CENTER_OF_MASS,
+            Self::CenterOfMassVelocity => &CENTER_OF_MASS_VELOCITY,
+            Self::CenterOfMassAcceleration => &CENTER_OF_MASS_ACCELERATION,
+            Self::CenterOfMassJacobian => &CENTER_OF_MASS_JACOBIAN,
+            Self::CentroidalMomentumMatrix => &CENTROIDAL_MOMENTUM_MATRIX,
+            Self::CentroidalMomentumMatrixRate => &CENTROIDAL_MOMENTUM_MATRIX_RATE,
+            Self::Momentum => &MOMENTUM,
+            Self::KineticEnergy => &KINETIC_ENERGY,
+            Self::PotentialEnergy => &POTENTIAL_ENERGY,
+            Self::Energy => &ENERGY,
+        }
     }
 
-    /// How many numbers it is for one state of a robot of `nv` degrees of freedom.
+    /// The number of rows of a matrix with a column for each degree of freedom, where it is one.
+    pub(crate) fn rows_of_columns(&self) -> Option<usize> {
+        match self.entry().results {
+            [(_, [Axis::Fixed(rows), Axis::Velocities])] => Some(*rows),
+            _ => None,
+        }
+    }
+
+    /// The number of values for one state of a robot of `nv` degrees of freedom.
     #[must_use]
     pub fn width(&self, nv: usize) -> usize {
-        match self {
-            Self::Placement(_) => 16,
-            Self::Velocity(..) | Self::Acceleration(..) | Self::JacobianRateProduct(..) | Self::Momentum => 6,
-            Self::CenterOfMass | Self::CenterOfMassVelocity | Self::CenterOfMassAcceleration => 3,
-            Self::CenterOfMassJacobian => 3 * nv,
-            Self::Jacobian(..)
-            | Self::JacobianRate(..)
-            | Self::CentroidalMomentumMatrix
-            | Self::CentroidalMomentumMatrixRate => 6 * nv,
-            Self::KineticEnergy => 1,
-            Self::Energy => 2,
-        }
+        self.entry().width(&Sizes { nv, ..Sizes::default() })
     }
 
-    /// How many arrays of a state it reads: q, then qd, then qdd.
+    /// The number of arrays of a state that it reads: q, then qd, then qdd.
     #[must_use]
     pub fn reads(&self) -> usize {
-        match self {
-            Self::Placement(_)
-            | Self::Jacobian(..)
-            | Self::CenterOfMass
-            | Self::CenterOfMassJacobian
-            | Self::CentroidalMomentumMatrix => 1,
-            Self::Acceleration(..) | Self::CenterOfMassAcceleration => 3,
-            _ => 2,
-        }
+        self.entry().state
     }
 }
 
 impl Algorithm {
-    /// Whether it takes rates, and what its u is: none where there is no name. Wrenches go with u.
+    /// Its row of the table.
     #[must_use]
-    pub fn reads(self) -> (bool, Option<&'static str>) {
+    pub fn entry(self) -> &'static FunctionEntry {
         match self {
-            Self::ForwardDynamics(_) | Self::ConstrainedDynamics(_) => (true, Some("tau")),
-            Self::InverseDynamics => (true, Some("qdd")),
-            Self::BiasTorque => (true, None),
-            Self::MassMatrix | Self::MassMatrixInverse(_) => (false, None),
-            Self::Derivatives(which) => (true, which.third()),
-            Self::Products(which) => (true, Some(which.third())),
+            Self::ForwardDynamics(_) => &FORWARD_DYNAMICS,
+            Self::ConstrainedDynamics(_) => &CONSTRAINED_DYNAMICS,
+            Self::InverseDynamics => &INVERSE_DYNAMICS,
+            Self::BiasTorque => &BIAS_TORQUE,
+            Self::MassMatrix => &MASS_MATRIX,
+            Self::MassMatrixInverse(_) => &MASS_MATRIX_INVERSE,
+            Self::Derivatives(which) => which.entry(),
+            Self::Products(which) => which.entry(),
         }
     }
 
-    /// What its seed is; most have none.
+    /// True if it takes velocities, and the name of its u, None if it takes no u. Wrenches are taken with u.
     #[must_use]
-    pub fn seeds(self) -> &'static [&'static str] {
-        match self {
-            Self::Products(which) => which.seeds(),
-            Self::ConstrainedDynamics(_) => &["compliance"],
-            _ => &[],
-        }
+    pub fn reads(self) -> (bool, Option<&'static str>) {
+        self.entry().reads()
+    }
+
+    /// The vectors of its seed: a direction, a cotangent, the compliance of connections; most algorithms have none.
+    #[must_use]
+    pub fn seeds(self) -> &'static [Array] {
+        self.entry().seeds()
     }
 
     /// True if accelerations are computed: through the connections of a scene that has some.
@@ -287,13 +407,13 @@ pub struct Arguments<'a, P = f64> {
     pub wrenches: &'a [SpatialVector<f64>],
     /// A direction or a cotangent: what [`Products`] multiply.
     pub seed: [&'a [P]; 3],
-    /// The largest estimated error that form `auto` accepts, relative to the largest entry of the result; None: the usual one. See
-    /// [`Workspace::tolerance`](crate::Workspace::tolerance).
+    /// The largest estimated error that form `auto` accepts, relative to the largest entry of the result; None: the
+    /// usual one. See [`Workspace::tolerance`](crate::Workspace::tolerance).
     pub tolerance: Option<f64>,
 }
 
 impl<P> Arguments<'_, P> {
-    /// What an algorithm takes of them; the rest is empty.
+    /// The arguments that an algorithm takes; the others become empty.
     #[must_use]
     pub fn read_by(self, algorithm: Algorithm) -> Self {
         let (rates, third) = algorithm.reads();
@@ -307,18 +427,19 @@ impl<P> Arguments<'_, P> {
     }
 }
 
-/// What runs chunks of states in `P`, whatever its scalar.
+/// Kernels that run chunks of states in `P`, for any scalar type.
 pub trait Chunks<P>: Send + Sync {
     /// How many states at once.
     fn lanes(&self) -> usize;
 
-    /// Runs `algorithm` on one state or more, at most as many as there are lanes, of equal shapes; results one after another in
-    /// `out`. Gives the lanes in doubt as bits; their results mean nothing.
+    /// Runs `algorithm` on one state or more, at most as many as there are lanes, of equal shapes; results one after
+    /// another in `out`. Returns the lanes that need the fallback as bits; their results are undefined.
     fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_, P>], out: &mut [P]) -> u64;
 
-    /// The same of an everyday function: every lane is in doubt where there are no kernels, as of f32.
-    fn everyday(&mut self, what: &Everyday<'_>, states: &[Arguments<'_, P>], out: &mut [P]) -> u64;
+    /// The same for a kinematic quantity: every lane needs the fallback if there are no kernels, as for f32.
+    fn kinematic_quantity(&mut self, what: &KinematicQuantity<'_>, states: &[Arguments<'_, P>], out: &mut [P]) -> u64;
 
-    /// The estimated error of the largest acceleration of one lane of the last run of forward dynamics in form `auto`, in its unit.
+    /// The estimated error of the largest acceleration of one lane of the last run of forward dynamics in form
+    /// `auto`, in its unit.
     fn error(&self, lane: usize) -> f64;
 }

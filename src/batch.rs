@@ -23,17 +23,17 @@
 pub(crate) mod accelerations;
 #[cfg(target_arch = "x86_64")]
 mod accuracy;
-pub(crate) mod arms;
 pub(crate) mod chunk;
 mod compiled;
 mod connected;
 mod coupled;
 pub(crate) mod derivatives;
 pub(crate) mod evaluator;
-mod everyday;
 pub(crate) mod factor;
 mod finite;
+pub(crate) mod instruction_set;
 pub(crate) mod products;
+mod quantities;
 #[cfg(feature = "parallel")]
 mod threads;
 #[cfg(feature = "parallel")]
@@ -42,10 +42,10 @@ mod work_queue;
 #[cfg(feature = "parallel")]
 pub use threads::{set_threads, threads};
 
-pub use arms::{ARMS, Arm};
-#[doc(hidden)]
-pub use arms::{Target, Vectorized, Work};
 pub use evaluator::{Evaluated, Evaluator};
+pub use instruction_set::{INSTRUCTION_SETS, InstructionSet};
+#[doc(hidden)]
+pub use instruction_set::{Target, Vectorized, Work};
 
 use crate::error::Error;
 pub use crate::error::Fault;

@@ -231,8 +231,14 @@ pub mod spatial;
 #[cfg(feature = "stochastic")]
 pub mod stochastic;
 
+/// The table of functions: what each takes and gives, its cost, and what it is the derivative of.
+pub mod function_table {
+    pub use crate::algorithm::FUNCTIONS;
+    pub use crate::algorithm::table::{Array, Axis, Compiled, FunctionEntry, Sizes, width};
+}
+
 pub use accuracy::{Accuracy, Bound, ESTIMATE_SPREAD};
-pub use algorithm::{Algorithm, Arguments, Derivatives, Everyday, Products};
+pub use algorithm::{Algorithm, Arguments, Derivatives, KinematicQuantity, Products};
 pub use api::{BodyWrenches, Constrained, OnLink, Projection, TaskFrame};
 pub use error::{ConstraintViolation, Error, MemoryRequest};
 pub use filter::Form;
@@ -247,10 +253,10 @@ pub(crate) use dynamics::workspace;
 #[doc = include_str!("../README.md")]
 struct Readme;
 
-/// Runs the Rust examples of docs/everyday.md as tests.
+/// Runs the Rust examples of docs/kinematic-quantities.md as tests.
 #[cfg(doctest)]
-#[doc = include_str!("../docs/everyday.md")]
-struct EverydayPage;
+#[doc = include_str!("../docs/kinematic-quantities.md")]
+struct KinematicQuantitiesPage;
 
 /// Runs the Rust examples of docs/stochastic.md as tests.
 #[cfg(all(doctest, feature = "stochastic"))]

@@ -4,7 +4,7 @@ mod counted;
 
 use crate::filter::{HingeMap, Rows};
 use crate::interrupt;
-use crate::model::{Body, Motion, Simplifications};
+use crate::model::{Body, Simplifications};
 use crate::scene::{JointKind, Scene};
 use std::collections::HashSet;
 
@@ -52,7 +52,7 @@ pub struct Plan {
 
 /// Operations per body in covariance form, counted by running it on a counting scalar: docs/leaving-out.md.
 mod operations {
-    use super::{Body, Motion};
+    use super::Body;
 
     /// A body without measurement rows and without mass: shifts of motions, of its force and of P, and their sums.
     pub const FIXED_BODY: usize = 550;
@@ -67,14 +67,7 @@ mod operations {
 
     /// Velocity of a body and the terms that depend on it: phi* v, v x H* qd, v x* M v.
     pub fn of_velocity(body: &Body<f64>) -> usize {
-        let motion = match body.motion {
-            Motion::Revolute => 58,
-            Motion::Prismatic => 56,
-            Motion::Screw(_) => 85,
-            Motion::Spherical | Motion::Free => 84,
-            Motion::Fixed => 54,
-        };
-        motion + FORCE - WEIGHT
+        body.motion.operations_of_velocity() + FORCE - WEIGHT
     }
 
     /// Gravitational acceleration at a body, and its weight.

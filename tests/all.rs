@@ -21,13 +21,13 @@ mod derivatives;
 mod double_double;
 mod equations_table;
 mod estimation;
-mod everyday;
 #[cfg(feature = "dense")]
 mod extreme_scenes;
 mod extremes;
 mod forms;
 mod golden;
 mod inverse_kinematics;
+mod kinematic_quantities;
 mod lanes;
 mod lanes_f32;
 mod leaving_out;

@@ -9,8 +9,8 @@ use crate::common::gate::{ALGORITHMS, SCENES, scene};
 use crate::common::lanes::{arguments, arms, on_a_large_stack, states};
 use crate::common::tolerance::{assert_near, size};
 use phipsi::Algorithm;
-use phipsi::batch::Arm;
 use phipsi::batch::Evaluator;
+use phipsi::batch::InstructionSet;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -48,7 +48,7 @@ fn condensed(algorithm: Algorithm, nv: usize, result: &[f64]) -> (u64, Vec<f64>)
 }
 
 /// Results of an instruction set, by "arm scene algorithm state".
-fn found(arm: Arm) -> BTreeMap<String, (u64, Vec<f64>)> {
+fn found(arm: InstructionSet) -> BTreeMap<String, (u64, Vec<f64>)> {
     let mut all = BTreeMap::new();
     for name in SCENES {
         let scene = scene(name).expect("a scene");

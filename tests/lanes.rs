@@ -13,7 +13,7 @@ use phipsi::kinematics::{AccelerationKind, Frame};
 use phipsi::scalar::{Fused, Real};
 use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder};
 use phipsi::spatial::{SpatialVector, Symmetric3};
-use phipsi::{Algorithm, Arguments, Everyday, Products};
+use phipsi::{Algorithm, Arguments, KinematicQuantity, Products};
 use phipsi::{Error, Scene};
 use std::f64::consts::FRAC_PI_2;
 
@@ -457,29 +457,30 @@ fn sine_and_cosine_are_good_to_two_units_in_the_last_place() {
     }
 }
 
-/// Kinematic and centroidal functions for frames on every second link and for the whole robot.
-fn everyday(frames: &[Frame<f64>]) -> Vec<Everyday<'_>> {
+/// Kinematic and centroidal quantities for frames on every second link and for the whole robot.
+fn kinematic_quantities(frames: &[Frame<f64>]) -> Vec<KinematicQuantity<'_>> {
     let mut all = vec![
-        Everyday::CenterOfMass,
-        Everyday::CenterOfMassVelocity,
-        Everyday::CenterOfMassAcceleration,
-        Everyday::CenterOfMassJacobian,
-        Everyday::CentroidalMomentumMatrix,
-        Everyday::CentroidalMomentumMatrixRate,
-        Everyday::Momentum,
-        Everyday::KineticEnergy,
-        Everyday::Energy,
+        KinematicQuantity::CenterOfMass,
+        KinematicQuantity::CenterOfMassVelocity,
+        KinematicQuantity::CenterOfMassAcceleration,
+        KinematicQuantity::CenterOfMassJacobian,
+        KinematicQuantity::CentroidalMomentumMatrix,
+        KinematicQuantity::CentroidalMomentumMatrixRate,
+        KinematicQuantity::Momentum,
+        KinematicQuantity::KineticEnergy,
+        KinematicQuantity::PotentialEnergy,
+        KinematicQuantity::Energy,
     ];
     for frame in frames {
-        all.push(Everyday::Placement(frame));
+        all.push(KinematicQuantity::Placement(frame));
         for (_, reference) in REFERENCE_FRAMES {
             all.extend([
-                Everyday::Velocity(frame, reference),
-                Everyday::Acceleration(frame, reference, AccelerationKind::Spatial),
-                Everyday::Acceleration(frame, reference, AccelerationKind::Classical),
-                Everyday::Jacobian(frame, reference),
-                Everyday::JacobianRate(frame, reference),
-                Everyday::JacobianRateProduct(frame, reference),
+                KinematicQuantity::Velocity(frame, reference),
+                KinematicQuantity::Acceleration(frame, reference, AccelerationKind::Spatial),
+                KinematicQuantity::Acceleration(frame, reference, AccelerationKind::Classical),
+                KinematicQuantity::Jacobian(frame, reference),
+                KinematicQuantity::JacobianRate(frame, reference),
+                KinematicQuantity::JacobianRateProduct(frame, reference),
             ]);
         }
     }
@@ -487,7 +488,7 @@ fn everyday(frames: &[Frame<f64>]) -> Vec<Everyday<'_>> {
 }
 
 #[test]
-fn everyday_functions_in_lanes_are_those_of_one_state() {
+fn kinematic_quantities_in_lanes_are_those_of_one_state() {
     on_a_large_stack(|| {
         for scene in trees().chain([aligned(36, 11, 0.3)]) {
             // Not a multiple of any number of lanes.
@@ -495,7 +496,7 @@ fn everyday_functions_in_lanes_are_those_of_one_state() {
             let every_second = scene.links().iter().step_by(2);
             let frames: Vec<_> =
                 every_second.map(|link| Frame { body: link.body, placement: link.placement }).collect();
-            for what in everyday(&frames) {
+            for what in kinematic_quantities(&frames) {
                 let given: Vec<_> = states
                     .iter()
                     .map(|(q, qd, u)| {
@@ -508,12 +509,12 @@ fn everyday_functions_in_lanes_are_those_of_one_state() {
                 let mut workspace = scene.workspace();
                 let mut one = vec![f64::NAN; width * states.len()];
                 for (state, out) in given.iter().zip(one.chunks_exact_mut(width)) {
-                    scene.everyday(&mut workspace, &what, [state.q, state.qd, state.u], out).unwrap();
+                    scene.kinematic_quantity(&mut workspace, &what, [state.q, state.qd, state.u], out).unwrap();
                 }
                 for arm in arms() {
                     let mut evaluator = Evaluator::on(arm, &scene);
                     let mut found = vec![f64::NAN; one.len()];
-                    scene.evaluate_everyday(&mut evaluator, &what, &given, &mut found).unwrap();
+                    scene.evaluate_kinematic_quantity(&mut evaluator, &what, &given, &mut found).unwrap();
                     // For a zero derivative the rounding error of terms of about one remains.
                     let scale = tolerance::size(&one).max(1.0);
                     tolerance::assert_near(
@@ -529,7 +530,7 @@ fn everyday_functions_in_lanes_are_those_of_one_state() {
 }
 
 #[test]
-fn an_everyday_function_of_a_bad_state_is_refused_by_its_method() {
+fn a_kinematic_quantity_of_a_bad_state_is_refused_by_its_method() {
     on_a_large_stack(|| {
         let scene = trees().nth(2).unwrap();
         let mut states = states(&scene, 9);
@@ -538,8 +539,9 @@ fn an_everyday_function_of_a_bad_state_is_refused_by_its_method() {
         for arm in arms() {
             let mut out = vec![f64::NAN; 9];
             let mut evaluator = Evaluator::on(arm, &scene);
-            let fault =
-                scene.evaluate_everyday(&mut evaluator, &Everyday::KineticEnergy, &given, &mut out).unwrap_err();
+            let fault = scene
+                .evaluate_kinematic_quantity(&mut evaluator, &KinematicQuantity::KineticEnergy, &given, &mut out)
+                .unwrap_err();
             assert!(fault.state == 5 && fault.error.to_string().starts_with("qd: found inf"), "{arm:?}: {fault:?}");
         }
     });

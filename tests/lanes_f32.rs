@@ -6,8 +6,8 @@ use crate::common::lanes::{
     ALGORITHMS, State, aligned, arguments, arms, evaluate, forces, on_a_large_stack, plainly, states, trees,
 };
 use crate::common::tolerance::{self, Conditioning, assert_near, conditioning};
-use phipsi::batch::Arm;
 use phipsi::batch::Evaluator;
+use phipsi::batch::InstructionSet;
 use phipsi::filter::Form;
 use phipsi::scalar::{Instructions, Lanes, Real};
 use phipsi::scene::{JointDescription, JointKind, LinkDescription, SceneBuilder};
@@ -89,7 +89,7 @@ fn twice_the_lanes_of_f64_where_it_is_compiled() {
     let scene = trees().next().unwrap();
     for arm in arms() {
         let (double, single) = (Evaluator::<f64>::on(arm, &scene).lanes(), Evaluator::<f32>::on(arm, &scene).lanes());
-        let has_lanes = arm != Arm::Baseline && cfg!(feature = "float32");
+        let has_lanes = arm != InstructionSet::Baseline && cfg!(feature = "float32");
         assert_eq!(single, if has_lanes { 2 * double } else { 1 }, "{arm:?}");
     }
 }

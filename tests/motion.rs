@@ -3,7 +3,7 @@
 
 use crate::common::{ALL_KINDS, Random, Tree, random_state, tolerance};
 use phipsi::batch::Broadcast;
-use phipsi::batch::{ARMS, Arm};
+use phipsi::batch::{INSTRUCTION_SETS, InstructionSet};
 use phipsi::dynamics;
 use phipsi::filter::Form;
 use phipsi::kinematics::coordinate_rates;
@@ -228,7 +228,7 @@ fn lanes_move_as_one_state_does() {
                 for (name, method) in METHODS {
                     (settings.method, settings.form) = (method, form);
                     let mut found = Vec::new();
-                    for arm in ARMS.into_iter().map(|(_, arm)| arm).filter(|arm| arm.available()) {
+                    for arm in INSTRUCTION_SETS.into_iter().map(|(_, arm)| arm).filter(|arm| arm.available()) {
                         settings.arm = arm;
                         // Few enough steps that no other thread, with a smaller stack, is used.
                         let mut rollout = Rollout::new(&scene, settings.clone(), &q, &v).unwrap();
@@ -621,7 +621,7 @@ fn kept_momentum_is_the_same_in_lanes_and_however_a_run_is_cut() {
         for form in [Form::Auto, Form::Covariance] {
             for (name, method) in METHODS {
                 (settings.method, settings.form) = (method, form);
-                let run = |arm: Arm, cuts: &[usize]| {
+                let run = |arm: InstructionSet, cuts: &[usize]| {
                     let settings = Settings { arm, ..settings.clone() };
                     let mut rollout = Rollout::new(&scene, settings, &q, &v).unwrap();
                     for &cut in cuts {
@@ -635,7 +635,7 @@ fn kept_momentum_is_the_same_in_lanes_and_however_a_run_is_cut() {
                         .collect::<Vec<_>>()
                 };
                 let mut found = Vec::new();
-                for arm in ARMS.into_iter().map(|(_, arm)| arm).filter(|arm| arm.available()) {
+                for arm in INSTRUCTION_SETS.into_iter().map(|(_, arm)| arm).filter(|arm| arm.available()) {
                     found.push(run(arm, &[3]));
                     assert_eq!(found[found.len() - 1], run(arm, &[1, 2]), "{name}");
                 }
@@ -846,7 +846,7 @@ fn what_cannot_be_used_is_refused_by_name() {
         Error::Shape { .. }
     ));
     assert!(Method::named("euler").expect_err("refused").to_string().contains("\"rk4\""));
-    let _ = Arm::of_process();
+    let _ = InstructionSet::of_process();
 }
 
 /// Eleven states in sequence, and a torque for each.
@@ -876,7 +876,7 @@ fn a_simulator_has_the_bits_of_a_rollout_step_by_step() {
         for form in [Form::Auto, Form::Covariance] {
             for (name, method) in METHODS {
                 (settings.method, settings.form) = (method, form);
-                for arm in ARMS.into_iter().map(|(_, arm)| arm).filter(|arm| arm.available()) {
+                for arm in INSTRUCTION_SETS.into_iter().map(|(_, arm)| arm).filter(|arm| arm.available()) {
                     settings.arm = arm;
                     let mut rollout = Rollout::new(&scene, settings.clone(), &q, &v).unwrap();
                     rollout.advance(3, &each, None).unwrap();

@@ -14,7 +14,9 @@ use phipsi::motion::{RecordedRows, Records, Rollout, Settings, Simulator, Torque
 use phipsi::operators::{Factor, Kind, Operator};
 use phipsi::scene::{ConnectionKind, Contact, JointKind, Mimic, MimicJoints, Property};
 use phipsi::spatial::RigidShift;
-use phipsi::{Accuracy, Algorithm, Arguments, Derivatives, Error, Everyday, Form, Products, Scene, Workspace, scenes};
+use phipsi::{
+    Accuracy, Algorithm, Arguments, Derivatives, Error, Form, KinematicQuantity, Products, Scene, Workspace, scenes,
+};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// Scratch memory for all calls of a scene.
@@ -104,31 +106,32 @@ fn algorithms() -> Vec<(Algorithm, usize)> {
 fn arguments(algorithm: Algorithm, given: &Given) -> Arguments<'_> {
     let [q, qd, u, seed] = &given.arrays;
     let seed = match algorithm {
-        Algorithm::Products(which) if which.seeds().len() == 3 => [&seed[..]; 3],
+        Algorithm::Products(which) if which.entry().seeds().len() == 3 => [&seed[..]; 3],
         Algorithm::Products(_) => [&seed[..], &[], &[]],
         _ => [&[][..]; 3],
     };
     Arguments { q, qd, u, wrenches: &[], seed, tolerance: None }
 }
 
-fn everyday(frame: &Frame<f64>) -> Vec<Everyday<'_>> {
+fn kinematic_quantities(frame: &Frame<f64>) -> Vec<KinematicQuantity<'_>> {
     let local = ReferenceFrame::Local;
     vec![
-        Everyday::Placement(frame),
-        Everyday::Velocity(frame, local),
-        Everyday::Acceleration(frame, local, AccelerationKind::Spatial),
-        Everyday::Jacobian(frame, local),
-        Everyday::JacobianRate(frame, local),
-        Everyday::JacobianRateProduct(frame, local),
-        Everyday::CenterOfMass,
-        Everyday::CenterOfMassVelocity,
-        Everyday::CenterOfMassAcceleration,
-        Everyday::CenterOfMassJacobian,
-        Everyday::CentroidalMomentumMatrix,
-        Everyday::CentroidalMomentumMatrixRate,
-        Everyday::Momentum,
-        Everyday::KineticEnergy,
-        Everyday::Energy,
+        KinematicQuantity::Placement(frame),
+        KinematicQuantity::Velocity(frame, local),
+        KinematicQuantity::Acceleration(frame, local, AccelerationKind::Spatial),
+        KinematicQuantity::Jacobian(frame, local),
+        KinematicQuantity::JacobianRate(frame, local),
+        KinematicQuantity::JacobianRateProduct(frame, local),
+        KinematicQuantity::CenterOfMass,
+        KinematicQuantity::CenterOfMassVelocity,
+        KinematicQuantity::CenterOfMassAcceleration,
+        KinematicQuantity::CenterOfMassJacobian,
+        KinematicQuantity::CentroidalMomentumMatrix,
+        KinematicQuantity::CentroidalMomentumMatrixRate,
+        KinematicQuantity::Momentum,
+        KinematicQuantity::KineticEnergy,
+        KinematicQuantity::PotentialEnergy,
+        KinematicQuantity::Energy,
     ]
 }
 
@@ -200,29 +203,35 @@ fn calls() -> Vec<Call> {
     );
     for body in [None, Some(0), Some(99)] {
         let frame = frame_on(body);
-        for which in 0..everyday(&frame).len() {
-            let (what, name) = (everyday(&frame)[which], format!("{:?}", everyday(&frame)[which]));
+        for which in 0..kinematic_quantities(&frame).len() {
+            let (what, name) =
+                (kinematic_quantities(&frame)[which], format!("{:?}", kinematic_quantities(&frame)[which]));
             let reads = what.reads();
             add(
-                &format!("everyday {name}"),
+                &format!("kinematic_quantity {name}"),
                 (reads, true, false),
                 Box::new(move |scene, kit, given| {
-                    let what = everyday(&frame)[which];
+                    let what = kinematic_quantities(&frame)[which];
                     let [q, qd, qdd, _] = &given.arrays;
-                    scene.everyday(&mut kit.workspace, &what, [q, qd, qdd], &mut given.out(what.width(scene.nv())))
+                    scene.kinematic_quantity(
+                        &mut kit.workspace,
+                        &what,
+                        [q, qd, qdd],
+                        &mut given.out(what.width(scene.nv())),
+                    )
                 }),
             );
             add(
-                &format!("evaluate_everyday {name}"),
+                &format!("evaluate_kinematic_quantity {name}"),
                 (reads, true, true),
                 Box::new(move |scene, kit, given| {
-                    let what = everyday(&frame)[which];
+                    let what = kinematic_quantities(&frame)[which];
                     let [q, qd, qdd, _] = &given.arrays;
                     // Ignored arrays are empty, or have the length of others.
                     let read = |at: usize, x| if at < what.reads() || given.longer == 0 { x } else { &[][..] };
                     let state = Arguments { q, qd: read(1, qd), u: read(2, qdd), ..Arguments::default() };
                     let mut out = given.out(3 * what.width(scene.nv()));
-                    Ok(scene.evaluate_everyday(&mut kit.evaluator, &what, &[state; 3], &mut out)?)
+                    Ok(scene.evaluate_kinematic_quantity(&mut kit.evaluator, &what, &[state; 3], &mut out)?)
                 }),
             );
         }

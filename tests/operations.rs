@@ -3,8 +3,8 @@
 
 use crate::common::{ALL_KINDS, Random, random_scene, random_state};
 use nalgebra::Vector6;
-use phipsi::batch::Arm;
 use phipsi::batch::Evaluator;
+use phipsi::batch::InstructionSet;
 use phipsi::dynamics::InverseScratch;
 use phipsi::dynamics::{self, Estimate, EstimateCovariance, EstimateScratch, Measurements};
 use phipsi::filter::{Form, HingeMap, riccati, smoothed};
@@ -161,7 +161,7 @@ fn what_is_counted_is_what_is_evaluated() {
             let scene = random_scene(seed, 9, kinds, 0.4, 0.1);
             let (q, qd, u) = random_state(&scene, &mut Random::new(seed));
             // Separate counts of multiplications and additions.
-            let mut evaluator = Evaluator::on(Arm::Baseline, &scene);
+            let mut evaluator = Evaluator::on(InstructionSet::Baseline, &scene);
             for algorithm in algorithms {
                 let state =
                     Arguments { q: &q, qd: &qd, u: &u, wrenches: &[], ..Arguments::default() }.read_by(algorithm);

@@ -5,7 +5,7 @@
 
 use crate::common::{ALL_KINDS, Random, Tree, random_state, tolerance};
 use phipsi::batch::Broadcast;
-use phipsi::batch::{ARMS, Arm};
+use phipsi::batch::{INSTRUCTION_SETS, InstructionSet};
 use phipsi::filter::Form;
 use phipsi::motion::{METHODS, Method, RecordedRows, Records, Rollout, RolloutGradients, Settings, Torque};
 use phipsi::scene::JointKind;
@@ -74,8 +74,8 @@ fn all(found: &RolloutGradients) -> [&[f64]; 8] {
     [q, qd, torque, armature, damping, stiffness, friction, parameters.as_flattened()]
 }
 
-fn arms() -> impl Iterator<Item = Arm> {
-    ARMS.into_iter().map(|(_, arm)| arm).filter(|arm| arm.available())
+fn arms() -> impl Iterator<Item = InstructionSet> {
+    INSTRUCTION_SETS.into_iter().map(|(_, arm)| arm).filter(|arm| arm.available())
 }
 
 /// Without optimization the lane kernels need more stack than a thread has by default.

@@ -3,7 +3,7 @@
 
 use crate::common::{Random, tolerance};
 use phipsi::Scene;
-use phipsi::batch::{ARMS, Broadcast};
+use phipsi::batch::{Broadcast, INSTRUCTION_SETS};
 use phipsi::motion::{Limits, METHODS, Method, Rollout, Settings, Simulator, Torque};
 use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder};
 use phipsi::spatial::Symmetric3;
@@ -184,8 +184,8 @@ fn every_instruction_set_has_the_same_modes() {
         rollout.advance(300, &Torque::Zero, None).unwrap();
         rollout
     };
-    let first = of(ARMS[0].1);
-    for (_, arm) in ARMS {
+    let first = of(INSTRUCTION_SETS[0].1);
+    for (_, arm) in INSTRUCTION_SETS {
         let other = of(arm);
         for state in 0..states {
             let (a, b) = (first.state(state), other.state(state));

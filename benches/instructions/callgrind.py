@@ -33,7 +33,7 @@ def instructions(program: list[str], arm: str) -> int | None:
     """Instructions of one complete run on this instruction set; None if valgrind cannot run it."""
     with tempfile.TemporaryDirectory() as folder:
         valgrind = ["valgrind", "--tool=callgrind", f"--callgrind-out-file={folder}/out"]
-        said = output([*valgrind, *program], PHIPSI_ARM=arm)
+        said = output([*valgrind, *program], PHIPSI_INSTRUCTION_SET=arm)
     if UNKNOWN in said:
         return None
     found = re.search(r"Collected : (\d+)", said)

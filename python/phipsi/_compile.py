@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from ._batches import Batches, entry
 from ._cuda import CompiledForCuda, compile_for_cuda
-from ._functions import ARGUMENTS, FUNCTIONS, IN_FORM, Function, Functions, parts, shapes, symbol
+from ._functions import ARGUMENTS, COMPILED, FUNCTIONS, IN_FORM, Function, Functions, parts, shapes, symbol
 from .errors import ArgumentError, CacheWarning, LongCodeWarning, of_argument
 
 if TYPE_CHECKING:
@@ -34,42 +34,36 @@ if TYPE_CHECKING:
 __all__ = ["Compiled", "compile"]
 
 _Array: TypeAlias = NDArray[Any]
-#: What every compiler is told. Functions of one state are not called from here, and would take half the time.
+#: Flags for every compiler. Functions of one state are not used here, and would take half of the compilation time.
 ALWAYS = ("-std=c99", "-ffp-contract=fast", "-fno-math-errno", "-shared", "-fPIC", "-DROBOT_BATCHES_ALONE")
 #: So many operations, and roughly how long a compiler takes for each.
 LONG, SECONDS_EACH = 50_000, 4e-4
-#: What is compiled of functions that watch what rounding does.
-WATCHED: dict[str, Any] = {name: f"{name}_watched" for name in ("forward_dynamics", "mass_matrix_inverse")}
-#: What is compiled beside functions whose results do not tell by themselves what rounding does: it judges the factor of M, which they all go through.
-WATCH, WATCHES = "factor_watched", ("forward_dynamics_derivatives", "forward_dynamics_jvp", "forward_dynamics_vjp")
-#: Fewer states are faster by the scene's own call, whose way from Python is 3 to 6 us shorter: so many states of arms of six and seven joints and of a humanoid, measured, take as long both ways.
-FEW = {
-    **dict.fromkeys(("forward_dynamics_derivatives", "inverse_dynamics_derivatives", "placements"), 24),
-    "mass_matrix_inverse": 32,
-    **dict.fromkeys(("forward_dynamics", "forward_dynamics_jvp", "forward_dynamics_vjp", "inverse_dynamics_jvp", "inverse_dynamics_vjp"), 48),
-    **dict.fromkeys(("mass_matrix", "jacobian"), 64),
-    **dict.fromkeys(("inverse_dynamics", "bias_torque", "placement"), 128),
-}
+#: Functions that are compiled with the margin of their error estimate in form "auto".
+WATCHED: dict[str, Any] = {name: row["watched"] for name, row in COMPILED.items() if row["watched"]}
+#: The other functions with a form have no margin of their own: the margin of the factor of M, which they all use, is compiled with them.
+WATCH, WATCHES = "factor_watched", tuple(name for name in IN_FORM if name not in WATCHED)
+#: The number of states below which the call of the scene takes less time.
+FEW: dict[str, int] = {name: row["few"] for name, row in COMPILED.items()}
 #: Methods of scenes that compute in dtype themselves.
-IN_DTYPE = ("forward_dynamics", "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse")
+IN_DTYPE = tuple(name for name, row in COMPILED.items() if row["has_dtype"])
 
 
 class Compiled(Functions[_Array]):
-    """Functions of one scene as machine code that holds nothing else; batches run as many states at once as the processor's registers hold, on as many threads as set_num_threads says.
+    """Functions of one scene as machine code; batches are vectorized over states and run on the number of threads of set_num_threads.
 
-    Each method takes the arguments of the scene's method of that name and gives its results to rounding; form and dtype alone are not among them: they are those that were compiled. In form "auto" the scene does
-    states that may have lost digits, which the code tells by a margin; for derivatives and products of forward dynamics a function of its own gives the margin of the
-    factor of M first; the scene looks for digits that cancel later on too. In form "covariance" digits that are lost are not noticed.
+    Each method takes the arguments of the method of the scene with the same name, except form and dtype, which are those of phipsi.compile, and returns its results to rounding. In form "auto" the scene recomputes
+    states whose error estimate exceeds the tolerance; derivatives and products of forward dynamics use the estimate of the factor of M, which a function of its own computes first. In form "covariance" a loss of
+    precision is not detected.
 
-    Few states, arguments, results and out that are not in order, and what no code is compiled for (wrenches, return_info, at, parameters, and changes of what is constant) are done by the scene's own method,
-    which says what is wrong, or, with errors="nan", which states are bad: it does all states of a call then. out: as of the scene's method, of the dtype that was compiled; results are written straight into it, those of
-    derivatives some states at a time. Results have the dtype that was compiled. Methods of functions that were not compiled raise ArgumentError.
+    The method of the scene is called for few states, for arguments that are invalid or not contiguous, with errors="nan", and for arguments without compiled code (wrenches, return_info, at, parameters, changes of
+    constants). out is as in the method of the scene, with the dtype of the code; results are written to it directly, those of derivatives some states at a time. Methods of functions that were not compiled raise
+    ArgumentError.
     """
 
     library: Path
     """The file of the machine code."""
     form: Literal["auto", "covariance"]
-    """How forward_dynamics, mass_matrix_inverse, and derivatives and products of forward dynamics keep their digits."""
+    """The form of forward_dynamics, mass_matrix_inverse, and the derivatives and products of forward dynamics."""
     tolerance: float | None
     """The largest accepted error of form "auto", as in Scene.forward_dynamics."""
 
@@ -212,15 +206,60 @@ def compile(  # noqa: A001  # phipsi.compile
     flags: Sequence[str] | None = None,
     cache: str | os.PathLike[str] | None = None,
 ) -> Compiled | CompiledForCuda:
-    """Compiles functions of one scene by the system's C compiler: scene.to_c(batches=True) into a library that is loaded at once. Or for a GPU, scene.to_cuda through CuPy and NVRTC.
+    """Compile functions of one scene to machine code by the C compiler of the system, or to CUDA kernels.
 
-    functions: as of to_c, of one link ("placement", link), ("jacobian", link) or ("jacobian", link, frame); None: all that are of no one link. device: "cpu" or "cuda", which needs CuPy (phipsi[cuda]) and a GPU. form: "auto" hands states that may have lost digits to the scene, "covariance"
-    does not look, and takes less time (docs/compiled-times.md): derivatives and products of forward dynamics are watched by an inverse mass matrix more; None: "auto", and "covariance" of float32 and on a GPU, where "auto" is not to be had. tolerance: of form "auto", as in Scene.forward_dynamics. dtype: "float64" or "float32", the numbers of the code and of results; on the CPU, arguments of
-    float64 are rounded to it. compiler: its command, with arguments where it needs some ("ccache gcc"); None: that of the environment variable CC, or cc. flags: for this processor and of how fast the code is to be; None: -O3 for this
-    processor. cache: a directory that keeps libraries by scene, compiler and flags, so that the next call takes no time; None: phipsi/compiled where the user's caches are. A library in it that cannot be loaded is built
-    again; a directory that cannot be written is replaced by a temporary one, with a CacheWarning. These three are of device="cpu".
+    Parameters
+    ----------
+    scene : Scene
+        The scene; its constants are folded into the code.
+    functions : iterable of str or tuple, optional
+        Names of functions as in Scene.to_c, and functions of one link: ("placement", link), ("jacobian", link) or ("jacobian", link, frame). None: all that are not of a link.
+    device : {"cpu", "cuda"}, default "cpu"
+        "cuda" compiles scene.to_cuda with NVRTC; it needs CuPy (phipsi[cuda]) and a GPU.
+    form : {"auto", "covariance"}, optional
+        "auto": the scene recomputes states whose error estimate exceeds the tolerance. "covariance": no error estimate, which takes less time. None: "auto" for float64 on the CPU, else "covariance".
+    tolerance : float, optional
+        Largest accepted relative error of form "auto"; see Scene.forward_dynamics.
+    dtype : {"float64", "float32"}, default "float64"
+        Type of the code and of the results. On the CPU, float64 arguments are rounded to it.
+    compiler : str, optional
+        Command of the compiler, with arguments if needed ("ccache gcc"). None: the environment variable CC, else cc.
+    flags : sequence of str, optional
+        Flags of optimization and of the processor. None: -O3 for this processor.
+    cache : path, optional
+        Directory of compiled libraries, by scene, compiler and flags. None: phipsi/compiled in the cache directory of the user.
 
-    Warns (LongCodeWarning) before the compiler begins on code that it takes long for, as for the derivatives of a humanoid. Raises ArgumentError where there is no compiler, or it fails, where there is no GPU, and as to_c; ImportError without CuPy.
+    Returns
+    -------
+    compiled : Compiled or CompiledForCuda
+        An object with the methods of the scene of the same names.
+
+    Raises
+    ------
+    ArgumentError
+        No compiler or no GPU, a compiler that fails, unknown functions, and scenes that Scene.to_c refuses.
+    ImportError
+        No CuPy with device="cuda".
+
+    Warns
+    -----
+    LongCodeWarning
+        Code that takes the compiler long, such as the derivatives of a humanoid.
+    CacheWarning
+        A cache that cannot be written; a temporary directory replaces it.
+
+    Notes
+    -----
+    The CPU code is scene.to_c(batches=True), vectorized over states (SIMD). In form "auto" derivatives and products of forward dynamics also compute the error estimate of the factor of M
+    (docs/compiled-times.md). A library in the cache that cannot be loaded is compiled again. compiler, flags and cache apply to device="cpu".
+
+    Examples
+    --------
+    >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+    >>> fast = phipsi.compile(scene, ["inverse_dynamics"])  # doctest: +SKIP
+    >>> still = np.zeros(scene.nv)
+    >>> np.allclose(fast.inverse_dynamics(scene.neutral(), still, still), scene.gravity_torque(scene.neutral()))  # doctest: +SKIP
+    True
     """
     if device not in ("cpu", "cuda"):
         raise of_argument(ArgumentError, "device", f"found {device!r}; expected 'cpu' or 'cuda'")
@@ -362,7 +401,7 @@ def _processor() -> str:
 
 
 def _build(files: dict[str, str], command: list[str], library: Path) -> None:
-    """Compiles in a directory of its own; whoever is first leaves the library for all."""
+    """Compiles in a temporary directory; the first process to finish stores the library."""
     with tempfile.TemporaryDirectory(dir=library.parent) as directory:
         for name in ("robot.c", "robot.h"):
             (Path(directory) / name).write_text(files[name], encoding="utf-8")

@@ -59,6 +59,7 @@ __all__ = [
     "SceneBuilder",
     "Simulator",
     "__version__",
+    "_function_table",
     "_log_likelihood",
     "_numbers",
     "_rebuild_builder",
@@ -2836,6 +2837,9 @@ class Scene:
         True
         """
 
+    def potential_energy(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array | np.float64:
+        """Potential energy of gravity of all moving links, in O(N): minus gravity times the first moment of mass."""
+
     def momentum(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
         """Spatial momentum of all moving links in the base frame: (angular about its origin, linear).
 
@@ -4657,6 +4661,7 @@ def _rebuild_simulator(
     steps: int,
     /,
 ) -> Simulator: ...
+def _function_table() -> list[dict[str, Any]]: ...
 def _unwritten(count: int, /) -> _Array: ...
 def _rotate_chosen(triangle: _Array, wide: _Array, chosen: list[int], last: _Array, /) -> None: ...
 def _rotate_rows(triangle: _Array, rows: _Array, /) -> None: ...

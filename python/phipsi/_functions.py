@@ -1,4 +1,4 @@
-"""What both kinds of compiled robots have: names of functions, and the methods."""
+"""The table of functions, which the compiled module holds; and the methods that both kinds of compiled robots have."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, TypeAlias, TypeVar, get
 
 import numpy as np
 
+from ._core import _function_table
 from ._results import (
     Accuracy,
     ForwardDynamicsDerivatives,
@@ -45,39 +46,24 @@ Function: TypeAlias = (
 )
 #: All of them that are of no one link.
 FUNCTIONS: tuple[_OfScene, ...] = get_args(_OfScene)
-_TAU, _QDD, _ALONG = ("q", "qd", "tau"), ("q", "qd", "qdd"), ("dq", "dqd")
-#: The arrays that each takes.
-ARGUMENTS: dict[str, tuple[str, ...]] = {
-    "forward_dynamics": _TAU,
-    "inverse_dynamics": _QDD,
-    "bias_torque": ("q", "qd"),
-    "forward_dynamics_derivatives": _TAU,
-    "inverse_dynamics_derivatives": _QDD,
-    "forward_dynamics_jvp": (*_TAU, *_ALONG, "dtau"),
-    "forward_dynamics_vjp": (*_TAU, "cotangent"),
-    "inverse_dynamics_jvp": (*_QDD, *_ALONG, "dqdd"),
-    "inverse_dynamics_vjp": (*_QDD, "cotangent"),
-    **dict.fromkeys(("mass_matrix", "mass_matrix_inverse", "placements", "placement", "jacobian"), ("q",)),
-}
-#: Those that the scene does in a form.
-IN_FORM = (
-    "forward_dynamics",
-    "mass_matrix_inverse",
-    "forward_dynamics_derivatives",
-    "forward_dynamics_jvp",
-    "forward_dynamics_vjp",
-)
+#: The rows of the table (src/algorithm.rs), by their names.
+TABLE: dict[str, dict[str, Any]] = {row["name"]: row for row in _function_table()}
+#: The functions that code for one robot has: they alone have a number of states below which the scene is faster.
+COMPILED = {name: row for name, row in TABLE.items() if row["few"] is not None}
+#: The arrays that each takes, and the functions that the scene computes in a form.
+ARGUMENTS: dict[str, tuple[str, ...]] = {name: tuple(row["arguments"]) for name, row in COMPILED.items()}
+IN_FORM = tuple(name for name, row in COMPILED.items() if row["has_form"])
 
 
 class Functions(Generic[A]):
-    """Functions of one scene that were compiled, by the names of its methods and with their arguments, but for form and dtype, which are those that were compiled."""
+    """Compiled functions of one scene: methods with the names and arguments of those of the scene, except form and dtype, which are fixed."""
 
     scene: Scene
     """The scene that it was compiled from."""
     functions: tuple[Function, ...]
-    """What was compiled."""
+    """The functions that were compiled."""
     dtype: np.dtype[Any]
-    """The numbers of the machine code, and of results."""
+    """The type of the code and of the results."""
 
     def __init__(self, scene: Scene, functions: tuple[Function, ...], dtype: str) -> None:
         self.scene, self.functions, self.dtype = scene, functions, np.dtype(dtype)
@@ -108,7 +94,7 @@ class Functions(Generic[A]):
         return found
 
     def bias_torque(self, q: Any, qd: Any, *, out: A | None = None, errors: _Errors = "raise") -> A:
-        """The torques that let no joint accelerate, (..., nv), as Scene.bias_torque."""
+        """Joint torques at which no joint accelerates, (..., nv), as Scene.bias_torque."""
         found: A = self._run(("bias_torque",), (q, qd), out, errors)
         return found
 
@@ -118,7 +104,7 @@ class Functions(Generic[A]):
         return found
 
     def mass_matrix_inverse(self, q: Any, *, out: A | None = None, errors: _Errors = "raise") -> A:
-        """Its inverse, (..., nv, nv), as Scene.mass_matrix_inverse in the form that was compiled."""
+        """The inverse of the mass matrix, (..., nv, nv), as Scene.mass_matrix_inverse in the form that was compiled."""
         found: A = self._run(("mass_matrix_inverse",), (q,), out, errors)
         return found
 
@@ -195,12 +181,12 @@ class Functions(Generic[A]):
         return found if isinstance(found, InverseDynamicsGradients) else InverseDynamicsGradients(*found)
 
     def placements(self, q: Any, *, errors: _Errors = "raise") -> dict[str, A]:
-        """Where every link is, a dict from link names to homogeneous matrices (..., 4, 4), as Scene.placements."""
+        """Poses of all links, a dict from link names to homogeneous matrices (..., 4, 4), as Scene.placements."""
         found: Any = self._run(("placements",), (q,), None, errors)
         return found if isinstance(found, dict) else {link: found[..., at, :, :].copy() for at, link in enumerate(self.scene.link_names)}
 
     def placement(self, q: Any, link: str | Iterable[str], *, errors: _Errors = "raise") -> A:
-        """Where a link is, or several, homogeneous matrices (..., 4, 4) or (..., L, 4, 4), as Scene.placement: each that was compiled as ("placement", link)."""
+        """Pose of a link, or of several: homogeneous matrices (..., 4, 4) or (..., L, 4, 4), as Scene.placement: each that was compiled as ("placement", link)."""
         found: A
         if isinstance(link, str):
             found = self._run(("placement", link), (q,), None, errors)
@@ -219,7 +205,7 @@ class Functions(Generic[A]):
         return found
 
     def _run(self, function: tuple[str, ...], given: tuple[Any, ...], out: A | None = None, errors: _Errors = "raise", more: dict[str, Any] | None = None) -> Any:
-        """The result, or several; or what the scene's method gives, where the scene is to do it. more: arguments of the scene's method that no code was compiled for."""
+        """The results of compiled code, or of the method of the scene. more: arguments of that method for which there is no compiled code."""
         raise NotImplementedError
 
     def _missing(self, function: tuple[str, ...]) -> Exception:
@@ -227,22 +213,14 @@ class Functions(Generic[A]):
 
 
 def shapes(function: tuple[str, ...], scene: Scene) -> list[tuple[int, ...]]:
-    """Of each result of one state."""
-    rates: tuple[int, ...] = (scene.nv,)
-    pairs: tuple[int, ...] = (scene.nv, scene.nv)
-    links: dict[str, tuple[int, ...]] = {"placements": (len(scene.link_names), 4, 4), "placement": (4, 4), "jacobian": (6, scene.nv)}
-    name = function[0]
-    if name in links:
-        return [links[name]]
-    if name.endswith("derivatives"):
-        return 3 * [pairs]
-    if name.endswith("vjp"):
-        return 3 * [rates]
-    return [pairs if name.startswith("mass_matrix") else rates]
+    """The shapes of the results of one state."""
+    lengths = {"nq": scene.nq, "nv": scene.nv, "links": len(scene.link_names)}
+    results: dict[str, tuple[str | int, ...]] = TABLE[function[0]]["results"]
+    return [tuple(axis if isinstance(axis, int) else lengths[axis] for axis in axes) for axes in results.values()]
 
 
 def _changes(wrenches: Any, dwrenches: Any, dparameters: Any, darmature: Any, dgravity: Any) -> dict[str, Any] | None:
-    """What products take beside the state and its direction, where any of it is given."""
+    """The constants that change along a direction, if any are given."""
     if wrenches is dwrenches is dparameters is darmature is dgravity is None:
         return None
     return {"wrenches": wrenches, "dwrenches": dwrenches, "dparameters": dparameters, "darmature": darmature, "dgravity": dgravity}
@@ -256,11 +234,11 @@ def parts(function: Function) -> tuple[str, ...]:
 
 
 def symbol(function: Function) -> str:
-    """What the code calls it."""
+    """The name of a function in the code."""
     of = parts(function)
     return "_".join(re.sub(r"[^0-9A-Za-z]", "_", part) for part in of[: 2 if of[2:] == ("local",) else 3])
 
 
 def said(functions: Iterable[Function | tuple[str, ...]]) -> str:
-    """In words."""
+    """The names of functions in messages."""
     return ", ".join(function if isinstance(function, str) else " ".join(function) for function in functions)

@@ -1,8 +1,8 @@
 //! The compiled kernels for one state that a workspace stores.
 
 use crate::algorithm::{Algorithm, Arguments};
-use crate::batch::arms::Arm;
 use crate::batch::evaluator::Evaluated;
+use crate::batch::instruction_set::InstructionSet;
 use crate::filter::Form;
 use crate::scene::Scene;
 use crate::spatial::SpatialVector;
@@ -50,7 +50,8 @@ pub(super) fn run(
     state: &Arguments<'_>,
     out: &mut [f64],
 ) -> bool {
-    let (of, kernels) =
-        own.0.get_or_insert_with(|| (scene.identity(), f64::kernels(Arm::of_process(), scene).for_one_state()));
+    let (of, kernels) = own
+        .0
+        .get_or_insert_with(|| (scene.identity(), f64::kernels(InstructionSet::of_process(), scene).for_one_state()));
     *of == scene.identity() && kernels.run(algorithm, std::slice::from_ref(state), out) & 1 == 0
 }

@@ -1,7 +1,7 @@
 //! Dynamics algorithms at one state. Each method checks its arguments before it computes.
 
 use super::kernels;
-use crate::algorithm::{Algorithm, Arguments};
+use crate::algorithm::{Algorithm, Arguments, KinematicQuantity};
 use crate::dynamics::coupled::CoupledScratch;
 use crate::dynamics::mass_inverse::InverseScratch;
 use crate::dynamics::{self, Energy};
@@ -229,6 +229,17 @@ impl Scene {
         let kinetic = dynamics::kinetic_energy(self.model(), workspace, q, qd);
         self.check_result("kinetic energy", &[kinetic])?;
         Ok(kinetic)
+    }
+
+    /// Potential energy of gravity alone, J, zero with the center of mass at the origin of the base.
+    ///
+    /// # Errors
+    ///
+    /// Wrong lengths and numbers that are not finite.
+    pub fn potential_energy(&self, workspace: &mut Workspace<f64>, q: &[f64]) -> Result<f64, Error> {
+        let mut potential = [f64::NAN];
+        self.kinematic_quantity(workspace, &KinematicQuantity::PotentialEnergy, [q, &[], &[]], &mut potential)?;
+        Ok(potential[0])
     }
 
     /// Spatial momentum in the base frame: (angular momentum about the base origin, linear momentum), N m s and N s.

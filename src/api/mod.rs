@@ -7,11 +7,11 @@ mod contacts;
 mod derivatives;
 mod estimation;
 mod kernels;
-mod kinematic_quantity;
 mod links;
 pub mod methods;
 pub mod operational;
 mod products;
+mod quantities;
 mod uncertainty;
 
 pub use constraints::{Constrained, Projection};

@@ -215,7 +215,7 @@ impl Scene {
         out: &mut [f64],
     ) -> Result<(), Error> {
         self.check_product_state(Products::InverseGradient, state, (scratch.identity(), out.len()))?;
-        for (name, direction) in Products::InverseTangent.seeds().iter().zip(direction) {
+        for ((name, _), direction) in Products::InverseTangent.entry().seeds().iter().zip(direction) {
             self.check_rates(name, direction)?;
         }
         let at = (state.q, state.qd, state.u);
@@ -243,7 +243,7 @@ impl Scene {
         self.check_no_connections("second derivatives of forward dynamics")?;
         let which = Products::ForwardGradient(workspace.form);
         self.check_product(workspace, which, state, (scratch.identity(), out.len()))?;
-        for (name, direction) in Products::ForwardTangent(workspace.form).seeds().iter().zip(direction) {
+        for ((name, _), direction) in Products::ForwardTangent(workspace.form).entry().seeds().iter().zip(direction) {
             self.check_rates(name, direction)?;
         }
         let (at, cotangent) = ((state.q, state.qd, state.u), state.seed[0]);
@@ -281,14 +281,15 @@ impl Scene {
         state: &Arguments<'_>,
         (scratch, out): (u64, usize),
     ) -> Result<(), Error> {
+        let entry = which.entry();
         self.check_configuration("q", state.q)?;
         self.check_rates("qd", state.qd)?;
-        self.check_rates(which.third(), state.u)?;
+        self.check_rates(entry.arguments[2].0, state.u)?;
         self.check_wrenches(state.wrenches)?;
-        for (name, seed) in which.seeds().iter().zip(state.seed) {
+        for ((name, _), seed) in entry.seeds().iter().zip(state.seed) {
             self.check_rates(name, seed)?;
         }
-        check_length("out", out, which.count() * self.nv())?;
+        check_length("out", out, entry.results.len() * self.nv())?;
         self.check_scratch("scratch", scratch, "scene.hessian_scratch()")
     }
 }

@@ -1,15 +1,15 @@
-//! Joint accelerations of as many states as a scalar has lanes: each form compiled once for a scalar and its instructions, and called by whoever
-//! asks, batches and simulation.
+//! Joint accelerations of as many states as a scalar has lanes: each form compiled once for a scalar and its
+//! instructions, and called by batches and by simulation.
 
-use super::arms::{Target, Vectorized, Work};
+use super::instruction_set::{Target, Vectorized, Work};
 use crate::dynamics::auto::{self, Errors};
 use crate::dynamics::sweeps::{self, SweepModel, SweepScratch};
 use crate::model::Model;
 use crate::scalar::{Real, lanes_but};
 use nalgebra::Vector6;
 
-/// What the kernels read, and what they write.
-pub(crate) struct Call<'a, T: Real> {
+/// The arguments and results of the kernels.
+pub(crate) struct KernelArguments<'a, T: Real> {
     pub scene: (&'a Model<T>, &'a SweepModel<T>),
     pub scratch: &'a mut SweepScratch<T>,
     /// (q, qd, tau).
@@ -19,59 +19,63 @@ pub(crate) struct Call<'a, T: Real> {
     pub qdd: &'a mut [T],
 }
 
-/// In covariance form. Gives the lanes in doubt as bits, as the others do.
+/// In covariance form. Returns the lanes that need the fallback as bits, as the other kernels do.
 #[inline(never)]
-pub(crate) fn by_covariance<T: Vectorized, I: Target>(target: I, call: Call<'_, T>) -> u64 {
+pub(crate) fn by_covariance<T: Vectorized, I: Target>(target: I, call: KernelArguments<'_, T>) -> u64 {
     target.within(ByCovariance(call))
 }
 
 /// In covariance form, watched: the first form of `auto`. Writes the estimated errors.
 #[inline(never)]
-pub(crate) fn watched<T: Vectorized, I: Target>(target: I, call: Call<'_, T>, errors: &mut Errors<T>) -> u64 {
-    target.within(Watched(call, errors))
+pub(crate) fn watched<T: Vectorized, I: Target>(
+    target: I,
+    call: KernelArguments<'_, T>,
+    errors: &mut Errors<T>,
+) -> u64 {
+    target.within(WithErrorEstimate(call, errors))
 }
 
 /// In square-root form.
 #[inline(never)]
-pub(crate) fn by_roots<T: Vectorized, I: Target>(target: I, call: Call<'_, T>) -> u64 {
+pub(crate) fn by_roots<T: Vectorized, I: Target>(target: I, call: KernelArguments<'_, T>) -> u64 {
     target.within(ByRoots(call))
 }
 
-struct ByCovariance<'a, T: Real>(Call<'a, T>);
+struct ByCovariance<'a, T: Real>(KernelArguments<'a, T>);
 
 impl<T: Vectorized> Work for ByCovariance<'_, T> {
     type Output = u64;
 
     #[inline(always)]
     fn call(self) -> u64 {
-        let Call { scene, scratch, state, wrenches, qdd } = self.0;
+        let KernelArguments { scene, scratch, state, wrenches, qdd } = self.0;
         let pivots = sweeps::forward_dynamics::<T, T::Columns>(scene, scratch, state, wrenches, qdd);
         lanes_but::<T>(|lane| pivots.clear(lane))
     }
 }
 
-struct Watched<'a, T: Real>(Call<'a, T>, &'a mut Errors<T>);
+struct WithErrorEstimate<'a, T: Real>(KernelArguments<'a, T>, &'a mut Errors<T>);
 
-impl<T: Vectorized> Work for Watched<'_, T> {
+impl<T: Vectorized> Work for WithErrorEstimate<'_, T> {
     type Output = u64;
 
     #[inline(always)]
     fn call(self) -> u64 {
-        let Call { scene, scratch, state, wrenches, qdd } = self.0;
+        let KernelArguments { scene, scratch, state, wrenches, qdd } = self.0;
         let watched = auto::estimated_in_lanes::<T, T::Columns>(scene, scratch, state, wrenches, qdd);
         *self.1 = watched.errors();
         lanes_but::<T>(|lane| watched.is_accepted(lane))
     }
 }
 
-struct ByRoots<'a, T: Real>(Call<'a, T>);
+struct ByRoots<'a, T: Real>(KernelArguments<'a, T>);
 
 impl<T: Vectorized> Work for ByRoots<'_, T> {
     type Output = u64;
 
     #[inline(always)]
     fn call(self) -> u64 {
-        let Call { scene, scratch, state, wrenches, qdd } = self.0;
+        let KernelArguments { scene, scratch, state, wrenches, qdd } = self.0;
         let (pivots, reach) = sweeps::forward_dynamics_by_roots::<T, T::Columns>(scene, scratch, state, wrenches, qdd);
         lanes_but::<T>(|lane| pivots.clear(lane) && reach.clear(lane))
     }

@@ -9,12 +9,12 @@ use crate::filter::Form;
 use crate::scene::Scene;
 
 impl Scene {
-    /// Joint accelerations as [`Scene::evaluate`] gives them with [`Algorithm::ForwardDynamics`], the same bits, and what is known of their
-    /// accuracy, one entry a state.
+    /// Joint accelerations as [`Scene::evaluate`] gives them with [`Algorithm::ForwardDynamics`], the same bits, and
+    /// the accuracy of each state.
     ///
-    /// In form `auto` the estimate comes with the result. In the forms `covariance` and `square-root` the general recursion is run besides, which takes
-    /// about five times as long as they do. In f32 only
-    /// `auto` has an estimate: of its own rounding, not of that of the scene's constants and of the arguments.
+    /// In form `auto` the estimate comes with the result. In the forms `covariance` and `square-root` the general
+    /// recursion is run besides, which takes about five times as long as they do. In
+    /// f32 only `auto` has an estimate: of its own rounding, not of that of the scene's constants and of the arguments.
     ///
     /// # Errors
     ///
@@ -45,7 +45,8 @@ impl Scene {
         if P::EPSILON > f64::EPSILON {
             return Ok(());
         }
-        // The general recursion watches these forms; its results are as good as those that are there, and not the same bits.
+        // The general recursion watches these forms; its results are as good as those that are there, and not the
+        // same bits.
         let mut again = vec![P::nearest(f64::NAN); self.nv()];
         let checked = &mut evaluator.checked;
         checked.workspace.estimates_error = true;

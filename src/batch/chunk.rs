@@ -1,17 +1,17 @@
 //! A few states at once, one in each lane of a scalar, through one algorithm compiled for one arm.
 //!
-//! Nothing is raised here: a lane whose arguments, pivots, digits or results are not in order is in *doubt*, and whoever
-//! called does that state again with every check (see [`Evaluator`](super::evaluator::Evaluator)).
+//! Nothing is raised here: a lane whose arguments, pivots, digits or results are not in order is in *doubt*, and
+//! whoever called does that state again with every check (see [`Evaluator`](super::evaluator::Evaluator)).
 
 use super::accelerations;
-use super::arms::{Entry, Target, Vectorized, Work};
 use super::connected::{self, ConnectedKernel};
 use super::derivatives::{self, DerivativeKernel};
-use super::everyday::{self, EverydayKernel};
 use super::factor;
 use super::finite::{any_not_finite, not_finite};
+use super::instruction_set::{Entry, Target, Vectorized, Work};
 use super::products::{self, ProductKernel};
-use crate::algorithm::{Algorithm, Arguments, Derivatives, Everyday};
+use super::quantities::{self, QuantityKernel};
+use crate::algorithm::{Algorithm, Arguments, Derivatives, KinematicQuantity};
 use crate::dynamics::auto::Errors;
 use crate::dynamics::derivatives::with_transpose;
 use crate::dynamics::sweeps::{self, Entries, InverseColumns, MassColumns, SweepModel, SweepScratch};
@@ -45,15 +45,16 @@ pub struct Chunk<T: Vectorized> {
     arguments: [Vec<T>; 3],
     wrenches: Vec<Vector6<T>>,
     results: Vec<T>,
-    /// What form `auto` estimates its error to be.
+    /// The error estimates of form `auto`.
     errors: Errors<T>,
-    /// True if every lane accepts the default error, and a bit mask of the lanes that accept less than the first probe of the square-root form guarantees.
+    /// True if every lane accepts the default error, and a bit mask of the lanes that accept less than the first
+    /// probe of the square-root form guarantees.
     accepts_usual: bool,
     strict: u64,
     derivatives: Option<Box<DerivativeKernel<T>>>,
     products: Option<Box<ProductKernel<T>>>,
     connected: Option<Box<ConnectedKernel<T>>>,
-    everyday: Option<Box<EverydayKernel<T>>>,
+    quantities: Option<Box<QuantityKernel<T>>>,
 }
 
 impl<T: Vectorized> Chunk<T> {
@@ -83,7 +84,7 @@ impl<T: Vectorized> Chunk<T> {
             derivatives: None,
             products: None,
             connected: None,
-            everyday: None,
+            quantities: None,
             numbers,
         }
     }
@@ -102,7 +103,8 @@ impl<T: Vectorized> Chunk<T> {
         self.errors.of(lane)
     }
 
-    /// As [`Chunks::run`](crate::algorithm::Chunks::run), for these instructions; all that the scalar needs becomes part of whatever calls it.
+    /// As [`Chunks::run`](crate::algorithm::Chunks::run), for these instructions; all that the scalar needs becomes
+    /// part of whatever calls it.
     #[inline(always)]
     pub fn run<I: Target>(
         &mut self,
@@ -117,7 +119,7 @@ impl<T: Vectorized> Chunk<T> {
         self.gather_wrenches(states);
         self.accept(states);
         let is_connected = !self.numbers.constraints.is_empty();
-        let call = Call { chunk: self, algorithm, states, out };
+        let call = ChunkArguments { chunk: self, algorithm, states, out };
         match algorithm {
             Algorithm::ForwardDynamics(_) | Algorithm::ConstrainedDynamics(_) if is_connected => {
                 if T::Number::RARE_KERNELS {
@@ -137,17 +139,18 @@ impl<T: Vectorized> Chunk<T> {
         }
     }
 
-    /// As [`Chunks::everyday`](crate::algorithm::Chunks::everyday), for these instructions; float32 has none of them.
+    /// As [`Chunks::kinematic_quantity`](crate::algorithm::Chunks::kinematic_quantity), for these instructions;
+    /// float32 has none of them.
     #[inline(always)]
-    pub fn everyday<I: Target>(
+    pub fn kinematic_quantity<I: Target>(
         &mut self,
         target: I,
-        what: &Everyday<'_>,
+        what: &KinematicQuantity<'_>,
         states: &[Arguments<'_, T::Number>],
         out: &mut [T::Number],
     ) -> u64 {
         if T::Number::RARE_KERNELS {
-            return target.within(EverydayRun { chunk: self, what, states, out });
+            return target.within(QuantityRun { chunk: self, what, states, out });
         }
         u64::MAX
     }
@@ -201,7 +204,7 @@ pub(super) fn nearness<T: Real>(quaternions: &[usize], q: &[T]) -> T {
     nearness
 }
 
-/// Whether a norm may be off by more than is allowed: this bounds its square, so that half of it passes here.
+/// True if a norm may deviate by more than the tolerance: the bound is on its square, so that half of it passes here.
 #[inline(always)]
 pub(super) fn is_far<T: Real>(nearness: T, lane: usize) -> bool {
     !(nearness.lane(lane) >= -QUATERNION_SLACK)
@@ -262,7 +265,7 @@ fn doubtful<T: Real>(states: usize, nearness: T, fault: T) -> u64 {
     doubt
 }
 
-// What is compiled together, each group into one function: in one function with all others M^-1 executed a fifth more.
+// Groups of algorithms, each compiled into one function: in a single function M^-1 executes a fifth more instructions.
 
 /// Forward dynamics.
 const ACCELERATIONS: u8 = 0;
@@ -280,7 +283,7 @@ const PRODUCTS: u8 = 5;
 const CONNECTED: u8 = 6;
 
 /// A chunk with its arguments.
-struct Call<'a, T: Vectorized> {
+struct ChunkArguments<'a, T: Vectorized> {
     chunk: &'a mut Chunk<T>,
     algorithm: Algorithm,
     states: &'a [Arguments<'a, T::Number>],
@@ -288,14 +291,14 @@ struct Call<'a, T: Vectorized> {
 }
 
 /// The same, to be run inside an arm; the algorithm is one of GROUP.
-struct Run<'a, T: Vectorized, I: Target, const GROUP: u8>(Call<'a, T>, I);
+struct Run<'a, T: Vectorized, I: Target, const GROUP: u8>(ChunkArguments<'a, T>, I);
 
 impl<T: Vectorized, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
     type Output = u64;
 
     #[inline(always)]
     fn call(self) -> u64 {
-        let Self(Call { chunk, algorithm, states, out }, target) = self;
+        let Self(ChunkArguments { chunk, algorithm, states, out }, target) = self;
         let Chunk {
             numbers: constants,
             sweep_scratch,
@@ -326,7 +329,8 @@ impl<T: Vectorized, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
         if let (Algorithm::Derivatives(which), true) = (algorithm, GROUP == DERIVATIVES) {
             let kernel = derivatives.get_or_insert_with(|| Box::new(DerivativeKernel::new(model, sweeps)));
             let scratch = (sweep_scratch, inverse_columns);
-            let call = derivatives::Call { scene, scratch, kernel, state: (q, qd, u), wrenches, out: &mut *out };
+            let call =
+                derivatives::KernelArguments { scene, scratch, kernel, state: (q, qd, u), wrenches, out: &mut *out };
             doubt |= derivatives::run(target, which, call);
             if which == Derivatives::MassMatrix {
                 for matrix in out.chunks_exact_mut(model.nv() * model.nv()) {
@@ -347,7 +351,8 @@ impl<T: Vectorized, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
             for lane in 0..states.len() {
                 doubt |= u64::from(fault.lane(lane) != 0.0) << lane;
             }
-            let call = products::Call { scene, scratch: sweep_scratch, kernel, state: (q, qd, u), wrenches, out };
+            let call =
+                products::KernelArguments { scene, scratch: sweep_scratch, kernel, state: (q, qd, u), wrenches, out };
             return doubt | products::run(target, which, call);
         }
         if let (Some(form), true) = (algorithm.form(), GROUP == CONNECTED) {
@@ -360,7 +365,7 @@ impl<T: Vectorized, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
                 doubt |= lanes_but::<T>(|lane| fault.lane(lane) == 0.0);
             }
             let (scratch, states) = (sweep_scratch, states.len());
-            let call = connected::Call { scene, scratch, kernel, state: (q, qd, u), wrenches, out, states };
+            let call = connected::KernelArguments { scene, scratch, kernel, state: (q, qd, u), wrenches, out, states };
             return doubt | connected::run(target, form, call);
         }
         let entries = entries_of::<T, GROUP>(algorithm, scene, inverse_columns, mass_columns);
@@ -395,33 +400,33 @@ impl<T: Vectorized, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
     }
 }
 
-/// An everyday function with its states, to be run inside an arm.
-struct EverydayRun<'a, T: Vectorized> {
+/// A kinematic quantity with its states, to be run inside an arm.
+struct QuantityRun<'a, T: Vectorized> {
     chunk: &'a mut Chunk<T>,
-    what: &'a Everyday<'a>,
+    what: &'a KinematicQuantity<'a>,
     states: &'a [Arguments<'a, T::Number>],
     out: &'a mut [T::Number],
 }
 
-impl<T: Vectorized> Work for EverydayRun<'_, T> {
+impl<T: Vectorized> Work for QuantityRun<'_, T> {
     type Output = u64;
 
     #[inline(always)]
     fn call(self) -> u64 {
-        let Self { chunk: Chunk { numbers: constants, arguments, everyday, .. }, what, states, out } = self;
+        let Self { chunk: Chunk { numbers: constants, arguments, quantities, .. }, what, states, out } = self;
         let Numbers { model, quaternions, .. } = &**constants;
         let [q, qd, qdd] = arguments;
         let mut fault = gather_state([&mut *q, qd, qdd], &in_lanes(states));
         let nearness = nearness(quaternions, q);
-        let kernel = everyday.get_or_insert_default();
-        let results = everyday::run(model, kernel, what, (q, qd, qdd));
+        let kernel = quantities.get_or_insert_default();
+        let results = quantities::run(model, kernel, what, (q, qd, qdd));
         fault += any_not_finite(results);
         T::put_lanes(results, out);
         doubtful(states.len(), nearness, fault)
     }
 }
 
-/// What a matrix is written to in lanes; none where an algorithm gives none, or all of its results in order.
+/// The entries of a matrix in lanes; None for algorithms without a matrix, or with all results in order.
 #[inline(always)]
 fn entries_of<'a, T: Vectorized, const GROUP: u8>(
     algorithm: Algorithm,
@@ -451,7 +456,7 @@ fn compute<T: Vectorized, I: Target, const GROUP: u8>(
     let (model, sweeps) = scene;
     match algorithm {
         Algorithm::ForwardDynamics(form) if GROUP == ACCELERATIONS => {
-            let call = accelerations::Call { scene, scratch, state: (q, qd, u), wrenches, qdd: results };
+            let call = accelerations::KernelArguments { scene, scratch, state: (q, qd, u), wrenches, qdd: results };
             match form {
                 Form::Auto => accelerations::watched(target, call, errors),
                 Form::Covariance => accelerations::by_covariance(target, call),

@@ -1,7 +1,7 @@
 //! The kernels of every scalar and its instructions, each in a module of its own.
 //!
-//! The compiler hands out its work by modules, and a kernel is all of the algorithms inlined into one function: in one module the arms would
-//! be compiled one after another.
+//! The compiler hands out its work by modules, and a kernel is all of the algorithms inlined into one function: in
+//! one module the arms would be compiled one after another.
 
 #[cfg(target_arch = "aarch64")]
 use pulp::aarch64::Neon;
@@ -12,15 +12,15 @@ use pulp::x86::V4;
 
 macro_rules! compiled {
     ($module:ident, $scalar:ty) => {
-        compiled!($module, $scalar, <$scalar as crate::batch::arms::Vectorized>::Least);
+        compiled!($module, $scalar, <$scalar as crate::batch::instruction_set::Vectorized>::Least);
     };
     ($module:ident, $scalar:ty, $instructions:ty) => {
         pub(super) mod $module {
             #[allow(unused_imports)] // each scalar needs some of them
             use super::*;
-            use crate::algorithm::{Algorithm, Arguments, Chunks, Everyday};
-            use crate::batch::arms::{Target, Vectorized};
+            use crate::algorithm::{Algorithm, Arguments, Chunks, KinematicQuantity};
             use crate::batch::chunk::Chunk;
+            use crate::batch::instruction_set::{Target, Vectorized};
             #[allow(unused_imports)]
             use crate::scalar::{Fused, Lanes};
             use crate::scene::Scene;
@@ -38,13 +38,13 @@ macro_rules! compiled {
                     self.0.run(self.1, algorithm, states, out)
                 }
 
-                fn everyday(
+                fn kinematic_quantity(
                     &mut self,
-                    what: &Everyday<'_>,
+                    what: &KinematicQuantity<'_>,
                     states: &[Arguments<'_, Number>],
                     out: &mut [Number],
                 ) -> u64 {
-                    self.0.everyday(self.1, what, states, out)
+                    self.0.kinematic_quantity(self.1, what, states, out)
                 }
 
                 fn error(&self, lane: usize) -> f64 {

@@ -1,8 +1,8 @@
 //! Forward dynamics through connections, of as many states as a scalar has lanes.
 
-use super::arms::{Target, Vectorized, Work};
 use super::factor;
 use super::finite::any_not_finite;
+use super::instruction_set::{Target, Vectorized, Work};
 use crate::dynamics::constraints::ConstraintKernel;
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::filter::Form;
@@ -11,10 +11,10 @@ use crate::scalar::{Precision, lanes_but};
 use crate::scene::constraint::Constraints;
 use nalgebra::Vector6;
 
-/// What rounding leaves in the rows is taken away at most so many times.
+/// Largest number of refinements that remove the rounding error of the rows.
 const CORRECTIONS: usize = 2;
 
-/// What it needs beside the scratch of the dynamics; made when it is first asked for.
+/// Scratch beyond that of the dynamics, allocated by the first call.
 #[derive(Debug)]
 pub(super) struct ConnectedKernel<T: Vectorized> {
     pub rows: ConstraintKernel<T>,
@@ -36,8 +36,8 @@ impl<T: Vectorized> ConnectedKernel<T> {
     }
 }
 
-/// What a call reads and writes.
-pub(super) struct Call<'a, T: Vectorized> {
+/// The arguments and results of a call.
+pub(super) struct KernelArguments<'a, T: Vectorized> {
     pub scene: (&'a Model<T>, &'a SweepModel<T>),
     pub scratch: &'a mut SweepScratch<T>,
     pub kernel: &'a mut ConnectedKernel<T>,
@@ -49,11 +49,18 @@ pub(super) struct Call<'a, T: Vectorized> {
     pub states: usize,
 }
 
-/// Writes the results; gives the lanes in doubt as bits, numbers that are not finite among them.
+/// Writes the results; returns the lanes that need the fallback (values that are not finite, for instance) as bits.
 #[inline(always)]
-pub(super) fn run<T: Vectorized, I: Target>(target: I, form: Form, call: Call<'_, T>) -> u64 {
-    let Call { scene, scratch, kernel: ConnectedKernel { rows, innovations, results }, state, wrenches, out, states } =
-        call;
+pub(super) fn run<T: Vectorized, I: Target>(target: I, form: Form, call: KernelArguments<'_, T>) -> u64 {
+    let KernelArguments {
+        scene,
+        scratch,
+        kernel: ConnectedKernel { rows, innovations, results },
+        state,
+        wrenches,
+        out,
+        states,
+    } = call;
     let nv = innovations.len();
     let mut doubt = match form {
         Form::Auto => factor::watched(target, scene, scratch, (state.0, &mut results[..nv])),
@@ -66,7 +73,7 @@ pub(super) fn run<T: Vectorized, I: Target>(target: I, form: Form, call: Call<'_
         target.within(Take(rows, innovations));
         results[..nv].copy_from_slice(innovations);
         factor::smooth(target, scene, scratch, &mut results[..nv]);
-        let [is_left, is_open] = target.within(Look(scene, scratch, rows, &results[..nv]));
+        let [is_left, is_open] = target.within(ConnectionResidual(scene, scratch, rows, &results[..nv]));
         if is_left & !doubt == 0 || correction == CORRECTIONS {
             doubt |= is_open;
             break;
@@ -82,7 +89,7 @@ pub(super) fn run<T: Vectorized, I: Target>(target: I, form: Form, call: Call<'_
     doubt | lanes_but::<T>(|lane| fault.lane(lane) == 0.0)
 }
 
-/// Rows, their factor and the first forces; the lanes in doubt.
+/// Rows, their factor and the first forces; the lanes that need the fallback.
 struct Begin<'a, T: Vectorized>(
     (&'a Model<T>, &'a SweepModel<T>),
     &'a SweepScratch<T>,
@@ -101,7 +108,7 @@ impl<T: Vectorized> Work for Begin<'_, T> {
     }
 }
 
-/// What the forces change.
+/// The accelerations due to the forces.
 struct Take<'a, T: Vectorized>(&'a mut ConstraintKernel<T>, &'a mut [T]);
 
 impl<T: Vectorized> Work for Take<'_, T> {
@@ -113,15 +120,15 @@ impl<T: Vectorized> Work for Take<'_, T> {
     }
 }
 
-/// What is left of the rows; the lanes where it is more than rounding usually leaves, and where it is none.
-struct Look<'a, T: Vectorized>(
+/// The residual of the rows; the lanes in which it exceeds the usual rounding error, and those in which it is zero.
+struct ConnectionResidual<'a, T: Vectorized>(
     (&'a Model<T>, &'a SweepModel<T>),
     &'a SweepScratch<T>,
     &'a mut ConstraintKernel<T>,
     &'a [T],
 );
 
-impl<T: Vectorized> Work for Look<'_, T> {
+impl<T: Vectorized> Work for ConnectionResidual<'_, T> {
     type Output = [u64; 2];
 
     #[inline(always)]
@@ -130,7 +137,7 @@ impl<T: Vectorized> Work for Look<'_, T> {
         let [near, far] = rows.look(scene, scratch, qdd);
         let [is_left, is_open] = [near, far].map(|margin| lanes_but::<T>(|lane| margin.lane(lane) >= 0.0));
         if is_left != 0 {
-            // A lane by itself: what its neighbours need does not touch it.
+            // Each lane independently: the needs of other lanes do not change its result.
             let mut kept = near.constant(0.0);
             for (lane, kept) in kept.lanes_mut().iter_mut().enumerate() {
                 *kept = T::Number::nearest(if is_left >> lane & 1 == 1 { 1.0 } else { 0.0 });

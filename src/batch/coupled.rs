@@ -1,10 +1,10 @@
 //! States of a scene whose joints follow each other: the tree's kernels, and the filter that waits.
 
 use super::Fault;
-use super::arms::Arm;
 use super::evaluator::{Evaluated, Evaluator};
+use super::instruction_set::InstructionSet;
 use crate::accuracy::Accuracy;
-use crate::algorithm::{Algorithm, Arguments, Everyday};
+use crate::algorithm::{Algorithm, Arguments, KinematicQuantity};
 use crate::dynamics::coupled::CoupledScratch;
 use crate::error::{Error, check_length};
 use crate::scene::{Coupling, Scene};
@@ -17,7 +17,7 @@ pub(super) struct CoupledEvaluator {
 
 impl CoupledEvaluator {
     /// On an arm; none where joints do not follow each other.
-    pub fn of(arm: Arm, scene: &Scene) -> Option<Box<Self>> {
+    pub fn of(arm: InstructionSet, scene: &Scene) -> Option<Box<Self>> {
         let coupling = scene.coupling()?;
         Some(Box::new(Self { tree: Evaluator::on(arm, coupling.tree()), scratch: CoupledScratch::new(coupling) }))
     }
@@ -67,11 +67,11 @@ impl CoupledEvaluator {
         Ok(())
     }
 
-    /// As [`Scene::evaluate_everyday`].
-    pub fn everyday(
+    /// As [`Scene::evaluate_kinematic_quantity`].
+    pub fn kinematic_quantity(
         &mut self,
         (scene, coupling): (&Scene, &Coupling),
-        what: &Everyday<'_>,
+        what: &KinematicQuantity<'_>,
         states: &[Arguments<'_>],
         out: &mut [f64],
     ) -> Result<(), Fault> {
@@ -89,12 +89,12 @@ impl CoupledEvaluator {
             expanded.iter().map(|[q, qd, u]| Arguments { q, qd, u, ..Arguments::default() }).collect();
         let (tree, width) = (coupling.tree(), what.width(scene.nv()));
         check_length("out", out.len(), width * states.len()).map_err(at(0))?;
-        if !what.has_columns() {
-            return tree.evaluate_everyday(&mut self.tree, what, &asked, out);
+        if what.rows_of_columns().is_none() {
+            return tree.evaluate_kinematic_quantity(&mut self.tree, what, &asked, out);
         }
         let of_tree = what.width(tree.nv());
         let mut results = vec![f64::NAN; of_tree * states.len()];
-        tree.evaluate_everyday(&mut self.tree, what, &asked, &mut results)?;
+        tree.evaluate_kinematic_quantity(&mut self.tree, what, &asked, &mut results)?;
         for (from, to) in results.chunks_exact(of_tree.max(1)).zip(out.chunks_exact_mut(width.max(1))) {
             coupling.reduce_columns(from, to);
         }

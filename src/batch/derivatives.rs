@@ -1,9 +1,9 @@
 //! Derivatives of as many states as a scalar has lanes.
 
 use super::accelerations;
-use super::arms::{Entry, Target, Vectorized, Work};
 use super::factor::with_factor;
 use super::finite::entries_not_finite;
+use super::instruction_set::{Entry, Target, Vectorized, Work};
 use crate::algorithm::Derivatives;
 use crate::dynamics::derivatives::{DerivativeColumns, Kept, Matrices, Product, in_sweeps};
 use crate::dynamics::forces::Motion;
@@ -13,7 +13,7 @@ use crate::model::Model;
 use crate::scalar::ColumnsOf;
 use nalgebra::Vector6;
 
-/// What they need beside the scratch of the dynamics; made when derivatives are first asked for.
+/// Scratch beyond that of the dynamics, allocated by the first call.
 #[derive(Debug)]
 pub(super) struct DerivativeKernel<T: Vectorized> {
     kept: Kept<T>,
@@ -45,8 +45,8 @@ impl<T: Vectorized> DerivativeKernel<T> {
     }
 }
 
-/// What a call reads and writes.
-pub(super) struct Call<'a, T: Vectorized> {
+/// The arguments and results of a call.
+pub(super) struct KernelArguments<'a, T: Vectorized> {
     pub scene: (&'a Model<T>, &'a SweepModel<T>),
     pub scratch: (&'a mut SweepScratch<T>, &'a mut InverseColumns<T, T::Columns>),
     pub kernel: &'a mut DerivativeKernel<T>,
@@ -56,10 +56,10 @@ pub(super) struct Call<'a, T: Vectorized> {
     pub out: &'a mut [T::Number],
 }
 
-/// Writes the matrices; gives the lanes in doubt as bits, numbers that are not finite among them.
+/// Writes the matrices; returns the lanes that need the fallback (values that are not finite, for instance) as bits.
 #[inline(always)]
-pub(super) fn run<T: Vectorized, I: Target>(target: I, which: Derivatives, call: Call<'_, T>) -> u64 {
-    let Call { scene, scratch: (scratch, inverse), kernel, state: (q, qd, u), wrenches, out } = call;
+pub(super) fn run<T: Vectorized, I: Target>(target: I, which: Derivatives, call: KernelArguments<'_, T>) -> u64 {
+    let KernelArguments { scene, scratch: (scratch, inverse), kernel, state: (q, qd, u), wrenches, out } = call;
     let DerivativeKernel { kept, columns, product, qdd, matrices, all } = kernel;
     let (size, form) = (matrices.len(), if let Derivatives::ForwardDynamics(form) = which { Some(form) } else { None });
     let mut doubt = 0;
@@ -67,7 +67,7 @@ pub(super) fn run<T: Vectorized, I: Target>(target: I, which: Derivatives, call:
         if !matches!(form, Form::Auto | Form::Covariance) || !scene.1.is_shallow() {
             return u64::MAX;
         }
-        let call = accelerations::Call { scene, scratch, state: (q, qd, u), wrenches, qdd };
+        let call = accelerations::KernelArguments { scene, scratch, state: (q, qd, u), wrenches, qdd };
         doubt = with_factor(target, form, call);
     }
     let (kind, qdd) = match which {
@@ -79,7 +79,7 @@ pub(super) fn run<T: Vectorized, I: Target>(target: I, which: Derivatives, call:
     let entries = columns.prepare(scene.0, scene.1);
     let mut numbers = std::mem::take(&mut entries.numbers);
     // Of one state where they belong, if all of them are asked for.
-    let is_whole = which.count() == 3;
+    let is_whole = which.entry().results.len() == 3;
     let to = if T::LANES > 1 {
         &mut numbers[..]
     } else if is_whole {

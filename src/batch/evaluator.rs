@@ -1,11 +1,11 @@
 //! States of a scene through the fastest code that this processor has: one by one, or in lanes.
 
 use super::Fault;
-use super::arms::Arm;
 use super::compiled;
 use super::coupled::CoupledEvaluator;
+use super::instruction_set::InstructionSet;
 use crate::accuracy::Accuracy;
-use crate::algorithm::{Algorithm, Arguments, Chunks, Everyday};
+use crate::algorithm::{Algorithm, Arguments, Chunks, KinematicQuantity};
 use crate::dynamics::mass_inverse::InverseScratch;
 use crate::error::{Error, check_length};
 use crate::filter::Form;
@@ -16,10 +16,10 @@ use crate::workspace::Workspace;
 
 /// Scratch for the algorithms of one scene on one thread, for one state and for as many as fit in a register.
 ///
-/// States and results are f64, or f32 and then twice as many in a register. What it computes has the same bits in any lane and with
-/// any neighbours, but for the sign of a zero.
+/// States and results are f64, or f32 and then twice as many in a register. What it computes has the same bits in any
+/// lane and with any neighbours, but for the sign of a zero.
 pub struct Evaluator<P = f64> {
-    arm: Arm,
+    arm: InstructionSet,
     /// Of the scene that it was made for.
     identity: u64,
     pub(super) kernels: Kernels<P>,
@@ -36,7 +36,7 @@ pub struct Kernels<P> {
     many: Option<Box<dyn Chunks<P>>>,
 }
 
-/// What there is where there are no kernels: every state is in doubt.
+/// A substitute for missing kernels: every state needs the fallback.
 struct Doubts;
 
 impl<P> Chunks<P> for Doubts {
@@ -48,7 +48,7 @@ impl<P> Chunks<P> for Doubts {
         u64::MAX
     }
 
-    fn everyday(&mut self, _: &Everyday<'_>, _: &[Arguments<'_, P>], _: &mut [P]) -> u64 {
+    fn kinematic_quantity(&mut self, _: &KinematicQuantity<'_>, _: &[Arguments<'_, P>], _: &mut [P]) -> u64 {
         u64::MAX
     }
 
@@ -61,51 +61,52 @@ impl<P> Chunks<P> for Doubts {
 pub trait Evaluated: Precision {
     /// The kernels of an arm that this processor has.
     #[doc(hidden)]
-    fn kernels(arm: Arm, scene: &Scene) -> Kernels<Self>;
+    fn kernels(arm: InstructionSet, scene: &Scene) -> Kernels<Self>;
 }
 
 impl Evaluated for f64 {
-    fn kernels(arm: Arm, scene: &Scene) -> Kernels<Self> {
+    fn kernels(arm: InstructionSet, scene: &Scene) -> Kernels<Self> {
         let one = match arm {
-            Arm::Baseline => compiled::plain::kernels(scene),
+            InstructionSet::Baseline => compiled::plain::kernels(scene),
             #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-            Arm::Avx512 => compiled::fused_avx512::kernels(scene),
-            Arm::Avx2 | Arm::Neon => compiled::fused::kernels(scene),
+            InstructionSet::Avx512 => compiled::fused_avx512::kernels(scene),
+            InstructionSet::Avx2 | InstructionSet::Neon => compiled::fused::kernels(scene),
             // Not compiled, so never picked.
             #[allow(unreachable_patterns)]
             _ => None,
         };
         let many = match arm {
             #[cfg(target_arch = "x86_64")]
-            Arm::Avx2 => compiled::avx2::kernels(scene),
+            InstructionSet::Avx2 => compiled::avx2::kernels(scene),
             #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-            Arm::Avx512 => compiled::avx512::kernels(scene),
+            InstructionSet::Avx512 => compiled::avx512::kernels(scene),
             #[cfg(target_arch = "aarch64")]
-            Arm::Neon => compiled::neon::kernels(scene),
+            InstructionSet::Neon => compiled::neon::kernels(scene),
             _ => None,
         };
         Kernels { one, many }
     }
 }
 
-/// In lanes or not at all: one state leaves the others idle, for code of its own would not be worth the time to compile it.
+/// In lanes or not at all: one state leaves the others idle, for code of its own would not be worth the time to
+/// compile it.
 impl Evaluated for f32 {
     #[allow(unused_variables)] // where there are no lanes
-    fn kernels(arm: Arm, scene: &Scene) -> Kernels<Self> {
+    fn kernels(arm: InstructionSet, scene: &Scene) -> Kernels<Self> {
         let many = match arm {
             #[cfg(all(target_arch = "x86_64", feature = "float32"))]
-            Arm::Avx2 => compiled::avx2_f32::kernels(scene),
+            InstructionSet::Avx2 => compiled::avx2_f32::kernels(scene),
             #[cfg(all(target_arch = "x86_64", feature = "float32", feature = "avx512"))]
-            Arm::Avx512 => compiled::avx512_f32::kernels(scene),
+            InstructionSet::Avx512 => compiled::avx512_f32::kernels(scene),
             #[cfg(all(target_arch = "aarch64", feature = "float32"))]
-            Arm::Neon => compiled::neon_f32::kernels(scene),
+            InstructionSet::Neon => compiled::neon_f32::kernels(scene),
             _ => None,
         };
         Kernels { one: None, many }
     }
 }
 
-/// What a state in doubt is done again with, in f64.
+/// Scratch of the fallback, in f64.
 pub(super) struct Checked {
     pub(super) workspace: Workspace<f64>,
     inverse: Option<InverseScratch<f64>>,
@@ -123,7 +124,8 @@ impl Checked {
         accuracy
     }
 
-    /// Of accelerations that the kernels have accepted with this tolerance, and whose error they estimate to be so large.
+    /// Of accelerations that the kernels have accepted with this tolerance, and whose error they estimate to be so
+    /// large.
     fn accepted<P: Precision>(&self, error: f64, given: Option<f64>, qdd: &[P]) -> Accuracy {
         let tolerance = Tolerance { given, ..self.workspace.accepted_error() }.of_covariance(P::EPSILON);
         Accuracy { error, ..Accuracy::unknown(Form::Covariance) }.judged(tolerance, largest(qdd), true)
@@ -144,13 +146,13 @@ impl<P: Evaluated> Evaluator<P> {
     /// Scratch for `scene` on the arm of this process.
     #[must_use]
     pub fn new(scene: &Scene) -> Self {
-        Self::on(Arm::of_process(), scene)
+        Self::on(InstructionSet::of_process(), scene)
     }
 
     /// The same on an arm of the caller's choice; on the baseline where this processor cannot run it.
     #[must_use]
-    pub fn on(arm: Arm, scene: &Scene) -> Self {
-        let arm = if arm.available() { arm } else { Arm::Baseline };
+    pub fn on(arm: InstructionSet, scene: &Scene) -> Self {
+        let arm = if arm.available() { arm } else { InstructionSet::Baseline };
         let workspace = Workspace::new(scene.model());
         let checked = Checked { workspace, inverse: None, results: Vec::new() };
         let coupled = CoupledEvaluator::of(arm, scene);
@@ -160,7 +162,7 @@ impl<P: Evaluated> Evaluator<P> {
 
     /// The arm that it runs on.
     #[must_use]
-    pub fn arm(&self) -> Arm {
+    pub fn arm(&self) -> InstructionSet {
         self.arm
     }
 
@@ -173,8 +175,9 @@ impl<P: Evaluated> Evaluator<P> {
         }
     }
 
-    /// The kernel alone, on one state or at most as many as there are lanes, of equal shapes: no lengths are checked. Results one
-    /// after another in `out`; the bits of the result are the states in doubt, which [`Scene::evaluate`] would do again.
+    /// The kernel alone, on one state or at most as many as there are lanes, of equal shapes: no lengths are checked.
+    /// Results one after another in `out`; the bits of the result are the states in doubt, which [`Scene::evaluate`]
+    /// would do again.
     #[doc(hidden)]
     pub fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_, P>], out: &mut [P]) -> u64 {
         self.kernels.run(algorithm, states, out)
@@ -182,7 +185,7 @@ impl<P: Evaluated> Evaluator<P> {
 }
 
 impl<P> Kernels<P> {
-    /// Those that run so many states.
+    /// The kernels for this number of states.
     #[inline]
     fn of(&mut self, states: usize) -> Option<&mut Box<dyn Chunks<P>>> {
         if states == 1 || self.many.is_none() { self.one.as_mut().or(self.many.as_mut()) } else { self.many.as_mut() }
@@ -193,12 +196,12 @@ impl<P> Kernels<P> {
         self.of(states.len()).map_or(u64::MAX, |kernels| kernels.run(algorithm, states, out))
     }
 
-    /// The same of an everyday function.
-    fn everyday(&mut self, what: &Everyday<'_>, states: &[Arguments<'_, P>], out: &mut [P]) -> u64 {
-        self.of(states.len()).map_or(u64::MAX, |kernels| kernels.everyday(what, states, out))
+    /// The same of a kinematic quantity.
+    fn kinematic_quantity(&mut self, what: &KinematicQuantity<'_>, states: &[Arguments<'_, P>], out: &mut [P]) -> u64 {
+        self.of(states.len()).map_or(u64::MAX, |kernels| kernels.kinematic_quantity(what, states, out))
     }
 
-    /// Those that run a single state, without the others' scratch.
+    /// The kernels for a single state, without the scratch of the others.
     pub(crate) fn for_one_state(self) -> Box<dyn Chunks<P>>
     where
         P: 'static,
@@ -231,12 +234,13 @@ impl Scene {
         Evaluator::new(self)
     }
 
-    /// The same for states and results in f32, twice as many at once: about 6 digits, fewer by those of the condition number of M
-    /// where accelerations are computed.
+    /// The same for states and results in f32, twice as many at once: about 6 digits, fewer by those of the condition
+    /// number of M where accelerations are computed.
     ///
-    /// The scene's constants are rounded to f32 too. A state in doubt is done in f64 and its results rounded: one whose estimated error is
-    /// above max(2.7e-5, 4 n eps) and above what the problem allows in form `auto`, a lost pivot, an overflow, the square-root form, and every state on the baseline
-    /// arm, which has no lanes. Results that f32 cannot hold are refused. What becomes less than 1e-38 on the way becomes zero.
+    /// The scene's constants are rounded to f32 too. A state in doubt is done in f64 and its results rounded: one
+    /// whose estimated error is above max(2.7e-5, 4 n eps) and above what the problem allows in form `auto`, a lost
+    /// pivot, an overflow, the square-root and Joseph's form, and every state on the baseline arm, which has no
+    /// lanes. Results that f32 cannot hold are refused. What becomes less than 1e-38 on the way becomes zero.
     #[must_use]
     pub fn evaluator_f32(&self) -> Evaluator<f32> {
         Evaluator::new(self)
@@ -244,12 +248,13 @@ impl Scene {
 
     /// One algorithm on any number of states: the results one after another in `out`, as long for each state.
     ///
-    /// As many states at once as the processor's registers hold; a state whose arguments, pivots or digits are in doubt is done
-    /// once more by the checked recursion ([`Scene::recursion`]), in the form asked for.
+    /// As many states at once as the processor's registers hold; a state whose arguments, pivots or digits are in
+    /// doubt is done once more by the checked recursion ([`Scene::recursion`]), in the form asked for.
     ///
     /// # Errors
     ///
-    /// [`Fault`] of the lowest state that failed, with the error of the recursion; `out` is then partly written. [`Error::Argument`] for the evaluator of another scene.
+    /// [`Fault`] of the lowest state that failed, with the error of the recursion; `out` is then partly written.
+    /// [`Error::Argument`] for the evaluator of another scene.
     pub fn evaluate<P: Evaluated>(
         &self,
         evaluator: &mut Evaluator<P>,
@@ -260,7 +265,8 @@ impl Scene {
         self.evaluate_each(evaluator, algorithm, states, out, |_, _: &dyn Fn() -> Accuracy| {})
     }
 
-    /// The same; `found` is called with the index of each state and what tells its accuracy, in form `auto`: a call of the kernels that nobody else pays.
+    /// The same; `found` is called with the index of each state and what tells its accuracy, in form `auto`: a call
+    /// of the kernels that nobody else pays.
     #[inline]
     pub(super) fn evaluate_each<P: Evaluated>(
         &self,
@@ -321,18 +327,20 @@ impl Scene {
         Ok(())
     }
 
-    /// An everyday function of any number of states: the results one after another in `out`, as long for each state; u is qdd.
+    /// A kinematic quantity of any number of states: the results one after another in `out`, as long for each state;
+    /// u is qdd.
     ///
-    /// As many states at once as the processor's registers hold; a state whose arguments or results are in doubt is done once more by the method for one state
-    /// ([`Scene::everyday`]).
+    /// As many states at once as the processor's registers hold; a state whose arguments or results are in doubt is
+    /// done once more by the method for one state ([`Scene::kinematic_quantity`]).
     ///
     /// # Errors
     ///
-    /// [`Fault`] of the lowest state that failed, with the error of that method; `out` is then partly written. [`Error::Argument`] for the evaluator of another scene.
-    pub fn evaluate_everyday(
+    /// [`Fault`] of the lowest state that failed, with the error of that method; `out` is then partly written.
+    /// [`Error::Argument`] for the evaluator of another scene.
+    pub fn evaluate_kinematic_quantity(
         &self,
         evaluator: &mut Evaluator,
-        what: &Everyday<'_>,
+        what: &KinematicQuantity<'_>,
         states: &[Arguments<'_>],
         out: &mut [f64],
     ) -> Result<(), Fault> {
@@ -341,7 +349,7 @@ impl Scene {
             self.check_frame(frame).map_err(|error| Fault { state: 0, error })?;
         }
         if let (Some(coupling), Some(coupled)) = (self.coupling(), &mut evaluator.coupled) {
-            return coupled.everyday((self, coupling), what, states, out);
+            return coupled.kinematic_quantity((self, coupling), what, states, out);
         }
         let (lanes, width, nv) = (evaluator.lanes(), what.width(self.nv()), self.nv());
         check_length("out", out.len(), width * states.len()).map_err(|error| Fault { state: 0, error })?;
@@ -353,11 +361,11 @@ impl Scene {
             };
             let mut doubt = u64::MAX;
             if states.iter().all(fits) {
-                doubt = evaluator.kernels.everyday(what, states, out);
+                doubt = evaluator.kernels.kinematic_quantity(what, states, out);
             }
             for lane in (0..states.len()).filter(|lane| doubt >> lane & 1 == 1) {
                 let (state, out) = (&states[lane], &mut out[lane * width..(lane + 1) * width]);
-                self.everyday(&mut evaluator.checked.workspace, what, [state.q, state.qd, state.u], out)
+                self.kinematic_quantity(&mut evaluator.checked.workspace, what, [state.q, state.qd, state.u], out)
                     .map_err(|error| Fault { state: i * lanes + lane, error })?;
             }
         }
@@ -398,25 +406,12 @@ impl Scene {
             if !rounded.widened().is_finite() {
                 let found = format!("{value:e} at index {i}, which {} cannot hold", P::NAME);
                 return Err(Error::argument(
-                    result_of(algorithm),
+                    format!("{} (result)", algorithm.entry().name),
                     found,
                     "results below 3.4e38; float64 holds this one",
                 ));
             }
         }
         Ok(())
-    }
-}
-
-/// What the results are, in messages.
-fn result_of(algorithm: Algorithm) -> &'static str {
-    match algorithm {
-        Algorithm::ForwardDynamics(_) => "qdd (result)",
-        Algorithm::ConstrainedDynamics(_) => "qdd or forces (result)",
-        Algorithm::InverseDynamics | Algorithm::BiasTorque => "tau (result)",
-        Algorithm::MassMatrix => "M (result)",
-        Algorithm::MassMatrixInverse(_) => "M^-1 (result)",
-        Algorithm::Derivatives(_) => "derivatives (result)",
-        Algorithm::Products(_) => "product (result)",
     }
 }

@@ -1,7 +1,8 @@
-//! The factor of M, and right sides that go through it, of as many states as a scalar has lanes: each compiled once for whoever asks.
+//! The factor of M, and right sides that go through it, of as many states as a scalar has lanes: each compiled once
+//! for all callers.
 
 use super::accelerations;
-use super::arms::{Target, Vectorized, Work};
+use super::instruction_set::{Target, Vectorized, Work};
 use crate::dynamics::auto;
 use crate::dynamics::sweeps::{self, SweepModel, SweepScratch};
 use crate::filter::Form;
@@ -9,24 +10,28 @@ use crate::model::Model;
 use crate::scalar::lanes_but;
 use nalgebra::Vector6;
 
-/// What all of them read.
+/// The arguments of all of them.
 type Scene<'a, T> = (&'a Model<T>, &'a SweepModel<T>);
 
 /// The accelerations of a state, and the factor of M that more right sides are to go through; the lanes in doubt.
 #[inline(always)]
-pub(crate) fn with_factor<T: Vectorized, I: Target>(target: I, form: Form, call: accelerations::Call<'_, T>) -> u64 {
+pub(crate) fn with_factor<T: Vectorized, I: Target>(
+    target: I,
+    form: Form,
+    call: accelerations::KernelArguments<'_, T>,
+) -> u64 {
     if form != Form::Auto {
         return accelerations::by_covariance(target, call);
     }
     // Judged by right sides that are made up, for more are to come: by the torques alone more would pass.
-    let accelerations::Call { scene, scratch, state, wrenches, qdd } = call;
+    let accelerations::KernelArguments { scene, scratch, state, wrenches, qdd } = call;
     let doubt = watched(target, scene, scratch, (state.0, qdd));
     innovations(target, scene, scratch, state, (wrenches, qdd));
     smooth(target, scene, scratch, qdd);
     doubt
 }
 
-/// The factor of M at q in covariance form; the lanes in doubt.
+/// The factor of M at q in covariance form; the lanes that need the fallback.
 #[inline(never)]
 pub(super) fn unwatched<T: Vectorized, I: Target>(
     target: I,
@@ -50,7 +55,8 @@ impl<T: Vectorized> Work for Unwatched<'_, T> {
     }
 }
 
-/// The factor of M at q, watched; the second of `state` is scratch, (nv). The lanes in doubt.
+/// The factor of M at q with an error estimate; the second of `state` is scratch, (nv). Returns the lanes that need
+/// the fallback.
 #[inline(never)]
 pub(super) fn watched<T: Vectorized, I: Target>(
     target: I,
@@ -58,12 +64,12 @@ pub(super) fn watched<T: Vectorized, I: Target>(
     scratch: &mut SweepScratch<T>,
     state: (&[T], &mut [T]),
 ) -> u64 {
-    target.within(Watched(scene, scratch, state))
+    target.within(FactorWithErrorEstimate(scene, scratch, state))
 }
 
-struct Watched<'a, T: Vectorized>(Scene<'a, T>, &'a mut SweepScratch<T>, (&'a [T], &'a mut [T]));
+struct FactorWithErrorEstimate<'a, T: Vectorized>(Scene<'a, T>, &'a mut SweepScratch<T>, (&'a [T], &'a mut [T]));
 
-impl<T: Vectorized> Work for Watched<'_, T> {
+impl<T: Vectorized> Work for FactorWithErrorEstimate<'_, T> {
     type Output = u64;
 
     #[inline(always)]

@@ -1,6 +1,6 @@
-//! Whether numbers are finite, without a branch on each.
+//! Checks that values are finite, without a branch for each.
 
-use super::arms::{Entry, Vectorized};
+use super::instruction_set::{Entry, Vectorized};
 use crate::scalar::{ColumnsOf, Real};
 
 /// Zero where `x` is finite, else NaN; no branch.

@@ -1,9 +1,9 @@
 //! Products with Jacobians, of as many states as a scalar has lanes.
 
 use super::accelerations;
-use super::arms::{Target, Vectorized, Work};
 use super::factor::with_factor;
 use super::finite::any_not_finite;
+use super::instruction_set::{Target, Vectorized, Work};
 use crate::algorithm::Products;
 use crate::dynamics::derivatives::{
     Changes, CoStates, ConstantParts, Constants, Directions, GradientParts, constants_width, gradients_in_sweeps,
@@ -16,7 +16,7 @@ use crate::model::Model;
 use crate::scalar::lanes_but;
 use nalgebra::Vector6;
 
-/// What they need beside the scratch of the dynamics; made when a product is first asked for.
+/// Scratch beyond that of the dynamics, allocated by the first call.
 #[derive(Debug)]
 pub(super) struct ProductKernel<T: Vectorized> {
     co_states: CoStates<T>,
@@ -47,8 +47,8 @@ impl<T: Vectorized> ProductKernel<T> {
     }
 }
 
-/// What a call reads and writes.
-pub(super) struct Call<'a, T: Vectorized> {
+/// The arguments and results of a call.
+pub(super) struct KernelArguments<'a, T: Vectorized> {
     pub scene: (&'a Model<T>, &'a SweepModel<T>),
     pub scratch: &'a mut SweepScratch<T>,
     pub kernel: &'a mut ProductKernel<T>,
@@ -58,21 +58,21 @@ pub(super) struct Call<'a, T: Vectorized> {
     pub out: &'a mut [T::Number],
 }
 
-/// Writes the product; gives the lanes in doubt as bits, numbers that are not finite among them.
+/// Writes the product; returns the lanes that need the fallback (values that are not finite, for instance) as bits.
 #[inline(always)]
-pub(super) fn run<T: Vectorized, I: Target>(target: I, which: Products, call: Call<'_, T>) -> u64 {
-    let Call { scene, scratch, kernel, state, wrenches, out } = call;
+pub(super) fn run<T: Vectorized, I: Target>(target: I, which: Products, call: KernelArguments<'_, T>) -> u64 {
+    let KernelArguments { scene, scratch, kernel, state, wrenches, out } = call;
     let ((q, qd, u), mut doubt) = (state, 0);
     let ProductKernel { co_states, changes, seeds: [first, second, third], qdd, x, results, of_wrenches } = kernel;
     let (nv, bodies, zero) =
         (first.len(), scene.0.bodies.len(), first.first().map_or_else(T::zero, |x| x.constant(0.0)));
     let constants = if which.gives_constants() { constants_width(nv, bodies) } else { 0 };
-    results.resize(which.count() * nv + constants, zero);
+    results.resize(which.entry().results.len() * nv + constants, zero);
     if let Some(form) = which.form() {
         if form == Form::SquareRoot {
             return u64::MAX;
         }
-        let call = accelerations::Call { scene, scratch: &mut *scratch, state, wrenches, qdd: &mut *qdd };
+        let call = accelerations::KernelArguments { scene, scratch: &mut *scratch, state, wrenches, qdd: &mut *qdd };
         doubt = with_factor(target, form, call);
     }
     let qdd = if which.form().is_some() { &qdd[..] } else { u };
@@ -133,8 +133,8 @@ impl<T: Vectorized> Work for Along<'_, T> {
 /// A scene, and the scratch that gradients need.
 type Room<'a, T> = ((&'a Model<T>, &'a SweepModel<T>), (&'a mut SweepScratch<T>, &'a mut CoStates<T>));
 
-/// All cotangents of a state, of torques, or where there is a form of accelerations, then with the factor in the scratch; the lanes in doubt. Compiled once for batches and
-/// for trajectories.
+/// All cotangents of a state, of torques, or where there is a form of accelerations, then with the factor in the
+/// scratch; the lanes that need the fallback. Compiled once for batches and for trajectories.
 #[inline(never)]
 pub(crate) fn gradients<T: Vectorized, I: Target>(
     target: I,

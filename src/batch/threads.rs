@@ -1,7 +1,7 @@
 //! The threads of this process, how many they are, and work that they do together with the caller.
 //!
-//! The caller is one of them, and begins at once: to wake another takes 20 to 40 microseconds on a virtual machine, and 13 of the time of whoever
-//! wakes it. So the pool has one thread fewer than are wanted.
+//! The caller is one of them, and begins at once: to wake another takes 20 to 40 microseconds on a virtual machine,
+//! and 13 of the time of the thread that wakes it. So the pool has one thread fewer than are wanted.
 //!
 //! rayon's global pool does not survive a fork: the child has the pool but none of its threads, and waits for ever.
 //! Python's multiprocessing forks, so the pool here remembers its process and is made anew in another.
@@ -14,26 +14,29 @@ use std::sync::{Arc, RwLock};
 use std::thread::Thread;
 use std::time::{Duration, Instant};
 
-/// The caller waits so long for its helpers without going to sleep, from which waking takes as long as a small piece of work.
+/// The caller waits so long for its helpers without going to sleep, from which waking takes as long as a small piece
+/// of work.
 const AWAKE: Duration = Duration::from_micros(100);
 
 /// How many threads are wanted; 0 for as many as the machine has.
 static WANTED: AtomicUsize = AtomicUsize::new(0);
 
-static POOL: RwLock<Option<Kept>> = RwLock::new(None);
+static POOL: RwLock<Option<ThreadPoolState>> = RwLock::new(None);
 
-/// A pool, how many threads were wanted and are used with the caller, and whose threads it has; none before more than one was wanted.
+/// A pool, how many threads were wanted and are used with the caller, and whose threads it has; none before more than
+/// one was wanted.
 ///
-/// A pool is kept when fewer threads are wanted, for threads that end leave memory behind: it can have more than are used.
-struct Kept {
+/// A pool is kept when fewer threads are wanted, for threads that end leave memory behind: it can have more than are
+/// used.
+struct ThreadPoolState {
     process: u32,
     wanted: usize,
     threads: usize,
     pool: Option<Arc<ThreadPool>>,
 }
 
-impl Kept {
-    /// Whether its threads are there, and as many as are wanted.
+impl ThreadPoolState {
+    /// True if its threads exist, in the requested number.
     fn serves(&self, process: u32, wanted: usize) -> bool {
         (self.process, self.wanted) == (process, wanted)
     }
@@ -66,10 +69,12 @@ impl Place {
         }
     }
 
-    /// Calls `work` here and, at the same time, on `helpers` other threads, of which there are as many; returns when all have returned. Those
-    /// of a pool of ours lend themselves to other callers wherever `work` calls [`rayon::yield_now`].
+    /// Calls `work` here and, at the same time, on `helpers` other threads, of which there are as many; returns when
+    /// all have returned. Those of a pool of ours lend themselves to other callers wherever `work` calls
+    /// [`rayon::yield_now`].
     ///
-    /// All work under the caller's [`interrupt`], which it keeps while it waits for the others: `stop` is signal when that ends the work.
+    /// All work under the caller's [`interrupt`], which it keeps while it waits for the others: `stop` is set when that
+    /// ends the work.
     pub(super) fn together(&self, helpers: usize, stop: &dyn Fn(Error), work: &(dyn Fn() + Sync)) {
         let signal = StopSignal::here();
         let helping = AtomicUsize::new(helpers);
@@ -106,7 +111,7 @@ impl<'scope> Company<'scope> {
         if self.waiting.is_some() {
             while self.helping.load(Ordering::Acquire) > 0 {
                 if let Err(error) = interrupt::check() {
-                    // The others hear of it by themselves, at their next question.
+                    // The other threads notice it at their next check.
                     return stop(error);
                 }
                 std::thread::park_timeout(interrupt::PERIOD);
@@ -160,12 +165,13 @@ pub(super) fn place() -> Place {
 }
 
 /// The pool that there is, if its threads are those of this process.
-fn pool_of(process: u32, kept: Option<&Kept>) -> Option<Arc<ThreadPool>> {
+fn pool_of(process: u32, kept: Option<&ThreadPoolState>) -> Option<Arc<ThreadPool>> {
     kept.filter(|kept| kept.process == process).and_then(|kept| kept.pool.clone())
 }
 
-/// The threads beside the caller: those of the pool that there is, if they are as many; `wanted` is 0 for those of the machine.
-fn make(wanted: usize, before: Option<Arc<ThreadPool>>) -> Result<Kept, rayon::ThreadPoolBuildError> {
+/// The threads beside the caller: those of the pool that there is, if they are as many; `wanted` is 0 for those of
+/// the machine.
+fn make(wanted: usize, before: Option<Arc<ThreadPool>>) -> Result<ThreadPoolState, rayon::ThreadPoolBuildError> {
     let threads = if wanted == 0 { of_the_machine() } else { wanted };
     let suffices = before.as_ref().map_or(0, |pool| pool.current_num_threads()) + 1 >= threads;
     let pool = if suffices {
@@ -174,7 +180,7 @@ fn make(wanted: usize, before: Option<Arc<ThreadPool>>) -> Result<Kept, rayon::T
         let named = ThreadPoolBuilder::new().num_threads(threads - 1).thread_name(|i| format!("phipsi-{i}"));
         Some(Arc::new(named.build()?))
     };
-    Ok(Kept { process: std::process::id(), wanted, threads, pool })
+    Ok(ThreadPoolState { process: std::process::id(), wanted, threads, pool })
 }
 
 /// What `RAYON_NUM_THREADS` says, or as many threads as run at once here.
@@ -185,7 +191,7 @@ fn of_the_machine() -> usize {
 }
 
 /// Puts `new` in the place of what was kept, whose threads end when the batches that use them have.
-fn replace(kept: &mut Option<Kept>, new: Option<Kept>) {
+fn replace(kept: &mut Option<ThreadPoolState>, new: Option<ThreadPoolState>) {
     if let Some(old) = std::mem::replace(kept, new)
         && old.process != std::process::id()
     {
@@ -194,16 +200,18 @@ fn replace(kept: &mut Option<Kept>, new: Option<Kept>) {
     }
 }
 
-/// Sets how many threads batches use from now on, in this process and those that it forks; batches under way keep theirs.
+/// Sets how many threads batches use from now on, in this process and those that it forks; batches under way keep
+/// theirs.
 ///
-/// `threads`: the caller's and others, 1 for none beside the caller's; 0 for what the environment variable `RAYON_NUM_THREADS` says,
-/// or as many as the machine has, which is what a process begins with. Results have the same bits for any number. A batch that is run inside a rayon pool uses
-/// that pool, whatever was set. The threads are started here; where fewer are wanted than before, the others stay and wait.
+/// `threads`: the caller's and others, 1 for none beside the caller's; 0 for what the environment variable
+/// `RAYON_NUM_THREADS` says, or as many as the machine has, which is what a process begins with. Results have the
+/// same bits for any number. A batch that is run inside a rayon pool uses that pool, whatever was set. The threads
+/// are started here; where fewer are wanted than before, the others stay and wait.
 ///
 /// # Errors
 ///
-/// [`Error::Argument`] for more threads than rayon has names for (65,535 on machines of 64 bits), or than the system gives; what was
-/// set before then stays.
+/// [`Error::Argument`] for more threads than rayon has names for (65,535 on machines of 64 bits), or than the system
+/// gives; what was set before then stays.
 pub fn set_threads(threads: usize) -> Result<(), Error> {
     let refused = |found, expected| Error::argument("threads", found, expected);
     let most = rayon::max_num_threads();

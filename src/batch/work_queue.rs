@@ -1,7 +1,8 @@
-//! A batch handed out from its front, piece by piece, to whoever asks next.
+//! A batch whose pieces are taken from its front by the next free thread.
 //!
-//! Pieces are large at first and small towards the end, so that all who compute end at about the same time however late they began. They begin at
-//! multiples of a grain: what is computed side by side is the same for any number of threads.
+//! Pieces are large at first and small towards the end, so that all who compute end at about the same time however
+//! late they began. They begin at multiples of a grain: what is computed side by side is the same for any number of
+//! threads.
 
 use super::Fault;
 use crate::error::Error;
@@ -14,7 +15,7 @@ const WORTH_A_PIECE: usize = 5_000;
 /// States and where their results go.
 type Part<'r, P> = (Range<usize>, &'r mut [P]);
 
-/// What is left of a batch, and what was wrong with the rest.
+/// The rest of a batch, and the faults of the pieces that were taken.
 pub(super) struct WorkQueue<'r, P> {
     rest: Mutex<Part<'r, P>>,
     width: usize,
@@ -52,7 +53,8 @@ impl<'r, P> WorkQueue<'r, P> {
         Some((first..first + states, results))
     }
 
-    /// Hands out nothing any more; pieces before the one that failed are with somebody. That the work was to stop is told before all else.
+    /// Hands out nothing any more; pieces before the one that failed are with somebody. That the work was to stop is
+    /// told before all else.
     pub(super) fn end_with(&self, fault: Fault) {
         *locked(&self.rest) = (0..0, &mut []);
         let mut lowest = locked(&self.lowest);

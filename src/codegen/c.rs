@@ -5,11 +5,11 @@ use super::functions::{Array, Function};
 use super::lanes;
 use super::pieces::{self, Form};
 use super::program::Program;
+use super::syntax;
 use super::width::Width;
 use crate::algorithm::Algorithm;
 use crate::error::Error;
 use crate::filter;
-use crate::scalar::Operation;
 use crate::scene::Scene;
 use std::collections::HashMap;
 use std::fmt::Write;
@@ -19,15 +19,19 @@ pub type Sources = Vec<(String, String)>;
 
 /// C99 of functions of a scene under this name: NAME.c, NAME.h, `test_NAME.c` and a Makefile.
 ///
-/// Each function takes pointers to its arguments, SI units, radians, and then to its results, which it writes; nothing is allocated, and of libm it needs sines, cosines and square roots. Results are those of the
-/// scene's methods to rounding, in covariance form: a state that loses digits there is not noticed. The test compares with the scene at a state of its own. Programs of more than 8000 operations are written in parts, a function each; what limbs of one kind repeat is one of them, called in a loop with the constants of each limb from a table.
+/// Each function takes pointers to its arguments, SI units, radians, and then to its results, which it writes;
+/// nothing is allocated, and of libm it needs sines, cosines and square roots. Results are those of the scene's
+/// methods to rounding, in covariance form: a loss of precision is not detected. The test compares with
+/// the scene at a state of its own. Programs of more than 8000 operations are written in parts, a function each; what
+/// limbs of one kind repeat is one of them, called in a loop with the constants of each limb from a table.
 ///
-/// With `batches` there is a function of many states too for each, as many at once as the processor's registers hold: by the vector extensions of GCC and Clang. Those of one state are left out where
-/// `NAME_BATCHES_ALONE` is defined.
+/// With `batches` there is a function of many states too for each, as many at once as the processor's registers hold:
+/// by the vector extensions of GCC and Clang. Those of one state are left out where `NAME_BATCHES_ALONE` is defined.
 ///
 /// # Errors
 ///
-/// As [`Program::new`]; [`Error::Argument`] for a name that is no identifier of C, for no functions, and for two whose names are one in C.
+/// As [`Program::new`]; [`Error::Argument`] for a name that is no identifier of C, for no functions, and for two
+/// whose names are one in C.
 pub fn sources(
     scene: &Scene,
     name: &str,
@@ -145,14 +149,14 @@ fn header(scene: &Scene, name: &str, programs: &[Program], (width, batches): (Wi
 /// A line for each joint: where it is in q and in qd.
 pub(super) fn joints(scene: &Scene) -> Vec<String> {
     let line = |joint: &crate::scene::Joint| {
-        // What would end a comment has no place in one.
+        // Names must not end the comment.
         let name = joint.name.replace("*/", "* /").replace(['\n', '\r'], " ");
         format!("{name}: q {}..{}, qd {}..{}", joint.q.start, joint.q.end, joint.v.start, joint.v.end)
     };
     scene.joints().iter().map(line).collect()
 }
 
-/// What a program gives, and of how many operations.
+/// The summary of a program, and its number of operations.
 pub(super) fn meaning(program: &Program) -> String {
     let (what, size) = (program.function.meaning(), program.operations());
     format!(
@@ -187,45 +191,16 @@ fn source(name: &str, programs: &[Program], (width, batches): (Width, bool)) -> 
 fn one_state(name: &str, program: &Program, width: Width, text: &mut String) {
     let number = width.of_c();
     let form = Form {
-        head: declaration(name, program, width),
-        before: "",
+        syntax: &syntax::C,
+        width,
+        head: format!("\n{}\n{{\n", declaration(name, program, width)),
+        tail: "}\n".to_owned(),
         name: format!("{name}_{}", program.function.symbol()),
         parameters: program.named(&format!("const {number} *restrict "), &format!("{number} *restrict ")),
         names: program.named("", ""),
-        number,
-        width,
-        of_part: "static APART",
-        of_table: "static",
         is_apart: false,
-        constant: str::to_owned,
-        number_of: |array, index| format!("{array}[{index}]"),
-        reads_once: false,
-        has_pairs: false,
-        right_side,
     };
-    pieces::write(program, &form, text);
-}
-
-/// What computes a number; nothing of constants and arguments.
-pub(super) fn right_side(operation: &Operation, said: &[String], width: Width) -> Option<String> {
-    let (of, f) = (|place: u32| &said[place as usize], width.suffix());
-    Some(match *operation {
-        Operation::Constant(_) | Operation::Argument(_) => return None,
-        Operation::Sum(a, b) => format!("{} + {}", of(a), of(b)),
-        Operation::Difference(a, b) => format!("{} - {}", of(a), of(b)),
-        Operation::Product(a, b) => format!("{} * {}", of(a), of(b)),
-        Operation::ProductSum(a, b, c) => format!("{} * {} + {}", of(a), of(b), of(c)),
-        Operation::MinusProduct(a, b, c) => format!("{} - {} * {}", of(c), of(a), of(b)),
-        Operation::Quotient(a, b) => format!("{} / {}", of(a), of(b)),
-        Operation::Negative(a) => format!("-{}", of(a)),
-        Operation::Root(a) => format!("sqrt{f}({})", of(a)),
-        Operation::Sine(a) => format!("sin{f}({})", of(a)),
-        Operation::Cosine(a) => format!("cos{f}({})", of(a)),
-        Operation::Absolute(a) => format!("fabs{f}({})", of(a)),
-        // fmin would pass over NaN.
-        Operation::Smaller(a, b) => format!("{0} < {1} || {0} != {0} ? {0} : {1}", of(a), of(b)),
-        Operation::OneIfZero(a) => format!("{} == 0 ? 1 : 0", of(a)),
-    })
+    text.extend(pieces::write(program, &form));
 }
 
 /// A state of the scene, and what the methods give there.

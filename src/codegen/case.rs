@@ -1,11 +1,12 @@
-//! What the tests that are written beside the code compare with: a state of the scene, and what its method gives there.
+//! Reference data of the generated tests: a state of the scene, and the result of its method there.
 
 use super::functions::Function;
 use super::program::Program;
 use crate::error::Error;
 use crate::scene::Scene;
 
-/// The arguments of a program at one state, what the scene's method gives there, and the size of such numbers, by which differences are measured.
+/// The arguments of a program at one state, what the scene's method gives there, and the size of such numbers, by
+/// which differences are measured.
 pub(super) struct Case {
     pub given: Vec<Vec<f64>>,
     /// All results, one after another.

@@ -1,9 +1,10 @@
-//! Sine and cosine of many states at once, for what is written: the constants of [`Circle`], and the formulas in signs that C and Rust share.
+//! Sine and cosine of many states at once, for what is written: the constants of [`Circle`], and the formulas in
+//! signs that C and Rust share.
 
 use super::width::Width;
 use crate::scalar::Circle;
 
-/// What the reduction to quarter turns and the polynomials need in numbers of one width.
+/// Constants of the reduction to quarter turns and of the polynomials for scalars of one width.
 pub(super) struct Sines {
     /// The largest absolute value, in radians, that the reduction is good for.
     pub largest: f64,
@@ -41,7 +42,8 @@ impl Sines {
         }
     }
 
-    /// The polynomials of z, the squared angle, as expressions: what multiplies -y^3 but its first coefficient, that coefficient, and what multiplies y^4 in the cosine.
+    /// The polynomials of z, the squared angle, as expressions: what multiplies -y^3 but its first coefficient, that
+    /// coefficient, and what multiplies y^4 in the cosine.
     pub fn polynomials(&self, constant: &dyn Fn(f64) -> String) -> [String; 3] {
         let of_sine = horner(&self.sine[1..], constant);
         [of_sine, constant(-self.sine[0]), horner(self.cosine, constant)]

@@ -1,10 +1,11 @@
 //! CUDA C++ of programs: one state a thread, arrays by components, for NVRTC and nvcc.
 
-use super::c::{Sources, WRITTEN_BY, check, constants, joints, meaning, programs, right_side};
+use super::c::{Sources, WRITTEN_BY, check, constants, joints, meaning, programs};
 use super::case::Case;
 use super::functions::{Array, Function};
 use super::pieces::{self, Form};
 use super::program::Program;
+use super::syntax;
 use super::width::Width;
 use crate::error::Error;
 use crate::scene::Scene;
@@ -12,8 +13,11 @@ use std::fmt::Write;
 
 /// CUDA of functions of a scene under this name: NAME.cu, `test_NAME.cu`, `one_thread.h` and a Makefile.
 ///
-/// Each function is a kernel of many states, `extern "C"`, one state a thread: `NAME_forward_dynamics(count, q, qd, tau, qdd)`, and the number `i` of the array q of the state `s` is `q[i * count + s]`, so that threads side by side
-/// read numbers side by side. Long programs are in parts, as in C. NAME.cu includes nothing and is compiled at run time by NVRTC, or by nvcc. `one_thread.h` makes C99 of it, where threads are a loop: `make test-c` compares with the scene without a GPU, `make test` with one.
+/// Each function is a kernel of many states, `extern "C"`, one state a thread: `NAME_forward_dynamics(count, q, qd,
+/// tau, qdd)`, and the number `i` of the array q of the state `s` is `q[i * count + s]`, so that threads side by side
+/// read numbers side by side. Long programs are in parts, as in C. NAME.cu includes nothing and is compiled at run
+/// time by NVRTC, or by nvcc. `one_thread.h` makes C99 of it, where threads are a loop: `make test-c` compares with
+/// the scene without a GPU, `make test` with one.
 ///
 /// # Errors
 ///
@@ -28,7 +32,7 @@ pub fn cuda_sources(scene: &Scene, name: &str, functions: &[Function], width: Wi
     ])
 }
 
-/// What makes C99 of a kernel: its threads are taken one after another.
+/// A header that makes a kernel C99: its threads run one after another.
 const ONE_THREAD: &str = "/* Written by phipsi; do not edit. CUDA kernels as C99: include this before them, and run them by ON_ALL_THREADS. */
 #ifndef ONE_THREAD_H
 #define ONE_THREAD_H
@@ -56,7 +60,7 @@ static one_thread_index blockIdx, blockDim = {32}, threadIdx;
 #endif
 ";
 
-/// What all kernels use.
+/// The functions and macros that all kernels use.
 fn prelude(width: Width) -> String {
     let (number, f) = (width.of_c(), width.suffix());
     format!(
@@ -87,24 +91,21 @@ fn kernel(name: &str, program: &Program, width: Width, text: &mut String) {
     let parameters = program.named(&format!("const {number} *__restrict__ "), &format!("{number} *__restrict__ "));
     let name = format!("{name}_{}", program.function.symbol());
     let form = Form {
-        head: format!("__global__ void {name}(unsigned long long count, {parameters})"),
-        before: "    const unsigned long long state = (unsigned long long)blockIdx.x * blockDim.x + threadIdx.x;\n    if (state >= count) return;\n",
+        syntax: &syntax::CUDA,
+        width,
+        head: format!("\n__global__ void {name}(unsigned long long count, {parameters})\n{{\n{THREAD}"),
+        tail: "}\n".to_owned(),
         name,
         parameters: format!("unsigned long long count, unsigned long long state, {parameters}"),
         names: format!("count, state, {}", program.named("", "")),
-        number,
-        width,
-        of_part: "__device__ APART",
-        of_table: "__device__",
         is_apart: true,
-        constant: str::to_owned,
-        number_of: |array, index| format!("{array}[{index} * count + state]"),
-        reads_once: true,
-        has_pairs: true,
-        right_side,
     };
-    pieces::write(program, &form, text);
+    text.extend(pieces::write(program, &form));
 }
+
+/// The state of a thread.
+const THREAD: &str = "    const unsigned long long state = (unsigned long long)blockIdx.x * blockDim.x + threadIdx.x;\n    \
+                      if (state >= count) return;\n";
 
 /// Some states, and what the methods give there: on a GPU by nvcc, else one thread after another.
 fn test(scene: &Scene, name: &str, programs: &[Program], width: Width) -> Result<String, Error> {

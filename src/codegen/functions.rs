@@ -1,18 +1,28 @@
-//! What programs compute: one table of names, arguments, results with their shapes, how each is traced, and what the scene's method gives.
+//! What programs compute: functions of the table ([`algorithm`](crate::algorithm)), how each is traced, and what the
+//! scene's method gives.
 
 use super::tracing::Place;
 use super::{reference, tracing};
+use crate::algorithm::table::{self, FunctionEntry};
+use crate::algorithm::{
+    Algorithm, BIAS_TORQUE, Derivatives, FACTOR_WATCHED, FORWARD_DYNAMICS, FORWARD_DYNAMICS_DERIVATIVES,
+    FORWARD_DYNAMICS_JVP, FORWARD_DYNAMICS_VJP, FORWARD_DYNAMICS_WATCHED, INVERSE_DYNAMICS,
+    INVERSE_DYNAMICS_DERIVATIVES, INVERSE_DYNAMICS_JVP, INVERSE_DYNAMICS_VJP, JACOBIAN, MASS_MATRIX,
+    MASS_MATRIX_INVERSE, MASS_MATRIX_INVERSE_WATCHED, PLACEMENT, PLACEMENTS, Products,
+};
 use crate::error::Error;
+use crate::filter::Form;
 use crate::kinematics::{Frame, ReferenceFrame};
 use crate::scene::Scene;
 use crate::spatial::RigidShift;
 
-/// What a program can compute, named as the method of scenes.
+/// A function of a program, named like the method of scenes.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Function {
     /// qdd of (q, qd, tau), in covariance form.
     ForwardDynamics,
-    /// The same, and by how much it stays clear of losing digits: below zero, or NaN, of a state in doubt, which the scene's methods in form auto do by other means.
+    /// The same, and by how much it stays clear of losing digits: below zero, or NaN, of a state in doubt, which the
+    /// scene's methods in form auto do by other means.
     ForwardDynamicsWatched,
     /// tau of (q, qd, qdd).
     InverseDynamics,
@@ -62,7 +72,7 @@ pub const FUNCTIONS: [Function; 12] = [
     Function::Placements,
 ];
 
-/// Those that say of each state whether it may have lost digits.
+/// The functions that also return the margin of their error estimate.
 pub const WATCHED: [Function; 3] =
     [Function::ForwardDynamicsWatched, Function::MassMatrixInverseWatched, Function::FactorWatched];
 
@@ -88,207 +98,57 @@ impl Array {
     }
 }
 
-/// What an array of the table has a number for.
-#[derive(Debug, Clone, Copy)]
-enum Of {
-    /// Coordinates: (nq).
-    Coordinates,
-    /// Degrees of freedom: (nv).
-    Rates,
-    /// One number: (1).
-    One,
-    /// Pairs of them: (nv, nv).
-    Pairs,
-    /// A homogeneous matrix: (4, 4).
-    Place,
-    /// One a link: (links, 4, 4).
-    Places,
-    /// (angular, linear) of each degree of freedom: (6, nv).
-    Motions,
-}
-
-impl Of {
-    fn shape(self, scene: &Scene) -> Vec<usize> {
-        let nv = scene.nv();
+impl Function {
+    /// Its row of the table, and how it is traced.
+    fn line(&self) -> (&'static FunctionEntry, tracing::Trace) {
         match self {
-            Self::Coordinates => vec![scene.nq()],
-            Self::Rates => vec![nv],
-            Self::One => vec![1],
-            Self::Pairs => vec![nv, nv],
-            Self::Place => vec![4, 4],
-            Self::Places => vec![scene.links().len(), 4, 4],
-            Self::Motions => vec![6, nv],
+            Self::ForwardDynamics => (&FORWARD_DYNAMICS, tracing::forward_dynamics),
+            Self::ForwardDynamicsWatched => (&FORWARD_DYNAMICS_WATCHED, tracing::forward_dynamics_watched),
+            Self::InverseDynamics => (&INVERSE_DYNAMICS, tracing::inverse_dynamics),
+            Self::BiasTorque => (&BIAS_TORQUE, tracing::inverse_dynamics),
+            Self::MassMatrix => (&MASS_MATRIX, tracing::mass_matrix),
+            Self::MassMatrixInverse => (&MASS_MATRIX_INVERSE, tracing::mass_matrix_inverse),
+            Self::MassMatrixInverseWatched => (&MASS_MATRIX_INVERSE_WATCHED, tracing::mass_matrix_inverse_watched),
+            Self::FactorWatched => (&FACTOR_WATCHED, tracing::factor_watched),
+            Self::ForwardDynamicsDerivatives => (&FORWARD_DYNAMICS_DERIVATIVES, tracing::forward_dynamics_derivatives),
+            Self::InverseDynamicsDerivatives => (&INVERSE_DYNAMICS_DERIVATIVES, tracing::inverse_dynamics_derivatives),
+            Self::ForwardDynamicsJvp => (&FORWARD_DYNAMICS_JVP, tracing::forward_dynamics_jvp),
+            Self::ForwardDynamicsVjp => (&FORWARD_DYNAMICS_VJP, tracing::forward_dynamics_vjp),
+            Self::InverseDynamicsJvp => (&INVERSE_DYNAMICS_JVP, tracing::inverse_dynamics_jvp),
+            Self::InverseDynamicsVjp => (&INVERSE_DYNAMICS_VJP, tracing::inverse_dynamics_vjp),
+            Self::Placements => (&PLACEMENTS, tracing::placements),
+            Self::Placement(_) => (&PLACEMENT, tracing::placement),
+            Self::Jacobian(..) => (&JACOBIAN, tracing::jacobian),
         }
     }
-}
 
-/// A line of the table.
-struct Line {
-    name: &'static str,
-    meaning: &'static str,
-    arguments: &'static [(&'static str, Of)],
-    results: &'static [(&'static str, Of)],
-    trace: tracing::Trace,
-    by_scene: reference::ByScene,
-}
-
-const STATE: [(&str, Of); 2] = [("q", Of::Coordinates), ("qd", Of::Rates)];
-const WITH_TAU: [(&str, Of); 3] = [STATE[0], STATE[1], ("tau", Of::Rates)];
-const WITH_QDD: [(&str, Of); 3] = [STATE[0], STATE[1], ("qdd", Of::Rates)];
-const DIRECTION: [(&str, Of); 2] = [("dq", Of::Rates), ("dqd", Of::Rates)];
-const COTANGENT: (&str, Of) = ("cotangent", Of::Rates);
-const GRADIENT: [(&str, Of); 2] = [("gradient_q", Of::Rates), ("gradient_qd", Of::Rates)];
-
-impl Function {
-    #[allow(clippy::too_many_lines)] // a table
-    fn line(&self) -> Line {
-        match self {
-            Self::ForwardDynamics => Line {
-                name: "forward_dynamics",
-                meaning: "Joint accelerations from torques",
-                arguments: &WITH_TAU,
-                results: &[("qdd", Of::Rates)],
-                trace: tracing::forward_dynamics,
-                by_scene: reference::forward_dynamics,
-            },
-            Self::ForwardDynamicsWatched => Line {
-                name: "forward_dynamics_watched",
-                meaning: "Joint accelerations from torques; digits may be lost where the margin is below zero",
-                arguments: &WITH_TAU,
-                results: &[("qdd", Of::Rates), ("margin", Of::One)],
-                trace: tracing::forward_dynamics_watched,
-                by_scene: reference::forward_dynamics_watched,
-            },
-            Self::InverseDynamics => Line {
-                name: "inverse_dynamics",
-                meaning: "Torques from joint accelerations",
-                arguments: &WITH_QDD,
-                results: &[("tau", Of::Rates)],
-                trace: tracing::inverse_dynamics,
-                by_scene: reference::inverse_dynamics,
-            },
-            Self::BiasTorque => Line {
-                name: "bias_torque",
-                meaning: "Torques that let no joint accelerate",
-                arguments: &STATE,
-                results: &[("tau", Of::Rates)],
-                trace: tracing::inverse_dynamics,
-                by_scene: reference::bias_torque,
-            },
-            Self::MassMatrix => Line {
-                name: "mass_matrix",
-                meaning: "The mass matrix, row by row",
-                arguments: &STATE[..1],
-                results: &[("mass", Of::Pairs)],
-                trace: tracing::mass_matrix,
-                by_scene: reference::mass_matrix,
-            },
-            Self::MassMatrixInverse => Line {
-                name: "mass_matrix_inverse",
-                meaning: "Its inverse, row by row",
-                arguments: &STATE[..1],
-                results: &[("inverse", Of::Pairs)],
-                trace: tracing::mass_matrix_inverse,
-                by_scene: reference::mass_matrix_inverse,
-            },
-            Self::MassMatrixInverseWatched => Line {
-                name: "mass_matrix_inverse_watched",
-                meaning: "The inverse mass matrix, row by row; digits may be lost where the margin is below zero",
-                arguments: &STATE[..1],
-                results: &[("inverse", Of::Pairs), ("margin", Of::One)],
-                trace: tracing::mass_matrix_inverse_watched,
-                by_scene: reference::mass_matrix_inverse_watched,
-            },
-            Self::FactorWatched => Line {
-                name: "factor_watched",
-                meaning: "The margin of the factor of the mass matrix; digits may be lost where it is below zero",
-                arguments: &STATE[..1],
-                results: &[("margin", Of::One)],
-                trace: tracing::factor_watched,
-                by_scene: reference::factor_watched,
-            },
-            Self::ForwardDynamicsDerivatives => Line {
-                name: "forward_dynamics_derivatives",
-                meaning: "Joint accelerations by the tangent of q, by qd and by tau, each row by row",
-                arguments: &WITH_TAU,
-                results: &[("dqdd_dq", Of::Pairs), ("dqdd_dqd", Of::Pairs), ("Minv", Of::Pairs)],
-                trace: tracing::forward_dynamics_derivatives,
-                by_scene: reference::forward_dynamics_derivatives,
-            },
-            Self::InverseDynamicsDerivatives => Line {
-                name: "inverse_dynamics_derivatives",
-                meaning: "Torques by the tangent of q, by qd and by qdd, each row by row",
-                arguments: &WITH_QDD,
-                results: &[("dtau_dq", Of::Pairs), ("dtau_dqd", Of::Pairs), ("M", Of::Pairs)],
-                trace: tracing::inverse_dynamics_derivatives,
-                by_scene: reference::inverse_dynamics_derivatives,
-            },
-            Self::ForwardDynamicsJvp => Line {
-                name: "forward_dynamics_jvp",
-                meaning: "The change of joint accelerations along a direction",
-                arguments: &[WITH_TAU[0], WITH_TAU[1], WITH_TAU[2], DIRECTION[0], DIRECTION[1], ("dtau", Of::Rates)],
-                results: &[("dqdd", Of::Rates)],
-                trace: tracing::forward_dynamics_jvp,
-                by_scene: reference::forward_dynamics_jvp,
-            },
-            Self::ForwardDynamicsVjp => Line {
-                name: "forward_dynamics_vjp",
-                meaning: "Gradients of cotangent . qdd by the tangent of q, by qd and by tau",
-                arguments: &[WITH_TAU[0], WITH_TAU[1], WITH_TAU[2], COTANGENT],
-                results: &[GRADIENT[0], GRADIENT[1], ("gradient_tau", Of::Rates)],
-                trace: tracing::forward_dynamics_vjp,
-                by_scene: reference::forward_dynamics_vjp,
-            },
-            Self::InverseDynamicsJvp => Line {
-                name: "inverse_dynamics_jvp",
-                meaning: "The change of torques along a direction",
-                arguments: &[WITH_QDD[0], WITH_QDD[1], WITH_QDD[2], DIRECTION[0], DIRECTION[1], ("dqdd", Of::Rates)],
-                results: &[("dtau", Of::Rates)],
-                trace: tracing::inverse_dynamics_jvp,
-                by_scene: reference::inverse_dynamics_jvp,
-            },
-            Self::InverseDynamicsVjp => Line {
-                name: "inverse_dynamics_vjp",
-                meaning: "Gradients of cotangent . tau by the tangent of q, by qd and by qdd",
-                arguments: &[WITH_QDD[0], WITH_QDD[1], WITH_QDD[2], COTANGENT],
-                results: &[GRADIENT[0], GRADIENT[1], ("gradient_qdd", Of::Rates)],
-                trace: tracing::inverse_dynamics_vjp,
-                by_scene: reference::inverse_dynamics_vjp,
-            },
-            Self::Placements => Line {
-                name: "placements",
-                meaning: "Where links are: homogeneous matrices, link to base, row by row",
-                arguments: &STATE[..1],
-                results: &[("placements", Of::Places)],
-                trace: tracing::placements,
-                by_scene: reference::placements,
-            },
-            Self::Placement(_) => Line {
-                name: "placement",
-                meaning: "Where the link is: a homogeneous matrix, link to base, row by row",
-                arguments: &STATE[..1],
-                results: &[("placement", Of::Place)],
-                trace: tracing::placement,
-                by_scene: reference::placement,
-            },
-            Self::Jacobian(..) => Line {
-                name: "jacobian",
-                meaning: "The Jacobian of the link, row by row: its velocity (angular, linear) is J qd",
-                arguments: &STATE[..1],
-                results: &[("jacobian", Of::Motions)],
-                trace: tracing::jacobian,
-                by_scene: reference::jacobian,
-            },
-        }
+    /// The algorithm of the scene that computes it, where one does; in covariance form what has forms.
+    fn algorithm(&self) -> Option<Algorithm> {
+        let form = Form::default();
+        Some(match self {
+            Self::ForwardDynamics => Algorithm::ForwardDynamics(form),
+            Self::InverseDynamics => Algorithm::InverseDynamics,
+            Self::BiasTorque => Algorithm::BiasTorque,
+            Self::MassMatrix => Algorithm::MassMatrix,
+            Self::MassMatrixInverse | Self::MassMatrixInverseWatched => Algorithm::MassMatrixInverse(form),
+            Self::ForwardDynamicsDerivatives => Algorithm::Derivatives(Derivatives::ForwardDynamics(form)),
+            Self::InverseDynamicsDerivatives => Algorithm::Derivatives(Derivatives::InverseDynamics),
+            Self::ForwardDynamicsJvp => Algorithm::Products(Products::ForwardTangent(form)),
+            Self::ForwardDynamicsVjp => Algorithm::Products(Products::ForwardGradient(form)),
+            Self::InverseDynamicsJvp => Algorithm::Products(Products::InverseTangent),
+            Self::InverseDynamicsVjp => Algorithm::Products(Products::InverseGradient),
+            _ => return None,
+        })
     }
 
     /// Its name, as the methods of scenes have it.
     #[must_use]
     pub fn name(&self) -> &'static str {
-        self.line().name
+        self.line().0.name
     }
 
-    /// What the code calls it: the name, and of one link the link's, with _ for what no identifier has, and the frame where that is not the link's own.
+    /// What the code calls it: the name, and of one link the link's, with _ for what no identifier has, and the frame
+    /// where that is not the link's own.
     #[must_use]
     pub fn symbol(&self) -> String {
         let name = self.name();
@@ -316,20 +176,20 @@ impl Function {
         Ok((scene.frame(&link.into())?, reference))
     }
 
-    /// Whether it says where links are and nothing of forces.
+    /// True for forward kinematics: it does not depend on forces.
     pub(super) fn is_kinematic(&self) -> bool {
         matches!(self, Self::Placements | Self::Placement(_) | Self::Jacobian(..))
     }
 
-    /// Whether it has M^-1 multiplied out.
+    /// True if it forms M^-1.
     pub(super) fn has_inverse(&self) -> bool {
         matches!(self, Self::MassMatrixInverse | Self::MassMatrixInverseWatched | Self::ForwardDynamicsDerivatives)
     }
 
-    /// What it gives, in a few words.
+    /// The summary of the table, with the link.
     #[must_use]
     pub fn meaning(&self) -> String {
-        let meaning = self.line().meaning;
+        let meaning = self.line().0.summary;
         match self {
             Self::Placement(link) => format!("{link:?}. {meaning}"),
             Self::Jacobian(link, reference) => format!("{link:?}, {}. {meaning}", reference.name()),
@@ -340,13 +200,13 @@ impl Function {
     /// Its arguments for `scene`, q first.
     #[must_use]
     pub fn arguments(&self, scene: &Scene) -> Vec<Array> {
-        arrays(scene, self.line().arguments)
+        arrays(scene, self.line().0.arguments)
     }
 
     /// Its results.
     #[must_use]
     pub fn results(&self, scene: &Scene) -> Vec<Array> {
-        arrays(scene, self.line().results)
+        arrays(scene, self.line().0.results)
     }
 
     /// How many numbers it gives, all results together.
@@ -356,28 +216,70 @@ impl Function {
     }
 
     pub(super) fn trace(&self) -> tracing::Trace {
-        self.line().trace
+        self.line().1
     }
 
-    /// What the scene's own method gives for these arguments, all results one after another.
+    /// The results of the scene's own method for these arguments, one after another.
     pub(super) fn by_scene(
         &self,
         scene: &Scene,
         tolerance: Option<f64>,
         arguments: &[&[f64]],
     ) -> Result<Vec<f64>, Error> {
-        let (mut out, mut workspace) = (vec![f64::NAN; self.width(scene)], scene.workspace());
-        workspace.tolerance = tolerance;
-        (self.line().by_scene)((scene, &mut workspace, self.place(scene)?), arguments, &mut out)?;
+        let mut out = vec![f64::NAN; self.width(scene)];
+        let (frame, reference) = self.place(scene)?;
+        match (self, self.algorithm()) {
+            (Self::ForwardDynamicsWatched, _) => {
+                reference::forward_dynamics_watched(scene, tolerance, arguments, &mut out);
+            }
+            (Self::FactorWatched, _) => out[0] = reference::margin_of_factor(scene, tolerance, arguments[0]),
+            (Self::MassMatrixInverseWatched, Some(algorithm)) => {
+                let (inverse, margin) = out.split_at_mut(scene.nv().pow(2));
+                reference::evaluated(scene, tolerance, algorithm, arguments, inverse)?;
+                margin[0] = reference::margin_of_factor(scene, tolerance, arguments[0]);
+            }
+            (_, Some(algorithm)) => reference::evaluated(scene, tolerance, algorithm, arguments, &mut out)?,
+            (Self::Placement(_), _) => scene.placement(arguments[0], frame)?.homogeneous(&mut out),
+            (Self::Jacobian(..), _) => scene.jacobian(arguments[0], frame, reference, &mut out)?,
+            _ => {
+                for (placement, out) in scene.placements(arguments[0])?.iter().zip(out.chunks_exact_mut(16)) {
+                    placement.homogeneous(out);
+                }
+            }
+        }
         Ok(out)
     }
 }
 
-fn arrays(scene: &Scene, of_table: &[(&'static str, Of)]) -> Vec<Array> {
-    of_table.iter().map(|&(name, of)| Array { name, shape: of.shape(scene) }).collect()
+fn arrays(scene: &Scene, of_table: &'static [table::Array]) -> Vec<Array> {
+    let sizes = scene.sizes();
+    let shape = |axes: &[table::Axis]| axes.iter().map(|axis| axis.length(&sizes)).collect();
+    of_table.iter().map(|&(name, axes)| Array { name, shape: shape(axes) }).collect()
 }
 
 /// Letters, digits and _ of a name, with _ for all else.
 fn identifier(name: &str) -> String {
     name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::algorithm;
+
+    #[test]
+    fn the_list_is_that_of_the_table() {
+        let table = algorithm::FUNCTIONS.iter().filter(|entry| entry.compiled.is_some() && !entry.of_link);
+        let mut names: Vec<&str> = table.clone().map(|entry| entry.name).collect();
+        let mut known: Vec<&str> = FUNCTIONS.iter().map(Function::name).collect();
+        names.sort_unstable();
+        known.sort_unstable();
+        assert_eq!(names, known);
+        let mut watched: Vec<&str> =
+            table.filter_map(|entry| entry.compiled?.watched).chain(["factor_watched"]).collect();
+        let mut known: Vec<&str> = WATCHED.iter().map(Function::name).collect();
+        watched.sort_unstable();
+        known.sort_unstable();
+        assert_eq!(watched, known);
+    }
 }

@@ -3,13 +3,14 @@
 use super::circle::Sines;
 use super::pieces::{self, Form};
 use super::program::Program;
+use super::syntax;
 use super::width::Width;
-use crate::scalar::Operation;
 use std::fmt::Write;
 
-/// What all programs in lanes use: vectors, sines with their cosines, and the way of states into lanes and out.
+/// The code that all programs in lanes share: vectors, sines with cosines, and loading and storing of states.
 ///
-/// Sines and cosines are good to one unit in the last place up to the largest angle of [`Sines`]; beyond, they are libm's. In float the unit is that of one.
+/// Sines and cosines are good to one unit in the last place up to the largest angle of [`Sines`]; beyond, they are
+/// libm's. In float the unit is that of one.
 pub(super) fn prelude(width: Width) -> String {
     let (sines, constant) = (Sines::new(width), |x: f64| width.constant(x));
     let [of_sine, first, of_cosine] = sines.polynomials(&constant);
@@ -70,7 +71,7 @@ pub(super) fn prelude(width: Width) -> String {
     replaced.iter().fold(PRELUDE.to_owned(), |text, (name, by)| text.replace(name, by))
 }
 
-/// What transposes as many vectors as there are lanes, for this number of lanes, half of them and a quarter.
+/// The transposition of as many vectors as there are lanes, for this number of lanes, half of it and a quarter.
 fn transposed(most: usize) -> String {
     let mut text = String::new();
     for (lanes, when) in [(most, "#if"), (most / 2, "#elif"), (most / 4, "#elif")] {
@@ -246,24 +247,16 @@ pub(super) fn functions(name: &str, program: &Program, width: Width, text: &mut 
     let function = program.function.symbol();
     let parameters = program.named("const lanes *restrict ", "lanes *restrict ");
     let form = Form {
-        head: format!("static void {function}_lanes({parameters})"),
-        before: "",
+        syntax: &syntax::LANES,
+        width,
+        head: format!("\nstatic void {function}_lanes({parameters})\n{{\n"),
+        tail: "}\n".to_owned(),
         name: format!("{function}_lanes"),
         parameters,
         names: program.named("", ""),
-        number: "lanes",
-        width,
-        of_part: "static APART",
-        of_table: "static",
         is_apart: true,
-        // A number by itself is no vector.
-        constant: |value| format!("(lanes){{0}} + {value}"),
-        number_of: |array, index| format!("{array}[{index}]"),
-        reads_once: false,
-        has_pairs: true,
-        right_side,
     };
-    pieces::write(program, &form, text);
+    text.extend(pieces::write(program, &form));
 
     let _ = write!(text, "\n{}\n{{\n", declaration(name, program, width));
     text.push_str("    lanes fault = {0};\n    for (size_t first = 0; first < count; first += LANES) {\n");
@@ -288,20 +281,7 @@ pub(super) fn functions(name: &str, program: &Program, width: Width, text: &mut 
     );
 }
 
-/// What computes a number; nothing of constants and arguments. Of two operands one at least is a vector: what is constant was computed.
-fn right_side(operation: &Operation, said: &[String], width: Width) -> Option<String> {
-    let of = |place: u32| &said[place as usize];
-    Some(match *operation {
-        Operation::Root(a) => format!("root({})", of(a)),
-        Operation::Absolute(a) => format!("absolute({})", of(a)),
-        // A number by itself is no vector.
-        Operation::Smaller(a, b) => format!("smaller((lanes){{0}} + {}, (lanes){{0}} + {})", of(a), of(b)),
-        Operation::OneIfZero(a) => format!("one_if_zero({})", of(a)),
-        _ => return super::c::right_side(operation, said, width),
-    })
-}
-
-/// A part of the test: some states in a batch, the arguments smaller and smaller, beside each by itself.
+/// A part of the test: some states in a batch, with decreasing arguments, compared with single states.
 pub(super) fn test(name: &str, program: &Program, (number, size): (Width, f64), text: &mut String) {
     const STATES: usize = 11;
     let function = program.function.symbol();

@@ -1,7 +1,8 @@
-//! One robot, compiled: the sweeps run once on numbers that remember what they come of, and what they leave is written out in C, Rust or CUDA.
+//! One robot, compiled: the sweeps run once on numbers that remember what they come of, and what they leave is
+//! written out in C, Rust or CUDA.
 //!
-//! Zeros, ones, aligned axes, absent gravity and outputs that nobody asked for are gone by one mechanism: a number that is constant is computed here, and an operation that
-//! changes nothing is not written.
+//! Zeros, ones, aligned axes, absent gravity and outputs that nobody asked for are gone by one mechanism: a number
+//! that is constant is computed here, and an operation that changes nothing is not written.
 //!
 //! ```
 //! use phipsi::codegen::{Function, Program};
@@ -27,8 +28,8 @@ mod pieces;
 mod program;
 mod reference;
 mod rust;
-mod rust_parts;
 mod rust_texts;
+mod syntax;
 mod tracing;
 mod width;
 
@@ -36,5 +37,6 @@ pub use c::{Sources, sources, sources_accepting};
 pub use cuda::cuda_sources;
 pub use functions::{Array, FUNCTIONS, Function, WATCHED};
 pub use program::Program;
+pub(crate) use program::count;
 pub use rust::rust_sources;
 pub use width::Width;

@@ -1,7 +1,9 @@
-//! Programs as functions of C or CUDA: a short one is one function; of a long one each part is, and what limbs repeat is called in a loop, with the numbers of each limb in tables.
+//! Programs as functions: a short one is one function; each part of a long one is a function, and what limbs repeat
+//! is called in a loop, with the numbers of each limb in tables. [`Syntax`] says how the language writes each piece.
 
 use super::parts::{Cut, Entry, Given, Part, Run, Source, Tables, parts};
-use super::program::Program;
+use super::program::{Program, operands};
+use super::syntax::{Syntax, filled};
 use super::width::Width;
 use crate::scalar::Operation;
 use std::collections::{HashMap, HashSet};
@@ -10,72 +12,87 @@ use std::fmt::Write;
 pub(super) use super::parts::is_cut;
 
 /// How a program is written.
-pub(super) struct Form {
-    /// The declaration of the function.
+pub(super) struct Form<'a> {
+    pub syntax: &'a Syntax,
+    pub width: Width,
+    /// The text up to the first statement of the function, and after the last.
     pub head: String,
-    /// What it does before all else.
-    pub before: &'static str,
-    /// What the names of its parts begin with.
+    pub tail: String,
+    /// The prefix of the names of its parts.
     pub name: String,
-    /// Its parameters, and their names.
+    /// The parameters of its parts, and what its calls of them pass.
     pub parameters: String,
     pub names: String,
-    /// The type of a number here, and of those in tables.
-    pub number: &'static str,
-    pub width: Width,
-    /// What stands before the function of a part, and before a table.
-    pub of_part: &'static str,
-    pub of_table: &'static str,
-    /// Whether the caller lets no result overlap an argument: numbers are written then as soon as they are there.
+    /// Whether the caller guarantees that no result overlaps an argument: results are then written as soon as they
+    /// are computed.
     pub is_apart: bool,
-    /// How a constant is written as such a number where it is a result.
-    pub constant: fn(&str) -> String,
-    /// A number of an argument or a result, by the text of its index.
-    pub number_of: fn(&str, &str) -> String,
-    /// Whether arguments are read once, and sines computed with their cosines by `sine_and_cosine`.
-    pub reads_once: bool,
-    pub has_pairs: bool,
-    /// What computes a number.
-    pub right_side: fn(&Operation, &[String], Width) -> Option<String>,
 }
 
-/// What keeps a part apart.
+/// The macro that prevents the inlining of a part.
 pub(super) const APART: &str =
     "\n#if defined(__GNUC__)\n#define APART __attribute__((noinline))\n#else\n#define APART\n#endif\n";
 
-/// The text of an index.
-fn place(tables: &mut Tables, of_calls: &[usize]) -> String {
-    match tables.place(of_calls) {
-        Entry::Same(place) => place.to_string(),
-        Entry::Row(row) => format!("at[{row}]"),
+impl Form<'_> {
+    fn scalar(&self) -> &'static str {
+        (self.syntax.scalar)(self.width)
+    }
+
+    fn element(&self, array: &str, index: &str) -> String {
+        filled(self.syntax.element, &[("array", array), ("index", index)])
+    }
+
+    /// A value gets a name.
+    fn declare(&self, name: &str, value: &str, text: &mut String) {
+        let declare = filled(self.syntax.declare, &[("scalar", self.scalar())]);
+        let _ = writeln!(text, "    {declare}{name} = {value};");
+    }
+
+    /// The text of an index.
+    fn index(&self, tables: &mut Tables, of_calls: &[usize]) -> String {
+        match tables.place(of_calls) {
+            Entry::Same(place) => place.to_string(),
+            Entry::Row(row) => filled(self.syntax.index_of_call, &[("row", &row.to_string())]),
+        }
+    }
+
+    /// Statements that use names which nothing else reads.
+    fn unread<'n>(&self, names: impl Iterator<Item = &'n str>, text: &mut String) {
+        for name in names {
+            text.push_str(&filled(self.syntax.unread, &[("name", name)]));
+        }
+    }
+
+    /// The template of a table or of its use, `more` being what only one of them has.
+    fn of_table(&self, template: &str, index: usize, suffix: &str, more: &[(&str, &str)]) -> String {
+        let (index, upper) = (index.to_string(), [self.name.to_uppercase(), suffix.to_uppercase()]);
+        let known = [
+            ("name", &self.name[..]),
+            ("NAME", &upper[0]),
+            ("index", &index),
+            ("suffix", suffix),
+            ("SUFFIX", &upper[1]),
+        ];
+        filled(template, &[&known, more].concat())
     }
 }
 
-/// A constant where it is an operand.
-pub(super) fn literal(bits: u64, width: Width) -> String {
-    let x = f64::from_bits(bits);
-    if x < 0.0 { format!("({})", width.constant(x)) } else { width.constant(x) }
-}
-
-/// Writes the function, after its parts where there are several.
-pub(super) fn write(program: &Program, form: &Form, text: &mut String) {
-    let cut = parts(program);
+/// The functions of the parts, none of a short program, and the function itself.
+pub(super) fn write(program: &Program, form: &Form) -> [String; 2] {
+    let (cut, mut apart, mut text) = (parts(program), String::new(), form.head.clone());
     if is_cut(program) {
         let tables: Vec<Tables> = (cut.parts.iter().enumerate())
             .map(|(index, part)| {
                 let (mut tables, mut inside) = (Tables::default(), String::new());
                 body(program, part, form, &mut tables, &mut inside);
-                function(program, &cut, (index, form, &tables), &inside, text);
+                function(program, &cut, (index, form, &tables), &inside, &mut apart);
                 tables
             })
             .collect();
-        let _ = write!(text, "\n{}\n{{\n{}", form.head, form.before);
-        calls(program, &cut, form, &tables, text);
+        calls(program, &cut, form, &tables, &mut text);
     } else {
-        let _ = write!(text, "\n{}\n{{\n{}", form.head, form.before);
         // One, or none where nothing is to be computed.
         for part in &cut.parts {
-            body(program, part, form, &mut Tables::default(), text);
+            body(program, part, form, &mut Tables::default(), &mut text);
         }
     }
     for &(result, index, source) in &cut.others {
@@ -83,82 +100,85 @@ pub(super) fn write(program: &Program, form: &Form, text: &mut String) {
             let value = match program.operations[place] {
                 Operation::Argument(of) => {
                     let (array, at) = program.argument(of);
-                    (form.number_of)(array.name, &at.to_string())
+                    form.element(array.name, &at.to_string())
                 }
-                Operation::Constant(bits) => (form.constant)(&literal(bits, form.width)),
+                Operation::Constant(bits) => {
+                    let value = (form.syntax.operand)(bits, form.width);
+                    filled(form.syntax.constant_result, &[("value", &value)])
+                }
                 _ => continue,
             };
-            put(program, form, (result, &index.to_string()), &value, text);
+            put(program, form, (result, &index.to_string()), &value, &mut text);
         }
     }
     if !is_cut(program) {
-        unread(program.unread(), text);
+        form.unread(program.unread(), &mut text);
     }
-    text.push_str("}\n");
+    [apart, text + &form.tail]
 }
 
-/// What nothing reads is no fault.
-fn unread<'a>(names: impl Iterator<Item = &'a str>, text: &mut String) {
-    for name in names {
-        let _ = writeln!(text, "    (void){name};");
-    }
-}
-
-/// A number becomes one of a result.
+/// A value becomes an element of a result.
 fn put(program: &Program, form: &Form, (result, index): (usize, &str), value: &str, text: &mut String) {
-    let _ = writeln!(text, "    {} = {value};", (form.number_of)(program.results[result].name, index));
+    let _ = writeln!(text, "    {} = {value};", form.element(program.results[result].name, index));
 }
 
 /// The statements of a part.
 fn body(program: &Program, part: &Part, form: &Form, tables: &mut Tables, text: &mut String) {
-    let mut said: Vec<String> = vec![String::new(); part.given.len()];
-    // Where numbers go, by their operations.
-    let mut goes: HashMap<usize, Vec<String>> = HashMap::new();
+    let mut names: Vec<String> = vec![String::new(); part.given.len()];
+    // Where values are stored, by their operations.
+    let mut targets: HashMap<usize, Vec<String>> = HashMap::new();
     for (at, slots) in &part.keeps {
-        goes.entry(*at).or_default().push(format!("kept[{}]", place(tables, slots)));
+        targets.entry(*at).or_default().push(format!("kept[{}]", form.index(tables, slots)));
     }
     for (at, result, indices) in &part.writes {
-        let index = place(tables, indices);
-        goes.entry(*at).or_default().push((form.number_of)(program.results[*result].name, &index));
+        let index = form.index(tables, indices);
+        targets.entry(*at).or_default().push(form.element(program.results[*result].name, &index));
     }
-    let (mut turned, mut late) = (HashSet::new(), String::new());
+    let (mut angles, mut late) = (HashSet::new(), String::new());
     for (at, operation) in part.operations.iter().enumerate() {
-        for operand in super::program::operands(operation).into_iter().flatten() {
+        for operand in operands(operation).into_iter().flatten() {
             let operand = operand as usize;
-            if operand < part.given.len() && said[operand].is_empty() {
-                said[operand] = given(program, (operand, &part.given[operand]), form, tables, text);
+            if operand < part.given.len() && names[operand].is_empty() {
+                names[operand] = given(program, (operand, &part.given[operand]), form, tables, text);
             }
         }
-        said.push(statement(operation, (at, &said), form, &mut turned, text));
-        for to in goes.remove(&at).unwrap_or_default() {
+        names.push(statement(operation, (at, &names), form, &mut angles, text));
+        for target in targets.remove(&at).unwrap_or_default() {
             let text = if form.is_apart || is_cut(program) { &mut *text } else { &mut late };
-            let _ = writeln!(text, "    {to} = {};", said[part.given.len() + at]);
+            let _ = writeln!(text, "    {target} = {};", names[part.given.len() + at]);
         }
     }
     text.push_str(&late);
 }
 
-/// Computes a number, and gives its name.
+/// Computes a value, and returns its name.
 fn statement(
     operation: &Operation,
-    (at, said): (usize, &[String]),
+    (at, names): (usize, &[String]),
     form: &Form,
-    turned: &mut HashSet<u32>,
+    angles: &mut HashSet<u32>,
     text: &mut String,
 ) -> String {
-    if let (Operation::Sine(a) | Operation::Cosine(a), true) = (*operation, form.has_pairs) {
-        if turned.insert(a) {
-            let _ = writeln!(text, "    {} s{a}, c{a};", form.number);
-            let _ = writeln!(text, "    sine_and_cosine({}, &s{a}, &c{a});", said[a as usize]);
+    if let (Operation::Sine(a) | Operation::Cosine(a), Some(template)) = (*operation, form.syntax.sine_and_cosine) {
+        if angles.insert(a) {
+            let place = a.to_string();
+            let values = [("scalar", form.scalar()), ("angle", &names[a as usize]), ("place", &place)];
+            text.push_str(&filled(template, &values));
         }
-        return format!("{}{a}", if matches!(operation, Operation::Sine(_)) { 's' } else { 'c' });
+        return name_of_pair(operation, a);
     }
-    let right = (form.right_side)(operation, said, form.width).unwrap_or_default();
-    let _ = writeln!(text, "    const {} x{at} = {right};", form.number);
-    format!("x{at}")
+    let name = format!("x{at}");
+    form.declare(&name, &form.syntax.right_side(operation, names, form.width).unwrap_or_default(), text);
+    name
 }
 
-/// What a given number is called; one that is read by way of a table, or once only, gets a name of its own.
+/// The name of a sine or a cosine that was computed together with the other.
+pub(super) fn name_of_pair(operation: &Operation, angle: u32) -> String {
+    format!("{}{angle}", if matches!(operation, Operation::Sine(_)) { 's' } else { 'c' })
+}
+
+/// The expression of a given value, or the name that it gets here: where the language wants one, and where its index
+/// is read from a table.
 fn given(
     program: &Program,
     (index, given): (usize, &Given),
@@ -170,34 +190,21 @@ fn given(
     let (value, is_argument) = match given {
         Given::Constants(bits) => {
             return match tables.constant(bits) {
-                Entry::Same(bits) => literal(bits, form.width),
-                Entry::Row(row) => format!("c[{row}]"),
+                Entry::Same(bits) => (form.syntax.operand)(bits, form.width),
+                Entry::Row(row) => filled(form.syntax.constant_of_call, &[("row", &row.to_string())]),
             };
         }
         Given::Arguments(array, indices) => {
-            ((form.number_of)(program.arguments[*array].name, &place(tables, indices)), true)
+            (form.element(program.arguments[*array].name, &form.index(tables, indices)), true)
         }
-        Given::Kept(slots) => (format!("kept[{}]", place(tables, slots)), false),
+        Given::Kept(slots) => (format!("kept[{}]", form.index(tables, slots)), false),
     };
-    if tables.places() == before && !(is_argument && form.reads_once) {
+    if tables.places() == before && !(form.syntax.is_named)(is_argument) {
         return value;
     }
-    let _ = writeln!(text, "    const {} g{index} = {value};", form.number);
-    format!("g{index}")
-}
-
-/// The tables of a part: what each is called where it is read, the type of its numbers, and the numbers of each call.
-fn tables_of(
-    program: &Program,
-    cut: &Cut,
-    width: Width,
-    tables: &Tables,
-) -> [(&'static str, &'static str, Vec<Vec<String>>); 2] {
-    let all = |rows: Vec<Vec<f64>>| rows.iter().map(|row| row.iter().map(|&x| width.constant(x)).collect()).collect();
-    let constants = all(tables.constants_by_calls());
-    let places = tables.places_by_calls().iter().map(|row| row.iter().map(usize::to_string).collect()).collect();
-    let of_places = if cut.has_short_places(program) { "unsigned short" } else { "unsigned" };
-    [("c", width.of_c(), constants), ("at", of_places, places)]
+    let name = format!("g{index}");
+    form.declare(&name, &value, text);
+    name
 }
 
 /// The function of a part after its tables.
@@ -208,36 +215,47 @@ fn function(
     inside: &str,
     text: &mut String,
 ) {
-    let (name, table) = (&form.name, form.of_table);
-    let mut parameters = format!("{}, {} *kept", form.parameters, form.number);
-    for (suffix, kind, rows) in tables_of(program, cut, form.width, tables) {
-        if !rows.is_empty() {
-            let _ =
-                write!(text, "\n{table} const {kind} {name}_{index}_{suffix}[] = {{{}}};\n", rows.concat().join(", "));
-            let _ = write!(parameters, ", const {kind} *{suffix}");
-        }
+    let (syntax, slots) = (form.syntax, cut.slots.max(1).to_string());
+    let kept = filled(syntax.kept_parameter, &[("scalar", form.scalar()), ("slots", &slots)]);
+    let mut parameters = format!("{}, {kept}", form.parameters);
+    let numbers = tables.constants_by_calls();
+    let constants = numbers.iter().map(|row| row.iter().map(|&x| form.width.constant(x)).collect());
+    let indices = tables.places_by_calls().iter().map(|row| row.iter().map(usize::to_string).collect()).collect();
+    let of_indices = syntax.indices[usize::from(!cut.has_short_places(program))];
+    let all: [(_, _, Vec<Vec<String>>); 2] =
+        [("c", (syntax.constants)(form.width), constants.collect()), ("at", of_indices, indices)];
+    for (suffix, kind, rows) in all {
+        let Some(first) = rows.first() else { continue };
+        let (width, count) = (first.len().to_string(), rows.len().to_string());
+        let [before, after] = syntax.row_of_table;
+        let values: Vec<String> = rows.iter().map(|row| format!("{before}{}{after}", row.join(", "))).collect();
+        let more = [("kind", kind), ("width", &width), ("rows", &count), ("values", &values.join(", "))];
+        text.push_str(&form.of_table(syntax.table, index, suffix, &more));
+        let _ = write!(parameters, ", {}", form.of_table(syntax.table_parameter, index, suffix, &more));
     }
-    let _ = write!(text, "\n{} void {name}_{index}({parameters})\n{{\n{inside}", form.of_part);
-    unread(form.names.split(", ").chain(["kept"]), text);
+    text.push_str(&form.of_table(syntax.part_head, index, "", &[("parameters", &parameters)]));
+    text.push_str(inside);
+    form.unread(form.names.split(", ").chain(["kept"]), text);
     text.push_str("}\n");
 }
 
 /// The calls of all parts, those of one part after another in a loop.
 fn calls(program: &Program, cut: &Cut, form: &Form, tables: &[Tables], text: &mut String) {
-    let _ = writeln!(text, "    {} kept[{}];", form.number, cut.slots.max(1));
+    let (syntax, slots) = (form.syntax, cut.slots.max(1).to_string());
+    text.push_str(&filled(syntax.kept, &[("scalar", form.scalar()), ("slots", &slots)]));
     for Run { part, rows, then } in cut.runs() {
-        let row = if rows.len() > 1 {
-            let _ = write!(text, "    for (int i = {}; i < {}; i++)\n    ", rows.start, rows.end);
-            "i".to_owned()
+        let row = if rows.len() > 1 { syntax.row.to_owned() } else { rows.start.to_string() };
+        let of_call = tables[part].widths().map(|(suffix, width)| {
+            form.of_table(syntax.table_argument, part, suffix, &[("row", &row), ("width", &width.to_string())])
+        });
+        let of_call: String = of_call.collect();
+        let call = form.of_table(syntax.call, part, "", &[("names", &form.names), ("tables", &of_call)]);
+        if rows.len() > 1 {
+            let (start, end) = (rows.start.to_string(), rows.end.to_string());
+            text.push_str(&filled(syntax.repeat, &[("start", &start), ("end", &end), ("call", &call)]));
         } else {
-            rows.start.to_string()
-        };
-        let name = format!("{}_{part}", form.name);
-        let _ = write!(text, "    {name}({}, kept", form.names);
-        for (suffix, width) in tables[part].widths() {
-            let _ = write!(text, ", {name}_{suffix} + {row} * {width}");
+            text.push_str(&call);
         }
-        text.push_str(");\n");
         for (result, index, slot) in then {
             put(program, form, (result, &index.to_string()), &format!("kept[{slot}]"), text);
         }

@@ -5,18 +5,19 @@ use super::tracing::Tracer;
 use super::width::Width;
 use crate::dynamics::sweeps::SweepModel;
 use crate::error::Error;
-use crate::scalar::{Operation, Operations, Traced};
+use crate::model::Model;
+use crate::scalar::{Operation, Operations, Real, Traced};
 use crate::scene::Scene;
 use std::collections::HashSet;
 
 /// Operations in order, each of those before it; arguments are numbered through, q first.
 #[derive(Debug, Clone)]
 pub struct Program {
-    /// What it computes.
+    /// The function.
     pub function: Function,
-    /// What it takes, q first.
+    /// The arguments, q first.
     pub arguments: Vec<Array>,
-    /// What it gives.
+    /// The results.
     pub results: Vec<Array>,
     /// The tolerance of its margin, where it has one and that is not the usual one.
     pub(super) tolerance: Option<f64>,
@@ -30,16 +31,20 @@ pub struct Program {
 impl Program {
     /// The program of one function of `scene`.
     ///
-    /// The sweeps run once on numbers that remember what they come of ([`Traced`]). The order is theirs, joint by joint, in which fewer numbers wait to be read than in one that goes back from the results. O(N) operations for the dynamics, O(N^2) for matrices.
+    /// The sweeps run once on numbers that remember what they come of ([`Traced`]). The order is theirs, joint by
+    /// joint, in which fewer numbers wait to be read than in one that goes back from the results. O(N) operations for
+    /// the dynamics, O(N^2) for matrices.
     ///
     /// # Errors
     ///
-    /// [`Error::Argument`] for a scene with connections, with joints that follow others, or whose inverse mass matrix is not multiplied out (chains of more than 300 joints), or whose constants overflow; an unknown link.
+    /// [`Error::Argument`] for a scene with connections, with joints that follow others, or whose inverse mass matrix
+    /// is not multiplied out (chains of more than 300 joints), or whose constants overflow; an unknown link.
     pub fn new(scene: &Scene, function: &Function) -> Result<Self, Error> {
         Self::accepting(scene, function, None)
     }
 
-    /// The same, whose margin, where it has one, is that of another tolerance than the usual one (see [`Workspace::tolerance`](crate::Workspace::tolerance)).
+    /// The same, whose margin, where it has one, is that of another tolerance than the usual one (see
+    /// [`Workspace::tolerance`](crate::Workspace::tolerance)).
     ///
     /// # Errors
     ///
@@ -55,7 +60,7 @@ impl Program {
                 given.push(next.by_ref().take(argument.width()).map(Traced::argument).collect());
             }
             let mut out = vec![Traced::argument(0); results.iter().map(Array::width).sum()];
-            function.trace()(&mut Tracer::new(scene, place, tolerance), &given, &mut out);
+            function.trace()(&mut Tracer::new(scene, scene.model(), place, tolerance), &given, &mut out);
             // A constant gets its place here.
             out.iter().map(|number| number.place()).collect()
         });
@@ -208,6 +213,22 @@ impl Program {
     }
 }
 
+/// The operations of a function's sweeps at these arguments, q first, in a model of `scene` (with other switches, for
+/// instance): every one that runs, also of constants alone.
+pub(crate) fn count(
+    scene: &Scene,
+    model: &Model<f64>,
+    function: &Function,
+    given: &[&[f64]],
+) -> Result<Operations, Error> {
+    let given: Vec<Vec<Traced>> =
+        given.iter().map(|array| array.iter().copied().map(Traced::from_f64).collect()).collect();
+    let given = &given[..function.arguments(scene).len()];
+    let mut out = vec![Traced::from_f64(f64::NAN); function.width(scene)];
+    let mut tracer = Tracer::new(scene, model, function.place(scene)?, None);
+    Ok(Traced::counted(|| function.trace()(&mut tracer, given, &mut out)).1)
+}
+
 fn check(scene: &Scene, function: &Function) -> Result<(), Error> {
     // Where links are does not depend on them.
     if !function.is_kinematic() {
@@ -245,7 +266,7 @@ pub(super) fn value(operation: &Operation, of: impl Fn(u32) -> f64) -> f64 {
     }
 }
 
-/// What an operation reads.
+/// The operands of an operation.
 pub(super) fn operands(operation: &Operation) -> [Option<u32>; 3] {
     match *operation {
         Operation::Constant(_) | Operation::Argument(_) => [None; 3],

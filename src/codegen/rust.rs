@@ -4,10 +4,10 @@ use super::c::{Sources, joints, meaning, programs};
 use super::case::Case;
 use super::circle::Sines;
 use super::functions::{Array, Function};
-use super::parts::is_cut;
+use super::pieces::{self, Form, is_cut, name_of_pair};
 use super::program::{Program, operands};
-use super::rust_parts;
 use super::rust_texts::{LANES, LIBRARY, NUMBER, NUMBERS, RESERVED, TEST};
+use super::syntax::RUST;
 use super::width::Width;
 use crate::error::Error;
 use crate::scalar::Operation;
@@ -15,11 +15,15 @@ use crate::scene::Scene;
 use std::collections::{HashMap, HashSet};
 use std::fmt::Write;
 
-/// A Rust crate of functions of a scene under this name: Cargo.toml, src/lib.rs, src/dynamics.rs, src/lanes.rs, src/numbers.rs and tests/reference.rs.
+/// A Rust crate of functions of a scene under this name: Cargo.toml, src/lib.rs, src/dynamics.rs, src/lanes.rs,
+/// src/numbers.rs and tests/reference.rs.
 ///
-/// Safe code that needs `core` alone. src/dynamics.rs has the functions, generic over a trait `Number` that it defines, as straight lines of operations, those of more than 8000 in parts as in C: arguments are arrays of one state, SI units, radians, and
-/// the result is an array, or a tuple of arrays. src/lanes.rs adds `Lanes<T, N>`, N numbers side by side, and a function of many states for each. src/numbers.rs makes f64 and f32 numbers, by the standard library
-/// (feature `std`, on unless switched off). Each of the first three can be included in a module of another crate, from a build script for instance. Results are those of the scene's methods to rounding, in
+/// Safe code that needs `core` alone. src/dynamics.rs has the functions, generic over a trait `Number` that it
+/// defines, as straight lines of operations, those of more than 8000 in parts as in C: arguments are arrays of one
+/// state, SI units, radians, and the result is an array, or a tuple of arrays. src/lanes.rs adds `Lanes<T, N>`, N
+/// numbers side by side, and a function of many states for each. src/numbers.rs makes f64 and f32 numbers, by the
+/// standard library (feature `std`, on unless switched off). Each of the first three can be included in a module of
+/// another crate, from a build script for instance. Results are those of the scene's methods to rounding, in
 /// covariance form.
 ///
 /// # Errors
@@ -89,7 +93,7 @@ fn function(program: &Program, parts: &mut String, text: &mut String) {
     let (given, results) = (Array::sized(&program.arguments), Array::sized(&program.results));
     let unread: Vec<&str> = program.unread().collect();
     let declared = given.iter().map(|&(name, width)| {
-        // What no result reads is no fault.
+        // An argument that no result depends on is not an error.
         format!("{}{name}: &[T; {width}]", if unread.contains(&name) { "_" } else { "" })
     });
     let declared: Vec<String> = declared.collect();
@@ -101,7 +105,7 @@ fn function(program: &Program, parts: &mut String, text: &mut String) {
         result_type(&results, "T")
     );
     if is_cut(program) {
-        rust_parts::write(program, parts, text);
+        in_parts(program, parts, text);
         return;
     }
     let (statements, said) = statements(program);
@@ -115,20 +119,31 @@ fn function(program: &Program, parts: &mut String, text: &mut String) {
     let _ = write!(text, "    {}\n}}\n", several(&outputs));
 }
 
-/// One by itself, several as a tuple.
-pub(super) fn several(all: &[String]) -> String {
+/// The body of a long function to `text`, and its parts with their tables to `apart`.
+fn in_parts(program: &Program, apart: &mut String, text: &mut String) {
+    let (given, results) = (Array::sized(&program.arguments), Array::sized(&program.results));
+    let names: Vec<String> = results.iter().map(|(name, _)| (*name).to_owned()).collect();
+    let room = results.iter().map(|(name, width)| format!("    let mut {name} = [T::constant(0.0); {width}];\n"));
+    let inputs = given.iter().map(|(name, width)| format!("{name}: &[T; {width}]"));
+    let outputs = results.iter().map(|(name, width)| format!("{name}: &mut [T; {width}]"));
+    let form = Form {
+        syntax: &RUST,
+        width: Width::Double,
+        head: room.collect(),
+        tail: format!("    {}\n}}\n", several(&names)),
+        name: program.function.symbol(),
+        parameters: inputs.chain(outputs).collect::<Vec<_>>().join(", "),
+        names: program.named("", "&mut "),
+        is_apart: true,
+    };
+    let [parts, function] = pieces::write(program, &form);
+    apart.push_str(&parts);
+    text.push_str(&function);
+}
+
+/// A single item, or a tuple of several.
+fn several(all: &[String]) -> String {
     if all.len() == 1 { all.concat() } else { format!("({})", all.join(", ")) }
-}
-
-/// A constant where it is read.
-pub(super) fn constant(bits: u64) -> String {
-    format!("T::constant({:?})", f64::from_bits(bits))
-}
-
-/// A number of an argument, by its index among those of all.
-pub(super) fn argument(program: &Program, index: u32) -> String {
-    let (array, at) = program.argument(index);
-    format!("{}[{at}]", array.name)
 }
 
 /// All statements, and what each operation is called where it is read.
@@ -138,8 +153,11 @@ fn statements(program: &Program) -> (Vec<Statement>, Vec<String>) {
     let mut turned = HashSet::new();
     for (operation, index) in program.operations.iter().zip(0_u32..) {
         let name = match *operation {
-            Operation::Constant(bits) => constant(bits),
-            Operation::Argument(index) => argument(program, index),
+            Operation::Constant(bits) => (RUST.operand)(bits, Width::Double),
+            Operation::Argument(index) => {
+                let (array, at) = program.argument(index);
+                format!("{}[{at}]", array.name)
+            }
             Operation::Sine(a) | Operation::Cosine(a) => {
                 if turned.insert(a) {
                     let named = |letter: char, operation| match places.get(&operation) {
@@ -149,20 +167,22 @@ fn statements(program: &Program) -> (Vec<Statement>, Vec<String>) {
                     let names = vec![named('s', Operation::Sine(a)), named('c', Operation::Cosine(a))];
                     all.push(Statement { right: format!("{}.sin_cos()", said[a as usize]), names, reads: vec![a] });
                 }
-                format!("{}{a}", if matches!(operation, Operation::Sine(_)) { 's' } else { 'c' })
+                name_of_pair(operation, a)
             }
-            _ => format!("x{index}"),
+            _ => {
+                let right = RUST.right_side(operation, &said, Width::Double).unwrap_or_default();
+                let (name, reads) = (format!("x{index}"), operands(operation).into_iter().flatten().collect());
+                all.push(Statement { right, names: vec![(name.clone(), Some(index))], reads });
+                name
+            }
         };
-        if let Some(right) = right_side(operation, &said) {
-            let reads = operands(operation).into_iter().flatten().collect();
-            all.push(Statement { right, names: vec![(name.clone(), Some(index))], reads });
-        }
         said.push(name);
     }
     (all, said)
 }
 
-/// The statements, in blocks that give what others read: each statement opens a scope, and the compiler does not bear thousands of them within each other.
+/// The statements, in blocks that give what others read: each statement opens a scope, and the compiler does not bear
+/// thousands of them within each other.
 fn body(program: &Program, statements: &[Statement], text: &mut String) {
     let block = statements.len().isqrt().max(64);
     let count = program.operations.len();
@@ -197,25 +217,6 @@ fn body(program: &Program, statements: &[Statement], text: &mut String) {
             let _ = write!(text, "    let {given} = {{\n{inside}        {given}\n    }};\n");
         }
     }
-}
-
-/// What computes a number; nothing of what is named by itself.
-pub(super) fn right_side(operation: &Operation, said: &[String]) -> Option<String> {
-    let of = |place: u32| &said[place as usize];
-    Some(match *operation {
-        Operation::Constant(_) | Operation::Argument(_) | Operation::Sine(_) | Operation::Cosine(_) => return None,
-        Operation::Sum(a, b) => format!("{} + {}", of(a), of(b)),
-        Operation::Difference(a, b) => format!("{} - {}", of(a), of(b)),
-        Operation::Product(a, b) => format!("{} * {}", of(a), of(b)),
-        Operation::ProductSum(a, b, c) => format!("{}.product_sum({}, {})", of(a), of(b), of(c)),
-        Operation::MinusProduct(a, b, c) => format!("{}.minus_product({}, {})", of(a), of(b), of(c)),
-        Operation::Quotient(a, b) => format!("{} / {}", of(a), of(b)),
-        Operation::Negative(a) => format!("-{}", of(a)),
-        Operation::Root(a) => format!("{}.sqrt()", of(a)),
-        Operation::Absolute(a) => format!("{}.abs()", of(a)),
-        Operation::Smaller(a, b) => format!("{}.smaller({})", of(a), of(b)),
-        Operation::OneIfZero(a) => format!("{}.one_if_zero()", of(a)),
-    })
 }
 
 /// The type of many states in a register, and the functions of many states.
@@ -340,7 +341,7 @@ fn test(scene: &Scene, name: &str, programs: &[Program]) -> Result<String, Error
     Ok(text)
 }
 
-/// Some states in lanes, the arguments smaller and smaller, beside each by itself.
+/// Some states in lanes, with decreasing arguments, compared with single states.
 fn many(name: &str, program: &Program, case: &Case, text: &mut String) {
     const STATES: usize = 11;
     let (function, given, results) =

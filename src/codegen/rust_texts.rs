@@ -1,4 +1,4 @@
-//! What the Rust of every robot has alike.
+//! The parts of the Rust code that are the same for every robot.
 
 /// Words that no crate can be called by.
 #[rustfmt::skip]
@@ -33,7 +33,8 @@ use core::ops::{Add, Div, Mul, Neg, Sub};
 
 /// What the functions compute with: one number, or several of as many states.
 ///
-/// f64 and f32 are numbers by the standard library (numbers.rs). Without it, a type of your own is one, whose sines come from libm for instance.
+/// f64 and f32 are numbers by the standard library (numbers.rs). Without it, a type of your own is one, whose sines
+/// come from libm for instance.
 pub trait Number: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> + Neg<Output = Self> {
     /// A constant.
     #[must_use]
@@ -150,7 +151,7 @@ number!(f64);
 number!(f32);
 ";
 
-/// Several numbers side by side.
+/// Lanes of scalars.
 pub(super) const LANES: &str =
     "// Written by phipsi; do not edit. Many states at once, in arrays that the compiler keeps in vector registers.
 
@@ -268,7 +269,7 @@ fn scatter<T: Copy, const WIDTH: usize, const N: usize>(found: &[Lanes<T, N>; WI
 }
 ";
 
-/// What tests of all functions use.
+/// The functions that all tests use.
 pub(super) const TEST: &str = "//! Written by phipsi; do not edit. One state of the robot, and what phipsi's own methods give there.
 
 #![allow(non_snake_case, clippy::approx_constant, clippy::cast_possible_truncation, clippy::similar_names, clippy::too_many_lines, clippy::type_complexity, clippy::unreadable_literal)]

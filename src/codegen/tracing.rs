@@ -7,6 +7,7 @@ use crate::dynamics::derivatives::{
 use crate::dynamics::forces::Motion;
 use crate::dynamics::traced::TracedSweeps;
 use crate::kinematics::{self, Frame, ReferenceFrame};
+use crate::model::Model;
 use crate::scalar::{Real, Traced};
 use crate::scene::Scene;
 use crate::spatial::RigidShift;
@@ -14,7 +15,7 @@ use crate::spatial::RigidShift;
 /// The frame that a function of one link is of, and what its motion is written in.
 pub(super) type Place = (Frame<f64>, ReferenceFrame);
 
-/// What the sweeps read, and their scratch.
+/// The arguments of the sweeps, and their scratch.
 pub(super) struct Tracer<'a> {
     scene: &'a Scene,
     place: Place,
@@ -25,8 +26,8 @@ pub(super) struct Tracer<'a> {
 pub(super) type Trace = fn(&mut Tracer<'_>, &[Vec<Traced>], &mut [Traced]);
 
 impl<'a> Tracer<'a> {
-    pub fn new(scene: &'a Scene, place: Place, tolerance: Option<f64>) -> Self {
-        Self { scene, place, traced: TracedSweeps::accepting(scene.model(), tolerance) }
+    pub fn new(scene: &'a Scene, model: &Model<f64>, place: Place, tolerance: Option<f64>) -> Self {
+        Self { scene, place, traced: TracedSweeps::accepting(model, tolerance) }
     }
 }
 

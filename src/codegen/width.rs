@@ -15,7 +15,7 @@ impl Width {
         if self == Self::Double { "double" } else { "float" }
     }
 
-    /// What ends names of functions and constants.
+    /// The suffix of functions and constants.
     pub(super) fn suffix(self) -> &'static str {
         if self == Self::Double { "" } else { "f" }
     }

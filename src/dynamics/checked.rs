@@ -8,6 +8,7 @@ use super::derivatives::{
 use super::mass_inverse::{InverseScratch, mass_matrix_inverse};
 use super::{forward, inverse, mass_matrix};
 use crate::accuracy::Accuracy;
+use crate::algorithm::table::Sizes;
 use crate::algorithm::{Algorithm, Arguments, Derivatives, Products};
 use crate::error::{Error, check_finite, check_length, number};
 use crate::filter::pivots::PivotMonitor;
@@ -36,7 +37,6 @@ impl Scene {
         state: &Arguments<'_>,
         out: &mut [f64],
     ) -> Result<(), Error> {
-        let (what, out_name) = named(algorithm);
         let (reads_rates, third) = algorithm.reads();
         let state = &state.read_by(algorithm);
         let &Arguments { q, qd, u, wrenches, .. } = state;
@@ -48,6 +48,11 @@ impl Scene {
             self.check_rates(name, u)?;
             self.check_wrenches(wrenches)?;
         }
+        let entry = algorithm.entry();
+        let out_name = match (algorithm, entry.results) {
+            (Algorithm::ForwardDynamics(_) | Algorithm::InverseDynamics | Algorithm::BiasTorque, [(name, _)]) => name,
+            _ => "out",
+        };
         check_length(out_name, out.len(), self.width(algorithm))?;
         self.check_workspace(workspace)?;
         if let Some(form) = algorithm.form() {
@@ -89,7 +94,10 @@ impl Scene {
             Algorithm::Derivatives(which) => self.derivatives(workspace, which, state, out)?,
             Algorithm::Products(which) => self.products(workspace, which, state, out)?,
         }
-        self.check_result(what, out)
+        if out.iter().all(|value| value.is_finite()) {
+            return Ok(());
+        }
+        self.check_result(&entry.name.replace('_', " "), out)
     }
 
     /// Forward dynamics of a scene with connections, and where they are asked for the forces, the rank and the
@@ -216,20 +224,10 @@ impl Scene {
         let &Arguments { q, qd, u, wrenches, .. } = state;
         let model = self.model();
         let scratch = &mut DerivativeScratch::new(model);
-        match which {
-            Derivatives::InverseDynamics => {
-                derivatives::inverse_dynamics_derivatives(model, scratch, (q, qd, u), wrenches, out);
-            }
-            Derivatives::ForwardDynamics(_) => {
-                derivatives::forward_dynamics_derivatives(model, workspace, scratch, (q, qd, u), wrenches, out)
-                    .map_err(|lost| self.singular(lost))?;
-                // Told to stop, it left off.
-                interrupt::check()?;
-            }
-            Derivatives::CoriolisMatrix => derivatives::coriolis_matrix(model, scratch, q, qd, out),
-            Derivatives::MassMatrix => derivatives::mass_matrix_derivative(model, scratch, q, qd, out),
-        }
-        Ok(())
+        derivatives::of_state(which, model, (workspace, scratch), (q, qd, u), wrenches, out)
+            .map_err(|lost| self.singular(lost))?;
+        // Those of forward dynamics end early at an interruption.
+        if matches!(which, Derivatives::ForwardDynamics(_)) { interrupt::check() } else { Ok(()) }
     }
 
     /// Products at one state, arguments checked, likewise.
@@ -284,7 +282,7 @@ impl Scene {
         if matches!(algorithm, Algorithm::ConstrainedDynamics(_)) {
             return self.check_compliance(seed[0]);
         }
-        for (i, (&name, seed)) in algorithm.seeds().iter().zip(seed).enumerate() {
+        for (i, (&(name, _), seed)) in algorithm.seeds().iter().zip(seed).enumerate() {
             check_length(name, seed.len(), self.seed_width(algorithm, i))?;
             let (own, rest) = seed.split_at(nv);
             check_finite(name, own)?;
@@ -323,7 +321,7 @@ impl Scene {
                 nv + constants_width(nv, self.model().bodies.len())
             }
             Algorithm::ConstrainedDynamics(_) if i == 0 => self.constraint_rows(),
-            Algorithm::Products(which) if i < which.seeds().len() => nv,
+            Algorithm::Products(which) if i < which.entry().seeds().len() => nv,
             _ => 0,
         }
     }
@@ -331,16 +329,18 @@ impl Scene {
     /// How many numbers an algorithm gives for one state.
     #[must_use]
     pub fn width(&self, algorithm: Algorithm) -> usize {
+        let (nv, width) = (self.nv(), algorithm.entry().width(&self.sizes()));
         match algorithm {
-            Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_) => self.nv() * self.nv(),
-            Algorithm::Derivatives(which) => which.count() * self.nv() * self.nv(),
-            Algorithm::Products(which) => {
-                let (nv, bodies) = (self.nv(), self.model().bodies.len());
-                which.count() * nv + if which.gives_constants() { constants_width(nv, bodies) } else { 0 }
+            Algorithm::Products(which) if which.gives_constants() => {
+                width + constants_width(nv, self.model().bodies.len())
             }
-            Algorithm::ConstrainedDynamics(_) => self.nv() + self.constraints().rows + 2,
-            _ => self.nv(),
+            _ => width,
         }
+    }
+
+    /// The lengths that this scene gives to the axes of arguments and results.
+    pub(crate) fn sizes(&self) -> Sizes {
+        Sizes { nq: self.nq(), nv: self.nv(), links: self.links().len(), connection_rows: self.constraints().rows }
     }
 
     /// True if the kernels would compute a wrong result: they support connections in forward dynamics only.
@@ -421,29 +421,5 @@ fn multiply(three: &[f64], which: Products, [first, second, third]: [&[f64]; 3],
         for (row, &cotangent) in matrix.chunks_exact(nv).zip(first) {
             out.iter_mut().zip(row).for_each(|(out, a)| *out += cotangent * a);
         }
-    }
-}
-
-/// The names of an algorithm and of its result in error messages.
-fn named(algorithm: Algorithm) -> (&'static str, &'static str) {
-    match algorithm {
-        Algorithm::ForwardDynamics(_) => ("forward dynamics", "qdd"),
-        Algorithm::ConstrainedDynamics(_) => ("constrained dynamics", "out"),
-        Algorithm::InverseDynamics => ("inverse dynamics", "tau"),
-        Algorithm::BiasTorque => ("bias torque", "tau"),
-        Algorithm::MassMatrix => ("mass matrix", "out"),
-        Algorithm::MassMatrixInverse(_) => ("mass matrix inverse", "out"),
-        Algorithm::Derivatives(Derivatives::InverseDynamics)
-        | Algorithm::Products(
-            Products::InverseTangent
-            | Products::InverseTangents
-            | Products::InverseGradient
-            | Products::InverseGradients,
-        ) => ("derivatives of inverse dynamics", "out"),
-        Algorithm::Derivatives(Derivatives::ForwardDynamics(_)) | Algorithm::Products(_) => {
-            ("derivatives of forward dynamics", "out")
-        }
-        Algorithm::Derivatives(Derivatives::CoriolisMatrix) => ("Coriolis matrix", "out"),
-        Algorithm::Derivatives(Derivatives::MassMatrix) => ("derivative of the mass matrix", "out"),
     }
 }

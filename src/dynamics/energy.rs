@@ -1,6 +1,7 @@
 //! Kinetic and potential energy, and momentum.
 
 use super::mass_matrix::composite_inertias_tip_to_base;
+use crate::algorithm::KinematicQuantity;
 use crate::kinematics::{joint_motion, placements_base_to_tip};
 use crate::model::Model;
 use crate::scalar::Real;
@@ -17,13 +18,47 @@ pub struct Energy<T> {
     pub potential: T,
 }
 
+/// The quantities of this file, into `out`; false for the others.
+#[inline(always)]
+pub(super) fn quantity<T: Real>(
+    model: &Model<T>,
+    workspace: &mut Workspace<T>,
+    what: &KinematicQuantity<'_>,
+    (q, qd, _): (&[T], &[T], &[T]),
+    out: &mut [T],
+) -> bool {
+    match what {
+        KinematicQuantity::Momentum => out.copy_from_slice(momentum(model, workspace, q, qd).as_slice()),
+        KinematicQuantity::KineticEnergy => out[0] = kinetic_energy(model, workspace, q, qd),
+        KinematicQuantity::PotentialEnergy => out[0] = potential_energy(model, workspace, q),
+        KinematicQuantity::Energy => {
+            let both = energy(model, workspace, q, qd);
+            out.copy_from_slice(&[both.kinetic, both.potential]);
+        }
+        _ => return false,
+    }
+    true
+}
+
 /// Kinetic and potential energy in O(N).
 #[inline(always)]
 pub fn energy<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], qd: &[T]) -> Energy<T> {
     let kinetic = kinetic_energy(model, workspace, q, qd);
-    let moment = total_inertia(model, workspace).first_moment;
-    let g = &model.gravity;
-    Energy { kinetic, potential: -(g[0] * moment[0] + g[1] * moment[1] + g[2] * moment[2]) }
+    Energy { kinetic, potential: potential(model, workspace) }
+}
+
+/// Potential energy of gravity alone in O(N), J: minus gravity times the first moment of mass.
+#[inline(always)]
+fn potential_energy<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T]) -> T {
+    placements_base_to_tip(model, q, &mut workspace.store.shifts);
+    potential(model, workspace)
+}
+
+/// The same with phi in the workspace.
+#[inline(always)]
+fn potential<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>) -> T {
+    let (moment, g) = (total_inertia(model, workspace).first_moment, &model.gravity);
+    -(g[0] * moment[0] + g[1] * moment[1] + g[2] * moment[2])
 }
 
 /// Kinetic energy alone in O(N), J: half of v* M v over all bodies, plus half of armature times rate squared.

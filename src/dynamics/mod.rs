@@ -47,6 +47,7 @@ pub(crate) mod inverse;
 pub(crate) mod mass_inverse;
 pub(crate) mod mass_matrix;
 pub(crate) mod operational;
+pub(crate) mod quantities;
 pub(crate) mod refined;
 pub(crate) mod sweeps;
 pub(crate) mod traced;

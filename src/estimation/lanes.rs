@@ -8,7 +8,7 @@ use super::variance::{
     BodyMotions, Factored, JointCovariance, TorqueVariance, VarianceScratch, Variances, base_to_tip, tip_to_base,
     torques_tip_to_base,
 };
-use crate::batch::arms::{Arm, Baseline, Target, Vectorized, Work, take_states};
+use crate::batch::instruction_set::{Baseline, InstructionSet, Target, Vectorized, Work, take_states};
 use crate::filter::riccati::{Measured, measure_stage};
 use crate::kinematics::Frame;
 use crate::model::Model;
@@ -48,13 +48,13 @@ pub(crate) trait VarianceLanes: Send {
 
 /// Lanes for a scene and a question, in the widest registers of this process.
 pub(crate) fn variance_lanes(scene: &Scene, question: &Question<'_>) -> Box<dyn VarianceLanes> {
-    match Arm::of_process() {
+    match InstructionSet::of_process() {
         #[cfg(target_arch = "x86_64")]
-        Arm::Avx2 => of_target::<Lanes<V3>, V3>(scene, question),
+        InstructionSet::Avx2 => of_target::<Lanes<V3>, V3>(scene, question),
         #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-        Arm::Avx512 => of_target::<Lanes<V4>, V4>(scene, question),
+        InstructionSet::Avx512 => of_target::<Lanes<V4>, V4>(scene, question),
         #[cfg(target_arch = "aarch64")]
-        Arm::Neon => of_target::<Lanes<Neon>, Neon>(scene, question),
+        InstructionSet::Neon => of_target::<Lanes<Neon>, Neon>(scene, question),
         _ => of_target::<f64, Baseline>(scene, question),
     }
 }

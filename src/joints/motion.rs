@@ -34,6 +34,50 @@ impl<T: Real> Motion<T> {
         }
     }
 
+    /// The same motion in another scalar.
+    pub(crate) fn cast<U>(&self, scalar: impl Fn(T) -> U) -> Motion<U> {
+        match *self {
+            Self::Revolute => Motion::Revolute,
+            Self::Prismatic => Motion::Prismatic,
+            Self::Screw(pitch) => Motion::Screw(scalar(pitch)),
+            Self::Spherical => Motion::Spherical,
+            Self::Free => Motion::Free,
+            Self::Fixed => Motion::Fixed,
+        }
+    }
+
+    /// The place of the quaternion in the coordinates of the joint, and of its angular velocity among the velocities;
+    /// None without a quaternion.
+    pub(crate) fn quaternion(&self) -> Option<(usize, usize)> {
+        match self {
+            Self::Spherical => Some((0, 0)),
+            Self::Free => Some((3, 3)),
+            _ => None,
+        }
+    }
+
+    /// Whether the body moves freely: position and orientation, linear velocity first.
+    pub(crate) fn is_free(&self) -> bool {
+        matches!(self, Self::Free)
+    }
+
+    /// Whether the joint rotates about z or translates along z, and nothing else.
+    pub(crate) fn has_constant_axis(&self) -> bool {
+        matches!(self, Self::Revolute | Self::Prismatic)
+    }
+
+    /// Operations of the velocity of a body and of its velocity product, phi* v and v x H* qd: counted on the
+    /// counting scalar (docs/leaving-out.md).
+    pub(crate) fn operations_of_velocity(&self) -> usize {
+        match self {
+            Self::Revolute => 58,
+            Self::Prismatic => 56,
+            Self::Screw(_) => 85,
+            Self::Spherical | Self::Free => 84,
+            Self::Fixed => 54,
+        }
+    }
+
     /// The measurement rows of the joint.
     pub fn rows(&self) -> Rows<T> {
         match *self {

@@ -109,11 +109,7 @@ impl<T: Real> Model<T> {
 
     /// Indices in q of the first entries of the quaternions of spherical and free joints.
     pub(crate) fn quaternions(&self) -> Vec<usize> {
-        let of = |body: &Body<T>| match body.motion {
-            Motion::Spherical => Some(body.q),
-            Motion::Free => Some(body.q + 3),
-            _ => None,
-        };
+        let of = |body: &Body<T>| body.motion.quaternion().map(|(place, _)| body.q + place);
         self.bodies.iter().filter_map(of).collect()
     }
 
@@ -147,14 +143,7 @@ impl Model<f64> {
         let scalar = U::from_f64;
         let is_wider = U::epsilon().lane(0) < f64::EPSILON;
         let vector = |v: &Vector3<f64>| Vector3::new(scalar(v[0]), scalar(v[1]), scalar(v[2]));
-        let motion = |m: &Motion<f64>| match *m {
-            Motion::Revolute => Motion::Revolute,
-            Motion::Prismatic => Motion::Prismatic,
-            Motion::Screw(pitch) => Motion::Screw(scalar(pitch)),
-            Motion::Spherical => Motion::Spherical,
-            Motion::Free => Motion::Free,
-            Motion::Fixed => Motion::Fixed,
-        };
+        let motion = |motion: &Motion<f64>| motion.cast(scalar);
         let roots: Vec<Option<BodyRoot<U>>> =
             self.inertia_roots.iter().map(|root| root.as_ref().map(BodyRoot::cast)).collect();
         Model {

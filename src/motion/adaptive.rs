@@ -23,7 +23,6 @@ use crate::error::Error;
 use crate::filter::Form;
 use crate::interrupt;
 use crate::joints::quaternion::quaternion_rotation;
-use crate::model::Motion;
 use crate::scene::Scene;
 use diffsol::error::OdeSolverError;
 use diffsol::{
@@ -224,7 +223,7 @@ impl<'a> Field<'a> {
         let model = self.scene.model();
         advance(model, &self.center, x, q);
         for (body, stage) in model.bodies.iter().zip(&model.system.stages) {
-            if matches!(body.motion, Motion::Free) {
+            if body.motion.is_free() {
                 let (at, row) = (body.q, stage.first_row);
                 let moved =
                     quaternion_rotation(&self.center[at + 3..at + 7]) * Vector3::from_column_slice(&x[row..row + 3]);
@@ -255,15 +254,12 @@ impl<'a> Field<'a> {
         for (body, stage) in model.bodies.iter().zip(&model.system.stages) {
             let row = stage.first_row;
             let triple = |of: &[f64], at: usize| Vector3::from_column_slice(&of[at..at + 3]);
-            let turning = match body.motion {
-                Motion::Spherical => row,
-                Motion::Free => {
-                    let turn = UnitQuaternion::from_scaled_axis(triple(x, row + 3));
-                    rates[row..row + 3].copy_from_slice((turn * triple(v, row)).as_slice());
-                    row + 3
-                }
-                _ => continue,
-            };
+            let Some((_, place)) = body.motion.quaternion() else { continue };
+            let turning = row + place;
+            if body.motion.is_free() {
+                let turn = UnitQuaternion::from_scaled_axis(triple(x, turning));
+                rates[row..row + 3].copy_from_slice((turn * triple(v, row)).as_slice());
+            }
             let carried = rotation_vector_rate(&triple(x, turning), &triple(v, turning));
             rates[turning..turning + 3].copy_from_slice(carried.as_slice());
         }
@@ -300,11 +296,7 @@ impl<'a> Field<'a> {
     fn rotated(&self, x: &[f64]) -> f64 {
         let model = self.scene.model();
         let angles = model.bodies.iter().zip(&model.system.stages).filter_map(|(body, stage)| {
-            let at = match body.motion {
-                Motion::Spherical => stage.first_row,
-                Motion::Free => stage.first_row + 3,
-                _ => return None,
-            };
+            let at = stage.first_row + body.motion.quaternion()?.1;
             Some(Vector3::from_column_slice(&x[at..at + 3]).norm())
         });
         angles.fold(0.0, f64::max)

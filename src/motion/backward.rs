@@ -22,8 +22,8 @@ use super::scratch::{Scratch, add_scaled, clear};
 use super::step::{finish_stage, finish_step, rounded_speed, set_friction, stage};
 use super::step_settings::StepArguments;
 use super::substeps::RowSolution;
-use crate::batch::accelerations::Call;
-use crate::batch::arms::{Target, Vectorized};
+use crate::batch::accelerations::KernelArguments;
+use crate::batch::instruction_set::{Target, Vectorized};
 use crate::batch::{factor::with_factor, products};
 use crate::dynamics;
 use crate::dynamics::derivatives::{self, CoStates, Constants, Parameters, ProductScratch};
@@ -105,12 +105,17 @@ impl<T: Real> StepGradients<T> {
 /// estimate exceeds the tolerance.
 pub(super) trait BackwardSolver<T: Real> {
     /// Writes qdd and keeps the factor of M.
-    fn factor(&mut self, call: Call<'_, T>) -> u64;
+    fn factor(&mut self, call: KernelArguments<'_, T>) -> u64;
 
     /// Gradients by q, v and u for the `cotangent` of qdd, with the factor of the last [`BackwardSolver::factor`], and
     /// by the parameters if `parameters` is not empty.
-    fn gradients(&mut self, call: Call<'_, T>, cotangent: &[T], parameters: &mut [Parameters<T>], out: &mut [T])
-    -> u64;
+    fn gradients(
+        &mut self,
+        call: KernelArguments<'_, T>,
+        cotangent: &[T],
+        parameters: &mut [Parameters<T>],
+        out: &mut [T],
+    ) -> u64;
 }
 
 /// Solver with the compiled kernels of one instruction set.
@@ -129,19 +134,19 @@ impl<T: Real, I> VectorizedBackward<T, I> {
 
 impl<T: Vectorized, I: Target> BackwardSolver<T> for VectorizedBackward<T, I> {
     #[inline(always)]
-    fn factor(&mut self, call: Call<'_, T>) -> u64 {
+    fn factor(&mut self, call: KernelArguments<'_, T>) -> u64 {
         with_factor(self.target, self.form, call)
     }
 
     #[inline(always)]
     fn gradients(
         &mut self,
-        call: Call<'_, T>,
+        call: KernelArguments<'_, T>,
         cotangent: &[T],
         parameters: &mut [Parameters<T>],
         out: &mut [T],
     ) -> u64 {
-        let Call { scene, scratch, state: (q, qd, _), wrenches, qdd } = call;
+        let KernelArguments { scene, scratch, state: (q, qd, _), wrenches, qdd } = call;
         let motion = Motion { q, qd, qdd: Some(qdd), wrenches };
         let constants = &mut Constants { parameters, ..Constants::default() };
         let room = (scene, (scratch, &mut self.co_states));
@@ -165,8 +170,8 @@ impl CheckedBackward {
 }
 
 impl BackwardSolver<f64> for CheckedBackward {
-    fn factor(&mut self, call: Call<'_, f64>) -> u64 {
-        let Call { scene: (model, _), state: (q, qd, u), wrenches, qdd, .. } = call;
+    fn factor(&mut self, call: KernelArguments<'_, f64>) -> u64 {
+        let KernelArguments { scene: (model, _), state: (q, qd, u), wrenches, qdd, .. } = call;
         let monitor = dynamics::forward_dynamics(model, &mut self.workspace, q, qd, u, wrenches, qdd);
         if self.lost.is_none() {
             self.lost = self.workspace.lost_pivot(model, &monitor);
@@ -176,13 +181,13 @@ impl BackwardSolver<f64> for CheckedBackward {
 
     fn gradients(
         &mut self,
-        call: Call<'_, f64>,
+        call: KernelArguments<'_, f64>,
         cotangent: &[f64],
         parameters: &mut [Parameters<f64>],
         out: &mut [f64],
     ) -> u64 {
         let Self { workspace, products, lost } = self;
-        let Call { scene: (model, _), state, wrenches, .. } = call;
+        let KernelArguments { scene: (model, _), state, wrenches, .. } = call;
         let constants = &mut Constants { parameters, ..Constants::default() };
         let found =
             derivatives::forward_dynamics_vjp(model, workspace, products, state, wrenches, cotangent, (constants, out));
@@ -200,20 +205,20 @@ pub(super) struct EventSolver<'a> {
 }
 
 impl BackwardSolver<f64> for EventSolver<'_> {
-    fn factor(&mut self, call: Call<'_, f64>) -> u64 {
+    fn factor(&mut self, call: KernelArguments<'_, f64>) -> u64 {
         call.qdd.copy_from_slice(self.accelerations);
         0
     }
 
     fn gradients(
         &mut self,
-        call: Call<'_, f64>,
+        call: KernelArguments<'_, f64>,
         cotangent: &[f64],
         parameters: &mut [Parameters<f64>],
         out: &mut [f64],
     ) -> u64 {
         let CheckedBackward { workspace, products, lost } = &mut *self.solver;
-        let Call { scene: (model, _), state: (q, qd, _), wrenches, .. } = call;
+        let KernelArguments { scene: (model, _), state: (q, qd, _), wrenches, .. } = call;
         let pivots = dynamics::factorise(model, workspace, q);
         if lost.is_none() {
             *lost = workspace.lost_pivot(model, &pivots);
@@ -232,8 +237,8 @@ impl BackwardSolver<f64> for EventSolver<'_> {
 
 /// The arguments of [`BackwardSolver`] at stage `i`.
 #[inline(always)]
-fn at_stage<T: Real>(s: &mut Scratch<T>, i: usize) -> Call<'_, T> {
-    Call {
+fn at_stage<T: Real>(s: &mut Scratch<T>, i: usize) -> KernelArguments<'_, T> {
+    KernelArguments {
         scene: (&s.model, &s.constants),
         scratch: &mut s.sweeps,
         state: (&s.q_stage, &s.v_stage, &s.u),

@@ -24,7 +24,7 @@ use super::properties::{Gains, Properties};
 use crate::error::Error;
 use crate::joints::vectors::{cross, plus, triple, write};
 use crate::kinematics::{joint_motion, placements_base_to_tip};
-use crate::model::{Model, Motion};
+use crate::model::Model;
 use crate::scalar::{Real, larger};
 use crate::scene::Scene;
 use crate::spatial::{BodyInertia, RigidShift, Symmetric3, angular, dot, linear, sum, zero};
@@ -57,7 +57,7 @@ pub(super) fn roots(scene: &Scene, properties: &Properties, gains: Option<&Gains
         if stage.parent.is_some() {
             continue;
         }
-        if !matches!(body.motion, Motion::Free) {
+        if !body.motion.is_free() {
             let name = joint_name(scene, k);
             let found = if name.is_empty() { "a fixed body".to_owned() } else { format!("joint {name:?}") };
             return refuse(

@@ -11,7 +11,7 @@ use super::step_settings::{StepArguments, StepSettings};
 use super::stepper::{Stepper, fill, scatter, take_lane};
 use super::substeps::{Event, EventSolution, Substeps};
 use super::torque::{StepFault, Torque};
-use crate::batch::arms::{Arm, Baseline, Target, Vectorized, Work, take_states};
+use crate::batch::instruction_set::{Baseline, InstructionSet, Target, Vectorized, Work, take_states};
 use crate::dynamics::derivatives::Parameters;
 use crate::error::Error;
 use crate::filter::Form;
@@ -77,15 +77,15 @@ trait Reversing: Send + Sync {
 /// Scratch memory for backpropagation on one thread, allocated at first use.
 pub(super) struct Reverser {
     stepper: Stepper,
-    arm: Arm,
+    arm: InstructionSet,
     form: Form,
     one: Option<Box<dyn Reversing>>,
     many: Option<Box<dyn Reversing>>,
 }
 
 impl Reverser {
-    pub fn new(form: Form, arm: Arm) -> Self {
-        let arm = if arm.available() { arm } else { Arm::Baseline };
+    pub fn new(form: Form, arm: InstructionSet) -> Self {
+        let arm = if arm.available() { arm } else { InstructionSet::Baseline };
         Self { stepper: Stepper::new(form, arm), arm, form, one: None, many: None }
     }
 
@@ -175,15 +175,15 @@ fn through(
 }
 
 /// Scratch memory in the scalar type of an instruction set, for one state or for several.
-fn scratch(job: &Job<'_>, (form, arm): (Form, Arm), alone: bool) -> Box<dyn Reversing> {
+fn scratch(job: &Job<'_>, (form, arm): (Form, InstructionSet), alone: bool) -> Box<dyn Reversing> {
     let on_arm: Option<Box<dyn Reversing>> = match (arm, alone) {
-        (Arm::Baseline, _) => None,
+        (InstructionSet::Baseline, _) => None,
         #[cfg(target_arch = "x86_64")]
-        (Arm::Avx2, false) => Compiled::<Lanes<V3>, V3>::boxed(job, form),
+        (InstructionSet::Avx2, false) => Compiled::<Lanes<V3>, V3>::boxed(job, form),
         #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-        (Arm::Avx512, false) => Compiled::<Lanes<V4>, V4>::boxed(job, form),
+        (InstructionSet::Avx512, false) => Compiled::<Lanes<V4>, V4>::boxed(job, form),
         #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-        (Arm::Avx512, true) => Compiled::<Fused, V4>::boxed(job, form),
+        (InstructionSet::Avx512, true) => Compiled::<Fused, V4>::boxed(job, form),
         _ => Compiled::<Fused, <Fused as Vectorized>::Least>::boxed(job, form),
     };
     on_arm.unwrap_or_else(|| Box::new(Compiled::<f64, Baseline>::new(job, form, Baseline)))

@@ -13,7 +13,7 @@ use super::substeps::StopImpact;
 use super::torque::{StepFault, Torque};
 use super::totals::{TOTALS, Totals};
 use crate::algorithm::Algorithm;
-use crate::batch::arms::Arm;
+use crate::batch::instruction_set::InstructionSet;
 use crate::batch::{Batch, Fault, Pool, SLICE};
 use crate::dynamics::contacts::ContactScratch;
 use crate::error::Error;
@@ -63,7 +63,7 @@ pub struct Rollout<S> {
     limits: Limits,
     momentum: MomentumProjection<f64>,
     pub(super) form: Form,
-    pub(super) arm: Arm,
+    pub(super) arm: InstructionSet,
     states: usize,
     /// Per state: q, qd, the totals, and the stored values of momentum conservation or contacts.
     current: Vec<f64>,
@@ -439,7 +439,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let impacts = &*impacts;
         let scene: &Scene = (*scene).borrow().tree();
         // Steps with contacts are not vectorized.
-        let arm = if settings.method == Method::Contact { Arm::Baseline } else { *arm };
+        let arm = if settings.method == Method::Contact { InstructionSet::Baseline } else { *arm };
         let make = || Stepper::new(*form, arm);
         let batch = Batch { states: self.states, cost, pool, make };
         let outcome = batch.run_pieces(GRAIN, current, |stepper, states, current| {

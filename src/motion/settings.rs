@@ -2,7 +2,7 @@
 
 use super::method::Method;
 use super::properties::{Gains, Properties};
-use crate::batch::arms::Arm;
+use crate::batch::instruction_set::InstructionSet;
 use crate::filter::Form;
 use crate::scene::Scene;
 
@@ -25,7 +25,7 @@ pub struct Settings {
     /// The control law, if any.
     pub gains: Option<Gains>,
     /// Instruction set; the baseline if the processor does not support it.
-    pub arm: Arm,
+    pub arm: InstructionSet,
     /// True if floating trees conserve their momentum, and the parabola of their center of mass, to rounding. Each step
     /// then ends with a rigid displacement of the tree that removes the error of the step in these quantities (see
     /// [`Rollout::correction`](super::Rollout::correction)). Every tree must be connected to the base by a free joint
@@ -67,7 +67,7 @@ impl Settings {
             tolerance: None,
             properties,
             gains: None,
-            arm: Arm::of_process(),
+            arm: InstructionSet::of_process(),
             conserve_momentum: false,
             stabilization: Stabilization::default(),
             compliance: Vec::new(),

@@ -1,8 +1,8 @@
 //! Solvers for the accelerations of a stage: compiled kernels, with or without an error estimate, or the general
 //! recursions with all checks.
 
-use crate::batch::accelerations::{Call, by_covariance, watched};
-use crate::batch::arms::{Baseline, Target, Vectorized};
+use crate::batch::accelerations::{KernelArguments, by_covariance, watched};
+use crate::batch::instruction_set::{Baseline, Target, Vectorized};
 use crate::dynamics;
 use crate::dynamics::auto::Errors;
 use crate::dynamics::coupled::CoupledAccelerations;
@@ -55,7 +55,7 @@ impl<T: Vectorized, I: Target> Solver<T> for Kernels<T, I> {
         state: (&[T], &[T], &[T]),
         qdd: &mut [T],
     ) -> u64 {
-        let call = Call { scene, scratch, state, wrenches: &[], qdd };
+        let call = KernelArguments { scene, scratch, state, wrenches: &[], qdd };
         if estimates && self.estimates {
             watched(self.target, call, &mut self.errors)
         } else {

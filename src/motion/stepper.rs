@@ -17,7 +17,7 @@ use super::substeps::Substeps;
 use super::torque::{StepFault, Torque};
 use super::totals::TOTALS;
 use super::works::add_work;
-use crate::batch::arms::{Arm, Baseline, Target, Vectorized, Work, take_states};
+use crate::batch::instruction_set::{Baseline, InstructionSet, Target, Vectorized, Work, take_states};
 use crate::dynamics::contacts::LimitRow;
 use crate::error::Error;
 use crate::filter::Form;
@@ -39,7 +39,7 @@ trait Stepping: Send + Sync {
 
 /// Scratch memory for one rollout on one thread, allocated at first use.
 pub(super) struct Stepper {
-    arm: Arm,
+    arm: InstructionSet,
     one: Option<Box<dyn Stepping>>,
     many: Option<Box<dyn Stepping>>,
     checked: Option<Box<CheckedState>>,
@@ -48,8 +48,8 @@ pub(super) struct Stepper {
 }
 
 impl Stepper {
-    pub fn new(form: Form, arm: Arm) -> Self {
-        let arm = if arm.available() { arm } else { Arm::Baseline };
+    pub fn new(form: Form, arm: InstructionSet) -> Self {
+        let arm = if arm.available() { arm } else { InstructionSet::Baseline };
         Self { arm, one: None, many: None, checked: None, touching: None, form }
     }
 
@@ -57,9 +57,9 @@ impl Stepper {
     pub fn lanes(&self) -> usize {
         match self.arm {
             #[cfg(target_arch = "x86_64")]
-            Arm::Avx2 => Lanes::<V3>::LANES,
+            InstructionSet::Avx2 => Lanes::<V3>::LANES,
             #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-            Arm::Avx512 => Lanes::<V4>::LANES,
+            InstructionSet::Avx512 => Lanes::<V4>::LANES,
             _ => 1,
         }
     }
@@ -79,15 +79,15 @@ impl Stepper {
 }
 
 /// Scratch memory in the scalar type of an instruction set, for one state or for several.
-fn scratch(model: &Model<f64>, settings: &StepSettings, arm: Arm, alone: bool) -> Box<dyn Stepping> {
+fn scratch(model: &Model<f64>, settings: &StepSettings, arm: InstructionSet, alone: bool) -> Box<dyn Stepping> {
     let on_arm: Option<Box<dyn Stepping>> = match (arm, alone) {
-        (Arm::Baseline, _) => None,
+        (InstructionSet::Baseline, _) => None,
         #[cfg(target_arch = "x86_64")]
-        (Arm::Avx2, false) => Compiled::<Lanes<V3>, V3>::boxed(model, settings),
+        (InstructionSet::Avx2, false) => Compiled::<Lanes<V3>, V3>::boxed(model, settings),
         #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-        (Arm::Avx512, false) => Compiled::<Lanes<V4>, V4>::boxed(model, settings),
+        (InstructionSet::Avx512, false) => Compiled::<Lanes<V4>, V4>::boxed(model, settings),
         #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-        (Arm::Avx512, true) => Compiled::<Fused, V4>::boxed(model, settings),
+        (InstructionSet::Avx512, true) => Compiled::<Fused, V4>::boxed(model, settings),
         _ => Compiled::<Fused, <Fused as Vectorized>::Least>::boxed(model, settings),
     };
     on_arm.unwrap_or_else(|| Box::new(Compiled { scratch: Scratch::<f64>::new(model, settings), target: Baseline }))

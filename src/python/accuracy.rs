@@ -15,12 +15,12 @@ use pyo3::prelude::*;
 use std::sync::{Mutex, PoisonError};
 
 /// Accuracy of every state of a call, written by all of its threads.
-pub(super) struct Told {
+pub(super) struct BatchAccuracy {
     form: Form,
     of_states: Mutex<Vec<Accuracy>>,
 }
 
-impl Told {
+impl BatchAccuracy {
     /// Allocates the entries of `states` states.
     pub fn new(form: Form, states: usize) -> Result<Self, Error> {
         let of_states = memory::filled("return_info", states, Accuracy::unknown(form))?;

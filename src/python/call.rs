@@ -20,7 +20,7 @@ use numpy::Element;
 use pyo3::prelude::*;
 
 /// Arguments of a call, the leading axes to which they broadcast, and the approximate time per state.
-pub(super) struct Call<'a, 'py, P: Element = f64> {
+pub(super) struct BatchCall<'a, 'py, P: Element = f64> {
     pub scene: &'a PyScene,
     inputs: Vec<Input<'py, P>>,
     wrenches: Vec<Wrench<'py>>,
@@ -67,12 +67,12 @@ impl PyScene {
         inputs: impl Into<Vec<Input<'py>>>,
         cost: usize,
         errors: &str,
-    ) -> PyResult<Call<'a, 'py>> {
-        Ok(Call::new(self, inputs.into(), Vec::new(), Cost::of(cost))?.with(Errors::read(errors)?))
+    ) -> PyResult<BatchCall<'a, 'py>> {
+        Ok(BatchCall::new(self, inputs.into(), Vec::new(), Cost::of(cost))?.with(Errors::read(errors)?))
     }
 }
 
-impl<'a, 'py, P: Precision + Element> Call<'a, 'py, P> {
+impl<'a, 'py, P: Precision + Element> BatchCall<'a, 'py, P> {
     pub fn new(
         scene: &'a PyScene,
         inputs: Vec<Input<'py, P>>,
@@ -141,7 +141,7 @@ impl<'a, 'py, P: Precision + Element> Call<'a, 'py, P> {
     }
 }
 
-impl<'py> Call<'_, 'py> {
+impl<'py> BatchCall<'_, 'py> {
     /// Allocates `width` values per state for results that are not one array. The memory for the copies is checked too.
     pub fn scratch_results(&self, py: Python<'py>, width: usize) -> PyResult<Output<'py>> {
         memory::room(&self.asking(), memory::bytes_of::<f64>(&[self.states, width, 2]))?;

@@ -2,16 +2,8 @@
 
 use super::object::Object;
 use super::scene::PyScene;
-use crate::algorithm::Everyday;
+use crate::algorithm::KinematicQuantity;
 use pyo3::prelude::*;
-
-/// Approximate time per body and state, ns.
-mod cost {
-    pub const CENTRE: usize = 40;
-    pub const MOTION: usize = 80;
-    pub const MATRIX: usize = 100;
-    pub const RATE: usize = 200;
-}
 
 #[pymethods]
 impl PyScene {
@@ -20,7 +12,9 @@ impl PyScene {
     fn total_mass(&self) -> f64 {
         self.scene.total_mass()
     }
+}
 
+methods! {
     /// Center of mass of all moving links, in the base frame.
     #[doc = parameters!(q errors)]
     #[doc = section!(Returns)]
@@ -36,11 +30,8 @@ impl PyScene {
     /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
     /// >>> scene.center_of_mass(scene.neutral()).round(3)
     /// array([0.113, 0.147, 0.023])
-    #[pyo3(signature = (q, *, errors="raise"))]
-    fn center_of_mass<'py>(&self, py: Python<'py>, q: &Object<'py>, errors: &str) -> PyResult<Object<'py>> {
-        self.scene.check_has_mass()?;
-        let size = (&[3][..], cost::CENTRE * self.size());
-        self.everyday(py, &Everyday::CenterOfMass, [("q", q)], size, errors)
+    fn center_of_mass(q; errors) |scene, py| {
+        scene.kinematic_quantity(py, &KinematicQuantity::CenterOfMass, [q], errors)
     }
 
     /// Velocity of the center of mass in the base frame: linear momentum divided by mass, in O(N).
@@ -54,17 +45,8 @@ impl PyScene {
     /// >>> q, qd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2]
     /// >>> np.allclose(scene.center_of_mass_velocity(q, qd), scene.center_of_mass_jacobian(q) @ qd)
     /// True
-    #[pyo3(signature = (q, qd, *, errors="raise"))]
-    fn center_of_mass_velocity<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        qd: &Object<'py>,
-        errors: &str,
-    ) -> PyResult<Object<'py>> {
-        self.scene.check_has_mass()?;
-        let (given, cost) = ([("q", q), ("qd", qd)], cost::MOTION * self.size());
-        self.everyday(py, &Everyday::CenterOfMassVelocity, given, (&[3], cost), errors)
+    fn center_of_mass_velocity(q, qd; errors) |scene, py| {
+        scene.kinematic_quantity(py, &KinematicQuantity::CenterOfMassVelocity, [q, qd], errors)
     }
 
     /// Acceleration of the center of mass in the base frame for joint accelerations qdd, without gravity, in O(N).
@@ -79,18 +61,8 @@ impl PyScene {
     /// >>> a = scene.center_of_mass_acceleration(q, still, [1.0, 0.0, 0.0])
     /// >>> np.allclose(a, scene.center_of_mass_jacobian(q)[:, 0])
     /// True
-    #[pyo3(signature = (q, qd, qdd, *, errors="raise"))]
-    fn center_of_mass_acceleration<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        qd: &Object<'py>,
-        qdd: &Object<'py>,
-        errors: &str,
-    ) -> PyResult<Object<'py>> {
-        self.scene.check_has_mass()?;
-        let (given, cost) = ([("q", q), ("qd", qd), ("qdd", qdd)], cost::MOTION * self.size());
-        self.everyday(py, &Everyday::CenterOfMassAcceleration, given, (&[3], cost), errors)
+    fn center_of_mass_acceleration(q, qd, qdd; errors) |scene, py| {
+        scene.kinematic_quantity(py, &KinematicQuantity::CenterOfMassAcceleration, [q, qd, qdd], errors)
     }
 
     /// Jacobian J of the center of mass: its velocity in the base frame is J qd.
@@ -104,11 +76,8 @@ impl PyScene {
     #[doc = section!(Examples)]
     /// >>> phipsi.scenes.chain(3).center_of_mass_jacobian([0.3, 0.2, 0.1]).shape
     /// (3, 3)
-    #[pyo3(signature = (q, *, errors="raise"))]
-    fn center_of_mass_jacobian<'py>(&self, py: Python<'py>, q: &Object<'py>, errors: &str) -> PyResult<Object<'py>> {
-        self.scene.check_has_mass()?;
-        let (shape, cost) = ([3, self.scene.nv()], cost::MATRIX * self.size());
-        self.everyday(py, &Everyday::CenterOfMassJacobian, [("q", q)], (&shape, cost), errors)
+    fn center_of_mass_jacobian(q; errors) |scene, py| {
+        scene.kinematic_quantity(py, &KinematicQuantity::CenterOfMassJacobian, [q], errors)
     }
 
     /// Centroidal momentum matrix A: A qd is (angular momentum about the center of mass, linear), in base axes.
@@ -125,11 +94,8 @@ impl PyScene {
     /// >>> A = scene.centroidal_momentum_matrix([0.3, 0.2, 0.1])
     /// >>> np.allclose(A[3:] / scene.total_mass, scene.center_of_mass_jacobian([0.3, 0.2, 0.1]))
     /// True
-    #[pyo3(signature = (q, *, errors="raise"))]
-    fn centroidal_momentum_matrix<'py>(&self, py: Python<'py>, q: &Object<'py>, errors: &str) -> PyResult<Object<'py>> {
-        self.scene.check_has_mass()?;
-        let (shape, cost) = ([6, self.scene.nv()], cost::MATRIX * self.size());
-        self.everyday(py, &Everyday::CentroidalMomentumMatrix, [("q", q)], (&shape, cost), errors)
+    fn centroidal_momentum_matrix(q; errors) |scene, py| {
+        scene.kinematic_quantity(py, &KinematicQuantity::CentroidalMomentumMatrix, [q], errors)
     }
 
     /// Time derivative A' of the centroidal momentum matrix along qd: the momentum changes at A qdd + A' qd.
@@ -147,17 +113,7 @@ impl PyScene {
     /// >>> ahead, behind = (scene.centroidal_momentum_matrix(q + h * qd) for h in (1e-6, -1e-6))
     /// >>> np.allclose(scene.centroidal_momentum_matrix_rate(q, qd), (ahead - behind) / 2e-6)
     /// True
-    #[pyo3(signature = (q, qd, *, errors="raise"))]
-    fn centroidal_momentum_matrix_rate<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        qd: &Object<'py>,
-        errors: &str,
-    ) -> PyResult<Object<'py>> {
-        self.scene.check_has_mass()?;
-        let (given, shape) = ([("q", q), ("qd", qd)], [6, self.scene.nv()]);
-        let size = (&shape[..], cost::RATE * self.size());
-        self.everyday(py, &Everyday::CentroidalMomentumMatrixRate, given, size, errors)
+    fn centroidal_momentum_matrix_rate(q, qd; errors) |scene, py| {
+        scene.kinematic_quantity(py, &KinematicQuantity::CentroidalMomentumMatrixRate, [q, qd], errors)
     }
 }

@@ -1,13 +1,13 @@
 //! Methods of `Scene`: constrained dynamics.
 
-use super::call::Call;
+use super::call::BatchCall;
 use super::choice::{names, read_judged, read_judged_factor};
 use super::cost::Cost;
 use super::errors::warn_as;
 use super::evaluate::Keywords;
 use super::input::{Input, in_python};
 use super::object::{Object, imported};
-use super::output::{Array, Output};
+use super::output::Output;
 use super::scene::PyScene;
 use super::wrenches::Wrench;
 use crate::algorithm::Algorithm;
@@ -16,7 +16,7 @@ use crate::filter::Form;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PySlice};
 
-/// Approximate times per state, ns (see `Call::new`).
+/// Approximate times per state, ns (see `BatchCall::new`).
 mod cost {
     /// Per body: two forward dynamics, a factor, some more right-hand sides.
     pub const BODY: usize = 600;
@@ -30,8 +30,7 @@ mod cost {
     pub const FAST_CUBE: usize = 1;
 }
 
-#[pymethods]
-impl PyScene {
+methods! {
     /// Constraint error of each row of the connections; zero if the connections are closed.
     #[doc = parameters!(q errors)]
     #[doc = section!(Returns)]
@@ -49,11 +48,10 @@ impl PyScene {
     /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
     /// >>> scene.constraint_error([0.0, 0.1, 0.3]).round(3)
     /// array([0.2])
-    #[pyo3(signature = (q, *, errors="raise"))]
-    fn constraint_error<'py>(&self, py: Python<'py>, q: &Object<'py>, errors: &str) -> Array<'py> {
-        let m = self.scene.constraint_rows();
-        let call = self.call([self.configuration("q", q)?], self.cost_of_rows(), errors)?;
-        call.array(py, &[m], |scene, _, [q], out| scene.constraint_error(q, out))
+    fn constraint_error(q; errors) |scene, py| {
+        let m = scene.scene.constraint_rows();
+        let call = scene.call([scene.configuration("q", q)?], scene.cost_of_rows(), errors)?;
+        call.array(py, &[m], |scene, _, [q], out| scene.constraint_error(q, out)).map(Bound::into_any)
     }
 
     /// Constraint Jacobian J of the connections: J qd is the time derivative of constraint_error, at every q.
@@ -68,14 +66,13 @@ impl PyScene {
     /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
     /// >>> scene.constraint_jacobian([0.0, 0.1, 0.3])
     /// array([[ 0., -1.,  1.]])
-    #[pyo3(signature = (q, *, errors="raise"))]
-    fn constraint_jacobian<'py>(&self, py: Python<'py>, q: &Object<'py>, errors: &str) -> Array<'py> {
-        let (m, nv) = (self.scene.constraint_rows(), self.scene.nv());
-        let call = self.call([self.configuration("q", q)?], self.cost_of_rows(), errors)?;
+    fn constraint_jacobian(q; errors) |scene, py| {
+        let (m, nv) = (scene.scene.constraint_rows(), scene.scene.nv());
+        let call = scene.call([scene.configuration("q", q)?], scene.cost_of_rows(), errors)?;
         call.array(py, &[m, nv], |scene, scratch, [q], out| {
             let (workspace, rows, _) = scratch.through_connections(scene, Form::Auto);
             scene.constraint_jacobian(workspace, rows, q, out)
-        })
+        }).map(Bound::into_any)
     }
 
     /// Constraint bias J' qd: the second time derivative of constraint_error at zero joint accelerations.
@@ -92,11 +89,10 @@ impl PyScene {
     /// >>> ahead, behind = (scene.constraint_jacobian(q + h * qd) @ qd for h in (1e-6, -1e-6))
     /// >>> np.allclose(scene.constraint_bias(q, qd), (ahead - behind) / 2e-6)
     /// True
-    #[pyo3(signature = (q, qd, *, errors="raise"))]
-    fn constraint_bias<'py>(&self, py: Python<'py>, q: &Object<'py>, qd: &Object<'py>, errors: &str) -> Array<'py> {
-        let m = self.scene.constraint_rows();
-        let call = self.call(self.inputs([("q", q), ("qd", qd)])?, self.cost_of_rows(), errors)?;
-        call.array(py, &[m], |scene, _, [q, qd], out| scene.constraint_bias(q, qd, out))
+    fn constraint_bias(q, qd; errors) |scene, py| {
+        let m = scene.scene.constraint_rows();
+        let call = scene.call(scene.inputs([("q", q), ("qd", qd)])?, scene.cost_of_rows(), errors)?;
+        call.array(py, &[m], |scene, _, [q, qd], out| scene.constraint_bias(q, qd, out)).map(Bound::into_any)
     }
 
     /// Joint accelerations and constraint forces with connections: M qdd + bias = tau + J^T f, J qdd + J' qd = 0.
@@ -125,33 +121,23 @@ impl PyScene {
     /// >>> dynamics = scene.constrained_dynamics([0.0, 0.1, 0.1], np.zeros(3), [0.0, 0.1, 0.0])
     /// >>> np.allclose(dynamics.qdd[1], dynamics.qdd[2]), dynamics.forces["gear"].shape
     /// (True, (1,))
-    #[pyo3(signature = (q, qd, tau, *, compliance=None, form="auto", tolerance=None, wrenches=None, errors="raise"))]
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
-    fn constrained_dynamics<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        qd: &Object<'py>,
-        tau: &Object<'py>,
-        compliance: Option<&Object<'py>>,
-        form: &str,
-        tolerance: Option<f64>,
-        wrenches: Option<&Object<'py>>,
-        errors: &str,
-    ) -> PyResult<Object<'py>> {
-        self.scene.check_independent()?;
-        let (algorithm, tolerance) = read_judged(&self.scene, (form, tolerance), Algorithm::ConstrainedDynamics)?;
-        let keywords = Keywords { wrenches, out: None, dtype: None, errors, tolerance, info: false };
+    fn constrained_dynamics(q, qd, tau; compliance, form, tolerance, wrenches, errors) |scene, py| {
+        scene.scene.check_independent()?;
+        let (algorithm, tolerance) = read_judged(&scene.scene, (form, tolerance), Algorithm::ConstrainedDynamics)?;
+        let keywords = Keywords { wrenches, tolerance, ..Keywords::of(errors) };
         let given = [("q", q), ("qd", qd), ("tau", tau)];
         let results = match compliance {
-            None => self.evaluate(py, algorithm, self.cost_through_connections(), given, &keywords)?,
-            Some(compliance) => self.through_compliant_connections(py, algorithm, given, (compliance, &keywords))?,
+            None => scene.evaluate(py, algorithm, [q, qd, tau], &keywords)?,
+            Some(compliance) => scene.through_compliant_connections(py, algorithm, given, (compliance, &keywords))?,
         };
-        let nv = self.scene.nv();
-        self.warn_of_linkage(py)?;
-        imported!(py, "phipsi._results", "constrained_dynamics")?.call1((results, nv, self.rows_by_name(py)?))
+        let nv = scene.scene.nv();
+        scene.warn_of_linkage(py)?;
+        imported!(py, "phipsi._results", "constrained_dynamics")?.call1((results, nv, scene.rows_by_name(py)?))
     }
+}
 
+#[pymethods]
+impl PyScene {
     /// Nearest configuration that closes the connections, and nearest joint velocities that keep them closed.
     #[doc = parameters!(q)]
     /// qd : (..., nv) array_like, optional
@@ -218,7 +204,9 @@ impl PyScene {
         self.warn_of_linkage(py)?;
         imported!(py, "phipsi._results", "projection")?.call1((output.finish(), nq, is_moving))
     }
+}
 
+methods! {
     /// Joint torques and constraint forces for given joint accelerations: tau + J^T f = M qdd + bias.
     #[doc = parameters!(q qd qdd)]
     /// actuated : iterable of str or (nv,) array_like of bool, optional
@@ -240,27 +228,14 @@ impl PyScene {
     /// >>> dynamics = scene.constrained_inverse_dynamics(q, qd, qdd, actuated=["j0", "j1"])
     /// >>> float(dynamics.tau[2])
     /// 0.0
-    #[pyo3(signature = (q, qd, qdd, *, actuated=None, form="auto", tolerance=None, wrenches=None, errors="raise"))]
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
-    fn constrained_inverse_dynamics<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        qd: &Object<'py>,
-        qdd: &Object<'py>,
-        actuated: Option<&Object<'py>>,
-        form: &str,
-        tolerance: Option<f64>,
-        wrenches: Option<&Object<'py>>,
-        errors: &str,
-    ) -> PyResult<Object<'py>> {
-        let (form, tolerance) = read_judged_factor(&self.scene, form, tolerance)?;
-        let nv = self.scene.nv();
-        let motors = actuated.map(|actuated| self.motors(actuated)).transpose()?.unwrap_or_default();
-        let call = self.through_connections([("q", q), ("qd", qd), ("qdd", qdd)], wrenches, (form, errors))?;
+    fn constrained_inverse_dynamics(q, qd, qdd; actuated, form, tolerance, wrenches, errors) |scene, py| {
+        let (form, tolerance) = read_judged_factor(&scene.scene, form, tolerance)?;
+        let nv = scene.scene.nv();
+        let motors = actuated.map(|actuated| scene.motors(actuated)).transpose()?.unwrap_or_default();
+        let call = scene.through_connections([("q", q), ("qd", qd), ("qdd", qdd)], wrenches, (form, errors))?;
         let call = call.accepting(tolerance);
         let results =
-            call.array(py, &[nv + self.scene.constraint_rows() + 2], |scene, scratch, [q, qd, qdd], out| {
+            call.array(py, &[nv + scene.scene.constraint_rows() + 2], |scene, scratch, [q, qd, qdd], out| {
                 let (workspace, rows, forces) = scratch.through_connections(scene, form);
                 let (tau, rest) = out.split_at_mut(nv);
                 let (of_rows, told) = rest.split_at_mut(scene.constraint_rows());
@@ -271,8 +246,8 @@ impl PyScene {
                 told.copy_from_slice(&[found.rank as f64, found.residual]);
                 Ok(())
             })?;
-        self.warn_of_linkage(py)?;
-        imported!(py, "phipsi._results", "constrained_inverse_dynamics")?.call1((results, nv, self.rows_by_name(py)?))
+        scene.warn_of_linkage(py)?;
+        imported!(py, "phipsi._results", "constrained_inverse_dynamics")?.call1((results, nv, scene.rows_by_name(py)?))
     }
 
     /// Inverse mass matrix through the connections: M^-1 - M^-1 J^T (J M^-1 J^T)^+ J M^-1.
@@ -288,24 +263,16 @@ impl PyScene {
     /// >>> inverse = scene.constrained_mass_matrix_inverse([0.0, 0.1, 0.1])
     /// >>> np.allclose(scene.constraint_jacobian([0.0, 0.1, 0.1]) @ inverse, 0.0)
     /// True
-    #[pyo3(signature = (q, *, form="auto", tolerance=None, errors="raise"))]
-    fn constrained_mass_matrix_inverse<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        form: &str,
-        tolerance: Option<f64>,
-        errors: &str,
-    ) -> Array<'py> {
-        let (form, tolerance) = read_judged_factor(&self.scene, form, tolerance)?;
-        self.check_dense("constrained_mass_matrix_inverse", "constrained_dynamics, which multiplies by it")?;
-        let nv = self.scene.nv();
-        let cost = self.cost_of_rows().saturating_add(nv.saturating_pow(3));
-        let call = self.call([self.configuration("q", q)?], cost, errors)?.with(self.errors(errors, Some(form))?);
+    fn constrained_mass_matrix_inverse(q; form, tolerance, errors) |scene, py| {
+        let (form, tolerance) = read_judged_factor(&scene.scene, form, tolerance)?;
+        scene.check_dense("constrained_mass_matrix_inverse", "constrained_dynamics, which multiplies by it")?;
+        let nv = scene.scene.nv();
+        let cost = scene.cost_of_rows().saturating_add(nv.saturating_pow(3));
+        let call = scene.call([scene.configuration("q", q)?], cost, errors)?.with(scene.errors(errors, Some(form))?);
         call.accepting(tolerance).array(py, &[nv, nv], |scene, scratch, [q], out| {
             let (workspace, rows, _) = scratch.through_connections(scene, form);
             scene.constrained_mass_matrix_inverse(workspace, rows, q, out)
-        })
+        }).map(Bound::into_any)
     }
 }
 
@@ -362,7 +329,7 @@ impl PyScene {
         inputs.push(self.compliance(compliance)?);
         let width = self.scene.width(algorithm);
         let cost = Cost { arithmetic: self.cost_through_connections() * self.size(), results: width };
-        let call = Call::new(self, inputs, Wrench::read(&self.scene, keywords.wrenches)?, cost)?;
+        let call = BatchCall::new(self, inputs, Wrench::read(&self.scene, keywords.wrenches)?, cost)?;
         let call = call.with(self.errors(keywords.errors, algorithm.form())?).accepting(keywords.tolerance);
         let mut output = call.output(py, &[width], None, Output::unwritten)?;
         call.in_chunks(py, algorithm, output.numbers()?, None)?;
@@ -375,9 +342,9 @@ impl PyScene {
         given: [(&'static str, &Object<'py>); N],
         wrenches: Option<&Object<'py>>,
         (form, errors): (Form, &str),
-    ) -> PyResult<Call<'a, 'py>> {
+    ) -> PyResult<BatchCall<'a, 'py>> {
         let wrenches = Wrench::read(&self.scene, wrenches)?;
-        let call = Call::new(self, self.inputs(given)?, wrenches, Cost::of(self.cost_of_rows()))?;
+        let call = BatchCall::new(self, self.inputs(given)?, wrenches, Cost::of(self.cost_of_rows()))?;
         Ok(call.with(self.errors(errors, Some(form))?))
     }
 

@@ -1,7 +1,7 @@
 //! Approximate time per state, which determines the use of threads and the release of the GIL, but not the results.
 
 use crate::algorithm::Algorithm;
-use crate::batch::arms::Arm;
+use crate::batch::instruction_set::InstructionSet;
 use crate::dynamics::sweeps;
 
 /// Calls shorter than this (ns on one thread) keep the GIL, as in `NumPy`: releasing it takes a tenth of a microsecond
@@ -33,7 +33,7 @@ impl Cost {
 
     /// Time per state in a batch of `states`, with `algorithm` in `P` on the instruction set of this process.
     pub fn of_many<P>(self, states: usize, algorithm: Algorithm) -> usize {
-        let lanes = if sweeps::covers(algorithm) { Arm::of_process().lanes(size_of::<P>()) } else { 1 };
+        let lanes = if sweeps::covers(algorithm) { InstructionSet::of_process().lanes(size_of::<P>()) } else { 1 };
         Self { arithmetic: self.arithmetic / lanes.min(states.max(1)), ..self }.of_one()
     }
 }

@@ -1,6 +1,6 @@
 //! Methods of `Scene`: derivatives of the dynamics, and linearization.
 
-use super::call::Call;
+use super::call::BatchCall;
 use super::choice::read_form;
 use super::cost::Cost;
 use super::errors::asked_by;
@@ -16,18 +16,7 @@ use pyo3::prelude::*;
 /// Number of linear systems between two checks for signals.
 const AT_A_TIME: usize = 1024;
 
-/// Approximate times per state, ns (see [`Cost`](super::cost::Cost)).
-mod cost {
-    /// Per body: motion, composite inertia and effect on other bodies.
-    pub const BODY: usize = 80;
-    /// The same with the factor of M.
-    pub const WITH_FACTOR: usize = 200;
-    /// Per pair of degrees of freedom: entries of the results.
-    pub const PAIR: usize = 10;
-}
-
-#[pymethods]
-impl PyScene {
+methods! {
     /// Analytical derivatives of inverse dynamics, in the tangent space of q: dtau/dq, dtau/dqd and dtau/dqdd = M.
     #[doc = parameters!(q qd qdd wrenches out_of_derivatives errors)]
     #[doc = section!(Returns)]
@@ -45,23 +34,12 @@ impl PyScene {
     /// >>> change = scene.inverse_dynamics(q + step, qd, qdd) - scene.inverse_dynamics(q - step, qd, qdd)
     /// >>> np.allclose(scene.inverse_dynamics_derivatives(q, qd, qdd).dtau_dq[:, 1], change / 2e-6)
     /// True
-    #[pyo3(signature = (q, qd, qdd, *, wrenches=None, out=None, errors="raise"))]
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
-    fn inverse_dynamics_derivatives<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        qd: &Object<'py>,
-        qdd: &Object<'py>,
-        wrenches: Option<&Object<'py>>,
-        out: Option<&Object<'py>>,
-        errors: &str,
-    ) -> PyResult<Object<'py>> {
-        self.check_dense("inverse_dynamics_derivatives", "differences of inverse_dynamics")?;
+    fn inverse_dynamics_derivatives(q, qd, qdd; wrenches, out, errors) |scene, py| {
+        scene.check_dense("inverse_dynamics_derivatives", "differences of inverse_dynamics")?;
+        let algorithm = Algorithm::Derivatives(Derivatives::InverseDynamics);
+        let keywords = Keywords { wrenches, out, ..Keywords::of(errors) };
+        let all = scene.evaluate(py, algorithm, [q, qd, qdd], &keywords)?;
         let class = imported!(py, "phipsi._results", "InverseDynamicsDerivatives")?;
-        let keywords = Keywords { wrenches, out, dtype: None, errors, tolerance: None, info: false };
-        let given = [("q", q), ("qd", qd), ("qdd", qdd)];
-        let all = self.derivatives(py, Derivatives::InverseDynamics, cost::BODY, given, &keywords)?;
         class.call1((part(&all, 2, 0)?, part(&all, 2, 1)?, part(&all, 2, 2)?))
     }
 
@@ -87,27 +65,11 @@ impl PyScene {
     /// >>> inverse = scene.inverse_dynamics_derivatives(q, qd, qdd)
     /// >>> np.allclose(inverse.M @ forward.dqdd_dq, -inverse.dtau_dq)
     /// True
-    #[pyo3(signature = (q, qd, tau, *, form="auto", tolerance=None, wrenches=None, out=None, errors="raise"))]
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
-    fn forward_dynamics_derivatives<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        qd: &Object<'py>,
-        tau: &Object<'py>,
-        form: &str,
-        tolerance: Option<f64>,
-        wrenches: Option<&Object<'py>>,
-        out: Option<&Object<'py>>,
-        errors: &str,
-    ) -> PyResult<Object<'py>> {
-        self.check_dense("forward_dynamics_derivatives", "differences of forward_dynamics")?;
-        let which = Derivatives::ForwardDynamics(read_form(form)?);
-        self.scene.check_tolerance(Algorithm::Derivatives(which), tolerance)?;
+    fn forward_dynamics_derivatives(q, qd, tau; form, tolerance, wrenches, out, errors) |scene, py| {
+        scene.check_dense("forward_dynamics_derivatives", "differences of forward_dynamics")?;
+        let keywords = Keywords { wrenches, out, tolerance, ..Keywords::of(errors) };
+        let all = scene.forward_derivatives(py, form, [q, qd, tau], &keywords)?;
         let class = imported!(py, "phipsi._results", "ForwardDynamicsDerivatives")?;
-        let keywords = Keywords { wrenches, out, dtype: None, errors, tolerance, info: false };
-        let given = [("q", q), ("qd", qd), ("tau", tau)];
-        let all = self.derivatives(py, which, cost::WITH_FACTOR, given, &keywords)?;
         class.call1((part(&all, 2, 0)?, part(&all, 2, 1)?, part(&all, 2, 2)?))
     }
 
@@ -126,35 +88,20 @@ impl PyScene {
     /// >>> A, B = scene.linearize([0.3, 0.2, 0.1], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0])
     /// >>> A.shape, B.shape
     /// ((6, 6), (6, 3))
-    #[pyo3(signature = (q, qd, tau, *, form="auto", tolerance=None, wrenches=None, errors="raise"))]
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
-    fn linearize<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        qd: &Object<'py>,
-        tau: &Object<'py>,
-        form: &str,
-        tolerance: Option<f64>,
-        wrenches: Option<&Object<'py>>,
-        errors: &str,
-    ) -> PyResult<Object<'py>> {
-        self.check_dense("linearize", "differences of forward_dynamics")?;
-        let which = Derivatives::ForwardDynamics(read_form(form)?);
-        self.scene.check_tolerance(Algorithm::Derivatives(which), tolerance)?;
+    fn linearize(q, qd, tau; form, tolerance, wrenches, errors) |scene, py| {
+        scene.check_dense("linearize", "differences of forward_dynamics")?;
+        let keywords = Keywords { wrenches, tolerance, ..Keywords::of(errors) };
+        let all = scene.forward_derivatives(py, form, [q, qd, tau], &keywords)?;
         let class = imported!(py, "phipsi._results", "LinearSystem")?;
-        let keywords = Keywords { wrenches, out: None, dtype: None, errors, tolerance, info: false };
-        let given = [("q", q), ("qd", qd), ("tau", tau)];
-        let all = self.derivatives(py, which, cost::WITH_FACTOR, given, &keywords)?;
-        let nv = self.scene.nv();
+        let nv = scene.scene.nv();
         let all = all.cast::<PyArrayDyn<f64>>()?.try_readonly()?;
         let batch = &all.shape()[..all.shape().len() - 3];
-        let rates = self.rate("qd", qd)?;
+        let rates = scene.rate("qd", qd)?;
         let over = rates.over(batch)?;
         let output = |shape: &[usize]| {
             Output::unwritten(py, &[batch, shape].concat()).or_else(|failed| {
-                let inputs = vec![self.configuration::<f64>("q", q)?, self.rate("qd", qd)?, self.rate("tau", tau)?];
-                let call = Call::new(self, inputs, Wrench::read(&self.scene, wrenches)?, Cost::of(0))?;
+                let inputs = vec![scene.configuration::<f64>("q", q)?, scene.rate("qd", qd)?, scene.rate("tau", tau)?];
+                let call = BatchCall::new(scene, inputs, Wrench::read(&scene.scene, wrenches)?, Cost::of(0))?;
                 asked_by(py, &call.asking(), Err(failed))
             })
         };
@@ -169,7 +116,7 @@ impl PyScene {
                     a.fill(f64::NAN);
                     b.fill(f64::NAN);
                 } else {
-                    self.scene.linear_system(over.state(i), of_state, (a, b));
+                    scene.scene.linear_system(over.state(i), of_state, (a, b));
                 }
                 if i % AT_A_TIME == 0 {
                     py.check_signals()?;
@@ -194,18 +141,10 @@ impl PyScene {
     /// >>> skew = scene.mass_matrix_derivative(q, qd) - 2 * scene.coriolis_matrix(q, qd)
     /// >>> np.allclose(skew, -skew.T)
     /// True
-    #[pyo3(signature = (q, qd, *, out=None, errors="raise"))]
-    fn coriolis_matrix<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        qd: &Object<'py>,
-        out: Option<&Object<'py>>,
-        errors: &str,
-    ) -> PyResult<Object<'py>> {
-        self.check_dense("coriolis_matrix", "bias_torque")?;
-        let keywords = Keywords { wrenches: None, out, dtype: None, errors, tolerance: None, info: false };
-        self.derivatives(py, Derivatives::CoriolisMatrix, cost::BODY, [("q", q), ("qd", qd)], &keywords)
+    fn coriolis_matrix(q, qd; out, errors) |scene, py| {
+        scene.check_dense("coriolis_matrix", "bias_torque")?;
+        let algorithm = Algorithm::Derivatives(Derivatives::CoriolisMatrix);
+        scene.evaluate(py, algorithm, [q, qd], &Keywords { out, ..Keywords::of(errors) })
     }
 
     /// Time derivative dM/dt of the mass matrix along the joint velocities: C + C^T with the Coriolis matrix C.
@@ -222,32 +161,24 @@ impl PyScene {
     /// >>> change = scene.mass_matrix(q + 1e-6 * qd) - scene.mass_matrix(q - 1e-6 * qd)
     /// >>> np.allclose(scene.mass_matrix_derivative(q, qd), change / 2e-6)
     /// True
-    #[pyo3(signature = (q, qd, *, out=None, errors="raise"))]
-    fn mass_matrix_derivative<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        qd: &Object<'py>,
-        out: Option<&Object<'py>>,
-        errors: &str,
-    ) -> PyResult<Object<'py>> {
-        self.check_dense("mass_matrix_derivative", "differences of mass_matrix")?;
-        let keywords = Keywords { wrenches: None, out, dtype: None, errors, tolerance: None, info: false };
-        self.derivatives(py, Derivatives::MassMatrix, cost::BODY, [("q", q), ("qd", qd)], &keywords)
+    fn mass_matrix_derivative(q, qd; out, errors) |scene, py| {
+        scene.check_dense("mass_matrix_derivative", "differences of mass_matrix")?;
+        let algorithm = Algorithm::Derivatives(Derivatives::MassMatrix);
+        scene.evaluate(py, algorithm, [q, qd], &Keywords { out, ..Keywords::of(errors) })
     }
 }
 
 impl PyScene {
-    /// Evaluates derivatives, of `body` ns per body in addition to its pairs.
-    fn derivatives<'py, const N: usize>(
+    /// Evaluates the derivatives of forward dynamics, (..., 3, nv, nv).
+    fn forward_derivatives<'py>(
         &self,
         py: Python<'py>,
-        which: Derivatives,
-        body: usize,
-        given: [(&'static str, &Object<'py>); N],
+        form: &str,
+        state: [&Object<'py>; 3],
         keywords: &Keywords<'_, 'py>,
     ) -> PyResult<Object<'py>> {
-        let body = body + cost::PAIR * self.scene.nv();
-        self.evaluate(py, Algorithm::Derivatives(which), body, given, keywords)
+        let algorithm = Algorithm::Derivatives(Derivatives::ForwardDynamics(read_form(form)?));
+        self.scene.check_tolerance(algorithm, keywords.tolerance)?;
+        self.evaluate(py, algorithm, state, keywords)
     }
 }

@@ -9,22 +9,10 @@ use crate::algorithm::Algorithm;
 use crate::error::Error;
 use pyo3::prelude::*;
 
-/// Array of float64, or of float32 with `dtype`.
-type Array<'py> = PyResult<Object<'py>>;
-
 /// Largest number of degrees of freedom for dense matrices: (4000, 4000) is 128 MB per state.
 const DENSE_LIMIT: usize = 4000;
 
-/// Approximate time per body and state, ns (see [`Cost`](super::cost::Cost)).
-mod cost {
-    pub const FORWARD: usize = 90;
-    pub const INVERSE: usize = 50;
-    pub const COMPOSITE: usize = 30;
-    pub const CLOSED_FORM: usize = 60;
-}
-
-#[pymethods]
-impl PyScene {
+methods! {
     /// Joint accelerations from joint torques, in O(N): M qdd + bias = tau + J^T w, by a filter and a smoother.
     #[doc = parameters!(q qd tau)]
     /// form : {"auto", "covariance", "square-root"}, default "auto"
@@ -67,29 +55,10 @@ impl PyScene {
     /// >>> qdd = scene.forward_dynamics(q, qd, tau)
     /// >>> np.allclose(scene.inverse_dynamics(q, qd, qdd), tau)
     /// True
-    #[pyo3(signature = (q, qd, tau, *, form="auto", tolerance=None, wrenches=None, out=None, dtype=None,
-                        errors="raise", return_info=false))]
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
-    fn forward_dynamics<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        qd: &Object<'py>,
-        tau: &Object<'py>,
-        form: &str,
-        tolerance: Option<f64>,
-        wrenches: Option<&Object<'py>>,
-        out: Option<&Object<'py>>,
-        dtype: Option<&Object<'py>>,
-        errors: &str,
-        return_info: bool,
-    ) -> Array<'py> {
-        let (algorithm, tolerance) = read_judged(&self.scene, (form, tolerance), Algorithm::ForwardDynamics)?;
-        let given = [("q", q), ("qd", qd), ("tau", tau)];
+    fn forward_dynamics(q, qd, tau; form, tolerance, wrenches, out, dtype, errors, return_info) |scene, py| {
+        let (algorithm, tolerance) = read_judged(&scene.scene, (form, tolerance), Algorithm::ForwardDynamics)?;
         let keywords = Keywords { wrenches, out, dtype, errors, tolerance, info: return_info };
-        let is_tree = self.scene.connections().is_empty();
-        let cost = if is_tree { cost::FORWARD } else { self.cost_through_connections() };
-        self.evaluate(py, algorithm, cost, given, &keywords)
+        scene.evaluate(py, algorithm, [q, qd, tau], &keywords)
     }
 
     /// Joint torques from joint accelerations, in O(N): tau = M qdd + bias - J^T w, including gravity and armature.
@@ -107,22 +76,9 @@ impl PyScene {
     /// >>> tau = scene.inverse_dynamics([0.3, 0.2, 0.1], still, still)
     /// >>> np.allclose(tau, scene.gravity_torque([0.3, 0.2, 0.1]))
     /// True
-    #[pyo3(signature = (q, qd, qdd, *, wrenches=None, out=None, dtype=None, errors="raise"))]
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
-    fn inverse_dynamics<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        qd: &Object<'py>,
-        qdd: &Object<'py>,
-        wrenches: Option<&Object<'py>>,
-        out: Option<&Object<'py>>,
-        dtype: Option<&Object<'py>>,
-        errors: &str,
-    ) -> Array<'py> {
-        let given = [("q", q), ("qd", qd), ("qdd", qdd)];
-        let keywords = Keywords { wrenches, out, dtype, errors, tolerance: None, info: false };
-        self.evaluate(py, Algorithm::InverseDynamics, cost::INVERSE, given, &keywords)
+    fn inverse_dynamics(q, qd, qdd; wrenches, out, dtype, errors) |scene, py| {
+        let keywords = Keywords { wrenches, out, dtype, ..Keywords::of(errors) };
+        scene.evaluate(py, Algorithm::InverseDynamics, [q, qd, qdd], &keywords)
     }
 
     /// Bias torque H phi b: joint torques for zero joint accelerations (Coriolis, centrifugal and gravity), in O(N).
@@ -137,19 +93,8 @@ impl PyScene {
     /// >>> nonlinear = scene.coriolis_matrix(q, qd) @ qd + scene.gravity_torque(q)
     /// >>> np.allclose(scene.bias_torque(q, qd), nonlinear)
     /// True
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
-    #[pyo3(signature = (q, qd, *, out=None, dtype=None, errors="raise"))]
-    fn bias_torque<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        qd: &Object<'py>,
-        out: Option<&Object<'py>>,
-        dtype: Option<&Object<'py>>,
-        errors: &str,
-    ) -> Array<'py> {
-        let keywords = Keywords { wrenches: None, out, dtype, errors, tolerance: None, info: false };
-        self.evaluate(py, Algorithm::BiasTorque, cost::INVERSE, [("q", q), ("qd", qd)], &keywords)
+    fn bias_torque(q, qd; out, dtype, errors) |scene, py| {
+        scene.evaluate(py, Algorithm::BiasTorque, [q, qd], &Keywords { out, dtype, ..Keywords::of(errors) })
     }
 
     /// Gravity torque dU/dq: joint torques that hold the scene in static equilibrium, in O(N).
@@ -162,18 +107,9 @@ impl PyScene {
     /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
     /// >>> scene.gravity_torque(scene.neutral()).round(1)
     /// array([  0. , -37. ,   0.2,   0. ,   0. ,   0. ])
-    #[pyo3(signature = (q, *, out=None, dtype=None, errors="raise"))]
-    fn gravity_torque<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        out: Option<&Object<'py>>,
-        dtype: Option<&Object<'py>>,
-        errors: &str,
-    ) -> Array<'py> {
-        let rest = fresh::zeros::<f64>(py, &[self.scene.nv()])?.into_any();
-        let keywords = Keywords { wrenches: None, out, dtype, errors, tolerance: None, info: false };
-        self.evaluate(py, Algorithm::BiasTorque, cost::INVERSE, [("q", q), ("qd", &rest)], &keywords)
+    fn gravity_torque(q; out, dtype, errors) |scene, py| {
+        let rest = fresh::zeros::<f64>(py, &[scene.scene.nv()])?.into_any();
+        scene.evaluate(py, Algorithm::BiasTorque, [q, &rest], &Keywords { out, dtype, ..Keywords::of(errors) })
     }
 
     /// Joint-space mass matrix M(q) including armature: the covariance of the joint torques (eq. 5.1).
@@ -190,18 +126,9 @@ impl PyScene {
     /// >>> M = scene.mass_matrix([0.3, 0.2, 0.1])
     /// >>> M.shape, bool((M == M.T).all())
     /// ((3, 3), True)
-    #[pyo3(signature = (q, *, out=None, dtype=None, errors="raise"))]
-    fn mass_matrix<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        out: Option<&Object<'py>>,
-        dtype: Option<&Object<'py>>,
-        errors: &str,
-    ) -> Array<'py> {
-        self.check_dense("mass_matrix", "inverse_dynamics, which multiplies by it")?;
-        let keywords = Keywords { wrenches: None, out, dtype, errors, tolerance: None, info: false };
-        self.evaluate(py, Algorithm::MassMatrix, cost::COMPOSITE, [("q", q)], &keywords)
+    fn mass_matrix(q; out, dtype, errors) |scene, py| {
+        scene.check_dense("mass_matrix", "inverse_dynamics, which multiplies by it")?;
+        scene.evaluate(py, Algorithm::MassMatrix, [q], &Keywords { out, dtype, ..Keywords::of(errors) })
     }
 
     /// Inverse of the joint-space mass matrix in closed form (eq. 6.1), without forming or factoring M.
@@ -218,22 +145,10 @@ impl PyScene {
     /// >>> q = [0.3, 0.2, 0.1]
     /// >>> np.allclose(scene.mass_matrix_inverse(q) @ scene.mass_matrix(q), np.eye(3))
     /// True
-    #[pyo3(signature = (q, *, form="auto", tolerance=None, out=None, dtype=None, errors="raise"))]
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
-    fn mass_matrix_inverse<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        form: &str,
-        tolerance: Option<f64>,
-        out: Option<&Object<'py>>,
-        dtype: Option<&Object<'py>>,
-        errors: &str,
-    ) -> Array<'py> {
-        let (algorithm, tolerance) = read_judged(&self.scene, (form, tolerance), Algorithm::MassMatrixInverse)?;
-        self.check_dense("mass_matrix_inverse", "forward_dynamics, which multiplies by it")?;
-        let keywords = Keywords { wrenches: None, out, dtype, errors, tolerance, info: false };
-        self.evaluate(py, algorithm, cost::CLOSED_FORM, [("q", q)], &keywords)
+    fn mass_matrix_inverse(q; form, tolerance, out, dtype, errors) |scene, py| {
+        let (algorithm, tolerance) = read_judged(&scene.scene, (form, tolerance), Algorithm::MassMatrixInverse)?;
+        scene.check_dense("mass_matrix_inverse", "forward_dynamics, which multiplies by it")?;
+        scene.evaluate(py, algorithm, [q], &Keywords { out, dtype, tolerance, ..Keywords::of(errors) })
     }
 }
 

@@ -6,38 +6,48 @@ use super::object::Object;
 use super::output::Output;
 use super::scene::PyScene;
 use super::scratch::Scratch;
-use crate::algorithm::{Arguments, Everyday};
+use crate::algorithm::{Arguments, KinematicQuantity};
 use crate::error::Error;
 use crate::scene::Scene;
 use pyo3::prelude::*;
 
 impl PyScene {
-    /// Evaluates a kinematic quantity of every state, of `cost` ns each, into a new array of shape batch + `shape`, or
-    /// a NumPy scalar for the empty shape. A single plain state takes the short path; others are vectorized.
-    pub(super) fn everyday<'py, const N: usize>(
+    /// Evaluates a kinematic quantity of every state: of q, qd and qdd, as many as its row of the table has, into a
+    /// new array of the shape that it has there, or a NumPy scalar for the empty shape. A single plain state takes
+    /// the short path; others are vectorized.
+    pub(super) fn kinematic_quantity<'py, const N: usize>(
         &self,
         py: Python<'py>,
-        what: &Everyday<'_>,
-        given: [(&'static str, &Object<'py>); N],
-        (shape, cost): (&[usize], usize),
+        what: &KinematicQuantity<'_>,
+        values: [&Object<'py>; N],
         errors: &str,
     ) -> PyResult<Object<'py>> {
+        let (entry, mut room) = (what.entry(), [0; 4]);
+        if entry.needs_mass {
+            self.scene.check_has_mass()?;
+        }
+        let (shape, cost) = (entry.shape(&self.scene.sizes(), &mut room), self.cost_of(what));
         if !is_nan(errors)? {
-            let values = given.map(|(_, value)| value);
             let kernel = |scene: &Scene, scratch: &mut Scratch, state: [&[f64]; N], out: &mut [f64]| {
                 let evaluator = scratch.evaluator.get_or_insert_with(|| scene.evaluator());
                 let of = |k: usize| state.get(k).copied().unwrap_or_default();
                 let state = [Arguments { q: of(0), qd: of(1), u: of(2), ..Arguments::default() }];
-                scene.evaluate_everyday(evaluator, what, &state, out).map_err(|fault| fault.error)
+                scene.evaluate_kinematic_quantity(evaluator, what, &state, out).map_err(|fault| fault.error)
             };
             if let Some(result) = self.single_by(py, values, shape, Cost::of(cost), None, kernel)? {
                 return Ok(result);
             }
         }
-        let call = self.call(self.inputs(given)?, cost, errors)?;
+        let names = entry.arguments.iter().map(|&(name, _)| name);
+        let call = self.call(self.inputs(names.zip(values))?, cost, errors)?;
         let mut output = call.output(py, shape, None, Output::unwritten)?;
-        call.everyday_in_chunks(py, what, output.numbers()?)?;
+        call.quantity_in_chunks(py, what, output.numbers()?)?;
         output.finish_or_scalar()
+    }
+
+    /// Approximate time of a kinematic quantity of one state, ns.
+    pub(super) fn cost_of(&self, what: &KinematicQuantity<'_>) -> usize {
+        what.entry().cost[0] * what.frame().map_or(self.size(), |frame| self.depth(frame))
     }
 
     /// Evaluates every state, of `cost` ns each, into a new array of shape batch + `shape`, or a NumPy scalar for the

@@ -2,7 +2,7 @@
 
 use super::axis::Axis;
 use super::bad_states::Errors;
-use super::call::Call;
+use super::call::BatchCall;
 use super::choice::names;
 use super::cost::Cost;
 use super::errors::asked_by;
@@ -22,7 +22,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::iter::once;
 
-/// Approximate time per body and state, ns (see `Call::new`).
+/// Approximate time per body and state, ns (see `BatchCall::new`).
 mod cost {
     pub const MEANS: usize = 250;
     pub const COVARIANCES: usize = 600;
@@ -124,7 +124,7 @@ impl PyScene {
         let wrenches = Wrench::read(&self.scene, wrenches)?;
         let bodies = (cost::MEANS + usize::from(covariance) * cost::COVARIANCES) * self.size();
         let cost = if dense { cost::DENSE * nv * nv * nv } else { bodies };
-        let call = Call::new(self, inputs, wrenches, Cost::of(cost))?.with(errors);
+        let call = BatchCall::new(self, inputs, wrenches, Cost::of(cost))?.with(errors);
         let width = 1 + nv * if covariance { WITH_COVARIANCE } else { MEANS };
         let mut results = call.scratch_results(py, width)?;
         let numbers = results.numbers()?;

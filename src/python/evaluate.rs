@@ -1,8 +1,8 @@
 //! Algorithms with vectorized (SIMD) kernels, from the arguments of a call to its result.
 
-use super::accuracy::Told;
+use super::accuracy::BatchAccuracy;
 use super::bad_states::{Errors, is_nan};
-use super::call::Call;
+use super::call::BatchCall;
 use super::choice::{Precise, read_dtype};
 use super::cost::Cost;
 use super::object::Object;
@@ -10,9 +10,9 @@ use super::output::Output;
 use super::scene::PyScene;
 use super::scratch::Dtype;
 use super::wrenches::{self, Wrench};
-use crate::algorithm::{Algorithm, Arguments, Everyday};
-use crate::batch::arms::Arm;
+use crate::algorithm::{Algorithm, Arguments, KinematicQuantity};
 use crate::batch::evaluator::Evaluator;
+use crate::batch::instruction_set::InstructionSet;
 use crate::batch::{Broadcast, Fault};
 use crate::error::Error;
 use crate::filter::Form;
@@ -31,39 +31,41 @@ pub(super) struct Keywords<'a, 'py> {
     pub info: bool,
 }
 
-/// Names and values of the arguments: q, qd and u, as many as the algorithm has.
-type Given<'a, 'py, const N: usize> = [(&'static str, &'a Object<'py>); N];
+impl<'a> Keywords<'a, '_> {
+    /// Those of a call that has none but `errors`.
+    pub fn of(errors: &'a str) -> Self {
+        Self { wrenches: None, out: None, dtype: None, errors, tolerance: None, info: false }
+    }
+}
 
 impl PyScene {
-    /// Evaluates `algorithm`, of `body` ns per body, for every state of the arguments.
+    /// Evaluates `algorithm` for every state of the arguments: q, qd and u, as many as its row of the table has.
     pub(super) fn evaluate<'py, const N: usize>(
         &self,
         py: Python<'py>,
         algorithm: Algorithm,
-        body: usize,
-        given: Given<'_, 'py, N>,
+        values: [&Object<'py>; N],
         keywords: &Keywords<'_, 'py>,
     ) -> PyResult<Object<'py>> {
-        let nv = self.scene.nv();
-        let matrices = [3, nv, nv];
-        let vector = [self.scene.width(algorithm)];
-        let shape = match algorithm {
-            Algorithm::Derivatives(which) if which.count() == 3 => &matrices[..],
-            Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_) | Algorithm::Derivatives(_) => &matrices[1..],
-            _ => &vector[..],
+        let (entry, mut room) = (algorithm.entry(), [0; 4]);
+        let shape = entry.shape(&self.scene.sizes(), &mut room);
+        let is_connected = !self.scene.connections().is_empty();
+        let body = match algorithm {
+            Algorithm::ConstrainedDynamics(_) => self.cost_through_connections(),
+            Algorithm::ForwardDynamics(_) if is_connected => self.cost_through_connections(),
+            _ => entry.cost[0] + entry.cost[1] * self.scene.nv(),
         };
         let cost = Cost { arithmetic: body * self.size(), results: self.scene.width(algorithm) };
         let &Keywords { wrenches, out, dtype, errors, tolerance, info } = keywords;
         if !is_nan(errors)? && !info && wrenches.is_none() && dtype.is_none() && tolerance.is_none() {
-            let values = given.map(|(_, value)| value);
             if let Some(result) = self.single(py, algorithm, values, shape, cost, out)? {
                 self.warn_of_linkage(py)?;
                 return Ok(result);
             }
         }
         let result = match read_dtype(dtype)? {
-            Precise::Float64 => self.in_lanes::<f64, N>(py, (algorithm, cost), given, shape, keywords),
-            Precise::Float32 => self.in_lanes::<f32, N>(py, (algorithm, cost), given, shape, keywords),
+            Precise::Float64 => self.in_lanes::<f64, N>(py, (algorithm, cost), values, shape, keywords),
+            Precise::Float32 => self.in_lanes::<f32, N>(py, (algorithm, cost), values, shape, keywords),
         };
         self.warn_of_linkage(py)?;
         result
@@ -73,24 +75,25 @@ impl PyScene {
         &self,
         py: Python<'py>,
         (algorithm, cost): (Algorithm, Cost),
-        given: Given<'_, 'py, N>,
+        values: [&Object<'py>; N],
         shape: &[usize],
         keywords: &Keywords<'_, 'py>,
     ) -> PyResult<Object<'py>> {
-        let inputs = self.inputs::<P>(given)?;
+        let names = algorithm.entry().arguments.iter().map(|&(name, _)| name);
+        let inputs = self.inputs::<P>(names.zip(values))?;
         let wrenches = Wrench::read(&self.scene, keywords.wrenches)?;
         let form = algorithm.form();
-        let call = Call::new(self, inputs, wrenches, cost)?.with(self.errors(keywords.errors, form)?);
+        let call = BatchCall::new(self, inputs, wrenches, cost)?.with(self.errors(keywords.errors, form)?);
         let call = call.accepting(keywords.tolerance);
-        let told = match form {
-            Some(form) if keywords.info => Some(Told::new(form, call.states)?),
+        let accuracy = match form {
+            Some(form) if keywords.info => Some(BatchAccuracy::new(form, call.states)?),
             _ => None,
         };
         let mut output = call.output(py, shape, keywords.out, Output::unwritten)?;
-        call.in_chunks(py, algorithm, output.numbers()?, told.as_ref())?;
+        call.in_chunks(py, algorithm, output.numbers()?, accuracy.as_ref())?;
         let result = output.finish().into_any();
-        match told {
-            Some(told) => Ok((result, told.finish(py, &call.batch)?).into_pyobject(py)?.into_any()),
+        match accuracy {
+            Some(accuracy) => Ok((result, accuracy.finish(py, &call.batch)?).into_pyobject(py)?.into_any()),
             None => Ok(result),
         }
     }
@@ -105,19 +108,19 @@ impl PyScene {
     }
 }
 
-impl<'py, P: Dtype> Call<'_, 'py, P> {
+impl<'py, P: Dtype> BatchCall<'_, 'py, P> {
     /// Evaluates `algorithm` for every state, in chunks of the number of lanes.
     pub(super) fn in_chunks(
         &self,
         py: Python<'py>,
         algorithm: Algorithm,
         results: &mut [P],
-        told: Option<&Told>,
+        accuracy: Option<&BatchAccuracy>,
     ) -> PyResult<()> {
         let (scene, cost) = (&self.scene.scene, self.cost.of_many::<P>(self.states, algorithm));
         let width = scene.width(algorithm);
-        self.chunks(py, (width, cost), None, results, &|evaluator, states, first, out| match told {
-            Some(told) => told.evaluate(scene, evaluator, states, first, out),
+        self.chunks(py, (width, cost), None, results, &|evaluator, states, first, out| match accuracy {
+            Some(accuracy) => accuracy.evaluate(scene, evaluator, states, first, out),
             None => scene.evaluate(evaluator, algorithm, states, out),
         })
     }
@@ -195,14 +198,19 @@ impl<'py, P: Dtype> Call<'_, 'py, P> {
     }
 }
 
-impl<'py> Call<'_, 'py> {
+impl<'py> BatchCall<'_, 'py> {
     /// Evaluates a kinematic quantity for every state, in chunks of the number of lanes.
-    pub(super) fn everyday_in_chunks(&self, py: Python<'py>, what: &Everyday<'_>, results: &mut [f64]) -> PyResult<()> {
+    pub(super) fn quantity_in_chunks(
+        &self,
+        py: Python<'py>,
+        what: &KinematicQuantity<'_>,
+        results: &mut [f64],
+    ) -> PyResult<()> {
         let scene = &self.scene.scene;
-        let lanes = Arm::of_process().lanes(size_of::<f64>()).min(self.states.max(1));
+        let lanes = InstructionSet::of_process().lanes(size_of::<f64>()).min(self.states.max(1));
         let cost = self.cost.of_one() / lanes;
         self.chunks(py, (what.width(scene.nv()), cost), None, results, &|evaluator, states, _, out| {
-            scene.evaluate_everyday(evaluator, what, states, out)
+            scene.evaluate_kinematic_quantity(evaluator, what, states, out)
         })
     }
 }

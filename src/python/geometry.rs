@@ -4,16 +4,9 @@ use super::errors::asked_by;
 use super::object::{Object, imported};
 use super::output::Output;
 use super::scene::PyScene;
-use crate::algorithm::Everyday;
+use crate::algorithm::{KinematicQuantity, PLACEMENTS};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-
-/// Approximate time per body (or link) and state, ns.
-mod cost {
-    pub const PLACEMENT: usize = 60;
-    pub const ENERGY: usize = 100;
-    pub const MOMENTUM: usize = 60;
-}
 
 #[pymethods]
 impl PyScene {
@@ -32,7 +25,8 @@ impl PyScene {
     #[pyo3(signature = (q, *, errors="raise"))]
     fn placements<'py>(&self, py: Python<'py>, q: &Object<'py>, errors: &str) -> PyResult<Bound<'py, PyDict>> {
         let links = self.scene.links();
-        let call = self.call([self.configuration("q", q)?], cost::PLACEMENT * (self.size() + links.len()), errors)?;
+        let call =
+            self.call([self.configuration("q", q)?], PLACEMENTS.cost[0] * (self.size() + links.len()), errors)?;
         let mut all = call.scratch_results(py, 16 * links.len())?;
         call.numbers(py, all.numbers()?, |scene, _, [q], out| {
             for (shift, out) in scene.placements(q)?.iter().zip(out.chunks_exact_mut(16)) {
@@ -49,7 +43,9 @@ impl PyScene {
         }
         Ok(placements)
     }
+}
 
+methods! {
     /// Kinetic energy qd^T M qd / 2, including armature, and potential energy.
     #[doc = parameters!(q qd errors)]
     #[doc = section!(Returns)]
@@ -64,12 +60,11 @@ impl PyScene {
     /// >>> energy = scene.energy([0.3, 0.2, 0.1], [1.0, 0.0, 0.0])
     /// >>> round(float(energy.kinetic), 3), round(float(energy.potential), 3)
     /// (0.123, 7.357)
-    #[pyo3(signature = (q, qd, *, errors="raise"))]
-    fn energy<'py>(&self, py: Python<'py>, q: &Object<'py>, qd: &Object<'py>, errors: &str) -> PyResult<Object<'py>> {
-        let inputs = [self.configuration("q", q)?, self.rate("qd", qd)?];
-        let call = self.call(inputs, cost::ENERGY * self.size(), errors)?;
+    fn energy(q, qd; errors) |scene, py| {
+        let inputs = [scene.configuration("q", q)?, scene.rate("qd", qd)?];
+        let call = scene.call(inputs, scene.cost_of(&KinematicQuantity::Energy), errors)?;
         let mut both = call.scratch_results(py, 2)?;
-        call.everyday_in_chunks(py, &Everyday::Energy, both.numbers()?)?;
+        call.quantity_in_chunks(py, &KinematicQuantity::Energy, both.numbers()?)?;
         let mut part = |which: usize| {
             let mut output = asked_by(py, &call.asking(), Output::new(py, &call.batch))?;
             output.gather(py, 1, both.numbers()?.chunks_exact(2).map(|state| &state[which..=which]))?;
@@ -89,16 +84,25 @@ impl PyScene {
     /// >>> q, qd = np.array([0.3, 0.2, 0.1]), np.array([1.0, 0.5, 0.2])
     /// >>> np.allclose(scene.kinetic_energy(q, qd), qd @ scene.mass_matrix(q) @ qd / 2)
     /// True
-    #[pyo3(signature = (q, qd, *, errors="raise"))]
-    fn kinetic_energy<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        qd: &Object<'py>,
-        errors: &str,
-    ) -> PyResult<Object<'py>> {
-        let cost = cost::MOMENTUM * self.size();
-        self.everyday(py, &Everyday::KineticEnergy, [("q", q), ("qd", qd)], (&[], cost), errors)
+    fn kinetic_energy(q, qd; errors) |scene, py| {
+        scene.kinematic_quantity(py, &KinematicQuantity::KineticEnergy, [q, qd], errors)
+    }
+
+    /// Potential energy of gravity of all moving links, in O(N): minus gravity times the first moment of mass.
+    #[doc = parameters!(q errors)]
+    #[doc = section!(Returns)]
+    /// potential : (...) ndarray
+    ///     Potential energy, J; zero with the center of mass at the origin of the base frame.
+    #[doc = raises!(arguments)]
+    #[doc = section!(Notes)]
+    /// Its derivative along the tangent space of q is gravity_torque(q). Springs do not contribute.
+    #[doc = section!(Examples)]
+    /// >>> scene, q = phipsi.scenes.chain(3), [0.3, 0.2, 0.1]
+    /// >>> weight = scene.total_mass * np.array(scene.gravity)
+    /// >>> np.allclose(scene.potential_energy(q), -weight @ scene.center_of_mass(q))
+    /// True
+    fn potential_energy(q; errors) |scene, py| {
+        scene.kinematic_quantity(py, &KinematicQuantity::PotentialEnergy, [q], errors)
     }
 
     /// Spatial momentum of all moving links in the base frame: (angular about its origin, linear).
@@ -112,9 +116,7 @@ impl PyScene {
     /// >>> q, qd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2]
     /// >>> np.allclose(scene.momentum(q, qd)[3:], scene.total_mass * scene.center_of_mass_velocity(q, qd))
     /// True
-    #[pyo3(signature = (q, qd, *, errors="raise"))]
-    fn momentum<'py>(&self, py: Python<'py>, q: &Object<'py>, qd: &Object<'py>, errors: &str) -> PyResult<Object<'py>> {
-        let size = (&[6][..], cost::MOMENTUM * self.size());
-        self.everyday(py, &Everyday::Momentum, [("q", q), ("qd", qd)], size, errors)
+    fn momentum(q, qd; errors) |scene, py| {
+        scene.kinematic_quantity(py, &KinematicQuantity::Momentum, [q, qd], errors)
     }
 }

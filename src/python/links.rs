@@ -4,7 +4,7 @@ use super::choice::{choose, names};
 use super::input::triple;
 use super::object::Object;
 use super::scene::PyScene;
-use crate::algorithm::Everyday;
+use crate::algorithm::KinematicQuantity;
 use crate::error::{Error, check_finite};
 use crate::kinematics::frame::{ACCELERATION_KINDS, REFERENCE_FRAMES};
 use crate::kinematics::{Frame, ReferenceFrame};
@@ -13,13 +13,6 @@ use crate::spatial::RigidShift;
 use nalgebra::Vector3;
 use pyo3::prelude::*;
 use pyo3::types::PyString;
-
-/// Approximate time per body and state, ns.
-mod cost {
-    pub const PLACEMENT: usize = 40;
-    pub const MOTION: usize = 60;
-    pub const JACOBIAN: usize = 60;
-}
 
 #[pymethods]
 impl PyScene {
@@ -48,8 +41,7 @@ impl PyScene {
     ) -> PyResult<Object<'py>> {
         if let Ok(name) = link.cast::<PyString>() {
             let frame = self.scene.frame(&name.to_str()?.into())?;
-            let cost = cost::PLACEMENT * self.depth(&frame);
-            return self.everyday(py, &Everyday::Placement(&frame), [("q", q)], (&[4, 4], cost), errors);
+            return self.kinematic_quantity(py, &KinematicQuantity::Placement(&frame), [q], errors);
         }
         let names = names("link", link, "the name of a link, or a sequence of names")?;
         memory::room("link", memory::bytes_of::<f64>(&[names.len(), 16, 3]))?;
@@ -57,7 +49,7 @@ impl PyScene {
         for name in &names {
             frames.push(self.scene.frame(&name.as_str().into())?);
         }
-        let cost = frames.iter().map(|frame| cost::PLACEMENT * self.depth(frame)).sum();
+        let cost = frames.iter().map(|frame| self.cost_of(&KinematicQuantity::Placement(frame))).sum();
         let shape = [frames.len(), 4, 4];
         self.each(py, [("q", q)], &shape, cost, errors, |scene, scratch, [q], out| {
             scratch.placements.resize(frames.len(), RigidShift::identity());
@@ -68,7 +60,9 @@ impl PyScene {
             Ok(())
         })
     }
+}
 
+methods! {
     /// Spatial velocity of a link relative to the base, (angular, linear): J qd.
     #[doc = parameters!(q qd link)]
     /// frame : {"local", "local-world-aligned", "world"}, default "local"
@@ -88,21 +82,9 @@ impl PyScene {
     /// >>> q, qd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2]
     /// >>> np.allclose(scene.velocity(q, qd, "link2"), scene.jacobian(q, "link2") @ qd)
     /// True
-    #[pyo3(signature = (q, qd, link, *, frame="local", at=None, errors="raise"))]
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
-    fn velocity<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        qd: &Object<'py>,
-        link: &str,
-        frame: &str,
-        at: Option<&Object<'py>>,
-        errors: &str,
-    ) -> PyResult<Object<'py>> {
-        let (reference, frame) = (read_frame(frame)?, self.on_link(link, at)?);
-        let cost = cost::MOTION * self.depth(&frame);
-        self.everyday(py, &Everyday::Velocity(&frame, reference), [("q", q), ("qd", qd)], (&[6], cost), errors)
+    fn velocity(q, qd, link; frame, at, errors) |scene, py| {
+        let (reference, frame) = (read_frame(frame)?, scene.on_link(link, at)?);
+        scene.kinematic_quantity(py, &KinematicQuantity::Velocity(&frame, reference), [q, qd], errors)
     }
 
     /// Spatial acceleration of a link relative to the base, (angular, linear): J qdd + J' qd, without gravity.
@@ -123,25 +105,11 @@ impl PyScene {
     /// >>> expected = scene.jacobian(q, "link2") @ qdd + scene.jacobian_rate_product(q, qd, "link2")
     /// >>> np.allclose(scene.acceleration(q, qd, qdd, "link2"), expected)
     /// True
-    #[pyo3(signature = (q, qd, qdd, link, *, frame="local", at=None, kind="spatial", errors="raise"))]
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
-    fn acceleration<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        qd: &Object<'py>,
-        qdd: &Object<'py>,
-        link: &str,
-        frame: &str,
-        at: Option<&Object<'py>>,
-        kind: &str,
-        errors: &str,
-    ) -> PyResult<Object<'py>> {
-        let (reference, frame) = (read_frame(frame)?, self.on_link(link, at)?);
+    fn acceleration(q, qd, qdd, link; frame, at, kind, errors) |scene, py| {
+        let (reference, frame) = (read_frame(frame)?, scene.on_link(link, at)?);
         let kind = choose("kind", kind, &ACCELERATION_KINDS)?;
-        let cost = cost::MOTION * self.depth(&frame);
-        let given = [("q", q), ("qd", qd), ("qdd", qdd)];
-        self.everyday(py, &Everyday::Acceleration(&frame, reference, kind), given, (&[6], cost), errors)
+        let what = KinematicQuantity::Acceleration(&frame, reference, kind);
+        scene.kinematic_quantity(py, &what, [q, qd, qdd], errors)
     }
 
     /// Geometric Jacobian J of a link: its spatial velocity (angular, linear) is J qd.
@@ -157,20 +125,9 @@ impl PyScene {
     /// >>> J = scene.jacobian([0.3, 0.2, 0.1], "link2", frame="world")
     /// >>> np.allclose(J[:, 0], [0, 0, 1, 0, 0, 0])     # the first joint rotates about z of the base
     /// True
-    #[pyo3(signature = (q, link, *, frame="local", at=None, errors="raise"))]
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
-    fn jacobian<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        link: &str,
-        frame: &str,
-        at: Option<&Object<'py>>,
-        errors: &str,
-    ) -> PyResult<Object<'py>> {
-        let (reference, frame) = (read_frame(frame)?, self.on_link(link, at)?);
-        let (cost, shape) = (cost::JACOBIAN * self.depth(&frame), [6, self.scene.nv()]);
-        self.everyday(py, &Everyday::Jacobian(&frame, reference), [("q", q)], (&shape, cost), errors)
+    fn jacobian(q, link; frame, at, errors) |scene, py| {
+        let (reference, frame) = (read_frame(frame)?, scene.on_link(link, at)?);
+        scene.kinematic_quantity(py, &KinematicQuantity::Jacobian(&frame, reference), [q], errors)
     }
 
     /// Time derivative J' of the Jacobian of a link along qd, entry by entry in the given frame.
@@ -188,22 +145,9 @@ impl PyScene {
     /// >>> ahead, behind = (scene.jacobian(q + h * qd, "link2") for h in (1e-6, -1e-6))
     /// >>> np.allclose(scene.jacobian_rate(q, qd, "link2"), (ahead - behind) / 2e-6)
     /// True
-    #[pyo3(signature = (q, qd, link, *, frame="local", at=None, errors="raise"))]
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
-    fn jacobian_rate<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        qd: &Object<'py>,
-        link: &str,
-        frame: &str,
-        at: Option<&Object<'py>>,
-        errors: &str,
-    ) -> PyResult<Object<'py>> {
-        let (reference, frame) = (read_frame(frame)?, self.on_link(link, at)?);
-        let (cost, shape) = (2 * cost::JACOBIAN * self.depth(&frame), [6, self.scene.nv()]);
-        let given = [("q", q), ("qd", qd)];
-        self.everyday(py, &Everyday::JacobianRate(&frame, reference), given, (&shape, cost), errors)
+    fn jacobian_rate(q, qd, link; frame, at, errors) |scene, py| {
+        let (reference, frame) = (read_frame(frame)?, scene.on_link(link, at)?);
+        scene.kinematic_quantity(py, &KinematicQuantity::JacobianRate(&frame, reference), [q, qd], errors)
     }
 
     /// Acceleration J' qd of a link for zero joint accelerations, without forming J', in O(depth).
@@ -218,22 +162,10 @@ impl PyScene {
     /// >>> q, qd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2]
     /// >>> np.allclose(scene.jacobian_rate_product(q, qd, "link2"), scene.jacobian_rate(q, qd, "link2") @ qd)
     /// True
-    #[pyo3(signature = (q, qd, link, *, frame="local", at=None, errors="raise"))]
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
-    fn jacobian_rate_product<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        qd: &Object<'py>,
-        link: &str,
-        frame: &str,
-        at: Option<&Object<'py>>,
-        errors: &str,
-    ) -> PyResult<Object<'py>> {
-        let (reference, frame) = (read_frame(frame)?, self.on_link(link, at)?);
-        let cost = cost::MOTION * self.depth(&frame);
-        let given = [("q", q), ("qd", qd)];
-        self.everyday(py, &Everyday::JacobianRateProduct(&frame, reference), given, (&[6], cost), errors)
+    fn jacobian_rate_product(q, qd, link; frame, at, errors) |scene, py| {
+        let (reference, frame) = (read_frame(frame)?, scene.on_link(link, at)?);
+        let what = KinematicQuantity::JacobianRateProduct(&frame, reference);
+        scene.kinematic_quantity(py, &what, [q, qd], errors)
     }
 }
 
@@ -250,7 +182,7 @@ impl PyScene {
     }
 
     /// Number of bodies between the base and a frame, at least one, for the estimate of the time of a call.
-    fn depth(&self, frame: &Frame<f64>) -> usize {
+    pub(super) fn depth(&self, frame: &Frame<f64>) -> usize {
         let stages = &self.scene.model().system.stages;
         std::iter::successors(frame.body, |&k| stages[k].parent).count().max(1)
     }

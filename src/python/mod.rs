@@ -12,6 +12,8 @@
 
 #[macro_use]
 mod docstrings;
+#[macro_use]
+mod methods;
 
 mod accuracy;
 mod axis;
@@ -41,6 +43,7 @@ mod estimation;
 mod evaluate;
 mod factor;
 mod fresh;
+mod function_table;
 mod geometry;
 mod identification;
 mod input;
@@ -81,6 +84,8 @@ mod core_module {
     use super::factor::{PyFactor, rebuild_factor};
     #[pymodule_export]
     use super::fresh::unwritten_numbers;
+    #[pymodule_export]
+    use super::function_table::function_table;
     #[pymodule_export]
     use super::identification::{log_likelihood, rotate_chosen, rotate_rows, smooth_log};
     #[pymodule_export]

@@ -3,7 +3,6 @@
 use super::choice::{names, read_judged_factor};
 use super::input::{one_or_each, rows};
 use super::object::Object;
-use super::output::Array;
 use super::scene::PyScene;
 use super::scratch::Scratch;
 use crate::api::TaskFrame;
@@ -15,7 +14,7 @@ use nalgebra::{Matrix3, Vector3};
 use pyo3::prelude::*;
 use pyo3::types::PyString;
 
-/// Approximate times per state, ns (see `Call::new`).
+/// Approximate times per state, ns (see `BatchCall::new`).
 mod cost {
     /// Per body: filter, and covariance of the co-states.
     pub const BODY: usize = 200;
@@ -25,8 +24,7 @@ mod cost {
     pub const INVERSE: usize = 20;
 }
 
-#[pymethods]
-impl PyScene {
+methods! {
     /// Operational-space inverse inertia J M^-1 J^T of links, in O(N): the covariance of the co-states (5.6, 5.7).
     #[doc = parameters!(q)]
     /// links : str or sequence of str
@@ -45,32 +43,20 @@ impl PyScene {
     /// >>> J = scene.jacobian(q, "link2")
     /// >>> np.allclose(scene.operational_inverse_inertia(q, "link2"), J @ scene.mass_matrix_inverse(q) @ J.T)
     /// True
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
-    #[pyo3(signature = (q, links, *, xyz=None, rotation=None, form="auto", tolerance=None, errors="raise"))]
-    fn operational_inverse_inertia<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        links: &Object<'py>,
-        xyz: Option<&Object<'py>>,
-        rotation: Option<&Object<'py>>,
-        form: &str,
-        tolerance: Option<f64>,
-        errors: &str,
-    ) -> Array<'py> {
-        let (form, tolerance) = read_judged_factor(&self.scene, form, tolerance)?;
-        self.errors(errors, Some(form))?;
-        let task = Task::read(&self.scene, links, xyz, rotation)?;
+    fn operational_inverse_inertia(q, links; xyz, rotation, form, tolerance, errors) |scene, py| {
+        let (form, tolerance) = read_judged_factor(&scene.scene, form, tolerance)?;
+        scene.errors(errors, Some(form))?;
+        let task = Task::read(&scene.scene, links, xyz, rotation)?;
         let frames = task.frames();
         let width = 6 * frames.len();
         memory::room("links", memory::bytes_of::<f64>(&[width, width]))?;
-        let call = self.call([self.configuration("q", q)?], self.cost_of_task(frames.len()), errors)?;
+        let call = scene.call([scene.configuration("q", q)?], scene.cost_of_task(frames.len()), errors)?;
         call.accepting(tolerance).array(py, &[width, width], |scene, scratch, [q], out| {
             let Scratch { workspace, operational, .. } = scratch;
             workspace.form = form;
             let operational = operational.get_or_insert_with(|| scene.operational_scratch());
             scene.operational_inverse_inertia(workspace, operational, q, &frames, out)
-        })
+        }).map(Bound::into_any)
     }
 
     /// Operational-space inertia (S J M^-1 J^T S^T)^-1 of the task directions S.
@@ -96,24 +82,10 @@ impl PyScene {
     /// >>> inertia = scene.operational_inertia(scene.neutral(), "flange", directions=linear)
     /// >>> inertia.diagonal().round(1)
     /// array([ 4.3, 25.3, 39. ])
-    #[pyo3(signature = (q, links, *, xyz=None, rotation=None, directions=None, form="auto", tolerance=None,
-                        errors="raise"))]
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
-    fn operational_inertia<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        links: &Object<'py>,
-        xyz: Option<&Object<'py>>,
-        rotation: Option<&Object<'py>>,
-        directions: Option<&Object<'py>>,
-        form: &str,
-        tolerance: Option<f64>,
-        errors: &str,
-    ) -> Array<'py> {
-        let (form, tolerance) = read_judged_factor(&self.scene, form, tolerance)?;
-        self.errors(errors, Some(form))?;
-        let task = Task::read(&self.scene, links, xyz, rotation)?;
+    fn operational_inertia(q, links; xyz, rotation, directions, form, tolerance, errors) |scene, py| {
+        let (form, tolerance) = read_judged_factor(&scene.scene, form, tolerance)?;
+        scene.errors(errors, Some(form))?;
+        let task = Task::read(&scene.scene, links, xyz, rotation)?;
         let frames = task.frames();
         let width = 6 * frames.len();
         Self::check_task_room("links", [width, width])?;
@@ -127,14 +99,14 @@ impl PyScene {
         };
         Self::check_task_room(if directions.is_some() { "directions" } else { "links" }, [k, width.max(k)])?;
         let of_inverse = cost::INVERSE.saturating_mul(k.saturating_pow(3));
-        let cost = self.cost_of_task(frames.len()).saturating_add(of_inverse);
-        let call = self.call([self.configuration("q", q)?], cost, errors)?;
+        let cost = scene.cost_of_task(frames.len()).saturating_add(of_inverse);
+        let call = scene.call([scene.configuration("q", q)?], cost, errors)?;
         call.accepting(tolerance).array(py, &[k, k], |scene, scratch, [q], out| {
             let Scratch { workspace, operational, .. } = scratch;
             workspace.form = form;
             let operational = operational.get_or_insert_with(|| scene.operational_scratch());
             scene.operational_inertia(workspace, operational, q, &frames, directions.as_deref(), out)
-        })
+        }).map(Bound::into_any)
     }
 }
 

@@ -1,10 +1,11 @@
 //! Methods of `Scene`: products with the Jacobians of the dynamics, without the matrices.
 
 use super::axis::Axis;
-use super::call::Call;
+use super::call::BatchCall;
 use super::choice::{items, read_form};
 use super::cost::Cost;
 use super::errors::asked_by;
+use super::evaluate::Keywords;
 use super::input::Input;
 use super::object::{Object, imported};
 use super::output::{Output, part};
@@ -19,15 +20,8 @@ use crate::spatial::{RigidShift, SpatialVector};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyMapping, PyTuple};
 
-/// Approximate times per body and state, ns (see [`Cost`]).
-mod cost {
-    /// Inverse dynamics, vectorized.
-    pub const INVERSE: usize = 120;
-    /// With the factor of M.
-    pub const FORWARD: usize = 250;
-    /// On dual numbers.
-    pub const HESSIAN: usize = 2500;
-}
+/// Approximate time of a product with a Hessian per body and state, on dual numbers, ns (see [`Cost`]).
+const HESSIAN: usize = 2500;
 
 /// Place of a link: the moving body that carries it, and its pose on that body.
 pub(super) type Place = (Option<usize>, RigidShift<f64>);
@@ -42,18 +36,10 @@ pub(super) fn places_of_links(scene: &Scene) -> Result<Vec<Place>, Error> {
     scene.joints().iter().map(|joint| scene.link(&joint.child).map(|link| (link.body, link.placement))).collect()
 }
 
-/// q, qd and the third argument by name, then a direction or a cotangent.
-type Given<'a, 'py> = Vec<(&'static str, &'a Object<'py>)>;
+/// q, qd and the third argument, then a direction or a cotangent, or both.
+type Given<'a, 'py> = Vec<&'a Object<'py>>;
 
-/// Keywords of a call.
-struct Keywords<'a, 'py> {
-    wrenches: Option<&'a Object<'py>>,
-    errors: &'a str,
-    tolerance: Option<f64>,
-}
-
-#[pymethods]
-impl PyScene {
+methods! {
     /// Directional derivative of the joint torques, in O(N): dtau_dq dq + dtau_dqd dqd + M dqdd.
     #[doc = parameters!(q qd qdd dq dqd dqdd wrenches constants errors)]
     #[doc = section!(Returns)]
@@ -69,28 +55,11 @@ impl PyScene {
     /// >>> product = scene.inverse_dynamics_jvp(q, qd, qdd, dq, zero, zero)
     /// >>> np.allclose(product, scene.inverse_dynamics_derivatives(q, qd, qdd).dtau_dq @ dq)
     /// True
-    #[pyo3(signature = (q, qd, qdd, dq, dqd, dqdd, *, wrenches=None, dwrenches=None, dparameters=None, darmature=None,
-                        dgravity=None, errors="raise"))]
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
-    fn inverse_dynamics_jvp<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        qd: &Object<'py>,
-        qdd: &Object<'py>,
-        dq: &Object<'py>,
-        dqd: &Object<'py>,
-        dqdd: &Object<'py>,
-        wrenches: Option<&Object<'py>>,
-        dwrenches: Option<&Object<'py>>,
-        dparameters: Option<&Object<'py>>,
-        darmature: Option<&Object<'py>>,
-        dgravity: Option<&Object<'py>>,
-        errors: &str,
-    ) -> PyResult<Object<'py>> {
-        let given = vec![("q", q), ("qd", qd), ("qdd", qdd), ("dq", dq), ("dqd", dqd), ("dqdd", dqdd)];
-        let constants = Constant::read(&self.scene, (dwrenches, dparameters, darmature, dgravity))?;
-        self.along(py, Products::InverseTangent, given, (&Keywords { wrenches, errors, tolerance: None }, constants))
+    fn inverse_dynamics_jvp(q, qd, qdd, dq, dqd, dqdd;
+        wrenches, dwrenches, dparameters, darmature, dgravity, errors) |scene, py| {
+        let given = vec![q, qd, qdd, dq, dqd, dqdd];
+        let constants = Constant::read(&scene.scene, (dwrenches, dparameters, darmature, dgravity))?;
+        scene.along(py, Products::InverseTangent, given, (&Keywords { wrenches, ..Keywords::of(errors) }, constants))
     }
 
     /// Gradients of cotangent . tau, in O(N): cotangent dtau_dq, cotangent dtau_dqd and M cotangent.
@@ -109,26 +78,14 @@ impl PyScene {
     /// >>> gradients = scene.inverse_dynamics_vjp(q, qd, qdd, c)
     /// >>> np.allclose(gradients.q, c @ scene.inverse_dynamics_derivatives(q, qd, qdd).dtau_dq)
     /// True
-    #[pyo3(signature = (q, qd, qdd, cotangent, *, wrenches=None, parameters=false, errors="raise"))]
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
-    fn inverse_dynamics_vjp<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        qd: &Object<'py>,
-        qdd: &Object<'py>,
-        cotangent: &Object<'py>,
-        wrenches: Option<&Object<'py>>,
-        parameters: bool,
-        errors: &str,
-    ) -> PyResult<Object<'py>> {
-        let given = vec![("q", q), ("qd", qd), ("qdd", qdd), ("cotangent", cotangent)];
+    fn inverse_dynamics_vjp(q, qd, qdd, cotangent; wrenches, parameters, errors) |scene, py| {
+        let given = vec![q, qd, qdd, cotangent];
         let class = imported!(py, "phipsi._results", "InverseDynamicsGradients")?;
-        self.gradients(
+        scene.gradients(
             (py, class),
             Products::InverseGradient,
             given,
-            (&Keywords { wrenches, errors, tolerance: None }, parameters),
+            (&Keywords { wrenches, ..Keywords::of(errors) }, parameters),
         )
     }
 
@@ -148,32 +105,13 @@ impl PyScene {
     /// >>> product = scene.forward_dynamics_jvp(q, qd, tau, zero, zero, dtau)
     /// >>> np.allclose(product, scene.mass_matrix_inverse(q) @ dtau)
     /// True
-    #[pyo3(signature = (q, qd, tau, dq, dqd, dtau, *, form="auto", tolerance=None, wrenches=None, dwrenches=None,
-                        dparameters=None, darmature=None, dgravity=None, errors="raise"))]
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
-    fn forward_dynamics_jvp<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        qd: &Object<'py>,
-        tau: &Object<'py>,
-        dq: &Object<'py>,
-        dqd: &Object<'py>,
-        dtau: &Object<'py>,
-        form: &str,
-        tolerance: Option<f64>,
-        wrenches: Option<&Object<'py>>,
-        dwrenches: Option<&Object<'py>>,
-        dparameters: Option<&Object<'py>>,
-        darmature: Option<&Object<'py>>,
-        dgravity: Option<&Object<'py>>,
-        errors: &str,
-    ) -> PyResult<Object<'py>> {
-        let given = vec![("q", q), ("qd", qd), ("tau", tau), ("dq", dq), ("dqd", dqd), ("dtau", dtau)];
-        let constants = Constant::read(&self.scene, (dwrenches, dparameters, darmature, dgravity))?;
+    fn forward_dynamics_jvp(q, qd, tau, dq, dqd, dtau;
+        form, tolerance, wrenches, dwrenches, dparameters, darmature, dgravity, errors) |scene, py| {
+        let given = vec![q, qd, tau, dq, dqd, dtau];
+        let constants = Constant::read(&scene.scene, (dwrenches, dparameters, darmature, dgravity))?;
         let which = Products::ForwardTangent(read_form(form)?);
-        self.scene.check_tolerance(Algorithm::Products(which), tolerance)?;
-        self.along(py, which, given, (&Keywords { wrenches, errors, tolerance }, constants))
+        scene.scene.check_tolerance(Algorithm::Products(which), tolerance)?;
+        scene.along(py, which, given, (&Keywords { wrenches, tolerance, ..Keywords::of(errors) }, constants))
     }
 
     /// Gradients of cotangent . qdd, in O(N): cotangent dqdd_dq, cotangent dqdd_dqd and M^-1 cotangent.
@@ -195,27 +133,13 @@ impl PyScene {
     /// >>> gradients = scene.forward_dynamics_vjp(q, qd, tau, c)
     /// >>> np.allclose(gradients.q, c @ scene.forward_dynamics_derivatives(q, qd, tau).dqdd_dq)
     /// True
-    #[pyo3(signature = (q, qd, tau, cotangent, *, form="auto", tolerance=None, wrenches=None, parameters=false,
-                        errors="raise"))]
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
-    fn forward_dynamics_vjp<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        qd: &Object<'py>,
-        tau: &Object<'py>,
-        cotangent: &Object<'py>,
-        form: &str,
-        tolerance: Option<f64>,
-        wrenches: Option<&Object<'py>>,
-        parameters: bool,
-        errors: &str,
-    ) -> PyResult<Object<'py>> {
-        let given = vec![("q", q), ("qd", qd), ("tau", tau), ("cotangent", cotangent)];
+    fn forward_dynamics_vjp(q, qd, tau, cotangent; form, tolerance, wrenches, parameters, errors) |scene, py| {
+        let given = vec![q, qd, tau, cotangent];
         let class = imported!(py, "phipsi._results", "ForwardDynamicsGradients")?;
         let which = Products::ForwardGradient(read_form(form)?);
-        self.scene.check_tolerance(Algorithm::Products(which), tolerance)?;
-        self.gradients((py, class), which, given, (&Keywords { wrenches, errors, tolerance }, parameters))
+        scene.scene.check_tolerance(Algorithm::Products(which), tolerance)?;
+        let keywords = Keywords { wrenches, tolerance, ..Keywords::of(errors) };
+        scene.gradients((py, class), which, given, (&keywords, parameters))
     }
 
     /// Hessian of cotangent . tau times a direction, in O(N): change of the gradients of inverse_dynamics_vjp.
@@ -238,25 +162,10 @@ impl PyScene {
     /// >>> ahead, behind = (scene.inverse_dynamics_vjp(q + h * dq, qd, qdd, c).q for h in (1e-6, -1e-6))
     /// >>> np.allclose(product.q, (ahead - behind) / 2e-6)
     /// True
-    #[pyo3(signature = (q, qd, qdd, cotangent, dq, dqd, dqdd, *, wrenches=None, errors="raise"))]
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
-    fn inverse_dynamics_hvp<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        qd: &Object<'py>,
-        qdd: &Object<'py>,
-        cotangent: &Object<'py>,
-        dq: &Object<'py>,
-        dqd: &Object<'py>,
-        dqdd: &Object<'py>,
-        wrenches: Option<&Object<'py>>,
-        errors: &str,
-    ) -> PyResult<Object<'py>> {
-        let mut given = vec![("q", q), ("qd", qd), ("qdd", qdd), ("cotangent", cotangent)];
-        given.extend([("dq", dq), ("dqd", dqd), ("dqdd", dqdd)]);
+    fn inverse_dynamics_hvp(q, qd, qdd, cotangent, dq, dqd, dqdd; wrenches, errors) |scene, py| {
+        let given = vec![q, qd, qdd, cotangent, dq, dqd, dqdd];
         let class = imported!(py, "phipsi._results", "InverseDynamicsGradients")?;
-        self.hessian((py, class), Products::InverseGradient, given, &Keywords { wrenches, errors, tolerance: None })
+        scene.hessian((py, class), Products::InverseGradient, given, &Keywords { wrenches, ..Keywords::of(errors) })
     }
 
     /// Hessian of cotangent . qdd times a direction, in O(N): change of the gradients of forward_dynamics_vjp.
@@ -277,30 +186,12 @@ impl PyScene {
     /// >>> product = scene.forward_dynamics_hvp(q, qd, tau, c, zero, zero, dtau)
     /// >>> np.allclose(product.tau, 0.0)     # qdd is linear in tau
     /// True
-    #[pyo3(signature = (q, qd, tau, cotangent, dq, dqd, dtau, *, form="auto", tolerance=None, wrenches=None,
-                        errors="raise"))]
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
-    fn forward_dynamics_hvp<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        qd: &Object<'py>,
-        tau: &Object<'py>,
-        cotangent: &Object<'py>,
-        dq: &Object<'py>,
-        dqd: &Object<'py>,
-        dtau: &Object<'py>,
-        form: &str,
-        tolerance: Option<f64>,
-        wrenches: Option<&Object<'py>>,
-        errors: &str,
-    ) -> PyResult<Object<'py>> {
-        let mut given = vec![("q", q), ("qd", qd), ("tau", tau), ("cotangent", cotangent)];
-        given.extend([("dq", dq), ("dqd", dqd), ("dtau", dtau)]);
+    fn forward_dynamics_hvp(q, qd, tau, cotangent, dq, dqd, dtau; form, tolerance, wrenches, errors) |scene, py| {
+        let given = vec![q, qd, tau, cotangent, dq, dqd, dtau];
         let class = imported!(py, "phipsi._results", "ForwardDynamicsGradients")?;
         let which = Products::ForwardGradient(read_form(form)?);
-        self.scene.check_tolerance(Algorithm::Products(which), tolerance)?;
-        self.hessian((py, class), which, given, &Keywords { wrenches, errors, tolerance })
+        scene.scene.check_tolerance(Algorithm::Products(which), tolerance)?;
+        scene.hessian((py, class), which, given, &Keywords { wrenches, tolerance, ..Keywords::of(errors) })
     }
 }
 
@@ -312,12 +203,18 @@ impl PyScene {
         given: Given<'_, 'py>,
         others: Vec<Input<'py>>,
         (keywords, body): (&Keywords<'_, 'py>, usize),
-    ) -> PyResult<Call<'a, 'py>> {
+    ) -> PyResult<BatchCall<'a, 'py>> {
         let errors = self.errors(keywords.errors, which.form())?;
-        let mut inputs = self.inputs(given)?;
+        // Of a Hessian the direction follows the cotangent.
+        let direction = match which.form() {
+            Some(form) => Products::ForwardTangent(form),
+            None => Products::InverseTangent,
+        };
+        let names = which.entry().arguments.iter().chain(direction.entry().seeds()).map(|&(name, _)| name);
+        let mut inputs = self.inputs(names.zip(given))?;
         inputs.extend(others);
-        let cost = Cost { arithmetic: body * self.size(), results: which.count() * self.scene.nv() };
-        let call = Call::new(self, inputs, Wrench::read(&self.scene, keywords.wrenches)?, cost)?;
+        let cost = Cost { arithmetic: body * self.size(), results: which.entry().results.len() * self.scene.nv() };
+        let call = BatchCall::new(self, inputs, Wrench::read(&self.scene, keywords.wrenches)?, cost)?;
         Ok(call.with(errors).accepting(keywords.tolerance))
     }
 
@@ -330,9 +227,8 @@ impl PyScene {
         (keywords, constants): (&Keywords<'_, 'py>, Vec<(Input<'py>, Constant)>),
     ) -> PyResult<Object<'py>> {
         let first = given.len();
-        let body = if which.form().is_some() { cost::FORWARD } else { cost::INVERSE };
         let (inputs, constants): (Vec<_>, Vec<_>) = constants.into_iter().unzip();
-        let call = self.product_call(which, given, inputs, (keywords, body))?;
+        let call = self.product_call(which, given, inputs, (keywords, which.entry().cost[0]))?;
         let mut output = call.output(py, &[self.scene.nv()], None, Output::unwritten)?;
         if constants.is_empty() {
             call.in_chunks(py, Algorithm::Products(which), output.numbers()?, None)?;
@@ -374,8 +270,7 @@ impl PyScene {
             // Invalid shapes are reported with the other arguments.
             _ => Vec::new(),
         };
-        let body = if which.form().is_some() { cost::FORWARD } else { cost::INVERSE };
-        let call = self.product_call(which, given, Vec::new(), (keywords, body))?;
+        let call = self.product_call(which, given, Vec::new(), (keywords, which.entry().cost[0]))?;
         if !parameters && names.is_empty() {
             let mut output = call.output(py, &[3, nv], None, Output::unwritten)?;
             call.in_chunks(py, Algorithm::Products(which), output.numbers()?, None)?;
@@ -417,7 +312,7 @@ impl PyScene {
         keywords: &Keywords<'_, 'py>,
     ) -> PyResult<Object<'py>> {
         let nv = self.scene.nv();
-        let call = self.product_call(which, given, Vec::new(), (keywords, cost::HESSIAN))?;
+        let call = self.product_call(which, given, Vec::new(), (keywords, HESSIAN))?;
         let mut results = call.scratch_results(py, 3 * nv)?;
         call.numbers(py, results.numbers()?, |scene, scratch, [q, qd, u, cotangent, dq, dqd, du], out| {
             let (workspace, hessian, wrenches) = scratch.for_hessians(scene);
@@ -527,7 +422,7 @@ impl Links<'_> {
     }
 }
 
-impl<'py> Call<'_, 'py> {
+impl<'py> BatchCall<'_, 'py> {
     /// Creates the named tuple of gradients: three of the state, a dict of those of the wrenches, then the others; None
     /// for those not requested.
     fn parts(

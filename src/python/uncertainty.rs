@@ -1,7 +1,7 @@
 //! Methods of `Scene`: variances through the dynamics, and observers.
 
 use super::bad_states::Errors;
-use super::call::Call;
+use super::call::BatchCall;
 use super::choice::names;
 use super::cost::Cost;
 use super::input::{FEW, fixed, shaped, wrong_shape};
@@ -11,8 +11,8 @@ use super::scene::PyScene;
 use super::wrenches::Wrench;
 use crate::algorithm::{Algorithm, Arguments};
 use crate::batch::Fault;
-use crate::batch::arms::Arm;
 use crate::batch::evaluator::Evaluator;
+use crate::batch::instruction_set::InstructionSet;
 use crate::dynamics::derivatives::Parameters;
 use crate::error::Error;
 use crate::estimation::lanes::{Accelerated, Question, VarianceLanes, variance_lanes};
@@ -27,7 +27,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::sync::Mutex;
 
-/// Rough times of one body in one state, ns (see `Call::new`).
+/// Rough times of one body in one state, ns (see `BatchCall::new`).
 mod cost {
     pub const FORWARD: usize = 2000;
     pub const INVERSE: usize = 600;
@@ -216,12 +216,12 @@ impl PyScene {
             joints.iter().flat_map(|all| all.as_chunks::<16>().0).map(by_rows).collect();
         let links = links.map(|links| names("links", links, "names of links")).transpose()?.unwrap_or_default();
         let frames = links.iter().map(|link| scene.frame(&link.as_str().into())).collect::<Result<Vec<_>, _>>()?;
-        let lanes = Arm::of_process().lanes(size_of::<f64>());
+        let lanes = InstructionSet::of_process().lanes(size_of::<f64>());
         let each = if forward { cost::FORWARD } else { cost::INVERSE } * bodies.max(1) + cost::LINK * links.len();
         let [q, qd, third] = &state;
         let given = [("q", q), ("qd", qd), (if forward { "tau" } else { "qdd" }, third)];
         let cost = each / lanes;
-        let call = Call::new(self, self.inputs(given)?, Wrench::read(scene, wrenches)?, Cost::of(cost))?;
+        let call = BatchCall::new(self, self.inputs(given)?, Wrench::read(scene, wrenches)?, Cost::of(cost))?;
         let call = call.with(Errors::read(errors)?);
         let torque = TorqueVariance { noise: &noise, joints: &joints, friction_speed };
         let question = Question { forward, parameters: &parameters, torque, frames: &frames };

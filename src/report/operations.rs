@@ -1,13 +1,12 @@
 //! Operation counts of each algorithm on a scene, obtained by running the code on [`Traced`] scalars, and the memory it
 //! accesses.
 
-use crate::algorithm::{Algorithm, Arguments, Derivatives, Products};
+use crate::algorithm::{Algorithm, Arguments, Products};
 use crate::dynamics;
 use crate::dynamics::constraints::ConstraintKernel;
 use crate::dynamics::derivatives::{
-    Constants, DerivativeScratch, Directions, ProductScratch, coriolis_matrix, forward_dynamics_derivatives,
-    forward_dynamics_jvp, forward_dynamics_vjp, inverse_dynamics_derivatives, inverse_dynamics_jvp,
-    inverse_dynamics_vjp, mass_matrix_derivative,
+    Constants, DerivativeScratch, Directions, ProductScratch, forward_dynamics_jvp, forward_dynamics_vjp,
+    inverse_dynamics_jvp, inverse_dynamics_vjp, of_state,
 };
 use crate::dynamics::mass_inverse::InverseScratch;
 use crate::dynamics::sweeps::{self, SweepModel};
@@ -222,20 +221,9 @@ pub fn count_recursion(scene: &Scene, task: Task, state: &Arguments<'_>) -> Coun
             dynamics::mass_matrix_inverse(&model, &mut workspace, &mut inverse, &q, &mut out);
         }
         Task::Algorithm(Algorithm::Derivatives(which)) => {
-            let scratch = &mut derivatives;
-            match which {
-                Derivatives::InverseDynamics => {
-                    inverse_dynamics_derivatives(&model, scratch, (&q, &qd, &u), &wrenches, &mut out);
-                }
-                Derivatives::ForwardDynamics(form) => {
-                    workspace.form = form;
-                    let state = (&q[..], &qd[..], &u[..]);
-                    // Singular pivots do not affect the count.
-                    let _ = forward_dynamics_derivatives(&model, &mut workspace, scratch, state, &wrenches, &mut out);
-                }
-                Derivatives::CoriolisMatrix => coriolis_matrix(&model, scratch, &q, &qd, &mut out),
-                Derivatives::MassMatrix => mass_matrix_derivative(&model, scratch, &q, &qd, &mut out),
-            }
+            workspace.form = Algorithm::Derivatives(which).form().unwrap_or_default();
+            // A lost pivot is not counted.
+            let _ = of_state(which, &model, (&mut workspace, &mut derivatives), (&q, &qd, &u), &wrenches, &mut out);
         }
         Task::Algorithm(Algorithm::Products(which)) => {
             let at = (&q[..], &qd[..], &u[..]);

@@ -2,8 +2,8 @@
 
 use super::{ALL_KINDS, Random, Tree, random_inertial, random_state};
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
-use phipsi::batch::{ARMS, Arm};
 use phipsi::batch::{Evaluated, Evaluator};
+use phipsi::batch::{INSTRUCTION_SETS, InstructionSet};
 use phipsi::filter::Form;
 use phipsi::scene::{JointDescription, JointKind, LinkDescription, Simplifications};
 use phipsi::spatial::SpatialVector;
@@ -40,8 +40,8 @@ pub const ALGORITHMS: [Algorithm; 24] = [
 ];
 
 /// Instruction sets of this machine; the baseline is always available.
-pub fn arms() -> impl Iterator<Item = Arm> {
-    ARMS.into_iter().map(|(_, arm)| arm).filter(|arm| arm.available())
+pub fn arms() -> impl Iterator<Item = InstructionSet> {
+    INSTRUCTION_SETS.into_iter().map(|(_, arm)| arm).filter(|arm| arm.available())
 }
 
 /// Without optimization the lane kernels need more stack than a thread has by default.

@@ -105,6 +105,7 @@ CALLS: dict[str, Call] = {
     "jacobian_rate": lambda scene, s: scene.jacobian_rate(s.q, s.qd, _tip(scene)),
     "jacobian_rate_product": lambda scene, s: scene.jacobian_rate_product(s.q, s.qd, _tip(scene)),
     "kinetic_energy": lambda scene, s: scene.kinetic_energy(s.q, s.qd),
+    "potential_energy": lambda scene, s: scene.potential_energy(s.q),
     "linearize": lambda scene, s: scene.linearize(s.q, s.qd, s.tau),
     "lock": lambda scene, s: _extras(scene.lock([scene.joint_names[1]], s.q)),
     "mass_matrix": lambda scene, s: scene.mass_matrix(s.q),

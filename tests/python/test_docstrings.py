@@ -25,7 +25,7 @@ NEEDS = {
     "Scene.show": "viser",
 }
 #: Functions and methods with incomplete docstrings. A complete one has to leave the list.
-INCOMPLETE: frozenset[str] = frozenset({"compile"})
+INCOMPLETE: frozenset[str] = frozenset()
 STUB = ast.parse(Path(phipsi.__file__).with_name("_core.pyi").read_text(encoding="utf-8"))
 
 

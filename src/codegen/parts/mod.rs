@@ -1,7 +1,10 @@
-//! A program as parts, a function each: long programs are cut, and what limbs of one kind repeat is one part that is called with other numbers.
+//! A program as parts, a function each: long programs are cut, and what limbs of one kind repeat is one part that is
+//! called with other numbers.
 //!
-//! Compilers take more than twice the time for a function of twice the length, and a program of one line each limb does not stay in the cache of instructions. What later parts read is kept in an array, where a
-//! slot is used again once nothing reads it any more. What a compiler would keep in registers across a cut is little beside what it has to put on the stack anyway.
+//! Compilers take more than twice the time for a function of twice the length, and a program of one line each limb
+//! does not stay in the cache of instructions. What later parts read is kept in an array, where a slot is used again
+//! once nothing reads it any more. What a compiler would keep in registers across a cut is little beside what it has
+//! to put on the stack anyway.
 
 mod repeats;
 mod tables;
@@ -16,14 +19,15 @@ use super::program::{Program, operands, renumbered};
 use crate::scalar::Operation;
 use std::collections::HashMap;
 use std::ops::Range;
-use work::{Call, Work};
+use work::{PartCall, Work};
 
 /// Programs of so many operations are one part.
 ///
-/// In parts the 15,500 of the derivatives of forward dynamics of a robot of 18 degrees of freedom take GCC half the time; half as long programs lose a tenth of their speed.
+/// In parts the 15,500 of the derivatives of forward dynamics of a robot of 18 degrees of freedom take GCC half the
+/// time; half as long programs lose a tenth of their speed.
 const WHOLE: usize = 8000;
 
-/// What a part reads that is not its own, at each of its calls.
+/// A value that a part reads from outside, at each of its calls.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub(super) enum Given {
     /// The f64 of these bits.
@@ -61,7 +65,7 @@ pub(super) struct Cut {
     pub parts: Vec<Part>,
     /// The part of each call, in order; a part's numbers are those of its first call, its second, and so on.
     pub calls: Vec<usize>,
-    /// What else is written: the result, the index in it, and from where.
+    /// The results that no part writes: the result, the index in it, and the source.
     pub others: Vec<(usize, usize, Source)>,
     /// How many numbers are kept.
     pub slots: usize,
@@ -106,12 +110,12 @@ impl Cut {
     }
 }
 
-/// Whether a program is more than one part.
+/// True if a program has more than one part.
 pub(super) fn is_cut(program: &Program) -> bool {
     program.operations.len() > WHOLE
 }
 
-/// What an operand of one part is.
+/// The role of an operand in a part.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Role {
     /// The operation of this index in the part, at every call.
@@ -164,7 +168,7 @@ pub(super) fn parts(program: &Program) -> Cut {
 /// The last call that reads each number by way of what is kept.
 fn last_reads(
     work: &Work<'_>,
-    calls: &[Call],
+    calls: &[PartCall],
     of_part: &[Vec<usize>],
     roles: &[Vec<[Option<Role>; 3]>],
 ) -> Vec<Option<usize>> {
@@ -185,8 +189,8 @@ fn last_reads(
     last
 }
 
-/// What each operand of each operation of a part is.
-fn roles(work: &Work<'_>, calls: &[Call], own: &[usize]) -> Vec<[Option<Role>; 3]> {
+/// The roles of all operands of the operations of a part.
+fn roles(work: &Work<'_>, calls: &[PartCall], own: &[usize]) -> Vec<[Option<Role>; 3]> {
     let inside = |call: usize, operand: u32| {
         let Range { start, .. } = calls[call].range;
         work.order[operand as usize].checked_sub(start).filter(|_| work.order[operand as usize] != usize::MAX)
@@ -211,13 +215,13 @@ fn roles(work: &Work<'_>, calls: &[Call], own: &[usize]) -> Vec<[Option<Role>; 3
 struct Writes {
     /// By each part itself: the operation in it, the result, the index of each call.
     of_parts: Vec<Vec<(usize, usize, Vec<usize>)>>,
-    /// By whoever calls: the result, the index, the operation, the call.
+    /// Written by the caller: the result, the index, the operation, the call.
     by_caller: Vec<(usize, usize, usize, usize)>,
     leaves: Vec<(usize, usize, Source)>,
 }
 
 impl Writes {
-    fn new(work: &Work<'_>, calls: &[Call], of_part: &[Vec<usize>]) -> Self {
+    fn new(work: &Work<'_>, calls: &[PartCall], of_part: &[Vec<usize>]) -> Self {
         let mut of_operation: Vec<Vec<(usize, usize)>> = vec![Vec::new(); work.places.len()];
         let mut leaves = Vec::new();
         for (result, (_, places)) in work.program.outputs().enumerate() {
@@ -255,7 +259,7 @@ impl Writes {
 }
 
 /// The slot of each number that is kept, and how many there are.
-fn slots(calls: &[Call], of_part: &[Vec<usize>], last: &[Option<usize>]) -> (Vec<Option<usize>>, usize) {
+fn slots(calls: &[PartCall], of_part: &[Vec<usize>], last: &[Option<usize>]) -> (Vec<Option<usize>>, usize) {
     let mut own: Vec<&[usize]> = vec![&[]; calls.len()];
     for calls in of_part {
         for &call in calls {
@@ -273,7 +277,7 @@ fn slots(calls: &[Call], of_part: &[Vec<usize>], last: &[Option<usize>]) -> (Vec
         });
         for at in call.range.clone() {
             let offset = at - call.range.start;
-            // What one call keeps, all of the part do.
+            // If one call stores a value, all calls of the part do.
             if own[index].iter().any(|&other| last[calls[other].range.start + offset].is_some()) {
                 let slot = free.pop().unwrap_or_else(|| {
                     slots += 1;
@@ -290,7 +294,7 @@ fn slots(calls: &[Call], of_part: &[Vec<usize>], last: &[Option<usize>]) -> (Vec
 /// One part, from what its operands are and what is kept.
 fn part(
     work: &Work<'_>,
-    (calls, own): (&[Call], &[usize]),
+    (calls, own): (&[PartCall], &[usize]),
     roles: &[[Option<Role>; 3]],
     slot_of: &[Option<usize>],
     writes: Vec<(usize, usize, Vec<usize>)>,

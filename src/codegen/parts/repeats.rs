@@ -2,7 +2,8 @@
 
 use std::collections::BinaryHeap;
 
-/// A part of fewer words does not earn the way to a function of its own: of 64, derivatives of a humanoid took a third more time than without any.
+/// A part of fewer words does not earn the way to a function of its own: of 64, derivatives of a humanoid took a
+/// third more time than without any.
 const SHORTEST: usize = 128;
 /// A longer one is said in several.
 const LONGEST: usize = 2048;
@@ -17,7 +18,8 @@ pub(super) struct Repeat {
 
 /// Parts that occur more than once, chosen one after another by how many words each saves; no two of them overlap.
 ///
-/// The suffixes are sorted, and what neighbors have in common are the candidates; again without what was chosen, until nothing is left. O(n log^2 n) a round, of a few.
+/// The suffixes are sorted, and what neighbors have in common are the candidates; again without what was chosen,
+/// until nothing is left. O(n log^2 n) a round, of a few.
 pub(super) fn repeats(words: &[u32]) -> Vec<Repeat> {
     let mut words = words.to_vec();
     let mut all = Vec::new();
@@ -27,7 +29,7 @@ pub(super) fn repeats(words: &[u32]) -> Vec<Repeat> {
         if found.is_empty() {
             return all;
         }
-        // What is chosen becomes words that occur once.
+        // The chosen operations become words that occur once.
         for repeat in &found {
             for &start in &repeat.starts {
                 for word in &mut words[start..start + repeat.length] {

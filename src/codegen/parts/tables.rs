@@ -1,4 +1,4 @@
-//! What differs from call to call of a part: constants, and places in arrays.
+//! The constants and array indices that differ between the calls of a part.
 
 /// A constant or a place: the same at all calls, or a row of the table.
 pub(in crate::codegen) enum Entry<T> {
@@ -13,7 +13,7 @@ pub(in crate::codegen) struct Tables {
     places: Vec<Vec<usize>>,
 }
 
-/// What is the same in all, or the row where the table has it.
+/// The value if all calls have the same one, else its row in the table.
 fn entry<T: Copy + PartialEq>(rows: &mut Vec<Vec<T>>, of_calls: &[T]) -> Entry<T> {
     if of_calls.iter().all(|value| *value == of_calls[0]) {
         return Entry::Same(of_calls[0]);

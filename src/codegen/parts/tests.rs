@@ -141,7 +141,7 @@ fn what_legs_repeat_is_one_part() {
 
 #[test]
 fn results_that_nothing_computes_are_written_too() {
-    // The mass matrix of two joints that do not feel each other: zeros, and a constant.
+    // The mass matrix of two joints without coupling: zeros, and a constant.
     let link = |name: &str| LinkDescription {
         name: name.to_owned(),
         inertial: Some(Inertial {

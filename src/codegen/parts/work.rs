@@ -9,11 +9,11 @@ use std::ops::Range;
 
 /// Parts that are called once have at most so many operations.
 const LONGEST: usize = 2000;
-/// Operands farther back than this are told apart by no distance: what lies between may differ from limb to limb.
+/// Operands farther back than this are not distinguished by distance: the operations between may differ between limbs.
 const NEAR: usize = 64;
 
-/// What is done by one call: the part, and its operations among those that compute something.
-pub(super) struct Call {
+/// One call: the part, and its operations among those that compute something.
+pub(super) struct PartCall {
     pub part: usize,
     pub range: Range<usize>,
 }
@@ -43,7 +43,7 @@ impl<'a> Work<'a> {
         &self.program.operations[self.places[at]]
     }
 
-    /// What an operand is, as seen from this operation: a constant, a number of some argument, near or far.
+    /// The kind of an operand relative to this operation: a constant, a value of some argument, near or far.
     fn kind(&self, at: usize, operand: u32) -> usize {
         match self.program.operations[operand as usize] {
             Operation::Constant(_) => 0,
@@ -97,7 +97,7 @@ impl<'a> Work<'a> {
         (0..self.places.len()).map(&mut word).collect()
     }
 
-    /// Whether a cut before this operation parts a sine from its cosine, which are computed together.
+    /// True if a cut before this operation separates a sine from its cosine, which are computed together.
     fn parts_a_pair(&self, at: usize) -> bool {
         at > 0
             && at < self.places.len()
@@ -105,7 +105,7 @@ impl<'a> Work<'a> {
     }
 
     /// All calls in order.
-    pub fn calls(&self) -> Vec<Call> {
+    pub fn calls(&self) -> Vec<PartCall> {
         let mut starts: Vec<(usize, usize, usize)> = Vec::new();
         let mut parts = 0;
         if is_cut(self.program) {
@@ -127,12 +127,12 @@ impl<'a> Work<'a> {
                 let most = if is_cut(self.program) { LONGEST } else { usize::MAX };
                 let mut end = begin.saturating_add(most).min(start);
                 end += usize::from(end < start && self.parts_a_pair(end));
-                calls.push(Call { part: parts, range: begin..end });
+                calls.push(PartCall { part: parts, range: begin..end });
                 parts += 1;
                 begin = end;
             }
             if part != usize::MAX {
-                calls.push(Call { part, range: start..start + length });
+                calls.push(PartCall { part, range: start..start + length });
                 begin = start + length;
             }
         }

@@ -1,6 +1,6 @@
 //! The inverse of G = J M^-1 J*, where it has one.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{Cholesky, DMatrix, DVector, DVectorViewMut, Dyn};
 
 /// Eigenvalues of G, its diagonal scaled to one, that are lost in the rounding of its entries.
 const LOST: f64 = 1e-13;
@@ -24,8 +24,7 @@ pub(super) struct GramInverse {
 
 #[derive(Debug, Clone)]
 enum Factor {
-    /// L, in the lower triangle.
-    Cholesky(DMatrix<f64>),
+    Cholesky(Cholesky<f64, Dyn>),
     /// V / sqrt(mu), (m x rank).
     Eigenvectors(DMatrix<f64>),
 }
@@ -50,8 +49,11 @@ impl GramInverse {
         let moves = |i: usize| gram[(i, i)] > (NOTHING * sizes[i]).powi(2);
         let scale: Vec<f64> = (0..m).map(|i| if moves(i) { gram[(i, i)].sqrt().recip() } else { 0.0 }).collect();
         let scaled = DMatrix::from_fn(m, m, |i, j| gram[(i, j)] * scale[i] * scale[j]);
-        if let Some(lower) = cholesky(&scaled) {
-            return Self { scale, factor: Factor::Cholesky(lower), kept: None, rank: m };
+        // The pivots are the squares of the diagonal.
+        let is_regular =
+            |factor: &Cholesky<f64, Dyn>| factor.l_dirty().diagonal().iter().all(|root| root * root > REGULAR);
+        if let Some(factor) = Cholesky::new(scaled.clone()).filter(is_regular) {
+            return Self { scale, factor: Factor::Cholesky(factor), kept: None, rank: m };
         }
         let eigen = scaled.symmetric_eigen();
         let kept: Vec<usize> = (0..m).filter(|&i| eigen.eigenvalues[i] > LOST).collect();
@@ -79,16 +81,9 @@ impl GramInverse {
             *out *= s;
         }
         match &self.factor {
-            Factor::Cholesky(lower) => {
-                let m = out.len();
-                for i in 0..m {
-                    let sum: f64 = (0..i).map(|j| lower[(i, j)] * out[j]).sum();
-                    out[i] = (out[i] - sum) / lower[(i, i)];
-                }
-                for i in (0..m).rev() {
-                    let sum: f64 = (i + 1..m).map(|j| lower[(j, i)] * out[j]).sum();
-                    out[i] = (out[i] - sum) / lower[(i, i)];
-                }
+            Factor::Cholesky(factor) => {
+                let rows = out.len();
+                factor.solve_mut(&mut DVectorViewMut::from_slice(out, rows));
             }
             Factor::Eigenvectors(vectors) => {
                 let scaled = DVector::from_column_slice(out);
@@ -128,11 +123,11 @@ impl GramInverse {
     pub fn columns(&self) -> DMatrix<f64> {
         let mut columns = match &self.factor {
             Factor::Eigenvectors(vectors) => vectors.clone(),
-            Factor::Cholesky(lower) => {
-                let m = lower.nrows();
+            Factor::Cholesky(factor) => {
+                let m = self.scale.len();
                 let mut inverse = DMatrix::identity(m, m);
                 // Its diagonal is not zero.
-                lower.transpose().solve_upper_triangular_mut(&mut inverse);
+                factor.l_dirty().tr_solve_lower_triangular_mut(&mut inverse);
                 inverse
             }
         };
@@ -141,23 +136,4 @@ impl GramInverse {
         }
         self.kept.as_ref().map_or_else(|| columns.clone(), |kept| kept.tr_mul(&columns))
     }
-}
-
-/// The Cholesky factor of a matrix with a diagonal of ones; none where a pivot is small or NaN.
-fn cholesky(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
-    let m = matrix.nrows();
-    let mut lower = DMatrix::zeros(m, m);
-    for j in 0..m {
-        let pivot = matrix[(j, j)] - (0..j).map(|k| lower[(j, k)] * lower[(j, k)]).sum::<f64>();
-        if !(pivot > REGULAR) {
-            return None;
-        }
-        let root = pivot.sqrt();
-        lower[(j, j)] = root;
-        for i in j + 1..m {
-            let sum: f64 = (0..j).map(|k| lower[(i, k)] * lower[(j, k)]).sum();
-            lower[(i, j)] = (matrix[(i, j)] - sum) / root;
-        }
-    }
-    Some(lower)
 }

@@ -100,7 +100,7 @@ impl Scene {
         if matches!(algorithm, Algorithm::ConstrainedDynamics(_)) {
             return self.check_compliance(state.seed[0]);
         }
-        for (&name, seed) in algorithm.seeds().iter().zip(state.seed) {
+        for (&(name, _), seed) in algorithm.seeds().iter().zip(state.seed) {
             self.check_rates(name, seed)?;
         }
         Ok(())
@@ -140,13 +140,12 @@ impl Call<'_, '_> {
     ) -> Result<bool, Fault> {
         let coupling = self.coupling;
         let (full, (_, nv)) = (coupling.tree().nv(), coupling.sizes());
-        // Vectors, or so many matrices.
-        let matrices = match algorithm {
-            Algorithm::InverseDynamics | Algorithm::BiasTorque => 0,
-            Algorithm::MassMatrix | Algorithm::Derivatives(Derivatives::CoriolisMatrix | Derivatives::MassMatrix) => 1,
-            Algorithm::Derivatives(Derivatives::InverseDynamics) => 3,
-            _ => return Ok(false),
-        };
+        let entry = algorithm.entry();
+        if entry.has_form || matches!(algorithm, Algorithm::Products(_)) {
+            return Ok(false);
+        }
+        // A vector, or so many matrices.
+        let matrices = if entry.results[0].1.len() == 1 { 0 } else { entry.results.len() };
         let asked: Vec<Arguments<'_>> = states
             .iter()
             .zip(expanded)

@@ -75,11 +75,14 @@ pub use tangent::Directions;
 use super::mass_inverse::InverseScratch;
 use super::sweeps::SweepModel;
 use super::sweeps::scratch::SweepScratch;
+use crate::algorithm::Derivatives;
+use crate::filter::pivots::LostPivot;
 use crate::model::Model;
 use crate::scalar::Real;
 use crate::spatial::{BodyInertia, Symmetric3};
+use crate::workspace::Workspace;
 use effect::Effect;
-use nalgebra::Vector3;
+use nalgebra::{Vector3, Vector6};
 
 /// Columns between questions whether to stop.
 const AT_A_TIME: usize = 16;
@@ -122,6 +125,27 @@ impl<T: Real> Kept<T> {
             effect: vec![Effect::filled(nan); nv],
         }
     }
+}
+
+/// The derivatives `which` of one state, in any scalar of one lane; Err: a pivot of the factor that is lost.
+pub(crate) fn of_state<T: Real<Parameter = T>>(
+    which: Derivatives,
+    model: &Model<T>,
+    (workspace, scratch): (&mut Workspace<T>, &mut DerivativeScratch<T>),
+    state: (&[T], &[T], &[T]),
+    wrenches: &[Vector6<T>],
+    out: &mut [T],
+) -> Result<(), LostPivot> {
+    let (q, qd, _) = state;
+    match which {
+        Derivatives::InverseDynamics => inverse_dynamics_derivatives(model, scratch, state, wrenches, out),
+        Derivatives::ForwardDynamics(_) => {
+            return forward_dynamics_derivatives(model, workspace, scratch, state, wrenches, out);
+        }
+        Derivatives::CoriolisMatrix => coriolis_matrix(model, scratch, q, qd, out),
+        Derivatives::MassMatrix => mass_matrix_derivative(model, scratch, q, qd, out),
+    }
+    Ok(())
 }
 
 /// Scratch of derivatives in any scalar of one lane, and what the sweeps read of the model; starts as NaN.

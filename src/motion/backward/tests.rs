@@ -2,7 +2,7 @@
 //! torques, joint properties, inertias.
 
 use super::*;
-use crate::batch::arms::Baseline;
+use crate::batch::instruction_set::Baseline;
 use crate::motion::solver::Solver;
 use crate::motion::step::step;
 use crate::motion::step_settings::StepSettings;

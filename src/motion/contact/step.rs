@@ -372,7 +372,7 @@ fn keep(kept: &mut [f64], outcome: &Outcome, contacts: usize) {
 /// Index in qd of the first velocity of each free joint, and the body that it moves.
 fn free_joints(model: &Model<f64>) -> impl Iterator<Item = (usize, usize)> {
     let each = model.bodies.iter().zip(&model.system.stages).enumerate();
-    each.filter(|(_, (body, _))| body.motion == Motion::Free).map(|(k, (_, stage))| (k, stage.first_row))
+    each.filter(|(_, (body, _))| body.motion.is_free()).map(|(k, (_, stage))| (k, stage.first_row))
 }
 
 /// Adds w x v to the accelerations of free joints: the acceleration of the origin in axes that are fixed at the start
@@ -394,7 +394,7 @@ fn move_along(h: f64, s: &mut Scratch<f64>) {
     }
     for (body, stage) in s.model.bodies.iter().zip(&s.model.system.stages) {
         let x = &mut s.x[stage.first_row..];
-        if body.motion == Motion::Free {
+        if body.motion.is_free() {
             let along = rotation(&s.q[body.q..]) * triple(x);
             x[..3].fill(0.0);
             body.motion.advance(&s.q[body.q..], x, &mut s.q_next[body.q..]);

@@ -259,8 +259,10 @@ fn the_center_of_mass_matches_first_principles() {
         let exact = plus(&times(&exact, qdd), &times(&rate, qd));
         assert_near("its acceleration", acceleration.as_slice(), &by_mass(&exact[3..]), bound / total);
 
-        let energy = scene.energy(&mut workspace, q, qd).unwrap().kinetic;
-        assert_close("kinetic energy", scene.kinetic_energy(&mut workspace, q, qd).unwrap(), energy, 0.0);
+        let energy = scene.energy(&mut workspace, q, qd).unwrap();
+        assert_close("kinetic energy", scene.kinetic_energy(&mut workspace, q, qd).unwrap(), energy.kinetic, 0.0);
+        let potential = scene.potential_energy(&mut workspace, q).unwrap();
+        assert_close("potential energy", potential, energy.potential, 0.0);
     }
 }
 

@@ -1,7 +1,7 @@
-//! The instruction sets that the same generic code is compiled for, one of which is picked when the program runs.
+//! The instruction sets that the same generic code is compiled for. One of them is selected when the program runs.
 //!
-//! A *kernel* is generic over the scalar; an *arm* is a scalar together with the instructions it is compiled for. Which arm runs
-//! is decided once, from what the processor has and from the environment variable `PHIPSI_ARM`.
+//! A *kernel* is generic over the scalar, and is compiled once per scalar and instruction set. The instruction set is
+//! selected once, from those that the processor has and from the environment variable `PHIPSI_INSTRUCTION_SET`.
 
 use super::finite::any_not_finite;
 use crate::scalar::{ColumnsOf, Fused, Precision, Real};
@@ -15,13 +15,16 @@ use pulp::x86::V3;
 use pulp::x86::V4;
 use std::sync::OnceLock;
 
-/// The variable that forces an arm: "baseline", "avx2", "avx512" or "neon".
-pub const VARIABLE: &str = "PHIPSI_ARM";
+/// The environment variable that selects an instruction set: "baseline", "avx2", "avx512" or "neon".
+pub const VARIABLE: &str = "PHIPSI_INSTRUCTION_SET";
 
-/// A set of instructions.
+/// Its name until version 0.1, which has no effect.
+const OLD_VARIABLE: &str = "PHIPSI_ARM";
+
+/// An instruction set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Arm {
-    /// Those that every processor of the target has, one number at a time.
+pub enum InstructionSet {
+    /// The instructions that every processor of the target has, one value at a time.
     Baseline,
     /// AVX2 and fused products (x86-64-v3).
     Avx2,
@@ -31,18 +34,22 @@ pub enum Arm {
     Neon,
 }
 
-/// Every arm of every processor with its name, those of one processor the narrowest first.
-pub const ARMS: [(&str, Arm); 4] =
-    [("baseline", Arm::Baseline), ("avx2", Arm::Avx2), ("avx512", Arm::Avx512), ("neon", Arm::Neon)];
+/// Every instruction set of every processor with its name, those of one processor the narrowest first.
+pub const INSTRUCTION_SETS: [(&str, InstructionSet); 4] = [
+    ("baseline", InstructionSet::Baseline),
+    ("avx2", InstructionSet::Avx2),
+    ("avx512", InstructionSet::Avx512),
+    ("neon", InstructionSet::Neon),
+];
 
-impl Arm {
-    /// The name, as the environment variable `PHIPSI_ARM` takes it.
+impl InstructionSet {
+    /// The name, as the environment variable `PHIPSI_INSTRUCTION_SET` takes it.
     #[must_use]
     pub fn name(self) -> &'static str {
-        ARMS.iter().find(|(_, arm)| *arm == self).map_or("", |(name, _)| name)
+        INSTRUCTION_SETS.iter().find(|(_, arm)| *arm == self).map_or("", |(name, _)| name)
     }
 
-    /// How many numbers of so many bytes a register holds.
+    /// The number of values of so many bytes that a register holds.
     pub(crate) fn lanes(self, bytes: usize) -> usize {
         match self {
             Self::Baseline => 1,
@@ -52,7 +59,8 @@ impl Arm {
         }
     }
 
-    /// Whether this processor can run it, and it was compiled: [`Arm::Avx512`] needs the feature `avx512`.
+    /// Whether this processor has it, and kernels were compiled for it: [`InstructionSet::Avx512`] needs the feature
+    /// `avx512`.
     #[must_use]
     pub fn available(self) -> bool {
         match self {
@@ -63,31 +71,43 @@ impl Arm {
             Self::Avx512 => V4::try_new().is_some(),
             #[cfg(target_arch = "aarch64")]
             Self::Neon => Neon::try_new().is_some(),
-            #[allow(unreachable_patterns)] // the arms of other processors
+            #[allow(unreachable_patterns)] // those of other processors
             _ => false,
         }
     }
 
-    /// The arm of this process: what the environment variable `PHIPSI_ARM` names if that can run here, else the widest that can.
+    /// The instruction set of this process: the one that the environment variable `PHIPSI_INSTRUCTION_SET` names,
+    /// else the widest of this processor. A name that is unknown or not available here is reported on the standard
+    /// error.
     ///
-    /// A build with debug assertions picks the baseline unless told otherwise: without optimisation the kernels of the lanes need
-    /// more stack than a thread has.
+    /// A build with debug assertions selects the baseline unless the variable is set: without optimization the
+    /// kernels of the lanes need more stack than a thread has.
     #[must_use]
     pub fn of_process() -> Self {
-        static PICKED: OnceLock<Arm> = OnceLock::new();
-        *PICKED.get_or_init(|| {
-            let widest = if cfg!(debug_assertions) { 1 } else { ARMS.len() };
-            let widest =
-                ARMS[..widest].iter().rev().map(|&(_, arm)| arm).find(|arm| arm.available()).unwrap_or(Self::Baseline);
-            let wanted = std::env::var(VARIABLE).unwrap_or_default();
-            ARMS.iter().find(|(name, arm)| *name == wanted && arm.available()).map_or(widest, |&(_, arm)| arm)
+        static SELECTED: OnceLock<InstructionSet> = OnceLock::new();
+        *SELECTED.get_or_init(|| {
+            let most = if cfg!(debug_assertions) { 1 } else { INSTRUCTION_SETS.len() };
+            let sets = INSTRUCTION_SETS.map(|(_, set)| set);
+            let widest = sets[..most].iter().rev().copied().find(|set| set.available()).unwrap_or(Self::Baseline);
+            if std::env::var_os(OLD_VARIABLE).is_some() {
+                eprintln!("phipsi: the environment variable {OLD_VARIABLE} has no effect: set {VARIABLE}");
+            }
+            let Ok(wanted) = std::env::var(VARIABLE) else { return widest };
+            let named = INSTRUCTION_SETS.iter().find(|(name, set)| *name == wanted && set.available());
+            if named.is_none() && !wanted.is_empty() {
+                let known: Vec<&str> =
+                    INSTRUCTION_SETS.iter().filter(|(_, set)| set.available()).map(|&(name, _)| name).collect();
+                let name = widest.name();
+                eprintln!("phipsi: {VARIABLE} is {wanted:?}, expected one of {known:?}: {name:?} is used");
+            }
+            named.map_or(widest, |&(_, set)| set)
         })
     }
 }
 
-/// Work that an arm compiles for its instructions; everything that it calls must be inlined into it.
+/// Work that is compiled for an instruction set; everything that it calls must be inlined into it.
 pub trait Work {
-    /// What it gives.
+    /// The result.
     type Output;
 
     /// Does it.
@@ -103,7 +123,7 @@ pub trait Target: Copy + Send + Sync + 'static {
     fn within<W: Work>(self, work: W) -> W::Output;
 }
 
-/// Those that every processor has.
+/// The instructions that every processor has.
 #[derive(Debug, Clone, Copy)]
 pub struct Baseline;
 
@@ -138,7 +158,7 @@ pub trait Vectorized: Real {
     /// The numbers in its lanes.
     type Number: Precision;
 
-    /// What holds several columns of a matrix of one state.
+    /// The type that holds several columns of a matrix of one state.
     type Columns: ColumnsOf<Self>;
 
     /// The instructions that it cannot do without.
@@ -150,8 +170,8 @@ pub trait Vectorized: Real {
     /// The same, to be written.
     fn lanes_mut(&mut self) -> &mut [Self::Number];
 
-    /// Numbers into lanes: `of` gives a slice for each lane, as long as `numbers`, which becomes entry by entry what they hold. Zero where all
-    /// of a lane's are finite, else NaN.
+    /// Numbers into lanes: `of` gives a slice for each lane, as long as `numbers`, which becomes entry by entry what
+    /// they hold. Zero where all of a lane's are finite, else NaN.
     ///
     /// Slices that are empty leave all as it is.
     #[inline(always)]
@@ -164,7 +184,8 @@ pub trait Vectorized: Real {
         if of(0).is_empty() { Self::zero() } else { any_not_finite(numbers) }
     }
 
-    /// Lanes into numbers: of each state as many as there are in `numbers`, one state after another; as many states as `out` has.
+    /// Lanes into numbers: of each state as many as there are in `numbers`, one state after another; as many states
+    /// as `out` has.
     #[inline(always)]
     fn put_lanes(numbers: &[Self], out: &mut [Self::Number]) {
         for (lane, out) in out.chunks_exact_mut(numbers.len()).enumerate() {
@@ -177,8 +198,8 @@ pub trait Vectorized: Real {
     /// Where the entries of a matrix are written: of one state where they belong.
     fn entries_in<'a>(entries: &'a mut [Entry<Self>], out: &'a mut [Self::Number]) -> &'a mut [Entry<Self>];
 
-    /// As [`Self::put_lanes`] of as many numbers as `chosen` says, each by its place in `entries`, of which the first is zero; nothing where
-    /// they were written where they belong.
+    /// As [`Self::put_lanes`] of as many numbers as `chosen` says, each by its place in `entries`, of which the first
+    /// is zero; nothing where they were written where they belong.
     fn put_entries(entries: &[Entry<Self>], chosen: &[u32], out: &mut [Self::Number]);
 }
 

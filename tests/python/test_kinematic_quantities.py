@@ -1,5 +1,5 @@
-"""Frequently used functions: single links, center of mass, momentum about it. Compared with Pinocchio on real
-robots, 60 digits and identities.
+"""Kinematic quantities: single links, center of mass, momentum about it. Compared with Pinocchio on real robots, 60 digits
+and identities.
 """
 
 from __future__ import annotations
@@ -129,6 +129,7 @@ def test_the_center_of_mass_as_pinocchio(file: str, floating_base: bool) -> None
     there = oracle.configuration(q), oracle.there(qd), oracle.there(qdd)
     beside_pinocchio("gravity_torque", scene.gravity_torque(q), oracle.here(pin.computeGeneralizedGravity(model, model.createData(), there[0])), n, 0.0)
     beside_pinocchio("kinetic_energy", scene.kinetic_energy(q, qd), np.float64(oracle.energy(q, qd)[0]), n, 0.0)
+    beside_pinocchio("potential_energy", scene.potential_energy(q), np.float64(oracle.energy(q, qd)[1]), n, 0.0)
     assert_near(scene.total_mass, oracle.mass, recursion(len(scene.link_names), oracle.mass))
     if scene.total_mass == 0.0:
         return
@@ -190,6 +191,7 @@ def test_identities(request: pytest.FixtureRequest, scene: str, state: str) -> N
     scale *= size(qd)
     assert_near(scene.center_of_mass_acceleration(q, qd, qdd), jacobian @ qdd + rate[3:] @ qd / mass, product(n, scale))
     assert_same_bits(scene.kinetic_energy(q, qd), scene.energy(q, qd).kinetic)
+    assert_same_bits(scene.potential_energy(q), scene.energy(q, qd).potential)
     assert_same_bits(scene.gravity_torque(q), scene.bias_torque(q, np.zeros(n)))
 
 
@@ -285,6 +287,9 @@ def test_the_center_of_mass_against_60_digits(seed: int) -> None:
     assert_near(scene.center_of_mass_acceleration(q, qd, 3 * qd), expected, product(n, size(matrix, rate) * size(qd)))
     assert_near(scene.kinetic_energy(q, qd), float(oracle.here.energy[0]), product(n, size(float(oracle.here.energy[0]))))
 
+    exact = float(oracle.here.energy[1])
+    assert_near(scene.potential_energy(q), exact, product(n, size(exact, mass * 9.81 * size(centre))))
+
     def potential(unit: np.ndarray) -> float:
         ahead, back = (State(oracle.tree, moved(oracle.tree, oracle.q, unit, step), oracle.qd).energy[1] for step in (STEP, -STEP))
         return float((ahead - back) / (2 * STEP))
@@ -343,6 +348,7 @@ def test_one_state_in_arrays_has_the_bits_of_one_in_lists(mixed: phipsi.Scene) -
         **{name: (getattr(mixed, name), count) for name, count in OF_MASS.items()},
         "gravity_torque": (mixed.gravity_torque, 1),
         "kinetic_energy": (mixed.kinetic_energy, 2),
+        "potential_energy": (mixed.potential_energy, 1),
     }
     for name, count in {"placement": 1, "velocity": 2, "acceleration": 3, "jacobian": 1, "jacobian_rate": 2, "jacobian_rate_product": 2}.items():
         calls[name] = (lambda *state, method=getattr(mixed, name): method(*state, mixed.link_names[-1])), count
@@ -350,7 +356,7 @@ def test_one_state_in_arrays_has_the_bits_of_one_in_lists(mixed: phipsi.Scene) -
         state = (q, qd, qdd)[:count]
         found = call(*state)
         assert_same_bits(found, call(*(argument.tolist() for argument in state)), name)
-        assert found.dtype == np.float64 and isinstance(found, np.float64 if name == "kinetic_energy" else np.ndarray)
+        assert found.dtype == np.float64 and isinstance(found, np.float64 if name.endswith("energy") else np.ndarray)
         for at in range(count):
             for value in (np.nan, 1e300):
                 broken = [argument.copy() for argument in state]

@@ -1,0 +1,51 @@
+//! Kinematic quantities of one state, with arguments checked and faults named.
+
+use crate::algorithm::KinematicQuantity;
+use crate::dynamics::quantities::{of_all_bodies, of_frame};
+use crate::error::{Error, check_length};
+use crate::scene::Scene;
+use crate::workspace::Workspace;
+use std::borrow::Cow;
+
+impl Scene {
+    /// A kinematic quantity at one state (q, qd, qdd), of which it reads [`KinematicQuantity::reads`] arrays, into
+    /// `out`: what the method of its name gives.
+    ///
+    /// # Errors
+    ///
+    /// As that method; a result of another length.
+    pub fn kinematic_quantity(
+        &self,
+        workspace: &mut Workspace<f64>,
+        what: &KinematicQuantity<'_>,
+        [q, qd, qdd]: [&[f64]; 3],
+        out: &mut [f64],
+    ) -> Result<(), Error> {
+        check_length("out", out.len(), what.width(self.nv()))?;
+        match what.frame() {
+            Some(frame) => self.check_frame(frame)?,
+            None => self.check_workspace(workspace)?,
+        }
+        if what.entry().needs_mass {
+            self.check_has_mass()?;
+        }
+        let rates = |place: usize, name: &str, given| {
+            if place < what.reads() { self.tree_rates(name, given) } else { Ok(Cow::Borrowed(&[][..])) }
+        };
+        let (q, qd, qdd) = (self.tree_configuration("q", q)?, rates(1, "qd", qd)?, rates(2, "qdd", qdd)?);
+        let (model, state) = (self.model(), (&*q, &*qd, &*qdd));
+        let mut compute = |out: &mut [f64]| {
+            if !of_frame(model, what, state, out) {
+                of_all_bodies(model, workspace, what, state, out);
+            }
+        };
+        match what.rows_of_columns() {
+            Some(rows) => self.tree_columns(rows, out, compute)?,
+            None => compute(out),
+        }
+        if out.iter().all(|value| value.is_finite()) {
+            return Ok(());
+        }
+        self.check_result(&what.entry().name.replace('_', " "), out)
+    }
+}
