@@ -1,4 +1,4 @@
-//! The algorithms on one state by the general recursions, with arguments checked and faults named.
+//! The algorithms on one state by the passes on the general model, with argument checks and error messages.
 
 use super::constraints::{self, ConstraintScratch, RowsAre};
 use super::derivatives::{
