@@ -31,7 +31,8 @@ from ._results import (
     RolloutGradients,
     Samples,
 )
-from .estimation import Excitation, Identification
+from .estimation import Excitation
+from .estimation._identification import Identification
 from .operators import Factor
 from .tasks import InverseKinematics, Task
 from .view import Viewer

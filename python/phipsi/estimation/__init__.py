@@ -10,8 +10,7 @@
 from ._accumulator import Accumulator
 from ._base import BaseParameters
 from ._excitation import Excitation
-from ._identification import Identification
 from ._logs import accumulate_logs, read_log
-from ._smooth import Smoothed, smooth
+from ._smooth import Smoothed
 
-__all__ = ["Accumulator", "BaseParameters", "Excitation", "Identification", "Smoothed", "accumulate_logs", "read_log", "smooth"]
+__all__ = ["Accumulator", "BaseParameters", "Excitation", "Smoothed", "accumulate_logs", "read_log"]
