@@ -67,7 +67,8 @@ from ._results import (
     RolloutGradients,
     Samples,
 )
-from .estimation import Identification, smooth
+from .estimation._identification import Identification
+from .estimation._smooth import smooth
 from .operators import Factor, Operator
 
 __all__ = [

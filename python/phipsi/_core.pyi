@@ -35,12 +35,12 @@ from .estimation import (
     AccelerationVariance,
     Excitation,
     ExternalWrench,
-    Identification,
     MomentumObserver,
     MotionUncertainty,
     Observer,
     Sensor,
 )
+from .estimation._identification import Identification
 from .operators import Factor
 from .tasks import InverseKinematics, Task
 from .view import Viewer

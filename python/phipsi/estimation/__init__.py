@@ -10,9 +10,8 @@
 from ._accumulator import Accumulator
 from ._base import BaseParameters
 from ._excitation import Excitation
-from ._identification import Identification
 from ._logs import accumulate_logs, read_log
-from ._smooth import Smoothed, smooth
+from ._smooth import Smoothed
 from .consistency import consistency_bounds, nees, nis
 from .momentum import MomentumObserver, ObservedTorque, alarm_threshold, mean_time_to_alarm
 from .motion import ExternalWrench, ObserverEstimate, SmoothedMotion
@@ -32,7 +31,6 @@ __all__ = [
     "Excitation",
     "ExternalWrench",
     "Gyro",
-    "Identification",
     "MomentumObserver",
     "MotionUncertainty",
     "ObservedTorque",
@@ -50,5 +48,4 @@ __all__ = [
     "nees",
     "nis",
     "read_log",
-    "smooth",
 ]

@@ -11,9 +11,9 @@ import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
-from ..estimation import Accumulator, Identification, accumulate_logs, read_log
+from ..estimation import Accumulator, accumulate_logs, read_log
 from ..estimation._columns import KINDS
-from ..estimation._identification import DECIDED, predicted
+from ..estimation._identification import DECIDED, Identification, predicted
 from ..estimation._logs import with_derivatives
 from . import pipeline, terminal
 from .commands import JSON, FLOATING, BadInput, _as_options, _load, _typed_errors, echo_json, group
