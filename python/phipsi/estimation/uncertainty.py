@@ -45,13 +45,11 @@ class ParameterCovariance:
 
     blocks: _Array | None
     """Roots of the bodies, (bodies, rank, 10), if bodies are independent of each other."""
-    columns: _Array
-    """All columns, (number, bodies, 10)."""
 
     def __init__(self, scene: Scene, parameters: Any) -> None:
         bodies = len(scene.body_names)
         self.blocks = np.zeros((bodies, 0, 10))
-        self.columns = np.zeros((0, bodies, 10))
+        self._columns: _Array | None = None
         if parameters is None:
             return
         given = np.asarray(getattr(parameters, "covariance", parameters), float)
@@ -67,7 +65,7 @@ class ParameterCovariance:
             beside = blocks[~np.eye(bodies, dtype=bool)]
             if np.any(beside != 0.0):
                 self.blocks = None
-                self.columns = covariance_root("parameters", given).T.reshape(-1, bodies, 10)
+                self._columns = covariance_root("parameters", given).T.reshape(-1, bodies, 10)
                 return
             given = blocks[np.arange(bodies), np.arange(bodies)]
         if bodies:
@@ -75,9 +73,16 @@ class ParameterCovariance:
             roots = covariance_roots("parameters", given).transpose(0, 2, 1)
             used = roots.any(axis=(0, 2))
             self.blocks = np.ascontiguousarray(roots[:, used])
+
+    @property
+    def columns(self) -> _Array:
+        """All columns, (number, bodies, 10): of independent bodies O(bodies^2) numbers, made when they are asked for."""
+        if self._columns is None:
+            assert self.blocks is not None
             body, column = np.nonzero(self.blocks.any(axis=-1))
-            self.columns = np.zeros((len(body), bodies, 10))
-            self.columns[np.arange(len(body)), body] = self.blocks[body, column]
+            self._columns = np.zeros((len(body), len(self.blocks), 10))
+            self._columns[np.arange(len(body)), body] = self.blocks[body, column]
+        return self._columns
 
 
 def covariance_root(name: str, covariance: _Array) -> _Array:
