@@ -12,19 +12,19 @@
 #   make peers     install the peers, and build Pinocchio's C++ harness (Debian: apt-get, as root)
 #   make stub      after make test: copies the docstrings of the compiled module into the stub
 #   make instructions   counts instructions with valgrind, fails if an algorithm needs more than before
-#   make auto-states  time of form auto by kind of state: writes docs/auto-states.md (two minutes)
-#   make derivatives  after make test: times of derivatives, compared with Pinocchio: writes docs/derivative-times.md (a minute)
+#   make auto-states  time of form auto by kind of state: writes docs/measured/auto-states.md (two minutes)
+#   make derivatives  after make test: times of derivatives, compared with Pinocchio: writes docs/measured/derivative-times.md (a minute)
 #   make leaving-out   instructions saved by each simplification, counted with valgrind: writes the table of docs/leaving-out.md
-#   make numerics  after make peers: errors on extreme scenes, compared with the peers: writes docs/numerics.md, its plots and the results in README.md (ten minutes)
+#   make numerics  after make peers: errors on extreme scenes, compared with the peers: writes docs/measured/numerics.md, its plots and the results in README.md (ten minutes)
 #   make motion [OUT=report]   after make peers: study of integrators, compared with the peers (some minutes)
-#   make robustness  after make test: completed simulations, their errors, energy and times, compared with MuJoCo: writes docs/motion-robustness.md (ten minutes)
-#   make inverse-kinematics   inverse kinematics, compared with pink, mink and dynibo, in .venv-ik: writes docs/inverse-kinematics-times.md (ten minutes)
-#   make closed-loops   forward dynamics with connections, compared with Pinocchio: writes docs/closed-loops-times.md (a minute)
-#   make compiled  after make peers: compiled robots, compared with the methods of the scene and with CasADi's code: writes docs/compiled-times.md (some minutes)
-#   make embedded  after make test: flash, stack and instructions of robots on a Cortex-M4F, by gcc-arm-none-eabi and QEMU: writes docs/embedded-size.md (half a minute)
+#   make robustness  after make test: completed simulations, their errors, energy and times, compared with MuJoCo: writes docs/measured/motion-robustness.md (ten minutes)
+#   make inverse-kinematics   inverse kinematics, compared with pink, mink and dynibo, in .venv-ik: writes docs/measured/inverse-kinematics-times.md (ten minutes)
+#   make closed-loops   forward dynamics with connections, compared with Pinocchio: writes docs/measured/closed-loops-times.md (a minute)
+#   make compiled  after make peers: compiled robots, compared with the methods of the scene and with CasADi's code: writes docs/measured/compiled-times.md (some minutes)
+#   make embedded  after make test: flash, stack and instructions of robots on a Cortex-M4F, by gcc-arm-none-eabi and QEMU: writes docs/measured/embedded-size.md (half a minute)
 #   make picture   the picture of README.md, docs/robot.webp, in Chromium (half a minute)
-#   make roofline  after make peers for its robots: operations, time and fraction of the machine's peak: writes docs/roofline.md
-#   make bench     after make peers: all benchmarks (20 minutes): writes docs/benchmarks.md and the results in README.md (BENCH=--quick: a test)
+#   make roofline  after make peers for its robots: operations, time and fraction of the machine's peak: writes docs/measured/roofline.md
+#   make bench     after make peers: all benchmarks (20 minutes): writes docs/measured/benchmarks.md and the results in README.md (BENCH=--quick: a test)
 
 comma := ,
 PYTHON ?= python3
@@ -176,21 +176,21 @@ bench: peers-phipsi
 
 # STUDY=--quick: fewer states and steps, as a test.
 numerics: peers-phipsi
-	$(PEERS) benches/study.py stability --markdown docs/numerics.md $(STUDY)
+	$(PEERS) benches/study.py stability --markdown docs/measured/numerics.md $(STUDY)
 	$(PEERS) benches/readme.py
 
 motion: peers-phipsi
 	$(PEERS) benches/study.py motion -o $(OUT) $(STUDY)
 
 robustness: $(VENV)/test
-	$(BIN)/python benches/motion_robustness.py --markdown docs/motion-robustness.md
+	$(BIN)/python benches/motion_robustness.py --markdown docs/measured/motion-robustness.md
 
 # Builds the bench, runs it under valgrind, compares with benches/instructions/expected.json.
 instructions:
 	$(PYTHON) benches/instructions/count.py
 
 derivatives: $(VENV)/test
-	$(BIN)/python benches/derivatives.py --markdown docs/derivative-times.md
+	$(BIN)/python benches/derivatives.py --markdown docs/measured/derivative-times.md
 
 $(VENV)-ik/there: $(VENV)/wheel
 	$(PYTHON) -m venv $(VENV)-ik
@@ -199,22 +199,22 @@ $(VENV)-ik/there: $(VENV)/wheel
 	touch $@
 
 inverse-kinematics: $(VENV)-ik/there
-	$(VENV)-ik/bin/python benches/inverse_kinematics.py --markdown docs/inverse-kinematics-times.md
+	$(VENV)-ik/bin/python benches/inverse_kinematics.py --markdown docs/measured/inverse-kinematics-times.md
 
 closed-loops: $(VENV)/test
-	$(BIN)/python benches/closed_loops.py --markdown docs/closed-loops-times.md
+	$(BIN)/python benches/closed_loops.py --markdown docs/measured/closed-loops-times.md
 
 compiled: peers-phipsi
-	$(PEERS) benches/compiled.py --markdown docs/compiled-times.md
+	$(PEERS) benches/compiled.py --markdown docs/measured/compiled-times.md
 
 embedded: $(VENV)/test
-	$(BIN)/python benches/embedded.py --markdown docs/embedded-size.md
+	$(BIN)/python benches/embedded.py --markdown docs/measured/embedded-size.md
 
 leaving-out:
 	$(PYTHON) benches/leaving_out.py
 
 auto-states: $(VENV)/test
-	$(BIN)/python benches/auto_states.py --markdown docs/auto-states.md
+	$(BIN)/python benches/auto_states.py --markdown docs/measured/auto-states.md
 
 # ROOFLINE=--write-only: rewrite the page from the last measurement.
 # Needs Chromium.

@@ -38,8 +38,8 @@ CHAINS = (7, 100, 1000, 10_000, 100_000)
 HEAD = """# Time of derivatives
 
 Written by `make derivatives`: calls from Python on one thread, medians of interleaved timings, us per state. Pinocchio is the wheel `pin`; the times of both programs include the call from Python. Pinocchio has no batches and is called in a
-loop; calls of phipsi in batches write into an existing array `out`. Times differ between machines, ratios by a few percent. The quantities are described in [derivatives.md](derivatives.md) and
-[products.md](products.md). The page does not show states with a loss of precision, which form "auto" recomputes in double-double arithmetic.
+loop; calls of phipsi in batches write into an existing array `out`. Times differ between machines, ratios by a few percent. The quantities are described in [derivatives.md](../derivatives.md) and
+[products.md](../products.md). The page does not show states with a loss of precision, which form "auto" recomputes in double-double arithmetic.
 """
 
 Call = Callable[[], object]

@@ -1,5 +1,5 @@
 """Long chains: time of form "auto", and the error of each form compared with 34 digits; prints a part of
-docs/auto-states.md.
+docs/measured/auto-states.md.
 
 Usage: python benches/long_chains.py [--most N]
 

@@ -148,7 +148,7 @@ def main() -> None:
             "",
             f"Written by benches/mjcf_files.py, which reads each file with `phipsi.load(file)`, with MuJoCo {mujoco.__version__}. The files are not part of this repository.",
             "",
-            "The first table counts files. The second table counts the parts of files that a scene cannot represent: a file with several such parts is counted once for each. The names of parts are those of the argument `ignore` ([read a robot](how-to/read-a-robot.md#from-mujoco)).",
+            "The first table counts files. The second table counts the parts of files that a scene cannot represent: a file with several such parts is counted once for each. The names of parts are those of the argument `ignore` ([read a robot](../how-to/read-a-robot.md#from-mujoco)).",
             "",
             *lines,
         ]

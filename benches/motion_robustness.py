@@ -64,7 +64,7 @@ def head(options: argparse.Namespace, load: float) -> str:
         f"{known['cpu']}, {known['cores']} cores, one used, load at the start {load:.2f}; phipsi {phipsi.__version__} at commit {commit()}; Python {known['python']}, NumPy {known['numpy']}, "
         f"SciPy {version('scipy')}, MuJoCo {version('mujoco')}, example-robot-data of pin {version('pin')}; {datetime.now(timezone.utc).isoformat(timespec='seconds')}. "
         f"Made by `python {shlex.join(['benches/motion_robustness.py', *sys.argv[1:]])}`. The default is `method=\"{options.method}\"`. "
-        f"Methods are described in [motion.md](motion.md).{trial}"
+        f"Methods are described in [motion.md](../motion.md).{trial}"
     )
 
 

@@ -1,5 +1,5 @@
-"""Write the results in README.md between their markers, from the generated pages docs/benchmarks.md and
-docs/numerics.md; and PACKAGE.md, the version for package indices.
+"""Write the results in README.md between their markers, from the generated pages docs/measured/benchmarks.md and
+docs/measured/numerics.md; and PACKAGE.md, the version for package indices.
 
 Usage: python benches/readme.py. `make bench` and `make numerics` run it; tests/python/test_docs.py fails if the files
 are not up to date.

@@ -1,4 +1,4 @@
-"""Measure everything and write docs/benchmarks.md with its plots: the program of `make bench`.
+"""Measure everything and write docs/measured/benchmarks.md with its plots: the program of `make bench`.
 
 Usage: .venv-peers/bin/python benches/report.py [--passes N] [--quick] [--write-only]
 
@@ -137,7 +137,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="few repeats: no figure counts")
     parser.add_argument("--write-only", action="store_true", help="measure nothing, write the page again")
     parser.add_argument(
-        "-o", "--output", type=Path, default=ROOT / "docs" / "benchmarks.md", help="default: %(default)s"
+        "-o", "--output", type=Path, default=ROOT / "docs" / "measured" / "benchmarks.md", help="default: %(default)s"
     )
     options = parser.parse_args()
     if not options.write_only:

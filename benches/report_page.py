@@ -1,4 +1,4 @@
-"""docs/benchmarks.md from the measurements of report.py. Ratios are the peer's time relative to phipsi's: above
+"""docs/measured/benchmarks.md from the measurements of report.py. Ratios are the peer's time relative to phipsi's: above
 1 phipsi is faster.
 """
 

@@ -1,4 +1,4 @@
-"""Plots of docs/benchmarks.md: ratios by model, and time by number of bodies."""
+"""Plots of docs/measured/benchmarks.md: ratios by model, and time by number of bodies."""
 
 import math
 from collections.abc import Sequence

@@ -1,7 +1,7 @@
-"""Operations, time and fraction of the machine's measured peak of each algorithm: docs/roofline.md, the program
+"""Operations, time and fraction of the machine's measured peak of each algorithm: docs/measured/roofline.md, the program
 of `make roofline`.
 
-Usage: .venv/bin/python benches/roofline.py [--seconds S] [--write-only] [-o docs/roofline.md]
+Usage: .venv/bin/python benches/roofline.py [--seconds S] [--write-only] [-o docs/measured/roofline.md]
 
 Needs matplotlib and phipsi with the extra `report`. It builds and runs the bench roofline.rs, which takes S seconds
 for each of about 130 values, and stores its output in target/roofline.json, so that --write-only can rewrite the
@@ -58,7 +58,7 @@ TERMS = """\
 - A batch is 4096 states, computed in chunks of one state per lane. One state uses one lane per register; M and M^-1 use four.
 - Peak: independent multiply-adds on twelve registers with the same instruction set, the fastest of many measurements. For one state it is the
   peak of one lane (except for M and M^-1); with AVX-512 it is that of AVX2, whose registers are as wide as those that one state uses. The baseline has no fused multiply-add; its peak is a multiplication and an addition,
-  which the compiler may vectorize in pairs ([performance.md](performance.md#values-for-the-next-body-stay-in-registers)).
+  which the compiler may vectorize in pairs ([performance.md](../performance.md#values-for-the-next-body-stay-in-registers)).
 - Bytes (kB): arguments, intermediate values and results of one state, and its part of the constants of the scene, which the states of a chunk share; each array
   is counted once. Bandwidth: values read, changed and written back, in L1 or L2, depending on the size of the chunk.
 - The limit is the largest of four times that are lower bounds for any code with the same number of values per register: operations at the peak; divisions at the
@@ -321,7 +321,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=0.3, help="for each value; default: %(default)s")
     parser.add_argument("--write-only", action="store_true", help="rewrite the page without measurements")
     parser.add_argument(
-        "-o", "--output", type=Path, default=ROOT / "docs" / "roofline.md", help="default: %(default)s; the plot is in the same folder"
+        "-o", "--output", type=Path, default=ROOT / "docs" / "measured" / "roofline.md", help="default: %(default)s; the plot is in the same folder"
     )
     options = parser.parse_args()
     if not options.write_only:

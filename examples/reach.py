@@ -7,7 +7,7 @@ Run it with phipsi, numpy and scipy:
 Every step of a simulation has separate torques. Trajectory.vjp computes the gradient of any function of the rows with
 respect to all of them, by the adjoint of every step: here of the squared final distance from the goal and the final
 joint velocities. SciPy's L-BFGS minimizes it. The time of a gradient is a small multiple of that of the simulation,
-independent of the number of torques (docs/derivative-times.md).
+independent of the number of torques (docs/measured/derivative-times.md).
 """
 
 import time

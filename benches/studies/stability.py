@@ -1,5 +1,5 @@
 """Stability report of phipsi with other programs, beginning with the cases in which phipsi is less accurate:
-docs/numerics.md.
+docs/measured/numerics.md.
 """
 
 from __future__ import annotations

@@ -251,7 +251,7 @@ def compile(  # noqa: A001  # phipsi.compile
     Notes
     -----
     The CPU code is scene.to_c(batches=True), vectorized over states (SIMD). In form "auto" derivatives and products of forward dynamics also compute the error estimate of the factor of M
-    (docs/compiled-times.md). A library in the cache that cannot be loaded is compiled again. compiler, flags and cache apply to device="cpu".
+    (docs/measured/compiled-times.md). A library in the cache that cannot be loaded is compiled again. compiler, flags and cache apply to device="cpu".
 
     Examples
     --------

@@ -1,7 +1,7 @@
 """Behavior of each public method of a scene with connections, contacts or coupled joints: one call of each, and the
-table of docs/methods-by-scene.md.
+table of docs/measured/methods-by-scene.md.
 
-`python tests/python/methods_by_scene.py docs/methods-by-scene.md` writes the page.
+`python tests/python/methods_by_scene.py docs/measured/methods-by-scene.md` writes the page.
 """
 
 from __future__ import annotations
@@ -238,12 +238,12 @@ def expected(name: str, kind: str) -> str:
 
 
 def page() -> str:
-    """The page docs/methods-by-scene.md."""
+    """The page docs/measured/methods-by-scene.md."""
     lines = [
         "# Methods by kind of scene",
         "",
-        "The behavior of each method of a scene with [connections](how-to/closed-loops.md), [contacts](how-to/contacts.md) and [coupled joints](how-to/mimic.md) (`mimic=\"couple\"`). "
-        "Written by `python tests/python/methods_by_scene.py docs/methods-by-scene.md`; a test calls every method and compares the result with the table.",
+        "The behavior of each method of a scene with [connections](../how-to/closed-loops.md), [contacts](../how-to/contacts.md) and [coupled joints](../how-to/mimic.md) (`mimic=\"couple\"`). "
+        "Written by `python tests/python/methods_by_scene.py docs/measured/methods-by-scene.md`; a test calls every method and compares the result with the table.",
         "",
         *(f"- **{word}**: {meaning}." for word, meaning in MEANING.items()),
         "",

@@ -10,7 +10,7 @@ import methods_by_scene
 import phipsi
 import pytest
 
-PAGE = Path(__file__).parents[2] / "docs" / "methods-by-scene.md"
+PAGE = Path(__file__).parents[2] / "docs" / "measured" / "methods-by-scene.md"
 NAMED = {"connections": "connection", "contacts": "contact", "mimic": "mimic"}
 
 
@@ -21,7 +21,7 @@ def test_the_table_has_every_public_method() -> None:
 
 
 def test_the_page_is_that_of_the_table() -> None:
-    assert PAGE.read_text(encoding="utf-8") == methods_by_scene.page(), "python tests/python/methods_by_scene.py docs/methods-by-scene.md writes it"
+    assert PAGE.read_text(encoding="utf-8") == methods_by_scene.page(), "python tests/python/methods_by_scene.py docs/measured/methods-by-scene.md writes it"
 
 
 @pytest.mark.parametrize("kind", methods_by_scene.KINDS)

@@ -1,3 +1,3 @@
-"""Robustness and accuracy of simulation: the sections of docs/motion-robustness.md, written by
+"""Robustness and accuracy of simulation: the sections of docs/measured/motion-robustness.md, written by
 benches/motion_robustness.py.
 """
