@@ -162,8 +162,8 @@ def consistency(case: Case, runs: int, steps: int, seed: int, smooth: bool = Tru
         found = observer.smooth()
         all_now = np.concatenate([found.q, found.qd, *found.wrenches.values(), *found.biases.values()], axis=-1)
         smoothed = float(np.mean([nees(_error(case, now, *true), p) for now, true, p in zip(all_now, truth, found.covariance, strict=True)])) / n
-    centred = values_ - m
-    correlation = float(np.mean(centred[1:] * centred[:-1]) / np.mean(centred**2))
+    centered = values_ - m
+    correlation = float(np.mean(centered[1:] * centered[:-1]) / np.mean(centered**2))
     beyond = float(np.mean(values_ > consistency_bounds(m, 1, 0.98)[1]))
     inside = float(np.mean((of_steps > step_low) & (of_steps < step_high)))
     return Consistency(float(values_.mean()) / m, (low / m, high / m), float(of_steps.mean()) / n, inside, smoothed, beyond, correlation)

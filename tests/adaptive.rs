@@ -112,7 +112,7 @@ fn distance(scene: &Scene, a: (&[f64], &[f64]), b: (&[f64], &[f64])) -> f64 {
 }
 
 #[test]
-fn a_tumbling_tree_goes_as_by_small_fixed_steps_however_often_it_is_centred_anew() {
+fn a_tumbling_tree_goes_as_by_small_fixed_steps_however_often_it_is_recentered() {
     let (scene, settings, (q, mut v)) = tumbling();
     // It rotates by several radians.
     v[3..6].copy_from_slice(&[14.0, -9.0, 12.0]);

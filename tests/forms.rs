@@ -41,8 +41,8 @@ fn forms_give_the_same_accelerations_as_newton_and_euler() {
         let exactly = oracle::Oracle::new(scene.source());
         let instant = exactly.at(&oracle::ds(&q), &oracle::ds(&qd));
         let (bias, _) = instant.bias(&[]);
-        let centred: Vec<_> = tau.iter().zip(bias).map(|(&tau, bias)| oracle::d(tau) - bias).collect();
-        let exact = oracle::solve(&instant.mass_matrix(), &centred);
+        let centered: Vec<_> = tau.iter().zip(bias).map(|(&tau, bias)| oracle::d(tau) - bias).collect();
+        let exact = oracle::solve(&instant.mass_matrix(), &centered);
         let exact: Vec<f64> = exact.into_iter().map(tolerance::to_f64).collect();
         for (name, form) in FORMS {
             let mut qdd = vec![f64::NAN; nv];

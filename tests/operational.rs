@@ -369,8 +369,8 @@ fn free_links_have_an_inertia() {
     let mut builder = SceneBuilder::new().floating_base(true);
     builder = builder.link(LinkDescription { name: "body".into(), inertial: Some(body) });
     let scene = builder.build().unwrap();
-    let at_centre = TaskFrame { link: "body", offset: RigidShift { lever: body.center, ..RigidShift::identity() } };
-    let found = inertia(&scene, &scene.neutral(), &[at_centre], None).unwrap();
+    let at_center = TaskFrame { link: "body", offset: RigidShift { lever: body.center, ..RigidShift::identity() } };
+    let found = inertia(&scene, &scene.neutral(), &[at_center], None).unwrap();
     let central = body.central.to_matrix();
     for (at, value) in found.iter().enumerate() {
         let (i, j) = (at / 6, at % 6);

@@ -10,7 +10,7 @@ use nalgebra::Vector6;
 use phipsi::operators::{Kind, Operator};
 
 /// T - H phi b in the state of the case.
-fn centred(case: &Case, b: &Vector) -> Vector {
+fn centered(case: &Case, b: &Vector) -> Vector {
     &case.tau - &case.d.h * &case.d.phi * b
 }
 
@@ -26,7 +26,7 @@ fn spatial_forces(case: &Case, a: &Vector, b: &Vector) -> Vector {
 fn eq_2_1_conditional_mean_of_the_state() {
     for case in cases() {
         let b = case.bias();
-        let t = centred(case, &b);
+        let t = centered(case, &b);
         let estimate = &case.d.phi * &b + &case.f.batch_gain * &t;
         // Forward dynamics, then the forces of those accelerations: the conditional mean is the actual force.
         let actual = spatial_forces(case, &case.forward_dynamics(), &b);
@@ -127,7 +127,7 @@ fn eq_2_6_error_covariance_alternatives() {
 fn eq_2_7_conditional_mean_of_the_process_noise() {
     for case in cases() {
         let (d, b) = (&case.d, case.bias());
-        let t = centred(case, &b);
+        let t = centered(case, &b);
         let typed = &b + &d.q * d.phi.transpose() * d.h.transpose() * inverse(&d.m) * &t;
         // Force on each body by Newton-Euler: the difference of the spatial forces on both sides.
         let forces = spatial_forces(case, &case.forward_dynamics(), &b);
@@ -140,7 +140,7 @@ fn eq_2_7_conditional_mean_of_the_process_noise() {
 fn eq_2_8_joint_accelerations() {
     for case in cases() {
         let b = case.bias();
-        let t = centred(case, &b);
+        let t = centered(case, &b);
         let dense = case.d.m.clone().lu().solve(&t).expect("a regular matrix");
         let terms = column(&(case.d.m_inv.abs() * (case.tau.abs() + (&case.d.h * &case.d.phi).abs() * b.abs())));
         case.holds_among("a = M^-1 (T - H phi b)", &column(&case.forward_dynamics()), &column(&dense), &[&terms]);
@@ -168,7 +168,7 @@ fn smoothed(case: &Case, t: &Vector) -> (Vec<Vector6<f64>>, Vector) {
 #[test]
 fn eq_2_9_spatial_accelerations() {
     for case in cases() {
-        let t = centred(case, &case.bias());
+        let t = centered(case, &case.bias());
         let (lambda, a) = smoothed(case, &t);
         let dense = case.d.phi.transpose() * case.d.h.transpose() * &case.d.m_inv * &t;
         let outboard = column(&case.stacked(&case.outermost(&dense)));
@@ -183,7 +183,7 @@ fn eq_2_9_spatial_accelerations() {
 fn eq_2_10_inertial_forces() {
     for case in cases() {
         let (d, b) = (&case.d, case.bias());
-        let t = centred(case, &b);
+        let t = centered(case, &b);
         let (lambda, _) = smoothed(case, &t);
         let typed = &b + &case.f.q * case.stacked(&lambda);
         let dense = &b + &d.q * d.phi.transpose() * d.h.transpose() * &d.m_inv * &t;

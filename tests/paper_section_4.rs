@@ -37,13 +37,13 @@ fn run(case: &Case, b: &Vector, measurement: &Vector) -> Run {
 }
 
 /// Centered torque.
-fn centred(case: &Case) -> Vector {
+fn centered(case: &Case) -> Vector {
     &case.tau - &case.d.h * &case.d.phi * case.bias()
 }
 
 /// A run on the centered torque, without b.
-fn centred_run(case: &Case) -> (Vector, Run) {
-    let t = centred(case);
+fn centered_run(case: &Case) -> (Vector, Run) {
+    let t = centered(case);
     let run = run(case, &Vector::zeros(6 * case.nv()), &t);
     (t, run)
 }
@@ -83,7 +83,7 @@ fn force_terms(case: &Case, b: &Vector) -> Matrix {
 #[test]
 fn eq_4_1_accelerations_from_torques() {
     for case in cases() {
-        let (f, t) = (&case.f, centred(case));
+        let (f, t) = (&case.f, centered(case));
         let whitened = case.unit() - &f.l;
         let typed = whitened.transpose() * &f.d_inv * &whitened * &t;
         let dense = case.d.m.clone().lu().solve(&t).expect("a regular matrix");
@@ -100,7 +100,7 @@ fn eq_4_1_accelerations_from_torques() {
 #[test]
 fn eq_4_2_innovations() {
     for case in cases() {
-        let (t, run) = centred_run(case);
+        let (t, run) = centered_run(case);
         let dense = (case.unit() - &case.d.l) * &t;
         case.holds_among("e^- = (1 - L) T", &column(&run.innovations), &column(&dense), &[&column(&t)]);
         let (b, biased) = biased_run(case);
@@ -115,7 +115,7 @@ fn eq_4_2_innovations() {
 #[test]
 fn eq_4_3_predicted_state() {
     for case in cases() {
-        let (t, run) = centred_run(case);
+        let (t, run) = centered_run(case);
         let printed = &case.f.psi * &case.f.g * &t;
         let (predicted, filtered) = states(case, &t);
         case.holds("z^- = Psi g T", &column(&printed), &column(&predicted));
@@ -131,7 +131,7 @@ fn eq_4_3_predicted_state() {
 fn eq_4_4_prediction() {
     for case in cases() {
         let (b, biased) = biased_run(case);
-        let t = centred(case);
+        let t = centered(case);
         let (predicted, filtered) = states(case, &t);
         case.holds("Z^- = E Z^+", &column(&(&case.f.e * &filtered)), &column(&predicted));
         // With b: z^-(k) = sum of phi z^+ + b(k), and the same minus the contribution of b, phi b.
@@ -158,7 +158,7 @@ fn eq_4_4_prediction() {
 #[test]
 fn eq_4_5_measurement() {
     for case in cases() {
-        let (t, run) = centred_run(case);
+        let (t, run) = centered_run(case);
         let (predicted, filtered) = states(case, &t);
         let typed = &predicted + &case.f.g * &run.innovations;
         case.holds_among("Z^+ = Z^- + g e^-", &column(&typed), &column(&filtered), &[&column(&predicted)]);
@@ -173,7 +173,7 @@ fn eq_4_5_measurement() {
 #[test]
 fn eq_4_6_residuals() {
     for case in cases() {
-        let (t, run) = centred_run(case);
+        let (t, run) = centered_run(case);
         let scaled = Vector::from_fn(case.nv(), |i, _| run.innovations[i] * case.sweep.measured[i].pivot_inverse);
         let dense = &case.d.d_inv * (case.unit() - &case.d.l) * &t;
         let terms = column(&(&case.d.d_inv * t.abs()));
@@ -184,7 +184,7 @@ fn eq_4_6_residuals() {
 #[test]
 fn eq_4_7_smoothing() {
     for case in cases() {
-        let (t, run) = centred_run(case);
+        let (t, run) = centered_run(case);
         let typed = (case.unit() - case.f.l.transpose()) * (&case.f.d_inv * &run.innovations);
         let dense = &case.d.m_inv * &t;
         let terms = column(&(case.d.m_inv.abs() * t.abs()));
@@ -209,7 +209,7 @@ fn co_states(case: &Case, t: &Vector) -> (Vector, Vector, Vector, Matrix) {
 #[test]
 fn eq_4_8_co_states() {
     for case in cases() {
-        let (t, run) = centred_run(case);
+        let (t, run) = centered_run(case);
         let (_, plus, minus, terms) = co_states(case, &t);
         let e_plus = &case.f.d_inv * &run.innovations;
         let typed = case.f.psi.transpose() * case.f.h.transpose() * e_plus;
@@ -224,7 +224,7 @@ fn eq_4_8_co_states() {
 #[test]
 fn eq_4_9_accelerations_from_residuals() {
     for case in cases() {
-        let (t, run) = centred_run(case);
+        let (t, run) = centered_run(case);
         let (e_plus, plus, minus, terms) = co_states(case, &t);
         let typed = |lambda: &Vector| column(&(&e_plus - case.f.g.transpose() * lambda));
         case.holds_among("a = e^+ - g* lambda^+", &typed(&plus), &column(&run.accelerations), &[&terms]);
@@ -235,7 +235,7 @@ fn eq_4_9_accelerations_from_residuals() {
 #[test]
 fn eq_4_10_co_states_outward() {
     for case in cases() {
-        let (t, run) = centred_run(case);
+        let (t, run) = centered_run(case);
         let (_, plus, minus, terms) = co_states(case, &t);
         let typed = case.f.e.transpose() * &minus;
         case.holds_among("lambda^+(k-1) = phi^T lambda^-(k)", &column(&typed), &column(&plus), &[&terms]);
@@ -255,7 +255,7 @@ fn eq_4_10_co_states_outward() {
 #[test]
 fn eq_4_11_co_states_across_a_joint() {
     for case in cases() {
-        let (t, run) = centred_run(case);
+        let (t, run) = centered_run(case);
         let (e_plus, plus, minus, terms) = co_states(case, &t);
         let (h, expected) = (case.f.h.transpose(), column(&minus));
         let with_a = &plus + &h * &run.accelerations;

@@ -16,7 +16,7 @@ they are centered at its end.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -120,7 +120,7 @@ class Ode:
         #: Entries of rotations, and of the translations of free joints.
         coordinates = Coordinates(scene)
         self._turns, self._moves = coordinates.turns, coordinates.moves
-        self._centre = scene.neutral()
+        self._center = scene.neutral()
 
     def _configuration(self, name: str, value: ArrayLike) -> _Array:
         q = _core._numbers(name, value, self.scene, True)
@@ -128,12 +128,18 @@ class Ode:
             raise errors.of_argument(errors.ShapeError, name, f"found shape {q.shape}; expected ({self.scene.nq},)")
         return self.scene.integrate(q, np.zeros(self.scene.nv))
 
-    @property
-    def centre(self) -> _Array:
-        """Center of the tangent coordinates, a configuration (nq,)."""
-        return self._centre.copy()
+    def __getattr__(self, name: str) -> NoReturn:
+        """Name the new attribute where an old one is read."""
+        new = {"centre": "center", "centre_at": "center_at"}.get(name)
+        renamed = f"; it was renamed to {new!r}" if new else ""
+        raise AttributeError(f"'Ode' object has no attribute {name!r}{renamed}", name=name, obj=self)
 
-    def centre_at(self, q: ArrayLike) -> None:
+    @property
+    def center(self) -> _Array:
+        """Center of the tangent coordinates, a configuration (nq,)."""
+        return self._center.copy()
+
+    def center_at(self, q: ArrayLike) -> None:
         """Set the center of the tangent coordinates, where x is zero.
 
         Parameters
@@ -150,11 +156,11 @@ class Ode:
         --------
         >>> import phipsi
         >>> ode = phipsi.scenes.chain(3).ode()
-        >>> ode.centre_at([0.1, 0.2, 0.3])
-        >>> ode.centre.tolist()
+        >>> ode.center_at([0.1, 0.2, 0.3])
+        >>> ode.center.tolist()
         [0.1, 0.2, 0.3]
         """
-        self._centre = self._configuration("q", q)
+        self._center = self._configuration("q", q)
 
     def configuration(self, x: ArrayLike) -> _Array:
         """Configuration of tangent coordinates.
@@ -179,9 +185,9 @@ class Ode:
         step = x.copy()
         for _, _, linear, _ in self._moves:
             step[..., linear] = 0.0
-        q = self.scene.integrate(self._centre, step)
+        q = self.scene.integrate(self._center, step)
         for place, turn, linear, _ in self._moves:
-            q[..., place] = self._centre[place] + by_quaternion(self._centre[turn], x[..., linear])
+            q[..., place] = self._center[place] + by_quaternion(self._center[turn], x[..., linear])
         return q
 
     def torque(self, t: float, q: _Array, v: _Array) -> _Array:
@@ -426,7 +432,7 @@ class Ode:
         v = _core._numbers("qd", qd, self.scene)
         if v.shape != (self.scene.nv,):
             raise errors.of_argument(errors.ShapeError, "qd", f"found shape {v.shape}; expected ({self.scene.nv},)")
-        self.centre_at(q)
+        self.center_at(q)
         rows: list[_Row] = []
         if wanted is None or (len(wanted) and wanted[0] == start):
             rows.append(self._row(start, np.concatenate([np.zeros(self.scene.nv), v])))
@@ -456,7 +462,7 @@ class Ode:
                     break
             first_step = solver.step_size
             t, v = float(solver.t), solver.y[self.scene.nv :]
-            self.centre_at(self.configuration(solver.y[: self.scene.nv]))
+            self.center_at(self.configuration(solver.y[: self.scene.nv]))
         return self._trajectory(rows, method, steps)
 
     def _is_turned(self, y: _Array) -> bool:

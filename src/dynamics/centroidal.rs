@@ -56,8 +56,8 @@ pub fn total_mass<T: Real>(model: &Model<T>) -> T {
 pub fn center_of_mass<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T]) -> Vector3<T> {
     placements_base_to_tip(model, q, &mut workspace.store.shifts);
     first_moments_tip_to_base(model, workspace);
-    let centre = centre(model, workspace);
-    plus(&centre.from, q[0].constant(1.0), &centre.to)
+    let center = center(model, workspace);
+    plus(&center.from, q[0].constant(1.0), &center.to)
 }
 
 /// The velocity of the center of mass in the base's axes, m/s: linear momentum by mass. O(N).
@@ -104,9 +104,9 @@ pub fn center_of_mass_acceleration<T: Real>(
 pub fn center_of_mass_jacobian<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], out: &mut [T]) {
     placements_base_to_tip(model, q, &mut workspace.store.shifts);
     first_moments_tip_to_base(model, workspace);
-    let centre = centre(model, workspace);
-    placements_from(model, workspace, &centre);
-    let by_mass = centre.mass.recip();
+    let center = center(model, workspace);
+    placements_from(model, workspace, &center);
+    let by_mass = center.mass.recip();
     each_row(model, |k, j, axis| {
         let momentum = linear(&workspace.composite[k].mul_motion(axis));
         let column = workspace.store.shifts[k].rotate(&momentum);
@@ -123,8 +123,8 @@ pub fn center_of_mass_jacobian<T: Real>(model: &Model<T>, workspace: &mut Worksp
 pub fn centroidal_momentum_matrix<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], out: &mut [T]) {
     placements_base_to_tip(model, q, &mut workspace.store.shifts);
     composite_inertias_tip_to_base(model, workspace);
-    let centre = centre(model, workspace);
-    placements_from(model, workspace, &centre);
+    let center = center(model, workspace);
+    placements_from(model, workspace, &center);
     each_row(model, |k, j, axis| {
         let column = workspace.store.shifts[k].force_to_parent(&workspace.composite[k].mul_motion(axis));
         write_column(out, model.nv(), j, column.as_slice());
@@ -147,13 +147,13 @@ pub fn centroidal_momentum_matrix_rate<T: Real>(
     velocities_base_to_tip(model, workspace, qd);
     composite_inertias_tip_to_base(model, workspace);
     composite_rates_tip_to_base(model, workspace);
-    let centre = centre(model, workspace);
-    placements_from(model, workspace, &centre);
-    let (one, mut momentum) = (centre.mass.constant(1.0), Vector3::from_element(centre.mass.constant(0.0)));
+    let center = center(model, workspace);
+    placements_from(model, workspace, &center);
+    let (one, mut momentum) = (center.mass.constant(1.0), Vector3::from_element(center.mass.constant(0.0)));
     for k in roots(model) {
         momentum = plus(&momentum, one, &workspace.store.shifts[k].rotate(&workspace.composite_rate[k].first_moment));
     }
-    let velocity = divided(&momentum, centre.mass);
+    let velocity = divided(&momentum, center.mass);
     each_row(model, |k, j, axis| {
         let (composite, shift) = (&workspace.composite[k], &workspace.store.shifts[k]);
         let turned = composite.mul_motion(&cross_motion(&workspace.velocity[k], axis));
@@ -204,7 +204,7 @@ fn on_base<T: Real>(model: &Model<T>, workspace: &Workspace<T>, root: usize) -> 
 }
 
 /// Where the center of mass is, in the base's axes.
-struct Centre<T> {
+struct Center<T> {
     mass: T,
     /// From the base's origin to that of the first root.
     from: Vector3<T>,
@@ -214,7 +214,7 @@ struct Centre<T> {
 
 /// The center of mass, from masses and first moments of the composites.
 #[inline(always)]
-fn centre<T: Real>(model: &Model<T>, workspace: &Workspace<T>) -> Centre<T> {
+fn center<T: Real>(model: &Model<T>, workspace: &Workspace<T>) -> Center<T> {
     let zero = T::zero();
     let (one, minus_one) = (zero.constant(1.0), zero.constant(-1.0));
     let (mut from, mut mass, mut moment) = (None, zero, Vector3::from_element(zero));
@@ -225,7 +225,7 @@ fn centre<T: Real>(model: &Model<T>, workspace: &Workspace<T>) -> Centre<T> {
         mass += workspace.composite[k].mass;
         moment = plus(&moment, one, &workspace.composite[k].first_moment_in_parent(&place));
     }
-    Centre { mass, from: from.unwrap_or(moment), to: divided(&moment, mass) }
+    Center { mass, from: from.unwrap_or(moment), to: divided(&moment, mass) }
 }
 
 /// Tip to base: mass and first moment of r(k), (3.5); the rest of it is left as it is.
@@ -261,14 +261,14 @@ fn composite_rates_tip_to_base<T: Real>(model: &Model<T>, workspace: &mut Worksp
 
 /// Base to tip: phi of every moving body to the base's axes and the center of mass, in place of phi to its parent.
 #[inline(always)]
-fn placements_from<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, centre: &Centre<T>) {
+fn placements_from<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, center: &Center<T>) {
     for (k, stage) in model.system.stages.iter().enumerate() {
         workspace.store.shifts[k] = match moving_parent(&model.system, k) {
             Some(parent) => workspace.store.shifts[parent].compose(&workspace.store.shifts[k]),
             None if stage.rows.count() > 0 => {
                 let place = on_base(model, workspace, k);
-                let minus_one = centre.mass.constant(-1.0);
-                let lever = plus(&plus(&place.lever, minus_one, &centre.from), minus_one, &centre.to);
+                let minus_one = center.mass.constant(-1.0);
+                let lever = plus(&plus(&place.lever, minus_one, &center.from), minus_one, &center.to);
                 RigidShift { lever, ..place }
             }
             None => continue,

@@ -66,7 +66,7 @@ pub struct Spread {
 }
 
 impl RandomModel {
-    /// M from the covariance of the centred torques T (5.1), in kg m^2: the acceleration variance cancels.
+    /// M from the covariance of the centered torques T (5.1), in kg m^2: the acceleration variance cancels.
     ///
     /// O(samples nv^2); Monte Carlo and Sobol on threads, with the same bits for any number of them.
     ///

@@ -21,13 +21,13 @@ pub(super) const COST: usize = 8;
 /// The spatially random model of a scene at one configuration: w(k) ~ N(b(k), s M(k)), X = phi W, T = H X + v.
 ///
 /// s is the `acceleration_variance`: the variance, (rad/s^2)^2, of the acceleration of one kg m^2. v has the variance s
-/// r, r the armature. Without rates the model is centred, b = 0.
+/// r, r the armature. Without rates the model is centered, b = 0.
 #[derive(Debug, Clone)]
 pub struct RandomModel {
     pub(super) system: System<f64>,
     pub(super) shift: Vec<RigidShift<f64>>,
     pub(super) roots: Vec<Matrix6<f64>>,
-    /// b(k); zero in a centred model.
+    /// b(k); zero in a centered model.
     bias: Vec<Vector6<f64>>,
     /// sqrt(s).
     deviation: f64,

@@ -288,7 +288,7 @@ def test_the_center_of_mass_against_60_digits(seed: int) -> None:
     assert_near(scene.kinetic_energy(q, qd), float(oracle.here.energy[0]), product(n, size(float(oracle.here.energy[0]))))
 
     exact = float(oracle.here.energy[1])
-    assert_near(scene.potential_energy(q), exact, product(n, size(exact, mass * 9.81 * size(centre))))
+    assert_near(scene.potential_energy(q), exact, product(n, size(exact, mass * 9.81 * size(center))))
 
     def potential(unit: np.ndarray) -> float:
         ahead, back = (State(oracle.tree, moved(oracle.tree, oracle.q, unit, step), oracle.qd).energy[1] for step in (STEP, -STEP))

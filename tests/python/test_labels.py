@@ -151,9 +151,9 @@ def test_equations_for_solvers_take_names(arm: phipsi.Scene, state: Any) -> None
     q, qd, tau = state
     damping = np.arange(1.0, 8.0)
     ode = arm.ode(tau=mapping(tau), damping=mapping(damping))  # type: ignore[arg-type]
-    ode.centre_at(mapping(q))  # type: ignore[arg-type]
+    ode.center_at(mapping(q))  # type: ignore[arg-type]
     other = arm.ode(tau=tau, damping=damping)
-    other.centre_at(q)
+    other.center_at(q)
     y = np.concatenate([np.zeros(7), qd])
     assert_same_bits(ode.rhs(0.0, y), other.rhs(0.0, y))
 

@@ -48,10 +48,10 @@ def rate_of(w: np.ndarray, u: np.ndarray) -> np.ndarray:
     return np.array(CONTEXT.lu_solve(CONTEXT.matrix(j.tolist()), CONTEXT.matrix(u.tolist())).T.tolist()[0], dtype=object)
 
 
-def right_side(tree: Tree, centre: np.ndarray, laws: Laws, tau: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Callable[[np.ndarray], np.ndarray]:
+def right_side(tree: Tree, center: np.ndarray, laws: Laws, tau: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Callable[[np.ndarray], np.ndarray]:
     """dy/dt for y = (x, v), from the definitions, with 60 digits."""
-    centre = exact(centre)
-    given = {name: exact(np.broadcast_to(value, (len(centre) if name in ("rest", "target") else tree.nv,))) for name, value in laws.items()}
+    center = exact(center)
+    given = {name: exact(np.broadcast_to(value, (len(center) if name in ("rest", "target") else tree.nv,))) for name, value in laws.items()}
 
     def away(rest: np.ndarray, q: np.ndarray) -> np.ndarray:
         found, at_q, at_v = zeros(tree.nv), 0, 0
@@ -69,7 +69,7 @@ def right_side(tree: Tree, centre: np.ndarray, laws: Laws, tau: Callable[[np.nda
 
     def f(y: np.ndarray) -> np.ndarray:
         x, v = y[: tree.nv], y[tree.nv :]
-        q, rates, at_q, at_v = centre.copy(), v.copy(), 0, 0
+        q, rates, at_q, at_v = center.copy(), v.copy(), 0, 0
         for joint in tree.order:
             here, own = q[at_q : at_q + joint.nq], slice(at_v, at_v + joint.nv)
             if joint.kind == "floating":
@@ -109,7 +109,7 @@ def columns(f: Callable[[np.ndarray], np.ndarray], y: np.ndarray) -> np.ndarray:
     return rounded(np.stack([derivative(lambda by, i=i: f(y + identity(len(y))[i] * by)) for i in range(len(y))], axis=1))  # type: ignore[misc]
 
 
-@pytest.mark.parametrize("turn", [0.0, 0.02, 0.9], ids=["at the centre", "beside it", "turned"])
+@pytest.mark.parametrize("turn", [0.0, 0.02, 0.9], ids=["at the center", "beside it", "turned"])
 @pytest.mark.parametrize(
     ("seed", "kinds", "floating_base"),
     [*((k, (kind,), False) for k, kind in enumerate(KINDS) if kind != "fixed"), (20, KINDS, False), (21, KINDS, True)],
@@ -120,11 +120,11 @@ def test_the_jacobian_is_that_at_sixty_digits(seed: int, kinds: tuple[str, ...],
     tree = random_tree(random, 2 if len(kinds) == 1 else 5, kinds=kinds, armature=0.2, floating_base=floating_base)
     scene = tree.scene()
     laws = laws_of(scene, random)
-    tau, centre = random.normal(size=scene.nv), random_states(scene, seed).q
+    tau, center = random.normal(size=scene.nv), random_states(scene, seed).q
     ode = ode_of(scene, laws, tau)
-    ode.centre_at(centre)
+    ode.center_at(center)
     y = np.concatenate([turn * random.uniform(-1, 1, scene.nv), random.uniform(-2.0, 2.0, scene.nv)])
-    f = right_side(tree, ode.centre, laws, lambda q, v: exact(tau))
+    f = right_side(tree, ode.center, laws, lambda q, v: exact(tau))
     condition = float(np.linalg.cond(scene.mass_matrix(ode.configuration(y[: scene.nv]))))
     found, expected = ode.jacobian(0.0, y), columns(f, y)
     value = rounded(f(exact(y)))
@@ -142,7 +142,7 @@ def test_universal_joints_have_it_too() -> None:
     scene = random_scene(8, 3, kinds=("universal", "revolute"), armature=0.2)
     random = np.random.default_rng(8)
     ode = ode_of(scene, laws_of(scene, random), random.normal(size=scene.nv))
-    ode.centre_at(random_states(scene, 8).q)
+    ode.center_at(random_states(scene, 8).q)
     y = random.uniform(-1.0, 1.0, 2 * scene.nv)
     expected = differences(ode, y)
     assert_near(ode.jacobian(0.25, y), expected, 100 * central_difference(size(expected)))
@@ -159,7 +159,7 @@ def test_a_function_for_tau_is_differentiated_by_itself_only() -> None:
         return gain @ v - 3.0 * scene.difference(scene.neutral(), q)
 
     ode = ode_of(scene, laws, tau)
-    ode.centre_at(random_states(scene, 5).q)
+    ode.center_at(random_states(scene, 5).q)
     y = np.random.default_rng(3).uniform(-0.5, 0.5, 2 * scene.nv)
     found = ode.jacobian(0.25, y)
     assert set(seen) == {0.25} and len(seen) == 1 + 4 * scene.nv
@@ -196,7 +196,7 @@ def test_implicit_methods_take_it_and_ask_less_often(method: str) -> None:
     scene = random_scene(6, 2, kinds=("spherical", "revolute"), armature=0.2)
     q, qd, tau = random_states(scene, 1)
     ode = scene.ode(tau=tau, damping=5.0, stiffness=200.0, friction=0.1, friction_speed=0.5)
-    ode.centre_at(q)
+    ode.center_at(q)
     y = np.concatenate([np.zeros(scene.nv), qd])
     asked: list[float] = []
 

@@ -151,16 +151,16 @@ pub(in crate::dynamics) fn force_of<T: Real>(load: &Load<T::Parameter>, spin: &S
 pub(in crate::dynamics) fn coordinates_of<T: Real>(root: &BodyRoot<T::Parameter>, spin: &Spin<T>, a: [T; 3]) -> [T; 6] {
     let like = a[0];
     let o = like.constant(0.0);
-    // The acceleration of the mass centre.
+    // The acceleration of the mass center.
     let [x, y, z] = spin.times(root.center.into());
-    let at_centre = [a[0] + x, a[1] + y, a[2] + z];
+    let at_center = [a[0] + x, a[1] + y, a[2] + z];
     let (mass, c, dw) = (like.splat(root.mass), &root.central, spin.dw);
     let turned = [
         like.splat(c[(2, 0)]).mul_add(dw[2], like.splat(c[(1, 0)]).mul_add(dw[1], dw[0])),
         like.splat(c[(2, 1)]).mul_add(dw[2], dw[1]),
         dw[2],
     ];
-    let mut y = [mass * at_centre[0], mass * at_centre[1], mass * at_centre[2], o, o, o];
+    let mut y = [mass * at_center[0], mass * at_center[1], mass * at_center[2], o, o, o];
     for i in 0..3 {
         y[3 + i] = like.splat(root.weights[i]) * turned[i];
     }
