@@ -386,7 +386,7 @@ class Scene:
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Names of the movable joints in the order of q; the free joint of a floating base is the first, "root_joint"."""
+        """Names of the movable joints in the order of q, that of a floating base ("root_joint") first."""
 
     @property
     def body_names(self) -> tuple[str, ...]:
@@ -490,7 +490,7 @@ class Scene:
         errors: _Errors = "raise",
         return_info: Literal[False] = False,
     ) -> _Array:
-        """Joint accelerations from joint torques, in O(N): M qdd + bias = tau + J^T w, by a Kalman filter and a smoother.
+        """Joint accelerations from joint torques, in O(N): M qdd + bias = tau + J^T w, by a filter and a smoother.
 
         Parameters
         ----------
@@ -510,9 +510,10 @@ class Scene:
             "square-root". Default: max(5e-14, 4 n eps) with n degrees of freedom on the longest path to the base.
             Errors as small as the effect of one rounding of the forces are always accepted.
         wrenches : dict of str to (..., 6) array_like, optional
-            External forces by link name: (moment, force) at the origin and in the frame of the link, N m and N.
+            External forces by link name (links on fixed joints too): (moment, force) at the origin and in the frame of
+            the link, N m and N.
         out : ndarray, optional
-            C-contiguous array of the shape and dtype of the result. It receives the result and is returned.
+            C-contiguous array of the shape and dtype of the result, without overlap with the arguments. It is returned.
         dtype : {"float64", "float32"} or numpy dtype, optional
             Precision of the computation and of the result, float64 by default. float32 has twice the SIMD lanes and
             about 6 digits, fewer by those of the condition number of M. In form "auto", states that lose more than 4
@@ -648,10 +649,12 @@ class Scene:
             Number of steps.
         tau, tau_steps, method, record_every, pd, armature, damping, stiffness, rest, friction, friction_speed
             As given to simulate; tau is an array.
-        form, tolerance, limits, restitution
+        form, tolerance
             As given to simulate.
         parameters : bool, default False
             If true, compute the gradients with respect to inertial parameters too.
+        limits, restitution
+            As given to simulate.
 
         Returns
         -------
@@ -681,8 +684,8 @@ class Scene:
         >>> last[-1, 0] = 1.0     # the function is q[-1, 0]
         >>> keywords = dict(dt=1e-3, steps=100, method="rk4")
         >>> gradients = scene.simulate_vjp(path.q, path.qd, last, np.zeros_like(last), **keywords)
-        >>> np.isclose(gradients.q[0], 1.0)     # the first joint is vertical
-        np.True_
+        >>> np.allclose(gradients.q[0], 1.0)     # the first joint is vertical
+        True
         """
 
     def simulate(
@@ -938,9 +941,10 @@ class Scene:
         qdd : (..., nv) array_like
             Joint accelerations, rad/s^2 or m/s^2.
         wrenches : dict of str to (..., 6) array_like, optional
-            External forces by link name: (moment, force) at the origin and in the frame of the link, N m and N.
+            External forces by link name (links on fixed joints too): (moment, force) at the origin and in the frame of
+            the link, N m and N.
         out : ndarray, optional
-            C-contiguous array of the shape and dtype of the result. It receives the result and is returned.
+            C-contiguous array of the shape and dtype of the result, without overlap with the arguments. It is returned.
         dtype : {"float64", "float32"} or numpy dtype, optional
             Precision of the computation and of the result, float64 by default; see forward_dynamics.
         errors : {"raise", "nan"}, default "raise"
@@ -1002,7 +1006,7 @@ class Scene:
         qd : (..., nv) array_like
             Joint velocities, rad/s or m/s.
         out : ndarray, optional
-            C-contiguous array of the shape and dtype of the result. It receives the result and is returned.
+            C-contiguous array of the shape and dtype of the result, without overlap with the arguments. It is returned.
         dtype : {"float64", "float32"} or numpy dtype, optional
             Precision of the computation and of the result, float64 by default; see forward_dynamics.
         errors : {"raise", "nan"}, default "raise"
@@ -1043,7 +1047,7 @@ class Scene:
         q : (..., nq) array_like
             Joint positions, rad or m.
         out : ndarray, optional
-            C-contiguous array of the shape and dtype of the result. It receives the result and is returned.
+            C-contiguous array of the shape and dtype of the result, without overlap with the arguments. It is returned.
         dtype : {"float64", "float32"} or numpy dtype, optional
             Precision of the computation and of the result, float64 by default; see forward_dynamics.
         errors : {"raise", "nan"}, default "raise"
@@ -1075,14 +1079,14 @@ class Scene:
     def mass_matrix(  # type: ignore[overload-overlap]
         self, q: ArrayLike, *, out: _Array | None = None, dtype: _Float64 = None, errors: _Errors = "raise"
     ) -> _Array:
-        """Joint-space mass matrix M(q), the covariance of the joint torques (eq. 5.1), with the armature on its diagonal.
+        """Joint-space mass matrix M(q) including armature: the covariance of the joint torques (eq. 5.1).
 
         Parameters
         ----------
         q : (..., nq) array_like
             Joint positions, rad or m.
         out : ndarray, optional
-            C-contiguous array of the shape and dtype of the result. It receives the result and is returned.
+            C-contiguous array of the shape and dtype of the result, without overlap with the arguments. It is returned.
         dtype : {"float64", "float32"} or numpy dtype, optional
             Precision of the computation and of the result, float64 by default; see forward_dynamics.
         errors : {"raise", "nan"}, default "raise"
@@ -1140,7 +1144,7 @@ class Scene:
         tolerance : float, optional
             Largest accepted relative error in the forms "auto" and "square-root"; see forward_dynamics.
         out : ndarray, optional
-            C-contiguous array of the shape and dtype of the result. It receives the result and is returned.
+            C-contiguous array of the shape and dtype of the result, without overlap with the arguments. It is returned.
         dtype : {"float64", "float32"} or numpy dtype, optional
             Precision of the computation and of the result, float64 by default; see forward_dynamics.
         errors : {"raise", "nan"}, default "raise"
@@ -1186,7 +1190,7 @@ class Scene:
     ) -> _Single: ...
 
     def placements(self, q: ArrayLike, *, errors: _Errors = "raise") -> dict[str, _Array]:
-        """Poses of all links by name: homogeneous matrices from the link frame to the base frame (forward kinematics).
+        """Poses of all links by name (forward kinematics): homogeneous matrices from link to base frame.
 
         Parameters
         ----------
@@ -1217,7 +1221,7 @@ class Scene:
         """
 
     def placement(self, q: ArrayLike, link: str | Iterable[str], *, errors: _Errors = "raise") -> _Array:
-        """Pose of one link or of several: homogeneous matrices from the link frame to the base frame (forward kinematics).
+        """Pose of one link or of several (forward kinematics): homogeneous matrices from link to base frame.
 
         Parameters
         ----------
@@ -1313,7 +1317,7 @@ class Scene:
         kind: _Kind = "spatial",
         errors: _Errors = "raise",
     ) -> _Array:
-        """Spatial acceleration of a link relative to the base, (angular, linear), at joint accelerations qdd; no gravity.
+        """Spatial acceleration of a link relative to the base, (angular, linear): J qdd + J' qd, without gravity.
 
         Parameters
         ----------
@@ -1347,7 +1351,7 @@ class Scene:
 
         Notes
         -----
-        J qdd + J' qd, in O(depth).
+        O(depth).
 
         Examples
         --------
@@ -1522,7 +1526,8 @@ class Scene:
         qdd : (..., nv) array_like
             Joint accelerations, rad/s^2 or m/s^2.
         wrenches : dict of str to (..., 6) array_like, optional
-            External forces by link name: (moment, force) at the origin and in the frame of the link, N m and N.
+            External forces by link name (links on fixed joints too): (moment, force) at the origin and in the frame of
+            the link, N m and N.
         out : (..., 3, nv, nv) ndarray, optional
             C-contiguous float64 array; the results are views of it. Large batches take half the time into a reused one.
         errors : {"raise", "nan"}, default "raise"
@@ -1568,7 +1573,7 @@ class Scene:
         out: _Array | None = None,
         errors: _Errors = "raise",
     ) -> ForwardDynamicsDerivatives:
-        """Analytical derivatives of forward dynamics, in the tangent space of q: dqdd/dq, dqdd/dqd and dqdd/dtau = M^-1.
+        """Analytical derivatives of forward dynamics in the tangent space of q: dqdd/dq, dqdd/dqd, dqdd/dtau = M^-1.
 
         Parameters
         ----------
@@ -1585,7 +1590,8 @@ class Scene:
             entry for the derivatives. States beyond are recomputed in double-double arithmetic, which takes about 30
             times longer.
         wrenches : dict of str to (..., 6) array_like, optional
-            External forces by link name: (moment, force) at the origin and in the frame of the link, N m and N.
+            External forces by link name (links on fixed joints too): (moment, force) at the origin and in the frame of
+            the link, N m and N.
         out : (..., 3, nv, nv) ndarray, optional
             C-contiguous float64 array; the results are views of it. Large batches take half the time into a reused one.
         errors : {"raise", "nan"}, default "raise"
@@ -1647,7 +1653,8 @@ class Scene:
         tolerance : float, optional
             As in forward_dynamics_derivatives.
         wrenches : dict of str to (..., 6) array_like, optional
-            External forces by link name: (moment, force) at the origin and in the frame of the link, N m and N.
+            External forces by link name (links on fixed joints too): (moment, force) at the origin and in the frame of
+            the link, N m and N.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -1712,7 +1719,8 @@ class Scene:
         dqdd : (..., nv) array_like
             Change of qdd.
         wrenches : dict of str to (..., 6) array_like, optional
-            External forces by link name: (moment, force) at the origin and in the frame of the link, N m and N.
+            External forces by link name (links on fixed joints too): (moment, force) at the origin and in the frame of
+            the link, N m and N.
         dwrenches : dict of str to (..., 6) array_like, optional
             Changes of the wrenches, by link name.
         dparameters : (..., bodies, 10) array_like, optional
@@ -1772,7 +1780,8 @@ class Scene:
         cotangent : (..., nv) array_like
             Gradient of a scalar function with respect to tau.
         wrenches : dict of str to (..., 6) array_like, optional
-            External forces by link name: (moment, force) at the origin and in the frame of the link, N m and N.
+            External forces by link name (links on fixed joints too): (moment, force) at the origin and in the frame of
+            the link, N m and N.
         parameters : bool, default False
             If true, compute the gradients with respect to inertial parameters, armature and gravity too.
         errors : {"raise", "nan"}, default "raise"
@@ -1837,7 +1846,8 @@ class Scene:
         tolerance : float, optional
             As in forward_dynamics_derivatives.
         wrenches : dict of str to (..., 6) array_like, optional
-            External forces by link name: (moment, force) at the origin and in the frame of the link, N m and N.
+            External forces by link name (links on fixed joints too): (moment, force) at the origin and in the frame of
+            the link, N m and N.
         dwrenches : dict of str to (..., 6) array_like, optional
             Changes of the wrenches, by link name.
         dparameters : (..., bodies, 10) array_like, optional
@@ -1906,7 +1916,8 @@ class Scene:
         tolerance : float, optional
             As in forward_dynamics_derivatives.
         wrenches : dict of str to (..., 6) array_like, optional
-            External forces by link name: (moment, force) at the origin and in the frame of the link, N m and N.
+            External forces by link name (links on fixed joints too): (moment, force) at the origin and in the frame of
+            the link, N m and N.
         parameters : bool, default False
             If true, compute the gradients with respect to inertial parameters, armature and gravity too.
         errors : {"raise", "nan"}, default "raise"
@@ -1971,7 +1982,8 @@ class Scene:
         dqdd : (..., nv) array_like
             Change of qdd.
         wrenches : dict of str to (..., 6) array_like, optional
-            External forces by link name: (moment, force) at the origin and in the frame of the link, N m and N.
+            External forces by link name (links on fixed joints too): (moment, force) at the origin and in the frame of
+            the link, N m and N.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -2039,7 +2051,8 @@ class Scene:
         tolerance : float, optional
             As in forward_dynamics_derivatives.
         wrenches : dict of str to (..., 6) array_like, optional
-            External forces by link name: (moment, force) at the origin and in the frame of the link, N m and N.
+            External forces by link name (links on fixed joints too): (moment, force) at the origin and in the frame of
+            the link, N m and N.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -2081,7 +2094,7 @@ class Scene:
         qd : (..., nv) array_like
             Joint velocities, rad/s or m/s.
         out : ndarray, optional
-            C-contiguous array of the shape and dtype of the result. It receives the result and is returned.
+            C-contiguous array of the shape and dtype of the result, without overlap with the arguments. It is returned.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -2122,7 +2135,7 @@ class Scene:
         qd : (..., nv) array_like
             Joint velocities, rad/s or m/s.
         out : ndarray, optional
-            C-contiguous array of the shape and dtype of the result. It receives the result and is returned.
+            C-contiguous array of the shape and dtype of the result, without overlap with the arguments. It is returned.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -2531,7 +2544,8 @@ class Scene:
         tolerance : float, optional
             Largest accepted relative error in the forms "auto" and "square-root"; see forward_dynamics.
         wrenches : dict of str to (..., 6) array_like, optional
-            External forces by link name: (moment, force) at the origin and in the frame of the link, N m and N.
+            External forces by link name (links on fixed joints too): (moment, force) at the origin and in the frame of
+            the link, N m and N.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -2567,8 +2581,8 @@ class Scene:
         --------
         >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
         >>> dynamics = scene.constrained_dynamics([0.0, 0.1, 0.1], np.zeros(3), [0.0, 0.1, 0.0])
-        >>> np.isclose(dynamics.qdd[1], dynamics.qdd[2]), dynamics.forces["gear"].shape
-        (np.True_, (1,))
+        >>> np.allclose(dynamics.qdd[1], dynamics.qdd[2]), dynamics.forces["gear"].shape
+        (True, (1,))
         """
 
     def project(
@@ -2661,7 +2675,8 @@ class Scene:
         tolerance : float, optional
             Largest accepted relative error in the forms "auto" and "square-root"; see forward_dynamics.
         wrenches : dict of str to (..., 6) array_like, optional
-            External forces by link name: (moment, force) at the origin and in the frame of the link, N m and N.
+            External forces by link name (links on fixed joints too): (moment, force) at the origin and in the frame of
+            the link, N m and N.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -2801,15 +2816,44 @@ class Scene:
         --------
         >>> scene = phipsi.scenes.chain(3)
         >>> q, qd = np.array([0.3, 0.2, 0.1]), np.array([1.0, 0.5, 0.2])
-        >>> np.isclose(scene.kinetic_energy(q, qd), qd @ scene.mass_matrix(q) @ qd / 2)
-        np.True_
+        >>> np.allclose(scene.kinetic_energy(q, qd), qd @ scene.mass_matrix(q) @ qd / 2)
+        True
         """
 
     def potential_energy(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array | np.float64:
-        """Potential energy of gravity of all moving links, in O(N): minus gravity times the first moment of mass."""
+        """Potential energy of gravity of all moving links, in O(N): minus gravity times the first moment of mass.
+
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
+
+        Returns
+        -------
+        potential : (...) ndarray
+            Potential energy, J; zero with the center of mass at the origin of the base frame.
+
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        Its derivative along the tangent space of q is gravity_torque(q). Springs do not contribute.
+
+        Examples
+        --------
+        >>> scene, q = phipsi.scenes.chain(3), [0.3, 0.2, 0.1]
+        >>> weight = scene.total_mass * np.array(scene.gravity)
+        >>> np.allclose(scene.potential_energy(q), -weight @ scene.center_of_mass(q))
+        True
+        """
 
     def momentum(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
-        """Spatial momentum of all moving links: (angular about the origin of the base frame, linear), in the base frame.
+        """Spatial momentum of all moving links in the base frame: (angular about its origin, linear).
 
         Parameters
         ----------
@@ -2972,7 +3016,7 @@ class Scene:
         """
 
     def centroidal_momentum_matrix(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array:
-        """Centroidal momentum matrix A: the momentum (angular about the center of mass, linear) in the base frame is A qd.
+        """Centroidal momentum matrix A: A qd is (angular momentum about the center of mass, linear), in base axes.
 
         Parameters
         ----------
@@ -3005,7 +3049,7 @@ class Scene:
         """
 
     def centroidal_momentum_matrix_rate(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
-        """Time derivative A' of the centroidal momentum matrix along qd: the centroidal momentum changes at A qdd + A' qd.
+        """Time derivative A' of the centroidal momentum matrix along qd: the momentum changes at A qdd + A' qd.
 
         Parameters
         ----------
@@ -3338,8 +3382,8 @@ class Scene:
             Damping relative to the largest entry of J^T J over the variances; more keeps velocities small near
             singularities.
         limits : bool, default True
-            If true, joints, and joints coupled to them, stay within their limits. A joint outside of its limits returns as
-            fast as its velocity limit allows.
+            If true, joints, and joints coupled to them, stay within their limits. A joint outside of its limits
+            returns as fast as its velocity limit allows.
         velocity : float or (..., nv) array_like, optional
             Velocity limits instead of those of the joints, rad/s or m/s; inf: none. A floating base has limits only
             here.
@@ -3568,7 +3612,8 @@ class Scene:
         acceleration_variance : float, default 1
             s: prior variance of the acceleration of 1 kg m^2, (rad/s^2)^2, and of 1 kg, (m/s^2)^2.
         wrenches : dict of str to (..., 6) array_like, optional
-            External forces by link name: (moment, force) at the origin and in the frame of the link, N m and N.
+            External forces by link name (links on fixed joints too): (moment, force) at the origin and in the frame of
+            the link, N m and N.
         covariance : bool, default False
             If true, compute the covariances of the errors too.
         method : {"sequential", "batch"}, default "sequential"
@@ -4387,8 +4432,8 @@ class Simulator:
     >>> simulator = phipsi.scenes.chain(3).simulator([0.3, 0.2, 0.1], dt=1e-3)
     >>> for step in range(10):
     ...     simulator.step(tau=-0.1 * simulator.qd)
-    >>> np.isclose(simulator.t, 0.01)
-    np.True_
+    >>> np.allclose(simulator.t, 0.01)
+    True
     """
 
     def step(self, tau: ArrayLike | None = None, steps: int = 1) -> None:
@@ -4479,7 +4524,7 @@ class Simulator:
         """Shape of the batch; () for one state."""
     @property
     def contacts(self) -> ContactMotion | None:
-        """Contact forces of the last step and impulses since the start or reset, as ContactMotion; None without contacts."""
+        """Contact forces of the last step and impulses since the start, a ContactMotion; None without contacts."""
 
     @property
     def momentum_correction(self) -> MomentumCorrection | None:
@@ -4523,7 +4568,7 @@ class RandomModel:
 
     @property
     def dimension(self) -> int:
-        """Random numbers per sample: six per body (fewer for rods, point masses and frames), one per joint with armature."""
+        """Random numbers per sample: six per body (rods and point masses: fewer), one per joint with armature."""
 
     @property
     def acceleration_variance(self) -> float:
