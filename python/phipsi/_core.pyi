@@ -2838,7 +2838,36 @@ class Scene:
         """
 
     def potential_energy(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array | np.float64:
-        """Potential energy of gravity of all moving links, in O(N): minus gravity times the first moment of mass."""
+        """Potential energy of gravity of all moving links, in O(N): minus gravity times the first moment of mass.
+
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
+
+        Returns
+        -------
+        potential : (...) ndarray
+            Potential energy, J; zero with the center of mass at the origin of the base frame.
+
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        Its derivative along the tangent space of q is gravity_torque(q). Springs do not contribute.
+
+        Examples
+        --------
+        >>> scene, q = phipsi.scenes.chain(3), [0.3, 0.2, 0.1]
+        >>> weight = scene.total_mass * np.array(scene.gravity)
+        >>> np.allclose(scene.potential_energy(q), -weight @ scene.center_of_mass(q))
+        True
+        """
 
     def momentum(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
         """Spatial momentum of all moving links in the base frame: (angular about its origin, linear).

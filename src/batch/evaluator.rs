@@ -406,12 +406,20 @@ impl Scene {
             if !rounded.widened().is_finite() {
                 let found = format!("{value:e} at index {i}, which {} cannot hold", P::NAME);
                 return Err(Error::argument(
-                    format!("{} (result)", algorithm.entry().name),
+                    format!("{} (result)", name_of_result(algorithm)),
                     found,
                     "results below 3.4e38; float64 holds this one",
                 ));
             }
         }
         Ok(())
+    }
+}
+
+/// The name of the result in messages: of several, the function.
+fn name_of_result(algorithm: Algorithm) -> &'static str {
+    match algorithm.entry().results {
+        [(name, _)] => name,
+        _ => algorithm.entry().name,
     }
 }

@@ -33,8 +33,7 @@ use core::ops::{Add, Div, Mul, Neg, Sub};
 
 /// What the functions compute with: one number, or several of as many states.
 ///
-/// f64 and f32 are numbers by the standard library (numbers.rs). Without it, a type of your own is one, whose sines
-/// come from libm for instance.
+/// f64 and f32 are numbers by the standard library (numbers.rs). Without it, a type of your own is one, whose sines come from libm for instance.
 pub trait Number: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> + Neg<Output = Self> {
     /// A constant.
     #[must_use]

@@ -28,7 +28,7 @@ def page() -> str:
 
 def _line(row: dict[str, Any]) -> str:
     names = [*row["arguments"], *(["link"] if row["of_link"] else [])]
-    results = ", ".join(f"{name} ({_axes(axes)})" for name, axes in row["results"].items())
+    results = ", ".join(f"{name} ({_axes(axes)})" if axes else name for name, axes in row["results"].items())
     source = f"`{row['derivative_of']}`" if row["derivative_of"] else ""
     return f"| `{row['name']}` | {', '.join(names)} | {results} | {source} | {'yes' if row['few'] else ''} | {row['summary']}. |\n"
 

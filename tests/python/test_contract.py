@@ -142,8 +142,9 @@ def test_everything_public_is_documented(owner: type) -> None:
 
 
 def test_the_example_of_the_package_runs() -> None:
-    failed, tried = doctest.testmod(phipsi)
-    assert tried and not failed
+    example = doctest.DocTestParser().get_doctest(phipsi.__doc__ or "", dict(vars(phipsi)), "phipsi", None, None)
+    outcome = doctest.DocTestRunner().run(example)
+    assert outcome.attempted and not outcome.failed
 
 
 def test_armature_is_on_the_diagonal_of_m() -> None:
