@@ -237,9 +237,9 @@ fn congruence<T: Real>(lambda: &Symmetric6<T>, x: &Symmetric6<T>) -> Symmetric6<
         out.angular.entries[at] = dot(&columns[i], &products[j]);
         out.linear.entries[at] = dot(&columns[i + 3], &products[j + 3]);
     }
-    for i in 0..3 {
-        for j in 0..3 {
-            out.coupling[(i, j)] = dot(&columns[i], &products[j + 3]);
+    for (i, column) in columns[..3].iter().enumerate() {
+        for (j, product) in products[3..].iter().enumerate() {
+            out.coupling[(i, j)] = dot(column, product);
         }
     }
     out
