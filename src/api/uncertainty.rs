@@ -7,6 +7,9 @@ use crate::scene::Scene;
 use crate::spatial::SpatialVector;
 use crate::workspace::Workspace;
 
+/// q, qd, and torques or accelerations.
+type State<'a> = (&'a [f64], &'a [f64], &'a [f64]);
+
 impl Scene {
     /// Scratch for [`Scene::forward_dynamics_variance`] and [`Scene::inverse_dynamics_variance`].
     #[must_use]
@@ -43,7 +46,7 @@ impl Scene {
         &self,
         workspace: &mut Workspace<f64>,
         scratch: &mut VarianceScratch<f64>,
-        state: (&[f64], &[f64], &[f64]),
+        state: State<'_>,
         wrenches: &[SpatialVector<f64>],
         parameters: &ParameterRoots<f64>,
         torque: &TorqueVariance<'_, f64>,
@@ -73,7 +76,7 @@ impl Scene {
     pub fn inverse_dynamics_variance(
         &self,
         scratch: &mut VarianceScratch<f64>,
-        state: (&[f64], &[f64], &[f64]),
+        state: State<'_>,
         parameters: &ParameterRoots<f64>,
         torque: &TorqueVariance<'_, f64>,
         out: &mut [f64],
@@ -87,7 +90,7 @@ impl Scene {
     fn check_state_and_uncertainty(
         &self,
         scratch: &VarianceScratch<f64>,
-        (third, (q, qd, u)): (&str, (&[f64], &[f64], &[f64])),
+        (third, (q, qd, u)): (&str, State<'_>),
         parameters: &ParameterRoots<f64>,
         torque: &TorqueVariance<'_, f64>,
     ) -> Result<(), Error> {

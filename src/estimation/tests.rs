@@ -20,7 +20,12 @@ fn check(scene: &Scene, armature: f64) {
     let mut model: Model<DoubleDouble> = scene.model().cast();
     model.system.noise.fill(DoubleDouble::from_f64(armature));
     let nv = model.nv();
-    let q: Vec<DoubleDouble> = (0..model.nq).map(|i| DoubleDouble::from_f64(0.3 + 0.1 * i as f64)).collect();
+    let mut angle = 0.2;
+    let mut next = || {
+        angle += 0.1;
+        DoubleDouble::from_f64(angle)
+    };
+    let q: Vec<DoubleDouble> = (0..model.nq).map(|_| next()).collect();
     let mut workspace = Workspace::new(&model).in_form(Form::Covariance);
     let mut before = vec![Symmetric6::zero(); nv];
     factorise(&model, &mut workspace, &q, |row, p| before[row] = *p);

@@ -38,10 +38,9 @@ impl<T: Real> TorqueVariance<'_, T> {
         for (row, covariance) in self.joints.iter().enumerate() {
             let speed = qd[row].mul_add(qd[row], self.friction_speed * self.friction_speed).sqrt();
             let y = [qdd[row], qd[row], qd[row] / speed, T::one()];
-            for i in 0..4 {
-                let e = &covariance[i];
+            for (e, &weight) in covariance.iter().zip(&y) {
                 let inner = e[0].mul_add(y[0], e[1].mul_add(y[1], e[2].mul_add(y[2], e[3] * y[3])));
-                t[row] = y[i].mul_add(inner, t[row]);
+                t[row] = weight.mul_add(inner, t[row]);
             }
         }
     }
@@ -266,18 +265,18 @@ fn congruence<T: Real>(lambda: &Symmetric6<T>, x: &Symmetric6<T>) -> Symmetric6<
     // No closures: in lanes they would be functions without the instructions of the arm.
     let mut columns = [zero(); 6];
     let mut products = columns;
-    for i in 0..6 {
-        columns[i] = lambda.column(i);
-        products[i] = x.mul_vector(&columns[i]);
+    for (i, (column, product)) in columns.iter_mut().zip(&mut products).enumerate() {
+        *column = lambda.column(i);
+        *product = x.mul_vector(column);
     }
     let mut out = Symmetric6::zero();
     for (at, (i, j)) in PACKED.into_iter().enumerate() {
         out.angular.entries[at] = dot(&columns[i], &products[j]);
         out.linear.entries[at] = dot(&columns[i + 3], &products[j + 3]);
     }
-    for i in 0..3 {
-        for j in 0..3 {
-            out.coupling[(i, j)] = dot(&columns[i], &products[j + 3]);
+    for (i, column) in columns[..3].iter().enumerate() {
+        for (j, product) in products[3..].iter().enumerate() {
+            out.coupling[(i, j)] = dot(column, product);
         }
     }
     out

@@ -189,7 +189,7 @@ impl PyScene {
 
     /// Variances of accelerations (forward) or torques, (..., nv), then the covariance (6, 6) of each of the links; `roots` is (bodies, rank, 10).
     #[pyo3(name = "_variance")]
-    #[allow(clippy::too_many_arguments)] // one caller, in Python
+    #[allow(clippy::too_many_arguments, clippy::needless_pass_by_value)] // one caller, in Python; a list is extracted by value
     fn variance<'py>(
         &self,
         py: Python<'py>,
@@ -253,12 +253,11 @@ fn of_states(
     let (nv, count) = (scene.nv(), states.len());
     let mut qdd = [f64::NAN; FEW];
     let mut many = Vec::new();
-    let qdd = match qdd.get_mut(..nv * count) {
-        Some(qdd) => qdd,
-        None => {
-            many.resize(nv * count, f64::NAN);
-            &mut many[..]
-        }
+    let qdd = if let Some(qdd) = qdd.get_mut(..nv * count) {
+        qdd
+    } else {
+        many.resize(nv * count, f64::NAN);
+        &mut many[..]
     };
     if question.forward {
         scene.evaluate(evaluator, Algorithm::ForwardDynamics(Form::Auto), states, qdd)?;
@@ -277,7 +276,7 @@ fn of_states(
         let some: Vec<Accelerated<'_>> = (first..last).map(at).collect();
         doubt |= kernel.run(&some, &mut out[first * width..last * width]) << first;
     }
-    for i in (0..count).filter(|i| doubt >> i & 1 == 1) {
+    for i in (0..count).filter(|i| (doubt >> i) & 1 == 1) {
         let out = &mut out[i * width..(i + 1) * width];
         one_by_one(scene, question, &states[i], out).map_err(|error| Fault { state: i, error })?;
     }

@@ -219,7 +219,7 @@ class MomentumObserver:
         qd : (..., nv)
             Joint velocities, rad/s or m/s.
         tau : (..., nv)
-            Joint torques that act from now to the next step, N m or N; with friction that is known.
+            Joint torques that act from now to the next step, N m or N. Damping, friction and springs of the scene are not in the model: add their torques.
 
         Returns
         -------

@@ -68,6 +68,7 @@ class Observer:
     """An error-state Kalman filter of joint motion, external wrenches and sensor biases; Scene.observer makes it.
 
     Each step takes the readings of the present time, then moves on by dt: a = FD(q, qd, tau + n, w), qd + dt a, and q (+) dt (qd + dt a). Readings are linearized at the prediction.
+    Damping, friction and springs of the scene are not part of this model: add their torques to tau, and what is not known of them to torque_noise.
 
     Parameters
     ----------
@@ -262,7 +263,8 @@ class Observer:
         tau : (..., nv)
             Joint torques from the present time to the next, N m or N.
         readings : dict
-            Readings (..., m) by sensor name. A sensor that is missing, None, or NaN has none. That of a sensor with a delay belongs to the time that many steps ago.
+            Readings (..., m) by sensor name. A sensor that is missing, None, or NaN has none. That of a sensor with a delay belongs to the time that many steps ago; readings of
+            times before the first step are not used.
 
         Returns
         -------
