@@ -24,7 +24,7 @@ use pulp::x86::V3;
 #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
 use pulp::x86::V4;
 
-/// What is uncertain, and what of it is wanted: the same for all states of a batch.
+/// The uncertain quantities and the requested results, the same for all states of a batch.
 pub(crate) struct Question<'a> {
     /// Of accelerations, or of torques.
     pub forward: bool,

@@ -142,7 +142,7 @@ class MomentumObserver:
     joint_torque : (..., nv)
         The last estimate r.
     alarm : (...)
-        Whether the norm of r exceeded the threshold in the last step.
+        True if the last step raised an alarm.
     covariance : (..., nv, nv)
         Covariance of r without contact, at the last step.
 
