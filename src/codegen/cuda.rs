@@ -14,8 +14,8 @@ use std::fmt::Write;
 /// CUDA of functions of a scene under this name: NAME.cu, `test_NAME.cu`, `one_thread.h` and a Makefile.
 ///
 /// Each function is a kernel of many states, `extern "C"`, one state a thread: `NAME_forward_dynamics(count, q, qd,
-/// tau, qdd)`, and the number `i` of the array q of the state `s` is `q[i * count + s]`, so that threads side by side
-/// read numbers side by side. Long programs are in parts, as in C. NAME.cu includes nothing and is compiled at run
+/// tau, qdd)`, and the number `i` of the array q of the state `s` is `q[i * count + s]`, so that adjacent
+/// threads read adjacent values. Long programs are in parts, as in C. NAME.cu includes nothing and is compiled at run
 /// time by NVRTC, or by nvcc. `one_thread.h` makes C99 of it, where threads are a loop: `make test-c` compares with
 /// the scene without a GPU, `make test` with one.
 ///

@@ -21,8 +21,8 @@ use crate::spatial::RigidShift;
 pub enum Function {
     /// qdd of (q, qd, tau), in covariance form.
     ForwardDynamics,
-    /// The same, and by how much it stays clear of losing digits: below zero, or NaN, of a state in doubt, which the
-    /// scene's methods in form auto do by other means.
+    /// The same with the margin of its error estimate: negative or NaN for a state that the methods of the scene
+    /// recompute in form auto.
     ForwardDynamicsWatched,
     /// tau of (q, qd, qdd).
     InverseDynamics,

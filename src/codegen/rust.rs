@@ -20,8 +20,8 @@ use std::fmt::Write;
 ///
 /// Safe code that needs `core` alone. src/dynamics.rs has the functions, generic over a trait `Number` that it
 /// defines, as straight lines of operations, those of more than 8000 in parts as in C: arguments are arrays of one
-/// state, SI units, radians, and the result is an array, or a tuple of arrays. src/lanes.rs adds `Lanes<T, N>`, N
-/// numbers side by side, and a function of many states for each. src/numbers.rs makes f64 and f32 numbers, by the
+/// state, SI units, radians, and the result is an array, or a tuple of arrays. src/lanes.rs adds `Lanes<T, N>`,
+/// vectors of N values, and a function of many states for each. src/numbers.rs makes f64 and f32 numbers, by the
 /// standard library (feature `std`, on unless switched off). Each of the first three can be included in a module of
 /// another crate, from a build script for instance. Results are those of the scene's methods to rounding, in
 /// covariance form.

@@ -232,7 +232,7 @@ LARGE: dict[str, Large] = {
     "centroidal_momentum_matrix": Large("q", batch(10**6, lambda scene, q: scene.centroidal_momentum_matrix(q))),
     "centroidal_momentum_matrix_rate": Large("q, qd", broadcast("centroidal_momentum_matrix_rate")),
     "kinetic_energy": Large("q, qd", broadcast("kinetic_energy")),
-    "potential_energy": Large("q", batch(2 * 10**6, lambda scene, q: scene.potential_energy(q)), room=30),
+    "potential_energy": Large("q", batch(4 * 10**6, lambda scene, q: scene.potential_energy(q)), room=20),
     "constraint_error": Large("q", through_connections("constraint_error", 0, 10**7), room=100),
     "constraint_jacobian": Large("q", through_connections("constraint_jacobian", 0, 2 * 10**6)),
     "constraint_bias": Large("q", through_connections("constraint_bias", 1, 10**7), room=100),
