@@ -8,7 +8,7 @@ use nalgebra::{DMatrix, DVector, Rotation3, Vector3};
 use phipsi::filter::Form;
 use phipsi::kinematics::{AccelerationKind, ReferenceFrame};
 use phipsi::operators::{Factor, KINDS, Operator};
-use phipsi::report::operations::{Task, count_recursion, of_factor};
+use phipsi::report::operations::{Task, count, of_factor};
 use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder, Simplifications};
 use phipsi::spatial::{SpatialVector, Symmetric3};
 use phipsi::{Algorithm, Arguments, Derivatives};

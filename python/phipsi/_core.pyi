@@ -790,9 +790,10 @@ class Scene:
             Error control: bound of the estimated error of each substep, rad or m, relative above 1 rad/s or m/s.
         duration : float, optional
             Simulated time, s, instead of steps.
-        covariance : phipsi.estimation.MotionUncertainty, optional
-            What is uncertain: the trajectory gets .bands, standard deviations and covariances of every row to first order; or a covariance of the inertial parameters alone, as in
-            forward_dynamics_variance. Needs method="semi-implicit-euler" and record_every=1, and is refused where motion has no derivative (stops, exact friction, contacts).
+        covariance : MotionUncertainty or (bodies, 10, 10) array_like, optional
+            Uncertainty of the start, the parameters and the torques, or the covariance of the inertial parameters
+            alone. The trajectory then has .bands: standard deviations and covariances of each row, to first order.
+            Requires method="semi-implicit-euler" and record_every=1; an error for stops, exact friction and contacts.
 
         Returns
         -------
@@ -3509,19 +3510,39 @@ class Scene:
         (True, True)
         """
     def regressor(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, *, errors: _Errors = "raise") -> NDArray[np.float64]:
-        """The joint torque regressor Y: torques are linear in the inertial parameters, inverse_dynamics(q, qd, qdd) = Y pi + armature qdd.
+        """Joint torque regressor Y: inverse_dynamics(q, qd, qdd) = Y parameters + armature qdd.
 
-        q: (..., nq); qd, qdd: (..., nv); SI units, radians; leading axes broadcast. errors: as in forward_dynamics.
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        qdd : (..., nv) array_like
+            Joint accelerations, rad/s^2 or m/s^2.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
-        Entry (i, b, p) is the derivative of torque i by parameter p of the link body_names[b], with what is fixed onto it: the parameters are
-        (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz), in the axes of the link, I about the link's origin, as in Identification.parameters. It is zero where the link is
-        not outboard of the joint. Computed in O(N depth).
+        Returns
+        -------
+        regressor : (..., nv, bodies, 10) ndarray
+            Entry (i, b, p) is the derivative of torque i with respect to parameter p of the link body_names[b] and the
+            links fixed to it. The parameters are (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz) in the frame of
+            the link, moments of inertia about its origin, as in Identification.parameters; kg, kg m and kg m^2.
 
-        Returns (..., nv, bodies, 10).
+        Raises
+        ------
+        ArgumentError
+            A scene with connections.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
 
-        Raises ArgumentError for a scene with connections; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+        Notes
+        -----
+        O(N depth). The entries of links that are not outboard of the joint are zero.
 
-        >>> import phipsi
+        Examples
+        --------
         >>> scene = phipsi.scenes.chain(3)
         >>> scene.regressor([0.1, 0.2, 0.3], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]).shape
         (3, 3, 10)
@@ -3729,71 +3750,91 @@ class Scene:
         instruments: tuple[ArrayLike, ArrayLike, ArrayLike] | None = None,
         blocks: int = 20,
     ) -> Identification:
-        """The most probable inertias, and what acts at the joints, from measured motion and torques, with intervals that hold for noise of any spectrum.
-
-        Each body gets inertias that a body can have: maximum a posteriori with a Wishart prior on its second moments of mass, which is convex. Intervals are by the
-        delete-one-block jackknife over blocks of time, so that they hold where residuals are correlated, which those of real robots are.
+        """Most probable inertial and joint parameters from measured motion and torques, with confidence intervals.
 
         Parameters
         ----------
         q : (k, nq) array_like
-            Positions, rad or m, in the order of time.
-        qd, qdd : (k, nv) array_like
-            Velocities and accelerations, for instance of `phipsi.smooth`.
+            Joint positions of k measured states in the order of time, rad or m.
+        qd : (k, nv) array_like
+            Joint velocities, rad/s or m/s, for instance of phipsi.smooth.
+        qdd : (k, nv) array_like
+            Joint accelerations, rad/s^2 or m/s^2.
         tau : (k, nv) array_like
-            Measured torques, N m or N; NaN where one was not measured. With `transmission`: of the motors, (k, motors).
-        fit : collection of str
-            What is found beside inertias, of "armature", "damping", "friction", "offset", "stribeck" (friction that falls with velocity) and "load" (friction proportional to the
-            torque that the joint carries). What is not fitted is the model's: its armature, damping, friction and springs are part of the torques.
-        noise : array_like, optional
-            Standard deviation of the torques, one number or one per torque: the weights. None: that of the residuals of least squares, which takes at least twice as many
-            measured torques as there are parameters that they determine.
-        trust : float
-            Weight of the model's own inertias: each parameter is expected within about 1 / sqrt(trust) of them, relatively.
-        keep : collection of str
-            Names of body_names whose inertias stay.
-        friction_speed : float
-            Velocity below which dry friction becomes viscous, rad/s or m/s.
-        stribeck_speed : float
-            Velocity at which the friction of "stribeck" has fallen to 1/e.
+            Measured joint torques, N m or N; NaN: not measured. With `transmission`: motor torques, (k, motors).
+        fit : collection of str, optional
+            Joint parameters to identify too: "armature", "damping", "friction", "offset", "stribeck" (friction that
+            decreases with speed) and "load" (friction proportional to the joint torque). The others are those of the
+            scene.
+        noise : float or (nv,) array_like, optional
+            Standard deviation of the torques, N m or N. None: estimated from the residuals of least squares, which
+            needs at least twice as many measured torques as parameters.
+        trust : float, default 1
+            Weight of the parameters of the scene: each parameter is expected within about 1 / sqrt(trust) of them,
+            relatively.
+        keep : collection of str, optional
+            Names in body_names whose inertias remain.
+        friction_speed : float, default 0.01
+            Speed below which friction is viscous, rad/s or m/s.
+        stribeck_speed : float, default 0.1
+            Speed at which the friction of "stribeck" has decreased to 1/e, rad/s or m/s.
         time : (k,) array_like, optional
-            Times of the rows, s, rising. With them gaps, repeated times, units that disagree, and clocks of q and tau that disagree are found and reported.
+            Times of the rows, s, increasing. With times, gaps, repeated times, inconsistent units and a delay between
+            the clocks of q and tau are detected.
         transmission : (motors, nv) array_like, optional
-            B of motor velocities = B qd, motors = nv: joint torques are B^T times those of the motors. Armature, damping, friction, offsets and noise are then the motors'.
-        tau_delay : float
-            How much later than q the torques are, s; they are shifted back by linear interpolation. Needs `time`.
-        acceleration_noise : array_like, optional
-            Standard deviation of the noise in qdd, (nv,), as `phipsi.smooth(...).acceleration_noise` has it: predicts the bias that it causes.
-        instruments : tuple of array_like, optional
-            (q, qd, qdd) of the trajectory that was commanded: instrumental variables, which remove the bias by noise in the measured motion.
-        blocks : int
-            The number of blocks of time of the jackknife. Each should be longer than half the correlation time of the residuals: where neighboring blocks are correlated, or have fewer than two torques per parameter, they are
-            merged, down to eight.
+            Matrix B of motor velocities = B qd, with motors = nv: joint torques are B^T times motor torques. Armature,
+            damping, friction, offsets and noise then are those of the motors.
+        tau_delay : float, default 0
+            Delay of the torques relative to q, s. They are shifted by linear interpolation; requires `time`.
+        acceleration_noise : (nv,) array_like, optional
+            Standard deviation of the noise in qdd, as phipsi.smooth(...).acceleration_noise, for the prediction of the
+            bias that it causes.
+        instruments : tuple of (q, qd, qdd), optional
+            Commanded trajectory, used as instrumental variables. They remove the bias caused by noise in the measured
+            motion.
+        blocks : int, default 20
+            Number of time blocks of the jackknife. Neighboring blocks are merged, down to eight blocks, if their
+            residuals are correlated or if they have fewer than two torques per parameter.
 
         Returns
         -------
-        phipsi.Identification
-            The new scene, parameters, intervals, base parameters, residuals, and the share of each parameter that the data decide.
+        identification : Identification
+            The new scene, parameters, intervals, base parameters, residuals, and for each parameter the share that the
+            data determine.
 
         Raises
         ------
         ArgumentError
-            Too few measurements, unknown names, times that fall, noise below the rounding of the torques, and bodies of the model without mass.
+            Too few measurements, unknown names, decreasing times, noise below the rounding of the torques, bodies of
+            the scene without mass.
         ShapeError, NotFiniteError
-            Arrays of wrong shapes, and numbers that are not finite.
+            Invalid arrays.
 
         Warns
         -----
         LogWarning
-            Units and clocks that disagree; gaps and repeated times.
+            Inconsistent units or clocks, gaps, repeated times.
         IdentificationWarning
             A predicted bias above 0.2 standard deviations.
         InertiaWarning
-            Bodies of the model whose inertia no body can have: they start from the nearest that one can have.
+            A body of the scene whose inertia no rigid body can have. The iteration starts from the nearest one that
+            can.
 
         Notes
         -----
-        States are read in blocks: memory does not grow with k. For logs that do not fit into memory: phipsi.estimation.Accumulator.
+        Maximum a posteriori with a Wishart prior on the second moments of mass of each body: convex, and every body
+        receives an inertia that a rigid body can have. Intervals come from the delete-one-block jackknife, which is
+        valid for correlated residuals. The memory does not grow with k. phipsi.estimation.Accumulator reads logs that
+        do not fit into memory.
+
+        Examples
+        --------
+        >>> scene = phipsi.load(phipsi.BUNDLED_ARM).with_properties(damping=0.0, friction=0.0)
+        >>> q, qd, qdd = np.random.default_rng(0).normal(size=(3, 50, 6))
+        >>> tau = scene.with_payload("link6", 1.0).inverse_dynamics(q, qd, qdd)
+        >>> found = scene.identify(q, qd, qdd, tau, noise=0.01)
+        >>> bool((found.after < 1e-3).all())     # N m
+        True
         """
 
     def excitation(
@@ -3808,36 +3849,45 @@ class Scene:
         iterations: int = 300,
         seed: int = 0,
     ) -> Excitation:
-        """A periodic trajectory that excites the parameters: Fourier series within limits, whose determinant of the information matrix is largest (D-optimal).
+        """Periodic joint trajectory within limits that excites the parameters: a D-optimal Fourier series.
 
         Parameters
         ----------
         duration : float
-            Length of the trajectory, s: one period.
-        limits : phipsi.Limits, optional
-            Limits of position, velocity and torque. None: those of the scene. Where one is infinite, positions stay within 1 rad or 0.2 m of the middle.
-        harmonics : int
-            Frequencies of the series, multiples of 1/duration.
-        fit : collection of str
-            As in identify.
-        noise : array_like, optional
-            Standard deviation of the torques, for the predicted standard deviations; 1 % of the largest torque by default.
-        rate : float
+            Length of the trajectory, one period, s.
+        limits : Limits, optional
+            Limits of positions, velocities and torques. None: those of the scene. A position without a limit stays
+            within 1 rad or 0.2 m of its neutral value.
+        harmonics : int, default 5
+            Number of frequencies of the series, multiples of 1 / duration.
+        fit : collection of str, optional
+            Joint parameters to identify too, as in identify.
+        noise : float or (nv,) array_like, optional
+            Standard deviation of the torques for the predicted standard deviations, N m or N. None: 1 % of the largest
+            torque.
+        rate : float, default 100
             Samples per second.
-        iterations : int
-            Steps of the search.
-        seed : int
-            Of its random steps.
+        iterations : int, default 300
+            Number of steps of the search.
+        seed : int, default 0
+            Seed of its random steps.
 
         Returns
         -------
-        phipsi.estimation.Excitation
-            Times, q, qd, qdd, torques of the model, and the standard deviations that the base parameters will have.
+        excitation : Excitation
+            Times, q, qd, qdd, the torques of the scene, and the predicted standard deviations of the base parameters.
 
         Raises
         ------
         ArgumentError
-            A scene with joints that are not of one axis, or limits that leave no room.
+            A scene with joints of several axes, or limits that no trajectory meets.
+
+        Examples
+        --------
+        >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+        >>> found = scene.excitation(4.0, iterations=5, rate=25.0)
+        >>> found.q.shape
+        (101, 6)
         """
 
     def plan(self) -> Plan:

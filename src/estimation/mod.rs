@@ -25,6 +25,7 @@
 //! ```
 
 pub mod identification;
+#[cfg(feature = "python")]
 pub(crate) mod lanes;
 pub mod log_smoother;
 mod parameter_roots;

@@ -1,6 +1,8 @@
 //! Roots of the covariances of bodies' inertial parameters.
 
-use crate::dynamics::derivatives::{Parameters, inertia, parameters};
+#[cfg(feature = "python")]
+use crate::dynamics::derivatives::parameters;
+use crate::dynamics::derivatives::{Parameters, inertia};
 use crate::scalar::Real;
 use crate::spatial::{BodyInertia, Symmetric6};
 use nalgebra::Vector6;
@@ -59,6 +61,7 @@ impl<T: Real> ParameterRoots<T> {
     }
 }
 
+#[cfg(feature = "python")]
 impl ParameterRoots<f64> {
     /// The same in another scalar.
     #[must_use]

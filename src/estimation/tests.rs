@@ -1,4 +1,5 @@
-//! The analysis of the filter with its own noise is the paper's: C = M and t = r give Pi = P, V = Lambda and the diagonal of M^-1.
+//! With the noise of the filter itself the analysis reproduces the paper: C = M and t = r give Pi = P, V = Lambda and
+//! the diagonal of M^-1.
 
 use super::variance::{Factored, VarianceScratch, Variances, base_to_tip, tip_to_base};
 use crate::dynamics::{InverseScratch, factorise, mass_matrix_inverse};
@@ -28,16 +29,21 @@ fn check(scene: &Scene, armature: f64) {
     let q: Vec<DoubleDouble> = (0..model.nq).map(|_| next()).collect();
     let mut workspace = Workspace::new(&model).in_form(Form::Covariance);
     let mut before = vec![Symmetric6::zero(); nv];
-    factorise(&model, &mut workspace, &q, |row, p| before[row] = *p);
+    factorise(&model, &mut workspace, &q);
+    let (shift, measured) = (&workspace.store.shifts, &workspace.store.measured);
+    for k in 0..model.bodies.len() {
+        let seen = |row: usize, p: &Symmetric6<DoubleDouble>| before[row] = *p;
+        workspace.filtered_covariance((&model.system, k), &mut measured.clone(), false, seen);
+    }
     let mut lambda = vec![Symmetric6::zero(); model.bodies.len()];
-    covariance::sweep(&model.system, &workspace.shift, &workspace.measured, &mut lambda, |_, _, _| {});
+    covariance::sweep(&model.system, shift, measured, &mut lambda, |_, _, _| {});
 
     let mut scratch = VarianceScratch::new(&model);
     for (noise, body) in scratch.predicted.iter_mut().zip(&model.bodies) {
         *noise = body.inertia.to_symmetric();
     }
     scratch.torque.copy_from_slice(&model.system.noise);
-    let factor = Factored { shift: &workspace.shift, measured: &workspace.measured };
+    let factor = Factored { shift, measured };
     tip_to_base(&model, factor, &mut scratch);
     for (row, (found, expected)) in scratch.before_row.iter().zip(&before).enumerate() {
         assert!(off(found, expected) <= 1e-27, "P of row {row}");
