@@ -16,7 +16,7 @@ SRC = Path(__file__).parents[2] / "src"
 #: From top to bottom: each module uses only those before it.
 ROOMS = (
     "error",
-    "watch",
+    "interrupt",
     "memory",
     "scalar",
     "spatial",
