@@ -123,17 +123,17 @@ def test_json_has_no_nan(found: Stability) -> None:
 def test_the_pages_are_written(found: Stability, tmp_path: Path) -> None:
     index, markdown = pipeline.write(STABILITY, found, tmp_path / "report", tmp_path / "docs" / "numerics.md", drawer=static.draw)
     text = index.read_text(encoding="utf-8")
-    assert text.index("Where the square-root form misses its aim") < text.index("heavy-tip")
+    assert text.index("Cases in which the square-root form misses") < text.index("heavy-tip")
     assert "`" not in re.sub(r"<script.*?</script>", "", text, flags=re.DOTALL)
     assert text.count('<div class="plot"') == 6
     assert {file.name for file in (tmp_path / "report").iterdir()} == {"index.html", "stability.json"}
     written = markdown.read_text(encoding="utf-8")
-    assert "{{" not in written and "{%" not in written and "peer" not in written.partition("## What failed")[0]
+    assert "{{" not in written and "{%" not in written and "peer" not in written.partition("## Failures")[0]
     pictures = list((tmp_path / "docs").glob("*.png"))
     assert len(pictures) == 6
     for picture in pictures:
         assert f"({picture.name})" in written
-    assert "Why deleting a column does not" in written
+    assert "## Loss of precision in the covariance form" in written
     for name in phipsi.scenes.names():
         assert f"### {name}" in written
 

@@ -68,7 +68,7 @@ def test_where_phipsi_is_worse_is_found(
     rows = worse(made, ROOT)
     assert len(rows) == expected
     text = pipeline.write(COMPARED, made, None, tmp_path / "numerics.md", drawer=static.draw)[0].read_text(encoding="utf-8")
-    assert text.index("Where phipsi is worse than a peer") < text.index("## Where the square-root form misses")
+    assert text.index("Cases in which a peer is more accurate") < text.index("## Cases in which the square-root form misses")
     assert ("| heavy-tip | Peer |" in text) == bool(expected)
 
 
@@ -126,7 +126,7 @@ def test_programs_that_are_not_there_are_named(monkeypatch: pytest.MonkeyPatch, 
     made = Compared(True, others=others, absent=lines, parts=found.parts | {"cases": [point(1.0, 1.0)]})
     monkeypatch.setattr(pipeline, "draw", lambda *_: [])
     for text in (page.read_text(encoding="utf-8") for page in pipeline.write(COMPARED, made, tmp_path, tmp_path / "n.md", drawer=static.draw)):
-        assert text.index("pip install drake") < text.rindex("Where the square-root form misses")
+        assert text.index("pip install drake") < text.rindex("Cases in which the square-root form misses")
     assert pipeline.to_json(COMPARED, made)["not_compared"] == lines
 
 
@@ -138,7 +138,7 @@ def test_a_peer_that_is_wrong_on_ordinary_scenes_is_left_out(wrong: float, monke
     kept, lines = compared()
     assert [other.name for other in kept] == ["Good"]
     assert lines[0] == "Other is not installed."
-    assert lines[1].startswith("Bad (Bad 1) is off by ")
+    assert lines[1].startswith("Bad (Bad 1) has an error of ")
     assert len(lines) == 2
 
 
@@ -155,7 +155,7 @@ def test_a_peer_that_takes_no_ordinary_scene_is_left_out(monkeypatch: pytest.Mon
 def test_the_pages_are_written(found: Compared, tmp_path: Path) -> None:
     index, markdown = stability.write(found, tmp_path / "report", tmp_path / "docs" / "numerics.md")
     for text in (index.read_text(encoding="utf-8"), markdown.read_text(encoding="utf-8")):
-        assert text.index("Where phipsi is worse than a peer") < text.rindex("Where the square-root form misses")
+        assert text.index("Cases in which a peer is more accurate") < text.rindex("Cases in which the square-root form misses")
         assert all(other.name in text for other in found.others)
     assert "{%" not in text and "through their own builders" in text
     assert len(list((tmp_path / "docs").glob("*.png"))) == text.count("![") == 6
