@@ -115,7 +115,7 @@ def test_all_states_of_a_batch_and_of_two_axes(arm: phipsi.Scene) -> None:
         found = arm.forward_dynamics(q, qd, tau, errors="nan")
     assert caught[0].message.states == ((1, 7), (2, 39))  # type: ignore[union-attr]
     assert np.isnan(found).any(axis=-1).sum() == 2
-    with pytest.warns(BadStateWarning, match=r"120 of 120 states .*; \.\.\. \(the warning's \.states and \.reasons have all\)"):
+    with pytest.warns(BadStateWarning, match=r"120 of 120 states .*; \.\.\. \(\.states and \.reasons of this warning list all\)"):
         found = arm.forward_dynamics(np.full(7, np.nan), qd, tau, errors="nan")
     assert np.isnan(found).all()
 

@@ -77,7 +77,7 @@ def test_rpy_is_yaw_after_pitch_after_roll() -> None:
 
 REFUSED: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
     "type": ({"type": "hinge"}, SceneError, r'joint "hinge": found type "hinge"; expected one of fixed, revolute, .*screw'),
-    "screw without pitch": ({"type": "screw"}, SceneError, r'joint "hinge".*without pitch'),
+    "screw without pitch": ({"type": "screw"}, SceneError, r'joint "hinge".*without a pitch'),
     "pitch of no screw": ({"pitch": 0.1}, SceneError, r'joint "hinge".*pitch 0\.1 for a revolute'),
     "parent": ({"parent": "floor"}, SceneError, r'"hinge".*parent link "floor".*"base", "rod"'),
     "child": ({"child": "stick"}, SceneError, r'"hinge".*child link "stick"'),

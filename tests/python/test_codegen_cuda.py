@@ -218,7 +218,7 @@ def test_arguments_that_are_broken_are_named(gpu: Any) -> None:
         fast.forward_dynamics(q, np.zeros((5, 3)), q)
     with pytest.raises(ArgumentError, match="tau: .*list"):
         fast.forward_dynamics(q, q, [0.0, 0.0, 0.0])
-    with pytest.raises(ArgumentError, match="q: found float32; expected float64"):
+    with pytest.raises(ArgumentError, match="q: found float32; expected the compiled dtype float64"):
         fast.forward_dynamics(q.astype(np.float32), q, q)
     with pytest.raises(ShapeError, match=r"tau: .*\(5, 2\); expected \(\.\.\., 3\)"):
         fast.forward_dynamics(q, q, q[:, :2])

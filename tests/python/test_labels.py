@@ -197,7 +197,7 @@ REFUSED = {
     "twice": (lambda p, v: p.Series(v, index=("joint0", *NAMES[:6])), 'without "joint6" and with twice "joint0"'),
     "dates": (lambda p, v: p.Series(v, index=p.date_range("2026-01-01", periods=7)), "its labels are no names"),
     "tuples": (lambda p, v: p.Series(v, index=p.MultiIndex.from_product([["a"], NAMES])), "its labels are no names"),
-    "an extra column": (lambda p, v: p.DataFrame(np.ones((2, 8)), columns=("time", *NAMES)), 'no movable joint, "time"'),
+    "an extra column": (lambda p, v: p.DataFrame(np.ones((2, 8)), columns=("time", *NAMES)), 'names that are not movable joints, "time"'),
     "names of rows": (lambda p, v: p.DataFrame(np.ones((7, 7)), index=NAMES), "the names are on another axis"),
     "a list of named": (lambda p, v: [p.Series(v, index=NAMES)], r"q\[0\]: found an object of type pandas.*Series"),
     "missing values": (lambda p, v: p.Series([*v[:6], None], dtype="Float64"), "q: found (dtype object|NaN)"),

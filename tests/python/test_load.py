@@ -63,7 +63,7 @@ def test_shapes_of_a_xacro_with_arguments(xacro_file: Path, monkeypatch: pytest.
     scene = phipsi.load(xacro_file, xacro_arguments={"mass": "3"})
     assert scene.to_urdf().count('<sphere radius="3"') == 2
     other = phipsi.load(xacro_file, xacro_arguments={"mass": "4"})
-    with pytest.warns(MeshWarning, match="shapes of the xacro 'rods.urdf.xacro' are omitted, as .* it was read with different arguments"):
+    with pytest.warns(MeshWarning, match="shapes of the xacro 'rods.urdf.xacro' are omitted, because .* it was read with different arguments"):
         assert "sphere" not in other.to_urdf()
     # Another process does not know them.
     monkeypatch.setattr("phipsi._xacro._arguments", {})

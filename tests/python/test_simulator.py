@@ -341,7 +341,7 @@ def test_two_calls_at_once_are_refused_and_not_mixed(arm: phipsi.Scene) -> None:
     other.start()
     try:
         deadline = time.monotonic() + 60
-        with pytest.raises(errors.ArgumentError, match="simulator: found another call .* under way; .* copy.copy"):
+        with pytest.raises(errors.ArgumentError, match="simulator: found a call during another call .*; .* copy.copy"):
             while time.monotonic() < deadline:
                 _ = simulator.q
     finally:
