@@ -22,6 +22,7 @@
 //! # }
 //! ```
 
+#[cfg(feature = "python")]
 pub(crate) mod lanes;
 mod parameter_roots;
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! Roots of the covariances of bodies' inertial parameters.
 
-use crate::dynamics::derivatives::{Parameters, inertia, parameters};
+use crate::dynamics::derivatives::{Parameters, inertia};
 use crate::scalar::Real;
 use crate::spatial::{BodyInertia, Symmetric6};
 use nalgebra::Vector6;
@@ -59,11 +59,16 @@ impl<T: Real> ParameterRoots<T> {
     }
 }
 
+#[cfg(feature = "python")]
 impl ParameterRoots<f64> {
     /// The same in another scalar.
     #[must_use]
     pub(super) fn cast<T: Real>(&self) -> ParameterRoots<T> {
-        let columns = self.columns.iter().map(|column| inertia(&parameters(column).map(T::from_f64))).collect();
+        let columns = self
+            .columns
+            .iter()
+            .map(|column| inertia(&crate::dynamics::derivatives::parameters(column).map(T::from_f64)))
+            .collect();
         ParameterRoots { columns, ends: self.ends.clone() }
     }
 }
