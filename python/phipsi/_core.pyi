@@ -3887,7 +3887,7 @@ class Scene:
         >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
         >>> found = scene.excitation(4.0, iterations=5, rate=25.0)
         >>> found.q.shape
-        (101, 6)
+        (100, 6)
         """
 
     def plan(self) -> Plan:

@@ -193,7 +193,7 @@ impl PyScene {
     /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
     /// >>> found = scene.excitation(4.0, iterations=5, rate=25.0)
     /// >>> found.q.shape
-    /// (101, 6)
+    /// (100, 6)
     #[pyo3(signature = (duration, **how),
            text_signature = "($self, duration, *, limits=None, harmonics=5, fit=(), noise=None, \
                              rate=100.0, iterations=300, seed=0)")]

@@ -201,6 +201,18 @@ LARGE: dict[str, Large] = {
     "forward_dynamics_vjp": Large(
         "q", batch(10**6, lambda scene, q: scene.forward_dynamics_vjp(q, rates(q), rates(q), rates(q), parameters=True))
     ),
+    "forward_dynamics_variance": Large(
+        "q, qd",
+        lambda scene: lambda: scene.forward_dynamics_variance(
+            np.zeros((30_000, 1, scene.nq)), np.zeros((30_000, scene.nv)), np.zeros(scene.nv), torque=1.0
+        ),
+    ),
+    "inverse_dynamics_variance": Large(
+        "q, qd",
+        lambda scene: lambda: scene.inverse_dynamics_variance(
+            np.zeros((30_000, 1, scene.nq)), np.zeros((30_000, scene.nv)), np.zeros(scene.nv), torque=1.0
+        ),
+    ),
     "regressor": Large("q", batch(10**6, lambda scene, q: scene.regressor(q, rates(q), rates(q)))),
     "identify": Large("q", in_float32(8_000_000, lambda scene, q: scene.identify(q, q, q, q))),
     "inverse_kinematics": Large(
@@ -329,7 +341,7 @@ LARGE: dict[str, Large] = {
 }
 
 #: Parameters that determine computing time, or select elements, but do not determine memory.
-NO_MEMORY = {"connect.length", "emergence.samples", "sensitivity.draws", "step.steps", "reset.states", "with_inertias.links"}
+NO_MEMORY = {"connect.length", "emergence.samples", "sensitivity.draws", "step.steps", "reset.states", "with_inertias.links", "forward_dynamics_variance.links"}
 
 
 def main(name: str) -> None:

@@ -30,7 +30,6 @@ ROOMS = (
     "scene",
     "scenes",
     "dynamics",
-    "estimation",
     "batch",
     "estimation",
     "operators",

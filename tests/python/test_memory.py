@@ -24,8 +24,8 @@ SIZES = {
     "size", "states", "steps",
 }  # fmt: skip
 
-#: Methods with states of any batch size that allocate nothing per state.
-NO_BATCH = {"lock", "random_model", "check"}
+#: Methods with states of any batch size that allocate nothing per state, and the observer, whose arrays are those of NumPy.
+NO_BATCH = {"lock", "random_model", "check", "observer"}
 
 
 def public() -> Iterator[tuple[str, str, list[str]]]:

@@ -121,7 +121,7 @@ def test_json_has_no_nan(found: Stability) -> None:
 
 
 def test_the_pages_are_written(found: Stability, tmp_path: Path) -> None:
-    index, markdown = pipeline.write(STABILITY, found, tmp_path / "report", tmp_path / "docs" / "measured" / "numerics.md", drawer=static.draw)
+    index, markdown = pipeline.write(STABILITY, found, tmp_path / "report", tmp_path / "docs" / "numerics.md", drawer=static.draw)
     text = index.read_text(encoding="utf-8")
     assert text.index("Cases in which the square-root form misses") < text.index("heavy-tip")
     assert "`" not in re.sub(r"<script.*?</script>", "", text, flags=re.DOTALL)

@@ -153,7 +153,7 @@ def test_a_peer_that_takes_no_ordinary_scene_is_left_out(monkeypatch: pytest.Mon
 
 
 def test_the_pages_are_written(found: Compared, tmp_path: Path) -> None:
-    index, markdown = stability.write(found, tmp_path / "report", tmp_path / "docs" / "measured" / "numerics.md")
+    index, markdown = stability.write(found, tmp_path / "report", tmp_path / "docs" / "numerics.md")
     for text in (index.read_text(encoding="utf-8"), markdown.read_text(encoding="utf-8")):
         assert text.index("Cases in which a peer is more accurate") < text.rindex("Cases in which the square-root form misses")
         assert all(other.name in text for other in found.others)

@@ -55,7 +55,7 @@ BEGINNINGS = re.compile(r"(What|Whoever|Whatever|As many|So many|Those (that|of(
 
 #: British spellings.
 BRITISH = (
-    r"centers?|centered|centring|coloured|colours?|grey|neighbour(s|ing|hood)?|(milli|centi|kilo)?metres?|behaviours?|favour(s|ed|able)?"
+    r"centres?|centred|centring|coloured|colours?|grey|neighbour(s|ing|hood)?|(milli|centi|kilo)?metres?|behaviours?|favour(s|ed|able)?"
     r"|labell(ed|ing)|modell(ed|ing)|travell(ed|ing)|cancell(ed|ing)|towards|analys(ed|ing)|catalogues?|artefacts?|whilst|learnt"
     r"|(normal|factor|optim|general|regular|vector|recogn|organ|initial|summar|minim|maxim|linear|serial|synchron|util|symmetr|parametr|quant"
     r"|stabil|standard|visual|character|random|discret|parallel|orthonormal|orthogonal|diagonal)is(e|es|ed|ing|ation|ations)"
@@ -193,11 +193,11 @@ def test_words_do_not_come_back(place: str) -> None:
 
 
 def test_every_pattern_matches_its_own_words() -> None:
-    samples = ("the mass center", "a state in doubt", "is told of it", "turns about z", "ns a state", "behaviour", "normalised", "the watch")
+    samples = ("the mass centre", "a state in doubt", "is told of it", "turns about z", "ns a state", "behaviour", "normalised", "the watch")
     assert all(PATTERN.search(sample) for sample in samples)
     correct = ("center of mass", "the error estimate", "is reported", "rotates about z", "ns per state", "behavior", "normalized", "metrics, doubles")
     assert not any(PATTERN.search(sample) for sample in correct)
-    assert code_removed("the argument `center` of [a page](what-it-is.md)").split() == ["the", "argument", "of", "[a", "page"]
+    assert code_removed("the argument `centre` of [a page](what-it-is.md)").split() == ["the", "argument", "of", "[a", "page"]
 
 
 if __name__ == "__main__":
