@@ -102,7 +102,7 @@ def floating_case() -> Case:
 
 
 class Consistency(NamedTuple):
-    """What runs with a known truth gave."""
+    """Results of runs with a known true state."""
 
     nis: float
     bounds: tuple[float, float]
@@ -411,7 +411,7 @@ def of_consistency(options: argparse.Namespace) -> list[str]:
         # The interval of the mean of independent sets is narrower by the root of their number.
         low, high = (1.0 + (bound - 1.0) / np.sqrt(SEEDS) for bound in f.bounds)
         lines.append(f"| {case.name} | all | {_inside(float(np.mean(values)), (low, high))} | | | | | |")
-    lines += ["", "Of 95 % intervals one in twenty is missed by a right filter, whatever the seed; therefore three sets of runs, and all of them together."]
+    lines += ["", "A consistent filter misses one 95 % interval in twenty, for any seed. The table therefore has three sets of runs, and all of them combined."]
     return lines
 
 
@@ -523,7 +523,7 @@ def of_textbook(options: argparse.Namespace) -> list[str]:
         "",
         f"Largest difference of the estimates: {mean:.1e} standard deviations; of the standard deviations: {deviation:.1e}, relative. A step takes {ours:.0f} us, {theirs:.0f} us in the textbook filter, which knows only this pendulum.",
         "",
-        f"A step of the six-joint arm with an IMU and a wrench (24 states, 12 readings), from Python: {one:.0f} us alone, {many:.0f} us per robot of 100 that are observed together. Asked for: 20 us from Rust, where there is no observer yet.",
+        f"A step of the six-joint arm with an IMU and a wrench (24 states, 12 readings), from Python: {one:.0f} us alone, {many:.0f} us per robot in batches of 100. The aim is 20 us from Rust; an observer in Rust does not exist yet.",
     ]
 
 

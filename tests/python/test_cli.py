@@ -133,7 +133,7 @@ def test_identify_from_rates_alone(measured: Path, tmp_path: Path) -> None:
     page = run("identify", robot, str(file), "--held-out", "0.3", "--report", str(tmp_path / "page"))
     assert page.exit_code == 0, page.output
     text = (tmp_path / "page/index.html").read_text(encoding="utf-8")
-    for title in ("How well torques are explained", "Measured and predicted torques", "Parameters with intervals", "Base parameters", "Spectrum of the residuals", "What cannot be known"):
+    for title in ("How well torques are explained", "Measured and predicted torques", "Parameters with intervals", "Base parameters", "Spectrum of the residuals", "Unidentifiable parameters"):
         assert title in text
     assert "Not here:" not in text and "explained, held out" in text
     numbers = json.loads((tmp_path / "page/identification.json").read_text(encoding="utf-8"))

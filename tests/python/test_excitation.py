@@ -64,7 +64,7 @@ def test_the_same_seed_gives_the_same_trajectory() -> None:
     [
         ({"duration": -1.0}, "duration: found -1.0"),
         ({"harmonics": 0}, "harmonics: found 0; expected a whole number, at least 1"),
-        ({"rate": 0.5}, "rate: found 0.5 samples a second for a frequency of 0.5 Hz"),
+        ({"rate": 0.5}, "rate: found 0.5 samples per second for a frequency of 0.5 Hz"),
         ({"limits": 3.0}, "limits: found 3.0; expected phipsi.Limits"),
     ],
 )

@@ -38,7 +38,7 @@ def test_coupled_motors() -> None:
         # Armature of the first motor is not separate from the inertia about its axis.
         at = slice(1 if kind == "armature" else 0, None)
         assert np.max(np.abs(np.array(list(found.joints[kind].values())) - value)[at]) < 0.01, kind
-    # Those of single joints are in the scene, at the joint's side of the gear.
+    # The scene has the parameters of motors that drive one joint, on the joint side of the gear.
     assert_near(found.scene.damping[1], 4 * found.joints["damping"]["joint2"], 1e-12)
     assert_near(found.scene.friction[1], 2 * found.joints["friction"]["joint2"], 1e-12)
     new = states(scene, 50, seed=9)

@@ -182,7 +182,7 @@ REPORT: Layout[IdentificationReport] = Layout(
             "spectrum", "Spectrum of the residuals", plots=_spectra,
             blocks=lambda _: [Figure("spectrum", "White residuals are flat. Peaks are missing parts of the model; intervals take both into account.")],
         ),
-        Section("unknown", "What cannot be known", blocks=_unknown),
+        Section("unknown", "Unidentifiable parameters", blocks=_unknown),
         provenance(),
     ),
 )  # fmt: skip
