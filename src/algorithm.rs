@@ -26,54 +26,54 @@ const SPATIAL_V: &[Axis] = &[Axis::Fixed(6), Axis::Velocities];
 const ROWS: &[Axis] = &[Axis::ConnectionRows];
 
 /// Code for one robot from so many states on.
-const fn compiled(few: usize) -> Option<Compiled> {
-    Some(Compiled { few, watched: None })
+const fn compiled(few: usize) -> Compiled {
+    Compiled { few, watched: None }
 }
 
 /// The same with a function that also returns a margin.
-const fn watched(few: usize, watched: &'static str) -> Option<Compiled> {
-    Some(Compiled { few, watched: Some(watched) })
+const fn watched(few: usize, watched: &'static str) -> Compiled {
+    Compiled { few, watched: Some(watched) }
 }
 
 functions! {
     // Dynamics. Those that code for one robot has stand in the order of its list.
     FORWARD_DYNAMICS = forward_dynamics(q: Q, qd: V, tau: V) -> (qdd: V),
         "Joint accelerations from torques",
-        cost: [90, 0], has_form: true, has_dtype: true, compiled: watched(48, "forward_dynamics_watched");
+        cost: [90, 0], has_form: true, has_dtype: true, compiled: Some(watched(48, "forward_dynamics_watched"));
     CONSTRAINED_DYNAMICS = constrained_dynamics(q: Q, qd: V, tau: V, compliance: ROWS)
         -> (qdd: V, forces: ROWS, rank: SCALAR, residual: SCALAR),
         "Joint accelerations through the connections of the scene, and the forces of these", has_form: true;
     INVERSE_DYNAMICS = inverse_dynamics(q: Q, qd: V, qdd: V) -> (tau: V),
-        "Joint torques from joint accelerations", cost: [50, 0], has_dtype: true, compiled: compiled(128);
+        "Joint torques from joint accelerations", cost: [50, 0], has_dtype: true, compiled: Some(compiled(128));
     BIAS_TORQUE = bias_torque(q: Q, qd: V) -> (tau: V),
-        "Joint torques at which no joint accelerates", cost: [50, 0], has_dtype: true, compiled: compiled(128);
+        "Joint torques at which no joint accelerates", cost: [50, 0], has_dtype: true, compiled: Some(compiled(128));
     MASS_MATRIX = mass_matrix(q: Q) -> (mass: VV),
-        "The mass matrix, row by row", cost: [30, 0], has_dtype: true, compiled: compiled(64);
+        "The mass matrix, row by row", cost: [30, 0], has_dtype: true, compiled: Some(compiled(64));
     MASS_MATRIX_INVERSE = mass_matrix_inverse(q: Q) -> (inverse: VV),
         "The inverse of the mass matrix, row by row",
-        cost: [60, 0], has_form: true, has_dtype: true, compiled: watched(32, "mass_matrix_inverse_watched");
+        cost: [60, 0], has_form: true, has_dtype: true, compiled: Some(watched(32, "mass_matrix_inverse_watched"));
     FORWARD_DYNAMICS_DERIVATIVES = forward_dynamics_derivatives(q: Q, qd: V, tau: V)
         -> (dqdd_dq: VV, dqdd_dqd: VV, Minv: VV),
         "Derivatives of joint accelerations with respect to q, qd and tau, each row by row",
-        derivative_of: Some("forward_dynamics"), cost: [200, 10], has_form: true, compiled: compiled(24);
+        derivative_of: Some("forward_dynamics"), cost: [200, 10], has_form: true, compiled: Some(compiled(24));
     INVERSE_DYNAMICS_DERIVATIVES = inverse_dynamics_derivatives(q: Q, qd: V, qdd: V)
         -> (dtau_dq: VV, dtau_dqd: VV, M: VV),
         "Derivatives of joint torques with respect to q, qd and qdd, each row by row",
-        derivative_of: Some("inverse_dynamics"), cost: [80, 10], compiled: compiled(24);
+        derivative_of: Some("inverse_dynamics"), cost: [80, 10], compiled: Some(compiled(24));
     FORWARD_DYNAMICS_JVP = forward_dynamics_jvp(q: Q, qd: V, tau: V, dq: V, dqd: V, dtau: V) -> (dqdd: V),
         "The change of joint accelerations along a direction",
-        derivative_of: Some("forward_dynamics"), cost: [250, 0], has_form: true, compiled: compiled(48);
+        derivative_of: Some("forward_dynamics"), cost: [250, 0], has_form: true, compiled: Some(compiled(48));
     FORWARD_DYNAMICS_VJP = forward_dynamics_vjp(q: Q, qd: V, tau: V, cotangent: V)
         -> (gradient_q: V, gradient_qd: V, gradient_tau: V),
         "Gradients of cotangent . qdd with respect to q, qd and tau",
-        derivative_of: Some("forward_dynamics"), cost: [250, 0], has_form: true, compiled: compiled(48);
+        derivative_of: Some("forward_dynamics"), cost: [250, 0], has_form: true, compiled: Some(compiled(48));
     INVERSE_DYNAMICS_JVP = inverse_dynamics_jvp(q: Q, qd: V, qdd: V, dq: V, dqd: V, dqdd: V) -> (dtau: V),
         "The change of joint torques along a direction",
-        derivative_of: Some("inverse_dynamics"), cost: [120, 0], compiled: compiled(48);
+        derivative_of: Some("inverse_dynamics"), cost: [120, 0], compiled: Some(compiled(48));
     INVERSE_DYNAMICS_VJP = inverse_dynamics_vjp(q: Q, qd: V, qdd: V, cotangent: V)
         -> (gradient_q: V, gradient_qd: V, gradient_qdd: V),
         "Gradients of cotangent . tau with respect to q, qd and qdd",
-        derivative_of: Some("inverse_dynamics"), cost: [120, 0], compiled: compiled(48);
+        derivative_of: Some("inverse_dynamics"), cost: [120, 0], compiled: Some(compiled(48));
     CORIOLIS_MATRIX = coriolis_matrix(q: Q, qd: V) -> (C: VV),
         "The Coriolis matrix, row by row", cost: [80, 10];
     MASS_MATRIX_DERIVATIVE = mass_matrix_derivative(q: Q, qd: V) -> (dM_dt: VV),
@@ -82,13 +82,13 @@ functions! {
     // Kinematic quantities. Of a frame the cost is per body on the path to the base.
     PLACEMENTS = placements(q: Q) -> (placements: POSES),
         "The poses of all links: homogeneous matrices from link to base, row by row",
-        cost: [60, 0], compiled: compiled(24);
+        cost: [60, 0], compiled: Some(compiled(24));
     PLACEMENT = placement(q: Q) -> (placement: POSE),
         "The pose of the link: a homogeneous matrix from link to base, row by row",
-        cost: [40, 0], of_link: true, compiled: compiled(128);
+        cost: [40, 0], of_link: true, compiled: Some(compiled(128));
     JACOBIAN = jacobian(q: Q) -> (jacobian: SPATIAL_V),
         "The Jacobian of the link, row by row: its velocity (angular, linear) is J qd",
-        derivative_of: Some("placement"), cost: [60, 0], of_link: true, compiled: compiled(64);
+        derivative_of: Some("placement"), cost: [60, 0], of_link: true, compiled: Some(compiled(64));
     JACOBIAN_RATE = jacobian_rate(q: Q, qd: V) -> (rate: SPATIAL_V),
         "The time derivative of the Jacobian of the link, row by row",
         derivative_of: Some("jacobian"), cost: [120, 0], of_link: true;

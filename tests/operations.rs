@@ -211,7 +211,7 @@ fn by_roots(bodies: usize) -> [Operations; 2] {
         let mut workspace = Workspace::new(&model).in_form(Form::SquareRoot);
         workspace.estimates_error = estimates_error;
         let mut qdd = vec![Traced::from_f64(f64::NAN); model.nv()];
-        let (_, counted) = Traced::counted(|| {
+        let ((), counted) = Traced::counted(|| {
             dynamics::forward_dynamics(&model, &mut workspace, &q, &qd, &u, &[], &mut qdd);
         });
         assert!(workspace.accuracy.error > 0.0 || !estimates_error);

@@ -65,6 +65,7 @@ pub struct Compiled {
 
 /// One function.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[allow(clippy::struct_excessive_bools)] // columns of a table
 pub struct FunctionEntry {
     /// The name of the method of scenes.
     pub name: &'static str,

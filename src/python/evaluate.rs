@@ -57,11 +57,10 @@ impl PyScene {
         };
         let cost = Cost { arithmetic: body * self.size(), results: self.scene.width(algorithm) };
         let &Keywords { wrenches, out, dtype, errors, tolerance, info } = keywords;
-        if !is_nan(errors)? && !info && wrenches.is_none() && dtype.is_none() && tolerance.is_none() {
-            if let Some(result) = self.single(py, algorithm, values, shape, cost, out)? {
-                self.warn_of_linkage(py)?;
-                return Ok(result);
-            }
+        let is_plain = !is_nan(errors)? && !info && wrenches.is_none() && dtype.is_none() && tolerance.is_none();
+        if is_plain && let Some(result) = self.single(py, algorithm, values, shape, cost, out)? {
+            self.warn_of_linkage(py)?;
+            return Ok(result);
         }
         let result = match read_dtype(dtype)? {
             Precise::Float64 => self.in_lanes::<f64, N>(py, (algorithm, cost), values, shape, keywords),

@@ -64,9 +64,10 @@ impl DoubleDouble {
         Self { high: x, low: 0.0 }
     }
 
-    /// The alternating tail `t` of a Taylor series for a squared angle of at most about (pi/4)^2: `t = x^2/(n(n+1)) (1
-    /// - x^2/((n+2)(n+3)) (1 - ...))`, with `cos x = 1 - t` (n = 1) and `sin x = x - x t` (n = 2). Fourteen factors;
-    /// the first omitted term is below 1e-33.
+    /// The alternating tail `t` of a Taylor series for a squared angle of at most about (pi/4)^2.
+    ///
+    /// `t = x^2/(n(n+1)) (1 - x^2/((n+2)(n+3)) (1 - ...))`, with `cos x = 1 - t` (n = 1) and `sin x = x - x t`
+    /// (n = 2). Fourteen factors; the first omitted term is below 1e-33.
     fn series_tail(square: Self, n: f64) -> Self {
         (0..14_u8).rev().fold(Self::zero(), |nested, i| {
             let k = n + 2.0 * f64::from(i);

@@ -5,12 +5,11 @@ use phipsi::filter::riccati::{self, Measured};
 use phipsi::filter::{System, innovations, smoother};
 use phipsi::spatial::{RigidShift, Symmetric6};
 
+/// D and g of each row, P^- of each row, and P^+ of each body.
+pub type Covariances = (Vec<Measured<f64>>, Vec<Symmetric6<f64>>, Vec<Symmetric6<f64>>);
+
 /// Tip to base: D and g of each row, P^- of each row, and P^+ of each stage (3.6, 3.10), from the process noise of each stage.
-pub fn riccati(
-    system: &System<f64>,
-    shift: &[RigidShift<f64>],
-    mut p: Vec<Symmetric6<f64>>,
-) -> (Vec<Measured<f64>>, Vec<Symmetric6<f64>>, Vec<Symmetric6<f64>>) {
+pub fn riccati(system: &System<f64>, shift: &[RigidShift<f64>], mut p: Vec<Symmetric6<f64>>) -> Covariances {
     let mut measured = vec![Measured::filled(f64::NAN); system.rows()];
     let mut p_minus = vec![Symmetric6::filled(f64::NAN); system.rows()];
     for (k, stage) in system.stages.iter().enumerate().rev() {

@@ -4,7 +4,7 @@
 //! digit of them touched: its z is then one axis of its parent's at zero angle, its x and y the two that follow it in
 //! their cycle. What is left of a revolute joint is a rotation about z, to one side or the other, and one of three ways
 //! to read the parent's vectors; and where the joint's frame is turned about its z at zero angle by what is no
-//! axis_permutation of axes, a constant *offset* of the angle. An axis that is along none of its parent's is *oblique*,
+//! permutation of axes, a constant *offset* of the angle. An axis that is along none of its parent's is *oblique*,
 //! by a [constant rotation](ConstantRotation) from one of them.
 
 use super::axis_permutation::AxisPermutation;
