@@ -5,6 +5,7 @@ use super::method::Method;
 use super::properties::{Gains, Properties};
 use super::stops::SetValued;
 use crate::dynamics::{factorise, solve};
+use crate::error::Error;
 use crate::filter::Form;
 use crate::scene::{Coupling, Scene};
 use crate::workspace::Workspace;
@@ -94,4 +95,19 @@ pub(super) fn choose(scene: &Scene, dt: f64, properties: &Properties, gains: Opt
     }
     let slow = dt * fast <= SLOW && dt * dt * square <= SLOW * SLOW;
     if slow { Method::RungeKutta4 } else { Method::Rosenbrock2 }
+}
+
+/// Checks that the method is valid for the scene: scenes with contacts require the contact method, others exclude it.
+pub(super) fn check_method(scene: &Scene, method: Method, conserve_momentum: bool) -> Result<(), Error> {
+    let (touches, is_own) = (!scene.contacts().is_empty(), method == Method::Contact);
+    if touches != is_own {
+        let found = format!("{:?}", method.name());
+        let expected = if touches {
+            "\"contact\" for a scene with contacts (scene.without_contacts() supports the other methods)"
+        } else {
+            "another method, because the scene has no contacts"
+        };
+        return Err(Error::argument("method", found, expected));
+    }
+    if conserve_momentum { scene.check_no_contacts("conserve_momentum") } else { Ok(()) }
 }

@@ -1,6 +1,6 @@
 //! A rollout: time integration of a batch of states, vectorized and on several threads, a number of steps per call.
 
-use super::choice::{CONTROLLED, choose, set_valued};
+use super::choice::{CONTROLLED, check_method, choose, set_valued};
 use super::contact::{self, ContactReport, RECORD};
 use super::job::{Impacts, Job, Rows};
 use super::method::Method;
@@ -593,19 +593,4 @@ impl<S: Borrow<Scene>> Rollout<S> {
         }
         Ok(pieces)
     }
-}
-
-/// Checks that the method is valid for the scene: scenes with contacts require the contact method, others exclude it.
-fn check_method(scene: &Scene, method: Method, conserve_momentum: bool) -> Result<(), Error> {
-    let (touches, is_own) = (!scene.contacts().is_empty(), method == Method::Contact);
-    if touches != is_own {
-        let found = format!("{:?}", method.name());
-        let expected = if touches {
-            "\"contact\" for a scene with contacts (scene.without_contacts() supports the other methods)"
-        } else {
-            "another method, because the scene has no contacts"
-        };
-        return Err(Error::argument("method", found, expected));
-    }
-    if conserve_momentum { scene.check_no_contacts("conserve_momentum") } else { Ok(()) }
 }
