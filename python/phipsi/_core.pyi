@@ -3683,11 +3683,37 @@ class Scene:
         false_alarms_per_hour: float = 1.0,
         parameters: ArrayLike | object | None = None,
     ) -> MomentumObserver:
-        """An observer of external joint torques that raises alarms at a stated rate: a phipsi.estimation.MomentumObserver, which documents the arguments.
+        """Momentum observer of external joint torques that raises alarms at a stated rate.
+
+        Parameters
+        ----------
+        dt : float
+            Time between two steps, s.
+        torque_noise : float or (nv,) array_like
+            Density of the torque noise of each degree of freedom, (N m)^2 s, positive: the variance of its mean over a
+            time T, times T. It includes friction that is not modeled.
+        bandwidth : float
+            Bandwidth K of the estimate, 1/s. A lower bandwidth detects smaller torques, with a longer delay.
+        false_alarms_per_hour : float, default 1
+            Number of alarms per hour without any contact.
+        parameters : array_like or Identification, optional
+            Covariance of the inertial parameters, as in forward_dynamics_variance. None: the parameters are exact.
+
+        Returns
+        -------
+        observer : phipsi.estimation.MomentumObserver
+            The observer; see its `step`.
+
+        Raises
+        ------
+        ArgumentError
+            A noise, bandwidth, step or rate that is not positive; scenes with connections, contacts or joints that
+            follow others.
+        ShapeError
+            An array of an invalid shape.
 
         Examples
         --------
-        >>> import phipsi
         >>> scene = phipsi.scenes.chain(3)
         >>> observer = scene.momentum_observer(1e-3, torque_noise=0.01, bandwidth=10.0)
         >>> torque, alarm = observer.step([0.3, 0.2, 0.1], [0.0] * 3, scene.gravity_torque([0.3, 0.2, 0.1]))
@@ -3706,11 +3732,43 @@ class Scene:
         initial: ArrayLike = (0.1, 0.1),
         history: int = 1000,
     ) -> Observer:
-        """An error-state Kalman filter of joint motion, external wrenches and sensor biases: a phipsi.estimation.Observer, which documents the arguments.
+        """Error-state Kalman filter of joint motion, external wrenches and sensor biases.
+
+        Parameters
+        ----------
+        dt : float
+            Time between two steps, s.
+        sensors : collection of phipsi.estimation.Sensor
+            Encoder, Gyro, Accelerometer, TorqueSensor and Contact objects with different names.
+        q : (..., nq) array_like
+            Initial joint positions, rad or m. Leading axes are robots that are observed together.
+        qd : (..., nv) array_like, optional
+            Initial joint velocities, rad/s or m/s; zero by default.
+        torque_noise : float or (nv,) array_like
+            Density of the torque noise, (N m)^2 s. It includes friction that is not modeled. Zero for degrees of
+            freedom without torque, such as a free joint.
+        wrenches : collection of phipsi.estimation.ExternalWrench, optional
+            External wrenches to estimate.
+        initial : (float, float) or (2 nv,) array_like, optional
+            Initial standard deviations of q in its tangent space and of qd: two values, or one per component.
+        history : int, default 1000
+            Number of past steps that `smooth` covers.
+
+        Returns
+        -------
+        observer : phipsi.estimation.Observer
+            The observer; see its `step` and `smooth`.
+
+        Raises
+        ------
+        ArgumentError
+            An invalid argument, an unknown link or joint, two sensors with the same name; scenes with connections,
+            contacts or joints that follow others.
+        ShapeError, NotFiniteError
+            An invalid array. The message names the argument.
 
         Examples
         --------
-        >>> import phipsi
         >>> from phipsi.estimation import Encoder
         >>> scene = phipsi.scenes.chain(3)
         >>> observer = scene.observer(1e-3, [Encoder(noise=1e-4)], q=[0.3, 0.2, 0.1], torque_noise=0.01)

@@ -1,8 +1,9 @@
-"""Logs of any length as triangles: the square-root information form of the least-squares problem, in blocks of time.
+"""Square-root information form of the least-squares problem of a log, in time blocks.
 
-A block of rows is the triangle R of [Z W y], one for each row of torques: Z are instruments, where there are any, W the columns, y the torques. Triangles of blocks merge by
-a QR factorization of the two, in any order and on any machine. When there are twice as many blocks as wanted, neighbors are merged, so that memory is O(blocks p^2)
-for logs of any length, and one pass over the data suffices.
+For each motor, a block of rows [Z W y] is stored as its triangular factor R. Z holds the instruments, if any, W the
+columns and y the torques. Triangles merge by QR factorization, in any order and on any machine. When the number of
+blocks reaches twice the requested number, neighbors are merged. The memory therefore is O(blocks p^2) for logs of any
+length, and one pass over the data suffices.
 """
 
 from __future__ import annotations
@@ -27,30 +28,32 @@ __all__ = ["Accumulator", "Block"]
 
 _Array = NDArray[np.float64]
 
-#: Numbers of the regressors that are computed at once, and the least and the largest number of states.
+#: Number of regressor entries computed per chunk; minimum and maximum number of states per chunk.
 AT_ONCE, FEWEST, MOST = 1 << 19, 64, 4096
-#: The number of states of the first blocks of a stream.
+#: Default number of states per block.
 FIRST = 256
-#: The largest torque, whose square is a number.
+#: Largest accepted torque; its square does not overflow.
 LARGEST = 1e100
-#: States whose rows are rotated on several threads.
+#: Minimum number of states for rotations on several threads.
 THREADED = 256
-#: Of each call, the number of states at which the effect of noisy accelerations is computed.
+#: Number of states per call at which the effect of acceleration noise is computed.
 SAMPLED = 100
 
 
 class Block(NamedTuple):
-    """Some rows of a log, as triangles."""
+    """Rows of a log, as triangles."""
 
     states: int
     counts: _Array
-    """The number of measured torques by motor."""
+    """Number of measured torques of each motor."""
     triangles: list[_Array]
-    """Of [Z W y], (rows, width) by motor, with at most as many rows as columns."""
+    """Triangular factor of [Z W y] of each motor, (rows, width), with rows <= width."""
 
 
 class Accumulator:
-    """Measured motion and torques, stored as triangles: memory does not grow with the log, and parts of logs can be added on different machines.
+    """Measured motion and torques, reduced to triangular factors.
+
+    The memory does not grow with the log, and parts of logs can be accumulated on different machines.
 
     Parameters
     ----------
@@ -59,18 +62,21 @@ class Accumulator:
     fit, keep, friction_speed, stribeck_speed, transmission
         As in Scene.identify.
     load_model : phipsi.Scene, optional
-        The robot whose torques the friction of "load" is proportional to; None: `scene`. Scene.identify takes that of a first identification.
+        Model whose torques the friction of "load" is proportional to; None: `scene`. Scene.identify uses the result of
+        a first identification.
     instruments : bool
-        Whether `add` is given instruments.
+        True if `add` receives instruments.
     acceleration_noise : array_like, optional
         Standard deviation of the noise in qdd, (nv,), as in Scene.identify.
     blocks : int
-        The least number of blocks of time for the jackknife of the intervals, where there are that many states.
+        Minimum number of time blocks for the jackknife of the intervals, if there are that many states.
+    block_length : int
+        Initial number of states per block.
 
     Raises
     ------
     ArgumentError
-        Unknown names, a transmission without inverse, a scene with connections.
+        Unknown names, a singular transmission, a scene with connections.
 
     Examples
     --------
@@ -79,8 +85,10 @@ class Accumulator:
     >>> from phipsi.estimation import Accumulator
     >>> scene = phipsi.scenes.chain(3)
     >>> q, qd, qdd = np.random.default_rng(0).uniform(-1, 1, (3, 1000, 3))
-    >>> parts = [Accumulator(scene).add(q[a:b], qd[a:b], qdd[a:b], scene.inverse_dynamics(q, qd, qdd)[a:b]) for a, b in ((0, 500), (500, 1000))]
-    >>> parts[0].merge(parts[1]).states
+    >>> tau = scene.inverse_dynamics(q, qd, qdd)
+    >>> first = Accumulator(scene).add(q[:500], qd[:500], qdd[:500], tau[:500])
+    >>> second = Accumulator(scene).add(q[500:], qd[500:], qdd[500:], tau[500:])
+    >>> first.merge(second).states
     1000
     """
 
@@ -110,7 +118,7 @@ class Accumulator:
         self._widths = [(1 + self.instruments) * len(used) + 1 for used in self.columns.used]
         self._closed: list[Block] = []
         self._open = self._empty()
-        #: Of all rows: sums of squares of measured torques by motor, and triangles of the effect of noisy accelerations.
+        #: Sums of squares of the measured torques of each motor, and triangles of the effect of acceleration noise.
         self._squares = np.zeros(motors)
         self._noise = [np.zeros((0, len(used) + 1)) for used in self.columns.used]
 
@@ -121,7 +129,7 @@ class Accumulator:
 
     @property
     def states(self) -> int:
-        """The number of states that were added."""
+        """Number of added states."""
         return self._open.states + sum(block.states for block in self._closed)
 
     def add(
@@ -133,43 +141,83 @@ class Accumulator:
         *,
         instruments: tuple[ArrayLike, ArrayLike, ArrayLike] | None = None,
     ) -> Accumulator:
-        """Adds states in the order of time, which are read in chunks; returns this accumulator.
+        """Add measured states in the order of time.
 
         Parameters
         ----------
         q : (k, nq) array_like
-            Positions, rad or m.
-        qd, qdd : (k, nv) array_like
-            Velocities and accelerations.
+            Joint positions, rad or m.
+        qd : (k, nv) array_like
+            Joint velocities, rad/s or m/s.
+        qdd : (k, nv) array_like
+            Joint accelerations, rad/s^2 or m/s^2.
         tau : (k, motors) array_like
-            Measured torques, N m or N; NaN where one was not measured.
-        instruments : tuple of array_like, optional
-            (q, qd, qdd) of the trajectory that was commanded.
+            Measured torques, N m or N; NaN: not measured.
+        instruments : tuple of (q, qd, qdd), optional
+            Commanded trajectory at the same times.
+
+        Returns
+        -------
+        accumulator : Accumulator
+            The same accumulator.
 
         Raises
         ------
         ShapeError, NotFiniteError, ArgumentError
-            Naming the argument.
+            An invalid argument. The message names it.
+        OutOfMemoryError
+            Too many states or bodies for the memory.
+
+        Examples
+        --------
+        >>> import numpy as np, phipsi
+        >>> scene = phipsi.scenes.chain(2)
+        >>> q, qd, qdd = np.random.default_rng(0).normal(size=(3, 50, 2))
+        >>> tau = scene.inverse_dynamics(q, qd, qdd)
+        >>> phipsi.estimation.Accumulator(scene).add(q, qd, qdd, tau).states
+        50
         """
         try:
             return self._add(q, qd, qdd, tau, instruments)
         except MemoryError:
             size = 8 * (sum(width**2 for width in self._widths) + len(np.asarray(q)) * 4 * self.scene.nv)
-            error = of_argument(OutOfMemoryError, "q", f"no room for {size} bytes; expected fewer states, or fewer bodies (Scene.lock)")
+            error = of_argument(
+                OutOfMemoryError, "q", f"no room for {size} bytes; expected fewer states, or fewer bodies (Scene.lock)"
+            )
             error.bytes = size
             raise error from None
 
-    def _add(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, tau: ArrayLike, instruments: tuple[ArrayLike, ArrayLike, ArrayLike] | None) -> Accumulator:
+    def _add(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        qdd: ArrayLike,
+        tau: ArrayLike,
+        instruments: tuple[ArrayLike, ArrayLike, ArrayLike] | None,
+    ) -> Accumulator:
         scene, columns = self.scene, self.columns
         q, qd, qdd, tau = _log(scene, q, qd, qdd, tau)
         count = len(q)
         if (instruments is not None) != self.instruments:
             found = "none" if instruments is None else "some"
-            raise of_argument(ArgumentError, "instruments", f"found {found}; expected as the accumulator was made: instruments={self.instruments}")
+            raise of_argument(
+                ArgumentError,
+                "instruments",
+                f"found {found}; expected as in the constructor: instruments={self.instruments}",
+            )
         reference = None
         if instruments is not None:
-            if not (isinstance(instruments, (tuple, list)) and len(instruments) == 3 and all(len(np.asarray(one)) == count for one in instruments)):
-                raise of_argument(ShapeError, "instruments", f"found no three arrays of {count} states; expected (q, qd, qdd) of the commanded trajectory at the same rows")
+            if not (
+                isinstance(instruments, (tuple, list))
+                and len(instruments) == 3
+                and all(len(np.asarray(one)) == count for one in instruments)
+            ):
+                raise of_argument(
+                    ShapeError,
+                    "instruments",
+                    f"found no three arrays of {count} states; expected (q, qd, qdd) of the commanded"
+                    " trajectory at the same times",
+                )
             reference = _log(scene, *instruments, tau, prefix="instruments: ")[:3]
         chunk = int(min(max(AT_ONCE // max(scene.nv * len(scene.body_names) * 10, 1), FEWEST), MOST))
         if self.acceleration_noise is not None:
@@ -178,7 +226,11 @@ class Accumulator:
         for begin in range(0, count, chunk):
             part = slice(begin, begin + chunk)
             parts = columns.parts(q[part], qd[part], qdd[part])
-            of_reference = None if reference is None else columns.rows(reference[0][part], reference[1][part], reference[2][part])[0]
+            of_reference = (
+                None
+                if reference is None
+                else columns.rows(reference[0][part], reference[1][part], reference[2][part])[0]
+            )
             seen = np.isfinite(tau[part])
             torque = tau[part] - parts.known
             last = [np.column_stack([own, torque[:, motor]]) for motor, own in enumerate(parts.of_motors)]
@@ -193,8 +245,10 @@ class Accumulator:
                     self._close()
         return self
 
-    def _rotate(self, part: slice, rows: tuple[_Array, list[_Array]], reference: list[_Array] | None, seen: NDArray[np.bool_]) -> None:
-        """Rows of each motor into its triangle of the open block, on several threads where there are many rows."""
+    def _rotate(
+        self, part: slice, rows: tuple[_Array, list[_Array]], reference: list[_Array] | None, seen: NDArray[np.bool_]
+    ) -> None:
+        """Rotate the rows of each motor into its triangle of the open block, on several threads for many rows."""
 
         def rotate(motor: int) -> None:
             measured, chosen, triangle = seen[part, motor], self.columns.chosen[motor], self._open.triangles[motor]
@@ -203,10 +257,12 @@ class Accumulator:
                 _core._rotate_chosen(triangle, wide, chosen.tolist(), own)
             else:
                 before = [] if reference is None else [reference[motor][part]]
-                _core._rotate_rows(triangle, np.ascontiguousarray(np.concatenate([*before, wide[:, chosen], own], axis=1)[measured]))
+                _core._rotate_rows(
+                    triangle, np.ascontiguousarray(np.concatenate([*before, wide[:, chosen], own], axis=1)[measured])
+                )
             self._open.counts[motor] += int(measured.sum())
 
-        # The widest first.
+        # The widest triangles first, for load balancing.
         motors = sorted(range(len(self._widths)), key=lambda motor: -self._widths[motor])
         threads = min(_core.get_num_threads(), len(motors))
         if threads > 1 and part.stop - part.start >= THREADED:
@@ -217,15 +273,50 @@ class Accumulator:
                 rotate(motor)
 
     def merge(self, other: Accumulator) -> Accumulator:
-        """A new accumulator with the states of both, those of `other` after these.
+        """Merge two accumulators of the same model and settings.
 
-        Raises ArgumentError where the two were not made with the same model and settings.
+        Parameters
+        ----------
+        other : Accumulator
+            Accumulator of later states.
+
+        Returns
+        -------
+        accumulator : Accumulator
+            A new accumulator with the states of this one, followed by the states of `other`.
+
+        Raises
+        ------
+        ArgumentError
+            Accumulators of different models or settings.
+
+        Examples
+        --------
+        >>> import numpy as np, phipsi
+        >>> scene = phipsi.scenes.chain(2)
+        >>> q, qd, qdd = np.random.default_rng(0).normal(size=(3, 50, 2))
+        >>> tau = scene.inverse_dynamics(q, qd, qdd)
+        >>> first = phipsi.estimation.Accumulator(scene).add(q[:20], qd[:20], qdd[:20], tau[:20])
+        >>> second = phipsi.estimation.Accumulator(scene).add(q[20:], qd[20:], qdd[20:], tau[20:])
+        >>> first.merge(second).states
+        50
         """
-        if not (isinstance(other, Accumulator) and self.columns.same_as(other.columns) and self.instruments == other.instruments):
-            raise of_argument(ArgumentError, "other", "found an accumulator of other columns; expected the same scene, fit, keep, transmission and instruments")
+        if not (
+            isinstance(other, Accumulator)
+            and self.columns.same_as(other.columns)
+            and self.instruments == other.instruments
+        ):
+            raise of_argument(
+                ArgumentError,
+                "other",
+                "found an accumulator of other columns; expected the same scene, fit, keep, transmission and"
+                " instruments",
+            )
         found = self._like()
         parts = [self, other]
-        found.length = max(one.length for one in parts if one.states) if any(one.states for one in parts) else self.length
+        found.length = (
+            max(one.length for one in parts if one.states) if any(one.states for one in parts) else self.length
+        )
         for one in parts:
             blocks, length = one.blocks(), one.length
             while length < found.length:
@@ -237,7 +328,24 @@ class Accumulator:
         return found
 
     def blocks(self) -> list[Block]:
-        """All blocks in the order of time; a last one of less than half the length is joined with its neighbor."""
+        """Blocks of states in the order of time.
+
+        Returns
+        -------
+        blocks : list of Block
+            Named tuples (states, counts, triangles): number of states, number of measured torques of each motor, and
+            triangular factor of each motor. A last block of less than half the length is merged with its neighbor.
+
+        Examples
+        --------
+        >>> import numpy as np, phipsi
+        >>> scene = phipsi.scenes.chain(2)
+        >>> q, qd, qdd = np.random.default_rng(0).normal(size=(3, 50, 2))
+        >>> tau = scene.inverse_dynamics(q, qd, qdd)
+        >>> accumulator = phipsi.estimation.Accumulator(scene, block_length=20).add(q, qd, qdd, tau)
+        >>> [block.states for block in accumulator.blocks()]
+        [20, 20, 10]
+        """
         found = list(self._closed)
         if self._open.states:
             last = self._trimmed(self._open)
@@ -248,7 +356,35 @@ class Accumulator:
         return found
 
     def identify(self, *, noise: ArrayLike | None = None, trust: float = 1.0) -> Identification:
-        """The identification from all states that were added; arguments, result and errors as in Scene.identify."""
+        """Identify the parameters from all added states.
+
+        Parameters
+        ----------
+        noise : float or (motors,) array_like, optional
+            Standard deviation of the torques, N m or N, as in Scene.identify.
+        trust : float, default 1
+            Weight of the parameters of the scene, as in Scene.identify.
+
+        Returns
+        -------
+        identification : Identification
+            As in Scene.identify.
+
+        Raises
+        ------
+        ArgumentError, ShapeError
+            As in Scene.identify.
+
+        Examples
+        --------
+        >>> import numpy as np, phipsi
+        >>> scene = phipsi.scenes.chain(2)
+        >>> q, qd, qdd = np.random.default_rng(0).normal(size=(3, 50, 2))
+        >>> tau = scene.inverse_dynamics(q, qd, qdd)
+        >>> accumulator = phipsi.estimation.Accumulator(scene).add(q, qd, qdd, tau)
+        >>> accumulator.identify(noise=0.01).parameters.shape
+        (2, 10)
+        """
         from ._identification import solved
 
         return solved(self, noise, trust, stacklevel=3)
@@ -281,23 +417,37 @@ class Accumulator:
         return Block(block.states, block.counts.copy(), [_trimmed(triangle) for triangle in block.triangles])
 
     def _add_noise(self, q: _Array, qd: _Array, qdd: _Array, weight: float) -> None:
-        """Of the states the changes of the columns and of the known torques by noise in the accelerations."""
+        """Accumulate the change of the columns and of the known torques by acceleration noise."""
         assert self.acceleration_noise is not None
         for joint, deviation in enumerate(self.acceleration_noise):
             changed = self.columns.sensitivity(q, qd, qdd, joint)
-            self._noise = [_triangle(np.concatenate([had, np.sqrt(weight) * deviation * more])) for had, more in zip(self._noise, changed, strict=True)]
+            self._noise = [
+                _triangle(np.concatenate([had, np.sqrt(weight) * deviation * more]))
+                for had, more in zip(self._noise, changed, strict=True)
+            ]
 
 
-def _log(scene: Scene, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, tau: ArrayLike, prefix: str = "") -> tuple[_Array, _Array, _Array, _Array]:
+def _log(
+    scene: Scene, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, tau: ArrayLike, prefix: str = ""
+) -> tuple[_Array, _Array, _Array, _Array]:
     """The arrays of a log, checked."""
-    q, qd, qdd = (np.asarray(_core._numbers(*one)) for one in ((prefix + "q", q, scene, True), (prefix + "qd", qd, scene), (prefix + "qdd", qdd, scene)))
+    q, qd, qdd = (
+        np.asarray(_core._numbers(*one))
+        for one in ((prefix + "q", q, scene, True), (prefix + "qd", qd, scene), (prefix + "qdd", qdd, scene))
+    )
     tau = np.asarray(_core._numbers("tau", tau, scene))
     count = len(q) if q.ndim == 2 else 0
     for name, array, size in (("q", q, scene.nq), ("qd", qd, scene.nv), ("qdd", qdd, scene.nv), ("tau", tau, scene.nv)):
         if array.shape != (count, size) or count == 0:
-            raise of_argument(ShapeError, prefix + name if name != "tau" else name, f"found shape {array.shape}; expected (k, {size}), as many states as q has")
+            raise of_argument(
+                ShapeError,
+                prefix + name if name != "tau" else name,
+                f"found shape {array.shape}; expected (k, {size}), as many states as q has",
+            )
     if np.any(np.isinf(tau)):
-        raise of_argument(ArgumentError, "tau", "found an infinity; expected numbers, NaN where a torque was not measured")
+        raise of_argument(
+            ArgumentError, "tau", "found an infinity; expected numbers, NaN where a torque was not measured"
+        )
     # Reports what is not finite, by the index of the state.
     for begin in range(0, count, MOST):
         part = slice(begin, begin + MOST)
@@ -314,7 +464,11 @@ def _deviations(scene: Scene, noise: ArrayLike) -> _Array:
     if found.shape not in ((), (scene.nv,)):
         raise of_argument(ShapeError, "acceleration_noise", f"found shape {found.shape}; expected () or ({scene.nv},)")
     if not (np.all(np.isfinite(found)) and np.all(found >= 0.0)):
-        raise of_argument(ArgumentError, "acceleration_noise", f"found {found.min()}; expected finite standard deviations, not negative")
+        raise of_argument(
+            ArgumentError,
+            "acceleration_noise",
+            f"found {found.min()}; expected finite standard deviations, not negative",
+        )
     return np.array(np.broadcast_to(found, (scene.nv,)))
 
 
@@ -335,7 +489,7 @@ def _joined(one: Block, other: Block) -> Block:
 
 
 def merged_triangles(parts: list[_Array]) -> _Array:
-    """The triangle of all these rows together."""
+    """Triangular factor of the concatenated rows."""
     width = parts[0].shape[1]
     found = np.zeros((width, width))
     for part in parts:
@@ -344,7 +498,7 @@ def merged_triangles(parts: list[_Array]) -> _Array:
 
 
 def _trimmed(triangle: _Array) -> _Array:
-    """Without rows of zeros at the end."""
+    """Remove trailing zero rows."""
     rows = np.flatnonzero(triangle.any(axis=1))
     return triangle[: rows[-1] + 1 if len(rows) else 0].copy()
 

@@ -1,7 +1,8 @@
 """Base parameters: the combinations of parameters that torques depend on.
 
-Columns of W depend on each other: W = W_b [1 K], up to the order of columns, with the largest set of independent columns W_b. Torques are W_b x_b with
-x_b = x_i + K x_d, the base parameters. The set follows from the structure of the robot; it is found at random states, where dependence holds to rounding.
+The columns of W are linearly dependent: W = W_b [1 K], up to the order of columns, with a maximal set of independent
+columns W_b. Torques are W_b x_b with the base parameters x_b = x_i + K x_d. The set depends on the structure of the
+robot only. It is determined at random states, at which the dependence holds within rounding.
 """
 
 from __future__ import annotations
@@ -18,41 +19,43 @@ __all__ = ["BaseParameters", "Combinations", "combinations"]
 
 _Array = NDArray[np.float64]
 
-#: A column depends on those before where this share of it, at most, is independent of them. Rounding leaves 1e-13; right angles that a file has as 1.5708 leave 4e-6, which
-#: no log can determine; independent columns of robots have 1e-2 and more.
+#: A column counts as dependent on the preceding ones if its relative residual is below this value. Rounding causes
+#: 1e-13. Right angles written as 1.5708 in a file cause 4e-6, which no log can determine. Independent columns of robots
+#: have 1e-2 or more.
 DEPENDENT = 2e-5
-#: Coefficients below this are those of rounding.
+#: Coefficients below this value are rounding errors.
 COEFFICIENT = 1e-9
 
 
 class Combinations(NamedTuple):
-    """Which columns are independent, and how the base parameters depend on all parameters."""
+    """Independent columns, and base parameters as combinations of all parameters."""
 
     columns: NDArray[np.intp]
-    """Those that are independent, (base,)."""
+    """Indices of the independent columns, (base,)."""
     matrix: _Array
     """Base parameters = matrix @ parameters, (base, width)."""
 
 
 class BaseParameters(NamedTuple):
-    """The combinations of parameters that torques depend on, by least squares without a prior."""
+    """Combinations of parameters that torques depend on, estimated by least squares without a prior."""
 
     names: tuple[str, ...]
-    """The parameter that each combination is named after: its coefficient is 1, and it is in no other one."""
+    """Name of each combination: the parameter with the coefficient 1, which no other combination contains."""
     matrix: _Array
-    """The combinations, (base, parameters): base = matrix @ parameters, with the parameters in the order of `parameter_names`."""
+    """Coefficients, (base, parameters): base = matrix @ parameters, with parameters in the order of
+    `parameter_names`."""
     parameter_names: tuple[str, ...]
-    """Names of the parameters: those of bodies that were not kept, then those of motors."""
+    """Names of the parameters: first of the bodies that were not kept, then of the motors."""
     values: _Array
-    """The estimates, (base,); those that the log does not determine are of the least norm."""
+    """Estimates, (base,). The estimates that the log does not determine have minimum norm."""
     model: _Array
-    """Those of the scene, (base,)."""
+    """Values of the scene, (base,)."""
     covariance: _Array
-    """By the delete-one-block jackknife, (base, base); infinite on the diagonal where the log does not determine one."""
+    """Covariance by the delete-one-block jackknife, (base, base); infinite variances for undetermined estimates."""
     degrees: float
     """Degrees of freedom of Student's distribution for the intervals: blocks - 1."""
     bias: _Array
-    """Predicted bias by noise in the accelerations, (base,); NaN where no acceleration_noise was given."""
+    """Predicted bias caused by acceleration noise, (base,); NaN without acceleration_noise."""
 
     @property
     def deviations(self) -> _Array:
@@ -60,12 +63,53 @@ class BaseParameters(NamedTuple):
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     def interval(self, level: float = 0.95) -> tuple[_Array, _Array]:
-        """Lower and upper ends of the interval of each base parameter at a level, (base,) each."""
+        """Confidence intervals of the base parameters.
+
+        Parameters
+        ----------
+        level : float, default 0.95
+            Probability that the interval contains the parameter.
+
+        Returns
+        -------
+        lower, upper : (base,) ndarray
+            Ends of the intervals.
+
+        Examples
+        --------
+        >>> import numpy as np, phipsi
+        >>> scene = phipsi.scenes.chain(2)
+        >>> q, qd, qdd = np.random.default_rng(0).normal(size=(3, 50, 2))
+        >>> base = scene.identify(q, qd, qdd, scene.inverse_dynamics(q, qd, qdd), noise=0.01).base
+        >>> lower, upper = base.interval()
+        >>> bool((lower < upper).all())
+        True
+        """
         half = student_quantile(level, self.degrees) * self.deviations
         return self.values - half, self.values + half
 
     def combination(self, index: int) -> str:
-        """A base parameter, written out as a combination of parameters."""
+        """Format a base parameter as a combination of parameters.
+
+        Parameters
+        ----------
+        index : int
+            Index of the base parameter.
+
+        Returns
+        -------
+        combination : str
+            Sum of parameters with their coefficients.
+
+        Examples
+        --------
+        >>> import numpy as np, phipsi
+        >>> scene = phipsi.scenes.chain(2)
+        >>> q, qd, qdd = np.random.default_rng(0).normal(size=(3, 50, 2))
+        >>> base = scene.identify(q, qd, qdd, scene.inverse_dynamics(q, qd, qdd), noise=0.01).base
+        >>> base.names[0] in base.combination(0)
+        True
+        """
         terms = [
             f"{coefficient:+.4g} {name}" if abs(coefficient - 1.0) > COEFFICIENT else f"+ {name}"
             for coefficient, name in zip(self.matrix[index], self.parameter_names, strict=True)
@@ -75,7 +119,7 @@ class BaseParameters(NamedTuple):
 
 
 def combinations(columns: Columns) -> Combinations:
-    """The independent columns, and what depends on them."""
+    """Determine the independent columns, and the other columns as combinations of them."""
     scene, width = columns.scene, columns.width
     draw = np.random.default_rng(1)
     count = max(50, 3 * width // max(columns.motors, 1))
@@ -88,7 +132,8 @@ def combinations(columns: Columns) -> Combinations:
     matrix = matrix / np.where(norms > 0.0, norms, 1.0)
     basis = np.zeros((width, len(matrix)))
     found: list[int] = []
-    # From the tip to the base, so that parameters are regrouped into those of bodies further inward; twice, for orthogonality to rounding.
+    # From the tip to the base, so that parameters are regrouped into parameters of bodies closer to the base. Two
+    # passes of Gram-Schmidt ensure orthogonality within rounding.
     for at in _order(columns):
         column = matrix[:, at]
         if norms[at] == 0.0:
@@ -108,7 +153,10 @@ def combinations(columns: Columns) -> Combinations:
 
 
 def _order(columns: Columns) -> list[int]:
-    """Motors first, whose parameters are of interest as such; then bodies, moments before the mass."""
+    """Order of the columns: motors first, so that their parameters stay independent; then bodies, moments before
+    mass."""
     bodies = len(columns.free)
     entries = (1, 2, 3, 5, 7, 8, 4, 6, 9, 0)
-    return [10 * bodies + at for at in range(len(columns.extras))] + [10 * at + entry for at in range(bodies) for entry in entries]
+    return [10 * bodies + at for at in range(len(columns.extras))] + [
+        10 * at + entry for at in range(bodies) for entry in entries
+    ]

@@ -1,6 +1,9 @@
-"""The ten inertial parameters of bodies, (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz) about the origin of their link, and their second moments of mass.
+"""Inertial parameters of bodies, and their second moments of mass.
 
-A body can have these parameters where the matrix J of the second moments of mass, 4x4 and linear in them, is positive definite.
+The ten parameters are (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz) about the link origin, in the link frame.
+
+The parameters are physically consistent if the 4x4 matrix J of the second moments of mass, which is linear in them, is
+positive definite.
 """
 
 from __future__ import annotations
@@ -22,12 +25,17 @@ __all__ = ["bodies_of", "own_parameters", "prior_of_bodies", "to_moments", "to_p
 
 _Array = NDArray[np.float64]
 
-#: Principal second moments of a body that cannot exist are raised to this share of the largest one; and the least radius of gyration, relative to the size of the robot.
+#: Lower bound of principal second moments relative to the largest one, and lower bound of the radius of gyration
+#: relative to the size of the robot, for bodies that are not physically consistent.
 SLENDER, SMALL = 1e-3, 1e-2
 
 
 def prior_of_bodies(scene: Scene, free: Sequence[int], stacklevel: int) -> tuple[list[_Array], _Array]:
-    """For each body at `free` in body_names the matrix from the entries of Z to its parameters, (10, 10), where J = L Z L^T with the J0 = L L^T of the model; and the z of the model."""
+    """Prior of the bodies at `free` in body_names.
+
+    Return for each body the matrix (10, 10) from the entries of Z to its parameters, where J = L Z L^T and the model
+    has J0 = L L^T; and the coordinates z of the model.
+    """
     matrices: list[_Array] = []
     model: list[_Array] = []
     replaced = []
@@ -43,13 +51,15 @@ def prior_of_bodies(scene: Scene, free: Sequence[int], stacklevel: int) -> tuple
         model.append(np.linalg.solve(matrices[-1], own[at]))
     if replaced:
         found = f"found inertias of {', '.join(map(repr, replaced))} that no body can have"
-        text = f"scene: {found}; identification starts from the nearest possible ones (keep=[...] leaves a body as it is)"
+        text = (
+            f"scene: {found}; identification starts from the nearest possible ones (keep=[...] leaves a body as it is)"
+        )
         warnings.warn(text, InertiaWarning, stacklevel=stacklevel)
     return matrices, np.concatenate([*model, np.zeros(0)])
 
 
 def own_parameters(scene: Scene) -> _Array:
-    """The ten parameters of each link of body_names with what is fixed onto it, (bodies, 10), about the link's origin in its axes."""
+    """Ten parameters of each link of body_names and the links fixed to it, (bodies, 10), in the link frame."""
     places, of = scene.placements(scene.neutral()), bodies_of(scene)
     moments = {name: np.zeros((4, 4)) for name in scene.body_names}
     for link in scene.links.values():
@@ -67,7 +77,7 @@ def own_parameters(scene: Scene) -> _Array:
 
 
 def bodies_of(scene: Scene) -> dict[str, str | None]:
-    """For each link the link of body_names that it is fixed onto, or is; None on the base."""
+    """Map each link to the link of body_names that it is or is fixed to; None for links fixed to the base."""
     moving, found = set(scene.body_names), dict[str, str | None]()
     links = scene.links
     for name in scene.link_names:
@@ -77,14 +87,16 @@ def bodies_of(scene: Scene) -> dict[str, str | None]:
 
 
 def to_parameters(moments: _Array) -> _Array:
-    """(m, h, I) of the second moments of mass J."""
+    """Parameters (m, h, I) from the second moments of mass J."""
     sigma, (hx, hy, hz) = moments[:3, :3], moments[:3, 3]
     inertia = np.trace(sigma) * np.eye(3) - sigma
-    return np.array([moments[3, 3], hx, hy, hz, *(inertia[i, j] for i, j in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)))])
+    return np.array(
+        [moments[3, 3], hx, hy, hz, *(inertia[i, j] for i, j in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)))]
+    )
 
 
 def to_moments(parameters: _Array) -> _Array:
-    """The second moments of mass J of (m, h, I)."""
+    """Second moments of mass J from the parameters (m, h, I)."""
     m, hx, hy, hz, xx, xy, yy, xz, yz, zz = parameters
     inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     found = np.empty((4, 4))
@@ -95,11 +107,18 @@ def to_moments(parameters: _Array) -> _Array:
 
 
 def _nearest(body: str, moments: _Array, size: float) -> _Array:
-    """The second moments of mass of a body that can be, near ones that no body can have: its principal ones, about the center of mass, are raised to a share of the largest."""
+    """Physically consistent second moments of mass near given ones.
+
+    Principal second moments about the center of mass are raised to a share of the largest one.
+    """
     mass = moments[3, 3]
     if mass <= 0.0:
         found = f"no mass of the body {body!r}"
-        raise of_argument(ArgumentError, "scene", f"found {found}; expected a model of it to begin from (Scene.with_inertias), or its name in keep")
+        raise of_argument(
+            ArgumentError,
+            "scene",
+            f"found {found}; expected an initial model (Scene.with_inertias), or its name in keep",
+        )
     com = moments[:3, 3] / mass
     values, axes = np.linalg.eigh(moments[:3, :3] - mass * np.outer(com, com))
     values = np.maximum(values, max(SLENDER * float(values.max()), mass * (SMALL * size) ** 2))
@@ -109,13 +128,13 @@ def _nearest(body: str, moments: _Array, size: float) -> _Array:
 
 
 def _size(scene: Scene) -> float:
-    """The largest extent of the joints' frames at the neutral configuration, m; 1 where all are at one place."""
+    """Largest extent of the link origins at the neutral configuration, m; 1 if it is zero."""
     points = [place[:3, 3] for place in scene.placements(scene.neutral()).values()]
     return float(np.ptp(points, axis=0).max()) or 1.0
 
 
 def with_parameters(scene: Scene, free: Sequence[int], parameters: _Array) -> Scene:
-    """The scene with other parameters of the bodies at `free`, which links that are fixed onto them are part of."""
+    """Scene with new parameters of the bodies at `free`, including the links fixed to them."""
     names, of = scene.body_names, bodies_of(scene)
     found = {names[at] for at in free}
     links: dict[str, tuple[float, ArrayLike, ArrayLike | None]] = {

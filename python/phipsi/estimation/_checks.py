@@ -1,4 +1,4 @@
-"""Faults of logs that no shape and no NaN shows: times, units, clocks. Each is an error or a LogWarning that names the argument and the joint."""
+"""Checks of times, units and clocks of logs. Errors and LogWarnings name the argument and the joint."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ __all__ = ["checked_time", "clock_offset", "shifted", "warn_of_motion", "warn_of
 
 _Array = NDArray[np.float64]
 
-#: A step of so many median steps is a gap.
+#: Minimum length of a gap in time, in median steps.
 GAP = 10.0
-#: Ratios of a derivative to the differences of what it is the derivative of, beyond which units disagree; and the least correlation that a ratio is taken from.
+#: Ratio between measured and numerical derivatives beyond which units are inconsistent, and minimum correlation for it.
 RATIO, CORRELATED = 1.5, 0.9
-#: Positions beyond this, rad, are no angles of a joint with limits; whole numbers beyond this are counts.
+#: Largest plausible angle of a joint with limits, rad; integers beyond the second value are encoder counts.
 FAR, FEW = 1e3, 20.0
-#: Ratios of measured torques to those of the model, beyond which a constant factor is suspected, and the least correlation.
+#: Ratio of measured to model torques beyond which a constant factor is suspected, and minimum correlation for it.
 FACTOR, ALIKE = 4.0, 0.97
-#: Lags that are tried, in samples; states that are used; the reduction of the residual's variance that counts.
+#: Maximum lag, in samples; number of states used; minimum relative reduction of the residual variance.
 LAGS, SAMPLED, REDUCED = 40, 3000, 0.02
-#: Entries of the largest matrix of columns that clocks are compared with.
+#: Maximum number of matrix entries for the comparison of clocks.
 ENTRIES = 5_000_000
 
 
 def checked_time(time: ArrayLike, count: int, stacklevel: int) -> _Array:
-    """Times (k,), not falling. Warns of gaps and of repeated times."""
+    """Return the times, (k,), after a check that they do not decrease. Warn about gaps and repeated times."""
     found = np.asarray(_core._numbers("time", time))
     if found.shape != (count,):
         raise of_argument(ShapeError, "time", f"found shape {found.shape}; expected ({count},), one time per row")
@@ -44,16 +44,31 @@ def checked_time(time: ArrayLike, count: int, stacklevel: int) -> _Array:
     steps = np.diff(found)
     if np.any(steps < 0.0):
         at = int(np.flatnonzero(steps < 0.0)[0])
-        message = f"found {found[at + 1]:g} after {found[at]:g} at row {at + 1}; expected times that rise: sort all arrays by np.argsort(time)"
+        message = (
+            f"found {found[at + 1]:g} after {found[at]:g} at row {at + 1}; expected times that rise: sort all arrays"
+            " by np.argsort(time)"
+        )
         raise of_argument(ArgumentError, "time", message)
     if repeated := int(np.sum(steps == 0.0)):
         at = int(np.flatnonzero(steps == 0.0)[0])
-        warnings.warn(f"time: found {repeated} repeated times, the first {found[at]:g} at row {at + 1}; np.unique(time, return_index=True) gives rows without them", LogWarning, stacklevel=stacklevel)
+        warnings.warn(
+            f"time: found {repeated} repeated times, the first {found[at]:g} at row {at + 1}; np.unique(time,"
+            " return_index=True) gives rows without them",
+            LogWarning,
+            stacklevel=stacklevel,
+        )
     usual = float(np.median(steps)) if len(steps) else 0.0
     if usual > 0.0 and np.any(gaps := steps > GAP * usual):
         at = int(np.argmax(steps))
-        text = f"time: found {int(gaps.sum())} gaps, the longest of {steps[at]:.3g} s after {found[at]:g} s, with steps of {usual:.3g} s elsewhere"
-        warnings.warn(f"{text}; add the parts one by one to a phipsi.estimation.Accumulator if they are separate logs", LogWarning, stacklevel=stacklevel)
+        text = (
+            f"time: found {int(gaps.sum())} gaps, the longest of {steps[at]:.3g} s after {found[at]:g} s, with steps of"
+            f" {usual:.3g} s elsewhere"
+        )
+        warnings.warn(
+            f"{text}; add the parts one by one to a phipsi.estimation.Accumulator if they are separate logs",
+            LogWarning,
+            stacklevel=stacklevel,
+        )
     return found
 
 
@@ -75,7 +90,7 @@ def _one_axis(scene: Scene) -> list[_Joint]:
 
 
 def warn_of_motion(scene: Scene, time: _Array | None, q: _Array, qd: _Array, qdd: _Array, stacklevel: int) -> None:
-    """Warns of positions in degrees or counts, and of derivatives that are not those of what they should be derivatives of."""
+    """Warn about positions in degrees or encoder counts, and about inconsistent derivatives."""
     limits = scene.limits
     for joint in _one_axis(scene):
         values = q[:, joint.q]
@@ -86,13 +101,29 @@ def warn_of_motion(scene: Scene, time: _Array | None, q: _Array, qd: _Array, qdd
         limited = np.isfinite(low) and np.isfinite(high) and high > low
         whole = reach > FEW and np.array_equal(values, np.round(values))
         if whole or (limited and reach > FAR):
-            what = "whole numbers, as counts of an encoder are" if whole else f"with limits of {low:.3g} and {high:.3g} rad"
-            warnings.warn(f"q: found {reach:.3g} at joint {joint.name!r}, {what}; expected rad: multiply by 2 pi / counts per revolution", LogWarning, stacklevel=stacklevel)
+            what = (
+                "whole numbers, as counts of an encoder are"
+                if whole
+                else f"with limits of {low:.3g} and {high:.3g} rad"
+            )
+            warnings.warn(
+                f"q: found {reach:.3g} at joint {joint.name!r}, {what}; expected rad: multiply by 2 pi / counts per"
+                " revolution",
+                LogWarning,
+                stacklevel=stacklevel,
+            )
         elif limited:
             beyond = max(low - float(values.min()), float(values.max()) - high)
-            # Degrees that are allowed, and far from being radians that are.
-            if beyond > 2.0 * (high - low) and low - 0.1 <= np.radians(values.min()) and np.radians(values.max()) <= high + 0.1:
-                text = f"q: found {reach:.3g} at joint {joint.name!r} with limits of {low:.3g} and {high:.3g} rad, which it meets in degrees; expected rad: np.deg2rad(q)"
+            # Within the limits as degrees, and far outside of them as radians.
+            if (
+                beyond > 2.0 * (high - low)
+                and low - 0.1 <= np.radians(values.min())
+                and np.radians(values.max()) <= high + 0.1
+            ):
+                text = (
+                    f"q: found {reach:.3g} at joint {joint.name!r} with limits of {low:.3g} and {high:.3g} rad, which"
+                    " it meets in degrees; expected rad: np.deg2rad(q)"
+                )
                 warnings.warn(text, LogWarning, stacklevel=stacklevel)
     if time is None or len(time) < 10:
         return
@@ -100,17 +131,29 @@ def warn_of_motion(scene: Scene, time: _Array | None, q: _Array, qd: _Array, qdd
     usual = float(np.median(steps))
     near = (steps > 0.0) & (steps < GAP * usual)
     for joint in _one_axis(scene):
-        for name, of, values, derivative in (("qd", "q", q[:, joint.q], qd[:, joint.v]), ("qdd", "qd", qd[:, joint.v], qdd[:, joint.v])):
+        for name, of, values, derivative in (
+            ("qd", "q", q[:, joint.q], qd[:, joint.v]),
+            ("qdd", "qd", qd[:, joint.v], qdd[:, joint.v]),
+        ):
             differences, means = np.diff(values)[near] / steps[near], 0.5 * (derivative[1:] + derivative[:-1])[near]
             ratio = _ratio(differences, means)
             if ratio is not None and not 1.0 / RATIO < ratio < RATIO:
-                hint = f"{name} is in degrees or {of} in rad" if abs(ratio - 1.0 / 57.3) < 0.003 else f"{of} is in degrees or {name} in rad" if abs(ratio - 57.3) < 10.0 else "units disagree"
-                text = f"{name}: found {of} that changes {ratio:.3g} times as fast as {name} has it, at joint {joint.name!r}: {hint}; expected rad, s and their derivatives"
+                hint = (
+                    f"{name} is in degrees or {of} in rad"
+                    if abs(ratio - 1.0 / 57.3) < 0.003
+                    else f"{of} is in degrees or {name} in rad"
+                    if abs(ratio - 57.3) < 10.0
+                    else "units disagree"
+                )
+                text = (
+                    f"{name}: found {of} that changes {ratio:.3g} times as fast as {name} has it, at joint"
+                    f" {joint.name!r}: {hint}; expected rad, s and their derivatives"
+                )
                 warnings.warn(text, LogWarning, stacklevel=stacklevel)
 
 
 def _ratio(found: _Array, expected: _Array) -> float | None:
-    """The factor between two signals that are alike but for it; None where they are not."""
+    """Constant factor between two correlated signals; None if they are not correlated."""
     squares, others, both = float(found @ found), float(expected @ expected), float(found @ expected)
     if squares == 0.0 or others == 0.0 or abs(both) < CORRELATED * np.sqrt(squares * others):
         return None
@@ -118,7 +161,7 @@ def _ratio(found: _Array, expected: _Array) -> float | None:
 
 
 def warn_of_torques(columns: Columns, q: _Array, qd: _Array, qdd: _Array, tau: _Array, stacklevel: int) -> None:
-    """Warns of torques that are the model's times a constant: currents, or torques of the other side of a gear."""
+    """Warn about torques proportional to the model torques: currents, or torques of the other side of a gear."""
     some = slice(None, None, max(1, len(q) // SAMPLED))
     q, qd, qdd, tau = q[some], qd[some], qdd[some], tau[some]
     model = columns.to_motors(columns.scene.inverse_dynamics(q, qd, qdd))
@@ -133,22 +176,35 @@ def warn_of_torques(columns: Columns, q: _Array, qd: _Array, qdd: _Array, tau: _
         correlation, factor = both / np.sqrt(squares * others), both / others
         if abs(correlation) > ALIKE and not 1.0 / FACTOR < factor < FACTOR:
             found.append(f"{columns.motor_names[motor]!r}: {factor:.3g}")
-    # A payload may do so at some joints.
+    # A payload can have this effect at some joints.
     if 2 * len(found) > shown:
-        text = f"tau: found torques that are those of the model times a constant ({', '.join(found)}), as currents are; expected N m or N: multiply by torque constant and gear ratio"
+        text = (
+            f"tau: found torques that are those of the model times a constant ({', '.join(found)}), as currents are;"
+            " expected N m or N: multiply by torque constant and gear ratio"
+        )
         warnings.warn(text, LogWarning, stacklevel=stacklevel)
 
 
 def shifted(tau: _Array, time: _Array, delay: float) -> _Array:
-    """Torques that were measured `delay` later than their times, at the times; NaN beyond the log and next to what was not measured."""
+    """Torques with a delay removed by linear interpolation; NaN outside of the log and next to missing torques."""
     found = np.empty_like(tau)
     for motor in range(tau.shape[1]):
         found[:, motor] = np.interp(time + delay, time, tau[:, motor], left=np.nan, right=np.nan)
     return found
 
 
-def clock_offset(columns: Columns, used: NDArray[np.intp], time: _Array, arrays: tuple[_Array, _Array, _Array, _Array], weights: _Array, stacklevel: int) -> float:
-    """How much later than q the torques are, s: where the residual of least squares in the base parameters is least. Warns where the residual shows it."""
+def clock_offset(
+    columns: Columns,
+    used: NDArray[np.intp],
+    time: _Array,
+    arrays: tuple[_Array, _Array, _Array, _Array],
+    weights: _Array,
+    stacklevel: int,
+) -> float:
+    """Estimate the delay of the torques relative to q, s.
+
+    The delay minimizes the least-squares residual in the base parameters. Warn if the residual indicates a delay.
+    """
     q, qd, qdd, tau = arrays
     step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
     if step <= 0.0 or len(time) < 20 * LAGS:
@@ -169,7 +225,7 @@ def clock_offset(columns: Columns, used: NDArray[np.intp], time: _Array, arrays:
     scale = np.where(known_at, weights, 1.0)
 
     def residual(delay: float) -> float:
-        """Mean square of what the columns do not explain."""
+        """Mean square residual of the torques."""
         torque = shifted(tau, time, delay)[middle] - known
         torque = np.where(np.isfinite(torque) & known_at, torque, 0.0) / scale
         target = torque.T.ravel()
@@ -184,6 +240,9 @@ def clock_offset(columns: Columns, used: NDArray[np.intp], time: _Array, arrays:
     bend = before - 2.0 * here + after
     offset = (lags[best] + (0.5 * (before - after) / bend if bend > 0.0 else 0.0)) * step
     if values[LAGS] > (1.0 + REDUCED) * here and abs(offset) > 0.5 * step:
-        text = f"tau: found torques that are {1e3 * offset:.3g} ms later than q by the residuals, whose variance is {100 * (1 - here / values[LAGS]):.2g} % less there; expected one clock"
+        text = (
+            f"tau: found torques that are {1e3 * offset:.3g} ms later than q by the residuals, whose variance this"
+            f" delay reduces by {100 * (1 - here / values[LAGS]):.2g} %; expected one clock"
+        )
         warnings.warn(f"{text}: tau_delay={offset:.3g} shifts them", LogWarning, stacklevel=stacklevel)
     return float(offset)

@@ -1,4 +1,4 @@
-"""The distribution function of chi-square and its inverse, for any number of degrees of freedom."""
+"""Chi-square distribution function and its inverse, for any number of degrees of freedom."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["chi_square_cdf", "chi_square_quantile"]
 
 
 def chi_square_cdf(x: ArrayLike, size: float) -> NDArray[np.float64]:
-    """The probability that chi-square of `size` degrees of freedom is at most x: the regularized lower incomplete gamma function P(size/2, x/2)."""
+    """Chi-square distribution function with `size` degrees of freedom: the incomplete gamma function P(size/2, x/2)."""
     a, half = size / 2.0, np.atleast_1d(np.asarray(x, float)) / 2.0
     low = half < a + 1.0
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -23,7 +23,7 @@ def chi_square_cdf(x: ArrayLike, size: float) -> NDArray[np.float64]:
 
 
 def _series(a: float, x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The power series of gamma(a, x) over x^a e^-x, which converges fast below a + 1."""
+    """Power series of gamma(a, x) / (x^a e^-x), which converges fast for x < a + 1."""
     term = np.full_like(x, 1.0 / a)
     total = term.copy()
     k = a
@@ -35,7 +35,7 @@ def _series(a: float, x: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _fraction(a: float, x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The continued fraction of Gamma(a, x) over x^a e^-x by the method of Lentz, which converges fast above a + 1."""
+    """Continued fraction of Gamma(a, x) / (x^a e^-x) by the Lentz method, which converges fast for x > a + 1."""
     b = x + 1.0 - a
     c, d = np.full_like(x, 1e300), 1.0 / b
     h = d.copy()
@@ -52,7 +52,7 @@ def _fraction(a: float, x: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @functools.lru_cache(maxsize=256)
 def chi_square_quantile(probability: float, size: float) -> float:
-    """The x below which chi-square of `size` degrees of freedom is with that probability: the method of Newton between bounds that close in."""
+    """Chi-square quantile with `size` degrees of freedom, by safeguarded Newton iteration."""
     low, high = 0.0, size + 10.0
     while float(chi_square_cdf(high, size)) < probability:
         low, high = high, 2.0 * high
@@ -60,7 +60,9 @@ def chi_square_quantile(probability: float, size: float) -> float:
     for _ in range(200):
         off = float(chi_square_cdf(x, size)) - probability
         low, high = (x, high) if off < 0.0 else (low, x)
-        density = math.exp((0.5 * size - 1.0) * math.log(x) - 0.5 * x - 0.5 * size * math.log(2.0) - math.lgamma(0.5 * size))
+        density = math.exp(
+            (0.5 * size - 1.0) * math.log(x) - 0.5 * x - 0.5 * size * math.log(2.0) - math.lgamma(0.5 * size)
+        )
         step = off / density if density > 0.0 else math.inf
         following = x - step if low < x - step < high else 0.5 * (low + high)
         if abs(following - x) <= 1e-14 * x or not low < high:

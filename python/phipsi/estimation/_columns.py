@@ -1,8 +1,9 @@
-"""The linear model of measured torques: tau = W x + known, with the parameters of bodies and of motors in x.
+"""Linear model of measured torques: tau = W x + known, with the parameters of bodies and motors in x.
 
-Rows are those of motors: with B, motor velocities = B qd, joint torques are B^T times motor torques, so that W = B^-T Y for the bodies (Y: Scene.regressor). Columns of motor i
-are armature (B qdd)_i, damping (B qd)_i, dry friction s_i = smooth sign of (B qd)_i, offset 1, Stribeck friction s_i exp(-(v/vs)^2), and load dependent friction
-s_i |torque of the model|. Without a transmission B is the identity and the motors are the degrees of freedom.
+Each row belongs to a motor. With motor velocities = B qd, joint torques are B^T times motor torques, so that W = B^-T Y
+for the bodies (Y: Scene.regressor). The columns of motor i are armature (B qdd)_i, damping (B qd)_i, Coulomb friction
+s_i = smooth sign of (B qd)_i, offset 1, Stribeck friction s_i exp(-(v/vs)^2), and load-dependent friction s_i |model
+torque|. Without a transmission, B is the identity and the motors are the degrees of freedom.
 """
 
 from __future__ import annotations
@@ -24,24 +25,24 @@ __all__ = ["KINDS", "PROPERTIES", "Columns", "Extra"]
 
 _Array = NDArray[np.float64]
 
-#: What is found of motors: what a scene has, and all.
+#: Motor parameters that are properties of a scene, and all motor parameters.
 PROPERTIES = ("armature", "damping", "friction")
 KINDS = (*PROPERTIES, "offset", "stribeck", "load")
-#: Those whose sign is free.
+#: Parameters of either sign.
 SIGNED = ("offset", "stribeck")
-#: The largest condition number of a transmission.
+#: Maximum condition number of a transmission.
 CONDITION = 1e8
 
 
 class Extra(NamedTuple):
-    """A parameter of a motor."""
+    """Parameter of a motor."""
 
     kind: str
     name: str
     rows: tuple[int, ...]
-    """The rows that it acts on: several for a joint of several degrees of freedom."""
+    """Rows that the parameter affects; several rows for a joint with several degrees of freedom."""
     model: float
-    """Its value in the scene, zero where the scene has none."""
+    """Value in the scene; zero if the scene does not have the parameter."""
 
 
 class Parts(NamedTuple):
@@ -50,9 +51,9 @@ class Parts(NamedTuple):
     of_bodies: _Array
     """The regressor, (k, motors x bodies x 10)."""
     of_motors: list[_Array]
-    """Of each row of torques the columns of its motor, (k, number)."""
+    """Motor columns of each row of torques, (k, number)."""
     known: _Array
-    """The torques that no column has, (k, motors)."""
+    """Torques that do not depend on the parameters, (k, motors)."""
 
 
 class Columns:
@@ -89,9 +90,13 @@ class Columns:
         self.extras = [] if not self.fit else list(self._extras())
         self.width = 10 * len(self.free) + len(self.extras)
         if not self.width:
-            raise of_argument(ArgumentError, "keep", "found all bodies, and nothing of the joints to fit; expected something to find")
+            raise of_argument(
+                ArgumentError,
+                "keep",
+                "found all bodies, and no joint parameters in fit; expected at least one parameter to identify",
+            )
         self.used = self._used()
-        #: Of each row the columns of bodies in the regressor, (motors x bodies x 10) in one.
+        #: Body columns of each row, as indices into the flattened regressor, (motors x bodies x 10).
         free = np.array([10 * body + entry for body in self.free for entry in range(10)], dtype=np.intp)
         size = 10 * len(scene.body_names)
         self.chosen = [motor * size + free[used[used < len(free)]] for motor, used in enumerate(self.used)]
@@ -112,9 +117,14 @@ class Columns:
             if self.transmission is None:
                 for joint in scene.joint_names:
                     of = scene.v_index(joint)
-                    # A floating base has none of them.
+                    # A floating base does not have motor parameters.
                     if scene.joints[joint].type != "floating":
-                        yield Extra(kind, joint, tuple(range(of.start, of.stop)), float(values[kind][of][0]) if kind in values else 0.0)
+                        yield Extra(
+                            kind,
+                            joint,
+                            tuple(range(of.start, of.stop)),
+                            float(values[kind][of][0]) if kind in values else 0.0,
+                        )
                 continue
             for at, row in enumerate(self.transmission):
                 (entries,) = np.nonzero(row)
@@ -125,9 +135,9 @@ class Columns:
                 yield Extra(kind, self.motor_names[at], (at,), model)
 
     def _used(self) -> list[NDArray[np.intp]]:
-        """For each row the columns that are not zero everywhere: of bodies outboard of its joints, and of its motor."""
+        """Structurally nonzero columns of each row: bodies outboard of its joints, and its motor."""
         scene, names = self.scene, self.scene.body_names
-        # Two states suffice: an entry that is zero at both is zero by structure.
+        # Two states suffice: an entry that is zero at both is structurally zero.
         draw = np.random.default_rng(0)
         q = scene.integrate(np.broadcast_to(scene.neutral(), (2, scene.nq)), draw.uniform(-1, 1, (2, scene.nv)))
         rows = scene.regressor(q, *draw.uniform(-1, 1, (2, 2, scene.nv)))
@@ -144,21 +154,21 @@ class Columns:
         return found
 
     def names(self) -> list[str]:
-        """The name of each column."""
+        """Names of the columns."""
         entries = ("m", "m*cx", "m*cy", "m*cz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
         bodies = [f"{self.scene.body_names[at]}.{entry}" for at in self.free for entry in entries]
         return bodies + [f"{extra.name}.{extra.kind}" for extra in self.extras]
 
     def to_motors(self, torques: _Array) -> _Array:
-        """Torques of motors from those of joints, (k, nv)."""
+        """Motor torques from joint torques, (k, nv)."""
         return torques if self.inverse is None else torques @ self.inverse
 
     def rates(self, qd: _Array) -> _Array:
-        """Velocities of motors."""
+        """Motor velocities from joint velocities, (k, nv)."""
         return qd if self.transmission is None else qd @ self.transmission.T
 
     def of_motors(self, q: _Array, qd: _Array, qdd: _Array) -> dict[str, _Array]:
-        """The columns of each kind that is fitted, (k, motors): one motor each."""
+        """Motor columns of each kind in `fit`, (k, motors)."""
         v = self.rates(qd)
         sliding = v / np.sqrt(v**2 + self.slow**2)
         found: dict[str, _Array] = {}
@@ -179,7 +189,8 @@ class Columns:
         return found
 
     def known(self, q: _Array, qd: _Array, qdd: _Array) -> _Array:
-        """Torques of motors that no column has: springs, and what of the joints is not fitted, (k, motors)."""
+        """Motor torques that do not depend on the parameters: springs, and joint properties not in `fit`, (k,
+        motors)."""
         scene = self.scene
         found = scene.stiffness * scene.difference(np.broadcast_to(scene.rest, q.shape), q)
         columns = {"armature": qdd, "damping": qd, "friction": qd / np.sqrt(qd**2 + self.slow**2)}
@@ -189,17 +200,20 @@ class Columns:
         return self.to_motors(found)
 
     def regressor(self, q: _Array, qd: _Array, qdd: _Array) -> _Array:
-        """W of all bodies, (k, motors, bodies, 10)."""
+        """Regressor W of all bodies, (k, motors, bodies, 10)."""
         rows = self.scene.regressor(q, qd, qdd)
         return rows if self.inverse is None else np.einsum("ji,kjbp->kibp", self.inverse, rows)
 
     def rows(self, q: _Array, qd: _Array, qdd: _Array) -> tuple[list[_Array], _Array]:
-        """For each row of torques the columns that it has, (k, used), and the torques that no column has, (k, motors)."""
+        """Nonzero columns of each row, (k, used), and torques that do not depend on the parameters, (k, motors)."""
         parts = self.parts(q, qd, qdd)
-        return [np.concatenate([parts.of_bodies[:, chosen], own], axis=1) for chosen, own in zip(self.chosen, parts.of_motors, strict=True)], parts.known
+        return [
+            np.concatenate([parts.of_bodies[:, chosen], own], axis=1)
+            for chosen, own in zip(self.chosen, parts.of_motors, strict=True)
+        ], parts.known
 
     def parts(self, q: _Array, qd: _Array, qdd: _Array) -> Parts:
-        """The same without copies of the regressor: the columns of bodies of row i are those at `chosen[i]`."""
+        """Return the columns as in `rows`, without copies: `chosen[i]` indexes the body columns of row i."""
         of_bodies = self.regressor(q, qd, qdd)
         known = self.known(q, qd, qdd)
         if self.kept:
@@ -213,29 +227,52 @@ class Columns:
         return Parts(of_bodies.reshape(len(q), -1), of_motors, known)
 
     def sensitivity(self, q: _Array, qd: _Array, qdd: _Array, joint: int) -> list[_Array]:
-        """How the columns, and last the torques that no column has, change with the acceleration of one degree of freedom: they are linear in it."""
+        """Derivative of the columns and, as last column, of the known torques by the acceleration of one degree of
+        freedom.
+
+        Both are linear in the acceleration.
+        """
         ahead = qdd.copy()
         ahead[:, joint] += 1.0
         (rows, known), (rows_here, known_here) = self.rows(q, qd, ahead), self.rows(q, qd, qdd)
         off = known - known_here
-        return [np.column_stack([one - other, off[:, motor]]) for motor, (one, other) in enumerate(zip(rows, rows_here, strict=True))]
+        return [
+            np.column_stack([one - other, off[:, motor]])
+            for motor, (one, other) in enumerate(zip(rows, rows_here, strict=True))
+        ]
 
     def same_as(self, other: Columns) -> bool:
-        """Whether both have the same columns."""
+        """Return whether both objects have the same columns."""
         mine, its = self.transmission, other.transmission
         alike = (mine is None) == (its is None) and (mine is None or its is None or np.array_equal(mine, its))
-        return alike and self.names() == other.names() and np.array_equal(self.own, other.own) and (self.slow, self.stribeck) == (other.slow, other.stribeck)
+        return (
+            alike
+            and self.names() == other.names()
+            and np.array_equal(self.own, other.own)
+            and (self.slow, self.stribeck) == (other.slow, other.stribeck)
+        )
 
 
 def _checked_transmission(scene: Scene, transmission: ArrayLike) -> _Array:
     found = np.array(_core._numbers("transmission", transmission))
     if found.shape != (scene.nv, scene.nv):
-        raise of_argument(ShapeError, "transmission", f"found shape {found.shape}; expected ({scene.nv}, {scene.nv}): motor velocities = transmission @ qd")
+        raise of_argument(
+            ShapeError,
+            "transmission",
+            f"found shape {found.shape}; expected ({scene.nv}, {scene.nv}): motor velocities = transmission @ qd",
+        )
     if not np.all(np.isfinite(found)) or not np.linalg.cond(found) < CONDITION:
-        raise of_argument(ArgumentError, "transmission", "found a matrix that is not finite or has no inverse; expected motors that move all joints")
+        raise of_argument(
+            ArgumentError,
+            "transmission",
+            "found a matrix that is not finite or has no inverse; expected motors that move all joints",
+        )
     several = [joint for joint in scene.joint_names if scene.v_index(joint).stop - scene.v_index(joint).start != 1]
     if several:
-        raise of_argument(ArgumentError, "transmission", f"found a scene with joint {several[0]!r} of several degrees of freedom; expected joints of one axis, or no transmission")
+        raise of_argument(
+            ArgumentError,
+            "transmission",
+            f"found a scene with joint {several[0]!r} of several degrees of freedom; expected joints of one axis, or no"
+            " transmission",
+        )
     return found
-
-

@@ -1,17 +1,19 @@
-"""The most probable parameters of accumulated measurements, and their intervals.
+"""Maximum a posteriori parameters from accumulated measurements, and their intervals.
 
-Torques are linear in the parameters x: ten a body (mass, first moments, inertia about the link's origin), and those of motors that are fitted. With rows W, measured torques y
-over their standard deviations, x is where
+Torques are linear in the parameters x: ten per body (mass, first moments, inertia about the link origin) and the
+fitted motor parameters. With rows W and measured torques y, both divided by their standard deviations, x minimizes
 
     1/2 |y - W x|^2 + trust/2 sum over bodies (tr(J0^-1 J) - log det J)
 
-is least. J, 4x4 and linear in x, has the second moments of a body's mass; a body can have x where J is positive definite, and the logarithm keeps it so. The second sum is the
-prior, of Wishart's kind: its mode J0 is the body of the model. The function is convex; _most_probable finds its least value in multiples z of the prior, J = L Z L^T
-with J0 = L L^T, where the prior's mode is Z = 1. A parameter whose sign is free is the difference of two positive ones.
+The 4x4 matrix J, linear in x, holds the second moments of mass of a body. A body is physically consistent if J is
+positive definite, which the logarithm ensures. The second sum is a Wishart prior; its mode J0 is the body of the model.
+The function is convex. _most_probable minimizes it in coordinates z relative to the prior, J = L Z L^T with J0 = L L^T,
+in which the mode of the prior is Z = 1. A parameter of either sign is the difference of two positive ones.
 
-Intervals do not assume that residuals are independent. With the Hessian H at the minimum, deleting block g of the log moves the estimate by d_g = -(H - B_g)^-1 s_g, with the
-information B_g and the score s_g of the block. The covariance is that of the delete-one-block jackknife, (G - 1)/G sum (d_g - mean)(d_g - mean)^T, and what the prior leaves
-uncertain, H^-1 P H^-1 with the prior's part P of H. For independent residuals the sum is H^-1.
+Intervals do not assume independent residuals. With the Hessian H at the minimum, deletion of block g of the log changes
+the estimate by d_g = -(H - B_g)^-1 s_g, with the information B_g and the score s_g of the block. The covariance is the
+sum of the delete-one-block jackknife, (G - 1)/G sum (d_g - mean)(d_g - mean)^T, and of the contribution of the prior,
+H^-1 P H^-1 with the part P of H from the prior. For independent residuals this sum is H^-1.
 """
 
 from __future__ import annotations
@@ -40,125 +42,209 @@ __all__ = ["Identification", "solved"]
 
 _Array = NDArray[np.float64]
 
-#: Combinations of parameters that the motion determines by less than this share of the best known one count as unknown.
+#: Relative singular value below which a combination of parameters counts as not determined by the motion.
 UNKNOWN = 1e-8
-#: Where the model has no armature, damping or friction, the prior's mode is this share of what would explain the torques alone; and the scale of offsets.
+#: Prior mode of armature, damping and friction that the model lacks, relative to the value that alone would explain the
+#: torques; and scale of offsets.
 SHARE, OFFSET = 1e-3, 0.05
-#: The least noise, relative to the torques: a multiple of the rounding of the regressor, which would count as knowledge with less.
+#: Lower bound of the noise relative to the torques. It is a multiple of the rounding error of the regressor, which a
+#: smaller noise would treat as information.
 ROUNDING = 2.0**-36
-#: The share of a parameter's variance that the data decide, below which its interval is the prior's; and the bias, in standard deviations, that is warned of.
+#: Share of the variance from the data below which the interval of a parameter is the interval of the prior; and the
+#: bias, in standard deviations, above which a warning is raised.
 DECIDED, BIAS = 0.9, 0.2
-#: Fewer blocks give no interval: that of independent residuals is taken.
+#: With fewer blocks, intervals assume independent residuals.
 FEWEST_BLOCKS = 4
-#: Blocks are too short where the scores of neighbors are correlated by more than this, or with fewer torques than so many per parameter: neighbors are merged, down to so many.
+#: Neighboring blocks are merged if the correlation of their scores exceeds the first number, or if they have fewer
+#: torques per parameter than the second, until the third number of blocks is reached.
 CORRELATED, ROWS, FEWEST_LONG = 0.1, 2.0, 8
 
 
 @dataclass(frozen=True, eq=False)
 class Identification:
-    """A robot's parameters, estimated from measured torques."""
+    """Parameters of a robot, estimated from measured torques."""
 
     columns: Columns = field(repr=False)
     """The linear model."""
     own: _Array = field(repr=False)
-    """All parameters as the columns have them."""
+    """All parameters in the order of the columns."""
     scene: Scene
-    """The robot with the estimates. A body's numbers are at the link of body_names; links that are fixed onto it have none of their own."""
+    """The robot with the estimates. The inertia of a body belongs to its link in body_names; links fixed to it have
+    none."""
     parameters: _Array
-    """(m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz) of each link of body_names, (bodies, 10), I about the link's origin."""
+    """(m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz) of each link of body_names, (bodies, 10); I about the link
+    origin, in the link frame."""
     covariance: _Array
-    """Their covariance, (10 bodies, 10 bodies), by the data and the prior; zero for bodies that were kept. Scene.forward_dynamics_variance takes it, or this object."""
+    """Covariance of the parameters, (10 bodies, 10 bodies), from data and prior; zero for kept bodies.
+    Scene.forward_dynamics_variance accepts it, or this object."""
     root: _Array
-    """A root of the covariance of all of them: L of L L^T, (bodies, 10, columns)."""
+    """Root L of the covariance L L^T of all parameters, (bodies, 10, columns)."""
     share: _Array
-    """The share of the variance of each parameter that is by the data, (bodies, 10): below 0.9 the interval is that of the prior; NaN for bodies that were kept."""
+    """Share of the variance of each parameter that comes from the data, (bodies, 10). Below 0.9 the interval is the
+    interval of the prior; NaN for kept bodies."""
     joints: dict[str, dict[str, float]]
-    """Of each kind in `fit` the estimates by the name of the joint, or of the motor: "joint5+joint6" for one that moves by the sum of two rates."""
+    """Estimates of each kind in `fit` by the name of the joint or motor. The motor "joint5+joint6" has the sum of two
+    joint velocities."""
     joint_deviations: dict[str, dict[str, float]]
-    """Their standard deviations."""
+    """Standard deviations of `joints`."""
     base: BaseParameters
-    """The combinations of parameters that torques depend on, by least squares without the prior, with their intervals."""
+    """Base parameters by least squares without the prior, with their intervals."""
     noise: _Array
-    """Standard deviation of the torques, (nv,), N m or N: as given, or of the residuals, at least 1.5e-11 of the torques; NaN where none was measured."""
+    """Standard deviation of the torques, (nv,), N m or N: as given, or of the residuals, at least 1.5e-11 of the
+    torques; NaN for motors without measured torques."""
     before: _Array
-    """Root mean square of measured torques less the model's, (nv,), N m or N; NaN where none was measured."""
+    """Root mean square of measured minus model torques, (nv,), N m or N; NaN for motors without measured torques."""
     after: _Array
-    """Root mean square of measured torques less those of the estimates, (nv,)."""
+    """Root mean square of measured minus estimated torques, (nv,), N m or N."""
     known: int
-    """The number of combinations of the parameters that the motion determines: that of base parameters, where it moves all joints richly."""
+    """Number of combinations of parameters that the motion determines. It is the number of base parameters if the
+    motion excites all joints."""
     blocks: int
-    """The number of blocks of time of the jackknife; 1 where there were too few states for one, and intervals assume independent residuals."""
+    """Number of time blocks of the jackknife; 1 if there are too few states, in which case intervals assume independent
+    residuals."""
     states: int
-    """The number of states."""
+    """Number of states."""
     clock_offset: float = float("nan")
-    """How much later than q the torques are, s, by the residuals; NaN where no times were given."""
+    """Delay of the torques relative to q, s, estimated from the residuals; NaN without times."""
 
     @property
     def deviations(self) -> _Array:
-        """Standard deviations of the parameters, (bodies, 10): about the prior's where the data determine nothing, zero for bodies that were kept."""
+        """Standard deviations of the parameters, (bodies, 10); zero for kept bodies.
+
+        Parameters that the data do not determine have about the standard deviations of the prior.
+        """
         return np.asarray(np.sqrt(np.sum(self.root**2, axis=2)))
 
     def interval(self, level: float = 0.95) -> tuple[_Array, _Array]:
-        """Lower and upper ends of the interval of each parameter, (bodies, 10) each.
-
-        Student's distribution with blocks - 1 degrees of freedom for the part of the variance that is by the data (Welch and Satterthwaite). Where `share` is below 0.9 the interval is that of the
-        prior: it holds over robots that are built like the model, not for each robot.
+        """Confidence intervals of the parameters.
 
         Parameters
         ----------
-        level : float
-            The probability that the interval has the parameter.
+        level : float, default 0.95
+            Probability that the interval contains the parameter.
+
+        Returns
+        -------
+        lower, upper : (bodies, 10) ndarray
+            Ends of the intervals.
 
         Raises
         ------
         ArgumentError
             A level that is not between 0 and 1.
+
+        Notes
+        -----
+        The part of the variance that comes from the data has Student's distribution with blocks - 1 degrees of freedom
+        (Welch and Satterthwaite). If `share` is below 0.9, the interval is the interval of the prior: it is valid on
+        average over robots that are built like the model, not for each robot.
+
+        Examples
+        --------
+        >>> import numpy as np, phipsi
+        >>> scene = phipsi.scenes.chain(2)
+        >>> q, qd, qdd = np.random.default_rng(0).normal(size=(3, 50, 2))
+        >>> found = scene.identify(q, qd, qdd, scene.inverse_dynamics(q, qd, qdd), noise=0.01)
+        >>> lower, upper = found.interval(0.95)
+        >>> lower.shape, bool((lower < upper).all())
+        ((2, 10), True)
         """
         if not 0.0 < level < 1.0:
-            raise of_argument(ArgumentError, "level", f"found {level}; expected a probability between 0 and 1, for instance 0.95")
+            raise of_argument(
+                ArgumentError, "level", f"found {level}; expected a probability between 0 and 1, for instance 0.95"
+            )
         with np.errstate(divide="ignore"):
-            degrees = np.where(np.nan_to_num(self.share) > 0.0, max(self.blocks - 1, 1) / np.nan_to_num(self.share) ** 2, np.inf)
+            degrees = np.where(
+                np.nan_to_num(self.share) > 0.0, max(self.blocks - 1, 1) / np.nan_to_num(self.share) ** 2, np.inf
+            )
         if self.blocks < FEWEST_BLOCKS:
             degrees = np.full_like(degrees, np.inf)
         half = student_quantile(level, degrees) * self.deviations
         return self.parameters - half, self.parameters + half
 
     def torques(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> _Array:
-        """Torques as they would be measured, (..., motors): with friction, offsets and the transmission, N m or N.
+        """Predict measured torques, with friction, offsets and the transmission.
 
         Parameters
         ----------
         q : (..., nq) array_like
-            Positions, rad or m.
-        qd, qdd : (..., nv) array_like
-            Velocities and accelerations.
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        qdd : (..., nv) array_like
+            Joint accelerations, rad/s^2 or m/s^2.
+
+        Returns
+        -------
+        torques : (..., motors) ndarray
+            Motor torques, N m or N; without a transmission, joint torques.
 
         Raises
         ------
         ShapeError, NotFiniteError
-            Naming the argument.
+            An invalid argument. The message names it.
+
+        Examples
+        --------
+        >>> import numpy as np, phipsi
+        >>> scene = phipsi.scenes.chain(2)
+        >>> q, qd, qdd = np.random.default_rng(0).normal(size=(3, 50, 2))
+        >>> tau = scene.inverse_dynamics(q, qd, qdd)
+        >>> found = scene.identify(q, qd, qdd, tau, noise=0.01)
+        >>> bool(np.abs(found.torques(q, qd, qdd) - tau).max() < 0.01)
+        True
         """
-        q, qd, qdd = (np.asarray(_core._numbers(*one)) for one in (("q", q, self.scene, True), ("qd", qd, self.scene), ("qdd", qdd, self.scene)))
+        q, qd, qdd = (
+            np.asarray(_core._numbers(*one))
+            for one in (("q", q, self.scene, True), ("qd", qd, self.scene), ("qdd", qdd, self.scene))
+        )
         try:
             batch = np.broadcast_shapes(q.shape[:-1], qd.shape[:-1], qdd.shape[:-1])
         except ValueError:
-            raise of_argument(ShapeError, "q", f"found leading axes {q.shape[:-1]}, {qd.shape[:-1]} and {qdd.shape[:-1]}; expected ones that broadcast") from None
+            raise of_argument(
+                ShapeError,
+                "q",
+                f"found leading axes {q.shape[:-1]}, {qd.shape[:-1]} and {qdd.shape[:-1]}; expected ones that"
+                " broadcast",
+            ) from None
         q, qd, qdd = (np.broadcast_to(one, (*batch, one.shape[-1])).reshape(-1, one.shape[-1]) for one in (q, qd, qdd))
         return predicted(self.columns, self.own, q, qd, qdd).reshape(*batch, -1)
 
     def undecided(self) -> list[tuple[str, str]]:
-        """The parameters whose intervals are the prior's, as (link, parameter)."""
+        """Parameters whose intervals are the intervals of the prior.
+
+        Returns
+        -------
+        parameters : list of (str, str)
+            Link and parameter, for instance ("link1", "m*cx").
+
+        Examples
+        --------
+        >>> import numpy as np, phipsi
+        >>> scene = phipsi.scenes.chain(2)
+        >>> q, qd, qdd = np.random.default_rng(0).normal(size=(3, 50, 2))
+        >>> found = scene.identify(q, qd, qdd, scene.inverse_dynamics(q, qd, qdd), noise=0.01)
+        >>> (scene.body_names[0], "m") in found.undecided()
+        True
+        """
         entries = ("m", "m*cx", "m*cy", "m*cz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
         names = self.scene.body_names
         return [(names[body], entries[entry]) for body, entry in np.argwhere(self.share < DECIDED)]
 
     def __str__(self) -> str:
-        """A summary in some lines."""
+        """Return a summary of a few lines."""
         decided, total = int(np.sum(self.share >= DECIDED)), int(np.sum(np.isfinite(self.share)))
         lines = [
             f"identification from {self.states} states: {self.known} combinations of parameters determined",
-            f"intervals by a jackknife of {self.blocks} blocks" if self.blocks >= FEWEST_BLOCKS else "intervals for independent residuals: too few states for a jackknife",
-            f"{decided} of {total} parameters of bodies are decided by the data; the intervals of the others are the prior's",
+            (
+                f"intervals by a jackknife of {self.blocks} blocks"
+                if self.blocks >= FEWEST_BLOCKS
+                else "intervals for independent residuals: too few states for a jackknife"
+            ),
+            (
+                f"{decided} of {total} parameters of bodies are determined by the data; the intervals of the others are"
+                " those of the prior"
+            ),
         ]
         ratios = self.base.bias / self.base.deviations
         if np.isfinite(ratios).any():
@@ -170,7 +256,7 @@ class Identification:
 
 
 def predicted(columns: Columns, own: _Array, q: _Array, qd: _Array, qdd: _Array, chunk: int = 4096) -> _Array:
-    """Torques of motors with these parameters, (k, motors)."""
+    """Motor torques for given parameters, (k, motors)."""
     found = np.empty((len(q), columns.motors))
     for begin in range(0, len(q), chunk):
         part = slice(begin, begin + chunk)
@@ -181,7 +267,10 @@ def predicted(columns: Columns, own: _Array, q: _Array, qd: _Array, qdd: _Array,
 
 
 class _Rows(NamedTuple):
-    """The least-squares problem of some rows: information left^T right, score left^T (y - right x). Left and right are the same without instruments."""
+    """Least-squares problem of some rows: information left^T right, score left^T (y - right x).
+
+    Without instruments, left equals right.
+    """
 
     left: _Array
     right: _Array
@@ -189,7 +278,7 @@ class _Rows(NamedTuple):
 
 
 class _Problem:
-    """Accumulated measurements, in multiples z of the prior."""
+    """Accumulated measurements, in coordinates z relative to the prior."""
 
     def __init__(self, accumulator: Accumulator, stacklevel: int) -> None:
         columns = accumulator.columns
@@ -199,20 +288,26 @@ class _Problem:
             raise of_argument(ArgumentError, "q", "found no states; expected some (Accumulator.add)")
         self.counts = np.sum([block.counts for block in self.blocks], axis=0)
         if not self.counts.any():
-            raise of_argument(ArgumentError, "tau", "found no measured torque: all are NaN; expected some numbers")
-        self.whole = [merged_triangles([block.triangles[motor] for block in self.blocks]) for motor in range(columns.motors)]
+            raise of_argument(ArgumentError, "tau", "found no measured torque: all are NaN; expected finite torques")
+        self.whole = [
+            merged_triangles([block.triangles[motor] for block in self.blocks]) for motor in range(columns.motors)
+        ]
         matrices, self.model = prior_of_bodies(columns.scene, columns.free, stacklevel + 1)
         self.bodies = len(columns.free)
         scales, places, model = [], [], []
         for at, extra in enumerate(columns.extras, 10 * self.bodies):
             rows = list(extra.rows)
             moved = np.sqrt(sum(self._column_norm(motor, at) ** 2 for motor in rows))
-            # A motor that stands still does not show them.
+            # The parameters of a motor at rest cannot be identified.
             if moved == 0.0:
                 continue
             squares, count = float(np.sum(accumulator._squares[rows])), float(np.sum(self.counts[rows]))
             alone = np.sqrt(squares) / moved
-            scale = OFFSET * np.sqrt(squares / max(count, 1.0)) if extra.kind in SIGNED else extra.model or SHARE * float(alone)
+            scale = (
+                OFFSET * np.sqrt(squares / max(count, 1.0))
+                if extra.kind in SIGNED
+                else extra.model or SHARE * float(alone)
+            )
             if scale == 0.0:
                 continue
             signs = (1.0, -1.0) if extra.kind in SIGNED else (1.0,)
@@ -227,8 +322,15 @@ class _Problem:
         self.fitted = sorted(set(places))
         self.model = np.append(self.model, model)
         if not self.to_own.shape[1]:
-            raise of_argument(ArgumentError, "keep", "found all bodies, and nothing of the joints that the motion shows; expected something to find")
-        self.projections = [self._projection(motor) for motor in range(columns.motors)] if accumulator.instruments else None
+            raise of_argument(
+                ArgumentError,
+                "keep",
+                "found all bodies, and no joint parameter that the motion determines; expected at least one parameter"
+                " to identify",
+            )
+        self.projections = (
+            [self._projection(motor) for motor in range(columns.motors)] if accumulator.instruments else None
+        )
 
     def _column_norm(self, motor: int, column: int) -> float:
         used = self.columns.used[motor]
@@ -241,7 +343,7 @@ class _Problem:
         return triangle[:, len(self.columns.used[motor]) :] if self.accumulator.instruments else triangle
 
     def _projection(self, motor: int) -> _Array:
-        """The coefficients of the columns in those of the instruments, by least squares."""
+        """Least-squares coefficients of the columns in terms of the instruments."""
         size = len(self.columns.used[motor])
         triangle = self.whole[motor]
         instruments, columns = triangle[:, :size], triangle[:, size : 2 * size]
@@ -250,7 +352,7 @@ class _Problem:
         return np.asarray(np.linalg.lstsq(instruments / norms, columns, rcond=UNKNOWN)[0] / norms[:, None])
 
     def rows(self, triangles: list[_Array], weights: _Array) -> _Rows:
-        """All rows over their standard deviations, in natural parameters."""
+        """All rows divided by their standard deviations, in physical parameters."""
         lefts: list[_Array] = []
         rights: list[_Array] = []
         targets: list[_Array] = []
@@ -258,7 +360,11 @@ class _Problem:
             if not (self.counts[motor] and len(triangle)):
                 continue
             plain = self._plain(triangle, motor) / weight
-            left = plain[:, :-1] if self.projections is None else triangle[:, : len(used)] @ self.projections[motor] / weight
+            left = (
+                plain[:, :-1]
+                if self.projections is None
+                else triangle[:, : len(used)] @ self.projections[motor] / weight
+            )
             for to, part in ((lefts, left), (rights, plain[:, :-1])):
                 whole = np.zeros((len(plain), self.columns.width))
                 whole[:, used] = part
@@ -270,51 +376,70 @@ class _Problem:
         return _Rows(np.concatenate(lefts), np.concatenate(rights), np.concatenate(targets))
 
     def least_squares(self, weights: _Array) -> tuple[_Array, _Array]:
-        """Rows A and b of the problem |b - A x|^2 with the same minimum, in natural parameters; with instruments, of two-stage least squares."""
+        """Matrix A and vector b of min |b - A x|^2 in physical parameters; with instruments, two-stage least
+        squares."""
         rows = self.rows(self.whole, weights)
         if self.projections is None:
             return rows.right, rows.target
-        # left^T (y - right x) = 0, and left^T right = left^T left: b is y in the space of the projected columns.
+        # left^T (y - right x) = 0, and left^T right = left^T left: b is the component of y in the span of the projected
+        # columns.
         orthogonal, singular, right = np.linalg.svd(rows.left, full_matrices=False)
         keep = singular > UNKNOWN * singular.max(initial=0.0)
         return (singular[:, None] * right)[keep], orthogonal.T[keep] @ rows.target
 
     def residual(self, own: _Array) -> _Array:
-        """Root mean square by motor of the torques less those of these parameters, (motors,); NaN where no torque was measured."""
-        norms = [np.linalg.norm(self._plain(triangle, motor) @ np.append(own[used], -1.0)) for motor, (triangle, used) in enumerate(zip(self.whole, self.columns.used, strict=True))]
+        """Root mean square residual of each motor, (motors,); NaN for motors without measured torques."""
+        norms = [
+            np.linalg.norm(self._plain(triangle, motor) @ np.append(own[used], -1.0))
+            for motor, (triangle, used) in enumerate(zip(self.whole, self.columns.used, strict=True))
+        ]
         return self._mean(norms)
 
     def _mean(self, norms: list[Any]) -> _Array:
         return np.asarray(np.where(self.counts > 0, np.array(norms) / np.sqrt(np.maximum(self.counts, 1)), np.nan))
 
     def least(self) -> _Array:
-        """The least noise, (motors,): rounding of the torques, and of their terms."""
+        """Lower bound of the noise, (motors,): rounding error of the torques and of their terms."""
         own = self.to_own @ self.model
-        norms = [np.linalg.norm(self._plain(triangle, motor) * np.append(own[used], 1.0)) for motor, (triangle, used) in enumerate(zip(self.whole, self.columns.used, strict=True))]
+        norms = [
+            np.linalg.norm(self._plain(triangle, motor) * np.append(own[used], 1.0))
+            for motor, (triangle, used) in enumerate(zip(self.whole, self.columns.used, strict=True))
+        ]
         found = ROUNDING * self._mean(norms)
-        # A torque that nothing changes is as uncertain as the largest.
+        # A torque that does not depend on any parameter has the largest of the bounds.
         return np.where(found == 0.0, max(float(np.nanmax(found)), float(np.finfo(float).tiny)), found)
 
     def checked_noise(self, noise: ArrayLike) -> _Array:
-        """Given standard deviations, (motors,)."""
+        """Standard deviations given by the user, (motors,)."""
         found, motors = np.asarray(_core._numbers("noise", noise)), self.columns.motors
         if found.shape not in ((), (motors,)):
             raise of_argument(ShapeError, "noise", f"found shape {found.shape}; expected () or ({motors},)")
         if not (np.all(np.isfinite(found)) and np.all(found > 0.0)):
-            raise of_argument(ArgumentError, "noise", f"found {found.min()}; expected finite standard deviations above zero")
+            raise of_argument(
+                ArgumentError, "noise", f"found {found.min()}; expected finite standard deviations above zero"
+            )
         found = np.array(np.broadcast_to(found, (motors,)))
         least = self.least()
         if np.any(below := found < least):
             at = int(np.argmax(below))
-            message = f"found {found[at]:g} at index {at}; expected at least {least[at]:.1e}, below which rounding of the torques counts as knowledge"
+            message = (
+                f"found {found[at]:g} at index {at}; expected at least {least[at]:.1e}, the rounding error of the"
+                " torques"
+            )
             raise of_argument(ArgumentError, "noise", message)
         return found
 
     def deviation(self) -> _Array:
-        """Standard deviation of the torques by motor, (motors,), by the residuals of least squares, whether bodies can have its parameters or not; NaN where none was measured."""
+        """Standard deviation of the torques, (motors,), from the residuals of unconstrained least squares.
+
+        NaN for motors without measured torques.
+        """
         least, measured = self.least(), int(np.sum(self.counts))
         if np.nanmax(least) <= np.finfo(float).tiny:
-            message = "found states at which no torque depends on any parameter, and torques of zero; expected states that move, or noise, the standard deviation of the torques"
+            message = (
+                "found states at which no torque depends on any parameter, and torques of zero; expected states that"
+                " move, or noise, the standard deviation of the torques"
+            )
             raise of_argument(ArgumentError, "q", message)
         weights = np.where(self.counts > 0, 1.0, np.nan)
         for _ in range(2):
@@ -322,13 +447,24 @@ class _Problem:
             z, _, rank, _ = np.linalg.lstsq(rows @ self.to_own, target, rcond=UNKNOWN)
             if measured < 2 * rank:
                 found = f"{measured} measured torques for {rank} combinations of parameters"
-                raise of_argument(ArgumentError, "tau", f"found {found}; expected at least {2 * rank}, or noise, their standard deviation")
+                raise of_argument(
+                    ArgumentError,
+                    "tau",
+                    f"found {found}; expected at least {2 * rank}, or noise, their standard deviation",
+                )
             weights = np.maximum(np.sqrt(measured / (measured - rank)) * self.residual(self.to_own @ z), least)
         return weights
 
 
-def solved(accumulator: Accumulator, noise: ArrayLike | None, trust: float, *, stacklevel: int, clock_offset: float = float("nan")) -> Identification:
-    """The identification from all states of an accumulator."""
+def solved(
+    accumulator: Accumulator,
+    noise: ArrayLike | None,
+    trust: float,
+    *,
+    stacklevel: int,
+    clock_offset: float = float("nan"),
+) -> Identification:
+    """Identify the parameters from all states of an accumulator."""
     if not (np.isfinite(trust) and trust > 0.0):
         raise of_argument(ArgumentError, "trust", f"found {trust}; expected a finite number above zero")
     problem = _Problem(accumulator, stacklevel + 1)
@@ -338,7 +474,7 @@ def solved(accumulator: Accumulator, noise: ArrayLike | None, trust: float, *, s
     triangle = merged_triangles([np.column_stack([rows @ problem.to_own, target])])
     z, root = most_probable(triangle[:, :-1], triangle[:, -1], problem.bodies, trust)
     own = problem.to_own @ z
-    # Merges blocks that are too short.
+    # This call merges blocks that are too short.
     base = base_parameters(problem, weights)
     by_data, by_prior = _columns_of_covariance(problem, weights, own, root)
     parameters = columns.own.copy()
@@ -358,16 +494,30 @@ def solved(accumulator: Accumulator, noise: ArrayLike | None, trust: float, *, s
     singular = np.linalg.svd(triangle[:, :-1], compute_uv=False)
     blocks = len(problem.blocks) if len(problem.blocks) >= FEWEST_BLOCKS else 1
     found = Identification(
-        columns, own, _scene(columns, parameters, joints, stacklevel + 1), parameters, _squared(full), full, share, joints, spread, base, weights,
-        problem.residual(problem.to_own @ problem.model), problem.residual(own), int(np.sum(singular > UNKNOWN * singular[0])) if singular.size else 0,
-        blocks, accumulator.states, clock_offset,
-    )  # fmt: skip
+        columns,
+        own,
+        _scene(columns, parameters, joints, stacklevel + 1),
+        parameters,
+        _squared(full),
+        full,
+        share,
+        joints,
+        spread,
+        base,
+        weights,
+        problem.residual(problem.to_own @ problem.model),
+        problem.residual(own),
+        int(np.sum(singular > UNKNOWN * singular[0])) if singular.size else 0,
+        blocks,
+        accumulator.states,
+        clock_offset,
+    )
     _warn_of_bias(found, stacklevel + 1)
     return found
 
 
 def _squared(root: _Array) -> _Array:
-    """L L^T for (bodies, 10, columns)."""
+    """Covariance L L^T of a root L, (bodies, 10, columns)."""
     flat = root.reshape(-1, root.shape[2])
     return np.asarray(flat @ flat.T)
 
@@ -378,13 +528,16 @@ def _warn_of_bias(found: Identification, stacklevel: int) -> None:
     if not np.isfinite(ratios).any() or float(np.nanmax(ratios)) <= BIAS:
         return
     worst = int(np.nanargmax(ratios))
-    text = f"acceleration_noise: predicts a bias of {ratios[worst]:.2g} standard deviations of {found.base.names[worst]!r}, {int(np.sum(ratios > BIAS))} of {len(ratios)} above {BIAS}"
+    text = (
+        f"acceleration_noise: predicts a bias of {ratios[worst]:.2g} standard deviations of"
+        f" {found.base.names[worst]!r}, {int(np.sum(ratios > BIAS))} of {len(ratios)} above {BIAS}"
+    )
     fix = "give instruments=(q, qd, qdd) of the commanded trajectory, or smooth with a lower cutoff"
     warnings.warn(f"{text}; {fix}", IdentificationWarning, stacklevel=stacklevel)
 
 
 def _for_jackknife(accumulator: Accumulator) -> list[Block]:
-    """The blocks, near the wanted number."""
+    """Blocks of the accumulator, merged to about the requested number."""
     found = accumulator.blocks()
     while 2 * len(found) >= 3 * accumulator.wanted:
         found = _halved(found)
@@ -392,13 +545,13 @@ def _for_jackknife(accumulator: Accumulator) -> list[Block]:
 
 
 def _columns_of_covariance(problem: _Problem, weights: _Array, own: _Array, root: _Array) -> tuple[_Array, _Array]:
-    """Columns of a root of the covariance of all parameters: by the data, and by the prior."""
+    """Columns of a root of the covariance of all parameters: from the data, and from the prior."""
     whole = problem.rows(problem.whole, weights)
     scaled = problem.to_own @ root
     left, right = whole.left @ scaled, whole.right @ scaled
     information = left.T @ (left if problem.projections is not None else right)
     values, vectors = np.linalg.eigh(information)
-    # The prior's share of the Hessian, which is 1 in these coordinates.
+    # Share of the prior in the Hessian, which is the identity in these coordinates.
     by_prior = scaled @ vectors * np.sqrt(np.clip(1.0 - values, 0.0, 1.0))
     if len(problem.blocks) < FEWEST_BLOCKS:
         return scaled @ vectors * np.sqrt(np.clip(values, 0.0, 1.0)), by_prior
@@ -406,18 +559,26 @@ def _columns_of_covariance(problem: _Problem, weights: _Array, own: _Array, root
     for block in problem.blocks:
         rows = problem.rows(block.triangles, weights)
         of_block = (rows.left @ scaled).T
-        moved.append(np.asarray(np.linalg.solve(np.eye(len(information)) - of_block @ (rows.right @ scaled), of_block @ (rows.target - rows.right @ own)), float))
+        moved.append(
+            np.asarray(
+                np.linalg.solve(
+                    np.eye(len(information)) - of_block @ (rows.right @ scaled),
+                    of_block @ (rows.target - rows.right @ own),
+                ),
+                float,
+            )
+        )
     return scaled @ _jackknife(moved), by_prior
 
 
 def _jackknife(moved: list[_Array]) -> _Array:
-    """Columns of a root of the jackknife's covariance from what deleting each block does."""
+    """Columns of a root of the jackknife covariance, from the change of the estimate by deletion of each block."""
     changes = np.array(moved).T
     return np.asarray(np.sqrt((len(moved) - 1) / len(moved)) * (changes - changes.mean(axis=1, keepdims=True)))
 
 
 def base_parameters(problem: _Problem, weights: _Array) -> BaseParameters:
-    """Base parameters by least squares, their covariance and their predicted bias."""
+    """Estimate base parameters by least squares, with their covariance and predicted bias."""
     columns = problem.columns
     found: Combinations = _combinations(columns)
     at, count = found.columns, len(found.columns)
@@ -427,7 +588,7 @@ def base_parameters(problem: _Problem, weights: _Array) -> BaseParameters:
     scale = np.where(determined, scale, 1.0)
     orthogonal, singular, right = np.linalg.svd(rows[:, at] / scale, full_matrices=False)
     kept = singular > UNKNOWN * singular.max(initial=0.0)
-    # Columns of the whitening: estimates are root @ orthogonal^T target.
+    # Whitening: the estimates are root @ orthogonal^T @ target.
     root: _Array = right[kept].T / singular[kept] / scale[:, None]
     determined &= np.sum(right[kept] ** 2, axis=0) > 1.0 - 1e-6
     values = root @ (orthogonal.T[kept] @ target)
@@ -435,7 +596,7 @@ def base_parameters(problem: _Problem, weights: _Array) -> BaseParameters:
     own[at] = values
 
     def scores() -> Iterator[tuple[_Array, _Array, _Array]]:
-        """Of each block the whitened columns, left and right, and the score."""
+        """Yield the whitened columns, left and right, and the score of each block."""
         for block in problem.blocks:
             part = problem.rows(block.triangles, weights)
             of_block = (part.left[:, at] @ root).T
@@ -443,7 +604,8 @@ def base_parameters(problem: _Problem, weights: _Array) -> BaseParameters:
 
     torques = float(np.sum(problem.counts))
     while len(problem.blocks) >= 2 * FEWEST_LONG and (
-        torques < ROWS * root.shape[1] * len(problem.blocks) or _correlation([score for _, _, score in scores()]) > CORRELATED
+        torques < ROWS * root.shape[1] * len(problem.blocks)
+        or _correlation([score for _, _, score in scores()]) > CORRELATED
     ):
         problem.blocks = _halved(problem.blocks)
     moved: list[_Array] = []
@@ -457,19 +619,25 @@ def base_parameters(problem: _Problem, weights: _Array) -> BaseParameters:
     model = found.matrix @ np.append(model, [extra.model for extra in columns.extras])
     names = columns.names()
     degrees = float(len(moved) - 1) if len(moved) >= FEWEST_BLOCKS else np.inf
-    bias = _bias(problem, weights, (at, root, values)) if problem.accumulator.acceleration_noise is not None else np.full(count, np.nan)
-    return BaseParameters(tuple(names[i] for i in at), found.matrix, tuple(names), values, np.asarray(model), covariance, degrees, bias)
+    bias = (
+        _bias(problem, weights, (at, root, values))
+        if problem.accumulator.acceleration_noise is not None
+        else np.full(count, np.nan)
+    )
+    return BaseParameters(
+        tuple(names[i] for i in at), found.matrix, tuple(names), values, np.asarray(model), covariance, degrees, bias
+    )
 
 
 def _correlation(scores: list[_Array]) -> float:
-    """Of the scores of neighboring blocks: about -1 / blocks where they are independent."""
+    """Correlation of the scores of neighboring blocks; about -1 / blocks if they are independent."""
     all_scores = np.array(scores)
     total = float(np.sum(all_scores**2))
     return float(np.sum(all_scores[1:] * all_scores[:-1])) / total if total > 0.0 else 0.0
 
 
 def _combinations(columns: Columns) -> Combinations:
-    """Those of the columns, found once."""
+    """Independent combinations of the columns; cached."""
     if "_combinations" not in columns.__dict__:
         columns.__dict__["_combinations"] = combinations(columns)
     found: Combinations = columns.__dict__["_combinations"]
@@ -477,15 +645,19 @@ def _combinations(columns: Columns) -> Combinations:
 
 
 def _bias(problem: _Problem, weights: _Array, estimate: tuple[NDArray[np.intp], _Array, _Array]) -> _Array:
-    """-(B + X)^-1 X x with the information X that noise in the accelerations adds to that of the motion, B, in base parameters; zero with instruments.
+    """Predicted bias of the base parameters, -(B + X)^-1 X x; zero with instruments.
 
-    Measured are B + X and the biased x' = (B + X)^-1 B x: the bias is -B^-1 X x'. Torques that no column has, as those of known armatures, have the noise in them too.
+    B is the information of the motion, and X is the information that acceleration noise adds. The measurements give B +
+    X and the biased x' = (B + X)^-1 B x, so that the bias is -B^-1 X x'. The noise also affects torques that are not
+    part of the columns, for instance the torques of known armatures.
     """
     at, root, values = estimate
     if problem.projections is not None:
         return np.zeros(len(at))
     parts = []
-    for noise, weight, used, count in zip(problem.accumulator._noise, weights, problem.columns.used, problem.counts, strict=True):
+    for noise, weight, used, count in zip(
+        problem.accumulator._noise, weights, problem.columns.used, problem.counts, strict=True
+    ):
         if count and len(noise):
             whole = np.zeros((len(noise), problem.columns.width + 1))
             whole[:, np.append(used, problem.columns.width)] = noise / weight
@@ -495,11 +667,14 @@ def _bias(problem: _Problem, weights: _Array, estimate: tuple[NDArray[np.intp], 
     changes = np.concatenate(parts)
     added, known = changes[:, :-1], changes[:, -1]
     scaled = added @ root
-    return np.asarray(-root @ np.linalg.lstsq(np.eye(root.shape[1]) - scaled.T @ scaled, scaled.T @ (added @ values + known), rcond=None)[0])
+    return np.asarray(
+        -root
+        @ np.linalg.lstsq(np.eye(root.shape[1]) - scaled.T @ scaled, scaled.T @ (added @ values + known), rcond=None)[0]
+    )
 
 
 def _scene(columns: Columns, parameters: _Array, joints: dict[str, dict[str, float]], stacklevel: int) -> Scene:
-    """The scene with what was found."""
+    """Scene with the estimated parameters."""
     scene = with_parameters(columns.scene, columns.free, parameters)
     properties: dict[str, dict[str, float]] = {}
     omitted = []
@@ -519,6 +694,9 @@ def _scene(columns: Columns, parameters: _Array, joints: dict[str, dict[str, flo
         ratio = abs(float(row[entries[0]]))
         properties.setdefault(extra.kind, {})[joint] = value * (ratio if extra.kind == "friction" else ratio**2)
     if omitted:
-        text = f"transmission: a scene has no {', '.join(omitted)}, which acts on several joints; the result's torques(q, qd, qdd) have it, its scene has not"
+        text = (
+            f"transmission: a scene has no {', '.join(omitted)}, which acts on several joints; Identification.torques"
+            " includes it, Identification.scene does not"
+        )
         warnings.warn(text, IdentificationWarning, stacklevel=stacklevel)
     return scene.with_properties(**properties) if properties else scene

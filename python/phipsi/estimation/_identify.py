@@ -1,4 +1,4 @@
-"""Scene.identify: the checks of a log that is in memory, and the identification from it."""
+"""Implementation of Scene.identify: checks of a log in memory, and identification from it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ __all__ = ["identify"]
 
 _Array = NDArray[np.float64]
 
-#: How many warnings' frames lie between the caller and `identify`.
+#: The `stacklevel` at which warnings refer to the caller of Scene.identify.
 CALLER = 3
 
 
@@ -45,14 +45,19 @@ def identify(
     instruments: tuple[ArrayLike, ArrayLike, ArrayLike] | None = None,
     blocks: int = 20,
 ) -> Identification:
-    """As Scene.identify, which calls it."""
+    """Implementation of Scene.identify."""
     check_tree(scene, "identify")
     if not (np.isfinite(trust) and trust > 0.0):
         raise of_argument(ArgumentError, "trust", f"found {trust}; expected a finite number above zero")
     q, qd, qdd, tau = _log(scene, q, qd, qdd, tau)
     times = None if time is None else checked_time(time, len(q), CALLER)
     if not np.isfinite(tau_delay) or (tau_delay != 0.0 and times is None):
-        raise of_argument(ArgumentError, "tau_delay", f"found {tau_delay}{' without time' if np.isfinite(tau_delay) else ''}; expected a finite delay in s, and time")
+        raise of_argument(
+            ArgumentError,
+            "tau_delay",
+            f"found {tau_delay}{' without time' if np.isfinite(tau_delay) else ''}; expected a finite delay in s, and"
+            " time",
+        )
     if tau_delay != 0.0 and times is not None:
         tau = shifted(tau, times, tau_delay)
     warn_of_motion(scene, times, q, qd, qdd, CALLER)
@@ -60,14 +65,23 @@ def identify(
     def accumulated(kinds: tuple[str, ...], load: Scene | None) -> Accumulator:
         length = max(1, -(-len(q) // max(int(blocks), 1))) if isinstance(blocks, (int, np.integer)) else 1
         accumulator = Accumulator(
-            scene, fit=kinds, keep=keep, friction_speed=friction_speed, stribeck_speed=stribeck_speed, transmission=transmission, load_model=load,
-            instruments=instruments is not None, acceleration_noise=acceleration_noise, blocks=blocks, block_length=length,
-        )  # fmt: skip
+            scene,
+            fit=kinds,
+            keep=keep,
+            friction_speed=friction_speed,
+            stribeck_speed=stribeck_speed,
+            transmission=transmission,
+            load_model=load,
+            instruments=instruments is not None,
+            acceleration_noise=acceleration_noise,
+            blocks=blocks,
+            block_length=length,
+        )
         return accumulator.add(q, qd, qdd, tau, instruments=instruments)
 
     kinds, load = tuple(fit), None
     if "load" in kinds:
-        # The torque that friction depends on is that of a model: the measured one has the noise in it.
+        # Friction depends on the model torque, because the measured torque contains noise.
         others = tuple(kind for kind in kinds if kind != "load")
         if others or len(keep) < len(scene.body_names):
             load = solved(accumulated(others, None), noise, trust, stacklevel=CALLER).scene
@@ -75,6 +89,10 @@ def identify(
     warn_of_torques(accumulator.columns, q, qd, qdd, tau, CALLER)
     offset = float("nan")
     if times is not None:
-        weights = np.where(np.isfinite(tau).any(axis=0), 1.0, np.nan) * np.maximum(np.sqrt(accumulator._squares / len(q)), 1e-300)
-        offset = clock_offset(accumulator.columns, _combinations(accumulator.columns).columns, times, (q, qd, qdd, tau), weights, CALLER)
+        weights = np.where(np.isfinite(tau).any(axis=0), 1.0, np.nan) * np.maximum(
+            np.sqrt(accumulator._squares / len(q)), 1e-300
+        )
+        offset = clock_offset(
+            accumulator.columns, _combinations(accumulator.columns).columns, times, (q, qd, qdd, tau), weights, CALLER
+        )
     return solved(accumulator, noise, trust, stacklevel=CALLER, clock_offset=offset)

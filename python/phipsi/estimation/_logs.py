@@ -1,4 +1,4 @@
-"""Logs in files: npz, csv, parquet, rosbag2 and mcap; and identification from many of them, on several processes or machines."""
+"""Log files (npz, csv, parquet, rosbag2, mcap), and their accumulation on several processes or machines."""
 
 from __future__ import annotations
 
@@ -23,29 +23,48 @@ __all__ = ["accumulate_logs", "read_log"]
 _Array = NDArray[np.float64]
 
 ARRAYS = ("time", "q", "qd", "qdd", "tau")
-#: Other names of columns and of arrays.
+#: Alternative names of columns and arrays.
 ALIASES = {"t": "time", "position": "q", "velocity": "qd", "acceleration": "qdd", "effort": "tau", "torque": "tau"}
-#: How often a log is read again whose process was lost.
+#: Number of attempts to read a log whose process is terminated.
 ATTEMPTS = 3
 
 
 def read_log(path: str | Path, scene: Scene) -> dict[str, _Array]:
-    """The arrays of a log: "time" (k,), "q", "qd", "qdd" and "tau" (k, nv), those that it has.
+    """Read a log from a file.
 
     Parameters
     ----------
-    path : path
-        npz with these arrays (t for time); csv or parquet with a column "time" and columns "joint.q", "joint.qd", "joint.qdd", "joint.tau" by the names of the joints, or "q1", "q2",
-        ..., by their order (needs polars); a folder of rosbag2 or an mcap file with sensor_msgs/JointState messages (needs rosbags), whose positions and efforts are taken.
+    path : str or pathlib.Path
+        One of: an npz file with the arrays "time" (or "t"), "q", "qd", "qdd" and "tau"; a csv or parquet file with a
+        column "time" and columns "JOINT.q", "JOINT.qd", "JOINT.qdd" and "JOINT.tau" by joint name, or "q1", "q2", ...
+        by joint order (requires polars); a rosbag2 folder or an mcap file with sensor_msgs/JointState messages, of
+        which positions and efforts are read (requires rosbags).
     scene : phipsi.Scene
         The robot, for the names and the order of its joints.
+
+    Returns
+    -------
+    arrays : dict of str to ndarray
+        The arrays of the log: "time", (k,), s; "q", "qd", "qdd" and "tau", (k, nv). "q" and "tau" are always present.
 
     Raises
     ------
     ArgumentError
-        A file that cannot be read as a log, naming what it lacks.
+        A file that is not a log. The message names the missing array.
     ImportError
-        Without the package that reads this format, naming it.
+        A missing package for this format. The message names it.
+
+    Examples
+    --------
+    >>> import numpy as np, phipsi
+    >>> import pathlib, tempfile
+    >>> scene = phipsi.scenes.chain(2)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "log.npz")
+    ...     np.savez(path, t=np.arange(5) * 0.01, q=np.zeros((5, 2)), tau=np.zeros((5, 2)))
+    ...     log = phipsi.estimation.read_log(path, scene)
+    >>> sorted(log), log["q"].shape
+    (['q', 'tau', 'time'], (5, 2))
     """
     path = Path(path)
     kind = path.suffix.lower()
@@ -56,15 +75,23 @@ def read_log(path: str | Path, scene: Scene) -> dict[str, _Array]:
     elif kind == ".mcap" or path.is_dir():
         found = _of_bag(path, scene)
     else:
-        raise of_argument(ArgumentError, "log", f"found {path.name!r}; expected .npz, .csv, .parquet, .mcap or a folder of rosbag2")
+        raise of_argument(
+            ArgumentError, "log", f"found {path.name!r}; expected .npz, .csv, .parquet, .mcap or a folder of rosbag2"
+        )
     lacking = [name for name in ("q", "tau") if name not in found]
     if lacking:
-        raise of_argument(ArgumentError, "log", f"found no {', '.join(lacking)} in {str(path)!r}; expected q, tau, and qd and qdd or time")
+        raise of_argument(
+            ArgumentError,
+            "log",
+            f"found no {', '.join(lacking)} in {str(path)!r}; expected q, tau, and qd and qdd or time",
+        )
     return found
 
 
-def with_derivatives(found: dict[str, _Array], source: str, cutoff: float | None = None) -> tuple[dict[str, _Array], bool]:
-    """The arrays with velocities and accelerations, and whether they were made by smoothing the positions, which takes times."""
+def with_derivatives(
+    found: dict[str, _Array], source: str, cutoff: float | None = None
+) -> tuple[dict[str, _Array], bool]:
+    """Arrays with velocities and accelerations, and whether they result from smoothing of the positions."""
     if "qd" in found and "qdd" in found:
         return found, False
     if "time" not in found:
@@ -87,16 +114,25 @@ def _of_table(path: Path, scene: Scene) -> dict[str, _Array]:
     try:
         import polars
     except ImportError:
-        raise ImportError('log: csv and parquet are read by polars; install it with: pip install "phipsi[logs]"') from None
+        raise ImportError(
+            'log: csv and parquet are read by polars; install it with: pip install "phipsi[logs]"'
+        ) from None
     try:
-        table = polars.read_csv(path, infer_schema_length=10_000) if path.suffix.lower() == ".csv" else polars.read_parquet(path)
+        table = (
+            polars.read_csv(path, infer_schema_length=10_000)
+            if path.suffix.lower() == ".csv"
+            else polars.read_parquet(path)
+        )
     except Exception as error:
         raise of_argument(ArgumentError, "log", f"found {error}; expected a table") from None
-    return _of_columns({name: np.asarray(table[name].cast(polars.Float64, strict=False).to_numpy(), float) for name in table.columns}, scene)
+    return _of_columns(
+        {name: np.asarray(table[name].cast(polars.Float64, strict=False).to_numpy(), float) for name in table.columns},
+        scene,
+    )
 
 
 def _of_columns(columns: dict[str, _Array], scene: Scene) -> dict[str, _Array]:
-    """The arrays of named columns."""
+    """Arrays from named columns."""
     joints, found = list(scene.joint_names), dict[str, dict[int, _Array]]()
     times = None
     for name, values in columns.items():
@@ -116,7 +152,12 @@ def _of_columns(columns: dict[str, _Array], scene: Scene) -> dict[str, _Array]:
     for kind, of_joints in found.items():
         lacking = [at for at in range(scene.nv) if at not in of_joints]
         if lacking:
-            raise of_argument(ArgumentError, "log", f"found no column {kind} of joint {joints[lacking[0]]!r}; expected {joints[lacking[0]]}.{kind} or {kind}{lacking[0] + 1}")
+            raise of_argument(
+                ArgumentError,
+                "log",
+                f"found no column {kind} of joint {joints[lacking[0]]!r}; expected {joints[lacking[0]]}.{kind} or"
+                f" {kind}{lacking[0] + 1}",
+            )
         arrays[kind] = np.stack([of_joints[at] for at in range(scene.nv)], axis=1)
     return arrays
 
@@ -138,13 +179,18 @@ def _of_bag(path: Path, scene: Scene) -> dict[str, _Array]:
                 if not all(joint in at for joint in joints):
                     continue
                 position, effort = (
-                    [float(values[at[joint]]) if len(values) > at[joint] else np.nan for joint in joints] for values in (message.position, message.effort)
+                    [float(values[at[joint]]) if len(values) > at[joint] else np.nan for joint in joints]
+                    for values in (message.position, message.effort)
                 )
                 rows.append((message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec, position, effort))
     except Exception as error:
         raise of_argument(ArgumentError, "log", f"found {error}; expected a bag of ROS 2") from None
     if not rows:
-        raise of_argument(ArgumentError, "log", f"found no sensor_msgs/JointState with the joints {', '.join(joints)} in {str(path)!r}; expected some")
+        raise of_argument(
+            ArgumentError,
+            "log",
+            f"found no sensor_msgs/JointState with the joints {', '.join(joints)} in {str(path)!r}; expected some",
+        )
     rows.sort(key=lambda row: row[0])
     time = np.array([row[0] for row in rows])
     return {"time": time - time[0], "q": np.array([row[1] for row in rows]), "tau": np.array([row[2] for row in rows])}
@@ -159,32 +205,47 @@ def accumulate_logs(
     cutoff: float | None = None,
     **settings: Any,
 ) -> Accumulator:
-    """The accumulator of many logs: each is read and reduced to triangles on one of several processes, or of the machines of a Dask client.
+    """Accumulate many logs on several processes, or on the machines of a Dask cluster.
 
     Parameters
     ----------
     scene : phipsi.Scene
         The model.
-    logs : sequence of paths
-        Files as read_log reads them, in the order of time. Positions are smoothed where velocities or accelerations are missing.
-    workers : int
-        Processes of this machine.
+    logs : sequence of str or pathlib.Path
+        Files in the order of time, in a format of read_log. If velocities or accelerations are missing, positions are
+        smoothed.
+    workers : int, default 1
+        Number of processes on this machine.
     client : distributed.Client, optional
-        Of a Dask cluster, whose workers see the files.
+        Client of a Dask cluster whose workers have access to the files.
     cutoff : float, optional
-        As in phipsi.smooth.
+        Bandwidth, Hz, as in phipsi.smooth.
     **settings
-        As of Accumulator.
+        Keyword arguments of Accumulator.
 
     Returns
     -------
-    Accumulator
-        Merged in the order of the logs: the result does not depend on the workers. A log whose worker is lost is read again, up to three times.
+    accumulator : Accumulator
+        The logs, merged in their order. The result does not depend on the number of workers. A log whose worker is
+        terminated is read again, up to three times.
 
     Raises
     ------
     ArgumentError
-        No logs, a file that cannot be read, or one that lost its worker three times.
+        No logs, a file that cannot be read, or a log whose worker is terminated three times.
+
+    Examples
+    --------
+    >>> import numpy as np, phipsi
+    >>> import pathlib, tempfile
+    >>> scene = phipsi.scenes.chain(2)
+    >>> q, qd, qdd = np.random.default_rng(0).normal(size=(3, 50, 2))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "log.npz")
+    ...     np.savez(path, q=q, qd=qd, qdd=qdd, tau=scene.inverse_dynamics(q, qd, qdd))
+    ...     found = phipsi.estimation.accumulate_logs(scene, [path, path])
+    >>> found.states
+    100
     """
     if not logs:
         raise of_argument(ArgumentError, "logs", "found none; expected at least one file")
@@ -192,7 +253,9 @@ def accumulate_logs(
         raise of_argument(ArgumentError, "workers", f"found {workers!r}; expected a whole number, at least 1")
     Accumulator(scene, **settings)
     if client is not None:
-        tasks = [client.submit(_accumulated, scene, str(log), cutoff, settings, retries=ATTEMPTS, pure=False) for log in logs]
+        tasks = [
+            client.submit(_accumulated, scene, str(log), cutoff, settings, retries=ATTEMPTS, pure=False) for log in logs
+        ]
         parts: Iterable[Accumulator] = client.gather(tasks)
     elif workers == 1 or len(logs) == 1:
         parts = (_accumulated(scene, str(log), cutoff, settings) for log in logs)
@@ -206,17 +269,19 @@ def accumulate_logs(
 
 
 def _accumulated(scene: Scene, log: str, cutoff: float | None, settings: dict[str, Any]) -> Accumulator:
-    """The triangles of one log."""
+    """Accumulator of one log."""
     arrays, _ = with_derivatives(read_log(log, scene), log, cutoff)
-    # Warnings of other processes are not seen; those of this one name the faults of each log.
+    # Only warnings of this process reach the user.
     q, qd, qdd, _ = _log(scene, arrays["q"], arrays["qd"], arrays["qdd"], arrays["tau"])
     time = checked_time(arrays["time"], len(q), 5) if "time" in arrays else None
     warn_of_motion(scene, time, q, qd, qdd, 5)
     return Accumulator(scene, **settings).add(arrays["q"], arrays["qd"], arrays["qdd"], arrays["tau"])
 
 
-def _on_processes(scene: Scene, logs: list[str], workers: int, cutoff: float | None, settings: dict[str, Any]) -> Iterator[Accumulator]:
-    """Those of all logs, in their order."""
+def _on_processes(
+    scene: Scene, logs: list[str], workers: int, cutoff: float | None, settings: dict[str, Any]
+) -> Iterator[Accumulator]:
+    """Yield the accumulators of all logs in their order."""
     import multiprocessing
     from concurrent.futures import ProcessPoolExecutor
     from concurrent.futures.process import BrokenProcessPool
@@ -227,8 +292,13 @@ def _on_processes(scene: Scene, logs: list[str], workers: int, cutoff: float | N
         if not lost:
             break
         if attempt == ATTEMPTS:
-            raise of_argument(ArgumentError, "logs", f"found a worker that was lost {ATTEMPTS} times, last with {logs[lost[0]]!r}; expected enough memory: fewer workers, or workers=1")
-        # A fork would copy the threads' locks; new processes begin clean.
+            raise of_argument(
+                ArgumentError,
+                "logs",
+                f"found a worker that was lost {ATTEMPTS} times, last with {logs[lost[0]]!r}; expected enough memory:"
+                " fewer workers, or workers=1",
+            )
+        # A forked process would inherit locks of other threads; a spawned process does not.
         with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
             tasks = {at: pool.submit(_accumulated, scene, logs[at], cutoff, settings) for at in lost}
             for at, task in tasks.items():

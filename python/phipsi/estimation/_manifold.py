@@ -1,4 +1,4 @@
-"""Steps on the manifold of configurations, and roots of covariances that are rotated to triangles."""
+"""Steps on the configuration manifold, and triangular roots of covariances."""
 
 from __future__ import annotations
 
@@ -16,7 +16,10 @@ _Array = NDArray[np.float64]
 
 
 def joint_groups(scene: Scene) -> NDArray[np.int_]:
-    """The first and the last degree of freedom of the body that moves by each, (2, nv): spherical and free joints move one body, planar and universal ones several."""
+    """First and last degree of freedom of the group of each degree of freedom, (2, nv).
+
+    The degrees of freedom of a spherical or free joint form one group; all others are groups of one.
+    """
     groups = np.tile(np.arange(scene.nv), (2, 1))
     for joint in scene.joint_names:
         own = scene.v_index(joint)
@@ -26,7 +29,7 @@ def joint_groups(scene: Scene) -> NDArray[np.int_]:
 
 
 def exponential(groups: NDArray[np.int_], x: _Array) -> tuple[_Array, _Array]:
-    """Of steps x on the manifold: Ad of their inverses, and their right Jacobians, (..., nv, nv)."""
+    """Adjoints of the inverses of steps x on the manifold, and right Jacobians of the steps, (..., nv, nv)."""
     nv = x.shape[-1]
     back, right = (np.broadcast_to(np.eye(nv), (*x.shape, nv)).copy() for _ in range(2))
     for first in np.unique(groups[0]):
@@ -47,7 +50,7 @@ def exponential(groups: NDArray[np.int_], x: _Array) -> tuple[_Array, _Array]:
 
 
 def _bracket(x: _Array) -> _Array:
-    """ad of a tangent: of a rotation (..., 3), or of a screw (linear, angular) (..., 6)."""
+    """Matrix ad of a rotation vector, (..., 3), or of a twist (linear, angular), (..., 6)."""
 
     def skew(a: _Array) -> _Array:
         out = np.zeros((*a.shape, 3))
@@ -63,7 +66,7 @@ def _bracket(x: _Array) -> _Array:
 
 
 def lower_root(matrix: _Array) -> _Array:
-    """A square lower triangular root of matrix matrix*: the rotation from the right."""
+    """Square lower triangular root of matrix @ matrix*, by an orthogonal transformation from the right."""
     rows = matrix.shape[-2]
     triangle = np.swapaxes(np.linalg.qr(np.swapaxes(matrix, -1, -2), mode="r"), -1, -2)
     if triangle.shape[-1] < rows:

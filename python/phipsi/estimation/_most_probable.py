@@ -1,12 +1,14 @@
-"""The minimum of a quadratic function of second moments of mass with a Wishart prior, by a primal-dual interior-point method.
+"""Maximum a posteriori second moments of mass with a Wishart prior, by a primal-dual interior-point method.
 
-Variables are z: the entries on and above the diagonal of a symmetric 4x4 matrix Z for each body, then positive numbers x. The function
+The variables z are the entries on and above the diagonal of a symmetric 4x4 matrix Z for each body, then positive
+numbers x. The function
 
     1/2 |target - triangle z|^2 + trust/2 sum (tr Z - log det Z) + trust/2 sum (x - log x)
 
-is convex. Its gradient is zero where S, defined by S = trust/2 + the gradient of the first term (as matrices), satisfies Z S = mu 1 with mu = trust/2. The method keeps Z
-and S positive definite, linearizes Z S = mu 1 in the scaling of Nesterov and Todd, and lowers mu to trust/2. Both matrices move together, so that the number of steps
-hardly depends on the distance between start and minimum; Newton's method on Z alone takes thousands of steps where a body is far from its prior.
+is convex. Let S = trust/2 + the gradient of the first term, as matrices. The gradient of the function is zero if
+Z S = mu 1 with mu = trust/2. The method keeps Z and S positive definite, linearizes Z S = mu 1 in Nesterov-Todd
+scaling, and decreases mu to trust/2. Because both matrices are updated, the number of steps hardly depends on the
+distance between start and minimum. Newton's method on Z alone needs thousands of steps if a body is far from its prior.
 """
 
 from __future__ import annotations
@@ -22,27 +24,32 @@ __all__ = ["BASIS", "COLUMNS", "ROWS", "most_probable"]
 
 _Array = NDArray[np.float64]
 
-#: The entries of a symmetric 4x4 matrix on and above its diagonal; the symmetric matrices of one of them, and those as unit vectors.
+#: Indices on and above the diagonal of a symmetric 4x4 matrix; basis of symmetric matrices, and its normalized form.
 ROWS, COLUMNS = np.triu_indices(4)
-BASIS = np.array([[[float({a, b} == {i, j}) for b in range(4)] for a in range(4)] for i, j in zip(ROWS, COLUMNS, strict=True)])
+BASIS = np.array(
+    [[[float({a, b} == {i, j}) for b in range(4)] for a in range(4)] for i, j in zip(ROWS, COLUMNS, strict=True)]
+)
 ORTHONORMAL = BASIS / np.linalg.norm(BASIS, axis=(1, 2), keepdims=True)
-#: The most steps. Torques that contradict every possible body by more than about 1e5 standard deviations can take more. Robots take 10 to 60.
+#: Maximum number of steps. Robots need 10 to 60. Torques that contradict every physically consistent body by more than
+#: about 1e5 standard deviations can need more.
 STEPS = 300
-#: By how much a step lowers mu at most, and after a step that was cut short; how close a step goes to a singular matrix.
+#: Smallest factor of mu per step, the same after a shortened step, and share of the distance to a singular matrix that
+#: a step covers at most.
 FALL, CAUTIOUS, WITHIN = 0.1, 0.5, 0.95
-#: The length of a step, at the last mu, that ends the iteration, and below which it ends where rounding keeps it from falling: in standard deviations of the result.
+#: Step lengths, in standard deviations of the result, that end the iteration at the last mu: unconditionally, and if
+#: rounding prevents further reduction.
 TIGHT, LOOSE = 1e-9, 1e-2
 
 
 class _Blocks(NamedTuple):
-    """A symmetric matrix for each body, or a root of one, and a number for each of the other variables."""
+    """Symmetric matrix, or root of one, of each body, and scalar of each other variable."""
 
     bodies: _Array
     rest: _Array
 
     @classmethod
     def of(cls, y: _Array, bodies: int) -> _Blocks:
-        """The blocks whose coordinates in orthonormal symmetric matrices are y."""
+        """Return the blocks with the coordinates y in the orthonormal basis."""
         return cls(np.einsum("bi,ijk->bjk", y[: 10 * bodies].reshape(-1, 10), ORTHONORMAL), y[10 * bodies :])
 
     def coordinates(self) -> _Array:
@@ -50,7 +57,7 @@ class _Blocks(NamedTuple):
         return np.concatenate([np.einsum("bjk,ijk->bi", self.bodies, ORTHONORMAL).ravel(), self.rest])
 
     def to_z(self) -> _Array:
-        """With these as roots U: how z changes with y in Z + U Y U^T and x + u^2 y."""
+        """Derivative of z by y in Z + U Y U^T and x + u^2 y, with these blocks as roots U."""
         found = np.zeros((10 * len(self.bodies) + len(self.rest),) * 2)
         for at, root in enumerate(self.bodies):
             part = slice(10 * at, 10 * at + 10)
@@ -60,11 +67,11 @@ class _Blocks(NamedTuple):
         return found
 
     def z(self) -> _Array:
-        """With these as roots: z."""
+        """Variables z, with these blocks as roots."""
         return np.concatenate([(self.bodies @ _transposed(self.bodies))[:, ROWS, COLUMNS].ravel(), self.rest**2])
 
     def squares(self) -> _Blocks:
-        """With these as roots: U^T U and u^2."""
+        """Blocks U^T U and u^2, with these blocks as roots."""
         return _Blocks(_transposed(self.bodies) @ self.bodies, self.rest**2)
 
 
@@ -73,27 +80,32 @@ def _transposed(matrices: _Array) -> _Array:
 
 
 class _Scaling:
-    """Roots U with Z = U Lambda U^T and S = U^-T Lambda U^-1, Lambda diagonal, of roots of Z and of S."""
+    """Nesterov-Todd scaling: roots U with Z = U Lambda U^T and S = U^-T Lambda U^-1, Lambda diagonal."""
 
     def __init__(self, primal: _Blocks, dual: _Blocks) -> None:
         left, values, right = np.linalg.svd(_transposed(dual.bodies) @ primal.bodies)
         self.values = _Blocks(values, primal.rest * dual.rest)
         self._halves = np.sqrt(values)
-        self.root = _Blocks(primal.bodies @ _transposed(right) / self._halves[:, None, :], np.sqrt(primal.rest / dual.rest))
+        self.root = _Blocks(
+            primal.bodies @ _transposed(right) / self._halves[:, None, :], np.sqrt(primal.rest / dual.rest)
+        )
         self._dual = _Blocks(dual.bodies @ left / self._halves[:, None, :], np.sqrt(dual.rest / primal.rest))
 
     @property
     def mean(self) -> float:
         """Mean of the eigenvalues of Z S."""
-        return float(np.concatenate([self.values.bodies.ravel(), self.values.rest]) ** 2 @ np.ones(self.order)) / self.order
+        return (
+            float(np.concatenate([self.values.bodies.ravel(), self.values.rest]) ** 2 @ np.ones(self.order))
+            / self.order
+        )
 
     @property
     def order(self) -> int:
-        """How many eigenvalues there are."""
+        """Number of eigenvalues."""
         return int(self.values.bodies.size + self.values.rest.size)
 
     def diagonal(self, power: int) -> _Blocks:
-        """Powers of Lambda, as matrices."""
+        """Power of Lambda, as matrices."""
         return _Blocks(self.values.bodies[:, :, None] ** power * np.eye(4), self.values.rest**power)
 
     def relative(self, change: _Blocks) -> _Array:
@@ -102,7 +114,7 @@ class _Scaling:
         return np.concatenate([np.linalg.eigvalsh(scaled).ravel(), change.rest / self.values.rest])
 
     def moved(self, length: float, primal: _Blocks, dual: _Blocks) -> tuple[_Blocks, _Blocks]:
-        """Roots of Z and of S after a step that leaves both positive definite."""
+        """Roots of Z and S after a step that keeps both positive definite."""
         found = []
         for root, change in ((self.root, primal), (self._dual, dual)):
             grown = np.linalg.cholesky(self.diagonal(1).bodies + length * change.bodies)
@@ -111,7 +123,7 @@ class _Scaling:
 
 
 def most_probable(triangle: _Array, target: _Array, bodies: int, trust: float) -> tuple[_Array, _Array]:
-    """Where the function is least, (n,), and a root R of the inverse of its second derivative there, R R^T, (n, n)."""
+    """Return the minimizer, (n,), and a root R, (n, n), of the inverse Hessian R R^T at the minimum."""
     size, last = triangle.shape[1], 0.5 * trust
     primal = _Blocks(np.tile(np.eye(4), (bodies, 1, 1)), np.ones(size - 10 * bodies))
     dual = _start(triangle.T @ (triangle @ primal.z() - target), bodies, last)
@@ -122,7 +134,7 @@ def most_probable(triangle: _Array, target: _Array, bodies: int, trust: float) -
         scaled = triangle @ scaling.root.to_z()
         center = scaling.diagonal(-1)
         pull = last * scaling.root.squares().coordinates() - mu * center.coordinates()
-        # As a least-squares problem: the matrix is not squared.
+        # A least-squares problem instead of the normal equations, to avoid squaring the condition number.
         rows = np.concatenate([scaled, np.eye(size)])
         orthogonal, upper = np.linalg.qr(rows)
         y = np.linalg.solve(upper, orthogonal.T @ np.concatenate([target - triangle @ primal.z(), -pull]))
@@ -134,23 +146,26 @@ def most_probable(triangle: _Array, target: _Array, bodies: int, trust: float) -
         primal, dual = scaling.moved(length, change, other)
         fall = FALL if length > 0.5 else CAUTIOUS
         moved = float(np.linalg.norm(rows @ y))
-        # The iteration also ends where rounding keeps the steps from becoming shorter.
+        # The iteration also ends if rounding prevents shorter steps.
         if mu == last and length == 1.0 and (moved <= TIGHT or (moved <= LOOSE and moved > 0.25 * before)):
             return primal.z(), _root_of_covariance(triangle @ primal.to_z(), primal, trust)
         before = moved
-    found = f"no minimum in {STEPS} steps (Z S is {scaling.mean:.1e} of {last:.1e}, the last step {moved:.1e} standard deviations)"
-    expected = "torques in N m or N with the signs of inverse_dynamics, or noise=... that is not far below what no body explains"
+    found = (
+        f"no minimum in {STEPS} steps (Z S is {scaling.mean:.1e} of {last:.1e}, the last step {moved:.1e} standard"
+        " deviations)"
+    )
+    expected = "torques in N m or N with the signs of inverse_dynamics, or noise=... of about the size of the residuals"
     raise PhipsiError(f"identify: found {found}; expected {expected}")
 
 
 def _start(gradient: _Array, bodies: int, least: float) -> _Blocks:
-    """A root of S for the start: of each body as large as the gradient there."""
+    """Initial root of S, with the norm of the gradient of each body."""
     norms = np.linalg.norm(gradient[: 10 * bodies].reshape(-1, 10), axis=1)
     return _Blocks(np.sqrt(least + norms)[:, None, None] * np.eye(4), np.sqrt(least + np.abs(gradient[10 * bodies :])))
 
 
 def _root_of_covariance(scaled: _Array, root: _Blocks, trust: float) -> _Array:
-    """A root of the inverse of the second derivative by z."""
+    """Root of the inverse Hessian with respect to z."""
     _, singular, right = np.linalg.svd(scaled)
     variances = np.full(len(right), 2.0 / trust)
     variances[: len(singular)] = 1.0 / (singular**2 + 0.5 * trust)

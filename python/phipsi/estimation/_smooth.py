@@ -1,4 +1,4 @@
-"""Positions, velocities and accelerations from a log of positions."""
+"""Velocities and accelerations from a log of positions, by smoothing."""
 
 from __future__ import annotations
 
@@ -17,15 +17,16 @@ __all__ = ["Smoothed", "smooth"]
 
 _Array = NDArray[np.float64]
 
-#: Samples that noise and bandwidth are estimated from, in pieces.
+#: Number of samples for the estimation of noise and bandwidth, and number of pieces of the log that they are taken
+#: from.
 SAMPLED, PIECES = 8000, 4
-#: Standard deviations at the start, in the largest differences: wide enough to have no weight.
+#: Initial standard deviations relative to the largest differences, large enough to have no weight.
 WIDE = 1e3
-#: Multiples of a step of the encoder that are still steps; the largest share of samples that may be off them.
+#: Inverse of the largest number of encoder steps per change that counts as a multiple of the step.
 WHOLE = 1e-3
-#: Innovations of a piece that its start decides.
+#: Number of innovations per piece that depend on its initial state.
 START = 2
-#: Periods of the bandwidth from an end of the log, within which what the smoother leaves is not all noise.
+#: Distance from the ends of the log, in periods of the bandwidth, within which residuals contain signal.
 ENDS = 1.5
 #: Steps of the search for the bandwidth.
 STEPS = 40
@@ -33,7 +34,7 @@ STEPS = 40
 
 @dataclass(frozen=True, eq=False)
 class Smoothed:
-    """Positions, velocities and accelerations, with their uncertainty."""
+    """Smoothed positions, velocities and accelerations, with their uncertainty."""
 
     time: _Array
     """Times, (k,), s."""
@@ -44,30 +45,34 @@ class Smoothed:
     qdd: _Array
     """Accelerations, (k, n)."""
     variances: _Array
-    """Variances of the three, (3, k, n): noise that passes and signal that is left out."""
+    """Variances of q, qd and qdd, (3, k, n), from remaining noise and attenuated signal."""
     noise: _Array
-    """Standard deviation of the noise in the measured positions, (n,), as given or as estimated."""
+    """Standard deviation of the noise in the measured positions, (n,), given or estimated."""
     cutoff: _Array
     """Frequency above which the smoother attenuates, (n,), Hz."""
     acceleration_noise: _Array
-    """Standard deviation of the measurement noise that passes into the accelerations, (n,): the `acceleration_noise` of Scene.identify."""
+    """Standard deviation of the noise in the accelerations, (n,): the `acceleration_noise` of Scene.identify."""
 
 
-def smooth(time: ArrayLike, q: ArrayLike, *, noise: ArrayLike | None = None, cutoff: ArrayLike | None = None) -> Smoothed:
-    """Positions, velocities and accelerations from measured positions, by a fixed-interval smoother with white jerk: a quintic smoothing spline.
+def smooth(
+    time: ArrayLike, q: ArrayLike, *, noise: ArrayLike | None = None, cutoff: ArrayLike | None = None
+) -> Smoothed:
+    """Compute velocities and accelerations from measured positions, by a quintic smoothing spline.
 
-    In the middle of a long uniform log it is the zero-phase filter 1/(1 + (f/cutoff)^6). Times may have any spacing.
+    In the middle of a long uniform log, the smoother is the zero-phase filter 1/(1 + (f/cutoff)^6). Times may have any
+    spacing.
 
     Parameters
     ----------
     time : (k,) array_like
-        Times, s, not falling.
+        Times, s, not decreasing.
     q : (k, n) or (k,) array_like
-        Measured positions of joints of one axis, rad or m; NaN where one was not measured.
+        Measured positions of joints of one axis, rad or m; NaN: not measured.
     noise : array_like, optional
-        Standard deviation of the positions, one number or (n,). None: by the likelihood; where positions are whole steps of an encoder, at least those of the rounding.
+        Standard deviation of the positions, scalar or (n,). None: maximum likelihood, with at least the quantization
+        noise of an encoder.
     cutoff : array_like, optional
-        Bandwidth, Hz, one number or (n,). None: by the likelihood.
+        Bandwidth, Hz, scalar or (n,). None: maximum likelihood.
 
     Returns
     -------
@@ -77,9 +82,9 @@ def smooth(time: ArrayLike, q: ArrayLike, *, noise: ArrayLike | None = None, cut
     Raises
     ------
     ArgumentError
-        Times that fall, fewer than three measured positions, noise or cutoff that is not above zero.
+        Decreasing times, fewer than three measured positions, noise or cutoff that is not above zero.
     ShapeError
-        Arrays whose lengths differ.
+        Arrays of different lengths.
 
     Warns
     -----
@@ -88,7 +93,8 @@ def smooth(time: ArrayLike, q: ArrayLike, *, noise: ArrayLike | None = None, cut
 
     Notes
     -----
-    State (q, qd, qdd), process noise white jerk of density s, s = (2 pi cutoff)^6 noise^2 h at the mean step h. Square-root filter and Rauch-Tung-Striebel smoother, O(k).
+    Square-root Kalman filter and Rauch-Tung-Striebel fixed-interval smoother, O(k). The state is (q, qd, qdd). The
+    process noise is white jerk of density (2 pi cutoff)^6 noise^2 h with the mean step h.
 
     Examples
     --------
@@ -105,13 +111,16 @@ def smooth(time: ArrayLike, q: ArrayLike, *, noise: ArrayLike | None = None, cut
     if values.ndim != 2 or len(values) == 0:
         raise of_argument(ShapeError, "q", f"found shape {values.shape}; expected (k, n): a row per time")
     if np.any(np.isinf(values)):
-        raise of_argument(ArgumentError, "q", "found an infinity; expected numbers, NaN where a position was not measured")
+        raise of_argument(ArgumentError, "q", "found an infinity; expected finite positions, or NaN for missing ones")
     times = checked_time(time, len(values), 3)
     deviation, bandwidth = _given("noise", noise, values.shape[1]), _given("cutoff", cutoff, values.shape[1])
     parts, deviations, cutoffs, passed = [], [], [], []
     for joint in range(values.shape[1]):
         found = _Joint(times, np.ascontiguousarray(values[:, joint]), joint)
-        sd, hertz = found.settings(None if deviation is None else float(deviation[joint]), None if bandwidth is None else float(bandwidth[joint]))
+        sd, hertz = found.settings(
+            None if deviation is None else float(deviation[joint]),
+            None if bandwidth is None else float(bandwidth[joint]),
+        )
         parts.append(found.smooth(sd, hertz))
         deviations.append(sd)
         cutoffs.append(hertz)
@@ -146,16 +155,28 @@ class _Joint:
         self.time, self.position = np.ascontiguousarray(time), position
         seen = np.isfinite(position)
         if int(seen.sum()) < 3 or len(np.unique(time[seen])) < 3:
-            raise of_argument(ArgumentError, "q", f"found {int(seen.sum())} measured positions in column {joint}; expected at least three at different times")
+            raise of_argument(
+                ArgumentError,
+                "q",
+                f"found {int(seen.sum())} measured positions in column {joint}; expected at least three at different"
+                " times",
+            )
         measured, steps = position[seen], np.diff(time[seen])
         self.step = float((time[seen][-1] - time[seen][0]) / (seen.sum() - 1))
         changes = np.abs(np.diff(measured))
-        if np.any(jumps := (np.abs(changes - 2.0 * np.pi) < 0.5) & (steps < 3.0 * self.step) & (changes > 20.0 * np.median(changes) + 1.0)):
+        if np.any(
+            jumps := (np.abs(changes - 2.0 * np.pi) < 0.5)
+            & (steps < 3.0 * self.step)
+            & (changes > 20.0 * np.median(changes) + 1.0)
+        ):
             at = int(np.flatnonzero(jumps)[0])
-            text = f"q: found a jump of {changes[at]:.3g} in column {joint} at row {int(np.flatnonzero(seen)[at + 1])}, a revolution; np.unwrap(q, axis=0) takes it out"
+            text = (
+                f"q: found a jump of {changes[at]:.3g} in column {joint} at row {int(np.flatnonzero(seen)[at + 1])}, a"
+                " revolution; np.unwrap(q, axis=0) removes it"
+            )
             warnings.warn(text, LogWarning, stacklevel=3)
         self.quantum = _quantum(changes)
-        #: Variances relative to that of a sample whose rounding is white: slow ones are three times as uncertain.
+        #: Variances relative to white quantization noise: they are three times larger at low velocity.
         self.relative = np.ones(len(position))
         if self.quantum > 0.0:
             slow = np.append(changes, changes[-1:]) < 2.0 * self.quantum
@@ -168,30 +189,39 @@ class _Joint:
         self.pieces = [slice(int(begin), int(begin) + length) for begin in begins]
 
     def _prior(self, time: _Array, measured: _Array) -> tuple[float, float, float]:
-        """Standard deviations of position, velocity and acceleration at the start, above all that the differences have."""
+        """Initial standard deviations of position, velocity and acceleration, above all finite differences."""
         moving = np.append(True, np.diff(time) > 0.0)
         time, measured = time[moving], measured[moving]
         rates = np.diff(measured) / np.diff(time)
         bends = np.diff(rates) / (0.5 * (time[2:] - time[:-2]))
         least = self.range / max(float(time[-1] - time[0]), self.step)
         velocity = max(float(np.max(np.abs(rates))), least)
-        return WIDE * self.range, WIDE * velocity, WIDE * max(float(np.max(np.abs(bends), initial=0.0)), velocity / max(float(time[-1] - time[0]), self.step))
+        return (
+            WIDE * self.range,
+            WIDE * velocity,
+            WIDE * max(float(np.max(np.abs(bends), initial=0.0)), velocity / max(float(time[-1] - time[0]), self.step)),
+        )
 
     def likelihood(self, variance: float, hertz: float) -> tuple[float, float, int]:
-        """Sum of e^2 / a, sum of log a and number of the innovations."""
+        """Sum of e^2 / a and of log a over the innovations, and their number."""
         density = (2.0 * np.pi * hertz) ** 6 * variance * self.step
-        sums = [_core._log_likelihood(self.time[part], self.position[part], variance * self.relative[part], density, self.prior) for part in self.pieces]
+        sums = [
+            _core._log_likelihood(
+                self.time[part], self.position[part], variance * self.relative[part], density, self.prior
+            )
+            for part in self.pieces
+        ]
         squares, logarithms, counts = map(sum, zip(*sums, strict=True))
         return float(squares), float(logarithms), int(counts)
 
     def settings(self, noise: float | None, cutoff: float | None) -> tuple[float, float]:
-        """Standard deviation of the noise and bandwidth, by the likelihood where they are not given."""
+        """Standard deviation of the noise, and bandwidth; by maximum likelihood if not given."""
         least = max(self.quantum / np.sqrt(12.0), 1e-9 * self.range)
         if noise is not None and cutoff is not None:
             return noise, cutoff
 
         def at(log_hertz: float) -> tuple[float, float]:
-            """Minus twice the log-likelihood, and the standard deviation of the noise there."""
+            """Negative of twice the log-likelihood, and the corresponding standard deviation of the noise."""
             hertz = float(np.exp(log_hertz))
             variance = noise**2 if noise is not None else self.range**2 * 1e-6
             squares, logarithms, count = self.likelihood(variance, hertz)
@@ -219,19 +249,22 @@ class _Joint:
         return at(middle)[1], float(np.exp(middle))
 
     def _left(self, hertz: float) -> float:
-        """Standard deviation of the noise by what a smoother of this bandwidth leaves: innovations would have the signal in them that the bandwidth delays."""
+        """Standard deviation of the noise from the residuals of a smoother of the given bandwidth.
+
+        The innovations are not suitable, because they contain signal that the bandwidth delays.
+        """
         squares, share, count = 0.0, 0.0, 0
         for part in self.pieces:
             own = _Part(self.time[part], self.position[part], self.relative[part])
             density = (2.0 * np.pi * hertz) ** 6 * self.step
             found = _core._smooth_log(own.time, own.position, own.relative, density, self.prior)
             seen = np.isfinite(own.position)
-            # Near the ends the bandwidth is lower.
+            # The effective bandwidth is lower near the ends.
             inner = (own.time > own.time[0] + ENDS / hertz) & (own.time < own.time[-1] - ENDS / hertz)
             if (seen & inner).sum() > 0.2 * seen.sum():
                 seen &= inner
             squares += float(np.sum((own.position - found[:, 0])[seen] ** 2 / own.relative[seen]))
-            # The variance of what is left is that of the noise less that of the estimate.
+            # The variance of the residuals is the variance of the noise minus the variance of the estimate.
             share += float(np.sum(1.0 - found[seen, 3] / own.relative[seen]))
             count += int(seen.sum())
         return float(np.sqrt(squares / max(share, 1e-3 * count)))
@@ -243,7 +276,7 @@ class _Joint:
 
 
 def _quantum(changes: _Array) -> float:
-    """The step of an encoder that all positions are multiples of; 0 where there is none."""
+    """Encoder step of which all positions are multiples; 0 if there is no such step."""
     moved = changes[changes > 0.0]
     if len(moved) < 20:
         return 0.0

@@ -1,4 +1,4 @@
-"""Quantiles of Student's distribution, for intervals by a jackknife of few blocks."""
+"""Quantiles of Student's distribution, for jackknife intervals from few blocks."""
 
 from __future__ import annotations
 
@@ -15,12 +15,15 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
 
 
 def student_quantile(level: float, degrees: ArrayLike) -> _Array:
-    """The t with P(|T| <= t) = level, for Student's distribution with these degrees of freedom; infinite degrees: the normal distribution.
+    """Quantile t with P(|T| <= t) = level of Student's distribution; infinite degrees: the normal distribution.
 
-    With t = sqrt(degrees) tan(theta), P is the integral of cos^(degrees - 1) from 0 to theta, normalized: bisection on theta, Gauss-Legendre quadrature.
+    With t = sqrt(degrees) tan(theta), P is the normalized integral of cos^(degrees - 1) from 0 to theta. The function
+    uses bisection on theta and Gauss-Legendre quadrature.
     """
     given = np.minimum(np.asarray(degrees, float), 1e6)
-    normal = np.array([2.0 * math.exp(math.lgamma((n + 1) / 2) - math.lgamma(n / 2)) / math.sqrt(math.pi) for n in given.ravel()])
+    normal = np.array(
+        [2.0 * math.exp(math.lgamma((n + 1) / 2) - math.lgamma(n / 2)) / math.sqrt(math.pi) for n in given.ravel()]
+    )
     nu, low, high = given.ravel(), np.zeros(given.size), np.full(given.size, 0.5 * np.pi)
     # The density is negligible beyond 40 standard deviations.
     high = np.where(nu > 100.0, np.arctan(40.0 / np.sqrt(nu)), high)

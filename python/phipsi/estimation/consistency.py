@@ -1,4 +1,4 @@
-"""Consistency of an estimator: whether its errors have the covariances that it states."""
+"""Consistency tests of an estimator: comparison of its errors with its covariances."""
 
 from __future__ import annotations
 
@@ -12,14 +12,17 @@ __all__ = ["consistency_bounds", "nees", "nis"]
 
 
 def nees(error: ArrayLike, covariance: ArrayLike) -> NDArray[np.float64]:
-    """The normalized estimation error squared e* P^-1 e: chi-square with n degrees of freedom if the covariance P is right.
+    """Normalized estimation error squared, e* P^-1 e.
+
+    It has a chi-square distribution with n degrees of freedom if the covariance P is correct.
 
     Parameters
     ----------
     error : (..., n)
-        Errors of the estimate in the tangent space of the estimate: truth = estimate (+) error. `scene.difference(estimate, truth)` gives that of q.
+        Errors in the tangent space of the estimate: truth = estimate (+) error. For q: `scene.difference(estimate,
+        truth)`.
     covariance : (..., n, n)
-        The covariance that the estimator states.
+        Covariance reported by the estimator.
 
     Returns
     -------
@@ -29,12 +32,13 @@ def nees(error: ArrayLike, covariance: ArrayLike) -> NDArray[np.float64]:
     Raises
     ------
     ShapeError
-        Shapes that do not fit each other.
+        Inconsistent shapes.
     ArgumentError
-        A covariance that is singular or has a negative eigenvalue: in such directions P holds only what the prior held.
+        A covariance that is not positive definite.
 
     Examples
     --------
+    >>> import phipsi
     >>> import numpy as np
     >>> from phipsi.estimation import consistency_bounds, nees
     >>> rng = np.random.default_rng(1)
@@ -46,28 +50,44 @@ def nees(error: ArrayLike, covariance: ArrayLike) -> NDArray[np.float64]:
     """
     e, p = np.asarray(error, float), np.asarray(covariance, float)
     if e.ndim < 1 or p.ndim < 2 or p.shape[-2:] != (e.shape[-1], e.shape[-1]):
-        raise of_argument(ShapeError, "covariance", f"found shapes {e.shape} of the error and {p.shape}; expected (..., n) and (..., n, n)")
-    # Units differ: each component in its own standard deviations first.
+        raise of_argument(
+            ShapeError,
+            "covariance",
+            f"found shapes {e.shape} of the error and {p.shape}; expected (..., n) and (..., n, n)",
+        )
+    # Components have different units: normalize each by its standard deviation.
     scale = np.sqrt(np.maximum(np.diagonal(p, axis1=-2, axis2=-1), 0.0))
     if not np.all(scale > 0.0):
-        raise of_argument(ArgumentError, "covariance", "found a variance that is zero, negative or NaN; expected positive ones: leave out components that are known exactly")
+        raise of_argument(
+            ArgumentError,
+            "covariance",
+            "found a variance that is zero, negative or NaN; expected positive ones: omit components that are known"
+            " exactly",
+        )
     try:
         root = np.linalg.cholesky(p / (scale[..., :, None] * scale[..., None, :]))
     except np.linalg.LinAlgError:
-        raise of_argument(ArgumentError, "covariance", "found a matrix that is not positive definite; expected one that is: leave out components that depend on others") from None
+        raise of_argument(
+            ArgumentError,
+            "covariance",
+            "found a matrix that is not positive definite; expected a positive definite one: omit components that"
+            " depend on others",
+        ) from None
     white = np.linalg.solve(root, (e / scale)[..., None])[..., 0]
     return np.asarray(np.sum(white**2, axis=-1))
 
 
 def nis(innovation: ArrayLike, covariance: ArrayLike) -> NDArray[np.float64]:
-    """The normalized innovation squared e* S^-1 e: chi-square with m degrees of freedom, and independent from step to step, if the filter is right.
+    """Normalized innovation squared, e* S^-1 e.
+
+    If the filter is correct, it has a chi-square distribution with m degrees of freedom, independent between steps.
 
     Parameters
     ----------
     innovation : (..., m)
-        Readings less predicted readings.
+        Readings minus predicted readings.
     covariance : (..., m, m)
-        The covariance of the innovations that the filter states.
+        Covariance of the innovations reported by the filter.
 
     Returns
     -------
@@ -76,6 +96,7 @@ def nis(innovation: ArrayLike, covariance: ArrayLike) -> NDArray[np.float64]:
 
     Examples
     --------
+    >>> import phipsi
     >>> from phipsi.estimation import nis
     >>> float(nis([1.0, 2.0], [[1.0, 0.0], [0.0, 4.0]]))
     2.0
@@ -84,24 +105,28 @@ def nis(innovation: ArrayLike, covariance: ArrayLike) -> NDArray[np.float64]:
 
 
 def consistency_bounds(size: int, count: int = 1, level: float = 0.95) -> tuple[float, float]:
-    """The interval in which the mean of `count` independent NEES or NIS of `size` components is with probability `level` if the estimator is right.
+    """Acceptance interval of the mean of `count` independent NEES or NIS values of `size` components.
+
+    The mean is in the interval with probability `level` if the estimator is correct.
 
     Parameters
     ----------
     size : int
         Number of components n of one error, or m of one innovation.
     count : int
-        Number of independent values that the mean is of: runs for NEES (steps of one run are correlated), all steps of all runs for NIS.
+        Number of independent values in the mean: runs for NEES (the steps of a run are correlated), all steps of all
+        runs for NIS.
     level : float
         Probability, between 0 and 1.
 
     Returns
     -------
     low, high : float
-        Quantiles of chi-square with `count * size` degrees of freedom, over `count`. Their middle is about `size`.
+        Quantiles of chi-square with `count * size` degrees of freedom, divided by `count`. Their mean is about `size`.
 
     Examples
     --------
+    >>> import phipsi
     >>> from phipsi.estimation import consistency_bounds
     >>> low, high = consistency_bounds(6, 100)
     >>> round(low, 2), round(high, 2)

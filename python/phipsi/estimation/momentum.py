@@ -1,4 +1,4 @@
-"""The momentum observer: external joint torques from motion and joint torques, with alarms at a stated rate."""
+"""Momentum observer: external joint torques from motion and joint torques, with a specified false-alarm rate."""
 
 from __future__ import annotations
 
@@ -20,33 +20,36 @@ __all__ = ["MomentumObserver", "ObservedTorque", "alarm_threshold", "mean_time_t
 
 _Array = NDArray[np.float64]
 
-#: What sampling adds to a threshold, in standard deviations of the change from one sample to the next: -zeta(1/2) / sqrt(2 pi) (Siegmund).
+#: Correction of a threshold for sampling, -zeta(1/2) / sqrt(2 pi), in standard deviations of the change between two
+#: samples (Siegmund).
 SAMPLING = 0.5826
-#: Points of the integral over one standard deviation.
+#: Quadrature points per standard deviation.
 POINTS = 40
 
 
 def mean_time_to_alarm(threshold: float, rate: float, size: int) -> float:
-    """The mean time until an Ornstein-Uhlenbeck process of `size` independent unit components first leaves the ball of that radius, from its middle.
+    """Mean first-exit time of an Ornstein-Uhlenbeck process from a ball, with start at the center.
 
-    T = (1/K) int_0^c e^(x^2/2) x^(1-d) int_0^x z^(d-1) e^(-z^2/2) dz dx, with c the threshold, K the rate and d the size.
+    The process has d = `size` independent components of unit variance. With the threshold c and the rate K,
+    T = (1/K) int_0^c e^(x^2/2) x^(1-d) int_0^x z^(d-1) e^(-z^2/2) dz dx.
 
     Parameters
     ----------
     threshold : float
         Radius c in standard deviations.
     rate : float
-        K, 1/s: the process forgets by e^(-K t).
+        Rate K, 1/s: the autocorrelation of the process is e^(-K t).
     size : int
-        d, the number of components.
+        Number of components d.
 
     Returns
     -------
     float
-        The mean time, s.
+        Mean time, s.
 
     Examples
     --------
+    >>> import phipsi
     >>> from phipsi.estimation import mean_time_to_alarm
     >>> 3000 < mean_time_to_alarm(6.19, 10.0, 6) < 4000
     True
@@ -58,19 +61,23 @@ def mean_time_to_alarm(threshold: float, rate: float, size: int) -> float:
     width = threshold / panels
     x = (width * (np.arange(panels)[:, None] + 0.5 * (nodes + 1.0))).ravel()
     # The inner integral is 2^(d/2-1) Gamma(d/2) times the distribution function of chi-square at x^2.
-    inner = np.exp(0.5 * x**2 + (1.0 - size) * np.log(x) + (0.5 * size - 1.0) * math.log(2.0) + math.lgamma(0.5 * size)) * chi_square_cdf(x**2, size)
+    inner = np.exp(
+        0.5 * x**2 + (1.0 - size) * np.log(x) + (0.5 * size - 1.0) * math.log(2.0) + math.lgamma(0.5 * size)
+    ) * chi_square_cdf(x**2, size)
     return float(np.sum(0.5 * width * np.tile(weights, panels) * inner) / rate)
 
 
 def alarm_threshold(false_alarms_per_hour: float, rate: float, dt: float, size: int) -> float:
-    """The threshold in standard deviations that a sampled process of unit covariance exceeds that many times an hour: see mean_time_to_alarm.
+    """Threshold, in standard deviations, for a given rate of false alarms of a sampled process.
+
+    The process has unit covariance; see mean_time_to_alarm.
 
     Parameters
     ----------
     false_alarms_per_hour : float
-        Alarms an hour; after each the process starts from zero again.
+        Number of alarms per hour; the process restarts from zero after each alarm.
     rate : float
-        K, 1/s: from one sample to the next the process is multiplied by e^(-K dt).
+        Rate K, 1/s: the correlation between two successive samples is e^(-K dt).
     dt : float
         Time between two samples, s.
     size : int
@@ -79,10 +86,12 @@ def alarm_threshold(false_alarms_per_hour: float, rate: float, dt: float, size: 
     Returns
     -------
     float
-        The threshold. Between two samples the process may leave and come back, so that it is less than that of continuous time by 0.5826 sqrt(2 K dt).
+        Threshold. It is lower than the threshold in continuous time by 0.5826 sqrt(2 K dt), because an excursion
+        between two samples is not detected.
 
     Examples
     --------
+    >>> import phipsi
     >>> from phipsi.estimation import alarm_threshold
     >>> round(alarm_threshold(1.0, 10.0, 1e-3, 6), 2)
     6.11
@@ -92,55 +101,66 @@ def alarm_threshold(false_alarms_per_hour: float, rate: float, dt: float, size: 
     while mean_time_to_alarm(high, rate, size) < wanted:
         high *= 2.0
         if high > 32.0:
-            raise of_argument(ArgumentError, "false_alarms_per_hour", f"found {false_alarms_per_hour:g}, which no threshold below 32 standard deviations gives; expected more")
+            raise of_argument(
+                ArgumentError,
+                "false_alarms_per_hour",
+                f"found {false_alarms_per_hour:g}, which requires a threshold above 32 standard deviations; expected"
+                " more",
+            )
     for _ in range(100):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if mean_time_to_alarm(middle, rate, size) < wanted else (low, middle)
     threshold = high - SAMPLING * math.sqrt(2.0 * rate * dt)
     if not threshold > 0.5:
-        found = f"found {false_alarms_per_hour:g}: alarms would come every {wanted:g} s, not far from the observer's time constant {1.0 / rate:g} s"
+        found = (
+            f"found {false_alarms_per_hour:g}: one alarm per {wanted:g} s, close to the time constant of the observer,"
+            f" {1.0 / rate:g} s"
+        )
         raise of_argument(ArgumentError, "false_alarms_per_hour", f"{found}; expected fewer")
     return threshold
 
 
 class ObservedTorque(NamedTuple):
-    """What a step of the momentum observer gives."""
+    """Result of a step of the momentum observer."""
 
     joint_torque: _Array
     """Estimate of the external joint torques, (..., nv), N m or N."""
     alarm: NDArray[np.bool_] | bool
-    """Whether it exceeds the threshold, (...)."""
+    """True if the estimate exceeds the threshold, (...)."""
 
 
 class MomentumObserver:
-    """External joint torques from motion and joint torques, and an alarm with a stated rate of false alarms; Scene.momentum_observer makes it.
+    """Observer of external joint torques with a specified rate of false alarms; see Scene.momentum_observer.
 
-    The momentum p = M qd obeys p' = tau + C* qd - g + tau_ext + n, with n the noise of the torque. Under a random walk of tau_ext the Kalman filter in its steady state is the
-    momentum observer r' = K (p' - u - r), here in its sampled form: no accelerations, and no M^-1. Without contact r is an Ornstein-Uhlenbeck process, so successive samples
-    depend on each other; the threshold comes from the mean time in which such a process first leaves a ball.
+    The momentum p = M qd satisfies p' = tau + C* qd - g + tau_ext + n with the torque noise n. If tau_ext is a random
+    walk, the steady-state Kalman filter is the momentum observer r' = K (p' - u - r), implemented in sampled form. It
+    needs neither accelerations nor M^-1. Without contact, r is an Ornstein-Uhlenbeck process, whose successive samples
+    are correlated. The threshold therefore follows from the mean first-exit time of this process from a ball.
 
     Parameters
     ----------
     scene : Scene
-        The robot, without connections; joints that follow others are refused.
+        The robot, without connections and without joints that follow others.
     dt : float
         Time between two steps, s.
     torque_noise : (nv,) or float
-        Density of the torque noise of each degree of freedom, (N m)^2 s: the variance of its mean over a time T, times T. Positive. Friction that is not modeled counts.
+        Density of the torque noise of each degree of freedom, (N m)^2 s, positive: the variance of its mean over a
+        time T, times T. It includes friction that is not modeled.
     bandwidth : float
-        K, 1/s: how fast the estimate follows. Slower observers see smaller torques, later.
+        Bandwidth K of the estimate, 1/s. A lower bandwidth detects smaller torques, with a longer delay.
     false_alarms_per_hour : float
-        Alarms an hour without any contact.
+        Number of alarms per hour without any contact.
     parameters : optional
-        Covariance of the inertial parameters, as in Scene.forward_dynamics_variance. Their errors are torques that do not average out: the covariance of the torque that they
-        are at the state is added to that of r. They are constant for one robot, so the stated rate is then an upper bound over robots.
+        Covariance of the inertial parameters, as in Scene.forward_dynamics_variance. Parameter errors cause torques
+        that do not average out; their covariance at the present state is added to the covariance of r. The errors are
+        constant for one robot, so that the specified rate is an upper bound over robots.
 
     Attributes
     ----------
     threshold : float
-        The norm of r, in standard deviations, beyond which there is an alarm.
+        Norm of r, in standard deviations, above which an alarm is raised.
     joint_torque : (..., nv)
-        The last estimate r.
+        Latest estimate r.
     alarm : (...)
         True if the last step raised an alarm.
     covariance : (..., nv, nv)
@@ -151,7 +171,7 @@ class MomentumObserver:
     ArgumentError
         Noise, bandwidth, step or rate that is not positive; scenes with connections or joints that follow others.
     ShapeError
-        An array of another shape.
+        An array of an invalid shape.
 
     Examples
     --------
@@ -159,7 +179,7 @@ class MomentumObserver:
     >>> scene = phipsi.scenes.chain(3)
     >>> observer = scene.momentum_observer(1e-3, torque_noise=0.01, bandwidth=10.0)
     >>> q, held = np.array([0.3, 0.2, 0.1]), scene.gravity_torque([0.3, 0.2, 0.1])
-    >>> for _ in range(1000):  # the arm stands still, though its motors push with 2 N m too little
+    >>> for _ in range(1000):  # at rest, with motor torques 2 N m below static equilibrium
     ...     torque, alarm = observer.step(q, np.zeros(3), held - [2.0, 0.0, 0.0])
     >>> torque.round(2), bool(alarm)
     (array([2., 0., 0.]), True)
@@ -182,20 +202,25 @@ class MomentumObserver:
         if noise.shape not in ((), (scene.nv,)):
             raise of_argument(ShapeError, "torque_noise", f"found shape {noise.shape}; expected () or {(scene.nv,)}")
         if not np.all(np.isfinite(noise) & (noise > 0.0)):
-            raise of_argument(ArgumentError, "torque_noise", "found a density that is not finite and positive; expected (N m)^2 s of every degree of freedom, a floating base's too")
+            raise of_argument(
+                ArgumentError,
+                "torque_noise",
+                "found a density that is not finite and positive; expected (N m)^2 s for all degrees of freedom,"
+                " including a floating base",
+            )
         self.scene, self.dt = scene, float(dt)
         ratio = (bandwidth * dt) ** 2
         steady = 0.5 * (math.sqrt(ratio * (ratio + 4.0)) - ratio)
         self._gain = steady / (1.0 - steady)
         density = np.broadcast_to(noise, (scene.nv,))
-        # The stationary variance of r = (r + gain n) / (1 + gain), n of variance density / dt.
+        # Stationary variance of r = (r + gain n) / (1 + gain); n has the variance density / dt.
         self._variance = density * self._gain / (dt * (2.0 + self._gain))
         self._parameters = ParameterCovariance(scene, parameters)
         self.threshold = alarm_threshold(false_alarms_per_hour, math.log1p(self._gain) / dt, dt, scene.nv)
         self.reset()
 
     def reset(self) -> None:
-        """Starts again from no external torque, after an alarm for instance; the next step only takes the momentum.
+        """Restart from zero external torque, for instance after an alarm. The next step only stores the momentum.
 
         Examples
         --------
@@ -210,21 +235,23 @@ class MomentumObserver:
         self._before: tuple[_Array, _Array, _Array] | None = None
 
     def step(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> ObservedTorque:
-        """Takes a sample of motion, and the torque from this sample to the next.
+        """Process a sample of the motion, and the torque from this sample to the next.
 
         Parameters
         ----------
         q : (..., nq)
-            Configuration. Leading axes are robots, the same ones in every step.
+            Joint positions, rad or m. Leading axes are robots, identical in all steps.
         qd : (..., nv)
             Joint velocities, rad/s or m/s.
         tau : (..., nv)
-            Joint torques that act from now to the next step, N m or N. Damping, friction and springs of the scene are not in the model: add their torques.
+            Joint torques from the present to the next step, N m or N. The model does not include damping, friction and
+            springs of the scene: add their torques.
 
         Returns
         -------
         ObservedTorque
-            The named tuple (joint_torque, alarm): external torques (..., nv) and whether they exceed the threshold (...). The first step gives zero.
+            Named tuple (joint_torque, alarm): external torques, (..., nv), and True if they exceed the threshold,
+            (...). The torques of the first step are zero.
 
         Raises
         ------
@@ -239,8 +266,10 @@ class MomentumObserver:
         array([0., 0.])
         """
         scene = self.scene
-        q, qd, tau = (np.array(_core._numbers(*one)) for one in (("q", q, scene, True), ("qd", qd, scene), ("tau", tau, scene)))
-        # C* qd - g: what moves momentum besides torques.
+        q, qd, tau = (
+            np.array(_core._numbers(*one)) for one in (("q", q, scene, True), ("qd", qd, scene), ("tau", tau, scene))
+        )
+        # C* qd - g: rate of change of the momentum without torques.
         flow = np.einsum("...ji,...j->...i", scene.coriolis_matrix(q, qd), qd) - scene.gravity_torque(q)
         momentum = np.einsum("...ij,...j->...i", scene.mass_matrix(q), qd)
         if self._before is None:
@@ -248,7 +277,12 @@ class MomentumObserver:
         else:
             before, drift, torque = self._before
             if before.shape != momentum.shape:
-                raise of_argument(ShapeError, "q", f"found states of shape {momentum.shape} where the step before had {before.shape}; expected the same, or reset() first")
+                raise of_argument(
+                    ShapeError,
+                    "q",
+                    f"found states of shape {momentum.shape} after states of shape {before.shape}; expected the same"
+                    " shape, or reset() first",
+                )
             moved = momentum - before - self.dt * (torque + 0.5 * (drift + flow))
             self.joint_torque = (self.joint_torque + self._gain / self.dt * moved) / (1.0 + self._gain)
         self._before, self._q = (momentum, flow, tau), q
@@ -257,7 +291,7 @@ class MomentumObserver:
         return ObservedTorque(self.joint_torque.copy(), self.alarm)
 
     def _covariance(self, q: _Array, qd: _Array, tau: _Array) -> _Array:
-        """That of r without contact."""
+        """Covariance of r without contact."""
         noise = np.diag(self._variance)
         columns = self._parameters.columns
         if not len(columns):
@@ -277,7 +311,9 @@ class MomentumObserver:
         return bool(alarm) if np.ndim(alarm) == 0 else alarm
 
     def wrench(self, link: str) -> _Array:
-        """The wrench on a link that explains the external torques best, if it is the only one: weighted least squares of joint_torque = J* w.
+        """External wrench on a link by weighted least squares, joint_torque = J* w.
+
+        The result is valid if no other external wrench acts on the robot.
 
         Parameters
         ----------
@@ -287,12 +323,12 @@ class MomentumObserver:
         Returns
         -------
         array (..., 6)
-            (moment, force) at the link's origin in its frame, N m and N.
+            (moment, force) at the link origin in the link frame, N m and N.
 
         Raises
         ------
         SingularTaskError
-            Fewer than six independent joints move the link, so that torques leave some of the wrench undetermined.
+            Fewer than six independent joints move the link, so that the torques do not determine the wrench.
         ArgumentError
             An unknown link; no step so far.
 
@@ -311,11 +347,14 @@ class MomentumObserver:
             raise of_argument(ArgumentError, "link", "found no step so far; expected step() before wrench()")
         root = np.linalg.cholesky(self.covariance)
         rows = np.linalg.solve(root, np.swapaxes(self.scene.jacobian(self._q, link), -1, -2))
-        # Moments and forces differ in units: columns are scaled to unit effect on the joints.
+        # Moments and forces have different units: normalize the columns by their effect on the joints.
         size = np.linalg.norm(rows, axis=-2, keepdims=True)
         left, values, right = np.linalg.svd(rows / np.where(size > 0.0, size, 1.0), full_matrices=False)
         if values.shape[-1] < 6 or not np.all(values[..., -1] > 1e-9 * values[..., 0]):
-            error = SingularTaskError(f"link {link!r}: its joints do not move it in six independent directions here, so that joint torques leave its wrench undetermined; use joint_torque")
+            error = SingularTaskError(
+                f"link {link!r}: its joints do not move it in six independent directions in this state, so that joint"
+                " torques do not determine its wrench; use joint_torque"
+            )
             error.links = (link,)
             raise error
         white = np.linalg.solve(root, self.joint_torque[..., None])

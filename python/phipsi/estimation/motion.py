@@ -1,4 +1,4 @@
-"""What an observer estimates: external wrenches, and the motion of a robot with its covariance."""
+"""Estimates of an observer: external wrenches, and the motion of a robot with its covariance."""
 
 from __future__ import annotations
 
@@ -16,21 +16,23 @@ _Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ExternalWrench:
-    """A wrench on a link that the observer estimates: a random walk, or an Ornstein-Uhlenbeck process.
+    """External wrench on a link for estimation: a random walk, or an Ornstein-Uhlenbeck process.
 
     Attributes
     ----------
     link : str
-        The link; the wrench (moment, force) acts at its origin and is written in its frame.
+        Name of the link. The wrench (moment, force) acts at the link origin and is expressed in the link frame.
     density : float or (6,)
-        Density of its white rate, (N m)^2/s and N^2/s: a random walk has moved by sqrt(density t) after t.
+        Density of the driving white noise, (N m)^2/s and N^2/s. The standard deviation of a random walk after a time t
+        is sqrt(density t).
     correlation_time : float
-        s; infinite for a random walk. Otherwise its stationary variance is density correlation_time / 2.
+        Correlation time, s; infinite for a random walk. The stationary variance is density correlation_time / 2.
     deviation : float or (6,), optional
-        Standard deviation at the start; by default zero for a random walk, the stationary one otherwise.
+        Initial standard deviation. Default: zero for a random walk, otherwise the stationary standard deviation.
 
     Examples
     --------
+    >>> import phipsi
     >>> from phipsi.estimation import ExternalWrench
     >>> ExternalWrench("hand", density=4.0).correlation_time
     inf
@@ -43,29 +45,31 @@ class ExternalWrench:
 
 
 class ObserverEstimate(NamedTuple):
-    """What a step of the observer gives, at the time of its readings."""
+    """Estimate of the observer at the time of the readings of a step."""
 
     q: _Array
     """Configuration, (..., nq)."""
     qd: _Array
     """Joint velocities, (..., nv)."""
     wrenches: dict[str, _Array]
-    """(moment, force) on each link at its origin in its frame, (..., 6)."""
+    """(moment, force) on each link at the link origin in the link frame, (..., 6)."""
     biases: dict[str, _Array]
-    """Bias of each sensor that has one, by its name, (..., 3)."""
+    """Biases by sensor name, (..., 3)."""
     covariance: _Array
-    """Of the error (q in its tangent space, qd, wrenches, biases), (..., n, n), in the order of the arguments."""
+    """Covariance of the error (q in its tangent space, qd, wrenches, biases), (..., n, n), in the order of the
+    arguments."""
     nis: _Array
-    """Normalized innovation squared of all readings of this time, (...); NaN while delayed readings of it are still to come and none of an earlier time is complete."""
+    """Normalized innovation squared of the latest time with complete readings, (...); NaN if there is no such time
+    yet."""
     nis_size: NDArray[np.int_]
-    """The number of readings in it, (...)."""
+    """Number of readings in `nis`, (...)."""
 
 
 class SmoothedMotion(NamedTuple):
-    """The estimate at each time from the readings of all times."""
+    """Smoothed estimates: the estimate at each time from the readings of all times."""
 
     time: _Array
-    """(steps,), s since the first step."""
+    """Times since the first step, (steps,), s."""
     q: _Array
     """(steps, ..., nq)."""
     qd: _Array

@@ -1,8 +1,9 @@
-"""An error-state Kalman filter of a robot's motion on its manifold, in array form, with its fixed-interval smoother.
+"""Square-root error-state Kalman filter of the motion of a robot on its manifold, and fixed-interval smoother.
 
-The state is (q, qd, wrenches, biases); its error e is a tangent, truth = estimate (+) e, with (+) on q as Scene.integrate adds. A root L of the covariance, P = L L*, is carried and
-rotated from the right: no covariance is subtracted from another. The torque noise n of a step is part of the state while its readings are processed, because accelerometers
-measure its effect, and is dropped in the step that it drives.
+The state is (q, qd, wrenches, biases). Its error e is a tangent vector, truth = estimate (+) e, where (+) on q is
+Scene.integrate. The filter propagates a root L of the covariance, P = L L*, by orthogonal transformations from the
+right; it never subtracts covariances. The torque noise n of a step is part of the state during the update, because
+accelerometers measure its effect. The prediction removes it from the state.
 """
 
 from __future__ import annotations
@@ -31,9 +32,9 @@ __all__ = ["Observer"]
 
 _Array = NDArray[np.float64]
 
-#: Steps that a test of divergence takes, and the probability that it fails although the filter is right.
+#: Number of steps of a divergence test, and its probability of a false positive.
 WINDOW, UNLIKELY = 100, 1e-9
-#: Directions of a root below this share of its rows are without variance.
+#: Relative singular value below which a direction of a root counts as zero variance.
 SINGULAR = 1e-12
 
 
@@ -42,67 +43,70 @@ class _State(NamedTuple):
     qd: _Array
     #: Wrenches, then biases.
     rest: _Array
-    #: Of the covariance, (..., n, n).
+    #: Root of the covariance, (..., n, n).
     root: _Array
 
 
 @dataclass
 class _Record:
-    """One time: its readings, and what the last pass made of them."""
+    """Readings of one time, and results of the latest filter pass."""
 
     tau: _Array
     readings: dict[str, _Array]
     state: _State | None = None
-    #: Root of (x, n) after the update, [F B] and the next prior.
+    #: Root of (x, n) after the update, noise estimate, transition [F B], and next prior.
     root: _Array | None = None
     noise: _Array | None = None
     flow: _Array | None = None
     after: _State | None = None
     nis: _Array | None = None
     size: NDArray[np.int_] | None = None
-    #: Of each sensor its NIS and the number of its readings.
+    #: NIS and number of readings of each sensor.
     by_sensor: dict[str, tuple[_Array, NDArray[np.int_]]] | None = None
 
 
 class Observer:
-    """An error-state Kalman filter of joint motion, external wrenches and sensor biases; Scene.observer makes it.
+    """Error-state Kalman filter of joint motion, external wrenches and sensor biases; see Scene.observer.
 
-    Each step takes the readings of the present time, then moves on by dt: a = FD(q, qd, tau + n, w), qd + dt a, and q (+) dt (qd + dt a). Readings are linearized at the prediction.
-    Damping, friction and springs of the scene are not part of this model: add their torques to tau, and what is not known of them to torque_noise.
+    Each step processes the readings of the present time, then advances by dt: a = FD(q, qd, tau + n, w), qd + dt a, and
+    q (+) dt (qd + dt a). Readings are linearized at the prediction. The model does not include damping, friction and
+    springs of the scene: add their torques to tau, and their uncertainty to torque_noise.
 
     Parameters
     ----------
     scene : Scene
-        The robot, without connections, contacts of its own or joints that follow others.
+        The robot, without connections, contacts and joints that follow others.
     dt : float
         Time between two steps, s.
     sensors : sequence of Encoder, Gyro, Accelerometer, TorqueSensor, Contact
-        With names that differ.
+        Sensors with different names.
     q, qd : (..., nq), (..., nv)
-        The estimate at the start; qd is zero by default. Leading axes are robots that are observed together.
+        Initial estimate; qd is zero by default. Leading axes are robots that are observed together.
     torque_noise : (nv,) or float
-        Density of the torque noise, (N m)^2 s; friction that is not modeled counts. Zero where no torque acts: on a free joint.
+        Density of the torque noise, (N m)^2 s. It includes friction that is not modeled. Zero for degrees of freedom
+        without torque, such as a free joint.
     wrenches : sequence of ExternalWrench
         External wrenches to estimate.
     initial : (2 nv,) or (float, float)
-        Standard deviations at the start of q in its tangent space and of qd, as two numbers or one per component; (0.1, 0.1) by default.
+        Initial standard deviations of q in its tangent space and of qd: two values, or one per component.
     history : int
-        The number of past steps that smooth() covers.
+        Number of past steps that smooth() covers.
 
     Attributes
     ----------
     names : tuple of str
-        The name of each component of the error, in the order of the covariance.
+        Names of the components of the error, in the order of the covariance.
 
     Raises
     ------
     ArgumentError, ShapeError, NotFiniteError
-        Naming the argument; for a link, joint or sensor name that is not there or not unique.
+        An invalid argument, or an unknown or duplicate name. The message names the argument.
 
     Warns
     -----
     DivergenceWarning
-        The innovations of some sensor over 100 steps are larger than the filter states; .sensor names the one without which the others agree.
+        The innovations of a sensor over 100 steps are inconsistent with their covariance. The attribute `sensor` names
+        the sensor without which the others are consistent.
 
     Examples
     --------
@@ -110,7 +114,14 @@ class Observer:
     >>> from phipsi.estimation import Encoder, ExternalWrench
     >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
     >>> tool, q = scene.link_names[-1], np.full(6, 0.5)
-    >>> observer = scene.observer(2e-3, [Encoder(noise=1e-5)], q=q, torque_noise=1e-3, wrenches=[ExternalWrench(tool, density=100.0)], initial=(1e-4, 1e-4))
+    >>> observer = scene.observer(
+    ...     2e-3,
+    ...     [Encoder(noise=1e-5)],
+    ...     q=q,
+    ...     torque_noise=1e-3,
+    ...     wrenches=[ExternalWrench(tool, density=100.0)],
+    ...     initial=(1e-4, 1e-4),
+    ... )
     >>> held = scene.gravity_torque(q)
     >>> for _ in range(50):
     ...     estimate = observer.step(held, {"encoder": q})
@@ -136,7 +147,9 @@ class Observer:
         if not (np.isfinite(dt) and dt > 0.0):
             raise of_argument(ArgumentError, "dt", f"found {dt}; expected a time in s, finite and positive")
         if not (history == int(history) and history >= 0):
-            raise of_argument(ArgumentError, "history", f"found {history}; expected a whole number of steps, zero or more")
+            raise of_argument(
+                ArgumentError, "history", f"found {history}; expected a whole number of steps, zero or more"
+            )
         self.scene, self.dt, self.sensors, self.wrenches = scene, float(dt), tuple(sensors), tuple(wrenches)
         self._check_sensors()
         start_q = np.array(_core._numbers("q", q, scene, True))
@@ -184,19 +197,40 @@ class Observer:
         seen: set[str] = set()
         for sensor in self.sensors:
             if not isinstance(sensor, Sensor):
-                raise of_argument(ArgumentError, "sensors", f"found {type(sensor).__name__}; expected Encoder, Gyro, Accelerometer, TorqueSensor or Contact of phipsi.estimation")
+                raise of_argument(
+                    ArgumentError,
+                    "sensors",
+                    f"found {type(sensor).__name__}; expected Encoder, Gyro, Accelerometer, TorqueSensor or Contact of"
+                    " phipsi.estimation",
+                )
             if sensor.name in seen:
-                raise of_argument(ArgumentError, "sensors", f"found two sensors with the name {sensor.name!r}; expected names that differ: name=\"...\"")
+                raise of_argument(
+                    ArgumentError,
+                    "sensors",
+                    f'found two sensors with the name {sensor.name!r}; expected different names: name="..."',
+                )
             seen.add(sensor.name)
             if not (sensor.delay == int(sensor.delay) and sensor.delay >= 0):
-                raise of_argument(ArgumentError, f"delay of {sensor.name!r}", f"found {sensor.delay}; expected a whole number of steps, zero or more")
+                raise of_argument(
+                    ArgumentError,
+                    f"delay of {sensor.name!r}",
+                    f"found {sensor.delay}; expected a whole number of steps, zero or more",
+                )
             noise = np.asarray(sensor.noise, float)
             size = sensor.size(self.scene)
             if noise.shape not in ((), (size,)) or not np.all(np.isfinite(noise) & (noise > 0.0)):
-                raise of_argument(ArgumentError, f"noise of {sensor.name!r}", f"found {sensor.noise!r}; expected a standard deviation, one number or {size}, finite and positive")
+                raise of_argument(
+                    ArgumentError,
+                    f"noise of {sensor.name!r}",
+                    f"found {sensor.noise!r}; expected a standard deviation, one number or {size}, finite and positive",
+                )
             for deviation in sensor.biases or ():
                 if not (np.isfinite(deviation) and deviation >= 0.0):
-                    raise of_argument(ArgumentError, f"bias of {sensor.name!r}", f"found {deviation}; expected standard deviations, zero or positive")
+                    raise of_argument(
+                        ArgumentError,
+                        f"bias of {sensor.name!r}",
+                        f"found {deviation}; expected standard deviations, zero or positive",
+                    )
 
     def _initial(self, initial: Any) -> _Array:
         nv = self.scene.nv
@@ -206,18 +240,26 @@ class Observer:
         if given.shape != (2 * nv,):
             raise of_argument(ShapeError, "initial", f"found shape {given.shape}; expected two numbers, or {(2 * nv,)}")
         if not np.all(np.isfinite(given) & (given >= 0.0)):
-            raise of_argument(ArgumentError, "initial", "found a standard deviation that is negative or not finite; expected zero or positive ones")
+            raise of_argument(
+                ArgumentError,
+                "initial",
+                "found a standard deviation that is negative or not finite; expected zero or positive ones",
+            )
         return given
 
     def _wrench_process(self, wrench: ExternalWrench) -> tuple[_Array, _Array, _Array]:
-        """Decay, added standard deviation and that at the start, (6,) each."""
+        """Decay factor, added and initial standard deviations, (6,) each."""
         self.scene.link(wrench.link)
         if [other.link for other in self.wrenches].count(wrench.link) > 1:
-            raise of_argument(ArgumentError, "wrenches", f"found two wrenches on the link {wrench.link!r}; expected one")
+            raise of_argument(
+                ArgumentError, "wrenches", f"found two wrenches on the link {wrench.link!r}; expected one"
+            )
         density = _positive(f"density of the wrench on {wrench.link!r}", wrench.density, 6)
         time = wrench.correlation_time
         if not time > 0.0:
-            raise of_argument(ArgumentError, "correlation_time", f"found {time}; expected a time in s, positive or infinite")
+            raise of_argument(
+                ArgumentError, "correlation_time", f"found {time}; expected a time in s, positive or infinite"
+            )
         walks = math.isinf(time)
         decay = 1.0 if walks else math.exp(-self.dt / time)
         added = density * self.dt if walks else -0.5 * density * time * math.expm1(-2.0 * self.dt / time)
@@ -227,11 +269,13 @@ class Observer:
         return np.full(6, decay), np.sqrt(added), start
 
     def _readings(self, readings: Mapping[str, Any]) -> dict[str, _Array]:
-        """Readings by name, missing ones NaN, (..., m)."""
+        """Readings by sensor name, (..., m); NaN for missing readings."""
         known = {sensor.name: sensor for sensor in self.sensors}
         for name in readings:
             if name not in known:
-                raise of_argument(ArgumentError, "readings", f"found {name!r}; expected names of sensors: {', '.join(known)}")
+                raise of_argument(
+                    ArgumentError, "readings", f"found {name!r}; expected names of sensors: {', '.join(known)}"
+                )
         found = {}
         batch = self._prior.q.shape[:-1]
         for name, sensor in known.items():
@@ -240,41 +284,56 @@ class Observer:
             value = np.full(size, np.nan) if given is None else np.asarray(given)
             if isinstance(sensor, Contact) and given is not None:
                 if value.dtype != bool:
-                    raise of_argument(ArgumentError, f"readings[{name!r}]", f"found {given!r}; expected True while the point touches, else False or None")
+                    raise of_argument(
+                        ArgumentError,
+                        f"readings[{name!r}]",
+                        f"found {given!r}; expected True during contact, otherwise False or None",
+                    )
                 value = np.where(value[..., None], np.zeros(size), np.nan)
             value = np.asarray(value, float)
             if value.shape[-1:] != (size,):
-                raise of_argument(ShapeError, f"readings[{name!r}]", f"found shape {value.shape}; expected (..., {size})")
+                raise of_argument(
+                    ShapeError, f"readings[{name!r}]", f"found shape {value.shape}; expected (..., {size})"
+                )
             if np.any(np.isinf(value)):
-                raise of_argument(NotFiniteError, f"readings[{name!r}]", "found an infinity; expected numbers, NaN where a reading is missing")
+                raise of_argument(
+                    NotFiniteError,
+                    f"readings[{name!r}]",
+                    "found an infinity; expected finite readings, or NaN for missing ones",
+                )
             try:
                 found[name] = np.broadcast_to(value, (*batch, size))
             except ValueError:
-                raise of_argument(ShapeError, f"readings[{name!r}]", f"found shape {value.shape}; expected one that broadcasts to {(*batch, size)}") from None
+                raise of_argument(
+                    ShapeError,
+                    f"readings[{name!r}]",
+                    f"found shape {value.shape}; expected one that broadcasts to {(*batch, size)}",
+                ) from None
         return found
 
     # The filter
 
     def step(self, tau: ArrayLike, readings: Mapping[str, Any]) -> ObserverEstimate:
-        """Takes the readings of the present time, and moves on by dt under tau.
+        """Process the readings of the present time, and advance by dt under the torques tau.
 
         Parameters
         ----------
         tau : (..., nv)
             Joint torques from the present time to the next, N m or N.
         readings : dict
-            Readings (..., m) by sensor name. A sensor that is missing, None, or NaN has none. That of a sensor with a delay belongs to the time that many steps ago; readings of
-            times before the first step are not used.
+            Readings (..., m) by sensor name. A missing key, None or NaN means no reading. A reading of a sensor with a
+            delay belongs to the time `delay` steps ago; readings of times before the first step are ignored.
 
         Returns
         -------
         ObserverEstimate
-            The estimate at the present time, its covariance, and the normalized innovation squared: of the present time, or with delays of the latest time whose readings have all come.
+            The estimate at the present time, its covariance, and the normalized innovation squared of the latest time
+            with complete readings, which without delays is the present time.
 
         Raises
         ------
         ShapeError, NotFiniteError, ArgumentError
-            Naming the argument, or the sensor.
+            An invalid argument. The message names the argument or the sensor.
 
         Examples
         --------
@@ -290,13 +349,15 @@ class Observer:
         try:
             torque = np.broadcast_to(torque, (*batch, scene.nv))
         except ValueError:
-            raise of_argument(ShapeError, "tau", f"found shape {torque.shape}; expected one that broadcasts to {(*batch, scene.nv)}") from None
+            raise of_argument(
+                ShapeError, "tau", f"found shape {torque.shape}; expected one that broadcasts to {(*batch, scene.nv)}"
+            ) from None
         present = self._readings(readings)
         self._pending.append(_Record(torque.copy(), {}))
         for sensor in self.sensors:
             if sensor.delay < len(self._pending):
                 self._pending[-1 - sensor.delay].readings[sensor.name] = present[sensor.name]
-        # Delayed readings change the past: all times since are filtered again.
+        # Delayed readings change past estimates: filter all later times again.
         state = self._prior
         for record in self._pending:
             state = self._through(state, record)
@@ -313,10 +374,12 @@ class Observer:
         size = np.zeros(batch, int) if complete is None else complete.size
         wrenches, biases = self._named(last.state.rest)
         covariance = last.state.root @ np.swapaxes(last.state.root, -1, -2)
-        return ObserverEstimate(last.state.q.copy(), last.state.qd.copy(), wrenches, biases, covariance, np.asarray(nis), np.asarray(size))
+        return ObserverEstimate(
+            last.state.q.copy(), last.state.qd.copy(), wrenches, biases, covariance, np.asarray(nis), np.asarray(size)
+        )
 
     def _through(self, prior: _State, record: _Record) -> _State:
-        """Readings of a record, then the step to the next time."""
+        """Update by the readings of a record, then predict the next time."""
         updated, noise = self._update(prior, record)
         after = self._predict(updated, noise, record)
         record.after = after
@@ -325,10 +388,12 @@ class Observer:
     def _named(self, rest: _Array) -> tuple[dict[str, _Array], dict[str, _Array]]:
         m = 6 * len(self.wrenches)
         wrenches = {wrench.link: rest[..., 6 * i : 6 * i + 6].copy() for i, wrench in enumerate(self.wrenches)}
-        return wrenches, {sensor.name: rest[..., m + 3 * i : m + 3 * i + 3].copy() for i, sensor in enumerate(self._with_bias)}
+        return wrenches, {
+            sensor.name: rest[..., m + 3 * i : m + 3 * i + 3].copy() for i, sensor in enumerate(self._with_bias)
+        }
 
     def _flow(self, state: _State, tau: _Array) -> tuple[_Array, _Array]:
-        """Accelerations, and their derivatives by the state and by torque noise, (..., nv, n + nv)."""
+        """Accelerations, and their derivatives by state and torque noise, (..., nv, n + nv)."""
         scene = self.scene
         wrenches, _ = self._named(state.rest)
         qdd = scene.forward_dynamics(state.q, state.qd, tau, wrenches=wrenches or None)
@@ -389,19 +454,22 @@ class Observer:
         for name, span, count in spans:
             marginal = root[..., span, :]
             own = e[..., span]
-            value = np.einsum("...i,...i->...", own, np.linalg.solve(marginal @ np.swapaxes(marginal, -1, -2), own[..., None])[..., 0])
+            value = np.einsum(
+                "...i,...i->...", own, np.linalg.solve(marginal @ np.swapaxes(marginal, -1, -2), own[..., None])[..., 0]
+            )
             record.by_sensor[name] = (value, count)
         record.nis = np.sum(white**2, axis=-1)
         record.size = np.asarray(sum(count for _, _, count in spans))
         state = self._corrected(prior, change[..., :n], left)
         record.state, record.root, record.noise = state, state.root, change[..., n:]
-        # Of the state alone: the noise of the step goes on in the record.
+        # Root of the state without the torque noise, whose estimate remains in the record.
         state = state._replace(root=lower_root(state.root[..., :n, :]))
         record.state = state
         return state, record.noise
 
     def _corrected(self, prior: _State, change: _Array, root: _Array) -> _State:
-        """The state moved by a correction; errors are then tangents at the new q, to first order in the correction."""
+        """Apply a correction to the state, and transport the error to the tangent space at the new q, to first
+        order."""
         nv = self.scene.nv
         _, right = exponential(self._groups, change[..., :nv])
         root = root.copy()
@@ -432,7 +500,7 @@ class Observer:
     # Divergence
 
     def _watch(self, record: _Record) -> None:
-        """After every window of steps, warns if the innovations of some sensor are larger than the filter states."""
+        """After each window of steps, warn if innovations of a sensor are inconsistent with their covariance."""
         self._window.append(record)
         if len(self._window) < WINDOW:
             return
@@ -447,7 +515,8 @@ class Observer:
         self._window, self._window_prior = [], self._prior
 
     def _ratios(self, records: Sequence[_Record], names: Sequence[str]) -> _Array:
-        """The normalized innovations squared of some sensors, summed over records and relative to the largest sum that a right filter has, (...)."""
+        """Sum of the normalized innovations squared of some sensors, relative to the bound for a consistent filter,
+        (...)."""
         batch = self._prior.q.shape[:-1]
         total, size = np.zeros(batch), np.zeros(batch, int)
         for record in records:
@@ -459,7 +528,10 @@ class Observer:
         return np.asarray(total / np.vectorize(bounds.__getitem__, otypes=[float])(size))
 
     def _warn(self, ratio: float, name: str, state: tuple[int, ...]) -> None:
-        """A wrong sensor spoils the innovations of the others: the one that is named is that without which the others agree best."""
+        """Warn about divergence, and name the sensor without which the other sensors are most consistent.
+
+        A faulty sensor also increases the innovations of the other sensors.
+        """
         others, found = [sensor.name for sensor in self.sensors], {}
         for left_out in others if len(others) > 1 else ():
             prior, records = self._window_prior, []
@@ -472,24 +544,34 @@ class Observer:
         alone = not found or found[best] <= 1.0
         place = f" of robot {state}" if state else ""
         if alone:
-            what = f"sensor {best!r}{place}: its readings do not agree with the others and the model" if found else f"sensor {best!r}{place}: its readings do not agree with the model"
-            fix = "its noise, delay, bias, units or frame are not what was stated; raise its noise, or leave it out"
+            what = (
+                f"sensor {best!r}{place}: its readings do not agree with the others and the model"
+                if found
+                else f"sensor {best!r}{place}: its readings do not agree with the model"
+            )
+            fix = "its noise, delay, bias, units or frame differ from the settings; increase its noise, or remove it"
         else:
-            best, what = name, f"sensor {name!r}{place}: its innovations are the largest, and no single sensor explains them"
-            fix = "torques, torque_noise, wrenches or the model are not what was stated; raise torque_noise"
-        warning = DivergenceWarning(f"{what}: innovations squared of the last {WINDOW} steps are {ratio:.3g} times the largest that chance gives: {fix}")
+            best, what = (
+                name,
+                f"sensor {name!r}{place}: its innovations are the largest, and no single sensor explains them",
+            )
+            fix = "torques, torque_noise, wrenches or the model differ from the robot; increase torque_noise"
+        warning = DivergenceWarning(
+            f"{what}: innovations squared of the last {WINDOW} steps are {ratio:.3g} times the largest value that noise"
+            f" explains: {fix}"
+        )
         warning.sensor, warning.state = best, state
         warnings.warn(warning, stacklevel=4)
 
     # The smoother
 
     def smooth(self) -> SmoothedMotion:
-        """The estimates of the last `history` steps, each from the readings of all of them: the fixed-interval smoother.
+        """Smooth the last `history` steps: estimate each from the readings of all of them (fixed-interval smoother).
 
         Returns
         -------
         SmoothedMotion
-            Times, states, wrenches and covariances; the first axis is time.
+            Times, states, wrenches, biases and covariances; the first axis is time.
 
         Raises
         ------
@@ -509,7 +591,11 @@ class Observer:
         """
         records = [*self._history, *self._pending]
         if not records:
-            raise of_argument(ArgumentError, "history", "found no step to smooth; expected step() before smooth(), and history above zero")
+            raise of_argument(
+                ArgumentError,
+                "history",
+                "found no step to smooth; expected step() before smooth(), and history above zero",
+            )
         last = records[-1].state
         assert last is not None
         found = [last]
@@ -529,19 +615,21 @@ class Observer:
         )
 
     def _smoothed(self, record: _Record, later: _State) -> _State:
-        """One time, from the smoothed state of the next: G = P [F B]* P1^-1, and P by a sum of squares."""
+        """Smooth one time from the smoothed state of the next: G = P [F B]* P1^-1, and P as a sum of squares."""
         state, root, flow, predicted = record.state, record.root, record.flow, record.after
         assert state is not None and root is not None and flow is not None and predicted is not None
         nv, n = self.scene.nv, state.root.shape[-1]
         carried = flow @ root
-        # P1 = L1 L1*: rows are scaled to unit size, so that a zero variance is distinguished from a small one.
+        # P1 = L1 L1*: rows are normalized, so that zero variance is distinguished from small variance.
         size = np.linalg.norm(predicted.root, axis=-1, keepdims=True)
         size = np.where(size > 0.0, size, 1.0)
         inverse = np.linalg.pinv(predicted.root / size, rcond=SINGULAR)
         backward = (inverse @ (carried / size)) @ np.swapaxes(root[..., :n, :], -1, -2)
         gain = np.swapaxes(inverse, -1, -2) @ backward
         gain = np.swapaxes(gain / size, -1, -2)
-        moved = np.concatenate([self.scene.difference(predicted.q, later.q), later.qd - predicted.qd, later.rest - predicted.rest], axis=-1)
+        moved = np.concatenate(
+            [self.scene.difference(predicted.q, later.q), later.qd - predicted.qd, later.rest - predicted.rest], axis=-1
+        )
         added = np.zeros((*state.qd.shape[:-1], n, n - 2 * nv))
         added[..., np.arange(2 * nv, n), np.arange(n - 2 * nv)] = self._walk
         whole = np.concatenate([root[..., :n, :] - gain @ carried, gain @ added, gain @ later.root], axis=-1)
@@ -549,10 +637,12 @@ class Observer:
 
 
 def _positive(name: str, value: ArrayLike, size: int) -> _Array:
-    """Zero or positive numbers, one for all or (size,)."""
+    """Nonnegative values, (size,), from a scalar or (size,)."""
     found = np.asarray(value, float)
     if found.shape not in ((), (size,)):
         raise of_argument(ShapeError, name, f"found shape {found.shape}; expected () or {(size,)}")
     if not np.all(np.isfinite(found) & (found >= 0.0)):
-        raise of_argument(ArgumentError, name, "found a number that is negative or not finite; expected zero or positive ones")
+        raise of_argument(
+            ArgumentError, name, "found a number that is negative or not finite; expected zero or positive ones"
+        )
     return np.broadcast_to(found, (size,)).astype(float)

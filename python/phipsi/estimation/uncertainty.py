@@ -1,4 +1,4 @@
-"""Covariances of parameters and torques through forward and inverse dynamics."""
+"""Propagation of covariances of parameters and torques through forward and inverse dynamics."""
 
 from __future__ import annotations
 
@@ -17,23 +17,24 @@ __all__ = ["AccelerationVariance", "ParameterCovariance", "forward_dynamics_vari
 
 _Array = NDArray[np.float64]
 
-#: What of a degree of freedom acts as a torque, in the order of the kernel.
+#: Joint parameters of a degree of freedom, in the order of the kernel.
 JOINT_PARAMETERS = ("armature", "damping", "friction", "offset")
-#: An eigenvalue of a covariance in units of its own standard deviations below this share of the largest is rounding; a negative one beyond it is an error.
+#: Relative bound on the eigenvalues of a correlation matrix: a negative eigenvalue beyond it is an error, otherwise it
+#: is rounding.
 ROUNDING = 1e-12
 
 
 class AccelerationVariance(NamedTuple):
-    """How sure forward dynamics is of its accelerations."""
+    """Variances of the accelerations of forward dynamics."""
 
     joints: _Array
     """Variances of the joint accelerations, (..., nv), (rad/s^2)^2 or (m/s^2)^2."""
     links: dict[str, _Array]
-    """Covariance of the (angular, linear) acceleration of each link's origin in the link's frame, (..., 6, 6)."""
+    """Covariance of the (angular, linear) acceleration of each link origin in the link frame, (..., 6, 6)."""
 
 
 class ParameterCovariance:
-    """The covariance of the inertial parameters of a scene as columns of one standard deviation each, in the links' frames.
+    """Covariance of the inertial parameters of a scene as columns of its root, in the link frames.
 
     Parameters
     ----------
@@ -44,7 +45,7 @@ class ParameterCovariance:
     """
 
     blocks: _Array | None
-    """Roots of the bodies, (bodies, rank, 10), if bodies are independent of each other."""
+    """Roots of the covariances of the bodies, (bodies, rank, 10); None if bodies are correlated."""
 
     def __init__(self, scene: Scene, parameters: Any) -> None:
         bodies = len(scene.body_names)
@@ -55,9 +56,17 @@ class ParameterCovariance:
         given = np.asarray(getattr(parameters, "covariance", parameters), float)
         full = (10 * bodies, 10 * bodies)
         if given.shape not in ((bodies, 10, 10), full):
-            raise of_argument(ShapeError, "parameters", f"found shape {given.shape}; expected {(bodies, 10, 10)}, or {full} for bodies that depend on each other")
+            raise of_argument(
+                ShapeError,
+                "parameters",
+                f"found shape {given.shape}; expected {(bodies, 10, 10)}, or {full} for correlated bodies",
+            )
         if not np.isfinite(given).all():
-            error = of_argument(NotFiniteError, "parameters", "found a NaN or an infinity; expected a covariance, zero for what is known")
+            error = of_argument(
+                NotFiniteError,
+                "parameters",
+                "found a NaN or an infinity; expected a covariance, with zeros for known parameters",
+            )
             error.index = int(np.argmin(np.isfinite(given).ravel()))
             raise error
         if given.shape == full and bodies > 0:
@@ -69,14 +78,14 @@ class ParameterCovariance:
                 return
             given = blocks[np.arange(bodies), np.arange(bodies)]
         if bodies:
-            # The columns of most rank come last, as eigenvalues do.
+            # Eigenvalues are in ascending order, so that nonzero columns come last.
             roots = covariance_roots("parameters", given).transpose(0, 2, 1)
             used = roots.any(axis=(0, 2))
             self.blocks = np.ascontiguousarray(roots[:, used])
 
     @property
     def columns(self) -> _Array:
-        """All columns, (number, bodies, 10): of independent bodies O(bodies^2) numbers, made when they are asked for."""
+        """All columns, (number, bodies, 10). They have O(bodies^2) entries and are computed on demand."""
         if self._columns is None:
             assert self.blocks is not None
             body, column = np.nonzero(self.blocks.any(axis=-1))
@@ -86,14 +95,14 @@ class ParameterCovariance:
 
 
 def covariance_root(name: str, covariance: _Array) -> _Array:
-    """A root L, (n, rank), of a covariance L L*, which is checked to be one; columns that are rounding are left out."""
+    """Root L, (n, rank), of a covariance L L*, after a check; without columns of the size of rounding errors."""
     root = covariance_roots(name, covariance[None], single=True)[0]
     kept: _Array = root[:, root.any(axis=0)]
     return kept
 
 
 def covariance_roots(name: str, covariances: _Array, single: bool = False) -> _Array:
-    """Roots of some covariances, (..., n, n); columns that are rounding are zero."""
+    """Roots of covariances, (..., n, n); columns of the size of rounding errors are zero."""
     deviations = np.sqrt(np.maximum(np.diagonal(covariances, axis1=-2, axis2=-1), 0.0))
     scale = np.where(deviations > 0.0, deviations, 1.0)
     unit = covariances / (scale[:, :, None] * scale[:, None, :])
@@ -104,44 +113,59 @@ def covariance_roots(name: str, covariances: _Array, single: bool = False) -> _A
 
     uneven = ~np.all(np.abs(unit - transposed) <= 1e-9, axis=(-2, -1))
     if uneven.any():
-        raise of_argument(ArgumentError, named(int(np.argmax(uneven))), "found a matrix that is not symmetric; expected a covariance, for instance 0.5 * (C + C.T)")
+        raise of_argument(
+            ArgumentError,
+            named(int(np.argmax(uneven))),
+            "found a matrix that is not symmetric; expected a covariance, for instance 0.5 * (C + C.T)",
+        )
     values, vectors = np.linalg.eigh(0.5 * (unit + transposed))
     bound = ROUNDING * np.maximum(1.0, np.max(np.abs(values), axis=-1, initial=0.0))
     negative = ~np.all(values >= -bound[:, None], axis=-1)
     if negative.any():
         at = int(np.argmax(negative))
-        found = f"found a matrix with an eigenvalue of {values[at, 0]:.3g} in units of its own variances"
-        raise of_argument(ArgumentError, named(at), f"{found}; expected a covariance, whose eigenvalues are zero or positive")
+        found = f"found a matrix with an eigenvalue of {values[at, 0]:.3g} relative to its variances"
+        raise of_argument(
+            ArgumentError, named(at), f"{found}; expected a covariance, whose eigenvalues are zero or positive"
+        )
     kept = np.where(values > 1e-3 * bound[:, None], values, 0.0)
     roots: _Array = scale[:, :, None] * vectors * np.sqrt(kept)[:, None, :]
     return roots
 
 
 def _per_joint(scene: Scene, name: str, value: ArrayLike) -> _Array:
-    """Variances of the degrees of freedom, one number or (nv,)."""
+    """Variances of the degrees of freedom, (nv,), from a scalar or (nv,)."""
     found = np.asarray(value, float)
     if found.shape not in ((), (scene.nv,)):
         raise of_argument(ShapeError, name, f"found shape {found.shape}; expected () or {(scene.nv,)}")
     if not np.all((found >= 0.0) & np.isfinite(found)):
-        raise of_argument(ArgumentError, name, "found a variance that is negative or not finite; expected zero or positive ones")
+        raise of_argument(
+            ArgumentError, name, "found a variance that is negative or not finite; expected zero or positive ones"
+        )
     return np.broadcast_to(found, (scene.nv,)).astype(float)
 
 
 def _joint_covariance(scene: Scene, joints: Any) -> _Array | None:
-    """(nv, 4, 4), from a mapping of variances or as given."""
+    """Joint covariance, (nv, 4, 4), from a mapping of variances or an array."""
     if joints is None:
         return None
     if not isinstance(joints, Mapping):
         given = np.asarray(joints, float)
         if given.shape != (scene.nv, 4, 4):
-            raise of_argument(ShapeError, "joints", f"found shape {given.shape}; expected {(scene.nv, 4, 4)}, or a dict of variances by {', '.join(JOINT_PARAMETERS)}")
+            raise of_argument(
+                ShapeError,
+                "joints",
+                f"found shape {given.shape}; expected {(scene.nv, 4, 4)}, or a dict of variances by"
+                f" {', '.join(JOINT_PARAMETERS)}",
+            )
         for row, own in enumerate(given):
             covariance_root(f"joints[{row}]", own)
         return np.ascontiguousarray(given)
     covariance = np.zeros((scene.nv, 4, 4))
     for name, value in joints.items():
         if name not in JOINT_PARAMETERS:
-            raise of_argument(ArgumentError, "joints", f"found {name!r}; expected names of {', '.join(JOINT_PARAMETERS)}")
+            raise of_argument(
+                ArgumentError, "joints", f"found {name!r}; expected names of {', '.join(JOINT_PARAMETERS)}"
+            )
         at = JOINT_PARAMETERS.index(name)
         covariance[:, at, at] = _per_joint(scene, f"joints[{name!r}]", value)
     return covariance
@@ -161,18 +185,32 @@ def forward_dynamics_variance(
     friction_speed: float = 0.01,
     errors: Literal["raise", "nan"] = "raise",
 ) -> _Array | AccelerationVariance:
-    """As Scene.forward_dynamics_variance, which calls it."""
+    """Implementation of Scene.forward_dynamics_variance."""
     found = ParameterCovariance(scene, parameters)
     noise = _per_joint(scene, "torque", 0.0 if torque is None else torque)
     names = [links] if isinstance(links, str) else list(links or ())
     independent = np.zeros((len(scene.body_names), 0, 10)) if found.blocks is None else found.blocks
-    both = scene._variance(True, (q, qd, tau), independent, noise, _joint_covariance(scene, joints), friction_speed, names or None, wrenches, errors)
+    both = scene._variance(
+        True,
+        (q, qd, tau),
+        independent,
+        noise,
+        _joint_covariance(scene, joints),
+        friction_speed,
+        names or None,
+        wrenches,
+        errors,
+    )
     of_joints = both[..., : scene.nv].copy()
-    of_links = {name: both[..., scene.nv + 36 * at :][..., :36].reshape(*both.shape[:-1], 6, 6) for at, name in enumerate(names)}
+    of_links = {
+        name: both[..., scene.nv + 36 * at :][..., :36].reshape(*both.shape[:-1], 6, 6) for at, name in enumerate(names)
+    }
     if found.blocks is None:
         zero = np.zeros(scene.nv)
         columns = found.columns.reshape(-1, *(1,) * (both.ndim - 1), *found.columns.shape[1:])
-        moved = scene.forward_dynamics_jvp(q, qd, tau, zero, zero, zero, dparameters=columns, wrenches=wrenches, errors=errors)
+        moved = scene.forward_dynamics_jvp(
+            q, qd, tau, zero, zero, zero, dparameters=columns, wrenches=wrenches, errors=errors
+        )
         of_joints += np.sum(moved**2, axis=0)
         for name, covariance in of_links.items():
             changes = np.einsum("...iv,s...v->s...i", scene.jacobian(q, name), moved)
@@ -192,11 +230,13 @@ def inverse_dynamics_variance(
     friction_speed: float = 0.01,
     errors: Literal["raise", "nan"] = "raise",
 ) -> _Array:
-    """As Scene.inverse_dynamics_variance, which calls it."""
+    """Implementation of Scene.inverse_dynamics_variance."""
     found = ParameterCovariance(scene, parameters)
     noise = _per_joint(scene, "torque", 0.0 if torque is None else torque)
     independent = np.zeros((len(scene.body_names), 0, 10)) if found.blocks is None else found.blocks
-    variance = scene._variance(False, (q, qd, qdd), independent, noise, _joint_covariance(scene, joints), friction_speed, None, None, errors)
+    variance = scene._variance(
+        False, (q, qd, qdd), independent, noise, _joint_covariance(scene, joints), friction_speed, None, None, errors
+    )
     if found.blocks is None:
         zero = np.zeros(scene.nv)
         columns = found.columns.reshape(-1, *(1,) * (variance.ndim - 1), *found.columns.shape[1:])
