@@ -30,7 +30,7 @@ from phipsi.estimation import (
     nis,
 )
 from phipsi.estimation._chi_square import chi_square_cdf, chi_square_quantile
-from phipsi.estimation.observer import _Record, _State
+from phipsi.estimation._records import Record, State
 from tolerances import assert_near
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benches"))
@@ -51,7 +51,7 @@ def differences(function: object, size: int) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def mixed() -> tuple[Observer, _State, np.ndarray]:
+def mixed() -> tuple[Observer, State, np.ndarray]:
     """An observer of a branching floating robot with joints of all kinds, and a state of it in motion."""
     random = np.random.default_rng(0)
     scene = random_scene(7, 8, floating_base=True, kinds=("revolute", "spherical", "planar", "screw", "universal", "prismatic", "continuous"))
@@ -72,17 +72,17 @@ def mixed() -> tuple[Observer, _State, np.ndarray]:
     return observer, prior._replace(rest=random.normal(size=prior.rest.shape)), 5.0 * random.normal(size=scene.nv)
 
 
-def perturbed(observer: Observer, state: _State, e: np.ndarray) -> _State:
+def perturbed(observer: Observer, state: State, e: np.ndarray) -> State:
     nv, n = observer.scene.nv, state.root.shape[-1]
     return state._replace(q=observer.scene.integrate(state.q, e[:nv]), qd=state.qd + e[nv : 2 * nv], rest=state.rest + e[2 * nv : n])
 
 
-def test_the_step_is_linearized_exactly(mixed: tuple[Observer, _State, np.ndarray]) -> None:
+def test_the_step_is_linearized_exactly(mixed: tuple[Observer, State, np.ndarray]) -> None:
     observer, state, tau = mixed
     scene, nv, n = observer.scene, observer.scene.nv, state.root.shape[-1]
 
-    def after(e: np.ndarray) -> tuple[_State, np.ndarray]:
-        record = _Record(tau, {})
+    def after(e: np.ndarray) -> tuple[State, np.ndarray]:
+        record = Record(tau, {})
         record.root = np.zeros((n + nv, n + nv))
         found = observer._predict(perturbed(observer, state, e[:n]), e[n:], record)
         return found, record.flow
@@ -98,7 +98,7 @@ def test_the_step_is_linearized_exactly(mixed: tuple[Observer, _State, np.ndarra
 
 
 @pytest.mark.parametrize("at", range(6))
-def test_sensors_are_linearized_exactly(mixed: tuple[Observer, _State, np.ndarray], at: int) -> None:
+def test_sensors_are_linearized_exactly(mixed: tuple[Observer, State, np.ndarray], at: int) -> None:
     observer, state, tau = mixed
     scene, nv, n = observer.scene, observer.scene.nv, state.root.shape[-1]
     sensor = observer.sensors[at]
@@ -120,7 +120,7 @@ def test_sensors_are_linearized_exactly(mixed: tuple[Observer, _State, np.ndarra
     assert_near(rows, expected, DIFFERENCES * max(1.0, float(np.max(np.abs(expected)))))
 
 
-def test_an_accelerometer_reads_what_the_scene_says(mixed: tuple[Observer, _State, np.ndarray]) -> None:
+def test_an_accelerometer_reads_what_the_scene_says(mixed: tuple[Observer, State, np.ndarray]) -> None:
     observer, state, tau = mixed
     sensor, scene = observer.sensors[2], observer.scene
     qdd, _ = observer._flow(state, tau)

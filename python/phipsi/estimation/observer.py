@@ -12,16 +12,15 @@ import math
 import warnings
 from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from ..errors import ArgumentError, DivergenceWarning, NotFiniteError, ShapeError, of_argument
-from ._chi_square import chi_square_quantile
 from ._manifold import exponential, joint_groups, lower_root
+from ._records import Record, State, innovation_ratios, nonnegative
 from .motion import ExternalWrench, ObserverEstimate, SmoothedMotion
 from .sensors import Contact, Sensor
 
@@ -32,37 +31,10 @@ __all__ = ["Observer"]
 
 _Array = NDArray[np.float64]
 
-#: Number of steps of a divergence test, and its probability of a false positive.
-WINDOW, UNLIKELY = 100, 1e-9
+#: Number of steps of a divergence test.
+WINDOW = 100
 #: Relative singular value below which a direction of a root counts as zero variance.
 SINGULAR = 1e-12
-
-
-class _State(NamedTuple):
-    q: _Array
-    qd: _Array
-    #: Wrenches, then biases.
-    rest: _Array
-    #: Root of the covariance, (..., n, n).
-    root: _Array
-
-
-@dataclass
-class _Record:
-    """Readings of one time, and results of the latest filter pass."""
-
-    tau: _Array
-    readings: dict[str, _Array]
-    state: _State | None = None
-    #: Root of (x, n) after the update, noise estimate, transition [F B], and next prior.
-    root: _Array | None = None
-    noise: _Array | None = None
-    flow: _Array | None = None
-    after: _State | None = None
-    nis: _Array | None = None
-    size: NDArray[np.int_] | None = None
-    #: NIS and number of readings of each sensor.
-    by_sensor: dict[str, tuple[_Array, NDArray[np.int_]]] | None = None
 
 
 class Observer:
@@ -155,7 +127,7 @@ class Observer:
         start_q = np.array(_core._numbers("q", q, scene, True))
         start_qd = np.array(_core._numbers("qd", np.zeros(scene.nv) if qd is None else qd, scene))
         batch = np.broadcast_shapes(start_q.shape[:-1], start_qd.shape[:-1])
-        density = _positive("torque_noise", torque_noise, scene.nv)
+        density = nonnegative("torque_noise", torque_noise, scene.nv)
         self._torque_deviation = np.sqrt(density / dt)
         self._with_bias = [sensor for sensor in self.sensors if sensor.biases is not None]
         self._groups = joint_groups(scene)
@@ -178,17 +150,17 @@ class Observer:
         self._walk = np.concatenate([*walk, np.zeros(0)])
         root = np.diag(np.concatenate(deviations))
         n = len(root)
-        self._prior = _State(
+        self._prior = State(
             np.broadcast_to(start_q, (*batch, scene.nq)).copy(),
             np.broadcast_to(start_qd, (*batch, nv)).copy(),
             np.zeros((*batch, n - 2 * nv)),
             np.broadcast_to(root, (*batch, n, n)).copy(),
         )
         self._lag = max((sensor.delay for sensor in self.sensors), default=0)
-        self._pending: list[_Record] = []
-        self._history: deque[_Record] = deque(maxlen=int(history))
+        self._pending: list[Record] = []
+        self._history: deque[Record] = deque(maxlen=int(history))
         self._steps = 0
-        self._window: list[_Record] = []
+        self._window: list[Record] = []
         self._window_prior = self._prior
 
     # Arguments
@@ -254,7 +226,7 @@ class Observer:
             raise of_argument(
                 ArgumentError, "wrenches", f"found two wrenches on the link {wrench.link!r}; expected one"
             )
-        density = _positive(f"density of the wrench on {wrench.link!r}", wrench.density, 6)
+        density = nonnegative(f"density of the wrench on {wrench.link!r}", wrench.density, 6)
         time = wrench.correlation_time
         if not time > 0.0:
             raise of_argument(
@@ -265,7 +237,7 @@ class Observer:
         added = density * self.dt if walks else -0.5 * density * time * math.expm1(-2.0 * self.dt / time)
         start = np.zeros(6) if walks else np.sqrt(0.5 * density * time)
         if wrench.deviation is not None:
-            start = np.sqrt(_positive(f"deviation of the wrench on {wrench.link!r}", np.square(wrench.deviation), 6))
+            start = np.sqrt(nonnegative(f"deviation of the wrench on {wrench.link!r}", np.square(wrench.deviation), 6))
         return np.full(6, decay), np.sqrt(added), start
 
     def _readings(self, readings: Mapping[str, Any]) -> dict[str, _Array]:
@@ -353,7 +325,7 @@ class Observer:
                 ShapeError, "tau", f"found shape {torque.shape}; expected one that broadcasts to {(*batch, scene.nv)}"
             ) from None
         present = self._readings(readings)
-        self._pending.append(_Record(torque.copy(), {}))
+        self._pending.append(Record(torque.copy(), {}))
         for sensor in self.sensors:
             if sensor.delay < len(self._pending):
                 self._pending[-1 - sensor.delay].readings[sensor.name] = present[sensor.name]
@@ -378,7 +350,7 @@ class Observer:
             last.state.q.copy(), last.state.qd.copy(), wrenches, biases, covariance, np.asarray(nis), np.asarray(size)
         )
 
-    def _through(self, prior: _State, record: _Record) -> _State:
+    def _through(self, prior: State, record: Record) -> State:
         """Update by the readings of a record, then predict the next time."""
         updated, noise = self._update(prior, record)
         after = self._predict(updated, noise, record)
@@ -392,7 +364,7 @@ class Observer:
             sensor.name: rest[..., m + 3 * i : m + 3 * i + 3].copy() for i, sensor in enumerate(self._with_bias)
         }
 
-    def _flow(self, state: _State, tau: _Array) -> tuple[_Array, _Array]:
+    def _flow(self, state: State, tau: _Array) -> tuple[_Array, _Array]:
         """Accelerations, and their derivatives by state and torque noise, (..., nv, n + nv)."""
         scene = self.scene
         wrenches, _ = self._named(state.rest)
@@ -402,7 +374,7 @@ class Observer:
         by_bias = np.zeros((*qdd.shape, 3 * len(self._with_bias)))
         return qdd, np.concatenate([by_q, by_qd, *by_wrench, by_bias, inverse], axis=-1)
 
-    def _update(self, prior: _State, record: _Record) -> tuple[_State, _Array]:
+    def _update(self, prior: State, record: Record) -> tuple[State, _Array]:
         scene, nv, n = self.scene, self.scene.nv, prior.root.shape[-1]
         batch = prior.q.shape[:-1]
         widened = np.zeros((*batch, n + nv, n + nv))
@@ -467,7 +439,7 @@ class Observer:
         record.state = state
         return state, record.noise
 
-    def _corrected(self, prior: _State, change: _Array, root: _Array) -> _State:
+    def _corrected(self, prior: State, change: _Array, root: _Array) -> State:
         """Apply a correction to the state, and transport the error to the tangent space at the new q, to first
         order."""
         nv = self.scene.nv
@@ -475,9 +447,9 @@ class Observer:
         root = root.copy()
         root[..., :nv, :] = right @ root[..., :nv, :]
         q = self.scene.integrate(prior.q, change[..., :nv])
-        return _State(q, prior.qd + change[..., nv : 2 * nv], prior.rest + change[..., 2 * nv :], root)
+        return State(q, prior.qd + change[..., nv : 2 * nv], prior.rest + change[..., 2 * nv :], root)
 
-    def _predict(self, state: _State, noise: _Array, record: _Record) -> _State:
+    def _predict(self, state: State, noise: _Array, record: Record) -> State:
         scene, nv, h = self.scene, self.scene.nv, self.dt
         n = 2 * nv + state.rest.shape[-1]
         qdd, by_all = self._flow(state, record.tau + noise)
@@ -495,37 +467,24 @@ class Observer:
         added[..., rest, rest - 2 * nv] = self._walk
         root = lower_root(np.concatenate([flow @ record.root, added], axis=-1))
         record.flow = flow
-        return _State(scene.integrate(state.q, h * qd), qd, self._decay * state.rest, root)
+        return State(scene.integrate(state.q, h * qd), qd, self._decay * state.rest, root)
 
     # Divergence
 
-    def _watch(self, record: _Record) -> None:
+    def _watch(self, record: Record) -> None:
         """After each window of steps, warn if innovations of a sensor are inconsistent with their covariance."""
         self._window.append(record)
         if len(self._window) < WINDOW:
             return
         worst: tuple[float, str, tuple[int, ...]] | None = None
         for sensor in self.sensors:
-            ratio = self._ratios(self._window, [sensor.name])
+            ratio = innovation_ratios(self._window, [sensor.name], self._prior.q.shape[:-1])
             state = np.unravel_index(int(np.argmax(ratio)), ratio.shape)
             if not ratio[state] <= 1.0 and (worst is None or ratio[state] > worst[0]):
                 worst = (float(ratio[state]), sensor.name, tuple(map(int, state)))
         if worst is not None:
             self._warn(*worst)
         self._window, self._window_prior = [], self._prior
-
-    def _ratios(self, records: Sequence[_Record], names: Sequence[str]) -> _Array:
-        """Sum of the normalized innovations squared of some sensors, relative to the bound for a consistent filter,
-        (...)."""
-        batch = self._prior.q.shape[:-1]
-        total, size = np.zeros(batch), np.zeros(batch, int)
-        for record in records:
-            for name, (value, count) in (record.by_sensor or {}).items():
-                if name in names:
-                    total, size = total + value, size + count
-        unlikely = UNLIKELY / max(1, total.size)
-        bounds = {int(m): chi_square_quantile(1.0 - unlikely, float(m)) if m else math.inf for m in np.unique(size)}
-        return np.asarray(total / np.vectorize(bounds.__getitem__, otypes=[float])(size))
 
     def _warn(self, ratio: float, name: str, state: tuple[int, ...]) -> None:
         """Warn about divergence, and name the sensor without which the other sensors are most consistent.
@@ -536,10 +495,12 @@ class Observer:
         for left_out in others if len(others) > 1 else ():
             prior, records = self._window_prior, []
             for record in self._window:
-                again = _Record(record.tau, {key: value for key, value in record.readings.items() if key != left_out})
+                again = Record(record.tau, {key: value for key, value in record.readings.items() if key != left_out})
                 prior = self._through(prior, again)
                 records.append(again)
-            found[left_out] = max(float(self._ratios(records, [other])[state]) for other in others if other != left_out)
+            batch = self._prior.q.shape[:-1]
+            ratios = [innovation_ratios(records, [other], batch)[state] for other in others if other != left_out]
+            found[left_out] = float(max(ratios))
         best = min(found, key=found.__getitem__) if found else name
         alone = not found or found[best] <= 1.0
         place = f" of robot {state}" if state else ""
@@ -614,7 +575,7 @@ class Observer:
             roots @ np.swapaxes(roots, -1, -2),
         )
 
-    def _smoothed(self, record: _Record, later: _State) -> _State:
+    def _smoothed(self, record: Record, later: State) -> State:
         """Smooth one time from the smoothed state of the next: G = P [F B]* P1^-1, and P as a sum of squares."""
         state, root, flow, predicted = record.state, record.root, record.flow, record.after
         assert state is not None and root is not None and flow is not None and predicted is not None
@@ -634,15 +595,3 @@ class Observer:
         added[..., np.arange(2 * nv, n), np.arange(n - 2 * nv)] = self._walk
         whole = np.concatenate([root[..., :n, :] - gain @ carried, gain @ added, gain @ later.root], axis=-1)
         return self._corrected(state, np.einsum("...ij,...j->...i", gain, moved), lower_root(whole))
-
-
-def _positive(name: str, value: ArrayLike, size: int) -> _Array:
-    """Nonnegative values, (size,), from a scalar or (size,)."""
-    found = np.asarray(value, float)
-    if found.shape not in ((), (size,)):
-        raise of_argument(ShapeError, name, f"found shape {found.shape}; expected () or {(size,)}")
-    if not np.all(np.isfinite(found) & (found >= 0.0)):
-        raise of_argument(
-            ArgumentError, name, "found a number that is negative or not finite; expected zero or positive ones"
-        )
-    return np.broadcast_to(found, (size,)).astype(float)
