@@ -1,9 +1,8 @@
-//! What is computed, from which arguments, and who computes it: the algorithms, the kinematic quantities, and the
-//! table of their functions.
+//! The algorithms, the kinematic quantities and the table of their functions.
 //!
-//! The table has one row per function: its arguments and results with their shapes, its cost, and what it is the
-//! derivative of. The evaluator, the argument checks, the methods of Python, the generated code and `phipsi.compile`
-//! read it.
+//! The table has one row per function: its arguments and results with their shapes, its cost, and the function of which
+//! it is the derivative. The evaluator, the argument checks, the methods of Python, the generated code and
+//! `phipsi.compile` read it.
 
 pub(crate) mod table;
 
@@ -25,18 +24,18 @@ const POINT_V: &[Axis] = &[Axis::Fixed(3), Axis::Velocities];
 const SPATIAL_V: &[Axis] = &[Axis::Fixed(6), Axis::Velocities];
 const ROWS: &[Axis] = &[Axis::ConnectionRows];
 
-/// Code for one robot from so many states on.
+/// Code for one robot, from this number of states.
 const fn compiled(few: usize) -> Compiled {
     Compiled { few, watched: None }
 }
 
-/// The same with a function that also returns a margin.
+/// As [`compiled`], with a function that also returns a margin.
 const fn watched(few: usize, watched: &'static str) -> Compiled {
     Compiled { few, watched: Some(watched) }
 }
 
 functions! {
-    // Dynamics. Those that code for one robot has stand in the order of its list.
+    // Dynamics. Functions of code generation are in the order of its list.
     FORWARD_DYNAMICS = forward_dynamics(q: Q, qd: V, tau: V) -> (qdd: V),
         "Joint accelerations from torques",
         cost: [90, 0], has_form: true, has_dtype: true, compiled: Some(watched(48, "forward_dynamics_watched"));
@@ -79,7 +78,7 @@ functions! {
     MASS_MATRIX_DERIVATIVE = mass_matrix_derivative(q: Q, qd: V) -> (dM_dt: VV),
         "The time derivative of the mass matrix, row by row", derivative_of: Some("mass_matrix"), cost: [80, 10];
 
-    // Kinematic quantities. Of a frame the cost is per body on the path to the base.
+    // Kinematic quantities. For a frame, the cost is per body on the path to the base.
     PLACEMENTS = placements(q: Q) -> (placements: POSES),
         "The poses of all links: homogeneous matrices from link to base, row by row",
         cost: [60, 0], compiled: Some(compiled(24));
@@ -123,7 +122,7 @@ functions! {
     ENERGY = energy(q: Q, qd: V) -> (kinetic: SCALAR, potential: SCALAR),
         "The kinetic and the potential energy", cost: [100, 0];
 
-    // In generated code only: results with the margin of their error estimate.
+    // In generated code only: functions that also return the margin of their error estimate.
     FORWARD_DYNAMICS_WATCHED = forward_dynamics_watched(q: Q, qd: V, tau: V) -> (qdd: V, margin: SCALAR),
         "Joint accelerations from torques; precision may be lost where the margin is negative";
     MASS_MATRIX_INVERSE_WATCHED = mass_matrix_inverse_watched(q: Q) -> (inverse: VV, margin: SCALAR),
@@ -135,21 +134,21 @@ functions! {
 /// An algorithm of one state (q, qd, u).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Algorithm {
-    /// u = tau; gives qdd, (nv).
+    /// u = tau; returns qdd, (nv).
     ForwardDynamics(Form),
-    /// u = tau, seed = the compliance of each row of the connections (m), or nothing where none gives way; gives qdd
-    /// (nv), the forces of the connections (m), the rank of their rows and the largest that is left of these, as
+    /// u = tau, seed = the compliance of each row of the connections (m), or empty for rigid connections; returns qdd
+    /// (nv), the forces of the connections (m), the rank of their rows and the largest residual of a row, as
     /// [`Scene::constrained_dynamics`](crate::Scene::constrained_dynamics).
     ConstrainedDynamics(Form),
-    /// u = qdd; gives tau, (nv).
+    /// u = qdd; returns tau, (nv).
     InverseDynamics,
-    /// No u; gives the torque of the bias, (nv).
+    /// No u; returns the torque of the bias, (nv).
     BiasTorque,
-    /// q alone; gives M, (nv x nv) row by row.
+    /// q only; returns M, (nv x nv) row by row.
     MassMatrix,
-    /// q alone; gives M^-1, (nv x nv) row by row.
+    /// q only; returns M^-1, (nv x nv) row by row.
     MassMatrixInverse(Form),
-    /// Matrices that come of derivatives.
+    /// Matrices of derivatives.
     Derivatives(Derivatives),
     /// Products with Jacobians, without the matrices.
     Products(Products),
@@ -159,30 +158,31 @@ pub enum Algorithm {
 /// [`dynamics::derivatives`](crate::dynamics::derivatives).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Products {
-    /// u = qdd, seed = (dq, dqd, dqdd); gives dtau, (nv).
+    /// u = qdd, seed = (dq, dqd, dqdd); returns dtau, (nv).
     InverseTangent,
-    /// The same along changes of what is constant too, with which the third vector of the seed goes on: armature
-    /// (nv), gravity (3), wrenches (bodies x 6), inertial parameters (bodies x 10), as
-    /// [`Directions`](crate::dynamics::derivatives::Directions) has them.
+    /// As [`Products::InverseTangent`], and along changes of the constants, which are appended to the third vector of
+    /// the seed: armature (nv), gravity (3), wrenches (bodies x 6), inertial parameters (bodies x 10), in the order of
+    /// [`Directions`](crate::dynamics::derivatives::Directions).
     InverseTangents,
-    /// u = qdd, seed = the cotangent of tau; gives those of q, qd and qdd, (3 x nv).
+    /// u = qdd, seed = the cotangent of tau; returns those of q, qd and qdd, (3 x nv).
     InverseGradient,
-    /// The same and those of what is constant, one after another: armature (nv), gravity (3), wrenches (bodies x 6),
-    /// inertial parameters (bodies x 10), as [`Constants`](crate::dynamics::derivatives::Constants) has them.
+    /// As [`Products::InverseGradient`], followed by the cotangents of the constants: armature (nv), gravity (3),
+    /// wrenches (bodies x 6), inertial parameters (bodies x 10), in the order of
+    /// [`Constants`](crate::dynamics::derivatives::Constants).
     InverseGradients,
-    /// u = tau, seed = (dq, dqd, dtau); gives dqdd, (nv).
+    /// u = tau, seed = (dq, dqd, dtau); returns dqdd, (nv).
     ForwardTangent(Form),
-    /// The same along changes of what is constant too, as [`Products::InverseTangents`].
+    /// As [`Products::ForwardTangent`], and along changes of the constants, as [`Products::InverseTangents`].
     ForwardTangents(Form),
-    /// u = tau, seed = the cotangent of qdd; gives those of q, qd and tau, (3 x nv).
+    /// u = tau, seed = the cotangent of qdd; returns those of q, qd and tau, (3 x nv).
     ForwardGradient(Form),
-    /// The same and those of what is constant, as [`Products::InverseGradients`].
+    /// As [`Products::ForwardGradient`], and the cotangents of the constants, as [`Products::InverseGradients`].
     ForwardGradients(Form),
 }
 
 impl Products {
-    /// Its row of the table: the same with changes of what is constant, which are further numbers of the third
-    /// vector, and without.
+    /// Its row of the table. The row is the same with and without changes of constants, which are additional entries of
+    /// the third vector.
     #[must_use]
     pub fn entry(self) -> &'static FunctionEntry {
         match self {
@@ -205,7 +205,7 @@ impl Products {
         matches!(self, Self::InverseGradients | Self::ForwardGradients(_))
     }
 
-    /// The form that it is done in, where it has any.
+    /// Its form, if it has one.
     #[must_use]
     pub fn form(self) -> Option<Form> {
         match self {
@@ -221,13 +221,13 @@ impl Products {
 /// A matrix of derivatives; see [`dynamics::derivatives`](crate::dynamics::derivatives).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Derivatives {
-    /// u = qdd; gives dtau/dq, dtau/dqd and M, (3 x nv x nv).
+    /// u = qdd; returns dtau/dq, dtau/dqd and M, (3 x nv x nv).
     InverseDynamics,
-    /// u = tau; gives dqdd/dq, dqdd/dqd and M^-1, (3 x nv x nv).
+    /// u = tau; returns dqdd/dq, dqdd/dqd and M^-1, (3 x nv x nv).
     ForwardDynamics(Form),
-    /// No u; gives the Coriolis matrix, (nv x nv).
+    /// No u; returns the Coriolis matrix, (nv x nv).
     CoriolisMatrix,
-    /// No u; gives dM/dt, (nv x nv).
+    /// No u; returns dM/dt, (nv x nv).
     MassMatrix,
 }
 
@@ -248,7 +248,7 @@ impl Derivatives {
 /// center of mass, momentum, energy.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum KinematicQuantity<'a> {
-    /// q; where a frame is, as a homogeneous matrix to the base, (4 x 4):
+    /// q; the pose of a frame, as a homogeneous matrix to the base, (4 x 4):
     /// [`Scene::placement`](crate::Scene::placement).
     Placement(&'a Frame<f64>),
     /// q, qd; [`Scene::velocity`](crate::Scene::velocity) of a frame, (6).
@@ -284,7 +284,7 @@ pub enum KinematicQuantity<'a> {
 }
 
 impl KinematicQuantity<'_> {
-    /// The frame that it is of, if it is of one.
+    /// Its frame, if it is a quantity of a frame.
     pub(crate) fn frame(&self) -> Option<&Frame<f64>> {
         match self {
             Self::Placement(frame)
@@ -320,7 +320,7 @@ impl KinematicQuantity<'_> {
         }
     }
 
-    /// The number of rows of a matrix with a column for each degree of freedom, where it is one.
+    /// The number of rows of a matrix with one column per degree of freedom; None for other quantities.
     pub(crate) fn rows_of_columns(&self) -> Option<usize> {
         match self.entry().results {
             [(_, [Axis::Fixed(rows), Axis::Velocities])] => Some(*rows),
@@ -334,7 +334,7 @@ impl KinematicQuantity<'_> {
         self.entry().width(&Sizes { nv, ..Sizes::default() })
     }
 
-    /// The number of arrays of a state that it reads: q, then qd, then qdd.
+    /// The number of state arrays that it reads: q, then qd, then qdd.
     #[must_use]
     pub fn reads(&self) -> usize {
         self.entry().state
@@ -369,7 +369,7 @@ impl Algorithm {
         self.entry().seeds()
     }
 
-    /// True if accelerations are computed: through the connections of a scene that has some.
+    /// True if it computes accelerations, which depend on the connections of a scene.
     pub(crate) fn goes_through_connections(self) -> bool {
         match self {
             Self::ForwardDynamics(_)
@@ -380,7 +380,7 @@ impl Algorithm {
         }
     }
 
-    /// The form that it is done in, where it has any.
+    /// Its form, if it has one.
     #[must_use]
     pub fn form(self) -> Option<Form> {
         match self {
@@ -394,21 +394,21 @@ impl Algorithm {
     }
 }
 
-/// The arguments of one state, in f64 or f32; what an algorithm does not take is empty.
+/// The arguments of one state, in f64 or f32. Arguments that an algorithm does not take are empty.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Arguments<'a, P = f64> {
     /// Configuration, (nq).
     pub q: &'a [P],
-    /// Rates, (nv).
+    /// Joint velocities, (nv).
     pub qd: &'a [P],
     /// Torques or accelerations, (nv).
     pub u: &'a [P],
-    /// Forces on bodies, each in the body's frame, f64 always; empty where there are none.
+    /// Forces on bodies, each in the frame of its body, always f64; empty without forces.
     pub wrenches: &'a [SpatialVector<f64>],
-    /// A direction or a cotangent: what [`Products`] multiply.
+    /// A direction or a cotangent, by which [`Products`] multiply.
     pub seed: [&'a [P]; 3],
     /// The largest estimated error that form `auto` accepts, relative to the largest entry of the result; None: the
-    /// usual one. See [`Workspace::tolerance`](crate::Workspace::tolerance).
+    /// default. See [`Workspace::tolerance`](crate::Workspace::tolerance).
     pub tolerance: Option<f64>,
 }
 
@@ -429,14 +429,14 @@ impl<P> Arguments<'_, P> {
 
 /// Kernels that run chunks of states in `P`, for any scalar type.
 pub trait Chunks<P>: Send + Sync {
-    /// How many states at once.
+    /// Number of states per call.
     fn lanes(&self) -> usize;
 
-    /// Runs `algorithm` on one state or more, at most as many as there are lanes, of equal shapes; results one after
-    /// another in `out`. Returns the lanes that need the fallback as bits; their results are undefined.
+    /// Runs `algorithm` on one or more states of equal shapes, at most one state per lane. Writes the results one after
+    /// another to `out`. Returns the lanes that need the fallback as bits; their results are undefined.
     fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_, P>], out: &mut [P]) -> u64;
 
-    /// The same for a kinematic quantity: every lane needs the fallback if there are no kernels, as for f32.
+    /// As [`Chunks::run`], for a kinematic quantity: every lane needs the fallback if there are no kernels, as for f32.
     fn kinematic_quantity(&mut self, what: &KinematicQuantity<'_>, states: &[Arguments<'_, P>], out: &mut [P]) -> u64;
 
     /// The estimated error of the largest acceleration of one lane of the last run of forward dynamics in form

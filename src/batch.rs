@@ -1,9 +1,9 @@
 //! Evaluation of many states per call, vectorized (SIMD) over states, with results bit-identical to single states.
 //!
-//! An [`Evaluator`] holds the kernels of one scene for the instruction set of this processor ([`Arm`]) and their
-//! scratch memory; [`Scene::evaluate`](crate::Scene::evaluate) runs them on one thread. [`motion`](crate::motion) runs
-//! its batches on the number of threads given by `set_threads` (feature `parallel`). It reads broadcast arguments with
-//! strides ([`Broadcast`]), so that a state shared by the batch is not copied.
+//! An [`Evaluator`] holds the kernels of one scene for the instruction set of this processor ([`InstructionSet`]) and
+//! their scratch memory; [`Scene::evaluate`](crate::Scene::evaluate) runs them on one thread. [`motion`](crate::motion)
+//! runs its batches on the number of threads given by `set_threads` (feature `parallel`). It reads broadcast arguments
+//! with strides ([`Broadcast`]), so that a state shared by the batch is not copied.
 //!
 //! ```
 //! use phipsi::{Algorithm, Arguments, Form};

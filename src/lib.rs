@@ -231,7 +231,7 @@ pub mod spatial;
 #[cfg(feature = "stochastic")]
 pub mod stochastic;
 
-/// The table of functions: what each takes and gives, its cost, and what it is the derivative of.
+/// The table of functions: arguments, results, cost, and the function of which each is the derivative.
 pub mod function_table {
     pub use crate::algorithm::FUNCTIONS;
     pub use crate::algorithm::table::{Array, Axis, Compiled, FunctionEntry, Sizes, width};

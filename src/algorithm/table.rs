@@ -1,4 +1,4 @@
-//! The types of the table of functions. Its rows are in the file of the algorithms.
+//! The types of the table of functions. Its rows are in the module [`algorithm`](super).
 
 /// The length of an axis of an array of one state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -11,11 +11,11 @@ pub enum Axis {
     Links,
     /// Rows of the scene's connections.
     ConnectionRows,
-    /// The same in every scene.
+    /// A constant, equal for all scenes.
     Fixed(usize),
 }
 
-/// The lengths that a scene gives to axes.
+/// The lengths of axes in a scene.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Sizes {
     /// Coordinates.
@@ -53,13 +53,13 @@ pub fn width((_, axes): Array, sizes: &Sizes) -> usize {
     axes.iter().map(|axis| axis.length(sizes)).product()
 }
 
-/// How code for one robot has a function.
+/// The availability of a function in code for one robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Compiled {
-    /// Below this number of states the call of the scene takes less time than that of compiled code, because its way
-    /// from Python is 3 to 6 us shorter: measured on arms of six and seven joints and on a humanoid.
+    /// Below this number of states, the method of the scene takes less time than compiled code, because its call from
+    /// Python is 3 to 6 us shorter: measured on arms with six and seven joints and on a humanoid.
     pub few: usize,
-    /// The function that also returns the margin of its error estimate, where it has one.
+    /// The function that also returns the margin of its error estimate, if there is one.
     pub watched: Option<&'static str>,
 }
 
@@ -73,24 +73,24 @@ pub struct FunctionEntry {
     pub summary: &'static str,
     /// Its arguments: q, then qd, then tau or qdd, then directions, a cotangent or the compliance.
     pub arguments: &'static [Array],
-    /// The number of arguments that are a state.
+    /// The number of arguments that form the state.
     pub state: usize,
-    /// Its results, which lie one after another for each state.
+    /// Its results, stored one after another for each state.
     pub results: &'static [Array],
-    /// The function that it is the derivative of.
+    /// The function of which it is the derivative.
     pub derivative_of: Option<&'static str>,
-    /// Rough time of one state in ns: for each body, and for each body and degree of freedom. It decides about
-    /// threads, not about results.
+    /// Approximate time of one state, ns: per body, and per body and degree of freedom. It determines the number of
+    /// threads, not the results.
     pub cost: [usize; 2],
     /// True if it is computed in a [`Form`](crate::Form).
     pub has_form: bool,
     /// True if it takes the argument dtype.
     pub has_dtype: bool,
-    /// True if it is of a frame on a link.
+    /// True if it is a function of a frame on a link.
     pub of_link: bool,
     /// True if it needs mass on a moving link.
     pub needs_mass: bool,
-    /// How code for one robot has it.
+    /// The availability in code for one robot; None if no code is generated.
     pub compiled: Option<Compiled>,
 }
 
@@ -116,8 +116,8 @@ impl FunctionEntry {
         self.results.iter().map(|&result| width(result, sizes)).sum()
     }
 
-    /// The shape of the results of one state as one array, into `room`: results of the same axes along an axis of
-    /// their own, others one after another.
+    /// The shape of the results of one state as one array, into `room`: results with equal axes are stacked along a new
+    /// axis, others are concatenated.
     #[must_use]
     pub fn shape<'r>(&self, sizes: &Sizes, room: &'r mut [usize; 4]) -> &'r [usize] {
         let (_, first) = self.results[0];
@@ -134,8 +134,8 @@ impl FunctionEntry {
     }
 }
 
-/// The number of leading arguments that are a state: what follows is named after a change of them (dq), a cotangent
-/// or the compliance.
+/// The number of leading arguments that form the state. The following arguments are named after a change of them (dq),
+/// a cotangent or the compliance.
 pub(super) const fn arrays_of_state(arguments: &[Array]) -> usize {
     let mut count = 0;
     while count < arguments.len() && !matches!(arguments[count].0.as_bytes()[0], b'd' | b'c') {
@@ -144,7 +144,7 @@ pub(super) const fn arrays_of_state(arguments: &[Array]) -> usize {
     count
 }
 
-/// A row in which nothing but the names is set.
+/// A row in which only the names are set.
 pub(super) const PLAIN: FunctionEntry = FunctionEntry {
     name: "",
     summary: "",

@@ -9,7 +9,7 @@ use std::borrow::Cow;
 
 impl Scene {
     /// A kinematic quantity at one state (q, qd, qdd), of which it reads [`KinematicQuantity::reads`] arrays, into
-    /// `out`: what the method of its name gives.
+    /// `out`: the result of the method of the same name.
     ///
     /// # Errors
     ///

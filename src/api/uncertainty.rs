@@ -17,7 +17,8 @@ impl Scene {
         VarianceScratch::new(self.model())
     }
 
-    /// Roots of the covariances of the links' parameters: `columns` has those of each joint's child link, in the order of the joints and in the link's frame.
+    /// Roots of the covariances of the links' parameters: `columns` has those of each joint's child link, in the order
+    /// of the joints and in the link's frame.
     ///
     /// # Errors
     ///
@@ -36,11 +37,13 @@ impl Scene {
         Ok(ParameterRoots::new(of_bodies))
     }
 
-    /// Variances of the joint accelerations of forward dynamics at one state: see [`estimation::forward_dynamics_variance`].
+    /// Variances of the joint accelerations of forward dynamics at one state: see
+    /// [`estimation::forward_dynamics_variance`].
     ///
     /// # Errors
     ///
-    /// As [`Scene::forward_dynamics`]; connections and joints that follow others, by name; wrong lengths and variances that are not finite or below zero.
+    /// As [`Scene::forward_dynamics`]; connections and mimic joints, by name; wrong lengths and variances that are not
+    /// finite or below zero.
     #[allow(clippy::too_many_arguments)] // a state, what is uncertain, and where results go
     pub fn forward_dynamics_variance(
         &self,

@@ -1,5 +1,5 @@
-//! Joint accelerations of as many states as a scalar has lanes: each form compiled once for a scalar and its
-//! instructions, and called by batches and by simulation.
+//! Joint accelerations for one state per lane of a scalar. Each form is compiled once per scalar and instruction set,
+//! and called by batches and by simulation.
 
 use super::instruction_set::{Target, Vectorized, Work};
 use crate::dynamics::auto::{self, Errors};
@@ -14,7 +14,7 @@ pub(crate) struct KernelArguments<'a, T: Real> {
     pub scratch: &'a mut SweepScratch<T>,
     /// (q, qd, tau).
     pub state: (&'a [T], &'a [T], &'a [T]),
-    /// On bodies; empty where there are none.
+    /// Forces on the bodies; empty without forces.
     pub wrenches: &'a [Vector6<T>],
     pub qdd: &'a mut [T],
 }
@@ -25,7 +25,7 @@ pub(crate) fn by_covariance<T: Vectorized, I: Target>(target: I, call: KernelArg
     target.within(ByCovariance(call))
 }
 
-/// In covariance form, watched: the first form of `auto`. Writes the estimated errors.
+/// Covariance form with an error estimate: the first form of `auto`. Writes the estimated errors.
 #[inline(never)]
 pub(crate) fn watched<T: Vectorized, I: Target>(
     target: I,

@@ -1,4 +1,4 @@
-//! Forward dynamics of many states, each with the form that gave it and its estimated error.
+//! Forward dynamics of many states, each with the form that computed it and its estimated error.
 
 use super::Fault;
 use super::evaluator::{Evaluated, Evaluator};
@@ -9,16 +9,16 @@ use crate::filter::Form;
 use crate::scene::Scene;
 
 impl Scene {
-    /// Joint accelerations as [`Scene::evaluate`] gives them with [`Algorithm::ForwardDynamics`], the same bits, and
-    /// the accuracy of each state.
+    /// Joint accelerations with the same bits as [`Scene::evaluate`] with [`Algorithm::ForwardDynamics`], and the
+    /// accuracy of each state.
     ///
-    /// In form `auto` the estimate comes with the result. In the forms `covariance` and `square-root` the general
-    /// recursion is run besides, which takes about five times as long as they do. In
-    /// f32 only `auto` has an estimate: of its own rounding, not of that of the scene's constants and of the arguments.
+    /// In form `auto` the estimate is part of the computation. The forms `covariance` and `square-root` also run the
+    /// general recursion, which takes about five times as long. In f32 only `auto` has an estimate: of its own
+    /// rounding, not of that of the scene's constants and of the arguments.
     ///
     /// # Errors
     ///
-    /// As [`Scene::evaluate`], and [`Error::Shape`] where there are not as many entries as states.
+    /// As [`Scene::evaluate`], and [`Error::Shape`] if the number of entries differs from the number of states.
     pub fn evaluate_with_accuracy<P: Evaluated>(
         &self,
         evaluator: &mut Evaluator<P>,
@@ -45,8 +45,8 @@ impl Scene {
         if P::EPSILON > f64::EPSILON {
             return Ok(());
         }
-        // The general recursion watches these forms; its results are as good as those that are there, and not the
-        // same bits.
+        // The general recursion estimates the error of these forms. Its results are equally accurate, but differ in the
+        // last bits.
         let mut again = vec![P::nearest(f64::NAN); self.nv()];
         let checked = &mut evaluator.checked;
         checked.workspace.estimates_error = true;

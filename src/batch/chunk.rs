@@ -1,7 +1,7 @@
 //! A few states at once, one in each lane of a scalar, through one algorithm compiled for one arm.
 //!
-//! Nothing is raised here: a lane whose arguments, pivots, digits or results are not in order is in *doubt*, and
-//! whoever called does that state again with every check (see [`Evaluator`](super::evaluator::Evaluator)).
+//! Kernels raise no errors: they return the lanes whose arguments, pivots, precision or results fail a check, and the
+//! caller recomputes those states with every check (see [`Evaluator`](super::evaluator::Evaluator)).
 
 use super::accelerations;
 use super::connected::{self, ConnectedKernel};
@@ -30,12 +30,12 @@ use std::sync::Arc;
 struct Numbers<T: Vectorized> {
     model: Model<T>,
     sweeps: SweepModel<T>,
-    /// Where the quaternions are in q.
+    /// The indices of the quaternions in q.
     quaternions: Vec<usize>,
     constraints: Constraints,
 }
 
-/// Scratch for as many states as `T` has lanes.
+/// Scratch for one state per lane of `T`.
 #[derive(Debug)]
 pub struct Chunk<T: Vectorized> {
     numbers: Arc<Numbers<T>>,
@@ -47,8 +47,8 @@ pub struct Chunk<T: Vectorized> {
     results: Vec<T>,
     /// The error estimates of form `auto`.
     errors: Errors<T>,
-    /// True if every lane accepts the default error, and a bit mask of the lanes that accept less than the first
-    /// probe of the square-root form guarantees.
+    /// True if every lane accepts the default error, and a bit mask of the lanes whose tolerance is below the error
+    /// that the first bound of the square-root form guarantees.
     accepts_usual: bool,
     strict: u64,
     derivatives: Option<Box<DerivativeKernel<T>>>,
@@ -58,7 +58,7 @@ pub struct Chunk<T: Vectorized> {
 }
 
 impl<T: Vectorized> Chunk<T> {
-    /// Scratch for a scene, its constants rounded to the numbers of the lanes.
+    /// Scratch for a scene, with its constants rounded to the precision of the lanes.
     #[must_use]
     pub fn new(scene: &Scene) -> Self {
         let numbers = scene.shared().get_or_make(|| {
@@ -103,8 +103,7 @@ impl<T: Vectorized> Chunk<T> {
         self.errors.of(lane)
     }
 
-    /// As [`Chunks::run`](crate::algorithm::Chunks::run), for these instructions; all that the scalar needs becomes
-    /// part of whatever calls it.
+    /// As [`Chunks::run`](crate::algorithm::Chunks::run), for these instructions; all of it is inlined into the caller.
     #[inline(always)]
     pub fn run<I: Target>(
         &mut self,
@@ -139,8 +138,8 @@ impl<T: Vectorized> Chunk<T> {
         }
     }
 
-    /// As [`Chunks::kinematic_quantity`](crate::algorithm::Chunks::kinematic_quantity), for these instructions;
-    /// float32 has none of them.
+    /// As [`Chunks::kinematic_quantity`](crate::algorithm::Chunks::kinematic_quantity), for these instructions; not
+    /// available in f32.
     #[inline(always)]
     pub fn kinematic_quantity<I: Target>(
         &mut self,
@@ -155,7 +154,7 @@ impl<T: Vectorized> Chunk<T> {
         u64::MAX
     }
 
-    /// The tolerance of each state into its lane; by far the most calls have the usual one, as the one before.
+    /// Writes the tolerance of each state to its lane. Most calls have the default tolerance, like the previous call.
     fn accept(&mut self, states: &[Arguments<'_, T::Number>]) {
         self.strict = 0;
         let is_usual = states.iter().all(|state| state.tolerance.is_none());
@@ -174,7 +173,7 @@ impl<T: Vectorized> Chunk<T> {
         }
     }
 
-    /// Forces on bodies into lanes; none at all where no state has any.
+    /// Gathers forces on bodies into lanes; empty if no state has any.
     fn gather_wrenches(&mut self, states: &[Arguments<'_, T::Number>]) {
         self.wrenches.clear();
         if states.iter().all(|state| state.wrenches.is_empty()) {
@@ -192,7 +191,7 @@ impl<T: Vectorized> Chunk<T> {
     }
 }
 
-/// By how much the norm of any quaternion is off, as a negative number, or NaN.
+/// Minus the largest deviation of the norm of a quaternion, or NaN.
 #[inline(always)]
 pub(super) fn nearness<T: Real>(quaternions: &[usize], q: &[T]) -> T {
     let mut nearness = T::zero();
@@ -210,10 +209,10 @@ pub(super) fn is_far<T: Real>(nearness: T, lane: usize) -> bool {
     !(nearness.lane(lane) >= -QUATERNION_SLACK)
 }
 
-/// As many numbers of one state are copied first and looked at after.
+/// From this number of scalars per state, the scalars are copied before they are checked.
 const LONG: usize = 32;
 
-/// One argument of every state into lanes. Zero where all is finite, else NaN.
+/// Gathers one argument of every state into lanes. Returns zero if all values are finite, otherwise NaN.
 #[inline(always)]
 fn gather<'a, T: Vectorized>(
     numbers: &mut [T],
@@ -221,7 +220,7 @@ fn gather<'a, T: Vectorized>(
     of: impl Fn(&'a Arguments<'_, T::Number>) -> &'a [T::Number],
 ) -> T {
     if T::LANES == 1 && numbers.len() < LONG {
-        // Looked at on the way, four at once.
+        // Checked during the copy, four values at a time.
         let mut faults = [T::zero(); 4];
         let (fours, rest) = numbers.as_chunks_mut::<4>();
         let (values, rest_of_values) = of(states[0]).as_chunks::<4>();
@@ -240,13 +239,13 @@ fn gather<'a, T: Vectorized>(
     T::take_lanes(numbers, |lane| of(states[lane]))
 }
 
-/// The state of each lane; lanes without a state of their own repeat the last.
+/// The state of each lane; lanes without a state repeat the last one.
 #[inline(always)]
 fn in_lanes<'a, P>(states: &'a [Arguments<'a, P>]) -> [&'a Arguments<'a, P>; MOST_LANES] {
     std::array::from_fn(|lane| &states[lane.min(states.len() - 1)])
 }
 
-/// q, qd and u of every state into lanes. Zero where all is finite, else NaN.
+/// Gathers q, qd and u of every state into lanes. Returns zero if all values are finite, otherwise NaN.
 #[inline(always)]
 fn gather_state<T: Vectorized>([q, qd, u]: [&mut [T]; 3], states: &[&Arguments<'_, T::Number>; MOST_LANES]) -> T {
     let mut fault = gather(q, states, |state| state.q);
@@ -255,7 +254,7 @@ fn gather_state<T: Vectorized>([q, qd, u]: [&mut [T]; 3], states: &[&Arguments<'
     fault
 }
 
-/// The lanes whose quaternions are off, or that have a number that is not finite.
+/// The lanes with a quaternion that is not normalized, or with a value that is not finite.
 #[inline(always)]
 fn doubtful<T: Real>(states: usize, nearness: T, fault: T) -> u64 {
     let mut doubt = 0;
@@ -290,7 +289,7 @@ struct ChunkArguments<'a, T: Vectorized> {
     out: &'a mut [T::Number],
 }
 
-/// The same, to be run inside an arm; the algorithm is one of GROUP.
+/// A chunk to be run on an instruction set; the algorithm belongs to GROUP.
 struct Run<'a, T: Vectorized, I: Target, const GROUP: u8>(ChunkArguments<'a, T>, I);
 
 impl<T: Vectorized, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
@@ -369,7 +368,7 @@ impl<T: Vectorized, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
             return doubt | connected::run(target, form, call);
         }
         let entries = entries_of::<T, GROUP>(algorithm, scene, inverse_columns, mass_columns);
-        // Beside them `auto` keeps a number a row.
+        // `auto` also stores one value per row.
         let width = if entries.is_some() { model.nv() } else { out.len() / states.len().min(T::LANES) };
         let mut numbers = entries.map(|entries| std::mem::take(&mut entries.numbers)).unwrap_or_default();
         let to = T::entries_in(&mut numbers, out);
@@ -400,7 +399,7 @@ impl<T: Vectorized, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
     }
 }
 
-/// A kinematic quantity with its states, to be run inside an arm.
+/// A kinematic quantity with its states, to be run on an instruction set.
 struct QuantityRun<'a, T: Vectorized> {
     chunk: &'a mut Chunk<T>,
     what: &'a KinematicQuantity<'a>,
@@ -426,7 +425,7 @@ impl<T: Vectorized> Work for QuantityRun<'_, T> {
     }
 }
 
-/// The entries of a matrix in lanes; None for algorithms without a matrix, or with all results in order.
+/// The entries of a matrix in lanes; None for algorithms without a matrix, or whose results are already in order.
 #[inline(always)]
 fn entries_of<'a, T: Vectorized, const GROUP: u8>(
     algorithm: Algorithm,
@@ -443,7 +442,7 @@ fn entries_of<'a, T: Vectorized, const GROUP: u8>(
     }
 }
 
-/// The algorithm itself; gives the lanes that it doubts.
+/// Runs the algorithm; returns the lanes that need the fallback as bits.
 #[inline(always)]
 fn compute<T: Vectorized, I: Target, const GROUP: u8>(
     (algorithm, target): (Algorithm, I),
@@ -481,7 +480,7 @@ fn compute<T: Vectorized, I: Target, const GROUP: u8>(
             sweeps::inverse_dynamics::<T, T::Columns>(scene, scratch, (q, qd, u), wrenches, results);
             0
         }
-        // Rare; M has columns of its own.
+        // Rare algorithms; M has its own columns.
         _ => u64::MAX,
     }
 }

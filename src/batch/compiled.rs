@@ -1,7 +1,7 @@
-//! The kernels of every scalar and its instructions, each in a module of its own.
+//! The kernels of every scalar and instruction set, one module each.
 //!
-//! The compiler hands out its work by modules, and a kernel is all of the algorithms inlined into one function: in
-//! one module the arms would be compiled one after another.
+//! The compiler distributes work by modules, and a kernel is one function into which all algorithms are inlined. In a
+//! single module the instruction sets would be compiled one after another.
 
 #[cfg(target_arch = "aarch64")]
 use pulp::aarch64::Neon;
@@ -52,7 +52,7 @@ macro_rules! compiled {
                 }
             }
 
-            /// The kernels for `scene`, with scratch, where this processor has their instructions.
+            /// The kernels for `scene`, with scratch, if this processor has the instructions.
             pub fn kernels(scene: &Scene) -> Option<Box<dyn Chunks<Number>>> {
                 let target = <$instructions>::here()?;
                 Some(Box::new(Compiled(Chunk::new(scene), target)))
@@ -63,7 +63,7 @@ macro_rules! compiled {
 
 compiled!(plain, f64);
 compiled!(fused, Fused);
-// The same numbers, in twice as many registers.
+// The same number of lanes, in twice the number of registers.
 #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
 compiled!(fused_avx512, Fused, V4);
 #[cfg(target_arch = "x86_64")]

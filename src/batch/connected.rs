@@ -1,4 +1,4 @@
-//! Forward dynamics through connections, of as many states as a scalar has lanes.
+//! Forward dynamics through connections, for one state per lane of a scalar.
 
 use super::factor;
 use super::finite::any_not_finite;

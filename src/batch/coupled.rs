@@ -1,4 +1,4 @@
-//! States of a scene whose joints follow each other: the tree's kernels, and the filter that waits.
+//! States of a scene with mimic joints: the kernels of the tree, and the filter with sums.
 
 use super::Fault;
 use super::evaluator::{Evaluated, Evaluator};
@@ -16,13 +16,13 @@ pub(super) struct CoupledEvaluator {
 }
 
 impl CoupledEvaluator {
-    /// On an arm; none where joints do not follow each other.
+    /// For an instruction set; None without mimic joints.
     pub fn of(arm: InstructionSet, scene: &Scene) -> Option<Box<Self>> {
         let coupling = scene.coupling()?;
         Some(Box::new(Self { tree: Evaluator::on(arm, coupling.tree()), scratch: CoupledScratch::new(coupling) }))
     }
 
-    /// As [`Scene::evaluate`], in f64 whatever the states are given in.
+    /// As [`Scene::evaluate`]; computes in f64 for states of any precision.
     pub fn evaluate<P: Evaluated>(
         &mut self,
         (scene, coupling): (&Scene, &Coupling),
@@ -55,7 +55,7 @@ impl CoupledEvaluator {
         let full = P::in_f64(out, &mut results);
         scene.evaluate_coupled(coupling, (scratch, &mut ask), algorithm, &states, full, found)?;
         let width = scene.width(algorithm).max(1);
-        // Nothing, where `out` is f64 and was written in place.
+        // Empty if `out` is f64 and was written in place.
         for (i, (rounded, &value)) in out.iter_mut().zip(&results).enumerate() {
             *rounded = P::nearest(value);
             if !rounded.widened().is_finite() {

@@ -1,4 +1,4 @@
-//! Derivatives of as many states as a scalar has lanes.
+//! Derivatives for one state per lane of a scalar.
 
 use super::accelerations;
 use super::factor::with_factor;
@@ -21,9 +21,9 @@ pub(super) struct DerivativeKernel<T: Vectorized> {
     product: Product<T, T::Columns>,
     /// The accelerations of the state.
     qdd: Vec<T>,
-    /// In lanes, and where not all of them are asked for, the three matrices.
+    /// In lanes, or if only some of them are requested: the three matrices.
     matrices: Vec<Entry<T>>,
-    /// Each of those, in order.
+    /// The index of each of their entries, in order.
     all: Vec<u32>,
 }
 
@@ -78,7 +78,7 @@ pub(super) fn run<T: Vectorized, I: Target>(target: I, which: Derivatives, call:
     let motion = Motion { q, qd, qdd, wrenches };
     let entries = columns.prepare(scene.0, scene.1);
     let mut numbers = std::mem::take(&mut entries.numbers);
-    // Of one state where they belong, if all of them are asked for.
+    // For one state, written in place if all matrices are requested.
     let is_whole = which.entry().results.len() == 3;
     let to = if T::LANES > 1 {
         &mut numbers[..]
@@ -138,7 +138,7 @@ pub(super) fn run<T: Vectorized, I: Target>(target: I, which: Derivatives, call:
     doubt
 }
 
-/// dtau/dq, dtau/dqd and M, or the Coriolis matrix: compiled once for all that asks for them.
+/// dtau/dq, dtau/dqd and M, or the Coriolis matrix; compiled once for all callers.
 #[inline(never)]
 fn of_torques<T: Vectorized, I: Target>(
     target: I,
@@ -167,7 +167,7 @@ impl<T: Vectorized> Work for OfTorques<'_, T> {
     }
 }
 
-/// M^-1 of the factor in the scratch; compiled once for all that asks for it.
+/// M^-1 of the factor in the scratch; compiled once for all callers.
 #[inline(never)]
 pub(super) fn multiplied_out<T: Vectorized, I: Target>(
     target: I,
@@ -194,7 +194,7 @@ impl<T: Vectorized> Work for MultipliedOut<'_, T> {
     }
 }
 
-/// -M^-1 times both derivatives, in their places; the lanes in which digits cancel.
+/// -M^-1 times both derivatives, in place. Returns the lanes that lose precision, as bits.
 #[inline(never)]
 fn times_inverse<T: Vectorized, I: Target>(
     target: I,

@@ -1,4 +1,4 @@
-//! States of a scene through the fastest code that this processor has: one by one, or in lanes.
+//! Evaluation of states by the fastest kernels of this processor: one state at a time, or in lanes.
 
 use super::Fault;
 use super::compiled;
@@ -14,25 +14,26 @@ use crate::scalar::Precision;
 use crate::scene::Scene;
 use crate::workspace::Workspace;
 
-/// Scratch for the algorithms of one scene on one thread, for one state and for as many as fit in a register.
+/// Scratch for the algorithms of one scene on one thread: for one state, and for the number of states that fit in a
+/// register.
 ///
-/// States and results are f64, or f32 and then twice as many in a register. What it computes has the same bits in any
-/// lane and with any neighbours, but for the sign of a zero.
+/// States and results are f64, or f32 with twice the number of states per register. The bits of a result do not depend
+/// on the lane or on the other lanes, except for the sign of a zero.
 pub struct Evaluator<P = f64> {
     arm: InstructionSet,
-    /// Of the scene that it was made for.
+    /// Identity of the scene.
     identity: u64,
     pub(super) kernels: Kernels<P>,
     pub(super) checked: Checked,
-    /// Of the tree, where joints follow each other; there are no other kernels then.
+    /// Evaluator of the tree for scenes with mimic joints; there are no other kernels then.
     pub(super) coupled: Option<Box<CoupledEvaluator>>,
 }
 
-/// The compiled kernels of one arm; a state for which there are none is done by the checked recursion.
+/// The compiled kernels of one instruction set. States without a kernel are computed by the checked recursion.
 pub struct Kernels<P> {
     /// For one state.
     one: Option<Box<dyn Chunks<P>>>,
-    /// For as many as there are lanes.
+    /// For one state per lane.
     many: Option<Box<dyn Chunks<P>>>,
 }
 
@@ -57,9 +58,9 @@ impl<P> Chunks<P> for Doubts {
     }
 }
 
-/// A kind of number that states can be given in.
+/// A type of values in which states can be given.
 pub trait Evaluated: Precision {
-    /// The kernels of an arm that this processor has.
+    /// The kernels of an instruction set that this processor has.
     #[doc(hidden)]
     fn kernels(arm: InstructionSet, scene: &Scene) -> Kernels<Self>;
 }
@@ -71,7 +72,7 @@ impl Evaluated for f64 {
             #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
             InstructionSet::Avx512 => compiled::fused_avx512::kernels(scene),
             InstructionSet::Avx2 | InstructionSet::Neon => compiled::fused::kernels(scene),
-            // Not compiled, so never picked.
+            // Not compiled, and therefore never selected.
             #[allow(unreachable_patterns)]
             _ => None,
         };
@@ -88,8 +89,8 @@ impl Evaluated for f64 {
     }
 }
 
-/// In lanes or not at all: one state leaves the others idle, for code of its own would not be worth the time to
-/// compile it.
+/// In lanes only: a single state leaves the other lanes idle, because separate kernels are not worth their compile
+/// time.
 impl Evaluated for f32 {
     #[allow(unused_variables)] // where there are no lanes
     fn kernels(arm: InstructionSet, scene: &Scene) -> Kernels<Self> {
@@ -110,12 +111,12 @@ impl Evaluated for f32 {
 pub(super) struct Checked {
     pub(super) workspace: Workspace<f64>,
     inverse: Option<InverseScratch<f64>>,
-    /// Results that are to be rounded.
+    /// Results before rounding.
     results: Vec<f64>,
 }
 
 impl Checked {
-    /// Of the accelerations that it has just given, which may have been rounded once more.
+    /// The accuracy of the accelerations that were just computed, including the rounding to `P`.
     fn accuracy<P: Precision>(&self, rounded: &[P]) -> Accuracy {
         let mut accuracy = self.workspace.accuracy;
         if P::EPSILON > f64::EPSILON {
@@ -124,8 +125,7 @@ impl Checked {
         accuracy
     }
 
-    /// Of accelerations that the kernels have accepted with this tolerance, and whose error they estimate to be so
-    /// large.
+    /// The accuracy of accelerations that the kernels accepted with this tolerance and this estimated error.
     fn accepted<P: Precision>(&self, error: f64, given: Option<f64>, qdd: &[P]) -> Accuracy {
         let tolerance = Tolerance { given, ..self.workspace.accepted_error() }.of_covariance(P::EPSILON);
         Accuracy { error, ..Accuracy::unknown(Form::Covariance) }.judged(tolerance, largest(qdd), true)
@@ -143,13 +143,13 @@ impl<P: Evaluated> std::fmt::Debug for Evaluator<P> {
 }
 
 impl<P: Evaluated> Evaluator<P> {
-    /// Scratch for `scene` on the arm of this process.
+    /// Scratch for `scene` with the instruction set of this process.
     #[must_use]
     pub fn new(scene: &Scene) -> Self {
         Self::on(InstructionSet::of_process(), scene)
     }
 
-    /// The same on an arm of the caller's choice; on the baseline where this processor cannot run it.
+    /// Scratch for a given instruction set, or for the baseline if this processor does not have it.
     #[must_use]
     pub fn on(arm: InstructionSet, scene: &Scene) -> Self {
         let arm = if arm.available() { arm } else { InstructionSet::Baseline };
@@ -160,13 +160,13 @@ impl<P: Evaluated> Evaluator<P> {
         Self { arm, identity: scene.identity(), kernels, checked, coupled }
     }
 
-    /// The arm that it runs on.
+    /// The instruction set of the kernels.
     #[must_use]
     pub fn arm(&self) -> InstructionSet {
         self.arm
     }
 
-    /// How many states one call of a kernel takes at the most.
+    /// The largest number of states per call of a kernel.
     #[must_use]
     pub fn lanes(&self) -> usize {
         match &self.coupled {
@@ -175,9 +175,9 @@ impl<P: Evaluated> Evaluator<P> {
         }
     }
 
-    /// The kernel alone, on one state or at most as many as there are lanes, of equal shapes: no lengths are checked.
-    /// Results one after another in `out`; the bits of the result are the states in doubt, which [`Scene::evaluate`]
-    /// would do again.
+    /// Runs the kernel alone on one state, or on at most one state per lane. All states must have equal shapes; lengths
+    /// are not checked. Writes the results one after another to `out`. Returns the states that need the fallback as
+    /// bits; [`Scene::evaluate`] recomputes them.
     #[doc(hidden)]
     pub fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_, P>], out: &mut [P]) -> u64 {
         self.kernels.run(algorithm, states, out)
@@ -196,7 +196,7 @@ impl<P> Kernels<P> {
         self.of(states.len()).map_or(u64::MAX, |kernels| kernels.run(algorithm, states, out))
     }
 
-    /// The same of a kinematic quantity.
+    /// As [`Self::run`], for a kinematic quantity.
     fn kinematic_quantity(&mut self, what: &KinematicQuantity<'_>, states: &[Arguments<'_, P>], out: &mut [P]) -> u64 {
         self.of(states.len()).map_or(u64::MAX, |kernels| kernels.kinematic_quantity(what, states, out))
     }
@@ -209,7 +209,7 @@ impl<P> Kernels<P> {
         self.one.or(self.many).unwrap_or_else(|| Box::new(Doubts))
     }
 
-    /// The estimated error of one lane, after a run of so many states in form `auto`.
+    /// The estimated error of one lane, after a run of this number of states in form `auto`.
     #[inline]
     fn error(&self, states: usize, lane: usize) -> f64 {
         let kernels = match (&self.one, &self.many) {
@@ -222,7 +222,7 @@ impl<P> Kernels<P> {
     }
 }
 
-/// The largest of some accelerations.
+/// The largest absolute acceleration.
 fn largest<P: Precision>(qdd: &[P]) -> f64 {
     qdd.iter().fold(0.0_f64, |largest, a| largest.max(a.widened().abs()))
 }
@@ -234,22 +234,22 @@ impl Scene {
         Evaluator::new(self)
     }
 
-    /// The same for states and results in f32, twice as many at once: about 6 digits, fewer by those of the condition
-    /// number of M where accelerations are computed.
+    /// As [`Scene::evaluator`] for states and results in f32, with twice the number of states per register. Results
+    /// have about 6 digits; accelerations lose the digits of the condition number of M.
     ///
-    /// The scene's constants are rounded to f32 too. A state in doubt is done in f64 and its results rounded: one
-    /// whose estimated error is above max(2.7e-5, 4 n eps) and above what the problem allows in form `auto`, a lost
-    /// pivot, an overflow, the square-root and Joseph's form, and every state on the baseline arm, which has no
-    /// lanes. Results that f32 cannot hold are refused. What becomes less than 1e-38 on the way becomes zero.
+    /// The scene's constants are rounded to f32. A state is recomputed in f64 and its results are rounded if, in form
+    /// `auto`, its estimated error exceeds both max(2.7e-5, 4 n eps) and the sensitivity of the problem; if a pivot is
+    /// lost or a result overflows; in square-root form; and on the baseline instruction set, which has no lanes.
+    /// Results that exceed the range of f32 are rejected. Intermediate values below 1e-38 become zero.
     #[must_use]
     pub fn evaluator_f32(&self) -> Evaluator<f32> {
         Evaluator::new(self)
     }
 
-    /// One algorithm on any number of states: the results one after another in `out`, as long for each state.
+    /// Runs one algorithm on any number of states. Writes the results one after another to `out`, with equal lengths.
     ///
-    /// As many states at once as the processor's registers hold; a state whose arguments, pivots or digits are in
-    /// doubt is done once more by the checked recursion ([`Scene::recursion`]), in the form asked for.
+    /// States are vectorized (SIMD) over the lanes of a register. A state whose arguments, pivots or error estimate
+    /// fail a check is recomputed by the checked recursion ([`Scene::recursion`]) in the requested form.
     ///
     /// # Errors
     ///
@@ -265,8 +265,8 @@ impl Scene {
         self.evaluate_each(evaluator, algorithm, states, out, |_, _: &dyn Fn() -> Accuracy| {})
     }
 
-    /// The same; `found` is called with the index of each state and what tells its accuracy, in form `auto`: a call
-    /// of the kernels that nobody else pays.
+    /// As [`Scene::evaluate`]. In form `auto`, `found` is called with the index of each state and a function that
+    /// computes its accuracy. The accuracy is computed only if that function is called.
     #[inline]
     pub(super) fn evaluate_each<P: Evaluated>(
         &self,
@@ -294,7 +294,7 @@ impl Scene {
             return coupled.evaluate((self, coupling), algorithm, states, out, &mut found);
         }
         if let [state] = states {
-            // Without the divisions and the loops of many.
+            // A single state skips the divisions and loops for many states.
             if self.fits(algorithm, state) && evaluator.run(algorithm, states, out) & 1 == 0 {
                 found(0, &|| evaluator.checked.accepted(evaluator.kernels.error(1, 0), state.tolerance, out));
                 return Ok(());
@@ -316,7 +316,7 @@ impl Scene {
             while doubt != 0 {
                 let lane = doubt.trailing_zeros() as usize;
                 doubt &= doubt - 1;
-                // These take up to a thousand times as long.
+                // The fallback takes up to a thousand times longer.
                 crate::interrupt::check().map_err(|error| Fault { state: i * lanes + lane, error })?;
                 let out = &mut out[lane * width..(lane + 1) * width];
                 self.evaluate_checked(&mut evaluator.checked, algorithm, &states[lane], out)
@@ -327,11 +327,11 @@ impl Scene {
         Ok(())
     }
 
-    /// A kinematic quantity of any number of states: the results one after another in `out`, as long for each state;
-    /// u is qdd.
+    /// Computes a kinematic quantity of any number of states, with u = qdd. Writes the results one after another to
+    /// `out`, with equal lengths.
     ///
-    /// As many states at once as the processor's registers hold; a state whose arguments or results are in doubt is
-    /// done once more by the method for one state ([`Scene::kinematic_quantity`]).
+    /// States are vectorized (SIMD) over the lanes of a register. A state whose arguments or results fail a check is
+    /// recomputed by the method for one state ([`Scene::kinematic_quantity`]).
     ///
     /// # Errors
     ///
@@ -372,7 +372,7 @@ impl Scene {
         Ok(())
     }
 
-    /// Checks that an evaluator was made for this scene: another one has the constants of another scene.
+    /// Checks that an evaluator was created for this scene: other evaluators have the constants of other scenes.
     fn check_evaluator<P>(&self, evaluator: &Evaluator<P>) -> Result<(), Fault> {
         if evaluator.identity == self.identity() {
             return Ok(());
@@ -400,7 +400,7 @@ impl Scene {
         }
         let state = Arguments { q, qd, u, wrenches, seed, tolerance: state.tolerance };
         self.recursion(workspace, inverse.as_mut(), algorithm, &state, full)?;
-        // Nothing, where `out` is f64 and was written in place.
+        // Empty if `out` is f64 and was written in place.
         for (i, (rounded, &value)) in out.iter_mut().zip(&*results).enumerate() {
             *rounded = P::nearest(value);
             if !rounded.widened().is_finite() {
@@ -416,7 +416,7 @@ impl Scene {
     }
 }
 
-/// The name of the result in messages: of several, the function.
+/// The name of the result in messages; for several results, the name of the function.
 fn name_of_result(algorithm: Algorithm) -> &'static str {
     match algorithm.entry().results {
         [(name, _)] => name,

@@ -1,5 +1,5 @@
-//! The factor of M, and right sides that go through it, of as many states as a scalar has lanes: each compiled once
-//! for all callers.
+//! The factor of M, and further right-hand sides with it, for one state per lane of a scalar. Each is compiled once for
+//! all callers.
 
 use super::accelerations;
 use super::instruction_set::{Target, Vectorized, Work};
@@ -13,7 +13,8 @@ use nalgebra::Vector6;
 /// The arguments of all of them.
 type Scene<'a, T> = (&'a Model<T>, &'a SweepModel<T>);
 
-/// The accelerations of a state, and the factor of M that more right sides are to go through; the lanes in doubt.
+/// Computes the accelerations of a state and the factor of M for further right-hand sides. Returns the lanes that need
+/// the fallback as bits.
 #[inline(always)]
 pub(crate) fn with_factor<T: Vectorized, I: Target>(
     target: I,
@@ -23,7 +24,8 @@ pub(crate) fn with_factor<T: Vectorized, I: Target>(
     if form != Form::Auto {
         return accelerations::by_covariance(target, call);
     }
-    // Judged by right sides that are made up, for more are to come: by the torques alone more would pass.
+    // The error is estimated by test vectors, because more right-hand sides follow: an estimate for the torques alone
+    // would accept more factors.
     let accelerations::KernelArguments { scene, scratch, state, wrenches, qdd } = call;
     let doubt = watched(target, scene, scratch, (state.0, qdd));
     innovations(target, scene, scratch, state, (wrenches, qdd));
@@ -80,7 +82,7 @@ impl<T: Vectorized> Work for FactorWithErrorEstimate<'_, T> {
     }
 }
 
-/// e^- of a state (q, qd, tau), by the factor that is there.
+/// e^- of a state (q, qd, tau), with the existing factor.
 #[inline(never)]
 pub(super) fn innovations<T: Vectorized, I: Target>(
     target: I,
@@ -109,7 +111,7 @@ impl<T: Vectorized> Work for Innovations<'_, T> {
     }
 }
 
-/// Accelerations in the place of e^-, by the factor that is there.
+/// Replaces e^- by the accelerations, with the existing factor.
 #[inline(never)]
 pub(super) fn smooth<T: Vectorized, I: Target>(
     target: I,

@@ -3,14 +3,15 @@
 use super::instruction_set::{Entry, Vectorized};
 use crate::scalar::{ColumnsOf, Real};
 
-/// Zero where `x` is finite, else NaN; no branch.
+/// Zero if `x` is finite, otherwise NaN; without a branch.
 #[inline(always)]
 #[allow(clippy::eq_op)] // that is the point
 pub(super) fn not_finite<T: Real>(x: T) -> T {
     x - x
 }
 
-/// Zero where all are finite, else NaN; in lanes by four sums that do not wait for each other: there can be thousands.
+/// Zero if all values are finite, otherwise NaN. In lanes it uses four independent sums, because there can be thousands
+/// of values.
 #[inline(always)]
 pub(super) fn any_not_finite<T: Real>(numbers: &[T]) -> T {
     if T::LANES == 1 {
@@ -34,7 +35,7 @@ pub(super) fn any_not_finite<T: Real>(numbers: &[T]) -> T {
     (a + b) + (c + d)
 }
 
-/// The same of the entries of matrices, as many at once as a block holds.
+/// The check for the entries of matrices, one block at a time.
 #[inline(always)]
 pub(super) fn entries_not_finite<T: Vectorized>(like: T::Columns, entries: &[Entry<T>]) -> T {
     let (mut sums, zero, width) = ([like; 4], like.constant(0.0), T::Columns::COLUMNS);

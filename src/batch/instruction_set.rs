@@ -49,7 +49,7 @@ impl InstructionSet {
         INSTRUCTION_SETS.iter().find(|(_, arm)| *arm == self).map_or("", |(name, _)| name)
     }
 
-    /// The number of values of so many bytes that a register holds.
+    /// The number of values of this size in bytes that a register holds.
     pub(crate) fn lanes(self, bytes: usize) -> usize {
         match self {
             Self::Baseline => 1,
@@ -59,8 +59,8 @@ impl InstructionSet {
         }
     }
 
-    /// Whether this processor has it, and kernels were compiled for it: [`InstructionSet::Avx512`] needs the feature
-    /// `avx512`.
+    /// True if this processor has the instruction set and kernels were compiled for it. [`InstructionSet::Avx512`]
+    /// needs the feature `avx512`.
     #[must_use]
     pub fn available(self) -> bool {
         match self {
@@ -76,12 +76,11 @@ impl InstructionSet {
         }
     }
 
-    /// The instruction set of this process: the one that the environment variable `PHIPSI_INSTRUCTION_SET` names,
-    /// else the widest of this processor. A name that is unknown or not available here is reported on the standard
-    /// error.
+    /// The instruction set of this process: the value of the environment variable `PHIPSI_INSTRUCTION_SET`, or else the
+    /// widest of this processor. An unknown or unavailable name is reported on the standard error.
     ///
-    /// A build with debug assertions selects the baseline unless the variable is set: without optimization the
-    /// kernels of the lanes need more stack than a thread has.
+    /// A build with debug assertions selects the baseline unless the variable is set: without optimization, the kernels
+    /// for lanes need more stack than a thread has.
     #[must_use]
     pub fn of_process() -> Self {
         static SELECTED: OnceLock<InstructionSet> = OnceLock::new();
@@ -110,16 +109,16 @@ pub trait Work {
     /// The result.
     type Output;
 
-    /// Does it.
+    /// Runs the work.
     fn call(self) -> Self::Output;
 }
 
-/// Instructions that work can be compiled for.
+/// Instructions for which work can be compiled.
 pub trait Target: Copy + Send + Sync + 'static {
-    /// Themselves, where this processor has them.
+    /// The target, if this processor has its instructions.
     fn here() -> Option<Self>;
 
-    /// Does `work` with them.
+    /// Runs `work` with these instructions.
     fn within<W: Work>(self, work: W) -> W::Output;
 }
 
@@ -150,30 +149,30 @@ impl<S: Instructions> Target for S {
     }
 }
 
-/// An entry of a matrix, as it is kept.
+/// An entry of a matrix, as it is stored.
 pub type Entry<T> = <<T as Vectorized>::Columns as ColumnsOf<T>>::Entry;
 
 /// A scalar of kernels.
 pub trait Vectorized: Real {
-    /// The numbers in its lanes.
+    /// The values in its lanes.
     type Number: Precision;
 
     /// The type that holds several columns of a matrix of one state.
     type Columns: ColumnsOf<Self>;
 
-    /// The instructions that it cannot do without.
+    /// The instructions that it requires.
     type Least: Target;
 
-    /// The numbers, lane by lane, where they are: a copy would go through memory for each.
+    /// The values of the lanes in place: a copy would pass each of them through memory.
     fn lanes(&self) -> &[Self::Number];
 
-    /// The same, to be written.
+    /// The mutable values of the lanes.
     fn lanes_mut(&mut self) -> &mut [Self::Number];
 
-    /// Numbers into lanes: `of` gives a slice for each lane, as long as `numbers`, which becomes entry by entry what
-    /// they hold. Zero where all of a lane's are finite, else NaN.
+    /// Gathers values into lanes: `of` returns a slice for each lane, of the length of `numbers`, whose entries are set
+    /// from these. Returns zero in a lane whose values are all finite, otherwise NaN.
     ///
-    /// Slices that are empty leave all as it is.
+    /// Empty slices leave `numbers` unchanged.
     #[inline(always)]
     fn take_lanes<'a>(numbers: &mut [Self], of: impl Fn(usize) -> &'a [Self::Number]) -> Self {
         for lane in 0..Self::LANES {
@@ -184,8 +183,7 @@ pub trait Vectorized: Real {
         if of(0).is_empty() { Self::zero() } else { any_not_finite(numbers) }
     }
 
-    /// Lanes into numbers: of each state as many as there are in `numbers`, one state after another; as many states
-    /// as `out` has.
+    /// Scatters lanes: writes `numbers` of each state, one state after another, for the number of states in `out`.
     #[inline(always)]
     fn put_lanes(numbers: &[Self], out: &mut [Self::Number]) {
         for (lane, out) in out.chunks_exact_mut(numbers.len()).enumerate() {
@@ -195,15 +193,15 @@ pub trait Vectorized: Real {
         }
     }
 
-    /// Where the entries of a matrix are written: of one state where they belong.
+    /// The buffer to which the entries of a matrix are written; for one state the result itself.
     fn entries_in<'a>(entries: &'a mut [Entry<Self>], out: &'a mut [Self::Number]) -> &'a mut [Entry<Self>];
 
-    /// As [`Self::put_lanes`] of as many numbers as `chosen` says, each by its place in `entries`, of which the first
-    /// is zero; nothing where they were written where they belong.
+    /// As [`Self::put_lanes`], with the values that `chosen` selects by their index in `entries`, of which the first is
+    /// zero. Does nothing if the entries were written to the result.
     fn put_entries(entries: &[Entry<Self>], chosen: &[u32], out: &mut [Self::Number]);
 }
 
-/// One array of every state into lanes; lanes without a state of their own repeat the last.
+/// Gathers one array of every state into lanes; lanes without a state repeat the last one.
 #[inline(always)]
 pub(crate) fn take_states<'a, T: Vectorized>(numbers: &mut [T], states: usize, of: impl Fn(usize) -> &'a [T::Number]) {
     T::take_lanes(numbers, |lane| of(lane.min(states - 1)));
@@ -244,7 +242,7 @@ impl Vectorized for f64 {
     fn put_entries(_entries: &[f64], _chosen: &[u32], _out: &mut [f64]) {}
 }
 
-/// The instructions of this target that have fused products.
+/// The instructions of this target with fused multiply-add.
 #[cfg(target_arch = "x86_64")]
 type WithFused = V3;
 #[cfg(target_arch = "aarch64")]
@@ -277,7 +275,7 @@ impl Vectorized for Fused {
         out
     }
 
-    /// No arm of these targets runs on fused products.
+    /// These targets have no instruction set with fused multiply-add.
     #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
     #[inline(always)]
     fn entries_in<'a>(entries: &'a mut [Self], _out: &'a mut [f64]) -> &'a mut [Self] {

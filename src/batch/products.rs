@@ -1,4 +1,4 @@
-//! Products with Jacobians, of as many states as a scalar has lanes.
+//! Products with Jacobians, for one state per lane of a scalar.
 
 use super::accelerations;
 use super::factor::with_factor;
@@ -21,13 +21,13 @@ use nalgebra::Vector6;
 pub(super) struct ProductKernel<T: Vectorized> {
     co_states: CoStates<T>,
     changes: Changes<T>,
-    /// The direction, the third as long as the algorithm reads it, or the cotangent in the first.
+    /// The direction, whose third vector has the length that the algorithm reads; or the cotangent in the first.
     pub seeds: [Vec<T>; 3],
     /// The accelerations of the state, and x.
     qdd: Vec<T>,
     x: Vec<T>,
     results: Vec<T>,
-    /// Changes of the wrenches of bodies, or gradients by them, where there are any.
+    /// Changes of the wrenches on the bodies, or gradients with respect to the wrenches; empty without wrenches.
     of_wrenches: Vec<Vector6<T>>,
 }
 
@@ -130,11 +130,11 @@ impl<T: Vectorized> Work for Along<'_, T> {
     }
 }
 
-/// A scene, and the scratch that gradients need.
+/// A scene, and the scratch of gradients.
 type Room<'a, T> = ((&'a Model<T>, &'a SweepModel<T>), (&'a mut SweepScratch<T>, &'a mut CoStates<T>));
 
-/// All cotangents of a state, of torques, or where there is a form of accelerations, then with the factor in the
-/// scratch; the lanes that need the fallback. Compiled once for batches and for trajectories.
+/// All cotangents of a state: of torques, or of accelerations if a form is given, with the factor in the scratch.
+/// Returns the lanes that need the fallback as bits. Compiled once for batches and for trajectories.
 #[inline(never)]
 pub(crate) fn gradients<T: Vectorized, I: Target>(
     target: I,

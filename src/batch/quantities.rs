@@ -1,4 +1,4 @@
-//! Kinematic quantities of as many states as a scalar has lanes.
+//! Kinematic quantities, for one state per lane of a scalar.
 
 use super::instruction_set::Vectorized;
 use crate::algorithm::KinematicQuantity;
@@ -6,7 +6,7 @@ use crate::dynamics::quantities::{of_all_bodies, of_frame};
 use crate::model::Model;
 use crate::workspace::Workspace;
 
-/// Scratch of those that are of all bodies, made by the first call that needs it, and results.
+/// Scratch of the quantities of all bodies, allocated by the first call that needs it, and results.
 #[derive(Debug)]
 pub(super) struct QuantityKernel<T: Vectorized> {
     workspace: Option<Box<Workspace<T>>>,
@@ -19,7 +19,7 @@ impl<T: Vectorized> Default for QuantityKernel<T> {
     }
 }
 
-/// The results, of states (q, qd, qdd) of which `what` reads what it needs.
+/// Computes a quantity of states (q, qd, qdd), of which it reads the part that `what` requires.
 #[inline(always)]
 pub(super) fn run<'k, T: Vectorized>(
     model: &Model<T>,

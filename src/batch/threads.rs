@@ -1,10 +1,10 @@
-//! The threads of this process, how many they are, and work that they do together with the caller.
+//! The pool of threads of this process, and parallel calls on the pool and the calling thread.
 //!
-//! The caller is one of them, and begins at once: to wake another takes 20 to 40 microseconds on a virtual machine,
-//! and 13 of the time of the thread that wakes it. So the pool has one thread fewer than are wanted.
+//! The calling thread takes part and starts at once. Waking another thread takes 20 to 40 microseconds on a virtual
+//! machine, 13 of which are spent by the thread that wakes it. The pool therefore has one thread fewer than requested.
 //!
-//! rayon's global pool does not survive a fork: the child has the pool but none of its threads, and waits for ever.
-//! Python's multiprocessing forks, so the pool here remembers its process and is made anew in another.
+//! The global pool of rayon does not survive a fork: the child process has the pool without its threads and waits
+//! forever. Python's multiprocessing forks, so this pool stores its process and is rebuilt in another process.
 
 use crate::error::Error;
 use crate::interrupt::{self, StopSignal};
@@ -14,20 +14,20 @@ use std::sync::{Arc, RwLock};
 use std::thread::Thread;
 use std::time::{Duration, Instant};
 
-/// The caller waits so long for its helpers without going to sleep, from which waking takes as long as a small piece
-/// of work.
+/// The time that the caller spins while it waits for the other threads. Waking a sleeping thread takes as long as a
+/// small piece of work.
 const AWAKE: Duration = Duration::from_micros(100);
 
-/// How many threads are wanted; 0 for as many as the machine has.
+/// The requested number of threads; 0 for the number of threads of the machine.
 static WANTED: AtomicUsize = AtomicUsize::new(0);
 
 static POOL: RwLock<Option<ThreadPoolState>> = RwLock::new(None);
 
-/// A pool, how many threads were wanted and are used with the caller, and whose threads it has; none before more than
-/// one was wanted.
+/// The pool, the requested number of threads, the number of threads in use including the caller, and the process that
+/// owns the threads. There is no pool until more than one thread is requested.
 ///
-/// A pool is kept when fewer threads are wanted, for threads that end leave memory behind: it can have more than are
-/// used.
+/// The pool is kept if fewer threads are requested later, because threads that end leak memory. It can therefore have
+/// more threads than are in use.
 struct ThreadPoolState {
     process: u32,
     wanted: usize,
@@ -49,18 +49,18 @@ impl ThreadPoolState {
     }
 }
 
-/// Where a batch can run.
+/// The threads on which a batch can run.
 pub(super) enum Place {
     /// The caller is already a thread of a pool.
     Inside,
-    /// The caller and our own threads: so many of them with the caller.
+    /// The caller and the threads of this pool; the number includes the caller.
     Ours(Arc<ThreadPool>, usize),
-    /// One thread is wanted, or there are no others to be had.
+    /// One thread is requested, or no others are available.
     Alone,
 }
 
 impl Place {
-    /// How many threads that is, the caller one of them.
+    /// The number of threads, including the caller.
     pub(super) fn threads(&self) -> usize {
         match self {
             Self::Inside => rayon::current_num_threads(),
@@ -69,12 +69,12 @@ impl Place {
         }
     }
 
-    /// Calls `work` here and, at the same time, on `helpers` other threads, of which there are as many; returns when
-    /// all have returned. Those of a pool of ours lend themselves to other callers wherever `work` calls
+    /// Calls `work` on this thread and concurrently on `helpers` other threads, which must exist. Returns when all
+    /// calls have returned. The threads of this module's own pool also serve other callers whenever `work` calls
     /// [`rayon::yield_now`].
     ///
-    /// All work under the caller's [`interrupt`], which it keeps while it waits for the others: `stop` is set when that
-    /// ends the work.
+    /// All calls run under the caller's [`interrupt`], which the caller checks while it waits for the other threads.
+    /// Calls `stop` if the interrupt ends the work.
     pub(super) fn together(&self, helpers: usize, stop: &dyn Fn(Error), work: &(dyn Fn() + Sync)) {
         let signal = StopSignal::here();
         let helping = AtomicUsize::new(helpers);
@@ -88,19 +88,19 @@ impl Place {
     }
 }
 
-/// The threads that do some work together.
+/// The threads that run one call together.
 #[derive(Clone, Copy)]
 struct Company<'scope> {
-    /// How many beside the caller have not returned.
+    /// Number of calls on other threads that have not returned.
     helping: &'scope AtomicUsize,
-    /// The caller, where it is to be woken by the last of them.
+    /// The caller, if the last of the other threads has to wake it.
     waiting: Option<&'scope Thread>,
     signal: &'scope StopSignal,
     work: &'scope (dyn Fn() + Sync),
 }
 
 impl<'scope> Company<'scope> {
-    /// The work here and on `helpers` other threads.
+    /// Runs the work on this thread and on `helpers` other threads.
     fn all_at_once(self, scope: &Scope<'scope>, helpers: usize, stop: &dyn Fn(Error)) {
         self.wake(scope, helpers);
         (self.work)();
@@ -119,7 +119,7 @@ impl<'scope> Company<'scope> {
         }
     }
 
-    /// Has `helpers` threads do the work, of which two are woken here and wake the others.
+    /// Runs the work on `helpers` threads. Wakes two of them, which wake the others.
     fn wake(self, scope: &Scope<'scope>, helpers: usize) {
         for helpers in [helpers.div_ceil(2), helpers / 2] {
             if helpers > 0 {
@@ -137,7 +137,7 @@ impl<'scope> Company<'scope> {
     }
 }
 
-/// The threads to use; never waits for a lock that a fork may have left held.
+/// The threads to use. Never waits for a lock, which a fork may have left locked.
 pub(super) fn place() -> Place {
     if rayon::current_thread_index().is_some() {
         return Place::Inside;
@@ -164,13 +164,13 @@ pub(super) fn place() -> Place {
     place
 }
 
-/// The pool that there is, if its threads are those of this process.
+/// The existing pool, if its threads belong to this process.
 fn pool_of(process: u32, kept: Option<&ThreadPoolState>) -> Option<Arc<ThreadPool>> {
     kept.filter(|kept| kept.process == process).and_then(|kept| kept.pool.clone())
 }
 
-/// The threads beside the caller: those of the pool that there is, if they are as many; `wanted` is 0 for those of
-/// the machine.
+/// The threads in addition to the caller: those of the existing pool if it has enough. `wanted` is 0 for the number of
+/// threads of the machine.
 fn make(wanted: usize, before: Option<Arc<ThreadPool>>) -> Result<ThreadPoolState, rayon::ThreadPoolBuildError> {
     let threads = if wanted == 0 { of_the_machine() } else { wanted };
     let suffices = before.as_ref().map_or(0, |pool| pool.current_num_threads()) + 1 >= threads;
@@ -183,35 +183,35 @@ fn make(wanted: usize, before: Option<Arc<ThreadPool>>) -> Result<ThreadPoolStat
     Ok(ThreadPoolState { process: std::process::id(), wanted, threads, pool })
 }
 
-/// What `RAYON_NUM_THREADS` says, or as many threads as run at once here.
+/// The value of `RAYON_NUM_THREADS`, or else the parallelism that is available to this process.
 fn of_the_machine() -> usize {
     let said = std::env::var("RAYON_NUM_THREADS").ok().and_then(|text| text.parse().ok()).filter(|&said| said > 0);
     let threads = said.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
     threads.min(rayon::max_num_threads())
 }
 
-/// Puts `new` in the place of what was kept, whose threads end when the batches that use them have.
+/// Replaces the stored pool by `new`. The old threads end when the batches that use them have finished.
 fn replace(kept: &mut Option<ThreadPoolState>, new: Option<ThreadPoolState>) {
     if let Some(old) = std::mem::replace(kept, new)
         && old.process != std::process::id()
     {
-        // Its threads are not in this process: nothing there can be waited for or joined.
+        // Its threads do not exist in this process and cannot be joined.
         std::mem::forget(old.pool);
     }
 }
 
-/// Sets how many threads batches use from now on, in this process and those that it forks; batches under way keep
-/// theirs.
+/// Sets the number of threads for later batches in this process and in processes forked from it. Running batches are
+/// not affected.
 ///
-/// `threads`: the caller's and others, 1 for none beside the caller's; 0 for what the environment variable
-/// `RAYON_NUM_THREADS` says, or as many as the machine has, which is what a process begins with. Results have the
-/// same bits for any number. A batch that is run inside a rayon pool uses that pool, whatever was set. The threads
-/// are started here; where fewer are wanted than before, the others stay and wait.
+/// `threads` includes the caller: 1 uses the caller only. 0, the initial value, uses the environment variable
+/// `RAYON_NUM_THREADS`, or else the number of threads of the machine. The bits of results do not depend on the number
+/// of threads. A batch that runs inside a rayon pool uses that pool regardless of this setting. This function starts
+/// the threads; if the number decreases, the remaining threads stay idle.
 ///
 /// # Errors
 ///
-/// [`Error::Argument`] for more threads than rayon has names for (65,535 on machines of 64 bits), or than the system
-/// gives; what was set before then stays.
+/// [`Error::Argument`] if there are more threads than rayon supports (65,535 on 64-bit machines) or than the system
+/// provides; the previous setting is then kept.
 pub fn set_threads(threads: usize) -> Result<(), Error> {
     let refused = |found, expected| Error::argument("threads", found, expected);
     let most = rayon::max_num_threads();
@@ -224,14 +224,14 @@ pub fn set_threads(threads: usize) -> Result<(), Error> {
     })?;
     let kept = Some(kept);
     WANTED.store(threads, Ordering::Relaxed);
-    // Where another thread has the lock, the next batch makes the pool.
+    // If another thread holds the lock, the next batch creates the pool.
     if let Ok(mut guard) = POOL.try_write() {
         replace(&mut guard, kept);
     }
     Ok(())
 }
 
-/// How many threads the next batch uses, the caller's one of them; starts the others where they are not there yet.
+/// The number of threads of the next batch, including the caller. Starts threads that do not exist yet.
 #[must_use]
 pub fn threads() -> usize {
     place().threads()

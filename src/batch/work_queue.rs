@@ -1,7 +1,7 @@
-//! A batch whose pieces are taken from its front by the next free thread.
+//! A batch of states that free threads take piece by piece.
 //!
-//! Pieces are large at first and small towards the end, so that all who compute end at about the same time however
-//! late they began. They begin at multiples of a grain: what is computed side by side is the same for any number of
+//! Pieces start large and become smaller toward the end, so that all threads finish at about the same time even if some
+//! start late. Pieces begin at multiples of a grain: states are vectorized in the same groups for any number of
 //! threads.
 
 use super::Fault;
@@ -9,18 +9,18 @@ use crate::error::Error;
 use std::ops::Range;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// A piece does not take less than this, in ns: a hundred times what handing it out takes.
+/// The minimum time of a piece, ns: a hundred times the time to hand it out.
 const WORTH_A_PIECE: usize = 5_000;
 
-/// States and where their results go.
+/// States, and the slice for their results.
 type Part<'r, P> = (Range<usize>, &'r mut [P]);
 
-/// The rest of a batch, and the faults of the pieces that were taken.
+/// The remaining states of a batch, and the faults of the pieces that were taken.
 pub(super) struct WorkQueue<'r, P> {
     rest: Mutex<Part<'r, P>>,
     width: usize,
     grain: usize,
-    /// States of a piece at the least.
+    /// The minimum number of states of a piece.
     least: usize,
     threads: usize,
     lowest: Mutex<Option<Fault>>,
@@ -31,14 +31,14 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl<'r, P> WorkQueue<'r, P> {
-    /// So many states, of so many ns each, for so many threads; `results` is equally long for each state.
+    /// A queue of `states` states of `cost` ns each, for `threads` threads. `results` has the same length per state.
     pub(super) fn new((states, cost): (usize, usize), (threads, grain): (usize, usize), results: &'r mut [P]) -> Self {
         let width = results.len().checked_div(states).unwrap_or(0);
         let least = (WORTH_A_PIECE / cost.max(1)).max(1).next_multiple_of(grain);
         Self { rest: Mutex::new((0..states, results)), width, grain, least, threads, lowest: Mutex::new(None) }
     }
 
-    /// The next piece: half of what would be a thread's share of the rest.
+    /// The next piece: half of a thread's share of the remaining states.
     pub(super) fn next(&self) -> Option<Part<'r, P>> {
         let mut rest = locked(&self.rest);
         let left = rest.0.len();
@@ -53,8 +53,8 @@ impl<'r, P> WorkQueue<'r, P> {
         Some((first..first + states, results))
     }
 
-    /// Hands out nothing any more; pieces before the one that failed are with somebody. That the work was to stop is
-    /// told before all else.
+    /// Ends the queue; pieces before the failed one are already taken. An interruption takes precedence over other
+    /// faults.
     pub(super) fn end_with(&self, fault: Fault) {
         *locked(&self.rest) = (0..0, &mut []);
         let mut lowest = locked(&self.lowest);

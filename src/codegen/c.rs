@@ -17,21 +17,21 @@ use std::fmt::Write;
 /// Files by their names.
 pub type Sources = Vec<(String, String)>;
 
-/// C99 of functions of a scene under this name: NAME.c, NAME.h, `test_NAME.c` and a Makefile.
+/// Generates C99 sources of functions of a scene under this name: NAME.c, NAME.h, `test_NAME.c` and a Makefile.
 ///
-/// Each function takes pointers to its arguments, SI units, radians, and then to its results, which it writes;
-/// nothing is allocated, and of libm it needs sines, cosines and square roots. Results are those of the scene's
-/// methods to rounding, in covariance form: a loss of precision is not detected. The test compares with
-/// the scene at a state of its own. Programs of more than 8000 operations are written in parts, a function each; what
-/// limbs of one kind repeat is one of them, called in a loop with the constants of each limb from a table.
+/// Each function takes pointers to its arguments (SI units, radians), then pointers to its results, which it writes. It
+/// allocates no memory and needs sines, cosines and square roots of libm. Results agree with those of the scene's
+/// methods to rounding, in covariance form: a loss of precision is not detected. The test compares with the scene at
+/// one state. Programs of more than 8000 operations are split into one function per part. Equal limbs share one
+/// function, which is called in a loop with the constants of each limb from a table.
 ///
-/// With `batches` there is a function of many states too for each, as many at once as the processor's registers hold:
-/// by the vector extensions of GCC and Clang. Those of one state are left out where `NAME_BATCHES_ALONE` is defined.
+/// With `batches`, each function also has a version for many states, vectorized (SIMD) by the vector extensions of GCC
+/// and Clang. If `NAME_BATCHES_ALONE` is defined, the versions for one state are omitted.
 ///
 /// # Errors
 ///
-/// As [`Program::new`]; [`Error::Argument`] for a name that is no identifier of C, for no functions, and for two
-/// whose names are one in C.
+/// As [`Program::new`]; [`Error::Argument`] for a name that is not an identifier of C, for no functions, and for two
+/// functions with the same name in C.
 pub fn sources(
     scene: &Scene,
     name: &str,
@@ -41,7 +41,7 @@ pub fn sources(
     sources_accepting(scene, name, functions, (width, batches), None)
 }
 
-/// The same, where functions that tell a margin have that of another tolerance than the usual one.
+/// [`sources`] with another tolerance for the margins than the default.
 ///
 /// # Errors
 ///
@@ -63,12 +63,12 @@ pub fn sources_accepting(
     ])
 }
 
-/// The programs of all functions, under a name that every language has for its own.
+/// The programs of all functions, for a name that is an identifier in all languages.
 pub(super) fn programs(scene: &Scene, name: &str, functions: &[Function], width: Width) -> Result<Vec<Program>, Error> {
     programs_accepting(scene, name, functions, (width, None))
 }
 
-/// The same with a tolerance.
+/// [`programs`] with a tolerance for the margins.
 fn programs_accepting(
     scene: &Scene,
     name: &str,
@@ -90,7 +90,7 @@ fn programs_accepting(
     functions.iter().map(checked).collect()
 }
 
-/// No two functions of one name in the code.
+/// Checks that no two functions have the same name in the code.
 fn check_symbols(functions: &[Function]) -> Result<(), Error> {
     let mut known = HashMap::new();
     for function in functions {
@@ -108,7 +108,7 @@ fn check_symbols(functions: &[Function]) -> Result<(), Error> {
 
 pub(super) const WRITTEN_BY: &str = "/* Written by phipsi; do not edit. */\n";
 
-/// The declaration of a function, without what ends it.
+/// The declaration of a function, without its terminator.
 fn declaration(name: &str, program: &Program, width: Width) -> String {
     let number = width.of_c();
     let sized = |array: &Array| format!("{number} {}[{}]", array.name, array.width().max(1));
@@ -146,7 +146,7 @@ fn header(scene: &Scene, name: &str, programs: &[Program], (width, batches): (Wi
     text
 }
 
-/// A line for each joint: where it is in q and in qd.
+/// One line for each joint, with its indices in q and in qd.
 pub(super) fn joints(scene: &Scene) -> Vec<String> {
     let line = |joint: &crate::scene::Joint| {
         // Names must not end the comment.
@@ -203,7 +203,7 @@ fn one_state(name: &str, program: &Program, width: Width, text: &mut String) {
     text.extend(pieces::write(program, &form));
 }
 
-/// A state of the scene, and what the methods give there.
+/// A state of the scene, and the results of the methods there.
 fn test(scene: &Scene, name: &str, programs: &[Program], (width, batches): (Width, bool)) -> Result<String, Error> {
     let number = width.of_c();
     let mut text = format!("{WRITTEN_BY}#include \"{name}.h\"\n#include <math.h>\n#include <stdio.h>\n\n");

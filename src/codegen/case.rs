@@ -1,12 +1,12 @@
-//! Reference data of the generated tests: a state of the scene, and the result of its method there.
+//! Reference data of the generated tests: a state of the scene, and the result of its method for that state.
 
 use super::functions::Function;
 use super::program::Program;
 use crate::error::Error;
 use crate::scene::Scene;
 
-/// The arguments of a program at one state, what the scene's method gives there, and the size of such numbers, by
-/// which differences are measured.
+/// The arguments of a program at one state, the results of the scene's method, and the scale of these results, to which
+/// differences are relative.
 pub(super) struct Case {
     pub given: Vec<Vec<f64>>,
     /// All results, one after another.
@@ -15,7 +15,7 @@ pub(super) struct Case {
 }
 
 impl Case {
-    /// A case with every joint moving, the same whenever it is asked for.
+    /// A case in which every joint moves; the same for each call.
     pub fn new(scene: &Scene, program: &Program) -> Result<Self, Error> {
         let nv = scene.nv();
         let mut given = Vec::new();
@@ -35,7 +35,7 @@ impl Case {
             function.by_scene(scene, program.tolerance, &given)
         };
         let expected = by_scene(&program.function)?;
-        // A bias can be nothing but rounding: it is measured by torques that move the joints.
+        // A bias can consist of rounding errors only. It is compared relative to torques that move the joints.
         let moving = match program.function {
             Function::BiasTorque => {
                 Function::InverseDynamics.by_scene(scene, None, &[&given[0], &given[1], &given[1]])?
@@ -47,7 +47,7 @@ impl Case {
     }
 }
 
-/// Numbers between -1 and 1 that depend on their place only.
+/// Values between -1 and 1 that depend on their index only.
 fn draw(place: usize) -> f64 {
     #[allow(clippy::cast_precision_loss)] // small
     let angle = (place as f64).mul_add(2.399_963, 0.7);

@@ -1,18 +1,18 @@
-//! Sine and cosine of many states at once, for what is written: the constants of [`Circle`], and the formulas in
-//! signs that C and Rust share.
+//! Sine and cosine of many states at once in generated code: the constants of [`Circle`], and the formulas that C and
+//! Rust share.
 
 use super::width::Width;
 use crate::scalar::Circle;
 
 /// Constants of the reduction to quarter turns and of the polynomials for scalars of one width.
 pub(super) struct Sines {
-    /// The largest absolute value, in radians, that the reduction is good for.
+    /// The largest absolute value, in radians, for which the reduction is valid.
     pub largest: f64,
-    /// Added and taken away again, it rounds to an integer, whose lowest bits the sum has.
+    /// Adding and subtracting this value rounds to an integer, whose lowest bits are in the sum.
     pub rounder: f64,
-    /// Quarter turns of a radian.
+    /// Quarter turns per radian.
     pub turns: f64,
-    /// pi/2 in parts; whole turns times each of them are numbers, without fused products.
+    /// pi/2 in parts. The products of quarter turns with each part are exact without fused multiply-add.
     pub half_pi: [f64; 3],
     sine: &'static [f64],
     cosine: &'static [f64],
@@ -30,7 +30,7 @@ impl Sines {
                 sine: f64::SINE,
                 cosine: f64::COSINE,
             },
-            // Parts of 8 and 11 bits: times 13 bits of turns they are numbers where no product is fused.
+            // Parts of 8 and 11 bits: their products with 13 bits of turns are exact without fused multiply-add.
             Width::Single => Self {
                 largest: 8192.0,
                 rounder: f32::ROUNDER,
@@ -42,15 +42,15 @@ impl Sines {
         }
     }
 
-    /// The polynomials of z, the squared angle, as expressions: what multiplies -y^3 but its first coefficient, that
-    /// coefficient, and what multiplies y^4 in the cosine.
+    /// The polynomials of z, the squared angle, as expressions: the factor of -y^3 without its first coefficient, that
+    /// coefficient, and the factor of y^4 in the cosine.
     pub fn polynomials(&self, constant: &dyn Fn(f64) -> String) -> [String; 3] {
         let of_sine = horner(&self.sine[1..], constant);
         [of_sine, constant(-self.sine[0]), horner(self.cosine, constant)]
     }
 }
 
-/// The polynomial of z with these coefficients, the lowest first.
+/// The polynomial of z with these coefficients, in ascending order.
 fn horner(coefficients: &[f64], constant: &dyn Fn(f64) -> String) -> String {
     let (last, others) = (coefficients[coefficients.len() - 1], &coefficients[..coefficients.len() - 1]);
     let mut text = constant(last);

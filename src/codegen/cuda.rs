@@ -1,4 +1,4 @@
-//! CUDA C++ of programs: one state a thread, arrays by components, for NVRTC and nvcc.
+//! CUDA C++ of programs, for NVRTC and nvcc: one state per thread, arrays by components.
 
 use super::c::{Sources, WRITTEN_BY, check, constants, joints, meaning, programs};
 use super::case::Case;
@@ -11,17 +11,18 @@ use crate::error::Error;
 use crate::scene::Scene;
 use std::fmt::Write;
 
-/// CUDA of functions of a scene under this name: NAME.cu, `test_NAME.cu`, `one_thread.h` and a Makefile.
+/// Generates CUDA sources of functions of a scene under this name: NAME.cu, `test_NAME.cu`, `one_thread.h` and a
+/// Makefile.
 ///
-/// Each function is a kernel of many states, `extern "C"`, one state a thread: `NAME_forward_dynamics(count, q, qd,
-/// tau, qdd)`, and the number `i` of the array q of the state `s` is `q[i * count + s]`, so that adjacent
-/// threads read adjacent values. Long programs are in parts, as in C. NAME.cu includes nothing and is compiled at run
-/// time by NVRTC, or by nvcc. `one_thread.h` makes C99 of it, where threads are a loop: `make test-c` compares with
-/// the scene without a GPU, `make test` with one.
+/// Each function is a kernel for many states, `extern "C"`, with one state per thread: `NAME_forward_dynamics(count, q,
+/// qd, tau, qdd)`. Element `i` of the array q of state `s` is `q[i * count + s]`, so that adjacent threads read
+/// adjacent values. Long programs are split into parts, as in C. NAME.cu has no includes and is compiled at run time by
+/// NVRTC, or by nvcc. With `one_thread.h` it is C99, where a loop replaces the threads: `make test-c` compares with the
+/// scene without a GPU, `make test` with one.
 ///
 /// # Errors
 ///
-/// As [`Program::new`]; [`Error::Argument`] for a name that is no identifier of C, and for no functions.
+/// As [`Program::new`]; [`Error::Argument`] for a name that is not an identifier of C, and for no functions.
 pub fn cuda_sources(scene: &Scene, name: &str, functions: &[Function], width: Width) -> Result<Sources, Error> {
     let programs = programs(scene, name, functions, width)?;
     Ok(vec![
@@ -32,7 +33,7 @@ pub fn cuda_sources(scene: &Scene, name: &str, functions: &[Function], width: Wi
     ])
 }
 
-/// A header that makes a kernel C99: its threads run one after another.
+/// A header that turns a kernel into C99: its threads run one after another.
 const ONE_THREAD: &str = "/* Written by phipsi; do not edit. CUDA kernels as C99: include this before them, and run them by ON_ALL_THREADS. */
 #ifndef ONE_THREAD_H
 #define ONE_THREAD_H
@@ -107,7 +108,7 @@ fn kernel(name: &str, program: &Program, width: Width, text: &mut String) {
 const THREAD: &str = "    const unsigned long long state = (unsigned long long)blockIdx.x * blockDim.x + threadIdx.x;\n    \
                       if (state >= count) return;\n";
 
-/// Some states, and what the methods give there: on a GPU by nvcc, else one thread after another.
+/// Some states, and the results of the methods there: on a GPU by nvcc, otherwise one thread after another.
 fn test(scene: &Scene, name: &str, programs: &[Program], width: Width) -> Result<String, Error> {
     const STATES: usize = 70;
     let number = width.of_c();

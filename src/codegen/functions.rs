@@ -1,5 +1,5 @@
-//! What programs compute: functions of the table ([`algorithm`](crate::algorithm)), how each is traced, and what the
-//! scene's method gives.
+//! Functions of generated programs: their rows in the table ([`algorithm`](crate::algorithm)), their traces, and the
+//! results of the scene's methods.
 
 use super::tracing::Place;
 use super::{reference, tracing};
@@ -21,8 +21,8 @@ use crate::spatial::RigidShift;
 pub enum Function {
     /// qdd of (q, qd, tau), in covariance form.
     ForwardDynamics,
-    /// The same with the margin of its error estimate: negative or NaN for a state that the methods of the scene
-    /// recompute in form auto.
+    /// As `ForwardDynamics`, with the margin of its error estimate: negative or NaN for a state that the methods of the
+    /// scene recompute in form auto.
     ForwardDynamicsWatched,
     /// tau of (q, qd, qdd).
     InverseDynamics,
@@ -32,13 +32,13 @@ pub enum Function {
     MassMatrix,
     /// M^-1 of q, row by row, in covariance form.
     MassMatrixInverse,
-    /// The same, watched likewise.
+    /// As `MassMatrixInverse`, with the margin of its error estimate.
     MassMatrixInverseWatched,
-    /// The margin of q alone: of the factor of M, through which derivatives and products of forward dynamics go.
+    /// The margin for q only: of the factor of M, which derivatives and products of forward dynamics use.
     FactorWatched,
     /// dqdd/dq, dqdd/dqd and M^-1 of (q, qd, tau), each row by row, by q in its tangent space; in covariance form.
     ForwardDynamicsDerivatives,
-    /// dtau/dq, dtau/dqd and M of (q, qd, qdd), likewise.
+    /// dtau/dq, dtau/dqd and M of (q, qd, qdd), each row by row, by q in its tangent space.
     InverseDynamicsDerivatives,
     /// dqdd of (q, qd, tau) along (dq, dqd, dtau), in covariance form.
     ForwardDynamicsJvp,
@@ -48,15 +48,15 @@ pub enum Function {
     InverseDynamicsJvp,
     /// The gradients of x . tau by q, qd and qdd, of (q, qd, qdd) and x.
     InverseDynamicsVjp,
-    /// Where every link is, of q: a homogeneous matrix each, in the order of [`Scene::links`].
+    /// The pose of every link, of q: one homogeneous matrix each, in the order of [`Scene::links`].
     Placements,
-    /// Where the link of this name is, of q: a homogeneous matrix.
+    /// The pose of the link of this name, of q: a homogeneous matrix.
     Placement(String),
-    /// The Jacobian of the link of this name, of q, (6 x nv), its velocity written in this frame.
+    /// The Jacobian of the link of this name, of q, (6 x nv), with the velocity expressed in this frame.
     Jacobian(String, ReferenceFrame),
 }
 
-/// All of them that are of no one link, without those that are watched.
+/// All functions that do not depend on a link, without those that return a margin.
 pub const FUNCTIONS: [Function; 12] = [
     Function::ForwardDynamics,
     Function::InverseDynamics,
@@ -81,25 +81,25 @@ pub const WATCHED: [Function; 3] =
 pub struct Array {
     /// Its name.
     pub name: &'static str,
-    /// Its axes; numbers lie row by row.
+    /// Its axes; scalars are stored row by row.
     pub shape: Vec<usize>,
 }
 
 impl Array {
-    /// How many numbers a state has in it.
+    /// Number of scalars per state.
     #[must_use]
     pub fn width(&self) -> usize {
         self.shape.iter().product()
     }
 
-    /// Names of arrays, with how many numbers a state has in each.
+    /// Names of arrays, with the number of scalars per state.
     pub(super) fn sized(all: &[Self]) -> Vec<(&'static str, usize)> {
         all.iter().map(|array| (array.name, array.width())).collect()
     }
 }
 
 impl Function {
-    /// Its row of the table, and how it is traced.
+    /// Its row of the table, and its trace.
     fn line(&self) -> (&'static FunctionEntry, tracing::Trace) {
         match self {
             Self::ForwardDynamics => (&FORWARD_DYNAMICS, tracing::forward_dynamics),
@@ -122,7 +122,7 @@ impl Function {
         }
     }
 
-    /// The algorithm of the scene that computes it, where one does; in covariance form what has forms.
+    /// The algorithm of the scene that computes it, if there is one; in covariance form if the algorithm has forms.
     fn algorithm(&self) -> Option<Algorithm> {
         let form = Form::default();
         Some(match self {
@@ -141,14 +141,14 @@ impl Function {
         })
     }
 
-    /// Its name, as the methods of scenes have it.
+    /// Its name, as that of the scene's method.
     #[must_use]
     pub fn name(&self) -> &'static str {
         self.line().0.name
     }
 
-    /// What the code calls it: the name, and of one link the link's, with _ for what no identifier has, and the frame
-    /// where that is not the link's own.
+    /// Identifier in the generated code: the name of the function; for functions of one link also the name of the link,
+    /// with _ for characters that identifiers do not allow, and the reference frame unless it is the link's.
     #[must_use]
     pub fn symbol(&self) -> String {
         let name = self.name();
@@ -159,7 +159,7 @@ impl Function {
         }
     }
 
-    /// The link that it is of, and the frame that motions are written in.
+    /// Its link, and the frame in which motions are expressed.
     fn link(&self) -> Option<(&str, ReferenceFrame)> {
         match self {
             Self::Placement(link) => Some((link, ReferenceFrame::Local)),
@@ -168,7 +168,7 @@ impl Function {
         }
     }
 
-    /// That link's frame in `scene`; the base's where it is of no link.
+    /// The frame of that link in `scene`; the frame of the base without a link.
     pub(super) fn place(&self, scene: &Scene) -> Result<Place, Error> {
         let Some((link, reference)) = self.link() else {
             return Ok((Frame { body: None, placement: RigidShift::identity() }, ReferenceFrame::Local));
@@ -209,7 +209,7 @@ impl Function {
         arrays(scene, self.line().0.results)
     }
 
-    /// How many numbers it gives, all results together.
+    /// Number of scalars of all results together.
     #[must_use]
     pub fn width(&self, scene: &Scene) -> usize {
         self.results(scene).iter().map(Array::width).sum()
@@ -219,7 +219,7 @@ impl Function {
         self.line().1
     }
 
-    /// The results of the scene's own method for these arguments, one after another.
+    /// The results of the scene's method for these arguments, one after another.
     pub(super) fn by_scene(
         &self,
         scene: &Scene,
@@ -257,7 +257,7 @@ fn arrays(scene: &Scene, of_table: &'static [table::Array]) -> Vec<Array> {
     of_table.iter().map(|&(name, axes)| Array { name, shape: shape(axes) }).collect()
 }
 
-/// Letters, digits and _ of a name, with _ for all else.
+/// A name with all characters except letters, digits and _ replaced by _.
 fn identifier(name: &str) -> String {
     name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect()
 }

@@ -1,4 +1,4 @@
-//! C of programs for many states: one number of each in a lane of a vector, by the vector extensions of GCC and Clang.
+//! C of programs for many states, one state per lane of a vector, by the vector extensions of GCC and Clang.
 
 use super::circle::Sines;
 use super::pieces::{self, Form};
@@ -7,15 +7,15 @@ use super::syntax;
 use super::width::Width;
 use std::fmt::Write;
 
-/// The code that all programs in lanes share: vectors, sines with cosines, and loading and storing of states.
+/// The code that all vectorized programs share: vectors, sines with cosines, and loading and storing of states.
 ///
-/// Sines and cosines are good to one unit in the last place up to the largest angle of [`Sines`]; beyond, they are
-/// libm's. In float the unit is that of one.
+/// Sines and cosines are accurate to one unit in the last place up to the largest angle of [`Sines`]; larger angles use
+/// libm. In float the unit is that of 1.0.
 pub(super) fn prelude(width: Width) -> String {
     let (sines, constant) = (Sines::new(width), |x: f64| width.constant(x));
     let [of_sine, first, of_cosine] = sines.polynomials(&constant);
     let [a, b, c] = sines.half_pi.map(constant);
-    // In double what the reduction leaves is kept beside it.
+    // In double precision the remainder of the reduction is stored separately.
     let (reduction, in_sine, in_cosine) = match width {
         Width::Double => (
             format!(
@@ -37,7 +37,7 @@ pub(super) fn prelude(width: Width) -> String {
     };
     let [bits, magnitude, one, ll, sign] = whole;
     let bytes = if width == Width::Double { 8 } else { 4 };
-    // In the largest registers that there are.
+    // In the largest available registers.
     let most = 64 / bytes;
     let mut replaced = [
         ("@number", width.of_c().to_owned()),
@@ -66,19 +66,20 @@ pub(super) fn prelude(width: Width) -> String {
         ("@in_cosine", in_cosine.to_owned()),
         ("@largest", constant(sines.largest)),
     ];
-    // Longer names first: some begin as others do.
+    // Longer names first, because some names are prefixes of others.
     replaced.sort_by_key(|(name, _)| std::cmp::Reverse(name.len()));
     replaced.iter().fold(PRELUDE.to_owned(), |text, (name, by)| text.replace(name, by))
 }
 
-/// The transposition of as many vectors as there are lanes, for this number of lanes, half of it and a quarter.
+/// The transposition of a square block of vectors, for this number of lanes, half of it and a quarter.
 fn transposed(most: usize) -> String {
     let mut text = String::new();
     for (lanes, when) in [(most, "#if"), (most / 2, "#elif"), (most / 4, "#elif")] {
         let _ = writeln!(text, "{when} LANES == {lanes}");
         let steps = || std::iter::successors(Some(1), |step| Some(2 * step)).take_while(|&step| step < lanes);
         for step in steps() {
-            // Of two vectors so far apart: where the first keeps its own, and where it takes the other's.
+            // For two vectors at this distance: the lanes that keep their values, and the lanes that take those of the
+            // other vector.
             let low = (0..lanes).map(|k| if k & step == 0 { k } else { lanes + k - step });
             let high = (0..lanes).map(|k| if k & step == 0 { k + step } else { lanes + k });
             let listed = |all: Vec<usize>| all.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
@@ -235,14 +236,14 @@ INLINE void scatter(@number *to, const lanes *from, size_t width, size_t count, 
 }
 ";
 
-/// The declaration of the function of many states, without what ends it.
+/// The declaration of the function of many states, without its terminator.
 pub(super) fn declaration(name: &str, program: &Program, width: Width) -> String {
     let (function, number) = (program.function.symbol(), width.of_c());
     let all = program.named(&format!("const {number} *"), &format!("{number} *"));
     format!("int {name}_{function}_batch(size_t count, {all})")
 }
 
-/// The program in lanes, and the function that takes all states through it.
+/// The vectorized program, and the function that applies it to all states.
 pub(super) fn functions(name: &str, program: &Program, width: Width, text: &mut String) {
     let function = program.function.symbol();
     let parameters = program.named("const lanes *restrict ", "lanes *restrict ");
@@ -292,7 +293,7 @@ pub(super) fn test(name: &str, program: &Program, (number, size): (Width, f64), 
     let _ = writeln!(text, "        for (int i = 0; i < {STATES}; i++) {{");
     for array in &program.arguments {
         let (name, width) = (array.name, array.width());
-        // Quaternions keep their length.
+        // Quaternions keep their norm.
         let scale = if name == "q" { "" } else { " * (1 - i / (@number)20)" }.replace("@number", number.of_c());
         let _ = writeln!(
             text,

@@ -1,8 +1,8 @@
-//! One robot, compiled: the sweeps run once on numbers that remember what they come of, and what they leave is
-//! written out in C, Rust or CUDA.
+//! Code generation for one robot: the sweeps run once on a scalar that records its operations, and the recorded
+//! operations are written in C, Rust or CUDA.
 //!
-//! Zeros, ones, aligned axes, absent gravity and outputs that nobody asked for are gone by one mechanism: a number
-//! that is constant is computed here, and an operation that changes nothing is not written.
+//! One mechanism removes the operations on zeros and ones, aligned axes, absent gravity and unused outputs: constants
+//! are folded, and operations that change nothing are omitted.
 //!
 //! ```
 //! use phipsi::codegen::{Function, Program};

@@ -1,5 +1,5 @@
-//! Programs as functions: a short one is one function; each part of a long one is a function, and what limbs repeat
-//! is called in a loop, with the numbers of each limb in tables. [`Syntax`] says how the language writes each piece.
+//! Programs as functions. A short program is one function; each part of a long one is a function, and a part that limbs
+//! repeat is called in a loop, with the values of each limb in tables. [`Syntax`] has the templates of the language.
 
 use super::parts::{Cut, Entry, Given, Part, Run, Source, Tables, parts};
 use super::program::{Program, operands};
@@ -11,20 +11,20 @@ use std::fmt::Write;
 
 pub(super) use super::parts::is_cut;
 
-/// How a program is written.
+/// The form of a program in the code.
 pub(super) struct Form<'a> {
     pub syntax: &'a Syntax,
     pub width: Width,
-    /// The text up to the first statement of the function, and after the last.
+    /// The text before the first statement of the function, and after the last.
     pub head: String,
     pub tail: String,
     /// The prefix of the names of its parts.
     pub name: String,
-    /// The parameters of its parts, and what its calls of them pass.
+    /// The parameters of its parts, and the arguments in calls of them.
     pub parameters: String,
     pub names: String,
-    /// Whether the caller guarantees that no result overlaps an argument: results are then written as soon as they
-    /// are computed.
+    /// True if the caller guarantees that no result overlaps an argument: results are then written as soon as they are
+    /// computed.
     pub is_apart: bool,
 }
 
@@ -41,7 +41,7 @@ impl Form<'_> {
         filled(self.syntax.element, &[("array", array), ("index", index)])
     }
 
-    /// A value gets a name.
+    /// Gives a name to a value.
     fn declare(&self, name: &str, value: &str, text: &mut String) {
         let declare = filled(self.syntax.declare, &[("scalar", self.scalar())]);
         let _ = writeln!(text, "    {declare}{name} = {value};");
@@ -55,14 +55,14 @@ impl Form<'_> {
         }
     }
 
-    /// Statements that use names which nothing else reads.
+    /// Statements that use otherwise unused names.
     fn unread<'n>(&self, names: impl Iterator<Item = &'n str>, text: &mut String) {
         for name in names {
             text.push_str(&filled(self.syntax.unread, &[("name", name)]));
         }
     }
 
-    /// The template of a table or of its use, `more` being what only one of them has.
+    /// The template of a table or of its use; `more` are values that only one of them has.
     fn of_table(&self, template: &str, index: usize, suffix: &str, more: &[(&str, &str)]) -> String {
         let (index, upper) = (index.to_string(), [self.name.to_uppercase(), suffix.to_uppercase()]);
         let known = [
@@ -76,7 +76,7 @@ impl Form<'_> {
     }
 }
 
-/// The functions of the parts, none of a short program, and the function itself.
+/// The functions of the parts (none for a short program), and the function itself.
 pub(super) fn write(program: &Program, form: &Form) -> [String; 2] {
     let (cut, mut apart, mut text) = (parts(program), String::new(), form.head.clone());
     if is_cut(program) {
@@ -90,7 +90,7 @@ pub(super) fn write(program: &Program, form: &Form) -> [String; 2] {
             .collect();
         calls(program, &cut, form, &tables, &mut text);
     } else {
-        // One, or none where nothing is to be computed.
+        // One, or none if there is nothing to compute.
         for part in &cut.parts {
             body(program, part, form, &mut Tables::default(), &mut text);
         }
@@ -117,7 +117,7 @@ pub(super) fn write(program: &Program, form: &Form) -> [String; 2] {
     [apart, text + &form.tail]
 }
 
-/// A value becomes an element of a result.
+/// Writes a value to an element of a result.
 fn put(program: &Program, form: &Form, (result, index): (usize, &str), value: &str, text: &mut String) {
     let _ = writeln!(text, "    {} = {value};", form.element(program.results[result].name, index));
 }
@@ -125,7 +125,7 @@ fn put(program: &Program, form: &Form, (result, index): (usize, &str), value: &s
 /// The statements of a part.
 fn body(program: &Program, part: &Part, form: &Form, tables: &mut Tables, text: &mut String) {
     let mut names: Vec<String> = vec![String::new(); part.given.len()];
-    // Where values are stored, by their operations.
+    // The places where values are stored, by their operations.
     let mut targets: HashMap<usize, Vec<String>> = HashMap::new();
     for (at, slots) in &part.keeps {
         targets.entry(*at).or_default().push(format!("kept[{}]", form.index(tables, slots)));
@@ -177,8 +177,7 @@ pub(super) fn name_of_pair(operation: &Operation, angle: u32) -> String {
     format!("{}{angle}", if matches!(operation, Operation::Sine(_)) { 's' } else { 'c' })
 }
 
-/// The expression of a given value, or the name that it gets here: where the language wants one, and where its index
-/// is read from a table.
+/// The expression of a given value. Gives it a name if the language requires one or if its index is read from a table.
 fn given(
     program: &Program,
     (index, given): (usize, &Given),
@@ -239,7 +238,7 @@ fn function(
     text.push_str("}\n");
 }
 
-/// The calls of all parts, those of one part after another in a loop.
+/// The calls of all parts; consecutive calls of one part are in a loop.
 fn calls(program: &Program, cut: &Cut, form: &Form, tables: &[Tables], text: &mut String) {
     let (syntax, slots) = (form.syntax, cut.slots.max(1).to_string());
     text.push_str(&filled(syntax.kept, &[("scalar", form.scalar()), ("slots", &slots)]));

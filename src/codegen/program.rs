@@ -1,4 +1,4 @@
-//! One algorithm of one scene as a program of scalar operations, without anything that this scene does not need.
+//! One algorithm of one scene as a program of scalar operations, without operations that this scene does not need.
 
 use super::functions::{Array, Function};
 use super::tracing::Tracer;
@@ -10,7 +10,7 @@ use crate::scalar::{Operation, Operations, Real, Traced};
 use crate::scene::Scene;
 use std::collections::HashSet;
 
-/// Operations in order, each of those before it; arguments are numbered through, q first.
+/// Operations in order; the operands of each precede it. Arguments are numbered consecutively, q first.
 #[derive(Debug, Clone)]
 pub struct Program {
     /// The function.
@@ -19,31 +19,31 @@ pub struct Program {
     pub arguments: Vec<Array>,
     /// The results.
     pub results: Vec<Array>,
-    /// The tolerance of its margin, where it has one and that is not the usual one.
+    /// The tolerance of its margin, if it has one and the tolerance is not the default.
     pub(super) tolerance: Option<f64>,
-    /// Where quaternions begin in q.
+    /// The indices in q at which quaternions begin.
     pub(super) quaternions: Vec<usize>,
     pub(super) operations: Vec<Operation>,
-    /// The places of the numbers of all results, one after another.
+    /// The indices of the values of all results, one after another.
     places: Vec<u32>,
 }
 
 impl Program {
     /// The program of one function of `scene`.
     ///
-    /// The sweeps run once on numbers that remember what they come of ([`Traced`]). The order is theirs, joint by
-    /// joint, in which fewer numbers wait to be read than in one that goes back from the results. O(N) operations for
-    /// the dynamics, O(N^2) for matrices.
+    /// The sweeps run once on a scalar that records its operations ([`Traced`]). The program keeps the order of the
+    /// sweeps, joint by joint, which stores fewer intermediate values than an order backward from the results. O(N)
+    /// operations for the dynamics, O(N^2) for matrices.
     ///
     /// # Errors
     ///
-    /// [`Error::Argument`] for a scene with connections, with joints that follow others, or whose inverse mass matrix
-    /// is not multiplied out (chains of more than 300 joints), or whose constants overflow; an unknown link.
+    /// [`Error::Argument`] for a scene with connections or mimic joints, for a scene whose inverse mass matrix is not a
+    /// product of factors (chains of more than 300 joints), for constants that overflow, and for an unknown link.
     pub fn new(scene: &Scene, function: &Function) -> Result<Self, Error> {
         Self::accepting(scene, function, None)
     }
 
-    /// The same, whose margin, where it has one, is that of another tolerance than the usual one (see
+    /// [`Program::new`] with another tolerance for the margin than the default (see
     /// [`Workspace::tolerance`](crate::Workspace::tolerance)).
     ///
     /// # Errors
@@ -61,7 +61,7 @@ impl Program {
             }
             let mut out = vec![Traced::argument(0); results.iter().map(Array::width).sum()];
             function.trace()(&mut Tracer::new(scene, scene.model(), place, tolerance), &given, &mut out);
-            // A constant gets its place here.
+            // A constant gets its index here.
             out.iter().map(|number| number.place()).collect()
         });
         let program = Self {
@@ -96,7 +96,7 @@ impl Program {
         Ok(())
     }
 
-    /// The argument of this index among the numbers of all: its array, and its place there.
+    /// The argument of this index among the values of all arguments: its array, and the index in it.
     pub(super) fn argument(&self, index: u32) -> (&Array, usize) {
         let mut left = index as usize;
         for array in &self.arguments {
@@ -108,7 +108,7 @@ impl Program {
         unreachable!("an argument that no array has")
     }
 
-    /// The names of arguments and results with what stands before each.
+    /// The names of arguments and results, with their prefixes.
     pub(super) fn named(&self, argument: &str, result: &str) -> String {
         let arguments = self.arguments.iter().map(|array| format!("{argument}{}", array.name));
         let results = self.results.iter().map(|array| format!("{result}{}", array.name));
@@ -126,13 +126,13 @@ impl Program {
         self.arguments.iter().map(|array| array.name).filter(move |name| !read.contains(name))
     }
 
-    /// How a test calls a result: its function, and where that has several its own name.
+    /// The name of a result in a test: its function, and for functions with several results also its own name.
     pub(super) fn said_of(&self, result: &Array) -> String {
         let function = self.function.symbol();
         if self.results.len() > 1 { format!("{function}, {}", result.name) } else { function }
     }
 
-    /// The results with the places of their numbers.
+    /// The results with the indices of their values.
     pub(super) fn outputs(&self) -> impl Iterator<Item = (&Array, &[u32])> {
         let mut rest = &self.places[..];
         self.results.iter().map(move |array| {
@@ -142,13 +142,13 @@ impl Program {
         })
     }
 
-    /// Every number of the results: its array, its place there and the operation that gives it.
+    /// Every value of the results: its array, the index in it, and its operation.
     pub(super) fn written(&self) -> impl Iterator<Item = (&Array, usize, usize)> {
         self.outputs()
             .flat_map(|(array, places)| places.iter().enumerate().map(move |(at, &place)| (array, at, place as usize)))
     }
 
-    /// The same without operations that no result needs.
+    /// The program without operations that no result needs.
     fn without_dead_ends(self) -> Self {
         let mut is_needed = vec![false; self.operations.len()];
         for &result in &self.places {
@@ -171,11 +171,11 @@ impl Program {
         Self { operations, places, ..self }
     }
 
-    /// The results at these arguments, all numbers of each one after another: what the program means, slowly.
+    /// The results at these arguments, one after another: a slow interpreter that defines the meaning of the program.
     ///
     /// # Errors
     ///
-    /// [`Error::Shape`] for another number of arguments.
+    /// [`Error::Shape`] for a wrong number of arguments.
     pub fn run(&self, arguments: &[f64]) -> Result<Vec<f64>, Error> {
         let count = self.arguments.iter().map(Array::width).sum();
         crate::error::check_length("arguments", arguments.len(), count)?;
@@ -191,7 +191,7 @@ impl Program {
         Ok(self.places.iter().map(|&result| values[result as usize]).collect())
     }
 
-    /// How many operations it has, as they are counted of the sweeps.
+    /// Number of operations, counted as for the sweeps.
     #[must_use]
     pub fn operations(&self) -> Operations {
         let mut count = Operations::NONE;
@@ -213,8 +213,8 @@ impl Program {
     }
 }
 
-/// The operations of a function's sweeps at these arguments, q first, in a model of `scene` (with other switches, for
-/// instance): every one that runs, also of constants alone.
+/// The operations of a function's sweeps at these arguments, q first, in a model of `scene` (with other
+/// simplifications, for instance): every executed operation, including those on constants alone.
 pub(crate) fn count(
     scene: &Scene,
     model: &Model<f64>,
@@ -230,7 +230,7 @@ pub(crate) fn count(
 }
 
 fn check(scene: &Scene, function: &Function) -> Result<(), Error> {
-    // Where links are does not depend on them.
+    // Poses do not depend on them.
     if !function.is_kinematic() {
         scene.check_no_connections("scene")?;
     }
@@ -246,7 +246,7 @@ fn check(scene: &Scene, function: &Function) -> Result<(), Error> {
     Ok(())
 }
 
-/// The number that an operation gives, of what its operands are; NaN of constants and arguments, which have none.
+/// The value of an operation from its operands; NaN for constants and arguments, which have none.
 pub(super) fn value(operation: &Operation, of: impl Fn(u32) -> f64) -> f64 {
     match *operation {
         Operation::Constant(_) | Operation::Argument(_) => f64::NAN,
@@ -285,7 +285,7 @@ pub(super) fn operands(operation: &Operation) -> [Option<u32>; 3] {
     }
 }
 
-/// The same operation of other operands, asked for in their order.
+/// The same operation with other operands, which are requested in order.
 pub(super) fn renumbered(operation: &Operation, mut to: impl FnMut(u32) -> u32) -> Operation {
     match *operation {
         Operation::Constant(_) | Operation::Argument(_) => *operation,

@@ -1,5 +1,5 @@
-//! What the scene gives for the arguments of a function, all results one after another: what generated tests compare
-//! with.
+//! Reference results of the scene for the arguments of a function, one after another; generated tests compare with
+//! them.
 
 use crate::algorithm::{Algorithm, Arguments};
 use crate::dynamics::auto::{self, ErrorEstimate};

@@ -1,4 +1,4 @@
-//! Rust of programs: a crate without dependencies and without the standard library, generic over its numbers.
+//! Rust of programs: a crate without dependencies and without the standard library, generic over its scalars.
 
 use super::c::{Sources, joints, meaning, programs};
 use super::case::Case;
@@ -15,20 +15,20 @@ use crate::scene::Scene;
 use std::collections::{HashMap, HashSet};
 use std::fmt::Write;
 
-/// A Rust crate of functions of a scene under this name: Cargo.toml, src/lib.rs, src/dynamics.rs, src/lanes.rs,
-/// src/numbers.rs and tests/reference.rs.
+/// Generates a Rust crate of functions of a scene under this name: Cargo.toml, src/lib.rs, src/dynamics.rs,
+/// src/lanes.rs, src/numbers.rs and tests/reference.rs.
 ///
-/// Safe code that needs `core` alone. src/dynamics.rs has the functions, generic over a trait `Number` that it
-/// defines, as straight lines of operations, those of more than 8000 in parts as in C: arguments are arrays of one
-/// state, SI units, radians, and the result is an array, or a tuple of arrays. src/lanes.rs adds `Lanes<T, N>`,
-/// vectors of N values, and a function of many states for each. src/numbers.rs makes f64 and f32 numbers, by the
-/// standard library (feature `std`, on unless switched off). Each of the first three can be included in a module of
-/// another crate, from a build script for instance. Results are those of the scene's methods to rounding, in
-/// covariance form.
+/// It is safe code that depends on `core` only. src/dynamics.rs has the functions, generic over a trait `Number` that
+/// it defines, as straight-line code; functions of more than 8000 operations are split into parts as in C. Arguments
+/// are arrays of one state, SI units, radians, and the result is an array, or a tuple of arrays. src/lanes.rs adds
+/// `Lanes<T, N>`, vectors of N values, and a version of each function for many states. src/numbers.rs implements
+/// `Number` for f64 and f32 by the standard library (feature `std`, enabled by default). Each of the first three can be
+/// included in a module of another crate, for instance by a build script. Results agree with those of the scene's
+/// methods to rounding, in covariance form.
 ///
 /// # Errors
 ///
-/// As [`Program::new`]; [`Error::Argument`] for a name that no crate can have, and for no functions.
+/// As [`Program::new`]; [`Error::Argument`] for a name that is not valid for a crate, and for no functions.
 pub fn rust_sources(scene: &Scene, name: &str, functions: &[Function]) -> Result<Sources, Error> {
     if RESERVED.contains(&name) {
         return Err(Error::argument("name", format!("{name:?}"), "a name that Rust does not have for itself"));
@@ -76,15 +76,15 @@ fn dynamics(scene: &Scene, programs: &[Program]) -> String {
     text + &parts
 }
 
-/// The types of these arrays, of several a tuple.
+/// The type of these arrays; a tuple for several.
 fn result_type(results: &[(&str, usize)], number: &str) -> String {
     several(&results.iter().map(|(_, width)| format!("[{number}; {width}]")).collect::<Vec<_>>())
 }
 
-/// One statement: what computes some numbers, by their places among the operations.
+/// One statement: an expression that computes some values, with the indices of their operations.
 struct Statement {
     right: String,
-    /// Each name, and the place of its operation; of a name that nobody reads none.
+    /// Each name with the place of its operation, or None if no operation reads it.
     names: Vec<(String, Option<u32>)>,
     reads: Vec<u32>,
 }
@@ -119,7 +119,7 @@ fn function(program: &Program, parts: &mut String, text: &mut String) {
     let _ = write!(text, "    {}\n}}\n", several(&outputs));
 }
 
-/// The body of a long function to `text`, and its parts with their tables to `apart`.
+/// Writes the body of a long function to `text`, and its parts with their tables to `apart`.
 fn in_parts(program: &Program, apart: &mut String, text: &mut String) {
     let (given, results) = (Array::sized(&program.arguments), Array::sized(&program.results));
     let names: Vec<String> = results.iter().map(|(name, _)| (*name).to_owned()).collect();
@@ -146,7 +146,7 @@ fn several(all: &[String]) -> String {
     if all.len() == 1 { all.concat() } else { format!("({})", all.join(", ")) }
 }
 
-/// All statements, and what each operation is called where it is read.
+/// All statements, and the name of each operation where it is read.
 fn statements(program: &Program) -> (Vec<Statement>, Vec<String>) {
     let (mut all, mut said) = (Vec::new(), Vec::with_capacity(program.operations.len()));
     let places: HashMap<&Operation, u32> = program.operations.iter().zip(0..).collect();
@@ -181,12 +181,12 @@ fn statements(program: &Program) -> (Vec<Statement>, Vec<String>) {
     (all, said)
 }
 
-/// The statements, in blocks that give what others read: each statement opens a scope, and the compiler does not bear
-/// thousands of them within each other.
+/// The statements, in blocks that return the values that others read. Each statement opens a scope, and the compiler
+/// does not support thousands of nested scopes.
 fn body(program: &Program, statements: &[Statement], text: &mut String) {
     let block = statements.len().isqrt().max(64);
     let count = program.operations.len();
-    // The block that makes a number, and the last that reads it.
+    // The block that computes a value, and the last block that reads it.
     let (mut made, mut last) = (vec![usize::MAX; count], vec![0; count]);
     for (index, statement) in statements.iter().enumerate() {
         for &place in statement.names.iter().filter_map(|(_, place)| place.as_ref()) {
@@ -219,7 +219,7 @@ fn body(program: &Program, statements: &[Statement], text: &mut String) {
     }
 }
 
-/// The type of many states in a register, and the functions of many states.
+/// The type of many states in a register, and the functions for many states.
 fn lanes(programs: &[Program]) -> String {
     let mut text = LANES.to_owned();
     for (number, width) in [("f64", Width::Double), ("f32", Width::Single)] {
@@ -231,7 +231,7 @@ fn lanes(programs: &[Program]) -> String {
     text
 }
 
-/// Sine and cosine of one number of this kind, without a branch.
+/// Sine and cosine of one scalar of this type, without a branch.
 fn lane(number: &str, width: Width) -> String {
     let (sines, constant) = (Sines::new(width), |x: f64| rounded(x, width));
     let [of_sine, first, of_cosine] = sines.polynomials(&constant);
@@ -271,7 +271,7 @@ fn lane(number: &str, width: Width) -> String {
     )
 }
 
-/// A number of this width, in Rust.
+/// A scalar of this width, in Rust.
 fn rounded(x: f64, width: Width) -> String {
     #[allow(clippy::cast_possible_truncation)] // rounded, as asked
     if width == Width::Double { format!("{x:?}") } else { format!("{:?}", x as f32) }
@@ -307,7 +307,7 @@ fn batch(program: &Program, text: &mut String) {
     text.push_str("    }\n}\n");
 }
 
-/// A state of the scene, and what the methods give there.
+/// A state of the scene, and the results of the methods there.
 fn test(scene: &Scene, name: &str, programs: &[Program]) -> Result<String, Error> {
     let mut text = TEST.to_owned();
     for program in programs {
@@ -349,7 +349,7 @@ fn many(name: &str, program: &Program, case: &Case, text: &mut String) {
     let _ = write!(text, "\n#[test]\nfn {function}_of_many_states() {{\n    on_a_large_stack(|| {{\n");
     for (&(name, width), values) in given.iter().zip(&case.given) {
         let _ = writeln!(text, "    let {name}: [f64; {width}] = {values:?};");
-        // Quaternions keep their length.
+        // Quaternions keep their norm.
         let scaled = if name == "q" { format!("[{name}; {STATES}]") } else { format!("smaller({name})") };
         let _ = writeln!(text, "    let many_{name}: [[f64; {width}]; {STATES}] = {scaled};");
     }

@@ -52,8 +52,8 @@ pub(super) struct Syntax {
     pub row: &'static str,
 }
 
-/// Operations that the languages write differently: the operands are `{a}`, `{b}` and `{c}`, what ends a function's
-/// name `{f}`.
+/// Operations that the languages write differently. The operands are `{a}`, `{b}` and `{c}`; `{f}` is the suffix of a
+/// function's name.
 pub(super) struct Expressions {
     product_sum: &'static str,
     minus_product: &'static str,
@@ -105,8 +105,8 @@ pub(super) const C: Syntax = Syntax {
     row: "i",
 };
 
-/// C99, many states: a number of each state in a lane of a vector. Of two operands at least one is a vector:
-/// constants are folded before.
+/// C99, many states: one state per lane of a vector. At least one of two operands is a vector, because constants are
+/// folded before.
 pub(super) const LANES: Syntax = Syntax {
     scalar: |_| "lanes",
     // A scalar is not a vector.
@@ -149,7 +149,7 @@ pub(super) const RUST: Syntax = Syntax {
         product_sum: "{a}.product_sum({b}, {c})",
         minus_product: "{a}.minus_product({b}, {c})",
         root: "{a}.sqrt()",
-        // Always computed together.
+        // Sine and cosine are always computed together.
         sine: "{a}.sin_cos().0",
         cosine: "{a}.sin_cos().1",
         absolute: "{a}.abs()",

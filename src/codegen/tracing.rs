@@ -1,4 +1,4 @@
-//! The sweeps of each function on numbers that remember what they come of.
+//! Traces of the sweeps of each function on a scalar that records its operations.
 
 use crate::dynamics::derivatives::{
     Changes, CoStates, Constants, DerivativeColumns, Directions, Kept, Matrices, Product, gradients_in_sweeps,
@@ -12,7 +12,7 @@ use crate::scalar::{Real, Traced};
 use crate::scene::Scene;
 use crate::spatial::RigidShift;
 
-/// The frame that a function of one link is of, and what its motion is written in.
+/// The frame of a function of one link, and the frame in which its motion is expressed.
 pub(super) type Place = (Frame<f64>, ReferenceFrame);
 
 /// The arguments of the sweeps, and their scratch.
@@ -78,7 +78,7 @@ pub(super) fn inverse_dynamics_derivatives(tracer: &mut Tracer<'_>, given: &[Vec
     derivatives_of_torques(tracer, (&given[0], &given[1], &given[2]), out);
 }
 
-/// The accelerations of a state; the factor of M is in the scratch then.
+/// The accelerations of a state; leaves the factor of M in the scratch.
 fn accelerations(tracer: &mut Tracer<'_>, given: &[Vec<Traced>]) -> Vec<Traced> {
     let mut qdd = vec![Traced::from_f64(f64::NAN); tracer.traced.model.nv()];
     forward_dynamics(tracer, given, &mut qdd);
@@ -108,7 +108,7 @@ pub(super) fn inverse_dynamics_jvp(tracer: &mut Tracer<'_>, given: &[Vec<Traced>
     tangent(tracer, given, (&given[2], false), out);
 }
 
-/// The change along a direction: of torques, or where `solves` of accelerations, with the factor in the scratch.
+/// The change along a direction: of torques, or with `solves` of accelerations, with the factor in the scratch.
 fn tangent(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], (qdd, solves): (&[Traced], bool), out: &mut [Traced]) {
     let TracedSweeps { model, sweeps, scratch } = &mut tracer.traced;
     let motion = Motion { q: &given[0], qd: &given[1], qdd: Some(qdd), wrenches: &[] };
@@ -127,14 +127,14 @@ pub(super) fn inverse_dynamics_vjp(tracer: &mut Tracer<'_>, given: &[Vec<Traced>
     gradients(tracer, given, (&given[2], false), out);
 }
 
-/// The gradients, likewise.
+/// The gradients of torques, or with `solves` of accelerations.
 fn gradients(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], (qdd, solves): (&[Traced], bool), out: &mut [Traced]) {
     let TracedSweeps { model, sweeps, scratch } = &mut tracer.traced;
     let motion = Motion { q: &given[0], qd: &given[1], qdd: Some(qdd), wrenches: &[] };
     let (mut co_states, mut x) = (CoStates::new(sweeps), vec![Traced::from_f64(f64::NAN); model.nv()]);
     let results = (&mut Constants::default(), &mut x[..], out);
     let scratch = (scratch, &mut co_states);
-    // How many digits are left is not asked.
+    // Generated code does not check the precision.
     let _ = gradients_in_sweeps::<Traced, Traced>((model, sweeps), scratch, (motion, &given[3]), solves, results);
 }
 

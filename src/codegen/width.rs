@@ -1,6 +1,6 @@
-//! The numbers that code is written for.
+//! The width of the scalars in generated code.
 
-/// The numbers of the code.
+/// The width of the scalars in generated code.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Width {
     /// double.
@@ -31,7 +31,7 @@ impl Width {
 
     pub(super) fn constant(self, x: f64) -> String {
         match self {
-            // The shortest that is read as the same number.
+            // The shortest text that is parsed as the same value.
             Self::Double => format!("{x:?}"),
             #[allow(clippy::cast_possible_truncation)] // rounded, as asked
             Self::Single => format!("{:?}f", x as f32),

@@ -13,10 +13,10 @@ use crate::scalar::{ColumnsOf, Real, lanes_but};
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
 
-/// The result of [`forward_dynamics_auto`] beside the accelerations.
+/// The results of [`forward_dynamics_auto`] in addition to the accelerations.
 #[derive(Debug, Clone, Copy)]
 pub struct Choice<T> {
-    /// The form that `qdd` comes from; its P or its root is in the workspace.
+    /// The form that computed `qdd`; its P or its root is in the workspace.
     pub form: Form,
     /// The pivots of that form.
     pub pivots: PivotMonitor<T>,
@@ -27,8 +27,8 @@ pub struct Choice<T> {
     /// The result of the square-root form, if it was run. It reports whether the state was recomputed in double-double
     /// arithmetic.
     pub square_root: Option<SquareRootResult<T>>,
-    /// True if the error estimate of the covariance form exceeds its bounds, and there is no other form because the
-    /// inertia of a body is not positive.
+    /// True if the error estimate of the covariance form exceeds its bounds and the square-root form is not available
+    /// because the inertia of a body is not positive.
     pub without_root: bool,
 }
 
@@ -72,10 +72,10 @@ pub fn forward_dynamics_auto<T: Real>(
     Choice { form, pivots, cancellation, covariance_needs_fallback: true, square_root, without_root }
 }
 
-/// The factor of M at `q`: in covariance form, and where its error estimate exceeds the tolerance in square-root form.
+/// The factor of M at `q`: in covariance form, or in square-root form if its error estimate exceeds the tolerance.
 ///
-/// There is no right side, so the error estimate takes two test vectors: the error of the solution of one is estimated
-/// by the other.
+/// There is no right-hand side, so the error estimate takes two test vectors: the second one estimates the error of the
+/// solution for the first one.
 pub(super) fn factorise<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T]) -> PivotMonitor<T> {
     workspace.store.accept(workspace.tolerance);
     let Workspace { sweeps, store, estimates, .. } = &mut *workspace;
@@ -97,7 +97,7 @@ pub(crate) fn estimated_factor<T: Real>(
     ErrorEstimate::of_a_factor(pivots, cancellation, scratch.accepted_square)
 }
 
-/// The estimated errors of the lanes of one run. That of a state does not depend on the states in the other lanes.
+/// The estimated errors of the lanes of one run. The estimate of a state does not depend on the other lanes.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Errors<T> {
     first: T,
@@ -127,10 +127,10 @@ pub(crate) struct ErrorEstimate<T> {
     first: Cancellation<T>,
     /// The square of the tolerance, in units of eps^2.
     tolerance: T,
-    /// By how much the estimate is below its bound: negative or NaN in a lane where it exceeds it.
+    /// The margin of the estimate to its bound: negative or NaN in a lane that exceeds it.
     slack: T,
-    /// Lanes that the first test vector accepted, as bits: the second one, which other lanes need, does not change
-    /// them.
+    /// Lanes that the first test vector accepted, as bits. The second test vector, which other lanes need, does not
+    /// change them.
     clear_before: u64,
 }
 
@@ -152,16 +152,16 @@ impl<T: Real> ErrorEstimate<T> {
         Self { cancellation, slack, clear_before: self.accepted_lanes(), ..*self }
     }
 
-    /// The estimate for a factor: there is no right side, and one test vector estimates the error of the solution of
-    /// the other.
+    /// The estimate for a factor: there is no right-hand side, and one test vector estimates the error of the solution
+    /// for the other.
     #[inline(always)]
     fn of_a_factor(pivots: PivotMonitor<T>, cancellation: Cancellation<T>, tolerance: T) -> Self {
         let slack = cancellation.slack(tolerance, &Margins::OF_A_FACTOR);
         Self { pivots, cancellation, first: cancellation, tolerance, slack, clear_before: 0 }
     }
 
-    /// The estimated error of the largest acceleration, in its unit: by the first test vector, and by both in the lanes
-    /// that needed the second.
+    /// The estimated error of the largest acceleration, in its unit: by the first test vector, or by both in lanes that
+    /// needed the second one.
     #[inline(always)]
     pub fn errors(&self) -> Errors<T> {
         Errors { first: self.first.error(), both: self.cancellation.error(), clear_before: self.clear_before }
@@ -173,7 +173,7 @@ impl<T: Real> ErrorEstimate<T> {
         accuracy.judged(tolerance.of_covariance(T::epsilon().lane(0)), largest(qdd), self.is_accepted(0))
     }
 
-    /// By how much pivots and estimate are within their bounds: below zero, or NaN, in a lane that needs a fallback.
+    /// The margin of pivots and estimate to their bounds: negative or NaN in a lane that needs a fallback.
     pub fn margin(&self) -> T {
         self.slack.worst(self.pivots.margin())
     }
@@ -184,7 +184,7 @@ impl<T: Real> ErrorEstimate<T> {
         self.clear_before >> lane & 1 == 1 || (self.pivots.clear(lane) && self.slack.lane(lane) >= 0.0)
     }
 
-    /// The lanes of which that is true, as bits.
+    /// The accepted lanes, as bits.
     #[inline(always)]
     fn accepted_lanes(&self) -> u64 {
         lanes_but::<T>(|lane| !self.is_accepted(lane))
@@ -200,8 +200,8 @@ impl<T: Real> ErrorEstimate<T> {
     }
 }
 
-/// The covariance form with an error estimate: recomputed with the other test vector, where the estimate of a lane
-/// exceeds its bound.
+/// The covariance form with an error estimate; repeated with the second test vector if the estimate of a lane exceeds
+/// its bound.
 pub(crate) fn forward_dynamics_with_estimate<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
@@ -222,7 +222,7 @@ pub(crate) fn forward_dynamics_with_estimate<T: Real>(
     first.with_second_vector(&second)
 }
 
-/// The same in the kernels, on reused slots.
+/// [`forward_dynamics_with_estimate`] in the kernels, on reused slots.
 #[inline(always)]
 pub(crate) fn estimated_in_lanes<T: Real, C: ColumnsOf<T>>(
     scene: (&Model<T>, &SweepModel<T>),
@@ -232,7 +232,7 @@ pub(crate) fn estimated_in_lanes<T: Real, C: ColumnsOf<T>>(
     qdd: &mut [T],
 ) -> ErrorEstimate<T> {
     let mut first: Option<ErrorEstimate<T>> = None;
-    // A loop, so that the kernel is compiled into one place.
+    // A loop, so that the kernel is compiled only once.
     loop {
         let terms = sweeps::forward_dynamics_with_estimate::<T, C>(scene, scratch, state, wrenches, qdd);
         if let Some(first) = first {
@@ -268,8 +268,8 @@ mod tests {
     use crate::spatial::Symmetric3;
     use nalgebra::Vector3;
 
-    /// A long arm and a short one, joints about axes of either sense and one between them, the tip of the long one of
-    /// this mass.
+    /// A long arm and a short arm, with joints about axes of either sign and an oblique one; the tip of the long arm
+    /// has this mass.
     fn two_arms(tip: f64) -> Scene {
         const AXES: [[f64; 3]; 8] = [
             [0.0, 0.0, -1.0],
@@ -299,8 +299,8 @@ mod tests {
         builder.build().expect("a scene")
     }
 
-    /// The error estimates on the kernels' model and on the general model agree: a state that the first test vector does
-    /// not accept is accepted with the second one, on both.
+    /// The error estimates on the kernels' model and on the general model agree: a state that the first test vector
+    /// does not accept is accepted with the second one on both.
     #[test]
     fn the_error_estimates_on_both_models_agree() {
         let heavy_tip = |tip| scenes::extreme("heavy-tip", Some(tip), None, 0).expect("a scene").scene;
@@ -308,7 +308,7 @@ mod tests {
         let mut accepted = 0;
         for make in makes {
             let mut rejected = 0;
-            // In steps between the bounds of one test vector and of two.
+            // Steps between the bounds of one test vector and of two.
             for exponent in 0..192 {
                 let scene = make(10_f64.powf(0.0625 * f64::from(exponent)));
                 let (model, nv) = (scene.model(), scene.nv());
@@ -329,7 +329,7 @@ mod tests {
                 let first = ErrorEstimate::of_one_vector(terms, scratch.accepted_square);
                 let found = estimated_in_lanes::<_, f64>(sweeps, &mut scratch, (&q, &qd, &tau), &[], &mut qdd);
                 let (one, other) = (found.cancellation.relative_error(0), expected.cancellation.relative_error(0));
-                // Bounds for a revolute joint are a little closer than those for a general shift.
+                // Bounds for a revolute joint are slightly closer than those for a general shift.
                 assert!(one <= 4.0 * other && other <= 4.0 * one, "{exponent}: {one:e} {other:e}");
                 rejected += usize::from(!first.is_accepted(0));
                 accepted += usize::from(!first.is_accepted(0) && found.is_accepted(0) && expected.is_accepted(0));

@@ -1,9 +1,9 @@
-//! The center of mass of all moving bodies, how it moves, and the momentum about it.
+//! The center of mass of all moving bodies, its motion, and the momentum about it.
 //!
-//! Links on the base are not among them, whether or not they were left out, nor are rotors: armature is a measurement's
-//! noise. Levers are taken from the center of mass itself, through the origin of the first moving body: the distance of
-//! a floating robot from the base's origin causes no loss of precision. Without moving mass there is no center of mass:
-//! results are NaN then.
+//! Links on the base and rotors do not count: links on the base do not move, whether they are simplified away or not,
+//! and armature is measurement noise. Levers are computed relative to the center of mass by way of the origin of the
+//! first moving body, so that the distance of a floating robot from the origin of the base causes no loss of precision.
+//! If no moving body has mass, there is no center of mass, and results are NaN.
 
 use super::energy::{momentum, sum_on_base, velocities_base_to_tip};
 use super::mass_matrix::composite_inertias_tip_to_base;
@@ -17,7 +17,7 @@ use crate::spatial::{RigidShift, cross, cross_motion, linear, scaled_add, spatia
 use crate::workspace::Workspace;
 use nalgebra::{Vector3, Vector6};
 
-/// The quantities of this file, into `out`; false for the others.
+/// Computes the quantities of this file into `out`; returns false for others.
 #[inline(always)]
 pub(super) fn quantity<T: Real>(
     model: &Model<T>,
@@ -44,14 +44,14 @@ pub(super) fn quantity<T: Real>(
     true
 }
 
-/// Mass of all bodies that move against the base, kg.
+/// Mass of all bodies that move relative to the base, kg.
 #[inline(always)]
 pub fn total_mass<T: Real>(model: &Model<T>) -> T {
     let moving = model.bodies.iter().enumerate().filter(|&(k, _)| moves(&model.system, k));
     moving.fold(T::zero(), |sum, (_, body)| sum + body.inertia.mass)
 }
 
-/// The center of mass at `q`, from the base's origin and in its axes, m. O(N): mass and first moment, tip to base.
+/// The center of mass at `q`, in the base frame, m. O(N): mass and first moment, tip to base.
 #[inline(always)]
 pub fn center_of_mass<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T]) -> Vector3<T> {
     placements_base_to_tip(model, q, &mut workspace.store.shifts);
@@ -60,7 +60,7 @@ pub fn center_of_mass<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q
     plus(&center.from, q[0].constant(1.0), &center.to)
 }
 
-/// The velocity of the center of mass in the base's axes, m/s: linear momentum by mass. O(N).
+/// The velocity of the center of mass in the base frame, m/s: linear momentum divided by mass. O(N).
 #[inline(always)]
 pub fn center_of_mass_velocity<T: Real>(
     model: &Model<T>,
@@ -71,8 +71,8 @@ pub fn center_of_mass_velocity<T: Real>(
     divided(&linear(&momentum(model, workspace, q, qd)), total_mass(model))
 }
 
-/// The acceleration of the center of mass in the base's axes, m/s^2, at joint accelerations `qdd`: the force that moves
-/// all bodies, by mass. O(N).
+/// The acceleration of the center of mass in the base frame, m/s^2, at joint accelerations `qdd`: the total force
+/// divided by the mass. O(N).
 #[inline(always)]
 pub fn center_of_mass_acceleration<T: Real>(
     model: &Model<T>,
@@ -98,7 +98,7 @@ pub fn center_of_mass_acceleration<T: Real>(
     divided(&linear(&sum_on_base(model, workspace)), total_mass(model))
 }
 
-/// The Jacobian of the center of mass at `q` into `out`, (3 x nv) row by row: its velocity in the base's axes is J qd.
+/// The Jacobian of the center of mass at `q` into `out`, (3 x nv) row by row: the velocity in the base frame is J qd.
 /// O(N).
 #[inline(always)]
 pub fn center_of_mass_jacobian<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], out: &mut [T]) {
@@ -115,10 +115,10 @@ pub fn center_of_mass_jacobian<T: Real>(model: &Model<T>, workspace: &mut Worksp
 }
 
 /// The centroidal momentum matrix at `q` into `out`, (6 x nv) row by row: the momentum (angular about the center of
-/// mass, linear) in the base's axes is A qd. O(N).
+/// mass, linear) in the base frame is A qd. O(N).
 ///
-/// Column j is the momentum of all bodies outboard of joint k, as one, at a unit rate: phi(base, k) r(k) S, with the
-/// moment about the center of mass.
+/// Column j is the momentum of all bodies outboard of joint k, moving rigidly at a unit joint velocity: phi(base, k)
+/// r(k) S, with the moment about the center of mass.
 #[inline(always)]
 pub fn centroidal_momentum_matrix<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], out: &mut [T]) {
     placements_base_to_tip(model, q, &mut workspace.store.shifts);
@@ -131,10 +131,11 @@ pub fn centroidal_momentum_matrix<T: Real>(model: &Model<T>, workspace: &mut Wor
     });
 }
 
-/// The rate of the centroidal momentum matrix along `qd` into `out`, (6 x nv) row by row. O(N).
+/// The time derivative of the centroidal momentum matrix along `qd` into `out`, (6 x nv) row by row. O(N).
 ///
-/// With r' the rate of r(k) in fixed axes and S' = v(k) x S the columns about a fixed point are phi(base, k) (r' S + r
-/// S'); the center of mass moves on at c', which takes c' x the linear half of A off the angular half.
+/// With r' the time derivative of r(k) in fixed axes and S' = v(k) x S, the columns about a fixed point are phi(base,
+/// k) (r' S + r S'). The center of mass moves with c', so c' x the linear half of A is subtracted from the angular
+/// half.
 #[inline(always)]
 pub fn centroidal_momentum_matrix_rate<T: Real>(
     model: &Model<T>,
@@ -171,20 +172,20 @@ fn divided<T: Real>(x: &Vector3<T>, s: T) -> Vector3<T> {
     Vector3::new(x[0] / s, x[1] / s, x[2] / s)
 }
 
-/// True if a body moves against the base: a joint at it or inboard of it does.
+/// True if a body moves relative to the base, that is if a joint at the body or inboard of it moves.
 #[inline(always)]
 fn moves<T: Real>(system: &System<T>, body: usize) -> bool {
     let mut inward = std::iter::successors(Some(body), |&k| system.stages[k].parent);
     inward.any(|k| system.stages[k].rows.count() > 0)
 }
 
-/// The parent of a body, if it moves.
+/// The parent of a body if it moves.
 #[inline(always)]
 fn moving_parent<T: Real>(system: &System<T>, body: usize) -> Option<usize> {
     system.stages[body].parent.filter(|&parent| moves(system, parent))
 }
 
-/// The bodies that move on ones that do not: every moving body is outboard of one of them, or it.
+/// The moving bodies whose parents do not move. Every moving body is one of them or outboard of one.
 #[inline(always)]
 fn roots<T: Real>(model: &Model<T>) -> impl Iterator<Item = usize> {
     let system = &model.system;
@@ -192,7 +193,7 @@ fn roots<T: Real>(model: &Model<T>) -> impl Iterator<Item = usize> {
     stages.filter(|&(k, stage)| stage.rows.count() > 0 && moving_parent(system, k).is_none()).map(|(k, _)| k)
 }
 
-/// Where one of them is on the base, with phi of each body to its parent in the store.
+/// The pose of a root body on the base, with phi of each body to its parent in the store.
 #[inline(always)]
 fn on_base<T: Real>(model: &Model<T>, workspace: &Workspace<T>, root: usize) -> RigidShift<T> {
     let (mut at, mut placement) = (model.system.stages[root].parent, workspace.store.shifts[root]);
@@ -203,10 +204,10 @@ fn on_base<T: Real>(model: &Model<T>, workspace: &Workspace<T>, root: usize) -> 
     placement
 }
 
-/// Where the center of mass is, in the base's axes.
+/// The position of the center of mass, in the base frame.
 struct Center<T> {
     mass: T,
-    /// From the base's origin to that of the first root.
+    /// From the origin of the base to that of the first root body.
     from: Vector3<T>,
     /// From there to the center of mass.
     to: Vector3<T>,
@@ -228,7 +229,7 @@ fn center<T: Real>(model: &Model<T>, workspace: &Workspace<T>) -> Center<T> {
     Center { mass, from: from.unwrap_or(moment), to: divided(&moment, mass) }
 }
 
-/// Tip to base: mass and first moment of r(k), (3.5); the rest of it is left as it is.
+/// Tip to base: mass and first moment of r(k) (3.5); its rotational inertia is not set.
 #[inline(always)]
 fn first_moments_tip_to_base<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>) {
     for (composite, body) in workspace.composite.iter_mut().zip(&model.bodies) {
@@ -244,7 +245,8 @@ fn first_moments_tip_to_base<T: Real>(model: &Model<T>, workspace: &mut Workspac
     }
 }
 
-/// Tip to base: the rate of r(k) in fixed axes, from velocities; it has the parameters of an inertia without mass.
+/// Tip to base: the time derivative of r(k) in fixed axes, from velocities. It has the parameters of an inertia without
+/// mass.
 #[inline(always)]
 fn composite_rates_tip_to_base<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>) {
     let moving = model.bodies.iter().zip(&workspace.velocity);
@@ -259,7 +261,7 @@ fn composite_rates_tip_to_base<T: Real>(model: &Model<T>, workspace: &mut Worksp
     }
 }
 
-/// Base to tip: phi of every moving body to the base's axes and the center of mass, in place of phi to its parent.
+/// Base to tip: phi of every moving body to the base axes at the center of mass, in place of phi to its parent.
 #[inline(always)]
 fn placements_from<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, center: &Center<T>) {
     for (k, stage) in model.system.stages.iter().enumerate() {
@@ -276,7 +278,7 @@ fn placements_from<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, cent
     }
 }
 
-/// Does something for each degree of freedom: its body, its index, and S.
+/// Calls a function for each degree of freedom with its body, its index, and S.
 #[inline(always)]
 fn each_row<T: Real>(model: &Model<T>, mut work: impl FnMut(usize, usize, &Vector6<T>)) {
     for (k, stage) in model.system.stages.iter().enumerate() {

@@ -19,16 +19,17 @@ use crate::spatial::SpatialVector;
 use crate::workspace::Workspace;
 
 impl Scene {
-    /// One algorithm on one state by the recursion of the paper, in `f64` and with every check: what
-    /// [`Scene::forward_dynamics`] and similar calls run if the kernels need a fallback, three times slower.
+    /// One algorithm on one state by the recursion of the paper, in `f64` and with every check.
+    /// [`Scene::forward_dynamics`] and similar methods run it if the kernels need a fallback; it takes three times
+    /// longer.
     ///
-    /// Of `state` it looks at what the algorithm takes and at nothing else. It sets the workspace's form to that of the
-    /// algorithm, and its tolerance to that of the state. `inverse`: scratch for M^-1; None: made for this call.
+    /// It reads only the fields of `state` that the algorithm takes. It sets the form of the workspace to that of the
+    /// algorithm, and the tolerance to that of the state. `inverse` is scratch for M^-1; None: allocated for this call.
     ///
     /// # Errors
     ///
-    /// Wrong lengths, numbers that are not finite, a workspace of another scene, [`Error::SingularJoint`] where a pivot
-    /// is lost, and in square-root form an inertia that has no root.
+    /// Wrong lengths, values that are not finite, a workspace of another scene, [`Error::SingularJoint`] if a pivot is
+    /// lost, and in square-root form an inertia without a root.
     pub fn recursion(
         &self,
         workspace: &mut Workspace<f64>,
@@ -100,8 +101,7 @@ impl Scene {
         self.check_result(&entry.name.replace('_', " "), out)
     }
 
-    /// Forward dynamics of a scene with connections, and where they are asked for the forces, the rank and the
-    /// residual.
+    /// Forward dynamics of a scene with connections; if requested, also the forces, the rank and the residual.
     fn through_connections(
         &self,
         workspace: &mut Workspace<f64>,
@@ -122,7 +122,7 @@ impl Scene {
         done.map(|_| ())
     }
 
-    /// The same, with the forces and the factor left in the scratch; the rank and the residual.
+    /// As above; leaves the forces and the factor in the scratch and returns the rank and the residual.
     fn accelerations_through_connections(
         &self,
         workspace: &mut Workspace<f64>,
@@ -137,18 +137,18 @@ impl Scene {
             .map_err(|at| self.no_direction(at))?;
         self.check_pivots(workspace, outcome.pivots)?;
         workspace.accuracy = Accuracy::unknown(workspace.form);
-        // An overflow is no contradiction.
+        // An overflow is not a contradiction.
         if qdd.iter().all(|a| a.is_finite()) {
             self.check_agreement(&outcome)?;
         }
-        // A compliant connection may be open.
+        // A compliant connection may have an error.
         if compliance.is_empty() {
             self.check_closed(state.0, state.1)?;
         }
         Ok((outcome.rank, outcome.residual))
     }
 
-    /// dqdd/dq, dqdd/dqd and dqdd/dtau of a scene with connections; gives qdd.
+    /// dqdd/dq, dqdd/dqd and dqdd/dtau of a scene with connections. Returns qdd.
     fn derivatives_through_connections(
         &self,
         workspace: &mut Workspace<f64>,
@@ -166,8 +166,9 @@ impl Scene {
         Ok(qdd)
     }
 
-    /// Products with these. The rows of the connections do not depend on what is constant, so that with the third
-    /// matrix Mc and inverse dynamics ID at the accelerations of the state, a change of it gives dqdd = -Mc dID.
+    /// Products with these matrices. The rows of the connections do not depend on the constants (armature, gravity,
+    /// wrenches, inertial parameters). A change of a constant therefore gives dqdd = -Mc dID, with the third matrix Mc
+    /// and the change dID of inverse dynamics at the accelerations of the state.
     fn products_through_connections(
         &self,
         workspace: &mut Workspace<f64>,
@@ -213,7 +214,7 @@ impl Scene {
         ))
     }
 
-    /// Derivatives at one state, arguments checked, with scratch for as long as it lasts.
+    /// Derivatives at one state, with argument checks and temporary scratch.
     fn derivatives(
         &self,
         workspace: &mut Workspace<f64>,
@@ -226,11 +227,11 @@ impl Scene {
         let scratch = &mut DerivativeScratch::new(model);
         derivatives::of_state(which, model, (workspace, scratch), (q, qd, u), wrenches, out)
             .map_err(|lost| self.singular(lost))?;
-        // Those of forward dynamics end early at an interruption.
+        // Derivatives of forward dynamics end early at an interruption.
         if matches!(which, Derivatives::ForwardDynamics(_)) { interrupt::check() } else { Ok(()) }
     }
 
-    /// Products at one state, arguments checked, likewise.
+    /// Products at one state, with argument checks and temporary scratch.
     fn products(
         &self,
         workspace: &mut Workspace<f64>,
@@ -276,7 +277,7 @@ impl Scene {
         Ok(())
     }
 
-    /// The lengths of a seed, and its numbers, which have to be finite.
+    /// Checks that a seed has the right lengths and finite values.
     fn check_seed(&self, algorithm: Algorithm, seed: [&[f64]; 3]) -> Result<(), Error> {
         let (nv, bodies) = (self.nv(), self.model().bodies.len());
         if matches!(algorithm, Algorithm::ConstrainedDynamics(_)) {
@@ -312,7 +313,7 @@ impl Scene {
         }
     }
 
-    /// How many numbers vector `i` of an algorithm's seed has: none behind the last.
+    /// Number of scalars in vector `i` of an algorithm's seed; zero beyond the last vector.
     #[must_use]
     pub fn seed_width(&self, algorithm: Algorithm, i: usize) -> usize {
         let nv = self.nv();
@@ -326,7 +327,7 @@ impl Scene {
         }
     }
 
-    /// How many numbers an algorithm gives for one state.
+    /// Number of scalars in the results of an algorithm for one state.
     #[must_use]
     pub fn width(&self, algorithm: Algorithm) -> usize {
         let (nv, width) = (self.nv(), algorithm.entry().width(&self.sizes()));
@@ -338,7 +339,7 @@ impl Scene {
         }
     }
 
-    /// The lengths that this scene gives to the axes of arguments and results.
+    /// The lengths of the axes of arguments and results for this scene.
     pub(crate) fn sizes(&self) -> Sizes {
         Sizes { nq: self.nq(), nv: self.nv(), links: self.links().len(), connection_rows: self.constraints().rows }
     }
@@ -378,12 +379,12 @@ impl Scene {
         Err(Error::argument(argument, "that of another scene", format!("this scene's own, from {made_by}")))
     }
 
-    /// Turns a lost pivot into an error that names the joint; a pivot that is not finite comes of overflow.
+    /// Converts a lost pivot into an error that names the joint. A pivot that is not finite is caused by overflow.
     pub(crate) fn check_pivots(&self, workspace: &Workspace<f64>, monitor: PivotMonitor<f64>) -> Result<(), Error> {
         workspace.lost_pivot(self.model(), &monitor).map_or(Ok(()), |lost| Err(self.singular(lost)))
     }
 
-    /// A tolerance is for forms that judge their result by an estimated error.
+    /// A tolerance is accepted only for forms that estimate their error.
     pub(crate) fn check_tolerance(&self, algorithm: Algorithm, tolerance: Option<f64>) -> Result<(), Error> {
         let (Some(form), Some(tolerance)) = (algorithm.form(), tolerance) else { return Ok(()) };
         check_tolerance(

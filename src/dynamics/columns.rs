@@ -1,7 +1,7 @@
 //! Columns of M^-1, vectorized (SIMD) over a block of columns.
 //!
-//! A block is as many neighbouring columns as `C` holds. Each has a vector of its own at each body; a lane whose column
-//! has nothing at a body holds zeros there, so that lanes of different branches go through one sweep.
+//! A block has one adjacent column per lane of `C`. Each block has one vector per body. A lane whose column has no
+//! entry at a body holds zeros there, so that columns of different branches are processed in one sweep.
 
 use crate::filter::HingeMap;
 use crate::model::Model;
@@ -10,12 +10,12 @@ use crate::spatial::{RigidShift, Symmetric3, Symmetric6, zero};
 use nalgebra::{Matrix3, Vector3, Vector6};
 use std::ops::Range;
 
-/// Scratch for one block: a vector a body, and which bodies have one.
+/// Scratch for one block: one vector per body, and flags of the bodies that have one.
 #[derive(Debug, Clone)]
 pub struct Columns<C: Real> {
-    /// One vector a body.
+    /// One vector per body.
     pub(super) at: Vec<Vector6<C>>,
-    /// True if a column of the block has anything at a body.
+    /// True if a column of the block has an entry at the body.
     pub(super) active: Vec<bool>,
 }
 
@@ -45,7 +45,7 @@ impl<C: Real> Columns<C> {
         self.active[body] = true;
     }
 
-    /// Adds to what a body has.
+    /// Adds to the vector of a body.
     #[inline(always)]
     pub(super) fn add(&mut self, body: usize, x: &Vector6<C>) {
         self.at[body] = crate::spatial::sum(&self.at[body], x);
@@ -53,7 +53,7 @@ impl<C: Real> Columns<C> {
     }
 }
 
-/// phi for every column; `like` says only of which kind, here and below.
+/// phi for every column; `like` determines only the type, here and below.
 #[inline(always)]
 pub(super) fn spread_shift<T: Real, C: ColumnsOf<T>>(like: C, shift: &RigidShift<T>) -> RigidShift<C> {
     let l = &shift.lever;
@@ -115,7 +115,7 @@ pub(super) fn spread_hinge<T: Real, C: ColumnsOf<T>>(like: C, hinge: HingeMap<T>
     }
 }
 
-/// Neighboring columns that are computed at once.
+/// Adjacent columns that are computed together.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Block {
     /// The first column.
@@ -131,7 +131,7 @@ impl Block {
         Self { first, end: (first + width).min(all) }
     }
 
-    /// Its columns from `from` on to before `to`.
+    /// Its columns from `from` to before `to`.
     #[inline(always)]
     pub fn between(&self, from: usize, to: usize) -> Range<usize> {
         let from = from.max(self.first);

@@ -1,11 +1,12 @@
-//! Contacts at one state: gaps, velocities, G = J M^-1 J* of those that touch, and what impulses do to the rates.
+//! Contacts at one state: gaps, velocities, G = J M^-1 J* of the active contacts, and the effect of impulses on joint
+//! velocities.
 //!
 //! The rows of a contact are t1, t2, n of its plane: u = J v is the velocity of the material point of the link nearest
-//! to the plane. A unit force along a row, run inward to the base, collects innovations W; G = W* W as for
-//! [connections](super::constraints), never a difference.
+//! to the plane. The innovations W of a unit force along each row are propagated inward to the base. G = W* W as for
+//! [connections](super::constraints), without subtraction.
 //!
-//! Joint limits are further contacts without friction, numbered after the others: the normal velocity is that of the
-//! joint, away from the limit, and the two tangents are zero.
+//! Joint limits are additional contacts without friction, numbered after the others. Their normal velocity is that of
+//! the joint, away from the limit, and the two tangential velocities are zero.
 
 use super::sweeps::general;
 use crate::filter::innovations;
@@ -19,7 +20,7 @@ use nalgebra::{DMatrix, DVector, Vector3, Vector6};
 /// A joint limit as a row of the contact law.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct LimitRow {
-    /// The body that the joint carries.
+    /// The child body of the joint.
     pub body: usize,
     /// The degree of freedom, an index in v, and the coordinate, an index in q.
     pub row: usize,
@@ -47,11 +48,11 @@ impl LimitRow {
     }
 }
 
-/// Scratch of contacts and joint limits, about 400 bytes a body and 24 nv for each contact.
+/// Scratch of contacts and joint limits: about 400 bytes per body and 24 nv bytes per contact.
 #[derive(Debug, Clone)]
 pub(crate) struct ContactScratch {
     shift: Vec<RigidShift<f64>>,
-    /// From each body to the base.
+    /// The pose of each body in the base frame.
     places: Vec<RigidShift<f64>>,
     /// The joint limits.
     pub limits: Vec<LimitRow>,
@@ -60,11 +61,11 @@ pub(crate) struct ContactScratch {
     /// Unit forces along the rows of each contact, on its body.
     units: Vec<[Vector6<f64>; 3]>,
     velocity: Vec<Vector6<f64>>,
-    /// W*, a row of nv for each row of the contacts that touch.
+    /// W*, one row of length nv for each row of the active contacts.
     whitened: Vec<f64>,
     state: Vec<Vector6<f64>>,
     torque: Vec<f64>,
-    /// What [`ContactScratch::respond`] gives, (nv).
+    /// The result of [`ContactScratch::respond`], (nv).
     pub response: Vec<f64>,
 }
 
@@ -109,7 +110,8 @@ impl ContactScratch {
         }
     }
 
-    /// J v of all contacts, m/s, and of all joint limits, where [`ContactScratch::place`] was. O(N + contacts).
+    /// J v of all contacts, m/s, and of all joint limits, at the configuration of [`ContactScratch::place`]. O(N +
+    /// contacts).
     pub fn velocities(&mut self, model: &Model<f64>, points: &[ContactPoint], v: &[f64]) -> DVector<f64> {
         for (k, stage) in model.system.stages.iter().enumerate() {
             let own = joint_motion(&model.bodies[k], stage.first_row, v);
@@ -138,7 +140,7 @@ impl ContactScratch {
         self.whitened.resize(m * nv, 0.0);
         for row in 0..m {
             let i = near[row / 3];
-            // A force on a body lowers the force that its joint has to transmit; a limit acts as a torque of its joint.
+            // A force on a body reduces the force that its joint transmits; a limit acts as a torque of its joint.
             let (mut z, mut next) = match points.get(i) {
                 Some(point) => (-self.units[i][row % 3], Some(point.body)),
                 None if row % 3 == 2 => {
@@ -167,7 +169,7 @@ impl ContactScratch {
         gram
     }
 
-    /// M^-1 J* p of the contacts `near`, in `response`: one more right side. O(N).
+    /// M^-1 J* p of the contacts `near`, into `response`: one more right-hand side. O(N).
     pub fn respond(
         &mut self,
         model: &Model<f64>,

@@ -12,13 +12,13 @@ use nalgebra::Vector6;
 /// Energy of one state, J.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Energy<T> {
-    /// Half of v* M v over all bodies, plus half of armature times rate squared.
+    /// Half of v* M v over all bodies, plus half of armature times the square of the joint velocity.
     pub kinetic: T,
     /// Minus gravity times the first moment of mass; zero with the center of mass at the base's origin.
     pub potential: T,
 }
 
-/// The quantities of this file, into `out`; false for the others.
+/// Computes the quantities of this file into `out`; returns false for others.
 #[inline(always)]
 pub(super) fn quantity<T: Real>(
     model: &Model<T>,
@@ -54,14 +54,15 @@ fn potential_energy<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: 
     potential(model, workspace)
 }
 
-/// The same with phi in the workspace.
+/// Potential energy with phi in the workspace.
 #[inline(always)]
 fn potential<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>) -> T {
     let (moment, g) = (total_inertia(model, workspace).first_moment, &model.gravity);
     -(g[0] * moment[0] + g[1] * moment[1] + g[2] * moment[2])
 }
 
-/// Kinetic energy alone in O(N), J: half of v* M v over all bodies, plus half of armature times rate squared.
+/// Kinetic energy alone in O(N), J: half of v* M v over all bodies, plus half of armature times the square of the joint
+/// velocity.
 #[inline(always)]
 pub fn kinetic_energy<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], qd: &[T]) -> T {
     placements_base_to_tip(model, q, &mut workspace.store.shifts);
@@ -76,9 +77,9 @@ pub fn kinetic_energy<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q
     T::from_f64(0.5) * twice_kinetic
 }
 
-/// Spatial momentum (angular about the base's origin, linear) of all moving bodies, in the base frame: N m s, N s.
+/// Spatial momentum (angular about the origin of the base, linear) of all moving bodies, in the base frame: N m s, N s.
 ///
-/// Armature is a measurement's noise, not a body: rotors add nothing here.
+/// Armature is measurement noise, not a body: rotors do not contribute.
 #[inline(always)]
 pub fn momentum<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], qd: &[T]) -> Vector6<T> {
     placements_base_to_tip(model, q, &mut workspace.store.shifts);
@@ -116,7 +117,7 @@ pub(super) fn velocities_base_to_tip<T: Real>(model: &Model<T>, workspace: &mut 
     }
 }
 
-/// Inertia of all moving bodies as one, about the base's origin.
+/// Composite inertia of all moving bodies, about the origin of the base.
 #[inline(always)]
 fn total_inertia<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>) -> BodyInertia<T> {
     composite_inertias_tip_to_base(model, workspace);

@@ -1,14 +1,14 @@
 //! Estimation (section 2): forces, accelerations and torques given the torques of some of the joints, with noise.
 //!
-//! The prior is the spatially random model itself: W ~ N(b + Q phi* H* a0, s Q), X = phi W, T = H X + v, v ~ N(r a0, s
-//! r) with the armature r. s is the `acceleration_variance`: Q is an inertia, so s Q is a covariance of forces where s
-//! is the variance of the acceleration of one kg m^2, (rad/s^2)^2, or of one kg, (m/s^2)^2. Torques are T ~ N(T0, s M),
-//! and the accelerations a = M^-1 (T - H phi b) are N(a0, s M^-1): heavy joints are expected to accelerate less.
-//! Measured is y = T + n, n ~ N(0, noise).
+//! The prior is the random model: W ~ N(b + Q phi* H* a0, s Q), X = phi W, T = H X + v, v ~ N(r a0, s r) with the
+//! armature r. s is the `acceleration_variance`: Q is an inertia, so s Q is a covariance of forces if s is the variance
+//! of the acceleration of one kg m^2, (rad/s^2)^2, or of one kg, (m/s^2)^2. Torques are T ~ N(T0, s M), and the
+//! accelerations a = M^-1 (T - H phi b) are N(a0, s M^-1): joints with large inertia are expected to accelerate less.
+//! The measurements are y = T + n, n ~ N(0, noise).
 //!
 //! Divided by s, this is the filter of section 3 with measurement noise r + noise/s. A joint that is not measured has
-//! infinite noise: its gain is zero, and its acceleration keeps the prior's mean, as if it were locked (a0 = 0) or
-//! driven along a0.
+//! infinite noise: its gain is zero, and its acceleration equals the prior mean, as for a locked joint (a0 = 0) or a
+//! prescribed acceleration a0.
 
 use super::forces::Motion;
 use super::sweeps::general;
@@ -23,13 +23,13 @@ use nalgebra::Vector6;
 /// The measurements, their noise, and the prior; slices are (nv).
 #[derive(Debug, Clone, Copy)]
 pub struct Measurements<'a, T: Real> {
-    /// Measured torques y, N m or N; not read where the noise is infinite.
+    /// Measured torques y, N m or N; ignored where the noise is infinite.
     pub torque: &'a [T],
-    /// Variance of each measurement's error, (N m)^2 or N^2: zero is exact, infinite is not measured.
+    /// Variance of each measurement error, (N m)^2 or N^2: zero for an exact measurement, infinite for no measurement.
     ///
-    /// Infinity needs a scalar that has one (f64 and f32 have, `DoubleDouble` has not).
+    /// Infinity requires a scalar with infinite values (f64 and f32, not `DoubleDouble`).
     pub noise: &'a [T],
-    /// Mean a0 of the joint accelerations, rad/s^2 or m/s^2; none is zero.
+    /// Mean a0 of the joint accelerations, rad/s^2 or m/s^2; None: zero.
     pub prior_acceleration: Option<&'a [T]>,
     /// s: the variance of the acceleration of one kg m^2, (rad/s^2)^2, and of one kg, (m/s^2)^2. Positive.
     pub acceleration_variance: T,
@@ -50,17 +50,17 @@ pub struct Estimate<T: Real> {
     pub acceleration: Vec<T>,
     /// E(T|y) of each degree of freedom, N m or N: H E(X|y) + r E(a|y).
     pub torque: Vec<T>,
-    /// E(X|y) of each body, (moment, force) through its joint in its frame; the state of every row of the joint (2.1).
+    /// E(X|y) of each body, (moment, force) through its joint in its frame: the state of every row of the joint (2.1).
     pub force: Vec<Vector6<T>>,
-    /// E(W|y) of each body, (moment, force) that its own motion needs, bias included; enters at its outermost row (2.7,
-    /// 2.10).
+    /// E(W|y) of each body, (moment, force) that its motion requires, including the bias; it enters at its outermost
+    /// row (2.7, 2.10).
     pub process: Vec<Vector6<T>>,
-    /// log of the density of the measured torques before they were known; zero where none is measured.
+    /// Log of the prior density of the measured torques; zero if no torque is measured.
     pub log_likelihood: f64,
 }
 
 impl<T: Real> Estimate<T> {
-    /// Room for the estimates of `model`; starts as NaN.
+    /// Estimates of `model`, initialized with NaN.
     #[must_use]
     pub fn new(model: &Model<T>) -> Self {
         let nan = T::from_f64(f64::NAN);
@@ -89,7 +89,7 @@ pub struct EstimateCovariance<T: Real> {
 }
 
 impl<T: Real> EstimateCovariance<T> {
-    /// Room for the covariances of `model`; starts as NaN.
+    /// Covariances of `model`, initialized with NaN.
     #[must_use]
     pub fn new(model: &Model<T>) -> Self {
         let nan = T::from_f64(f64::NAN);
@@ -103,7 +103,7 @@ impl<T: Real> EstimateCovariance<T> {
     }
 }
 
-/// Scratch that only estimation needs, beside the workspace.
+/// Scratch for estimation, in addition to the workspace.
 #[derive(Debug, Clone)]
 pub struct EstimateScratch<T: Real> {
     /// The scene's model with the noise of the measurements of this state, r + noise/s.
@@ -115,7 +115,7 @@ pub struct EstimateScratch<T: Real> {
     co_state_covariance: Vec<Symmetric6<T>>,
     /// The diagonal of (H R H* + r + noise/s)^-1.
     information: Vec<T>,
-    /// Of the model that it was made for.
+    /// Identity of the model.
     pub(crate) identity: u64,
 }
 
@@ -138,9 +138,9 @@ impl<T: Real> EstimateScratch<T> {
 /// E(a|y), E(T|y), E(X|y), E(W|y) and the likelihood of y in O(N): filter and smoother, then inverse dynamics at the
 /// estimate.
 ///
-/// `q` (nq) and `qd` (nv) are one state, `wrenches` as in [`forward_dynamics`](super::forward_dynamics), which this is
-/// where all joints are measured without noise. About 1150 operations a one-axis joint. The pivots that the returned
-/// monitor speaks of are those of [`EstimateScratch`]'s system; where one is lost, `out` means nothing.
+/// `q` (nq) and `qd` (nv) are one state, `wrenches` as in [`forward_dynamics`](super::forward_dynamics). If all joints
+/// are measured without noise, the result equals forward dynamics. About 1150 operations per joint with one axis. The
+/// returned monitor refers to the pivots of the system of [`EstimateScratch`]; if one is lost, `out` is undefined.
 #[allow(clippy::too_many_arguments)] // a state, what is known of it, and where results go
 pub fn estimate<T: Real>(
     model: &Model<T>,
@@ -171,14 +171,14 @@ pub fn estimate<T: Real>(
         *filtered = store.filtered_covariance((&scene.0.system, body), &mut measured, false, |_, _| {});
     }
     store.measured = measured;
-    // The smoother gives what the measurements add to a0.
+    // The smoother computes the corrections of a0 by the measurements.
     general::smooth(scene, store, accelerations);
     if let Some(prior) = measurements.prior_acceleration {
         for (a, &prior) in accelerations.iter_mut().zip(prior) {
             *a += prior;
         }
     }
-    // 2.10 and 2.1: W = b + Q lambda and X = phi W are what inverse dynamics computes on its way.
+    // 2.10 and 2.1: inverse dynamics computes W = b + Q lambda and X = phi W.
     let (scene, store) = workspace.passes(model);
     general::forces::<T, false>(scene, store, Motion { q, qd, qdd: Some(accelerations), wrenches });
     out.process.iter_mut().zip(store.forces()).for_each(|(process, force)| *process = force);
@@ -190,8 +190,8 @@ pub fn estimate<T: Real>(
     monitor
 }
 
-/// Sum over the measured rows of -(e^2 / (s D) + log(2 pi s D)) / 2: innovations are independent; f64, since no scalar
-/// here has a logarithm.
+/// Sum over the measured rows of -(e^2 / (s D) + log(2 pi s D)) / 2: innovations are independent. In f64, because the
+/// scalars have no logarithm.
 fn log_likelihood<T: Real>(
     measurements: &Measurements<'_, T>,
     measured: &[riccati::Measured<T>],
@@ -209,14 +209,13 @@ fn log_likelihood<T: Real>(
     total
 }
 
-/// The covariances that belong to the [`estimate()`] just made with the same workspace, scratch and measurements, in
-/// O(N).
+/// The covariances of the last [`estimate()`] with the same workspace, scratch and measurements, in O(N).
 ///
-/// Forces and process by 2.6 and 2.11; torques from them and from the noise; accelerations as s ((M^-1)(i,i) - W(i,i)),
-/// W the inverse of the covariance of the measurements over s, which takes a second Riccati sweep. That difference and
-/// those of 2.6 and 2.11 are right to eps times the prior's variance, not to eps of what is left; the first is exactly
-/// zero where all joints are measured without noise. Nothing is clipped. About 2700 operations a one-axis joint. The
-/// returned monitor speaks of the scene's own pivots.
+/// Forces and process noise follow from 2.6 and 2.11, torques from these and from the noise. Accelerations are s
+/// ((M^-1)(i,i) - W(i,i)), where W is the inverse of the covariance of the measurements over s, from a second Riccati
+/// sweep. The errors of this difference and of those in 2.6 and 2.11 are eps times the prior variance, not eps times
+/// the result. The first is exactly zero if all joints are measured without noise. Results are not clipped. About 2700
+/// operations per joint with one axis. The returned monitor refers to the pivots of the scene.
 pub fn estimate_covariance<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
@@ -259,10 +258,10 @@ pub fn estimate_covariance<T: Real>(
 /// The variance of T = H x + v given all measurements; `remaining` is H (P - P Lambda P) H* (before s), W
 /// `information`.
 ///
-/// Not measured: s (H.H* + r), v being known by nothing. Measured: with h the variance of H x by the other rows and c =
-/// r + noise/s, W = 1/(h + c) and `remaining` = h c/(h + c), so that noise (1 - noise/s W) = noise (`remaining`/c + r
-/// W). The first is exact where the noise is zero, the second where it is far above what the model knows; each is used
-/// on its side.
+/// Not measured: s (H.H* + r), because no measurement contains v. Measured: with h the variance of H x given the other
+/// rows and c = r + noise/s, W = 1/(h + c) and `remaining` = h c/(h + c), so that noise (1 - noise/s W) = noise
+/// (`remaining`/c + r W). The first form is exact for zero noise, the second for noise far above the prior variance;
+/// each is used in its range.
 fn torque_variance<T: Real>(
     measurements: &Measurements<'_, T>,
     row: usize,

@@ -1,4 +1,4 @@
-//! The arguments of the outward pass: one state, and which quantities of it are not zero.
+//! The arguments of the outward pass: one state, and flags of its nonzero quantities.
 
 use crate::model::Model;
 use crate::scalar::Real;
@@ -35,7 +35,7 @@ impl Needed {
     }
 }
 
-/// True if all numbers are zero in all lanes.
+/// True if all values are zero in all lanes.
 #[inline(always)]
 fn is_zero<T: Real>(numbers: &[T]) -> bool {
     // Usually the first value decides.

@@ -1,4 +1,4 @@
-//! Inverse dynamics: the torques that the model predicts, T = H phi (Q lambda + b).
+//! Inverse dynamics: the torques T = H phi (Q lambda + b) of the model.
 
 use super::forces::Motion;
 use super::sweeps::general;
@@ -10,7 +10,7 @@ use nalgebra::Vector6;
 /// Joint torques from joint accelerations in O(N): accelerations base to tip (2.9), forces tip to base (1.5, 2.10).
 ///
 /// Arguments as in [`forward_dynamics`](super::forward_dynamics). Armature adds `r qdd` to its joint. About 290
-/// operations a one-axis joint.
+/// operations per joint with one axis.
 pub fn inverse_dynamics<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
@@ -24,7 +24,7 @@ pub fn inverse_dynamics<T: Real>(
     general::inverse_dynamics(scene, store, Motion { q, qd, qdd: Some(qdd), wrenches }, tau);
 }
 
-/// The bias torque H phi b: what the joints must give when no joint accelerates (velocity effects, gravity, wrenches).
+/// The bias torque H phi b: the joint torques at zero joint acceleration (velocity effects, gravity, wrenches).
 pub fn bias_torque<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,

@@ -15,20 +15,20 @@ use crate::spatial::{Symmetric6, dot, scaled_add, zero};
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
 
-/// Scratch of the closed form, for the columns that `C` holds.
+/// Scratch of the closed form, for the columns in `C`.
 #[derive(Debug, Clone)]
 pub struct InverseScratch<T: Real, C: Real = T> {
     /// Lambda^- of each body.
     co_state_covariance: Vec<Symmetric6<T>>,
     /// Lambda^+ g of each row.
     spread_gain: Vec<Vector6<T>>,
-    /// Psi(k,j) g(j) of the columns at hand, on their way inward.
+    /// Psi(k,j) g(j) of the current columns, propagated inward.
     inward: Columns<C>,
-    /// Minus their co-states, outboard of each body; where another branch leaves, Lambda^- Psi g.
+    /// Minus their co-states, outboard of each body; at a body with another branch, Lambda^- Psi g.
     outward: Columns<C>,
     /// True for bodies with more than one child.
     branches: Vec<bool>,
-    /// Of the model that it was made for.
+    /// Identity of the model.
     identity: u64,
 }
 
@@ -53,7 +53,7 @@ impl<T: Real, C: ColumnsOf<T>> InverseScratch<T, C> {
 }
 
 impl InverseScratch<f64> {
-    /// The model that it was made for.
+    /// Identity of the model of this scratch.
     pub(crate) fn identity(&self) -> u64 {
         self.identity
     }
@@ -61,12 +61,12 @@ impl InverseScratch<f64> {
 
 /// M^-1 at `q` into `out`, (nv x nv) row by row, full and symmetric (6.1 with its cross-branch terms).
 ///
-/// With L+ = Lambda^+ and A = 1 - gH: the diagonal is 1/D + g* L+ g; outboard of joint j the entry is g(i)* Psi* (A* L+
-/// g - H*/D); across branches that part at body c it is g(i)* Psi(c,i)* Lambda^-(c) Psi(c,j) g(j). O(N^2), the order of
-/// the output.
+/// With L+ = Lambda^+ and A = 1 - gH: the diagonal is 1/D + g* L+ g. Outboard of joint j, the entry is g(i)* Psi* (A*
+/// L+ g - H*/D). For branches that separate at body c, it is g(i)* Psi(c,i)* Lambda^-(c) Psi(c,j) g(j). O(N^2), the
+/// size of the output.
 ///
-/// In form `auto` a state where the error estimate of the factor of M exceeds the tolerance is recomputed in
-/// double-double arithmetic and rounded (f64 only).
+/// In form `auto`, a state is recomputed in double-double arithmetic and rounded if the error estimate of the factor of
+/// M exceeds the tolerance (f64 only).
 pub fn mass_matrix_inverse<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
@@ -90,7 +90,7 @@ fn doubled<T: Real>(model: &Model<T>, q: &[T], out: &mut [T]) -> bool {
     })
 }
 
-/// [`mass_matrix_inverse`] with the factor already in the workspace, a block of columns at a time.
+/// [`mass_matrix_inverse`] with the factor already in the workspace, block by block of columns.
 #[inline(always)]
 pub(crate) fn closed_form<T: Real, C: ColumnsOf<T>>(
     model: &Model<T>,
@@ -119,8 +119,8 @@ pub(crate) fn closed_form<T: Real, C: ColumnsOf<T>>(
     }
 }
 
-/// Tip to base from the block's last body: u = Psi(c,j) g(j) at every body c inboard, and y = Lambda^-(c) u where
-/// branches part.
+/// Tip to base from the last body of the block: u = Psi(c,j) g(j) at every body c inboard, and y = Lambda^-(c) u where
+/// branches separate.
 #[inline(always)]
 fn inward<T: Real, C: ColumnsOf<T>>(
     model: &Model<T>,
@@ -131,7 +131,7 @@ fn inward<T: Real, C: ColumnsOf<T>>(
     let last = body_of_row(model, block.end - 1);
     let InverseScratch { inward, outward, branches, co_state_covariance, .. } = scratch;
     outward.clear(last);
-    // Without branches nothing but the columns' own way outward is asked for.
+    // Without branches, only the outward pass of the columns is needed.
     if !branches[..=last].contains(&true) {
         return;
     }
@@ -164,7 +164,7 @@ fn inward<T: Real, C: ColumnsOf<T>>(
     }
 }
 
-/// Base to tip from the block's first body: the entries of every row further out, mirrored.
+/// Base to tip from the first body of the block: the entries of every row further out, and their mirror images.
 #[inline(always)]
 fn outward<T: Real, C: ColumnsOf<T>>(
     model: &Model<T>,
@@ -176,12 +176,12 @@ fn outward<T: Real, C: ColumnsOf<T>>(
     let nv = model.nv();
     let (first, last) = (body_of_row(model, block.first), body_of_row(model, block.end - 1));
     let InverseScratch { outward, spread_gain, .. } = scratch;
-    // Of what is zero or idle.
+    // The type of zero and unused columns.
     let like = outward.at[0][0];
     let nothing = zero();
     for (k, stage) in model.system.stages.iter().enumerate().skip(first) {
         let rows = stage.first_row..stage.first_row + stage.rows.count();
-        // Of columns that belong further out: what they have here for other branches.
+        // Columns of bodies further out: their contribution here to other branches.
         let parted = if k <= last { outward.at[k] } else { nothing };
         outward.at[k] = match stage.parent {
             Some(parent) => spread_shift(like, &workspace.store.shifts[k]).motion_to_child(&outward.at[parent]),
@@ -209,8 +209,8 @@ fn outward<T: Real, C: ColumnsOf<T>>(
     }
 }
 
-/// The entries of a column in the rows of its own joint, from the diagonal on; gives y = A* L+ g - H*/D past all of
-/// them.
+/// The entries of a column in the rows of its own joint, from the diagonal. Returns y = A* L+ g - H*/D past all of
+/// these rows.
 #[inline(always)]
 fn own_rows<T: Real>(
     model: &Model<T>,

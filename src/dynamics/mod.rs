@@ -1,14 +1,14 @@
-//! The equations of motion in any scalar: the physics of rigid bodies bound to the [`filter`](crate::filter).
+//! The equations of motion in any scalar: rigid-body dynamics by the [`filter`](crate::filter).
 //!
 //! The functions take a [`Model`](crate::scene::Model) in any scalar, slices for one state and a
-//! [`Workspace`](crate::Workspace), check nothing and allocate nothing. [`Scene`](crate::Scene) wraps them with checks
-//! and names.
+//! [`Workspace`](crate::Workspace). They do not check arguments and do not allocate memory. The methods of
+//! [`Scene`](crate::Scene) add checks and names.
 //!
 //! # Panics
 //!
-//! The functions of this module and of [`derivatives`] panic, or give results without meaning, where a slice is shorter
-//! than the model needs, and where a workspace or scratch was made for another model. The methods of
-//! [`Scene`](crate::Scene) return errors.
+//! The functions of this module and of [`derivatives`] panic or return undefined results if a slice is shorter than the
+//! model requires, or if a workspace or scratch was created for another model. The methods of [`Scene`](crate::Scene)
+//! return errors.
 //!
 //! ```
 //! use phipsi::scalar::{DoubleDouble, Real};

@@ -1,4 +1,4 @@
-//! Operational space: the inverse inertia of bodies and task frames, the covariance of their co-states, without M.
+//! Operational space: the inverse inertia of bodies and task frames is the covariance of their co-states, without M.
 
 use super::double_double_state::DoubleDoubleState;
 use super::forward::factorise;
@@ -14,7 +14,7 @@ use crate::spatial::{RigidShift, Symmetric6, dot};
 use crate::workspace::Workspace;
 use nalgebra::{Matrix6, Vector6};
 
-/// Pairs of frames between two questions whether to go on.
+/// Pairs of frames between checks for interruption.
 pub(crate) const MANY: usize = 16;
 
 /// Scratch that only the operational-space inertia needs.
@@ -22,9 +22,9 @@ pub(crate) const MANY: usize = 16;
 pub struct OperationalScratch<T: Real> {
     /// Lambda^- of each body.
     co_state_covariance: Vec<Symmetric6<T>>,
-    /// The frames of a call by names.
+    /// The frames of a call, resolved from names.
     pub(crate) frames: Vec<Frame<T>>,
-    /// Of the model that it was made for.
+    /// Identity of the model.
     pub(crate) identity: u64,
 }
 
@@ -42,14 +42,15 @@ impl<T: Real> OperationalScratch<T> {
 
 /// Omega = J M^-1 J^T of m frames at `q` into `out`, (6m x 6m) row by row, full and exactly symmetric.
 ///
-/// J stacks the Jacobians of the frames, (angular, linear) at each frame's origin and in its axes: forces F on the
-/// frames change their accelerations by Omega F. On bodies Omega is phi* H* M^-1 H phi = cov(lambda^-) (2.9, 5.5 as it
-/// holds): with c the nearest common ancestor of bodies i and j, which may be one of them, its block is X(c,i)*
-/// Lambda^-(c) X(c,j), where X = Psi A carries forces from the outboard side of one body to that of another and
-/// X(c,c) = 1. Without a common ancestor, and on the base, it is zero. O(N + m^2 depth), and nothing is allocated; but in form
-/// `auto` a state where the error estimate of the factor of M exceeds the tolerance is recomputed in double-double
-/// arithmetic and rounded (f64 only). Where [`Workspace::lost_pivot`] finds one with the returned monitor, `out` means
-/// nothing, and so it is under a [`interrupt`] that ends the work. A frame's body must be one of the model's.
+/// J stacks the Jacobians of the frames, (angular, linear) at the origin of each frame and in its axes: forces F on the
+/// frames change their accelerations by Omega F. For bodies, Omega is phi* H* M^-1 H phi = cov(lambda^-) (2.9, 5.5 as
+/// corrected). With c the nearest common ancestor of bodies i and j, which may be one of them, its block is X(c,i)*
+/// Lambda^-(c) X(c,j). X = Psi A propagates forces from the outboard side of one body to that of another;
+/// X(c,c) = 1. The block is zero without a common ancestor, and on the base. O(N + m^2 depth), without allocation.
+///
+/// In form `auto`, a state is recomputed in double-double arithmetic and rounded if the error estimate of the factor of
+/// M exceeds the tolerance (f64 only). If [`Workspace::lost_pivot`] finds a lost pivot with the returned monitor, or if
+/// an [`interrupt`] ends the work, `out` is undefined. The body of a frame must be one of the model's.
 pub fn operational_inverse_inertia<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
@@ -73,7 +74,7 @@ pub fn operational_inverse_inertia<T: Real>(
             }
             let block = covariance_between(model, workspace, lambda, [first, second]);
             for row in 0..6 {
-                // A diagonal block is mirrored too: its lower triangle differs from the upper one by rounding.
+                // A diagonal block is mirrored too, because its lower and upper triangles differ by rounding.
                 for column in if i == j { row } else { 0 }..6 {
                     out[(6 * i + row) * width + 6 * j + column] = block[(row, column)];
                     out[(6 * j + column) * width + 6 * i + row] = block[(row, column)];
@@ -99,7 +100,7 @@ fn doubled<T: Real>(model: &Model<T>, q: &[T], frames: &[Frame<T>], out: &mut [T
     })
 }
 
-/// The covariance of the co-states of two frames: unit forces on both run inward until they meet.
+/// The covariance of the co-states of two frames: unit forces on both are propagated inward to their common ancestor.
 fn covariance_between<T: Real>(
     model: &Model<T>,
     workspace: &Workspace<T>,
@@ -114,7 +115,7 @@ fn covariance_between<T: Real>(
         if i == j {
             break i;
         }
-        // Parents come before children: the later of two bodies is no ancestor of the other.
+        // Parents precede children: the body with the larger index is no ancestor of the other.
         let (side, k) = if i > j { (0, i) } else { (1, j) };
         let stage = &stages[k];
         for force in &mut forces[side] {
@@ -135,12 +136,12 @@ fn unit_forces<T: Real>(placement: &RigidShift<T>) -> [Vector6<T>; 6] {
 }
 
 impl OperationalScratch<f64> {
-    /// Sizes of the terms that a frame's motion was formed from in the last call, angular and linear, as standard
-    /// deviations: the largest of its body and the bodies inward, moved by the frame's lever.
+    /// The scale of the terms of a frame's motion in the last call, angular and linear, as standard deviations: the
+    /// maximum over its body and the bodies inward, transported by the lever of the frame.
     ///
-    /// The rounding of an entry of Omega is eps times the product of two of them; the entry itself may be much smaller,
-    /// or zero but for rounding. Traces, since rotations mix the components of each kind, and never the kinds.
-    /// O(depth).
+    /// The rounding of an entry of Omega is eps times the product of two of them; the entry may be much smaller, or
+    /// zero to rounding. The scales are traces, because rotations mix the components of the angular part and those of
+    /// the linear part, but not both parts. O(depth).
     pub(crate) fn term_sizes(&self, model: &Model<f64>, frame: &Frame<f64>) -> [f64; 2] {
         let size = |e: &[f64; 6]| (e[0] + e[3] + e[5]).abs().sqrt();
         let inward = std::iter::successors(frame.body, |&k| model.system.stages[k].parent);

@@ -7,8 +7,8 @@ use crate::model::Model;
 use crate::scalar::Real;
 use crate::workspace::Workspace;
 
-/// One that is of a frame, which needs no scratch, into `out`; false for the others. Of the state it reads what
-/// `what` says.
+/// Computes a quantity of a frame, which needs no scratch, into `out`; returns false for others. It reads the part of
+/// the state that `what` requires.
 #[inline(always)]
 pub(crate) fn of_frame<T: Real>(
     model: &Model<T>,
@@ -41,7 +41,7 @@ pub(crate) fn of_frame<T: Real>(
     true
 }
 
-/// One that is of all bodies, into `out`; nothing for those of a frame.
+/// Computes a quantity of all bodies into `out`; does nothing for those of a frame.
 #[inline(always)]
 pub(crate) fn of_all_bodies<T: Real>(
     model: &Model<T>,

@@ -12,12 +12,12 @@ use crate::scalar::Real;
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
 
-/// The result of [`forward_dynamics_square_root`] beside the accelerations.
+/// The results of [`forward_dynamics_square_root`] in addition to the accelerations.
 #[derive(Debug, Clone, Copy)]
 pub struct SquareRootResult<T> {
     /// The pivots of the square-root form.
     pub pivots: PivotMonitor<T>,
-    /// The error estimate of the square-root form; none if the bound on its rounding is met in every lane.
+    /// The error estimate of the square-root form; None if the bound on its rounding is met in every lane.
     pub rounding: Option<Rounding<T>>,
     /// The largest estimated error that is accepted, relative to the largest acceleration.
     pub tolerance: f64,
@@ -33,13 +33,13 @@ impl<T: Real> SquareRootResult<T> {
     }
 }
 
-/// Joint accelerations in square-root form, whatever the form of the workspace. A state whose estimated error exceeds
-/// the tolerance is recomputed in double-double arithmetic and rounded.
+/// Joint accelerations in square-root form, independent of the form of the workspace. A state whose estimated error
+/// exceeds the tolerance is recomputed in double-double arithmetic and rounded.
 ///
-/// Only states in f64 are recomputed, one at a time. The results of other scalars and of lanes stay, and
+/// Only states in f64 are recomputed, one at a time. The results of other scalars and of lanes are kept, and
 /// [`needs_fallback`](SquareRootResult::needs_fallback) reports them. A recomputed state takes about 30 times longer,
-/// and temporary scratch of 2 kB per body. The workspace counts both, see [`Workspace::tally`]; the roots and pivots in
-/// it stay those of the square-root form.
+/// and temporary scratch of 2 kB per body. The workspace counts both, see [`Workspace::tally`]; its roots and pivots
+/// remain those of the square-root form.
 pub fn forward_dynamics_square_root<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
@@ -54,7 +54,7 @@ pub fn forward_dynamics_square_root<T: Real>(
     workspace.accuracy = Accuracy::unknown(Form::SquareRoot);
     let epsilon = T::epsilon().lane(0);
     let tolerance = workspace.accepted_error().of_roots(epsilon);
-    // The bound is made for the precision of f64 and for the default tolerance.
+    // The bound assumes the precision of f64 and the default tolerance.
     let is_applicable = epsilon <= f64::EPSILON && tolerance >= ROUNDING_MARGIN * epsilon;
     let clear = is_applicable && (0..T::LANES).all(|lane| bound.clear(lane));
     let unrefined = |rounding| SquareRootResult { pivots, rounding, tolerance, refined: false };

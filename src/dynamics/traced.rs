@@ -10,7 +10,7 @@ use nalgebra::Vector6;
 
 type State<'a> = (&'a [Traced], &'a [Traced], &'a [Traced]);
 
-/// A scene as the sweeps read it, and their scratch.
+/// A scene as the sweeps read it, and its scratch.
 pub(crate) struct TracedSweeps {
     pub model: Model<Traced>,
     pub sweeps: SweepModel<Traced>,
@@ -22,7 +22,7 @@ impl TracedSweeps {
         Self::accepting(model, None)
     }
 
-    /// The same with another tolerance than the usual one.
+    /// With a tolerance other than the default.
     pub fn accepting(model: &Model<f64>, tolerance: Option<f64>) -> Self {
         let (sweeps, model) = (SweepModel::new(model), model.cast());
         let scratch = SweepScratch::new(&model, &sweeps).accepting(tolerance);
@@ -44,7 +44,7 @@ impl TracedSweeps {
         general::forward_dynamics_with_estimate(scene, scratch, state, wrenches, qdd)
     }
 
-    /// The same, and [`ErrorEstimate::margin`] of the first test vector.
+    /// Forward dynamics, and [`ErrorEstimate::margin`] of the first test vector.
     pub fn forward_dynamics_and_margin(&mut self, state: State<'_>, qdd: &mut [Traced]) -> Traced {
         ErrorEstimate::of_one_vector(self.estimate(state, &[], qdd), self.scratch.accepted_square).margin()
     }

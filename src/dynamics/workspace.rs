@@ -1,4 +1,4 @@
-//! The store of the passes that keeps everything, and the scratch of all functions that read it, allocated once.
+//! The store of the passes for all bodies, and the scratch of all functions that read it, allocated once.
 
 use super::sweeps::{MassColumns, SweepModel, SweepScratch};
 use crate::accuracy::Accuracy;
@@ -115,9 +115,9 @@ pub struct Workspace<T: Real> {
     pub(crate) z: Vec<Vector6<T>>,
     /// The estimates for a test vector.
     pub(crate) estimates: Vec<T>,
-    /// r(k), the inertia of everything outboard of joint k.
+    /// r(k), the composite inertia of everything outboard of joint k.
     pub(crate) composite: Vec<BodyInertia<T>>,
-    /// The rate of r(k) in fixed axes.
+    /// The time derivative of r(k) in fixed axes.
     pub(crate) composite_rate: Vec<BodyInertia<T>>,
     /// The bodies that a call needs.
     pub(crate) needed: Vec<bool>,
@@ -134,8 +134,8 @@ pub struct Workspace<T: Real> {
 }
 
 impl<T: Real> Workspace<T> {
-    /// Scratch for the recursions of `model`, about 2 kB a body in f64; that of a scene's methods is
-    /// [`Scene::workspace`]'s.
+    /// Scratch for the recursions of `model`, about 2 kB per body in f64. The methods of a scene use the one of
+    /// [`Scene::workspace`].
     ///
     /// [`Scene::workspace`]: crate::Scene::workspace
     pub fn new(model: &Model<T>) -> Self {

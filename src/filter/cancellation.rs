@@ -1,4 +1,4 @@
-//! The error estimate of the covariance form, from a test vector: one more right side.
+//! The error estimate of the covariance form, from a test vector: one more right-hand side.
 //!
 //! The covariance form subtracts: P^+ = P^- - g D g* (3.6), z^+ = z^- + g e^- (4.5). If the difference is small, as
 //! inboard of a heavy body that joints leave free, the rounding of the operands remains and is divided by small pivots
@@ -57,7 +57,7 @@ impl Margins {
     /// below it, by a factor of 2.3 at the most.
     pub const USUAL: Self = Self { of_rest: 3.0, of_bias: 60.0, of_bias_at_most: 2500.0 };
 
-    /// For a factor: without a right side there is no sensitivity.
+    /// For a factor: without a right-hand side there is no sensitivity.
     pub const OF_A_FACTOR: Self = Self { of_rest: 0.0, of_bias: 0.0, of_bias_at_most: 0.0 };
 }
 
@@ -100,8 +100,8 @@ impl<T: Real> Cancellation<T> {
         Self { noise: o, smoother: o, rest: o, bias: o, size: o }
     }
 
-    /// The estimated error of the largest estimate, in its unit, with what one unit in the last place of the forces
-    /// makes of it; NaN where it cannot be told.
+    /// The estimated error of the largest estimate, in its unit, including the effect of one unit in the last place of
+    /// the forces; NaN if it cannot be estimated.
     #[inline(always)]
     #[must_use]
     pub fn error(&self) -> T {
@@ -115,7 +115,7 @@ impl<T: Real> Cancellation<T> {
         if error == 0.0 { error } else { error / -self.size.lane(lane) }
     }
 
-    /// How far the error stays below the tolerance, given as its square in units of eps^2, or below the margins, as a
+    /// The margin of the error to the tolerance, given as its square in units of eps^2, or to `margins`, as a
     /// difference of squares: negative or NaN in a lane whose error is too large.
     #[inline(always)]
     #[must_use]
@@ -127,7 +127,7 @@ impl<T: Real> Cancellation<T> {
         self.rest.mul_add(square(margins.of_rest), allowed) - (self.noise + self.smoother)
     }
 
-    /// The larger of both in each part: of what two sets of weights saw.
+    /// The larger value of each part, for two test vectors.
     #[inline(always)]
     pub(crate) fn larger(&self, other: &Self) -> Self {
         Self {
@@ -139,18 +139,18 @@ impl<T: Real> Cancellation<T> {
         }
     }
 
-    /// Adds what a stage makes of w* a.
+    /// Adds the contributions of a stage to w* a.
     #[inline(always)]
     fn add(&mut self, stage: &StageRounding<T>) {
         let StageRounding { p, state, bias, .. } = *stage;
         self.add_noise(stage);
-        // Less what may be accelerated of it; never less than nothing.
+        // The transmitted force, minus the part that may be an acceleration; never negative.
         let transmitted = state.mul_add(p.constant(-0.5), p);
         self.rest -= transmitted.worst(p.constant(0.0));
         self.bias += bias;
     }
 
-    /// The same of its rounding alone.
+    /// The contributions of rounding alone.
     #[inline(always)]
     fn add_noise(&mut self, stage: &StageRounding<T>) {
         let StageRounding { p, state, added, .. } = *stage;
@@ -177,8 +177,8 @@ pub(crate) struct StageState<'a, T: Real> {
     pub measured: &'a [Measured<T>],
 }
 
-/// Squares of what one unit in the last place of one stage makes of w* a, over eps^2: of P, z^+, what its measurements
-/// added, and b.
+/// Squares of the effect on w* a of one unit in the last place of one stage, over eps^2: of P, of z^+, of the changes
+/// by its measurements, and of b.
 #[derive(Debug, Clone, Copy)]
 struct StageRounding<T> {
     p: T,
@@ -202,18 +202,18 @@ impl<T: Real> StageRounding<T> {
 }
 
 impl<T: Real> Cancellation<T> {
-    /// Adds the smoother's rounding of a co-state `outer` carried past a lever of this square to where zeta^+ has these
-    /// [`squares`].
+    /// Adds the smoother's rounding of a co-state `outer` that is propagated over a lever of this square, where the
+    /// squares of zeta^+ are these [`squares`].
     #[inline(always)]
     pub(crate) fn carried(&mut self, zeta: (T, T), outer: &Vector6<T>, lever_square: T) {
         self.smoother += carried(zeta, outer, lever_square);
     }
 
-    /// [`through_stage`](Self::through_stage) of one row that picks entry `PICKED` of its state; e^- of both right
-    /// sides in, the estimate out.
+    /// [`through_stage`](Self::through_stage) for one row that selects entry `PICKED` of its state: e^- of both
+    /// right-hand sides in, the estimate out.
     ///
-    /// Without ALLOWS what the problem allows is not summed up: there is none where nobody gave the right side. Each
-    /// number is read where it is needed: all of them at once are more than there are registers.
+    /// Without ALLOWS, the sensitivity of the problem is not accumulated: a factor has no right-hand side of its own.
+    /// Each value is read where it is needed, because all of them together exceed the number of registers.
     #[inline(always)]
     pub(crate) fn through_axis<const PICKED: usize, const ALLOWS: bool>(
         &mut self,
@@ -250,7 +250,7 @@ impl<T: Real> Cancellation<T> {
         a
     }
 
-    /// The rows of one stage for both right sides, as [`smoother::through_stage`](super::smoother::through_stage):
+    /// The rows of one stage for both right-hand sides, as [`smoother::through_stage`](super::smoother::through_stage):
     /// co-states lambda^+ and nu^+ in, lambda^- and nu out; e^- in, estimates out for the first, e^- of the second.
     #[inline(always)]
     pub(crate) fn through_stage(

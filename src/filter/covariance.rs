@@ -8,7 +8,8 @@
 //! let one = Symmetric3::new([1.0, 0.0, 0.0, 1.0, 0.0, 1.0]);
 //! let mut p = Symmetric6 { angular: one, coupling: Matrix3::zeros(), linear: one };
 //! let measured = riccati::measurement_update(&mut p, &HingeMap::Axis(2), 0.0);
-//! // Nothing is known inboard of the root, so the co-state outboard of its joint varies about the axis alone, by 1 / D.
+//! // Nothing is known inboard of the root, so the co-state outboard of its joint varies about the axis alone,
+//! // by 1 / D.
 //! let (lambda, _) = covariance::row_update(&Symmetric6::zero(), &HingeMap::Axis(2), &measured);
 //! assert_eq!(lambda.diagonal().as_slice(), [0.0, 0.0, 1.0, 0.0, 0.0, 0.0]);
 //! ```
@@ -21,8 +22,7 @@ use nalgebra::Vector6;
 
 /// Lambda^- from Lambda^+ across one row: (1 - gH)^T Lambda^+ (1 - gH) + H^T H / D (5.6).
 ///
-/// Also gives u = Lambda^+ g. Written as Lambda^+ - H^T u^T - u H + H^T H (g.u + 1/D) so only one row and column
-/// change.
+/// Also returns u = Lambda^+ g. The form Lambda^+ - H^T u^T - u H + H^T H (g.u + 1/D) changes one row and column only.
 #[inline(always)]
 #[must_use]
 pub fn row_update<T: Real>(
@@ -33,7 +33,7 @@ pub fn row_update<T: Real>(
     let u = lambda.mul_vector(&measured.gain);
     let whole = crate::spatial::dot(&measured.gain, &u) + measured.pivot_inverse;
     if let HingeMap::Axis(i) = *hinge {
-        // One row and column: minus u, and on the diagonal what is left of the whole.
+        // One row and column: minus u; the remainder of the sum on the diagonal.
         let column = lambda.column(i);
         let mut next = *lambda;
         let mut changed = scaled_add(&u, whole.constant(-1.0), &column);

@@ -8,7 +8,7 @@ pub enum Form {
     /// too.
     #[default]
     Auto,
-    /// P itself (3.6). The fastest form; each measurement subtracts from P, so digits can cancel.
+    /// P itself (3.6). The fastest form. Each measurement subtracts from P, so cancellation can occur.
     Covariance,
     /// A square root of P. Nothing is subtracted; the loss of precision is that of the problem itself.
     SquareRoot,

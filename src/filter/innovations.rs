@@ -1,4 +1,4 @@
-//! The filter of one stage (4.2, 4.5), and its adjoint relative: what the measurements add to the prediction.
+//! The filter of one stage (4.2, 4.5), and its adjoint: the corrections of the prediction by the measurements.
 //!
 //! ```
 //! use nalgebra::Vector6;
@@ -25,8 +25,8 @@ use crate::spatial::scaled_add;
 use nalgebra::Vector6;
 use std::ops::Range;
 
-/// The rows of one stage, last first: e^- = tau - H z^- (4.2) into `innovations`, and z^+ = z^- + g e^- (4.5) in the
-/// place of z^-.
+/// The rows of one stage, last first: e^- = tau - H z^- (4.2) into `innovations`; replaces z^- by z^+ = z^- + g e^-
+/// (4.5).
 #[inline(always)]
 pub fn through_stage<T: Real>(
     (system, k): (&System<T>, usize),
@@ -41,7 +41,7 @@ pub fn through_stage<T: Real>(
         let (hinge, m) = (stage.rows.row(i), &measured[row]);
         let e_minus = measurement[row] - hinge.project(state);
         *state = scaled_add(&m.gain, e_minus, state);
-        // H z^+ = tau - (r / D) e^-, which a sum with a large H z^- would not give.
+        // H z^+ = tau - (r / D) e^-: a sum with a large H z^- would lose precision.
         if let HingeMap::Axis(i) = hinge
             && system.is_measured(row)
         {

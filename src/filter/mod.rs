@@ -1,15 +1,16 @@
-//! Kalman filtering and Bryson-Frazier smoothing on a tree; no robotics here.
+//! Kalman filtering and Bryson-Frazier smoothing on a tree, independent of robotics.
 //!
-//! The system: stage k carries a state z(k) of six numbers. States run inward along a tree, from the leaves (tips) to
-//! the root (base), `z^-(k) = sum over children c of phi(k,c) z^+(c) + b(k)` with process noise of covariance Q(k), and
-//! each stage is measured by a few scalar rows, `tau = H z^- + v`, v of variance r (often zero). The files are the
-//! paper's sections: [`system`] is section 1, [`riccati`] section 3 ([`PivotMonitor`] says whether its pivots mean
-//! anything), [`innovations`] and [`smoother`] section 4, [`covariance`] section 5, and [`smoothed`] the covariances of
-//! section 2 by way of it. A row whose noise is infinite is not measured: its gain is zero.
+//! Stage k has a state z(k) of six scalars. States are propagated inward along a tree, from the leaves (tips) to the
+//! root (base), `z^-(k) = sum over children c of phi(k,c) z^+(c) + b(k)`, with process noise of covariance Q(k). Each
+//! stage is measured by a few scalar rows, `tau = H z^- + v`, where v has variance r (often zero). The files follow the
+//! sections of the paper: [`system`] is section 1, [`riccati`] section 3 ([`PivotMonitor`] detects lost pivots),
+//! [`innovations`] and [`smoother`] section 4, [`covariance`] section 5, and [`smoothed`] computes the covariances of
+//! section 2 from it. A row with infinite noise is not measured: its gain is zero.
 //!
 //! # Panics
 //!
-//! The functions of this module check nothing: they panic where a slice is shorter than the system needs.
+//! The functions of this module do not check their arguments: they panic if a slice is shorter than the system
+//! requires.
 //!
 //! ```
 //! use nalgebra::{Matrix3, Vector6};

@@ -42,9 +42,9 @@ impl<T: Real> Scale<T> {
         Self { angular: terms[0] + terms[1] + terms[2], linear: terms[3] + terms[4] + terms[5] }
     }
 
-    /// What P^- of a stage, before its measurements, can bring to the entries of its parent: with the traces a and b of
-    /// its blocks, |R| |A| |R| <= a, the lever's terms <= a + 2 |l|^2 b, and as much again for what measurements
-    /// subtract.
+    /// The bound that P^- of a stage adds to the entries of its parent. With the traces a and b of its blocks, the
+    /// rotation satisfies |R| |A| |R| <= a and the terms of the lever are <= a + 2 |l|^2 b. The result is doubled for
+    /// the terms that measurements subtract.
     #[inline(always)]
     #[must_use]
     pub(crate) fn sent_by(p: &Symmetric6<T>, shift: &RigidShift<T>) -> Self {
@@ -52,14 +52,14 @@ impl<T: Real> Scale<T> {
         Self::sent((trace(&p.angular.entries), trace(&p.linear.entries)), shift.lever_square())
     }
 
-    /// From the traces, and the square of the lever.
+    /// The bound from the traces and the square of the lever.
     #[inline(always)]
     pub(crate) fn sent((a, b): (T, T), lever_square: T) -> Self {
         let four = a.constant(4.0);
         Self { angular: four * lever_square.mul_add(b, a), linear: four * b }
     }
 
-    /// The same of a root of P^-, from its [`diagonal`](crate::spatial::Root6::diagonal).
+    /// The bound from a root of P^-, by its [`diagonal`](crate::spatial::Root6::diagonal).
     #[inline(always)]
     #[must_use]
     pub(crate) fn sent_by_root(square: &[T; 6], lever_square: T) -> Self {
@@ -74,7 +74,7 @@ impl<T: Real> Scale<T> {
         Self { angular: self.angular + other.angular, linear: self.linear + other.linear }
     }
 
-    /// Adds what one child sends, or begins with it.
+    /// Adds the bound of one child, or starts with it.
     #[inline(always)]
     pub(crate) fn accumulate(&mut self, sent: &Self, begins: bool) {
         *self = if begins { *sent } else { self.sum(sent) };
@@ -94,7 +94,7 @@ impl<T: Real> Scale<T> {
     }
 }
 
-/// The worst of `D - 64 eps scale` seen in a sweep.
+/// The smallest `D - 64 eps scale` in a sweep.
 #[derive(Debug, Clone, Copy)]
 pub struct PivotMonitor<T> {
     worst: T,
@@ -104,21 +104,21 @@ pub struct PivotMonitor<T> {
 }
 
 impl<T: Real> PivotMonitor<T> {
-    /// A monitor that has seen nothing.
+    /// A monitor without observations.
     #[inline(always)]
     #[must_use]
     pub fn new() -> Self {
         Self { worst: T::one(), threshold: T::epsilon() * T::from_f64(PIVOT_MARGIN), of_roots: false }
     }
 
-    /// The same that is clear only where each pivot is within [`SINGLE_ESTIMATE_LIMIT`] of the bound of its terms.
+    /// A monitor that accepts a pivot only if it is within [`SINGLE_ESTIMATE_LIMIT`] of the bound of its terms.
     #[inline(always)]
     #[must_use]
     pub(crate) fn for_a_single_estimate() -> Self {
         Self { threshold: T::from_f64(1.0 / SINGLE_ESTIMATE_LIMIT), ..Self::new() }
     }
 
-    /// The same for the square-root form, where the rounding of a pivot is the square of that of the root's row.
+    /// A monitor for the square-root form, where the rounding of a pivot is the square of that of the root's row.
     #[inline(always)]
     #[must_use]
     pub(crate) fn of_roots() -> Self {
@@ -126,14 +126,14 @@ impl<T: Real> PivotMonitor<T> {
         Self { worst: T::one(), threshold: threshold * threshold, of_roots: true }
     }
 
-    /// Takes note of one pivot.
+    /// Observes one pivot.
     #[inline(always)]
     #[doc(hidden)]
     pub fn observe(&mut self, pivot: T, hinge: &HingeMap<T>, scale: &Scale<T>) {
         self.worst = self.worst.worst(pivot - self.threshold * scale.of_row(hinge));
     }
 
-    /// Takes note of every row of a stage.
+    /// Observes every row of a stage.
     #[inline(always)]
     pub(crate) fn observe_stage(&mut self, stage: &Stage<T>, measured: &[Measured<T>], scale: &Scale<T>) {
         for i in 0..stage.rows.count() {
@@ -141,13 +141,13 @@ impl<T: Real> PivotMonitor<T> {
         }
     }
 
-    /// By how much the worst pivot stood clear.
+    /// The margin of the worst pivot.
     #[inline(always)]
     pub(crate) fn margin(&self) -> T {
         self.worst
     }
 
-    /// True if every pivot of one lane stood clear of the bound; if not,
+    /// True if every pivot of one lane exceeds the bound. Otherwise
     /// [`Workspace::lost_pivot`](crate::Workspace::lost_pivot) decides.
     #[inline(always)]
     #[must_use]
@@ -162,7 +162,7 @@ impl<T: Real> Default for PivotMonitor<T> {
     }
 }
 
-/// A pivot that was lost.
+/// A lost pivot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LostPivot {
     /// The stage.
@@ -188,10 +188,10 @@ pub struct Evidence<'a, T: Real> {
     pub scale: &'a [Scale<T>],
 }
 
-/// The lost pivot furthest from the root, if any; `noise_terms` gives the terms of the diagonal of Q(k).
+/// The lost pivot furthest from the root, if any. `noise_terms` returns the terms of the diagonal of Q(k).
 ///
-/// The terms of D(k) are those of H Q(k) H*, |H phi| |P^+| |H phi|* of every child, and twice what each measurement in
-/// between subtracted. Called only if the monitor is not clear: O(N) for each pivot below the bound.
+/// The terms of D(k) are those of H Q(k) H*, |H phi| |P^+| |H phi|* of every child, and twice the amount that each
+/// measurement in between has subtracted. Called only if the monitor is not clear: O(N) for each pivot below the bound.
 pub fn first_lost<T: Real>(
     system: &System<T>,
     evidence: &Evidence<'_, T>,
@@ -235,11 +235,11 @@ fn terms_of<T: Real>(system: &System<T>, evidence: &Evidence<'_, T>, own: &Vecto
     terms
 }
 
-/// Twice |g|.w squared times D: what a measurement took off, and what it took it from.
+/// 2 (|g|.w)^2 D: the amount that a measurement subtracts, and the same amount of the minuend.
 fn subtracted<T: Real>(measured: &Measured<T>, w: &Vector6<T>) -> T {
     let along = measured.gain.map(Real::abs).dot(w);
     if along == T::zero() {
-        // Nothing was taken; the pivot of a row that is not measured is infinite.
+        // Nothing is subtracted: a row that is not measured has an infinite pivot.
         return along;
     }
     let taken = along * along * measured.pivot.abs();

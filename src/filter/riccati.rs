@@ -38,10 +38,10 @@ impl<T: Real> Measured<T> {
     }
 }
 
-/// The measurement update of eq. 3.6: turns P^- into P^+ and gives D and g.
+/// The measurement update of eq. 3.6: replaces P^- by P^+ and returns D and g.
 ///
-/// P^+ H^T = r g, and without noise H g = 1, hold exactly and are written, not computed, where H picks one component:
-/// where the noise is small beside the prediction, nothing would be left of them. 56 operations.
+/// P^+ H^T = r g and, without noise, H g = 1 hold exactly. If H selects one component, these values are assigned, not
+/// computed, because they would lose all precision for noise that is small compared with the prediction. 56 operations.
 #[inline(always)]
 pub fn measurement_update<T: Real>(p: &mut Symmetric6<T>, hinge: &HingeMap<T>, noise: T) -> Measured<T> {
     let ph = hinge.covariance_column(p);
@@ -49,7 +49,7 @@ pub fn measurement_update<T: Real>(p: &mut Symmetric6<T>, hinge: &HingeMap<T>, n
     let pivot_inverse = pivot.recip();
     let mut gain = scaled(&ph, pivot_inverse);
     *p = p.add_rank_one(&scaled(&ph, -pivot_inverse), &ph);
-    // In every lane or in none.
+    // Equal in all lanes.
     let (is_noise_free, is_measured) = (noise.lane(0) == 0.0, noise.lane(0) < f64::INFINITY);
     match *hinge {
         HingeMap::Axis(i) if is_noise_free => {
@@ -62,7 +62,7 @@ pub fn measurement_update<T: Real>(p: &mut Symmetric6<T>, hinge: &HingeMap<T>, n
     Measured { pivot, pivot_inverse, gain }
 }
 
-/// The rows of one stage, last first: D and g, and P^- becomes P^+. `seen` is called with each row's P^-.
+/// The rows of one stage, last first: D and g; replaces P^- by P^+. `seen` is called with the P^- of each row.
 #[inline(always)]
 pub fn measure_stage<T: Real>(
     system: &System<T>,
@@ -73,7 +73,7 @@ pub fn measure_stage<T: Real>(
 ) {
     let stage = &system.stages[k];
     if let Rows::One(HingeMap::Axis(2)) = stage.rows {
-        // The commonest row is named, so that the compiler sees which column of P is meant.
+        // A separate branch for the most frequent row lets the compiler fix the column of P.
         seen(stage.first_row, p);
         measured[stage.first_row] = measurement_update(p, &HingeMap::Axis(2), system.noise[stage.first_row]);
         return;

@@ -1,5 +1,4 @@
-//! The rounding of the square-root form: a bound that costs almost nothing, and an error estimate for states that do
-//! not meet it.
+//! The rounding of the square-root form: an inexpensive bound, and an error estimate for states that exceed it.
 //!
 //! Rotations preserve the length of each row of a root, with a relative error of eps. If heavy columns are nearly
 //! parallel in the remaining rows, the remainder is shorter, and its error is not. The smoother adds errors that levers
@@ -59,24 +58,24 @@ impl<T: Real> RootMonitor<T> {
         Self { pivots: PivotMonitor::of_roots(), shortfall: T::zero(), gain: [T::zero(); 2] }
     }
 
-    /// Without a branch; NaN stays.
+    /// Without a branch; NaN is preserved.
     #[inline(always)]
     fn want_positive(&mut self, margin: T) {
         self.shortfall += margin.abs() - margin;
     }
 
-    /// Takes note of the root of P^- of a stage, with the diagonal of P^-.
+    /// Observes the root of P^- of a stage, with the diagonal of P^-.
     #[inline(always)]
     pub fn observe_root(&mut self, root: &Root6<T>, diagonal: &[T; 6]) {
         let reach = diagonal[0].constant(WEIGHT_LIMIT);
         for (&weight, &whole) in root.weights[1..].iter().zip(&diagonal[1..]) {
-            // Times the weight: one of exactly zero is none that was nearly lost, the child of a massless body has five
-            // columns.
+            // Multiplied by the weight, because a weight of exactly zero has not lost precision: the child of a
+            // massless body has five columns.
             self.want_positive(weight * (weight * reach - whole));
         }
     }
 
-    /// Takes note of one row.
+    /// Observes one row.
     #[inline(always)]
     pub fn observe(&mut self, measured: &Measured<T>, hinge: &HingeMap<T>, scale: &Scale<T>) {
         self.pivots.observe(measured.pivot, hinge, scale);
@@ -95,8 +94,8 @@ impl<T: Real> Default for RootMonitor<T> {
 /// The quantities of the smoother that the bound needs.
 #[derive(Debug, Clone, Copy)]
 pub struct Outward<T> {
-    /// Of the co-states that shifts carry, minus the largest square of the angular part, and of the linear part where
-    /// they carry it.
+    /// Minus the largest square of the angular part of propagated co-states, and of the linear part if it is
+    /// propagated.
     carried: [T; 2],
     /// Minus the square of the largest estimate.
     size: T,
@@ -110,7 +109,7 @@ impl<T: Real> Outward<T> {
         Self { carried: [T::zero(); 2], size: T::zero() }
     }
 
-    /// Takes note of the co-state at one end of a lever with this square.
+    /// Observes the co-state at one end of a lever with this square.
     #[inline(always)]
     pub fn observe_carried(&mut self, co_state: &Vector6<T>, lever_square: T) {
         let (angular, linear) = squares(co_state);
@@ -118,7 +117,7 @@ impl<T: Real> Outward<T> {
         self.carried = [turned.worst(-angular), moved.worst(-lever_square.mul_add(angular, linear))];
     }
 
-    /// Takes note of an estimate.
+    /// Observes an estimate.
     #[inline(always)]
     pub fn observe_estimate(&mut self, a: T) {
         self.size = self.size.worst(-(a * a));
@@ -134,14 +133,14 @@ impl<T: Real> Default for Outward<T> {
 /// The bound on the rounding of the square-root form, after the smoother.
 #[derive(Debug, Clone, Copy)]
 pub struct RoundingBound<T> {
-    /// As [`RootMonitor`] has them.
+    /// As in [`RootMonitor`].
     shortfall: T,
     gain: [T; 2],
     outward: Outward<T>,
 }
 
 impl<T: Real> RoundingBound<T> {
-    /// From the filter and the smoother.
+    /// The bound from the filter and the smoother.
     #[inline(always)]
     pub fn of(monitor: &RootMonitor<T>, outward: Outward<T>) -> Self {
         Self { shortfall: monitor.shortfall, gain: monitor.gain, outward }
@@ -157,10 +156,11 @@ impl<T: Real> RoundingBound<T> {
     }
 }
 
-/// True if gains times co-states, squared, are within reach of the largest estimate; all are negative.
+/// True if the squares of gains times co-states are below the limit relative to the largest estimate; all values are
+/// negative.
 #[inline(always)]
 fn is_near([angular, linear]: [f64; 2], [turned, moved]: [f64; 2], size: f64) -> bool {
-    // Two products of two negative numbers, and minus the square of the size.
+    // Two products of two negative values, and minus the square of the size.
     angular * turned + linear * moved + size * (SMOOTHER_LIMIT * SMOOTHER_LIMIT) <= 0.0
 }
 
@@ -174,7 +174,7 @@ pub struct Rounding<T> {
 }
 
 impl<T: Real> Rounding<T> {
-    /// The estimated error of the largest estimate, in its unit; NaN where it cannot be told.
+    /// The estimated error of the largest estimate, in its unit; NaN if it cannot be estimated.
     #[must_use]
     pub fn error(&self) -> T {
         self.noise.sqrt() * T::epsilon()
@@ -214,15 +214,15 @@ impl<T: Real> Rounding<T> {
         Self { noise: T::zero(), size: T::zero() }
     }
 
-    /// Adds the smoother's rounding of a co-state `outer` that is carried past a lever of this square to where zeta^+
-    /// has these [`squares`].
+    /// Adds the smoother's rounding of a co-state `outer` that is propagated over a lever of this square, where the
+    /// squares of zeta^+ are these [`squares`].
     pub(crate) fn carried(&mut self, zeta: (T, T), outer: &Vector6<T>, lever_square: T) {
         self.noise += carried(zeta, outer, lever_square);
     }
 
-    /// Adds the rows of one stage. Of the problem: measurements and estimates a of all rows; `weighed`: the innovations
-    /// of the test vector. Co-states lambda^+ and nu^+ in, lambda^- and nu^- out. About 530 operations a stage with its
-    /// filter and smoother.
+    /// Adds the rows of one stage: measurements and estimates a of all rows; `weighed` are the innovations of the test
+    /// vector. Co-states lambda^+ and nu^+ in, lambda^- and nu^- out. About 530 operations per stage with filter and
+    /// smoother of the test vector.
     pub fn through_stage(
         &mut self,
         stage: &Stage<T>,
@@ -268,8 +268,7 @@ impl<T: Real> Default for Rounding<T> {
     }
 }
 
-/// The square of zeta* dlambda^+: eps of the terms that the lever makes of the parent's co-state; of zeta the
-/// [`squares`].
+/// The square of zeta* dlambda^+: eps of the terms of the lever in the parent's co-state; of zeta the [`squares`].
 #[inline(always)]
 pub(super) fn carried<T: Real>((turned, moved): (T, T), outer: &Vector6<T>, lever_square: T) -> T {
     let (angular, linear) = squares(outer);
@@ -284,7 +283,7 @@ pub(super) fn shares<T: Real>(a: T, gain: &Vector6<T>, lambda: &Vector6<T>) -> (
     (share, products.iter().fold(share.abs(), |sum, term| sum + term.abs()))
 }
 
-/// The terms that the rounding of a stage's P^- and b is relative to.
+/// The scale of the rounding of P^- and b of a stage.
 struct Terms<'a, T: Real> {
     root: &'a Root6<T>,
     /// The diagonal of P^-, in the order of the state.
@@ -294,15 +293,15 @@ struct Terms<'a, T: Real> {
 }
 
 impl<'a, T: Real> Terms<'a, T> {
-    /// Those of P^+.
+    /// The terms of P^+.
     fn of_root(root: &'a Root6<T>, y: &[T; 6]) -> Self {
         let kept = root.diagonal();
-        // A column without weight has nothing along it.
+        // A column with zero weight has no component of the mean.
         let mean = root.weights.iter().zip(y).fold(T::zero(), |sum, (&w, &y)| sum + y * y / (w + w.one_if_zero()));
         Self { root, diagonal: Vector6::from_fn(|i, _| kept[root_row(i)]), mean }
     }
 
-    /// With one measurement undone: P^- = P^+ + g D g*.
+    /// Reverts one measurement: P^- = P^+ + g D g*.
     fn add_row(&mut self, m: &Measured<T>, mean: T) {
         self.diagonal += m.gain.component_mul(&m.gain) * m.pivot;
         self.mean += mean;
@@ -317,7 +316,7 @@ impl<'a, T: Real> Terms<'a, T> {
     }
 }
 
-/// Squares of the two halves.
+/// Squares of the angular and the linear part.
 #[inline(always)]
 pub(crate) fn squares<T: Real>(x: &Vector6<T>) -> (T, T) {
     let of = |a: T, b: T, c: T| a.mul_add(a, b.mul_add(b, c * c));

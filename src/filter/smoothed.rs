@@ -1,8 +1,8 @@
-//! Covariances of what the smoother estimates: the diagonal blocks of 2.6 and 2.11, in O(N).
+//! Covariances of the smoother's estimates: the diagonal blocks of 2.6 and 2.11, in O(N).
 //!
-//! Given the filter's P^+, D and g, base to tip with the co-state covariances (5.6, 5.7): what all measurements
-//! together leave unknown of a state, of a process noise, and of a measurement. About 700 operations a block beside
-//! those of Lambda.
+//! From P^+, D and g of the filter, a pass base to tip with the co-state covariances (5.6, 5.7) computes the
+//! covariances given all measurements: of a state, of a process noise, and of a measurement. About 700 operations per
+//! block in addition to those of Lambda.
 //!
 //! ```
 //! use nalgebra::Matrix3;
@@ -41,15 +41,15 @@ pub fn remaining<T: Real>(covariance: &Symmetric6<T>, lambda: &Symmetric6<T>) ->
     Symmetric6 { angular: block(0), coupling: Matrix3::from_fn(|i, j| entry(i, j + 3)), linear: block(3) }
 }
 
-/// The diagonal entry of (H R H* + r)^-1 for one row, 1/D + g* Lambda^+ g (6.1): one over the variance that the row's
-/// measurement has given all others. Zero where the row is not measured.
+/// The diagonal entry of (H R H* + r)^-1 for one row, 1/D + g* Lambda^+ g (6.1): the inverse of the variance of the
+/// row's measurement given all others. Zero if the row is not measured.
 #[inline(always)]
 #[must_use]
 pub fn information<T: Real>(measured: &Measured<T>, lambda: &Symmetric6<T>) -> T {
     measured.pivot_inverse + dot(&measured.gain, &lambda.mul_vector(&measured.gain))
 }
 
-/// Where a [`sweep`] puts its results.
+/// The results of [`sweep`].
 #[derive(Debug)]
 pub struct Smoothed<'a, T: Real> {
     /// Covariance of each stage's state given all measurements, a diagonal block of 2.6.
@@ -62,8 +62,8 @@ pub struct Smoothed<'a, T: Real> {
 
 /// Base to tip, with P^+ of every stage known.
 ///
-/// Taken on the inboard side of a stage's rows, where the zeros that noise-free measurements wrote into P^+ make H P =
-/// 0 exact.
+/// Evaluated on the inboard side of a stage's rows, where the zeros of noise-free measurements in P^+ make H P = 0
+/// exact.
 pub fn sweep<T: Real>(
     system: &System<T>,
     shift: &[RigidShift<T>],

@@ -19,8 +19,8 @@ use super::system::Stage;
 use crate::scalar::Real;
 use nalgebra::Vector6;
 
-/// The rows of one stage, first to last: a = e^+ - g* lambda^+ (4.9) in the place of e^- in `estimates`, and lambda^- =
-/// lambda^+ + H^T a (4.11) in the place of lambda^+.
+/// The rows of one stage, first to last: replaces e^- in `estimates` by a = e^+ - g* lambda^+ (4.9), and lambda^+ by
+/// lambda^- = lambda^+ + H^T a (4.11).
 #[inline(always)]
 pub fn through_stage<T: Real>(
     stage: &Stage<T>,

@@ -1,9 +1,9 @@
-//! The Riccati recursion (3.6, 3.10) in square-root form: P = L W L^T, and no covariance is ever subtracted.
+//! The Riccati recursion (3.6, 3.10) in square-root form: P = L W L^T. Covariances are never subtracted.
 //!
-//! The measurements of one stage: given the root of P^- with its mean, H and r; computes D, g, the innovations and the
-//! root of P^+. A measurement without noise deletes a column. The time update joins the columns of the children to
-//! those of the stage by rotations from the right ([`Root6::join`]). Both together take about 1100 operations a stage
-//! of one row, 31 of them divisions.
+//! The measurements of one stage compute D, g, the innovations and the root of P^+ from the root of P^- with its mean,
+//! H and r. A measurement without noise removes a column. The time update joins the columns of the children to those of
+//! the stage by rotations from the right ([`Root6::join`]). Together they take about 1100 operations per stage of one
+//! row, 31 of them divisions.
 
 use super::pivots::Scale;
 use super::riccati::Measured;
@@ -43,11 +43,11 @@ fn measurement_update<T: Real, const POSITIVE: bool>(
     dropped
 }
 
-/// The mean of one stage as one measurement sees it: y and t; and the measurement.
+/// The mean of one stage for one measurement: y and t; and the measurement.
 pub type MeanOfRow<'a, T> = (&'a mut [T; 6], &'a mut Vector6<T>, T);
 
-/// One row of a stage: D and g (3.6), e^- (4.2), and what becomes of the mean (4.5). `POSITIVE` where every weight of
-/// the root is.
+/// One row of a stage: D and g (3.6), e^- (4.2), and the update of the mean (4.5). With `POSITIVE` all weights of the
+/// root are positive.
 #[inline(always)]
 pub fn measure_row<T: Real, const POSITIVE: bool>(
     (hinge, noise): (&HingeMap<T>, T),
@@ -62,7 +62,7 @@ pub fn measure_row<T: Real, const POSITIVE: bool>(
     (Measured { pivot: dropped.pivot, pivot_inverse: dropped.pivot_inverse, gain: dropped.gain }, e)
 }
 
-/// The mean of one stage: y, t, and where its measurements and innovations are.
+/// The mean of one stage, y and t, and slices of its measurements and innovations.
 pub type StageMean<'a, T> = (&'a mut [T; 6], &'a mut Vector6<T>, &'a [T], &'a mut [T]);
 
 /// The arguments of the rows of a stage.
@@ -74,7 +74,7 @@ struct StageRows<'a, 'm, T: Real> {
     monitor: &'a mut RootMonitor<T>,
 }
 
-// A method: a closure may stay a function, compiled without the vector instructions.
+// A method, because a closure may be compiled as a function without the vector instructions.
 impl<T: Real> StageRows<'_, '_, T> {
     #[inline(always)]
     fn one_row(&mut self, row: usize, hinge: &HingeMap<T>, noise: T) {
@@ -86,8 +86,8 @@ impl<T: Real> StageRows<'_, '_, T> {
     }
 }
 
-/// All rows of a stage, last first. Returns whether they are one rotation without noise, which leaves two columns free
-/// of any linear part.
+/// All rows of a stage, last first. Returns true if they are one rotation without noise, after which two columns have
+/// no linear part.
 #[inline(always)]
 pub fn through_stage<T: Real>(
     (system, k): (&System<T>, usize),

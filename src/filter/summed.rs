@@ -1,19 +1,19 @@
-//! Outputs that are weighted sums of rows: a measurement that waits until all of its rows are there.
+//! Outputs that are weighted sums of rows. A sum is measured when all of its rows have been processed.
 //!
-//! Output s is `y_s = sum over its rows i of w_i (H_i z + v_i)`. The sweep tip to base meets these rows one after
-//! another, often on different branches. It carries the part that it has met, `u_s`, beside the six numbers of the
+//! Output s is `y_s = sum over its rows i of w_i (H_i z + v_i)`. The sweep tip to base processes these rows one after
+//! another, often on different branches. It propagates the partial sum `u_s` together with the six scalars of the
 //! state: a filter of the augmented state (z, u), whose covariance has the blocks P = cov(z), C = cov(z, u) and S =
-//! cov(u). Where the last row is met, or where the branches meet, u_s is measured like any state:
+//! cov(u). At the last row, or where the branches meet, u_s is measured like a state:
 //!
 //! - a row of the sum adds to it: `u_s += w H z`, so C_s += w P H^T, S_st += w H C_t,
 //!   `S_ss += 2 w H C_s + w^2 (H P H^T + r)`;
-//! - it is measured where it is complete: `D = S_ss`, gains C_s / D of z and S_st / D of the others, as in (3.6, 3.10,
-//!   4.2, 4.5);
-//! - base to tip, its estimate `a_s = e_s / D - g* lambda - sum over t of g_t a_t` (4.9) is known before its rows are
-//!   met, and each of them has `a_i = w_i a_s` (4.11).
+//! - a complete sum is measured: `D = S_ss`, gains C_s / D of z and S_st / D of the other sums, as in (3.6, 3.10, 4.2,
+//!   4.5);
+//! - base to tip, its estimate `a_s = e_s / D - g* lambda - sum over t of g_t a_t` (4.9) is computed before its rows,
+//!   each of which has `a_i = w_i a_s` (4.11).
 //!
-//! The estimates are those of the system with measurement rows G^T H phi, for joints that move as `qdd = G a`: (G^T M
-//! G)^-1 in O(N + what is carried).
+//! The estimates are those of the system with measurement rows G^T H phi, for joints with `qdd = G a`: (G^T M G)^-1 in
+//! O(N + number of propagated sums).
 //!
 //! ```
 //! use phipsi::filter::summed::Sums;
@@ -33,32 +33,32 @@ use crate::spatial::{RigidShift, Symmetric6, dot, scaled, scaled_add, sum, zero}
 use nalgebra::Vector6;
 use std::collections::BTreeSet;
 
-/// Which rows are measured together, and where on the tree.
+/// The rows that are measured together, and their stages.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sums {
-    /// Of each row: its sum and its weight; none if it is measured alone.
+    /// For each row its sum and its weight; None if it is measured alone.
     of_row: Vec<Option<(usize, f64)>>,
-    /// Stages, then one more for the base, where sums end whose rows are on different roots.
+    /// All stages, and one more for the base, at which sums over different roots end.
     stages: Vec<Waiting>,
     count: usize,
 }
 
-/// The sums at hand at one stage.
+/// The active sums of one stage.
 #[derive(Debug, Clone, PartialEq, Default)]
 struct Waiting {
-    /// Sums with rows of the stage or outboard of it that were not complete outboard.
+    /// Sums with rows at the stage or outboard of it that are not complete outboard of it.
     active: Vec<usize>,
-    /// Sums that are complete where the branches meet, before any row of the stage.
+    /// Sums that are complete where the branches meet, before the rows of the stage.
     complete_on_arrival: Vec<usize>,
     /// The sum that is complete with the row of the stage.
     complete_with_row: Option<usize>,
-    /// Where the stage's numbers begin, one an active sum, and where the squares of that many begin.
+    /// The first index of the stage's values, one per active sum, and of its square blocks.
     first: usize,
     first_square: usize,
 }
 
 impl Waiting {
-    /// True if a sum goes on to the parent.
+    /// True if a sum is propagated to the parent.
     fn passes_on(&self, sum: usize) -> bool {
         self.complete_with_row != Some(sum) && !self.complete_on_arrival.contains(&sum)
     }
@@ -69,7 +69,7 @@ impl Waiting {
 }
 
 impl Sums {
-    /// Sums of rows by (row, weight), each row in one sum at the most and alone at its stage.
+    /// Sums of rows by (row, weight). A row is in at most one sum and is the only row of its stage.
     #[must_use]
     pub fn new<T: Real>(system: &System<T>, sums: &[Vec<(usize, f64)>]) -> Self {
         let base = system.stages.len();
@@ -83,10 +83,10 @@ impl Sums {
                 // Stages without rows share the first row of the next.
                 at.push(stage_of(row));
             }
-            // Parents come before children: the latest of several stages is no ancestor of the others.
+            // Parents precede children: the stage with the largest index is no ancestor of the others.
             let mut front: BTreeSet<Option<usize>> = at.iter().copied().map(Some).collect();
             let met = loop {
-                // The base, none, is the ancestor of all.
+                // The base, None, is the ancestor of all stages.
                 let latest = front.pop_last().flatten();
                 if front.is_empty() {
                     break latest.unwrap_or(base);
@@ -106,13 +106,13 @@ impl Sums {
         for stage in &mut stages {
             (stage.first, stage.first_square) = (first, first_square);
             first += stage.active.len();
-            // A gain for each measurement at the stage, beside the covariance.
+            // One gain per measurement at the stage, and the covariance.
             first_square += stage.active.len() * stage.active.len();
         }
         Self { of_row, stages, count: sums.len() }
     }
 
-    /// How many sums.
+    /// Number of sums.
     #[must_use]
     pub fn count(&self) -> usize {
         self.count
@@ -137,7 +137,7 @@ impl Sums {
 pub struct Seen<T> {
     /// True if some pivot may be lost.
     pub lost: PivotMonitor<T>,
-    /// True if some pivot has lost more than five of its digits.
+    /// True if some pivot has lost more than five digits.
     pub doubt: PivotMonitor<T>,
 }
 
@@ -148,7 +148,7 @@ impl<T: Real> Seen<T> {
     }
 }
 
-/// The factor of the covariance of all outputs, and room for right sides.
+/// The factor of the covariance of all outputs, and scratch for right-hand sides.
 #[derive(Debug, Clone)]
 pub struct SummedFactor<T: Real> {
     p: Vec<Symmetric6<T>>,
@@ -159,15 +159,15 @@ pub struct SummedFactor<T: Real> {
     sums: Vec<Measured<T>>,
     /// The bound of the terms of each D of a sum.
     bound: Vec<T>,
-    /// C and S of what waits at each stage.
+    /// C and S of the partial sums at each stage.
     columns: Vec<Vector6<T>>,
     squares: Vec<T>,
-    /// Gains of what waits, of each row of a stage, and of each sum that is complete there.
+    /// Gains of the partial sums, for each row of a stage and for each sum that is complete there.
     row_gains: Vec<T>,
     sum_gains: Vec<T>,
-    /// Rows of the stage that has the most.
+    /// The largest number of rows of a stage.
     widest: usize,
-    /// H C of one row; means of what waits.
+    /// H C of one row; means of the partial sums.
     crossed: Vec<T>,
     means: Vec<T>,
     /// Innovations of sums, then their estimates.
@@ -176,7 +176,7 @@ pub struct SummedFactor<T: Real> {
 }
 
 impl<T: Real> SummedFactor<T> {
-    /// Room for a system and its sums; starts as NaN.
+    /// Scratch for a system and its sums; initialized with NaN.
     #[must_use]
     pub fn new(system: &System<T>, sums: &Sums) -> Self {
         let nan = T::from_f64(f64::NAN);
@@ -202,12 +202,12 @@ impl<T: Real> SummedFactor<T> {
         }
     }
 
-    /// Where the process noise Q(k) of each stage goes, and the bound of its terms, before [`SummedFactor::factorise`].
+    /// The process noise Q(k) of each stage and the bound of its terms, to be set before [`SummedFactor::factorise`].
     pub fn noise(&mut self) -> (&mut [Symmetric6<T>], &mut [Scale<T>]) {
         (&mut self.p, &mut self.scale)
     }
 
-    /// Tip to base: D and gains of every row and every sum, with Q(k) in place; P^+ afterwards.
+    /// Tip to base: D and gains of every row and every sum. P contains Q(k) on entry and P^+ on return.
     pub fn factorise(&mut self, system: &System<T>, sums: &Sums, shift: &[RigidShift<T>]) -> Seen<T> {
         let mut seen = Seen { lost: PivotMonitor::new(), doubt: PivotMonitor::for_a_single_estimate() };
         self.columns.fill(zero());
@@ -257,7 +257,7 @@ impl<T: Real> SummedFactor<T> {
         seen
     }
 
-    /// A row of a sum: `u_s` grows by w (H z + v).
+    /// A row of a sum: adds w (H z + v) to `u_s`.
     fn add_row(
         &mut self,
         waiting: &Waiting,
@@ -274,7 +274,7 @@ impl<T: Real> SummedFactor<T> {
         *own = scaled_add(&column, weight, own);
         for (t, &crossed) in self.crossed[..active].iter().enumerate() {
             let added = crossed * weight;
-            // Its own entry has it twice.
+            // The diagonal entry gets it twice.
             self.squares[waiting.first_square + place * active + t] += added;
             self.squares[waiting.first_square + t * active + place] += added;
         }
@@ -304,7 +304,7 @@ impl<T: Real> SummedFactor<T> {
         }
     }
 
-    /// A sum is complete: D = `S_ss` and the gains; nothing of it goes on.
+    /// A sum is complete: D = `S_ss` and the gains. The sum is not propagated further.
     fn measure_sum(&mut self, waiting: &Waiting, s: usize, p: Option<&mut Symmetric6<T>>, seen: &mut Seen<T>) {
         let Some(place) = waiting.place(s) else { return };
         let active = waiting.active.len();
@@ -339,7 +339,7 @@ impl<T: Real> SummedFactor<T> {
         }
     }
 
-    /// C and S of what goes on, added to those of the parent.
+    /// Adds C and S of the propagated sums to those of the parent.
     fn send(&mut self, waiting: &Waiting, parent: &Waiting, carry: impl Fn(&Vector6<T>) -> Vector6<T>) {
         let places = |waiting: &Waiting, s: usize| waiting.passes_on(s).then(|| parent.place(s)).flatten();
         for (t, &s) in waiting.active.iter().enumerate() {
@@ -355,10 +355,10 @@ impl<T: Real> SummedFactor<T> {
         }
     }
 
-    /// Estimates of all rows from their measurements, tip to base and back: rows of a sum have `a_i = w_i a_s`.
+    /// Estimates of all rows from their measurements, tip to base and back. Rows of a sum have `a_i = w_i a_s`.
     ///
-    /// `measurement` holds tau of each row; that of a sum is its weighted sum. `z` holds b(k) on entry, and z^+ on
-    /// return; `estimates` receives a of each row.
+    /// `measurement` holds tau of each row; the measurement of a sum is the weighted sum of these. `z` holds b(k) on
+    /// entry and z^+ on return. `estimates` receives a of each row.
     pub fn solve(
         &mut self,
         system: &System<T>,
@@ -401,7 +401,7 @@ impl<T: Real> SummedFactor<T> {
         }
     }
 
-    /// One stage inward: z^- becomes z^+, means of what waits likewise; innovations of rows and sums.
+    /// One stage inward: replaces z^- by z^+ and updates the means of the partial sums; innovations of rows and sums.
     fn innovate(
         &mut self,
         system: &System<T>,
@@ -448,8 +448,8 @@ impl<T: Real> SummedFactor<T> {
         self.estimates[s] = innovation;
     }
 
-    /// `a_s = e_s / D - g* lambda - sum over t of g_t a_t`: those that it waited beside are known, for they were
-    /// complete further inward.
+    /// `a_s = e_s / D - g* lambda - sum over t of g_t a_t`. The other sums t of the stage are complete further inward,
+    /// so their estimates are known.
     fn estimate_sum(&mut self, waiting: &Waiting, s: usize, lambda: &Vector6<T>) {
         let Some(place) = waiting.place(s) else { return };
         let active = waiting.active.len();
@@ -461,7 +461,7 @@ impl<T: Real> SummedFactor<T> {
         self.estimates[s] = a;
     }
 
-    /// One stage outward: lambda^+ becomes lambda^-, innovations become estimates.
+    /// One stage outward: replaces lambda^+ by lambda^- and innovations by estimates.
     fn smooth(&mut self, system: &System<T>, sums: &Sums, k: usize, shift: &RigidShift<T>, estimates: &mut [T]) {
         let (stage, waiting) = (&system.stages[k], &sums.stages[k]);
         let mut lambda = stage.parent.map_or_else(zero, |parent| shift.motion_to_child(&self.co_state[parent]));
@@ -489,8 +489,7 @@ impl<T: Real> SummedFactor<T> {
         self.co_state[k] = lambda;
     }
 
-    /// The pivot that is lost, furthest from the base, if one is; `noise_terms` gives the terms of the diagonal of
-    /// Q(k).
+    /// The lost pivot furthest from the base, if any. `noise_terms` returns the terms of the diagonal of Q(k).
     pub fn lost_pivot(
         &self,
         system: &System<T>,
@@ -512,7 +511,7 @@ impl<T: Real> SummedFactor<T> {
                 is_lost.then_some(LostPivot { stage, row, pivot, terms })
             })
         };
-        // A sum that is lost leaves nothing that means anything inward of it.
+        // If the pivot of a sum is lost, all values inward of it are undefined.
         of_sum().or_else(|| first_lost(system, &evidence, &seen.lost, noise_terms))
     }
 }

@@ -17,7 +17,7 @@ use crate::scalar::Real;
 use crate::spatial::{Symmetric6, absolute};
 use nalgebra::Vector6;
 
-/// One row of the state-to-output map H: it picks a component of the state, or mixes the two along z.
+/// One row of the state-to-output map H: it selects a component of the state, or combines the two components along z.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum HingeMap<T> {
     /// H = `e_i^T`, i from 0 to 5, angular first.
@@ -77,12 +77,12 @@ pub enum Rows<T> {
     Angular,
     /// The three linear components, then the three angular ones.
     Six,
-    /// No row: a stage that nothing is measured at.
+    /// No row: a stage without measurements.
     None,
 }
 
 impl<T: Real> Rows<T> {
-    /// How many scalar measurements.
+    /// Number of scalar measurements.
     #[inline(always)]
     pub fn count(&self) -> usize {
         match self {
@@ -99,16 +99,16 @@ impl<T: Real> Rows<T> {
         match *self {
             Self::One(hinge) => hinge,
             Self::Angular => HingeMap::Axis(index),
-            // No row is asked for where there is none.
+            // Not called for stages without rows.
             Self::Six | Self::None => HingeMap::Axis((index + 3) % 6),
         }
     }
 }
 
-/// One stage: where its state runs to, and how it is measured.
+/// One stage: its parent and its measurement rows.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stage<T> {
-    /// The next stage inward; none at the root. A parent's index is smaller than its children's.
+    /// The next stage inward; None at the root. The index of a parent is smaller than those of its children.
     pub parent: Option<usize>,
     /// The measurement rows.
     pub rows: Rows<T>,
@@ -117,8 +117,8 @@ pub struct Stage<T> {
 }
 
 impl<T: Real> Stage<T> {
-    /// The terms of the diagonal that goes on to the parent, by what rounding is counted: those of P^+, or of P^- where
-    /// the row mixes components, for H P^+ = 0 holds there to rounding only.
+    /// The terms of the diagonal that is propagated to the parent, as the scale of its rounding: those of P^+, or those
+    /// of P^- if the row combines components, because H P^+ = 0 then holds to rounding only.
     #[inline(always)]
     #[must_use]
     pub(crate) fn terms_left(&self, before: [T; 6], after: [T; 6]) -> [T; 6] {
@@ -132,7 +132,7 @@ impl<T: Real> Stage<T> {
 pub struct System<T> {
     /// Stages, parents before children.
     pub stages: Vec<Stage<T>>,
-    /// Measurement noise r of each row, zero or positive; infinite where a row is not measured.
+    /// Measurement noise r of each row, zero or positive; infinite if the row is not measured.
     pub noise: Vec<T>,
 }
 
@@ -143,7 +143,7 @@ impl<T: Real> System<T> {
         self.noise.len()
     }
 
-    /// True if a row is measured without noise. In all lanes or in none.
+    /// True if a row is measured without noise; equal in all lanes.
     #[inline(always)]
     #[must_use]
     pub fn is_noise_free(&self, row: usize) -> bool {

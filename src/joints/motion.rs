@@ -56,12 +56,12 @@ impl<T: Real> Motion<T> {
         }
     }
 
-    /// Whether the body moves freely: position and orientation, linear velocity first.
+    /// True if the body moves freely: position and orientation, linear velocity first.
     pub(crate) fn is_free(&self) -> bool {
         matches!(self, Self::Free)
     }
 
-    /// Whether the joint rotates about z or translates along z, and nothing else.
+    /// True if the joint rotates about z or translates along z, and nothing else.
     pub(crate) fn has_constant_axis(&self) -> bool {
         matches!(self, Self::Revolute | Self::Prismatic)
     }

@@ -1,4 +1,4 @@
-//! A frame on a body, and the frame that its motion is written in.
+//! A frame on a body, and the frame in which its motion is expressed.
 
 use crate::scalar::Real;
 use crate::spatial::{RigidShift, angular, linear, spatial, zero};
@@ -7,14 +7,14 @@ use nalgebra::{Vector3, Vector6};
 /// A frame that moves with a body.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Frame<T> {
-    /// Index of the body; none on the base, which does not move.
+    /// Index of the body; None on the base, which does not move.
     pub body: Option<usize>,
     /// From the frame to the body's frame.
     pub placement: RigidShift<T>,
 }
 
 impl Frame<f64> {
-    /// The same in another scalar, in every lane.
+    /// The same frame in another scalar, in every lane.
     #[inline(always)]
     pub(crate) fn cast<T: Real>(&self) -> Frame<T> {
         Frame { body: self.body, placement: self.placement.cast() }
@@ -27,13 +27,13 @@ pub enum ReferenceFrame {
     /// The frame itself: at its origin, in its axes.
     #[default]
     Local,
-    /// The base: of the point of the link that passes the base's origin, in the base's axes.
+    /// The base: the motion of the point of the link at the origin of the base, in the axes of the base.
     World,
-    /// At the frame's origin, in the base's axes.
+    /// At the origin of the frame, in the axes of the base.
     LocalWorldAligned,
 }
 
-/// The three by the names of Python.
+/// The reference frames with their names in Python.
 pub const REFERENCE_FRAMES: [(&str, ReferenceFrame); 3] = [
     ("local", ReferenceFrame::Local),
     ("world", ReferenceFrame::World),
@@ -46,7 +46,7 @@ impl ReferenceFrame {
         REFERENCE_FRAMES.iter().find(|(_, known)| *known == self).map_or("local", |(name, _)| name)
     }
 
-    /// A motion of the frame at `placement` on the base, given in its own axes at its origin, in this frame.
+    /// Expresses a motion of the frame at `placement`, given at its origin and in its axes, in this reference frame.
     #[inline(always)]
     pub fn express<T: Real>(self, placement: &RigidShift<T>, motion: &Vector6<T>) -> Vector6<T> {
         match self {
@@ -56,8 +56,9 @@ impl ReferenceFrame {
         }
     }
 
-    /// How the frame on the link moves against this one, where it moves with `velocity` against the base: all in the
-    /// former's axes. What is constant in the former changes in this one at the rate of this motion x it.
+    /// The motion of the frame on the link relative to this reference frame, for its `velocity` relative to the base,
+    /// in the axes of the former. The derivative in this frame of a vector that is constant in the former is this
+    /// motion x the vector.
     #[inline(always)]
     pub(super) fn seen_from<T: Real>(self, velocity: &Vector6<T>) -> Vector6<T> {
         match self {
@@ -68,16 +69,17 @@ impl ReferenceFrame {
     }
 }
 
-/// Which acceleration of a link.
+/// The kind of acceleration of a link.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum AccelerationKind {
-    /// The rate of the spatial velocity (w, v), as in the equations of motion: v is that of whatever point passes by.
+    /// The time derivative of the spatial velocity (w, v), as in the equations of motion; v belongs to the point of the
+    /// body that is currently at the origin.
     #[default]
     Spatial,
-    /// The linear half is that of one point, the second derivative of where it is: w x v more.
+    /// The linear half is that of a material point, the second derivative of its position: w x v is added.
     Classical,
 }
 
-/// Both by the names of Python.
+/// The kinds with their names in Python.
 pub const ACCELERATION_KINDS: [(&str, AccelerationKind); 2] =
     [("spatial", AccelerationKind::Spatial), ("classical", AccelerationKind::Classical)];

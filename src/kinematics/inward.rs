@@ -1,5 +1,5 @@
-//! From one frame inward, over the joints that move it: its placement, velocity and acceleration, in O(depth) and
-//! without scratch.
+//! The pose, velocity and acceleration of one frame, inward over the joints that move it, in O(depth) and without
+//! scratch.
 
 use super::frame::{AccelerationKind, Frame, ReferenceFrame};
 use super::outward::{joint_motion, joint_shift};
@@ -12,39 +12,39 @@ use nalgebra::{Vector3, Vector6};
 pub(super) struct PathToBase<'a, T: Real> {
     model: &'a Model<T>,
     q: &'a [T],
-    /// The body at hand; none once the base is reached.
+    /// The current body; None when the base is reached.
     pub body: Option<usize>,
-    /// From the frame to the body at hand, in the end to the base: motions go outward with its phi^T.
+    /// From the frame to the current body, and finally to the base. Its phi^T propagates motions outward.
     pub placement: RigidShift<T>,
 }
 
 impl<'a, T: Real> PathToBase<'a, T> {
-    /// At the body that carries the frame.
+    /// Starts at the body that carries the frame.
     #[inline(always)]
     pub fn from(model: &'a Model<T>, q: &'a [T], frame: &Frame<T>) -> Self {
         Self { model, q, body: frame.body, placement: frame.placement }
     }
 
-    /// Past the joint of body `k`, which is the one at hand.
+    /// Past the joint of body `k`, which is the current body.
     #[inline(always)]
     pub fn past(&mut self, k: usize) {
         self.placement = joint_shift(&self.model.bodies[k], self.q).compose(&self.placement);
         self.body = self.model.system.stages[k].parent;
     }
 
-    /// The same; on the body `junction` the placement is from `origin`.
+    /// Past the joint of body `k`; on the body `junction` the pose is relative to `origin`.
     #[inline(always)]
     pub fn past_from(&mut self, k: usize, junction: Option<usize>, origin: &Vector3<T>) {
         let mut shift = joint_shift(&self.model.bodies[k], self.q);
         self.body = self.model.system.stages[k].parent;
         if self.body == junction {
-            // Before anything is added to it: both are as far away, and what is left is exact.
+            // Subtracted before any addition: both vectors are similarly far away, so that the difference is exact.
             shift.lever = less(&shift.lever, origin);
         }
         self.placement = shift.compose(&self.placement);
     }
 
-    /// The placement on the body `junction`, which is reached; from `origin` if the frame was there from the start.
+    /// The pose on the body `junction`, which is reached; relative to `origin` if the frame is on that body.
     #[inline(always)]
     pub fn placement_from(&self, frame: &Frame<T>, junction: Option<usize>, origin: &Vector3<T>) -> RigidShift<T> {
         let mut placement = self.placement;
@@ -61,7 +61,7 @@ fn less<T: Real>(a: &Vector3<T>, b: &Vector3<T>) -> Vector3<T> {
     Vector3::new(a[0] - b[0], a[1] - b[1], a[2] - b[2])
 }
 
-/// Where a frame is on the base at `q`. O(depth).
+/// The pose of a frame on the base at `q`. O(depth).
 #[inline(always)]
 pub fn placement<T: Real>(model: &Model<T>, q: &[T], frame: &Frame<T>) -> RigidShift<T> {
     let mut path = PathToBase::from(model, q, frame);
@@ -71,8 +71,8 @@ pub fn placement<T: Real>(model: &Model<T>, q: &[T], frame: &Frame<T>) -> RigidS
     path.placement
 }
 
-/// Where bodies are on the base at `q`, into `placements`: those that `needed` says and all inboard of them, which it
-/// says afterwards. The others are left as they are.
+/// The poses of bodies on the base at `q`, into `placements`: of the bodies in `needed` and of all bodies inboard of
+/// them, which are added to `needed`. Other poses are not changed.
 #[inline(always)]
 pub fn placements_on_the_way<T: Real>(
     model: &Model<T>,
@@ -95,22 +95,22 @@ pub fn placements_on_the_way<T: Real>(
     }
 }
 
-/// How a frame moves against the base; vectors are (angular, linear), at its origin and in its axes.
+/// The motion of a frame relative to the base; vectors are (angular, linear), at its origin and in its axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FrameMotion<T> {
     /// From the frame to the base.
     pub placement: RigidShift<T>,
     /// V = J qd.
     pub velocity: Vector6<T>,
-    /// A = J qdd + J' qd, the rate of V in the frame's axes, without gravity.
+    /// A = J qdd + J' qd, the derivative of V in the axes of the frame, without gravity.
     pub acceleration: Vector6<T>,
 }
 
-/// The motion of a frame at q and qd with the accelerations `qdd`, or with none: J' qd is then the acceleration.
+/// The motion of a frame at q and qd with the accelerations `qdd`, or without them; the acceleration is then J' qd.
 /// O(depth).
 ///
-/// With s(k) what joint k adds to the velocity, V = sum of s, and s' = (V(k) - V) x s in the frame's axes, where V -
-/// V(k) = sum of s outboard of k: so one pass inward is enough, and J' is not formed.
+/// With s(k) the contribution of joint k to the velocity, V = sum of s, and s' = (V(k) - V) x s in the axes of the
+/// frame, where V - V(k) = sum of s outboard of k. One pass inward therefore suffices, and J' is not formed.
 #[inline(always)]
 pub fn frame_motion<T: Real>(
     model: &Model<T>,
@@ -122,7 +122,8 @@ pub fn frame_motion<T: Real>(
     motion_along(model, (q, qd, qdd), frame, (None, &Vector3::from_element(T::zero())))
 }
 
-/// The same against the body `junction`, whose own motion does not count; the placement is in its axes, from `origin`.
+/// The motion relative to the body `junction`, without the motion of that body; the pose is in its axes, relative to
+/// `origin`.
 #[inline(always)]
 pub(super) fn motion_along<T: Real>(
     model: &Model<T>,
@@ -147,13 +148,13 @@ pub(super) fn motion_along<T: Real>(
 }
 
 impl<T: Real> FrameMotion<T> {
-    /// The velocity, written in `reference`.
+    /// The velocity, expressed in `reference`.
     #[inline(always)]
     pub fn velocity_in(&self, reference: ReferenceFrame) -> Vector6<T> {
         reference.express(&self.placement, &self.velocity)
     }
 
-    /// The acceleration of that kind, written in `reference`.
+    /// The acceleration of the given kind, expressed in `reference`.
     #[inline(always)]
     pub fn acceleration_in(&self, reference: ReferenceFrame, kind: AccelerationKind) -> Vector6<T> {
         let spatial_one = reference.express(&self.placement, &self.acceleration);
@@ -166,9 +167,9 @@ impl<T: Real> FrameMotion<T> {
         }
     }
 
-    /// The rate of the velocity as it is written in `reference`: J' qd + J qdd of the Jacobian there. In the frame
-    /// itself and in the world that is the spatial acceleration; in the base's axes at the frame's origin, which moves,
-    /// the classical one.
+    /// The time derivative of the velocity as expressed in `reference`: J' qd + J qdd of its Jacobian. In the frame
+    /// itself and in the world frame it is the spatial acceleration; in the base axes at the origin of the frame, which
+    /// moves, it is the classical acceleration.
     #[inline(always)]
     pub fn rate_in(&self, reference: ReferenceFrame) -> Vector6<T> {
         let turning = cross_motion(&reference.seen_from(&self.velocity), &self.velocity);

@@ -1,4 +1,4 @@
-//! The Jacobian of a frame and its rate: what each degree of freedom inboard of it does to it.
+//! The Jacobian of a frame and its time derivative: the effect of each degree of freedom inboard of the frame.
 
 use super::frame::{Frame, ReferenceFrame};
 use super::inward::PathToBase;
@@ -9,8 +9,8 @@ use crate::scalar::Real;
 use crate::spatial::{RigidShift, cross_motion, minus, scaled_add, spatial, zero};
 use nalgebra::{Vector3, Vector6};
 
-/// J of a frame at `q` into `out`, (6 x nv) row by row: its velocity (angular, linear), written in `reference`, is J
-/// qd. O(depth), beside the zeros.
+/// J of a frame at `q` into `out`, (6 x nv) row by row: its velocity (angular, linear), expressed in `reference`, is J
+/// qd. O(depth), plus the zeros.
 #[inline(always)]
 pub fn jacobian<T: Real>(model: &Model<T>, q: &[T], frame: &Frame<T>, reference: ReferenceFrame, out: &mut [T]) {
     let placement = local_jacobian(model, q, frame, out);
@@ -25,11 +25,11 @@ pub fn jacobian<T: Real>(model: &Model<T>, q: &[T], frame: &Frame<T>, reference:
     }
 }
 
-/// J' of a frame at q and qd into `out`, (6 x nv) row by row: the rate of J as it is written in `reference`. O(depth),
-/// beside the zeros.
+/// J' of a frame at q and qd into `out`, (6 x nv) row by row: the time derivative of J as expressed in `reference`.
+/// O(depth), plus the zeros.
 ///
-/// A column in the frame's axes is a motion that is constant in its body k: its rate is (V(k) - V) x column, V the
-/// frame's velocity, and in `reference` V x column more of what moves against it.
+/// A column in the axes of the frame is a motion that is constant in its body k. Its derivative is (V(k) - V) x column,
+/// where V is the velocity of the frame; in `reference`, V x column is added for the motion relative to it.
 #[inline(always)]
 pub fn jacobian_rate<T: Real>(
     model: &Model<T>,
@@ -43,7 +43,7 @@ pub fn jacobian_rate<T: Real>(
     let nv = model.nv();
     let mut velocity = zero();
     each_stage(model, frame, |stage| velocity = added(&velocity, stage, qd, out));
-    // V(k) and what `reference` adds, less V.
+    // V(k) plus the contribution of `reference`, minus V.
     let mut turning = reference.seen_from(&velocity);
     let back: Vector6<T> = zero();
     each_stage(model, frame, |stage| {
@@ -56,7 +56,7 @@ pub fn jacobian_rate<T: Real>(
     });
 }
 
-/// J of the frame in its own axes; gives where it is on the base.
+/// J of the frame in its own axes. Returns the pose of the frame on the base.
 #[inline(always)]
 pub(crate) fn local_jacobian<T: Real>(model: &Model<T>, q: &[T], frame: &Frame<T>, out: &mut [T]) -> RigidShift<T> {
     let nv = model.nv();
@@ -91,7 +91,7 @@ fn hinge_to_child<T: Real>(shift: &RigidShift<T>, hinge: &HingeMap<T>) -> Vector
     }
 }
 
-/// Does something for the joint of each body from the frame inward.
+/// Calls a function for the joint of each body from the frame inward.
 #[inline(always)]
 fn each_stage<T: Real>(model: &Model<T>, frame: &Frame<T>, mut work: impl FnMut(&Stage<T>)) {
     let mut at = frame.body;
@@ -107,20 +107,20 @@ fn rows<T: Real>(stage: &Stage<T>) -> std::ops::Range<usize> {
     stage.first_row..stage.first_row + stage.rows.count()
 }
 
-/// A velocity and what a joint adds to it.
+/// A velocity and the contribution of a joint to it.
 #[inline(always)]
 fn added<T: Real>(velocity: &Vector6<T>, stage: &Stage<T>, qd: &[T], jacobian: &[T]) -> Vector6<T> {
     rows(stage).fold(*velocity, |sum, j| scaled_add(&column(jacobian, qd.len(), j), qd[j], &sum))
 }
 
-/// Column `j` of a matrix of six rows of `nv`.
+/// Column `j` of a matrix with six rows of length `nv`.
 #[inline(always)]
 fn column<T: Real>(matrix: &[T], nv: usize, j: usize) -> Vector6<T> {
     let at = |row: usize| matrix[row * nv + j];
     Vector6::new(at(0), at(1), at(2), at(3), at(4), at(5))
 }
 
-/// Writes column `j` of a matrix with rows of `nv`.
+/// Writes column `j` of a matrix with rows of length `nv`.
 #[inline(always)]
 pub(crate) fn write_column<T: Real>(matrix: &mut [T], nv: usize, j: usize, column: &[T]) {
     for (row, &value) in column.iter().enumerate() {

@@ -1,8 +1,9 @@
-//! Where bodies are and how they move, without forces.
+//! Poses, velocities and accelerations of bodies, without forces.
 //!
-//! The methods are those of [`Scene`](crate::Scene): [`placements`](crate::Scene::placements) goes base to tip over all bodies; [`placement`](crate::Scene::placement),
-//! [`velocity`](crate::Scene::velocity), [`acceleration`](crate::Scene::acceleration) and [`jacobian`](crate::Scene::jacobian) go from one frame to the base, over the
-//! joints that move it, and need no scratch. Here is what they are written in.
+//! These are methods of [`Scene`](crate::Scene). [`placements`](crate::Scene::placements) computes the poses of all
+//! bodies from base to tip. [`placement`](crate::Scene::placement), [`velocity`](crate::Scene::velocity),
+//! [`acceleration`](crate::Scene::acceleration) and [`jacobian`](crate::Scene::jacobian) follow the joints from one
+//! frame to the base and need no scratch. This module has the types of their arguments and results.
 //!
 //! ```
 //! use phipsi::kinematics::{AccelerationKind, ReferenceFrame};

@@ -1,4 +1,4 @@
-//! Base to tip: placements, velocities, and the accelerations that are there without joint accelerations.
+//! Base to tip: poses, velocities, and accelerations at zero joint acceleration.
 
 use crate::model::{Body, Model};
 use crate::scalar::Real;
@@ -11,13 +11,14 @@ pub fn joint_shift<T: Real>(body: &Body<T>, q: &[T]) -> RigidShift<T> {
     body.motion.shift(&body.tree, &q[body.q..])
 }
 
-/// H^T u in the body's frame, for the joint rates (or accelerations) `u` of all joints; `row` is the joint's first.
+/// H^T u in the frame of the body, for the joint velocities (or accelerations) `u` of all joints; `row` is the first
+/// row of the joint.
 #[inline(always)]
 pub fn joint_motion<T: Real>(body: &Body<T>, row: usize, u: &[T]) -> Vector6<T> {
     body.motion.velocity(&u[row..], body.tree.lever[0])
 }
 
-/// The acceleration of the base: minus gravity, so that weight enters every b(k).
+/// The acceleration of the base: minus gravity, so that every b(k) includes the weight.
 #[inline(always)]
 pub fn base_acceleration<T: Real>(model: &Model<T>) -> Vector6<T> {
     let (o, g) = (T::zero(), &model.gravity);
@@ -32,8 +33,9 @@ pub fn placements_base_to_tip<T: Real>(model: &Model<T>, q: &[T], shift: &mut [R
     }
 }
 
-/// Velocity v(k) of body k, and the part of its acceleration that the rates cause, from its parent's: phi^T of both,
-/// plus the joint's own. The parent's acceleration may contain joint accelerations; those of this joint are the caller's to add.
+/// The velocity v(k) of body k, and the velocity-dependent part of its acceleration, from those of its parent: phi^T of
+/// both, plus the contribution of the joint. The acceleration of the parent may contain joint accelerations; the caller
+/// adds those of this joint.
 #[inline(always)]
 pub fn motion_step<T: Real>(
     body: &Body<T>,
@@ -45,7 +47,7 @@ pub fn motion_step<T: Real>(
     motion_past_joint(body, row, &(shift.motion_to_child(parent.0), shift.motion_to_child(parent.1)), qd)
 }
 
-/// The same from the parent's velocity and acceleration as they are seen at the joint, phi^T of both.
+/// The same, from the velocity and acceleration of the parent transported to the joint, phi^T of both.
 #[inline(always)]
 pub fn motion_past_joint<T: Real>(
     body: &Body<T>,
@@ -59,8 +61,8 @@ pub fn motion_past_joint<T: Real>(
     (velocity, acceleration)
 }
 
-/// dq/dt for the velocity `v` at `q`: v itself, but for quaternions (half q times the angular velocity) and for the position
-/// of a free joint (its linear velocity turned into the parent's frame).
+/// dq/dt for the velocity `v` at `q`: equal to v, except for quaternions (half q times the angular velocity) and for
+/// the position of a free joint (its linear velocity, rotated into the frame of the parent).
 pub fn coordinate_rates<T: Real>(model: &Model<T>, q: &[T], v: &[T], rates: &mut [T]) {
     for (body, stage) in model.bodies.iter().zip(&model.system.stages) {
         body.motion.coordinate_rates(&q[body.q..], &v[stage.first_row..], &mut rates[body.q..]);

@@ -1,17 +1,17 @@
-//! Constraints between two frames C and D, as scalar rows: their error, and its rate.
+//! Constraints between two frames C and D, as scalar rows: their error and its time derivative.
 //!
-//! With (R, p) the place of C in D's axes, r = R^T p the same vector in C's axes, and V = (w, v) the velocity of C
-//! against D, in C's axes at C's origin:
+//! With (R, p) the pose of C in D, r = R^T p the same vector in the axes of C, and V = (w, v) the velocity of C
+//! relative to D, in the axes of C at its origin:
 //!
 //! ```text
 //! origins      error r                              rate v - w x r
 //! distance     error |r| - length                   rate (r/|r|) . v
 //! frames       error 2 q_v, of the quaternion of R  rate q_w w + q_v x w      (2 sin(t/2) about the axis, t the angle)
-//! axes z       error z x u / cos(t/2), u = R^T z    rate along u' = u x w     (2 sin(t/2) again, t the angle between them)
+//! axes z       error z x u / cos(t/2), u = R^T z    rate along u' = u x w     (2 sin(t/2) again, t between the axes)
 //! ```
 //!
-//! Each rate is a row `E_i` times V, exactly and everywhere, so that the force of row i on C is `E_i`. Its own rate is
-//! `E_i` V' + `E_i`' V with V' = A - X `A_D` + V x X `V_D`.
+//! Each rate is a row `E_i` times V, exactly and in every configuration, so that the force of row i on C is `E_i`. The
+//! time derivative of the rate is `E_i` V' + `E_i`' V, with V' = A - X `A_D` + V x X `V_D`.
 
 use super::inward::FrameMotion;
 use crate::scalar::Real;
@@ -25,14 +25,14 @@ pub(crate) enum Pair {
     Point,
     /// Their origins and their z axes coincide.
     Axis,
-    /// They coincide.
+    /// The frames coincide.
     Weld,
-    /// Their origins are so far apart, m.
+    /// The distance of their origins, m.
     Distance(f64),
 }
 
 impl Pair {
-    /// How many scalar rows.
+    /// Number of scalar rows.
     pub fn rows(self) -> usize {
         match self {
             Self::Point => 3,
@@ -51,7 +51,7 @@ pub(crate) struct PairRows<T> {
     pub error: [T; 6],
     /// E: the rate of the error is E V.
     pub of_motion: [Vector6<T>; 6],
-    /// E' V: what the rate of the rate has beside E V'.
+    /// E' V: the second derivative of the error minus E V'.
     pub turning: [T; 6],
     /// Positive if this parametrization of the rows is regular: states in lanes share one, a single state uses the best
     /// one.
@@ -68,11 +68,11 @@ impl<T: Real> PairRows<T> {
     }
 }
 
-/// Opposite z axes, to within this of 1 + cos: there is no direction in which they are nearest.
+/// z axes count as opposite if 1 + cos is below this: the nearest common direction is then undefined.
 const OPPOSITE: f64 = 1e-12;
 
-/// The rows of a pair where C is at `place` in D's axes and moves with V = `velocity` against it; none for a distance
-/// between origins that coincide.
+/// The rows of a pair, where C has the pose `place` in D and moves with V = `velocity` relative to it. None for a
+/// distance between origins that coincide.
 #[inline(always)]
 pub(crate) fn pair_rows<T: Real>(pair: Pair, place: &RigidShift<T>, velocity: &Vector6<T>) -> Option<PairRows<T>> {
     let nothing = T::zero();
@@ -143,8 +143,8 @@ fn square<T: Real>(a: &Vector3<T>) -> T {
     product(a, a)
 }
 
-/// The quaternion (vector, scalar) of a rotation, scalar not negative: by the largest of its entries, so that nothing
-/// cancels.
+/// The quaternion (vector, scalar) of a rotation, with nonnegative scalar, computed from its largest component to avoid
+/// cancellation.
 #[inline(always)]
 fn quaternion<T: Real>(r: &Matrix3<T>) -> (Vector3<T>, T) {
     let one = T::one();
@@ -172,7 +172,7 @@ fn quaternion<T: Real>(r: &Matrix3<T>) -> (Vector3<T>, T) {
     if T::LANES == 1 && w.lane(0) < 0.0 { (times(&v, T::zero() - one), T::zero() - w) } else { (v, w) }
 }
 
-/// The rows of equal axes.
+/// The rows of coinciding orientations.
 #[inline(always)]
 fn turned<T: Real>(rotation: &Matrix3<T>, w: &Vector3<T>, rows: &mut PairRows<T>) {
     let (q_v, q_w) = quaternion(rotation);
@@ -186,7 +186,7 @@ fn turned<T: Real>(rotation: &Matrix3<T>, w: &Vector3<T>, rows: &mut PairRows<T>
     }
 }
 
-/// The rows of a z axis that both have.
+/// The rows of a common z axis.
 #[inline(always)]
 fn tilted<T: Real>(rotation: &Matrix3<T>, w: &Vector3<T>, rows: &mut PairRows<T>) {
     // D's z axis in C's axes.
@@ -200,7 +200,7 @@ fn tilted<T: Real>(rotation: &Matrix3<T>, w: &Vector3<T>, rows: &mut PairRows<T>
         rows.push(T::zero(), spatial(&y, &none()), T::zero());
         return;
     }
-    // 1 / cos(t/2), and its first two derivatives by time.
+    // 1 / cos(t/2), and its first two time derivatives.
     let s = (number(2.0) / (T::one() + u[2])).sqrt();
     let by_u = number(-0.25) * s * s * s;
     let first = cross(&u, w);
@@ -214,20 +214,20 @@ fn tilted<T: Real>(rotation: &Matrix3<T>, w: &Vector3<T>, rows: &mut PairRows<T>
     }
 }
 
-/// How one frame moves against another, in its own axes at its own origin.
+/// The motion of one frame relative to another, in its own axes at its own origin.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct RelativeMotion<T: Real> {
     /// From the frame to the other.
     pub place: RigidShift<T>,
     /// V.
     pub velocity: Vector6<T>,
-    /// V', the rate of V in the frame's axes.
+    /// V', the derivative of V in the axes of the frame.
     pub acceleration: Vector6<T>,
-    /// Sizes of the terms that V' is the sum of, angular and linear.
+    /// Sizes of the terms of V', angular and linear.
     pub terms: [T; 2],
 }
 
-/// Where frame C is in the axes of frame D. Origins are subtracted first, while both are as far away.
+/// The pose of frame C in frame D. Origins are subtracted first, while both are similarly far away.
 #[inline(always)]
 pub(crate) fn place_between<T: Real>(c: &RigidShift<T>, d: &RigidShift<T>) -> RigidShift<T> {
     let none = RigidShift { rotation: d.rotation, lever: none() };
@@ -236,7 +236,7 @@ pub(crate) fn place_between<T: Real>(c: &RigidShift<T>, d: &RigidShift<T>) -> Ri
 }
 
 impl<T: Real> RelativeMotion<T> {
-    /// Of frame C against frame D.
+    /// The motion of frame C relative to frame D.
     #[inline(always)]
     pub fn of(c: &FrameMotion<T>, d: &FrameMotion<T>) -> Self {
         let place = place_between(&c.placement, &d.placement);

@@ -1,8 +1,8 @@
-//! Two frames against the body where their ways to the base meet: the joints that move both alike do not enter.
+//! Two frames relative to the body where their paths to the base meet: joints that move both frames alike have no
+//! effect.
 //!
-//! The origin of the placements is where the branch of the second frame begins, so that the distance of a mechanism
-//! from the base, which both would carry, does not enter either: at 10 km it would leave 1e-12 m of rounding in the
-//! place of one frame in the other.
+//! The origin of the poses is the beginning of the branch of the second frame, so that the distance of a mechanism from
+//! the base has no effect either. At 10 km it would cause a rounding error of 1e-12 m in the relative position.
 
 use super::frame::Frame;
 use super::inward::{FrameMotion, PathToBase, motion_along};
@@ -11,7 +11,7 @@ use crate::scalar::Real;
 use crate::spatial::RigidShift;
 use nalgebra::Vector3;
 
-/// Placements of frames C and D in the axes of the body `junction`, from a common origin.
+/// The poses of frames C and D in the axes of the body `junction`, from a common origin.
 #[inline(always)]
 pub(crate) fn placements_from<T: Real>(
     model: &Model<T>,
@@ -30,8 +30,8 @@ pub(crate) fn placements_from<T: Real>(
     })
 }
 
-/// Motions of frames C and D against the body `junction`, as [`frame_motion`](super::frame_motion) has them against the
-/// base; placements are those of [`placements_from`].
+/// The motions of frames C and D relative to the body `junction`, like [`frame_motion`](super::frame_motion) relative
+/// to the base; poses are those of [`placements_from`].
 #[inline(always)]
 pub(crate) fn motions_from<T: Real>(
     model: &Model<T>,
@@ -43,8 +43,8 @@ pub(crate) fn motions_from<T: Real>(
     [c, d].map(|frame| motion_along(model, (q, qd, qdd), frame, (junction, &origin)))
 }
 
-/// Where the branch of a frame begins, in the axes of the body `junction`: the origin of its first body, or of the
-/// frame itself on the junction.
+/// The beginning of the branch of a frame, in the axes of the body `junction`: the origin of its first body, or of the
+/// frame itself if it is on the junction.
 #[inline(always)]
 fn origin_of<T: Real>(model: &Model<T>, q: &[T], frame: &Frame<T>, junction: Option<usize>) -> Vector3<T> {
     let (mut body, mut origin) = (frame.body, frame.placement.lever);

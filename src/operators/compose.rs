@@ -1,4 +1,5 @@
-//! Products, sums and transposes of operators, which are operators again: the paper's equations as they stand.
+//! Products, sums and transposes of operators, which are operators too, so that equations of the paper can be written
+//! directly.
 //!
 //! ```
 //! use phipsi::operators::{Identity, Kind, Operator};

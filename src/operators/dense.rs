@@ -1,7 +1,8 @@
-//! The same operators as matrices, built from their definitions with dense algebra, and faer's LDLT of M beside them.
+//! The same operators as matrices, built from their definitions with dense algebra, and faer's LDLT of M for
+//! comparison.
 //!
-//! Nothing here calls a sweep: phi is the inverse of 1 - E (unit triangular, in this order), the Riccati recursion is written on full 6x6 matrices, and K
-//! and L are products of the composite matrices. This is the oracle that the sweeps are checked against.
+//! This module calls no sweep: phi is the inverse of 1 - E (unit triangular, in this order), the Riccati recursion uses
+//! full 6x6 matrices, and K and L are products of the composite matrices. The sweeps are tested against it.
 //!
 //! ```
 //! # fn main() -> Result<(), phipsi::Error> {
@@ -27,13 +28,13 @@ use faer::linalg::triangular_solve::solve_unit_upper_triangular_in_place;
 use faer::{Mat, MatRef, Par, Side};
 use nalgebra::{Matrix6, Vector6};
 
-/// Dense composites beyond this many degrees of freedom are refused: 6N x 6N numbers at 300 are 26 MB.
+/// Dense composites with more degrees of freedom are rejected: 6N x 6N values at 300 take 26 MB.
 pub(crate) const DENSE_CAP: usize = 300;
 
 /// The composite matrices of a scene at one configuration; block rows base to tip, as in [`crate::operators`].
 #[derive(Debug, Clone)]
 pub struct Composite {
-    /// E: the blocks phi(inward, row) alone.
+    /// E: only the blocks phi(inward, row).
     pub shifts: Mat<f64>,
     /// H, nv x 6nv.
     pub h: Mat<f64>,
@@ -51,7 +52,7 @@ pub struct Composite {
     pub gain: Mat<f64>,
 }
 
-/// (row inward, phi to it, M(k) entering, H^T) of every row.
+/// (row inward, phi to it, M(k) of the row, H^T) for every row.
 type Row = (Option<usize>, Matrix6<f64>, Matrix6<f64>, Vector6<f64>);
 
 fn rows(model: &Model<f64>, q: &[f64]) -> Vec<Row> {
@@ -82,17 +83,17 @@ fn put(m: &mut Mat<f64>, (row, column): (usize, usize), block: &Matrix6<f64>) {
     }
 }
 
-/// The 6x6 blocks on the diagonal alone.
+/// The 6x6 blocks on the diagonal.
 fn block_diagonal(m: &Mat<f64>) -> Mat<f64> {
     Mat::from_fn(m.nrows(), m.ncols(), |i, j| if i / 6 == j / 6 { m[(i, j)] } else { 0.0 })
 }
 
 impl Composite {
-    /// Builds them at `q`. O(N^2) memory, O(N^3) for the inverses taken later.
+    /// Builds the matrices at `q`. O(N^2) memory, O(N^3) for the inverses that are computed later.
     ///
     /// # Errors
     ///
-    /// [`Error::Argument`] beyond 300 degrees of freedom, naming the operators to use instead.
+    /// [`Error::Argument`] beyond 300 degrees of freedom; the message names the operators to use instead.
     pub fn new(model: &Model<f64>, q: &[f64]) -> Result<Self, Error> {
         let nv = model.nv();
         if nv > DENSE_CAP {
@@ -144,7 +145,7 @@ impl Composite {
     ///
     /// # Errors
     ///
-    /// [`Error::Interrupted`] under a [`interrupt`] that ends the work: minutes, for the largest of these.
+    /// [`Error::Interrupted`] if an [`interrupt`] ends the work, which takes minutes for the largest matrices.
     pub fn phi(&self) -> Result<Mat<f64>, Error> {
         unit_upper_solved(&(self.identity() - &self.shifts), &self.identity())
     }
@@ -170,7 +171,7 @@ impl Composite {
         product(&product(&phi, &self.q)?, &phi.transpose().to_owned())
     }
 
-    /// cov(lambda^+) = Psi* H* D^-1 H Psi, whole (5.5).
+    /// cov(lambda^+) = Psi* H* D^-1 H Psi, full matrix (5.5).
     fn co_state_covariance(&self) -> Result<Mat<f64>, Error> {
         let observed = &self.h * self.psi()?;
         let scaled = Mat::from_fn(observed.nrows(), observed.ncols(), |i, j| observed[(i, j)] / self.d[i]);
@@ -199,7 +200,7 @@ impl Composite {
             Kind::D => Mat::from_fn(self.d.len(), self.d.len(), |i, j| if i == j { self.d[i] } else { 0.0 }),
             Kind::Gain => self.gain.clone(),
             Kind::BatchGain => self.state_covariance()? * self.h.transpose() * self.matrix(Kind::MassInverse)?,
-            // The diagonal blocks of the whole covariances, not the recursion of 5.6 and 5.7.
+            // The diagonal blocks of the full covariances, without the recursion of 5.6 and 5.7.
             Kind::Lambda => {
                 let to_torque = &self.h * self.phi()?;
                 let scaled = to_torque.transpose() * self.matrix(Kind::MassInverse)?;
@@ -237,7 +238,8 @@ impl Composite {
     }
 }
 
-/// Products with this much arithmetic are done at once; larger ones by columns, between which it is asked whether to go on.
+/// Products of at most this number of operations are formed in one call; larger ones in blocks of columns, with a check
+/// for interruption before each block.
 const AT_ONCE: usize = 100_000_000;
 
 /// a b.
@@ -245,7 +247,7 @@ pub(crate) fn product(a: &Mat<f64>, b: &Mat<f64>) -> Result<Mat<f64>, Error> {
     by_columns(b, a.nrows(), a.nrows() * a.ncols(), |b| a * b)
 }
 
-/// a^-1 b, where a is what rows that run from the base outward make it: one on the diagonal, zero below.
+/// a^-1 b, where a is a unit upper triangular matrix, because its rows are numbered from the base outward.
 fn unit_upper_solved(a: &Mat<f64>, b: &Mat<f64>) -> Result<Mat<f64>, Error> {
     by_columns(b, a.nrows(), a.nrows() * a.ncols(), |b| {
         let mut x = b.to_owned();
@@ -254,7 +256,8 @@ fn unit_upper_solved(a: &Mat<f64>, b: &Mat<f64>) -> Result<Mat<f64>, Error> {
     })
 }
 
-/// What `of` makes of the columns of `b`, `rows` numbers of each with so much arithmetic, some columns at a time.
+/// Applies `of` to blocks of columns of `b`. `rows` is the number of rows of the result, `each` the number of
+/// operations per column.
 fn by_columns(
     b: &Mat<f64>,
     rows: usize,
@@ -275,13 +278,14 @@ fn by_columns(
     Ok(all)
 }
 
-/// faer's LDLT of a symmetric matrix with the rows taken from the tip: (unit upper factor in base-to-tip order, diagonal).
+/// faer's LDLT of a symmetric matrix with the rows in order from the tip: (unit upper factor in base-to-tip order,
+/// diagonal).
 ///
-/// From the tip the factor is unit lower triangular and unique, so it must be 1 + K, and the diagonal D (3.1).
+/// In this order the factor is unit lower triangular and unique, so it must be 1 + K, and the diagonal D (3.1).
 ///
 /// # Errors
 ///
-/// [`Error::Argument`] where faer meets a pivot of zero.
+/// [`Error::Argument`] if faer finds a pivot of zero.
 pub fn ldlt_from_tip(m: &Mat<f64>) -> Result<(Mat<f64>, Vec<f64>), Error> {
     let n = m.nrows();
     let flipped = Mat::from_fn(n, n, |i, j| m[(n - 1 - i, n - 1 - j)]);
@@ -299,7 +303,7 @@ impl Scene {
     ///
     /// # Errors
     ///
-    /// A bad configuration, or too many degrees of freedom.
+    /// An invalid configuration, or too many degrees of freedom.
     pub fn composite(&self, q: &[f64]) -> Result<Composite, Error> {
         self.model().simplifications.check_every_body_moves("scene")?;
         self.check_configuration("q", q)?;

@@ -1,7 +1,7 @@
-//! Estimation in one batch: section 2 as it is printed, with composite matrices; the check of the sequential solution.
+//! Batch estimation: the printed equations of section 2 with composite matrices, as a check of the sequential solution.
 //!
-//! Nothing here calls the filter: phi, H and Q are matrices, the gain G = R H* (H R H* + r + noise/s)^-1 is over the
-//! measured rows, and the covariance that it inverts is factored by faer.
+//! This module does not call the filter: phi, H and Q are matrices, the gain G = R H* (H R H* + r + noise/s)^-1 is that
+//! of the measured rows, and faer factors the covariance to be inverted.
 
 use super::dense::{Composite, product};
 use crate::dynamics::estimate::Measurements;
@@ -14,7 +14,7 @@ use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, Side};
 use nalgebra::Vector6;
 
-/// The estimate of one state, a block of six a degree of freedom as in [`crate::operators`].
+/// The estimate of one state, with a block of six per degree of freedom as in [`crate::operators`].
 #[derive(Debug, Clone)]
 pub struct BatchEstimate {
     /// E(a|y), nv: rad/s^2 or m/s^2.
@@ -23,24 +23,24 @@ pub struct BatchEstimate {
     pub torque: Vec<f64>,
     /// E(X|y), 6 nv (2.1).
     pub force: Vec<f64>,
-    /// E(W|y), 6 nv, zero but at the outermost row of each body (2.7).
+    /// E(W|y), 6 nv; zero except at the outermost row of each body (2.7).
     pub process: Vec<f64>,
-    /// log of the density of the measured torques.
+    /// Log of the density of the measured torques.
     pub log_likelihood: f64,
-    /// Whole covariances, where asked for.
+    /// Full covariances, if requested.
     pub covariance: Option<BatchCovariance>,
 }
 
 /// Covariances of the errors of a [`BatchEstimate`], between all degrees of freedom.
 #[derive(Debug, Clone)]
 pub struct BatchCovariance {
-    /// Of the accelerations, nv x nv.
+    /// Covariance of the accelerations, nv x nv.
     pub acceleration: Mat<f64>,
-    /// Of the torques, nv x nv.
+    /// Covariance of the torques, nv x nv.
     pub torque: Mat<f64>,
-    /// Of X, 6nv x 6nv: s (R - G H R), (2.6).
+    /// Covariance of X, 6nv x 6nv: s (R - G H R), (2.6).
     pub force: Mat<f64>,
-    /// Of W, 6nv x 6nv: s (Q - Q phi* H* (H R H* + r + noise/s)^-1 H phi Q), (2.11).
+    /// Covariance of W, 6nv x 6nv: s (Q - Q phi* H* (H R H* + r + noise/s)^-1 H phi Q), (2.11).
     pub process: Mat<f64>,
 }
 
@@ -49,7 +49,7 @@ pub struct BatchCovariance {
 ///
 /// # Errors
 ///
-/// [`Error::Argument`] beyond 300 degrees of freedom, and where the covariance of the measured torques (or, with
+/// [`Error::Argument`] beyond 300 degrees of freedom, or if the covariance of the measured torques (or, with
 /// covariances, the mass matrix) is not positive definite.
 pub fn estimate_batch(
     model: &Model<f64>,
@@ -120,8 +120,8 @@ pub fn estimate_batch(
     })
 }
 
-/// s times the prior's covariances less what the measured rows tell, from H phi of those rows and the factor of their
-/// covariance.
+/// s times the difference of the prior covariances and the information of the measured rows, from H phi of those rows
+/// and the factor of their covariance.
 fn covariances(
     composite: &Composite,
     phi: &Mat<f64>,

@@ -1,4 +1,4 @@
-//! K, L and D together: the factor of the mass matrix at one configuration, and what it is made of.
+//! The factor of the mass matrix at one configuration: K, L and D, and the quantities from which they are computed.
 
 use super::{Applied, Kind};
 use crate::dynamics::factorise;
@@ -16,9 +16,9 @@ use crate::workspace::Workspace;
 use nalgebra::Vector6;
 use std::sync::OnceLock;
 
-/// M = (1 + K) D (1 + K*) at one configuration (3.1), with the phi, P, D and g that K and L are built from.
+/// M = (1 + K) D (1 + K*) at one configuration (3.1), with the phi, P, D and g of K and L.
 ///
-/// Owns its numbers: it can be kept, sent to other threads, and used for many right-hand sides.
+/// It owns its data: it can be stored, moved to other threads, and used for many right-hand sides.
 #[derive(Debug, Clone)]
 pub struct Factor<T: Real> {
     pub(super) system: System<T>,
@@ -37,11 +37,11 @@ pub struct Factor<T: Real> {
     pub(super) co_states: OnceLock<CoStateCovariances<T>>,
 }
 
-/// The results of the pass that the operators do not read.
+/// The results of the pass that the operators do not use.
 #[derive(Debug, Clone)]
 pub(super) struct Sweep<T: Real> {
     pub form: Form,
-    /// Of the model that it was made of.
+    /// Identity of the model.
     pub identity: u64,
     pub tolerance: Option<f64>,
     /// The configuration.
@@ -60,7 +60,7 @@ pub(super) struct CoStateCovariances<T: Real> {
 }
 
 impl<T: Real> Factor<T> {
-    /// The factor at `q`, by one tip-to-base sweep (3.6). The workspace keeps what an error message needs.
+    /// The factor at `q`, by one tip-to-base sweep (3.6). The workspace then holds the data for error messages.
     pub fn new(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T]) -> (Self, PivotMonitor<T>) {
         let monitor = factorise(model, workspace, q);
         let unset = vec![Symmetric6::filled(T::from_f64(f64::NAN)); model.nv()];
@@ -104,10 +104,10 @@ impl<T: Real> Factor<T> {
         }
     }
 
-    /// About the bytes that the factors of so many states take.
+    /// Approximate number of bytes of the factors of this number of states.
     #[must_use]
     pub fn bytes(model: &Model<T>, states: usize) -> u128 {
-        /// Vectors that a factor has, and what the allocator adds to each.
+        /// Number of vectors in a factor, and the overhead of the allocator for each.
         const VECTORS: usize = 11;
         const ADDED: usize = 32;
         let body = size_of::<Stage<T>>()
@@ -120,7 +120,7 @@ impl<T: Real> Factor<T> {
         memory::bytes_of::<u8>(&[one, states])
     }
 
-    /// About the bytes that operators need besides, of the factors of so many states, once Lambda is asked for.
+    /// Approximate number of additional bytes for operators that need Lambda, for the factors of this number of states.
     #[must_use]
     #[doc(hidden)]
     pub fn bytes_of_co_states(model: &Model<T>, states: usize) -> u128 {
@@ -143,7 +143,7 @@ impl<T: Real> Factor<T> {
     ///
     /// # Panics
     ///
-    /// If `tau` or `out` does not have [`Factor::nv`] numbers.
+    /// If the length of `tau` or `out` is not [`Factor::nv`].
     pub fn solve(&self, tau: &[T], out: &mut [T]) {
         super::assert_lengths((self.nv(), self.nv()), (out.len(), tau.len()));
         let zero = Vector6::from_element(T::zero());
@@ -163,7 +163,7 @@ impl<T: Real> Factor<T> {
         }
     }
 
-    /// Lambda on both sides of every row, by one base-to-tip sweep the first time.
+    /// Lambda on both sides of every row, by one base-to-tip sweep at the first call.
     pub(super) fn co_state_covariances(&self) -> &CoStateCovariances<T> {
         self.co_states.get_or_init(|| {
             let unset = Symmetric6::filled(T::from_f64(f64::NAN));
@@ -196,12 +196,12 @@ impl<T: Real> Factor<T> {
 }
 
 impl Scene {
-    /// The factor of the mass matrix at `q`, checked: see [`Factor`]. About 490 operations a one-axis joint in
-    /// covariance form, at least 490 more in `auto`.
+    /// The factor of the mass matrix at `q`, with argument checks: see [`Factor`]. About 490 operations per joint with
+    /// one axis in covariance form, at least 490 more in `auto`.
     ///
     /// # Errors
     ///
-    /// A bad configuration, and [`Error::SingularJoint`].
+    /// An invalid configuration, and [`Error::SingularJoint`].
     pub fn factor(&self, workspace: &mut Workspace<f64>, q: &[f64]) -> Result<Factor<f64>, Error> {
         self.model().simplifications.check_every_body_moves("scene")?;
         self.check_configuration("q", q)?;

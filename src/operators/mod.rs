@@ -1,8 +1,9 @@
-//! The paper's operators as objects: phi, Psi, K, L, D, P and their kin, applied by sweeps in O(N).
+//! The operators of the paper as objects: phi, Psi, K, L, D, P and others, applied by sweeps in O(N).
 //!
-//! One block row a degree of freedom, in the order of qd (base to tip), so phi, Psi, K and L are strictly *upper* block
-//! triangular where the paper, counting from the tip, prints them lower. A joint with d degrees of freedom is d states
-//! with no shift between them; the body's inertia enters at the outermost. States are in body frames.
+//! There is one block row per degree of freedom, in the order of qd (base to tip). phi, Psi, K and L are therefore
+//! strictly *upper* block triangular, while the paper numbers from the tip and prints them lower triangular. A joint
+//! with d degrees of freedom has d states without shifts between them; the inertia of the body enters at the outermost
+//! one. States are in body frames.
 //!
 //! ```
 //! use phipsi::operators::{Kind, Operator};
@@ -41,18 +42,18 @@ pub use update::Updated;
 
 use crate::scalar::Real;
 
-/// Which operator.
+/// The kind of an operator.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Kind {
     /// phi = (1 - E)^-1, with the identity diagonal (1.7).
     Phi,
-    /// E: the shifts between neighbours alone, phi^-1 = 1 - E.
+    /// E: the shifts between adjacent bodies, phi^-1 = 1 - E.
     Shifts,
     /// Phi = phi - 1 (3.4).
     PhiStrict,
     /// Psi = (1 - E A)^-1 E, closed loop, from the inboard side of a joint to the outboard side of the next (3.11).
     Psi,
-    /// A = 1 - g H, a block diagonal: the measurement's side of the closed loop (3.9).
+    /// A = 1 - g H, block diagonal: the measurement update of the closed loop (3.9).
     ClosedLoop,
     /// Psi A, from outboard side to outboard side (5.2 for the predicted error, 5.5 for lambda^-).
     PsiA,
@@ -90,7 +91,7 @@ pub enum Kind {
     MassInverse,
 }
 
-/// Every kind with the name it has in Python.
+/// Every kind with its name in Python.
 pub const KINDS: [(&str, Kind); 22] = [
     ("phi", Kind::Phi),
     ("E", Kind::Shifts),
@@ -117,13 +118,13 @@ pub const KINDS: [(&str, Kind); 22] = [
 ];
 
 impl Kind {
-    /// The kind of that name in [`KINDS`].
+    /// The kind with that name in [`KINDS`].
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
         KINDS.iter().find(|(known, _)| *known == name).map(|&(_, kind)| kind)
     }
 
-    /// True if it is made of the covariances of the co-states, which a factor computes when they are first asked for.
+    /// True if it uses the covariances of the co-states, which a factor computes at their first use.
     #[must_use]
     #[doc(hidden)]
     pub fn needs_co_states(self) -> bool {
@@ -150,7 +151,7 @@ pub trait Operator<T: Real> {
     ///
     /// # Panics
     ///
-    /// If `x` or `y` does not have the length that [`Operator::shape`] gives.
+    /// If the length of `x` or `y` differs from [`Operator::shape`].
     fn apply(&self, x: &[T], y: &mut [T]);
     /// y = A^T x.
     ///
@@ -167,7 +168,7 @@ pub trait Operator<T: Real> {
         Transpose(self)
     }
 
-    /// A B as an operator, `inner` being B.
+    /// A B as an operator, where `inner` is B.
     fn compose<B: Operator<T>>(self, inner: B) -> Product<Self, B>
     where
         Self: Sized,
@@ -207,7 +208,7 @@ impl<T: Real> Operator<T> for Applied<'_, T> {
     }
 }
 
-/// Vectors of the lengths that an operator of this shape, (rows, columns), takes and gives.
+/// Checks the lengths of the vectors of an operator of this shape, (rows, columns).
 fn assert_lengths(shape: (usize, usize), lengths: (usize, usize)) {
     assert!(shape == lengths, "an operator of shape {shape:?} for vectors of lengths {lengths:?}");
 }

@@ -5,11 +5,11 @@ use crate::scalar::Real;
 use crate::spatial::{Symmetric6, dot};
 use nalgebra::Vector6;
 
-/// One row of the system as a node of its own: its hinge map, and where its state runs to.
+/// One row of the system as a separate node: its hinge map, and the next node inward.
 #[derive(Clone, Copy)]
 struct Node {
     body: usize,
-    /// The next row inward, and whether a rigid shift lies between.
+    /// The next row inward, and whether there is a rigid shift in between.
     inward: Option<(usize, bool)>,
     /// True if the body's inertia enters here.
     outermost: bool,
@@ -63,7 +63,7 @@ pub(super) fn apply<T: Real>(factor: &Factor<T>, kind: Kind, x: &[T], y: &mut [T
         }
         Kind::Psi => {
             y.fill(zero);
-            // z^-(k) = E (x + A z^-): the state at the inboard side is x plus what passed the measurement.
+            // z^-(k) = E (x + A z^-): the state at the inboard side is x plus the state after the measurement.
             inward(factor, y, |row, z| block(x, row) + pass(factor, row, &z));
         }
         Kind::PsiA => {
@@ -126,7 +126,7 @@ pub(super) fn apply_transpose<T: Real>(factor: &Factor<T>, kind: Kind, x: &[T], 
             });
         }
         Kind::PhiStrict => {
-            // phi^T x, of which each row keeps what came from further in.
+            // phi^T x; each row keeps the part from further in.
             let mut whole = x.to_vec();
             outward(factor, &mut whole, |row, own, carried| {
                 put(y, row, &carried);
@@ -134,7 +134,7 @@ pub(super) fn apply_transpose<T: Real>(factor: &Factor<T>, kind: Kind, x: &[T], 
             });
         }
         Kind::Psi => {
-            // Outboard of a row: x plus A^T of what came to its inboard side; that arrival is the result.
+            // Outboard of a row: x plus A^T times the vector at its inboard side, which is the result.
             let mut whole = x.to_vec();
             outward(factor, &mut whole, |row, own, carried| {
                 put(y, row, &carried);
@@ -177,7 +177,7 @@ pub(super) fn apply_transpose<T: Real>(factor: &Factor<T>, kind: Kind, x: &[T], 
     }
 }
 
-/// y = A x for the block diagonals and the other symmetric ones.
+/// y = A x for block diagonal and other symmetric operators.
 fn apply_symmetric<T: Real>(factor: &Factor<T>, kind: Kind, x: &[T], y: &mut [T]) {
     match kind {
         Kind::Q => {
@@ -225,7 +225,7 @@ fn apply_symmetric<T: Real>(factor: &Factor<T>, kind: Kind, x: &[T], y: &mut [T]
     }
 }
 
-/// The product of three, applied from the last to the first.
+/// The product of three operators, applied from the last to the first.
 fn compose<T: Real>(
     factor: &Factor<T>,
     kinds: [Kind; 3],

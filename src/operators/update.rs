@@ -1,4 +1,4 @@
-//! The factor at another configuration, from where the two differ on.
+//! The update of a factor to another configuration, for the bodies affected by the difference.
 
 use super::Factor;
 use crate::dynamics::sweeps::general;
@@ -14,34 +14,35 @@ use crate::workspace::Workspace;
 /// The result of an update.
 #[derive(Debug, Clone, Copy)]
 pub struct Updated<T> {
-    /// How many bodies were computed anew: those whose joints moved (phi), and all that carry them (P, D and g).
+    /// Number of recomputed bodies: bodies whose joints moved (phi), and all their ancestors (P, D and g).
     pub bodies: usize,
-    /// The pivots that were.
+    /// The pivots of the recomputed bodies.
     pub pivots: PivotMonitor<T>,
 }
 
 /// The change of a body.
 #[derive(Clone, Copy, PartialEq)]
 enum Change {
-    /// Nothing.
+    /// No change.
     None,
-    /// Its joint moved: phi.
+    /// Its joint moved: phi changes.
     Joint,
-    /// Something outboard of it moved: P, D and g; phi where its joint moved too.
+    /// A joint outboard of it moved: P, D and g change; phi changes if its own joint moved too.
     Inertia,
 }
 
 impl<T: Real> Factor<T> {
-    /// The factor at `q` from that at the configuration it has, to the bits that [`Factor::new`] gives.
+    /// Updates the factor to `q`, with the same bits as [`Factor::new`] at `q`.
     ///
-    /// phi(k) depends on joint k alone, and P(k), D(k), g(k) on the joints outboard of body k: only phi of the joints
-    /// that differ is computed, and P, D, g of what carries them, from P^+ of what did not change. This holds in
-    /// covariance form; the other forms estimate the error of the whole factor and recompute it, with `workspace`.
-    /// `model` is the one that the factor was made of.
+    /// phi(k) depends on joint k only, and P(k), D(k), g(k) on the joints outboard of body k. Only phi of the changed
+    /// joints and P, D, g of their ancestors are computed, from P^+ of unchanged bodies. This holds in covariance form;
+    /// the other forms estimate the error of the whole factor and recompute it with `workspace`. `model` is the model
+    /// of the factor.
     ///
     /// # Panics
     ///
-    /// If `q` is shorter than the model's, or model or workspace are others; [`Scene::update_factor`] returns errors.
+    /// If `q` is shorter than the model requires, or if the model or workspace is another one; [`Scene::update_factor`]
+    /// returns errors.
     pub fn update(&mut self, model: &Model<T>, workspace: &mut Workspace<T>, q: &[T]) -> Updated<T> {
         match self.sweep.form {
             Form::Covariance => self.update_covariance(model, workspace, q),
@@ -54,8 +55,8 @@ impl<T: Real> Factor<T> {
         }
     }
 
-    /// The update in covariance form: the pass over the bodies that carry a change, with the store of the workspace in
-    /// the state that it had for this factor.
+    /// The update in covariance form: the pass over the affected bodies, with the store of the workspace in the state
+    /// that it had for this factor.
     fn update_covariance(&mut self, model: &Model<T>, workspace: &mut Workspace<T>, q: &[T]) -> Updated<T> {
         let changes = self.take_configuration(model, q);
         let is_changed = |k: usize| changes[k] == Change::Inertia;
@@ -73,7 +74,7 @@ impl<T: Real> Factor<T> {
         Updated { bodies: changes.iter().filter(|&&change| change != Change::None).count(), pivots }
     }
 
-    /// Takes `q` with phi of every joint that differs, and says what that changes.
+    /// Stores `q` and phi of every changed joint. Returns the change of each body.
     fn take_configuration(&mut self, model: &Model<T>, q: &[T]) -> Vec<Change> {
         let mut changes = vec![Change::None; model.bodies.len()];
         for (k, (body, stage)) in model.bodies.iter().zip(&self.system.stages).enumerate() {
@@ -96,21 +97,21 @@ impl<T: Real> Factor<T> {
     }
 }
 
-/// True if two numbers are the same, the sign of a zero included: it is a bit of a sine.
+/// True if two values are identical, including the sign of a zero, which affects a bit of a sine.
 fn is_same<T: Real>(before: T, after: T) -> bool {
     before == after && (0..T::LANES).all(|lane| before.lane(lane).to_bits() == after.lane(lane).to_bits())
 }
 
 impl Scene {
-    /// Moves a factor of this scene to `q`, to the bits of a new one there; gives how many bodies were computed anew:
-    /// see [`Factor::update`].
+    /// Moves a factor of this scene to `q`, with the same bits as a new factor at `q`. Returns the number of recomputed
+    /// bodies: see [`Factor::update`].
     ///
-    /// In the form that the factor was made in. What it costs is that of the bodies between the joints that differ and
-    /// the base, and a comparison a coordinate.
+    /// The factor keeps its form. The cost is that of the bodies between the changed joints and the base, and one
+    /// comparison per coordinate.
     ///
     /// # Errors
     ///
-    /// As [`Scene::factor`], and [`Error::Argument`] for a factor of another scene; the factor is as it was then.
+    /// As [`Scene::factor`], and [`Error::Argument`] for a factor of another scene; the factor is then unchanged.
     pub fn update_factor(
         &self,
         workspace: &mut Workspace<f64>,

@@ -32,7 +32,7 @@ pub(super) struct Keywords<'a, 'py> {
 }
 
 impl<'a> Keywords<'a, '_> {
-    /// Those of a call that has none but `errors`.
+    /// Keywords of a call whose only keyword is `errors`.
     pub fn of(errors: &'a str) -> Self {
         Self { wrenches: None, out: None, dtype: None, errors, tolerance: None, info: false }
     }

@@ -19,7 +19,8 @@ thread_local! {
 
 /// Runs `work` without the GIL; on the main thread with checks for signals ([`interrupt`]).
 ///
-/// Raises the exception of a signal handler, by default `KeyboardInterrupt`, whatever the result of the work.
+/// Raises the exception of a signal handler, by default `KeyboardInterrupt`, also if the work failed with another
+/// error.
 pub(super) fn detached<R: Send>(py: Python<'_>, work: impl FnOnce() -> R + Send) -> PyResult<R> {
     if !is_main(py)? {
         return Ok(py.detach(work));

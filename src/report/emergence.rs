@@ -75,7 +75,7 @@ impl Route {
 ///
 /// # Errors
 ///
-/// Those of the route.
+/// As the route.
 pub fn emergence(
     scene: &Scene,
     q: &[f64],

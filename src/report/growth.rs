@@ -29,7 +29,7 @@ pub struct Growth {
 ///
 /// # Errors
 ///
-/// Those of building the chain and of the calls, and [`Error::Memory`] for too many repeats.
+/// As the construction of the chain and the calls; [`Error::Memory`] for too many repeats.
 pub fn growth(bodies: usize, repeats: usize) -> Result<Growth, Error> {
     let scene = scenes::chain(bodies).map_err(|error| error.asked_by("bodies"))?;
     let mut evaluator = scene.evaluator();
@@ -63,7 +63,7 @@ pub fn growth(bodies: usize, repeats: usize) -> Result<Growth, Error> {
 ///
 /// # Errors
 ///
-/// Those of building the chain, and [`Error::Memory`] for too many repeats.
+/// As the construction of the chain; [`Error::Memory`] for too many repeats.
 pub fn operator_growth(bodies: usize, repeats: usize) -> Result<Vec<(String, f64)>, Error> {
     let scene = scenes::chain(bodies).map_err(|error| error.asked_by("bodies"))?;
     let factor = scene.factor(&mut Workspace::new(scene.model()), &wave(bodies, 2.0))?;

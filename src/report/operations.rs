@@ -230,7 +230,7 @@ pub fn count_recursion(scene: &Scene, task: Task, state: &Arguments<'_>) -> Coun
             let (seeds, mut forces) = ([&seed[0][..], &seed[1], &seed[2]], Vec::new());
             let (none, scratch) = (&mut Constants::default(), &mut products);
             workspace.form = which.form().unwrap_or_default();
-            // As above.
+            // A lost pivot is not counted.
             let _ = match which {
                 Products::InverseTangent | Products::InverseTangents => {
                     let along = Directions::of_seed(seeds, model.bodies.len(), &mut forces);

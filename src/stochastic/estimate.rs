@@ -7,35 +7,36 @@ use crate::batch::{Batch, Pool};
 use crate::error::Error;
 use crate::memory;
 
-/// Samples that are summed up by one thread before the sums of others are added: fixed, so that results are.
+/// Number of samples that one thread sums before the sums of other threads are added; fixed, so that results do not
+/// depend on the number of threads.
 const PIECE: usize = 256 * BLOCK;
 
-/// Sums of pieces that are kept at a time, and the bounds of how many pieces that are.
+/// Number of scalars of piece sums that are stored at a time, and the bounds on the number of pieces.
 const AT_ONCE: usize = 1 << 22;
 const LEAST: usize = 32;
 const MOST: usize = 1 << 14;
 
-/// How M is found from the model.
+/// The estimator of M.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Method {
     /// Independent samples.
     MonteCarlo {
-        /// How many.
+        /// Number of samples.
         samples: usize,
-        /// Which.
+        /// Seed of the random numbers.
         seed: u64,
-        /// Of the intervals, between 0 and 1.
+        /// Confidence level of the intervals, between 0 and 1.
         confidence: f64,
     },
     /// Scrambled Sobol points, several scrambles of a power of two each.
     Sobol {
-        /// How many in all.
+        /// Total number of samples.
         samples: usize,
-        /// Which scrambles.
+        /// Seed of the scrambles.
         seed: u64,
-        /// How many scrambles; their scatter gives the intervals.
+        /// Number of scrambles; their scatter gives the intervals.
         replicates: usize,
-        /// Of the intervals, between 0 and 1.
+        /// Confidence level of the intervals, between 0 and 1.
         confidence: f64,
     },
     /// The sigma points: exact.
@@ -47,38 +48,39 @@ pub enum Method {
 pub struct MassEstimate {
     /// The estimate.
     pub mass_matrix: Vec<f64>,
-    /// Its error estimate; none for sigma points.
+    /// Its error estimate; None for sigma points.
     pub spread: Option<Spread>,
-    /// Points that were used.
+    /// Number of points.
     pub samples: usize,
 }
 
-/// Standard errors and confidence intervals, entry by entry: each holds its entry with the stated confidence, not all
-/// at once.
+/// Standard errors and confidence intervals of single entries: the stated confidence holds for each entry, not for all
+/// entries together.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Spread {
     /// Standard error of each entry.
     pub standard_error: Vec<f64>,
-    /// Lower ends.
+    /// Lower bounds.
     pub low: Vec<f64>,
-    /// Upper ends.
+    /// Upper bounds.
     pub high: Vec<f64>,
 }
 
 impl RandomModel {
     /// M from the covariance of the centered torques T (5.1), in kg m^2: the acceleration variance cancels.
     ///
-    /// O(samples nv^2); Monte Carlo and Sobol on threads, with the same bits for any number of them.
+    /// O(samples nv^2). Monte Carlo and Sobol estimates are parallel; their bits do not depend on the number of
+    /// threads.
     ///
     /// # Errors
     ///
-    /// [`Error::Argument`] for no samples, a confidence out of range, Sobol samples that are not `replicates` times a
-    /// power of two, fewer than two replicates, or more than 1000 random numbers a sample with Sobol points;
-    /// [`Error::Memory`] for more replicates, or a larger matrix, than there is room for; [`Error::Interrupted`] under
-    /// an [`interrupt`](crate::interrupt) that ends the work.
+    /// [`Error::Argument`] for zero samples, a confidence out of range, Sobol samples that are not `replicates` times a
+    /// power of two, fewer than two replicates, or more than 1000 random numbers per sample with Sobol points;
+    /// [`Error::Memory`] if the replicates or the matrix exceed the available memory; [`Error::Interrupted`] if an
+    /// [`interrupt`](crate::interrupt) ends the work.
     pub fn mass_matrix(&self, method: Method) -> Result<MassEstimate, Error> {
         let nv = self.nv();
-        // M, its error and the ends of the intervals, and the sums on the way there.
+        // M, its error, the bounds of the intervals, and intermediate sums.
         memory::room("scene", memory::bytes_of::<f64>(&[nv, nv, 6]))?;
         match method {
             Method::MonteCarlo { samples, seed, confidence } => {
@@ -111,22 +113,23 @@ impl RandomModel {
         }
     }
 
-    /// One scramble of Sobol points; without replicates nothing is known of its error.
+    /// One scramble of Sobol points. Its error cannot be estimated without replicates.
     ///
     /// # Errors
     ///
-    /// [`Error::Argument`] for more than 1000 random numbers a sample.
+    /// [`Error::Argument`] for more than 1000 random numbers per sample.
     pub fn sobol_estimate(&self, samples: usize, seed: u64, replicate: u64) -> Result<Vec<f64>, Error> {
         self.second_moment(&Points::sobol(self.dimension(), seed, replicate)?, samples)
     }
 
-    /// The mean of T T^T over the first `samples` points, over the acceleration variance.
+    /// The mean of T T^T over the first `samples` points, divided by the acceleration variance.
     fn second_moment(&self, points: &Points, samples: usize) -> Result<Vec<f64>, Error> {
         let nv = self.nv();
         let width = nv * (nv + 1) / 2;
         let pieces = samples.div_ceil(PIECE);
         self.check_blocks()?;
-        // The sums of some pieces at a time are added up in their order, so that memory does not grow with the samples.
+        // A limited number of pieces is summed at a time, in their order, so that memory does not grow with the
+        // samples.
         let together = (AT_ONCE / width.max(1)).clamp(LEAST, MOST).min(pieces);
         let mut sums = memory::filled("scene", together * width, f64::NAN)?;
         let mut total = memory::filled("scene", width, 0.0)?;
@@ -173,7 +176,7 @@ impl RandomModel {
             for j in 0..nv {
                 let (at, variances) = (i * nv + j, (m[i * nv + i], m[j * nv + j]));
                 (spread.low[at], spread.high[at]) = quantiles.interval(variances, m[at]);
-                // The fourth moments of normal numbers, with the estimates in place of what they estimate.
+                // The fourth moments of normal variables, with estimates in the place of the true moments.
                 spread.standard_error[at] = ((variances.0 * variances.1 + m[at] * m[at]) / n).sqrt();
             }
         }

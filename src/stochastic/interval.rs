@@ -6,11 +6,10 @@ use statrs::distribution::{ChiSquared, ContinuousCDF, StudentsT};
 /// The constants of the interval at one level of confidence and one number of samples: n over the two quantiles of chi
 /// squared.
 ///
-/// For samples x and y of two torques scaled to unit variance, (x + y)^2 and (x - y)^2 are independent, each is a
-/// variance times chi squared of one degree of freedom, and x y is a quarter of their difference. Each of the two
-/// variances has an exact interval; that of their difference takes from either the side that counts (the method of
-/// variance estimates recovery). On the diagonal the second variance is zero, and the interval is the exact one of chi
-/// squared.
+/// For samples x and y of two torques scaled to unit variance, (x + y)^2 and (x - y)^2 are independent. Each is a
+/// variance times chi squared with one degree of freedom, and x y is a quarter of their difference. Each of the two
+/// variances has an exact interval; the interval of the difference follows by the method of variance estimates
+/// recovery. On the diagonal the second variance is zero, and the interval is the exact one of chi squared.
 #[derive(Debug, Clone, Copy)]
 pub struct Quantiles {
     /// n / upper quantile, below one.
@@ -24,7 +23,7 @@ impl Quantiles {
     ///
     /// # Errors
     ///
-    /// [`Error::Argument`] for another confidence, or no samples.
+    /// [`Error::Argument`] for a confidence out of range, or zero samples.
     pub fn new(samples: usize, confidence: f64) -> Result<Self, Error> {
         check_confidence(confidence)?;
         #[allow(clippy::cast_precision_loss)] // a count
@@ -35,7 +34,7 @@ impl Quantiles {
         Ok(Self { low: n / chi_squared.inverse_cdf(1.0 - tail), high: n / chi_squared.inverse_cdf(tail) })
     }
 
-    /// (low, high) for a covariance, from the estimates of the two variances and of itself.
+    /// (low, high) for a covariance, from the estimates of the two variances and of the covariance.
     #[must_use]
     pub fn interval(&self, (variance, other): (f64, f64), covariance: f64) -> (f64, f64) {
         let unit = (variance * other).sqrt();

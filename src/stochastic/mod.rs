@@ -1,11 +1,12 @@
-//! The spatially random model itself (1.1 to 1.6), and M as what emerges from it (5.1).
+//! The random model (1.1 to 1.6), and the estimation of M from its samples (5.1).
 //!
-//! Forces w(k) with mean b(k) and covariance M(k) act on the bodies, white from body to body; the joint torques they cause,
-//! T = H phi W, have the mass matrix as covariance. Nobody derived equations of motion for that: it can be *measured*, by
-//! drawing W. [`RandomModel`] draws; [`Method`] is how: [`Method::MonteCarlo`] (error falls as n^-1/2, with a confidence
-//! interval for every entry), [`Method::Sobol`] (scrambled points, about n^-1), [`Method::SigmaPoints`] (12 points a body, exact).
+//! Random forces w(k) with mean b(k) and covariance M(k) act on the bodies and are independent between bodies. The
+//! resulting joint torques T = H phi W have the mass matrix as covariance. M can therefore be *measured* by sampling W,
+//! without deriving equations of motion. [`RandomModel`] draws samples. [`Method`] selects the estimator:
+//! [`Method::MonteCarlo`] (error proportional to n^-1/2, with a confidence interval for every entry), [`Method::Sobol`]
+//! (scrambled points, error about n^-1), or [`Method::SigmaPoints`] (12 points per body, exact).
 //!
-//! Random streams are counter-based: sample i is the same for any number of threads and any number of samples around it.
+//! Random streams are counter-based: sample i does not depend on the number of threads or on the other samples.
 //!
 //! ```
 //! use phipsi::stochastic::Method;

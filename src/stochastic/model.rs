@@ -1,4 +1,4 @@
-//! Drawing from the model: white forces on the bodies, carried inward, measured at the joints (1.1 to 1.4).
+//! Sampling of the model: white forces on the bodies, propagated inward and measured at the joints (1.1 to 1.4).
 
 use super::points::{BLOCK, Coordinates, Lane, Points};
 use crate::batch::{Batch, Fault, Pool};
@@ -15,13 +15,13 @@ use crate::workspace::Workspace;
 use nalgebra::{Matrix6, Vector6};
 use std::ops::Range;
 
-/// Rough time of one normal number in one sample, ns, its way through the model included.
+/// Approximate time per normal number and sample, ns, including its propagation.
 pub(super) const COST: usize = 8;
 
 /// The spatially random model of a scene at one configuration: w(k) ~ N(b(k), s M(k)), X = phi W, T = H X + v.
 ///
 /// s is the `acceleration_variance`: the variance, (rad/s^2)^2, of the acceleration of one kg m^2. v has the variance s
-/// r, r the armature. Without rates the model is centered, b = 0.
+/// r, with the armature r. Without velocities the model is centered, b = 0.
 #[derive(Debug, Clone)]
 pub struct RandomModel {
     pub(super) system: System<f64>,
@@ -34,7 +34,7 @@ pub struct RandomModel {
     dimension: usize,
 }
 
-/// Samples, one row a sample; states are in body frames, a block of six a degree of freedom, as in
+/// Samples, one row per sample. States are in body frames, with a block of six per degree of freedom as in
 /// [`crate::operators`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Samples {
@@ -46,19 +46,19 @@ pub struct Samples {
     pub torque: Vec<f64>,
 }
 
-/// Bodies of which a block is drawn before it is asked whether to go on; the scratch of fewer is small.
+/// Number of bodies sampled between checks for interruption; the scratch of fewer bodies is small.
 const FEW: usize = 1_024;
 
-/// Blocks that are handed out to threads at once.
+/// Number of blocks that are distributed to threads at once.
 const TOGETHER: u64 = 1 << 14;
 
-/// Where the samples of a block go: which of its lanes were asked for, and rows of W, X and T for them.
+/// The outputs of a block: the requested lanes, and their rows of W, X and T.
 struct Rows<'a> {
     lanes: Range<usize>,
     parts: [&'a mut [f64]; 3],
 }
 
-/// The first `count` entries of a slice, which it then has no more.
+/// Splits off the first `count` entries of a slice.
 #[allow(clippy::mut_mut)] // a slice that becomes shorter
 fn taken<'a>(slice: &mut &'a mut [f64], count: usize) -> &'a mut [f64] {
     let (own, rest) = std::mem::take(slice).split_at_mut(count);
@@ -66,31 +66,31 @@ fn taken<'a>(slice: &mut &'a mut [f64], count: usize) -> &'a mut [f64] {
     own
 }
 
-/// How many samples there are.
+/// Number of samples.
 fn count_of(samples: &Range<u64>) -> Result<usize, Error> {
     let count = samples.end.saturating_sub(samples.start);
     usize::try_from(count).map_err(|_| Error::argument("samples", count.to_string(), "as many as memory has addresses"))
 }
 
-/// One block of samples on its way inward.
+/// One block of samples during the inward pass.
 pub(super) struct Block {
-    /// The normal numbers of the body at hand.
+    /// The normal numbers of the current body.
     normals: Vec<Lane>,
-    /// w(k), six lanes a body; only where it is asked for.
+    /// w(k), six lanes per body; only if requested.
     process: Vec<Lane>,
-    /// z(k), six lanes a body.
+    /// z(k), six lanes per body.
     force: Vec<Lane>,
-    /// tau, one lane a row.
+    /// tau, one lane per row.
     pub torque: Vec<Lane>,
 }
 
 impl Scene {
-    /// The spatially random model at `q`; with rates `qd` its mean is the bias force, gravity included.
+    /// The random model at `q`. With velocities `qd` its mean is the bias force, gravity included.
     ///
     /// # Errors
     ///
-    /// Bad arguments; [`Error::Argument`] naming the link whose inertia has no square root, or the acceleration
-    /// variance.
+    /// Invalid arguments; [`Error::Argument`] with the name of a link whose inertia has no square root, or for an
+    /// invalid acceleration variance.
     pub fn random_model(
         &self,
         q: &[f64],
@@ -144,7 +144,7 @@ impl RandomModel {
         self.system.rows()
     }
 
-    /// Random numbers a sample: six a body (fewer for rods, point masses and frames), one a joint with armature.
+    /// Random numbers per sample: six per body (fewer for rods, point masses and frames), one per joint with armature.
     #[must_use]
     pub fn dimension(&self) -> usize {
         self.dimension
@@ -156,14 +156,14 @@ impl RandomModel {
         self.deviation * self.deviation
     }
 
-    /// W, X and T of the samples numbered `samples`; the same sample for the same number, whatever is drawn with it.
+    /// W, X and T of the samples with indices `samples`. A sample depends on its index only.
     ///
-    /// O(N) a sample; threads share the blocks of 64.
+    /// O(N) per sample; threads share the blocks of 64.
     ///
     /// # Errors
     ///
-    /// [`Error::Argument`] for Sobol points of fewer dimensions than [`RandomModel::dimension`]; [`Error::Memory`] for
-    /// more samples than there is room for; [`Error::Interrupted`] under a [`interrupt`] that ends the work.
+    /// [`Error::Argument`] for Sobol points with fewer dimensions than [`RandomModel::dimension`]; [`Error::Memory`] if
+    /// the samples exceed the available memory; [`Error::Interrupted`] if an [`interrupt`] ends the work.
     pub fn sample(&self, points: &Points, samples: Range<u64>) -> Result<Samples, Error> {
         let (count, nv) = (count_of(&samples)?, self.nv());
         memory::room("samples", self.bytes_of_samples(count))?;
@@ -173,7 +173,7 @@ impl RandomModel {
         Ok(all)
     }
 
-    /// T alone of the samples numbered `samples`, (samples x nv).
+    /// T alone for the samples with indices `samples`, (samples x nv).
     ///
     /// # Errors
     ///
@@ -184,18 +184,18 @@ impl RandomModel {
         Ok(torque)
     }
 
-    /// The bytes of W, X and T of so many samples.
+    /// Number of bytes of W, X and T for this number of samples.
     #[must_use]
     pub(crate) fn bytes_of_samples(&self, count: usize) -> u128 {
         memory::bytes_of::<f64>(&[count, 13, self.nv()])
     }
 
-    /// W, X and T of the samples numbered `samples`, into arrays of the shapes of [`Samples`]; W and X may be empty,
-    /// and are left out then.
+    /// W, X and T of the samples with indices `samples`, into arrays of the shapes of [`Samples`]. W and X may be empty
+    /// and are then skipped.
     ///
     /// # Errors
     ///
-    /// [`Error::Shape`] for arrays of other lengths; as [`RandomModel::sample`] besides.
+    /// [`Error::Shape`] for arrays of other lengths; otherwise as [`RandomModel::sample`].
     pub fn sample_into(
         &self,
         points: &Points,
@@ -218,7 +218,7 @@ impl RandomModel {
         let pool = Pool::default();
         let mut first = samples.start;
         while first < samples.end {
-            // A part of them at a time: what is written down of the blocks then takes no memory to speak of.
+            // A limited number of blocks at a time, so that their descriptions take little memory.
             let last = samples.end.min((first / block + TOGETHER).saturating_mul(block));
             let (begin, mut rows) = (first / block, Vec::new());
             while first < last {
@@ -250,7 +250,7 @@ impl RandomModel {
         Ok(())
     }
 
-    /// The samples of a block that were asked for.
+    /// Writes the requested samples of a block.
     fn write(&self, block: &Block, Rows { lanes, parts: [process, force, torque] }: &mut Rows<'_>) {
         let (nv, wide) = (self.nv(), 6 * self.nv());
         for (i, lane) in lanes.clone().enumerate() {
@@ -285,7 +285,7 @@ impl RandomModel {
         }
     }
 
-    /// Tip to base: one block of samples (1.1 to 1.4); fails where that is interrupted.
+    /// Tip to base: one block of samples (1.1 to 1.4); fails at an interruption.
     pub(super) fn draw(
         &self,
         block: &mut Block,
@@ -297,7 +297,7 @@ impl RandomModel {
             interrupt::check_at(k, FEW)?;
             let (outboard, here) = block.force.split_at_mut(6 * k);
             let force = &mut here[..6];
-            // 1.1: what the bodies outboard sent, plus w(k) = b(k) + S n.
+            // 1.1: the propagated forces of the bodies outboard, plus w(k) = b(k) + S n.
             let root = &self.roots[k];
             for (used, column) in used_columns(root).enumerate() {
                 coordinates.next(&mut block.normals[used]);

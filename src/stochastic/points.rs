@@ -1,4 +1,4 @@
-//! Where standard normal numbers come from: counter-based pseudo-random streams, or scrambled Sobol points.
+//! Sources of standard normal numbers: counter-based pseudo-random streams, or scrambled Sobol points.
 
 use super::sobol::{Run, Sobol};
 use crate::error::Error;
@@ -6,13 +6,13 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 
-/// Samples that are drawn together: one stream of random numbers, one pass of each loop.
+/// Number of samples that are drawn together: one stream of random numbers, one pass of each loop.
 pub const BLOCK: usize = 64;
 
 /// One number for each sample of a block.
 pub type Lane = [f64; BLOCK];
 
-/// A sequence of points with independent standard normal coordinates; a block of them can be had without those before.
+/// A sequence of points with independent standard normal coordinates, with random access to its blocks.
 #[derive(Debug, Clone)]
 pub struct Points(Kind);
 
@@ -33,9 +33,9 @@ impl Points {
     ///
     /// # Errors
     ///
-    /// [`Error::Argument`] beyond the dimensions that direction numbers are known for.
+    /// [`Error::Argument`] for more dimensions than there are direction numbers.
     pub fn sobol(dimension: usize, seed: u64, replicate: u64) -> Result<Self, Error> {
-        // Streams from the far end, so that no scramble shares one with a block of samples.
+        // Streams from the end of the range, so that no scramble shares a stream with a block of samples.
         let mut random = stream(seed, u64::MAX - replicate);
         Ok(Self(Kind::Sobol(Sobol::new(dimension, &mut random)?)))
     }
@@ -51,7 +51,7 @@ impl Points {
         }
     }
 
-    /// The coordinates of block `index`, to be taken one after another.
+    /// The coordinates of block `index`, to be read one after another.
     pub(super) fn block(&self, index: u64) -> Coordinates<'_> {
         match &self.0 {
             Kind::Random { seed } => Coordinates::Random(Box::new(stream(*seed, index))),

@@ -1,4 +1,4 @@
-//! Sigma points: the columns of +-sqrt(n) S, pushed through T = H phi W, have M as their covariance exactly.
+//! Sigma points: the columns of +-sqrt(n) S, propagated through T = H phi W, have exactly M as their covariance.
 
 use super::model::{RandomModel, used_columns};
 use crate::error::Error;
@@ -6,11 +6,11 @@ use crate::interrupt;
 use nalgebra::Vector6;
 
 impl RandomModel {
-    /// The mass matrix from the sigma points, (nv x nv) row by row, into `out`; gives the number of points.
+    /// The mass matrix from the sigma points, (nv x nv) row by row, into `out`. Returns the number of points.
     ///
-    /// n is the number of random numbers a sample. The weights 1/(2n) and the squares of sqrt(n) cancel, and a point and its
-    /// mirror image contribute the same: half of the points are pushed, unscaled. Each reaches only the joints between its
-    /// body and the base. O(N depth^2). Fails where it is interrupted.
+    /// n is the number of random numbers per sample. The weights 1/(2n) and the squares of sqrt(n) cancel, and a point
+    /// and its mirror image contribute equally, so half of the points are propagated without scaling. Each affects only
+    /// the joints between its body and the base. O(N depth^2). Fails at an interruption.
     pub(super) fn sigma_points(&self, out: &mut [f64]) -> Result<usize, Error> {
         let nv = self.nv();
         out.fill(0.0);
@@ -32,7 +32,7 @@ impl RandomModel {
         Ok(2 * self.dimension())
     }
 
-    /// The torques that a force on body `k` causes, by row.
+    /// The torques of a force on body `k`, by row.
     fn push_inward(&self, k: usize, mut force: Vector6<f64>, path: &mut Vec<(usize, f64)>) {
         path.clear();
         let mut at = Some(k);

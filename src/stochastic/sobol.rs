@@ -1,8 +1,9 @@
-//! Sobol points, scrambled so that their estimates are unbiased and their error can be seen.
+//! Scrambled Sobol points, for unbiased estimates with an error estimate.
 //!
-//! The direction numbers are Joe's and Kuo's. Scrambling is linear: every coordinate's binary digits are multiplied by a
-//! random lower triangular matrix over the integers mod 2 and shifted by a random vector (Matousek 1998), which keeps the
-//! net and makes every point uniform. The matrix works on the direction numbers, so a point costs nothing more.
+//! The direction numbers are those of Joe and Kuo. Scrambling is linear (Matousek 1998): the binary digits of each
+//! coordinate are multiplied by a random lower triangular matrix over the integers mod 2 and shifted by a random
+//! vector. This preserves the net and makes every point uniform. The matrix is applied to the direction numbers, so
+//! that it adds no cost per point.
 
 use super::points::{BLOCK, Lane};
 use crate::error::Error;
@@ -10,10 +11,10 @@ use rand_chacha::rand_core::Rng;
 use sobol::params::JoeKuoD6;
 use statrs::function::erf::erfc_inv;
 
-/// Direction numbers ship up to here.
+/// The number of dimensions with direction numbers.
 pub const DIMENSIONS: usize = 1000;
 
-/// Digits of a coordinate: one fewer than a float holds, so that the middle of the last cell is a float too.
+/// Binary digits of a coordinate: one fewer than a float holds, so that the middle of the last cell is a float too.
 const DIGITS: u32 = 52;
 
 /// Digits of the direction numbers: the sequence has 2^32 points.
@@ -46,12 +47,12 @@ impl Sobol {
         Ok(Self { dimensions: plain.iter().map(|directions| scramble(directions, random)).collect() })
     }
 
-    /// How many coordinates a point has.
+    /// Number of coordinates of a point.
     pub fn dimension(&self) -> usize {
         self.dimensions.len()
     }
 
-    /// The points from `first` on, which is a multiple of the block's length.
+    /// The points from `first`, which is a multiple of the block's length.
     pub fn run(&self, first: u64) -> Run<'_> {
         Run { dimensions: &self.dimensions, first, next: 0 }
     }
@@ -61,7 +62,7 @@ impl Sobol {
 fn scramble(plain: &[u32], random: &mut impl Rng) -> Dimension {
     let mut directions = [0; LEVELS];
     for digit in 0..DIGITS {
-        // Which digits of the direction number this digit of the result is the sum of, the first digit highest.
+        // The digits of the direction number whose sum is this digit of the result; the first digit is the highest.
         let earlier = if digit == 0 { 0 } else { u32::MAX << (32 - digit.min(32)) };
         let own = if digit < 32 { 1 << (31 - digit) } else { 0 };
         let row = (random.next_u32() & earlier) | own;
@@ -89,7 +90,7 @@ impl Run<'_> {
             return;
         };
         self.next += 1;
-        // Points in the order of Gray codes: neighbours differ by one direction number.
+        // Points in the order of Gray codes: consecutive points differ by one direction number.
         let gray = self.first ^ (self.first >> 1);
         let set = dimension.directions.iter().enumerate().filter(|(level, _)| gray >> level & 1 == 1);
         let mut digits = set.fold(dimension.shift, |digits, (_, direction)| digits ^ direction);

@@ -1,10 +1,10 @@
-//! A program as parts, a function each: long programs are cut, and what limbs of one kind repeat is one part that is
-//! called with other numbers.
+//! A program in parts, one function each. Long programs are split, and the code that equal limbs repeat is one part
+//! that is called with different values.
 //!
-//! Compilers take more than twice the time for a function of twice the length, and a program of one line each limb
-//! does not stay in the cache of instructions. What later parts read is kept in an array, where a slot is used again
-//! once nothing reads it any more. What a compiler would keep in registers across a cut is little beside what it has
-//! to put on the stack anyway.
+//! The compile time grows by more than a factor of two for a function of twice the length, and code that is repeated
+//! for each limb exceeds the instruction cache. Values that later parts read are stored in an array, whose slots are
+//! reused after the last read. The values that a compiler could keep in registers across a split are few compared with
+//! the values that it spills to the stack in any case.
 
 mod repeats;
 mod tables;
@@ -21,10 +21,10 @@ use std::collections::HashMap;
 use std::ops::Range;
 use work::{PartCall, Work};
 
-/// Programs of so many operations are one part.
+/// Programs of at most this number of operations are one part.
 ///
-/// In parts the 15,500 of the derivatives of forward dynamics of a robot of 18 degrees of freedom take GCC half the
-/// time; half as long programs lose a tenth of their speed.
+/// In parts, the 15,500 operations of the derivatives of forward dynamics of a robot with 18 degrees of freedom compile
+/// in half the time with GCC; programs of half that length lose a tenth of their speed.
 const WHOLE: usize = 8000;
 
 /// A value that a part reads from outside, at each of its calls.
@@ -32,9 +32,9 @@ const WHOLE: usize = 8000;
 pub(super) enum Given {
     /// The f64 of these bits.
     Constants(Vec<u64>),
-    /// Numbers of an argument: which argument, and the indices.
+    /// Elements of an argument: the argument, and the indices.
     Arguments(usize, Vec<usize>),
-    /// Slots of the array of numbers that are kept.
+    /// Slots of the array of stored values.
     Kept(Vec<usize>),
 }
 
@@ -42,15 +42,16 @@ pub(super) enum Given {
 #[derive(Debug)]
 pub(super) struct Part {
     pub given: Vec<Given>,
-    /// Its operations; an operand below the number of `given` is one of these, the others are operations before.
+    /// Its operations. An operand below the number of `given` values is one of these; the others are previous
+    /// operations.
     pub operations: Vec<Operation>,
-    /// Operations whose numbers later parts read, each with its slots.
+    /// Operations whose values later parts read, each with its slots.
     pub keeps: Vec<(usize, Vec<usize>)>,
-    /// Operations whose numbers are results: which result, and the indices.
+    /// Operations whose values are results: the result, and the indices.
     pub writes: Vec<(usize, usize, Vec<usize>)>,
 }
 
-/// Where a result comes from that no part writes.
+/// The source of a result that no part writes.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Source {
     /// A constant or an argument, by its place in the program.
@@ -63,19 +64,19 @@ pub(super) enum Source {
 #[derive(Debug)]
 pub(super) struct Cut {
     pub parts: Vec<Part>,
-    /// The part of each call, in order; a part's numbers are those of its first call, its second, and so on.
+    /// The part of each call, in order. The values of a part are those of its first call, its second call, and so on.
     pub calls: Vec<usize>,
     /// The results that no part writes: the result, the index in it, and the source.
     pub others: Vec<(usize, usize, Source)>,
-    /// How many numbers are kept.
+    /// Number of stored values.
     pub slots: usize,
 }
 
-/// Calls of one part after another, and what is written right after them: the result, the index in it, the slot.
+/// Consecutive calls of one part, and the results that are written after them: the result, the index in it, the slot.
 #[derive(Debug)]
 pub(super) struct Run {
     pub part: usize,
-    /// Which of the part's calls.
+    /// The range of the part's calls.
     pub rows: Range<usize>,
     pub then: Vec<(usize, usize, usize)>,
 }
@@ -103,7 +104,7 @@ impl Cut {
         runs
     }
 
-    /// Whether 16 bits hold every place in every array.
+    /// True if 16 bits are sufficient for every index in every array.
     pub fn has_short_places(&self, program: &Program) -> bool {
         let widths = program.arguments.iter().chain(&program.results).map(Array::width);
         widths.chain([self.slots]).all(|width| u16::try_from(width).is_ok())
@@ -120,7 +121,7 @@ pub(super) fn is_cut(program: &Program) -> bool {
 enum Role {
     /// The operation of this index in the part, at every call.
     Own(usize),
-    /// A number from outside, or one of its own by way of what is kept.
+    /// A value from outside, or one of its own by way of the stored values.
     Outside,
 }
 
@@ -128,7 +129,7 @@ enum Role {
 pub(super) fn parts(program: &Program) -> Cut {
     let work = Work::new(program);
     let calls = work.calls();
-    // The calls of each part, in the order in which parts are called first.
+    // The calls of each part, in the order of their first calls.
     let mut numbers = HashMap::new();
     let mut of_part: Vec<Vec<usize>> = Vec::new();
     for (index, call) in calls.iter().enumerate() {
@@ -165,7 +166,7 @@ pub(super) fn parts(program: &Program) -> Cut {
     Cut { parts, calls: part_of, others, slots }
 }
 
-/// The last call that reads each number by way of what is kept.
+/// The last call that reads each stored value.
 fn last_reads(
     work: &Work<'_>,
     calls: &[PartCall],
@@ -178,7 +179,7 @@ fn last_reads(
             for (at, roles) in calls[call].range.clone().zip(roles) {
                 for (operand, role) in operands(&work.in_order(at)).into_iter().zip(roles) {
                     let (Some(operand), Some(Role::Outside)) = (operand, role) else { continue };
-                    // Constants and arguments are kept by nobody.
+                    // Constants and arguments are not stored.
                     if let Some(last) = last.get_mut(work.order[operand as usize]) {
                         *last = (*last).max(Some(call));
                     }
@@ -211,9 +212,9 @@ fn roles(work: &Work<'_>, calls: &[PartCall], own: &[usize]) -> Vec<[Option<Role
         .collect()
 }
 
-/// Where results are written.
+/// The places where results are written.
 struct Writes {
-    /// By each part itself: the operation in it, the result, the index of each call.
+    /// By the parts: the operation, the result, the index for each call.
     of_parts: Vec<Vec<(usize, usize, Vec<usize>)>>,
     /// Written by the caller: the result, the index, the operation, the call.
     by_caller: Vec<(usize, usize, usize, usize)>,
@@ -258,7 +259,7 @@ impl Writes {
     }
 }
 
-/// The slot of each number that is kept, and how many there are.
+/// The slot of each stored value, and the number of slots.
 fn slots(calls: &[PartCall], of_part: &[Vec<usize>], last: &[Option<usize>]) -> (Vec<Option<usize>>, usize) {
     let mut own: Vec<&[usize]> = vec![&[]; calls.len()];
     for calls in of_part {
@@ -291,7 +292,7 @@ fn slots(calls: &[PartCall], of_part: &[Vec<usize>], last: &[Option<usize>]) -> 
     (slot_of, slots)
 }
 
-/// One part, from what its operands are and what is kept.
+/// One part, from its operands and the stored values.
 fn part(
     work: &Work<'_>,
     (calls, own): (&[PartCall], &[usize]),
@@ -302,7 +303,7 @@ fn part(
     let start = |call: usize| calls[call].range.start;
     let mut given: Vec<Given> = Vec::new();
     let mut known: HashMap<Given, usize> = HashMap::new();
-    // Where each operand is found: what is given by its index, the part's own by the number of its operation.
+    // The source of each operand: given values by their index, the part's own values by the index of the operation.
     let mut found: Vec<[Option<Result<usize, usize>>; 3]> = Vec::new();
     for (at, roles) in roles.iter().enumerate() {
         found.push(std::array::from_fn(|entry| match roles[entry]? {
@@ -337,7 +338,7 @@ fn part(
     Part { given, operations, keeps, writes }
 }
 
-/// Numbers from outside, one a call: all constants, all of one argument, or all kept.
+/// Values from outside, one per call: all constants, all of one argument, or all stored.
 fn outside(work: &Work<'_>, operands: &[u32], slot_of: &[Option<usize>]) -> Given {
     let operation = |&operand: &u32| work.program.operations[operand as usize];
     match operation(&operands[0]) {

@@ -1,25 +1,26 @@
-//! Where a long sequence of words says the same again: limbs of one kind leave such parts in a program.
+//! Repeated long sequences of words: equal limbs lead to such sequences in a program.
 
 use std::collections::BinaryHeap;
 
-/// A part of fewer words does not earn the way to a function of its own: of 64, derivatives of a humanoid took a
-/// third more time than without any.
+/// A shorter sequence is not worth a separate function: with a minimum of 64, derivatives of a humanoid took a third
+/// longer than without parts.
 const SHORTEST: usize = 128;
-/// A longer one is said in several.
+/// A longer sequence is split.
 const LONGEST: usize = 2048;
 
 /// The same words at several places that do not overlap.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Repeat {
     pub length: usize,
-    /// Where it begins, in order; two or more.
+    /// The places at which it begins, in order; at least two.
     pub starts: Vec<usize>,
 }
 
-/// Parts that occur more than once, chosen one after another by how many words each saves; no two of them overlap.
+/// Sequences that occur more than once, without overlaps, selected one after another by the number of words that each
+/// saves.
 ///
-/// The suffixes are sorted, and what neighbors have in common are the candidates; again without what was chosen,
-/// until nothing is left. O(n log^2 n) a round, of a few.
+/// The suffixes are sorted, and common prefixes of adjacent suffixes are the candidates. This is repeated without the
+/// selected words until no candidate is left. O(n log^2 n) per round, with few rounds.
 pub(super) fn repeats(words: &[u32]) -> Vec<Repeat> {
     let mut words = words.to_vec();
     let mut all = Vec::new();
@@ -42,7 +43,7 @@ pub(super) fn repeats(words: &[u32]) -> Vec<Repeat> {
     }
 }
 
-/// A candidate: so many words that the suffixes of this range have in common.
+/// A candidate: the number of words that the suffixes of this range share.
 #[derive(Debug, Clone, Copy)]
 struct Candidate {
     length: usize,
@@ -53,7 +54,7 @@ struct Candidate {
 fn one_round(words: &[u32]) -> Vec<Repeat> {
     let sorted = sorted_suffixes(words);
     let candidates = candidates(&in_common(words, &sorted));
-    // The most that each can save; what was chosen before makes it less.
+    // An upper bound on the words that it saves; previous selections reduce it.
     let most = |of: &Candidate| of.length * (of.end - of.first - 1);
     let mut queue: BinaryHeap<(usize, usize)> =
         candidates.iter().enumerate().map(|(at, candidate)| (most(candidate), at)).collect();
@@ -77,7 +78,7 @@ fn one_round(words: &[u32]) -> Vec<Repeat> {
     found
 }
 
-/// Those of the places where so many words are free, in order, without those that overlap one before.
+/// The places at which `length` words are free, in order, without overlaps.
 fn free_places(length: usize, places: &[u32], is_taken: &[bool]) -> Vec<usize> {
     let mut places: Vec<usize> = places.iter().map(|&place| place as usize).collect();
     places.sort_unstable();
@@ -92,14 +93,14 @@ fn free_places(length: usize, places: &[u32], is_taken: &[bool]) -> Vec<usize> {
     places
 }
 
-/// Where the suffixes begin, in the order of their first [`LONGEST`] words.
+/// The beginnings of the suffixes, in the order of their first [`LONGEST`] words.
 fn sorted_suffixes(words: &[u32]) -> Vec<u32> {
     let mut sorted: Vec<u32> = (0..words.len()).map(|at| u32::try_from(at).unwrap_or(u32::MAX)).collect();
     let mut rank: Vec<u32> = words.iter().map(|&word| word + 1).collect();
     let mut next = vec![0; words.len()];
     let mut width = 0;
     while width < LONGEST {
-        // By as many words as the ranks say, and again as many.
+        // Compares twice the number of words of the previous ranks.
         let key = |at: u32| {
             let at = at as usize;
             let behind = if width == 0 { None } else { rank.get(at + width) };
@@ -119,7 +120,7 @@ fn sorted_suffixes(words: &[u32]) -> Vec<u32> {
     sorted
 }
 
-/// How many words each suffix has in common with the one before it in order, [`LONGEST`] at the most.
+/// Number of words that each sorted suffix shares with its predecessor, at most [`LONGEST`].
 fn in_common(words: &[u32], sorted: &[u32]) -> Vec<usize> {
     let same = |pair: &[u32]| {
         let (a, b) = (&words[pair[0] as usize..], &words[pair[1] as usize..]);
@@ -128,7 +129,7 @@ fn in_common(words: &[u32], sorted: &[u32]) -> Vec<usize> {
     std::iter::once(0).chain(sorted.windows(2).map(same)).collect()
 }
 
-/// The ranges of suffixes that have [`SHORTEST`] words or more in common, each with how many.
+/// The ranges of suffixes that share at least [`SHORTEST`] words, each with the number of words.
 fn candidates(in_common: &[usize]) -> Vec<Candidate> {
     let (mut open, mut found): (Vec<Candidate>, Vec<Candidate>) = (Vec::new(), Vec::new());
     for (at, &length) in in_common.iter().chain([&0]).enumerate() {
@@ -148,7 +149,7 @@ fn candidates(in_common: &[usize]) -> Vec<Candidate> {
 mod tests {
     use super::{LONGEST, Repeat, SHORTEST, repeats};
 
-    /// So many words that occur nowhere else.
+    /// `count` words that do not occur elsewhere.
     fn once(from: u32, count: usize) -> Vec<u32> {
         (from..).take(count).collect()
     }
@@ -171,7 +172,7 @@ mod tests {
     #[test]
     fn what_is_left_is_looked_through_again() {
         let (long, short) = (once(0, 400), once(500, 200));
-        // The second time the two stand in another order.
+        // In the second occurrence the order of the two is different.
         let words = [&long, &short, &once(2000, 3), &short, &long].map(|part| &part[..]).concat();
         let mut found = repeats(&words);
         found.sort_by_key(|repeat| repeat.length);

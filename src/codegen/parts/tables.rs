@@ -1,19 +1,19 @@
 //! The constants and array indices that differ between the calls of a part.
 
-/// A constant or a place: the same at all calls, or a row of the table.
+/// A constant or an index: the value if it is the same for all calls, otherwise a row of the table.
 pub(in crate::codegen) enum Entry<T> {
     Same(T),
     Row(usize),
 }
 
-/// Rows for each number that differs, with one entry a call.
+/// One row for each value that differs, with one entry per call.
 #[derive(Default)]
 pub(in crate::codegen) struct Tables {
     constants: Vec<Vec<u64>>,
     places: Vec<Vec<usize>>,
 }
 
-/// The value if all calls have the same one, else its row in the table.
+/// The value if all calls have the same one, otherwise its row in the table.
 fn entry<T: Copy + PartialEq>(rows: &mut Vec<Vec<T>>, of_calls: &[T]) -> Entry<T> {
     if of_calls.iter().all(|value| *value == of_calls[0]) {
         return Entry::Same(of_calls[0]);
@@ -24,7 +24,7 @@ fn entry<T: Copy + PartialEq>(rows: &mut Vec<Vec<T>>, of_calls: &[T]) -> Entry<T
     }))
 }
 
-/// The entries of one call after those of another.
+/// The entries call by call.
 fn by_calls<T: Copy>(rows: &[Vec<T>]) -> Vec<Vec<T>> {
     let calls = rows.first().map_or(0, Vec::len);
     (0..calls).map(|call| rows.iter().map(|row| row[call]).collect()).collect()
@@ -40,22 +40,22 @@ impl Tables {
         entry(&mut self.constants, of_calls)
     }
 
-    /// How many places differ so far.
+    /// Number of entries of the table of places.
     pub fn places(&self) -> usize {
         self.places.len()
     }
 
-    /// The tables that are not empty: what each is called where it is read, and how many numbers a call has in it.
+    /// The tables that are not empty: the name of each, and its number of values per call.
     pub fn widths(&self) -> impl Iterator<Item = (&'static str, usize)> {
         [("c", self.constants.len()), ("at", self.places.len())].into_iter().filter(|&(_, width)| width > 0)
     }
 
-    /// Constants of each call.
+    /// Constants for each call.
     pub fn constants_by_calls(&self) -> Vec<Vec<f64>> {
         by_calls(&self.constants).into_iter().map(|bits| bits.into_iter().map(f64::from_bits).collect()).collect()
     }
 
-    /// Places of each call.
+    /// Indices for each call.
     pub fn places_by_calls(&self) -> Vec<Vec<usize>> {
         by_calls(&self.places)
     }

@@ -1,4 +1,4 @@
-//! Programs in parts compute what they compute as one.
+//! Programs in parts give the same results as undivided programs.
 
 use super::{Cut, Given, Part, Source, is_cut, parts};
 use crate::codegen::case::Case;
@@ -9,7 +9,7 @@ use crate::scene::{Inertial, JointDescription, JointKind, LinkDescription, Scene
 use crate::spatial::Symmetric3;
 use nalgebra::Vector3;
 
-/// A floating trunk on four legs of three joints; from leg to leg numbers differ, signs among them.
+/// A floating trunk on four legs with three joints each; values and signs differ between the legs.
 fn robot() -> Scene {
     let link = |name: &str, mass: f64, side: f64| LinkDescription {
         name: name.to_owned(),
@@ -40,7 +40,7 @@ fn robot() -> Scene {
     builder.build().expect("the robot is valid")
 }
 
-/// The numbers of one call, by the index of what they are given.
+/// The inputs of one call, in the order of their indices.
 fn given(program: &Program, arguments: &[f64], kept: &[f64], (part, call): (&Part, usize)) -> Vec<f64> {
     let firsts: Vec<usize> = (program.arguments.iter())
         .scan(0, |next, array| {
@@ -57,7 +57,7 @@ fn given(program: &Program, arguments: &[f64], kept: &[f64], (part, call): (&Par
     part.given.iter().map(number).collect()
 }
 
-/// The results of a program in parts, each number as the operations say it; NaN where none writes.
+/// The results of a program in parts, each value computed from its operations; NaN if it is not written.
 fn run(program: &Program, cut: &Cut, arguments: &[f64]) -> Vec<Vec<f64>> {
     let mut results: Vec<Vec<f64>> = program.results.iter().map(|array| vec![f64::NAN; array.width()]).collect();
     let (mut kept, mut done) = (vec![f64::NAN; cut.slots], vec![0; cut.parts.len()]);
@@ -65,7 +65,7 @@ fn run(program: &Program, cut: &Cut, arguments: &[f64]) -> Vec<Vec<f64>> {
         let (of_part, row) = (&cut.parts[part], done[part]);
         let mut numbers = Vec::new();
         for (at, operation) in of_part.operations.iter().enumerate() {
-            // Given numbers are read when they are needed: some of them the part itself keeps.
+            // Given values are read when they are needed, because the part itself stores some of them.
             let outside = given(program, arguments, &kept, (of_part, row));
             let value = value(operation, |operand| {
                 let operand = operand as usize;
@@ -100,7 +100,7 @@ fn run(program: &Program, cut: &Cut, arguments: &[f64]) -> Vec<Vec<f64>> {
     results
 }
 
-/// The results of the program as one, and in parts.
+/// The results of the undivided program, and of the program in parts.
 fn compared(program: &Program, scene: &Scene) -> (Cut, Vec<f64>, Vec<f64>) {
     let arguments = Case::new(scene, program).unwrap().given.concat();
     let cut = parts(program);
@@ -132,7 +132,7 @@ fn what_legs_repeat_is_one_part() {
     // Four legs, one after another.
     assert!(cut.runs().iter().any(|run| run.rows.len() == 4));
     assert_eq!(cut.runs().iter().map(|run| run.rows.len()).sum::<usize>(), cut.calls.len());
-    // Constants that differ are among what is given, and what all legs share is no table's.
+    // Constants that differ are given values, and constants common to all legs are not in a table.
     let differs = |part: &&Part| {
         part.given.iter().any(|given| matches!(given, Given::Constants(bits) if bits.iter().any(|&x| x != bits[0])))
     };

@@ -1,4 +1,4 @@
-//! The operations of a program that compute something, which of them do the same, and the calls that do them all.
+//! The operations of a program without leaves, which of them are equal, and the calls that contain all of them.
 
 use super::is_cut;
 use super::repeats::{Repeat, repeats};
@@ -7,22 +7,22 @@ use crate::scalar::Operation;
 use std::collections::HashMap;
 use std::ops::Range;
 
-/// Parts that are called once have at most so many operations.
+/// The maximum number of operations of a part that is called once.
 const LONGEST: usize = 2000;
 /// Operands farther back than this are not distinguished by distance: the operations between may differ between limbs.
 const NEAR: usize = 64;
 
-/// One call: the part, and its operations among those that compute something.
+/// One call: the part, and its operations among those without leaves.
 pub(super) struct PartCall {
     pub part: usize,
     pub range: Range<usize>,
 }
 
-/// The operations that compute something, and where each is among them.
+/// The operations without constants and arguments, and the index of each among them.
 pub(super) struct Work<'a> {
     pub program: &'a Program,
     pub places: Vec<usize>,
-    /// Of constants and arguments `usize::MAX`.
+    /// `usize::MAX` for constants and arguments.
     pub order: Vec<usize>,
 }
 
@@ -52,13 +52,14 @@ impl<'a> Work<'a> {
         }
     }
 
-    /// Which argument, and the index in it.
+    /// The argument, and the index in it.
     pub fn argument(&self, index: u32) -> (usize, usize) {
         let (array, at) = self.program.argument(index);
         (self.program.arguments.iter().position(|other| other.name == array.name).unwrap_or(0), at)
     }
 
-    /// The operation, of two factors or terms the one first whose kind is: the same for all that do the same.
+    /// The operation with its two factors or terms in the order of their kind, so that equal operations have the same
+    /// order.
     pub fn in_order(&self, at: usize) -> Operation {
         let sorted = |a: u32, b: u32| {
             let (a, b) = ((self.kind(at, a), a), (self.kind(at, b), b));
@@ -85,7 +86,7 @@ impl<'a> Work<'a> {
         }
     }
 
-    /// A number for each operation, the same for those that do the same.
+    /// A number for each operation, equal for equal operations.
     fn words(&self) -> Vec<u32> {
         let mut known = HashMap::new();
         let mut word = |at: usize| {
@@ -110,7 +111,7 @@ impl<'a> Work<'a> {
         let mut parts = 0;
         if is_cut(self.program) {
             for Repeat { length, starts: mut of_part } in repeats(&self.words()) {
-                // All are alike inside; only at their ends may pairs be parted.
+                // They are equal inside; only at their ends can a pair be separated.
                 let head = usize::from(of_part.iter().any(|&start| self.parts_a_pair(start)));
                 let tail = usize::from(of_part.iter().any(|&start| self.parts_a_pair(start + length)));
                 for start in &mut of_part {

@@ -1,12 +1,14 @@
-//! Derivatives of forward dynamics through connections, by the implicit function that they are.
+//! Derivatives of forward dynamics through connections, by the implicit function theorem.
 //!
-//! With M qdd + bias = tau + J* lambda and J qdd + gamma = 0, changes along q, qd and tau obey
+//! M qdd + bias = tau + J* lambda and J qdd + gamma = 0. Changes of q, qd and tau therefore satisfy
 //!
 //! ```text
-//! M dqdd - J* dlambda = dtau - (dID/dq - J* dw/dq) dq - dID/dqd dqd          ID, inverse dynamics with the forces w of the connections held on their bodies
+//! M dqdd - J* dlambda = dtau - (dID/dq - J* dw/dq) dq - dID/dqd dqd
 //! J dqdd              = -d(J qdd + gamma)/dq dq - dgamma/dqd dqd
-//! dqdd = Mc (right side above) - N (change of the rows),    Mc = M^-1 - N J M^-1,  N = M^-1 J* G^+
+//! dqdd = Mc (right side of the first) - N (change of the rows),    Mc = M^-1 - N J M^-1,  N = M^-1 J* G^+
 //! ```
+//!
+//! ID is inverse dynamics with the forces w of the connections fixed on their bodies.
 //!
 //! The changes of the rows and of their forces are computed with dual numbers on the bodies between the two frames and
 //! the base.
@@ -24,7 +26,7 @@ use crate::spatial::{RigidShift, dot, scaled_add, sum, zero};
 use crate::workspace::Workspace;
 use nalgebra::{DMatrix, Vector6};
 
-/// How the rows change, (m x nv) each.
+/// Changes of the rows, (m x nv) each.
 struct RowChanges {
     by_q: DMatrix<f64>,
     by_qd: DMatrix<f64>,
@@ -36,9 +38,9 @@ type DualState<'a> = (&'a [Dual<f64>], &'a [Dual<f64>], &'a [Dual<f64>]);
 /// Forces on bodies, by index.
 type Forces = [Option<(usize, Vector6<f64>)>; 2];
 
-/// dqdd/dq, dqdd/dqd and dqdd/dtau at the state that [`constrained_dynamics`](super::constrained_dynamics) was run on
-/// last with this scratch, whose accelerations are `qdd`, into `out`, (3 x nv x nv): the third is the inverse mass
-/// matrix through the connections. O(nv^3 + m nv depth).
+/// dqdd/dq, dqdd/dqd and dqdd/dtau at the last state that [`constrained_dynamics`](super::constrained_dynamics)
+/// computed with this scratch, into `out`, (3 x nv x nv). `qdd` are the accelerations of that state. dqdd/dtau is the
+/// inverse mass matrix through the connections. O(nv^3 + m nv depth).
 pub(crate) fn constrained_derivatives(
     (model, constraints): (&Model<f64>, &Constraints),
     workspace: &mut Workspace<f64>,
@@ -85,7 +87,7 @@ pub(crate) fn constrained_derivatives(
     Ok(())
 }
 
-/// How every row changes with q and qd; and dID/dq less what the forces of the connections change by as they turn with
+/// The derivatives of every row by q and qd, and dID/dq minus the change of the connection forces that rotate with
 /// their frames.
 fn changes(
     (model, constraints): (&Model<f64>, &Constraints),
@@ -138,8 +140,8 @@ fn changes(
     Ok(changes)
 }
 
-/// The change of a connection's rows J qdd + gamma along the tangents of a state, and that of its forces on bodies, in
-/// the bodies' axes.
+/// The change of a connection's rows J qdd + gamma along the tangents of a state, and the change of its forces on
+/// bodies, expressed in the body frames.
 fn along(
     (model, constraint, index): (&Model<Dual<f64>>, &Constraint, usize),
     (q, qd, qdd): DualState<'_>,

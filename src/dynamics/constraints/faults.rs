@@ -8,8 +8,8 @@ use crate::scalar::Precision;
 use crate::scene::Scene;
 use crate::scene::constraint::Tie;
 
-/// A state of a call may be so far from the connections, m or rad, and m/s or rad/s: measurements, differences and the
-/// drift of an integrator are below.
+/// The largest error of the connections that a call accepts, m or rad, and m/s or rad/s. Measurements, finite
+/// differences and the drift of an integrator stay below it.
 pub(super) const IN_CALLS: f64 = 1e-3;
 
 impl Scene {
@@ -32,7 +32,7 @@ impl Scene {
         names
     }
 
-    /// An error where rows contradict each other.
+    /// An error if rows contradict each other.
     pub(crate) fn check_agreement(&self, outcome: &Outcome) -> Result<(), Error> {
         if outcome.contradicted.is_empty() {
             return Ok(());
@@ -52,9 +52,9 @@ impl Scene {
         .into())
     }
 
-    /// Checks that a state meets the connections: errors to within `slack`, m or rad, and their rates to within as
-    /// much, in m/s or rad/s, or relative to the fastest joint where that is faster than 1. Combinations of rows that
-    /// count as dependent may be open by the tolerance of the scene.
+    /// Checks that a state meets the connections: errors within `slack`, m or rad, and their time derivatives within
+    /// `slack`, m/s or rad/s, or relative to the fastest joint velocity if that exceeds 1. Combinations of rows that
+    /// count as dependent may have errors up to the tolerance of the scene.
     pub(crate) fn check_on_connections(&self, q: &[f64], qd: &[f64], slack: f64) -> Result<(), Error> {
         if self.constraints().is_empty() {
             return Ok(());
@@ -108,7 +108,7 @@ impl Scene {
         })
     }
 
-    /// The error of a state that is not on the connections: what it is of, the row, how much, and its unit.
+    /// The error message for a state that violates the connections, with the argument, the row, the error and its unit.
     pub(crate) fn open_at(&self, argument: &str, row: usize, left: f64, unit: &str, remedy: &str) -> Error {
         ConstraintViolation {
             connections: self.connections_of(&[row]),

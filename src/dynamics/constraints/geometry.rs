@@ -1,14 +1,17 @@
 //! The rank of the rows of the connections by geometry: which combinations of rows move no joint.
 //!
-//! With `a_i` the size that row i of J would have if nothing in it cancelled (1 for a moment, the reach of the loop for a force), and joints that translate weighed by the reach,
-//! the rows `J_i / a_i` have no unit. Their singular values are angles: a linkage whose axes are parallel to within 4e-6 rad has singular values of about 4e-6 where the linkage that is
-//! meant has zeros. With U those above the tolerance, and A = diag(a), the rows
+//! Let `a_i` be the size of row i of J without cancellation: 1 for a moment, the reach of the loop for a force. With
+//! translational joints weighted by the reach, the rows `J_i / a_i` are dimensionless, and their singular values are
+//! angles. A linkage whose axes are parallel to within 4e-6 rad has singular values of about 4e-6 where the intended
+//! linkage has zeros. With the left singular vectors U of the singular values above the tolerance, and A = diag(a), the
+//! rows
 //!
 //! ```text
 //! Q J,     Q = A U U* A^-1
 //! ```
 //!
-//! are those of the linkage that is meant, to within the tolerance. They are kept, the combinations (1 - Q) J are not.
+//! are the rows of the intended linkage to within the tolerance. These rows are kept; the combinations (1 - Q) J are
+//! dropped.
 
 use super::mobility::{mobility, moved, scattered};
 use super::relaxed::Relaxed;
@@ -23,23 +26,24 @@ use crate::scene::constraint::Constraints;
 use crate::spatial::RigidShift;
 use nalgebra::{DMatrix, DVector, RowDVector};
 
-/// Singular values below this are zeros with rounding, for which nothing has to be relaxed.
+/// Singular values below this are zeros with rounding errors; they require no relaxation.
 const ZERO: f64 = 1e-13;
 
-/// Singular values up to the tolerance times this are of the linkage as it is drawn where the rank elsewhere says so.
+/// Singular values up to this multiple of the tolerance count as zeros if the rank at other positions implies it.
 const UNSURE: f64 = 10.0;
 
-/// Singular values that are kept and below the largest that is not times this are near a singular position.
+/// A kept singular value below this multiple of the largest dropped one indicates a singular position.
 const SINGULAR: f64 = 1e3;
 
-/// How far configurations nearby are, rad or m.
+/// Distance of the nearby configurations, rad or m.
 const NEARBY: f64 = 0.2;
 
-/// How far rows that are not kept may be from holding, over the tolerance.
+/// The largest error of dropped rows, as a multiple of the tolerance.
 const ALLOWED: f64 = 10.0;
 
 impl ConstraintScratch {
-    /// The combinations of rows that are kept, with the rows' unit forces in `units` and phi of every body in `shift`. Rows that give way are.
+    /// The combinations of rows that are kept, from the rows' unit forces in `units` and phi of every body in `shift`.
+    /// Rows with compliance are always kept.
     pub(super) fn relax(
         &mut self,
         (model, constraints): (&Model<f64>, &Constraints),
@@ -75,7 +79,8 @@ impl ConstraintScratch {
             order.sort_by(|&i, &j| values[i].total_cmp(&values[j]));
             let mut meant = order.iter().filter(|&&i| values[i] <= tolerance).count();
             if count == all && values.iter().any(|&value| ZERO < value && value <= UNSURE * tolerance) {
-                // The linkage that is meant has as many elsewhere. A singular position has more, which are judged by rounding.
+                // The intended linkage has the same number of zeros at other positions. A singular position has more;
+                // these are distinguished by rounding.
                 let ranks = &constraints.mobility.get_or_init(|| mobility(model, constraints, q)).ranks;
                 meant = ranks.get(at).copied().flatten().map_or(meant, |rank| count.saturating_sub(rank));
             }
@@ -93,8 +98,9 @@ impl ConstraintScratch {
             let largest = dropped.iter().map(|&k| values[k]).fold(0.0, f64::max);
             let is_near = |k: usize| !dropped.contains(&k) && values[k] < SINGULAR * largest;
             if (0..count).any(is_near) {
-                // Near a singular position a row that is kept is as small as those that are not, and mixed with them. Nearby it is not, and where the rows themselves
-                // do not change, as those across a plane, the same combinations are small in all of these configurations.
+                // Near a singular position, a kept row can be as small as the dropped ones and mix with them. At nearby
+                // configurations it is larger. Rows that are constant, such as those normal to a plane, give the same
+                // small combinations at all of them.
                 let wide = self.around((model, constraints), q, (&sized, &rows, &group));
                 if let Some((others, wide)) = left_vectors(wide) {
                     let mut order: Vec<usize> = (0..count).collect();
@@ -130,7 +136,7 @@ impl ConstraintScratch {
         self.relaxed = relaxed;
     }
 
-    /// The rows of a group here and at two configurations nearby, beside each other.
+    /// The rows of a group at this configuration and at two nearby ones, concatenated.
     fn around(
         &mut self,
         (model, constraints): (&Model<f64>, &Constraints),
@@ -156,7 +162,7 @@ impl ConstraintScratch {
 
 /// The left singular vectors of a matrix, all of them, and the singular values.
 fn left_vectors(matrix: DMatrix<f64>) -> Option<(DMatrix<f64>, DVector<f64>)> {
-    // Square: with more rows than columns there are zeros, which have vectors too.
+    // A square matrix: with more rows than columns, the left singular vectors of zero are included.
     let count = matrix.nrows();
     let square = if matrix.ncols() > count {
         matrix.transpose().qr().r().transpose()

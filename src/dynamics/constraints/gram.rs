@@ -1,4 +1,4 @@
-//! G = J M^-1 J* as the Gram matrix of what unit forces along the rows are to the filter.
+//! G = J M^-1 J* as the Gram matrix of the innovations of unit forces along the rows.
 
 use super::NoDirection;
 use super::gram_inverse::GramInverse;
@@ -13,7 +13,7 @@ use crate::workspace::Workspace;
 use nalgebra::DMatrix;
 
 impl ConstraintScratch {
-    /// W and (G + compliance)^+ at `q`, with the factor of M in the workspace; no compliance where it is empty.
+    /// W and (G + compliance)^+ at `q`, with the factor of M in the workspace. An empty compliance means zero.
     pub(super) fn factorise(
         &mut self,
         (model, constraints): (&Model<f64>, &Constraints),
@@ -36,12 +36,12 @@ impl ConstraintScratch {
         Ok(())
     }
 
-    /// The row i of W*: a unit force along row i runs inward from the bodies that it acts on, through the measurements
-    /// of each joint.
+    /// Row i of W*: a unit force along row i is propagated inward from the bodies on which it acts, through the
+    /// measurements of each joint.
     fn whiten(&mut self, model: &Model<f64>, workspace: &Workspace<f64>, constraint: &Constraint, i: usize) {
         let Self { units, state, moments, whitened, sizes, torque, estimates, .. } = self;
         let (system, nv) = (&model.system, model.nv());
-        // The measurement is the torque of the row; a force on a body lowers the force that its joint has to transmit.
+        // The measurement is the torque of the row. A force on a body reduces the force that its joint transmits.
         begin(constraint, &units[i], state, -1.0);
         for &k in &constraint.path {
             moments[k] = 0.0;
@@ -75,14 +75,14 @@ impl ConstraintScratch {
             if let Some(parent) = stage.parent {
                 let shift = &workspace.store.shifts[k];
                 state[parent] = sum(&state[parent], &shift.force_to_parent(&z));
-                // A lever along a force leaves a moment of rounding, which is no moment.
+                // A lever parallel to a force gives a moment that is only rounding; it does not count as a moment.
                 moments[parent] += angular(&z).norm().max(moments[k]) + shift.lever.norm() * linear(&z).norm();
             }
         }
         sizes[i] = square.sqrt();
     }
 
-    /// W* W, over the joints that two connections have in common.
+    /// W* W, summed over the joints that two connections share.
     fn gram(&self, model: &Model<f64>, constraints: &Constraints) -> DMatrix<f64> {
         let nv = model.nv();
         let mut gram = DMatrix::zeros(constraints.rows, constraints.rows);
@@ -104,12 +104,12 @@ impl ConstraintScratch {
         gram
     }
 
-    /// W lambda at every joint, (nv), from forces of rows; for combinations of whitened rows.
+    /// Row i of W*, (nv), for combinations of whitened rows.
     pub(super) fn whitened_row(&self, i: usize, nv: usize) -> &[f64] {
         &self.whitened[i * nv..(i + 1) * nv]
     }
 
-    /// The forces of the rows `step` on bodies and at joints, in `wrenches` and `torque`.
+    /// Sets `wrenches` and `torque` to the forces of the rows `step` on bodies and at joints.
     pub(super) fn spread(&mut self, step: &[f64]) {
         self.wrenches.fill(nalgebra::Vector6::zeros());
         self.torque.fill(0.0);
@@ -123,7 +123,8 @@ impl ConstraintScratch {
         }
     }
 
-    /// M^-1 J* of the forces that [`ConstraintScratch::spread`] has left, in `estimates`: one more right side. O(N).
+    /// M^-1 J* of the forces that [`ConstraintScratch::spread`] has set, into `estimates`: one more right-hand side.
+    /// O(N).
     pub(super) fn respond(&mut self, model: &Model<f64>, workspace: &mut Workspace<f64>) {
         let (scene, store) = workspace.passes(model);
         store.set_forces(self.wrenches.iter().map(|wrench| -wrench));

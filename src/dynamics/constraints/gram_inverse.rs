@@ -1,23 +1,23 @@
-//! The inverse of G = J M^-1 J*, where it has one.
+//! The pseudoinverse of G = J M^-1 J*.
 
 use nalgebra::{Cholesky, DMatrix, DVector, DVectorViewMut, Dyn};
 
-/// Eigenvalues of G, its diagonal scaled to one, that are lost in the rounding of its entries.
+/// Eigenvalues of G, scaled to unit diagonal, below this are rounding errors.
 const LOST: f64 = 1e-13;
 
-/// A row of W that is so small beside the terms that it is formed from moves nothing.
+/// A row of W that is smaller than this relative to its terms is zero: the row moves no joint.
 pub(super) const NOTHING: f64 = 1e-12;
 
-/// Pivots of G, its diagonal scaled to one, above which its Cholesky factor alone shows that it is regular.
+/// Pivots of G, scaled to unit diagonal, above this prove by the Cholesky factor alone that G is regular.
 pub(super) const REGULAR: f64 = 1e-9;
 
-/// G^+ of combinations C of the rows, C* (C G C*)^+ C; with C = 1 it is S B B* S, S the scale that makes G's diagonal
-/// one: B = L^-* of the Cholesky factor where G is regular, else V mu^-1/2 over the eigenvalues mu that mean something.
+/// G^+ for combinations C of the rows, C* (C G C*)^+ C. For C = 1 it is S B B* S, where S scales the diagonal of G to
+/// one. B = L^-* of the Cholesky factor if G is regular, otherwise V mu^-1/2 over the eigenvalues mu above rounding.
 #[derive(Debug, Clone, Default)]
 pub(super) struct GramInverse {
     scale: Vec<f64>,
     factor: Factor,
-    /// C; none where all rows are kept.
+    /// C; None if all rows are kept.
     kept: Option<DMatrix<f64>>,
     pub rank: usize,
 }
@@ -95,7 +95,7 @@ impl GramInverse {
         }
     }
 
-    /// The sum of |`lambda_j`| over the scale of each row: zero for rows that move nothing.
+    /// The sum of |`lambda_j`| divided by the scale of each row; zero for rows that move no joint.
     pub fn weighed(&self, forces: &[f64]) -> f64 {
         let scale = |i: usize| match &self.kept {
             Some(kept) => {
@@ -107,7 +107,7 @@ impl GramInverse {
         weighed.filter(|&(_, scale)| scale > 0.0).map(|(force, scale)| force / scale).sum()
     }
 
-    /// C* S: the forces of combinations that are scaled and kept.
+    /// C* S: the forces of the kept combinations, scaled.
     pub fn scaled_forces(&self) -> DMatrix<f64> {
         let mut forces = self
             .kept
@@ -119,14 +119,14 @@ impl GramInverse {
         forces
     }
 
-    /// The columns of C* S B: rows of W*, combined by them, are orthonormal.
+    /// The columns of C* S B. They combine the rows of W* to orthonormal vectors.
     pub fn columns(&self) -> DMatrix<f64> {
         let mut columns = match &self.factor {
             Factor::Eigenvectors(vectors) => vectors.clone(),
             Factor::Cholesky(factor) => {
                 let m = self.scale.len();
                 let mut inverse = DMatrix::identity(m, m);
-                // Its diagonal is not zero.
+                // The diagonal has no zeros.
                 factor.l_dirty().tr_solve_lower_triangular_mut(&mut inverse);
                 inverse
             }

@@ -12,10 +12,10 @@ use crate::scene::constraint::Constraints;
 use crate::workspace::Workspace;
 use nalgebra::{DMatrix, DVector, Vector6};
 
-/// Singular values below this share of the largest are rounding.
+/// Singular values below this fraction of the largest are rounding errors.
 const SMALL: f64 = 1e-11;
 
-/// A torque without a motor that is so small beside the terms that it is the sum of is rounding.
+/// An unactuated torque below this fraction of its terms is rounding.
 const UNNOTICED: f64 = 1e-8;
 
 /// The result of constrained inverse dynamics.
@@ -26,15 +26,15 @@ pub(crate) struct InverseOutcome {
     pub rank: usize,
     /// The largest entry of J qdd + gamma, rad/s^2 or m/s^2.
     pub residual: f64,
-    /// A row of tau without a motor that would need a torque, and how much.
+    /// An unactuated row that would need a torque, and the torque.
     pub unmet: Option<(usize, f64)>,
 }
 
-/// Torques `tau` and the forces of the connections (in the scratch) with tau + J* lambda = f, f the tree's inverse
-/// dynamics, and tau zero where `actuated` is false.
+/// Torques `tau` and connection forces lambda (in the scratch) with tau + J* lambda = f, where f is the inverse
+/// dynamics of the tree, and tau is zero where `actuated` is false.
 ///
-/// Where that leaves a choice, tau has the least tau* M^-1 tau. Without the rows that are not actuated, that is
-/// lambda = G^+ J M^-1 f, in O(N + m^2 depth + m^3); else dense in m rows and nv.
+/// If the solution is not unique, tau minimizes tau* M^-1 tau. If all rows are actuated, lambda = G^+ J M^-1 f,
+/// in O(N + m^2 depth + m^3); otherwise a dense problem in the m rows and nv is solved.
 pub(crate) fn constrained_inverse_dynamics(
     (model, constraints): (&Model<f64>, &Constraints),
     workspace: &mut Workspace<f64>,
@@ -66,8 +66,7 @@ pub(crate) fn constrained_inverse_dynamics(
         let mut jacobian = vec![0.0; m * nv];
         jacobian_of_rows(model, constraints, scratch, &workspace.store.shifts, (q, &workspace.rest), &mut jacobian)?;
         let free: Vec<usize> = (0..nv).filter(|&row| !actuated[row]).collect();
-        // Rows scaled by the inertia that each joint sees, columns to what the rows of the connections are to the
-        // filter.
+        // Rows are scaled by the inertia at each joint, columns by the innovations of the rows of the connections.
         let weight = |row: usize| workspace.store.measured[row].pivot_inverse.sqrt();
         let forces = scratch.inverse.scaled_forces();
         let of_free = DMatrix::from_fn(free.len(), m, |r, i| jacobian[i * nv + free[r]] * weight(free[r]));
@@ -111,9 +110,9 @@ fn whitened(model: &Model<f64>, workspace: &mut Workspace<f64>, tau: &[f64]) -> 
     DVector::from_iterator(e.len(), e.iter().zip(&store.measured).map(|(e, row)| e * row.pivot_inverse.sqrt()))
 }
 
-/// mu with A mu nearest to b, and among those with B mu nearest to c.
+/// The mu that minimizes |A mu - b|, and among these |B mu - c|.
 fn least(a: &DMatrix<f64>, b: &DVector<f64>, to: &DMatrix<f64>, c: &DVector<f64>) -> DVector<f64> {
-    // Square, so that the right singular vectors are all there are.
+    // A square matrix, so that all right singular vectors are computed.
     let count = a.ncols();
     if count == 0 {
         return DVector::zeros(0);
@@ -142,10 +141,10 @@ fn least(a: &DMatrix<f64>, b: &DVector<f64>, to: &DMatrix<f64>, c: &DVector<f64>
     chosen.map_or(mu.clone(), |nu| mu + basis * nu)
 }
 
-/// M^-1 - M^-1 J* G^+ J M^-1 at `q` into `out`, (nv x nv): how torques accelerate what the connections leave free.
+/// M^-1 - M^-1 J* G^+ J M^-1 at `q` into `out`, (nv x nv): the accelerations that torques cause within the connections.
 ///
-/// As a Gram matrix, so that nothing is subtracted: with Y = D^-1/2 (1 - L) and P the projection off the columns of W
-/// it is Y* P Y. O(nv^3) at the most.
+/// It is computed as a Gram matrix, without subtraction: with Y = D^-1/2 (1 - L), and P the projection onto the
+/// orthogonal complement of the columns of W, it is Y* P Y. At most O(nv^3).
 pub(crate) fn constrained_mass_matrix_inverse(
     (model, constraints): (&Model<f64>, &Constraints),
     workspace: &mut Workspace<f64>,
@@ -169,7 +168,7 @@ pub(crate) fn constrained_mass_matrix_inverse(
         columns.set_column(j, &whitened(model, workspace, &unit));
         unit[j] = 0.0;
     }
-    // Twice: the first leaves the rounding of what it takes away.
+    // Projects twice: the second projection removes the rounding errors of the first.
     for _ in 0..2 {
         let along = basis.tr_mul(&columns);
         columns -= &basis * along;

@@ -1,18 +1,18 @@
-//! Forward dynamics through connections for states in lanes and for one state, where nothing but the result is wanted.
+//! Forward dynamics through connections, for states in lanes and for one state, when only the result is required.
 //!
-//! With the factor of M in the scratch of the [sweeps](crate::dynamics::sweeps) and e^- the innovations of the tree
+//! With the factor of M in the scratch of the [sweeps](crate::dynamics::sweeps) and the innovations e^- of the tree
 //! (4.2):
 //!
 //! ```text
 //! w_i     innovations of a unit force along row i, over its path only
 //! G_ij    = sum of w_i w_j / D
-//! lambda  = -(G + compliance)^-1 (sum of w e^- / D + gamma)      J qdd0 is the first: no smoother is needed for it
-//! e^-     + sum of w_i lambda_i                   goes outward once, through the smoother (4.9 to 4.11)
+//! lambda  = -(G + compliance)^-1 (sum of w e^- / D + gamma)      J qdd0 is the sum: it needs no smoother
+//! e^-     + sum of w_i lambda_i                   one pass outward through the smoother (4.9 to 4.11)
 //! ```
 //!
-//! What is left of J qdd + gamma is looked at with the accelerations that came of it, and taken away once more where it
-//! is no rounding. A row that moves nothing is left out. Where the others are not independent, or something stays that
-//! is no rounding, a state needs a fallback: [`constrained_dynamics`](super::constrained_dynamics) finds its rank.
+//! The residual of J qdd + gamma at the resulting accelerations is corrected once if it exceeds rounding. A row that
+//! moves no joint is skipped. If the other rows are dependent, or if a residual above rounding remains, the state needs
+//! a fallback: [`constrained_dynamics`](super::constrained_dynamics) determines the rank.
 
 use super::faults::IN_CALLS;
 use super::gram_inverse::{NOTHING, REGULAR};
@@ -30,18 +30,18 @@ use crate::spatial::{RigidShift, angular, dot, linear, scaled};
 use nalgebra::{Vector3, Vector6};
 use std::ops::Range;
 
-/// What is left of a row is rounding below so many units in the last place of its terms, and is not taken away.
+/// A residual of a row below this number of units in the last place of its terms is rounding and is not corrected.
 const ROUNDING: f64 = 8.0;
 
-/// Rows that depend on each other to within the geometric tolerance times this are not told to be independent here.
+/// Rows count as independent in this kernel only if they are independent to within the geometric tolerance times this.
 const UNSURE: f64 = 10.0;
 
 /// The connections, in the scalar of the kernel.
 #[derive(Debug)]
 enum LaneTie<T> {
-    /// Frames in those of the sweeps.
+    /// Frames on the bodies, relative to the body frames of the sweeps.
     Frames(Pair, [RigidShift<T>; 2]),
-    /// Rows of torques, and the torques of a unit force.
+    /// Rows of joint coordinates, and their torques for a unit force.
     Joints([Option<(usize, T)>; 2]),
 }
 
@@ -51,9 +51,9 @@ struct Connection<T> {
     tie: LaneTie<T>,
     rows: Range<usize>,
     path: Path,
-    /// The steps of the path that the forces act on.
+    /// The steps of the path on which the forces act.
     ends: [Option<usize>; 2],
-    /// For itself and each connection after it, the joint rows that both paths have.
+    /// For this connection and each later one, the joint rows that both paths share.
     shared: Vec<Vec<Range<usize>>>,
 }
 
@@ -61,7 +61,7 @@ struct Connection<T> {
 #[derive(Debug, Clone, Copy)]
 struct Row<T> {
     /// The forces on the bodies at the ends of its path, in the frames of the sweeps, and the sums of the absolute
-    /// values of their halves.
+    /// values of their angular and linear parts.
     forces: [[T; 6]; 2],
     sizes: [[T; 2]; 2],
     /// J' qd.
@@ -74,39 +74,40 @@ pub(crate) struct ConstraintKernel<T> {
     connections: Vec<Connection<T>>,
     nv: usize,
     rows: Vec<Row<T>>,
-    /// Along the longest path.
+    /// One per step of the longest path.
     forces: Vec<Forces<T>>,
     motions: Vec<[[T; 6]; 2]>,
     accelerations: Vec<[T; 6]>,
     /// Torques of a unit force.
     torque: Vec<T>,
-    /// w, (m x nv), and over D.
+    /// w, (m x nv), and w / D.
     innovations: Vec<T>,
     weighted: Vec<T>,
-    /// The squares of what its rows over the root of D would be if nothing cancelled.
+    /// The squares of the rows of w / sqrt(D) without cancellation.
     sizes: Vec<T>,
     /// G, its diagonal scaled to one, then its Cholesky factor in the lower triangle, (m x m).
     gram: Vec<T>,
-    /// One over the roots of G's diagonal; zero of a row that moves nothing.
+    /// The inverse square roots of the diagonal of G; zero for a row that moves no joint.
     scale: Vec<T>,
     pivot_inverses: Vec<T>,
     step: Vec<T>,
-    /// Rows that depend on each other to within this, squared, have their rank found by geometry.
+    /// Rows that depend on each other to within this, squared, need the rank by geometry.
     unsure: f64,
-    /// The noise of each row, zero where it does not give way.
+    /// The compliance of each row as measurement noise; zero for rigid rows.
     pub compliance: Vec<T>,
-    /// The size that the rounding of each row is relative to.
+    /// The scale of the rounding errors of each row.
     terms: Vec<T>,
-    /// What the weight of the robot does to a row is below the size of that row times this; and weight and torques.
+    /// The size of a row times this bounds the effect of the robot's weight on the row; and the same for weight and
+    /// torques.
     weight: T,
     pushing: T,
-    /// The largest rate of a row of a state that meets the connections.
+    /// The largest |J qd| of a row for a state that meets the connections.
     fastest: T,
     /// lambda.
     pub forces_of_rows: Vec<T>,
-    /// How many rows move anything.
+    /// The number of rows that move a joint.
     pub rank: T,
-    /// The largest that is left of a row, rad/s^2 or m/s^2.
+    /// The largest residual of a row, rad/s^2 or m/s^2.
     pub residual: T,
 }
 
@@ -146,9 +147,9 @@ impl<T: Real> ConstraintKernel<T> {
         }
     }
 
-    /// Rows, w, G and its factor at the q of the scratch and `qd`, and the first step of lambda; `innovations` are
-    /// those of the tree. Negative or NaN in lanes where rows are not independent, or where their form is not the usual
-    /// one.
+    /// Computes the rows, w, G and its factor at the q of the scratch and at `qd`, and the first step of lambda.
+    /// `innovations` are those of the tree. Returns a value that is negative or NaN in lanes whose rows are dependent
+    /// or need the general form of the rows.
     #[inline(always)]
     pub fn begin(
         &mut self,
@@ -194,8 +195,8 @@ impl<T: Real> ConstraintKernel<T> {
         regular
     }
 
-    /// The unit forces of one connection and J' qd of its rows; positive where they are written the usual way and the
-    /// state meets them.
+    /// Computes the unit forces of one connection and J' qd of its rows. Returns a value that is positive where the
+    /// usual form of the rows applies and the state meets them.
     #[inline(always)]
     fn rows_of(&mut self, at: usize, scene: (&Model<T>, &SweepModel<T>), scratch: &SweepScratch<T>, qd: &[T]) -> T {
         let zero = scene.0.gravity[0].constant(0.0);
@@ -221,8 +222,8 @@ impl<T: Real> ConstraintKernel<T> {
         };
         motions_along(scene, scratch, (path, qd), &mut self.motions);
         let on_branch = ends.map(|end| end.and_then(|step| path.on_branch(step)));
-        // Distances of a mechanism from the base do not enter: both frames are placed from where the second one's
-        // branch begins.
+        // The result does not depend on the distance of the mechanism from the base: both frames are located relative
+        // to the point at which the branch of the second one begins.
         let origin =
             on_branch[1].map_or_else(|| frames[1].lever.into(), |step| origin_along(scene, scratch, (path, step)));
         let along = (path, &self.motions[..], &origin);
@@ -248,7 +249,7 @@ impl<T: Real> ConstraintKernel<T> {
                 };
                 let (moment, push) = (square(&angular(&force)), square(&linear(&force)));
                 let on_body: [T; 6] = frame.force_to_parent(&force).into();
-                // A force on a body lowers the force that its joint has to transmit.
+                // A force on a body reduces the force that its joint transmits.
                 let on = &mut self.forces[step];
                 for (z, &force) in on.z[i].iter_mut().zip(&on_body) {
                     *z -= force;
@@ -261,7 +262,7 @@ impl<T: Real> ConstraintKernel<T> {
         usual
     }
 
-    /// w of one connection, whose unit forces are there, and w over D.
+    /// w of one connection, from its unit forces, and w / D.
     #[inline(always)]
     fn innovations_of(&mut self, at: usize, scene: (&Model<T>, &SweepModel<T>), scratch: &SweepScratch<T>) {
         let Self { connections, innovations, weighted, forces, torque, sizes, nv, .. } = self;
@@ -284,7 +285,7 @@ impl<T: Real> ConstraintKernel<T> {
         }
     }
 
-    /// The lower triangle of G: sums over the joints that two paths share.
+    /// The lower triangle of G: sums over the joints that both paths share.
     #[inline(always)]
     fn gram(&mut self, zero: T) {
         let Self { connections, innovations, weighted, gram, nv, rows, .. } = self;
@@ -308,8 +309,8 @@ impl<T: Real> ConstraintKernel<T> {
         }
     }
 
-    /// Scales the diagonal of G to one; rows that move nothing leave a one there and zeros beside it, and the rank is
-    /// that of the others.
+    /// Scales the diagonal of G to one. Rows that move no joint get a one on the diagonal and zeros elsewhere; they do
+    /// not count for the rank.
     #[inline(always)]
     fn scaled(&mut self, zero: T) -> T {
         let Self { gram, scale, sizes, rank, compliance, unsure, .. } = self;
@@ -317,12 +318,12 @@ impl<T: Real> ConstraintKernel<T> {
         let mut count = zero;
         let mut finite = one;
         for i in 0..m {
-            // Below zero it would be one of the numbers that are not in order.
+            // A negative compliance is rejected like a value that is not finite.
             finite = finite.worst((compliance[i] - compliance[i].abs()).mul_add(zero.constant(f64::MAX), one));
             let square = gram[i * m + i] + compliance[i];
             let left_out = larger(square.minus_product(nothing, sizes[i]), zero).one_if_zero();
             scale[i] = (one - left_out) * (square + left_out).sqrt().recip();
-            // A row that moves next to nothing may be one that is meant to move nothing.
+            // A very small row may be a row that moves no joint in the intended linkage.
             let margin = square.minus_product(zero.constant(*unsure), sizes[i]);
             finite = finite.worst(left_out.mul_add(sizes[i] + one, margin));
             count += one - left_out;
@@ -338,7 +339,8 @@ impl<T: Real> ConstraintKernel<T> {
         finite
     }
 
-    /// The Cholesky factor in the place of G; by how much its least pivot is above what tells it to be regular.
+    /// Replaces G by its Cholesky factor. Returns the difference of its smallest pivot and the bound above which G is
+    /// regular.
     #[inline(always)]
     fn factorise(&mut self, zero: T) -> T {
         let Self { gram, pivot_inverses, unsure, .. } = self;
@@ -386,7 +388,7 @@ impl<T: Real> ConstraintKernel<T> {
         }
     }
 
-    /// Adds the step to lambda, and what it changes to the innovations of the tree.
+    /// Adds the step to lambda, and its effect to the innovations of the tree.
     #[inline(always)]
     pub fn take(&mut self, innovations: &mut [T]) {
         let Self { connections, step, innovations: w, forces_of_rows, nv, .. } = self;
@@ -405,8 +407,8 @@ impl<T: Real> ConstraintKernel<T> {
         }
     }
 
-    /// What is left of the rows at these accelerations, and the step that takes it away. By how much it is within
-    /// rounding, and within what could be rounding: negative where it is not.
+    /// The residuals of the rows at these accelerations, and the step that corrects them. Returns the margins to the
+    /// bound on rounding and to the bound on what can be rounding; negative where a residual exceeds the bound.
     #[inline(always)]
     pub fn look(&mut self, scene: (&Model<T>, &SweepModel<T>), scratch: &SweepScratch<T>, qdd: &[T]) -> [T; 2] {
         let zero = scene.0.gravity[0].constant(0.0);
@@ -425,11 +427,11 @@ impl<T: Real> ConstraintKernel<T> {
             ..
         } = self;
         let (mut most, mut near, mut far) = (zero, zero.constant(1.0), zero.constant(1.0));
-        // A row of bodies that are held still is a sum of rounding: what it is to be compared with is what acts on
-        // them, forces by sqrt(G_jj) |lambda_j|.
+        // The row of bodies in static equilibrium is a sum of rounding errors. It is compared with the forces that act
+        // on the bodies: sqrt(G_jj) |lambda_j| for connection forces.
         let mut acting = *pushing;
         for (&lambda, &scale) in forces_of_rows.iter().zip(&*scale) {
-            // Rows that are left out have none of either.
+            // Skipped rows contribute zero.
             acting = lambda.abs().mul_add((scale + scale.one_if_zero()).recip(), acting);
         }
         for connection in &*connections {
@@ -476,7 +478,7 @@ impl<T: Real> ConstraintKernel<T> {
         [near, far]
     }
 
-    /// Leaves the step out where `kept` is zero.
+    /// Sets the step to zero where `kept` is zero.
     #[inline(always)]
     pub fn mask(&mut self, kept: T) {
         for step in &mut self.step {
@@ -507,11 +509,11 @@ impl<T: Real> Connection<T> {
     }
 }
 
-/// A path, the motions of its bodies, and the origin of placements.
+/// A path, the motions of its bodies, and the origin of the poses.
 type Along<'a, T> = (&'a Path, &'a [[[T; 6]; 2]], &'a [T; 3]);
 
-/// How the frame at an end of a path moves against the body where the branches meet, the bodies of the path moving so;
-/// without a step on a branch it is on that body.
+/// The motion of the frame at an end of a path relative to the body where the branches meet, from the motions of the
+/// bodies on the path. Without a step on a branch, the frame is on that body.
 #[inline(always)]
 fn motion_of_end<T: Real>(
     scene: (&Model<T>, &SweepModel<T>),
@@ -540,7 +542,7 @@ fn square<T: Real>(v: &Vector3<T>) -> T {
     v[0].mul_add(v[0], v[1].mul_add(v[1], v[2] * v[2]))
 }
 
-/// The sums of the absolute values of both halves.
+/// The sums of the absolute values of the angular and the linear part.
 #[inline(always)]
 fn halves<T: Real>(v: &[T; 6]) -> [T; 2] {
     [v[0].abs() + v[1].abs() + v[2].abs(), v[3].abs() + v[4].abs() + v[5].abs()]

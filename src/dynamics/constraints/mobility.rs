@@ -1,6 +1,7 @@
-//! How many rows of each group are independent on the linkage as it is meant, away from singular positions.
+//! The number of independent rows of each group of the intended linkage, away from singular positions.
 //!
-//! The group is closed from a few starts by steps -J^+ error, in the units of [`SizedRows`], which need no dynamics; the rank that most of the closed positions have counts.
+//! The group is closed from several starts by steps -J^+ error in the units of [`SizedRows`], without dynamics. The
+//! result is the rank at the majority of the closed positions.
 
 use super::rows::{errors_of_rows, units_of_rows};
 use super::scratch::ConstraintScratch;
@@ -10,22 +11,22 @@ use crate::model::Model;
 use crate::scene::constraint::{Constraints, Mobility, Near};
 use crate::spatial::RigidShift;
 
-/// Starts from the neutral configuration, and as many from the one at hand.
+/// Number of starts from the neutral configuration, and from the given one.
 const STARTS: usize = 6;
 
-/// So many closed positions are enough.
+/// The search ends at this number of closed positions.
 const ENOUGH: usize = 3;
 
 /// Steps from one start.
 const STEPS: usize = 40;
 
-/// The farthest that a coordinate moves in one step, rad or, over the reach, m.
+/// The largest change of a coordinate in one step, rad, or m divided by the reach.
 const FARTHEST: f64 = 0.5;
 
-/// An error without units that is closed.
+/// A dimensionless error below this counts as closed.
 const CLOSED: f64 = 1e-9;
 
-/// Singular values above this are no rounding of exact linkages.
+/// Singular values above this are not rounding errors of exact linkages.
 const NOTABLE: f64 = 1e-11;
 
 /// A closed position of one group.
@@ -34,7 +35,7 @@ struct Closed {
     near: Option<Near>,
 }
 
-/// The ranks of all groups: from the neutral configuration, and from `q` where that cannot be closed.
+/// The ranks of all groups, from the neutral configuration, or from `q` if that cannot be closed.
 pub(super) fn mobility(model: &Model<f64>, constraints: &Constraints, q: &[f64]) -> Mobility {
     let mut scratch = ConstraintScratch::new(model, constraints);
     let mut shift = vec![RigidShift::identity(); model.bodies.len()];
@@ -63,7 +64,8 @@ pub(super) fn mobility(model: &Model<f64>, constraints: &Constraints, q: &[f64])
     found
 }
 
-/// Velocities of the joints within `size` that repeat in no pattern; none at the first start, so that a closed configuration counts as it is only if others do.
+/// Joint velocities within `size` without a repeating pattern. The first start is not zero, so that a configuration
+/// that is already closed counts only if others have the same rank.
 pub(super) fn scattered(nv: usize, start: usize, size: f64) -> Vec<f64> {
     #[allow(clippy::cast_precision_loss)] // a few thousand
     let number =
@@ -107,7 +109,7 @@ fn close(
             }
         }
         if open <= CLOSED {
-            // Combinations that are not kept have to hold as well, to within the tolerance.
+            // Dropped combinations must also hold, to within the tolerance.
             let slack = |&i: &usize| errors[i].abs() <= (CLOSED + 10.0 * constraints.tolerance) * sized.sizes[i];
             let rank = svd.singular_values.iter().filter(|&&value| value > constraints.tolerance).count();
             let small = svd.singular_values.iter().enumerate();

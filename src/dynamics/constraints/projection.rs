@@ -1,4 +1,4 @@
-//! Positions and velocities onto the connections, by moves of least kinetic energy.
+//! Projection of positions and velocities onto the connections, by steps of least kinetic energy.
 
 use super::NoDirection;
 use super::relaxed::Relaxed;
@@ -11,33 +11,33 @@ use crate::model::Model;
 use crate::scene::constraint::Constraints;
 use crate::workspace::Workspace;
 
-/// The most that a coordinate moves in one step, rad or m.
+/// The largest change of a coordinate in one step, rad or m.
 const FARTHEST: f64 = 0.5;
 
-/// The most steps: a position that is singular is reached by halves.
+/// The maximum number of steps: the error halves per step near a singular position.
 const STEPS: usize = 100;
 
-/// An error below this, m or rad, that no longer falls is rounding.
+/// An error below this, m or rad, that no longer decreases is rounding.
 const CLOSED: f64 = 1e-9;
 
 /// The result of a projection.
 #[derive(Debug, Clone)]
 pub(crate) struct Projected {
     pub pivots: PivotMonitor<f64>,
-    /// The rank of G at the end.
+    /// The rank of G at the last configuration.
     pub rank: usize,
-    /// The largest entry that is left: an error, m or rad, or a rate of one.
+    /// The largest remaining error, m or rad, or its largest time derivative.
     pub left: f64,
-    /// Its row, where that is no rounding.
+    /// The row of that error if it exceeds rounding.
     pub stays: Option<usize>,
 }
 
-/// The configuration that meets the connections, from `q` by Newton steps -M^-1 J* (G + compliance)^+ error, each of
-/// least kinetic energy. Rows that give way end at error = -compliance lambda, with lambda the sum of what the steps
-/// pushed with.
+/// The configuration that meets the connections, by Newton steps -M^-1 J* (G + compliance)^+ error from `q`, each of
+/// least kinetic energy. Rows with compliance end at error = -compliance lambda, where lambda is the sum of the forces
+/// of the steps.
 ///
-/// On return the factors of the tree and of the rows are those of the last configuration that a step was made from.
-/// O(N + m^2 depth + m^3) a step.
+/// On return, the factors of the tree and of the rows are those of the last configuration from which a step was made.
+/// O(N + m^2 depth + m^3) per step.
 pub(crate) fn project_positions(
     (model, constraints): (&Model<f64>, &Constraints),
     workspace: &mut Workspace<f64>,
@@ -59,7 +59,7 @@ pub(crate) fn project_positions(
             best = (left, q.to_vec());
         }
         let is_closed = |left: f64| left <= 4.0 * f64::EPSILON * size;
-        // Of rounding no step is made: where the rows are singular it would be the root of it.
+        // Rounding errors are not corrected: at singular rows, the step would be as large as their square root.
         if is_closed(left) || !left.is_finite() || (!falls && best.0 <= CLOSED * size) {
             break;
         }
@@ -69,7 +69,7 @@ pub(crate) fn project_positions(
         }
         scratch.factorise((model, constraints), workspace, q, compliance)?;
         if scratch.relaxed.basis().is_some() {
-            // Now that it is known here which rows are kept.
+            // Recomputed because the kept rows are now known.
             left = scratch.open(compliance, true);
             best.0 = best.0.min(left);
             if is_closed(left) {
@@ -102,8 +102,8 @@ pub(crate) fn project_positions(
     Ok(Projected { pivots, rank: scratch.inverse.rank, left, stays })
 }
 
-/// The velocities nearest to `qd` that keep the connections as they are, by kinetic energy: qd - M^-1 J* (G +
-/// compliance)^+ J qd.
+/// The velocities nearest to `qd`, by kinetic energy, that satisfy the connections: qd - M^-1 J* (G + compliance)^+ J
+/// qd.
 pub(crate) fn project_velocities(
     (model, constraints): (&Model<f64>, &Constraints),
     workspace: &mut Workspace<f64>,
@@ -138,8 +138,8 @@ pub(crate) fn project_velocities(
 }
 
 impl ConstraintScratch {
-    /// The residuals of the rows that are kept, in `residual`: errors or velocities, plus compliance times lambda.
-    /// Returns the largest.
+    /// The residuals of the kept rows, into `residual`: errors or velocities, plus compliance times lambda. Returns the
+    /// largest.
     fn open(&mut self, compliance: &[f64], is_of_positions: bool) -> f64 {
         let Self { residual, errors, rates, forces, relaxed, dropped, .. } = self;
         residual.copy_from_slice(if is_of_positions { errors } else { rates });
@@ -150,7 +150,7 @@ impl ConstraintScratch {
         largest(residual)
     }
 
-    /// -M^-1 J* G^+ residual, in `estimates`, and the forces of that in `step`.
+    /// -M^-1 J* G^+ residual, into `estimates`, and its forces, into `step`.
     fn step_against(&mut self, model: &Model<f64>, workspace: &mut Workspace<f64>) {
         let mut step = std::mem::take(&mut self.step);
         self.inverse.apply(&self.residual, &mut step);
@@ -162,7 +162,7 @@ impl ConstraintScratch {
         self.respond(model, workspace);
     }
 
-    /// Counts a share of a step to what was pushed with.
+    /// Adds a fraction of a step to the sum of forces.
     fn push(&mut self, share: f64) {
         for (lambda, step) in self.forces.iter_mut().zip(&self.step) {
             *lambda += share * step;
@@ -170,17 +170,17 @@ impl ConstraintScratch {
     }
 }
 
-/// The largest of all by size; NaN where one is.
+/// The largest absolute value; NaN if any is NaN.
 fn largest(x: &[f64]) -> f64 {
     x.iter().fold(0.0, |largest: f64, x| if x.is_nan() { f64::NAN } else { largest.max(x.abs()) })
 }
 
-/// Where that is.
+/// The index of the largest absolute value.
 fn worst(x: &[f64]) -> usize {
     (0..x.len()).max_by(|&i, &j| x[i].abs().total_cmp(&x[j].abs())).unwrap_or_default()
 }
 
-/// About how far bodies are from the base, m: the sum of all levers.
+/// The approximate distance of the bodies from the base, m: the sum of all levers.
 fn extent(model: &Model<f64>) -> f64 {
     model.bodies.iter().map(|body| body.tree.lever.norm()).sum()
 }

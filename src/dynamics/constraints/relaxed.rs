@@ -1,17 +1,18 @@
-//! The combinations of rows that are kept where the others count as dependent.
+//! The combinations of rows that are kept if others count as dependent.
 
 use nalgebra::DMatrix;
 
 /// The combinations of rows that are kept at one configuration.
 #[derive(Debug, Clone)]
 pub(crate) struct Relaxed {
-    /// Q; none where all are kept, or all that are not move nothing to rounding.
+    /// Q; None if all combinations are kept, or if the dropped ones move no joint to rounding.
     pub projector: Option<DMatrix<f64>>,
-    /// Independent combinations of rows that span what is kept, a row each: U* A^-1 of a group with some that are not kept, the rows themselves of others.
+    /// Independent combinations that span the kept rows, one per row: U* A^-1 for a group with dropped combinations,
+    /// the rows themselves for other groups.
     pub basis: DMatrix<f64>,
-    /// a of each row, with which errors have no unit.
+    /// a of each row, which makes errors dimensionless.
     pub sizes: Vec<f64>,
-    /// Bound on the errors of combinations that are not kept, in units of a; zero where all are kept.
+    /// Bound on the errors of dropped combinations, in units of a; zero if all are kept.
     pub allowed: f64,
 }
 
@@ -35,12 +36,12 @@ impl Relaxed {
         }
     }
 
-    /// The combinations of rows that are kept, if some are not.
+    /// The combinations of rows that are kept, if some are dropped.
     pub fn basis(&self) -> Option<&DMatrix<f64>> {
         self.projector.is_some().then_some(&self.basis)
     }
 
-    /// The row of `rest` that is further from holding than allowed: in units of a, over `speed`.
+    /// The row of `rest` that exceeds the allowed error the most, in units of a, divided by `speed`.
     pub fn beyond(&self, rest: &[f64], speed: f64) -> Option<usize> {
         let relative = |i: usize| rest[i].abs() / self.sizes[i];
         let within = |i: &usize| relative(*i) <= self.allowed * speed;

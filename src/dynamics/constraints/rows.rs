@@ -11,7 +11,7 @@ use crate::scene::constraint::{Constraint, Constraints, Tie};
 use crate::spatial::{RigidShift, dot, sum};
 use nalgebra::Vector6;
 
-/// A pair of frames, its motion and its rows; none for joints.
+/// A pair of frames with its motion and its rows; None for joint coordinates.
 #[allow(clippy::type_complexity)] // none, or one of two kinds
 pub(super) fn pair_at<T: Real>(
     model: &Model<T>,
@@ -26,7 +26,7 @@ pub(super) fn pair_at<T: Real>(
     Ok(Some((motion, rows)))
 }
 
-/// How far each row is from holding at `q`, into `out`: rad (2 sin(t/2)) and m. O(m depth).
+/// The error of each row at `q`, into `out`: rad (2 sin(t/2)) and m. O(m depth).
 pub(crate) fn errors_of_rows(
     model: &Model<f64>,
     constraints: &Constraints,
@@ -39,7 +39,7 @@ pub(crate) fn errors_of_rows(
     Ok(())
 }
 
-/// J qd of each row, the rate of its error, into `out`. O(m depth).
+/// J qd of each row, the time derivative of its error, into `out`. O(m depth).
 pub(crate) fn rates_of_rows(
     model: &Model<f64>,
     constraints: &Constraints,
@@ -60,8 +60,8 @@ pub(crate) fn rates_of_rows(
     Ok(())
 }
 
-/// J qdd + J' qd of each row, the second derivative of its error, into `out`; J' qd alone without `qdd`. `terms` receives the size of what each is
-/// the sum of. O(m depth).
+/// J qdd + J' qd of each row, the second time derivative of its error, into `out`; without `qdd`, J' qd. `terms`
+/// receives the sum of the absolute terms of each row. O(m depth).
 pub(crate) fn accelerations_of_rows(
     model: &Model<f64>,
     constraints: &Constraints,
@@ -86,7 +86,7 @@ pub(crate) fn accelerations_of_rows(
     Ok(())
 }
 
-/// The row of a coupling times rates or accelerations.
+/// The row of a coupling times velocities or accelerations.
 fn coupled(constraint: &Constraint, u: &[f64]) -> f64 {
     let Tie::Coordinates { first, second, multiplier, .. } = &constraint.tie else { return 0.0 };
     u[first.v] - second.map_or(0.0, |second| multiplier * u[second.v])
@@ -117,8 +117,8 @@ pub(super) fn units_of_rows(
     Ok(())
 }
 
-/// J at `q`, (m x nv) row by row, with phi of every body in `shift`: a unit force along each row runs inward, and each joint sees its part. O(m
-/// depth), beside the zeros.
+/// J at `q`, (m x nv) row by row, with phi of every body in `shift`: a unit force along each row is propagated inward,
+/// and its torque at each joint is an entry. O(m depth), plus the zeros.
 pub(crate) fn jacobian_of_rows(
     model: &Model<f64>,
     constraints: &Constraints,
@@ -152,7 +152,7 @@ pub(crate) fn jacobian_of_rows(
     Ok(())
 }
 
-/// The forces of a unit row times `sign` on the bodies of its path, nothing on the others of them.
+/// Sets the forces of a unit row times `sign` on the bodies of its path, and zero on its other bodies.
 pub(super) fn begin(constraint: &Constraint, unit: &UnitRow, state: &mut [Vector6<f64>], sign: f64) {
     for &k in &constraint.path {
         state[k] = Vector6::zeros();

@@ -7,46 +7,46 @@ use crate::model::Model;
 use crate::scene::constraint::Constraints;
 use nalgebra::Vector6;
 
-/// Scratch for closed loops, about 300 bytes a body and 8 (nv + m) bytes for each of m rows.
+/// Scratch for closed loops: about 300 bytes per body and 8 (nv + m) bytes per row.
 #[derive(Debug, Clone)]
 pub struct ConstraintScratch {
-    /// Where the forces of each row act.
+    /// The points of application of the forces of each row.
     pub(super) units: Vec<UnitRow>,
-    /// W*, (m x nv) row by row; zero off a row's path.
+    /// W*, (m x nv) row by row; zero outside of a row's path.
     pub(super) whitened: Vec<f64>,
-    /// Sizes of the terms that a row of W* is formed from.
+    /// Sizes of the terms of each row of W*.
     pub(super) sizes: Vec<f64>,
-    /// Forces on bodies of one right side, and torques.
+    /// Forces on bodies for one right-hand side, and torques.
     pub(super) wrenches: Vec<Vector6<f64>>,
     pub(super) torque: Vec<f64>,
-    /// Spatial forces on their way inward, and innovations, then accelerations.
+    /// Spatial forces during the inward pass; innovations, then accelerations.
     pub(super) state: Vec<Vector6<f64>>,
-    /// Sizes of the terms that the moments among them are the sum of.
+    /// Sizes of the terms of their moments.
     pub(super) moments: Vec<f64>,
     pub(super) estimates: Vec<f64>,
     /// G^+.
     pub(super) inverse: GramInverse,
     /// The combinations of rows that are kept.
     pub(crate) relaxed: Relaxed,
-    /// Of the rows at hand, the part that is not kept.
+    /// The dropped part of the current rows.
     pub(crate) dropped: Vec<f64>,
     /// The residual of each row, and the sizes of its terms.
     pub(crate) residual: Vec<f64>,
     pub(super) terms: Vec<f64>,
-    /// lambda of each row: moments N m and forces N, on the connection's link in its first frame's axes.
+    /// lambda of each row: moments, N m, and forces, N, on the connection's link in the axes of its first frame.
     pub(crate) forces: Vec<f64>,
     pub(super) step: Vec<f64>,
-    /// J qd and the errors, where they are asked for.
+    /// J qd and the errors, if requested.
     pub(crate) rates: Vec<f64>,
     pub(crate) errors: Vec<f64>,
     /// Accelerations, forces, rank and residual of forward dynamics.
     pub(crate) results: Vec<f64>,
-    /// Of the model that it was made for.
+    /// Identity of the model.
     pub(crate) identity: u64,
 }
 
 impl ConstraintScratch {
-    /// For a model with these connections.
+    /// Scratch for a model with these connections.
     pub(crate) fn new(model: &Model<f64>, constraints: &Constraints) -> Self {
         let (bodies, nv, m) = (model.bodies.len(), model.nv(), constraints.rows);
         Self {

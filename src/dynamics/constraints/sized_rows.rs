@@ -1,4 +1,5 @@
-//! J without units: rows over the size that they would have if nothing in them cancelled, and joints that translate weighed by the reach of the loops.
+//! The dimensionless J: rows divided by their size without cancellation, translational joints weighted by the reach of
+//! the loops.
 
 use super::rows::begin;
 use super::scratch::ConstraintScratch;
@@ -14,18 +15,18 @@ pub(super) struct Group {
     pub columns: Vec<usize>,
 }
 
-/// J of all rows without units.
+/// The dimensionless J of all rows.
 pub(super) struct SizedRows {
     /// (m x nv).
     pub jacobian: DMatrix<f64>,
-    /// Divisor of each row; one for rows that can move nothing.
+    /// Divisor of each row; one for rows that can move no joint.
     pub sizes: Vec<f64>,
     /// Factor of each column.
     pub weights: Vec<f64>,
 }
 
 impl SizedRows {
-    /// Of the rows whose unit forces are in the scratch, with phi of every body in `shift`.
+    /// From the rows' unit forces in the scratch, with phi of every body in `shift`.
     pub fn of(
         scratch: &mut ConstraintScratch,
         (model, constraints): (&Model<f64>, &Constraints),
@@ -34,7 +35,7 @@ impl SizedRows {
         let ConstraintScratch { units, state, moments, .. } = scratch;
         let (m, nv) = (constraints.rows, model.nv());
         let mut jacobian = DMatrix::zeros(m, nv);
-        // The largest moment, and the largest force at a joint that translates.
+        // The largest moment, and the largest force at a translational joint.
         let (mut turning, mut pushing) = (vec![0.0_f64; m], vec![0.0_f64; m]);
         let hinges =
             model.system.stages.iter().flat_map(|stage| (0..stage.rows.count()).map(|row| stage.rows.row(row)));
@@ -90,7 +91,7 @@ impl SizedRows {
         Self { jacobian, sizes, weights }
     }
 
-    /// The rows and columns of a group, these rows of it only.
+    /// The rows and columns of a group, restricted to the given rows.
     pub fn part(&self, rows: &[usize], group: &Group) -> DMatrix<f64> {
         DMatrix::from_fn(rows.len(), group.columns.len(), |i, j| self.jacobian[(rows[i], group.columns[j])])
     }

@@ -15,19 +15,19 @@ use crate::scene::constraint::Constraints;
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
 
-/// A row whose residual is so small beside the terms that it is the sum of agrees with the others.
+/// A row agrees with the others if its residual is below this fraction of its terms.
 const AGREES: f64 = 1e-6;
 
-/// A residual of so many times the rounding of the terms that it is the sum of is not taken away.
+/// A residual below this multiple of the rounding of its terms is not corrected.
 const ROUNDING: f64 = 4.0;
 
-/// A residual of fewer units in the last place of what acts on the robot can be rounding.
+/// A residual below this number of units in the last place of the forces on the robot can be rounding.
 pub(super) const NO_ROUNDING: f64 = 4096.0;
 
-/// The most corrections of what rounding has left in the rows.
+/// The maximum number of corrections of residuals.
 const CORRECTIONS: usize = 6;
 
-/// sqrt(m) |g| of the whole robot: what its weight alone does to a row is below the size of that row times this.
+/// sqrt(m) |g| of the whole robot: times the size of a row it bounds the effect of the weight on that row.
 pub(super) fn weight<T: Real>(model: &Model<T>) -> f64 {
     let mass: f64 = model.bodies.iter().map(|body| body.inertia.mass.lane(0)).sum();
     mass.sqrt() * model.gravity.map(|g| g.lane(0)).norm()
@@ -39,27 +39,27 @@ pub(crate) struct Outcome {
     pub pivots: PivotMonitor<f64>,
     /// The rank of G.
     pub rank: usize,
-    /// The largest entry of J qdd + gamma - wanted that is left, rad/s^2 or m/s^2.
+    /// The largest remaining entry of J qdd + gamma - wanted, rad/s^2 or m/s^2.
     pub residual: f64,
-    /// The rows whose residual is no rounding: no forces meet all of them.
+    /// The rows whose residual exceeds rounding: no forces satisfy all of them.
     pub contradicted: Vec<usize>,
 }
 
 /// The required rows of the connections: J qdd + gamma = -2 alpha J qd - alpha^2 errors - compliance lambda.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct RowsAre<'a> {
-    /// 1/s; without it there is nothing of rates and errors.
+    /// 1/s; None: errors and velocities of the rows are ignored.
     pub alpha: Option<f64>,
-    /// The noise of each row as a measurement, zero or above, (m/s^2)/N; none of it where it is empty.
+    /// The compliance of each row as measurement noise, zero or positive, (m/s^2)/N; empty for rigid connections.
     pub compliance: &'a [f64],
 }
 
-/// Accelerations `qdd` and the forces of the connections (in the scratch) from torques, where the rows are as they are
-/// to be.
+/// Accelerations `qdd` and connection forces (in the scratch) from torques, for the required rows.
 ///
-/// The tree's accelerations qdd0; lambda = -(G + compliance)^+ (J qdd0 + gamma - wanted); the tree's accelerations with
-/// J* lambda acting on it. What is left of the rows is taken away by one more right side each, while it falls. One
-/// factor and two right sides in covariance form, two forward dynamics in others, O(N), and O(m^2 depth + m^3).
+/// Computes the accelerations qdd0 of the tree, then lambda = -(G + compliance)^+ (J qdd0 + gamma - wanted), then the
+/// accelerations of the tree with the forces J* lambda. Residuals are corrected by one more right-hand side each while
+/// they decrease. The covariance form needs one factor and two right-hand sides, other forms need forward dynamics
+/// twice, O(N); the rows add O(m^2 depth + m^3).
 pub(crate) fn constrained_dynamics(
     (model, constraints): (&Model<f64>, &Constraints),
     workspace: &mut Workspace<f64>,
@@ -84,8 +84,8 @@ pub(crate) fn constrained_dynamics(
     keep_larger(&mut terms, &scratch.terms);
     scratch.take_away();
 
-    // With the forces as they are, so that they cancel in the sums that rounding is relative to, and not in
-    // accelerations.
+    // The forces enter as arguments, so that cancellation occurs in the sums that determine the rounding bound and not
+    // in the accelerations.
     let forces = std::mem::take(&mut scratch.forces);
     scratch.spread(&forces);
     scratch.forces = forces;
@@ -117,7 +117,7 @@ pub(crate) fn constrained_dynamics(
         }
         residual = largest;
         let (kept, forces) = (qdd.to_vec(), scratch.forces.clone());
-        // The step as it is, not as forces that are much larger have rounded it.
+        // Propagates the step itself, not the difference of the much larger forces.
         scratch.take_away();
         let step = std::mem::take(&mut scratch.step);
         scratch.spread(&step);
@@ -134,8 +134,8 @@ pub(crate) fn constrained_dynamics(
             break;
         }
     }
-    // The terms of a row can be rounding themselves for bodies in static equilibrium, because the forces on them
-    // cancel.
+    // For bodies in static equilibrium the terms of a row can be rounding errors themselves, because the forces on the
+    // bodies cancel.
     let acting = scratch.acting() + pushing(model, workspace, tau);
     let is_left = |&i: &usize| {
         let (left, dropped) = (scratch.residual[i].abs(), scratch.dropped[i].abs());
@@ -143,7 +143,7 @@ pub(crate) fn constrained_dynamics(
         is_kept || dropped > (AGREES + scratch.relaxed.allowed) * terms[i]
     };
     let contradicted = (0..constraints.rows).filter(is_left).collect();
-    // Residuals by compliance and of rows that are not kept are no rounding, and are reported.
+    // Residuals due to compliance and those of dropped rows are not rounding, and are reported.
     let given_way = |i: usize| wanted.compliance.get(i).map_or(0.0, |compliance| compliance * scratch.forces[i]);
     let left = |i: usize| (scratch.residual[i] + scratch.dropped[i] - given_way(i)).abs();
     let residual = (0..constraints.rows).map(left).fold(0.0, f64::max);
@@ -155,17 +155,17 @@ fn largest_of(residual: &[f64]) -> f64 {
     residual.iter().fold(0.0, |largest: f64, left| largest.max(left.abs()))
 }
 
-/// The method for further right sides.
+/// The method for further right-hand sides.
 #[derive(Clone, Copy)]
 enum RightSides {
-    /// By the factor that there is, in covariance form, and the bias forces in the workspace's `z`.
+    /// With the existing factor, in covariance form, and the bias forces in the workspace's `z`.
     OneFactor,
-    /// From the start, in the workspace's form.
+    /// Forward dynamics in the workspace's form.
     Anew,
 }
 
-/// The tree's accelerations, with the factor of M left in the workspace. In form `auto` by one factor in covariance
-/// form if its error estimate for test vectors meets the tolerance, for more are to come.
+/// The accelerations of the tree; leaves the factor of M in the workspace. Form `auto` uses one factor in covariance
+/// form if its error estimate for test vectors meets the tolerance, because more right-hand sides follow.
 fn accelerations_of_tree(
     model: &Model<f64>,
     workspace: &mut Workspace<f64>,
@@ -184,7 +184,7 @@ fn accelerations_of_tree(
     }
     let mut pivots = forward_dynamics(model, workspace, q, qd, tau, wrenches, qdd);
     if workspace.lost_pivot(model, &pivots).is_none() && form == Form::Auto {
-        // That form watched one right side; these are others.
+        // The error estimate of that form is valid for one right-hand side only.
         pivots = factorise(model, workspace, q);
     }
     (pivots, RightSides::Anew)
@@ -196,13 +196,13 @@ fn right_side(model: &Model<f64>, workspace: &mut Workspace<f64>, tau: &[f64], q
     general::solve::<f64, true>(scene, store, tau, qdd);
 }
 
-/// The same of torques, by the factor in the workspace, and of the weight.
+/// The bound on the effect of the torques, by the factor in the workspace, and of the weight.
 fn pushing(model: &Model<f64>, workspace: &Workspace<f64>, tau: &[f64]) -> f64 {
     let torques = tau.iter().zip(&workspace.store.measured).map(|(tau, row)| tau.abs() * row.pivot_inverse.sqrt());
     torques.sum::<f64>() + weight(model)
 }
 
-/// The larger of two, entry by entry.
+/// The larger of two values, for each entry.
 fn keep_larger(terms: &mut [f64], others: &[f64]) {
     for (term, &other) in terms.iter_mut().zip(others) {
         *term = term.max(other);
@@ -226,7 +226,7 @@ impl ConstraintScratch {
                 *wanted = -alpha * (2.0 * rates[i] + alpha * errors[i]);
                 terms[i] += wanted.abs();
             }
-            // Errors of rows that are not kept are not taken back.
+            // Errors of dropped rows are not corrected.
             let mut rest = vec![0.0; constraints.rows];
             relaxed.split(step, &mut rest);
             for (left, wanted) in residual.iter_mut().zip(&*step) {
@@ -241,8 +241,8 @@ impl ConstraintScratch {
         Ok(largest_of(residual))
     }
 
-    /// The sum of sqrt(`G_jj`) |`lambda_j`|: times the size of a row, a bound on the terms that the forces of the
-    /// connections add to it.
+    /// The sum of sqrt(`G_jj`) |`lambda_j`|. Times the size of a row it bounds the terms of the connection forces in
+    /// that row.
     fn acting(&self) -> f64 {
         self.inverse.weighed(&self.forces)
     }

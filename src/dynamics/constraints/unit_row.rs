@@ -4,18 +4,18 @@ use crate::kinematics::Frame;
 use crate::spatial::{RigidShift, angular, linear};
 use nalgebra::Vector6;
 
-/// J* of one row: the forces on bodies, each in its body's frame, and the torques at joints of a unit force along it.
+/// J* of one row: the forces on bodies, in their body frames, and the joint torques for a unit force along the row.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct UnitRow {
     pub forces: [Option<(usize, Vector6<f64>)>; 2],
-    /// Sizes of the terms that their moments are the sum of.
+    /// Sizes of the terms of their moments.
     pub moments: [f64; 2],
     pub torques: [Option<(usize, f64)>; 2],
 }
 
 impl UnitRow {
-    /// Of a force on frame C, in its axes at its origin, and of the opposite one on frame D, where C is at `place` in
-    /// D's axes.
+    /// The row of a force on frame C, in its axes at its origin, and of the opposite force on frame D. `place` is the
+    /// pose of C in D.
     pub fn between([c, d]: [&Frame<f64>; 2], place: &RigidShift<f64>, force: &Vector6<f64>) -> Self {
         let back = -place.force_to_parent(force);
         let (moment, push) = (angular(force).norm(), linear(force).norm());

@@ -1,5 +1,5 @@
-//! Accelerations of joints that follow each other, qdd = G a: rows that are measured together, in O(N) beside what
-//! waits for its sum.
+//! Accelerations of mimic joints, qdd = G a, from rows that are measured together, in O(N) plus the cost of partial
+//! sums.
 
 use crate::dynamics::forces::Motion;
 use crate::dynamics::inverse::forces_base_to_tip;
@@ -27,7 +27,7 @@ impl<T: Real> Solver<T> {
         Self { model, workspace, factor }
     }
 
-    /// The factor at `q`; with rates also the bias forces, in the workspace's z.
+    /// The factor at `q`; with velocities also the bias forces, in the workspace's z.
     fn factorise(&mut self, sums: &Sums, q: &[T], bias: Option<(&[T], &[Vector6<T>])>) -> Seen<T> {
         let Self { model, workspace, factor } = self;
         if let Some((qd, wrenches)) = bias {
@@ -44,7 +44,7 @@ impl<T: Real> Solver<T> {
         factor.factorise(&model.system, sums, &workspace.store.shifts)
     }
 
-    /// The accelerations for these torques and the bias forces in z, which are used up.
+    /// The accelerations for these torques and the bias forces in z, which are overwritten.
     fn solve(&mut self, sums: &Sums, tau: &[T], qdd: &mut [T]) {
         let Self { model, workspace, factor } = self;
         factor.solve(&model.system, sums, &workspace.store.shifts, tau, &mut workspace.z, qdd);
@@ -60,7 +60,7 @@ impl<T: Real> Solver<T> {
 #[derive(Debug, Clone)]
 pub(crate) struct CoupledAccelerations {
     narrow: Solver<f64>,
-    /// Made when it is first needed.
+    /// Allocated when it is first needed.
     wide: Option<Box<Solver<DoubleDouble>>>,
     /// True if the last factor is the wide one.
     pub(crate) is_wide: bool,
@@ -75,7 +75,7 @@ impl CoupledAccelerations {
         Self { narrow: Solver::new(model.clone(), sums), wide: None, is_wide: false }
     }
 
-    /// The same with other measurement noise than the armature: what is taken implicitly in a step.
+    /// Sets measurement noise other than the armature: the terms that a step treats implicitly.
     pub fn set_noise(&mut self, noise: &[f64]) {
         self.narrow.model.system.noise.copy_from_slice(noise);
         if let Some(wide) = &mut self.wide {
@@ -83,10 +83,10 @@ impl CoupledAccelerations {
         }
     }
 
-    /// The factor at `q`, and with rates (and forces on bodies) the bias. In form `auto` in double-double arithmetic if
-    /// a pivot lost more than five digits; in square-root form always.
+    /// The factor at `q`, and with velocities (and forces on bodies) the bias. In form `auto` it uses double-double
+    /// arithmetic if a pivot has lost more than five digits; in square-root form always.
     ///
-    /// Gives the pivot that is lost, where one is.
+    /// Returns the lost pivot, if any.
     pub fn factorise(
         &mut self,
         sums: &Sums,
@@ -109,8 +109,8 @@ impl CoupledAccelerations {
         wide.lost(sums, &seen)
     }
 
-    /// The accelerations of all joints, (nv of the tree), by the factor that there is: for the bias of the call before,
-    /// or without any.
+    /// The accelerations of all joints, (nv of the tree), with the existing factor, for the bias of the previous call
+    /// or without bias.
     pub fn solve(&mut self, sums: &Sums, tau: &[f64], qdd: &mut [f64]) {
         match &mut self.wide {
             Some(wide) if self.is_wide => {
@@ -124,7 +124,7 @@ impl CoupledAccelerations {
         }
     }
 
-    /// Makes the factor ready for a right side without bias.
+    /// Prepares the factor for a right-hand side without bias.
     pub fn without_bias(&mut self) {
         self.narrow.workspace.z.fill(zero());
         if let Some(wide) = &mut self.wide {

@@ -1,7 +1,8 @@
-//! Every algorithm of a scene whose joints follow each other, q = G q' + o: by the tree's, and G.
+//! Every algorithm for a scene with mimic joints, q = G q' + o, from the algorithms of the tree and G.
 //!
-//! Inverse dynamics, M and their derivatives are those of the tree at (q, G qd', G qdd'), multiplied by G and G^T. Accelerations and M^-1 are not: their measurements
-//! are sums of the tree's, which the filter of [`summed`](crate::filter::summed) waits for.
+//! Inverse dynamics, M and their derivatives are those of the tree at (q, G qd', G qdd'), multiplied by G and G^T.
+//! Accelerations and M^-1 are not: their measurements are sums of measurements of the tree, which the filter of
+//! [`summed`](crate::filter::summed) computes.
 
 mod accelerations;
 
@@ -30,7 +31,7 @@ impl CoupledScratch {
 /// Runs an algorithm of the tree on some states.
 pub(crate) type Ask<'a> = dyn FnMut(Algorithm, &[Arguments<'_>], &mut [f64]) -> Result<(), Fault> + 'a;
 
-/// One state on its way.
+/// One state during evaluation.
 struct Call<'a, 'b> {
     coupling: &'a Coupling,
     scratch: &'a mut CoupledScratch,
@@ -41,8 +42,8 @@ struct Call<'a, 'b> {
 type Expanded = [Vec<f64>; 3];
 
 impl Scene {
-    /// One algorithm on some states of a scene whose joints follow each other, results one after another; `ask` runs the tree's, and `found` is called with the index
-    /// of each state and what is known of its accuracy.
+    /// Runs one algorithm on some states of a scene with mimic joints. Writes the results one after another. `ask` runs
+    /// an algorithm of the tree; `found` is called with the index of each state and its accuracy.
     pub(crate) fn evaluate_coupled(
         &self,
         coupling: &Coupling,
@@ -80,7 +81,7 @@ impl Scene {
         Ok(())
     }
 
-    /// Arguments of one state, which has what the algorithm takes.
+    /// Checks the arguments of one state that the algorithm takes.
     fn check_coupled(&self, algorithm: Algorithm, state: &Arguments<'_>) -> Result<(), Error> {
         if let Algorithm::Products(which) = algorithm
             && (which.takes_constants() || which.gives_constants())
@@ -106,11 +107,12 @@ impl Scene {
         Ok(())
     }
 
-    /// A (2nv x 2nv) and B (2nv x nv) of small deviations, from dqdd/dq, dqdd/dqd and M^-1 of forward dynamics at rates `qd`.
+    /// A (2nv x 2nv) and B (2nv x nv) of the linearized dynamics, from dqdd/dq, dqdd/dqd and M^-1 of forward dynamics
+    /// at velocities `qd`.
     pub(crate) fn linear_system(&self, qd: &[f64], three: &[f64], (a, b): (&mut [f64], &mut [f64])) {
         use super::derivatives::linear_system;
         let Some(coupling) = self.coupling() else { return linear_system(self.model(), qd, three, (a, b)) };
-        // ad(qd) of the tree: zero but for free and spherical joints, which are independent.
+        // ad(qd) of the tree: zero except for free and spherical joints, which are independent.
         let (full, nv) = (coupling.tree().nv(), self.nv());
         let (mut all, mut rest) = (vec![0.0; 4 * full * full], vec![0.0; 2 * full * full]);
         linear_system(coupling.tree().model(), &coupling.rates(qd), &vec![0.0; 3 * full * full], (&mut all, &mut rest));
@@ -130,7 +132,7 @@ impl Scene {
 }
 
 impl Call<'_, '_> {
-    /// Algorithms that are the tree's, times G: all states at once. False for others.
+    /// Algorithms that are those of the tree, multiplied by G: all states at once. Returns false for others.
     fn of_tree(
         &mut self,
         algorithm: Algorithm,
@@ -144,7 +146,7 @@ impl Call<'_, '_> {
         if entry.has_form || matches!(algorithm, Algorithm::Products(_)) {
             return Ok(false);
         }
-        // A vector, or so many matrices.
+        // A vector, or this number of matrices.
         let matrices = if entry.results[0].1.len() == 1 { 0 } else { entry.results.len() };
         let asked: Vec<Arguments<'_>> = states
             .iter()
@@ -192,19 +194,19 @@ impl Call<'_, '_> {
             }
             Algorithm::Products(which) => self.product(which, &at, state, out)?,
             Algorithm::ConstrainedDynamics(form) => {
-                // There are no connections beside joints that follow: no rows, rank and residual are zero.
+                // Scenes with mimic joints have no connections: no rows, and rank and residual are zero.
                 let qdd = coupling.independent_rates(&self.accelerations(form, &at, state.u)?);
                 let (to, told) = out.split_at_mut(qdd.len());
                 to.copy_from_slice(&qdd);
                 told.fill(0.0);
             }
-            // Those are the tree's.
+            // These are computed by the tree.
             Algorithm::InverseDynamics | Algorithm::BiasTorque | Algorithm::MassMatrix => {}
         }
         Ok(())
     }
 
-    /// Results of the tree's algorithm on one state.
+    /// Results of the algorithm of the tree for one state.
     fn asked(&mut self, algorithm: Algorithm, state: &Arguments<'_>, width: usize) -> Result<Vec<f64>, Error> {
         let mut results = vec![f64::NAN; width];
         let state = [state.read_by(algorithm)];
@@ -220,27 +222,27 @@ impl Call<'_, '_> {
         lost.map_or(Ok(()), |lost| Err(tree.singular(lost)))
     }
 
-    /// Accelerations of all joints of the tree for torques on the independent ones; the factor stays.
+    /// Accelerations of all joints of the tree for torques on the independent joints; keeps the factor.
     fn accelerations(&mut self, form: Form, at: &Arguments<'_>, tau: &[f64]) -> Result<Vec<f64>, Error> {
         self.factorise(form, at, true)?;
         Ok(self.solved(tau))
     }
 
-    /// The factor's solution for torques on the independent joints, and for the bias, if that is there.
+    /// The solution with the factor for torques on the independent joints, and for the bias if there is one.
     fn solved(&mut self, tau: &[f64]) -> Vec<f64> {
         let mut qdd = vec![f64::NAN; self.coupling.tree().nv()];
         self.scratch.accelerations.solve(self.coupling.sums(), &self.coupling.torques(tau), &mut qdd);
         qdd
     }
 
-    /// (G^T M G)^-1 tau by the factor that there is.
+    /// (G^T M G)^-1 tau with the existing factor.
     fn solve(&mut self, tau: &[f64]) -> Vec<f64> {
         self.scratch.accelerations.without_bias();
         let qdd = self.solved(tau);
         self.coupling.independent_rates(&qdd)
     }
 
-    /// (G^T M G)^-1 by the factor that there is, column by column; exactly symmetric.
+    /// (G^T M G)^-1 with the existing factor, column by column; exactly symmetric.
     fn inverse(&mut self, out: &mut [f64]) {
         let (_, nv) = self.coupling.sizes();
         let mut unit = vec![0.0; nv];
@@ -298,7 +300,7 @@ impl Call<'_, '_> {
         done
     }
 
-    /// Products with the Jacobians, by those of the tree's inverse dynamics.
+    /// Products with the Jacobians, by those of inverse dynamics of the tree.
     fn product(
         &mut self,
         which: Products,
@@ -347,7 +349,7 @@ impl Call<'_, '_> {
         Ok(())
     }
 
-    /// G^T of the cotangents of q, qd and qdd for one of the tree's torques.
+    /// G^T times the cotangents of q, qd and qdd for a cotangent of the torques of the tree.
     fn inverse_gradient(
         &mut self,
         at: &Arguments<'_>,

@@ -1,15 +1,15 @@
-//! Gradients of inverse dynamics in O(N), without any matrix: a pass outward with the co-state of the torques, and one
-//! inward.
+//! Gradients of inverse dynamics in O(N), without matrices: an outward pass with the co-state of the torques, and an
+//! inward pass.
 //!
-//! With x the cotangent of tau, u = phi* H* x goes outward beside the velocity V and the acceleration A, weight
-//! included; then, inward,
+//! With x the cotangent of tau, u = phi* H* x is propagated outward with the velocity V and the acceleration A, which
+//! includes gravity; then, inward,
 //!
 //! - F, the force through a joint; G = M u + sum phi G; Y = B* u + sum R Y, a moment (B as in
 //!   [`BodyCoriolis`](super::BodyCoriolis));
 //! - e = -`A_p` x* G + `V_p` x* (`V_p` x* G - Y) - `u_p` x* F; `q_bar` = H e;
 //! - `qd_bar` = H (Y - (`V_p` + V) x* G) and `qdd_bar` = H G + r x.
 //!
-//! `V_p`, `A_p` and `u_p` are the parent's, as they are seen at the joint.
+//! `V_p`, `A_p` and `u_p` are those of the parent, transported to the joint.
 
 use super::outward::{ABOUT_Z, carried, needed_force, past_joint};
 use super::parameters::{self, Parameters};
@@ -31,13 +31,13 @@ use nalgebra::{Vector3, Vector6};
 pub(crate) struct CoStates<T> {
     /// V, A and u in slots outward; the first is the base's.
     motions: Vec<[[T; 6]; 3]>,
-    /// By places in the sweeps: the parent's V, A and u as seen at the joint.
+    /// One per place in the sweeps: V, A and u of the parent, transported to the joint.
     seen: Vec<[[T; 6]; 3]>,
-    /// F, G and Y, of a body, then of all that is outboard of its joint.
+    /// F, G and Y: first of one body, then the sums over all bodies outboard of its joint.
     forces: Vec<[T; 6]>,
     pulls: Vec<[T; 6]>,
     turns: Vec<[T; 3]>,
-    /// The largest that tr(I) |u| is of a body: what the moments of G are sums of.
+    /// The largest tr(I) |u| of a body: the scale of the terms of the moments of G.
     pub terms: T,
 }
 
@@ -55,29 +55,29 @@ impl<T: Real> CoStates<T> {
     }
 }
 
-/// Cotangents of what is constant during a motion: each is written where it is not empty.
+/// Cotangents of the constants of a motion. An empty slice is not written.
 #[derive(Debug)]
 pub struct Constants<'a, T> {
-    /// Of the wrenches, one a body, in the body's frame.
+    /// Cotangents of the wrenches, one per body, in the body frame.
     pub wrenches: &'a mut [Vector6<T>],
-    /// Of (m, m c, I) of each body about its frame's origin, in the order (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz,
-    /// Iyz, Izz).
+    /// Cotangents of (m, m c, I) of each body about the origin of its frame, in the order (m, m cx, m cy, m cz, Ixx,
+    /// Ixy, Iyy, Ixz, Iyz, Izz).
     pub parameters: &'a mut [Parameters<T>],
-    /// Of the armature of each degree of freedom.
+    /// Cotangents of the armature of each degree of freedom.
     pub armature: &'a mut [T],
-    /// Of gravity in the base's frame, three numbers.
+    /// Cotangents of gravity in the base frame, three scalars.
     pub gravity: &'a mut [T],
 }
 
-/// None of them.
+/// No cotangents.
 impl<T> Default for Constants<'_, T> {
     fn default() -> Self {
         Self { wrenches: &mut [], parameters: &mut [], armature: &mut [], gravity: &mut [] }
     }
 }
 
-/// All cotangents of tau at a state, turns and shifts being there: those of q, qd and qdd one after another into `out`,
-/// where x is on entry in the last third.
+/// All cotangents of tau at a state, with the rotations and shifts of the joints in the scratch: those of q, qd and qdd
+/// one after another, into `out`. On entry the last third of `out` holds x.
 #[inline(always)]
 pub(crate) fn in_sweeps<T: Real>(
     scene: (&Model<T>, &SweepModel<T>),
@@ -96,7 +96,7 @@ pub(crate) fn in_sweeps<T: Real>(
     tip_to_base(scene, scratch, kept, state, (constants, out));
 }
 
-/// Of every body: V, A and u, what it brings to F, G and Y, and the cotangents that need nothing of its children.
+/// For every body: V, A and u, its contributions to F, G and Y, and the cotangents that do not depend on its children.
 #[inline(always)]
 fn base_to_tip<T: Real>(
     (model, sweeps): (&Model<T>, &SweepModel<T>),
@@ -224,7 +224,7 @@ fn send<T: Real>(
     }
 }
 
-/// Where the cotangents of a state go; those of qdd hold x until their row is done.
+/// The outputs for the cotangents of a state. The one of qdd holds x until its row is computed.
 struct Cotangents<'a, T> {
     by_q: &'a mut [T],
     by_qd: &'a mut [T],

@@ -1,4 +1,4 @@
-//! The change of the forces inboard of one degree of freedom, and the matrix entries that follow.
+//! The change of the forces inboard of one degree of freedom, and the matrix entries that result.
 
 use super::effect::Effect;
 use super::hinge::{along, moment_along};
@@ -7,11 +7,11 @@ use crate::scalar::Real;
 use crate::spatial::dot;
 use nalgebra::Vector6;
 
-/// What one degree of freedom, with the column S, makes of the force through each joint inboard of it: r S (6), B* S (a
-/// moment, 3), the force by q (6) and the force by qd (6), one after another.
+/// The contributions of one degree of freedom with the column S to the force through each joint inboard of it: r S (6),
+/// B* S (a moment, 3), the derivatives of the force by q (6) and by qd (6), one after another.
 pub(super) type Column<T> = [T; 21];
 
-/// Those four as one.
+/// Concatenates the four parts.
 #[inline(always)]
 pub(super) fn column<T: Copy>(
     by_acceleration: &[T; 6],
@@ -24,22 +24,22 @@ pub(super) fn column<T: Copy>(
     [a, b, c, d, e, f, x, y, z, g, h, i, j, k, l, m, n, o, p, q, r]
 }
 
-/// The four of one.
+/// Splits a column into its four parts.
 #[inline(always)]
 pub(super) fn parts<T: Copy>(column: &Column<T>) -> ([T; 6], [T; 3], [T; 6], [T; 6]) {
     let [a, b, c, d, e, f, x, y, z, g, h, i, j, k, l, m, n, o, p, q, r] = *column;
     ([a, b, c, d, e, f], [x, y, z], [g, h, i, j, k, l], [m, n, o, p, q, r])
 }
 
-/// The entries that a column has in the row of a joint inboard, by q, by qd and by qdd: H of each force.
+/// The entries of a column in the row of a joint inboard, by q, by qd and by qdd: H times each force.
 #[inline(always)]
 pub(super) fn in_row<T: Real>(column: &Column<T>, hinge: &HingeMap<T>, sense: T) -> [T; 3] {
     let (by_acceleration, _, by_position, by_rate) = parts(column);
     [sense * along(hinge, &by_position), sense * along(hinge, &by_rate), sense * along(hinge, &by_acceleration)]
 }
 
-/// The entries that a column's own row has in the columns of that joint, by q and by qd: the forces that what it
-/// changes needs, along S.
+/// The entries of the column's own row in the columns of that joint, by q and by qd: the forces needed by the changes
+/// that the joint causes, projected on S.
 #[inline(always)]
 pub(super) fn in_column<T: Real>(column: &Column<T>, effect: &Effect<T>, hinge: &HingeMap<T>, sense: T) -> [T; 2] {
     let (by_acceleration, m, _, _) = parts(column);

@@ -18,27 +18,27 @@ use crate::spatial::transform::Transform;
 use nalgebra::Vector6;
 use std::ops::Range;
 
-/// In lanes the numbers of a pair of a row and a column outward of it: by q and by qd, each as (row, column) and as
-/// (column, row), and M.
+/// Number of scalars in lanes for each pair of a row and a column outward of it: by q and by qd, each as (row, column)
+/// and as (column, row), and M.
 const OF_PAIR: usize = 5;
 
-/// The columns on their way inward; made when derivatives are first asked for.
+/// The columns during the inward pass; allocated when derivatives are first computed.
 #[derive(Debug)]
 pub(crate) struct DerivativeColumns<T: Real, C: ColumnsOf<T>> {
     layout: ColumnLayout<C>,
-    /// By blocks, at the body at hand; zero in lanes that no column is in.
+    /// By blocks, at the current body; zero in lanes without a column.
     columns: Vec<Column<C>>,
-    /// In lanes what the three matrices are chosen from.
+    /// In lanes: the buffer of the entries of the three matrices.
     entries: Entries<T, C>,
 }
 
 impl<T: Real, C: ColumnsOf<T>> DerivativeColumns<T, C> {
-    /// None yet.
+    /// Empty columns.
     pub fn new() -> Self {
         Self { layout: ColumnLayout::empty(), columns: Vec::new(), entries: Entries::new() }
     }
 
-    /// Makes them where there are none; gives what the three matrices are written to in lanes.
+    /// Allocates the columns if necessary. Returns the buffer of the entries of the three matrices in lanes.
     #[inline(always)]
     pub fn prepare(&mut self, model: &Model<T>, sweeps: &SweepModel<T>) -> &mut Entries<T, C> {
         if !self.entries.is_made {
@@ -47,13 +47,13 @@ impl<T: Real, C: ColumnsOf<T>> DerivativeColumns<T, C> {
         &mut self.entries
     }
 
-    /// In lanes: which of the numbers stands at each place of the three matrices.
+    /// In lanes: the index in the buffer of each entry of the three matrices.
     #[inline(always)]
     pub fn chosen(&self) -> &[u32] {
         self.entries.chosen()
     }
 
-    /// A number of their kind: any other way asks the processor each time.
+    /// A zero of this type; other ways to create one query the processor's features at each call.
     #[inline(always)]
     pub fn like(&self) -> C {
         self.entries.zero()
@@ -64,13 +64,13 @@ impl<T: Real, C: ColumnsOf<T>> DerivativeColumns<T, C> {
         let (nv, layout) = (model.nv(), ColumnLayout::new(model, sweeps));
         self.columns = vec![[C::zero(); 21]; layout.blocks()];
         self.entries.make(layout.is_branched, || {
-            // Behind one zero.
+            // The buffer begins with one zero.
             let (mut chosen, mut next) = (vec![0; 3 * nv * nv], 1);
             sweeps.each_pair(model, |row, column| {
                 let (across, down) = (row * nv + column, column * nv + row);
                 let [by_q, by_qd, mass] = [0, 1, 2].map(|matrix| matrix * nv * nv);
                 for (at, number) in [(by_q, next), (by_qd, next + 2)] {
-                    // The diagonal is the first of both.
+                    // On the diagonal, both entries are the first one.
                     (chosen[at + down], chosen[at + across]) = (number + 1, number);
                 }
                 (chosen[mass + across], chosen[mass + down]) = (next + 4, next + 4);
@@ -82,7 +82,7 @@ impl<T: Real, C: ColumnsOf<T>> DerivativeColumns<T, C> {
     }
 }
 
-/// All entries of dtau/dq, dtau/dqd and M, one after another, from what was kept on the way out.
+/// All entries of dtau/dq, dtau/dqd and M, one after another, from the results of the outward pass.
 #[inline(always)]
 pub(super) fn tip_to_base<T: Real, C: ColumnsOf<T>>(
     (model, sweeps): (&Model<T>, &SweepModel<T>),
@@ -113,14 +113,15 @@ pub(super) fn tip_to_base<T: Real, C: ColumnsOf<T>>(
     }
 }
 
-/// Where entries go: dtau/dq, dtau/dqd and M one after another, row by row; in lanes pair by pair, behind one zero.
+/// The outputs: dtau/dq, dtau/dqd and M one after another, row by row; in lanes pair by pair, after one zero.
 struct Places<'a, E> {
     out: &'a mut [E],
     nv: usize,
 }
 
 impl<E> Places<'_, E> {
-    /// Of one state: the entries of a row in the columns of a block, and those of the block's rows in the row's column.
+    /// For one state: the entries of a row in the columns of a block, and those of the block's rows in the column of
+    /// the row.
     #[inline(always)]
     fn put<T: Real, C: ColumnsOf<T, Entry = E>>(&mut self, row: usize, end: usize, across: [C; 3], down: [C; 2]) {
         let (nv, size) = (self.nv, self.nv * self.nv);
@@ -132,7 +133,7 @@ impl<E> Places<'_, E> {
         put_block::<T, C>(of_mass, (nv, row), end, [mass; 2]);
     }
 
-    /// Of one state: one entry of each.
+    /// For one state: one entry of each matrix.
     #[inline(always)]
     fn put_one<T: Real, C: ColumnsOf<T, Entry = E>>(&mut self, row: usize, column: usize, entries: [T; 3]) {
         for (matrix, entry) in entries.into_iter().enumerate() {
@@ -149,8 +150,8 @@ impl<E> Places<'_, E> {
         }
     }
 
-    /// In lanes: those of a pair within one joint, as (row, column), or where it is `below` the diagonal the other way
-    /// round.
+    /// In lanes: the entries of a pair within one joint, as (row, column), or as (column, row) if it is `below` the
+    /// diagonal.
     #[inline(always)]
     fn put_own<T: Real, C: ColumnsOf<T, Entry = E>>(&mut self, pair: usize, below: bool, entries: [T; 3]) {
         let to = &mut self.out[1 + OF_PAIR * pair..][..OF_PAIR];
@@ -179,10 +180,10 @@ struct Inward<'a, T: Real, C: ColumnsOf<T>> {
     to: Places<'a, C::Entry>,
 }
 
-// In debug builds this is a call: in one frame, where nothing shares a place, it would take more than a thread's stack
-// has.
+// A function call in debug builds: inlined without sharing of stack slots, its frame would exceed the stack of a
+// thread.
 impl<T: Real, C: ColumnsOf<T>> Inward<'_, T, C> {
-    /// One body: the entries of its rows, its own columns, and what goes on to its parent.
+    /// One body: the entries of its rows, its own columns, and the propagation to its parent.
     #[cfg_attr(not(debug_assertions), inline(always))]
     fn step(
         &mut self,
@@ -193,7 +194,7 @@ impl<T: Real, C: ColumnsOf<T>> Inward<'_, T, C> {
         let (count, first) = (rows.count(), body.row);
         let goes_on = body.places.parent.checked_sub(1);
         let outboard = self.layout.blocks_of(first + count, body.end_row);
-        // Those that the body's own columns are in are carried on when these are there.
+        // Blocks that contain columns of the body itself are propagated after these columns are inserted.
         let own = self.layout.blocks_of(first, first + count);
         let carried = outboard.start.max(own.end)..outboard.end;
         for i in 0..count {
@@ -203,7 +204,7 @@ impl<T: Real, C: ColumnsOf<T>> Inward<'_, T, C> {
         if count == 0 && goes_on.is_some() {
             self.carry(outboard, across);
         }
-        // From the last one: the first that a block takes up begins it.
+        // From the last row: the first column of a block initializes the block.
         for i in (0..count).rev() {
             let column = self.own_column((place, body), rows, i);
             let at = &self.layout.places[first + i];
@@ -218,8 +219,8 @@ impl<T: Real, C: ColumnsOf<T>> Inward<'_, T, C> {
         transform.send_force(&force, false, &mut forces[parent]);
     }
 
-    /// Of all columns outboard of a joint the entries in one of its rows, and of its column in theirs; where `across`
-    /// is given columns go on to the parent.
+    /// The entries of all columns outboard of a joint in one of its rows, and of the row's column in their rows. If
+    /// `across` is given, the columns are propagated to the parent.
     #[inline(always)]
     fn entries_of_row(
         &mut self,
@@ -233,7 +234,7 @@ impl<T: Real, C: ColumnsOf<T>> Inward<'_, T, C> {
             (spread_hinge(self.like, rows.row(i)), self.like.spread(self.noise[row].splat(body.sense)));
         let effect = self.kept.effect[row].spread(self.like);
         let at_row = &self.layout.places[row];
-        // From the last one: what is in lanes without a column is written over.
+        // From the last block: lanes without a column are overwritten.
         for at in blocks.rev() {
             let mut column = self.columns[at];
             let entries = in_row(&column, &hinge, sense);
@@ -292,7 +293,8 @@ impl<T: Real, C: ColumnsOf<T>> Inward<'_, T, C> {
                 self.to.put_one::<T, C>(other, row, entries);
             }
         }
-        // The frame that hands F inward moves with the joint; its own rows turn with it, and do not see that.
+        // The frame in which F is propagated inward moves with the joint. The rows of the joint itself rotate with it
+        // and are not affected.
         let pushed = hinge_cross_force(&hinge, &forces[place]);
         for k in 0..6 {
             whole[9 + k] = sense.mul_add(pushed[k], whole[9 + k]);

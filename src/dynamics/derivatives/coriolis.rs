@@ -9,8 +9,8 @@ use nalgebra::{Matrix3, Vector3, Vector6};
 
 /// B = v x* M - M v x + bar(M v), bar(h) x = x x* h: twice the body-level Coriolis matrix of Echeandia and Wensing.
 ///
-/// Its symmetric part is the rate of M in fixed axes, its antisymmetric part bar(momentum). Written out, a motion's linear half is not asked for,
-/// and twelve numbers are left: B = [[b, 0], [p~, 0]]. So it is for bodies that move as one.
+/// Its symmetric part is the time derivative of M in fixed axes, its antisymmetric part bar(momentum). For rigid bodies
+/// the linear half of a motion does not contribute, and twelve scalars remain: B = [[b, 0], [p~, 0]].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BodyCoriolis<T> {
     /// b = -2 (w~ Sigma + h~ u~), Sigma = tr(I)/2 - I, with the velocity (w, u) and the first moment h.
@@ -46,13 +46,13 @@ impl<T: Real> BodyCoriolis<T> {
         for i in 0..3 {
             b[(i, i)] += along;
         }
-        // w x h + m u, twice; with the sign turned.
+        // -2 (w x h + m u).
         let pushed = Vector3::new(mass * u[0], mass * u[1], mass * u[2]);
         let momentum = cross_add(&Vector3::from(w), &Vector3::new(h[0], h[1], h[2]), &pushed);
         Self { angular: b, linear: minus(momentum.into()).into() }
     }
 
-    /// Both bodies' together, about the same origin.
+    /// The sum for two bodies, about the same origin.
     #[inline(always)]
     #[must_use]
     pub fn add(&self, other: &Self) -> Self {
@@ -103,7 +103,7 @@ impl<T: Real> BodyCoriolis<T> {
         Self { angular: self.angular * half, linear: self.linear * half }
     }
 
-    /// B x of a motion x, of which the angular half is given.
+    /// B x of a motion x, from its angular half.
     #[inline(always)]
     pub(super) fn mul_angular(&self, x: &[T; 3]) -> [T; 6] {
         let b = &self.angular;

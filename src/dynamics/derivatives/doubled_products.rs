@@ -32,7 +32,7 @@ pub(super) fn tangent<T: Real>(
     })
 }
 
-/// The same of [`forward_dynamics_vjp`].
+/// [`forward_dynamics_vjp`] in double-double arithmetic.
 #[cold]
 pub(super) fn gradients<T: Real>(
     model: &Model<T>,
@@ -90,7 +90,7 @@ fn all<T: Real>(numbers: &[T]) -> Vec<DoubleDouble> {
     numbers.iter().map(|&x| widened(x)).collect()
 }
 
-/// Rounds all into `out`, where they are finite.
+/// Rounds all values into `out` if they are finite.
 fn rounded<T: Real>(found: &[DoubleDouble], out: &mut [T]) -> bool {
     if !found.iter().all(|x| x.lane(0).is_finite()) {
         return false;

@@ -1,5 +1,5 @@
-//! How a unit of one degree of freedom changes the velocity and the acceleration of the bodies outboard of it, as they
-//! are seen in those bodies' own frames.
+//! Changes of the velocity and acceleration of the bodies outboard of one degree of freedom per unit of it, expressed
+//! in the frames of those bodies.
 
 use super::Matrices;
 use super::hinge::{halves, motion_cross_hinge};
@@ -8,14 +8,14 @@ use crate::scalar::{ColumnsOf, Real};
 use crate::spatial::cross_motion;
 use nalgebra::Vector6;
 
-/// Of one degree of freedom with the column S, at its body.
+/// The effect of one degree of freedom with the column S, at its body.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Effect<T> {
-    /// The angular half of Psi1 = `V_p` x S, a velocity by q; its linear half nobody reads.
+    /// The angular half of Psi1 = `V_p` x S, the derivative of the velocity by q. The linear half is not used.
     pub velocity: [T; 3],
-    /// Psi2 = `A_p` x S + `V_p` x Psi1, an acceleration by q.
+    /// Psi2 = `A_p` x S + `V_p` x Psi1, the derivative of the acceleration by q.
     pub acceleration: [T; 6],
-    /// Psi1 + V x S, an acceleration by qd. Of the Coriolis matrix V x S alone.
+    /// Psi1 + V x S, the derivative of the acceleration by qd. For the Coriolis matrix V x S only.
     pub by_rate: [T; 6],
 }
 
@@ -24,8 +24,8 @@ impl<T: Real> Effect<T> {
         Self { velocity: [value; 3], acceleration: [value; 6], by_rate: [value; 6] }
     }
 
-    /// From the parent's motion as seen at the joint, weight included, and the body's own velocity; S is `sense` times
-    /// the row.
+    /// From the motion of the parent transported to the joint, gravity included, and the velocity of the body. S is
+    /// `sense` times the row.
     #[inline(always)]
     pub fn new(
         (hinge, sense): (&HingeMap<T>, T),

@@ -16,20 +16,20 @@ use crate::workspace::Workspace;
 use nalgebra::Vector6;
 
 /// -M^-1 dtau/dq, -M^-1 dtau/dqd and M^-1: the derivatives of [`forward_dynamics`](crate::dynamics::forward_dynamics)
-/// at a state, (nv x nv) each, row by row (a row an acceleration), one after another into `out`.
+/// at a state, (nv x nv) each, row by row (one row per acceleration), one after another into `out`.
 ///
-/// Arguments as there; P is carried as the workspace's form says. dtau/dq and dtau/dqd are those of
-/// [`inverse_dynamics_derivatives`] at the accelerations of the state; M^-1 is (6.1), and the columns of both go
-/// through filter and smoother: O(N^2).
+/// Arguments as in `forward_dynamics`; P is propagated in the form of the workspace. dtau/dq and dtau/dqd are those of
+/// [`inverse_dynamics_derivatives`] at the accelerations of the state. M^-1 is (6.1). The columns of both are solved by
+/// filter and smoother: O(N^2).
 ///
-/// In form `auto` a state is recomputed in double-double arithmetic and rounded where the error estimate of the factor
-/// of M exceeds the tolerance, or the estimated error of the columns exceeds the tolerance of products
-/// ([`Workspace::tolerance`]): f64 only, some thirty times as long, with scratch for as long as it lasts. Under an
-/// [`interrupt`] that ends the work `out` means nothing.
+/// In form `auto`, a state is recomputed in double-double arithmetic and rounded if the error estimate of the factor of
+/// M exceeds the tolerance, or if the estimated error of the columns exceeds the tolerance of products
+/// ([`Workspace::tolerance`]). This is for f64 only, takes about 30 times longer, and allocates temporary scratch. If
+/// an [`interrupt`] ends the work, `out` is undefined.
 ///
 /// # Errors
 ///
-/// The lost pivot furthest from the base, where one was lost; then `out` means nothing.
+/// The lost pivot furthest from the base; `out` is then undefined.
 pub fn forward_dynamics_derivatives<T: Real<Parameter = T>>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
@@ -60,16 +60,16 @@ pub fn forward_dynamics_derivatives<T: Real<Parameter = T>>(
         return Err(lost);
     }
     if is_auto && cancels {
-        // Without a wider model the result stays as it is.
+        // If there is no wider model, the result is kept.
         doubled::derivatives(model, state, wrenches, out);
     }
     Ok(())
 }
 
-/// The accelerations of a state, and the factor of M in the workspace that columns go through too.
+/// Computes the accelerations of a state, and the factor of M in the workspace for the columns.
 ///
-/// In form `auto` the factor is judged by right sides that are made up, for the columns are many: by the torques alone
-/// more would pass.
+/// In form `auto`, test vectors estimate the error of the factor, because many columns follow: an estimate for the
+/// torques alone would accept more factors.
 pub(super) fn accelerations<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
@@ -87,8 +87,8 @@ pub(super) fn accelerations<T: Real>(
     monitor
 }
 
-/// -M^-1 times a matrix, in its place, column by column through filter and smoother. Returns true if digits cancel. It
-/// stops at an interruption; the next check raises it.
+/// -M^-1 times a matrix, in place, column by column through filter and smoother. Returns true if precision is lost. It
+/// stops at an interruption; the next check raises the error.
 fn columns<T: Real<Parameter = T>>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
@@ -122,7 +122,7 @@ fn columns<T: Real<Parameter = T>>(
     !(most_terms.lane(0) * T::epsilon().lane(0) <= size.lane(0) * accepted)
 }
 
-/// The largest absolute value; zero of none, NaN where any is.
+/// The largest absolute value; zero for no values, NaN if any is NaN.
 fn largest_of<T: Real>(values: &[T]) -> T {
     let mut largest = T::zero();
     for value in values {

@@ -16,7 +16,7 @@ use crate::scalar::{DoubleDouble, Dual, Real, larger};
 use crate::workspace::Workspace;
 use nalgebra::{Vector3, Vector6};
 
-/// Scratch of these products: a model in dual numbers, and a state; starts as NaN.
+/// Scratch of these products: a model in dual numbers, and a state; initialized with NaN.
 #[derive(Debug)]
 pub struct HessianScratch<S: Real<Parameter = S> = f64> {
     model: Model<Dual<S>>,
@@ -65,7 +65,7 @@ impl<S: Real<Parameter = S>> HessianScratch<S> {
         self.model.identity()
     }
 
-    /// The gradients of torques, in dual numbers: q, qd, wrenches, u and cotangent as they were set.
+    /// The gradients of torques, in dual numbers, from q, qd, wrenches, u and the cotangent in the scratch.
     fn gradients(&mut self, has_wrenches: bool) {
         let Self { model, dual, q, qd, u, cotangent, wrenches, out, .. } = self;
         let wrenches = if has_wrenches { &wrenches[..] } else { &[] };
@@ -91,11 +91,11 @@ fn join<S: Real>(to: &mut [Dual<S>], values: &[S], tangents: &[S]) {
     }
 }
 
-/// How the gradients of [`inverse_dynamics_vjp`] change along a direction (dq, dqd, dqdd), (3 x nv) into `out`: the
-/// Hessian of x . tau times it. O(N), some three times that.
+/// The derivative of the gradients of [`inverse_dynamics_vjp`] along a direction (dq, dqd, dqdd), (3 x nv) into `out`:
+/// the Hessian of x . tau times the direction. O(N), about three times the cost of the gradients.
 ///
-/// Arguments as there. The gradient by q is that in the tangent space at q, which moves along: on spherical and free
-/// joints that Hessian is not symmetric.
+/// Arguments as in [`inverse_dynamics_vjp`]. The gradient by q is expressed in the tangent space at q, which moves with
+/// q. For spherical and free joints this Hessian is therefore not symmetric.
 pub fn inverse_dynamics_hvp(
     model: &Model<f64>,
     scratch: &mut HessianScratch,
@@ -116,17 +116,18 @@ pub fn inverse_dynamics_hvp(
     }
 }
 
-/// How the gradients of [`forward_dynamics_vjp`](super::forward_dynamics_vjp) change along a direction (dq, dqd, dtau),
-/// (3 x nv) into `out`: the Hessian of c . qdd times it. One factor and four right sides, O(N).
+/// The derivative of the gradients of [`forward_dynamics_vjp`](super::forward_dynamics_vjp) along a direction (dq, dqd,
+/// dtau), (3 x nv) into `out`: the Hessian of c . qdd times the direction. One factor and four right-hand sides, O(N).
 ///
-/// The accelerations change by [`forward_dynamics_jvp`](super::forward_dynamics_jvp), and x = M^-1 c by -M^-1 (dM x),
-/// dM x being the change of M x along dq. Arguments as there; P is carried as the workspace's form says. In form `auto`
-/// a state is recomputed in double-double arithmetic and rounded where the covariance form loses digits in the factor
-/// of M, or the estimated error of either change exceeds the tolerance of products.
+/// The change of the accelerations is that of [`forward_dynamics_jvp`](super::forward_dynamics_jvp). The change of x =
+/// M^-1 c is -M^-1 (dM x), where dM x is the change of M x along dq. Arguments as in `forward_dynamics_vjp`; P is
+/// propagated in the form of the workspace. In form `auto`, a state is recomputed in double-double arithmetic and
+/// rounded if the error estimate of the factor of M exceeds the tolerance, or if the estimated error of either change
+/// exceeds the tolerance of products.
 ///
 /// # Errors
 ///
-/// The lost pivot furthest from the base, where one was lost; then `out` means nothing.
+/// The lost pivot furthest from the base; `out` is then undefined.
 #[allow(clippy::too_many_arguments)] // a state, a cotangent, a direction and results
 pub fn forward_dynamics_hvp(
     model: &Model<f64>,
@@ -140,13 +141,13 @@ pub fn forward_dynamics_hvp(
 ) -> Result<(), LostPivot> {
     let is_in_doubt = product((model, workspace, scratch), state, wrenches, (cotangent, direction), out)?;
     if is_in_doubt {
-        // Without a wider model the result stays as it is.
+        // If there is no wider model, the result is kept.
         doubled(model, state, wrenches, (cotangent, direction), out);
     }
     Ok(())
 }
 
-/// The same in double-double arithmetic, see [`DoubleDoubleState::recompute`].
+/// The product in double-double arithmetic, see [`DoubleDoubleState::recompute`].
 fn doubled(
     model: &Model<f64>,
     state: (&[f64], &[f64], &[f64]),
@@ -200,7 +201,7 @@ fn product<S: Real<Parameter = S>>(
     for (to, from) in out[..2 * nv].iter_mut().zip(&scratch.out) {
         *to = -from.tangent;
     }
-    // M x, of which the gradients are made body by body, has to be the cotangent.
+    // The gradients are sums over bodies; their forces, M x, must equal the cotangent.
     let HessianScratch { dual, out: gradients, .. } = scratch;
     let (mut off, mut size) = (S::epsilon() * dual.terms().value, S::zero());
     for (product, &c) in gradients[2 * nv..].iter().zip(cotangent) {

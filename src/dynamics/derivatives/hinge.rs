@@ -1,4 +1,4 @@
-//! Products with a row of H*: it has one entry that is 1 (a screw has two), so that most of them only change places.
+//! Products with a row of H*, which has one entry of 1 (a screw has two entries): most of them are permutations.
 
 use crate::filter::HingeMap;
 use crate::scalar::Real;
@@ -26,7 +26,7 @@ pub(super) fn plus<T: Real>(a: [T; 3], s: T, b: [T; 3]) -> [T; 3] {
     [s.mul_add(b[0], a[0]), s.mul_add(b[1], a[1]), s.mul_add(b[2], a[2])]
 }
 
-/// The vector of two halves.
+/// A vector from its two halves.
 #[inline(always)]
 pub(super) fn whole<T: Copy>(angular: [T; 3], linear: [T; 3]) -> [T; 6] {
     [angular[0], angular[1], angular[2], linear[0], linear[1], linear[2]]

@@ -10,12 +10,14 @@ use crate::model::Model;
 use crate::scalar::{ColumnsOf, Real};
 use nalgebra::Vector6;
 
-/// dtau/dq, dtau/dqd and dtau/dqdd = M of [`inverse_dynamics`](crate::dynamics::inverse_dynamics) at a state, (nv x nv) each, row by row, one after another into `out`; in
-/// O(N depth).
+/// dtau/dq, dtau/dqd and dtau/dqdd = M of [`inverse_dynamics`](crate::dynamics::inverse_dynamics) at a state, (nv x nv)
+/// each, row by row, one after another into `out`. O(N depth).
 ///
-/// Arguments as there. With r the composite inertia (3.5) and B that of all bodies outboard, a joint's columns are r S, r Psi2 + B Psi1 (and S x* F
-/// from there on inward) and r (Psi1 + V x S) + B S; they are carried to the base, and H of each joint on the way is an entry. Entries on the other
-/// side of the diagonal are S* r Psi2 + S* B Psi1 and S* r (Psi1 + V x S) + S* B S of the joint inboard. Between branches they are zero.
+/// Arguments as in `inverse_dynamics`. With the composite inertia r (3.5) and the sum B over all bodies outboard, the
+/// columns of a joint are r S, r Psi2 + B Psi1 (plus S x* F further inward) and r (Psi1 + V x S) + B S. They are
+/// propagated to the base, and H of each joint on the path times a column is an entry. The entries on the other side of
+/// the diagonal are S* r Psi2 + S* B Psi1 and S* r (Psi1 + V x S) + S* B S, with Psi1, Psi2 and the right S of the
+/// joint inboard. Entries between branches are zero.
 pub fn inverse_dynamics_derivatives<T: Real<Parameter = T>>(
     model: &Model<T>,
     scratch: &mut DerivativeScratch<T>,
@@ -26,7 +28,7 @@ pub fn inverse_dynamics_derivatives<T: Real<Parameter = T>>(
     general(model, scratch, (Motion { q, qd, qdd: Some(qdd), wrenches }, Matrices::Derivatives), out);
 }
 
-/// All three matrices in any scalar of one lane: compiled once for both that ask for some of them.
+/// All three matrices in any scalar of one lane, compiled once for its two callers.
 #[inline(never)]
 fn general<T: Real<Parameter = T>>(
     model: &Model<T>,
@@ -39,10 +41,11 @@ fn general<T: Real<Parameter = T>>(
     in_sweeps((model, sweeps), (sweep_scratch, kept, columns), state, matrices, out);
 }
 
-/// The Coriolis matrix C(q, qd), (nv x nv) row by row, in O(N depth): C qd is the torque of the rates, dM/dt = C + C^T, so that dM/dt - 2 C is antisymmetric; the
-/// one of Christoffel's symbols for joints of one axis.
+/// The Coriolis matrix C(q, qd), (nv x nv) row by row, in O(N depth). C qd is the velocity-dependent torque.
+/// dM/dt = C + C^T, so that dM/dt - 2 C is antisymmetric. For joints with one axis it is the matrix of the Christoffel
+/// symbols.
 ///
-/// The columns of [`inverse_dynamics_derivatives`] by qd, with B/2 for B and V x S for Psi1 + V x S.
+/// It consists of the columns of [`inverse_dynamics_derivatives`] by qd, with B/2 for B and V x S for Psi1 + V x S.
 pub fn coriolis_matrix<T: Real<Parameter = T>>(
     model: &Model<T>,
     scratch: &mut DerivativeScratch<T>,
@@ -55,7 +58,8 @@ pub fn coriolis_matrix<T: Real<Parameter = T>>(
     out.copy_from_slice(&three[out.len()..2 * out.len()]);
 }
 
-/// dM/dt = C + C^T along qd, (nv x nv) row by row: C as in [`coriolis_matrix`]. Armature is constant, and not in it.
+/// dM/dt = C + C^T along qd, (nv x nv) row by row, with C as in [`coriolis_matrix`]. Armature is constant and does not
+/// appear.
 pub fn mass_matrix_derivative<T: Real<Parameter = T>>(
     model: &Model<T>,
     scratch: &mut DerivativeScratch<T>,
@@ -67,7 +71,7 @@ pub fn mass_matrix_derivative<T: Real<Parameter = T>>(
     with_transpose(model.nv(), out, |a, b| a + b);
 }
 
-/// C + C^T in the place of C.
+/// Replaces C by C + C^T.
 pub(crate) fn with_transpose<N: Copy>(nv: usize, matrix: &mut [N], sum: impl Fn(N, N) -> N) {
     for i in 0..nv {
         for j in 0..=i {
@@ -77,7 +81,8 @@ pub(crate) fn with_transpose<N: Copy>(nv: usize, matrix: &mut [N], sum: impl Fn(
     }
 }
 
-/// The same for states in lanes and for one state, after the columns were [made](DerivativeColumns::prepare); `out` as they have it. Without `qdd` those of the bias.
+/// The three matrices for states in lanes and for one state, after the columns were
+/// [prepared](DerivativeColumns::prepare), in the layout of the columns. Without `qdd` those of the bias.
 #[inline(always)]
 pub(crate) fn in_sweeps<T: Real, C: ColumnsOf<T>>(
     scene: (&Model<T>, &SweepModel<T>),

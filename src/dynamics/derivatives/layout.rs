@@ -1,13 +1,14 @@
-//! In which order numbers lie that belong to what is constant: armature (nv), gravity (3), wrenches (bodies x 6), inertial parameters (bodies x 10).
+//! The layout of the constants of a motion: armature (nv), gravity (3), wrenches (bodies x 6), inertial parameters
+//! (bodies x 10).
 
 use super::parameters::Parameters;
 
-/// How many there are.
+/// Number of scalars of all constants.
 pub(crate) fn constants_width(nv: usize, bodies: usize) -> usize {
     nv + 3 + 16 * bodies
 }
 
-/// Those of armature, gravity, wrenches and parameters, in this order.
+/// Splits constants into armature, gravity, wrenches and parameters.
 pub(crate) fn constants_of<T>(all: &[T], nv: usize, bodies: usize) -> [&[T]; 4] {
     let (armature, rest) = all.split_at(nv);
     let (gravity, rest) = rest.split_at(3);
@@ -15,7 +16,7 @@ pub(crate) fn constants_of<T>(all: &[T], nv: usize, bodies: usize) -> [&[T]; 4] 
     [armature, gravity, wrenches, parameters]
 }
 
-/// The same to be written: changes of what is constant, or gradients by it.
+/// Mutable parts: changes of the constants, or gradients with respect to them.
 pub(crate) struct ConstantParts<'a, T> {
     pub armature: &'a mut [T],
     pub gravity: &'a mut [T],
@@ -32,7 +33,7 @@ impl<'a, T> ConstantParts<'a, T> {
     }
 }
 
-/// All gradients of one state, one after another: by q, qd and the third, (3 x nv), then by what is constant.
+/// All gradients of one state, one after another: by q, qd and the third argument, (3 x nv), then by the constants.
 pub(crate) struct GradientParts<'a, T> {
     pub state: &'a mut [T],
     pub constants: ConstantParts<'a, T>,

@@ -1,4 +1,4 @@
-//! The linear system of small deviations from a motion.
+//! The linearization of the dynamics about a motion.
 
 use crate::filter::Rows;
 use crate::joints::vectors::{triple, write};
@@ -7,12 +7,13 @@ use crate::scalar::Real;
 use crate::spatial::skew;
 use nalgebra::Vector3;
 
-/// A (2nv x 2nv) and B (2nv x nv) of dx/dt = A x + B u, both row by row: x = (d, change of qd) is a small deviation q (+) d from the motion that goes
-/// through the state under `tau`, and u a change of torques.
+/// A (2nv x 2nv) and B (2nv x nv) of dx/dt = A x + B u, both row by row: x = (d, change of qd) is a small deviation q
+/// (+) d from the motion through the state under `tau`, and u a change of the torques.
 ///
 /// `A = [[-ad(qd), 1], [dqdd/dq, dqdd/dqd]]`, `B = [[0], [M^-1]]`, from the `derivatives` of
-/// [`forward_dynamics_derivatives`](super::forward_dynamics_derivatives). ad(v) is the bracket within a joint: the cross
-/// product w x of a spherical joint, (w~, v~; 0, w~) of a free one, linear first; zero for joints of one axis, and at rest.
+/// [`forward_dynamics_derivatives`](super::forward_dynamics_derivatives). ad(v) is the Lie bracket of the joint: the
+/// cross product w x for a spherical joint, (w~, v~; 0, w~) for a free joint, linear part first. It is zero for joints
+/// with one axis, and at rest.
 pub(crate) fn linear_system<T: Real>(model: &Model<T>, qd: &[T], derivatives: &[T], (a, b): (&mut [T], &mut [T])) {
     let nv = model.nv();
     let (by_q, rest) = derivatives.split_at(nv * nv);
@@ -45,7 +46,7 @@ pub(crate) fn linear_system<T: Real>(model: &Model<T>, qd: &[T], derivatives: &[
     }
 }
 
-/// Writes -w~ at a place of a matrix, `width` numbers a row.
+/// Writes -w~ into a matrix with `width` scalars per row.
 fn put_minus_cross<T: Real>(matrix: &mut [T], width: usize, (row, column): (usize, usize), w: &Vector3<T>) {
     let cross = skew(w);
     for i in 0..3 {

@@ -1,16 +1,16 @@
 //! Analytic derivatives of the dynamics with respect to configuration, velocities and torques: (nv x nv) Jacobians.
 //!
-//! Derivatives with respect to q are taken along tangents d of q (+) d, as
-//! [`Scene::integrate`](crate::Scene::integrate) adds them: coordinates of one axis add, spherical joints rotate by d in
-//! the axes of the child, free joints move by the screw of d = (linear, angular) in the frame of the child. Wrenches are
+//! Derivatives with respect to q are taken along tangents d of q (+) d, as in
+//! [`Scene::integrate`](crate::Scene::integrate): coordinates of one axis add, spherical joints rotate by d in the axes
+//! of the child, free joints move by the screw of d = (linear, angular) in the frame of the child. Wrenches are
 //! constant in the frame of their body. Armature is part of M only.
 //!
 //! Perturb joint j by the twist s = S d. All bodies outboard of j move rigidly with it, so in their body frames the
 //! perturbation is equivalent to moving the inboard part of the mechanism by -s. With the motion `V_p`, `A_p` of the
-//! parent of j at j, the velocity of a body outboard changes by Psi1 = `V_p` x s and its acceleration by
-//! Psi2 = `A_p` x s + `V_p` x Psi1, apart from the transport. Forces that are propagated inward from j change in addition
-//! by s x* F, because the frame that they are expressed in moves. All quantities are in body frames, so that precision
-//! does not depend on the distance of a robot from the base's origin.
+//! parent of j at j, the velocity of a body outboard changes by Psi1 = `V_p` x s and its acceleration by Psi2 = `A_p` x
+//! s + `V_p` x Psi1, apart from the transport. Forces that are propagated inward from j change in addition by s x* F,
+//! because the frame that they are expressed in moves. All quantities are in body frames, so that precision does not
+//! depend on the distance of a robot from the base's origin.
 //!
 //! ```
 //! use phipsi::Workspace;
@@ -84,7 +84,7 @@ use crate::workspace::Workspace;
 use effect::Effect;
 use nalgebra::{Vector3, Vector6};
 
-/// Columns between questions whether to stop.
+/// Columns between checks for interruption.
 const AT_A_TIME: usize = 16;
 
 /// The matrices that the columns form.
@@ -92,8 +92,8 @@ const AT_A_TIME: usize = 16;
 pub(crate) enum Matrices {
     /// dtau/dq and dtau/dqd.
     Derivatives,
-    /// In the place of dtau/dqd the Coriolis matrix: B/2 for B, and V x S for Psi1 + V x S. What is in the place of
-    /// dtau/dq means nothing.
+    /// The Coriolis matrix in the place of dtau/dqd: B/2 for B, and V x S for Psi1 + V x S. The place of dtau/dq is
+    /// undefined.
     Coriolis,
 }
 
@@ -102,12 +102,12 @@ pub(crate) enum Matrices {
 pub(crate) struct Kept<T> {
     /// Velocity and acceleration, weight included, in slots outward; the first is the base's.
     motions: Vec<[[T; 6]; 2]>,
-    /// By places in the sweeps: M(k), then that of all bodies outboard of joint k; B(k) and the force that a body needs
-    /// likewise.
+    /// One per place in the sweeps: M(k), then the sum over all bodies outboard of joint k; likewise B(k) and the force
+    /// that a body needs.
     composites: Vec<BodyInertia<T>>,
     coriolis: Vec<BodyCoriolis<T>>,
     forces: Vec<[T; 6]>,
-    /// By rows: how a unit of each degree of freedom changes the motion of what is outboard.
+    /// One per row: the change of the motion outboard per unit of each degree of freedom.
     effect: Vec<Effect<T>>,
 }
 
@@ -148,14 +148,14 @@ pub(crate) fn of_state<T: Real<Parameter = T>>(
     Ok(())
 }
 
-/// Scratch of derivatives in any scalar of one lane, and what the sweeps read of the model; starts as NaN.
+/// Scratch of derivatives in any scalar of one lane, and the constants of the model; initialized with NaN.
 #[derive(Debug)]
 pub struct DerivativeScratch<T: Real<Parameter = T>> {
     sweeps: SweepModel<T>,
     sweep_scratch: SweepScratch<T>,
     kept: Kept<T>,
     columns: DerivativeColumns<T, T>,
-    /// One number a degree of freedom: a column, what becomes of it, the largest entry of each row of M^-1, and the
+    /// One scalar per degree of freedom: a column, its solution, the largest entry of each row of M^-1, and the
     /// accelerations of the state.
     column: Vec<T>,
     solved: Vec<T>,

@@ -1,4 +1,4 @@
-//! Base to tip: the motion of a state, and how a unit of each degree of freedom changes that of the bodies outboard of it.
+//! Base to tip: the motion of a state, and its change in the bodies outboard per unit of each degree of freedom.
 
 use super::coriolis::BodyCoriolis;
 use super::effect::Effect;
@@ -19,7 +19,8 @@ use nalgebra::Vector6;
 /// A revolute joint's row, about its z.
 pub(super) const ABOUT_Z: usize = 2;
 
-/// Of every body, turns and shifts being there: the force that it needs, its inertia, B(k), and how each degree of freedom changes its motion.
+/// For every body, with the rotations and shifts of the joints in the scratch: the force that it needs, its inertia,
+/// B(k), and the change of its motion per unit of each degree of freedom.
 #[inline(always)]
 pub(super) fn base_to_tip<T: Real>(
     (model, sweeps): (&Model<T>, &SweepModel<T>),
@@ -55,7 +56,7 @@ pub(super) fn base_to_tip<T: Real>(
     }
 }
 
-/// phi* of the parent's motions: as they are seen at the joint.
+/// phi* of the motion of the parent: transported to the joint.
 #[inline(always)]
 pub(super) fn carried<T: Real, const N: usize>(
     (sweeps, scratch): (&SweepModel<T>, &SweepScratch<T>),
@@ -77,7 +78,7 @@ pub(super) fn carried<T: Real, const N: usize>(
     motions
 }
 
-/// The body's velocity and acceleration, from its parent's as seen at the joint.
+/// The velocity and acceleration of the body, from those of its parent transported to the joint.
 #[inline(always)]
 pub(super) fn past_joint<T: Real>(
     sweeps: &SweepModel<T>,
@@ -98,7 +99,7 @@ pub(super) fn past_joint<T: Real>(
     }
 }
 
-/// M A + V x* (M V) - w: the force that a body needs for its motion, beside the wrench on it.
+/// M A + V x* (M V) - w: the force that the motion of a body needs in addition to the wrench on it.
 #[inline(always)]
 pub(super) fn needed_force<T: Real>(
     body: &SweepBody<T::Parameter>,
@@ -115,7 +116,7 @@ pub(super) fn needed_force<T: Real>(
     force
 }
 
-/// Past a revolute joint: the body's velocity and acceleration from its parent's as seen at the joint.
+/// Past a revolute joint: the velocity and acceleration of the body from those of its parent transported to the joint.
 #[inline(always)]
 pub(super) fn past_axial<T: Real>([v, a]: &[[T; 6]; 2], row: usize, sense: T, state: Motion<'_, T>) -> [[T; 6]; 2] {
     let (rate, mut velocity, mut acceleration) = (state.qd[row] * sense, *v, *a);

@@ -1,7 +1,8 @@
-//! The ten inertial parameters of a body, (m, m c, I) about an origin: in what order, and how the force of a motion depends on them.
+//! The ten inertial parameters of a body, (m, m c, I) about an origin: their order, and the derivative of the body's
+//! force with respect to them.
 //!
-//! I is the rotational inertia about that origin. The order is (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz); a cotangent of an entry of I
-//! off the diagonal counts both of the matrix.
+//! I is the rotational inertia about that origin. The order is (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz). The
+//! cotangent of an off-diagonal entry of I is the sum for both entries of the matrix.
 
 use crate::dynamics::sweeps::body::SweepBody;
 use crate::scalar::Real;
@@ -13,10 +14,10 @@ use nalgebra::{Matrix3, Vector3, Vector6};
 /// (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz), or the cotangents of these.
 pub type Parameters<T> = [T; 10];
 
-/// Row and column of I of the last six.
+/// Row and column in I of the last six.
 const ENTRIES: [[usize; 2]; 6] = [[0, 0], [0, 1], [1, 1], [0, 2], [1, 2], [2, 2]];
 
-/// Where an entry of I is among the ten.
+/// The index of an entry of I among the ten.
 fn place([i, j]: [usize; 2]) -> usize {
     let (i, j) = (i.min(j), i.max(j));
     4 + [[0, 1, 3], [1, 2, 4], [3, 4, 5]][i][j]
@@ -28,14 +29,14 @@ pub fn parameters<T: Real>(inertia: &BodyInertia<T>) -> Parameters<T> {
     [inertia.mass, h[0], h[1], h[2], xx, xy, yy, xz, yz, zz]
 }
 
-/// The inertia of ten parameters, or its change of theirs.
+/// The inertia from its ten parameters, or the change of the inertia from their changes.
 pub fn inertia<T: Real>(parameters: &Parameters<T>) -> BodyInertia<T> {
     let [mass, x, y, z, xx, xy, yy, xz, yz, zz] = *parameters;
     BodyInertia { mass, first_moment: Vector3::new(x, y, z), rotational: Symmetric3::new([xx, xy, xz, yy, yz, zz]) }
 }
 
-/// Y* u, the cotangents of a body's parameters: Y is the regressor, f = Y pi the force that the body needs at velocity V and acceleration A, weight included, u the
-/// cotangent of f.
+/// Y* u, the cotangents of a body's parameters: Y is the regressor, f = Y pi the force that the body needs at velocity
+/// V and acceleration A, gravity included, and u the cotangent of f.
 #[inline(always)]
 pub(super) fn of_force<T: Real>([velocity, acceleration, co_state]: &[Vector6<T>; 3]) -> Parameters<T> {
     let (w, v, turned) = (angular(velocity), linear(velocity), angular(acceleration));
@@ -55,7 +56,7 @@ pub(super) fn of_force<T: Real>([velocity, acceleration, co_state]: &[Vector6<T>
     [mass, moment[0], moment[1], moment[2], xx, xy, yy, xz, yz, zz]
 }
 
-/// Parameters of a body in its frame in the sweeps, or their changes, from those in its frame in the model.
+/// Converts the parameters of a body, or their changes, from its frame in the model to its frame in the sweeps.
 #[inline(always)]
 pub(super) fn to_sweeps<T: Real>(body: &SweepBody<T::Parameter>, parameters: &Parameters<T>) -> Parameters<T> {
     let like = parameters[0];
@@ -70,7 +71,7 @@ pub(super) fn to_sweeps<T: Real>(body: &SweepBody<T::Parameter>, parameters: &Pa
     here
 }
 
-/// Cotangents the other way.
+/// Converts cotangents of parameters from the frame in the sweeps to the frame in the model.
 #[inline(always)]
 pub(super) fn from_sweeps<T: Real>(body: &SweepBody<T::Parameter>, here: &Parameters<T>) -> Parameters<T> {
     let like = here[0];
@@ -85,7 +86,8 @@ pub(super) fn from_sweeps<T: Real>(body: &SweepBody<T::Parameter>, here: &Parame
     there
 }
 
-/// Cotangents of a link's parameters, in the link's frame, from those of its body's: the link is part of the body, `placed` there.
+/// Cotangents of a link's parameters, in the link's frame, from those of its body. The link is part of the body, with
+/// the pose `placed`.
 pub fn of_link<T: Real>(placed: &RigidShift<T>, of_body: &Parameters<T>) -> Parameters<T> {
     let half = T::from_f64(0.5);
     let l = &placed.lever;
@@ -115,7 +117,7 @@ pub fn of_link<T: Real>(placed: &RigidShift<T>, of_body: &Parameters<T>) -> Para
     [mass, turned[0], turned[1], turned[2], xx, xy, yy, xz, yz, zz]
 }
 
-/// Changes of a body's parameters by those of a link on it, in the link's frame.
+/// Changes of a body's parameters from those of a link on it, in the link's frame.
 pub fn of_body<T: Real>(placed: &RigidShift<T>, of_link: &Parameters<T>) -> Parameters<T> {
     parameters(&inertia(of_link).to_parent(placed))
 }

@@ -1,25 +1,25 @@
-//! -M^-1 times dtau/dq and dtau/dqd, both at once, their zeros between branches left out.
+//! -M^-1 times dtau/dq and dtau/dqd, both at once, without the zeros between branches.
 
 use crate::dynamics::sweeps::SweepModel;
 use crate::model::Model;
 use crate::scalar::{ColumnsOf, Real, larger};
 
-/// Rows of the result that are done at once.
+/// Rows of the result that are computed together.
 const ROWS: usize = 4;
 
-/// Scratch of the product; made when it is first needed.
+/// Scratch of the product; allocated when it is first needed.
 #[derive(Debug)]
 pub(crate) struct Product<T: Real, C: ColumnsOf<T>> {
-    /// By blocks of columns the rows that hold anything, and where the block's numbers end among those packed.
+    /// For each block of columns, the rows that have entries, and the end of its entries among the packed ones.
     blocks: Vec<(Vec<u32>, usize)>,
-    /// Of every block, row by row: dtau/dq and dtau/dqd.
+    /// For each block, row by row: dtau/dq and dtau/dqd.
     packed: Vec<[C; 2]>,
     /// The largest entry of each row of M^-1.
     largest: Vec<T>,
 }
 
 impl<T: Real, C: ColumnsOf<T>> Product<T, C> {
-    /// None yet.
+    /// Empty scratch.
     pub fn new() -> Self {
         Self { blocks: Vec::new(), packed: Vec::new(), largest: Vec::new() }
     }
@@ -42,9 +42,9 @@ impl<T: Real, C: ColumnsOf<T>> Product<T, C> {
         self.packed = vec![[C::zero(); 2]; end];
     }
 
-    /// -M^-1 times both, in their places: `out` holds dtau/dq, dtau/dqd and M^-1, one after another. The lanes, as
-    /// bits, in which digits cancel: eps times the terms that the largest column is the sum of is more than what is
-    /// `accepted`, in eps of the largest entry.
+    /// -M^-1 times both, in place: `out` holds dtau/dq, dtau/dqd and M^-1, one after another. Returns the lanes, as
+    /// bits, that lose precision: eps times the terms of the largest column exceeds `accepted`, in eps of the largest
+    /// entry.
     #[inline(always)]
     pub fn in_place(
         &mut self,
@@ -90,7 +90,7 @@ impl<T: Real, C: ColumnsOf<T>> Product<T, C> {
         lost(terms, size, accepted)
     }
 
-    /// Packs the blocks; gives, lane by lane, the most terms that a column is the sum of.
+    /// Packs the blocks. Returns, per lane, the largest sum of the terms of a column.
     #[inline(always)]
     fn pack(&mut self, nv: usize, like: C, out: &[C::Entry]) -> [C; 2] {
         let Self { blocks, packed, largest } = self;
@@ -115,8 +115,8 @@ impl<T: Real, C: ColumnsOf<T>> Product<T, C> {
             let mut terms = [like; 2];
             for (&i, packed) in rows.iter().zip(&mut packed[begin..end]) {
                 let i = i as usize;
-                // What is behind the last column is another row's, and nobody's result; behind both matrices there is
-                // M^-1.
+                // Lanes beyond the last column read the next row, or M^-1 after both matrices; these results are not
+                // used.
                 *packed = [some(like, &out[i * nv + first..]), some(like, &out[(nv + i) * nv + first..])];
                 let largest = like.spread(largest[i]);
                 terms[0] = largest.mul_add(packed[0].abs(), terms[0]);
@@ -130,7 +130,7 @@ impl<T: Real, C: ColumnsOf<T>> Product<T, C> {
     }
 }
 
-/// A block from where a slice begins; of a single joint the slice ends before it, and zeros follow.
+/// A block from the beginning of a slice. For a single joint the slice is shorter and is padded with zeros.
 #[inline(always)]
 fn some<T: Real, C: ColumnsOf<T>>(mut like: C, from: &[C::Entry]) -> C {
     if from.len() >= C::COLUMNS {
@@ -153,7 +153,7 @@ fn only<T: Real, C: ColumnsOf<T>>(like: C, mut block: C, width: usize) -> C {
     block
 }
 
-/// The columns of a block that fit.
+/// Writes the columns of a block that fit.
 #[inline(always)]
 fn put<T: Real, C: ColumnsOf<T>>(block: C, to: &mut [C::Entry]) {
     if to.len() == C::COLUMNS {
@@ -165,8 +165,7 @@ fn put<T: Real, C: ColumnsOf<T>>(block: C, to: &mut [C::Entry]) {
     }
 }
 
-/// The lanes, as bits, in which the rounding of the terms may be more than what is accepted, in eps of the largest
-/// result.
+/// The lanes, as bits, in which the rounding of the terms may exceed the accepted error, in eps of the largest result.
 #[inline(always)]
 fn lost<T: Real, C: ColumnsOf<T>>(terms: [C; 2], size: [C; 2], accepted: T) -> u64 {
     let mut lanes = 0;

@@ -1,4 +1,4 @@
-//! Jacobians of inverse and forward dynamics times a vector, and vectors times them, in O(N) and without any matrix.
+//! Jacobian-vector and vector-Jacobian products of inverse and forward dynamics, in O(N) and without matrices.
 
 use super::adjoint::{self, CoStates, Constants};
 use super::doubled_products;
@@ -16,14 +16,14 @@ use crate::scalar::{ColumnsOf, Real, larger};
 use crate::workspace::Workspace;
 use nalgebra::{Vector3, Vector6};
 
-/// Scratch of these products in any scalar of one lane, and what the sweeps read of the model; starts as NaN.
+/// Scratch of these products in any scalar of one lane, and the constants of the model; initialized with NaN.
 #[derive(Debug)]
 pub struct ProductScratch<T: Real<Parameter = T>> {
     pub(super) sweeps: SweepModel<T>,
     pub(super) sweep_scratch: SweepScratch<T>,
     co_states: CoStates<T>,
     changes: Changes<T>,
-    /// One number a degree of freedom: accelerations of the state, and a right side.
+    /// One scalar per degree of freedom: the accelerations of the state, and a right-hand side.
     acceleration: Vec<T>,
     right: Vec<T>,
 }
@@ -43,8 +43,8 @@ impl<T: Real<Parameter = T>> ProductScratch<T> {
         }
     }
 
-    /// From here on the errors of solutions are estimated by the test vector of the factor of M in this store, or are
-    /// not estimated.
+    /// Sets the test vector for the error estimate of solutions to that of the factor of M in this store; None disables
+    /// the estimate.
     pub(super) fn judge_by(&mut self, factor: Option<&SweepScratch<T>>) {
         self.changes.judges = factor.is_some();
         if let Some(factor) = factor {
@@ -57,17 +57,17 @@ impl<T: Real<Parameter = T>> ProductScratch<T> {
         !(self.changes.lost(of_products(workspace), solution).lane(0) <= 0.0)
     }
 
-    /// Bound on the terms of the moments of M x in the last gradients of torques, x being their cotangent.
+    /// Bound on the terms of the moments of M x in the last gradients of torques, where x is their cotangent.
     pub(super) fn terms(&self) -> T {
         self.co_states.terms
     }
 }
 
 /// dtau of [`inverse_dynamics`](crate::dynamics::inverse_dynamics) along one direction, (nv) into `out`: dtau/dq dq +
-/// dtau/dqd dqd + M dqdd, and what changes of wrenches, inertias, armature and gravity add. O(N).
+/// dtau/dqd dqd + M dqdd, plus the contributions of changes of wrenches, inertias, armature and gravity. O(N).
 ///
-/// `q` (nq), `qd`, `qdd` (nv), SI units; `wrenches` as there; dq is in the tangent space of q: q (+) dq as
-/// [`Scene::integrate`](crate::Scene::integrate) adds it.
+/// `q` (nq), `qd`, `qdd` (nv), SI units; `wrenches` as in `inverse_dynamics`. dq is in the tangent space of q, for q
+/// (+) dq as in [`Scene::integrate`](crate::Scene::integrate).
 pub fn inverse_dynamics_jvp<T: Real<Parameter = T>>(
     model: &Model<T>,
     scratch: &mut ProductScratch<T>,
@@ -84,11 +84,11 @@ pub fn inverse_dynamics_jvp<T: Real<Parameter = T>>(
     tangent::add_armature(model, (state, along), out);
 }
 
-/// Gradients of x . tau of [`inverse_dynamics`](crate::dynamics::inverse_dynamics), x being the cotangent of tau: by q
-/// (in its tangent space), qd and qdd, (3 x nv) into `out`, and into `constants` those by wrenches, inertias, armature
-/// and gravity that are asked for. O(N).
+/// Gradients of x . tau of [`inverse_dynamics`](crate::dynamics::inverse_dynamics), where x is the cotangent of tau: by
+/// q (in its tangent space), qd and qdd, (3 x nv) into `out`; and the requested gradients by wrenches, inertias,
+/// armature and gravity, into `constants`. O(N).
 ///
-/// Arguments as there, `cotangent` (nv).
+/// Arguments as in `inverse_dynamics`, `cotangent` (nv).
 pub fn inverse_dynamics_vjp<T: Real<Parameter = T>>(
     model: &Model<T>,
     scratch: &mut ProductScratch<T>,
@@ -105,17 +105,17 @@ pub fn inverse_dynamics_vjp<T: Real<Parameter = T>>(
 }
 
 /// dqdd of [`forward_dynamics`](crate::dynamics::forward_dynamics) along one direction, (nv) into `out`: dqdd/dq dq +
-/// dqdd/dqd dqd + M^-1 dtau, and what changes of wrenches, inertias, armature and gravity add. One more right side of
-/// the filter, with the gains of the state: O(N).
+/// dqdd/dqd dqd + M^-1 dtau, plus the contributions of changes of wrenches, inertias, armature and gravity. One more
+/// right-hand side of the filter, with the gains of the state: O(N).
 ///
-/// Arguments as in [`inverse_dynamics_jvp`], `along.u` of tau. P is carried as the workspace's form says. In form
-/// `auto` a state is recomputed in double-double arithmetic and rounded where the error estimate of the factor of M
-/// exceeds the tolerance, as in [`forward_dynamics_derivatives`](super::forward_dynamics_derivatives), and where the
-/// estimated error of the product, by the probe that the factor was watched with, exceeds the tolerance of products.
+/// Arguments as in [`inverse_dynamics_jvp`], with `along.u` the change of tau. P is propagated in the form of the
+/// workspace. In form `auto`, a state is recomputed in double-double arithmetic and rounded if the error estimate of
+/// the factor of M exceeds the tolerance, as in [`forward_dynamics_derivatives`](super::forward_dynamics_derivatives),
+/// or if the estimated error of the product, by the test vector of the factor, exceeds the tolerance of products.
 ///
 /// # Errors
 ///
-/// The lost pivot furthest from the base, where one was lost; then `out` means nothing.
+/// The lost pivot furthest from the base; `out` is then undefined.
 pub fn forward_dynamics_jvp<T: Real<Parameter = T>>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
@@ -147,14 +147,14 @@ pub fn forward_dynamics_jvp<T: Real<Parameter = T>>(
         return Err(lost);
     }
     if is_lost {
-        // Without a wider model the result stays as it is.
+        // If there is no wider model, the result is kept.
         doubled_products::tangent(model, state, wrenches, along, out);
     }
     Ok(())
 }
 
-/// M^-1 (dtau - the change of inverse dynamics where dqdd is none), with the factor in the workspace, turns and shifts
-/// being there.
+/// M^-1 (dtau - the change of inverse dynamics for dqdd = 0), with the factor in the workspace and the rotations and
+/// shifts of the joints in the scratch.
 pub(super) fn solved<T: Real<Parameter = T>>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
@@ -171,19 +171,20 @@ pub(super) fn solved<T: Real<Parameter = T>>(
     general::smooth(scene, store, out);
 }
 
-/// Gradients of c . qdd of [`forward_dynamics`](crate::dynamics::forward_dynamics), c being the cotangent of qdd: by q
-/// (in its tangent space), qd and tau, (3 x nv) into `out`, and into `constants` those by wrenches, inertias, armature
-/// and gravity that are asked for. O(N).
+/// Gradients of c . qdd of [`forward_dynamics`](crate::dynamics::forward_dynamics), where c is the cotangent of qdd: by
+/// q (in its tangent space), qd and tau, (3 x nv) into `out`; and the requested gradients by wrenches, inertias,
+/// armature and gravity, into `constants`. O(N).
 ///
-/// That by tau is x = M^-1 c, filter and smoother once more; all others are those of [`inverse_dynamics_vjp`] at the
-/// accelerations of the state with -x for its cotangent. Arguments as there; P as in [`forward_dynamics_jvp`]. In form
-/// `auto` a state is recomputed in double-double arithmetic if the error estimate of the factor of M exceeds the
-/// tolerance, as there, and if M x, of which the gradients are made body by body, misses c by more than the tolerance
-/// of products of its largest entry, or would by the rounding of its terms.
+/// The gradient by tau is x = M^-1 c, one more right-hand side of filter and smoother. All others are those of
+/// [`inverse_dynamics_vjp`] at the accelerations of the state with the cotangent -x. Arguments as in
+/// `forward_dynamics`; P as in [`forward_dynamics_jvp`]. In form `auto`, a state is recomputed in double-double
+/// arithmetic if the error estimate of the factor of M exceeds the tolerance. It is also recomputed if M x, the sum of
+/// the forces that the gradients use, or the rounding of its terms, deviates from c by more than the tolerance of
+/// products times the largest entry.
 ///
 /// # Errors
 ///
-/// The lost pivot furthest from the base, where one was lost; then the results mean nothing.
+/// The lost pivot furthest from the base; the results are then undefined.
 pub fn forward_dynamics_vjp<T: Real<Parameter = T>>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
@@ -219,13 +220,13 @@ pub fn forward_dynamics_vjp<T: Real<Parameter = T>>(
         return Err(lost);
     }
     if workspace.form == Form::Auto && !is_doubled && off.lane(0) > 0.0 {
-        // Without a wider model the result stays as it is.
+        // If there is no wider model, the result is kept.
         doubled_products::gradients(model, state, wrenches, cotangent, (constants, out));
     }
     Ok(())
 }
 
-/// [`adjoint::in_sweeps`] in any scalar of one lane: compiled once for both that ask for it.
+/// [`adjoint::in_sweeps`] in any scalar of one lane, compiled once for its two callers.
 #[inline(never)]
 fn gradients_of_torques<T: Real<Parameter = T>>(
     scene: (&Model<T>, &SweepModel<T>),
@@ -237,7 +238,7 @@ fn gradients_of_torques<T: Real<Parameter = T>>(
     adjoint::in_sweeps(scene, scratch, state, constants, out);
 }
 
-/// [`tangent::base_to_tip`], likewise.
+/// [`tangent::base_to_tip`], compiled once for its two callers.
 #[inline(never)]
 fn changes_of_forces<T: Real<Parameter = T>>(
     scene: (&Model<T>, &SweepModel<T>),
@@ -253,9 +254,9 @@ fn of_products<T: Real>(workspace: &Workspace<T>) -> T {
     T::from_f64(workspace.accepted_error().of_products() / T::epsilon().lane(0))
 }
 
-/// The product along a direction, for states in lanes and for one state: of torques, or where `solves` of
-/// accelerations, then with the factor, turns and shifts in the scratch; `right` is scratch too. Positive where a
-/// solution is `judged` and its estimated error exceeds the tolerance.
+/// The product along a direction, for states in lanes and for one state: of torques, or with `solves` of accelerations.
+/// The latter needs the factor and the rotations and shifts of the joints in the scratch; `right` is scratch. Returns a
+/// positive value if a solution is `judged` and its estimated error exceeds the tolerance.
 #[inline(always)]
 pub(crate) fn tangent_in_sweeps<T: Real, C: ColumnsOf<T>>(
     scene: (&Model<T>, &SweepModel<T>),
@@ -284,9 +285,9 @@ pub(crate) fn tangent_in_sweeps<T: Real, C: ColumnsOf<T>>(
     T::zero()
 }
 
-/// The gradients by q, qd and u, and by the constants that are asked for, likewise: of torques, or where `solves` of
-/// accelerations, then with the factor, turns and shifts in the scratch; x is scratch. Above zero where digits were
-/// lost.
+/// The gradients by q, qd and u, and the requested ones by the constants: of torques, or with `solves` of
+/// accelerations. The latter needs the factor and the rotations and shifts of the joints in the scratch; x is scratch.
+/// Returns a positive value if precision is lost.
 #[inline(always)]
 pub(crate) fn gradients_in_sweeps<T: Real, C: ColumnsOf<T>>(
     scene: (&Model<T>, &SweepModel<T>),
@@ -308,9 +309,9 @@ pub(crate) fn gradients_in_sweeps<T: Real, C: ColumnsOf<T>>(
     if solves { solved_short_of(cotangent, judging, &mut out[last..], x) } else { T::zero() }
 }
 
-/// x in the place of -M x, which the way inward has found; by how much M x misses the right side c, or the rounding of
-/// the `terms` that it is made of where that is more, less what is let pass: not above zero where the forces that
-/// gradients are made of kept their digits.
+/// Replaces -M x, the result of the inward pass, by x. Returns the larger of the deviation of M x from the right-hand
+/// side c and the rounding of its `terms`, minus the accepted error: positive if the forces that the gradients use have
+/// lost precision.
 #[inline(always)]
 fn solved_short_of<T: Real>(cotangent: &[T], (terms, accepted): (T, T), product: &mut [T], x: &[T]) -> T {
     let zero = T::zero();

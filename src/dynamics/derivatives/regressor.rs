@@ -1,6 +1,7 @@
 //! The joint torque regressor: torques are linear in the inertial parameters, tau = Y(q, qd, qdd) pi + armature qdd.
 //!
-//! The row of degree of freedom i for body k is Y* u, with u the motion of k for a unit velocity of i: one motion per ancestor of each body, O(N depth).
+//! The row of degree of freedom i for body k is Y* u, where u is the motion of k for a unit velocity of i. Each body
+//! has one such motion per ancestor: O(N depth).
 
 use super::outward::{ABOUT_Z, carried, past_joint};
 use super::parameters::{self, Parameters};
@@ -15,19 +16,21 @@ use crate::scalar::Real;
 use nalgebra::Vector6;
 use std::ops::Range;
 
-/// Scratch of [`joint_torque_regressor`] in any scalar of one lane, and the constants of the model that it reads; starts as NaN.
+/// Scratch of [`joint_torque_regressor`] in any scalar of one lane, and the constants of the model; initialized with
+/// NaN.
 #[derive(Debug)]
 pub struct RegressorScratch<T: Real<Parameter = T>> {
     sweeps: SweepModel<T>,
     sweep_scratch: SweepScratch<T>,
-    /// Velocity and acceleration of each body, weight included, by slots outward; the first is the base's.
+    /// Velocity and acceleration of each body, gravity included, by slots outward; the first is that of the base.
     motions: Vec<[[T; 6]; 2]>,
-    /// The degrees of freedom from the base to each body, its own included: where they are in `rows` and `columns`, by places in the sweeps.
+    /// The degrees of freedom from the base to each body, including its own: ranges of `rows` and `columns`, one per
+    /// place in the sweeps.
     paths: Vec<Range<usize>>,
     rows: Vec<usize>,
-    /// The motion of the body for a unit velocity of each of them.
+    /// The motion of the body for a unit velocity of each degree of freedom.
     columns: Vec<[T; 6]>,
-    /// Zeros, but for the degree of freedom at hand.
+    /// Zeros, except for the current degree of freedom.
     unit: Vec<T>,
     identity: u64,
 }
@@ -58,14 +61,16 @@ impl<T: Real<Parameter = T>> RegressorScratch<T> {
         }
     }
 
-    /// The model that it was made for.
+    /// Identity of the model of this scratch.
     pub(crate) fn identity(&self) -> u64 {
         self.identity
     }
 }
 
-/// The derivative of the torques of [`inverse_dynamics`](crate::dynamics::inverse_dynamics) by the parameters of each body in its frame, (nv x bodies x 10) into `out`, in the
-/// order (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz), I about the frame's origin. Zero where a body is not outboard of the joint. O(N depth).
+/// The derivative of the torques of [`inverse_dynamics`](crate::dynamics::inverse_dynamics) with respect to the
+/// parameters of each body in its frame, (nv x bodies x 10) into `out`. The order is (m, m cx, m cy, m cz, Ixx, Ixy,
+/// Iyy, Ixz, Iyz, Izz), with I about the origin of the frame. Entries of bodies that are not outboard of the joint are
+/// zero. O(N depth).
 ///
 /// `q` (nq), `qd`, `qdd` (nv), SI units.
 pub fn joint_torque_regressor<T: Real<Parameter = T>>(

@@ -1,14 +1,14 @@
-//! What inverse dynamics, or forward dynamics, changes by along one direction, in O(N) and without any matrix: a pass
-//! outward with the changes of the motion, and one inward with those of the forces.
+//! The change of inverse or forward dynamics along one direction, in O(N) and without matrices: an outward pass for the
+//! changes of the motion, and an inward pass for the changes of the forces.
 //!
-//! With eta = S dq, and `V_p`, `A_p` the parent's motion as it is seen at the joint, weight included:
+//! With eta = S dq, and `V_p`, `A_p` the motion of the parent transported to the joint, gravity included:
 //!
 //! - dV = phi* dV + `V_p` x eta + S dqd; dA = phi* dA + `A_p` x eta + S dqdd + dV x S qd + V x S dqd;
 //! - dF = d(M A + V x* M V) - dw + sum phi (dF + eta x* F); dtau = H dF + r dqdd + dr qdd.
 //!
-//! For forward dynamics dqdd is none on the way out. What has to be zero then is dtau less what there is, which is one
-//! more right side of the filter: z is dF, and z^+ + eta x* F is what goes on to the parent. The gains do not change to
-//! first order, for the estimates are a stationary point.
+//! For forward dynamics, the outward pass uses dqdd = 0. The difference between dtau and the resulting torques is then
+//! one more right-hand side of the filter: z is dF, and z^+ + eta x* F is propagated to the parent. The changes of the
+//! gains do not contribute to first order, because the estimates are a stationary point.
 
 use super::layout::constants_of;
 use super::outward::{ABOUT_Z, carried, needed_force, past_axial, past_joint};
@@ -27,29 +27,29 @@ use crate::spatial::transform::Transform;
 use crate::spatial::{BodyInertia, angular, cross, cross_add, cross_force, cross_motion, linear, spatial, sum};
 use nalgebra::{Vector3, Vector6};
 
-/// One direction: of q in its tangent space, of qd, of qdd (or of tau, in forward dynamics), (nv) each; the rest is
-/// empty where it does not change.
+/// One direction: changes of q in its tangent space, of qd, and of qdd (or of tau, in forward dynamics), (nv) each. A
+/// slice of constants that do not change is empty.
 #[derive(Debug, Clone, Copy)]
 pub struct Directions<'a, T> {
-    /// Of q, in its tangent space.
+    /// Change of q, in its tangent space.
     pub q: &'a [T],
-    /// Of qd.
+    /// Change of qd.
     pub qd: &'a [T],
-    /// Of qdd, or of tau.
+    /// Change of qdd, or of tau.
     pub u: &'a [T],
-    /// Of the wrenches, one a body, in the body's frame.
+    /// Changes of the wrenches, one per body, in the body frame.
     pub wrenches: &'a [Vector6<T>],
-    /// Of (m, m c, I) of each body about its frame's origin, as [`Parameters`] has them.
+    /// Changes of (m, m c, I) of each body about the origin of its frame, in the order of [`Parameters`].
     pub parameters: &'a [Parameters<T>],
-    /// Of the armature of each degree of freedom.
+    /// Change of the armature of each degree of freedom.
     pub armature: &'a [T],
-    /// Of gravity in the base's frame, three numbers.
+    /// Change of gravity in the base frame, three scalars.
     pub gravity: &'a [T],
 }
 
 impl<'a, T: Real> Directions<'a, T> {
-    /// The direction that the seed of a product is, with changes of what is constant where the third vector goes on;
-    /// `wrenches` is scratch.
+    /// The direction in the seed of a product. Changes of the constants follow u in the third vector; `wrenches` is
+    /// scratch.
     pub(crate) fn of_seed([q, qd, third]: [&'a [T]; 3], bodies: usize, wrenches: &'a mut Vec<Vector6<T>>) -> Self {
         let (u, rest) = third.split_at(q.len());
         if rest.is_empty() {
@@ -62,7 +62,7 @@ impl<'a, T: Real> Directions<'a, T> {
     }
 }
 
-/// Along which nothing changes that has no numbers.
+/// The direction without changes.
 impl<T> Default for Directions<'_, T> {
     fn default() -> Self {
         Self { q: &[], qd: &[], u: &[], wrenches: &[], parameters: &[], armature: &[], gravity: &[] }
@@ -74,12 +74,12 @@ impl<T> Default for Directions<'_, T> {
 pub(crate) struct Changes<T> {
     /// V, A, dV and dA in slots outward; the first is the base's.
     motions: Vec<[[T; 6]; 4]>,
-    /// By places in the sweeps: F and dF, of a body, then of all that is outboard of its joint.
+    /// One per place in the sweeps: F and dF, first of a body, then the sums over all bodies outboard of its joint.
     forces: Vec<[T; 6]>,
     forces_change: Vec<[T; 6]>,
-    /// True if the error of a solution is estimated, by the probe of the factor of M.
+    /// True if the error of a solution is estimated, by the test vector of the factor of M.
     pub judges: bool,
-    /// The estimated square of w* d(dqdd), over eps^2: what the rounding of dF makes of it, as in
+    /// The estimated square of w* d(dqdd), over eps^2: the effect of the rounding of dF, as in
     /// [`cancellation`](crate::filter::cancellation).
     noise: T,
 }
@@ -96,7 +96,7 @@ impl<T: Real> Changes<T> {
         }
     }
 
-    /// The estimated error of a solution less the accepted one, in eps of its largest entry: positive or NaN where it
+    /// The estimated error of a solution minus the tolerance, in eps of its largest entry: positive or NaN if it
     /// exceeds the tolerance.
     #[inline(always)]
     pub fn lost(&self, accepted: T, out: &[T]) -> T {
@@ -114,7 +114,7 @@ fn total<T: Real>(x: &Vector3<T>) -> T {
     x[0].abs() + x[1].abs() + x[2].abs()
 }
 
-/// Bounds on the terms that the moment and the force of [`change_of`] are sums of.
+/// Bounds on the terms of the moment and of the force of [`change_of`].
 #[inline(always)]
 fn terms_of_change<T: Real>(inertia: &BodyInertia<T>, velocity: &Vector6<T>, [dv, da]: [&[T; 6]; 2]) -> [T; 2] {
     let (dv, da) = (Vector6::from(*dv), Vector6::from(*da));
@@ -126,7 +126,8 @@ fn terms_of_change<T: Real>(inertia: &BodyInertia<T>, velocity: &Vector6<T>, [dv
     [h.mul_add(moved, (xx + yy + zz) * turned), h.mul_add(turned, inertia.mass * moved)]
 }
 
-/// The square of what one unit in the last place of a moment and a force of this size makes of w* d(dqdd), over eps^2.
+/// The square of the effect on w* d(dqdd) of one unit in the last place of a moment and a force of this size, over
+/// eps^2.
 #[inline(always)]
 fn noise_of<T: Real>([moment, force]: [T; 2], nu: &[T; 6]) -> T {
     let of_moment = moment * (nu[0].abs() + nu[1].abs() + nu[2].abs());
@@ -134,7 +135,7 @@ fn noise_of<T: Real>([moment, force]: [T; 2], nu: &[T; 6]) -> T {
     of_moment.mul_add(of_moment, of_force * of_force)
 }
 
-/// Base to tip: F and dF of every body alone; `along.u` is of qdd, or empty where that does not change.
+/// Base to tip: F and dF of every body without its children. `along.u` is the change of qdd, or empty for zero.
 #[inline(always)]
 pub(super) fn base_to_tip<T: Real>(
     (model, sweeps): (&Model<T>, &SweepModel<T>),
@@ -196,7 +197,7 @@ fn but<T: Real>(x: &Vector6<T>, y: &[T; 6]) -> Vector6<T> {
     Vector6::new(x[0] - y[0], x[1] - y[1], x[2] - y[2], x[3] - y[3], x[4] - y[4], x[5] - y[5])
 }
 
-/// Past a revolute joint: V, A, dV and dA of the body from those of its parent as seen at the joint.
+/// Past a revolute joint: V, A, dV and dA of the body from those of its parent transported to the joint.
 #[inline(always)]
 fn about_z<T: Real>(
     (row, sense): (usize, T),
@@ -249,7 +250,7 @@ fn of_any<T: Real>(
     [own_velocity, acceleration, dv.into(), da.into()]
 }
 
-/// d(M A + V x* M V), collected as [`BodyInertia::bias_force`] is.
+/// d(M A + V x* M V), grouped as in [`BodyInertia::bias_force`].
 #[inline(always)]
 fn change_of<T: Real>(inertia: &BodyInertia<T>, velocity: &Vector6<T>, [dv, da]: [&[T; 6]; 2]) -> Vector6<T> {
     let (dv, da) = (Vector6::from(*dv), Vector6::from(*da));
@@ -265,8 +266,8 @@ fn change_of<T: Real>(inertia: &BodyInertia<T>, velocity: &Vector6<T>, [dv, da]:
     )
 }
 
-/// Tip to base: dtau of inverse dynamics into `out`, but for armature; where `FILTERS`, with D and g of each row and
-/// dtau given, e^- of the filter.
+/// Tip to base: dtau of inverse dynamics into `out`, without armature. With `FILTERS`: e^- of the filter, from D and g
+/// of each row and the given dtau.
 #[inline(always)]
 pub(super) fn tip_to_base<T: Real, const FILTERS: bool>(
     (model, sweeps): (&Model<T>, &SweepModel<T>),
@@ -322,7 +323,7 @@ fn turned<T: Real>((body, along): (&SweepBody<T::Parameter>, &Directions<'_, T>)
     change[4] = turn.mul_add(force[3], change[4]);
 }
 
-/// F and dF on to the parent.
+/// Propagates F and dF to the parent.
 #[inline(always)]
 fn send<T: Real>(
     transform: &impl Transform<T>,
@@ -334,7 +335,7 @@ fn send<T: Real>(
     transform.send_force(change, false, &mut kept.forces_change[parent]);
 }
 
-/// dtau - dr qdd: what the right side of the filter is made of beside forces.
+/// dtau - dr qdd: the part of the right-hand side of the filter without forces.
 #[inline(always)]
 pub(super) fn right_side<T: Real>((state, along): (Motion<'_, T>, &Directions<'_, T>), right: &mut [T]) {
     right.copy_from_slice(along.u);
@@ -345,7 +346,7 @@ pub(super) fn right_side<T: Real>((state, along): (Motion<'_, T>, &Directions<'_
     }
 }
 
-/// r dqdd + dr qdd, what armature adds to dtau.
+/// r dqdd + dr qdd, the contribution of armature to dtau.
 #[inline(always)]
 pub(super) fn add_armature<T: Real>(
     model: &Model<T>,

@@ -20,7 +20,7 @@ pub(super) fn base_to_tip<T: Real, const SEEN: bool>(
 ) -> Outward<T> {
     let mut seen = Outward::new();
     let SweepScratch { own, shifts, measured, co_states, .. } = scratch;
-    // Of the same length, which the compiler then knows.
+    // Slices of equal length, which lets the compiler omit bounds checks.
     let estimates = &mut estimates[..measured.len()];
     for (body, own) in sweeps.swept().iter().zip(own) {
         let outer = &co_states[body.places.parent_outward];

@@ -1,8 +1,8 @@
 //! The layout of the columns of a matrix during the inward pass, in blocks that are vectorized (SIMD).
 //!
-//! A segment is a run of bodies on each of which hangs the next one and nothing else. Its rows are dealt out to blocks
-//! from the outermost on, so that only the last block of a segment is not full; the columns outboard of a body are then
-//! neighboring blocks, each of one segment.
+//! A segment is a chain of bodies, each of which has only the next one as its child. Its rows are assigned to blocks
+//! from the outermost row inward, so that only the last block of a segment can be partly filled. The columns outboard
+//! of a body are then adjacent blocks, each within one segment.
 
 use super::model::SweepModel;
 use super::tiles::{below_overflow, units};
@@ -10,33 +10,33 @@ use crate::model::Model;
 use crate::scalar::{ColumnsOf, Real};
 use std::ops::Range;
 
-/// Where the column of a row is.
+/// The location of the column of a row.
 #[derive(Debug, Clone, Copy, Default)]
 pub(in crate::dynamics) struct Place {
     pub block: usize,
     pub lane: usize,
     /// One past the last block that holds a column outward of it.
     pub end_block: usize,
-    /// Of one state where the diagonal is. In lanes the number of the pair (row, row) among the pairs of a row and a
-    /// column outward of it: those of one row, by their columns, come one after another.
+    /// For one state, the index of the diagonal. In lanes, the index of the pair (row, row) among the pairs of a row
+    /// and a column outward of it; the pairs of one row are adjacent, in the order of their columns.
     pub entries: usize,
 }
 
-/// The columns of a scene, dealt out to blocks.
+/// The columns of a scene, assigned to blocks.
 #[derive(Debug, Clone)]
 pub(in crate::dynamics) struct ColumnLayout<C> {
-    /// One in one lane, zero in the others.
+    /// One in one lane, zero in the others; for each lane.
     pub units: Vec<C>,
     /// One past the last column of each block, which is in its last lane.
     pub ends: Vec<usize>,
-    /// Of each row.
+    /// One per row.
     pub places: Vec<Place>,
     /// True if there are entries between branches, which are zero.
     pub is_branched: bool,
 }
 
 impl<C: Copy> ColumnLayout<C> {
-    /// None yet.
+    /// An empty layout.
     pub fn empty() -> Self {
         Self { units: Vec::new(), ends: Vec::new(), places: Vec::new(), is_branched: false }
     }
@@ -91,18 +91,18 @@ impl<C: Copy> ColumnLayout<C> {
         layout
     }
 
-    /// How many blocks there are.
+    /// Number of blocks.
     pub fn blocks(&self) -> usize {
         self.ends.len()
     }
 
-    /// Which blocks hold the columns from `row` to before `end`.
+    /// The blocks that hold the columns from `row` to before `end`.
     #[inline(always)]
     pub fn blocks_of(&self, row: usize, end: usize) -> Range<usize> {
         if row == end { 0..0 } else { self.places[row].block..self.places[end - 1].block + 1 }
     }
 
-    /// Takes up a column in its lane; a block that it is the first of begins with it.
+    /// Inserts a column into its lane. The first column of a block initializes the block.
     #[inline(always)]
     pub fn insert<T: Real, const N: usize>(&self, lane: usize, block: &mut [C; N], column: &[T; N])
     where
@@ -115,7 +115,7 @@ impl<C: Copy> ColumnLayout<C> {
             return;
         }
         let unit = self.units[lane];
-        // No lane of a block that was begun in this state holds anything from another one.
+        // The last lane is inserted first and clears the values of the previous state.
         if lane == C::COLUMNS - 1 {
             for (to, &x) in block.iter_mut().zip(column) {
                 *to = unit.spread(x) * unit;
@@ -128,11 +128,11 @@ impl<C: Copy> ColumnLayout<C> {
     }
 }
 
-/// Of one state: the entries of a row in the columns of a block, which ends before `end`, and those of the block's rows
-/// in the row's column.
+/// For one state: writes the entries of a row in the columns of a block that ends before `end`, and the entries of the
+/// block's rows in the column of the row.
 ///
-/// What is in lanes that no column is in comes where the next block inward, or a row further inward, writes after it;
-/// or where there is nothing, a zero.
+/// Lanes without a column are written to places that a later step of the inward pass overwrites, or where the matrix is
+/// zero, as zeros.
 #[inline(always)]
 pub(in crate::dynamics) fn put_block<T: Real, C: ColumnsOf<T>>(
     out: &mut [C::Entry],
@@ -140,7 +140,7 @@ pub(in crate::dynamics) fn put_block<T: Real, C: ColumnsOf<T>>(
     end: usize,
     [across, down]: [C; 2],
 ) {
-    // Copies, or the entries would live in memory above too.
+    // Local copies keep the entries in registers.
     let (across, down, width) = (across, down, C::COLUMNS);
     if let Some(first) = end.checked_sub(width) {
         across.store(&mut out[row * nv + first..][..width]);

@@ -47,14 +47,14 @@ pub(crate) fn factor_with_estimate<T: Real, C: ColumnsOf<T>>(
     for own in &mut scratch.own {
         own.force = [o; 6];
     }
-    // Taken out and put back: it is read while the rest of the scratch is written, and nothing is allocated.
+    // Moved out and back because it is read while the rest of the scratch is written; this does not allocate.
     let other = std::mem::take(&mut scratch.test.other_vector);
     let [monitor, _] = filter::tip_to_base::<T, { filter::ESTIMATE }>((model, sweeps), scratch, &other, estimates);
     scratch.test.other_vector = other;
     (monitor, base_to_tip::<T, false>((model, sweeps), scratch, estimates))
 }
 
-/// The smoother for the right side and the test vector; with `ALLOWS` with the sensitivity of the problem.
+/// The smoother for the right-hand side and the test vector; with `ALLOWS` with the sensitivity of the problem.
 #[inline(always)]
 pub(super) fn base_to_tip<T: Real, const ALLOWS: bool>(
     (model, sweeps): (&Model<T>, &SweepModel<T>),
@@ -64,7 +64,7 @@ pub(super) fn base_to_tip<T: Real, const ALLOWS: bool>(
     let mut seen = Cancellation::new();
     let SweepScratch { own, shifts, measured, test, .. } = scratch;
     let TestVector { own: tested, co_states, innovations, .. } = test;
-    // Of the same length, which the compiler then knows.
+    // Slices of equal length, which lets the compiler omit bounds checks.
     let rows = measured.len();
     let (estimates, innovations) = (&mut estimates[..rows], &innovations[..rows]);
     for ((body, own), tested) in sweeps.swept().iter().zip(own).zip(tested) {
@@ -102,8 +102,9 @@ mod tests {
     use crate::scenes;
     use crate::spatial::Symmetric3;
 
-    /// Torques that balance the weight of a chain leave accelerations of the size of their rounding: the error is large
-    /// compared with these, and within what one unit in the last place of the forces makes of them.
+    /// Torques that balance the weight of a chain cause accelerations of the size of their rounding errors. The error
+    /// is large relative to these accelerations, and within the sensitivity to one unit in the last place of the
+    /// forces.
     #[test]
     fn a_state_near_equilibrium_is_accepted_by_its_sensitivity() {
         let scene = scenes::chain(7).expect("a chain");
@@ -111,7 +112,7 @@ mod tests {
         let (q, still) = ([0.3, -0.7, 0.5, 0.9, -0.4, 0.6, 0.2], [0.0; 7]);
         let mut held = [f64::NAN; 7];
         scene.bias_torque(&mut scene.workspace(), &q, &still, &mut held).expect("a state");
-        // A relative change of 1e-10, which is what is left.
+        // A relative change of 1e-10 determines the remaining accelerations.
         held[3] *= 1.0 + 1e-10;
         let sweeps = SweepModel::new(model);
         let seen = |torque: &[f64]| {

@@ -14,9 +14,9 @@ use crate::spatial::transform::Transform;
 
 /// Only the factor: D and g of each row.
 pub(super) const FACTOR: usize = 0;
-/// The factor and the filter of one right side.
+/// The factor and the filter of one right-hand side.
 pub(super) const FILTER: usize = 1;
-/// The factor, the filter of the right side, and that of the test vector for the error estimate.
+/// The factor, the filter of the right-hand side, and that of the test vector for the error estimate.
 pub(super) const ESTIMATE: usize = 2;
 
 /// The arguments of the pass.

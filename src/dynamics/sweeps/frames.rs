@@ -1,11 +1,11 @@
-//! The frames that these sweeps have the bodies in.
+//! The body frames of the sweeps.
 //!
-//! If a joint rotates about an axis of its parent's frame, signs and places become part of the body's constants, no
-//! digit of them touched: its z is then one axis of its parent's at zero angle, its x and y the two that follow it in
-//! their cycle. What is left of a revolute joint is a rotation about z, to one side or the other, and one of three ways
-//! to read the parent's vectors; and where the joint's frame is turned about its z at zero angle by what is no
-//! permutation of axes, a constant *offset* of the angle. An axis that is along none of its parent's is *oblique*,
-//! by a [constant rotation](ConstantRotation) from one of them.
+//! If a joint rotates about an axis of its parent's frame, the constants of the body absorb a signed permutation of
+//! axes without rounding: at zero angle, the z axis of the body is parallel to an axis of its parent, and its x and y
+//! axes to the next two in cyclic order. The transform of a revolute joint then reduces to a rotation about z with a
+//! sign and one of three cyclic orders of the parent's components. If the joint frame is rotated about its z axis at
+//! zero angle by more than a permutation, the angle has a constant *offset*. An axis that is not parallel to an axis of
+//! its parent is *oblique*: it has a [constant rotation](ConstantRotation) from one of them.
 
 use super::axis_permutation::AxisPermutation;
 use super::joint::{Joint, JointAxis};
@@ -14,21 +14,21 @@ use crate::model::{Body, Model, Motion};
 use crate::spatial::transform::{AboutAxis, ConstantRotation, ConstantSlide};
 use nalgebra::{Matrix3, Vector3, Vector6};
 
-/// The bodies of a scene in those frames.
+/// The bodies of a scene in the frames of the sweeps.
 pub(super) struct Framed {
-    /// Each from its frame to that of its parent; of a revolute joint where its angle is zero.
+    /// Each from its frame to the frame of its parent; for a revolute joint at zero angle.
     pub bodies: Vec<Body<f64>>,
     pub joints: Vec<Joint>,
-    /// Sine and cosine of the turn's angle where the joint's is zero, where they are not those of none.
+    /// Sine and cosine of the angle offset of a joint; None without an offset.
     pub angle_offsets: Vec<Option<[f64; 2]>>,
-    /// The offsets as they are met inward: of a revolute joint in its frame at zero angle, or its parent's where the
-    /// axis is oblique.
+    /// The offsets of the origins as the inward pass uses them: for a revolute joint in its frame at zero angle, or in
+    /// its parent's frame if the axis is oblique.
     pub offsets_inward: Vec<Vector3<f64>>,
-    /// Those of oblique axes.
+    /// The rotations of oblique axes.
     pub constant_rotations: Vec<ConstantRotation<f64>>,
-    /// Those of prismatic joints.
+    /// The shifts of prismatic joints.
     pub slides: Vec<ConstantSlide<f64>>,
-    /// From each body's frame in the model, zeros and ones.
+    /// The rotation from each body's frame in the model; its entries are zeros and ones of either sign.
     pub from_model: Vec<Matrix3<f64>>,
 }
 
@@ -105,17 +105,17 @@ mod tests {
         Rotation3::from_euler_angles(roll, pitch, yaw).into_inner()
     }
 
-    /// How a joint about an axis of a frame turned so is carried.
+    /// The kind of transform of a joint whose frame is rotated by a given matrix.
     #[derive(Debug, PartialEq)]
     enum Kind {
         Plain,
-        /// About how many axes it is tilted.
+        /// The number of axes about which it is rotated.
         Tilted(usize),
         Shift,
     }
 
-    /// The frames of a body on a joint about or along an axis of a frame turned so, and the rotation that the model has
-    /// there.
+    /// The frames of a body whose joint rotates about or translates along an axis of a rotated frame, and the rotation
+    /// in the model.
     fn framed(
         kind: JointKind,
         (rotation, axis): (Matrix3<f64>, Vector3<f64>),
@@ -135,7 +135,8 @@ mod tests {
         (Framed::of(scene.model()), scene.model().bodies[0].tree.rotation)
     }
 
-    /// Of such a joint, its offset, and by how much what it is made of differs from what it is.
+    /// The kind of a revolute joint with this rotation, its angle offset, and the error of the rotation composed from
+    /// both.
     fn of(rotation: Matrix3<f64>, axis: Vector3<f64>) -> (Kind, Option<[f64; 2]>, f64) {
         let (framed, given) = framed(JointKind::Revolute, (rotation, axis), Simplifications::all());
         let [s, c] = framed.angle_offsets[0].unwrap_or([0.0, 1.0]);
@@ -175,7 +176,7 @@ mod tests {
 
     #[test]
     fn what_brings_the_axis_anywhere_tilts_it() {
-        // As URDF files round right angles: what they say is kept.
+        // Right angles as rounded in URDF files are preserved.
         let about = |angle: f64| (angle * 1e4).round() / 1e4;
         for (rotation, axes) in [
             (rpy(FRAC_PI_2 - 5e-12, 0.0, 0.0), 1),
@@ -196,7 +197,7 @@ mod tests {
                 assert!(kind != Kind::Shift && off <= 8.0 * f64::EPSILON, "{rotation} {axis} {off}");
             }
         }
-        // The joint's own angle beside it.
+        // The offset in addition to the joint angle.
         let (kind, offset, _) = of(rpy(0.3, 0.0, 0.0) * rpy(0.0, 0.0, 0.5), Vector3::z());
         assert!(kind == Kind::Tilted(1) && offset.is_some());
         let (kind, offset, _) = of(rpy(0.3, 0.0, 0.0) * rpy(0.0, 0.0, FRAC_PI_2), Vector3::z());
@@ -212,7 +213,7 @@ mod tests {
         }
     }
 
-    /// A slide goes by constants where the switches let it, and is not renamed where it does not.
+    /// A prismatic joint uses constants if the simplifications allow it, and keeps its frame otherwise.
     #[test]
     fn what_slides_goes_by_constants_where_it_may() {
         let all = Simplifications::all();

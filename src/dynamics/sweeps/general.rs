@@ -1,8 +1,8 @@
-//! The passes, each compiled once per scalar, for callers whose time is not that of the kernels. The functions of
-//! [`dynamics`](crate::dynamics) are compositions of these.
+//! Each pass compiled once per scalar, for callers whose time does not depend on the kernels. The functions of
+//! [`dynamics`](crate::dynamics) are compositions of these passes.
 //!
-//! Most callers use the general model ([`SweepModel::general`]), whose store has one slot per body: they read what a
-//! pass computed of every body. Code generation uses the model of the kernels.
+//! Most callers use the general model ([`SweepModel::general`]), whose store has one slot per body, because they read
+//! the results of a pass for every body. Code generation uses the model of the kernels.
 
 use super::error_estimate::{self, ErrorTerms};
 use super::filter::{ESTIMATE, FACTOR, FILTER};
@@ -127,7 +127,7 @@ pub(crate) fn forward_dynamics<T: Real>(
     monitor
 }
 
-/// The same with an error estimate.
+/// [`forward_dynamics`] with an error estimate.
 pub(crate) fn forward_dynamics_with_estimate<T: Real>(
     scene: Scene<'_, T>,
     scratch: &mut SweepScratch<T>,
@@ -140,7 +140,7 @@ pub(crate) fn forward_dynamics_with_estimate<T: Real>(
     (monitor, near, smooth_both::<T, true>(scene, scratch, qdd))
 }
 
-/// Base to tip: the smoother for the right side and for the test vector; with `ALLOWS` with the sensitivity of the
+/// Base to tip: the smoother for the right-hand side and for the test vector; with `ALLOWS` with the sensitivity of the
 /// problem.
 #[inline(never)]
 fn smooth_both<T: Real, const ALLOWS: bool>(
@@ -163,14 +163,14 @@ pub(crate) fn factor<T: Real>(scene: Scene<'_, T>, scratch: &mut SweepScratch<T>
     refactor(scene, scratch)
 }
 
-/// The same with phi in the store.
+/// [`factor`] with phi in the store.
 pub(crate) fn refactor<T: Real>(scene: Scene<'_, T>, scratch: &mut SweepScratch<T>) -> PivotMonitor<T> {
     let [monitor, _] = filter::<T, FACTOR>(scene, scratch, &[], &mut []);
     monitor
 }
 
-/// The same for the bodies for which `is_changed` holds, and for their children, which send again what they sent; phi
-/// is in the store.
+/// [`refactor`] for the bodies for which `is_changed` holds; their unchanged children propagate their previous values
+/// again.
 #[inline(never)]
 pub(crate) fn update_factor<T: Real>(
     scene: Scene<'_, T>,
@@ -190,7 +190,7 @@ pub(crate) fn factor_with_estimate<T: Real>(
     estimates: &mut [T],
 ) -> (PivotMonitor<T>, Cancellation<T>) {
     at_rest(scene, scratch, q);
-    // Borrowed and given back: it is read beside the rest of the scratch, and nothing is allocated.
+    // Moved out and back because it is read while the rest of the scratch is written; this does not allocate.
     let other = std::mem::take(&mut scratch.test.other_vector);
     let [monitor, _] = filter::<T, ESTIMATE>(scene, scratch, &other, estimates);
     scratch.test.other_vector = other;
@@ -222,9 +222,9 @@ pub(crate) fn factor_by_roots<T: Real>(
 
 /// Joint accelerations in square-root form, and the bound on their rounding.
 ///
-/// The body forces enter as L y, y = L^-1 b in the body's own parameters, and never as a sum with what joints transmit:
-/// a heavy body's weight is rotated into the columns of the bodies inboard of it, not subtracted there. A body whose
-/// inertia has no root leaves NaN.
+/// The body forces enter as L y, with y = L^-1 b in the parameters of the body itself, and never as a sum with
+/// transmitted forces: the weight of a heavy body is rotated into the columns of the bodies inboard of it and not
+/// subtracted there. A body whose inertia has no root gives NaN.
 pub(crate) fn forward_dynamics_by_roots<T: Real>(
     scene: Scene<'_, T>,
     scratch: &mut SweepScratch<T>,
@@ -246,7 +246,7 @@ pub(crate) fn rounding_of_roots<T: Real>(
     scratch: &mut SweepScratch<T>,
     (tau, qdd): (&[T], &[T]),
 ) -> Rounding<T> {
-    // Taken out and put back: they are read and written beside the rest of the scratch, and nothing is allocated.
+    // Moved out and back because they are used while the rest of the scratch is written; this does not allocate.
     let (vector, mut weighed) =
         (std::mem::take(&mut scratch.test.vector), std::mem::take(&mut scratch.test.innovations));
     innovations::<T, false>((model, sweeps), scratch, &vector, &mut weighed);
@@ -272,8 +272,8 @@ pub(crate) fn rounding_of_roots<T: Real>(
     seen
 }
 
-/// Tip to base: the innovations of a right side (4.2, 4.4, 4.5) with the factor in the store; with `BIASED` with the
-/// force of each body.
+/// Tip to base: the innovations of a right-hand side (4.2, 4.4, 4.5) with the factor in the store; with `BIASED` with
+/// the force of each body.
 #[inline(never)]
 pub(crate) fn innovations<T: Real, const BIASED: bool>(
     scene: Scene<'_, T>,

@@ -6,26 +6,26 @@ use super::tiles::Tiles;
 use crate::model::Model;
 use crate::scalar::{ColumnsOf, Real};
 
-/// A vector of as many neighbouring columns as `C` holds.
+/// Vectors of adjacent columns, one column per lane of `C`.
 pub(super) type Block<C> = [C; 6];
 
-/// Scratch of M^-1; a block begins at a place on the path from the base that is a multiple of its width.
+/// Scratch of M^-1. A block begins at a position on the path from the base that is a multiple of its width.
 #[derive(Debug)]
 pub(crate) struct InverseColumns<T: Real, C: ColumnsOf<T>> {
-    /// In slots outward: of every joint on the path c of the innovation D^-1/2, and beyond them zero.
+    /// In slots, outward: c of the innovation D^-1/2 of every joint on the path; zero beyond the path.
     pub(super) slots: Vec<Vec<Block<C>>>,
     /// Scratch of the product of the factors.
     pub(super) tiles: Tiles<T, C>,
 }
 
 impl<T: Real, C: ColumnsOf<T>> InverseColumns<T, C> {
-    /// None yet: they are made when M^-1 is first asked for.
+    /// Empty: allocated when M^-1 is first computed.
     pub fn new() -> Self {
         Self { slots: Vec::new(), tiles: Tiles::new() }
     }
 
-    /// Makes them for a scene, where there are none; gives what M^-1 is written to in lanes. None for a scene whose
-    /// factors are not [multiplied out](super::inverse_product).
+    /// Allocates the columns if necessary. Returns the buffer of the entries of M^-1 in lanes, or None for a scene
+    /// whose factors are not [multiplied](super::inverse_product).
     #[inline(always)]
     pub fn prepare(&mut self, model: &Model<T>, sweeps: &SweepModel<T>) -> Option<&mut Entries<T, C>> {
         if !sweeps.is_shallow {
@@ -45,7 +45,7 @@ impl<T: Real, C: ColumnsOf<T>> InverseColumns<T, C> {
     }
 }
 
-/// One column's vector into its lane.
+/// Writes the vector of one column to its lane.
 #[inline(always)]
 pub(super) fn set_column<T: Real, C: ColumnsOf<T>>(block: &mut Block<C>, lane: usize, x: &[T; 6]) {
     for (block, &x) in block.iter_mut().zip(x) {

@@ -1,9 +1,10 @@
-//! M^-1 = (1 - L*) D^-1 (1 - L), multiplied out: for scenes whose joints have few others inward of them.
+//! M^-1 = (1 - L*) D^-1 (1 - L) as a product of its factors, for scenes with few joints inward of each joint.
 //!
-//! A column of (1 - L)* is one joint's unit innovation on its way outward: c begins as -H*, and at each row further out gives
-//! w = g* c and goes on as phi* (c - H* w). All of it times D^-1/2, an entry of M^-1 is the sum of w w over the joints inward of both, the diagonal
-//! a sum of squares. Costs the sum of depths for the factors and N^2 times the depth for the product, where
-//! [the closed form](crate::dynamics::mass_inverse) pays for Lambda at each body.
+//! A column of (1 - L)* propagates the unit innovation of one joint outward: c starts as -H*; each row outward of it
+//! has the entry w = g* c, and c continues as phi* (c - H* w). With w scaled by D^-1/2, an entry of M^-1 is the sum of
+//! products of w over the joints inward of both of its joints, and a diagonal entry is a sum of squares. The cost is
+//! the sum of depths for the factors and N^2 times the depth for the product, while
+//! [the closed form](crate::dynamics::mass_inverse) needs Lambda of each body.
 
 use super::inverse_columns::{Block, InverseColumns, set_column};
 use super::joint::{self, Joint, with_axial};
@@ -18,7 +19,8 @@ use crate::spatial::transform::Transform;
 use crate::spatial::{dot, zero};
 use nalgebra::Vector6;
 
-/// M^-1 of the factor in the scratch, into `out`, as [`Entries`](super::Entries) has it; with CHECK it is seen whether all are finite.
+/// M^-1 from the factor in the scratch, into `out`, in the layout of [`Entries`](super::Entries). With CHECK it also
+/// checks that all entries are finite.
 #[inline(always)]
 pub(crate) fn multiplied_out<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
     scene: (&Model<T>, &SweepModel<T>),
@@ -30,8 +32,8 @@ pub(crate) fn multiplied_out<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
     product::<T, C, CHECK>(&mut columns.tiles, out);
 }
 
-/// Base to tip: w of every pair of joints one inward of the other, over the root of D of the one. Columns are in the order of the path from the base; lanes beyond it
-/// hold zeros.
+/// Base to tip: w of every pair of joints on one path, divided by the square root of D. Columns are in the order of the
+/// path from the base; lanes beyond the path hold zeros.
 #[inline(always)]
 fn factors_base_to_tip<T: Real, C: ColumnsOf<T>>(
     (model, sweeps): (&Model<T>, &SweepModel<T>),
@@ -51,7 +53,7 @@ fn factors_base_to_tip<T: Real, C: ColumnsOf<T>>(
                 let lane = body.row % C::COLUMNS;
                 let (parents, here) = (&parents[..blocks], &targets[..blocks]);
                 targets = &targets[blocks..];
-                // By their index, or divisions would say how many there are.
+                // An index loop: iterators over both slices would need divisions for their length.
                 for at in 0..parents.len().min(here.len()) {
                     let mut c = transform.carry_motion(&parents[at]);
                     let w = along(&row.gain, &c);
@@ -106,11 +108,11 @@ fn factors_base_to_tip<T: Real, C: ColumnsOf<T>>(
     }
 }
 
-/// The row of a revolute joint, spread over columns.
+/// The row of a revolute joint, broadcast over columns.
 struct Row<C> {
     /// 1 or -1: H is this along z.
     sense: C,
-    /// g of the row in its sense.
+    /// g of the row, with its sign.
     gain: [C; 6],
 }
 
@@ -129,7 +131,8 @@ impl<C: Real> Row<C> {
     }
 }
 
-/// Tile by tile of the lower triangle: the sum of w w over the joints inward of both of its sides.
+/// For each tile of the lower triangle: the sum of products of w over the joints inward of both its rows and its
+/// columns.
 #[inline(always)]
 #[allow(clippy::eq_op)] // that is the point
 fn product<T: Real, C: ColumnsOf<T>, const CHECK: bool>(tiles: &mut Tiles<T, C>, out: &mut [C::Entry]) {
@@ -150,7 +153,7 @@ fn product<T: Real, C: ColumnsOf<T>, const CHECK: bool>(tiles: &mut Tiles<T, C>,
             }
         }
         if CHECK {
-            // Not finite where one of them is not; where only their sum is, the state is done again.
+            // Not finite if an entry is not finite. If only this sum overflows, the state is recomputed unnecessarily.
             let mut all = none;
             for row in &sums {
                 for &some in &row[..across * at_once] {

@@ -40,7 +40,7 @@ pub(in crate::dynamics) enum Joint {
     General(usize),
 }
 
-// Callers import this module as `joint`.
+// Other modules refer to this module as `joint`.
 
 /// Evaluates `$do` with the transform of a revolute joint about this axis, with this rotation and offset. With `copies`
 /// it is compiled for each order of axes, which saves a tenth of the time of inverse dynamics of one state, and nothing

@@ -64,7 +64,7 @@ impl<T: Real> SweepScratch<T> {
         self.own.iter().map(|own| own.force.into())
     }
 
-    /// Sets the force of each body: the right side of the next filter.
+    /// Sets the force of each body: the right-hand side of the next filter.
     pub(crate) fn set_forces(&mut self, forces: impl IntoIterator<Item = Vector6<T>>) {
         for (own, force) in self.own.iter_mut().zip(forces) {
             own.force = force.into();

@@ -8,26 +8,26 @@ use super::rows::{PICKED, picked};
 use crate::model::Model;
 use crate::scalar::{ColumnsOf, Real};
 
-/// Rows of a body that floats.
+/// Rows of a floating body.
 const FREE_ROWS: usize = PICKED.len();
 
 /// Scratch of M.
 #[derive(Debug, Clone)]
 pub(crate) struct MassColumns<T: Real, C: ColumnsOf<T>> {
-    /// By blocks: the force of each column at the body at hand; zero in lanes that no column is in.
+    /// By blocks: the force of each column at the current body; zero in lanes without a column.
     forces: Vec<Block<C>>,
     layout: ColumnLayout<C>,
-    /// In lanes of each row the columns from the diagonal to the last outward of it.
+    /// In lanes: for each row, the columns from the diagonal to the last one outward of it.
     entries: Entries<T, C>,
 }
 
 impl<T: Real, C: ColumnsOf<T>> MassColumns<T, C> {
-    /// None yet: they are made when M is first asked for.
+    /// Empty: allocated when M is first computed.
     pub fn new() -> Self {
         Self { forces: Vec::new(), layout: ColumnLayout::empty(), entries: Entries::new() }
     }
 
-    /// Makes them where there are none; gives what M is written to in lanes.
+    /// Allocates the columns if necessary. Returns the buffer of the entries of M in lanes.
     #[inline(always)]
     pub fn prepare(&mut self, model: &Model<T>, sweeps: &SweepModel<T>) -> &mut Entries<T, C> {
         if !self.entries.is_made {
@@ -47,7 +47,7 @@ impl<T: Real, C: ColumnsOf<T>> MassColumns<T, C> {
         let (nv, layout) = (model.nv(), ColumnLayout::new(model, sweeps));
         self.forces = vec![[C::zero(); 6]; layout.blocks()];
         self.entries.make(layout.is_branched, || {
-            // Behind one zero.
+            // The buffer begins with one zero.
             let (mut chosen, mut count) = (vec![0; nv * nv], 1);
             sweeps.each_pair(model, |row, column| {
                 (chosen[row * nv + column], chosen[column * nv + row]) = (count, count);
@@ -58,7 +58,7 @@ impl<T: Real, C: ColumnsOf<T>> MassColumns<T, C> {
         self.layout = layout;
     }
 
-    /// A number of their kind: any other way asks the processor each time.
+    /// A zero of this type; other ways to create one query the processor's features at each call.
     #[inline(always)]
     pub(super) fn like(&self) -> C {
         self.entries.fault
@@ -71,8 +71,8 @@ impl<T: Real, C: ColumnsOf<T>> MassColumns<T, C> {
         &mut self.forces[blocks]
     }
 
-    /// Takes up the column of `row`, this force at its body, writes the row's entries from the diagonal to before
-    /// `end`, and carries on the columns outward of it. Rows come from the outermost on.
+    /// Inserts the column of `row` with this force at its body, writes the row's entries from the diagonal to before
+    /// `end`, and propagates the columns outward of it. Rows are processed from the outermost one.
     #[inline(always)]
     pub(super) fn put_row<const CHECK: bool>(
         &mut self,
@@ -87,12 +87,12 @@ impl<T: Real, C: ColumnsOf<T>> MassColumns<T, C> {
         let (forces, ends) = (&mut forces[block..end_block], &layout.ends[block..end_block]);
         let to = if T::LANES > 1 { &mut out[1 + entries..][..end - row] } else { &mut *out };
         let mut fault = *faults;
-        // By their index, or a division would say how many there are.
+        // An index loop: iterators over both slices would need a division for their length.
         for at in (1..forces.len().min(ends.len())).rev() {
             let entry = through::<C, CHECK>(&mut forces[at], measured, &mut fault);
             put_entry::<T, C>(to, (nv, row), (at, ends[at]), entry);
         }
-        // Its own block last, which becomes whole in registers.
+        // The block of the row itself is last, because its force is completed in registers.
         let (Some(own), Some(&end)) = (forces.first_mut(), ends.first()) else { return };
         let mut whole = *own;
         layout.insert(lane, &mut whole, force);
@@ -102,7 +102,7 @@ impl<T: Real, C: ColumnsOf<T>> MassColumns<T, C> {
         *faults = fault;
     }
 
-    /// Writes all six rows of a body that floats, from `row` to before `end`: nothing is carried on.
+    /// Writes all six rows of a floating body, from `row` to before `end`. Nothing is propagated.
     #[inline(always)]
     #[allow(clippy::eq_op)] // that is the point
     pub(super) fn put_free_joint<const CHECK: bool>(
@@ -116,7 +116,7 @@ impl<T: Real, C: ColumnsOf<T>> MassColumns<T, C> {
         let Self { forces, layout: ColumnLayout { ends, places, .. }, entries: Entries { fault, .. }, .. } = self;
         let (nv, ends) = (places.len(), &ends[outward.clone()]);
         let forces = &forces[outward];
-        // From the last one, as in a row of another body; and the body's own rows last.
+        // From the last block, as in the rows of other bodies; the rows of the body itself are last.
         for at in (0..forces.len().min(ends.len())).rev() {
             let entries = picked(&forces[at]);
             for (i, entry) in entries.iter().enumerate() {
@@ -136,7 +136,7 @@ impl<T: Real, C: ColumnsOf<T>> MassColumns<T, C> {
         let mut of_own = T::zero();
         for i in 0..FREE_ROWS {
             let own = own(i);
-            // In lanes from the diagonal on.
+            // In lanes: from the diagonal.
             let (place, first) =
                 if T::LANES > 1 { (1 + places[row + i].entries, i) } else { ((row + i) * nv + row, 0) };
             for (to, &own) in out[place..][..FREE_ROWS - first].iter_mut().zip(&own[first..]) {
@@ -153,7 +153,7 @@ impl<T: Real, C: ColumnsOf<T>> MassColumns<T, C> {
         }
     }
 
-    /// Adds to an entry on the diagonal.
+    /// Adds to a diagonal entry.
     #[inline(always)]
     #[allow(clippy::eq_op)] // that is the point
     pub(super) fn add_to_diagonal<const CHECK: bool>(&mut self, out: &mut [C::Entry], row: usize, value: T) {
@@ -176,7 +176,7 @@ pub(super) trait Measurement<C> {
     fn carry(&self, force: &mut Block<C>);
 }
 
-/// In lanes the entry at `at`; of one state [`put_block`], across and down alike.
+/// Writes entries: in lanes to `at`; for one state by [`put_block`], symmetrically.
 #[inline(always)]
 fn put_entry<T: Real, C: ColumnsOf<T>>(
     out: &mut [C::Entry],
@@ -191,13 +191,13 @@ fn put_entry<T: Real, C: ColumnsOf<T>>(
     }
 }
 
-/// Of one state: of each column of a block its entries in the rows of a body that floats, one after another.
+/// For one state: the entries of each column of a block in the rows of a floating body, one after another.
 #[inline(always)]
 fn put_columns<T: Real, C: ColumnsOf<T>>(out: &mut [C::Entry], nv: usize, entries: &[C; FREE_ROWS]) {
     const { assert!(C::COLUMNS <= FREE_ROWS, "a square lies within the rows") }
     let width = C::COLUMNS;
     for start in (0..FREE_ROWS).step_by(width) {
-        // The last square may lie over the one before it.
+        // The last square may overlap the previous one.
         let start = start.min(FREE_ROWS - width);
         let mut square = *entries;
         let square = &mut square[start..start + width];
@@ -208,7 +208,7 @@ fn put_columns<T: Real, C: ColumnsOf<T>>(out: &mut [C::Entry], nv: usize, entrie
     }
 }
 
-/// One block past a row: gives the entries.
+/// Propagates one block past a row. Returns the entries.
 #[inline(always)]
 fn through<C: Real, const CHECK: bool>(force: &mut Block<C>, measured: &impl Measurement<C>, fault: &mut C) -> C {
     let entry = measured.entry(force);

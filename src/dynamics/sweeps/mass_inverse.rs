@@ -1,4 +1,4 @@
-//! M^-1: the factor, and then its factors [multiplied out](super::inverse_product).
+//! M^-1: the factor, and the [product](super::inverse_product) of its parts.
 
 use super::filter;
 use super::model::SweepModel;

@@ -1,7 +1,8 @@
 //! Tip to base: composite inertias (3.5), and from each joint the column of M inward of it (3.4), vectorized (SIMD)
 //! over the columns of a body.
 //!
-//! All columns outboard of a body pass its joint alike: the transform is read once, and no column depends on another.
+//! All columns outboard of a body pass its joint in the same way: the transform is read once, and the columns are
+//! independent.
 
 use super::body::SweepBody;
 use super::inverse_columns::Block;
@@ -18,9 +19,9 @@ use crate::scalar::{ColumnsOf, Real};
 use crate::spatial::BodyInertia;
 use crate::spatial::transform::{Axes, Axial, Rotates, Transform};
 
-/// M at `q` into `out`, as [`Entries`](super::Entries) has it and [`mass_matrix`](crate::dynamics::mass_matrix) gives
-/// it to rounding, after the columns were [made](MassColumns::prepare); with CHECK it is seen whether all of it is
-/// finite.
+/// M at `q` into `out`, in the layout of [`Entries`](super::Entries) and equal to
+/// [`mass_matrix`](crate::dynamics::mass_matrix) to rounding. The columns must be [prepared](MassColumns::prepare).
+/// With CHECK it also checks that all entries are finite.
 #[inline(always)]
 pub(crate) fn mass_matrix<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
     (model, sweeps): (&Model<T>, &SweepModel<T>),
@@ -32,7 +33,7 @@ pub(crate) fn mass_matrix<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
     carriers(sweeps, scratch, columns.like(), q);
     let SweepScratch { own, shifts, composites, .. } = scratch;
     let system = &model.system;
-    // Of one state, what goes to the body whose turn is next stays in registers; lanes gain nothing by it.
+    // For one state, the inertia propagated to the next body of the pass stays in registers; lanes do not benefit.
     let (mut sent, mut is_next) = (composites[0], false);
     for (place, (body, own)) in sweeps.swept().iter().zip(own).enumerate().rev() {
         let arrived = if is_next { sent } else { composites[body.places.inward] };
@@ -81,7 +82,7 @@ pub(crate) fn mass_matrix<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
     }
 }
 
-/// The row of a revolute joint, and the way from there to the parent; gives what goes there.
+/// The row of a revolute joint, and the propagation to the parent. Returns the propagated inertia.
 #[inline(always)]
 fn through_axial<T: Real, C: ColumnsOf<T>, R: Rotates<T>, A: Axes, const CHECK: bool>(
     body: &SweepBody<T::Parameter>,
@@ -93,13 +94,13 @@ fn through_axial<T: Real, C: ColumnsOf<T>, R: Rotates<T>, A: Axes, const CHECK: 
     let (h, i) = (&composite.first_moment, &composite.rotational.entries);
     let (like, ends) = (h[0], body.parent.is_none());
     let sense = like.splat(body.sense);
-    // r(k) H*(k), H picking the rotation about z, in its sense.
+    // r(k) H*(k), where H selects the rotation about z with the sign of the axis.
     let force = [sense * i[2], sense * i[4], sense * i[5], -(sense * h[1]), sense * h[0], like.constant(0.0)];
     let none = columns.like();
     let measured = Turn { sense: none.spread(sense), transform: transform.spread(none), ends };
     columns.put_row::<CHECK>(out, (body.row, body.end_row), &force, &measured);
     columns.add_to_diagonal::<CHECK>(out, body.row, noise);
-    // At the base nobody reads it.
+    // A root body propagates no inertia.
     if ends { *composite } else { transform.composite_to_parent(composite) }
 }
 
@@ -125,7 +126,7 @@ impl<C: Real, X: Transform<C>> Measurement<C> for Turn<C, X> {
     }
 }
 
-/// A row of another joint: all of its rows are read before anything is carried.
+/// A row of another joint: all rows of the joint are read before anything is propagated.
 impl<C: Real> Measurement<C> for HingeMap<C> {
     #[inline(always)]
     fn entry(&self, force: &Block<C>) -> C {

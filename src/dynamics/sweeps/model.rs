@@ -156,8 +156,8 @@ impl<T: Real> SweepModel<T> {
 }
 
 impl<T: Real> SweepModel<T> {
-    /// The bodies in the order and the frames of the kernels, with a transform per kind of joint and reused slots. Not for
-    /// scalars with [`Real::GENERAL_JOINTS`], whose passes need [`SweepModel::general`].
+    /// The bodies in the order and the frames of the kernels, with a transform per kind of joint and reused slots. Not
+    /// for scalars with [`Real::GENERAL_JOINTS`], whose passes need [`SweepModel::general`].
     pub fn new(model: &Model<f64>) -> Self {
         let framed = Framed::of(model);
         let parents: Vec<_> = model.system.stages.iter().map(|stage| stage.parent).collect();

@@ -19,8 +19,8 @@ use crate::spatial::transform::{Axes, Axial, AxialRotation, Rotates};
 use crate::spatial::{BodyRoot, RigidShift};
 use nalgebra::Vector3;
 
-/// The rotation or shift of every joint at `q`, independent of each other. Sines and cosines are computed of as many
-/// angles at once as `C` holds.
+/// The rotation or shift of every joint at `q`; joints are independent. Sines and cosines are computed for one angle
+/// per column of `C` at a time.
 #[inline(always)]
 pub(in crate::dynamics) fn carriers<T: Real, C: ColumnsOf<T>>(
     sweeps: &SweepModel<T>,
@@ -103,7 +103,7 @@ pub(super) fn forces<T: Real, const ROOT: bool>(
             let moving = shifted(&sweeps.shifting[at], body.row, &shifts[at], &parent, state, needed);
             keep((bodies, place), (root, rest), moving, needed, (motions, own));
         } else {
-            // All of it in each arm: after them the motion would be passed through memory.
+            // Complete in each arm: code after the match would pass the motion through memory.
             match body.joint {
                 Joint::Axial(axis) => {
                     with_axial!(copies, axis, own[place].turn, sweeps, body.offset, transform, {

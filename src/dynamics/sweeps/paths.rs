@@ -1,7 +1,7 @@
 //! Forces that act on one body or two: they affect only the bodies between these and the base.
 //!
-//! They run inward through the measurements of each joint as the mean force does in the [filter](super::filter), and
-//! the accelerations on the path are summed outward again. The factor of M is in the scratch.
+//! They are propagated inward through the measurements of each joint like the mean force of the
+//! [filter](super::filter), and the accelerations on the path are summed outward. The factor of M is in the scratch.
 
 use super::joint::{self, Joint, with_joint};
 use super::model::SweepModel;
@@ -24,7 +24,7 @@ pub(crate) struct Path {
     steps: Vec<Step>,
 }
 
-/// One of them.
+/// One body of the path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Step {
     /// Its index.
@@ -33,13 +33,13 @@ struct Step {
     place: usize,
     /// The step of the body inward of it.
     parent: Option<usize>,
-    /// True if it is the first that sends a force there, and nothing acts there.
+    /// True if this step is the first to propagate a force to its parent, and no force acts on the parent.
     begins: bool,
     /// True for bodies on a branch of a loop; the motion of other bodies is taken as zero.
     is_on_branch: bool,
 }
 
-/// The forces of up to six right sides on a body, and squares that bound the terms of their moments.
+/// The forces of up to six right-hand sides on a body, and squares that bound the terms of their moments.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Forces<T> {
     pub z: [[T; 6]; MOST_FORCES],
@@ -47,8 +47,8 @@ pub(crate) struct Forces<T> {
 }
 
 impl Path {
-    /// Over these bodies, whose indices fall, with forces on some of them; motions and placements are those of the
-    /// branches, against the body where they meet.
+    /// A path over these bodies, in decreasing order of index, with forces on `act_on`. Motions and poses are those of
+    /// the branches, relative to the body where they meet.
     pub fn new<T: Real>(sweeps: &SweepModel<T>, (bodies, branches): (&[usize], &[usize]), act_on: &[usize]) -> Self {
         let at = |k: usize| bodies.iter().position(|&body| body == k);
         let mut has_begun: Vec<bool> = bodies.iter().map(|body| act_on.contains(body)).collect();
@@ -61,7 +61,7 @@ impl Path {
         Self { steps: steps.collect() }
     }
 
-    /// How many bodies.
+    /// Number of bodies.
     pub fn len(&self) -> usize {
         self.steps.len()
     }
@@ -76,7 +76,7 @@ impl Path {
         self.steps[step].is_on_branch.then_some(step)
     }
 
-    /// The rows of the joints that are on another path too, neighboring rows joined.
+    /// The joint rows shared with another path, as ranges of adjacent rows.
     pub fn rows_shared<T: Real>(&self, other: &Self, model: &Model<T>) -> Vec<Range<usize>> {
         let shared = self.steps.iter().rev().filter(|step| other.steps.iter().any(|o| o.body == step.body));
         let mut all: Vec<Range<usize>> = Vec::new();
@@ -91,9 +91,10 @@ impl Path {
     }
 }
 
-/// The innovations of the first `count` forces of each body, into `out` (count x nv), where a path goes: what is
-/// measured is `torque`, zero mostly. `forces` are b(k) - w of each step, and are used up. `sizes` receives squares:
-/// what a row of `out` over the root of D would be if no moment cancelled, without torques.
+/// The innovations of the first `count` forces of each body along the path, into `out` (count x nv), for the
+/// measurements `torque`, which are mostly zero. `forces` are b(k) - w of each step and are overwritten. `sizes`
+/// receives squares: the bound on each row of `out` over the root of D without cancellation of moments, without
+/// torques.
 #[inline(always)]
 pub(crate) fn innovations_along<T: Real>(
     (model, sweeps): (&Model<T>, &SweepModel<T>),
@@ -128,7 +129,7 @@ pub(crate) fn innovations_along<T: Real>(
                 let Some(parent) = step.parent else { continue };
                 let to = &mut forces[parent];
                 transform.send_force(&z, step.begins, &mut to.z[i]);
-                // An offset along a force leaves a moment of rounding, which is no moment.
+                // An offset parallel to a force gives a moment that is only rounding; it does not count as a moment.
                 let sent = transform.offset_square().mul_add(square(&z[3..]), larger(square(&z[..3]), moment));
                 to.moments[i] = if step.begins { sent } else { to.moments[i] + sent };
             }
@@ -136,8 +137,8 @@ pub(crate) fn innovations_along<T: Real>(
     }
 }
 
-/// The velocity of each body of a path and the part of its acceleration that the rates cause, gravity left out, into
-/// `motions`, a step each.
+/// The velocity of each body of a path, and the part of its acceleration that joint velocities cause, without gravity,
+/// into `motions`, one per step.
 #[inline(always)]
 pub(crate) fn motions_along<T: Real>(
     (model, sweeps): (&Model<T>, &SweepModel<T>),
@@ -172,7 +173,7 @@ pub(crate) fn motions_along<T: Real>(
     }
 }
 
-/// Where the joint of a step begins on the body inboard of it.
+/// The origin of the joint of a step on the body inboard of it.
 #[inline(always)]
 fn offset_of<T: Real>(
     (model, sweeps): (&Model<T>, &SweepModel<T>),
@@ -188,7 +189,7 @@ fn offset_of<T: Real>(
     }
 }
 
-/// Where the branch of a step on one begins, in the axes of the body where the branches meet.
+/// The origin of the branch of a step, in the axes of the body where the branches meet.
 #[inline(always)]
 pub(crate) fn origin_along<T: Real>(
     scene: (&Model<T>, &SweepModel<T>),
@@ -202,8 +203,8 @@ pub(crate) fn origin_along<T: Real>(
     offset_of(scene, scratch, &path.steps[at])
 }
 
-/// Where a frame on the body of a step on a branch is, in the axes of the body where the branches meet and from
-/// `origin` there: `frame` is in the body's frame here.
+/// The pose of a frame on the body of a branch step, in the axes of the body where the branches meet and relative to
+/// `origin` there. `frame` is expressed in the body's frame in the sweeps.
 #[inline(always)]
 pub(crate) fn placement_along<T: Real>(
     (model, sweeps): (&Model<T>, &SweepModel<T>),
@@ -240,7 +241,7 @@ pub(crate) fn placement_along<T: Real>(
         at = step.parent.and_then(|parent| path.on_branch(parent));
         let mut offset = offset_of((model, sweeps), scratch, step);
         if at.is_none() {
-            // Before anything is added to it: both are as far away, and what is left is exact.
+            // Subtracted before any addition: both vectors are similarly far away, so that the difference is exact.
             for (offset, &from) in offset.iter_mut().zip(from) {
                 *offset -= from;
             }
@@ -256,7 +257,7 @@ pub(crate) fn placement_along<T: Real>(
     }
 }
 
-/// A frame on the body of a step, from that body's frame in the model to the one that the sweeps have it in.
+/// A frame on the body of a step, converted from the body's frame in the model to its frame in the sweeps.
 pub(crate) fn frame_here<T: Real>(
     sweeps: &SweepModel<T>,
     (path, step): (&Path, usize),
@@ -271,8 +272,8 @@ pub(crate) fn frame_here<T: Real>(
     RigidShift { rotation: Matrix3::from_columns(&[axis(0), axis(1), axis(2)]), lever: here(frame.lever.into()) }
 }
 
-/// The accelerations of the bodies of a path where its joints accelerate by `qdd`, without those of velocities and
-/// gravity, into `motions`, a step each.
+/// The accelerations of the bodies of a path for joint accelerations `qdd`, without the terms of velocities and
+/// gravity, into `motions`, one per step.
 #[inline(always)]
 pub(crate) fn accelerations_along<T: Real>(
     (model, sweeps): (&Model<T>, &SweepModel<T>),

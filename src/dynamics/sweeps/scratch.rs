@@ -1,4 +1,4 @@
-//! The store of the passes: slots that are reused, or one slot per body that keeps everything.
+//! The store of the passes: slots that are reused, or one slot per body that stores all results.
 
 use super::body::SweepBody;
 use super::model::SweepModel;
@@ -33,7 +33,7 @@ pub(in crate::dynamics) struct BodyState<T> {
 pub(crate) struct Accumulated<T> {
     /// 6 + 9 + 6 numbers of the covariance: angular, coupling by rows, linear.
     pub p: [T; 21],
-    /// The bounds on their terms, where they follow it.
+    /// The bounds on their terms, stored next to them.
     pub scale: Scale<T>,
     pub force: [T; 6],
 }
@@ -82,12 +82,13 @@ impl<T: Real> Rooted<T> {
     }
 }
 
-/// The error estimate: the test vector, a second right side, and its state.
+/// The error estimate: the test vector, which is a second right-hand side, and its state.
 #[derive(Debug, Clone)]
 pub(in crate::dynamics) struct TestVector<T> {
     /// w of each row.
     pub vector: Vec<T>,
-    /// The second test vector: for states that the first one does not accept, and the right side for the factor of M.
+    /// The second test vector: for states that the first one does not accept, and the right-hand side for the factor of
+    /// M.
     pub other_vector: Vec<T>,
     /// Innovations of w.
     pub innovations: Vec<T>,
@@ -139,7 +140,7 @@ impl<T: Real> SweepScratch<T> {
         co_states[0] = [T::zero(); 6];
         let mut test_co_states = vec![[[nan; 6]; 2]; sweeps.swept_slots.outward];
         test_co_states[0] = [[T::zero(); 6]; 2];
-        // Nothing is added to the slot of a leaf.
+        // The slot of a leaf stays zero.
         let mut accumulated = vec![Accumulated::filled(nan); sweeps.swept_slots.inward];
         let empty = || sweeps.bodies.iter().filter(|body| body.is_leaf).map(|body| body.places.inward).chain([0]);
         empty().for_each(|slot| accumulated[slot] = Accumulated::filled(T::zero()));
@@ -178,14 +179,13 @@ impl<T: Real> SweepScratch<T> {
         .accepting(None)
     }
 
-    /// The same, to accept estimated errors up to this tolerance, relative to the largest entry; None: the default.
+    /// The same scratch with this tolerance on estimated errors, relative to the largest entry; None: the default.
     pub(crate) fn accepting(mut self, tolerance: Option<f64>) -> Self {
         self.accept(tolerance);
         self
     }
 
-    /// From here on estimated errors up to this tolerance are accepted, relative to the largest entry; None: the
-    /// default.
+    /// Sets the tolerance on estimated errors, relative to the largest entry; None: the default.
     pub(crate) fn accept(&mut self, tolerance: Option<f64>) {
         let [square, of_products] = self.accepted(tolerance);
         self.accepted_square = T::from_f64(square);
@@ -227,8 +227,8 @@ impl<T: Real> SweepScratch<T> {
     }
 }
 
-/// Bytes that an algorithm reads or writes in f64, arguments and results not counted: constants of the scene, which all
-/// lanes share, and what there is of each state.
+/// Number of bytes that an algorithm reads or writes in f64, without arguments and results: the constants of the scene,
+/// which all lanes share, and the data of each state.
 pub(crate) fn bytes(sweeps: &SweepModel<f64>, nv: usize, algorithm: Algorithm) -> [usize; 2] {
     let bodies = sweeps.bodies.len();
     let shifts = sweeps.shifting.len() * (size_of::<RigidShift<f64>>() + size_of::<Body<f64>>())
@@ -240,7 +240,7 @@ pub(crate) fn bytes(sweeps: &SweepModel<f64>, nv: usize, algorithm: Algorithm) -
     let noise = nv * size_of::<f64>();
     let motions = sweeps.swept_slots.outward * size_of::<Moving<f64>>() + bodies * size_of::<[f64; 6]>();
     let filter = sweeps.swept_slots.inward * size_of::<Accumulated<f64>>() + nv * size_of::<Measured<f64>>();
-    // Two numbers a row; bounds and squares of a body; and what arrives inward and outward.
+    // Two values per row, the bounds and squares of each body, and the propagated values inward and outward.
     let test = nv * 2 * size_of::<f64>()
         + bodies * size_of::<TestState<f64>>()
         + sweeps.swept_slots.inward * size_of::<TestAccumulated<f64>>()
@@ -259,7 +259,7 @@ pub(crate) fn bytes(sweeps: &SweepModel<f64>, nv: usize, algorithm: Algorithm) -
         Algorithm::ForwardDynamics(_) | Algorithm::ConstrainedDynamics(_) => {
             motions + filter + sweeps.swept_slots.outward * size_of::<[f64; 6]>()
         }
-        // And a right side that is made up, with its forces.
+        // Plus a test vector with its forces.
         Algorithm::MassMatrixInverse(Form::Auto) => {
             filter + test + product + nv * size_of::<f64>() + bodies * size_of::<[f64; 6]>()
         }
@@ -269,7 +269,7 @@ pub(crate) fn bytes(sweeps: &SweepModel<f64>, nv: usize, algorithm: Algorithm) -
             let factor = if which.form().is_some() { filter } else { 0 };
             motions + factor + bodies * size_of::<[[f64; 6]; 6]>() + nv * size_of::<[f64; 5]>()
         }
-        // The three matrices and their columns; what else there is is small beside it.
+        // The three matrices and their columns; other data is negligible.
         Algorithm::Derivatives(_) => motions + filter + product + 3 * nv * nv * size_of::<f64>(),
     };
     [model, noise + shifts + turns + swept]

@@ -27,21 +27,21 @@ pub(in crate::dynamics) fn interleaved(parents: &[Option<usize>]) -> Vec<usize> 
 /// The slot of each body, and the number of slots.
 #[derive(Debug, Clone, PartialEq)]
 struct Slots {
-    /// The slot of each body. Slot 0 is that of the base outward, and that of leaves inward.
+    /// The slot of each body. Slot 0 belongs to the base in the outward pass, and to leaves in the inward pass.
     of: Vec<usize>,
     /// The number of slots, slot 0 included.
     count: usize,
 }
 
 impl Slots {
-    /// Base to tip: the slot of a body is written at its own step and read at those of its children. That of a leaf is
-    /// not read.
+    /// Base to tip: the slot of a body is written at its own step and read at the steps of its children. The slot of a
+    /// leaf is not read.
     fn outward(parents: &[Option<usize>]) -> Self {
         let last_reader = last_children(parents);
         Self::assign(parents.len(), 0..parents.len(), |k| last_reader[k].map(|last| (k, last)))
     }
 
-    /// Tip to base: the slot of a body is first written at the step of its last child and read at its own.
+    /// Tip to base: the slot of a body is first written at the step of its last child, and read at its own step.
     fn inward(parents: &[Option<usize>]) -> Self {
         let first_writer = last_children(parents);
         let n = parents.len();
@@ -59,7 +59,7 @@ impl Slots {
         }
         let (mut of, mut count, mut free) = (vec![0; n], 1, Vec::new());
         for step in steps {
-            // A slot that is taken at a step is never one that is read at it.
+            // A slot that is assigned at a step is never one that is read at that step.
             for &body in &taken_at[step] {
                 of[body] = free.pop().unwrap_or_else(|| {
                     count += 1;

@@ -1,4 +1,4 @@
-//! Another right side, with the factor of M in the scratch.
+//! Further right-hand sides with the factor of M in the scratch.
 
 use super::accelerations;
 use super::joint::{self, with_joint};
@@ -43,8 +43,8 @@ pub(crate) fn smooth<T: Real>(scene: (&Model<T>, &SweepModel<T>), scratch: &mut 
     accelerations::base_to_tip::<T, false>(scene, scratch, estimates);
 }
 
-/// The filter alone (4.2, 4.4, 4.5); with `BIASED` with the force b(k) of each body. With `KEEP` z^+(k) is stored in its
-/// place.
+/// The filter alone (4.2, 4.4, 4.5); with `BIASED` with the force b(k) of each body. With `KEEP` z^+(k) is stored in
+/// the place of b(k).
 #[inline(always)]
 pub(super) fn tip_to_base<T: Real, const BIASED: bool, const KEEP: bool>(
     (model, sweeps): (&Model<T>, &SweepModel<T>),

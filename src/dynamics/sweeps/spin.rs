@@ -1,4 +1,4 @@
-//! How the accelerations of a body's points vary in it, and the force that this needs.
+//! The accelerations of the points of a body relative to its origin, and the force that this motion needs.
 
 use super::vectors::minus_cross_number;
 use crate::dynamics::forces::Needed;
@@ -6,24 +6,24 @@ use crate::scalar::Real;
 use crate::spatial::transform::Offset;
 use crate::spatial::{BodyInertia, BodyRoot};
 
-/// Each in every lane.
+/// Each value in every lane.
 macro_rules! splat {
     ($like:expr, $($number:expr),+) => { [$($like.splat($number)),+] };
 }
 
-/// A body as its force sees it.
+/// The inertial constants of a body.
 #[derive(Debug, Clone, PartialEq)]
 pub(in crate::dynamics) struct Load<N> {
     /// Mass, first moment, rotational inertia about the origin.
     pub mass: N,
     pub first_moment: [N; 3],
     pub rotational: [N; 6],
-    /// `I_zz` - `I_yy`, `I_xx` - `I_zz`, `I_yy` - `I_xx`: what w x I w has of them.
+    /// `I_zz` - `I_yy`, `I_xx` - `I_zz`, `I_yy` - `I_xx`: the factors of w x I w.
     pub differences: [N; 3],
 }
 
 impl<N> Load<N> {
-    /// Of a body with this inertia.
+    /// The constants of a body with this inertia.
     pub fn of<M: Real>(inertia: &BodyInertia<M>, number: impl Fn(M) -> N) -> Self {
         let BodyInertia { mass, first_moment, rotational } = inertia;
         let [xx, _, _, yy, _, zz] = rotational.entries;
@@ -36,12 +36,13 @@ impl<N> Load<N> {
     }
 }
 
-/// How the acceleration of a body's points varies in it: U = dw~ + w~ w~.
+/// The derivative of the acceleration with respect to the position in the body: U = dw~ + w~ w~.
 pub(in crate::dynamics) struct Spin<T> {
-    /// Of U the entries yz, zx, xy, and zy, xz, yx.
+    /// The entries yz, zx, xy, and zy, xz, yx of U.
     after: [T; 3],
     before: [T; 3],
-    /// The subtracted diagonal: `w_y`^2 + `w_z`^2, and so on. Zero and not read without velocities, as all below.
+    /// The subtracted diagonal: `w_y`^2 + `w_z`^2, and so on. Without velocities this and the fields below are zero and
+    /// unused.
     pull: [T; 3],
     dw: [T; 3],
     /// The squares of w, and its products of y and z, z and x, x and y.
@@ -96,7 +97,7 @@ impl<T: Real> Spin<T> {
         a
     }
 
-    /// Adds the moment that the velocity needs outside of the root, for inertias that no body can have.
+    /// Adds the moment of the velocity that the root does not contain, for inertias that no rigid body can have.
     #[inline(always)]
     pub fn add_rest(&self, root: &BodyRoot<T::Parameter>, force: &mut [T; 6]) {
         if self.has_velocity {
@@ -116,7 +117,7 @@ impl<T: Real> Spin<T> {
         let [dx, dy, dz] = self.dw;
         let [xx, xy, xz, yy, yz, zz] = load.rotational;
         let [xx, xy, xz, yy, yz, zz] = splat!(dx, xx, xy, xz, yy, yz, zz);
-        // I dw, and of w x I w what products of inertia have but for differences of squares.
+        // I dw, and the terms of w x I w with products of inertia, except for differences of squares.
         let mut n = [
             u_yx.mul_add(xz, dx * xx).minus_product(u_zx, xy),
             u_zy.mul_add(xy, dy * yy).minus_product(u_xy, yz),
@@ -146,12 +147,12 @@ pub(in crate::dynamics) fn force_of<T: Real>(load: &Load<T::Parameter>, spin: &S
     [moment[0], moment[1], moment[2], force[0], force[1], force[2]]
 }
 
-/// y of the force L y that a body of this motion needs, as [`BodyRoot::coordinates`] gives it: linear entries first.
+/// y of the force L y that the motion of a body needs, as in [`BodyRoot::coordinates`]: linear entries first.
 #[inline(always)]
 pub(in crate::dynamics) fn coordinates_of<T: Real>(root: &BodyRoot<T::Parameter>, spin: &Spin<T>, a: [T; 3]) -> [T; 6] {
     let like = a[0];
     let o = like.constant(0.0);
-    // The acceleration of the mass center.
+    // The acceleration of the center of mass.
     let [x, y, z] = spin.times(root.center.into());
     let at_center = [a[0] + x, a[1] + y, a[2] + z];
     let (mass, c, dw) = (like.splat(root.mass), &root.central, spin.dw);

@@ -1,7 +1,7 @@
 //! D^-1/2 (1 - L) and M^-1 in tiles of four rows and four columns.
 //!
-//! A tile of M^-1 needs the joints inward of one of its rows and of one of its columns; in the others its factors are
-//! zero.
+//! A tile of M^-1 needs the joints inward of one of its rows and of one of its columns; the factors of all other joints
+//! are zero.
 
 use super::entries::Entries;
 use super::model::SweepModel;
@@ -12,16 +12,17 @@ use std::ops::Range;
 /// Rows and columns of a tile.
 pub(super) const TILE: usize = 4;
 
-/// Of each row its blocks, and room for the most that there are.
+/// For each row its blocks, with room for the largest number of blocks.
 pub(super) type Tile<C> = [[C; TILE]; TILE];
 
-/// A four of rows and as many fours of columns as are multiplied at once, the first of them no further out than the
-/// rows.
+/// Four rows and one or more groups of four columns that are multiplied together. The first group of columns is not
+/// further out than the rows.
 #[derive(Debug, Clone)]
 pub(super) struct Pair {
     pub side: usize,
     pub other: usize,
-    /// Those in [`Tiles::inward`] that both have something of: joints further out than the columns have nothing there.
+    /// The range in [`Tiles::inward`] of joints that contribute to both; joints further out than the columns contribute
+    /// zero.
     pub joints: Range<usize>,
 }
 
@@ -38,20 +39,21 @@ pub(super) fn units<T: Real, C: ColumnsOf<T>>() -> Vec<C> {
 /// Scratch of the product.
 #[derive(Debug)]
 pub(crate) struct Tiles<T: Real, C: ColumnsOf<T>> {
-    /// D^-1/2 (1 - L) by rows, in blocks of columns; zero where the column's joint is not outward of the row's. Behind
-    /// all of it one place for what means nothing.
+    /// D^-1/2 (1 - L) by rows, in blocks of columns; zero if the joint of the column is not outward of that of the row.
+    /// The last element is a dummy for unused writes.
     pub(super) factors: Vec<C>,
-    /// Where [`put_factors`] puts them, in the order of the sweep; the first as many as a block has lanes count.
+    /// The indices to which [`put_factors`] writes, in the order of the sweep; only the first `C::COLUMNS` of each are
+    /// used.
     pub(super) targets: Vec<[usize; TILE]>,
     /// One in one lane, zero in the others.
     pub(super) units: Vec<C>,
-    /// The factors, in order.
+    /// The pairs of rows and columns, in order.
     pub(super) pairs: Vec<Pair>,
-    /// By fours of rows: where the factors begin of each joint inward of one of them.
+    /// For each group of four rows: the first factor of each joint inward of one of them.
     pub(super) inward: Vec<usize>,
     pub(super) entries: Entries<T, C>,
     pub(super) nv: usize,
-    /// Of a row.
+    /// Number of blocks per row.
     pub(super) blocks: usize,
 }
 
@@ -62,7 +64,7 @@ impl<T: Real, C: ColumnsOf<T>> Tiles<T, C> {
     /// Number of tiles that are multiplied at once: more would not fit into the registers.
     pub(super) const AT_ONCE: usize = if C::COLUMNS == 1 { 1 } else { 2 };
 
-    /// None yet.
+    /// Empty scratch.
     pub(super) fn new() -> Self {
         Self {
             factors: Vec::new(),
@@ -76,7 +78,7 @@ impl<T: Real, C: ColumnsOf<T>> Tiles<T, C> {
         }
     }
 
-    /// Makes them for a scene.
+    /// Allocates the scratch for a scene.
     pub(super) fn prepare(&mut self, model: &Model<T>, sweeps: &SweepModel<T>) {
         const { assert!(TILE.is_multiple_of(C::COLUMNS), "a tile is some blocks across") }
         let nv = model.nv();
@@ -104,7 +106,7 @@ impl<T: Real, C: ColumnsOf<T>> Tiles<T, C> {
                 sides[row / TILE].extend(path.iter().copied().chain(body.row..=row));
             }
         }
-        // Of tiles that no joint is inward of there is none in the pairs.
+        // Tiles without a joint inward of them are not among the pairs.
         let mut has_gaps = false;
         for (side, mut joints) in sides.into_iter().enumerate() {
             joints.sort_unstable();
@@ -135,7 +137,7 @@ impl<T: Real, C: ColumnsOf<T>> Tiles<T, C> {
     }
 }
 
-/// w of as many joints as a block holds in a row outward of them, of which `lane` is the lane.
+/// Writes w of a block of joints in a row outward of them; `lane` is the lane of the row.
 #[inline(always)]
 pub(super) fn put_factors<T: Real, C: ColumnsOf<T>>(factors: &mut [C], targets: &[usize; TILE], lane: usize, w: &C) {
     for (column, &target) in targets[..C::COLUMNS].iter().enumerate() {
@@ -143,8 +145,8 @@ pub(super) fn put_factors<T: Real, C: ColumnsOf<T>>(factors: &mut [C], targets: 
     }
 }
 
-/// Writes one tile of the lower triangle, the tile WHICH of those side by side: in lanes the `number`th, of one state
-/// where it belongs, and its mirror image.
+/// Writes one tile of the lower triangle and its mirror image, for one state. In lanes, writes the `number`th tile to
+/// the buffer. WHICH selects the tile among those that are computed together.
 #[inline(always)]
 pub(super) fn put<T: Real, C: ColumnsOf<T>, const WHICH: usize>(
     numbers: &mut [C::Entry],
@@ -170,7 +172,7 @@ pub(super) fn put<T: Real, C: ColumnsOf<T>, const WHICH: usize>(
         put_some::<T, C>(numbers, nv, (row, column), (rows, if side == other { rows } else { TILE }), block);
         return;
     }
-    // On the diagonal it is its own mirror image, to the last bit.
+    // A tile on the diagonal is symmetric to the last bit.
     let mirrors = side != other;
     for down in 0..across {
         for j in 0..across {
@@ -189,15 +191,15 @@ pub(super) fn put<T: Real, C: ColumnsOf<T>, const WHICH: usize>(
     }
 }
 
-/// The same number, known to be below 2^32: products of it are seen not to overflow, and one look at a length is enough
-/// for all that is below it.
+/// The same number, known to be below 2^32, so that the compiler can prove that products do not overflow and that one
+/// check of a length covers all smaller indices.
 #[inline(always)]
 #[allow(clippy::cast_possible_truncation)] // a matrix of that many rows fits no memory
 pub(super) fn below_overflow(nv: usize) -> usize {
     nv as u32 as usize
 }
 
-/// As many rows as a block is wide, to where `out` begins and below.
+/// Writes a square block of rows from the beginning of `out`, each row below the previous one.
 #[inline(always)]
 fn put_square<T: Real, C: ColumnsOf<T>>(out: &mut [C::Entry], nv: usize, square: &[C]) {
     let (width, side) = (C::COLUMNS, below_overflow(nv));
@@ -209,7 +211,7 @@ fn put_square<T: Real, C: ColumnsOf<T>>(out: &mut [C::Entry], nv: usize, square:
     }
 }
 
-/// The first rows and columns of a tile behind which there is nothing, one by one, and their mirror images.
+/// Writes the first rows and columns of a tile at the end of the matrix, entry by entry, and their mirror images.
 #[inline(always)]
 fn put_some<T: Real, C: ColumnsOf<T>>(
     out: &mut [C::Entry],

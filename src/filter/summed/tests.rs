@@ -1,4 +1,5 @@
-//! Estimates of systems whose rows are measured in sums, against dense algebra: (G^T M G)^-1 G^T with M = H phi Q phi* H* + r.
+//! Estimates of systems with rows measured in sums, compared with dense algebra: (G^T M G)^-1 G^T with M = H phi Q phi*
+//! H* + r.
 
 use super::{SummedFactor, Sums};
 use crate::filter::pivots::Scale;
@@ -6,7 +7,7 @@ use crate::filter::{HingeMap, Rows, Stage, System};
 use crate::spatial::{RigidShift, Symmetric3, Symmetric6};
 use nalgebra::{DMatrix, DVector, Matrix6, Rotation3, Vector3, Vector6};
 
-/// Numbers that look like none in particular.
+/// Pseudorandom values.
 fn numbers(seed: u64) -> impl FnMut() -> f64 {
     let mut state = seed;
     move || {
@@ -167,7 +168,7 @@ fn a_weight_of_zero_holds_a_row() {
 #[test]
 fn a_sum_without_variance_is_lost() {
     let mut case = case(&[None, Some(0), Some(0)], &[Z, Z, Z], 5);
-    // Nothing at the two rows that are measured together.
+    // Zero at the two rows that are measured together.
     for k in 1..3 {
         case.noise[k] = Symmetric6::zero();
         case.system.noise[k] = 0.0;

@@ -11,10 +11,10 @@ use crate::scalar::Real;
 use crate::spatial::{Root6, absolute};
 use nalgebra::Vector6;
 
-/// The entry that H picks.
+/// The entry that H selects.
 pub(in crate::dynamics) const ABOUT_Z: usize = 2;
 
-/// One row; rate, acceleration and torque of the joint are those about z, times its sense, which is 1 or -1.
+/// One row. Velocity, acceleration and torque of the joint are those about z, times its sense, which is 1 or -1.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::dynamics) struct AboutZ<'a, T: Real> {
     row: usize,
@@ -144,7 +144,7 @@ impl<T: Real> Noise<T> {
     }
 }
 
-/// D and g of a revolute joint (3.6, 3.10), with P^- H^T but for the entry that H picks.
+/// D and g of a revolute joint (3.6, 3.10), with P^- H^T except for the entry that H selects.
 #[inline(always)]
 fn measured<T: Real>(noise: Noise<T>, &[c0, c1, c2, c3, c4, c5]: &[T; 6]) -> (Measured<T>, [T; 5]) {
     let pivot = c2 + noise.variance;
@@ -170,8 +170,8 @@ pub(super) fn past_row<T: Real>(noise: Noise<T>, p: &[T; 21]) -> (Measured<T>, [
     (m, after)
 }
 
-/// P^+ = P^- - g H P^- past a revolute joint about z (3.6). Row and column 2, which H picks, are r g: exactly zero
-/// where r is.
+/// P^+ = P^- - g H P^- past a revolute joint about z (3.6). Row and column 2, which H selects, are r g: exactly zero if
+/// r is zero.
 #[inline(always)]
 fn filtered<T: Real>(p: &[T; 21], [ph0, ph1, ph3, ph4, ph5]: &[T; 5], (m, r): (&Measured<T>, T)) -> [T; 21] {
     let g = &m.gain;
@@ -202,12 +202,12 @@ fn filtered<T: Real>(p: &[T; 21], [ph0, ph1, ph3, ph4, ph5]: &[T; 5], (m, r): (&
     ]
 }
 
-/// The filter across a revolute joint: e^- (4.2), and z^+ of z^- (4.5).
+/// The filter past a revolute joint: e^- (4.2), and z^+ from z^- (4.5).
 #[inline(always)]
 fn measure<T: Real>(noise: Noise<T>, m: &Measured<T>, measurement: T, z: &[T; 6]) -> (T, [T; 6]) {
     let e = measurement - z[ABOUT_Z];
     let g = &m.gain;
-    // H z^+ = tau - (r / D) e^-, which a sum with a large H z^- would not give.
+    // H z^+ = tau - (r / D) e^-: a sum with a large H z^- would lose precision.
     let own = if noise.is_free { measurement } else { measurement.minus_product(e, noise.variance * m.pivot_inverse) };
     let z = [
         g[0].mul_add(e, z[0]),

@@ -1,6 +1,7 @@
 //! The row of a prismatic joint: the force along its z.
 //!
-//! With the halves of P exchanged it is the row about z, and past it the same zeros are left. Vectors go the general way.
+//! With the angular and linear halves of P exchanged it is the row about z, and P^+ has the same zeros. Vectors use the
+//! general method.
 
 use super::Measures;
 use super::about_z::{Noise, past_row};
@@ -32,7 +33,7 @@ impl<T: Real> Measures<T> for AlongZ<'_, T> {
     }
 }
 
-/// The angular half where the linear one was.
+/// The angular half, exchanged with the linear half.
 #[inline(always)]
 fn exchanged<T: Copy>(p: &[T; 21]) -> [T; 21] {
     let [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5] = *p;
@@ -59,7 +60,7 @@ mod tests {
         (found - expected).iter().all(|x| x.abs() <= 64.0 * f64::EPSILON)
     }
 
-    /// P^+ is what is left of P^- past the force along z, with noise and without.
+    /// P^+ equals P^- after the measurement of the force along z, with and without noise.
     #[test]
     fn the_row_is_the_force_along_z() {
         let wave = |i: usize| (1.7 * f64::from(u8::try_from(i).expect("small")) + 0.3).sin();

@@ -27,22 +27,23 @@ use nalgebra::Vector6;
 /// z = L y + t of a body, in square-root form.
 pub(in crate::dynamics) type RootMean<'a, T> = (&'a mut [T; 6], &'a mut Vector6<T>);
 
-/// The rows of one joint. Slices hold a number, or D and g, of every row of the scene.
+/// The rows of one joint. Slices hold one value, or D and g, for every row of the scene.
 pub(in crate::dynamics) trait Measures<T: Real> {
-    /// D and g, where they are not written at once.
+    /// D and g, if they are not written at once.
     type Gains;
 
-    /// The stage whose rows they are: by it everything is done that a kind of rows does not do in a way of its own.
+    /// The stage of the rows. The default methods use it where a kind of rows has no method of its own.
     fn stage(&self) -> (&System<T>, usize);
 
-    /// D and g (3.6, 3.10), and P^+ of P^-, in 6 + 9 + 6 numbers. What is not written yet is [kept](Self::keep) after P
-    /// has left: before, the compiler could take it for what P is read from, and would read all of that first.
+    /// D and g (3.6, 3.10), and P^+ from P^-, in 6 + 9 + 6 scalars. The remaining results are written by
+    /// [`keep`](Self::keep) after the last use of P: earlier writes could alias P for the compiler, which would then
+    /// read all of P first.
     fn measure(&self, p: &[T; 21], measured: &mut [Measured<T>]) -> (Self::Gains, [T; 21]);
 
     /// Writes D and g.
     fn keep(&self, gains: Self::Gains, measured: &mut [Measured<T>]);
 
-    /// Takes note of every pivot.
+    /// Observes every pivot.
     #[inline(always)]
     fn observe(&self, measured: &[Measured<T>], scale: &Scale<T>, monitor: &mut PivotMonitor<T>) {
         let (system, k) = self.stage();
@@ -74,7 +75,7 @@ pub(in crate::dynamics) trait Measures<T: Real> {
         }
     }
 
-    /// Adds H* u: what rates or accelerations `u` of the joint are to its body.
+    /// Adds H* u: the contribution of the joint velocities or accelerations `u` to the body.
     #[inline(always)]
     fn spread(&self, u: &[T], motion: &mut [T; 6]) {
         let ((system, k), mut sum) = (self.stage(), Vector6::from(*motion));
@@ -85,7 +86,7 @@ pub(in crate::dynamics) trait Measures<T: Real> {
         *motion = sum.into();
     }
 
-    /// The estimates (4.9) in the place of e^-; lambda^+ becomes lambda^- (4.11).
+    /// Replaces e^- by the estimates (4.9) and lambda^+ by lambda^- (4.11).
     #[inline(always)]
     fn smooth(&self, measured: &[Measured<T>], lambda: &mut [T; 6], estimates: &mut [T]) {
         let ((system, k), mut state) = (self.stage(), Vector6::from(*lambda));
@@ -93,8 +94,8 @@ pub(in crate::dynamics) trait Measures<T: Real> {
         *lambda = state.into();
     }
 
-    /// The same of two right sides, with what the second says of the first; where `ALLOWS` with what the problem
-    /// allows.
+    /// The same for two right-hand sides, with the error estimate of the first by the second; with `ALLOWS` with the
+    /// sensitivity of the problem.
     #[inline(always)]
     fn smooth_both<const ALLOWS: bool>(
         &self,
@@ -108,7 +109,7 @@ pub(in crate::dynamics) trait Measures<T: Real> {
         (*lambda, *nu) = (state.into(), probe.into());
     }
 
-    /// Takes note of the estimates.
+    /// Observes the estimates.
     #[inline(always)]
     fn observe_estimates(&self, estimates: &[T], seen: &mut Outward<T>) {
         let (system, k) = self.stage();
@@ -118,9 +119,9 @@ pub(in crate::dynamics) trait Measures<T: Real> {
         }
     }
 
-    /// D, g and e^- in square-root form (3.6, 4.2, 4.5), and the root of P^+ of that of P^-, given with its bounds and
-    /// whether all of its weights are positive. Whether the row is one turn without noise, which leaves two columns
-    /// free of any linear part.
+    /// D, g and e^- in square-root form (3.6, 4.2, 4.5), and the root of P^+ from that of P^-. The root has its bounds
+    /// and a flag that all of its weights are positive. A further flag states that the row is one rotation without
+    /// noise, after which two columns have no linear part.
     #[inline(always)]
     fn measure_root(
         &self,
@@ -140,7 +141,7 @@ fn diagonal<T: Real>(p: &[T; 21]) -> [T; 6] {
     [p[0], p[3], p[5], p[15], p[18], p[20]]
 }
 
-/// The rows of any joint, one after another as the filter has them.
+/// The rows of any joint, processed one after another.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::dynamics) struct AnyRows<'a, T: Real>(pub &'a System<T>, pub usize);
 

@@ -1,5 +1,6 @@
-//! The rows of a body that floats: all six on the base, measured without noise. Nothing goes on from it, and what a row
-//! is measured at is exactly zero for those after it, so that each row has one column less.
+//! The rows of a floating body: all six on the base, measured without noise. A floating body propagates nothing to the
+//! base. A measured component is exactly zero for the later rows, so that each row has one column less than the
+//! previous one.
 
 use super::{Measures, RootMean};
 use crate::filter::pivots::Scale;
@@ -11,7 +12,7 @@ use crate::spatial::Root6;
 use nalgebra::Vector6;
 use std::ops::Range;
 
-/// The component that each row picks: linear, then angular. They are measured last first.
+/// The component that each row selects: linear, then angular. They are measured in reverse order.
 pub(in crate::dynamics) const PICKED: [usize; 6] = [3, 4, 5, 0, 1, 2];
 
 /// The components of a vector in the order of the rows.
@@ -21,7 +22,7 @@ pub(in crate::dynamics) fn picked<N: Copy>(v: &[N; 6]) -> [N; 6] {
     [v[a], v[b], v[c], v[d], v[e], v[f]]
 }
 
-/// Where an entry is among the 21.
+/// The index of an entry among the 21.
 const fn place(i: usize, j: usize) -> usize {
     const PACKED: [[usize; 6]; 6] = [
         [0, 1, 2, 6, 7, 8],
@@ -48,7 +49,7 @@ impl<'a, T: Real> Six<'a, T> {
         Self { system, k, first: system.stages[k].first_row }
     }
 
-    /// True if those from this row on are measured without noise now: friction, taken implicitly, comes and goes.
+    /// True if all six rows are currently free of noise: implicit friction can add noise to a row.
     #[inline(always)]
     pub fn is_noise_free(first: usize, system: &System<T>) -> bool {
         (first..first + 6).all(|row| system.is_noise_free(row))
@@ -68,7 +69,7 @@ impl<T: Real> Measures<T> for Six<'_, T> {
         (self.system, self.k)
     }
 
-    /// Nothing of P goes on: what is given is what was there.
+    /// P is not propagated: returned unchanged.
     #[inline(always)]
     fn measure(&self, p: &[T; 21], measured: &mut [Measured<T>]) -> ((), [T; 21]) {
         let (mut left, measured) = (*p, &mut measured[self.rows()]);
@@ -99,7 +100,7 @@ impl<T: Real> Measures<T> for Six<'_, T> {
         }
     }
 
-    /// Nothing comes from the base: the estimates are the co-state.
+    /// The base has no co-state: the estimates are the co-state of the body.
     #[inline(always)]
     fn smooth(&self, measured: &[Measured<T>], lambda: &mut [T; 6], estimates: &mut [T]) {
         let (measured, estimates) = (&measured[self.rows()], &mut estimates[self.rows()]);
@@ -138,7 +139,7 @@ impl<T: Real> Measures<T> for Six<'_, T> {
     }
 }
 
-/// One of them: what it leaves of those before it.
+/// One of the rows, and the remaining part of those before it.
 #[inline(always)]
 fn row<T: Real, const ROW: usize>(p: &mut [T; 21], measured: &mut [Measured<T>]) {
     let own = PICKED[ROW];
@@ -161,7 +162,7 @@ fn row<T: Real, const ROW: usize>(p: &mut [T; 21], measured: &mut [Measured<T>])
 type OfRows<'a, T> =
     (&'a mut Root6<T>, &'a mut [T; 6], &'a mut Vector6<T>, &'a [T], &'a mut [Measured<T>], &'a mut [T]);
 
-/// The last of the first `ROWS` rows. A row's place in the root is its own.
+/// The last of the first `ROWS` rows. Each row has its own column in the root.
 #[inline(always)]
 fn measure_root_row<T: Real, const ROWS: usize>((root, y, t, measurement, measured, innovations): &mut OfRows<'_, T>) {
     let (row, own) = (ROWS - 1, PICKED[ROWS - 1]);
