@@ -11,8 +11,8 @@ impl Scene {
         RegressorScratch::new(self.model())
     }
 
-    /// The derivative of the torques of inverse dynamics by the inertial parameters of each body, (nv x bodies x 10) into `out`; see
-    /// [`joint_torque_regressor`](derivatives::joint_torque_regressor).
+    /// The derivative of the torques of inverse dynamics by the inertial parameters of each body, (nv x bodies x 10)
+    /// into `out`; see [`joint_torque_regressor`](derivatives::joint_torque_regressor).
     ///
     /// `q` (nq), `qd`, `qdd` (nv), SI units.
     ///

@@ -1,7 +1,8 @@
 //! Variances of as many states at once as a register has lanes, with the instructions of the arm of this process.
 //!
-//! The accelerations are given; gains are those of the covariance form. A lane whose pivots or results are not in order is reported, and the caller recomputes that state
-//! with [`forward_dynamics_variance`](super::forward_dynamics_variance).
+//! The accelerations are given; gains are those of the covariance form. A lane whose pivots or results are not in order
+//! is reported, and the caller recomputes that state with
+//! [`forward_dynamics_variance`](super::forward_dynamics_variance).
 
 use super::parameter_roots::ParameterRoots;
 use super::variance::{
@@ -42,7 +43,8 @@ pub(crate) trait VarianceLanes: Send {
     /// The number of states.
     fn lanes(&self) -> usize;
 
-    /// Variances (nv), then the covariance (6, 6) of each frame, of each state; a bit for each state that is to be recomputed.
+    /// Variances (nv), then the covariance (6, 6) of each frame, of each state; a bit for each state that is to be
+    /// recomputed.
     fn run(&mut self, states: &[Accelerated<'_>], out: &mut [f64]) -> u64;
 }
 

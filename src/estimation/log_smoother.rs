@@ -1,8 +1,11 @@
-//! Position, velocity and acceleration from a log of positions: a fixed-interval smoother whose process noise is white jerk.
+//! Position, velocity and acceleration from a log of positions: a fixed-interval smoother whose process noise is white
+//! jerk.
 //!
-//! The state x = (q, qd, qdd) moves by x(t + h) = F x + w, F = [[1, h, h^2/2], [0, 1, h], [0, 0, 1]], cov w = s Q(h) with Q = [[h^5/20, h^4/8, h^3/6], ., .] and s the
-//! density of the jerk. The estimate is the quintic smoothing spline that minimizes sum (y - q)^2 / variance + int q'''^2 dt / s. Covariances are carried as square roots
-//! (Potter's update, a triangularization for the prediction), so that a prior that is wide enough to have no weight costs no precision.
+//! The state x = (q, qd, qdd) moves by x(t + h) = F x + w, F = [[1, h, h^2/2], [0, 1, h], [0, 0, 1]], cov w = s Q(h)
+//! with Q = [[h^5/20, h^4/8, h^3/6], ., .] and s the density of the jerk. The estimate is the quintic smoothing spline
+//! that minimizes sum (y - q)^2 / variance + int q'''^2 dt / s. Covariances are carried as square roots (Potter's
+//! update, a triangularization for the prediction), so that a prior that is wide enough to have no weight costs no
+//! precision.
 
 /// The state.
 const N: usize = 3;
@@ -62,7 +65,8 @@ impl Log<'_> {
 
     /// Position, velocity and acceleration with their variances, six numbers for each time into `out`.
     ///
-    /// The log is smoothed forward and backward, and each half is taken from the run that ends there: where a run starts, its wide prior costs precision.
+    /// The log is smoothed forward and backward, and each half is taken from the run that ends there: where a run
+    /// starts, its wide prior costs precision.
     pub fn smooth(&self, out: &mut [[f64; 6]]) -> Likelihood {
         let found = self.smooth_forward(out);
         let [time, position, variance] =
@@ -208,10 +212,11 @@ fn lower(mut rows: [[f64; 2 * N]; N]) -> Matrix {
     found
 }
 
-/// The smoothed state from the filtered one, the prediction from it and the smoothed state of the next time: `P = (1 - G F) P (1 - G F)* + G (s Q + P_next) G*`.
+/// The smoothed state from the filtered one, the prediction from it and the smoothed state of the next time: `P = (1 -
+/// G F) P (1 - G F)* + G (s Q + P_next) G*`.
 ///
-/// With the roots S of P and L of the prediction and C = L^-1 F S, which is at most 1, the gain is G = S C* L^-1: its products are formed without G, which would cost the
-/// square of the condition of L.
+/// With the roots S of P and L of the prediction and C = L^-1 F S, which is at most 1, the gain is G = S C* L^-1: its
+/// products are formed without G, which would cost the square of the condition of L.
 fn smoothed(
     filtered: &State,
     prediction: &State,
@@ -266,7 +271,8 @@ fn times_transposed(a: &Matrix, b: &Matrix) -> Matrix {
 mod tests {
     use super::Log;
 
-    /// A motion without jerk is reproduced, with a gap, and its variances are those of least squares where the density is small: sigma^2 / k in the mean.
+    /// A motion without jerk is reproduced, with a gap, and its variances are those of least squares where the density
+    /// is small: sigma^2 / k in the mean.
     #[test]
     fn a_parabola_stays() {
         let time: Vec<f64> = (0..50).map(|k| 0.01 * f64::from(k) + 0.002 * f64::from(k % 3)).collect();

@@ -9,8 +9,9 @@ use nalgebra::Vector6;
 
 /// Roots L of the covariances L L* of each body's ten parameters; bodies are independent of each other.
 ///
-/// A column is a change of the parameters by one standard deviation, in the body's frame. The number of columns of a body is the rank of its covariance: ten for a
-/// full one, one if only the mass is uncertain, none if the body is known.
+/// A column is a change of the parameters by one standard deviation, in the body's frame. The number of columns of a
+/// body is the rank of its covariance: ten for a full one, one if only the mass is uncertain, none if the body is
+/// known.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ParameterRoots<T> {
     columns: Vec<BodyInertia<T>>,
@@ -19,7 +20,8 @@ pub struct ParameterRoots<T> {
 }
 
 impl<T: Real> ParameterRoots<T> {
-    /// From the columns of each body, in the order of the model's bodies and in their frames: see [`Parameters`] for the order of the ten.
+    /// From the columns of each body, in the order of the model's bodies and in their frames: see [`Parameters`] for
+    /// the order of the ten.
     pub fn new<C: IntoIterator<Item = Parameters<T>>>(bodies: impl IntoIterator<Item = C>) -> Self {
         let (mut columns, mut ends) = (Vec::new(), Vec::new());
         for body in bodies {
@@ -42,7 +44,8 @@ impl<T: Real> ParameterRoots<T> {
         &self.columns[begin..self.ends[k]]
     }
 
-    /// C(k) = Y(k) L L* Y(k)* of every body: the covariance of the force that the parameters' errors are at these velocities and accelerations, weight included.
+    /// C(k) = Y(k) L L* Y(k)* of every body: the covariance of the force that the parameters' errors are at these
+    /// velocities and accelerations, weight included.
     #[inline(always)]
     pub(super) fn force_covariances(
         &self,

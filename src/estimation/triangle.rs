@@ -1,4 +1,5 @@
-//! The information form of linear least squares: the triangle R of a QR factorization of the rows read so far. R* R is the information matrix, which is never formed.
+//! The information form of linear least squares: the triangle R of a QR factorization of the rows read so far. R* R is
+//! the information matrix, which is never formed.
 
 /// Rows that are rotated into a triangle at once: a column of them stays in the first cache.
 const BLOCK: usize = 128;
@@ -8,7 +9,8 @@ const LANES: usize = 8;
 /// The square of a column that counts as zero.
 const NOTHING: f64 = 1e-280;
 
-/// Rotates `rows` (m x width, row by row) into the upper triangle of `triangle` (width x width, row by row): triangle* triangle grows by rows* rows, by Householder's reflections.
+/// Rotates `rows` (m x width, row by row) into the upper triangle of `triangle` (width x width, row by row): triangle*
+/// triangle grows by rows* rows, by Householder's reflections.
 ///
 /// The result has the same bits on all processors.
 ///
@@ -22,7 +24,8 @@ pub fn rotate_in(triangle: &mut [f64], rows: &[f64], width: usize) {
     }
 }
 
-/// The same for rows whose first entries are chosen ones of wider rows, and whose last are given: row i is `wide[i][chosen]`, then `last[i]`.
+/// The same for rows whose first entries are chosen ones of wider rows, and whose last are given: row i is
+/// `wide[i][chosen]`, then `last[i]`.
 ///
 /// # Panics
 ///

@@ -1,8 +1,11 @@
-//! Variances of accelerations and torques in O(N): the covariance analysis of a filter and smoother whose gains were made for other noise.
+//! Variances of accelerations and torques in O(N): the covariance analysis of a filter and smoother whose gains were
+//! made for other noise.
 //!
-//! At the true acceleration a parameter error d pi(k) is a force Y(k) d pi(k) on body k, Y the body's regressor, so the process noise is C(k) = Y Sigma Y* in place of M(k),
-//! and the measurement noise is the variance t of a torque in place of the armature. Tip to base, Pi is the covariance of the filter's error; base to tip, U is that of the
-//! part of the co-state that does not depend on the noise outboard. Nothing is subtracted from a covariance that was added to it before: congruences and sums only.
+//! At the true acceleration a parameter error d pi(k) is a force Y(k) d pi(k) on body k, Y the body's regressor, so the
+//! process noise is C(k) = Y Sigma Y* in place of M(k), and the measurement noise is the variance t of a torque in
+//! place of the armature. Tip to base, Pi is the covariance of the filter's error; base to tip, U is that of the part
+//! of the co-state that does not depend on the noise outboard. Nothing is subtracted from a covariance that was added
+//! to it before: congruences and sums only.
 
 use super::parameter_roots::ParameterRoots;
 use crate::dynamics::forward_dynamics;
@@ -16,7 +19,8 @@ use crate::spatial::{RigidShift, Symmetric6, dot, scaled, scaled_add, sum, zero}
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
 
-/// The covariance of the parameters of one degree of freedom that act as a torque: armature, damping, dry friction and offset, row by row.
+/// The covariance of the parameters of one degree of freedom that act as a torque: armature, damping, dry friction and
+/// offset, row by row.
 pub type JointCovariance<T> = [[T; 4]; 4];
 
 /// The variance of the torque error of each degree of freedom.
@@ -138,8 +142,8 @@ impl<T: Real> VarianceScratch<T> {
 
 /// Variances of the joint accelerations of forward dynamics, in O(N): those of `parameters` and of `torque` together.
 ///
-/// `q` (nq), `qd`, `tau` (nv) are one state; `wrenches` as in [`forward_dynamics`]. First order in the errors. Where [`Workspace::lost_pivot`] finds one with the returned
-/// monitor, the results mean nothing.
+/// `q` (nq), `qd`, `tau` (nv) are one state; `wrenches` as in [`forward_dynamics`]. First order in the errors. Where
+/// [`Workspace::lost_pivot`] finds one with the returned monitor, the results mean nothing.
 #[allow(clippy::too_many_arguments)] // a state, what is uncertain, and where results go
 pub fn forward_dynamics_variance<T: Real>(
     model: &Model<T>,
@@ -282,7 +286,8 @@ fn congruence<T: Real>(lambda: &Symmetric6<T>, x: &Symmetric6<T>) -> Symmetric6<
     out
 }
 
-/// Variances of the joint torques of inverse dynamics, in O(N): Pi(k) = C(k) + sum over children of phi Pi phi*, var(tau) = H Pi H* + t.
+/// Variances of the joint torques of inverse dynamics, in O(N): Pi(k) = C(k) + sum over children of phi Pi phi*,
+/// var(tau) = H Pi H* + t.
 ///
 /// `q` (nq), `qd`, `qdd` (nv) are one state. Torques are linear in the parameters: nothing is approximate.
 pub fn inverse_dynamics_variance<T: Real>(
