@@ -261,7 +261,7 @@ impl Scene {
             let joint = self.joints().iter().find(|joint| joint.v.contains(&row)).map_or("", |joint| &joint.name);
             return Err(Error::argument(
                 "actuated",
-                format!("joint {joint:?}, which is not actuated, would need {} (N m or N)", number(torque)),
+                format!("joint {joint:?}, which is not actuated and would need {} (N m or N)", number(torque)),
                 "accelerations that the actuated joints can produce, or more actuated joints",
             ));
         }

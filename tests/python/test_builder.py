@@ -114,7 +114,7 @@ def test_refused_by_name(case: str) -> None:
 
 
 def test_scenes_are_trees_of_unique_names() -> None:
-    with pytest.raises(SceneError, match=r'link "rod".*twice'):
+    with pytest.raises(SceneError, match=r'link "rod".*duplicate name'):
         pendulum().link("rod").build()
     with pytest.raises(SceneError, match=r'joint "hinge".*twice'):
         pendulum().link("tool").joint("hinge", "fixed", "rod", "tool").build()

@@ -233,7 +233,7 @@ def test_inverse_dynamics_and_the_inverse_mass_matrix() -> None:
     assert np.array_equal(scene.constrained_inverse_dynamics(q, qd, qdd, actuated=[True, False, False]).tau, found.tau)
     every = scene.constrained_inverse_dynamics(q, qd, qdd).tau
     assert np.allclose(scene.constrained_dynamics(q, qd, every).qdd, qdd, atol=1e-10)
-    with pytest.raises(ArgumentError, match="without a motor"):
+    with pytest.raises(ArgumentError, match="not actuated"):
         scene.constrained_inverse_dynamics(q, qd, qdd, actuated=[])
     with pytest.raises(ArgumentError, match="actuated: found 'krank'|actuated.*krank"):
         scene.constrained_inverse_dynamics(q, qd, qdd, actuated=["krank"])
@@ -332,7 +332,7 @@ def test_broken_connections_are_refused_by_name(arguments: tuple[str, ...], opti
 def test_broken_arguments_are_refused() -> None:
     with pytest.raises(ShapeError, match="other_xyz of connection 'pin'|other_xyz of connection \"pin\""):
         bars().connect("pin", "point", "coupler", other_xyz=(0, 0))
-    with pytest.raises(SceneError, match="twice"):
+    with pytest.raises(SceneError, match="duplicate name"):
         bars().connect("pin", "point", "coupler").connect("pin", "weld", "rocker").build()
     for joints, message in ((("crank", "nobody"), "nobody"), (("crank", "crank"), "itself")):
         with pytest.raises(SceneError, match=message):

@@ -208,7 +208,7 @@ def test_what_error_control_refuses() -> None:
         path.vjp(np.ones((len(path), 3)))
     with pytest.raises(ArgumentError, match="accuracy: found a run with error control"):
         path.error_estimate()
-    with pytest.raises(ArgumentError, match="accuracy: found error control with .* or a method"):
+    with pytest.raises(ArgumentError, match="accuracy: found error control with .* or a fixed method"):
         scene.simulate(q, qd, duration=0.1, accuracy=1e-6, method="rk4")
     ball = phipsi.SceneBuilder().link("ball", 2.0, inertia=0.01 * np.eye(3)).contact("ground", "ball", radius=0.1, friction=0.5).build(floating_base=True)
     with pytest.raises(ArgumentError, match="accuracy: found error control with contacts"):
