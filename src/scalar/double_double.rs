@@ -13,8 +13,8 @@ use num_traits::{One, Zero};
 use std::fmt;
 use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 
-/// pi/2 in three parts, whose sum is exact to about 2^-161: `python -c "from mpmath import *; mp.prec=400;
-/// a=float(pi/2); b=float(pi/2-a); print(a.hex(), b.hex(), float(pi/2-a-b).hex())"`
+/// pi/2 in three parts, whose sum is exact to about 2^-161. With mpmath at `mp.prec = 400`: `a = float(pi/2)`,
+/// `b = float(pi/2 - a)`, `float(pi/2 - a - b)`.
 const HALF_PI: [f64; 3] = [
     f64::from_bits(0x3ff9_21fb_5444_2d18),
     f64::from_bits(0x3c91_a626_3314_5c07),
@@ -64,9 +64,10 @@ impl DoubleDouble {
         Self { high: x, low: 0.0 }
     }
 
-    /// The alternating tail `t` of a Taylor series for a squared angle of at most about (pi/4)^2: `t = x^2/(n(n+1)) (1
-    /// - x^2/((n+2)(n+3)) (1 - ...))`, with `cos x = 1 - t` (n = 1) and `sin x = x - x t` (n = 2). Fourteen factors;
-    /// the first omitted term is below 1e-33.
+    /// The alternating tail `t` of a Taylor series for a squared angle of at most about (pi/4)^2.
+    ///
+    /// `t = x^2/(n(n+1)) (1 - x^2/((n+2)(n+3)) (1 - ...))`, with `cos x = 1 - t` (n = 1) and `sin x = x - x t` (n = 2).
+    /// Fourteen factors; the first omitted term is below 1e-33.
     fn series_tail(square: Self, n: f64) -> Self {
         (0..14_u8).rev().fold(Self::zero(), |nested, i| {
             let k = n + 2.0 * f64::from(i);
