@@ -100,8 +100,8 @@ impl Scene {
     /// Solves M qdd + bias = tau + J^T forces subject to J qdd + J' qd = 0. The force of a row (N m for rotational
     /// rows, N for translational rows) acts on the `link` of the connection, at the origin of the connection's first
     /// frame and in its axes; the opposite force acts on the other link. The force of a rod is positive in compression.
-    /// If rows are linearly dependent, the accelerations are still unique, and the forces are those of least sum `(J
-    /// M^-1 J^T)_ii forces_i^2`. The factorization form is that of the workspace. O(N + m^2 depth + m^3).
+    /// If rows are linearly dependent, the accelerations are still unique, and the forces are those of least sum
+    /// `(J M^-1 J^T)_ii forces_i^2`. The factorization form is that of the workspace. O(N + m^2 depth + m^3).
     ///
     /// ```
     /// use phipsi::scene::{Connection, ConnectionKind};
@@ -261,7 +261,7 @@ impl Scene {
             let joint = self.joints().iter().find(|joint| joint.v.contains(&row)).map_or("", |joint| &joint.name);
             return Err(Error::argument(
                 "actuated",
-                format!("joint {joint:?}, which is not actuated, would need {} (N m or N)", number(torque)),
+                format!("joint {joint:?}, which is not actuated and would need {} (N m or N)", number(torque)),
                 "accelerations that the actuated joints can produce, or more actuated joints",
             ));
         }

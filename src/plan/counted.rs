@@ -177,7 +177,7 @@ impl Scene {
         let [made, _] = of_factor(self);
         let updated = (made * path.len() / stages.len() + PROPAGATED_AGAIN * beside).min(made);
         Simplification {
-            what: "bodies beside the path to the base, in a factor of which the last joint alone has moved",
+            what: "bodies that are not on the path to the base, in a factor of which only the last joint has moved",
             count: stages.len() - path.len(),
             why: "P, D and g of a body depend on the joints that it carries: factor.update(q)",
             saved: format!("about {updated} operations instead of the {made} of a new factor in covariance form"),

@@ -13,8 +13,8 @@ use num_traits::{One, Zero};
 use std::fmt;
 use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 
-/// pi/2 in three parts, whose sum is exact to about 2^-161: `python -c "from mpmath import *; mp.prec=400;
-/// a=float(pi/2); b=float(pi/2-a); print(a.hex(), b.hex(), float(pi/2-a-b).hex())"`
+/// pi/2 in three parts, whose sum is exact to about 2^-161. With mpmath at `mp.prec = 400`: `a = float(pi/2)`,
+/// `b = float(pi/2 - a)`, `float(pi/2 - a - b)`.
 const HALF_PI: [f64; 3] = [
     f64::from_bits(0x3ff9_21fb_5444_2d18),
     f64::from_bits(0x3c91_a626_3314_5c07),

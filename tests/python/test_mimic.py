@@ -556,9 +556,9 @@ def test_free_is_the_default_and_warns() -> None:
 @pytest.mark.parametrize(
     ("how", "words"),
     [
-        ({"mimic": "c_joint"}, "b_joint.*c_joint.*not there.*mimic"),
-        ({"mimic": "b_joint"}, "circle"),
-        ({"mimic": "a_joint", "first": "b_joint"}, "circle"),
+        ({"mimic": "c_joint"}, "b_joint.*c_joint.*does not exist.*mimic"),
+        ({"mimic": "b_joint"}, "cycle"),
+        ({"mimic": "a_joint", "first": "b_joint"}, "cycle"),
         ({"mimic": "a_joint", "kind": "spherical"}, "several coordinates"),
     ],
 )

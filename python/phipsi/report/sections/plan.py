@@ -83,7 +83,7 @@ def _pair(scene: Scene, states: States, item: Simplification) -> tuple[str, int,
         factor = scene.factor(states.q[0], form="covariance")
         here = replace(states, q=np.broadcast_to(states.q[0], states.q.shape))
         return f"factor.solve(tau) compared with {FORWARD}", len(here), looped(factor.solve, [(here.tau,)]), _forward(scene, here)
-    if "last joint alone" in item.what:
+    if "only the last joint" in item.what:
         # Alternates between two configurations, so that each call changes the joint.
         step = np.zeros(scene.nv)
         step[-1] = 0.1
