@@ -498,7 +498,7 @@ fn the_plan_counts_what_calls_on_a_factor_save() {
     let plan = scene.plan();
     let found =
         |what: &str| plan.items.iter().find(|item| item.what.contains(what)).unwrap_or_else(|| panic!("{what}"));
-    let branch = found("last joint alone");
+    let branch = found("only the last joint");
     assert_eq!(branch.count, scene.model().bodies.len() - calls.bodies);
     // The plan counts the sweeps; the factor that keeps everything takes other operations for the same numbers.
     let is_about = |found: u64, expected: u64| found.abs_diff(expected) <= expected / 4;
@@ -511,7 +511,7 @@ fn the_plan_counts_what_calls_on_a_factor_save() {
     assert!(found("outputs").operations > 0);
     // On a chain all bodies are inboard of the last joint.
     let chain = phipsi::scenes::chain(5).unwrap().plan();
-    assert!(chain.items.iter().all(|item| !item.what.contains("last joint alone")));
+    assert!(chain.items.iter().all(|item| !item.what.contains("only the last joint")));
 }
 
 #[test]
