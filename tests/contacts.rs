@@ -575,7 +575,7 @@ fn broken_contacts_are_refused_by_name() {
     refused(&fault(|contact| contact.restitution = 1.1), foot, "restitution 1.1");
     refused(&fault(|contact| contact.restitution = f64::NAN), foot, "restitution");
     let twice = body(1.0, EDGES).contact(Contact::new("foot", "box")).contact(Contact::new("foot", "box"));
-    refused(&twice.build().unwrap_err(), foot, "twice");
+    refused(&twice.build().unwrap_err(), foot, "duplicate name");
 }
 
 #[test]
