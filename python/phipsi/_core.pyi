@@ -3563,10 +3563,12 @@ class Scene:
         friction_speed: float = 0.01,
         errors: _Errors = "raise",
     ) -> _Array:
-        """Variances of the joint accelerations of forward dynamics, from those of inertial parameters, joint parameters and torques, in O(N).
+        """Variances of the joint accelerations of forward dynamics, from those of inertial parameters, joint parameters
+        and torques, in O(N).
 
-        At the true acceleration an error of the parameters pi is a force on the bodies: M d(qdd) = dtau - H phi Y d(pi), with Y the regressor at the qdd that forward dynamics
-        gives. The variances are those of a filter and smoother whose gains were made for another noise. First order in the errors.
+        At the true acceleration an error of the parameters pi is a force on the bodies: M d(qdd) = dtau - H phi Y
+        d(pi), with Y the regressor at the qdd that forward dynamics gives. The variances are those of a filter and
+        smoother whose gains were made for another noise. First order in the errors.
 
         Parameters
         ----------
@@ -3575,11 +3577,13 @@ class Scene:
         qd, tau : (..., nv)
             Joint velocities, rad/s or m/s, and torques, N m or N.
         parameters : (bodies, 10, 10), (10 bodies, 10 bodies), or an Identification, optional
-            Covariance of (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz) of each link of body_names, I about the link's origin, in the link's frame. Bodies are independent
-            of each other, or correlated in a full matrix (10 bodies, 10 bodies), which costs one right side of the filter per column of its root. Any object with
+            Covariance of (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz) of each link of body_names, I about the
+            link's origin, in the link's frame. Bodies are independent of each other, or correlated in a full matrix (10
+            bodies, 10 bodies), which costs one right side of the filter per column of its root. Any object with
             `.covariance` of one of these shapes stands for it. Default: the parameters are known.
         joints : dict or (nv, 4, 4), optional
-            Variances of "armature", "damping", "friction" and "offset" by name, a number or (nv,) each, or the covariance of the four of each degree of freedom.
+            Variances of "armature", "damping", "friction" and "offset" by name, a number or (nv,) each, or the
+            covariance of the four of each degree of freedom.
         torque : (nv,) or float, optional
             Variance of the torque, (N m)^2 or N^2.
         links : str or sequence of str, optional
@@ -3594,13 +3598,15 @@ class Scene:
         Returns
         -------
         array (..., nv), or AccelerationVariance
-            Variances of the joint accelerations, (rad/s^2)^2 or (m/s^2)^2. With links an AccelerationVariance(joints, links): links is a dict from names to the covariance (..., 6, 6) of the
-            (angular, linear) acceleration of the link's origin in the link's frame.
+            Variances of the joint accelerations, (rad/s^2)^2 or (m/s^2)^2. With links an AccelerationVariance(joints,
+            links): links is a dict from names to the covariance (..., 6, 6) of the (angular, linear) acceleration of
+            the link's origin in the link's frame.
 
         Raises
         ------
         ArgumentError
-            A covariance that is not symmetric or has a negative eigenvalue, a negative variance, an unknown name; scenes with connections or joints that follow others.
+            A covariance that is not symmetric or has a negative eigenvalue, a negative variance, an unknown name;
+            scenes with connections or joints that follow others.
         SingularJointError, ShapeError, NotFiniteError
             As in forward_dynamics.
 
@@ -3641,9 +3647,11 @@ class Scene:
         friction_speed: float = 0.01,
         errors: _Errors = "raise",
     ) -> _Array:
-        """Variances of the joint torques of inverse dynamics, from those of inertial and joint parameters, in O(N): H phi C phi* H* + t.
+        """Variances of the joint torques of inverse dynamics, from those of inertial and joint parameters, in O(N): H phi
+        C phi* H* + t.
 
-        C is the covariance of the force that a body's parameter errors are, Y Sigma Y*. Torques are linear in the parameters: nothing is approximate.
+        C is the covariance of the force that a body's parameter errors are, Y Sigma Y*. Torques are linear in the
+        parameters: nothing is approximate.
 
         Parameters
         ----------
@@ -3652,7 +3660,8 @@ class Scene:
         qd, qdd : (..., nv)
             Joint velocities, rad/s or m/s, and accelerations.
         parameters, joints, torque, friction_speed, errors
-            As in forward_dynamics_variance; torque: the variance of what is added to the torque, of a sensor's noise for instance.
+            As in forward_dynamics_variance; torque: the variance of what is added to the torque, of a sensor's noise
+            for instance.
 
         Returns
         -------
