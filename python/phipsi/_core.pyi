@@ -3563,8 +3563,7 @@ class Scene:
         friction_speed: float = 0.01,
         errors: _Errors = "raise",
     ) -> _Array:
-        """Variances of the joint accelerations of forward dynamics, from those of inertial parameters, joint parameters
-        and torques, in O(N).
+        """Variances of the joint accelerations for uncertain inertial parameters, joint parameters and torques, O(N).
 
         At the true acceleration an error of the parameters pi is a force on the bodies: M d(qdd) = dtau - H phi Y
         d(pi), with Y the regressor at the qdd that forward dynamics gives. The variances are those of a filter and
@@ -3647,8 +3646,7 @@ class Scene:
         friction_speed: float = 0.01,
         errors: _Errors = "raise",
     ) -> _Array:
-        """Variances of the joint torques of inverse dynamics, from those of inertial and joint parameters, in O(N): H phi
-        C phi* H* + t.
+        """Variances of the joint torques of inverse dynamics for uncertain parameters, in O(N): H phi C phi* H* + t.
 
         C is the covariance of the force that a body's parameter errors are, Y Sigma Y*. Torques are linear in the
         parameters: nothing is approximate.

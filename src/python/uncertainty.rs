@@ -37,8 +37,7 @@ mod cost {
 
 #[pymethods]
 impl PyScene {
-    /// Variances of the joint accelerations of forward dynamics, from those of inertial parameters, joint parameters
-    /// and torques, in O(N).
+    /// Variances of the joint accelerations for uncertain inertial parameters, joint parameters and torques, O(N).
     ///
     /// At the true acceleration an error of the parameters pi is a force on the bodies: M d(qdd) = dtau - H phi Y
     /// d(pi), with Y the regressor at the qdd that forward dynamics gives. The variances are those of a filter and
@@ -105,8 +104,7 @@ impl PyScene {
         imported!(slf.py(), "phipsi.estimation.uncertainty", "forward_dynamics_variance")?.call((slf, q, qd, tau), how)
     }
 
-    /// Variances of the joint torques of inverse dynamics, from those of inertial and joint parameters, in O(N): H phi
-    /// C phi* H* + t.
+    /// Variances of the joint torques of inverse dynamics for uncertain parameters, in O(N): H phi C phi* H* + t.
     ///
     /// C is the covariance of the force that a body's parameter errors are, Y Sigma Y*. Torques are linear in the
     /// parameters: nothing is approximate.
