@@ -117,12 +117,6 @@ impl TracedSweeps {
         sweeps::multiplied_out::<Traced, Traced, false>((model, sweeps), scratch, &mut columns, out);
     }
 
-    /// M^-1 tau with the factor in the scratch (4.1).
-    pub fn solve(&mut self, tau: &[Traced], estimates: &mut [Traced]) {
-        let Self { model, sweeps, scratch } = self;
-        general::solve::<Traced, false>((model, sweeps), scratch, tau, estimates);
-    }
-
     /// The innovations of a state with the factor in the scratch (4.2).
     pub fn innovations_of_factor(
         &mut self,

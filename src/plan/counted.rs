@@ -2,9 +2,9 @@
 
 use super::{NOTHING, Simplification, counted};
 use crate::codegen::{Function, Program, count};
-use crate::dynamics::traced::TracedSweeps;
 use crate::model::{Body, Model, Simplifications};
-use crate::scalar::{Operations, Real, Traced};
+use crate::report::operations::of_factor;
+use crate::scalar::Operations;
 use crate::scene::Scene;
 use crate::spatial::transform::{rotates_about_a_parent_axis, rotates_about_an_oblique_axis};
 use nalgebra::Matrix3;
@@ -20,10 +20,6 @@ fn flops(operations: &Operations) -> usize {
     usize::try_from(operations.flops()).unwrap_or(usize::MAX)
 }
 
-/// Operations of a body that a new factor does not compute, but propagates to a parent that is computed again: the
-/// measurement of its row, and its P^+ at the parent. Counted for a revolute joint (docs/leaving-out.md).
-const PROPAGATED_AGAIN: usize = 360;
-
 /// Operations of one function on a state that moves, in covariance form.
 fn of(scene: &Scene, function: &Function) -> usize {
     with(scene, scene.model().simplifications, function)
@@ -35,16 +31,6 @@ fn with(scene: &Scene, simplifications: Simplifications, function: &Function) ->
     let model = Model { simplifications, ..scene.model().clone() };
     // Functions of the dynamics are of no link.
     count(scene, &model, function, &[&q, &ones, &ones]).map_or(0, |operations| flops(&operations))
-}
-
-/// Operations of a factor of M, and of one solution with it.
-fn of_factor(scene: &Scene) -> [usize; 2] {
-    let q: Vec<Traced> = scene.neutral().into_iter().map(Traced::from_f64).collect();
-    let (tau, mut out) = (vec![Traced::from_f64(1.0); scene.nv()], vec![Traced::from_f64(f64::NAN); scene.nv()]);
-    let mut traced = TracedSweeps::new(scene.model());
-    let (_, made) = Traced::counted(|| traced.factor(&q));
-    let ((), solved) = Traced::counted(|| traced.solve(&tau, &mut out));
-    [flops(&made), flops(&solved)]
 }
 
 impl Scene {
@@ -151,7 +137,8 @@ impl Scene {
         if !self.has_factor() {
             return NOTHING;
         }
-        let (whole, [_, solve]) = (of(self, &Function::ForwardDynamics), of_factor(self));
+        let q = self.neutral();
+        let (whole, solve) = (of(self, &Function::ForwardDynamics), flops(&of_factor(self, &q, &q).solved));
         Simplification {
             what: "the factor of M, in calls that share q",
             count: self.model().bodies.len(),
@@ -167,20 +154,18 @@ impl Scene {
         if !self.has_factor() {
             return NOTHING;
         }
-        let stages = &self.model().system.stages;
-        let Some(last) = stages.iter().position(|stage| stage.first_row + stage.rows.count() == self.nv()) else {
+        let (q, mut step, mut moved) = (self.neutral(), vec![0.0; self.nv()], self.neutral());
+        step[self.nv() - 1] = 0.1;
+        if self.integrate(&q, &step, &mut moved).is_err() {
             return NOTHING;
-        };
-        let path: Vec<usize> = std::iter::successors(Some(last), |&body| stages[body].parent).collect();
-        let is_beside = |body: usize| !path.contains(&body) && stages[body].parent.is_some_and(|k| path.contains(&k));
-        let beside = (0..stages.len()).filter(|&body| is_beside(body)).count();
-        let [made, _] = of_factor(self);
-        let updated = (made * path.len() / stages.len() + PROPAGATED_AGAIN * beside).min(made);
+        }
+        let calls = of_factor(self, &q, &moved);
+        let (made, updated) = (flops(&calls.made), flops(&calls.updated));
         Simplification {
             what: "bodies that are not on the path to the base, in a factor of which only the last joint has moved",
-            count: stages.len() - path.len(),
+            count: self.model().bodies.len() - calls.bodies,
             why: "P, D and g of a body depend on the joints that it carries: factor.update(q)",
-            saved: format!("about {updated} operations instead of the {made} of a new factor in covariance form"),
+            saved: format!("{updated} operations instead of the {made} of a new factor in covariance form"),
             operations: made.saturating_sub(updated),
             ..NOTHING
         }

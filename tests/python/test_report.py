@@ -401,7 +401,7 @@ def test_a_scene_too_large_for_dense_algebra_has_a_page(tmp_path: Path) -> None:
     assert found["missing"].keys() - {"samples a second"} == {"view", "mass", "residuals", "condition", "sobol", "dense product"}
     assert {point["route"] for point in found["emergence"]["points"]} == {"monte-carlo", "sigma-points", "recursion"}
     assert "1920 random numbers a sample" in page
-    assert {row["method"] for row in found["accuracy"]} == set(METHODS[:5])
+    assert {row["method"] for row in found["accuracy"]} == set(METHODS[:4])
     assert {row["form"] for row in found["calls"]} == {None, "auto", "covariance", "square-root"}
     assert "320 degrees of freedom" in page
 

@@ -374,7 +374,7 @@ REFUSED = {
     "accuracy zero": ({"accuracy": 0.0}, "accuracy: found 0"),
     "accuracy negative": ({"accuracy": -1e-6}, "accuracy: found -0.000001"),
     "accuracy NaN": ({"accuracy": np.nan}, "accuracy: found NaN"),
-    "accuracy below rounding": ({"accuracy": 1e-13}, "accuracy: .* 1e-12 or more"),
+    "accuracy below rounding": ({"accuracy": 1e-13}, "accuracy: .* at least 1e-12"),
     "dt": ({"dt": None}, "dt: found None"),
     "steps": ({"steps": None}, "steps: found None"),
     "steps and duration": ({"duration": 0.003}, "duration: found steps and duration"),
