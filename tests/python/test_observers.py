@@ -31,6 +31,7 @@ from phipsi.estimation import (
 )
 from phipsi.estimation._chi_square import chi_square_cdf, chi_square_quantile
 from phipsi.estimation._records import Record, State
+from scipy.integrate import trapezoid
 from tolerances import assert_near
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benches"))
@@ -309,7 +310,7 @@ def test_chi_square_is_scipys() -> None:
 def test_time_to_an_alarm_is_the_integral() -> None:
     # One component: T = sqrt(pi/2)/K int_0^c e^(x^2/2) erf(x/sqrt 2) dx.
     x = np.linspace(0.0, 3.0, 200_001)
-    expected = np.sqrt(np.pi / 2.0) / 20.0 * np.trapezoid(np.exp(x**2 / 2.0) * scipy.special.erf(x / np.sqrt(2.0)), x)
+    expected = np.sqrt(np.pi / 2.0) / 20.0 * trapezoid(np.exp(x**2 / 2.0) * scipy.special.erf(x / np.sqrt(2.0)), x)
     assert_near(mean_time_to_alarm(3.0, 20.0, 1), expected, 1e-8 * expected)
     assert 6.0 < alarm_threshold(1.0, 10.0, 2e-3, 6) < 6.1
 
