@@ -19,6 +19,7 @@ from .. import _core
 from .._arguments import check_tree
 from ..errors import ArgumentError, OutOfMemoryError, ShapeError, of_argument
 from ._columns import Columns
+from ._values import each
 
 if TYPE_CHECKING:
     from .._core import Scene
@@ -461,15 +462,8 @@ def _log(
 
 def _deviations(scene: Scene, noise: ArrayLike) -> _Array:
     found = np.asarray(_core._numbers("acceleration_noise", noise))
-    if found.shape not in ((), (scene.nv,)):
-        raise of_argument(ShapeError, "acceleration_noise", f"found shape {found.shape}; expected () or ({scene.nv},)")
-    if not (np.all(np.isfinite(found)) and np.all(found >= 0.0)):
-        raise of_argument(
-            ArgumentError,
-            "acceleration_noise",
-            f"found {found.min()}; expected finite standard deviations, not negative",
-        )
-    return np.array(np.broadcast_to(found, (scene.nv,)))
+    refused = "found {least}; expected finite standard deviations, not negative"
+    return each("acceleration_noise", found, scene.nv, refused)
 
 
 def _halved(blocks: list[Block]) -> list[Block]:

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..errors import ArgumentError, ShapeError, of_argument
+from ..errors import ArgumentError, of_argument
 from ._accumulator import Accumulator, Block, _halved, merged_triangles
 from ._bodies import prior_of_bodies
 from ._columns import SIGNED
+from ._values import each
 
 __all__ = ["UNKNOWN", "Problem"]
 
@@ -173,13 +174,8 @@ class Problem:
     def checked_noise(self, noise: ArrayLike) -> _Array:
         """Standard deviations given by the user, (motors,)."""
         found, motors = np.asarray(_core._numbers("noise", noise)), self.columns.motors
-        if found.shape not in ((), (motors,)):
-            raise of_argument(ShapeError, "noise", f"found shape {found.shape}; expected () or ({motors},)")
-        if not (np.all(np.isfinite(found)) and np.all(found > 0.0)):
-            raise of_argument(
-                ArgumentError, "noise", f"found {found.min()}; expected finite standard deviations above zero"
-            )
-        found = np.array(np.broadcast_to(found, (motors,)))
+        refused = "found {least}; expected finite standard deviations above zero"
+        found = each("noise", found, motors, refused, positive=True)
         least = self.least()
         if np.any(below := found < least):
             at = int(np.argmax(below))

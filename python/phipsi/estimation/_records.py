@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ArgumentError, ShapeError, of_argument
 from ._chi_square import chi_square_quantile
+from ._values import each
 
 __all__ = ["Record", "State", "innovation_ratios", "nonnegative"]
 
@@ -62,11 +62,5 @@ def innovation_ratios(records: Sequence[Record], names: Sequence[str], batch: tu
 
 def nonnegative(name: str, value: ArrayLike, size: int) -> _Array:
     """Nonnegative values, (size,), from a scalar or (size,)."""
-    found = np.asarray(value, float)
-    if found.shape not in ((), (size,)):
-        raise of_argument(ShapeError, name, f"found shape {found.shape}; expected () or {(size,)}")
-    if not np.all(np.isfinite(found) & (found >= 0.0)):
-        raise of_argument(
-            ArgumentError, name, "found a number that is negative or not finite; expected zero or positive ones"
-        )
-    return np.broadcast_to(found, (size,)).astype(float)
+    refused = "found a number that is negative or not finite; expected zero or positive ones"
+    return each(name, np.asarray(value, float), size, refused)

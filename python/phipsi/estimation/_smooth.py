@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _core
 from ..errors import ArgumentError, LogWarning, ShapeError, of_argument
 from ._checks import checked_time
+from ._values import each
 
 __all__ = ["Smoothed", "smooth"]
 
@@ -135,11 +136,7 @@ def _given(name: str, value: ArrayLike | None, count: int) -> _Array | None:
     if value is None:
         return None
     found = np.asarray(_core._numbers(name, value))
-    if found.shape not in ((), (count,)):
-        raise of_argument(ShapeError, name, f"found shape {found.shape}; expected () or ({count},)")
-    if not (np.all(np.isfinite(found)) and np.all(found > 0.0)):
-        raise of_argument(ArgumentError, name, f"found {found.min()}; expected finite numbers above zero")
-    return np.array(np.broadcast_to(found, (count,)))
+    return each(name, found, count, "found {least}; expected finite numbers above zero", positive=True)
 
 
 class _Part(NamedTuple):

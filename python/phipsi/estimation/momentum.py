@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _core
 from ..errors import ArgumentError, ShapeError, SingularTaskError, of_argument
 from ._chi_square import chi_square_cdf
+from ._values import each
 from .uncertainty import ParameterCovariance
 
 if TYPE_CHECKING:
@@ -198,21 +199,15 @@ class MomentumObserver:
         for name, value in (("dt", dt), ("bandwidth", bandwidth), ("false_alarms_per_hour", false_alarms_per_hour)):
             if not (np.isfinite(value) and value > 0.0):
                 raise of_argument(ArgumentError, name, f"found {value}; expected a finite number above zero")
-        noise = np.asarray(torque_noise, float)
-        if noise.shape not in ((), (scene.nv,)):
-            raise of_argument(ShapeError, "torque_noise", f"found shape {noise.shape}; expected () or {(scene.nv,)}")
-        if not np.all(np.isfinite(noise) & (noise > 0.0)):
-            raise of_argument(
-                ArgumentError,
-                "torque_noise",
-                "found a density that is not finite and positive; expected (N m)^2 s for all degrees of freedom,"
-                " including a floating base",
-            )
+        refused = (
+            "found a density that is not finite and positive; expected (N m)^2 s for all degrees of freedom,"
+            " including a floating base"
+        )
+        density = each("torque_noise", np.asarray(torque_noise, float), scene.nv, refused, positive=True)
         self.scene, self.dt = scene, float(dt)
         ratio = (bandwidth * dt) ** 2
         steady = 0.5 * (math.sqrt(ratio * (ratio + 4.0)) - ratio)
         self._gain = steady / (1.0 - steady)
-        density = np.broadcast_to(noise, (scene.nv,))
         # Stationary variance of r = (r + gain n) / (1 + gain); n has the variance density / dt.
         self._variance = density * self._gain / (dt * (2.0 + self._gain))
         self._parameters = ParameterCovariance(scene, parameters)

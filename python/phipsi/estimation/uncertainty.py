@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ArgumentError, NotFiniteError, ShapeError, of_argument
+from ._values import each
 
 if TYPE_CHECKING:
     from .._core import Scene
@@ -134,14 +135,8 @@ def covariance_roots(name: str, covariances: _Array, single: bool = False) -> _A
 
 def _per_joint(scene: Scene, name: str, value: ArrayLike) -> _Array:
     """Variances of the degrees of freedom, (nv,), from a scalar or (nv,)."""
-    found = np.asarray(value, float)
-    if found.shape not in ((), (scene.nv,)):
-        raise of_argument(ShapeError, name, f"found shape {found.shape}; expected () or {(scene.nv,)}")
-    if not np.all((found >= 0.0) & np.isfinite(found)):
-        raise of_argument(
-            ArgumentError, name, "found a variance that is negative or not finite; expected zero or positive ones"
-        )
-    return np.broadcast_to(found, (scene.nv,)).astype(float)
+    refused = "found a variance that is negative or not finite; expected zero or positive ones"
+    return each(name, np.asarray(value, float), scene.nv, refused)
 
 
 def _joint_covariance(scene: Scene, joints: Any) -> _Array | None:

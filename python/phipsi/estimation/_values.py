@@ -1,0 +1,24 @@
+"""Variances, densities and standard deviations that are given once or for each component."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import ArgumentError, ShapeError, of_argument
+
+__all__ = ["each"]
+
+_Array = NDArray[np.float64]
+
+
+def each(name: str, found: _Array, size: int, refused: str, *, positive: bool = False) -> _Array:
+    """Finite nonnegative values, (size,), from a scalar or (size,); with `positive` values above zero.
+
+    `refused` is the message of the error for other values; "{least}" in it is replaced by the least value.
+    """
+    if found.shape not in ((), (size,)):
+        raise of_argument(ShapeError, name, f"found shape {found.shape}; expected () or ({size},)")
+    if not np.all(np.isfinite(found) & ((found > 0.0) if positive else (found >= 0.0))):
+        raise of_argument(ArgumentError, name, refused.replace("{least}", str(found.min())))
+    return np.array(np.broadcast_to(found, (size,)), float)
