@@ -22,7 +22,7 @@
 //! let stage = |parent, first_row| Stage { parent, rows: Rows::One(HingeMap::Axis(2)), first_row };
 //! let system = System { stages: vec![stage(None, 0), stage(Some(0), 1)], noise: vec![0.0; 2] };
 //! let phi = RigidShift { rotation: Matrix3::identity(), lever: [0.5, 0.0, 0.0].into() };
-//! let one = Symmetric3::new([1.0, 0.0, 0.0, 1.0, 0.0, 1.0]);
+//! let one: Symmetric3<f64> = Symmetric3::new([1.0, 0.0, 0.0, 1.0, 0.0, 1.0]);
 //! let noise = Symmetric6 { angular: one, coupling: Matrix3::zeros(), linear: one };
 //!
 //! // Tip to base: covariances, pivots D and gains g (3.6, 3.10).
