@@ -473,7 +473,7 @@ def of_bands(options: argparse.Namespace) -> list[str]:
 
     scene = phipsi.load(phipsi.BUNDLED_ARM)
     q, steps = np.array([0.3, -0.6, 0.9, 0.1, 0.4, 0.0]), 200
-    runs = {"dt": 2e-3, "steps": steps, "tau": scene.gravity_torque(q), "method": "semi-implicit-euler", "limits": "report", "damping": 0.0, "friction": 0.0}
+    runs = {"dt": 2e-3, "steps": steps, "tau": scene.gravity_torque(q), "damping": 0.0, "friction": 0.0}
     lines = [
         "## Trajectories with bands",
         "",

@@ -42,6 +42,7 @@ __all__ = [
     "SimulationInterrupted",
     "SingularJointError",
     "SingularTaskError",
+    "UncertaintyWarning",
     "UnknownTagWarning",
 ]
 
@@ -235,6 +236,10 @@ class DivergenceWarning(UserWarning):
     """Name of the sensor whose innovations are the furthest off."""
     state: tuple[int, ...] = ()
     """Index of the robot in the batch, () for one."""
+
+
+class UncertaintyWarning(UserWarning):
+    """Error bands of a simulation that contain joints held by friction, whose first-order error is zero."""
 
 
 class UnknownTagWarning(UserWarning):

@@ -97,7 +97,7 @@ impl PyScene {
     /// covariance : MotionUncertainty or (bodies, 10, 10) array_like, optional
     ///     Uncertainty of the start, the parameters and the torques, or the covariance of the inertial parameters
     ///     alone. The trajectory then has .bands: standard deviations and covariances of each row, to first order.
-    ///     Requires method="semi-implicit-euler" and record_every=1; an error for stops, exact friction and contacts.
+    ///     An error for impacts on stops, accuracy, contacts, connections, coupled joints and functions tau.
     #[doc = section!(Returns)]
     /// trajectory : Trajectory
     ///     Rows t (rows,), q (..., rows, nq) and qd (..., rows, nv), the first at the start, with the integrator,

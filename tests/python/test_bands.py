@@ -6,7 +6,7 @@ import numpy as np
 import phipsi
 import pytest
 from conftest import random_scene
-from phipsi.errors import ArgumentError, ShapeError
+from phipsi.errors import ArgumentError, ShapeError, UncertaintyWarning
 from phipsi.estimation import MotionUncertainty
 from phipsi.report.run import Run, over_time
 from phipsi.report.structure import tree_of
@@ -14,6 +14,7 @@ from tolerances import assert_near
 
 STEP = 1e-4
 HOW = {"dt": 2e-3, "steps": 40, "method": "semi-implicit-euler", "limits": "report"}
+METHODS = ("auto", "semi-implicit-euler", "rk4", "dormand-prince-5", "implicit-euler", "rosenbrock-2", "rosenbrock-3")
 
 
 def differences(function: object) -> np.ndarray:
@@ -28,17 +29,17 @@ def scene_and_start(floating_base: bool) -> tuple[phipsi.Scene, np.ndarray, np.n
     return scene, q, rng.normal(size=scene.nv), rng.normal(size=scene.nv)
 
 
-@pytest.mark.parametrize("floating_base", [False, True])
-def test_the_start_is_propagated_exactly(floating_base: bool) -> None:
+@pytest.mark.parametrize(("floating_base", "method"), [(True, "semi-implicit-euler"), (True, "auto"), *((False, method) for method in METHODS)])
+def test_the_start_is_propagated_exactly(floating_base: bool, method: str) -> None:
     scene, q, qd, tau = scene_and_start(floating_base)
-    nv = scene.nv
+    nv, how = scene.nv, HOW | {"method": method}
     rng = np.random.default_rng(2)
     root = 0.1 * rng.normal(size=(2 * nv, 2 * nv))
-    forces = {"tau": tau, "damping": 0.3, "friction": 0.2, "friction_speed": 0.1}
-    path = scene.simulate(q, qd, **HOW, **forces, covariance=MotionUncertainty(initial=root @ root.T))
+    forces = {"tau": tau, "damping": 0.3, "friction": 0.2, "friction_speed": 0.1, "stiffness": 0.4, "pd": phipsi.PD(3.0, 0.2, scene.neutral())}
+    path = scene.simulate(q, qd, **how, **forces, covariance=MotionUncertainty(initial=root @ root.T))
 
     def end(column: np.ndarray, by: float) -> np.ndarray:
-        moved = scene.simulate(scene.integrate(q, by * column[:nv]), qd + by * column[nv:], **HOW, **forces)
+        moved = scene.simulate(scene.integrate(q, by * column[:nv]), qd + by * column[nv:], **how, **forces)
         return np.concatenate([scene.difference(path.q[-1], moved.q[-1]), moved.qd[-1] - path.qd[-1]])
 
     columns = np.stack([differences(lambda by, column=column: end(column, by)) for column in root.T], axis=-1)
@@ -48,8 +49,10 @@ def test_the_start_is_propagated_exactly(floating_base: bool) -> None:
     assert_near(path.bands.q[-1], np.sqrt(np.diag(expected))[:nv], 1e-8 * float(np.max(expected)) ** 0.5)
 
 
-def test_parameters_and_joints_are_propagated_exactly() -> None:
+@pytest.mark.parametrize(("method", "record_every"), [("semi-implicit-euler", 1), ("auto", 8), ("rk4", 1), ("rosenbrock-3", 5)])
+def test_parameters_and_joints_are_propagated_exactly(method: str, record_every: int) -> None:
     scene, q, qd, tau = scene_and_start(False)
+    how = HOW | {"method": method, "record_every": record_every}
     sigma = np.zeros((len(scene.body_names), 10, 10))
     # A change of the mass with its first moments and inertia: a link that is heavier by a share.
     link = scene.link(scene.body_names[-1])
@@ -59,7 +62,7 @@ def test_parameters_and_joints_are_propagated_exactly() -> None:
     sigma[-1] = np.outer(share, share)
     joints = {"armature": 1e-4, "damping": 4e-4, "friction": 1e-4, "offset": 9e-4}
     forces = {"friction": 0.2, "friction_speed": 0.1, "damping": 0.3}
-    path = scene.simulate(q, qd, **HOW, **forces, tau=tau, covariance=MotionUncertainty(parameters=sigma, joints=joints))
+    path = scene.simulate(q, qd, **how, **forces, tau=tau, covariance=MotionUncertainty(parameters=sigma, joints=joints))
 
     def end(name: str, row: int, by: float) -> np.ndarray:
         own = {"armature": scene.armature.copy(), "damping": np.full(scene.nv, 0.3), "friction": np.full(scene.nv, 0.2), "friction_speed": 0.1}
@@ -70,7 +73,7 @@ def test_parameters_and_joints_are_propagated_exactly() -> None:
             torque[row] -= by * 0.03
         else:
             own[name][row] += by * np.sqrt(joints[name])
-        moved = other.simulate(q, qd, **HOW, **own, tau=torque)
+        moved = other.simulate(q, qd, **how, **own, tau=torque)
         return np.concatenate([scene.difference(path.q[-1], moved.q[-1]), moved.qd[-1] - path.qd[-1]])
 
     places = [("mass", 0), *((name, row) for name in joints for row in range(scene.nv))]
@@ -79,10 +82,11 @@ def test_parameters_and_joints_are_propagated_exactly() -> None:
     assert_near(path.bands.covariance[-1], expected, 1e-7 * float(np.max(np.abs(expected))))
 
 
-def test_torque_noise_is_a_sum_over_steps() -> None:
+@pytest.mark.parametrize(("method", "record_every"), [("semi-implicit-euler", 1), ("rk4", 2), ("auto", 6)])
+def test_torque_noise_is_a_sum_over_steps(method: str, record_every: int) -> None:
     scene, q, qd, tau = scene_and_start(False)
-    how = HOW | {"steps": 5}
-    torques = np.tile(tau, (5, 1))
+    how = HOW | {"steps": 6, "method": method, "record_every": record_every}
+    torques = np.tile(tau, (6, 1))
     density = 0.3
     path = scene.simulate(q, qd, **how, tau_steps=torques, covariance=MotionUncertainty(torque_noise=density))
 
@@ -92,20 +96,60 @@ def test_torque_noise_is_a_sum_over_steps() -> None:
         moved = scene.simulate(q, qd, **how, tau_steps=other)
         return np.concatenate([scene.difference(path.q[-1], moved.q[-1]), moved.qd[-1] - path.qd[-1]])
 
-    places = [(step, row) for step in range(5) for row in range(scene.nv)]
+    places = [(step, row) for step in range(6) for row in range(scene.nv)]
     columns = np.stack([differences(lambda by, step=step, row=row: end(step, row, by)) for step, row in places], axis=-1)
     expected = columns @ columns.T * density / how["dt"]
     assert_near(path.bands.covariance[-1], expected, 1e-8 * float(np.max(np.abs(expected))))
 
 
-def test_a_batch_has_the_bands_of_its_states() -> None:
-    scene = phipsi.scenes.chain(3)
-    q = 0.3 * np.random.default_rng(0).normal(size=(4, 3))
+@pytest.mark.parametrize("method", ["semi-implicit-euler", "rk4"])
+def test_a_batch_has_the_bands_of_its_states(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene, how = phipsi.scenes.chain(3), HOW | {"method": method}
+    q, target = 0.3 * np.random.default_rng(0).normal(size=(2, 4, 3))
     unsure = MotionUncertainty(initial=1e-4 * np.eye(6), torque_noise=0.1)
-    whole = scene.simulate(q, np.zeros(3), **HOW, covariance=unsure)
+    monkeypatch.setattr("phipsi.estimation.trajectories.VALUES", 3000)  # several calls
+    whole = scene.simulate(q, np.zeros(3), **how, pd=phipsi.PD(5.0, 0.5, target, 0.1 * target), covariance=unsure)
     for at in range(4):
-        own = scene.simulate(q[at], np.zeros(3), **HOW, covariance=unsure)
+        own = scene.simulate(q[at], np.zeros(3), **how, pd=phipsi.PD(5.0, 0.5, target[at], 0.1 * target[at]), covariance=unsure)
         assert_near(whole.bands.covariance[at], own.bands.covariance, 1e-13)
+
+
+def test_the_default_simulation_has_bands_with_exact_friction_and_stops() -> None:
+    scene = phipsi.load(phipsi.BUNDLED_ARM)
+    q, push = np.array([0.3, -0.6, 0.9, 0.1, 0.4, 0.0]), np.array([30.0, 0.0, 0.0, 2.0, 0.0, 0.0])
+    friction = np.array([0.0, 5.0, 5.0, 1.0, 1.0, 1.0])
+    given = {"dt": 2e-3, "steps": 50, "tau": scene.gravity_torque(q) + push, "friction": friction}
+    unsure = MotionUncertainty(initial=np.full(12, 1e-8), joints={"friction": np.where(np.arange(6) == 3, 1e-4, 0.0)}, check="unscented")
+    path = scene.simulate(q, np.zeros(6), **given, covariance=unsure)
+    assert (path.limits, path.friction_speed, path.integrator) == ("stop", 0.0, "rk4")
+    # The first and fourth joints slide; the others are held by friction, so that errors of their velocity vanish.
+    assert_near(path.bands.ratio[-1, [0, 3, 6, 9]], np.ones(4), 1e-3)
+    assert_near(path.bands.qd[-1, [1, 2, 4, 5]], np.zeros(4), 0.0)
+    assert np.isnan(path.bands.ratio[-1, [7, 8, 10, 11]]).all()
+
+
+def test_a_joint_that_friction_holds_is_reported() -> None:
+    scene = phipsi.load(phipsi.BUNDLED_ARM)
+    q = np.array([0.3, -0.6, 0.9, 0.1, 0.4, 0.0])
+    given = {"dt": 2e-3, "steps": 5, "tau": scene.gravity_torque(q), "friction": 1.0}
+    with pytest.warns(UncertaintyWarning, match=f"covariance: found joint '{scene.joint_names[0]}' held by friction.*monte-carlo"):
+        path = scene.simulate(q, np.zeros(6), **given, covariance=MotionUncertainty(torque_noise=0.1))
+    assert_near(path.bands.qd, np.zeros((6, 6)), 0.0)
+    # Sampled torques overcome friction: the variance of the bands is zero, that of the samples is not.
+    unsure = MotionUncertainty(torque_noise=0.1, check="monte-carlo", samples=20)
+    assert np.isposinf(scene.simulate(q, np.zeros(6), **given, covariance=unsure).bands.ratio[-1]).all()
+
+
+def test_several_calls_give_the_bands_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = phipsi.load(phipsi.BUNDLED_ARM)
+    sigma = np.zeros((6, 10, 10))
+    sigma[:, 0, 0] = 0.01
+    # A fast motion: "auto" divides steps.
+    given = {"dt": 0.05, "steps": 10, "limits": "report", "friction": 0.0, "covariance": MotionUncertainty(parameters=sigma, torque_noise=0.01)}
+    whole = scene.simulate(np.full(6, 0.2), np.full(6, 3.0), **given)
+    monkeypatch.setattr("phipsi.estimation.trajectories.VALUES", 1)
+    assert_near(scene.simulate(np.full(6, 0.2), np.full(6, 3.0), **given).bands.covariance, whole.bands.covariance, 0.0)
+    assert whole.substeps > 1
 
 
 def pendulum() -> phipsi.Scene:
@@ -160,21 +204,27 @@ class TestArguments:
         given = HOW | {"covariance": self.unsure} | changed
         return given.pop("scene", self.scene).simulate([0.5, 0.4], [0.0, 0.0], **given)
 
-    def test_another_method(self) -> None:
-        with pytest.raises(ArgumentError, match="method.*semi-implicit-euler"):
-            self.run(method="rk4")
+    def test_error_control(self) -> None:
+        with pytest.raises(ArgumentError, match="accuracy.*expected None"):
+            self.run(method="auto", accuracy=1e-6)
 
-    def test_rows_left_out(self) -> None:
-        with pytest.raises(ArgumentError, match="record_every.*expected 1"):
-            self.run(record_every=2)
+    def test_conserved_momentum(self) -> None:
+        scene = phipsi.load(phipsi.BUNDLED_ARM, floating_base=True, gravity=(0.0, 0.0, 0.0))
+        with pytest.raises(ArgumentError, match="conserve_momentum.*expected False"):
+            scene.simulate(scene.neutral(), np.zeros(scene.nv), dt=1e-3, steps=2, conserve_momentum=True, covariance=self.unsure)
+
+    def test_joints_that_follow_others(self) -> None:
+        builder = phipsi.SceneBuilder().link("base")
+        for name in ("left", "right"):
+            builder.link(name, 1.0)
+            builder.joint(f"to_{name}", "prismatic", "base", name, axis=(1, 0, 0), mimic=None if name == "left" else "to_left")
+        scene = builder.build(mimic="couple")
+        with pytest.raises(ArgumentError, match='mimic="free"'):
+            scene.simulate([0.0], [0.0], dt=1e-3, steps=2, covariance=self.unsure)
 
     def test_a_function_for_torques(self) -> None:
         with pytest.raises(ArgumentError, match="tau.*function"):
             self.run(tau=lambda t, q, qd: qd)
-
-    def test_exact_friction(self) -> None:
-        with pytest.raises(ArgumentError, match="friction_speed.*positive"):
-            self.run(friction=0.1)
 
     def test_a_start_of_another_shape(self) -> None:
         with pytest.raises(ShapeError, match=r"initial.*\(4, 4\)"):

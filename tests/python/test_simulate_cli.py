@@ -52,6 +52,41 @@ def test_the_bundled_arm_from_a_state_file(tmp_path: Path) -> None:
     assert again.exit_code == 0, again.output
 
 
+def test_error_bands(tmp_path: Path) -> None:
+    file = tmp_path / "unsure.json"
+    file.write_text(json.dumps({"joints": {"damping": 1e-4}, "initial": [1e-6] * 12}))
+    result = run("-o", tmp_path / "out", "--time", 0.05, "--covariance", file, "--noise", 0.02, "--check", "monte-carlo", "--record-every", 10)
+    assert result.exit_code == 0, result.output
+    assert "largest standard deviations at the end" in result.output and "sampled variance" in result.output
+    scene = phipsi.load(phipsi.BUNDLED_ARM)
+    unsure = phipsi.estimation.MotionUncertainty(joints={"damping": 1e-4}, initial=[1e-6] * 12, torque_noise=0.02)
+    with pytest.warns(phipsi.errors.UncertaintyWarning, match="held by friction"):
+        path = scene.simulate(scene.neutral(), np.zeros(6), dt=1e-3, steps=50, record_every=10, covariance=unsure)
+    with np.load(tmp_path / "out" / "trajectory.npz") as found:
+        assert_same_bits(found["covariance"], path.bands.covariance)
+        assert_same_bits(found["qd_deviation"], path.bands.qd)
+    assert "95 % band of joint1" in (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
+    numbers = json.loads(run("-o", tmp_path / "out", "--time", 0.05, "--noise", 0.02, "--check", "monte-carlo", "--json").stdout)
+    assert len(numbers["deviation"]["ratio"]) == 12 and numbers["deviation"]["qd"][1] > 0.0
+
+
+@pytest.mark.parametrize(
+    ("contents", "options", "message"),
+    [
+        ({"mass": 1.0}, (), "found 'mass'; expected parameters, joints, initial, torque_noise"),
+        ({"torque_noise": 1.0}, ("--noise", 1.0), "found 'torque_noise' and --noise"),
+        ({"initial": [1.0]}, (), "initial: found shape (1,)"),
+        (None, ("--check", "unscented"), "--check: found unscented without uncertainties"),
+        (None, ("--noise", 1.0, "--time", 2.0), "--limits report"),
+    ],
+)
+def test_error_bands_of_bad_files(contents: object, options: tuple[object, ...], message: str, tmp_path: Path) -> None:
+    file = tmp_path / "unsure.json"
+    file.write_text(json.dumps(contents))
+    result = run("-o", tmp_path / "out", "--time", 0.01, *(("--covariance", file) if contents is not None else ()), *options)
+    assert result.exit_code == 2 and message in " ".join(result.output.split()), result.output
+
+
 def test_numbers_for_programs(tmp_path: Path) -> None:
     result = run("-o", tmp_path / "out", "--time", 0.02, "--json", "--floating-base")
     assert result.exit_code == 0, result.output

@@ -5,14 +5,15 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ArgumentError, InertiaWarning, ShapeError, of_argument
-from ._manifold import exponential, joint_groups, lower_root
+from ..errors import ArgumentError, InertiaWarning, ShapeError, UncertaintyWarning, of_argument
+from ._manifold import lower_root
 from .uncertainty import JOINT_PARAMETERS, ParameterCovariance, _joint_covariance, _per_joint, covariance_root
 
 if TYPE_CHECKING:
@@ -23,10 +24,12 @@ __all__ = ["Bands", "MotionUncertainty", "with_bands"]
 
 _Array = NDArray[np.float64]
 
-#: Integration method whose steps are linearized.
-METHOD: Final = "semi-implicit-euler"
 #: Relative standard deviation below which a value is rounding error.
 ROUNDING = 1e-12
+#: Speed of regularized friction for variances of friction in a simulation without friction, rad/s or m/s.
+FRICTION_SPEED: Final = 0.01
+#: Largest number of values of the derivatives of rows that are computed in one call.
+VALUES = 4_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,8 +44,8 @@ class MotionUncertainty:
     joints : optional
         Variances of "armature", "damping", "friction" and "offset" of the joints, as in
         Scene.forward_dynamics_variance. The errors are constant along a trajectory.
-    initial : (2 nv, 2 nv), optional
-        Initial covariance: of q in its tangent space, then of qd.
+    initial : (2 nv, 2 nv) or (2 nv,), optional
+        Initial covariance, or variances: of q in its tangent space, then of qd.
     torque_noise : (nv,) or float, optional
         Density of white torque noise, (N m)^2 s.
     check : str, optional
@@ -58,14 +61,12 @@ class MotionUncertainty:
     >>> import numpy as np, phipsi
     >>> from phipsi.estimation import MotionUncertainty
     >>> scene = phipsi.scenes.chain(2)
-    >>> unsure = MotionUncertainty(initial=np.diag([1e-6, 1e-6, 0.0, 0.0]), check="unscented")
+    >>> unsure = MotionUncertainty(initial=[1e-6, 1e-6, 0.0, 0.0], check="unscented")
     >>> path = scene.simulate(
     ...     [0.3, 0.2],
     ...     [0.0, 0.0],
     ...     dt=1e-3,
     ...     steps=100,
-    ...     method="semi-implicit-euler",
-    ...     limits="report",
     ...     covariance=unsure,
     ... )
     >>> path.bands.q.shape, bool(abs(path.bands.ratio[-1, :2] - 1.0).max() < 0.01)
@@ -93,7 +94,8 @@ class Bands(NamedTuple):
     ratio: _Array | None
     """Ratio of sampled variance to first-order variance, (..., rows, 2 nv); None without a check.
 
-    If it differs much from 1, the first-order bands are inaccurate. NaN for variances that are zero within rounding.
+    If it differs much from 1, the first-order bands are inaccurate. Infinite if only the first-order variance is zero,
+    NaN if both are, within rounding.
     """
 
 
@@ -108,45 +110,43 @@ def with_bands(path: Trajectory, uncertainty: Any) -> Trajectory:
 def _check_linear(path: Trajectory) -> None:
     """Raise ArgumentError for simulations that cannot be linearized."""
     given, scene = path.given or {}, path.scene
-    if path.method != METHOD:
+    if scene.connection_names or scene.contact_names:
         raise of_argument(
-            ArgumentError,
-            "method",
-            f"found {path.method!r}; expected {METHOD!r} with covariance: the bands are those of its steps",
+            ArgumentError, "covariance", "found a scene with connections or contacts; expected a tree without contacts"
         )
-    if path.record_every != 1:
-        raise of_argument(
-            ArgumentError,
-            "record_every",
-            f"found {path.record_every}; expected 1 with covariance: each step is linearized at its own state",
-        )
-    if callable(given.get("tau")):
+    if callable(given.get("tau")) or isinstance(given.get("tau"), str):
         raise of_argument(
             ArgumentError,
             "tau",
             "found a function with covariance; expected an array, tau_steps or pd: the derivative of a function by the"
             " state is not known",
         )
-    if scene.connection_names or scene.contact_names:
-        raise of_argument(
-            ArgumentError, "covariance", "found a scene with connections or contacts; expected a tree without contacts"
-        )
     if given.get("conserve_momentum"):
         raise of_argument(ArgumentError, "conserve_momentum", "found True with covariance; expected False")
-    friction = np.asarray(scene.friction if given.get("friction") is None else given["friction"])
-    if np.any(friction > 0.0) and not path.friction_speed > 0.0:
+    if given.get("accuracy") is not None:
         raise of_argument(
             ArgumentError,
-            "friction_speed",
-            "found exact Coulomb friction with covariance; expected a positive speed: stiction has no derivative",
+            "accuracy",
+            f"found {given['accuracy']:g} with covariance; expected None: the bands are those of fixed steps",
         )
-    if path.stops or (path.limits == "stop" and np.any(path.events > 0)):
+    if path.stops:
         raise of_argument(
             ArgumentError,
             "limits",
             "found joints that reached their stops with covariance; expected a motion within limits, or"
-            ' limits="report"',
+            ' limits="report": the derivative of the time of an impact is not known',
         )
+
+
+class _Rows(NamedTuple):
+    """Derivatives of the state (q in its tangent space, qd) of a row by the row before and what acts in between."""
+
+    state: _Array
+    """By the state, (..., rows, 2 nv, 2 nv)."""
+    torque: _Array
+    """By the torques of the steps, (..., rows, 2 nv, steps, nv)."""
+    constant: _Array
+    """By one standard deviation of each constant parameter, (..., rows, 2 nv, columns)."""
 
 
 class _Propagation:
@@ -157,9 +157,12 @@ class _Propagation:
         nv = self.scene.nv
         self.parameters = ParameterCovariance(self.scene, uncertainty.parameters)
         self.noise = _per_joint(self.scene, "torque_noise", uncertainty.torque_noise)
-        initial = np.zeros((2 * nv, 2 * nv)) if uncertainty.initial is None else np.asarray(uncertainty.initial, float)
+        initial = np.zeros(2 * nv) if uncertainty.initial is None else np.asarray(uncertainty.initial, float)
+        if initial.shape == (2 * nv,):
+            initial = np.diag(initial)
         if initial.shape != (2 * nv, 2 * nv):
-            raise of_argument(ShapeError, "initial", f"found shape {initial.shape}; expected {(2 * nv, 2 * nv)}")
+            expected = f"{(2 * nv, 2 * nv)}, or {(2 * nv,)} for variances"
+            raise of_argument(ShapeError, "initial", f"found shape {initial.shape}; expected {expected}")
         self.initial = covariance_root("initial", initial)
         joints = _joint_covariance(self.scene, uncertainty.joints)
         #: Degree of freedom of each column, and the column of its four parameters.
@@ -167,20 +170,9 @@ class _Propagation:
         for row in range(nv if joints is not None else 0):
             assert joints is not None
             self.joints += [(row, column) for column in covariance_root(f"joints[{row}]", joints[row]).T]
-        speed = path.friction_speed or 0.01
         self.damping, self.friction = (self._own(name) for name in ("damping", "friction"))
-        kp = kd = np.zeros(nv)
-        if self.given.get("pd") is not None:
-            kp, kd = (np.broadcast_to(np.asarray(gain, float), (nv,)) for gain in self.given["pd"][:2])
-        self.stiffness, self.speed = path.stiffness + kp, speed
-        self.kd = kd
-        turning = joint_groups(self.scene)
-        if np.any((self.stiffness != 0.0) & (turning[0] != turning[1])):
-            raise of_argument(
-                ArgumentError,
-                "stiffness",
-                "found springs or gains on a spherical or free joint with covariance; expected none there",
-            )
+        # Without friction the speed does not act, except in the derivative by friction.
+        self.speed = path.friction_speed or (0.0 if np.any(self.friction > 0.0) else FRICTION_SPEED)
 
     def _own(self, name: str) -> _Array:
         value = self.given.get(name)
@@ -188,61 +180,95 @@ class _Propagation:
             np.asarray(getattr(self.scene, name) if value is None else value, float), (self.scene.nv,)
         )
 
+    def _torques(self) -> _Array:
+        """Given torques of all steps, (..., steps, nv)."""
+        tau = self.given.get("tau_steps")
+        if tau is None:
+            tau = np.asarray(self.given.get("tau", np.zeros(self.scene.nv)), float)[..., None, :]
+        return np.broadcast_to(tau, np.broadcast_shapes(np.shape(tau), (self.path.steps, self.scene.nv)))
+
     def bands(self) -> Bands:
-        path, scene, nv, h = self.path, self.scene, self.scene.nv, self.path.dt
-        model = (
-            scene if np.array_equal(path.armature, scene.armature) else scene.with_properties(armature=path.armature)
-        )
-        q, qd = path.q[..., :-1, :], path.qd[..., :-1, :]
-        tau = path.torques()[..., :-1, :]
-        batch, steps = q.shape[:-2], q.shape[-2]
-        qdd = model.forward_dynamics(q, qd, tau)
-        by_q, by_qd, inverse = model.forward_dynamics_derivatives(q, qd, tau)[:3]
-        by_q = by_q - inverse * self.stiffness
-        slope = self.speed**2 / (qd**2 + self.speed**2) ** 1.5
-        by_qd = by_qd - inverse * (self.damping + self.kd + self.friction * slope)[..., None, :]
-        columns = self._columns(model, (q, qd, tau), qdd, inverse)
-        noise = inverse * np.sqrt(self.noise / h)
+        path, nv = self.path, self.scene.nv
+        batch, rows = path.q.shape[:-2], path.q.shape[-2]
         noisy = bool(np.any(self.noise > 0.0))
-        constant = np.zeros((*batch, 2 * nv, columns.shape[-1]))
+        deviation_of_noise = np.sqrt(self.noise / path.dt)
+        constant = np.zeros((*batch, 2 * nv, 1))
         root = np.broadcast_to(self.initial, (*batch, *self.initial.shape))
-        covariance = np.zeros((*batch, steps + 1, 2 * nv, 2 * nv))
-        groups = joint_groups(scene)
-        for k in range(steps + 1):
-            both = np.concatenate([constant, root], axis=-1)
-            covariance[..., k, :, :] = both @ np.swapaxes(both, -1, -2)
-            if k == steps:
-                break
-            back, right = exponential(groups, h * path.qd[..., k + 1, :])
-            flow = np.zeros((*batch, 2 * nv, 2 * nv))
-            flow[..., nv:, :nv], flow[..., nv:, nv:] = h * by_q[..., k, :, :], np.eye(nv) + h * by_qd[..., k, :, :]
-            flow[..., :nv, :] = h * (right @ flow[..., nv:, :])
-            flow[..., :nv, :nv] += back
-            # Parameter errors are the same in all steps: keep their columns separate.
-            constant = flow @ constant + self._pushed(h * columns[..., k, :, :], right)
-            root = flow @ root
-            if noisy:
-                root = lower_root(np.concatenate([root, self._pushed(h * noise[..., k, :, :], right)], axis=-1))
+        covariance = np.zeros((*batch, rows, 2 * nv, 2 * nv))
+        covariance[..., 0, :, :] = root @ np.swapaxes(root, -1, -2)
+        at, held = 0, self.friction < 0.0
+        for found in self._rows():
+            # Errors of the state before a row do not change the velocity of a joint that friction holds.
+            held |= np.any(np.all(found.state[..., nv:, :] == 0.0, axis=-1), axis=tuple(range(len(batch) + 1)))
+            for row in range(found.state.shape[-3]):
+                flow = found.state[..., row, :, :]
+                # Parameter errors are the same in all steps: keep their columns separate.
+                constant = flow @ constant + found.constant[..., row, :, :]
+                root = flow @ root
+                if noisy:
+                    pushed = (found.torque[..., row, :, :, :] * deviation_of_noise).reshape(*batch, 2 * nv, -1)
+                    root = lower_root(np.concatenate([root, pushed], axis=-1))
+                at += 1
+                both = np.concatenate([constant, root], axis=-1)
+                covariance[..., at, :, :] = both @ np.swapaxes(both, -1, -2)
+        if self.unsure.check is None and np.any(held & (self.friction > 0.0)):
+            joint = next(name for name in self.scene.joint_names if np.any(held[self.scene.v_index(name)]))
+            warnings.warn(
+                f"covariance: found joint {joint!r} held by friction in some steps, so that errors of these steps are"
+                ' zero to first order; compare with check="monte-carlo", or use friction_speed=0.01',
+                UncertaintyWarning,
+                stacklevel=3,
+            )
         deviation = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
         ratio = None if self.unsure.check is None else self._ratio(deviation**2)
         return Bands(deviation[..., :nv], deviation[..., nv:], covariance, ratio)
 
-    def _pushed(self, change: _Array, right: _Array) -> _Array:
-        """Change of (q, qd) caused by a change of qd in a step."""
-        return np.concatenate([self.path.dt * (right @ change), change], axis=-2)
-
-    def _columns(self, model: Scene, state: tuple[_Array, _Array, _Array], qdd: _Array, inverse: _Array) -> _Array:
-        """Change of qdd by one standard deviation of each parameter, (..., steps, nv, columns)."""
-        q, qd, tau = state
-        nv, columns = self.scene.nv, self.parameters.columns
-        found = np.zeros((*qdd.shape, 0))
-        if len(columns):
-            zero = np.zeros(nv)
-            changes = columns.reshape(-1, *(1,) * (qdd.ndim - 1), *columns.shape[1:])
-            found = np.moveaxis(model.forward_dynamics_jvp(q, qd, tau, zero, zero, zero, dparameters=changes), 0, -1)
-        weights = np.stack([qdd, qd, qd / np.sqrt(qd**2 + self.speed**2), np.ones_like(qd)], axis=-1)
-        own = [-inverse[..., :, row] * (weights[..., row, :] @ column)[..., None] for row, column in self.joints]
-        return np.concatenate([found, np.stack(own, axis=-1)], axis=-1) if own else found
+    def _rows(self) -> Iterator[_Rows]:
+        """Derivatives of the rows after the first, by the adjoint of the steps between two rows."""
+        path, nv, every = self.path, self.scene.nv, self.path.record_every
+        columns = self.parameters.columns
+        batch, rows = path.q.shape[:-2], path.q.shape[-2] - 1
+        given = {name: value for name, value in path._arguments().items() if name not in ("tau", "tau_steps")}
+        given |= {"steps": every, "friction_speed": self.speed}
+        if given.get("pd") is not None:
+            # The targets are those of a state, not of a row.
+            given["pd"] = tuple(
+                part if at < 2 or np.ndim(part) < 2 else np.asarray(part)[..., None, :]
+                for at, part in enumerate(given["pd"])
+                if part is not None
+            )
+        tau = self._torques()[..., : rows * every, :]
+        tau = tau.reshape(*tau.shape[:-2], rows, every, nv)
+        units = np.eye(2 * nv).reshape(2 * nv, *(1,) * (len(batch) + 1), 2 * nv)
+        wanted = np.stack([np.zeros_like(units), units], axis=-2)
+        bodies = len(self.scene.body_names) if len(columns) else 0
+        values = math.prod(batch) * 2 * nv * ((5 + every) * nv + 10 * bodies)
+        size = max(1, VALUES // max(1, values))
+        for first in range(0, rows, size):
+            # method="auto" selects an integrator at the first state: put the first row before all others.
+            at = np.concatenate([[0], np.arange(first, min(first + size, rows))])
+            found = self.scene.simulate_vjp(
+                *(np.stack([state[..., at, :], state[..., at + 1, :]], axis=-2) for state in (path.q, path.qd)),
+                *np.split(wanted, 2, axis=-1),
+                tau_steps=tau[..., at, :, :],
+                parameters=bodies > 0,
+                **given,
+            )
+            # The derivative of component i is state i of the leading axis.
+            by_state, by_tau = (
+                np.moveaxis(one, 0, len(batch) + 1)[(..., slice(1, None), *(slice(None),) * kept)]
+                for one, kept in ((np.concatenate([found.q, found.qd], axis=-1), 2), (found.tau, 3))
+            )
+            constant = np.zeros((*by_state.shape[:-1], 1))
+            if found.parameters is not None:
+                constant = np.moveaxis(np.einsum("...bp,sbp->...s", found.parameters, columns), 0, -2)
+                constant = constant[..., 1:, :, :]
+            if self.joints:
+                offset = -np.sum(found.tau, axis=-2)
+                each = np.stack([found.armature, found.damping, found.friction, offset], axis=-1)
+                own = np.stack([each[..., row, :] @ column for row, column in self.joints], axis=-1)
+                constant = np.concatenate([constant, np.moveaxis(own, 0, -2)[..., 1:, :, :]], axis=-1)
+            yield _Rows(by_state, by_tau, constant)
 
     # Sampled simulations
 
@@ -278,10 +304,11 @@ class _Propagation:
         found = np.var(spread, axis=0, ddof=1 if unsure.check == "monte-carlo" else 0)
         # A variance below this share of the largest variance of its kind is rounding error.
         halves = variance.reshape(*variance.shape[:-1], 2, -1)
-        least = np.repeat(np.max(halves, axis=(-1, -3), keepdims=True) * ROUNDING**2, halves.shape[-1], axis=-1)
-        known = variance > np.broadcast_to(least, halves.shape).reshape(variance.shape)
+        largest = np.max(halves, axis=(-1, -3), keepdims=True)
+        least = np.broadcast_to(largest * ROUNDING**2, halves.shape).reshape(variance.shape)
+        known, unknown = variance > least, np.where(found > least, np.inf, np.nan)
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.where(known, found / variance, np.nan)
+            return np.where(known, found / variance, unknown)
 
     def _run(self, of_bodies: _Array, of_joints: _Array, start: _Array, rng: np.random.Generator | None) -> Trajectory:
         """Simulate with given errors, in standard deviations."""
@@ -310,10 +337,9 @@ class _Propagation:
                     " ones, or check=None",
                 )
         q, qd = path.q[..., 0, :], path.qd[..., 0, :]
-        tau = given.pop("tau_steps", None)
-        if tau is None:
-            tau = np.asarray(given.pop("tau", np.zeros(nv)), float)[..., None, :]
-        tau = np.asarray(tau, float)[..., : path.steps, :] + changed[:, 3] * -1.0
+        for name in ("tau", "tau_steps", "accuracy"):
+            given.pop(name, None)
+        tau = self._torques()[..., : path.steps, :] - changed[:, 3]
         tau = np.broadcast_to(tau, np.broadcast_shapes(tau.shape, (*q.shape[:-1], path.steps, nv)))
         if rng is not None:
             tau = tau + np.sqrt(self.noise / path.dt) * rng.normal(size=tau.shape)
@@ -331,7 +357,8 @@ class _Propagation:
             qd + start[nv:],
             dt=path.dt,
             steps=path.steps,
-            method=METHOD,
+            method=path.method,
+            record_every=path.record_every,
             tau_steps=tau,
             **given,
         )

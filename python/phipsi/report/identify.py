@@ -29,6 +29,7 @@ NUMBERS = ("parameters", "deviations", "share", "joints", "joint_deviations", "n
 @click.argument("logs", metavar="LOG...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @FLOATING
 @click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), help="Write the robot with the estimates as a URDF.")
+@click.option("--covariance", type=click.Path(path_type=Path, dir_okay=False), help="Write the covariance of the inertial parameters as .npz, for phipsi simulate --covariance.")
 @click.option("--report", "folder", type=click.Path(path_type=Path, file_okay=False), help="Write a page about the identification into this folder.")
 @click.option("--fit", type=click.Choice(KINDS), multiple=True, help="Of the joints, too; may be given several times.")
 @click.option("--noise", type=float, help="Standard deviation of the torques, N m or N.  [default: that of the residuals]")
@@ -46,6 +47,7 @@ def identify(
     logs: tuple[Path, ...],
     floating_base: bool,
     output: Path | None,
+    covariance: Path | None,
     folder: Path | None,
     fit: tuple[str, ...],
     noise: float | None,
@@ -88,6 +90,10 @@ def identify(
             log, fitted = read_log(logs[0], scene), 0
         if output is not None:
             found.scene.to_urdf(output, name=robot.stem)
+        if covariance is not None:
+            # savez would append a suffix to the name of a path.
+            with covariance.open("wb") as stream:
+                np.savez(stream, parameters=found.covariance)
         pages = [] if folder is None else _report(name, scene, found, with_derivatives(log, str(logs[0]), cutoff)[0], fitted or len(log["q"]), folder)
     for text in dict.fromkeys(str(one.message) for one in caught if not issubclass(one.category, (DeprecationWarning, PendingDeprecationWarning))):
         terminal.line(console, f"warning: {_as_options(text)}", "yellow")
@@ -102,7 +108,7 @@ def identify(
     click.echo(f"{name}: {found}")
     if smoothed:
         click.echo("velocities and accelerations are from the smoothed positions")
-    for file in [*([output] if output is not None else []), *pages]:
+    for file in [*(one for one in (output, covariance) if one is not None), *pages]:
         click.echo(file)
 
 

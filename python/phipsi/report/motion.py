@@ -14,6 +14,7 @@ from .. import _core, errors
 from .._core import Scene
 from .._forces import of_motion
 from .._motion import Trajectory
+from ..estimation import MotionUncertainty
 from .draw import View, segments
 from .plotting import COLORS, Part, Space
 from .states import Array
@@ -21,6 +22,8 @@ from .structure import Tree
 
 #: Keys of a state file.
 KEYS = ("q", "qd", "tau")
+#: Keys of a file of uncertainties.
+UNCERTAINTY_KEYS = ("parameters", "joints", "initial", "torque_noise")
 #: Largest integration error, relative to the exchanged energy, without a warning.
 SHARE = 0.01
 #: Number of poses in a stroboscopic picture.
@@ -34,9 +37,7 @@ def read_state(path: Path, scene: Scene) -> dict[str, Array]:
     and key.
     """
     state = {"q": scene.neutral(), "qd": np.zeros(scene.nv), "tau": np.zeros(scene.nv)}
-    for key, value in _read(path).items():
-        if key not in KEYS:
-            raise errors.ArgumentError(f"{path}: found {key!r}; expected {', '.join(KEYS)}")
+    for key, value in _read(path, "a state", KEYS).items():
         name, usual = f"{path}: {key}", state[key]
         if isinstance(value, Mapping):
             indices = scene.q_index if key == "q" else scene.v_index
@@ -47,16 +48,34 @@ def read_state(path: Path, scene: Scene) -> dict[str, Array]:
     return state
 
 
-def _read(path: Path) -> Mapping[str, Any]:
+def read_uncertainty(path: Path | None, torque_noise: float | None) -> MotionUncertainty | None:
+    """Uncertainty of a simulation from a file, JSON or npz, and from a density of torque noise; None without both.
+
+    Raises ArgumentError with file and key.
+    """
+    given = {} if path is None else dict(_read(path, "uncertainties", UNCERTAINTY_KEYS))
+    if torque_noise is not None:
+        if "torque_noise" in given:
+            raise errors.ArgumentError(f"{path}: found 'torque_noise' and --noise; expected one of them")
+        given["torque_noise"] = torque_noise
+    return MotionUncertainty(**given) if given else None
+
+
+def _read(path: Path, what: str, keys: tuple[str, ...]) -> Mapping[str, Any]:
+    """Contents of a file, JSON or npz, with these keys."""
     try:
         if path.suffix == ".npz":
             with np.load(path, allow_pickle=False) as archive:
-                return {key: archive[key] for key in archive.files}
-        found = json.loads(path.read_text(encoding="utf-8"))
+                found: Any = {key: archive[key] for key in archive.files}
+        else:
+            found = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, EOFError) as error:
-        raise errors.ArgumentError(f"{path}: found {error}; expected a state as JSON or .npz") from None
+        raise errors.ArgumentError(f"{path}: found {error}; expected {what} as JSON or .npz") from None
     if not isinstance(found, Mapping):
-        raise errors.ArgumentError(f"{path}: found a {type(found).__name__}; expected an object with {', '.join(KEYS)}")
+        raise errors.ArgumentError(f"{path}: found a {type(found).__name__}; expected an object with {', '.join(keys)}")
+    for key in found:
+        if key not in keys:
+            raise errors.ArgumentError(f"{path}: found {key!r}; expected {', '.join(keys)}")
     return found
 
 
@@ -67,6 +86,8 @@ def write(path: Trajectory, folder: Path, *, table: bool) -> list[Path]:
     found: dict[str, Any] = {"t": path.t, "q": path.q, "qd": path.qd, "dt": path.dt, "method": path.method}
     if scene.connection_names:
         found["drift"] = path.drift
+    if path.bands is not None:
+        found |= {"q_deviation": path.bands.q, "qd_deviation": path.bands.qd, "covariance": path.bands.covariance}
     if (forces := of_motion(path, np.arange(len(path)))) is not None:
         found |= {"force_at": forces.at, "force": forces.force, "force_names": np.array(forces.names)}
     np.savez(archive, joint_names=np.array(scene.joint_names), **found)

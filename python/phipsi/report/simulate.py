@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +45,12 @@ ROWS = 2000
 @click.option("--accuracy", type=float, help="Error control: largest estimated error of a substep, rad or m.")
 @click.option("--record-every", type=click.IntRange(1), help=f"Number of steps per recorded row.  [default: about {ROWS} rows]")
 @click.option("--hold", nargs=2, type=float, metavar="KP KD", help="Hold the initial position with a PD control law with these gains.")
+@click.option(
+    "--covariance", "unsure", type=click.Path(path_type=Path, dir_okay=False),
+    help="Uncertainties, for error bands: JSON or npz with parameters, joints, initial, torque_noise. `phipsi identify --covariance` writes one.",
+)
+@click.option("--noise", type=float, help="Density of white torque noise, (N m)^2 s, for error bands.")
+@click.option("--check", type=click.Choice(("unscented", "monte-carlo")), help="Compare the error bands with sampled simulations.")
 @click.option("--csv", "table", is_flag=True, help="Write the trajectory also as CSV.")
 @JSON
 def simulate(
@@ -60,6 +67,9 @@ def simulate(
     accuracy: float | None,
     record_every: int | None,
     hold: tuple[float, float] | None,
+    unsure: Path | None,
+    noise: float | None,
+    check: str | None,
     table: bool,
     as_json: bool,
 ) -> None:
@@ -67,7 +77,8 @@ def simulate(
 
     Damping, friction, stiffness and armature are those of the file. The state file contains q, qd and tau (constant),
     each as a list or, in JSON, as a mapping from joint names: {"q": {"elbow": 0.5}}. A state that violates the
-    connections of a MuJoCo model is projected onto them. The page reports the energy balance and the estimated error;
+    connections of a MuJoCo model is projected onto them. With --covariance or --noise, the page shows 95 % bands of the
+    first-order error, and trajectory.npz contains standard deviations. The page reports the energy balance and the estimated error;
     a warning is printed if the integration error exceeds 1 % of the exchanged energy. Ctrl-C stops the simulation and
     writes the completed steps. Without ROBOT.urdf, the bundled arm is used.
 
@@ -85,6 +96,11 @@ def simulate(
     code, path, said = 0, None, None
     with _typed_errors():
         start = motion.read_state(state, scene) if state is not None else {}
+        uncertainty = motion.read_uncertainty(unsure, noise)
+        if check is not None:
+            if uncertainty is None:
+                raise BadInput(f"--check: found {check} without uncertainties; expected --covariance or --noise")
+            uncertainty = replace(uncertainty, check=check)
         q, qd = start.get("q", scene.neutral()), start.get("qd", np.zeros(scene.nv))
         if scene.connection_names:
             nearest = scene.project(q, qd)
@@ -96,6 +112,7 @@ def simulate(
                 path = scene.simulate(
                     q, qd, dt=dt, steps=steps, tau=start.get("tau"), method=method, record_every=every, pd=law,
                     limits=limits, restitution=restitution, accuracy=accuracy, progress=says.counter("Simulating"),
+                    covariance=uncertainty,
                 )  # fmt: skip
         except errors.SimulationError as error:
             code, path, said = BEYOND, error.trajectory, str(error)
@@ -136,6 +153,9 @@ def _numbers(path: Trajectory) -> dict[str, Any]:
     energy = path.energy()
     about: dict[str, Any] = {"steps": path.steps, "dt": path.dt, "method": path.method, "t": path.t[-1], "q": path.q[-1], "qd": path.qd[-1]}
     about["energy"] = {name: values[[0, -1]] for name, values in (*energy._asdict().items(), ("total", energy.total))}
+    if path.bands is not None:
+        ratio = None if path.bands.ratio is None else path.bands.ratio[-1]
+        about["deviation"] = {"q": path.bands.q[-1], "qd": path.bands.qd[-1], "ratio": ratio}
     about |= {"integrator": path.integrator, "substeps": path.substeps, "stops": path.stops, "energy_audit": path.energy_audit()._asdict()}
     return about | {"drift": path.drift.max(), "violations": path.violations()}
 
@@ -155,6 +175,10 @@ def _tell(name: str, path: Trajectory) -> None:
             f"warning: the integrator's error is {float(audit.remainder):.3g} J, {100 * float(audit.relative_error):.1f} % of the energy exchanged; use a smaller --dt or --accuracy",
             err=True,
         )
+    if path.bands is not None:
+        click.echo(f"largest standard deviations at the end: {path.bands.q[-1].max():.3g} rad or m, {path.bands.qd[-1].max():.3g} rad/s or m/s")
+        if (ratio := path.bands.ratio) is not None and not np.isnan(ratio[-1]).all():
+            click.echo(f"sampled variance over variance of the bands, at the end: {np.nanmin(ratio[-1]):.3f} to {np.nanmax(ratio[-1]):.3f}")
     if path.stops:
         click.echo(f"{plural(len(path.stops), 'impact')} on joint stops, the first at {path.stops[0].joint}, t = {path.stops[0].time:.4g} s")
     if path.scene.connection_names:
