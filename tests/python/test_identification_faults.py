@@ -52,14 +52,15 @@ def late(log: Log, delay: float) -> Log:
 FAULTS: dict[str, tuple[Any, str]] = {
     "repeated times": (repeated, "time: found 1 repeated times, the first 0.495 at row 100; np.unique"),
     "gap": (gap, r"time: found 1 gaps, the longest of 2 s after 3.995 s, with steps of 0.005 s elsewhere; add the parts one by one"),
-    "velocities in degrees": (lambda log: log | {"qd": np.degrees(log["qd"])}, "qd: found q that changes 0.017.* times as fast as qd has it, at joint 'joint1': qd is in degrees or q in rad"),
-    "positions in degrees": (lambda log: log | {"q": np.degrees(log["q"])}, "qd: found q that changes 57.* times as fast as qd has it, at joint 'joint1': q is in degrees or qd in rad"),
-    "accelerations in degrees": (lambda log: log | {"qdd": np.degrees(log["qdd"])}, "qdd: found qd that changes 0.017.* times as fast as qdd has it"),
-    "milliseconds": (lambda log: log | {"time": 1e3 * log["time"]}, "qd: found q that changes 0.001 times as fast as qd has it, at joint 'joint1': units disagree"),
-    "counts": (lambda log: log | {"q": np.round(log["q"] * 65536 / (2 * np.pi))}, "q: found .* at joint 'joint1', whole numbers, as counts of an encoder are; expected rad: multiply by 2 pi / counts"),
-    "currents": (lambda log: log | {"tau": 0.02 * log["tau"], "noise": 0.001}, "tau: found torques that are those of the model times a constant .*, as currents are; expected N m or N: multiply"),
-    "late torques": (lambda log: late(log, 0.02), r"tau: found torques that are (19|20|21)(\.\d+)? ms later than q by the residuals, .*: tau_delay=0.0\d+ shifts them"),
-    "early torques": (lambda log: late(log, -0.013), r"tau: found torques that are -1\d(\.\d+)? ms later than q"),
+    "velocities in degrees": (lambda log: log | {"qd": np.degrees(log["qd"])}, "qd: found a numerical derivative of q that is 0.017.* times qd at joint 'joint1': qd is probably in degrees and q in rad"),
+    "positions in degrees": (lambda log: log | {"q": np.degrees(log["q"])}, "qd: found a numerical derivative of q that is 57.* times qd at joint 'joint1': q is probably in degrees and qd in rad"),
+    "accelerations in degrees": (lambda log: log | {"qdd": np.degrees(log["qdd"])}, "qdd: found a numerical derivative of qd that is 0.017.* times qdd at joint 'joint1': qdd is probably in degrees"),
+    "inches": (lambda log: log | {"qdd": 39.4 * log["qdd"]}, "qdd: found a numerical derivative of qd that is 0.025.* times qdd at joint 'joint1': their units are inconsistent"),
+    "milliseconds": (lambda log: log | {"time": 1e3 * log["time"]}, "qd: found a numerical derivative of q that is 0.001 times qd at joint 'joint1': time is probably in ms"),
+    "counts": (lambda log: log | {"q": np.round(log["q"] * 65536 / (2 * np.pi))}, "q: found whole numbers up to .* at joint 'joint1', probably encoder counts; expected rad: multiply by 2 pi / counts"),
+    "currents": (lambda log: log | {"tau": 0.02 * log["tau"], "noise": 0.001}, "tau: found torques proportional to those of the model with the factors .*, probably motor currents; expected N m or N: multiply"),
+    "late torques": (lambda log: late(log, 0.02), r"tau: found torques that lag q by (19|20|21)(\.\d+)? ms: .* for q and tau: tau_delay=0.0\d+ corrects it"),
+    "early torques": (lambda log: late(log, -0.013), r"tau: found torques that lead q by 1\d(\.\d+)? ms: .*: tau_delay=-0.01\d* corrects it"),
 }
 
 
@@ -79,7 +80,7 @@ def test_degrees_within_limits_are_recognized_without_times() -> None:
     scene = phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM)
     q, qd, qdd = np.random.default_rng(0).uniform(-1, 1, (3, 200, 6))
     tau = scene.inverse_dynamics(q, qd, qdd)
-    with pytest.warns(LogWarning, match=r"q: found .* at joint 'joint\d' with limits of .* rad, which it meets in degrees; expected rad: np.deg2rad\(q\)"):
+    with pytest.warns(LogWarning, match=r"q: found .* at joint 'joint\d', outside its limits of .* rad, but within them if q is in degrees; expected rad: np.deg2rad\(q\)"):
         scene.identify(np.degrees(q), qd, qdd, tau, noise=1.0)
 
 

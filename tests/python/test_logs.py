@@ -116,7 +116,7 @@ def test_a_bag(written: tuple[phipsi.Scene, list[Path], dict[str, np.ndarray]], 
 def test_faults_of_each_log_are_reported(written: tuple[phipsi.Scene, list[Path], dict[str, np.ndarray]], tmp_path: Path) -> None:
     scene, files, arrays = written
     np.savez(tmp_path / "degrees.npz", t=arrays["t"], q=arrays["q"], qd=np.degrees(arrays["qd"]), qdd=np.degrees(arrays["qdd"]), tau=arrays["tau"])
-    with pytest.warns(LogWarning, match="qd: found q that changes 0.017"):
+    with pytest.warns(LogWarning, match="qd: found a numerical derivative of q that is 0.017"):
         accumulate_logs(scene, [files[0], tmp_path / "degrees.npz"])
 
 

@@ -101,14 +101,11 @@ def warn_of_motion(scene: Scene, time: _Array | None, q: _Array, qd: _Array, qdd
         limited = np.isfinite(low) and np.isfinite(high) and high > low
         whole = reach > FEW and np.array_equal(values, np.round(values))
         if whole or (limited and reach > FAR):
-            what = (
-                "whole numbers, as counts of an encoder are"
-                if whole
-                else f"with limits of {low:.3g} and {high:.3g} rad"
-            )
+            found = f"{reach:.3g} at joint {joint.name!r} with limits of {low:.3g} and {high:.3g} rad"
+            if whole:
+                found = f"whole numbers up to {reach:.3g} at joint {joint.name!r}, probably encoder counts"
             warnings.warn(
-                f"q: found {reach:.3g} at joint {joint.name!r}, {what}; expected rad: multiply by 2 pi / counts per"
-                " revolution",
+                f"q: found {found}; expected rad: multiply by 2 pi / counts per revolution",
                 LogWarning,
                 stacklevel=stacklevel,
             )
@@ -121,8 +118,8 @@ def warn_of_motion(scene: Scene, time: _Array | None, q: _Array, qd: _Array, qdd
                 and np.radians(values.max()) <= high + 0.1
             ):
                 text = (
-                    f"q: found {reach:.3g} at joint {joint.name!r} with limits of {low:.3g} and {high:.3g} rad, which"
-                    " it meets in degrees; expected rad: np.deg2rad(q)"
+                    f"q: found {reach:.3g} at joint {joint.name!r}, outside its limits of {low:.3g} and {high:.3g} rad,"
+                    " but within them if q is in degrees; expected rad: np.deg2rad(q)"
                 )
                 warnings.warn(text, LogWarning, stacklevel=stacklevel)
     if time is None or len(time) < 10:
@@ -138,15 +135,18 @@ def warn_of_motion(scene: Scene, time: _Array | None, q: _Array, qd: _Array, qdd
             differences, means = np.diff(values)[near] / steps[near], 0.5 * (derivative[1:] + derivative[:-1])[near]
             ratio = _ratio(differences, means)
             if ratio is not None and not 1.0 / RATIO < ratio < RATIO:
+                # With mixed units each derivative is off; with times in ms, both are off by the same factor.
                 hint = (
-                    f"{name} is in degrees or {of} in rad"
-                    if abs(ratio - 1.0 / 57.3) < 0.003
-                    else f"{of} is in degrees or {name} in rad"
-                    if abs(ratio - 57.3) < 10.0
-                    else "units disagree"
+                    f"{name} is probably in degrees and {of} in rad"
+                    if abs(ratio * 57.3 - 1.0) < 0.15
+                    else f"{of} is probably in degrees and {name} in rad"
+                    if abs(ratio / 57.3 - 1.0) < 0.15
+                    else "time is probably in ms"
+                    if abs(ratio * 1e3 - 1.0) < 0.05
+                    else "their units are inconsistent"
                 )
                 text = (
-                    f"{name}: found {of} that changes {ratio:.3g} times as fast as {name} has it, at joint"
+                    f"{name}: found a numerical derivative of {of} that is {ratio:.3g} times {name} at joint"
                     f" {joint.name!r}: {hint}; expected rad, s and their derivatives"
                 )
                 warnings.warn(text, LogWarning, stacklevel=stacklevel)
@@ -179,8 +179,8 @@ def warn_of_torques(columns: Columns, q: _Array, qd: _Array, qdd: _Array, tau: _
     # A payload can have this effect at some joints.
     if 2 * len(found) > shown:
         text = (
-            f"tau: found torques that are those of the model times a constant ({', '.join(found)}), as currents are;"
-            " expected N m or N: multiply by torque constant and gear ratio"
+            f"tau: found torques proportional to those of the model with the factors {', '.join(found)}, probably motor"
+            " currents; expected N m or N: multiply by torque constant and gear ratio"
         )
         warnings.warn(text, LogWarning, stacklevel=stacklevel)
 
@@ -241,8 +241,8 @@ def clock_offset(
     offset = (lags[best] + (0.5 * (before - after) / bend if bend > 0.0 else 0.0)) * step
     if values[LAGS] > (1.0 + REDUCED) * here and abs(offset) > 0.5 * step:
         text = (
-            f"tau: found torques that are {1e3 * offset:.3g} ms later than q by the residuals, whose variance this"
-            f" delay reduces by {100 * (1 - here / values[LAGS]):.2g} %; expected one clock"
+            f"tau: found torques that {'lag' if offset > 0.0 else 'lead'} q by {abs(1e3 * offset):.3g} ms: this delay"
+            f" reduces the variance of the residuals by {100 * (1 - here / values[LAGS]):.2g} %; expected one clock"
         )
-        warnings.warn(f"{text}: tau_delay={offset:.3g} shifts them", LogWarning, stacklevel=stacklevel)
+        warnings.warn(f"{text} for q and tau: tau_delay={offset:.3g} corrects it", LogWarning, stacklevel=stacklevel)
     return float(offset)

@@ -89,7 +89,7 @@ def _fit(report: IdentificationReport) -> Sequence[Block]:
     if held:
         blocks.append(f"The last {len(report.time) - report.held_out} of {len(report.time)} states were not fitted: the held-out part shows how well other motions are predicted.")
     if np.isfinite(found.clock_offset):
-        blocks.append(f"By the residuals the torques are {1e3 * found.clock_offset:.3g} ms later than the positions.")
+        blocks.append(f"The residuals indicate that the torques lag the positions by {1e3 * found.clock_offset:.3g} ms.")
     return blocks
 
 
