@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._install import command
 from ..errors import ArgumentError, of_argument
 from ._accumulator import Accumulator, _log
 from ._checks import checked_time, warn_of_motion
@@ -114,9 +115,8 @@ def _of_table(path: Path, scene: Scene) -> dict[str, _Array]:
     try:
         import polars
     except ImportError:
-        raise ImportError(
-            'log: csv and parquet are read by polars; install it with: pip install "phipsi[logs]"'
-        ) from None
+        text = f"log: csv and parquet are read by polars; install it with: {command('logs')}"
+        raise ImportError(text) from None
     try:
         table = (
             polars.read_csv(path, infer_schema_length=10_000)
@@ -167,7 +167,7 @@ def _of_bag(path: Path, scene: Scene) -> dict[str, _Array]:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
-        raise ImportError('log: bags are read by rosbags; install it with: pip install "phipsi[logs]"') from None
+        raise ImportError(f"log: bags are read by rosbags; install it with: {command('logs')}") from None
     joints = list(scene.joint_names)
     rows: list[tuple[float, list[float], list[float]]] = []
     try:
