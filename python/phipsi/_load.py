@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import logging
 import os
 import re
 import warnings
@@ -152,6 +153,7 @@ def described(name: str) -> str:
     """Path of the robot description of a module of robot_descriptions."""
     if find_spec("robot_descriptions") is None:
         raise ImportError(f"source: found {name!r}, which is not a file, and no package robot_descriptions; install it with: pip install robot_descriptions")
+    logging.getLogger("phipsi").info("fetching %s with robot_descriptions", name)
     try:
         module = importlib.import_module(f"robot_descriptions.{name}")
     except ModuleNotFoundError:

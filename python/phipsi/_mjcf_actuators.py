@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _core
 from ._mjcf import Names, compiled, is_disabled, joint_actuators
-from .errors import ArgumentError, ModelWarning, NotFiniteError, SceneError, ShapeError, of_argument
+from .errors import ArgumentError, ModelWarning, NotFiniteError, SceneError, ShapeError, known_names, of_argument
 
 if TYPE_CHECKING:
     import mujoco
@@ -117,8 +117,9 @@ class Actuators:
         force = (g0 + g1 * length + g2 * velocity) * np.clip(u, *self.ctrlrange.T) + b0 + b1 * length + b2 * velocity
         force = self.gear * np.clip(force, *self.forcerange.T)
         tau = np.zeros((*batch, scene.nv))
-        np.add.at(tau, (..., self._rows), np.broadcast_to(force, (*batch, len(self))))
-        return np.clip(tau, *self._limits.T)
+        for at, row in enumerate(self._rows):
+            tau[..., row] += force[..., at]
+        return np.asarray(np.clip(tau, *self._limits.T))
 
     def law(self, ctrl: Mapping[str, ArrayLike] | ArrayLike) -> Any:
         """The torques of constant controls as a function of (t, q, qd), for Scene.simulate(tau=...).
@@ -144,7 +145,7 @@ class Actuators:
         if isinstance(ctrl, Mapping):
             for name in ctrl:
                 if name not in self.names:
-                    raise of_argument(ArgumentError, "ctrl", f"found {name!r}; expected names of {', '.join(self.names)}")
+                    raise of_argument(ArgumentError, "ctrl", f"found {name!r}; expected names of {known_names(name, self.names)}")
             values = [np.asarray(_core._numbers(f"ctrl[{name!r}]", ctrl.get(name, 0.0))) for name in self.names]
             u = np.stack(np.broadcast_arrays(*values), axis=-1) if values else np.zeros(0)
         else:

@@ -187,7 +187,7 @@ def _hull_of_mesh(model: mujoco.MjModel, mesh: int) -> _Array:
         return np.unique(vertices, axis=0)
     # The graph is: number of vertices, number of faces, addresses of the edges, indices of the vertices, ...
     number = model.mesh_graph[at]
-    return vertices[model.mesh_graph[at + 2 + number : at + 2 + 2 * number]]
+    return np.asarray(vertices[model.mesh_graph[at + 2 + number : at + 2 + 2 * number]])
 
 
 class _Movable:

@@ -22,7 +22,7 @@ from ._mjcf import (
     stops,
 )
 from ._mjcf_contacts import pairs, unsupported
-from .errors import ArgumentError, ModelWarning, SceneError
+from .errors import ArgumentError, ModelWarning, SceneError, known_names
 
 if TYPE_CHECKING:
     import mujoco
@@ -65,7 +65,7 @@ def check(model: mujoco.MjModel, names: Names, ignore: Collection[str], strict: 
     """Raise SceneError, or warn, for active parts of a model that cannot be represented, except those in `ignore`."""
     for name in ignore:
         if name not in IGNORED:
-            raise ArgumentError(f"ignore: found {name!r}; expected names of {', '.join(IGNORED)}")
+            raise ArgumentError(f"ignore: found {name!r}; expected names of {known_names(name, IGNORED)}")
     found: dict[str, list[Gap]] = {}
     for gap in gaps(model, names, ignore, contacts):
         if gap.name not in ignore:

@@ -248,7 +248,7 @@ def _fields(about: dict[str, Any], arrays: dict[str, _Array], scene: Scene) -> d
 
     correction, contacts, end = several("momentum_correction"), None, several("end")
     if "contacts/gap" in arrays:
-        parts = {name: arrays[f"contacts/{name}"] for name in ContactMotion._fields}
+        parts: dict[str, Any] = {name: arrays[f"contacts/{name}"] for name in ContactMotion._fields}
         named = ("gap", "slip", "force", "impulse", "state")
         contacts = ContactMotion(**parts | {name: dict(zip(scene.contact_names, parts[name], strict=True)) for name in named})
     given = about["given"]

@@ -73,8 +73,8 @@ def _add_contacts(builder: SceneBuilder, model: mujoco.MjModel, names: Names, ig
         text = f"found {names.equalities[tied[0]]!r}, an equality constraint, and contacts; expected one of them, because they are not supported together"
         raise of_argument(ArgumentError, "contacts", f'{text}: use ignore=("equality",), or omit contacts')
     for point in found:
-        where = {"xyz": point.center, "radius": point.radius, "normal": point.normal, "offset": point.offset}
-        builder.contact(point.name, names.bodies[point.body], friction=point.friction, **where)
+        plane: dict[str, Any] = {"normal": point.normal, "offset": point.offset}
+        builder.contact(point.name, names.bodies[point.body], friction=point.friction, xyz=point.center, radius=point.radius, **plane)
 
 
 class _Frame(NamedTuple):

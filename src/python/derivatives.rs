@@ -23,7 +23,7 @@ methods! {
     #[doc = parameters!(q qd qdd wrenches out_of_derivatives errors)]
     #[doc = section!(Returns)]
     /// derivatives : InverseDynamicsDerivatives
-    ///     Named tuple (dtau_dq, dtau_dqd, M), each (..., nv, nv), SI units. Row i is the torque tau_i.
+    ///     Named tuple (dtau_dq, dtau_dqd, mass_matrix), each (..., nv, nv), SI units. Row i is the torque tau_i.
     #[doc = raises!(dense arguments)]
     #[doc = section!(Notes)]
     /// O(N depth). Column j of dtau_dq is the derivative along integrate(q, v) with respect to v_j: an angle or a
@@ -54,7 +54,7 @@ methods! {
     #[doc = entries!(wrenches out_of_derivatives errors)]
     #[doc = section!(Returns)]
     /// derivatives : ForwardDynamicsDerivatives
-    ///     Named tuple (dqdd_dq, dqdd_dqd, Minv), each (..., nv, nv), SI units. Row i is the acceleration qdd_i.
+    ///     Named tuple (dqdd_dq, dqdd_dqd, mass_matrix_inverse), each (..., nv, nv), SI units. Row i is the acceleration qdd_i.
     #[doc = raises!(singular dense arguments)]
     #[doc = section!(Notes)]
     /// dqdd/dq = -M^-1 dtau/dq and dqdd/dqd = -M^-1 dtau/dqd, by eq. 6.1 from inverse_dynamics_derivatives, whose
@@ -65,7 +65,7 @@ methods! {
     /// >>> qdd = scene.forward_dynamics(q, qd, tau)
     /// >>> forward = scene.forward_dynamics_derivatives(q, qd, tau)
     /// >>> inverse = scene.inverse_dynamics_derivatives(q, qd, qdd)
-    /// >>> np.allclose(inverse.M @ forward.dqdd_dq, -inverse.dtau_dq)
+    /// >>> np.allclose(inverse.mass_matrix @ forward.dqdd_dq, -inverse.dtau_dq)
     /// True
     fn forward_dynamics_derivatives(q, qd, tau; form, tolerance, wrenches, out, errors) |scene, py| {
         scene.check_dense("forward_dynamics_derivatives", "differences of forward_dynamics")?;

@@ -184,7 +184,7 @@ pub(super) fn state(name: &str, value: &Object<'_>, axis: Axis<'_>) -> PyResult<
     }
 }
 
-/// Whether an argument is a number, and not an array with axes, a list or a dict.
+/// True for a number without axes.
 pub(super) fn is_one_number(value: &Object<'_>) -> bool {
     value.extract::<f64>().is_ok() && value.getattr("ndim").is_ok_and(|axes| axes.eq(0).unwrap_or(false))
         || value.is_instance_of::<PyFloat>()

@@ -43,7 +43,8 @@ methods! {
     /// >>> J = scene.jacobian(q, "link2")
     /// >>> np.allclose(scene.operational_inverse_inertia(q, "link2"), J @ scene.mass_matrix_inverse(q) @ J.T)
     /// True
-    #[pyo3(text_signature = "($self, q, links, *, at=None, rotation=None, form='auto', tolerance=None, errors='raise')")]
+    #[pyo3(text_signature = "($self, q, links, *, at=None, rotation=None, form='auto', tolerance=None, \
+                             errors='raise')")]
     fn operational_inverse_inertia(q, links; at, rotation, form, tolerance, errors, xyz) |scene, py| {
         renamed("xyz", xyz, "at")?;
         let (form, tolerance) = read_judged_factor(&scene.scene, form, tolerance)?;

@@ -217,8 +217,8 @@ impl PyScene {
     /// inward by margin. Sensors and the integrator are not read; phipsi.mujoco.actuators reads the controls.
     ///
     /// With contacts="plane", the contacts of a geom are those of its convex hull with a plane: the center of a sphere,
-    /// the ends of a capsule, the corners of a box, eight points of each rim of a cylinder, the hull vertices of a mesh.
-    /// Their friction is that of MuJoCo for the two geoms; margin raises the plane. docs/how-to/read-a-robot.md.
+    /// the ends of a capsule, the corners of a box, eight points of each rim of a cylinder, the hull vertices of a
+    /// mesh. Their friction is that of MuJoCo for the two geoms; margin raises the plane.
     #[doc = section!(Examples)]
     /// >>> text = '''<mujoco><worldbody><body name="rod"><joint name="hinge" type="hinge" axis="0 1 0"/>
     /// ... <geom type="capsule" fromto="0 0 0 0 0 -1" size="0.05"/></body></worldbody></mujoco>'''

@@ -163,6 +163,17 @@ def test_a_function_that_fails_leaves_the_torques_before(arm: phipsi.Scene) -> N
     assert_near(found.value.trajectory.applied[:, 0], [0.0, 1e-3, 2e-3, 3e-3, 4e-3, 4e-3], 4 * EPS)
 
 
+def test_long_work_is_logged(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    scene = phipsi.scenes.chain(2)
+    with caplog.at_level("INFO", "phipsi"):
+        phipsi.compile(scene, functions=["mass_matrix"], cache=tmp_path)
+        q = np.random.default_rng(0).normal(size=(50, 2))
+        np.savez(tmp_path / "log.npz", q=q, qd=q, qdd=q, tau=scene.inverse_dynamics(q, q, q))
+        phipsi.estimation.accumulate_logs(scene, [tmp_path / "log.npz"])
+    said = [record.getMessage() for record in caplog.records if record.name == "phipsi"]
+    assert said[0].startswith("compiling ") and said[1].startswith("compiled in ") and said[2] == "log 1 of 1: 50 states"
+
+
 def test_one_gain_for_a_floating_robot(floating: phipsi.Scene) -> None:
     q, still = floating.neutral(), np.zeros(12)
     gains = np.r_[np.zeros(6), np.full(6, 100.0)]

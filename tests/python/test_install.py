@@ -12,7 +12,7 @@ from phipsi import _install
 
 
 class Distribution:
-    """What pip records about an installation."""
+    """A distribution with the record of pip about its source."""
 
     requires = ["numpy>=1.23", "viser>=1.1,<2; extra == 'view'", 'plotly>=6; extra == "report"']
 

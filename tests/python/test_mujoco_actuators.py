@@ -53,8 +53,8 @@ def test_torques_are_those_of_mujoco(both: tuple[phipsi.Scene, Any]) -> None:
 def test_controls_by_name(both: tuple[phipsi.Scene, Any]) -> None:
     found = phipsi.mujoco.actuators(*both)
     assert_near(found.torques({"motor": 0.5}), found.torques([0.5, 0.0, 0.0, 0.0]), 0.0)
-    with pytest.raises(ArgumentError, match="ctrl: found 'engine'; expected names of motor, servo"):
-        found.torques({"engine": 1.0})
+    with pytest.raises(ArgumentError, match="ctrl: found 'servos'; expected names of servo, motor, speed"):
+        found.torques({"servos": 1.0})
 
 
 def test_a_control_of_wrong_length(both: tuple[phipsi.Scene, Any]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = ["accumulate_logs", "read_log"]
 
+_LOGGER = logging.getLogger("phipsi")
 _Array = NDArray[np.float64]
 
 ARRAYS = ("time", "q", "qd", "qdd", "tau")
@@ -262,7 +264,8 @@ def accumulate_logs(
     else:
         parts = _on_processes(scene, [str(log) for log in logs], workers, cutoff, settings)
     found: Accumulator | None = None
-    for part in parts:
+    for at, part in enumerate(parts, 1):
+        _LOGGER.info("log %d of %d: %d states", at, len(logs), part.states)
         found = part if found is None else found.merge(part)
     assert found is not None
     return found
