@@ -54,7 +54,8 @@ methods! {
     #[doc = entries!(wrenches out_of_derivatives errors)]
     #[doc = section!(Returns)]
     /// derivatives : ForwardDynamicsDerivatives
-    ///     Named tuple (dqdd_dq, dqdd_dqd, mass_matrix_inverse), each (..., nv, nv), SI units. Row i is the acceleration qdd_i.
+    ///     Named tuple (dqdd_dq, dqdd_dqd, mass_matrix_inverse), each (..., nv, nv), SI units. Row i is the acceleration
+    ///     qdd_i.
     #[doc = raises!(singular dense arguments)]
     #[doc = section!(Notes)]
     /// dqdd/dq = -M^-1 dtau/dq and dqdd/dqd = -M^-1 dtau/dqd, by eq. 6.1 from inverse_dynamics_derivatives, whose
