@@ -336,9 +336,51 @@ pub(crate) fn check_finite(argument: &str, values: &[f64]) -> Result<(), Error> 
     }
 }
 
+/// A short list of existing names for the message about an unknown one, the closest match first.
+pub(crate) fn known_names<'a>(wanted: &str, known: impl Iterator<Item = &'a str>, most: usize) -> String {
+    let mut names: Vec<&str> = known.collect();
+    let closest = (0..names.len()).min_by_key(|&at| edits(wanted, names[at]));
+    if let Some(at) = closest
+        && 2 * edits(wanted, names[at]) <= wanted.chars().count().max(names[at].chars().count())
+    {
+        names[..=at].rotate_right(1);
+    }
+    let listed: Vec<String> = names.iter().take(most).map(|name| format!("{name:?}")).collect();
+    let more = if names.len() > most { format!(", ... ({} in all)", names.len()) } else { String::new() };
+    format!("{}{more}", listed.join(", "))
+}
+
+/// Levenshtein distance of two names, without regard to case.
+fn edits(one: &str, other: &str) -> usize {
+    let (one, other) = (one.to_lowercase(), other.to_lowercase());
+    let other: Vec<char> = other.chars().collect();
+    let mut row: Vec<usize> = (0..=other.len()).collect();
+    for (i, a) in one.chars().enumerate() {
+        let mut diagonal = row[0];
+        row[0] = i + 1;
+        for (j, b) in other.iter().enumerate() {
+            let replaced = diagonal + usize::from(a != *b);
+            diagonal = row[j + 1];
+            row[j + 1] = replaced.min(diagonal + 1).min(row[j] + 1);
+        }
+    }
+    row[other.len()]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_closest_name_is_first() {
+        let known = || ["base", "upper_arm", "forearm", "hand"].into_iter();
+        assert_eq!(known_names("fore_arm", known(), 2), "\"forearm\", \"base\", ... (4 in all)");
+        assert_eq!(known_names("HAND", known(), 4), "\"hand\", \"base\", \"upper_arm\", \"forearm\"");
+        // Without a similar name the order is that of the scene.
+        assert_eq!(known_names("x", known(), 4), "\"base\", \"upper_arm\", \"forearm\", \"hand\"");
+        assert_eq!(known_names("x", [].into_iter(), 4), "");
+        assert_eq!(["kitten", "", "same"].map(|one| edits(one, "sitting")), [3, 7, 7]);
+    }
 
     #[test]
     fn long_numbers_have_exponents() {

@@ -45,6 +45,7 @@ from ._motion import (
     Violation,
 )
 from ._ode import Ode
+from ._pose import pose
 from ._results import (
     Accuracy,
     ConstrainedDynamics,
@@ -71,6 +72,7 @@ from .estimation._identification import Identification
 from .estimation._smooth import smooth
 from .operators import Factor, Operator
 
+#: `compile` is missing, because `from phipsi import *` would shadow the builtin.
 __all__ = [
     "Accuracy",
     "BUNDLED_ARM",
@@ -113,11 +115,11 @@ __all__ = [
     "Trajectory",
     "Violation",
     "__version__",
-    "compile",
     "errors",
     "estimation",
     "get_num_threads",
     "load",
+    "pose",
     "scenes",
     "set_num_threads",
     "smooth",

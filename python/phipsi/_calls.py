@@ -12,8 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._arguments import not_numbers
-from ._coordinates import Array, Coordinates
-from .errors import BadStateWarning, PhipsiError, ShapeError, of_argument
+from ._chart import skew
+from ._coordinates import Array, Coordinates, right_jacobian, rotation_vector
+from .errors import ArgumentError, BadStateWarning, PhipsiError, ShapeError, of_argument
+from .tasks import unpacked
 
 if TYPE_CHECKING:
     from ._core import Scene
@@ -21,20 +23,22 @@ if TYPE_CHECKING:
 #: Returns one array of results, or one per derivative; leading axes of the arguments are batch axes and broadcast.
 Host = Callable[..., Any]
 Errors = Literal["raise", "nan"]
+Frame = Literal["local", "world", "local-world-aligned"]
 
 
 class Call:
     """A function of a scene: its value, its derivatives with respect to each argument (to the entries of q, not to its
-    tangent), and the shape of a result.
+    tangent), and the shape of a result, whose entries are on one axis here.
     """
 
-    def __init__(self, value: Host, derivatives: Host, names: tuple[str, ...], widths: tuple[int, ...], size: int) -> None:
+    def __init__(self, value: Host, derivatives: Host, names: tuple[str, ...], widths: tuple[int, ...], shape: int | tuple[int, ...]) -> None:
         self.value = value
         self.derivatives = derivatives
-        #: Names and widths of the arguments, and width of the result.
+        #: Names and widths of the arguments, and shape and number of entries of the result.
         self.names = names
         self.widths = widths
-        self.size = size
+        self.shape = (shape,) if isinstance(shape, int) else shape
+        self.size = int(np.prod(self.shape))
         # With an empty batch the scene checks its options now, and not in the callback of a compiled graph.
         value(*(np.zeros((0, width)) for width in widths))
 
@@ -89,6 +93,171 @@ def integrate(scene: Scene, errors: Errors = "raise") -> Call:
         return tuple(np.where(bad[..., None, None], np.nan, one) for one in coordinates.integrated(q, v))
 
     return Call(value, derivatives, ("q", "v"), (scene.nq, scene.nv), scene.nq)
+
+
+def _of_configuration(scene: Scene, shape: tuple[int, ...], of_q: Host, by_tangent: Host) -> Call:
+    """A function of q alone, from arrays (..., *shape) and its derivatives by the tangent of q, (..., *shape, nv)."""
+    coordinates = Coordinates(scene)
+    size = int(np.prod(shape))
+
+    def value(q: Array) -> Array:
+        found = np.asarray(of_q(coordinates.normalized(q)))
+        return found.reshape(*q.shape[:-1], size)
+
+    def derivatives(q: Array) -> tuple[Array, ...]:
+        found = np.asarray(by_tangent(coordinates.normalized(q)))
+        return (_by_coordinates(coordinates, q, found.reshape(*q.shape[:-1], size, scene.nv)),)
+
+    return Call(value, derivatives, ("q",), (scene.nq,), shape)
+
+
+@lru_cache(maxsize=32)
+def placement(scene: Scene, link: str, errors: Errors = "raise") -> Call:
+    """Pose of a link as a function of q."""
+
+    def by_tangent(q: Array) -> Array:
+        return _pose_derivative(scene.placement(q, link, errors=errors), scene.jacobian(q, link, errors=errors))
+
+    return _of_configuration(scene, (4, 4), lambda q: scene.placement(q, link, errors=errors), by_tangent)
+
+
+def _pose_derivative(pose: Array, jacobian: Array) -> Array:
+    """Derivatives (..., 4, 4, nv) of poses, for Jacobians (angular, linear) in the frame of the pose."""
+    moved = np.zeros((*jacobian.shape[:-2], jacobian.shape[-1], 4, 4))
+    moved[..., :3, :3] = skew(np.swapaxes(jacobian[..., :3, :], -1, -2))
+    moved[..., :3, 3] = np.swapaxes(jacobian[..., 3:, :], -1, -2)
+    return np.moveaxis(pose[..., None, :, :] @ moved, -3, -1)
+
+
+@lru_cache(maxsize=32)
+def jacobian(scene: Scene, link: str, frame: Frame = "local", errors: Errors = "raise") -> Call:
+    """Jacobian of a link as a function of q."""
+    each = np.eye(scene.nv)
+
+    def by_tangent(q: Array) -> Array:
+        # The rate is linear in the joint velocities.
+        return np.moveaxis(scene.jacobian_rate(q[..., None, :], each, link, frame=frame, errors=errors), -3, -1)
+
+    return _of_configuration(scene, (6, scene.nv), lambda q: scene.jacobian(q, link, frame=frame, errors=errors), by_tangent)
+
+
+@lru_cache(maxsize=32)
+def mass_matrix(scene: Scene, errors: Errors = "raise") -> Call:
+    """Mass matrix as a function of q."""
+    each = np.eye(scene.nv)
+
+    def by_tangent(q: Array) -> Array:
+        return np.moveaxis(scene.mass_matrix_derivative(q[..., None, :], each, errors=errors), -3, -1)
+
+    return _of_configuration(scene, (scene.nv, scene.nv), lambda q: scene.mass_matrix(q, errors=errors), by_tangent)
+
+
+@lru_cache(maxsize=32)
+def center_of_mass(scene: Scene, errors: Errors = "raise") -> Call:
+    """Center of mass as a function of q."""
+    return _of_configuration(
+        scene, (3,), lambda q: scene.center_of_mass(q, errors=errors), lambda q: scene.center_of_mass_jacobian(q, errors=errors)
+    )
+
+
+@lru_cache(maxsize=32)
+def bias_torque(scene: Scene, errors: Errors = "raise") -> Call:
+    """Bias torque as a function of (q, qd)."""
+    coordinates = Coordinates(scene)
+
+    def value(q: Array, qd: Array) -> Array:
+        return np.asarray(scene.bias_torque(coordinates.normalized(q), qd, errors=errors))
+
+    def derivatives(q: Array, qd: Array) -> tuple[Array, ...]:
+        by_q, by_qd, _ = scene.inverse_dynamics_derivatives(coordinates.normalized(q), qd, np.zeros(scene.nv), errors=errors)
+        return _by_coordinates(coordinates, q, by_q), by_qd
+
+    return Call(value, derivatives, ("q", "qd"), (scene.nq, scene.nv), scene.nv)
+
+
+def task_residual(scene: Scene, tasks: Any, errors: Errors = "raise") -> Call:
+    """Errors of tasks of inverse kinematics as a function of q: the rotation before the position of each task."""
+    return _task_residual(scene, pickle.dumps(unpacked(tasks)), errors)
+
+
+#: Number of residuals of each kind of task.
+RESIDUALS = {"pose": 6, "position": 3, "orientation": 3, "center-of-mass": 3, "joint": 1}
+
+
+@lru_cache(maxsize=32)
+def _task_residual(scene: Scene, pickled: bytes, errors: Errors) -> Call:
+    given = pickle.loads(pickled)
+    for kind, name, on, *_, target, _width, _ in given:
+        if kind not in RESIDUALS:
+            known = "Pose, Position, Orientation, CenterOfMass, JointPosition"
+            raise of_argument(ArgumentError, name, f"found a task of kind {kind!r}; expected one of {known}")
+        if target.ndim > 1:
+            raise of_argument(ShapeError, f"{name}.target", f"found the leading axes {target.shape[:-1]}; expected the target of one state")
+        if kind == "joint" and scene.q_index(on).stop - scene.q_index(on).start != 1:
+            raise of_argument(ArgumentError, name, f"found joint {on!r} of several coordinates; expected a joint with one")
+
+    def each(q: Array, derivative: bool) -> Array:
+        parts: list[Array] = []
+        for kind, _, on, at, *_, target, _, relative_to in given:
+            if kind == "center-of-mass":
+                parts.append(scene.center_of_mass_jacobian(q, errors=errors) if derivative else scene.center_of_mass(q, errors=errors) - target)
+            elif kind == "joint":
+                row = np.zeros((*q.shape[:-1], 1, scene.nv))
+                row[..., scene.v_index(on)] = 1.0
+                parts.append(row if derivative else q[..., scene.q_index(on)] - target)
+            else:
+                parts += _frame_residuals(scene, q, kind, on, np.array(at), target, relative_to, derivative, errors)
+        empty = np.zeros((*q.shape[:-1], 0, *[scene.nv] * derivative))
+        return np.concatenate([empty, *parts], axis=-2 if derivative else -1)
+
+    count = sum(RESIDUALS[kind] for kind, *_ in given)
+    return _of_configuration(scene, (count,), lambda q: each(q, False), lambda q: each(q, True))
+
+
+def _frame_residuals(
+    scene: Scene, q: Array, kind: str, link: str, at: Array, target: Array, relative_to: str | None, derivative: bool, errors: Errors
+) -> list[Array]:
+    """Residuals of a task of the frame of a link, or their derivatives by the tangent of q: the rotation vector from
+    the target to the link in the axes of the link, and the distance of the point from the target.
+    """
+    pose, motion = scene.placement(q, link, errors=errors), None
+    if derivative:
+        motion = scene.jacobian(q, link, errors=errors)
+    if relative_to is not None:
+        base = scene.placement(q, relative_to, errors=errors)
+        back = np.swapaxes(base[..., :3, :3], -1, -2)
+        pose = np.concatenate([back @ pose[..., :3, :3], back @ (pose[..., :3, 3:] - base[..., :3, 3:])], axis=-1)
+        if motion is not None:
+            of_base = scene.jacobian(q, relative_to, errors=errors)
+            turn, arm = np.swapaxes(pose[..., :3, :3], -1, -2), skew(pose[..., :3, 3])
+            carried = [turn @ of_base[..., :3, :], turn @ (of_base[..., 3:, :] - arm @ of_base[..., :3, :])]
+            motion = motion - np.concatenate(carried, axis=-2)
+    turn, place = pose[..., :3, :3], pose[..., :3, 3]
+    wanted = target.reshape(4, 4)[:3, :3] if kind == "pose" else target.reshape(3, 3) if kind == "orientation" else None
+    goal = target.reshape(4, 4)[:3, 3] if kind == "pose" else target if kind == "position" else None
+    found = []
+    if wanted is not None:
+        vector = rotation_vector(wanted.T @ turn)
+        if motion is None:
+            found.append(vector)
+        else:
+            right = right_jacobian(-skew(vector), np.linalg.norm(vector, axis=-1))
+            found.append(np.linalg.inv(right) @ motion[..., :3, :])
+    if goal is not None:
+        found.append(place + turn @ at - goal if motion is None else turn @ (motion[..., 3:, :] - skew(at) @ motion[..., :3, :]))
+    return found
+
+
+#: The functions of phipsi.jax and phipsi.torch.
+SUPPORTED = (
+    "bias_torque", "center_of_mass", "forward_dynamics", "integrate", "inverse_dynamics", "jacobian", "mass_matrix", "placement", "simulate",
+    "task_residual",
+)  # fmt: skip
+
+
+def missing(module: str, name: str) -> AttributeError:
+    """The error for a function that a module does not have."""
+    return AttributeError(f"{module}: found no {name!r}; expected one of {', '.join(SUPPORTED)}", name=name)
 
 
 class Rollout:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
+import logging
 import os
 import platform
 import shlex
@@ -12,6 +13,7 @@ import signal
 import stat
 import subprocess
 import tempfile
+import time
 import warnings
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Compiled", "compile"]
 
+_LOGGER = logging.getLogger("phipsi")
 _Array: TypeAlias = NDArray[Any]
 #: Flags for every compiler. Functions of one state are not used here, and would take half of the compilation time.
 ALWAYS = ("-std=c99", "-ffp-contract=fast", "-fno-math-errno", "-shared", "-fPIC", "-DROBOT_BATCHES_ALONE")
@@ -405,11 +408,14 @@ def _build(files: dict[str, str], command: list[str], library: Path) -> None:
     with tempfile.TemporaryDirectory(dir=library.parent) as directory:
         for name in ("robot.c", "robot.h"):
             (Path(directory) / name).write_text(files[name], encoding="utf-8")
+        _LOGGER.info("compiling %d lines of C with %s", files["robot.c"].count("\n"), command[0])
+        began = time.monotonic()
         done = _run([*command, "robot.c", "-lm", "-o", "robot.so"], directory)
         made = Path(directory) / "robot.so"
         if done.returncode != 0 or not made.is_file():
             said = done.stderr.strip()[-500:] or f"exit code {done.returncode}, and no library"
             raise of_argument(ArgumentError, "compiler", f"found that {command[0]} failed: {said}; expected GCC or Clang with flags that it knows")
+        _LOGGER.info("compiled in %.1f s: %s", time.monotonic() - began, library)
         digest = Path(directory) / "digest"
         digest.write_text(_digest(made), encoding="utf-8")
         os.replace(made, library)

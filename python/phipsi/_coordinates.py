@@ -31,6 +31,28 @@ def rotation(quaternion: Array) -> Array:
     return np.swapaxes(by_quaternion(quaternion[..., None, :], np.eye(3)), -1, -2)
 
 
+def rotation_vector(matrix: Array) -> Array:
+    """Rotation vectors of rotation matrices, (..., 3, 3) to (..., 3): the axis times an angle from 0 to pi."""
+    m = matrix
+    # The row of the largest entry of 4 (x, y, z, w)(x, y, z, w)^T suffers the least from cancellation.
+    trace = np.trace(m, axis1=-2, axis2=-1)
+    diagonal = np.diagonal(m, axis1=-2, axis2=-1)
+    lower = [m[..., 2, 1], m[..., 0, 2], m[..., 1, 0]]
+    upper = [m[..., 1, 2], m[..., 2, 0], m[..., 0, 1]]
+    w = [one - other for one, other in zip(lower, upper, strict=True)]
+    xy, xz, yz = m[..., 0, 1] + m[..., 1, 0], m[..., 0, 2] + m[..., 2, 0], m[..., 1, 2] + m[..., 2, 1]
+    square = [1.0 - trace + 2.0 * diagonal[..., i] for i in range(3)] + [1.0 + trace]
+    rows = [[square[0], xy, xz, w[0]], [xy, square[1], yz, w[1]], [xz, yz, square[2], w[2]], [*w, square[3]]]
+    table = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    largest = np.stack(square, axis=-1).argmax(axis=-1)
+    quaternion = np.take_along_axis(table, largest[..., None, None], axis=-2)[..., 0, :]
+    quaternion = quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
+    quaternion = np.where(quaternion[..., 3:] < 0.0, -quaternion, quaternion)
+    sine = np.linalg.norm(quaternion[..., :3], axis=-1, keepdims=True)
+    angle = 2.0 * np.arctan2(sine, quaternion[..., 3:])
+    return np.asarray(np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 2.0) * quaternion[..., :3])
+
+
 def right_jacobian(a: Array, angle: Array) -> Array:
     """Sum of a^i / (i + 1)!, for -a the matrix of a Lie bracket of a rotation by this angle, with or without a
     translation: (..., n, n), n = 3 or 6.

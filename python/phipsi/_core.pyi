@@ -249,6 +249,7 @@ class Scene:
         strict: bool = False,
         leave_out: Collection[_Switch] | None = None,
         ignore: Collection[_Ignored] = (),
+        contacts: Literal["plane"] | None = None,
     ) -> Scene:
         """Create the scene of a MuJoCo model; needs the extra phipsi[mujoco].
 
@@ -267,7 +268,9 @@ class Scene:
             Parts of the model to omit without a warning: "actuators" (armature and damping of those that do not act on
             a hinge or slide), "armature" and "friction" (of free joints), "contacts", "equality", "flexes", "fluid",
             "gravcomp", "limits" (of ball joints), "mocap", "nonlinear" (springs, damping, plasticity), "plugins",
-            "softness" (of equality constraints) and "tendons".
+            "softness" (of equality constraints and contacts) and "tendons".
+        contacts : {"plane"}, optional
+            "plane": geoms that can touch a fixed plane become contacts with it. None: contacts are not read.
 
         Returns
         -------
@@ -289,7 +292,8 @@ class Scene:
         Warns
         -----
         ModelWarning
-            Contacts, limits of tendons and ball joints, air and soft equality constraints, which are omitted.
+            Contacts, limits of tendons and ball joints, air and soft equality constraints, which are omitted. With
+            contacts="plane": geoms that can touch each other, ellipsoids, friction of condim 4 and 6, soft contacts.
         MeshWarning
             Missing files on which no inertia depends.
         MimicWarning
@@ -305,7 +309,11 @@ class Scene:
         The equality constraints connect, weld and joint (linear) become rigid connections with their names or "equality
         0" and so on; solref and solimp are not read. Armature and damping of actuators are added to those of their
         joint, times the square of the gear ratio; their forcerange is the effort limit. Stops are at range, moved
-        inward by margin. Controls, sensors and the integrator are not read.
+        inward by margin. Sensors and the integrator are not read; phipsi.mujoco.actuators reads the controls.
+
+        With contacts="plane", the contacts of a geom are those of its convex hull with a plane: the center of a sphere,
+        the ends of a capsule, the corners of a box, eight points of each rim of a cylinder, the hull vertices of a mesh.
+        Their friction is that of MuJoCo for the two geoms; margin raises the plane. docs/how-to/read-a-robot.md.
 
         Examples
         --------
@@ -1654,6 +1662,7 @@ class Scene:
         form: _Form = "auto",
         tolerance: float | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
+        damping: bool = False,
         errors: _Errors = "raise",
     ) -> LinearSystem:
         """Linearization dx/dt = A x + B u about a motion: x = (tangent of q, change of qd), u = change of tau.
@@ -1673,6 +1682,8 @@ class Scene:
         wrenches : dict of str to (..., 6) array_like, optional
             External forces by link name (links on fixed joints too): (moment, force) at the origin and in the frame of
             the link, N m and N.
+        damping : bool, default False
+            If true, the viscous damping of the joints acts in addition to tau, as in simulate.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -2187,7 +2198,7 @@ class Scene:
         q: ArrayLike,
         links: str | Iterable[str],
         *,
-        xyz: ArrayLike | None = None,
+        at: ArrayLike | None = None,
         rotation: ArrayLike | None = None,
         form: _Form = "auto",
         tolerance: float | None = None,
@@ -2201,7 +2212,7 @@ class Scene:
             Joint positions, rad or m.
         links : str or sequence of str
             Link name or m link names; links on the base and repeated names are allowed.
-        xyz : (3,) or (m, 3) array_like, optional
+        at : (3,) or (m, 3) array_like, optional
             Origins of the task frames in the link frames, m; zero by default. The same for the whole batch.
         rotation : (3, 3) or (m, 3, 3) array_like, optional
             Axes of the task frames in the link frames; the identity by default. The same for the whole batch.
@@ -2243,7 +2254,7 @@ class Scene:
         q: ArrayLike,
         links: str | Iterable[str],
         *,
-        xyz: ArrayLike | None = None,
+        at: ArrayLike | None = None,
         rotation: ArrayLike | None = None,
         directions: ArrayLike | None = None,
         form: _Form = "auto",
@@ -2258,7 +2269,7 @@ class Scene:
             Joint positions, rad or m.
         links : str or sequence of str
             Link name or m link names.
-        xyz : (3,) or (m, 3) array_like, optional
+        at : (3,) or (m, 3) array_like, optional
             Origins of the task frames in the link frames, m; zero by default. The same for the whole batch.
         rotation : (3, 3) or (m, 3, 3) array_like, optional
             Axes of the task frames in the link frames; the identity by default. The same for the whole batch.
@@ -3974,7 +3985,7 @@ class Scene:
         self,
         q: ArrayLike,
         qd: ArrayLike,
-        torque: ArrayLike,
+        tau: ArrayLike,
         *,
         noise: ArrayLike = 0.0,
         measured: Iterable[str] | ArrayLike | None = None,
@@ -3993,12 +4004,12 @@ class Scene:
             Joint positions, rad or m.
         qd : (..., nv) array_like
             Joint velocities, rad/s or m/s.
-        torque : (..., nv) array_like
+        tau : (..., nv) array_like
             Measured joint torques, N m or N. Entries that a masked array masks are not measured.
         noise : float or (..., nv) array_like, default 0
             Variance of each measurement, (N m)^2 or N^2; 0: exact, inf: not measured.
         measured : iterable of str or (nv,) array_like of bool, optional
-            Names of the measured joints, or a mask; torque and noise of the others are not read. None: all joints.
+            Names of the measured joints, or a mask; tau and noise of the others are not read. None: all joints.
         prior_acceleration : (..., nv) array_like, optional
             Prior mean a0 of the joint accelerations, zero by default.
         acceleration_variance : float, default 1
@@ -4333,6 +4344,37 @@ class Scene:
         >>> scene = phipsi.scenes.chain(3)
         >>> copy = phipsi.Scene.from_urdf(scene.to_urdf())
         >>> copy.joint_names == scene.joint_names
+        True
+        """
+
+    def random_configuration(
+        self, rng: int | np.random.Generator | None = None, *, size: int | tuple[int, ...] = ()
+    ) -> _Array:
+        """Draw random configurations: joint positions uniformly within the limits, orientations uniformly.
+
+        Parameters
+        ----------
+        rng : int or numpy.random.Generator, optional
+            Seed or generator; None: fresh entropy.
+        size : int or tuple of int, default ()
+            Batch axes.
+
+        Returns
+        -------
+        q : (*size, nq) ndarray
+            Configurations. Without limits, or with a limit beyond 20 rad or m, an angle is drawn from (-pi, pi) and a
+            length from (-1, 1) m. Coupled joints and connections are not considered; see project.
+
+        Raises
+        ------
+        ArgumentError
+            Any other rng or size.
+
+        Examples
+        --------
+        >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+        >>> q = scene.random_configuration(7, size=100)
+        >>> bool(np.all((scene.limits.lower <= q) & (q <= scene.limits.upper)))
         True
         """
 

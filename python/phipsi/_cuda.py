@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ._functions import ARGUMENTS, Function, Functions, parts, shapes, symbol
+from ._install import command
 from .errors import ArgumentError, ShapeError, of_argument
 
 if TYPE_CHECKING:
@@ -115,7 +116,8 @@ def compile_for_cuda(scene: Scene, functions: tuple[Function, ...], dtype: str) 
     try:
         import cupy
     except ImportError as error:
-        raise ImportError("phipsi.compile(device='cuda') needs CuPy: pip install 'phipsi[cuda]', or use device='cpu'") from error
+        text = f"phipsi.compile(device='cuda') needs CuPy; install it with: {command('cuda')}; or use device='cpu'"
+        raise ImportError(text) from error
     source = scene.to_cuda(name="robot", functions=functions, dtype=dtype)["robot.cu"]  # type: ignore[arg-type]
     try:
         found = cupy.cuda.runtime.getDeviceCount()

@@ -111,14 +111,14 @@ class Functions(Generic[A]):
     def forward_dynamics_derivatives(
         self, q: Any, qd: Any, tau: Any, *, wrenches: Any = None, out: A | None = None, errors: _Errors = "raise"
     ) -> ForwardDynamicsDerivatives:
-        """dqdd_dq, dqdd_dqd and Minv, (..., nv, nv) each, as Scene.forward_dynamics_derivatives in the form that was compiled. out: (..., 3, nv, nv), of which they are views."""
+        """dqdd_dq, dqdd_dqd and mass_matrix_inverse, (..., nv, nv) each, as Scene.forward_dynamics_derivatives in the form that was compiled. out: (..., 3, nv, nv), of which they are views."""
         found = self._run(("forward_dynamics_derivatives",), (q, qd, tau), out, errors, None if wrenches is None else {"wrenches": wrenches})
         return found if isinstance(found, ForwardDynamicsDerivatives) else ForwardDynamicsDerivatives(*found)
 
     def inverse_dynamics_derivatives(
         self, q: Any, qd: Any, qdd: Any, *, wrenches: Any = None, out: A | None = None, errors: _Errors = "raise"
     ) -> InverseDynamicsDerivatives:
-        """dtau_dq, dtau_dqd and M, (..., nv, nv) each, as Scene.inverse_dynamics_derivatives. out: (..., 3, nv, nv), of which they are views."""
+        """dtau_dq, dtau_dqd and mass_matrix, (..., nv, nv) each, as Scene.inverse_dynamics_derivatives. out: (..., 3, nv, nv), of which they are views."""
         found = self._run(("inverse_dynamics_derivatives",), (q, qd, qdd), out, errors, None if wrenches is None else {"wrenches": wrenches})
         return found if isinstance(found, InverseDynamicsDerivatives) else InverseDynamicsDerivatives(*found)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import logging
 import os
 import re
 import warnings
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from ._core import Scene
 from ._xacro import COMMENT, expanded, is_xacro
-from .errors import ArgumentError, SceneError
+from .errors import ArgumentError, MimicWarning, SceneError
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -31,8 +32,9 @@ def load(
     strict: bool = False,
     leave_out: Collection[Any] | None = None,
     xacro_arguments: Mapping[str, str] | None = None,
-    mimic: Literal["couple", "free"] = "free",
+    mimic: bool | Literal["couple", "free"] | None = None,
     ignore: Collection[Any] = (),
+    contacts: Literal["plane"] | None = None,
 ) -> Scene:
     """Load a scene from a robot description; the format is detected from the content.
 
@@ -53,10 +55,13 @@ def load(
         Simplifications to use, as in Scene.from_urdf; None: all.
     xacro_arguments : mapping of str to str, optional
         Values of the `<xacro:arg>` elements of a xacro.
-    mimic : {"free", "couple"}
-        "free" or "couple": joints of a URDF with `<mimic>` are independent or coupled, as in Scene.from_urdf.
+    mimic : bool, "couple" or "free", optional
+        True or "couple": joints of a URDF with `<mimic>` follow the joint that they name and have no coordinates of
+        their own. False or "free": they are independent. None: they are independent, with a MimicWarning for each.
     ignore : collection of str
         Parts of an MJCF model to omit, as in Scene.from_mujoco.
+    contacts : {"plane"}, optional
+        "plane": geoms of an MJCF model that can touch a fixed plane become contacts, as in Scene.from_mujoco.
 
     Returns
     -------
@@ -86,15 +91,18 @@ def load(
     >>> scene.nq, scene.joint_names[:2]
     (6, ('joint1', 'joint2'))
     """
+    if mimic not in (None, True, False, "couple", "free"):
+        raise ArgumentError(f'mimic: found {mimic!r}; expected True ("couple"), False ("free") or None')
     options: dict[str, Any] = {"gravity": gravity, "strict": strict, "leave_out": leave_out}
     package = type(source).__module__.partition(".")[0]
     if package in ("mujoco", "pinocchio"):
         _has_no_use(floating_base, "floating_base", source)
         _has_no_use(xacro_arguments, "xacro_arguments", source)
-        _has_no_use(mimic != "free", "mimic", source)
+        _has_no_use(mimic, "mimic", source)
         if package == "mujoco":
-            return Scene.from_mujoco(source, **options, ignore=ignore)
+            return Scene.from_mujoco(source, **options, ignore=ignore, contacts=contacts)
         _has_no_use(ignore, "ignore", source)
+        _has_no_use(contacts, "contacts", source)
         return Scene.from_pinocchio(source, **options)
     if not isinstance(source, str | os.PathLike):
         raise ArgumentError(f"source: found {type(source).__name__}; expected {EXPECTED}")
@@ -105,16 +113,21 @@ def load(
     if root == "mujoco" or (file is not None and file.suffix == ".mjb"):
         _has_no_use(floating_base, "floating_base", source)
         _has_no_use(xacro_arguments, "xacro_arguments", source)
-        _has_no_use(mimic != "free", "mimic", source)
-        return Scene.from_mujoco(source, **options, ignore=ignore)
+        _has_no_use(mimic, "mimic", source)
+        return Scene.from_mujoco(source, **options, ignore=ignore, contacts=contacts)
     _has_no_use(ignore, "ignore", source)
+    _has_no_use(contacts, "contacts", source)
     if gravity is None:
         del options["gravity"]
-    options.update(floating_base=floating_base, mimic=mimic)
-    if is_xacro(text):
-        return _of_file(Scene.from_urdf(expanded(source, xacro_arguments), **options), file)
-    _has_no_use(xacro_arguments, "xacro_arguments", source)
-    return Scene.from_urdf(source, **options)
+    options.update(floating_base=floating_base, mimic="couple" if mimic in (True, "couple") else "free")
+    with warnings.catch_warnings():
+        if mimic is not None:
+            # Independent joints were asked for.
+            warnings.simplefilter("ignore", MimicWarning)
+        if is_xacro(text):
+            return _of_file(Scene.from_urdf(expanded(source, xacro_arguments), **options), file)
+        _has_no_use(xacro_arguments, "xacro_arguments", source)
+        return Scene.from_urdf(source, **options)
 
 
 def read(source: str | os.PathLike[str]) -> tuple[str, Path | None]:
@@ -140,6 +153,7 @@ def described(name: str) -> str:
     """Path of the robot description of a module of robot_descriptions."""
     if find_spec("robot_descriptions") is None:
         raise ImportError(f"source: found {name!r}, which is not a file, and no package robot_descriptions; install it with: pip install robot_descriptions")
+    logging.getLogger("phipsi").info("fetching %s with robot_descriptions", name)
     try:
         module = importlib.import_module(f"robot_descriptions.{name}")
     except ModuleNotFoundError:

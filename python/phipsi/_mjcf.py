@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ._install import command
 from .errors import ArgumentError, MeshWarning, SceneError
 
 if TYPE_CHECKING:
@@ -33,9 +34,8 @@ def compiled(source: Any, strict: bool = False) -> tuple[mujoco.MjModel, Path | 
     try:
         import mujoco
     except ImportError:
-        raise ImportError(
-            'Scene.from_mujoco: found no package mujoco; install it with: pip install "phipsi[mujoco]"'
-        ) from None
+        text = f"Scene.from_mujoco: found no package mujoco; install it with: {command('mujoco')}"
+        raise ImportError(text) from None
     if isinstance(source, mujoco.MjModel):
         return source, None
     if not isinstance(source, str | os.PathLike | mujoco.MjSpec):

@@ -21,6 +21,8 @@ from ._motion_parts import (
     StopImpact,
     Violation,
 )
+from ._recorded import Recorded
+from ._trajectory_files import TrajectoryFiles
 from .errors import ArgumentError, InertiaWarning, LimitWarning, SimulationError, SimulationInterrupted, of_argument, place_in_time
 
 if TYPE_CHECKING:
@@ -45,7 +47,7 @@ _Number = TypeVar("_Number", np.float64, np.int8)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Trajectory:
+class Trajectory(TrajectoryFiles):
     """Recorded states of a simulation; returned by Scene.simulate.
 
     Examples
@@ -109,6 +111,10 @@ class Trajectory:
     """With covariance, the standard deviations and covariances of each row; otherwise None."""
     given: dict[str, Any] | None = field(default=None, repr=False)
     """Other arguments of Scene.simulate, for vjp; arrays are copies. None for a Simulator."""
+    applied: _Array | None = field(default=None, repr=False)
+    """Torques that a control function returned for the step that begins at each row (in the last row, for the last
+    step), (..., rows, nv), N m or N; None if tau was not a function.
+    """
 
     def __len__(self) -> int:
         """Number of rows."""
@@ -256,7 +262,7 @@ class Trajectory:
         Raises
         ------
         ArgumentError
-            If tau was a function, or if the trajectory is that of a Simulator.
+            If the trajectory is that of a Simulator or of Scene.ode.
 
         Examples
         --------
@@ -266,7 +272,7 @@ class Trajectory:
         >>> path.torques().shape
         (101, 3)
         """
-        given, scene, v = self._known(), self.scene, self.qd
+        given, scene, v = self._known(by_function=True), self.scene, self.qd
 
         def read(name: str, value: ArrayLike, coordinates: bool = False) -> _Array:
             return np.asarray(_core._numbers(name, value, scene, coordinates))
@@ -277,7 +283,9 @@ class Trajectory:
         u = -own("damping", scene.damping) * v - self.stiffness * self._displacement(self.rest, self.q)
         speed = self.friction_speed
         u -= own("friction", scene.friction) * (v / np.sqrt(v**2 + speed**2) if speed > 0.0 else np.sign(v))
-        if given.get("tau") is not None:
+        if self.applied is not None:
+            u = u + self.applied
+        elif given.get("tau") is not None:
             u = u + read("tau", given["tau"])[..., None, :]
         if given.get("tau_steps") is not None and self.steps:
             begun = np.minimum(np.arange(len(self)) * self.record_every, self.steps - 1)
@@ -303,7 +311,7 @@ class Trajectory:
         Raises
         ------
         ArgumentError
-            If tau was a function, or if the trajectory is that of a Simulator.
+            If the trajectory is that of a Simulator or of Scene.ode.
 
         Notes
         -----
@@ -422,11 +430,18 @@ class Trajectory:
         own = {"dt": self.dt, "steps": self.steps, "method": self.method, "record_every": self.record_every}
         return {**given, **own, "armature": self.armature, "stiffness": self.stiffness, "rest": self.rest}
 
-    def _known(self) -> dict[str, Any]:
-        """Arguments of Scene.simulate; raises ArgumentError if they are not recorded."""
+    @property
+    def has_torques(self) -> bool:
+        """Whether torques() is known: not for a Simulator, and for Scene.ode not if tau was a function."""
+        return self.given is not None and (self.applied is not None or not isinstance(self.given.get("tau"), str))
+
+    def _known(self, by_function: bool = False) -> dict[str, Any]:
+        """Arguments of Scene.simulate; raises ArgumentError if they are not recorded. by_function: the recorded torques
+        of a function suffice.
+        """
         if self.given is None:
             raise of_argument(ArgumentError, "trajectory", "found the trajectory of a Simulator; expected one with all rows: use Scene.simulate")
-        if isinstance(self.given.get("tau"), str):
+        if isinstance(self.given.get("tau"), str) and not (by_function and self.applied is not None):
             raise of_argument(ArgumentError, "tau", "found a function; expected arrays: pass the values of the function as tau_steps")
         return dict(self.given)
 
@@ -497,7 +512,9 @@ def trajectory_of(
         q, qd = q[..., :rows, :], qd[..., :rows, :]
         if about.get("contacts") is not None:
             about["contacts"] = _first_rows(about["contacts"], rows, q.ndim - 2)
-    return Trajectory(scene, t, q, qd, dt, steps, record_every=record_every, given=_kept(given), **_outcome(about))
+    tau = given.get("tau")
+    applied = tau.rows(q.shape[:-2], rows, qd.shape[-1]) if isinstance(tau, Recorded) else None
+    return Trajectory(scene, t, q, qd, dt, steps, record_every=record_every, given=_kept(given), applied=applied, **_outcome(about))
 
 
 def _outcome(about: dict[str, Any]) -> dict[str, Any]:

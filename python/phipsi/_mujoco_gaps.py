@@ -21,7 +21,8 @@ from ._mjcf import (
     joint_actuators,
     stops,
 )
-from .errors import ArgumentError, ModelWarning, SceneError
+from ._mjcf_contacts import pairs, unsupported
+from .errors import ArgumentError, ModelWarning, SceneError, known_names
 
 if TYPE_CHECKING:
     import mujoco
@@ -60,13 +61,13 @@ class Gap(NamedTuple):
     """Whether omitting the part changes the motion: an error; otherwise a warning."""
 
 
-def check(model: mujoco.MjModel, names: Names, ignore: Collection[str], strict: bool) -> None:
+def check(model: mujoco.MjModel, names: Names, ignore: Collection[str], strict: bool, contacts: bool = False) -> None:
     """Raise SceneError, or warn, for active parts of a model that cannot be represented, except those in `ignore`."""
     for name in ignore:
         if name not in IGNORED:
-            raise ArgumentError(f"ignore: found {name!r}; expected names of {', '.join(IGNORED)}")
+            raise ArgumentError(f"ignore: found {name!r}; expected names of {known_names(name, IGNORED)}")
     found: dict[str, list[Gap]] = {}
-    for gap in gaps(model, names, ignore):
+    for gap in gaps(model, names, ignore, contacts):
         if gap.name not in ignore:
             found.setdefault(gap.name, []).append(gap)
     refused = {name: of for name, of in found.items() if strict or any(gap.is_refused for gap in of)}
@@ -87,22 +88,28 @@ def _text(of: list[Gap]) -> str:
     return f"{first.found}{more}: {first.consequence}"
 
 
-def gaps(model: mujoco.MjModel, names: Names, ignore: Collection[str]) -> Iterator[Gap]:
-    """All parts that cannot be represented."""
+def gaps(model: mujoco.MjModel, names: Names, ignore: Collection[str], contacts: bool = False) -> Iterator[Gap]:
+    """All parts that cannot be represented; contacts: those with planes are read."""
     if "equality" not in ignore:
         yield from _of_equalities(model, names)
     yield from _of_tendons(model)
     yield from _of_bodies(model, names)
     yield from _of_joints(model, names)
     yield from _of_actuators(model)
-    if "contacts" not in ignore and (pair := colliding(model)):
-        one, other = (names.bodies[body] for body in pair)
-        yield Gap(
-            "contacts",
-            f"geoms that collide, of {one!r} and {other!r} for instance",
-            "bodies can pass through each other, because contacts of a file are not read",
-            False,
-        )
+    if "contacts" not in ignore:
+        for _, found, consequence in unsupported(model, names, contacts):
+            yield Gap("contacts", found, consequence, False)
+    if contacts:
+        yield from _of_contacts(model)
+
+
+def _of_contacts(model: mujoco.MjModel) -> Iterator[Gap]:
+    """Contacts with planes that are softer than rigid ones."""
+    for pair in pairs(model):
+        if pair.plane_and_geom(model) is not None and _is_soft(pair.solref, pair.solimp):
+            one, other = (model.geom(end).name or f"geom{end}" for end in (pair.first, pair.second))
+            what = f"the contact of {one!r} and {other!r}, which is softer than MuJoCo's default (solref, solimp)"
+            yield Gap("softness", what, "contacts are rigid", False)
 
 
 def _of_equalities(model: mujoco.MjModel, names: Names) -> Iterator[Gap]:
@@ -237,32 +244,6 @@ def _of_actuators(model: mujoco.MjModel) -> Iterator[Gap]:
                 yield Gap("nonlinear", f"{what} at {of}", "damping is linear")
             elif at not in read:
                 yield Gap("actuators", f"{what} at {of}", "it is supported only at actuators of hinge and slide joints")
-
-
-def colliding(model: mujoco.MjModel) -> tuple[int, int] | None:
-    """Two bodies whose geoms can collide according to MuJoCo's filters; None if there are none."""
-    if not has_constraints(model, "CONTACT"):
-        return None
-    if model.npair:
-        return int(model.geom_bodyid[model.pair_geom1[0]]), int(model.geom_bodyid[model.pair_geom2[0]])
-    types, affinities, rigid = model.body_contype, model.body_conaffinity, model.body_weldid
-    above = rigid[model.body_parentid[rigid]]
-    filters_parents, excluded = not is_disabled(model, "FILTERPARENT"), set(model.exclude_signature.tolist())
-    bodies = np.flatnonzero(types | affinities)
-    for at, body in enumerate(bodies.tolist()):
-        other = bodies[at + 1 :]
-        may = (types[body] & affinities[other]) | (types[other] & affinities[body])
-        may = (may != 0) & (rigid[other] != rigid[body])
-        if filters_parents:
-            # A body does not collide with its parent, unless that is fixed to the world.
-            of_parent = ((above[other] == rigid[body]) & (rigid[body] != 0)) | (
-                (above[body] == rigid[other]) & (rigid[other] != 0)
-            )
-            may &= ~of_parent
-        for found in other[may].tolist():
-            if (body << 16) + found not in excluded:
-                return body, found
-    return None
 
 
 def _where(condition: Any) -> list[int]:

@@ -15,7 +15,7 @@ they are centered at its end.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
@@ -35,6 +35,7 @@ from ._chart import (
     tangent,
 )
 from ._coordinates import Coordinates
+from ._install import command
 from ._motion import PD, Trajectory
 
 if TYPE_CHECKING:
@@ -111,6 +112,8 @@ class Ode:
         self._pd: tuple[_Array, _Array, _Array, _Array] | None = None
         if pd is not None:
             law = PD(*pd)
+            for name, gain in (("pd.kp", law.kp), ("pd.kd", law.kd)):
+                self._check_gain(name, gain)
             self._pd = (
                 rates("pd.kp", law.kp, 0.0),
                 rates("pd.kd", law.kd, 0.0),
@@ -121,6 +124,15 @@ class Ode:
         coordinates = Coordinates(scene)
         self._turns, self._moves = coordinates.turns, coordinates.moves
         self._center = scene.neutral()
+
+    def _check_gain(self, name: str, gain: ArrayLike) -> None:
+        """Refuse one gain for all joints if a joint is free, as Scene.simulate does."""
+        free = [joint for joint in self.scene.joint_names if self.scene.joints[joint].type == "floating"]
+        if free and not isinstance(gain, Mapping) and np.ndim(gain) == 0:
+            at = self.scene.v_index(free[0])
+            found = f'found one number for all joints, which would also hold "{free[0]}" in the air'
+            text = f'{found}; expected {self.scene.nv} gains, those of "{free[0]}" at {at.start}:{at.stop} explicitly, for instance 0'
+            raise errors.of_argument(errors.ArgumentError, name, text)
 
     def _configuration(self, name: str, value: ArrayLike) -> _Array:
         q = _core._numbers(name, value, self.scene, True)
@@ -320,9 +332,9 @@ class Ode:
             rates_x[linear, angular] = by_vector_derivative(w, v[linear])
         dynamics = self.scene.forward_dynamics_derivatives(q, v, self.torque(t, q, v))
         by_q, by_v = self._torque_derivatives(q, v)
-        accelerations = np.hstack([(dynamics.dqdd_dq + dynamics.Minv @ by_q) @ moved, dynamics.dqdd_dqd + dynamics.Minv * by_v])
+        accelerations = np.hstack([(dynamics.dqdd_dq + dynamics.mass_matrix_inverse @ by_q) @ moved, dynamics.dqdd_dqd + dynamics.mass_matrix_inverse * by_v])
         if callable(self._tau):
-            accelerations += dynamics.Minv @ self._tau_differences(t, x, v)
+            accelerations += dynamics.mass_matrix_inverse @ self._tau_differences(t, x, v)
         return np.vstack([np.hstack([rates_x, rates_v]), accelerations])
 
     def _torque_derivatives(self, q: _Array, v: _Array) -> tuple[_Array, _Array]:
@@ -414,7 +426,7 @@ class Ode:
         try:
             from scipy import integrate  # type: ignore[import-untyped,unused-ignore]
         except ImportError:
-            raise ImportError('Ode.solve needs SciPy; install with: pip install "phipsi[motion]"') from None
+            raise ImportError(f"Ode.solve needs SciPy; install it with: {command('motion')}") from None
         methods = {name: getattr(integrate, name) for name in ("RK23", "RK45", "DOP853", "Radau", "BDF", "LSODA")}
         if method not in methods:
             names = ", ".join(f'"{name}"' for name in methods)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -225,8 +225,13 @@ class InverseDynamicsDerivatives(NamedTuple):
     """
     dtau_dqd: NDArray[np.float64]
     """Derivatives with respect to qd."""
-    M: NDArray[np.float64]
+    mass_matrix: NDArray[np.float64]
     """Derivatives with respect to qdd: the mass matrix, full and symmetric, armature included."""
+
+    @property
+    def M(self) -> NDArray[np.float64]:
+        """Another name of mass_matrix."""
+        return self.mass_matrix
 
 
 class ForwardDynamicsDerivatives(NamedTuple):
@@ -238,7 +243,7 @@ class ForwardDynamicsDerivatives(NamedTuple):
     >>> import phipsi
     >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
     >>> q, zero = np.full(6, 0.3), np.zeros(6)
-    >>> scene.forward_dynamics_derivatives(q, zero, zero).Minv.shape
+    >>> scene.forward_dynamics_derivatives(q, zero, zero).mass_matrix_inverse.shape
     (6, 6)
     """
 
@@ -248,8 +253,13 @@ class ForwardDynamicsDerivatives(NamedTuple):
     """
     dqdd_dqd: NDArray[np.float64]
     """Derivatives with respect to qd."""
-    Minv: NDArray[np.float64]
+    mass_matrix_inverse: NDArray[np.float64]
     """Derivatives with respect to tau: the inverse of the mass matrix, full and symmetric."""
+
+    @property
+    def Minv(self) -> NoReturn:
+        """The former name of mass_matrix_inverse: raises AttributeError."""
+        raise AttributeError("Minv: found the former name of a field; expected mass_matrix_inverse", name="Minv", obj=self)
 
 
 class InverseDynamicsGradients(NamedTuple):

@@ -1,5 +1,5 @@
 """The command `phipsi` with the subcommands info, view, simulate, ik, identify, codegen, report, check, bench and
-completion. It needs the extra: pip install "phipsi[report]".
+completion. Pages need the extra `report`, and `view` needs the extra `view`.
 """
 
 from __future__ import annotations
@@ -7,19 +7,24 @@ from __future__ import annotations
 import sys
 from importlib.util import find_spec
 
-#: Packages of the extra.
-EXTRA = ("click", "rich", "plotly", "jinja2")
+#: Packages that all commands need.
+REQUIRED = ("click", "rich")
+#: Exit code of a command that Ctrl-C ends, as in shells.
+INTERRUPTED = 130
 
 
 def main() -> None:
     """Run the command line."""
-    missing = [name for name in EXTRA if find_spec(name) is None]
+    missing = [name for name in REQUIRED if find_spec(name) is None]
     if missing:
-        print(f'phipsi: found no {", ".join(missing)}; install with: pip install "phipsi[report]"', file=sys.stderr)
+        print(f"phipsi: found no {', '.join(missing)}; install with: pip install {' '.join(missing)}", file=sys.stderr)
         raise SystemExit(2)
-    from .report import codegen, completion, identify, ik, info, simulate, view_robot  # noqa: F401  # the imports register the commands
-    from .report.commands import group
-
+    try:
+        from .report import codegen, completion, identify, ik, info, simulate, view_robot  # noqa: F401  # the imports register the commands
+        from .report.commands import group
+    except KeyboardInterrupt:
+        print("phipsi: interrupted.", file=sys.stderr)
+        raise SystemExit(INTERRUPTED) from None
     group(prog_name="phipsi")
 
 

@@ -13,6 +13,8 @@ q
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
@@ -90,6 +92,13 @@ def of_argument(kind: type[_OfArgument], argument: str, message: str) -> _OfArgu
     error = kind(f"{argument}: {message}")
     error.argument = argument
     return error
+
+
+def known_names(name: str, known: Iterable[str]) -> str:
+    """Names for the message about an unknown one, the closest match first."""
+    names = list(known)
+    closest = difflib.get_close_matches(name, names, 1)
+    return ", ".join([*closest, *(one for one in names if one not in closest)])
 
 
 def place_in_time(step: int, t: float) -> str:

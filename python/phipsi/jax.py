@@ -24,11 +24,13 @@ from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from . import _install
+
 try:
     import jax
     import jax.numpy as jnp
 except ImportError as error:  # pragma: no cover
-    raise ImportError("phipsi.jax needs JAX: pip install 'phipsi[jax]'") from error
+    raise ImportError(f"phipsi.jax needs JAX; install it with: {_install.command('jax')}") from error
 
 import numpy as np
 
@@ -38,7 +40,10 @@ from .errors import ArgumentError, of_argument
 if TYPE_CHECKING:
     from ._core import Scene
 
-__all__ = ["forward_dynamics", "integrate", "inverse_dynamics", "simulate"]
+__all__ = [
+    "bias_torque", "center_of_mass", "forward_dynamics", "integrate", "inverse_dynamics", "jacobian", "mass_matrix", "placement", "simulate",
+    "task_residual",
+]  # fmt: skip
 
 
 def forward_dynamics(scene: Scene, q: Any, qd: Any, tau: Any, *, form: str = "auto", tolerance: float | None = None, errors: _calls.Errors = "raise") -> jax.Array:
@@ -119,6 +124,216 @@ def inverse_dynamics(scene: Scene, q: Any, qd: Any, qdd: Any, *, errors: _calls.
     >>> phipsi.jax.inverse_dynamics(scene, *(jax.numpy.zeros(6) for _ in range(3))).shape  # doctest: +SKIP
     """
     return _apply(scene, _calls.inverse_dynamics(scene, errors), q, qd, qdd)
+
+
+def placement(scene: Scene, q: Any, link: str, *, errors: _calls.Errors = "raise") -> jax.Array:
+    """Pose of a link (forward kinematics), as Scene.placement, with derivatives for JAX.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    q : array, (..., nq)
+        Joint positions, rad or m; quaternions are normalized.
+    link : str
+        Name of the link.
+    errors : {"raise", "nan"}
+        "raise" or "nan": bad states raise an error, or return NaN with one BadStateWarning, as in Scene.forward_dynamics.
+
+    Returns
+    -------
+    jax.Array
+        Homogeneous matrices from link to base frame, (..., 4, 4).
+
+    Raises
+    ------
+    ArgumentError, ShapeError
+        If an argument has an unsupported dtype, value or shape.
+
+    Examples
+    --------
+    >>> import jax.numpy  # doctest: +SKIP
+    >>> import phipsi, phipsi.jax  # doctest: +SKIP
+    >>> scene = phipsi.load(phipsi.BUNDLED_ARM)  # doctest: +SKIP
+    >>> phipsi.jax.placement(scene, jax.numpy.zeros(6), "flange")  # doctest: +SKIP
+    """
+    return _apply(scene, _calls.placement(scene, link, errors), q)
+
+
+def jacobian(scene: Scene, q: Any, link: str, *, frame: _calls.Frame = "local", errors: _calls.Errors = "raise") -> jax.Array:
+    """Jacobian (angular, linear) of a link, as Scene.jacobian, with derivatives for JAX.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    q : array, (..., nq)
+        Joint positions, rad or m; quaternions are normalized.
+    link : str
+        Name of the link.
+    frame : {"local", "world", "local-world-aligned"}
+        Frame of the result, as in Scene.velocity.
+    errors : {"raise", "nan"}
+        "raise" or "nan": bad states raise an error, or return NaN with one BadStateWarning, as in Scene.forward_dynamics.
+
+    Returns
+    -------
+    jax.Array
+        Jacobian, (..., 6, nv).
+
+    Raises
+    ------
+    ArgumentError, ShapeError
+        If an argument has an unsupported dtype, value or shape.
+
+    Examples
+    --------
+    >>> import jax.numpy  # doctest: +SKIP
+    >>> import phipsi, phipsi.jax  # doctest: +SKIP
+    >>> scene = phipsi.load(phipsi.BUNDLED_ARM)  # doctest: +SKIP
+    >>> phipsi.jax.jacobian(scene, jax.numpy.zeros(6), "flange")  # doctest: +SKIP
+    """
+    return _apply(scene, _calls.jacobian(scene, link, frame, errors), q)
+
+
+def mass_matrix(scene: Scene, q: Any, *, errors: _calls.Errors = "raise") -> jax.Array:
+    """Mass matrix, as Scene.mass_matrix, with derivatives for JAX.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    q : array, (..., nq)
+        Joint positions, rad or m; quaternions are normalized.
+    errors : {"raise", "nan"}
+        "raise" or "nan": bad states raise an error, or return NaN with one BadStateWarning, as in Scene.forward_dynamics.
+
+    Returns
+    -------
+    jax.Array
+        Mass matrix, (..., nv, nv), SI units.
+
+    Raises
+    ------
+    ArgumentError, ShapeError
+        If an argument has an unsupported dtype, value or shape.
+
+    Examples
+    --------
+    >>> import jax.numpy  # doctest: +SKIP
+    >>> import phipsi, phipsi.jax  # doctest: +SKIP
+    >>> scene = phipsi.load(phipsi.BUNDLED_ARM)  # doctest: +SKIP
+    >>> phipsi.jax.mass_matrix(scene, jax.numpy.zeros(6))  # doctest: +SKIP
+    """
+    return _apply(scene, _calls.mass_matrix(scene, errors), q)
+
+
+def bias_torque(scene: Scene, q: Any, qd: Any, *, errors: _calls.Errors = "raise") -> jax.Array:
+    """Bias torque (nonlinear effects), as Scene.bias_torque, with derivatives for JAX.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    q : array, (..., nq)
+        Joint positions, rad or m; quaternions are normalized.
+    qd : array, (..., nv)
+        Joint velocities, rad/s or m/s.
+    errors : {"raise", "nan"}
+        "raise" or "nan": bad states raise an error, or return NaN with one BadStateWarning, as in Scene.forward_dynamics.
+
+    Returns
+    -------
+    jax.Array
+        Joint torques at which no joint accelerates, (..., nv), N m or N.
+
+    Raises
+    ------
+    ArgumentError, ShapeError
+        If an argument has an unsupported dtype, value or shape.
+
+    Examples
+    --------
+    >>> import jax.numpy  # doctest: +SKIP
+    >>> import phipsi, phipsi.jax  # doctest: +SKIP
+    >>> scene = phipsi.load(phipsi.BUNDLED_ARM)  # doctest: +SKIP
+    >>> phipsi.jax.bias_torque(scene, jax.numpy.zeros(6), jax.numpy.zeros(6))  # doctest: +SKIP
+    """
+    return _apply(scene, _calls.bias_torque(scene, errors), q, qd)
+
+
+def center_of_mass(scene: Scene, q: Any, *, errors: _calls.Errors = "raise") -> jax.Array:
+    """Center of mass of all moving links, as Scene.center_of_mass, with derivatives for JAX.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    q : array, (..., nq)
+        Joint positions, rad or m; quaternions are normalized.
+    errors : {"raise", "nan"}
+        "raise" or "nan": bad states raise an error, or return NaN with one BadStateWarning, as in Scene.forward_dynamics.
+
+    Returns
+    -------
+    jax.Array
+        Position in the base frame, (..., 3), m.
+
+    Raises
+    ------
+    ArgumentError, ShapeError
+        If an argument has an unsupported dtype, value or shape.
+
+    Examples
+    --------
+    >>> import jax.numpy  # doctest: +SKIP
+    >>> import phipsi, phipsi.jax  # doctest: +SKIP
+    >>> scene = phipsi.load(phipsi.BUNDLED_ARM)  # doctest: +SKIP
+    >>> phipsi.jax.center_of_mass(scene, jax.numpy.zeros(6))  # doctest: +SKIP
+    """
+    return _apply(scene, _calls.center_of_mass(scene, errors), q)
+
+
+def task_residual(scene: Scene, q: Any, tasks: Any, *, errors: _calls.Errors = "raise") -> jax.Array:
+    """Errors of tasks of inverse kinematics, with derivatives for JAX.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    q : array, (..., nq)
+        Joint positions, rad or m; quaternions are normalized.
+    tasks : task or list of tasks
+        Pose, Position, Orientation, CenterOfMass and JointPosition of phipsi.tasks, each with the target of one state,
+        which is a constant.
+    errors : {"raise", "nan"}
+        "raise" or "nan": bad states raise an error, or return NaN with one BadStateWarning, as in Scene.forward_dynamics.
+
+    Returns
+    -------
+    jax.Array
+        Errors of the tasks, one after another, (..., n), m and rad, not divided by their standard deviations. Of a pose: the
+        rotation vector from the target to the link in the axes of the link, then the position minus the target.
+
+    Raises
+    ------
+    ArgumentError, ShapeError
+        If an argument has an unsupported dtype, value or shape.
+
+    Examples
+    --------
+    >>> import jax.numpy  # doctest: +SKIP
+    >>> import phipsi, phipsi.jax  # doctest: +SKIP
+    >>> scene = phipsi.load(phipsi.BUNDLED_ARM)  # doctest: +SKIP
+    >>> phipsi.jax.task_residual(scene, jax.numpy.zeros(6), phipsi.tasks.Position("flange", (0.5, 0.1, 0.4)))  # doctest: +SKIP
+    """
+    return _apply(scene, _calls.task_residual(scene, tasks, errors), q)
+
+
+if not TYPE_CHECKING:
+
+    def __getattr__(name: str) -> Any:
+        raise _calls.missing(__name__, name)
 
 
 def integrate(scene: Scene, q: Any, v: Any, *, errors: _calls.Errors = "raise") -> jax.Array:
@@ -281,7 +496,8 @@ def _ask(of: _calls.Call | _calls.Rollout, method: str, arguments: Sequence[jax.
 def _apply(scene: Scene, call: _calls.Call, *given: Any) -> jax.Array:
     arrays, dtype = _arrays(scene, call.names, given)
     _calls.batch_of(call.names, [array.shape for array in arrays], [(width,) for width in call.widths])
-    return _value(call, *(array.astype(dtype) for array in arrays))  # type: ignore[no-any-return]
+    found = _value(call, *(array.astype(dtype) for array in arrays))
+    return found.reshape(*found.shape[:-1], *call.shape)  # type: ignore[no-any-return]
 
 
 def _arrays(scene: Scene, names: Sequence[str], given: Sequence[Any]) -> tuple[list[jax.Array], Any]:

@@ -21,15 +21,17 @@ from ._arguments import leading, vectors
 from ._core import Scene, SceneBuilder
 from ._mjcf import BALL, EQUALITY_JOINT, EQUALITY_WELD, FREE, HINGE, SLIDE, WIDTHS, Names
 from ._mjcf import compiled, connected, equalities, field, has_constraints, is_disabled, joint_actuators, stops, ties_bodies
+from ._mjcf_actuators import Actuators, actuators
+from ._mjcf_contacts import points
 from ._mujoco_gaps import check
-from .errors import SceneError
+from .errors import ArgumentError, SceneError, of_argument
 
 if TYPE_CHECKING:
     import os
 
     import mujoco
 
-__all__ = ["from_accelerations", "from_forces", "from_state", "to_accelerations", "to_forces", "to_state"]
+__all__ = ["Actuators", "actuators", "from_accelerations", "from_forces", "from_state", "to_accelerations", "to_forces", "to_state"]
 
 _Array = NDArray[np.float64]
 
@@ -46,17 +48,33 @@ def read(
     strict: bool,
     leave_out: Collection[Any] | None,
     ignore: Collection[str],
+    contacts: str | None = None,
 ) -> Scene:
     """Implementation of Scene.from_mujoco."""
+    if contacts not in (None, "plane"):
+        raise of_argument(ArgumentError, "contacts", f'found {contacts!r}; expected "plane" or None')
     model, file = compiled(source, strict)
     names = Names(model)
-    check(model, names, ignore, strict)
+    check(model, names, ignore, strict, contacts == "plane")
     builder = _Reader(model, names, ignore).builder()
+    if contacts == "plane":
+        _add_contacts(builder, model, names, ignore)
     if file is not None:
         builder._set_file(file)
     if gravity is None:
         gravity = np.zeros(3) if is_disabled(model, "GRAVITY") else model.opt.gravity
     return builder.build(gravity=gravity, strict=strict, leave_out=leave_out)
+
+
+def _add_contacts(builder: SceneBuilder, model: mujoco.MjModel, names: Names, ignore: Collection[str]) -> None:
+    """Add the contacts of geoms with fixed planes."""
+    found = points(model, names)
+    if found and "equality" not in ignore and (tied := equalities(model)):
+        text = f"found {names.equalities[tied[0]]!r}, an equality constraint, and contacts; expected one of them, because they are not supported together"
+        raise of_argument(ArgumentError, "contacts", f'{text}: use ignore=("equality",), or omit contacts')
+    for point in found:
+        plane: dict[str, Any] = {"normal": point.normal, "offset": point.offset}
+        builder.contact(point.name, names.bodies[point.body], friction=point.friction, xyz=point.center, radius=point.radius, **plane)
 
 
 class _Frame(NamedTuple):

@@ -24,11 +24,13 @@ from collections.abc import Sequence
 from functools import reduce
 from typing import TYPE_CHECKING, Any
 
+from . import _install
+
 try:
     import torch
     from torch import Tensor
 except ImportError as error:  # pragma: no cover
-    raise ImportError("phipsi.torch needs PyTorch: pip install 'phipsi[torch]'") from error
+    raise ImportError(f"phipsi.torch needs PyTorch; install it with: {_install.command('torch')}") from error
 
 import numpy as np
 
@@ -38,7 +40,10 @@ from .errors import ArgumentError, of_argument
 if TYPE_CHECKING:
     from ._core import Scene
 
-__all__ = ["forward_dynamics", "integrate", "inverse_dynamics", "simulate"]
+__all__ = [
+    "bias_torque", "center_of_mass", "forward_dynamics", "integrate", "inverse_dynamics", "jacobian", "mass_matrix", "placement", "simulate",
+    "task_residual",
+]  # fmt: skip
 
 
 def forward_dynamics(scene: Scene, q: Tensor, qd: Tensor, tau: Tensor, *, form: str = "auto", tolerance: float | None = None, errors: _calls.Errors = "raise") -> Tensor:
@@ -119,6 +124,216 @@ def inverse_dynamics(scene: Scene, q: Tensor, qd: Tensor, qdd: Tensor, *, errors
     >>> phipsi.torch.inverse_dynamics(scene, *(torch.zeros(6) for _ in range(3))).shape  # doctest: +SKIP
     """
     return _apply(scene, _calls.inverse_dynamics(scene, errors), q, qd, qdd)
+
+
+def placement(scene: Scene, q: Tensor, link: str, *, errors: _calls.Errors = "raise") -> Tensor:
+    """Pose of a link (forward kinematics), as Scene.placement, with derivatives for PyTorch.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    q : array, (..., nq)
+        Joint positions, rad or m; quaternions are normalized.
+    link : str
+        Name of the link.
+    errors : {"raise", "nan"}
+        "raise" or "nan": bad states raise an error, or return NaN with one BadStateWarning, as in Scene.forward_dynamics.
+
+    Returns
+    -------
+    Tensor
+        Homogeneous matrices from link to base frame, (..., 4, 4).
+
+    Raises
+    ------
+    ArgumentError, ShapeError
+        If an argument has an unsupported dtype, value or shape.
+
+    Examples
+    --------
+    >>> import torch  # doctest: +SKIP
+    >>> import phipsi, phipsi.torch  # doctest: +SKIP
+    >>> scene = phipsi.load(phipsi.BUNDLED_ARM)  # doctest: +SKIP
+    >>> phipsi.torch.placement(scene, torch.zeros(6), "flange")  # doctest: +SKIP
+    """
+    return _apply(scene, _calls.placement(scene, link, errors), q)
+
+
+def jacobian(scene: Scene, q: Tensor, link: str, *, frame: _calls.Frame = "local", errors: _calls.Errors = "raise") -> Tensor:
+    """Jacobian (angular, linear) of a link, as Scene.jacobian, with derivatives for PyTorch.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    q : array, (..., nq)
+        Joint positions, rad or m; quaternions are normalized.
+    link : str
+        Name of the link.
+    frame : {"local", "world", "local-world-aligned"}
+        Frame of the result, as in Scene.velocity.
+    errors : {"raise", "nan"}
+        "raise" or "nan": bad states raise an error, or return NaN with one BadStateWarning, as in Scene.forward_dynamics.
+
+    Returns
+    -------
+    Tensor
+        Jacobian, (..., 6, nv).
+
+    Raises
+    ------
+    ArgumentError, ShapeError
+        If an argument has an unsupported dtype, value or shape.
+
+    Examples
+    --------
+    >>> import torch  # doctest: +SKIP
+    >>> import phipsi, phipsi.torch  # doctest: +SKIP
+    >>> scene = phipsi.load(phipsi.BUNDLED_ARM)  # doctest: +SKIP
+    >>> phipsi.torch.jacobian(scene, torch.zeros(6), "flange")  # doctest: +SKIP
+    """
+    return _apply(scene, _calls.jacobian(scene, link, frame, errors), q)
+
+
+def mass_matrix(scene: Scene, q: Tensor, *, errors: _calls.Errors = "raise") -> Tensor:
+    """Mass matrix, as Scene.mass_matrix, with derivatives for PyTorch.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    q : array, (..., nq)
+        Joint positions, rad or m; quaternions are normalized.
+    errors : {"raise", "nan"}
+        "raise" or "nan": bad states raise an error, or return NaN with one BadStateWarning, as in Scene.forward_dynamics.
+
+    Returns
+    -------
+    Tensor
+        Mass matrix, (..., nv, nv), SI units.
+
+    Raises
+    ------
+    ArgumentError, ShapeError
+        If an argument has an unsupported dtype, value or shape.
+
+    Examples
+    --------
+    >>> import torch  # doctest: +SKIP
+    >>> import phipsi, phipsi.torch  # doctest: +SKIP
+    >>> scene = phipsi.load(phipsi.BUNDLED_ARM)  # doctest: +SKIP
+    >>> phipsi.torch.mass_matrix(scene, torch.zeros(6))  # doctest: +SKIP
+    """
+    return _apply(scene, _calls.mass_matrix(scene, errors), q)
+
+
+def bias_torque(scene: Scene, q: Tensor, qd: Tensor, *, errors: _calls.Errors = "raise") -> Tensor:
+    """Bias torque (nonlinear effects), as Scene.bias_torque, with derivatives for PyTorch.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    q : array, (..., nq)
+        Joint positions, rad or m; quaternions are normalized.
+    qd : array, (..., nv)
+        Joint velocities, rad/s or m/s.
+    errors : {"raise", "nan"}
+        "raise" or "nan": bad states raise an error, or return NaN with one BadStateWarning, as in Scene.forward_dynamics.
+
+    Returns
+    -------
+    Tensor
+        Joint torques at which no joint accelerates, (..., nv), N m or N.
+
+    Raises
+    ------
+    ArgumentError, ShapeError
+        If an argument has an unsupported dtype, value or shape.
+
+    Examples
+    --------
+    >>> import torch  # doctest: +SKIP
+    >>> import phipsi, phipsi.torch  # doctest: +SKIP
+    >>> scene = phipsi.load(phipsi.BUNDLED_ARM)  # doctest: +SKIP
+    >>> phipsi.torch.bias_torque(scene, torch.zeros(6), torch.zeros(6))  # doctest: +SKIP
+    """
+    return _apply(scene, _calls.bias_torque(scene, errors), q, qd)
+
+
+def center_of_mass(scene: Scene, q: Tensor, *, errors: _calls.Errors = "raise") -> Tensor:
+    """Center of mass of all moving links, as Scene.center_of_mass, with derivatives for PyTorch.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    q : array, (..., nq)
+        Joint positions, rad or m; quaternions are normalized.
+    errors : {"raise", "nan"}
+        "raise" or "nan": bad states raise an error, or return NaN with one BadStateWarning, as in Scene.forward_dynamics.
+
+    Returns
+    -------
+    Tensor
+        Position in the base frame, (..., 3), m.
+
+    Raises
+    ------
+    ArgumentError, ShapeError
+        If an argument has an unsupported dtype, value or shape.
+
+    Examples
+    --------
+    >>> import torch  # doctest: +SKIP
+    >>> import phipsi, phipsi.torch  # doctest: +SKIP
+    >>> scene = phipsi.load(phipsi.BUNDLED_ARM)  # doctest: +SKIP
+    >>> phipsi.torch.center_of_mass(scene, torch.zeros(6))  # doctest: +SKIP
+    """
+    return _apply(scene, _calls.center_of_mass(scene, errors), q)
+
+
+def task_residual(scene: Scene, q: Tensor, tasks: Any, *, errors: _calls.Errors = "raise") -> Tensor:
+    """Errors of tasks of inverse kinematics, with derivatives for PyTorch.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    q : array, (..., nq)
+        Joint positions, rad or m; quaternions are normalized.
+    tasks : task or list of tasks
+        Pose, Position, Orientation, CenterOfMass and JointPosition of phipsi.tasks, each with the target of one state,
+        which is a constant.
+    errors : {"raise", "nan"}
+        "raise" or "nan": bad states raise an error, or return NaN with one BadStateWarning, as in Scene.forward_dynamics.
+
+    Returns
+    -------
+    Tensor
+        Errors of the tasks, one after another, (..., n), m and rad, not divided by their standard deviations. Of a pose: the
+        rotation vector from the target to the link in the axes of the link, then the position minus the target.
+
+    Raises
+    ------
+    ArgumentError, ShapeError
+        If an argument has an unsupported dtype, value or shape.
+
+    Examples
+    --------
+    >>> import torch  # doctest: +SKIP
+    >>> import phipsi, phipsi.torch  # doctest: +SKIP
+    >>> scene = phipsi.load(phipsi.BUNDLED_ARM)  # doctest: +SKIP
+    >>> phipsi.torch.task_residual(scene, torch.zeros(6), phipsi.tasks.Position("flange", (0.5, 0.1, 0.4)))  # doctest: +SKIP
+    """
+    return _apply(scene, _calls.task_residual(scene, tasks, errors), q)
+
+
+if not TYPE_CHECKING:
+
+    def __getattr__(name: str) -> Any:
+        raise _calls.missing(__name__, name)
 
 
 def integrate(scene: Scene, q: Tensor, v: Tensor, *, errors: _calls.Errors = "raise") -> Tensor:
@@ -217,7 +432,8 @@ def simulate(
 
 
 def _apply(scene: Scene, call: _calls.Call, *arguments: Any) -> Tensor:
-    return _Value.apply(call, *_whole(scene, call.names, arguments, [(width,) for width in call.widths]))  # type: ignore[no-any-return]
+    found = _Value.apply(call, *_whole(scene, call.names, arguments, [(width,) for width in call.widths]))
+    return found.reshape(*found.shape[:-1], *call.shape)  # type: ignore[no-any-return]
 
 
 def _whole(scene: Scene, names: Sequence[str], given: Sequence[Any], own: Sequence[tuple[int | None, ...]]) -> list[Tensor]:

@@ -90,6 +90,14 @@ pub(super) fn read_dtype(dtype: Option<&Object<'_>>) -> PyResult<Precise> {
     }
 }
 
+/// Raises if an argument is given by its former name.
+pub(super) fn renamed(former: &str, given: Option<&Object<'_>>, name: &str) -> Result<(), Error> {
+    match given {
+        None => Ok(()),
+        Some(_) => Err(Error::argument(former, "a value", format!("{name}, the present name of this argument"))),
+    }
+}
+
 /// Reads an iterable of strings that is not a string; `expected` is part of the error message.
 pub(super) fn names(argument: &str, given: &Object<'_>, expected: &str) -> PyResult<Vec<String>> {
     // The keys of a dict would be accepted and its values silently ignored.

@@ -5,6 +5,7 @@ use super::object::Object;
 use super::scene::PyScene;
 use crate::batch::Broadcast;
 use crate::error::{Error, check_finite};
+use crate::joints::JointKind;
 use crate::memory;
 use crate::motion::{Gains, Torque};
 use crate::scene::Coupling;
@@ -109,7 +110,19 @@ impl<'py> Pd<'py> {
             _ => Input::filled(pd.py(), "pd.target_rate", 0.0, scene.scene.nv())?,
         };
         let gain = |name: &str, at: usize| -> PyResult<Vec<f64>> {
-            let gains = input::spread(name, &parts.get_item(at)?, scene.rates())?;
+            let given = parts.get_item(at)?;
+            if let Some(free) = scene.scene.joints().iter().find(|joint| joint.kind == JointKind::Floating)
+                && input::is_one_number(&given)
+            {
+                let found = format!("one number for all joints, which would also hold {:?} in the air", free.name);
+                let (nv, rows) = (scene.scene.nv(), &free.v);
+                let expected = format!(
+                    "{nv} gains, those of {:?} at {}:{} explicitly, for instance 0",
+                    free.name, rows.start, rows.end
+                );
+                return Err(Error::argument(name, found, expected).into());
+            }
+            let gains = input::spread(name, &given, scene.rates())?;
             Ok(scene.expanded(gains, Coupling::torques))
         };
         let (py, target) = (pd.py(), scene.configuration("pd.target", &parts.get_item(2)?)?);

@@ -6,10 +6,12 @@ use super::cost::Cost;
 use super::errors::asked_by;
 use super::evaluate::Keywords;
 use super::object::{Object, imported};
-use super::output::{Output, part};
-use super::scene::PyScene;
+use super::output::{Output, from_numbers, part};
+use super::scene::{PyScene, numbers};
 use super::wrenches::Wrench;
 use crate::algorithm::{Algorithm, Derivatives};
+use crate::batch::broadcast_axes;
+use crate::motion::Properties;
 use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
@@ -21,7 +23,7 @@ methods! {
     #[doc = parameters!(q qd qdd wrenches out_of_derivatives errors)]
     #[doc = section!(Returns)]
     /// derivatives : InverseDynamicsDerivatives
-    ///     Named tuple (dtau_dq, dtau_dqd, M), each (..., nv, nv), SI units. Row i is the torque tau_i.
+    ///     Named tuple (dtau_dq, dtau_dqd, mass_matrix), each (..., nv, nv), SI units. Row i is the torque tau_i.
     #[doc = raises!(dense arguments)]
     #[doc = section!(Notes)]
     /// O(N depth). Column j of dtau_dq is the derivative along integrate(q, v) with respect to v_j: an angle or a
@@ -52,7 +54,8 @@ methods! {
     #[doc = entries!(wrenches out_of_derivatives errors)]
     #[doc = section!(Returns)]
     /// derivatives : ForwardDynamicsDerivatives
-    ///     Named tuple (dqdd_dq, dqdd_dqd, Minv), each (..., nv, nv), SI units. Row i is the acceleration qdd_i.
+    ///     Named tuple (dqdd_dq, dqdd_dqd, mass_matrix_inverse), each (..., nv, nv), SI units. Row i is the acceleration
+    ///     qdd_i.
     #[doc = raises!(singular dense arguments)]
     #[doc = section!(Notes)]
     /// dqdd/dq = -M^-1 dtau/dq and dqdd/dqd = -M^-1 dtau/dqd, by eq. 6.1 from inverse_dynamics_derivatives, whose
@@ -63,7 +66,7 @@ methods! {
     /// >>> qdd = scene.forward_dynamics(q, qd, tau)
     /// >>> forward = scene.forward_dynamics_derivatives(q, qd, tau)
     /// >>> inverse = scene.inverse_dynamics_derivatives(q, qd, qdd)
-    /// >>> np.allclose(inverse.M @ forward.dqdd_dq, -inverse.dtau_dq)
+    /// >>> np.allclose(inverse.mass_matrix @ forward.dqdd_dq, -inverse.dtau_dq)
     /// True
     fn forward_dynamics_derivatives(q, qd, tau; form, tolerance, wrenches, out, errors) |scene, py| {
         scene.check_dense("forward_dynamics_derivatives", "differences of forward_dynamics")?;
@@ -74,7 +77,10 @@ methods! {
     }
 
     /// Linearization dx/dt = A x + B u about a motion: x = (tangent of q, change of qd), u = change of tau.
-    #[doc = parameters!(q qd tau form tolerance_of_derivatives wrenches errors)]
+    #[doc = parameters!(q qd tau form tolerance_of_derivatives wrenches)]
+    /// damping : bool, default False
+    ///     If true, the viscous damping of the joints acts in addition to tau, as in simulate.
+    #[doc = entries!(errors)]
     #[doc = section!(Returns)]
     /// system : LinearSystem
     ///     Named tuple (A, B), (..., 2 nv, 2 nv) and (..., 2 nv, nv), in continuous time, SI units.
@@ -88,8 +94,16 @@ methods! {
     /// >>> A, B = scene.linearize([0.3, 0.2, 0.1], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0])
     /// >>> A.shape, B.shape
     /// ((6, 6), (6, 3))
-    fn linearize(q, qd, tau; form, tolerance, wrenches, errors) |scene, py| {
+    fn linearize(q, qd, tau; form, tolerance, wrenches, damping, errors) |scene, py| {
         scene.check_dense("linearize", "differences of forward_dynamics")?;
+        let losses = &scene.properties_of_scene(&Properties::of(&scene.scene)).damping;
+        let damped;
+        let tau = if damping {
+            damped = damped_torque(py, scene, losses, (qd, tau))?;
+            &damped
+        } else {
+            tau
+        };
         let keywords = Keywords { wrenches, tolerance, ..Keywords::of(errors) };
         let all = scene.forward_derivatives(py, form, [q, qd, tau], &keywords)?;
         let class = imported!(py, "phipsi._results", "LinearSystem")?;
@@ -116,7 +130,15 @@ methods! {
                     a.fill(f64::NAN);
                     b.fill(f64::NAN);
                 } else {
-                    scene.scene.linear_system(over.state(i), of_state, (a, b));
+                    scene.scene.linear_system(over.state(i), of_state, (&mut *a, &mut *b));
+                    if damping {
+                        // The block dqdd_dqd of A, less M^-1 (in B) times the diagonal matrix of the damping.
+                        for (a, b) in a.chunks_exact_mut(2 * nv).zip(b.chunks_exact(nv)).skip(nv) {
+                            for ((a, b), loss) in a[nv..].iter_mut().zip(b).zip(losses) {
+                                *a -= b * loss;
+                            }
+                        }
+                    }
                 }
                 if i % AT_A_TIME == 0 {
                     py.check_signals()?;
@@ -181,4 +203,17 @@ impl PyScene {
         self.scene.check_tolerance(algorithm, keywords.tolerance)?;
         self.evaluate(py, algorithm, state, keywords)
     }
+}
+
+/// tau minus the torque of the viscous damping.
+fn damped_torque<'py>(
+    py: Python<'py>,
+    scene: &PyScene,
+    losses: &[f64],
+    (qd, tau): (&Object<'py>, &Object<'py>),
+) -> PyResult<Object<'py>> {
+    let (rates, torque) = (scene.rate::<f64>("qd", qd)?, scene.rate::<f64>("tau", tau)?);
+    broadcast_axes([("qd", rates.leading()), ("tau", torque.leading())])?;
+    let lost = numbers("qd", qd, Some(scene), false)?.mul(from_numbers(py, losses, &[losses.len()])?)?;
+    numbers("tau", tau, Some(scene), false)?.sub(lost)
 }

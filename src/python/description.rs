@@ -288,14 +288,27 @@ pub(super) fn summary(scene: &Scene) -> String {
     let [x, y, z]: [f64; 3] = scene.model().gravity.into();
     let followers = scene.tree().joints().len() - scene.joints().len();
     let followers = if followers == 0 { String::new() } else { format!(" and {followers} that follow") };
+    let base = if scene.source().is_floating() { "floating base" } else { base_of(scene) };
     format!(
         "<phipsi.Scene: nq={}, nv={}, {} joints{kinds}{followers}, {} links, \
-         {} merged joints{closed}{touching}, {} base, gravity ({x}, {y}, {z})>",
+         {} merged joints{closed}{touching}, {base}, gravity ({x}, {y}, {z})>",
         scene.nq(),
         scene.nv(),
         scene.joints().len(),
         scene.links().len(),
         scene.merged_joints().len(),
-        if scene.source().is_floating() { "floating" } else { "fixed" },
     )
+}
+
+/// The base of a scene whose file has its own free joints: by the joints that nothing moves.
+fn base_of(scene: &Scene) -> &'static str {
+    let stages = &scene.model().system.stages;
+    let of_roots = (0..stages.len()).filter(|&body| stages[body].parent.is_none());
+    let free = |body| scene.joint_of_body(body).is_some_and(|joint| joint.kind == JointKind::Floating);
+    let (floating, fixed): (Vec<usize>, Vec<usize>) = of_roots.partition(|&body| free(body));
+    match (floating.is_empty(), fixed.is_empty()) {
+        (true, _) => "fixed base",
+        (false, true) => "floating base",
+        (false, false) => "fixed and floating bases",
+    }
 }

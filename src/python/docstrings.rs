@@ -115,7 +115,7 @@ friction : float or (nv,) array_like, optional
     C-contiguous float64 array; the results are views of it. Large batches take half the time into a reused one."
     };
     (task_frames) => {
-        "xyz : (3,) or (m, 3) array_like, optional
+        "at : (3,) or (m, 3) array_like, optional
     Origins of the task frames in the link frames, m; zero by default. The same for the whole batch.
 rotation : (3, 3) or (m, 3, 3) array_like, optional
     Axes of the task frames in the link frames; the identity by default. The same for the whole batch."

@@ -3,7 +3,7 @@
 use super::axis::Axis;
 use super::bad_states::Errors;
 use super::call::BatchCall;
-use super::choice::names;
+use super::choice::{names, renamed};
 use super::cost::Cost;
 use super::errors::asked_by;
 use super::input::{Input, in_python, is_bare};
@@ -38,12 +38,12 @@ const WITH_COVARIANCE: usize = MEANS + 1 + 1 + 36 + 36;
 impl PyScene {
     /// Conditional means of forces, accelerations and torques, given joint torques with noise (2.1, 2.7), in O(N).
     #[doc = parameters!(q qd)]
-    /// torque : (..., nv) array_like
+    /// tau : (..., nv) array_like
     ///     Measured joint torques, N m or N. Entries that a masked array masks are not measured.
     /// noise : float or (..., nv) array_like, default 0
     ///     Variance of each measurement, (N m)^2 or N^2; 0: exact, inf: not measured.
     /// measured : iterable of str or (nv,) array_like of bool, optional
-    ///     Names of the measured joints, or a mask; torque and noise of the others are not read. None: all joints.
+    ///     Names of the measured joints, or a mask; tau and noise of the others are not read. None: all joints.
     /// prior_acceleration : (..., nv) array_like, optional
     ///     Prior mean a0 of the joint accelerations, zero by default.
     /// acceleration_variance : float, default 1
@@ -75,10 +75,10 @@ impl PyScene {
     /// True
     /// >>> scene.estimate(q, qd, tau, measured=["j0"], covariance=True).acceleration_variance.shape
     /// (3,)
-    #[pyo3(signature = (q, qd, torque, *, noise=None, measured=None, prior_acceleration=None,
+    #[pyo3(signature = (q, qd, tau=None, *, noise=None, measured=None, prior_acceleration=None,
                         acceleration_variance=1.0, wrenches=None, covariance=false, method="sequential",
-                        errors="raise"),
-           text_signature = "($self, q, qd, torque, *, noise=0.0, measured=None, prior_acceleration=None, \
+                        errors="raise", torque=None),
+           text_signature = "($self, q, qd, tau, *, noise=0.0, measured=None, prior_acceleration=None, \
                              acceleration_variance=1.0, wrenches=None, covariance=False, method='sequential', \
                              errors='raise')")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
@@ -87,7 +87,7 @@ impl PyScene {
         py: Python<'py>,
         q: &Object<'py>,
         qd: &Object<'py>,
-        torque: &Object<'py>,
+        tau: Option<&Object<'py>>,
         noise: Option<&Object<'py>>,
         measured: Option<&Object<'py>>,
         prior_acceleration: Option<&Object<'py>>,
@@ -96,7 +96,12 @@ impl PyScene {
         covariance: bool,
         method: &str,
         errors: &str,
+        torque: Option<&Object<'py>>,
     ) -> PyResult<Object<'py>> {
+        renamed("torque", torque, "tau")?;
+        let Some(tau) = tau else {
+            return Err(Error::argument("tau", "no value", "the measured torques, (..., nv)").into());
+        };
         self.scene.check_independent()?;
         let nv = self.scene.nv();
         let dense = self.is_dense(method)?;
@@ -104,7 +109,7 @@ impl PyScene {
         let has_prior = prior_acceleration.is_some();
         let errors = Errors::read(errors)?;
         self.scene.check_prior(acceleration_variance)?;
-        let (torque, unknown) = with_mask("torque", torque, self.rates(), Input::new)?;
+        let (torque, unknown) = with_mask("tau", tau, self.rates(), Input::new)?;
         let (noise, hidden) = match noise {
             Some(noise) => with_mask("noise", noise, self.rates(), Input::spread)?,
             None => (Input::filled(py, "noise", 0.0, nv)?, Input::filled(py, "noise", 0.0, nv)?),

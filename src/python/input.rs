@@ -184,6 +184,13 @@ pub(super) fn state(name: &str, value: &Object<'_>, axis: Axis<'_>) -> PyResult<
     }
 }
 
+/// True for a number without axes.
+pub(super) fn is_one_number(value: &Object<'_>) -> bool {
+    value.extract::<f64>().is_ok() && value.getattr("ndim").is_ok_and(|axes| axes.eq(0).unwrap_or(false))
+        || value.is_instance_of::<PyFloat>()
+        || value.is_instance_of::<PyInt>()
+}
+
 /// Reads one number for all entries of the axis, or an array of them.
 pub(super) fn spread(name: &str, value: &Object<'_>, axis: Axis<'_>) -> PyResult<Vec<f64>> {
     let (shape, numbers) = shaped(name, value, axis)?;

@@ -186,6 +186,12 @@ impl PyScene {
         let (mut settings, pd) = keywords.read(own)?;
         let q = own.on_tree(py, own.configuration("q", q)?, Coupling::configuration)?;
         let qd = own.on_tree(py, own.rate("qd", qd)?, Coupling::rates)?;
+        // The torques of a function are recorded, for Trajectory.torques.
+        let recorder = match tau.filter(|tau| tau.is_callable()) {
+            Some(tau) => Some(imported!(py, "phipsi._recorded", "Recorded")?.call1((slf, tau, every))?),
+            None => None,
+        };
+        let tau = recorder.as_ref().or(tau);
         let given = Given::read(tau, tau_steps, steps, own)?;
         let mut axes = vec![("q", q.leading()), ("qd", qd.leading())];
         axes.extend(given.leading());

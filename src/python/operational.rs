@@ -1,6 +1,6 @@
 //! Methods of `Scene`: operational space.
 
-use super::choice::{names, read_judged_factor};
+use super::choice::{names, read_judged_factor, renamed};
 use super::input::{one_or_each, rows};
 use super::object::Object;
 use super::scene::PyScene;
@@ -43,10 +43,13 @@ methods! {
     /// >>> J = scene.jacobian(q, "link2")
     /// >>> np.allclose(scene.operational_inverse_inertia(q, "link2"), J @ scene.mass_matrix_inverse(q) @ J.T)
     /// True
-    fn operational_inverse_inertia(q, links; xyz, rotation, form, tolerance, errors) |scene, py| {
+    #[pyo3(text_signature = "($self, q, links, *, at=None, rotation=None, form='auto', tolerance=None, \
+                             errors='raise')")]
+    fn operational_inverse_inertia(q, links; at, rotation, form, tolerance, errors, xyz) |scene, py| {
+        renamed("xyz", xyz, "at")?;
         let (form, tolerance) = read_judged_factor(&scene.scene, form, tolerance)?;
         scene.errors(errors, Some(form))?;
-        let task = Task::read(&scene.scene, links, xyz, rotation)?;
+        let task = Task::read(&scene.scene, links, at, rotation)?;
         let frames = task.frames();
         let width = 6 * frames.len();
         memory::room("links", memory::bytes_of::<f64>(&[width, width]))?;
@@ -82,10 +85,13 @@ methods! {
     /// >>> inertia = scene.operational_inertia(scene.neutral(), "flange", directions=linear)
     /// >>> inertia.diagonal().round(1)
     /// array([ 4.3, 25.3, 39. ])
-    fn operational_inertia(q, links; xyz, rotation, directions, form, tolerance, errors) |scene, py| {
+    #[pyo3(text_signature = "($self, q, links, *, at=None, rotation=None, directions=None, form='auto', \
+                             tolerance=None, errors='raise')")]
+    fn operational_inertia(q, links; at, rotation, directions, form, tolerance, errors, xyz) |scene, py| {
+        renamed("xyz", xyz, "at")?;
         let (form, tolerance) = read_judged_factor(&scene.scene, form, tolerance)?;
         scene.errors(errors, Some(form))?;
-        let task = Task::read(&scene.scene, links, xyz, rotation)?;
+        let task = Task::read(&scene.scene, links, at, rotation)?;
         let frames = task.frames();
         let width = 6 * frames.len();
         Self::check_task_room("links", [width, width])?;
@@ -134,7 +140,7 @@ impl Task {
     fn read(
         scene: &Scene,
         links: &Object<'_>,
-        xyz: Option<&Object<'_>>,
+        at: Option<&Object<'_>>,
         rotation: Option<&Object<'_>>,
     ) -> PyResult<Self> {
         let links = match links.cast::<PyString>() {
@@ -142,9 +148,9 @@ impl Task {
             Err(_) => names("links", links, "the name of a link, or a sequence of names")?,
         };
         let mut offsets = vec![RigidShift::identity(); links.len()];
-        if let Some(xyz) = xyz {
-            for (offset, xyz) in offsets.iter_mut().zip(one_or_each("xyz", xyz, links.len(), &[3])?) {
-                offset.lever = Vector3::from_column_slice(&xyz);
+        if let Some(at) = at {
+            for (offset, at) in offsets.iter_mut().zip(one_or_each("at", at, links.len(), &[3])?) {
+                offset.lever = Vector3::from_column_slice(&at);
             }
         }
         if let Some(rotation) = rotation {

@@ -181,7 +181,9 @@ impl PyScene {
     ///     Parts of the model to omit without a warning: "actuators" (armature and damping of those that do not act on
     ///     a hinge or slide), "armature" and "friction" (of free joints), "contacts", "equality", "flexes", "fluid",
     ///     "gravcomp", "limits" (of ball joints), "mocap", "nonlinear" (springs, damping, plasticity), "plugins",
-    ///     "softness" (of equality constraints) and "tendons".
+    ///     "softness" (of equality constraints and contacts) and "tendons".
+    /// contacts : {"plane"}, optional
+    ///     "plane": geoms that can touch a fixed plane become contacts with it. None: contacts are not read.
     #[doc = section!(Returns)]
     /// scene : Scene
     ///     The robot. phipsi.mujoco converts states and forces: the conventions differ for ball and free joints.
@@ -197,7 +199,8 @@ impl PyScene {
     ///     Any other source, or an invalid argument.
     #[doc = section!(Warns)]
     /// ModelWarning
-    ///     Contacts, limits of tendons and ball joints, air and soft equality constraints, which are omitted.
+    ///     Contacts, limits of tendons and ball joints, air and soft equality constraints, which are omitted. With
+    ///     contacts="plane": geoms that can touch each other, ellipsoids, friction of condim 4 and 6, soft contacts.
     /// MeshWarning
     ///     Missing files on which no inertia depends.
     /// MimicWarning
@@ -211,7 +214,11 @@ impl PyScene {
     /// The equality constraints connect, weld and joint (linear) become rigid connections with their names or "equality
     /// 0" and so on; solref and solimp are not read. Armature and damping of actuators are added to those of their
     /// joint, times the square of the gear ratio; their forcerange is the effort limit. Stops are at range, moved
-    /// inward by margin. Controls, sensors and the integrator are not read.
+    /// inward by margin. Sensors and the integrator are not read; phipsi.mujoco.actuators reads the controls.
+    ///
+    /// With contacts="plane", the contacts of a geom are those of its convex hull with a plane: the center of a sphere,
+    /// the ends of a capsule, the corners of a box, eight points of each rim of a cylinder, the hull vertices of a
+    /// mesh. Their friction is that of MuJoCo for the two geoms; margin raises the plane.
     #[doc = section!(Examples)]
     /// >>> text = '''<mujoco><worldbody><body name="rod"><joint name="hinge" type="hinge" axis="0 1 0"/>
     /// ... <geom type="capsule" fromto="0 0 0 0 0 -1" size="0.05"/></body></worldbody></mujoco>'''
@@ -219,8 +226,8 @@ impl PyScene {
     /// >>> scene.joint_names
     /// ('hinge',)
     #[staticmethod]
-    #[pyo3(signature = (source, *, gravity=None, strict=false, leave_out=None, ignore=None),
-           text_signature = "(source, *, gravity=None, strict=False, leave_out=None, ignore=())")]
+    #[pyo3(signature = (source, *, gravity=None, strict=false, leave_out=None, ignore=None, contacts=None),
+           text_signature = "(source, *, gravity=None, strict=False, leave_out=None, ignore=(), contacts=None)")]
     fn from_mujoco<'py>(
         py: Python<'py>,
         source: &Object<'py>,
@@ -228,9 +235,10 @@ impl PyScene {
         strict: bool,
         leave_out: Option<&Object<'py>>,
         ignore: Option<&Object<'py>>,
+        contacts: Option<&Object<'py>>,
     ) -> PyResult<Object<'py>> {
         let ignored = ignore.map(|ignore| names("ignore", ignore, "a list of names")).transpose()?.unwrap_or_default();
-        imported!(py, "phipsi.mujoco", "read")?.call1((source, gravity, strict, leave_out, ignored))
+        imported!(py, "phipsi.mujoco", "read")?.call1((source, gravity, strict, leave_out, ignored, contacts))
     }
 
     /// Create the scene of a Pinocchio model: joints, inertias, armature, damping, dry friction, limits and gravity.
@@ -404,6 +412,33 @@ impl PyScene {
     #[pyo3(signature = (path=None, *, name="robot"))]
     fn to_urdf<'py>(slf: &Bound<'py, Self>, path: Option<&Object<'py>>, name: &str) -> PyResult<Object<'py>> {
         imported!(slf.py(), "phipsi._urdf", "to_urdf")?.call1((slf, path, name))
+    }
+
+    /// Draw random configurations: joint positions uniformly within the limits, orientations uniformly.
+    #[doc = section!(Parameters)]
+    /// rng : int or numpy.random.Generator, optional
+    ///     Seed or generator; None: fresh entropy.
+    /// size : int or tuple of int, default ()
+    ///     Batch axes.
+    #[doc = section!(Returns)]
+    /// q : (*size, nq) ndarray
+    ///     Configurations. Without limits, or with a limit beyond 20 rad or m, an angle is drawn from (-pi, pi) and a
+    ///     length from (-1, 1) m. Coupled joints and connections are not considered; see project.
+    #[doc = section!(Raises)]
+    /// ArgumentError
+    ///     Any other rng or size.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+    /// >>> q = scene.random_configuration(7, size=100)
+    /// >>> bool(np.all((scene.limits.lower <= q) & (q <= scene.limits.upper)))
+    /// True
+    #[pyo3(signature = (rng=None, *, size=None), text_signature = "($self, rng=None, *, size=())")]
+    fn random_configuration<'py>(
+        slf: &Bound<'py, Self>,
+        rng: Option<&Object<'py>>,
+        size: Option<&Object<'py>>,
+    ) -> PyResult<Object<'py>> {
+        imported!(slf.py(), "phipsi._random", "configuration")?.call1((slf, rng, size))
     }
 
     /// Show a configuration or a motion of the robot in a browser; needs the extra phipsi[view].

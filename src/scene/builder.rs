@@ -8,7 +8,7 @@ use super::description::{JointDescription, LinkDescription, MimicJoints, SceneWa
 use super::inertia_check::check_numbers;
 use super::joint_check::check_joint;
 use super::properties::Properties;
-use crate::error::Error;
+use crate::error::{Error, known_names};
 use crate::joints::JointKind;
 use crate::model::Simplifications;
 use crate::{interrupt, memory};
@@ -426,9 +426,8 @@ impl SceneBuilder {
 
     /// A short list of the links, for messages. For "world", which many files omit, the text shows how to declare it.
     pub(super) fn known_links(&self, wanted: &str) -> String {
-        let names: Vec<_> = self.links.iter().take(8).map(|l| format!("{:?}", l.name)).collect();
-        let more = if self.links.len() > 8 { ", ..." } else { "" };
-        let listed = format!("one of the links {}{more}", names.join(", "));
+        let names = known_names(wanted, self.links.iter().map(|link| link.name.as_str()), 8);
+        let listed = format!("one of the links {names}");
         if wanted == "world" {
             return format!("<link name=\"world\"/> in the file (in code: a link \"world\" without mass), or {listed}");
         }

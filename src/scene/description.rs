@@ -200,7 +200,8 @@ impl std::fmt::Display for SceneWarning {
         match self {
             Self::Inertia { link, found } => write!(f, "link {link:?}: {found}; no body has such an inertia"),
             Self::Mimic { joint, source } => {
-                write!(f, "joint {joint:?}: mimics {source:?}; it is treated as an independent coordinate")
+                let couple = "use mimic=\"couple\" to couple it";
+                write!(f, "joint {joint:?}: mimics {source:?}; it is treated as an independent coordinate; {couple}")
             }
             Self::NoMass { links } => {
                 write!(f, "{}; torques are zero and accelerations undefined, except for armature", no_mass(links))

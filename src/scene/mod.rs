@@ -68,7 +68,7 @@ pub use spring::Spring;
 use self::constraint::Constraints;
 use self::contact_point::ContactPoint;
 use self::shared::Shared;
-use crate::error::Error;
+use crate::error::{Error, known_names};
 use crate::model::Identity;
 use crate::spatial::RigidShift;
 use std::collections::HashMap;
@@ -259,9 +259,5 @@ impl Scene {
 
 /// The error for an unknown name, which lists the existing names.
 fn unknown<'a>(what: &str, name: &str, known: impl Iterator<Item = &'a str>) -> Error {
-    let mut names: Vec<String> = known.map(|name| format!("{name:?}")).collect();
-    let total = names.len();
-    names.truncate(12);
-    let more = if total > names.len() { format!(", ... ({total} in all)") } else { String::new() };
-    Error::argument(what, format!("{name:?}"), format!("one of {}{more}", names.join(", ")))
+    Error::argument(what, format!("{name:?}"), format!("one of {}", known_names(name, known, 12)))
 }

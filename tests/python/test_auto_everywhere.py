@@ -107,7 +107,7 @@ def test_matrices(case: Case) -> None:
     for name, matrix in zip(DIRECTIONS, found, strict=True):
         direction = case.directions[name]
         assert_accepted(matrix @ direction, case.along(name), float(np.max(np.abs(matrix)) * np.sum(np.abs(direction))))
-    assert_accepted(found.Minv, case.inverse)
+    assert_accepted(found.mass_matrix_inverse, case.inverse)
 
 
 def test_hessians(case: Case) -> None:

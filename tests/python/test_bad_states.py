@@ -195,7 +195,7 @@ def test_singular_tasks_are_bad_states() -> None:
     q = np.array([[0.1, 0.5], [0.2, 0.0], [0.3, -0.7]])
     plane = np.eye(6)[3:5]
     with pytest.warns(BadStateWarning) as caught:
-        found = scene.operational_inertia(q, "link1", xyz=(1, 0, 0), directions=plane, errors="nan")
+        found = scene.operational_inertia(q, "link1", at=(1, 0, 0), directions=plane, errors="nan")
     assert isinstance(caught[0].message, BadStateWarning)
     assert caught[0].message.states == (1,)
     assert isinstance(caught[0].message.reasons[0], SingularTaskError)

@@ -11,9 +11,10 @@ import pytest
 from tolerances import EPS, assert_near, product, size
 
 import phipsi
-from phipsi import _calls
+from phipsi import _calls, tasks
 from phipsi._chart import skew
-from phipsi._coordinates import Coordinates, right_jacobian
+from phipsi._coordinates import Coordinates, right_jacobian, rotation_vector
+from phipsi.errors import ArgumentError, ShapeError
 
 #: Step of differences of fourth order, and their error for a function of similar magnitude: rounding relative to the
 #: step, and truncation.
@@ -37,7 +38,28 @@ CALLS: dict[str, Callable[[phipsi.Scene], _calls.Call]] = {
     "forward_dynamics": lambda scene: _calls.forward_dynamics(scene, "auto"),
     "inverse_dynamics": _calls.inverse_dynamics,
     "integrate": _calls.integrate,
+    "placement": lambda scene: _calls.placement(scene, scene.link_names[-1]),
+    "jacobian": lambda scene: _calls.jacobian(scene, scene.link_names[-1]),
+    "jacobian, world": lambda scene: _calls.jacobian(scene, scene.link_names[-1], "world"),
+    "mass_matrix": _calls.mass_matrix,
+    "center_of_mass": _calls.center_of_mass,
+    "bias_torque": _calls.bias_torque,
+    "task_residual": lambda scene: _calls.task_residual(scene, every_task(scene)),
 }
+
+
+def every_task(scene: phipsi.Scene) -> list[tasks.Task]:
+    """Each kind of task with residuals, with points beside the origin and relative to another link."""
+    goal = phipsi.pose((0.3, -0.2, 0.5), rpy=(0.4, -0.3, 1.2))
+    first, last = scene.link_names[-2:]
+    return [
+        tasks.Pose(last, goal, at=(0.1, 0.2, 0.3)),
+        tasks.Position(last, (0.1, 0.2, 0.3), at=(0.3, 0.0, -0.1)),
+        tasks.Pose(last, goal, relative_to=first),
+        tasks.Orientation(first, goal[:3, :3]),
+        tasks.CenterOfMass((0.1, 0.0, 0.2)),
+        tasks.JointPosition(scene.joint_names[-1], 0.3),
+    ]
 
 
 def arguments(scene: phipsi.Scene, call: _calls.Call, turn: float = 1.0) -> list[np.ndarray]:
@@ -107,3 +129,36 @@ def test_a_step_that_turns_by_nothing_or_by_half_a_turn(angle: float) -> None:
     _, found = call.derivatives(q, v)
     columns = [(call.value(q, v + STEP * unit) - call.value(q, v - STEP * unit)) / (2 * STEP) for unit in np.eye(scene.nv)]
     assert_near(found, np.stack(columns, axis=-1), 8 * STEP**2 * size(found))
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1.0, np.pi - 1e-9, np.pi])
+def test_rotation_vectors_are_logarithms(angle: float) -> None:
+    """The exponential of the cross product matrix, by its series, is the rotation again."""
+    vector = angle * np.array([0.48, -0.6, 0.64])
+    turn = power = np.eye(3)
+    for i in range(1, 40):
+        power = power @ skew(vector) / i
+        turn = turn + power
+    found = rotation_vector(turn)
+    # At half a turn both directions of the axis have the same rotation.
+    assert_near(found if found @ vector >= 0.0 else -found, vector, product(40, np.exp(angle)))
+    assert angle > 3.1 or found @ vector >= 0.0
+
+
+def test_residuals_of_reached_tasks_are_zero() -> None:
+    scene = phipsi.load(phipsi.BUNDLED_ARM)
+    q = np.array([0.3, -0.6, 0.9, 0.1, 0.4, 0.2])
+    goal = scene.placement(q, "flange")
+    wanted = [tasks.Pose("flange", goal), tasks.CenterOfMass(scene.center_of_mass(q)), tasks.JointPosition("joint2", -0.6)]
+    assert_near(_calls.task_residual(scene, wanted).value(q), np.zeros(10), product(6, 1.0))
+
+
+def test_a_task_without_residuals() -> None:
+    scene = phipsi.scenes.chain(2)
+    with pytest.raises(ArgumentError, match="tasks.0.: found a task of kind 'direction'; expected one of Pose, Position"):
+        _calls.task_residual(scene, tasks.Direction("link1", (0, 0, 1)))
+
+
+def test_a_task_with_a_batch_of_targets() -> None:
+    with pytest.raises(ShapeError, match="expected the target of one state"):
+        _calls.task_residual(phipsi.scenes.chain(2), tasks.Position("link1", np.zeros((5, 3))))

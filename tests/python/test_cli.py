@@ -50,7 +50,7 @@ def test_info_of_a_file(tmp_path: Path) -> None:
     result = run("info", str(robot), "--floating-base")
     assert result.exit_code == 0, result.output
     assert "8 degrees of freedom (9 coordinates), 3 links, 1 kg moving mass" in result.output
-    assert [line.split()[:4] for line in result.output.splitlines() if "j1" in line] == [["[red]j1", "revolute", "a", "7"]]
+    assert [line.split()[:4] for line in result.output.splitlines() if "j1" in line and "revolute" in line] == [["[red]j1", "revolute", "a", "7"]]
     content = json.loads(run("info", str(robot), "--json").stdout)
     assert (content["nq"], content["nv"], content["mass"], content["file"]) == (2, 2, 1.0, str(robot))
     assert content["joints"][1] | {"name": "j2", "upper": 1.0, "q": [1, 2]} == content["joints"][1]
@@ -294,8 +294,74 @@ def test_output_that_cannot_be_made_exits_with_2(tmp_path: Path) -> None:
     assert "Traceback" not in result.output
 
 
-@pytest.mark.parametrize("name", ["click", "rich", "plotly", "jinja2"])
-def test_without_the_extra_the_message_names_it(name: str) -> None:
+def test_help_lists_the_commands_for_developers_apart() -> None:
+    of_users, of_developers = run("--help").output.split("Commands for developers of phipsi:")
+    assert {"info", "simulate", "report"} <= set(of_users.split()) and not {"check", "bench"} & set(of_users.split("Commands:")[1].split())
+    assert {"check", "bench"} <= set(of_developers.split())
+
+
+def test_info_lists_links_and_units(tmp_path: Path) -> None:
+    robot = tmp_path / "robot.urdf"
+    robot.write_text(MASSLESS_TIP.replace("[red]", ""), encoding="utf-8")
+    lines = run("info", str(robot)).output.splitlines()
+    assert any("unit" in line and "effort, N m or N" in line for line in lines)
+    assert ["a", "j1", "1", "0", "0", "0.1"] in [line.split() for line in lines]
+    content = json.loads(run("info", str(robot), "--json").stdout)
+    assert content["links"] == ["base", "a", "tip"] and content["joints"][0]["unit"] == "rad"
+    assert content["link_properties"][1] == {"name": "a", "parent": "base", "joint": "j1", "mass": 1.0, "com": [0.0, 0.0, 0.1]}
+
+
+@pytest.mark.parametrize("command", ["info", "ik", "codegen", "check"])
+def test_commands_without_pages_need_no_extra(command: str, tmp_path: Path) -> None:
+    """With click and rich alone; the commands for pages name what is missing and how to install it."""
+    (tmp_path / "arm.urdf").write_text(phipsi.BUNDLED_ARM)
+    arguments = {
+        "info": ["info"],
+        "ik": ["ik", "arm.urdf", "flange", "--position", "0.4", "0.2", "0.5"],
+        "codegen": ["codegen", "-o", "out", "-f", "mass_matrix"],
+        "check": ["check", "--states", "2"],
+    }[command]
+    script = (
+        "import builtins, sys, importlib.util as u\n"
+        "load, known = builtins.__import__, u.find_spec\n"
+        "def only(name, *rest):\n"
+        "    if name.split('.')[0] in ('plotly', 'jinja2', 'markupsafe', 'viser', 'scipy'):\n"
+        "        raise ModuleNotFoundError(name)\n"
+        "    return load(name, *rest)\n"
+        "builtins.__import__ = only\n"
+        "u.find_spec = lambda name, *rest: None if name in ('plotly', 'jinja2') else known(name, *rest)\n"
+        "import phipsi.cli\n"
+        "phipsi.cli.main()\n"
+    )
+
+    def called(*arguments: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run([sys.executable, "-c", script, *arguments], capture_output=True, text=True, check=False, cwd=tmp_path)
+
+    done = called(*arguments)
+    assert done.returncode == 0, done.stderr
+    if command == "info":
+        for page in (["report", "-o", "pages"], ["simulate", "-o", "pages"]):
+            refused = called(*page)
+            assert refused.returncode == 2 and "found no plotly, jinja2" in refused.stderr and "pip install" in refused.stderr
+        assert not (tmp_path / "pages").exists()
+
+
+@pytest.mark.parametrize("command", [["report", "-o", "out/page"], ["simulate", "-o", "out/page"], ["check"], ["info"], ["bench"]])
+def test_ctrl_c_exits_with_130_and_one_sentence(command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.chdir(tmp_path)
+    for module, name in ((commands.pipeline, "collect"), (simulate, "_gains"), (residuals, "residuals"), (info, "about"), (commands.calls, "measured")):
+        monkeypatch.setattr(module, name, interrupted)
+    result = run(*command, *(["--hold", "1", "1"] if command[0] == "simulate" else []))
+    assert result.exit_code == 130
+    assert result.stderr.splitlines()[-1] == "phipsi: interrupted."
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["click", "rich"])
+def test_without_a_requirement_the_message_names_it(name: str) -> None:
     script = (
         "import sys, importlib.util as u\n"
         "known = u.find_spec\n"
@@ -305,7 +371,7 @@ def test_without_the_extra_the_message_names_it(name: str) -> None:
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert done.returncode == 2
-    assert 'pip install "phipsi[report]"' in done.stderr and name in done.stderr
+    assert f"found no {name}; install with: pip install {name}" in done.stderr
     assert "Traceback" not in done.stderr
 
 

@@ -100,7 +100,7 @@ def test_matrices_are_those_of_differences(case: tuple[phipsi.Scene, np.ndarray,
 
 def test_the_third_is_the_inverse_through_the_connections(case: tuple[phipsi.Scene, np.ndarray, np.ndarray, np.ndarray]) -> None:
     scene, q, qd, tau = case
-    found = scene.forward_dynamics_derivatives(q, qd, tau).Minv
+    found = scene.forward_dynamics_derivatives(q, qd, tau).mass_matrix_inverse
     assert_near(found, scene.constrained_mass_matrix_inverse(q), 1e-12 * size(found))
     jacobian = scene.constraint_jacobian(q)
     assert_near(jacobian @ found, np.zeros((len(jacobian), scene.nv)), inverse(1e4, size(jacobian) * size(found)))

@@ -180,8 +180,8 @@ def test_a_valid_call(mixed: phipsi.Scene, name: str) -> None:
     found = calls(mixed)[name](*random_states(mixed, 1))
     shapes = [(2 * n, 2 * n), (2 * n, n)] if name == "linear" else [(n, n)] * 3
     fields = {
-        "inverse": ("dtau_dq", "dtau_dqd", "M"),
-        "forward": ("dqdd_dq", "dqdd_dqd", "Minv"),
+        "inverse": ("dtau_dq", "dtau_dqd", "mass_matrix"),
+        "forward": ("dqdd_dq", "dqdd_dqd", "mass_matrix_inverse"),
         "linear": ("A", "B"),
     }
     assert found._fields == fields[name]  # type: ignore[attr-defined]

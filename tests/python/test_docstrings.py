@@ -31,7 +31,7 @@ STUB = ast.parse(Path(phipsi.__file__).with_name("_core.pyi").read_text(encoding
 
 def public() -> Iterator[tuple[str, Any]]:
     """Public names of `phipsi` and its modules: functions, and classes with their methods and properties."""
-    for name in phipsi.__all__:
+    for name in (*phipsi.__all__, "compile"):
         thing = getattr(phipsi, name)
         for inner in thing.__all__ if inspect.ismodule(thing) else ():
             yield from members(f"{name}.{inner}", getattr(thing, inner))

@@ -83,7 +83,7 @@ def test_a_joint_without_inertia() -> None:
 
 def call(scene: phipsi.Scene, **replaced: Any) -> phipsi.Estimate:
     q, qd, torque = random_states(scene, 0)
-    arguments: dict[str, Any] = {"q": q, "qd": qd, "torque": torque, "noise": 0.5}
+    arguments: dict[str, Any] = {"q": q, "qd": qd, "tau": torque, "noise": 0.5}
     return scene.estimate(**(arguments | replaced))
 
 
@@ -95,10 +95,11 @@ NAN = np.array([0, 0, np.nan, 0, 0, 0, 0])
 BROKEN: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
     "q": ({"q": np.zeros(6)}, ShapeError, "q: found shape (6,); expected (..., 7)"),
     "qd": ({"qd": NAN}, NotFiniteError, "qd: found NaN at index 2"),
-    "torque": ({"torque": np.zeros(8)}, ShapeError, "torque: found shape (8,); expected (..., 7)"),
-    "torque NaN": ({"torque": NAN}, NotFiniteError, "torque: found NaN at index 2; expected finite numbers"),
-    "torque NaN in a batch": ({"torque": [[1.0] * 7, NAN]}, NotFiniteError, "torque: found NaN at index 2 in state 1"),
-    "torque text": ({"torque": ["1"] * 7}, ArgumentError, "torque: found dtype <U1"),
+    "the former name": ({"torque": np.zeros(7)}, ArgumentError, "torque: found a value; expected tau, the present name"),
+    "torque": ({"tau": np.zeros(8)}, ShapeError, "tau: found shape (8,); expected (..., 7)"),
+    "torque NaN": ({"tau": NAN}, NotFiniteError, "tau: found NaN at index 2; expected finite numbers"),
+    "torque NaN in a batch": ({"tau": [[1.0] * 7, NAN]}, NotFiniteError, "tau: found NaN at index 2 in state 1"),
+    "torque text": ({"tau": ["1"] * 7}, ArgumentError, "tau: found dtype <U1"),
     "noise negative": ({"noise": -1.0}, ArgumentError, 'noise: found -1 for joint "joint0"; expected a variance in (N m)^2'),
     "noise of a joint": ({"noise": [1, 1, 1, -2, 1, 1, 1]}, ArgumentError, 'noise: found -2 for joint "joint3"'),
     "noise NaN": ({"noise": NAN}, ArgumentError, 'noise: found NaN for joint "joint2"'),

@@ -285,3 +285,28 @@ def test_gradients_of_a_rollout(scene: phipsi.Scene, method: str) -> None:
     shared = jax.grad(loss)(given[0][0], given[1], given[2])
     each = jax.vmap(jax.grad(loss), in_axes=(None, 0, 0))(given[0][0], given[1], given[2])
     assert_near(np.asarray(shared), np.asarray(each).sum(axis=0), product(64 * scene.nv, size(np.asarray(each))))
+
+
+def test_functions_of_configurations_and_their_gradients(scene: phipsi.Scene) -> None:
+    """Values are those of the scene; derivatives those of the host (test_calls.py); one call for a batch."""
+    link, q = scene.link_names[-1], jnp.asarray(arguments(scene, "forward_dynamics", 3)[0])
+    task = phipsi.tasks.Position(link, (0.1, 0.2, 0.3))
+    cases = [
+        (lambda q: phipsi.jax.placement(scene, q, link), scene.placement(q, link), _calls.placement(scene, link)),
+        (lambda q: phipsi.jax.jacobian(scene, q, link, frame="world"), scene.jacobian(q, link, frame="world"), _calls.jacobian(scene, link, "world")),
+        (lambda q: phipsi.jax.mass_matrix(scene, q), scene.mass_matrix(q), _calls.mass_matrix(scene)),
+        (lambda q: phipsi.jax.center_of_mass(scene, q), scene.center_of_mass(q), _calls.center_of_mass(scene)),
+        (lambda q: phipsi.jax.task_residual(scene, q, task), scene.placement(q, link)[..., :3, 3] - task.target, _calls.task_residual(scene, task)),
+    ]
+    for function, expected, call in cases:
+        assert_near(np.asarray(jax.jit(jax.vmap(function))(q)), expected, product(scene.nv, size(expected)))
+        found = np.asarray(jax.jacrev(function)(q[0])).reshape(call.size, scene.nq)
+        assert_near(found, call.derivatives(np.asarray(q[0]))[0], product(scene.nv, 1.0 + size(found)))
+    zero = jnp.zeros(scene.nv)
+    expected = scene.bias_torque(q, zero)
+    assert_near(np.asarray(phipsi.jax.bias_torque(scene, q, zero)), expected, product(scene.nv, size(expected)))
+
+
+def test_an_unknown_function_lists_those_that_exist() -> None:
+    with pytest.raises(AttributeError, match="phipsi.jax: found no 'energy'; expected one of bias_torque, .* task_residual"):
+        phipsi.jax.energy  # noqa: B018

@@ -222,7 +222,7 @@ def test_what_is_no_model(source: object, kind: type[Exception], message: str) -
 
 
 def test_an_unknown_name_to_ignore() -> None:
-    with pytest.raises(ArgumentError, match="ignore: found 'contact'; expected names of actuators"):
+    with pytest.raises(ArgumentError, match="ignore: found 'contact'; expected names of contacts, actuators"):
         phipsi.Scene.from_mujoco(ARM, ignore=["contact"])
 
 

@@ -58,7 +58,7 @@ def test_frames_match_dense_algebra(fixture: str, count: int, request: pytest.Fi
         links, xyz, rotation = random_task(scene, 10 * seed + count, count)
         jacobian = stacked(scene, q, links, xyz, rotation)
         exact = jacobian @ np.linalg.solve(scene.mass_matrix(q), jacobian.T)
-        found = scene.operational_inverse_inertia(q, links, xyz=xyz, rotation=rotation)
+        found = scene.operational_inverse_inertia(q, links, at=xyz, rotation=rotation)
         assert_near(found, exact, bound(scene, q, jacobian))
         assert_same_bits(found, found.T)
 
@@ -69,7 +69,7 @@ def test_a_bare_name_is_the_link_s_own_frame(mixed: phipsi.Scene) -> None:
     own = mixed.operational_inverse_inertia(q, link)
     assert own.shape == (6, 6)
     assert_same_bits(own, mixed.operational_inverse_inertia(q, [link]))
-    assert_same_bits(own, mixed.operational_inverse_inertia(q, (link,), xyz=np.zeros(3), rotation=np.eye(3)))
+    assert_same_bits(own, mixed.operational_inverse_inertia(q, (link,), at=np.zeros(3), rotation=np.eye(3)))
     jacobian = mixed.jacobian(q, link)
     assert_near(own, jacobian @ np.linalg.solve(mixed.mass_matrix(q), jacobian.T), bound(mixed, q, jacobian))
 
@@ -77,11 +77,11 @@ def test_a_bare_name_is_the_link_s_own_frame(mixed: phipsi.Scene) -> None:
 def test_one_frame_serves_all_links(arm: phipsi.Scene) -> None:
     q = random_states(arm, 4).q
     links, xyz, rotation = ["link2", "link6"], np.array([0.1, 0.2, 0.3]), random_rotation(np.random.default_rng(1))
-    shared = arm.operational_inverse_inertia(q, links, xyz=xyz, rotation=rotation)
-    each = arm.operational_inverse_inertia(q, links, xyz=[xyz, xyz], rotation=[rotation, rotation])
+    shared = arm.operational_inverse_inertia(q, links, at=xyz, rotation=rotation)
+    each = arm.operational_inverse_inertia(q, links, at=[xyz, xyz], rotation=[rotation, rotation])
     assert_same_bits(shared, each)
     # The frame has an effect, and so has each of its parts.
-    for other in ({}, {"xyz": xyz}, {"rotation": rotation}):
+    for other in ({}, {"at": xyz}, {"rotation": rotation}):
         assert np.max(np.abs(shared - arm.operational_inverse_inertia(q, links, **other))) > 1e-3 * np.max(np.abs(shared))
 
 
@@ -98,7 +98,7 @@ def test_the_same_link_twice_repeats_blocks(arm: phipsi.Scene) -> None:
 def test_batches_broadcast_and_are_states_in_turn(mixed: phipsi.Scene) -> None:
     q = random_states(mixed, 6, (3, 2)).q
     links, xyz, rotation = random_task(mixed, 7, 3)
-    found = mixed.operational_inverse_inertia(q, links, xyz=xyz, rotation=rotation)
+    found = mixed.operational_inverse_inertia(q, links, at=xyz, rotation=rotation)
     assert found.shape == (3, 2, 18, 18)
     # Two directions in which the end of the tree moves independently.
     link = mixed.body_names[-1]
@@ -106,7 +106,7 @@ def test_batches_broadcast_and_are_states_in_turn(mixed: phipsi.Scene) -> None:
     inertia = mixed.operational_inertia(q, link, directions=directions)
     assert inertia.shape == (3, 2, 2, 2)
     for at in np.ndindex(3, 2):
-        assert_same_bits(found[at], mixed.operational_inverse_inertia(q[at], links, xyz=xyz, rotation=rotation))
+        assert_same_bits(found[at], mixed.operational_inverse_inertia(q[at], links, at=xyz, rotation=rotation))
         assert_same_bits(inertia[at], mixed.operational_inertia(q[at], link, directions=directions))
 
 
@@ -171,11 +171,11 @@ def test_at_rest_and_balanced_the_wrench_is_all_there_is(arm: phipsi.Scene) -> N
 def test_the_inertia_is_the_inverse(arm: phipsi.Scene) -> None:
     q = random_states(arm, 40, (6,)).q
     links, xyz, rotation = ["link6"], np.array([[0.1, 0.0, 0.3]]), random_rotation(np.random.default_rng(2))[None]
-    omega = arm.operational_inverse_inertia(q, links, xyz=xyz, rotation=rotation)
+    omega = arm.operational_inverse_inertia(q, links, at=xyz, rotation=rotation)
     directions = np.random.default_rng(41).normal(size=(4, 6))
     for s, found in (
-        (np.eye(6), arm.operational_inertia(q, links, xyz=xyz, rotation=rotation)),
-        (directions, arm.operational_inertia(q, links, xyz=xyz, rotation=rotation, directions=directions)),
+        (np.eye(6), arm.operational_inertia(q, links, at=xyz, rotation=rotation)),
+        (directions, arm.operational_inertia(q, links, at=xyz, rotation=rotation, directions=directions)),
     ):
         for one, other in zip(found, omega, strict=True):
             product = s @ other @ s.T
@@ -246,7 +246,7 @@ def inertia(scene: phipsi.Scene, **replaced: Any) -> np.ndarray:
 
 def test_the_call_is_valid(arm: phipsi.Scene) -> None:
     assert np.isfinite(inertia(arm)).all()
-    assert np.isfinite(inertia(arm, xyz=np.ones((2, 3)), rotation=np.eye(3))).all()
+    assert np.isfinite(inertia(arm, at=np.ones((2, 3)), rotation=np.eye(3))).all()
     assert np.isfinite(inertia(arm, links=(name for name in ("link3", "link6")))).all()
 
 
@@ -259,11 +259,12 @@ BROKEN: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
     "links of numbers": ({"links": ["link1", 3]}, ArgumentError, "links: found ['link1', 3]; expected the name of a link"),
     "unknown link": ({"links": ["link3", "hand"]}, ArgumentError, 'link: found "hand"; expected one of "base"'),
     "no link": ({"links": []}, ArgumentError, "links: found none; expected at least one link"),
-    "xyz too short": ({"xyz": [1.0, 2.0]}, ShapeError, "xyz: found shape (2,); expected (3,) or (2, 3)"),
-    "xyz of three links": ({"xyz": np.zeros((3, 3))}, ShapeError, "xyz: found shape (3, 3); expected (3,) or (2, 3)"),
-    "xyz text": ({"xyz": "far"}, ArgumentError, "xyz: found dtype"),
-    "xyz NaN": (
-        {"xyz": [0, 0, math.inf]},
+    "the former name": ({"xyz": [1.0, 2.0, 3.0]}, ArgumentError, "xyz: found a value; expected at, the present name"),
+    "at too short": ({"at": [1.0, 2.0]}, ShapeError, "at: found shape (2,); expected (3,) or (2, 3)"),
+    "at of three links": ({"at": np.zeros((3, 3))}, ShapeError, "at: found shape (3, 3); expected (3,) or (2, 3)"),
+    "at text": ({"at": "far"}, ArgumentError, "at: found dtype"),
+    "at NaN": (
+        {"at": [0, 0, math.inf]},
         NotFiniteError,
         'xyz of the task frame on link "link3": found inf at index 2; expected finite numbers',
     ),

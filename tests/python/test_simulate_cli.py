@@ -42,8 +42,8 @@ def test_the_bundled_arm_from_a_state_file(tmp_path: Path) -> None:
         assert tuple(found["joint_names"]) == scene.joint_names
     with (tmp_path / "out" / "trajectory.csv").open(newline="") as stream:
         header, *rows = csv.reader(stream)
-    assert header[:2] == ["t", "q:joint1"] and header[-1] == "qd:joint6"
-    assert_same_bits(np.array(rows, dtype=float), np.column_stack([path.t, path.q, path.qd]))
+    assert header[:2] == ["t", "q:joint1"] and header[12] == "qd:joint6" and header[-1] == "tau:joint6"
+    assert_same_bits(np.array(rows, dtype=float), np.column_stack([path.t, path.q, path.qd, path.torques()]))
     page = (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
     assert 'id="plot-over-time"' in page and 'id="plot-stroboscope"' in page
     # The output is a state file for another simulation, by npz.

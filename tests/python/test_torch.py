@@ -14,6 +14,7 @@ import phipsi
 torch = pytest.importorskip("torch")
 
 import phipsi.torch  # noqa: E402
+from phipsi import _calls  # noqa: E402
 from phipsi.errors import ArgumentError, BadStateWarning, NotFiniteError, ShapeError  # noqa: E402
 
 # Forward mode of torch calls deprecated functions of torch.
@@ -168,3 +169,29 @@ def test_bad_rollouts_are_nan() -> None:
     rows[[0, 2]].sum().backward()
     assert torch.isnan(rows[1]).all() and torch.isfinite(rows[[0, 2]]).all()
     assert torch.isnan(tau.grad[1]).all() and torch.isfinite(tau.grad[[0, 2]]).all()
+
+
+def test_functions_of_configurations_and_their_gradients() -> None:
+    """Values are those of the scene; derivatives those of the host (test_calls.py)."""
+    scene = phipsi.load(phipsi.BUNDLED_ARM, floating_base=True)
+    link, given = "flange", scene.random_configuration(3, size=2)
+    q, task = torch.tensor(given), phipsi.tasks.Position("flange", (0.1, 0.2, 0.3))
+    cases = [
+        (lambda q: phipsi.torch.placement(scene, q, link), scene.placement(given, link), _calls.placement(scene, link)),
+        (lambda q: phipsi.torch.jacobian(scene, q, link, frame="world"), scene.jacobian(given, link, frame="world"), _calls.jacobian(scene, link, "world")),
+        (lambda q: phipsi.torch.mass_matrix(scene, q), scene.mass_matrix(given), _calls.mass_matrix(scene)),
+        (lambda q: phipsi.torch.center_of_mass(scene, q), scene.center_of_mass(given), _calls.center_of_mass(scene)),
+        (lambda q: phipsi.torch.task_residual(scene, q, task), scene.placement(given, link)[..., :3, 3] - task.target, _calls.task_residual(scene, task)),
+    ]
+    for function, expected, call in cases:
+        assert_near(function(q).numpy(), expected, product(scene.nv, size(expected)))
+        found = torch.func.jacrev(function)(q[0]).numpy().reshape(call.size, scene.nq)
+        assert_near(found, call.derivatives(given[0])[0], product(scene.nv, 1.0 + size(found)))
+    zero = torch.zeros(scene.nv, dtype=torch.float64)
+    expected = scene.bias_torque(given, np.zeros(scene.nv))
+    assert_near(phipsi.torch.bias_torque(scene, q, zero).numpy(), expected, product(scene.nv, size(expected)))
+
+
+def test_an_unknown_function_lists_those_that_exist() -> None:
+    with pytest.raises(AttributeError, match="phipsi.torch: found no 'energy'; expected one of bias_torque, .* task_residual"):
+        phipsi.torch.energy  # noqa: B018

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._install import command
 from ..errors import ArgumentError, of_argument
 from ._accumulator import Accumulator, _log
 from ._checks import checked_time, warn_of_motion
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = ["accumulate_logs", "read_log"]
 
+_LOGGER = logging.getLogger("phipsi")
 _Array = NDArray[np.float64]
 
 ARRAYS = ("time", "q", "qd", "qdd", "tau")
@@ -114,9 +117,8 @@ def _of_table(path: Path, scene: Scene) -> dict[str, _Array]:
     try:
         import polars
     except ImportError:
-        raise ImportError(
-            'log: csv and parquet are read by polars; install it with: pip install "phipsi[logs]"'
-        ) from None
+        text = f"log: csv and parquet are read by polars; install it with: {command('logs')}"
+        raise ImportError(text) from None
     try:
         table = (
             polars.read_csv(path, infer_schema_length=10_000)
@@ -167,7 +169,7 @@ def _of_bag(path: Path, scene: Scene) -> dict[str, _Array]:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
-        raise ImportError('log: bags are read by rosbags; install it with: pip install "phipsi[logs]"') from None
+        raise ImportError(f"log: bags are read by rosbags; install it with: {command('logs')}") from None
     joints = list(scene.joint_names)
     rows: list[tuple[float, list[float], list[float]]] = []
     try:
@@ -262,7 +264,8 @@ def accumulate_logs(
     else:
         parts = _on_processes(scene, [str(log) for log in logs], workers, cutoff, settings)
     found: Accumulator | None = None
-    for part in parts:
+    for at, part in enumerate(parts, 1):
+        _LOGGER.info("log %d of %d: %d states", at, len(logs), part.states)
         found = part if found is None else found.merge(part)
     assert found is not None
     return found

@@ -59,7 +59,7 @@ def _read(ctx: click.Context, param: click.Parameter, given: tuple[str, ...]) ->
 def codegen(
     robot: Path | None,
     floating_base: bool,
-    mimic: Mimic,
+    mimic: Mimic | None,
     directory: Path,
     lang: str,
     name: str,

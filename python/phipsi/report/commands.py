@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
@@ -16,6 +17,7 @@ from rich.console import Console
 
 from .. import __version__, _core, errors
 from .._core import Scene
+from .._install import command
 from .._load import load
 from . import auto_cost, pipeline, sections, terminal
 from .progress import Silent, reporter
@@ -23,6 +25,8 @@ from .robot import DENSE_CAP, Report
 from .sections import accuracy, calls, growth, residuals
 from .stability import STABILITY, Stability
 
+#: Message of a command that Ctrl-C ends.
+INTERRUPTED = "phipsi: interrupted."
 #: Whether mimic joints are coupled.
 Mimic: TypeAlias = Literal["couple", "free"]
 #: Name of the bundled arm.
@@ -30,6 +34,12 @@ BUNDLED = "PUMA 560 (bundled)"
 
 #: Exit codes.
 BEYOND, BAD_INPUT = 1, 2
+
+
+#: Exit code of a command that Ctrl-C ends, as in shells.
+STOPPED = 130
+#: Commands for the developers of phipsi.
+OF_DEVELOPERS = ("check", "bench")
 
 
 class BadInput(click.ClickException):
@@ -51,10 +61,10 @@ def _as_options(text: str) -> str:
     """A message in which keyword arguments of load are replaced by options of the commands."""
     text = re.sub(r"\bignore=\(([^)]*)\)", lambda found: " ".join(f"--ignore {name}" for name in re.findall(r"'(\w+)'", found[1])), text)
     text = re.sub(r"\bxacro_arguments=\{'(\w+)': \.\.\.\}", r"--xacro-argument \1=VALUE", text)
-    return re.sub(r'\b(mimic|limits)="(\w+)"', r"--\1 \2", text.replace("strict=True", "--strict").replace("floating_base=True", "--floating-base"))
+    return re.sub(r'\b(mimic|limits|contacts)="(\w+)"', r"--\1 \2", text.replace("strict=True", "--strict").replace("floating_base=True", "--floating-base"))
 
 
-def _load(robot: Path | None, floating_base: bool, mimic: Mimic = "free") -> tuple[Scene, str, str, list[str]]:
+def _load(robot: Path | None, floating_base: bool, mimic: Mimic | None = None) -> tuple[Scene, str, str, list[str]]:
     """Scene, name, source and warnings; prints the first warnings."""
     reading = click.get_current_context().meta
     with warnings.catch_warnings(record=True) as caught, _typed_errors():
@@ -65,6 +75,7 @@ def _load(robot: Path | None, floating_base: bool, mimic: Mimic = "free") -> tup
             mimic=mimic,
             strict=reading.get(STRICT, False),
             ignore=reading.get(IGNORE, ()),
+            contacts=reading.get(CONTACTS),
             xacro_arguments=dict(reading.get(XACRO_ARGUMENTS, ())),
         )
     texts = [_as_options(str(one.message)) for one in caught]
@@ -77,7 +88,7 @@ def _load(robot: Path | None, floating_base: bool, mimic: Mimic = "free") -> tup
 
 ROBOT = click.argument("robot", metavar="[ROBOT.urdf]", required=False, type=click.Path(path_type=Path))
 #: Keys of the options for reading a robot in the context of a command.
-STRICT, IGNORE, XACRO_ARGUMENTS = (f"{__name__}.{name}" for name in ("strict", "ignore", "xacro_arguments"))
+STRICT, IGNORE, CONTACTS, XACRO_ARGUMENTS = (f"{__name__}.{name}" for name in ("strict", "ignore", "contacts", "xacro_arguments"))
 
 
 def _keep(key: str) -> Callable[[click.Context, click.Parameter, Any], None]:
@@ -99,6 +110,7 @@ def FLOATING(command: Callable[..., Any]) -> Callable[..., Any]:
     for option in (
         click.option("--xacro-argument", multiple=True, metavar="NAME=VALUE", expose_value=False, callback=_pair, help="Value of an <xacro:arg>; repeatable."),
         click.option("--ignore", multiple=True, metavar="PART", expose_value=False, callback=_keep(IGNORE), help="Part of a MuJoCo model to omit; repeatable."),
+        click.option("--contacts", type=click.Choice(("plane",)), expose_value=False, callback=_keep(CONTACTS), help="Read contacts of a MuJoCo model with planes."),
         click.option("--strict", is_flag=True, expose_value=False, callback=_keep(STRICT), help="Raise an error instead of a warning."),
         click.option("--floating-base", is_flag=True, help="Add a free joint between the base and the root link."),
     ):
@@ -107,7 +119,7 @@ def FLOATING(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 MIMIC = click.option(
-    "--mimic", type=click.Choice(("couple", "free")), default="free", show_default=True, help="Whether joints of a URDF with <mimic> are coupled or free."
+    "--mimic", type=click.Choice(("couple", "free")), help="Whether joints of a URDF with <mimic> are coupled or free.  [default: free, with a warning]"
 )
 SEED = click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the random states.")
 COUNT = click.IntRange(1, 100_000)
@@ -119,7 +131,51 @@ def echo_json(found: Any) -> None:
     click.echo(json.dumps(pipeline.plain(found), indent=1, allow_nan=False, ensure_ascii=False))
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+class Commands(click.Group):
+    """Commands in two lists, for users and for developers of phipsi. Ctrl-C ends each with one sentence."""
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """The help of the commands in one line each."""
+        names = self.list_commands(ctx)
+        width = max(map(len, names))
+        for title, is_of_developers in (("Commands", False), ("Commands for developers of phipsi", True)):
+            with formatter.section(title):
+                shown = [name for name in names if (name in OF_DEVELOPERS) == is_of_developers]
+                room = formatter.width - 6 - width
+                formatter.write_dl([(name.ljust(width), self.commands[name].get_short_help_str(room)) for name in shown])
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run a command."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            terminal.line(Console(stderr=True), INTERRUPTED, "yellow")
+            raise SystemExit(STOPPED) from None
+
+
+@contextmanager
+def folder(path: Path) -> Iterator[None]:
+    """A folder for results, which is removed again if the work ends early and leaves it empty."""
+    made = [one for one in (path, *path.parents) if not one.exists()]
+    path.mkdir(parents=True, exist_ok=True)
+    try:
+        yield
+    except BaseException:
+        for one in made:
+            if any(one.iterdir()):
+                break
+            one.rmdir()
+        raise
+
+
+def check_pages() -> None:
+    """Raise BadInput if the packages for pages are not installed."""
+    absent = [name for name in ("plotly", "jinja2") if find_spec(name) is None]
+    if absent:
+        raise BadInput(f"found no {', '.join(absent)}, which pages need; install with: {command('report')}")
+
+
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="phipsi")
 def group() -> None:
     """Robot dynamics: show and simulate robots, compute their dynamics, and measure accuracy and speed."""
@@ -156,7 +212,7 @@ def report(
     With --stability, the report is on the extreme scenes instead: the error of every form and of dense algebra, in
     two norms, compared with the sensitivity of the problems.
 
-    Exit codes: 1, a residual exceeds its bound (the report shows which one); 2, invalid input.
+    Exit codes: 1, a residual exceeds its bound (the report shows which one); 2, invalid input; 130, interrupted.
     """
     if motion:
         raise BadInput("--motion: found a request for the study of integrators; expected the repository of phipsi: run make motion there")
@@ -165,9 +221,10 @@ def report(
             raise click.UsageError("--stability: found ROBOT.urdf, --floating-base or --states; expected none of them, because the scenes are fixed")
     if output is None:
         raise click.UsageError("Missing option '-o' / '--output'.")
+    check_pages()
     console = Console(stderr=True)
     if stability:
-        with _typed_errors(), reporter(console) as says:
+        with _typed_errors(), folder(output), reporter(console) as says:
             extreme = pipeline.collect(STABILITY, Stability(quick, seed), says)
             pages = pipeline.write(STABILITY, extreme, output, None, says)
         if as_json:
@@ -176,8 +233,7 @@ def report(
             click.echo("\n".join(map(str, pages)))
         return
     scene, name, source, texts = _load(robot, floating_base)
-    with _typed_errors(), reporter(console) as says:
-        output.mkdir(parents=True, exist_ok=True)
+    with _typed_errors(), folder(output), reporter(console) as says:
         found = pipeline.collect(sections.ROBOT, Report(quick, name, source, scene, seed, count, texts), says)
         pages = pipeline.write(sections.ROBOT, found, output, None, says)
     if as_json:

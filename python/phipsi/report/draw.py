@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from .._core import Scene
+from .._random import ranges
 from .plotting import GRAY, INK, SOFT, Part, Space
-from .states import Array, ranges
+from .states import Array
 from .structure import Tree
 from .text import significant
 
@@ -55,7 +56,7 @@ class View(NamedTuple):
 
 def pose(scene: Scene, tree: Tree) -> tuple[Array, str]:
     """A configuration that shows the robot, and its description."""
-    low, high = ranges(scene, tree)
+    low, high = ranges(scene)
     step = np.clip(np.zeros(scene.nv), low, high)
     q = scene.integrate(scene.neutral(), step)
     placements = scene.placements(q)

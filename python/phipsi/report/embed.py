@@ -6,10 +6,9 @@ import warnings
 from importlib.util import find_spec
 from typing import Any
 
-from markupsafe import Markup
-
 from .. import errors
 from .._core import Scene
+from .._install import command
 from .._motion import Trajectory
 from .pipeline import Missing
 from .states import Array
@@ -23,7 +22,7 @@ MOST_LINKS = 300
 def lacking() -> str | None:
     """Packages that have to be installed first; None if there are none."""
     absent = [name for name in EXTRA if find_spec(name) is None]
-    return f"found no {', '.join(absent)}; install with: pip install \"phipsi[view]\"" if absent else None
+    return f"found no {', '.join(absent)}; install with: {command('view')}" if absent else None
 
 
 def check(scene: Scene) -> None:
@@ -39,6 +38,8 @@ def robot(scene: Scene, motion: Trajectory | Array, t: Array | None = None) -> d
     """Values for a template that shows a robot in motion, or at configurations, (k, nq), at times, (k,), s: an iframe,
     True if the file has shapes, and a list of missing shapes.
     """
+    from markupsafe import Markup
+
     from .. import view
     from ..view import shapes
 

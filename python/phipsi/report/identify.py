@@ -16,7 +16,7 @@ from ..estimation._columns import KINDS
 from ..estimation._identification import DECIDED, Identification, predicted
 from ..estimation._logs import with_derivatives
 from . import pipeline, terminal
-from .commands import JSON, FLOATING, BadInput, _as_options, _load, _typed_errors, echo_json, group
+from .commands import JSON, FLOATING, BadInput, _as_options, _load, _typed_errors, check_pages, echo_json, group
 from .identification import REPORT, IdentificationReport
 from .progress import Silent
 
@@ -67,6 +67,8 @@ def identify(
     of rosbag2 with sensor_msgs/JointState (needs rosbags). Without velocities or accelerations positions are smoothed, which takes times. NaN in tau is a torque that was not
     measured. Several logs are accumulated one by one, so that memory does not grow with them. Identified inertias are ones that bodies can have.
     """
+    if folder is not None:
+        check_pages()
     scene, name, _, _ = _load(robot, floating_base)
     console = Console(stderr=True)
     settings: dict[str, Any] = {"fit": fit, "keep": keep, "blocks": blocks}

@@ -9,6 +9,7 @@ import click
 import numpy as np
 
 from .. import tasks
+from .._pose import from_rpy
 from .commands import JSON, BEYOND, FLOATING, MIMIC, BadInput, Mimic, _load, _typed_errors, echo_json, group
 from .motion import read_state
 from .text import plural
@@ -29,7 +30,7 @@ def ik(
     robot: Path,
     link: str,
     floating_base: bool,
-    mimic: Mimic,
+    mimic: Mimic | None,
     position: tuple[float, float, float] | None,
     rpy: tuple[float, float, float] | None,
     state: Path | None,
@@ -50,7 +51,7 @@ def ik(
         if position is not None:
             wanted.append(tasks.Position(link, position))
         if rpy is not None:
-            wanted.append(tasks.Orientation(link, _rotation(*rpy)))
+            wanted.append(tasks.Orientation(link, from_rpy(np.array(rpy))))
         found = scene.inverse_kinematics(wanted, q0, starts=starts, limits=limits)
     joints = {joint: found.q[scene.q_index(joint)] for joint in scene.joint_names}
     if as_json:
@@ -64,8 +65,3 @@ def ik(
     if not found.reached:
         raise SystemExit(BEYOND)
 
-
-def _rotation(roll: float, pitch: float, yaw: float) -> Any:
-    """Rotation matrix Rz(yaw) Ry(pitch) Rx(roll)."""
-    (a, b, c), (d, e, f) = np.cos([roll, pitch, yaw]), np.sin([roll, pitch, yaw])
-    return np.array([[c * b, c * e * d - f * a, c * e * a + f * d], [f * b, f * e * d + c * a, f * e * a - c * d], [-e, b * d, b * a]])

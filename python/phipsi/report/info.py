@@ -20,8 +20,8 @@ from .commands import JSON, FLOATING, MIMIC, ROBOT, Mimic, _load, echo_json, gro
 @FLOATING
 @MIMIC
 @JSON
-def info(robot: Path | None, floating_base: bool, mimic: Mimic, as_json: bool) -> None:
-    """Show the properties of a robot: its mass, and its joints with their limits in the order of q.
+def info(robot: Path | None, floating_base: bool, mimic: Mimic | None, as_json: bool) -> None:
+    """Show the properties of a robot: its mass, its joints with their limits in the order of q, and its links.
 
     Without ROBOT.urdf, the bundled arm is used.
     """
@@ -32,10 +32,18 @@ def info(robot: Path | None, floating_base: bool, mimic: Mimic, as_json: bool) -
         return
     click.echo(f"{name}: {scene.nv} degrees of freedom ({scene.nq} coordinates), {len(scene.link_names)} links, {scene.total_mass:.4g} kg moving mass")
     rows = [
-        (escape(joint["name"]), joint["type"], escape(joint["child"]), _span(joint["q"]), *(_number(joint[key]) for key in ("lower", "upper", "velocity", "effort")))
+        (
+            escape(joint["name"]), joint["type"], escape(joint["child"]), _span(joint["q"]), joint["unit"],
+            *(_number(joint[key]) for key in ("lower", "upper", "velocity", "effort")),
+        )
         for joint in found["joints"]
-    ]
-    terminal.table(Console(), "", ("joint", "type", "child", "in q", "lower", "upper", "speed", "effort"), rows, 3)
+    ]  # fmt: skip
+    console = Console(width=None if Console().is_terminal else 110)
+    heads = ("joint", "type", "child", "in q", "unit", "lower", "upper", "speed, unit/s", "effort, N m or N")
+    terminal.table(console, "", heads, rows, 3)
+    click.echo()
+    links = [(escape(link.name), escape(link.joint or "-"), f"{link.mass:.4g}", *(f"{x:.4g}" for x in link.com)) for link in scene.links.values()]
+    terminal.table(console, "", ("link", "joint", "mass, kg", "com x, m", "y", "z"), links, 2)
 
 
 def about(scene: Scene) -> dict[str, Any]:
@@ -49,9 +57,10 @@ def about(scene: Scene) -> dict[str, Any]:
         "mass": scene.total_mass,
         "gravity": scene.gravity,
         "links": scene.link_names,
+        "link_properties": [{"name": link.name, "parent": link.parent, "joint": link.joint, "mass": link.mass, "com": link.com} for link in scene.links.values()],
         "joints": [
             {
-                "name": joint.name, "type": joint.type, "parent": joint.parent, "child": joint.child,
+                "name": joint.name, "type": joint.type, "unit": _unit(joint.type), "parent": joint.parent, "child": joint.child,
                 "q": _ends(scene.q_index(joint.name)), "v": _ends(scene.v_index(joint.name)),
                 "lower": joint.lower, "upper": joint.upper, "velocity": joint.velocity, "effort": joint.effort,
                 "armature": joint.armature, "damping": joint.damping, "friction": joint.friction, "stiffness": joint.stiffness,
@@ -59,6 +68,11 @@ def about(scene: Scene) -> dict[str, Any]:
             for joint in moving
         ],
     }  # fmt: skip
+
+
+def _unit(kind: str) -> str:
+    """Unit of the coordinates of a joint."""
+    return {"prismatic": "m", "planar": "m, m, rad", "floating": "m, 1", "spherical": "1"}.get(kind, "rad")
 
 
 def _ends(at: slice) -> tuple[int, int]:

@@ -11,12 +11,14 @@ import textwrap
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from markupsafe import Markup
 
 from .plotting import FAINT, INK, Axis, Chart, Matrix, Panel, Part, Plot, Series, Space, Values
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
 
 Json = dict[str, Any]
 
@@ -66,6 +68,8 @@ def _text(name: str) -> str:
 
 def markup(plot: Plot) -> Markup:
     """The plot as an element of a page that ends with `script()`; its legend has one button per name."""
+    from markupsafe import Markup
+
     drawing = _chart(plot) if isinstance(plot, Chart) else _matrix(plot) if isinstance(plot, Matrix) else _space(plot)
     content = {"traces": drawing.traces, "wide": drawing.wide, "narrow": drawing.narrow}
     data = json.dumps(content, allow_nan=False, separators=(",", ":"), ensure_ascii=False).replace("<", "\\u003c")
@@ -321,6 +325,8 @@ def _library() -> str:
 
 def script() -> Markup:
     """Script that draws all plots of a page, at its end: Plotly, compressed to a fifth of its size, and a few lines."""
+    from markupsafe import Markup
+
     return Markup("<script>") + Markup(DRAW.replace("PACKED", _library())) + Markup("</script>")
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -94,28 +93,8 @@ def write(path: Trajectory, folder: Path, *, table: bool) -> list[Path]:
     files = [archive]
     if table:
         files.append(folder / "trajectory.csv")
-        _table(path, files[-1])
+        path.to_csv(files[-1])
     return files
-
-
-def columns(scene: Scene, letter: str) -> list[str]:
-    """Labels of the entries of q ("q") or of qd (another letter): the letter, a colon and the joint."""
-    index = scene.q_index if letter == "q" else scene.v_index
-    names = []
-    for joint in scene.joint_names:
-        at = index(joint)
-        count = at.stop - at.start
-        names += [f"{letter}:{joint}"] if count == 1 else [f"{letter}:{joint}[{i}]" for i in range(count)]
-    return names
-
-
-def _table(path: Trajectory, file: Path) -> None:
-    with file.open("w", newline="", encoding="utf-8") as stream:
-        out = csv.writer(stream)
-        has_drift = bool(path.scene.connection_names)
-        out.writerow(["t", *columns(path.scene, "q"), *columns(path.scene, "qd"), *["drift"] * has_drift])
-        # repr is exact: float(repr(x)) == x.
-        out.writerows([repr(float(x)) for x in row] for row in np.column_stack([path.t, path.q, path.qd, *[path.drift] * has_drift]))
 
 
 def stroboscope(path: Trajectory, tree: Tree, flashes: int = FLASHES) -> Space:

@@ -6,14 +6,14 @@ import re
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
-import jinja2
 import numpy as np
-from markupsafe import Markup, escape
 
 from . import interactive, text
 from .plotting import Plot
 
 if TYPE_CHECKING:
+    from markupsafe import Markup
+
     from .pipeline import Layout
 
 
@@ -59,6 +59,8 @@ class Page:
     """Context of the templates of one report."""
 
     def __init__(self, layout: Layout[Any], found: Any, plots: Sequence[Plot], stem: str = "") -> None:
+        import jinja2  # commands without pages do not need it
+
         self._layout, self._found = layout, found
         self._plots = {plot.name: interactive.markup(plot) for plot in plots}
         folders = [jinja2.FileSystemLoader(layout.templates), jinja2.PackageLoader(__package__, "templates")]
@@ -82,6 +84,8 @@ class Page:
         return self._templates.get_template(f"{self._layout.name}/{name}").render().rstrip() + "\n"
 
     def _markup(self, text: str) -> str:
+        from markupsafe import Markup
+
         return Markup(text) if self._kind == "html" else text.strip("\n")
 
     def _show(self, key: str) -> str:
@@ -109,6 +113,8 @@ def flowed(words: str, **values: object) -> str:
 
 def coded(words: str) -> Markup:
     """Text with the parts between backticks as code."""
+    from markupsafe import Markup, escape
+
     return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", str(escape(words))))
 
 

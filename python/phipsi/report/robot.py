@@ -76,7 +76,7 @@ class Report(Findings):
         """Random states. Missing if nothing moves."""
         if self.scene.nv == 0:
             raise Missing("This scene has no degree of freedom, so there is nothing to compute.")
-        return draw(self.scene, self.tree, self.effort.states, self.seed)
+        return draw(self.scene, self.effort.states, self.seed)
 
     @cached_property
     def solvable(self) -> States:

@@ -10,6 +10,7 @@ import numpy as np
 
 from .._forces import of_motion
 from .._motion import Trajectory
+from .._trajectory_files import columns
 from . import embed, motion
 from .page import Block, Figure, Table
 from .pipeline import Findings, Layout, Section, provenance
@@ -62,9 +63,9 @@ def over_time(run: Run) -> Chart:
     path, scene = run.path, run.path.scene
     rows = np.unique(np.linspace(0, len(path) - 1, MOST_ROWS).round().astype(int))
     energy, effort = path.energy(), scene.limits.effort
-    names = [name[2:] for name in motion.columns(scene, "v")]
+    names = [name[2:] for name in columns(scene, "v")]
     found: list[tuple[str, Mapping[str, Array]]] = [
-        ("q, rad or m", {name[2:]: path.q[rows, i] for i, name in enumerate(motion.columns(scene, "q"))}),
+        ("q, rad or m", {name[2:]: path.q[rows, i] for i, name in enumerate(columns(scene, "q"))}),
         ("qd, rad/s or m/s", {name: path.qd[rows, i] for i, name in enumerate(names)}),
     ]
     shares = {name: run.torque[rows, i] / effort[i] for i, name in enumerate(names) if np.isfinite(effort[i]) and effort[i] > 0.0}

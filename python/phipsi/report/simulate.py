@@ -11,17 +11,17 @@ import numpy as np
 from rich.console import Console
 
 from .. import errors
+from .._core import Scene
 from .._motion import PD, Trajectory
 from . import motion, pipeline
-from .commands import BEYOND, FLOATING, JSON, MIMIC, ROBOT, BadInput, Mimic, _load, _typed_errors, echo_json, group
+from .commands import BEYOND, FLOATING, JSON, MIMIC, ROBOT, STOPPED, BadInput, Mimic, _load, _typed_errors, check_pages, echo_json, folder, group
 from .progress import Silent, reporter
 from .run import RUN, Run
+from .states import Array
 from .structure import tree_of
 from .terminal import line
 from .text import plural
 
-#: Exit code of an interrupted simulation, as in shells.
-STOPPED = 130
 METHODS = ("auto", "semi-implicit-euler", "rk4", "dormand-prince-5", "implicit-euler", "rosenbrock-2", "rosenbrock-3")
 #: The fields of an energy audit that are works.
 WORKS = ("torque", "damping", "friction", "control", "stops", "contacts")
@@ -44,7 +44,7 @@ ROWS = 2000
 @click.option("--restitution", type=float, default=0.0, show_default=True, help="Coefficient of restitution of the stops.")
 @click.option("--accuracy", type=float, help="Error control: largest estimated error of a substep, rad or m.")
 @click.option("--record-every", type=click.IntRange(1), help=f"Number of steps per recorded row.  [default: about {ROWS} rows]")
-@click.option("--hold", nargs=2, type=float, metavar="KP KD", help="Hold the initial position with a PD control law with these gains.")
+@click.option("--hold", nargs=2, type=float, metavar="KP KD", help="Hold the initial position with a PD control law with these gains; free joints have no gains.")
 @click.option(
     "--covariance", "unsure", type=click.Path(path_type=Path, dir_okay=False),
     help="Uncertainties, for error bands: JSON or npz with parameters, joints, initial, torque_noise. `phipsi identify --covariance` writes one.",
@@ -57,7 +57,7 @@ def simulate(
     robot: Path | None,
     output: Path,
     floating_base: bool,
-    mimic: Mimic,
+    mimic: Mimic | None,
     state: Path | None,
     duration: float,
     dt: float,
@@ -85,6 +85,7 @@ def simulate(
     Exit codes: 1, the motion diverged or a joint became singular (the completed steps are written); 2, invalid input;
     130, interrupted.
     """
+    check_pages()
     console = Console(stderr=True)
     scene, name, _, _ = _load(robot, floating_base, mimic)
     if not (np.isfinite(dt) and dt > 0.0 and np.isfinite(duration) and duration >= 0.0):
@@ -94,7 +95,7 @@ def simulate(
     steps = round(duration / dt)
     every = record_every or max(1, steps // ROWS)
     code, path, said = 0, None, None
-    with _typed_errors():
+    with _typed_errors(), folder(output):
         start = motion.read_state(state, scene) if state is not None else {}
         uncertainty = motion.read_uncertainty(unsure, noise)
         if check is not None:
@@ -105,8 +106,7 @@ def simulate(
         if scene.connection_names:
             nearest = scene.project(q, qd)
             q, qd = nearest.q, np.asarray(nearest.qd)
-        law = PD(hold[0], hold[1], q) if hold is not None else None
-        output.mkdir(parents=True, exist_ok=True)
+        law = PD(*_gains(scene, *hold), q) if hold is not None else None
         try:
             with reporter(console) as says:
                 path = scene.simulate(
@@ -125,7 +125,8 @@ def simulate(
         files = motion.write(path, output, table=table)
         torque = np.zeros_like(path.qd) + start.get("tau", 0.0)
         if hold is not None:
-            torque = torque + hold[0] * scene.difference(path.q, q) - hold[1] * path.qd
+            kp, kd = _gains(scene, *hold)
+            torque = torque + kp * scene.difference(path.q, q) - kd * path.qd
         run = Run(False, name, path, tree_of(scene), torque, _error(path) if code == 0 else None)
         files += pipeline.write(RUN, pipeline.collect(RUN, run, Silent()), output)
     if as_json:
@@ -136,6 +137,15 @@ def simulate(
         _tell(name, path)
     if code:
         raise SystemExit(code)
+
+
+def _gains(scene: Scene, kp: float, kd: float) -> tuple[Array, Array]:
+    """Gains for all joints except free joints, which have no motor."""
+    has_motor = np.ones(scene.nv)
+    for joint in scene.joint_names:
+        if scene.joints[joint].type == "floating":
+            has_motor[scene.v_index(joint)] = 0.0
+    return kp * has_motor, kd * has_motor
 
 
 def _error(path: Trajectory) -> float | None:

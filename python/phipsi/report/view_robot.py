@@ -19,7 +19,7 @@ from .commands import FLOATING, MIMIC, ROBOT, BadInput, Mimic, _load, _typed_err
 @click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), help="Write a self-contained page instead of starting a server.")
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port on 127.0.0.1.  [default: any free port]")
 @click.option("--browser/--no-browser", default=True, help="Whether to open a browser.")
-def view(robot: Path | None, floating_base: bool, mimic: Mimic, motion: Path | None, output: Path | None, port: int, browser: bool) -> None:
+def view(robot: Path | None, floating_base: bool, mimic: Mimic | None, motion: Path | None, output: Path | None, port: int, browser: bool) -> None:
     """Show a robot in the browser, with one slider per joint, or a trajectory with a play button.
 
     Meshes are read from the folder of the URDF, a package above it, or a folder of ROS_PACKAGE_PATH or
@@ -44,4 +44,8 @@ def view(robot: Path | None, floating_base: bool, mimic: Mimic, motion: Path | N
             return
         viewer = scene.show(q, t=t, forces=forces, port=port, title=name, browser=browser)
         click.echo(f"{name}: {viewer.url} (stop with Ctrl-C)")
-        viewer.wait()
+        try:
+            while not viewer._closed.wait(0.5):
+                pass
+        finally:
+            viewer.close()

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from ..._trajectory_files import columns
 from .. import draw
-from ..motion import columns
 from ..pipeline import Section
 from ..progress import Reporter
 from ..robot import Report

@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from ..._random import ranges
 from .. import draw, embed
 from ..pipeline import Section
 from ..progress import Reporter
 from ..robot import Report
-from ..states import Array, ranges
+from ..states import Array
 
 #: Duration of the motion of a joint, s; largest duration of all, s; frames per second.
 A_JOINT, ALL, RATE = 1.6, 16.0, 15.0
@@ -23,7 +24,7 @@ def one_by_one(report: Report) -> tuple[Array, Array]:
     limits.
     """
     scene, start = report.scene, draw.pose(report.scene, report.tree)[0]
-    low, high = ranges(scene, report.tree)
+    low, high = ranges(scene)
     reach = np.full(scene.nv, TURN)
     for name in scene.joint_names:
         if report.tree.joints[name].type == "prismatic":

@@ -1,0 +1,264 @@
+"""Trajectories as tables and files."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _core
+from ._motion_parts import PD, ContactMotion, MomentumCorrection, StopImpact
+from .errors import ArgumentError, of_argument
+
+if TYPE_CHECKING:
+    import pandas
+    from typing_extensions import Self
+
+    from ._core import Scene
+
+__all__ = ["TrajectoryFiles", "columns"]
+
+_Array = NDArray[np.float64]
+
+#: Version of the archives of Trajectory.save.
+FORMAT = 1
+#: Fields of a trajectory that are arrays, and those that are numbers or texts.
+ARRAYS = ("t", "q", "qd", "armature", "stiffness", "rest", "substeps", "events", "estimated_error")
+PLAIN = ("dt", "steps", "method", "record_every", "integrator", "friction_speed", "limits")
+#: Arguments of Scene.simulate that are arrays.
+GIVEN = ("tau", "tau_steps", "damping", "friction", "compliance")
+
+
+def columns(scene: Scene, letter: str) -> list[str]:
+    """Labels of the entries of q ("q") or of qd (another letter): the letter, a colon and the joint."""
+    index = scene.q_index if letter == "q" else scene.v_index
+    names = []
+    for joint in scene.joint_names:
+        at = index(joint)
+        count = at.stop - at.start
+        names += [f"{letter}:{joint}"] if count == 1 else [f"{letter}:{joint}[{i}]" for i in range(count)]
+    return names
+
+
+class TrajectoryFiles:
+    """Methods of Trajectory that write and read files and tables."""
+
+    scene: Scene
+    t: _Array
+    q: _Array
+    qd: _Array
+    given: dict[str, Any] | None
+
+    def to_csv(self, path: str | os.PathLike[str]) -> None:
+        """Write the rows of one state as CSV: t, q, qd, and tau and drift if they are known.
+
+        Parameters
+        ----------
+        path : path
+            File. Columns are named "q:JOINT", or "q:JOINT[0]" and so on for joints of several coordinates. Values are
+            written exactly.
+
+        Raises
+        ------
+        ArgumentError
+            If the trajectory has batch axes.
+
+        Examples
+        --------
+        >>> import pathlib, tempfile
+        >>> import phipsi
+        >>> path = phipsi.scenes.chain(3).simulate([0.3] * 3, [0.0] * 3, dt=1e-3, steps=100)
+        >>> file = pathlib.Path(tempfile.mkdtemp()) / "motion.csv"
+        >>> path.to_csv(file)
+        >>> file.read_text().splitlines()[0][:8]
+        't,q:j0,q'
+        """
+        table = self._table("to_csv")
+        with Path(path).open("w", newline="", encoding="utf-8") as stream:
+            out = csv.writer(stream)
+            out.writerow(table)
+            # repr is exact: float(repr(x)) == x.
+            out.writerows([repr(float(x)) for x in row] for row in np.column_stack(list(table.values())))
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """The rows of one state as a DataFrame with the index t, s, and the columns of to_csv.
+
+        Returns
+        -------
+        pandas.DataFrame
+            One row per recorded row.
+
+        Raises
+        ------
+        ArgumentError
+            If the trajectory has batch axes.
+        ImportError
+            If pandas is not installed.
+
+        Examples
+        --------
+        >>> import phipsi
+        >>> path = phipsi.scenes.chain(3).simulate([0.3] * 3, [0.0] * 3, dt=1e-3, steps=100)
+        >>> path.to_pandas()["q:j0"].max() > 0.3  # doctest: +SKIP
+        True
+        """
+        table = self._table("to_pandas")
+        try:
+            import pandas
+        except ImportError:
+            raise ImportError("to_pandas needs pandas; install it with: pip install pandas") from None
+        return pandas.DataFrame(table).set_index("t")
+
+    def _table(self, method: str) -> dict[str, _Array]:
+        """Columns by name."""
+        batch = self.q.shape[:-2]
+        if batch:
+            raise of_argument(ArgumentError, "trajectory", f"found one of {batch} states; expected one state: {method} has no batch axes, save does")
+        table = {"t": self.t}
+        parts = [("q", self.q), ("qd", self.qd)]
+        if self.has_torques:
+            parts.append(("tau", self.torques()))
+        for letter, values in parts:
+            table |= dict(zip(columns(self.scene, letter), values.T, strict=True))
+        if self.scene.connection_names:
+            table["drift"] = self.drift
+        return table
+
+    # Attributes of Trajectory.
+    if TYPE_CHECKING:
+
+        @property
+        def drift(self) -> _Array: ...
+        @property
+        def has_torques(self) -> bool: ...
+        def torques(self) -> _Array: ...
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write all rows, and what is known of the simulation, as an npz archive that Trajectory.load reads.
+
+        Parameters
+        ----------
+        path : path
+            File, with the suffix .npz. It contains no pickles: t, q, qd and tau (if known) are arrays of these names.
+
+        Raises
+        ------
+        ArgumentError
+            If the suffix is another one, or the trajectory has bands, which are not written.
+
+        Examples
+        --------
+        >>> import pathlib, tempfile
+        >>> import phipsi
+        >>> scene = phipsi.scenes.chain(3)
+        >>> path = scene.simulate([0.3] * 3, [0.0] * 3, dt=1e-3, steps=100)
+        >>> file = pathlib.Path(tempfile.mkdtemp()) / "motion.npz"
+        >>> path.save(file)
+        >>> bool((phipsi.Trajectory.load(file, scene).q == path.q).all())
+        True
+        """
+        file = Path(path)
+        if file.suffix != ".npz":
+            raise of_argument(ArgumentError, "path", f"found {file.name!r}; expected a file with the suffix .npz")
+        fields = {name: getattr(self, name) for name in self.__dataclass_fields__}  # type: ignore[attr-defined]
+        if fields["bands"] is not None:
+            raise of_argument(ArgumentError, "path", "found a trajectory with bands; expected one without: pickle writes bands too")
+        arrays: dict[str, Any] = {name: fields[name] for name in ARRAYS}
+        about: dict[str, Any] = {"format": FORMAT, "joints": self.scene.joint_names, **{name: fields[name] for name in PLAIN}}
+        about["stops"] = [one._asdict() for one in fields["stops"]]
+        for name in ("end", "works", "momentum_correction"):
+            for at, value in enumerate(fields[name] or ()):
+                arrays[f"{name}/{at}"] = value
+        if fields["applied"] is not None:
+            arrays["applied"] = fields["applied"]
+        if self.has_torques:
+            arrays["tau"] = self.torques()
+        if fields["contacts"] is not None:
+            for name, value in fields["contacts"]._asdict().items():
+                arrays[f"contacts/{name}"] = np.stack(list(value.values())) if isinstance(value, Mapping) else value
+        about["given"] = None if self.given is None else self._written(self.given, arrays)
+        np.savez(file, about=np.array(json.dumps(about)), **arrays)
+
+    def _written(self, given: dict[str, Any], arrays: dict[str, Any]) -> dict[str, Any]:
+        """Arguments of Scene.simulate as JSON; those that are arrays are added to `arrays`."""
+        kept = {}
+        for name, value in given.items():
+            if name == "pd" and value is not None:
+                for part, gain in PD(*value)._asdict().items():
+                    if gain is not None:
+                        arrays[f"given/pd/{part}"] = _core._numbers(part, gain, self.scene, part == "target")
+            elif name in GIVEN and value is not None and not isinstance(value, str):
+                arrays[f"given/{name}"] = _core._numbers(name, value, *(() if name == "compliance" else (self.scene,)))
+            else:
+                kept[name] = value
+        return kept
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], scene: Scene) -> Self:
+        """Read a trajectory that save has written.
+
+        Parameters
+        ----------
+        path : path
+            File.
+        scene : Scene
+            The scene of the simulation, which the file does not contain.
+
+        Returns
+        -------
+        Trajectory
+            The trajectory, with bit-identical arrays.
+
+        Raises
+        ------
+        ArgumentError
+            If the file is not an archive of save, or the joints are not those of the scene.
+
+        Examples
+        --------
+        >>> import phipsi
+        >>> phipsi.Trajectory.load("motion.npz", phipsi.scenes.chain(3))  # doctest: +SKIP
+        """
+        try:
+            with np.load(path, allow_pickle=False) as archive:
+                arrays = dict(archive)
+            about = json.loads(str(arrays["about"]))
+            if about["format"] != FORMAT:
+                raise ValueError(f"format {about['format']}")
+            return cls(**_fields(about, arrays, scene))
+        except (OSError, KeyError, ValueError, TypeError) as error:
+            if isinstance(error, ArgumentError):
+                raise
+            raise of_argument(ArgumentError, "path", f"found {error} in {str(path)!r}; expected an archive of Trajectory.save") from None
+
+
+def _fields(about: dict[str, Any], arrays: dict[str, _Array], scene: Scene) -> dict[str, Any]:
+    """Fields of a trajectory."""
+    if tuple(about["joints"]) != scene.joint_names:
+        raise of_argument(ArgumentError, "scene", f"found the joints {', '.join(scene.joint_names)}; expected those of the file: {', '.join(about['joints'])}")
+
+    def several(name: str) -> tuple[_Array, ...]:
+        return tuple(arrays[f"{name}/{at}"] for at in range(sum(key.startswith(f"{name}/") for key in arrays)))
+
+    correction, contacts, end = several("momentum_correction"), None, several("end")
+    if "contacts/gap" in arrays:
+        parts: dict[str, Any] = {name: arrays[f"contacts/{name}"] for name in ContactMotion._fields}
+        named = ("gap", "slip", "force", "impulse", "state")
+        contacts = ContactMotion(**parts | {name: dict(zip(scene.contact_names, parts[name], strict=True)) for name in named})
+    given = about["given"]
+    if given is not None:
+        given |= {name: arrays[f"given/{name}"] for name in GIVEN if f"given/{name}" in arrays}
+        if "given/pd/kp" in arrays:
+            given["pd"] = PD(*(arrays.get(f"given/pd/{part}") for part in PD._fields))  # type: ignore[arg-type]
+    stops = [StopImpact(**one | {"state": tuple(one["state"]) if isinstance(one["state"], list) else one["state"]}) for one in about["stops"]]
+    return {
+        "scene": scene, "given": given, "stops": stops, "contacts": contacts, "end": end or None, "works": several("works"),
+        "momentum_correction": MomentumCorrection(*correction) if correction else None, "applied": arrays.get("applied"),
+        **{name: arrays[name] for name in ARRAYS}, **{name: about[name] for name in PLAIN},
+    }  # fmt: skip
