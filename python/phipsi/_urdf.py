@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ._xacro import expanded_again
 from ._results import Joint
 from .errors import ArgumentError, of_argument
-from .shapes import texts_of
+from .shapes import has_text, texts_of
 
 if TYPE_CHECKING:
     from ._core import Scene
@@ -63,8 +63,8 @@ def _shapes(scene: Scene) -> tuple[dict[str, list[ElementTree.Element]], list[El
     """Shapes of links by name, and materials: of a URDF or xacro file that still exists, of the text, and of the builder;
     relative mesh paths of a file become absolute.
     """
-    texts: list[tuple[Path | None, str | None]] = [(None, text) for text in texts_of(scene)]
-    if (file := scene.file) is not None and file.is_file():
+    texts: list[tuple[Path | None, str | None]] = [*texts_of(scene)]
+    if (file := scene.file) is not None and file.is_file() and not has_text(scene):
         texts.insert(0, (file, expanded_again(file, file.read_text(encoding="utf-8", errors="replace"))))
     shapes: dict[str, list[ElementTree.Element]] = {}
     materials: list[ElementTree.Element] = []

@@ -187,7 +187,7 @@ class Capsule(NamedTuple):
     --------
     >>> import phipsi
     >>> phipsi.shapes.Capsule(radius=0.05, length=0.3).inertia(1.0).diagonal().round(4).tolist()
-    [0.0133, 0.0133, 0.0012]
+    [0.0119, 0.0119, 0.0012]
     """
 
     radius: float
@@ -273,11 +273,17 @@ def to_urdf(link: str, shape: Shape | Sequence[Shape]) -> str:
     return ElementTree.tostring(robot, encoding="unicode")
 
 
-def texts_of(scene: Scene) -> list[str]:
-    """URDF texts of shapes that the file of the scene does not contain: those of links from code, and that of a scene from
-    text.
+def texts_of(scene: Scene) -> list[tuple[Path | None, str]]:
+    """URDF texts with the shapes of a scene, each with the file that its mesh paths are relative to: the text that the
+    scene was read from, if it has shapes, and links from code. A scene from a file has no text, unless it was expanded
+    by xacro.
     """
-    return [text for text in scene._shapes if scene.file is None or text.startswith(FROM_CODE)]
+    return [(None if text.startswith(FROM_CODE) else scene.file, text) for text in scene._shapes]
+
+
+def has_text(scene: Scene) -> bool:
+    """Whether the scene has the text that it was read from."""
+    return any(not text.startswith(FROM_CODE) for text in scene._shapes)
 
 
 #: Begin of the texts of to_urdf.

@@ -26,7 +26,7 @@ from .._mjcf import Names, compiled
 from .._xacro import COMMENT, expanded_again
 from ..errors import ArgumentError, MeshWarning
 from ..mujoco import rotation
-from ..shapes import texts_of
+from ..shapes import has_text, texts_of
 
 _Array = NDArray[np.float64]
 
@@ -81,14 +81,17 @@ def of_file(scene: Scene, urdf: str | os.PathLike[str] | None) -> list[Shape]:
     """
     if urdf is not None:
         return _of_path(scene, Path(urdf))
-    found = [] if scene.file is None or not scene.file.is_file() else _of_path(scene, scene.file)
-    # Paths in a text are relative to the working directory.
-    return found + [shape for text in texts_of(scene) for shape in _of_urdf(scene, Path("urdf").absolute(), text)]
+    file = scene.file
+    found = [] if file is None or not file.is_file() or has_text(scene) else _of_path(scene, file)
+    for source, text in texts_of(scene):
+        # Paths in a text without a file are relative to the working directory.
+        found += _of_urdf(scene, source or Path("urdf").absolute(), text)
+    return found
 
 
 def name_of(scene: Scene) -> str:
     """Name of the robot in its description, or of its file; "phipsi" for a scene from code."""
-    texts = texts_of(scene)
+    texts = [text for _, text in texts_of(scene)]
     if scene.file is not None and scene.file.is_file():
         texts.insert(0, scene.file.read_text(encoding="utf-8", errors="replace"))
     for text in texts:
