@@ -128,3 +128,24 @@ def test_motions_are_those_of_pages() -> None:
     motion = Motion(cube(), [0.0], None)
     (only,) = picture.frames(cube(), motion, shapes_of(cube(), None), [0], (40, 30))
     assert only.size == (40, 30)
+
+
+def test_each_legend_has_its_own_colors() -> None:
+    from phipsi.report.run import Run, by_legend, colors, over_time
+    from phipsi.report.structure import tree_of
+
+    scene = phipsi.scenes.chain(14)
+    path = scene.simulate([0.1] * 14, [0.0] * 14, dt=1e-3, steps=3)
+    joints, energy = by_legend(over_time(Run(False, "chain", path, tree_of(scene), np.zeros_like(path.qd))))
+    inks = {one.name: one.ink for one in joints.panels[0].series}
+    assert len(set(inks.values())) == 14 and len(joints.panels) == 2
+    assert all(inks[one.name] == one.ink for one in joints.panels[1].series)
+    assert "total" in [one.name for one in energy.panels[0].series] and (joints.name, energy.name) == ("over-time", "over-time-1")
+    for count in (1, 10, 11, 60):
+        assert len(set(colors(count))) == count and all(re.fullmatch("#[0-9a-f]{6}", color) for color in colors(count))
+
+
+def test_the_name_of_the_project_stays_latin() -> None:
+    from phipsi.report.text import symbols
+
+    assert symbols("phipsi.compile, H phi Q phi* H*, phi . Phi") == "phipsi.compile, H φ Q φ* H*, φ · Φ"
