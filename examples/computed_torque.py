@@ -1,5 +1,7 @@
 """Track a planned motion with computed torque, and plot the joint torques against their limits (needs matplotlib)."""
 
+from typing import Any
+
 import numpy as np
 import phipsi
 from numpy.typing import NDArray
@@ -33,6 +35,8 @@ assert error < 1e-3 and share.max() < 1.0
 if __name__ == "__main__":
     import matplotlib.pyplot as plt
 
+    figure: Any  # the annotations of matplotlib are incomplete
+    axes: Any
     figure, axes = plt.subplots(figsize=(8, 4), layout="constrained")
     axes.plot(path.t, torque, label=scene.joint_names)
     axes.set(xlabel="time, s", ylabel="joint torque, N m")

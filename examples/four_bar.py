@@ -22,8 +22,8 @@ bar("rocker", "ground", (0.3, 0, 0), 0.25, "blue")
 builder.connect("pin", "axis", "coupler", "rocker", xyz=(0, 0, 0.35), other_xyz=(0, 0, 0.25), axis=(0, 1, 0))
 scene = builder.build()
 
-q, qd, rank = scene.project([0.0, 1.0, 0.0], [0.0, 0.0, 0.0])  # the nearest state with a closed loop
-path = scene.simulate(q, qd, dt=1e-3, duration=2.0, tau=[1.5, 0.0, 0.0])
+q, _, rank = scene.project([0.0, 1.0, 0.0])  # the nearest state with a closed loop
+path = scene.simulate(q, np.zeros(3), dt=1e-3, duration=2.0, tau=[1.5, 0.0, 0.0])
 
 turns = (path.q[-1, 0] - path.q[0, 0]) / (2 * np.pi)
 force = np.linalg.norm(scene.constrained_dynamics(path.q[-1], path.qd[-1], [1.5, 0.0, 0.0]).forces["pin"][3:])

@@ -1,10 +1,9 @@
-"""Balance a rod on a cart with damping by a linear-quadratic regulator: linearize, solve the Riccati equation, simulate (needs SciPy)."""
+"""Balance a rod on a cart with damping by a linear-quadratic regulator: linearize, solve the Riccati equation, simulate."""
 
 import numpy as np
 import phipsi
 from numpy.typing import NDArray
 from phipsi.shapes import Box, Capsule
-from scipy.linalg import solve_continuous_are
 
 Array = NDArray[np.float64]
 
@@ -16,11 +15,14 @@ builder.joint("slide", "prismatic", "rail", "cart", axis=(1, 0, 0), damping=0.5)
 builder.joint("hinge", "revolute", "cart", "rod", axis=(0, 1, 0), damping=0.01)
 scene = builder.build()
 
-A, B, *_ = scene.linearize([0.0, 0.0], [0.0, 0.0], [0.0, 0.0])  # upright; x = (positions, velocities)
-A[2:, 2:] -= B[2:] * scene.damping  # damping is a torque of -damping * qd
-B = B[:, :1]  # a motor at the cart only
-cost = solve_continuous_are(A, B, np.diag([10.0, 10.0, 1.0, 1.0]), 0.1 * np.eye(1))
-gains = B.T @ cost / 0.1
+A, B_joints, *_ = scene.linearize([0.0, 0.0], [0.0, 0.0], [0.0, 0.0])  # upright; x = (positions, velocities)
+A[2:, 2:] -= B_joints[2:] * scene.damping  # damping is a torque of -damping * qd
+B = B_joints[:, :1]  # a motor at the cart only
+weights, effort = np.diag([10.0, 10.0, 1.0, 1.0]), 0.1
+# The Riccati equation by the stable eigenvectors of its Hamiltonian matrix; scipy.linalg.solve_continuous_are does the same.
+values, vectors = np.linalg.eig(np.block([[A, -B @ B.T / effort], [-weights, -A.T]]))
+stable = vectors[:, np.real(values) < 0.0]
+gains = B.T @ np.real(stable[4:] @ np.linalg.inv(stable[:4])) / effort  # force = -gains x
 
 
 def force(t: float, q: Array, qd: Array) -> Array:

@@ -127,7 +127,7 @@ class Sphere(NamedTuple):
         1.0
         """
         (radius,) = _positive(self, "radius", self.radius, 1)
-        return 0.4 * mass * radius**2 * np.eye(3)
+        return np.array(0.4 * mass * radius**2 * np.eye(3))
 
 
 class Cylinder(NamedTuple):
@@ -312,8 +312,7 @@ def _visual(link: ElementTree.Element, shape: Any) -> None:
         case _:
             raise ArgumentError(f"found {type(shape).__name__}; {EXPECTED}")
     rpy = ORIGIN if isinstance(shape, Sphere) else shape.rpy
-    origin = {"xyz": _text(_numbers(shape, "xyz", shape.xyz, 3)), "rpy": _text(_numbers(shape, "rpy", rpy, 3))}
-    ElementTree.SubElement(visual, "origin", **origin)
+    ElementTree.SubElement(visual, "origin", xyz=_text(_numbers(shape, "xyz", shape.xyz, 3)), rpy=_text(_numbers(shape, "rpy", rpy, 3)))
     material = ElementTree.SubElement(visual, "material", name="")
     ElementTree.SubElement(material, "color", rgba=_text(_rgba(shape)))
 

@@ -15,6 +15,8 @@ import pytest
 import phipsi
 import phipsi.mujoco
 import phipsi.pinocchio
+from method_page import TASKS, public
+from method_page import page as methods
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -96,6 +98,13 @@ def test_the_reference_has_all_that_is_public() -> None:
     public |= {f"{module.__name__.removeprefix('phipsi.')}.{name}" for module in (phipsi.mujoco, phipsi.pinocchio, phipsi.shapes, phipsi.tasks) for name in module.__all__} - {"tasks.Task", "shapes.Color", "shapes.Shape"}
     assert len(named) == len(set(named)), "shown twice"
     assert shown == public
+
+
+def test_the_index_of_methods_is_complete() -> None:
+    assert sorted(name for names in TASKS.values() for name in names) == sorted(public())
+    text = (DOCS / "reference" / "methods.md").read_text(encoding="utf-8")
+    assert text == methods(), "python tests/python/method_page.py docs/reference/methods.md"
+    assert all(len(line.split("|")[2].split()) >= 2 for line in text.splitlines() if line.startswith("| ["))
 
 
 def test_readme_has_the_figures_of_the_generated_pages() -> None:
