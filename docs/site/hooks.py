@@ -63,8 +63,9 @@ def on_page_markdown(markdown: str, page: Page, **_: Any) -> str:
         markdown = re.sub(r"\[`(\w+)`\]\(([\w-]+\.md)\)", r"[`\1`](\2#phipsi.Scene.\1)", markdown)
     if page.file.src_uri in ("index.md", "tutorial.md"):
         page.meta["hide"] = ["navigation"]  # sections of one page
-    parts = re.split(r"(^```.*?^```$)", markdown, flags=re.DOTALL | re.MULTILINE)
-    return "".join(part if part.startswith("```") else LINK.sub(turned, part) for part in parts)
+    # Code and embedded pages have no links.
+    parts = re.split(r"(^```.*?^```$|^<iframe [^\n]*$)", markdown, flags=re.DOTALL | re.MULTILINE)
+    return "".join(part if part.startswith(("```", "<iframe ")) else LINK.sub(turned, part) for part in parts)
 
 
 def on_post_build(config: MkDocsConfig) -> None:
