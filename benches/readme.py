@@ -23,11 +23,12 @@ Row = dict[str, str]
 
 MODELS = {"ur5": "ur5", "g1": "g1", "talos": "talos"}
 PARTS = {"One state, compared with Pinocchio in C++": "one state", "Batches on one core, compared with Pinocchio in C++": "batches"}
+#: Operations in the table, in this order.
+OPERATIONS = ("Forward dynamics", "Inverse dynamics", "Mass matrix", "Derivatives of inverse dynamics", "Derivatives of forward dynamics")
 METHODS = {
     "square-root form": "phipsi, square-root form (fallback of `auto`)",
     "covariance form": "phipsi, `form=\"covariance\"`",
     "Pinocchio, local": "Pinocchio",
-    "dynibo": "dynibo",
     "Drake": "Drake",
     "MuJoCo": "MuJoCo",
 }
@@ -74,19 +75,14 @@ def benchmarks() -> str:
     for heading, part in PARTS.items():
         for row in rows(section(text, heading)):
             shown[row["operation"], part, row["model"]] = f"{median(row['ratio']):.2g}"
-    operations = dict.fromkeys(operation for operation, _, _ in shown)
     head = ["", *(f"{name}, {part}" for part in PARTS.values() for name in MODELS.values())]
-    body = ([what, *(shown[what, part, model] for part in PARTS.values() for model in MODELS)] for what in operations)
+    body = ([what, *(shown[what, part, model] for part in PARTS.values() for model in MODELS)] for what in OPERATIONS)
     return f"{table(head, body)}\n\n{machine['processor']}, instructions `{machine['arm']}`, Pinocchio {machine['pinocchio']}."
 
 
 def numerics() -> str:
     found = [row for row in rows(section(page("numerics"), "heavy-tip")) if row["value"] in MASSES]
-    sensitivity = [max(row["state"], row["parameters"], key=float) for row in found]
-    body = [
-        *([name, *(row[method] for row in found)] for method, name in METHODS.items()),
-        ["for comparison: effect of rounding the input once", *sensitivity],
-    ]
+    body = ([name, *(row[method] for row in found)] for method, name in METHODS.items())
     return table(["last link, kg", *(row["value"] for row in found)], body)
 
 

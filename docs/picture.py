@@ -1,60 +1,85 @@
-"""Writes docs/robot.webp, the picture of README.md: UR5 of example-robot-data, driven from pose to pose, as `scene.show` draws it.
+"""Writes the pictures of README.md and of docs/examples.md with `scene.show(to=...)`: docs/robot.webp, docs/robots.webp, docs/pictures/.
 
-Usage: python docs/picture.py. Needs phipsi[view], example-robot-data, playwright, pillow, and Chromium.
+Usage: python docs/picture.py [NAME ...]. Needs phipsi[view], matplotlib, scipy and xacro. Without names, all pictures are written.
 """
 
-import io
-import shutil
+import re
+import runpy
 import sys
+import tempfile
 from pathlib import Path
+from typing import Any
 
-import numpy as np
+import matplotlib
 from PIL import Image
-from playwright.sync_api import sync_playwright
 
 import phipsi
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "tests" / "python"))
-from oracle_pinocchio import ROBOTS  # noqa: E402
-
-#: Of the window, of what is cut from its middle, and of the picture.
-WINDOW, CUT, SIZE = (1100, 800), (760, 600), (570, 450)
-FRAMES, SECONDS = 48, 1.4
-POSES = np.array([[0.3, -1.7, 1.2, -0.6, -1.5, 0.0], [1.2, -1.1, 1.6, -1.6, -1.2, 1.0], [-0.3, -1.5, -1.1, 0.4, 1.5, -0.5], [0.3, -1.7, 1.2, -0.6, -1.5, 0.0]])
+PICTURES = ROOT / "docs" / "pictures"
+#: Of the pictures of examples.
+SIZE = (480, 360)
+#: Side by side in docs/robots.webp, with the number of its frames.
+FIRST, FRAMES, PANEL = ("quadruped", "gripper", "humanoid"), 30, (300, 225)
 
 
-def main() -> None:
-    scene = phipsi.Scene.from_urdf(ROBOTS / "ur_description/urdf/ur5_robot.urdf")
-    q, qd, rows = POSES[0], np.zeros(6), []
-    for target in POSES[1:]:
-        law = phipsi.PD([200.0, 200.0, 120.0, 30.0, 30.0, 10.0], [60.0, 60.0, 30.0, 6.0, 6.0, 2.0], target)
-        path = scene.simulate(q, qd, dt=1e-3, steps=round(1000 * SECONDS), method="rosenbrock-2", pd=law)
-        rows += [*path.q[:: round(3000 * SECONDS / FRAMES)]]
-        q, qd = path.q[-1], path.qd[-1]
-    pictures = []
-    with scene.show(rows[0], browser=False) as viewer, sync_playwright() as driver:
-        options = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
-        browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=options)
-        page = browser.new_page(viewport={"width": WINDOW[0], "height": WINDOW[1]})
-        page.goto(viewer.url)
-        canvas = page.locator("canvas").last
-        canvas.wait_for()
-        page.wait_for_timeout(4000)
-        # Hide the controls of the viewer.
-        page.add_style_tag(content="body *:not(:has(canvas)):not(canvas) { visibility: hidden; } canvas { visibility: visible !important; }")
-        for q in rows:
-            viewer.update(q)
-            page.wait_for_timeout(350)
-            left, top = (WINDOW[0] - CUT[0]) // 2, (WINDOW[1] - CUT[1]) // 2
-            whole = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
-            pictures.append(whole.crop((left, top, left + CUT[0], top + CUT[1])).resize(SIZE))
-        browser.close()
+def of_example(name: str, folder: Path) -> Path:
+    """Animation of an example."""
+    found = runpy.run_path(str(ROOT / "examples" / f"{name}.py"))
+    scene: Any = found["scene"]
+    if "path" in found:
+        scene.show(found["path"], to=folder / f"{name}.webp")
+    else:
+        scene.show(found["q"], t=found["t"], to=folder / f"{name}.webp")
+    return folder / f"{name}.webp"
+
+
+def frames(file: Path, size: tuple[int, int]) -> tuple[list[Image.Image], int]:
+    """Pictures of an animation, and the time of each, ms."""
+    with Image.open(file) as opened:
+        found: list[Image.Image] = []
+        # Equal pictures are stored once, for a longer time.
+        for at in range(opened.n_frames):
+            opened.seek(at)
+            found += [opened.convert("RGB").resize(size, Image.Resampling.LANCZOS)] * max(round(opened.info["duration"] / 50.0), 1)
+    return found, 50
+
+
+def save(pictures: list[Image.Image], file: Path, each: int) -> None:
     first, *rest = pictures
-    file = ROOT / "docs" / "robot.webp"
-    first.save(file, save_all=True, append_images=rest, duration=round(3000 * SECONDS / FRAMES), loop=0, quality=70, method=6)
+    first.save(file, save_all=True, append_images=rest, duration=each, loop=0, quality=60, method=6)
     print(f"written: {file}, {file.stat().st_size} bytes")
 
 
+def main(names: list[str]) -> None:
+    PICTURES.mkdir(exist_ok=True)
+    shown = re.findall(r"pictures/(\w+)\.webp", (ROOT / "docs" / "examples.md").read_text(encoding="utf-8"))
+    with tempfile.TemporaryDirectory() as folder:
+        for name in names or dict.fromkeys(shown):
+            if name not in ("robot", "robots"):
+                save(*swapped(frames(of_example(name, Path(folder)), SIZE), PICTURES / f"{name}.webp"))
+        if not names or "robots" in names:
+            panels = [frames(PICTURES / f"{name}.webp", PANEL)[0] for name in FIRST]
+            strip = []
+            for at in range(FRAMES):
+                strip.append(Image.new("RGB", (len(FIRST) * PANEL[0], PANEL[1]), "white"))
+                for i, panel in enumerate(panels):
+                    strip[-1].paste(panel[min(at, len(panel) - 1)], (i * PANEL[0], 0))
+            save([*strip, *[strip[-1]] * 10], ROOT / "docs" / "robots.webp", 50)
+        if not names or "robot" in names:
+            (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), flags=re.DOTALL)
+            found: dict[str, Any] = {}
+            exec(compile(code, "README.md", "exec"), found)
+            found["scene"].show(found["path"], to=Path(folder) / "robot.webp")
+            save(*swapped(frames(Path(folder) / "robot.webp", SIZE), ROOT / "docs" / "robot.webp"))
+
+
+def swapped(animation: tuple[list[Image.Image], int], file: Path) -> tuple[list[Image.Image], Path, int]:
+    """Arguments of save."""
+    return animation[0], file, animation[1]
+
+
 if __name__ == "__main__":
-    main()
+    matplotlib.use("agg")
+    print(phipsi.__file__)
+    main(sys.argv[1:])

@@ -58,10 +58,14 @@ def on_page_markdown(markdown: str, page: Page, **_: Any) -> str:
         target = PAGES.get(file) or (file.removeprefix("docs/") if file.startswith("docs/") else None)
         return link if target is None else os.path.relpath(target, folder)
 
+    if page.file.src_uri == "reference/methods.md":
+        # On GitHub a row leads to the page, here to the method.
+        markdown = re.sub(r"\[`(\w+)`\]\(([\w-]+\.md)\)", r"[`\1`](\2#phipsi.Scene.\1)", markdown)
     if page.file.src_uri in ("index.md", "tutorial.md"):
         page.meta["hide"] = ["navigation"]  # sections of one page
-    parts = re.split(r"(^```.*?^```$)", markdown, flags=re.DOTALL | re.MULTILINE)
-    return "".join(part if part.startswith("```") else LINK.sub(turned, part) for part in parts)
+    # Code and embedded pages have no links.
+    parts = re.split(r"(^```.*?^```$|^<iframe [^\n]*$)", markdown, flags=re.DOTALL | re.MULTILINE)
+    return "".join(part if part.startswith(("```", "<iframe ")) else LINK.sub(turned, part) for part in parts)
 
 
 def on_post_build(config: MkDocsConfig) -> None:
@@ -104,4 +108,7 @@ def _output(output: Any) -> str:
     data = output.get("data", {})
     if "image/png" in data:
         return f'<img alt="what the cell draws" src="data:image/png;base64,{data["image/png"].strip()}">'
+    if "text/html" in data:
+        # In one line, so that Markdown passes it on as it is.
+        return str(data["text/html"]).replace("\n", "&#10;") if data["text/html"].startswith("<iframe") else str(data["text/html"])
     return f"```text\n{data['text/plain']}\n```"

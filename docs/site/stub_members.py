@@ -13,7 +13,25 @@ class StubMembers(griffe.Extension):
 
     def on_package(self, *, pkg: griffe.Module, **_: Any) -> None:
         """Visits all members of the package."""
+        self._aliases = {
+            name: " ".join(str(member.value).split()).replace("NDArray[np.", "NDArray[")
+            for module in (pkg, *pkg.modules.values())
+            for name, member in module.members.items()
+            if not member.is_alias and isinstance(member, griffe.Attribute) and str(member.annotation) == "TypeAlias" and name.startswith("_")
+        }
         self._visit(pkg)
+
+    def _typed(self, function: griffe.Function) -> None:
+        """Replace private names of types in a signature by what they stand for."""
+
+        def public(annotation: Any) -> Any:
+            if annotation is None or not re.search(r"\b_[A-Z]\w*", str(annotation)):
+                return annotation
+            return re.sub(r"\b_[A-Z]\w*", lambda found: self._aliases.get(found[0], found[0].lstrip("_")), str(annotation))
+
+        for parameter in function.parameters:
+            parameter.annotation = public(parameter.annotation)
+        function.returns = public(function.returns)
 
     def _visit(self, owner: griffe.Module | griffe.Class) -> None:
         for name, overloads in owner.overloads.items():
@@ -24,6 +42,8 @@ class StubMembers(griffe.Extension):
                 if member.docstring is not None:
                     names = [parameter.name for parameter in member.parameters] if isinstance(member, griffe.Function) else []
                     member.docstring.value = as_markdown(member.docstring.value, names)
+                if isinstance(member, griffe.Function):
+                    self._typed(member)
                 if isinstance(member, griffe.Module | griffe.Class):
                     self._visit(member)
 

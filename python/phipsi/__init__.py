@@ -19,7 +19,7 @@ Units are SI units and radians. Spatial vectors are angular first. Leading axes 
 broadcast.
 """
 
-from . import errors, estimation, scenes, tasks
+from . import errors, estimation, scenes, shapes, tasks
 from ._compile import Compiled, compile
 from ._core import (
     BUNDLED_ARM,
@@ -122,6 +122,7 @@ __all__ = [
     "pose",
     "scenes",
     "set_num_threads",
+    "shapes",
     "smooth",
     "tasks",
 ]

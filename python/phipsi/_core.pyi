@@ -1,7 +1,7 @@
 """The compiled half of phipsi: scenes, and the algorithms on them."""
 
 import os
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias, final, overload
 
@@ -42,6 +42,7 @@ from .estimation import (
 )
 from .estimation._identification import Identification
 from .operators import Factor
+from .shapes import Shape
 from .tasks import InverseKinematics, Task
 from .view import Viewer
 
@@ -149,6 +150,9 @@ class Scene:
     theta), a universal joint two angles (about x, then y), a spherical joint a quaternion (x, y, z, w), and a free
     joint (x, y, z, qx, qy, qz, qw) with the velocity (linear, angular) in the body frame. Quaternions whose norm
     differs from 1 by at most 1e-3 are normalized.
+
+    **Order of six-vectors.** Spatial vectors of links (velocities, wrenches, rows of Jacobians) are (angular, linear).
+    The entries of qd, qdd and tau of a free joint are the other way round: (linear, angular) and (force, moment).
 
     **Arrays** are (..., nq) or (..., nv). Leading batch axes broadcast; the result has the batch axes of the
     arguments. Lists, float32, integers, strided and Fortran-ordered arrays are converted; C-contiguous float64
@@ -373,6 +377,8 @@ class Scene:
         >>> phipsi.Scene.from_pinocchio(model).nv
         6
         """
+    @property
+    def _shapes(self) -> list[str]: ...
     @property
     def file(self) -> Path | None:
         """URDF or MJCF file of the scene, a pathlib.Path; None for a scene from text or code."""
@@ -4388,8 +4394,9 @@ class Scene:
         urdf: str | os.PathLike[str] | None = None,
         to: None = None,
         port: int = 0,
+        host: str = "127.0.0.1",
         title: str | None = None,
-        browser: bool = True,
+        browser: bool | None = None,
     ) -> Viewer:
         """Show a configuration or a motion of the robot in a browser; needs the extra phipsi[view].
 
@@ -4407,13 +4414,16 @@ class Scene:
             File whose meshes are drawn. None: that of the scene. Links without a shape are drawn as capsules of their
             inertia.
         to : str or os.PathLike, optional
-            File (.html or .htm) for a self-contained page. Nothing is served then.
+            File for a self-contained page (.html) or a picture (.png; .webp, animated for a motion). Nothing is served
+            then.
         port : int, default 0
-            Port on 127.0.0.1; 0 selects a free one.
+            Port of the server; 0 selects a free one.
+        host : str, default "127.0.0.1"
+            Address of the server. "0.0.0.0" makes the viewer accessible from other machines.
         title : str, optional
-            Title of the panel.
-        browser : bool, default True
-            If true, open a browser.
+            Title of the page and of the panel. None: the name of the robot.
+        browser : bool, optional
+            Whether to open a browser. None: yes, except in a notebook, which displays the viewer below the cell.
 
         Returns
         -------
@@ -4449,8 +4459,9 @@ class Scene:
         forces: tuple[ArrayLike, ArrayLike] | None = None,
         urdf: str | os.PathLike[str] | None = None,
         port: int = 0,
+        host: str = "127.0.0.1",
         title: str | None = None,
-        browser: bool = True,
+        browser: bool | None = None,
     ) -> Path: ...
     def __copy__(self) -> Scene: ...
     def __deepcopy__(self, memo: Any, /) -> Scene: ...
@@ -4479,6 +4490,8 @@ class SceneBuilder:
         mass: float = 0.0,
         com: ArrayLike = (0, 0, 0),
         inertia: ArrayLike | None = None,
+        *,
+        shape: Shape | Sequence[Shape] | None = None,
     ) -> SceneBuilder:
         """Add a link.
 
@@ -4492,6 +4505,9 @@ class SceneBuilder:
             Center of mass in the link frame, m.
         inertia : (3, 3) array_like, optional
             Inertia about the center of mass, with axes parallel to the link frame, kg m^2. None: a point mass.
+        shape : phipsi.shapes.Box, Sphere, Cylinder, Capsule or Mesh, or a sequence of them, optional
+            Shapes with which `show` draws the link. They do not change mass and inertia: shape.inertia(mass) is the
+            inertia of a uniform body of this shape.
 
         Returns
         -------
@@ -4501,11 +4517,13 @@ class SceneBuilder:
         Raises
         ------
         ShapeError, ArgumentError
-            Invalid com or inertia. The message names the link; build() checks the rest.
+            Invalid com, inertia or shape. The message names the link; build() checks the rest.
 
         Examples
         --------
-        >>> builder = phipsi.SceneBuilder().link("base").link("ball", mass=2.0)
+        >>> ball = phipsi.shapes.Sphere(0.1)
+        >>> builder = phipsi.SceneBuilder().link("base")
+        >>> builder = builder.link("ball", mass=2.0, inertia=ball.inertia(2.0), shape=ball)
         >>> builder.joint("free", "floating", "base", "ball").build().total_mass
         2.0
         """

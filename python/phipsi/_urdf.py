@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ._xacro import expanded_again
 from ._results import Joint
 from .errors import ArgumentError, of_argument
+from .shapes import has_text, texts_of
 
 if TYPE_CHECKING:
     from ._core import Scene
@@ -34,7 +35,7 @@ def to_urdf(scene: Scene, path: str | os.PathLike[str] | None, name: str) -> str
         names = ", ".join(map(repr, scene.contact_names[:8]))
         raise of_argument(ArgumentError, "scene", f"found contacts ({names}), which URDF cannot represent; expected none: use scene.without_contacts()")
     robot = ElementTree.Element("robot", name=name)
-    shapes, materials = _shapes(scene.file)
+    shapes, materials = _shapes(scene)
     robot.extend(materials)
     for link in scene.links.values():
         element = _child(robot, "link", name=link.name)
@@ -58,28 +59,30 @@ def to_urdf(scene: Scene, path: str | os.PathLike[str] | None, name: str) -> str
     return text
 
 
-def _shapes(file: Path | None) -> tuple[dict[str, list[ElementTree.Element]], list[ElementTree.Element]]:
-    """Shapes of links by name, and materials, of a URDF or xacro file that still exists; relative mesh paths become
-    absolute.
+def _shapes(scene: Scene) -> tuple[dict[str, list[ElementTree.Element]], list[ElementTree.Element]]:
+    """Shapes of links by name, and materials: of a URDF or xacro file that still exists, of the text, and of the builder;
+    relative mesh paths of a file become absolute.
     """
-    if file is None or not file.is_file():
-        return {}, []
-    text = expanded_again(file, file.read_text(encoding="utf-8", errors="replace"))
-    if text is None:
-        return {}, []
-    try:
-        robot = ElementTree.fromstring(text)
-    except ElementTree.ParseError:
-        return {}, []
-    if robot.tag != "robot":
-        return {}, []
-    for mesh in robot.iter("mesh"):
-        name = mesh.get("filename", "")
-        if name and "://" not in name:
-            mesh.set("filename", str((file.parent / name).resolve()))
-    kinds = ("visual", "collision")
-    shapes = {link.get("name", ""): [shape for shape in link if shape.tag in kinds] for link in robot.findall("link")}
-    return shapes, robot.findall("material")
+    texts: list[tuple[Path | None, str | None]] = [*texts_of(scene)]
+    if (file := scene.file) is not None and file.is_file() and not has_text(scene):
+        texts.insert(0, (file, expanded_again(file, file.read_text(encoding="utf-8", errors="replace"))))
+    shapes: dict[str, list[ElementTree.Element]] = {}
+    materials: list[ElementTree.Element] = []
+    for source, text in texts:
+        try:
+            robot = ElementTree.fromstring(text or "<none/>")
+        except ElementTree.ParseError:
+            continue
+        if robot.tag != "robot":
+            continue
+        for mesh in robot.iter("mesh"):
+            name = mesh.get("filename", "")
+            if source is not None and name and "://" not in name:
+                mesh.set("filename", str((source.parent / name).resolve()))
+        for link in robot.findall("link"):
+            shapes.setdefault(link.get("name", ""), []).extend(shape for shape in link if shape.tag in ("visual", "collision"))
+        materials += robot.findall("material")
+    return shapes, materials
 
 
 def _check_root(joint: Joint) -> None:

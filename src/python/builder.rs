@@ -4,7 +4,7 @@ use super::choice::read_mimic;
 use super::cost::WORTH_DETACHING;
 use super::description::{Description, joint_kind, left_out};
 use super::interrupts::detached_checked;
-use super::object::Object;
+use super::object::{Object, imported};
 use super::scene::PyScene;
 use super::{errors, input};
 use crate::error::Error;
@@ -49,26 +49,34 @@ impl PySceneBuilder {
     ///     Center of mass in the link frame, m.
     /// inertia : (3, 3) array_like, optional
     ///     Inertia about the center of mass, with axes parallel to the link frame, kg m^2. None: a point mass.
+    /// shape : phipsi.shapes.Box, Sphere, Cylinder, Capsule or Mesh, or a sequence of them, optional
+    ///     Shapes with which `show` draws the link. They do not change mass and inertia: shape.inertia(mass) is the
+    ///     inertia of a uniform body of this shape.
     #[doc = returns!(builder)]
     #[doc = section!(Raises)]
     /// ShapeError, ArgumentError
-    ///     Invalid com or inertia. The message names the link; build() checks the rest.
+    ///     Invalid com, inertia or shape. The message names the link; build() checks the rest.
     #[doc = section!(Examples)]
-    /// >>> builder = phipsi.SceneBuilder().link("base").link("ball", mass=2.0)
+    /// >>> ball = phipsi.shapes.Sphere(0.1)
+    /// >>> builder = phipsi.SceneBuilder().link("base")
+    /// >>> builder = builder.link("ball", mass=2.0, inertia=ball.inertia(2.0), shape=ball)
     /// >>> builder.joint("free", "floating", "base", "ball").build().total_mass
     /// 2.0
-    #[pyo3(signature = (name, mass=0.0, com=None, inertia=None),
-           text_signature = "($self, name, mass=0.0, com=(0, 0, 0), inertia=None)")]
+    #[pyo3(signature = (name, mass=0.0, com=None, inertia=None, *, shape=None),
+           text_signature = "($self, name, mass=0.0, com=(0, 0, 0), inertia=None, *, shape=None)")]
     fn link<'py>(
         mut slf: PyRefMut<'py, Self>,
         name: String,
         mass: f64,
         com: Option<&Object<'py>>,
         inertia: Option<&Object<'py>>,
+        shape: Option<&Object<'py>>,
     ) -> PyResult<PyRefMut<'py, Self>> {
+        let described = |shape| imported!(slf.py(), "phipsi.shapes", "to_urdf")?.call1((&name, shape))?.extract();
+        let shape: Option<String> = shape.map(described).transpose()?;
         let inertial = inertial(&|argument| format!("{argument} of link {name:?}"), mass, com, inertia)?;
         let inertial = (mass != 0.0 || inertia.is_some()).then_some(inertial);
-        slf.change(|builder| builder.link(LinkDescription { name, inertial }));
+        slf.change(|builder| builder.link(LinkDescription { name, inertial }).with_shapes(shape));
         Ok(slf)
     }
 

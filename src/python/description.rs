@@ -16,7 +16,7 @@ use pyo3::prelude::*;
 use std::path::{Path, PathBuf};
 
 /// Version of the tuples.
-const VERSION: u32 = 8;
+const VERSION: u32 = 9;
 
 /// Name, then mass, center of mass and inertia about it (xx, xy, xz, yy, yz, zz), if any.
 type LinkTuple = (String, Option<(f64, [f64; 3], [f64; 6])>);
@@ -42,7 +42,7 @@ type LockedTuple = (String, String, Option<f64>);
 
 /// Version, gravity, floating base, strict, links, joints, names of simplifications, locked joints, (armature, damping,
 /// friction, stiffness) of the free joint of a floating base, file, treatment of mimic joints, connections, contacts,
-/// tolerance of linkages.
+/// tolerance of linkages, shapes.
 #[derive(IntoPyObject, FromPyObject)]
 pub(super) struct Description(
     u32,
@@ -58,8 +58,8 @@ pub(super) struct Description(
     Beyond,
 );
 
-/// Parts beyond a kinematic tree: the treatment of mimic joints, connections, contacts, the tolerance of linkages.
-type Beyond = (String, Vec<ConnectionTuple>, Vec<ContactTuple>, Option<f64>);
+/// Parts beyond a kinematic tree: the treatment of mimic joints, connections, contacts, the tolerance of linkages, shapes.
+type Beyond = (String, Vec<ConnectionTuple>, Vec<ContactTuple>, Option<f64>, Vec<String>);
 
 /// Index of the links in a description.
 const LINKS: usize = 4;
@@ -96,6 +96,7 @@ impl Description {
                 source.connections().iter().map(connection_tuple).collect(),
                 source.contacts().iter().map(contact_tuple).collect(),
                 source.tolerance_of_linkages(),
+                source.shapes().to_vec(),
             ),
         ))
     }
@@ -111,7 +112,7 @@ impl Description {
     /// The builder of the scene.
     pub fn builder(self) -> Result<SceneBuilder, Error> {
         let Self(version, gravity, floating, strict, links, joints, left_out, locked, root, file, beyond) = self;
-        let (mimic, connections, contacts, tolerance) = beyond;
+        let (mimic, connections, contacts, tolerance, shapes) = beyond;
         if version != VERSION {
             return Err(Error::scene("pickled scene", format!("version {version}"), format!("version {VERSION}")));
         }
@@ -145,7 +146,8 @@ impl Description {
             .tolerance(tolerance)
             .with_locked(locked)
             .with_root(Properties(root))
-            .with_file(file))
+            .with_file(file)
+            .with_shapes(shapes))
     }
 }
 

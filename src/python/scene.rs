@@ -30,6 +30,9 @@ use std::path::{Path, PathBuf};
 /// joint (x, y, z, qx, qy, qz, qw) with the velocity (linear, angular) in the body frame. Quaternions whose norm
 /// differs from 1 by at most 1e-3 are normalized.
 ///
+/// **Order of six-vectors.** Spatial vectors of links (velocities, wrenches, rows of Jacobians) are (angular, linear).
+/// The entries of qd, qdd and tau of a free joint are the other way round: (linear, angular) and (force, moment).
+///
 /// **Arrays** are (..., nq) or (..., nv). Leading batch axes broadcast; the result has the batch axes of the
 /// arguments. Lists, float32, integers, strided and Fortran-ordered arrays are converted; C-contiguous float64
 /// arrays are not copied. An argument of one state may be a dict from joint names to values. Labels (the index of a
@@ -153,7 +156,8 @@ impl PyScene {
         let source = Source::read(source)?;
         let scene = detached_checked(py, || {
             let builder = match source {
-                Source::Text(xml) => SceneBuilder::from_urdf(&xml)?,
+                // Shapes cannot be read from the source later, as those of a file.
+                Source::Text(xml) => SceneBuilder::from_urdf(&xml)?.with_shapes(xml.contains("<visual").then_some(xml)),
                 Source::File(path) => SceneBuilder::from_urdf_file(&path)?,
             };
             let builder = if let Some(gravity) = gravity { builder.gravity(gravity) } else { builder };
@@ -287,6 +291,12 @@ impl PyScene {
     #[getter]
     fn file(&self) -> Option<&Path> {
         self.scene.source().file()
+    }
+
+    /// URDF texts whose `<visual>` elements are drawn, in addition to those of the file.
+    #[getter]
+    fn _shapes(&self) -> Vec<&str> {
+        self.scene.source().shapes().iter().map(String::as_str).collect()
     }
 
     /// Number of coordinates in q.
@@ -455,13 +465,16 @@ impl PyScene {
     ///     File whose meshes are drawn. None: that of the scene. Links without a shape are drawn as capsules of their
     ///     inertia.
     /// to : str or os.PathLike, optional
-    ///     File (.html or .htm) for a self-contained page. Nothing is served then.
+    ///     File for a self-contained page (.html) or a picture (.png; .webp, animated for a motion). Nothing is served
+    ///     then.
     /// port : int, default 0
-    ///     Port on 127.0.0.1; 0 selects a free one.
+    ///     Port of the server; 0 selects a free one.
+    /// host : str, default "127.0.0.1"
+    ///     Address of the server. "0.0.0.0" makes the viewer accessible from other machines.
     /// title : str, optional
-    ///     Title of the panel.
-    /// browser : bool, default True
-    ///     If true, open a browser.
+    ///     Title of the page and of the panel. None: the name of the robot.
+    /// browser : bool, optional
+    ///     Whether to open a browser. None: yes, except in a notebook, which displays the viewer below the cell.
     #[doc = section!(Returns)]
     /// viewer : phipsi.view.Viewer or pathlib.Path
     ///     update(q) moves the robot, wait() keeps a script running, close() ends it. With `to`, the path of the page.
@@ -477,8 +490,8 @@ impl PyScene {
     /// >>> viewer = scene.show(scene.neutral(), browser=False)
     /// >>> viewer.close()
     #[pyo3(signature = (motion=None, **how),
-           text_signature = "($self, motion=None, *, t=None, forces=None, urdf=None, to=None, port=0, title=None, \
-                             browser=True)")]
+           text_signature = "($self, motion=None, *, t=None, forces=None, urdf=None, to=None, port=0, \
+                             host=\"127.0.0.1\", title=None, browser=None)")]
     fn show<'py>(
         slf: &Bound<'py, Self>,
         motion: Option<&Object<'py>>,

@@ -72,6 +72,8 @@ pub struct SceneBuilder {
     pub(super) from_file: bool,
     /// The file that contains the links and joints.
     pub(super) file: Option<PathBuf>,
+    /// Robot descriptions as URDF texts whose `<visual>` elements are drawn, in addition to those of the file.
+    pub(super) shapes: Vec<String>,
     /// Treatment of mimic joints.
     pub(super) mimic_joints: MimicJoints,
     /// Warnings of the file reader, which the scene reports.
@@ -102,6 +104,7 @@ impl SceneBuilder {
             locked: Vec::new(),
             from_file: false,
             file: None,
+            shapes: Vec::new(),
             mimic_joints: MimicJoints::default(),
             notes: Vec::new(),
         }
@@ -250,6 +253,20 @@ impl SceneBuilder {
     #[must_use]
     pub fn file(&self) -> Option<&Path> {
         self.file.as_deref()
+    }
+
+    /// Adds URDF texts whose `<visual>` elements are drawn.
+    #[must_use]
+    #[cfg_attr(not(feature = "python"), allow(dead_code))]
+    pub(crate) fn with_shapes(mut self, shapes: impl IntoIterator<Item = String>) -> Self {
+        self.shapes.extend(shapes);
+        self
+    }
+
+    /// URDF texts whose `<visual>` elements are drawn.
+    #[cfg_attr(not(feature = "python"), allow(dead_code))]
+    pub(crate) fn shapes(&self) -> &[String] {
+        &self.shapes
     }
 
     /// Names of the joints that were movable before [`Scene::lock`] fixed them.

@@ -15,6 +15,8 @@ import pytest
 import phipsi
 import phipsi.mujoco
 import phipsi.pinocchio
+from method_page import TASKS, public
+from method_page import page as methods
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -89,13 +91,20 @@ def test_links_lead_somewhere(page: Path) -> None:
 
 def test_the_reference_has_all_that_is_public() -> None:
     named = re.findall(r"^::: phipsi\.(\S+)$", "\n".join(page.read_text(encoding="utf-8") for page in (DOCS / "reference").glob("*.md")), flags=re.MULTILINE)
-    public = {name for name in (*phipsi.__all__, "compile") if name not in ("__version__", "errors", "estimation", "scenes", "tasks")}
+    public = {name for name in (*phipsi.__all__, "compile") if name not in ("__version__", "errors", "estimation", "scenes", "shapes", "tasks")}
     public |= {f"Scene.{name}" for name in vars(phipsi.Scene) if not name.startswith("_")}
     public |= {f"{module.__name__.removeprefix('phipsi.')}.{name}" for module in (phipsi.errors, phipsi.estimation, phipsi.scenes) for name in module.__all__}
     shown = {name for name in named if name.partition(".")[0] not in ("jax", "torch", "view")}
-    public |= {f"{module.__name__.removeprefix('phipsi.')}.{name}" for module in (phipsi.mujoco, phipsi.pinocchio, phipsi.tasks) for name in module.__all__} - {"tasks.Task"}
+    public |= {f"{module.__name__.removeprefix('phipsi.')}.{name}" for module in (phipsi.mujoco, phipsi.pinocchio, phipsi.shapes, phipsi.tasks) for name in module.__all__} - {"tasks.Task", "shapes.Color", "shapes.Shape"}
     assert len(named) == len(set(named)), "shown twice"
     assert shown == public
+
+
+def test_the_index_of_methods_is_complete() -> None:
+    assert sorted(name for names in TASKS.values() for name in names) == sorted(public())
+    text = (DOCS / "reference" / "methods.md").read_text(encoding="utf-8")
+    assert text == methods(), "python tests/python/method_page.py docs/reference/methods.md"
+    assert all(len(line.split("|")[2].split()) >= 2 for line in text.splitlines() if line.startswith("| ["))
 
 
 def test_readme_has_the_figures_of_the_generated_pages() -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 NOTEBOOKS = sorted((Path(__file__).parents[2] / "docs" / "notebooks").glob("*.ipynb"))
-NEEDED = ("ipykernel", "matplotlib", "nbclient", "nbformat", "scipy")
+NEEDED = ("ipykernel", "matplotlib", "nbclient", "nbformat", "scipy", "viser")
 RUN = """
 import sys, nbformat
 from nbclient import NotebookClient
@@ -21,7 +21,7 @@ NotebookClient(nbformat.read(sys.argv[1], as_version=4), timeout=300, kernel_nam
 
 
 def test_there_are_notebooks() -> None:
-    assert [path.stem for path in NOTEBOOKS] == ["balance", "first_steps", "learn"]
+    assert [path.stem for path in NOTEBOOKS] == ["balance", "first_steps", "learn", "see_a_robot"]
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import colorsys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,8 @@ from .text import plural
 MOST_ROWS = 1200
 #: Largest number of values in one hover label.
 MOST_TOGETHER = 12
+#: Number of legends: of joints, forces, energy, and constraint error.
+MOST_LEGENDS = 4
 #: Number of impacts in the table.
 MOST_IMPACTS = 40
 #: Rows of the energy table that are always shown, and names of the rows.
@@ -80,8 +83,12 @@ def over_time(run: Run) -> Chart:
     found.append(("energy, J", {name: values[rows] for name, values in kinds.items() if name == "total" or np.any(values)}))
     if scene.connection_names:
         found.append(("constraint error, m or rad", {"drift": path.drift[rows]}))
-    every = list(dict.fromkeys(label for _, values in found for label in values))
-    inks = {label: INKS[i % len(INKS)] for i, label in enumerate(every)}
+    # Names of one legend, which the panels of joints share, have different colors.
+    joints = list(dict.fromkeys(label for _, values in found[:2] for label in values))
+    inks = dict(zip(joints, colors(len(joints)), strict=True))
+    for _, values in found[2:]:
+        others = [label for label in values if label not in inks]
+        inks |= dict(zip(others, colors(len(others)), strict=True))
     time = Axis("time, s", form=".3~f", unit=" s")
     panels = []
     for title, values in found:
@@ -95,6 +102,27 @@ def over_time(run: Run) -> Chart:
                 series += [Series(f"95 % band of {label}", inks[label], path.t[rows], one + way * away, line=0.8, dash=True, told=False) for way in (1.0, -1.0)]
         panels.append(Panel(time, Axis(title, form=".4~g"), series))
     return Chart("over-time", panels, height=200, linked=True, together=len(names) <= MOST_TOGETHER)
+
+
+def colors(count: int) -> list[str]:
+    """Different colors: those of INKS, or hues in two lightnesses if there are more."""
+    if count <= len(INKS):
+        return list(INKS[:count])
+    found = (colorsys.hls_to_rgb(i / count, 0.36 if i % 2 else 0.58, 0.75) for i in range(count))
+    return ["#" + "".join(f"{round(255 * part):02x}" for part in color) for color in found]
+
+
+def by_legend(chart: Chart) -> list[Chart]:
+    """Charts of consecutive panels with the same names, so that each legend is below its curves."""
+    groups: list[tuple[set[str], list[Panel]]] = []
+    for panel in chart.panels:
+        names = {one.name for one in panel.series}
+        if groups and names & groups[-1][0]:
+            groups[-1][1].append(panel)
+            groups[-1][0].update(names)
+        else:
+            groups.append((names, [panel]))
+    return [replace(chart, name=f"{chart.name}{f'-{i}' if i else ''}", panels=panels) for i, (_, panels) in enumerate(groups)]
 
 
 def _deviation(path: Trajectory, title: str, joint: str) -> Array | None:
@@ -115,17 +143,27 @@ def _limits(run: Run) -> Sequence[Block]:
     if not broken:
         blocks: list[Block] = ["No recorded row exceeds a limit of position or velocity."]
     else:
-        rows = [(one.joint, one.limit, f"{one.bound:g}", f"{one.time:.3g}", f"{one.worst:.4g}") for one in broken]
-        blocks = [Table(("joint", "limit", "value", "first exceeded at, s", "worst value"), rows, 2)]
+        rows = [(one.joint, one.limit, *(f"{value:.4g} {_unit(run, one.joint, one.limit)}" for value in (one.bound, one.worst)), f"{one.time:.3g} s") for one in broken]
+        blocks = [Table(("joint", "limit", "value", "worst value", "first exceeded at"), rows, 2)]
     if run.path.limits == "stop":
         found = run.path.stops
         blocks.append(f"Joint limits were stops, with {plural(len(found), 'impact')}." + (f" The first {MOST_IMPACTS}:" if len(found) > MOST_IMPACTS else ""))
-        hits = [(one.joint, one.limit, f"{one.time:.4g}", f"{one.speed:.3g}", f"{one.impulse:.3g}") for one in found[:MOST_IMPACTS]]
+        hits = [
+            (one.joint, one.limit, f"{one.time:.4g} s", f"{one.speed:.3g} {_unit(run, one.joint, 'velocity')}", f"{one.impulse:.3g} {_unit(run, one.joint, 'impulse')}")
+            for one in found[:MOST_IMPACTS]
+        ]
         if hits:
-            blocks.append(Table(("joint", "stop", "time, s", "speed, rad/s or m/s", "impulse, N m s or N s"), hits, 2))
+            blocks.append(Table(("joint", "stop", "time", "speed", "impulse"), hits, 2))
     else:
         blocks.append("Joint limits were not enforced.")
     return blocks
+
+
+def _unit(run: Run, joint: str, what: str) -> str:
+    """Unit of a limit ("lower", "upper", "velocity") or of an impulse of a joint."""
+    is_sliding = run.path.scene.joint(joint).type == "prismatic"
+    units = {"velocity": ("rad/s", "m/s"), "impulse": ("N m s", "N s")}
+    return units.get(what, ("rad", "m"))[is_sliding]
 
 
 def _energy(run: Run) -> Sequence[Block]:
@@ -148,7 +186,9 @@ def _pictures(_: Run) -> Sequence[Block]:
 
 
 def _over_time(_: Run) -> Sequence[Block]:
-    return [Figure("over-time", "Click a name to hide its curve, double-click it to hide all others. Drag to zoom in, double-click to reset.")]
+    # Figures that were not drawn are omitted.
+    more = [Figure(f"over-time-{i}", "") for i in range(1, MOST_LEGENDS)]
+    return [Figure("over-time", ""), *more, "Click a name to hide its curve, double-click it to hide all others. Drag to zoom in, double-click to reset."]
 
 
 RUN: Layout[Run] = Layout(
@@ -156,7 +196,7 @@ RUN: Layout[Run] = Layout(
     "run.json",
     (
         Section("view", "The motion", _view, shown=_shown),
-        Section("curves", "Over time", plots=lambda run: [over_time(run)], blocks=_over_time),
+        Section("curves", "Over time", plots=lambda run: by_legend(over_time(run)), blocks=_over_time),
         Section("energy", "Energy and error", blocks=_energy),
         Section("limits", "Limits", blocks=_limits),
         Section("pictures", "Stroboscopic picture", plots=lambda run: [motion.stroboscope(run.path, run.tree)], blocks=_pictures),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -88,5 +89,6 @@ SYMBOLS = (
 def symbols(name: str) -> str:
     """Name of an identity with Greek letters and superscripts."""
     for ascii_form, symbol in SYMBOLS:
-        name = name.replace(ascii_form, symbol)
+        # The name of the project stays.
+        name = re.sub(f"{re.escape(ascii_form)}(?!psi)", symbol, name)
     return name

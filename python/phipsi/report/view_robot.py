@@ -16,10 +16,11 @@ from .commands import FLOATING, MIMIC, ROBOT, BadInput, Mimic, _load, _typed_err
 @FLOATING
 @MIMIC
 @click.option("--motion", type=click.Path(path_type=Path, dir_okay=False), help="trajectory.npz of `phipsi simulate`, or another npz file with t and q.")
-@click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), help="Write a self-contained page instead of starting a server.")
-@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port on 127.0.0.1.  [default: any free port]")
+@click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), help="Write a self-contained page (.html) or a picture (.png, .webp) instead of starting a server.")
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port of the server.  [default: any free port]")
+@click.option("--host", default="127.0.0.1", show_default=True, help="Address of the server; 0.0.0.0 makes the viewer accessible from other machines.")
 @click.option("--browser/--no-browser", default=True, help="Whether to open a browser.")
-def view(robot: Path | None, floating_base: bool, mimic: Mimic | None, motion: Path | None, output: Path | None, port: int, browser: bool) -> None:
+def view(robot: Path | None, floating_base: bool, mimic: Mimic | None, motion: Path | None, output: Path | None, port: int, host: str, browser: bool) -> None:
     """Show a robot in the browser, with one slider per joint, or a trajectory with a play button.
 
     Meshes are read from the folder of the URDF, a package above it, or a folder of ROS_PACKAGE_PATH or
@@ -40,9 +41,9 @@ def view(robot: Path | None, floating_base: bool, mimic: Mimic | None, motion: P
             raise BadInput(f"--motion: found {error}; expected an .npz with t, (k,), and q, (k, nq)") from None
     with _typed_errors():
         if output is not None:
-            click.echo(scene.show(q, t=t, forces=forces, to=output))
+            click.echo(scene.show(q, t=t, forces=forces, to=output, title=name))
             return
-        viewer = scene.show(q, t=t, forces=forces, port=port, title=name, browser=browser)
+        viewer = scene.show(q, t=t, forces=forces, port=port, host=host, title=name, browser=browser)
         click.echo(f"{name}: {viewer.url} (stop with Ctrl-C)")
         try:
             while not viewer._closed.wait(0.5):

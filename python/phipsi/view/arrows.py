@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._forces import Forces
+from .shapes import TOWARD
 
 _Array = NDArray[np.float64]
 
@@ -18,8 +19,6 @@ LENGTH, COMMON = 0.5, 97.0
 LEAST = 0.01
 #: Radius of shaft and head, and length of the head, relative to the size of the robot.
 SHAFT, HEAD, TIP = 0.006, 0.016, 0.045
-#: Initial direction from the robot to the camera; the reference arrow is perpendicular to it.
-TOWARD = np.array([1.15, 0.85, 0.6])
 #: Distance of the reference arrow toward the camera, and largest distance below the center of the robot, relative to the size of the robot.
 NEAR, BELOW = 0.6, 0.5
 #: Text of the label.
@@ -45,7 +44,7 @@ class Arrows:
         near[2] = max(floor, near[2] - BELOW * size)
         self._key = [
             server.scene.add_arrows("/newtons", np.array([[near - way / 2, near + way / 2]]), COLOR, **shape),
-            server.scene.add_label("/newtons/label", f"{NAMES[forces.what]}: {value:g} N", position=near + 0.06 * size * np.append(TOWARD[:2], 0.0), anchor="top-center"),
+            server.scene.add_label("/newtons/label", f"{NAMES[forces.what]}: {value:g} N", position=near + 0.09 * size * np.append(TOWARD[:2], 0.0), anchor="top-center"),
         ]
         self.show(0)
 
@@ -54,12 +53,8 @@ class Arrows:
         """Arrows of forces, if any is nonzero; middle: center of the robot in the base frame; floor: height of the
         ground.
         """
-        if forces is None or not forces.force.size:
-            return None
-        largest = np.linalg.norm(np.nan_to_num(forces.force), axis=-1).max(axis=-1)
-        if not np.any(largest > 0.0):
-            return None
-        return cls(server, forces, float(np.percentile(largest[largest > 0.0], COMMON)), size, middle, floor)
+        usual = usual_force(forces)
+        return None if usual is None or forces is None else cls(server, forces, usual, size, middle, floor)
 
     def show(self, frame: int) -> None:
         """Show the forces of a frame, without NaN and arrows that are too short to be visible."""
@@ -80,6 +75,14 @@ class Arrows:
         for part in self._key:
             part.visible = is_on
         self.show(frame)
+
+
+def usual_force(forces: Forces | None) -> float | None:
+    """Force, N, whose arrow has the length LENGTH; None if all forces are zero."""
+    if forces is None or not forces.force.size:
+        return None
+    largest = np.linalg.norm(np.nan_to_num(forces.force), axis=-1).max(axis=-1)
+    return float(np.percentile(largest[largest > 0.0], COMMON)) if np.any(largest > 0.0) else None
 
 
 def below(value: float) -> float:

@@ -5,12 +5,16 @@ page.
 from __future__ import annotations
 
 import contextlib
+import errno
 import io
+import json
 import os
 import socket
+import sys
 import threading
 import webbrowser
 from collections.abc import Sequence
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -24,29 +28,37 @@ from .._core import Scene
 from .._forces import Forces
 from .._motion import Trajectory
 from ..errors import ArgumentError, ShapeError
-from .arrows import TOWARD, Arrows, below
-from .shapes import Shape, robot_size, shapes_of, translucent
+from . import picture
+from .arrows import Arrows, below
+from .shapes import FIELD, Shape, extent, name_of, robot_size, shapes_of, translucent
 
 _Array = NDArray[np.float64]
 
 #: Frames per second of a recorded motion, and their largest number.
 RATE, MOST = 30.0, 1800
-#: Number of rows for the height of the ground.
-LOOKS = 16
-#: Largest workspace, relative to the size of the robot, that the camera shows completely.
-FAR = 3.0
-#: Distance of the camera, relative to the workspace.
-SPAN = 0.75
 #: Largest number of joints with sliders.
 SLIDERS = 64
 #: Range of the sliders of joints without limits, rad or m.
 UNLIMITED = np.pi
+#: Smallest step of a slider, rad or m, and number of steps for smaller ranges.
+STEP, STEPS = 1e-3, 30
 #: Address of the server, accessible only from this machine.
 HOST = "127.0.0.1"
+#: Addresses that stand for all addresses of this machine.
+ANY = ("0.0.0.0", "")
+#: Height of the robot below a cell of a notebook, px.
+HEIGHT = 480
 #: Number of ports that are tried if a port is in use.
 PORTS = 100
-#: File name extensions of pages.
-PAGES = (".html", ".htm")
+#: File name extensions of pages and of pictures.
+PAGES, PICTURES = (".html", ".htm"), (".png", ".webp")
+#: Moves the camera of a page so far away that the robot fits in its window, before the viewer starts.
+FIT = """<script>(() => {
+  const found = CAMERAS.filter(([aspect]) => aspect <= innerWidth / innerHeight).pop(), get = URLSearchParams.prototype.get;
+  if (found) URLSearchParams.prototype.get = function (name) { return name === "initialCameraPosition" ? found[1].join() : get.call(this, name); };
+})()</script>"""
+#: Ratios of width to height for which a page has a position of the camera, ascending.
+ASPECTS = (0.1, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.5)
 
 
 class Motion:
@@ -108,12 +120,13 @@ class Motion:
 class _Stage:
     """A robot on a viser server: one frame per link with its meshes, the ground, the center of mass, force arrows."""
 
-    def __init__(self, scene: Scene, shapes: Sequence[Shape], port: int, motion: Motion) -> None:
+    def __init__(self, scene: Scene, shapes: Sequence[Shape], port: int, motion: Motion, host: str = HOST) -> None:
         self.scene, size, rows = scene, robot_size(scene), motion.q
-        low, middle, away = self._extent(shapes, rows, size)
+        self.extent = extent(scene, shapes, rows)
+        low, middle = self.extent.low, self.extent.middle
         # Suppresses the printed address, which is returned to the caller.
         with contextlib.redirect_stdout(io.StringIO()):
-            self.server = viser.ViserServer(host=HOST, port=port, verbose=False)
+            self.server = viser.ViserServer(host=host, port=port, verbose=False)
         self.server.gui.configure_theme(show_logo=False, show_share_button=False)
         drawn = dict.fromkeys(shape.link for shape in shapes)
         self.arrows = Arrows.of(self.server, motion.forces(), size, middle, low)
@@ -130,25 +143,17 @@ class _Stage:
             "/ground", width=6 * size, height=6 * size, cell_size=below(size / 5), section_size=below(size), position=(*middle[:2], low)
         )
         camera = self.server.initial_camera
-        camera.position = tuple(middle + away * TOWARD)
+        camera.fov = float(FIELD)
+        camera.position = tuple(self.extent.camera(ASPECTS[-1]))
         camera.look_at = tuple(middle)
+        self.server.on_client_connect(self._fit)
         self.update(rows[0])
 
-    def _extent(self, shapes: Sequence[Shape], rows: _Array, size: float) -> tuple[float, _Array, float]:
-        """Height of the lowest corner of a mesh, center of the robot, and distance of the camera, over some of
-        the rows, or for the first row if the robot moves far.
-        """
-        some = rows[np.unique(np.linspace(0, len(rows) - 1, LOOKS).astype(int))]
-        placements = self.scene.placements(some)
-        corners = [place[:, None, :3, 3] for place in placements.values()]
-        for shape in shapes:
-            place = placements[shape.link] @ shape.place
-            corners.append(np.asarray(shape.mesh.bounding_box.vertices) @ place[:, :3, :3].swapaxes(-1, -2) + place[:, None, :3, 3])
-        points = np.concatenate(corners, axis=1)
-        if np.ptp(points, axis=(0, 1)).max() > FAR * max(size, np.ptp(points[0], axis=0).max()):
-            points = points[:1]
-        low, high = points.min(axis=(0, 1)), points.max(axis=(0, 1))
-        return float(low[2]), (low + high) / 2, max(size, SPAN * float(np.ptp(points, axis=(0, 1)).max()))
+    def _fit(self, client: viser.ClientHandle) -> None:
+        """Move the camera of a narrow window away."""
+        if client.camera.aspect < ASPECTS[-1]:
+            client.camera.position = tuple(self.extent.camera(client.camera.aspect))
+            client.camera.look_at = tuple(self.extent.middle)
 
     def update(self, q: _Array) -> None:
         """Move all links and the center of mass to the configuration q, (nq,)."""
@@ -164,7 +169,7 @@ class _Stage:
         frame.position = tuple(place[:3, 3])
         frame.wxyz = tuple(viser.transforms.SO3.from_matrix(place[:3, :3]).wxyz)
 
-    def html(self, motion: Motion) -> str:
+    def html(self, motion: Motion, title: str) -> str:
         """The motion as one page that needs no server."""
         times, rows = motion.frames()
         placements = self.scene.placements(rows)
@@ -184,7 +189,9 @@ class _Stage:
             if self.arrows is not None:
                 self.arrows.show(i)
             serializer.insert_sleep(float(times[i + 1] - times[i]) if i + 1 < len(times) else 0.0)
-        return str(serializer.as_html())
+        script = FIT.replace("CAMERAS", json.dumps([(aspect, list(self.extent.camera(aspect))) for aspect in ASPECTS]))
+        page = str(serializer.as_html()).replace("<title>Viser</title>", f"<title>{escape(title)}</title>", 1)
+        return page.replace("<head>", f"<head>{script}", 1)
 
     def close(self) -> None:
         with contextlib.redirect_stdout(io.StringIO()):
@@ -193,6 +200,8 @@ class _Stage:
 
 class Viewer:
     """A robot in a browser until close() is called; returned by Scene.show. It is also a context manager.
+
+    A notebook displays it below the cell, as a page that stays in the saved notebook.
 
     Examples
     --------
@@ -205,13 +214,14 @@ class Viewer:
     url: str
     """Address of the viewer."""
 
-    def __init__(self, scene: Scene, motion: Motion, urdf: str | os.PathLike[str] | None, port: int, title: str | None) -> None:
-        self._stage = _Stage(scene, shapes_of(scene, urdf), port, motion)
+    def __init__(self, scene: Scene, motion: Motion, urdf: str | os.PathLike[str] | None, port: int, title: str | None, host: str = HOST) -> None:
+        self._shapes, self._title = shapes_of(scene, urdf), title or name_of(scene)
+        self._stage = _Stage(scene, self._shapes, port, motion, host)
         self._motion, self._q = motion, motion.q[0].copy()
-        self.url = f"http://{HOST}:{self._stage.server.get_port()}"
+        self.url = f"http://{HOST if host in ANY else host}:{self._stage.server.get_port()}"
         self._closed = threading.Event()
         gui = self._stage.server.gui
-        gui.set_panel_label(title or "phipsi")
+        gui.set_panel_label(self._title)
         if scene.total_mass > 0.0:
             self._add_center_of_mass()
         if motion.moves:
@@ -282,6 +292,12 @@ class Viewer:
     def __repr__(self) -> str:
         return f"<phipsi.view.Viewer: {self.url}{', closed' if self._closed.is_set() else ''}>"
 
+    def _repr_html_(self) -> str:
+        """The configuration or the motion as a page within a notebook."""
+        motion = self._motion if self._motion.moves else Motion(self._stage.scene, self._q, None)
+        html = _html(self._stage.scene, self._shapes, motion, self._title)
+        return f'<iframe title="{escape(self._title)}" srcdoc="{escape(html)}" style="width: 100%; height: {HEIGHT}px; border: 1px solid #d9dde1"></iframe>'
+
     def _add_center_of_mass(self) -> None:
         shown = self._stage.server.gui.add_checkbox("center of mass", False)
 
@@ -330,8 +346,11 @@ class Viewer:
             lower = joint.lower if np.isfinite(joint.lower) else -UNLIMITED
             upper = joint.upper if np.isfinite(joint.upper) else UNLIMITED
             value = float(self._q[at])
-            low, high = min(lower, value), max(upper, value, lower + 1e-3)
-            sliders[at] = gui.add_slider(name, low, high, (high - low) / 1000.0, value)
+            step = min(STEP, 10.0 ** np.floor(np.log10(max(upper - lower, 1e-9) / STEPS)))
+            # Multiples of the step within the limits, so that the sliders show few digits.
+            low, high = np.ceil(min(lower, value) / step - 1e-9) * step, np.floor(max(upper, value) / step + 1e-9) * step
+            unit = "m" if joint.type == "prismatic" else "rad"
+            sliders[at] = gui.add_slider(f"{name}, {unit}", float(low), float(max(high, low + step)), float(step), float(np.clip(value, low, high)))
 
         def moved(_: Any) -> None:
             q = self._q.copy()
@@ -350,8 +369,10 @@ def _is_single(scene: Scene, joint: str) -> bool:
     return bool(at.stop - at.start == 1)
 
 
-def _free(port: Any) -> int:
-    """The port, or the next free one; zero means any port."""
+def _free(port: Any, host: Any) -> int:
+    """The port of the host, or the next free one; zero means any port."""
+    if not isinstance(host, str):
+        raise ArgumentError(f"host: found {host!r}; expected the address of this machine as a str, such as {HOST!r} or {ANY[0]!r}")
     if isinstance(port, bool) or not isinstance(port, int | np.integer) or not 0 <= port < 65536:
         raise ArgumentError(f"port: found {port!r}; expected an integer from 1 to 65535, or 0 for any free port")
     reason = ""
@@ -361,8 +382,12 @@ def _free(port: Any) -> int:
             if os.name == "posix":
                 probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:
-                probe.bind((HOST, found))
+                probe.bind((host, found))
+            except socket.gaierror:
+                raise ArgumentError(f"host: found {host!r}, which is not an address; expected that of this machine, such as {HOST!r} or {ANY[0]!r}") from None
             except OSError as error:
+                if error.errno == errno.EADDRNOTAVAIL:
+                    raise ArgumentError(f"host: found {host!r}, which is not an address of this machine; expected {HOST!r}, or {ANY[0]!r} for all its addresses") from None
                 reason = error.strerror or str(error)
                 continue
             return found
@@ -377,6 +402,7 @@ def page(
     forces: tuple[ArrayLike, ArrayLike] | None = None,
     urdf: str | os.PathLike[str] | None = None,
     shapes: Sequence[Shape] | None = None,
+    title: str | None = None,
 ) -> str:
     """HTML of a pose or a motion as a self-contained page.
 
@@ -394,6 +420,8 @@ def page(
         File with the shapes; None: the file of the scene.
     shapes : sequence of Shape, optional
         Shapes instead of those of a file.
+    title : str, optional
+        Title of the page; None: the name of the robot.
 
     Returns
     -------
@@ -411,10 +439,14 @@ def page(
     >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
     >>> html = phipsi.view.page(scene, [0.3] * 6)  # doctest: +SKIP
     """
-    shown = Motion(scene, motion, t, forces)
-    stage = _Stage(scene, shapes_of(scene, urdf) if shapes is None else shapes, 0, shown)
+    return _html(scene, shapes_of(scene, urdf) if shapes is None else shapes, Motion(scene, motion, t, forces), title or name_of(scene))
+
+
+def _html(scene: Scene, shapes: Sequence[Shape], motion: Motion, title: str) -> str:
+    """HTML of a motion."""
+    stage = _Stage(scene, shapes, 0, motion)
     try:
-        return stage.html(shown)
+        return stage.html(motion, title)
     finally:
         stage.close()
 
@@ -428,18 +460,29 @@ def show(
     urdf: str | os.PathLike[str] | None = None,
     to: str | os.PathLike[str] | None = None,
     port: int = 0,
+    host: str = HOST,
     title: str | None = None,
-    browser: bool = True,
+    browser: bool | None = None,
 ) -> Viewer | Path:
     """Implementation of Scene.show."""
     if to is not None:
-        file = Path(to)
-        if file.suffix.lower() not in PAGES:
-            raise ArgumentError(f"to: found {str(to)!r}; expected a path that ends in {' or '.join(PAGES)}, because only HTML is supported")
-        file.write_text(page(scene, motion, t=t, forces=forces, urdf=urdf), encoding="utf-8")
+        file, kind = Path(to), Path(to).suffix.lower()
+        if kind in PAGES:
+            file.write_text(page(scene, motion, t=t, forces=forces, urdf=urdf, title=title), encoding="utf-8")
+        elif kind in PICTURES:
+            picture.write(scene, Motion(scene, motion, t, forces), shapes_of(scene, urdf), file)
+        else:
+            raise ArgumentError(f"to: found {str(to)!r}; expected a path that ends in {', '.join((*PAGES, *PICTURES))}")
         return file
-    viewer = Viewer(scene, Motion(scene, motion, t, forces), urdf, _free(port), title)
-    if browser:
+    viewer = Viewer(scene, Motion(scene, motion, t, forces), urdf, _free(port, host), title, host)
+    if browser or (browser is None and not _in_notebook()):
         with contextlib.suppress(webbrowser.Error):
             webbrowser.open(viewer.url)
     return viewer
+
+
+def _in_notebook() -> bool:
+    """Whether the code runs in a notebook, which displays a viewer below its cell."""
+    ipython = sys.modules.get("IPython")
+    shell = None if ipython is None else ipython.get_ipython()
+    return shell is not None and shell.has_trait("kernel")

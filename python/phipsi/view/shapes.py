@@ -1,14 +1,19 @@
-"""Shapes of links: those of a URDF or a MuJoCo model; without shapes, capsules that represent the inertias."""
+"""Shapes of links: those of a URDF, a MuJoCo model or SceneBuilder.link; without shapes, capsules that represent the
+inertias.
+"""
 
 from __future__ import annotations
 
 import io
 import logging
 import os
+import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from html import unescape
 from pathlib import Path
 from typing import Any, NamedTuple
+from xml.etree import ElementTree
 
 import numpy as np
 import trimesh
@@ -18,14 +23,17 @@ from numpy.typing import NDArray
 from .._core import Scene
 from .._load import root_of
 from .._mjcf import Names, compiled
-from .._xacro import expanded_again
+from .._xacro import COMMENT, expanded_again
 from ..errors import ArgumentError, MeshWarning
 from ..mujoco import rotation
+from ..shapes import has_text, texts_of
 
 _Array = NDArray[np.float64]
 
 #: Red, green, blue, opacity of shapes without color, of capsules, and of rods.
 GRAY, MASS, BONE = (0.72, 0.75, 0.78, 1.0), (0.93, 0.65, 0.13, 0.7), (0.25, 0.38, 0.55, 1.0)
+#: Name of a robot in URDF or MJCF.
+NAME = re.compile(r"""<\s*(robot|mujoco)\b[^>]*?\s(?:name|model)\s*=\s*["']([^"']*)["']""")
 #: Opacity of a robot with force arrows, which are usually inside it.
 OPACITY = 0.5
 #: Variables with folders for `package://` and `model://`, in addition to the folders above the URDF.
@@ -34,6 +42,20 @@ SEARCHED = ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH", "GZ_SIM_RESOURCE_PATH")
 THIN = 0.012
 #: Largest length and radius of a capsule, relative to the size of the robot, so that a wrong inertia does not hide the other links.
 LONGEST, THICKEST = 4.0, 0.2
+
+#: Number of rows for the height of the ground.
+LOOKS = 16
+#: Largest workspace, relative to the size of the robot, that the camera shows completely.
+FAR = 3.0
+#: Direction from the robot to the first position of the camera, and its vertical field of view, rad.
+TOWARD, FIELD = np.array([1.15, 0.85, 0.6]) / np.linalg.norm([1.15, 0.85, 0.6]), np.radians(50.0)
+_RIGHT = np.array([-TOWARD[1], TOWARD[0], 0.0]) / np.linalg.norm(TOWARD[:2])
+#: Directions to the right, up, and toward the camera.
+AXES = np.array([_RIGHT, np.cross(TOWARD, _RIGHT), TOWARD])
+#: Extent of the visible space, relative to that of the robot.
+MARGIN = 1.15
+#: Number of vertices of a mesh that count for the extent.
+VERTICES = 200
 
 
 class Shape(NamedTuple):
@@ -54,17 +76,39 @@ def shapes_of(scene: Scene, urdf: str | os.PathLike[str] | None) -> list[Shape]:
 
 
 def of_file(scene: Scene, urdf: str | os.PathLike[str] | None) -> list[Shape]:
-    """Shapes of the given file, or of the file of the scene if it still exists."""
-    file = scene.file if urdf is None else Path(urdf)
-    if file is None or (urdf is None and not file.is_file()):
-        return []
+    """Shapes of the given file; None: those of the file of the scene, if it still exists, of its text, and of its
+    builder.
+    """
+    if urdf is not None:
+        return _of_path(scene, Path(urdf))
+    file = scene.file
+    found = [] if file is None or not file.is_file() or has_text(scene) else _of_path(scene, file)
+    for source, text in texts_of(scene):
+        # Paths in a text without a file are relative to the working directory.
+        found += _of_urdf(scene, source or Path("urdf").absolute(), text)
+    return found
+
+
+def name_of(scene: Scene) -> str:
+    """Name of the robot in its description, or of its file; "phipsi" for a scene from code."""
+    texts = [text for _, text in texts_of(scene)]
+    if scene.file is not None and scene.file.is_file():
+        texts.insert(0, scene.file.read_text(encoding="utf-8", errors="replace"))
+    for text in texts:
+        if (found := NAME.search(COMMENT.sub("", text))) and found[2].strip():
+            return unescape(found[2].strip())
+    return "phipsi" if scene.file is None else scene.file.stem
+
+
+def _of_path(scene: Scene, file: Path) -> list[Shape]:
+    """Shapes of a URDF, xacro or MJCF file."""
     if not file.is_file():
-        raise ArgumentError(f"urdf: found {str(urdf)[:100]!r}, which is not a file; expected the path of a URDF or MJCF, or None for the file of the scene")
+        raise ArgumentError(f"urdf: found {str(file)[:100]!r}, which is not a file; expected the path of a URDF or MJCF, or None for the file of the scene")
     text = file.read_text(encoding="utf-8", errors="replace")
     if root_of(text) == "mujoco":
         return list(of_mujoco(scene, file))
     expanded = expanded_again(file, text)
-    return [] if expanded is None else list(_of_file(scene, file, expanded))
+    return [] if expanded is None else list(_of_urdf(scene, file, expanded))
 
 
 def stand_ins(scene: Scene) -> list[Shape]:
@@ -81,11 +125,51 @@ def robot_size(scene: Scene) -> float:
     return float(np.ptp(np.array(points), axis=0).max()) or 1.0
 
 
+# The camera
+
+
+class Extent(NamedTuple):
+    """Space that a robot occupies."""
+
+    low: float
+    """Height of its lowest point, m."""
+    middle: _Array
+    """Center of its bounding box, (3,), m."""
+    points: _Array
+    """Points of its surface relative to the center, to the right, up, and toward the camera, (n, 3), m."""
+
+    def camera(self, aspect: float) -> _Array:
+        """Position of a camera from which the robot fits in a window with this ratio of width to height."""
+        half = np.tan(FIELD / 2.0) / MARGIN
+        x, y, toward = np.abs(self.points[:, 0]), np.abs(self.points[:, 1]), self.points[:, 2]
+        return np.asarray(self.middle + float(np.max(toward + np.maximum(x / (half * aspect), y / half))) * TOWARD)
+
+
+def extent(scene: Scene, shapes: Sequence[Shape], rows: _Array) -> Extent:
+    """Extent over some of the rows, (k, nq), or for the first row if the robot moves far."""
+    size = robot_size(scene)
+    some = rows[np.unique(np.linspace(0, len(rows) - 1, LOOKS).astype(int))]
+    placements = scene.placements(some)
+    corners = [place[:, None, :3, 3] for place in placements.values()]
+    for shape in shapes:
+        place, vertices = placements[shape.link] @ shape.place, np.asarray(shape.mesh.vertices)
+        found = vertices[:: len(vertices) // VERTICES + 1]
+        corners.append(found @ place[:, :3, :3].swapaxes(-1, -2) + place[:, None, :3, 3])
+    points = np.concatenate(corners, axis=1)
+    if np.ptp(points, axis=(0, 1)).max() > FAR * max(size, np.ptp(points[0], axis=0).max()):
+        points = points[:1]
+    low, high = points.min(axis=(0, 1)), points.max(axis=(0, 1))
+    middle, box = (low + high) / 2, size / 8 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    # A point, for instance a robot without links, has a size too.
+    return Extent(float(low[2]), middle, np.concatenate([points.reshape(-1, 3) - middle, box]) @ AXES.T)
+
+
 # Shapes of a file
 
 
-def _of_file(scene: Scene, urdf: Path, text: str) -> Iterator[Shape]:
+def _of_urdf(scene: Scene, urdf: Path, text: str) -> Iterator[Shape]:
     """Visual shapes of the links of the scene; one warning for meshes that cannot be found or read."""
+    text, capsules = _without_capsules(text)
     try:
         robot = yourdfpy.URDF.load(io.BytesIO(text.encode()), build_scene_graph=False, load_meshes=False).robot
     except Exception as error:  # the XML readers raise many types
@@ -95,9 +179,9 @@ def _of_file(scene: Scene, urdf: Path, text: str) -> Iterator[Shape]:
     for link in robot.links:
         if link.name not in known:
             continue
-        for visual in link.visuals:
+        for at, visual in enumerate(link.visuals):
             try:
-                meshes = list(_meshes(visual.geometry, urdf))
+                meshes = capsules.get((link.name, at)) or list(_meshes(visual.geometry, urdf))
             except (OSError, ValueError) as error:
                 lost.append(f"{link.name}: {error}")
                 continue
@@ -109,6 +193,27 @@ def _of_file(scene: Scene, urdf: Path, text: str) -> Iterator[Shape]:
         more = f", and {len(lost) - 1} more" if len(lost) > 1 else ""
         text = f"shapes that are not drawn: {lost[0]}{more}; expected readable files relative to the URDF or in a folder of {', '.join(SEARCHED)}"
         warnings.warn(text, MeshWarning, stacklevel=2)
+
+
+def _without_capsules(text: str) -> tuple[str, dict[tuple[str, int], list[trimesh.Trimesh]]]:
+    """Text in which spheres stand for capsules, an extension of URDF that yourdfpy refuses, and the capsules by link and
+    index of the visual element.
+    """
+    if "<capsule" not in text:
+        return text, {}
+    try:
+        robot = ElementTree.fromstring(text)
+    except ElementTree.ParseError:
+        return text, {}
+    found = {}
+    for link in robot.iter("link"):
+        for at, geometry in enumerate(link.findall("visual/geometry")):
+            for capsule in geometry.findall("capsule"):
+                radius, length = (float(capsule.get(name, "0")) for name in ("radius", "length"))
+                found[link.get("name", ""), at] = [trimesh.creation.capsule(radius=radius, height=length)]
+    for capsule in robot.iter("capsule"):
+        capsule.tag, capsule.attrib = "sphere", {"radius": "1"}
+    return ElementTree.tostring(robot, encoding="unicode"), found
 
 
 def _meshes(geometry: Any, urdf: Path) -> Iterator[trimesh.Trimesh]:
@@ -210,6 +315,8 @@ def translucent(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
 
 #: Groups of geoms that MuJoCo shows; the others are for collisions.
 SHOWN = (0, 1, 2)
+#: Color of a geom that has none. Like MuJoCo, use the color of the material only then.
+UNSET = np.array([0.5, 0.5, 0.5, 1.0], np.float32)
 
 
 def of_mujoco(scene: Scene, file: Path) -> Iterator[Shape]:
@@ -238,10 +345,10 @@ def of_mujoco(scene: Scene, file: Path) -> Iterator[Shape]:
             mesh = _mesh(model, model.geom_dataid[at])
         else:
             continue
-        material = model.geom_matid[at]
+        material, color = model.geom_matid[at], model.geom_rgba[at]
         place = np.eye(4)
         place[:3, :3], place[:3, 3] = rotation(model.geom_quat[at]), model.geom_pos[at]
-        yield Shape(link, color_mesh(mesh, tuple(model.geom_rgba[at] if material < 0 else model.mat_rgba[material])), place)
+        yield Shape(link, color_mesh(mesh, tuple(color if material < 0 or np.any(color != UNSET) else model.mat_rgba[material])), place)
 
 
 def _mesh(model: Any, mesh: int) -> trimesh.Trimesh:

@@ -1,0 +1,369 @@
+"""Shapes of links for `SceneBuilder.link(shape=...)`: how `show` draws a link, and the inertia of a uniform body.
+
+>>> import phipsi
+>>> plate = phipsi.shapes.Box((0.4, 0.2, 0.02), color="orange")
+>>> plate.inertia(mass=2.0).diagonal().round(4).tolist()
+[0.0067, 0.0267, 0.0333]
+
+Each shape is centered at `xyz` in the link frame and rotated by `rpy`. Sizes are in meters.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .errors import ArgumentError
+
+if TYPE_CHECKING:
+    from ._core import Scene
+
+__all__ = ["Box", "Capsule", "Color", "Cylinder", "Mesh", "Shape", "Sphere"]
+
+_Array = NDArray[np.float64]
+
+ORIGIN = (0.0, 0.0, 0.0)
+#: Colors by name: red, green, blue, from 0 to 1.
+COLORS = {
+    "black": (0.1, 0.1, 0.12), "blue": (0.17, 0.33, 0.52), "gray": (0.72, 0.75, 0.78), "green": (0.2, 0.55, 0.33), "orange": (0.9, 0.45, 0.1),
+    "purple": (0.45, 0.3, 0.6), "red": (0.77, 0.2, 0.18), "white": (0.93, 0.92, 0.89), "yellow": (0.95, 0.77, 0.2),
+}  # fmt: skip
+#: A color: a name of COLORS, or red, green, blue and, optionally, opacity, each from 0 to 1.
+Color: TypeAlias = "str | Sequence[float]"
+
+
+class Box(NamedTuple):
+    """Box with edges along the axes.
+
+    Examples
+    --------
+    >>> import phipsi
+    >>> phipsi.shapes.Box((0.1, 0.2, 0.3)).inertia(12.0).diagonal().round(3).tolist()
+    [0.13, 0.1, 0.05]
+    """
+
+    size: ArrayLike
+    """Lengths of the edges along x, y and z, (3,), m."""
+    xyz: ArrayLike = ORIGIN
+    """Center in the link frame, (3,), m."""
+    rpy: ArrayLike = ORIGIN
+    """Orientation in the link frame, rad: R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    color: Color = "gray"
+    """Color: a name of phipsi.shapes.COLORS, or red, green, blue and, optionally, opacity, each from 0 to 1."""
+
+    def inertia(self, mass: float) -> _Array:
+        """Inertia of a uniform box about its center, with axes parallel to the link frame, (3, 3), kg m^2.
+
+        Parameters
+        ----------
+        mass : float
+            Mass, kg.
+
+        Returns
+        -------
+        inertia : (3, 3) ndarray
+            Inertia about the center of the shape, for the argument `inertia` of SceneBuilder.link, kg m^2.
+
+        Raises
+        ------
+        ArgumentError
+            If a size of the shape is not positive.
+
+        Examples
+        --------
+        >>> import phipsi
+        >>> round(float(phipsi.shapes.Box((0.1, 0.2, 0.3)).inertia(12.0)[0, 0]), 4)
+        0.13
+        """
+        x, y, z = _positive(self, "size", self.size, 3) ** 2
+        return _turned(self, mass / 12.0 * np.array([y + z, x + z, x + y]))
+
+
+class Sphere(NamedTuple):
+    """Sphere.
+
+    Examples
+    --------
+    >>> import phipsi
+    >>> phipsi.shapes.Sphere(0.5).inertia(10.0).diagonal().tolist()
+    [1.0, 1.0, 1.0]
+    """
+
+    radius: float
+    """Radius, m."""
+    xyz: ArrayLike = ORIGIN
+    """Center in the link frame, (3,), m."""
+    color: Color = "gray"
+    """Color, as in Box."""
+
+    def inertia(self, mass: float) -> _Array:
+        """Inertia of a uniform sphere about its center, (3, 3), kg m^2.
+
+        Parameters
+        ----------
+        mass : float
+            Mass, kg.
+
+        Returns
+        -------
+        inertia : (3, 3) ndarray
+            Inertia about the center of the shape, for the argument `inertia` of SceneBuilder.link, kg m^2.
+
+        Raises
+        ------
+        ArgumentError
+            If a size of the shape is not positive.
+
+        Examples
+        --------
+        >>> import phipsi
+        >>> round(float(phipsi.shapes.Sphere(0.5).inertia(10.0)[0, 0]), 4)
+        1.0
+        """
+        (radius,) = _positive(self, "radius", self.radius, 1)
+        return np.array(0.4 * mass * radius**2 * np.eye(3))
+
+
+class Cylinder(NamedTuple):
+    """Cylinder along z.
+
+    Examples
+    --------
+    >>> import phipsi
+    >>> phipsi.shapes.Cylinder(radius=0.1, length=0.6).inertia(2.0).diagonal().round(3).tolist()
+    [0.065, 0.065, 0.01]
+    """
+
+    radius: float
+    """Radius, m."""
+    length: float
+    """Length along z, m."""
+    xyz: ArrayLike = ORIGIN
+    """Center in the link frame, (3,), m."""
+    rpy: ArrayLike = ORIGIN
+    """Orientation in the link frame, as in Box."""
+    color: Color = "gray"
+    """Color, as in Box."""
+
+    def inertia(self, mass: float) -> _Array:
+        """Inertia of a uniform cylinder about its center, with axes parallel to the link frame, (3, 3), kg m^2.
+
+        Parameters
+        ----------
+        mass : float
+            Mass, kg.
+
+        Returns
+        -------
+        inertia : (3, 3) ndarray
+            Inertia about the center of the shape, for the argument `inertia` of SceneBuilder.link, kg m^2.
+
+        Raises
+        ------
+        ArgumentError
+            If a size of the shape is not positive.
+
+        Examples
+        --------
+        >>> import phipsi
+        >>> round(float(phipsi.shapes.Cylinder(0.1, 0.6).inertia(2.0)[2, 2]), 4)
+        0.01
+        """
+        radius, length = _lengths(self)
+        across = (3.0 * radius**2 + length**2) / 12.0
+        return _turned(self, mass * np.array([across, across, 0.5 * radius**2]))
+
+
+class Capsule(NamedTuple):
+    """Capsule along z: a cylinder with a hemisphere at each end.
+
+    Examples
+    --------
+    >>> import phipsi
+    >>> phipsi.shapes.Capsule(radius=0.05, length=0.3).inertia(1.0).diagonal().round(4).tolist()
+    [0.0119, 0.0119, 0.0012]
+    """
+
+    radius: float
+    """Radius, m."""
+    length: float
+    """Length of the cylindrical part, m; the capsule is longer by twice the radius."""
+    xyz: ArrayLike = ORIGIN
+    """Center in the link frame, (3,), m."""
+    rpy: ArrayLike = ORIGIN
+    """Orientation in the link frame, as in Box."""
+    color: Color = "gray"
+    """Color, as in Box."""
+
+    def inertia(self, mass: float) -> _Array:
+        """Inertia of a uniform capsule about its center, with axes parallel to the link frame, (3, 3), kg m^2.
+
+        Parameters
+        ----------
+        mass : float
+            Mass, kg.
+
+        Returns
+        -------
+        inertia : (3, 3) ndarray
+            Inertia about the center of the shape, for the argument `inertia` of SceneBuilder.link, kg m^2.
+
+        Raises
+        ------
+        ArgumentError
+            If a size of the shape is not positive.
+
+        Examples
+        --------
+        >>> import phipsi
+        >>> round(float(phipsi.shapes.Capsule(0.05, 0.3).inertia(1.0)[2, 2]), 4)
+        0.0012
+        """
+        radius, length = _lengths(self)
+        # Masses of the cylinder and of both hemispheres.
+        tube = mass * length / (length + 4.0 / 3.0 * radius)
+        ends = mass - tube
+        across = tube * (radius**2 / 4.0 + length**2 / 12.0) + ends * (0.4 * radius**2 + length**2 / 4.0 + 0.375 * length * radius)
+        return _turned(self, np.array([across, across, 0.5 * tube * radius**2 + 0.4 * ends * radius**2]))
+
+
+class Mesh(NamedTuple):
+    """Triangles of a file that trimesh reads, such as STL, OBJ, PLY, DAE or GLB.
+
+    Examples
+    --------
+    >>> import phipsi
+    >>> phipsi.shapes.Mesh("hand.stl", scale=0.001).scale
+    0.001
+    """
+
+    file: str | os.PathLike[str]
+    """Path of the file."""
+    scale: ArrayLike = 1.0
+    """Factor from the unit of the file to m, or three factors, (3,)."""
+    xyz: ArrayLike = ORIGIN
+    """Origin of the mesh in the link frame, (3,), m."""
+    rpy: ArrayLike = ORIGIN
+    """Orientation in the link frame, as in Box."""
+    color: Color = "gray"
+    """Color, as in Box, if the file has no colors."""
+
+
+Shape: TypeAlias = "Box | Sphere | Cylinder | Capsule | Mesh"
+
+
+def to_urdf(link: str, shape: Shape | Sequence[Shape]) -> str:
+    """Robot with one link as the text of a URDF, for SceneBuilder.link."""
+    shapes = [shape] if isinstance(shape, Box | Sphere | Cylinder | Capsule | Mesh) else shape
+    robot = ElementTree.Element("robot", name="")
+    element = ElementTree.SubElement(robot, "link", name=link)
+    try:
+        for one in shapes:
+            _visual(element, one)
+    except (TypeError, ValueError) as error:
+        if not isinstance(error, ArgumentError):
+            error = ArgumentError(f"found {type(shape).__name__}; {EXPECTED}")
+        raise ArgumentError(f"shape of link {link!r}: {error}") from None
+    return ElementTree.tostring(robot, encoding="unicode")
+
+
+def texts_of(scene: Scene) -> list[tuple[Path | None, str]]:
+    """URDF texts with the shapes of a scene, each with the file that its mesh paths are relative to: the text that the
+    scene was read from, if it has shapes, and links from code. A scene from a file has no text, unless it was expanded
+    by xacro.
+    """
+    return [(None if text.startswith(FROM_CODE) else scene.file, text) for text in scene._shapes]
+
+
+def has_text(scene: Scene) -> bool:
+    """Whether the scene has the text that it was read from."""
+    return any(not text.startswith(FROM_CODE) for text in scene._shapes)
+
+
+#: Begin of the texts of to_urdf.
+FROM_CODE = '<robot name="">'
+EXPECTED = "expected a Box, Sphere, Cylinder, Capsule or Mesh of phipsi.shapes, or a sequence of them"
+
+
+def _visual(link: ElementTree.Element, shape: Any) -> None:
+    """Append the <visual> element of a shape."""
+    visual = ElementTree.SubElement(link, "visual")
+    geometry = ElementTree.SubElement(visual, "geometry")
+    match shape:
+        case Box():
+            ElementTree.SubElement(geometry, "box", size=_text(_positive(shape, "size", shape.size, 3)))
+        case Sphere():
+            ElementTree.SubElement(geometry, "sphere", radius=_text(_positive(shape, "radius", shape.radius, 1)))
+        case Cylinder() | Capsule():
+            radius, length = _lengths(shape)
+            ElementTree.SubElement(geometry, type(shape).__name__.lower(), radius=_text(radius), length=_text(length))
+        case Mesh():
+            scale = np.broadcast_to(_positive(shape, "scale", shape.scale, None), 3)
+            file = Path(shape.file).absolute()
+            if not file.is_file():
+                raise ArgumentError(f"file of Mesh: found {str(shape.file)[:100]!r}, which is not a file; expected the path of a mesh")
+            ElementTree.SubElement(geometry, "mesh", filename=str(file), scale=_text(scale))
+        case _:
+            raise ArgumentError(f"found {type(shape).__name__}; {EXPECTED}")
+    rpy = ORIGIN if isinstance(shape, Sphere) else shape.rpy
+    ElementTree.SubElement(visual, "origin", xyz=_text(_numbers(shape, "xyz", shape.xyz, 3)), rpy=_text(_numbers(shape, "rpy", rpy, 3)))
+    material = ElementTree.SubElement(visual, "material", name="")
+    ElementTree.SubElement(material, "color", rgba=_text(_rgba(shape)))
+
+
+def _rgba(shape: Shape) -> _Array:
+    """Red, green, blue and opacity of a shape."""
+    color: Any = shape.color
+    if isinstance(color, str):
+        if color not in COLORS:
+            raise ArgumentError(f"color of {type(shape).__name__}: found {color!r}; expected {', '.join(map(repr, COLORS))}, or red, green and blue from 0 to 1")
+        color = COLORS[color]
+    try:
+        found = np.array(color, float)
+    except (TypeError, ValueError):
+        found = np.array(np.nan)
+    if found.shape not in ((3,), (4,)) or not np.all((found >= 0.0) & (found <= 1.0)):
+        raise ArgumentError(f"color of {type(shape).__name__}: found {shape.color!r}; expected a name, or three or four numbers from 0 to 1")
+    return np.append(found, 1.0)[:4]
+
+
+def _numbers(shape: Shape, name: str, value: ArrayLike, size: int | None) -> _Array:
+    """Finite numbers, (size,); None: one or three."""
+    expected = "one or three finite numbers" if size is None else "a finite number" if size == 1 else f"{size} finite numbers"
+    try:
+        found = np.atleast_1d(np.array(value, float))
+    except (TypeError, ValueError):
+        found = np.array(np.nan)
+    if found.shape not in ((1,), (3,)) or (size is not None and found.size != size) or not np.isfinite(found).all():
+        raise ArgumentError(f"{name} of {type(shape).__name__}: found {value!r}; expected {expected}")
+    return found
+
+
+def _positive(shape: Shape, name: str, value: ArrayLike, size: int | None) -> _Array:
+    """Positive numbers, (size,)."""
+    found = _numbers(shape, name, value, size)
+    if not np.all(found > 0.0):
+        raise ArgumentError(f"{name} of {type(shape).__name__}: found {value!r}; expected positive values")
+    return found
+
+
+def _lengths(shape: Cylinder | Capsule) -> tuple[float, float]:
+    """Radius and length."""
+    return float(_positive(shape, "radius", shape.radius, 1)[0]), float(_positive(shape, "length", shape.length, 1)[0])
+
+
+def _turned(shape: Box | Cylinder | Capsule, moments: _Array) -> _Array:
+    """Inertia with these principal moments, in the link frame."""
+    (cr, sr), (cp, sp), (cy, sy) = ((np.cos(angle), np.sin(angle)) for angle in _numbers(shape, "rpy", shape.rpy, 3))
+    turn = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]]) @ np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]]) @ np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
+    return np.array(turn @ np.diag(moments) @ turn.T)
+
+
+def _text(values: ArrayLike) -> str:
+    return " ".join(repr(float(value)) for value in np.atleast_1d(np.asarray(values, float)))

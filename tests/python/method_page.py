@@ -1,0 +1,77 @@
+"""The page docs/reference/methods.md: all methods and properties of Scene by task. `python method_page.py PAGE` writes it."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+import phipsi
+
+REFERENCE = Path(__file__).parents[2] / "docs" / "reference"
+HEAD = """# All methods of a scene
+
+Written by `python tests/python/method_page.py docs/reference/methods.md` from the docstrings. The names lead to the arguments and results. For names of other libraries, see the [glossary](../glossary.md).
+"""
+#: Names by task.
+TASKS = {
+    "Read a robot": ("from_urdf", "from_mujoco", "from_pinocchio", "file", "to_urdf", "to_builder"),
+    "Names and sizes": ("nq", "nv", "joint_names", "body_names", "link_names", "q_index", "v_index", "joint", "joints", "link", "links", "plan"),
+    "Properties": ("gravity", "limits", "armature", "damping", "friction", "stiffness", "rest", "tolerance", "total_mass"),
+    "Modified copies": ("with_properties", "with_payload", "with_inertias", "lock", "without_connections", "without_contacts"),
+    "Configurations": ("neutral", "integrate", "difference"),
+    "Forward kinematics: where is a link, such as the end effector": ("placement", "placements"),
+    "Velocities, accelerations and Jacobians of links": ("velocity", "acceleration", "jacobian", "jacobian_rate", "jacobian_rate_product"),
+    "Center of mass and momentum": (
+        "center_of_mass", "center_of_mass_velocity", "center_of_mass_acceleration", "center_of_mass_jacobian", "momentum", "centroidal_momentum_matrix",
+        "centroidal_momentum_matrix_rate",
+    ),
+    "Inverse kinematics": ("inverse_kinematics", "inverse_kinematics_rates"),
+    "Joint torques and accelerations": ("forward_dynamics", "inverse_dynamics", "bias_torque", "gravity_torque", "coriolis_matrix"),
+    "Mass matrix and operational space": (
+        "mass_matrix", "mass_matrix_inverse", "mass_matrix_derivative", "operational_inertia", "operational_inverse_inertia", "factor", "random_model",
+    ),
+    "Energy": ("energy", "kinetic_energy", "potential_energy"),
+    "Simulation and pictures": ("simulate", "simulator", "ode", "show"),
+    "Derivatives and gradients": (
+        "forward_dynamics_derivatives", "inverse_dynamics_derivatives", "linearize", "forward_dynamics_jvp", "forward_dynamics_vjp", "forward_dynamics_hvp",
+        "inverse_dynamics_jvp", "inverse_dynamics_vjp", "inverse_dynamics_hvp", "simulate_vjp",
+    ),
+    "Closed loops": (
+        "connection_names", "connection_rows", "project", "constraint_error", "constraint_jacobian", "constraint_bias", "constrained_dynamics",
+        "constrained_inverse_dynamics", "constrained_mass_matrix_inverse",
+    ),
+    "Contacts": ("contact_names", "contact_gaps", "contact_velocities"),
+    "Identification, estimation and observers": (
+        "identify", "regressor", "excitation", "estimate", "observer", "momentum_observer", "forward_dynamics_variance", "inverse_dynamics_variance",
+    ),
+    "Checks": ("check",),
+    "Code of one robot": ("to_c", "to_rust", "to_cuda"),
+}  # fmt: skip
+
+
+def page() -> str:
+    """The page."""
+    where = {
+        name: path.name for path in sorted(REFERENCE.glob("*.md")) for name in re.findall(r"^::: phipsi\.Scene\.(\w+)$", path.read_text(encoding="utf-8"), re.MULTILINE)
+    }
+    parts = [HEAD]
+    for task, names in TASKS.items():
+        rows = "".join(f"| [`{name}`]({where[name]}) | {_summary(name)} |\n" for name in names)
+        parts.append(f"\n## {task}\n\n| name | |\n|---|---|\n{rows}")
+    return "".join(parts)
+
+
+def public() -> set[str]:
+    """Public names of Scene."""
+    return {name for name in vars(phipsi.Scene) if not name.startswith("_")}
+
+
+def _summary(name: str) -> str:
+    """First sentence of the docstring."""
+    paragraph = " ".join((getattr(phipsi.Scene, name).__doc__ or "").split("\n\n")[0].split())
+    return re.split(r"(?<=\.) ", paragraph)[0].replace("|", r"\|")
+
+
+if __name__ == "__main__":
+    Path(sys.argv[1]).write_text(page(), encoding="utf-8")

@@ -1,0 +1,151 @@
+"""Pictures of robots as PNG and WebP, and the display of viewers in notebooks."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import phipsi
+import pytest
+from phipsi.errors import ArgumentError
+from phipsi.shapes import Box, Sphere
+
+pytest.importorskip("viser")
+from phipsi.view import picture  # noqa: E402
+from phipsi.view.player import Motion, _in_notebook  # noqa: E402
+from phipsi.view.shapes import extent, shapes_of  # noqa: E402
+from PIL import Image  # noqa: E402
+
+
+def cube(color: object = (1.0, 0.0, 0.0)) -> phipsi.Scene:
+    builder = phipsi.SceneBuilder().link("base").link("cube", 1.0, inertia=np.eye(3), shape=Box((1, 1, 1), color=color))  # type: ignore[arg-type]
+    return builder.joint("slide", "prismatic", "base", "cube", axis=(0, 1, 0)).build()
+
+
+def drawn(scene: phipsi.Scene, tmp_path: Path) -> np.ndarray:
+    scene.show(to=tmp_path / "x.png")
+    with Image.open(tmp_path / "x.png") as opened:
+        return np.asarray(opened.convert("RGB"), float)
+
+
+def test_a_cube_has_three_faces_of_its_color(tmp_path: Path) -> None:
+    pixels = drawn(cube(), tmp_path)
+    assert pixels.shape == (600, 800, 3)
+    red = (pixels[..., 0] > 60) & (pixels[..., 1] < 30) & (pixels[..., 2] < 30)
+    # A cube seen from outside: its silhouette is a hexagon within the frame, and each visible face has one shade.
+    rows, columns = np.nonzero(red)
+    assert 0.1 < red.mean() < 0.6 and rows.min() > 10 and rows.max() < 590 and columns.min() > 10 and columns.max() < 790
+    shades, counts = np.unique(pixels[red][:, 0].round(-1), return_counts=True)
+    assert np.sum(counts > 0.1 * red.sum()) == 3, (shades, counts)
+
+
+def test_the_nearer_shape_hides_the_other(tmp_path: Path) -> None:
+    toward = np.array([1.15, 0.85, 0.6])
+    builder = phipsi.SceneBuilder().link("base", shape=[Sphere(0.3, color=(1, 0, 0)), Sphere(0.3, xyz=tuple(toward), color=(0, 0, 1))])
+    scene = builder.link("arm", 1.0, inertia=np.eye(3)).joint("hinge", "revolute", "base", "arm").build()
+    pixels = drawn(scene, tmp_path)
+    blue, red = (np.sum((pixels[..., one] > 60) & (pixels[..., other] < 30)) for one, other in ((2, 0), (0, 2)))
+    assert blue > 1000 and red < 0.1 * blue
+
+
+def test_every_vertex_is_within_the_frame() -> None:
+    scene = phipsi.load(phipsi.BUNDLED_ARM)
+    q = np.array([[0.3] * 6, [-1.0] * 6])
+    shapes, placements = shapes_of(scene, None), scene.placements(q)
+    space = extent(scene, shapes, q)
+    for aspect in (0.5, 1.0, 2.0):
+        size = (round(400 * aspect), 400)
+        camera = picture._Camera(space.camera(aspect), size)
+        for shape in shapes:
+            for place in placements[shape.link]:
+                at = camera.seen(np.asarray(shape.mesh.vertices) @ (place @ shape.place)[:3, :3].T + (place @ shape.place)[:3, 3])
+                assert np.all((at[:, :2] > 0.0) & (at[:, :2] < picture.SAMPLES * np.array(size)))
+
+
+def test_a_motion_is_an_animation(tmp_path: Path) -> None:
+    scene = cube()
+    scene.show(np.linspace(0, 1, 5)[:, None], t=np.linspace(0, 0.2, 5), to=tmp_path / "x.webp")
+    with Image.open(tmp_path / "x.webp") as opened:
+        assert opened.n_frames == 5 and opened.size == picture.MOVING
+
+
+def test_forces_are_drawn(tmp_path: Path) -> None:
+    scene = cube((1, 1, 1))
+    scene.show([0.0], forces=([[[0.0, 0.0, 0.5]]], [[[0.0, 0.0, 9.0]]]), to=tmp_path / "with.png")
+    with Image.open(tmp_path / "with.png") as opened:
+        pixels = np.asarray(opened.convert("RGB"), float)
+    assert np.sum((pixels[..., 1] > 1.3 * pixels[..., 0]) & (pixels[..., 1] > 40)) > 100
+
+
+@pytest.mark.parametrize("name", ["x.mp4", "x.gif", "x", "x.html.jpg"])
+def test_other_files_are_refused(tmp_path: Path, name: str) -> None:
+    with pytest.raises(ArgumentError, match="to: found '.*'; expected a path that ends in .html, .htm, .png, .webp"):
+        cube().show(to=tmp_path / name)
+    assert not (tmp_path / name).exists()
+
+
+def test_a_page_has_the_name_of_the_robot(tmp_path: Path) -> None:
+    page = phipsi.load(phipsi.BUNDLED_ARM).show(to=tmp_path / "x.html").read_text(encoding="utf-8")
+    assert re.findall("<title>(.*?)</title>", page) == ["puma560"]
+    page = cube().show(to=tmp_path / "x.html", title="a < b").read_text(encoding="utf-8")
+    assert re.findall("<title>(.*?)</title>", page) == ["a &lt; b"]
+
+
+def test_a_notebook_shows_the_viewer_as_a_page() -> None:
+    with cube().show(browser=False) as viewer:
+        html = viewer._repr_html_()
+    assert html.startswith('<iframe title="phipsi" srcdoc="&lt;!') and html.count("<iframe") == 1
+    assert not _in_notebook()
+
+
+def test_hosts(monkeypatch: pytest.MonkeyPatch) -> None:
+    with cube().show(host="0.0.0.0", browser=False) as viewer:
+        assert viewer.url.startswith("http://127.0.0.1:")
+
+
+@pytest.mark.parametrize(("host", "message"), [(3, "host: found 3; expected the address"), ("203.0.113.7", "host: found '203.0.113.7', which is not an address of this machine")])
+def test_a_host_that_is_not_valid_is_refused(host: object, message: str) -> None:
+    with pytest.raises(ArgumentError, match=message):
+        cube().show(host=host, browser=False)  # type: ignore[call-overload]
+
+
+def test_sliders_have_units_and_three_digits(monkeypatch: pytest.MonkeyPatch) -> None:
+    from viser import GuiApi
+
+    found: list[tuple[object, ...]] = []
+    real = GuiApi.add_slider
+    monkeypatch.setattr(GuiApi, "add_slider", lambda gui, *given: found.append(given) or real(gui, *given))
+    phipsi.load(phipsi.BUNDLED_ARM).show(browser=False).close()
+    cube().show([0.12345], browser=False).close()
+    name, low, high, step, value = found[0]
+    assert (name, step) == ("joint1, rad", 1e-3) and value == 0.0
+    assert np.isclose(low, -2.792) and np.isclose(high, 2.792)  # type: ignore[arg-type]
+    assert found[-1][0] == "slide, m" and found[-1][4] == 0.12345
+
+
+def test_motions_are_those_of_pages() -> None:
+    motion = Motion(cube(), [0.0], None)
+    (only,) = picture.frames(cube(), motion, shapes_of(cube(), None), [0], (40, 30))
+    assert only.size == (40, 30)
+
+
+def test_each_legend_has_its_own_colors() -> None:
+    from phipsi.report.run import Run, by_legend, colors, over_time
+    from phipsi.report.structure import tree_of
+
+    scene = phipsi.scenes.chain(14)
+    path = scene.simulate([0.1] * 14, [0.0] * 14, dt=1e-3, steps=3)
+    joints, energy = by_legend(over_time(Run(False, "chain", path, tree_of(scene), np.zeros_like(path.qd))))
+    inks = {one.name: one.ink for one in joints.panels[0].series}
+    assert len(set(inks.values())) == 14 and len(joints.panels) == 2
+    assert all(inks[one.name] == one.ink for one in joints.panels[1].series)
+    assert "total" in [one.name for one in energy.panels[0].series] and (joints.name, energy.name) == ("over-time", "over-time-1")
+    for count in (1, 10, 11, 60):
+        assert len(set(colors(count))) == count and all(re.fullmatch("#[0-9a-f]{6}", color) for color in colors(count))
+
+
+def test_the_name_of_the_project_stays_latin() -> None:
+    from phipsi.report.text import symbols
+
+    assert symbols("phipsi.compile, H phi Q phi* H*, phi . Phi") == "phipsi.compile, H φ Q φ* H*, φ · Φ"
