@@ -58,6 +58,7 @@ __all__ = [
     "Scene",
     "SceneBuilder",
     "Simulator",
+    "_Observer",
     "__version__",
     "_function_table",
     "_log_likelihood",
@@ -3795,6 +3796,9 @@ class Scene:
         wrenches: Any,
         errors: str,
     ) -> _Array: ...
+    def _sensor_prediction(
+        self, given: tuple[Any, ...], state: list[_Array], tau: _Array
+    ) -> tuple[list[_Array], list[bool]]: ...
     def identify(
         self,
         q: ArrayLike,
@@ -4811,6 +4815,28 @@ def _rotate_chosen(triangle: _Array, wide: _Array, chosen: list[int], last: _Arr
 def _rotate_rows(triangle: _Array, rows: _Array, /) -> None: ...
 def _log_likelihood(time: _Array, position: _Array, variance: _Array, density: float, prior: tuple[float, float, float], /) -> tuple[float, float, int]: ...
 def _smooth_log(time: _Array, position: _Array, variance: _Array, density: float, prior: tuple[float, float, float], /) -> _Array: ...
+
+@final
+class _Observer:
+    def __new__(
+        cls,
+        scene: Scene,
+        dt: float,
+        sensors: list[tuple[Any, ...]],
+        torque_noise: list[float],
+        wrenches: list[tuple[Any, ...]],
+        initial: list[float],
+        history: int,
+        state: tuple[_Array, _Array],
+        batch: tuple[int, ...],
+    ) -> _Observer: ...
+    def process(self) -> list[_Array]: ...
+    def step(self, tau: _Array, readings: _Array) -> tuple[list[_Array], bool]: ...
+    def smooth(self) -> tuple[list[_Array], int]: ...
+    def prior(self) -> list[_Array]: ...
+    def window(self) -> list[list[tuple[float, int]]]: ...
+    def window_without(self, robot: int, sensor: int) -> list[tuple[float, int]]: ...
+    def transition(self, q: _Array, qd: _Array, rest: _Array, tau: _Array) -> list[_Array]: ...
 
 @final
 class Simulator:

@@ -178,7 +178,8 @@ class Observer:
         refused = "found a number that is negative or not finite; expected zero or positive ones"
 
         def six(name: str, given: ArrayLike) -> list[float]:
-            return each(f"{name} of the wrench on {wrench.link!r}", np.asarray(given, float), 6, refused).tolist()
+            found = each(f"{name} of the wrench on {wrench.link!r}", np.asarray(given, float), 6, refused)
+            return [float(number) for number in found]
 
         deviation = None if wrench.deviation is None else six("deviation", wrench.deviation)
         return wrench.link, six("density", wrench.density), float(wrench.correlation_time), deviation
@@ -196,7 +197,7 @@ class Observer:
                 "initial",
                 "found a standard deviation that is negative or not finite; expected zero or positive ones",
             )
-        return given.tolist()
+        return [float(number) for number in given]
 
     def _readings(self, readings: Mapping[str, Any]) -> _Array:
         """Readings of all sensors, (..., m); NaN for missing readings."""

@@ -131,10 +131,8 @@ class Sensor:
             for array in given
         ]
         found, (by_qdd, by_noise) = scene._sensor_prediction(self._compiled(scene), flat[:3], flat[3])
-        value, *derivatives = (array.reshape(*batch, *array.shape[1:]) for array in found)
-        return Prediction(
-            value, *derivatives[:2], derivatives[2] if by_qdd else None, derivatives[3] if by_noise else None
-        )
+        value, of_q, of_qd, of_qdd, of_noise = (array.reshape(*batch, *array.shape[1:]) for array in found)
+        return Prediction(value, of_q, of_qd, of_qdd if by_qdd else None, of_noise if by_noise else None)
 
     def _compiled(self, scene: Scene) -> tuple[Any, ...]:
         """Arguments of the sensor in compiled code: kind, name, joints, mount, noise, delay, bias with its growth."""

@@ -39,7 +39,8 @@ pub(crate) struct Scratch {
     step: Vec<f64>,
     /// Root of the prediction, with the columns of the random walks.
     predicted: Vec<f64>,
-    along: Vec<f64>,
+    /// A reflection, one entry per column.
+    axis: Vec<f64>,
     /// Adjoint of the inverse of a step of each group, and right Jacobian of the step, 6 x 6 each.
     jacobians: Vec<[[f64; 36]; 2]>,
 }
@@ -66,11 +67,11 @@ impl Scratch {
             deviations: vec![1.0; readings],
             spans: vec![(0, 0); plan.sensors.len()],
             change: vec![0.0; wide],
-            rotation: RotationScratch::new(width, wide, readings),
+            rotation: RotationScratch::new(width),
             marginal: vec![0.0; largest * (largest + 1)],
             step: vec![0.0; nv],
             predicted: vec![0.0; (width + plan.walks.len()) * column],
-            along: vec![0.0; column],
+            axis: vec![0.0; width + plan.walks.len()],
             jacobians: vec![[[0.0; 36]; 2]; plan.groups.len()],
         }
     }
@@ -330,7 +331,7 @@ impl Scratch {
         let [column, _] = plan.strides();
         self.carry(plan, record);
         let sizes = (plan.states, plan.rest, plan.width);
-        triangularize(&mut self.predicted, column, sizes, &plan.walks, &mut self.along);
+        triangularize(&mut self.predicted, column, sizes, &plan.walks, &mut self.axis);
         for (j, (to, from)) in root.chunks_exact_mut(column).zip(self.predicted.chunks_exact(column)).enumerate() {
             to[..j].fill(0.0);
             to[j..plan.states].copy_from_slice(&from[j..plan.states]);

@@ -6,6 +6,7 @@
 //! column. Prediction: Householder reflections from the right.
 
 use super::settings::LANES;
+use std::hint::black_box;
 
 /// Readings to process: rows H, errors and standard deviations, (count) of them.
 pub(super) struct Readings<'a> {
@@ -17,18 +18,22 @@ pub(super) struct Readings<'a> {
     pub deviations: &'a [f64],
 }
 
-/// Scratch of one column per entry.
+/// Scratch of a reading, one entry per column.
 #[derive(Debug, Clone)]
 pub(super) struct RotationScratch {
-    factors: [Vec<f64>; 4],
-    pivot: Vec<f64>,
-    pivot_rows: Vec<f64>,
+    /// A row f, the sums a^2, a and 1/a, and the factors of a column and of the pivot.
+    f: Vec<f64>,
+    squares: Vec<f64>,
+    roots: Vec<f64>,
+    inverses: Vec<f64>,
+    kept: Vec<f64>,
+    mixed: Vec<f64>,
 }
 
 impl RotationScratch {
-    pub fn new(columns: usize, column: usize, readings: usize) -> Self {
-        let factors = std::array::from_fn(|_| vec![0.0; columns.next_multiple_of(LANES)]);
-        Self { factors, pivot: vec![0.0; column], pivot_rows: vec![0.0; readings] }
+    pub fn new(columns: usize) -> Self {
+        let zeros = || vec![0.0; columns + 1];
+        Self { f: zeros(), squares: zeros(), roots: zeros(), inverses: zeros(), kept: zeros(), mixed: zeros() }
     }
 }
 
@@ -59,63 +64,83 @@ pub(super) fn measure(
     change: &mut [f64],
 ) -> f64 {
     let (stride, count) = (readings.stride, readings.count);
-    let padded = count.next_multiple_of(LANES);
-    let RotationScratch { factors: [f, inner, outer, mixed], pivot, pivot_rows } = scratch;
     let mut squares = 0.0;
     for i in 0..count {
         let mut last = 0;
-        for (j, (f, row)) in f.iter_mut().zip(readings.rows.chunks_exact(stride)).enumerate() {
+        for (j, (f, row)) in scratch.f.iter_mut().zip(readings.rows.chunks_exact(stride)).enumerate() {
             *f = row[i];
             // A NaN counts.
             last = if *f == 0.0 { last } else { j + 1 };
         }
-        let deviation = readings.deviations[i];
-        let mut total = deviation * deviation;
-        for j in (0..last).rev() {
-            inner[j] = total;
-            total = f[j].mul_add(f[j], total);
-            outer[j] = total;
+        let total = scratch.prepare(readings.deviations[i], last);
+        let gain = readings.errors[i] / total;
+        squares = readings.errors[i].mul_add(gain, squares);
+        let factors = (&scratch.f[..last], &scratch.kept[..last], &scratch.mixed[..last]);
+        for block in ((i + 1) / LANES * LANES..count).step_by(LANES) {
+            let pivot = rotate((readings.rows, stride, block), factors);
+            for (k, (later, pivot)) in readings.errors[block..].iter_mut().zip(pivot).enumerate() {
+                if block + k > i {
+                    *later = (-gain).mul_add(pivot, *later);
+                }
+            }
         }
-        for ((f, inner), (outer, mixed)) in
-            f[..last].iter().zip(&mut inner[..last]).zip(outer[..last].iter().zip(&mut mixed[..last]))
-        {
-            let (before, after) = (inner.sqrt(), outer.sqrt());
-            *mixed = f / (before * after);
-            *inner = before / after;
-        }
-        pivot.fill(0.0);
-        pivot_rows.fill(0.0);
-        let first_row = (i + 1) / LANES * LANES;
-        for j in (0..last).rev() {
-            let factors = (inner[j], mixed[j], f[j]);
-            let own = &mut readings.rows[j * stride + first_row..j * stride + padded.max(first_row)];
-            rotate(own, &mut pivot_rows[first_row..], factors);
-            let first = j / LANES * LANES;
-            rotate(&mut root[j * column + first..(j + 1) * column], &mut pivot[first..], factors);
-        }
-        let error = readings.errors[i];
-        let gain = error / total;
-        squares = error.mul_add(gain, squares);
-        for (later, pivot) in readings.errors[..count].iter_mut().zip(&*pivot_rows).skip(i + 1) {
-            *later = (-gain).mul_add(*pivot, *later);
-        }
-        for (change, pivot) in change.iter_mut().zip(&*pivot) {
-            *change = gain.mul_add(*pivot, *change);
+        for (block, change) in change.as_chunks_mut::<LANES>().0.iter_mut().enumerate() {
+            // Columns further on are zero in these rows.
+            let end = last.min((block + 1) * LANES);
+            let factors = (&factors.0[..end], &factors.1[..end], &factors.2[..end]);
+            let pivot = rotate((root, column, block * LANES), factors);
+            for (change, pivot) in change.iter_mut().zip(pivot) {
+                *change = gain.mul_add(pivot, *change);
+            }
         }
     }
     squares
 }
 
-/// One rotation: the column becomes kept * column - mixed * pivot, and f * column is added to the pivot.
+impl RotationScratch {
+    /// The factors of the first `last` columns for the row f; returns r^2 + f* f.
+    #[inline(always)]
+    fn prepare(&mut self, deviation: f64, last: usize) -> f64 {
+        let Self { f, squares, roots, inverses, kept, mixed } = self;
+        let mut total = deviation * deviation;
+        squares[last] = total;
+        for j in (0..last).rev() {
+            total = f[j].mul_add(f[j], total);
+            squares[j] = total;
+        }
+        for ((square, root), inverse) in squares[..=last].iter().zip(&mut roots[..=last]).zip(&mut inverses[..=last]) {
+            *root = square.sqrt();
+            *inverse = 1.0 / *root;
+        }
+        let (before, after) = (&roots[1..=last], &inverses[..last]);
+        for ((kept, before), after) in kept[..last].iter_mut().zip(before).zip(after) {
+            *kept = before * after;
+        }
+        let before = &inverses[1..=last];
+        for (((mixed, before), after), f) in mixed[..last].iter_mut().zip(before).zip(after).zip(&f[..last]) {
+            *mixed = f * before * after;
+        }
+        total
+    }
+}
+
+/// The rotations of some columns, from the last to the first, in the block of rows that begins at `block`: a column
+/// becomes kept * column - mixed * pivot, and f * column is added to the pivot, which is returned.
 #[inline(always)]
-fn rotate(column: &mut [f64], pivot: &mut [f64], (kept, mixed, f): (f64, f64, f64)) {
-    for (column, pivot) in column.as_chunks_mut::<LANES>().0.iter_mut().zip(pivot.as_chunks_mut::<LANES>().0) {
-        for (x, p) in column.iter_mut().zip(pivot) {
-            let (old, sum) = (*x, *p);
-            *x = (-mixed).mul_add(sum, kept * old);
-            *p = f.mul_add(old, sum);
+fn rotate(
+    (columns, stride, block): (&mut [f64], usize, usize),
+    (f, kept, mixed): (&[f64], &[f64], &[f64]),
+) -> [f64; LANES] {
+    let mut pivot = [0.0; LANES];
+    let factors = f.iter().zip(kept).zip(mixed);
+    for (column, ((f, kept), mixed)) in columns.chunks_exact_mut(stride).zip(factors).rev() {
+        for (x, sum) in column[block..block + LANES].iter_mut().zip(&mut pivot) {
+            let old = *x;
+            *x = (-mixed).mul_add(*sum, kept * old);
+            *sum = f.mul_add(old, *sum);
         }
     }
+    pivot
 }
 
 /// Norms of rows below which they count as zero: their squares underflow.
@@ -124,14 +149,14 @@ const NOTHING: f64 = 1e-140;
 /// Rotates a matrix from the right to a lower triangle, in its first `rows` columns.
 ///
 /// Its first `width` columns are lower triangular in the first `rest` rows. Of the columns that follow, number t has
-/// zeros above row `walks[t]`. Entries above the diagonal of the result are undefined.
+/// zeros above row `walks[t]`. Entries above the diagonal of the result are undefined. `axis` has an entry per column.
 #[inline(always)]
 pub(super) fn triangularize(
     matrix: &mut [f64],
     column: usize,
     (rows, rest, width): (usize, usize, usize),
     walks: &[usize],
-    along: &mut [f64],
+    axis: &mut [f64],
 ) {
     for i in 0..rows {
         let (heads, tails) = matrix.split_at_mut((i + 1) * column);
@@ -139,7 +164,12 @@ pub(super) fn triangularize(
         let skipped = if i < rest { width - i - 1 } else { 0 };
         let grown = if i < rest { walks.partition_point(|&row| row <= i) } else { walks.len() };
         let others = &mut tails[skipped * column..(width - i - 1 + grown) * column];
-        let below: f64 = others.chunks_exact(column).map(|other| other[i] * other[i]).sum();
+        let mut below = 0.0;
+        let axis = &mut axis[..others.len() / column];
+        for (entry, other) in axis.iter_mut().zip(others.chunks_exact(column)) {
+            *entry = other[i];
+            below = entry.mul_add(*entry, below);
+        }
         if below == 0.0 {
             continue;
         }
@@ -153,32 +183,28 @@ pub(super) fn triangularize(
         let lead = pivot[i] - diagonal;
         let factor = 1.0 / (norm * lead.abs());
         // Whole blocks: entries above the diagonal may change.
-        let first = i / LANES * LANES;
-        let along = &mut along[first..column];
-        for (sum, x) in along.iter_mut().zip(&pivot[first..]) {
-            *sum = lead * x;
+        for block in (i / LANES * LANES..column).step_by(LANES) {
+            let mut along = [0.0; LANES];
+            for (along, x) in along.iter_mut().zip(&pivot[block..block + LANES]) {
+                *along = lead * x;
+            }
+            for (entry, other) in axis.iter().zip(others.chunks_exact(column)) {
+                for (along, x) in along.iter_mut().zip(&other[block..block + LANES]) {
+                    *along = entry.mul_add(*x, *along);
+                }
+            }
+            for (along, x) in along.iter_mut().zip(&mut pivot[block..block + LANES]) {
+                *along *= factor;
+                *x = (-lead).mul_add(*along, *x);
+            }
+            for (entry, other) in axis.iter().zip(others.chunks_exact_mut(column)) {
+                // Otherwise this loop is vectorized over columns, with gathers and scatters.
+                let entry = black_box(*entry);
+                for (along, x) in along.iter().zip(&mut other[block..block + LANES]) {
+                    *x = (-entry).mul_add(*along, *x);
+                }
+            }
         }
-        for other in others.chunks_exact(column) {
-            add(along, other[i], &other[first..]);
-        }
-        for sum in along.iter_mut() {
-            *sum *= factor;
-        }
-        add(&mut pivot[first..], -lead, along);
         pivot[i] = diagonal;
-        for other in others.chunks_exact_mut(column) {
-            let entry = -other[i];
-            add(&mut other[first..], entry, along);
-        }
-    }
-}
-
-/// sum += factor * x.
-#[inline(always)]
-fn add(sum: &mut [f64], factor: f64, x: &[f64]) {
-    for (sum, x) in sum.as_chunks_mut::<LANES>().0.iter_mut().zip(x.as_chunks::<LANES>().0) {
-        for (sum, x) in sum.iter_mut().zip(x) {
-            *sum = factor.mul_add(*x, *sum);
-        }
     }
 }

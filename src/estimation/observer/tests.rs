@@ -537,3 +537,78 @@ fn settings_are_refused_by_name() {
     let error = observer.step(&[0.0; 3], &[0.0; 2]).unwrap_err().error;
     assert!(error.to_string().contains("readings: found shape (2,); expected (15,)"), "{error}");
 }
+
+#[cfg(feature = "urdf")]
+#[test]
+#[ignore = "temporary timing"]
+fn timing() {
+    let text = std::fs::read_to_string("target/peers/models/ur5.urdf").unwrap();
+    let scene = SceneBuilder::from_urdf(&text).unwrap().build().unwrap();
+    let tool = scene.links().last().unwrap().name.clone();
+    let with_bias = |name: &str, quantity, noise, bias: f64| Sensor {
+        bias,
+        bias_walk: 0.05 * bias,
+        ..Sensor::new(name, quantity, noise)
+    };
+    let mut settings = ObserverSettings {
+        dt: 2e-3,
+        sensors: vec![
+            Sensor::new("encoder", Quantity::Encoder(None), 1e-4),
+            with_bias("gyro", Quantity::Gyro(tool.as_str().into()), 5e-3, 0.02),
+            with_bias("accelerometer", Quantity::Accelerometer(tool.as_str().into()), 0.05, 0.1),
+        ],
+        torque_noise: vec![0.01; 6],
+        wrenches: vec![ExternalWrench {
+            link: tool,
+            density: [1.0, 1.0, 1.0, 100.0, 100.0, 100.0],
+            correlation_time: f64::INFINITY,
+            deviation: None,
+        }],
+        initial: [[1e-3; 6], [1e-2; 6]].concat(),
+        history: 0,
+    };
+    let (q, qd) = ([0.3, -0.6, 0.9, 0.1, 0.4, 0.2], [0.0; 6]);
+    let mut held = [0.0; 6];
+    let mut workspace = scene.workspace();
+    scene.gravity_torque(&mut workspace, &q, &mut held).unwrap();
+    let mut readings = [0.0; 12];
+    readings[..6].copy_from_slice(&q);
+    let turn = scene.placement(&q, settings.wrenches[0].link.as_str()).unwrap().rotation;
+    readings[9..].copy_from_slice((-(turn.transpose() * scene.model().gravity)).as_slice());
+    let time = |name: &str, work: &mut dyn FnMut()| {
+        let mut best = f64::INFINITY;
+        for _ in 0..30 {
+            let begin = std::time::Instant::now();
+            for _ in 0..300 {
+                work();
+            }
+            best = best.min(begin.elapsed().as_secs_f64() / 300.0);
+        }
+        println!("{name}: {:.2} us", 1e6 * best);
+    };
+    let (mut qdd, mut three) = ([0.0; 6], [0.0; 108]);
+    let wrenches = vec![nalgebra::Vector6::from_element(0.1); scene.model().bodies.len()];
+    time("forward dynamics", &mut || {
+        scene.forward_dynamics(&mut workspace, &q, &qd, &held, &wrenches, &mut qdd).unwrap();
+    });
+    time("derivatives", &mut || {
+        scene.forward_dynamics_derivatives(&mut workspace, &q, &qd, &held, &wrenches, &mut three).unwrap();
+    });
+    let frame = scene.frame(&TaskFrame::from(settings.wrenches[0].link.as_str())).unwrap();
+    let (path, mut motion) = (LinkPath::new(scene.model(), &frame), LinkMotion::new(6));
+    time("link motion", &mut || {
+        motion.evaluate(scene.model(), (&frame, &path), (&q, &qd, Some(&qdd)));
+    });
+    for history in [0, 1000] {
+        settings.history = history;
+        let mut observer = Observer::new(&scene, &settings, &q, &qd).unwrap();
+        time(&format!("step, history {history}"), &mut || observer.step(&held, &readings).unwrap());
+        let mut covariance = [0.0; 24 * 24];
+        time("covariance", &mut || observer.estimate(0).unwrap().covariance(&mut covariance).unwrap());
+    }
+    settings.sensors.truncate(2);
+    let mut observer = Observer::new(&scene, &settings, &q, &qd).unwrap();
+    time("step without accelerometer", &mut || observer.step(&held, &readings[..9]).unwrap());
+    let mut observer = Observer::new(&scene, &settings, &q, &qd).unwrap();
+    time("step without readings", &mut || observer.step(&held, &[f64::NAN; 9]).unwrap());
+}
