@@ -44,6 +44,7 @@ fn sensor((kind, name, joints, mount, noise, delay, (bias, bias_walk)): SensorTu
 /// Filter of the robots of an observer, in the order of their batch.
 #[pyclass(frozen, name = "_Observer", module = "phipsi._core")]
 pub(crate) struct PyObserver {
+    scene: Py<PyScene>,
     batch: Vec<usize>,
     sizes: [usize; 4],
     filter: Mutex<Observer<Held>>,
@@ -80,7 +81,18 @@ impl PyObserver {
         let held = Held(scene.clone_ref(py));
         let filter = Observer::new(held, &settings, state.0.as_slice()?, state.1.as_slice()?)?;
         let (n, rest) = filter.sizes();
-        Ok(Self { batch, sizes: [nq, nv, rest, n], filter: Mutex::new(filter) })
+        Ok(Self { scene, batch, sizes: [nq, nv, rest, n], filter: Mutex::new(filter) })
+    }
+
+    fn __copy__(&self, py: Python<'_>) -> PyResult<Self> {
+        let guard = self.filter()?;
+        let filter = guard.copied(Held(self.scene.clone_ref(py)));
+        let scene = self.scene.clone_ref(py);
+        Ok(Self { scene, batch: self.batch.clone(), sizes: self.sizes, filter: Mutex::new(filter) })
+    }
+
+    fn __deepcopy__(&self, py: Python<'_>, _memo: &Object<'_>) -> PyResult<Self> {
+        self.__copy__(py)
     }
 
     /// Factor of wrenches and biases per step, and standard deviation of their growth, (rest,) each.

@@ -210,8 +210,9 @@ class Observer:
             if given is None:
                 continue
             sensor, place = self._places[name]
-            size, value = place.stop - place.start, np.asarray(given)
+            size = place.stop - place.start
             if isinstance(sensor, Contact):
+                value = np.asarray(given)
                 if value.dtype != bool:
                     raise of_argument(
                         ArgumentError,
@@ -219,6 +220,8 @@ class Observer:
                         f"found {given!r}; expected True during contact, otherwise False or None",
                     )
                 value = np.where(value[..., None], np.zeros(size), np.nan)
+            else:
+                value = np.asarray(given, float)
             if value.shape[-1:] != (size,):
                 raise of_argument(
                     ShapeError, f"readings[{name!r}]", f"found shape {value.shape}; expected (..., {size})"
@@ -284,7 +287,7 @@ class Observer:
                     f"found shape {torque.shape}; expected one that broadcasts to {(*batch, scene.nv)}",
                 ) from None
         found, is_complete = self._filter.step(torque.ravel(), self._readings(readings).ravel())
-        if is_complete:
+        if is_complete and self.sensors:
             self._watch()
         q, qd, rest, covariance, nis, size = found
         return ObserverEstimate(q, qd, *self._named(rest), covariance, nis, size.astype(int))

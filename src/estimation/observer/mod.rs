@@ -279,6 +279,11 @@ impl<S: Borrow<Scene> + Sync> Observer<S> {
         cost(&self.plan).saturating_mul(self.robots.len())
     }
 
+    /// An independent observer with the same estimates.
+    pub(crate) fn copied(&self, scene: S) -> Self {
+        Self { scene, plan: self.plan.clone(), robots: self.robots.clone(), pool: Pool::default() }
+    }
+
     /// Number of components of the error, and of wrenches and biases.
     pub(crate) fn sizes(&self) -> (usize, usize) {
         (self.plan.states, self.plan.rest)

@@ -123,7 +123,7 @@ struct Textbook<'a> {
     walk: Vec<f64>,
 }
 
-/// What the smoother needs of a step.
+/// The results of a step that the smoother reads.
 struct Step {
     x: State,
     p: DMatrix<f64>,
