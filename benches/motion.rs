@@ -2,8 +2,14 @@
 //! --bench motion`.
 //!
 //! Times are of the whole batch on one core: divide by 1024 for a state. `--features parallel` adds threads.
+//!
+//! `cargo bench --bench motion --features urdf observer`: one step of the observer of a UR5 (a chain of six without
+//! its file) with encoders, an IMU with biases and a wrench on the tool.
+
+mod common;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use phipsi::estimation::{ExternalWrench, Observer, ObserverSettings, Quantity, Sensor};
 use phipsi::motion::{METHODS, Rollout, Settings, Torque};
 use phipsi::{Algorithm, Arguments, Form};
 use std::hint::black_box;
@@ -47,10 +53,62 @@ fn steps(c: &mut Criterion) {
     group.finish();
 }
 
+/// 24 components of the error and 12 readings. The history stores a step for the smoother.
+fn observer_steps(c: &mut Criterion) {
+    let scene = common::model("ur5").unwrap_or_else(|| phipsi::scenes::chain(6).expect("a chain"));
+    let tool = scene.links().last().expect("a link").name.clone();
+    let with_bias = |name: &str, quantity, noise, bias: f64| Sensor {
+        bias,
+        bias_walk: 0.05 * bias,
+        ..Sensor::new(name, quantity, noise)
+    };
+    let mut settings = ObserverSettings {
+        dt: 2e-3,
+        sensors: vec![
+            Sensor::new("encoder", Quantity::Encoder(None), 1e-4),
+            with_bias("gyro", Quantity::Gyro(tool.as_str().into()), 5e-3, 0.02),
+            with_bias("accelerometer", Quantity::Accelerometer(tool.as_str().into()), 0.05, 0.1),
+        ],
+        torque_noise: vec![0.01; 6],
+        wrenches: vec![ExternalWrench {
+            link: tool,
+            density: [1.0, 1.0, 1.0, 100.0, 100.0, 100.0],
+            correlation_time: f64::INFINITY,
+            deviation: None,
+        }],
+        initial: [[1e-3; 6], [1e-2; 6]].concat(),
+        history: 0,
+    };
+    let (q, qd) = ([0.3, -0.6, 0.9, 0.1, 0.4, 0.2], [0.0; 6]);
+    let mut held = [0.0; 6];
+    scene.gravity_torque(&mut scene.workspace(), &q, &mut held).expect("torques");
+    let mut readings = [0.0; 12];
+    readings[..6].copy_from_slice(&q);
+    let turn = scene.placement(&q, settings.wrenches[0].link.as_str()).expect("a pose").rotation;
+    readings[9..].copy_from_slice((-(turn.transpose() * scene.model().gravity)).as_slice());
+    let mut group = c.benchmark_group("observer");
+    for history in [0, 1000] {
+        settings.history = history;
+        let mut observer = Observer::new(&scene, &settings, &q, &qd).expect("an observer");
+        let mut covariance = [0.0; 24 * 24];
+        group.bench_function(format!("step, history {history}"), |b| {
+            b.iter(|| observer.step(black_box(&held), black_box(&readings)).expect("a step"));
+        });
+        group.bench_function(format!("step and covariance, history {history}"), |b| {
+            b.iter(|| {
+                observer.step(black_box(&held), black_box(&readings)).expect("a step");
+                observer.estimate(0).expect("an estimate").covariance(&mut covariance).expect("a covariance");
+                black_box(&covariance);
+            });
+        });
+    }
+    group.finish();
+}
+
 criterion_group! {
     name = benches;
     config = Criterion::default().sample_size(20).warm_up_time(std::time::Duration::from_millis(300))
         .measurement_time(std::time::Duration::from_millis(1200));
-    targets = steps
+    targets = steps, observer_steps
 }
 criterion_main!(benches);

@@ -28,12 +28,16 @@ pub mod identification;
 #[cfg(feature = "python")]
 pub(crate) mod lanes;
 pub mod log_smoother;
+pub mod observer;
 mod parameter_roots;
 #[cfg(test)]
 mod tests;
 pub mod triangle;
 mod variance;
 
+pub use observer::{
+    ExternalWrench, MotionEstimate, Mount, Observer, ObserverSettings, Quantity, Sensor, SmoothedMotion,
+};
 pub use parameter_roots::ParameterRoots;
 pub use variance::{
     JointCovariance, TorqueVariance, VarianceScratch, Variances, forward_dynamics_variance, inverse_dynamics_variance,

@@ -52,6 +52,7 @@ mod inverse_kinematics;
 mod links;
 mod motion;
 mod object;
+mod observer;
 mod operational;
 mod output;
 mod parts;
@@ -88,6 +89,8 @@ mod core_module {
     use super::function_table::function_table;
     #[pymodule_export]
     use super::identification::{log_likelihood, rotate_chosen, rotate_rows, smooth_log};
+    #[pymodule_export]
+    use super::observer::PyObserver;
     #[pymodule_export]
     use super::pickled_simulator::rebuild_simulator;
     #[pymodule_export]

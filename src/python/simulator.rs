@@ -39,8 +39,8 @@ impl<'py> FromPyObject<'_, 'py> for Steps {
     }
 }
 
-/// The scene of a simulator, as a reference to its Python object.
-pub(super) struct Held(Py<PyScene>);
+/// The scene of a simulator or observer, as a reference to its Python object.
+pub(super) struct Held(pub(super) Py<PyScene>);
 
 impl Borrow<Scene> for Held {
     fn borrow(&self) -> &Scene {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import doctest
 import importlib
 import sys
@@ -238,6 +239,18 @@ def test_missing_readings_of_a_batch_are_those_of_each() -> None:
             assert whole.nis_size[at] == own.nis_size == (1 if k % 2 and at else 2)
 
 
+def test_a_copy_of_an_observer_is_independent() -> None:
+    scene = phipsi.scenes.chain(2)
+    observer = scene.observer(0.01, [Encoder(noise=1e-3)], q=np.zeros(2), torque_noise=0.1)
+    observer.step(np.zeros(2), {"encoder": [0.01, 0.02]})
+    other = copy.deepcopy(observer)
+    found = [each.step(np.zeros(2), {"encoder": [0.02, 0.02]}) for each in (observer, other)]
+    assert np.array_equal(found[0].covariance, found[1].covariance) and np.array_equal(found[0].q, found[1].q)
+    assert len(other.smooth().time) == 2
+    other.step(np.zeros(2), {})
+    assert len(observer.smooth().time) == 2
+
+
 @pytest.mark.parametrize("case", [bench.arm_case(False), bench.arm_case(True), bench.floating_case()], ids=lambda case: case.name)
 def test_innovations_are_what_the_filter_states(case: bench.Case) -> None:
     found = bench.consistency(case, runs=30, steps=30, seed=2, smooth=False)
@@ -410,6 +423,22 @@ class TestArguments:
     def test_a_contact_that_is_no_flag(self) -> None:
         with pytest.raises(ArgumentError, match="readings.*True"):
             self.observer(sensors=[Contact(link=self.scene.link_names[-1], noise=1.0)]).step([0.0, 0.0], {"contact": 0.3})
+
+    def test_a_sensor_with_its_own_prediction(self) -> None:
+        class Own(Encoder):
+            def predict(self, *arguments: object) -> object:
+                return super().predict(*arguments)
+
+        with pytest.raises(ArgumentError, match=r"sensors.*Own.*predict\(\)"):
+            self.observer(sensors=[Own(noise=1.0)])
+
+    def test_a_negative_bias(self) -> None:
+        with pytest.raises(ArgumentError, match="bias of 'gyro'.*zero or positive"):
+            self.observer(sensors=[Gyro(link=self.scene.link_names[-1], noise=1.0, bias=-0.1)])
+
+    def test_noise_of_two_axes(self) -> None:
+        with pytest.raises(ShapeError, match=r"noise of 'encoder'.*\(1, 2\)"):
+            self.observer(sensors=[Encoder(noise=[[1.0, 1.0]])])
 
     def test_a_negative_step(self) -> None:
         with pytest.raises(ArgumentError, match="dt"):

@@ -1,19 +1,17 @@
-"""State and records of the observer, and the statistic of its divergence test."""
+"""State and record of one step of the observer, and the statistic of its divergence test."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ._chi_square import chi_square_quantile
-from ._values import each
 
-__all__ = ["Record", "State", "innovation_ratios", "nonnegative"]
+__all__ = ["Record", "State", "innovation_ratios"]
 
 _Array = NDArray[np.float64]
 
@@ -32,35 +30,21 @@ class State(NamedTuple):
 
 @dataclass
 class Record:
-    """Readings of one time, and results of the latest filter pass."""
+    """Torques and readings of one time, and the linearization of its step."""
 
     tau: _Array
     readings: dict[str, _Array]
-    state: State | None = None
-    #: Root of (x, n) after the update, noise estimate, transition [F B], and next prior.
+    #: Root of (x, n), and transition [F B].
     root: _Array | None = None
-    noise: _Array | None = None
     flow: _Array | None = None
-    after: State | None = None
-    nis: _Array | None = None
-    size: NDArray[np.int_] | None = None
-    #: NIS and number of readings of each sensor.
-    by_sensor: dict[str, tuple[_Array, NDArray[np.int_]]] | None = None
 
 
-def innovation_ratios(records: Sequence[Record], names: Sequence[str], batch: tuple[int, ...]) -> _Array:
-    """Normalized innovations squared of some sensors, (...), relative to the bound of a consistent filter."""
-    total, size = np.zeros(batch), np.zeros(batch, int)
-    for record in records:
-        for name, (value, count) in (record.by_sensor or {}).items():
-            if name in names:
-                total, size = total + value, size + count
-    unlikely = UNLIKELY / max(1, total.size)
-    bounds = {int(m): chi_square_quantile(1.0 - unlikely, float(m)) if m else math.inf for m in np.unique(size)}
-    return np.asarray(total / np.vectorize(bounds.__getitem__, otypes=[float])(size))
+def innovation_ratios(sums: _Array, robots: int | None = None) -> _Array:
+    """Normalized innovations squared relative to the bound of a consistent filter, (robots, sensors).
 
-
-def nonnegative(name: str, value: ArrayLike, size: int) -> _Array:
-    """Nonnegative values, (size,), from a scalar or (size,)."""
-    refused = "found a number that is negative or not finite; expected zero or positive ones"
-    return each(name, np.asarray(value, float), size, refused)
+    `sums` are their sums and numbers of readings, (robots, sensors, 2); `robots` is the number that are tested together.
+    """
+    sizes = sums[..., 1]
+    unlikely = UNLIKELY / max(1, len(sums) if robots is None else robots)
+    bounds = {m: chi_square_quantile(1.0 - unlikely, float(m)) if m else math.inf for m in np.unique(sizes)}
+    return np.asarray(sums[..., 0] / np.vectorize(bounds.__getitem__, otypes=[float])(sizes))

@@ -1,16 +1,14 @@
 """Square-root error-state Kalman filter of the motion of a robot on its manifold, and fixed-interval smoother.
 
 The state is (q, qd, wrenches, biases). Its error e is a tangent vector, truth = estimate (+) e, where (+) on q is
-Scene.integrate. The filter propagates a root L of the covariance, P = L L*, by orthogonal transformations from the
-right; it never subtracts covariances. The torque noise n of a step is part of the state during the update, because
-accelerometers measure its effect. The prediction removes it from the state.
+Scene.integrate. The filter and the smoother are compiled code (src/estimation/observer); this class reads their
+arguments, names their results, and tests the innovations for divergence.
 """
 
 from __future__ import annotations
 
 import math
 import warnings
-from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -19,8 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from ..errors import ArgumentError, DivergenceWarning, NotFiniteError, ShapeError, of_argument
-from ._manifold import exponential, joint_groups, lower_root
-from ._records import Record, State, innovation_ratios, nonnegative
+from ._manifold import joint_groups
+from ._records import Record, State, innovation_ratios
+from ._values import each
 from .motion import ExternalWrench, ObserverEstimate, SmoothedMotion
 from .sensors import Contact, Sensor
 
@@ -31,10 +30,8 @@ __all__ = ["Observer"]
 
 _Array = NDArray[np.float64]
 
-#: Number of steps of a divergence test.
+#: Number of steps of a divergence test, as in compiled code.
 WINDOW = 100
-#: Relative singular value below which a direction of a root counts as zero variance.
-SINGULAR = 1e-12
 
 
 class Observer:
@@ -116,95 +113,78 @@ class Observer:
         initial: Any = (0.1, 0.1),
         history: int = 1000,
     ) -> None:
-        if not (np.isfinite(dt) and dt > 0.0):
-            raise of_argument(ArgumentError, "dt", f"found {dt}; expected a time in s, finite and positive")
         if not (history == int(history) and history >= 0):
             raise of_argument(
                 ArgumentError, "history", f"found {history}; expected a whole number of steps, zero or more"
             )
         self.scene, self.dt, self.sensors, self.wrenches = scene, float(dt), tuple(sensors), tuple(wrenches)
-        self._check_sensors()
-        start_q = np.array(_core._numbers("q", q, scene, True))
-        start_qd = np.array(_core._numbers("qd", np.zeros(scene.nv) if qd is None else qd, scene))
-        batch = np.broadcast_shapes(start_q.shape[:-1], start_qd.shape[:-1])
-        density = nonnegative("torque_noise", torque_noise, scene.nv)
+        start_q = np.asarray(_core._numbers("q", q, scene, True))
+        start_qd = np.asarray(_core._numbers("qd", np.zeros(scene.nv) if qd is None else qd, scene))
+        self._batch = np.broadcast_shapes(start_q.shape[:-1], start_qd.shape[:-1])
+        robots, nv = math.prod(self._batch), scene.nv
+        refused = "found a number that is negative or not finite; expected zero or positive ones"
+        density = each("torque_noise", np.asarray(torque_noise, float), nv, refused)
+        self._filter = _core._Observer(
+            scene,
+            self.dt,
+            [self._checked(sensor) for sensor in self.sensors],
+            density.tolist(),
+            [self._process_of(wrench) for wrench in self.wrenches],
+            self._initial(initial),
+            int(history),
+            (
+                np.ascontiguousarray(np.broadcast_to(start_q, (*self._batch, scene.nq))).reshape(robots, scene.nq),
+                np.ascontiguousarray(np.broadcast_to(start_qd, (*self._batch, nv))).reshape(robots, nv),
+            ),
+            self._batch,
+        )
         self._torque_deviation = np.sqrt(density / dt)
-        self._with_bias = [sensor for sensor in self.sensors if sensor.biases is not None]
+        self._decay, self._walk = self._filter.process()
         self._groups = joint_groups(scene)
-        nv = scene.nv
+        self._with_bias = [sensor for sensor in self.sensors if sensor.biases is not None]
         self.names = tuple(f"{kind}[{row}]" for kind in ("q", "qd") for row in range(nv))
         self.names += tuple(f"wrench on {wrench.link}[{i}]" for wrench in self.wrenches for i in range(6))
         self.names += tuple(f"bias of {sensor.name}[{i}]" for sensor in self._with_bias for i in range(3))
-        deviations = [self._initial(initial)]
-        decay: list[_Array] = []
-        walk: list[_Array] = []
-        for wrench in self.wrenches:
-            own = self._wrench_process(wrench)
-            for found, part in zip((decay, walk, deviations), own, strict=True):
-                found.append(part)
-        for sensor in self._with_bias:
-            start, growth = sensor.biases or (0.0, 0.0)
-            for found, number in zip((decay, walk, deviations), (1.0, growth * math.sqrt(dt), start), strict=True):
-                found.append(np.full(3, number))
-        self._decay = np.concatenate([*decay, np.zeros(0)])
-        self._walk = np.concatenate([*walk, np.zeros(0)])
-        root = np.diag(np.concatenate(deviations))
-        n = len(root)
-        self._prior = State(
-            np.broadcast_to(start_q, (*batch, scene.nq)).copy(),
-            np.broadcast_to(start_qd, (*batch, nv)).copy(),
-            np.zeros((*batch, n - 2 * nv)),
-            np.broadcast_to(root, (*batch, n, n)).copy(),
-        )
-        self._lag = max((sensor.delay for sensor in self.sensors), default=0)
-        self._pending: list[Record] = []
-        self._history: deque[Record] = deque(maxlen=int(history))
-        self._steps = 0
-        self._window: list[Record] = []
-        self._window_prior = self._prior
+        self._places: dict[str, tuple[Sensor, slice]] = {}
+        at = 0
+        for sensor in self.sensors:
+            size = sensor.size(scene)
+            self._places[sensor.name] = sensor, slice(at, at + size)
+            at += size
+        self._none = np.full((*self._batch, at), np.nan)
 
     # Arguments
 
-    def _check_sensors(self) -> None:
-        seen: set[str] = set()
-        for sensor in self.sensors:
-            if not isinstance(sensor, Sensor):
-                raise of_argument(
-                    ArgumentError,
-                    "sensors",
-                    f"found {type(sensor).__name__}; expected Encoder, Gyro, Accelerometer, TorqueSensor or Contact of"
-                    " phipsi.estimation",
-                )
-            if sensor.name in seen:
-                raise of_argument(
-                    ArgumentError,
-                    "sensors",
-                    f'found two sensors with the name {sensor.name!r}; expected different names: name="..."',
-                )
-            seen.add(sensor.name)
-            if not (sensor.delay == int(sensor.delay) and sensor.delay >= 0):
-                raise of_argument(
-                    ArgumentError,
-                    f"delay of {sensor.name!r}",
-                    f"found {sensor.delay}; expected a whole number of steps, zero or more",
-                )
-            noise = np.asarray(sensor.noise, float)
-            size = sensor.size(self.scene)
-            if noise.shape not in ((), (size,)) or not np.all(np.isfinite(noise) & (noise > 0.0)):
-                raise of_argument(
-                    ArgumentError,
-                    f"noise of {sensor.name!r}",
-                    f"found {sensor.noise!r}; expected a standard deviation, one number or {size}, finite and positive",
-                )
-            for deviation in sensor.biases or ():
-                if not (np.isfinite(deviation) and deviation >= 0.0):
-                    raise of_argument(
-                        ArgumentError,
-                        f"bias of {sensor.name!r}",
-                        f"found {deviation}; expected standard deviations, zero or positive",
-                    )
+    def _checked(self, sensor: Sensor) -> tuple[Any, ...]:
+        """Arguments of a sensor in compiled code."""
+        if not isinstance(sensor, Sensor):
+            raise of_argument(
+                ArgumentError,
+                "sensors",
+                f"found {type(sensor).__name__}; expected Encoder, Gyro, Accelerometer, TorqueSensor or Contact of"
+                " phipsi.estimation",
+            )
+        if sensor._kind is None or type(sensor).predict is not Sensor.predict:
+            raise of_argument(
+                ArgumentError,
+                "sensors",
+                f"found {type(sensor).__name__}, which has its own predict(); expected Encoder, Gyro, Accelerometer,"
+                " TorqueSensor or Contact of phipsi.estimation, whose predictions are compiled",
+            )
+        return sensor._compiled(self.scene)
 
-    def _initial(self, initial: Any) -> _Array:
+    def _process_of(self, wrench: ExternalWrench) -> tuple[Any, ...]:
+        """Arguments of a wrench in compiled code."""
+        refused = "found a number that is negative or not finite; expected zero or positive ones"
+
+        def six(name: str, given: ArrayLike) -> list[float]:
+            found = each(f"{name} of the wrench on {wrench.link!r}", np.asarray(given, float), 6, refused)
+            return [float(number) for number in found]
+
+        deviation = None if wrench.deviation is None else six("deviation", wrench.deviation)
+        return wrench.link, six("density", wrench.density), float(wrench.correlation_time), deviation
+
+    def _initial(self, initial: Any) -> list[float]:
         nv = self.scene.nv
         given = np.asarray(initial, float)
         if given.shape == (2,) and nv != 1:
@@ -217,44 +197,22 @@ class Observer:
                 "initial",
                 "found a standard deviation that is negative or not finite; expected zero or positive ones",
             )
-        return given
+        return [float(number) for number in given]
 
-    def _wrench_process(self, wrench: ExternalWrench) -> tuple[_Array, _Array, _Array]:
-        """Decay factor, added and initial standard deviations, (6,) each."""
-        self.scene.link(wrench.link)
-        if [other.link for other in self.wrenches].count(wrench.link) > 1:
-            raise of_argument(
-                ArgumentError, "wrenches", f"found two wrenches on the link {wrench.link!r}; expected one"
-            )
-        density = nonnegative(f"density of the wrench on {wrench.link!r}", wrench.density, 6)
-        time = wrench.correlation_time
-        if not time > 0.0:
-            raise of_argument(
-                ArgumentError, "correlation_time", f"found {time}; expected a time in s, positive or infinite"
-            )
-        walks = math.isinf(time)
-        decay = 1.0 if walks else math.exp(-self.dt / time)
-        added = density * self.dt if walks else -0.5 * density * time * math.expm1(-2.0 * self.dt / time)
-        start = np.zeros(6) if walks else np.sqrt(0.5 * density * time)
-        if wrench.deviation is not None:
-            start = np.sqrt(nonnegative(f"deviation of the wrench on {wrench.link!r}", np.square(wrench.deviation), 6))
-        return np.full(6, decay), np.sqrt(added), start
-
-    def _readings(self, readings: Mapping[str, Any]) -> dict[str, _Array]:
-        """Readings by sensor name, (..., m); NaN for missing readings."""
-        known = {sensor.name: sensor for sensor in self.sensors}
-        for name in readings:
-            if name not in known:
+    def _readings(self, readings: Mapping[str, Any]) -> _Array:
+        """Readings of all sensors, (..., m); NaN for missing readings."""
+        found = self._none.copy()
+        for name, given in readings.items():
+            if name not in self._places:
                 raise of_argument(
-                    ArgumentError, "readings", f"found {name!r}; expected names of sensors: {', '.join(known)}"
+                    ArgumentError, "readings", f"found {name!r}; expected names of sensors: {', '.join(self._places)}"
                 )
-        found = {}
-        batch = self._prior.q.shape[:-1]
-        for name, sensor in known.items():
-            size = sensor.size(self.scene)
-            given = readings.get(name)
-            value = np.full(size, np.nan) if given is None else np.asarray(given)
-            if isinstance(sensor, Contact) and given is not None:
+            if given is None:
+                continue
+            sensor, place = self._places[name]
+            size = place.stop - place.start
+            if isinstance(sensor, Contact):
+                value = np.asarray(given)
                 if value.dtype != bool:
                     raise of_argument(
                         ArgumentError,
@@ -262,25 +220,26 @@ class Observer:
                         f"found {given!r}; expected True during contact, otherwise False or None",
                     )
                 value = np.where(value[..., None], np.zeros(size), np.nan)
-            value = np.asarray(value, float)
+            else:
+                value = np.asarray(given, float)
             if value.shape[-1:] != (size,):
                 raise of_argument(
                     ShapeError, f"readings[{name!r}]", f"found shape {value.shape}; expected (..., {size})"
                 )
-            if np.any(np.isinf(value)):
+            try:
+                found[..., place] = value
+            except ValueError:
+                raise of_argument(
+                    ShapeError,
+                    f"readings[{name!r}]",
+                    f"found shape {value.shape}; expected one that broadcasts to {(*self._batch, size)}",
+                ) from None
+            if np.isinf(found[..., place]).any():
                 raise of_argument(
                     NotFiniteError,
                     f"readings[{name!r}]",
                     "found an infinity; expected finite readings, or NaN for missing ones",
                 )
-            try:
-                found[name] = np.broadcast_to(value, (*batch, size))
-            except ValueError:
-                raise of_argument(
-                    ShapeError,
-                    f"readings[{name!r}]",
-                    f"found shape {value.shape}; expected one that broadcasts to {(*batch, size)}",
-                ) from None
         return found
 
     # The filter
@@ -316,46 +275,22 @@ class Observer:
         >>> observer.step([0.0, 0.0], {"encoder": [1e-3, 0.0]}).q.round(6)
         array([0.001, 0.   ])
         """
-        scene, batch = self.scene, self._prior.q.shape[:-1]
+        scene, batch = self.scene, self._batch
         torque = np.asarray(_core._numbers("tau", tau, scene))
-        try:
-            torque = np.broadcast_to(torque, (*batch, scene.nv))
-        except ValueError:
-            raise of_argument(
-                ShapeError, "tau", f"found shape {torque.shape}; expected one that broadcasts to {(*batch, scene.nv)}"
-            ) from None
-        present = self._readings(readings)
-        self._pending.append(Record(torque.copy(), {}))
-        for sensor in self.sensors:
-            if sensor.delay < len(self._pending):
-                self._pending[-1 - sensor.delay].readings[sensor.name] = present[sensor.name]
-        # Delayed readings change past estimates: filter all later times again.
-        state = self._prior
-        for record in self._pending:
-            state = self._through(state, record)
-        last, complete = self._pending[-1], None
-        if len(self._pending) > self._lag:
-            complete = self._pending.pop(0)
-            assert complete.after is not None
-            self._prior = complete.after
-            self._history.append(complete)
-            self._watch(complete)
-        self._steps += 1
-        assert last.state is not None
-        nis = np.full(batch, np.nan) if complete is None else complete.nis
-        size = np.zeros(batch, int) if complete is None else complete.size
-        wrenches, biases = self._named(last.state.rest)
-        covariance = last.state.root @ np.swapaxes(last.state.root, -1, -2)
-        return ObserverEstimate(
-            last.state.q.copy(), last.state.qd.copy(), wrenches, biases, covariance, np.asarray(nis), np.asarray(size)
-        )
-
-    def _through(self, prior: State, record: Record) -> State:
-        """Update by the readings of a record, then predict the next time."""
-        updated, noise = self._update(prior, record)
-        after = self._predict(updated, noise, record)
-        record.after = after
-        return after
+        if torque.shape != (*batch, scene.nv):
+            try:
+                torque = np.broadcast_to(torque, (*batch, scene.nv))
+            except ValueError:
+                raise of_argument(
+                    ShapeError,
+                    "tau",
+                    f"found shape {torque.shape}; expected one that broadcasts to {(*batch, scene.nv)}",
+                ) from None
+        found, is_complete = self._filter.step(torque.ravel(), self._readings(readings).ravel())
+        if is_complete and self.sensors:
+            self._watch()
+        q, qd, rest, covariance, nis, size = found
+        return ObserverEstimate(q, qd, *self._named(rest), covariance, nis, size.astype(int))
 
     def _named(self, rest: _Array) -> tuple[dict[str, _Array], dict[str, _Array]]:
         m = 6 * len(self.wrenches)
@@ -364,143 +299,42 @@ class Observer:
             sensor.name: rest[..., m + 3 * i : m + 3 * i + 3].copy() for i, sensor in enumerate(self._with_bias)
         }
 
+    @property
+    def _prior(self) -> State:
+        """The estimate before the readings of the next step."""
+        return State(*self._filter.prior())
+
     def _flow(self, state: State, tau: _Array) -> tuple[_Array, _Array]:
-        """Accelerations, and their derivatives by state and torque noise, (..., nv, n + nv)."""
-        scene = self.scene
-        wrenches, _ = self._named(state.rest)
-        qdd = scene.forward_dynamics(state.q, state.qd, tau, wrenches=wrenches or None)
-        by_q, by_qd, inverse = scene.forward_dynamics_derivatives(state.q, state.qd, tau, wrenches=wrenches or None)[:3]
-        by_wrench = [inverse @ np.swapaxes(scene.jacobian(state.q, link), -1, -2) for link in wrenches]
-        by_bias = np.zeros((*qdd.shape, 3 * len(self._with_bias)))
-        return qdd, np.concatenate([by_q, by_qd, *by_wrench, by_bias, inverse], axis=-1)
-
-    def _update(self, prior: State, record: Record) -> tuple[State, _Array]:
-        scene, nv, n = self.scene, self.scene.nv, prior.root.shape[-1]
-        batch = prior.q.shape[:-1]
-        widened = np.zeros((*batch, n + nv, n + nv))
-        widened[..., :n, :n] = prior.root
-        widened[..., np.arange(n, n + nv), np.arange(n, n + nv)] = self._torque_deviation
-        flow = qdd = None
-        rows, errors, deviations, spans = [], [], [], []
-        at = 0
-        for sensor in self.sensors:
-            reading = record.readings.get(sensor.name)
-            if reading is None:
-                continue
-            seen = ~np.isnan(reading)
-            if not seen.any():
-                continue
-            if sensor.needs_acceleration and flow is None:
-                qdd, flow = self._flow(prior, record.tau)
-            predicted = sensor.predict(scene, self._groups, (prior.q, prior.qd, qdd), record.tau)
-            size = reading.shape[-1]
-            own = np.zeros((*batch, size, n + nv))
-            own[..., :nv], own[..., nv : 2 * nv] = predicted.by_q, predicted.by_qd
-            if predicted.by_qdd is not None and flow is not None:
-                own += predicted.by_qdd @ flow
-            if predicted.by_noise is not None:
-                own[..., n:] += predicted.by_noise
-            error = reading - predicted.value
-            if sensor in self._with_bias:
-                place = 6 * len(self.wrenches) + 3 * self._with_bias.index(sensor)
-                own[..., :, 2 * nv + place : 2 * nv + place + 3] += np.eye(3)
-                error = error - prior.rest[..., place : place + 3]
-            rows.append(np.where(seen[..., None], own, 0.0))
-            errors.append(np.where(seen, error, 0.0))
-            deviations.append(np.where(seen, np.broadcast_to(sensor.noise, (size,)), 1.0))
-            spans.append((sensor.name, slice(at, at + size), seen.sum(axis=-1)))
-            at += size
-        record.nis, record.size, record.by_sensor = np.zeros(batch), np.zeros(batch, int), {}
-        if not rows:
-            record.state, record.root, record.noise = prior, widened, np.zeros((*batch, nv))
-            return prior, record.noise
-        h, e, r = np.concatenate(rows, axis=-2), np.concatenate(errors, axis=-1), np.concatenate(deviations, axis=-1)
-        before = np.zeros((*batch, at + n + nv, at + n + nv))
-        before[..., np.arange(at), np.arange(at)] = r
-        before[..., :at, at:] = h @ widened
-        before[..., at:, at:] = widened
-        after = lower_root(before)
-        root, gain, left = after[..., :at, :at], after[..., at:, :at], after[..., at:, at:]
-        white = np.linalg.solve(root, e[..., None])[..., 0]
-        change = np.einsum("...ij,...j->...i", gain, white)
-        for name, span, count in spans:
-            marginal = root[..., span, :]
-            own = e[..., span]
-            value = np.einsum(
-                "...i,...i->...", own, np.linalg.solve(marginal @ np.swapaxes(marginal, -1, -2), own[..., None])[..., 0]
-            )
-            record.by_sensor[name] = (value, count)
-        record.nis = np.sum(white**2, axis=-1)
-        record.size = np.asarray(sum(count for _, _, count in spans))
-        state = self._corrected(prior, change[..., :n], left)
-        record.state, record.root, record.noise = state, state.root, change[..., n:]
-        # Root of the state without the torque noise, whose estimate remains in the record.
-        state = state._replace(root=lower_root(state.root[..., :n, :]))
-        record.state = state
-        return state, record.noise
-
-    def _corrected(self, prior: State, change: _Array, root: _Array) -> State:
-        """Apply a correction to the state, and transport the error to the tangent space at the new q, to first
-        order."""
-        nv = self.scene.nv
-        _, right = exponential(self._groups, change[..., :nv])
-        root = root.copy()
-        root[..., :nv, :] = right @ root[..., :nv, :]
-        q = self.scene.integrate(prior.q, change[..., :nv])
-        return State(q, prior.qd + change[..., nv : 2 * nv], prior.rest + change[..., 2 * nv :], root)
+        """Accelerations, and their derivatives by state and torque noise, (nv, n + nv), for tests."""
+        *_, qdd, by_error = self._filter.transition(state.q, state.qd, state.rest, tau)
+        return qdd, by_error
 
     def _predict(self, state: State, noise: _Array, record: Record) -> State:
-        scene, nv, h = self.scene, self.scene.nv, self.dt
-        n = 2 * nv + state.rest.shape[-1]
-        qdd, by_all = self._flow(state, record.tau + noise)
-        qd = state.qd + h * qdd
-        back, right = exponential(self._groups, h * qd)
-        flow = np.zeros((*qd.shape[:-1], n, n + nv))
-        flow[..., nv : 2 * nv, :] = h * by_all
-        flow[..., np.arange(nv, 2 * nv), np.arange(nv, 2 * nv)] += 1.0
-        flow[..., :nv, :] = h * (right @ flow[..., nv : 2 * nv, :])
-        flow[..., :nv, :nv] += back
-        rest = np.arange(2 * nv, n)
-        flow[..., rest, rest] = self._decay
-        assert record.root is not None
-        added = np.zeros((*qd.shape[:-1], n, len(rest)))
-        added[..., rest, rest - 2 * nv] = self._walk
-        root = lower_root(np.concatenate([flow @ record.root, added], axis=-1))
-        record.flow = flow
-        return State(scene.integrate(state.q, h * qd), qd, self._decay * state.rest, root)
+        """The next state without readings, and [F B] into the record, for tests."""
+        q, qd, rest, record.flow, *_ = self._filter.transition(state.q, state.qd, state.rest, record.tau + noise)
+        return State(q, qd, rest, state.root)
 
     # Divergence
 
-    def _watch(self, record: Record) -> None:
-        """After each window of steps, warn if innovations of a sensor are inconsistent with their covariance."""
-        self._window.append(record)
-        if len(self._window) < WINDOW:
+    def _watch(self) -> None:
+        """Warn if innovations of a sensor in a window are inconsistent with their covariance."""
+        ratios = innovation_ratios(np.array(self._filter.window()))
+        if np.all(ratios <= 1.0):
             return
-        worst: tuple[float, str, tuple[int, ...]] | None = None
-        for sensor in self.sensors:
-            ratio = innovation_ratios(self._window, [sensor.name], self._prior.q.shape[:-1])
-            state = np.unravel_index(int(np.argmax(ratio)), ratio.shape)
-            if not ratio[state] <= 1.0 and (worst is None or ratio[state] > worst[0]):
-                worst = (float(ratio[state]), sensor.name, tuple(map(int, state)))
-        if worst is not None:
-            self._warn(*worst)
-        self._window, self._window_prior = [], self._prior
+        robot, sensor = np.unravel_index(int(np.argmax(ratios)), ratios.shape)
+        state = tuple(map(int, np.unravel_index(int(robot), self._batch))) if self._batch else ()
+        self._warn(float(ratios[robot, sensor]), int(sensor), int(robot), state)
 
-    def _warn(self, ratio: float, name: str, state: tuple[int, ...]) -> None:
+    def _warn(self, ratio: float, sensor: int, robot: int, state: tuple[int, ...]) -> None:
         """Warn about divergence, and name the sensor without which the other sensors are most consistent.
 
         A faulty sensor also increases the innovations of the other sensors.
         """
-        others, found = [sensor.name for sensor in self.sensors], {}
-        for left_out in others if len(others) > 1 else ():
-            prior, records = self._window_prior, []
-            for record in self._window:
-                again = Record(record.tau, {key: value for key, value in record.readings.items() if key != left_out})
-                prior = self._through(prior, again)
-                records.append(again)
-            batch = self._prior.q.shape[:-1]
-            ratios = [innovation_ratios(records, [other], batch)[state] for other in others if other != left_out]
-            found[left_out] = float(max(ratios))
+        names, found = [own.name for own in self.sensors], {}
+        name, robots = names[sensor], math.prod(self._batch)
+        for left_out, _ in enumerate(names if len(names) > 1 else ()):
+            ratios = innovation_ratios(np.array([self._filter.window_without(robot, left_out)]), robots)
+            found[names[left_out]] = float(max(np.delete(ratios[0], left_out)))
         best = min(found, key=found.__getitem__) if found else name
         alone = not found or found[best] <= 1.0
         place = f" of robot {state}" if state else ""
@@ -550,48 +384,8 @@ class Observer:
         >>> observer.smooth().covariance.shape
         (10, 4, 4)
         """
-        records = [*self._history, *self._pending]
-        if not records:
-            raise of_argument(
-                ArgumentError,
-                "history",
-                "found no step to smooth; expected step() before smooth(), and history above zero",
-            )
-        last = records[-1].state
-        assert last is not None
-        found = [last]
-        for record in reversed(records[:-1]):
-            found.append(self._smoothed(record, found[-1]))
-        found.reverse()
-        begin = self._steps - len(records)
-        wrenches, biases = self._named(np.stack([state.rest for state in found]))
-        roots = np.stack([state.root for state in found])
+        (q, qd, rest, covariance), first = self._filter.smooth()
+        wrenches, biases = self._named(rest)
         return SmoothedMotion(
-            np.arange(begin, self._steps) * np.float64(self.dt),
-            np.stack([state.q for state in found]),
-            np.stack([state.qd for state in found]),
-            wrenches,
-            biases,
-            roots @ np.swapaxes(roots, -1, -2),
+            np.arange(first, first + len(q)) * np.float64(self.dt), q, qd, wrenches, biases, covariance
         )
-
-    def _smoothed(self, record: Record, later: State) -> State:
-        """Smooth one time from the smoothed state of the next: G = P [F B]* P1^-1, and P as a sum of squares."""
-        state, root, flow, predicted = record.state, record.root, record.flow, record.after
-        assert state is not None and root is not None and flow is not None and predicted is not None
-        nv, n = self.scene.nv, state.root.shape[-1]
-        carried = flow @ root
-        # P1 = L1 L1*: rows are normalized, so that zero variance is distinguished from small variance.
-        size = np.linalg.norm(predicted.root, axis=-1, keepdims=True)
-        size = np.where(size > 0.0, size, 1.0)
-        inverse = np.linalg.pinv(predicted.root / size, rcond=SINGULAR)
-        backward = (inverse @ (carried / size)) @ np.swapaxes(root[..., :n, :], -1, -2)
-        gain = np.swapaxes(inverse, -1, -2) @ backward
-        gain = np.swapaxes(gain / size, -1, -2)
-        moved = np.concatenate(
-            [self.scene.difference(predicted.q, later.q), later.qd - predicted.qd, later.rest - predicted.rest], axis=-1
-        )
-        added = np.zeros((*state.qd.shape[:-1], n, n - 2 * nv))
-        added[..., np.arange(2 * nv, n), np.arange(n - 2 * nv)] = self._walk
-        whole = np.concatenate([root[..., :n, :] - gain @ carried, gain @ added, gain @ later.root], axis=-1)
-        return self._corrected(state, np.einsum("...ij,...j->...i", gain, moved), lower_root(whole))

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ArgumentError, of_argument
+from ..errors import ArgumentError, ShapeError, of_argument
 
 if TYPE_CHECKING:
     from .._core import Scene
 
-__all__ = ["Accelerometer", "Contact", "Encoder", "Gyro", "LinkMotion", "Prediction", "Sensor", "TorqueSensor"]
+__all__ = ["Accelerometer", "Contact", "Encoder", "Gyro", "Prediction", "Sensor", "TorqueSensor"]
 
 _Array = NDArray[np.float64]
 
@@ -33,70 +33,6 @@ class Prediction(NamedTuple):
     qdd."""
     by_noise: _Array | None = None
     """Derivative by the torque noise of the step at constant q, qd and qdd, (..., m, nv)."""
-
-
-class LinkMotion:
-    """Velocity and proper acceleration of a frame on a link, with their derivatives, expressed in that frame."""
-
-    def __init__(
-        self,
-        scene: Scene,
-        groups: NDArray[np.int_],
-        state: tuple[_Array, _Array, _Array | None],
-        link: str,
-        at: ArrayLike,
-        rotation: _Array,
-    ) -> None:
-        q, qd, qdd = state
-        turn = np.zeros((6, 6))
-        turn[:3, :3] = turn[3:, 3:] = rotation.T
-        # Columns are the twists of this frame per unit joint velocity; they are zero for joints that are not inboard of
-        # it.
-        s = turn @ np.asarray(scene.jacobian(q, link, at=at))
-        self.jacobian: _Array = s
-        moved = np.cumsum(s * qd[..., None, :], axis=-1)
-        # Velocities inboard and outboard of each joint; `groups` holds the first and last degree of freedom of each
-        # joint.
-        first, last = groups
-        inboard = np.where(first > 0, moved[..., :, first - 1], 0.0)
-        outboard = moved[..., :, last]
-        self.velocity: _Array = moved[..., :, -1]
-        whole = self.velocity[..., :, None]
-        self.velocity_by_q: _Array = _cross(inboard, s)
-        if qdd is None:
-            return
-        weight = np.zeros_like(self.velocity)
-        axes = np.asarray(scene.placement(q, link))[..., :3, :3] @ rotation
-        weight[..., 3:] = -np.swapaxes(axes, -1, -2) @ scene.gravity
-        added = np.cumsum(s * qdd[..., None, :] + _cross(inboard, s * qd[..., None, :]), axis=-1)
-        before = weight[..., :, None] + np.where(first > 0, added[..., :, first - 1], 0.0)
-        acceleration = weight + added[..., :, -1]
-        by_q = _cross(before, s) + _cross(self.velocity_by_q, whole - inboard)
-        by_qd = _cross(outboard, s) - _cross(whole - inboard, s)
-        #: Acceleration of the origin as a point: a + w x v.
-        self.point_acceleration: _Array = (
-            acceleration[..., 3:] + _cross3(self.velocity[..., :3, None], self.velocity[..., 3:, None])[..., 0]
-        )
-        self.point_by_q: _Array = by_q[..., 3:, :] + self._turning(self.velocity_by_q)
-        self.point_by_qd: _Array = by_qd[..., 3:, :] + self._turning(s)
-
-    def _turning(self, change: _Array) -> _Array:
-        """Derivative of w x v."""
-        w, v = self.velocity[..., :3], self.velocity[..., 3:]
-        return _cross3(change[..., :3, :], v[..., :, None]) + _cross3(w[..., :, None], change[..., 3:, :])
-
-
-def _cross3(a: _Array, b: _Array) -> _Array:
-    """Cross product along the second-to-last axis. Written out, because numpy.cross spends most of its time on moving
-    axes."""
-    (a0, a1, a2), (b0, b1, b2) = ([x[..., i, :] for i in range(3)] for x in (a, b))
-    return np.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], axis=-2)
-
-
-def _cross(a: _Array, b: _Array) -> _Array:
-    """Motion cross product, (angular, linear) along the second-to-last axis."""
-    w = _cross3(a[..., :3, :], b[..., :3, :])
-    return np.concatenate([w, _cross3(a[..., 3:, :], b[..., :3, :]) + _cross3(a[..., :3, :], b[..., 3:, :])], axis=-2)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,6 +55,9 @@ class Sensor:
     >>> isinstance(Encoder(noise=1e-4, delay=2), Sensor)
     True
     """
+
+    #: Name of the kind in compiled code; None in the base class.
+    _kind: ClassVar[str | None] = None
 
     noise: ArrayLike
     name: str = ""
@@ -149,16 +88,16 @@ class Sensor:
     def predict(
         self, scene: Scene, groups: NDArray[np.int_], state: tuple[_Array, _Array, _Array | None], tau: _Array
     ) -> Prediction:
-        """Predict the reading at a state; each sensor class implements it.
+        """Predict the reading at a state, and its derivatives by the state and by the torque noise of the step.
 
-        Observer.step calls this method.
+        Observers compute the same predictions in compiled code, without this method.
 
         Parameters
         ----------
         scene : phipsi.Scene
             The robot.
         groups : (2, nv) ndarray
-            First and last degree of freedom of the joint of each degree of freedom.
+            First and last degree of freedom of the joint of each degree of freedom. The scene determines them too.
         state : tuple of ndarray
             (q, qd, qdd), (..., nq) and (..., nv); qdd is None if the reading does not depend on it.
         tau : (..., nv) ndarray
@@ -169,44 +108,73 @@ class Sensor:
         prediction : Prediction
             Predicted reading and its derivatives.
 
+        Raises
+        ------
+        ArgumentError, ShapeError, NotFiniteError
+            An unknown link or joint, or an invalid state.
+
         Examples
         --------
         >>> import numpy as np, phipsi
-        >>> sensor, scene = phipsi.estimation.Encoder(noise=1e-4), phipsi.scenes.chain(2)
-        >>> state = (np.zeros(2), np.zeros(2), None)
-        >>> phipsi.estimation.Sensor.predict(sensor, scene, np.array([[0, 1], [0, 1]]), state, np.zeros(2))
-        Traceback (most recent call last):
-        NotImplementedError
+        >>> scene = phipsi.scenes.chain(2)
+        >>> sensor = phipsi.estimation.Encoder(noise=1e-4)
+        >>> groups = np.array([[0, 1], [0, 1]])     # joints of one axis
+        >>> state = (np.array([0.1, 0.2]), np.array([1.0, 0.0]), None)
+        >>> sensor.predict(scene, groups, state, np.array([0.5, 0.0])).value
+        array([0.1, 0.2])
         """
-        raise NotImplementedError
+        qdd = np.full(scene.nv, np.nan) if state[2] is None else state[2]
+        given = [np.asarray(array, float) for array in (state[0], state[1], qdd, tau)]
+        batch = np.broadcast_shapes(*(array.shape[:-1] for array in given))
+        flat = [
+            np.ascontiguousarray(np.broadcast_to(array, (*batch, array.shape[-1]))).reshape(-1, array.shape[-1])
+            for array in given
+        ]
+        found, (by_qdd, by_noise) = scene._sensor_prediction(self._compiled(scene), flat[:3], flat[3])
+        value, of_q, of_qd, of_qdd, of_noise = (array.reshape(*batch, *array.shape[1:]) for array in found)
+        return Prediction(value, of_q, of_qd, of_qdd if by_qdd else None, of_noise if by_noise else None)
+
+    def _compiled(self, scene: Scene) -> tuple[Any, ...]:
+        """Arguments of the sensor in compiled code: kind, name, joints, mount, noise, delay, bias with its growth."""
+        size, noise = self.size(scene), np.asarray(self.noise, float)
+        if noise.ndim > 1:
+            raise of_argument(
+                ShapeError, f"noise of {self.name!r}", f"found shape {noise.shape}; expected () or ({size},)"
+            )
+        if not (self.delay == int(self.delay) and self.delay >= 0):
+            raise of_argument(
+                ArgumentError,
+                f"delay of {self.name!r}",
+                f"found {self.delay}; expected a whole number of steps, zero or more",
+            )
+        joints, mount = self._source()
+        bias = float(getattr(self, "bias", 0.0)), float(getattr(self, "bias_walk", 0.0))
+        return self._kind, self.name, joints, mount, noise.reshape(-1).tolist(), int(self.delay), bias
+
+    def _source(self) -> tuple[list[str] | None, tuple[Any, ...] | None]:
+        """Names of the joints, and link with position and axes."""
+        return None, None
 
     @property
     def biases(self) -> tuple[float, float] | None:
         """Initial standard deviation of the bias and its growth per square root of a second; None without bias."""
         return None
 
-    @property
-    def needs_acceleration(self) -> bool:
-        """Whether the reading depends on qdd."""
-        return False
 
-
-def _rows_of(scene: Scene, joints: Sequence[str] | None, what: str) -> tuple[list[int], list[int]]:
-    """Indices in q and in qd of the given joints of one axis; by default of all joints of one axis."""
-    coordinates, rows = [], []
+def _size_of(scene: Scene, joints: Sequence[str] | None, what: str) -> int:
+    """Number of the given joints, which have one axis; by default of all joints of one axis."""
+    count = 0
     for joint in scene.joint_names if joints is None else joints:
-        at, v = scene.q_index(joint), scene.v_index(joint)
-        if at.stop - at.start != 1:
-            if joints is None:
-                continue
+        at = scene.q_index(joint)
+        if at.stop - at.start == 1:
+            count += 1
+        elif joints is not None:
             raise of_argument(
                 ArgumentError,
                 what,
                 f"found the joint {joint!r}, which has {at.stop - at.start} coordinates; expected joints of one",
             )
-        coordinates.append(at.start)
-        rows.append(v.start)
-    return coordinates, rows
+    return count
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -225,6 +193,8 @@ class Encoder(Sensor):
     >>> Encoder(noise=1e-4).name
     'encoder'
     """
+
+    _kind: ClassVar[str | None] = "encoder"
 
     name: str = "encoder"
     joints: Sequence[str] | None = None
@@ -248,46 +218,10 @@ class Encoder(Sensor):
         >>> phipsi.estimation.Encoder(noise=1e-4).size(phipsi.scenes.chain(2))
         2
         """
-        return len(_rows_of(scene, self.joints, "Encoder.joints")[0])
+        return _size_of(scene, self.joints, "Encoder.joints")
 
-    def predict(
-        self, scene: Scene, groups: NDArray[np.int_], state: tuple[_Array, _Array, _Array | None], tau: _Array
-    ) -> Prediction:
-        """Predict the joint positions at a state.
-
-        Observer.step calls this method.
-
-        Parameters
-        ----------
-        scene : phipsi.Scene
-            The robot.
-        groups : (2, nv) ndarray
-            First and last degree of freedom of the joint of each degree of freedom.
-        state : tuple of ndarray
-            (q, qd, qdd), (..., nq) and (..., nv); qdd is None if the reading does not depend on it.
-        tau : (..., nv) ndarray
-            Joint torques, N m or N.
-
-        Returns
-        -------
-        prediction : Prediction
-            Predicted reading and its derivatives.
-
-        Examples
-        --------
-        >>> import numpy as np, phipsi
-        >>> scene = phipsi.scenes.chain(2)
-        >>> sensor = phipsi.estimation.Encoder(noise=1e-4)
-        >>> groups = np.array([[0, 1], [0, 1]])     # joints of one axis
-        >>> state = (np.array([0.1, 0.2]), np.array([1.0, 0.0]), None)
-        >>> sensor.predict(scene, groups, state, np.array([0.5, 0.0])).value
-        array([0.1, 0.2])
-        """
-        q = state[0]
-        coordinates, rows = _rows_of(scene, self.joints, "Encoder.joints")
-        by_q = np.zeros((*q.shape[:-1], len(rows), scene.nv))
-        by_q[..., np.arange(len(rows)), rows] = 1.0
-        return Prediction(q[..., coordinates], by_q, np.zeros_like(by_q))
+    def _source(self) -> tuple[list[str] | None, tuple[Any, ...] | None]:
+        return None if self.joints is None else list(self.joints), None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -306,6 +240,8 @@ class TorqueSensor(Sensor):
     >>> TorqueSensor(noise=0.05).name
     'torque'
     """
+
+    _kind: ClassVar[str | None] = "torque"
 
     name: str = "torque"
     joints: Sequence[str] | None = None
@@ -329,46 +265,10 @@ class TorqueSensor(Sensor):
         >>> phipsi.estimation.TorqueSensor(noise=0.05).size(phipsi.scenes.chain(2))
         2
         """
-        return len(_rows_of(scene, self.joints, "TorqueSensor.joints")[0])
+        return _size_of(scene, self.joints, "TorqueSensor.joints")
 
-    def predict(
-        self, scene: Scene, groups: NDArray[np.int_], state: tuple[_Array, _Array, _Array | None], tau: _Array
-    ) -> Prediction:
-        """Predict the joint torques at a state.
-
-        Observer.step calls this method.
-
-        Parameters
-        ----------
-        scene : phipsi.Scene
-            The robot.
-        groups : (2, nv) ndarray
-            First and last degree of freedom of the joint of each degree of freedom.
-        state : tuple of ndarray
-            (q, qd, qdd), (..., nq) and (..., nv); qdd is None if the reading does not depend on it.
-        tau : (..., nv) ndarray
-            Joint torques, N m or N.
-
-        Returns
-        -------
-        prediction : Prediction
-            Predicted reading and its derivatives.
-
-        Examples
-        --------
-        >>> import numpy as np, phipsi
-        >>> scene = phipsi.scenes.chain(2)
-        >>> sensor = phipsi.estimation.TorqueSensor(noise=0.05)
-        >>> groups = np.array([[0, 1], [0, 1]])     # joints of one axis
-        >>> state = (np.array([0.1, 0.2]), np.array([1.0, 0.0]), None)
-        >>> sensor.predict(scene, groups, state, np.array([0.5, 0.0])).value
-        array([0.5, 0. ])
-        """
-        rows = _rows_of(scene, self.joints, "TorqueSensor.joints")[1]
-        none = np.zeros((*state[0].shape[:-1], len(rows), scene.nv))
-        by_noise = none.copy()
-        by_noise[..., np.arange(len(rows)), rows] = 1.0
-        return Prediction(tau[..., rows], none, none, None, by_noise)
+    def _source(self) -> tuple[list[str] | None, tuple[Any, ...] | None]:
+        return None if self.joints is None else list(self.joints), None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -388,10 +288,11 @@ class _OnLink(Sensor):
             )
         return 3
 
-    def _motion(
-        self, scene: Scene, groups: NDArray[np.int_], state: tuple[_Array, _Array, _Array | None]
-    ) -> LinkMotion:
-        return LinkMotion(scene, groups, state, self.link, self.xyz, np.asarray(self.rotation, float))
+    def _source(self) -> tuple[list[str] | None, tuple[Any, ...] | None]:
+        position = np.asarray(self.xyz, float)
+        if position.shape != (3,):
+            raise of_argument(ShapeError, f"xyz of {self.name!r}", f"found shape {position.shape}; expected (3,)")
+        return None, (self.link, position.tolist(), np.asarray(self.rotation, float).tolist())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -417,6 +318,8 @@ class Gyro(_OnLink):
     'gyro'
     """
 
+    _kind: ClassVar[str | None] = "gyro"
+
     name: str = "gyro"
     bias: float = 0.0
     bias_walk: float = 0.0
@@ -424,42 +327,6 @@ class Gyro(_OnLink):
     @property
     def biases(self) -> tuple[float, float] | None:
         return (self.bias, self.bias_walk) if self.bias > 0.0 or self.bias_walk > 0.0 else None
-
-    def predict(
-        self, scene: Scene, groups: NDArray[np.int_], state: tuple[_Array, _Array, _Array | None], tau: _Array
-    ) -> Prediction:
-        """Predict the angular velocity at a state, in the sensor frame.
-
-        Observer.step calls this method.
-
-        Parameters
-        ----------
-        scene : phipsi.Scene
-            The robot.
-        groups : (2, nv) ndarray
-            First and last degree of freedom of the joint of each degree of freedom.
-        state : tuple of ndarray
-            (q, qd, qdd), (..., nq) and (..., nv); qdd is None if the reading does not depend on it.
-        tau : (..., nv) ndarray
-            Joint torques, N m or N.
-
-        Returns
-        -------
-        prediction : Prediction
-            Predicted reading and its derivatives.
-
-        Examples
-        --------
-        >>> import numpy as np, phipsi
-        >>> scene = phipsi.scenes.chain(2)
-        >>> sensor = phipsi.estimation.Gyro(link="link1", noise=1e-3)
-        >>> groups = np.array([[0, 1], [0, 1]])     # joints of one axis
-        >>> state = (np.array([0.1, 0.2]), np.array([1.0, 0.0]), None)
-        >>> sensor.predict(scene, groups, state, np.array([0.5, 0.0])).value.shape
-        (3,)
-        """
-        motion = self._motion(scene, groups, (state[0], state[1], None))
-        return Prediction(motion.velocity[..., :3], motion.velocity_by_q[..., :3, :], motion.jacobian[..., :3, :])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -490,6 +357,8 @@ class Accelerometer(_OnLink):
     'accelerometer'
     """
 
+    _kind: ClassVar[str | None] = "accelerometer"
+
     name: str = "accelerometer"
     bias: float = 0.0
     bias_walk: float = 0.0
@@ -497,46 +366,6 @@ class Accelerometer(_OnLink):
     @property
     def biases(self) -> tuple[float, float] | None:
         return (self.bias, self.bias_walk) if self.bias > 0.0 or self.bias_walk > 0.0 else None
-
-    @property
-    def needs_acceleration(self) -> bool:
-        return True
-
-    def predict(
-        self, scene: Scene, groups: NDArray[np.int_], state: tuple[_Array, _Array, _Array | None], tau: _Array
-    ) -> Prediction:
-        """Predict the proper acceleration at a state, in the sensor frame.
-
-        Observer.step calls this method.
-
-        Parameters
-        ----------
-        scene : phipsi.Scene
-            The robot.
-        groups : (2, nv) ndarray
-            First and last degree of freedom of the joint of each degree of freedom.
-        state : tuple of ndarray
-            (q, qd, qdd), (..., nq) and (..., nv); qdd is None if the reading does not depend on it.
-        tau : (..., nv) ndarray
-            Joint torques, N m or N.
-
-        Returns
-        -------
-        prediction : Prediction
-            Predicted reading and its derivatives.
-
-        Examples
-        --------
-        >>> import numpy as np, phipsi
-        >>> scene = phipsi.scenes.chain(2)
-        >>> sensor = phipsi.estimation.Accelerometer(link="link1", noise=0.02)
-        >>> groups = np.array([[0, 1], [0, 1]])     # joints of one axis
-        >>> state = (np.zeros(2), np.zeros(2), np.zeros(2))
-        >>> sensor.predict(scene, groups, state, np.array([0.5, 0.0])).value.shape
-        (3,)
-        """
-        motion = self._motion(scene, groups, state)
-        return Prediction(motion.point_acceleration, motion.point_by_q, motion.point_by_qd, motion.jacobian[..., 3:, :])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -560,40 +389,6 @@ class Contact(_OnLink):
     'contact'
     """
 
+    _kind: ClassVar[str | None] = "contact"
+
     name: str = "contact"
-
-    def predict(
-        self, scene: Scene, groups: NDArray[np.int_], state: tuple[_Array, _Array, _Array | None], tau: _Array
-    ) -> Prediction:
-        """Predict the velocity of the contact point at a state, in the sensor frame.
-
-        Observer.step calls this method.
-
-        Parameters
-        ----------
-        scene : phipsi.Scene
-            The robot.
-        groups : (2, nv) ndarray
-            First and last degree of freedom of the joint of each degree of freedom.
-        state : tuple of ndarray
-            (q, qd, qdd), (..., nq) and (..., nv); qdd is None if the reading does not depend on it.
-        tau : (..., nv) ndarray
-            Joint torques, N m or N.
-
-        Returns
-        -------
-        prediction : Prediction
-            Predicted reading and its derivatives.
-
-        Examples
-        --------
-        >>> import numpy as np, phipsi
-        >>> scene = phipsi.scenes.chain(2)
-        >>> sensor = phipsi.estimation.Contact(link="link1", noise=1e-3)
-        >>> groups = np.array([[0, 1], [0, 1]])     # joints of one axis
-        >>> state = (np.array([0.1, 0.2]), np.array([1.0, 0.0]), None)
-        >>> sensor.predict(scene, groups, state, np.array([0.5, 0.0])).value.shape
-        (3,)
-        """
-        motion = self._motion(scene, groups, (state[0], state[1], None))
-        return Prediction(motion.velocity[..., 3:], motion.velocity_by_q[..., 3:, :], motion.jacobian[..., 3:, :])

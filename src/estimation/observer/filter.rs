@@ -1,0 +1,442 @@
+//! One step of the filter: linearization, update by the readings, prediction.
+
+use super::link_motion::LinkMotion;
+use super::manifold::step_jacobians;
+use super::robot::{Belief, Record};
+use super::rotate::{Readings, RotationScratch, measure, project, triangularize};
+use super::sensor_rows::SensorRows;
+use super::settings::{LANES, Plan};
+use crate::error::Error;
+use crate::kinematics::local_jacobian;
+use crate::scene::Scene;
+use crate::spatial::SpatialVector;
+use crate::workspace::Workspace;
+use nalgebra::Vector6;
+
+/// Scratch of a step; one per thread.
+#[derive(Debug)]
+pub(crate) struct Scratch {
+    workspace: Workspace<f64>,
+    wrenches: Vec<SpatialVector<f64>>,
+    qdd: Vec<f64>,
+    derivatives: Vec<f64>,
+    jacobian: Vec<f64>,
+    motion: LinkMotion<f64>,
+    rows: SensorRows,
+    torque: Vec<f64>,
+    /// Derivatives of the accelerations at the prior estimate.
+    flow: Vec<f64>,
+    /// H by columns, H L, and errors and standard deviations of the readings that exist.
+    h: Vec<f64>,
+    projected: Vec<f64>,
+    errors: Vec<f64>,
+    deviations: Vec<f64>,
+    /// For each sensor, its first row and number of rows in H.
+    spans: Vec<(usize, usize)>,
+    change: Vec<f64>,
+    rotation: RotationScratch,
+    marginal: Vec<f64>,
+    step: Vec<f64>,
+    /// Root of the prediction, with the columns of the random walks.
+    predicted: Vec<f64>,
+    /// A reflection, one entry per column.
+    axis: Vec<f64>,
+    /// Adjoint of the inverse of a step of each group, and right Jacobian of the step, 6 x 6 each.
+    jacobians: Vec<[[f64; 36]; 2]>,
+}
+
+impl Scratch {
+    pub fn new(plan: &Plan, scene: &Scene) -> Self {
+        let ([column, wide], readings) = (plan.strides(), plan.reading_stride());
+        let (nv, width) = (plan.nv, plan.width);
+        let bodies = if plan.wrenches.is_empty() { 0 } else { scene.model().bodies.len() };
+        let largest = plan.sensors.iter().map(|sensor| sensor.range.len()).max().unwrap_or(0);
+        Self {
+            workspace: scene.workspace(),
+            wrenches: vec![Vector6::zeros(); bodies],
+            qdd: vec![f64::NAN; nv],
+            derivatives: vec![f64::NAN; 3 * nv * nv],
+            jacobian: vec![f64::NAN; 6 * nv],
+            motion: LinkMotion::new(nv),
+            rows: SensorRows::new(largest, nv),
+            torque: vec![f64::NAN; nv],
+            flow: vec![0.0; width * plan.flow_stride()],
+            h: vec![0.0; width * readings],
+            projected: vec![0.0; width * readings],
+            errors: vec![0.0; readings],
+            deviations: vec![1.0; readings],
+            spans: vec![(0, 0); plan.sensors.len()],
+            change: vec![0.0; wide],
+            rotation: RotationScratch::new(width),
+            marginal: vec![0.0; largest * (largest + 1)],
+            step: vec![0.0; nv],
+            predicted: vec![0.0; (width + plan.walks.len()) * column],
+            axis: vec![0.0; width + plan.walks.len()],
+            jacobians: vec![[[0.0; 36]; 2]; plan.groups.len()],
+        }
+    }
+
+    /// Readings of a record into its estimate, then the prediction of the next time into `belief`.
+    pub fn step(
+        &mut self,
+        (plan, scene): (&Plan, &Scene),
+        belief: &mut Belief,
+        record: &mut Record,
+    ) -> Result<(), Error> {
+        self.update((plan, scene), belief, record)?;
+        self.predict((plan, scene), record, belief)
+    }
+
+    /// Accelerations at a state, and their derivatives by error and torque noise by columns, into `qdd` and `flow`.
+    pub fn linearize(
+        &mut self,
+        (plan, scene): (&Plan, &Scene),
+        (q, qd, rest): (&[f64], &[f64], &[f64]),
+        tau: &[f64],
+        flow: &mut [f64],
+    ) -> Result<(), Error> {
+        let Self { workspace, wrenches, qdd, derivatives, jacobian, .. } = self;
+        let (nv, model) = (plan.nv, scene.model());
+        wrenches.fill(Vector6::zeros());
+        for (frame, wrench) in plan.wrenches.iter().zip(rest.as_chunks::<6>().0) {
+            if let Some(body) = frame.body {
+                wrenches[body] += frame.placement.force_to_parent(&Vector6::from(*wrench));
+            }
+        }
+        scene.forward_dynamics(workspace, q, qd, tau, wrenches, qdd)?;
+        scene.forward_dynamics_derivatives(workspace, q, qd, tau, wrenches, derivatives)?;
+        let stride = plan.flow_stride();
+        let (by_q, others) = derivatives.split_at(nv * nv);
+        let (by_qd, inverse) = others.split_at(nv * nv);
+        for (first, matrix) in [(plan.q(), by_q), (plan.qd(), by_qd), (plan.states, inverse)] {
+            for (row, entries) in matrix.chunks_exact(nv).enumerate() {
+                for (column, &entry) in entries.iter().enumerate() {
+                    flow[(first + column) * stride + row] = entry;
+                }
+            }
+        }
+        for (w, frame) in plan.wrenches.iter().enumerate() {
+            local_jacobian(model, q, frame, jacobian);
+            for (i, by_wrench) in jacobian.chunks_exact(nv).enumerate() {
+                let column = &mut flow[(6 * w + i) * stride..][..nv];
+                for (entry, row) in column.iter_mut().zip(inverse.chunks_exact(nv)) {
+                    *entry = row.iter().zip(by_wrench).map(|(a, b)| a * b).sum();
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The linearization of a step at a state, by a prediction whose root is the identity.
+    #[cfg(feature = "python")]
+    pub fn transition(
+        &mut self,
+        (plan, scene): (&Plan, &Scene),
+        (q, qd, rest): (&[f64], &[f64], &[f64]),
+        tau: &[f64],
+    ) -> Result<Transition, Error> {
+        let ([column, wide], stride) = (plan.strides(), plan.flow_stride());
+        let (mut record, mut next) = (Record::new(plan), Belief::new(plan, q, qd));
+        for i in 0..plan.width {
+            record.root[i * wide + i] = 1.0;
+        }
+        for (to, from) in [(&mut record.q, q), (&mut record.qd, qd), (&mut record.rest, rest), (&mut record.tau, tau)] {
+            to.copy_from_slice(from);
+        }
+        record.noise.fill(0.0);
+        self.predict((plan, scene), &mut record, &mut next)?;
+        let carried = self.carried(plan, &record);
+        let columns = || plan.public_order().chain(plan.states..plan.width);
+        let matrix = plan.public_order().flat_map(|i| columns().map(move |j| carried[j * column + i])).collect();
+        let by_error = (0..plan.nv).flat_map(|i| columns().map(move |j| (i, j)));
+        let by_error = by_error.map(|(i, j)| record.flow[j * stride + i]).collect();
+        let qdd = self.qdd.clone();
+        Ok(Transition { q: next.q, qd: next.qd, rest: next.rest, matrix, qdd, by_error })
+    }
+
+    fn update(&mut self, (plan, scene): (&Plan, &Scene), prior: &Belief, record: &mut Record) -> Result<(), Error> {
+        let [column, wide] = plan.strides();
+        record.root.fill(0.0);
+        for (to, from) in record.root.chunks_exact_mut(wide).zip(prior.root.chunks_exact(column)) {
+            to[..plan.states].copy_from_slice(&from[..plan.states]);
+        }
+        for (i, &deviation) in plan.torque_deviations.iter().enumerate() {
+            let at = plan.states + i;
+            record.root[at * wide + at] = deviation;
+        }
+        record.count = self.gather((plan, scene), prior, record)?;
+        self.change.fill(0.0);
+        record.nis = 0.0;
+        record.by_sensor.fill((0.0, 0));
+        if record.count > 0 {
+            pulp::Arch::new().dispatch(|| self.process(plan, record));
+        }
+        let change = &self.change;
+        scene.integrate(&prior.q, &change[plan.q()..plan.qd()], &mut record.q)?;
+        for (to, from) in [
+            (&mut record.qd, (&prior.qd, &change[plan.qd()..plan.states])),
+            (&mut record.rest, (&prior.rest, &change[..plan.rest])),
+        ] {
+            for (to, (x, dx)) in to.iter_mut().zip(from.0.iter().zip(from.1)) {
+                *to = x + dx;
+            }
+        }
+        record.noise.copy_from_slice(&change[plan.states..plan.width]);
+        // The error in the tangent space of the corrected q, to first order in the correction.
+        for &(first, size) in &plan.groups {
+            let at = plan.q() + first;
+            let [_, right] = step_jacobians(&change[at..at + size]);
+            for own in record.root.chunks_exact_mut(wide) {
+                multiply(&right, size, &mut own[at..at + size]);
+            }
+        }
+        Ok(())
+    }
+
+    /// Linearizes the readings that exist at the prior estimate; returns their number.
+    fn gather(&mut self, (plan, scene): (&Plan, &Scene), prior: &Belief, record: &mut Record) -> Result<usize, Error> {
+        let stride = plan.reading_stride();
+        let (mut count, mut has_flow) = (0, false);
+        self.h.fill(0.0);
+        for (s, sensor) in plan.sensors.iter().enumerate() {
+            let readings = &record.readings[sensor.range.clone()];
+            self.spans[s] = (count, 0);
+            if readings.iter().all(|reading| reading.is_nan()) {
+                continue;
+            }
+            if sensor.needs_acceleration() && !has_flow {
+                let mut flow = std::mem::take(&mut self.flow);
+                let done = self.linearize((plan, scene), (&prior.q, &prior.qd, &prior.rest), &record.tau, &mut flow);
+                self.flow = flow;
+                done?;
+                has_flow = true;
+            }
+            let state = (&*prior.q, &*prior.qd, &*self.qdd);
+            self.rows.evaluate(scene.model(), &mut self.motion, sensor, state, &record.tau);
+            for (i, &reading) in readings.iter().enumerate() {
+                if reading.is_nan() {
+                    continue;
+                }
+                let bias = sensor.bias.map(|bias| bias + i);
+                self.errors[count] = reading - self.rows.value[i] - bias.map_or(0.0, |bias| prior.rest[bias]);
+                self.deviations[count] = sensor.deviations[i];
+                if let Some(bias) = bias {
+                    self.h[bias * stride + count] = 1.0;
+                }
+                self.rows.write(plan, i, &self.flow, (&mut self.h[count..], stride));
+                count += 1;
+            }
+            self.spans[s].1 = count - self.spans[s].0;
+        }
+        Ok(count)
+    }
+
+    /// Rotates the readings into the root, and sums their innovations.
+    #[inline(always)]
+    fn process(&mut self, plan: &Plan, record: &mut Record) {
+        let ([_, wide], stride) = (plan.strides(), plan.reading_stride());
+        project(&self.h, stride, (&record.root, wide, plan.width), &mut self.projected);
+        for (s, own) in record.by_sensor.iter_mut().enumerate() {
+            let span = self.spans[s];
+            *own = (self.innovation(span, stride), span.1);
+        }
+        let mut readings = Readings {
+            rows: &mut self.projected,
+            stride,
+            count: record.count,
+            errors: &mut self.errors,
+            deviations: &self.deviations,
+        };
+        record.nis = measure(&mut readings, (&mut record.root, wide), &mut self.rotation, &mut self.change);
+    }
+
+    /// Normalized innovation squared of one sensor alone: e* (R + H L L* H*)^-1 e by a Cholesky factor.
+    #[inline(always)]
+    fn innovation(&mut self, (first, size): (usize, usize), stride: usize) -> f64 {
+        let (matrix, white) = self.marginal.split_at_mut(size * size);
+        matrix.fill(0.0);
+        for row in self.projected.chunks_exact(stride) {
+            let row = &row[first..first + size];
+            for (i, &x) in row.iter().enumerate() {
+                for (sum, &y) in matrix[i * size..].iter_mut().zip(&row[..=i]) {
+                    *sum = x.mul_add(y, *sum);
+                }
+            }
+        }
+        let mut squares = 0.0;
+        for i in 0..size {
+            let deviation = self.deviations[first + i];
+            matrix[i * size + i] = deviation.mul_add(deviation, matrix[i * size + i]);
+            let (done, own) = matrix.split_at_mut(i * size);
+            let mut error = self.errors[first + i];
+            for j in 0..i {
+                let other = &done[j * size..=j * size + j];
+                let entry = own[..j].iter().zip(other).fold(own[j], |sum, (x, y)| (-x).mul_add(*y, sum)) / other[j];
+                own[j] = entry;
+                own[i] = (-entry).mul_add(entry, own[i]);
+                error = (-entry).mul_add(white[j], error);
+            }
+            own[i] = own[i].sqrt();
+            white[i] = error / own[i];
+            squares = white[i].mul_add(white[i], squares);
+        }
+        squares
+    }
+
+    /// The prediction from the estimate of a record: a = FD(q, qd, tau + n, w), qd + h a, q (+) h (qd + h a).
+    pub fn predict(
+        &mut self,
+        (plan, scene): (&Plan, &Scene),
+        record: &mut Record,
+        next: &mut Belief,
+    ) -> Result<(), Error> {
+        let h = plan.dt;
+        for (sum, (tau, noise)) in self.torque.iter_mut().zip(record.tau.iter().zip(&record.noise)) {
+            *sum = tau + noise;
+        }
+        let torque = std::mem::take(&mut self.torque);
+        let state = (&*record.q, &*record.qd, &*record.rest);
+        let done = self.linearize((plan, scene), state, &torque, &mut record.flow);
+        self.torque = torque;
+        done?;
+        for (next, (qd, qdd)) in next.qd.iter_mut().zip(record.qd.iter().zip(&self.qdd)) {
+            *next = h.mul_add(*qdd, *qd);
+        }
+        for (step, qd) in self.step.iter_mut().zip(&next.qd) {
+            *step = h * qd;
+        }
+        scene.integrate(&record.q, &self.step, &mut next.q)?;
+        for (next, (decay, rest)) in next.rest.iter_mut().zip(plan.decay.iter().zip(&record.rest)) {
+            *next = decay * rest;
+        }
+        self.jacobians_of_step(plan);
+        pulp::Arch::new().dispatch(|| self.predict_root(plan, record, &mut next.root));
+        scene.check_result("estimate", &next.qd)?;
+        scene.check_result("covariance of the estimate", &next.root)?;
+        record.next_q.copy_from_slice(&next.q);
+        record.next_qd.copy_from_slice(&next.qd);
+        record.next_rest.copy_from_slice(&next.rest);
+        Ok(())
+    }
+
+    /// Jacobians of the step h qd of each group.
+    fn jacobians_of_step(&mut self, plan: &Plan) {
+        for (own, &(first, size)) in self.jacobians.iter_mut().zip(&plan.groups) {
+            *own = step_jacobians(&self.step[first..first + size]);
+        }
+    }
+
+    #[inline(always)]
+    fn predict_root(&mut self, plan: &Plan, record: &Record, root: &mut [f64]) {
+        let [column, _] = plan.strides();
+        self.carry(plan, record);
+        let sizes = (plan.states, plan.rest, plan.width);
+        triangularize(&mut self.predicted, column, sizes, &plan.walks, &mut self.axis);
+        for (j, (to, from)) in root.chunks_exact_mut(column).zip(self.predicted.chunks_exact(column)).enumerate() {
+            to[..j].fill(0.0);
+            to[j..plan.states].copy_from_slice(&from[j..plan.states]);
+        }
+    }
+
+    /// [F B] times the root of (error, torque noise), and the growth of the random walks, into `predicted`.
+    #[inline(always)]
+    fn carry(&mut self, plan: &Plan, record: &Record) {
+        let ([column, wide], stride, h) = (plan.strides(), plan.flow_stride(), plan.dt);
+        let (q, qd, nv) = (plan.q(), plan.qd(), plan.nv);
+        let (carried, walks) = self.predicted.split_at_mut(plan.width * column);
+        // After a correction of a group its rows are not triangular.
+        let is_triangular = plan.groups.is_empty();
+        for (j, (to, from)) in carried.chunks_exact_mut(column).zip(record.root.chunks_exact(wide)).enumerate() {
+            let first = if is_triangular { j } else { j.min(q) };
+            for ((to, from), decay) in to[..plan.rest].iter_mut().zip(from).zip(&plan.decay) {
+                *to = decay * from;
+            }
+            for block in (0..nv).step_by(LANES) {
+                let mut sums = [0.0; LANES];
+                for (i, &entry) in from[first..plan.width].iter().enumerate() {
+                    let by = &record.flow[(first + i) * stride + block..][..LANES];
+                    for (sum, x) in sums.iter_mut().zip(by) {
+                        *sum = entry.mul_add(*x, *sum);
+                    }
+                }
+                for (i, sum) in (block..nv).zip(sums) {
+                    to[qd + i] = h.mul_add(sum, from[qd + i]);
+                    to[q + i] = h.mul_add(to[qd + i], from[q + i]);
+                }
+            }
+            for (&(first, size), [back, right]) in plan.groups.iter().zip(&self.jacobians) {
+                let mut rate: [f64; 6] = [0.0; 6];
+                rate[..size].copy_from_slice(&to[qd + first..qd + first + size]);
+                multiply(right, size, &mut rate[..size]);
+                let own = &mut to[q + first..q + first + size];
+                own.copy_from_slice(&from[q + first..q + first + size]);
+                multiply(back, size, own);
+                for (own, rate) in own.iter_mut().zip(rate) {
+                    *own = h.mul_add(rate, *own);
+                }
+            }
+        }
+        walks.fill(0.0);
+        for (to, &row) in walks.chunks_exact_mut(column).zip(&plan.walks) {
+            to[row] = plan.walk[row];
+        }
+    }
+
+    /// [F B] root of a record, with the columns of the random walks, (states) rows per column, for the smoother.
+    pub fn carried(&mut self, plan: &Plan, record: &Record) -> &[f64] {
+        for (step, qd) in self.step.iter_mut().zip(&record.next_qd) {
+            *step = plan.dt * qd;
+        }
+        self.jacobians_of_step(plan);
+        self.carry(plan, record);
+        &self.predicted
+    }
+}
+
+/// The next state of a step, and its derivatives by error and torque noise in the order (q, qd, wrenches, biases,
+/// noise), row by row.
+#[cfg(feature = "python")]
+#[derive(Debug)]
+pub(crate) struct Transition {
+    pub q: Vec<f64>,
+    pub qd: Vec<f64>,
+    pub rest: Vec<f64>,
+    /// [F B].
+    pub matrix: Vec<f64>,
+    /// Accelerations, and their derivatives.
+    pub qdd: Vec<f64>,
+    pub by_error: Vec<f64>,
+}
+
+/// A vector times a matrix (size x size) in 6 x 6 room, in place.
+#[inline(always)]
+pub(super) fn multiply(matrix: &[f64; 36], size: usize, x: &mut [f64]) {
+    let mut product = [0.0; 6];
+    for (i, sum) in product[..size].iter_mut().enumerate() {
+        for (j, entry) in x.iter().enumerate() {
+            *sum = matrix[6 * i + j].mul_add(*entry, *sum);
+        }
+    }
+    x.copy_from_slice(&product[..size]);
+}
+
+/// Covariance of the error of a record, row by row in the order (q, qd, wrenches, biases).
+#[inline(always)]
+pub(super) fn covariance(plan: &Plan, record: &Record, out: &mut [f64]) {
+    let (n, [_, wide]) = (plan.states, plan.strides());
+    let place = |i: usize| if i < plan.rest { i + 2 * plan.nv } else { i - plan.rest };
+    for i in 0..n {
+        for block in (0..=i).step_by(LANES) {
+            let mut sums = [0.0; LANES];
+            for own in record.root.chunks_exact(wide) {
+                for (sum, x) in sums.iter_mut().zip(&own[block..block + LANES]) {
+                    *sum = own[i].mul_add(*x, *sum);
+                }
+            }
+            for (j, sum) in (block..=i).zip(sums) {
+                out[place(i) * n + place(j)] = sum;
+                out[place(j) * n + place(i)] = sum;
+            }
+        }
+    }
+}

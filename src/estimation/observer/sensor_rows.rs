@@ -1,0 +1,151 @@
+//! Predicted reading of a sensor, and its derivatives.
+
+use super::link_motion::{LinkMotion, LinkPath};
+use super::settings::{Plan, Reader, Source};
+use crate::kinematics::Frame;
+use crate::model::Model;
+#[cfg(feature = "python")]
+use {super::settings::Sensor, crate::error::Error, crate::scene::Scene};
+
+/// Predicted reading without bias, and its derivatives at constant qdd, by columns of `size` entries per degree of
+/// freedom.
+#[derive(Debug)]
+pub(crate) struct SensorRows {
+    nv: usize,
+    pub size: usize,
+    pub value: Vec<f64>,
+    pub by_q: Vec<f64>,
+    pub by_qd: Vec<f64>,
+    /// Zero if not `has_qdd`.
+    pub by_qdd: Vec<f64>,
+    /// By the torque noise of the step; zero if not `has_noise`.
+    pub by_noise: Vec<f64>,
+    pub has_qdd: bool,
+    pub has_noise: bool,
+}
+
+impl SensorRows {
+    /// Room for a sensor of at most `size` components.
+    pub fn new(size: usize, nv: usize) -> Self {
+        let zeros = || vec![0.0; size * nv];
+        Self {
+            nv,
+            size,
+            value: vec![f64::NAN; size],
+            by_q: zeros(),
+            by_qd: zeros(),
+            by_qdd: zeros(),
+            by_noise: zeros(),
+            has_qdd: false,
+            has_noise: false,
+        }
+    }
+
+    /// A sensor that belongs to no observer, at a state; without `qdd`, the results that depend on it are NaN.
+    ///
+    /// # Errors
+    ///
+    /// Unknown names, and a rotation that is none.
+    #[cfg(feature = "python")]
+    pub(crate) fn predict(
+        scene: &Scene,
+        sensor: &Sensor,
+        states: impl Iterator<Item = [Vec<f64>; 4]>,
+        mut each: impl FnMut(&Self),
+    ) -> Result<(), Error> {
+        let reader = Reader::unplaced(scene, sensor)?;
+        let nv = scene.nv();
+        let (mut rows, mut motion) = (Self::new(reader.range.len(), nv), LinkMotion::new(nv));
+        for [q, qd, qdd, tau] in states {
+            scene.check_configuration("q", &q)?;
+            for (name, values) in [("qd", &qd), ("qdd", &qdd), ("tau", &tau)] {
+                crate::error::check_length(name, values.len(), nv)?;
+            }
+            rows.evaluate(scene.model(), &mut motion, &reader, (&q, &qd, &qdd), &tau);
+            each(&rows);
+        }
+        Ok(())
+    }
+
+    /// The sensor at a state; only accelerometers read `qdd`.
+    pub(super) fn evaluate(
+        &mut self,
+        model: &Model<f64>,
+        motion: &mut LinkMotion<f64>,
+        sensor: &Reader,
+        (q, qd, qdd): (&[f64], &[f64], &[f64]),
+        tau: &[f64],
+    ) {
+        let size = sensor.range.len();
+        self.size = size;
+        (self.has_qdd, self.has_noise) = (false, false);
+        for matrix in [&mut self.by_q, &mut self.by_qd, &mut self.by_qdd, &mut self.by_noise] {
+            matrix[..size * self.nv].fill(0.0);
+        }
+        let mut moving = |frame: &Frame<f64>, path: &LinkPath, qdd| motion.evaluate(model, (frame, path), (q, qd, qdd));
+        match &sensor.source {
+            Source::Encoder(joints) => {
+                for (i, &(coordinate, row)) in joints.iter().enumerate() {
+                    self.value[i] = q[coordinate];
+                    self.by_q[row * size + i] = 1.0;
+                }
+            }
+            Source::JointTorque(joints) => {
+                self.has_noise = true;
+                for (i, &row) in joints.iter().enumerate() {
+                    self.value[i] = tau[row];
+                    self.by_noise[row * size + i] = 1.0;
+                }
+            }
+            Source::Gyro(frame, path) => {
+                moving(frame, path, None);
+                self.velocity(motion, path, 0);
+            }
+            Source::Contact(frame, path) => {
+                moving(frame, path, None);
+                self.velocity(motion, path, 3);
+            }
+            Source::Accelerometer(frame, path) => {
+                moving(frame, path, Some(qdd));
+                self.has_qdd = true;
+                self.value[..3].copy_from_slice(motion.acceleration.as_slice());
+                for (p, &row) in path.rows.iter().enumerate() {
+                    let at = 3 * row..3 * row + 3;
+                    self.by_q[at.clone()].copy_from_slice(motion.acceleration_by_q[p].as_slice());
+                    self.by_qd[at.clone()].copy_from_slice(motion.acceleration_by_qd[p].as_slice());
+                    self.by_qdd[at].copy_from_slice(&motion.columns[p].as_slice()[3..]);
+                }
+            }
+        }
+    }
+
+    /// The angular (first = 0) or linear (3) half of the velocity.
+    fn velocity(&mut self, motion: &LinkMotion<f64>, path: &LinkPath, first: usize) {
+        let half = first..first + 3;
+        self.value[..3].copy_from_slice(&motion.velocity.as_slice()[half.clone()]);
+        for (p, &row) in path.rows.iter().enumerate() {
+            let at = 3 * row..3 * row + 3;
+            self.by_q[at.clone()].copy_from_slice(&motion.velocity_by_q[p].as_slice()[half.clone()]);
+            self.by_qd[at].copy_from_slice(&motion.columns[p].as_slice()[half.clone()]);
+        }
+    }
+
+    /// Adds the derivatives of component `i` by error and torque noise to a row of H, which is stored by columns. `flow`
+    /// holds the derivatives of qdd.
+    pub(super) fn write(&self, plan: &Plan, i: usize, flow: &[f64], (row, stride): (&mut [f64], usize)) {
+        for k in 0..self.nv {
+            let at = k * self.size + i;
+            row[(plan.q() + k) * stride] += self.by_q[at];
+            row[(plan.qd() + k) * stride] += self.by_qd[at];
+            if self.has_noise {
+                row[(plan.states + k) * stride] += self.by_noise[at];
+            }
+        }
+        if self.has_qdd {
+            for (column, by) in flow.chunks_exact(plan.flow_stride().max(1)).enumerate() {
+                let along: f64 = (0..self.nv).map(|k| self.by_qdd[k * self.size + i] * by[k]).sum();
+                row[column * stride] += along;
+            }
+        }
+    }
+}

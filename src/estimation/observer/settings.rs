@@ -1,0 +1,380 @@
+//! Settings of an observer, and the checked form that its steps read.
+
+use super::link_motion::LinkPath;
+use crate::api::TaskFrame;
+use crate::error::{Error, check_length};
+use crate::joints::Motion;
+use crate::kinematics::Frame;
+use crate::scene::{Joint, Scene};
+use crate::spatial::RigidShift;
+use std::ops::Range;
+
+/// Numbers in a register of the widest instruction set: columns of matrices are padded to multiples of it.
+pub(super) const LANES: usize = 8;
+
+/// A frame on a link that carries a sensor.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Mount {
+    /// Name of the link.
+    pub link: String,
+    /// Pose of the sensor in the link frame: rotation from sensor axes to link axes, and position in m.
+    pub offset: RigidShift<f64>,
+}
+
+impl<N: Into<String>> From<N> for Mount {
+    fn from(link: N) -> Self {
+        Self { link: link.into(), offset: RigidShift::identity() }
+    }
+}
+
+/// The quantity that a sensor measures.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Quantity {
+    /// Positions of joints of one axis, rad or m; `None`: of all joints of one axis.
+    Encoder(Option<Vec<String>>),
+    /// Torques of joints of one axis, N m or N: the commanded torque and the torque noise of the step; `None`: of all
+    /// joints of one axis.
+    JointTorque(Option<Vec<String>>),
+    /// Angular velocity in the sensor frame, rad/s.
+    Gyro(Mount),
+    /// Proper acceleration (acceleration minus gravity) of the origin of the sensor frame, in that frame, m/s^2.
+    Accelerometer(Mount),
+    /// Velocity of the origin of the sensor frame, in that frame, m/s. The readings of a point in contact with the
+    /// ground are zeros, and those of a point without contact are NaN.
+    Contact(Mount),
+}
+
+/// A sensor of an observer.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sensor {
+    /// Name in error messages.
+    pub name: String,
+    /// The quantity that it measures.
+    pub quantity: Quantity,
+    /// Standard deviation of a reading: one number, or one per component.
+    pub noise: Vec<f64>,
+    /// Number of steps between the time of a reading and the step that receives it.
+    pub delay: usize,
+    /// Initial standard deviation of the bias of a gyro or accelerometer, rad/s or m/s^2.
+    pub bias: f64,
+    /// Growth of the standard deviation of the bias per square root of a second. With `bias` zero too, there is no
+    /// bias.
+    pub bias_walk: f64,
+}
+
+impl Sensor {
+    /// A sensor without delay and bias, with one standard deviation for all components.
+    #[must_use]
+    pub fn new(name: impl Into<String>, quantity: Quantity, noise: f64) -> Self {
+        Self { name: name.into(), quantity, noise: vec![noise], delay: 0, bias: 0.0, bias_walk: 0.0 }
+    }
+}
+
+/// An external wrench (moment, force) on a link, at the link origin in the link frame: a random walk, or an
+/// Ornstein-Uhlenbeck process.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ExternalWrench {
+    /// Name of the link.
+    pub link: String,
+    /// Density of the driving white noise, (N m)^2/s and N^2/s.
+    pub density: [f64; 6],
+    /// Correlation time, s; infinite for a random walk. The stationary variance is density `correlation_time` / 2.
+    pub correlation_time: f64,
+    /// Initial standard deviations; `None`: zero for a random walk, otherwise the stationary ones.
+    pub deviation: Option<[f64; 6]>,
+}
+
+/// Settings of an observer.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ObserverSettings {
+    /// Time between two steps, s.
+    pub dt: f64,
+    /// Sensors with different names.
+    pub sensors: Vec<Sensor>,
+    /// Density of the torque noise of each degree of freedom, (N m)^2 s or N^2 s. It includes friction that is not
+    /// modeled.
+    pub torque_noise: Vec<f64>,
+    /// External wrenches to estimate, on different links.
+    pub wrenches: Vec<ExternalWrench>,
+    /// Initial standard deviations of q in its tangent space, then of qd, (2 nv).
+    pub initial: Vec<f64>,
+    /// Number of past steps that are stored for the smoother.
+    pub history: usize,
+}
+
+/// The source of the readings of a sensor.
+#[derive(Debug, Clone)]
+pub(super) enum Source {
+    /// Indices in q and in qd.
+    Encoder(Vec<(usize, usize)>),
+    /// Indices in tau.
+    JointTorque(Vec<usize>),
+    Gyro(Frame<f64>, LinkPath),
+    Accelerometer(Frame<f64>, LinkPath),
+    Contact(Frame<f64>, LinkPath),
+}
+
+/// A checked sensor.
+#[derive(Debug, Clone)]
+pub(crate) struct Reader {
+    pub name: String,
+    pub(super) source: Source,
+    /// Standard deviation of each component.
+    pub(super) deviations: Vec<f64>,
+    pub(super) delay: usize,
+    /// Index of its bias among wrenches and biases.
+    pub(super) bias: Option<usize>,
+    /// Its components among the readings of all sensors.
+    pub range: Range<usize>,
+}
+
+impl Reader {
+    /// Index of its bias among wrenches and biases; None without a bias.
+    pub(super) fn bias(&self) -> Option<usize> {
+        self.bias
+    }
+
+    /// True if the readings depend on the joint accelerations.
+    pub(super) fn needs_acceleration(&self) -> bool {
+        matches!(self.source, Source::Accelerometer(..))
+    }
+
+    /// The sensor without its noise and its place among others.
+    pub(crate) fn unplaced(scene: &Scene, sensor: &Sensor) -> Result<Self, Error> {
+        let one_axis = |names: &Option<Vec<String>>| one_axis(scene, sensor, names.as_deref());
+        let mount = |mount: &Mount| -> Result<_, Error> {
+            let frame = scene.frame(&TaskFrame { link: &mount.link, offset: mount.offset })?;
+            Ok((frame, LinkPath::new(scene.model(), &frame)))
+        };
+        let (source, size) = match &sensor.quantity {
+            Quantity::Encoder(names) => {
+                let joints = one_axis(names)?;
+                let size = joints.len();
+                (Source::Encoder(joints.iter().map(|joint| (joint.q.start, joint.v.start)).collect()), size)
+            }
+            Quantity::JointTorque(names) => {
+                let joints = one_axis(names)?;
+                let size = joints.len();
+                (Source::JointTorque(joints.iter().map(|joint| joint.v.start).collect()), size)
+            }
+            Quantity::Gyro(at) => mount(at).map(|(frame, path)| (Source::Gyro(frame, path), 3))?,
+            Quantity::Accelerometer(at) => mount(at).map(|(frame, path)| (Source::Accelerometer(frame, path), 3))?,
+            Quantity::Contact(at) => mount(at).map(|(frame, path)| (Source::Contact(frame, path), 3))?,
+        };
+        let name = sensor.name.clone();
+        Ok(Self { name, source, deviations: Vec::new(), delay: sensor.delay, bias: None, range: 0..size })
+    }
+}
+
+/// The joints of one axis with the given names; without names, all of them.
+fn one_axis<'a>(scene: &'a Scene, sensor: &Sensor, names: Option<&[String]>) -> Result<Vec<&'a Joint>, Error> {
+    let Some(names) = names else {
+        return Ok(scene.joints().iter().filter(|joint| joint.q.len() == 1).collect());
+    };
+    let check = |name: &String| {
+        let joint = scene.joint(name)?;
+        if joint.q.len() == 1 {
+            return Ok(joint);
+        }
+        let found = format!("the joint {name:?}, which has {} coordinates", joint.q.len());
+        Err(Error::argument(format!("joints of '{}'", sensor.name), found, "joints of one"))
+    };
+    names.iter().map(check).collect()
+}
+
+/// The checked settings. The error is ordered (wrenches, biases, q, qd, torque noise of the step), so that the rows of
+/// the random walks come first in triangular roots.
+#[derive(Debug, Clone)]
+pub(crate) struct Plan {
+    pub nv: usize,
+    pub nq: usize,
+    /// Number of components of wrenches and biases.
+    pub rest: usize,
+    /// Number of components of the error without the torque noise.
+    pub states: usize,
+    /// Number of components with the torque noise.
+    pub width: usize,
+    /// Number of readings of all sensors.
+    pub readings: usize,
+    pub dt: f64,
+    /// Standard deviation of the torque noise, held constant over a step.
+    pub(super) torque_deviations: Vec<f64>,
+    /// Factor of wrenches and biases per step, and standard deviation of their growth.
+    pub decay: Vec<f64>,
+    pub walk: Vec<f64>,
+    /// The components with growth, ascending.
+    pub(super) walks: Vec<usize>,
+    /// Initial standard deviations, in the order of the error.
+    pub(super) initial: Vec<f64>,
+    pub(super) wrenches: Vec<Frame<f64>>,
+    pub sensors: Vec<Reader>,
+    /// First degree of freedom and number of degrees of freedom of each spherical and free joint.
+    pub(super) groups: Vec<(usize, usize)>,
+    /// The largest delay.
+    pub(super) lag: usize,
+    pub(super) history: usize,
+}
+
+impl Plan {
+    pub fn new(scene: &Scene, settings: &ObserverSettings) -> Result<Self, Error> {
+        scene.check_independent()?;
+        scene.check_no_connections("observer")?;
+        scene.check_no_contacts("observer")?;
+        let ObserverSettings { dt, history, .. } = *settings;
+        if !(dt.is_finite() && dt > 0.0) {
+            return Err(Error::argument("dt", dt.to_string(), "a time in s, finite and positive"));
+        }
+        let nv = scene.nv();
+        check_length("torque_noise", settings.torque_noise.len(), nv)?;
+        not_negative("torque_noise", &settings.torque_noise)?;
+        check_length("initial", settings.initial.len(), 2 * nv)?;
+        not_negative("initial", &settings.initial)?;
+        let mut plan = Self {
+            nv,
+            nq: scene.nq(),
+            rest: 0,
+            states: 0,
+            width: 0,
+            readings: 0,
+            dt,
+            torque_deviations: settings.torque_noise.iter().map(|density| (density / dt).sqrt()).collect(),
+            decay: Vec::new(),
+            walk: Vec::new(),
+            walks: Vec::new(),
+            initial: Vec::new(),
+            wrenches: Vec::new(),
+            sensors: Vec::new(),
+            groups: groups(scene),
+            lag: 0,
+            history,
+        };
+        for (at, wrench) in settings.wrenches.iter().enumerate() {
+            if settings.wrenches[..at].iter().any(|other| other.link == wrench.link) {
+                let found = format!("two wrenches on the link '{}'", wrench.link);
+                return Err(Error::argument("wrenches", found, "one"));
+            }
+            plan.add_wrench(scene, wrench)?;
+        }
+        for sensor in &settings.sensors {
+            plan.add_sensor(scene, sensor)?;
+        }
+        plan.rest = plan.decay.len();
+        plan.states = plan.rest + 2 * nv;
+        plan.width = plan.states + nv;
+        plan.walks = (0..plan.rest).filter(|&i| plan.walk[i] > 0.0).collect();
+        plan.initial.extend_from_slice(&settings.initial);
+        Ok(plan)
+    }
+
+    fn add_wrench(&mut self, scene: &Scene, wrench: &ExternalWrench) -> Result<(), Error> {
+        let link = scene.link(&wrench.link).map_err(|error| error.of_argument("wrenches"))?;
+        let time = wrench.correlation_time;
+        not_negative(&format!("density of the wrench on '{}'", wrench.link), &wrench.density)?;
+        if !(time > 0.0) {
+            let expected = "a time in s, positive or infinite";
+            return Err(Error::argument("correlation_time", time.to_string(), expected));
+        }
+        let walks = time.is_infinite();
+        self.decay.extend([if walks { 1.0 } else { (-self.dt / time).exp() }; 6]);
+        let added = if walks { self.dt } else { -0.5 * time * (-2.0 * self.dt / time).exp_m1() };
+        self.walk.extend(wrench.density.iter().map(|density| (density * added).sqrt()));
+        match &wrench.deviation {
+            Some(given) => {
+                not_negative(&format!("deviation of the wrench on '{}'", wrench.link), given)?;
+                self.initial.extend_from_slice(given);
+            }
+            None if walks => self.initial.extend([0.0; 6]),
+            None => self.initial.extend(wrench.density.iter().map(|density| (0.5 * density * time).sqrt())),
+        }
+        self.wrenches.push(Frame { body: link.body, placement: link.placement });
+        Ok(())
+    }
+
+    fn add_sensor(&mut self, scene: &Scene, sensor: &Sensor) -> Result<(), Error> {
+        let name = &sensor.name;
+        if self.sensors.iter().any(|other| other.name == *name) {
+            let found = format!("two sensors with the name '{name}'");
+            return Err(Error::argument("sensors", found, "different names"));
+        }
+        let mut reader = Reader::unplaced(scene, sensor)?;
+        let size = reader.range.len();
+        // The square is used: a deviation whose square is zero would be a division by zero.
+        let valid = |deviation: &f64| *deviation > 0.0 && (deviation * deviation).is_normal();
+        if !(matches!(sensor.noise.len(), 1) || sensor.noise.len() == size) || !sensor.noise.iter().all(valid) {
+            let expected = format!("a standard deviation, one number or {size}, finite and positive");
+            return Err(Error::argument(format!("noise of '{name}'"), format!("{:?}", sensor.noise), expected));
+        }
+        reader.deviations = if sensor.noise.len() == size { sensor.noise.clone() } else { vec![sensor.noise[0]; size] };
+        let (bias, bias_walk) = (sensor.bias, sensor.bias_walk);
+        not_negative(&format!("bias of '{name}'"), &[bias, bias_walk])?;
+        if bias > 0.0 || bias_walk > 0.0 {
+            if !matches!(sensor.quantity, Quantity::Gyro(_) | Quantity::Accelerometer(_)) {
+                let found = format!("{bias} with a walk of {bias_walk}");
+                return Err(Error::argument(format!("bias of '{name}'"), found, "zero: only gyros and accelerometers"));
+            }
+            reader.bias = Some(self.decay.len());
+            self.decay.extend([1.0; 3]);
+            self.walk.extend([bias_walk * self.dt.sqrt(); 3]);
+            self.initial.extend([bias; 3]);
+        }
+        reader.range = self.readings..self.readings + size;
+        self.readings += size;
+        self.lag = self.lag.max(sensor.delay);
+        self.sensors.push(reader);
+        Ok(())
+    }
+
+    /// Number of wrenches.
+    pub(super) fn wrenches(&self) -> usize {
+        self.wrenches.len()
+    }
+
+    /// Index of the first component of q in the error.
+    #[inline(always)]
+    pub(super) fn q(&self) -> usize {
+        self.rest
+    }
+
+    /// Index of the first component of qd in the error.
+    #[inline(always)]
+    pub(super) fn qd(&self) -> usize {
+        self.rest + self.nv
+    }
+
+    /// Length of a column of a root, and of one with the torque noise, padded.
+    pub(super) fn strides(&self) -> [usize; 2] {
+        [self.states.next_multiple_of(LANES), self.width.next_multiple_of(LANES)]
+    }
+
+    /// Length of a column of derivatives of accelerations, padded.
+    pub(super) fn flow_stride(&self) -> usize {
+        self.nv.next_multiple_of(LANES)
+    }
+
+    /// Length of a column of derivatives of readings, padded.
+    pub(super) fn reading_stride(&self) -> usize {
+        self.readings.next_multiple_of(LANES)
+    }
+
+    /// For each component in the order (q, qd, wrenches, biases), its index in the error.
+    pub fn public_order(&self) -> impl Iterator<Item = usize> + Clone + use<> {
+        let rest = self.rest;
+        (rest..self.states).chain(0..rest)
+    }
+}
+
+/// Spherical and free joints, whose degrees of freedom do not commute.
+fn groups(scene: &Scene) -> Vec<(usize, usize)> {
+    let model = scene.model();
+    let groups = model.bodies.iter().zip(&model.system.stages);
+    let found = groups.filter(|(body, _)| matches!(body.motion, Motion::Spherical | Motion::Free));
+    found.map(|(_, stage)| (stage.first_row, stage.rows.count())).collect()
+}
+
+/// Checks standard deviations or densities.
+fn not_negative(argument: &str, values: &[f64]) -> Result<(), Error> {
+    match values.iter().find(|value| !(value.is_finite() && **value >= 0.0)) {
+        None => Ok(()),
+        Some(value) => Err(Error::argument(argument, value.to_string(), "finite numbers, zero or positive")),
+    }
+}
