@@ -2,12 +2,14 @@
 
 use super::double_double_state::DoubleDoubleState;
 use super::forward::factorise;
+use super::sweeps::SweepScratch;
 use crate::filter::Form;
 use crate::filter::covariance;
 use crate::filter::innovations::past_rows;
 use crate::filter::pivots::PivotMonitor;
 use crate::interrupt;
 pub use crate::kinematics::Frame;
+use crate::kinematics::propagation::inward_along_path;
 use crate::model::Model;
 use crate::scalar::{DoubleDouble, Real};
 use crate::spatial::{RigidShift, Symmetric6, dot};
@@ -108,23 +110,22 @@ fn covariance_between<T: Real>(
     frames: [&Frame<T>; 2],
 ) -> Matrix6<T> {
     let stages = &model.system.stages;
-    let mut forces = frames.map(|frame| unit_forces(&frame.placement));
-    let mut at = frames.map(|frame| frame.body);
-    let meeting = loop {
-        let [Some(i), Some(j)] = at else { return Matrix6::from_element(T::zero()) };
-        if i == j {
-            break i;
-        }
+    let [mut i, mut j] = frames.map(|frame| frame.body);
+    while i != j {
         // Parents precede children: the body with the larger index is no ancestor of the other.
-        let (side, k) = if i > j { (0, i) } else { (1, j) };
-        let stage = &stages[k];
-        for force in &mut forces[side] {
-            past_rows(stage, &workspace.store.measured, 0..stage.rows.count(), force);
-            *force = workspace.store.shifts[k].force_to_parent(force);
-        }
-        at[side] = stage.parent;
-    };
-    let [left, right] = forces;
+        let side = if i > j { &mut i } else { &mut j };
+        *side = side.and_then(|k| stages[k].parent);
+    }
+    let Some(meeting) = i else { return Matrix6::from_element(T::zero()) };
+    let SweepScratch { shifts, measured, .. } = &workspace.store;
+    let [left, right] = frames.map(|frame| {
+        let forces = unit_forces(&frame.placement);
+        inward_along_path(stages, shifts, [frame.body, i], forces, |k, forces| {
+            for force in forces {
+                past_rows(&stages[k], measured, 0..stages[k].rows.count(), force);
+            }
+        })
+    });
     let right = right.map(|force| co_state_covariance[meeting].mul_vector(&force));
     Matrix6::from_fn(|row, column| dot(&left[row], &right[column]))
 }

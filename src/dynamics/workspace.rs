@@ -9,7 +9,7 @@ use crate::filter::tolerance::Tolerance;
 use crate::filter::{Form, System};
 use crate::model::Model;
 use crate::scalar::Real;
-use crate::spatial::{BodyInertia, Symmetric3, Symmetric6};
+use crate::spatial::{BodyInertia, FirstMoment, Symmetric3, Symmetric6};
 use nalgebra::{Vector3, Vector6};
 
 /// The number of calls of forward dynamics that needed more than the first form, all lanes of a call counted as one.
@@ -117,6 +117,8 @@ pub struct Workspace<T: Real> {
     pub(crate) estimates: Vec<T>,
     /// r(k), the composite inertia of everything outboard of joint k.
     pub(crate) composite: Vec<BodyInertia<T>>,
+    /// Mass and first moment of r(k).
+    pub(crate) first_moment: Vec<FirstMoment<T>>,
     /// The time derivative of r(k) in fixed axes.
     pub(crate) composite_rate: Vec<BodyInertia<T>>,
     /// The bodies that a call needs.
@@ -165,6 +167,7 @@ impl<T: Real> Workspace<T> {
             z: vectors(),
             estimates: vec![nan; model.nv()],
             composite: inertias(),
+            first_moment: vec![FirstMoment { mass: nan, moment: Vector3::from_element(nan) }; bodies],
             composite_rate: inertias(),
             needed: vec![false; bodies],
             rest: vec![T::zero(); model.nv()],

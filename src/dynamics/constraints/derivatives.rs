@@ -19,6 +19,7 @@ use super::rows::pair_at;
 use super::scratch::ConstraintScratch;
 use crate::dynamics::derivatives::{DerivativeScratch, inverse_dynamics_derivatives};
 use crate::kinematics::coordinate_rates;
+use crate::kinematics::propagation::tip_to_base;
 use crate::model::Model;
 use crate::scalar::Dual;
 use crate::scene::constraint::{Constraint, Constraints, Tie};
@@ -180,14 +181,9 @@ fn felt(
         state[k] = sum(&state[k], &force);
     }
     let mut torques = Vec::new();
-    for &k in &constraint.path {
+    tip_to_base(&model.system.stages, shift, constraint.path.iter().copied(), state, |k, z| {
         let stage = &model.system.stages[k];
-        for i in 0..stage.rows.count() {
-            torques.push((stage.first_row + i, stage.rows.row(i).project(&state[k])));
-        }
-        if let Some(parent) = stage.parent {
-            state[parent] = sum(&state[parent], &shift[k].force_to_parent(&state[k]));
-        }
-    }
+        torques.extend((0..stage.rows.count()).map(|i| (stage.first_row + i, stage.rows.row(i).project(z))));
+    });
     torques
 }

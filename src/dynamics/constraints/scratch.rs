@@ -2,7 +2,7 @@
 
 use super::gram_inverse::GramInverse;
 use super::relaxed::Relaxed;
-use super::unit_row::UnitRow;
+use super::unit_row::{SizedForce, UnitRow};
 use crate::model::Model;
 use crate::scene::constraint::Constraints;
 use nalgebra::Vector6;
@@ -19,10 +19,9 @@ pub struct ConstraintScratch {
     /// Forces on bodies for one right-hand side, and torques.
     pub(super) wrenches: Vec<Vector6<f64>>,
     pub(super) torque: Vec<f64>,
-    /// Spatial forces during the inward pass; innovations, then accelerations.
-    pub(super) state: Vec<Vector6<f64>>,
-    /// Sizes of the terms of their moments.
-    pub(super) moments: Vec<f64>,
+    /// Forces during the inward pass.
+    pub(super) state: Vec<SizedForce>,
+    /// Innovations, then accelerations.
     pub(super) estimates: Vec<f64>,
     /// G^+.
     pub(super) inverse: GramInverse,
@@ -55,8 +54,7 @@ impl ConstraintScratch {
             sizes: vec![f64::NAN; m],
             wrenches: vec![Vector6::zeros(); bodies],
             torque: vec![0.0; nv],
-            state: vec![Vector6::zeros(); bodies],
-            moments: vec![0.0; bodies],
+            state: vec![SizedForce::zero(); bodies],
             estimates: vec![f64::NAN; nv],
             inverse: GramInverse::default(),
             relaxed: Relaxed::default(),

@@ -4,9 +4,10 @@
 use super::rows::begin;
 use super::scratch::ConstraintScratch;
 use crate::filter::HingeMap;
+use crate::kinematics::propagation::tip_to_base;
 use crate::model::Model;
 use crate::scene::constraint::{Constraints, Tie};
-use crate::spatial::{RigidShift, angular, linear, sum};
+use crate::spatial::{RigidShift, linear};
 use nalgebra::DMatrix;
 
 /// Rows that share joints, and these joints.
@@ -32,7 +33,7 @@ impl SizedRows {
         (model, constraints): (&Model<f64>, &Constraints),
         shift: &[RigidShift<f64>],
     ) -> Self {
-        let ConstraintScratch { units, state, moments, .. } = scratch;
+        let ConstraintScratch { units, state, .. } = scratch;
         let (m, nv) = (constraints.rows, model.nv());
         let mut jacobian = DMatrix::zeros(m, nv);
         // The largest moment, and the largest force at a translational joint.
@@ -44,34 +45,22 @@ impl SizedRows {
         for constraint in &constraints.all {
             for i in constraint.rows() {
                 begin(constraint, &units[i], state, 1.0);
-                for &k in &constraint.path {
-                    moments[k] = 0.0;
-                }
-                for (force, moment) in units[i].forces.iter().zip(units[i].moments) {
-                    if let Some((k, _)) = force {
-                        moments[*k] += moment;
-                    }
-                }
-                for &k in &constraint.branches {
-                    let (stage, z) = (&model.system.stages[k], state[k]);
-                    let push = linear(&z).norm();
+                let stages = &model.system.stages;
+                tip_to_base(stages, shift, constraint.branches.iter().copied(), state, |k, z| {
+                    let (stage, push) = (&stages[k], linear(&z.force).norm());
                     for row in 0..stage.rows.count() {
                         let (hinge, column) = (stage.rows.row(row), stage.first_row + row);
-                        jacobian[(i, column)] = hinge.project(&z);
+                        jacobian[(i, column)] = hinge.project(&z.force);
                         match hinge {
-                            HingeMap::Axis(axis) if axis < 3 => turning[i] = turning[i].max(moments[k]),
+                            HingeMap::Axis(axis) if axis < 3 => turning[i] = turning[i].max(z.moment),
                             HingeMap::Axis(_) => pushing[i] = pushing[i].max(push),
-                            HingeMap::Screw(pitch) => turning[i] = turning[i].max(moments[k] + pitch.abs() * push),
+                            HingeMap::Screw(pitch) => turning[i] = turning[i].max(z.moment + pitch.abs() * push),
                         }
                     }
                     if push > 0.0 {
                         reach = reach.max(turning[i]);
                     }
-                    if let Some(parent) = stage.parent {
-                        state[parent] = sum(&state[parent], &shift[k].force_to_parent(&z));
-                        moments[parent] += angular(&z).norm().max(moments[k]) + shift[k].lever.norm() * push;
-                    }
-                }
+                });
                 for (v, torque) in units[i].torques.into_iter().flatten() {
                     jacobian[(i, v)] += torque;
                     let size = if translates[v] { &mut pushing[i] } else { &mut turning[i] };

@@ -1,7 +1,8 @@
 //! The forces of one row of the connections on bodies and joints.
 
 use crate::kinematics::Frame;
-use crate::spatial::{RigidShift, angular, linear};
+use crate::kinematics::propagation::Accumulates;
+use crate::spatial::{RigidShift, angular, linear, sum, zero};
 use nalgebra::Vector6;
 
 /// J* of one row: the forces on bodies, in their body frames, and the joint torques for a unit force along the row.
@@ -26,5 +27,31 @@ impl UnitRow {
             moments: reach.map(|reach| moment + reach * push),
             torques: [None; 2],
         }
+    }
+}
+
+/// The force of a row on a body with those that were propagated to it, and the size of the terms of its moment.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct SizedForce {
+    pub force: Vector6<f64>,
+    pub moment: f64,
+}
+
+impl SizedForce {
+    pub fn zero() -> Self {
+        Self { force: zero(), moment: 0.0 }
+    }
+}
+
+impl Accumulates<f64> for SizedForce {
+    fn propagated(&self, shift: &RigidShift<f64>) -> Self {
+        let Self { force, moment } = self;
+        // A lever parallel to a force gives a moment that is only rounding; it does not count as a moment.
+        let moment = angular(force).norm().max(*moment) + shift.lever.norm() * linear(force).norm();
+        Self { force: shift.force_to_parent(force), moment }
+    }
+
+    fn plus(&self, other: &Self) -> Self {
+        Self { force: sum(&self.force, &other.force), moment: self.moment + other.moment }
     }
 }

@@ -16,6 +16,12 @@ pub(crate) fn factor<T: Real, C: ColumnsOf<T>>(
     q: &[T],
 ) -> PivotMonitor<T> {
     carriers(scene.1, scratch, C::zero(), q);
+    refactor(scene, scratch)
+}
+
+/// [`factor`] with the rotations and shifts of the joints in the scratch.
+#[inline(always)]
+pub(crate) fn refactor<T: Real>(scene: (&Model<T>, &SweepModel<T>), scratch: &mut SweepScratch<T>) -> PivotMonitor<T> {
     let [monitor, _] = filter::tip_to_base::<T, { filter::FACTOR }>(scene, scratch, &[], &mut []);
     monitor
 }

@@ -49,6 +49,8 @@ pub(crate) use inverse_columns::InverseColumns;
 pub(crate) use inverse_product::multiplied_out;
 pub(crate) use mass_columns::MassColumns;
 pub(crate) use mass_inverse::factor;
+#[cfg(feature = "python")]
+pub(crate) use mass_inverse::refactor;
 pub(crate) use mass_matrix::mass_matrix;
 pub(crate) use model::SweepModel;
 pub(crate) use paths::{
