@@ -65,3 +65,5 @@ pub use mass_matrix::{log_det_mass_matrix, mass_matrix};
 pub use operational::{OperationalScratch, operational_inverse_inertia};
 #[doc(hidden)]
 pub use refined::{SquareRootResult, forward_dynamics_square_root};
+#[doc(hidden)]
+pub use sweeps::co_state_covariances;

@@ -2,9 +2,8 @@
 
 use super::double_double_state::DoubleDoubleState;
 use super::forward::factorise;
-use super::sweeps::SweepScratch;
+use super::sweeps::{SweepScratch, co_state_covariances};
 use crate::filter::Form;
-use crate::filter::covariance;
 use crate::filter::innovations::past_rows;
 use crate::filter::pivots::PivotMonitor;
 use crate::interrupt;
@@ -64,7 +63,8 @@ pub fn operational_inverse_inertia<T: Real>(
     let monitor = factorise(model, workspace, q);
     let is_in_doubt = workspace.form == Form::Auto && monitor.of_roots;
     let lambda = &mut scratch.co_state_covariance;
-    covariance::sweep(&model.system, &workspace.store.shifts, &workspace.store.measured, lambda, |_, _, _| {});
+    let SweepScratch { shifts, measured, .. } = &workspace.store;
+    co_state_covariances(&model.system, (shifts, measured), lambda, |_, _, _| {});
     if is_in_doubt && doubled(model, q, frames, out) {
         return monitor;
     }

@@ -6,13 +6,45 @@
 
 use super::body::SweepBody;
 use super::scratch::{Accumulated, SweepScratch};
-use crate::filter::System;
 use crate::filter::pivots::Scale;
 use crate::filter::riccati::{self, Measured};
+use crate::filter::{Stage, System};
 use crate::scalar::Real;
 use crate::spatial::transform::unpacked;
-use crate::spatial::{Symmetric6, scaled};
+use crate::spatial::{BodyInertia, Symmetric6, scaled};
 use nalgebra::Vector6;
+
+impl<T: Real> Accumulated<T> {
+    /// P^+ of a body with this inertia, on the inboard side of its joint, and the rest as in
+    /// [`SweepScratch::filtered_covariance`].
+    pub(crate) fn measured(
+        &self,
+        (system, k): (&System<T>, usize),
+        inertia: &BodyInertia<T>,
+        measured: &mut [Measured<T>],
+        seen: impl FnMut(usize, &Symmetric6<T>),
+    ) -> Symmetric6<T> {
+        let mut p = unpacked(&self.p).add(&inertia.to_symmetric());
+        riccati::measure_stage(system, k, &mut p, measured, seen);
+        p
+    }
+}
+
+/// P^+ of a stage, from the root of P; `seen` is called with the P^- of each row.
+pub(crate) fn covariances_of_root<T: Real>(
+    stage: &Stage<T>,
+    filtered: &Symmetric6<T>,
+    measured: &[Measured<T>],
+    mut seen: impl FnMut(usize, &Symmetric6<T>),
+) -> Symmetric6<T> {
+    // P^- = P^+ + g D g* row by row: nothing is subtracted.
+    let mut p = *filtered;
+    for (i, m) in measured[stage.first_row..][..stage.rows.count()].iter().enumerate() {
+        p = p.add_rank_one(&scaled(&m.gain, m.pivot), &m.gain);
+        seen(stage.first_row + i, &p);
+    }
+    *filtered
+}
 
 impl<T: Real> SweepScratch<T> {
     /// P^+ of a body, on the inboard side of its joint. `seen` is called with the P^- of each row. `measured` receives
@@ -22,22 +54,20 @@ impl<T: Real> SweepScratch<T> {
         (system, body): (&System<T>, &SweepBody<T::Parameter>),
         measured: &mut [Measured<T>],
         of_roots: bool,
-        mut seen: impl FnMut(usize, &Symmetric6<T>),
+        seen: impl FnMut(usize, &Symmetric6<T>),
     ) -> Symmetric6<T> {
-        if !of_roots {
-            let mut p = unpacked(&body.with_noise(&self.accumulated[body.places.inward].p));
-            riccati::measure_stage(system, body.index, &mut p, measured, seen);
-            return p;
+        let at = body.places.inward;
+        if of_roots {
+            let filtered = self.rooted[at].root.to_symmetric();
+            return covariances_of_root(&system.stages[body.index], &filtered, measured, seen);
         }
-        let filtered = self.rooted[body.places.inward].root.to_symmetric();
-        let stage = &system.stages[body.index];
-        // P^- = P^+ + g D g* row by row: nothing is subtracted.
-        let mut p = filtered;
-        for (i, m) in measured[stage.first_row..][..stage.rows.count()].iter().enumerate() {
-            p = p.add_rank_one(&scaled(&m.gain, m.pivot), &m.gain);
-            seen(stage.first_row + i, &p);
-        }
-        filtered
+        let inertia = body.inertia(self.accumulated[at].p[0]);
+        self.accumulated[at].measured((system, body.index), &inertia, measured, seen)
+    }
+
+    /// In square-root form P^+ of every body, on the inboard side of its joint.
+    pub(crate) fn filtered_roots(&self) -> Vec<Symmetric6<T>> {
+        self.rooted[1..].iter().map(|rooted| rooted.root.to_symmetric()).collect()
     }
 
     /// The bound on the terms of P^- of a body.

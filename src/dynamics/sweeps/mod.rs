@@ -17,6 +17,7 @@
 mod accelerations;
 mod axis_permutation;
 pub(super) mod body;
+mod co_states;
 pub(super) mod column_layout;
 mod entries;
 mod error_estimate;
@@ -43,10 +44,12 @@ mod spin;
 mod tiles;
 mod vectors;
 
+pub use co_states::co_state_covariances;
 pub(crate) use entries::Entries;
 pub(crate) use error_estimate::{ErrorTerms, factor_with_estimate, forward_dynamics_with_estimate};
 pub(crate) use inverse_columns::InverseColumns;
 pub(crate) use inverse_product::multiplied_out;
+pub(crate) use kept::covariances_of_root;
 pub(crate) use mass_columns::MassColumns;
 pub(crate) use mass_inverse::factor;
 #[cfg(feature = "python")]
