@@ -58,7 +58,8 @@ pub(crate) fn constrained_derivatives(
     for (sum, own) in acting.iter_mut().zip(wrenches) {
         *sum += own;
     }
-    inverse_dynamics_derivatives(model, &mut DerivativeScratch::new(model), (q, qd, qdd), &acting, out);
+    let mut of_tree = DerivativeScratch::new(model);
+    inverse_dynamics_derivatives(model, workspace, &mut of_tree, (q, qd, qdd), &acting, out);
     // Row by row in `out`.
     let by = |matrix: &[f64]| DMatrix::from_row_slice(nv, nv, matrix);
     let (mut by_q, by_qd) = (by(&out[..square]), by(&out[square..2 * square]));

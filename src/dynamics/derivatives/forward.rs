@@ -46,7 +46,7 @@ pub fn forward_dynamics_derivatives<T: Real<Parameter = T>>(
     let mut cancels = false;
     if !is_done {
         let (q, qd, _) = state;
-        inverse_dynamics_derivatives(model, scratch, (q, qd, &acceleration), wrenches, out);
+        inverse_dynamics_derivatives(model, workspace, scratch, (q, qd, &acceleration), wrenches, out);
         let nv = model.nv();
         let (both, inverse) = out.split_at_mut(2 * nv * nv);
         closed_form(model, workspace, &mut scratch.inverse, inverse);

@@ -16,11 +16,9 @@ use crate::scalar::{ColumnsOf, Real, larger};
 use crate::workspace::Workspace;
 use nalgebra::{Vector3, Vector6};
 
-/// Scratch of these products in any scalar of one lane, and the constants of the model; initialized with NaN.
+/// Scratch of these products in any scalar of one lane, in addition to the store of the workspace; initialized with NaN.
 #[derive(Debug)]
 pub struct ProductScratch<T: Real<Parameter = T>> {
-    pub(super) sweeps: SweepModel<T>,
-    pub(super) sweep_scratch: SweepScratch<T>,
     co_states: CoStates<T>,
     changes: Changes<T>,
     /// One scalar per degree of freedom: the accelerations of the state, and a right-hand side.
@@ -34,22 +32,16 @@ impl<T: Real<Parameter = T>> ProductScratch<T> {
     pub fn new(model: &Model<T>) -> Self {
         let (nan, nv, sweeps) = (T::from_f64(f64::NAN), model.nv(), SweepModel::general(model));
         Self {
-            sweep_scratch: SweepScratch::new(model, &sweeps),
             co_states: CoStates::new(&sweeps),
             changes: Changes::new(&sweeps),
-            sweeps,
             acceleration: vec![nan; nv],
             right: vec![nan; nv],
         }
     }
 
-    /// Sets the test vector for the error estimate of solutions to that of the factor of M in this store; None disables
-    /// the estimate.
-    pub(super) fn judge_by(&mut self, factor: Option<&SweepScratch<T>>) {
-        self.changes.judges = factor.is_some();
-        if let Some(factor) = factor {
-            self.sweep_scratch.take_test_vector(factor);
-        }
+    /// Enables the error estimate of solutions by the test vector of the factor of M, or disables it.
+    pub(super) fn judge(&mut self, judges: bool) {
+        self.changes.judges = judges;
     }
 
     /// True if the estimated error of the last solution exceeds the tolerance of products.
@@ -70,17 +62,18 @@ impl<T: Real<Parameter = T>> ProductScratch<T> {
 /// (+) dq as in [`Scene::integrate`](crate::Scene::integrate).
 pub fn inverse_dynamics_jvp<T: Real<Parameter = T>>(
     model: &Model<T>,
+    workspace: &mut Workspace<T>,
     scratch: &mut ProductScratch<T>,
     (q, qd, qdd): (&[T], &[T], &[T]),
     wrenches: &[Vector6<T>],
     along: &Directions<'_, T>,
     out: &mut [T],
 ) {
-    let ProductScratch { sweeps, sweep_scratch, changes, .. } = scratch;
-    carriers(sweeps, sweep_scratch, T::zero(), q);
-    let state = Motion { q, qd, qdd: Some(qdd), wrenches };
-    changes_of_forces((model, sweeps), (sweep_scratch, changes), (state, along), &model.gravity);
-    tangent::tip_to_base::<T, false>((model, sweeps), (sweep_scratch, &[]), changes, (along, &[]), out);
+    let (scene, store) = workspace.passes(model);
+    carriers(scene.1, store, T::zero(), q);
+    let (state, changes) = (Motion { q, qd, qdd: Some(qdd), wrenches }, &mut scratch.changes);
+    changes_of_forces(scene, (store, changes), (state, along), &model.gravity);
+    tangent::tip_to_base::<T, false>(scene, (store, &[]), changes, (along, &[]), out);
     tangent::add_armature(model, (state, along), out);
 }
 
@@ -91,17 +84,18 @@ pub fn inverse_dynamics_jvp<T: Real<Parameter = T>>(
 /// Arguments as in `inverse_dynamics`, `cotangent` (nv).
 pub fn inverse_dynamics_vjp<T: Real<Parameter = T>>(
     model: &Model<T>,
+    workspace: &mut Workspace<T>,
     scratch: &mut ProductScratch<T>,
     (q, qd, qdd): (&[T], &[T], &[T]),
     wrenches: &[Vector6<T>],
     cotangent: &[T],
     (constants, out): (&mut Constants<'_, T>, &mut [T]),
 ) {
-    let ProductScratch { sweeps, sweep_scratch, co_states, .. } = scratch;
-    carriers(sweeps, sweep_scratch, T::zero(), q);
+    let (scene, store) = workspace.passes(model);
+    carriers(scene.1, store, T::zero(), q);
     out[2 * model.nv()..].copy_from_slice(cotangent);
     let state = Motion { q, qd, qdd: Some(qdd), wrenches };
-    gradients_of_torques((model, sweeps), (sweep_scratch, co_states), state, constants, out);
+    gradients_of_torques(scene, (store, &mut scratch.co_states), state, constants, out);
 }
 
 /// dqdd of [`forward_dynamics`](crate::dynamics::forward_dynamics) along one direction, (nv) into `out`: dqdd/dq dq +
@@ -134,13 +128,12 @@ pub fn forward_dynamics_jvp<T: Real<Parameter = T>>(
     let mut is_lost = false;
     if lost.is_none() && !is_doubled {
         let (q, qd, _) = state;
-        carriers(&scratch.sweeps, &mut scratch.sweep_scratch, T::zero(), q);
         let judges = is_auto && !monitor.of_roots;
-        scratch.judge_by(judges.then_some(&workspace.store));
+        scratch.judge(judges);
         let motion = Motion { q, qd, qdd: Some(&qdd), wrenches };
         solved(model, workspace, scratch, (motion, along, &model.gravity), out);
         is_lost = judges && scratch.has_lost(workspace, out);
-        scratch.judge_by(None);
+        scratch.judge(false);
     }
     scratch.acceleration = qdd;
     if let Some(lost) = lost {
@@ -153,8 +146,8 @@ pub fn forward_dynamics_jvp<T: Real<Parameter = T>>(
     Ok(())
 }
 
-/// M^-1 (dtau - the change of inverse dynamics for dqdd = 0), with the factor in the workspace and the rotations and
-/// shifts of the joints in the scratch.
+/// M^-1 (dtau - the change of inverse dynamics for dqdd = 0), with the factor and the shifts of the joints in the
+/// workspace.
 pub(super) fn solved<T: Real<Parameter = T>>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
@@ -162,12 +155,12 @@ pub(super) fn solved<T: Real<Parameter = T>>(
     (motion, along, gravity): (Motion<'_, T>, &Directions<'_, T>, &Vector3<T>),
     out: &mut [T],
 ) {
-    let ProductScratch { sweeps, sweep_scratch, changes, right, .. } = scratch;
-    let unaccelerated = Directions { u: &[], ..*along };
-    changes_of_forces((model, sweeps), (sweep_scratch, changes), (motion, &unaccelerated), gravity);
-    tangent::right_side((motion, along), right);
+    let ProductScratch { changes, right, .. } = scratch;
     let (scene, store) = workspace.passes(model);
-    tangent::tip_to_base::<T, true>((model, sweeps), (sweep_scratch, &store.measured), changes, (along, right), out);
+    let unaccelerated = Directions { u: &[], ..*along };
+    changes_of_forces(scene, (store, changes), (motion, &unaccelerated), gravity);
+    tangent::right_side((motion, along), right);
+    tangent::tip_to_base::<T, true>(scene, (store, &store.measured), changes, (along, right), out);
     general::smooth(scene, store, out);
 }
 
@@ -206,12 +199,12 @@ pub fn forward_dynamics_vjp<T: Real<Parameter = T>>(
         let (q, qd, _) = state;
         let mut x = std::mem::take(&mut scratch.right);
         solve(model, workspace, cotangent, &mut x);
-        let ProductScratch { sweeps, sweep_scratch, co_states, .. } = scratch;
-        carriers(sweeps, sweep_scratch, T::zero(), q);
+        let co_states = &mut scratch.co_states;
+        let (scene, store) = workspace.passes(model);
         let motion = Motion { q, qd, qdd: Some(&qdd), wrenches };
         let last = 2 * model.nv();
         negated(&mut out[last..], &x);
-        gradients_of_torques((model, sweeps), (sweep_scratch, co_states), motion, constants, out);
+        gradients_of_torques(scene, (store, co_states), motion, constants, out);
         off = solved_short_of(cotangent, (co_states.terms, of_products(workspace)), &mut out[last..], &x);
         scratch.right = x;
     }

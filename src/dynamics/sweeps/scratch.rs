@@ -212,13 +212,6 @@ impl<T: Real> SweepScratch<T> {
         self.test.own[place].nu
     }
 
-    /// Takes the co-states of the test vector of the factor of M in another scratch of the same order.
-    pub(in crate::dynamics) fn take_test_vector(&mut self, factor: &Self) {
-        for (own, of_factor) in self.test.own.iter_mut().zip(&factor.test.own) {
-            own.nu = of_factor.nu;
-        }
-    }
-
     /// Exchanges the two test vectors.
     #[inline(always)]
     pub(crate) fn exchange_test_vectors(&mut self) {
