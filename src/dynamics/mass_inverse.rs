@@ -3,8 +3,8 @@
 use super::columns::{
     Block, Columns, body_of_row, put, put_row, spread_hinge, spread_shift, spread_symmetric, spread_vector,
 };
-use super::double_double_state::DoubleDoubleState;
 use super::forward::factorise;
+use super::refined::DoubleDoubleState;
 use super::sweeps::co_state_covariances;
 use crate::filter::Form;
 use crate::filter::innovations::past_rows;

@@ -38,7 +38,6 @@ pub(crate) mod constraints;
 pub(crate) mod contacts;
 pub(crate) mod coupled;
 pub mod derivatives;
-mod double_double_state;
 pub(crate) mod energy;
 pub(crate) mod estimate;
 pub(crate) mod forces;

@@ -1,7 +1,7 @@
 //! Operational space: the inverse inertia of bodies and task frames is the covariance of their co-states, without M.
 
-use super::double_double_state::DoubleDoubleState;
 use super::forward::factorise;
+use super::refined::DoubleDoubleState;
 use super::sweeps::{SweepScratch, co_state_covariances};
 use crate::filter::Form;
 use crate::filter::innovations::past_rows;

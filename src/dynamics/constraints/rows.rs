@@ -2,7 +2,7 @@
 
 use super::NoDirection;
 use super::scratch::ConstraintScratch;
-use super::unit_row::{SizedForce, UnitRow};
+use super::scratch::{SizedForce, UnitRow};
 use crate::kinematics::pair::{PairRows, RelativeMotion, pair_rows};
 use crate::kinematics::propagation::tip_to_base;
 use crate::kinematics::relative::motions_from;

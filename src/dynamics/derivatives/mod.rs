@@ -32,18 +32,12 @@
 //! ```
 
 mod adjoint;
-mod column;
 mod columns;
 mod coriolis;
-mod doubled;
-mod doubled_products;
-mod effect;
 mod forward;
 mod hessian;
 mod hinge;
 mod inverse;
-mod layout;
-mod linear;
 mod outward;
 mod parameters;
 mod product;
@@ -57,11 +51,11 @@ pub(crate) use columns::DerivativeColumns;
 #[doc(hidden)]
 pub use coriolis::BodyCoriolis;
 pub use forward::forward_dynamics_derivatives;
+pub(crate) use forward::linear_system;
 pub use hessian::{HessianScratch, forward_dynamics_hvp, inverse_dynamics_hvp};
 pub use inverse::{coriolis_matrix, inverse_dynamics_derivatives, mass_matrix_derivative};
 pub(crate) use inverse::{in_sweeps, with_transpose};
-pub(crate) use layout::{ConstantParts, GradientParts, constants_of, constants_width};
-pub(crate) use linear::linear_system;
+pub(crate) use parameters::{ConstantParts, GradientParts, constants_of, constants_width};
 pub use parameters::{Parameters, of_body, of_link};
 #[doc(hidden)]
 pub use parameters::{inertia, parameters};
@@ -82,7 +76,7 @@ use crate::model::Model;
 use crate::scalar::Real;
 use crate::spatial::{BodyInertia, Symmetric3};
 use crate::workspace::Workspace;
-use effect::Effect;
+use hinge::Effect;
 use nalgebra::{Vector3, Vector6};
 
 /// Columns between checks for interruption.

@@ -1,10 +1,11 @@
-//! Jacobian-vector and vector-Jacobian products of inverse and forward dynamics, in O(N) and without matrices.
+//! Jacobian-vector and vector-Jacobian products of inverse and forward dynamics, in O(N) and without matrices. States
+//! whose error estimate exceeds the tolerance are recomputed in double-double arithmetic.
 
 use super::adjoint::{self, CoStates, Constants};
-use super::doubled_products;
 use super::forward::accelerations;
 use super::tangent::{self, Changes, Directions};
 use crate::dynamics::forces::Motion;
+use crate::dynamics::refined::DoubleDoubleState;
 use crate::dynamics::solve;
 use crate::dynamics::sweeps::motion::carriers;
 use crate::dynamics::sweeps::scratch::SweepScratch;
@@ -12,7 +13,7 @@ use crate::dynamics::sweeps::{self, SweepModel, general};
 use crate::filter::Form;
 use crate::filter::pivots::LostPivot;
 use crate::model::Model;
-use crate::scalar::{ColumnsOf, Real, larger};
+use crate::scalar::{ColumnsOf, DoubleDouble, Real, larger};
 use crate::workspace::Workspace;
 use nalgebra::{Vector3, Vector6};
 
@@ -124,7 +125,7 @@ pub fn forward_dynamics_jvp<T: Real<Parameter = T>>(
     let lost = workspace.lost_pivot(model, &monitor);
     let is_auto = workspace.form == Form::Auto;
     let is_doubled =
-        lost.is_none() && is_auto && monitor.of_roots && doubled_products::tangent(model, state, wrenches, along, out);
+        lost.is_none() && is_auto && monitor.of_roots && doubled_tangent(model, state, wrenches, along, out);
     let mut is_lost = false;
     if lost.is_none() && !is_doubled {
         let (q, qd, _) = state;
@@ -141,7 +142,7 @@ pub fn forward_dynamics_jvp<T: Real<Parameter = T>>(
     }
     if is_lost {
         // If there is no wider model, the result is kept.
-        doubled_products::tangent(model, state, wrenches, along, out);
+        doubled_tangent(model, state, wrenches, along, out);
     }
     Ok(())
 }
@@ -193,7 +194,7 @@ pub fn forward_dynamics_vjp<T: Real<Parameter = T>>(
     let is_doubled = lost.is_none()
         && workspace.form == Form::Auto
         && monitor.of_roots
-        && doubled_products::gradients(model, state, wrenches, cotangent, (constants, out));
+        && doubled_gradients(model, state, wrenches, cotangent, (constants, out));
     let mut off = T::zero();
     if lost.is_none() && !is_doubled {
         let (q, qd, _) = state;
@@ -214,7 +215,7 @@ pub fn forward_dynamics_vjp<T: Real<Parameter = T>>(
     }
     if workspace.form == Form::Auto && !is_doubled && off.lane(0) > 0.0 {
         // If there is no wider model, the result is kept.
-        doubled_products::gradients(model, state, wrenches, cotangent, (constants, out));
+        doubled_gradients(model, state, wrenches, cotangent, (constants, out));
     }
     Ok(())
 }
@@ -323,4 +324,97 @@ fn negated<T: Real>(to: &mut [T], x: &[T]) {
     for (to, &x) in to.iter_mut().zip(x) {
         *to = -x;
     }
+}
+
+/// [`forward_dynamics_jvp`] in double-double arithmetic, see [`DoubleDoubleState::recompute`].
+fn doubled_tangent<T: Real>(
+    model: &Model<T>,
+    state: (&[T], &[T], &[T]),
+    wrenches: &[Vector6<T>],
+    along: &Directions<'_, T>,
+    out: &mut [T],
+) -> bool {
+    DoubleDoubleState::recompute(model, state, wrenches, out, |wide, out| {
+        let DoubleDoubleState { model, workspace, q, qd, tau, wrenches } = wide;
+        let along = Directions {
+            q: &all(along.q),
+            qd: &all(along.qd),
+            u: &all(along.u),
+            wrenches: &along.wrenches.iter().map(|wrench| wrench.map(widened)).collect::<Vec<_>>(),
+            parameters: &along.parameters.iter().map(|ten| ten.map(widened)).collect::<Vec<_>>(),
+            armature: &all(along.armature),
+            gravity: &all(along.gravity),
+        };
+        let scratch = &mut ProductScratch::new(model);
+        forward_dynamics_jvp(model, workspace, scratch, (q, qd, tau), wrenches, &along, out).is_ok()
+    })
+}
+
+/// [`forward_dynamics_vjp`] in double-double arithmetic.
+#[cold]
+fn doubled_gradients<T: Real>(
+    model: &Model<T>,
+    state: (&[T], &[T], &[T]),
+    wrenches: &[Vector6<T>],
+    cotangent: &[T],
+    (constants, out): (&mut Constants<'_, T>, &mut [T]),
+) -> bool {
+    let Some(mut wide) = DoubleDoubleState::of(model, state, wrenches) else { return false };
+    let DoubleDoubleState { model, workspace, q, qd, tau, wrenches } = &mut wide;
+    let mut scratch = ProductScratch::new(model);
+    let nan = DoubleDouble::from_f64(f64::NAN);
+    let mut found = vec![nan; out.len()];
+    let (mut of_wrenches, mut parameters, mut armature, mut gravity) = (
+        vec![Vector6::from_element(nan); constants.wrenches.len()],
+        vec![[nan; 10]; constants.parameters.len()],
+        vec![nan; constants.armature.len()],
+        vec![nan; constants.gravity.len()],
+    );
+    let mut wide = Constants {
+        wrenches: &mut of_wrenches,
+        parameters: &mut parameters,
+        armature: &mut armature,
+        gravity: &mut gravity,
+    };
+    let (state, cotangent) = ((&q[..], &qd[..], &tau[..]), all(cotangent));
+    let results = (&mut wide, &mut found[..]);
+    let done = forward_dynamics_vjp(model, workspace, &mut scratch, state, wrenches, &cotangent, results);
+    if done.is_err() || !rounded(&found, out) {
+        return false;
+    }
+    for (to, from) in constants.wrenches.iter_mut().zip(&of_wrenches) {
+        *to = from.map(narrowed);
+    }
+    for (to, from) in constants.parameters.iter_mut().zip(&parameters) {
+        *to = from.map(narrowed);
+    }
+    for (to, from) in [(&mut *constants.armature, &armature), (&mut *constants.gravity, &gravity)] {
+        for (to, &from) in to.iter_mut().zip(from) {
+            *to = narrowed(from);
+        }
+    }
+    true
+}
+
+fn widened<T: Real>(x: T) -> DoubleDouble {
+    DoubleDouble::from_f64(x.lane(0))
+}
+
+fn narrowed<T: Real>(x: DoubleDouble) -> T {
+    T::from_f64(x.lane(0))
+}
+
+fn all<T: Real>(numbers: &[T]) -> Vec<DoubleDouble> {
+    numbers.iter().map(|&x| widened(x)).collect()
+}
+
+/// Rounds all values into `out` if they are finite.
+fn rounded<T: Real>(found: &[DoubleDouble], out: &mut [T]) -> bool {
+    if !found.iter().all(|x| x.lane(0).is_finite()) {
+        return false;
+    }
+    for (to, &from) in out.iter_mut().zip(found) {
+        *to = narrowed(from);
+    }
+    true
 }
