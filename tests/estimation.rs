@@ -4,7 +4,7 @@
 use crate::common::arm::{assembled, link, parts};
 use crate::common::{ALL_KINDS, Random, Tree, random_state, tolerance};
 use nalgebra::Vector6;
-use phipsi::dynamics::{Estimate, EstimateCovariance, EstimateScratch, Measurements};
+use phipsi::dynamics::{Estimate, EstimateCovariance, EstimateScratch, Measurements, co_state_covariances};
 use phipsi::filter::smoothed::remaining;
 use phipsi::filter::{HingeMap, covariance};
 use phipsi::scene::{JointDescription, JointKind};
@@ -232,7 +232,7 @@ fn the_smoothed_block_is_the_same_on_both_sides_of_a_measurement() {
         let pivots: Vec<f64> = factor.pivots().collect();
         let largest = tolerance::size(&pivots);
         let mut seen = 0;
-        covariance::sweep(system, &shift, &measured, &mut lambdas, |row, plus, _| {
+        co_state_covariances(system, (&shift, &measured), &mut lambdas, |(_, row), plus, _| {
             let (_, _, hinge, _) = case.rows()[row];
             let (minus, _) = covariance::row_update(plus, &hinge, &measured[row]);
             let outside = remaining(&p_minus[row], &minus).to_matrix();

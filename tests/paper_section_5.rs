@@ -8,7 +8,7 @@ use crate::common::paper::{Case, cases, chains, trees};
 use crate::common::sampling::{self, DRAWS, Draws, drawn, has_covariance, has_not_covariance, mean_square};
 use crate::common::tolerance;
 use nalgebra::Vector6;
-use phipsi::filter::covariance;
+use phipsi::dynamics;
 use phipsi::operators::{Kind, Operator};
 use phipsi::spatial::Symmetric6;
 use std::sync::OnceLock;
@@ -204,7 +204,8 @@ fn swept(case: &Case) -> (Vec<Matrix>, Vec<Matrix>) {
     let full = |lambda: &Symmetric6<f64>| Matrix::from_column_slice(6, 6, lambda.to_matrix().as_slice());
     let mut plus = vec![Matrix::zeros(0, 0); case.nv()];
     let mut minus = vec![Symmetric6::filled(f64::NAN); sweep.shift.len()];
-    covariance::sweep(system, &sweep.shift, &sweep.measured, &mut minus, |row, lambda, _| plus[row] = full(lambda));
+    let factor = (&sweep.shift[..], &sweep.measured[..]);
+    dynamics::co_state_covariances(system, factor, &mut minus, |(_, row), lambda, _| plus[row] = full(lambda));
     (plus, minus.iter().map(full).collect())
 }
 

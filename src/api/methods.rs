@@ -264,14 +264,9 @@ impl Scene {
     /// [`Error::Shape`] and [`Error::NotFinite`].
     pub fn placements(&self, q: &[f64]) -> Result<Vec<RigidShift<f64>>, Error> {
         let q = &*self.tree_configuration("q", q)?;
-        let mut bodies: Vec<RigidShift<f64>> = Vec::with_capacity(self.model().bodies.len());
-        for (body, stage) in self.model().bodies.iter().zip(&self.model().system.stages) {
-            let shift = kinematics::joint_shift(body, q);
-            bodies.push(match stage.parent {
-                Some(parent) => bodies[parent].compose(&shift),
-                None => shift,
-            });
-        }
+        let mut bodies = vec![RigidShift::identity(); self.model().bodies.len()];
+        kinematics::placements_base_to_tip(self.model(), q, &mut bodies);
+        kinematics::placements_on_base(self.model(), 0..bodies.len(), &mut bodies);
         let placements: Vec<_> = self.links().iter().map(|link| on_base(link, &bodies)).collect();
         placements.iter().try_for_each(|placement| self.check_result("placements", placement.lever.as_slice()))?;
         Ok(placements)

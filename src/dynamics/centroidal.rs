@@ -5,15 +5,15 @@
 //! first moving body, so that the distance of a floating robot from the origin of the base causes no loss of precision.
 //! If no moving body has mass, there is no center of mass, and results are NaN.
 
-use super::energy::{momentum, sum_on_base, velocities_base_to_tip};
-use super::mass_matrix::composite_inertias_tip_to_base;
+use super::energy::{first_moments_tip_to_base, momentum, total_on_base};
 use crate::algorithm::KinematicQuantity;
 use crate::filter::System;
 use crate::joints::vectors::plus;
-use crate::kinematics::{joint_motion, placements_base_to_tip, write_column};
+use crate::kinematics::propagation::sum_tip_to_base;
+use crate::kinematics::{accelerations_base_to_tip, placements_base_to_tip, velocities_base_to_tip, write_column};
 use crate::model::Model;
 use crate::scalar::Real;
-use crate::spatial::{RigidShift, cross, cross_motion, linear, scaled_add, spatial, sum};
+use crate::spatial::{FirstMoment, RigidShift, cross, cross_motion, linear, scaled_add, spatial, sum};
 use crate::workspace::Workspace;
 use nalgebra::{Vector3, Vector6};
 
@@ -56,7 +56,7 @@ pub fn total_mass<T: Real>(model: &Model<T>) -> T {
 pub fn center_of_mass<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T]) -> Vector3<T> {
     placements_base_to_tip(model, q, &mut workspace.store.shifts);
     first_moments_tip_to_base(model, workspace);
-    let center = center(model, workspace);
+    let center = center(model, workspace, |k| workspace.first_moment[k]);
     plus(&center.from, q[0].constant(1.0), &center.to)
 }
 
@@ -82,20 +82,13 @@ pub fn center_of_mass_acceleration<T: Real>(
     qdd: &[T],
 ) -> Vector3<T> {
     placements_base_to_tip(model, q, &mut workspace.store.shifts);
-    velocities_base_to_tip(model, workspace, qd);
+    velocities_base_to_tip(model, &workspace.store.shifts, qd, &mut workspace.velocity);
     let Workspace { store, velocity, z: acceleration, .. } = &mut *workspace;
-    for (k, (body, stage)) in model.bodies.iter().zip(&model.system.stages).enumerate() {
-        let joint = joint_motion(body, stage.first_row, qd);
-        let own = sum(&body.motion.velocity_product(&velocity[k], &joint), &joint_motion(body, stage.first_row, qdd));
-        acceleration[k] = match stage.parent {
-            Some(parent) => sum(&store.shifts[k].motion_to_child(&acceleration[parent]), &own),
-            None => own,
-        };
-    }
+    accelerations_base_to_tip(model, (&store.shifts, velocity), (qd, qdd), None, acceleration);
     for ((z, body), velocity) in acceleration.iter_mut().zip(&model.bodies).zip(velocity) {
         *z = body.inertia.bias_force(velocity, z);
     }
-    divided(&linear(&sum_on_base(model, workspace)), total_mass(model))
+    divided(&linear(&total_on_base(model, workspace)), total_mass(model))
 }
 
 /// The Jacobian of the center of mass at `q` into `out`, (3 x nv) row by row: the velocity in the base frame is J qd.
@@ -104,11 +97,11 @@ pub fn center_of_mass_acceleration<T: Real>(
 pub fn center_of_mass_jacobian<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], out: &mut [T]) {
     placements_base_to_tip(model, q, &mut workspace.store.shifts);
     first_moments_tip_to_base(model, workspace);
-    let center = center(model, workspace);
+    let center = center(model, workspace, |k| workspace.first_moment[k]);
     placements_from(model, workspace, &center);
     let by_mass = center.mass.recip();
     each_row(model, |k, j, axis| {
-        let momentum = linear(&workspace.composite[k].mul_motion(axis));
+        let momentum = workspace.first_moment[k].momentum_of(axis);
         let column = workspace.store.shifts[k].rotate(&momentum);
         write_column(out, model.nv(), j, &[column[0] * by_mass, column[1] * by_mass, column[2] * by_mass]);
     });
@@ -123,7 +116,7 @@ pub fn center_of_mass_jacobian<T: Real>(model: &Model<T>, workspace: &mut Worksp
 pub fn centroidal_momentum_matrix<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], out: &mut [T]) {
     placements_base_to_tip(model, q, &mut workspace.store.shifts);
     composite_inertias_tip_to_base(model, workspace);
-    let center = center(model, workspace);
+    let center = center(model, workspace, |k| workspace.composite[k].first());
     placements_from(model, workspace, &center);
     each_row(model, |k, j, axis| {
         let column = workspace.store.shifts[k].force_to_parent(&workspace.composite[k].mul_motion(axis));
@@ -145,10 +138,10 @@ pub fn centroidal_momentum_matrix_rate<T: Real>(
     out: &mut [T],
 ) {
     placements_base_to_tip(model, q, &mut workspace.store.shifts);
-    velocities_base_to_tip(model, workspace, qd);
+    velocities_base_to_tip(model, &workspace.store.shifts, qd, &mut workspace.velocity);
     composite_inertias_tip_to_base(model, workspace);
     composite_rates_tip_to_base(model, workspace);
-    let center = center(model, workspace);
+    let center = center(model, workspace, |k| workspace.composite[k].first());
     placements_from(model, workspace, &center);
     let (one, mut momentum) = (center.mass.constant(1.0), Vector3::from_element(center.mass.constant(0.0)));
     for k in roots(model) {
@@ -213,9 +206,9 @@ struct Center<T> {
     to: Vector3<T>,
 }
 
-/// The center of mass, from masses and first moments of the composites.
+/// The center of mass, from the mass and the first moment of each root body with all bodies outboard of it.
 #[inline(always)]
-fn center<T: Real>(model: &Model<T>, workspace: &Workspace<T>) -> Center<T> {
+fn center<T: Real>(model: &Model<T>, workspace: &Workspace<T>, of: impl Fn(usize) -> FirstMoment<T>) -> Center<T> {
     let zero = T::zero();
     let (one, minus_one) = (zero.constant(1.0), zero.constant(-1.0));
     let (mut from, mut mass, mut moment) = (None, zero, Vector3::from_element(zero));
@@ -223,42 +216,32 @@ fn center<T: Real>(model: &Model<T>, workspace: &Workspace<T>) -> Center<T> {
         let mut place = on_base(model, workspace, k);
         let here = *from.get_or_insert(place.lever);
         place.lever = plus(&place.lever, minus_one, &here);
-        mass += workspace.composite[k].mass;
-        moment = plus(&moment, one, &workspace.composite[k].first_moment_in_parent(&place));
+        let there = of(k).at_parent(&place);
+        mass += there.mass;
+        moment = plus(&moment, one, &there.moment);
     }
     Center { mass, from: from.unwrap_or(moment), to: divided(&moment, mass) }
 }
 
-/// Tip to base: mass and first moment of r(k) (3.5); its rotational inertia is not set.
+/// Tip to base: r(k) = M(k) + sum over children of phi r phi* (3.5); a composite of rigid bodies is a rigid body.
 #[inline(always)]
-fn first_moments_tip_to_base<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>) {
-    for (composite, body) in workspace.composite.iter_mut().zip(&model.bodies) {
-        (composite.mass, composite.first_moment) = (body.inertia.mass, body.inertia.first_moment);
+fn composite_inertias_tip_to_base<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>) {
+    let Workspace { composite, store, .. } = workspace;
+    for (composite, body) in composite.iter_mut().zip(&model.bodies) {
+        *composite = body.inertia;
     }
-    for (k, stage) in model.system.stages.iter().enumerate().rev() {
-        if let Some(parent) = stage.parent {
-            let carried = workspace.composite[k];
-            workspace.composite[parent].mass += carried.mass;
-            let to = &mut workspace.composite[parent].first_moment;
-            *to = plus(to, carried.mass.constant(1.0), &carried.first_moment_in_parent(&workspace.store.shifts[k]));
-        }
-    }
+    sum_tip_to_base(&model.system.stages, &store.shifts, composite);
 }
 
 /// Tip to base: the time derivative of r(k) in fixed axes, from velocities. It has the parameters of an inertia without
 /// mass.
 #[inline(always)]
 fn composite_rates_tip_to_base<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>) {
-    let moving = model.bodies.iter().zip(&workspace.velocity);
-    for (rate, (body, velocity)) in workspace.composite_rate.iter_mut().zip(moving) {
+    let Workspace { composite_rate, velocity, store, .. } = workspace;
+    for (rate, (body, velocity)) in composite_rate.iter_mut().zip(model.bodies.iter().zip(&*velocity)) {
         *rate = body.inertia.rate(velocity);
     }
-    for (k, stage) in model.system.stages.iter().enumerate().rev() {
-        if let Some(parent) = stage.parent {
-            let carried = workspace.composite_rate[k].to_parent(&workspace.store.shifts[k]);
-            workspace.composite_rate[parent] = workspace.composite_rate[parent].add(&carried);
-        }
-    }
+    sum_tip_to_base(&model.system.stages, &store.shifts, composite_rate);
 }
 
 /// Base to tip: phi of every moving body to the base axes at the center of mass, in place of phi to its parent.

@@ -254,11 +254,19 @@ impl Scene {
         match which {
             Products::InverseTangent | Products::InverseTangents => {
                 let along = Directions::of_seed(seed, bodies, &mut forces);
-                derivatives::inverse_dynamics_jvp(model, scratch, at, wrenches, &along, out);
+                derivatives::inverse_dynamics_jvp(model, workspace, scratch, at, wrenches, &along, out);
                 Ok(())
             }
             Products::InverseGradient | Products::InverseGradients => {
-                derivatives::inverse_dynamics_vjp(model, scratch, at, wrenches, seed[0], (&mut constants, out));
+                derivatives::inverse_dynamics_vjp(
+                    model,
+                    workspace,
+                    scratch,
+                    at,
+                    wrenches,
+                    seed[0],
+                    (&mut constants, out),
+                );
                 Ok(())
             }
             Products::ForwardTangent(_) | Products::ForwardTangents(_) => {

@@ -10,10 +10,11 @@
 
 use super::sweeps::general;
 use crate::filter::innovations;
-use crate::kinematics::{joint_motion, placements_base_to_tip};
+use crate::kinematics::propagation::inward_along_path;
+use crate::kinematics::{placements_base_to_tip, placements_on_base, velocities_base_to_tip};
 use crate::model::Model;
 use crate::scene::contact_point::ContactPoint;
-use crate::spatial::{RigidShift, angular, dot, linear, spatial, sum, zero};
+use crate::spatial::{RigidShift, angular, dot, linear, spatial, zero};
 use crate::workspace::Workspace;
 use nalgebra::{DMatrix, DVector, Vector3, Vector6};
 
@@ -89,12 +90,8 @@ impl ContactScratch {
     /// Gaps and rows at `q`. O(N + contacts).
     pub fn place(&mut self, model: &Model<f64>, points: &[ContactPoint], q: &[f64]) {
         placements_base_to_tip(model, q, &mut self.shift);
-        for (k, stage) in model.system.stages.iter().enumerate() {
-            self.places[k] = match stage.parent {
-                Some(parent) => self.places[parent].compose(&self.shift[k]),
-                None => self.shift[k],
-            };
-        }
+        self.places.copy_from_slice(&self.shift);
+        placements_on_base(model, 0..model.bodies.len(), &mut self.places);
         for (i, point) in points.iter().enumerate() {
             let place = &self.places[point.body];
             let normal = point.normal();
@@ -113,13 +110,7 @@ impl ContactScratch {
     /// J v of all contacts, m/s, and of all joint limits, at the configuration of [`ContactScratch::place`]. O(N +
     /// contacts).
     pub fn velocities(&mut self, model: &Model<f64>, points: &[ContactPoint], v: &[f64]) -> DVector<f64> {
-        for (k, stage) in model.system.stages.iter().enumerate() {
-            let own = joint_motion(&model.bodies[k], stage.first_row, v);
-            self.velocity[k] = match stage.parent {
-                Some(parent) => sum(&self.shift[k].motion_to_child(&self.velocity[parent]), &own),
-                None => own,
-            };
-        }
+        velocities_base_to_tip(model, &self.shift, v, &mut self.velocity);
         DVector::from_fn(3 * self.gaps.len(), |i, _| match (points.get(i / 3), i % 3) {
             (Some(point), row) => dot(&self.units[i / 3][row], &self.velocity[point.body]),
             (None, 2) => self.limits[i / 3 - points.len()].velocity(v),
@@ -136,31 +127,30 @@ impl ContactScratch {
         near: &[usize],
     ) -> DMatrix<f64> {
         let (system, nv, m) = (&model.system, model.nv(), 3 * near.len());
+        let measured = &workspace.store.measured;
         self.whitened.clear();
         self.whitened.resize(m * nv, 0.0);
         for row in 0..m {
             let i = near[row / 3];
             // A force on a body reduces the force that its joint transmits; a limit acts as a torque of its joint.
-            let (mut z, mut next) = match points.get(i) {
-                Some(point) => (-self.units[i][row % 3], Some(point.body)),
+            let (force, body) = match points.get(i) {
+                Some(point) => (-self.units[i][row % 3], point.body),
                 None if row % 3 == 2 => {
                     let limit = &self.limits[i - points.len()];
                     self.torque[limit.row] = limit.sign();
-                    (zero(), Some(limit.body))
+                    (zero(), limit.body)
                 }
                 None => continue,
             };
             let out = &mut self.whitened[row * nv..(row + 1) * nv];
-            while let Some(k) = next {
-                innovations::through_stage((system, k), &workspace.store.measured, &self.torque, &mut z, out);
+            inward_along_path(&system.stages, &self.shift, [Some(body), None], force, |k, z| {
+                innovations::through_stage((system, k), measured, &self.torque, z, out);
                 let stage = &system.stages[k];
                 let joint = stage.first_row..stage.first_row + stage.rows.count();
-                for (out, measured) in out[joint.clone()].iter_mut().zip(&workspace.store.measured[joint]) {
+                for (out, measured) in out[joint.clone()].iter_mut().zip(&measured[joint]) {
                     *out *= measured.pivot_inverse.sqrt();
                 }
-                z = self.shift[k].force_to_parent(&z);
-                next = stage.parent;
-            }
+            });
             self.torque.fill(0.0);
         }
         let whitened = DMatrix::from_column_slice(nv, m, &self.whitened);

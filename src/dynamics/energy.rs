@@ -1,11 +1,11 @@
 //! Kinetic and potential energy, and momentum.
 
-use super::mass_matrix::composite_inertias_tip_to_base;
 use crate::algorithm::KinematicQuantity;
-use crate::kinematics::{joint_motion, placements_base_to_tip};
+use crate::kinematics::propagation::sum_tip_to_base;
+use crate::kinematics::{placements_base_to_tip, velocities_base_to_tip};
 use crate::model::Model;
 use crate::scalar::Real;
-use crate::spatial::{BodyInertia, dot, sum};
+use crate::spatial::{BodyInertia, dot, sum, zero};
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
 
@@ -57,8 +57,25 @@ fn potential_energy<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: 
 /// Potential energy with phi in the workspace.
 #[inline(always)]
 fn potential<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>) -> T {
-    let (moment, g) = (total_inertia(model, workspace).first_moment, &model.gravity);
+    first_moments_tip_to_base(model, workspace);
+    let mut total = BodyInertia::zero().first();
+    for (k, stage) in model.system.stages.iter().enumerate() {
+        if stage.parent.is_none() {
+            total = total.add(&workspace.first_moment[k].at_parent(&workspace.store.shifts[k]));
+        }
+    }
+    let (moment, g) = (&total.moment, &model.gravity);
     -(g[0] * moment[0] + g[1] * moment[1] + g[2] * moment[2])
+}
+
+/// Tip to base: mass and first moment of r(k) (3.5), with phi in the workspace.
+#[inline(always)]
+pub(super) fn first_moments_tip_to_base<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>) {
+    let Workspace { first_moment, store, .. } = workspace;
+    for (first_moment, body) in first_moment.iter_mut().zip(&model.bodies) {
+        *first_moment = body.inertia.first();
+    }
+    sum_tip_to_base(&model.system.stages, &store.shifts, first_moment);
 }
 
 /// Kinetic energy alone in O(N), J: half of v* M v over all bodies, plus half of armature times the square of the joint
@@ -66,7 +83,7 @@ fn potential<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>) -> T {
 #[inline(always)]
 pub fn kinetic_energy<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], qd: &[T]) -> T {
     placements_base_to_tip(model, q, &mut workspace.store.shifts);
-    velocities_base_to_tip(model, workspace, qd);
+    velocities_base_to_tip(model, &workspace.store.shifts, qd, &mut workspace.velocity);
     let mut twice_kinetic = T::zero();
     for (body, v) in model.bodies.iter().zip(&workspace.velocity) {
         twice_kinetic += dot(v, &body.inertia.mul_motion(v));
@@ -83,48 +100,22 @@ pub fn kinetic_energy<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q
 #[inline(always)]
 pub fn momentum<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], qd: &[T]) -> Vector6<T> {
     placements_base_to_tip(model, q, &mut workspace.store.shifts);
-    velocities_base_to_tip(model, workspace, qd);
+    velocities_base_to_tip(model, &workspace.store.shifts, qd, &mut workspace.velocity);
     for ((z, body), v) in workspace.z.iter_mut().zip(&model.bodies).zip(&workspace.velocity) {
         *z = body.inertia.mul_motion(v);
     }
-    sum_on_base(model, workspace)
+    total_on_base(model, workspace)
 }
 
-/// Tip to base: the sum of the forces (or momenta) `z` on all bodies, about the base's origin and in its axes.
+/// Tip to base: the sum of the forces (or momenta) `workspace.z` on all bodies, about the base's origin and in its axes.
 #[inline(always)]
-pub(super) fn sum_on_base<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>) -> Vector6<T> {
-    let mut total = Vector6::from_element(T::zero());
+pub(super) fn total_on_base<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>) -> Vector6<T> {
+    let Workspace { z, store, .. } = workspace;
+    sum_tip_to_base(&model.system.stages, &store.shifts, z);
+    let mut total = zero();
     for (k, stage) in model.system.stages.iter().enumerate().rev() {
-        let carried = workspace.store.shifts[k].force_to_parent(&workspace.z[k]);
-        match stage.parent {
-            Some(parent) => workspace.z[parent] = sum(&workspace.z[parent], &carried),
-            None => total = sum(&total, &carried),
-        }
-    }
-    total
-}
-
-/// Base to tip: spatial velocities, with phi already in the workspace.
-#[inline(always)]
-pub(super) fn velocities_base_to_tip<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, qd: &[T]) {
-    for (k, body) in model.bodies.iter().enumerate() {
-        let stage = &model.system.stages[k];
-        let mut velocity = joint_motion(body, stage.first_row, qd);
-        if let Some(parent) = stage.parent {
-            velocity = sum(&velocity, &workspace.store.shifts[k].motion_to_child(&workspace.velocity[parent]));
-        }
-        workspace.velocity[k] = velocity;
-    }
-}
-
-/// Composite inertia of all moving bodies, about the origin of the base.
-#[inline(always)]
-fn total_inertia<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>) -> BodyInertia<T> {
-    composite_inertias_tip_to_base(model, workspace);
-    let mut total = BodyInertia::zero();
-    for (k, stage) in model.system.stages.iter().enumerate() {
         if stage.parent.is_none() {
-            total = total.add(&workspace.composite[k].to_parent(&workspace.store.shifts[k]));
+            total = sum(&total, &store.shifts[k].force_to_parent(&z[k]));
         }
     }
     total

@@ -11,9 +11,9 @@
 //! prescribed acceleration a0.
 
 use super::forces::Motion;
-use super::sweeps::general;
+use super::sweeps::{co_state_covariances, general};
 use crate::filter::pivots::PivotMonitor;
-use crate::filter::{covariance, riccati, smoothed};
+use crate::filter::{riccati, smoothed};
 use crate::model::Model;
 use crate::scalar::Real;
 use crate::spatial::Symmetric6;
@@ -224,13 +224,15 @@ pub fn estimate_covariance<T: Real>(
     out: &mut EstimateCovariance<T>,
 ) -> PivotMonitor<T> {
     let s = measurements.acceleration_variance;
-    let mut all = smoothed::Smoothed {
-        state: &mut out.force,
-        co_state: &mut scratch.co_state_covariance,
-        information: &mut scratch.information,
-    };
-    let (_, store) = workspace.passes(model);
-    smoothed::sweep(&scratch.model.system, &store.shifts, &store.measured, &scratch.filtered, &mut all);
+    let EstimateScratch { model: measured_model, filtered, co_state_covariance, information, .. } = &mut *scratch;
+    let (system, store) = (&measured_model.system, &workspace.store);
+    co_state_covariances(system, (&store.shifts, &store.measured), co_state_covariance, |(k, row), lambda, _| {
+        information[row] = smoothed::information(&store.measured[row], lambda);
+        // On the inboard side of the joint, where the zeros of noise-free measurements in P^+ make H P = 0 exact.
+        if row == system.stages[k].first_row {
+            out.force[k] = smoothed::remaining(&filtered[k], lambda);
+        }
+    });
     for (k, (body, stage)) in model.bodies.iter().zip(&model.system.stages).enumerate() {
         let lambda = &scratch.co_state_covariance[k];
         out.process[k] = smoothed::remaining(&body.inertia.to_symmetric(), lambda).scaled(s);
@@ -249,7 +251,7 @@ pub fn estimate_covariance<T: Real>(
     let (measured, accelerations) = (&store.measured, &mut out.acceleration);
     let co_states = &mut scratch.co_state_covariance;
     let told = &scratch.information;
-    covariance::sweep(&model.system, &store.shifts, measured, co_states, |row, lambda, _| {
+    co_state_covariances(&model.system, (&store.shifts, measured), co_states, |(_, row), lambda, _| {
         accelerations[row] = s * (smoothed::information(&measured[row], lambda) - told[row]);
     });
     monitor

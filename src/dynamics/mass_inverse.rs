@@ -3,10 +3,10 @@
 use super::columns::{
     Block, Columns, body_of_row, put, put_row, spread_hinge, spread_shift, spread_symmetric, spread_vector,
 };
-use super::double_double_state::DoubleDoubleState;
 use super::forward::factorise;
+use super::refined::DoubleDoubleState;
+use super::sweeps::co_state_covariances;
 use crate::filter::Form;
-use crate::filter::covariance;
 use crate::filter::innovations::past_rows;
 use crate::filter::pivots::PivotMonitor;
 use crate::model::Model;
@@ -99,16 +99,10 @@ pub(crate) fn closed_form<T: Real, C: ColumnsOf<T>>(
     out: &mut [T],
 ) {
     let spread_gain = &mut scratch.spread_gain;
-    let measured = &workspace.store.measured;
-    covariance::sweep(
-        &model.system,
-        &workspace.store.shifts,
-        measured,
-        &mut scratch.co_state_covariance,
-        |row, _, u| {
-            spread_gain[row] = *u;
-        },
-    );
+    let factor = (&workspace.store.shifts[..], &workspace.store.measured[..]);
+    co_state_covariances(&model.system, factor, &mut scratch.co_state_covariance, |(_, row), _, u| {
+        spread_gain[row] = *u;
+    });
     let nv = model.nv();
     let mut first = 0;
     while first < nv {

@@ -14,20 +14,6 @@ pub fn mass_matrix<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &
     general::mass_matrix((model, sweeps), (store, columns), q, out);
 }
 
-/// Tip to base: r(k) = M(k) + sum over children of phi r phi* (3.5); a composite of rigid bodies is a rigid body.
-#[inline(always)]
-pub(crate) fn composite_inertias_tip_to_base<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>) {
-    for (composite, body) in workspace.composite.iter_mut().zip(&model.bodies) {
-        *composite = body.inertia;
-    }
-    for (k, stage) in model.system.stages.iter().enumerate().rev() {
-        if let Some(parent) = stage.parent {
-            let carried = workspace.composite[k].to_parent(&workspace.store.shifts[k]);
-            workspace.composite[parent] = workspace.composite[parent].add(&carried);
-        }
-    }
-}
-
 /// log det M = sum of log D(k), with the factor already in the workspace. In f64, because the scalars have no
 /// logarithm.
 #[must_use]

@@ -38,7 +38,6 @@ pub(crate) mod constraints;
 pub(crate) mod contacts;
 pub(crate) mod coupled;
 pub mod derivatives;
-mod double_double_state;
 pub(crate) mod energy;
 pub(crate) mod estimate;
 pub(crate) mod forces;
@@ -65,3 +64,5 @@ pub use mass_matrix::{log_det_mass_matrix, mass_matrix};
 pub use operational::{OperationalScratch, operational_inverse_inertia};
 #[doc(hidden)]
 pub use refined::{SquareRootResult, forward_dynamics_square_root};
+#[doc(hidden)]
+pub use sweeps::co_state_covariances;

@@ -1,13 +1,14 @@
 //! Operational space: the inverse inertia of bodies and task frames is the covariance of their co-states, without M.
 
-use super::double_double_state::DoubleDoubleState;
 use super::forward::factorise;
+use super::refined::DoubleDoubleState;
+use super::sweeps::{SweepScratch, co_state_covariances};
 use crate::filter::Form;
-use crate::filter::covariance;
 use crate::filter::innovations::past_rows;
 use crate::filter::pivots::PivotMonitor;
 use crate::interrupt;
 pub use crate::kinematics::Frame;
+use crate::kinematics::propagation::inward_along_path;
 use crate::model::Model;
 use crate::scalar::{DoubleDouble, Real};
 use crate::spatial::{RigidShift, Symmetric6, dot};
@@ -62,7 +63,8 @@ pub fn operational_inverse_inertia<T: Real>(
     let monitor = factorise(model, workspace, q);
     let is_in_doubt = workspace.form == Form::Auto && monitor.of_roots;
     let lambda = &mut scratch.co_state_covariance;
-    covariance::sweep(&model.system, &workspace.store.shifts, &workspace.store.measured, lambda, |_, _, _| {});
+    let SweepScratch { shifts, measured, .. } = &workspace.store;
+    co_state_covariances(&model.system, (shifts, measured), lambda, |_, _, _| {});
     if is_in_doubt && doubled(model, q, frames, out) {
         return monitor;
     }
@@ -108,23 +110,22 @@ fn covariance_between<T: Real>(
     frames: [&Frame<T>; 2],
 ) -> Matrix6<T> {
     let stages = &model.system.stages;
-    let mut forces = frames.map(|frame| unit_forces(&frame.placement));
-    let mut at = frames.map(|frame| frame.body);
-    let meeting = loop {
-        let [Some(i), Some(j)] = at else { return Matrix6::from_element(T::zero()) };
-        if i == j {
-            break i;
-        }
+    let [mut i, mut j] = frames.map(|frame| frame.body);
+    while i != j {
         // Parents precede children: the body with the larger index is no ancestor of the other.
-        let (side, k) = if i > j { (0, i) } else { (1, j) };
-        let stage = &stages[k];
-        for force in &mut forces[side] {
-            past_rows(stage, &workspace.store.measured, 0..stage.rows.count(), force);
-            *force = workspace.store.shifts[k].force_to_parent(force);
-        }
-        at[side] = stage.parent;
-    };
-    let [left, right] = forces;
+        let side = if i > j { &mut i } else { &mut j };
+        *side = side.and_then(|k| stages[k].parent);
+    }
+    let Some(meeting) = i else { return Matrix6::from_element(T::zero()) };
+    let SweepScratch { shifts, measured, .. } = &workspace.store;
+    let [left, right] = frames.map(|frame| {
+        let forces = unit_forces(&frame.placement);
+        inward_along_path(stages, shifts, [frame.body, i], forces, |k, forces| {
+            for force in forces {
+                past_rows(&stages[k], measured, 0..stages[k].rows.count(), force);
+            }
+        })
+    });
     let right = right.map(|force| co_state_covariance[meeting].mul_vector(&force));
     Matrix6::from_fn(|row, column| dot(&left[row], &right[column]))
 }

@@ -4,12 +4,11 @@ use super::sweeps::{MassColumns, SweepModel, SweepScratch};
 use crate::accuracy::Accuracy;
 use crate::algorithm::Chunks;
 use crate::filter::pivots::{Evidence, LostPivot, PivotMonitor, first_lost};
-use crate::filter::riccati::Measured;
 use crate::filter::tolerance::Tolerance;
 use crate::filter::{Form, System};
 use crate::model::Model;
 use crate::scalar::Real;
-use crate::spatial::{BodyInertia, Symmetric3, Symmetric6};
+use crate::spatial::{BodyInertia, FirstMoment, Symmetric3};
 use nalgebra::{Vector3, Vector6};
 
 /// The number of calls of forward dynamics that needed more than the first form, all lanes of a call counted as one.
@@ -117,6 +116,8 @@ pub struct Workspace<T: Real> {
     pub(crate) estimates: Vec<T>,
     /// r(k), the composite inertia of everything outboard of joint k.
     pub(crate) composite: Vec<BodyInertia<T>>,
+    /// Mass and first moment of r(k).
+    pub(crate) first_moment: Vec<FirstMoment<T>>,
     /// The time derivative of r(k) in fixed axes.
     pub(crate) composite_rate: Vec<BodyInertia<T>>,
     /// The bodies that a call needs.
@@ -165,6 +166,7 @@ impl<T: Real> Workspace<T> {
             z: vectors(),
             estimates: vec![nan; model.nv()],
             composite: inertias(),
+            first_moment: vec![FirstMoment { mass: nan, moment: Vector3::from_element(nan) }; bodies],
             composite_rate: inertias(),
             needed: vec![false; bodies],
             rest: vec![T::zero(); model.nv()],
@@ -191,18 +193,6 @@ impl<T: Real> Workspace<T> {
     #[inline(always)]
     pub(crate) fn passes<'a>(&'a mut self, model: &'a Model<T>) -> (Scene<'a, T>, &'a mut SweepScratch<T>) {
         ((model, &self.sweeps), &mut self.store)
-    }
-
-    /// P^+ of body `k` on the inboard side of its joint, `seen` being called with the P^- of each row: of the last
-    /// factor, in square-root form or in covariance form. `measured` is D and g of that factor.
-    pub(crate) fn filtered_covariance(
-        &self,
-        (system, k): (&System<T>, usize),
-        measured: &mut [Measured<T>],
-        of_roots: bool,
-        seen: impl FnMut(usize, &Symmetric6<T>),
-    ) -> Symmetric6<T> {
-        self.store.filtered_covariance((system, &self.sweeps.swept()[k]), measured, of_roots, seen)
     }
 
     /// True if every pivot D of the last factor is positive and finite (lane 0): in square-root form they are sums of

@@ -10,12 +10,12 @@ use super::variance::{
     torques_tip_to_base,
 };
 use crate::batch::instruction_set::{Baseline, InstructionSet, Target, Vectorized, Work, take_states};
-use crate::filter::riccati::{Measured, measure_stage};
+use crate::dynamics::sweeps::{SweepModel, SweepScratch, refactor};
+use crate::filter::riccati::Measured;
 use crate::kinematics::Frame;
 use crate::model::Model;
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 use crate::scalar::Lanes;
-use crate::scalar::Real;
 use crate::scene::Scene;
 use crate::spatial::{RigidShift, Symmetric6};
 #[cfg(target_arch = "aarch64")]
@@ -81,6 +81,7 @@ struct Kernel<T: Vectorized, I> {
 struct Numbers<T: Vectorized> {
     forward: bool,
     model: Model<T>,
+    sweeps: SweepModel<T>,
     parameters: ParameterRoots<T>,
     noise: Vec<T>,
     joints: Vec<JointCovariance<T>>,
@@ -92,8 +93,8 @@ struct Scratch<T: Vectorized> {
     variance: VarianceScratch<T>,
     q: Vec<T>,
     qd: Vec<T>,
-    inertia: Vec<Symmetric6<T>>,
-    measured: Vec<Measured<T>>,
+    /// The factor of M.
+    store: SweepScratch<T>,
     bodies: Vec<Symmetric6<T>>,
     results: Vec<T>,
 }
@@ -104,12 +105,12 @@ impl<T: Vectorized<Number = f64>, I> Kernel<T, I> {
         let (bodies, nv) = (model.bodies.len(), model.nv());
         let nan = T::from_f64(f64::NAN);
         let matrices = |count| vec![Symmetric6::filled(nan); count];
+        let sweeps = SweepModel::general(&model);
         let scratch = Scratch {
             variance: VarianceScratch::new(&model),
             q: vec![nan; model.nq],
             qd: vec![nan; nv],
-            inertia: matrices(bodies),
-            measured: vec![Measured::filled(nan); nv],
+            store: SweepScratch::new(&model, &sweeps),
             bodies: matrices(if question.frames.is_empty() { 0 } else { bodies }),
             results: vec![nan; nv + 36 * question.frames.len()],
         };
@@ -117,6 +118,7 @@ impl<T: Vectorized<Number = f64>, I> Kernel<T, I> {
         let numbers = Numbers {
             forward: question.forward,
             model,
+            sweeps,
             parameters: question.parameters.cast(),
             noise: question.torque.noise.iter().map(|&x| T::from_f64(x)).collect(),
             joints: question.torque.joints.iter().map(wide).collect(),
@@ -166,7 +168,7 @@ impl<T: Vectorized<Number = f64>> Work for Run<'_, T> {
         for (lane, out) in out.chunks_exact(width).enumerate().take(count) {
             let is_lost = |m: &Measured<T>| !(m.pivot.lane(lane) > 0.0);
             let is_bad =
-                !out.iter().all(|x| x.is_finite()) || (numbers.forward && scratch.measured.iter().any(is_lost));
+                !out.iter().all(|x| x.is_finite()) || (numbers.forward && scratch.store.measured.iter().any(is_lost));
             doubt |= u64::from(is_bad) << lane;
         }
         doubt
@@ -175,8 +177,8 @@ impl<T: Vectorized<Number = f64>> Work for Run<'_, T> {
 
 #[inline(always)]
 fn variances<T: Vectorized>(numbers: &Numbers<T>, scratch: &mut Scratch<T>) {
-    let Numbers { model, parameters, .. } = numbers;
-    let Scratch { variance, qd, inertia, measured, bodies, results, .. } = scratch;
+    let Numbers { model, sweeps, parameters, .. } = numbers;
+    let Scratch { variance, qd, store, bodies, results, .. } = scratch;
     let (joints, of_frames) = results.split_at_mut(model.nv());
     let torque =
         TorqueVariance { noise: &numbers.noise, joints: &numbers.joints, friction_speed: numbers.friction_speed };
@@ -188,13 +190,12 @@ fn variances<T: Vectorized>(numbers: &Numbers<T>, scratch: &mut Scratch<T>) {
         return;
     }
     torque.evaluate(qd, &variance.qdd, &mut variance.torque);
-    factorise(model, shift, inertia, measured);
-    // Taken out and put back: phi is read beside the rest of the scratch, and nothing is allocated.
-    let shift = std::mem::take(&mut variance.motions.shift);
-    let factor = Factored { shift: &shift, measured };
+    // The pass of the factor reads phi from its store; the next state computes phi anew.
+    std::mem::swap(&mut store.shifts, &mut variance.motions.shift);
+    refactor((model, sweeps), store);
+    let factor = Factored { shift: &store.shifts, measured: &store.measured };
     tip_to_base(model, factor, variance);
     base_to_tip(model, factor, variance, &mut Variances { joints, bodies });
-    variance.motions.shift = shift;
     for (out, (body, placement)) in of_frames.chunks_exact_mut(36).zip(&numbers.frames) {
         let covariance = match *body {
             Some(body) => placement.co_covariance_to_child(&bodies[body]),
@@ -202,26 +203,6 @@ fn variances<T: Vectorized>(numbers: &Numbers<T>, scratch: &mut Scratch<T>) {
         };
         for (i, column) in out.chunks_exact_mut(6).enumerate() {
             column.copy_from_slice(covariance.column(i).as_slice());
-        }
-    }
-}
-
-/// Tip to base: D and g (3.6, 3.10), in covariance form.
-#[inline(always)]
-fn factorise<T: Real>(
-    model: &Model<T>,
-    shift: &[RigidShift<T>],
-    inertia: &mut [Symmetric6<T>],
-    measured: &mut [Measured<T>],
-) {
-    for (inertia, body) in inertia.iter_mut().zip(&model.bodies) {
-        *inertia = body.inertia.to_symmetric();
-    }
-    for (k, stage) in model.system.stages.iter().enumerate().rev() {
-        let mut p = inertia[k];
-        measure_stage(&model.system, k, &mut p, measured, |_, _| {});
-        if let Some(parent) = stage.parent {
-            inertia[parent] = inertia[parent].add(&shift[k].inertia_to_parent(&p));
         }
     }
 }

@@ -2,8 +2,8 @@
 //! the diagonal of M^-1.
 
 use super::variance::{Factored, VarianceScratch, Variances, base_to_tip, tip_to_base};
-use crate::dynamics::{InverseScratch, factorise, mass_matrix_inverse};
-use crate::filter::{Form, covariance};
+use crate::dynamics::{InverseScratch, co_state_covariances, factorise, mass_matrix_inverse};
+use crate::filter::Form;
 use crate::model::Model;
 use crate::scalar::{DoubleDouble, Real};
 use crate::scene::Scene;
@@ -31,12 +31,12 @@ fn check(scene: &Scene, armature: f64) {
     let mut before = vec![Symmetric6::zero(); nv];
     factorise(&model, &mut workspace, &q);
     let (shift, measured) = (&workspace.store.shifts, &workspace.store.measured);
-    for k in 0..model.bodies.len() {
+    for (k, (sum, body)) in workspace.store.covariances().iter().zip(&model.bodies).enumerate() {
         let seen = |row: usize, p: &Symmetric6<DoubleDouble>| before[row] = *p;
-        workspace.filtered_covariance((&model.system, k), &mut measured.clone(), false, seen);
+        sum.measured((&model.system, k), &body.inertia, &mut measured.clone(), seen);
     }
     let mut lambda = vec![Symmetric6::zero(); model.bodies.len()];
-    covariance::sweep(&model.system, shift, measured, &mut lambda, |_, _, _| {});
+    co_state_covariances(&model.system, (shift, measured), &mut lambda, |_, _, _| {});
 
     let mut scratch = VarianceScratch::new(&model);
     for (noise, body) in scratch.predicted.iter_mut().zip(&model.bodies) {

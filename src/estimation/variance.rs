@@ -12,10 +12,11 @@ use crate::dynamics::forward_dynamics;
 use crate::filter::pivots::PivotMonitor;
 use crate::filter::riccati::Measured;
 use crate::filter::{HingeMap, covariance};
-use crate::kinematics::{base_acceleration, joint_motion, joint_shift, motion_step};
+use crate::kinematics::propagation::sum_tip_to_base;
+use crate::kinematics::{accelerations_base_to_tip, base_acceleration, placements_base_to_tip, velocities_base_to_tip};
 use crate::model::Model;
 use crate::scalar::Real;
-use crate::spatial::{RigidShift, Symmetric6, dot, scaled, scaled_add, sum, zero};
+use crate::spatial::{RigidShift, Symmetric6, dot, scaled, scaled_add, zero};
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
 
@@ -59,7 +60,7 @@ pub struct Variances<'a, T: Real> {
     pub bodies: &'a mut [Symmetric6<T>],
 }
 
-/// phi, velocity and acceleration of every body in its frame.
+/// phi, velocity and acceleration of every body in its frame, weight included.
 #[derive(Debug, Clone)]
 pub(super) struct BodyMotions<T: Real> {
     pub shift: Vec<RigidShift<T>>,
@@ -77,19 +78,11 @@ impl<T: Real> BodyMotions<T> {
     /// Base to tip: the motion of a state (2.9).
     #[inline(always)]
     pub fn base_to_tip(&mut self, model: &Model<T>, (q, qd, qdd): (&[T], &[T], &[T])) {
-        let (still, base) = (zero(), base_acceleration(model));
-        for (k, (body, stage)) in model.bodies.iter().zip(&model.system.stages).enumerate() {
-            let shift = joint_shift(body, q);
-            let parent = match stage.parent {
-                Some(parent) => (&self.velocity[parent], &self.acceleration[parent]),
-                None => (&still, &base),
-            };
-            let (velocity, acceleration) = motion_step(body, stage.first_row, &shift, parent, qd);
-            let own = joint_motion(body, stage.first_row, qdd);
-            self.shift[k] = shift;
-            self.velocity[k] = velocity;
-            self.acceleration[k] = sum(&acceleration, &own);
-        }
+        let Self { shift, velocity, acceleration } = self;
+        placements_base_to_tip(model, q, shift);
+        velocities_base_to_tip(model, shift, qd, velocity);
+        let base = base_acceleration(model);
+        accelerations_base_to_tip(model, (shift, velocity), (qd, qdd), Some(&base), acceleration);
     }
 }
 
@@ -313,14 +306,11 @@ pub(super) fn torques_tip_to_base<T: Real>(
     covariance: &mut [Symmetric6<T>],
     out: &mut [T],
 ) {
-    for (k, stage) in model.system.stages.iter().enumerate().rev() {
-        let pi = covariance[k];
+    sum_tip_to_base(&model.system.stages, shift, covariance);
+    for (stage, pi) in model.system.stages.iter().zip(&*covariance) {
         for i in 0..stage.rows.count() {
-            let (row, hinge) = (stage.first_row + i, stage.rows.row(i));
-            out[row] += hinge.project(&hinge.covariance_column(&pi));
-        }
-        if let Some(parent) = stage.parent {
-            covariance[parent] = covariance[parent].add(&shift[k].inertia_to_parent(&pi));
+            let hinge = stage.rows.row(i);
+            out[stage.first_row + i] += hinge.project(&hinge.covariance_column(pi));
         }
     }
 }

@@ -15,9 +15,9 @@
 //! ```
 
 use super::riccati::Measured;
-use super::system::{HingeMap, System};
+use super::system::HingeMap;
 use crate::scalar::Real;
-use crate::spatial::{RigidShift, Symmetric6, scaled_add};
+use crate::spatial::{Symmetric6, scaled_add};
 use nalgebra::Vector6;
 
 /// Lambda^- from Lambda^+ across one row: (1 - gH)^T Lambda^+ (1 - gH) + H^T H / D (5.6).
@@ -56,28 +56,4 @@ pub fn row_update<T: Real>(
         next.linear.entries[entry] += h[i + 3] * w[j + 3] + w[i + 3] * h[j + 3];
     }
     (next, u)
-}
-
-/// Base to tip: Lambda^- of every stage; `seen` is called with each row's Lambda^+ and Lambda^+ g.
-pub fn sweep<T: Real>(
-    system: &System<T>,
-    shift: &[RigidShift<T>],
-    measured: &[Measured<T>],
-    co_state_covariance: &mut [Symmetric6<T>],
-    mut seen: impl FnMut(usize, &Symmetric6<T>, &Vector6<T>),
-) {
-    for (k, stage) in system.stages.iter().enumerate() {
-        // 5.7, from Lambda^+ = 0 at the root.
-        let mut lambda = match stage.parent {
-            Some(parent) => shift[k].co_covariance_to_child(&co_state_covariance[parent]),
-            None => Symmetric6::zero(),
-        };
-        for i in 0..stage.rows.count() {
-            let row = stage.first_row + i;
-            let (next, spread_gain) = row_update(&lambda, &stage.rows.row(i), &measured[row]);
-            seen(row, &lambda, &spread_gain);
-            lambda = next;
-        }
-        co_state_covariance[k] = lambda;
-    }
 }

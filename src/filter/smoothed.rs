@@ -1,8 +1,7 @@
-//! Covariances of the smoother's estimates: the diagonal blocks of 2.6 and 2.11, in O(N).
+//! Covariances of the smoother's estimates: the diagonal blocks of 2.6 and 2.11.
 //!
-//! From P^+, D and g of the filter, a pass base to tip with the co-state covariances (5.6, 5.7) computes the
-//! covariances given all measurements: of a state, of a process noise, and of a measurement. About 700 operations per
-//! block in addition to those of Lambda.
+//! P^+, D and g of the filter and the co-state covariances (5.6, 5.7) determine the covariances given all measurements:
+//! of a state, of a process noise, and of a measurement. About 700 operations per block in addition to those of Lambda.
 //!
 //! ```
 //! use nalgebra::Matrix3;
@@ -19,11 +18,9 @@
 //! assert_eq!(left.diagonal().as_slice(), [1.0, 1.0, 0.0, 1.0, 1.0, 1.0]);
 //! ```
 
-use super::covariance;
 use super::riccati::Measured;
-use super::system::System;
 use crate::scalar::Real;
-use crate::spatial::{RigidShift, Symmetric3, Symmetric6, dot};
+use crate::spatial::{Symmetric3, Symmetric6, dot};
 use nalgebra::{Matrix3, Vector6};
 
 /// `C - C Lambda C`: a covariance C given the measurements.
@@ -47,37 +44,4 @@ pub fn remaining<T: Real>(covariance: &Symmetric6<T>, lambda: &Symmetric6<T>) ->
 #[must_use]
 pub fn information<T: Real>(measured: &Measured<T>, lambda: &Symmetric6<T>) -> T {
     measured.pivot_inverse + dot(&measured.gain, &lambda.mul_vector(&measured.gain))
-}
-
-/// The results of [`sweep`].
-#[derive(Debug)]
-pub struct Smoothed<'a, T: Real> {
-    /// Covariance of each stage's state given all measurements, a diagonal block of 2.6.
-    pub state: &'a mut [Symmetric6<T>],
-    /// Lambda^- of each stage.
-    pub co_state: &'a mut [Symmetric6<T>],
-    /// [`information`] of each row.
-    pub information: &'a mut [T],
-}
-
-/// Base to tip, with P^+ of every stage known.
-///
-/// Evaluated on the inboard side of a stage's rows, where the zeros of noise-free measurements in P^+ make H P = 0
-/// exact.
-pub fn sweep<T: Real>(
-    system: &System<T>,
-    shift: &[RigidShift<T>],
-    measured: &[Measured<T>],
-    p_plus: &[Symmetric6<T>],
-    smoothed: &mut Smoothed<'_, T>,
-) {
-    let mut stages = system.stages.iter().zip(p_plus).zip(smoothed.state.iter_mut()).peekable();
-    let information_of = &mut smoothed.information;
-    covariance::sweep(system, shift, measured, smoothed.co_state, |row, lambda, _| {
-        information_of[row] = information(&measured[row], lambda);
-        // Rows come in order, a stage's innermost first.
-        if let Some(((_, p), state)) = stages.next_if(|((stage, _), _)| stage.first_row == row) {
-            *state = remaining(p, lambda);
-        }
-    });
 }

@@ -2,7 +2,7 @@
 //! scratch.
 
 use super::frame::{AccelerationKind, Frame, ReferenceFrame};
-use super::outward::{joint_motion, joint_shift};
+use super::outward::{joint_motion, joint_shift, placements_on_base};
 use crate::model::Model;
 use crate::scalar::Real;
 use crate::spatial::{RigidShift, angular, cross_add, cross_motion, linear, spatial, sum, zero};
@@ -86,13 +86,11 @@ pub fn placements_on_the_way<T: Real>(
             needed[parent] = true;
         }
     }
-    for (k, stage) in stages.iter().enumerate().filter(|&(k, _)| needed[k]) {
-        let shift = joint_shift(&model.bodies[k], q);
-        placements[k] = match stage.parent {
-            Some(parent) => placements[parent].compose(&shift),
-            None => shift,
-        };
+    let on_the_way = || (0..stages.len()).filter(|&k| needed[k]);
+    for k in on_the_way() {
+        placements[k] = joint_shift(&model.bodies[k], q);
     }
+    placements_on_base(model, on_the_way(), placements);
 }
 
 /// The motion of a frame relative to the base; vectors are (angular, linear), at its origin and in its axes.

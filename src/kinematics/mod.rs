@@ -29,6 +29,7 @@ pub(crate) mod inward;
 pub(crate) mod jacobian;
 pub(crate) mod outward;
 pub(crate) mod pair;
+pub(crate) mod propagation;
 pub(crate) mod relative;
 
 pub use frame::{ACCELERATION_KINDS, AccelerationKind, Frame, REFERENCE_FRAMES, ReferenceFrame};
@@ -39,6 +40,6 @@ pub use jacobian::{jacobian, jacobian_rate};
 pub(crate) use jacobian::{local_jacobian, write_column};
 #[doc(hidden)]
 pub use outward::{
-    base_acceleration, coordinate_rates, joint_motion, joint_shift, motion_past_joint, motion_step,
-    placements_base_to_tip,
+    accelerations_base_to_tip, base_acceleration, coordinate_rates, joint_motion, joint_shift, motion_past_joint,
+    placements_base_to_tip, placements_on_base, velocities_base_to_tip,
 };

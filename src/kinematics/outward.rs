@@ -2,7 +2,7 @@
 
 use crate::model::{Body, Model};
 use crate::scalar::Real;
-use crate::spatial::{RigidShift, sum};
+use crate::spatial::{RigidShift, sum, zero};
 use nalgebra::Vector6;
 
 /// phi from the body's frame to its parent's, at configuration `q`.
@@ -33,21 +33,62 @@ pub fn placements_base_to_tip<T: Real>(model: &Model<T>, q: &[T], shift: &mut [R
     }
 }
 
-/// The velocity v(k) of body k, and the velocity-dependent part of its acceleration, from those of its parent: phi^T of
-/// both, plus the contribution of the joint. The acceleration of the parent may contain joint accelerations; the caller
-/// adds those of this joint.
+/// Base to tip over `bodies`, innermost first: the pose of each body on the base, in the place of phi to its parent.
 #[inline(always)]
-pub fn motion_step<T: Real>(
-    body: &Body<T>,
-    row: usize,
-    shift: &RigidShift<T>,
-    parent: (&Vector6<T>, &Vector6<T>),
-    qd: &[T],
-) -> (Vector6<T>, Vector6<T>) {
-    motion_past_joint(body, row, &(shift.motion_to_child(parent.0), shift.motion_to_child(parent.1)), qd)
+pub fn placements_on_base<T: Real>(
+    model: &Model<T>,
+    bodies: impl Iterator<Item = usize>,
+    placements: &mut [RigidShift<T>],
+) {
+    for k in bodies {
+        if let Some(parent) = model.system.stages[k].parent {
+            placements[k] = placements[parent].compose(&placements[k]);
+        }
+    }
 }
 
-/// The same, from the velocity and acceleration of the parent transported to the joint, phi^T of both.
+/// Base to tip: the spatial velocity v(k) of every body in its frame, with phi in `shift`.
+#[inline(always)]
+pub fn velocities_base_to_tip<T: Real>(
+    model: &Model<T>,
+    shift: &[RigidShift<T>],
+    qd: &[T],
+    velocity: &mut [Vector6<T>],
+) {
+    for (k, (body, stage)) in model.bodies.iter().zip(&model.system.stages).enumerate() {
+        let joint = joint_motion(body, stage.first_row, qd);
+        velocity[k] = match stage.parent {
+            Some(parent) => sum(&joint, &shift[k].motion_to_child(&velocity[parent])),
+            None => joint,
+        };
+    }
+}
+
+/// Base to tip: the spatial acceleration of every body in its frame (2.9) at joint accelerations `qdd`, with phi in
+/// `shift` and the velocities of [`velocities_base_to_tip`]. `base` is the acceleration of the base; None means zero.
+#[inline(always)]
+pub fn accelerations_base_to_tip<T: Real>(
+    model: &Model<T>,
+    (shift, velocity): (&[RigidShift<T>], &[Vector6<T>]),
+    (qd, qdd): (&[T], &[T]),
+    base: Option<&Vector6<T>>,
+    acceleration: &mut [Vector6<T>],
+) {
+    for (k, (body, stage)) in model.bodies.iter().zip(&model.system.stages).enumerate() {
+        let (row, joint) = (stage.first_row, joint_motion(body, stage.first_row, qd));
+        let own = sum(&body.motion.velocity_product(&velocity[k], &joint), &joint_motion(body, row, qdd));
+        let carried = match (stage.parent, base) {
+            (Some(parent), _) => shift[k].motion_to_child(&acceleration[parent]),
+            (None, Some(base)) => shift[k].motion_to_child(base),
+            (None, None) => zero(),
+        };
+        acceleration[k] = sum(&carried, &own);
+    }
+}
+
+/// The velocity of a body, and the velocity-dependent part of its acceleration, from those of its parent transported to
+/// the joint, phi^T of both. The acceleration of the parent may contain joint accelerations; the caller adds those of
+/// this joint.
 #[inline(always)]
 pub fn motion_past_joint<T: Real>(
     body: &Body<T>,

@@ -228,7 +228,7 @@ impl BackwardSolver<f64> for EventSolver<'_> {
         let negative: Vec<f64> = u_bar.iter().map(|x| -x).collect();
         let constants = &mut Constants { parameters, ..Constants::default() };
         let state = (q, qd, self.accelerations);
-        derivatives::inverse_dynamics_vjp(model, products, state, wrenches, &negative, (constants, out));
+        derivatives::inverse_dynamics_vjp(model, workspace, products, state, wrenches, &negative, (constants, out));
         let last = out.len() - u_bar.len();
         out[last..].copy_from_slice(&u_bar);
         0

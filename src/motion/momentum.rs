@@ -23,7 +23,8 @@
 use super::properties::{Gains, Properties};
 use crate::error::Error;
 use crate::joints::vectors::{cross, plus, triple, write};
-use crate::kinematics::{joint_motion, placements_base_to_tip};
+use crate::kinematics::propagation::{Accumulates, sum_tip_to_base};
+use crate::kinematics::{placements_base_to_tip, velocities_base_to_tip};
 use crate::model::Model;
 use crate::scalar::{Real, larger};
 use crate::scene::Scene;
@@ -108,10 +109,7 @@ pub(super) struct MomentumProjection<T> {
     roots: Vec<usize>,
     shift: Vec<RigidShift<T>>,
     velocity: Vec<Vector6<T>>,
-    /// Accumulated from tip to base: momentum, twice the kinetic energy, and composite inertia of all outboard bodies.
-    momentum: Vec<Vector6<T>>,
-    energy: Vec<T>,
-    composite: Vec<BodyInertia<T>>,
+    outboard: Vec<Outboard<T>>,
     /// The [`CONSERVED`] quantities of each tree.
     pub start: Vec<T>,
     /// Time since the start of each state, s.
@@ -120,6 +118,31 @@ pub(super) struct MomentumProjection<T> {
     pub correction: [T; 2],
     /// The largest correction of the run.
     pub largest: [T; 2],
+}
+
+/// Momentum, twice the kinetic energy, and composite inertia of a body and all bodies outboard of it.
+#[derive(Debug, Clone, Copy)]
+struct Outboard<T> {
+    momentum: Vector6<T>,
+    energy: T,
+    composite: BodyInertia<T>,
+}
+
+impl<T: Real> Accumulates<T> for Outboard<T> {
+    #[inline(always)]
+    fn propagated(&self, shift: &RigidShift<T>) -> Self {
+        let Self { momentum, energy, composite } = self;
+        Self { momentum: shift.force_to_parent(momentum), energy: *energy, composite: composite.to_parent(shift) }
+    }
+
+    #[inline(always)]
+    fn plus(&self, other: &Self) -> Self {
+        Self {
+            momentum: sum(&self.momentum, &other.momentum),
+            energy: self.energy + other.energy,
+            composite: self.composite.add(&other.composite),
+        }
+    }
 }
 
 /// A tree as one rigid body, in the axes of its root body.
@@ -142,9 +165,7 @@ impl<T: Real> MomentumProjection<T> {
             roots: roots.to_vec(),
             shift: vec![RigidShift::filled(o); bodies],
             velocity: vec![zero(); bodies],
-            momentum: vec![zero(); bodies],
-            energy: vec![o; bodies],
-            composite: vec![BodyInertia::zero(); bodies],
+            outboard: vec![Outboard { momentum: zero(), energy: o, composite: BodyInertia::zero() }; bodies],
             start: vec![o; CONSERVED * roots.len()],
             time: o,
             correction: [o; 2],
@@ -161,43 +182,31 @@ impl<T: Real> MomentumProjection<T> {
     /// Accumulates momentum, energy and inertia of every tree at its root body.
     #[inline(always)]
     fn gather(&mut self, model: &Model<T>, q: &[T], v: &[T]) {
-        placements_base_to_tip(model, q, &mut self.shift);
-        for (k, (body, stage)) in model.bodies.iter().zip(&model.system.stages).enumerate() {
-            let mut velocity = joint_motion(body, stage.first_row, v);
-            if let Some(parent) = stage.parent {
-                velocity = sum(&velocity, &self.shift[k].motion_to_child(&self.velocity[parent]));
-            }
-            let momentum = body.inertia.mul_motion(&velocity);
-            self.energy[k] = dot(&velocity, &momentum);
-            self.velocity[k] = velocity;
-            self.momentum[k] = momentum;
-            self.composite[k] = body.inertia;
+        let Self { shift, velocity, outboard, .. } = self;
+        placements_base_to_tip(model, q, shift);
+        velocities_base_to_tip(model, shift, v, velocity);
+        for ((outboard, velocity), body) in outboard.iter_mut().zip(velocity).zip(&model.bodies) {
+            let momentum = body.inertia.mul_motion(velocity);
+            *outboard = Outboard { momentum, energy: dot(velocity, &momentum), composite: body.inertia };
         }
-        for (k, stage) in model.system.stages.iter().enumerate().rev() {
-            let Some(parent) = stage.parent else { continue };
-            let shift = self.shift[k];
-            self.momentum[parent] = sum(&self.momentum[parent], &shift.force_to_parent(&self.momentum[k]));
-            let energy = self.energy[k];
-            self.energy[parent] += energy;
-            let outward = self.composite[k].to_parent(&shift);
-            join(&mut self.composite[parent], &outward);
-        }
+        sum_tip_to_base(&model.system.stages, shift, outboard);
     }
 
     /// The tree with root body `k` as one rigid body, after [`MomentumProjection::gather`].
     #[inline(always)]
     fn whole(&self, k: usize) -> RigidTree<T> {
-        let BodyInertia { mass, first_moment: h, rotational } = &self.composite[k];
+        let Outboard { momentum, composite, .. } = &self.outboard[k];
+        let BodyInertia { mass, first_moment: h, rotational } = composite;
         let over = mass.recip();
         let center = times(h, over);
-        let pushed = linear(&self.momentum[k]);
+        let pushed = linear(momentum);
         let minus_one = over.constant(-1.0);
         let [xx, xy, xz, yy, yz, zz] = rotational.entries;
         let (x, y, z) = (h[0] * center[0], h[1] * center[1], h[2] * center[2]);
         RigidTree {
             mass: *mass,
             velocity: times(&pushed, over),
-            spin: plus(&angular(&self.momentum[k]), minus_one, &cross(&center, &pushed)),
+            spin: plus(&angular(momentum), minus_one, &cross(&center, &pushed)),
             inertia: Symmetric3::new([
                 xx - (y + z),
                 h[0].mul_add(center[1], xy),
@@ -261,7 +270,7 @@ impl<T: Real> MomentumProjection<T> {
             add(&mut v[row + 3..], &turn);
 
             let change = tree.mass.mul_add(product(&slower, &slower), product(&missing, &turn));
-            let all = self.energy[k] + change;
+            let all = self.outboard[k].energy + change;
             let own = [(change / (all + all.one_if_zero())).sqrt(), product(&behind, &behind).sqrt()];
             self.correction = if i == 0 { own } else { largest(self.correction, own) };
         }
@@ -298,18 +307,6 @@ fn times<T: Real>(x: &Vector3<T>, s: T) -> Vector3<T> {
 #[inline(always)]
 fn product<T: Real>(a: &Vector3<T>, b: &Vector3<T>) -> T {
     a[0].mul_add(b[0], a[1].mul_add(b[1], a[2] * b[2]))
-}
-
-/// Adds a rigid body in place. nalgebra's operators are avoided, because they are not inlined for lanes.
-#[inline(always)]
-fn join<T: Real>(to: &mut BodyInertia<T>, other: &BodyInertia<T>) {
-    to.mass += other.mass;
-    for i in 0..3 {
-        to.first_moment[i] += other.first_moment[i];
-    }
-    for i in 0..6 {
-        to.rotational.entries[i] += other.rotational.entries[i];
-    }
 }
 
 /// a^-1 b for a positive definite a, by its L D L* factorization.

@@ -1,12 +1,13 @@
 //! The factor of the mass matrix at one configuration: K, L and D, and the quantities from which they are computed.
 
 use super::{Applied, Kind};
-use crate::dynamics::factorise;
-use crate::dynamics::sweeps::Accumulated;
+use crate::dynamics::sweeps::{Accumulated, covariances_of_root};
+use crate::dynamics::{self, factorise};
 use crate::error::Error;
 use crate::filter::pivots::PivotMonitor;
 use crate::filter::riccati::Measured;
-use crate::filter::{Form, HingeMap, Stage, System, covariance, innovations, smoother};
+use crate::filter::{Form, HingeMap, Stage, System, innovations, smoother};
+use crate::kinematics::propagation::{base_to_tip, tip_to_base};
 use crate::memory;
 use crate::model::Model;
 use crate::scalar::Real;
@@ -27,14 +28,12 @@ pub struct Factor<T: Real> {
     pub(super) measured: Vec<Measured<T>>,
     /// H of each row.
     pub(super) hinges: Vec<HingeMap<T>>,
-    /// P^- of each row.
-    pub(super) p_minus: Vec<Symmetric6<T>>,
-    /// P^+ of each row.
-    pub(super) p_plus: Vec<Symmetric6<T>>,
     /// The data that [`update`](super::update) needs.
     pub(super) sweep: Sweep<T>,
     /// Computed on first use: most uses of a factor do not need it.
-    pub(super) co_states: OnceLock<CoStateCovariances<T>>,
+    pub(super) forces: OnceLock<Covariances<T>>,
+    /// The same.
+    pub(super) co_states: OnceLock<Covariances<T>>,
 }
 
 /// The results of the pass that the operators do not use.
@@ -48,14 +47,16 @@ pub(super) struct Sweep<T: Real> {
     pub q: Vec<T>,
     /// The sum over the children of each body: P^- without its own inertia, and the bound on its terms.
     pub arrived: Vec<Accumulated<T>>,
+    /// In square-root form P^+ of each body, inboard of its joint; else empty.
+    pub filtered: Vec<Symmetric6<T>>,
 }
 
-/// Lambda of each row, on both sides (5.6, 5.7).
+/// P (3.6) or Lambda (5.6, 5.7) of each row, on both sides.
 #[derive(Debug, Clone)]
-pub(super) struct CoStateCovariances<T: Real> {
-    /// Lambda^-, outboard.
+pub(super) struct Covariances<T: Real> {
+    /// P^- or Lambda^-, outboard.
     pub minus: Vec<Symmetric6<T>>,
-    /// Lambda^+, inboard.
+    /// P^+ or Lambda^+, inboard.
     pub plus: Vec<Symmetric6<T>>,
 }
 
@@ -63,8 +64,7 @@ impl<T: Real> Factor<T> {
     /// The factor at `q`, by one tip-to-base sweep (3.6). The workspace then holds the data for error messages.
     pub fn new(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T]) -> (Self, PivotMonitor<T>) {
         let monitor = factorise(model, workspace, q);
-        let unset = vec![Symmetric6::filled(T::from_f64(f64::NAN)); model.nv()];
-        let mut factor = Self {
+        let factor = Self {
             system: model.system.clone(),
             shift: workspace.store.shifts.clone(),
             inertia: model.bodies.iter().map(|body| body.inertia).collect(),
@@ -75,55 +75,62 @@ impl<T: Real> Factor<T> {
                 .iter()
                 .flat_map(|stage| (0..stage.rows.count()).map(|i| stage.rows.row(i)))
                 .collect(),
-            p_minus: unset.clone(),
-            p_plus: unset,
             sweep: Sweep {
                 form: workspace.form,
                 identity: model.identity(),
                 tolerance: workspace.tolerance,
                 q: q.to_vec(),
                 arrived: workspace.store.covariances().to_vec(),
+                filtered: if monitor.of_roots { workspace.store.filtered_roots() } else { Vec::new() },
             },
+            forces: OnceLock::new(),
             co_states: OnceLock::new(),
         };
-        for k in 0..model.bodies.len() {
-            factor.take_covariances(workspace, k, monitor.of_roots);
-        }
         (factor, monitor)
     }
 
-    /// P^- and P^+ of the rows of body `k` from the store of the workspace.
-    pub(super) fn take_covariances(&mut self, workspace: &Workspace<T>, k: usize, of_roots: bool) {
-        let Self { system, measured, p_minus, p_plus, .. } = self;
-        let seen = |row: usize, p: &Symmetric6<T>| p_minus[row] = *p;
-        let inboard = workspace.filtered_covariance((system, k), measured, of_roots, seen);
-        let stage = &system.stages[k];
-        // P^+ of a row is P^- of the next one inward.
-        for row in (stage.first_row..stage.first_row + stage.rows.count()).rev() {
-            p_plus[row] = if row == stage.first_row { inboard } else { p_minus[row - 1] };
-        }
+    /// P on both sides of every row, from that of each body and its measurements, at the first call.
+    pub(super) fn force_covariances(&self) -> &Covariances<T> {
+        self.forces.get_or_init(|| {
+            let Self { system, inertia, sweep, .. } = self;
+            let unset = vec![Symmetric6::filled(T::from_f64(f64::NAN)); self.nv()];
+            let (mut minus, mut plus, mut measured) = (unset.clone(), unset, self.measured.clone());
+            for (k, stage) in system.stages.iter().enumerate() {
+                let seen = |row: usize, p: &Symmetric6<T>| minus[row] = *p;
+                let inboard = match sweep.filtered.get(k) {
+                    Some(filtered) => covariances_of_root(stage, filtered, &measured, seen),
+                    None => sweep.arrived[k].measured((system, k), &inertia[k], &mut measured, seen),
+                };
+                // P^+ of a row is P^- of the next one inward.
+                for row in (stage.first_row..stage.first_row + stage.rows.count()).rev() {
+                    plus[row] = if row == stage.first_row { inboard } else { minus[row - 1] };
+                }
+            }
+            Covariances { minus, plus }
+        })
     }
 
     /// Approximate number of bytes of the factors of this number of states.
     #[must_use]
     pub fn bytes(model: &Model<T>, states: usize) -> u128 {
         /// Number of vectors in a factor, and the overhead of the allocator for each.
-        const VECTORS: usize = 11;
+        const VECTORS: usize = 10;
         const ADDED: usize = 32;
         let body = size_of::<Stage<T>>()
             + size_of::<RigidShift<T>>()
             + size_of::<BodyInertia<T>>()
-            + size_of::<Accumulated<T>>();
-        let row =
-            2 * size_of::<T>() + size_of::<Measured<T>>() + size_of::<HingeMap<T>>() + 2 * size_of::<Symmetric6<T>>();
+            + size_of::<Accumulated<T>>()
+            + size_of::<Symmetric6<T>>();
+        let row = 2 * size_of::<T>() + size_of::<Measured<T>>() + size_of::<HingeMap<T>>();
         let one = size_of::<Self>() + VECTORS * ADDED + body * model.bodies.len() + row * model.nv() + 8 * model.nq;
         memory::bytes_of::<u8>(&[one, states])
     }
 
-    /// Approximate number of additional bytes for operators that need Lambda, for the factors of this number of states.
+    /// Approximate number of additional bytes for operators that need P or Lambda, for the factors of this number of
+    /// states.
     #[must_use]
     #[doc(hidden)]
-    pub fn bytes_of_co_states(model: &Model<T>, states: usize) -> u128 {
+    pub fn bytes_of_covariances(model: &Model<T>, states: usize) -> u128 {
         memory::bytes_of::<[Symmetric6<T>; 2]>(&[states, model.nv() + 1])
     }
 
@@ -146,30 +153,24 @@ impl<T: Real> Factor<T> {
     /// If the length of `tau` or `out` is not [`Factor::nv`].
     pub fn solve(&self, tau: &[T], out: &mut [T]) {
         super::assert_lengths((self.nv(), self.nv()), (out.len(), tau.len()));
-        let zero = Vector6::from_element(T::zero());
-        let mut z = vec![zero; self.shift.len()];
-        let stages = &self.system.stages;
-        for (k, stage) in stages.iter().enumerate().rev() {
-            let mut state = z[k];
-            innovations::through_stage((&self.system, k), &self.measured, tau, &mut state, out);
-            if let Some(parent) = stage.parent {
-                z[parent] += self.shift[k].force_to_parent(&state);
-            }
-        }
-        for (k, stage) in stages.iter().enumerate() {
-            let mut co_state = stage.parent.map_or(zero, |parent| self.shift[k].motion_to_child(&z[parent]));
-            smoother::through_stage(stage, &self.measured, &mut co_state, out);
-            z[k] = co_state;
-        }
+        let (stages, measured) = (&self.system.stages, &self.measured);
+        let mut states = vec![Vector6::from_element(T::zero()); stages.len()];
+        tip_to_base(stages, &self.shift, (0..stages.len()).rev(), &mut states, |k, force| {
+            innovations::through_stage((&self.system, k), measured, tau, force, out);
+        });
+        base_to_tip(stages, &self.shift, &mut states, |k, co_state| {
+            smoother::through_stage(&stages[k], measured, co_state, out);
+        });
     }
 
     /// Lambda on both sides of every row, by one base-to-tip sweep at the first call.
-    pub(super) fn co_state_covariances(&self) -> &CoStateCovariances<T> {
+    pub(super) fn co_state_covariances(&self) -> &Covariances<T> {
         self.co_states.get_or_init(|| {
             let unset = Symmetric6::filled(T::from_f64(f64::NAN));
             let mut outboard = vec![unset; self.shift.len()];
             let mut plus = vec![unset; self.nv()];
-            covariance::sweep(&self.system, &self.shift, &self.measured, &mut outboard, |row, lambda, _| {
+            let factor = (&self.shift[..], &self.measured[..]);
+            dynamics::co_state_covariances(&self.system, factor, &mut outboard, |(_, row), lambda, _| {
                 plus[row] = *lambda;
             });
             let mut minus = plus.clone();
@@ -179,7 +180,7 @@ impl<T: Real> Factor<T> {
                 minus[rows.clone()].rotate_left(1);
                 minus[rows.end - 1] = outboard;
             }
-            CoStateCovariances { minus, plus }
+            Covariances { minus, plus }
         })
     }
 

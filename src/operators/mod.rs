@@ -124,11 +124,11 @@ impl Kind {
         KINDS.iter().find(|(known, _)| *known == name).map(|&(_, kind)| kind)
     }
 
-    /// True if it uses the covariances of the co-states, which a factor computes at their first use.
+    /// True if it uses the covariances of forces or co-states, which a factor computes at their first use.
     #[must_use]
     #[doc(hidden)]
-    pub fn needs_co_states(self) -> bool {
-        matches!(self, Self::Lambda | Self::LambdaPlus)
+    pub fn needs_covariances(self) -> bool {
+        matches!(self, Self::P | Self::PFiltered | Self::S | Self::Lambda | Self::LambdaPlus)
     }
 
     /// (rows, columns) for `nv` degrees of freedom.

@@ -193,14 +193,14 @@ fn apply_symmetric<T: Real>(factor: &Factor<T>, kind: Kind, x: &[T], y: &mut [T]
             apply_symmetric(factor, Kind::Q, &co_states, &mut forces);
             apply(factor, Kind::Phi, &forces, y);
         }
-        Kind::P => diagonal_blocks(&factor.p_minus, x, y),
-        Kind::PFiltered => diagonal_blocks(&factor.p_plus, x, y),
+        Kind::P => diagonal_blocks(&factor.force_covariances().minus, x, y),
+        Kind::PFiltered => diagonal_blocks(&factor.force_covariances().plus, x, y),
         Kind::Lambda => diagonal_blocks(&factor.co_state_covariances().minus, x, y),
         Kind::LambdaPlus => diagonal_blocks(&factor.co_state_covariances().plus, x, y),
         Kind::S => {
             // With u = P x and v = Psi u: S x = u - v + P Psi* (H* D^-1 H v - x).
             let mut u = vec![T::zero(); x.len()];
-            diagonal_blocks(&factor.p_minus, x, &mut u);
+            diagonal_blocks(&factor.force_covariances().minus, x, &mut u);
             let mut v = u.clone();
             apply(factor, Kind::Psi, &u, &mut v);
             let mut w: Vec<T> = x.iter().map(|&x| -x).collect();
@@ -211,7 +211,7 @@ fn apply_symmetric<T: Real>(factor: &Factor<T>, kind: Kind, x: &[T], y: &mut [T]
             }
             let mut co_states = vec![T::zero(); x.len()];
             apply_transpose(factor, Kind::Psi, &w, &mut co_states);
-            diagonal_blocks(&factor.p_minus, &co_states, y);
+            diagonal_blocks(&factor.force_covariances().minus, &co_states, y);
             for ((y, u), v) in y.iter_mut().zip(u).zip(v) {
                 *y += u - v;
             }

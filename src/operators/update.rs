@@ -67,9 +67,7 @@ impl<T: Real> Factor<T> {
         let pivots = general::update_factor(scene, store, &is_changed);
         self.measured.copy_from_slice(&workspace.store.measured);
         self.sweep.arrived.copy_from_slice(workspace.store.covariances());
-        for k in (0..model.bodies.len()).filter(|&k| is_changed(k)) {
-            self.take_covariances(workspace, k, false);
-        }
+        self.forces.take();
         self.co_states.take();
         Updated { bodies: changes.iter().filter(|&&change| change != Change::None).count(), pivots }
     }

@@ -273,8 +273,8 @@ impl PyFactor {
         let mut output = asked_by(py, "x", Output::new(py, &[&batch[..], &[to]].concat()))?;
         let results = output.numbers()?;
         let states = batch.iter().product();
-        if kind.needs_co_states() {
-            memory::room("q", Factor::bytes_of_co_states(self.model(), state.factors.len()))?;
+        if kind.needs_covariances() {
+            memory::room("q", Factor::bytes_of_covariances(self.model(), state.factors.len()))?;
         }
         let factor = Batch { states, cost: COST * self.model().nv().max(1), pool: &self.pool, make: || () };
         run(py, &batch, factor, |factor| {

@@ -234,11 +234,11 @@ pub fn count_recursion(scene: &Scene, task: Task, state: &Arguments<'_>) -> Coun
             let _ = match which {
                 Products::InverseTangent | Products::InverseTangents => {
                     let along = Directions::of_seed(seeds, model.bodies.len(), &mut forces);
-                    inverse_dynamics_jvp(&model, scratch, at, &wrenches, &along, &mut out);
+                    inverse_dynamics_jvp(&model, &mut workspace, scratch, at, &wrenches, &along, &mut out);
                     Ok(())
                 }
                 Products::InverseGradient | Products::InverseGradients => {
-                    inverse_dynamics_vjp(&model, scratch, at, &wrenches, &seed[0], (none, &mut out));
+                    inverse_dynamics_vjp(&model, &mut workspace, scratch, at, &wrenches, &seed[0], (none, &mut out));
                     Ok(())
                 }
                 Products::ForwardTangent(_) | Products::ForwardTangents(_) => {

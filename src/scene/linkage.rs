@@ -4,7 +4,7 @@ use super::Scene;
 use super::constraint::{Constraint, Near, Tie};
 use crate::filter::HingeMap;
 use crate::kinematics::pair::Pair;
-use crate::kinematics::placements_base_to_tip;
+use crate::kinematics::{placements_base_to_tip, placements_on_base};
 use crate::spatial::RigidShift;
 use nalgebra::Vector3;
 
@@ -141,11 +141,7 @@ impl Scene {
         let model = self.model();
         let mut placements = vec![RigidShift::identity(); model.bodies.len()];
         placements_base_to_tip(model, q, &mut placements);
-        for (k, stage) in model.system.stages.iter().enumerate() {
-            if let Some(parent) = stage.parent {
-                placements[k] = placements[parent].compose(&placements[k]);
-            }
-        }
+        placements_on_base(model, 0..model.bodies.len(), &mut placements);
         let mut axes = Vec::new();
         for &k in &constraint.branches {
             let (stage, Some(joint)) = (&model.system.stages[k], self.joint_of_body(k)) else { continue };

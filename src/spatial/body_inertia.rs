@@ -18,6 +18,40 @@ pub struct BodyInertia<T> {
     pub rotational: Symmetric3<T>,
 }
 
+/// Mass and first moment: the part of an inertia that determines the center of mass.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct FirstMoment<T> {
+    /// Mass m, kg.
+    pub mass: T,
+    /// First moment m p, kg m.
+    pub moment: Vector3<T>,
+}
+
+// Entry by entry: operators of nalgebra are not inlined for lanes.
+impl<T: Real> FirstMoment<T> {
+    /// The same about the parent origin, in the parent frame, as part of [`BodyInertia::to_parent`].
+    #[inline(always)]
+    pub fn at_parent(&self, shift: &RigidShift<T>) -> Self {
+        let (h, l, m) = (shift.rotate(&self.moment), &shift.lever, self.mass);
+        let moment = Vector3::new(m.mul_add(l[0], h[0]), m.mul_add(l[1], h[1]), m.mul_add(l[2], h[2]));
+        Self { mass: m, moment }
+    }
+
+    /// The linear momentum of a motion, N s.
+    #[inline(always)]
+    pub fn momentum_of(&self, v: &Vector6<T>) -> Vector3<T> {
+        let (u, m) = (linear(v), self.mass);
+        cross_add(&angular(v), &self.moment, &Vector3::new(m * u[0], m * u[1], m * u[2]))
+    }
+
+    /// The sum of two bodies, about the same origin.
+    #[inline(always)]
+    pub fn add(&self, other: &Self) -> Self {
+        let (a, b) = (&self.moment, &other.moment);
+        Self { mass: self.mass + other.mass, moment: Vector3::new(a[0] + b[0], a[1] + b[1], a[2] + b[2]) }
+    }
+}
+
 impl<T: Real> BodyInertia<T> {
     /// A massless body.
     #[inline(always)]
@@ -52,8 +86,7 @@ impl<T: Real> BodyInertia<T> {
         let (w, u) = (angular(v), linear(v));
         let h = &self.first_moment;
         let moment = cross_add(h, &u, &self.rotational.mul_vector(&w));
-        let pushed = Vector3::new(self.mass * u[0], self.mass * u[1], self.mass * u[2]);
-        spatial(&moment, &cross_add(&w, h, &pushed))
+        spatial(&moment, &self.first().momentum_of(v))
     }
 
     /// M a + v x* (M v): the force on a body of velocity `v` and spatial acceleration `a`.
@@ -110,19 +143,16 @@ impl<T: Real> BodyInertia<T> {
     #[inline(always)]
     #[must_use]
     pub fn add(&self, other: &Self) -> Self {
-        Self {
-            mass: self.mass + other.mass,
-            first_moment: self.first_moment + other.first_moment,
-            rotational: self.rotational.add(&other.rotational),
-        }
+        let first = self.first().add(&other.first());
+        let (a, b) = (&self.rotational.entries, &other.rotational.entries);
+        let rotational = [a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5]];
+        Self { mass: first.mass, first_moment: first.moment, rotational: Symmetric3::new(rotational) }
     }
 
-    /// The first moment about the parent origin, in the parent frame, as part of [`to_parent`](Self::to_parent).
+    /// Mass and first moment.
     #[inline(always)]
-    #[must_use]
-    pub(crate) fn first_moment_in_parent(&self, shift: &RigidShift<T>) -> Vector3<T> {
-        let (h, l, m) = (shift.rotate(&self.first_moment), &shift.lever, self.mass);
-        Vector3::new(m.mul_add(l[0], h[0]), m.mul_add(l[1], h[1]), m.mul_add(l[2], h[2]))
+    pub(crate) fn first(&self) -> FirstMoment<T> {
+        FirstMoment { mass: self.mass, moment: self.first_moment }
     }
 
     /// phi M phi^T, the inertia about the parent origin, in the parent frame.

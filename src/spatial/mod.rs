@@ -25,6 +25,7 @@ mod vector;
 
 #[doc(hidden)]
 pub use body_inertia::BodyInertia;
+pub(crate) use body_inertia::FirstMoment;
 #[doc(hidden)]
 pub use inertia_root::BodyRoot;
 pub(crate) use inertia_root::{inertia_root, join_roots, root_of_merged};

@@ -3,6 +3,7 @@
 use super::model::{RandomModel, used_columns};
 use crate::error::Error;
 use crate::interrupt;
+use crate::kinematics::propagation::inward_along_path;
 use nalgebra::Vector6;
 
 impl RandomModel {
@@ -33,15 +34,12 @@ impl RandomModel {
     }
 
     /// The torques of a force on body `k`, by row.
-    fn push_inward(&self, k: usize, mut force: Vector6<f64>, path: &mut Vec<(usize, f64)>) {
+    fn push_inward(&self, k: usize, force: Vector6<f64>, path: &mut Vec<(usize, f64)>) {
         path.clear();
-        let mut at = Some(k);
-        while let Some(body) = at {
-            let stage = &self.system.stages[body];
-            let rows = 0..stage.rows.count();
-            path.extend(rows.map(|i| (stage.first_row + i, stage.rows.row(i).project(&force))));
-            force = self.shift[body].force_to_parent(&force);
-            at = stage.parent;
-        }
+        let stages = &self.system.stages;
+        inward_along_path(stages, &self.shift, [Some(k), None], force, |body, force| {
+            let stage = &stages[body];
+            path.extend((0..stage.rows.count()).map(|i| (stage.first_row + i, stage.rows.row(i).project(force))));
+        });
     }
 }

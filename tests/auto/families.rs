@@ -416,7 +416,8 @@ impl Case {
             let stage = &model.system.stages[k];
             let shift = kinematics::joint_shift(body, &self.q);
             let [v, a] = stage.parent.map_or([Vector6::zeros(), base], |parent| motions[parent]);
-            let (v, a) = kinematics::motion_step(body, stage.first_row, &shift, (&v, &a), &self.qd);
+            let seen = (shift.motion_to_child(&v), shift.motion_to_child(&a));
+            let (v, a) = kinematics::motion_past_joint(body, stage.first_row, &seen, &self.qd);
             let of_acceleration = body.inertia.mul_motion(&a);
             let of_velocity = body.inertia.bias_force(&v, &a) - of_acceleration;
             let wrench = self.wrenches.get(k).copied().unwrap_or_else(Vector6::zeros);

@@ -94,7 +94,8 @@ fn either_way_to_it_gives_the_same() {
         let (q, qd, _) = random_state(&scene, &mut Random::new(90 + tree.seed));
         let [coriolis, _] = found(&scene, &q, &qd);
         let mut expected = vec![f64::NAN; coriolis.len()];
-        coriolis_matrix(scene.model(), &mut DerivativeScratch::new(scene.model()), &q, &qd, &mut expected);
+        let scratch = &mut DerivativeScratch::new(scene.model());
+        coriolis_matrix(scene.model(), &mut scene.workspace(), scratch, &q, &qd, &mut expected);
         assert_near("C", &coriolis, &expected, tolerance::product(scene.nv().max(1), size(&expected) + 1.0));
     }
 }

@@ -98,8 +98,8 @@ fn dot(a: &[D], b: &[D]) -> D {
 fn jvp_of_torques<T: Real<Parameter = T>>(model: &Model<T>, state: &State<T>, along: &Directions<'_, T>) -> Vec<T> {
     let State { q, qd, u, wrenches } = state;
     let mut out = vec![T::from_f64(f64::NAN); model.nv()];
-    let mut scratch = ProductScratch::new(model);
-    derivatives::inverse_dynamics_jvp(model, &mut scratch, (q, qd, u), wrenches, along, &mut out);
+    let (mut workspace, mut scratch) = (Workspace::new(model), ProductScratch::new(model));
+    derivatives::inverse_dynamics_jvp(model, &mut workspace, &mut scratch, (q, qd, u), wrenches, along, &mut out);
     out
 }
 
@@ -108,8 +108,9 @@ fn vjp_of_torques<T: Real<Parameter = T>>(model: &Model<T>, state: &State<T>, x:
     let mut all = Everything::unknown(model);
     let Everything { state: out, wrenches: of_wrenches, parameters, armature, gravity } = &mut all;
     let mut constants = Constants { wrenches: of_wrenches, parameters, armature, gravity };
-    let mut scratch = ProductScratch::new(model);
-    derivatives::inverse_dynamics_vjp(model, &mut scratch, (q, qd, u), wrenches, x, (&mut constants, out));
+    let (mut workspace, mut scratch) = (Workspace::new(model), ProductScratch::new(model));
+    let results = (&mut constants, &mut out[..]);
+    derivatives::inverse_dynamics_vjp(model, &mut workspace, &mut scratch, (q, qd, u), wrenches, x, results);
     all
 }
 
@@ -397,7 +398,7 @@ fn counted(scene: &Scene) -> [u64; 6] {
     );
     counts.push(
         Traced::counted(|| {
-            derivatives::inverse_dynamics_jvp(&model, &mut scratch, at, wrenches, &along, &mut out);
+            derivatives::inverse_dynamics_jvp(&model, &mut workspace, &mut scratch, at, wrenches, &along, &mut out);
         })
         .1,
     );
@@ -405,7 +406,7 @@ fn counted(scene: &Scene) -> [u64; 6] {
     counts.push(
         Traced::counted(|| {
             let results = (&mut none, &mut all[..]);
-            derivatives::inverse_dynamics_vjp(&model, &mut scratch, at, wrenches, &v.armature, results);
+            derivatives::inverse_dynamics_vjp(&model, &mut workspace, &mut scratch, at, wrenches, &v.armature, results);
         })
         .1,
     );

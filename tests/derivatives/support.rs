@@ -92,8 +92,8 @@ fn room<T: Real>(model: &Model<T>) -> Vec<T> {
 pub fn of_torques<T: Real<Parameter = T>>(model: &Model<T>, state: &State<T>) -> Three<T> {
     let State { q, qd, u, wrenches } = state;
     let mut out = room(model);
-    let mut scratch = DerivativeScratch::new(model);
-    derivatives::inverse_dynamics_derivatives(model, &mut scratch, (q, qd, u), wrenches, &mut out);
+    let (mut workspace, mut scratch) = (Workspace::new(model), DerivativeScratch::new(model));
+    derivatives::inverse_dynamics_derivatives(model, &mut workspace, &mut scratch, (q, qd, u), wrenches, &mut out);
     split(model, &out)
 }
 

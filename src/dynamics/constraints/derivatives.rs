@@ -19,6 +19,7 @@ use super::rows::pair_at;
 use super::scratch::ConstraintScratch;
 use crate::dynamics::derivatives::{DerivativeScratch, inverse_dynamics_derivatives};
 use crate::kinematics::coordinate_rates;
+use crate::kinematics::propagation::tip_to_base;
 use crate::model::Model;
 use crate::scalar::Dual;
 use crate::scene::constraint::{Constraint, Constraints, Tie};
@@ -57,7 +58,8 @@ pub(crate) fn constrained_derivatives(
     for (sum, own) in acting.iter_mut().zip(wrenches) {
         *sum += own;
     }
-    inverse_dynamics_derivatives(model, &mut DerivativeScratch::new(model), (q, qd, qdd), &acting, out);
+    let mut of_tree = DerivativeScratch::new(model);
+    inverse_dynamics_derivatives(model, workspace, &mut of_tree, (q, qd, qdd), &acting, out);
     // Row by row in `out`.
     let by = |matrix: &[f64]| DMatrix::from_row_slice(nv, nv, matrix);
     let (mut by_q, by_qd) = (by(&out[..square]), by(&out[square..2 * square]));
@@ -180,14 +182,9 @@ fn felt(
         state[k] = sum(&state[k], &force);
     }
     let mut torques = Vec::new();
-    for &k in &constraint.path {
+    tip_to_base(&model.system.stages, shift, constraint.path.iter().copied(), state, |k, z| {
         let stage = &model.system.stages[k];
-        for i in 0..stage.rows.count() {
-            torques.push((stage.first_row + i, stage.rows.row(i).project(&state[k])));
-        }
-        if let Some(parent) = stage.parent {
-            state[parent] = sum(&state[parent], &shift[k].force_to_parent(&state[k]));
-        }
-    }
+        torques.extend((0..stage.rows.count()).map(|i| (stage.first_row + i, stage.rows.row(i).project(z))));
+    });
     torques
 }

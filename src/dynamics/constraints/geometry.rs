@@ -13,11 +13,11 @@
 //! are the rows of the intended linkage to within the tolerance. These rows are kept; the combinations (1 - Q) J are
 //! dropped.
 
+use super::gram_inverse::Relaxed;
+use super::mobility::{Group, SizedRows, groups};
 use super::mobility::{mobility, moved, scattered};
-use super::relaxed::Relaxed;
 use super::rows::units_of_rows;
 use super::scratch::ConstraintScratch;
-use super::sized_rows::{Group, SizedRows, groups};
 use crate::error::Error;
 use crate::kinematics::placements_base_to_tip;
 use crate::model::Model;

@@ -4,11 +4,12 @@ use super::NoDirection;
 use super::gram_inverse::GramInverse;
 use super::rows::{begin, units_of_rows};
 use super::scratch::ConstraintScratch;
-use crate::dynamics::sweeps::general;
+use crate::dynamics::sweeps::{SweepScratch, general};
 use crate::filter::{HingeMap, innovations};
+use crate::kinematics::propagation::tip_to_base;
 use crate::model::Model;
 use crate::scene::constraint::{Constraint, Constraints};
-use crate::spatial::{angular, linear, sum};
+use crate::spatial::linear;
 use crate::workspace::Workspace;
 use nalgebra::DMatrix;
 
@@ -39,46 +40,32 @@ impl ConstraintScratch {
     /// Row i of W*: a unit force along row i is propagated inward from the bodies on which it acts, through the
     /// measurements of each joint.
     fn whiten(&mut self, model: &Model<f64>, workspace: &Workspace<f64>, constraint: &Constraint, i: usize) {
-        let Self { units, state, moments, whitened, sizes, torque, estimates, .. } = self;
+        let Self { units, state, whitened, sizes, torque, estimates, .. } = self;
         let (system, nv) = (&model.system, model.nv());
+        let SweepScratch { shifts, measured, .. } = &workspace.store;
         // The measurement is the torque of the row. A force on a body reduces the force that its joint transmits.
         begin(constraint, &units[i], state, -1.0);
-        for &k in &constraint.path {
-            moments[k] = 0.0;
-        }
-        for (force, moment) in units[i].forces.iter().zip(units[i].moments) {
-            if let Some((k, _)) = force {
-                moments[*k] += moment;
-            }
-        }
         torque.fill(0.0);
         for (v, unit) in units[i].torques.into_iter().flatten() {
             torque[v] = unit;
         }
         let out = &mut whitened[i * nv..(i + 1) * nv];
         let mut square = 0.0;
-        for &k in &constraint.path {
+        tip_to_base(&system.stages, shifts, constraint.path.iter().copied(), state, |k, z| {
             let stage = &system.stages[k];
-            let mut z = state[k];
             for row in 0..stage.rows.count() {
                 let size = match stage.rows.row(row) {
-                    HingeMap::Axis(axis) if axis < 3 => moments[k],
-                    HingeMap::Axis(_) => linear(&z).norm(),
-                    HingeMap::Screw(pitch) => moments[k] + pitch.abs() * linear(&z).norm(),
+                    HingeMap::Axis(axis) if axis < 3 => z.moment,
+                    HingeMap::Axis(_) => linear(&z.force).norm(),
+                    HingeMap::Screw(pitch) => z.moment + pitch.abs() * linear(&z.force).norm(),
                 } + torque[stage.first_row + row].abs();
-                square += size * size * workspace.store.measured[stage.first_row + row].pivot_inverse;
+                square += size * size * measured[stage.first_row + row].pivot_inverse;
             }
-            innovations::through_stage((system, k), &workspace.store.measured, torque, &mut z, estimates);
+            innovations::through_stage((system, k), measured, torque, &mut z.force, estimates);
             for row in stage.first_row..stage.first_row + stage.rows.count() {
-                out[row] = estimates[row] * workspace.store.measured[row].pivot_inverse.sqrt();
+                out[row] = estimates[row] * measured[row].pivot_inverse.sqrt();
             }
-            if let Some(parent) = stage.parent {
-                let shift = &workspace.store.shifts[k];
-                state[parent] = sum(&state[parent], &shift.force_to_parent(&z));
-                // A lever parallel to a force gives a moment that is only rounding; it does not count as a moment.
-                moments[parent] += angular(&z).norm().max(moments[k]) + shift.lever.norm() * linear(&z).norm();
-            }
-        }
+        });
         sizes[i] = square.sqrt();
     }
 

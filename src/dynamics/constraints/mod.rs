@@ -27,12 +27,9 @@ mod inverse;
 mod kernel;
 mod mobility;
 mod projection;
-mod relaxed;
 mod rows;
 mod scratch;
-mod sized_rows;
 mod solution;
-mod unit_row;
 
 pub(crate) use derivatives::constrained_derivatives;
 pub(crate) use inverse::{constrained_inverse_dynamics, constrained_mass_matrix_inverse};

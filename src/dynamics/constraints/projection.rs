@@ -1,7 +1,7 @@
 //! Projection of positions and velocities onto the connections, by steps of least kinetic energy.
 
 use super::NoDirection;
-use super::relaxed::Relaxed;
+use super::gram_inverse::Relaxed;
 use super::rows::{errors_of_rows, rates_of_rows};
 use super::scratch::ConstraintScratch;
 use crate::dynamics::forward::factorise;

@@ -2,14 +2,14 @@
 
 use super::NoDirection;
 use super::scratch::ConstraintScratch;
-use super::unit_row::UnitRow;
+use super::scratch::{SizedForce, UnitRow};
 use crate::kinematics::pair::{PairRows, RelativeMotion, pair_rows};
+use crate::kinematics::propagation::tip_to_base;
 use crate::kinematics::relative::motions_from;
 use crate::model::Model;
 use crate::scalar::Real;
 use crate::scene::constraint::{Constraint, Constraints, Tie};
-use crate::spatial::{RigidShift, dot, sum};
-use nalgebra::Vector6;
+use crate::spatial::{RigidShift, dot};
 
 /// A pair of frames with its motion and its rows; None for joint coordinates.
 #[allow(clippy::type_complexity)] // none, or one of two kinds
@@ -135,15 +135,12 @@ pub(crate) fn jacobian_of_rows(
         for i in constraint.rows() {
             begin(constraint, &units[i], state, 1.0);
             let out = &mut out[i * nv..(i + 1) * nv];
-            for &k in &constraint.branches {
-                let stage = &model.system.stages[k];
-                for row in 0..stage.rows.count() {
-                    out[stage.first_row + row] = stage.rows.row(row).project(&state[k]);
+            let stages = &model.system.stages;
+            tip_to_base(stages, shift, constraint.branches.iter().copied(), state, |k, z| {
+                for row in 0..stages[k].rows.count() {
+                    out[stages[k].first_row + row] = stages[k].rows.row(row).project(&z.force);
                 }
-                if let Some(parent) = stage.parent {
-                    state[parent] = sum(&state[parent], &shift[k].force_to_parent(&state[k]));
-                }
-            }
+            });
             for (v, torque) in units[i].torques.into_iter().flatten() {
                 out[v] += torque;
             }
@@ -152,12 +149,16 @@ pub(crate) fn jacobian_of_rows(
     Ok(())
 }
 
-/// Sets the forces of a unit row times `sign` on the bodies of its path, and zero on its other bodies.
-pub(super) fn begin(constraint: &Constraint, unit: &UnitRow, state: &mut [Vector6<f64>], sign: f64) {
+/// Sets the forces of a unit row times `sign`, and the sizes of their moments, on the bodies of its path, and zero on
+/// its other bodies.
+pub(super) fn begin(constraint: &Constraint, unit: &UnitRow, state: &mut [SizedForce], sign: f64) {
     for &k in &constraint.path {
-        state[k] = Vector6::zeros();
+        state[k] = SizedForce::zero();
     }
-    for (k, force) in unit.forces.into_iter().flatten() {
-        state[k] += force * sign;
+    for (force, moment) in unit.forces.iter().zip(unit.moments) {
+        if let Some((k, force)) = *force {
+            state[k].force += force * sign;
+            state[k].moment += moment;
+        }
     }
 }

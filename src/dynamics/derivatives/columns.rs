@@ -2,8 +2,8 @@
 //! degrees of freedom inboard of it.
 
 use super::Kept;
-use super::column::{Column, column, in_column, in_row, parts};
 use super::hinge::hinge_cross_force;
+use super::hinge::{Column, column, in_column, in_row, parts};
 use super::outward::ABOUT_Z;
 use crate::dynamics::columns::{spread_hinge, spread_shift};
 use crate::dynamics::sweeps::body::SweepBody;

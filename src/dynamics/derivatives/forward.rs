@@ -1,19 +1,22 @@
-//! Derivatives of forward dynamics.
+//! Derivatives of forward dynamics, and the linearization about a motion. States whose error estimate exceeds the
+//! tolerance are recomputed in double-double arithmetic.
 
 use super::DerivativeScratch;
-use super::doubled;
 use super::inverse::inverse_dynamics_derivatives;
 use crate::dynamics::forces::Motion;
 use crate::dynamics::mass_inverse::closed_form;
+use crate::dynamics::refined::DoubleDoubleState;
 use crate::dynamics::sweeps::general;
 use crate::dynamics::{factorise, forward_dynamics, solve};
-use crate::filter::Form;
 use crate::filter::pivots::{LostPivot, PivotMonitor};
+use crate::filter::{Form, Rows};
 use crate::interrupt;
+use crate::joints::vectors::{triple, write};
 use crate::model::Model;
 use crate::scalar::{Real, larger};
+use crate::spatial::skew;
 use crate::workspace::Workspace;
-use nalgebra::Vector6;
+use nalgebra::{Vector3, Vector6};
 
 /// -M^-1 dtau/dq, -M^-1 dtau/dqd and M^-1: the derivatives of [`forward_dynamics`](crate::dynamics::forward_dynamics)
 /// at a state, (nv x nv) each, row by row (one row per acceleration), one after another into `out`.
@@ -42,11 +45,11 @@ pub fn forward_dynamics_derivatives<T: Real<Parameter = T>>(
     let monitor = accelerations(model, workspace, &mut acceleration, state, wrenches);
     let lost = workspace.lost_pivot(model, &monitor);
     let is_auto = workspace.form == Form::Auto;
-    let is_done = lost.is_some() || is_auto && monitor.of_roots && doubled::derivatives(model, state, wrenches, out);
+    let is_done = lost.is_some() || is_auto && monitor.of_roots && doubled(model, state, wrenches, out);
     let mut cancels = false;
     if !is_done {
         let (q, qd, _) = state;
-        inverse_dynamics_derivatives(model, scratch, (q, qd, &acceleration), wrenches, out);
+        inverse_dynamics_derivatives(model, workspace, scratch, (q, qd, &acceleration), wrenches, out);
         let nv = model.nv();
         let (both, inverse) = out.split_at_mut(2 * nv * nv);
         closed_form(model, workspace, &mut scratch.inverse, inverse);
@@ -61,7 +64,7 @@ pub fn forward_dynamics_derivatives<T: Real<Parameter = T>>(
     }
     if is_auto && cancels {
         // If there is no wider model, the result is kept.
-        doubled::derivatives(model, state, wrenches, out);
+        doubled(model, state, wrenches, out);
     }
     Ok(())
 }
@@ -129,4 +132,62 @@ fn largest_of<T: Real>(values: &[T]) -> T {
         largest = larger(largest, value.abs());
     }
     largest
+}
+
+/// The derivatives of forward dynamics in double-double arithmetic, see [`DoubleDoubleState::recompute`].
+fn doubled<T: Real>(model: &Model<T>, state: (&[T], &[T], &[T]), wrenches: &[Vector6<T>], out: &mut [T]) -> bool {
+    DoubleDoubleState::recompute(model, state, wrenches, out, |wide, out| {
+        let DoubleDoubleState { model, workspace, q, qd, tau, wrenches } = wide;
+        let scratch = &mut DerivativeScratch::new(model);
+        forward_dynamics_derivatives(model, workspace, scratch, (q, qd, tau), wrenches, out).is_ok()
+    })
+}
+
+/// A (2nv x 2nv) and B (2nv x nv) of dx/dt = A x + B u, both row by row: x = (d, change of qd) is a small deviation q
+/// (+) d from the motion through the state under `tau`, and u a change of the torques.
+///
+/// `A = [[-ad(qd), 1], [dqdd/dq, dqdd/dqd]]`, `B = [[0], [M^-1]]`, from the `derivatives` of
+/// [`forward_dynamics_derivatives`](super::forward_dynamics_derivatives). ad(v) is the Lie bracket of the joint: the
+/// cross product w x for a spherical joint, (w~, v~; 0, w~) for a free joint, linear part first. It is zero for joints
+/// with one axis, and at rest.
+pub(crate) fn linear_system<T: Real>(model: &Model<T>, qd: &[T], derivatives: &[T], (a, b): (&mut [T], &mut [T])) {
+    let nv = model.nv();
+    let (by_q, rest) = derivatives.split_at(nv * nv);
+    let (by_qd, mass_matrix_inverse) = rest.split_at(nv * nv);
+    let (upper, lower) = a.split_at_mut(2 * nv * nv);
+    for row in 0..nv {
+        let to = &mut lower[2 * nv * row..2 * nv * (row + 1)];
+        to[..nv].copy_from_slice(&by_q[row * nv..(row + 1) * nv]);
+        to[nv..].copy_from_slice(&by_qd[row * nv..(row + 1) * nv]);
+    }
+    let (top, bottom) = b.split_at_mut(nv * nv);
+    top.fill(T::zero());
+    bottom.copy_from_slice(mass_matrix_inverse);
+    upper.fill(T::zero());
+    for row in 0..nv {
+        upper[row * 2 * nv + nv + row] = T::one();
+    }
+    for stage in &model.system.stages {
+        let first = stage.first_row;
+        match stage.rows {
+            Rows::Angular => put_minus_cross(upper, 2 * nv, (first, first), &triple(&qd[first..])),
+            Rows::Six => {
+                let (v, w) = (triple(&qd[first..]), triple(&qd[first + 3..]));
+                put_minus_cross(upper, 2 * nv, (first, first), &w);
+                put_minus_cross(upper, 2 * nv, (first, first + 3), &v);
+                put_minus_cross(upper, 2 * nv, (first + 3, first + 3), &w);
+            }
+            Rows::One(_) | Rows::None => {}
+        }
+    }
+}
+
+/// Writes -w~ into a matrix with `width` scalars per row.
+fn put_minus_cross<T: Real>(matrix: &mut [T], width: usize, (row, column): (usize, usize), w: &Vector3<T>) {
+    let cross = skew(w);
+    for i in 0..3 {
+        // The transpose of an antisymmetric matrix.
+        let line = cross.column(i);
+        write(&mut matrix[(row + i) * width + column..], &Vector3::new(line[0], line[1], line[2]));
+    }
 }

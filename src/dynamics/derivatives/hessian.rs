@@ -4,10 +4,9 @@ use super::adjoint::Constants;
 use super::forward::accelerations;
 use super::products::{ProductScratch, inverse_dynamics_vjp, solved};
 use super::tangent::Directions;
-use crate::dynamics::double_double_state::DoubleDoubleState;
 use crate::dynamics::forces::Motion;
+use crate::dynamics::refined::DoubleDoubleState;
 use crate::dynamics::solve;
-use crate::dynamics::sweeps::motion::carriers;
 use crate::filter::Form;
 use crate::filter::pivots::LostPivot;
 use crate::kinematics::coordinate_rates;
@@ -20,6 +19,7 @@ use nalgebra::{Vector3, Vector6};
 #[derive(Debug)]
 pub struct HessianScratch<S: Real<Parameter = S> = f64> {
     model: Model<Dual<S>>,
+    workspace: Workspace<Dual<S>>,
     dual: ProductScratch<Dual<S>>,
     plain: ProductScratch<S>,
     q: Vec<Dual<S>>,
@@ -44,6 +44,7 @@ impl<S: Real<Parameter = S>> HessianScratch<S> {
         let dual: Model<Dual<S>> = model.cast();
         let numbers = || vec![number; nv];
         Self {
+            workspace: Workspace::new(&dual),
             dual: ProductScratch::new(&dual),
             model: dual,
             plain: ProductScratch::new(&model.cast()),
@@ -67,10 +68,10 @@ impl<S: Real<Parameter = S>> HessianScratch<S> {
 
     /// The gradients of torques, in dual numbers, from q, qd, wrenches, u and the cotangent in the scratch.
     fn gradients(&mut self, has_wrenches: bool) {
-        let Self { model, dual, q, qd, u, cotangent, wrenches, out, .. } = self;
+        let Self { model, workspace, dual, q, qd, u, cotangent, wrenches, out, .. } = self;
         let wrenches = if has_wrenches { &wrenches[..] } else { &[] };
         let results = (&mut Constants::default(), &mut out[..]);
-        inverse_dynamics_vjp(model, dual, (q, qd, u), wrenches, cotangent, results);
+        inverse_dynamics_vjp(model, workspace, dual, (q, qd, u), wrenches, cotangent, results);
     }
 
     /// q along the tangent dq, qd along dqd, and constant wrenches.
@@ -179,10 +180,9 @@ fn product<S: Real<Parameter = S>>(
     if let Some(lost) = workspace.lost_pivot(model, &monitor) {
         return Err(lost);
     }
-    carriers(&plain.sweeps, &mut plain.sweep_scratch, S::zero(), q);
     let judges = workspace.form == Form::Auto && !monitor.of_roots;
     let mut is_in_doubt = workspace.form == Form::Auto && monitor.of_roots;
-    plain.judge_by(judges.then_some(&workspace.store));
+    plain.judge(judges);
     let along = Directions { q: dq, qd: dqd, u: dtau, ..Directions::default() };
     let motion = Motion { q, qd, qdd: Some(qdd), wrenches };
     solved(model, workspace, plain, (motion, &along, &model.gravity), qdd_change);
@@ -192,7 +192,7 @@ fn product<S: Real<Parameter = S>>(
     let motion = Motion { q, qd: zeros, qdd: Some(x), wrenches: &[] };
     solved(model, workspace, plain, (motion, &along, &Vector3::from_element(S::zero())), x_change);
     is_in_doubt |= judges && plain.has_lost(workspace, x_change);
-    plain.judge_by(None);
+    plain.judge(false);
     join(&mut scratch.u, qdd, qdd_change);
     join(&mut scratch.cotangent, x, x_change);
     out[2 * nv..].copy_from_slice(x_change);

@@ -8,6 +8,7 @@ use crate::dynamics::sweeps::motion::carriers;
 use crate::dynamics::sweeps::scratch::SweepScratch;
 use crate::model::Model;
 use crate::scalar::{ColumnsOf, Real};
+use crate::workspace::Workspace;
 use nalgebra::Vector6;
 
 /// dtau/dq, dtau/dqd and dtau/dqdd = M of [`inverse_dynamics`](crate::dynamics::inverse_dynamics) at a state, (nv x nv)
@@ -20,25 +21,28 @@ use nalgebra::Vector6;
 /// joint inboard. Entries between branches are zero.
 pub fn inverse_dynamics_derivatives<T: Real<Parameter = T>>(
     model: &Model<T>,
+    workspace: &mut Workspace<T>,
     scratch: &mut DerivativeScratch<T>,
     (q, qd, qdd): (&[T], &[T], &[T]),
     wrenches: &[Vector6<T>],
     out: &mut [T],
 ) {
-    general(model, scratch, (Motion { q, qd, qdd: Some(qdd), wrenches }, Matrices::Derivatives), out);
+    general(model, workspace, scratch, (Motion { q, qd, qdd: Some(qdd), wrenches }, Matrices::Derivatives), out);
 }
 
 /// All three matrices in any scalar of one lane, compiled once for its two callers.
 #[inline(never)]
 fn general<T: Real<Parameter = T>>(
     model: &Model<T>,
+    workspace: &mut Workspace<T>,
     scratch: &mut DerivativeScratch<T>,
     (state, matrices): (Motion<'_, T>, Matrices),
     out: &mut [T],
 ) {
-    let DerivativeScratch { sweeps, sweep_scratch, kept, columns, .. } = scratch;
-    columns.prepare(model, sweeps);
-    in_sweeps((model, sweeps), (sweep_scratch, kept, columns), state, matrices, out);
+    let DerivativeScratch { kept, columns, .. } = scratch;
+    let (scene, store) = workspace.passes(model);
+    columns.prepare(model, scene.1);
+    in_sweeps(scene, (store, kept, columns), state, matrices, out);
 }
 
 /// The Coriolis matrix C(q, qd), (nv x nv) row by row, in O(N depth). C qd is the velocity-dependent torque.
@@ -48,13 +52,14 @@ fn general<T: Real<Parameter = T>>(
 /// It consists of the columns of [`inverse_dynamics_derivatives`] by qd, with B/2 for B and V x S for Psi1 + V x S.
 pub fn coriolis_matrix<T: Real<Parameter = T>>(
     model: &Model<T>,
+    workspace: &mut Workspace<T>,
     scratch: &mut DerivativeScratch<T>,
     q: &[T],
     qd: &[T],
     out: &mut [T],
 ) {
     let mut three = vec![T::zero(); 3 * out.len()];
-    general(model, scratch, (Motion { q, qd, qdd: None, wrenches: &[] }, Matrices::Coriolis), &mut three);
+    general(model, workspace, scratch, (Motion { q, qd, qdd: None, wrenches: &[] }, Matrices::Coriolis), &mut three);
     out.copy_from_slice(&three[out.len()..2 * out.len()]);
 }
 
@@ -62,12 +67,13 @@ pub fn coriolis_matrix<T: Real<Parameter = T>>(
 /// appear.
 pub fn mass_matrix_derivative<T: Real<Parameter = T>>(
     model: &Model<T>,
+    workspace: &mut Workspace<T>,
     scratch: &mut DerivativeScratch<T>,
     q: &[T],
     qd: &[T],
     out: &mut [T],
 ) {
-    coriolis_matrix(model, scratch, q, qd, out);
+    coriolis_matrix(model, workspace, scratch, q, qd, out);
     with_transpose(model.nv(), out, |a, b| a + b);
 }
 

@@ -17,9 +17,11 @@
 //! use phipsi::dynamics::derivatives::{DerivativeScratch, inverse_dynamics_derivatives};
 //! # fn main() -> Result<(), phipsi::Error> {
 //! let scene = phipsi::scenes::chain(3)?;
-//! let mut scratch = DerivativeScratch::new(scene.model());
+//! let model = scene.model();
+//! let (mut workspace, mut scratch) = (Workspace::new(model), DerivativeScratch::new(model));
 //! let mut out = [f64::NAN; 27]; // dtau/dq, dtau/dqd and M, row by row
-//! inverse_dynamics_derivatives(scene.model(), &mut scratch, (&[0.3; 3], &[0.1; 3], &[1.0; 3]), &[], &mut out);
+//! let state = (&[0.3; 3][..], &[0.1; 3][..], &[1.0; 3][..]);
+//! inverse_dynamics_derivatives(model, &mut workspace, &mut scratch, state, &[], &mut out);
 //!
 //! // As `Scene` does it, with the compiled kernels and all arguments checked.
 //! let mut checked = [f64::NAN; 27];
@@ -30,18 +32,12 @@
 //! ```
 
 mod adjoint;
-mod column;
 mod columns;
 mod coriolis;
-mod doubled;
-mod doubled_products;
-mod effect;
 mod forward;
 mod hessian;
 mod hinge;
 mod inverse;
-mod layout;
-mod linear;
 mod outward;
 mod parameters;
 mod product;
@@ -55,11 +51,11 @@ pub(crate) use columns::DerivativeColumns;
 #[doc(hidden)]
 pub use coriolis::BodyCoriolis;
 pub use forward::forward_dynamics_derivatives;
+pub(crate) use forward::linear_system;
 pub use hessian::{HessianScratch, forward_dynamics_hvp, inverse_dynamics_hvp};
 pub use inverse::{coriolis_matrix, inverse_dynamics_derivatives, mass_matrix_derivative};
 pub(crate) use inverse::{in_sweeps, with_transpose};
-pub(crate) use layout::{ConstantParts, GradientParts, constants_of, constants_width};
-pub(crate) use linear::linear_system;
+pub(crate) use parameters::{ConstantParts, GradientParts, constants_of, constants_width};
 pub use parameters::{Parameters, of_body, of_link};
 #[doc(hidden)]
 pub use parameters::{inertia, parameters};
@@ -74,14 +70,13 @@ pub use tangent::Directions;
 
 use super::mass_inverse::InverseScratch;
 use super::sweeps::SweepModel;
-use super::sweeps::scratch::SweepScratch;
 use crate::algorithm::Derivatives;
 use crate::filter::pivots::LostPivot;
 use crate::model::Model;
 use crate::scalar::Real;
 use crate::spatial::{BodyInertia, Symmetric3};
 use crate::workspace::Workspace;
-use effect::Effect;
+use hinge::Effect;
 use nalgebra::{Vector3, Vector6};
 
 /// Columns between checks for interruption.
@@ -138,21 +133,19 @@ pub(crate) fn of_state<T: Real<Parameter = T>>(
 ) -> Result<(), LostPivot> {
     let (q, qd, _) = state;
     match which {
-        Derivatives::InverseDynamics => inverse_dynamics_derivatives(model, scratch, state, wrenches, out),
+        Derivatives::InverseDynamics => inverse_dynamics_derivatives(model, workspace, scratch, state, wrenches, out),
         Derivatives::ForwardDynamics(_) => {
             return forward_dynamics_derivatives(model, workspace, scratch, state, wrenches, out);
         }
-        Derivatives::CoriolisMatrix => coriolis_matrix(model, scratch, q, qd, out),
-        Derivatives::MassMatrix => mass_matrix_derivative(model, scratch, q, qd, out),
+        Derivatives::CoriolisMatrix => coriolis_matrix(model, workspace, scratch, q, qd, out),
+        Derivatives::MassMatrix => mass_matrix_derivative(model, workspace, scratch, q, qd, out),
     }
     Ok(())
 }
 
-/// Scratch of derivatives in any scalar of one lane, and the constants of the model; initialized with NaN.
+/// Scratch of derivatives in any scalar of one lane, in addition to the store of the workspace; initialized with NaN.
 #[derive(Debug)]
 pub struct DerivativeScratch<T: Real<Parameter = T>> {
-    sweeps: SweepModel<T>,
-    sweep_scratch: SweepScratch<T>,
     kept: Kept<T>,
     columns: DerivativeColumns<T, T>,
     /// One scalar per degree of freedom: a column, its solution, the largest entry of each row of M^-1, and the
@@ -170,10 +163,8 @@ impl<T: Real<Parameter = T>> DerivativeScratch<T> {
     pub fn new(model: &Model<T>) -> Self {
         let (nan, nv, sweeps) = (T::from_f64(f64::NAN), model.nv(), SweepModel::general(model));
         Self {
-            sweep_scratch: SweepScratch::new(model, &sweeps),
             kept: Kept::new(&sweeps, nv),
             columns: DerivativeColumns::new(),
-            sweeps,
             column: vec![nan; nv],
             solved: vec![nan; nv],
             largest: vec![nan; nv],

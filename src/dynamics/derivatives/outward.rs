@@ -1,7 +1,7 @@
 //! Base to tip: the motion of a state, and its change in the bodies outboard per unit of each degree of freedom.
 
 use super::coriolis::BodyCoriolis;
-use super::effect::Effect;
+use super::hinge::Effect;
 use super::{Kept, Matrices};
 use crate::dynamics::forces::Motion;
 use crate::dynamics::sweeps::SweepModel;

@@ -1,10 +1,11 @@
-//! Jacobian-vector and vector-Jacobian products of inverse and forward dynamics, in O(N) and without matrices.
+//! Jacobian-vector and vector-Jacobian products of inverse and forward dynamics, in O(N) and without matrices. States
+//! whose error estimate exceeds the tolerance are recomputed in double-double arithmetic.
 
 use super::adjoint::{self, CoStates, Constants};
-use super::doubled_products;
 use super::forward::accelerations;
 use super::tangent::{self, Changes, Directions};
 use crate::dynamics::forces::Motion;
+use crate::dynamics::refined::DoubleDoubleState;
 use crate::dynamics::solve;
 use crate::dynamics::sweeps::motion::carriers;
 use crate::dynamics::sweeps::scratch::SweepScratch;
@@ -12,15 +13,13 @@ use crate::dynamics::sweeps::{self, SweepModel, general};
 use crate::filter::Form;
 use crate::filter::pivots::LostPivot;
 use crate::model::Model;
-use crate::scalar::{ColumnsOf, Real, larger};
+use crate::scalar::{ColumnsOf, DoubleDouble, Real, larger};
 use crate::workspace::Workspace;
 use nalgebra::{Vector3, Vector6};
 
-/// Scratch of these products in any scalar of one lane, and the constants of the model; initialized with NaN.
+/// Scratch of these products in any scalar of one lane, in addition to the store of the workspace; initialized with NaN.
 #[derive(Debug)]
 pub struct ProductScratch<T: Real<Parameter = T>> {
-    pub(super) sweeps: SweepModel<T>,
-    pub(super) sweep_scratch: SweepScratch<T>,
     co_states: CoStates<T>,
     changes: Changes<T>,
     /// One scalar per degree of freedom: the accelerations of the state, and a right-hand side.
@@ -34,22 +33,16 @@ impl<T: Real<Parameter = T>> ProductScratch<T> {
     pub fn new(model: &Model<T>) -> Self {
         let (nan, nv, sweeps) = (T::from_f64(f64::NAN), model.nv(), SweepModel::general(model));
         Self {
-            sweep_scratch: SweepScratch::new(model, &sweeps),
             co_states: CoStates::new(&sweeps),
             changes: Changes::new(&sweeps),
-            sweeps,
             acceleration: vec![nan; nv],
             right: vec![nan; nv],
         }
     }
 
-    /// Sets the test vector for the error estimate of solutions to that of the factor of M in this store; None disables
-    /// the estimate.
-    pub(super) fn judge_by(&mut self, factor: Option<&SweepScratch<T>>) {
-        self.changes.judges = factor.is_some();
-        if let Some(factor) = factor {
-            self.sweep_scratch.take_test_vector(factor);
-        }
+    /// Enables the error estimate of solutions by the test vector of the factor of M, or disables it.
+    pub(super) fn judge(&mut self, judges: bool) {
+        self.changes.judges = judges;
     }
 
     /// True if the estimated error of the last solution exceeds the tolerance of products.
@@ -70,17 +63,18 @@ impl<T: Real<Parameter = T>> ProductScratch<T> {
 /// (+) dq as in [`Scene::integrate`](crate::Scene::integrate).
 pub fn inverse_dynamics_jvp<T: Real<Parameter = T>>(
     model: &Model<T>,
+    workspace: &mut Workspace<T>,
     scratch: &mut ProductScratch<T>,
     (q, qd, qdd): (&[T], &[T], &[T]),
     wrenches: &[Vector6<T>],
     along: &Directions<'_, T>,
     out: &mut [T],
 ) {
-    let ProductScratch { sweeps, sweep_scratch, changes, .. } = scratch;
-    carriers(sweeps, sweep_scratch, T::zero(), q);
-    let state = Motion { q, qd, qdd: Some(qdd), wrenches };
-    changes_of_forces((model, sweeps), (sweep_scratch, changes), (state, along), &model.gravity);
-    tangent::tip_to_base::<T, false>((model, sweeps), (sweep_scratch, &[]), changes, (along, &[]), out);
+    let (scene, store) = workspace.passes(model);
+    carriers(scene.1, store, T::zero(), q);
+    let (state, changes) = (Motion { q, qd, qdd: Some(qdd), wrenches }, &mut scratch.changes);
+    changes_of_forces(scene, (store, changes), (state, along), &model.gravity);
+    tangent::tip_to_base::<T, false>(scene, (store, &[]), changes, (along, &[]), out);
     tangent::add_armature(model, (state, along), out);
 }
 
@@ -91,17 +85,18 @@ pub fn inverse_dynamics_jvp<T: Real<Parameter = T>>(
 /// Arguments as in `inverse_dynamics`, `cotangent` (nv).
 pub fn inverse_dynamics_vjp<T: Real<Parameter = T>>(
     model: &Model<T>,
+    workspace: &mut Workspace<T>,
     scratch: &mut ProductScratch<T>,
     (q, qd, qdd): (&[T], &[T], &[T]),
     wrenches: &[Vector6<T>],
     cotangent: &[T],
     (constants, out): (&mut Constants<'_, T>, &mut [T]),
 ) {
-    let ProductScratch { sweeps, sweep_scratch, co_states, .. } = scratch;
-    carriers(sweeps, sweep_scratch, T::zero(), q);
+    let (scene, store) = workspace.passes(model);
+    carriers(scene.1, store, T::zero(), q);
     out[2 * model.nv()..].copy_from_slice(cotangent);
     let state = Motion { q, qd, qdd: Some(qdd), wrenches };
-    gradients_of_torques((model, sweeps), (sweep_scratch, co_states), state, constants, out);
+    gradients_of_torques(scene, (store, &mut scratch.co_states), state, constants, out);
 }
 
 /// dqdd of [`forward_dynamics`](crate::dynamics::forward_dynamics) along one direction, (nv) into `out`: dqdd/dq dq +
@@ -130,17 +125,16 @@ pub fn forward_dynamics_jvp<T: Real<Parameter = T>>(
     let lost = workspace.lost_pivot(model, &monitor);
     let is_auto = workspace.form == Form::Auto;
     let is_doubled =
-        lost.is_none() && is_auto && monitor.of_roots && doubled_products::tangent(model, state, wrenches, along, out);
+        lost.is_none() && is_auto && monitor.of_roots && doubled_tangent(model, state, wrenches, along, out);
     let mut is_lost = false;
     if lost.is_none() && !is_doubled {
         let (q, qd, _) = state;
-        carriers(&scratch.sweeps, &mut scratch.sweep_scratch, T::zero(), q);
         let judges = is_auto && !monitor.of_roots;
-        scratch.judge_by(judges.then_some(&workspace.store));
+        scratch.judge(judges);
         let motion = Motion { q, qd, qdd: Some(&qdd), wrenches };
         solved(model, workspace, scratch, (motion, along, &model.gravity), out);
         is_lost = judges && scratch.has_lost(workspace, out);
-        scratch.judge_by(None);
+        scratch.judge(false);
     }
     scratch.acceleration = qdd;
     if let Some(lost) = lost {
@@ -148,13 +142,13 @@ pub fn forward_dynamics_jvp<T: Real<Parameter = T>>(
     }
     if is_lost {
         // If there is no wider model, the result is kept.
-        doubled_products::tangent(model, state, wrenches, along, out);
+        doubled_tangent(model, state, wrenches, along, out);
     }
     Ok(())
 }
 
-/// M^-1 (dtau - the change of inverse dynamics for dqdd = 0), with the factor in the workspace and the rotations and
-/// shifts of the joints in the scratch.
+/// M^-1 (dtau - the change of inverse dynamics for dqdd = 0), with the factor and the shifts of the joints in the
+/// workspace.
 pub(super) fn solved<T: Real<Parameter = T>>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
@@ -162,12 +156,12 @@ pub(super) fn solved<T: Real<Parameter = T>>(
     (motion, along, gravity): (Motion<'_, T>, &Directions<'_, T>, &Vector3<T>),
     out: &mut [T],
 ) {
-    let ProductScratch { sweeps, sweep_scratch, changes, right, .. } = scratch;
-    let unaccelerated = Directions { u: &[], ..*along };
-    changes_of_forces((model, sweeps), (sweep_scratch, changes), (motion, &unaccelerated), gravity);
-    tangent::right_side((motion, along), right);
+    let ProductScratch { changes, right, .. } = scratch;
     let (scene, store) = workspace.passes(model);
-    tangent::tip_to_base::<T, true>((model, sweeps), (sweep_scratch, &store.measured), changes, (along, right), out);
+    let unaccelerated = Directions { u: &[], ..*along };
+    changes_of_forces(scene, (store, changes), (motion, &unaccelerated), gravity);
+    tangent::right_side((motion, along), right);
+    tangent::tip_to_base::<T, true>(scene, (store, &store.measured), changes, (along, right), out);
     general::smooth(scene, store, out);
 }
 
@@ -200,18 +194,18 @@ pub fn forward_dynamics_vjp<T: Real<Parameter = T>>(
     let is_doubled = lost.is_none()
         && workspace.form == Form::Auto
         && monitor.of_roots
-        && doubled_products::gradients(model, state, wrenches, cotangent, (constants, out));
+        && doubled_gradients(model, state, wrenches, cotangent, (constants, out));
     let mut off = T::zero();
     if lost.is_none() && !is_doubled {
         let (q, qd, _) = state;
         let mut x = std::mem::take(&mut scratch.right);
         solve(model, workspace, cotangent, &mut x);
-        let ProductScratch { sweeps, sweep_scratch, co_states, .. } = scratch;
-        carriers(sweeps, sweep_scratch, T::zero(), q);
+        let co_states = &mut scratch.co_states;
+        let (scene, store) = workspace.passes(model);
         let motion = Motion { q, qd, qdd: Some(&qdd), wrenches };
         let last = 2 * model.nv();
         negated(&mut out[last..], &x);
-        gradients_of_torques((model, sweeps), (sweep_scratch, co_states), motion, constants, out);
+        gradients_of_torques(scene, (store, co_states), motion, constants, out);
         off = solved_short_of(cotangent, (co_states.terms, of_products(workspace)), &mut out[last..], &x);
         scratch.right = x;
     }
@@ -221,7 +215,7 @@ pub fn forward_dynamics_vjp<T: Real<Parameter = T>>(
     }
     if workspace.form == Form::Auto && !is_doubled && off.lane(0) > 0.0 {
         // If there is no wider model, the result is kept.
-        doubled_products::gradients(model, state, wrenches, cotangent, (constants, out));
+        doubled_gradients(model, state, wrenches, cotangent, (constants, out));
     }
     Ok(())
 }
@@ -330,4 +324,97 @@ fn negated<T: Real>(to: &mut [T], x: &[T]) {
     for (to, &x) in to.iter_mut().zip(x) {
         *to = -x;
     }
+}
+
+/// [`forward_dynamics_jvp`] in double-double arithmetic, see [`DoubleDoubleState::recompute`].
+fn doubled_tangent<T: Real>(
+    model: &Model<T>,
+    state: (&[T], &[T], &[T]),
+    wrenches: &[Vector6<T>],
+    along: &Directions<'_, T>,
+    out: &mut [T],
+) -> bool {
+    DoubleDoubleState::recompute(model, state, wrenches, out, |wide, out| {
+        let DoubleDoubleState { model, workspace, q, qd, tau, wrenches } = wide;
+        let along = Directions {
+            q: &all(along.q),
+            qd: &all(along.qd),
+            u: &all(along.u),
+            wrenches: &along.wrenches.iter().map(|wrench| wrench.map(widened)).collect::<Vec<_>>(),
+            parameters: &along.parameters.iter().map(|ten| ten.map(widened)).collect::<Vec<_>>(),
+            armature: &all(along.armature),
+            gravity: &all(along.gravity),
+        };
+        let scratch = &mut ProductScratch::new(model);
+        forward_dynamics_jvp(model, workspace, scratch, (q, qd, tau), wrenches, &along, out).is_ok()
+    })
+}
+
+/// [`forward_dynamics_vjp`] in double-double arithmetic.
+#[cold]
+fn doubled_gradients<T: Real>(
+    model: &Model<T>,
+    state: (&[T], &[T], &[T]),
+    wrenches: &[Vector6<T>],
+    cotangent: &[T],
+    (constants, out): (&mut Constants<'_, T>, &mut [T]),
+) -> bool {
+    let Some(mut wide) = DoubleDoubleState::of(model, state, wrenches) else { return false };
+    let DoubleDoubleState { model, workspace, q, qd, tau, wrenches } = &mut wide;
+    let mut scratch = ProductScratch::new(model);
+    let nan = DoubleDouble::from_f64(f64::NAN);
+    let mut found = vec![nan; out.len()];
+    let (mut of_wrenches, mut parameters, mut armature, mut gravity) = (
+        vec![Vector6::from_element(nan); constants.wrenches.len()],
+        vec![[nan; 10]; constants.parameters.len()],
+        vec![nan; constants.armature.len()],
+        vec![nan; constants.gravity.len()],
+    );
+    let mut wide = Constants {
+        wrenches: &mut of_wrenches,
+        parameters: &mut parameters,
+        armature: &mut armature,
+        gravity: &mut gravity,
+    };
+    let (state, cotangent) = ((&q[..], &qd[..], &tau[..]), all(cotangent));
+    let results = (&mut wide, &mut found[..]);
+    let done = forward_dynamics_vjp(model, workspace, &mut scratch, state, wrenches, &cotangent, results);
+    if done.is_err() || !rounded(&found, out) {
+        return false;
+    }
+    for (to, from) in constants.wrenches.iter_mut().zip(&of_wrenches) {
+        *to = from.map(narrowed);
+    }
+    for (to, from) in constants.parameters.iter_mut().zip(&parameters) {
+        *to = from.map(narrowed);
+    }
+    for (to, from) in [(&mut *constants.armature, &armature), (&mut *constants.gravity, &gravity)] {
+        for (to, &from) in to.iter_mut().zip(from) {
+            *to = narrowed(from);
+        }
+    }
+    true
+}
+
+fn widened<T: Real>(x: T) -> DoubleDouble {
+    DoubleDouble::from_f64(x.lane(0))
+}
+
+fn narrowed<T: Real>(x: DoubleDouble) -> T {
+    T::from_f64(x.lane(0))
+}
+
+fn all<T: Real>(numbers: &[T]) -> Vec<DoubleDouble> {
+    numbers.iter().map(|&x| widened(x)).collect()
+}
+
+/// Rounds all values into `out` if they are finite.
+fn rounded<T: Real>(found: &[DoubleDouble], out: &mut [T]) -> bool {
+    if !found.iter().all(|x| x.lane(0).is_finite()) {
+        return false;
+    }
+    for (to, &from) in out.iter_mut().zip(found) {
+        *to = narrowed(from);
+    }
+    true
 }

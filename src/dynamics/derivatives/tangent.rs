@@ -10,8 +10,8 @@
 //! one more right-hand side of the filter: z is dF, and z^+ + eta x* F is propagated to the parent. The changes of the
 //! gains do not contribute to first order, because the estimates are a stationary point.
 
-use super::layout::constants_of;
 use super::outward::{ABOUT_Z, carried, needed_force, past_axial, past_joint};
+use super::parameters::constants_of;
 use super::parameters::{Parameters, inertia, to_sweeps};
 use crate::dynamics::forces::Motion;
 use crate::dynamics::sweeps::SweepModel;

@@ -1,7 +1,7 @@
 //! The constants of the bodies as the passes read them: one number for all lanes, in the [frames](super::frames) of the
 //! passes.
 
-use super::axis_permutation::AxisPermutation;
+use super::frames::AxisPermutation;
 use super::joint::Joint;
 use super::slots::Places;
 use super::spin::Load;

@@ -1,15 +1,18 @@
 //! Tip to base: the Riccati recursion (3.6, 3.10) and the filter (4.2, 4.4, 4.5) in one pass.
+//!
+//! [`factor`] computes the factor of M alone, for M^-1 and for further right-hand sides.
 
 use super::body::SweepBody;
 use super::joint::{self, with_joint};
 use super::model::SweepModel;
+use super::motion::carriers;
 use super::rows::Measures;
 use super::scratch::{Accumulated, BodyState, SweepScratch, TestAccumulated, TestState, TestVector};
 use crate::filter::pivots::{PivotMonitor, Scale};
 use crate::filter::riccati::Measured;
 use crate::filter::rounding::squares;
 use crate::model::Model;
-use crate::scalar::Real;
+use crate::scalar::{ColumnsOf, Real};
 use crate::spatial::transform::Transform;
 
 /// Only the factor: D and g of each row.
@@ -158,4 +161,22 @@ impl<T: Real> Inward<'_, T> {
             transform.send_terms(terms_left, begins, &mut to.terms);
         }
     }
+}
+
+/// The factor of M at `q`, in the scratch, in covariance form.
+#[inline(always)]
+pub(crate) fn factor<T: Real, C: ColumnsOf<T>>(
+    scene: (&Model<T>, &SweepModel<T>),
+    scratch: &mut SweepScratch<T>,
+    q: &[T],
+) -> PivotMonitor<T> {
+    carriers(scene.1, scratch, C::zero(), q);
+    refactor(scene, scratch)
+}
+
+/// [`factor`] with the rotations and shifts of the joints in the scratch.
+#[inline(always)]
+pub(crate) fn refactor<T: Real>(scene: (&Model<T>, &SweepModel<T>), scratch: &mut SweepScratch<T>) -> PivotMonitor<T> {
+    let [monitor, _] = tip_to_base::<T, FACTOR>(scene, scratch, &[], &mut []);
+    monitor
 }

@@ -9,7 +9,7 @@ use super::filter::{ESTIMATE, FACTOR, FILTER};
 use super::model::SweepModel;
 use super::motion;
 use super::scratch::SweepScratch;
-use super::{MassColumns, accelerations, add_armature};
+use super::{MassColumns, add_armature};
 use crate::dynamics::forces::{Motion, Needed};
 use crate::filter::cancellation::Cancellation;
 use crate::filter::pivots::PivotMonitor;
@@ -35,7 +35,7 @@ pub(crate) fn forces<T: Real, const ROOT: bool>(
 /// its own.
 #[inline(never)]
 pub(crate) fn predict<T: Real>(scene: Scene<'_, T>, scratch: &mut SweepScratch<T>, torques: &mut [T]) {
-    super::predict::tip_to_base::<T, true>(scene, scratch, torques);
+    super::motion::tip_to_base::<T, true>(scene, scratch, torques);
 }
 
 /// Joint torques for the motion of a state (1.5, 2.9, 2.10), those of the bias without accelerations. The store keeps
@@ -105,7 +105,7 @@ fn smoother<T: Real, const SEEN: bool>(
     scratch: &mut SweepScratch<T>,
     estimates: &mut [T],
 ) -> Outward<T> {
-    accelerations::base_to_tip::<T, SEEN>(scene, scratch, estimates)
+    super::solve::base_to_tip::<T, SEEN>(scene, scratch, estimates)
 }
 
 /// The smoother alone: `estimates` holds e^- on entry and a on return.

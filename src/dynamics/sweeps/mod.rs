@@ -14,26 +14,19 @@
 //!
 //! The kernels compile these passes inline for each instruction set. [`general`] compiles each of them once per scalar.
 
-mod accelerations;
-mod axis_permutation;
 pub(super) mod body;
+mod co_states;
 pub(super) mod column_layout;
-mod entries;
 mod error_estimate;
 mod filter;
 mod frames;
 pub(crate) mod general;
-mod inverse_columns;
 mod inverse_product;
 pub(super) mod joint;
-mod kept;
-mod mass_columns;
-mod mass_inverse;
 mod mass_matrix;
 pub(super) mod model;
 pub(super) mod motion;
 mod paths;
-mod predict;
 mod root_filter;
 pub(super) mod rows;
 pub(super) mod scratch;
@@ -41,22 +34,25 @@ mod slots;
 mod solve;
 mod spin;
 mod tiles;
-mod vectors;
 
-pub(crate) use entries::Entries;
+pub use co_states::co_state_covariances;
 pub(crate) use error_estimate::{ErrorTerms, factor_with_estimate, forward_dynamics_with_estimate};
-pub(crate) use inverse_columns::InverseColumns;
+pub(crate) use filter::factor;
+#[cfg(feature = "python")]
+pub(crate) use filter::refactor;
+pub(crate) use inverse_product::InverseColumns;
 pub(crate) use inverse_product::multiplied_out;
-pub(crate) use mass_columns::MassColumns;
-pub(crate) use mass_inverse::factor;
+pub(crate) use mass_matrix::MassColumns;
 pub(crate) use mass_matrix::mass_matrix;
 pub(crate) use model::SweepModel;
 pub(crate) use paths::{
     Forces, MOST_FORCES, Path, accelerations_along, frame_here, innovations_along, motions_along, origin_along,
     placement_along,
 };
+pub(crate) use scratch::covariances_of_root;
 pub(crate) use scratch::{Accumulated, SweepScratch, bytes};
 pub(crate) use solve::{innovations_of_factor, smooth, solve};
+pub(crate) use tiles::Entries;
 
 use super::forces::Motion;
 use crate::algorithm::{Algorithm, Derivatives, Products};
@@ -94,7 +90,7 @@ pub(crate) fn forward_dynamics<T: Real, C: ColumnsOf<T>>(
     let state = Motion { q, qd, qdd: None, wrenches };
     motion::base_to_tip::<T, C, false>((model, sweeps), scratch, state);
     let [monitor, _] = filter::tip_to_base::<T, { filter::FILTER }>((model, sweeps), scratch, tau, qdd);
-    accelerations::base_to_tip::<T, false>((model, sweeps), scratch, qdd);
+    solve::base_to_tip::<T, false>((model, sweeps), scratch, qdd);
     monitor
 }
 
@@ -110,7 +106,7 @@ pub(crate) fn forward_dynamics_by_roots<T: Real, C: ColumnsOf<T>>(
     let state = Motion { q, qd, qdd: None, wrenches };
     motion::base_to_tip::<T, C, true>((model, sweeps), scratch, state);
     let monitor = root_filter::tip_to_base::<T, false>((model, sweeps), scratch, tau, qdd);
-    let outward = accelerations::base_to_tip::<T, true>((model, sweeps), scratch, qdd);
+    let outward = solve::base_to_tip::<T, true>((model, sweeps), scratch, qdd);
     (monitor.pivots, RoundingBound::of(&monitor, outward))
 }
 
@@ -125,7 +121,7 @@ pub(crate) fn inverse_dynamics<T: Real, C: ColumnsOf<T>>(
 ) {
     let state = Motion { q, qd, qdd, wrenches };
     motion::base_to_tip::<T, C, false>((model, sweeps), scratch, state);
-    predict::tip_to_base::<T, false>((model, sweeps), scratch, tau);
+    motion::tip_to_base::<T, false>((model, sweeps), scratch, tau);
     if let Some(qdd) = qdd {
         add_armature(model, qdd, tau);
     }

@@ -1,7 +1,7 @@
 //! A scene as the passes read it.
 
-use super::axis_permutation::AxisPermutation;
 use super::body::{SweepBody, Turning, link_children};
+use super::frames::AxisPermutation;
 use super::frames::Framed;
 use super::joint::Joint;
 use super::slots::{Ordered, SlotCounts, interleaved, last_children};

@@ -1,4 +1,5 @@
-//! Base to tip: the motion of each body, and the force that this motion needs (1.3, 2.9).
+//! Base to tip: the motion of each body, and the force that this motion needs (1.3, 2.9). Tip to base, open loop: the
+//! torques of these forces (1.5).
 //!
 //! The acceleration is that of the point at the origin of the frame, the spatial one plus w x v: three vectors are
 //! propagated instead of four, and no large term is added that would have to cancel. The [spin](Spin) of a body gives
@@ -6,16 +7,16 @@
 //! computed at the step of the body.
 
 use super::body::SweepBody;
-use super::joint::{self, Joint, with_axial};
+use super::joint::{self, Joint, with_axial, with_joint};
 use super::model::SweepModel;
+use super::rows::Measures;
 use super::scratch::{BodyState, Moving, SweepScratch};
-use super::spin::{Spin, coordinates_of, force_of};
-use super::vectors::cross;
+use super::spin::{Spin, coordinates_of, cross, force_of};
 use crate::dynamics::forces::{Motion, Needed};
 use crate::kinematics::{joint_motion, joint_shift};
 use crate::model::{Body, Model, Motion as JointMotion};
 use crate::scalar::{ColumnsOf, Real};
-use crate::spatial::transform::{Axes, Axial, AxialRotation, Rotates};
+use crate::spatial::transform::{Axes, Axial, AxialRotation, Rotates, Transform};
 use crate::spatial::{BodyRoot, RigidShift};
 use nalgebra::Vector3;
 
@@ -293,4 +294,48 @@ fn shifted<T: Real>(
 fn back<T: Real>(shift: &RigidShift<T>, v: [T; 3]) -> [T; 3] {
     let turned = shift.rotate_back(&Vector3::new(v[0], v[1], v[2]));
     [turned[0], turned[1], turned[2]]
+}
+
+/// The torque H z of every row, z propagated inward (1.5). With `KEEP` the whole force z(k) that each body transmits is
+/// stored in the place of its own.
+#[inline(always)]
+pub(super) fn tip_to_base<T: Real, const KEEP: bool>(
+    (model, sweeps): (&Model<T>, &SweepModel<T>),
+    scratch: &mut SweepScratch<T>,
+    torques: &mut [T],
+) {
+    let SweepScratch { own, shifts, .. } = scratch;
+    let bodies = sweeps.swept();
+    let own = &mut own[..bodies.len()];
+    // The force that is propagated to the next body stays in registers.
+    let (mut sent, mut is_next) = ([T::zero(); 6], false);
+    for (place, body) in bodies.iter().enumerate().rev() {
+        let BodyState { turn, mut force } = own[place];
+        if is_next {
+            force = added(force, &sent);
+        }
+        if KEEP {
+            own[place].force = force;
+        }
+        let parent = body.places.parent;
+        with_joint!(body, turn, (model, sweeps, shifts), transform, rows, {
+            rows.project(&force, torques);
+            if parent > 0 {
+                transform.send_force(&force, true, &mut sent);
+            }
+        });
+        is_next = parent > 0 && parent == place;
+        if parent > 0 && !is_next {
+            let to = &mut own[parent - 1].force;
+            *to = added(*to, &sent);
+        }
+    }
+}
+
+#[inline(always)]
+fn added<T: Real>(mut force: [T; 6], other: &[T; 6]) -> [T; 6] {
+    for (f, &other) in force.iter_mut().zip(other) {
+        *f += other;
+    }
+    force
 }

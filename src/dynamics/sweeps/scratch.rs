@@ -1,18 +1,22 @@
 //! The store of the passes: slots that are reused, or one slot per body that stores all results.
+//!
+//! The passes do not write P to memory. P^-(k) is the inertia of the body plus the sum over its children (3.6), which
+//! the store holds, and the rows of the joint give P^+(k) from it, with the same bits as in the pass. In square-root
+//! form the store holds the root of P^+(k).
 
 use super::body::SweepBody;
 use super::model::SweepModel;
 use crate::algorithm::Algorithm;
-use crate::filter::Form;
 use crate::filter::cancellation::weight;
 use crate::filter::pivots::Scale;
-use crate::filter::riccati::Measured;
+use crate::filter::riccati::{self, Measured};
 use crate::filter::tolerance::Tolerance;
+use crate::filter::{Form, Stage, System};
 use crate::model::{Body, Model};
 use crate::scalar::Real;
-use crate::spatial::transform::{AxialRotation, ConstantRotation};
-use crate::spatial::{BodyInertia, BodyRoot, RigidShift, Root6, Symmetric3};
-use nalgebra::Vector3;
+use crate::spatial::transform::{AxialRotation, ConstantRotation, unpacked};
+use crate::spatial::{BodyInertia, BodyRoot, RigidShift, Root6, Symmetric3, Symmetric6, scaled};
+use nalgebra::{Vector3, Vector6};
 
 /// Angular velocity, angular acceleration and acceleration of the origin (stored for the general joint only).
 pub(in crate::dynamics) type Moving<T> = [[T; 3]; 3];
@@ -212,13 +216,6 @@ impl<T: Real> SweepScratch<T> {
         self.test.own[place].nu
     }
 
-    /// Takes the co-states of the test vector of the factor of M in another scratch of the same order.
-    pub(in crate::dynamics) fn take_test_vector(&mut self, factor: &Self) {
-        for (own, of_factor) in self.test.own.iter_mut().zip(&factor.test.own) {
-            own.nu = of_factor.nu;
-        }
-    }
-
     /// Exchanges the two test vectors.
     #[inline(always)]
     pub(crate) fn exchange_test_vectors(&mut self) {
@@ -273,4 +270,92 @@ pub(crate) fn bytes(sweeps: &SweepModel<f64>, nv: usize, algorithm: Algorithm) -
         Algorithm::Derivatives(_) => motions + filter + product + 3 * nv * nv * size_of::<f64>(),
     };
     [model, noise + shifts + turns + swept]
+}
+
+impl<T: Real> Accumulated<T> {
+    /// P^+ of a body with this inertia, on the inboard side of its joint, and the rest as in
+    /// [`SweepScratch::filtered_covariance`].
+    pub(crate) fn measured(
+        &self,
+        (system, k): (&System<T>, usize),
+        inertia: &BodyInertia<T>,
+        measured: &mut [Measured<T>],
+        seen: impl FnMut(usize, &Symmetric6<T>),
+    ) -> Symmetric6<T> {
+        let mut p = unpacked(&self.p).add(&inertia.to_symmetric());
+        riccati::measure_stage(system, k, &mut p, measured, seen);
+        p
+    }
+}
+
+/// P^+ of a stage, from the root of P; `seen` is called with the P^- of each row.
+pub(crate) fn covariances_of_root<T: Real>(
+    stage: &Stage<T>,
+    filtered: &Symmetric6<T>,
+    measured: &[Measured<T>],
+    mut seen: impl FnMut(usize, &Symmetric6<T>),
+) -> Symmetric6<T> {
+    // P^- = P^+ + g D g* row by row: nothing is subtracted.
+    let mut p = *filtered;
+    for (i, m) in measured[stage.first_row..][..stage.rows.count()].iter().enumerate() {
+        p = p.add_rank_one(&scaled(&m.gain, m.pivot), &m.gain);
+        seen(stage.first_row + i, &p);
+    }
+    *filtered
+}
+
+impl<T: Real> SweepScratch<T> {
+    /// P^+ of a body, on the inboard side of its joint. `seen` is called with the P^- of each row. `measured` receives
+    /// D and g of the rows; in square-root form they are read from it.
+    pub(in crate::dynamics) fn filtered_covariance(
+        &self,
+        (system, body): (&System<T>, &SweepBody<T::Parameter>),
+        measured: &mut [Measured<T>],
+        of_roots: bool,
+        seen: impl FnMut(usize, &Symmetric6<T>),
+    ) -> Symmetric6<T> {
+        let at = body.places.inward;
+        if of_roots {
+            let filtered = self.rooted[at].root.to_symmetric();
+            return covariances_of_root(&system.stages[body.index], &filtered, measured, seen);
+        }
+        let inertia = body.inertia(self.accumulated[at].p[0]);
+        self.accumulated[at].measured((system, body.index), &inertia, measured, seen)
+    }
+
+    /// In square-root form P^+ of every body, on the inboard side of its joint.
+    pub(crate) fn filtered_roots(&self) -> Vec<Symmetric6<T>> {
+        self.rooted[1..].iter().map(|rooted| rooted.root.to_symmetric()).collect()
+    }
+
+    /// The bound on the terms of P^- of a body.
+    pub(in crate::dynamics) fn scale(&self, body: &SweepBody<T::Parameter>, of_roots: bool) -> Scale<T> {
+        if of_roots {
+            return self.rooted[body.places.inward].scale;
+        }
+        let arrived = &self.accumulated[body.places.inward];
+        arrived.scale.sum(&body.scale_of_noise(arrived.p[0]))
+    }
+
+    /// The sums over the children of each body: P^- without its own inertia, and the bound on the terms.
+    pub(crate) fn covariances(&self) -> &[Accumulated<T>] {
+        &self.accumulated[1..]
+    }
+
+    /// See [`SweepScratch::covariances`].
+    pub(crate) fn covariances_mut(&mut self) -> &mut [Accumulated<T>] {
+        &mut self.accumulated[1..]
+    }
+
+    /// The force of each body.
+    pub(crate) fn forces(&self) -> impl Iterator<Item = Vector6<T>> + '_ {
+        self.own.iter().map(|own| own.force.into())
+    }
+
+    /// Sets the force of each body: the right-hand side of the next filter.
+    pub(crate) fn set_forces(&mut self, forces: impl IntoIterator<Item = Vector6<T>>) {
+        for (own, force) in self.own.iter_mut().zip(forces) {
+            own.force = force.into();
+        }
+    }
 }
