@@ -35,7 +35,7 @@ fn steps(c: &mut Criterion) {
         });
         for (method_name, method) in METHODS {
             for (stiffness, springs) in [(0.0, ""), (10.0, ", springs")] {
-                let mut settings = Settings { method, form, ..Settings::new(&scene, 1e-5) };
+                let mut settings = Settings::new(&scene, 1e-5).with_method(method).with_form(form);
                 settings.properties.stiffness.fill(stiffness);
                 settings.properties.damping.fill(0.01 * stiffness);
                 let mut rollout = Rollout::new(&scene, settings, &q, &qd).expect("a rollout");

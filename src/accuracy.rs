@@ -1,10 +1,12 @@
 //! Error estimates of the joint accelerations of one state, and the factorization form that computed them.
 
-use crate::filter::Form;
+use crate::error::name_in;
+use crate::filter::{FORMS, Form};
 use crate::scalar::Real;
 
 /// The factorization form that computed the joint accelerations of a state, and their estimated error.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct Accuracy {
     /// The form; for `auto`, the form that it selected.
     pub form: Form,
@@ -23,6 +25,7 @@ pub struct Accuracy {
 
 /// The bound that an estimated error satisfies. Form `auto` accepts a result that satisfies one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Bound {
     /// The tolerance, relative to the largest acceleration.
     Tolerance,
@@ -64,7 +67,7 @@ pub const ESTIMATE_SPREAD: f64 = 1000.0;
 
 impl Accuracy {
     /// For a form without an error estimate.
-    pub(crate) fn unknown(form: Form) -> Self {
+    pub fn unknown(form: Form) -> Self {
         Self { form, doubled: false, error: f64::NAN, bound: Bound::Unknown }
     }
 
@@ -89,7 +92,7 @@ impl Accuracy {
         if self.doubled {
             return "double-double";
         }
-        crate::filter::FORMS.iter().find(|(_, form)| *form == self.form).map_or("", |(name, _)| name)
+        name_in(&self.form, &FORMS)
     }
 }
 

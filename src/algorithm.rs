@@ -6,6 +6,7 @@
 
 pub(crate) mod table;
 
+use crate::error::{Error, choose};
 use crate::filter::Form;
 use crate::kinematics::{AccelerationKind, Frame, ReferenceFrame};
 use crate::spatial::SpatialVector;
@@ -133,6 +134,7 @@ functions! {
 
 /// An algorithm of one state (q, qd, u).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Algorithm {
     /// u = tau; returns qdd, (nv).
     ForwardDynamics(Form),
@@ -157,6 +159,7 @@ pub enum Algorithm {
 /// A product with the Jacobian of inverse or forward dynamics; see
 /// [`dynamics::derivatives`](crate::dynamics::derivatives).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Products {
     /// u = qdd, seed = (dq, dqd, dqdd); returns dtau, (nv).
     InverseTangent,
@@ -220,6 +223,7 @@ impl Products {
 
 /// A matrix of derivatives; see [`dynamics::derivatives`](crate::dynamics::derivatives).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Derivatives {
     /// u = qdd; returns dtau/dq, dtau/dqd and M, (3 x nv x nv).
     InverseDynamics,
@@ -247,6 +251,7 @@ impl Derivatives {
 /// A quantity that depends on the state (q, qd, qdd) alone, not on forces: the motion of a frame on a link, the
 /// center of mass, momentum, energy.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub enum KinematicQuantity<'a> {
     /// q; the pose of a frame, as a homogeneous matrix to the base, (4 x 4):
     /// [`Scene::placement`](crate::Scene::placement).
@@ -341,7 +346,42 @@ impl KinematicQuantity<'_> {
     }
 }
 
+impl std::str::FromStr for Algorithm {
+    type Err = Error;
+
+    /// The algorithm with the name of a method of the scene, for instance "forward_dynamics"; in form `auto` if it has
+    /// a form.
+    fn from_str(name: &str) -> Result<Self, Error> {
+        choose("algorithm", name, &Self::ALL.map(|algorithm| (algorithm.entry().name, algorithm)))
+    }
+}
+
+impl std::fmt::Display for Algorithm {
+    /// The name, without the form.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(self.entry().name)
+    }
+}
+
 impl Algorithm {
+    /// Every name of an algorithm once, in form `auto` and without changes of constants.
+    const ALL: [Self; 14] = [
+        Self::ForwardDynamics(Form::Auto),
+        Self::ConstrainedDynamics(Form::Auto),
+        Self::InverseDynamics,
+        Self::BiasTorque,
+        Self::MassMatrix,
+        Self::MassMatrixInverse(Form::Auto),
+        Self::Derivatives(Derivatives::ForwardDynamics(Form::Auto)),
+        Self::Derivatives(Derivatives::InverseDynamics),
+        Self::Derivatives(Derivatives::CoriolisMatrix),
+        Self::Derivatives(Derivatives::MassMatrix),
+        Self::Products(Products::ForwardTangent(Form::Auto)),
+        Self::Products(Products::ForwardGradient(Form::Auto)),
+        Self::Products(Products::InverseTangent),
+        Self::Products(Products::InverseGradient),
+    ];
+
     /// Its row of the table.
     #[must_use]
     pub fn entry(self) -> &'static FunctionEntry {

@@ -21,7 +21,6 @@
 //! ```
 
 pub(crate) mod accelerations;
-#[cfg(target_arch = "x86_64")]
 mod accuracy;
 pub(crate) mod chunk;
 mod compiled;

@@ -57,10 +57,10 @@ pub enum Error {
     /// terms.
     #[error(
         "joint {joint:?} (of link {link:?}){}: the inertia along its axis is {}; add inertia about the axis \
-         (scene.with_payload), or give the joint armature, for instance \
-         scene.with_properties(armature={{{joint:?}: 1e-3}})",
+         (scene.with_payload), or give the joint armature, for instance scene.with_properties({})",
         in_state(*state),
-        lost(*pivot, *terms)
+        lost(*pivot, *terms),
+        in_language(format!("[({joint:?}, Property::Armature, 1e-3)]"), format!("armature={{{joint:?}: 1e-3}}"))
     )]
     SingularJoint {
         /// Name of the joint.
@@ -122,6 +122,7 @@ pub enum Error {
 
 /// The connections that a state or a command violates, and by how much.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct ConstraintViolation {
     /// Names of the connections.
     pub connections: Vec<String>,
@@ -141,6 +142,7 @@ impl From<ConstraintViolation> for Error {
 
 /// An allocation that was refused.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct MemoryRequest {
     /// Purpose of the memory, or empty if the argument explains it.
     pub what: String,
@@ -195,8 +197,10 @@ fn in_state(state: Option<usize>) -> String {
     state.map_or_else(String::new, |index| format!(" in state {index}"))
 }
 
-/// The failed state of lowest index in a batch.
-#[derive(Debug, Clone, PartialEq)]
+/// The failed state of lowest index in a batch. `?` converts it to an [`Error`] that names the state.
+#[derive(Debug, Clone, PartialEq, ThisError)]
+#[error("state {state}: {error}")]
+#[non_exhaustive]
 pub struct Fault {
     /// Index of the state.
     pub state: usize,
@@ -260,6 +264,44 @@ impl Error {
         Self::Argument { argument: argument.into(), found: found.into(), expected: expected.into() }
     }
 }
+
+/// Code in a message: that for Rust, or that for Python in a build of the Python module.
+pub(crate) fn in_language<T>(rust: T, python: T) -> T {
+    if cfg!(feature = "python") { python } else { rust }
+}
+
+/// Finds a name in `known`; the error lists all names.
+pub(crate) fn choose<T: Copy>(argument: &str, name: &str, known: &[(&'static str, T)]) -> Result<T, Error> {
+    known.iter().find(|(known, _)| *known == name).map(|&(_, thing)| thing).ok_or_else(|| {
+        let names: Vec<String> = known.iter().map(|(name, _)| format!("{name:?}")).collect();
+        Error::argument(argument, format!("{name:?}"), format!("one of {}", names.join(", ")))
+    })
+}
+
+/// The name of a value in `known`; empty if it has none.
+pub(crate) fn name_in<T: PartialEq>(value: &T, known: &[(&'static str, T)]) -> &'static str {
+    known.iter().find(|(_, known)| known == value).map_or("", |(name, _)| name)
+}
+
+/// Implements `Display` and `FromStr` by a table of names; `argument` is the name in messages.
+macro_rules! by_name {
+    ($type:ty, $argument:literal, $table:expr) => {
+        impl std::fmt::Display for $type {
+            fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                f.pad($crate::error::name_in(self, &$table))
+            }
+        }
+
+        impl std::str::FromStr for $type {
+            type Err = $crate::error::Error;
+
+            fn from_str(name: &str) -> Result<Self, Self::Err> {
+                $crate::error::choose($argument, name, &$table)
+            }
+        }
+    };
+}
+pub(crate) use by_name;
 
 /// Formats a number for a message, with an exponent if its magnitude is below 1e-4 or at least 1e7.
 pub(crate) fn number(value: f64) -> String {

@@ -227,6 +227,7 @@ pub mod report;
 pub mod scalar;
 pub mod scene;
 pub mod scenes;
+mod setters;
 pub mod spatial;
 #[cfg(feature = "stochastic")]
 pub mod stochastic;
@@ -236,6 +237,9 @@ pub mod function_table {
     pub use crate::algorithm::FUNCTIONS;
     pub use crate::algorithm::table::{Array, Axis, Compiled, FunctionEntry, Sizes, width};
 }
+
+/// The linear algebra crate whose vectors and matrices appear in the interface.
+pub use nalgebra;
 
 pub use accuracy::{Accuracy, Bound, ESTIMATE_SPREAD};
 pub use algorithm::{Algorithm, Arguments, Derivatives, KinematicQuantity, Products};

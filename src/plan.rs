@@ -10,6 +10,7 @@ use std::collections::HashSet;
 
 /// One simplification of a scene.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct Simplification {
     /// Short description.
     pub what: &'static str,
@@ -41,6 +42,7 @@ const NOTHING: Simplification = Simplification {
 
 /// The simplifications made when the scene was built and in its calls.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct Plan {
     /// Number of bodies that the sweeps visit.
     pub bodies: usize,

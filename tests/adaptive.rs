@@ -44,7 +44,7 @@ fn a_pendulum_is_back_after_its_period() {
     let time = period(2.0);
     for solver in SOLVERS {
         let errors = [1e-5, 1e-8].map(|tol| {
-            let law = Adaptive { solver, rtol: tol, atol: tol, ..Adaptive::new(&scene) };
+            let law = Adaptive::new(&scene).with_solver(solver).with_rtol(tol).with_atol(tol);
             let path = law.solve(&[2.0], &[0.0], &[0.0, time / 2.0, time], &no_torque).unwrap();
             assert_eq!((path.t.len(), path.centers), (3, 1));
             let half = (path.q[1] + 2.0).abs().max(path.qd[1].abs());
@@ -63,7 +63,7 @@ fn a_spring_swings_as_a_cosine_and_a_damped_one_as_its_closed_form() {
     // Without gravity along the prismatic joint: x'' = -k x - d x', 2 kg.
     let scene = pendulum(JointKind::Prismatic);
     for (damping, solver) in [(0.0, Solver::Tsit45), (3.0, Solver::Bdf)] {
-        let mut law = Adaptive { solver, ..Adaptive::new(&scene) };
+        let mut law = Adaptive::new(&scene).with_solver(solver);
         (law.properties.stiffness, law.properties.damping) = (vec![80.0], vec![damping]);
         let times: Vec<f64> = (0..20).map(|i| 0.13 * f64::from(i)).collect();
         let path = law.solve(&[0.3], &[0.0], &times, &no_torque).unwrap();
@@ -99,7 +99,7 @@ fn tumbling() -> (Scene, Settings, (Vec<f64>, Vec<f64>)) {
     let [mut proportional, mut derivative] = [positive(1.0), positive(0.3)];
     proportional[..6].fill(0.0);
     derivative[..6].fill(0.0);
-    settings.gains = Some(Gains { proportional, derivative, target: q.clone(), target_rate: positive(0.5) });
+    settings.gains = Some(Gains::new(proportional, derivative, q.clone()).with_target_rate(positive(0.5)));
     (scene, settings, (q, v))
 }
 
@@ -116,7 +116,7 @@ fn a_tumbling_tree_goes_as_by_small_fixed_steps_however_often_it_is_recentered()
     let (scene, settings, (q, mut v)) = tumbling();
     // It rotates by several radians.
     v[3..6].copy_from_slice(&[14.0, -9.0, 12.0]);
-    let settings = Settings { dt: 1.25e-4, method: Method::RungeKutta4, ..settings };
+    let settings = settings.with_dt(1.25e-4).with_method(Method::RungeKutta4);
     let mut rollout = Rollout::new(&scene, settings.clone(), &q, &v).unwrap();
     let mut exact = Vec::new();
     for _ in 0..4 {
@@ -126,14 +126,12 @@ fn a_tumbling_tree_goes_as_by_small_fixed_steps_however_often_it_is_recentered()
     let times = [0.0, 0.2, 0.4, 0.6, 0.8];
     for (solver, tol) in [(Solver::Tsit45, 1e-8), (Solver::Bdf, 1e-8), (Solver::TrBdf2, 1e-5), (Solver::Esdirk34, 1e-6)]
     {
-        let law = Adaptive {
-            solver,
-            rtol: tol,
-            atol: tol,
-            properties: settings.properties.clone(),
-            gains: settings.gains.clone(),
-            ..Adaptive::new(&scene)
-        };
+        let law = Adaptive::new(&scene)
+            .with_solver(solver)
+            .with_rtol(tol)
+            .with_atol(tol)
+            .with_properties(settings.properties.clone())
+            .with_gains(settings.gains.clone());
         let path = law.solve(&q, &v, &times, &no_torque).unwrap();
         let mut worst = 0.0_f64;
         for (row, (q1, v1)) in exact.iter().enumerate() {
@@ -170,10 +168,10 @@ fn given_torques_are_asked_at_every_stage() {
 fn springs_of_a_billion_are_followed_in_few_steps_by_the_implicit_solvers() {
     let scene = crate::common::swinging(3);
     let slow = scene.lock(&["j1", "j2"], &[0.0; 3]).unwrap();
-    let tight = Adaptive { rtol: 1e-11, atol: 1e-11, ..Adaptive::new(&slow) };
+    let tight = Adaptive::new(&slow).with_rtol(1e-11).with_atol(1e-11);
     let exact = tight.solve(&[0.3], &[0.5], &[0.0, 0.2], &no_torque).unwrap();
     for (solver, damping) in [(Solver::Bdf, 1e6), (Solver::TrBdf2, 0.0), (Solver::Esdirk34, 0.0)] {
-        let mut law = Adaptive { solver, rtol: 1e-6, atol: 1e-6, most_steps: 5000, ..Adaptive::new(&scene) };
+        let mut law = Adaptive::new(&scene).with_solver(solver).with_rtol(1e-6).with_atol(1e-6).with_most_steps(5000);
         law.properties.stiffness = vec![0.0, 1e9, 1e9];
         law.properties.damping = vec![0.0, damping, damping];
         let path = law.solve(&[0.3, 0.0, 0.0], &[0.5, 0.0, 0.0], &[0.0, 0.2], &no_torque).unwrap();
@@ -182,7 +180,7 @@ fn springs_of_a_billion_are_followed_in_few_steps_by_the_implicit_solvers() {
         assert!(off <= tolerance::adaptive(path.steps, 1e-6), "{solver:?}: {off:e}");
     }
     // The explicit method would need steps of microseconds.
-    let mut law = Adaptive { most_steps: 500, ..Adaptive::new(&scene) };
+    let mut law = Adaptive::new(&scene).with_most_steps(500);
     law.properties.stiffness = vec![0.0, 1e9, 1e9];
     let failure = law.solve(&[0.3, 0.0, 0.0], &[0.5, 0.0, 0.0], &[0.0, 0.2], &no_torque).expect_err("stiff");
     assert!(failure.to_string().contains("most_steps: found 500"), "{failure}");
@@ -227,10 +225,10 @@ fn what_cannot_be_used_is_refused_by_name() {
 fn a_torque_that_is_not_finite_ends_the_solution_with_the_rows_before() {
     let scene = phipsi::scenes::chain(2).unwrap();
     for solver in SOLVERS {
-        let law = Adaptive { solver, rtol: 1e-5, atol: 1e-5, ..Adaptive::new(&scene) };
+        let law = Adaptive::new(&scene).with_solver(solver).with_rtol(1e-5).with_atol(1e-5);
         let broken =
             |t: f64, _q: &[f64], _v: &[f64], torque: &mut [f64]| torque[1] = if t > 0.25 { f64::NAN } else { 0.1 };
-        let Failure { solution, time, error } =
+        let Failure { solution, time, error, .. } =
             law.solve(&[0.1; 2], &[0.0; 2], &[0.0, 0.1, 0.2, 0.5], &broken).expect_err("not finite");
         assert!(matches!(*error, Error::Argument { .. }), "{solver:?}: {error}");
         let text = error.to_string();
@@ -251,7 +249,7 @@ fn a_joint_without_inertia_is_named() {
     builder = builder.link(LinkDescription { name: "tip".into(), inertial: Some(point) });
     let scene = builder.joint(JointDescription::new("elbow", JointKind::Revolute, "base", "tip")).build().unwrap();
     for solver in SOLVERS {
-        let law = Adaptive { solver, ..Adaptive::new(&scene) };
+        let law = Adaptive::new(&scene).with_solver(solver);
         let failure = law.solve(&[0.0], &[0.0], &[0.0, 1.0], &no_torque).expect_err("no inertia");
         assert!(matches!(&*failure.error, Error::SingularJoint { joint, .. } if joint == "elbow"), "{failure}");
     }

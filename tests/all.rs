@@ -55,6 +55,7 @@ mod plain_methods;
 mod properties;
 mod reference;
 mod rollout_gradients;
+mod rust_interface;
 mod scene_errors;
 mod set_valued;
 mod singular_joints;

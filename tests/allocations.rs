@@ -268,14 +268,12 @@ fn a_simulator_allocates_nothing_after_its_first_step() {
         let state = State::new(&scene, 5);
         let (nq, nv) = (scene.nq(), scene.nv());
         for (name, method) in METHODS {
-            let mut settings = Settings { method, ..Settings::new(&scene, 1e-4) };
+            let mut settings = Settings::new(&scene, 1e-4).with_method(method);
             let p = &mut settings.properties;
             for acting in [&mut p.damping, &mut p.stiffness, &mut p.friction] {
                 acting.fill(0.1);
             }
-            let (proportional, derivative) = (vec![1.0; nv], vec![0.1; nv]);
-            let (target, target_rate) = (scene.neutral(), vec![0.0; nv]);
-            settings.gains = Some(Gains { proportional, derivative, target, target_rate });
+            settings.gains = Some(Gains::new(vec![1.0; nv], vec![0.1; nv], scene.neutral()));
             for states in [1, 7] {
                 let (q, qd) = (state.q.repeat(states), state.qd.repeat(states));
                 let mut simulator = Simulator::new(&scene, settings.clone(), &q, &qd).unwrap();

@@ -101,7 +101,7 @@ fn payloads_that_cannot_be_are_refused() {
 #[test]
 fn a_mimic_keeps_its_numbers() {
     let (links, mut joints) = parts();
-    let mimic = Mimic { joint: joints[1].name.clone(), multiplier: -0.5, offset: 0.25 };
+    let mimic = Mimic::of(joints[1].name.clone()).with_multiplier(-0.5).with_offset(0.25);
     joints[0].mimic = Some(mimic.clone());
     let scene = assembled((links, joints)).build().unwrap();
     assert_eq!(scene.source().joints()[0].mimic, Some(mimic));

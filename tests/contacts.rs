@@ -296,12 +296,8 @@ fn a_biped_stands_on_24_redundant_rows_and_its_forces_are_its_weight() {
     let mut gains = vec![0.0; nv];
     gains[6..].fill(2_000.0);
     let q = at(&scene, [0.0, 0.0, 0.9]);
-    settings.gains = Some(phipsi::motion::Gains {
-        derivative: gains.iter().map(|k| k / 20.0).collect(),
-        proportional: gains,
-        target: q.clone(),
-        target_rate: vec![0.0; nv],
-    });
+    settings.gains =
+        Some(phipsi::motion::Gains::new(gains.clone(), gains.iter().map(|k| k / 20.0).collect::<Vec<_>>(), q.clone()));
     let mut simulator = Simulator::new(&scene, settings, &q, &vec![0.0; nv]).unwrap();
     go(&mut simulator, 3_000);
     let (q, qd) = simulator.state(0);

@@ -170,12 +170,12 @@ fn results_that_are_not_finite_are_errors() {
     let goal = |scale: f64| {
         Task::new(Goal::Position { frame: scene.frame(&"two".into()).unwrap(), target: [scale, 0.0, 0.0].into() })
     };
-    let options = RateOptions { dt: 0.01, gain: 0.1, damping: 1e-3, limits: false, velocity: None };
+    let options = RateOptions::new(0.01).with_gain(0.1).with_damping(1e-3).with_limits(false);
     let mut solver = scene.inverse_kinematics(&Options::default()).unwrap();
     let (mut workspace, mut qd) = (scene.workspace(), [0.0; 2]);
     solver.rates(&mut workspace, &[goal(1.0)], &[0.0; 2], &options, &mut qd).unwrap();
     assert!(solver.rates(&mut workspace, &[goal(1e308)], &[0.0; 2], &options, &mut qd).is_err());
-    let precise = Task { position: 1e-200, ..goal(1.0) };
+    let precise = goal(1.0).with_position(1e-200);
     assert!(solver.rates(&mut workspace, &[precise], &[0.0; 2], &options, &mut qd).is_err());
 
     let rod = |at: f64| {
@@ -226,7 +226,7 @@ fn a_long_chain_of_joints_that_follow_each_other() {
     for (k, joint) in plain.source().joints().iter().enumerate() {
         let mut joint = joint.clone();
         let source = format!("j{}", k + 1);
-        joint.mimic = (k + 1 < LINKS).then(|| Mimic { joint: source, multiplier: -1.0, offset: 1.0 });
+        joint.mimic = (k + 1 < LINKS).then(|| Mimic::of(source).with_multiplier(-1.0).with_offset(1.0));
         builder = builder.joint(joint);
     }
     let scene = builder.mimic_joints(MimicJoints::Coupled).build().unwrap();

@@ -120,7 +120,7 @@ fn poses_within_the_limits_are_reached() {
 fn ten_starts_reach_nearly_every_pose_of_a_panda() {
     let scene = panda();
     let (mut state, mut q, mut first, mut failures) = (3, vec![f64::NAN; 7], 0, 0);
-    let mut solver = scene.inverse_kinematics(&Options { starts: 10, ..Options::default() }).unwrap();
+    let mut solver = scene.inverse_kinematics(&Options::default().with_starts(10)).unwrap();
     for _ in 0..1000 {
         let task = pose_of(&scene, &within(&scene, &mut state));
         let start = within(&scene, &mut state);
@@ -153,7 +153,7 @@ fn a_joint_that_may_turn_more_than_a_turn_is_not_held_at_its_limits() {
     };
     let solve = |goal: Goal, options: Options| {
         let mut q = [f64::NAN; 2];
-        let options = Options { starts: 1, ..options };
+        let options = options.with_starts(1);
         let mut solver = scene.inverse_kinematics(&options).unwrap();
         let outcome = solver.solve(&mut scene.workspace(), &[Task::new(goal)], &[6.2, 0.0], None, &mut q).unwrap();
         (outcome.reached, q)
@@ -163,12 +163,12 @@ fn a_joint_that_may_turn_more_than_a_turn_is_not_held_at_its_limits() {
     let there = scene.placement(&[0.5, 0.7], frame).unwrap();
     let (reached, q) = solve(Goal::Pose { frame, target: there }, Options::default());
     assert!(reached && (q[0] - 0.5).abs() < 1e-8 && (q[1] - 0.7).abs() < 1e-8, "{q:?}");
-    let (reached, q) = solve(Goal::Pose { frame, target: there }, Options { limits: false, ..Options::default() });
+    let (reached, q) = solve(Goal::Pose { frame, target: there }, Options::default().with_limits(false));
     assert!(reached && (q[0] - 0.5 - turn).abs() < 1e-8, "{q:?}");
     // Its position is a target, or a prior: full turns are distinguished.
     let (reached, q) = solve(Goal::Joint { joint: 0, target: 6.8 }, Options::default());
     assert!(!reached && (q[0] - 6.25).abs() < 1e-15, "{q:?}");
-    let (_, q) = solve(Goal::Pose { frame, target: there }, Options { posture: Some(1.0), ..Options::default() });
+    let (_, q) = solve(Goal::Pose { frame, target: there }, Options::default().with_posture(1.0));
     assert!(q[0] > 3.0, "{q:?}");
 }
 
@@ -213,8 +213,8 @@ fn a_posture_decides_where_the_task_does_not() {
     let frame = scene.frame(&"link7".into()).unwrap();
     let posture = [0.1, 0.4, -0.2, -0.8, 0.3, 1.0, 0.2];
     let target = scene.placement(&posture, frame).unwrap().lever + Vector3::new(0.02, -0.03, 0.01);
-    let task = Task { position: 1e-5, ..Task::new(Goal::Position { frame, target }) };
-    let options = Options { posture: Some(0.5), tolerance: 1e-6, ..Options::default() };
+    let task = Task::new(Goal::Position { frame, target }).with_position(1e-5);
+    let options = Options::default().with_posture(0.5).with_tolerance(1e-6);
     let (mut q, mut covariance) = (vec![f64::NAN; 7], vec![f64::NAN; 49]);
     let mut solver = scene.inverse_kinematics(&options).unwrap();
     let outcome = solver.solve(&mut scene.workspace(), &[task], &posture, Some(&mut covariance), &mut q).unwrap();
@@ -282,15 +282,15 @@ fn bad_arguments_are_named() {
     let scene = arm();
     let frame = scene.frame(&"link7".into()).unwrap();
     let refused = |options: Options| scene.inverse_kinematics(&options).unwrap_err().to_string();
-    assert!(refused(Options { starts: 0, ..Options::default() }).contains("starts"));
-    assert!(refused(Options { tolerance: 0.0, ..Options::default() }).contains("tolerance"));
-    assert!(refused(Options { posture: Some(f64::NAN), ..Options::default() }).contains("posture"));
+    assert!(refused(Options::default().with_starts(0)).contains("starts"));
+    assert!(refused(Options::default().with_tolerance(0.0)).contains("tolerance"));
+    assert!(refused(Options::default().with_posture(f64::NAN)).contains("posture"));
     let mut solver = scene.inverse_kinematics(&Options::default()).unwrap();
     let mut fails = |task: Task, start: &[f64]| {
         solver.solve(&mut scene.workspace(), &[task], start, None, &mut [0.0; 7]).unwrap_err().to_string()
     };
     let fine = Task::new(Goal::Position { frame, target: Vector3::zeros() });
-    assert!(fails(Task { position: -1.0, ..fine }, &[0.0; 7]).contains("position deviation of task 0"));
+    assert!(fails(fine.with_position(-1.0), &[0.0; 7]).contains("position deviation of task 0"));
     assert!(
         fails(Task::new(Goal::Position { frame, target: Vector3::new(f64::NAN, 0.0, 0.0) }), &[0.0; 7])
             .contains("target of task 0")

@@ -9,6 +9,7 @@ use crate::common::tolerance::{self, Conditioning, assert_near, conditioning};
 use phipsi::batch::Evaluator;
 use phipsi::batch::InstructionSet;
 use phipsi::filter::Form;
+#[cfg(feature = "lanes")]
 use phipsi::scalar::{Instructions, Lanes, Real};
 use phipsi::scene::{JointDescription, JointKind, LinkDescription, SceneBuilder};
 use phipsi::spatial::SpatialVector;
@@ -257,6 +258,7 @@ fn wrong_lengths_are_refused() {
 }
 
 /// Compared with f64, which is exact here: for 60,000 angles and near multiples of pi/2.
+#[cfg(feature = "lanes")]
 fn sine_and_cosine_of<S: Instructions>() {
     if S::token().is_none() {
         return;
@@ -295,6 +297,7 @@ fn sine_and_cosine_of<S: Instructions>() {
     assert_eq!((sine.lane(3), cosine.lane(3)), (half.0.lane(0), half.1.lane(0)), "a NaN changes no other lane");
 }
 
+#[cfg(feature = "lanes")]
 #[test]
 fn sine_and_cosine_are_good_to_a_unit_in_the_last_place() {
     #[cfg(target_arch = "x86_64")]

@@ -23,7 +23,7 @@ fn arm(mimic_joints: MimicJoints) -> Scene {
         joint
     };
     let mut wrist = joint("wrist", JointKind::Revolute, "upper", "hand", [1.0, 0.2, 0.0]);
-    wrist.mimic = Some(Mimic { joint: "shoulder".into(), multiplier: -0.5, offset: 0.2 });
+    wrist.mimic = Some(Mimic::of("shoulder").with_multiplier(-0.5).with_offset(0.2));
     let mut right = joint("right", JointKind::Prismatic, "hand", "right_tip", [-1.0, 0.1, 0.0]);
     right.mimic = Some(Mimic::of("left"));
     SceneBuilder::new()

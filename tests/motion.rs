@@ -31,12 +31,8 @@ fn settings(scene: &Scene, q: &[f64], random: &mut Random) -> Settings {
     let p = &mut settings.properties;
     (p.rest, p.friction_speed) = (rest, 0.5);
     (p.damping, p.stiffness, p.friction) = (positive(random, 0.5), positive(random, 3.0), positive(random, 0.3));
-    settings.gains = Some(Gains {
-        proportional: positive(random, 3.0),
-        derivative: positive(random, 0.5),
-        target,
-        target_rate: random.array(nv, 0.3),
-    });
+    settings.gains =
+        Some(Gains::new(positive(random, 3.0), positive(random, 0.5), target).with_target_rate(random.array(nv, 0.3)));
     settings
 }
 
@@ -123,7 +119,7 @@ fn after(
     time: f64,
     steps: usize,
 ) -> (Vec<f64>, Vec<f64>) {
-    let settings = Settings { dt: time / tolerance::count(steps), ..settings.clone() };
+    let settings = settings.clone().with_dt(time / tolerance::count(steps));
     let mut rollout = Rollout::new(scene, settings, q, v).unwrap();
     let torque = Torque::Constant(Broadcast::new("tau", u, scene.nv(), &[], &[]).unwrap());
     rollout.advance(steps, &torque, None).unwrap();
@@ -269,7 +265,7 @@ fn springs_of_a_billion_are_stable_and_followed_on_the_slow_manifold() {
     let slow = rigid(&scene);
     let exact = reference(&slow, &Settings::new(&slow, 1.0), (&q[..1], &v[..1], &u[..1]), 0.2, 2000);
     // The deflection of the springs moves the rods by as much as the error of the third order.
-    let fine = Settings { method: Method::Rosenbrock3, ..settings.clone() };
+    let fine = settings.clone().with_method(Method::Rosenbrock3);
     let elastic = after(&scene, &fine, (&q, &v, &u), 0.2, 3200).0[0];
     assert!((elastic - exact.0[0]).abs() <= tolerance::SLOW_ORDER_3, "{elastic}");
     for method in [Method::ImplicitEuler, Method::Rosenbrock2, Method::Rosenbrock3] {
@@ -307,12 +303,7 @@ fn stiff_gains_hold_a_target_that_explicit_steps_lose() {
     let mut settings = Settings::new(&scene, 1e-2);
     settings.method = Method::ImplicitEuler;
     let target = vec![0.4, -0.3, 0.2, 0.5, -0.6];
-    settings.gains = Some(Gains {
-        proportional: vec![1e8; 5],
-        derivative: vec![1e6; 5],
-        target: target.clone(),
-        target_rate: vec![0.0; 5],
-    });
+    settings.gains = Some(Gains::new([1e8; 5], [1e6; 5], target.clone()));
     let mut rollout = Rollout::new(&scene, settings, &[0.0; 5], &[0.0; 5]).unwrap();
     rollout.advance(1000, &Torque::Zero, None).unwrap();
     for (q, target) in rollout.state(0).0.iter().zip(&target) {
@@ -405,7 +396,7 @@ fn momentum_of_what_only_slides_is_kept_to_rounding() {
     let start = momentum(&scene, &q, &v);
     let settings = Settings::new(&scene, 1.0);
     for (name, method) in METHODS {
-        let settings = Settings { method, ..settings.clone() };
+        let settings = settings.clone().with_method(method);
         let (q, v) = after(&scene, &settings, (&q, &v, &u), 1.0, 200);
         let end = momentum(&scene, &q, &v);
         let off = (0..3).map(|i| (end[3 + i] - start[3 + i]).abs()).fold(0.0, f64::max);
@@ -431,7 +422,7 @@ fn drift_of_momentum_and_energy_falls_with_the_order() {
     let start = momentum(&scene, &q, &v);
     let energy = |q: &[f64], v: &[f64]| scene.energy(&mut scene.workspace(), q, v).unwrap().kinetic;
     for (name, method) in METHODS {
-        let settings = Settings { method, ..Settings::new(&scene, 1.0) };
+        let settings = Settings::new(&scene, 1.0).with_method(method);
         let steps = if method.order() >= 3 { 20 } else { 200 };
         let drift = [steps, 2 * steps].map(|steps| {
             let (q1, v1) = after(&scene, &settings, (&q, &v, &u), 0.4, steps);
@@ -516,7 +507,7 @@ fn momentum_of_floating_trees_is_kept_to_rounding_where_asked() {
         for (name, method) in METHODS {
             settings.method = method;
             let worst = |conserve_momentum: bool| {
-                let settings = Settings { conserve_momentum, ..settings.clone() };
+                let settings = settings.clone().with_conserve_momentum(conserve_momentum);
                 let mut rollout = Rollout::new(&scene, settings, &q, &v).unwrap();
                 let torque = Torque::Constant(Broadcast::new("tau", &u, scene.nv(), &[], &[]).unwrap());
                 let mut worst = 0.0_f64;
@@ -556,7 +547,7 @@ fn keeping_momentum_leaves_every_method_its_order() {
         settings.method = method;
         let steps = [0, 128, 64, 32, 24, 16][method.order() as usize];
         let found = [steps, 2 * steps].map(|steps| {
-            let settings = Settings { dt: time / tolerance::count(steps), ..settings.clone() };
+            let settings = settings.clone().with_dt(time / tolerance::count(steps));
             let mut rollout = Rollout::new(&scene, settings, &q, &v).unwrap();
             let torque = Torque::Constant(Broadcast::new("tau", &u, scene.nv(), &[], &[]).unwrap());
             rollout.advance(steps, &torque, None).unwrap();
@@ -591,7 +582,7 @@ fn keeping_momentum_does_not_spoil_the_energy() {
     for (name, method) in METHODS {
         let steps = if method.order() >= 3 { 40 } else { 200 };
         let drift = [true, false].map(|conserve_momentum| {
-            let settings = Settings { method, conserve_momentum, ..Settings::new(&scene, 1.0) };
+            let settings = Settings::new(&scene, 1.0).with_method(method).with_conserve_momentum(conserve_momentum);
             let drifts = states.iter().map(|(q, v, _)| {
                 let (q1, v1) = after(&scene, &settings, (q, v, &u), 0.4, steps);
                 let off = (momentum(&scene, &q1, &v1) - momentum(&scene, q, v)).amax();
@@ -622,7 +613,7 @@ fn kept_momentum_is_the_same_in_lanes_and_however_a_run_is_cut() {
             for (name, method) in METHODS {
                 (settings.method, settings.form) = (method, form);
                 let run = |arm: InstructionSet, cuts: &[usize]| {
-                    let settings = Settings { arm, ..settings.clone() };
+                    let settings = settings.clone().with_arm(arm);
                     let mut rollout = Rollout::new(&scene, settings, &q, &v).unwrap();
                     for &cut in cuts {
                         rollout.advance(cut, &torque, None).unwrap();
@@ -673,7 +664,7 @@ fn trees_side_by_side_keep_their_own_momentum() {
     }
     let scene = builder.build().unwrap();
     let (q, v, _) = random_state(&scene, &mut random);
-    let settings = Settings { conserve_momentum: true, ..Settings::new(&scene, 1e-3) };
+    let settings = Settings::new(&scene, 1e-3).with_conserve_momentum(true);
     let mut rollout = Rollout::new(&scene, settings, &q, &v).unwrap();
     rollout.advance(1000, &Torque::Zero, None).unwrap();
     let (q1, v1) = rollout.state(0);
@@ -736,11 +727,11 @@ fn momentum_that_cannot_be_kept_is_refused_by_name() {
     assert!(["tau", "0.25", "root_joint", "conserve_momentum"].iter().all(|word| text.contains(word)), "{text}");
 
     let fixed = phipsi::scenes::chain(2).unwrap();
-    let settings = Settings { conserve_momentum: true, ..Settings::new(&fixed, 1e-3) };
+    let settings = Settings::new(&fixed, 1e-3).with_conserve_momentum(true);
     let error = Rollout::new(&fixed, settings, &[0.0; 2], &[0.0; 2]).expect_err("refused").to_string();
     assert!(error.contains("conserve_momentum") && error.contains("\"j0\""), "{error}");
     let still = fixed.lock(&["j0", "j1"], &[0.0; 2]).unwrap();
-    let settings = Settings { conserve_momentum: true, ..Settings::new(&still, 1e-3) };
+    let settings = Settings::new(&still, 1e-3).with_conserve_momentum(true);
     let error = Rollout::new(&still, settings, &[], &[]).expect_err("refused").to_string();
     assert!(error.contains("conserve_momentum"), "{error}");
 }
@@ -748,7 +739,7 @@ fn momentum_that_cannot_be_kept_is_refused_by_name() {
 #[test]
 fn a_tree_at_rest_is_not_corrected() {
     let (scene, _, (q, _, _)) = floating(&[JointKind::Revolute, JointKind::Spherical], [0.0; 3]);
-    let settings = Settings { conserve_momentum: true, ..Settings::new(&scene, 1e-3) };
+    let settings = Settings::new(&scene, 1e-3).with_conserve_momentum(true);
     let mut rollout = Rollout::new(&scene, settings, &q, &vec![0.0; scene.nv()]).unwrap();
     rollout.advance(10, &Torque::Zero, None).unwrap();
     let correction = rollout.correction(0).unwrap();
@@ -774,7 +765,7 @@ fn a_lost_pivot_is_told_with_step_state_and_joint() {
         .build()
         .unwrap();
     for (name, method) in METHODS {
-        let mut settings = Settings { method, ..Settings::new(&scene, 1e-3) };
+        let mut settings = Settings::new(&scene, 1e-3).with_method(method);
         let fault = Rollout::new(&scene, settings.clone(), &[0.0; 6], &[0.0; 6])
             .unwrap()
             .advance(5, &Torque::Zero, None)
@@ -795,7 +786,7 @@ fn a_lost_pivot_is_told_with_step_state_and_joint() {
 #[test]
 fn the_earliest_step_and_the_lowest_state_are_told_and_rows_before_are_kept() {
     let scene = phipsi::scenes::chain(2).unwrap();
-    let mut settings = Settings { method: Method::SemiImplicitEuler, ..Settings::new(&scene, 1e-2) };
+    let mut settings = Settings::new(&scene, 1e-2).with_method(Method::SemiImplicitEuler);
     settings.properties.stiffness = vec![1e5; 2];
     let mut q = vec![0.0; 40];
     // The further from rest the earlier.
@@ -803,7 +794,7 @@ fn the_earliest_step_and_the_lowest_state_are_told_and_rows_before_are_kept() {
     let mut rollout = Rollout::new(&scene, settings, &q, &[0.0; 40]).unwrap();
     let (mut out_q, mut out_v) = (vec![f64::NAN; 20 * 101 * 2], vec![f64::NAN; 20 * 101 * 2]);
     let mut records = Records { q: &mut out_q, qd: &mut out_v, contacts: &mut [], every: 1 };
-    let StepFault { step, state, joint, error } =
+    let StepFault { step, state, joint, error, .. } =
         rollout.advance(100, &Torque::Zero, Some(&mut records)).expect_err("an explicit step of a stiff spring");
     assert_eq!(state, 17);
     assert!(joint.starts_with('j') && error.to_string().contains(&joint), "{error}");
@@ -933,7 +924,7 @@ fn a_state_that_is_reset_goes_on_as_in_a_simulator_of_its_own() {
 #[test]
 fn after_a_fault_a_simulator_is_at_the_last_step_that_all_states_finished() {
     let scene = phipsi::scenes::chain(2).unwrap();
-    let mut settings = Settings { method: Method::SemiImplicitEuler, ..Settings::new(&scene, 1e-2) };
+    let mut settings = Settings::new(&scene, 1e-2).with_method(Method::SemiImplicitEuler);
     settings.properties.stiffness = vec![1e5; 2];
     let mut q = vec![0.0; 40];
     q[2 * 17] = 1.0;

@@ -194,10 +194,7 @@ fn calls() -> Vec<Call> {
         (3, true, true),
         Box::new(|scene, kit, given| {
             let state = arguments(Algorithm::InverseDynamics, given);
-            let (mut out, mut accuracy) = (
-                given.out(2 * scene.nv()),
-                [Accuracy { form: FORM, doubled: false, error: f64::NAN, bound: phipsi::Bound::Unknown }; 2],
-            );
+            let (mut out, mut accuracy) = (given.out(2 * scene.nv()), [Accuracy::unknown(FORM); 2]);
             Ok(scene.evaluate_with_accuracy(&mut kit.evaluator, FORM, &[state; 2], &mut out, &mut accuracy)?)
         }),
     );
@@ -340,12 +337,12 @@ fn calls() -> Vec<Call> {
     method!("lock", (1, false, false), |s, _k, _g, q, _qd, _u, _x| s.lock(&[], q).map(drop));
     method!("inverse_kinematics", (1, true, true), |s, k, g, q, _qd, _u, _x| {
         let task = Task::new(Goal::Position { frame: frame_on(Some(0)), target: Vector3::new(0.1, 0.0, 0.1) });
-        let mut solver = s.inverse_kinematics(&Options { starts: 2, iterations: 5, ..Options::default() })?;
+        let mut solver = s.inverse_kinematics(&Options::default().with_starts(2).with_iterations(5))?;
         solver.solve(&mut k.workspace, &[task], q, None, &mut g.out(s.nq())).map(drop)
     });
     method!("inverse_kinematics_rates", (1, true, true), |s, k, g, q, _qd, _u, _x| {
         let task = Task::new(Goal::Position { frame: frame_on(Some(0)), target: Vector3::new(0.1, 0.0, 0.1) });
-        let options = RateOptions { dt: 0.01, gain: 0.1, damping: 1e-3, limits: false, velocity: None };
+        let options = RateOptions::new(0.01).with_gain(0.1).with_damping(1e-3).with_limits(false);
         let mut solver = s.inverse_kinematics(&Options::default())?;
         solver.rates(&mut k.workspace, &[task], q, &options, &mut g.out(s.nv()))
     });
@@ -438,7 +435,7 @@ fn short_long_and_foreign_arguments_are_errors() {
 #[test]
 fn indices_and_sizes_that_are_not_there_are_errors() {
     let scene = scenes::chain(2).unwrap();
-    let huge = [1_usize << 40, 1 << 40];
+    let huge = [1 << 40, 1 << 40];
     assert!(Broadcast::new("x", &[0.0; 2], 2, &[], &huge).is_ok());
     assert!(Broadcast::new("x", &[0.0; 2], 2, &huge, &huge).is_err());
     assert!(Broadcast::new("x", &[0.0; 2], usize::MAX, &[3], &[3]).is_err());

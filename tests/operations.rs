@@ -113,9 +113,7 @@ fn plainly(scene: &Scene, task: Task, state: &Arguments<'_>) -> Vec<f64> {
             workspace.form = form;
             dynamics::mass_matrix_inverse(model, &mut workspace, &mut InverseScratch::new(model), q, &mut out);
         }
-        Task::Algorithm(Algorithm::Derivatives(_) | Algorithm::Products(_) | Algorithm::ConstrainedDynamics(_)) => {
-            unreachable!("not among the tasks")
-        }
+        Task::Algorithm(other) => unreachable!("{other:?}: not among the tasks"),
         Task::Factor(form) => {
             workspace.form = form;
             out.extend(scene.factor(&mut workspace, q).unwrap().pivots());

@@ -69,6 +69,7 @@ fn plain(
         }
         Algorithm::Derivatives(Derivatives::CoriolisMatrix) => scene.coriolis_matrix(workspace, q, qd, &mut out),
         Algorithm::Derivatives(Derivatives::MassMatrix) => scene.mass_matrix_derivative(workspace, q, qd, &mut out),
+        other => unreachable!("{other:?}: an algorithm without a method here"),
     }?;
     Ok(out)
 }

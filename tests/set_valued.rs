@@ -40,7 +40,7 @@ fn what_friction_can_hold_does_not_move_at_all() {
     let mut gravity = [0.0; 7];
     chain.bias_torque(&mut chain.workspace(), &q, &[0.0; 7], &mut gravity).unwrap();
     for (name, method) in METHODS {
-        let mut settings = Settings { method, ..Settings::new(&chain, 1e-3) };
+        let mut settings = Settings::new(&chain, 1e-3).with_method(method);
         settings.properties.friction = gravity.iter().map(|g| 1.01 * g.abs() + 1e-9).collect();
         let mut rollout = Rollout::new(&chain, settings, &q, &[0.0; 7]).unwrap();
         rollout.advance(1000, &Torque::Zero, None).unwrap();
@@ -77,7 +77,7 @@ fn sliding_friction_stops_a_body_where_it_should() {
 fn a_body_rebounds_from_its_stop_by_the_coefficient() {
     let scene = lift(0.0, 0.0, 5.0);
     for restitution in [0.0, 0.5, 0.9] {
-        let settings = Settings { restitution, ..Settings::new(&scene, 1e-3) };
+        let settings = Settings::new(&scene, 1e-3).with_restitution(restitution);
         let mut rollout = run(&scene, settings, (0.5, 0.0), 3000);
         let impacts = rollout.take_impacts();
         let speed = (2.0 * G * 0.5_f64).sqrt();
@@ -102,7 +102,7 @@ fn a_body_rebounds_from_its_stop_by_the_coefficient() {
 #[test]
 fn limits_can_be_reported_only_and_starts_outside_return() {
     let scene = lift(0.0, 0.0, 5.0);
-    let free = run(&scene, Settings { limits: Limits::Report, ..Settings::new(&scene, 1e-3) }, (0.5, 0.0), 500);
+    let free = run(&scene, Settings::new(&scene, 1e-3).with_limits(Limits::Report), (0.5, 0.0), 500);
     assert!(free.state(0).0[0] < -0.5);
     let mut rollout = Rollout::new(&scene, Settings::new(&scene, 1e-3), &[-0.4], &[0.0]).unwrap();
     let (mut fastest, mut before) = (0.0_f64, 0.0);
@@ -133,7 +133,7 @@ fn rubbing(states: usize) -> (Scene, Settings, Vec<f64>, Vec<f64>) {
         builder = builder.joint(joint);
     }
     let scene = builder.build().unwrap();
-    let settings = Settings { restitution: 0.3, ..Settings::new(&scene, 1e-3) };
+    let settings = Settings::new(&scene, 1e-3).with_restitution(0.3);
     (scene, settings, random.array(5 * states, 0.6), random.array(5 * states, 3.0))
 }
 
@@ -180,7 +180,7 @@ fn every_instruction_set_has_the_same_modes() {
     let states = 16;
     let (scene, settings, q, v) = rubbing(states);
     let of = |arm| {
-        let mut rollout = Rollout::new(&scene, Settings { arm, ..settings.clone() }, &q, &v).unwrap();
+        let mut rollout = Rollout::new(&scene, settings.clone().with_arm(arm), &q, &v).unwrap();
         rollout.advance(300, &Torque::Zero, None).unwrap();
         rollout
     };
@@ -236,7 +236,7 @@ fn fast_motion_is_divided_and_keeps_its_energy() {
 fn error_control_meets_its_bound_through_events() {
     let (scene, settings, q, v) = rubbing(1);
     let of = |accuracy| {
-        let settings = Settings { accuracy: Some(accuracy), dt: 0.01, ..settings.clone() };
+        let settings = settings.clone().with_accuracy(Some(accuracy)).with_dt(0.01);
         let mut rollout = Rollout::new(&scene, settings, &q, &v).unwrap();
         rollout.advance(40, &Torque::Zero, None).unwrap();
         rollout.state(0).0.to_vec()
@@ -258,8 +258,8 @@ fn settings_that_make_no_sense_are_named() {
         assert!(text.contains(name), "{text}");
     };
     let usual = Settings::new(&scene, 1e-3);
-    refused(Settings { restitution: 1.5, ..usual.clone() }, "restitution");
-    refused(Settings { restitution: f64::NAN, ..usual.clone() }, "restitution");
-    refused(Settings { accuracy: Some(0.0), ..usual.clone() }, "accuracy");
-    refused(Settings { accuracy: Some(1e-6), method: Method::RungeKutta4, ..usual }, "accuracy");
+    refused(usual.clone().with_restitution(1.5), "restitution");
+    refused(usual.clone().with_restitution(f64::NAN), "restitution");
+    refused(usual.clone().with_accuracy(Some(0.0)), "accuracy");
+    refused(usual.with_accuracy(Some(1e-6)).with_method(Method::RungeKutta4), "accuracy");
 }

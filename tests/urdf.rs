@@ -78,17 +78,20 @@ fn every_joint_type_and_attribute_is_read() {
     assert_eq!((shoulder.parent.as_str(), shoulder.child.as_str()), ("base", "upper"));
     assert_eq!(shoulder.axis, Vector3::new(0.0, -2.0, 0.0));
     assert_eq!(shoulder.origin.lever, Vector3::new(1.0, 2.0, 3.0));
-    assert_eq!(shoulder.limits, Limits { lower: -1.5, upper: 2.5, velocity: 3.0, effort: 40.0 });
+    assert_eq!(
+        shoulder.limits,
+        Limits::default().with_lower(-1.5).with_upper(2.5).with_velocity(3.0).with_effort(40.0)
+    );
     assert_eq!((shoulder.damping, shoulder.friction, shoulder.armature), (0.6, 0.7, 0.8));
     assert_eq!(shoulder.mimic, None);
 
     let spin = joint(&builder, "spin");
     assert_eq!(spin.axis, Vector3::new(1.0, 0.0, 0.0), "the axis defaults to x");
-    assert_eq!(spin.limits, Limits { velocity: 9.0, effort: 8.0, ..Limits::default() }, "continuous: no lower, upper");
-    assert_eq!(spin.mimic, Some(Mimic { multiplier: 2.0, ..Mimic::of("shoulder") }));
+    assert_eq!(spin.limits, Limits::default().with_velocity(9.0).with_effort(8.0), "continuous: no lower, upper");
+    assert_eq!(spin.mimic, Some(Mimic::of("shoulder").with_multiplier(2.0)));
 
     let slide = joint(&builder, "slide");
-    assert_eq!(slide.limits, Limits { lower: 0.0, upper: 0.4, velocity: 1.0, effort: f64::INFINITY });
+    assert_eq!(slide.limits, Limits::default().with_lower(0.0).with_upper(0.4).with_velocity(1.0));
     assert_eq!(joint(&builder, "weld").origin.lever, Vector3::new(0.0, 0.0, 0.1));
     assert_eq!(joint(&builder, "table").limits, Limits::default());
 
@@ -143,7 +146,7 @@ fn limits_left_out() {
     let limits = |xml: &str| scene(xml).unwrap().joint("hinge").unwrap().limits;
     let element = r#"<limit lower="-1" upper="1" effort="2" velocity="3"/>"#;
     assert_eq!(limits(&arm_with(element, "")), Limits::default());
-    assert_eq!(limits(&arm_with(element, r#"<limit effort="2"/>"#)), Limits { effort: 2.0, ..Limits::default() });
+    assert_eq!(limits(&arm_with(element, r#"<limit effort="2"/>"#)), Limits::default().with_effort(2.0));
     assert_eq!(limits(&arm_with(element, r#"<limit lower="-1"/>"#)).upper, 0.0);
 }
 

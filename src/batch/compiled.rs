@@ -3,9 +3,9 @@
 //! The compiler distributes work by modules, and a kernel is one function into which all algorithms are inlined. In a
 //! single module the instruction sets would be compiled one after another.
 
-#[cfg(target_arch = "aarch64")]
+#[cfg(all(target_arch = "aarch64", feature = "lanes"))]
 use pulp::aarch64::Neon;
-#[cfg(target_arch = "x86_64")]
+#[cfg(all(target_arch = "x86_64", feature = "lanes"))]
 use pulp::x86::V3;
 #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
 use pulp::x86::V4;
@@ -21,6 +21,7 @@ macro_rules! compiled {
             use crate::algorithm::{Algorithm, Arguments, Chunks, KinematicQuantity};
             use crate::batch::chunk::Chunk;
             use crate::batch::instruction_set::{Target, Vectorized};
+            #[cfg(feature = "lanes")]
             #[allow(unused_imports)]
             use crate::scalar::{Fused, Lanes};
             use crate::scene::Scene;
@@ -62,11 +63,12 @@ macro_rules! compiled {
 }
 
 compiled!(plain, f64);
+#[cfg(all(feature = "lanes", any(target_arch = "x86_64", target_arch = "aarch64")))]
 compiled!(fused, Fused);
 // The same number of lanes, in twice the number of registers.
 #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
 compiled!(fused_avx512, Fused, V4);
-#[cfg(target_arch = "x86_64")]
+#[cfg(all(target_arch = "x86_64", feature = "lanes"))]
 compiled!(avx2, Lanes<V3>);
 #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
 compiled!(avx512, Lanes<V4>);
@@ -74,7 +76,7 @@ compiled!(avx512, Lanes<V4>);
 compiled!(avx2_f32, Lanes<V3, f32>);
 #[cfg(all(target_arch = "x86_64", feature = "float32", feature = "avx512"))]
 compiled!(avx512_f32, Lanes<V4, f32>);
-#[cfg(target_arch = "aarch64")]
+#[cfg(all(target_arch = "aarch64", feature = "lanes"))]
 compiled!(neon, Lanes<Neon>);
 #[cfg(all(target_arch = "aarch64", feature = "float32"))]
 compiled!(neon_f32, Lanes<Neon, f32>);

@@ -71,17 +71,18 @@ impl Evaluated for f64 {
             InstructionSet::Baseline => compiled::plain::kernels(scene),
             #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
             InstructionSet::Avx512 => compiled::fused_avx512::kernels(scene),
+            #[cfg(all(feature = "lanes", any(target_arch = "x86_64", target_arch = "aarch64")))]
             InstructionSet::Avx2 | InstructionSet::Neon => compiled::fused::kernels(scene),
             // Not compiled, and therefore never selected.
             #[allow(unreachable_patterns)]
             _ => None,
         };
         let many = match arm {
-            #[cfg(target_arch = "x86_64")]
+            #[cfg(all(target_arch = "x86_64", feature = "lanes"))]
             InstructionSet::Avx2 => compiled::avx2::kernels(scene),
             #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
             InstructionSet::Avx512 => compiled::avx512::kernels(scene),
-            #[cfg(target_arch = "aarch64")]
+            #[cfg(all(target_arch = "aarch64", feature = "lanes"))]
             InstructionSet::Neon => compiled::neon::kernels(scene),
             _ => None,
         };

@@ -4,12 +4,13 @@
 //! selected once, from those that the processor has and from the environment variable `PHIPSI_INSTRUCTION_SET`.
 
 use super::finite::any_not_finite;
-use crate::scalar::{ColumnsOf, Fused, Precision, Real};
-#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
-use crate::scalar::{Instructions, Lanes};
-#[cfg(target_arch = "aarch64")]
+use crate::error::{by_name, name_in};
+use crate::scalar::{ColumnsOf, Precision, Real};
+#[cfg(all(feature = "lanes", any(target_arch = "x86_64", target_arch = "aarch64")))]
+use crate::scalar::{Element, Fused, Instructions, Lanes};
+#[cfg(all(target_arch = "aarch64", feature = "lanes"))]
 use pulp::aarch64::Neon;
-#[cfg(target_arch = "x86_64")]
+#[cfg(all(target_arch = "x86_64", feature = "lanes"))]
 use pulp::x86::V3;
 #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
 use pulp::x86::V4;
@@ -23,6 +24,7 @@ const OLD_VARIABLE: &str = "PHIPSI_ARM";
 
 /// An instruction set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum InstructionSet {
     /// The instructions that every processor of the target has, one value at a time.
     Baseline,
@@ -46,7 +48,7 @@ impl InstructionSet {
     /// The name, as the environment variable `PHIPSI_INSTRUCTION_SET` takes it.
     #[must_use]
     pub fn name(self) -> &'static str {
-        INSTRUCTION_SETS.iter().find(|(_, arm)| *arm == self).map_or("", |(name, _)| name)
+        name_in(&self, &INSTRUCTION_SETS)
     }
 
     /// The number of values of this size in bytes that a register holds.
@@ -60,16 +62,17 @@ impl InstructionSet {
     }
 
     /// True if this processor has the instruction set and kernels were compiled for it. [`InstructionSet::Avx512`]
-    /// needs the feature `avx512`.
+    /// needs the feature `avx512`, the others but the
+    /// baseline the feature `lanes`.
     #[must_use]
     pub fn available(self) -> bool {
         match self {
             Self::Baseline => true,
-            #[cfg(target_arch = "x86_64")]
+            #[cfg(all(target_arch = "x86_64", feature = "lanes"))]
             Self::Avx2 => V3::try_new().is_some(),
             #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
             Self::Avx512 => V4::try_new().is_some(),
-            #[cfg(target_arch = "aarch64")]
+            #[cfg(all(target_arch = "aarch64", feature = "lanes"))]
             Self::Neon => Neon::try_new().is_some(),
             #[allow(unreachable_patterns)] // those of other processors
             _ => false,
@@ -104,6 +107,8 @@ impl InstructionSet {
     }
 }
 
+by_name!(InstructionSet, "instruction set", INSTRUCTION_SETS);
+
 /// Work that is compiled for an instruction set; everything that it calls must be inlined into it.
 pub trait Work {
     /// The result.
@@ -137,7 +142,7 @@ impl Target for Baseline {
     }
 }
 
-#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+#[cfg(all(feature = "lanes", any(target_arch = "x86_64", target_arch = "aarch64")))]
 impl<S: Instructions> Target for S {
     fn here() -> Option<Self> {
         S::token()
@@ -207,8 +212,10 @@ pub(crate) fn take_states<'a, T: Vectorized>(numbers: &mut [T], states: usize, o
     T::take_lanes(numbers, |lane| of(lane.min(states - 1)));
 }
 
+#[cfg(all(feature = "lanes", any(target_arch = "x86_64", target_arch = "aarch64")))]
 struct Job<W>(W);
 
+#[cfg(all(feature = "lanes", any(target_arch = "x86_64", target_arch = "aarch64")))]
 impl<W: Work> pulp::NullaryFnOnce for Job<W> {
     type Output = W::Output;
 
@@ -243,21 +250,16 @@ impl Vectorized for f64 {
 }
 
 /// The instructions of this target with fused multiply-add.
-#[cfg(target_arch = "x86_64")]
+#[cfg(all(target_arch = "x86_64", feature = "lanes"))]
 type WithFused = V3;
-#[cfg(target_arch = "aarch64")]
+#[cfg(all(target_arch = "aarch64", feature = "lanes"))]
 type WithFused = Neon;
 
+#[cfg(all(feature = "lanes", any(target_arch = "x86_64", target_arch = "aarch64")))]
 impl Vectorized for Fused {
     type Number = f64;
-    #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
     type Columns = Lanes<WithFused>;
-    #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
     type Least = WithFused;
-    #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
-    type Columns = Self;
-    #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
-    type Least = Baseline;
 
     #[inline(always)]
     fn lanes(&self) -> &[f64] {
@@ -269,25 +271,17 @@ impl Vectorized for Fused {
         std::slice::from_mut(&mut self.0)
     }
 
-    #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
     #[inline(always)]
     fn entries_in<'a>(_entries: &'a mut [f64], out: &'a mut [f64]) -> &'a mut [f64] {
         out
-    }
-
-    /// These targets have no instruction set with fused multiply-add.
-    #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
-    #[inline(always)]
-    fn entries_in<'a>(entries: &'a mut [Self], _out: &'a mut [f64]) -> &'a mut [Self] {
-        entries
     }
 
     #[inline(always)]
     fn put_entries(_entries: &[Entry<Self>], _chosen: &[u32], _out: &mut [f64]) {}
 }
 
-#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
-impl<S: Instructions, P: Precision> Vectorized for Lanes<S, P> {
+#[cfg(all(feature = "lanes", any(target_arch = "x86_64", target_arch = "aarch64")))]
+impl<S: Instructions, P: Element> Vectorized for Lanes<S, P> {
     type Number = P;
     type Columns = Self;
     type Least = S;

@@ -18,6 +18,7 @@ use crate::spatial::RigidShift;
 
 /// A function of a program, named like the method of scenes.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Function {
     /// qdd of (q, qd, tau), in covariance form.
     ForwardDynamics,

@@ -2,6 +2,7 @@
 
 /// The width of the scalars in generated code.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[non_exhaustive]
 pub enum Width {
     /// double.
     #[default]

@@ -32,6 +32,7 @@ impl Limits {
 
 /// State of a contact in a step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum ContactState {
     /// No contact force.
     Open,

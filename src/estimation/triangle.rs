@@ -60,7 +60,10 @@ fn rotate<R: Iterator<Item = f64>>(triangle: &mut [f64], (width, height): (usize
             }
         }
         let columns = &mut columns[..padded * width];
+        #[cfg(feature = "lanes")]
         pulp::Arch::new().dispatch(|| reflect(triangle, columns, (width, padded)));
+        #[cfg(not(feature = "lanes"))]
+        reflect(triangle, columns, (width, padded));
     }
 }
 

@@ -2,6 +2,7 @@
 
 /// The representation of the covariance P.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[non_exhaustive]
 pub enum Form {
     /// The covariance form. States whose error estimate exceeds the tolerance are recomputed in square-root form, and
     /// forward dynamics in double-double arithmetic if the error estimate of the square-root form exceeds the tolerance
@@ -17,3 +18,5 @@ pub enum Form {
 /// Every form with its name.
 pub const FORMS: [(&str, Form); 3] =
     [("auto", Form::Auto), ("covariance", Form::Covariance), ("square-root", Form::SquareRoot)];
+
+crate::error::by_name!(Form, "form", FORMS);

@@ -1,7 +1,7 @@
 //! Joint limits per degree of freedom.
 
 use super::task::{Goal, Tasks};
-use crate::error::{Error, check_length, number};
+use crate::error::{Error, check_length, in_language, number};
 use crate::scene::{Coupling, JointKind, Scene};
 use std::f64::consts::TAU;
 
@@ -168,9 +168,12 @@ impl Bounds {
                     let (of, remedy) = match followers.split_first() {
                         Some((_, rest)) if !rest.is_empty() => (
                             format!(", with those of {} that follow it", rest.join(", ")),
-                            "limits that overlap, also for the joints that follow; limits=False ignores them",
+                            format!(
+                                "limits that overlap, also for the joints that follow; {} ignores them",
+                                in_language("with_limits(false)", "limits=False")
+                            ),
                         ),
-                        _ => (String::new(), "a lower limit that is not above the upper one"),
+                        _ => (String::new(), "a lower limit that is not above the upper one".to_owned()),
                     };
                     let found = format!("lower {} above upper {}{of}", number(lower), number(upper));
                     return Err(Error::scene(format!("limits of joint {:?}", joint.name), found, remedy));

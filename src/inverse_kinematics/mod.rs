@@ -33,8 +33,9 @@ mod starts;
 mod step;
 mod task;
 
-use crate::error::{Error, check_length, number};
+use crate::error::{Error, check_length, in_language, number};
 use crate::scene::Scene;
+use crate::setters::setters;
 use crate::workspace::Workspace;
 use descent::{Descent, DescentResult, StopCondition};
 use limits::{Bounds, RateBounds};
@@ -43,6 +44,7 @@ pub use task::{Goal, Task};
 
 /// Options of inverse kinematics.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct Options {
     /// Largest number of starting configurations; the given one is the first.
     pub starts: usize,
@@ -63,6 +65,7 @@ pub struct Options {
 /// The metric of step size for the damping of Levenberg-Marquardt steps, which influences which of several solutions is
 /// found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[non_exhaustive]
 pub enum Metric {
     /// Joint coordinates, each scaled by its effect on the tasks.
     #[default]
@@ -73,6 +76,7 @@ pub enum Metric {
 
 /// Options of differential inverse kinematics: joint velocities for one step of a control loop.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct RateOptions<'a> {
     /// Time for which the joint velocities are constant, s.
     pub dt: f64,
@@ -115,8 +119,35 @@ impl Default for Options {
     }
 }
 
+setters!(Options {
+    with_starts: starts: usize,
+    with_iterations: iterations: usize,
+    with_tolerance: tolerance: f64,
+    with_limits: limits: bool,
+    with_posture: posture => Option<f64>,
+    with_metric: metric: Metric,
+    with_seed: seed: u64,
+});
+
+impl RateOptions<'_> {
+    /// Joint velocities for a step of `dt` seconds: gain 1, damping 1e-6, within the limits of the joints.
+    #[must_use]
+    pub fn new(dt: f64) -> Self {
+        Self { dt, gain: 1.0, damping: 1e-6, limits: true, velocity: None }
+    }
+}
+
+setters!(RateOptions<'a> {
+    with_dt: dt: f64,
+    with_gain: gain: f64,
+    with_damping: damping: f64,
+    with_limits: limits: bool,
+    with_velocity: velocity => Option<&'a [f64]>,
+});
+
 /// Result of inverse kinematics.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct Outcome {
     /// True if the error of every task is within the tolerance.
     pub reached: bool,
@@ -278,9 +309,11 @@ impl Solver<'_> {
         }
         let Some(mut best) = found else { return Err(Error::argument("starts", "0", "at least one")) };
         if let Some((row, left)) = best.open {
-            let expected =
-                "connections that close within the joint limits from q0 or a random start; limits=False ignores limits";
-            return Err(scene.open_at("q", row, left, "m or rad", expected));
+            let expected = format!(
+                "connections that close within the joint limits from q0 or a random start; {} ignores limits",
+                in_language("with_limits(false)", "limits=False")
+            );
+            return Err(scene.open_at("q", row, left, "m or rad", &expected));
         }
         if best.is_abandoned && !best.reached(tolerance) {
             // No start reaches all tasks: continue from the best one to its exact minimum.

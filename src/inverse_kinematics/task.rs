@@ -4,6 +4,7 @@ use super::direction::{DirectionError, direction_error};
 use crate::error::{Error, check_finite, number};
 use crate::kinematics::{Frame, local_jacobian};
 use crate::scene::{JointKind, Scene};
+use crate::setters::setters;
 use crate::spatial::RigidShift;
 use crate::workspace::Workspace;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3, Vector6};
@@ -11,6 +12,7 @@ use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3, Vector6};
 /// The target of a task. Positions, directions and rotations are in the base frame, or in the frame that a [`Task`] is
 /// relative to.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub enum Goal {
     /// A frame on a link has a given pose.
     Pose {
@@ -64,6 +66,7 @@ pub enum Goal {
 
 /// A goal with its standard deviations.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct Task {
     /// The target.
     pub goal: Goal,
@@ -75,6 +78,13 @@ pub struct Task {
     /// and joints.
     pub relative_to: Option<Frame<f64>>,
 }
+
+setters!(Task {
+    with_goal: goal: Goal,
+    with_position: position: f64,
+    with_rotation: rotation: f64,
+    with_relative_to: relative_to => Option<Frame<f64>>,
+});
 
 impl Task {
     /// A task with standard deviations of 1 mm and 1 mrad.

@@ -9,6 +9,7 @@ use std::ops::Range;
 
 /// The type of a joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub enum JointKind {
     /// No motion: the child link is merged into its parent.
     Fixed,

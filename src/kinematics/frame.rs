@@ -1,5 +1,6 @@
 //! A frame on a body, and the frame in which its motion is expressed.
 
+use crate::error::{by_name, name_in};
 use crate::scalar::Real;
 use crate::spatial::{RigidShift, angular, linear, spatial, zero};
 use nalgebra::{Vector3, Vector6};
@@ -40,10 +41,12 @@ pub const REFERENCE_FRAMES: [(&str, ReferenceFrame); 3] = [
     ("local-world-aligned", ReferenceFrame::LocalWorldAligned),
 ];
 
+by_name!(ReferenceFrame, "frame", REFERENCE_FRAMES);
+
 impl ReferenceFrame {
     /// Its name among [`REFERENCE_FRAMES`].
     pub(crate) fn name(self) -> &'static str {
-        REFERENCE_FRAMES.iter().find(|(_, known)| *known == self).map_or("local", |(name, _)| name)
+        name_in(&self, &REFERENCE_FRAMES)
     }
 
     /// Expresses a motion of the frame at `placement`, given at its origin and in its axes, in this reference frame.
@@ -71,6 +74,7 @@ impl ReferenceFrame {
 
 /// The kind of acceleration of a link.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[non_exhaustive]
 pub enum AccelerationKind {
     /// The time derivative of the spatial velocity (w, v), as in the equations of motion; v belongs to the point of the
     /// body that is currently at the origin.
@@ -83,3 +87,5 @@ pub enum AccelerationKind {
 /// The kinds with their names in Python.
 pub const ACCELERATION_KINDS: [(&str, AccelerationKind); 2] =
     [("spatial", AccelerationKind::Spatial), ("classical", AccelerationKind::Classical)];
+
+by_name!(AccelerationKind, "kind", ACCELERATION_KINDS);

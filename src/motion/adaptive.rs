@@ -24,6 +24,7 @@ use crate::filter::Form;
 use crate::interrupt;
 use crate::joints::quaternion::quaternion_rotation;
 use crate::scene::Scene;
+use crate::setters::setters;
 use diffsol::error::OdeSolverError;
 use diffsol::{
     DiffsolError, NalgebraLU, NalgebraMat, NalgebraVec, OdeBuilder, OdeEquations, OdeSolverMethod, OdeSolverStopReason,
@@ -41,6 +42,7 @@ const DIFFERENCE: f64 = 6.055_454_452_393_343e-6;
 
 /// The solver, which selects the steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[non_exhaustive]
 pub enum Solver {
     /// Explicit, order 5 with an error estimate of order 4 (Tsitouras 2011), for smooth motion.
     #[default]
@@ -62,13 +64,14 @@ pub type TorqueLaw<'a> = &'a dyn Fn(f64, &[f64], &[f64], &mut [f64]);
 /// use phipsi::motion::{Adaptive, Solver};
 /// # fn main() -> Result<(), phipsi::Error> {
 /// let scene = phipsi::scenes::chain(2)?;
-/// let problem = Adaptive { solver: Solver::Bdf, ..Adaptive::new(&scene) };
+/// let problem = Adaptive::new(&scene).with_solver(Solver::Bdf);
 /// let path = problem.solve(&[0.3; 2], &[0.0; 2], &[0.0, 0.5, 1.0], &|_t, _q, qd, torque| torque[0] = -0.1 * qd[0])?;
 /// assert_eq!(path.q.len(), 3 * 2);
 /// # Ok(())
 /// # }
 /// ```
 #[derive(Debug, Clone)]
+#[non_exhaustive]
 pub struct Adaptive<'a> {
     /// The scene.
     pub scene: &'a Scene,
@@ -88,6 +91,7 @@ pub struct Adaptive<'a> {
 
 /// States at the requested times.
 #[derive(Debug, Clone, PartialEq, Default)]
+#[non_exhaustive]
 pub struct Solution {
     /// Times, (rows), s.
     pub t: Vec<f64>,
@@ -106,6 +110,7 @@ pub struct Solution {
 /// An integration that failed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("after {} steps, at t = {time} s: {error}", solution.steps)]
+#[non_exhaustive]
 pub struct Failure {
     /// The rows computed before the failure.
     pub solution: Box<Solution>,
@@ -120,6 +125,16 @@ impl From<Failure> for Error {
         *failure.error
     }
 }
+
+setters!(Adaptive<'a> {
+    with_scene: scene: &'a Scene,
+    with_solver: solver: Solver,
+    with_rtol: rtol: f64,
+    with_atol: atol: f64,
+    with_properties: properties: Properties,
+    with_gains: gains => Option<Gains>,
+    with_most_steps: most_steps: usize,
+});
 
 impl<'a> Adaptive<'a> {
     /// The explicit solver with tolerances of 1e-9 and the joint properties of the scene.

@@ -18,7 +18,7 @@ use super::totals::STOPS;
 use crate::contact::{Cone, Effort, Limits, SolveReport, expansion_kept};
 use crate::dynamics::contacts::LimitRow;
 use crate::dynamics::{factorise, solve};
-use crate::error::Error;
+use crate::error::{Error, in_language};
 use nalgebra::{DMatrix, DVector};
 
 /// A limit that was inactive becomes active if the step ends further outside than this, rad or m.
@@ -202,7 +202,8 @@ impl Constrained<'_> {
         });
         let argument = format!("limits of joints {}", names.collect::<Vec<_>>().join(", "));
         let found = format!("stops that contradict the connections, with a residual of {residual:.1e}");
-        Err((None, Some(Error::argument(argument, found, "a smaller dt, or limits=\"report\""))))
+        let expected = format!("a smaller dt, or {}", in_language("Limits::Report", "limits=\"report\""));
+        Err((None, Some(Error::argument(argument, found, expected))))
     }
 }
 

@@ -3,7 +3,7 @@
 use super::properties::joint_of_row;
 use super::scratch::Scratch;
 use super::step_settings::StepSettings;
-use crate::error::Error;
+use crate::error::{Error, in_language};
 use crate::filter::pivots::LostPivot;
 use crate::scene::Scene;
 
@@ -43,7 +43,8 @@ pub(super) fn fault_of(
         argument: format!("velocity of joint {joint:?}"),
         found: format!("{} after a step of {} s, from {}", s.v_next[row], settings.step, s.v[row]),
         expected: format!(
-            "a velocity below {limit:.1e}: the motion has diverged; take a smaller dt, or method=\"auto\""
+            "a velocity below {limit:.1e}: the motion has diverged; take a smaller dt, or {}",
+            in_language("Method::Auto", "method=\"auto\"")
         ),
     };
     Some((joint, error))

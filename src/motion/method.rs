@@ -41,13 +41,14 @@
 //! transported by the inverse of the derivative of the exponential map (H. Munthe-Kaas, Appl. Numer. Math. 29, 1999,
 //! 115-127).
 
-use crate::error::Error;
+use crate::error::{Error, choose};
 
 /// Largest number of stages of a method.
 pub(crate) const STAGES: usize = 7;
 
 /// An integration method.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[non_exhaustive]
 pub enum Method {
     /// [`Method::Rosenbrock2`], or [`Method::RungeKutta4`] if bounds at the initial state show that springs, damping
     /// and gains are slow for this step. Steps in which joints rotate too far for the method are divided.
@@ -91,6 +92,21 @@ pub const METHODS: [(&str, Method); 7] = [
 /// The only method for scenes with contacts.
 const OF_CONTACTS: [(&str, Method); 1] = [("contact", Method::Contact)];
 
+impl std::str::FromStr for Method {
+    type Err = Error;
+
+    /// As [`Method::named`].
+    fn from_str(name: &str) -> Result<Self, Error> {
+        Self::named(name)
+    }
+}
+
+impl std::fmt::Display for Method {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(self.name())
+    }
+}
+
 impl Method {
     /// The method named `name`; "semi-implicit" and "implicit" are short names of the Euler methods.
     ///
@@ -98,17 +114,8 @@ impl Method {
     ///
     /// [`Error::Argument`], which lists the existing names.
     pub fn named(name: &str) -> Result<Self, Error> {
-        METHODS
-            .iter()
-            .chain(&SHORT)
-            .chain(&OF_CONTACTS)
-            .find(|(known, _)| *known == name)
-            .map(|&(_, method)| method)
-            .ok_or_else(|| {
-                let names: Vec<String> =
-                    METHODS.iter().chain(&OF_CONTACTS).map(|(name, _)| format!("{name:?}")).collect();
-                Error::argument("method", format!("{name:?}"), format!("one of {}", names.join(", ")))
-            })
+        let known: Vec<_> = METHODS.into_iter().chain(OF_CONTACTS).collect();
+        choose("method", name, &SHORT).or_else(|_| choose("method", name, &known))
     }
 
     /// The name of the method.

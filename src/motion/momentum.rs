@@ -36,6 +36,7 @@ pub(super) const CONSERVED: usize = 9;
 
 /// The largest momentum correction in a step of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[non_exhaustive]
 pub struct Correction {
     /// Relative velocity correction sqrt(E'/(E + E')), where E' is the kinetic energy of the correction alone and E
     /// that of the tree without rotors before it; zero at rest.

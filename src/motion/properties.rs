@@ -3,6 +3,7 @@
 
 use crate::error::{Error, check_finite, check_length};
 use crate::scene::Scene;
+use crate::setters::setters;
 use std::collections::HashMap;
 
 /// Default speed of regularized friction, rad/s or m/s; see [`Properties::friction_speed`].
@@ -10,6 +11,7 @@ pub const FRICTION_SPEED: f64 = 1e-2;
 
 /// Joint properties in simulation, per degree of freedom; initialized from a scene and freely modifiable.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct Properties {
     /// Armature (rotor inertia reflected to the joint), (nv), kg m^2 or kg: part of M.
     pub armature: Vec<f64>,
@@ -26,6 +28,15 @@ pub struct Properties {
     /// torque -f v / sqrt(v^2 + v0^2), which is within 1 % of f above 7 v0 and viscous below v0, so that joints creep.
     pub friction_speed: f64,
 }
+
+setters!(Properties {
+    with_armature: armature => Vec<f64>,
+    with_damping: damping => Vec<f64>,
+    with_stiffness: stiffness => Vec<f64>,
+    with_rest: rest => Vec<f64>,
+    with_friction: friction => Vec<f64>,
+    with_friction_speed: friction_speed: f64,
+});
 
 impl Properties {
     /// The properties in the description of the scene.
@@ -92,6 +103,7 @@ pub(crate) fn joint_of_row(scene: &Scene, row: usize) -> String {
 /// Proportional-derivative control: the torque kp (target - q) + kd (target velocity - v), with the difference on the
 /// configuration manifold. Implicit methods treat it implicitly, so that the gains can be arbitrarily stiff.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct Gains {
     /// kp, (nv), N m/rad or N/m.
     pub proportional: Vec<f64>,
@@ -102,6 +114,27 @@ pub struct Gains {
     /// Target joint velocities, (nv) for all states, or one per state.
     pub target_rate: Vec<f64>,
 }
+
+impl Gains {
+    /// Gains `proportional` and `derivative` (nv each) toward configurations `target`, with target velocities of zero.
+    #[must_use]
+    pub fn new(
+        proportional: impl Into<Vec<f64>>,
+        derivative: impl Into<Vec<f64>>,
+        target: impl Into<Vec<f64>>,
+    ) -> Self {
+        let derivative = derivative.into();
+        let target_rate = vec![0.0; derivative.len()];
+        Self { proportional: proportional.into(), derivative, target: target.into(), target_rate }
+    }
+}
+
+setters!(Gains {
+    with_proportional: proportional => Vec<f64>,
+    with_derivative: derivative => Vec<f64>,
+    with_target: target => Vec<f64>,
+    with_target_rate: target_rate => Vec<f64>,
+});
 
 impl Gains {
     pub(super) fn check(&self, scene: &Scene, states: usize) -> Result<(), Error> {

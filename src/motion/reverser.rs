@@ -15,12 +15,14 @@ use crate::batch::instruction_set::{Baseline, InstructionSet, Target, Vectorized
 use crate::dynamics::derivatives::Parameters;
 use crate::error::Error;
 use crate::filter::Form;
-#[cfg(target_arch = "x86_64")]
+#[cfg(all(feature = "lanes", any(target_arch = "x86_64", target_arch = "aarch64")))]
+use crate::scalar::Fused;
+#[cfg(all(target_arch = "x86_64", feature = "lanes"))]
 use crate::scalar::Lanes;
-use crate::scalar::{Fused, lanes_but};
+use crate::scalar::lanes_but;
 use crate::scene::Scene;
 use crate::{interrupt, memory};
-#[cfg(target_arch = "x86_64")]
+#[cfg(all(target_arch = "x86_64", feature = "lanes"))]
 use pulp::x86::V3;
 #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
 use pulp::x86::V4;
@@ -177,14 +179,20 @@ fn through(
 /// Scratch memory in the scalar type of an instruction set, for one state or for several.
 fn scratch(job: &Job<'_>, (form, arm): (Form, InstructionSet), alone: bool) -> Box<dyn Reversing> {
     let on_arm: Option<Box<dyn Reversing>> = match (arm, alone) {
-        (InstructionSet::Baseline, _) => None,
-        #[cfg(target_arch = "x86_64")]
+        (InstructionSet::Baseline, _) => Compiled::<f64, Baseline>::boxed(job, form),
+        #[cfg(all(target_arch = "x86_64", feature = "lanes"))]
         (InstructionSet::Avx2, false) => Compiled::<Lanes<V3>, V3>::boxed(job, form),
         #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
         (InstructionSet::Avx512, false) => Compiled::<Lanes<V4>, V4>::boxed(job, form),
         #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
         (InstructionSet::Avx512, true) => Compiled::<Fused, V4>::boxed(job, form),
-        _ => Compiled::<Fused, <Fused as Vectorized>::Least>::boxed(job, form),
+        #[cfg(all(feature = "lanes", any(target_arch = "x86_64", target_arch = "aarch64")))]
+        (InstructionSet::Avx2 | InstructionSet::Avx512 | InstructionSet::Neon, _) => {
+            Compiled::<Fused, <Fused as Vectorized>::Least>::boxed(job, form)
+        }
+        // Not compiled, and therefore never selected.
+        #[allow(unreachable_patterns)]
+        _ => None,
     };
     on_arm.unwrap_or_else(|| Box::new(Compiled::<f64, Baseline>::new(job, form, Baseline)))
 }

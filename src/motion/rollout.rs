@@ -17,7 +17,7 @@ use crate::batch::instruction_set::InstructionSet;
 use crate::batch::{Batch, Fault, Pool, SLICE};
 use crate::dynamics::contacts::ContactScratch;
 use crate::error::Error;
-use crate::filter::{FORMS, Form};
+use crate::filter::Form;
 use crate::scene::Scene;
 use crate::{interrupt, memory};
 use std::borrow::Borrow;
@@ -102,8 +102,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             return Err(Error::argument("dt", format!("{dt}"), "a step in s, finite and positive"));
         }
         if !matches!(form, Form::Auto | Form::Covariance) {
-            let found = FORMS.iter().find(|(_, known)| *known == form).map_or("", |(name, _)| name);
-            return Err(Error::argument("form", format!("{found:?}"), "\"auto\" or \"covariance\" for a rollout"));
+            return Err(Error::argument("form", format!("\"{form}\""), "\"auto\" or \"covariance\" for a rollout"));
         }
         scene.borrow().check_tolerance(Algorithm::ForwardDynamics(form), settings.tolerance)?;
         properties.check(holds)?;

@@ -5,9 +5,21 @@ use super::properties::{Gains, Properties};
 use crate::batch::instruction_set::InstructionSet;
 use crate::filter::Form;
 use crate::scene::Scene;
+use crate::setters::setters;
 
 /// Settings that are constant during a rollout.
+///
+/// ```
+/// use phipsi::motion::{Method, Settings};
+/// # fn main() -> Result<(), phipsi::Error> {
+/// let scene = phipsi::scenes::chain(7)?;
+/// let settings = Settings::new(&scene, 1e-3).with_method(Method::RungeKutta4);
+/// assert_eq!(settings, Settings::new(&scene, 1e-3).with_method("rk4".parse::<Method>()?));
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct Settings {
     /// Time step, s.
     pub dt: f64,
@@ -47,6 +59,7 @@ pub struct Settings {
 
 /// The effect of a joint limit in a simulation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[non_exhaustive]
 pub enum Limits {
     /// It stops the joint.
     #[default]
@@ -78,8 +91,25 @@ impl Settings {
     }
 }
 
+setters!(Settings {
+    with_dt: dt: f64,
+    with_method: method: Method,
+    with_form: form: Form,
+    with_tolerance: tolerance => Option<f64>,
+    with_properties: properties: Properties,
+    with_gains: gains => Option<Gains>,
+    with_arm: arm: InstructionSet,
+    with_conserve_momentum: conserve_momentum: bool,
+    with_stabilization: stabilization: Stabilization,
+    with_compliance: compliance => Vec<f64>,
+    with_limits: limits: Limits,
+    with_restitution: restitution: f64,
+    with_accuracy: accuracy => Option<f64>,
+});
+
 /// The method that keeps a motion on the connections.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[non_exhaustive]
 pub enum Stabilization {
     /// Positions and velocities are projected after each step, with the displacement of least kinetic energy.
     #[default]

@@ -22,11 +22,13 @@ use crate::dynamics::contacts::LimitRow;
 use crate::error::Error;
 use crate::filter::Form;
 use crate::model::Model;
-use crate::scalar::{Fused, lanes_but};
-#[cfg(target_arch = "x86_64")]
+#[cfg(all(feature = "lanes", any(target_arch = "x86_64", target_arch = "aarch64")))]
+use crate::scalar::Fused;
+use crate::scalar::lanes_but;
+#[cfg(all(target_arch = "x86_64", feature = "lanes"))]
 use crate::scalar::{Lanes, Real};
 use crate::scene::Scene;
-#[cfg(target_arch = "x86_64")]
+#[cfg(all(target_arch = "x86_64", feature = "lanes"))]
 use pulp::x86::V3;
 #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
 use pulp::x86::V4;
@@ -56,7 +58,7 @@ impl Stepper {
     /// Largest number of states of a job.
     pub fn lanes(&self) -> usize {
         match self.arm {
-            #[cfg(target_arch = "x86_64")]
+            #[cfg(all(target_arch = "x86_64", feature = "lanes"))]
             InstructionSet::Avx2 => Lanes::<V3>::LANES,
             #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
             InstructionSet::Avx512 => Lanes::<V4>::LANES,
@@ -81,14 +83,20 @@ impl Stepper {
 /// Scratch memory in the scalar type of an instruction set, for one state or for several.
 fn scratch(model: &Model<f64>, settings: &StepSettings, arm: InstructionSet, alone: bool) -> Box<dyn Stepping> {
     let on_arm: Option<Box<dyn Stepping>> = match (arm, alone) {
-        (InstructionSet::Baseline, _) => None,
-        #[cfg(target_arch = "x86_64")]
+        (InstructionSet::Baseline, _) => Compiled::<f64, Baseline>::boxed(model, settings),
+        #[cfg(all(target_arch = "x86_64", feature = "lanes"))]
         (InstructionSet::Avx2, false) => Compiled::<Lanes<V3>, V3>::boxed(model, settings),
         #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
         (InstructionSet::Avx512, false) => Compiled::<Lanes<V4>, V4>::boxed(model, settings),
         #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
         (InstructionSet::Avx512, true) => Compiled::<Fused, V4>::boxed(model, settings),
-        _ => Compiled::<Fused, <Fused as Vectorized>::Least>::boxed(model, settings),
+        #[cfg(all(feature = "lanes", any(target_arch = "x86_64", target_arch = "aarch64")))]
+        (InstructionSet::Avx2 | InstructionSet::Avx512 | InstructionSet::Neon, _) => {
+            Compiled::<Fused, <Fused as Vectorized>::Least>::boxed(model, settings)
+        }
+        // Not compiled, and therefore never selected.
+        #[allow(unreachable_patterns)]
+        _ => None,
     };
     on_arm.unwrap_or_else(|| Box::new(Compiled { scratch: Scratch::<f64>::new(model, settings), target: Baseline }))
 }

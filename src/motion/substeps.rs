@@ -45,6 +45,7 @@ const ROUNDING_OF_TORQUES: f64 = 1e-11;
 
 /// An impact of a joint on one of its stops.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct StopImpact {
     /// Index of the state in the batch.
     pub state: usize,

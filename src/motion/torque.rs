@@ -6,6 +6,7 @@ use crate::error::Error;
 /// Applied joint torques, (nv), constant during each step. Springs, damping, friction and control law are added to
 /// them.
 #[derive(Debug, Clone)]
+#[non_exhaustive]
 pub enum Torque<'a> {
     /// Zero torque.
     Zero,
@@ -20,8 +21,11 @@ pub enum Torque<'a> {
     },
 }
 
-/// The earliest step that failed, and the lowest state known to have failed in it.
-#[derive(Debug, Clone, PartialEq)]
+/// The earliest step that failed, and the lowest state known to have failed in it. `?` converts it to an [`Error`] that
+/// names the state.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("step {step}, state {state}{}: {error}", of_joint(joint))]
+#[non_exhaustive]
 pub struct StepFault {
     /// Index of the step, from zero, which equals the number of steps that every state completed.
     pub step: usize,
@@ -31,4 +35,15 @@ pub struct StepFault {
     pub joint: String,
     /// The error.
     pub error: Error,
+}
+
+/// Text that names the joint, if there is one.
+fn of_joint(joint: &str) -> String {
+    if joint.is_empty() { String::new() } else { format!(", joint {joint:?}") }
+}
+
+impl From<StepFault> for Error {
+    fn from(fault: StepFault) -> Self {
+        fault.error.in_state(fault.state)
+    }
 }

@@ -27,6 +27,7 @@ pub(super) const UNSETTLED: usize = 10;
 
 /// Works and numbers of substeps of one state since it began.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[non_exhaustive]
 pub struct Totals {
     /// Work of the applied torques, J.
     pub torque: f64,

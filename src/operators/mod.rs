@@ -44,6 +44,7 @@ use crate::scalar::Real;
 
 /// The kind of an operator.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum Kind {
     /// phi = (1 - E)^-1, with the identity diagonal (1.7).
     Phi,

@@ -1,21 +1,15 @@
 //! Arguments that are names: of forms, dtypes, links and joints.
 
+pub(super) use crate::error::choose;
+
 use super::object::Object;
 use crate::algorithm::Algorithm;
-use crate::error::Error;
+use crate::error::{Error, name_in};
 use crate::filter::{FORMS, Form};
 use crate::scene::{MimicJoints, Scene};
 use numpy::{PyArrayDescr, PyArrayDescrMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyMapping, PyString};
-
-/// Finds a name in `known`; the error lists all names.
-pub(super) fn choose<T: Copy>(argument: &str, name: &str, known: &[(&'static str, T)]) -> Result<T, Error> {
-    known.iter().find(|(known, _)| *known == name).map(|&(_, thing)| thing).ok_or_else(|| {
-        let names: Vec<String> = known.iter().map(|(name, _)| format!("{name:?}")).collect();
-        Error::argument(argument, format!("{name:?}"), format!("one of {}", names.join(", ")))
-    })
-}
 
 /// Reads the argument `form`.
 pub(super) fn read_form(form: &str) -> Result<Form, Error> {
@@ -54,12 +48,12 @@ pub(super) fn read_mimic(mimic: &str) -> Result<MimicJoints, Error> {
 
 /// Name of the treatment.
 pub(super) fn name_of_mimic(mimic: MimicJoints) -> &'static str {
-    MIMIC.iter().find(|(_, known)| *known == mimic).map_or("free", |(name, _)| name)
+    name_in(&mimic, &MIMIC)
 }
 
 /// Name of a form.
 pub(super) fn name_of(form: Form) -> &'static str {
-    FORMS.iter().find(|(_, known)| *known == form).map_or("auto", |(name, _)| name)
+    name_in(&form, &FORMS)
 }
 
 /// Scalar types of the vectorized (SIMD) algorithms.

@@ -2,10 +2,10 @@
 //! to all lanes.
 //!
 //! Registers and instructions are those of pulp for the instruction set `S`. An operation is one instruction inside
-//! work that an arm runs (see [`arms`](crate::batch::arms)), and a slow call elsewhere.
+//! work that it runs (see [`Target`](crate::batch::Target)), and a slow call elsewhere.
 
 use super::trigonometry as t;
-use super::{Instructions, Precision, Real};
+use super::{Element, Instructions, Real};
 use num_traits::{One, Zero};
 use pulp::bytemuck::{cast_slice, cast_slice_mut};
 use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
@@ -13,14 +13,14 @@ use std::slice::{from_mut, from_ref};
 
 /// One value per state in a register of `S`: f64, or f32 with twice as many states.
 #[derive(Debug, Clone, Copy)]
-pub struct Lanes<S: Instructions, P: Precision = f64> {
+pub struct Lanes<S: Instructions, P: Element = f64> {
     /// Zero-sized; determines the alignment.
     _alignment: [S::Alignment; 0],
     pub(super) simd: S,
     pub(super) value: P::Register<S>,
 }
 
-impl<S: Instructions, P: Precision> Lanes<S, P> {
+impl<S: Instructions, P: Element> Lanes<S, P> {
     #[inline(always)]
     pub(super) fn new(simd: S, value: P::Register<S>) -> Self {
         Self { _alignment: [], simd, value }
@@ -51,7 +51,7 @@ impl<S: Instructions, P: Precision> Lanes<S, P> {
     }
 }
 
-impl<S: Instructions, P: Precision> PartialEq for Lanes<S, P> {
+impl<S: Instructions, P: Element> PartialEq for Lanes<S, P> {
     fn eq(&self, other: &Self) -> bool {
         self.lanes() == other.lanes()
     }
@@ -59,7 +59,7 @@ impl<S: Instructions, P: Precision> PartialEq for Lanes<S, P> {
 
 macro_rules! operator {
     ($operator:ident, $function:ident, $assigning:ident, $assign:ident) => {
-        impl<S: Instructions, P: Precision> $operator for Lanes<S, P> {
+        impl<S: Instructions, P: Element> $operator for Lanes<S, P> {
             type Output = Self;
 
             #[inline(always)]
@@ -68,7 +68,7 @@ macro_rules! operator {
             }
         }
 
-        impl<S: Instructions, P: Precision> $assigning for Lanes<S, P> {
+        impl<S: Instructions, P: Element> $assigning for Lanes<S, P> {
             #[inline(always)]
             fn $assign(&mut self, other: Self) {
                 self.value = P::$function(self.simd, self.value, other.value);
@@ -82,7 +82,7 @@ operator!(Sub, sub, SubAssign, sub_assign);
 operator!(Mul, mul, MulAssign, mul_assign);
 operator!(Div, div, DivAssign, div_assign);
 
-impl<S: Instructions, P: Precision> Neg for Lanes<S, P> {
+impl<S: Instructions, P: Element> Neg for Lanes<S, P> {
     type Output = Self;
 
     #[inline(always)]
@@ -91,7 +91,7 @@ impl<S: Instructions, P: Precision> Neg for Lanes<S, P> {
     }
 }
 
-impl<S: Instructions, P: Precision> Zero for Lanes<S, P> {
+impl<S: Instructions, P: Element> Zero for Lanes<S, P> {
     #[inline(always)]
     fn zero() -> Self {
         Self::filled(0.0)
@@ -103,14 +103,14 @@ impl<S: Instructions, P: Precision> Zero for Lanes<S, P> {
     }
 }
 
-impl<S: Instructions, P: Precision> One for Lanes<S, P> {
+impl<S: Instructions, P: Element> One for Lanes<S, P> {
     #[inline(always)]
     fn one() -> Self {
         Self::filled(1.0)
     }
 }
 
-impl<S: Instructions, P: Precision> Real for Lanes<S, P> {
+impl<S: Instructions, P: Element> Real for Lanes<S, P> {
     const LANES: usize = size_of::<P::Register<S>>() / size_of::<P>();
 
     #[inline(always)]

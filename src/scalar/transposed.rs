@@ -4,12 +4,9 @@
 //! at least half as many values as there are lanes, by a block whose upper half overlaps its lower half. Loop counts
 //! are compile-time constants, because the blocks would otherwise be stored in memory.
 
-use super::{Instructions, Lanes, Precision, Real};
+use super::{Element, Instructions, Lanes, MOST_LANES, Real};
 use pulp::bytemuck::{cast_slice, cast_slice_mut};
 use std::ops::Range;
-
-/// Largest number of lanes of any scalar.
-pub(crate) const MOST_LANES: usize = 16;
 
 /// The last `lanes` of `length` values, or all if there are fewer; empty if whole blocks cover them.
 #[inline(always)]
@@ -17,7 +14,7 @@ fn last_run(length: usize, lanes: usize) -> Range<usize> {
     if length.is_multiple_of(lanes) { 0..0 } else { length.saturating_sub(lanes)..length }
 }
 
-impl<S: Instructions, P: Precision> Lanes<S, P> {
+impl<S: Instructions, P: Element> Lanes<S, P> {
     /// Half the number of lanes.
     const HALF: usize = Self::LANES / 2;
 
@@ -163,11 +160,11 @@ mod tests {
     use std::cmp::Ordering;
 
     /// Value `at` of a lane.
-    fn number<P: Precision>(lane: usize, at: usize) -> P {
+    fn number<P: Element>(lane: usize, at: usize) -> P {
         P::nearest(f64::from(u32::try_from(1 + at + 1000 * lane).expect("small")))
     }
 
-    fn come_and_go<S: Instructions, P: Precision>() {
+    fn come_and_go<S: Instructions, P: Element>() {
         if S::token().is_none() {
             return;
         }
@@ -219,7 +216,7 @@ mod tests {
     }
 
     /// The smaller of two numbers in either order, and NaN with any operand.
-    fn smaller_or_nan<S: Instructions, P: Precision>() {
+    fn smaller_or_nan<S: Instructions, P: Element>() {
         if S::token().is_none() {
             return;
         }
@@ -237,7 +234,7 @@ mod tests {
         }
     }
 
-    fn on_all_instructions<P: Precision>() {
+    fn on_all_instructions<P: Element>() {
         #[cfg(target_arch = "x86_64")]
         {
             come_and_go::<pulp::x86::V3, P>();

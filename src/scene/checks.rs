@@ -2,8 +2,8 @@
 
 use super::{Joint, Scene};
 use crate::error::{Error, check_finite, check_length, number};
+use crate::filter::Form;
 use crate::filter::pivots::LostPivot;
-use crate::filter::{FORMS, Form};
 use crate::joints::quaternion::QUATERNION_SLACK;
 use crate::spatial::SpatialVector;
 
@@ -122,7 +122,6 @@ pub(crate) fn check_tolerance(form: Form, tolerance: f64, judges_roots: bool) ->
     if form == Form::Auto || judges_roots && form == Form::SquareRoot {
         return Ok(());
     }
-    let name = FORMS.iter().find(|(_, known)| *known == form).map_or("", |(name, _)| name);
-    let found = format!("{} with form {name:?}, which has no error test", number(tolerance));
+    let found = format!("{} with form \"{form}\", which has no error test", number(tolerance));
     Err(Error::argument("tolerance", found, "form \"auto\", or no tolerance"))
 }

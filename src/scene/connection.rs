@@ -6,6 +6,7 @@ use crate::error::{Error, number};
 use crate::joints::JointKind;
 use crate::kinematics::pair::Pair;
 use crate::kinematics::{Frame, placement};
+use crate::setters::setters;
 use crate::spatial::RigidShift;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use std::collections::HashSet;
@@ -18,6 +19,7 @@ pub(super) const DEFAULT_TOLERANCE: f64 = 3e-5;
 
 /// The constraint of a connection.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub enum ConnectionKind {
     /// The origins of the two frames coincide: 3 rows.
     Point,
@@ -67,6 +69,7 @@ impl ConnectionKind {
 /// # }
 /// ```
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct Connection {
     /// Name, unique among the connections.
     pub name: String,
@@ -82,6 +85,15 @@ pub struct Connection {
     /// configuration.
     pub other_frame: Option<RigidShift<f64>>,
 }
+
+setters!(Connection {
+    with_name: name => String,
+    with_kind: kind: ConnectionKind,
+    with_link: link => String,
+    with_other: other => Option<String>,
+    with_frame: frame: RigidShift<f64>,
+    with_other_frame: other_frame => Option<RigidShift<f64>>,
+});
 
 impl Connection {
     /// A connection whose first frame is the link frame of `link`, and whose second frame coincides with it in the

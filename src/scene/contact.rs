@@ -4,6 +4,7 @@ use super::Scene;
 use super::contact_point::{ContactPoint, plane_axes};
 use crate::error::{Error, number};
 use crate::kinematics::{Frame, frame_motion};
+use crate::setters::setters;
 use crate::spatial::{angular, linear};
 use nalgebra::Vector3;
 use std::collections::HashSet;
@@ -16,10 +17,7 @@ use std::collections::HashSet;
 /// use phipsi::scene::Contact;
 /// # fn main() -> Result<(), phipsi::Error> {
 /// // The tip of a chain of three rods above a table 0.8 m below the base.
-/// let mut tip = Contact::new("tip", "link2");
-/// tip.point = [0.0, 0.0, 0.3].into();
-/// tip.offset = -0.8;
-/// tip.friction = 0.5;
+/// let tip = Contact::new("tip", "link2").with_point([0.0, 0.0, 0.3]).with_offset(-0.8).with_friction(0.5);
 /// let scene = phipsi::scenes::chain(3)?.source().clone().contact(tip).build()?;
 /// let mut gap = [f64::NAN];
 /// scene.contact_gaps(&scene.neutral(), &mut gap)?;
@@ -28,6 +26,7 @@ use std::collections::HashSet;
 /// # }
 /// ```
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct Contact {
     /// Name, unique among the contacts.
     pub name: String,
@@ -46,6 +45,17 @@ pub struct Contact {
     /// Coefficient of restitution, from 0 (perfectly inelastic) to 1 (elastic).
     pub restitution: f64,
 }
+
+setters!(Contact {
+    with_name: name => String,
+    with_link: link => String,
+    with_point: point => Vector3<f64>,
+    with_radius: radius: f64,
+    with_normal: normal => Vector3<f64>,
+    with_offset: offset: f64,
+    with_friction: friction: f64,
+    with_restitution: restitution: f64,
+});
 
 impl Contact {
     /// A contact of the link origin with the plane z = 0, without friction and restitution.

@@ -3,6 +3,7 @@
 use super::spring::Spring;
 use crate::error::Error;
 use crate::joints::JointKind;
+use crate::setters::setters;
 use crate::spatial::{RigidShift, Symmetric3};
 use nalgebra::Vector3;
 
@@ -28,6 +29,7 @@ pub struct LinkDescription {
 
 /// Limits of a joint. Position limits act as stops in simulations; the other limits are reported.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct Limits {
     /// Smallest position, rad or m.
     pub lower: f64,
@@ -47,6 +49,7 @@ impl Default for Limits {
 
 /// The joint that another joint follows: q = multiplier * q of that joint + offset.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct Mimic {
     /// Name of the joint that it follows.
     pub joint: String,
@@ -58,6 +61,7 @@ pub struct Mimic {
 
 /// Treatment of mimic joints.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[non_exhaustive]
 pub enum MimicJoints {
     /// Mimic joints are independent, and a [`SceneWarning::Mimic`] names each.
     #[default]
@@ -75,6 +79,7 @@ impl Mimic {
 
 /// A joint between two links.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct JointDescription {
     /// Name, unique among the joints.
     pub name: String,
@@ -102,6 +107,25 @@ pub struct JointDescription {
     pub mimic: Option<Mimic>,
 }
 
+setters!(JointDescription {
+    with_name: name => String,
+    with_kind: kind: JointKind,
+    with_parent: parent => String,
+    with_child: child => String,
+    with_origin: origin: RigidShift<f64>,
+    with_axis: axis => Vector3<f64>,
+    with_armature: armature: f64,
+    with_damping: damping: f64,
+    with_friction: friction: f64,
+    with_spring: spring: Spring,
+    with_limits: limits: Limits,
+    with_mimic: mimic => Option<Mimic>,
+});
+
+setters!(Limits { with_lower: lower: f64, with_upper: upper: f64, with_velocity: velocity: f64, with_effort: effort: f64 });
+
+setters!(Mimic { with_joint: joint => String, with_multiplier: multiplier: f64, with_offset: offset: f64 });
+
 impl JointDescription {
     /// A joint at the parent origin with axis z, without armature, damping, friction, spring and limits.
     pub fn new(name: impl Into<String>, kind: JointKind, parent: impl Into<String>, child: impl Into<String>) -> Self {
@@ -124,6 +148,7 @@ impl JointDescription {
 
 /// A property of a scene that is probably unintended but does not prevent computations.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub enum SceneWarning {
     /// A link with an inertia that no mass distribution has.
     Inertia {

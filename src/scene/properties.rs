@@ -7,6 +7,7 @@ use std::collections::HashMap;
 
 /// A scalar property of a joint, which applies to each of its degrees of freedom.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Property {
     /// Armature (rotor inertia reflected to the joint), kg m^2 or kg: part of M.
     Armature,

@@ -3,6 +3,7 @@
 use crate::error::{Error, number};
 use crate::joints::JointKind;
 use crate::joints::quaternion::QUATERNION_SLACK;
+use crate::setters::setters;
 
 /// A joint spring, with the same stiffness for each degree of freedom of the joint.
 ///
@@ -10,12 +11,15 @@ use crate::joints::quaternion::QUATERNION_SLACK;
 /// for spherical joints the rotation vector from rest, in the child frame; for a free joint also the displacement, in
 /// the child frame.
 #[derive(Debug, Clone, PartialEq, Default)]
+#[non_exhaustive]
 pub struct Spring {
     /// Stiffness, N m/rad or N/m; zero or positive.
     pub stiffness: f64,
     /// Coordinates of the joint at rest; empty for the neutral ones (zero, identity quaternion).
     pub rest: Vec<f64>,
 }
+
+setters!(Spring { with_stiffness: stiffness: f64, with_rest: rest => Vec<f64> });
 
 impl Spring {
     /// Describes an invalid spring for a joint of this kind as (found, expected).

@@ -4,7 +4,7 @@ use super::assembly::Tree;
 use super::description::{Inertial, JointDescription, Mimic, MimicJoints, SceneWarning};
 use super::inertia_check::unphysical;
 use super::{AT_A_TIME, SceneBuilder};
-use crate::error::Error;
+use crate::error::{Error, in_language};
 use crate::interrupt;
 use crate::joints::JointKind;
 use std::collections::HashSet;
@@ -53,7 +53,10 @@ impl SceneBuilder {
         Err(Error::scene(
             format!("floating base of root link {root:?}"),
             format!("joint {:?}, which makes the scene floating already", self.joints[joint].name),
-            "no floating base (floating_base=False), or a description without that joint and its parent link",
+            format!(
+                "no floating base ({}), or a description without that joint and its parent link",
+                in_language("floating_base(false)", "floating_base=False")
+            ),
         ))
     }
 

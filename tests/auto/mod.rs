@@ -16,7 +16,7 @@ use phipsi::Scene;
 use phipsi::filter::Form;
 use phipsi::scalar::{DoubleDouble, Real};
 use phipsi::scene::Model;
-use phipsi::{Accuracy, Bound, ESTIMATE_SPREAD};
+use phipsi::{Accuracy, ESTIMATE_SPREAD};
 use phipsi::{Algorithm, Arguments};
 use phipsi::{Error, Tally, Workspace, dynamics, scenes};
 
@@ -151,7 +151,7 @@ fn told(case: &Case) -> Option<(Vec<f64>, Accuracy)> {
     let mut qdd = vec![f64::NAN; case.scene.nv()];
     let state =
         [Arguments { q: &case.q, qd: &case.qd, u: &case.tau, wrenches: &case.wrenches, ..Arguments::default() }];
-    let mut accuracy = [Accuracy { form: Form::SquareRoot, doubled: true, error: f64::NAN, bound: Bound::Unknown }];
+    let mut accuracy = [Accuracy::unknown(Form::SquareRoot)];
     let mut evaluator = case.scene.evaluator();
     case.scene.evaluate_with_accuracy(&mut evaluator, Form::Auto, &state, &mut qdd, &mut accuracy).ok()?;
     Some((qdd, accuracy[0]))

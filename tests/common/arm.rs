@@ -22,7 +22,7 @@ pub fn link(name: &str, inertial: Option<Inertial>) -> LinkDescription {
 pub fn parts() -> (Vec<LinkDescription>, Vec<JointDescription>) {
     let mut shoulder = JointDescription::new("shoulder", JointKind::Revolute, "base", "arm");
     shoulder.axis = Vector3::y();
-    shoulder.limits = Limits { lower: -1.0, upper: 1.0, velocity: 3.0, effort: 10.0 };
+    shoulder.limits = Limits::default().with_lower(-1.0).with_upper(1.0).with_velocity(3.0).with_effort(10.0);
     let mut wrist = JointDescription::new("wrist", JointKind::Spherical, "arm", "hand");
     wrist.origin.lever = Vector3::new(0.0, 0.0, 0.4);
     (vec![link("base", None), link("arm", Some(solid())), link("hand", Some(solid()))], vec![shoulder, wrist])

@@ -58,6 +58,7 @@ pub fn by_method(scene: &Scene, function: &Function, given: &[Vec<f64>]) -> Vec<
         }),
         Function::Placement(link) => scene.placement(q, link).map(|place| place.homogeneous(&mut out)),
         Function::Jacobian(link, frame) => scene.jacobian(q, link, *frame, &mut out),
+        other => unreachable!("{other:?}: a function without a method here"),
     }
     .unwrap();
     out

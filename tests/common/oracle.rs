@@ -305,6 +305,7 @@ impl Local {
                     ..still
                 }
             }
+            other => unreachable!("{other:?}: a kind without an oracle"),
         }
     }
 }

@@ -21,6 +21,7 @@ pub(in crate::motion) fn begin(kept: &mut [f64]) {
 
 /// Diagnostics of the contacts of one state, accumulated since it began.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct ContactReport {
     /// Largest residual of a step: a velocity relative to the largest free velocity of the contacts.
     pub residual: f64,
