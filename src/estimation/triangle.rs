@@ -60,7 +60,23 @@ fn rotate<R: Iterator<Item = f64>>(triangle: &mut [f64], (width, height): (usize
             }
         }
         let columns = &mut columns[..padded * width];
-        pulp::Arch::new().dispatch(|| reflect(triangle, columns, (width, padded)));
+        pulp::Arch::new().dispatch(Reflections { triangle: &mut *triangle, columns, size: (width, padded) });
+    }
+}
+
+/// The reflections of one block. A closure would not be inlined, and would not use the instructions of the processor.
+struct Reflections<'a> {
+    triangle: &'a mut [f64],
+    columns: &'a mut [f64],
+    size: (usize, usize),
+}
+
+impl pulp::NullaryFnOnce for Reflections<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        reflect(self.triangle, self.columns, self.size);
     }
 }
 
