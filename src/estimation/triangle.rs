@@ -1,8 +1,9 @@
 //! The information form of linear least squares: the triangle R of a QR factorization of the rows read so far. R* R is
 //! the information matrix, which is never formed.
 
-/// Rows that are rotated into a triangle at once: a column of them stays in the first cache.
-const BLOCK: usize = 128;
+/// Rows that are rotated into a triangle at once: a column of them stays in the first cache. Not a power of two, for
+/// which the entries of a row would be in few sets of the cache.
+const BLOCK: usize = 104;
 /// Columns that a reflection is applied to at once, and partial sums of a product.
 const COLUMNS: usize = 4;
 const LANES: usize = 8;

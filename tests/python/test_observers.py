@@ -35,6 +35,7 @@ from scipy.integrate import trapezoid
 from tolerances import assert_near
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benches"))
+import momentum_observer as alarms
 import observers as bench
 
 STEP = 1e-4
@@ -317,7 +318,7 @@ def test_time_to_an_alarm_is_the_integral() -> None:
 
 @pytest.mark.parametrize(("size", "bandwidth", "dt"), [(1, 20.0, 2e-3), (1, 20.0, 1e-2), (6, 20.0, 2e-3)])
 def test_false_alarms_come_at_the_stated_rate(size: int, bandwidth: float, dt: float) -> None:
-    found = bench.false_alarms_of_residual(size, 0.1, bandwidth, dt, alarms=1500, robots=4000, seed=3)
+    found = alarms.false_alarms_of_residual(size, 0.1, bandwidth, dt, alarms=1500, robots=4000, seed=3)
     assert abs(found.measured / found.stated - 1.0) <= 0.1
 
 
@@ -371,25 +372,25 @@ def test_the_wrench_of_a_push_is_found() -> None:
 
 
 def test_a_pickup_is_noticed() -> None:
-    delay, threshold = bench.pickup(bench.bundled_arm(), 20.0, runs=20, seed=1)
+    delay, threshold = alarms.pickup(alarms.bundled_arm(), 20.0, runs=20, seed=1)
     assert 5.5 < threshold < 6.5
     assert float(np.median(delay)) <= 0.06 and float(np.max(delay)) <= 1.0
 
 
 def test_a_load_at_a_point_is_noticed_earlier() -> None:
-    arm = bench.bundled_arm()
-    of_all, threshold_of_all = bench.pickup(arm, 10.0, runs=60, seed=1)
-    of_load, threshold = bench.pickup(arm, 10.0, runs=60, seed=1, load=True)
+    arm = alarms.bundled_arm()
+    of_all, threshold_of_all = alarms.pickup(arm, 10.0, runs=60, seed=1)
+    of_load, threshold = alarms.pickup(arm, 10.0, runs=60, seed=1, load=True)
     assert 4.5 < threshold < 5.0 < threshold_of_all
     for share, bound in ((0.5, 0.05), (0.9, 0.15)):
         assert np.quantile(of_load, share) <= min(bound, np.quantile(of_all, share))
     # No test that knows less than the torque itself is much faster.
-    assert np.quantile(of_load, 0.5) >= 0.8 * np.quantile(bench.shortest_delay(arm, 60, 1), 0.5)
+    assert np.quantile(of_load, 0.5) >= 0.8 * np.quantile(alarms.shortest_delay(arm, 60, 1), 0.5)
 
 
 def test_false_alarms_of_a_load_come_at_the_stated_rate() -> None:
-    arm = bench.bundled_arm()
-    found = bench.false_alarms(arm.scene, 2.0, 20.0, 4e-3, alarms=800, robots=200, seed=3, load=arm.load)
+    arm = alarms.bundled_arm()
+    found = alarms.false_alarms(arm.scene, 2.0, 20.0, 4e-3, alarms=800, robots=200, seed=3, load=arm.load)
     # The standard error of 800 alarms is 4 %.
     assert abs(found.measured / found.stated - 1.0) <= 0.12
 
