@@ -3707,6 +3707,7 @@ class Scene:
         bandwidth: float,
         false_alarms_per_hour: float = 1.0,
         parameters: ArrayLike | object | None = None,
+        load: tuple[str, ArrayLike] | None = None,
     ) -> MomentumObserver:
         """Momentum observer of external joint torques that raises alarms at a stated rate.
 
@@ -3723,6 +3724,9 @@ class Scene:
             Number of alarms per hour without any contact.
         parameters : array_like or Identification, optional
             Covariance of the inertial parameters, as in forward_dynamics_variance. None: the parameters are exact.
+        load : (str, (3,) array_like), optional
+            Link and point in the link frame, m, of a load to detect. The alarm then tests its mass alone, which
+            detects a load earlier than the test of all external torques.
 
         Returns
         -------
@@ -3732,8 +3736,8 @@ class Scene:
         Raises
         ------
         ArgumentError
-            A noise, bandwidth, step or rate that is not positive; scenes with connections, contacts or joints that
-            follow others.
+            A noise, bandwidth, step or rate that is not positive; a load that no joint moves;
+            scenes with connections or contacts; parameters in scenes with joints that follow others.
         ShapeError
             An array of an invalid shape.
 

@@ -1,8 +1,9 @@
 //! The information form of linear least squares: the triangle R of a QR factorization of the rows read so far. R* R is
 //! the information matrix, which is never formed.
 
-/// Rows that are rotated into a triangle at once: a column of them stays in the first cache.
-const BLOCK: usize = 128;
+/// Rows that are rotated into a triangle at once: a column of them stays in the first cache. Not a power of two, for
+/// which the entries of a row would be in few sets of the cache.
+const BLOCK: usize = 104;
 /// Columns that a reflection is applied to at once, and partial sums of a product.
 const COLUMNS: usize = 4;
 const LANES: usize = 8;
@@ -61,9 +62,27 @@ fn rotate<R: Iterator<Item = f64>>(triangle: &mut [f64], (width, height): (usize
         }
         let columns = &mut columns[..padded * width];
         #[cfg(feature = "lanes")]
-        pulp::Arch::new().dispatch(|| reflect(triangle, columns, (width, padded)));
+        pulp::Arch::new().dispatch(Reflections { triangle: &mut *triangle, columns, size: (width, padded) });
         #[cfg(not(feature = "lanes"))]
         reflect(triangle, columns, (width, padded));
+    }
+}
+
+/// The reflections of one block. A closure would not be inlined, and would not use the instructions of the processor.
+#[cfg(feature = "lanes")]
+struct Reflections<'a> {
+    triangle: &'a mut [f64],
+    columns: &'a mut [f64],
+    size: (usize, usize),
+}
+
+#[cfg(feature = "lanes")]
+impl pulp::NullaryFnOnce for Reflections<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        reflect(self.triangle, self.columns, self.size);
     }
 }
 

@@ -28,7 +28,10 @@ pub(super) type Place = (Option<usize>, RigidShift<f64>);
 
 /// Gradients with respect to the parameters of links, each in the link frame, from those of the bodies that carry them.
 pub(super) fn parameters_of(links: &[Place], bodies: &[Parameters<f64>]) -> impl Iterator<Item = Parameters<f64>> {
-    links.iter().map(|(body, placement)| body.map_or([0.0; 10], |body| of_link(placement, &bodies[body])))
+    const NONE: Parameters<f64> = [0.0; 10];
+    let moved =
+        |placement, of_body: &Parameters<f64>| if *of_body == NONE { NONE } else { of_link(placement, of_body) };
+    links.iter().map(move |(body, placement)| body.map_or(NONE, |body| moved(placement, &bodies[body])))
 }
 
 /// Places of the links that joints carry, in the order of the joints.

@@ -163,13 +163,16 @@ impl PyScene {
     ///     Number of alarms per hour without any contact.
     /// parameters : array_like or Identification, optional
     ///     Covariance of the inertial parameters, as in forward_dynamics_variance. None: the parameters are exact.
+    /// load : (str, (3,) array_like), optional
+    ///     Link and point in the link frame, m, of a load to detect. The alarm then tests its mass alone, which
+    ///     detects a load earlier than the test of all external torques.
     #[doc = section!(Returns)]
     /// observer : phipsi.estimation.MomentumObserver
     ///     The observer; see its `step`.
     #[doc = section!(Raises)]
     /// ArgumentError
-    ///     A noise, bandwidth, step or rate that is not positive; scenes with connections, contacts or joints that
-    ///     follow others.
+    ///     A noise, bandwidth, step or rate that is not positive; a load that no joint moves;
+    ///     scenes with connections or contacts; parameters in scenes with joints that follow others.
     /// ShapeError
     ///     An array of an invalid shape.
     #[doc = section!(Examples)]
@@ -179,13 +182,20 @@ impl PyScene {
     /// >>> torque.shape, bool(alarm)
     /// ((3,), False)
     #[pyo3(signature = (dt, **how),
-           text_signature = "($self, dt, *, torque_noise, bandwidth, false_alarms_per_hour=1.0, parameters=None)")]
+           text_signature = "($self, dt, *, torque_noise, bandwidth, false_alarms_per_hour=1.0, parameters=None, load=None)")]
     fn momentum_observer<'py>(
         slf: &Bound<'py, Self>,
         dt: &Object<'py>,
         how: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<Object<'py>> {
-        slf.get().check_observed("momentum_observer")?;
+        let scene = &slf.get().scene;
+        if let Some(parameters) = how.map(|how| how.get_item("parameters")).transpose()?.flatten()
+            && !parameters.is_none()
+        {
+            scene.check_independent()?;
+        }
+        scene.check_no_connections("momentum_observer")?;
+        scene.check_no_contacts("momentum_observer")?;
         imported!(slf.py(), "phipsi.estimation.momentum", "MomentumObserver")?.call((slf, dt), how)
     }
 

@@ -226,8 +226,8 @@ EXPECTED: dict[str, tuple[str, str, str]] = {
     **dict.fromkeys(["lock", "to_builder", "with_inertias", "with_payload", "with_properties"], ("included", "included", "supported")),
     **dict.fromkeys(["estimate", "forward_dynamics_hvp", "forward_dynamics_variance", "identify", "regressor", "to_c", "to_cuda", "to_rust"], ("error", "tree", "error")),
     **dict.fromkeys(["factor", "inverse_dynamics_hvp", "inverse_dynamics_variance", "operational_inertia", "operational_inverse_inertia", "random_model"], ("tree", "tree", "error")),
-    "ode": ("error", "error", "supported"),
-    **dict.fromkeys(["momentum_observer", "observer", "simulate_vjp"], ("error", "error", "error")),
+    **dict.fromkeys(["momentum_observer", "ode"], ("error", "error", "supported")),
+    **dict.fromkeys(["observer", "simulate_vjp"], ("error", "error", "error")),
     "to_urdf": ("error", "error", "supported"),
 }
 

@@ -101,7 +101,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_identify(measured: Path, tmp_path: Path) -> None:
     robot = str(measured.parent / "arm.urdf")
-    result = run("identify", robot, str(measured), "--noise", "0.001", "-o", str(tmp_path / "found.urdf"))
+    result = run("identify", robot, str(measured), "--noise", "0.001", "-o", str(tmp_path / "found.urdf"), "--covariance", str(tmp_path / "found.npz"))
     assert result.exit_code == 0, result.output
     assert "identification from 200 states" in result.output and str(tmp_path / "found.urdf") in result.output
     result = run("identify", robot, str(measured), "--noise", "0.001", "--fit", "damping", "--json")
@@ -116,6 +116,14 @@ def test_identify(measured: Path, tmp_path: Path) -> None:
     written = phipsi.Scene.from_urdf(tmp_path / "found.urdf")
     own = written.damping * arrays["qd"] + written.friction * arrays["qd"] / np.sqrt(arrays["qd"] ** 2 + 1e-4)
     assert np.max(np.abs(written.inverse_dynamics(arrays["q"], arrays["qd"], arrays["qdd"]) + own - arrays["tau"])) < 0.01
+    # Its simulation has error bands from the covariance of the estimates.
+    state = tmp_path / "state.npz"
+    np.savez(state, q=np.full(6, 0.2), qd=np.full(6, 1.0))
+    options = ("-o", str(tmp_path / "out"), "--time", "0.05", "--limits", "report", "--state", str(state), "--covariance", str(tmp_path / "found.npz"))
+    result = run("simulate", str(tmp_path / "found.urdf"), *options)
+    assert result.exit_code == 0 and "largest standard deviations at the end" in result.output, result.output
+    with np.load(tmp_path / "out" / "trajectory.npz") as archive:
+        assert np.all(archive["qd_deviation"][-1] > 0.0) and np.all(archive["qd_deviation"][-1] < 0.1)
 
 
 def test_identify_from_rates_alone(measured: Path, tmp_path: Path) -> None:

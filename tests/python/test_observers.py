@@ -36,6 +36,7 @@ from scipy.integrate import trapezoid
 from tolerances import assert_near
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benches"))
+import momentum_observer as alarms
 import observers as bench
 
 STEP = 1e-4
@@ -330,7 +331,7 @@ def test_time_to_an_alarm_is_the_integral() -> None:
 
 @pytest.mark.parametrize(("size", "bandwidth", "dt"), [(1, 20.0, 2e-3), (1, 20.0, 1e-2), (6, 20.0, 2e-3)])
 def test_false_alarms_come_at_the_stated_rate(size: int, bandwidth: float, dt: float) -> None:
-    found = bench.false_alarms_of_residual(size, 0.1, bandwidth, dt, alarms=1500, robots=4000, seed=3)
+    found = alarms.false_alarms_of_residual(size, 0.1, bandwidth, dt, alarms=1500, robots=4000, seed=3)
     assert abs(found.measured / found.stated - 1.0) <= 0.1
 
 
@@ -384,9 +385,82 @@ def test_the_wrench_of_a_push_is_found() -> None:
 
 
 def test_a_pickup_is_noticed() -> None:
-    delay, threshold = bench.pickup(bench.bundled_arm(), 20.0, runs=20, seed=1)
+    delay, threshold = alarms.pickup(alarms.bundled_arm(), 20.0, runs=20, seed=1)
     assert 5.5 < threshold < 6.5
     assert float(np.median(delay)) <= 0.06 and float(np.max(delay)) <= 1.0
+
+
+def test_a_load_at_a_point_is_noticed_earlier() -> None:
+    arm = alarms.bundled_arm()
+    of_all, threshold_of_all = alarms.pickup(arm, 10.0, runs=60, seed=1)
+    of_load, threshold = alarms.pickup(arm, 10.0, runs=60, seed=1, load=True)
+    assert 4.5 < threshold < 5.0 < threshold_of_all
+    for share, bound in ((0.5, 0.05), (0.9, 0.15)):
+        assert np.quantile(of_load, share) <= min(bound, np.quantile(of_all, share))
+    # No test that knows less than the torque itself is much faster.
+    assert np.quantile(of_load, 0.5) >= 0.8 * np.quantile(alarms.shortest_delay(arm, 60, 1), 0.5)
+
+
+def test_false_alarms_of_a_load_come_at_the_stated_rate() -> None:
+    arm = alarms.bundled_arm()
+    found = alarms.false_alarms(arm.scene, 2.0, 20.0, 4e-3, alarms=800, robots=200, seed=3, load=arm.load)
+    # The standard error of 800 alarms is 4 %.
+    assert abs(found.measured / found.stated - 1.0) <= 0.12
+
+
+def test_the_mass_of_a_load_is_estimated() -> None:
+    scene = phipsi.load(phipsi.BUNDLED_ARM)
+    load, q = (scene.link_names[-1], (0.0, 0.02, 0.1)), np.array([0.3, -0.6, 0.9, 0.1, 0.4, 0.0])
+    loaded = scene.with_payload(load[0], 1.5, load[1])
+    observer = scene.momentum_observer(1e-3, torque_noise=0.01, bandwidth=20.0, load=load)
+    held = loaded.gravity_torque(np.stack([q, q + 0.1]))
+    for _ in range(1500):
+        observer.step(np.stack([q, q + 0.1]), np.zeros(6), held)
+    assert_near(observer.mass, [1.5, 1.5], 1e-9)
+    weight = loaded.gravity_torque(q) - scene.gravity_torque(q)
+    # Stationary variance K S / 2 of the torque along that of 1 kg, divided by that torque.
+    expected = np.sqrt(20.0 * 0.01 / 2.0) / np.linalg.norm(weight / 1.5)
+    assert_near(observer.mass_deviation[0], expected, 0.02 * expected)
+    assert np.all(observer.alarm)
+
+
+def test_a_load_that_causes_no_torque_has_no_mass() -> None:
+    # A vertical axis through a robot at rest.
+    scene = phipsi.SceneBuilder().link("base").link("table", 1.0, (0.3, 0, 0), np.eye(3)).joint("turn", "revolute", "base", "table", axis=(0, 0, 1)).build()
+    observer = scene.momentum_observer(1e-3, torque_noise=0.01, bandwidth=20.0, load=("table", (0.3, 0.0, 0.0)))
+    for _ in range(3):
+        _, alarm = observer.step([0.0], [0.0], [0.0])
+    assert np.isnan(observer.mass) and np.isposinf(observer.mass_deviation) and not alarm
+
+
+def test_parameter_errors_raise_the_deviation_of_the_mass() -> None:
+    scene = phipsi.load(phipsi.BUNDLED_ARM)
+    sigma = np.zeros((6, 10, 10))
+    sigma[-1, 0, 0] = 0.3**2  # at the origin of the link, as a load there
+    q, load = np.full(6, 0.4), (scene.body_names[-1], (0.0, 0.0, 0.0))
+    found = []
+    for parameters in (None, sigma):
+        observer = scene.momentum_observer(1e-3, torque_noise=0.01, bandwidth=10.0, parameters=parameters, load=load)
+        observer.step(q, np.zeros(6), scene.gravity_torque(q))
+        found.append(float(observer.mass_deviation))
+    assert_near(found[1], np.hypot(found[0], 0.3), 1e-9)
+
+
+def test_joints_that_follow_others_have_external_torques() -> None:
+    builder = phipsi.SceneBuilder().link("base").link("arm", 1.0, (0, 0, 0.3), np.diag([0.1, 0.1, 0.01])).joint("shoulder", "revolute", "base", "arm", axis=(0, 1, 0))
+    for at, name in enumerate(("left", "right")):
+        builder.link(name, 0.5 + 0.2 * at, (0, 0.02, 0.1), np.diag([0.01, 0.01, 0.001]))
+        follow = {"mimic": "to_left", "mimic_multiplier": -2.0} if at else {}
+        builder.joint(f"to_{name}", "revolute" if at else "prismatic", "arm", name, xyz=(0, 0, 0.5), axis=(1, 0, 0), **follow)
+    scene = builder.build(mimic="couple")
+    external, tau, dt = np.array([0.7, -0.4]), np.array([0.2, 0.1]), 5e-4
+    observer = scene.momentum_observer(dt, torque_noise=1.0, bandwidth=100.0)
+    path = scene.simulate([0.3, 0.1], [0.4, 0.1], tau=tau + external, dt=dt, steps=400, method="rk4", limits="report")
+    for k in range(len(path.t)):
+        found, _ = observer.step(path.q[k], path.qd[k], tau)
+    assert_near(found, external, 0.01)
+    with pytest.raises(ArgumentError, match='mimic="free"'):
+        scene.momentum_observer(dt, torque_noise=1.0, bandwidth=100.0, parameters=np.zeros((2, 10, 10)))
 
 
 class TestArguments:
@@ -457,6 +531,15 @@ class TestArguments:
     def test_a_torque_noise_of_zero(self) -> None:
         with pytest.raises(ArgumentError, match="torque_noise.*positive"):
             self.scene.momentum_observer(1e-3, torque_noise=[1.0, 0.0], bandwidth=1.0)
+
+    def test_loads(self) -> None:
+        for load in ("tip", ("tip",), ("tip", (0.0, 0.0)), ("tip", (0.0, 0.0, np.nan))):
+            with pytest.raises(ArgumentError, match="load: .*expected a link and a point"):
+                self.scene.momentum_observer(1e-3, torque_noise=1.0, bandwidth=1.0, load=load)
+        with pytest.raises(ArgumentError, match="load: found link .* no joint moves"):
+            self.scene.momentum_observer(1e-3, torque_noise=1.0, bandwidth=1.0, load=(self.scene.link_names[0], (0.0, 0.0, 0.0)))
+        with pytest.raises(ArgumentError, match="nowhere"):
+            self.scene.momentum_observer(1e-3, torque_noise=1.0, bandwidth=1.0, load=("nowhere", (0.0, 0.0, 0.0)))
 
     def test_alarms_as_often_as_the_observer_follows(self) -> None:
         with pytest.raises(ArgumentError, match="false_alarms_per_hour.*fewer"):

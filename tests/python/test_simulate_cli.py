@@ -66,6 +66,8 @@ def test_error_bands(tmp_path: Path) -> None:
         assert_same_bits(found["covariance"], path.bands.covariance)
         assert_same_bits(found["qd_deviation"], path.bands.qd)
     assert "95 % band of joint1" in (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
+    held = run("-o", tmp_path / "out", "--time", 0.01, "--noise", 0.001)
+    assert "warning: covariance: found joint" in held.output and "--check monte-carlo" in " ".join(held.output.split())
     numbers = json.loads(run("-o", tmp_path / "out", "--time", 0.05, "--noise", 0.02, "--check", "monte-carlo", "--json").stdout)
     assert len(numbers["deviation"]["ratio"]) == 12 and numbers["deviation"]["qd"][1] > 0.0
 

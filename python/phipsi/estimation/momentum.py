@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -141,7 +141,7 @@ class MomentumObserver:
     Parameters
     ----------
     scene : Scene
-        The robot, without connections and without joints that follow others.
+        The robot, without connections.
     dt : float
         Time between two steps, s.
     torque_noise : (nv,) or float
@@ -155,22 +155,32 @@ class MomentumObserver:
         Covariance of the inertial parameters, as in Scene.forward_dynamics_variance. Parameter errors cause torques
         that do not average out; their covariance at the present state is added to the covariance of r. The errors are
         constant for one robot, so that the specified rate is an upper bound over robots.
+    load : (str, (3,)), optional
+        Link and point in the link frame, m, of a load to detect, as in Scene.with_payload. The alarm then tests the
+        mass of a load at this point instead of all external torques. The component of the whitened torques along those
+        that weight and inertia of the load cause is one process instead of nv. Its threshold is lower, and a load
+        contributes to it with one sign while the robot moves.
 
     Attributes
     ----------
     threshold : float
-        Norm of r, in standard deviations, above which an alarm is raised.
+        Norm of r, in standard deviations, above which an alarm is raised; with `load`, the size of the estimated mass
+        in standard deviations.
     joint_torque : (..., nv)
         Latest estimate r.
     alarm : (...)
         True if the last step raised an alarm.
     covariance : (..., nv, nv)
         Covariance of r without contact, at the last step.
+    mass, mass_deviation : (...)
+        With `load`, the estimate of its mass and the standard deviation without a load, kg, for a robot that moves
+        slowly compared with the bandwidth. NaN and infinite where a load causes no joint torque.
 
     Raises
     ------
     ArgumentError
-        Noise, bandwidth, step or rate that is not positive; scenes with connections or joints that follow others.
+        Noise, bandwidth, step or rate that is not positive; scenes with connections; `parameters` in scenes with
+        joints that follow others; a load that no joint moves.
     ShapeError
         An array of an invalid shape.
 
@@ -195,6 +205,7 @@ class MomentumObserver:
         bandwidth: float,
         false_alarms_per_hour: float = 1.0,
         parameters: Any = None,
+        load: tuple[str, ArrayLike] | None = None,
     ) -> None:
         for name, value in (("dt", dt), ("bandwidth", bandwidth), ("false_alarms_per_hour", false_alarms_per_hour)):
             if not (np.isfinite(value) and value > 0.0):
@@ -210,8 +221,11 @@ class MomentumObserver:
         self._gain = steady / (1.0 - steady)
         # Stationary variance of r = (r + gain n) / (1 + gain); n has the variance density / dt.
         self._variance = density * self._gain / (dt * (2.0 + self._gain))
+        self._deviation = np.sqrt(density)
         self._parameters = ParameterCovariance(scene, parameters)
-        self.threshold = alarm_threshold(false_alarms_per_hour, math.log1p(self._gain) / dt, dt, scene.nv)
+        self._load = None if load is None else _checked_load(scene, load)
+        tested = scene.nv if load is None else 1
+        self.threshold = alarm_threshold(false_alarms_per_hour, math.log1p(self._gain) / dt, dt, tested)
         self.reset()
 
     def reset(self) -> None:
@@ -228,6 +242,9 @@ class MomentumObserver:
         self.covariance: _Array = np.diag(self._variance)
         self._q: _Array | None = None
         self._before: tuple[_Array, _Array, _Array] | None = None
+        self._of_load, self._weight = np.zeros(()), np.zeros(self.scene.nv)
+        self.mass: _Array = np.array(np.nan)
+        self.mass_deviation: _Array = np.array(np.inf)
 
     def step(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> ObservedTorque:
         """Process a sample of the motion, and the torque from this sample to the next.
@@ -269,6 +286,7 @@ class MomentumObserver:
         momentum = np.einsum("...ij,...j->...i", scene.mass_matrix(q), qd)
         if self._before is None:
             self.joint_torque = np.zeros(np.broadcast_shapes(momentum.shape, tau.shape))
+            self._of_load = np.zeros(self.joint_torque.shape[:-1])
         else:
             before, drift, torque = self._before
             if before.shape != momentum.shape:
@@ -280,10 +298,26 @@ class MomentumObserver:
                 )
             moved = momentum - before - self.dt * (torque + 0.5 * (drift + flow))
             self.joint_torque = (self.joint_torque + self._gain / self.dt * moved) / (1.0 + self._gain)
+            if self._load is not None:
+                along = np.sum(_direction(self._weight) * moved / self._deviation, axis=-1)
+                self._of_load = (self._of_load + self._gain / self.dt * along) / (1.0 + self._gain)
+        if self._load is not None:
+            # The direction at the start of an interval does not depend on the noise during it.
+            self._weight = self._load_torque(q, qd, tau) / self._deviation
         self._before, self._q = (momentum, flow, tau), q
         self.covariance = self._covariance(q, qd, tau)
         self.alarm = self._exceeds()
         return ObservedTorque(self.joint_torque.copy(), self.alarm)
+
+    def _load_torque(self, q: _Array, qd: _Array, tau: _Array) -> _Array:
+        """Joint torques that a point mass of 1 kg causes by its weight and inertia, (..., nv), N m or N."""
+        assert self._load is not None
+        scene, (link, point) = self.scene, self._load
+        frame: Literal["local-world-aligned"] = "local-world-aligned"
+        qdd = scene.forward_dynamics(q, qd, tau + self.joint_torque)
+        moved = scene.acceleration(q, qd, qdd, link, frame=frame, at=point, kind="classical")[..., 3:]
+        along = scene.jacobian(q, link, frame=frame, at=point)[..., 3:, :]
+        return np.asarray(np.einsum("...iv,...i->...v", along, scene.gravity - moved))
 
     def _covariance(self, q: _Array, qd: _Array, tau: _Array) -> _Array:
         """Covariance of r without contact."""
@@ -297,8 +331,20 @@ class MomentumObserver:
         return np.asarray(noise + np.einsum("s...i,s...j->...ij", torques, torques))
 
     def _exceeds(self) -> NDArray[np.bool_] | bool:
-        r = self.joint_torque
-        if self.covariance.ndim == 2 and not len(self._parameters.columns):
+        r, square = self.joint_torque, np.zeros(())
+        exact = not len(self._parameters.columns)
+        if self._load is not None:
+            direction, size = _direction(self._weight), np.linalg.norm(self._weight, axis=-1)
+            along = direction / self._deviation
+            variance = self._variance[0] / self._deviation[0] ** 2
+            if not exact:
+                added = self.covariance - np.diag(self._variance)
+                variance = variance + np.einsum("...i,...ij,...j->...", along, added, along)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                self.mass = np.where(size > 0.0, self._of_load / size, np.nan)
+                self.mass_deviation = np.sqrt(variance) / size
+            square = self._of_load**2 / variance
+        elif exact:
             square = np.sum(r**2 / self._variance, axis=-1)
         else:
             square = np.einsum("...i,...i->...", r, np.linalg.solve(self.covariance, r[..., None])[..., 0])
@@ -355,3 +401,22 @@ class MomentumObserver:
         white = np.linalg.solve(root, self.joint_torque[..., None])
         scaled = np.swapaxes(right, -1, -2) @ ((np.swapaxes(left, -1, -2) @ white) / values[..., None])
         return np.asarray(scaled[..., 0] / size[..., 0, :])
+
+
+def _checked_load(scene: Scene, load: Any) -> tuple[str, _Array]:
+    """Link and point of a load that can act on the joints."""
+    expected = "expected a link and a point in its frame, for instance (scene.link_names[-1], (0.0, 0.0, 0.1))"
+    if not (isinstance(load, tuple) and len(load) == 2 and isinstance(load[0], str)):
+        raise of_argument(ArgumentError, "load", f"found {load!r}; {expected}")
+    link, point = load[0], np.asarray(load[1], float)
+    if point.shape != (3,) or not np.isfinite(point).all():
+        raise of_argument(ArgumentError, "load", f"found {load!r}; {expected}")
+    if not np.any(scene.jacobian(scene.neutral(), link)):
+        raise of_argument(ArgumentError, "load", f"found link {link!r}, which no joint moves; expected a moving link")
+    return link, point
+
+
+def _direction(weight: _Array) -> _Array:
+    """Unit vector; zero for a zero vector."""
+    size = np.linalg.norm(weight, axis=-1, keepdims=True)
+    return np.asarray(weight / np.where(size > 0.0, size, 1.0))

@@ -255,10 +255,8 @@ class _Propagation:
                 **given,
             )
             # The derivative of component i is state i of the leading axis.
-            by_state, by_tau = (
-                np.moveaxis(one, 0, len(batch) + 1)[(..., slice(1, None), *(slice(None),) * kept)]
-                for one, kept in ((np.concatenate([found.q, found.qd], axis=-1), 2), (found.tau, 3))
-            )
+            by_state = np.moveaxis(np.concatenate([found.q, found.qd], axis=-1), 0, -2)[..., 1:, :, :]
+            by_tau = np.moveaxis(found.tau, 0, -3)[..., 1:, :, :, :]
             constant = np.zeros((*by_state.shape[:-1], 1))
             if found.parameters is not None:
                 constant = np.moveaxis(np.einsum("...bp,sbp->...s", found.parameters, columns), 0, -2)
@@ -344,6 +342,7 @@ class _Propagation:
         if rng is not None:
             tau = tau + np.sqrt(self.noise / path.dt) * rng.normal(size=tau.shape)
         given |= {
+            "method": path.method,
             "armature": armature,
             "damping": damping,
             "friction": friction,
@@ -357,7 +356,6 @@ class _Propagation:
             qd + start[nv:],
             dt=path.dt,
             steps=path.steps,
-            method=path.method,
             record_every=path.record_every,
             tau_steps=tau,
             **given,

@@ -61,7 +61,7 @@ def _as_options(text: str) -> str:
     """A message in which keyword arguments of load are replaced by options of the commands."""
     text = re.sub(r"\bignore=\(([^)]*)\)", lambda found: " ".join(f"--ignore {name}" for name in re.findall(r"'(\w+)'", found[1])), text)
     text = re.sub(r"\bxacro_arguments=\{'(\w+)': \.\.\.\}", r"--xacro-argument \1=VALUE", text)
-    return re.sub(r'\b(mimic|limits|contacts)="(\w+)"', r"--\1 \2", text.replace("strict=True", "--strict").replace("floating_base=True", "--floating-base"))
+    return re.sub(r'\b(mimic|limits|check|contacts)="([\w-]+)"', r"--\1 \2", text.replace("strict=True", "--strict").replace("floating_base=True", "--floating-base"))
 
 
 def _load(robot: Path | None, floating_base: bool, mimic: Mimic | None = None) -> tuple[Scene, str, str, list[str]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from .. import errors
 from .._core import Scene
 from .._motion import PD, Trajectory
 from . import motion, pipeline
-from .commands import BEYOND, FLOATING, JSON, MIMIC, ROBOT, STOPPED, BadInput, Mimic, _load, _typed_errors, check_pages, echo_json, folder, group
+from .commands import BEYOND, FLOATING, JSON, MIMIC, ROBOT, STOPPED, BadInput, Mimic, _as_options, _load, _typed_errors, check_pages, echo_json, folder, group
 from .progress import Silent, reporter
 from .run import RUN, Run
 from .states import Array
@@ -108,7 +109,8 @@ def simulate(
             q, qd = nearest.q, np.asarray(nearest.qd)
         law = PD(*_gains(scene, *hold), q) if hold is not None else None
         try:
-            with reporter(console) as says:
+            with reporter(console) as says, warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always")
                 path = scene.simulate(
                     q, qd, dt=dt, steps=steps, tau=start.get("tau"), method=method, record_every=every, pd=law,
                     limits=limits, restitution=restitution, accuracy=accuracy, progress=says.counter("Simulating"),
@@ -122,6 +124,8 @@ def simulate(
             line(console, said, "yellow")
         except MemoryError as error:
             raise BadInput(str(error)) from None
+        for text in dict.fromkeys(str(one.message) for one in caught):
+            line(console, f"warning: {_as_options(text)}", "yellow")
         files = motion.write(path, output, table=table)
         torque = np.zeros_like(path.qd) + start.get("tau", 0.0)
         if hold is not None:
