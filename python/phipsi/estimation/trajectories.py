@@ -120,7 +120,7 @@ def _check_linear(path: Trajectory) -> None:
             "record_every",
             f"found {path.record_every}; expected 1 with covariance: each step is linearized at its own state",
         )
-    if callable(given.get("tau")):
+    if path.applied is not None:
         raise of_argument(
             ArgumentError,
             "tau",
