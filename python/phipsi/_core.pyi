@@ -317,8 +317,8 @@ class Scene:
         inward by margin. Sensors and the integrator are not read; phipsi.mujoco.actuators reads the controls.
 
         With contacts="plane", the contacts of a geom are those of its convex hull with a plane: the center of a sphere,
-        the ends of a capsule, the corners of a box, eight points of each rim of a cylinder, the hull vertices of a mesh.
-        Their friction is that of MuJoCo for the two geoms; margin raises the plane. docs/how-to/read-a-robot.md.
+        the ends of a capsule, the corners of a box, eight points of each rim of a cylinder, the hull vertices of a
+        mesh. Their friction is that of MuJoCo for the two geoms; margin raises the plane.
 
         Examples
         --------
@@ -1569,7 +1569,7 @@ class Scene:
         Returns
         -------
         derivatives : InverseDynamicsDerivatives
-            Named tuple (dtau_dq, dtau_dqd, M), each (..., nv, nv), SI units. Row i is the torque tau_i.
+            Named tuple (dtau_dq, dtau_dqd, mass_matrix), each (..., nv, nv), SI units. Row i is the torque tau_i.
 
         Raises
         ------
@@ -1633,7 +1633,8 @@ class Scene:
         Returns
         -------
         derivatives : ForwardDynamicsDerivatives
-            Named tuple (dqdd_dq, dqdd_dqd, Minv), each (..., nv, nv), SI units. Row i is the acceleration qdd_i.
+            Named tuple (dqdd_dq, dqdd_dqd, mass_matrix_inverse), each (..., nv, nv), SI units. Row i is the acceleration
+            qdd_i.
 
         Raises
         ------
@@ -1656,7 +1657,7 @@ class Scene:
         >>> qdd = scene.forward_dynamics(q, qd, tau)
         >>> forward = scene.forward_dynamics_derivatives(q, qd, tau)
         >>> inverse = scene.inverse_dynamics_derivatives(q, qd, qdd)
-        >>> np.allclose(inverse.M @ forward.dqdd_dq, -inverse.dtau_dq)
+        >>> np.allclose(inverse.mass_matrix @ forward.dqdd_dq, -inverse.dtau_dq)
         True
         """
 

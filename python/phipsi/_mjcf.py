@@ -22,6 +22,8 @@ TRANSMISSION_JOINT = (0, 1)
 OBJECT_BODY = 1
 #: The number of degrees of freedom of a joint, by its type.
 WIDTHS = {FREE: 6, BALL: 3, SLIDE: 1, HINGE: 1}
+#: MuJoCo's default impedance of constraints, and the corresponding stiffness per inertia, 1/s^2.
+IMPEDANCE, STIFFNESS = 0.95, 1.0 / (0.95 * 0.02) ** 2
 #: A group of geoms that neither MuJoCo nor phipsi draws.
 HIDDEN = 5
 
@@ -259,6 +261,15 @@ def ties_bodies(model: mujoco.MjModel, at: int) -> bool:
     """
     types = field(model, "eq_objtype")
     return types is None or bool(types[at] == OBJECT_BODY)
+
+
+def is_soft(solref: Any, solimp: Any) -> bool:
+    """Whether a constraint is softer than with MuJoCo's default parameters."""
+    if solref[0] > 0.0:
+        stiffness = 1.0 / (max(solimp[1], 1e-6) * solref[0] * max(solref[1], 1e-6)) ** 2
+    else:
+        stiffness = -solref[0] / max(solimp[1], 1e-6) ** 2
+    return bool(solimp[1] < IMPEDANCE or stiffness < 0.99 * STIFFNESS)
 
 
 def stops(model: mujoco.MjModel) -> tuple[Any, Any]:

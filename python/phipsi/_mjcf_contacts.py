@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ._mjcf import Names, has_constraints, is_disabled
+from ._mjcf import Names, has_constraints, is_disabled, is_soft
 
 if TYPE_CHECKING:
     import mujoco
@@ -25,10 +25,10 @@ OF_RIM = 8
 
 
 class Pair(NamedTuple):
-    """Two geoms that can collide, and the parameters of their contact."""
+    """A fixed plane and a geom of a moving body that can collide, and the parameters of their contact."""
 
-    first: int
-    second: int
+    plane: int
+    geom: int
     condim: int
     friction: _Array
     """Sliding in two directions, torsional, rolling in two directions, (5,)."""
@@ -36,14 +36,6 @@ class Pair(NamedTuple):
     solimp: _Array
     margin: float
     """Distance at which the contact begins to act, m."""
-
-    def plane_and_geom(self, model: mujoco.MjModel) -> tuple[int, int] | None:
-        """A fixed plane and a geom of a moving body that has a hull of points and spheres; None for other pairs."""
-        for plane, geom in ((self.first, self.second), (self.second, self.first)):
-            is_fixed = model.body_weldid[model.geom_bodyid[plane]] == 0
-            if model.geom_type[plane] == PLANE and is_fixed and model.geom_type[geom] in HULLS:
-                return plane, geom
-        return None
 
 
 class Point(NamedTuple):
@@ -59,40 +51,88 @@ class Point(NamedTuple):
     friction: float
 
 
-def pairs(model: mujoco.MjModel) -> Iterator[Pair]:
-    """The pairs of geoms that can collide according to MuJoCo's filters: those of <pair>, then all others."""
-    if not has_constraints(model, "CONTACT"):
-        return
-    explicit = set()
-    for at in range(model.npair):
-        ends = int(model.pair_geom1[at]), int(model.pair_geom2[at])
-        explicit.add(frozenset(ends))
-        margin = model.pair_margin[at] - (model.pair_gap[at] if _margin_rule()[1] else 0.0)
-        yield Pair(*ends, int(model.pair_dim[at]), model.pair_friction[at], model.pair_solref[at], model.pair_solimp[at], float(margin))
-    types, affinities, bodies = model.geom_contype, model.geom_conaffinity, model.geom_bodyid
-    rigid = model.body_weldid[bodies]
-    above = model.body_weldid[model.body_parentid[rigid]]
-    filters_parents, excluded = not is_disabled(model, "FILTERPARENT"), set(model.exclude_signature.tolist())
-    geoms = np.flatnonzero(types | affinities)
-    for at, one in enumerate(geoms.tolist()):
-        other = geoms[at + 1 :]
-        may = (types[one] & affinities[other]) | (types[other] & affinities[one])
-        may = (may != 0) & (rigid[other] != rigid[one])
-        if filters_parents:
-            # A body does not collide with its parent, unless that is fixed to the world.
-            of_parent = ((above[other] == rigid[one]) & (rigid[one] != 0)) | ((above[one] == rigid[other]) & (rigid[other] != 0))
-            may &= ~of_parent
-        for found in other[may].tolist():
-            first, second = sorted((int(bodies[one]), int(bodies[found])))
-            if (first << 16) + second not in excluded and frozenset((one, found)) not in explicit:
-                yield _combined(model, one, found)
+class Collisions:
+    """The pairs of geoms that can collide according to MuJoCo's filters: those with fixed planes, which a scene can
+    represent, and whether there are others.
+    """
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self.model = model
+        rigid = model.body_weldid[model.geom_bodyid]
+        self._is_plane = (model.geom_type == PLANE) & (rigid == 0)
+        self._has_hull = np.isin(model.geom_type, HULLS) & (rigid != 0)
+
+    def with_planes(self) -> list[Pair]:
+        """The pairs of a fixed plane and a geom whose convex hull is that of spheres and points."""
+        model, found, explicit = self.model, [], set[frozenset[int]]()
+        for at in self._explicit():
+            ends = int(model.pair_geom1[at]), int(model.pair_geom2[at])
+            explicit.add(frozenset(ends))
+            if (both := self._ordered(*ends)) is not None:
+                margin = model.pair_margin[at] - (model.pair_gap[at] if _margin_rule()[1] else 0.0)
+                given = model.pair_friction[at], model.pair_solref[at], model.pair_solimp[at]
+                found.append(Pair(*both, int(model.pair_dim[at]), *given, float(margin)))
+        for one, others in self._filtered():
+            for other in others[self._are_read(one, others)].tolist():
+                both = self._ordered(one, other)
+                if both is not None and frozenset(both) not in explicit:
+                    found.append(_combined(model, *both))
+        return found
+
+    def first_other(self, planes: bool) -> tuple[int, int] | None:
+        """The first pair; with `planes`, the first one that is not read; None if there is none."""
+        model = self.model
+        for at in self._explicit():
+            ends = int(model.pair_geom1[at]), int(model.pair_geom2[at])
+            if not planes or self._ordered(*ends) is None:
+                return ends
+        for one, others in self._filtered():
+            left = others[~self._are_read(one, others)] if planes else others
+            if len(left):
+                return one, int(left[0])
+        return None
+
+    def _explicit(self) -> range:
+        """Indices of <pair>."""
+        return range(self.model.npair if has_constraints(self.model, "CONTACT") else 0)
+
+    def _are_read(self, one: int, others: Any) -> Any:
+        return (self._is_plane[one] & self._has_hull[others]) | (self._has_hull[one] & self._is_plane[others])
+
+    def _ordered(self, one: int, other: int) -> tuple[int, int] | None:
+        """Plane and geom; None for another pair."""
+        if self._is_plane[one] and self._has_hull[other]:
+            return one, other
+        return (other, one) if self._is_plane[other] and self._has_hull[one] else None
+
+    def _filtered(self) -> Iterator[tuple[int, Any]]:
+        """Each geom, and those after it with which it can collide."""
+        model = self.model
+        if not has_constraints(model, "CONTACT"):
+            return
+        types, affinities, bodies = model.geom_contype, model.geom_conaffinity, model.geom_bodyid
+        rigid = model.body_weldid[bodies]
+        above = model.body_weldid[model.body_parentid[rigid]]
+        filters_parents, excluded = not is_disabled(model, "FILTERPARENT"), model.exclude_signature
+        geoms = np.flatnonzero(types | affinities)
+        for at, one in enumerate(geoms.tolist()):
+            other = geoms[at + 1 :]
+            may = ((types[one] & affinities[other]) | (types[other] & affinities[one])) != 0
+            may &= rigid[other] != rigid[one]
+            if filters_parents:
+                # A body does not collide with its parent, unless that is fixed to the world.
+                of_parent = ((above[other] == rigid[one]) & (rigid[one] != 0)) | ((above[one] == rigid[other]) & (rigid[other] != 0))
+                may &= ~of_parent
+            ends = np.sort(np.stack([np.full(len(other), bodies[one]), bodies[other]]), axis=0)
+            may &= ~np.isin((ends[0] << 16) + ends[1], excluded)
+            yield one, other[may]
 
 
-def _combined(model: mujoco.MjModel, one: int, other: int) -> Pair:
+def _combined(model: mujoco.MjModel, plane: int, geom: int) -> Pair:
     """Parameters of the contact of two geoms: those of the geom with the higher priority; otherwise the larger friction
     and condim, and the mean of solref and solimp.
     """
-    ends = [one, other]
+    ends = [plane, geom]
     adds, less_gap = _margin_rule()
     margin = model.geom_margin[ends].sum() if adds else model.geom_margin[ends].max()
     margin -= model.geom_gap[ends].max() if less_gap else 0.0
@@ -103,7 +143,7 @@ def _combined(model: mujoco.MjModel, one: int, other: int) -> Pair:
     solref = model.geom_solref[by]
     solref = weights @ solref if np.all(solref[:, 0] > 0.0) else solref.min(axis=0)
     friction = model.geom_friction[by].max(axis=0)[[0, 0, 1, 2, 2]]
-    return Pair(one, other, int(model.geom_condim[by].max()), friction, solref, weights @ model.geom_solimp[by], float(margin))
+    return Pair(plane, geom, int(model.geom_condim[by].max()), friction, solref, weights @ model.geom_solimp[by], float(margin))
 
 
 @cache
@@ -127,15 +167,16 @@ def points(model: mujoco.MjModel, names: Names) -> list[Point]:
     """The points of moving geoms that can touch a fixed plane. Points that no joint moves are omitted."""
     import mujoco
 
-    found = [(pair, both) for pair in pairs(model) if (both := pair.plane_and_geom(model)) is not None]
+    found = Collisions(model).with_planes()
     if not found:
         return []
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    planes = {plane: (data.geom_xmat[plane].reshape(3, 3)[:, 2].copy(), data.geom_xpos[plane].copy()) for _, (plane, _) in found}
+    planes = {pair.plane: (data.geom_xmat[pair.plane].reshape(3, 3)[:, 2].copy(), data.geom_xpos[pair.plane].copy()) for pair in found}
     can_move = _Movable(model)
     made = []
-    for pair, (plane, geom) in found:
+    for pair in found:
+        plane, geom = pair.plane, pair.geom
         normal, origin = planes[plane]
         name = model.geom(geom).name or f"geom{geom}"
         if len(planes) > 1:
@@ -216,23 +257,25 @@ class _Movable:
         return False
 
 
-def unsupported(model: mujoco.MjModel, names: Names, planes: bool) -> Iterator[tuple[Any, str, str]]:
-    """Collisions that a scene does not represent: the pair, what was found, and the consequence. planes: those with
-    fixed planes are read.
+def unsupported(model: mujoco.MjModel, names: Names, planes: bool) -> Iterator[tuple[str, str, str]]:
+    """Collisions that a scene does not represent: name in `ignore`, what was found, and the consequence. planes: those
+    with fixed planes are read.
     """
-    for pair in pairs(model):
-        one, other = (f"{model.geom(end).name or f'geom{end}'!r}" for end in (pair.first, pair.second))
-        if not planes or pair.plane_and_geom(model) is None:
-            first, second = (names.bodies[model.geom_bodyid[end]] for end in (pair.first, pair.second))
-            if not planes:
-                consequence = 'bodies can pass through each other, because contacts of a file are read only with contacts="plane"'
-            elif ELLIPSOID in model.geom_type[[pair.first, pair.second]] and PLANE in model.geom_type[[pair.first, pair.second]]:
-                consequence = "contacts of ellipsoids are not read"
-            else:
-                consequence = "they can pass through each other, because only contacts with fixed planes are read"
-            yield pair, f"geoms that collide, of {first!r} and {second!r} for instance", consequence
-            continue
+    collisions = Collisions(model)
+    if (other := collisions.first_other(planes)) is not None:
+        first, second = (names.bodies[model.geom_bodyid[end]] for end in other)
+        consequence = "they can pass through each other, because only contacts with fixed planes are read"
+        if not planes:
+            consequence = 'bodies can pass through each other, because contacts of a file are read only with contacts="plane"'
+        elif {ELLIPSOID, PLANE} <= set(model.geom_type[list(other)].tolist()):
+            consequence = "contacts of ellipsoids are not read"
+        yield "contacts", f"geoms that collide, of {first!r} and {second!r} for instance", consequence
+    for pair in collisions.with_planes() if planes else []:
+        plane, geom = (model.geom(end).name or f"geom{end}" for end in (pair.plane, pair.geom))
+        what = f"the contact of {plane!r} and {geom!r}"
         if pair.condim > 3:
-            yield pair, f"condim {pair.condim} of the contact of {one} and {other}", "torsional and rolling friction are not read"
+            yield "contacts", f"condim {pair.condim} of {what}", "torsional and rolling friction are not read"
         if pair.condim > 1 and pair.friction[0] != pair.friction[1]:
-            yield pair, f"friction {pair.friction[0]:g} and {pair.friction[1]:g} of the contact of {one} and {other}", "the first is used in both directions"
+            yield "contacts", f"friction {pair.friction[0]:g} and {pair.friction[1]:g} of {what}", "the first is used in both directions"
+        if is_soft(pair.solref, pair.solimp):
+            yield "softness", f"{what}, which is softer than MuJoCo's default (solref, solimp)", "contacts are rigid"

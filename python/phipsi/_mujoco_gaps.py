@@ -18,10 +18,11 @@ from ._mjcf import (
     has_constraints,
     has_passive_forces,
     is_disabled,
+    is_soft,
     joint_actuators,
     stops,
 )
-from ._mjcf_contacts import pairs, unsupported
+from ._mjcf_contacts import unsupported
 from .errors import ArgumentError, ModelWarning, SceneError, known_names
 
 if TYPE_CHECKING:
@@ -46,8 +47,6 @@ IGNORED = (
 )
 #: Upper bounds of the density, kg/m^3, and viscosity, Pa s, of air.
 AIR = (1.3, 2e-5)
-#: MuJoCo's default impedance of constraints, and the corresponding stiffness per inertia, 1/s^2.
-IMPEDANCE, STIFFNESS = 0.95, 1.0 / (0.95 * 0.02) ** 2
 
 
 class Gap(NamedTuple):
@@ -96,20 +95,8 @@ def gaps(model: mujoco.MjModel, names: Names, ignore: Collection[str], contacts:
     yield from _of_bodies(model, names)
     yield from _of_joints(model, names)
     yield from _of_actuators(model)
-    if "contacts" not in ignore:
-        for _, found, consequence in unsupported(model, names, contacts):
-            yield Gap("contacts", found, consequence, False)
-    if contacts:
-        yield from _of_contacts(model)
-
-
-def _of_contacts(model: mujoco.MjModel) -> Iterator[Gap]:
-    """Contacts with planes that are softer than rigid ones."""
-    for pair in pairs(model):
-        if pair.plane_and_geom(model) is not None and _is_soft(pair.solref, pair.solimp):
-            one, other = (model.geom(end).name or f"geom{end}" for end in (pair.first, pair.second))
-            what = f"the contact of {one!r} and {other!r}, which is softer than MuJoCo's default (solref, solimp)"
-            yield Gap("softness", what, "contacts are rigid", False)
+    for name, found, consequence in unsupported(model, names, contacts):
+        yield Gap(name, found, consequence, False)
 
 
 def _of_equalities(model: mujoco.MjModel, names: Names) -> Iterator[Gap]:
@@ -127,22 +114,13 @@ def _of_equalities(model: mujoco.MjModel, names: Names) -> Iterator[Gap]:
                     f"{what} with the body {names.bodies[body]!r}, which the program moves (mocap)",
                     "a scene fixes it at its initial pose",
                 )
-        if _is_soft(model.eq_solref[at], model.eq_solimp[at]):
+        if is_soft(model.eq_solref[at], model.eq_solimp[at]):
             yield Gap(
                 "softness",
                 f"{what}, which is softer than MuJoCo's default (solref, solimp)",
                 "connections are rigid",
                 False,
             )
-
-
-def _is_soft(solref: Any, solimp: Any) -> bool:
-    """Whether a constraint is softer than with MuJoCo's default parameters."""
-    if solref[0] > 0.0:
-        stiffness = 1.0 / (max(solimp[1], 1e-6) * solref[0] * max(solref[1], 1e-6)) ** 2
-    else:
-        stiffness = -solref[0] / max(solimp[1], 1e-6) ** 2
-    return bool(solimp[1] < IMPEDANCE or stiffness < 0.99 * STIFFNESS)
 
 
 def _of_tendons(model: mujoco.MjModel) -> Iterator[Gap]:

@@ -144,12 +144,13 @@ impl PyScene {
             let prior_acceleration = has_prior.then_some(prior);
             let measurements = Measurements { torque, noise: &kept.noise, prior_acceleration, acceleration_variance };
             if dense {
-                let batch = scene.estimate_batch(workspace, q, qd, &measurements, &forces[0], covariance)?;
-                write_batch(&batch, out);
+                let batch = scene.estimate_batch(workspace, q, qd, &measurements, &forces[0], covariance);
+                write_batch(&batch.map_err(in_python_words)?, out);
             } else {
                 let room = covariance.then_some(&mut kept.covariance);
                 let (scratch, estimate) = (&mut kept.scratch, &mut kept.estimate);
-                scene.estimate(workspace, scratch, q, qd, &measurements, &forces[0], estimate, room)?;
+                let done = scene.estimate(workspace, scratch, q, qd, &measurements, &forces[0], estimate, room);
+                done.map_err(in_python_words)?;
                 write_sequential(scene, estimate, covariance.then_some(&kept.covariance), out);
             }
             Ok(())
@@ -157,6 +158,16 @@ impl PyScene {
         let gathered = result(py, results.numbers()?, &call.batch, nv, covariance);
         asked_by(py, &call.asking(), gathered)
     }
+}
+
+/// An error of the measurements with the name of the argument in Python.
+fn in_python_words(mut error: Error) -> Error {
+    if let Error::NotFinite { argument, .. } = &mut error
+        && argument == "torque"
+    {
+        "tau".clone_into(argument);
+    }
+    error
 }
 
 impl PyScene {

@@ -177,12 +177,13 @@ impl Scene {
         let (model, nv) = (self.model(), self.nv());
         #[allow(clippy::cast_precision_loss)] // an index of a few thousand at most
         let rates: Vec<f64> = (0..nv).map(|i| 0.5 + (i as f64 * 0.618).fract()).collect();
-        let mut other = self.neutral();
+        let neutral = self.neutral();
+        let mut other = neutral.clone();
         for (body, stage) in model.bodies.iter().zip(&model.system.stages) {
-            body.motion.advance(&self.neutral()[body.q..], &rates[stage.first_row..], &mut other[body.q..]);
+            body.motion.advance(&neutral[body.q..], &rates[stage.first_row..], &mut other[body.q..]);
         }
         let frame = Frame { body: Some(point.body), placement: crate::spatial::RigidShift::identity() };
-        [self.neutral(), other].iter().any(|q| {
+        [neutral, other].iter().any(|q| {
             let motion = frame_motion(model, q, &rates, None, &frame);
             let arm = point.center - motion.placement.rotate_back(&point.normal()) * point.radius;
             let (turning, sliding) = (angular(&motion.velocity), linear(&motion.velocity));

@@ -205,7 +205,7 @@ def _same(found: Any, expected: Any) -> bool:
 
 #: Methods without a state: constructors, names and indices, pictures. `check` and `identify` have separate tests.
 WITHOUT_STATE = frozenset(
-    ["check", "connection_rows", "excitation", "from_mujoco", "from_pinocchio", "from_urdf", "joint", "link", "neutral", "q_index", "show", "v_index", "without_connections", "without_contacts"]
+    ["check", "connection_rows", "excitation", "from_mujoco", "from_pinocchio", "from_urdf", "joint", "link", "neutral", "q_index", "random_configuration", "show", "v_index", "without_connections", "without_contacts"]
 )
 
 MEANING = {

@@ -168,7 +168,7 @@ def test_error_control_meets_its_bound_on_smooth_motion(accuracy: float) -> None
         for kinds, floating_base in ((("revolute", "prismatic"), False), (KINDS, True)):
             scene = random_scene(seed, 5, kinds=kinds, floating_base=floating_base, armature=0.1)
             q, qd, tau = random_states(scene, seed)
-            for law in ({}, {"damping": 1.0, "stiffness": 20.0}, {"pd": phipsi.PD(300.0, 10.0, scene.neutral())}):
+            for law in ({}, {"damping": 1.0, "stiffness": 20.0}, {"pd": phipsi.PD(np.full(scene.nv, 300.0), np.full(scene.nv, 10.0), scene.neutral())}):
                 assert controlled_and_fine(scene, q, 0.5 * qd, accuracy, tau=0.2 * tau, limits="report", **law) < 100.0
 
 

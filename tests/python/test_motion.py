@@ -161,7 +161,7 @@ def test_momentum_that_cannot_be_kept_is_refused(floating: phipsi.Scene, arm: ph
     with pytest.raises(errors.ArgumentError, match="conserve_momentum: found damping 0.1 along free joint"):
         floating.simulate(q, qd, damping=0.1, **keep)
     with pytest.raises(errors.ArgumentError, match="conserve_momentum: found pd.kp 1 along free joint"):
-        floating.simulate(q, qd, pd=phipsi.PD(1.0, 0.0, floating.neutral()), **keep)
+        floating.simulate(q, qd, pd=phipsi.PD(np.ones(floating.nv), np.zeros(floating.nv), floating.neutral()), **keep)
     with pytest.raises(errors.ArgumentError, match="tau: found 0.5 along free joint .* in state 1"):
         floating.simulate(q, qd, tau=push, **keep)
     with pytest.raises(errors.ArgumentError, match="tau: found 0.5 along free joint .* in state 1"):
@@ -301,7 +301,7 @@ def test_adaptive_and_fixed_steps_agree(seed: int, kinds: tuple[str, ...] | None
     scene = random_scene(seed, 4, floating_base=kinds is None, armature=0.2, **options)
     q, qd, tau = random_states(scene, 1)
     joints = {"damping": 0.1, "stiffness": 2.0, "friction": 0.1, "friction_speed": 0.5}
-    law = phipsi.PD(1.0, 0.1, scene.neutral())
+    law = phipsi.PD(np.full(scene.nv, 1.0), np.full(scene.nv, 0.1), scene.neutral())
     path = scene.simulate(q, qd, dt=2e-4, steps=2000, tau=tau, method="rk4", record_every=1000, pd=law, **joints)
     found = scene.ode(tau=tau, pd=law, **joints).solve(q, qd, (0.0, 0.4), rtol=1e-12, atol=1e-12, t_eval=path.t)
     bound = 1e-9 * size(path.qd)

@@ -301,7 +301,7 @@ def errors_of_steps(scene: phipsi.Scene, counts: tuple[int, ...], seed: int, **l
 def test_the_default_has_order_two_where_it_is_implicit_and_four_where_it_is_explicit() -> None:
     for kinds, floating_base in ((("revolute", "prismatic"), False), (KINDS, True)):
         scene = random_scene(3, 6, kinds=kinds, floating_base=floating_base, armature=0.1)
-        law = phipsi.PD(400.0, 200.0, scene.neutral())
+        law = phipsi.PD(np.full(scene.nv, 400.0), np.full(scene.nv, 200.0), scene.neutral())
         for given, counts, method, order in (({"pd": law}, (80, 160, 320), "rosenbrock-2", 2), ({}, (20, 40, 80), "rk4", 4)):
             off, chosen = errors_of_steps(scene, counts, 3, **given)
             assert set(chosen) == {method}

@@ -30,7 +30,7 @@ def acting(scene: phipsi.Scene, batch: tuple[int, ...] = ()) -> dict[str, Any]:
     """All options of simulate and simulator."""
     target = random_states(scene, 9, batch).q
     return {
-        "dt": 1e-3, "pd": phipsi.PD(2.0, 0.1, target), "armature": 0.3, "damping": 0.2, "stiffness": 3.0, "rest": scene.neutral(),
+        "dt": 1e-3, "pd": phipsi.PD(np.full(scene.nv, 2.0), np.full(scene.nv, 0.1), target), "armature": 0.3, "damping": 0.2, "stiffness": 3.0, "rest": scene.neutral(),
         "friction": 0.1, "friction_speed": 0.5,
     }  # fmt: skip
 

@@ -114,7 +114,7 @@ def _check_linear(path: Trajectory) -> None:
         raise of_argument(
             ArgumentError, "covariance", "found a scene with connections or contacts; expected a tree without contacts"
         )
-    if callable(given.get("tau")) or isinstance(given.get("tau"), str):
+    if callable(given.get("tau")) or path.applied is not None:
         raise of_argument(
             ArgumentError,
             "tau",
