@@ -149,3 +149,14 @@ def test_the_name_of_the_project_stays_latin() -> None:
     from phipsi.report.text import symbols
 
     assert symbols("phipsi.compile, H phi Q phi* H*, phi . Phi") == "phipsi.compile, H φ Q φ* H*, φ · Φ"
+
+
+def test_the_command_writes_pictures(tmp_path: Path) -> None:
+    from click.testing import CliRunner
+    from phipsi.report import commands, view_robot  # noqa: F401  # registers the command
+
+    result = CliRunner().invoke(commands.group, ["view", "-o", str(tmp_path / "arm.png")])
+    assert result.exit_code == 0, result.output
+    with Image.open(tmp_path / "arm.png") as opened:
+        assert opened.size == picture.SIZE
+    assert "--host" in CliRunner().invoke(commands.group, ["view", "--help"]).output
