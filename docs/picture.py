@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PICTURES = ROOT / "docs" / "pictures"
 #: Of the pictures of examples.
 SIZE = (480, 360)
-#: Side by side in docs/robots.webp, with the number of its frames.
+#: Panels of docs/robots.webp, with the number of its frames.
 FIRST, FRAMES, PANEL = ("quadruped", "gripper", "humanoid"), 30, (300, 225)
 
 

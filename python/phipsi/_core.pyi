@@ -4432,7 +4432,7 @@ class Scene:
         title : str, optional
             Title of the page and of the panel. None: the name of the robot.
         browser : bool, optional
-            Whether to open a browser. None: yes, except in a notebook, which displays the viewer below the cell.
+            True: open a browser. None: open one, except in a notebook, which displays the viewer below the cell.
 
         Returns
         -------

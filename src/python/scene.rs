@@ -474,7 +474,7 @@ impl PyScene {
     /// title : str, optional
     ///     Title of the page and of the panel. None: the name of the robot.
     /// browser : bool, optional
-    ///     Whether to open a browser. None: yes, except in a notebook, which displays the viewer below the cell.
+    ///     True: open a browser. None: open one, except in a notebook, which displays the viewer below the cell.
     #[doc = section!(Returns)]
     /// viewer : phipsi.view.Viewer or pathlib.Path
     ///     update(q) moves the robot, wait() keeps a script running, close() ends it. With `to`, the path of the page.

@@ -17,6 +17,7 @@ import phipsi.mujoco
 import phipsi.pinocchio
 from method_page import TASKS, public
 from method_page import page as methods
+from test_example_scripts import SHORT
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -105,6 +106,12 @@ def test_the_index_of_methods_is_complete() -> None:
     text = (DOCS / "reference" / "methods.md").read_text(encoding="utf-8")
     assert text == methods(), "python tests/python/method_page.py docs/reference/methods.md"
     assert all(len(line.split("|")[2].split()) >= 2 for line in text.splitlines() if line.startswith("| ["))
+
+
+def test_the_page_of_examples_shows_all_of_them() -> None:
+    page = (DOCS / "examples.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"pictures/(\w+)\.webp", page)) == set(SHORT) == {path.stem for path in (DOCS / "pictures").iterdir()}
+    assert set(re.findall(r"examples/(\w+)\.py", page)) >= {path.stem for path in (ROOT / "examples").glob("*.py")}
 
 
 def test_readme_has_the_figures_of_the_generated_pages() -> None:

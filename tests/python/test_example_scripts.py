@@ -39,11 +39,3 @@ def test_short_examples_check_their_results(name: str) -> None:
     tree = ast.parse((ROOT / "examples" / f"{name}.py").read_text(encoding="utf-8"))
     assert any(isinstance(node, ast.Assert) for node in tree.body)
     assert ast.get_docstring(tree) and len((ROOT / "examples" / f"{name}.py").read_text(encoding="utf-8").splitlines()) <= 75
-
-
-def test_the_page_of_examples_shows_all_of_them() -> None:
-    page = (ROOT / "docs" / "examples.md").read_text(encoding="utf-8")
-    assert set(re.findall(r"pictures/(\w+)\.webp", page)) == set(SHORT)
-    assert {path.stem for path in (ROOT / "docs" / "pictures").iterdir()} == set(SHORT)
-    scripts = {path.stem for path in (ROOT / "examples").glob("*.py")}
-    assert set(re.findall(r"examples/(\w+)\.py", page)) >= scripts

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import sys
 import types
 from pathlib import Path
@@ -56,10 +57,23 @@ def test_shapes_of_a_xacro_are_written_back(xacro_file: Path) -> None:
     assert phipsi.load(xacro_file).to_urdf().count('<sphere radius="2.0"') == 2
 
 
+def with_shape(kind: str) -> str:
+    shape = f'<{kind}><geometry><sphere radius="$(arg mass)"/></geometry></{kind}>'
+    return XACRO.replace('<xacro:arg name="mass" default="2.0"/>', "").replace("</inertial>", f"</inertial>{shape}")
+
+
 def test_shapes_of_a_xacro_with_arguments(xacro_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Shapes are those of the arguments that it was read with, or omitted if these are unknown."""
-    shape = '<visual><geometry><sphere radius="$(arg mass)"/></geometry></visual>'
-    xacro_file.write_text(XACRO.replace('<xacro:arg name="mass" default="2.0"/>', "").replace("</inertial>", f"</inertial>{shape}"))
+    """Shapes are those of the arguments that it was read with, also in another process."""
+    xacro_file.write_text(with_shape("visual"))
+    scenes = {mass: phipsi.load(xacro_file, xacro_arguments={"mass": mass}) for mass in ("3", "4")}
+    monkeypatch.setattr("phipsi._xacro._arguments", {})
+    for mass, scene in scenes.items():
+        assert pickle.loads(pickle.dumps(scene)).to_urdf().count(f'<sphere radius="{mass}"') == 2
+
+
+def test_collision_shapes_of_a_xacro_with_arguments(xacro_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without visual shapes the file is expanded again, or its shapes are omitted if the arguments are unknown."""
+    xacro_file.write_text(with_shape("collision"))
     scene = phipsi.load(xacro_file, xacro_arguments={"mass": "3"})
     assert scene.to_urdf().count('<sphere radius="3"') == 2
     other = phipsi.load(xacro_file, xacro_arguments={"mass": "4"})

@@ -61,7 +61,7 @@ def test_the_page_of_a_simulation(case: str, tmp_path: Path) -> None:
     found = Run(False, name, path, tree_of(scene), np.ones_like(path.qd))
     (page,) = pipeline.write(RUN, pipeline.collect(RUN, found, Silent()), tmp_path)
     text = page.read_bytes().decode()
-    curves, picture = contents(text)
+    curves, _, picture = contents(text)  # of joints, of energies, in space
     # Plotly interprets names as HTML; ours contain none.
     assert html.escape(interactive.shortened(name), quote=False) in {trace["name"] for trace in curves["traces"]}
     assert picture["traces"]
@@ -83,7 +83,7 @@ def test_the_command(case: str, tmp_path: Path) -> None:
         return  # refused by the reader or not, by its own rules
     result = CliRunner().invoke(commands.group, ["simulate", str(robot), "-o", str(tmp_path / "out"), "--time", "0.01"])
     assert result.exit_code == 0, result.output
-    assert len(contents((tmp_path / "out" / "index.html").read_text(encoding="utf-8"))) == 2
+    assert len(contents((tmp_path / "out" / "index.html").read_text(encoding="utf-8"))) == 3
 
 
 @pytest.mark.parametrize("case", [*NAMES, *CONTROLS])

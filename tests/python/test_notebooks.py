@@ -38,3 +38,24 @@ def test_notebooks_are_kept_without_outputs(path: Path) -> None:
     for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
         if cell["cell_type"] == "code":
             assert cell["outputs"] == [] and cell["execution_count"] is None, "".join(cell["source"])
+
+
+SHOWN = """
+import sys, nbformat
+from nbclient import NotebookClient
+
+notebook = nbformat.read(sys.argv[1], as_version=4)
+NotebookClient(notebook, timeout=300, kernel_name="python3").execute()
+for cell in notebook.cells:
+    if cell.cell_type == "code":
+        print([output.get("data", {}).get("text/html", "no page")[:14] for output in cell.outputs])
+"""
+
+
+def test_a_notebook_displays_robots_and_nothing_else(tmp_path: Path) -> None:
+    if absent := [name for name in NEEDED if importlib.util.find_spec(name) is None]:
+        pytest.skip(f"notebooks need {', '.join(absent)}")
+    command = [sys.executable, "-c", SHOWN, str(NOTEBOOKS[-1])]
+    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False)
+    assert run.returncode == 0, run.stderr[-4000:]
+    assert run.stdout.splitlines() == ["['<iframe title=']"] * 3

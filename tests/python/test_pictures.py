@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 
@@ -149,3 +150,24 @@ def test_the_name_of_the_project_stays_latin() -> None:
     from phipsi.report.text import symbols
 
     assert symbols("phipsi.compile, H phi Q phi* H*, phi . Phi") == "phipsi.compile, H φ Q φ* H*, φ · Φ"
+
+
+def test_the_command_writes_pictures(tmp_path: Path) -> None:
+    from click.testing import CliRunner
+    from phipsi.report import commands, view_robot  # noqa: F401  # registers the command
+
+    result = CliRunner().invoke(commands.group, ["view", "-o", str(tmp_path / "arm.png")])
+    assert result.exit_code == 0, result.output
+    with Image.open(tmp_path / "arm.png") as opened:
+        assert opened.size == picture.SIZE
+    assert "--host" in CliRunner().invoke(commands.group, ["view", "--help"]).output
+
+
+def test_the_camera_of_a_narrow_page_is_farther_away(tmp_path: Path) -> None:
+    page = cube().show(to=tmp_path / "x.html").read_text(encoding="utf-8")
+    (cameras,) = re.findall(r"const found = (\[\[.*?\]\])\.filter", page)
+    aspects, positions = zip(*json.loads(cameras), strict=True)
+    away = np.linalg.norm(np.array(positions), axis=1)
+    assert list(aspects) == sorted(aspects) and np.all(np.diff(away) <= 1e-9) and away[0] > 2.0 * away[-1]
+    # Before the scripts of the viewer, which read the position.
+    assert page.index("initialCameraPosition") < page.index("__VISER_EMBED_DATA__")

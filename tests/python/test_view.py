@@ -431,3 +431,16 @@ def test_the_report_opens_with_the_robot(browser: Any, tmp_path: Path) -> None:
         opened.resize(400)
         assert opened.wide() <= 400
         opened.check(file)
+
+
+def test_colors_of_a_geom_come_before_those_of_its_material(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    geoms = '<geom type="sphere" size="1" material="red" rgba="0 0 1 1"/><geom type="sphere" size="1" material="red"/><geom type="sphere" size="1"/>'
+    file = tmp_path / "ball.xml"
+    file.write_text(
+        '<mujoco><option><flag contact="disable"/></option><asset><material name="red" rgba="1 0 0 1"/></asset><worldbody>'
+        f'<body><freejoint/>{geoms}</body></worldbody></mujoco>',
+        encoding="utf-8",
+    )
+    colors = [tuple(shape.mesh.visual.material.baseColorFactor[:3]) for shape in shapes_of(phipsi.load(file), None)]
+    assert colors == [(0, 0, 255), (255, 0, 0), (128, 128, 128)]

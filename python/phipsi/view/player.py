@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import importlib
 import io
 import json
 import os
@@ -125,7 +126,7 @@ class _Stage:
         self.extent = extent(scene, shapes, rows)
         low, middle = self.extent.low, self.extent.middle
         # Suppresses the printed address, which is returned to the caller.
-        with contextlib.redirect_stdout(io.StringIO()):
+        with _quiet():
             self.server = viser.ViserServer(host=host, port=port, verbose=False)
         self.server.gui.configure_theme(show_logo=False, show_share_button=False)
         drawn = dict.fromkeys(shape.link for shape in shapes)
@@ -194,7 +195,7 @@ class _Stage:
         return page.replace("<head>", f"<head>{script}", 1)
 
     def close(self) -> None:
-        with contextlib.redirect_stdout(io.StringIO()):
+        with _quiet():
             self.server.stop()
 
 
@@ -479,6 +480,14 @@ def show(
         with contextlib.suppress(webbrowser.Error):
             webbrowser.open(viewer.url)
     return viewer
+
+
+def _quiet() -> contextlib.AbstractContextManager[Any]:
+    """Suppresses messages of viser, which a notebook would show as output of a cell."""
+    if _in_notebook():
+        found: contextlib.AbstractContextManager[Any] = importlib.import_module("IPython.utils.capture").capture_output()
+        return found
+    return contextlib.redirect_stdout(io.StringIO())
 
 
 def _in_notebook() -> bool:
