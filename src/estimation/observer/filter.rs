@@ -3,7 +3,7 @@
 use super::link_motion::LinkMotion;
 use super::manifold::step_jacobians;
 use super::robot::{Belief, Record};
-use super::rotate::{Readings, RotationScratch, measure, project, triangularize};
+use super::rotate::{Readings, RotationScratch, combine, measure, project, triangularize};
 use super::sensor_rows::SensorRows;
 use super::settings::{LANES, Plan};
 use crate::error::Error;
@@ -359,13 +359,7 @@ impl Scratch {
                 *to = decay * from;
             }
             for block in (0..nv).step_by(LANES) {
-                let mut sums = [0.0; LANES];
-                for (i, &entry) in from[first..plan.width].iter().enumerate() {
-                    let by = &record.flow[(first + i) * stride + block..][..LANES];
-                    for (sum, x) in sums.iter_mut().zip(by) {
-                        *sum = entry.mul_add(*x, *sum);
-                    }
-                }
+                let sums = combine(&from[first..plan.width], (&record.flow[first * stride..], stride, block));
                 for (i, sum) in (block..nv).zip(sums) {
                     to[qd + i] = h.mul_add(sum, from[qd + i]);
                     to[q + i] = h.mul_add(to[qd + i], from[q + i]);
@@ -482,17 +476,22 @@ impl WithSimd for Covariance<'_> {
 fn covariance(plan: &Plan, record: &Record, out: &mut [f64]) {
     let (n, [_, wide]) = (plan.states, plan.strides());
     let place = |i: usize| if i < plan.rest { i + 2 * plan.nv } else { i - plan.rest };
-    for i in 0..n {
-        for block in (0..=i).step_by(LANES) {
-            let mut sums = [0.0; LANES];
+    for rows in (0..n).step_by(LANES) {
+        for columns in (0..=rows).step_by(LANES) {
+            let mut sums = [[0.0; LANES]; LANES];
             for own in record.root.chunks_exact(wide) {
-                for (sum, x) in sums.iter_mut().zip(&own[block..block + LANES]) {
-                    *sum = own[i].mul_add(*x, *sum);
+                let (left, right) = (&own[rows..rows + LANES], &own[columns..columns + LANES]);
+                for (x, sums) in left.iter().zip(&mut sums) {
+                    for (y, sum) in right.iter().zip(sums) {
+                        *sum = x.mul_add(*y, *sum);
+                    }
                 }
             }
-            for (j, sum) in (block..=i).zip(sums) {
-                out[place(i) * n + place(j)] = sum;
-                out[place(j) * n + place(i)] = sum;
+            for (i, sums) in (rows..n).zip(sums) {
+                for (j, sum) in (columns..=i).zip(sums) {
+                    out[place(i) * n + place(j)] = sum;
+                    out[place(j) * n + place(i)] = sum;
+                }
             }
         }
     }

@@ -544,7 +544,7 @@ fn settings_are_refused_by_name() {
 fn timing() {
     let text = std::fs::read_to_string("target/peers/models/ur5.urdf").unwrap();
     let scene = SceneBuilder::from_urdf(&text).unwrap().build().unwrap();
-    let tool = scene.links().last().unwrap().name.clone();
+    let tool = scene.joints().last().unwrap().child.clone();
     let with_bias = |name: &str, quantity, noise, bias: f64| Sensor {
         bias,
         bias_walk: 0.05 * bias,
