@@ -56,7 +56,7 @@ fn steps(c: &mut Criterion) {
 /// 24 components of the error and 12 readings. The history stores a step for the smoother.
 fn observer_steps(c: &mut Criterion) {
     let scene = common::model("ur5").unwrap_or_else(|| phipsi::scenes::chain(6).expect("a chain"));
-    let tool = scene.links().last().expect("a link").name.clone();
+    let tool = scene.joints().last().expect("a joint").child.clone();
     let with_bias = |name: &str, quantity, noise, bias: f64| Sensor {
         bias,
         bias_walk: 0.05 * bias,

@@ -3,7 +3,7 @@
 use super::link_motion::LinkMotion;
 use super::manifold::step_jacobians;
 use super::robot::{Belief, Record};
-use super::rotate::{Readings, RotationScratch, measure, project, triangularize};
+use super::rotate::{Readings, RotationScratch, combine, measure, project, triangularize};
 use super::sensor_rows::SensorRows;
 use super::settings::{LANES, Plan};
 use crate::error::Error;
@@ -12,6 +12,7 @@ use crate::scene::Scene;
 use crate::spatial::SpatialVector;
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
+use pulp::{Simd, WithSimd};
 
 /// Scratch of a step; one per thread.
 #[derive(Debug)]
@@ -169,7 +170,7 @@ impl Scratch {
         record.nis = 0.0;
         record.by_sensor.fill((0.0, 0));
         if record.count > 0 {
-            pulp::Arch::new().dispatch(|| self.process(plan, record));
+            pulp::Arch::new().dispatch(Process { scratch: self, plan, record });
         }
         let change = &self.change;
         scene.integrate(&prior.q, &change[plan.q()..plan.qd()], &mut record.q)?;
@@ -271,7 +272,11 @@ impl Scratch {
             let mut error = self.errors[first + i];
             for j in 0..i {
                 let other = &done[j * size..=j * size + j];
-                let entry = own[..j].iter().zip(other).fold(own[j], |sum, (x, y)| (-x).mul_add(*y, sum)) / other[j];
+                let mut sum = own[j];
+                for (x, y) in own[..j].iter().zip(other) {
+                    sum = (-x).mul_add(*y, sum);
+                }
+                let entry = sum / other[j];
                 own[j] = entry;
                 own[i] = (-entry).mul_add(entry, own[i]);
                 error = (-entry).mul_add(white[j], error);
@@ -300,7 +305,7 @@ impl Scratch {
         self.torque = torque;
         done?;
         for (next, (qd, qdd)) in next.qd.iter_mut().zip(record.qd.iter().zip(&self.qdd)) {
-            *next = h.mul_add(*qdd, *qd);
+            *next = qd + h * qdd;
         }
         for (step, qd) in self.step.iter_mut().zip(&next.qd) {
             *step = h * qd;
@@ -310,7 +315,7 @@ impl Scratch {
             *next = decay * rest;
         }
         self.jacobians_of_step(plan);
-        pulp::Arch::new().dispatch(|| self.predict_root(plan, record, &mut next.root));
+        pulp::Arch::new().dispatch(PredictRoot { scratch: self, plan, record, root: Some(&mut next.root) });
         scene.check_result("estimate", &next.qd)?;
         scene.check_result("covariance of the estimate", &next.root)?;
         record.next_q.copy_from_slice(&next.q);
@@ -326,10 +331,12 @@ impl Scratch {
         }
     }
 
+    /// The root of the prediction, in the rows and columns of `root`.
     #[inline(always)]
-    fn predict_root(&mut self, plan: &Plan, record: &Record, root: &mut [f64]) {
+    fn predict_root(&mut self, plan: &Plan, record: &Record, root: Option<&mut [f64]>) {
         let [column, _] = plan.strides();
         self.carry(plan, record);
+        let Some(root) = root else { return };
         let sizes = (plan.states, plan.rest, plan.width);
         triangularize(&mut self.predicted, column, sizes, &plan.walks, &mut self.axis);
         for (j, (to, from)) in root.chunks_exact_mut(column).zip(self.predicted.chunks_exact(column)).enumerate() {
@@ -352,13 +359,7 @@ impl Scratch {
                 *to = decay * from;
             }
             for block in (0..nv).step_by(LANES) {
-                let mut sums = [0.0; LANES];
-                for (i, &entry) in from[first..plan.width].iter().enumerate() {
-                    let by = &record.flow[(first + i) * stride + block..][..LANES];
-                    for (sum, x) in sums.iter_mut().zip(by) {
-                        *sum = entry.mul_add(*x, *sum);
-                    }
-                }
+                let sums = combine(&from[first..plan.width], (&record.flow[first * stride..], stride, block));
                 for (i, sum) in (block..nv).zip(sums) {
                     to[qd + i] = h.mul_add(sum, from[qd + i]);
                     to[q + i] = h.mul_add(to[qd + i], from[q + i]);
@@ -388,7 +389,7 @@ impl Scratch {
             *step = plan.dt * qd;
         }
         self.jacobians_of_step(plan);
-        self.carry(plan, record);
+        pulp::Arch::new().dispatch(PredictRoot { scratch: self, plan, record, root: None });
         &self.predicted
     }
 }
@@ -414,28 +415,83 @@ pub(super) fn multiply(matrix: &[f64; 36], size: usize, x: &mut [f64]) {
     let mut product = [0.0; 6];
     for (i, sum) in product[..size].iter_mut().enumerate() {
         for (j, entry) in x.iter().enumerate() {
-            *sum = matrix[6 * i + j].mul_add(*entry, *sum);
+            *sum += matrix[6 * i + j] * entry;
         }
     }
     x.copy_from_slice(&product[..size]);
 }
 
+// Work for the instruction set of the processor. Closures are not inlined into it, so that their products and sums
+// would be calls of a library.
+
+struct Process<'a> {
+    scratch: &'a mut Scratch,
+    plan: &'a Plan,
+    record: &'a mut Record,
+}
+
+impl WithSimd for Process<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        self.scratch.process(self.plan, self.record);
+    }
+}
+
+struct PredictRoot<'a> {
+    scratch: &'a mut Scratch,
+    plan: &'a Plan,
+    record: &'a Record,
+    /// None: only the matrix that is rotated, for the smoother.
+    root: Option<&'a mut [f64]>,
+}
+
+impl WithSimd for PredictRoot<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        self.scratch.predict_root(self.plan, self.record, self.root);
+    }
+}
+
 /// Covariance of the error of a record, row by row in the order (q, qd, wrenches, biases).
+pub(super) struct Covariance<'a> {
+    pub plan: &'a Plan,
+    pub record: &'a Record,
+    pub out: &'a mut [f64],
+}
+
+impl WithSimd for Covariance<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        covariance(self.plan, self.record, self.out);
+    }
+}
+
 #[inline(always)]
-pub(super) fn covariance(plan: &Plan, record: &Record, out: &mut [f64]) {
+fn covariance(plan: &Plan, record: &Record, out: &mut [f64]) {
     let (n, [_, wide]) = (plan.states, plan.strides());
     let place = |i: usize| if i < plan.rest { i + 2 * plan.nv } else { i - plan.rest };
-    for i in 0..n {
-        for block in (0..=i).step_by(LANES) {
-            let mut sums = [0.0; LANES];
+    for rows in (0..n).step_by(LANES) {
+        for columns in (0..=rows).step_by(LANES) {
+            let mut sums = [[0.0; LANES]; LANES];
             for own in record.root.chunks_exact(wide) {
-                for (sum, x) in sums.iter_mut().zip(&own[block..block + LANES]) {
-                    *sum = own[i].mul_add(*x, *sum);
+                let (left, right) = (&own[rows..rows + LANES], &own[columns..columns + LANES]);
+                for (x, sums) in left.iter().zip(&mut sums) {
+                    for (y, sum) in right.iter().zip(sums) {
+                        *sum = x.mul_add(*y, *sum);
+                    }
                 }
             }
-            for (j, sum) in (block..=i).zip(sums) {
-                out[place(i) * n + place(j)] = sum;
-                out[place(j) * n + place(i)] = sum;
+            for (i, sums) in (rows..n).zip(sums) {
+                for (j, sum) in (columns..=i).zip(sums) {
+                    out[place(i) * n + place(j)] = sum;
+                    out[place(j) * n + place(i)] = sum;
+                }
             }
         }
     }

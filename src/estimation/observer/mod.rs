@@ -367,7 +367,7 @@ impl<'a> MotionEstimate<'a> {
     pub fn covariance(&self, out: &mut [f64]) -> Result<(), Error> {
         let n = self.plan.states;
         check_length("out", out.len(), n * n)?;
-        pulp::Arch::new().dispatch(|| filter::covariance(self.plan, self.record, out));
+        pulp::Arch::new().dispatch(filter::Covariance { plan: self.plan, record: self.record, out });
         Ok(())
     }
 }

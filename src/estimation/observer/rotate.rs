@@ -37,19 +37,39 @@ impl RotationScratch {
     }
 }
 
+/// The sum of columns of a matrix times the entries of a vector, in the block of rows that begins at `block`.
+#[inline(always)]
+pub(super) fn combine(entries: &[f64], (columns, stride, block): (&[f64], usize, usize)) -> [f64; LANES] {
+    // Independent sums, because each addition waits for the one before it.
+    let mut sums = [[0.0; LANES]; 4];
+    let mut many = entries.as_chunks::<4>().0.iter().zip(columns.chunks_exact(4 * stride));
+    for (entries, columns) in many.by_ref() {
+        for (m, sums) in sums.iter_mut().enumerate() {
+            let column = &columns[m * stride + block..][..LANES];
+            for (sum, x) in sums.iter_mut().zip(column) {
+                *sum = entries[m].mul_add(*x, *sum);
+            }
+        }
+    }
+    let [mut sum, b, c, d] = sums;
+    for i in 0..LANES {
+        sum[i] = (sum[i] + b[i]) + (c[i] + d[i]);
+    }
+    let done = entries.len() / 4 * 4;
+    for (entry, column) in entries[done..].iter().zip(columns[done * stride..].chunks_exact(stride)) {
+        for (sum, x) in sum.iter_mut().zip(&column[block..block + LANES]) {
+            *sum = entry.mul_add(*x, *sum);
+        }
+    }
+    sum
+}
+
 /// H L into `rows`, for H by columns and a lower triangular L.
 #[inline(always)]
 pub(super) fn project(h: &[f64], stride: usize, (root, column, width): (&[f64], usize, usize), rows: &mut [f64]) {
     for (j, (row, own)) in rows.chunks_exact_mut(stride).zip(root.chunks_exact(column)).enumerate() {
         for (block, to) in row.as_chunks_mut::<LANES>().0.iter_mut().enumerate() {
-            let mut sums = [0.0; LANES];
-            for (i, &entry) in own[j..width].iter().enumerate() {
-                let from = &h[(j + i) * stride + block * LANES..][..LANES];
-                for (sum, &x) in sums.iter_mut().zip(from) {
-                    *sum = entry.mul_add(x, *sum);
-                }
-            }
-            *to = sums;
+            *to = combine(&own[j..width], (&h[j * stride..], stride, block * LANES));
         }
     }
 }
