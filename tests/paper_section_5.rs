@@ -9,6 +9,7 @@ use crate::common::sampling::{self, DRAWS, Draws, drawn, has_covariance, has_not
 use crate::common::tolerance;
 use nalgebra::Vector6;
 use phipsi::dynamics;
+use phipsi::filter::covariance;
 use phipsi::operators::{Kind, Operator};
 use phipsi::spatial::Symmetric6;
 use std::sync::OnceLock;
