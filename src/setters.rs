@@ -3,7 +3,9 @@
 /// `setters!(Type { with_field: field: Value })` implements consuming setters; `field => Value` accepts every type that
 /// converts to `Value`.
 macro_rules! setters {
-    ($type:ident $(<$lifetime:lifetime>)? { $($setter:ident: $field:ident $(: $value:ty)? $(=> $into:ty)?),+ $(,)? }) => {
+    ($type:ident $(<$lifetime:lifetime>)? {
+        $($setter:ident: $field:ident $(: $value:ty)? $(=> $into:ty)?),+ $(,)?
+    }) => {
         impl $(<$lifetime>)? $type $(<$lifetime>)? {
             $(
                 $crate::setters::setter!($setter: $field $(: $value)? $(=> $into)?);
