@@ -16,7 +16,7 @@ macro_rules! setters {
 
 macro_rules! setter {
     ($setter:ident: $field:ident: $value:ty) => {
-        #[doc = concat!("The same with another [`", stringify!($field), "`](field@Self::", stringify!($field), ").")]
+        #[doc = concat!("The same with another [`", stringify!($field), "`](Self::", stringify!($field), ").")]
         #[must_use]
         pub fn $setter(mut self, $field: $value) -> Self {
             self.$field = $field;
@@ -24,7 +24,7 @@ macro_rules! setter {
         }
     };
     ($setter:ident: $field:ident => $value:ty) => {
-        #[doc = concat!("The same with another [`", stringify!($field), "`](field@Self::", stringify!($field), ").")]
+        #[doc = concat!("The same with another [`", stringify!($field), "`](Self::", stringify!($field), ").")]
         #[must_use]
         pub fn $setter(mut self, $field: impl Into<$value>) -> Self {
             self.$field = $field.into();

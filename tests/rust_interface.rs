@@ -45,8 +45,6 @@ fn faults_are_errors_and_become_errors_of_the_crate() {
     assert!(error.to_string().starts_with("state 1: q: found NaN at index 1"), "{error}");
     let error = of_step().unwrap_err();
     assert!(error.to_string().contains("Method::Auto") && error.to_string().contains("in state 0"), "{error}");
-    let fault = Error::Interrupted;
-    assert_eq!(Error::from(fault.clone()), fault);
 }
 
 #[test]
