@@ -22,6 +22,7 @@
 #   make closed-loops   forward dynamics with connections, compared with Pinocchio: writes docs/measured/closed-loops-times.md (a minute)
 #   make compiled  after make peers: compiled robots, compared with the methods of the scene and with CasADi's code: writes docs/measured/compiled-times.md (some minutes)
 #   make embedded  after make test: flash, stack and instructions of robots on a Cortex-M4F, by gcc-arm-none-eabi and QEMU: writes docs/measured/embedded-size.md (half a minute)
+#   make rust-crate   build time and size of a Rust program that uses the crate, by features: writes docs/measured/rust-crate.md (ten minutes)
 #   make picture   the picture of README.md, docs/robot.webp, in Chromium (half a minute)
 #   make roofline  after make peers for its robots: operations, time and fraction of the machine's peak: writes docs/measured/roofline.md
 #   make bench     after make peers: all benchmarks (20 minutes): writes docs/measured/benchmarks.md and the results in README.md (BENCH=--quick: a test)
@@ -48,7 +49,7 @@ PEERS := .venv-peers/bin/python
 WHEELS := target/wheels
 SOURCES := Cargo.toml Cargo.lock pyproject.toml PACKAGE.md README.md $(shell find src python assets -type f -not -name '*.pyc')
 
-.PHONY: dev report test test-rust test-python test-jax docs check manylinux sdist oldest bench numerics motion robustness instructions auto-states derivatives leaving-out inverse-kinematics closed-loops compiled embedded roofline picture peers peers-there peers-phipsi stub clean
+.PHONY: dev report test test-rust test-python test-jax docs check manylinux sdist oldest bench numerics motion robustness instructions auto-states derivatives leaving-out inverse-kinematics closed-loops compiled embedded roofline rust-crate picture peers peers-there peers-phipsi stub clean
 
 # A separate environment; the packages of the system are not changed.
 $(BIN)/python:
@@ -89,7 +90,7 @@ $(DEV)/bin/python:
 	echo "$(CURDIR)/python" > "$$($(DEV)/bin/python -c 'import site; print(site.getsitepackages()[0])')/phipsi-dev.pth"
 
 dev: | $(DEV)/bin/python
-	cargo build --locked --features python
+	cargo rustc --locked --lib --crate-type cdylib --features python
 	cp target/debug/libphipsi.so python/phipsi/_core.abi3.so || cp target/debug/libphipsi.dylib python/phipsi/_core.abi3.so
 	$(DEV)/bin/python -c 'import phipsi; print("phipsi", phipsi.__version__, "from", phipsi.__file__)'
 
@@ -209,6 +210,9 @@ compiled: peers-phipsi
 
 embedded: $(VENV)/test
 	$(BIN)/python benches/embedded.py --markdown docs/measured/embedded-size.md
+
+rust-crate:
+	$(PYTHON) benches/rust_crate.py --markdown docs/measured/rust-crate.md
 
 leaving-out:
 	$(PYTHON) benches/leaving_out.py

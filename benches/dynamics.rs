@@ -1,4 +1,4 @@
-//! One state per call, on the chains and robots of the peers: `cargo bench --features urdf --bench dynamics`.
+//! One state per call, on the chains and robots of the peers: `cargo bench --features urdf,lanes --bench dynamics`.
 //!
 //! 256 random states are drawn outside the timed part and used in turn; none is zero. Form `auto` is also timed in
 //! static equilibrium, passive at rest and passive in motion. The robots need the files of `make peers`.

@@ -13,8 +13,8 @@
 //! let states = [Arguments { q: &q, qd: &qd, u: &tau, ..Arguments::default() }; 100];
 //! let mut qdd = [f64::NAN; 700];
 //! let mut evaluator = scene.evaluator(); // scratch memory: one evaluator per thread
-//! let done = scene.evaluate(&mut evaluator, Algorithm::ForwardDynamics(Form::Auto), &states, &mut qdd);
-//! done.map_err(|fault| fault.error)?; // `fault.state` is the index of the failed state
+//! // `Fault::state` is the index of a failed state.
+//! scene.evaluate(&mut evaluator, Algorithm::ForwardDynamics(Form::Auto), &states, &mut qdd)?;
 //! assert_eq!(qdd[..7], qdd[693..]);
 //! # Ok(())
 //! # }

@@ -232,6 +232,7 @@ impl Error {
 
     /// The same error; a memory error is attributed to the argument `name`, which determines the size.
     #[must_use]
+    #[cfg_attr(not(feature = "dense"), allow(dead_code))]
     pub(crate) fn asked_by(mut self, name: &str) -> Self {
         if let Self::Memory { argument, .. } = &mut self {
             name.clone_into(argument);

@@ -3,7 +3,9 @@
 /// `setters!(Type { with_field: field: Value })` implements consuming setters; `field => Value` accepts every type that
 /// converts to `Value`.
 macro_rules! setters {
-    ($type:ident $(<$lifetime:lifetime>)? { $($setter:ident: $field:ident $(: $value:ty)? $(=> $into:ty)?),+ $(,)? }) => {
+    ($type:ident $(<$lifetime:lifetime>)? {
+        $($setter:ident: $field:ident $(: $value:ty)? $(=> $into:ty)?),+ $(,)?
+    }) => {
         impl $(<$lifetime>)? $type $(<$lifetime>)? {
             $(
                 $crate::setters::setter!($setter: $field $(: $value)? $(=> $into)?);
@@ -14,7 +16,7 @@ macro_rules! setters {
 
 macro_rules! setter {
     ($setter:ident: $field:ident: $value:ty) => {
-        #[doc = concat!("The same with another [`", stringify!($field), "`](field@Self::", stringify!($field), ").")]
+        #[doc = concat!("The same with another [`", stringify!($field), "`](Self::", stringify!($field), ").")]
         #[must_use]
         pub fn $setter(mut self, $field: $value) -> Self {
             self.$field = $field;
@@ -22,7 +24,7 @@ macro_rules! setter {
         }
     };
     ($setter:ident: $field:ident => $value:ty) => {
-        #[doc = concat!("The same with another [`", stringify!($field), "`](field@Self::", stringify!($field), ").")]
+        #[doc = concat!("The same with another [`", stringify!($field), "`](Self::", stringify!($field), ").")]
         #[must_use]
         pub fn $setter(mut self, $field: impl Into<$value>) -> Self {
             self.$field = $field.into();

@@ -1,6 +1,7 @@
 //! States in lanes of f32: the results of plain f64 up to the precision of f32; twice the number of lanes; and f64 if
 //! the error estimate exceeds the tolerance.
 
+#[cfg(feature = "lanes")]
 use crate::common::Random;
 use crate::common::lanes::{
     ALGORITHMS, State, aligned, arguments, arms, evaluate, forces, on_a_large_stack, plainly, states, trees,

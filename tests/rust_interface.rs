@@ -45,8 +45,6 @@ fn faults_are_errors_and_become_errors_of_the_crate() {
     assert!(error.to_string().starts_with("state 1: q: found NaN at index 1"), "{error}");
     let error = of_step().unwrap_err();
     assert!(error.to_string().contains("Method::Auto") && error.to_string().contains("in state 0"), "{error}");
-    let fault = Error::Interrupted;
-    assert_eq!(Error::from(fault.clone()), fault);
 }
 
 #[test]
@@ -116,4 +114,19 @@ fn setters_set_their_own_field() {
     let scene = scenes::chain(2).unwrap();
     let settings = Settings::new(&scene, 1e-3).with_tolerance(1e-6).with_compliance([1.0]);
     assert_eq!((settings.dt, settings.tolerance, settings.compliance), (1e-3, Some(1e-6), vec![1.0]));
+}
+
+#[test]
+fn views_of_derivatives_are_the_matrices_of_the_slice() {
+    let scene = scenes::chain(4).unwrap();
+    let out: Vec<f64> = (0..48_u8).map(f64::from).collect();
+    let views = scene.derivative_matrices(&out).unwrap();
+    for (k, view) in [views.by_q, views.by_qd, views.by_u].into_iter().enumerate() {
+        for i in 0..4 {
+            for j in 0..4 {
+                assert_eq!(view[(i, j)], out[16 * k + 4 * i + j]);
+            }
+        }
+    }
+    assert!(scene.derivative_matrices(&out[1..]).unwrap_err().to_string().starts_with("out: found shape (47,)"));
 }

@@ -8,6 +8,7 @@ mod derivatives;
 mod estimation;
 mod kernels;
 mod links;
+mod matrices;
 pub mod methods;
 pub mod operational;
 mod products;
@@ -16,5 +17,6 @@ mod uncertainty;
 
 pub use constraints::{Constrained, Projection};
 pub use links::OnLink;
+pub use matrices::{DerivativeMatrices, RowMajor};
 pub use methods::BodyWrenches;
 pub use operational::TaskFrame;

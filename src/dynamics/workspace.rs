@@ -197,6 +197,7 @@ impl<T: Real> Workspace<T> {
 
     /// True if every pivot D of the last factor is positive and finite (lane 0): in square-root form they are sums of
     /// squares.
+    #[cfg_attr(not(feature = "dense"), allow(dead_code))]
     pub(crate) fn pivots_are_positive(&self) -> bool {
         self.store.measured.iter().all(|row| row.pivot.lane(0) > 0.0 && row.pivot.lane(0).is_finite())
     }

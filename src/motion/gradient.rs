@@ -74,12 +74,12 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// let mut rollout = Rollout::new(&scene, Settings::new(&scene, 1e-3), &[0.3; 7], &[0.0; 7])?;
     /// let (mut q, mut qd) = ([0.0; 101 * 7], [0.0; 101 * 7]);
     /// let mut records = Records { q: &mut q, qd: &mut qd, contacts: &mut [], every: 1 };
-    /// rollout.advance(100, &Torque::Zero, Some(&mut records)).map_err(|fault| fault.error)?;
+    /// rollout.advance(100, &Torque::Zero, Some(&mut records))?;
     /// // The scalar is the first joint angle at the end.
     /// let mut by_q = [0.0; 101 * 7];
     /// by_q[100 * 7] = 1.0;
     /// let rows = RecordedRows { q: &q, qd: &qd, every: 1, by_q: &by_q, by_qd: &[0.0; 101 * 7] };
-    /// let gradients = rollout.gradients(&Torque::Zero, 100, &rows, false).map_err(|fault| fault.error)?;
+    /// let gradients = rollout.gradients(&Torque::Zero, 100, &rows, false)?;
     /// // A torque at that joint increases its angle.
     /// assert!(gradients.torque[0] > 0.0);
     /// # Ok(())

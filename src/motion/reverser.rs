@@ -187,6 +187,7 @@ fn scratch(job: &Job<'_>, (form, arm): (Form, InstructionSet), alone: bool) -> B
         #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
         (InstructionSet::Avx512, true) => Compiled::<Fused, V4>::boxed(job, form),
         #[cfg(all(feature = "lanes", any(target_arch = "x86_64", target_arch = "aarch64")))]
+        #[allow(unreachable_patterns)] // Avx512 is above if it is compiled
         (InstructionSet::Avx2 | InstructionSet::Avx512 | InstructionSet::Neon, _) => {
             Compiled::<Fused, <Fused as Vectorized>::Least>::boxed(job, form)
         }

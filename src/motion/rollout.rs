@@ -49,7 +49,7 @@ pub struct Records<'a> {
 /// let mut settings = Settings::new(&scene, 1e-3);
 /// settings.method = Method::RungeKutta4;
 /// let mut rollout = Rollout::new(&scene, settings, &[0.3; 7], &[0.0; 7])?;
-/// rollout.advance(100, &Torque::Zero, None).map_err(|fault| fault.error)?;
+/// rollout.advance(100, &Torque::Zero, None)?;
 /// assert_eq!(rollout.steps(), 100);
 /// # Ok(())
 /// # }

@@ -27,7 +27,7 @@ use std::borrow::Borrow;
 /// let mut simulator = Simulator::new(&scene, Settings::new(&scene, 1e-3), &[0.3; 7], &[0.0; 7])?;
 /// let torque = Torque::Constant(Broadcast::new("tau", &[0.1; 7], 7, &[], &[])?);
 /// for _ in 0..100 {
-///     simulator.step(&torque, 1).map_err(|fault| fault.error)?;
+///     simulator.step(&torque, 1)?;
 /// }
 /// let (q, qd) = simulator.state(0);
 /// assert!(q.len() == 7 && qd.len() == 7 && (simulator.time(0) - 0.1).abs() < 1e-12);

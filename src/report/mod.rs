@@ -20,12 +20,14 @@ pub mod accuracy;
 #[cfg(all(feature = "dense", feature = "stochastic"))]
 #[doc(hidden)]
 pub mod emergence;
+#[cfg(feature = "dense")]
 #[doc(hidden)]
 pub mod growth;
 #[doc(hidden)]
 pub mod operations;
 #[cfg(feature = "dense")]
 pub mod residuals;
+#[cfg(feature = "dense")]
 #[doc(hidden)]
 pub mod sensitivity;
 #[cfg(feature = "dense")]

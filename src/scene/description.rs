@@ -122,7 +122,12 @@ setters!(JointDescription {
     with_mimic: mimic => Option<Mimic>,
 });
 
-setters!(Limits { with_lower: lower: f64, with_upper: upper: f64, with_velocity: velocity: f64, with_effort: effort: f64 });
+setters!(Limits {
+    with_lower: lower: f64,
+    with_upper: upper: f64,
+    with_velocity: velocity: f64,
+    with_effort: effort: f64,
+});
 
 setters!(Mimic { with_joint: joint => String, with_multiplier: multiplier: f64, with_offset: offset: f64 });
 

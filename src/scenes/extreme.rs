@@ -2,7 +2,7 @@
 //! ill-conditioned problems.
 //!
 //! Most are well-conditioned: the exact accelerations hardly change for small relative changes of the model parameters.
-//! [`crate::report::sensitivity`] measures the conditioning of a case.
+//! `report::sensitivity` (feature `dense`) measures the conditioning of a case.
 
 use super::DESCRIBED;
 use super::blueprint::{AXES, Blueprint, LENGTH, row, slab};

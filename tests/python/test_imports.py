@@ -18,6 +18,7 @@ ROOMS = (
     "error",
     "interrupt",
     "memory",
+    "setters",
     "scalar",
     "spatial",
     "filter",
