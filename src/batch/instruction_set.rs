@@ -118,6 +118,29 @@ pub trait Work {
     fn call(self) -> Self::Output;
 }
 
+/// Runs `work` with the widest instructions of this processor; without the feature `lanes`, with those that the crate is
+/// compiled for.
+#[inline]
+pub(crate) fn with_widest<W: Work>(work: W) -> W::Output {
+    #[cfg(feature = "lanes")]
+    return pulp::Arch::new().dispatch(Dispatched(work));
+    #[cfg(not(feature = "lanes"))]
+    work.call()
+}
+
+#[cfg(feature = "lanes")]
+struct Dispatched<W>(W);
+
+#[cfg(feature = "lanes")]
+impl<W: Work> pulp::WithSimd for Dispatched<W> {
+    type Output = W::Output;
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) -> W::Output {
+        self.0.call()
+    }
+}
+
 /// Instructions for which work can be compiled.
 pub trait Target: Copy + Send + Sync + 'static {
     /// The target, if this processor has its instructions.

@@ -1,6 +1,8 @@
 //! The information form of linear least squares: the triangle R of a QR factorization of the rows read so far. R* R is
 //! the information matrix, which is never formed.
 
+use crate::batch::instruction_set::{Work, with_widest};
+
 /// Rows that are rotated into a triangle at once: a column of them stays in the first cache. Not a power of two, for
 /// which the entries of a row would be in few sets of the cache.
 const BLOCK: usize = 104;
@@ -61,23 +63,18 @@ fn rotate<R: Iterator<Item = f64>>(triangle: &mut [f64], (width, height): (usize
             }
         }
         let columns = &mut columns[..padded * width];
-        #[cfg(feature = "lanes")]
-        pulp::Arch::new().dispatch(Reflections { triangle: &mut *triangle, columns, size: (width, padded) });
-        #[cfg(not(feature = "lanes"))]
-        reflect(triangle, columns, (width, padded));
+        with_widest(Reflections { triangle: &mut *triangle, columns, size: (width, padded) });
     }
 }
 
 /// The reflections of one block. A closure would not be inlined, and would not use the instructions of the processor.
-#[cfg(feature = "lanes")]
 struct Reflections<'a> {
     triangle: &'a mut [f64],
     columns: &'a mut [f64],
     size: (usize, usize),
 }
 
-#[cfg(feature = "lanes")]
-impl pulp::NullaryFnOnce for Reflections<'_> {
+impl Work for Reflections<'_> {
     type Output = ();
 
     #[inline(always)]

@@ -6,13 +6,13 @@ use super::robot::{Belief, Record};
 use super::rotate::{Readings, RotationScratch, combine, measure, project, triangularize};
 use super::sensor_rows::SensorRows;
 use super::settings::{LANES, Plan};
+use crate::batch::instruction_set::{Work, with_widest};
 use crate::error::Error;
 use crate::kinematics::local_jacobian;
 use crate::scene::Scene;
 use crate::spatial::SpatialVector;
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
-use pulp::{Simd, WithSimd};
 
 /// Scratch of a step; one per thread.
 #[derive(Debug)]
@@ -170,7 +170,7 @@ impl Scratch {
         record.nis = 0.0;
         record.by_sensor.fill((0.0, 0));
         if record.count > 0 {
-            pulp::Arch::new().dispatch(Process { scratch: self, plan, record });
+            with_widest(Process { scratch: self, plan, record });
         }
         let change = &self.change;
         scene.integrate(&prior.q, &change[plan.q()..plan.qd()], &mut record.q)?;
@@ -315,7 +315,7 @@ impl Scratch {
             *next = decay * rest;
         }
         self.jacobians_of_step(plan);
-        pulp::Arch::new().dispatch(PredictRoot { scratch: self, plan, record, root: Some(&mut next.root) });
+        with_widest(PredictRoot { scratch: self, plan, record, root: Some(&mut next.root) });
         scene.check_result("estimate", &next.qd)?;
         scene.check_result("covariance of the estimate", &next.root)?;
         record.next_q.copy_from_slice(&next.q);
@@ -389,7 +389,7 @@ impl Scratch {
             *step = plan.dt * qd;
         }
         self.jacobians_of_step(plan);
-        pulp::Arch::new().dispatch(PredictRoot { scratch: self, plan, record, root: None });
+        with_widest(PredictRoot { scratch: self, plan, record, root: None });
         &self.predicted
     }
 }
@@ -430,11 +430,11 @@ struct Process<'a> {
     record: &'a mut Record,
 }
 
-impl WithSimd for Process<'_> {
+impl Work for Process<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
+    fn call(self) {
         self.scratch.process(self.plan, self.record);
     }
 }
@@ -447,11 +447,11 @@ struct PredictRoot<'a> {
     root: Option<&'a mut [f64]>,
 }
 
-impl WithSimd for PredictRoot<'_> {
+impl Work for PredictRoot<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
+    fn call(self) {
         self.scratch.predict_root(self.plan, self.record, self.root);
     }
 }
@@ -463,11 +463,11 @@ pub(super) struct Covariance<'a> {
     pub out: &'a mut [f64],
 }
 
-impl WithSimd for Covariance<'_> {
+impl Work for Covariance<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
+    fn call(self) {
         covariance(self.plan, self.record, self.out);
     }
 }

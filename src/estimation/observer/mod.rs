@@ -53,6 +53,7 @@ pub use smoother::SmoothedMotion;
 #[cfg(feature = "python")]
 pub(crate) use {filter::Transition, robot::Belief, sensor_rows::SensorRows};
 
+use crate::batch::instruction_set::with_widest;
 use crate::batch::{Batch, Pool};
 use crate::error::{Error, Fault, check_length};
 use crate::interrupt;
@@ -367,7 +368,7 @@ impl<'a> MotionEstimate<'a> {
     pub fn covariance(&self, out: &mut [f64]) -> Result<(), Error> {
         let n = self.plan.states;
         check_length("out", out.len(), n * n)?;
-        pulp::Arch::new().dispatch(filter::Covariance { plan: self.plan, record: self.record, out });
+        with_widest(filter::Covariance { plan: self.plan, record: self.record, out });
         Ok(())
     }
 }
