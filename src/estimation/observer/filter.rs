@@ -239,7 +239,7 @@ impl Scratch {
         project(&self.h, stride, (&record.root, wide, plan.width), &mut self.projected);
         for (s, own) in record.by_sensor.iter_mut().enumerate() {
             let span = self.spans[s];
-            *own = (self.innovation(span, stride), span.1);
+            *own = (if span.0 == 0 { 0.0 } else { self.innovation(span, stride) }, span.1);
         }
         let mut readings = Readings {
             rows: &mut self.projected,
@@ -249,18 +249,29 @@ impl Scratch {
             deviations: &self.deviations,
         };
         record.nis = measure(&mut readings, (&mut record.root, wide), &mut self.rotation, &mut self.change);
+        // Those that were processed first are not conditioned on others.
+        for (own, &(first, size)) in record.by_sensor.iter_mut().zip(&self.spans) {
+            if first == 0 {
+                own.0 = self.errors[..size].iter().sum();
+            }
+        }
     }
 
     /// Normalized innovation squared of one sensor alone: e* (R + H L L* H*)^-1 e by a Cholesky factor.
     #[inline(always)]
     fn innovation(&mut self, (first, size): (usize, usize), stride: usize) -> f64 {
         let (matrix, white) = self.marginal.split_at_mut(size * size);
-        matrix.fill(0.0);
-        for row in self.projected.chunks_exact(stride) {
-            let row = &row[first..first + size];
-            for (i, &x) in row.iter().enumerate() {
-                for (sum, &y) in matrix[i * size..].iter_mut().zip(&row[..=i]) {
-                    *sum = x.mul_add(y, *sum);
+        match size {
+            3 => gram::<3>(&self.projected, stride, first, matrix),
+            _ => {
+                matrix.fill(0.0);
+                for row in self.projected.chunks_exact(stride) {
+                    let row = &row[first..first + size];
+                    for (i, &x) in row.iter().enumerate() {
+                        for (sum, &y) in matrix[i * size..].iter_mut().zip(&row[..=i]) {
+                            *sum = x.mul_add(y, *sum);
+                        }
+                    }
                 }
             }
         }
@@ -392,6 +403,22 @@ impl Scratch {
         with_widest(PredictRoot { scratch: self, plan, record, root: None });
         &self.predicted
     }
+}
+
+/// The products of `N` rows with each other, of a matrix by columns, in registers.
+#[inline(always)]
+fn gram<const N: usize>(columns: &[f64], stride: usize, first: usize, out: &mut [f64]) {
+    let mut sums = [[0.0; N]; N];
+    for column in columns.chunks_exact(stride) {
+        let mut own = [0.0; N];
+        own.copy_from_slice(&column[first..first + N]);
+        for (x, sums) in own.iter().zip(&mut sums) {
+            for (y, sum) in own.iter().zip(sums) {
+                *sum = x.mul_add(*y, *sum);
+            }
+        }
+    }
+    out.copy_from_slice(sums.as_flattened());
 }
 
 /// The next state of a step, and its derivatives by error and torque noise in the order (q, qd, wrenches, biases,

@@ -75,7 +75,7 @@ pub(super) fn project(h: &[f64], stride: usize, (root, column, width): (&[f64], 
 }
 
 /// Rotates all readings into the lower triangular root L, (width) columns of length `column`. Adds the correction of
-/// the state to `change`; returns the normalized innovation squared.
+/// the state to `change`; returns the normalized innovation squared, and replaces the errors by its terms.
 #[inline(always)]
 pub(super) fn measure(
     readings: &mut Readings<'_>,
@@ -94,7 +94,9 @@ pub(super) fn measure(
         }
         let total = scratch.prepare(readings.deviations[i], last);
         let gain = readings.errors[i] / total;
-        squares = readings.errors[i].mul_add(gain, squares);
+        let square = readings.errors[i] * gain;
+        squares += square;
+        readings.errors[i] = square;
         let factors = (&scratch.f[..last], &scratch.kept[..last], &scratch.mixed[..last]);
         for block in ((i + 1) / LANES * LANES..count).step_by(LANES) {
             let pivot = rotate((readings.rows, stride, block), factors);

@@ -130,6 +130,8 @@ struct Step {
     flow: DMatrix<f64>,
     next: State,
     next_p: DMatrix<f64>,
+    /// Normalized innovation squared of each sensor alone.
+    alone: Vec<f64>,
 }
 
 /// Derivative of a function of a vector at zero, by central differences of fourth order.
@@ -244,7 +246,7 @@ impl<'a> Textbook<'a> {
         let seen: Vec<usize> = (0..readings.len()).filter(|&i| !readings[i].is_nan()).collect();
         let none = vec![0.0; nv];
         let mut noise = none.clone();
-        let mut nis = 0.0;
+        let (mut nis, mut alone) = (0.0, vec![0.0; 5]);
         if !seen.is_empty() {
             let h = differences(n + nv, |e| {
                 self.predicted(&self.plus(&self.x, &e.as_slice()[..n]), tau, &e.as_slice()[n..])
@@ -256,6 +258,13 @@ impl<'a> Textbook<'a> {
             let deviations = [vec![1e-2; axes], vec![0.05; 3], vec![0.5; 3], vec![0.3; axes], vec![0.4; 3]].concat();
             let r = DVector::from_iterator(seen.len(), seen.iter().map(|&i| deviations[i] * deviations[i]));
             let s = &h * &p * h.transpose() + DMatrix::from_diagonal(&r);
+            let places =
+                [0..axes, axes..axes + 3, axes + 3..axes + 6, axes + 6..2 * axes + 6, 2 * axes + 6..2 * axes + 9];
+            for (alone, place) in alone.iter_mut().zip(places) {
+                let own: Vec<usize> = (0..seen.len()).filter(|&k| place.contains(&seen[k])).collect();
+                let (s, error) = (s.select_rows(&own).select_columns(&own), error.select_rows(&own));
+                *alone = if own.is_empty() { 0.0 } else { error.dot(&(s.try_inverse().unwrap() * &error)) };
+            }
             let inverse = s.clone().try_inverse().unwrap();
             let gain = &p * h.transpose() * &inverse;
             nis = error.dot(&(&inverse * &error));
@@ -275,7 +284,7 @@ impl<'a> Textbook<'a> {
             next_p[(2 * nv + i, 2 * nv + i)] += walk * walk;
         }
         (self.x, self.p) = (next.clone(), next_p.clone());
-        (nis, seen.len(), Step { x, p, flow, next, next_p })
+        (nis, seen.len(), Step { x, p, flow, next, next_p, alone })
     }
 }
 
@@ -309,6 +318,7 @@ fn filter_and_smoother_are_those_of_the_textbook() {
         let (mut observer, mut filter, mut steps) = (case.observer(), Textbook::new(&case), Vec::new());
         let n = filter.n();
         let mut covariance = vec![f64::NAN; n * n];
+        let mut sums = [0.0; 5];
         for k in 0..8 {
             let (tau, readings) = case.inputs(k, &filter);
             observer.step(&tau, &readings).unwrap();
@@ -322,6 +332,10 @@ fn filter_and_smoother_are_those_of_the_textbook() {
             let (found_nis, found_count) = observer.innovation(0).unwrap();
             assert!((found_nis - nis).abs() <= DIFFERENCES * nis.max(1.0), "step {k}: {found_nis} against {nis}");
             assert_eq!(found_count, count);
+            for (sum, ((found, _), alone)) in sums.iter_mut().zip(observer.window(0).1.iter().zip(&step.alone)) {
+                *sum += alone;
+                assert!((found - *sum).abs() <= DIFFERENCES * sum.max(1.0), "step {k}: {found} against {sum}");
+            }
             steps.push(step);
         }
         let smoothed = observer.smooth(0).unwrap();
