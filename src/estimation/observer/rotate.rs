@@ -155,17 +155,12 @@ fn rotate(
 ) -> [f64; LANES] {
     let mut pivot = [0.0; LANES];
     let factors = f.iter().zip(kept).zip(mixed);
-    for (column, ((&f, &kept), &mixed)) in columns.chunks_exact_mut(stride).zip(factors).rev() {
-        // Copies, so that the block stays in registers.
-        let to = &mut column[block..block + LANES];
-        let mut own = [0.0; LANES];
-        own.copy_from_slice(to);
-        for (x, sum) in own.iter_mut().zip(&mut pivot) {
+    for (column, ((f, kept), mixed)) in columns.chunks_exact_mut(stride).zip(factors).rev() {
+        for (x, sum) in column[block..block + LANES].iter_mut().zip(&mut pivot) {
             let old = *x;
             *x = (-mixed).mul_add(*sum, kept * old);
             *sum = f.mul_add(old, *sum);
         }
-        to.copy_from_slice(&own);
     }
     pivot
 }
@@ -215,7 +210,7 @@ pub(super) fn triangularize(
             for (along, x) in along.iter_mut().zip(&pivot[block..block + LANES]) {
                 *along = lead * x;
             }
-            for (&entry, other) in axis.iter().zip(others.chunks_exact(column)) {
+            for (entry, other) in axis.iter().zip(others.chunks_exact(column)) {
                 for (along, x) in along.iter_mut().zip(&other[block..block + LANES]) {
                     *along = entry.mul_add(*x, *along);
                 }
