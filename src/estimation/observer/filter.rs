@@ -249,7 +249,7 @@ impl Scratch {
             deviations: &self.deviations,
         };
         record.nis = measure(&mut readings, (&mut record.root, wide), &mut self.rotation, &mut self.change);
-        // Those that were processed first are not conditioned on others.
+        // The sensor whose readings are processed first is not conditioned on others.
         for (own, &(first, size)) in record.by_sensor.iter_mut().zip(&self.spans) {
             if first == 0 {
                 own.0 = self.errors[..size].iter().sum();
