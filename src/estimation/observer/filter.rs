@@ -261,16 +261,15 @@ impl Scratch {
     #[inline(always)]
     fn innovation(&mut self, (first, size): (usize, usize), stride: usize) -> f64 {
         let (matrix, white) = self.marginal.split_at_mut(size * size);
-        match size {
-            3 => gram::<3>(&self.projected, stride, first, matrix),
-            _ => {
-                matrix.fill(0.0);
-                for row in self.projected.chunks_exact(stride) {
-                    let row = &row[first..first + size];
-                    for (i, &x) in row.iter().enumerate() {
-                        for (sum, &y) in matrix[i * size..].iter_mut().zip(&row[..=i]) {
-                            *sum = x.mul_add(y, *sum);
-                        }
+        if size == 3 {
+            gram::<3>(&self.projected, stride, first, matrix);
+        } else {
+            matrix.fill(0.0);
+            for row in self.projected.chunks_exact(stride) {
+                let row = &row[first..first + size];
+                for (i, &x) in row.iter().enumerate() {
+                    for (sum, &y) in matrix[i * size..].iter_mut().zip(&row[..=i]) {
+                        *sum = x.mul_add(y, *sum);
                     }
                 }
             }
