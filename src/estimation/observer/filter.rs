@@ -249,7 +249,7 @@ impl Scratch {
             deviations: &self.deviations,
         };
         record.nis = measure(&mut readings, (&mut record.root, wide), &mut self.rotation, &mut self.change);
-        // Those that were processed first are not conditioned on others.
+        // The sensor whose readings are processed first is not conditioned on others.
         for (own, &(first, size)) in record.by_sensor.iter_mut().zip(&self.spans) {
             if first == 0 {
                 own.0 = self.errors[..size].iter().sum();
@@ -261,16 +261,15 @@ impl Scratch {
     #[inline(always)]
     fn innovation(&mut self, (first, size): (usize, usize), stride: usize) -> f64 {
         let (matrix, white) = self.marginal.split_at_mut(size * size);
-        match size {
-            3 => gram::<3>(&self.projected, stride, first, matrix),
-            _ => {
-                matrix.fill(0.0);
-                for row in self.projected.chunks_exact(stride) {
-                    let row = &row[first..first + size];
-                    for (i, &x) in row.iter().enumerate() {
-                        for (sum, &y) in matrix[i * size..].iter_mut().zip(&row[..=i]) {
-                            *sum = x.mul_add(y, *sum);
-                        }
+        if size == 3 {
+            gram::<3>(&self.projected, stride, first, matrix);
+        } else {
+            matrix.fill(0.0);
+            for row in self.projected.chunks_exact(stride) {
+                let row = &row[first..first + size];
+                for (i, &x) in row.iter().enumerate() {
+                    for (sum, &y) in matrix[i * size..].iter_mut().zip(&row[..=i]) {
+                        *sum = x.mul_add(y, *sum);
                     }
                 }
             }

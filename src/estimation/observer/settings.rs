@@ -1,7 +1,6 @@
 //! Settings of an observer, and the checked form that its steps read.
 
 use super::link_motion::LinkPath;
-use crate::api::TaskFrame;
 use crate::error::{Error, check_length};
 use crate::joints::Motion;
 use crate::kinematics::Frame;
@@ -143,7 +142,7 @@ impl Reader {
     pub(crate) fn unplaced(scene: &Scene, sensor: &Sensor) -> Result<Self, Error> {
         let one_axis = |names: &Option<Vec<String>>| one_axis(scene, sensor, names.as_deref());
         let mount = |mount: &Mount| -> Result<_, Error> {
-            let frame = scene.frame(&TaskFrame { link: &mount.link, offset: mount.offset })?;
+            let frame = scene.frame(&mount.into())?;
             Ok((frame, LinkPath::new(scene.model(), &frame)))
         };
         let (source, size) = match &sensor.quantity {

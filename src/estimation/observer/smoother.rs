@@ -96,7 +96,7 @@ fn smoothed(
     // Rows are normalized, so that zero variance is distinguished from small variance.
     let size = DVector::from_fn(n, |i, _| Some(predicted.row(i).norm()).filter(|size| *size > 0.0).unwrap_or(1.0));
     let (kept, root) = independent_rows(DMatrix::from_fn(columns, n, |j, i| predicted[(i, j)] / size[i]));
-    let shared = &carried * now.root.transpose();
+    let shared = carried * now.root.transpose();
     let right = DMatrix::from_fn(kept.len(), n, |k, j| shared[(kept[k], j)] / size[kept[k]]);
     let lost = || Error::argument("covariance of the prediction", "a root without an inverse", "finite variances");
     let half = root.solve_lower_triangular(&right).ok_or_else(lost)?;

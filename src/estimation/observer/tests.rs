@@ -3,10 +3,9 @@
 
 use super::link_motion::{LinkMotion, LinkPath};
 use super::{ExternalWrench, Mount, Observer, ObserverSettings, Quantity, Sensor};
-use crate::api::TaskFrame;
 use crate::error::Error;
 use crate::joints::JointKind;
-use crate::kinematics::{AccelerationKind, ReferenceFrame};
+use crate::kinematics::{AccelerationKind, Frame, ReferenceFrame};
 use crate::model::Model;
 use crate::scalar::Dual;
 use crate::scene::{Inertial, JointDescription, LinkDescription, Scene, SceneBuilder};
@@ -87,6 +86,11 @@ impl Case {
     fn all() -> [Self; 2] {
         use JointKind::{Floating, Prismatic, Revolute, Screw, Spherical};
         [Self::new(&[Revolute, Prismatic, Revolute]), Self::new(&[Floating, Spherical, Revolute, Screw { pitch: 0.3 }])]
+    }
+
+    /// The frame of the IMU.
+    fn frame(&self) -> Frame<f64> {
+        self.scene.frame(&(&Mount { link: self.tool.clone(), offset: self.mount }).into()).unwrap()
     }
 
     fn observer(&self) -> Observer<&Scene> {
@@ -180,7 +184,7 @@ impl<'a> Textbook<'a> {
     fn predicted(&self, x: &State, tau: &[f64], noise: &[f64]) -> DVector<f64> {
         let (scene, State(q, qd, rest)) = (&self.case.scene, x);
         let qdd = self.acceleration(x, tau, noise);
-        let frame = TaskFrame { link: &self.case.tool, offset: self.case.mount };
+        let frame = self.case.frame();
         let local = ReferenceFrame::Local;
         let velocity = scene.velocity(q, qd, frame, local).unwrap();
         let acceleration = scene.acceleration(q, qd, &qdd, frame, local, AccelerationKind::Classical).unwrap();
@@ -370,7 +374,7 @@ fn derivatives_of_link_motions_are_those_of_dual_numbers() {
     for case in Case::all() {
         let (scene, model) = (&case.scene, case.scene.model());
         let nv = scene.nv();
-        let frame = scene.frame(&TaskFrame { link: &case.tool, offset: case.mount }).unwrap();
+        let frame = case.frame();
         let (path, mut exact) = (LinkPath::new(model, &frame), LinkMotion::new(nv));
         let qdd: Vec<f64> = case.qd.iter().map(|x| 2.0 * x + 0.3).collect();
         exact.evaluate(model, (&frame, &path), (&case.q, &case.qd, Some(&qdd)));
