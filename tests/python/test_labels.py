@@ -365,7 +365,7 @@ def test_masks_of_torques_differ_from_state_to_state(arm: phipsi.Scene) -> None:
     for at, hidden in ((0, 1), (1, 5)):
         known = [name for name in NAMES if name != f"joint{hidden}"]
         assert_same_bits(found.acceleration[at], arm.estimate(q[at], qd[at], tau[at], measured=known).acceleration)
-    with pytest.raises(NotFiniteError, match="torque: found NaN at index 1"):
+    with pytest.raises(NotFiniteError, match="tau: found NaN at index 1"):
         arm.estimate(q, qd, tau)
 
 

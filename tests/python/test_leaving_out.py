@@ -14,7 +14,6 @@ import phipsi
 from phipsi.errors import ArgumentError, NotFiniteError, ShapeError, SingularJointError
 from phipsi.report import states
 from phipsi.report.sections import plan as left_out
-from phipsi.report.structure import tree_of
 
 SWITCHES = (
     "fixed_joints",
@@ -111,7 +110,7 @@ def test_other_names_raise(leave_out: object) -> None:
 
 def test_the_report_times_what_is_left_out() -> None:
     scene = builder().build()
-    times = left_out.measured(scene, states.draw(scene, tree_of(scene), 8, 0))
+    times = left_out.measured(scene, states.draw(scene, 8, 0))
     switches = {item.switch for item in scene.plan().items if item.switch}
     # On a chain all bodies are inboard of the last joint, and an update saves nothing.
     assert set(times) == switches | {"the factor of M, in calls that share q"}
@@ -213,7 +212,7 @@ def test_the_plan_lists_calls_and_outputs() -> None:
     compiled = items["operations that are constant for this robot, in code compiled for it"]
     left, _, asked = (compiled.saved.split()[i] for i in (0, 5, 7))
     assert 0 < int(left) < int(asked) and compiled.operations == int(asked) - int(left)
-    times = left_out.measured(scene, states.draw(scene, tree_of(scene), 8, 0))
+    times = left_out.measured(scene, states.draw(scene, 8, 0))
     assert {shared.what, branch.what} <= set(times)
 
 

@@ -43,10 +43,10 @@ def test_torques_make_the_motion(kind: str, friction_speed: float, request: pyte
         assert not path.events.any()
 
 
-def test_torques_that_are_a_function_are_not_known() -> None:
+def test_gradients_of_a_function_for_torques_are_not_known() -> None:
     path = phipsi.scenes.chain(2).simulate([0.1, 0.2], [0.0, 0.0], dt=1e-3, steps=2, tau=lambda t, q, qd: -qd)
     with pytest.raises(ArgumentError, match="tau: found a function"):
-        path.torques()
+        path.vjp(path.q)
 
 
 def hung(kind: str) -> phipsi.Scene:

@@ -517,7 +517,7 @@ def test_every_kind_of_joint_is_drawn_and_measured(tmp_path: Path) -> None:
 
 def test_states_are_within_limits_and_exact_in_float32() -> None:
     scene = arm()
-    drawn = states.draw(scene, tree_of(scene), 50, 1)
+    drawn = states.draw(scene, 50, 1)
     limits = scene.limits
     assert (drawn.q >= limits.lower - 1e-6).all()
     assert (drawn.q <= limits.upper + 1e-6).all()
