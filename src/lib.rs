@@ -192,7 +192,7 @@
 //! # Features
 //!
 //! No feature is required, and none is on by default. Without `lanes` every function exists and computes one state at a
-//! time in plain f64, with the same results up to rounding; the crate then compiles in a fraction of the time.
+//! time in plain f64, with the same results up to rounding; and the crate compiles in less time.
 //!
 //! | feature | adds |
 //! |---|---|
