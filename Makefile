@@ -23,7 +23,7 @@
 #   make compiled  after make peers: compiled robots, compared with the methods of the scene and with CasADi's code: writes docs/measured/compiled-times.md (some minutes)
 #   make embedded  after make test: flash, stack and instructions of robots on a Cortex-M4F, by gcc-arm-none-eabi and QEMU: writes docs/measured/embedded-size.md (half a minute)
 #   make rust-crate   build time and size of a Rust program that uses the crate, by features: writes docs/measured/rust-crate.md (ten minutes)
-#   make picture   the picture of README.md, docs/robot.webp, in Chromium (half a minute)
+#   make picture   the pictures of README.md and of docs/examples.md (some minutes)
 #   make roofline  after make peers for its robots: operations, time and fraction of the machine's peak: writes docs/measured/roofline.md
 #   make bench     after make peers: all benchmarks (20 minutes): writes docs/measured/benchmarks.md and the results in README.md (BENCH=--quick: a test)
 
