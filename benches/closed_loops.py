@@ -99,7 +99,7 @@ def main() -> None:
         other = theirs(scene, file, links, kind, at)
         qdd = scene.forward_dynamics(*at)
         apart = max(float(np.max(np.abs(qdd[i] - other.back(i)))) for i in range(20)) / float(np.max(np.abs(qdd)))  # type: ignore[attr-defined]
-        tree = scene.without_connections()
+        tree = scene.without_constraints()
         still = np.zeros_like(at[1])
         rest, limp = (at[0], still, held_at_rest(scene, at[0])), (at[0], still, still)
         one, their, batch, at_rest, fallen, alone = least(

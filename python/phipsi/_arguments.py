@@ -364,7 +364,7 @@ def _wrong_shape(name: str, array: NDArray[Any], expected: str) -> ShapeError:
 
 def check_tree(scene: Scene, what: str) -> None:
     """Refuse a scene with connections in functions that support only trees."""
-    if scene.connection_names:
-        names = ", ".join(map(repr, scene.connection_names[:8]))
-        message = f"found a scene with connections ({names}); expected a tree: scene.without_connections() is the same one without them"
+    if scene.constraint_names:
+        names = ", ".join(map(repr, scene.constraint_names[:8]))
+        message = f"found a scene with connections ({names}); expected a tree: scene.without_constraints() is the same one without them"
         raise of_argument(ArgumentError, what, message)

@@ -795,7 +795,7 @@ class Scene:
         baumgarte : float, optional
             Rate of Baumgarte stabilization of the connections, 1/s. None: projection after each step.
         compliance : float or (..., m) array_like, optional
-            Compliance of each row of the connections in the order of connection_rows, (m/s^2)/N or (rad/s^2)/(N m), not
+            Compliance of each row of the connections in the order of constraint_rows, (m/s^2)/N or (rad/s^2)/(N m), not
             negative. None: the connections are rigid.
         limits : {"stop", "report"}, optional
             "stop" (default): position limits are stops. "report": Trajectory.violations() lists them.
@@ -2316,14 +2316,14 @@ class Scene:
         """
 
     @property
-    def connection_names(self) -> tuple[str, ...]:
+    def constraint_names(self) -> tuple[str, ...]:
         """Names of the connections in the order of their creation: the keys of the forces of constrained_dynamics."""
 
     @property
     def tolerance(self) -> float:
         """Geometric tolerance of linkages, an angle in rad or a relative length; see SceneBuilder.build."""
 
-    def connection_rows(self, connection: str, /) -> slice[int, int, int]:
+    def constraint_rows(self, connection: str, /) -> slice[int, int, int]:
         """Slice of the rows of a connection in constraint_error, constraint_bias and constraint_jacobian.
 
         Parameters
@@ -2344,11 +2344,11 @@ class Scene:
         Examples
         --------
         >>> builder = phipsi.scenes.chain(3).to_builder().connect("pin", "point", "link2")
-        >>> builder.couple("gear", "j2", "j1").build().connection_rows("gear")
+        >>> builder.couple("gear", "j2", "j1").build().constraint_rows("gear")
         slice(3, 4, 1)
         """
 
-    def without_connections(self) -> Scene:
+    def without_constraints(self) -> Scene:
         """Create the scene of the same kinematic tree without the connections, for methods that support trees only.
 
         Returns
@@ -2359,7 +2359,7 @@ class Scene:
         Examples
         --------
         >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
-        >>> scene.without_connections().connection_names
+        >>> scene.without_constraints().constraint_names
         ()
         """
 
@@ -2463,7 +2463,7 @@ class Scene:
         Returns
         -------
         error : (..., m) ndarray
-            Errors, rad or m; connection_rows has the rows of each connection, angular rows first.
+            Errors, rad or m; constraint_rows has the rows of each connection, angular rows first.
 
         Raises
         ------
@@ -2574,7 +2574,7 @@ class Scene:
         tau : (..., nv) array_like
             Joint torques, N m or N; those of a free joint are (force, moment).
         compliance : float or (..., m) array_like, optional
-            Compliance of each row of the connections in the order of connection_rows, (m/s^2)/N or (rad/s^2)/(N m), not
+            Compliance of each row of the connections in the order of constraint_rows, (m/s^2)/N or (rad/s^2)/(N m), not
             negative. None: the connections are rigid.
         form : {"auto", "covariance", "square-root"}, default "auto"
             Form of the covariance P; see forward_dynamics.
@@ -2639,7 +2639,7 @@ class Scene:
         qd : (..., nv) array_like, optional
             Joint velocities, rad/s or m/s.
         compliance : float or (..., m) array_like, optional
-            Compliance of each row of the connections in the order of connection_rows, (m/s^2)/N or (rad/s^2)/(N m), not
+            Compliance of each row of the connections in the order of constraint_rows, (m/s^2)/N or (rad/s^2)/(N m), not
             negative. None: the connections are rigid.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
@@ -4691,7 +4691,7 @@ class SceneBuilder:
         Examples
         --------
         >>> scene = phipsi.scenes.chain(3).to_builder().connect("pin", "point", "link2", xyz=(0, 0, 0.3)).build()
-        >>> scene.connection_names, scene.constraint_jacobian([0.3, 0.2, 0.1]).shape
+        >>> scene.constraint_names, scene.constraint_jacobian([0.3, 0.2, 0.1]).shape
         (('pin',), (3, 3))
         """
 

@@ -47,10 +47,10 @@ def of_motion(path: Trajectory, rows: NDArray[np.int_]) -> Forces | None:
     if path.contacts is not None:
         force = np.stack([path.contacts.force[name][rows] for name in scene.contact_names], axis=1)
         return Forces("contact", _contact_points(scene, path.q[rows]), force, scene.contact_names)
-    if not scene.connection_names:
+    if not scene.constraint_names:
         return None
     try:
-        by_name = path.connection_forces()
+        by_name = path.constraint_forces()
     except ArgumentError:  # tau was a function, or the trajectory is that of a Simulator
         return None
     found = _connections(scene, path.q[rows], {name: force[rows] for name, force in by_name.items()})

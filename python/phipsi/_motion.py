@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import warnings
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -130,7 +130,7 @@ class Trajectory(TrajectoryFiles):
         """Constraint error of the connections in every row, (..., rows): the largest entry of Scene.constraint_error, m
         or rad; zero without connections.
         """
-        if not self.scene.connection_names:
+        if not self.scene.constraint_names:
             return np.zeros(self.q.shape[:-1])
         drift: _Array = np.abs(self.scene.constraint_error(self.q)).max(axis=-1)
         return drift
@@ -298,7 +298,16 @@ class Trajectory(TrajectoryFiles):
             u = u - kp * self._displacement(target, self.q) + kd * (rate - v)
         return np.asarray(u)
 
-    def connection_forces(self) -> dict[str, _Array]:
+    @property
+    def connection_forces(self) -> NoReturn:
+        """The former name of constraint_forces: raises AttributeError."""
+        raise AttributeError(
+            "connection_forces: found the former name of a method; expected constraint_forces",
+            name="connection_forces",
+            obj=self,
+        )
+
+    def constraint_forces(self) -> dict[str, _Array]:
         """Force of each connection on its link in every row: Scene.constrained_dynamics with torques().
 
         Returns
@@ -323,11 +332,11 @@ class Trajectory(TrajectoryFiles):
         >>> import phipsi
         >>> scene = phipsi.scenes.chain(3)
         >>> path = scene.simulate([0.3] * 3, [0.0] * 3, dt=1e-3, steps=100)
-        >>> path.connection_forces()
+        >>> path.constraint_forces()
         {}
         """
         scene = self.scene
-        if not scene.connection_names:
+        if not scene.constraint_names:
             return {}
         if not np.array_equal(self.armature, scene.armature):
             scene = scene.with_properties(armature=self.armature)

@@ -126,7 +126,7 @@ class TrajectoryFiles:
             parts.append(("tau", self.torques()))
         for letter, values in parts:
             table |= dict(zip(columns(self.scene, letter), values.T, strict=True))
-        if self.scene.connection_names:
+        if self.scene.constraint_names:
             table["drift"] = self.drift
         return table
 

@@ -28,9 +28,9 @@ LOSSES = ("armature", "damping", "friction", "stiffness")
 
 def to_urdf(scene: Scene, path: str | os.PathLike[str] | None, name: str) -> str:
     """Implementation of Scene.to_urdf."""
-    if scene.connection_names:
-        names = ", ".join(map(repr, scene.connection_names[:8]))
-        raise of_argument(ArgumentError, "scene", f"found connections ({names}), which URDF cannot represent; expected a tree: use scene.without_connections()")
+    if scene.constraint_names:
+        names = ", ".join(map(repr, scene.constraint_names[:8]))
+        raise of_argument(ArgumentError, "scene", f"found connections ({names}), which URDF cannot represent; expected a tree: use scene.without_constraints()")
     if scene.contact_names:
         names = ", ".join(map(repr, scene.contact_names[:8]))
         raise of_argument(ArgumentError, "scene", f"found contacts ({names}), which URDF cannot represent; expected none: use scene.without_contacts()")

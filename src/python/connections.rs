@@ -50,7 +50,7 @@ impl PySceneBuilder {
     ///     Invalid arrays. The message names the connection; build() checks the rest.
     #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3).to_builder().connect("pin", "point", "link2", xyz=(0, 0, 0.3)).build()
-    /// >>> scene.connection_names, scene.constraint_jacobian([0.3, 0.2, 0.1]).shape
+    /// >>> scene.constraint_names, scene.constraint_jacobian([0.3, 0.2, 0.1]).shape
     /// (('pin',), (3, 3))
     #[pyo3(signature = (name, kind, link, other=None, *, xyz=None, rpy=None, rotation=None, other_xyz=None,
                         other_rpy=None, other_rotation=None, axis=None, length=None),
@@ -126,7 +126,7 @@ impl PySceneBuilder {
 impl PyScene {
     /// Names of the connections in the order of their creation: the keys of the forces of constrained_dynamics.
     #[getter]
-    fn connection_names<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
+    fn constraint_names<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
         PyTuple::new(py, self.scene.connections().iter().map(|connection| &connection.name).collect::<Vec<_>>())
     }
 
@@ -146,10 +146,10 @@ impl PyScene {
     #[doc = raises!(unknown)]
     #[doc = section!(Examples)]
     /// >>> builder = phipsi.scenes.chain(3).to_builder().connect("pin", "point", "link2")
-    /// >>> builder.couple("gear", "j2", "j1").build().connection_rows("gear")
+    /// >>> builder.couple("gear", "j2", "j1").build().constraint_rows("gear")
     /// slice(3, 4, 1)
     #[pyo3(signature = (connection, /))]
-    fn connection_rows<'py>(&self, py: Python<'py>, connection: &str) -> PyResult<Bound<'py, PySlice>> {
+    fn constraint_rows<'py>(&self, py: Python<'py>, connection: &str) -> PyResult<Bound<'py, PySlice>> {
         let Some((_, rows)) = self.scene.rows_of_connections().find(|(name, _)| *name == connection) else {
             let names: Vec<String> = self.scene.connections().iter().map(|of| format!("{:?}", of.name)).collect();
             let expected = if names.is_empty() {
@@ -168,10 +168,10 @@ impl PyScene {
     ///     The tree.
     #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
-    /// >>> scene.without_connections().connection_names
+    /// >>> scene.without_constraints().constraint_names
     /// ()
     #[pyo3(signature = ())]
-    fn without_connections(&self, py: Python<'_>) -> PyResult<Self> {
+    fn without_constraints(&self, py: Python<'_>) -> PyResult<Self> {
         let make = || self.scene.without_connections();
         Ok(Self::new(if self.size() < WORTH_DETACHING { make()? } else { detached_checked(py, make)? }))
     }

@@ -35,7 +35,7 @@ methods! {
     #[doc = parameters!(q errors)]
     #[doc = section!(Returns)]
     /// error : (..., m) ndarray
-    ///     Errors, rad or m; connection_rows has the rows of each connection, angular rows first.
+    ///     Errors, rad or m; constraint_rows has the rows of each connection, angular rows first.
     #[doc = section!(Raises)]
     /// ConstraintError
     ///     A rod of length zero.

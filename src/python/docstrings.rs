@@ -88,7 +88,7 @@ dgravity : (..., 3) array_like, optional
     };
     (compliance) => {
         "compliance : float or (..., m) array_like, optional
-    Compliance of each row of the connections in the order of connection_rows, (m/s^2)/N or (rad/s^2)/(N m), not
+    Compliance of each row of the connections in the order of constraint_rows, (m/s^2)/N or (rad/s^2)/(N m), not
     negative. None: the connections are rigid."
     };
     (leave_out) => {

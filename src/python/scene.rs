@@ -14,9 +14,17 @@ use crate::memory;
 use crate::motion::Properties;
 use crate::scene::{Scene, SceneBuilder};
 use numpy::PyArrayDyn;
+use pyo3::exceptions::PyAttributeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PySlice, PyTuple};
 use std::path::{Path, PathBuf};
+
+/// Former and present names of attributes of `Scene`.
+const RENAMED: [(&str, &str); 3] = [
+    ("connection_names", "constraint_names"),
+    ("connection_rows", "constraint_rows"),
+    ("without_connections", "without_constraints"),
+];
 
 /// Articulated system of links and joints under gravity: immutable, and usable from any number of threads.
 ///
@@ -502,6 +510,17 @@ impl PyScene {
 
     fn __repr__(&self) -> String {
         description::summary(&self.scene)
+    }
+
+    /// The error of an unknown attribute, with the new name of one that was renamed.
+    fn __getattr__<'py>(slf: &Bound<'py, Self>, name: &str) -> PyResult<Object<'py>> {
+        let new = RENAMED.iter().find(|(former, _)| *former == name);
+        let renamed = new.map_or_else(String::new, |(_, new)| format!("; it was renamed to '{new}'"));
+        let error = PyAttributeError::new_err(format!("'Scene' object has no attribute '{name}'{renamed}"));
+        let value = error.value(slf.py());
+        value.setattr("name", name)?;
+        value.setattr("obj", slf)?;
+        Err(error)
     }
 
     fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Object<'py>, (Description,))> {

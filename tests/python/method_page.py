@@ -18,7 +18,7 @@ TASKS = {
     "Read a robot": ("from_urdf", "from_mujoco", "from_pinocchio", "file", "to_urdf", "to_builder"),
     "Names and sizes": ("nq", "nv", "joint_names", "body_names", "link_names", "q_index", "v_index", "joint", "joints", "link", "links", "plan"),
     "Properties": ("gravity", "limits", "armature", "damping", "friction", "stiffness", "rest", "tolerance", "total_mass"),
-    "Modified copies": ("with_properties", "with_payload", "with_inertias", "lock", "without_connections", "without_contacts"),
+    "Modified copies": ("with_properties", "with_payload", "with_inertias", "lock", "without_constraints", "without_contacts"),
     "Configurations": ("neutral", "integrate", "difference"),
     "Forward kinematics: where is a link, such as the end effector": ("placement", "placements"),
     "Velocities, accelerations and Jacobians of links": ("velocity", "acceleration", "jacobian", "jacobian_rate", "jacobian_rate_product"),
@@ -38,7 +38,7 @@ TASKS = {
         "inverse_dynamics_jvp", "inverse_dynamics_vjp", "inverse_dynamics_hvp", "simulate_vjp",
     ),
     "Closed loops": (
-        "connection_names", "connection_rows", "project", "constraint_error", "constraint_jacobian", "constraint_bias", "constrained_dynamics",
+        "constraint_names", "constraint_rows", "project", "constraint_error", "constraint_jacobian", "constraint_bias", "constrained_dynamics",
         "constrained_inverse_dynamics", "constrained_mass_matrix_inverse",
     ),
     "Contacts": ("contact_names", "contact_gaps", "contact_velocities"),

@@ -45,7 +45,7 @@ def _vjp(scene: phipsi.Scene, s: State) -> Any:
 
 def _extras(scene: phipsi.Scene) -> tuple[Any, ...]:
     """Properties that a derived scene must keep."""
-    return scene.connection_names, scene.contact_names, scene.nv, scene.link_names
+    return scene.constraint_names, scene.contact_names, scene.nv, scene.link_names
 
 
 def _identify(scene: phipsi.Scene, s: State) -> Any:
@@ -165,7 +165,7 @@ def scene_of(kind: str) -> tuple[phipsi.Scene, phipsi.Scene, State]:
     elif kind == "connections":
         builder.connect("pin", "axis", "coupler", "rocker", xyz=(0, 0, 0.4), other_xyz=(0, 0, 0.3), axis=(0, 1, 0))
         scene = builder.build()
-        tree, q = scene.without_connections(), scene.project(q, np.zeros(3))[0]
+        tree, q = scene.without_constraints(), scene.project(q, np.zeros(3))[0]
     else:
         builder.contact("foot", "rocker", xyz=(0, 0, 0.3), friction=0.5)
         scene = builder.build()
@@ -205,7 +205,7 @@ def _same(found: Any, expected: Any) -> bool:
 
 #: Methods without a state: constructors, names and indices, pictures. `check` and `identify` have separate tests.
 WITHOUT_STATE = frozenset(
-    ["check", "connection_rows", "excitation", "from_mujoco", "from_pinocchio", "from_urdf", "joint", "link", "neutral", "q_index", "random_configuration", "show", "v_index", "without_connections", "without_contacts"]
+    ["check", "constraint_rows", "excitation", "from_mujoco", "from_pinocchio", "from_urdf", "joint", "link", "neutral", "q_index", "random_configuration", "show", "v_index", "without_constraints", "without_contacts"]
 )
 
 MEANING = {

@@ -292,7 +292,7 @@ def test_it_is_read_from_mujoco() -> None:
 
     scene, text = biped(True), of_mujoco()
     read = phipsi.Scene.from_mujoco(text)
-    assert read.joint_names == scene.joint_names and read.connection_names == scene.connection_names
+    assert read.joint_names == scene.joint_names and read.constraint_names == scene.constraint_names
     q, qd, tau = moving(scene, 11)
     there = q.copy()
     for side in SIDES:

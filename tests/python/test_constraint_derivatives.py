@@ -130,7 +130,7 @@ def test_a_batch_is_its_states() -> None:
 def test_what_has_no_form_says_so() -> None:
     scene, q = four_bar("point")
     q, qd = on_it(scene, q, np.zeros(3))
-    with pytest.raises(ArgumentError, match="second derivatives.*without_connections"):
+    with pytest.raises(ArgumentError, match="second derivatives.*without_constraints"):
         scene.forward_dynamics_hvp(q, qd, qd, qd, qd, qd, qd)
 
 

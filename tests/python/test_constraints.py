@@ -69,7 +69,7 @@ def near(scene: phipsi.Scene, seed: int, size: float = 0.05) -> tuple[np.ndarray
 def of_pinocchio(scene: phipsi.Scene, q: np.ndarray, qd: np.ndarray, tau: np.ndarray, floating_base: bool) -> np.ndarray:
     """Accelerations by Pinocchio's constraintDynamics."""
     pin = pytest.importorskip("pinocchio")
-    tree = scene.without_connections()
+    tree = scene.without_constraints()
     root = (pin.JointModelFreeFlyer(),) if floating_base else ()
     model = pin.buildModelFromXML(tree.to_urdf(), *root)
     model.gravity.linear[:] = scene.gravity
@@ -125,7 +125,7 @@ def test_random_loops_obey_their_definition(seed: int) -> None:
         return
     found = scene.constrained_dynamics(q, qd, tau)
     jacobian = scene.constraint_jacobian(q)
-    load = sum(jacobian[scene.connection_rows(name)].T @ force for name, force in found.forces.items())
+    load = sum(jacobian[scene.constraint_rows(name)].T @ force for name, force in found.forces.items())
     size = np.abs(found.qdd).max() + np.abs(load).max() + 10
     assert np.allclose(scene.inverse_dynamics(q, qd, found.qdd), tau + load, atol=1e-9 * size)
     assert np.abs(jacobian @ found.qdd + scene.constraint_bias(q, qd)).max() < 1e-9 * size
@@ -145,11 +145,11 @@ def test_forward_dynamics_goes_through_connections_and_batches_are_as_singles() 
         assert isinstance(one.rank, int) and isinstance(one.residual, float)
     many = scene.constrained_dynamics(np.tile(q, (100, 1, 1, 1)), qd, tau)
     assert np.array_equal(many.qdd[57], found.qdd)
-    with pytest.raises(ArgumentError, match="without_connections"):
+    with pytest.raises(ArgumentError, match="without_constraints"):
         scene.estimate(q[0, 0], qd[0, 0], tau[0])
-    with pytest.raises(ArgumentError, match="without_connections"):
+    with pytest.raises(ArgumentError, match="without_constraints"):
         scene.ode()
-    with pytest.raises(ArgumentError, match="without_connections"):
+    with pytest.raises(ArgumentError, match="without_constraints"):
         scene.to_urdf()
 
 
@@ -162,7 +162,7 @@ def test_wrenches_and_forces_are_in_their_frames() -> None:
     found = scene.constrained_dynamics([0.0], [0.0], [0.0], wrenches={"rod": [0, 0.5 * 3, 0, 3, 0, 0]})
     assert np.allclose(found.forces["rope"], [1.5], atol=1e-12) and found.rank == 1
     welded = builder.build().to_builder().connect("weld", "weld", "rod", xyz=(0, 0, 1.0)).build()
-    assert welded.connection_names == ("rope", "weld")
+    assert welded.constraint_names == ("rope", "weld")
 
 
 def test_rows_that_give_way_are_measurements_with_noise() -> None:
@@ -176,7 +176,7 @@ def test_rows_that_give_way_are_measurements_with_noise() -> None:
     scale = 1e-13 * np.linalg.cond(system)
     for form in ("auto", "covariance", "square-root"):
         found = scene.constrained_dynamics(q, qd, tau, compliance=compliance, form=form)  # type: ignore[arg-type]
-        forces = np.concatenate([found.forces[name] for name in scene.connection_names])
+        forces = np.concatenate([found.forces[name] for name in scene.constraint_names])
         assert np.max(np.abs(found.qdd - exact[:nv])) <= scale * np.max(np.abs(exact[:nv]))
         assert np.max(np.abs(forces - exact[nv:])) <= scale * np.max(np.abs(exact[nv:]))
         left = jacobian @ found.qdd + gamma
@@ -266,9 +266,9 @@ def test_motion_stays_closed() -> None:
         simulator.reset(q, qd + 1.0)
     with pytest.raises(ArgumentError, match="baumgarte"):
         scene.simulate(q, qd, dt=1e-3, steps=1, baumgarte=0.0)
-    with pytest.raises(ArgumentError, match="without_connections"):
+    with pytest.raises(ArgumentError, match="without_constraints"):
         path.vjp(np.ones_like(path.qd))
-    assert linkage().without_connections().simulate(q, qd, dt=1e-3, steps=2).drift.max() == 0.0
+    assert linkage().without_constraints().simulate(q, qd, dt=1e-3, steps=2).drift.max() == 0.0
 
 
 def test_a_step_that_tears_a_linkage_ends_the_motion() -> None:
@@ -292,12 +292,12 @@ def test_connections_belong_to_the_scene() -> None:
         scene.with_payload("rocker", 1.0),
         scene.with_inertias({"rocker": (1.0, (0, 0, 0.1), None)}),
     ):
-        assert other.connection_names == ("pin",) and np.array_equal(other.constraint_error(q + 0.1), expected)
-    assert scene.without_connections().connection_names == () and "1 connections" in repr(scene)
+        assert other.constraint_names == ("pin",) and np.array_equal(other.constraint_error(q + 0.1), expected)
+    assert scene.without_constraints().constraint_names == () and "1 connections" in repr(scene)
     assert np.abs(scene.lock(["crank"], q).constraint_error(q[1:])).max() < 1e-14
-    assert scene.connection_rows("pin") == slice(0, 5, 1)
+    assert scene.constraint_rows("pin") == slice(0, 5, 1)
     with pytest.raises(ArgumentError, match="one of \"pin\""):
-        scene.connection_rows("pim")
+        scene.constraint_rows("pim")
 
 
 def test_a_second_frame_that_is_not_given_is_where_the_first_is_at_zero() -> None:
@@ -367,7 +367,7 @@ def test_a_rod_along_its_hinge_moves_nothing() -> None:
     for angle in (0.0, 0.3, np.pi / 2):
         found = scene.constrained_dynamics([angle], [0.0], [1.0])
         assert found.rank == 0 and found.forces["stay"] == 0.0 and found.residual < 1e-12
-        assert np.allclose(found.qdd, scene.without_connections().forward_dynamics([angle], [0.0], [1.0]))
+        assert np.allclose(found.qdd, scene.without_constraints().forward_dynamics([angle], [0.0], [1.0]))
 
 
 def test_contradicting_connections_are_named() -> None:
@@ -391,7 +391,7 @@ def test_equality_constraints_of_mujoco_are_connections() -> None:
     stiff = 'solref="2e-5 1" solimp="0.99999 0.99999 0.001"'
     sites = f'<connect name="pin" site1="tip" site2="top" {stiff}/>'
     scene = phipsi.Scene.from_mujoco(MODEL.format(sites))
-    assert scene.connection_names == ("pin",)
+    assert scene.constraint_names == ("pin",)
     q, qd = closed(scene)
     model = mujoco.MjModel.from_xml_string(MODEL.format(sites))
     data = mujoco.MjData(model)
@@ -416,7 +416,7 @@ def test_equality_constraints_of_mujoco_are_connections() -> None:
 def test_rows_of_mujoco_are_those_of_the_scene(element: str, kind: int) -> None:
     mujoco = pytest.importorskip("mujoco")
     scene = phipsi.Scene.from_mujoco(MODEL.format(element))
-    assert scene.connection_names == ("equality 0",) and len(scene.constraint_error(np.zeros(3))) == kind
+    assert scene.constraint_names == ("equality 0",) and len(scene.constraint_error(np.zeros(3))) == kind
     model = mujoco.MjModel.from_xml_string(MODEL.format(element))
     data = mujoco.MjData(model)
     data.qpos[:] = [0.3, 0.4, 0.2]

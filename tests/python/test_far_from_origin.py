@@ -61,7 +61,7 @@ class Pair:
         q[:3] = np.round(q[:3] * 2.0**20) / 2.0**20
         self.q = q
         self.qd, self.tau, self.more = random.uniform(-1, 1, (3, self.near.nv))
-        if self.near.connection_names:
+        if self.near.constraint_names:
             self.q, self.qd, _ = self.near.project(self.q, self.qd)
             self.q[:3] = q[:3] if not np.any(self.rotation - np.eye(3)) else self.q[:3]
         self.moved_q = self.moved(self.q)

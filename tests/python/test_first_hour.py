@@ -60,6 +60,26 @@ def test_the_closest_name_comes_first(arm: phipsi.Scene, wanted: str, closest: s
         arm.placement(arm.neutral(), wanted)
 
 
+@pytest.mark.parametrize("former", ["connection_names", "connection_rows", "without_connections"])
+def test_former_names_of_constraints(arm: phipsi.Scene, former: str) -> None:
+    present = {"connection_names": "constraint_names", "connection_rows": "constraint_rows"}.get(former, "without_constraints")
+    assert hasattr(arm, present)
+    with pytest.raises(AttributeError, match=f"no attribute '{former}'; it was renamed to '{present}'"):
+        getattr(arm, former)
+
+
+def test_a_former_name_of_trajectories(arm: phipsi.Scene) -> None:
+    path = arm.simulate(arm.neutral(), np.zeros(arm.nv), dt=1e-3, steps=2)
+    assert path.constraint_forces() == {}
+    with pytest.raises(AttributeError, match="expected constraint_forces"):
+        path.connection_forces  # noqa: B018
+
+
+def test_an_unknown_attribute_is_named(arm: phipsi.Scene) -> None:
+    with pytest.raises(AttributeError, match="^'Scene' object has no attribute 'forward_dynamic'$"):
+        arm.forward_dynamic  # type: ignore[attr-defined] # noqa: B018
+
+
 def test_former_names_of_fields(arm: phipsi.Scene) -> None:
     q, zero = np.full(6, 0.3), np.zeros(6)
     inverse, forward = arm.inverse_dynamics_derivatives(q, zero, zero), arm.forward_dynamics_derivatives(q, zero, zero)

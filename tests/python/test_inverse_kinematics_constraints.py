@@ -56,7 +56,7 @@ def test_what_the_tree_alone_would_reach_is_not_reached() -> None:
     """Smallest distance of the loop from the target, compared with a scan of the crank."""
     target = np.array([0.2, 0.0, -0.1])
     point = (0.0, 0.0, 0.1)
-    tree = FOUR_BAR.without_connections()
+    tree = FOUR_BAR.without_constraints()
     assert tree.inverse_kinematics(tasks.Position("coupler", target, at=point), CLOSED).reached
     found = FOUR_BAR.inverse_kinematics(tasks.Position("coupler", target, at=point), CLOSED)
     assert not found.reached and opened(FOUR_BAR, found.q) <= 1e-12

@@ -306,7 +306,7 @@ def test_rows_that_give_way(error: float) -> None:
     assert np.max(np.abs(tight.q - held.q)) <= 1e-8 and np.max(np.abs(tight.qd - held.qd)) <= 1e-8
     ends = [exact.simulate(held.q, held.qd, dt=1e-3, steps=200, **options).q[-1] for options in ({}, {"compliance": 1e-12})]
     assert np.max(np.abs(ends[1] - ends[0])) <= 1e-6
-    assert set(path.connection_forces()) == {"pin"} and np.all(np.isfinite(path.connection_forces()["pin"]))
+    assert set(path.constraint_forces()) == {"pin"} and np.all(np.isfinite(path.constraint_forces()["pin"]))
 
 
 def test_projection_with_compliance_is_a_least_squares_estimate() -> None:

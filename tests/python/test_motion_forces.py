@@ -99,7 +99,7 @@ def test_a_coupling_has_no_arrow() -> None:
         builder.link(name, **BODY).joint(name, "continuous", "base", name, axis=(0, 1, 0))
     scene = builder.couple("gear", "one", "two", multiplier=2.0).build()
     path = scene.simulate([0.0, 0.0], [2.0, 1.0], dt=1e-3, steps=5)
-    assert path.connection_forces()["gear"].shape == (6, 1)
+    assert path.constraint_forces()["gear"].shape == (6, 1)
     assert of_motion(path, np.arange(6)) is None
 
 

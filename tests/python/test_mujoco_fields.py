@@ -121,7 +121,7 @@ def follows(model: mujoco.MjModel, seen: Seen, data: mujoco.MjData) -> None:
     scene = phipsi.Scene.from_mujoco(model)
     q, qd = phipsi.mujoco.to_state(scene, data.qpos, data.qvel)
     tau = scene.stiffness * scene.difference(q, scene.rest) - scene.damping * qd
-    free = scene.without_connections()
+    free = scene.without_constraints()
     mass = free.mass_matrix(q)
     expected = phipsi.mujoco.to_accelerations(scene, q, qd, seen.smooth)
     assert_near(free.forward_dynamics(q, qd, tau), expected, inverse(float(np.linalg.cond(mass)), size(expected)))

@@ -122,7 +122,7 @@ def test_forces_of_connections_are_in_the_page_and_beside_it(tmp_path: Path) -> 
     # Newton, for both bodies: the pin and the joint of the crank carry them; the moments of the pin and of the
     # weights about that joint accelerate them.
     qdd = scene.forward_dynamics(q, qd, np.zeros_like(qd))
-    free = scene.without_connections()
+    free = scene.without_constraints()
     turning = free.inverse_dynamics(q, qd, qdd)[:, 0]
     moment = np.cross([0.3, 0.0, 0.2], force[:, 0])[:, 1]
     assert_near(turning[0], moment[0], 1e-9)

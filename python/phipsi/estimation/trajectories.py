@@ -110,7 +110,7 @@ def with_bands(path: Trajectory, uncertainty: Any) -> Trajectory:
 def _check_linear(path: Trajectory) -> None:
     """Raise ArgumentError for simulations that cannot be linearized."""
     given, scene = path.given or {}, path.scene
-    if scene.connection_names or scene.contact_names:
+    if scene.constraint_names or scene.contact_names:
         raise of_argument(
             ArgumentError, "covariance", "found a scene with connections or contacts; expected a tree without contacts"
         )

@@ -83,7 +83,7 @@ def write(path: Trajectory, folder: Path, *, table: bool) -> list[Path]:
     scene = path.scene
     archive = folder / "trajectory.npz"
     found: dict[str, Any] = {"t": path.t, "q": path.q, "qd": path.qd, "dt": path.dt, "method": path.method}
-    if scene.connection_names:
+    if scene.constraint_names:
         found["drift"] = path.drift
     if path.bands is not None:
         found |= {"q_deviation": path.bands.q, "qd_deviation": path.bands.qd, "covariance": path.bands.covariance}

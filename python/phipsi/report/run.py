@@ -81,7 +81,7 @@ def over_time(run: Run) -> Chart:
         found.append((f"force of {forces.what}s, N", {name: sizes[:, i] for i, name in enumerate(forces.names)}))
     kinds = {"kinetic": energy.kinetic, "potential": energy.potential, "spring": energy.spring, "total": energy.total}
     found.append(("energy, J", {name: values[rows] for name, values in kinds.items() if name == "total" or np.any(values)}))
-    if scene.connection_names:
+    if scene.constraint_names:
         found.append(("constraint error, m or rad", {"drift": path.drift[rows]}))
     # Names of one legend, which the panels of joints share, have different colors.
     joints = list(dict.fromkeys(label for _, values in found[:2] for label in values))

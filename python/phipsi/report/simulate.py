@@ -104,7 +104,7 @@ def simulate(
                 raise BadInput(f"--check: found {check} without uncertainties; expected --covariance or --noise")
             uncertainty = replace(uncertainty, check=check)
         q, qd = start.get("q", scene.neutral()), start.get("qd", np.zeros(scene.nv))
-        if scene.connection_names:
+        if scene.constraint_names:
             nearest = scene.project(q, qd)
             q, qd = nearest.q, np.asarray(nearest.qd)
         law = PD(*_gains(scene, *hold), q) if hold is not None else None
@@ -195,7 +195,7 @@ def _tell(name: str, path: Trajectory) -> None:
             click.echo(f"sampled variance over variance of the bands, at the end: {np.nanmin(ratio[-1]):.3f} to {np.nanmax(ratio[-1]):.3f}")
     if path.stops:
         click.echo(f"{plural(len(path.stops), 'impact')} on joint stops, the first at {path.stops[0].joint}, t = {path.stops[0].time:.4g} s")
-    if path.scene.connection_names:
+    if path.scene.constraint_names:
         click.echo(f"largest constraint error of the connections: {path.drift.max():.1e} m or rad")
     for found in path.violations():
         click.echo(
