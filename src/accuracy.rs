@@ -67,6 +67,7 @@ pub const ESTIMATE_SPREAD: f64 = 1000.0;
 
 impl Accuracy {
     /// For a form without an error estimate.
+    #[must_use]
     pub fn unknown(form: Form) -> Self {
         Self { form, doubled: false, error: f64::NAN, bound: Bound::Unknown }
     }

@@ -349,7 +349,7 @@ impl KinematicQuantity<'_> {
 impl std::str::FromStr for Algorithm {
     type Err = Error;
 
-    /// The algorithm with the name of a method of the scene, for instance "forward_dynamics"; in form `auto` if it has
+    /// The algorithm with the name of a method of the scene, for instance `forward_dynamics`; in form `auto` if it has
     /// a form.
     fn from_str(name: &str) -> Result<Self, Error> {
         choose("algorithm", name, &Self::ALL.map(|algorithm| (algorithm.entry().name, algorithm)))

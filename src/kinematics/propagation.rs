@@ -156,14 +156,14 @@ mod tests {
     fn sums_and_paths_are_products_of_phi() {
         let stage = |parent, first_row| Stage { parent, rows: Rows::One(HingeMap::Axis(2)), first_row };
         let stages = [stage(None, 0), stage(Some(0), 1), stage(Some(0), 2), stage(Some(2), 3), stage(None, 4)];
-        let number = |k: usize, i: usize| ((7 * k + 3 * i) as f64 * 0.618_034).fract() - 0.5;
+        let number = |k: u32, i: u32| (f64::from(7 * k + 3 * i) * 0.618_034).fract() - 0.5;
         let shifts: Vec<_> = (0..5)
             .map(|k| RigidShift {
                 rotation: *Rotation3::from_euler_angles(number(k, 1), number(k, 2), number(k, 3)).matrix(),
                 lever: Vector3::new(number(k, 4), number(k, 5), number(k, 6)),
             })
             .collect();
-        let forces: Vec<_> = (0..5).map(|k| Vector6::from_fn(|i, _| number(k, 10 + i))).collect();
+        let forces: Vec<_> = (0..5).map(|k| Vector6::from_iterator((10..16).map(|i| number(k, i)))).collect();
         let phi = |k: usize| shifts[k].to_matrix();
         let off = |found: &Vector6<f64>, expected: &Vector6<f64>| (found - expected).amax();
 
