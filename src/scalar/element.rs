@@ -58,7 +58,7 @@ pub trait Element: Precision + Pod {
     fn all_within<S: Simd>(simd: S, a: Self::Register<S>, bound: f64) -> bool;
 
     /// Sine and cosine of the whole angle from those of the reduced angle. `shifted` is the number of quarter turns
-    /// plus [`Circle::ROUNDER`], whose low-order mantissa bits contain that number.
+    /// plus [`Circle::ROUNDER`](super::Circle::ROUNDER), whose low-order mantissa bits contain that number.
     fn turned<S: Simd>(
         simd: S,
         shifted: Self::Register<S>,
