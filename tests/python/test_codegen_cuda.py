@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import importlib.util
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -24,6 +25,7 @@ from test_codegen import FUNCTIONS, parts
 from tolerances import in_float32
 
 import phipsi
+from phipsi import _install
 from phipsi.errors import ArgumentError, ShapeError
 
 COMPILER = os.environ.get("CC", "cc")
@@ -253,7 +255,7 @@ def test_what_only_the_cpu_has_is_refused(gpu: Any) -> None:
 def test_without_cupy_or_a_gpu_the_way_out_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = phipsi.scenes.chain(2)
     monkeypatch.setitem(sys.modules, "cupy", None)
-    with pytest.raises(ImportError, match=r"pip install 'phipsi\[cuda\]'"):
+    with pytest.raises(ImportError, match=re.escape(_install.command("cuda"))):
         phipsi.compile(scene, device="cuda")
 
     def no_driver() -> int:
