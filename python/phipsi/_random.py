@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import ArgumentError, of_argument
+from .errors import ArgumentError, OutOfMemoryError, of_argument
 
 if TYPE_CHECKING:
     from ._core import Scene
@@ -55,7 +56,12 @@ def configuration(scene: Scene, rng: Any, size: Any) -> _Array:
     except (TypeError, ValueError):
         raise of_argument(ArgumentError, "size", f"found {size!r}; expected a number of configurations, or a tuple of numbers") from None
     low, high = ranges(scene)
-    q = np.asarray(scene.integrate(scene.neutral(), generator.uniform(low, high, (*batch, scene.nv))))
+    shape = (*batch, scene.nv)
+    try:
+        displacements = generator.uniform(low, high, shape)
+    except (MemoryError, ValueError):  # ValueError: more bytes than an address has
+        raise of_argument(OutOfMemoryError, "size", f"no room for {8 * math.prod(shape)} bytes") from None
+    q = np.asarray(scene.integrate(scene.neutral(), displacements))
     for name in scene.joint_names:
         at = scene.q_index(name)
         if at.stop - at.start in (4, 7):

@@ -311,6 +311,9 @@ LARGE: dict[str, Large] = {
         "scene", of_long_chain(lambda scene, q: scene.random_model(q).mass_matrix(method="sigma-points"))
     ),
     "chain": Large("n", lambda scene: lambda: phipsi.scenes.chain(10**11), covers=("chain.n",)),
+    "random_configuration": Large(
+        "size", lambda scene: lambda: scene.random_configuration(0, size=10**11), covers=("random_configuration.size",)
+    ),
     "some links": Large("n", lambda scene: lambda: phipsi.scenes.chain(200_000)),
     "extreme": Large(
         "bodies", lambda scene: lambda: phipsi.scenes.extreme("heavy-tip", bodies=100_000), covers=("extreme.bodies",)

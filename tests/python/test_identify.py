@@ -244,7 +244,7 @@ def test_data_of_other_units_and_signs(scale: float, trust: float) -> None:
     q, qd, qdd = states(scene, 60)
     tau = scale * scene.inverse_dynamics(q, qd, qdd)
     tau += 1e-3 * size(tau) * np.random.default_rng(0).standard_normal(tau.shape)
-    with warnings.catch_warnings() if scale in (1.0, 1e-6) else pytest.warns(LogWarning, match="tau: found torques that are those of the model times a constant"):
+    with warnings.catch_warnings() if scale in (1.0, 1e-6) else pytest.warns(LogWarning, match="tau: found torques proportional to those of the model"):
         found = scene.identify(q, qd, qdd, tau, trust=trust)
     assert all(np.linalg.eigvalsh(to_moments(one))[0] > 0.0 for one in found.parameters)
     assert np.all(np.isfinite(found.deviations)) and np.all(np.isfinite(found.after))
