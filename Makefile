@@ -118,6 +118,9 @@ docs: $(VENV)-docs/there
 	NO_MKDOCS_2_WARNING=1 $(VENV)-docs/bin/mkdocs build --strict
 	@echo "open target/site/index.html"
 
+# The short examples of docs/examples.md.
+EXAMPLES := $(patsubst %,examples/%.py,ant computed_torque dropped_box four_bar gripper humanoid inverse_kinematics lqr own_urdf quadruped xacro_snake)
+
 # Another processor architecture: its kernels are compiled, but not run.
 OTHER := aarch64-unknown-linux-gnu
 
@@ -136,6 +139,7 @@ check: $(VENV)/test
 	$(BIN)/python -m pip install --quiet 'mypy>=1.15' 'abi3audit>=0.0.20'
 	cd tests/python && ../../$(BIN)/python -m mypy.stubtest phipsi._core
 	$(BIN)/mypy python/phipsi
+	$(BIN)/mypy --strict $(EXAMPLES)
 	$(BIN)/abi3audit --strict $(WHEELS)/phipsi-*.whl
 
 # Run before make test, which then uses this wheel. zig is installed from the package index; maturin finds it with the python3 of PATH.
