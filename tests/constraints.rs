@@ -210,7 +210,7 @@ fn what_connections_take_is_counted() {
     let (q, qd, tau) = state(&scene, 1, 0.2);
     let state = Arguments { q: &q, qd: &qd, u: &tau, ..Arguments::default() };
     let through = count(&scene, Task::Algorithm(Algorithm::ConstrainedDynamics(Form::Covariance)), &state);
-    let tree = scene.without_connections().unwrap();
+    let tree = scene.without_constraints().unwrap();
     let alone = count(&tree, Task::Algorithm(Algorithm::ForwardDynamics(Form::Covariance)), &state);
     let (through_flops, alone_flops) = (through.operations.flops(), alone.operations.flops());
     assert!(alone_flops < through_flops && through_flops < 6 * alone_flops, "{through_flops} beside {alone_flops}");
@@ -332,7 +332,7 @@ fn projections_meet_the_connections_by_moves_of_least_kinetic_energy() {
 #[test]
 fn a_linkage_that_is_stretched_out_has_a_lower_rank() {
     // A flat parallelogram: its crank and its rocker can rotate independently.
-    let open = bars(ConnectionKind::Point).without_connections().unwrap();
+    let open = bars(ConnectionKind::Point).without_constraints().unwrap();
     let mut pin = Connection::new("pin", ConnectionKind::Point, "coupler", Some("rocker"));
     pin.frame.lever = [0.0, 0.0, 0.3].into();
     pin.other_frame = Some(RigidShift { lever: [0.0, 0.0, 0.2].into(), ..RigidShift::identity() });
@@ -391,7 +391,7 @@ fn forward_dynamics_goes_through_the_connections_and_what_knows_trees_only_says_
     let mut workspace = scene.workspace();
     scene.forward_dynamics(&mut workspace, q, qd, tau, &[], &mut qdd).unwrap();
     assert_eq!(qdd[..], through[..]);
-    let open = scene.without_connections().unwrap();
+    let open = scene.without_constraints().unwrap();
     open.forward_dynamics(&mut open.workspace(), q, qd, tau, &[], &mut tree).unwrap();
     assert!(distance(&tree, &qdd) > 0.1 && open.constraint_rows() == 0);
     scene.inverse_dynamics(&mut workspace, q, qd, tau, &[], &mut [0.0; 3]).unwrap();
@@ -588,7 +588,7 @@ fn couplings_of_locked_joints_go_on_with_what_these_are_held_at() {
 fn refused(change: impl FnOnce(&mut Connection)) -> String {
     let mut connection = Connection::new("pin", ConnectionKind::Point, "coupler", Some("rocker"));
     change(&mut connection);
-    let builder = bars(ConnectionKind::Point).without_connections().unwrap().source().clone();
+    let builder = bars(ConnectionKind::Point).without_constraints().unwrap().source().clone();
     match builder.connect(connection).build() {
         Err(error @ Error::Scene { .. }) => error.to_string(),
         other => panic!("{other:?}"),
@@ -671,7 +671,7 @@ fn broken_arguments_are_refused() {
 }
 
 #[test]
-fn a_scene_without_connections_has_no_rows() {
+fn a_scene_without_constraints_has_no_rows() {
     let scene = phipsi::scenes::chain(3).unwrap();
     let state = (vec![0.1, 0.2, 0.3], vec![0.3; 3], vec![1.0; 3]);
     let (qdd, forces, rank, residual) = dynamics(&scene, Form::Auto, &state).unwrap();

@@ -210,7 +210,7 @@ impl Scene {
         Err(Error::argument(
             what,
             format!("a scene with connections ({})", names.join(", ")),
-            "a tree: scene.without_connections() is the same one without them",
+            "a tree: scene.without_constraints() is the same one without them",
         ))
     }
 

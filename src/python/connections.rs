@@ -172,7 +172,7 @@ impl PyScene {
     /// ()
     #[pyo3(signature = ())]
     fn without_constraints(&self, py: Python<'_>) -> PyResult<Self> {
-        let make = || self.scene.without_connections();
+        let make = || self.scene.without_constraints();
         Ok(Self::new(if self.size() < WORTH_DETACHING { make()? } else { detached_checked(py, make)? }))
     }
 }

@@ -81,7 +81,7 @@ fn column(values: &[f64]) -> Mat<f64> {
 /// Invalid arguments, a singular joint, or too many degrees of freedom for the dense operators.
 pub fn residuals(scene: &Scene, q: &[f64], qd: &[f64], tau: &[f64]) -> Result<Vec<Residual>, Error> {
     if !scene.connections().is_empty() {
-        return residuals(&scene.without_connections()?, q, qd, tau);
+        return residuals(&scene.without_constraints()?, q, qd, tau);
     }
     let model = scene.model();
     let nv = scene.nv();

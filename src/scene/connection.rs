@@ -170,7 +170,7 @@ impl Scene {
     /// # Errors
     ///
     /// Those of [`SceneBuilder::build`](super::SceneBuilder::build), none of which this scene caused.
-    pub fn without_connections(&self) -> Result<Self, Error> {
+    pub fn without_constraints(&self) -> Result<Self, Error> {
         let mut source = self.source().clone();
         source.connections.clear();
         source.build()
