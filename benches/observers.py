@@ -448,7 +448,7 @@ def of_textbook(options: argparse.Namespace) -> list[str]:
         "",
         f"Largest difference of the estimates: {mean:.1e} standard deviations; of the standard deviations: {deviation:.1e}, relative. A step takes {ours:.0f} us, {theirs:.0f} us in the textbook filter, which knows only this pendulum.",
         "",
-        f"A step of the six-joint arm with an IMU and a wrench (24 states, 12 readings), from Python: {one:.0f} us alone, {many:.0f} us per robot in batches of 100. The aim is 20 us from Rust: `cargo bench --bench motion --features urdf observer`.",
+        f"A step of the six-joint arm with an IMU and a wrench (24 states, 12 readings), from Python: {one:.0f} us alone, {many:.0f} us per robot in batches of 100. The aim is 20 us from Rust: `cargo bench --bench motion --features urdf,lanes observer`.",
     ]
 
 
