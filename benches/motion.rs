@@ -3,8 +3,8 @@
 //!
 //! Times are of the whole batch on one core: divide by 1024 for a state. `--features parallel` adds threads.
 //!
-//! `cargo bench --bench motion --features urdf,lanes observer`: one step of the observer of a UR5 (a chain of six without
-//! its file) with encoders, an IMU with biases and a wrench on the tool.
+//! `cargo bench --bench motion --features urdf,lanes observer`: one step of the observer of a UR5 (a chain of six
+//! without its file) with encoders, an IMU with biases and a wrench on the tool.
 
 mod common;
 
