@@ -19,6 +19,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ._pose import from_rpy
 from .errors import ArgumentError
 
 if TYPE_CHECKING:
@@ -360,8 +361,7 @@ def _lengths(shape: Cylinder | Capsule) -> tuple[float, float]:
 
 def _turned(shape: Box | Cylinder | Capsule, moments: _Array) -> _Array:
     """Inertia with these principal moments, in the link frame."""
-    (cr, sr), (cp, sp), (cy, sy) = ((np.cos(angle), np.sin(angle)) for angle in _numbers(shape, "rpy", shape.rpy, 3))
-    turn = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]]) @ np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]]) @ np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
+    turn = from_rpy(_numbers(shape, "rpy", shape.rpy, 3))
     return np.array(turn @ np.diag(moments) @ turn.T)
 
 

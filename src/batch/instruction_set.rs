@@ -62,8 +62,7 @@ impl InstructionSet {
     }
 
     /// True if this processor has the instruction set and kernels were compiled for it. [`InstructionSet::Avx512`]
-    /// needs the feature `avx512`, the others but the
-    /// baseline the feature `lanes`.
+    /// needs the feature `avx512`; [`InstructionSet::Avx2`] and [`InstructionSet::Neon`] need the feature `lanes`.
     #[must_use]
     pub fn available(self) -> bool {
         match self {
