@@ -15,7 +15,7 @@ from ._arguments import not_numbers
 from ._chart import skew
 from ._coordinates import Array, Coordinates, right_jacobian, rotation_vector
 from .errors import ArgumentError, BadStateWarning, PhipsiError, ShapeError, of_argument
-from .tasks import unpacked
+from .tasks import unit, unpacked
 
 if TYPE_CHECKING:
     from ._core import Scene
@@ -181,24 +181,23 @@ def task_residual(scene: Scene, tasks: Any, errors: Errors = "raise") -> Call:
 
 
 #: Number of residuals of each kind of task.
-RESIDUALS = {"pose": 6, "position": 3, "orientation": 3, "center-of-mass": 3, "joint": 1}
+RESIDUALS = {"pose": 6, "position": 3, "orientation": 3, "direction": 3, "look-at": 3, "center-of-mass": 3, "joint": 1}
 
 
 @lru_cache(maxsize=32)
 def _task_residual(scene: Scene, pickled: bytes, errors: Errors) -> Call:
     given = pickle.loads(pickled)
     for kind, name, on, *_, target, _width, _ in given:
-        if kind not in RESIDUALS:
-            known = "Pose, Position, Orientation, CenterOfMass, JointPosition"
-            raise of_argument(ArgumentError, name, f"found a task of kind {kind!r}; expected one of {known}")
         if target.ndim > 1:
             raise of_argument(ShapeError, f"{name}.target", f"found the leading axes {target.shape[:-1]}; expected the target of one state")
+        if kind == "direction":
+            unit(f"{name}.target", target)
         if kind == "joint" and scene.q_index(on).stop - scene.q_index(on).start != 1:
             raise of_argument(ArgumentError, name, f"found joint {on!r} of several coordinates; expected a joint with one")
 
     def each(q: Array, derivative: bool) -> Array:
         parts: list[Array] = []
-        for kind, _, on, at, *_, target, _, relative_to in given:
+        for kind, _, on, at, axis, *_, target, _, relative_to in given:
             if kind == "center-of-mass":
                 parts.append(scene.center_of_mass_jacobian(q, errors=errors) if derivative else scene.center_of_mass(q, errors=errors) - target)
             elif kind == "joint":
@@ -206,7 +205,7 @@ def _task_residual(scene: Scene, pickled: bytes, errors: Errors) -> Call:
                 row[..., scene.v_index(on)] = 1.0
                 parts.append(row if derivative else q[..., scene.q_index(on)] - target)
             else:
-                parts += _frame_residuals(scene, q, kind, on, np.array(at), target, relative_to, derivative, errors)
+                parts += _frame_residuals(scene, q, kind, on, (np.array(at), np.array(axis)), target, relative_to, derivative, errors)
         empty = np.zeros((*q.shape[:-1], 0, *[scene.nv] * derivative))
         return np.concatenate([empty, *parts], axis=-2 if derivative else -1)
 
@@ -215,11 +214,21 @@ def _task_residual(scene: Scene, pickled: bytes, errors: Errors) -> Call:
 
 
 def _frame_residuals(
-    scene: Scene, q: Array, kind: str, link: str, at: Array, target: Array, relative_to: str | None, derivative: bool, errors: Errors
+    scene: Scene,
+    q: Array,
+    kind: str,
+    link: str,
+    on_link: tuple[Array, Array],
+    target: Array,
+    relative_to: str | None,
+    derivative: bool,
+    errors: Errors,
 ) -> list[Array]:
     """Residuals of a task of the frame of a link, or their derivatives by the tangent of q: the rotation vector from
-    the target to the link in the axes of the link, and the distance of the point from the target.
+    the target to the link in the axes of the link, and the distance of the point from the target; for directions, the
+    rotation vector from the target to the axis.
     """
+    at, axis = on_link
     pose, motion = scene.placement(q, link, errors=errors), None
     if derivative:
         motion = scene.jacobian(q, link, errors=errors)
@@ -233,6 +242,14 @@ def _frame_residuals(
             carried = [turn @ of_base[..., :3, :], turn @ (of_base[..., 3:, :] - arm @ of_base[..., :3, :])]
             motion = motion - np.concatenate(carried, axis=-2)
     turn, place = pose[..., :3, :3], pose[..., :3, 3]
+    if kind in ("direction", "look-at"):
+        way = target - place - turn @ at if kind == "look-at" else np.broadcast_to(target, place.shape)
+        of_axis = turn @ axis
+        if motion is None:
+            return [_direction(of_axis, way)[0]]
+        moved = np.zeros_like(motion[..., 3:, :]) if kind == "direction" else turn @ (skew(at) @ motion[..., :3, :] - motion[..., 3:, :])
+        _, by_rotation, by_way = _direction(of_axis, way)
+        return [by_rotation @ turn @ motion[..., :3, :] + by_way @ moved]
     wanted = target.reshape(4, 4)[:3, :3] if kind == "pose" else target.reshape(3, 3) if kind == "orientation" else None
     goal = target.reshape(4, 4)[:3, 3] if kind == "pose" else target if kind == "position" else None
     found = []
@@ -246,6 +263,35 @@ def _frame_residuals(
     if goal is not None:
         found.append(place + turn @ at - goal if motion is None else turn @ (motion[..., 3:, :] - skew(at) @ motion[..., :3, :]))
     return found
+
+
+#: Largest quotient of an angle and its sine in a derivative; the exact one is infinite for opposite directions. The
+#: gradient of the angle does not depend on it.
+STEEPEST = 10.0
+
+
+def _direction(axis: Array, way: Array) -> tuple[Array, Array, Array]:
+    """Rotation vector e from a vector to a unit axis, angle n with n perpendicular to both, and its derivatives by the
+    rotation of the axis and by the vector. For opposite directions n is any perpendicular direction.
+    """
+    length = np.linalg.norm(way, axis=-1, keepdims=True)
+    # A vector of length zero has no direction: the axis points to it.
+    target = np.where(length > 0.0, way / np.where(length > 0.0, length, 1.0), axis)
+    across = np.cross(target, axis)
+    sine, cosine = np.linalg.norm(across, axis=-1, keepdims=True), (target * axis).sum(-1, keepdims=True)
+    least = np.eye(3)[np.abs(axis).argmin(-1)]
+    sideways = np.cross(axis, least)
+    n = np.where(sine > 0.0, across / np.where(sine > 0.0, sine, 1.0), sideways / np.linalg.norm(sideways, axis=-1, keepdims=True))
+    angle = np.arctan2(sine, cosine)
+    steep = np.where(angle < STEEPEST * sine, angle / np.where(sine > 0.0, sine, 1.0), np.where(cosine > 0.0, 1.0, STEEPEST))[..., None]
+    by_rotation = _outer(n, n) + steep * _outer(np.cross(target, n), np.cross(axis, n))
+    by_target = steep * _outer(np.cross(n, axis), n) - _outer(n, np.cross(n, target))
+    onto = (np.eye(3) - _outer(target, target)) / np.where(length > 0.0, length, 1.0)[..., None]
+    return n * angle, by_rotation, by_target @ onto
+
+
+def _outer(a: Array, b: Array) -> Array:
+    return np.asarray(a[..., :, None] * b[..., None, :])
 
 
 #: The functions of phipsi.jax and phipsi.torch.

@@ -154,6 +154,7 @@ class Scene:
 
     **Order of six-vectors.** Spatial vectors of links (velocities, wrenches, rows of Jacobians) are (angular, linear).
     The entries of qd, qdd and tau of a free joint are the other way round: (linear, angular) and (force, moment).
+    q_index and v_index select its parts by name: qd[scene.v_index("root_joint", "angular")].
 
     **Arrays** are (..., nq) or (..., nv). Leading batch axes broadcast; the result has the batch axes of the
     arguments. Lists, float32, integers, strided and Fortran-ordered arrays are converted; C-contiguous float64
@@ -440,13 +441,15 @@ class Scene:
         Position limits are stops in simulations, unless limits="report"; velocity and effort limits are reported only.
         """
 
-    def q_index(self, joint: str, /) -> slice[int, int, int]:
+    def q_index(self, joint: str, /, part: Literal["position", "quaternion"] | None = None) -> slice[int, int, int]:
         """Slice of the coordinates of a joint in q.
 
         Parameters
         ----------
         joint : str
             Name of a movable joint.
+        part : {"position", "quaternion"}, optional
+            Part of a free joint, or "quaternion" of a spherical joint. None: all coordinates.
 
         Returns
         -------
@@ -462,15 +465,19 @@ class Scene:
         --------
         >>> phipsi.scenes.chain(3).q_index("j1")
         slice(1, 2, 1)
+        >>> phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM, floating_base=True).q_index("root_joint", "quaternion")
+        slice(3, 7, 1)
         """
 
-    def v_index(self, joint: str, /) -> slice[int, int, int]:
+    def v_index(self, joint: str, /, part: Literal["linear", "angular"] | None = None) -> slice[int, int, int]:
         """Slice of the degrees of freedom of a joint in qd, qdd and tau.
 
         Parameters
         ----------
         joint : str
             Name of a movable joint.
+        part : {"linear", "angular"}, optional
+            Part of a free joint (in tau force and moment), or "angular" of a spherical joint. None: all degrees of freedom.
 
         Returns
         -------
@@ -487,6 +494,8 @@ class Scene:
         >>> scene = phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM, floating_base=True)
         >>> scene.q_index("joint1"), scene.v_index("joint1")
         (slice(7, 8, 1), slice(6, 7, 1))
+        >>> scene.v_index("root_joint", "angular")
+        slice(3, 6, 1)
         """
 
     def neutral(self) -> _Array:

@@ -269,7 +269,7 @@ def _one(at: int, task: Any) -> _Unpacked:
     point, axis = getattr(task, "at", ORIGIN), getattr(task, "axis", FORWARD)
     # Most tasks use the defaults.
     point = ORIGIN if point is ORIGIN else _triple(name, "at", point).tolist()
-    axis = FORWARD if axis is FORWARD else _unit(f"{name}.axis", _triple(name, "axis", axis)).tolist()
+    axis = FORWARD if axis is FORWARD else unit(f"{name}.axis", _triple(name, "axis", axis)).tolist()
     deviation = getattr(task, "deviation", DEVIATION)
     position, rotation = float(getattr(task, "position", deviation)), float(getattr(task, "rotation", deviation))
     on = task.joint if kind == "joint" else getattr(task, "link", "")
@@ -290,8 +290,8 @@ def _triple(name: str, field: str, value: ArrayLike) -> _Array:
     return found
 
 
-def _unit(name: str, axis: _Array) -> _Array:
-    """The axis with unit length."""
+def unit(name: str, axis: _Array) -> _Array:
+    """The axis, or direction, with unit length."""
     if not np.isfinite(axis).all():
         raise of_argument(NotFiniteError, name, f"found {axis.tolist()}; expected finite numbers")
     largest = np.abs(axis).max()

@@ -304,8 +304,7 @@ def task_residual(scene: Scene, q: Tensor, tasks: Any, *, errors: _calls.Errors 
     q : array, (..., nq)
         Joint positions, rad or m; quaternions are normalized.
     tasks : task or list of tasks
-        Pose, Position, Orientation, CenterOfMass and JointPosition of phipsi.tasks, each with the target of one state,
-        which is a constant.
+        Tasks of phipsi.tasks, each with the target of one state, which is a constant.
     errors : {"raise", "nan"}
         "raise" or "nan": bad states raise an error, or return NaN with one BadStateWarning, as in Scene.forward_dynamics.
 
@@ -313,7 +312,8 @@ def task_residual(scene: Scene, q: Tensor, tasks: Any, *, errors: _calls.Errors 
     -------
     Tensor
         Errors of the tasks, one after another, (..., n), m and rad, not divided by their standard deviations. Of a pose: the
-        rotation vector from the target to the link in the axes of the link, then the position minus the target.
+        rotation vector from the target to the link in the axes of the link, then the position minus the target. Of Direction
+        and LookAt: the rotation vector from the target direction to the axis, in the axes of the target.
 
     Raises
     ------

@@ -294,9 +294,10 @@ impl Scene {
             let mut found = |state: usize, accuracy: Accuracy| found(state, &|| accuracy);
             return coupled.evaluate((self, coupling), algorithm, states, out, &mut found);
         }
+        let required = self.requirements(algorithm);
         if let [state] = states {
             // A single state skips the divisions and loops for many states.
-            if self.fits(algorithm, state) && evaluator.run(algorithm, states, out) & 1 == 0 {
+            if self.fits(&required, state) && evaluator.run(algorithm, states, out) & 1 == 0 {
                 found(0, &|| evaluator.checked.accepted(evaluator.kernels.error(1, 0), state.tolerance, out));
                 return Ok(());
             }
@@ -307,7 +308,7 @@ impl Scene {
         }
         let lanes = evaluator.lanes();
         for (i, (states, out)) in states.chunks(lanes).zip(out.chunks_mut((width * lanes).max(1))).enumerate() {
-            let fits = states.iter().all(|state| self.fits(algorithm, state));
+            let fits = states.iter().all(|state| self.fits(&required, state));
             let mut doubt = if fits { evaluator.run(algorithm, states, out) } else { u64::MAX };
             doubt &= u64::MAX >> (64 - states.len());
             for lane in (0..states.len()).filter(|lane| doubt >> lane & 1 == 0) {

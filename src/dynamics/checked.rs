@@ -358,20 +358,38 @@ impl Scene {
         is_derivative && algorithm.goes_through_connections() && !self.constraints().is_empty()
     }
 
-    /// True if the kernels can compute a state: its arguments have the lengths that the algorithm reads, and it has no
-    /// connections that they do not support.
-    pub(crate) fn fits<P: Precision>(&self, algorithm: Algorithm, state: &Arguments<'_, P>) -> bool {
+    /// The lengths of the arguments of one state of an algorithm, and whether the kernels support it.
+    #[inline]
+    pub(crate) fn requirements(&self, algorithm: Algorithm) -> Requirements {
         let (rates, third) = algorithm.reads();
         let [qd, u] = [rates, third.is_some()].map(|is_read| if is_read { self.nv() } else { 0 });
+        let seeds = match algorithm {
+            Algorithm::Products(_) | Algorithm::ConstrainedDynamics(_) => {
+                std::array::from_fn(|i| self.seed_width(algorithm, i))
+            }
+            _ => [0; 3],
+        };
+        Requirements {
+            widths: [self.nq(), qd, u],
+            seeds,
+            may_lack_seed: matches!(algorithm, Algorithm::ConstrainedDynamics(_)),
+            bodies: self.model().bodies.len(),
+            supported: !self.goes_through_connections(algorithm),
+            coupled: algorithm.goes_through_connections() && !self.constraints().is_empty(),
+        }
+    }
+
+    /// True if the kernels can compute a state: its arguments have the lengths that the algorithm reads, and it has no
+    /// connections that they do not support.
+    #[inline]
+    pub(crate) fn fits<P: Precision>(&self, required: &Requirements, state: &Arguments<'_, P>) -> bool {
         let forces = state.wrenches.len();
-        let unseeded = matches!(algorithm, Algorithm::ConstrainedDynamics(_)) && state.seed[0].is_empty();
-        let mut seeds = state.seed.iter().enumerate();
-        let seeded = unseeded || seeds.all(|(i, seed)| seed.len() == self.seed_width(algorithm, i));
-        (state.q.len(), state.qd.len(), state.u.len()) == (self.nq(), qd, u)
-            && seeded
-            && !self.goes_through_connections(algorithm)
-            && (!algorithm.goes_through_connections() || self.couplings_hold(state.q))
-            && (forces == 0 || forces == self.model().bodies.len())
+        let unseeded = required.may_lack_seed && state.seed[0].is_empty();
+        [state.q.len(), state.qd.len(), state.u.len()] == required.widths
+            && (unseeded || state.seed.map(<[P]>::len) == required.seeds)
+            && required.supported
+            && (!required.coupled || self.couplings_hold(state.q))
+            && (forces == 0 || forces == required.bodies)
     }
 
     /// Checks that a workspace was made for this scene.
@@ -411,6 +429,19 @@ impl Scene {
     pub(crate) fn check_form(&self, workspace: &Workspace<f64>) -> Result<(), Error> {
         self.check_roots(workspace.form)
     }
+}
+
+/// The lengths of the arguments of one state, and whether the kernels support the algorithm.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Requirements {
+    /// Of q, qd and u.
+    widths: [usize; 3],
+    seeds: [usize; 3],
+    may_lack_seed: bool,
+    bodies: usize,
+    supported: bool,
+    /// True if couplings of the connections must hold at q.
+    coupled: bool,
 }
 
 /// A product of forward dynamics from its three Jacobians, (nv x nv) each row by row.

@@ -5,13 +5,13 @@ use super::contact_tuple::{ContactTuple, contact_tuple};
 use super::description::joint_tuple;
 use super::object::{Object, imported};
 use super::output::from_numbers;
-use super::scene::PyScene;
+use super::scene::{PyScene, slice};
 use crate::error::Error;
 use crate::scene::{Inertial, JointDescription, LinkDescription, Scene};
 use crate::spatial::Symmetric3;
 use nalgebra::Vector3;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyDict, PySlice};
 use std::borrow::Cow;
 use std::collections::HashMap;
 
@@ -55,6 +55,49 @@ impl PyScene {
             // The error lists the movable joints, because one of them is usually meant.
             None => Err(self.scene.joint(name).err().unwrap_or_else(|| missing("joint", name)).into()),
         }
+    }
+
+    /// Slice of the coordinates of a joint in q.
+    #[doc = section!(Parameters)]
+    /// joint : str
+    ///     Name of a movable joint.
+    /// part : {"position", "quaternion"}, optional
+    ///     Part of a free joint, or "quaternion" of a spherical joint. None: all coordinates.
+    #[doc = section!(Returns)]
+    /// slice
+    ///     Position in q.
+    #[doc = raises!(unknown)]
+    #[doc = section!(Examples)]
+    /// >>> phipsi.scenes.chain(3).q_index("j1")
+    /// slice(1, 2, 1)
+    /// >>> phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM, floating_base=True).q_index("root_joint", "quaternion")
+    /// slice(3, 7, 1)
+    #[pyo3(signature = (joint, /, part=None))]
+    fn q_index<'py>(&self, py: Python<'py>, joint: &str, part: Option<&str>) -> PyResult<Bound<'py, PySlice>> {
+        let joint = self.scene.joint(joint)?;
+        slice(py, &part.map_or_else(|| Ok(joint.q.clone()), |part| joint.q_part(part))?)
+    }
+
+    /// Slice of the degrees of freedom of a joint in qd, qdd and tau.
+    #[doc = section!(Parameters)]
+    /// joint : str
+    ///     Name of a movable joint.
+    /// part : {"linear", "angular"}, optional
+    ///     Part of a free joint (in tau force and moment), or "angular" of a spherical joint. None: all degrees of freedom.
+    #[doc = section!(Returns)]
+    /// slice
+    ///     Position in qd, qdd and tau.
+    #[doc = raises!(unknown)]
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM, floating_base=True)
+    /// >>> scene.q_index("joint1"), scene.v_index("joint1")
+    /// (slice(7, 8, 1), slice(6, 7, 1))
+    /// >>> scene.v_index("root_joint", "angular")
+    /// slice(3, 6, 1)
+    #[pyo3(signature = (joint, /, part=None))]
+    fn v_index<'py>(&self, py: Python<'py>, joint: &str, part: Option<&str>) -> PyResult<Bound<'py, PySlice>> {
+        let joint = self.scene.joint(joint)?;
+        slice(py, &part.map_or_else(|| Ok(joint.v.clone()), |part| joint.v_part(part))?)
     }
 
     /// All links by name, in the order of link_names: a new dict of Link.

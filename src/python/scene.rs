@@ -40,6 +40,7 @@ const RENAMED: [(&str, &str); 3] = [
 ///
 /// **Order of six-vectors.** Spatial vectors of links (velocities, wrenches, rows of Jacobians) are (angular, linear).
 /// The entries of qd, qdd and tau of a free joint are the other way round: (linear, angular) and (force, moment).
+/// q_index and v_index select its parts by name: qd[scene.v_index("root_joint", "angular")].
 ///
 /// **Arrays** are (..., nq) or (..., nv). Leading batch axes broadcast; the result has the batch axes of the
 /// arguments. Lists, float32, integers, strided and Fortran-ordered arrays are converted; C-contiguous float64
@@ -350,39 +351,6 @@ impl PyScene {
         output::from_numbers(py, self.scene.model().gravity.as_slice(), &[3])
     }
 
-    /// Slice of the coordinates of a joint in q.
-    #[doc = section!(Parameters)]
-    /// joint : str
-    ///     Name of a movable joint.
-    #[doc = section!(Returns)]
-    /// slice
-    ///     Position in q.
-    #[doc = raises!(unknown)]
-    #[doc = section!(Examples)]
-    /// >>> phipsi.scenes.chain(3).q_index("j1")
-    /// slice(1, 2, 1)
-    #[pyo3(signature = (joint, /))]
-    fn q_index<'py>(&self, py: Python<'py>, joint: &str) -> PyResult<Bound<'py, PySlice>> {
-        slice(py, &self.scene.joint(joint)?.q)
-    }
-
-    /// Slice of the degrees of freedom of a joint in qd, qdd and tau.
-    #[doc = section!(Parameters)]
-    /// joint : str
-    ///     Name of a movable joint.
-    #[doc = section!(Returns)]
-    /// slice
-    ///     Position in qd, qdd and tau.
-    #[doc = raises!(unknown)]
-    #[doc = section!(Examples)]
-    /// >>> scene = phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM, floating_base=True)
-    /// >>> scene.q_index("joint1"), scene.v_index("joint1")
-    /// (slice(7, 8, 1), slice(6, 7, 1))
-    #[pyo3(signature = (joint, /))]
-    fn v_index<'py>(&self, py: Python<'py>, joint: &str) -> PyResult<Bound<'py, PySlice>> {
-        slice(py, &self.scene.joint(joint)?.v)
-    }
-
     /// Create a scene in which joints are fixed at their coordinates in q; the names of links remain.
     #[doc = section!(Parameters)]
     /// joints : iterable of str
@@ -563,7 +531,7 @@ impl Source {
     }
 }
 
-fn slice<'py>(py: Python<'py>, range: &std::ops::Range<usize>) -> PyResult<Bound<'py, PySlice>> {
+pub(super) fn slice<'py>(py: Python<'py>, range: &std::ops::Range<usize>) -> PyResult<Bound<'py, PySlice>> {
     Ok(PySlice::new(py, isize::try_from(range.start)?, isize::try_from(range.end)?, 1))
 }
 

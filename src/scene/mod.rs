@@ -43,6 +43,7 @@ mod inertia_check;
 mod joint_check;
 mod linkage;
 mod lock;
+mod part;
 mod payload;
 pub(crate) mod properties;
 mod shared;

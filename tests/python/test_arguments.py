@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import methods, random_scene, random_states
-from tolerances import assert_same_bits
+from tolerances import assert_near, assert_same_bits, product
 
 import phipsi
 from phipsi.errors import ArgumentError, NotFiniteError, ShapeError, SingularJointError
@@ -182,6 +182,28 @@ def test_unknown_links_and_joints(arm: phipsi.Scene, name: str) -> None:
             index(name)
     with pytest.raises(ArgumentError, match=message):
         arm.lock([name], arm.neutral())
+
+
+def test_parts_of_joints_by_name() -> None:
+    builder = phipsi.SceneBuilder()
+    for name in ("body", "ball", "arm"):
+        builder.link(name, mass=1.0, inertia=np.eye(3))
+    builder.joint("shoulder", "spherical", "body", "ball")
+    builder.joint("elbow", "revolute", "ball", "arm")
+    scene = builder.build(floating_base=True)
+    q, qd = scene.random_configuration(rng=1), np.arange(10.0)
+    linear, angular = (qd[scene.v_index("root_joint", part)] for part in ("linear", "angular"))
+    place = scene.placement(q, "body")
+    np.testing.assert_array_equal(q[scene.q_index("root_joint", "position")], place[:3, 3])
+    assert_near(scene.velocity(q, qd, "body"), np.concatenate([angular, linear]), product(10, 9.0))
+    quaternion = q[scene.q_index("root_joint", "quaternion")]
+    assert_near(2.0 * np.arccos(abs(quaternion[3])), np.arccos((np.trace(place[:3, :3]) - 1.0) / 2.0), product(20, np.pi))
+    assert scene.q_index("shoulder", "quaternion") == scene.q_index("shoulder")
+    assert scene.v_index("shoulder", "angular") == scene.v_index("shoulder")
+    with pytest.raises(ArgumentError, match='part: found "angular"; expected "position", "quaternion" or none for joint "root_joint"'):
+        scene.q_index("root_joint", "angular")
+    with pytest.raises(ArgumentError, match='part: found "linear"; expected none for joint "elbow"'):
+        scene.v_index("elbow", "linear")
 
 
 def test_lock_takes_a_list_of_names(arm: phipsi.Scene) -> None:

@@ -57,6 +57,10 @@ def every_task(scene: phipsi.Scene) -> list[tasks.Task]:
         tasks.Position(last, (0.1, 0.2, 0.3), at=(0.3, 0.0, -0.1)),
         tasks.Pose(last, goal, relative_to=first),
         tasks.Orientation(first, goal[:3, :3]),
+        tasks.Direction(last, (0.1, -0.5, 0.3), axis=(0.6, 0.0, 0.8), relative_to=first),
+        tasks.Direction(first, (0.1, 0.5, 0.3)),
+        tasks.LookAt(last, (0.7, -1.1, 0.4), axis=(0, 1, 0), at=(0.1, 0.2, 0.3)),
+        tasks.LookAt(last, (0.7, -1.1, 0.4), relative_to=first),
         tasks.CenterOfMass((0.1, 0.0, 0.2)),
         tasks.JointPosition(scene.joint_names[-1], 0.3),
     ]
@@ -153,10 +157,19 @@ def test_residuals_of_reached_tasks_are_zero() -> None:
     assert_near(_calls.task_residual(scene, wanted).value(q), np.zeros(10), product(6, 1.0))
 
 
-def test_a_task_without_residuals() -> None:
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1.0, np.pi - 1e-9, np.pi])
+def test_residuals_of_directions_are_angles(angle: float) -> None:
     scene = phipsi.scenes.chain(2)
-    with pytest.raises(ArgumentError, match="tasks.0.: found a task of kind 'direction'; expected one of Pose, Position"):
-        _calls.task_residual(scene, tasks.Direction("link1", (0, 0, 1)))
+    q = np.array([0.4, angle])
+    turn = scene.placement(q, "link1")[:3, :3]
+    away = np.array([np.sin(angle), 0.0, np.cos(angle)])
+    found = _calls.task_residual(scene, tasks.Direction("link1", 3.0 * turn @ away)).value(q)
+    assert_near(np.linalg.norm(found), angle, product(8, np.pi))
+
+
+def test_a_direction_without_length() -> None:
+    with pytest.raises(ArgumentError, match="tasks.0..target: found an axis without direction"):
+        _calls.task_residual(phipsi.scenes.chain(2), tasks.Direction("link1", (0, 0, 0)))
 
 
 def test_a_task_with_a_batch_of_targets() -> None:
