@@ -20,6 +20,7 @@
 #   make robustness  after make test: completed simulations, their errors, energy and times, compared with MuJoCo: writes docs/measured/motion-robustness.md (ten minutes)
 #   make inverse-kinematics   inverse kinematics, compared with pink, mink and dynibo, in .venv-ik: writes docs/measured/inverse-kinematics-times.md (ten minutes)
 #   make closed-loops   forward dynamics with connections, compared with Pinocchio: writes docs/measured/closed-loops-times.md (a minute)
+#   make contact-suites   after make test: contacts in SimBenchmark and ContactBench, compared with MuJoCo: writes docs/measured/contact-suites.md (ten minutes)
 #   make compiled  after make peers: compiled robots, compared with the methods of the scene and with CasADi's code: writes docs/measured/compiled-times.md (some minutes)
 #   make embedded  after make test: flash, stack and instructions of robots on a Cortex-M4F, by gcc-arm-none-eabi and QEMU: writes docs/measured/embedded-size.md (half a minute)
 #   make rust-crate   build time and size of a Rust program that uses the crate, by features: writes docs/measured/rust-crate.md (ten minutes)
@@ -49,7 +50,7 @@ PEERS := .venv-peers/bin/python
 WHEELS := target/wheels
 SOURCES := Cargo.toml Cargo.lock pyproject.toml PACKAGE.md README.md $(shell find src python assets -type f -not -name '*.pyc')
 
-.PHONY: dev report test test-rust test-python test-jax docs check manylinux sdist oldest bench numerics motion robustness instructions auto-states derivatives leaving-out inverse-kinematics closed-loops compiled embedded roofline rust-crate picture peers peers-there peers-phipsi stub clean
+.PHONY: dev report test test-rust test-python test-jax docs check manylinux sdist oldest bench numerics motion robustness instructions auto-states derivatives leaving-out inverse-kinematics closed-loops contact-suites compiled embedded roofline rust-crate picture peers peers-there peers-phipsi stub clean
 
 # A separate environment; the packages of the system are not changed.
 $(BIN)/python:
@@ -208,6 +209,9 @@ inverse-kinematics: $(VENV)-ik/there
 
 closed-loops: $(VENV)/test
 	$(BIN)/python benches/closed_loops.py --markdown docs/measured/closed-loops-times.md
+
+contact-suites: $(VENV)/test
+	$(BIN)/python benches/contact_suites.py --markdown docs/measured/contact-suites.md
 
 compiled: peers-phipsi
 	$(PEERS) benches/compiled.py --markdown docs/measured/compiled-times.md

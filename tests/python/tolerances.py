@@ -133,3 +133,7 @@ def through_events(scale: float) -> float:
     hundred steps of motion.
     """
     return 1e-7 * scale
+
+
+CONTACT = 1e-10
+"""Tolerance of the solver of contacts: residual of the law relative to the fastest contact."""

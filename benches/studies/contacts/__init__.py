@@ -1,0 +1,1 @@
+"""Public suites of contact simulation, for phipsi and MuJoCo."""
