@@ -206,27 +206,40 @@
 //! | `float32` | kernels for f32 states, twice as many per register ([`Scene::evaluator_f32`]); includes `lanes` |
 //! | `python` | the Python module, built by maturin; not for use from Rust |
 
+#![cfg_attr(
+    not(all(feature = "estimation", feature = "inverse-kinematics", feature = "motion", feature = "report")),
+    allow(dead_code, unused_imports)
+)]
+
 mod accuracy;
 mod algorithm;
 mod api;
 pub mod batch;
+#[cfg(feature = "codegen")]
 pub mod codegen;
+#[cfg(feature = "motion")]
 mod contact;
 pub mod dynamics;
 mod error;
+#[cfg(feature = "estimation")]
 pub mod estimation;
 pub mod filter;
 pub mod interrupt;
+#[cfg(feature = "inverse-kinematics")]
 pub mod inverse_kinematics;
 mod joints;
 pub mod kinematics;
 mod memory;
 mod model;
+#[cfg(feature = "motion")]
 pub mod motion;
+#[cfg(feature = "operators")]
 pub mod operators;
+#[cfg(feature = "report")]
 mod plan;
 #[cfg(feature = "python")]
 mod python;
+#[cfg(feature = "report")]
 pub mod report;
 pub mod scalar;
 pub mod scene;
@@ -246,10 +259,15 @@ pub mod function_table {
 pub use nalgebra;
 
 pub use accuracy::{Accuracy, Bound, ESTIMATE_SPREAD};
-pub use algorithm::{Algorithm, Arguments, Derivatives, KinematicQuantity, Products};
-pub use api::{BodyWrenches, Constrained, DerivativeMatrices, OnLink, Projection, RowMajor, TaskFrame};
+pub use algorithm::{Algorithm, Arguments, KinematicQuantity};
+#[cfg(feature = "derivatives")]
+pub use algorithm::{Derivatives, Products};
+pub use api::{BodyWrenches, Constrained, OnLink, Projection, TaskFrame};
+#[cfg(feature = "derivatives")]
+pub use api::{DerivativeMatrices, RowMajor};
 pub use error::{ConstraintViolation, Error, MemoryRequest};
 pub use filter::Form;
+#[cfg(feature = "report")]
 pub use plan::{Plan, Simplification};
 pub use scene::{Scene, SceneBuilder};
 pub use workspace::{Tally, Workspace};
