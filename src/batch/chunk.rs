@@ -30,6 +30,10 @@ use crate::scene::constraint::Constraints;
 use nalgebra::Vector6;
 use std::sync::Arc;
 
+/// False without the feature `lanes`: the square-root form and kinematic quantities then have no kernels, which would
+/// take a tenth of the compile time, and every state is computed by the fallback.
+const HAS_ALL_KERNELS: bool = cfg!(feature = "lanes");
+
 /// The constants of a scene in the scalar of the lanes, one for all threads.
 #[derive(Debug)]
 struct Numbers<T: Vectorized> {
@@ -159,7 +163,7 @@ impl<T: Vectorized> Chunk<T> {
         states: &[Arguments<'_, T::Number>],
         out: &mut [T::Number],
     ) -> u64 {
-        if T::Number::RARE_KERNELS {
+        if HAS_ALL_KERNELS && T::Number::RARE_KERNELS {
             return target.within(QuantityRun { chunk: self, what, states, out });
         }
         u64::MAX
@@ -476,7 +480,7 @@ fn compute<T: Vectorized, I: Target, const GROUP: u8>(
             match form {
                 Form::Auto => accelerations::watched(target, call, errors),
                 Form::Covariance => accelerations::by_covariance(target, call),
-                Form::SquareRoot if T::Number::RARE_KERNELS => accelerations::by_roots(target, call),
+                Form::SquareRoot if HAS_ALL_KERNELS && T::Number::RARE_KERNELS => accelerations::by_roots(target, call),
                 Form::SquareRoot => u64::MAX,
             }
         }
