@@ -21,9 +21,8 @@ use phipsi::{Algorithm, Arguments, Form, KinematicQuantity, Scene, Workspace, dy
 
 /// A chain, a tip of a million times the mass of the arm, and trees with every kind of joint, fixed and floating.
 fn scenes_and_states() -> Vec<(Scene, [Vec<f64>; 3])> {
-    let tree = |seed, floating| {
-        Tree { seed, bodies: 9, kinds: &ALL_KINDS, branching: 0.4, armature: 0.1, floating }.scene()
-    };
+    let tree =
+        |seed, floating| Tree { seed, bodies: 9, kinds: &ALL_KINDS, branching: 0.4, armature: 0.1, floating }.scene();
     let heavy = scenes::extreme("heavy-tip", Some(1e6), None, 0).unwrap().scene;
     let all = [scenes::chain(7).unwrap(), heavy, tree(1, false), tree(2, true)];
     all.into_iter()
@@ -90,8 +89,7 @@ fn inverse_dynamics_and_the_mass_matrix_agree_with_the_accelerations() {
 fn batches_are_their_states() {
     let scene = scenes::chain(7).unwrap();
     let all: Vec<_> = (0..5).map(|seed| random_state(&scene, &mut Random::new(seed))).collect();
-    let states: Vec<_> =
-        all.iter().map(|(q, qd, u)| Arguments { q, qd, u, ..Arguments::default() }).collect();
+    let states: Vec<_> = all.iter().map(|(q, qd, u)| Arguments { q, qd, u, ..Arguments::default() }).collect();
     let (mut evaluator, mut workspace) = (scene.evaluator(), scene.workspace());
     let frame = scene.frame(&"link6".into()).unwrap();
     for form in [Form::Auto, Form::Covariance, Form::SquareRoot] {
