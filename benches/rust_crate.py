@@ -1,23 +1,35 @@
 """CPU time of the first release build and size of the executable of a small Rust program that depends on phipsi.
 
-Usage: python benches/rust_crate.py [--markdown FILE] [--features none,lanes,...]; `make rust-crate`. Needs cargo.
+Usage: python benches/rust_crate.py [--markdown FILE] [--features "none none/small default ..."]; `make rust-crate`.
+Needs cargo.
 
-Each set of features is built in an empty target folder. The program computes the forward dynamics of one state; a
-second program, built afterwards, measures the time per call. CPU time is the sum over all processes of the build (user
-time), which depends little on other work of the machine.
+Each set of features is built in an empty target folder, without the default features unless "default" is in the set.
+The program computes the forward dynamics of one state; a second program, built afterwards, measures the time per call.
+CPU time is the sum over all processes of the build (user and system time), which depends little on other work of the
+machine; elapsed time depends on it.
 """
 
 import argparse
+import math
 import os
 import platform
 import resource
 import subprocess
 import tempfile
+import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-#: Sets of features, each with the name in the table.
-SETS = {"none": "", "urdf": "urdf", "lanes": "lanes", "urdf,parallel": "urdf,parallel"}
+#: Sets of features, of which "none" is the empty one, each with a profile after a slash.
+SETS = ["none", "none/one-unit", "none/small", "lanes", "default"]
+#: Release profiles of the program. One codegen unit avoids optimizing functions twice that several units inline.
+PROFILES = {
+    "": "",
+    "one-unit": "codegen-units = 1",
+    "small": 'opt-level = "s"\ncodegen-units = 1\nlto = true\npanic = "abort"',
+}
+#: The features that add derivatives.
+WITH_DERIVATIVES = {"default", "derivatives", "motion", "estimation", "codegen", "report"}
 
 MANIFEST = """[package]
 name = "dependent"
@@ -28,6 +40,9 @@ edition = "2024"
 phipsi = {{ path = {root!r}, default-features = false, features = [{features}] }}
 
 [workspace]
+
+[profile.release]
+{profile}
 """
 
 PROGRAM = """fn main() -> Result<(), phipsi::Error> {
@@ -61,11 +76,7 @@ fn main() -> Result<(), phipsi::Error> {
     let one = least(10_000, || {
         scene.forward_dynamics(&mut workspace, black_box(&q), &qd, &tau, &[], &mut qdd).expect("a state");
     });
-    let mut matrices = [f64::NAN; 147];
-    let derivatives = least(2_000, || {
-        let out = &mut matrices;
-        scene.forward_dynamics_derivatives(&mut workspace, black_box(&q), &qd, &tau, &[], out).expect("a state");
-    });
+    DERIVATIVES
     let states = [Arguments { q: &q, qd: &qd, u: &tau, ..Arguments::default() }; 256];
     let (mut evaluator, mut out) = (scene.evaluator(), [f64::NAN; 7 * 256]);
     let batch = least(100, || {
@@ -78,35 +89,48 @@ fn main() -> Result<(), phipsi::Error> {
 """
 
 
+DERIVATIVES = """let mut matrices = [f64::NAN; 147];
+    let derivatives = least(2_000, || {
+        let out = &mut matrices;
+        scene.forward_dynamics_derivatives(&mut workspace, black_box(&q), &qd, &tau, &[], out).expect("a state");
+    });"""
+
+
 def cpu() -> float:
-    """User time of the finished child processes, s."""
-    return resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+    """User and system time of the finished child processes, s."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
-def measure(features: str) -> list[str]:
+def measure(which: str) -> list[str]:
     """The cells of one row."""
+    features, _, profile = which.partition("/")
+    features = "" if features == "none" else features
     with tempfile.TemporaryDirectory() as folder:
         package = Path(folder)
         (package / "src/bin").mkdir(parents=True)
         listed = ", ".join(f'"{feature}"' for feature in features.split(",") if feature)
-        (package / "Cargo.toml").write_text(MANIFEST.format(root=str(ROOT), features=listed).replace("'", '"'))
+        manifest = MANIFEST.format(root=str(ROOT), features=listed, profile=PROFILES[profile]).replace("'", '"')
+        (package / "Cargo.toml").write_text(manifest)
         (package / "Cargo.lock").write_bytes((ROOT / "Cargo.lock").read_bytes())
         (package / "src/bin/dependent.rs").write_text(PROGRAM)
         build = ["cargo", "build", "--release", "--quiet"]
         environment = {**os.environ, "CARGO_TARGET_DIR": str(package / "target"), "CARGO_INCREMENTAL": "0"}
         subprocess.run(["cargo", "fetch", "--quiet"], cwd=package, env=environment, check=True)
-        before = cpu()
+        before, start = cpu(), time.perf_counter()
         subprocess.run(build, cwd=package, env=environment, check=True)
-        seconds = cpu() - before
+        seconds, elapsed = cpu() - before, time.perf_counter() - start
         program = package / "target/release/dependent"
         stripped = package / "stripped"
         subprocess.run(["strip", "-o", stripped, program], check=True)
         sizes = [path.stat().st_size / 1e6 for path in (program, stripped)]
-        (package / "src/bin/timed.rs").write_text(TIMED)
+        derivatives = DERIVATIVES if WITH_DERIVATIVES & set(features.split(",")) else "let derivatives = f64::NAN;"
+        (package / "src/bin/timed.rs").write_text(TIMED.replace("DERIVATIVES", derivatives))
         subprocess.run([*build, "--bin", "timed"], cwd=package, env=environment, check=True)
         timed = subprocess.run([package / "target/release/timed"], capture_output=True, text=True, check=True)
-        times = [float(text) for text in timed.stdout.split()]
-        return [f"{seconds:.0f}", *(f"{size:.2f}" for size in sizes), *(f"{time:.0f}" for time in times)]
+        calls = [float(text) for text in timed.stdout.split()]
+        figures = ["-" if math.isnan(figure) else f"{figure:.0f}" for figure in calls]
+        return [f"{seconds:.0f}", f"{elapsed:.0f}", *(f"{size:.2f}" for size in sizes), *figures]
 
 
 def main() -> None:
@@ -114,15 +138,16 @@ def main() -> None:
     parser.add_argument("--markdown", type=Path, help="write the page to this file")
     parser.add_argument("--features", default=" ".join(SETS), help="sets of features, separated by spaces")
     options = parser.parse_args()
-    rows = [[name or "none", *measure("" if name == "none" else name)] for name in options.features.split()]
-    head = ["features", "CPU time of the build, s", "executable, MB", "stripped, MB", "one state, ns"]
-    head += ["derivatives of one state, ns", "one of 256 states, ns"]
+    rows = [[which, *measure(which)] for which in options.features.split()]
+    head = ["features/profile", "CPU time of the build, s", "elapsed, s", "executable, MB", "stripped, MB"]
+    head += ["one state, ns", "derivatives of one state, ns", "one of 256 states, ns"]
     table = "\n".join("| " + " | ".join(row) + " |" for row in [head, ["---"] + ["---:"] * (len(head) - 1), *rows])
     rustc = subprocess.run(["rustc", "--version"], capture_output=True, text=True, check=True).stdout.strip()
     page = f"""# Build time and size of a program that uses the crate
 
-Written by `make rust-crate` (benches/rust_crate.py) with {rustc} on {platform.machine()}: a program that computes the forward dynamics of a chain of seven links, built with `cargo build --release` into an empty target folder. CPU time is the user
-time of all processes of the build, including the dependencies. The times per call are the shortest of 20, on one thread, with `Form::Auto`.
+Written by `make rust-crate` (benches/rust_crate.py) with {rustc} on {platform.machine()}: a program that computes the forward dynamics of a chain of seven links, built with `cargo build --release` into an empty target folder, with `default-features = false` except where the set contains `default`. CPU time is the
+user and system time of all processes of the build, including the dependencies; the elapsed time is for a machine with {os.cpu_count()} processors that also did other work. "none" has no derivatives; "one-unit" is the release profile with `codegen-units = 1`, and "small" that with `opt-level = "s"`, `codegen-units = 1`, `lto = true` and `panic = "abort"`. The times per call are the shortest of 20, on
+one thread, with `Form::Auto`.
 
 {table}
 

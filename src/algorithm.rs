@@ -151,13 +151,22 @@ pub enum Algorithm {
     /// q only; returns M^-1, (nv x nv) row by row.
     MassMatrixInverse(Form),
     /// Matrices of derivatives.
+    #[cfg(feature = "derivatives")]
     Derivatives(Derivatives),
     /// Products with Jacobians, without the matrices.
+    #[cfg(feature = "derivatives")]
     Products(Products),
+}
+
+/// Number of scalars of all constants by which products with Jacobians differentiate: armature (nv), gravity (3),
+/// wrenches (bodies x 6) and inertial parameters (bodies x 10).
+pub(crate) fn constants_width(nv: usize, bodies: usize) -> usize {
+    nv + 3 + 16 * bodies
 }
 
 /// A product with the Jacobian of inverse or forward dynamics; see
 /// [`dynamics::derivatives`](crate::dynamics::derivatives).
+#[cfg(feature = "derivatives")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Products {
@@ -183,6 +192,7 @@ pub enum Products {
     ForwardGradients(Form),
 }
 
+#[cfg(feature = "derivatives")]
 impl Products {
     /// Its row of the table. The row is the same with and without changes of constants, which are additional entries of
     /// the third vector.
@@ -222,6 +232,7 @@ impl Products {
 }
 
 /// A matrix of derivatives; see [`dynamics::derivatives`](crate::dynamics::derivatives).
+#[cfg(feature = "derivatives")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Derivatives {
@@ -235,6 +246,7 @@ pub enum Derivatives {
     MassMatrix,
 }
 
+#[cfg(feature = "derivatives")]
 impl Derivatives {
     /// Its row of the table.
     #[must_use]
@@ -352,7 +364,8 @@ impl std::str::FromStr for Algorithm {
     /// The algorithm with the name of a method of the scene, for instance `forward_dynamics`; in form `auto` if it has
     /// a form.
     fn from_str(name: &str) -> Result<Self, Error> {
-        choose("algorithm", name, &Self::ALL.map(|algorithm| (algorithm.entry().name, algorithm)))
+        let known: Vec<_> = Self::ALL.iter().map(|&algorithm| (algorithm.entry().name, algorithm)).collect();
+        choose("algorithm", name, &known)
     }
 }
 
@@ -365,20 +378,28 @@ impl std::fmt::Display for Algorithm {
 
 impl Algorithm {
     /// Every name of an algorithm once, in form `auto` and without changes of constants.
-    const ALL: [Self; 14] = [
+    const ALL: &[Self] = &[
         Self::ForwardDynamics(Form::Auto),
         Self::ConstrainedDynamics(Form::Auto),
         Self::InverseDynamics,
         Self::BiasTorque,
         Self::MassMatrix,
         Self::MassMatrixInverse(Form::Auto),
+        #[cfg(feature = "derivatives")]
         Self::Derivatives(Derivatives::ForwardDynamics(Form::Auto)),
+        #[cfg(feature = "derivatives")]
         Self::Derivatives(Derivatives::InverseDynamics),
+        #[cfg(feature = "derivatives")]
         Self::Derivatives(Derivatives::CoriolisMatrix),
+        #[cfg(feature = "derivatives")]
         Self::Derivatives(Derivatives::MassMatrix),
+        #[cfg(feature = "derivatives")]
         Self::Products(Products::ForwardTangent(Form::Auto)),
+        #[cfg(feature = "derivatives")]
         Self::Products(Products::ForwardGradient(Form::Auto)),
+        #[cfg(feature = "derivatives")]
         Self::Products(Products::InverseTangent),
+        #[cfg(feature = "derivatives")]
         Self::Products(Products::InverseGradient),
     ];
 
@@ -392,7 +413,9 @@ impl Algorithm {
             Self::BiasTorque => &BIAS_TORQUE,
             Self::MassMatrix => &MASS_MATRIX,
             Self::MassMatrixInverse(_) => &MASS_MATRIX_INVERSE,
+            #[cfg(feature = "derivatives")]
             Self::Derivatives(which) => which.entry(),
+            #[cfg(feature = "derivatives")]
             Self::Products(which) => which.entry(),
         }
     }
@@ -412,10 +435,35 @@ impl Algorithm {
     /// True if it computes accelerations, which depend on the connections of a scene.
     pub(crate) fn goes_through_connections(self) -> bool {
         match self {
-            Self::ForwardDynamics(_)
-            | Self::ConstrainedDynamics(_)
-            | Self::Derivatives(Derivatives::ForwardDynamics(_)) => true,
+            Self::ForwardDynamics(_) | Self::ConstrainedDynamics(_) => true,
+            #[cfg(feature = "derivatives")]
+            Self::Derivatives(Derivatives::ForwardDynamics(_)) => true,
+            #[cfg(feature = "derivatives")]
             Self::Products(which) => which.form().is_some(),
+            _ => false,
+        }
+    }
+
+    /// True if it is a derivative of another algorithm.
+    pub(crate) fn is_derivative(self) -> bool {
+        self.entry().derivative_of.is_some()
+    }
+
+    /// True if the direction in its seed includes changes of constants (armature, gravity, wrenches, inertial
+    /// parameters).
+    pub(crate) fn takes_constants(self) -> bool {
+        match self {
+            #[cfg(feature = "derivatives")]
+            Self::Products(which) => which.takes_constants(),
+            _ => false,
+        }
+    }
+
+    /// True if its results include the gradients with respect to these constants.
+    pub(crate) fn gives_constants(self) -> bool {
+        match self {
+            #[cfg(feature = "derivatives")]
+            Self::Products(which) => which.gives_constants(),
             _ => false,
         }
     }
@@ -424,10 +472,10 @@ impl Algorithm {
     #[must_use]
     pub fn form(self) -> Option<Form> {
         match self {
-            Self::ForwardDynamics(form)
-            | Self::ConstrainedDynamics(form)
-            | Self::MassMatrixInverse(form)
-            | Self::Derivatives(Derivatives::ForwardDynamics(form)) => Some(form),
+            Self::ForwardDynamics(form) | Self::ConstrainedDynamics(form) | Self::MassMatrixInverse(form) => Some(form),
+            #[cfg(feature = "derivatives")]
+            Self::Derivatives(Derivatives::ForwardDynamics(form)) => Some(form),
+            #[cfg(feature = "derivatives")]
             Self::Products(which) => which.form(),
             _ => None,
         }

@@ -26,11 +26,13 @@ pub(crate) mod chunk;
 mod compiled;
 mod connected;
 mod coupled;
+#[cfg(feature = "derivatives")]
 pub(crate) mod derivatives;
 pub(crate) mod evaluator;
 pub(crate) mod factor;
 mod finite;
 pub(crate) mod instruction_set;
+#[cfg(feature = "derivatives")]
 pub(crate) mod products;
 mod quantities;
 #[cfg(feature = "parallel")]

@@ -191,42 +191,63 @@
 //!
 //! # Features
 //!
-//! No feature is required, and none is on by default. Without `lanes` every function exists and computes one state at a
-//! time in plain f64, with the same results up to rounding; and the crate compiles in less time.
+//! The default features are `estimation`, `inverse-kinematics`, `motion` and `report`. A program that needs the dynamics
+//! of single states alone compiles in half of the time with `default-features = false`. Without `lanes` every function
+//! exists and computes one state at a time in plain f64, with the same results up to rounding.
 //!
 //! | feature | adds |
 //! |---|---|
+//! | `derivatives` | derivatives of forward and inverse dynamics: [`dynamics::derivatives`] |
+//! | `motion` | simulation, contacts, gradients of rollouts: [`motion`]; includes `derivatives` |
+//! | `estimation` | identification, observers, variances: [`estimation`]; includes `derivatives` |
+//! | `inverse-kinematics` | [`inverse_kinematics`] |
+//! | `operators` | the operators of the paper as objects: [`operators`] |
+//! | `codegen` | code for one robot in C, CUDA or Rust: [`codegen`]; includes `derivatives` |
+//! | `report` | counts of operations, [`Scene::plan`]: [`report`]; includes `codegen` and `operators` |
 //! | `lanes` | kernels for the vector registers of the processor: several states at once, and fused multiply-add |
 //! | `urdf` | URDF reader, and the bundled arm |
 //! | `parallel` | batches on several threads; includes `lanes` |
-//! | `adaptive` | `motion::Adaptive`: integration to a tolerance, explicit and stiff, with diffsol |
-//! | `dense` | dense operators with faer's LDLT as a reference, `report` |
+//! | `adaptive` | `motion::Adaptive`: integration to a tolerance, explicit and stiff, with diffsol; includes `motion` |
+//! | `dense` | dense operators with faer's LDLT as a reference; includes `report` |
 //! | `stochastic` | sampling of the random model |
 //! | `avx512` | kernels for AVX-512 processors; doubles the compilation time of the kernels; includes `lanes` |
 //! | `float32` | kernels for f32 states, twice as many per register ([`Scene::evaluator_f32`]); includes `lanes` |
 //! | `python` | the Python module, built by maturin; not for use from Rust |
 
+#![cfg_attr(
+    not(all(feature = "estimation", feature = "inverse-kinematics", feature = "motion", feature = "report")),
+    allow(dead_code, unused_imports)
+)]
+
 mod accuracy;
 mod algorithm;
 mod api;
 pub mod batch;
+#[cfg(feature = "codegen")]
 pub mod codegen;
+#[cfg(feature = "motion")]
 mod contact;
 pub mod dynamics;
 mod error;
+#[cfg(feature = "estimation")]
 pub mod estimation;
 pub mod filter;
 pub mod interrupt;
+#[cfg(feature = "inverse-kinematics")]
 pub mod inverse_kinematics;
 mod joints;
 pub mod kinematics;
 mod memory;
 mod model;
+#[cfg(feature = "motion")]
 pub mod motion;
+#[cfg(feature = "operators")]
 pub mod operators;
+#[cfg(feature = "report")]
 mod plan;
 #[cfg(feature = "python")]
 mod python;
+#[cfg(feature = "report")]
 pub mod report;
 pub mod scalar;
 pub mod scene;
@@ -246,10 +267,15 @@ pub mod function_table {
 pub use nalgebra;
 
 pub use accuracy::{Accuracy, Bound, ESTIMATE_SPREAD};
-pub use algorithm::{Algorithm, Arguments, Derivatives, KinematicQuantity, Products};
-pub use api::{BodyWrenches, Constrained, DerivativeMatrices, OnLink, Projection, RowMajor, TaskFrame};
+pub use algorithm::{Algorithm, Arguments, KinematicQuantity};
+#[cfg(feature = "derivatives")]
+pub use algorithm::{Derivatives, Products};
+pub use api::{BodyWrenches, Constrained, OnLink, Projection, TaskFrame};
+#[cfg(feature = "derivatives")]
+pub use api::{DerivativeMatrices, RowMajor};
 pub use error::{ConstraintViolation, Error, MemoryRequest};
 pub use filter::Form;
+#[cfg(feature = "report")]
 pub use plan::{Plan, Simplification};
 pub use scene::{Scene, SceneBuilder};
 pub use workspace::{Tally, Workspace};

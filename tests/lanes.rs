@@ -37,7 +37,7 @@ fn every_arm_gives_what_plain_numbers_give() {
             let forces = forces(&scene, states.len());
             for arm in arms() {
                 let mut evaluator = Evaluator::on(arm, &scene);
-                assert_eq!(evaluator.arm(), arm);
+                assert_eq!(evaluator.instruction_set(), arm);
                 for algorithm in ALGORITHMS {
                     let all: Vec<_> = states.iter().zip(&forces).map(|(s, w)| arguments(algorithm, s, w)).collect();
                     let width = scene.width(algorithm);

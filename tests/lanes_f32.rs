@@ -71,7 +71,7 @@ fn every_arm_gives_what_plain_numbers_give() {
             let forces = forces(&scene, single.len());
             for arm in arms() {
                 let mut evaluator = Evaluator::<f32>::on(arm, &scene);
-                assert_eq!(evaluator.arm(), arm);
+                assert_eq!(evaluator.instruction_set(), arm);
                 for algorithm in ALGORITHMS {
                     let all: Vec<_> = single.iter().zip(&forces).map(|(s, w)| arguments(algorithm, s, w)).collect();
                     let found = evaluate(&scene, &mut evaluator, algorithm, &all);

@@ -107,7 +107,7 @@ fn a_plain_method_is_the_kernel_of_one_state() {
 #[test]
 fn a_plain_method_is_not_the_recursion() {
     let scene = scenes::chain(7).unwrap();
-    if scene.evaluator().arm().name() == "baseline" {
+    if scene.evaluator().instruction_set().name() == "baseline" {
         return;
     }
     let algorithm = Algorithm::ForwardDynamics(Form::Covariance);

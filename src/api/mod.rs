@@ -4,19 +4,25 @@
 mod centroidal;
 mod constraints;
 mod contacts;
+#[cfg(feature = "derivatives")]
 mod derivatives;
+#[cfg(feature = "estimation")]
 mod estimation;
 mod kernels;
 mod links;
+#[cfg(feature = "derivatives")]
 mod matrices;
 pub mod methods;
 pub mod operational;
+#[cfg(feature = "derivatives")]
 mod products;
 mod quantities;
+#[cfg(feature = "estimation")]
 mod uncertainty;
 
 pub use constraints::{Constrained, Projection};
 pub use links::OnLink;
+#[cfg(feature = "derivatives")]
 pub use matrices::{DerivativeMatrices, RowMajor};
 pub use methods::BodyWrenches;
 pub use operational::TaskFrame;

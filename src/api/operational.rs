@@ -3,7 +3,6 @@
 use crate::dynamics;
 use crate::dynamics::operational::{Frame, MANY, OperationalScratch};
 use crate::error::{Error, check_finite, check_length};
-use crate::estimation::Mount;
 use crate::interrupt;
 use crate::scene::Scene;
 use crate::spatial::RigidShift;
@@ -28,12 +27,6 @@ pub struct TaskFrame<'a> {
 impl<'a> From<&'a str> for TaskFrame<'a> {
     fn from(link: &'a str) -> Self {
         Self { link, offset: RigidShift::identity() }
-    }
-}
-
-impl<'a> From<&'a Mount> for TaskFrame<'a> {
-    fn from(mount: &'a Mount) -> Self {
-        Self { link: &mount.link, offset: mount.offset }
     }
 }
 

@@ -5,14 +5,19 @@
 
 use super::accelerations;
 use super::connected::{self, ConnectedKernel};
+#[cfg(feature = "derivatives")]
 use super::derivatives::{self, DerivativeKernel};
 use super::factor;
 use super::finite::{any_not_finite, not_finite};
 use super::instruction_set::{Entry, Target, Vectorized, Work};
+#[cfg(feature = "derivatives")]
 use super::products::{self, ProductKernel};
 use super::quantities::{self, QuantityKernel};
-use crate::algorithm::{Algorithm, Arguments, Derivatives, KinematicQuantity};
+#[cfg(feature = "derivatives")]
+use crate::algorithm::Derivatives;
+use crate::algorithm::{Algorithm, Arguments, KinematicQuantity};
 use crate::dynamics::auto::Errors;
+#[cfg(feature = "derivatives")]
 use crate::dynamics::derivatives::with_transpose;
 use crate::dynamics::sweeps::{self, Entries, InverseColumns, MassColumns, SweepModel, SweepScratch};
 use crate::filter::Form;
@@ -24,6 +29,10 @@ use crate::scene::Scene;
 use crate::scene::constraint::Constraints;
 use nalgebra::Vector6;
 use std::sync::Arc;
+
+/// False without the feature `lanes`: the square-root form and kinematic quantities then have no kernels, which would
+/// take a tenth of the compile time, and every state is computed by the fallback.
+const HAS_ALL_KERNELS: bool = cfg!(feature = "lanes");
 
 /// The constants of a scene in the scalar of the lanes, one for all threads.
 #[derive(Debug)]
@@ -51,7 +60,9 @@ pub struct Chunk<T: Vectorized> {
     /// that the first bound of the square-root form guarantees.
     accepts_usual: bool,
     strict: u64,
+    #[cfg(feature = "derivatives")]
     derivatives: Option<Box<DerivativeKernel<T>>>,
+    #[cfg(feature = "derivatives")]
     products: Option<Box<ProductKernel<T>>>,
     connected: Option<Box<ConnectedKernel<T>>>,
     quantities: Option<Box<QuantityKernel<T>>>,
@@ -81,7 +92,9 @@ impl<T: Vectorized> Chunk<T> {
             errors: Errors::unknown(),
             accepts_usual: true,
             strict: 0,
+            #[cfg(feature = "derivatives")]
             derivatives: None,
+            #[cfg(feature = "derivatives")]
             products: None,
             connected: None,
             quantities: None,
@@ -130,11 +143,13 @@ impl<T: Vectorized> Chunk<T> {
             Algorithm::InverseDynamics | Algorithm::BiasTorque => target.within(Run::<T, I, TORQUES>(call, target)),
             Algorithm::MassMatrix => target.within(Run::<T, I, MASS>(call, target)),
             Algorithm::MassMatrixInverse(_) => target.within(Run::<T, I, INVERSE>(call, target)),
+            #[cfg(feature = "derivatives")]
             Algorithm::Derivatives(_) if T::Number::RARE_KERNELS => {
                 target.within(Run::<T, I, DERIVATIVES>(call, target))
             }
+            #[cfg(feature = "derivatives")]
             Algorithm::Products(_) if T::Number::RARE_KERNELS => target.within(Run::<T, I, PRODUCTS>(call, target)),
-            Algorithm::Derivatives(_) | Algorithm::Products(_) | Algorithm::ConstrainedDynamics(_) => u64::MAX,
+            _ => u64::MAX,
         }
     }
 
@@ -148,7 +163,7 @@ impl<T: Vectorized> Chunk<T> {
         states: &[Arguments<'_, T::Number>],
         out: &mut [T::Number],
     ) -> u64 {
-        if T::Number::RARE_KERNELS {
+        if HAS_ALL_KERNELS && T::Number::RARE_KERNELS {
             return target.within(QuantityRun { chunk: self, what, states, out });
         }
         u64::MAX
@@ -275,8 +290,10 @@ const MASS: u8 = 2;
 /// M^-1.
 const INVERSE: u8 = 3;
 /// Derivatives of forward and inverse dynamics, and the Coriolis matrix.
+#[cfg(feature = "derivatives")]
 const DERIVATIVES: u8 = 4;
 /// Products with Jacobians.
+#[cfg(feature = "derivatives")]
 const PRODUCTS: u8 = 5;
 /// Forward dynamics through connections.
 const CONNECTED: u8 = 6;
@@ -307,7 +324,9 @@ impl<T: Vectorized, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
             wrenches,
             results,
             errors,
+            #[cfg(feature = "derivatives")]
             derivatives,
+            #[cfg(feature = "derivatives")]
             products,
             connected,
             strict,
@@ -325,6 +344,7 @@ impl<T: Vectorized, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
         }
         let scene = (model, sweeps);
         let mut doubt = doubtful(states.len(), nearness, fault);
+        #[cfg(feature = "derivatives")]
         if let (Algorithm::Derivatives(which), true) = (algorithm, GROUP == DERIVATIVES) {
             let kernel = derivatives.get_or_insert_with(|| Box::new(DerivativeKernel::new(model, sweeps)));
             let scratch = (sweep_scratch, inverse_columns);
@@ -338,6 +358,7 @@ impl<T: Vectorized, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
             }
             return doubt;
         }
+        #[cfg(feature = "derivatives")]
         if let (Algorithm::Products(which), true) = (algorithm, GROUP == PRODUCTS) {
             let kernel = products.get_or_insert_with(|| Box::new(ProductKernel::new(model, sweeps)));
             let mut fault = T::zero();
@@ -459,7 +480,7 @@ fn compute<T: Vectorized, I: Target, const GROUP: u8>(
             match form {
                 Form::Auto => accelerations::watched(target, call, errors),
                 Form::Covariance => accelerations::by_covariance(target, call),
-                Form::SquareRoot if T::Number::RARE_KERNELS => accelerations::by_roots(target, call),
+                Form::SquareRoot if HAS_ALL_KERNELS && T::Number::RARE_KERNELS => accelerations::by_roots(target, call),
                 Form::SquareRoot => u64::MAX,
             }
         }
@@ -472,7 +493,7 @@ fn compute<T: Vectorized, I: Target, const GROUP: u8>(
             } else {
                 factor::unwatched(target, scene, scratch, q)
             };
-            derivatives::multiplied_out(target, scene, (scratch, columns), entries);
+            factor::multiplied_out(target, scene, (scratch, columns), entries);
             doubt
         }
         Algorithm::InverseDynamics | Algorithm::BiasTorque if GROUP == TORQUES => {

@@ -1,13 +1,13 @@
 //! Derivatives for one state per lane of a scalar.
 
 use super::accelerations;
-use super::factor::with_factor;
+use super::factor::{multiplied_out, with_factor};
 use super::finite::entries_not_finite;
 use super::instruction_set::{Entry, Target, Vectorized, Work};
 use crate::algorithm::Derivatives;
 use crate::dynamics::derivatives::{DerivativeColumns, Kept, Matrices, Product, in_sweeps};
 use crate::dynamics::forces::Motion;
-use crate::dynamics::sweeps::{self, InverseColumns, SweepModel, SweepScratch};
+use crate::dynamics::sweeps::{InverseColumns, SweepModel, SweepScratch};
 use crate::filter::Form;
 use crate::model::Model;
 use crate::scalar::ColumnsOf;
@@ -164,33 +164,6 @@ impl<T: Vectorized> Work for OfTorques<'_, T> {
     fn call(self) {
         let Self(scene, scratch, (state, matrices), out) = self;
         in_sweeps(scene, scratch, state, matrices, out);
-    }
-}
-
-/// M^-1 of the factor in the scratch; compiled once for all callers.
-#[inline(never)]
-pub(super) fn multiplied_out<T: Vectorized, I: Target>(
-    target: I,
-    scene: (&Model<T>, &SweepModel<T>),
-    scratch: (&SweepScratch<T>, &mut InverseColumns<T, T::Columns>),
-    out: &mut [Entry<T>],
-) {
-    target.within(MultipliedOut(scene, scratch, out));
-}
-
-struct MultipliedOut<'a, T: Vectorized>(
-    (&'a Model<T>, &'a SweepModel<T>),
-    (&'a SweepScratch<T>, &'a mut InverseColumns<T, T::Columns>),
-    &'a mut [Entry<T>],
-);
-
-impl<T: Vectorized> Work for MultipliedOut<'_, T> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        let Self(scene, (scratch, columns), out) = self;
-        sweeps::multiplied_out::<T, T::Columns, true>(scene, scratch, columns, out);
     }
 }
 

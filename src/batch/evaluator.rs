@@ -163,7 +163,7 @@ impl<P: Evaluated> Evaluator<P> {
 
     /// The instruction set of the kernels.
     #[must_use]
-    pub fn arm(&self) -> InstructionSet {
+    pub fn instruction_set(&self) -> InstructionSet {
         self.arm
     }
 

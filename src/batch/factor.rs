@@ -2,9 +2,9 @@
 //! all callers.
 
 use super::accelerations;
-use super::instruction_set::{Target, Vectorized, Work};
+use super::instruction_set::{Entry, Target, Vectorized, Work};
 use crate::dynamics::auto;
-use crate::dynamics::sweeps::{self, SweepModel, SweepScratch};
+use crate::dynamics::sweeps::{self, InverseColumns, SweepModel, SweepScratch};
 use crate::filter::Form;
 use crate::model::Model;
 use crate::scalar::lanes_but;
@@ -131,5 +131,32 @@ impl<T: Vectorized> Work for Smooth<'_, T> {
     fn call(self) {
         let Self(scene, scratch, estimates) = self;
         sweeps::smooth(scene, scratch, estimates);
+    }
+}
+
+/// M^-1 of the factor in the scratch; compiled once for all callers.
+#[inline(never)]
+pub(super) fn multiplied_out<T: Vectorized, I: Target>(
+    target: I,
+    scene: (&Model<T>, &SweepModel<T>),
+    scratch: (&SweepScratch<T>, &mut InverseColumns<T, T::Columns>),
+    out: &mut [Entry<T>],
+) {
+    target.within(MultipliedOut(scene, scratch, out));
+}
+
+struct MultipliedOut<'a, T: Vectorized>(
+    (&'a Model<T>, &'a SweepModel<T>),
+    (&'a SweepScratch<T>, &'a mut InverseColumns<T, T::Columns>),
+    &'a mut [Entry<T>],
+);
+
+impl<T: Vectorized> Work for MultipliedOut<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self(scene, (scratch, columns), out) = self;
+        sweeps::multiplied_out::<T, T::Columns, true>(scene, scratch, columns, out);
     }
 }

@@ -4,10 +4,9 @@ use super::accelerations;
 use super::factor::with_factor;
 use super::finite::any_not_finite;
 use super::instruction_set::{Target, Vectorized, Work};
-use crate::algorithm::Products;
+use crate::algorithm::{Products, constants_width};
 use crate::dynamics::derivatives::{
-    Changes, CoStates, ConstantParts, Constants, Directions, GradientParts, constants_width, gradients_in_sweeps,
-    tangent_in_sweeps,
+    Changes, CoStates, ConstantParts, Constants, Directions, GradientParts, gradients_in_sweeps, tangent_in_sweeps,
 };
 use crate::dynamics::forces::Motion;
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};

@@ -1,18 +1,13 @@
 //! The algorithms on one state by the passes on the general model, with argument checks and error messages.
 
 use super::constraints::{self, ConstraintScratch, RowsAre};
-use super::derivatives::{
-    self, ConstantParts, Constants, DerivativeScratch, Directions, GradientParts, ProductScratch, constants_of,
-    constants_width,
-};
 use super::mass_inverse::{InverseScratch, mass_matrix_inverse};
 use super::{forward, inverse, mass_matrix};
 use crate::accuracy::Accuracy;
 use crate::algorithm::table::Sizes;
-use crate::algorithm::{Algorithm, Arguments, Derivatives, Products};
+use crate::algorithm::{Algorithm, Arguments, constants_width};
 use crate::error::{Error, check_finite, check_length, number};
 use crate::filter::pivots::PivotMonitor;
-use crate::interrupt;
 use crate::scalar::Precision;
 use crate::scene::{Scene, check_tolerance};
 use crate::spatial::SpatialVector;
@@ -86,13 +81,9 @@ impl Scene {
                 let monitor = mass_matrix_inverse(model, workspace, scratch, q, out);
                 self.check_pivots(workspace, monitor)?;
             }
-            Algorithm::Derivatives(Derivatives::ForwardDynamics(_)) if !self.constraints().is_empty() => {
-                self.derivatives_through_connections(workspace, (q, qd, u), wrenches, out)?;
-            }
-            Algorithm::Products(which) if which.form().is_some() && !self.constraints().is_empty() => {
-                self.products_through_connections(workspace, which, state, out)?;
-            }
+            #[cfg(feature = "derivatives")]
             Algorithm::Derivatives(which) => self.derivatives(workspace, which, state, out)?,
+            #[cfg(feature = "derivatives")]
             Algorithm::Products(which) => self.products(workspace, which, state, out)?,
         }
         if out.iter().all(|value| value.is_finite()) {
@@ -123,7 +114,7 @@ impl Scene {
     }
 
     /// As above; leaves the forces and the factor in the scratch and returns the rank and the residual.
-    fn accelerations_through_connections(
+    pub(super) fn accelerations_through_connections(
         &self,
         workspace: &mut Workspace<f64>,
         scratch: &mut ConstraintScratch,
@@ -148,59 +139,6 @@ impl Scene {
         Ok((outcome.rank, outcome.residual))
     }
 
-    /// dqdd/dq, dqdd/dqd and dqdd/dtau of a scene with connections. Returns qdd.
-    fn derivatives_through_connections(
-        &self,
-        workspace: &mut Workspace<f64>,
-        (q, qd, tau): (&[f64], &[f64], &[f64]),
-        wrenches: &[SpatialVector<f64>],
-        out: &mut [f64],
-    ) -> Result<Vec<f64>, Error> {
-        let scratch = &mut ConstraintScratch::new(self.model(), self.constraints());
-        let mut qdd = vec![f64::NAN; self.nv()];
-        self.accelerations_through_connections(workspace, scratch, (q, qd, tau), (wrenches, &[]), &mut qdd)?;
-        self.check_result("forward dynamics", &qdd)?;
-        let system = (self.model(), self.constraints());
-        constraints::constrained_derivatives(system, workspace, scratch, (q, qd, &qdd), wrenches, out)
-            .map_err(|at| self.no_direction(at))?;
-        Ok(qdd)
-    }
-
-    /// Products with these matrices. The rows of the connections do not depend on the constants (armature, gravity,
-    /// wrenches, inertial parameters). A change of a constant therefore gives dqdd = -Mc dID, with the third matrix Mc
-    /// and the change dID of inverse dynamics at the accelerations of the state.
-    fn products_through_connections(
-        &self,
-        workspace: &mut Workspace<f64>,
-        which: Products,
-        state: &Arguments<'_>,
-        out: &mut [f64],
-    ) -> Result<(), Error> {
-        let &Arguments { q, qd, u, wrenches, seed: [first, second, third], tolerance: _ } = state;
-        let nv = self.nv();
-        let mut three = vec![f64::NAN; 3 * nv * nv];
-        let qdd = self.derivatives_through_connections(workspace, (q, qd, u), wrenches, &mut three)?;
-        let (at, zeros) = (Arguments { u: &qdd, ..*state }, vec![0.0; nv]);
-        if which.gives_constants() {
-            let mut of_state = vec![f64::NAN; 3 * nv];
-            multiply(&three, which, state.seed, &mut of_state);
-            let minus: Vec<f64> = of_state[2 * nv..].iter().map(|x| -x).collect();
-            self.products(workspace, Products::InverseGradients, &Arguments { seed: [&minus, &[], &[]], ..at }, out)?;
-            GradientParts::of(out, nv, self.model().bodies.len()).state.copy_from_slice(&of_state);
-        } else if which.takes_constants() {
-            let mut constant = third.to_vec();
-            constant[..nv].fill(0.0);
-            let along = Arguments { seed: [&zeros, &zeros, &constant], ..at };
-            let mut right = vec![f64::NAN; nv];
-            self.products(workspace, Products::InverseTangents, &along, &mut right)?;
-            right.iter_mut().zip(third).for_each(|(right, dtau)| *right = dtau - *right);
-            multiply(&three, which, [first, second, &right], out);
-        } else {
-            multiply(&three, which, state.seed, out);
-        }
-        Ok(())
-    }
-
     /// An error for a scene with connections.
     pub(crate) fn check_no_connections(&self, what: &str) -> Result<(), Error> {
         if self.constraints().is_empty() {
@@ -214,93 +152,15 @@ impl Scene {
         ))
     }
 
-    /// Derivatives at one state, with argument checks and temporary scratch.
-    fn derivatives(
-        &self,
-        workspace: &mut Workspace<f64>,
-        which: Derivatives,
-        state: &Arguments<'_>,
-        out: &mut [f64],
-    ) -> Result<(), Error> {
-        let &Arguments { q, qd, u, wrenches, .. } = state;
-        let model = self.model();
-        let scratch = &mut DerivativeScratch::new(model);
-        derivatives::of_state(which, model, (workspace, scratch), (q, qd, u), wrenches, out)
-            .map_err(|lost| self.singular(lost))?;
-        // Derivatives of forward dynamics end early at an interruption.
-        if matches!(which, Derivatives::ForwardDynamics(_)) { interrupt::check() } else { Ok(()) }
-    }
-
-    /// Products at one state, with argument checks and temporary scratch.
-    fn products(
-        &self,
-        workspace: &mut Workspace<f64>,
-        which: Products,
-        state: &Arguments<'_>,
-        mut out: &mut [f64],
-    ) -> Result<(), Error> {
-        let &Arguments { q, qd, u: given, wrenches, seed, .. } = state;
-        let (model, at) = (self.model(), (q, qd, given));
-        let scratch = &mut ProductScratch::new(model);
-        let (mut constants, mut forces, mut by_wrenches) = (Constants::default(), Vec::new(), &mut [][..]);
-        let bodies = model.bodies.len();
-        if which.gives_constants() {
-            let parts = GradientParts::of(out, self.nv(), bodies);
-            forces.resize(bodies, SpatialVector::zeros());
-            let ConstantParts { armature, gravity, wrenches, parameters } = parts.constants;
-            (out, by_wrenches) = (parts.state, wrenches);
-            constants = Constants { wrenches: &mut forces, parameters, armature, gravity };
-        }
-        match which {
-            Products::InverseTangent | Products::InverseTangents => {
-                let along = Directions::of_seed(seed, bodies, &mut forces);
-                derivatives::inverse_dynamics_jvp(model, workspace, scratch, at, wrenches, &along, out);
-                Ok(())
-            }
-            Products::InverseGradient | Products::InverseGradients => {
-                derivatives::inverse_dynamics_vjp(
-                    model,
-                    workspace,
-                    scratch,
-                    at,
-                    wrenches,
-                    seed[0],
-                    (&mut constants, out),
-                );
-                Ok(())
-            }
-            Products::ForwardTangent(_) | Products::ForwardTangents(_) => {
-                let along = Directions::of_seed(seed, bodies, &mut forces);
-                derivatives::forward_dynamics_jvp(model, workspace, scratch, at, wrenches, &along, out)
-            }
-            Products::ForwardGradient(_) | Products::ForwardGradients(_) => {
-                let results = (&mut constants, out);
-                derivatives::forward_dynamics_vjp(model, workspace, scratch, at, wrenches, seed[0], results)
-            }
-        }
-        .map_err(|lost| self.singular(lost))?;
-        for (to, force) in by_wrenches.iter_mut().zip(&forces) {
-            *to = (*force).into();
-        }
-        Ok(())
-    }
-
     /// Checks that a seed has the right lengths and finite values.
     fn check_seed(&self, algorithm: Algorithm, seed: [&[f64]; 3]) -> Result<(), Error> {
-        let (nv, bodies) = (self.nv(), self.model().bodies.len());
         if matches!(algorithm, Algorithm::ConstrainedDynamics(_)) {
             return self.check_compliance(seed[0]);
         }
         for (i, (&(name, _), seed)) in algorithm.seeds().iter().zip(seed).enumerate() {
             check_length(name, seed.len(), self.seed_width(algorithm, i))?;
-            let (own, rest) = seed.split_at(nv);
-            check_finite(name, own)?;
-            if !rest.is_empty() {
-                let names = ["darmature", "dgravity", "dwrenches", "dparameters"];
-                for (name, part) in names.into_iter().zip(constants_of(rest, nv, bodies)) {
-                    check_finite(name, part)?;
-                }
-            }
+            #[cfg(feature = "derivatives")]
+            self.check_changes(name, seed)?;
         }
         Ok(())
     }
@@ -326,11 +186,10 @@ impl Scene {
     pub fn seed_width(&self, algorithm: Algorithm, i: usize) -> usize {
         let nv = self.nv();
         match algorithm {
-            Algorithm::Products(which) if i == 2 && which.takes_constants() => {
-                nv + constants_width(nv, self.model().bodies.len())
-            }
             Algorithm::ConstrainedDynamics(_) if i == 0 => self.constraint_rows(),
-            Algorithm::Products(which) if i < which.entry().seeds().len() => nv,
+            Algorithm::ConstrainedDynamics(_) => 0,
+            _ if i == 2 && algorithm.takes_constants() => nv + constants_width(nv, self.model().bodies.len()),
+            _ if i < algorithm.seeds().len() => nv,
             _ => 0,
         }
     }
@@ -339,12 +198,7 @@ impl Scene {
     #[must_use]
     pub fn width(&self, algorithm: Algorithm) -> usize {
         let (nv, width) = (self.nv(), algorithm.entry().width(&self.sizes()));
-        match algorithm {
-            Algorithm::Products(which) if which.gives_constants() => {
-                width + constants_width(nv, self.model().bodies.len())
-            }
-            _ => width,
-        }
+        if algorithm.gives_constants() { width + constants_width(nv, self.model().bodies.len()) } else { width }
     }
 
     /// The lengths of the axes of arguments and results for this scene.
@@ -354,8 +208,7 @@ impl Scene {
 
     /// True if the kernels would compute a wrong result: they support connections in forward dynamics only.
     fn goes_through_connections(&self, algorithm: Algorithm) -> bool {
-        let is_derivative = matches!(algorithm, Algorithm::Derivatives(_) | Algorithm::Products(_));
-        is_derivative && algorithm.goes_through_connections() && !self.constraints().is_empty()
+        algorithm.is_derivative() && algorithm.goes_through_connections() && !self.constraints().is_empty()
     }
 
     /// The lengths of the arguments of one state of an algorithm, and whether the kernels support it.
@@ -363,11 +216,10 @@ impl Scene {
     pub(crate) fn requirements(&self, algorithm: Algorithm) -> Requirements {
         let (rates, third) = algorithm.reads();
         let [qd, u] = [rates, third.is_some()].map(|is_read| if is_read { self.nv() } else { 0 });
-        let seeds = match algorithm {
-            Algorithm::Products(_) | Algorithm::ConstrainedDynamics(_) => {
-                std::array::from_fn(|i| self.seed_width(algorithm, i))
-            }
-            _ => [0; 3],
+        let seeds = if algorithm.seeds().is_empty() {
+            [0; 3]
+        } else {
+            std::array::from_fn(|i| self.seed_width(algorithm, i))
         };
         Requirements {
             widths: [self.nq(), qd, u],
@@ -442,24 +294,4 @@ pub(crate) struct Requirements {
     supported: bool,
     /// True if couplings of the connections must hold at q.
     coupled: bool,
-}
-
-/// A product of forward dynamics from its three Jacobians, (nv x nv) each row by row.
-fn multiply(three: &[f64], which: Products, [first, second, third]: [&[f64]; 3], out: &mut [f64]) {
-    let nv = first.len().max(1);
-    out.fill(0.0);
-    let matrices = three.chunks_exact(nv * nv);
-    if matches!(which, Products::ForwardTangent(_) | Products::ForwardTangents(_)) {
-        for (matrix, x) in matrices.zip([first, second, third]) {
-            for (out, row) in out.iter_mut().zip(matrix.chunks_exact(nv)) {
-                *out += row.iter().zip(x).map(|(a, x)| a * x).sum::<f64>();
-            }
-        }
-        return;
-    }
-    for (matrix, out) in matrices.zip(out.chunks_exact_mut(nv)) {
-        for (row, &cotangent) in matrix.chunks_exact(nv).zip(first) {
-            out.iter_mut().zip(row).for_each(|(out, a)| *out += cotangent * a);
-        }
-    }
 }

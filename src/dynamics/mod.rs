@@ -33,10 +33,13 @@
 pub(crate) mod auto;
 pub(crate) mod centroidal;
 mod checked;
+#[cfg(feature = "derivatives")]
+mod checked_derivatives;
 mod columns;
 pub(crate) mod constraints;
 pub(crate) mod contacts;
 pub(crate) mod coupled;
+#[cfg(feature = "derivatives")]
 pub mod derivatives;
 pub(crate) mod energy;
 pub(crate) mod estimate;

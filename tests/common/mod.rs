@@ -1,10 +1,13 @@
 //! Common parts of the Rust tests: random scenes and states from a seed, and the table of tolerances.
 
 pub mod arm;
+#[cfg(feature = "codegen")]
 pub mod codegen;
 #[cfg(feature = "dense")]
 pub mod filter;
+#[cfg(feature = "derivatives")]
 pub mod gate;
+#[cfg(feature = "derivatives")]
 pub mod lanes;
 pub mod loops;
 #[cfg(feature = "dense")]

@@ -18,6 +18,7 @@
 //! In a model with rounded dimensions, rows that should be dependent differ in the last digits. Geometry and the
 //! tolerance of the scene decide which combinations count as dependent; Q J then replaces J.
 
+#[cfg(feature = "derivatives")]
 mod derivatives;
 mod faults;
 mod geometry;
@@ -31,6 +32,7 @@ mod rows;
 mod scratch;
 mod solution;
 
+#[cfg(feature = "derivatives")]
 pub(crate) use derivatives::constrained_derivatives;
 pub(crate) use inverse::{constrained_inverse_dynamics, constrained_mass_matrix_inverse};
 pub(crate) use kernel::ConstraintKernel;

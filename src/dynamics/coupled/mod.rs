@@ -5,11 +5,13 @@
 //! [`summed`](crate::filter::summed) computes.
 
 mod accelerations;
+#[cfg(feature = "derivatives")]
+mod derivatives;
 
 pub(crate) use accelerations::CoupledAccelerations;
 
 use crate::accuracy::Accuracy;
-use crate::algorithm::{Algorithm, Arguments, Derivatives, Products};
+use crate::algorithm::{Algorithm, Arguments};
 use crate::error::{Error, Fault, check_length};
 use crate::filter::Form;
 use crate::scene::{Coupling, Scene};
@@ -83,9 +85,7 @@ impl Scene {
 
     /// Checks the arguments of one state that the algorithm takes.
     fn check_coupled(&self, algorithm: Algorithm, state: &Arguments<'_>) -> Result<(), Error> {
-        if let Algorithm::Products(which) = algorithm
-            && (which.takes_constants() || which.gives_constants())
-        {
+        if algorithm.takes_constants() || algorithm.gives_constants() {
             let expected = "products with (q, qd, u) alone, or a scene with mimic=\"free\" for those with parameters, armature, gravity and wrenches";
             return Err(Error::argument("scene", "joints that follow others (mimic)", expected));
         }
@@ -106,29 +106,6 @@ impl Scene {
         }
         Ok(())
     }
-
-    /// A (2nv x 2nv) and B (2nv x nv) of the linearized dynamics, from dqdd/dq, dqdd/dqd and M^-1 of forward dynamics
-    /// at velocities `qd`.
-    pub(crate) fn linear_system(&self, qd: &[f64], three: &[f64], (a, b): (&mut [f64], &mut [f64])) {
-        use super::derivatives::linear_system;
-        let Some(coupling) = self.coupling() else { return linear_system(self.model(), qd, three, (a, b)) };
-        // ad(qd) of the tree: zero except for free and spherical joints, which are independent.
-        let (full, nv) = (coupling.tree().nv(), self.nv());
-        let (mut all, mut rest) = (vec![0.0; 4 * full * full], vec![0.0; 2 * full * full]);
-        linear_system(coupling.tree().model(), &coupling.rates(qd), &vec![0.0; 3 * full * full], (&mut all, &mut rest));
-        a.fill(0.0);
-        b.fill(0.0);
-        let rows = coupling.independent_rows();
-        for i in 0..nv {
-            for j in 0..nv {
-                a[i * 2 * nv + j] = all[rows[i] * 2 * full + rows[j]];
-                a[(nv + i) * 2 * nv + j] = three[i * nv + j];
-                a[(nv + i) * 2 * nv + nv + j] = three[nv * nv + i * nv + j];
-                b[(nv + i) * nv + j] = three[2 * nv * nv + i * nv + j];
-            }
-            a[i * 2 * nv + nv + i] = 1.0;
-        }
-    }
 }
 
 impl Call<'_, '_> {
@@ -143,7 +120,7 @@ impl Call<'_, '_> {
         let coupling = self.coupling;
         let (full, (_, nv)) = (coupling.tree().nv(), coupling.sizes());
         let entry = algorithm.entry();
-        if entry.has_form || matches!(algorithm, Algorithm::Products(_)) {
+        if entry.has_form || !algorithm.seeds().is_empty() {
             return Ok(false);
         }
         // A vector, or this number of matrices.
@@ -187,11 +164,13 @@ impl Call<'_, '_> {
                 self.factorise(form, &at, false)?;
                 self.inverse(out);
             }
+            #[cfg(feature = "derivatives")]
             Algorithm::Derivatives(which) => {
                 let form = algorithm.form().unwrap_or_default();
-                debug_assert_eq!(which, Derivatives::ForwardDynamics(form));
+                debug_assert_eq!(which, crate::algorithm::Derivatives::ForwardDynamics(form));
                 self.forward_derivatives(form, &at, state.u, out)?;
             }
+            #[cfg(feature = "derivatives")]
             Algorithm::Products(which) => self.product(which, &at, state, out)?,
             Algorithm::ConstrainedDynamics(form) => {
                 // Scenes with mimic joints have no connections: no rows, and rank and residual are zero.
@@ -204,14 +183,6 @@ impl Call<'_, '_> {
             Algorithm::InverseDynamics | Algorithm::BiasTorque | Algorithm::MassMatrix => {}
         }
         Ok(())
-    }
-
-    /// Results of the algorithm of the tree for one state.
-    fn asked(&mut self, algorithm: Algorithm, state: &Arguments<'_>, width: usize) -> Result<Vec<f64>, Error> {
-        let mut results = vec![f64::NAN; width];
-        let state = [state.read_by(algorithm)];
-        (self.ask)(algorithm, &state, &mut results).map_err(|fault| fault.error)?;
-        Ok(results)
     }
 
     fn factorise(&mut self, form: Form, at: &Arguments<'_>, with_bias: bool) -> Result<(), Error> {
@@ -253,128 +224,6 @@ impl Call<'_, '_> {
             for (row, value) in solved.into_iter().enumerate().skip(column) {
                 out[row * nv + column] = value;
                 out[column * nv + row] = value;
-            }
-        }
-    }
-
-    /// G^T X G of dtau/dq, dtau/dqd and M of the tree.
-    fn inverse_derivatives(&mut self, at: &Arguments<'_>, out: &mut [f64]) -> Result<(), Error> {
-        let (full, (_, nv)) = (self.coupling.tree().nv(), self.coupling.sizes());
-        let three = self.asked(Algorithm::Derivatives(Derivatives::InverseDynamics), at, 3 * full * full)?;
-        for (matrix, out) in three.chunks_exact((full * full).max(1)).zip(out.chunks_exact_mut((nv * nv).max(1))) {
-            self.coupling.reduce_matrix(matrix, out);
-        }
-        Ok(())
-    }
-
-    /// -M^-1 dtau/dq, -M^-1 dtau/dqd at the accelerations of the state, and M^-1.
-    fn forward_derivatives(
-        &mut self,
-        form: Form,
-        at: &Arguments<'_>,
-        tau: &[f64],
-        out: &mut [f64],
-    ) -> Result<(), Error> {
-        let (_, nv) = self.coupling.sizes();
-        let qdd = self.accelerations(form, at, tau)?;
-        let mut three = std::mem::take(&mut self.scratch.results);
-        three.resize(3 * nv * nv, 0.0);
-        let done = self.inverse_derivatives(&Arguments { u: &qdd, ..*at }, &mut three);
-        if done.is_ok() {
-            let (products, inverse) = out.split_at_mut(2 * nv * nv);
-            self.inverse(inverse);
-            for (of, out) in three.chunks_exact((nv * nv).max(1)).zip(products.chunks_exact_mut((nv * nv).max(1))) {
-                if !self.scratch.accelerations.is_wide {
-                    minus_product(nv, inverse, of, out);
-                    continue;
-                }
-                for column in 0..nv {
-                    let right: Vec<f64> = (0..nv).map(|row| -of[row * nv + column]).collect();
-                    for (row, value) in self.solve(&right).into_iter().enumerate() {
-                        out[row * nv + column] = value;
-                    }
-                }
-            }
-        }
-        self.scratch.results = three;
-        done
-    }
-
-    /// Products with the Jacobians, by those of inverse dynamics of the tree.
-    fn product(
-        &mut self,
-        which: Products,
-        at: &Arguments<'_>,
-        state: &Arguments<'_>,
-        out: &mut [f64],
-    ) -> Result<(), Error> {
-        let coupling = self.coupling;
-        let (full, (_, nv)) = (coupling.tree().nv(), coupling.sizes());
-        let [first, second, third] = state.seed;
-        match which {
-            Products::InverseTangent | Products::InverseTangents => {
-                let seed = [first, second, third].map(|x| coupling.rates(x));
-                let seed = [&seed[0][..], &seed[1], &seed[2]];
-                let tangent = Algorithm::Products(Products::InverseTangent);
-                let dtau = self.asked(tangent, &Arguments { seed, ..*at }, full)?;
-                coupling.reduce(&dtau, out);
-            }
-            Products::InverseGradient | Products::InverseGradients => {
-                self.inverse_gradient(at, at.u, &coupling.rates(first), out)?;
-            }
-            Products::ForwardTangent(form) | Products::ForwardTangents(form) => {
-                // M dqdd = dtau - the change of inverse dynamics at the accelerations of the state.
-                let qdd = self.accelerations(form, at, state.u)?;
-                let (dq, dqd) = (coupling.rates(first), coupling.rates(second));
-                let seed = [&dq[..], &dqd, &vec![0.0; full]];
-                let tangent = Algorithm::Products(Products::InverseTangent);
-                let changed = self.asked(tangent, &Arguments { u: &qdd, seed, ..*at }, full)?;
-                let mut right = vec![0.0; nv];
-                coupling.reduce(&changed, &mut right);
-                for (right, dtau) in right.iter_mut().zip(third) {
-                    *right = dtau - *right;
-                }
-                out.copy_from_slice(&self.solve(&right));
-            }
-            Products::ForwardGradient(form) | Products::ForwardGradients(form) => {
-                let qdd = self.accelerations(form, at, state.u)?;
-                let x = self.solve(first);
-                self.inverse_gradient(at, &qdd, &coupling.rates(&x), out)?;
-                for cotangent in &mut out[..2 * nv] {
-                    *cotangent = -*cotangent;
-                }
-                out[2 * nv..].copy_from_slice(&x);
-            }
-        }
-        Ok(())
-    }
-
-    /// G^T times the cotangents of q, qd and qdd for a cotangent of the torques of the tree.
-    fn inverse_gradient(
-        &mut self,
-        at: &Arguments<'_>,
-        qdd: &[f64],
-        cotangent: &[f64],
-        out: &mut [f64],
-    ) -> Result<(), Error> {
-        let (full, (_, nv)) = (self.coupling.tree().nv(), self.coupling.sizes());
-        let seed = [cotangent, &[][..], &[][..]];
-        let gradient = Algorithm::Products(Products::InverseGradient);
-        let three = self.asked(gradient, &Arguments { u: qdd, seed, ..*at }, 3 * full)?;
-        for (of, out) in three.chunks_exact(full.max(1)).zip(out.chunks_exact_mut(nv.max(1))) {
-            self.coupling.reduce(of, out);
-        }
-        Ok(())
-    }
-}
-
-/// -A B into `out`, (n x n) each, row by row.
-fn minus_product(n: usize, a: &[f64], b: &[f64], out: &mut [f64]) {
-    out.fill(0.0);
-    for (a, out) in a.chunks_exact(n.max(1)).zip(out.chunks_exact_mut(n.max(1))) {
-        for (a, b) in a.iter().zip(b.chunks_exact(n)) {
-            for (out, b) in out.iter_mut().zip(b) {
-                *out -= a * b;
             }
         }
     }

@@ -55,7 +55,7 @@ pub(crate) use forward::linear_system;
 pub use hessian::{HessianScratch, forward_dynamics_hvp, inverse_dynamics_hvp};
 pub use inverse::{coriolis_matrix, inverse_dynamics_derivatives, mass_matrix_derivative};
 pub(crate) use inverse::{in_sweeps, with_transpose};
-pub(crate) use parameters::{ConstantParts, GradientParts, constants_of, constants_width};
+pub(crate) use parameters::{ConstantParts, GradientParts, constants_of};
 pub use parameters::{Parameters, of_body, of_link};
 #[doc(hidden)]
 pub use parameters::{inertia, parameters};

@@ -125,11 +125,6 @@ pub fn of_body<T: Real>(placed: &RigidShift<T>, of_link: &Parameters<T>) -> Para
     parameters(&inertia(of_link).to_parent(placed))
 }
 
-/// Number of scalars of all constants.
-pub(crate) fn constants_width(nv: usize, bodies: usize) -> usize {
-    nv + 3 + 16 * bodies
-}
-
 /// Splits constants into armature, gravity, wrenches and parameters.
 pub(crate) fn constants_of<T>(all: &[T], nv: usize, bodies: usize) -> [&[T]; 4] {
     let (armature, rest) = all.split_at(nv);

@@ -49,12 +49,18 @@ pub(crate) use paths::{
     Forces, MOST_FORCES, Path, accelerations_along, frame_here, innovations_along, motions_along, origin_along,
     placement_along,
 };
+#[cfg(feature = "operators")]
+pub(crate) use scratch::Accumulated;
+pub(crate) use scratch::SweepScratch;
+#[cfg(feature = "report")]
+pub(crate) use scratch::bytes;
+#[cfg(feature = "operators")]
 pub(crate) use scratch::covariances_of_root;
-pub(crate) use scratch::{Accumulated, SweepScratch, bytes};
 pub(crate) use solve::{innovations_of_factor, smooth, solve};
 pub(crate) use tiles::Entries;
 
 use super::forces::Motion;
+#[cfg(feature = "report")]
 use crate::algorithm::{Algorithm, Derivatives, Products};
 use crate::filter::Form;
 use crate::filter::pivots::PivotMonitor;
@@ -64,6 +70,7 @@ use crate::scalar::{ColumnsOf, Real};
 use nalgebra::Vector6;
 
 /// True if an algorithm has kernels, in form `auto` at least for states that need no fallback.
+#[cfg(feature = "report")]
 pub(crate) fn covers(algorithm: Algorithm) -> bool {
     !matches!(
         algorithm,

@@ -226,6 +226,7 @@ impl<T: Real> SweepScratch<T> {
 
 /// Number of bytes that an algorithm reads or writes in f64, without arguments and results: the constants of the scene,
 /// which all lanes share, and the data of each state.
+#[cfg(feature = "report")]
 pub(crate) fn bytes(sweeps: &SweepModel<f64>, nv: usize, algorithm: Algorithm) -> [usize; 2] {
     let bodies = sweeps.bodies.len();
     let shifts = sweeps.shifting.len() * (size_of::<RigidShift<f64>>() + size_of::<Body<f64>>())
