@@ -1,5 +1,6 @@
 //! Time integration of a few states, one per lane, by many steps, compiled for one instruction set.
 
+use super::connected::Connected;
 use super::constrained::{Constrained, ConstrainedScratch};
 use super::contact::ContactStepper;
 use super::faults::{LARGEST_STEP, fault_of};
@@ -21,7 +22,6 @@ use crate::batch::instruction_set::{Baseline, InstructionSet, Target, Vectorized
 use crate::dynamics::contacts::LimitRow;
 use crate::error::Error;
 use crate::filter::Form;
-use crate::model::Model;
 #[cfg(all(feature = "lanes", any(target_arch = "x86_64", target_arch = "aarch64")))]
 use crate::scalar::Fused;
 use crate::scalar::lanes_but;
@@ -75,44 +75,52 @@ impl Stepper {
         }
         let (arm, alone) = (self.arm, job.states.len() == 1);
         let place = if alone { &mut self.one } else { &mut self.many };
-        let scratch = place.get_or_insert_with(|| scratch(job.scene.model(), job.settings, arm, alone));
+        let scratch = place.get_or_insert_with(|| scratch(job.scene, job.settings, arm, alone));
         scratch.run(self.form, &mut self.checked, job)
     }
 }
 
 /// Scratch memory in the scalar type of an instruction set, for one state or for several.
-fn scratch(model: &Model<f64>, settings: &StepSettings, arm: InstructionSet, alone: bool) -> Box<dyn Stepping> {
+fn scratch(scene: &Scene, settings: &StepSettings, arm: InstructionSet, alone: bool) -> Box<dyn Stepping> {
     let on_arm: Option<Box<dyn Stepping>> = match (arm, alone) {
-        (InstructionSet::Baseline, _) => Compiled::<f64, Baseline>::boxed(model, settings),
+        (InstructionSet::Baseline, _) => Compiled::<f64, Baseline>::boxed(scene, settings),
         #[cfg(all(target_arch = "x86_64", feature = "lanes"))]
-        (InstructionSet::Avx2, false) => Compiled::<Lanes<V3>, V3>::boxed(model, settings),
+        (InstructionSet::Avx2, false) => Compiled::<Lanes<V3>, V3>::boxed(scene, settings),
         #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-        (InstructionSet::Avx512, false) => Compiled::<Lanes<V4>, V4>::boxed(model, settings),
+        (InstructionSet::Avx512, false) => Compiled::<Lanes<V4>, V4>::boxed(scene, settings),
         #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-        (InstructionSet::Avx512, true) => Compiled::<Fused, V4>::boxed(model, settings),
+        (InstructionSet::Avx512, true) => Compiled::<Fused, V4>::boxed(scene, settings),
         #[cfg(all(feature = "lanes", any(target_arch = "x86_64", target_arch = "aarch64")))]
         #[allow(unreachable_patterns)] // Avx512 is above if it is compiled
         (InstructionSet::Avx2 | InstructionSet::Avx512 | InstructionSet::Neon, _) => {
-            Compiled::<Fused, <Fused as Vectorized>::Least>::boxed(model, settings)
+            Compiled::<Fused, <Fused as Vectorized>::Least>::boxed(scene, settings)
         }
         // Not compiled, and therefore never selected.
         #[allow(unreachable_patterns)]
         _ => None,
     };
-    on_arm.unwrap_or_else(|| Box::new(Compiled { scratch: Scratch::<f64>::new(model, settings), target: Baseline }))
+    on_arm.unwrap_or_else(|| Box::new(Compiled::<f64, Baseline>::new(scene, settings, Baseline)))
 }
 
 /// Scratch memory in a scalar type, for code compiled for one instruction set.
 struct Compiled<T: Vectorized, I> {
     scratch: Scratch<T>,
     target: I,
+    /// For a scene with connections.
+    connected: Option<Box<Connected<T>>>,
 }
 
 impl<T: Vectorized<Number = f64>, I: Target> Compiled<T, I> {
     /// `None` if the processor does not support the instruction set.
-    fn boxed(model: &Model<f64>, settings: &StepSettings) -> Option<Box<dyn Stepping>> {
-        let target = I::here()?;
-        Some(Box::new(Self { scratch: Scratch::new(model, settings), target }))
+    fn boxed(scene: &Scene, settings: &StepSettings) -> Option<Box<dyn Stepping>> {
+        Some(Box::new(Self::new(scene, settings, I::here()?)))
+    }
+
+    fn new(scene: &Scene, settings: &StepSettings, target: I) -> Self {
+        let scratch = Scratch::new(scene.model(), settings);
+        let is_lanes = settings.connected.is_some() && settings.is_vectorized();
+        let connected = is_lanes.then(|| Box::new(Connected::new(scene, settings, &scratch)));
+        Self { scratch, target, connected }
     }
 }
 
@@ -121,7 +129,7 @@ struct CheckedState {
     scratch: Scratch<f64>,
     solver: Checked,
     substeps: Substeps,
-    /// For a scene with connections, all of whose steps run here.
+    /// For a scene with connections.
     closed: Option<(ConstrainedScratch, Vec<LimitRow>)>,
 }
 
@@ -172,7 +180,8 @@ impl CheckedState {
 impl<T: Vectorized<Number = f64>, I: Target> Stepping for Compiled<T, I> {
     fn run(&mut self, form: Form, checked: &mut Option<Box<CheckedState>>, job: Job<'_, '_>) -> Result<(), StepFault> {
         let target = self.target;
-        target.within(Run { scratch: &mut self.scratch, target, form, checked, job })
+        let connected = self.connected.as_deref_mut();
+        target.within(Run { scratch: &mut self.scratch, connected, target, form, checked, job })
     }
 }
 
@@ -199,6 +208,7 @@ pub(super) fn fill<T: Vectorized<Number = f64>>(numbers: &mut [T], lane: usize, 
 
 struct Run<'a, 'r, T: Vectorized, I> {
     scratch: &'a mut Scratch<T>,
+    connected: Option<&'a mut Connected<T>>,
     target: I,
     form: Form,
     checked: &'a mut Option<Box<CheckedState>>,
@@ -218,7 +228,7 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
 
     #[inline(always)]
     fn call(self) -> Result<(), StepFault> {
-        let Self { scratch: s, target, form, checked, job } = self;
+        let Self { scratch: s, connected, target, form, checked, job } = self;
         let Job { scene, settings, steps, states, begun, current, torque, mut rows, impacts } = job;
         let (count, nq, nv) = (states.len(), scene.nq(), scene.nv());
         let width = settings.width(scene);
@@ -241,7 +251,10 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
                 *u = u.constant(0.0);
             }
         }
-        let mut kernels = Kernels::new(target, form);
+        let mut kernels = Kernels::new(target, form, connected);
+        if let Some(connected) = &mut kernels.connected {
+            connected.begin(count);
+        }
         let mut outcome = Ok(());
         for n in steps {
             if let Torque::Steps { torque, first } = torque {
@@ -257,6 +270,9 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
             // Steps that are not vectorized run one state after another.
             let mut fallback = if settings.is_vectorized() { step(by, s, &mut kernels) } else { u64::MAX };
             let totals = s.totals;
+            if let Some(connected) = &mut kernels.connected {
+                fallback |= connected.finish(target, form, s);
+            }
             if settings.is_vectorized() {
                 s.momentum.correct_if_active(&s.model, &mut s.q_next, &mut s.v_next);
                 fallback |= needs_fallback(settings, s);
@@ -264,6 +280,9 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
             }
             fallback &= u64::MAX >> (64 - count);
             if fallback != 0 {
+                if let Some(connected) = &mut kernels.connected {
+                    connected.replaced();
+                }
                 // The totals of these lanes come from their recomputed step instead.
                 let accumulated = std::mem::replace(&mut s.totals, totals);
                 let mut counted = accumulated;

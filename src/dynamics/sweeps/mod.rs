@@ -26,6 +26,7 @@ pub(super) mod joint;
 mod mass_matrix;
 pub(super) mod model;
 pub(super) mod motion;
+mod path_rows;
 mod paths;
 mod root_filter;
 pub(super) mod rows;
@@ -45,9 +46,9 @@ pub(crate) use inverse_product::multiplied_out;
 pub(crate) use mass_matrix::MassColumns;
 pub(crate) use mass_matrix::mass_matrix;
 pub(crate) use model::SweepModel;
+pub(crate) use path_rows::{PathRows, WhitenedRows};
 pub(crate) use paths::{
-    Forces, MOST_FORCES, Path, accelerations_along, frame_here, innovations_along, motions_along, origin_along,
-    placement_along,
+    Forces, MOST_FORCES, Path, accelerations_along, frame_here, motions_along, origin_along, placement_along,
 };
 pub(crate) use scratch::covariances_of_root;
 pub(crate) use scratch::{Accumulated, SweepScratch, bytes};
