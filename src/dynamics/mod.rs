@@ -35,6 +35,7 @@ pub(crate) mod centroidal;
 mod checked;
 mod columns;
 pub(crate) mod constraints;
+pub(crate) mod contact_kernel;
 pub(crate) mod contacts;
 pub(crate) mod coupled;
 pub mod derivatives;

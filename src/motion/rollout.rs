@@ -440,8 +440,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let Self { scene, settings, form, arm, current, begun, pool, impacts, .. } = self;
         let impacts = &*impacts;
         let scene: &Scene = (*scene).borrow().tree();
-        // Steps with contacts are not vectorized.
-        let arm = if settings.method == Method::Contact { InstructionSet::Baseline } else { *arm };
+        let one_by_one = settings.method == Method::Contact && !settings.touches_in_lanes();
+        let arm = if one_by_one { InstructionSet::Baseline } else { *arm };
         let make = || Stepper::new(*form, arm);
         let batch = Batch { states: self.states, cost, pool, make };
         let outcome = batch.run_pieces(GRAIN, current, |stepper, states, current| {

@@ -3,6 +3,7 @@
 
 use super::connected::Connected;
 use crate::batch::accelerations::{KernelArguments, by_covariance, watched};
+use crate::batch::factor::with_factor;
 use crate::batch::instruction_set::{Baseline, Target, Vectorized};
 use crate::dynamics;
 use crate::dynamics::auto::Errors;
@@ -38,13 +39,15 @@ pub(super) struct Kernels<'a, T: Vectorized, I> {
     form: Form,
     /// For scenes with connections.
     pub connected: Option<&'a mut Connected<T>>,
+    /// True if more right-hand sides follow with the factor of M.
+    pub factors: bool,
 }
 
 impl<'a, T: Vectorized, I> Kernels<'a, T, I> {
     /// Kernels for [`Form::Covariance`] or [`Form::Auto`].
     #[inline(always)]
     pub fn new(target: I, form: Form, connected: Option<&'a mut Connected<T>>) -> Self {
-        Self { target, errors: Errors::unknown(), form, connected }
+        Self { target, errors: Errors::unknown(), form, connected, factors: false }
     }
 }
 
@@ -62,6 +65,9 @@ impl<T: Vectorized, I: Target> Solver<T> for Kernels<'_, T, I> {
             return connected.accelerations((self.target, self.form, estimates), scene, scratch, state, qdd);
         }
         let call = KernelArguments { scene, scratch, state, wrenches: &[], qdd };
+        if self.factors {
+            return with_factor(self.target, self.form, call);
+        }
         if estimates && self.form != Form::Covariance {
             watched(self.target, call, &mut self.errors)
         } else {

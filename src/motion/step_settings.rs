@@ -101,6 +101,11 @@ impl StepSettings {
         self.coupling.is_none() && is_rigid && self.accuracy.is_none()
     }
 
+    /// True if steps with contacts are vectorized: those of a tree.
+    pub fn touches_in_lanes(&self) -> bool {
+        self.method == Method::Contact && self.coupling.is_none() && self.connected.is_none()
+    }
+
     /// The settings for the adjoint of the steps, which needs the displacement of every joint from rest, also without a
     /// spring.
     pub fn backward(&self) -> Self {

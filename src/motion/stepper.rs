@@ -2,7 +2,7 @@
 
 use super::connected::Connected;
 use super::constrained::{Constrained, ConstrainedScratch};
-use super::contact::ContactStepper;
+use super::contact::{ContactStepper, Touching, record};
 use super::faults::{LARGEST_STEP, fault_of};
 use super::job::{Impacts, Job};
 use super::limit_rows::limit_rows;
@@ -10,6 +10,7 @@ use super::method::Method;
 use super::momentum::CONSERVED;
 use super::properties::of_state;
 use super::scratch::Scratch;
+pub(super) use super::scratch::{fill, scatter, take_lane};
 use super::settings::Stabilization;
 use super::solver::{Checked, Kernels};
 use super::step::step;
@@ -68,7 +69,7 @@ impl Stepper {
 
     /// Runs a job; returns the fault of the earliest step, and of the lowest state in it.
     pub fn run(&mut self, job: Job<'_, '_>) -> Result<(), StepFault> {
-        if job.settings.method == Method::Contact {
+        if job.settings.method == Method::Contact && !job.settings.touches_in_lanes() {
             let touching =
                 self.touching.get_or_insert_with(|| Box::new(ContactStepper::new(job.scene, job.settings, self.form)));
             return touching.run(job);
@@ -106,8 +107,9 @@ fn scratch(scene: &Scene, settings: &StepSettings, arm: InstructionSet, alone: b
 struct Compiled<T: Vectorized, I> {
     scratch: Scratch<T>,
     target: I,
-    /// For a scene with connections.
+    /// For a scene with connections, and for one with contacts.
     connected: Option<Box<Connected<T>>>,
+    touching: Option<Box<Touching<T>>>,
 }
 
 impl<T: Vectorized<Number = f64>, I: Target> Compiled<T, I> {
@@ -120,7 +122,8 @@ impl<T: Vectorized<Number = f64>, I: Target> Compiled<T, I> {
         let scratch = Scratch::new(scene.model(), settings);
         let is_lanes = settings.connected.is_some() && settings.is_vectorized();
         let connected = is_lanes.then(|| Box::new(Connected::new(scene, settings, &scratch)));
-        Self { scratch, target, connected }
+        let touching = settings.touches_in_lanes().then(|| Box::new(Touching::new(scene, settings, &scratch)));
+        Self { scratch, target, connected, touching }
     }
 }
 
@@ -180,47 +183,19 @@ impl CheckedState {
 impl<T: Vectorized<Number = f64>, I: Target> Stepping for Compiled<T, I> {
     fn run(&mut self, form: Form, checked: &mut Option<Box<CheckedState>>, job: Job<'_, '_>) -> Result<(), StepFault> {
         let target = self.target;
-        let connected = self.connected.as_deref_mut();
-        target.within(Run { scratch: &mut self.scratch, connected, target, form, checked, job })
-    }
-}
-
-/// Copies state, torque and targets of one lane before a step.
-pub(super) fn take_lane<T: Vectorized<Number = f64>>(one: &mut Scratch<f64>, s: &Scratch<T>, lane: usize) {
-    for (to, from) in [
-        (&mut one.q, &s.q),
-        (&mut one.v, &s.v),
-        (&mut one.torque, &s.torque),
-        (&mut one.target, &s.target),
-        (&mut one.target_rate, &s.target_rate),
-    ] {
-        scatter(from, lane, to);
-    }
-    scatter(&s.totals, lane, &mut one.totals);
-}
-
-/// Copies values into one lane of an array.
-pub(super) fn fill<T: Vectorized<Number = f64>>(numbers: &mut [T], lane: usize, values: &[f64]) {
-    for (number, &value) in numbers.iter_mut().zip(values) {
-        number.lanes_mut()[lane] = value;
+        let (connected, touching) = (self.connected.as_deref_mut(), self.touching.as_deref_mut());
+        target.within(Run { scratch: &mut self.scratch, connected, touching, target, form, checked, job })
     }
 }
 
 struct Run<'a, 'r, T: Vectorized, I> {
     scratch: &'a mut Scratch<T>,
     connected: Option<&'a mut Connected<T>>,
+    touching: Option<&'a mut Touching<T>>,
     target: I,
     form: Form,
     checked: &'a mut Option<Box<CheckedState>>,
     job: Job<'a, 'r>,
-}
-
-/// Copies one lane of an array.
-#[inline(always)]
-pub(super) fn scatter<T: Vectorized<Number = f64>>(numbers: &[T], lane: usize, out: &mut [f64]) {
-    for (value, number) in out.iter_mut().zip(numbers) {
-        *value = number.lanes()[lane];
-    }
 }
 
 impl<T: Vectorized<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
@@ -228,7 +203,7 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
 
     #[inline(always)]
     fn call(self) -> Result<(), StepFault> {
-        let Self { scratch: s, connected, target, form, checked, job } = self;
+        let Self { scratch: s, connected, mut touching, target, form, checked, job } = self;
         let Job { scene, settings, steps, states, begun, current, torque, mut rows, impacts } = job;
         let (count, nq, nv) = (states.len(), scene.nq(), scene.nv());
         let width = settings.width(scene);
@@ -252,6 +227,18 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
             }
         }
         let mut kernels = Kernels::new(target, form, connected);
+        kernels.factors = touching.is_some();
+        let points = scene.contact_points();
+        if let (Some(touching), Some(rows)) = (&mut touching, &mut rows)
+            && steps.start == rows.from
+        {
+            for (lane, state) in states.clone().enumerate() {
+                let Some(to) = rows.of_contacts(state, 0, points.len()) else { break };
+                let (moving, kept) = current[lane * width..(lane + 1) * width].split_at(nq + nv);
+                let (state, kept) = (moving.split_at(nq), (&kept[TOTALS..], settings.step));
+                record(scene.model(), points, touching.rows(scene, settings, form), state, kept, to);
+            }
+        }
         if let Some(connected) = &mut kernels.connected {
             connected.begin(count);
         }
@@ -273,7 +260,10 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
             if let Some(connected) = &mut kernels.connected {
                 fallback |= connected.finish(target, form, s);
             }
-            if settings.is_vectorized() {
+            if let Some(touching) = &mut touching {
+                fallback =
+                    touching.finish((target, form), (scene, settings), s, ((&mut *current, width, kept), fallback));
+            } else if settings.is_vectorized() {
                 s.momentum.correct_if_active(&s.model, &mut s.q_next, &mut s.v_next);
                 fallback |= needs_fallback(settings, s);
                 add_work(settings, s);
@@ -286,13 +276,12 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
                 // The totals of these lanes come from their recomputed step instead.
                 let accumulated = std::mem::replace(&mut s.totals, totals);
                 let mut counted = accumulated;
-                outcome = recompute(
-                    s,
-                    (scene, settings, form),
-                    checked,
-                    (n, &states, begun, impacts),
-                    (fallback, &mut counted),
-                );
+                let (of, steps) = ((scene, settings, form), (n, &states, begun, impacts));
+                let lanes = (fallback, &mut counted[..]);
+                outcome = match &mut touching {
+                    Some(touching) => touching.recompute(s, of, steps, lanes, (&mut *current, width, kept)),
+                    None => recompute(s, of, checked, steps, lanes),
+                };
                 s.totals = counted;
                 if outcome.is_err() {
                     break;
@@ -311,6 +300,13 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
                     let at = (states.start - rows.first + lane) * rows.of_state + row;
                     scatter(&s.q, lane, &mut rows.q[at * nq..(at + 1) * nq]);
                     scatter(&s.v, lane, &mut rows.qd[at * nv..(at + 1) * nv]);
+                    let Some(touching) = &mut touching else { continue };
+                    let (q, v) = (rows.q[at * nq..(at + 1) * nq].to_vec(), rows.qd[at * nv..(at + 1) * nv].to_vec());
+                    let Some(to) = rows.of_contacts(states.start + lane, row, points.len()) else { continue };
+                    let kept = &mut current[lane * width + kept..(lane + 1) * width];
+                    let of = touching.rows(scene, settings, form);
+                    record(scene.model(), points, of, (&q, &v), (kept, settings.step), to);
+                    kept[3 * points.len()..6 * points.len()].fill(0.0);
                 }
             }
         }

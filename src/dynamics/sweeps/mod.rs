@@ -95,6 +95,12 @@ pub(crate) fn forward_dynamics<T: Real, C: ColumnsOf<T>>(
     monitor
 }
 
+/// The rotation or shift of every joint at `q`, for paths without a factor of M.
+#[inline(always)]
+pub(crate) fn place<T: Real, C: ColumnsOf<T>>(sweeps: &SweepModel<T>, scratch: &mut SweepScratch<T>, like: C, q: &[T]) {
+    motion::carriers::<T, C>(sweeps, scratch, like, q);
+}
+
 /// Joint accelerations in square-root form, and the bound on their rounding.
 #[inline(always)]
 pub(crate) fn forward_dynamics_by_roots<T: Real, C: ColumnsOf<T>>(

@@ -49,11 +49,6 @@ impl<T: Real> WhitenedRows<T> {
         }
     }
 
-    /// Number of rows.
-    pub fn len(&self) -> usize {
-        self.sizes.len()
-    }
-
     /// The length of the longest path.
     pub fn longest(&self) -> usize {
         self.paths.iter().map(|of| of.path.len()).max().unwrap_or_default()
