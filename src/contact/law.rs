@@ -130,30 +130,36 @@ impl Cone {
         (0..self.len()).map(of).collect()
     }
 
-    /// The largest |`F_i`| / `r_i`, relative to the scale, and the residual caused by rounding errors of G p + c alone.
-    /// For a sliding contact, friction adds mu times the error of the normal velocity.
-    pub fn residual_and_floor(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits) -> (f64, f64) {
-        let m = p.len();
-        let (mut u, mut terms) = (DVector::<f64>::zeros(m), DVector::<f64>::zeros(m));
-        for (j, &p) in p.iter().enumerate().filter(|(_, p)| **p != 0.0) {
-            for ((u, terms), &g) in u.iter_mut().zip(&mut terms).zip(&self.g.as_slice()[j * m..]) {
-                *u += g * p;
-                *terms += (g * p).abs();
+    /// The largest |`F_i`| / `r_i`, relative to the scale.
+    pub fn residual(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits) -> f64 {
+        let x = self.targets(p, c);
+        let of = |i: usize| {
+            let normal = x[3 * i + 2].max(limits.least[i]);
+            let kept = cut(self.friction[i] * normal, x[3 * i].hypot(x[3 * i + 1]));
+            let defect = [p[3 * i] - kept * x[3 * i], p[3 * i + 1] - kept * x[3 * i + 1], p[3 * i + 2] - normal];
+            Vector3::from(defect).norm() / self.lengths[i] / limits.scale
+        };
+        (0..self.len()).map(of).fold(0.0, |worst, of| if of > worst || of.is_nan() { of } else { worst })
+    }
+
+    /// The residual caused by rounding errors of G p + c alone. For a sliding contact, friction adds mu times the error
+    /// of the normal velocity.
+    pub fn floor(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits) -> f64 {
+        let mut terms = c.abs();
+        for (column, p) in self.g.column_iter().zip(p) {
+            for (term, g) in terms.iter_mut().zip(&column) {
+                *term += (g * p).abs();
             }
         }
-        let (mut residual, mut largest) = (0.0, 0.0_f64);
-        for (i, (&r, &mu)) in self.lengths.iter().zip(&self.friction).enumerate() {
-            let term = |row: usize| -> f64 { terms[3 * i + row] + c[3 * i + row].abs() };
-            let x: [f64; 3] = std::array::from_fn(|row| p[3 * i + row] - r * (u[3 * i + row] + c[3 * i + row]));
-            let (normal, length) = (x[2].max(limits.least[i]), x[0].hypot(x[1]));
-            let kept = cut(mu * normal, length);
-            let defect = Vector3::new(p[3 * i] - kept * x[0], p[3 * i + 1] - kept * x[1], p[3 * i + 2] - normal);
-            let of = defect.norm() / r / limits.scale;
-            residual = if of > residual || of.is_nan() { of } else { residual };
-            let factor = if length > mu * normal { mu.max(1.0) } else { 1.0 };
-            largest = largest.max(term(0).max(term(1)).max(factor * term(2)));
-        }
-        (residual, 4.0 * f64::EPSILON * largest / limits.scale)
+        let x = self.targets(p, c);
+        let of = |i: usize| {
+            let (at, mu) = (3 * i, self.friction[i]);
+            let slides = x[at].hypot(x[at + 1]) > mu * x[at + 2].max(limits.least[i]);
+            let factor = if slides { mu.max(1.0) } else { 1.0 };
+            terms[at].max(terms[at + 1]).max(factor * terms[at + 2])
+        };
+        let largest = (0..self.len()).map(of).fold(0.0, f64::max);
+        4.0 * f64::EPSILON * largest / limits.scale
     }
 
     /// Projects the impulse of every contact onto its cone.

@@ -61,11 +61,11 @@ impl<'a> Search<'a> {
 
     /// Updates the best impulses; returns the residual, or `None` if it meets the tolerance.
     fn left(&mut self, p: &DVector<f64>) -> Option<f64> {
-        let (residual, floor) = self.cone.residual_and_floor(p, self.c, self.limits);
+        let residual = self.cone.residual(p, self.c, self.limits);
         if residual < self.solved.residual {
             self.best.copy_from(p);
             self.solved.residual = residual;
-            self.solved.floor = floor;
+            self.solved.floor = self.cone.floor(p, self.c, self.limits);
             self.solved.converged = residual <= self.effort.tolerance.max(self.solved.floor);
         }
         (!self.solved.converged).then_some(residual)
