@@ -24,6 +24,10 @@ use crate::scene::Scene;
 /// Largest number of steps of a projection; a state that needs more is projected by the checked step.
 const STEPS: usize = 4;
 
+/// The largest error of a stage, rad or m, which is not projected, and the largest time derivative of an error relative
+/// to the joint velocities. Beyond, the usual form of the rows can differ between lanes and one state.
+const SLACK: f64 = 0.1;
+
 /// A limit is reached if the step ends further outside than this, rad or m.
 const LATE: f64 = 1e-12;
 
@@ -69,7 +73,7 @@ impl<T: Vectorized> Connected<T> {
         let alpha = if let Some(Stabilization::Baumgarte(rate)) = settings.connected { rate } else { 0.0 };
         let rows_of = |scene_of: (&Model<T>, &SweepModel<T>)| {
             let mut rows = ConstraintKernel::new(scene_of, scene.constraints());
-            (rows.slack, rows.alpha) = (f64::INFINITY, alpha);
+            (rows.slack, rows.alpha) = (SLACK, alpha);
             rows
         };
         let shares = settings.noise(&settings.scheme) == model.system.noise

@@ -105,7 +105,7 @@ pub(crate) struct ConstraintKernel<T> {
     weight: T,
     pushing: T,
     /// The largest error of a row, m or rad, and the largest |J qd| for joint velocities of at most 1, that count as
-    /// meeting the connections; infinite in simulation, whose stages are not projected.
+    /// meeting the connections.
     pub slack: f64,
     /// The largest |J qd| of a row for a state that meets the connections.
     fastest: T,
