@@ -24,7 +24,7 @@ pub(crate) mod accelerations;
 mod accuracy;
 pub(crate) mod chunk;
 mod compiled;
-mod connected;
+pub(crate) mod connected;
 mod coupled;
 #[cfg(feature = "derivatives")]
 pub(crate) mod derivatives;

@@ -1,5 +1,6 @@
 //! No sweep allocates once its workspace exists, and none reads values of a previous call.
 
+use crate::common::loops::{self, four_bar};
 use crate::common::{KINDS_WITH_FIXED, Random, Tree, random_state};
 use nalgebra::Vector6;
 use phipsi::batch::Broadcast;
@@ -7,7 +8,8 @@ use phipsi::dynamics::InverseScratch;
 use phipsi::dynamics::OperationalScratch;
 use phipsi::dynamics::{Estimate, EstimateCovariance, EstimateScratch, Measurements};
 use phipsi::kinematics::{AccelerationKind, ReferenceFrame};
-use phipsi::motion::{Gains, METHODS, Settings, Simulator, Torque};
+use phipsi::motion::{Gains, METHODS, Method, Settings, Simulator, Torque};
+use phipsi::scene::ConnectionKind;
 use phipsi::spatial::RigidShift;
 use phipsi::{Arguments, Form, Scene, Workspace};
 
@@ -257,6 +259,26 @@ fn algorithms_write_all_of_their_results() {
                 if name.starts_with("mass") { (nan.matrix, full.matrix) } else { (nan.vector, full.vector) };
             assert!(results.iter().all(|x| x.is_finite()), "{name}");
             assert_eq!(results, others, "{name}");
+        }
+    }
+}
+
+/// Steps through connections in the kernels, with and without implicit terms; the first step allocates the scratch
+/// memory.
+#[test]
+fn steps_through_connections_allocate_nothing_after_the_first() {
+    let scene = four_bar(ConnectionKind::Point, [1.0, 2.0, 0.5]);
+    let (q, qd, _) = loops::state(&scene, 1, 0.5);
+    for (damping, method) in [(0.0, Method::RungeKutta4), (0.3, Method::Rosenbrock2)] {
+        let mut settings = Settings::new(&scene, 1e-3).with_method(method);
+        settings.properties.damping.fill(damping);
+        for states in [1, 7] {
+            let mut simulator =
+                Simulator::new(&scene, settings.clone(), &q.repeat(states), &qd.repeat(states)).unwrap();
+            let mut step = || simulator.step(&Torque::Zero, 3).unwrap();
+            step();
+            let seen = allocation_counter::measure(&mut step);
+            assert_eq!(seen.count_total, 0, "{method}, {states} states: {seen:?}");
         }
     }
 }

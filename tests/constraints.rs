@@ -483,6 +483,57 @@ fn motion_stays_on_the_connections_and_keeps_its_energy() {
     }
 }
 
+/// On every instruction set, with and without implicit terms, steps in the kernels are those of the checked step, which
+/// compliance selects; and a state of a batch has the same bits as alone.
+#[test]
+fn steps_in_the_kernels_are_those_of_the_checked_step() {
+    on_a_large_stack(|| {
+        for (what, scene, size) in mechanisms() {
+            let states: Vec<State> = (0..5).map(|seed| state(&scene, seed, size)).collect();
+            let q: Vec<f64> = states.iter().flat_map(|s| s.0.clone()).collect();
+            let qd: Vec<f64> = states.iter().flat_map(|s| s.1.clone()).collect();
+            let cases = [
+                (Method::RungeKutta4, 0.0, Stabilization::Projection),
+                (Method::Rosenbrock2, 0.3, Stabilization::Projection),
+                (Method::SemiImplicitEuler, 0.0, Stabilization::Projection),
+                (Method::RungeKutta4, 0.0, Stabilization::Baumgarte(50.0)),
+            ];
+            for (method, damping, stabilization) in cases {
+                let mut settings = Settings::new(&scene, 1e-3).with_method(method).with_stabilization(stabilization);
+                settings.properties.damping.fill(damping);
+                let run = |settings: &Settings, q: &[f64], qd: &[f64]| {
+                    let mut rollout = Rollout::new(&scene, settings.clone(), q, qd).unwrap();
+                    for _ in 0..2 {
+                        rollout.advance(5, &Torque::Zero, None).map_err(|fault| fault.error).unwrap();
+                    }
+                    rollout
+                };
+                let mut checked = settings.clone();
+                checked.compliance = vec![1e-300; scene.constraint_rows()];
+                let checked = run(&checked, &q, &qd);
+                for arm in arms() {
+                    let settings = settings.clone().with_arm(arm);
+                    let all = run(&settings, &q, &qd);
+                    for (i, own) in states.iter().enumerate() {
+                        let case = format!("{what}, {method}, {arm}, state {i}");
+                        let ((q, qd), (expected_q, expected_qd)) = (all.state(i), checked.state(i));
+                        assert!(
+                            distance(q, expected_q) <= tolerance::SAME_STEPS,
+                            "{case}: {}",
+                            distance(q, expected_q)
+                        );
+                        assert!(
+                            distance(qd, expected_qd) <= tolerance::SAME_STEPS * tolerance::size(qd).max(1.0),
+                            "{case}"
+                        );
+                        assert_eq!(run(&settings, &own.0, &own.1).state(0), (q, qd), "{case}: alone");
+                    }
+                }
+            }
+        }
+    });
+}
+
 #[test]
 fn steps_have_their_order_through_connections() {
     let scene = bars(ConnectionKind::Point);

@@ -1,8 +1,10 @@
 //! Contacts with friction compared with closed forms: sliding, sticking, bouncing, rolling, resting, and energy that
 //! does not increase.
 
+use crate::common::lanes::{arms, on_a_large_stack};
+use crate::common::tolerance;
 use nalgebra::Vector3;
-use phipsi::batch::Broadcast;
+use phipsi::batch::{Broadcast, InstructionSet};
 use phipsi::motion::{ContactState, Method, Records, Rollout, Settings, Simulator, Torque};
 use phipsi::scene::{Connection, ConnectionKind, Contact, Inertial, JointDescription, JointKind, LinkDescription};
 use phipsi::spatial::Symmetric3;
@@ -95,6 +97,43 @@ fn a_sliding_block_slows_by_mu_g_and_stops() {
     let stayed = q[0];
     go(&mut simulator, 1000);
     assert!((simulator.state(0).0[0] - stayed).abs() < 1e-9);
+}
+
+/// On every instruction set, a state of a batch has the same bits as alone, also if some states of a register need the
+/// checked step, as those of a ball that rebounds; and instruction sets agree.
+#[test]
+fn states_in_lanes_step_as_alone() {
+    on_a_large_stack(|| {
+        for (scene, height) in [(block(0.5, 0.0), 0.1), (ball(0.3, 0.7), 0.1005)] {
+            let mut draw = Draw(7);
+            let q: Vec<f64> =
+                (0..11_u32).flat_map(|i| at(&scene, [0.0, 0.0, height + 1e-4 * f64::from(i % 3)])).collect();
+            let qd: Vec<f64> = (0..66).map(|_| draw.next()).collect();
+            let run = |arm, states: std::ops::Range<usize>| {
+                let settings = Settings::new(&scene, 1e-3).with_arm(arm);
+                let (q, qd) = (&q[7 * states.start..7 * states.end], &qd[6 * states.start..6 * states.end]);
+                let mut simulator = Simulator::new(&scene, settings, q, qd).unwrap();
+                go(&mut simulator, 10);
+                go(&mut simulator, 10);
+                let each = (0..states.len()).map(|i| {
+                    let ((q, qd), now) = (simulator.state(i), simulator.contacts_now(i));
+                    [q, qd, &now].concat()
+                });
+                each.collect::<Vec<_>>()
+            };
+            let expected = run(InstructionSet::Baseline, 0..11);
+            assert!(expected.iter().flatten().any(|x| x.abs() > 1e-3));
+            for arm in arms() {
+                let all = run(arm, 0..11);
+                for (i, (own, expected)) in all.iter().zip(&expected).enumerate() {
+                    assert_eq!(run(arm, i..i + 1)[0], *own, "{arm}: state {i}");
+                    // Positions and velocities.
+                    let apart: Vec<f64> = own.iter().zip(expected).take(13).map(|(a, b)| a - b).collect();
+                    assert!(tolerance::size(&apart) <= tolerance::SAME_STEPS, "{arm}: state {i}: {apart:?}");
+                }
+            }
+        }
+    });
 }
 
 #[test]

@@ -68,17 +68,10 @@ pub(super) fn run<T: Vectorized, I: Target>(target: I, form: Form, call: KernelA
         Form::SquareRoot => return u64::MAX,
     };
     factor::innovations(target, scene, scratch, state, (wrenches, innovations));
-    doubt |= target.within(Begin(scene, scratch, rows, (state.1, state.2, innovations)));
-    for correction in 0..=CORRECTIONS {
-        target.within(Take(rows, innovations));
-        results[..nv].copy_from_slice(innovations);
-        factor::smooth(target, scene, scratch, &mut results[..nv]);
-        let [is_left, is_open] = target.within(ConnectionResidual(scene, scratch, rows, &results[..nv]));
-        if is_left & !doubt == 0 || correction == CORRECTIONS {
-            doubt |= is_open;
-            break;
-        }
-    }
+    doubt |= factor_rows(target, scene, scratch, rows, state.1);
+    let vectors = (state.2, &mut innovations[..], &mut results[..nv]);
+    let (_, open) = accelerations(target, scene, scratch, rows, vectors, (!doubt, u64::MAX));
+    doubt |= open;
     let m = rows.forces_of_rows.len();
     results[nv..nv + m].copy_from_slice(&rows.forces_of_rows);
     results[nv + m] = rows.rank;
@@ -89,22 +82,77 @@ pub(super) fn run<T: Vectorized, I: Target>(target: I, form: Form, call: KernelA
     doubt | lanes_but::<T>(|lane| fault.lane(lane) == 0.0)
 }
 
-/// Rows, their factor and the first forces; the lanes that need the fallback.
-struct Begin<'a, T: Vectorized>(
+/// The rows and the factor of G, with the factor of M in the scratch. Returns the lanes that need the fallback.
+#[inline(never)]
+pub(crate) fn factor_rows<T: Vectorized, I: Target>(
+    target: I,
+    scene: (&Model<T>, &SweepModel<T>),
+    scratch: &SweepScratch<T>,
+    rows: &mut ConstraintKernel<T>,
+    qd: &[T],
+) -> u64 {
+    target.within(FactorRows(scene, scratch, rows, qd))
+}
+
+struct FactorRows<'a, T: Vectorized>(
     (&'a Model<T>, &'a SweepModel<T>),
     &'a SweepScratch<T>,
     &'a mut ConstraintKernel<T>,
-    (&'a [T], &'a [T], &'a [T]),
+    &'a [T],
 );
 
-impl<T: Vectorized> Work for Begin<'_, T> {
+impl<T: Vectorized> Work for FactorRows<'_, T> {
     type Output = u64;
 
     #[inline(always)]
     fn call(self) -> u64 {
-        let Self(scene, scratch, rows, (qd, tau, innovations)) = self;
-        let regular = rows.begin(scene, scratch, (qd, tau), innovations);
+        let Self(scene, scratch, rows, qd) = self;
+        let regular = rows.factor(scene, scratch, qd);
         lanes_but::<T>(|lane| regular.lane(lane) > 0.0)
+    }
+}
+
+/// The accelerations of a state from its torques and the innovations of the tree, with both factors. The residual is
+/// corrected in the lanes `allowed` while it exceeds the usual rounding error in one of the lanes `needed`; it is not
+/// computed if no lane is allowed. Returns the allowed lanes that needed a correction, and those whose residual cannot
+/// be rounding.
+#[inline(always)]
+pub(crate) fn accelerations<T: Vectorized, I: Target>(
+    target: I,
+    scene: (&Model<T>, &SweepModel<T>),
+    scratch: &mut SweepScratch<T>,
+    rows: &mut ConstraintKernel<T>,
+    (tau, innovations, qdd): (&[T], &mut [T], &mut [T]),
+    (needed, allowed): (u64, u64),
+) -> (u64, u64) {
+    target.within(FirstStep(scratch, rows, tau, innovations));
+    let mut corrected = 0;
+    for correction in 0..=CORRECTIONS {
+        target.within(Take(rows, innovations));
+        qdd.copy_from_slice(innovations);
+        factor::smooth(target, scene, scratch, qdd);
+        if allowed == 0 {
+            break;
+        }
+        let [is_left, is_open] = target.within(ConnectionResidual(scene, scratch, rows, qdd, allowed));
+        if is_left & needed == 0 || correction == CORRECTIONS {
+            return (corrected, is_open & allowed);
+        }
+        corrected |= is_left;
+    }
+    (corrected, 0)
+}
+
+/// The first forces.
+struct FirstStep<'a, T: Vectorized>(&'a SweepScratch<T>, &'a mut ConstraintKernel<T>, &'a [T], &'a [T]);
+
+impl<T: Vectorized> Work for FirstStep<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self(scratch, rows, tau, innovations) = self;
+        rows.first_step(scratch, tau, innovations);
     }
 }
 
@@ -120,12 +168,14 @@ impl<T: Vectorized> Work for Take<'_, T> {
     }
 }
 
-/// The residual of the rows; the lanes in which it exceeds the usual rounding error, and those in which it is zero.
+/// The residual of the rows; the allowed lanes in which it exceeds the usual rounding error, and all in which it cannot
+/// be rounding.
 struct ConnectionResidual<'a, T: Vectorized>(
     (&'a Model<T>, &'a SweepModel<T>),
     &'a SweepScratch<T>,
     &'a mut ConstraintKernel<T>,
     &'a [T],
+    u64,
 );
 
 impl<T: Vectorized> Work for ConnectionResidual<'_, T> {
@@ -133,17 +183,24 @@ impl<T: Vectorized> Work for ConnectionResidual<'_, T> {
 
     #[inline(always)]
     fn call(self) -> [u64; 2] {
-        let Self(scene, scratch, rows, qdd) = self;
+        let Self(scene, scratch, rows, qdd, allowed) = self;
         let [near, far] = rows.look(scene, scratch, qdd);
         let [is_left, is_open] = [near, far].map(|margin| lanes_but::<T>(|lane| margin.lane(lane) >= 0.0));
+        let is_left = is_left & allowed;
         if is_left != 0 {
             // Each lane independently: the needs of other lanes do not change its result.
-            let mut kept = near.constant(0.0);
-            for (lane, kept) in kept.lanes_mut().iter_mut().enumerate() {
-                *kept = T::Number::nearest(if is_left >> lane & 1 == 1 { 1.0 } else { 0.0 });
-            }
-            rows.mask(kept);
+            rows.mask(ones_in(is_left, near));
         }
         [is_left, is_open]
     }
+}
+
+/// One in the lanes given as bits, zero in others; `like` determines only the type.
+#[inline(always)]
+fn ones_in<T: Vectorized>(lanes: u64, like: T) -> T {
+    let mut ones = like.constant(0.0);
+    for (lane, one) in ones.lanes_mut().iter_mut().enumerate() {
+        *one = T::Number::nearest(if lanes >> lane & 1 == 1 { 1.0 } else { 0.0 });
+    }
+    ones
 }

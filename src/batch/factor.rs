@@ -35,7 +35,7 @@ pub(crate) fn with_factor<T: Vectorized, I: Target>(
 
 /// The factor of M at q in covariance form; the lanes that need the fallback.
 #[inline(never)]
-pub(super) fn unwatched<T: Vectorized, I: Target>(
+pub(crate) fn unwatched<T: Vectorized, I: Target>(
     target: I,
     scene: Scene<'_, T>,
     scratch: &mut SweepScratch<T>,
@@ -60,7 +60,7 @@ impl<T: Vectorized> Work for Unwatched<'_, T> {
 /// The factor of M at q with an error estimate; the second of `state` is scratch, (nv). Returns the lanes that need
 /// the fallback.
 #[inline(never)]
-pub(super) fn watched<T: Vectorized, I: Target>(
+pub(crate) fn watched<T: Vectorized, I: Target>(
     target: I,
     scene: Scene<'_, T>,
     scratch: &mut SweepScratch<T>,
@@ -84,7 +84,7 @@ impl<T: Vectorized> Work for FactorWithErrorEstimate<'_, T> {
 
 /// e^- of a state (q, qd, tau), with the existing factor.
 #[inline(never)]
-pub(super) fn innovations<T: Vectorized, I: Target>(
+pub(crate) fn innovations<T: Vectorized, I: Target>(
     target: I,
     scene: Scene<'_, T>,
     scratch: &mut SweepScratch<T>,
@@ -113,7 +113,7 @@ impl<T: Vectorized> Work for Innovations<'_, T> {
 
 /// Replaces e^- by the accelerations, with the existing factor.
 #[inline(never)]
-pub(super) fn smooth<T: Vectorized, I: Target>(
+pub(crate) fn smooth<T: Vectorized, I: Target>(
     target: I,
     scene: Scene<'_, T>,
     scratch: &mut SweepScratch<T>,

@@ -132,15 +132,25 @@ impl Cone {
 
     /// The largest |`F_i`| / `r_i`, relative to the scale.
     pub fn residual(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits) -> f64 {
-        let defect = self.defect(p, c, limits);
-        let of = |i: usize| defect.fixed_rows::<3>(3 * i).norm() / self.lengths[i] / limits.scale;
+        let x = self.targets(p, c);
+        let of = |i: usize| {
+            let normal = x[3 * i + 2].max(limits.least[i]);
+            let kept = cut(self.friction[i] * normal, x[3 * i].hypot(x[3 * i + 1]));
+            let defect = [p[3 * i] - kept * x[3 * i], p[3 * i + 1] - kept * x[3 * i + 1], p[3 * i + 2] - normal];
+            Vector3::from(defect).norm() / self.lengths[i] / limits.scale
+        };
         (0..self.len()).map(of).fold(0.0, |worst, of| if of > worst || of.is_nan() { of } else { worst })
     }
 
     /// The residual caused by rounding errors of G p + c alone. For a sliding contact, friction adds mu times the error
     /// of the normal velocity.
     pub fn floor(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits) -> f64 {
-        let terms = self.g.abs() * p.abs() + c.abs();
+        let mut terms = c.abs();
+        for (column, p) in self.g.column_iter().zip(p) {
+            for (term, g) in terms.iter_mut().zip(&column) {
+                *term += (g * p).abs();
+            }
+        }
         let x = self.targets(p, c);
         let of = |i: usize| {
             let (at, mu) = (3 * i, self.friction[i]);

@@ -1,5 +1,6 @@
 //! The solver: Newton's method; if it fails, an interior-point method; if that fails, continuation along a curve.
 
+use super::held::Held;
 use super::interior::Interior;
 use super::law::{Cone, Limits};
 use super::newton::PROXIMAL;
@@ -199,7 +200,9 @@ impl Cone {
 
     /// Among the impulses that satisfy the law, those of least energy in equal springs at the contacts.
     ///
-    /// First solves with compliance, then without it from that solution. Returns zero at once if all contacts separate.
+    /// If G is regular, they are unique: those of contacts that all stick take one solve with a Cholesky factor, others
+    /// start from `start`. If G is singular, first solves with compliance, then without it from that solution. Returns
+    /// zero at once if all contacts separate.
     /// If redundant contacts would all stick except for a slip that is tiny compared with the other velocities,
     /// impulses grow in the null space of G until a contact reaches the boundary of its cone and slips; gradually
     /// decreasing compliance finds these impulses.
@@ -215,6 +218,20 @@ impl Cone {
             return (DVector::zeros(c.len()), SolveReport::nothing());
         }
         let mut search = Search::new(self, c, limits, effort);
+        if limits.least.iter().all(|&a| a == 0.0)
+            && let Some(held) = Held::of(self)
+        {
+            // The impulses are unique.
+            let stuck = self.may_stick(start).then(|| held.impulses(c));
+            search.solved.iterations += 1;
+            if stuck.is_some_and(|p| search.left(&p).is_none()) {
+                return (search.best, search.solved);
+            }
+            search.run(start);
+            if search.solved.converged {
+                return (search.best, search.solved);
+            }
+        }
         let (mut near, first) = self.on_springs(SPRINGS).solve(c, start, limits, effort);
         search.solved.iterations += first.iterations;
         let mut done = search.polish(&near);

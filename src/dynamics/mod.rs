@@ -37,6 +37,7 @@ mod checked;
 mod checked_derivatives;
 mod columns;
 pub(crate) mod constraints;
+pub(crate) mod contact_kernel;
 pub(crate) mod contacts;
 pub(crate) mod coupled;
 #[cfg(feature = "derivatives")]

@@ -73,7 +73,7 @@ pub(super) fn exponential<T: Real>(w: &Vector3<T>) -> (Quaternion<T>, T, T) {
 
 /// The rotation of a quaternion, with a zero lever.
 #[inline(always)]
-pub(super) fn rotation<T: Real>(q: &[T]) -> RigidShift<T> {
+pub(crate) fn rotation<T: Real>(q: &[T]) -> RigidShift<T> {
     let o = q[0].constant(0.0);
     RigidShift { rotation: quaternion_rotation(q), lever: Vector3::new(o, o, o) }
 }

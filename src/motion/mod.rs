@@ -52,6 +52,7 @@ pub(crate) mod adaptive;
 mod backward;
 mod choice;
 mod closed_stops;
+mod connected;
 mod constrained;
 mod contact;
 mod faults;

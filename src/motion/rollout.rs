@@ -392,16 +392,19 @@ impl<S: Borrow<Scene>> Rollout<S> {
     #[doc(hidden)]
     pub fn cost(&self) -> usize {
         const ONE_BODY: usize = 100;
-        /// Cost factor of steps with connections, which run one state at a time.
+        /// Cost factor of steps with connections that run one state at a time, and in the kernels.
         const CONNECTED: usize = 20;
+        const IN_LANES: usize = 4;
         let one_by_one = ONE_BODY * self.settings.scheme.tableau.stages * self.scene().model().bodies.len().max(1);
-        if self.settings.connected.is_some() {
+        let connected = self.settings.connected.is_some();
+        if connected && !self.settings.is_vectorized() {
             return CONNECTED * one_by_one;
         }
         if self.settings.method == Method::Contact {
             return CONNECTED * (one_by_one + ONE_BODY * self.scene().contacts().len());
         }
-        one_by_one / self.arm.lanes(size_of::<f64>()).min(self.states.max(1))
+        let factor = if connected { IN_LANES } else { 1 };
+        factor * one_by_one / self.arm.lanes(size_of::<f64>()).min(self.states.max(1))
     }
 
     /// Advances all states by `steps` steps, and records rows, the first before the first step.
@@ -437,8 +440,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let Self { scene, settings, form, arm, current, begun, pool, impacts, .. } = self;
         let impacts = &*impacts;
         let scene: &Scene = (*scene).borrow().tree();
-        // Steps with contacts are not vectorized.
-        let arm = if settings.method == Method::Contact { InstructionSet::Baseline } else { *arm };
+        let one_by_one = settings.method == Method::Contact && !settings.touches_in_lanes();
+        let arm = if one_by_one { InstructionSet::Baseline } else { *arm };
         let make = || Stepper::new(*form, arm);
         let batch = Batch { states: self.states, cost, pool, make };
         let outcome = batch.run_pieces(GRAIN, current, |stepper, states, current| {

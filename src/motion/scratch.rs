@@ -5,6 +5,7 @@ use super::momentum::MomentumProjection;
 use super::step_settings::StepSettings;
 use super::stops::SetValued;
 use super::totals::TOTALS;
+use crate::batch::instruction_set::Vectorized;
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::model::Model;
 use crate::scalar::Real;
@@ -82,6 +83,34 @@ pub(super) struct Scratch<T: Real> {
     pub displaced: Vec<T>,
     pub displaced_target: Vec<T>,
     pub momentum: MomentumProjection<T>,
+}
+
+/// Copies state, torque, targets and totals of one lane before a step.
+pub(super) fn take_lane<T: Vectorized<Number = f64>>(one: &mut Scratch<f64>, s: &Scratch<T>, lane: usize) {
+    for (to, from) in [
+        (&mut one.q, &s.q),
+        (&mut one.v, &s.v),
+        (&mut one.torque, &s.torque),
+        (&mut one.target, &s.target),
+        (&mut one.target_rate, &s.target_rate),
+    ] {
+        scatter(from, lane, to);
+    }
+    scatter(&s.totals, lane, &mut one.totals);
+}
+
+/// Copies the end of a step of one lane, and the noise in it.
+pub(super) fn take_end<T: Vectorized<Number = f64>>(one: &mut Scratch<f64>, s: &Scratch<T>, lane: usize) {
+    scatter(&s.q_next, lane, &mut one.q_next);
+    scatter(&s.model.system.noise, lane, &mut one.model.system.noise);
+}
+
+/// Copies one lane of an array.
+#[inline(always)]
+pub(super) fn scatter<T: Vectorized<Number = f64>>(numbers: &[T], lane: usize, out: &mut [f64]) {
+    for (value, number) in out.iter_mut().zip(numbers) {
+        *value = number.lanes()[lane];
+    }
 }
 
 impl<T: Real> Scratch<T> {
@@ -173,6 +202,13 @@ impl<T: Real> Scratch<T> {
     pub fn set_stage(&mut self, q: &[T], v: &[T]) {
         self.q_stage.copy_from_slice(q);
         self.v_stage.copy_from_slice(v);
+    }
+}
+
+/// Copies values into one lane of an array.
+pub(super) fn fill<T: Vectorized<Number = f64>>(numbers: &mut [T], lane: usize, values: &[f64]) {
+    for (number, &value) in numbers.iter_mut().zip(values) {
+        number.lanes_mut()[lane] = value;
     }
 }
 

@@ -1,7 +1,9 @@
 //! Solvers for the accelerations of a stage: compiled kernels, with or without an error estimate, or the general
 //! recursions with all checks.
 
+use super::connected::Connected;
 use crate::batch::accelerations::{KernelArguments, by_covariance, watched};
+use crate::batch::factor::with_factor;
 use crate::batch::instruction_set::{Baseline, Target, Vectorized};
 use crate::dynamics;
 use crate::dynamics::auto::Errors;
@@ -31,21 +33,25 @@ pub(super) trait Solver<T: Real> {
 
 /// The compiled kernels of one instruction set, in covariance form. In form auto they estimate the error in the first
 /// stage of a step; the later stages are similar.
-pub(super) struct Kernels<T, I> {
+pub(super) struct Kernels<'a, T: Vectorized, I> {
     target: I,
     errors: Errors<T>,
-    estimates: bool,
+    form: Form,
+    /// For scenes with connections.
+    pub connected: Option<&'a mut Connected<T>>,
+    /// True if more right-hand sides follow with the factor of M.
+    pub factors: bool,
 }
 
-impl<T: Real, I> Kernels<T, I> {
+impl<'a, T: Vectorized, I> Kernels<'a, T, I> {
     /// Kernels for [`Form::Covariance`] or [`Form::Auto`].
     #[inline(always)]
-    pub fn new(target: I, form: Form) -> Self {
-        Self { target, errors: Errors::unknown(), estimates: form != Form::Covariance }
+    pub fn new(target: I, form: Form, connected: Option<&'a mut Connected<T>>) -> Self {
+        Self { target, errors: Errors::unknown(), form, connected, factors: false }
     }
 }
 
-impl<T: Vectorized, I: Target> Solver<T> for Kernels<T, I> {
+impl<T: Vectorized, I: Target> Solver<T> for Kernels<'_, T, I> {
     #[inline(always)]
     fn solve(
         &mut self,
@@ -55,8 +61,14 @@ impl<T: Vectorized, I: Target> Solver<T> for Kernels<T, I> {
         state: (&[T], &[T], &[T]),
         qdd: &mut [T],
     ) -> u64 {
+        if let Some(connected) = &mut self.connected {
+            return connected.accelerations((self.target, self.form, estimates), scene, scratch, state, qdd);
+        }
         let call = KernelArguments { scene, scratch, state, wrenches: &[], qdd };
-        if estimates && self.estimates {
+        if self.factors {
+            return with_factor(self.target, self.form, call);
+        }
+        if estimates && self.form != Form::Covariance {
             watched(self.target, call, &mut self.errors)
         } else {
             by_covariance(self.target, call)
@@ -132,7 +144,7 @@ impl Solver<f64> for Checked {
         qdd: &mut [f64],
     ) -> u64 {
         if self.kernels_first {
-            let mut kernels = Kernels::new(Baseline, self.form);
+            let mut kernels = Kernels::new(Baseline, self.form, None);
             if kernels.solve(estimates, (model, constants), scratch, (q, v, u), qdd) & 1 == 0 {
                 return 0;
             }

@@ -95,9 +95,15 @@ impl StepSettings {
         Self { coupling, ..self }
     }
 
-    /// True if steps are vectorized: those of a tree without coupled joints and without error control.
+    /// True if steps are vectorized: those without coupled joints, compliant connections and error control.
     pub fn is_vectorized(&self) -> bool {
-        self.coupling.is_none() && self.connected.is_none() && self.accuracy.is_none()
+        let is_rigid = self.compliance.iter().all(|&compliance| compliance == 0.0);
+        self.coupling.is_none() && is_rigid && self.accuracy.is_none()
+    }
+
+    /// True if steps with contacts are vectorized: those of a tree.
+    pub fn touches_in_lanes(&self) -> bool {
+        self.method == Method::Contact && self.coupling.is_none() && self.connected.is_none()
     }
 
     /// The settings for the adjoint of the steps, which needs the displacement of every joint from rest, also without a

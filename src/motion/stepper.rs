@@ -1,7 +1,8 @@
 //! Time integration of a few states, one per lane, by many steps, compiled for one instruction set.
 
+use super::connected::Connected;
 use super::constrained::{Constrained, ConstrainedScratch};
-use super::contact::ContactStepper;
+use super::contact::{ContactStepper, Touching, record};
 use super::faults::{LARGEST_STEP, fault_of};
 use super::job::{Impacts, Job};
 use super::limit_rows::limit_rows;
@@ -9,6 +10,7 @@ use super::method::Method;
 use super::momentum::CONSERVED;
 use super::properties::of_state;
 use super::scratch::Scratch;
+pub(super) use super::scratch::{fill, scatter, take_lane};
 use super::settings::Stabilization;
 use super::solver::{Checked, Kernels};
 use super::step::step;
@@ -21,7 +23,6 @@ use crate::batch::instruction_set::{Baseline, InstructionSet, Target, Vectorized
 use crate::dynamics::contacts::LimitRow;
 use crate::error::Error;
 use crate::filter::Form;
-use crate::model::Model;
 #[cfg(all(feature = "lanes", any(target_arch = "x86_64", target_arch = "aarch64")))]
 use crate::scalar::Fused;
 use crate::scalar::lanes_but;
@@ -68,51 +69,61 @@ impl Stepper {
 
     /// Runs a job; returns the fault of the earliest step, and of the lowest state in it.
     pub fn run(&mut self, job: Job<'_, '_>) -> Result<(), StepFault> {
-        if job.settings.method == Method::Contact {
+        if job.settings.method == Method::Contact && !job.settings.touches_in_lanes() {
             let touching =
                 self.touching.get_or_insert_with(|| Box::new(ContactStepper::new(job.scene, job.settings, self.form)));
             return touching.run(job);
         }
         let (arm, alone) = (self.arm, job.states.len() == 1);
         let place = if alone { &mut self.one } else { &mut self.many };
-        let scratch = place.get_or_insert_with(|| scratch(job.scene.model(), job.settings, arm, alone));
+        let scratch = place.get_or_insert_with(|| scratch(job.scene, job.settings, arm, alone));
         scratch.run(self.form, &mut self.checked, job)
     }
 }
 
 /// Scratch memory in the scalar type of an instruction set, for one state or for several.
-fn scratch(model: &Model<f64>, settings: &StepSettings, arm: InstructionSet, alone: bool) -> Box<dyn Stepping> {
+fn scratch(scene: &Scene, settings: &StepSettings, arm: InstructionSet, alone: bool) -> Box<dyn Stepping> {
     let on_arm: Option<Box<dyn Stepping>> = match (arm, alone) {
-        (InstructionSet::Baseline, _) => Compiled::<f64, Baseline>::boxed(model, settings),
+        (InstructionSet::Baseline, _) => Compiled::<f64, Baseline>::boxed(scene, settings),
         #[cfg(all(target_arch = "x86_64", feature = "lanes"))]
-        (InstructionSet::Avx2, false) => Compiled::<Lanes<V3>, V3>::boxed(model, settings),
+        (InstructionSet::Avx2, false) => Compiled::<Lanes<V3>, V3>::boxed(scene, settings),
         #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-        (InstructionSet::Avx512, false) => Compiled::<Lanes<V4>, V4>::boxed(model, settings),
+        (InstructionSet::Avx512, false) => Compiled::<Lanes<V4>, V4>::boxed(scene, settings),
         #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-        (InstructionSet::Avx512, true) => Compiled::<Fused, V4>::boxed(model, settings),
+        (InstructionSet::Avx512, true) => Compiled::<Fused, V4>::boxed(scene, settings),
         #[cfg(all(feature = "lanes", any(target_arch = "x86_64", target_arch = "aarch64")))]
         #[allow(unreachable_patterns)] // Avx512 is above if it is compiled
         (InstructionSet::Avx2 | InstructionSet::Avx512 | InstructionSet::Neon, _) => {
-            Compiled::<Fused, <Fused as Vectorized>::Least>::boxed(model, settings)
+            Compiled::<Fused, <Fused as Vectorized>::Least>::boxed(scene, settings)
         }
         // Not compiled, and therefore never selected.
         #[allow(unreachable_patterns)]
         _ => None,
     };
-    on_arm.unwrap_or_else(|| Box::new(Compiled { scratch: Scratch::<f64>::new(model, settings), target: Baseline }))
+    on_arm.unwrap_or_else(|| Box::new(Compiled::<f64, Baseline>::new(scene, settings, Baseline)))
 }
 
 /// Scratch memory in a scalar type, for code compiled for one instruction set.
 struct Compiled<T: Vectorized, I> {
     scratch: Scratch<T>,
     target: I,
+    /// For a scene with connections, and for one with contacts.
+    connected: Option<Box<Connected<T>>>,
+    touching: Option<Box<Touching<T>>>,
 }
 
 impl<T: Vectorized<Number = f64>, I: Target> Compiled<T, I> {
     /// `None` if the processor does not support the instruction set.
-    fn boxed(model: &Model<f64>, settings: &StepSettings) -> Option<Box<dyn Stepping>> {
-        let target = I::here()?;
-        Some(Box::new(Self { scratch: Scratch::new(model, settings), target }))
+    fn boxed(scene: &Scene, settings: &StepSettings) -> Option<Box<dyn Stepping>> {
+        Some(Box::new(Self::new(scene, settings, I::here()?)))
+    }
+
+    fn new(scene: &Scene, settings: &StepSettings, target: I) -> Self {
+        let scratch = Scratch::new(scene.model(), settings);
+        let is_lanes = settings.connected.is_some() && settings.is_vectorized();
+        let connected = is_lanes.then(|| Box::new(Connected::new(scene, settings, &scratch)));
+        let touching = settings.touches_in_lanes().then(|| Box::new(Touching::new(scene, settings, &scratch)));
+        Self { scratch, target, connected, touching }
     }
 }
 
@@ -121,7 +132,7 @@ struct CheckedState {
     scratch: Scratch<f64>,
     solver: Checked,
     substeps: Substeps,
-    /// For a scene with connections, all of whose steps run here.
+    /// For a scene with connections.
     closed: Option<(ConstrainedScratch, Vec<LimitRow>)>,
 }
 
@@ -172,45 +183,19 @@ impl CheckedState {
 impl<T: Vectorized<Number = f64>, I: Target> Stepping for Compiled<T, I> {
     fn run(&mut self, form: Form, checked: &mut Option<Box<CheckedState>>, job: Job<'_, '_>) -> Result<(), StepFault> {
         let target = self.target;
-        target.within(Run { scratch: &mut self.scratch, target, form, checked, job })
-    }
-}
-
-/// Copies state, torque and targets of one lane before a step.
-pub(super) fn take_lane<T: Vectorized<Number = f64>>(one: &mut Scratch<f64>, s: &Scratch<T>, lane: usize) {
-    for (to, from) in [
-        (&mut one.q, &s.q),
-        (&mut one.v, &s.v),
-        (&mut one.torque, &s.torque),
-        (&mut one.target, &s.target),
-        (&mut one.target_rate, &s.target_rate),
-    ] {
-        scatter(from, lane, to);
-    }
-    scatter(&s.totals, lane, &mut one.totals);
-}
-
-/// Copies values into one lane of an array.
-pub(super) fn fill<T: Vectorized<Number = f64>>(numbers: &mut [T], lane: usize, values: &[f64]) {
-    for (number, &value) in numbers.iter_mut().zip(values) {
-        number.lanes_mut()[lane] = value;
+        let (connected, touching) = (self.connected.as_deref_mut(), self.touching.as_deref_mut());
+        target.within(Run { scratch: &mut self.scratch, connected, touching, target, form, checked, job })
     }
 }
 
 struct Run<'a, 'r, T: Vectorized, I> {
     scratch: &'a mut Scratch<T>,
+    connected: Option<&'a mut Connected<T>>,
+    touching: Option<&'a mut Touching<T>>,
     target: I,
     form: Form,
     checked: &'a mut Option<Box<CheckedState>>,
     job: Job<'a, 'r>,
-}
-
-/// Copies one lane of an array.
-#[inline(always)]
-pub(super) fn scatter<T: Vectorized<Number = f64>>(numbers: &[T], lane: usize, out: &mut [f64]) {
-    for (value, number) in out.iter_mut().zip(numbers) {
-        *value = number.lanes()[lane];
-    }
 }
 
 impl<T: Vectorized<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
@@ -218,7 +203,7 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
 
     #[inline(always)]
     fn call(self) -> Result<(), StepFault> {
-        let Self { scratch: s, target, form, checked, job } = self;
+        let Self { scratch: s, connected, mut touching, target, form, checked, job } = self;
         let Job { scene, settings, steps, states, begun, current, torque, mut rows, impacts } = job;
         let (count, nq, nv) = (states.len(), scene.nq(), scene.nv());
         let width = settings.width(scene);
@@ -241,7 +226,22 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
                 *u = u.constant(0.0);
             }
         }
-        let mut kernels = Kernels::new(target, form);
+        let mut kernels = Kernels::new(target, form, connected);
+        kernels.factors = touching.is_some();
+        let points = scene.contact_points();
+        if let (Some(touching), Some(rows)) = (&mut touching, &mut rows)
+            && steps.start == rows.from
+        {
+            for (lane, state) in states.clone().enumerate() {
+                let Some(to) = rows.of_contacts(state, 0, points.len()) else { break };
+                let (moving, kept) = current[lane * width..(lane + 1) * width].split_at(nq + nv);
+                let (state, kept) = (moving.split_at(nq), (&kept[TOTALS..], settings.step));
+                record(scene.model(), points, touching.rows(scene, settings, form), state, kept, to);
+            }
+        }
+        if let Some(connected) = &mut kernels.connected {
+            connected.begin(count);
+        }
         let mut outcome = Ok(());
         for n in steps {
             if let Torque::Steps { torque, first } = torque {
@@ -257,23 +257,31 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
             // Steps that are not vectorized run one state after another.
             let mut fallback = if settings.is_vectorized() { step(by, s, &mut kernels) } else { u64::MAX };
             let totals = s.totals;
-            if settings.is_vectorized() {
+            if let Some(connected) = &mut kernels.connected {
+                fallback |= connected.finish(target, form, s);
+            }
+            if let Some(touching) = &mut touching {
+                fallback =
+                    touching.finish((target, form), (scene, settings), s, ((&mut *current, width, kept), fallback));
+            } else if settings.is_vectorized() {
                 s.momentum.correct_if_active(&s.model, &mut s.q_next, &mut s.v_next);
                 fallback |= needs_fallback(settings, s);
                 add_work(settings, s);
             }
             fallback &= u64::MAX >> (64 - count);
             if fallback != 0 {
+                if let Some(connected) = &mut kernels.connected {
+                    connected.replaced();
+                }
                 // The totals of these lanes come from their recomputed step instead.
                 let accumulated = std::mem::replace(&mut s.totals, totals);
                 let mut counted = accumulated;
-                outcome = recompute(
-                    s,
-                    (scene, settings, form),
-                    checked,
-                    (n, &states, begun, impacts),
-                    (fallback, &mut counted),
-                );
+                let (of, steps) = ((scene, settings, form), (n, &states, begun, impacts));
+                let lanes = (fallback, &mut counted[..]);
+                outcome = match &mut touching {
+                    Some(touching) => touching.recompute(s, of, steps, lanes, (&mut *current, width, kept)),
+                    None => recompute(s, of, checked, steps, lanes),
+                };
                 s.totals = counted;
                 if outcome.is_err() {
                     break;
@@ -292,6 +300,13 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
                     let at = (states.start - rows.first + lane) * rows.of_state + row;
                     scatter(&s.q, lane, &mut rows.q[at * nq..(at + 1) * nq]);
                     scatter(&s.v, lane, &mut rows.qd[at * nv..(at + 1) * nv]);
+                    let Some(touching) = &mut touching else { continue };
+                    let (q, v) = (rows.q[at * nq..(at + 1) * nq].to_vec(), rows.qd[at * nv..(at + 1) * nv].to_vec());
+                    let Some(to) = rows.of_contacts(states.start + lane, row, points.len()) else { continue };
+                    let kept = &mut current[lane * width + kept..(lane + 1) * width];
+                    let of = touching.rows(scene, settings, form);
+                    record(scene.model(), points, of, (&q, &v), (kept, settings.step), to);
+                    kept[3 * points.len()..6 * points.len()].fill(0.0);
                 }
             }
         }

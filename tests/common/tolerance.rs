@@ -53,6 +53,10 @@ pub fn solution(conditioning: &Conditioning, x: f64, b: f64) -> f64 {
     8.0 * f64::EPSILON * (conditioning.number * x + conditioning.inverse_norm * b)
 }
 
+/// Largest difference of positions, and of velocities relative to the largest, after a few steps of the same method in
+/// two orders of operations.
+pub const SAME_STEPS: f64 = 1e-11;
+
 /// Smallest error of a misprinted form, relative to the correct value: rounding is below 1e-12;
 /// on random data such forms have errors of 0.1 to 10.
 pub const PRINTED_FORM_MARGIN: f64 = 1e-3;

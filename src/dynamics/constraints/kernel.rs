@@ -14,21 +14,24 @@
 //! moves no joint is skipped. If the other rows are dependent, or if a residual above rounding remains, the state needs
 //! a fallback: [`constrained_dynamics`](super::constrained_dynamics) determines the rank.
 
+mod gram;
+mod projection;
+
 use super::faults::IN_CALLS;
-use super::gram_inverse::{NOTHING, REGULAR};
 use super::solution::{NO_ROUNDING, weight};
 use crate::dynamics::sweeps::{
-    Forces, MOST_FORCES, Path, SweepModel, SweepScratch, accelerations_along, frame_here, innovations_along,
+    Forces, MOST_FORCES, Path, PathRows, SweepModel, SweepScratch, WhitenedRows, accelerations_along, frame_here,
     motions_along, origin_along, placement_along,
 };
-use crate::kinematics::pair::{Pair, RelativeMotion, pair_rows};
+use crate::kinematics::pair::{Pair, PairRows, RelativeMotion, pair_rows};
 use crate::kinematics::{Frame, FrameMotion};
 use crate::model::Model;
 use crate::scalar::{Real, larger};
 use crate::scene::constraint::{Constraint, Constraints, Tie};
 use crate::spatial::{RigidShift, angular, dot, linear, scaled};
 use nalgebra::{Vector3, Vector6};
-use std::ops::Range;
+
+pub(crate) use projection::Residuals;
 
 /// A residual of a row below this number of units in the last place of its terms is rounding and is not corrected.
 const ROUNDING: f64 = 8.0;
@@ -42,19 +45,22 @@ enum LaneTie<T> {
     /// Frames on the bodies, relative to the body frames of the sweeps.
     Frames(Pair, [RigidShift<T>; 2]),
     /// Rows of joint coordinates, and their torques for a unit force.
-    Joints([Option<(usize, T)>; 2]),
+    Joints([Option<(usize, T)>; 2], Followed<T>),
+}
+
+/// The error of a row of joint coordinates: the sum of coordinates times factors, minus an offset.
+#[derive(Debug)]
+struct Followed<T> {
+    coordinates: [Option<(usize, T)>; 2],
+    offset: T,
 }
 
 /// One connection.
 #[derive(Debug)]
 struct Connection<T> {
     tie: LaneTie<T>,
-    rows: Range<usize>,
-    path: Path,
-    /// The steps of the path on which the forces act.
+    /// The steps of its path on which the forces act.
     ends: [Option<usize>; 2],
-    /// For this connection and each later one, the joint rows that both paths share.
-    shared: Vec<Vec<Range<usize>>>,
 }
 
 /// A row of a connection at one state.
@@ -66,27 +72,24 @@ struct Row<T> {
     sizes: [[T; 2]; 2],
     /// J' qd.
     gamma: T,
+    /// The error, m or rad, and its time derivative J qd.
+    error: T,
+    rate: T,
 }
 
 /// The data of the kernel for one scene and the current states; initialized with NaN.
 #[derive(Debug)]
 pub(crate) struct ConstraintKernel<T> {
     connections: Vec<Connection<T>>,
-    nv: usize,
     rows: Vec<Row<T>>,
+    /// W, and G, its diagonal scaled to one, then its Cholesky factor; one path per connection.
+    whitened: WhitenedRows<T>,
     /// One per step of the longest path.
     forces: Vec<Forces<T>>,
     motions: Vec<[[T; 6]; 2]>,
     accelerations: Vec<[T; 6]>,
     /// Torques of a unit force.
     torque: Vec<T>,
-    /// w, (m x nv), and w / D.
-    innovations: Vec<T>,
-    weighted: Vec<T>,
-    /// The squares of the rows of w / sqrt(D) without cancellation.
-    sizes: Vec<T>,
-    /// G, its diagonal scaled to one, then its Cholesky factor in the lower triangle, (m x m).
-    gram: Vec<T>,
     /// The inverse square roots of the diagonal of G; zero for a row that moves no joint.
     scale: Vec<T>,
     pivot_inverses: Vec<T>,
@@ -101,8 +104,13 @@ pub(crate) struct ConstraintKernel<T> {
     /// torques.
     weight: T,
     pushing: T,
+    /// The largest error of a row, m or rad, and the largest |J qd| for joint velocities of at most 1, that count as
+    /// meeting the connections.
+    pub slack: f64,
     /// The largest |J qd| of a row for a state that meets the connections.
     fastest: T,
+    /// J qdd + gamma = -2 alpha J qd - alpha^2 error, 1/s; zero: only the accelerations meet the connections.
+    pub alpha: f64,
     /// lambda.
     pub forces_of_rows: Vec<T>,
     /// The number of rows that move a joint.
@@ -114,24 +122,23 @@ pub(crate) struct ConstraintKernel<T> {
 impl<T: Real> ConstraintKernel<T> {
     pub fn new((model, sweeps): (&Model<T>, &SweepModel<T>), constraints: &Constraints) -> Self {
         let (nan, zero, m, nv) = (T::from_f64(f64::NAN), T::zero(), constraints.rows, model.nv());
-        let mut connections: Vec<_> = constraints.all.iter().map(|all| Connection::new(sweeps, all)).collect();
-        for at in 0..connections.len() {
-            let (own, after) = (&connections[at].path, &connections[at..]);
-            connections[at].shared = after.iter().map(|other| own.rows_shared(&other.path, model)).collect();
-        }
-        let longest = connections.iter().map(|connection| connection.path.len()).max().unwrap_or_default();
+        let all = constraints.all.iter();
+        let (connections, paths): (Vec<_>, Vec<_>) = all
+            .map(|of| {
+                let (connection, path) = Connection::new(sweeps, of);
+                (connection, (path, of.rows()))
+            })
+            .unzip();
+        let whitened = WhitenedRows::new(model, paths);
+        let longest = whitened.longest();
         Self {
             connections,
-            nv,
-            rows: vec![Row { forces: [[zero; 6]; 2], sizes: [[zero; 2]; 2], gamma: nan }; m],
+            whitened,
+            rows: vec![Row { forces: [[zero; 6]; 2], sizes: [[zero; 2]; 2], gamma: nan, error: nan, rate: nan }; m],
             forces: vec![Forces { z: [[nan; 6]; MOST_FORCES], moments: [nan; MOST_FORCES] }; longest],
             motions: vec![[[nan; 6]; 2]; longest],
             accelerations: vec![[nan; 6]; longest],
             torque: vec![zero; nv],
-            innovations: vec![zero; m * nv],
-            weighted: vec![zero; m * nv],
-            sizes: vec![nan; m],
-            gram: vec![nan; m * m],
             scale: vec![nan; m],
             pivot_inverses: vec![nan; m],
             step: vec![nan; m],
@@ -140,7 +147,9 @@ impl<T: Real> ConstraintKernel<T> {
             terms: vec![nan; m],
             weight: T::from_f64(weight(model)),
             pushing: nan,
+            slack: IN_CALLS,
             fastest: nan,
+            alpha: 0.0,
             forces_of_rows: vec![nan; m],
             rank: nan,
             residual: nan,
@@ -158,41 +167,51 @@ impl<T: Real> ConstraintKernel<T> {
         (qd, tau): (&[T], &[T]),
         innovations: &[T],
     ) -> T {
+        let regular = self.factor(scene, scratch, qd);
+        self.first_step(scratch, tau, innovations);
+        regular
+    }
+
+    /// Computes the rows, w, G and its factor at the q of the scratch and at `qd`. Returns the same margin as
+    /// [`ConstraintKernel::begin`].
+    #[inline(always)]
+    pub fn factor(&mut self, scene: (&Model<T>, &SweepModel<T>), scratch: &SweepScratch<T>, qd: &[T]) -> T {
         let zero = scene.0.gravity[0].constant(0.0);
-        self.sizes.fill(zero);
+        self.whitened.sizes.fill(zero);
+        let speed = qd.iter().fold(zero.constant(1.0), |most, v| larger(most, v.abs()));
+        self.fastest = speed * zero.constant(self.slack);
+        let mut regular = zero.constant(1.0);
+        for at in 0..self.connections.len() {
+            regular = regular.worst(self.rows_of(at, scene, scratch, qd));
+            self.whitened.innovations_of(at, scene, scratch, (&mut self.forces, &self.torque));
+            if let LaneTie::Joints(torques, _) = &self.connections[at].tie {
+                for &(row, unit) in torques.iter().flatten() {
+                    self.torque[row] = unit.constant(0.0);
+                }
+            }
+        }
+        self.whitened.multiply(zero);
+        regular = regular.worst(self.scaled(zero));
+        regular.worst(self.factorise(zero))
+    }
+
+    /// The first step of lambda, from the innovations of the tree.
+    #[inline(always)]
+    pub fn first_step(&mut self, scratch: &SweepScratch<T>, tau: &[T], innovations: &[T]) {
+        let zero = self.weight.constant(0.0);
         self.pushing = self.weight;
         for (row, &tau) in tau.iter().enumerate() {
             self.pushing = tau.abs().mul_add(scratch.pivot_inverse(row).sqrt(), self.pushing);
         }
-        let speed = qd.iter().fold(zero.constant(1.0), |most, v| larger(most, v.abs()));
-        self.fastest = speed * zero.constant(IN_CALLS);
-        let mut regular = zero.constant(1.0);
-        for at in 0..self.connections.len() {
-            regular = regular.worst(self.rows_of(at, scene, scratch, qd));
-            self.innovations_of(at, scene, scratch);
-        }
-        self.gram(zero);
-        regular = regular.worst(self.scaled(zero));
-        regular = regular.worst(self.factorise(zero));
         self.forces_of_rows.fill(zero);
-        let Self { step, terms, rows, connections, weighted, nv, .. } = self;
-        for connection in &*connections {
-            for i in connection.rows.clone() {
-                let own = &weighted[i * *nv..(i + 1) * *nv];
-                let (mut sum, mut size) = (rows[i].gamma, rows[i].gamma.abs());
-                for range in &connection.shared[0] {
-                    for (&own, &e) in own[range.clone()].iter().zip(&innovations[range.clone()]) {
-                        let term = own * e;
-                        sum += term;
-                        size += term.abs();
-                    }
-                }
-                step[i] = sum;
-                terms[i] = size;
+        let Self { step, terms, rows, whitened, .. } = self;
+        for of in &whitened.paths {
+            for i in of.rows.clone() {
+                let gamma = rows[i].gamma;
+                (step[i], terms[i]) = whitened.times(of, i, innovations, (gamma, gamma.abs()));
             }
         }
         self.solve();
-        regular
     }
 
     /// Computes the unit forces of one connection and J' qd of its rows. Returns a value that is positive where the
@@ -200,45 +219,37 @@ impl<T: Real> ConstraintKernel<T> {
     #[inline(always)]
     fn rows_of(&mut self, at: usize, scene: (&Model<T>, &SweepModel<T>), scratch: &SweepScratch<T>, qd: &[T]) -> T {
         let zero = scene.0.gravity[0].constant(0.0);
-        let Connection { tie, rows, path, ends, .. } = &self.connections[at];
+        let Connection { tie, ends } = &self.connections[at];
+        let PathRows { path, rows, .. } = &self.whitened.paths[at];
         for forces in &mut self.forces[..path.len()] {
             for i in 0..rows.len() {
                 (forces.z[i], forces.moments[i]) = ([zero; 6], zero);
             }
         }
-        let (pair, frames) = match tie {
-            LaneTie::Joints(torques) => {
-                let mut rate = zero;
+        let frames = match tie {
+            LaneTie::Joints(torques, _) => {
                 for &(row, torque) in torques.iter().flatten() {
-                    rate = torque.mul_add(qd[row], rate);
                     self.torque[row] = torque;
-                    let size = &mut self.sizes[rows.start];
+                    let size = &mut self.whitened.sizes[rows.start];
                     *size = (torque * torque).mul_add(scratch.pivot_inverse(row), *size);
                 }
-                self.rows[rows.start].gamma = zero;
+                let rate = joints_rate(torques, qd, zero);
+                (self.rows[rows.start].gamma, self.rows[rows.start].rate) = (zero, rate);
                 return self.fastest - rate.abs();
             }
-            LaneTie::Frames(pair, frames) => (*pair, frames),
+            LaneTie::Frames(_, frames) => frames,
         };
-        motions_along(scene, scratch, (path, qd), &mut self.motions);
-        let on_branch = ends.map(|end| end.and_then(|step| path.on_branch(step)));
-        // The result does not depend on the distance of the mechanism from the base: both frames are located relative
-        // to the point at which the branch of the second one begins.
-        let origin =
-            on_branch[1].map_or_else(|| frames[1].lever.into(), |step| origin_along(scene, scratch, (path, step)));
-        let along = (path, &self.motions[..], &origin);
-        let c = motion_of_end(scene, scratch, along, (on_branch[0], &frames[0]));
-        let d = motion_of_end(scene, scratch, along, (on_branch[1], &frames[1]));
-        let motion = RelativeMotion::of(&c, &d);
-        let Some(of_pair) = pair_rows(pair, &motion.place, &motion.velocity) else {
+        let Some((motion, of_pair)) =
+            relative_motion((&self.connections[at], path), scene, scratch, qd, &mut self.motions)
+        else {
             return zero.constant(-1.0);
         };
         let mut usual = of_pair.margin;
         for (i, to) in self.rows[rows.clone()].iter_mut().enumerate() {
             let force = &of_pair.of_motion[i];
-            usual = usual.worst(zero.constant(IN_CALLS) - of_pair.error[i].abs());
-            usual = usual.worst(self.fastest - dot(force, &motion.velocity).abs());
-            to.gamma = dot(force, &motion.acceleration) + of_pair.turning[i];
+            to.set(&motion, &of_pair, i, self.alpha);
+            usual = usual.worst(zero.constant(self.slack) - to.error.abs());
+            usual = usual.worst(self.fastest - to.rate.abs());
             for (end, (&step, frame)) in ends.iter().zip(frames).enumerate() {
                 let Some(step) = step else { continue };
                 let (force, reach) = if end == 0 {
@@ -262,149 +273,13 @@ impl<T: Real> ConstraintKernel<T> {
         usual
     }
 
-    /// w of one connection, from its unit forces, and w / D.
-    #[inline(always)]
-    fn innovations_of(&mut self, at: usize, scene: (&Model<T>, &SweepModel<T>), scratch: &SweepScratch<T>) {
-        let Self { connections, innovations, weighted, forces, torque, sizes, nv, .. } = self;
-        let Connection { tie, rows, path, shared, .. } = &connections[at];
-        let out = &mut innovations[rows.start * *nv..rows.end * *nv];
-        let sizes = &mut sizes[rows.clone()];
-        innovations_along(scene, scratch, (path, rows.len()), (forces, torque), (out, sizes));
-        let width = (*nv).max(1);
-        for (own, weighted) in out.chunks_exact(width).zip(weighted[rows.start * *nv..].chunks_exact_mut(width)) {
-            for range in &shared[0] {
-                for row in range.start..range.end {
-                    weighted[row] = own[row] * scratch.pivot_inverse(row);
-                }
-            }
-        }
-        if let LaneTie::Joints(torques) = tie {
-            for &(row, unit) in torques.iter().flatten() {
-                torque[row] = unit.constant(0.0);
-            }
-        }
-    }
-
-    /// The lower triangle of G: sums over the joints that both paths share.
-    #[inline(always)]
-    fn gram(&mut self, zero: T) {
-        let Self { connections, innovations, weighted, gram, nv, rows, .. } = self;
-        let (m, nv) = (rows.len(), *nv);
-        for (at, first) in connections.iter().enumerate() {
-            for (second, shared) in connections[at..].iter().zip(&first.shared) {
-                for j in second.rows.start..second.rows.end {
-                    let second = &innovations[j * nv..(j + 1) * nv];
-                    for i in first.rows.start..first.rows.end.min(j + 1) {
-                        let first = &weighted[i * nv..(i + 1) * nv];
-                        let mut sum = zero;
-                        for range in shared {
-                            for (&a, &b) in first[range.clone()].iter().zip(&second[range.clone()]) {
-                                sum = a.mul_add(b, sum);
-                            }
-                        }
-                        gram[j * m + i] = sum;
-                    }
-                }
-            }
-        }
-    }
-
-    /// Scales the diagonal of G to one. Rows that move no joint get a one on the diagonal and zeros elsewhere; they do
-    /// not count for the rank.
-    #[inline(always)]
-    fn scaled(&mut self, zero: T) -> T {
-        let Self { gram, scale, sizes, rank, compliance, unsure, .. } = self;
-        let (m, one, nothing) = (scale.len(), zero.constant(1.0), zero.constant(NOTHING * NOTHING));
-        let mut count = zero;
-        let mut finite = one;
-        for i in 0..m {
-            // A negative compliance is rejected like a value that is not finite.
-            finite = finite.worst((compliance[i] - compliance[i].abs()).mul_add(zero.constant(f64::MAX), one));
-            let square = gram[i * m + i] + compliance[i];
-            let left_out = larger(square.minus_product(nothing, sizes[i]), zero).one_if_zero();
-            scale[i] = (one - left_out) * (square + left_out).sqrt().recip();
-            // A very small row may be a row that moves no joint in the intended linkage.
-            let margin = square.minus_product(zero.constant(*unsure), sizes[i]);
-            finite = finite.worst(left_out.mul_add(sizes[i] + one, margin));
-            count += one - left_out;
-            finite = finite.worst(scale[i] + one);
-        }
-        for i in 0..m {
-            for j in 0..i {
-                gram[i * m + j] *= scale[i] * scale[j];
-            }
-            gram[i * m + i] = one;
-        }
-        *rank = count;
-        finite
-    }
-
-    /// Replaces G by its Cholesky factor. Returns the difference of its smallest pivot and the bound above which G is
-    /// regular.
-    #[inline(always)]
-    fn factorise(&mut self, zero: T) -> T {
-        let Self { gram, pivot_inverses, unsure, .. } = self;
-        let m = pivot_inverses.len();
-        let mut least = zero.constant(1.0);
-        for j in 0..m {
-            let (before, own) = gram.split_at_mut(j * m);
-            let own = &mut own[..m];
-            for i in 0..j {
-                let other = &before[i * m..i * m + i];
-                let mut sum = own[i];
-                for (&a, &b) in own[..i].iter().zip(other) {
-                    sum = sum.minus_product(a, b);
-                }
-                own[i] = sum * pivot_inverses[i];
-            }
-            let mut pivot = own[j];
-            for &entry in &own[..j] {
-                pivot = pivot.minus_product(entry, entry);
-            }
-            least = least.worst(pivot);
-            pivot_inverses[j] = pivot.sqrt().recip();
-        }
-        least - zero.constant(REGULAR.max(*unsure))
-    }
-
-    /// step := -G^-1 step.
-    #[inline(always)]
-    fn solve(&mut self) {
-        let Self { gram, pivot_inverses, scale, step, .. } = self;
-        let m = step.len();
-        for i in 0..m {
-            let mut sum = step[i] * scale[i];
-            for (&entry, &x) in gram[i * m..i * m + i].iter().zip(&step[..i]) {
-                sum = sum.minus_product(entry, x);
-            }
-            step[i] = sum * pivot_inverses[i];
-        }
-        for i in (0..m).rev() {
-            let own = step[i] * pivot_inverses[i];
-            for (&entry, x) in gram[i * m..i * m + i].iter().zip(&mut step[..i]) {
-                *x = x.minus_product(entry, own);
-            }
-            step[i] = -(own * scale[i]);
-        }
-    }
-
     /// Adds the step to lambda, and its effect to the innovations of the tree.
     #[inline(always)]
     pub fn take(&mut self, innovations: &mut [T]) {
-        let Self { connections, step, innovations: w, forces_of_rows, nv, .. } = self;
-        for (lambda, &step) in forces_of_rows.iter_mut().zip(&*step) {
+        for (lambda, &step) in self.forces_of_rows.iter_mut().zip(&self.step) {
             *lambda += step;
         }
-        for connection in &*connections {
-            for i in connection.rows.clone() {
-                let own = &w[i * *nv..(i + 1) * *nv];
-                for range in &connection.shared[0] {
-                    for (e, &own) in innovations[range.clone()].iter_mut().zip(&own[range.clone()]) {
-                        *e = own.mul_add(step[i], *e);
-                    }
-                }
-            }
-        }
+        self.whitened.add(&self.step, innovations);
     }
 
     /// The residuals of the rows at these accelerations, and the step that corrects them. Returns the margins to the
@@ -421,7 +296,7 @@ impl<T: Real> ConstraintKernel<T> {
             terms,
             forces_of_rows,
             scale,
-            sizes,
+            whitened,
             pushing,
             residual,
             ..
@@ -434,11 +309,11 @@ impl<T: Real> ConstraintKernel<T> {
             // Skipped rows contribute zero.
             acting = lambda.abs().mul_add((scale + scale.one_if_zero()).recip(), acting);
         }
-        for connection in &*connections {
+        for (connection, of) in connections.iter().zip(&whitened.paths) {
             if matches!(connection.tie, LaneTie::Frames(..)) {
-                accelerations_along(scene, scratch, (&connection.path, qdd), accelerations);
+                accelerations_along(scene, scratch, (&of.path, qdd), accelerations);
             }
-            for i in connection.rows.clone() {
+            for i in of.rows.clone() {
                 let row = &rows[i];
                 let (mut sum, mut size) = (row.gamma, row.gamma.abs());
                 let given_way = compliance[i] * forces_of_rows[i];
@@ -455,7 +330,7 @@ impl<T: Real> ConstraintKernel<T> {
                             }
                         }
                     }
-                    LaneTie::Joints(torques) => {
+                    LaneTie::Joints(torques, _) => {
                         for &(row, torque) in torques.iter().flatten() {
                             let term = qdd[row] * torque;
                             sum += term;
@@ -469,7 +344,7 @@ impl<T: Real> ConstraintKernel<T> {
                 step[i] = sum;
                 let unit = terms[i] * zero.constant(f64::EPSILON);
                 near = near.worst(unit.mul_add(zero.constant(ROUNDING), -sum.abs()));
-                let unit = sizes[i].sqrt().mul_add(acting, terms[i]) * zero.constant(f64::EPSILON);
+                let unit = whitened.sizes[i].sqrt().mul_add(acting, terms[i]) * zero.constant(f64::EPSILON);
                 far = far.worst(unit.mul_add(zero.constant(NO_ROUNDING), -sum.abs()));
             }
         }
@@ -488,7 +363,8 @@ impl<T: Real> ConstraintKernel<T> {
 }
 
 impl<T: Real> Connection<T> {
-    fn new(sweeps: &SweepModel<T>, constraint: &Constraint) -> Self {
+    /// The connection and its path.
+    fn new(sweeps: &SweepModel<T>, constraint: &Constraint) -> (Self, Path) {
         let ends = constraint.tie.bodies();
         let act_on: Vec<usize> = ends.into_iter().flatten().collect();
         let path = Path::new(sweeps, (&constraint.path, &constraint.branches), &act_on);
@@ -501,12 +377,68 @@ impl<T: Real> Connection<T> {
                 };
                 LaneTie::Frames(*pair, [here(c, ends[0]), here(d, ends[1])])
             }
-            Tie::Coordinates { first, second, multiplier, .. } => {
-                LaneTie::Joints([Some((first.v, T::one())), second.map(|second| (second.v, T::from_f64(-multiplier)))])
+            Tie::Coordinates { first, second, multiplier, offset } => {
+                let factor = T::from_f64(-multiplier);
+                let coordinates = [Some((first.q, T::one())), second.map(|second| (second.q, factor))];
+                LaneTie::Joints(
+                    [Some((first.v, T::one())), second.map(|second| (second.v, factor))],
+                    Followed { coordinates, offset: T::from_f64(*offset) },
+                )
             }
         };
-        Self { tie, rows: constraint.rows(), path, ends, shared: Vec::new() }
+        (Self { tie, ends }, path)
     }
+}
+
+impl<T: Real> Row<T> {
+    /// Sets the error, its time derivative and gamma of row `i` of a pair.
+    #[inline(always)]
+    fn set(&mut self, motion: &RelativeMotion<T>, of_pair: &PairRows<T>, i: usize, alpha: f64) {
+        let force = &of_pair.of_motion[i];
+        self.error = of_pair.error[i];
+        self.rate = dot(force, &motion.velocity);
+        self.gamma = dot(force, &motion.acceleration) + of_pair.turning[i];
+        self.stabilize(alpha);
+    }
+
+    /// Adds the terms of Baumgarte's stabilization to gamma.
+    #[inline(always)]
+    fn stabilize(&mut self, alpha: f64) {
+        if alpha > 0.0 {
+            let Self { error, rate, .. } = *self;
+            let pulled = (rate + rate) + error * error.constant(alpha);
+            self.gamma = pulled.mul_add(error.constant(alpha), self.gamma);
+        }
+    }
+}
+
+/// J qd of a row of joint coordinates.
+#[inline(always)]
+fn joints_rate<T: Real>(torques: &[Option<(usize, T)>; 2], qd: &[T], zero: T) -> T {
+    torques.iter().flatten().fold(zero, |rate, &(row, torque)| torque.mul_add(qd[row], rate))
+}
+
+/// The motion of the first frame of a connection relative to the second, and the rows of the pair. None for joint
+/// coordinates, and for a rod without direction.
+#[inline(always)]
+fn relative_motion<T: Real>(
+    (connection, path): (&Connection<T>, &Path),
+    scene: (&Model<T>, &SweepModel<T>),
+    scratch: &SweepScratch<T>,
+    qd: &[T],
+    motions: &mut [[[T; 6]; 2]],
+) -> Option<(RelativeMotion<T>, PairRows<T>)> {
+    let Connection { tie: LaneTie::Frames(pair, frames), ends } = connection else { return None };
+    motions_along(scene, scratch, (path, qd), motions);
+    let on_branch = ends.map(|end| end.and_then(|step| path.on_branch(step)));
+    // The result does not depend on the distance of the mechanism from the base: both frames are located relative to
+    // the point at which the branch of the second one begins.
+    let origin = on_branch[1].map_or_else(|| frames[1].lever.into(), |step| origin_along(scene, scratch, (path, step)));
+    let along = (path, &*motions, &origin);
+    let c = motion_of_end(scene, scratch, along, (on_branch[0], &frames[0]));
+    let d = motion_of_end(scene, scratch, along, (on_branch[1], &frames[1]));
+    let motion = RelativeMotion::of(&c, &d);
+    pair_rows(*pair, &motion.place, &motion.velocity).map(|rows| (motion, rows))
 }
 
 /// A path, the motions of its bodies, and the origin of the poses.

@@ -12,13 +12,16 @@ use crate::scene::constraint::Constraints;
 use crate::workspace::Workspace;
 
 /// The largest change of a coordinate in one step, rad or m.
-const FARTHEST: f64 = 0.5;
+pub(crate) const FARTHEST: f64 = 0.5;
 
 /// The maximum number of steps: the error halves per step near a singular position.
 const STEPS: usize = 100;
 
 /// An error below this, m or rad, that no longer decreases is rounding.
-const CLOSED: f64 = 1e-9;
+pub(crate) const CLOSED: f64 = 1e-9;
+
+/// An error below this is rounding, relative to one plus the distance of the bodies from the base.
+pub(crate) const ROUNDED: f64 = 4.0 * f64::EPSILON;
 
 /// The result of a projection.
 #[derive(Debug, Clone)]
@@ -58,7 +61,7 @@ pub(crate) fn project_positions(
         if left < best.0 {
             best = (left, q.to_vec());
         }
-        let is_closed = |left: f64| left <= 4.0 * f64::EPSILON * size;
+        let is_closed = |left: f64| left <= ROUNDED * size;
         // Rounding errors are not corrected: at singular rows, the step would be as large as their square root.
         if is_closed(left) || !left.is_finite() || (!falls && best.0 <= CLOSED * size) {
             break;
@@ -181,6 +184,6 @@ fn worst(x: &[f64]) -> usize {
 }
 
 /// The approximate distance of the bodies from the base, m: the sum of all levers.
-fn extent(model: &Model<f64>) -> f64 {
+pub(crate) fn extent(model: &Model<f64>) -> f64 {
     model.bodies.iter().map(|body| body.tree.lever.norm()).sum()
 }

@@ -26,6 +26,7 @@ pub(super) mod joint;
 mod mass_matrix;
 pub(super) mod model;
 pub(super) mod motion;
+mod path_rows;
 mod paths;
 mod root_filter;
 pub(super) mod rows;
@@ -45,9 +46,9 @@ pub(crate) use inverse_product::multiplied_out;
 pub(crate) use mass_matrix::MassColumns;
 pub(crate) use mass_matrix::mass_matrix;
 pub(crate) use model::SweepModel;
+pub(crate) use path_rows::{PathRows, WhitenedRows};
 pub(crate) use paths::{
-    Forces, MOST_FORCES, Path, accelerations_along, frame_here, innovations_along, motions_along, origin_along,
-    placement_along,
+    Forces, MOST_FORCES, Path, accelerations_along, frame_here, motions_along, origin_along, placement_along,
 };
 #[cfg(feature = "operators")]
 pub(crate) use scratch::Accumulated;
@@ -99,6 +100,12 @@ pub(crate) fn forward_dynamics<T: Real, C: ColumnsOf<T>>(
     let [monitor, _] = filter::tip_to_base::<T, { filter::FILTER }>((model, sweeps), scratch, tau, qdd);
     solve::base_to_tip::<T, false>((model, sweeps), scratch, qdd);
     monitor
+}
+
+/// The rotation or shift of every joint at `q`, for paths without a factor of M.
+#[inline(always)]
+pub(crate) fn place<T: Real, C: ColumnsOf<T>>(sweeps: &SweepModel<T>, scratch: &mut SweepScratch<T>, like: C, q: &[T]) {
+    motion::carriers::<T, C>(sweeps, scratch, like, q);
 }
 
 /// Joint accelerations in square-root form, and the bound on their rounding.

@@ -14,12 +14,15 @@
 //! Free joints are integrated in axes that are fixed during the step: in rotating body axes, a rolling body would gain
 //! speed.
 
+mod free_axes;
+mod lanes;
 mod project;
 mod report;
 mod step;
 mod stepper;
 
 pub use crate::contact::ContactState;
+pub(super) use lanes::Touching;
 pub use report::ContactReport;
 pub(super) use report::{RECORD, begin, width};
 pub(super) use stepper::{ContactStepper, record};

@@ -11,7 +11,7 @@ use crate::workspace::Workspace;
 use nalgebra::DVector;
 
 /// Penetrations up to this depth are ignored, m.
-const TOUCHES: f64 = 1e-10;
+pub(super) const TOUCHES: f64 = 1e-10;
 
 /// Largest number of Newton steps.
 const STEPS: usize = 5;

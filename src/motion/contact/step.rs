@@ -9,6 +9,7 @@ use super::super::step_settings::StepSettings;
 use super::super::substeps::StopImpact;
 use super::super::totals::STOPS;
 use super::super::works::add_work;
+use super::free_axes::{move_along, to_axes_at_end, to_axes_at_rest};
 use super::project::out_of_planes;
 use super::report::ContactReport;
 use crate::contact::{Cone, ContactState, Effort, Impact, Limits, SolveReport, impact, passive};
@@ -16,22 +17,19 @@ use crate::dynamics::contacts::ContactScratch;
 use crate::dynamics::forward::factorise;
 use crate::error::Error;
 use crate::filter::Form;
-use crate::joints::Motion;
-use crate::model::Model;
 use crate::scene::Scene;
 use crate::scene::contact_point::ContactPoint;
-use crate::spatial::RigidShift;
-use nalgebra::{DVector, Matrix3, Vector3};
+use nalgebra::DVector;
 
 /// A residual above this is an error; a residual between the tolerance and this value is accepted.
-const REFUSED: f64 = 1e-5;
+pub(super) const REFUSED: f64 = 1e-5;
 
 /// An inactive contact becomes active if the step ends with a larger penetration, m.
-const LATE: f64 = 1e-12;
+pub(super) const LATE: f64 = 1e-12;
 
 /// Scratch memory for one state.
 pub(super) struct ContactStep {
-    solver: Checked,
+    pub solver: Checked,
     pub rows: ContactScratch,
     /// Impacts of joints on stops in the last step.
     pub impacts: Vec<StopImpact>,
@@ -46,20 +44,20 @@ struct StepStart {
 }
 
 /// Results of the contacts in a step.
-struct Outcome {
-    near: Vec<usize>,
+pub(super) struct Outcome {
+    pub near: Vec<usize>,
     /// Impulses of impacts, and impulses of persistent contact.
-    hit: Option<Impact>,
-    held: DVector<f64>,
-    states: Vec<ContactState>,
-    report: ContactReport,
+    pub hit: Option<Impact>,
+    pub held: DVector<f64>,
+    pub states: Vec<ContactState>,
+    pub report: ContactReport,
     /// Velocities at the end, if joints that reach a stop end the step slower than they moved in it.
     slowed: Option<Vec<f64>>,
 }
 
 impl Outcome {
     /// The result without active contacts.
-    fn nothing() -> Self {
+    pub fn nothing() -> Self {
         Self {
             near: Vec::new(),
             hit: None,
@@ -107,14 +105,11 @@ impl ContactStep {
             s.v_next = slowed;
         }
         add_work(settings, s);
-        let ends = axes_of_free_joints(&s.model, &s.q, &s.q_next);
+        to_axes_at_end(&s.model, (&s.q, &s.q_next), &mut s.v_next);
         let workspace = &mut self.solver.workspace;
         let (depth, iterations) =
             out_of_planes(&s.model, points, workspace, &mut self.rows, (&mut s.q_next, &mut s.q_stage))
                 .map_err(|lost| pivot_fault(scene, lost.stage, scene.singular(lost)))?;
-        for (row, turn) in ends {
-            rotated(&mut s.v_next[row..], &turn);
-        }
         self.settle(settings, s, &before, &outcome, points.len());
         keep(kept, &outcome, points.len());
         #[allow(clippy::cast_precision_loss)] // a small count
@@ -292,7 +287,7 @@ fn states_of_rebounds(cone: &Cone, impulses: &DVector<f64>, states: &mut [Contac
 
 /// The report of a step, for contact velocities u before the persistent impulses and `after` them; the first rows are
 /// those of contacts.
-fn report(
+pub(super) fn report(
     solved: &SolveReport,
     iterations: usize,
     impulse_kept: f64,
@@ -355,7 +350,7 @@ fn pivot_fault(scene: &Scene, body: usize, error: Error) -> (String, Error) {
 }
 
 /// Stores the results of a step: persistent impulses, sums of the impulses of impacts, and contact states.
-fn keep(kept: &mut [f64], outcome: &Outcome, contacts: usize) {
+pub(super) fn keep(kept: &mut [f64], outcome: &Outcome, contacts: usize) {
     let (held, struck) = kept.split_at_mut(3 * contacts);
     let (struck, states) = struck.split_at_mut(3 * contacts);
     held.fill(0.0);
@@ -367,65 +362,4 @@ fn keep(kept: &mut [f64], outcome: &Outcome, contacts: usize) {
             struck[3 * i + row] += outcome.hit.as_ref().map_or(0.0, |hit| hit.impulses[3 * at + row]);
         }
     }
-}
-
-/// Index in qd of the first velocity of each free joint, and the body that it moves.
-fn free_joints(model: &Model<f64>) -> impl Iterator<Item = (usize, usize)> {
-    let each = model.bodies.iter().zip(&model.system.stages).enumerate();
-    each.filter(|(_, (body, _))| body.motion.is_free()).map(|(k, (_, stage))| (k, stage.first_row))
-}
-
-/// Adds w x v to the accelerations of free joints: the acceleration of the origin in axes that are fixed at the start
-/// of the step.
-fn to_axes_at_rest(model: &Model<f64>, h: f64, v: &[f64], v_next: &mut [f64]) {
-    for (_, row) in free_joints(model) {
-        let (linear, angular) = (triple(&v[row..]), triple(&v[row + 3..]));
-        let turning = angular.cross(&linear) * h;
-        for i in 0..3 {
-            v_next[row + i] += turning[i];
-        }
-    }
-}
-
-/// `q_next` = q exp(h `v_next`), where the origins of free joints move on straight lines.
-fn move_along(h: f64, s: &mut Scratch<f64>) {
-    for (x, v) in s.x.iter_mut().zip(&s.v_next) {
-        *x = h * v;
-    }
-    for (body, stage) in s.model.bodies.iter().zip(&s.model.system.stages) {
-        let x = &mut s.x[stage.first_row..];
-        if body.motion.is_free() {
-            let along = rotation(&s.q[body.q..]) * triple(x);
-            x[..3].fill(0.0);
-            body.motion.advance(&s.q[body.q..], x, &mut s.q_next[body.q..]);
-            for i in 0..3 {
-                s.q_next[body.q + i] = s.q[body.q + i] + along[i];
-            }
-        } else {
-            body.motion.advance(&s.q[body.q..], x, &mut s.q_next[body.q..]);
-        }
-    }
-}
-
-/// For each free joint, the index of its first velocity, and the rotation from its initial to its final axes.
-fn axes_of_free_joints(model: &Model<f64>, q: &[f64], q_next: &[f64]) -> Vec<(usize, Matrix3<f64>)> {
-    let turn = |(k, row): (usize, usize)| {
-        let at = model.bodies[k].q;
-        (row, rotation(&q_next[at..]).transpose() * rotation(&q[at..]))
-    };
-    free_joints(model).map(turn).collect()
-}
-
-/// The rotation from the axes of a free joint to those of its parent.
-fn rotation(q: &[f64]) -> Matrix3<f64> {
-    Motion::Free.shift(&RigidShift::identity(), q).rotation
-}
-
-fn rotated(v: &mut [f64], turn: &Matrix3<f64>) {
-    let linear = turn * triple(v);
-    v[..3].copy_from_slice(linear.as_slice());
-}
-
-fn triple(x: &[f64]) -> Vector3<f64> {
-    Vector3::new(x[0], x[1], x[2])
 }

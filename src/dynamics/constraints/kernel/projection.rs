@@ -1,0 +1,69 @@
+//! Positions and velocities projected onto the connections by steps of least kinetic energy, with the factor of G that
+//! forward dynamics uses.
+
+use super::{ConstraintKernel, Followed, LaneTie, joints_rate, relative_motion};
+use crate::dynamics::sweeps::{SweepModel, SweepScratch};
+use crate::model::Model;
+use crate::scalar::{Real, larger};
+
+/// The residuals that a step of the projection removes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Residuals {
+    /// Errors, m and rad.
+    Errors,
+    /// Their time derivatives.
+    Rates,
+}
+
+impl<T: Real> ConstraintKernel<T> {
+    /// Computes the errors of rows of joint coordinates at `q`; those of frames are known from
+    /// [`ConstraintKernel::factor`].
+    #[inline(always)]
+    pub fn joint_errors(&mut self, q: &[T]) {
+        for (connection, of) in self.connections.iter().zip(&self.whitened.paths) {
+            let LaneTie::Joints(_, Followed { coordinates, offset }) = &connection.tie else { continue };
+            let row = &mut self.rows[of.rows.start];
+            row.error = coordinates.iter().flatten().fold(-*offset, |sum, &(at, factor)| factor.mul_add(q[at], sum));
+            row.stabilize(self.alpha);
+        }
+    }
+
+    /// Computes gamma and J qd of every row at other velocities and the same q.
+    #[inline(always)]
+    pub fn at_velocities(&mut self, scene: (&Model<T>, &SweepModel<T>), scratch: &SweepScratch<T>, qd: &[T]) {
+        let zero = scene.0.gravity[0].constant(0.0);
+        let Self { connections, whitened, rows, motions, alpha, .. } = self;
+        for (connection, of) in connections.iter().zip(&whitened.paths) {
+            if let LaneTie::Joints(torques, _) = &connection.tie {
+                rows[of.rows.start].rate = joints_rate(torques, qd, zero);
+            }
+            let on_path = (connection, &of.path);
+            let Some((motion, of_pair)) = relative_motion(on_path, scene, scratch, qd, motions) else { continue };
+            for (i, to) in rows[of.rows.clone()].iter_mut().enumerate() {
+                to.set(&motion, &of_pair, i, *alpha);
+            }
+        }
+    }
+
+    /// The largest residual of a row.
+    #[inline(always)]
+    pub fn largest(&self, which: Residuals) -> T {
+        let zero = self.weight.constant(0.0);
+        self.rows.iter().fold(zero, |most, row| {
+            let left = if which == Residuals::Errors { row.error } else { row.rate };
+            larger(most, left.abs())
+        })
+    }
+
+    /// The innovations of the forces -G^-1 residual, which remove the residuals to first order, into `innovations`.
+    #[inline(always)]
+    pub fn step_against(&mut self, which: Residuals, innovations: &mut [T]) {
+        for (step, row) in self.step.iter_mut().zip(&self.rows) {
+            *step = if which == Residuals::Errors { row.error } else { row.rate };
+        }
+        self.solve();
+        let zero = self.weight.constant(0.0);
+        innovations.fill(zero);
+        self.whitened.add(&self.step, innovations);
+    }
+}

@@ -1,0 +1,148 @@
+//! Contacts with planes of the base in the kernels, for one state per lane of a scalar: gaps, velocities, G = J M^-1 J*
+//! of all contacts, and the effect of impulses. The factor of M is in the scratch of the
+//! [sweeps](crate::dynamics::sweeps).
+//!
+//! The rows are those of [`contacts`](super::contacts): t1, t2, n of the plane of each contact.
+
+use super::sweeps::{
+    Forces, MOST_FORCES, Path, SweepModel, SweepScratch, WhitenedRows, frame_here, motions_along, placement_along,
+};
+use crate::model::Model;
+use crate::scalar::Real;
+use crate::scene::contact_point::ContactPoint;
+use crate::spatial::{RigidShift, cross, dot, spatial};
+use nalgebra::{Matrix3, Vector3, Vector6};
+
+/// One contact, in the scalar of the kernel.
+#[derive(Debug)]
+struct Touching<T> {
+    /// The pose of the frame at the center of the sphere, with the axes of the body in the model, in the body frame of
+    /// the sweeps.
+    frame: RigidShift<T>,
+    /// The step of its path that is the body.
+    step: usize,
+    axes: Matrix3<T>,
+    offset: T,
+    radius: T,
+}
+
+/// The contacts of one scene at the current states; initialized with NaN.
+#[derive(Debug)]
+pub(crate) struct ContactKernel<T> {
+    contacts: Vec<Touching<T>>,
+    /// W and G, three rows per contact.
+    whitened: WhitenedRows<T>,
+    /// Unit forces along the rows of each contact, on its body in the frame of the sweeps.
+    units: Vec<[Vector6<T>; 3]>,
+    /// One per step of the longest path.
+    forces: Vec<Forces<T>>,
+    motions: Vec<[[T; 6]; 2]>,
+    /// No torques act with the unit forces.
+    torque: Vec<T>,
+    /// The distance of each contact to its plane, m.
+    pub gaps: Vec<T>,
+}
+
+impl<T: Real> ContactKernel<T> {
+    pub fn new((model, sweeps): (&Model<T>, &SweepModel<T>), points: &[ContactPoint]) -> Self {
+        let (nan, zero, n) = (T::from_f64(f64::NAN), T::zero(), points.len());
+        let paths = points.iter().map(|point| Path::new(sweeps, (&point.path, &point.path), &[point.body]));
+        let paths: Vec<_> = paths.enumerate().map(|(i, path)| (path, 3 * i..3 * i + 3)).collect();
+        let contact = |(point, (path, _)): (&ContactPoint, &(Path, _))| {
+            let step = path.step_of(point.body).unwrap_or_default();
+            let center = RigidShift { rotation: Matrix3::identity(), lever: point.center };
+            Touching {
+                frame: frame_here(sweeps, (path, step), &center.cast()),
+                step,
+                axes: point.axes.map(T::from_f64),
+                offset: T::from_f64(point.offset),
+                radius: T::from_f64(point.radius),
+            }
+        };
+        let contacts = points.iter().zip(&paths).map(contact).collect();
+        let whitened = WhitenedRows::new(model, paths);
+        let longest = whitened.longest();
+        Self {
+            contacts,
+            whitened,
+            units: vec![[Vector6::from_element(nan); 3]; n],
+            forces: vec![Forces { z: [[nan; 6]; MOST_FORCES], moments: [nan; MOST_FORCES] }; longest],
+            motions: vec![[[nan; 6]; 2]; longest],
+            torque: vec![zero; model.nv()],
+            gaps: vec![nan; n],
+        }
+    }
+
+    /// Gaps and unit forces at the q of the scratch.
+    #[inline(always)]
+    pub fn place(&mut self, scene: (&Model<T>, &SweepModel<T>), scratch: &SweepScratch<T>) {
+        let zero = scene.0.gravity[0].constant(0.0);
+        let Self { contacts, whitened, units, gaps, .. } = self;
+        for (((contact, of), units), gap) in contacts.iter().zip(&whitened.paths).zip(units).zip(gaps) {
+            let Touching { frame, step, axes, offset, radius } = contact;
+            let place = placement_along(scene, scratch, (&of.path, *step), (frame, &[zero; 3]));
+            let normal = Vector3::new(axes[(2, 0)], axes[(2, 1)], axes[(2, 2)]);
+            let center = &place.lever;
+            *gap = normal[0] * center[0] + normal[1] * center[1] + normal[2] * center[2] - *radius - *offset;
+            let n = place.rotate_back(&normal);
+            let arm = Vector3::new(-n[0] * *radius, -n[1] * *radius, -n[2] * *radius);
+            for (row, unit) in units.iter_mut().enumerate() {
+                let force = place.rotate_back(&Vector3::new(axes[(row, 0)], axes[(row, 1)], axes[(row, 2)]));
+                *unit = frame.force_to_parent(&spatial(&cross(&arm, &force), &force));
+            }
+        }
+    }
+
+    /// J v of all contacts, m/s, into `out`.
+    #[inline(always)]
+    pub fn velocities(
+        &mut self,
+        scene: (&Model<T>, &SweepModel<T>),
+        scratch: &SweepScratch<T>,
+        v: &[T],
+        out: &mut [T],
+    ) {
+        let Self { contacts, whitened, units, motions, .. } = self;
+        for (at, (contact, of)) in contacts.iter().zip(&whitened.paths).enumerate() {
+            motions_along(scene, scratch, (&of.path, v), motions);
+            let velocity = Vector6::from(motions[contact.step][0]);
+            for (out, unit) in out[3 * at..3 * at + 3].iter_mut().zip(&units[at]) {
+                *out = dot(unit, &velocity);
+            }
+        }
+    }
+
+    /// W and G of all contacts.
+    #[inline(always)]
+    pub fn multiply(&mut self, scene: (&Model<T>, &SweepModel<T>), scratch: &SweepScratch<T>) {
+        let zero = scene.0.gravity[0].constant(0.0);
+        let Self { contacts, whitened, units, forces, torque, .. } = self;
+        for (at, (contact, units)) in contacts.iter().zip(units).enumerate() {
+            for forces in &mut forces[..whitened.paths[at].path.len()] {
+                for row in 0..3 {
+                    (forces.z[row], forces.moments[row]) = ([zero; 6], zero);
+                }
+            }
+            // A force on a body reduces the force that its joint transmits.
+            for (z, unit) in forces[contact.step].z.iter_mut().zip(units) {
+                *z = unit.map(|x| -x).into();
+            }
+            whitened.innovations_of(at, scene, scratch, (forces, torque));
+        }
+        whitened.multiply(zero);
+    }
+
+    /// G, in the lower triangle, (3 contacts x 3 contacts).
+    pub fn gram(&self) -> &[T] {
+        &self.whitened.gram
+    }
+
+    /// The innovations of impulses at the contacts, into `innovations`; the smoother computes M^-1 J* p from them.
+    #[inline(always)]
+    pub fn innovations_of(&self, impulses: &[T], innovations: &mut [T]) {
+        for e in innovations.iter_mut() {
+            *e = e.constant(0.0);
+        }
+        self.whitened.add(impulses, innovations);
+    }
+}

@@ -1,0 +1,275 @@
+//! Steps of scenes with connections by the compiled kernels, for one state per lane of a scalar.
+//!
+//! At the end of a step, positions and velocities are projected onto the connections with one factor of M and of G at
+//! the new configuration. In explicit methods the first stage of the next step uses the same factors. A state needs the
+//! [checked step](super::constrained) if its rows are dependent, if an error estimate exceeds the tolerance, if a
+//! projection does not converge in a few steps, or if a joint reaches a stop.
+
+use super::limit_rows::limit_rows;
+use super::manifold::advance;
+use super::scratch::Scratch;
+use super::settings::Stabilization;
+use super::step_settings::StepSettings;
+use crate::batch::connected::{self, factor_rows};
+use crate::batch::factor;
+use crate::batch::instruction_set::{Target, Vectorized, Work};
+use crate::dynamics::constraints::{CLOSED, ConstraintKernel, FARTHEST, ROUNDED, Residuals, extent};
+use crate::dynamics::contacts::LimitRow;
+use crate::dynamics::sweeps::{SweepModel, SweepScratch};
+use crate::filter::Form;
+use crate::model::Model;
+use crate::scalar::{Real, lanes_but, larger};
+use crate::scene::Scene;
+
+/// Largest number of steps of a projection; a state that needs more is projected by the checked step.
+const STEPS: usize = 4;
+
+/// The largest error of a stage, rad or m, which is not projected, and the largest time derivative of an error relative
+/// to the joint velocities. Beyond, the usual form of the rows can differ between lanes and one state.
+const SLACK: f64 = 0.1;
+
+/// A limit is reached if the step ends further outside than this, rad or m.
+const LATE: f64 = 1e-12;
+
+/// Scratch memory of one state per lane.
+#[derive(Debug)]
+pub(super) struct Connected<T: Vectorized> {
+    rows: ConstraintKernel<T>,
+    /// The factors of the projection, if the noise of the steps contains more than the rotor inertias.
+    own: Option<Box<Projection<T>>>,
+    /// e^- of the tree or of a projection.
+    innovations: Vec<T>,
+    /// The change of a projection, and the configuration that it leads to.
+    change: Vec<T>,
+    moved: Vec<T>,
+    limits: Vec<LimitRow>,
+    is_projected: bool,
+    /// One plus the distance of the bodies from the base, m.
+    size: f64,
+    /// The lanes that hold states.
+    active: u64,
+    /// True if the factors of the steps are those of the start of the next step; the lanes that they do not suit.
+    is_ready: bool,
+    doubt: u64,
+    /// The lanes whose residual needed a correction in the first stage of the step.
+    corrected: u64,
+    /// True if no lane can complete the step.
+    is_hopeless: bool,
+}
+
+/// The factors of M without damping and springs, and of its rows.
+#[derive(Debug)]
+struct Projection<T: Vectorized> {
+    model: Model<T>,
+    constants: SweepModel<T>,
+    sweeps: SweepScratch<T>,
+    rows: ConstraintKernel<T>,
+}
+
+impl<T: Vectorized> Connected<T> {
+    /// Scratch memory for the connections of a scene. `s` is the scratch memory of its steps.
+    pub fn new(scene: &Scene, settings: &StepSettings, s: &Scratch<T>) -> Self {
+        let (model, nan) = (scene.model(), T::from_f64(f64::NAN));
+        let alpha = if let Some(Stabilization::Baumgarte(rate)) = settings.connected { rate } else { 0.0 };
+        let rows_of = |scene_of: (&Model<T>, &SweepModel<T>)| {
+            let mut rows = ConstraintKernel::new(scene_of, scene.constraints());
+            (rows.slack, rows.alpha) = (SLACK, alpha);
+            rows
+        };
+        let shares = settings.noise(&settings.scheme) == model.system.noise
+            && !(settings.regularized && settings.scheme.implicit);
+        let own = (!shares && alpha == 0.0).then(|| {
+            let constants = SweepModel::new(model);
+            let model = model.cast::<T>();
+            let sweeps = SweepScratch::new(&model, &constants).accepting(settings.tolerance);
+            let rows = rows_of((&model, &constants));
+            Box::new(Projection { model, constants, sweeps, rows })
+        });
+        Self {
+            rows: rows_of((&s.model, &s.constants)),
+            own,
+            innovations: vec![nan; model.nv()],
+            change: vec![nan; model.nv()],
+            moved: vec![nan; model.nq],
+            limits: if settings.stops { limit_rows(scene) } else { Vec::new() },
+            is_projected: alpha == 0.0,
+            size: 1.0 + extent(model),
+            active: u64::MAX,
+            is_ready: false,
+            doubt: 0,
+            corrected: 0,
+            is_hopeless: false,
+        }
+    }
+
+    /// Begins a run of steps of this number of states.
+    pub fn begin(&mut self, states: usize) {
+        self.active = u64::MAX >> (64 - states);
+        self.is_ready = false;
+    }
+
+    /// Must be called if a state of the next step is not that of [`Connected::finish`].
+    pub fn replaced(&mut self) {
+        self.is_ready = false;
+    }
+
+    /// The accelerations of a stage. Returns the lanes that need the fallback.
+    pub fn accelerations<I: Target>(
+        &mut self,
+        (target, form, is_first): (I, Form, bool),
+        scene: (&Model<T>, &SweepModel<T>),
+        scratch: &mut SweepScratch<T>,
+        (q, v, u): (&[T], &[T], &[T]),
+        qdd: &mut [T],
+    ) -> u64 {
+        if !is_first && self.is_hopeless {
+            return u64::MAX;
+        }
+        let doubt = if is_first && std::mem::take(&mut self.is_ready) {
+            self.doubt
+        } else {
+            let form = if is_first { form } else { Form::Covariance };
+            factors((target, form), scene, (scratch, &mut self.rows), (q, v), &mut self.change)
+        };
+        self.is_hopeless = self.active & !doubt == 0;
+        if self.is_hopeless {
+            return u64::MAX;
+        }
+        factor::innovations(target, scene, scratch, (q, v, u), (&[], &mut self.innovations));
+        // As for the error estimate, the first stage decides for the others, which are similar.
+        let allowed = if is_first { u64::MAX } else { self.corrected };
+        let vectors = (u, &mut self.innovations[..], qdd);
+        let lanes = (self.active & !doubt, allowed);
+        let (corrected, open) = connected::accelerations(target, scene, scratch, &mut self.rows, vectors, lanes);
+        if is_first {
+            self.corrected = corrected;
+        }
+        doubt | open
+    }
+
+    /// Ends a step: projects `q_next` and `v_next` onto the connections. Returns the lanes that need the fallback.
+    #[inline(never)]
+    pub fn finish<I: Target>(&mut self, target: I, form: Form, s: &mut Scratch<T>) -> u64 {
+        if self.is_hopeless {
+            return u64::MAX;
+        }
+        target.within(Finish { connected: self, target, form, s })
+    }
+}
+
+/// The factors of M and of the rows at a configuration, and the errors of the rows. Returns the lanes that need the
+/// fallback.
+fn factors<T: Vectorized, I: Target>(
+    (target, form): (I, Form),
+    scene: (&Model<T>, &SweepModel<T>),
+    (scratch, rows): (&mut SweepScratch<T>, &mut ConstraintKernel<T>),
+    (q, v): (&[T], &[T]),
+    estimates: &mut [T],
+) -> u64 {
+    let doubt = match form {
+        Form::Auto => factor::watched(target, scene, scratch, (q, estimates)),
+        _ => factor::unwatched(target, scene, scratch, q),
+    };
+    let irregular = factor_rows(target, scene, scratch, rows, v);
+    rows.joint_errors(q);
+    doubt | irregular
+}
+
+struct Finish<'a, T: Vectorized, I> {
+    connected: &'a mut Connected<T>,
+    target: I,
+    form: Form,
+    s: &'a mut Scratch<T>,
+}
+
+impl<T: Vectorized, I: Target> Work for Finish<'_, T, I> {
+    type Output = u64;
+
+    #[inline(always)]
+    fn call(self) -> u64 {
+        let Self { connected, target, form, s } = self;
+        let Connected { rows, own, innovations, change, moved, active, .. } = connected;
+        let Scratch { model, constants, sweeps, q, q_next, v_next, .. } = s;
+        let zero = model.gravity[0].constant(0.0);
+        let mut within = zero.constant(1.0);
+        for limit in &connected.limits {
+            let (at, sign, bound) = (limit.coordinate, zero.constant(limit.sign()), zero.constant(limit.bound));
+            within = within.worst(sign * (q_next[at] - bound) + zero.constant(LATE)).worst(sign * (q[at] - bound));
+        }
+        let mut doubt = lanes_but::<T>(|lane| within.lane(lane) >= 0.0);
+        if !connected.is_projected {
+            return doubt;
+        }
+        let is_shared = own.is_none();
+        let (scene, sweeps, rows) = match own {
+            Some(own) => ((&own.model, &own.constants), &mut own.sweeps, &mut own.rows),
+            None => ((&*model, &*constants), sweeps, rows),
+        };
+        let size = zero.constant(connected.size);
+        let mut of_factor;
+        let mut before = zero.constant(f64::INFINITY);
+        let mut step = 0;
+        loop {
+            of_factor = factors((target, form), scene, (sweeps, rows), (q_next, v_next), change);
+            let left = rows.largest(Residuals::Errors);
+            let open = open_lanes(left, before, size, 0.5);
+            if open & *active & !doubt & !of_factor == 0 || step == STEPS {
+                doubt |= open;
+                break;
+            }
+            (before, step) = (left, step + 1);
+            rows.step_against(Residuals::Errors, innovations);
+            change.copy_from_slice(innovations);
+            factor::smooth(target, scene, sweeps, change);
+            let longest = change.iter().fold(zero, |longest, x| larger(longest, x.abs()));
+            doubt |= open & lanes_but::<T>(|lane| longest.lane(lane) <= FARTHEST);
+            advance(scene.0, q_next, change, moved);
+            replace(q_next, moved, open);
+        }
+        doubt |= of_factor;
+        let fastest = v_next.iter().fold(zero, |most, v| larger(most, v.abs()));
+        let speed = fastest.mul_add(size, zero.constant(1.0));
+        (before, step) = (zero.constant(f64::INFINITY), 0);
+        loop {
+            let left = rows.largest(Residuals::Rates);
+            let open = open_lanes(left, before, speed, 0.25);
+            if open & *active & !doubt == 0 || step == STEPS {
+                doubt |= open;
+                break;
+            }
+            (before, step) = (left, step + 1);
+            rows.step_against(Residuals::Rates, innovations);
+            factor::smooth(target, scene, sweeps, innovations);
+            for (moved, (v, change)) in change.iter_mut().zip(v_next.iter().zip(&*innovations)) {
+                *moved = *v + *change;
+            }
+            replace(v_next, change, open);
+            rows.at_velocities(scene, sweeps, v_next);
+        }
+        (connected.is_ready, connected.doubt) = (is_shared, of_factor);
+        doubt
+    }
+}
+
+/// The lanes whose largest residual is above rounding. A residual that is small and no longer decreases by `falls` is
+/// rounding too.
+#[inline(always)]
+fn open_lanes<T: Real>(left: T, before: T, size: T, falls: f64) -> u64 {
+    lanes_but::<T>(|lane| {
+        let (left, before, size) = (left.lane(lane), before.lane(lane), size.lane(lane));
+        let is_rounding = before.is_finite() && !(left < falls * before) && left <= CLOSED * size;
+        left <= ROUNDED * size || is_rounding
+    })
+}
+
+/// Copies the lanes given as bits.
+#[inline(always)]
+fn replace<T: Vectorized>(to: &mut [T], from: &[T], lanes: u64) {
+    for (to, from) in to.iter_mut().zip(from) {
+        for (lane, (to, from)) in to.lanes_mut().iter_mut().zip(from.lanes()).enumerate() {
+            if lanes >> lane & 1 == 1 {
+                *to = *from;
+            }
+        }
+    }
+}

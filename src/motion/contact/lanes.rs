@@ -1,0 +1,354 @@
+//! Steps with contacts by the compiled kernels, for one state per lane of a scalar.
+//!
+//! Free velocities, gaps, G and the effect of impulses are vectorized; the contact law is solved for one state after
+//! another. A state needs the [checked step](super::step) if an error estimate exceeds the tolerance, if a contact
+//! rebounds, if a joint reaches a stop, if a further contact closes because of the impulses, or if the law is not
+//! solved.
+
+use super::super::faults::LARGEST_STEP;
+use super::super::job::Impacts;
+use super::super::limit_rows::limit_rows;
+use super::super::scratch::{Scratch, fill, take_end, take_lane};
+use super::super::step_settings::StepSettings;
+use super::super::torque::StepFault;
+use super::super::works::add_work;
+use super::free_axes::{move_along, to_axes_at_end, to_axes_at_rest};
+use super::project::{TOUCHES, out_of_planes};
+use super::report::ContactReport;
+use super::step::{ContactStep, LATE, Outcome, REFUSED, keep, report};
+use crate::batch::factor;
+use crate::batch::instruction_set::{Target, Vectorized, Work};
+use crate::contact::{Cone, Effort, Limits, SolveReport, passive};
+use crate::dynamics::contact_kernel::ContactKernel;
+use crate::dynamics::contacts::{ContactScratch, LimitRow};
+use crate::dynamics::sweeps::{SweepScratch, place};
+use crate::filter::Form;
+use crate::model::Model;
+use crate::scalar::{Real, lanes_but};
+use crate::scene::Scene;
+use nalgebra::{DMatrix, DVector};
+use std::ops::Range;
+
+/// The values of adjacent states, their number per state, and the index of the first value of the contacts.
+type OfContacts<'a> = (&'a mut [f64], usize, usize);
+
+/// Scratch memory of one state per lane.
+pub(in crate::motion) struct Touching<T: Vectorized> {
+    kernel: ContactKernel<T>,
+    /// The joints at the end of the step.
+    ahead: SweepScratch<T>,
+    limits: Vec<LimitRow>,
+    /// J v of all contacts at the start of the step, without impulses, and with them.
+    start: Vec<T>,
+    free: Vec<T>,
+    after: Vec<T>,
+    impulses: Vec<T>,
+    innovations: Vec<T>,
+    solved: Vec<Solved>,
+    /// One state with all checks, created at first use.
+    alone: Option<Box<(ContactStep, Scratch<f64>)>>,
+}
+
+/// The contacts of one state in a step.
+struct Solved {
+    outcome: Outcome,
+    /// J v of the near contacts without impulses.
+    free: DVector<f64>,
+    report: SolveReport,
+    impulse_kept: f64,
+}
+
+impl<T: Vectorized<Number = f64>> Touching<T> {
+    pub fn new(scene: &Scene, settings: &StepSettings, s: &Scratch<T>) -> Self {
+        let (nan, n) = (T::from_f64(f64::NAN), scene.contact_points().len());
+        let nothing = || Solved {
+            outcome: Outcome::nothing(),
+            free: DVector::zeros(0),
+            report: SolveReport::nothing(),
+            impulse_kept: 1.0,
+        };
+        Self {
+            kernel: ContactKernel::new((&s.model, &s.constants), scene.contact_points()),
+            ahead: SweepScratch::new(&s.model, &s.constants),
+            limits: if settings.stops { limit_rows(scene) } else { Vec::new() },
+            start: vec![nan; 3 * n],
+            free: vec![nan; 3 * n],
+            after: vec![nan; 3 * n],
+            impulses: vec![T::zero(); 3 * n],
+            innovations: vec![nan; s.model.nv()],
+            solved: (0..T::LANES).map(|_| nothing()).collect(),
+            alone: None,
+        }
+    }
+
+    /// The rows of the contacts at a state, for records.
+    pub fn rows(&mut self, scene: &Scene, settings: &StepSettings, form: Form) -> &mut ContactScratch {
+        &mut alone(&mut self.alone, scene, settings, form).0.rows
+    }
+
+    /// Ends a step: impulses, `v_next` and `q_next`, the works, and the stored values of the contacts. Returns the lanes
+    /// that need the fallback.
+    #[inline(never)]
+    pub fn finish<I: Target>(
+        &mut self,
+        (target, form): (I, Form),
+        of: (&Scene, &StepSettings),
+        s: &mut Scratch<T>,
+        (kept, fallback): (OfContacts<'_>, u64),
+    ) -> u64 {
+        target.within(Finish { touching: self, target, form, of, s, kept, fallback })
+    }
+
+    /// Recomputes the step of some lanes one by one, with all checks. `totals` are the totals of these lanes.
+    #[cold]
+    #[inline(never)]
+    pub fn recompute(
+        &mut self,
+        s: &mut Scratch<T>,
+        (scene, settings, form): (&Scene, &StepSettings, Form),
+        (n, states, begun, impacts): (usize, &Range<usize>, &[usize], Option<&Impacts>),
+        (mut fallback, totals): (u64, &mut [T]),
+        (kept, width, at): OfContacts<'_>,
+    ) -> Result<(), StepFault> {
+        let (touching, one) = &mut **alone(&mut self.alone, scene, settings, form);
+        while fallback != 0 {
+            let lane = fallback.trailing_zeros() as usize;
+            fallback &= fallback - 1;
+            take_lane(one, s, lane);
+            let state = states.start + lane;
+            let kept = &mut kept[lane * width + at..(lane + 1) * width];
+            touching.step(scene, settings, one, kept).map_err(|(joint, error)| StepFault {
+                step: n,
+                state,
+                joint,
+                error,
+            })?;
+            if let Some(impacts) = impacts
+                && !touching.impacts.is_empty()
+            {
+                impacts.add(&touching.impacts, state, settings.time(n - begun[lane]));
+            }
+            fill(totals, lane, &one.totals);
+            fill(&mut s.q_next, lane, &one.q_next);
+            fill(&mut s.v_next, lane, &one.v_next);
+        }
+        Ok(())
+    }
+
+    /// The contacts that are near in one lane: those that touch, or would end the step below their plane.
+    fn find_near(&mut self, settings: &StepSettings, lane: usize) {
+        let Self { kernel, free, solved, .. } = self;
+        let near = &mut solved[lane].outcome.near;
+        near.clear();
+        let gap = |i: usize| kernel.gaps[i].lanes()[lane];
+        let ends = |i: usize| gap(i) + settings.step * free[3 * i + 2].lanes()[lane];
+        near.extend((0..kernel.gaps.len()).filter(|&i| gap(i) <= 0.0 || ends(i) <= 0.0));
+    }
+
+    /// Solves the contact law of one lane; returns false if it needs the fallback.
+    fn solve(
+        &mut self,
+        (scene, settings): (&Scene, &StepSettings),
+        model: &Model<T>,
+        lane: usize,
+        kept: &[f64],
+    ) -> bool {
+        let Self { kernel, start, free, impulses, solved, .. } = self;
+        let Solved { outcome, free: free_here, report, impulse_kept } = &mut solved[lane];
+        let (points, h, near) = (scene.contact_points(), settings.step, &outcome.near);
+        let rest_speed = rest_speed(model, settings);
+        let hits = |&i: &usize| points[i].restitution > 0.0 && start[3 * i + 2].lanes()[lane] < -rest_speed;
+        if near.iter().any(hits) {
+            return false;
+        }
+        let (m, all, gram) = (3 * near.len(), 3 * points.len(), kernel.gram());
+        let row = |i: usize| 3 * near[i / 3] + i % 3;
+        let entry = |i: usize, j: usize| gram[row(i.max(j)) * all + row(i.min(j))].lanes()[lane];
+        let cone = Cone::new(DMatrix::from_fn(m, m, entry), near.iter().map(|&i| points[i].friction).collect());
+        *free_here = DVector::from_fn(m, |i, _| free[row(i)].lanes()[lane]);
+        let mut c = free_here.clone();
+        for (at, &i) in near.iter().enumerate() {
+            c[3 * at + 2] += kernel.gaps[i].lanes()[lane].max(0.0) / h;
+        }
+        // NaN fails.
+        if !cone.lengths.iter().chain(&c).all(|x| x.is_finite()) {
+            return false;
+        }
+        let mut limits = Limits::beside(&c);
+        limits.scale = limits.scale.max(free_here.amax());
+        let warm = DVector::from_fn(m, |i, _| kept[row(i)]);
+        let (held, found) = cone.impulses(&c, Some(&warm), &limits, Effort::default());
+        let (held, part) = passive(&cone, free_here, held);
+        for (i, &impulse) in held.iter().enumerate() {
+            impulses[row(i)].lanes_mut()[lane] = impulse;
+        }
+        outcome.states = cone.states(&held, &c, &limits);
+        (outcome.held, *report, *impulse_kept) = (held, found, part);
+        found.residual <= REFUSED
+    }
+
+    /// The report of one lane; returns false if a further contact closes.
+    fn report_on(&mut self, settings: &StepSettings, model: &Model<T>, lane: usize) -> bool {
+        let Self { kernel, start, after, solved, .. } = self;
+        let Solved { outcome, free, report: solved, impulse_kept } = &mut solved[lane];
+        let near = &outcome.near;
+        let late = |i: usize| {
+            let gap = kernel.gaps[i].lanes()[lane].max(0.0);
+            gap + settings.step * after[3 * i + 2].lanes()[lane] < -LATE
+        };
+        if (0..kernel.gaps.len()).any(|i| late(i) && !near.contains(&i)) {
+            return false;
+        }
+        let after_here = DVector::from_fn(3 * near.len(), |i, _| after[3 * near[i / 3] + i % 3].lanes()[lane]);
+        let rest_speed = rest_speed(model, settings);
+        let landed = |at: usize| start[3 * near[at] + 2].lanes()[lane] < -rest_speed;
+        let velocities = (&outcome.held, &*free, &after_here);
+        let counted = (near.len(), &landed as &dyn Fn(usize) -> bool);
+        outcome.report = report(solved, solved.iterations, *impulse_kept, (0.0, None), velocities, counted);
+        true
+    }
+}
+
+/// The velocity that gravity adds in a step.
+fn rest_speed<T: Real>(model: &Model<T>, settings: &StepSettings) -> f64 {
+    model.gravity.map(|g| g.lane(0)).norm() * settings.step
+}
+
+/// One state with all checks.
+fn alone<'a>(
+    alone: &'a mut Option<Box<(ContactStep, Scratch<f64>)>>,
+    scene: &Scene,
+    settings: &StepSettings,
+    form: Form,
+) -> &'a mut Box<(ContactStep, Scratch<f64>)> {
+    alone.get_or_insert_with(|| {
+        Box::new((ContactStep::new(scene, settings, form), Scratch::new(scene.model(), settings)))
+    })
+}
+
+struct Finish<'a, T: Vectorized, I> {
+    touching: &'a mut Touching<T>,
+    target: I,
+    form: Form,
+    of: (&'a Scene, &'a StepSettings),
+    s: &'a mut Scratch<T>,
+    kept: OfContacts<'a>,
+    fallback: u64,
+}
+
+impl<T: Vectorized<Number = f64>, I: Target> Work for Finish<'_, T, I> {
+    type Output = u64;
+
+    #[inline(always)]
+    fn call(self) -> u64 {
+        let Self { touching, target, form, of, s, kept: (kept, width, at), mut fallback } = self;
+        let ((scene, settings), count) = (of, kept.len() / width);
+        let h = settings.step;
+        let zero = s.model.gravity[0].constant(0.0);
+        to_axes_at_rest(&s.model, h, &s.v, &mut s.v_next);
+        let constants = (&s.model, &s.constants);
+        touching.kernel.place(constants, &s.sweeps);
+        touching.kernel.velocities(constants, &s.sweeps, &s.v, &mut touching.start);
+        touching.kernel.velocities(constants, &s.sweeps, &s.v_next, &mut touching.free);
+        fallback |= touching.at_limits(h, &s.q, &s.v_next);
+        let mut touched = 0_u64;
+        for lane in 0..count {
+            touching.find_near(settings, lane);
+            touched |= u64::from(!touching.solved[lane].outcome.near.is_empty()) << lane;
+        }
+        if touched != 0 {
+            touching.kernel.multiply(constants, &s.sweeps);
+            touching.impulses.fill(zero);
+            for lane in lanes_of(touched & !fallback) {
+                let kept = &kept[lane * width + at..(lane + 1) * width];
+                fallback |= u64::from(!touching.solve(of, &s.model, lane, kept)) << lane;
+            }
+            let Touching { kernel, innovations, impulses, after, .. } = &mut *touching;
+            kernel.innovations_of(impulses, innovations);
+            factor::smooth(target, constants, &mut s.sweeps, innovations);
+            for (v, change) in s.v_next.iter_mut().zip(&*innovations) {
+                *v += *change;
+            }
+            kernel.velocities(constants, &s.sweeps, &s.v_next, after);
+            for lane in lanes_of(touched & !fallback) {
+                fallback |= u64::from(!touching.report_on(settings, &s.model, lane)) << lane;
+            }
+            fallback |= touching.at_limits(h, &s.q, &s.v_next);
+        }
+        move_along(h, s);
+        add_work(settings, s);
+        to_axes_at_end(&s.model, (&s.q, &s.q_next), &mut s.v_next);
+        place::<T, T>(&s.constants, &mut touching.ahead, zero, &s.q_next);
+        touching.kernel.place((&s.model, &s.constants), &touching.ahead);
+        fallback |= strays(settings, s);
+        for lane in lanes_of((u64::MAX >> (64 - count)) & !fallback) {
+            let kept = &mut kept[lane * width + at..(lane + 1) * width];
+            let gaps = touching.kernel.gaps.iter().map(|gap| gap.lanes()[lane]);
+            let mut depth = -gaps.fold(0.0, f64::min);
+            let mut iterations = 0;
+            if depth > TOUCHES {
+                let (step, one) = &mut **alone(&mut touching.alone, scene, settings, form);
+                take_lane(one, s, lane);
+                take_end(one, s, lane);
+                let ends = (&mut one.q_next[..], &mut one.q_stage[..]);
+                let workspace = &mut step.solver.workspace;
+                match out_of_planes(&one.model, scene.contact_points(), workspace, &mut step.rows, ends) {
+                    Ok(found) => (depth, iterations) = found,
+                    Err(_) => {
+                        fallback |= 1 << lane;
+                        continue;
+                    }
+                }
+                fill(&mut s.q_next, lane, &one.q_next);
+            }
+            let mut nothing = Outcome::nothing();
+            let outcome = &mut touching.solved[lane].outcome;
+            let outcome = if touched >> lane & 1 == 1 { outcome } else { &mut nothing };
+            keep(kept, outcome, scene.contact_points().len());
+            #[allow(clippy::cast_precision_loss)] // a small count
+            let iterations = outcome.report.iterations + iterations as f64;
+            ContactReport::add(kept, &ContactReport { iterations, depth, ..outcome.report });
+        }
+        fallback
+    }
+}
+
+impl<T: Vectorized<Number = f64>> Touching<T> {
+    /// The lanes in which a joint reaches a limit or is beyond it.
+    #[inline(always)]
+    fn at_limits(&self, h: f64, q: &[T], v_next: &[T]) -> u64 {
+        let Some(mut within) = q.first().map(|q| q.constant(1.0)) else { return 0 };
+        for limit in &self.limits {
+            let (sign, bound) = (within.constant(limit.sign()), within.constant(limit.bound));
+            let gap = sign * (q[limit.coordinate] - bound);
+            let end = (sign * v_next[limit.row]).mul_add(within.constant(h), gap);
+            within = within.worst(gap).worst(end);
+        }
+        lanes_but::<T>(|lane| within.lane(lane) > 0.0)
+    }
+}
+
+#[allow(clippy::eq_op)] // x - x is zero for finite x, else NaN
+/// The lanes whose end is not finite or moved too far.
+#[inline(always)]
+fn strays<T: Vectorized>(settings: &StepSettings, s: &Scratch<T>) -> u64 {
+    let mut worst = s.model.gravity[0].constant(1.0);
+    for &v in &s.v_next {
+        worst = worst.worst(v.constant(LARGEST_STEP / settings.step) - v.abs());
+    }
+    for &q in &s.q_next {
+        worst += q - q;
+    }
+    lanes_but::<T>(|lane| worst.lane(lane) >= 0.0)
+}
+
+/// The lanes given as bits.
+fn lanes_of(mut bits: u64) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let lane = bits.trailing_zeros() as usize;
+        (bits != 0).then(|| {
+            bits &= bits - 1;
+            lane
+        })
+    })
+}
