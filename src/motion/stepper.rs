@@ -160,10 +160,7 @@ impl CheckedState {
             scratch.momentum.correct_if_active(&scratch.model, &mut scratch.q_next, &mut scratch.v_next);
         }
         if let Some(coupling) = &settings.coupling {
-            // Restore the coupling exactly, because rounding errors would accumulate over many steps.
-            let s = &mut self.scratch;
-            s.q_next = coupling.configuration(&coupling.independent_coordinates(&s.q_next));
-            s.v_next = coupling.rates(&coupling.independent_rates(&s.v_next));
+            coupling.restore(&mut self.scratch.q_next, &mut self.scratch.v_next);
         }
         fault_of(scene, settings, &self.scratch, lost).map_or(Ok(()), Err)
     }

@@ -19,6 +19,7 @@
 //! tolerance of the scene decide which combinations count as dependent; Q J then replaces J.
 
 mod derivatives;
+mod elimination;
 mod faults;
 mod geometry;
 mod gram;
@@ -32,9 +33,10 @@ mod scratch;
 mod solution;
 
 pub(crate) use derivatives::constrained_derivatives;
+pub(crate) use elimination::Elimination;
 pub(crate) use inverse::{constrained_inverse_dynamics, constrained_mass_matrix_inverse};
 pub(crate) use kernel::ConstraintKernel;
-pub(crate) use projection::{project_positions, project_velocities};
+pub(crate) use projection::{Projected, project_positions, project_velocities};
 pub(crate) use rows::{accelerations_of_rows, errors_of_rows, jacobian_of_rows};
 pub use scratch::ConstraintScratch;
 pub(crate) use solution::{Outcome, RowsAre, constrained_dynamics};
