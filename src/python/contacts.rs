@@ -75,7 +75,7 @@ impl PySceneBuilder {
     /// >>> builder = builder.contact("balls", "a", friction=0.0, radius=0.1, other="b", other_radius=0.1)
     /// >>> builder.build().contact_gaps([0, 0, 0.3, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 1]).round(3)
     /// array([0.1])
-    #[pyo3(signature = (name, link, *, friction, xyz=None, radius=0.0, normal=None, offset=None, restitution=0.0,
+    #[pyo3(signature = (name, link, *, friction, xyz=None, radius=0.0, normal=None, offset=0.0, restitution=0.0,
                         other=None, other_xyz=None, other_rpy=None, other_rotation=None, other_radius=None,
                         other_size=None),
            text_signature = "($self, name, link, *, friction, xyz=(0, 0, 0), radius=0.0, normal=(0, 0, 1), \
@@ -90,7 +90,7 @@ impl PySceneBuilder {
         xyz: Option<&Object<'py>>,
         radius: f64,
         normal: Option<&Object<'py>>,
-        offset: Option<f64>,
+        offset: f64,
         restitution: f64,
         other: Option<String>,
         other_xyz: Option<&Object<'py>>,
@@ -102,7 +102,7 @@ impl PySceneBuilder {
         let of_contact = |argument: &str| format!("{argument} of contact {name:?}");
         let of_other = |argument: &str| format!("other_{argument} of contact {name:?}");
         let point = optional_triple(&of_contact("xyz"), xyz, [0.0; 3])?.into();
-        let given = [normal.is_some() || offset.is_some(), other_radius.is_some(), other_size.is_some()];
+        let given = [normal.is_some() || offset != 0.0, other_radius.is_some(), other_size.is_some()];
         if given.iter().filter(|given| **given).count() > 1 {
             let expected = "one surface: normal and offset, or other_radius, or other_size";
             return Err(Error::argument(of_contact("surface"), "arguments of several surfaces", expected).into());
@@ -114,7 +114,6 @@ impl PySceneBuilder {
         };
         let normal = optional_triple(&of_contact("normal"), normal, [0.0, 0.0, 1.0])?.into();
         let other_frame = frame_of(&of_other, other_xyz, other_rpy, other_rotation)?;
-        let offset = offset.unwrap_or(0.0);
         let contact =
             Contact { name, link, point, radius, normal, offset, other, other_frame, surface, friction, restitution };
         slf.change(|builder| builder.contact(contact));

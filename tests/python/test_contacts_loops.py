@@ -25,16 +25,19 @@ def pose(x: float, y: float = 0.0, z: float = 0.0) -> list[float]:
 # A leg that is a closed loop
 
 
-def leg(friction: float = 0.8, restitution: float = 0.0, *, joints: tuple[str, ...] = ("thigh", "crank"), shift: float = 0.0) -> phipsi.Scene:
+def leg(
+    friction: float = 0.8, restitution: float = 0.0, *, joints: tuple[str, ...] = ("thigh", "crank"), shift: float = 0.0, stop: float = np.inf
+) -> phipsi.Scene:
     """A hip on a vertical rail. Thigh and crank hang from it; a rod ties the crank to the shank, whose end is the
-    foot: a four-bar in the plane y = 0. `joints`: the order of the two branches.
+    foot: a four-bar in the plane y = 0. `joints`: the order of the two branches. `stop`: limit of the thigh about -0.4.
     """
     builder = phipsi.SceneBuilder().link("world").link("hip", mass=3.0, inertia=0.02 * np.eye(3))
     builder.joint("rail", "prismatic", "world", "hip", axis=(0, 0, 1), xyz=(shift, 0, 0))
 
     def bar(name: str, parent: str, xyz: tuple[float, float, float], length: float, mass: float) -> None:
         builder.link(name, mass=mass, com=(0, 0, -length / 2), inertia=mass * length**2 / 12 * np.diag([1, 1, 0.02]))
-        builder.joint(name, "continuous", parent, name, xyz=xyz, axis=(0, 1, 0), damping=0.05)
+        limits = {"lower": -0.4 - stop, "upper": -0.4 + stop} if name == "thigh" and np.isfinite(stop) else {}
+        builder.joint(name, "revolute" if limits else "continuous", parent, name, xyz=xyz, axis=(0, 1, 0), damping=0.05, **limits)
 
     for joint in joints:
         if joint == "thigh":
@@ -143,6 +146,19 @@ def test_a_four_bar_leg_stands_and_its_forces_are_in_balance() -> None:
     feet = np.concatenate([told.force["foot0"][-1], told.force["foot1"][-1]])
     balance = path.torques()[-1] + foot_jacobian(scene, end).T @ feet + scene.constraint_jacobian(end).T @ tie
     assert np.abs(balance - tree.gravity_torque(end)).max() < 1e-5
+
+
+def test_a_joint_stop_holds_a_loop_on_the_ground() -> None:
+    """Without motors the leg gives way until the thigh is at its stop, and rests."""
+    scene = leg(stop=0.05)
+    q = standing(scene)
+    path = scene.simulate(q, np.zeros(scene.nv), dt=1e-3, steps=1500, record_every=50)
+    told, thigh = path.contacts, path.q[:, scene.q_index("thigh")][:, 0]
+    assert told is not None and told.converged and told.residual <= 1e-10
+    assert np.abs(thigh + 0.4).max() < 0.05 + 1e-9 and abs(abs(thigh[-1] + 0.4) - 0.05) < 1e-9
+    assert np.abs(path.qd[-1]).max() < 1e-6 and path.drift.max() < 1e-12
+    assert min(gap.min() for gap in told.gap.values()) > -1e-9
+    assert [impact.joint for impact in path.stops][:1] == ["thigh"]
 
 
 def test_a_loop_dropped_on_its_feet_never_gains_energy_in_impacts() -> None:
@@ -295,6 +311,18 @@ def test_a_mimic_joint_and_a_coupling_of_joints_are_the_same_motion() -> None:
         box = path.q[:, scene.q_index("free")]
         paths.append((box, path.q[:, scene.q_index("left")]))
     assert np.abs(paths[0][0] - paths[1][0]).max() < 1e-9 and np.abs(paths[0][1] - paths[1][1]).max() < 1e-9
+
+
+def test_a_limit_of_a_joint_that_cannot_move_is_no_row() -> None:
+    """A joint that follows another with multiplier 0 stays at its limit; the other one falls onto the ground."""
+    builder = phipsi.SceneBuilder().link("world")
+    for name, follows in (("a", {}), ("b", {"mimic": "a", "mimic_multiplier": 0.0})):
+        builder.link(name, mass=1.0, inertia=0.01 * np.eye(3))
+        builder.joint(name, "prismatic", "world", name, axis=(0, 0, 1), lower=0.0, upper=1.0, **follows)
+    scene = builder.contact("ground", "a", friction=0.5, offset=0.1).build(mimic="couple")
+    path = scene.simulate([0.3], [0.0], dt=1e-3, steps=400)
+    assert abs(path.q[-1, 0] - 0.1) < 1e-12 and path.contacts is not None and path.contacts.residual <= 1e-10
+    assert np.isclose(path.contacts.force["ground"][-1, 2], G)
 
 
 def test_a_gripper_lifts_a_box() -> None:
