@@ -6,7 +6,9 @@ use crate::common::tolerance;
 use nalgebra::Vector3;
 use phipsi::batch::{Broadcast, InstructionSet};
 use phipsi::motion::{ContactState, Method, Records, Rollout, Settings, Simulator, Torque};
-use phipsi::scene::{Connection, ConnectionKind, Contact, Inertial, JointDescription, JointKind, LinkDescription};
+use phipsi::scene::{
+    Connection, ConnectionKind, Contact, Inertial, JointDescription, JointKind, LinkDescription, Surface,
+};
 use phipsi::spatial::Symmetric3;
 use phipsi::{Error, Scene, SceneBuilder};
 
@@ -609,23 +611,72 @@ fn broken_contacts_are_refused_by_name() {
     refused(&fault(|contact| contact.friction = f64::INFINITY), foot, "friction");
     refused(&fault(|contact| contact.restitution = 1.1), foot, "restitution 1.1");
     refused(&fault(|contact| contact.restitution = f64::NAN), foot, "restitution");
+    refused(&fault(|contact| contact.other = Some("hand".into())), foot, "\"hand\"");
+    refused(&fault(|contact| contact.surface = Surface::Sphere { radius: -1.0 }), foot, "radius -1");
+    refused(&fault(|contact| contact.surface = Surface::Box { size: [1.0, 0.0, 1.0].into() }), foot, "size");
+    refused(&fault(|contact| contact.other_frame.rotation[0] = 2.0), foot, "rotation");
     let twice = body(1.0, EDGES).contact(Contact::new("foot", "box")).contact(Contact::new("foot", "box"));
     refused(&twice.build().unwrap_err(), foot, "duplicate name");
 }
 
 #[test]
-fn what_cannot_move_or_is_closed_has_no_contacts() {
+fn what_cannot_move_has_no_contacts() {
     let chain = phipsi::scenes::chain(3).unwrap().source().clone();
     let base = chain.clone().contact(Contact::new("ground", "base")).build().unwrap_err();
     refused(&base, "contact \"ground\"", "cannot move");
     let axis = chain.clone().contact(Contact::new("axis", "link0")).build().unwrap_err();
     refused(&axis, "contact \"axis\"", "no joint moves");
-    let mut tip = Connection::new("tip", ConnectionKind::Point, "link2", None);
-    tip.frame.lever = [0.0, 0.0, 0.3].into();
-    let mut contact = Contact::new("ground", "link2");
-    contact.point = [0.0, 0.0, 0.3].into();
-    let both = chain.connect(tip).contact(contact).build().unwrap_err();
-    refused(&both, "contact \"ground\"", "connection \"tip\"");
+    let pair =
+        Contact::new("pair", "link0").with_other("link0".to_owned()).with_surface(Surface::Sphere { radius: 0.1 });
+    refused(&chain.contact(pair).build().unwrap_err(), "contact \"pair\"", "rigidly attached");
+}
+
+/// A ball that falls onto a ball below it, which a rail holds from falling further: closed form of an inelastic impact.
+#[test]
+fn two_balls_on_one_rail_collide() {
+    let rail = |name: &str, mass: f64| {
+        let central = Symmetric3::new([1e-3, 0.0, 0.0, 1e-3, 0.0, 1e-3]);
+        let inertial = Some(Inertial { mass, center: Vector3::zeros(), central });
+        let mut joint = JointDescription::new(name, JointKind::Prismatic, "base", name);
+        joint.axis = Vector3::z();
+        (LinkDescription { name: name.into(), inertial }, joint)
+    };
+    let mut builder = SceneBuilder::new().link(LinkDescription { name: "base".into(), inertial: None });
+    for (link, joint) in [rail("low", 2.0), rail("high", 1.0)] {
+        builder = builder.link(link).joint(joint);
+    }
+    let pair = Contact::new("pair", "high").with_radius(0.1).with_restitution(0.5);
+    let pair = pair.with_other("low".to_owned()).with_surface(Surface::Sphere { radius: 0.1 });
+    let scene = builder.contact(pair).gravity([0.0; 3]).build().unwrap();
+    let mut simulator = moving(&scene, 1e-3, &[0.0, 0.2], &[0.0, -3.0]);
+    go(&mut simulator, 1);
+    let (_, qd) = simulator.state(0);
+    assert!((qd[0] + 1.5).abs() < 1e-12 && qd[1].abs() < 1e-12, "{qd:?}");
+    // The impulse is that on the first link.
+    assert!((simulator.contacts_now(0)[9] - 3.0).abs() < 1e-12);
+}
+
+/// The tip of a chain on the ground, with two joints coupled by a connection: the coupling holds in every step.
+#[test]
+fn a_coupled_chain_slides_on_the_ground() {
+    let gear = ConnectionKind::Joint { multiplier: -0.5, offset: 0.0 };
+    let builder = phipsi::scenes::chain(4).unwrap().source().clone();
+    let tip = Contact::new("tip", "link3").with_point([0.0, 0.0, 0.3]).with_friction(0.3);
+    let free = builder.clone().contact(tip.clone()).build().unwrap();
+    let (q, mut gap) = ([0.4, 0.3, 0.2, -0.1], [f64::NAN]);
+    free.contact_gaps(&q, &mut gap).unwrap();
+    let tip = tip.with_offset(gap[0]);
+    let scene = builder.connect(Connection::new("gear", gear, "j3", Some("j2"))).contact(tip).build().unwrap();
+    let mut simulator = moving(&scene, 1e-3, &q, &[0.0; 4]);
+    for _ in 0..50 {
+        go(&mut simulator, 10);
+        let (q, qd) = simulator.state(0);
+        assert!((q[3] + 0.5 * q[2]).abs() < 1e-12 && (qd[3] + 0.5 * qd[2]).abs() < 1e-12, "{q:?} {qd:?}");
+        scene.contact_gaps(q, &mut gap).unwrap();
+        assert!(gap[0] > -1e-9);
+    }
+    let told = simulator.contact_report(0).unwrap();
+    assert!(told.converged && told.residual <= 1e-10, "{told:?}");
 }
 
 #[test]

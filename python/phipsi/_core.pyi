@@ -3278,6 +3278,7 @@ class Scene:
 
     def _connections(self) -> list[tuple[Any, ...]]: ...
     def _contacts(self) -> list[tuple[Any, ...]]: ...
+    def _contact_points(self, q: ArrayLike) -> _Array: ...
     def to_builder(self) -> SceneBuilder:
         """Create a builder that has the links, joints, gravity, base and simplifications of the scene.
 
@@ -4715,6 +4716,12 @@ class SceneBuilder:
         normal: ArrayLike = (0, 0, 1),
         offset: float = 0.0,
         restitution: float = 0.0,
+        other: str | None = None,
+        other_xyz: ArrayLike = (0, 0, 0),
+        other_rpy: ArrayLike | None = None,
+        other_rotation: ArrayLike | None = None,
+        other_radius: float | None = None,
+        other_size: ArrayLike | None = None,
     ) -> SceneBuilder:
         """Add a contact of a sphere or a point on a link with a fixed plane, with Coulomb friction.
 

@@ -46,7 +46,7 @@ def of_motion(path: Trajectory, rows: NDArray[np.int_]) -> Forces | None:
     scene = path.scene
     if path.contacts is not None:
         force = np.stack([path.contacts.force[name][rows] for name in scene.contact_names], axis=1)
-        return Forces("contact", _contact_points(scene, path.q[rows]), force, scene.contact_names)
+        return Forces("contact", scene._contact_points(path.q[rows]), force, scene.contact_names)
     if not scene.constraint_names:
         return None
     try:
@@ -58,16 +58,6 @@ def of_motion(path: Trajectory, rows: NDArray[np.int_]) -> Forces | None:
         return None
     at, force = (np.stack(parts, axis=1) for parts in zip(*found.values(), strict=True))
     return Forces("connection", at, force, tuple(found))
-
-
-def _contact_points(scene: Scene, q: _Array) -> _Array:
-    """Point of each contact sphere that is nearest to its plane, (k, contacts, 3)."""
-    placements, points = scene.placements(q), []
-    for _, link, center, radius, normal, *_ in scene._contacts():
-        place = placements[link]
-        out = np.asarray(normal) / np.linalg.norm(normal)
-        points.append(place[:, :3, :3] @ np.asarray(center) + place[:, :3, 3] - radius * out)
-    return np.stack(points, axis=1)
 
 
 def _connections(scene: Scene, q: _Array, forces: dict[str, _Array]) -> dict[str, tuple[_Array, _Array]]:

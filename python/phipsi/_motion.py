@@ -324,8 +324,8 @@ class Trajectory(TrajectoryFiles):
 
         Notes
         -----
-        The cost per row is O(N) and quadratic in the number of constraints. The forces of contacts are in
-        contacts.force.
+        The cost per row is O(N) and quadratic in the number of constraints. The forces of contacts, which are
+        included, are in contacts.force: those during the step that ends at the row, zero in the first row.
 
         Examples
         --------
@@ -341,7 +341,26 @@ class Trajectory(TrajectoryFiles):
         if not np.array_equal(self.armature, scene.armature):
             scene = scene.with_properties(armature=self.armature)
         given = {} if self.given is None or "compliance" not in self.given else {"compliance": self.given["compliance"]}
+        if self.contacts is not None:
+            given["wrenches"] = self._contact_wrenches()
         return dict(scene.constrained_dynamics(self.q, self.qd, self.torques(), errors="nan", **given).forces)
+
+    def _contact_wrenches(self) -> dict[str, _Array]:
+        """Contact forces as wrenches (moment, force) on links, in their frames, by name of the link, (..., rows, 6)."""
+        assert self.contacts is not None
+        scene, wrenches = self.scene, dict[str, _Array]()
+        places, points = scene.placements(self.q), scene._contact_points(self.q)
+        for at, (name, link, *rest) in enumerate(scene._contacts()):
+            other = rest[6]
+            for body, sign in ((link, 1.0), (other, -1.0)):
+                if body is None:
+                    continue
+                turn, origin = places[body][..., :3, :3], places[body][..., :3, 3]
+                force = sign * self.contacts.force[name]
+                moment = np.cross(points[..., at, :] - origin, force)
+                local = [np.einsum("...ji,...j->...i", turn, vector) for vector in (moment, force)]
+                wrenches[body] = wrenches.get(body, 0.0) + np.concatenate(local, axis=-1)
+        return wrenches
 
     def _displacement(self, rest: _Array, q: _Array) -> _Array:
         """Displacement from rest to q, (..., nv), as springs measure it: for a free joint the distance in the child

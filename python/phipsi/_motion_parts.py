@@ -128,11 +128,14 @@ class ContactMotion(NamedTuple):
     """
 
     gap: dict[str, _Array]
-    """Signed distance to the plane, (..., rows), m; negative below the plane."""
+    """Signed distance to the surface, (..., rows), m; negative below the surface."""
     slip: dict[str, _Array]
-    """Tangential velocity of the point nearest to the plane, (..., rows, 3), m/s."""
+    """Tangential velocity of the point nearest to the surface, relative to it, (..., rows, 3), m/s."""
     force: dict[str, _Array]
-    """Force on the link in the step that ends at the row, without impacts, (..., rows, 3), N; zero in the first row."""
+    """Force on the link in the step that ends at the row, without impacts, (..., rows, 3), N; zero in the first row.
+
+    The opposite force acts on the link of the surface, if there is one.
+    """
     impulse: dict[str, _Array]
     """Impulse on the link of all impacts with rebound since the previous row, (..., rows, 3), N s."""
     state: dict[str, NDArray[np.int8]]

@@ -58,7 +58,7 @@ def read(
     check(model, names, ignore, strict, contacts == "plane")
     builder = _Reader(model, names, ignore).builder()
     if contacts == "plane":
-        _add_contacts(builder, model, names, ignore)
+        _add_contacts(builder, model, names)
     if file is not None:
         builder._set_file(file)
     if gravity is None:
@@ -66,13 +66,9 @@ def read(
     return builder.build(gravity=gravity, strict=strict, leave_out=leave_out)
 
 
-def _add_contacts(builder: SceneBuilder, model: mujoco.MjModel, names: Names, ignore: Collection[str]) -> None:
+def _add_contacts(builder: SceneBuilder, model: mujoco.MjModel, names: Names) -> None:
     """Add the contacts of geoms with fixed planes."""
-    found = points(model, names)
-    if found and "equality" not in ignore and (tied := equalities(model)):
-        text = f"found {names.equalities[tied[0]]!r}, an equality constraint, and contacts; expected one of them, because they are not supported together"
-        raise of_argument(ArgumentError, "contacts", f'{text}: use ignore=("equality",), or omit contacts')
-    for point in found:
+    for point in points(model, names):
         plane: dict[str, Any] = {"normal": point.normal, "offset": point.offset}
         builder.contact(point.name, names.bodies[point.body], friction=point.friction, xyz=point.center, radius=point.radius, **plane)
 

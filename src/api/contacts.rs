@@ -5,38 +5,51 @@ use crate::error::{Error, check_length};
 use crate::scene::Scene;
 
 impl Scene {
-    /// Signed distance of each contact from its plane at `q`, written to `out` (contacts), m; negative for penetration.
-    /// O(depth) per contact.
+    /// Signed distance of each contact from its surface at `q`, written to `out` (contacts), m; negative for
+    /// penetration. O(depth) per contact.
     ///
     /// # Errors
     ///
-    /// [`Error::Shape`], [`Error::NotFinite`], and [`Error::Argument`] for a quaternion that is not of unit norm.
+    /// [`Error::Shape`], [`Error::NotFinite`] (also for two spheres whose centers coincide), and [`Error::Argument`] for a
+    /// quaternion that is not of unit norm.
     pub fn contact_gaps(&self, q: &[f64], out: &mut [f64]) -> Result<(), Error> {
-        self.check_configuration("q", q)?;
-        check_length("out", out.len(), self.contact_points().len())?;
-        contacts::gaps(self.model(), self.contact_points(), q, out);
+        let (tree, q) = (self.tree(), self.tree_configuration("q", q)?);
+        check_length("out", out.len(), tree.contact_points().len())?;
+        for (point, out) in tree.contact_points().iter().zip(out.iter_mut()) {
+            *out = contacts::touch(tree.model(), point, &q).gap;
+        }
         self.check_result("contact gaps", out)
     }
 
-    /// Velocity of each contact point (the point of the link nearest to the plane) in the base frame, m/s, written to
-    /// `out` (contacts x 3). O(depth) per contact.
+    /// Velocity of each contact point (the point of the link nearest to the surface) relative to the link of the
+    /// surface, in the base frame, m/s, written to `out` (contacts x 3). O(depth) per contact.
     ///
     /// # Errors
     ///
     /// As [`Scene::contact_gaps`].
     pub fn contact_velocities(&self, q: &[f64], qd: &[f64], out: &mut [f64]) -> Result<(), Error> {
-        self.check_configuration("q", q)?;
-        self.check_rates("qd", qd)?;
-        check_length("out", out.len(), 3 * self.contact_points().len())?;
-        for (point, out) in self.contact_points().iter().zip(out.chunks_exact_mut(3)) {
-            out.copy_from_slice(contacts::velocity(self.model(), point, q, qd).as_slice());
+        let (tree, q) = (self.tree(), self.tree_configuration("q", q)?);
+        let qd = self.tree_rates("qd", qd)?;
+        check_length("out", out.len(), 3 * tree.contact_points().len())?;
+        for (point, out) in tree.contact_points().iter().zip(out.chunks_exact_mut(3)) {
+            out.copy_from_slice(contacts::velocity(tree.model(), point, &q, &qd).as_slice());
         }
         self.check_result("contact velocities", out)
     }
 
+    /// The point of each contact at which its force acts, in the base frame, m, (contacts x 3).
+    #[cfg_attr(not(feature = "python"), allow(dead_code))]
+    pub(crate) fn contact_positions(&self, q: &[f64], out: &mut [f64]) -> Result<(), Error> {
+        let (tree, q) = (self.tree(), self.tree_configuration("q", q)?);
+        for (point, out) in tree.contact_points().iter().zip(out.chunks_exact_mut(3)) {
+            out.copy_from_slice(contacts::touch(tree.model(), point, &q).at.as_slice());
+        }
+        self.check_result("contact positions", out)
+    }
+
     /// Returns an error if the scene has contacts, for functions that do not support them.
     pub(crate) fn check_no_contacts(&self, what: &str) -> Result<(), Error> {
-        if self.contact_points().is_empty() {
+        if self.contacts().is_empty() {
             return Ok(());
         }
         let names: Vec<String> = self.contacts().iter().take(8).map(|of| format!("{:?}", of.name)).collect();

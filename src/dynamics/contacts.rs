@@ -1,22 +1,31 @@
 //! Contacts at one state: gaps, velocities, G = J M^-1 J* of the active contacts, and the effect of impulses on joint
 //! velocities.
 //!
-//! The rows of a contact are t1, t2, n of its plane: u = J v is the velocity of the material point of the link nearest
-//! to the plane. The innovations W of a unit force along each row are propagated inward to the base. G = W* W as for
+//! The rows of a contact are t1, t2, n of its surface: u = J v is the velocity of the material point of the link
+//! nearest to the surface, relative to the link of the surface. The innovations W of a unit force along each row, and of
+//! the opposite force on the other link, are propagated inward to the base. G = W* W as for
 //! [connections](super::constraints), without subtraction.
+//!
+//! With connections or coupled joints, W is first projected onto the complement of their rows
+//! ([`Elimination`](super::constraints::Elimination)): G and the responses are those on the connections.
 //!
 //! Joint limits are additional contacts without friction, numbered after the others. Their normal velocity is that of
 //! the joint, away from the limit, and the two tangential velocities are zero.
 
+use super::constraints::Elimination;
 use super::sweeps::general;
 use crate::filter::innovations;
-use crate::kinematics::propagation::inward_along_path;
-use crate::kinematics::{placements_base_to_tip, placements_on_base, velocities_base_to_tip};
+use crate::filter::riccati::Measured;
+use crate::kinematics::propagation::{inward_along_path, tip_to_base};
+use crate::kinematics::{Frame, frame_motion, placements_base_to_tip, placements_on_base, velocities_base_to_tip};
 use crate::model::Model;
-use crate::scene::contact_point::ContactPoint;
+use crate::scene::contact_point::{ContactPoint, Touch};
 use crate::spatial::{RigidShift, angular, dot, linear, spatial, zero};
 use crate::workspace::Workspace;
-use nalgebra::{DMatrix, DVector, Vector3, Vector6};
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3, Vector6};
+
+/// A row of W that the projection reduces below this, relative to its size, is zero: the connections fix its motion.
+const HELD: f64 = 1e-12;
 
 /// A joint limit as a row of the contact law.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -57,13 +66,16 @@ pub(crate) struct ContactScratch {
     places: Vec<RigidShift<f64>>,
     /// The joint limits.
     pub limits: Vec<LimitRow>,
-    /// The distance of each contact to its plane, m, and of each joint to its limit, rad or m.
+    /// The distance of each contact to its surface, m, and of each joint to its limit, rad or m.
     pub gaps: Vec<f64>,
-    /// Unit forces along the rows of each contact, on its body.
+    /// Rows t1, t2, n of each contact in the base frame.
+    pub axes: Vec<Matrix3<f64>>,
+    /// Unit forces along the rows of each contact, on its body, and the opposite forces on the body of its surface.
     units: Vec<[Vector6<f64>; 3]>,
+    opposite: Vec<[Vector6<f64>; 3]>,
+    /// The rows of connections and coupled joints, if the scene has any.
+    pub closed: Option<Box<Elimination>>,
     velocity: Vec<Vector6<f64>>,
-    /// W*, one row of length nv for each row of the active contacts.
-    whitened: Vec<f64>,
     state: Vec<Vector6<f64>>,
     torque: Vec<f64>,
     /// The result of [`ContactScratch::respond`], (nv).
@@ -78,9 +90,11 @@ impl ContactScratch {
             places: vec![RigidShift::identity(); bodies],
             gaps: vec![f64::NAN; points.len() + limits.len()],
             limits,
+            axes: points.iter().map(|point| point.axes).collect(),
             units: vec![[zero(); 3]; points.len()],
+            opposite: vec![[zero(); 3]; points.len()],
+            closed: None,
             velocity: vec![zero(); bodies],
-            whitened: Vec::new(),
             state: vec![zero(); bodies],
             torque: vec![0.0; nv],
             response: vec![0.0; nv],
@@ -94,13 +108,19 @@ impl ContactScratch {
         placements_on_base(model, 0..model.bodies.len(), &mut self.places);
         for (i, point) in points.iter().enumerate() {
             let place = &self.places[point.body];
-            let normal = point.normal();
-            self.gaps[i] = normal.dot(&(place.rotate(&point.center) + place.lever)) - point.radius - point.offset;
-            let arm = point.center - place.rotate_back(&normal) * point.radius;
-            self.units[i] = std::array::from_fn(|row| {
-                let force = place.rotate_back(&point.axes.row(row).transpose());
+            let other = point.other_body().map(|k| self.places[k]);
+            let Touch { axes, gap, at } = point.touch(place, &other.unwrap_or_else(RigidShift::identity));
+            (self.axes[i], self.gaps[i]) = (axes, gap);
+            let arm = point.center - place.rotate_back(&axes.row(2).transpose()) * point.radius;
+            let unit = |place: &RigidShift<f64>, arm: &Vector3<f64>, row: usize| {
+                let force = place.rotate_back(&axes.row(row).transpose());
                 spatial(&arm.cross(&force), &force)
-            });
+            };
+            self.units[i] = std::array::from_fn(|row| unit(place, &arm, row));
+            if let Some(other) = other {
+                let arm = other.rotate_back(&(at - other.lever));
+                self.opposite[i] = std::array::from_fn(|row| -unit(&other, &arm, row));
+            }
         }
         for (gap, limit) in self.gaps[points.len()..].iter_mut().zip(&self.limits) {
             *gap = limit.gap(q);
@@ -112,54 +132,80 @@ impl ContactScratch {
     pub fn velocities(&mut self, model: &Model<f64>, points: &[ContactPoint], v: &[f64]) -> DVector<f64> {
         velocities_base_to_tip(model, &self.shift, v, &mut self.velocity);
         DVector::from_fn(3 * self.gaps.len(), |i, _| match (points.get(i / 3), i % 3) {
-            (Some(point), row) => dot(&self.units[i / 3][row], &self.velocity[point.body]),
+            (Some(point), row) => {
+                let own = dot(&self.units[i / 3][row], &self.velocity[point.body]);
+                point.other_body().map_or(own, |k| own + dot(&self.opposite[i / 3][row], &self.velocity[k]))
+            }
             (None, 2) => self.limits[i / 3 - points.len()].velocity(v),
             (None, _) => 0.0,
         })
     }
 
-    /// G of the contacts `near`, with the factor of M in the workspace. O(m depth + m^2 depth) for m rows.
+    /// G of the contacts `near`, with the factor of M in the workspace. Joint limits whose joints the connections fix
+    /// are removed from `near`. O(m depth + m^2 depth) for m rows.
     pub fn gram(
         &mut self,
         model: &Model<f64>,
         points: &[ContactPoint],
         workspace: &Workspace<f64>,
-        near: &[usize],
+        near: &mut Vec<usize>,
     ) -> DMatrix<f64> {
         let (system, nv, m) = (&model.system, model.nv(), 3 * near.len());
         let measured = &workspace.store.measured;
-        self.whitened.clear();
-        self.whitened.resize(m * nv, 0.0);
+        let Self { shift, limits, units, opposite, state, torque, closed, .. } = self;
+        let mut whitened = DMatrix::zeros(nv, m);
         for row in 0..m {
-            let i = near[row / 3];
+            let (i, out) = (near[row / 3], &mut whitened.as_mut_slice()[row * nv..(row + 1) * nv]);
             // A force on a body reduces the force that its joint transmits; a limit acts as a torque of its joint.
             let (force, body) = match points.get(i) {
-                Some(point) => (-self.units[i][row % 3], point.body),
+                Some(point) => (-units[i][row % 3], point.body),
                 None if row % 3 == 2 => {
-                    let limit = &self.limits[i - points.len()];
-                    self.torque[limit.row] = limit.sign();
+                    let limit = &limits[i - points.len()];
+                    torque[limit.row] = limit.sign();
                     (zero(), limit.body)
                 }
                 None => continue,
             };
-            let out = &mut self.whitened[row * nv..(row + 1) * nv];
-            inward_along_path(&system.stages, &self.shift, [Some(body), None], force, |k, z| {
-                innovations::through_stage((system, k), measured, &self.torque, z, out);
-                let stage = &system.stages[k];
-                let joint = stage.first_row..stage.first_row + stage.rows.count();
-                for (out, measured) in out[joint.clone()].iter_mut().zip(&measured[joint]) {
-                    *out *= measured.pivot_inverse.sqrt();
+            let past = |k: usize, z: &mut Vector6<f64>| whiten((model, k), measured, torque, z, out);
+            match points.get(i).and_then(|point| Some((point, point.other_body()?))) {
+                Some((point, other)) => {
+                    for &k in &point.path {
+                        state[k] = zero();
+                    }
+                    state[body] += force;
+                    state[other] -= opposite[i][row % 3];
+                    tip_to_base(&system.stages, shift, point.path.iter().copied(), state, past);
                 }
-            });
-            self.torque.fill(0.0);
+                None => {
+                    inward_along_path(&system.stages, shift, [Some(body), None], force, past);
+                }
+            }
+            torque.fill(0.0);
         }
-        let whitened = DMatrix::from_column_slice(nv, m, &self.whitened);
+        if let Some(closed) = closed {
+            let sizes: Vec<f64> = whitened.column_iter().map(|column| column.norm()).collect();
+            closed.project(&mut whitened);
+            for (mut column, size) in whitened.column_iter_mut().zip(sizes) {
+                if column.norm() <= HELD * size {
+                    column.fill(0.0);
+                }
+            }
+            let moves = |&at: &usize| near[at] < points.len() || whitened.column(3 * at + 2).amax() > 0.0;
+            let moving: Vec<usize> = (0..near.len()).filter(moves).collect();
+            if moving.len() < near.len() {
+                let columns: Vec<usize> = moving.iter().flat_map(|at| 3 * at..3 * at + 3).collect();
+                whitened = whitened.select_columns(&columns);
+                closed.select(&columns);
+                *near = moving.iter().map(|&at| near[at]).collect();
+            }
+        }
         let mut gram = whitened.tr_mul(&whitened);
         gram.fill_lower_triangle_with_upper_triangle();
         gram
     }
 
-    /// M^-1 J* p of the contacts `near`, into `response`: one more right-hand side. O(N).
+    /// M^-1 J* p of the contacts `near`, which [`ContactScratch::gram`] has returned, into `response`: one more right-hand
+    /// side. The forces of connections keep their velocities unchanged. O(N).
     pub fn respond(
         &mut self,
         model: &Model<f64>,
@@ -178,6 +224,14 @@ impl ContactScratch {
             for (row, unit) in self.units[i].iter().enumerate() {
                 self.state[point.body] -= unit * impulses[3 * at + row];
             }
+            if let Some(k) = point.other_body() {
+                for (row, unit) in self.opposite[i].iter().enumerate() {
+                    self.state[k] -= unit * impulses[3 * at + row];
+                }
+            }
+        }
+        if let Some(closed) = &mut self.closed {
+            closed.add_forces(impulses, (&mut self.state, &mut self.torque));
         }
         let (scene, store) = workspace.passes(model);
         store.set_forces(self.state.iter().copied());
@@ -186,27 +240,57 @@ impl ContactScratch {
     }
 }
 
-/// The velocity in the plane of a contact, in the base frame, from its rows.
-pub(crate) fn slip(point: &ContactPoint, rows: &[f64]) -> Vector3<f64> {
-    point.axes.tr_mul(&Vector3::new(rows[0], rows[1], 0.0))
-}
-
-/// Gaps of the contacts at `q`, into `out`, m. O(depth) each.
-pub(crate) fn gaps(model: &Model<f64>, points: &[ContactPoint], q: &[f64], out: &mut [f64]) {
-    for (point, gap) in points.iter().zip(out) {
-        let mut center = point.center;
-        for &k in &point.path {
-            let shift = crate::kinematics::joint_shift(&model.bodies[k], q);
-            center = shift.rotate(&center) + shift.lever;
-        }
-        *gap = point.normal().dot(&center) - point.radius - point.offset;
+/// One stage of the inward pass of a unit force: its rows of W into `out`.
+fn whiten(
+    (model, k): (&Model<f64>, usize),
+    measured: &[Measured<f64>],
+    torque: &[f64],
+    z: &mut Vector6<f64>,
+    out: &mut [f64],
+) {
+    innovations::through_stage((&model.system, k), measured, torque, z, out);
+    let stage = &model.system.stages[k];
+    let joint = stage.first_row..stage.first_row + stage.rows.count();
+    for (out, measured) in out[joint.clone()].iter_mut().zip(&measured[joint]) {
+        *out *= measured.pivot_inverse.sqrt();
     }
 }
 
-/// Velocity of the material point of a contact nearest to its plane, in the base frame, m/s. O(depth).
+/// The velocity in the tangent plane of a contact, in the base frame, from its rows and their axes.
+pub(crate) fn slip(axes: &Matrix3<f64>, rows: &[f64]) -> Vector3<f64> {
+    axes.tr_mul(&Vector3::new(rows[0], rows[1], 0.0))
+}
+
+/// A contact at `q`, in the base frame. O(depth).
+pub(crate) fn touch(model: &Model<f64>, point: &ContactPoint, q: &[f64]) -> Touch {
+    let place = |body| crate::kinematics::placement(model, q, &frame_of(body));
+    point.touch(&place(Some(point.body)), &place(point.other_body()))
+}
+
+/// Velocity of the material point of a contact nearest to its surface, relative to the link of the surface, in the base
+/// frame, m/s. O(depth).
 pub(crate) fn velocity(model: &Model<f64>, point: &ContactPoint, q: &[f64], qd: &[f64]) -> Vector3<f64> {
-    let frame = crate::kinematics::Frame { body: Some(point.body), placement: RigidShift::identity() };
-    let motion = crate::kinematics::frame_motion(model, q, qd, None, &frame);
-    let arm = point.center - motion.placement.rotate_back(&point.normal()) * point.radius;
-    motion.placement.rotate(&(linear(&motion.velocity) + angular(&motion.velocity).cross(&arm)))
+    sized_velocity(model, point, q, qd).0
+}
+
+/// The velocity of a contact, and the sum of the sizes of its terms.
+pub(crate) fn sized_velocity(model: &Model<f64>, point: &ContactPoint, q: &[f64], qd: &[f64]) -> (Vector3<f64>, f64) {
+    let motion = |body| frame_motion(model, q, qd, None, &frame_of(body));
+    let own = motion(Some(point.body));
+    let other = point.other_body().map(|k| motion(Some(k)));
+    let place = other.map_or_else(RigidShift::identity, |other| other.placement);
+    let touch = point.touch(&own.placement, &place);
+    let arm = point.center - own.placement.rotate_back(&touch.axes.row(2).transpose()) * point.radius;
+    let (mut velocity, mut terms) = (Vector3::zeros(), 0.0);
+    let arms = [(Some(own), arm, 1.0), (other, place.rotate_back(&(touch.at - place.lever)), -1.0)];
+    for (motion, arm, sign) in arms.into_iter().filter_map(|(motion, arm, sign)| Some((motion?, arm, sign))) {
+        let (turning, sliding) = (angular(&motion.velocity), linear(&motion.velocity));
+        velocity += motion.placement.rotate(&(sliding + turning.cross(&arm))) * sign;
+        terms += sliding.norm() + turning.norm() * arm.norm();
+    }
+    (velocity, terms)
+}
+
+fn frame_of(body: Option<usize>) -> Frame<f64> {
+    Frame { body, placement: RigidShift::identity() }
 }

@@ -3,6 +3,7 @@
 
 use super::method::Method;
 use super::properties::{Gains, Properties};
+use super::settings::Stabilization;
 use super::stops::SetValued;
 use crate::dynamics::{factorise, solve};
 use crate::error::Error;
@@ -110,4 +111,24 @@ pub(super) fn check_method(scene: &Scene, method: Method, conserve_momentum: boo
         return Err(Error::argument("method", found, expected));
     }
     if conserve_momentum { scene.check_no_contacts("conserve_momentum") } else { Ok(()) }
+}
+
+/// Checks that the connections of a scene with contacts are rigid and projected: the only treatment in its steps.
+pub(super) fn check_connections_of_contacts(
+    scene: &Scene,
+    stabilization: Stabilization,
+    compliance: &[f64],
+) -> Result<(), Error> {
+    if scene.contacts().is_empty() || scene.constraints().is_empty() {
+        return Ok(());
+    }
+    if let Stabilization::Baumgarte(rate) = stabilization {
+        let expected = "None in a scene with contacts, whose connections are projected";
+        return Err(Error::argument("baumgarte", format!("{rate}"), expected));
+    }
+    if compliance.iter().any(|&c| c != 0.0) {
+        let expected = "rigid connections in a scene with contacts: omit compliance";
+        return Err(Error::argument("compliance", "compliance of connections", expected));
+    }
+    Ok(())
 }

@@ -1,6 +1,6 @@
 //! A rollout: time integration of a batch of states, vectorized and on several threads, a number of steps per call.
 
-use super::choice::{CONTROLLED, check_method, choose, set_valued};
+use super::choice::{CONTROLLED, check_connections_of_contacts, check_method, choose, set_valued};
 use super::contact::{self, ContactReport, RECORD};
 use super::job::{Impacts, Job, Rows};
 use super::method::Method;
@@ -32,8 +32,8 @@ pub struct Records<'a> {
     /// Joint velocities.
     pub qd: &'a mut [f64],
     /// For a scene with contacts, (states, rows, contacts, 11) in the base frame: gap (m), slip velocity (3, m/s),
-    /// force during the step that ends at the row (3, N), sum of the impulses of impacts since the previous row (3, N
-    /// s), and the index of the [`ContactState`](super::ContactState) during that step, open in the first row. Empty if
+    /// force on the first link during the step that ends at the row (3, N), sum of the impulses of impacts since the
+    /// previous row (3, N s), and the index of the [`ContactState`](super::ContactState) during that step, open in the first row. Empty if
     /// contacts are not recorded.
     pub contacts: &'a mut [f64],
     /// Number of steps between rows.
@@ -113,6 +113,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             return Err(Error::argument("baumgarte", format!("{rate}"), "a rate in 1/s, finite and positive"));
         }
         holds.check_compliance(&settings.compliance)?;
+        check_connections_of_contacts(holds, stabilization, &settings.compliance)?;
         if conserve_momentum {
             holds.check_no_connections("conserve_momentum")?;
         }
@@ -440,7 +441,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let Self { scene, settings, form, arm, current, begun, pool, impacts, .. } = self;
         let impacts = &*impacts;
         let scene: &Scene = (*scene).borrow().tree();
-        let one_by_one = settings.method == Method::Contact && !settings.touches_in_lanes();
+        let one_by_one = settings.method == Method::Contact && !settings.touches_in_lanes(scene);
         let arm = if one_by_one { InstructionSet::Baseline } else { *arm };
         let make = || Stepper::new(*form, arm);
         let batch = Batch { states: self.states, cost, pool, make };

@@ -69,7 +69,7 @@ impl Stepper {
 
     /// Runs a job; returns the fault of the earliest step, and of the lowest state in it.
     pub fn run(&mut self, job: Job<'_, '_>) -> Result<(), StepFault> {
-        if job.settings.method == Method::Contact && !job.settings.touches_in_lanes() {
+        if job.settings.method == Method::Contact && !job.settings.touches_in_lanes(job.scene) {
             let touching =
                 self.touching.get_or_insert_with(|| Box::new(ContactStepper::new(job.scene, job.settings, self.form)));
             return touching.run(job);
@@ -122,7 +122,7 @@ impl<T: Vectorized<Number = f64>, I: Target> Compiled<T, I> {
         let scratch = Scratch::new(scene.model(), settings);
         let is_lanes = settings.connected.is_some() && settings.is_vectorized();
         let connected = is_lanes.then(|| Box::new(Connected::new(scene, settings, &scratch)));
-        let touching = settings.touches_in_lanes().then(|| Box::new(Touching::new(scene, settings, &scratch)));
+        let touching = settings.touches_in_lanes(scene).then(|| Box::new(Touching::new(scene, settings, &scratch)));
         Self { scratch, target, connected, touching }
     }
 }
@@ -171,10 +171,7 @@ impl CheckedState {
             scratch.momentum.correct_if_active(&scratch.model, &mut scratch.q_next, &mut scratch.v_next);
         }
         if let Some(coupling) = &settings.coupling {
-            // Restore the coupling exactly, because rounding errors would accumulate over many steps.
-            let s = &mut self.scratch;
-            s.q_next = coupling.configuration(&coupling.independent_coordinates(&s.q_next));
-            s.v_next = coupling.rates(&coupling.independent_rates(&s.v_next));
+            coupling.restore(&mut self.scratch.q_next, &mut self.scratch.v_next);
         }
         fault_of(scene, settings, &self.scratch, lost).map_or(Ok(()), Err)
     }

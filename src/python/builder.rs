@@ -179,10 +179,7 @@ impl PySceneBuilder {
             kind,
             parent,
             child,
-            origin: RigidShift {
-                rotation: orientation(&of_joint, rpy, rotation)?,
-                lever: optional_triple(&of_joint("xyz"), xyz, [0.0; 3])?.into(),
-            },
+            origin: frame_of(&of_joint, xyz, rpy, rotation)?,
             axis: optional_triple(&of_joint("axis"), axis, [0.0, 0.0, 1.0])?.into(),
             armature,
             damping,
@@ -347,8 +344,19 @@ fn symmetric(name: &str, value: &Object<'_>) -> PyResult<Symmetric3<f64>> {
     Ok(Symmetric3::from_upper(&m))
 }
 
+/// Reads a frame from its origin and its rotation.
+pub(super) fn frame_of(
+    of: &dyn Fn(&str) -> String,
+    xyz: Option<&Object<'_>>,
+    rpy: Option<&Object<'_>>,
+    rotation: Option<&Object<'_>>,
+) -> PyResult<RigidShift<f64>> {
+    let lever = optional_triple(&of("xyz"), xyz, [0.0; 3])?.into();
+    Ok(RigidShift { rotation: orientation(of, rpy, rotation)?, lever })
+}
+
 /// Reads the rotation of an origin, from angles or from a matrix.
-pub(super) fn orientation(
+fn orientation(
     of_joint: &dyn Fn(&str) -> String,
     rpy: Option<&Object<'_>>,
     rotation: Option<&Object<'_>>,

@@ -42,9 +42,22 @@ pub(super) type ConnectionTuple = (
     Option<(f64, f64)>,
     String,
     Option<String>,
-    ([f64; 9], [f64; 3]),
-    Option<([f64; 9], [f64; 3])>,
+    FrameTuple,
+    Option<FrameTuple>,
 );
+
+/// A frame as numbers: its rotation in row-major order, and its origin.
+pub(super) type FrameTuple = ([f64; 9], [f64; 3]);
+
+pub(super) fn frame_tuple(frame: &RigidShift<f64>) -> FrameTuple {
+    let mut rotation = [0.0; 9];
+    rotation.copy_from_slice(frame.rotation.transpose().as_slice());
+    (rotation, frame.lever.into())
+}
+
+pub(super) fn frame_from((rotation, lever): FrameTuple) -> RigidShift<f64> {
+    RigidShift { rotation: Matrix3::from_row_slice(&rotation), lever: lever.into() }
+}
 
 /// The complete description of a connection.
 pub(super) fn connection_tuple(connection: &Connection) -> ConnectionTuple {
@@ -55,12 +68,7 @@ pub(super) fn connection_tuple(connection: &Connection) -> ConnectionTuple {
         ConnectionKind::Joint { multiplier, offset } => (None, None, Some((multiplier, offset))),
         ConnectionKind::Point | ConnectionKind::Weld => (None, None, None),
     };
-    let numbers = |frame: &RigidShift<f64>| {
-        let mut rotation = [0.0; 9];
-        rotation.copy_from_slice(frame.rotation.transpose().as_slice());
-        (rotation, frame.lever.into())
-    };
-    let other_frame = other_frame.as_ref().map(numbers);
+    let other_frame = other_frame.as_ref().map(frame_tuple);
     (
         name.clone(),
         kind.name().to_owned(),
@@ -69,7 +77,7 @@ pub(super) fn connection_tuple(connection: &Connection) -> ConnectionTuple {
         ratio,
         link.clone(),
         other.clone(),
-        numbers(frame),
+        frame_tuple(frame),
         other_frame,
     )
 }
@@ -81,9 +89,6 @@ pub(super) fn connection_of(tuple: ConnectionTuple) -> Result<Connection, Error>
         Some((multiplier, offset)) => ConnectionKind::Joint { multiplier, offset },
         None => kind_of(&name, &kind, axis, length)?,
     };
-    let shift = |(rotation, lever): ([f64; 9], [f64; 3])| RigidShift {
-        rotation: Matrix3::from_row_slice(&rotation),
-        lever: lever.into(),
-    };
-    Ok(Connection { name, kind, link, other, frame: shift(frame), other_frame: other_frame.map(shift) })
+    let (frame, other_frame) = (frame_from(frame), other_frame.map(frame_from));
+    Ok(Connection { name, kind, link, other, frame, other_frame })
 }

@@ -1,6 +1,6 @@
 //! Closed loops: the methods of `SceneBuilder` that add connections, and the properties of `Scene` that describe them.
 
-use super::builder::{PySceneBuilder, optional_triple, orientation};
+use super::builder::{PySceneBuilder, frame_of, optional_triple};
 use super::connection_tuple::kind_of;
 use super::cost::WORTH_DETACHING;
 use super::interrupts::detached_checked;
@@ -8,7 +8,6 @@ use super::object::Object;
 use super::scene::PyScene;
 use crate::error::Error;
 use crate::scene::{Connection, ConnectionKind};
-use crate::spatial::RigidShift;
 use pyo3::prelude::*;
 use pyo3::types::{PySlice, PyTuple};
 
@@ -74,15 +73,11 @@ impl PySceneBuilder {
     ) -> PyResult<PyRefMut<'py, Self>> {
         let first = |argument: &str| format!("{argument} of connection {name:?}");
         let second = |argument: &str| format!("other_{argument} of connection {name:?}");
-        let frame = |of: &dyn Fn(&str) -> String, xyz, rpy, rotation| -> PyResult<RigidShift<f64>> {
-            let lever = optional_triple(&of("xyz"), xyz, [0.0; 3])?.into();
-            Ok(RigidShift { rotation: orientation(of, rpy, rotation)?, lever })
-        };
         let direction = axis.map(|_| optional_triple(&first("axis"), axis, [0.0; 3])).transpose()?;
         let kind = kind_of(&name, kind, direction, length)?;
         let is_open = other_xyz.is_none() && other_rpy.is_none() && other_rotation.is_none();
-        let own = frame(&first, xyz, rpy, rotation)?;
-        let other_frame = if is_open { None } else { Some(frame(&second, other_xyz, other_rpy, other_rotation)?) };
+        let own = frame_of(&first, xyz, rpy, rotation)?;
+        let other_frame = if is_open { None } else { Some(frame_of(&second, other_xyz, other_rpy, other_rotation)?) };
         let connection = Connection { name, kind, link, other, frame: own, other_frame };
         slf.change(|builder| builder.connect(connection));
         Ok(slf)

@@ -1,13 +1,14 @@
 //! Contacts: the method of `SceneBuilder` that adds them, and the methods of `Scene` that evaluate them.
 
-use super::builder::{PySceneBuilder, optional_triple};
+use super::builder::{PySceneBuilder, frame_of, optional_triple};
 use super::cost::WORTH_DETACHING;
 use super::interrupts::detached_checked;
 use super::object::{Object, imported};
 use super::output::{Array, from_numbers};
 use super::scene::PyScene;
+use crate::error::Error;
 use crate::motion::ContactReport;
-use crate::scene::Contact;
+use crate::scene::{Contact, Surface};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
@@ -19,12 +20,13 @@ const CONTACT: usize = 20;
 
 #[pymethods]
 impl PySceneBuilder {
-    /// Add a contact of a sphere or a point on a link with a fixed plane, with Coulomb friction.
+    /// Add a contact of a sphere or a point on a link with a plane, sphere or box on the base or on another link, with
+    /// Coulomb friction.
     #[doc = section!(Parameters)]
     /// name : str
     ///     Name of the contact.
     /// link : str
-    ///     Name of the link, which may be added later.
+    ///     Name of the link, which a joint moves. It may be added later.
     /// friction : float
     ///     Coefficient of Coulomb friction, not negative.
     /// xyz : (3,) array_like, default (0, 0, 0)
@@ -32,27 +34,53 @@ impl PySceneBuilder {
     /// radius : float, default 0
     ///     Radius, m; 0: a point.
     /// normal : (3,) array_like, default (0, 0, 1)
-    ///     Outward normal of the plane in the base frame, of any length.
+    ///     Outward normal of the plane in the second frame (by default the base frame), of any length.
     /// offset : float, default 0
-    ///     Distance of the plane from the origin along the normal, m.
+    ///     Distance of the plane from the origin of that frame along the normal, m.
     /// restitution : float, default 0
     ///     Coefficient of restitution, from 0 (no rebound) to 1 (elastic).
+    /// other : str, optional
+    ///     Name of the link of the surface. None: the base.
+    /// other_xyz : (3,) array_like, default (0, 0, 0)
+    ///     Origin of the second frame in `other`, m.
+    /// other_rpy : (3,) array_like, optional
+    ///     Orientation of the second frame in `other`, rad, as in joint.
+    /// other_rotation : (3, 3) array_like, optional
+    ///     The same as a matrix, instead of other_rpy.
+    /// other_radius : float, optional
+    ///     The surface is a sphere of this radius about the origin of the second frame, m; 0: a point.
+    /// other_size : (3,) array_like, optional
+    ///     The surface is a box about the origin of the second frame: lengths of its edges, m, as in shapes.Box.
     #[doc = returns!(builder)]
     #[doc = section!(Raises)]
     /// ShapeError, ArgumentError
-    ///     Invalid arrays. The message names the contact.
+    ///     Invalid arrays, or arguments of more than one surface. The message names the contact.
     #[doc = section!(Notes)]
-    /// Contacts act in simulations only. There is no collision detection: only the named pairs can touch, and links do
-    /// not touch each other. build() raises SceneError for duplicate names, links that are unknown or cannot move, a
-    /// normal of length zero, values out of range, and contacts together with connections.
+    /// Contacts act in simulations only. There is no collision detection: only the named pairs can touch. The normal of
+    /// a sphere or box is the direction from its nearest point to the center of the sphere on `link`; for a center
+    /// inside of a box, the normal of the nearest face. Forces are those on `link`. build() raises SceneError for
+    /// duplicate names, links that are unknown or cannot move, two links that are rigidly attached to each other, a
+    /// normal of length zero, and values out of range.
     #[doc = section!(Examples)]
     /// >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
     /// >>> scene = builder.contact("foot", "ball", friction=0.5, radius=0.1).build(floating_base=True)
     /// >>> scene.contact_gaps([0, 0, 0.3, 0, 0, 0, 1]).round(3)
     /// array([0.2])
-    #[pyo3(signature = (name, link, *, friction, xyz=None, radius=0.0, normal=None, offset=0.0, restitution=0.0),
+    ///
+    /// Two balls:
+    ///
+    /// >>> builder = phipsi.SceneBuilder().link("world")
+    /// >>> for name in ("a", "b"):
+    /// ...     builder = builder.link(name, mass=1.0, inertia=0.004 * np.eye(3)).joint(name, "floating", "world", name)
+    /// >>> builder = builder.contact("balls", "a", friction=0.0, radius=0.1, other="b", other_radius=0.1)
+    /// >>> builder.build().contact_gaps([0, 0, 0.3, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 1]).round(3)
+    /// array([0.1])
+    #[pyo3(signature = (name, link, *, friction, xyz=None, radius=0.0, normal=None, offset=0.0, restitution=0.0,
+                        other=None, other_xyz=None, other_rpy=None, other_rotation=None, other_radius=None,
+                        other_size=None),
            text_signature = "($self, name, link, *, friction, xyz=(0, 0, 0), radius=0.0, normal=(0, 0, 1), \
-                             offset=0.0, restitution=0.0)")]
+                             offset=0.0, restitution=0.0, other=None, other_xyz=(0, 0, 0), other_rpy=None, \
+                             other_rotation=None, other_radius=None, other_size=None)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn contact<'py>(
         mut slf: PyRefMut<'py, Self>,
@@ -64,11 +92,30 @@ impl PySceneBuilder {
         normal: Option<&Object<'py>>,
         offset: f64,
         restitution: f64,
+        other: Option<String>,
+        other_xyz: Option<&Object<'py>>,
+        other_rpy: Option<&Object<'py>>,
+        other_rotation: Option<&Object<'py>>,
+        other_radius: Option<f64>,
+        other_size: Option<&Object<'py>>,
     ) -> PyResult<PyRefMut<'py, Self>> {
         let of_contact = |argument: &str| format!("{argument} of contact {name:?}");
+        let of_other = |argument: &str| format!("other_{argument} of contact {name:?}");
         let point = optional_triple(&of_contact("xyz"), xyz, [0.0; 3])?.into();
+        let given = [normal.is_some() || offset != 0.0, other_radius.is_some(), other_size.is_some()];
+        if given.iter().filter(|given| **given).count() > 1 {
+            let expected = "one surface: normal and offset, or other_radius, or other_size";
+            return Err(Error::argument(of_contact("surface"), "arguments of several surfaces", expected).into());
+        }
+        let surface = match (other_radius, other_size) {
+            (Some(radius), _) => Surface::Sphere { radius },
+            (None, Some(_)) => Surface::Box { size: optional_triple(&of_other("size"), other_size, [0.0; 3])?.into() },
+            (None, None) => Surface::Plane,
+        };
         let normal = optional_triple(&of_contact("normal"), normal, [0.0, 0.0, 1.0])?.into();
-        let contact = Contact { name, link, point, radius, normal, offset, friction, restitution };
+        let other_frame = frame_of(&of_other, other_xyz, other_rpy, other_rotation)?;
+        let contact =
+            Contact { name, link, point, radius, normal, offset, other, other_frame, surface, friction, restitution };
         slf.change(|builder| builder.contact(contact));
         Ok(slf)
     }
@@ -82,7 +129,7 @@ impl PyScene {
         PyTuple::new(py, self.scene.contacts().iter().map(|contact| &contact.name).collect::<Vec<_>>())
     }
 
-    /// Distance of each contact from its plane; negative below the plane.
+    /// Distance of each contact from its surface; negative below the surface.
     #[doc = parameters!(q errors)]
     #[doc = section!(Returns)]
     /// gaps : (..., contacts) ndarray
@@ -103,7 +150,8 @@ impl PyScene {
         call.array(py, &[contacts], |scene, _, [q], out| scene.contact_gaps(q, out))
     }
 
-    /// Velocity of the point of each link that is nearest to the plane of its contact, in the base frame.
+    /// Velocity of the point of each link that is nearest to the surface of its contact, relative to the link of the
+    /// surface, in the base frame.
     #[doc = parameters!(q qd errors)]
     #[doc = section!(Returns)]
     /// v : (..., contacts, 3) ndarray
@@ -121,6 +169,13 @@ impl PyScene {
         let contacts = self.scene.contacts().len();
         let call = self.call(self.inputs([("q", q), ("qd", qd)])?, self.cost_of_contacts(), errors)?;
         call.array(py, &[contacts, 3], |scene, _, [q, qd], out| scene.contact_velocities(q, qd, out))
+    }
+
+    /// Point of each contact at which its force acts, (..., contacts, 3), in the base frame, m.
+    fn _contact_points<'py>(&self, py: Python<'py>, q: &Object<'py>) -> Array<'py> {
+        let contacts = self.scene.contacts().len();
+        let call = self.call([self.configuration("q", q)?], self.cost_of_contacts(), "raise")?;
+        call.array(py, &[contacts, 3], |scene, _, [q], out| scene.contact_positions(q, out))
     }
 
     /// Create the same scene without the contacts, for methods that do not support contacts.

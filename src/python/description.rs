@@ -16,7 +16,7 @@ use pyo3::prelude::*;
 use std::path::{Path, PathBuf};
 
 /// Version of the tuples.
-const VERSION: u32 = 9;
+const VERSION: u32 = 10;
 
 /// Name, then mass, center of mass and inertia about it (xx, xy, xz, yy, yz, zz), if any.
 type LinkTuple = (String, Option<(f64, [f64; 3], [f64; 6])>);

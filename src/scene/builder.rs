@@ -56,7 +56,7 @@ pub struct SceneBuilder {
     pub(super) joints: Vec<JointDescription>,
     /// Loop-closing connections.
     pub(super) connections: Vec<Connection>,
-    /// Contacts with planes of the world.
+    /// Contacts with planes, spheres and boxes of the world and of links.
     pub(super) contacts: Vec<Contact>,
     pub(super) gravity: Vector3<f64>,
     pub(super) floating_base: bool,
@@ -349,8 +349,9 @@ impl SceneBuilder {
     /// - Warnings, if [`SceneBuilder::strict`] is set.
     /// - Connections: a duplicate name, an unknown link or joint, links that are rigidly attached to each other, an
     ///   invalid frame, a zero axis, a length that is not positive, joints of several axes.
-    /// - Contacts: a duplicate name, a link that is unknown or cannot move, a zero normal, values that are not finite,
-    ///   a negative radius or friction, a restitution outside 0 to 1, contacts in a scene with connections.
+    /// - Contacts: a duplicate name, a link that is unknown or cannot move, two links that are rigidly attached to each
+    ///   other, a zero normal, an invalid frame, values that are not finite, a negative radius or friction, a size that
+    ///   is not positive, a restitution outside 0 to 1.
     pub fn build(self) -> Result<Scene, Error> {
         memory::room("links", memory::bytes_of::<[u8; A_LINK]>(&[self.links.len()]))?;
         let tree = self.check_tree().map_err(|error| self.with_notes(error))?;

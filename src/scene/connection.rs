@@ -1,7 +1,7 @@
 //! Connections, which close loops in the tree of joints: user description and checks.
 
-use super::Scene;
 use super::constraint::{Constraint, Constraints, Coordinate, Tie};
+use super::{Joint, Scene};
 use crate::error::{Error, number};
 use crate::joints::JointKind;
 use crate::kinematics::pair::Pair;
@@ -115,16 +115,8 @@ impl Connection {
 
     /// Checks that a frame is finite and its rotation is a rotation matrix.
     fn check_frame(&self, which: &str, frame: &RigidShift<f64>) -> Result<(), Error> {
-        if !frame.lever.iter().chain(frame.rotation.iter()).all(|x| x.is_finite()) {
-            return Err(self.fault(format!("{which} with numbers that are not finite"), "finite numbers"));
-        }
-        let defect = (frame.rotation.transpose() * frame.rotation - Matrix3::identity()).amax();
-        if !(defect <= ROTATION_SLACK && frame.rotation.determinant() > 0.0) {
-            let found =
-                format!("{which} whose rotation R is a reflection, or R^T R differs from the identity by {defect:.1e}");
-            return Err(self.fault(found, "a rotation matrix, to within 1e-9"));
-        }
-        Ok(())
+        let fault = |(found, expected)| Err(self.fault(format!("{which} {found}"), expected));
+        frame_fault(frame).map_or(Ok(()), fault)
     }
 
     /// Checks the values of the kind.
@@ -194,19 +186,23 @@ impl Scene {
             } else {
                 self.tie(connection)?
             };
-            let first_row = constraints.rows;
-            let ends = tie.bodies();
-            let path = self.inward_from(ends);
-            let (branches, junction) = self.branches(ends);
-            let constraint = Constraint { name: connection.name.clone(), tie, first_row, path, branches, junction };
-            constraints.rows = constraint.rows().end;
-            constraints.all.push(constraint);
+            self.constrain(&mut constraints, connection.name.clone(), tie);
         }
         constraints.tolerance = self.tolerance();
         constraints.neutral = self.neutral();
         self.source.connections = connections;
         self.constraints = constraints;
         Ok(self)
+    }
+
+    /// Adds a constraint, whose rows follow those of the others.
+    pub(super) fn constrain(&self, constraints: &mut Constraints, name: String, tie: Tie) {
+        let (first_row, ends) = (constraints.rows, tie.bodies());
+        let path = self.inward_from(ends);
+        let (branches, junction) = self.branches(ends);
+        let constraint = Constraint { name, tie, first_row, path, branches, junction };
+        constraints.rows = constraint.rows().end;
+        constraints.all.push(constraint);
     }
 
     /// The constraint between two frames, with the second frame and the length completed if they are `None`.
@@ -309,8 +305,13 @@ impl Scene {
             let found = format!("joint {name:?} of type {:?}", joint.kind.name());
             return Err(connection.fault(found, "a joint of one axis: revolute, continuous, prismatic or screw"));
         }
-        let body = self.joint_of_body.iter().position(|of| of.is_some_and(|at| self.joints()[at].name == name));
-        Ok(Coordinate { q: joint.q.start, v: joint.v.start, body: body.unwrap_or_default() })
+        Ok(self.coordinate(joint))
+    }
+
+    /// The coordinate of a joint of this scene with one axis.
+    pub(super) fn coordinate(&self, joint: &Joint) -> Coordinate {
+        let body = self.joint_of_body.iter().position(|of| of.is_some_and(|at| self.joints()[at].name == joint.name));
+        Coordinate { q: joint.q.start, v: joint.v.start, body: body.unwrap_or_default() }
     }
 
     /// The bodies from `end` to the base, outermost first.
@@ -330,12 +331,25 @@ impl Scene {
     }
 
     /// The bodies on the paths from both ends to the base, each once, outermost first.
-    fn inward_from(&self, ends: [Option<usize>; 2]) -> Vec<usize> {
+    pub(super) fn inward_from(&self, ends: [Option<usize>; 2]) -> Vec<usize> {
         let mut path: Vec<usize> = ends.into_iter().flat_map(|end| self.way(end)).collect();
         path.sort_unstable_by(|a, b| b.cmp(a));
         path.dedup();
         path
     }
+}
+
+/// The fault of a frame with values that are not finite, or a rotation that is no rotation matrix: what was found, and
+/// what was expected.
+pub(super) fn frame_fault(frame: &RigidShift<f64>) -> Option<(String, &'static str)> {
+    if !frame.lever.iter().chain(frame.rotation.iter()).all(|x| x.is_finite()) {
+        return Some(("with numbers that are not finite".to_owned(), "finite numbers"));
+    }
+    let defect = (frame.rotation.transpose() * frame.rotation - Matrix3::identity()).amax();
+    (!(defect <= ROTATION_SLACK && frame.rotation.determinant() > 0.0)).then(|| {
+        let found = format!("whose rotation R is a reflection, or R^T R differs from the identity by {defect:.1e}");
+        (found, "a rotation matrix, to within 1e-9")
+    })
 }
 
 /// The rotation of least angle that maps z onto a direction; about x for the direction -z.

@@ -1,17 +1,40 @@
-//! Contacts of points and spheres on links with planes of the world: user description and checks.
+//! Contacts of points and spheres on links with planes, spheres and boxes: user description and checks.
 
 use super::Scene;
-use super::contact_point::{ContactPoint, plane_axes};
+use super::connection::frame_fault;
+use super::contact_point::{ContactPoint, OtherSurface, Shape, plane_axes};
+use crate::dynamics::contacts;
 use crate::error::{Error, number};
-use crate::kinematics::{Frame, frame_motion};
 use crate::setters::setters;
-use crate::spatial::{angular, linear};
+use crate::spatial::RigidShift;
 use nalgebra::Vector3;
 use std::collections::HashSet;
 
-/// Unilateral contact of a sphere or a point on a link with a plane of the world, with Coulomb friction.
+/// The surface that the sphere of a contact touches.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[non_exhaustive]
+pub enum Surface {
+    /// The plane of [`Contact::normal`] and [`Contact::offset`].
+    #[default]
+    Plane,
+    /// A sphere about the origin of [`Contact::other_frame`].
+    Sphere {
+        /// Radius, m; zero for a point.
+        radius: f64,
+    },
+    /// A box about the origin of [`Contact::other_frame`]. The normal is the direction from the nearest point of the
+    /// box to the center of the sphere; for a center inside the box, that of the nearest face.
+    Box {
+        /// Lengths of the edges along the axes of the frame, m.
+        size: Vector3<f64>,
+    },
+}
+
+/// Unilateral contact of a sphere or a point on a link with a surface of the world or of another link, with Coulomb
+/// friction.
 ///
-/// There is no collision detection: only the contacts in the scene are active, and links do not contact each other.
+/// There is no collision detection: only the contacts in the scene are active. The force acts on both links at the
+/// point of the sphere that is nearest to the surface.
 ///
 /// ```
 /// use phipsi::scene::Contact;
@@ -22,6 +45,15 @@ use std::collections::HashSet;
 /// let mut gap = [f64::NAN];
 /// scene.contact_gaps(&scene.neutral(), &mut gap)?;
 /// assert!(gap[0] > 0.0);
+///
+/// // The tip and a box of 0.2 m on the first rod.
+/// use phipsi::scene::Surface;
+/// let size = [0.2; 3].into();
+/// let pair = Contact::new("pair", "link2").with_point([0.0, 0.0, 0.3]).with_other("link0".to_owned());
+/// let pair = pair.with_surface(Surface::Box { size });
+/// let scene = phipsi::scenes::chain(3)?.source().clone().contact(pair).build()?;
+/// scene.contact_gaps(&scene.neutral(), &mut gap)?;
+/// assert!((gap[0] - 0.8).abs() < 1e-12);
 /// # Ok(())
 /// # }
 /// ```
@@ -30,16 +62,23 @@ use std::collections::HashSet;
 pub struct Contact {
     /// Name, unique among the contacts.
     pub name: String,
-    /// Name of the link that carries the sphere.
+    /// Name of the link that carries the sphere, which a joint moves.
     pub link: String,
     /// Center of the sphere in the link frame, m.
     pub point: Vector3<f64>,
     /// Radius of the sphere, m; zero for a point.
     pub radius: f64,
-    /// Normal of the plane in the base frame, from the ground to the free side, of any length.
+    /// Normal of the plane in [`Contact::other_frame`] (the base frame by default), from the ground to the free side,
+    /// of any length.
     pub normal: Vector3<f64>,
-    /// Distance of the plane from the base origin along the normal, m.
+    /// Distance of the plane from the origin of that frame along the normal, m.
     pub offset: f64,
+    /// Name of the link that carries the surface; `None` for the base.
+    pub other: Option<String>,
+    /// Pose of the frame of the surface in the frame of that link, or in the base frame.
+    pub other_frame: RigidShift<f64>,
+    /// The surface.
+    pub surface: Surface,
     /// Coefficient of friction mu, zero or positive: |tangential force| <= mu * normal force.
     pub friction: f64,
     /// Coefficient of restitution, from 0 (perfectly inelastic) to 1 (elastic).
@@ -53,6 +92,9 @@ setters!(Contact {
     with_radius: radius: f64,
     with_normal: normal => Vector3<f64>,
     with_offset: offset: f64,
+    with_other: other => Option<String>,
+    with_other_frame: other_frame: RigidShift<f64>,
+    with_surface: surface: Surface,
     with_friction: friction: f64,
     with_restitution: restitution: f64,
 });
@@ -67,6 +109,9 @@ impl Contact {
             radius: 0.0,
             normal: Vector3::z(),
             offset: 0.0,
+            other: None,
+            other_frame: RigidShift::identity(),
+            surface: Surface::Plane,
             friction: 0.0,
             restitution: 0.0,
         }
@@ -97,7 +142,41 @@ impl Contact {
         if !(0.0..=1.0).contains(&self.restitution) {
             return Err(self.fault(format!("restitution {}", number(self.restitution)), "a number from 0 to 1"));
         }
-        Ok(())
+        match self.surface {
+            Surface::Sphere { radius } if !(radius.is_finite() && radius >= 0.0) => {
+                let expected = "a finite number, zero or positive";
+                return Err(self.fault(format!("radius {} of the other sphere", number(radius)), expected));
+            }
+            Surface::Box { size } if !size.iter().all(|x| x.is_finite() && *x > 0.0) => {
+                let found = format!("size {:?} of the box", size.as_slice());
+                return Err(self.fault(found, "three finite positive lengths, m"));
+            }
+            _ => {}
+        }
+        let (found, expected) = match frame_fault(&self.other_frame) {
+            Some(fault) => fault,
+            None => return Ok(()),
+        };
+        Err(self.fault(format!("a second frame {found}"), expected))
+    }
+
+    fn unit_normal(&self) -> Vector3<f64> {
+        (self.normal / self.normal.amax()).normalize()
+    }
+
+    /// The surface, unless it is a plane of the base, with its frame in the frame of its link.
+    fn other_surface(&self) -> Option<(RigidShift<f64>, Shape)> {
+        let shape = match self.surface {
+            Surface::Plane if self.other.is_none() => return None,
+            Surface::Plane => {
+                let normal = self.unit_normal();
+                let plane = RigidShift { rotation: plane_axes(&normal).transpose(), lever: normal * self.offset };
+                return Some((self.other_frame.compose(&plane), Shape::Plane));
+            }
+            Surface::Sphere { radius } => Shape::Sphere(radius),
+            Surface::Box { size } => Shape::Box(size * 0.5),
+        };
+        Some((self.other_frame, shape))
     }
 }
 
@@ -122,11 +201,6 @@ impl Scene {
     /// Adds the contacts to the scene of an assembled tree, after checking them.
     pub(super) fn touching(mut self) -> Result<Self, Error> {
         let contacts = self.source.contacts();
-        let Some(first) = contacts.first() else { return Ok(self) };
-        if let Some(connection) = self.source.connections().first() {
-            let found = format!("a scene with connections (connection {:?})", connection.name);
-            return Err(first.fault(found, "a scene without connections (both are not supported together)"));
-        }
         let mut names = HashSet::new();
         let mut points = Vec::with_capacity(contacts.len());
         for contact in contacts {
@@ -140,30 +214,43 @@ impl Scene {
         Ok(self)
     }
 
-    /// Resolves a contact: index of its body, and position on it.
+    /// Resolves a contact: indices of its bodies, and positions on them.
     pub(super) fn contact_point(&self, contact: &Contact) -> Result<ContactPoint, Error> {
-        let Some(&at) = self.link_index.get(&contact.link) else {
-            let found = format!("link {:?}, which does not exist", contact.link);
-            return Err(contact.fault(found, self.source.known_links(&contact.link)));
+        let find = |name: &String| {
+            let at = self.link_index.get(name).ok_or_else(|| {
+                contact.fault(format!("link {name:?}, which does not exist"), self.source.known_links(name))
+            });
+            at.map(|&at| &self.links()[at])
         };
-        let link = &self.links()[at];
-        let axes = plane_axes(&(contact.normal / contact.normal.amax()).normalize());
-        let (Some(body), Some(_)) = (link.body, self.carrier(link.body)) else {
-            return Err(
-                contact.fault(format!("link {:?}, which cannot move", contact.link), "a link that a joint moves")
-            );
+        let link = find(&contact.link)?;
+        let other = contact.other.as_ref().map(find).transpose()?;
+        let (Some(body), Some(carrier)) = (link.body, self.carrier(link.body)) else {
+            let found = format!("link {:?}, which cannot move", contact.link);
+            return Err(contact.fault(found, "a link that a joint moves"));
         };
-        let stages = &self.model().system.stages;
+        if let Some(other) = other
+            && self.carrier(other.body) == Some(carrier)
+        {
+            let found =
+                format!("links {:?} and {:?}, which are rigidly attached to each other", contact.link, other.name);
+            return Err(contact.fault(found, "two links that can move against each other"));
+        }
+        let other_surface = contact.other_surface().map(|(frame, shape)| {
+            let frame = other.map_or(frame, |other| other.placement.compose(&frame));
+            OtherSurface { body: other.and_then(|other| other.body), frame, shape }
+        });
+        let normal = contact.other_frame.rotate(&contact.unit_normal());
         let point = ContactPoint {
             name: contact.name.clone(),
             body,
             center: link.placement.rotate(&contact.point) + link.placement.lever,
             radius: contact.radius,
-            axes,
-            offset: contact.offset,
+            axes: plane_axes(&normal),
+            offset: contact.offset + normal.dot(&contact.other_frame.lever),
+            other: other_surface,
             friction: contact.friction,
             restitution: contact.restitution,
-            path: std::iter::successors(Some(body), |&k| stages[k].parent).collect(),
+            path: self.inward_from([Some(body), other.and_then(|other| other.body)]),
         };
         if !self.can_move(&point) {
             let found = format!("a point of link {:?} on the joint axis, which no joint moves", contact.link);
@@ -172,7 +259,7 @@ impl Scene {
         Ok(point)
     }
 
-    /// True if joint velocities can move the point of a contact, in some configuration.
+    /// True if joint velocities can move the point of a contact relative to its surface, in some configuration.
     fn can_move(&self, point: &ContactPoint) -> bool {
         let (model, nv) = (self.model(), self.nv());
         #[allow(clippy::cast_precision_loss)] // an index of a few thousand at most
@@ -182,13 +269,9 @@ impl Scene {
         for (body, stage) in model.bodies.iter().zip(&model.system.stages) {
             body.motion.advance(&neutral[body.q..], &rates[stage.first_row..], &mut other[body.q..]);
         }
-        let frame = Frame { body: Some(point.body), placement: crate::spatial::RigidShift::identity() };
         [neutral, other].iter().any(|q| {
-            let motion = frame_motion(model, q, &rates, None, &frame);
-            let arm = point.center - motion.placement.rotate_back(&point.normal()) * point.radius;
-            let (turning, sliding) = (angular(&motion.velocity), linear(&motion.velocity));
-            let speed = (sliding + turning.cross(&arm)).norm();
-            speed > 1e-12 * (sliding.norm() + turning.norm() * arm.norm())
+            let (velocity, terms) = contacts::sized_velocity(model, point, q, &rates);
+            velocity.norm() > 1e-12 * terms
         })
     }
 }

@@ -1,8 +1,9 @@
-//! Contacts in the form that the sweeps read: points on bodies and planes of the world, by index.
+//! Contacts in the form that the sweeps read: spheres on bodies, and surfaces on the base or on other bodies, by index.
 
+use crate::spatial::RigidShift;
 use nalgebra::{Matrix3, Vector3};
 
-/// A sphere on a body and a plane of the world.
+/// A sphere on a body, and the surface that it touches.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct ContactPoint {
     /// Its name.
@@ -14,22 +15,108 @@ pub(crate) struct ContactPoint {
     /// Radius of the sphere, m; zero for a point.
     pub radius: f64,
     /// Rows t1, t2, n in the base frame: n is the unit normal of the plane toward the free side, t1 and t2 are
-    /// tangents.
+    /// tangents. Those of another surface depend on the configuration, see [`ContactPoint::touch`]; these are then the
+    /// axes in which impulses are stored.
     pub axes: Matrix3<f64>,
     /// The plane is n . y = offset, m.
     pub offset: f64,
+    /// The surface, if it is not a plane of the base.
+    pub other: Option<OtherSurface>,
     /// Coefficient of friction.
     pub friction: f64,
     /// Coefficient of restitution.
     pub restitution: f64,
-    /// The bodies from this one to the base, outermost first.
+    /// The bodies from both bodies of the contact to the base, each once, outermost first.
     pub path: Vec<usize>,
 }
 
+/// A surface on a body or on the base.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct OtherSurface {
+    /// The body that carries it; `None` for the base.
+    pub body: Option<usize>,
+    /// Pose of the frame of the shape in the body frame.
+    pub frame: RigidShift<f64>,
+    pub shape: Shape,
+}
+
+/// A shape in its own frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Shape {
+    /// The half space z <= 0.
+    Plane,
+    /// A sphere about the origin, by its radius, m.
+    Sphere(f64),
+    /// A box about the origin, by half of the lengths of its edges, m.
+    Box(Vector3<f64>),
+}
+
+/// A contact at one configuration, in the base frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Touch {
+    /// Rows t1, t2, n.
+    pub axes: Matrix3<f64>,
+    /// Distance of the sphere from the surface, m; negative for penetration.
+    pub gap: f64,
+    /// The point of the sphere nearest to the surface, at which the force acts on both bodies.
+    pub at: Vector3<f64>,
+}
+
+/// A sphere whose center is nearer to the surface of a box than this, relative to the size of the box, has the normal
+/// of a face: the direction to the nearest point is then mostly rounding.
+const ON_SURFACE: f64 = 1e-9;
+
 impl ContactPoint {
-    /// Unit normal of the plane.
+    /// Unit normal of the plane, for a contact with a plane of the base.
     pub fn normal(&self) -> Vector3<f64> {
         self.axes.row(2).transpose()
+    }
+
+    /// The body of the other surface; `None` for the base.
+    pub fn other_body(&self) -> Option<usize> {
+        self.other.and_then(|other| other.body)
+    }
+
+    /// The contact for the poses of its body and of the body of the other surface in the base frame. The gap is NaN
+    /// between spheres whose centers coincide, because they have no normal.
+    pub fn touch(&self, place: &RigidShift<f64>, other: &RigidShift<f64>) -> Touch {
+        let center = place.rotate(&self.center) + place.lever;
+        let Some(surface) = &self.other else {
+            let normal = self.normal();
+            let gap = normal.dot(&center) - self.radius - self.offset;
+            return Touch { axes: self.axes, gap, at: center - normal * self.radius };
+        };
+        let frame = other.compose(&surface.frame);
+        let (normal, distance) = surface.shape.nearest(&frame.rotate_back(&(center - frame.lever)));
+        let normal = frame.rotate(&normal);
+        Touch { axes: plane_axes(&normal), gap: distance - self.radius, at: center - normal * self.radius }
+    }
+}
+
+impl Shape {
+    /// The unit normal of the surface toward the point x, and the signed distance of x from it, m, in the frame of the
+    /// shape.
+    fn nearest(&self, x: &Vector3<f64>) -> (Vector3<f64>, f64) {
+        match self {
+            Self::Plane => (Vector3::z(), x[2]),
+            Self::Sphere(radius) => {
+                let distance = x.norm();
+                (x / distance, if distance > 0.0 { distance - radius } else { f64::NAN })
+            }
+            Self::Box(half) => {
+                let beyond = x - x.zip_map(half, |x, half| x.clamp(-half, half));
+                let distance = beyond.norm();
+                if distance > ON_SURFACE * half.amax() {
+                    return (beyond / distance, distance);
+                }
+                // Inside, the nearest face.
+                let depths = x.zip_map(half, |x, half| x.abs() - half);
+                let face = depths.imax();
+                let mut normal = Vector3::zeros();
+                normal[face] = 1.0_f64.copysign(x[face]);
+                (normal, depths[face])
+            }
+        }
     }
 }
 
@@ -40,4 +127,32 @@ pub(crate) fn plane_axes(normal: &Vector3<f64>) -> Matrix3<f64> {
     axis[normal.iamin()] = 1.0;
     let first = axis.cross(normal).normalize();
     Matrix3::from_rows(&[first.transpose(), normal.cross(&first).transpose(), normal.transpose()])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Shape;
+    use nalgebra::Vector3;
+
+    /// The distance from a box is that of the nearest of a dense grid of its points; inside, that of the nearest face.
+    #[test]
+    fn distances_from_a_box() {
+        let half = Vector3::new(0.3, 0.2, 0.1);
+        let shape = Shape::Box(half);
+        for (x, normal, distance) in [
+            (Vector3::new(0.05, 0.0, 0.15), Vector3::z(), 0.05),
+            (Vector3::new(0.05, 0.0, 0.1), Vector3::z(), 0.0),
+            (Vector3::new(0.05, 0.0, -0.07), -Vector3::z(), -0.03),
+            (Vector3::new(0.33, 0.24, 0.0), Vector3::new(0.6, 0.8, 0.0), 0.05),
+            (Vector3::new(-0.31, -0.22, -0.12), -Vector3::new(1.0, 2.0, 2.0) / 3.0, 0.03),
+        ] {
+            let (n, d) = shape.nearest(&x);
+            assert!((n - normal).amax() <= 1e-14 && (d - distance).abs() <= 1e-15, "{x}: {n} {d}");
+        }
+        // Just outside of an edge the normal is that of a face.
+        let (n, _) = shape.nearest(&Vector3::new(0.3 + 1e-13, 0.2 + 2e-13, 0.0));
+        assert!(n == Vector3::y());
+        assert!(Shape::Sphere(0.1).nearest(&Vector3::zeros()).1.is_nan());
+        assert!(Shape::Plane.nearest(&Vector3::new(1.0, 2.0, -3.0)) == (Vector3::z(), -3.0));
+    }
 }

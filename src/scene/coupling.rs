@@ -1,5 +1,6 @@
 //! Coupled (mimic) joints: the coordinates of the tree from fewer independent ones, q = G q' + o and qd = G qd'.
 
+use super::constraint::{Constraints, Tie};
 use super::description::Mimic;
 use super::{Joint, Scene};
 use crate::error::{Error, check_length};
@@ -109,6 +110,29 @@ impl Coupling {
     #[must_use]
     pub fn independent_coordinates(&self, q: &[f64]) -> Vec<f64> {
         self.independent_q.iter().map(|&at| q[at]).collect()
+    }
+
+    /// Restores the coupling of a state of the tree exactly, because rounding errors would accumulate over many steps.
+    pub(crate) fn restore(&self, q: &mut Vec<f64>, qd: &mut Vec<f64>) {
+        *q = self.configuration(&self.independent_coordinates(q));
+        *qd = self.rates(&self.independent_rates(qd));
+    }
+
+    /// One row per joint that follows another, x = multiplier y + offset, for steps with contacts.
+    pub(crate) fn as_constraints(&self) -> Constraints {
+        let mut constraints = Constraints { neutral: self.tree.neutral(), ..Constraints::default() };
+        for joint in self.tree.joints.iter().filter(|joint| joint.q.len() == 1) {
+            let Coordinate { index, multiplier, offset } = self.q[joint.q.start];
+            let independent = self.independent_q[index];
+            if independent == joint.q.start {
+                continue;
+            }
+            let leader = self.tree.joints.iter().find(|other| other.q.start == independent);
+            let second = leader.map(|joint| self.tree.coordinate(joint));
+            let tie = Tie::Coordinates { first: self.tree.coordinate(joint), second, multiplier, offset };
+            self.tree.constrain(&mut constraints, joint.name.clone(), tie);
+        }
+        constraints
     }
 
     /// Checks that a state of the tree satisfies the coupling to within 1e-9, relative to the larger of 1 and the
@@ -293,10 +317,6 @@ impl Scene {
             let expected = "mimic=\"free\", and a connection of each mimic joint with the one that it follows";
             let found = "joints that follow others (mimic) in a scene with a connection";
             return Err(Error::scene(format!("connection {:?}", connection.name), found, expected));
-        }
-        if let Some(contact) = tree.contacts().first() {
-            let found = "joints that follow others (mimic) in a scene with a contact";
-            return Err(Error::scene(format!("contact {:?}", contact.name), found, "mimic=\"free\" for now"));
         }
         let mut joints = Vec::with_capacity(tree.joints.len());
         let (mut q, mut v) = (vec![], vec![]);

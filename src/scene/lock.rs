@@ -20,7 +20,7 @@ impl Scene {
     /// one body. Links locked to the base are removed from the dynamics. M, bias and accelerations equal those of this
     /// scene without the rows of the locked joints and with zero velocities there. Joints that follow a locked joint
     /// are locked with it. Connections remain unless both ends are locked to each other, and contacts remain unless
-    /// their link cannot move.
+    /// their link cannot move, or cannot move against the other link.
     ///
     /// ```
     /// # fn main() -> Result<(), phipsi::Error> {
@@ -69,15 +69,19 @@ impl Scene {
         source.build()
     }
 
-    /// Removes the contacts of links that cannot move.
+    /// Removes the contacts of links that cannot move, or cannot move against each other.
     fn lock_contacts(&self, source: &mut super::SceneBuilder) -> Result<(), Error> {
-        if self.contact_points().is_empty() {
+        if source.contacts.is_empty() {
             return Ok(());
         }
         let contacts = std::mem::take(&mut source.contacts);
-        let tree = source.clone().build()?;
+        let built = source.clone().build()?;
+        let tree = built.tree();
+        let moves = |name: &String| tree.link(name).is_ok_and(|link| tree.carrier(link.body).is_some());
         for contact in contacts {
-            if tree.contact_point(&contact).is_ok() {
+            // A sphere that cannot move, on a surface that can, is an error of the locked scene.
+            let is_swept = contact.other.as_ref().is_some_and(moves) && !moves(&contact.link);
+            if is_swept || tree.contact_point(&contact).is_ok() {
                 source.contacts.push(contact);
             }
         }

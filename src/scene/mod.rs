@@ -60,7 +60,7 @@ pub(crate) use builder::{A_LINK, AT_A_TIME};
 pub use builder::{ROOT_JOINT, SceneBuilder};
 pub(crate) use checks::check_tolerance;
 pub use connection::{Connection, ConnectionKind};
-pub use contact::Contact;
+pub use contact::{Contact, Surface};
 pub use coupling::Coupling;
 pub use description::{Inertial, JointDescription, Limits, LinkDescription, Mimic, MimicJoints, SceneWarning};
 pub use properties::Property;

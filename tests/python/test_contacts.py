@@ -285,9 +285,6 @@ def test_what_cannot_have_contacts_is_refused() -> None:
         phipsi.SceneBuilder().contact("foot", "box", friction=0.5, xyz=(0, 0))
     with pytest.raises(TypeError, match="friction"):
         phipsi.SceneBuilder().contact("foot", "box")
-    chain = phipsi.scenes.chain(3).to_builder().connect("tip", "point", "link2", xyz=(0, 0, 0.3))
-    with pytest.raises(SceneError, match='contact "foot".*connection "tip"'):
-        chain.contact("foot", "link2", xyz=(0, 0, 0.3), friction=0.5).build()
 
 
 def test_methods_and_scenes_belong_together() -> None:

@@ -90,7 +90,7 @@ def test_friction_is_that_of_mujoco(floor: str, geom: str, friction: float) -> N
     text = model("sphere", floor, geom)
     own, theirs = scene(text), mujoco.MjModel.from_xml_string(text)
     (contact,) = own._contacts()
-    assert contact[-2] == friction
+    assert contact[6] == friction
     data = mujoco.MjData(theirs)
     data.qpos[2] = 0.45
     mujoco.mj_forward(theirs, data)
@@ -115,7 +115,7 @@ def test_filters_are_those_of_mujoco() -> None:
     assert scene(excluded).contact_names == ()
     paired = model("sphere", 'contype="0" conaffinity="0"', tail='<contact><pair geom1="floor" geom2="geom" friction="0.4 0.4 0 0 0"/></contact>')
     (contact,) = scene(paired)._contacts()
-    assert contact[0] == "geom" and contact[-2] == 0.4
+    assert contact[0] == "geom" and contact[6] == 0.4
     assert scene(model("sphere", tail='<option><flag contact="disable"/></option>')).contact_names == ()
 
 
@@ -152,14 +152,14 @@ def test_a_bad_argument() -> None:
         phipsi.load(phipsi.BUNDLED_ARM, contacts="plane")
 
 
-def test_equality_constraints_and_contacts_are_refused_by_name() -> None:
+def test_equality_constraints_and_contacts_act_together() -> None:
     tied = model(
         "sphere", more='<body name="other" pos="1 0 1"><freejoint/><geom size="0.1" contype="0" conaffinity="0"/></body>',
         tail='<equality><connect name="tie" body1="body" body2="other" anchor="0.5 0 0"/></equality>',
     )  # fmt: skip
-    with pytest.raises(ArgumentError, match=r'contacts: found \'tie\'.*ignore=\("equality",\)'):
-        scene(tied)
-    assert scene(tied, ignore=("equality",)).contact_names == ("geom",)
+    both = scene(tied)
+    assert both.contact_names == ("geom",) and both.constraint_names == ("tie",)
+    assert scene(tied, ignore=("equality",)).constraint_names == ()
 
 
 def test_points_that_no_joint_moves_are_omitted() -> None:

@@ -11,11 +11,16 @@
 //! projection: least-energy displacement that removes the penetration left by rounding and curvature
 //! ```
 //!
+//! With connections or coupled joints, `v_free` and the responses to impulses are those on the connections
+//! ([`closed`]).
+//!
 //! Free joints are integrated in axes that are fixed during the step: in rotating body axes, a rolling body would gain
 //! speed.
 
+mod closed;
 mod free_axes;
 mod lanes;
+mod pairs;
 mod project;
 mod report;
 mod step;

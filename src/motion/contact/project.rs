@@ -1,12 +1,14 @@
-//! Projection of positions out of the planes.
+//! Projection of positions out of the surfaces of contacts.
 
 use super::super::manifold::advance;
+use super::closed::positions_onto_connections;
+use super::step::pivot_fault;
 use crate::contact::{Cone, Effort, Limits};
 use crate::dynamics::contacts::ContactScratch;
 use crate::dynamics::forward::factorise;
-use crate::filter::pivots::LostPivot;
+use crate::error::Error;
 use crate::model::Model;
-use crate::scene::contact_point::ContactPoint;
+use crate::scene::Scene;
 use crate::workspace::Workspace;
 use nalgebra::DVector;
 
@@ -19,35 +21,41 @@ const STEPS: usize = 5;
 /// Effort of one solve; further Newton steps correct its residual.
 const ROUGH: Effort = Effort { tolerance: 1e-6, attempts: usize::MAX, iterations: usize::MAX };
 
-/// Displaces `q` with the least kinetic energy until no contact is below its plane: min d M d/2 subject to gap + `J_n`
-/// d >= 0, in a few Newton steps. No joint moves beyond its limit, or further beyond it. Velocities are unchanged.
-/// Returns the initial penetration, m, and the number of iterations.
+/// Displaces `q` with the least kinetic energy until no contact is below its surface: min d M d/2 subject to gap + `J_n`
+/// d >= 0, and `J_k` d = 0 for connections, in a few Newton steps, each followed by a projection onto the connections.
+/// No joint moves beyond its limit, or further beyond it. Velocities are unchanged. Returns the initial penetration, m,
+/// and the number of iterations.
 pub(super) fn out_of_planes(
-    model: &Model<f64>,
-    points: &[ContactPoint],
+    (scene, model): (&Scene, &Model<f64>),
     workspace: &mut Workspace<f64>,
     rows: &mut ContactScratch,
     (q, next): (&mut [f64], &mut [f64]),
-) -> Result<(f64, usize), LostPivot> {
+) -> Result<(f64, usize), (String, Error)> {
+    let points = scene.contact_points();
     let (mut depth, mut iterations) = (0.0, 0);
-    for k in 0..STEPS {
+    for k in 0..=STEPS {
+        positions_onto_connections(scene, (model, workspace), rows, q)?;
         rows.place(model, points, q);
         let lowest = rows.gaps[..points.len()].iter().fold(0.0_f64, |lowest, &gap| lowest.min(gap));
         if k == 0 {
             depth = -lowest;
         }
-        if !(lowest < -TOUCHES) {
+        if !(lowest < -TOUCHES) || k == STEPS {
             break;
         }
-        // The displacement can push contacts under the plane whose gap is below the largest penetration.
-        let near: Vec<usize> = (0..rows.gaps.len()).filter(|&i| rows.gaps[i] < depth).collect();
-        let gap = |i: usize| if i < points.len() { rows.gaps[i] } else { rows.gaps[i].max(0.0) };
+        // The displacement can push contacts under the surface whose gap is below the largest penetration.
+        let mut near: Vec<usize> = (0..rows.gaps.len()).filter(|&i| rows.gaps[i] < depth).collect();
         let pivots = factorise(model, workspace, q);
         if let Some(lost) = workspace.lost_pivot(model, &pivots) {
-            return Err(lost);
+            return Err(pivot_fault(scene, lost.stage, scene.singular(lost)));
         }
+        if let Some(closed) = &mut rows.closed {
+            closed.factorize(model, workspace, q).map_err(|at| (String::new(), scene.no_direction(at)))?;
+        }
+        let gram = rows.gram(model, points, workspace, &mut near);
+        let gap = |i: usize| if i < points.len() { rows.gaps[i] } else { rows.gaps[i].max(0.0) };
         let c = DVector::from_fn(3 * near.len(), |i, _| if i % 3 == 2 { gap(near[i / 3]) } else { 0.0 });
-        let cone = Cone::new(rows.gram(model, points, workspace, &near), vec![0.0; near.len()]);
+        let cone = Cone::new(gram, vec![0.0; near.len()]);
         if cone.lengths.iter().any(|r| !r.is_finite()) {
             break;
         }

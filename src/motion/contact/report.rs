@@ -1,6 +1,7 @@
 //! Contact data that a rollout stores per state in addition to q and qd.
 
-/// Values per contact in a recorded row: gap, slip velocity (3), force (3), impulse of impacts (3), state.
+/// Values per contact in a recorded row: gap, slip velocity (3), force on the first link (3), impulse of impacts (3),
+/// state.
 pub(in crate::motion) const RECORD: usize = 11;
 
 /// Number of values of a report.
@@ -40,7 +41,7 @@ pub struct ContactReport {
     /// Smallest factor applied to an impulse so that an impact does not increase the kinetic energy; below 1 only if a
     /// solve did not converge.
     pub impulse_kept: f64,
-    /// Largest penetration of a plane that was corrected at the end of a step, m.
+    /// Largest penetration of a surface that was corrected at the end of a step, m.
     pub depth: f64,
 }
 

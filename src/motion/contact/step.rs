@@ -9,7 +9,9 @@ use super::super::step_settings::StepSettings;
 use super::super::substeps::StopImpact;
 use super::super::totals::STOPS;
 use super::super::works::add_work;
+use super::closed::{eliminated, onto_connections};
 use super::free_axes::{move_along, to_axes_at_end, to_axes_at_rest};
+use super::pairs::{check_normals, from_fixed_axes, into_fixed_axes};
 use super::project::out_of_planes;
 use super::report::ContactReport;
 use crate::contact::{Cone, ContactState, Effort, Impact, Limits, SolveReport, impact, passive};
@@ -19,7 +21,7 @@ use crate::error::Error;
 use crate::filter::Form;
 use crate::scene::Scene;
 use crate::scene::contact_point::ContactPoint;
-use nalgebra::DVector;
+use nalgebra::{DVector, Matrix3};
 
 /// A residual above this is an error; a residual between the tolerance and this value is accepted.
 pub(super) const REFUSED: f64 = 1e-5;
@@ -35,9 +37,10 @@ pub(super) struct ContactStep {
     pub impacts: Vec<StopImpact>,
 }
 
-/// Gaps and velocities of contacts at the start of a step.
+/// Gaps, axes and velocities of contacts at the start of a step.
 struct StepStart {
     gaps: Vec<f64>,
+    axes: Vec<Matrix3<f64>>,
     /// J v, and J times the velocities without contacts.
     start: DVector<f64>,
     free: DVector<f64>,
@@ -72,11 +75,11 @@ impl Outcome {
 impl ContactStep {
     pub fn new(scene: &Scene, settings: &StepSettings, form: Form) -> Self {
         let limits = if settings.stops { limit_rows(scene) } else { Vec::new() };
-        Self {
-            solver: Checked::new(scene.model(), None, form).accepting(settings.tolerance),
-            rows: ContactScratch::new(scene.model(), scene.contact_points(), limits),
-            impacts: Vec::new(),
-        }
+        let mut rows = ContactScratch::new(scene.model(), scene.contact_points(), limits);
+        rows.closed = eliminated(scene, settings);
+        // The equations of motion are those of the tree; coupled joints are rows of the step.
+        let solver = Checked::new(scene.model(), None, form).accepting(settings.tolerance);
+        Self { solver, rows, impacts: Vec::new() }
     }
 
     /// One step from `q`, `v` to `q_next`, `v_next`; stores impulses and report in `kept`. Returns the joint and the
@@ -95,10 +98,12 @@ impl ContactStep {
         }
         let (h, points) = (settings.step, scene.contact_points());
         to_axes_at_rest(&s.model, h, &s.v, &mut s.v_next);
+        onto_connections(scene, (&s.model, &mut self.solver.workspace), &mut self.rows, (&s.q, &mut s.v_next))?;
         self.rows.place(&s.model, points, &s.q);
+        check_normals(scene, &self.rows.gaps)?;
         let start = self.rows.velocities(&s.model, points, &s.v);
         let free = self.rows.velocities(&s.model, points, &s.v_next);
-        let before = StepStart { gaps: self.rows.gaps.clone(), start, free };
+        let before = StepStart { gaps: self.rows.gaps.clone(), axes: self.rows.axes.clone(), start, free };
         let mut outcome = self.touch(scene, settings, s, &before, kept)?;
         move_along(h, s);
         if let Some(slowed) = outcome.slowed.take() {
@@ -108,9 +113,11 @@ impl ContactStep {
         to_axes_at_end(&s.model, (&s.q, &s.q_next), &mut s.v_next);
         let workspace = &mut self.solver.workspace;
         let (depth, iterations) =
-            out_of_planes(&s.model, points, workspace, &mut self.rows, (&mut s.q_next, &mut s.q_stage))
-                .map_err(|lost| pivot_fault(scene, lost.stage, scene.singular(lost)))?;
+            out_of_planes((scene, &s.model), workspace, &mut self.rows, (&mut s.q_next, &mut s.q_stage))?;
+        onto_connections(scene, (scene.model(), workspace), &mut self.rows, (&s.q_next, &mut s.v_next))?;
         self.settle(settings, s, &before, &outcome, points.len());
+        let impulses = outcome.hit.as_mut().map(|hit| &mut hit.impulses).into_iter().chain([&mut outcome.held]);
+        into_fixed_axes(points, (&before.axes, &outcome.near), impulses);
         keep(kept, &outcome, points.len());
         #[allow(clippy::cast_precision_loss)] // a small count
         let iterations = outcome.report.iterations + iterations as f64;
@@ -129,7 +136,7 @@ impl ContactStep {
     ) -> Result<Outcome, (String, Error)> {
         let Self { solver, rows, .. } = self;
         let (workspace, points, h) = (&mut solver.workspace, scene.contact_points(), settings.step);
-        let StepStart { gaps, start, free } = before;
+        let StepStart { gaps, start, free, .. } = before;
         let (n, all_rows) = (points.len(), gaps.len());
         let mut near: Vec<usize> =
             (0..all_rows).filter(|&i| gaps[i] <= 0.0 || gaps[i] + h * free[3 * i + 2] <= 0.0).collect();
@@ -137,19 +144,24 @@ impl ContactStep {
         if near.is_empty() {
             return Ok(outcome);
         }
-        let pivots = factorise(&s.model, workspace, &s.q);
-        if let Some(lost) = workspace.lost_pivot(&s.model, &pivots) {
-            return Err(pivot_fault(scene, lost.stage, scene.singular(lost)));
+        // With connections, the projection of the velocities has left the factor.
+        if rows.closed.is_none() {
+            let pivots = factorise(&s.model, workspace, &s.q);
+            if let Some(lost) = workspace.lost_pivot(&s.model, &pivots) {
+                return Err(pivot_fault(scene, lost.stage, scene.singular(lost)));
+            }
         }
         // The velocity that gravity adds in a step: slower rebounds would last less than two steps.
         let rest_speed = s.model.gravity.norm() * h;
         let v_free = s.v_next.clone();
         let mut iterations = 0;
+        let kept = from_fixed_axes(points, &before.axes, kept);
         for _ in 0..=all_rows {
+            let gram = rows.gram(&s.model, points, workspace, &mut near);
             let pick =
                 |all: &dyn Fn(usize) -> f64| DVector::from_fn(3 * near.len(), |i, _| all(3 * near[i / 3] + i % 3));
             let friction = near.iter().map(|&i| points.get(i).map_or(0.0, |point| point.friction)).collect();
-            let cone = Cone::new(rows.gram(&s.model, points, workspace, &near), friction);
+            let cone = Cone::new(gram, friction);
             check_movable(scene, &near, &cone)?;
             let free_here = pick(&|i| free[i]);
             let rebound = restitutions(points, &near, (start, free), (rest_speed, settings.restitution));
@@ -331,13 +343,13 @@ fn check(scene: &Scene, near: &[usize], solved: &SolveReport) -> Result<(), (Str
 /// Returns an error for a contact that no joint can move.
 fn check_movable(scene: &Scene, near: &[usize], cone: &Cone) -> Result<(), (String, Error)> {
     let Some(at) = cone.lengths.iter().position(|r| !r.is_finite()) else { return Ok(()) };
-    let found = "a point that no joint can move in this configuration";
+    let found = "a point that the joints and connections cannot move in this configuration";
     let error = Error::argument(named(scene, &near[at..=at]), found, "contacts that joints can move");
     Err((String::new(), error))
 }
 
 /// Text that names some contacts. Joint limits are excluded, because they can always be satisfied.
-fn named(scene: &Scene, which: &[usize]) -> String {
+pub(super) fn named(scene: &Scene, which: &[usize]) -> String {
     let points = which.iter().filter_map(|&i| scene.contact_points().get(i));
     let names: Vec<String> = points.take(8).map(|point| format!("{:?}", point.name)).collect();
     let more = if which.len() > names.len() { ", ..." } else { "" };
@@ -345,7 +357,7 @@ fn named(scene: &Scene, which: &[usize]) -> String {
 }
 
 /// The fault of a singular pivot, with its joint.
-fn pivot_fault(scene: &Scene, body: usize, error: Error) -> (String, Error) {
+pub(super) fn pivot_fault(scene: &Scene, body: usize, error: Error) -> (String, Error) {
     (scene.joint_of_body(body).map(|joint| joint.name.clone()).unwrap_or_default(), error)
 }
 

@@ -75,6 +75,9 @@ impl ContactStepper {
                 outcome = Err(StepFault { step: n, state, joint, error });
                 break;
             }
+            if let Some(coupling) = &settings.coupling {
+                coupling.restore(&mut s.q_next, &mut s.v_next);
+            }
             if let Some(impacts) = job.impacts
                 && !touching.impacts.is_empty()
             {
@@ -118,7 +121,7 @@ pub(in crate::motion) fn record(
     for (i, (point, to)) in points.iter().zip(to.chunks_exact_mut(RECORD)).enumerate() {
         let of = |p: &[f64]| point.axes.tr_mul(&nalgebra::Vector3::new(p[3 * i], p[3 * i + 1], p[3 * i + 2]));
         to[0] = rows.gaps[i];
-        to[1..4].copy_from_slice(slip(point, &u.as_slice()[3 * i..]).as_slice());
+        to[1..4].copy_from_slice(slip(&rows.axes[i], &u.as_slice()[3 * i..]).as_slice());
         to[4..7].copy_from_slice((of(held) / h).as_slice());
         to[7..10].copy_from_slice(of(struck).as_slice());
         to[10] = struck[3 * points.len() + i];

@@ -1,0 +1,132 @@
+//! Elimination of the rows of connections from steps with contacts, without subtraction of Gram matrices.
+//!
+//! Let `W_k` be the whitened rows of the connections, one column each, and C the combinations of them that are kept,
+//! scaled. A QR factorization with column pivoting, `W_k` C = Q R, drops dependent columns. For contacts with whitened
+//! rows `W_c` and impulses p,
+//!
+//! ```text
+//! M dv = J_c* p + J_k* lambda,   J_k dv = 0
+//! lambda = -C R^-1 Q* W_c p
+//! J_c dv = G p,   G = W* W,   W = W_c - Q (Q* W_c)
+//! ```
+
+use super::NoDirection;
+use super::gram_inverse::NOTHING;
+use super::projection::{Projected, project_positions, project_velocities};
+use super::scratch::ConstraintScratch;
+use crate::model::Model;
+use crate::scene::constraint::Constraints;
+use crate::workspace::Workspace;
+use nalgebra::{DMatrix, DVector, Vector6};
+
+/// Diagonal entries of R below this count as zero: the root of the bound for eigenvalues of Gram matrices.
+const LOST: f64 = 3e-7;
+
+/// Connections of a scene, and their elimination at one configuration.
+#[derive(Debug, Clone)]
+pub(crate) struct Elimination {
+    constraints: Constraints,
+    scratch: ConstraintScratch,
+    /// Q, (nv x rank).
+    basis: DMatrix<f64>,
+    /// R, (rank x rank).
+    triangle: DMatrix<f64>,
+    /// C, (m x rank).
+    combined: DMatrix<f64>,
+    /// Q* `W_c` of the contacts that were projected last, (rank x rows).
+    coupled: DMatrix<f64>,
+}
+
+impl Elimination {
+    pub fn new(model: &Model<f64>, constraints: Constraints) -> Self {
+        let scratch = ConstraintScratch::new(model, &constraints);
+        let empty = || DMatrix::zeros(0, 0);
+        Self { constraints, scratch, basis: empty(), triangle: empty(), combined: empty(), coupled: empty() }
+    }
+
+    /// Projects `v` onto the velocities that satisfy the connections at `q`, and factorizes their rows. The workspace
+    /// then has the factor of M at `q`.
+    pub fn velocities(
+        &mut self,
+        model: &Model<f64>,
+        workspace: &mut Workspace<f64>,
+        (q, v): (&[f64], &mut [f64]),
+    ) -> Result<Projected, NoDirection> {
+        let projected = project_velocities((model, &self.constraints), workspace, &mut self.scratch, (q, v), &[])?;
+        self.orthogonalize(model);
+        Ok(projected)
+    }
+
+    /// Projects `q` onto the connections.
+    pub fn positions(
+        &mut self,
+        model: &Model<f64>,
+        workspace: &mut Workspace<f64>,
+        q: &mut [f64],
+    ) -> Result<Projected, NoDirection> {
+        project_positions((model, &self.constraints), workspace, &mut self.scratch, q, &[])
+    }
+
+    /// Factorizes the rows at `q`, with the factor of M in the workspace.
+    pub fn factorize(&mut self, model: &Model<f64>, workspace: &Workspace<f64>, q: &[f64]) -> Result<(), NoDirection> {
+        self.scratch.factorise((model, &self.constraints), workspace, q, &[])?;
+        self.orthogonalize(model);
+        Ok(())
+    }
+
+    /// Q, R and C from the whitened rows in the scratch.
+    fn orthogonalize(&mut self, model: &Model<f64>) {
+        let Self { constraints, scratch, .. } = self;
+        let (m, nv) = (constraints.rows, model.nv());
+        let mut combined = scratch.relaxed.basis().map_or_else(|| DMatrix::identity(m, m), DMatrix::transpose);
+        let whitened = DMatrix::from_column_slice(nv, m, &scratch.whitened[..m * nv]);
+        let mut columns = whitened * &combined;
+        for j in 0..columns.ncols() {
+            let size = combined.column(j).iter().zip(&scratch.sizes).map(|(c, size)| (c * size).powi(2)).sum::<f64>();
+            let (norm, size) = (columns.column(j).norm(), size.sqrt());
+            let scale = if norm > NOTHING * size { norm.recip() } else { 0.0 };
+            columns.column_mut(j).scale_mut(scale);
+            combined.column_mut(j).scale_mut(scale);
+        }
+        let factor = columns.col_piv_qr();
+        let triangle = factor.r();
+        let rank = triangle.diagonal().iter().take_while(|pivot| pivot.abs() > LOST).count();
+        factor.p().permute_columns(&mut combined);
+        self.basis = factor.q().columns(0, rank).into_owned();
+        self.triangle = triangle.view((0, 0), (rank, rank)).into_owned();
+        self.combined = combined.columns(0, rank).into_owned();
+    }
+
+    /// Replaces the whitened rows of contacts, one column each, by their projection onto the complement of Q. A second
+    /// projection removes the rounding errors of the first.
+    pub fn project(&mut self, whitened: &mut DMatrix<f64>) {
+        self.coupled = self.basis.tr_mul(&*whitened);
+        let mut part = self.coupled.clone();
+        for _ in 0..2 {
+            whitened.gemm(-1.0, &self.basis, &part, 1.0);
+            part = self.basis.tr_mul(&*whitened);
+        }
+    }
+
+    /// Keeps some of the rows of contacts.
+    pub fn select(&mut self, rows: &[usize]) {
+        self.coupled = self.coupled.select_columns(rows);
+    }
+
+    /// Adds the forces of the connections, lambda = -C R^-1 Q* `W_c` p, to the forces on bodies, with negative sign,
+    /// and to the joint torques.
+    pub fn add_forces(&mut self, impulses: &DVector<f64>, (forces, torque): (&mut [Vector6<f64>], &mut [f64])) {
+        let mut pivots = &self.coupled * impulses;
+        // The diagonal has no zeros.
+        self.triangle.solve_upper_triangular_mut(&mut pivots);
+        let lambda = &self.combined * pivots;
+        for (unit, lambda) in self.scratch.units.iter().zip(lambda.iter()) {
+            for (k, force) in unit.forces.into_iter().flatten() {
+                forces[k] += force * *lambda;
+            }
+            for (v, unit) in unit.torques.into_iter().flatten() {
+                torque[v] -= unit * lambda;
+            }
+        }
+    }
+}

@@ -1,0 +1,148 @@
+//! Connections and coupled joints in steps with contacts: their rows hold exactly at the end of each step.
+//!
+//! ```text
+//! M (v' - v_free) = J_k* lambda + J_c* p,   J_k v' = 0,   contact law for p
+//! ```
+//!
+//! `v_free` is first projected onto the connections; contact impulses then act on the complement of their rows. At the
+//! end of the step, positions and velocities are projected onto the connections.
+
+use super::super::step_settings::StepSettings;
+use super::step::pivot_fault;
+use crate::dynamics::constraints::{Elimination, NoDirection, Projected};
+use crate::dynamics::contacts::ContactScratch;
+use crate::error::Error;
+use crate::model::Model;
+use crate::scene::Scene;
+use crate::workspace::Workspace;
+
+/// The fix that the error of a step suggests.
+const SMALLER: &str = "a step that ends near a configuration that satisfies the connections: take a smaller dt";
+
+/// The rows of the connections of a scene, or of its coupled joints.
+pub(super) fn eliminated(scene: &Scene, settings: &StepSettings) -> Option<Box<Elimination>> {
+    let constraints = match &settings.coupling {
+        Some(coupling) => coupling.as_constraints(),
+        None => scene.constraints().clone(),
+    };
+    (!constraints.is_empty()).then(|| Box::new(Elimination::new(scene.model(), constraints)))
+}
+
+/// Projects `v` onto the velocities that satisfy the connections at `q`, if there are any, and factorizes their rows
+/// there.
+pub(super) fn onto_connections(
+    scene: &Scene,
+    (model, workspace): (&Model<f64>, &mut Workspace<f64>),
+    rows: &mut ContactScratch,
+    (q, v): (&[f64], &mut [f64]),
+) -> Result<(), (String, Error)> {
+    let Some(closed) = &mut rows.closed else { return Ok(()) };
+    if !q.iter().chain(&*v).all(|x| x.is_finite()) {
+        // A diverging motion is reported as such.
+        return Ok(());
+    }
+    let projected = closed.velocities(model, workspace, (q, v));
+    check(scene, (model, workspace), projected, "m/s or rad/s")
+}
+
+/// Projects `q` onto the connections, if there are any.
+pub(super) fn positions_onto_connections(
+    scene: &Scene,
+    (model, workspace): (&Model<f64>, &mut Workspace<f64>),
+    rows: &mut ContactScratch,
+    q: &mut [f64],
+) -> Result<(), (String, Error)> {
+    let Some(closed) = &mut rows.closed else { return Ok(()) };
+    if !q.iter().all(|x| x.is_finite()) {
+        return Ok(());
+    }
+    let projected = closed.positions(model, workspace, q);
+    check(scene, (model, workspace), projected, "m or rad")
+}
+
+/// The fault of a projection.
+fn check(
+    scene: &Scene,
+    (model, workspace): (&Model<f64>, &mut Workspace<f64>),
+    projected: Result<Projected, NoDirection>,
+    unit: &str,
+) -> Result<(), (String, Error)> {
+    let projected = projected.map_err(|at| (String::new(), scene.no_direction(at)))?;
+    if let Some(lost) = workspace.lost_pivot(model, &projected.pivots) {
+        return Err(pivot_fault(scene, lost.stage, scene.singular(lost)));
+    }
+    let Some(row) = projected.stays else { return Ok(()) };
+    Err((String::new(), scene.open_at("the end of a step", row, projected.left, unit, SMALLER)))
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::dynamics::constraints::Elimination;
+    use crate::dynamics::contacts::ContactScratch;
+    use crate::dynamics::forward::factorise;
+    use crate::scene::{Connection, ConnectionKind, Contact, Scene, Surface};
+    use nalgebra::{DMatrix, DVector};
+
+    /// A floating chain whose ends are a fixed distance apart, with that distance given twice, a contact with the ground
+    /// and a pair of links.
+    fn scene() -> Scene {
+        let mut builder = crate::scenes::chain(5).unwrap().source().clone().floating_base(true);
+        for name in ["rod", "again"] {
+            let mut rod = Connection::new(name, ConnectionKind::Distance(Some(0.6)), "link0", Some("link4"));
+            rod.frame.lever = [0.1, 0.0, 0.0].into();
+            builder = builder.connect(rod);
+        }
+        let pair = Contact::new("pair", "link2").with_radius(0.1).with_other("link4".to_owned());
+        let pair = pair.with_surface(Surface::Box { size: [0.1, 0.2, 0.3].into() });
+        builder.contact(pair).contact(Contact::new("ground", "link4").with_point([0.0, 0.1, 0.3])).build().unwrap()
+    }
+
+    /// G = J (M^-1 - M^-1 K* (K M^-1 K*)^+ K M^-1) J* by dense algebra with M and the Jacobians by columns, and the
+    /// response to impulses, for which K dv = 0.
+    #[test]
+    fn responses_on_the_connections_are_those_of_dense_algebra() {
+        let scene = scene();
+        let (model, points, nv) = (scene.model(), scene.contact_points(), scene.nv());
+        let mut q = scene.neutral();
+        for (i, q) in q[7..].iter_mut().enumerate() {
+            *q = [0.3, -0.4, 0.5, 0.2, 0.7][i];
+        }
+        let mut workspace = scene.workspace();
+        let mut m = DMatrix::zeros(nv, nv);
+        scene.mass_matrix(&mut workspace, &q, m.as_mut_slice()).unwrap();
+        let mut k = DMatrix::zeros(nv, scene.constraint_rows());
+        let mut scratch = scene.constraint_scratch();
+        scene.constraint_jacobian(&mut workspace, &mut scratch, &q, k.as_mut_slice()).unwrap();
+
+        let mut rows = ContactScratch::new(model, points, Vec::new());
+        rows.place(model, points, &q);
+        let mut j = DMatrix::zeros(6, nv);
+        for i in 0..nv {
+            let mut unit = vec![0.0; nv];
+            unit[i] = 1.0;
+            j.set_column(i, &rows.velocities(model, points, &unit));
+        }
+        rows.closed = Some(Box::new(Elimination::new(model, scene.constraints().clone())));
+        factorise(model, &mut workspace, &q);
+        rows.closed.as_mut().unwrap().factorize(model, &workspace, &q).unwrap();
+        let mut near = vec![0, 1];
+        let gram = rows.gram(model, points, &workspace, &mut near);
+
+        // The two rods are one row.
+        let inverse = m.try_inverse().unwrap();
+        let first = k.columns(0, 1).into_owned();
+        let (mk, kmk) = (&inverse * &first, (first.transpose() * &inverse * &first)[(0, 0)]);
+        let on_rods = &inverse - &mk * mk.transpose() / kmk;
+        let expected = &j * &on_rods * j.transpose();
+        let size = (&j * &inverse * j.transpose()).amax();
+        assert!((&gram - &expected).amax() <= 1e-12 * size, "{gram} {expected}");
+        assert!((&gram - &j * &inverse * j.transpose()).amax() >= 1e-3 * size);
+
+        let impulses = DVector::from_fn(6, |i, _| [0.3, -0.2, 0.9, 0.1, 0.4, 1.2][i]);
+        rows.respond(model, points, &mut workspace, &near, &impulses);
+        let response = DVector::from_column_slice(&rows.response);
+        let dense = on_rods * j.transpose() * impulses;
+        assert!((&response - &dense).amax() <= 1e-11 * dense.amax(), "{response} {dense}");
+        assert!((k.transpose() * &response).amax() <= 1e-12 * dense.amax());
+    }
+}
