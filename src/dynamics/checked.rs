@@ -216,11 +216,8 @@ impl Scene {
     pub(crate) fn requirements(&self, algorithm: Algorithm) -> Requirements {
         let (rates, third) = algorithm.reads();
         let [qd, u] = [rates, third.is_some()].map(|is_read| if is_read { self.nv() } else { 0 });
-        let seeds = if algorithm.seeds().is_empty() {
-            [0; 3]
-        } else {
-            std::array::from_fn(|i| self.seed_width(algorithm, i))
-        };
+        let seeds =
+            if algorithm.seeds().is_empty() { [0; 3] } else { std::array::from_fn(|i| self.seed_width(algorithm, i)) };
         Requirements {
             widths: [self.nq(), qd, u],
             seeds,
