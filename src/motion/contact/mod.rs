@@ -18,6 +18,7 @@
 //! speed.
 
 mod closed;
+mod faults;
 mod pairs;
 mod project;
 mod report;
