@@ -51,9 +51,27 @@ class Point(NamedTuple):
     friction: float
 
 
+class Between(NamedTuple):
+    """A sphere of a moving body and a sphere or box of another body, of a <pair>."""
+
+    name: str
+    body: int
+    center: _Array
+    """In the frame of the body, (3,), m."""
+    radius: float
+    other: int
+    """The other body; 0 for the world."""
+    origin: _Array
+    rotation: _Array
+    """Frame of the other geom in its body."""
+    shape: dict[str, Any]
+    """other_radius or other_size of SceneBuilder.contact."""
+    friction: float
+
+
 class Collisions:
-    """The pairs of geoms that can collide according to MuJoCo's filters: those with fixed planes, which a scene can
-    represent, and whether there are others.
+    """The pairs of geoms that can collide according to MuJoCo's filters: those with fixed planes and each <pair> of
+    spheres and boxes, which a scene can represent, and whether there are others.
     """
 
     def __init__(self, model: mujoco.MjModel) -> None:
@@ -69,9 +87,7 @@ class Collisions:
             ends = int(model.pair_geom1[at]), int(model.pair_geom2[at])
             explicit.add(frozenset(ends))
             if (both := self._ordered(*ends)) is not None:
-                margin = model.pair_margin[at] - (model.pair_gap[at] if _margin_rule()[1] else 0.0)
-                given = model.pair_friction[at], model.pair_solref[at], model.pair_solimp[at]
-                found.append(Pair(*both, int(model.pair_dim[at]), *given, float(margin)))
+                found.append(self._given(at, both))
         for one, others in self._filtered():
             for other in others[self._are_read(one, others)].tolist():
                 both = self._ordered(one, other)
@@ -79,22 +95,50 @@ class Collisions:
                     found.append(_combined(model, *both))
         return found
 
-    def first_other(self, planes: bool) -> tuple[int, int] | None:
-        """The first pair; with `planes`, the first one that is not read; None if there is none."""
-        model = self.model
+    def between(self) -> list[Pair]:
+        """Each <pair> of a sphere of a moving body and a sphere or box of another body: the other geom (as `plane`) and
+        the sphere.
+        """
+        model, found = self.model, []
         for at in self._explicit():
             ends = int(model.pair_geom1[at]), int(model.pair_geom2[at])
-            if not planes or self._ordered(*ends) is None:
+            if (both := self._spheres(*ends)) is not None:
+                found.append(self._given(at, both))
+        return found
+
+    def first_other(self, planes: bool) -> tuple[int, int] | None:
+        """The first pair; with `planes`, the first one that is not read; None if there is none."""
+        model, read = self.model, set[frozenset[int]]()
+        for at in self._explicit():
+            ends = int(model.pair_geom1[at]), int(model.pair_geom2[at])
+            if not planes or (self._ordered(*ends) is None and self._spheres(*ends) is None):
                 return ends
+            read.add(frozenset(ends))
         for one, others in self._filtered():
             left = others[~self._are_read(one, others)] if planes else others
-            if len(left):
-                return one, int(left[0])
+            for other in left.tolist():
+                if frozenset((one, other)) not in read:
+                    return one, other
         return None
 
     def _explicit(self) -> range:
         """Indices of <pair>."""
         return range(self.model.npair if has_constraints(self.model, "CONTACT") else 0)
+
+    def _given(self, at: int, both: tuple[int, int]) -> Pair:
+        """The parameters of a <pair>."""
+        model = self.model
+        margin = model.pair_margin[at] - (model.pair_gap[at] if _margin_rule()[1] else 0.0)
+        given = model.pair_friction[at], model.pair_solref[at], model.pair_solimp[at]
+        return Pair(*both, int(model.pair_dim[at]), *given, float(margin))
+
+    def _spheres(self, one: int, other: int) -> tuple[int, int] | None:
+        """A sphere or box, and a sphere of a body that moves against it; None for another pair."""
+        types, rigid = self.model.geom_type, self.model.body_weldid[self.model.geom_bodyid]
+        for surface, sphere in ((one, other), (other, one)):
+            if types[sphere] == SPHERE and types[surface] in (SPHERE, BOX) and rigid[sphere] not in (0, rigid[surface]):
+                return surface, sphere
+        return None
 
     def _are_read(self, one: int, others: Any) -> Any:
         return (self._is_plane[one] & self._has_hull[others]) | (self._has_hull[one] & self._is_plane[others])
@@ -198,6 +242,26 @@ def points(model: mujoco.MjModel, names: Names) -> list[Point]:
     return made
 
 
+def pairs(model: mujoco.MjModel) -> list[Between]:
+    """The contacts of each <pair> of spheres and boxes of bodies that move against each other. `margin` enlarges the
+    sphere.
+    """
+    import mujoco
+
+    made = []
+    for pair in Collisions(model).between():
+        surface, sphere = pair.plane, pair.geom
+        first, second = (model.geom(geom).name or f"geom{geom}" for geom in (sphere, surface))
+        size, turn = model.geom_size[surface], np.empty(9)
+        mujoco.mju_quat2Mat(turn, model.geom_quat[surface])
+        shape = {"other_radius": float(size[0])} if model.geom_type[surface] == SPHERE else {"other_size": 2.0 * size}
+        radius, friction = float(model.geom_size[sphere][0]) + pair.margin, float(pair.friction[0]) if pair.condim > 1 else 0.0
+        bodies = int(model.geom_bodyid[sphere]), int(model.geom_bodyid[surface])
+        frame = model.geom_pos[surface], turn.reshape(3, 3)
+        made.append(Between(f"{first} on {second}", bodies[0], model.geom_pos[sphere], radius, bodies[1], *frame, shape, friction))
+    return made
+
+
 def _hull(model: mujoco.MjModel, geom: int) -> tuple[_Array, float]:
     """Centers in the frame of the body, (n, 3), and radius of the spheres whose convex hull is that of the geom."""
     import mujoco
@@ -264,13 +328,13 @@ def unsupported(model: mujoco.MjModel, names: Names, planes: bool) -> Iterator[t
     collisions = Collisions(model)
     if (other := collisions.first_other(planes)) is not None:
         first, second = (names.bodies[model.geom_bodyid[end]] for end in other)
-        consequence = "they can pass through each other, because only contacts with fixed planes are read"
+        consequence = "they can pass through each other, because only contacts with fixed planes and each <pair> of spheres and boxes are read"
         if not planes:
             consequence = 'bodies can pass through each other, because contacts of a file are read only with contacts="plane"'
         elif {ELLIPSOID, PLANE} <= set(model.geom_type[list(other)].tolist()):
             consequence = "contacts of ellipsoids are not read"
         yield "contacts", f"geoms that collide, of {first!r} and {second!r} for instance", consequence
-    for pair in collisions.with_planes() if planes else []:
+    for pair in [*collisions.with_planes(), *collisions.between()] if planes else []:
         plane, geom = (model.geom(end).name or f"geom{end}" for end in (pair.plane, pair.geom))
         what = f"the contact of {plane!r} and {geom!r}"
         if pair.condim > 3:

@@ -22,7 +22,7 @@ from ._core import Scene, SceneBuilder
 from ._mjcf import BALL, EQUALITY_JOINT, EQUALITY_WELD, FREE, HINGE, SLIDE, WIDTHS, Names
 from ._mjcf import compiled, connected, equalities, field, has_constraints, is_disabled, joint_actuators, stops, ties_bodies
 from ._mjcf_actuators import Actuators, actuators
-from ._mjcf_contacts import points
+from ._mjcf_contacts import pairs, points
 from ._mujoco_gaps import check
 from .errors import ArgumentError, SceneError, of_argument
 
@@ -67,10 +67,14 @@ def read(
 
 
 def _add_contacts(builder: SceneBuilder, model: mujoco.MjModel, names: Names) -> None:
-    """Add the contacts of geoms with fixed planes."""
+    """Add the contacts of geoms with fixed planes, and of each <pair> of spheres and boxes."""
     for point in points(model, names):
         plane: dict[str, Any] = {"normal": point.normal, "offset": point.offset}
         builder.contact(point.name, names.bodies[point.body], friction=point.friction, xyz=point.center, radius=point.radius, **plane)
+    for pair in pairs(model):
+        other = names.bodies[pair.other] if pair.other else None
+        sphere = {"xyz": pair.center, "radius": pair.radius, "friction": pair.friction}
+        builder.contact(pair.name, names.bodies[pair.body], other=other, other_xyz=pair.origin, other_rotation=pair.rotation, **sphere, **pair.shape)
 
 
 class _Frame(NamedTuple):

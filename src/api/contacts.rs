@@ -1,6 +1,5 @@
 //! Contact kinematics of a scene at one state.
 
-use crate::dynamics::contacts;
 use crate::error::{Error, check_length};
 use crate::scene::Scene;
 
@@ -16,7 +15,7 @@ impl Scene {
         let (tree, q) = (self.tree(), self.tree_configuration("q", q)?);
         check_length("out", out.len(), tree.contact_points().len())?;
         for (point, out) in tree.contact_points().iter().zip(out.iter_mut()) {
-            *out = contacts::touch(tree.model(), point, &q).gap;
+            *out = point.touch_at(tree.model(), &q).gap;
         }
         self.check_result("contact gaps", out)
     }
@@ -32,7 +31,7 @@ impl Scene {
         let qd = self.tree_rates("qd", qd)?;
         check_length("out", out.len(), 3 * tree.contact_points().len())?;
         for (point, out) in tree.contact_points().iter().zip(out.chunks_exact_mut(3)) {
-            out.copy_from_slice(contacts::velocity(tree.model(), point, &q, &qd).as_slice());
+            out.copy_from_slice(point.velocity(tree.model(), &q, &qd).0.as_slice());
         }
         self.check_result("contact velocities", out)
     }
@@ -42,7 +41,7 @@ impl Scene {
     pub(crate) fn contact_positions(&self, q: &[f64], out: &mut [f64]) -> Result<(), Error> {
         let (tree, q) = (self.tree(), self.tree_configuration("q", q)?);
         for (point, out) in tree.contact_points().iter().zip(out.chunks_exact_mut(3)) {
-            out.copy_from_slice(contacts::touch(tree.model(), point, &q).at.as_slice());
+            out.copy_from_slice(point.touch_at(tree.model(), &q).at.as_slice());
         }
         self.check_result("contact positions", out)
     }

@@ -17,10 +17,10 @@ use super::sweeps::general;
 use crate::filter::innovations;
 use crate::filter::riccati::Measured;
 use crate::kinematics::propagation::{inward_along_path, tip_to_base};
-use crate::kinematics::{Frame, frame_motion, placements_base_to_tip, placements_on_base, velocities_base_to_tip};
+use crate::kinematics::{placements_base_to_tip, placements_on_base, velocities_base_to_tip};
 use crate::model::Model;
 use crate::scene::contact_point::{ContactPoint, Touch};
-use crate::spatial::{RigidShift, angular, dot, linear, spatial, zero};
+use crate::spatial::{RigidShift, dot, spatial, zero};
 use crate::workspace::Workspace;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3, Vector6};
 
@@ -259,38 +259,4 @@ fn whiten(
 /// The velocity in the tangent plane of a contact, in the base frame, from its rows and their axes.
 pub(crate) fn slip(axes: &Matrix3<f64>, rows: &[f64]) -> Vector3<f64> {
     axes.tr_mul(&Vector3::new(rows[0], rows[1], 0.0))
-}
-
-/// A contact at `q`, in the base frame. O(depth).
-pub(crate) fn touch(model: &Model<f64>, point: &ContactPoint, q: &[f64]) -> Touch {
-    let place = |body| crate::kinematics::placement(model, q, &frame_of(body));
-    point.touch(&place(Some(point.body)), &place(point.other_body()))
-}
-
-/// Velocity of the material point of a contact nearest to its surface, relative to the link of the surface, in the base
-/// frame, m/s. O(depth).
-pub(crate) fn velocity(model: &Model<f64>, point: &ContactPoint, q: &[f64], qd: &[f64]) -> Vector3<f64> {
-    sized_velocity(model, point, q, qd).0
-}
-
-/// The velocity of a contact, and the sum of the sizes of its terms.
-pub(crate) fn sized_velocity(model: &Model<f64>, point: &ContactPoint, q: &[f64], qd: &[f64]) -> (Vector3<f64>, f64) {
-    let motion = |body| frame_motion(model, q, qd, None, &frame_of(body));
-    let own = motion(Some(point.body));
-    let other = point.other_body().map(|k| motion(Some(k)));
-    let place = other.map_or_else(RigidShift::identity, |other| other.placement);
-    let touch = point.touch(&own.placement, &place);
-    let arm = point.center - own.placement.rotate_back(&touch.axes.row(2).transpose()) * point.radius;
-    let (mut velocity, mut terms) = (Vector3::zeros(), 0.0);
-    let arms = [(Some(own), arm, 1.0), (other, place.rotate_back(&(touch.at - place.lever)), -1.0)];
-    for (motion, arm, sign) in arms.into_iter().filter_map(|(motion, arm, sign)| Some((motion?, arm, sign))) {
-        let (turning, sliding) = (angular(&motion.velocity), linear(&motion.velocity));
-        velocity += motion.placement.rotate(&(sliding + turning.cross(&arm))) * sign;
-        terms += sliding.norm() + turning.norm() * arm.norm();
-    }
-    (velocity, terms)
-}
-
-fn frame_of(body: Option<usize>) -> Frame<f64> {
-    Frame { body, placement: RigidShift::identity() }
 }

@@ -20,8 +20,7 @@ const CONTACT: usize = 20;
 
 #[pymethods]
 impl PySceneBuilder {
-    /// Add a contact of a sphere or a point on a link with a plane, sphere or box on the base or on another link, with
-    /// Coulomb friction.
+    /// Add a contact of a sphere or a point on a link with a plane, sphere or box, with Coulomb friction.
     #[doc = section!(Parameters)]
     /// name : str
     ///     Name of the contact.
@@ -150,8 +149,7 @@ impl PyScene {
         call.array(py, &[contacts], |scene, _, [q], out| scene.contact_gaps(q, out))
     }
 
-    /// Velocity of the point of each link that is nearest to the surface of its contact, relative to the link of the
-    /// surface, in the base frame.
+    /// Velocity of each contact relative to its surface, at the point of the link nearest to it, in the base frame.
     #[doc = parameters!(q qd errors)]
     #[doc = section!(Returns)]
     /// v : (..., contacts, 3) ndarray

@@ -196,7 +196,8 @@ impl PyScene {
     ///     "gravcomp", "limits" (of ball joints), "mocap", "nonlinear" (springs, damping, plasticity), "plugins",
     ///     "softness" (of equality constraints and contacts) and "tendons".
     /// contacts : {"plane"}, optional
-    ///     "plane": geoms that can touch a fixed plane become contacts with it. None: contacts are not read.
+    ///     "plane": geoms that can touch a fixed plane become contacts with it, and each <pair> of a sphere with a
+    ///     sphere or box becomes a contact. None: contacts are not read.
     #[doc = section!(Returns)]
     /// scene : Scene
     ///     The robot. phipsi.mujoco converts states and forces: the conventions differ for ball and free joints.
@@ -213,7 +214,8 @@ impl PyScene {
     #[doc = section!(Warns)]
     /// ModelWarning
     ///     Contacts, limits of tendons and ball joints, air and soft equality constraints, which are omitted. With
-    ///     contacts="plane": geoms that can touch each other, ellipsoids, friction of condim 4 and 6, soft contacts.
+    ///     contacts="plane": other geoms that can touch each other, ellipsoids, friction of condim 4 and 6, soft
+    ///     contacts.
     /// MeshWarning
     ///     Missing files on which no inertia depends.
     /// MimicWarning

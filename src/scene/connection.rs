@@ -339,8 +339,8 @@ impl Scene {
     }
 }
 
-/// The fault of a frame with values that are not finite, or a rotation that is no rotation matrix: what was found, and
-/// what was expected.
+/// The fault of a frame with values that are not finite, or a rotation that is no rotation matrix: its description, and
+/// the expected value.
 pub(super) fn frame_fault(frame: &RigidShift<f64>) -> Option<(String, &'static str)> {
     if !frame.lever.iter().chain(frame.rotation.iter()).all(|x| x.is_finite()) {
         return Some(("with numbers that are not finite".to_owned(), "finite numbers"));

@@ -3,7 +3,6 @@
 use super::Scene;
 use super::connection::frame_fault;
 use super::contact_point::{ContactPoint, OtherSurface, Shape, plane_axes};
-use crate::dynamics::contacts;
 use crate::error::{Error, number};
 use crate::setters::setters;
 use crate::spatial::RigidShift;
@@ -270,7 +269,7 @@ impl Scene {
             body.motion.advance(&neutral[body.q..], &rates[stage.first_row..], &mut other[body.q..]);
         }
         [neutral, other].iter().any(|q| {
-            let (velocity, terms) = contacts::sized_velocity(model, point, q, &rates);
+            let (velocity, terms) = point.velocity(model, q, &rates);
             velocity.norm() > 1e-12 * terms
         })
     }

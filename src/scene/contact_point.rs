@@ -1,6 +1,8 @@
 //! Contacts in the form that the sweeps read: spheres on bodies, and surfaces on the base or on other bodies, by index.
 
-use crate::spatial::RigidShift;
+use crate::kinematics::{Frame, frame_motion, placement};
+use crate::model::Model;
+use crate::spatial::{RigidShift, angular, linear};
 use nalgebra::{Matrix3, Vector3};
 
 /// A sphere on a body, and the surface that it touches.
@@ -91,6 +93,35 @@ impl ContactPoint {
         let normal = frame.rotate(&normal);
         Touch { axes: plane_axes(&normal), gap: distance - self.radius, at: center - normal * self.radius }
     }
+
+    /// The contact at `q`. O(depth).
+    pub fn touch_at(&self, model: &Model<f64>, q: &[f64]) -> Touch {
+        let place = |body| placement(model, q, &frame_of(body));
+        self.touch(&place(Some(self.body)), &place(self.other_body()))
+    }
+
+    /// Velocity of the material point of the link nearest to the surface, relative to the link of the surface, in the
+    /// base frame, m/s, and the sum of the sizes of its terms. O(depth).
+    pub fn velocity(&self, model: &Model<f64>, q: &[f64], qd: &[f64]) -> (Vector3<f64>, f64) {
+        let motion = |body| frame_motion(model, q, qd, None, &frame_of(body));
+        let own = motion(Some(self.body));
+        let other = self.other_body().map(|k| motion(Some(k)));
+        let place = other.map_or_else(RigidShift::identity, |other| other.placement);
+        let touch = self.touch(&own.placement, &place);
+        let arm = self.center - own.placement.rotate_back(&touch.axes.row(2).transpose()) * self.radius;
+        let (mut velocity, mut terms) = (Vector3::zeros(), 0.0);
+        let arms = [(Some(own), arm, 1.0), (other, place.rotate_back(&(touch.at - place.lever)), -1.0)];
+        for (motion, arm, sign) in arms.into_iter().filter_map(|(motion, arm, sign)| Some((motion?, arm, sign))) {
+            let (turning, sliding) = (angular(&motion.velocity), linear(&motion.velocity));
+            velocity += motion.placement.rotate(&(sliding + turning.cross(&arm))) * sign;
+            terms += sliding.norm() + turning.norm() * arm.norm();
+        }
+        (velocity, terms)
+    }
+}
+
+fn frame_of(body: Option<usize>) -> Frame<f64> {
+    Frame { body, placement: RigidShift::identity() }
 }
 
 impl Shape {

@@ -28,7 +28,7 @@ def pose(x: float, y: float = 0.0, z: float = 0.0) -> list[float]:
 def leg(
     friction: float = 0.8, restitution: float = 0.0, *, joints: tuple[str, ...] = ("thigh", "crank"), shift: float = 0.0, stop: float = np.inf
 ) -> phipsi.Scene:
-    """A hip on a vertical rail. Thigh and crank hang from it; a rod ties the crank to the shank, whose end is the
+    """A hip on a vertical rail. Thigh and crank are joints below it; a rod ties the crank to the shank, whose end is the
     foot: a four-bar in the plane y = 0. `joints`: the order of the two branches. `stop`: limit of the thigh about -0.4.
     """
     builder = phipsi.SceneBuilder().link("world").link("hip", mass=3.0, inertia=0.02 * np.eye(3))

@@ -119,6 +119,41 @@ def test_filters_are_those_of_mujoco() -> None:
     assert scene(model("sphere", tail='<option><flag contact="disable"/></option>')).contact_names == ()
 
 
+PAIRS = """<mujoco><worldbody><geom name="block" type="box" size="0.3 0.2 0.1" pos="0.1 0 -0.5" euler="10 20 30"/>
+<body name="a" pos="0 0 1"><freejoint/><geom name="ball" size="0.1" pos="0.05 0 0.02"/></body>
+<body name="b" pos="1 0 1"><freejoint/><geom name="brick" type="box" size="0.1 0.2 0.3" euler="20 0 40" pos="0 0.1 0"/>
+<geom name="knob" size="0.05" pos="0 0 0.4"/></body></worldbody><default><geom contype="0" conaffinity="0"/></default>
+<contact><pair geom1="ball" geom2="brick" friction="0.4 0.4 0 0 0"/><pair geom1="knob" geom2="ball" condim="1"/>
+<pair geom1="block" geom2="ball" margin="0.01"/>{more}</contact></mujoco>"""
+
+
+def test_pairs_of_spheres_and_boxes_are_read() -> None:
+    """The gaps are the distances that MuJoCo finds in random poses; the names are those of the sphere and of the other geom."""
+    text = PAIRS.format(more="")
+    own, theirs = scene(text), mujoco.MjModel.from_xml_string(text)
+    data, random = mujoco.MjData(theirs), np.random.default_rng(2)
+    given = {"ball on block": (1.0, 0.01), "ball on brick": (0.4, 0.0), "knob on ball": (0.0, 0.0)}
+    assert {contact[0]: contact[6] for contact in own._contacts()} == {name: friction for name, (friction, _) in given.items()}
+    compared = 0
+    for _ in range(10):
+        data.qpos[:] = random.normal(size=14)
+        mujoco.mj_normalizeQuat(theirs, data.qpos)
+        mujoco.mj_kinematics(theirs, data)
+        q, _ = phipsi.mujoco.to_state(own, data.qpos)
+        for name, gap in zip(own.contact_names, own.contact_gaps(q), strict=True):
+            ends = [theirs.geom(end).id for end in name.split(" on ")]
+            expected = mujoco.mj_geomDistance(theirs, data, *ends, 100.0, None) - given[name][1]
+            if expected > 0.01:
+                assert_near(gap, expected, 1e-6)
+                compared += 1
+    assert compared > 20
+
+
+def test_pairs_of_two_boxes_warn() -> None:
+    with pytest.warns(ModelWarning, match="each <pair> of spheres and boxes"):
+        assert len(scene(PAIRS.format(more='<pair geom1="block" geom2="brick"/>')).contact_names) == 3
+
+
 def test_without_the_argument_the_warning_names_it() -> None:
     with pytest.warns(ModelWarning, match='contacts="plane"'):
         assert phipsi.Scene.from_mujoco(model()).contact_names == ()

@@ -8,7 +8,7 @@
 //! end of the step, positions and velocities are projected onto the connections.
 
 use super::super::step_settings::StepSettings;
-use super::step::pivot_fault;
+use super::faults::pivot_fault;
 use crate::dynamics::constraints::{Elimination, NoDirection, Projected};
 use crate::dynamics::contacts::ContactScratch;
 use crate::error::Error;

@@ -18,6 +18,7 @@
 //! speed.
 
 mod closed;
+mod faults;
 mod free_axes;
 mod lanes;
 mod pairs;

@@ -1,8 +1,5 @@
 //! Contacts whose axes t1, t2, n depend on the configuration: impulses are stored in the fixed axes of the contact.
 
-use super::step::named;
-use crate::error::Error;
-use crate::scene::Scene;
 use crate::scene::contact_point::ContactPoint;
 use nalgebra::{DVector, Matrix3};
 
@@ -31,11 +28,4 @@ pub(super) fn into_fixed_axes<'a>(
             impulse.copy_from(&turned);
         }
     }
-}
-
-/// Returns an error for two spheres without a normal.
-pub(super) fn check_normals(scene: &Scene, gaps: &[f64]) -> Result<(), (String, Error)> {
-    let Some(at) = gaps.iter().position(|gap| gap.is_nan()) else { return Ok(()) };
-    let expected = "spheres whose centers are apart: take a smaller dt";
-    Err((String::new(), Error::argument(named(scene, &[at]), "two spheres whose centers coincide", expected)))
 }

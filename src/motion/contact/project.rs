@@ -2,7 +2,7 @@
 
 use super::super::manifold::advance;
 use super::closed::positions_onto_connections;
-use super::step::pivot_fault;
+use super::faults::pivot_fault;
 use crate::contact::{Cone, Effort, Limits};
 use crate::dynamics::contacts::ContactScratch;
 use crate::dynamics::forward::factorise;

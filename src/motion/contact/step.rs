@@ -10,8 +10,9 @@ use super::super::substeps::StopImpact;
 use super::super::totals::STOPS;
 use super::super::works::add_work;
 use super::closed::{eliminated, onto_connections};
+use super::faults::{check, check_movable, check_normals, pivot_fault};
 use super::free_axes::{move_along, to_axes_at_end, to_axes_at_rest};
-use super::pairs::{check_normals, from_fixed_axes, into_fixed_axes};
+use super::pairs::{from_fixed_axes, into_fixed_axes};
 use super::project::out_of_planes;
 use super::report::ContactReport;
 use crate::contact::{Cone, ContactState, Effort, Impact, Limits, SolveReport, impact, passive};
@@ -22,9 +23,6 @@ use crate::filter::Form;
 use crate::scene::Scene;
 use crate::scene::contact_point::ContactPoint;
 use nalgebra::{DVector, Matrix3};
-
-/// A residual above this is an error; a residual between the tolerance and this value is accepted.
-pub(super) const REFUSED: f64 = 1e-5;
 
 /// An inactive contact becomes active if the step ends with a larger penetration, m.
 pub(super) const LATE: f64 = 1e-12;
@@ -327,38 +325,6 @@ pub(super) fn report(
         impulse_kept,
         depth: 0.0,
     }
-}
-
-/// Returns an error for a solve with a large residual.
-fn check(scene: &Scene, near: &[usize], solved: &SolveReport) -> Result<(), (String, Error)> {
-    if solved.residual <= REFUSED {
-        return Ok(());
-    }
-    let found = format!("a residual of {:.1e} after {} iterations", solved.residual, solved.iterations);
-    let expected =
-        "impulses with a residual of at most 1e-5 of the fastest contact velocity: take a smaller dt, or less friction";
-    Err((String::new(), Error::argument(named(scene, near), found, expected)))
-}
-
-/// Returns an error for a contact that no joint can move.
-fn check_movable(scene: &Scene, near: &[usize], cone: &Cone) -> Result<(), (String, Error)> {
-    let Some(at) = cone.lengths.iter().position(|r| !r.is_finite()) else { return Ok(()) };
-    let found = "a point that the joints and connections cannot move in this configuration";
-    let error = Error::argument(named(scene, &near[at..=at]), found, "contacts that joints can move");
-    Err((String::new(), error))
-}
-
-/// Text that names some contacts. Joint limits are excluded, because they can always be satisfied.
-pub(super) fn named(scene: &Scene, which: &[usize]) -> String {
-    let points = which.iter().filter_map(|&i| scene.contact_points().get(i));
-    let names: Vec<String> = points.take(8).map(|point| format!("{:?}", point.name)).collect();
-    let more = if which.len() > names.len() { ", ..." } else { "" };
-    format!("contact{} {}{more}", if which.len() == 1 { "" } else { "s" }, names.join(", "))
-}
-
-/// The fault of a singular pivot, with its joint.
-pub(super) fn pivot_fault(scene: &Scene, body: usize, error: Error) -> (String, Error) {
-    (scene.joint_of_body(body).map(|joint| joint.name.clone()).unwrap_or_default(), error)
 }
 
 /// Stores the results of a step: persistent impulses, sums of the impulses of impacts, and contact states.

@@ -1,0 +1,47 @@
+//! Faults of steps with contacts.
+
+use crate::contact::{Cone, SolveReport};
+use crate::error::Error;
+use crate::scene::Scene;
+
+/// A residual above this is an error; a residual between the tolerance and this value is accepted.
+pub(super) const REFUSED: f64 = 1e-5;
+
+/// Returns an error for a solve with a large residual.
+pub(super) fn check(scene: &Scene, near: &[usize], solved: &SolveReport) -> Result<(), (String, Error)> {
+    if solved.residual <= REFUSED {
+        return Ok(());
+    }
+    let found = format!("a residual of {:.1e} after {} iterations", solved.residual, solved.iterations);
+    let expected =
+        "impulses with a residual of at most 1e-5 of the fastest contact velocity: take a smaller dt, or less friction";
+    Err((String::new(), Error::argument(named(scene, near), found, expected)))
+}
+
+/// Returns an error for a contact that no joint can move.
+pub(super) fn check_movable(scene: &Scene, near: &[usize], cone: &Cone) -> Result<(), (String, Error)> {
+    let Some(at) = cone.lengths.iter().position(|r| !r.is_finite()) else { return Ok(()) };
+    let found = "a point that the joints and connections cannot move in this configuration";
+    let error = Error::argument(named(scene, &near[at..=at]), found, "contacts that joints can move");
+    Err((String::new(), error))
+}
+
+/// Text that names some contacts. Joint limits are excluded, because they can always be satisfied.
+fn named(scene: &Scene, which: &[usize]) -> String {
+    let points = which.iter().filter_map(|&i| scene.contact_points().get(i));
+    let names: Vec<String> = points.take(8).map(|point| format!("{:?}", point.name)).collect();
+    let more = if which.len() > names.len() { ", ..." } else { "" };
+    format!("contact{} {}{more}", if which.len() == 1 { "" } else { "s" }, names.join(", "))
+}
+
+/// The fault of a singular pivot, with its joint.
+pub(super) fn pivot_fault(scene: &Scene, body: usize, error: Error) -> (String, Error) {
+    (scene.joint_of_body(body).map(|joint| joint.name.clone()).unwrap_or_default(), error)
+}
+
+/// Returns an error for two spheres without a normal.
+pub(super) fn check_normals(scene: &Scene, gaps: &[f64]) -> Result<(), (String, Error)> {
+    let Some(at) = gaps.iter().position(|gap| gap.is_nan()) else { return Ok(()) };
+    let expected = "spheres whose centers are apart: take a smaller dt";
+    Err((String::new(), Error::argument(named(scene, &[at]), "two spheres whose centers coincide", expected)))
+}
