@@ -21,7 +21,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 #: Sets of features, of which "none" is the empty one, each with a profile after a slash.
-SETS = ["none", "none/one-unit", "none/small", "lanes", "default"]
+SETS = ["none", "none/one-unit", "default", "none/small", "lanes"]
 #: Release profiles of the program. One codegen unit avoids optimizing functions twice that several units inline.
 PROFILES = {
     "": "",
@@ -133,17 +133,13 @@ def measure(which: str) -> list[str]:
         return [f"{seconds:.0f}", f"{elapsed:.0f}", *(f"{size:.2f}" for size in sizes), *figures]
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--markdown", type=Path, help="write the page to this file")
-    parser.add_argument("--features", default=" ".join(SETS), help="sets of features, separated by spaces")
-    options = parser.parse_args()
-    rows = [[which, *measure(which)] for which in options.features.split()]
+def written(rows: list[list[str]]) -> str:
+    """The page with these rows."""
     head = ["features/profile", "CPU time of the build, s", "elapsed, s", "executable, MB", "stripped, MB"]
     head += ["one state, ns", "derivatives of one state, ns", "one of 256 states, ns"]
     table = "\n".join("| " + " | ".join(row) + " |" for row in [head, ["---"] + ["---:"] * (len(head) - 1), *rows])
     rustc = subprocess.run(["rustc", "--version"], capture_output=True, text=True, check=True).stdout.strip()
-    page = f"""# Build time and size of a program that uses the crate
+    return f"""# Build time and size of a program that uses the crate
 
 Written by `make rust-crate` (benches/rust_crate.py) with {rustc} on {platform.machine()}: a program that computes the forward dynamics of a chain of seven links, built with `cargo build --release` into an empty target folder, with `default-features = false` except where the set contains `default`. CPU time is the
 user and system time of all processes of the build, including the dependencies; the elapsed time is for a machine with {os.cpu_count()} processors that also did other work. "none" has no derivatives; "one-unit" is the release profile with `codegen-units = 1`, and "small" that with `opt-level = "s"`, `codegen-units = 1`, `lto = true` and `panic = "abort"`. The times per call are the shortest of 20, on
@@ -153,9 +149,20 @@ one thread, with `Form::Auto`.
 
 [Use as a Rust crate](../rust.md) describes the features.
 """
-    print(page)
-    if options.markdown:
-        options.markdown.write_text(page)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--markdown", type=Path, help="write the page to this file, anew after each set")
+    parser.add_argument("--features", default=" ".join(SETS), help="sets of features, separated by spaces")
+    options = parser.parse_args()
+    rows = []
+    for which in options.features.split():
+        rows.append([which, *measure(which)])
+        print(*rows[-1], flush=True)
+        if options.markdown:
+            options.markdown.write_text(written(rows))
+    print(written(rows))
 
 
 if __name__ == "__main__":

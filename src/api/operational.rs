@@ -30,6 +30,13 @@ impl<'a> From<&'a str> for TaskFrame<'a> {
     }
 }
 
+#[cfg(feature = "estimation")]
+impl<'a> From<&'a crate::estimation::Mount> for TaskFrame<'a> {
+    fn from(mount: &'a crate::estimation::Mount) -> Self {
+        Self { link: &mount.link, offset: mount.offset }
+    }
+}
+
 impl Scene {
     /// Scratch memory for [`Scene::operational_inverse_inertia`] and [`Scene::operational_inertia`].
     #[must_use]

@@ -1,7 +1,6 @@
 //! Settings of an observer, and the checked form that its steps read.
 
 use super::link_motion::LinkPath;
-use crate::api::TaskFrame;
 use crate::error::{Error, check_length};
 use crate::joints::Motion;
 use crate::kinematics::Frame;
@@ -24,12 +23,6 @@ pub struct Mount {
 impl<N: Into<String>> From<N> for Mount {
     fn from(link: N) -> Self {
         Self { link: link.into(), offset: RigidShift::identity() }
-    }
-}
-
-impl<'a> From<&'a Mount> for TaskFrame<'a> {
-    fn from(mount: &'a Mount) -> Self {
-        Self { link: &mount.link, offset: mount.offset }
     }
 }
 
