@@ -48,7 +48,10 @@ ABOUT_STATES = (
     "Random states: joint positions within 1 of the neutral configuration, velocities and torques from -1 to 1."
 )
 ABOUT_WATCH = (
-    "With form `auto` the methods of the scene compute error estimates too. For derivatives and products the compiled error estimate is a separate function, which recomputes the factor of the mass matrix; for forward dynamics and the inverse of the mass matrix it adds a few lines to the function."
+    "With form `auto` the methods of the scene compute error estimates too. The compiled error estimate is part of the function."
+)
+ABOUT_LOOPS = (
+    "Robots whose feet are fixed to the ground by connections, with the states of `make closed-loops`. *Recomputed*: states that the scene computes because the margin of the code is negative; their time is included. *Tree*: forward dynamics of the scene without connections, by the scene."
 )
 ABOUT_CALLS = (
     "A call of compiled code from Python has more overhead than a call of the scene. *Equal at* is the smallest batch for which compiled code is faster, of "
@@ -170,6 +173,7 @@ def main() -> None:
     for title, about, rows in (
         ("Forward dynamics by kind of state", ABOUT_STATES, compiled_states.by_state(scenes, STATES, turns)),
         ("Cost of the error estimate", ABOUT_WATCH, compiled_states.of_watch(scenes, STATES, turns)),
+        ("Scenes with connections", ABOUT_LOOPS, () if given.quick else compiled_states.of_loops(STATES, turns)),
         ("Cost of a call", ABOUT_CALLS, compiled_states.of_calls(scenes, turns)),
     ):
         lines += ["", f"## {title}", "", about, ""]

@@ -1,10 +1,13 @@
 """Compiled robots by kind of state, cost of the error estimate, and cost of a call: tables of benches/compiled.py."""
 
 import math
+import tempfile
+import time
 import timeit
 from collections.abc import Callable, Iterator
 from functools import partial
 
+import closed_loops
 import numpy as np
 import phipsi
 import phipsi._compile
@@ -37,9 +40,9 @@ class Counting:
     def __init__(self, scene: phipsi.Scene) -> None:
         self.scene, self.states = scene, 0
 
-    def forward_dynamics(self, q: np.ndarray, *others: np.ndarray) -> np.ndarray:
+    def forward_dynamics(self, q: np.ndarray, *others: np.ndarray, **options: str) -> np.ndarray:
         self.states += len(q)
-        return self.scene.forward_dynamics(q, *others)
+        return self.scene.forward_dynamics(q, *others, **options)
 
 
 def states(scene: phipsi.Scene, count: int) -> Iterator[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
@@ -69,6 +72,36 @@ def by_state(scenes: dict[str, phipsi.Scene], count: int, turns: int) -> Iterato
             watched.forward_dynamics(*state)
             watched.scene = scene
             yield f"| {name} | {kind} | {times[0]} | {times[1]} | {counting.states} of {count} | {times[2]} | {times[3]} |"
+
+
+def of_loops(count: int, turns: int) -> Iterator[str]:
+    """Robots on the ground: both functions that are computed through the connections, with and without the estimate."""
+    yield "| robot | joints, rows | function | scene, ns per state | compiled, with estimate | scene, covariance | compiled, covariance | recomputed | tree, ns per state | compiling, s | largest difference |"
+    yield "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |"
+    for name in ("solo12 on four points", "anymal on four points"):
+        scene = closed_loops.held(*closed_loops.CASES[name])
+        tree = scene.without_constraints()
+        few = closed_loops.states(scene)
+        at = tuple(np.tile(array, (count // closed_loops.STATES + 1, 1))[:count] for array in few)
+        rows = len(scene.constraint_error(at[0][0]))
+        for function in ("forward_dynamics", "constrained_dynamics"):
+            with tempfile.TemporaryDirectory() as directory:
+                begin = time.perf_counter()
+                watched = phipsi.compile(scene, [function], cache=directory)
+                compiling = time.perf_counter() - begin
+                plain = phipsi.compile(scene, [function], form="covariance", cache=directory)
+                calls = [partial(getattr(of, function), *at) for of in (scene, watched)]
+                calls += [partial(getattr(scene, function), *at, form="covariance"), partial(getattr(plain, function), *at)]
+                calls.append(partial(tree.forward_dynamics, *at))
+                *times, alone = (f"{1e9 * seconds / count:.0f}" for seconds in least(turns, *calls))
+                qdd = [np.asarray(getattr(call(), "qdd", None) if function == "constrained_dynamics" else call()) for call in calls[:4]]
+                apart = max(float(np.max(np.abs(found - qdd[0]))) for found in qdd) / float(np.max(np.abs(qdd[0])))
+                again = ""
+                if function == "forward_dynamics":
+                    watched.scene = counting = Counting(scene)
+                    watched.forward_dynamics(*at)
+                    again = f"{counting.states} of {count}"
+            yield f"| {name} | {scene.nv}, {rows} | {function.replace('_', ' ')} | {' | '.join(times)} | {again} | {alone} | {compiling:.1f} | {apart:.0e} |"
 
 
 def of_watch(scenes: dict[str, phipsi.Scene], count: int, turns: int) -> Iterator[str]:

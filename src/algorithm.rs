@@ -10,7 +10,7 @@ use crate::error::{Error, choose};
 use crate::filter::Form;
 use crate::kinematics::{AccelerationKind, Frame, ReferenceFrame};
 use crate::spatial::SpatialVector;
-use table::{Array, Axis, Compiled, FunctionEntry, Sizes, functions};
+use table::{Array, Axis, Compiled, CompiledFor, FunctionEntry, Sizes, functions};
 
 /// The axes of the arrays in the table.
 const Q: &[Axis] = &[Axis::Coordinates];
@@ -24,15 +24,18 @@ const POSES: &[Axis] = &[Axis::Links, Axis::Fixed(4), Axis::Fixed(4)];
 const POINT_V: &[Axis] = &[Axis::Fixed(3), Axis::Velocities];
 const SPATIAL_V: &[Axis] = &[Axis::Fixed(6), Axis::Velocities];
 const ROWS: &[Axis] = &[Axis::ConnectionRows];
+const CONTACTS: &[Axis] = &[Axis::Contacts];
+const CONTACT_POINTS: &[Axis] = &[Axis::Contacts, Axis::Fixed(3)];
+const CONTACT_PAIRS: &[Axis] = &[Axis::Contacts, Axis::Fixed(3), Axis::Contacts, Axis::Fixed(3)];
 
 /// Code for one robot, from this number of states.
 const fn compiled(few: usize) -> Compiled {
-    Compiled { few, watched: None }
+    Compiled { few, watched: None, scenes: CompiledFor::Every }
 }
 
 /// As [`compiled`], with a function that also returns a margin.
 const fn watched(few: usize, watched: &'static str) -> Compiled {
-    Compiled { few, watched: Some(watched) }
+    Compiled { few, watched: Some(watched), scenes: CompiledFor::Every }
 }
 
 functions! {
@@ -42,7 +45,8 @@ functions! {
         cost: [90, 0], has_form: true, has_dtype: true, compiled: Some(watched(48, "forward_dynamics_watched"));
     CONSTRAINED_DYNAMICS = constrained_dynamics(q: Q, qd: V, tau: V, compliance: ROWS)
         -> (qdd: V, forces: ROWS, rank: SCALAR, residual: SCALAR),
-        "Joint accelerations through the connections of the scene, and the forces of these", has_form: true;
+        "Joint accelerations through the connections of the scene, and the forces of these", has_form: true,
+        compiled: Some(watched(48, "constrained_dynamics_watched").of(CompiledFor::Loops));
     INVERSE_DYNAMICS = inverse_dynamics(q: Q, qd: V, qdd: V) -> (tau: V),
         "Joint torques from joint accelerations", cost: [50, 0], has_dtype: true, compiled: Some(compiled(128));
     BIAS_TORQUE = bias_torque(q: Q, qd: V) -> (tau: V),
@@ -55,18 +59,21 @@ functions! {
     FORWARD_DYNAMICS_DERIVATIVES = forward_dynamics_derivatives(q: Q, qd: V, tau: V)
         -> (dqdd_dq: VV, dqdd_dqd: VV, Minv: VV),
         "Derivatives of joint accelerations with respect to q, qd and tau, each row by row",
-        derivative_of: Some("forward_dynamics"), cost: [200, 10], has_form: true, compiled: Some(compiled(24));
+        derivative_of: Some("forward_dynamics"), cost: [200, 10], has_form: true,
+        compiled: Some(watched(24, "forward_dynamics_derivatives_watched").of(CompiledFor::Trees));
     INVERSE_DYNAMICS_DERIVATIVES = inverse_dynamics_derivatives(q: Q, qd: V, qdd: V)
         -> (dtau_dq: VV, dtau_dqd: VV, M: VV),
         "Derivatives of joint torques with respect to q, qd and qdd, each row by row",
         derivative_of: Some("inverse_dynamics"), cost: [80, 10], compiled: Some(compiled(24));
     FORWARD_DYNAMICS_JVP = forward_dynamics_jvp(q: Q, qd: V, tau: V, dq: V, dqd: V, dtau: V) -> (dqdd: V),
         "The change of joint accelerations along a direction",
-        derivative_of: Some("forward_dynamics"), cost: [250, 0], has_form: true, compiled: Some(compiled(48));
+        derivative_of: Some("forward_dynamics"), cost: [250, 0], has_form: true,
+        compiled: Some(watched(48, "forward_dynamics_jvp_watched").of(CompiledFor::Trees));
     FORWARD_DYNAMICS_VJP = forward_dynamics_vjp(q: Q, qd: V, tau: V, cotangent: V)
         -> (gradient_q: V, gradient_qd: V, gradient_tau: V),
         "Gradients of cotangent . qdd with respect to q, qd and tau",
-        derivative_of: Some("forward_dynamics"), cost: [250, 0], has_form: true, compiled: Some(compiled(48));
+        derivative_of: Some("forward_dynamics"), cost: [250, 0], has_form: true,
+        compiled: Some(watched(48, "forward_dynamics_vjp_watched").of(CompiledFor::Trees));
     INVERSE_DYNAMICS_JVP = inverse_dynamics_jvp(q: Q, qd: V, qdd: V, dq: V, dqd: V, dqdd: V) -> (dtau: V),
         "The change of joint torques along a direction",
         derivative_of: Some("inverse_dynamics"), cost: [120, 0], compiled: Some(compiled(48));
@@ -123,11 +130,35 @@ functions! {
     ENERGY = energy(q: Q, qd: V) -> (kinetic: SCALAR, potential: SCALAR),
         "The kinetic and the potential energy", cost: [100, 0];
 
+    // Contacts.
+    CONTACT_GAPS = contact_gaps(q: Q) -> (gaps: CONTACTS),
+        "The distance of each contact from its plane", cost: [20, 0],
+        compiled: Some(compiled(128).of(CompiledFor::Contacts));
+    CONTACT_VELOCITIES = contact_velocities(q: Q, qd: V) -> (velocities: CONTACT_POINTS),
+        "The velocity of the point of each contact in the base frame", cost: [20, 0],
+        compiled: Some(compiled(128).of(CompiledFor::Contacts));
+    CONTACT_GRAM = contact_gram(q: Q) -> (gram: CONTACT_PAIRS),
+        "J M^-1 J^T of the points of all contacts in the base frame, row by row", cost: [60, 10], has_form: true,
+        compiled: Some(compiled(24).of(CompiledFor::TreesWithContacts));
+
     // In generated code only: functions that also return the margin of their error estimate.
     FORWARD_DYNAMICS_WATCHED = forward_dynamics_watched(q: Q, qd: V, tau: V) -> (qdd: V, margin: SCALAR),
         "Joint accelerations from torques; precision may be lost where the margin is negative";
+    CONSTRAINED_DYNAMICS_WATCHED = constrained_dynamics_watched(q: Q, qd: V, tau: V, compliance: ROWS)
+        -> (qdd: V, forces: ROWS, rank: SCALAR, residual: SCALAR, margin: SCALAR),
+        "Joint accelerations and forces through connections; the method of the scene is needed where the margin is \
+         negative";
     MASS_MATRIX_INVERSE_WATCHED = mass_matrix_inverse_watched(q: Q) -> (inverse: VV, margin: SCALAR),
         "The inverse of the mass matrix, row by row; precision may be lost where the margin is negative";
+    FORWARD_DYNAMICS_DERIVATIVES_WATCHED = forward_dynamics_derivatives_watched(q: Q, qd: V, tau: V)
+        -> (dqdd_dq: VV, dqdd_dqd: VV, Minv: VV, margin: SCALAR),
+        "Derivatives of joint accelerations, each row by row; precision may be lost where the margin is negative";
+    FORWARD_DYNAMICS_JVP_WATCHED = forward_dynamics_jvp_watched(q: Q, qd: V, tau: V, dq: V, dqd: V, dtau: V)
+        -> (dqdd: V, margin: SCALAR),
+        "The change of joint accelerations; precision may be lost where the margin is negative";
+    FORWARD_DYNAMICS_VJP_WATCHED = forward_dynamics_vjp_watched(q: Q, qd: V, tau: V, cotangent: V)
+        -> (gradient_q: V, gradient_qd: V, gradient_tau: V, margin: SCALAR),
+        "Gradients of cotangent . qdd; precision may be lost where the margin is negative";
     FACTOR_WATCHED = factor_watched(q: Q) -> (margin: SCALAR),
         "The margin of the factor of the mass matrix; precision may be lost where it is negative";
 }

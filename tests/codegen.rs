@@ -4,7 +4,7 @@
 use crate::common::codegen::{by_method, quadruped, tree};
 use crate::common::lanes::{State, states};
 use crate::common::{Random, random_inertial, tolerance};
-use phipsi::codegen::{FUNCTIONS, Function, Program, WATCHED, Width, sources};
+use phipsi::codegen::{Function, Program, WATCHED, Width, sources};
 use phipsi::kinematics::{REFERENCE_FRAMES, ReferenceFrame};
 use phipsi::scene::{Connection, ConnectionKind, JointDescription, JointKind, LinkDescription, Mimic, MimicJoints};
 use phipsi::{Scene, SceneBuilder, scenes};
@@ -12,7 +12,7 @@ use std::process::Command;
 
 /// All functions; those of one link for the first, a middle and the last link.
 fn functions(scene: &Scene) -> Vec<Function> {
-    let (links, mut all) = (scene.links(), FUNCTIONS.to_vec());
+    let (links, mut all) = (scene.links(), Function::of(scene));
     for at in [0, links.len() / 2, links.len() - 1] {
         let link = || links[at].name.clone();
         all.push(Function::Placement(link()));
@@ -74,7 +74,8 @@ fn what_is_watched_tells_where_digits_are_lost() {
         (0..13).map(|decades| scenes::extreme("heavy-tip", Some(10_f64.powi(decades)), None, 0).unwrap().scene);
     let people = (0..4).map(|seed| tree(seed, 7)).chain([scenes::chain(7).unwrap()]);
     for (scene, is_tame) in people.map(|scene| (scene, true)).chain(ratios.map(|scene| (scene, false))) {
-        for function in WATCHED {
+        // Trees have no connections.
+        for function in WATCHED.into_iter().filter(|function| *function != Function::ConstrainedDynamicsWatched) {
             let program = Program::new(&scene, &function).unwrap();
             for (which, (q, qd, u)) in states_of_people(&scene).into_iter().enumerate() {
                 tame += usize::from(is_tame);
@@ -236,30 +237,79 @@ fn what_legs_repeat_is_a_loop_in_c_that_passes_its_own_test() {
 fn names_that_are_none_in_c_are_refused() {
     let scene = scenes::chain(2).unwrap();
     for name in ["", "7dof", "ur-5", "a b", "robot\"; system(\"x"] {
-        let error = sources(&scene, name, &FUNCTIONS, (Width::Double, false)).unwrap_err().to_string();
+        let error = sources(&scene, name, &Function::of(&scene), (Width::Double, false)).unwrap_err().to_string();
         assert!(error.contains("name"), "{error}");
     }
     let error = sources(&scene, "robot", &[], (Width::Double, false)).unwrap_err().to_string();
     assert!(error.contains("functions"), "{error}");
 }
 
-#[test]
-fn scenes_with_connections_are_refused_by_name() {
-    let mut tip = Connection::new("tip", ConnectionKind::Point, "link2", None);
+/// A chain whose tip is held at a point and whose second joint follows the first.
+fn held_chain() -> Scene {
+    let mut tip = Connection::new("tip", ConnectionKind::Point, "link5", None);
     tip.frame.lever = [0.0, 0.0, 0.3].into();
-    let scene = scenes::chain(3).unwrap().source().clone().connect(tip).build().unwrap();
-    let error = Program::new(&scene, &Function::ForwardDynamics).unwrap_err().to_string();
-    assert!(error.contains("tip"), "{error}");
-    // The poses of links do not depend on them.
-    assert!(Program::new(&scene, &Function::Placement("link2".to_owned())).is_ok());
+    let coupling = ConnectionKind::Joint { multiplier: -0.5, offset: 0.0 };
+    let gear = Connection::new("gear", coupling, "j2", Some("j1"));
+    scenes::chain(6).unwrap().source().clone().connect(tip).connect(gear).build().unwrap()
 }
 
 #[test]
-fn joints_that_follow_others_are_refused() {
+fn programs_go_through_connections() {
+    let scene = held_chain();
+    let (mut workspace, mut scratch) = (scene.workspace(), scene.constraint_scratch());
+    for seed in 0..4 {
+        let mut random = Random::new(seed);
+        let (mut q, mut qd, tau) = (random.array(6, 0.1), random.array(6, 1.0), random.array(6, 5.0));
+        scene.project(&mut workspace, &mut scratch, &mut q, Some(&mut qd)).unwrap();
+        let given = [q, qd, tau, vec![0.0; scene.constraint_rows()]];
+        for (function, watched) in [
+            (Function::ForwardDynamics, Function::ForwardDynamicsWatched),
+            (Function::ConstrainedDynamics, Function::ConstrainedDynamicsWatched),
+        ] {
+            let expected = by_method(&scene, &function, &given[..3]);
+            for function in [&function, &watched] {
+                let program = Program::new(&scene, function).unwrap();
+                let found = program.run(&given[..program.arguments.len()].concat()).unwrap();
+                let (found, margin) = found.split_at(expected.len());
+                let bound = 1e-11 * tolerance::size(&expected);
+                tolerance::assert_near(&function.symbol(), found, &expected, bound);
+                assert!(margin.iter().all(|margin| *margin >= 0.0), "{margin:?}");
+            }
+        }
+        // A state that violates the connections is reported.
+        let mut open = given[0].clone();
+        open[0] += 0.01;
+        let program = Program::new(&scene, &Function::ForwardDynamicsWatched).unwrap();
+        let found = program.run(&[&open[..], &given[1], &given[2]].concat()).unwrap();
+        assert!(found[6] < 0.0, "{found:?}");
+    }
+}
+
+#[test]
+fn derivatives_through_connections_are_refused_by_name() {
+    let scene = held_chain();
+    for function in [Function::ForwardDynamicsDerivatives, Function::ForwardDynamicsJvp, Function::ForwardDynamicsVjp] {
+        let error = Program::new(&scene, &function).unwrap_err().to_string();
+        assert!(error.contains("\"tip\", \"gear\"") && error.contains(function.name()), "{error}");
+    }
+    let error = Program::new(&scenes::chain(2).unwrap(), &Function::ConstrainedDynamics).unwrap_err().to_string();
+    assert!(error.contains("without connections"), "{error}");
+    // Neither poses nor inverse dynamics depend on them.
+    assert!(Program::new(&scene, &Function::Placement("link2".to_owned())).is_ok());
+    assert!(Program::new(&scene, &Function::InverseDynamicsVjp).is_ok());
+}
+
+#[test]
+fn programs_of_joints_that_follow_others() {
     let mut finger = joint("b", "right");
     finger.mimic = Some(Mimic::of("a"));
     let scene = SceneBuilder::new().link(link("base")).link(link("left")).link(link("right"));
     let scene = scene.joint(joint("a", "left")).joint(finger).mimic_joints(MimicJoints::Coupled).build().unwrap();
-    let error = Program::new(&scene, &Function::Placements).unwrap_err().to_string();
-    assert!(error.contains("mimic"), "{error}");
+    let given: Vec<Vec<f64>> = (1..7).map(|seed| Random::new(seed).array(scene.nv(), 1.0)).collect();
+    for function in functions(&scene) {
+        let program = Program::new(&scene, &function).unwrap();
+        let given = &given[..program.arguments.len()];
+        let (found, expected) = (program.run(&given.concat()).unwrap(), by_method(&scene, &function, given));
+        tolerance::assert_near(&function.symbol(), &found, &expected, 1e-13 * tolerance::size(&expected).max(1.0));
+    }
 }

@@ -8,6 +8,7 @@ import ctypes
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
+from itertools import accumulate
 from math import prod
 from typing import Any, TypeAlias
 
@@ -45,15 +46,18 @@ class Batches:
     """
 
     def __init__(self, run: _Entry, reads: Sequence[int], shapes: Sequence[tuple[int, ...]], dtype: np.dtype[Any], few: int) -> None:
-        """reads: number of values per state of each argument. shapes: shape of each result of a state, all of equal
-        size. few: batches with fewer states are computed by the scene.
+        """reads: number of values per state of each argument. shapes: shape of each result of a state; with out all are
+        of equal size. few: batches with fewer states are computed by the scene.
         """
         self._run, self._reads, self.dtype = run, tuple(reads), dtype
         self._shape, self._results, self._width = shapes[0], len(shapes), prod(shapes[0])
         self._whole = self._shape if len(shapes) == 1 else (len(shapes), *self._shape)
+        #: For results of several shapes: each shape, and the first value of each result.
+        self._several = None if len(set(shapes)) == 1 else [*zip(shapes, accumulate(map(prod, shapes), initial=0), strict=False)]
+        self._total = sum(map(prod, shapes))
         # Results without entries always count as few.
         self._least = tuple(max(few * width, 1) for width in reads)
-        self._steps = [dtype.itemsize * width for width in (*reads, *[self._width] * len(shapes))]
+        self._steps = [dtype.itemsize * width for width in (*reads, *map(prod, shapes))]
         self._unwritten: Callable[[int], _Array] = _unwritten if dtype == np.float64 else partial(np.empty, dtype=dtype)
         self._again: Callable[..., Any] | None = None
         self._watch: _Entry | None = None
@@ -96,24 +100,35 @@ class Batches:
         results: Any = out
         if self._again is not None:
             # One allocation together with the results: the allocator returns the pages of several allocations to the system, which clears them each time.
-            numbers = self._unwritten(count + (size * self._results if out is None else 0))
+            numbers = self._unwritten(count + (count * self._total if out is None else 0))
             margins = numbers[-count:]
             if out is None:
                 results = numbers[:-count]
         elif out is None:
-            results = self._unwritten(size * self._results)
-        if out is None or not several:
+            results = self._unwritten(count * self._total)
+        if self._several is not None:
+            first = address(results)
+            addresses += [first + self.dtype.itemsize * count * begin for _, begin in self._several]
+        elif out is None or not several:
             first = address(results)
             addresses += [first + self.dtype.itemsize * size * at for at in range(self._results)] if several else [first]
         if margins is not None and self._watch is None:
             addresses.append(address(margins))
-        if not self._ran(count, addresses, margins, out if several else None):
+        is_finite = self._ran(count, addresses, margins, out if several else None)
+        if not is_finite and margins is None:
             return None
-        if out is None:
+        if self._several is not None:
+            results = [results[count * begin : count * (begin + prod(shape))].reshape(*batch, *shape) for shape, begin in self._several]
+        elif out is None:
             results = results.reshape(self._results, *batch, *self._shape) if several else results.reshape(*batch, *self._shape)
         elif several:
             results = np.moveaxis(out, len(batch), 0)
-        if margins is not None and not margins[margins.argmin()] >= 0 and not self._mended(arrays, margins, results):
+        if margins is None or (is_finite and margins[margins.argmin()] >= 0):
+            return list(results) if several else results
+        if not self._mended(arrays, margins, results):
+            return None
+        # Values of states that the scene has recomputed may not have been finite.
+        if not is_finite and not all(np.isfinite(result).all() for result in (results if several else [results])):
             return None
         return list(results) if several else results
 
@@ -147,14 +162,16 @@ class Batches:
         """Write some of the states into an array that stores the results of each state contiguously; the code writes
         each result of many states contiguously. Returns the number of faults.
         """
-        faults = 0
+        faults, width = 0, len(self._reads)
         most = _at_a_time(self.dtype.itemsize * self._width * self._results)
         of_states = out.reshape(-1, self._results, self._width)
         some = np.empty((self._results, min(most, end - first), self._width), self.dtype)
         there = [address(result) for result in some]
         for at in range(first, end, most):
             length = min(most, end - at)
-            faults += self._run(length, *(start + at * step for start, step in zip(addresses, self._steps, strict=False)), *there)
+            reads = (start + at * step for start, step in zip(addresses[:width], self._steps, strict=False))
+            margins = (start + at * self.dtype.itemsize for start in addresses[width:])
+            faults += self._run(length, *reads, *there, *margins)
             of_states[at : at + length] = some[:, :length].swapaxes(0, 1)
         return faults
 
@@ -163,6 +180,8 @@ class Batches:
         raise.
         """
         uncertain = np.flatnonzero(~(margins >= 0))
+        if not uncertain.size:
+            return False
         assert self._again is not None
         try:
             better = self._again(*(array.reshape(margins.size, -1)[uncertain] for array in arrays))

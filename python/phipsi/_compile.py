@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import hashlib
 import logging
+import math
 import os
 import platform
 import shlex
@@ -26,7 +27,8 @@ from numpy.typing import NDArray
 
 from ._batches import Batches, entry
 from ._cuda import CompiledForCuda, compile_for_cuda
-from ._functions import ARGUMENTS, COMPILED, FUNCTIONS, IN_FORM, Function, Functions, parts, shapes, symbol
+from ._functions import ARGUMENTS, COMPILED, IN_FORM, THROUGH_CONNECTIONS, Function, Functions, functions_of, parts, rows_of, shapes, symbol
+from ._results import ConstrainedDynamics, by_connection
 from .errors import ArgumentError, CacheWarning, LongCodeWarning, of_argument
 
 if TYPE_CHECKING:
@@ -55,8 +57,10 @@ class Compiled(Functions[_Array]):
     """Functions of one scene as machine code; batches are vectorized over states and run on the number of threads of set_num_threads.
 
     Each method takes the arguments of the method of the scene with the same name, except form and dtype, which are those of phipsi.compile, and returns its results to rounding. In form "auto" the scene recomputes
-    states whose error estimate exceeds the tolerance; derivatives and products of forward dynamics use the estimate of the factor of M, which a function of its own computes first. In form "covariance" a loss of
-    precision is not detected.
+    states whose error estimate exceeds the tolerance; contact_gram uses the estimate of the factor of M, which a function of its own computes first. In form "covariance" a loss of precision is not detected.
+
+    With connections, forward_dynamics and constrained_dynamics factor the rows in a fixed order, in both forms. The scene computes states for which this is not valid: rows depend on each other, a residual exceeds
+    rounding, or the state violates the connections. Rows that move no joint are skipped.
 
     The method of the scene is called for few states, for arguments that are invalid or not contiguous, with errors="nan", and for arguments without compiled code (wrenches, return_info, at, parameters, changes of
     constants). out is as in the method of the scene, with the dtype of the code; results are written to it directly, those of derivatives some states at a time. Methods of functions that were not compiled raise
@@ -80,6 +84,8 @@ class Compiled(Functions[_Array]):
         self._is_rounded = self.dtype != np.float64
         _check_owner(library)
         code = ctypes.CDLL(str(library))
+        self._rows = rows_of(scene)
+        self._rigid = np.zeros(max((rows.stop for rows in self._rows.values()), default=0))
         self._code = {parts(function): self._batches(code, function) for function in functions}
         self._keywords = {parts(function): self._fixed(parts(function)) for function in functions}
 
@@ -101,12 +107,18 @@ class Compiled(Functions[_Array]):
         of = parts(function)
         name, scene, nv = of[0], self.scene, self.scene.nv
         reads, results = [scene.nq, *[nv] * (len(ARGUMENTS[name]) - 1)], shapes(of, scene)
-        tells = self.form == "auto" and name in WATCHED
+        if name == "constrained_dynamics":
+            reads[-1] = self._rigid.size
+        tells = name in WATCHED and (self.form == "auto" or (name in THROUGH_CONNECTIONS and bool(self._rows)))
         called = f"robot_{WATCHED[name] if tells else symbol(function)}_batch"
         batches = Batches(entry(code, called, len(reads) + len(results) + tells), reads, results, self.dtype, FEW[name])
 
         def again(*states: _Array) -> Any:
-            return getattr(self.scene, name)(*states, **({} if self.tolerance is None else {"tolerance": self.tolerance}))
+            if name != "constrained_dynamics":
+                return getattr(self.scene, name)(*states, **self._fixed(of))
+            *state, compliance = states
+            found = self.scene.constrained_dynamics(*state, compliance=compliance if compliance.any() else None, **self._fixed(of))
+            return found.qdd, np.concatenate([*found.forces.values()], axis=-1), found.rank, found.residual
 
         if tells:
             batches.watched(again)
@@ -128,6 +140,19 @@ class Compiled(Functions[_Array]):
                 # The short way: a state at a time is what most calls are of.
                 return getattr(self.scene, function[0])(*given, *function[1:2], **self._keywords[function])
         return self._by_scene(function, given, out, errors, more)
+
+    def constrained_dynamics(
+        self, q: Any, qd: Any, tau: Any, *, compliance: Any = None, wrenches: Any = None, errors: _Errors = "raise"
+    ) -> ConstrainedDynamics:
+        """Joint accelerations and constraint forces with connections, as Scene.constrained_dynamics in the form that was compiled."""
+        code = self._code.get(("constrained_dynamics",))
+        if code is None:
+            raise self._missing(("constrained_dynamics",))
+        if wrenches is None and isinstance(errors, str) and errors in ("raise", "nan"):
+            found = code((q, qd, tau, self._rigid if compliance is None else compliance))
+            if found is not None:
+                return ConstrainedDynamics(*by_connection(*found, self._rows))
+        return self.scene.constrained_dynamics(q, qd, tau, compliance=compliance, wrenches=wrenches, errors=errors, **self._keywords[("constrained_dynamics",)])
 
     def _several_placements(self, q: Any, links: tuple[str, ...], errors: _Errors) -> Any:
         functions = [("placement", link) for link in links]
@@ -216,7 +241,7 @@ def compile(  # noqa: A001  # phipsi.compile
     scene : Scene
         The scene; its constants are folded into the code.
     functions : iterable of str or tuple, optional
-        Names of functions as in Scene.to_c, and functions of one link: ("placement", link), ("jacobian", link) or ("jacobian", link, frame). None: all that are not of a link.
+        Names of functions as in Scene.to_c, and functions of one link: ("placement", link), ("jacobian", link) or ("jacobian", link, frame). None: all with code for the scene that are not of a link.
     device : {"cpu", "cuda"}, default "cpu"
         "cuda" compiles scene.to_cuda with NVRTC; it needs CuPy (phipsi[cuda]) and a GPU.
     form : {"auto", "covariance"}, optional
@@ -253,8 +278,8 @@ def compile(  # noqa: A001  # phipsi.compile
 
     Notes
     -----
-    The CPU code is scene.to_c(batches=True), vectorized over states (SIMD). In form "auto" derivatives and products of forward dynamics also compute the error estimate of the factor of M
-    (docs/measured/compiled-times.md). A library in the cache that cannot be loaded is compiled again. compiler, flags and cache apply to device="cpu".
+    The CPU code is scene.to_c(batches=True), vectorized over states (SIMD). Form "auto" takes more time (docs/measured/compiled-times.md). With connections, states are checked in both forms, and the scene
+    computes those whose rows depend on each other. A library in the cache that cannot be loaded is compiled again. compiler, flags and cache apply to device="cpu".
 
     Examples
     --------
@@ -273,7 +298,14 @@ def compile(  # noqa: A001  # phipsi.compile
     if tolerance is not None and (form == "covariance" or device == "cuda" or dtype != "float64"):
         raise of_argument(ArgumentError, "tolerance", f"found {tolerance!r} with form 'covariance', which takes its result as it is; expected form='auto' (of float64, on the CPU), or no tolerance")
     names = None if functions is None else tuple(functions)
-    known = FUNCTIONS if names is None else tuple(dict.fromkeys(names))
+    known = functions_of(scene) if names is None else tuple(dict.fromkeys(names))
+    through = [name for name in known if name in THROUGH_CONNECTIONS] if scene.constraint_names else []
+    if through and dtype != "float64":
+        found = f"{dtype!r} for {through[0]} with connections ({', '.join(scene.constraint_names[:8])}), whose states cannot be checked in it"
+        raise of_argument(ArgumentError, "dtype", f"found {found}; expected 'float64', or other functions")
+    if through and device == "cuda":
+        found = f"{through[0]} with connections ({', '.join(scene.constraint_names[:8])}), whose states are not checked on a GPU"
+        raise of_argument(ArgumentError, "functions", f"found {found}; expected other functions, or device='cpu'")
     if device == "cuda":
         for argument, value in (("compiler", compiler), ("flags", flags), ("cache", cache)):
             if value is not None:
@@ -281,9 +313,10 @@ def compile(  # noqa: A001  # phipsi.compile
         return compile_for_cuda(scene, known, dtype)
     found = _command(compiler or os.environ.get("CC") or "cc")
     kept: Literal["auto", "covariance"] = form or ("auto" if dtype == "float64" else "covariance")
-    written = _written(known) if kept == "auto" else known
+    written = _written(known, WATCHED if kept == "auto" else {name: WATCHED[name] for name in through})
     judged = any(name in (*WATCHED.values(), WATCH) for name in written)
-    files = scene.to_c(name="robot", functions=written, dtype=dtype, batches=True, tolerance=tolerance if judged else None)
+    accepted = tolerance if kept == "auto" else math.inf
+    files = scene.to_c(name="robot", functions=written, dtype=dtype, batches=True, tolerance=accepted if judged else None)
     own = ("-mcpu=native",) if platform.machine() in ("aarch64", "arm64") else ("-march=native",)
     told = [*ALWAYS, *(("-O3", *own) if flags is None else flags)]
     key = _key(files, found, told)
@@ -343,10 +376,10 @@ def _temporary() -> tempfile.TemporaryDirectory[str]:
     return tempfile.TemporaryDirectory(prefix="phipsi-")
 
 
-def _written(functions: tuple[Function, ...]) -> tuple[Any, ...]:
-    """What is compiled of these where states are watched."""
-    watches = [WATCH] if any(name in WATCHES for name in functions) else []
-    return tuple(dict.fromkeys([*(WATCHED.get(str(name), name) for name in functions), *watches]))
+def _written(functions: tuple[Function, ...], watched: dict[str, Any]) -> tuple[Any, ...]:
+    """The functions in the code: those that are watched with their margin, in form "auto" also the margin of the factor."""
+    watches = [WATCH] if watched is WATCHED and any(name in WATCHES for name in functions) else []
+    return tuple(dict.fromkeys([*(watched.get(str(name), name) for name in functions), *watches]))
 
 
 def _caches() -> Path:

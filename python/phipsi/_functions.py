@@ -11,6 +11,7 @@ import numpy as np
 from ._core import _function_table
 from ._results import (
     Accuracy,
+    ConstrainedDynamics,
     ForwardDynamicsDerivatives,
     ForwardDynamicsGradients,
     InverseDynamicsDerivatives,
@@ -21,11 +22,12 @@ from .errors import ArgumentError, of_argument
 if TYPE_CHECKING:
     from ._core import Scene
 
-__all__ = ["FUNCTIONS", "Function", "Functions"]
+__all__ = ["FUNCTIONS", "Function", "Functions", "functions_of"]
 
 A = TypeVar("A")
 _OfScene = Literal[
     "forward_dynamics",
+    "constrained_dynamics",
     "inverse_dynamics",
     "bias_torque",
     "mass_matrix",
@@ -37,6 +39,9 @@ _OfScene = Literal[
     "inverse_dynamics_jvp",
     "inverse_dynamics_vjp",
     "placements",
+    "contact_gaps",
+    "contact_velocities",
+    "contact_gram",
 ]
 _Frame = Literal["local", "world", "local-world-aligned"]
 _Errors = Literal["raise", "nan"]
@@ -53,6 +58,18 @@ COMPILED = {name: row for name, row in TABLE.items() if row["few"] is not None}
 #: The arrays that each takes, and the functions that the scene computes in a form.
 ARGUMENTS: dict[str, tuple[str, ...]] = {name: tuple(row["arguments"]) for name, row in COMPILED.items()}
 IN_FORM = tuple(name for name, row in COMPILED.items() if row["has_form"])
+#: The functions that are computed through the connections of a scene that has some.
+THROUGH_CONNECTIONS = ("forward_dynamics", "constrained_dynamics")
+
+
+def functions_of(scene: Scene) -> tuple[_OfScene, ...]:
+    """The functions with code for a scene, without those of one link."""
+    kinds = {"every", "loops" if scene.constraint_names else "trees"}
+    if scene.contact_names:
+        follows = (joint.mimic is not None and name not in scene.joint_names for name, joint in scene.joints.items())
+        is_tree = not scene.constraint_names and not any(follows)
+        kinds |= {"contacts", "trees with contacts"} if is_tree else {"contacts"}
+    return tuple(name for name in FUNCTIONS if COMPILED[name]["scenes"] in kinds)
 
 
 class Functions(Generic[A]):
@@ -194,6 +211,21 @@ class Functions(Generic[A]):
             found = self._several_placements(q, tuple(link), errors)
         return found
 
+    def contact_gaps(self, q: Any, *, errors: _Errors = "raise") -> A:
+        """Distance of each contact from its plane, (..., contacts), as Scene.contact_gaps."""
+        found: A = self._run(("contact_gaps",), (q,), None, errors)
+        return found
+
+    def contact_velocities(self, q: Any, qd: Any, *, errors: _Errors = "raise") -> A:
+        """Velocity of the point of each contact in the base frame, (..., contacts, 3), as Scene.contact_velocities."""
+        found: A = self._run(("contact_velocities",), (q, qd), None, errors)
+        return found
+
+    def contact_gram(self, q: Any, *, errors: _Errors = "raise") -> A:
+        """J M^-1 J^T of the points of all contacts, (..., contacts, 3, contacts, 3), as Scene.contact_gram in the form that was compiled."""
+        found: A = self._run(("contact_gram",), (q,), None, errors)
+        return found
+
     def _several_placements(self, q: Any, links: tuple[str, ...], errors: _Errors) -> Any:
         """(..., L, 4, 4)."""
         one_by_one = [self._run(("placement", link), (q,), None, errors) for link in links]
@@ -204,6 +236,12 @@ class Functions(Generic[A]):
         found: A = self._run(("jacobian", link, frame), (q,), None, errors, None if at is None else {"at": at})
         return found
 
+    def constrained_dynamics(
+        self, q: Any, qd: Any, tau: Any, *, compliance: Any = None, wrenches: Any = None, errors: _Errors = "raise"
+    ) -> ConstrainedDynamics:
+        """Joint accelerations and constraint forces with connections, as Scene.constrained_dynamics in the form that was compiled."""
+        raise self._missing(("constrained_dynamics",))
+
     def _run(self, function: tuple[str, ...], given: tuple[Any, ...], out: A | None = None, errors: _Errors = "raise", more: dict[str, Any] | None = None) -> Any:
         """The results of compiled code, or of the method of the scene. more: arguments of that method for which there is no compiled code."""
         raise NotImplementedError
@@ -212,9 +250,15 @@ class Functions(Generic[A]):
         return of_argument(ArgumentError, "functions", f"found {said([function])}, which was not compiled; expected one of {said(self.functions)}")
 
 
+def rows_of(scene: Scene) -> dict[str, slice]:
+    """The rows of each connection."""
+    return {name: scene.constraint_rows(name) for name in scene.constraint_names}
+
+
 def shapes(function: tuple[str, ...], scene: Scene) -> list[tuple[int, ...]]:
     """The shapes of the results of one state."""
-    lengths = {"nq": scene.nq, "nv": scene.nv, "links": len(scene.link_names)}
+    lengths = {"nq": scene.nq, "nv": scene.nv, "links": len(scene.link_names), "rows": max((rows.stop for rows in rows_of(scene).values()), default=0)}
+    lengths["contacts"] = len(scene.contact_names)
     results: dict[str, tuple[str | int, ...]] = TABLE[function[0]]["results"]
     return [tuple(axis if isinstance(axis, int) else lengths[axis] for axis in axes) for axes in results.values()]
 

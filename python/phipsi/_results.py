@@ -439,9 +439,15 @@ class MassEstimate(NamedTuple):
 
 def _parts(numbers: NDArray[np.float64], nv: int, rows: dict[str, slice]) -> tuple[Any, ...]:
     """Vector, forces by name, rank and residual from (..., nv + m + 2) values; a bad state has rank zero."""
-    vector, forces, rank, residual = numbers[..., :nv], numbers[..., nv:-2], numbers[..., -2], numbers[..., -1]
+    return by_connection(numbers[..., :nv].copy(), numbers[..., nv:-2], numbers[..., -2], numbers[..., -1], rows)
+
+
+def by_connection(
+    vector: NDArray[np.float64], forces: NDArray[np.float64], rank: NDArray[np.float64], residual: NDArray[np.float64], rows: dict[str, slice]
+) -> tuple[Any, ...]:
+    """Vector, forces by name, rank and residual."""
     by_name = {name: forces[..., of].copy() for name, of in rows.items()}
-    return vector.copy(), by_name, _count(rank), float(residual) if residual.ndim == 0 else residual.copy()
+    return vector, by_name, _count(rank), float(residual) if residual.ndim == 0 else residual.copy()
 
 
 def _count(numbers: NDArray[np.float64]) -> NDArray[np.int64] | int:

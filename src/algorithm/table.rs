@@ -11,6 +11,8 @@ pub enum Axis {
     Links,
     /// Rows of the scene's connections.
     ConnectionRows,
+    /// Contacts of the scene.
+    Contacts,
     /// A constant, equal for all scenes.
     Fixed(usize),
 }
@@ -26,6 +28,8 @@ pub struct Sizes {
     pub links: usize,
     /// Rows of connections.
     pub connection_rows: usize,
+    /// Contacts.
+    pub contacts: usize,
 }
 
 impl Axis {
@@ -38,6 +42,7 @@ impl Axis {
             Self::Velocities => sizes.nv,
             Self::Links => sizes.links,
             Self::ConnectionRows => sizes.connection_rows,
+            Self::Contacts => sizes.contacts,
             Self::Fixed(length) => length,
         }
     }
@@ -53,6 +58,21 @@ pub fn width((_, axes): Array, sizes: &Sizes) -> usize {
     axes.iter().map(|axis| axis.length(sizes)).product()
 }
 
+/// The scenes for which there is code of a function.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CompiledFor {
+    /// All scenes.
+    Every,
+    /// Scenes without connections.
+    Trees,
+    /// Scenes with connections.
+    Loops,
+    /// Scenes with contacts.
+    Contacts,
+    /// Scenes with contacts, without connections and mimic joints.
+    TreesWithContacts,
+}
+
 /// The availability of a function in code for one robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Compiled {
@@ -61,6 +81,15 @@ pub struct Compiled {
     pub few: usize,
     /// The function that also returns the margin of its error estimate, if there is one.
     pub watched: Option<&'static str>,
+    /// The scenes for which there is code.
+    pub scenes: CompiledFor,
+}
+
+impl Compiled {
+    /// The same for some scenes only.
+    pub(super) const fn of(self, scenes: CompiledFor) -> Self {
+        Self { scenes, ..self }
+    }
 }
 
 /// One function.

@@ -1,7 +1,10 @@
 //! Contact kinematics of a scene at one state.
 
+use crate::dynamics::contact_points;
+use crate::dynamics::forward::factorise;
 use crate::error::{Error, check_length};
 use crate::scene::Scene;
+use crate::workspace::Workspace;
 
 impl Scene {
     /// Signed distance of each contact from its surface at `q`, written to `out` (contacts), m; negative for
@@ -44,6 +47,43 @@ impl Scene {
             out.copy_from_slice(point.touch_at(tree.model(), &q).at.as_slice());
         }
         self.check_result("contact positions", out)
+    }
+
+    /// J M^-1 J^T of the points of all contacts at `q`, (contacts x 3 x contacts x 3) row by row, written to `out`: the
+    /// velocities ([`Scene::contact_velocities`]) of all points, in the base frame, due to unit impulses along the axes
+    /// of the base frame. Symmetric and positive semidefinite, 1/kg. The factor of M has the form of the workspace.
+    ///
+    /// # Errors
+    ///
+    /// As [`Scene::contact_gaps`], [`Error::Argument`] for a scene with connections or mimic joints, and
+    /// [`Error::SingularJoint`].
+    pub fn contact_gram(&self, workspace: &mut Workspace<f64>, q: &[f64], out: &mut [f64]) -> Result<(), Error> {
+        self.check_no_connections("contact_gram")?;
+        self.check_planes("contact_gram")?;
+        self.check_independent()?;
+        self.check_configuration("q", q)?;
+        check_length("out", out.len(), 9 * self.contact_points().len().pow(2))?;
+        self.check_workspace(workspace)?;
+        self.check_form(workspace)?;
+        let pivots = factorise(self.model(), workspace, q);
+        self.check_pivots(workspace, pivots)?;
+        let (scene, store) = workspace.passes(self.model());
+        contact_points::gram(scene, store, self.contact_points(), q, out);
+        self.check_result("contact gram", out)
+    }
+
+    /// True if every contact has a plane of the base.
+    pub(crate) fn contacts_have_planes(&self) -> bool {
+        self.tree().contact_points().iter().all(|point| point.other.is_none())
+    }
+
+    /// Returns an error if a contact has a surface other than a plane of the base.
+    pub(crate) fn check_planes(&self, what: &str) -> Result<(), Error> {
+        let Some(point) = self.tree().contact_points().iter().find(|point| point.other.is_some()) else {
+            return Ok(());
+        };
+        let found = format!("contact {:?}, whose surface is a sphere, a box or on a link", point.name);
+        Err(Error::argument(what, found, "contacts with planes of the base: scene.without_contacts() removes them all"))
     }
 
     /// Returns an error if the scene has contacts, for functions that do not support them.

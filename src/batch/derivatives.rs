@@ -10,7 +10,7 @@ use crate::dynamics::forces::Motion;
 use crate::dynamics::sweeps::{InverseColumns, SweepModel, SweepScratch};
 use crate::filter::Form;
 use crate::model::Model;
-use crate::scalar::ColumnsOf;
+use crate::scalar::{ColumnsOf, lanes_but};
 use nalgebra::Vector6;
 
 /// Scratch beyond that of the dynamics, allocated by the first call.
@@ -190,6 +190,7 @@ impl<T: Vectorized> Work for TimesInverse<'_, T> {
     #[inline(always)]
     fn call(self) -> u64 {
         let Self(scene, (like, product, accepted), out) = self;
-        product.in_place(scene, (like, accepted), out)
+        let margin = product.in_place(scene, (like, accepted), out);
+        lanes_but::<T>(|lane| margin.lane(lane) >= 0.0)
     }
 }

@@ -41,7 +41,8 @@ pub fn sources(
     sources_accepting(scene, name, functions, (width, batches), None)
 }
 
-/// [`sources`] with another tolerance for the margins than the default.
+/// [`sources`] with another tolerance for the margins than the default. For a scene with connections, an infinite one
+/// omits the error estimate of the factor of M from the margins.
 ///
 /// # Errors
 ///
@@ -53,7 +54,10 @@ pub fn sources_accepting(
     (width, batches): (Width, bool),
     tolerance: Option<f64>,
 ) -> Result<Sources, Error> {
-    scene.check_tolerance(Algorithm::ForwardDynamics(filter::Form::Auto), tolerance)?;
+    // Infinite: the margins of functions with connections omit the error estimate.
+    if tolerance != Some(f64::INFINITY) || scene.constraints().is_empty() {
+        scene.check_tolerance(Algorithm::ForwardDynamics(filter::Form::Auto), tolerance)?;
+    }
     let programs = programs_accepting(scene, name, functions, (width, tolerance))?;
     Ok(vec![
         (format!("{name}.c"), source(name, &programs, (width, batches))),

@@ -27,24 +27,55 @@ impl Case {
                 scene.integrate(&scene.neutral(), &step, &mut q)?;
                 given.push(q);
             } else {
-                given.push((first..first + array.width()).map(draw).collect());
+                let signed = array.name != "compliance";
+                given.push(
+                    (first..first + array.width()).map(|at| if signed { draw(at) } else { draw(at).abs() }).collect(),
+                );
             }
+        }
+        if !scene.constraints().is_empty() {
+            close(scene, &mut given)?;
         }
         let by_scene = |function: &Function| {
             let given: Vec<&[f64]> = given.iter().map(|values| &values[..]).collect();
-            function.by_scene(scene, program.tolerance, &given)
+            function.by_scene(scene, &given)
         };
-        let expected = by_scene(&program.function)?;
+        let mut expected = by_scene(&program.function)?;
+        if program.function.has_margin() {
+            // No method returns it.
+            expected.extend(program.run(&given.concat())?.last());
+        }
         // A bias can consist of rounding errors only. It is compared relative to torques that move the joints.
         let moving = match program.function {
-            Function::BiasTorque => {
-                Function::InverseDynamics.by_scene(scene, None, &[&given[0], &given[1], &given[1]])?
-            }
+            Function::BiasTorque => Function::InverseDynamics.by_scene(scene, &[&given[0], &given[1], &given[1]])?,
             _ => Vec::new(),
         };
         let size = expected.iter().chain(&moving).fold(0.0, |size: f64, x| size.max(x.abs()));
         Ok(Self { given, expected, size: if size > 0.0 { size } else { 1.0 } })
     }
+}
+
+/// Moves q and qd of a case to a state that satisfies the connections, the farthest one from the neutral configuration
+/// of several attempts.
+fn close(scene: &Scene, given: &mut [Vec<f64>]) -> Result<(), Error> {
+    let step: Vec<f64> = (0..scene.nv()).map(draw).collect();
+    let (mut workspace, mut scratch) = (scene.workspace(), scene.constraint_scratch());
+    let mut closed = Ok(());
+    for scale in [1.0, 0.3, 0.1, 0.03, 0.0] {
+        let step: Vec<f64> = step.iter().map(|x| x * scale).collect();
+        let mut q = vec![f64::NAN; scene.nq()];
+        scene.integrate(&scene.neutral(), &step, &mut q)?;
+        let mut qd = given.get(1).cloned().unwrap_or_else(|| vec![0.0; scene.nv()]);
+        closed = scene.project(&mut workspace, &mut scratch, &mut q, Some(&mut qd)).map(|_| ());
+        if closed.is_ok() {
+            given[0] = q;
+            if let Some(given) = given.get_mut(1) {
+                *given = qd;
+            }
+            break;
+        }
+    }
+    closed
 }
 
 /// Values between -1 and 1 that depend on their index only.

@@ -3,12 +3,14 @@
 
 use super::tracing::Place;
 use super::{reference, tracing};
-use crate::algorithm::table::{self, FunctionEntry};
+use crate::algorithm::table::{self, CompiledFor, FunctionEntry};
 use crate::algorithm::{
-    Algorithm, BIAS_TORQUE, Derivatives, FACTOR_WATCHED, FORWARD_DYNAMICS, FORWARD_DYNAMICS_DERIVATIVES,
-    FORWARD_DYNAMICS_JVP, FORWARD_DYNAMICS_VJP, FORWARD_DYNAMICS_WATCHED, INVERSE_DYNAMICS,
-    INVERSE_DYNAMICS_DERIVATIVES, INVERSE_DYNAMICS_JVP, INVERSE_DYNAMICS_VJP, JACOBIAN, MASS_MATRIX,
-    MASS_MATRIX_INVERSE, MASS_MATRIX_INVERSE_WATCHED, PLACEMENT, PLACEMENTS, Products,
+    Algorithm, BIAS_TORQUE, CONSTRAINED_DYNAMICS, CONSTRAINED_DYNAMICS_WATCHED, CONTACT_GAPS, CONTACT_GRAM,
+    CONTACT_VELOCITIES, Derivatives, FACTOR_WATCHED, FORWARD_DYNAMICS, FORWARD_DYNAMICS_DERIVATIVES,
+    FORWARD_DYNAMICS_DERIVATIVES_WATCHED, FORWARD_DYNAMICS_JVP, FORWARD_DYNAMICS_JVP_WATCHED, FORWARD_DYNAMICS_VJP,
+    FORWARD_DYNAMICS_VJP_WATCHED, FORWARD_DYNAMICS_WATCHED, INVERSE_DYNAMICS, INVERSE_DYNAMICS_DERIVATIVES,
+    INVERSE_DYNAMICS_JVP, INVERSE_DYNAMICS_VJP, JACOBIAN, MASS_MATRIX, MASS_MATRIX_INVERSE,
+    MASS_MATRIX_INVERSE_WATCHED, PLACEMENT, PLACEMENTS, Products,
 };
 use crate::error::Error;
 use crate::filter::Form;
@@ -20,11 +22,18 @@ use crate::spatial::RigidShift;
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Function {
-    /// qdd of (q, qd, tau), in covariance form.
+    /// qdd of (q, qd, tau), in covariance form, through the connections of the scene.
     ForwardDynamics,
     /// As `ForwardDynamics`, with the margin of its error estimate: negative or NaN for a state that the methods of the
     /// scene recompute in form auto.
     ForwardDynamicsWatched,
+    /// qdd, the forces of the connections, the rank of their rows and the largest residual, of (q, qd, tau) and the
+    /// compliance of each row; in covariance form.
+    ConstrainedDynamics,
+    /// As `ConstrainedDynamics`, with a margin: negative or NaN for a state that the method of the scene has to
+    /// compute. For instance its error estimate exceeds the tolerance, the rows are dependent, or the state violates
+    /// the connections.
+    ConstrainedDynamicsWatched,
     /// tau of (q, qd, qdd).
     InverseDynamics,
     /// The torque of the bias, of (q, qd).
@@ -35,8 +44,14 @@ pub enum Function {
     MassMatrixInverse,
     /// As `MassMatrixInverse`, with the margin of its error estimate.
     MassMatrixInverseWatched,
-    /// The margin for q only: of the factor of M, which derivatives and products of forward dynamics use.
+    /// The margin for q only: of the factor of M.
     FactorWatched,
+    /// As `ForwardDynamicsDerivatives`, with the margin of the factor of M and of the product with M^-1.
+    ForwardDynamicsDerivativesWatched,
+    /// As `ForwardDynamicsJvp`, with the margin of the factor of M and of the solution.
+    ForwardDynamicsJvpWatched,
+    /// As `ForwardDynamicsVjp`, with the margin of the factor of M and of the solution.
+    ForwardDynamicsVjpWatched,
     /// dqdd/dq, dqdd/dqd and M^-1 of (q, qd, tau), each row by row, by q in its tangent space; in covariance form.
     ForwardDynamicsDerivatives,
     /// dtau/dq, dtau/dqd and M of (q, qd, qdd), each row by row, by q in its tangent space.
@@ -49,6 +64,12 @@ pub enum Function {
     InverseDynamicsJvp,
     /// The gradients of x . tau by q, qd and qdd, of (q, qd, qdd) and x.
     InverseDynamicsVjp,
+    /// The distance of each contact from its plane, of q.
+    ContactGaps,
+    /// The velocity of the point of each contact in the base frame, of (q, qd).
+    ContactVelocities,
+    /// J M^-1 J^T of these points, of q; in covariance form.
+    ContactGram,
     /// The pose of every link, of q: one homogeneous matrix each, in the order of [`Scene::links`].
     Placements,
     /// The pose of the link of this name, of q: a homogeneous matrix.
@@ -57,9 +78,11 @@ pub enum Function {
     Jacobian(String, ReferenceFrame),
 }
 
-/// All functions that do not depend on a link, without those that return a margin.
-pub const FUNCTIONS: [Function; 12] = [
+/// All functions that do not depend on a link, without those that return a margin. [`Function::of`] lists those of one
+/// scene.
+pub const FUNCTIONS: [Function; 16] = [
     Function::ForwardDynamics,
+    Function::ConstrainedDynamics,
     Function::InverseDynamics,
     Function::BiasTorque,
     Function::MassMatrix,
@@ -71,11 +94,21 @@ pub const FUNCTIONS: [Function; 12] = [
     Function::InverseDynamicsJvp,
     Function::InverseDynamicsVjp,
     Function::Placements,
+    Function::ContactGaps,
+    Function::ContactVelocities,
+    Function::ContactGram,
 ];
 
 /// The functions that also return the margin of their error estimate.
-pub const WATCHED: [Function; 3] =
-    [Function::ForwardDynamicsWatched, Function::MassMatrixInverseWatched, Function::FactorWatched];
+pub const WATCHED: [Function; 7] = [
+    Function::ForwardDynamicsWatched,
+    Function::ConstrainedDynamicsWatched,
+    Function::MassMatrixInverseWatched,
+    Function::FactorWatched,
+    Function::ForwardDynamicsDerivativesWatched,
+    Function::ForwardDynamicsJvpWatched,
+    Function::ForwardDynamicsVjpWatched,
+];
 
 /// An argument or a result of a program.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -105,12 +138,19 @@ impl Function {
         match self {
             Self::ForwardDynamics => (&FORWARD_DYNAMICS, tracing::forward_dynamics),
             Self::ForwardDynamicsWatched => (&FORWARD_DYNAMICS_WATCHED, tracing::forward_dynamics_watched),
+            Self::ConstrainedDynamics => (&CONSTRAINED_DYNAMICS, tracing::constrained_dynamics),
+            Self::ConstrainedDynamicsWatched => (&CONSTRAINED_DYNAMICS_WATCHED, tracing::constrained_dynamics_watched),
             Self::InverseDynamics => (&INVERSE_DYNAMICS, tracing::inverse_dynamics),
             Self::BiasTorque => (&BIAS_TORQUE, tracing::inverse_dynamics),
             Self::MassMatrix => (&MASS_MATRIX, tracing::mass_matrix),
             Self::MassMatrixInverse => (&MASS_MATRIX_INVERSE, tracing::mass_matrix_inverse),
             Self::MassMatrixInverseWatched => (&MASS_MATRIX_INVERSE_WATCHED, tracing::mass_matrix_inverse_watched),
             Self::FactorWatched => (&FACTOR_WATCHED, tracing::factor_watched),
+            Self::ForwardDynamicsDerivativesWatched => {
+                (&FORWARD_DYNAMICS_DERIVATIVES_WATCHED, tracing::forward_dynamics_derivatives_watched)
+            }
+            Self::ForwardDynamicsJvpWatched => (&FORWARD_DYNAMICS_JVP_WATCHED, tracing::forward_dynamics_jvp_watched),
+            Self::ForwardDynamicsVjpWatched => (&FORWARD_DYNAMICS_VJP_WATCHED, tracing::forward_dynamics_vjp_watched),
             Self::ForwardDynamicsDerivatives => (&FORWARD_DYNAMICS_DERIVATIVES, tracing::forward_dynamics_derivatives),
             Self::InverseDynamicsDerivatives => (&INVERSE_DYNAMICS_DERIVATIVES, tracing::inverse_dynamics_derivatives),
             Self::ForwardDynamicsJvp => (&FORWARD_DYNAMICS_JVP, tracing::forward_dynamics_jvp),
@@ -118,6 +158,9 @@ impl Function {
             Self::InverseDynamicsJvp => (&INVERSE_DYNAMICS_JVP, tracing::inverse_dynamics_jvp),
             Self::InverseDynamicsVjp => (&INVERSE_DYNAMICS_VJP, tracing::inverse_dynamics_vjp),
             Self::Placements => (&PLACEMENTS, tracing::placements),
+            Self::ContactGaps => (&CONTACT_GAPS, tracing::contact_gaps),
+            Self::ContactVelocities => (&CONTACT_VELOCITIES, tracing::contact_velocities),
+            Self::ContactGram => (&CONTACT_GRAM, tracing::contact_gram),
             Self::Placement(_) => (&PLACEMENT, tracing::placement),
             Self::Jacobian(..) => (&JACOBIAN, tracing::jacobian),
         }
@@ -127,15 +170,22 @@ impl Function {
     fn algorithm(&self) -> Option<Algorithm> {
         let form = Form::default();
         Some(match self {
-            Self::ForwardDynamics => Algorithm::ForwardDynamics(form),
+            Self::ForwardDynamics | Self::ForwardDynamicsWatched => Algorithm::ForwardDynamics(form),
+            Self::ConstrainedDynamics | Self::ConstrainedDynamicsWatched => Algorithm::ConstrainedDynamics(form),
             Self::InverseDynamics => Algorithm::InverseDynamics,
             Self::BiasTorque => Algorithm::BiasTorque,
             Self::MassMatrix => Algorithm::MassMatrix,
             Self::MassMatrixInverse | Self::MassMatrixInverseWatched => Algorithm::MassMatrixInverse(form),
-            Self::ForwardDynamicsDerivatives => Algorithm::Derivatives(Derivatives::ForwardDynamics(form)),
+            Self::ForwardDynamicsDerivatives | Self::ForwardDynamicsDerivativesWatched => {
+                Algorithm::Derivatives(Derivatives::ForwardDynamics(form))
+            }
             Self::InverseDynamicsDerivatives => Algorithm::Derivatives(Derivatives::InverseDynamics),
-            Self::ForwardDynamicsJvp => Algorithm::Products(Products::ForwardTangent(form)),
-            Self::ForwardDynamicsVjp => Algorithm::Products(Products::ForwardGradient(form)),
+            Self::ForwardDynamicsJvp | Self::ForwardDynamicsJvpWatched => {
+                Algorithm::Products(Products::ForwardTangent(form))
+            }
+            Self::ForwardDynamicsVjp | Self::ForwardDynamicsVjpWatched => {
+                Algorithm::Products(Products::ForwardGradient(form))
+            }
             Self::InverseDynamicsJvp => Algorithm::Products(Products::InverseTangent),
             Self::InverseDynamicsVjp => Algorithm::Products(Products::InverseGradient),
             _ => return None,
@@ -177,14 +227,65 @@ impl Function {
         Ok((scene.frame(&link.into())?, reference))
     }
 
-    /// True for forward kinematics: it does not depend on forces.
-    pub(super) fn is_kinematic(&self) -> bool {
-        matches!(self, Self::Placements | Self::Placement(_) | Self::Jacobian(..))
+    /// All functions with code for `scene`, without those of one link and those that return a margin.
+    #[must_use]
+    pub fn of(scene: &Scene) -> Vec<Self> {
+        FUNCTIONS.into_iter().filter(|function| function.check(scene).is_ok()).collect()
+    }
+
+    /// An error if there is no code of this function for the connections, contacts or mimic joints of the scene.
+    pub(super) fn check(&self, scene: &Scene) -> Result<(), Error> {
+        let scenes = match self {
+            Self::ConstrainedDynamicsWatched => CompiledFor::Loops,
+            Self::ForwardDynamicsDerivativesWatched
+            | Self::ForwardDynamicsJvpWatched
+            | Self::ForwardDynamicsVjpWatched => CompiledFor::Trees,
+            _ => self.line().0.compiled.map_or(CompiledFor::Every, |compiled| compiled.scenes),
+        };
+        let names: Vec<String> = scene.constraints().all.iter().take(8).map(|of| format!("{:?}", of.name)).collect();
+        let (of, expected) = match scenes {
+            CompiledFor::Trees | CompiledFor::TreesWithContacts if !names.is_empty() => (
+                format!("connections ({})", names.join(", ")),
+                "functions with code for connections, such as forward_dynamics: the scene computes this one",
+            ),
+            CompiledFor::Loops if names.is_empty() => {
+                ("a scene without connections".to_owned(), "forward_dynamics, or a scene with connections")
+            }
+            CompiledFor::Contacts | CompiledFor::TreesWithContacts if scene.contacts().is_empty() => {
+                ("a scene without contacts".to_owned(), "other functions, or a scene with contacts")
+            }
+            CompiledFor::Contacts | CompiledFor::TreesWithContacts if !scene.contacts_have_planes() => (
+                "contacts with spheres, boxes or other links".to_owned(),
+                "other functions, or contacts with planes of the base",
+            ),
+            CompiledFor::TreesWithContacts if scene.coupling().is_some() => {
+                ("joints that follow others (mimic)".to_owned(), "other functions, or mimic=\"free\"")
+            }
+            _ => return Ok(()),
+        };
+        let name = self.name().trim_end_matches("_watched");
+        Err(Error::argument("functions", format!("{name} for {of}"), expected))
+    }
+
+    /// True if it is computed through the connections of a scene that has some.
+    pub(super) fn has_rows(&self, scene: &Scene) -> bool {
+        !scene.constraints().is_empty() && self.algorithm().is_some_and(Algorithm::goes_through_connections)
+    }
+
+    /// True if its last result is a margin.
+    pub(super) fn has_margin(&self) -> bool {
+        self.line().0.results.last().is_some_and(|(name, _)| *name == "margin")
     }
 
     /// True if it forms M^-1.
     pub(super) fn has_inverse(&self) -> bool {
-        matches!(self, Self::MassMatrixInverse | Self::MassMatrixInverseWatched | Self::ForwardDynamicsDerivatives)
+        matches!(
+            self,
+            Self::MassMatrixInverse
+                | Self::MassMatrixInverseWatched
+                | Self::ForwardDynamicsDerivatives
+                | Self::ForwardDynamicsDerivativesWatched
+        )
     }
 
     /// The summary of the table, with the link.
@@ -210,6 +311,11 @@ impl Function {
         arrays(scene, self.line().0.results)
     }
 
+    /// The axes of each of its results.
+    pub(super) fn axes(&self) -> impl Iterator<Item = &'static [table::Axis]> {
+        self.line().0.results.iter().map(|&(_, axes)| axes)
+    }
+
     /// Number of scalars of all results together.
     #[must_use]
     pub fn width(&self, scene: &Scene) -> usize {
@@ -220,26 +326,20 @@ impl Function {
         self.line().1
     }
 
-    /// The results of the scene's method for these arguments, one after another.
-    pub(super) fn by_scene(
-        &self,
-        scene: &Scene,
-        tolerance: Option<f64>,
-        arguments: &[&[f64]],
-    ) -> Result<Vec<f64>, Error> {
-        let mut out = vec![f64::NAN; self.width(scene)];
+    /// The results of the scene's method for these arguments, one after another, without the margin.
+    pub(super) fn by_scene(&self, scene: &Scene, arguments: &[&[f64]]) -> Result<Vec<f64>, Error> {
+        let mut out = vec![f64::NAN; self.width(scene) - usize::from(self.has_margin())];
         let (frame, reference) = self.place(scene)?;
         match (self, self.algorithm()) {
-            (Self::ForwardDynamicsWatched, _) => {
-                reference::forward_dynamics_watched(scene, tolerance, arguments, &mut out);
+            (_, Some(algorithm)) => reference::evaluated(scene, algorithm, arguments, &mut out)?,
+            (Self::FactorWatched, _) => {}
+            (Self::ContactGaps, _) => scene.contact_gaps(arguments[0], &mut out)?,
+            (Self::ContactVelocities, _) => scene.contact_velocities(arguments[0], arguments[1], &mut out)?,
+            (Self::ContactGram, _) => {
+                let mut workspace = scene.workspace();
+                workspace.form = Form::default();
+                scene.contact_gram(&mut workspace, arguments[0], &mut out)?;
             }
-            (Self::FactorWatched, _) => out[0] = reference::margin_of_factor(scene, tolerance, arguments[0]),
-            (Self::MassMatrixInverseWatched, Some(algorithm)) => {
-                let (inverse, margin) = out.split_at_mut(scene.nv().pow(2));
-                reference::evaluated(scene, tolerance, algorithm, arguments, inverse)?;
-                margin[0] = reference::margin_of_factor(scene, tolerance, arguments[0]);
-            }
-            (_, Some(algorithm)) => reference::evaluated(scene, tolerance, algorithm, arguments, &mut out)?,
             (Self::Placement(_), _) => scene.placement(arguments[0], frame)?.homogeneous(&mut out),
             (Self::Jacobian(..), _) => scene.jacobian(arguments[0], frame, reference, &mut out)?,
             _ => {

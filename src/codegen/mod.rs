@@ -20,6 +20,7 @@
 mod c;
 mod case;
 mod circle;
+mod coupled;
 mod cuda;
 mod functions;
 mod lanes;

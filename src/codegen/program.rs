@@ -1,5 +1,6 @@
 //! One algorithm of one scene as a program of scalar operations, without operations that this scene does not need.
 
+use super::coupled;
 use super::functions::{Array, Function};
 use super::tracing::Tracer;
 use super::width::Width;
@@ -19,8 +20,6 @@ pub struct Program {
     pub arguments: Vec<Array>,
     /// The results.
     pub results: Vec<Array>,
-    /// The tolerance of its margin, if it has one and the tolerance is not the default.
-    pub(super) tolerance: Option<f64>,
     /// The indices in q at which quaternions begin.
     pub(super) quaternions: Vec<usize>,
     pub(super) operations: Vec<Operation>,
@@ -37,8 +36,9 @@ impl Program {
     ///
     /// # Errors
     ///
-    /// [`Error::Argument`] for a scene with connections or mimic joints, for a scene whose inverse mass matrix is not a
-    /// product of factors (chains of more than 300 joints), for constants that overflow, and for an unknown link.
+    /// [`Error::Argument`] for derivatives of forward dynamics of a scene with connections, for constrained dynamics of
+    /// a scene without, for a scene whose inverse mass matrix is not a product of factors (chains of more than 300
+    /// joints), for constants that overflow, and for an unknown link.
     pub fn new(scene: &Scene, function: &Function) -> Result<Self, Error> {
         Self::accepting(scene, function, None)
     }
@@ -60,16 +60,20 @@ impl Program {
                 given.push(next.by_ref().take(argument.width()).map(Traced::argument).collect());
             }
             let mut out = vec![Traced::argument(0); results.iter().map(Array::width).sum()];
-            function.trace()(&mut Tracer::new(scene, scene.model(), place, tolerance), &given, &mut out);
+            let mut tracer = Tracer::new(scene, scene.model(), place, tolerance);
+            match scene.coupling() {
+                Some(coupling) => coupled::trace(coupling, function, &mut tracer, &given, &mut out),
+                None if function.has_rows(scene) => function.trace()(&mut tracer.with_rows(), &given, &mut out),
+                None => function.trace()(&mut tracer, &given, &mut out),
+            }
             // A constant gets its index here.
             out.iter().map(|number| number.place()).collect()
         });
         let program = Self {
             function: function.clone(),
-            tolerance,
             arguments,
             results,
-            quaternions: scene.model().quaternions(),
+            quaternions: quaternions(scene),
             operations,
             places,
         }
@@ -229,16 +233,18 @@ pub(crate) fn count(
     Ok(Traced::counted(|| function.trace()(&mut tracer, given, &mut out)).1)
 }
 
+/// The indices in q at which quaternions begin.
+fn quaternions(scene: &Scene) -> Vec<usize> {
+    let of_tree = scene.model().quaternions();
+    let Some(coupling) = scene.coupling() else { return of_tree };
+    // Joints with quaternions are independent.
+    let place = |at: &usize| coupling.independent_coordinates_at().iter().position(|independent| independent == at);
+    of_tree.iter().filter_map(place).collect()
+}
+
 fn check(scene: &Scene, function: &Function) -> Result<(), Error> {
-    // Poses do not depend on them.
-    if !function.is_kinematic() {
-        scene.check_no_connections("scene")?;
-    }
-    if scene.coupling().is_some() {
-        let found = "a scene whose joints follow each other (mimic=\"couple\")";
-        return Err(Error::argument("scene", found, "independent joints: mimic=\"free\""));
-    }
-    if function.has_inverse() && !SweepModel::<f64>::new(scene.model()).is_shallow() {
+    function.check(scene)?;
+    if function.has_inverse() && scene.coupling().is_none() && !SweepModel::<f64>::new(scene.model()).is_shallow() {
         let found = format!("a scene of {} degrees of freedom in long chains", scene.nv());
         let expected = format!("{} of shorter ones, or forward_dynamics", function.name());
         return Err(Error::argument("functions", found, expected));

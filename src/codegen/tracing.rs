@@ -1,9 +1,12 @@
 //! Traces of the sweeps of each function on a scalar that records its operations.
 
+use crate::dynamics::constraints::ConstraintKernel;
+use crate::dynamics::contact_points;
 use crate::dynamics::derivatives::{
     Changes, CoStates, Constants, DerivativeColumns, Directions, Kept, Matrices, Product, gradients_in_sweeps,
     in_sweeps, tangent_in_sweeps,
 };
+use crate::dynamics::fixed_rows;
 use crate::dynamics::forces::Motion;
 use crate::dynamics::traced::TracedSweeps;
 use crate::kinematics::{self, Frame, ReferenceFrame};
@@ -15,11 +18,15 @@ use crate::spatial::RigidShift;
 /// The frame of a function of one link, and the frame in which its motion is expressed.
 pub(super) type Place = (Frame<f64>, ReferenceFrame);
 
-/// The arguments of the sweeps, and their scratch.
+/// The arguments of the sweeps, and their scratch. For a scene with mimic joints, they are those of its tree.
 pub(super) struct Tracer<'a> {
     scene: &'a Scene,
     place: Place,
-    traced: TracedSweeps,
+    pub traced: TracedSweeps,
+    /// False if the tolerance is infinite.
+    is_estimated: bool,
+    /// The rows of the connections, for functions that are computed through them.
+    rows: Option<ConstraintKernel<Traced>>,
 }
 
 /// Writes the results, one after another, from the arguments.
@@ -27,17 +34,67 @@ pub(super) type Trace = fn(&mut Tracer<'_>, &[Vec<Traced>], &mut [Traced]);
 
 impl<'a> Tracer<'a> {
     pub fn new(scene: &'a Scene, model: &Model<f64>, place: Place, tolerance: Option<f64>) -> Self {
-        Self { scene, place, traced: TracedSweeps::accepting(model, tolerance) }
+        let traced = TracedSweeps::accepting(model, tolerance);
+        Self { scene, place, traced, is_estimated: tolerance.is_none_or(f64::is_finite), rows: None }
+    }
+
+    /// With the connections of the scene.
+    pub fn with_rows(mut self) -> Self {
+        let TracedSweeps { model, sweeps, .. } = &self.traced;
+        self.rows = Some(ConstraintKernel::new((model, sweeps), self.scene.constraints()));
+        self
     }
 }
 
 pub(super) fn forward_dynamics(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
+    if tracer.rows.is_some() {
+        // The margin is dead code.
+        through_connections(tracer, given, out);
+        return;
+    }
     tracer.traced.forward_dynamics((&given[0], &given[1], &given[2]), &[], out);
 }
 
 pub(super) fn forward_dynamics_watched(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
     let (qdd, margin) = out.split_at_mut(tracer.traced.model.nv());
+    if tracer.rows.is_some() {
+        margin[0] = through_connections(tracer, given, qdd);
+        return;
+    }
     margin[0] = tracer.traced.forward_dynamics_and_margin((&given[0], &given[1], &given[2]), qdd);
+}
+
+/// Joint accelerations, with the connections in the tracer. Returns the margin.
+fn through_connections(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], qdd: &mut [Traced]) -> Traced {
+    let Tracer { traced: TracedSweeps { model, sweeps, scratch }, rows: Some(rows), is_estimated, .. } = tracer else {
+        return Traced::from_f64(f64::NAN);
+    };
+    if let Some(compliance) = given.get(3) {
+        rows.compliance.copy_from_slice(compliance);
+    }
+    let state = (&given[0][..], &given[1][..], &given[2][..]);
+    fixed_rows::forward_dynamics((model, sweeps), (scratch, rows), state, *is_estimated, qdd)
+}
+
+pub(super) fn constrained_dynamics(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
+    let nv = tracer.traced.model.nv();
+    through_connections(tracer, given, &mut out[..nv]);
+    results_of_rows(tracer, &mut out[nv..]);
+}
+
+/// Forces, rank and residual of the connections.
+fn results_of_rows(tracer: &Tracer<'_>, out: &mut [Traced]) {
+    let Some(ConstraintKernel { forces_of_rows, rank, residual, .. }) = &tracer.rows else { return };
+    let (forces, others) = out.split_at_mut(forces_of_rows.len());
+    forces.copy_from_slice(forces_of_rows);
+    others.copy_from_slice(&[*rank, *residual]);
+}
+
+pub(super) fn constrained_dynamics_watched(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
+    let Some((margin, out)) = out.split_last_mut() else { return };
+    let nv = tracer.traced.model.nv();
+    *margin = through_connections(tracer, given, &mut out[..nv]);
+    results_of_rows(tracer, &mut out[nv..]);
 }
 
 pub(super) fn mass_matrix_inverse_watched(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
@@ -67,11 +124,27 @@ pub(super) fn mass_matrix_inverse(tracer: &mut Tracer<'_>, given: &[Vec<Traced>]
 
 pub(super) fn forward_dynamics_derivatives(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
     let qdd = accelerations(tracer, given);
-    derivatives_of_torques(tracer, (&given[0], &given[1], &qdd), out);
+    derivatives_of_accelerations(tracer, given, &qdd, out);
+}
+
+pub(super) fn forward_dynamics_derivatives_watched(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
+    let Some((margin, out)) = out.split_last_mut() else { return };
+    let (qdd, of_factor) = accelerations_watched(tracer, given);
+    *margin = derivatives_of_accelerations(tracer, given, &qdd, out).worst(of_factor);
+}
+
+/// dqdd/dq, dqdd/dqd and M^-1, with the factor in the scratch. Returns the margin of the product with M^-1.
+fn derivatives_of_accelerations(
+    tracer: &mut Tracer<'_>,
+    given: &[Vec<Traced>],
+    qdd: &[Traced],
+    out: &mut [Traced],
+) -> Traced {
+    derivatives_of_torques(tracer, (&given[0], &given[1], qdd), out);
     let inverse = 2 * out.len() / 3;
     tracer.traced.multiplied_out(&mut out[inverse..]);
-    let like = (Traced::from_f64(0.0), Traced::from_f64(0.0));
-    Product::new().in_place((&tracer.traced.model, &tracer.traced.sweeps), like, out);
+    let TracedSweeps { model, sweeps, scratch } = &tracer.traced;
+    Product::new().in_place((model, sweeps), (Traced::from_f64(0.0), scratch.accepted_of_products), out)
 }
 
 pub(super) fn inverse_dynamics_derivatives(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
@@ -83,6 +156,15 @@ fn accelerations(tracer: &mut Tracer<'_>, given: &[Vec<Traced>]) -> Vec<Traced> 
     let mut qdd = vec![Traced::from_f64(f64::NAN); tracer.traced.model.nv()];
     forward_dynamics(tracer, given, &mut qdd);
     qdd
+}
+
+/// As [`accelerations`], with the margin of the factor, whose test vector estimates the errors of solutions.
+fn accelerations_watched(tracer: &mut Tracer<'_>, given: &[Vec<Traced>]) -> (Vec<Traced>, Traced) {
+    let mut qdd = vec![Traced::from_f64(f64::NAN); tracer.traced.model.nv()];
+    let margin = tracer.traced.factor_with_estimate(&given[0], &mut qdd).margin();
+    tracer.traced.innovations_of_factor((&given[0], &given[1], &given[2]), &[], &mut qdd);
+    tracer.traced.smooth(&mut qdd);
+    (qdd, margin)
 }
 
 /// dtau/dq, dtau/dqd and M.
@@ -101,21 +183,34 @@ fn derivatives_of_torques(
 
 pub(super) fn forward_dynamics_jvp(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
     let qdd = accelerations(tracer, given);
-    tangent(tracer, given, (&qdd, true), out);
+    tangent(tracer, given, &qdd, (true, false), out);
+}
+
+pub(super) fn forward_dynamics_jvp_watched(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
+    let Some((margin, out)) = out.split_last_mut() else { return };
+    let (qdd, of_factor) = accelerations_watched(tracer, given);
+    *margin = (-tangent(tracer, given, &qdd, (true, true), out)).worst(of_factor);
 }
 
 pub(super) fn inverse_dynamics_jvp(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
-    tangent(tracer, given, (&given[2], false), out);
+    tangent(tracer, given, &given[2], (false, false), out);
 }
 
-/// The change along a direction: of torques, or with `solves` of accelerations, with the factor in the scratch.
-fn tangent(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], (qdd, solves): (&[Traced], bool), out: &mut [Traced]) {
+/// The change along a direction: of torques, or with `solves` of accelerations, with the factor in the scratch. Returns
+/// a positive value if a solution is `judged` and its estimated error exceeds the tolerance.
+fn tangent(
+    tracer: &mut Tracer<'_>,
+    given: &[Vec<Traced>],
+    qdd: &[Traced],
+    solves_and_judged: (bool, bool),
+    out: &mut [Traced],
+) -> Traced {
     let TracedSweeps { model, sweeps, scratch } = &mut tracer.traced;
     let motion = Motion { q: &given[0], qd: &given[1], qdd: Some(qdd), wrenches: &[] };
     let along = Directions { q: &given[3], qd: &given[4], u: &given[5], ..Directions::default() };
     let (mut changes, mut right) = (Changes::new(sweeps), vec![Traced::from_f64(f64::NAN); model.nv()]);
-    let scratch = (scratch, &mut changes);
-    tangent_in_sweeps::<Traced, Traced>((model, sweeps), scratch, (motion, along), (solves, false), (&mut right, out));
+    let (scene, scratch) = ((&*model, &*sweeps), (scratch, &mut changes));
+    tangent_in_sweeps::<Traced, Traced>(scene, scratch, (motion, along), solves_and_judged, (&mut right, out))
 }
 
 pub(super) fn forward_dynamics_vjp(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
@@ -123,19 +218,29 @@ pub(super) fn forward_dynamics_vjp(tracer: &mut Tracer<'_>, given: &[Vec<Traced>
     gradients(tracer, given, (&qdd, true), out);
 }
 
+pub(super) fn forward_dynamics_vjp_watched(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
+    let Some((margin, out)) = out.split_last_mut() else { return };
+    let (qdd, of_factor) = accelerations_watched(tracer, given);
+    *margin = (-gradients(tracer, given, (&qdd, true), out)).worst(of_factor);
+}
+
 pub(super) fn inverse_dynamics_vjp(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
     gradients(tracer, given, (&given[2], false), out);
 }
 
-/// The gradients of torques, or with `solves` of accelerations.
-fn gradients(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], (qdd, solves): (&[Traced], bool), out: &mut [Traced]) {
+/// The gradients of torques, or with `solves` of accelerations. Returns a positive value if precision is lost.
+fn gradients(
+    tracer: &mut Tracer<'_>,
+    given: &[Vec<Traced>],
+    (qdd, solves): (&[Traced], bool),
+    out: &mut [Traced],
+) -> Traced {
     let TracedSweeps { model, sweeps, scratch } = &mut tracer.traced;
     let motion = Motion { q: &given[0], qd: &given[1], qdd: Some(qdd), wrenches: &[] };
     let (mut co_states, mut x) = (CoStates::new(sweeps), vec![Traced::from_f64(f64::NAN); model.nv()]);
     let results = (&mut Constants::default(), &mut x[..], out);
     let scratch = (scratch, &mut co_states);
-    // Generated code does not check the precision.
-    let _ = gradients_in_sweeps::<Traced, Traced>((model, sweeps), scratch, (motion, &given[3]), solves, results);
+    gradients_in_sweeps::<Traced, Traced>((model, sweeps), scratch, (motion, &given[3]), solves, results)
 }
 
 pub(super) fn placements(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
@@ -157,4 +262,19 @@ pub(super) fn placement(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mu
 pub(super) fn jacobian(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
     let Tracer { traced: TracedSweeps { model, .. }, place: (frame, reference), .. } = tracer;
     kinematics::jacobian(model, &given[0], &frame.cast(), *reference, out);
+}
+
+pub(super) fn contact_gaps(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
+    contact_points::gaps(&tracer.traced.model, tracer.scene.contact_points(), &given[0], out);
+}
+
+pub(super) fn contact_velocities(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
+    let points = tracer.scene.contact_points();
+    contact_points::velocities(&tracer.traced.model, points, (&given[0], &given[1]), out);
+}
+
+pub(super) fn contact_gram(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
+    tracer.traced.factor(&given[0]);
+    let TracedSweeps { model, sweeps, scratch } = &mut tracer.traced;
+    contact_points::gram((model, sweeps), scratch, tracer.scene.contact_points(), &given[0], out);
 }

@@ -203,7 +203,13 @@ impl Scene {
 
     /// The lengths of the axes of arguments and results for this scene.
     pub(crate) fn sizes(&self) -> Sizes {
-        Sizes { nq: self.nq(), nv: self.nv(), links: self.links().len(), connection_rows: self.constraints().rows }
+        Sizes {
+            nq: self.nq(),
+            nv: self.nv(),
+            links: self.links().len(),
+            connection_rows: self.constraints().rows,
+            contacts: self.contact_points().len(),
+        }
     }
 
     /// True if the kernels would compute a wrong result: they support connections in forward dynamics only.

@@ -38,12 +38,14 @@ mod checked_derivatives;
 mod columns;
 pub(crate) mod constraints;
 pub(crate) mod contact_kernel;
+pub(crate) mod contact_points;
 pub(crate) mod contacts;
 pub(crate) mod coupled;
 #[cfg(feature = "derivatives")]
 pub mod derivatives;
 pub(crate) mod energy;
 pub(crate) mod estimate;
+pub(crate) mod fixed_rows;
 pub(crate) mod forces;
 pub(crate) mod forward;
 pub(crate) mod inverse;

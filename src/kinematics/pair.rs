@@ -53,8 +53,8 @@ pub(crate) struct PairRows<T> {
     pub of_motion: [Vector6<T>; 6],
     /// E' V: the second derivative of the error minus E V'.
     pub turning: [T; 6],
-    /// Positive if this parametrization of the rows is regular: states in lanes share one, a single state uses the best
-    /// one.
+    /// Positive if this parametrization of the rows is regular: states in lanes and generated code share one, a single
+    /// state uses the best one.
     pub margin: T,
 }
 
@@ -70,6 +70,12 @@ impl<T: Real> PairRows<T> {
 
 /// z axes count as opposite if 1 + cos is below this: the nearest common direction is then undefined.
 const OPPOSITE: f64 = 1e-12;
+
+/// True if all values use the same parametrization of the rows.
+#[inline(always)]
+fn is_shared<T: Real>() -> bool {
+    T::LANES > 1 || !T::IS_KNOWN
+}
 
 /// The rows of a pair, where C has the pose `place` in D and moves with V = `velocity` relative to it. None for a
 /// distance between origins that coincide.
@@ -87,7 +93,7 @@ pub(crate) fn pair_rows<T: Real>(pair: Pair, place: &RigidShift<T>, velocity: &V
         Pair::Point => {}
         Pair::Distance(length) => {
             let apart = square(&r).sqrt();
-            if T::LANES > 1 {
+            if is_shared::<T>() {
                 rows.margin = apart;
             } else if apart.lane(0) == 0.0 {
                 return None;
@@ -152,7 +158,7 @@ fn quaternion<T: Real>(r: &Matrix3<T>) -> (Vector3<T>, T) {
     // Four times the squares of x, y, z and w.
     let squares = [one + x - y - z, one - x + y - z, one - x - y + z, one + x + y + z];
     let mut largest = 3;
-    if T::LANES == 1 {
+    if !is_shared::<T>() {
         for i in 0..3 {
             if squares[i].lane(0) > squares[largest].lane(0) {
                 largest = i;
@@ -169,14 +175,14 @@ fn quaternion<T: Real>(r: &Matrix3<T>) -> (Vector3<T>, T) {
         2 => (Vector3::new(e * share, f * share, half), c * share),
         _ => (Vector3::new(a * share, b * share, c * share), half),
     };
-    if T::LANES == 1 && w.lane(0) < 0.0 { (times(&v, T::zero() - one), T::zero() - w) } else { (v, w) }
+    if !is_shared::<T>() && w.lane(0) < 0.0 { (times(&v, T::zero() - one), T::zero() - w) } else { (v, w) }
 }
 
 /// The rows of coinciding orientations.
 #[inline(always)]
 fn turned<T: Real>(rotation: &Matrix3<T>, w: &Vector3<T>, rows: &mut PairRows<T>) {
     let (q_v, q_w) = quaternion(rotation);
-    if T::LANES > 1 {
+    if is_shared::<T>() {
         rows.margin = rotation[(0, 0)] + rotation[(1, 1)] + rotation[(2, 2)];
     }
     let turning = T::from_f64(-0.5) * square(w);
@@ -193,7 +199,7 @@ fn tilted<T: Real>(rotation: &Matrix3<T>, w: &Vector3<T>, rows: &mut PairRows<T>
     let u = Vector3::new(rotation[(2, 0)], rotation[(2, 1)], rotation[(2, 2)]);
     let [x, y, z] = axes();
     let number = T::from_f64;
-    if T::LANES > 1 {
+    if is_shared::<T>() {
         rows.margin = u[2];
     } else if 1.0 + u[2].lane(0) < OPPOSITE {
         rows.push(number(2.0), spatial(&x, &none()), T::zero());

@@ -103,8 +103,10 @@ impl StepSettings {
 
     /// True if steps with contacts are vectorized: those of a tree on planes of the base.
     pub fn touches_in_lanes(&self, scene: &Scene) -> bool {
-        let on_planes = scene.contact_points().iter().all(|point| point.other.is_none());
-        self.method == Method::Contact && on_planes && self.coupling.is_none() && self.connected.is_none()
+        self.method == Method::Contact
+            && scene.contacts_have_planes()
+            && self.coupling.is_none()
+            && self.connected.is_none()
     }
 
     /// The settings for the adjoint of the steps, which needs the displacement of every joint from rest, also without a

@@ -173,7 +173,8 @@ impl Scene {
 
     /// The operations of forward dynamics that generated code omits.
     pub(super) fn compiled_item(&self) -> Simplification {
-        if self.nv() == 0 || self.nv() > MOST_COMPILED {
+        // The counts are those of the tree.
+        if self.nv() == 0 || self.nv() > MOST_COMPILED || !self.constraints().is_empty() {
             return NOTHING;
         }
         // No item for functions without a program.

@@ -7,6 +7,7 @@ use super::scene::PyScene;
 use crate::codegen::{FUNCTIONS, Function, Sources, WATCHED, Width, cuda_sources, rust_sources, sources_accepting};
 use crate::error::{Error, number};
 use crate::kinematics::ReferenceFrame;
+use crate::scene::Scene;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyMapping, PyString};
 
@@ -19,25 +20,29 @@ impl PyScene {
     /// functions : iterable of str or tuple, optional
     ///     "forward_dynamics", "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse",
     ///     "forward_dynamics_derivatives", "inverse_dynamics_derivatives", "forward_dynamics_jvp",
-    ///     "forward_dynamics_vjp", "inverse_dynamics_jvp", "inverse_dynamics_vjp" and "placements";
-    ///     "forward_dynamics_watched", "mass_matrix_inverse_watched" and "factor_watched", which also return a margin
-    ///     per state, negative if precision may be lost; and functions of one link, ("placement", link), ("jacobian",
-    ///     link) and ("jacobian", link, frame). None: those of the first group.
+    ///     "forward_dynamics_vjp", "inverse_dynamics_jvp", "inverse_dynamics_vjp" and "placements"; with connections
+    ///     also "constrained_dynamics", but no derivatives and products of forward dynamics; with contacts also
+    ///     "contact_gaps", "contact_velocities" and, without connections and mimic joints, "contact_gram". The names of
+    ///     functions that have a form, except "contact_gram", followed by "_watched" also return a margin per state,
+    ///     negative if precision may be lost; "factor_watched" is the margin of the factor of M alone. Functions of one
+    ///     link are ("placement", link), ("jacobian", link) and ("jacobian", link, frame). None: all without a margin
+    ///     that are not of one link.
     /// dtype : {"float64", "float32"}, default "float64"
     ///     Scalar type of the code.
     /// batches : bool, default False
     ///     If true, add functions for batches, such as NAME_forward_dynamics_batch(count, ...), vectorized over
     ///     states with the vector extensions of GCC and Clang.
     /// tolerance : float, optional
-    ///     Error to which the margins refer, as in forward_dynamics.
+    ///     Error to which the margins refer, as in forward_dynamics; infinity: the margins of functions with
+    ///     connections do not include an error estimate.
     #[doc = section!(Returns)]
     /// files : dict of str to str
     ///     File names and contents: NAME.c, NAME.h, test_NAME.c and a Makefile.
     #[doc = section!(Raises)]
     /// ArgumentError
-    ///     An invalid name, unknown functions or links, links with equal names in C, dynamics of scenes with
-    ///     connections, scenes with coupled joints, and chains of more than 300 joints for the inverse mass matrix and
-    ///     the forward derivatives.
+    ///     An invalid name, unknown functions or links, links with equal names in C, functions without code for the
+    ///     connections, contacts or mimic joints of the scene, and chains of more than 300 joints for the inverse mass
+    ///     matrix and the forward derivatives.
     /// OSError
     ///     Files that cannot be written.
     #[doc = section!(Notes)]
@@ -48,6 +53,10 @@ impl PyScene {
     /// does not allow. The order of q and qd is that of the scene. Results equal those of form "covariance" to
     /// rounding, without an error estimate. Wrenches and changed parameters are not supported. `make test` in the
     /// directory compares the code with the scene at one state.
+    ///
+    /// With connections, forward_dynamics and constrained_dynamics (whose fourth argument is the compliance of each
+    /// row, zero for rigid rows) factor the rows in a fixed order. Only the functions with a margin report states for
+    /// which this is not valid, because rows depend on each other or the state violates the connections.
     #[doc = section!(Examples)]
     /// >>> files = phipsi.scenes.chain(3).to_c(name="arm", functions=["forward_dynamics"])
     /// >>> sorted(files)
@@ -65,7 +74,7 @@ impl PyScene {
         batches: bool,
         tolerance: Option<f64>,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let (width, functions) = (read_width(dtype)?, read_functions(functions)?);
+        let (width, functions) = (read_width(dtype)?, read_functions(&self.scene, functions)?);
         if tolerance.is_some() && !functions.iter().any(|function| WATCHED.contains(function)) {
             let found = format!("{} for functions without a margin", number(tolerance.unwrap_or_default()));
             return Err(Error::argument(
@@ -110,7 +119,7 @@ impl PyScene {
         name: &str,
         functions: Option<&Object<'py>>,
     ) -> PyResult<Bound<'py, PyDict>> {
-        written(py, directory, rust_sources(&self.scene, name, &read_functions(functions)?)?)
+        written(py, directory, rust_sources(&self.scene, name, &read_functions(&self.scene, functions)?)?)
     }
 
     /// Generate CUDA kernels for the dynamics of this robot.
@@ -143,7 +152,8 @@ impl PyScene {
         functions: Option<&Object<'py>>,
         dtype: &str,
     ) -> PyResult<Bound<'py, PyDict>> {
-        written(py, directory, cuda_sources(&self.scene, name, &read_functions(functions)?, read_width(dtype)?)?)
+        let functions = read_functions(&self.scene, functions)?;
+        written(py, directory, cuda_sources(&self.scene, name, &functions, read_width(dtype)?)?)
     }
 }
 
@@ -167,11 +177,11 @@ fn read_width(dtype: &str) -> PyResult<Width> {
     }
 }
 
-/// Reads functions: names, (name, link) or (name, link, frame), without duplicates. None: all functions that are not
-/// for one link and have no margin.
-fn read_functions(given: Option<&Object<'_>>) -> PyResult<Vec<Function>> {
+/// Reads functions: names, (name, link) or (name, link, frame), without duplicates. None: all functions with code for
+/// the scene that are not for one link and have no margin.
+fn read_functions(scene: &Scene, given: Option<&Object<'_>>) -> PyResult<Vec<Function>> {
     let Some(given) = given else {
-        return Ok(FUNCTIONS.to_vec());
+        return Ok(Function::of(scene));
     };
     let expected = "names of functions";
     if given.is_instance_of::<PyString>() || given.is_instance_of::<PyMapping>() {

@@ -1,12 +1,14 @@
 //! Contacts: the method of `SceneBuilder` that adds them, and the methods of `Scene` that evaluate them.
 
 use super::builder::{PySceneBuilder, frame_of, optional_triple};
+use super::choice::read_judged_factor;
 use super::cost::WORTH_DETACHING;
 use super::interrupts::detached_checked;
 use super::object::{Object, imported};
 use super::output::{Array, from_numbers};
 use super::scene::PyScene;
 use crate::error::Error;
+use crate::memory;
 use crate::motion::ContactReport;
 use crate::scene::{Contact, Surface};
 use pyo3::prelude::*;
@@ -174,6 +176,46 @@ impl PyScene {
         let contacts = self.scene.contacts().len();
         let call = self.call([self.configuration("q", q)?], self.cost_of_contacts(), "raise")?;
         call.array(py, &[contacts, 3], |scene, _, [q], out| scene.contact_positions(q, out))
+    }
+
+    /// J M^-1 J^T of the points of all contacts: their velocities, in the base frame, due to unit impulses on them.
+    #[doc = parameters!(q form tolerance errors)]
+    #[doc = section!(Returns)]
+    /// gram : (..., contacts, 3, contacts, 3) ndarray
+    ///     Velocity of contact i along axis a of the base frame due to a unit impulse on contact j along axis b, 1/kg,
+    ///     in the order of contact_names. Symmetric.
+    #[doc = section!(Raises)]
+    /// ArgumentError
+    ///     Connections or mimic joints, and as below.
+    #[doc = entries!(singular arguments)]
+    #[doc = section!(Notes)]
+    /// J qd are the velocities of contact_velocities. All contacts are included, open ones too. The factor of M and one
+    /// right-hand side per row, O(m N + m^2 nv) for m rows.
+    #[doc = section!(Examples)]
+    /// >>> builder = phipsi.SceneBuilder().link("ball", mass=2.0, inertia=0.004 * np.eye(3))
+    /// >>> scene = builder.contact("foot", "ball", friction=0.5, radius=0.1).build(floating_base=True)
+    /// >>> scene.contact_gram([0, 0, 0.1, 0, 0, 0, 1])[0, :, 0, :].round(3)
+    /// array([[3. , 0. , 0. ],
+    ///        [0. , 3. , 0. ],
+    ///        [0. , 0. , 0.5]])
+    #[pyo3(signature = (q, *, form="auto", tolerance=None, errors="raise"))]
+    fn contact_gram<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Object<'py>,
+        form: &str,
+        tolerance: Option<f64>,
+        errors: &str,
+    ) -> Array<'py> {
+        let (form, tolerance) = read_judged_factor(&self.scene, form, tolerance)?;
+        let contacts = self.scene.contacts().len();
+        memory::room("q", memory::bytes_of::<f64>(&[3 * contacts, 3 * contacts]))?;
+        let cost = self.cost_of_contacts().saturating_add(self.size().saturating_mul(contacts).saturating_mul(200));
+        let call = self.call([self.configuration("q", q)?], cost, errors)?.with(self.errors(errors, Some(form))?);
+        call.accepting(tolerance).array(py, &[contacts, 3, contacts, 3], |scene, scratch, [q], out| {
+            scratch.workspace.form = form;
+            scene.contact_gram(&mut scratch.workspace, q, out)
+        })
     }
 
     /// Create the same scene without the contacts, for methods that do not support contacts.

@@ -1,15 +1,16 @@
 //! The table of functions, which the tables of `phipsi._functions` are made of.
 
 use crate::algorithm::FUNCTIONS;
-use crate::algorithm::table::{Array, Axis};
+use crate::algorithm::table::{Array, Axis, CompiledFor};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyTuple};
 
 /// Every function: a dict of its name, a summary, its arguments and results with their axes, and what is known of it.
 ///
-/// Axes are "nq", "nv", "links", "rows" (of connections) or numbers. state: the number of arguments that are a state.
+/// Axes are "nq", "nv", "links", "rows" (of connections), "contacts" or numbers. state: the number of arguments that
+/// are a state.
 /// few: the number of states below which the scene is faster than compiled code; None: no code is generated for it.
-/// watched: the function that also returns a margin.
+/// watched: the function that also returns a margin. scenes: those with code.
 #[pyfunction(name = "_function_table")]
 #[pyo3(signature = ())]
 pub(super) fn function_table(py: Python<'_>) -> PyResult<Bound<'_, PyList>> {
@@ -27,6 +28,14 @@ pub(super) fn function_table(py: Python<'_>) -> PyResult<Bound<'_, PyList>> {
         row.set_item("of_link", entry.of_link)?;
         row.set_item("few", entry.compiled.map(|compiled| compiled.few))?;
         row.set_item("watched", entry.compiled.and_then(|compiled| compiled.watched))?;
+        let scenes = entry.compiled.map(|compiled| match compiled.scenes {
+            CompiledFor::Every => "every",
+            CompiledFor::Trees => "trees",
+            CompiledFor::Loops => "loops",
+            CompiledFor::Contacts => "contacts",
+            CompiledFor::TreesWithContacts => "trees with contacts",
+        });
+        row.set_item("scenes", scenes)?;
         all.append(row)?;
     }
     Ok(all)
@@ -41,6 +50,7 @@ fn arrays<'py>(py: Python<'py>, arrays: &[Array]) -> PyResult<Bound<'py, PyDict>
             Axis::Velocities => "nv".into_pyobject(py).map(Bound::into_any),
             Axis::Links => "links".into_pyobject(py).map(Bound::into_any),
             Axis::ConnectionRows => "rows".into_pyobject(py).map(Bound::into_any),
+            Axis::Contacts => "contacts".into_pyobject(py).map(Bound::into_any),
             Axis::Fixed(length) => length.into_pyobject(py).map(Bound::into_any),
         });
         all.set_item(name, PyTuple::new(py, axes.collect::<Result<Vec<_>, _>>()?)?)?;

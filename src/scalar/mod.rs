@@ -85,6 +85,10 @@ pub trait Real:
     /// Number of lanes of one value.
     const LANES: usize;
 
+    /// Whether values are known when the code runs, so that [`Real::lane`] can choose between formulas. False for a
+    /// scalar that records its operations.
+    const IS_KNOWN: bool = true;
+
     /// The value nearest to `x`, in every lane.
     fn from_f64(x: f64) -> Self;
 

@@ -220,6 +220,7 @@ impl One for Traced {
 
 impl Real for Traced {
     const LANES: usize = 1;
+    const IS_KNOWN: bool = false;
 
     fn from_f64(x: f64) -> Self {
         // Replaces NaN constants, so that their payload is not read as an index.

@@ -6,6 +6,7 @@ use super::{Joint, Scene};
 use crate::error::{Error, check_length};
 use crate::filter::summed::Sums;
 use crate::joints::JointKind;
+use crate::scalar::Real;
 use std::borrow::Cow;
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
@@ -69,20 +70,20 @@ impl Coupling {
 
     /// Configuration q = G q' + o of the tree, for a configuration of the scene.
     #[must_use]
-    pub fn configuration(&self, q: &[f64]) -> Vec<f64> {
-        self.q.iter().map(|of| of.multiplier * q[of.index] + of.offset).collect()
+    pub fn configuration<T: Real>(&self, q: &[T]) -> Vec<T> {
+        self.q.iter().map(|of| T::from_f64(of.multiplier) * q[of.index] + T::from_f64(of.offset)).collect()
     }
 
     /// Velocities or accelerations G x of the tree, for those of the scene.
     #[must_use]
-    pub fn rates(&self, x: &[f64]) -> Vec<f64> {
-        self.v.iter().map(|&(index, multiplier)| multiplier * x[index]).collect()
+    pub fn rates<T: Real>(&self, x: &[T]) -> Vec<T> {
+        self.v.iter().map(|&(index, multiplier)| T::from_f64(multiplier) * x[index]).collect()
     }
 
     /// Torques of the tree with the same effect as `tau`: they act at the independent joints only.
     #[must_use]
-    pub fn torques(&self, tau: &[f64]) -> Vec<f64> {
-        let mut full = vec![0.0; self.v.len()];
+    pub fn torques<T: Real>(&self, tau: &[T]) -> Vec<T> {
+        let mut full = vec![T::zero(); self.v.len()];
         for (&row, &value) in self.independent.iter().zip(tau) {
             full[row] = value;
         }
@@ -95,14 +96,13 @@ impl Coupling {
     }
 
     /// Index in the tree of each independent coordinate.
-    #[cfg_attr(not(feature = "python"), allow(dead_code))]
     pub(crate) fn independent_coordinates_at(&self) -> &[usize] {
         &self.independent_q
     }
 
     /// The independent entries of velocities or accelerations of the tree.
     #[must_use]
-    pub fn independent_rates(&self, x: &[f64]) -> Vec<f64> {
+    pub fn independent_rates<T: Real>(&self, x: &[T]) -> Vec<T> {
         self.independent.iter().map(|&row| x[row]).collect()
     }
 
@@ -221,15 +221,15 @@ impl Coupling {
     }
 
     /// Writes G^T tau to `out`, for torques of the tree.
-    pub fn reduce(&self, tau: &[f64], out: &mut [f64]) {
-        out.fill(0.0);
-        for (&(index, multiplier), value) in self.v.iter().zip(tau) {
-            out[index] += multiplier * value;
+    pub fn reduce<T: Real>(&self, tau: &[T], out: &mut [T]) {
+        out.fill(T::zero());
+        for (&(index, multiplier), &value) in self.v.iter().zip(tau) {
+            out[index] += T::from_f64(multiplier) * value;
         }
     }
 
     /// Writes X G to `out`, row-major, for a matrix with one column per velocity of the tree.
-    pub fn reduce_columns(&self, x: &[f64], out: &mut [f64]) {
+    pub fn reduce_columns<T: Real>(&self, x: &[T], out: &mut [T]) {
         let (full, nv) = (self.v.len(), self.independent.len());
         if full > 0 {
             for (row, out) in x.chunks_exact(full).zip(out.chunks_exact_mut(nv)) {
@@ -239,14 +239,14 @@ impl Coupling {
     }
 
     /// Writes G^T X G to `out`, row-major, for a square matrix of the tree.
-    pub fn reduce_matrix(&self, x: &[f64], out: &mut [f64]) {
+    pub fn reduce_matrix<T: Real>(&self, x: &[T], out: &mut [T]) {
         let (full, nv) = (self.v.len(), self.independent.len());
-        let mut columns = vec![0.0; full * nv];
+        let mut columns = vec![T::zero(); full * nv];
         self.reduce_columns(x, &mut columns);
-        out.fill(0.0);
+        out.fill(T::zero());
         for (&(index, multiplier), row) in self.v.iter().zip(columns.chunks_exact(nv.max(1))) {
-            for (sum, value) in out[index * nv..].iter_mut().zip(row) {
-                *sum += multiplier * value;
+            for (sum, &value) in out[index * nv..].iter_mut().zip(row) {
+                *sum += T::from_f64(multiplier) * value;
             }
         }
     }

@@ -40,7 +40,18 @@ pub fn by_method(scene: &Scene, function: &Function, given: &[Vec<f64>]) -> Vec<
     let (q, qd, u, along) = (at(0), at(1), at(2), [at(3), at(4), at(5)]);
     match function {
         Function::ForwardDynamics => scene.forward_dynamics(w, q, qd, u, &[], &mut out),
-        Function::ForwardDynamicsWatched | Function::MassMatrixInverseWatched | Function::FactorWatched => {
+        Function::ConstrainedDynamics => {
+            let scratch = &mut scene.constraint_scratch();
+            let (qdd, rest) = out.split_at_mut(scene.nv());
+            let (forces, told) = rest.split_at_mut(scene.constraint_rows());
+            scene.constrained_dynamics(w, scratch, q, qd, u, &[], (qdd, forces)).map(|found| {
+                told.copy_from_slice(&[found.rank as f64, found.residual]);
+            })
+        }
+        Function::ForwardDynamicsWatched
+        | Function::ConstrainedDynamicsWatched
+        | Function::MassMatrixInverseWatched
+        | Function::FactorWatched => {
             unreachable!("no method has a margin")
         }
         Function::InverseDynamics => scene.inverse_dynamics(w, q, qd, u, &[], &mut out),

@@ -250,6 +250,7 @@ LARGE: dict[str, Large] = {
     "constraint_bias": Large("q", through_connections("constraint_bias", 1, 10**7), room=100),
     "contact_gaps": Large("q", on_the_ground("contact_gaps", 0, 3 * 10**7), room=100),
     "contact_velocities": Large("q", on_the_ground("contact_velocities", 1, 10**7), room=100),
+    "contact_gram": Large("q", on_the_ground("contact_gram", 0, 3 * 10**6), room=100),
     "constrained_dynamics": Large("q", through_connections("constrained_dynamics", 2, 3 * 10**6)),
     "project": Large("q", through_connections("project", 0, 5 * 10**6)),
     "constrained_inverse_dynamics": Large("q", through_connections("constrained_inverse_dynamics", 2, 3 * 10**6)),

@@ -186,6 +186,7 @@ LONG: dict[str, Callable[[], Call]] = {
     "estimate, dense, one": of_one(300, lambda scene, q: scene.estimate(q, q, q, covariance=True, method="batch")),
     "contact_gaps": on_the_ground(3_000_000, lambda scene, q: scene.contact_gaps(q)),
     "contact_velocities": on_the_ground(1_000_000, lambda scene, q: scene.contact_velocities(q, np.zeros(30))),
+    "contact_gram": on_the_ground(100_000, lambda scene, q: scene.contact_gram(q)),
     "constraint_error": looped(1_000_000, lambda scene, q: scene.constraint_error(q)),
     "constraint_jacobian": looped(300_000, lambda scene, q: scene.constraint_jacobian(q)),
     "constraint_bias": looped(1_000_000, lambda scene, q: scene.constraint_bias(q, np.zeros(30))),

@@ -120,14 +120,15 @@ def test_broken_options_are_refused(options: dict[str, object], message: str) ->
         phipsi.scenes.chain(2).to_c(**options)  # type: ignore[arg-type]
 
 
-def test_the_dynamics_of_scenes_with_connections_are_refused() -> None:
+def test_derivatives_through_connections_are_refused() -> None:
     builder = phipsi.scenes.chain(3).to_builder()
     builder.connect("tip", "point", "link2", xyz=(0, 0, 0.3))
     scene = builder.build()
-    for function in ("forward_dynamics_derivatives", "inverse_dynamics_vjp"):
+    for function in ("forward_dynamics_derivatives", "forward_dynamics_jvp", "forward_dynamics_vjp"):
         with pytest.raises(ArgumentError, match="tip"):
             scene.to_c(functions=[function])
-    # The poses of links do not depend on them.
+    # Neither the poses of links nor inverse dynamics depend on them.
+    assert "robot_inverse_dynamics_vjp(" in scene.to_c(functions=["inverse_dynamics_vjp"])["robot.h"]
     assert "robot_placement_link2(" in scene.to_c(functions=[("placement", "link2")])["robot.h"]
 
 
@@ -234,9 +235,9 @@ class Recorder:
         if not callable(found):
             return found
 
-        def noted(q: np.ndarray, *given: object) -> object:
+        def noted(q: np.ndarray, *given: object, **options: object) -> object:
             self.asked.append((name, len(q)))
-            return found(q, *given)
+            return found(q, *given, **options)
 
         return noted
 

@@ -57,7 +57,7 @@ def unwritten(scene: phipsi.Scene, function: str, batch: tuple[int, ...], dtype:
 
 
 @pytest.mark.parametrize("kind", [phipsi.Compiled, phipsi.CompiledForCuda])
-@pytest.mark.parametrize("function", [*FUNCTIONS, "placement", "jacobian"])
+@pytest.mark.parametrize("function", [*FUNCTIONS, "constrained_dynamics", "placement", "jacobian"])
 def test_signatures_are_those_of_the_scene(kind: type, function: str) -> None:
     """Without form, tolerance and dtype, which are options of compile."""
 

@@ -15,20 +15,20 @@ use nalgebra::Vector6;
 
 /// The factor of G^T M G in one scalar, with its scratch.
 #[derive(Debug, Clone)]
-struct Solver<T: Real> {
+pub(crate) struct CoupledSolver<T: Real> {
     model: Model<T>,
     workspace: Workspace<T>,
     factor: SummedFactor<T>,
 }
 
-impl<T: Real> Solver<T> {
-    fn new(model: Model<T>, sums: &Sums) -> Self {
+impl<T: Real> CoupledSolver<T> {
+    pub fn new(model: Model<T>, sums: &Sums) -> Self {
         let (workspace, factor) = (Workspace::new(&model), SummedFactor::new(&model.system, sums));
         Self { model, workspace, factor }
     }
 
     /// The factor at `q`; with velocities also the bias forces, in the workspace's z.
-    fn factorise(&mut self, sums: &Sums, q: &[T], bias: Option<(&[T], &[Vector6<T>])>) -> Seen<T> {
+    pub fn factorise(&mut self, sums: &Sums, q: &[T], bias: Option<(&[T], &[Vector6<T>])>) -> Seen<T> {
         let Self { model, workspace, factor } = self;
         if let Some((qd, wrenches)) = bias {
             forces_base_to_tip(model, workspace, Motion { q, qd, qdd: None, wrenches });
@@ -45,9 +45,14 @@ impl<T: Real> Solver<T> {
     }
 
     /// The accelerations for these torques and the bias forces in z, which are overwritten.
-    fn solve(&mut self, sums: &Sums, tau: &[T], qdd: &mut [T]) {
+    pub fn solve(&mut self, sums: &Sums, tau: &[T], qdd: &mut [T]) {
         let Self { model, workspace, factor } = self;
         factor.solve(&model.system, sums, &workspace.store.shifts, tau, &mut workspace.z, qdd);
+    }
+
+    /// Prepares the factor for a right-hand side without bias.
+    pub fn without_bias(&mut self) {
+        self.workspace.z.fill(zero());
     }
 
     fn lost(&self, sums: &Sums, seen: &Seen<T>) -> Option<LostPivot> {
@@ -59,9 +64,9 @@ impl<T: Real> Solver<T> {
 /// Accelerations of a tree with mimic joints, in f64, and in double-double arithmetic if a pivot in f64 is inaccurate.
 #[derive(Debug, Clone)]
 pub(crate) struct CoupledAccelerations {
-    narrow: Solver<f64>,
+    narrow: CoupledSolver<f64>,
     /// Allocated when it is first needed.
-    wide: Option<Box<Solver<DoubleDouble>>>,
+    wide: Option<Box<CoupledSolver<DoubleDouble>>>,
     /// True if the last factor is the wide one.
     pub(crate) is_wide: bool,
 }
@@ -72,7 +77,7 @@ fn widened(numbers: &[f64]) -> Vec<DoubleDouble> {
 
 impl CoupledAccelerations {
     pub fn new(model: &Model<f64>, sums: &Sums) -> Self {
-        Self { narrow: Solver::new(model.clone(), sums), wide: None, is_wide: false }
+        Self { narrow: CoupledSolver::new(model.clone(), sums), wide: None, is_wide: false }
     }
 
     /// Sets measurement noise other than the armature: the terms that a step treats implicitly.
@@ -102,7 +107,7 @@ impl CoupledAccelerations {
                 return self.narrow.lost(sums, &seen);
             }
         }
-        let wide = self.wide.get_or_insert_with(|| Box::new(Solver::new(self.narrow.model.cast(), sums)));
+        let wide = self.wide.get_or_insert_with(|| Box::new(CoupledSolver::new(self.narrow.model.cast(), sums)));
         let bias: Option<(Vec<_>, Vec<_>)> =
             bias.map(|(qd, wrenches)| (widened(qd), wrenches.iter().map(|w| w.map(DoubleDouble::from_f64)).collect()));
         let seen = wide.factorise(sums, &widened(q), bias.as_ref().map(|(qd, wrenches)| (&qd[..], &wrenches[..])));
@@ -126,9 +131,9 @@ impl CoupledAccelerations {
 
     /// Prepares the factor for a right-hand side without bias.
     pub fn without_bias(&mut self) {
-        self.narrow.workspace.z.fill(zero());
+        self.narrow.without_bias();
         if let Some(wide) = &mut self.wide {
-            wide.workspace.z.fill(zero());
+            wide.without_bias();
         }
     }
 }

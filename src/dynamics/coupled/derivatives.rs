@@ -5,6 +5,7 @@ use crate::algorithm::{Algorithm, Arguments, Derivatives, Products};
 use crate::dynamics::derivatives::linear_system;
 use crate::error::Error;
 use crate::filter::Form;
+use crate::scalar::Real;
 use crate::scene::Scene;
 
 impl Scene {
@@ -152,11 +153,11 @@ impl Call<'_, '_> {
 }
 
 /// -A B into `out`, (n x n) each, row by row.
-fn minus_product(n: usize, a: &[f64], b: &[f64], out: &mut [f64]) {
-    out.fill(0.0);
+pub(crate) fn minus_product<T: Real>(n: usize, a: &[T], b: &[T], out: &mut [T]) {
+    out.fill(T::zero());
     for (a, out) in a.chunks_exact(n.max(1)).zip(out.chunks_exact_mut(n.max(1))) {
-        for (a, b) in a.iter().zip(b.chunks_exact(n)) {
-            for (out, b) in out.iter_mut().zip(b) {
+        for (&a, b) in a.iter().zip(b.chunks_exact(n)) {
+            for (out, &b) in out.iter_mut().zip(b) {
                 *out -= a * b;
             }
         }

@@ -8,7 +8,9 @@ mod accelerations;
 #[cfg(feature = "derivatives")]
 mod derivatives;
 
-pub(crate) use accelerations::CoupledAccelerations;
+pub(crate) use accelerations::{CoupledAccelerations, CoupledSolver};
+#[cfg(feature = "derivatives")]
+pub(crate) use derivatives::minus_product;
 
 use crate::accuracy::Accuracy;
 use crate::algorithm::{Algorithm, Arguments};

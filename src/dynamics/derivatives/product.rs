@@ -42,16 +42,16 @@ impl<T: Real, C: ColumnsOf<T>> Product<T, C> {
         self.packed = vec![[C::zero(); 2]; end];
     }
 
-    /// -M^-1 times both, in place: `out` holds dtau/dq, dtau/dqd and M^-1, one after another. Returns the lanes, as
-    /// bits, that lose precision: eps times the terms of the largest column exceeds `accepted`, in eps of the largest
-    /// entry.
+    /// -M^-1 times both, in place: `out` holds dtau/dq, dtau/dqd and M^-1, one after another. Returns the margin of the
+    /// precision: negative or NaN where eps times the terms of the largest column exceeds `accepted`, in eps of the
+    /// largest entry.
     #[inline(always)]
     pub fn in_place(
         &mut self,
         scene: (&Model<T>, &SweepModel<T>),
         (like, accepted): (C, T),
         out: &mut [C::Entry],
-    ) -> u64 {
+    ) -> T {
         let nv = scene.0.nv();
         if self.blocks.is_empty() {
             self.make(scene.0, scene.1);
@@ -87,7 +87,7 @@ impl<T: Real, C: ColumnsOf<T>> Product<T, C> {
                 }
             }
         }
-        lost(terms, size, accepted)
+        margin(terms, size, accepted)
     }
 
     /// Packs the blocks. Returns, per lane, the largest sum of the terms of a column.
@@ -165,19 +165,16 @@ fn put<T: Real, C: ColumnsOf<T>>(block: C, to: &mut [C::Entry]) {
     }
 }
 
-/// The lanes, as bits, in which the rounding of the terms may exceed the accepted error, in eps of the largest result.
+/// The accepted error minus the rounding of the terms, in eps, of the matrix with less of it.
 #[inline(always)]
-fn lost<T: Real, C: ColumnsOf<T>>(terms: [C; 2], size: [C; 2], accepted: T) -> u64 {
-    let mut lanes = 0;
-    for matrix in 0..2 {
+fn margin<T: Real, C: ColumnsOf<T>>(terms: [C; 2], size: [C; 2], accepted: T) -> T {
+    let [by_q, by_qd] = [0, 1].map(|matrix| {
         let (mut terms_of, mut size_of) = (terms[matrix].column(0), size[matrix].column(0));
         for column in 1..C::COLUMNS {
             terms_of = larger(terms_of, terms[matrix].column(column));
             size_of = larger(size_of, size[matrix].column(column));
         }
-        for lane in 0..T::LANES {
-            lanes |= u64::from(!(terms_of.lane(lane) <= size_of.lane(lane) * accepted.lane(lane))) << lane;
-        }
-    }
-    lanes
+        size_of * accepted - terms_of
+    });
+    by_q.worst(by_qd)
 }

@@ -1,0 +1,176 @@
+//! Traces for scenes with mimic joints, q = G q' + o.
+//!
+//! Functions of the motion are those of the tree at (q, G qd', G qdd'), multiplied by G and G^T. Accelerations and M^-1
+//! are the results of the filter of [`summed`](crate::filter::summed).
+
+use super::functions::Function;
+use super::tracing::Tracer;
+use crate::algorithm::table::Axis;
+use crate::dynamics::coupled::{CoupledSolver, minus_product};
+use crate::scalar::{Real, Traced};
+use crate::scene::Coupling;
+
+/// The trace of one function for the arguments of the scene, q first.
+pub(super) fn trace(
+    coupling: &Coupling,
+    function: &Function,
+    tracer: &mut Tracer<'_>,
+    given: &[Vec<Traced>],
+    out: &mut [Traced],
+) {
+    let mut coupled = Coupled {
+        coupling,
+        solver: CoupledSolver::new(tracer.traced.model.clone(), coupling.sums()),
+        margin: Traced::from_f64(f64::NAN),
+        tracer,
+    };
+    let (nv, square) = (coupling.sizes().1, coupling.sizes().1.pow(2));
+    match function {
+        Function::ForwardDynamics | Function::ForwardDynamicsWatched => {
+            let qdd = coupled.accelerations(given);
+            out[..nv].copy_from_slice(&coupling.independent_rates(&qdd));
+            out[nv..].fill(coupled.margin);
+        }
+        Function::MassMatrixInverse | Function::MassMatrixInverseWatched => {
+            coupled.factorise(&given[0], None);
+            coupled.inverse(&mut out[..square]);
+            out[square..].fill(coupled.margin);
+        }
+        Function::FactorWatched => {
+            coupled.factorise(&given[0], None);
+            out.fill(coupled.margin);
+        }
+        Function::ForwardDynamicsDerivatives | Function::ForwardDynamicsDerivativesWatched => {
+            coupled.forward_derivatives(given, &mut out[..3 * square]);
+            out[3 * square..].fill(coupled.margin);
+        }
+        Function::ForwardDynamicsJvp | Function::ForwardDynamicsJvpWatched => {
+            // M dqdd = dtau - the change of inverse dynamics at the accelerations of the state.
+            let qdd = coupled.accelerations(given);
+            let seed = [coupling.rates(&given[3]), coupling.rates(&given[4]), vec![Traced::from_f64(0.0); qdd.len()]];
+            let changed = coupled.of_tree(&Function::InverseDynamicsJvp, given, qdd, &seed);
+            let right: Vec<Traced> = given[5].iter().zip(changed).map(|(&dtau, changed)| dtau - changed).collect();
+            out[..nv].copy_from_slice(&coupled.solve(&right));
+            out[nv..].fill(coupled.margin);
+        }
+        Function::ForwardDynamicsVjp | Function::ForwardDynamicsVjpWatched => {
+            let qdd = coupled.accelerations(given);
+            let x = coupled.solve(&given[3]);
+            let gradients = coupled.of_tree(&Function::InverseDynamicsVjp, given, qdd, &[coupling.rates(&x)]);
+            for (out, gradient) in out.iter_mut().zip(gradients) {
+                *out = -gradient;
+            }
+            out[2 * nv..3 * nv].copy_from_slice(&x);
+            out[3 * nv..].fill(coupled.margin);
+        }
+        _ => {
+            let of_tree = given.iter().enumerate().map(|(at, values)| match at {
+                0 => coupling.configuration(values),
+                _ => coupling.rates(values),
+            });
+            out.copy_from_slice(&coupled.reduced(function, &of_tree.collect::<Vec<_>>()));
+        }
+    }
+}
+
+struct Coupled<'a, 'b> {
+    coupling: &'a Coupling,
+    tracer: &'a mut Tracer<'b>,
+    solver: CoupledSolver<Traced>,
+    /// That of the last factor.
+    margin: Traced,
+}
+
+impl Coupled<'_, '_> {
+    /// The factor of G^T M G at `q`, and with velocities the bias.
+    fn factorise(&mut self, q: &[Traced], qd: Option<&[Traced]>) {
+        let qd = qd.map(|qd| self.coupling.rates(qd));
+        let bias = qd.as_ref().map(|qd| (&qd[..], &[][..]));
+        let q = self.coupling.configuration(q);
+        self.margin = self.solver.factorise(self.coupling.sums(), &q, bias).doubt.margin();
+    }
+
+    /// The accelerations of all joints of the tree for (q, qd, tau) of the scene.
+    fn accelerations(&mut self, given: &[Vec<Traced>]) -> Vec<Traced> {
+        self.factorise(&given[0], Some(&given[1]));
+        self.solved(&given[2])
+    }
+
+    fn solved(&mut self, tau: &[Traced]) -> Vec<Traced> {
+        let mut qdd = vec![Traced::from_f64(f64::NAN); self.coupling.tree().nv()];
+        self.solver.solve(self.coupling.sums(), &self.coupling.torques(tau), &mut qdd);
+        qdd
+    }
+
+    /// (G^T M G)^-1 tau with the factor.
+    fn solve(&mut self, tau: &[Traced]) -> Vec<Traced> {
+        self.solver.without_bias();
+        let qdd = self.solved(tau);
+        self.coupling.independent_rates(&qdd)
+    }
+
+    /// (G^T M G)^-1 with the factor, row by row.
+    fn inverse(&mut self, out: &mut [Traced]) {
+        let nv = self.coupling.sizes().1;
+        let mut unit = vec![Traced::from_f64(0.0); nv];
+        for column in 0..nv {
+            unit.fill(Traced::from_f64(0.0));
+            unit[column] = Traced::from_f64(1.0);
+            for (row, value) in self.solve(&unit).into_iter().enumerate().skip(column) {
+                out[row * nv + column] = value;
+                out[column * nv + row] = value;
+            }
+        }
+    }
+
+    /// dqdd/dq, dqdd/dqd and M^-1.
+    fn forward_derivatives(&mut self, given: &[Vec<Traced>], out: &mut [Traced]) {
+        let square = self.coupling.sizes().1.pow(2);
+        let qdd = self.accelerations(given);
+        let three = self.of_tree(&Function::InverseDynamicsDerivatives, given, qdd, &[]);
+        let (products, inverse) = out.split_at_mut(2 * square);
+        self.inverse(inverse);
+        for (of, out) in three.chunks_exact(square.max(1)).zip(products.chunks_exact_mut(square.max(1))) {
+            minus_product(self.coupling.sizes().1, inverse, of, out);
+        }
+    }
+
+    /// A function of inverse dynamics at the state of `given`, with accelerations `qdd` and `seed` of the tree.
+    fn of_tree(
+        &mut self,
+        function: &Function,
+        given: &[Vec<Traced>],
+        qdd: Vec<Traced>,
+        seed: &[Vec<Traced>],
+    ) -> Vec<Traced> {
+        let mut arguments = vec![self.coupling.configuration(&given[0]), self.coupling.rates(&given[1]), qdd];
+        arguments.extend_from_slice(seed);
+        self.reduced(function, &arguments)
+    }
+
+    /// The results of a function for arguments of the tree, with one entry, row or column per independent velocity.
+    fn reduced(&mut self, function: &Function, arguments: &[Vec<Traced>]) -> Vec<Traced> {
+        let (coupling, tree) = (self.coupling, self.coupling.tree());
+        let mut results = vec![Traced::from_f64(f64::NAN); function.width(tree)];
+        function.trace()(self.tracer, arguments, &mut results);
+        let (nv, mut rest, mut all) = (coupling.sizes().1, &results[..], Vec::new());
+        for (array, axes) in function.results(tree).iter().zip(function.axes()) {
+            let (of_tree, others) = rest.split_at(array.width());
+            rest = others;
+            let mut reduced = match axes {
+                [Axis::Velocities] => vec![Traced::from_f64(0.0); nv],
+                [Axis::Velocities, Axis::Velocities] => vec![Traced::from_f64(0.0); nv * nv],
+                [Axis::Fixed(rows), Axis::Velocities] => vec![Traced::from_f64(0.0); rows * nv],
+                _ => of_tree.to_vec(),
+            };
+            match axes {
+                [Axis::Velocities] => coupling.reduce(of_tree, &mut reduced),
+                [Axis::Velocities, Axis::Velocities] => coupling.reduce_matrix(of_tree, &mut reduced),
+                [Axis::Fixed(_), Axis::Velocities] => coupling.reduce_columns(of_tree, &mut reduced),
+                _ => {}
+            }
+            all.append(&mut reduced);
+        }
+        all
+    }
+}
