@@ -54,16 +54,14 @@ Differences from the original suites, because phipsi has only contacts with plan
 """
 LIMITS = """## Limitations
 
-Contacts between bodies, meshes, and the Atlas and Kapla scenarios of SimBenchmark are not covered. Signorini's criterion is defined on velocities, and is therefore not met by a soft contact that is compressed. Times are for one thread, as the minimum of interleaved timings from the initial state.
+Contacts between bodies, meshes, and the Atlas and Kapla scenarios of SimBenchmark are not covered. Signorini's criterion is defined on velocities, and is therefore not met by a soft contact that is compressed. Times are for one thread, as the minimum of interleaved timings from the initial state. phipsi solves all contacts of a scene as one dense system, so independent bodies in one scene (rolling, bouncing) take longer than as states of a batch (thousand balls).
 """
 
 
-def number(value: float | None, unit: str) -> str:
-    if value is None:
-        return ""
-    if value == 0.0:
-        return f"0 {unit}".strip()
-    return f"{value:.3f} {unit}".strip() if 0.01 <= abs(value) < 1000 else f"{value:.1e} {unit}".strip()
+def number(value: float | None) -> str:
+    if value is None or value == 0.0:
+        return "" if value is None else "0"
+    return f"{value:.3f}" if 0.01 <= abs(value) < 1000 else f"{value:.1e}"
 
 
 def table(head: list[str], lines: list[list[str]]) -> str:
@@ -72,7 +70,7 @@ def table(head: list[str], lines: list[list[str]]) -> str:
 
 def results(rows: list[Row]) -> str:
     names = ["scenario", "criterion", "phipsi", "MuJoCo, default", "MuJoCo, hard"]
-    return table(names, [[row.scenario, row.criterion, *(number(value, row.unit) for value in row.values)] for row in rows])
+    return table(names, [[row.scenario, f"{row.criterion}, {row.unit}".removesuffix(", "), *map(number, row.values)] for row in rows])
 
 
 def timings(quick: bool, steps: list[float], progress: Progress) -> str:

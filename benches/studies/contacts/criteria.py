@@ -107,7 +107,7 @@ def bouncing(dt: float, quick: bool) -> list[Row]:
     found = [own(scenario, scene, dt), *(theirs(scenario, scene, dt, each) for each in (DEFAULT, elastic(dt)))]
     first = energies(scene, found[0])[0]
     errors = [float(np.sqrt(np.mean((energies(scene, motion) / first - 1.0) ** 2))) for motion in found]
-    return rows("bouncing", {("root mean squared error of the energy, relative", ""): [*errors]})
+    return rows("bouncing (hard: no damping)", {("root mean squared error of the energy, relative", ""): [*errors]})
 
 
 def thousand(dt: float, quick: bool) -> list[Row]:
