@@ -17,6 +17,7 @@
 //! P. Alart and A. Curnier, Computer Methods in Applied Mechanics and Engineering 92, 1991, 353-375.
 
 mod energy;
+mod implicit;
 mod interior;
 mod law;
 mod newton;
