@@ -14,12 +14,18 @@
 //! Free joints are integrated in axes that are fixed during the step: in rotating body axes, a rolling body would gain
 //! speed.
 
+mod backward;
+mod laws;
 mod project;
+mod record;
 mod report;
+mod reverse;
 mod step;
 mod stepper;
 
 pub use crate::contact::ContactState;
 pub use report::ContactReport;
 pub(super) use report::{RECORD, begin, width};
+pub(super) use reverse::ContactReverse;
+pub use reverse::ModeChange;
 pub(super) use stepper::{ContactStepper, record};

@@ -10,6 +10,7 @@ use super::super::substeps::StopImpact;
 use super::super::totals::STOPS;
 use super::super::works::add_work;
 use super::project::out_of_planes;
+use super::record::{Laws, StepRecord};
 use super::report::ContactReport;
 use crate::contact::{Cone, ContactState, Effort, Impact, Limits, SolveReport, impact, passive};
 use crate::dynamics::contacts::ContactScratch;
@@ -31,30 +32,35 @@ const LATE: f64 = 1e-12;
 
 /// Scratch memory for one state.
 pub(super) struct ContactStep {
-    solver: Checked,
+    pub solver: Checked,
     pub rows: ContactScratch,
     /// Impacts of joints on stops in the last step.
     pub impacts: Vec<StopImpact>,
+    /// The last step, if its adjoint follows.
+    pub record: Option<StepRecord>,
 }
 
 /// Gaps and velocities of contacts at the start of a step.
-struct StepStart {
-    gaps: Vec<f64>,
+#[derive(Debug, Clone)]
+pub(super) struct StepStart {
+    pub gaps: Vec<f64>,
     /// J v, and J times the velocities without contacts.
-    start: DVector<f64>,
-    free: DVector<f64>,
+    pub start: DVector<f64>,
+    pub free: DVector<f64>,
 }
 
 /// Results of the contacts in a step.
-struct Outcome {
-    near: Vec<usize>,
+pub(super) struct Outcome {
+    pub near: Vec<usize>,
     /// Impulses of impacts, and impulses of persistent contact.
-    hit: Option<Impact>,
+    pub hit: Option<Impact>,
     held: DVector<f64>,
-    states: Vec<ContactState>,
+    pub states: Vec<ContactState>,
     report: ContactReport,
     /// Velocities at the end, if joints that reach a stop end the step slower than they moved in it.
     slowed: Option<Vec<f64>>,
+    /// The solves of the law, if they are recorded.
+    pub laws: Option<Laws>,
 }
 
 impl Outcome {
@@ -67,6 +73,7 @@ impl Outcome {
             states: Vec::new(),
             report: ContactReport::nothing(),
             slowed: None,
+            laws: None,
         }
     }
 }
@@ -78,6 +85,7 @@ impl ContactStep {
             solver: Checked::new(scene.model(), None, form).accepting(settings.tolerance),
             rows: ContactScratch::new(scene.model(), scene.contact_points(), limits),
             impacts: Vec::new(),
+            record: None,
         }
     }
 
@@ -101,7 +109,9 @@ impl ContactStep {
         let start = self.rows.velocities(&s.model, points, &s.v);
         let free = self.rows.velocities(&s.model, points, &s.v_next);
         let before = StepStart { gaps: self.rows.gaps.clone(), start, free };
+        let v_free = self.record.is_some().then(|| s.v_next.clone());
         let mut outcome = self.touch(scene, settings, s, &before, kept)?;
+        self.record = v_free.map(|v_free| StepRecord::new(v_free, &s.v_next, &before, &mut outcome));
         move_along(h, s);
         if let Some(slowed) = outcome.slowed.take() {
             s.v_next = slowed;
@@ -109,9 +119,10 @@ impl ContactStep {
         add_work(settings, s);
         let ends = axes_of_free_joints(&s.model, &s.q, &s.q_next);
         let workspace = &mut self.solver.workspace;
-        let (depth, iterations) =
-            out_of_planes(&s.model, points, workspace, &mut self.rows, (&mut s.q_next, &mut s.q_stage))
-                .map_err(|lost| pivot_fault(scene, lost.stage, scene.singular(lost)))?;
+        let ways = (&mut s.q_next[..], &mut s.q_stage[..]);
+        let pushes = self.record.as_mut().map(|record| &mut record.pushes);
+        let (depth, iterations) = out_of_planes(&s.model, points, workspace, &mut self.rows, ways, pushes)
+            .map_err(|lost| pivot_fault(scene, lost.stage, scene.singular(lost)))?;
         for (row, turn) in ends {
             rotated(&mut s.v_next[row..], &turn);
         }
@@ -132,7 +143,8 @@ impl ContactStep {
         before: &StepStart,
         kept: &[f64],
     ) -> Result<Outcome, (String, Error)> {
-        let Self { solver, rows, .. } = self;
+        let Self { solver, rows, record, .. } = self;
+        let records = record.is_some();
         let (workspace, points, h) = (&mut solver.workspace, scene.contact_points(), settings.step);
         let StepStart { gaps, start, free } = before;
         let (n, all_rows) = (points.len(), gaps.len());
@@ -199,6 +211,15 @@ impl ContactStep {
                 let arrives = |at: usize| near[at] >= n && gaps[near[at]] > 0.0 && held[3 * at + 2] > 0.0;
                 let arriving: Vec<usize> = (touching..near.len()).filter(|&at| arrives(at)).collect();
                 let mut after = after;
+                outcome.laws = records.then(|| Laws {
+                    cone: cone.clone(),
+                    rebound: rebound.clone(),
+                    middle: (pick(&|i| start[i]) + &free_here) * 0.5,
+                    c: c.clone(),
+                    held: held.clone(),
+                    arriving: arriving.clone(),
+                    slower: None,
+                });
                 if !arriving.is_empty() {
                     for at in arriving {
                         c[3 * at + 2] = u[3 * at + 2];
@@ -208,6 +229,9 @@ impl ContactStep {
                     (solved, impulse_kept, iterations) =
                         (solved.with(more), impulse_kept.min(part), iterations + more.iterations);
                     all += &slower - &held;
+                    if let Some(laws) = &mut outcome.laws {
+                        laws.slower = Some((c.clone(), slower.clone()));
+                    }
                     held = slower;
                     rows.respond(&s.model, points, workspace, &near, &all);
                     let slowed: Vec<f64> = v_free.iter().zip(&rows.response).map(|(v, dv)| v + dv).collect();
@@ -370,7 +394,7 @@ fn keep(kept: &mut [f64], outcome: &Outcome, contacts: usize) {
 }
 
 /// Index in qd of the first velocity of each free joint, and the body that it moves.
-fn free_joints(model: &Model<f64>) -> impl Iterator<Item = (usize, usize)> {
+pub(super) fn free_joints(model: &Model<f64>) -> impl Iterator<Item = (usize, usize)> {
     let each = model.bodies.iter().zip(&model.system.stages).enumerate();
     each.filter(|(_, (body, _))| body.motion.is_free()).map(|(k, (_, stage))| (k, stage.first_row))
 }
@@ -417,7 +441,7 @@ fn axes_of_free_joints(model: &Model<f64>, q: &[f64], q_next: &[f64]) -> Vec<(us
 }
 
 /// The rotation from the axes of a free joint to those of its parent.
-fn rotation(q: &[f64]) -> Matrix3<f64> {
+pub(super) fn rotation(q: &[f64]) -> Matrix3<f64> {
     Motion::Free.shift(&RigidShift::identity(), q).rotation
 }
 
@@ -426,6 +450,6 @@ fn rotated(v: &mut [f64], turn: &Matrix3<f64>) {
     v[..3].copy_from_slice(linear.as_slice());
 }
 
-fn triple(x: &[f64]) -> Vector3<f64> {
+pub(super) fn triple(x: &[f64]) -> Vector3<f64> {
     Vector3::new(x[0], x[1], x[2])
 }
