@@ -70,7 +70,7 @@ impl Run {
 }
 
 fn all(found: &RolloutGradients) -> [&[f64]; 8] {
-    let RolloutGradients { q, qd, torque, armature, damping, stiffness, friction, parameters } = found;
+    let RolloutGradients { q, qd, torque, armature, damping, stiffness, friction, parameters, .. } = found;
     [q, qd, torque, armature, damping, stiffness, friction, parameters.as_flattened()]
 }
 

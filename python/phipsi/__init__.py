@@ -35,9 +35,11 @@ from ._cuda import CompiledForCuda
 from ._load import load
 from ._motion import (
     PD,
+    ContactGradients,
     ContactMotion,
     ContactState,
     EnergyAudit,
+    ModeChange,
     MomentumCorrection,
     MotionEnergy,
     StopImpact,
@@ -80,6 +82,7 @@ __all__ = [
     "CompiledForCuda",
     "ConstrainedDynamics",
     "ConstrainedInverseDynamics",
+    "ContactGradients",
     "ContactMotion",
     "ContactState",
     "Energy",
@@ -97,6 +100,7 @@ __all__ = [
     "Link",
     "MassEstimate",
     "Mimic",
+    "ModeChange",
     "MomentumCorrection",
     "MotionEnergy",
     "Ode",

@@ -13,9 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 from . import _core
 from ._motion_parts import (
     PD,
+    ContactGradients,
     ContactMotion,
     ContactState,
     EnergyAudit,
+    ModeChange,
     MomentumCorrection,
     MotionEnergy,
     StopImpact,
@@ -32,9 +34,11 @@ if TYPE_CHECKING:
 
 __all__ = [
     "PD",
+    "ContactGradients",
     "ContactMotion",
     "ContactState",
     "EnergyAudit",
+    "ModeChange",
     "MomentumCorrection",
     "MotionEnergy",
     "StopImpact",

@@ -10,9 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 
 __all__ = [
     "PD",
+    "ContactGradients",
     "ContactMotion",
     "ContactState",
     "EnergyAudit",
+    "ModeChange",
     "MomentumCorrection",
     "MotionEnergy",
     "StopImpact",
@@ -209,6 +211,67 @@ class EnergyAudit(NamedTuple):
         """Name the new attribute where the old one is read."""
         new = "; it was renamed to 'relative_error'" if name == "share" else ""
         raise AttributeError(f"'EnergyAudit' object has no attribute {name!r}{new}", name=name, obj=self)
+
+
+class ContactGradients(NamedTuple):
+    """Gradients of a scalar function of a trajectory by one contact, and its margin, independently for each state.
+
+    Examples
+    --------
+    >>> import phipsi
+    >>> builder = phipsi.SceneBuilder().link("puck", mass=1.0, inertia=[[1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    >>> scene = builder.contact("foot", "puck", friction=0.5).build(floating_base=True)
+    >>> path = scene.simulate([0, 0, 0, 0, 0, 0, 1], [1, 0, 0, 0, 0, 0], dt=1e-3, steps=100)
+    >>> speed = [[0] * 6] * 100 + [[1, 0, 0, 0, 0, 0]]
+    >>> path.vjp(cotangent_qd=speed).contacts["foot"].friction.round(3)     # -g t
+    array(-0.981)
+    """
+
+    friction: _Array
+    """With respect to the coefficient of friction, (...)."""
+    restitution: _Array
+    """With respect to the coefficient of restitution, (...); of the impacts that rebound."""
+    offset: _Array
+    """With respect to the offset of the plane, (...)."""
+    normal: _Array
+    """With respect to the unit normal of the plane, in the base frame and tangent to the unit sphere, (..., 3)."""
+    margin: _Array
+    """Smallest distance from another mode over all steps, (...), m/s: the change of a velocity of the contact after which
+    it would open, close, stick or slide. The gradients hold within this distance.
+    """
+    margin_step: _Array
+    """The step with this distance, counted from zero, (...)."""
+
+
+class ModeChange(NamedTuple):
+    """Change of the state of a contact between two steps of a trajectory.
+
+    Examples
+    --------
+    >>> import phipsi
+    >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=[[1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    >>> scene = builder.contact("ground", "ball", friction=0.5, radius=0.1).build(floating_base=True)
+    >>> path = scene.simulate([0, 0, 0.11, 0, 0, 0, 1], [0, 0, -1, 0, 0, 0], dt=1e-3, steps=20)
+    >>> change = path.vjp(path.qd).mode_changes[0]
+    >>> change.contact, change.before.name, change.after.name
+    ('ground', 'OPEN', 'STICKING')
+    """
+
+    contact: str
+    """Name of the contact."""
+    step: int
+    """The first step in the new state, counted from zero."""
+    before: ContactState
+    """State in the step before."""
+    after: ContactState
+    """State in this step."""
+    state: int | tuple[int, ...] | None
+    """Index of the state in the batch; None for a single state."""
+
+
+def mode_change(contact: str, step: int, before: float, after: float, state: int | tuple[int, ...] | None) -> ModeChange:
+    """The change between two states with these numbers."""
+    return ModeChange(contact, step, ContactState(int(before)), ContactState(int(after)), state)
 
 
 class StopImpact(NamedTuple):

@@ -44,6 +44,8 @@ pub(crate) struct Impact {
     pub impulse_kept: f64,
     /// Change of the kinetic energy, J; at most rounding above zero.
     pub work: f64,
+    /// Impulses of compression, and those of expansion before their factor; none without expansion.
+    pub phases: (DVector<f64>, Option<DVector<f64>>),
 }
 
 /// Impact with Poisson's hypothesis, as two problems.
@@ -57,13 +59,16 @@ pub(crate) fn impact(cone: &Cone, u: &DVector<f64>, restitution: &[f64], effort:
     let (p1, impulse_kept) = passive(cone, u, p1);
     let least: Vec<f64> = restitution.iter().enumerate().map(|(i, e)| e * p1[3 * i + 2]).collect();
     if least.iter().all(|&a| a == 0.0) {
-        return Impact { work: work(cone, u, &p1), impulses: p1, solved: first, expansion_kept: 1.0, impulse_kept };
+        let phases = (p1.clone(), None);
+        let work = work(cone, u, &p1);
+        return Impact { impulses: p1, solved: first, expansion_kept: 1.0, impulse_kept, work, phases };
     }
     let start = DVector::from_fn(p1.len(), |i, _| restitution[i / 3] * p1[i]);
     let between = u + &cone.g * &p1;
     let (p2, second) = cone.impulses(&between, Some(&start), &Limits { least, ..limits }, effort);
     let kept = expansion_kept(cone, u, &p1, &p2);
-    let impulses = p1 + p2 * kept;
+    let impulses = &p1 + &p2 * kept;
     let work = work(cone, u, &impulses);
-    Impact { impulses, solved: first.with(second), expansion_kept: kept, impulse_kept, work }
+    let (solved, phases) = (first.with(second), (p1, Some(p2)));
+    Impact { impulses, solved, expansion_kept: kept, impulse_kept, work, phases }
 }

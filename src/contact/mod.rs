@@ -18,6 +18,7 @@
 
 mod energy;
 mod held;
+mod implicit;
 mod interior;
 mod law;
 mod newton;
@@ -29,6 +30,7 @@ mod solve;
 mod tests;
 
 pub(crate) use energy::{Impact, expansion_kept, impact, passive};
+pub(crate) use implicit::LawCotangents;
 pub use law::ContactState;
 pub(crate) use law::{Cone, Limits};
 pub(crate) use report::{Effort, SolveReport};

@@ -6,21 +6,21 @@ use super::{Cone, Effort, Limits, SolveReport, impact, passive};
 use nalgebra::{DMatrix, DVector, Vector3};
 
 /// Pseudorandom numbers in [-1, 1].
-struct Draw(u64);
+pub(super) struct Draw(pub u64);
 
 impl Draw {
     #[allow(clippy::cast_precision_loss)] // 53 bits
-    fn next(&mut self) -> f64 {
+    pub fn next(&mut self) -> f64 {
         self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         ((self.0 >> 11) as f64 / (1_u64 << 53) as f64) * 2.0 - 1.0
     }
 
-    fn matrix(&mut self, rows: usize, columns: usize) -> DMatrix<f64> {
+    pub fn matrix(&mut self, rows: usize, columns: usize) -> DMatrix<f64> {
         DMatrix::from_fn(rows, columns, |_, _| self.next())
     }
 
     /// A matrix G of at most the given rank, and velocities in its range with all normals closing.
-    fn problem(&mut self, contacts: usize, rank: usize) -> (DMatrix<f64>, DVector<f64>) {
+    pub fn problem(&mut self, contacts: usize, rank: usize) -> (DMatrix<f64>, DVector<f64>) {
         let j = self.matrix(3 * contacts, rank);
         let c = &j * self.matrix(rank, 1).column(0);
         (&j * j.transpose(), c)

@@ -12,6 +12,8 @@
 //! Joint limits are additional contacts without friction, numbered after the others. Their normal velocity is that of
 //! the joint, away from the limit, and the two tangential velocities are zero.
 
+pub(crate) mod derivatives;
+
 use super::constraints::Elimination;
 use super::sweeps::general;
 use crate::filter::innovations;

@@ -218,21 +218,33 @@ impl BackwardSolver<f64> for EventSolver<'_> {
         out: &mut [f64],
     ) -> u64 {
         let CheckedBackward { workspace, products, lost } = &mut *self.solver;
-        let KernelArguments { scene: (model, _), state: (q, qd, _), wrenches, .. } = call;
+        let KernelArguments { scene: (model, _), state: (q, qd, _), .. } = call;
         let pivots = dynamics::factorise(model, workspace, q);
         if lost.is_none() {
             *lost = workspace.lost_pivot(model, &pivots);
         }
-        let mut u_bar = vec![f64::NAN; cotangent.len()];
-        dynamics::solve(model, workspace, cotangent, &mut u_bar);
-        let negative: Vec<f64> = u_bar.iter().map(|x| -x).collect();
-        let constants = &mut Constants { parameters, ..Constants::default() };
         let state = (q, qd, self.accelerations);
-        derivatives::inverse_dynamics_vjp(model, workspace, products, state, wrenches, &negative, (constants, out));
-        let last = out.len() - u_bar.len();
-        out[last..].copy_from_slice(&u_bar);
+        gradients_at_accelerations(model, (workspace, products), state, cotangent, (parameters, out));
         0
     }
+}
+
+/// Gradients by q, v and u of cotangent . qdd at known accelerations, (3 nv) into `out`, and by the parameters, with the
+/// factor of M in the workspace.
+pub(super) fn gradients_at_accelerations(
+    model: &Model<f64>,
+    (workspace, products): (&mut Workspace<f64>, &mut ProductScratch<f64>),
+    state: (&[f64], &[f64], &[f64]),
+    cotangent: &[f64],
+    (parameters, out): (&mut [Parameters<f64>], &mut [f64]),
+) {
+    let mut u_bar = vec![f64::NAN; cotangent.len()];
+    dynamics::solve(model, workspace, cotangent, &mut u_bar);
+    let negative: Vec<f64> = u_bar.iter().map(|x| -x).collect();
+    let constants = &mut Constants { parameters, ..Constants::default() };
+    derivatives::inverse_dynamics_vjp(model, workspace, products, state, &[], &negative, (constants, out));
+    let last = out.len() - u_bar.len();
+    out[last..].copy_from_slice(&u_bar);
 }
 
 /// The arguments of [`BackwardSolver`] at stage `i`.
@@ -474,6 +486,17 @@ impl<T: Real> StepGradients<T> {
             start_q[mode.row] = by_target.mul_add(T::from_f64(by_q), start_q[mode.row]);
             start_v[mode.row] = by_target.mul_add(T::from_f64(by_v), start_v[mode.row]);
         }
+    }
+
+    /// Adds the gradients through the noise of M in other equations than those of the stages, r + h d + h^2 k + h f/s.
+    pub fn add_noise(&mut self, by: StepArguments<'_>, s: &Scratch<T>, noise: &[T]) {
+        let hg = by.1.tableau.gamma[0][0];
+        add_scaled(&mut self.acting[ARMATURE], 1.0, noise);
+        add_scaled(&mut self.acting[DAMPING], hg, noise);
+        add_scaled(&mut self.acting[STIFFNESS], hg * hg, noise);
+        clear(&mut self.chord);
+        add_scaled(&mut self.chord, hg, noise);
+        self.of_friction(by, s);
     }
 
     /// Gradients through the secant coefficient of friction, f/sqrt(v^2 + v0^2) at the start of the step, in implicit

@@ -7,9 +7,12 @@
 //! `backward` differentiates one.
 
 use super::backward::ACTING;
+use super::contact::{ContactReverse, ModeChange};
+use super::method::Method;
 use super::reverser::{Job, Reverser};
 use super::rollout::{GRAIN, Rollout};
 use super::torque::{StepFault, Torque};
+use crate::batch::instruction_set::InstructionSet;
 use crate::batch::{Batch, Fault, Pool};
 use crate::dynamics::derivatives::Parameters;
 use crate::error::{Error, check_finite, check_length};
@@ -54,6 +57,30 @@ pub struct RolloutGradients {
     /// By (m, m c, I) of each body of the model about the origin of its frame, in the order of [`Parameters`],
     /// (bodies); empty if not requested.
     pub parameters: Vec<Parameters<f64>>,
+    /// By the contacts of the scene.
+    pub contacts: ContactGradients,
+    /// Changes of contacts between two steps, sorted by state, step and contact. At such a change, and where a margin is
+    /// small, the gradients are those of the modes of this run: on the other side of the change they differ.
+    pub mode_changes: Vec<ModeChange>,
+}
+
+/// Gradients by the contacts of a scene, in their order, one state after another; empty without contacts.
+#[derive(Debug, Clone, PartialEq, Default)]
+#[non_exhaustive]
+pub struct ContactGradients {
+    /// By the coefficient of friction, (contacts).
+    pub friction: Vec<f64>,
+    /// By the coefficient of restitution, (contacts).
+    pub restitution: Vec<f64>,
+    /// By the offset of the plane, (contacts).
+    pub offset: Vec<f64>,
+    /// By the unit normal of the plane, tangent to the unit sphere, in the base frame, (contacts).
+    pub normal: Vec<[f64; 3]>,
+    /// Smallest distance from another mode over all steps, m/s, (contacts): the change of a velocity of the contact after
+    /// which it would open, close, stick or slide.
+    pub margin: Vec<f64>,
+    /// The step with this distance, (contacts).
+    pub margin_step: Vec<usize>,
 }
 
 /// Approximate cost of a step backward relative to a step forward; it determines the number of threads.
@@ -99,27 +126,34 @@ impl<S: Borrow<Scene>> Rollout<S> {
     ) -> Result<RolloutGradients, StepFault> {
         let refuse = |error| StepFault { step: 0, state: 0, joint: String::new(), error };
         self.scene().check_no_connections("gradients of a simulation").map_err(refuse)?;
-        self.scene().check_no_contacts("gradients of a simulation").map_err(refuse)?;
+        self.scene().check_planes("gradients of a simulation").map_err(refuse)?;
         let torques = self.check_torque_from(0, torque, steps);
         torques.map_err(|fault| StepFault { state: fault.state, ..refuse(fault.error) })?;
         let count =
             self.check_rows(rows, steps).map_err(|fault| StepFault { state: fault.state, ..refuse(fault.error) })?;
         let (scene, states) = (self.scene(), self.states());
         let (nv, bodies) = (scene.nv(), if parameters { scene.model().bodies.len() } else { 0 });
-        let layout = Layout { nv, torques: if matches!(torque, Torque::Steps { .. }) { steps } else { 1 }, bodies };
+        let torques = if matches!(torque, Torque::Steps { .. }) { steps } else { 1 };
+        let touches = self.settings.method == Method::Contact;
+        let contacts = if touches { scene.contacts().len() } else { 0 };
+        let layout = Layout { nv, torques, bodies, contacts };
         let width = layout.width();
         let mut all = memory::filled("q", states.saturating_mul(width), 0.0).map_err(refuse)?;
         let settings = &self.settings.backward();
         let pool = Pool::default();
-        let (form, arm, cost) = (self.form, self.arm, COST.saturating_mul(self.cost()).saturating_mul(steps.max(1)));
+        // Steps with contacts are not vectorized.
+        let arm = if touches { InstructionSet::Baseline } else { self.arm };
+        let (form, cost) = (self.form, COST.saturating_mul(self.cost()).saturating_mul(steps.max(1)));
         let make = || Reverser::new(form, arm);
         let fault: Mutex<Option<StepFault>> = Mutex::new(None);
+        let changes: Mutex<Vec<ModeChange>> = Mutex::new(Vec::new());
         let outcome = Batch { states, cost, pool: &pool, make }.run_pieces(GRAIN, &mut all, |reverser, range, out| {
             let lanes = reverser.lanes();
             for from in range.clone().step_by(lanes) {
                 let to = (from + lanes).min(range.end);
                 let out = &mut out[(from - range.start) * width..(to - range.start) * width];
-                let job = Job { scene, settings, torque, rows, count, states: from..to, layout };
+                let states = from..to;
+                let job = Job { scene, settings, torque, rows, count, states, layout, changes: &changes };
                 if let Err(found) = reverser.run(&job, out) {
                     let mut fault = fault.lock().unwrap_or_else(PoisonError::into_inner);
                     if fault.as_ref().is_none_or(|known| found.state < known.state) {
@@ -133,7 +167,10 @@ impl<S: Borrow<Scene>> Rollout<S> {
         if let Some(fault) = fault.into_inner().unwrap_or_else(PoisonError::into_inner) {
             return Err(fault);
         }
-        layout.apart(&all, states).map_err(refuse)
+        let mut mode_changes = changes.into_inner().unwrap_or_else(PoisonError::into_inner);
+        mode_changes.sort_by_key(|change| (change.state, change.step, change.contact));
+        let gradients = layout.apart(&all, states).map_err(refuse)?;
+        Ok(RolloutGradients { mode_changes, ..gradients })
     }
 
     /// The number of rows, after checking all lengths.
@@ -171,7 +208,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
 }
 
 /// Layout of the gradients of one state: by q, qd, armature, damping, stiffness and friction, then torques, then
-/// parameters.
+/// contacts, then parameters.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Layout {
     pub nv: usize,
@@ -179,6 +216,7 @@ pub(super) struct Layout {
     pub torques: usize,
     /// Zero if parameters are not requested.
     pub bodies: usize,
+    pub contacts: usize,
 }
 
 impl Layout {
@@ -186,7 +224,17 @@ impl Layout {
     const OF_ROWS: usize = ACTING + 1;
 
     pub fn width(&self) -> usize {
-        self.torques.saturating_add(Self::OF_ROWS).saturating_mul(self.nv).saturating_add(10 * self.bodies)
+        self.torques.saturating_add(Self::OF_ROWS).saturating_mul(self.nv).saturating_add(self.beyond())
+    }
+
+    /// Number of gradients by contacts and parameters.
+    fn beyond(&self) -> usize {
+        ContactReverse::WIDTH * self.contacts + 10 * self.bodies
+    }
+
+    pub fn contacts(&self) -> Range<usize> {
+        let first = self.width() - self.beyond();
+        first..first + ContactReverse::WIDTH * self.contacts
     }
 
     pub fn torque(&self, index: usize) -> Range<usize> {
@@ -214,8 +262,28 @@ impl Layout {
             damping: of_rows(3)?,
             stiffness: of_rows(4)?,
             friction: of_rows(5)?,
-            torque: gathered(self.torque(0).start..self.parameters().start)?,
+            torque: gathered(self.torque(0).start..self.contacts().start)?,
             parameters: gathered(self.parameters())?.as_chunks().0.to_vec(),
+            contacts: ContactGradients::of(&gathered(self.contacts())?),
+            mode_changes: Vec::new(),
         })
+    }
+}
+
+impl ContactGradients {
+    /// From the values of [`ContactReverse::write`].
+    fn of(numbers: &[f64]) -> Self {
+        let each: &[[f64; ContactReverse::WIDTH]] = numbers.as_chunks().0;
+        let one = |i: usize| each.iter().map(|of| of[i]).collect();
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // indices of steps
+        let margin_step = each.iter().map(|of| of[7] as usize).collect();
+        Self {
+            friction: one(0),
+            restitution: one(1),
+            offset: one(2),
+            normal: each.iter().map(|of| [of[3], of[4], of[5]]).collect(),
+            margin: one(6),
+            margin_step,
+        }
     }
 }

@@ -32,6 +32,11 @@ pub(super) fn least_velocity(gap: f64, start: f64, h: f64) -> f64 {
     if gap < 0.0 { returning(-gap, start, h).velocity } else { -gap / h }
 }
 
+/// Derivatives of [`least_velocity`] by the gap and by the velocity at the start.
+pub(super) fn least_slopes(gap: f64, start: f64, h: f64) -> [f64; 2] {
+    if gap < 0.0 { returning(-gap, start, h).slopes } else { [-1.0 / h, 0.0] }
+}
+
 /// True if a joint that approaches its limit with velocity `start` rebounds. A rebound that would end within two steps
 /// is ignored.
 pub(super) fn rebounds(start: f64, free: f64, restitution: f64) -> bool {

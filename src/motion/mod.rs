@@ -82,8 +82,8 @@ mod works;
 
 #[cfg(feature = "adaptive")]
 pub use adaptive::{Adaptive, Failure, Solution, Solver, TorqueLaw};
-pub use contact::{ContactReport, ContactState};
-pub use gradient::{RecordedRows, RolloutGradients};
+pub use contact::{ContactReport, ContactState, ModeChange};
+pub use gradient::{ContactGradients, RecordedRows, RolloutGradients};
 pub use method::{METHODS, Method};
 pub use momentum::Correction;
 pub use properties::{FRICTION_SPEED, Gains, Properties};

@@ -1,9 +1,10 @@
 //! Backpropagation through all steps of a rollout for a few states, one per lane, compiled for one instruction set.
 
 use super::backward::{ACTING, CheckedBackward, EventSolver, StepGradients, TORQUE, VectorizedBackward, backward};
+use super::contact::{ContactReverse, ModeChange};
 use super::gradient::{Layout, RecordedRows};
 use super::job::{self, Rows};
-use super::method::Scheme;
+use super::method::{Method, Scheme};
 use super::properties::of_state;
 use super::scratch::{Scratch, add_scaled, clear};
 use super::solver;
@@ -27,6 +28,7 @@ use pulp::x86::V3;
 #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
 use pulp::x86::V4;
 use std::ops::Range;
+use std::sync::{Mutex, PoisonError};
 
 /// Largest number of consecutive steps that are recomputed and all stored.
 const KEPT_WHOLE: usize = 256;
@@ -41,6 +43,8 @@ pub(super) struct Job<'a> {
     pub count: usize,
     pub states: Range<usize>,
     pub layout: Layout,
+    /// Destination of the changes of contacts.
+    pub changes: &'a Mutex<Vec<ModeChange>>,
 }
 
 impl Job<'_> {
@@ -209,6 +213,7 @@ struct Compiled<T: Vectorized, I> {
     form: Form,
     target: I,
     checked: Option<Box<Checked>>,
+    touching: Option<Box<ContactReverse>>,
 }
 
 /// One state, for steps that are not vectorized: with all checks, in substeps, and with the set-valued law.
@@ -346,6 +351,7 @@ impl<T: Vectorized<Number = f64>, I: Target> Compiled<T, I> {
             form,
             target,
             checked: None,
+            touching: None,
         }
     }
 
@@ -363,6 +369,9 @@ impl<T: Vectorized<Number = f64>, I: Target> Reversing for Compiled<T, I> {
         }
         clear(parameters.as_flattened_mut());
         clear(&mut s.torque);
+        if let Some(touching) = &mut self.touching {
+            touching.begin();
+        }
         let (states, nq, nv) = (&job.states, job.scene.nq(), job.scene.nv());
         for lane in 0..T::LANES {
             let state = states.start + lane.min(states.len() - 1);
@@ -393,7 +402,11 @@ impl<T: Vectorized<Number = f64>, I: Target> Reversing for Compiled<T, I> {
         let mut fallback = target.within(Step { compiled: self, job, n, start });
         fallback &= u64::MAX >> (64 - job.states.len());
         if fallback != 0 {
-            self.recompute(job, n, fallback)?;
+            if job.settings.method == Method::Contact {
+                self.through_contacts(job, n)?;
+            } else {
+                self.recompute(job, n, fallback)?;
+            }
         }
         let Self { gradients, sums, parameters, .. } = self;
         let StepGradients { start, end, acting, parameters: of_step, .. } = gradients;
@@ -424,11 +437,42 @@ impl<T: Vectorized<Number = f64>, I: Target> Reversing for Compiled<T, I> {
                 scatter(&sums[TORQUE], lane, &mut out[layout.torque(0)]);
             }
             scatter(parameters.as_flattened(), lane, &mut out[layout.parameters()]);
+            if let Some(touching) = &self.touching {
+                touching.write(job.scene, &mut out[layout.contacts()]);
+            }
         }
     }
 }
 
 impl<T: Vectorized<Number = f64>, I: Target> Compiled<T, I> {
+    /// The step of one state with contacts.
+    fn through_contacts(&mut self, job: &Job<'_>, n: usize) -> Result<(), StepFault> {
+        let Self { scratch: s, gradients, form, touching, .. } = self;
+        let parameters = job.layout.bodies > 0;
+        let touching =
+            touching.get_or_insert_with(|| Box::new(ContactReverse::new(job.scene, job.settings, *form, parameters)));
+        take_lane(&mut touching.scratch, s, 0);
+        for (to, from) in touching.gradients.end.iter_mut().zip(&gradients.end) {
+            scatter(from, 0, to);
+        }
+        let (state, every) = (job.states.start, job.rows.every);
+        let mut row = Vec::new();
+        if (n + 1) % every == 0 {
+            job.row((n + 1) / every, &mut row);
+        }
+        let recorded = (!row.is_empty()).then(|| row.split_at(job.scene.nq()));
+        let changed = |contact, before, after| {
+            let mut changes = job.changes.lock().unwrap_or_else(PoisonError::into_inner);
+            changes.push(ModeChange { state, step: n + 1, contact, before, after });
+        };
+        let through = touching.through((job.scene, job.settings), n, recorded, changed);
+        through.map_err(|(joint, error)| StepFault { step: n, state, joint, error })?;
+        for (numbers, own) in gradients.results().zip(touching.gradients.results()) {
+            fill(numbers, 0, own);
+        }
+        Ok(())
+    }
+
     /// Recomputes the step with all checks, for the lanes in `fallback`.
     #[cold]
     #[inline(never)]
@@ -473,6 +517,9 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Step<'_, T, I> {
         if let Torque::Steps { torque, first } = job.torque {
             let at = (n - first) * nv;
             take_states(&mut s.torque, count, |lane| &torque.state(job.states.start + lane)[at..at + nv]);
+        }
+        if job.settings.method == Method::Contact {
+            return u64::MAX;
         }
         let fallback = backward((job.settings, &job.settings.scheme), s, gradients, solver, None);
         let mut worst = T::one();

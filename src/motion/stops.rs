@@ -70,7 +70,7 @@ pub(super) struct Graph {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Bound {
     pub velocity: f64,
-    slopes: [f64; 2],
+    pub slopes: [f64; 2],
 }
 
 impl Graph {

@@ -2,7 +2,7 @@
 
 use super::control::{Given, Pd, everyone};
 use super::counts::{count, count_or};
-use super::errors::{asked_by, fault, of_batch};
+use super::errors::{asked_by, batch_index, fault, of_batch};
 use super::fresh::entries;
 use super::input::Input;
 use super::interrupts::detached;
@@ -14,9 +14,10 @@ use super::stepping::Keywords;
 use crate::batch::{Fault, broadcast_axes};
 use crate::error::{Error, check_finite};
 use crate::memory;
-use crate::motion::{RecordedRows, Rollout, RolloutGradients};
+use crate::motion::{ModeChange, RecordedRows, Rollout, RolloutGradients};
+use crate::scene::Scene;
 use pyo3::prelude::*;
-use pyo3::types::PyTuple;
+use pyo3::types::{PyDict, PyList, PyTuple};
 
 #[pymethods]
 impl PyScene {
@@ -44,12 +45,14 @@ impl PyScene {
     ///     As given to simulate.
     #[doc = section!(Returns)]
     /// gradients : RolloutGradients
-    ///     Named tuple (q, qd, tau, armature, damping, stiffness, friction, parameters) per state: (..., nv) each; tau
-    ///     is (..., steps, nv) with tau_steps; parameters is (..., bodies, 10) or None.
+    ///     Named tuple (q, qd, tau, armature, damping, stiffness, friction, parameters, contacts, mode_changes): (...,
+    ///     nv) each; tau is (..., steps, nv) with tau_steps; parameters is (..., bodies, 10) or None; contacts has the
+    ///     gradients by each contact.
     #[doc = raises!(singular memory arguments)]
     #[doc = section!(Notes)]
     /// O(N) per stage. Steps between rows are recomputed, none with record_every=1. The memory of a thread grows with
-    /// the square root of the number of steps between two rows. Steps after the last row have no effect.
+    /// the square root of the number of steps between two rows. Steps after the last row have no effect. Contacts are
+    /// differentiated in the modes of the trajectory (open, sticking, sliding): see docs/motion.md.
     #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> path = scene.simulate([0.3, 0.2, 0.1], np.zeros(3), dt=1e-3, steps=100, method="rk4")
@@ -59,7 +62,7 @@ impl PyScene {
     /// >>> gradients = scene.simulate_vjp(path.q, path.qd, last, np.zeros_like(last), **keywords)
     /// >>> np.allclose(gradients.q[0], 1.0)     # the first joint is vertical
     /// True
-    #[pyo3(signature = (q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, method="auto",
+    #[pyo3(signature = (q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, method=None,
                         record_every=None, pd=None, armature=None, damping=None, stiffness=None, rest=None,
                         friction=None, friction_speed=None, form="auto", tolerance=None, parameters=false,
                         limits=None, restitution=0.0),
@@ -78,7 +81,7 @@ impl PyScene {
         steps: &Object<'py>,
         tau: Option<&Object<'py>>,
         tau_steps: Option<&Object<'py>>,
-        method: &str,
+        method: Option<&str>,
         record_every: Option<&Object<'py>>,
         pd: Option<&Object<'py>>,
         armature: Option<&Object<'py>>,
@@ -96,14 +99,14 @@ impl PyScene {
         let (py, own) = (slf.py(), slf.get());
         let scene = &own.scene;
         scene.check_independent()?;
-        scene.check_no_contacts("simulate_vjp")?;
+        scene.check_no_connections("simulate_vjp")?;
         let (nq, nv) = (scene.nq(), scene.nv());
         let steps = count("steps", steps, 0)?;
         let every = count_or("record_every", record_every, 1, 1)?;
         let rows = steps / every + 1;
         let keywords = Keywords {
             dt,
-            method: Some(method),
+            method,
             pd,
             armature,
             damping,
@@ -162,7 +165,7 @@ impl PyScene {
         let found = found.map_err(|stopped| fault(py, Fault { state: stopped.state, error: stopped.error }, &batch))?;
         let links = if parameters { places_of_links(scene)? } else { Vec::new() };
         let of_steps = matches!(given, Given::Steps(_)).then_some(steps);
-        Output { py, batch: &batch, nv }.tuple(&found, of_steps, parameters.then_some(&links[..]))
+        Output { py, batch: &batch, nv, scene }.tuple(&found, of_steps, parameters.then_some(&links[..]))
     }
 }
 
@@ -171,6 +174,7 @@ struct Output<'a, 'py> {
     py: Python<'py>,
     batch: &'a [usize],
     nv: usize,
+    scene: &'a Scene,
 }
 
 impl<'py> Output<'_, 'py> {
@@ -195,6 +199,46 @@ impl<'py> Output<'_, 'py> {
             }
             None => self.py.None().into_bound(self.py),
         });
+        parts.push(self.contacts(found)?.into_any());
+        parts.push(self.mode_changes(&found.mode_changes)?.into_any());
         imported!(self.py, "phipsi._results", "RolloutGradients")?.call1(PyTuple::new(self.py, parts)?)
+    }
+
+    /// The gradients by each contact, by name.
+    fn contacts(&self, found: &RolloutGradients) -> PyResult<Object<'py>> {
+        let class = imported!(self.py, "phipsi._motion_parts", "ContactGradients")?;
+        let (of, contacts) = (&found.contacts, self.scene.contacts());
+        let by_name = PyDict::new(self.py);
+        for (i, contact) in contacts.iter().enumerate() {
+            let each = |numbers: &[f64]| -> PyResult<Object<'py>> {
+                let own: Vec<f64> = numbers.iter().skip(i).step_by(contacts.len()).copied().collect();
+                self.array(&own, &[])
+            };
+            let normals: Vec<f64> = of.normal.iter().skip(i).step_by(contacts.len()).flatten().copied().collect();
+            #[allow(clippy::cast_precision_loss)] // number of steps of a run
+            let steps: Vec<f64> = of.margin_step.iter().map(|&step| step as f64).collect();
+            let parts = [
+                each(&of.friction)?,
+                each(&of.restitution)?,
+                each(&of.offset)?,
+                self.array(&normals, &[3])?,
+                each(&of.margin)?,
+                each(&steps)?,
+            ];
+            by_name.set_item(&contact.name, class.call1(PyTuple::new(self.py, parts)?)?)?;
+        }
+        Ok(by_name.into_any())
+    }
+
+    /// The changes of contacts as a list of ModeChange.
+    fn mode_changes(&self, changes: &[ModeChange]) -> PyResult<Object<'py>> {
+        let class = imported!(self.py, "phipsi._motion_parts", "mode_change")?;
+        let found = PyList::empty(self.py);
+        for ModeChange { state, step, contact, before, after } in changes {
+            let index = (!self.batch.is_empty()).then(|| batch_index(self.py, *state, self.batch)).transpose()?;
+            let name = self.scene.contacts().get(*contact).map_or("", |contact| &*contact.name);
+            found.append(class.call1((name, *step, before.number(), after.number(), index))?)?;
+        }
+        Ok(found.into_any())
     }
 }

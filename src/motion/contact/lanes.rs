@@ -293,7 +293,7 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Finish<'_, T, I> {
                 take_end(one, s, lane);
                 let ends = (&mut one.q_next[..], &mut one.q_stage[..]);
                 let workspace = &mut step.solver.workspace;
-                match out_of_planes((scene, &one.model), workspace, &mut step.rows, ends) {
+                match out_of_planes((scene, &one.model), workspace, &mut step.rows, ends, None) {
                     Ok(found) => (depth, iterations) = found,
                     Err(_) => {
                         fallback |= 1 << lane;

@@ -17,13 +17,17 @@
 //! Free joints are integrated in axes that are fixed during the step: in rotating body axes, a rolling body would gain
 //! speed.
 
+mod backward;
 mod closed;
 mod faults;
 mod free_axes;
 mod lanes;
+mod laws;
 mod pairs;
 mod project;
+mod record;
 mod report;
+mod reverse;
 mod step;
 mod stepper;
 
@@ -31,4 +35,6 @@ pub use crate::contact::ContactState;
 pub(super) use lanes::Touching;
 pub use report::ContactReport;
 pub(super) use report::{RECORD, begin, width};
+pub(super) use reverse::ContactReverse;
+pub use reverse::ModeChange;
 pub(super) use stepper::{ContactStepper, record};

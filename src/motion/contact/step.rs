@@ -14,6 +14,7 @@ use super::faults::{check, check_movable, check_normals, pivot_fault};
 use super::free_axes::{move_along, to_axes_at_end, to_axes_at_rest};
 use super::pairs::{from_fixed_axes, into_fixed_axes};
 use super::project::out_of_planes;
+use super::record::{Laws, StepRecord};
 use super::report::ContactReport;
 use crate::contact::{Cone, ContactState, Effort, Impact, Limits, SolveReport, impact, passive};
 use crate::dynamics::contacts::ContactScratch;
@@ -33,15 +34,18 @@ pub(super) struct ContactStep {
     pub rows: ContactScratch,
     /// Impacts of joints on stops in the last step.
     pub impacts: Vec<StopImpact>,
+    /// The last step, if its adjoint follows.
+    pub record: Option<StepRecord>,
 }
 
 /// Gaps, axes and velocities of contacts at the start of a step.
-struct StepStart {
-    gaps: Vec<f64>,
-    axes: Vec<Matrix3<f64>>,
+#[derive(Debug, Clone)]
+pub(super) struct StepStart {
+    pub gaps: Vec<f64>,
+    pub axes: Vec<Matrix3<f64>>,
     /// J v, and J times the velocities without contacts.
-    start: DVector<f64>,
-    free: DVector<f64>,
+    pub start: DVector<f64>,
+    pub free: DVector<f64>,
 }
 
 /// Results of the contacts in a step.
@@ -54,6 +58,8 @@ pub(super) struct Outcome {
     pub report: ContactReport,
     /// Velocities at the end, if joints that reach a stop end the step slower than they moved in it.
     slowed: Option<Vec<f64>>,
+    /// The solves of the law, if they are recorded.
+    pub laws: Option<Laws>,
 }
 
 impl Outcome {
@@ -66,6 +72,7 @@ impl Outcome {
             states: Vec::new(),
             report: ContactReport::nothing(),
             slowed: None,
+            laws: None,
         }
     }
 }
@@ -77,7 +84,7 @@ impl ContactStep {
         rows.closed = eliminated(scene, settings);
         // The equations of motion are those of the tree; coupled joints are rows of the step.
         let solver = Checked::new(scene.model(), None, form).accepting(settings.tolerance);
-        Self { solver, rows, impacts: Vec::new() }
+        Self { solver, rows, impacts: Vec::new(), record: None }
     }
 
     /// One step from `q`, `v` to `q_next`, `v_next`; stores impulses and report in `kept`. Returns the joint and the
@@ -102,7 +109,9 @@ impl ContactStep {
         let start = self.rows.velocities(&s.model, points, &s.v);
         let free = self.rows.velocities(&s.model, points, &s.v_next);
         let before = StepStart { gaps: self.rows.gaps.clone(), axes: self.rows.axes.clone(), start, free };
+        let v_free = self.record.is_some().then(|| s.v_next.clone());
         let mut outcome = self.touch(scene, settings, s, &before, kept)?;
+        self.record = v_free.map(|v_free| StepRecord::new(v_free, &s.v_next, &before, &mut outcome));
         move_along(h, s);
         if let Some(slowed) = outcome.slowed.take() {
             s.v_next = slowed;
@@ -110,8 +119,9 @@ impl ContactStep {
         add_work(settings, s);
         to_axes_at_end(&s.model, (&s.q, &s.q_next), &mut s.v_next);
         let workspace = &mut self.solver.workspace;
-        let (depth, iterations) =
-            out_of_planes((scene, &s.model), workspace, &mut self.rows, (&mut s.q_next, &mut s.q_stage))?;
+        let ends = (&mut s.q_next[..], &mut s.q_stage[..]);
+        let pushes = self.record.as_mut().map(|record| &mut record.pushes);
+        let (depth, iterations) = out_of_planes((scene, &s.model), workspace, &mut self.rows, ends, pushes)?;
         onto_connections(scene, (scene.model(), workspace), &mut self.rows, (&s.q_next, &mut s.v_next))?;
         self.settle(settings, s, &before, &outcome, points.len());
         let impulses = outcome.hit.as_mut().map(|hit| &mut hit.impulses).into_iter().chain([&mut outcome.held]);
@@ -132,7 +142,8 @@ impl ContactStep {
         before: &StepStart,
         kept: &[f64],
     ) -> Result<Outcome, (String, Error)> {
-        let Self { solver, rows, .. } = self;
+        let Self { solver, rows, record, .. } = self;
+        let records = record.is_some();
         let (workspace, points, h) = (&mut solver.workspace, scene.contact_points(), settings.step);
         let StepStart { gaps, start, free, .. } = before;
         let (n, all_rows) = (points.len(), gaps.len());
@@ -204,6 +215,15 @@ impl ContactStep {
                 let arrives = |at: usize| near[at] >= n && gaps[near[at]] > 0.0 && held[3 * at + 2] > 0.0;
                 let arriving: Vec<usize> = (touching..near.len()).filter(|&at| arrives(at)).collect();
                 let mut after = after;
+                outcome.laws = records.then(|| Laws {
+                    cone: cone.clone(),
+                    rebound: rebound.clone(),
+                    middle: (pick(&|i| start[i]) + &free_here) * 0.5,
+                    c: c.clone(),
+                    held: held.clone(),
+                    arriving: arriving.clone(),
+                    slower: None,
+                });
                 if !arriving.is_empty() {
                     for at in arriving {
                         c[3 * at + 2] = u[3 * at + 2];
@@ -213,6 +233,9 @@ impl ContactStep {
                     (solved, impulse_kept, iterations) =
                         (solved.with(more), impulse_kept.min(part), iterations + more.iterations);
                     all += &slower - &held;
+                    if let Some(laws) = &mut outcome.laws {
+                        laws.slower = Some((c.clone(), slower.clone()));
+                    }
                     held = slower;
                     rows.respond(&s.model, points, workspace, &near, &all);
                     let slowed: Vec<f64> = v_free.iter().zip(&rows.response).map(|(v, dv)| v + dv).collect();

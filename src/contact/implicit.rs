@@ -1,0 +1,250 @@
+//! The contact law in the mode of a solution: its equations, their derivatives, and Newton's method in fixed modes.
+//!
+//! In a mode, the impulse p and the velocity u = G p + c of a contact satisfy three smooth equations F(p, u) = 0, here in
+//! N s, with r as in [`Cone::lengths`], x = p - r u, and the direction d = `x_t` / |`x_t`|, which is that of -`u_t`:
+//!
+//! ```text
+//! open                  p = 0
+//! normal, pressed       r u_n = 0
+//! normal, at its bound  p_n - a = 0
+//! tangent, sticking     r u_t = 0
+//! tangent, sliding      p_t - mu p_n d = 0
+//! ```
+//!
+//! The derivatives of p follow from (A + B G) dp = -(B dc + `F_mu` dmu + `F_a` da) with A = dF/dp and B = dF/du (the
+//! implicit function theorem). If G is singular, only J* dp is unique; dp is then that of equal springs at the contacts,
+//! the limit of A + B (G + eps/r), which is regular.
+
+use super::law::{Cone, Limits};
+use super::newton::PROXIMAL;
+use nalgebra::{DMatrix, DVector, Dyn, LU, Matrix2, Matrix3, Vector2};
+
+/// Largest number of Newton steps in fixed modes, and the factor by which each must reduce the residual.
+const STEPS: usize = 6;
+const FALLS: f64 = 0.5;
+
+/// Number of corrections of a linear solution by its residual, which remove the error of the springs.
+const CORRECTIONS: usize = 2;
+
+/// The normal equation of a contact.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Normal {
+    /// No contact force.
+    Open,
+    /// The normal velocity is zero.
+    Pressed,
+    /// The normal impulse is at its lower bound a > 0, in the expansion phase of an impact.
+    AtBound,
+}
+
+/// The case of the law in which a contact is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Mode {
+    pub normal: Normal,
+    /// True if the contact slides, or has no friction.
+    pub slides: bool,
+}
+
+/// The linearized equations of all contacts in their modes.
+#[derive(Debug, Clone)]
+pub(crate) struct Linearization {
+    /// B: blocks of dF/du.
+    by_velocity: Vec<Matrix3<f64>>,
+    /// A + B G, and the same with springs.
+    matrix: DMatrix<f64>,
+    with_springs: DMatrix<f64>,
+    /// d of sliding contacts; zero for the others.
+    directions: Vec<Vector2<f64>>,
+    modes: Vec<Mode>,
+    impulses: DVector<f64>,
+}
+
+/// Cotangents of the data of a problem, for a cotangent of its impulses.
+#[derive(Debug, Clone)]
+pub(crate) struct LawCotangents {
+    /// Of the velocities u at fixed impulses.
+    pub velocities: DVector<f64>,
+    /// Of the coefficient of friction of each contact.
+    pub friction: Vec<f64>,
+    /// Of the lower bound a of each normal impulse.
+    pub least: Vec<f64>,
+}
+
+impl Cone {
+    /// The mode of each contact in which its target x is.
+    pub fn modes(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits) -> Vec<Mode> {
+        let x = self.targets(p, c);
+        let of = |i: usize| {
+            let least = limits.least[i];
+            let normal = match x[3 * i + 2] {
+                pressed if pressed > least => Normal::Pressed,
+                _ if least > 0.0 => Normal::AtBound,
+                _ => Normal::Open,
+            };
+            let bound = self.friction[i] * x[3 * i + 2].max(least);
+            Mode { normal, slides: !(x[3 * i].hypot(x[3 * i + 1]) < bound) }
+        };
+        (0..self.len()).map(of).collect()
+    }
+
+    /// Distance of each contact from another mode, m/s: of its target x to the nearest boundary of its case, over r.
+    pub fn margins(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits) -> Vec<f64> {
+        let x = self.targets(p, c);
+        let of = |i: usize| {
+            let (least, normal) = (limits.least[i], x[3 * i + 2]);
+            let bound = self.friction[i] * normal.max(least);
+            let to_normal = (normal - least).abs();
+            let to_tangent = (x[3 * i].hypot(x[3 * i + 1]) - bound).abs();
+            let slips = self.friction[i] > 0.0 && normal.max(least) > 0.0;
+            (if slips { to_normal.min(to_tangent) } else { to_normal }) / self.lengths[i]
+        };
+        (0..self.len()).map(of).collect()
+    }
+
+    /// F in the given modes, N s.
+    fn defect_in(&self, modes: &[Mode], p: &DVector<f64>, c: &DVector<f64>, limits: &Limits) -> DVector<f64> {
+        let (u, x) = (self.velocities(p, c), self.targets(p, c));
+        let mut defect = p.clone();
+        for (i, mode) in modes.iter().enumerate().filter(|(_, mode)| mode.normal != Normal::Open) {
+            let (at, r) = (3 * i, self.lengths[i]);
+            match mode.normal {
+                Normal::Pressed => defect[at + 2] = r * u[at + 2],
+                _ => defect[at + 2] -= limits.least[i],
+            }
+            if mode.slides {
+                let pull = direction(&x, i) * (self.friction[i] * p[at + 2]);
+                defect[at] -= pull[0];
+                defect[at + 1] -= pull[1];
+            } else {
+                defect[at] = r * u[at];
+                defect[at + 1] = r * u[at + 1];
+            }
+        }
+        defect
+    }
+
+    /// The equations in the given modes, linearized at impulses `p`.
+    pub fn linearized(&self, modes: &[Mode], p: &DVector<f64>, c: &DVector<f64>) -> Linearization {
+        let (m, x) = (3 * self.len(), self.targets(p, c));
+        let mut by_velocity = vec![Matrix3::zeros(); self.len()];
+        let mut directions = vec![Vector2::zeros(); self.len()];
+        let mut matrix = DMatrix::zeros(m, m);
+        for (i, mode) in modes.iter().enumerate() {
+            let (at, r, mu) = (3 * i, self.lengths[i], self.friction[i]);
+            let (mut a, b) = (Matrix3::identity(), &mut by_velocity[i]);
+            if mode.normal == Normal::Pressed {
+                a[(2, 2)] = 0.0;
+                b[(2, 2)] = r;
+            }
+            if mode.normal != Normal::Open && !mode.slides {
+                (a[(0, 0)], a[(1, 1)]) = (0.0, 0.0);
+                (b[(0, 0)], b[(1, 1)]) = (r, r);
+            } else if mode.normal != Normal::Open && mu > 0.0 {
+                let d = direction(&x, i);
+                let length = x[at].hypot(x[at + 1]);
+                // The change of d is that of x across it, over |x|.
+                let across = (Matrix2::identity() - d * d.transpose()) * (mu * p[at + 2] / length);
+                for row in 0..2 {
+                    a[(row, 2)] = -mu * d[row];
+                    for column in 0..2 {
+                        a[(row, column)] -= across[(row, column)];
+                        b[(row, column)] = r * across[(row, column)];
+                    }
+                }
+                directions[i] = d;
+            }
+            for row in 0..3 {
+                for j in 0..m {
+                    let of_velocity: f64 = (0..3).map(|k| b[(row, k)] * self.g[(at + k, j)]).sum();
+                    matrix[(at + row, j)] = of_velocity;
+                }
+                for column in 0..3 {
+                    matrix[(at + row, at + column)] += a[(row, column)];
+                }
+            }
+        }
+        let mut with_springs = matrix.clone();
+        for (i, b) in by_velocity.iter().enumerate() {
+            for row in 0..3 {
+                for column in 0..3 {
+                    with_springs[(3 * i + row, 3 * i + column)] += b[(row, column)] * PROXIMAL / self.lengths[i];
+                }
+            }
+        }
+        Linearization { by_velocity, matrix, with_springs, directions, modes: modes.to_vec(), impulses: p.clone() }
+    }
+
+    /// Newton's method in the modes of `p`, until the residual no longer decreases; returns the impulses and their
+    /// residual. `None` if the matrix is singular, or if the result is in other modes or has a larger residual.
+    pub fn polished(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits) -> Option<(DVector<f64>, f64)> {
+        let modes = self.modes(p, c, limits);
+        let (mut best, mut residual) = (p.clone(), self.residual(p, c, limits));
+        for _ in 0..STEPS {
+            if residual <= self.floor(&best, c, limits) {
+                break;
+            }
+            let step = self.linearized(&modes, &best, c).with_springs.lu();
+            let next = &best - step.solve(&self.defect_in(&modes, &best, c, limits))?;
+            let left = self.residual(&next, c, limits);
+            if !(left < residual) {
+                break;
+            }
+            let slow = left > FALLS * residual;
+            (best, residual) = (next, left);
+            if slow {
+                break;
+            }
+        }
+        (self.modes(&best, c, limits) == modes).then_some((best, residual))
+    }
+}
+
+impl Linearization {
+    /// Cotangents of the data for a cotangent `p_bar` of the impulses; `None` if the matrix is singular.
+    ///
+    /// With x = -(A + B G)^-T `p_bar`, they are B* x, `F_mu`* x and `F_a`* x.
+    pub fn cotangents(&self, p_bar: &DVector<f64>) -> Option<LawCotangents> {
+        let x = -corrected(&self.with_springs.transpose().lu(), &self.matrix.transpose(), p_bar)?;
+        let mut velocities = DVector::zeros(x.len());
+        let (mut friction, mut least) = (vec![0.0; self.modes.len()], vec![0.0; self.modes.len()]);
+        for (i, mode) in self.modes.iter().enumerate() {
+            let x = x.fixed_rows::<3>(3 * i);
+            velocities.fixed_rows_mut::<3>(3 * i).copy_from(&self.by_velocity[i].tr_mul(&x));
+            if mode.normal != Normal::Open && mode.slides {
+                friction[i] = -self.impulses[3 * i + 2] * self.directions[i].dot(&x.xy());
+            }
+            if mode.normal == Normal::AtBound {
+                least[i] = -x[2];
+            }
+        }
+        Some(LawCotangents { velocities, friction, least })
+    }
+
+    /// Changes of the impulses for changes of the velocities at fixed impulses; `None` if the matrix is singular.
+    #[cfg(test)]
+    pub fn tangent(&self, dc: &DVector<f64>) -> Option<DVector<f64>> {
+        let mut right = DVector::zeros(dc.len());
+        for (i, b) in self.by_velocity.iter().enumerate() {
+            right.fixed_rows_mut::<3>(3 * i).copy_from(&(-b * dc.fixed_rows::<3>(3 * i)));
+        }
+        corrected(&self.with_springs.clone().lu(), &self.matrix, &right)
+    }
+}
+
+/// The unit direction of the tangential target of contact `i`; zero if it has none.
+fn direction(x: &DVector<f64>, i: usize) -> Vector2<f64> {
+    let tangent = Vector2::new(x[3 * i], x[3 * i + 1]);
+    tangent.try_normalize(0.0).unwrap_or_else(Vector2::zeros)
+}
+
+/// The solution of the equations with springs, corrected by residuals of those without springs.
+fn corrected(factor: &LU<f64, Dyn, Dyn>, matrix: &DMatrix<f64>, right: &DVector<f64>) -> Option<DVector<f64>> {
+    let mut x = factor.solve(right)?;
+    for _ in 0..CORRECTIONS {
+        x += factor.solve(&(right - matrix * &x))?;
+    }
+    x.iter().all(|x| x.is_finite()).then_some(x)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,68 @@
+//! Data of a step that its adjoint reads.
+
+use super::project::Push;
+use super::step::{Outcome, StepStart};
+use crate::contact::{Cone, ContactState, Impact};
+use nalgebra::DVector;
+
+/// The solves of the law in a step, for the active contacts.
+#[derive(Debug, Clone)]
+pub(super) struct Laws {
+    pub cone: Cone,
+    /// Coefficients of restitution in this step: zero for a contact that does not rebound.
+    pub rebound: Vec<f64>,
+    /// Velocities of impacts: the mean of those at the start and of the free ones.
+    pub middle: DVector<f64>,
+    /// Velocities and impulses of persistent contact.
+    pub c: DVector<f64>,
+    pub held: DVector<f64>,
+    /// Active joint limits at which joints arrive, and the velocities and impulses with which they end the step.
+    pub arriving: Vec<usize>,
+    pub slower: Option<(DVector<f64>, DVector<f64>)>,
+}
+
+/// A step with contacts.
+#[derive(Debug, Clone)]
+pub(super) struct StepRecord {
+    /// The velocities without contacts, and those of the displacement.
+    pub v_free: Vec<f64>,
+    pub moving: Vec<f64>,
+    pub before: StepStart,
+    pub near: Vec<usize>,
+    pub hit: Option<Impact>,
+    pub states: Vec<ContactState>,
+    /// `None` without active contacts.
+    pub laws: Option<Laws>,
+    /// The Newton steps of the projection out of the planes.
+    pub pushes: Vec<Push>,
+}
+
+impl StepRecord {
+    /// The request for a record.
+    pub fn request() -> Self {
+        let none = || DVector::zeros(0);
+        Self {
+            v_free: Vec::new(),
+            moving: Vec::new(),
+            before: StepStart { gaps: Vec::new(), axes: Vec::new(), start: none(), free: none() },
+            near: Vec::new(),
+            hit: None,
+            states: Vec::new(),
+            laws: None,
+            pushes: Vec::new(),
+        }
+    }
+
+    pub fn new(v_free: Vec<f64>, moving: &[f64], before: &StepStart, outcome: &mut Outcome) -> Self {
+        Self {
+            v_free,
+            moving: moving.to_vec(),
+            before: before.clone(),
+            near: outcome.near.clone(),
+            hit: outcome.hit.clone(),
+            states: outcome.states.clone(),
+            laws: outcome.laws.take(),
+            pushes: Vec::new(),
+        }
+    }
+}

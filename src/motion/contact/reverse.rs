@@ -1,0 +1,177 @@
+//! Backpropagation through the steps of one state with contacts: recomputes and differentiates each step, and sums the
+//! gradients by the contacts.
+
+use super::super::backward::StepGradients;
+use super::super::scratch::Scratch;
+use super::super::step_settings::StepSettings;
+use super::backward::{At, ContactAdjoint, ContactGradient};
+use super::record::StepRecord;
+use super::report::{begin, width};
+use super::step::ContactStep;
+use crate::contact::{ContactState, Limits};
+use crate::error::Error;
+use crate::filter::Form;
+use crate::scene::Scene;
+
+/// Largest deviation of a recomputed step from the recorded one, relative to coordinates and velocities of at least one.
+const REPRODUCED: f64 = 1e-5;
+
+/// A contact that is in another state in a step than in the step before.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct ModeChange {
+    /// Index of the state in the batch.
+    pub state: usize,
+    /// The first step in the new state.
+    pub step: usize,
+    /// Index of the contact.
+    pub contact: usize,
+    /// State of the contact in the step before.
+    pub before: ContactState,
+    /// State of the contact in this step.
+    pub after: ContactState,
+}
+
+/// Scratch memory for one state, with the sums over its steps.
+pub(in crate::motion) struct ContactReverse {
+    pub scratch: Scratch<f64>,
+    pub gradients: StepGradients<f64>,
+    step: ContactStep,
+    adjoint: ContactAdjoint,
+    /// Impulses of the last recomputed step, from which the solves of the next one start.
+    kept: Vec<f64>,
+    sums: Vec<ContactGradient>,
+    /// The smallest distance of each contact from another mode, m/s, and its step.
+    margins: Vec<(f64, usize)>,
+    /// States of the contacts in the last recomputed step.
+    states: Option<Vec<ContactState>>,
+}
+
+impl ContactReverse {
+    /// Number of values per contact that [`ContactReverse::write`] writes: the gradients by friction, restitution, offset
+    /// and unit normal, the margin and its step.
+    pub const WIDTH: usize = 8;
+
+    #[cold]
+    pub fn new(scene: &Scene, settings: &StepSettings, form: Form, parameters: bool) -> Self {
+        let scratch = Scratch::new(scene.model(), settings);
+        let contacts = scene.contacts().len();
+        let mut step = ContactStep::new(scene, settings, form);
+        step.record = Some(StepRecord::request());
+        Self {
+            gradients: StepGradients::new(&scratch.model, parameters),
+            adjoint: ContactAdjoint::new(scene, &scratch.model, parameters),
+            step,
+            scratch,
+            kept: vec![0.0; width(contacts)],
+            sums: vec![ContactGradient::default(); contacts],
+            margins: vec![(f64::INFINITY, 0); contacts],
+            states: None,
+        }
+    }
+
+    /// Begins with the last step of a state.
+    pub fn begin(&mut self) {
+        begin(&mut self.kept);
+        self.sums.fill(ContactGradient::default());
+        self.margins.fill((f64::INFINITY, 0));
+        self.states = None;
+    }
+
+    /// Propagates the gradients through step `n`, whose end is `recorded` if it is known. Calls `changed` with the changes
+    /// of contacts between this step and the next one. Returns the joint and the error if it fails.
+    pub fn through(
+        &mut self,
+        (scene, settings): (&Scene, &StepSettings),
+        n: usize,
+        recorded: Option<(&[f64], &[f64])>,
+        mut changed: impl FnMut(usize, ContactState, ContactState),
+    ) -> Result<(), (String, Error)> {
+        let Self { scratch: s, gradients, step, adjoint, kept, sums, margins, states } = self;
+        step.step(scene, settings, s, kept)?;
+        if let Some((q, v)) = recorded {
+            check_reproduced(n, (q, v), (&s.q_next, &s.v_next)).map_err(|error| (String::new(), error))?;
+        }
+        adjoint.step(scene, settings, (step, s), gradients)?;
+        for (sum, more) in sums.iter_mut().zip(&adjoint.contacts) {
+            sum.friction += more.friction;
+            sum.restitution += more.restitution;
+            sum.offset += more.offset;
+            sum.turn += more.turn;
+        }
+        let now = now(scene, settings, s, step);
+        if let Some(later) = states.take() {
+            for (i, ((_, before), after)) in now.iter().zip(later).enumerate().filter(|(_, ((_, a), b))| a != b) {
+                changed(i, *before, after);
+            }
+        }
+        for (least, (margin, _)) in margins.iter_mut().zip(&now) {
+            if *margin < least.0 {
+                *least = (*margin, n);
+            }
+        }
+        *states = Some(now.into_iter().map(|(_, state)| state).collect());
+        let mut results = gradients.results();
+        results.try_for_each(|numbers| scene.check_result("gradients", numbers)).map_err(|error| (String::new(), error))
+    }
+
+    /// Writes the sums, [`ContactReverse::WIDTH`] values per contact.
+    #[allow(clippy::cast_precision_loss)] // number of steps of a run
+    pub fn write(&self, scene: &Scene, out: &mut [f64]) {
+        let each = self.sums.iter().zip(&self.margins).zip(scene.contact_points());
+        for (((sum, (margin, step)), point), out) in each.zip(out.chunks_exact_mut(Self::WIDTH)) {
+            // The normal changes by turn x n.
+            let normal = sum.turn.cross(&point.normal());
+            out[..3].copy_from_slice(&[sum.friction, sum.restitution, sum.offset]);
+            out[3..6].copy_from_slice(normal.as_slice());
+            out[6..].copy_from_slice(&[*margin, *step as f64]);
+        }
+    }
+}
+
+/// Distance of each contact from another mode, m/s, and its state, in the step that was recorded.
+fn now(scene: &Scene, settings: &StepSettings, s: &Scratch<f64>, step: &mut ContactStep) -> Vec<(f64, ContactState)> {
+    let ContactStep { solver, rows, record, .. } = step;
+    let points = scene.contact_points();
+    let Some(record) = record else { return Vec::new() };
+    let mut at = At { model: &s.model, points, workspace: &mut solver.workspace, rows };
+    let all: Vec<usize> = (0..points.len()).collect();
+    let moving = at.velocities(&all, &record.moving);
+    let mut found: Vec<_> = (0..points.len())
+        .map(|i| ((record.before.gaps[i] / settings.step + moving[3 * i + 2]).abs(), ContactState::Open))
+        .collect();
+    let Some(laws) = &record.laws else { return found };
+    let mut margins = laws.cone.margins(&laws.held, &laws.c, &Limits::beside(&laws.c));
+    let mut least = |more: Vec<f64>| margins.iter_mut().zip(more).for_each(|(least, more)| *least = least.min(more));
+    if let Some(hit) = &record.hit {
+        let (first, second) = &hit.phases;
+        least(laws.cone.margins(first, &laws.middle, &Limits::beside(&laws.middle)));
+        if let Some(second) = second {
+            let between = &laws.middle + &laws.cone.g * first;
+            let bound = laws.rebound.iter().enumerate().map(|(k, e)| e * first[3 * k + 2]).collect();
+            least(laws.cone.margins(second, &between, &Limits { least: bound, ..Limits::beside(&laws.middle) }));
+        }
+    }
+    for (k, &i) in record.near.iter().enumerate().filter(|(_, i)| **i < points.len()) {
+        found[i] = (margins[k], record.states[k]);
+    }
+    found
+}
+
+/// Returns an error if a recomputed step does not end at the recorded row.
+fn check_reproduced(n: usize, recorded: (&[f64], &[f64]), made: (&[f64], &[f64])) -> Result<(), Error> {
+    for (name, recorded, made) in [("q", recorded.0, made.0), ("qd", recorded.1, made.1)] {
+        let size = recorded.iter().fold(1.0_f64, |most, x| most.max(x.abs()));
+        let off = recorded.iter().zip(made).fold(0.0_f64, |most, (a, b)| most.max((a - b).abs()));
+        if !(off <= REPRODUCED * size) {
+            let found =
+                format!("a row after step {} that the step recomputed from the row before misses by {off:.1e}", n + 1);
+            return Err(Error::argument(
+                name,
+                found,
+                "rows of simulate with the same arguments, at best with record_every=1",
+            ));
+        }
+    }
+    Ok(())
+}
