@@ -149,13 +149,13 @@ impl ContactAdjoint {
         let Some(record) = record else { return Ok(()) };
         let mut at = At { model: &s.model, points, workspace, rows };
 
-        let mut of_q = gradients.end[0].clone();
+        let (mut of_q, mut of_last) = (gradients.end[0].clone(), gradients.end[1].clone());
+        self.turned_axes(at.model, (&s.q, &s.q_next), &s.v_next, (&mut of_q, &mut of_last));
         for push in record.pushes.iter().rev() {
             of_q = self.through_push(scene, &mut at, push, &of_q)?;
         }
         let moved = record.pushes.first().map_or(&s.q_next, |push| &push.q);
-        let (mut of_moving, mut of_last) = (vec![0.0; nv], gradients.end[1].clone());
-        self.turned_axes(at.model, (&s.q, moved), &s.v_next, (&mut of_q, &mut of_last));
+        let mut of_moving = vec![0.0; nv];
         self.displaced(at.model, settings.step, (&s.q, moved, &record.moving), &of_q, &mut of_moving);
 
         // Without a projection, the factor of the solves is still in the workspace.

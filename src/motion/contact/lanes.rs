@@ -200,11 +200,9 @@ impl<T: Vectorized<Number = f64>> Touching<T> {
         if (0..kernel.gaps.len()).any(|i| late(i) && !near.contains(&i)) {
             return false;
         }
-        let after_here = DVector::from_fn(3 * near.len(), |i, _| after[3 * near[i / 3] + i % 3].lanes()[lane]);
-        let rest_speed = rest_speed(model, settings);
-        let landed = |at: usize| start[3 * near[at] + 2].lanes()[lane] < -rest_speed;
-        let velocities = (&outcome.held, &*free, &after_here);
-        let counted = (near.len(), &landed as &dyn Fn(usize) -> bool);
+        let pick = |all: &[T]| DVector::from_fn(3 * near.len(), |i, _| all[3 * near[i / 3] + i % 3].lanes()[lane]);
+        let velocities = (&outcome.held, [&pick(start), &*free, &pick(after)]);
+        let counted = (near.len(), rest_speed(model, settings));
         outcome.report = report(solved, solved.iterations, *impulse_kept, (0.0, None), velocities, counted);
         true
     }
@@ -278,7 +276,6 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Finish<'_, T, I> {
         }
         move_along(h, s);
         add_work(settings, s);
-        to_axes_at_end(&s.model, (&s.q, &s.q_next), &mut s.v_next);
         place::<T, T>(&s.constants, &mut touching.ahead, zero, &s.q_next);
         touching.kernel.place((&s.model, &s.constants), &touching.ahead);
         fallback |= strays(settings, s);
@@ -310,6 +307,7 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Finish<'_, T, I> {
             let iterations = outcome.report.iterations + iterations as f64;
             ContactReport::add(kept, &ContactReport { iterations, depth, ..outcome.report });
         }
+        to_axes_at_end(&s.model, (&s.q, &s.q_next), &mut s.v_next);
         fallback
     }
 }

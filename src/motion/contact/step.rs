@@ -117,11 +117,11 @@ impl ContactStep {
             s.v_next = slowed;
         }
         add_work(settings, s);
-        to_axes_at_end(&s.model, (&s.q, &s.q_next), &mut s.v_next);
         let workspace = &mut self.solver.workspace;
         let ends = (&mut s.q_next[..], &mut s.q_stage[..]);
         let pushes = self.record.as_mut().map(|record| &mut record.pushes);
         let (depth, iterations) = out_of_planes((scene, &s.model), workspace, &mut self.rows, ends, pushes)?;
+        to_axes_at_end(&s.model, (&s.q, &s.q_next), &mut s.v_next);
         onto_connections(scene, (scene.model(), workspace), &mut self.rows, (&s.q_next, &mut s.v_next))?;
         self.settle(settings, s, &before, &outcome, points.len());
         let impulses = outcome.hit.as_mut().map(|hit| &mut hit.impulses).into_iter().chain([&mut outcome.held]);
@@ -243,9 +243,9 @@ impl ContactStep {
                     outcome.slowed = Some(slowed);
                 }
                 let after_here = pick(&|i| after[i]);
-                let landed = |at: usize| start[3 * near[at] + 2] < -rest_speed;
-                let (hit_now, velocities) = ((lost, hit.as_ref()), (&held, &u, &after_here));
-                outcome.report = report(&solved, iterations, impulse_kept, hit_now, velocities, (touching, &landed));
+                let velocities = (&held, [&pick(&|i| start[i]), &u, &after_here]);
+                let (hit_now, counted) = ((lost, hit.as_ref()), (touching, rest_speed));
+                outcome.report = report(&solved, iterations, impulse_kept, hit_now, velocities, counted);
                 check(scene, &near, &solved)?;
                 outcome.states = cone.states(&held, &c, &limits);
                 if let Some(hit) = &hit {
@@ -318,23 +318,24 @@ fn states_of_rebounds(cone: &Cone, impulses: &DVector<f64>, states: &mut [Contac
     }
 }
 
-/// The report of a step, for contact velocities u before the persistent impulses and `after` them; the first rows are
-/// those of contacts.
+/// The report of a step, for contact velocities at its `start`, u before the persistent impulses, and `after` them; the
+/// first rows are those of contacts. Friction acts at the mean of the velocities at start and end, which also counts the
+/// energy that a jam takes (Painleve's paradox).
 pub(super) fn report(
     solved: &SolveReport,
     iterations: usize,
     impulse_kept: f64,
     (lost, hit): (f64, Option<&Impact>),
-    (held, u, after): (&DVector<f64>, &DVector<f64>, &DVector<f64>),
-    (touching, landed): (usize, &dyn Fn(usize) -> bool),
+    (held, [start, u, after]): (&DVector<f64>, [&DVector<f64>; 3]),
+    (touching, rest_speed): (usize, f64),
 ) -> ContactReport {
     let (mut impacts, mut friction) = (lost, 0.0);
     for at in 0..touching {
-        let (p, u, after) = (held.fixed_rows::<3>(3 * at), u.fixed_rows::<3>(3 * at), after.fixed_rows::<3>(3 * at));
-        if landed(at) {
+        let [p, start, u, after] = [held, start, u, after].map(|rows| rows.fixed_rows::<3>(3 * at));
+        if start[2] < -rest_speed {
             impacts -= 0.5 * p.dot(&(u + after));
         } else {
-            friction -= p[0] * after[0] + p[1] * after[1];
+            friction -= 0.5 * (p[0] * (start[0] + after[0]) + p[1] * (start[1] + after[1]));
         }
     }
     #[allow(clippy::cast_precision_loss)] // a small count
