@@ -26,6 +26,21 @@ struct Touching<T> {
     radius: T,
 }
 
+impl<T: Real> Touching<T> {
+    /// t1, t2 or n.
+    #[inline(always)]
+    fn axis(&self, row: usize) -> Vector3<T> {
+        Vector3::new(self.axes[(row, 0)], self.axes[(row, 1)], self.axes[(row, 2)])
+    }
+
+    /// The distance of the sphere from the plane, for the pose of its frame in the base frame.
+    #[inline(always)]
+    fn gap(&self, place: &RigidShift<T>) -> T {
+        let (n, center) = (self.axis(2), &place.lever);
+        n[0] * center[0] + n[1] * center[1] + n[2] * center[2] - self.radius - self.offset
+    }
+}
+
 /// The contacts of one scene at the current states; initialized with NaN.
 #[derive(Debug)]
 pub(crate) struct ContactKernel<T> {
@@ -79,17 +94,24 @@ impl<T: Real> ContactKernel<T> {
         let zero = scene.0.gravity[0].constant(0.0);
         let Self { contacts, whitened, units, gaps, .. } = self;
         for (((contact, of), units), gap) in contacts.iter().zip(&whitened.paths).zip(units).zip(gaps) {
-            let Touching { frame, step, axes, offset, radius } = contact;
+            let Touching { frame, step, radius, .. } = contact;
             let place = placement_along(scene, scratch, (&of.path, *step), (frame, &[zero; 3]));
-            let normal = Vector3::new(axes[(2, 0)], axes[(2, 1)], axes[(2, 2)]);
-            let center = &place.lever;
-            *gap = normal[0] * center[0] + normal[1] * center[1] + normal[2] * center[2] - *radius - *offset;
-            let n = place.rotate_back(&normal);
-            let arm = Vector3::new(-n[0] * *radius, -n[1] * *radius, -n[2] * *radius);
-            for (row, unit) in units.iter_mut().enumerate() {
-                let force = place.rotate_back(&Vector3::new(axes[(row, 0)], axes[(row, 1)], axes[(row, 2)]));
-                *unit = frame.force_to_parent(&spatial(&cross(&arm, &force), &force));
+            *gap = contact.gap(&place);
+            let forces: [_; 3] = std::array::from_fn(|row| place.rotate_back(&contact.axis(row)));
+            let arm = forces[2].map(|n| -(n * *radius));
+            for (unit, force) in units.iter_mut().zip(&forces) {
+                *unit = frame.force_to_parent(&spatial(&cross(&arm, force), force));
             }
+        }
+    }
+
+    /// The gaps at the q of another scratch; the unit forces remain.
+    #[inline(always)]
+    pub fn place_gaps(&mut self, scene: (&Model<T>, &SweepModel<T>), scratch: &SweepScratch<T>) {
+        let zero = scene.0.gravity[0].constant(0.0);
+        for ((contact, of), gap) in self.contacts.iter().zip(&self.whitened.paths).zip(&mut self.gaps) {
+            *gap =
+                contact.gap(&placement_along(scene, scratch, (&of.path, contact.step), (&contact.frame, &[zero; 3])));
         }
     }
 

@@ -279,7 +279,7 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Finish<'_, T, I> {
         add_work(settings, s);
         to_axes_at_end(&s.model, (&s.q, &s.q_next), &mut s.v_next);
         place::<T, T>(&s.constants, &mut touching.ahead, zero, &s.q_next);
-        touching.kernel.place((&s.model, &s.constants), &touching.ahead);
+        touching.kernel.place_gaps((&s.model, &s.constants), &touching.ahead);
         fallback |= strays(settings, s);
         for lane in lanes_of((u64::MAX >> (64 - count)) & !fallback) {
             let kept = &mut kept[lane * width + at..(lane + 1) * width];
