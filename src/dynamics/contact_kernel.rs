@@ -5,7 +5,7 @@
 //! The rows are those of [`contacts`](super::contacts): t1, t2, n of the plane of each contact.
 
 use super::sweeps::{
-    Forces, MOST_FORCES, Path, SweepModel, SweepScratch, WhitenedRows, frame_here, motions_along, placement_along,
+    Forces, MOST_FORCES, Path, SweepModel, SweepScratch, WhitenedRows, accelerations_along, frame_here, placement_along,
 };
 use crate::model::Model;
 use crate::scalar::Real;
@@ -51,7 +51,7 @@ pub(crate) struct ContactKernel<T> {
     units: Vec<[Vector6<T>; 3]>,
     /// One per step of the longest path.
     forces: Vec<Forces<T>>,
-    motions: Vec<[[T; 6]; 2]>,
+    motions: Vec<[T; 6]>,
     /// No torques act with the unit forces.
     torque: Vec<T>,
     /// The distance of each contact to its plane, m.
@@ -82,7 +82,7 @@ impl<T: Real> ContactKernel<T> {
             whitened,
             units: vec![[Vector6::from_element(nan); 3]; n],
             forces: vec![Forces { z: [[nan; 6]; MOST_FORCES], moments: [nan; MOST_FORCES] }; longest],
-            motions: vec![[[nan; 6]; 2]; longest],
+            motions: vec![[nan; 6]; longest],
             torque: vec![zero; model.nv()],
             gaps: vec![nan; n],
         }
@@ -126,8 +126,8 @@ impl<T: Real> ContactKernel<T> {
     ) {
         let Self { contacts, whitened, units, motions, .. } = self;
         for (at, (contact, of)) in contacts.iter().zip(&whitened.paths).enumerate() {
-            motions_along(scene, scratch, (&of.path, v), motions);
-            let velocity = Vector6::from(motions[contact.step][0]);
+            accelerations_along(scene, scratch, (&of.path, v), motions);
+            let velocity = Vector6::from(motions[contact.step]);
             for (out, unit) in out[3 * at..3 * at + 3].iter_mut().zip(&units[at]) {
                 *out = dot(unit, &velocity);
             }
@@ -157,6 +157,23 @@ impl<T: Real> ContactKernel<T> {
     /// G, in the lower triangle, (3 contacts x 3 contacts).
     pub fn gram(&self) -> &[T] {
         &self.whitened.gram
+    }
+
+    /// J v + G p of all contacts, into `out`, from J v.
+    #[inline(always)]
+    pub fn velocities_after(&self, before: &[T], impulses: &[T], out: &mut [T]) {
+        let (m, gram) = (before.len(), self.gram());
+        for (i, out) in out.iter_mut().enumerate() {
+            let own = &gram[i * m..i * m + i + 1];
+            let mut sum = before[i];
+            for (&g, &p) in own.iter().zip(impulses) {
+                sum = g.mul_add(p, sum);
+            }
+            for (j, &p) in impulses.iter().enumerate().skip(i + 1) {
+                sum = gram[j * m + i].mul_add(p, sum);
+            }
+            *out = sum;
+        }
     }
 
     /// The innovations of impulses at the contacts, into `innovations`; the smoother computes M^-1 J* p from them.

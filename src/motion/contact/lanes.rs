@@ -263,13 +263,13 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Finish<'_, T, I> {
                 let kept = &kept[lane * width + at..(lane + 1) * width];
                 fallback |= u64::from(!touching.solve(of, &s.model, lane, kept)) << lane;
             }
-            let Touching { kernel, innovations, impulses, after, .. } = &mut *touching;
+            let Touching { kernel, innovations, impulses, free, after, .. } = &mut *touching;
             kernel.innovations_of(impulses, innovations);
             factor::smooth(target, constants, &mut s.sweeps, innovations);
             for (v, change) in s.v_next.iter_mut().zip(&*innovations) {
                 *v += *change;
             }
-            kernel.velocities(constants, &s.sweeps, &s.v_next, after);
+            kernel.velocities_after(free, impulses, after);
             for lane in lanes_of(touched & !fallback) {
                 fallback |= u64::from(!touching.report_on(settings, &s.model, lane)) << lane;
             }
