@@ -82,6 +82,37 @@ impl<T: Vectorized> Work for FactorWithErrorEstimate<'_, T> {
     }
 }
 
+/// The factor of M at q in covariance form and e^- of a state (q, qd, tau), in one pass; the lanes that need the
+/// fallback.
+#[inline(never)]
+pub(crate) fn with_innovations<T: Vectorized, I: Target>(
+    target: I,
+    scene: Scene<'_, T>,
+    scratch: &mut SweepScratch<T>,
+    state: (&[T], &[T], &[T]),
+    out: &mut [T],
+) -> u64 {
+    target.within(WithInnovations(scene, scratch, state, out))
+}
+
+struct WithInnovations<'a, T: Vectorized>(
+    Scene<'a, T>,
+    &'a mut SweepScratch<T>,
+    (&'a [T], &'a [T], &'a [T]),
+    &'a mut [T],
+);
+
+impl<T: Vectorized> Work for WithInnovations<'_, T> {
+    type Output = u64;
+
+    #[inline(always)]
+    fn call(self) -> u64 {
+        let Self(scene, scratch, state, out) = self;
+        let pivots = sweeps::innovations_and_factor::<T, T::Columns>(scene, scratch, state, &[], out);
+        lanes_but::<T>(|lane| pivots.clear(lane))
+    }
+}
+
 /// e^- of a state (q, qd, tau), with the existing factor.
 #[inline(never)]
 pub(crate) fn innovations<T: Vectorized, I: Target>(

@@ -222,7 +222,11 @@ impl Cone {
             && let Some(held) = Held::of(self)
         {
             // The impulses are unique.
-            let stuck = self.may_stick(start).then(|| held.impulses(c));
+            let stuck = self.may_stick(start).then(|| {
+                let mut p = held.impulses(c);
+                self.project(&mut p, &limits.least);
+                p
+            });
             search.solved.iterations += 1;
             if stuck.is_some_and(|p| search.left(&p).is_none()) {
                 return (search.best, search.solved);

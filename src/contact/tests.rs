@@ -1,6 +1,7 @@
 #![allow(clippy::float_cmp)] // exact equality is asserted
 
 use super::energy::{expansion_kept, work};
+use super::held::Held;
 use super::law::nearest;
 use super::{Cone, Effort, Limits, SolveReport, impact, passive};
 use nalgebra::{DMatrix, DVector, Vector3};
@@ -60,6 +61,27 @@ fn one_contact_on_a_block_sticks_or_slides() {
         let drag = (mu * 3.0_f64).min(2.0 * slip);
         assert!(solved.converged && solved.residual <= 1e-10, "{solved:?}");
         assert!((p[2] - 3.0).abs() < 1e-9 && (p[0] + drag).abs() < 1e-9 && p[1].abs() < 1e-9, "mu {mu}: {p}");
+    }
+}
+
+/// The impulses of contacts that stick are those of dense algebra; G with dependent rows has no factor, and rows on
+/// which no impulse acts are skipped.
+#[test]
+fn contacts_that_stick_take_one_solve() {
+    let mut draw = Draw(11);
+    for contacts in 1..6 {
+        let (g, c) = draw.problem(contacts, 3 * contacts + 2);
+        let held = Held::of(&Cone::new(g.clone(), vec![1e3; contacts])).expect("independent rows");
+        let expected = -g.clone().lu().solve(&c).expect("a regular matrix");
+        assert!((held.impulses(&c) - &expected).amax() <= 1e-9 * expected.amax(), "{contacts} contacts");
+        let normal = |x: &DVector<f64>| DVector::from_fn(contacts, |i, _| x[3 * i + 2]);
+        let block = DMatrix::from_fn(contacts, contacts, |i, j| g[(3 * i + 2, 3 * j + 2)]);
+        let expected = -block.lu().solve(&normal(&c)).expect("a regular matrix");
+        let found = Held::of(&Cone::new(g, vec![0.0; contacts])).expect("independent rows").impulses(&c);
+        assert!((normal(&found) - &expected).amax() <= 1e-9 * expected.amax());
+        assert_eq!(found.iter().filter(|p| **p != 0.0).count(), contacts);
+        let (g, _) = draw.problem(contacts, 3 * contacts - 1);
+        assert!(Held::of(&Cone::new(g, vec![0.5; contacts])).is_none());
     }
 }
 

@@ -5,7 +5,7 @@
 //! The rows are those of [`contacts`](super::contacts): t1, t2, n of the plane of each contact.
 
 use super::sweeps::{
-    Forces, MOST_FORCES, Path, SweepModel, SweepScratch, WhitenedRows, frame_here, motions_along, placement_along,
+    Forces, MOST_FORCES, Path, SweepModel, SweepScratch, WhitenedRows, accelerations_along, frame_here, placement_along,
 };
 use crate::model::Model;
 use crate::scalar::Real;
@@ -26,6 +26,21 @@ struct Touching<T> {
     radius: T,
 }
 
+impl<T: Real> Touching<T> {
+    /// t1, t2 or n.
+    #[inline(always)]
+    fn axis(&self, row: usize) -> Vector3<T> {
+        Vector3::new(self.axes[(row, 0)], self.axes[(row, 1)], self.axes[(row, 2)])
+    }
+
+    /// The distance of the sphere from the plane, for the pose of its frame in the base frame.
+    #[inline(always)]
+    fn gap(&self, place: &RigidShift<T>) -> T {
+        let (n, center) = (self.axis(2), &place.lever);
+        n[0] * center[0] + n[1] * center[1] + n[2] * center[2] - self.radius - self.offset
+    }
+}
+
 /// The contacts of one scene at the current states; initialized with NaN.
 #[derive(Debug)]
 pub(crate) struct ContactKernel<T> {
@@ -36,7 +51,7 @@ pub(crate) struct ContactKernel<T> {
     units: Vec<[Vector6<T>; 3]>,
     /// One per step of the longest path.
     forces: Vec<Forces<T>>,
-    motions: Vec<[[T; 6]; 2]>,
+    motions: Vec<[T; 6]>,
     /// No torques act with the unit forces.
     torque: Vec<T>,
     /// The distance of each contact to its plane, m.
@@ -67,7 +82,7 @@ impl<T: Real> ContactKernel<T> {
             whitened,
             units: vec![[Vector6::from_element(nan); 3]; n],
             forces: vec![Forces { z: [[nan; 6]; MOST_FORCES], moments: [nan; MOST_FORCES] }; longest],
-            motions: vec![[[nan; 6]; 2]; longest],
+            motions: vec![[nan; 6]; longest],
             torque: vec![zero; model.nv()],
             gaps: vec![nan; n],
         }
@@ -79,17 +94,24 @@ impl<T: Real> ContactKernel<T> {
         let zero = scene.0.gravity[0].constant(0.0);
         let Self { contacts, whitened, units, gaps, .. } = self;
         for (((contact, of), units), gap) in contacts.iter().zip(&whitened.paths).zip(units).zip(gaps) {
-            let Touching { frame, step, axes, offset, radius } = contact;
+            let Touching { frame, step, radius, .. } = contact;
             let place = placement_along(scene, scratch, (&of.path, *step), (frame, &[zero; 3]));
-            let normal = Vector3::new(axes[(2, 0)], axes[(2, 1)], axes[(2, 2)]);
-            let center = &place.lever;
-            *gap = normal[0] * center[0] + normal[1] * center[1] + normal[2] * center[2] - *radius - *offset;
-            let n = place.rotate_back(&normal);
-            let arm = Vector3::new(-n[0] * *radius, -n[1] * *radius, -n[2] * *radius);
-            for (row, unit) in units.iter_mut().enumerate() {
-                let force = place.rotate_back(&Vector3::new(axes[(row, 0)], axes[(row, 1)], axes[(row, 2)]));
-                *unit = frame.force_to_parent(&spatial(&cross(&arm, &force), &force));
+            *gap = contact.gap(&place);
+            let forces: [_; 3] = std::array::from_fn(|row| place.rotate_back(&contact.axis(row)));
+            let arm = forces[2].map(|n| -(n * *radius));
+            for (unit, force) in units.iter_mut().zip(&forces) {
+                *unit = frame.force_to_parent(&spatial(&cross(&arm, force), force));
             }
+        }
+    }
+
+    /// The gaps at the q of another scratch; the unit forces remain.
+    #[inline(always)]
+    pub fn place_gaps(&mut self, scene: (&Model<T>, &SweepModel<T>), scratch: &SweepScratch<T>) {
+        let zero = scene.0.gravity[0].constant(0.0);
+        for ((contact, of), gap) in self.contacts.iter().zip(&self.whitened.paths).zip(&mut self.gaps) {
+            *gap =
+                contact.gap(&placement_along(scene, scratch, (&of.path, contact.step), (&contact.frame, &[zero; 3])));
         }
     }
 
@@ -104,8 +126,8 @@ impl<T: Real> ContactKernel<T> {
     ) {
         let Self { contacts, whitened, units, motions, .. } = self;
         for (at, (contact, of)) in contacts.iter().zip(&whitened.paths).enumerate() {
-            motions_along(scene, scratch, (&of.path, v), motions);
-            let velocity = Vector6::from(motions[contact.step][0]);
+            accelerations_along(scene, scratch, (&of.path, v), motions);
+            let velocity = Vector6::from(motions[contact.step]);
             for (out, unit) in out[3 * at..3 * at + 3].iter_mut().zip(&units[at]) {
                 *out = dot(unit, &velocity);
             }
@@ -135,6 +157,23 @@ impl<T: Real> ContactKernel<T> {
     /// G, in the lower triangle, (3 contacts x 3 contacts).
     pub fn gram(&self) -> &[T] {
         &self.whitened.gram
+    }
+
+    /// J v + G p of all contacts, into `out`, from J v.
+    #[inline(always)]
+    pub fn velocities_after(&self, before: &[T], impulses: &[T], out: &mut [T]) {
+        let (m, gram) = (before.len(), self.gram());
+        for (i, out) in out.iter_mut().enumerate() {
+            let own = &gram[i * m..i * m + i + 1];
+            let mut sum = before[i];
+            for (&g, &p) in own.iter().zip(impulses) {
+                sum = g.mul_add(p, sum);
+            }
+            for (j, &p) in impulses.iter().enumerate().skip(i + 1) {
+                sum = gram[j * m + i].mul_add(p, sum);
+            }
+            *out = sum;
+        }
     }
 
     /// The innovations of impulses at the contacts, into `innovations`; the smoother computes M^-1 J* p from them.

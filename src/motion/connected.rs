@@ -125,18 +125,23 @@ impl<T: Vectorized> Connected<T> {
         if !is_first && self.is_hopeless {
             return u64::MAX;
         }
-        let doubt = if is_first && std::mem::take(&mut self.is_ready) {
+        let doubt = if is_first {
+            // As for the error estimate of trees, the later stages are similar.
+            let is_ready = std::mem::take(&mut self.is_ready);
+            if !is_ready {
+                self.doubt = factors((target, form), scene, (scratch, &mut self.rows), (q, v), &mut self.change);
+            }
+            self.is_hopeless = self.active & !self.doubt == 0;
+            if self.is_hopeless {
+                return u64::MAX;
+            }
+            factor::innovations(target, scene, scratch, (q, v, u), (&[], &mut self.innovations));
             self.doubt
         } else {
-            let form = if is_first { form } else { Form::Covariance };
-            factors((target, form), scene, (scratch, &mut self.rows), (q, v), &mut self.change)
+            let lost = factor::with_innovations(target, scene, scratch, (q, v, u), &mut self.innovations);
+            lost | rows_at(target, scene, (scratch, &mut self.rows), (q, v))
         };
-        self.is_hopeless = self.active & !doubt == 0;
-        if self.is_hopeless {
-            return u64::MAX;
-        }
-        factor::innovations(target, scene, scratch, (q, v, u), (&[], &mut self.innovations));
-        // As for the error estimate, the first stage decides for the others, which are similar.
+        // The first stage decides for the others too, which residuals are corrected.
         let allowed = if is_first { u64::MAX } else { self.corrected };
         let vectors = (u, &mut self.innovations[..], qdd);
         let lanes = (self.active & !doubt, allowed);
@@ -170,9 +175,20 @@ fn factors<T: Vectorized, I: Target>(
         Form::Auto => factor::watched(target, scene, scratch, (q, estimates)),
         _ => factor::unwatched(target, scene, scratch, q),
     };
+    doubt | rows_at(target, scene, (scratch, rows), (q, v))
+}
+
+/// The factor of the rows and their errors, with the factor of M in the scratch. Returns the lanes that need the
+/// fallback.
+fn rows_at<T: Vectorized, I: Target>(
+    target: I,
+    scene: (&Model<T>, &SweepModel<T>),
+    (scratch, rows): (&SweepScratch<T>, &mut ConstraintKernel<T>),
+    (q, v): (&[T], &[T]),
+) -> u64 {
     let irregular = factor_rows(target, scene, scratch, rows, v);
     rows.joint_errors(q);
-    doubt | irregular
+    irregular
 }
 
 struct Finish<'a, T: Vectorized, I> {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tolerances import EPS
 
 import phipsi
 
@@ -148,7 +149,7 @@ def test_a_stop_and_momentum_of_a_floating_robot_with_contacts() -> None:
     scene = builder.build(floating_base=True, gravity=(0, 0, 0))
     q = np.array([0, 0, 5.0, 0, 0, 0, 1.0, 0.0])
     path = scene.simulate(q, [0, 0, 0, 0, 0, 0, 3.0], dt=1e-3, steps=400)
-    assert path.q[:, 7].max() == 0.5 and path.qd[-1, 6] == 0.0 and len(path.stops) == 1
+    assert path.q[:, 7].max() == 0.5 and abs(path.qd[-1, 6]) <= 16 * EPS and len(path.stops) == 1
     momentum = scene.momentum(path.q, path.qd)
     assert np.abs(momentum[-1] - momentum[0]).max() < 2e-2 * np.abs(momentum[0]).max()  # a first-order step
 

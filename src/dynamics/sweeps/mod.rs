@@ -95,10 +95,23 @@ pub(crate) fn forward_dynamics<T: Real, C: ColumnsOf<T>>(
     wrenches: &[Vector6<T>],
     qdd: &mut [T],
 ) -> PivotMonitor<T> {
+    let monitor = innovations_and_factor::<T, C>((model, sweeps), scratch, (q, qd, tau), wrenches, qdd);
+    solve::base_to_tip::<T, false>((model, sweeps), scratch, qdd);
+    monitor
+}
+
+/// The factor of M and e^- of a state (3.6, 4.2) in one pass; [`smooth`] computes the accelerations from them.
+#[inline(always)]
+pub(crate) fn innovations_and_factor<T: Real, C: ColumnsOf<T>>(
+    (model, sweeps): (&Model<T>, &SweepModel<T>),
+    scratch: &mut SweepScratch<T>,
+    (q, qd, tau): (&[T], &[T], &[T]),
+    wrenches: &[Vector6<T>],
+    innovations: &mut [T],
+) -> PivotMonitor<T> {
     let state = Motion { q, qd, qdd: None, wrenches };
     motion::base_to_tip::<T, C, false>((model, sweeps), scratch, state);
-    let [monitor, _] = filter::tip_to_base::<T, { filter::FILTER }>((model, sweeps), scratch, tau, qdd);
-    solve::base_to_tip::<T, false>((model, sweeps), scratch, qdd);
+    let [monitor, _] = filter::tip_to_base::<T, { filter::FILTER }>((model, sweeps), scratch, tau, innovations);
     monitor
 }
 

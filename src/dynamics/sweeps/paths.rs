@@ -273,7 +273,7 @@ pub(crate) fn frame_here<T: Real>(
 }
 
 /// The accelerations of the bodies of a path for joint accelerations `qdd`, without the terms of velocities and
-/// gravity, into `motions`, one per step.
+/// gravity, into `motions`, one per step; and for joint velocities the velocities of the bodies.
 #[inline(always)]
 pub(crate) fn accelerations_along<T: Real>(
     (model, sweeps): (&Model<T>, &SweepModel<T>),

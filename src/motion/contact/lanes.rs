@@ -262,13 +262,13 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Finish<'_, T, I> {
                 let kept = &kept[lane * width + at..(lane + 1) * width];
                 fallback |= u64::from(!touching.solve(of, &s.model, lane, kept)) << lane;
             }
-            let Touching { kernel, innovations, impulses, after, .. } = &mut *touching;
+            let Touching { kernel, innovations, impulses, free, after, .. } = &mut *touching;
             kernel.innovations_of(impulses, innovations);
             factor::smooth(target, constants, &mut s.sweeps, innovations);
             for (v, change) in s.v_next.iter_mut().zip(&*innovations) {
                 *v += *change;
             }
-            kernel.velocities(constants, &s.sweeps, &s.v_next, after);
+            kernel.velocities_after(free, impulses, after);
             for lane in lanes_of(touched & !fallback) {
                 fallback |= u64::from(!touching.report_on(settings, &s.model, lane)) << lane;
             }
@@ -277,7 +277,7 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Finish<'_, T, I> {
         move_along(h, s);
         add_work(settings, s);
         place::<T, T>(&s.constants, &mut touching.ahead, zero, &s.q_next);
-        touching.kernel.place((&s.model, &s.constants), &touching.ahead);
+        touching.kernel.place_gaps((&s.model, &s.constants), &touching.ahead);
         fallback |= strays(settings, s);
         for lane in lanes_of((u64::MAX >> (64 - count)) & !fallback) {
             let kept = &mut kept[lane * width + at..(lane + 1) * width];

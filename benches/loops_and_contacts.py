@@ -1,0 +1,265 @@
+"""Steps of closed loops compared with those of the tree, and of a standing quadruped compared with MuJoCo, in one run.
+
+Usage: python benches/loops_and_contacts.py [--markdown FILE]; `make loops-and-contacts`.
+
+Loops: solo12 with its feet connected to the ground, and the same robot without these connections. Contacts: solo12 on
+spheres at its feet with springs and damping in its joints, at rest and pushed. Both programs have the same bodies,
+joints, springs, damping, spheres and plane; steps follow each other, so that each solve starts from the previous one.
+Alone is one state and many steps per call, in batches is many states on one thread. Times are the minimum of several
+interleaved timings.
+
+The residual of the contact law is computed here for both programs from the velocities at the end of a step and the
+impulses in it (function `residual`): the largest violation of 0 <= u_n + gap/h, p_n >= 0, u_n p_n = 0 and Coulomb
+friction, relative to the largest velocity of a contact without impulses.
+"""
+
+import argparse
+import os
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+import mujoco
+import mujoco.rollout
+import numpy as np
+import phipsi
+import phipsi.mujoco
+from in_turns import least, write
+from robots import load
+
+ROBOT, FEET = "solo_description/robots/solo12.urdf", ["FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT"]
+DT, STEPS, STATES, TURNS = 1e-3, 200, 64, 7
+RADIUS, FRICTION, STIFFNESS, DAMPING = 0.016, 0.6, 30.0, 0.5
+#: Tolerances of MuJoCo's solver.
+TOLERANCES = [1e-8, 1e-10, 1e-14]
+
+
+def legs(scene: phipsi.Scene) -> np.ndarray:
+    """A configuration with bent legs."""
+    q = scene.neutral()
+    for joint in scene.joint_names:
+        sign = 1.0 if joint.startswith("F") else -1.0
+        angle = {"HFE": 0.8, "KFE": -1.6}.get(joint[-3:])
+        if angle is not None:
+            q[scene.q_index(joint)] = sign * angle
+    return q
+
+
+def in_loops(lines: list[str]) -> None:
+    tree = load(ROBOT, floating_base=True)
+    builder = tree.to_builder()
+    for foot in FEET:
+        builder.connect(foot, "point", foot)
+    loops = builder.build()
+    random = np.random.default_rng(0)
+    q = loops.integrate(loops.neutral(), random.uniform(-0.05, 0.05, (STATES, loops.nv)))
+    found = loops.project(q, random.uniform(-0.2, 0.2, (STATES, loops.nv)))
+    q, qd = found.q, found.qd
+
+    def run(scene: phipsi.Scene, method: str, states: slice | int, steps: int) -> Callable[[], object]:
+        return lambda: scene.simulate(q[states], qd[states], dt=DT, steps=steps, record_every=steps, method=method, limits="report")
+
+    for method in ("rk4", "rosenbrock-2"):
+        calls = [run(scene, method, states, steps) for scene in (tree, loops) for states in (0, slice(None)) for steps in (1, 1 + STEPS // 4)]
+        times = least(TURNS, *calls)
+        one, many, one_loops, many_loops = (4e6 * (times[i + 1] - times[i]) / STEPS for i in (0, 2, 4, 6))
+        many, many_loops = many / STATES, many_loops / STATES
+        path = loops.simulate(q[0], qd[0], dt=DT, steps=1000, record_every=1000, method=method, limits="report")
+        error = np.abs(loops.constraint_error(path.q[-1])).max()
+        lines.append(f"| solo12 on four points, {method} | {one:.1f} | {one_loops:.1f} | {one_loops / one:.1f} | {many:.2f} | {many_loops:.2f} | {many_loops / many:.1f} | {error:.0e} |")
+        print(lines[-1], flush=True)
+
+
+def standing() -> tuple[phipsi.Scene, np.ndarray]:
+    tree = load(ROBOT, floating_base=True)
+    builder = tree.to_builder()
+    for foot in FEET:
+        builder.contact(f"{foot}_ground", foot, friction=FRICTION, radius=RADIUS)
+    scene = builder.build()
+    scene = scene.with_properties(armature=np.zeros(scene.nv))
+    q = legs(scene)
+    q[2] -= scene.contact_gaps(q).min()
+    return scene, q
+
+
+def simulator(scene: phipsi.Scene, q: np.ndarray, qd: np.ndarray, target: np.ndarray) -> phipsi.Simulator:
+    """Joints with springs and dampers toward the target."""
+    gains = np.zeros((2, scene.nv))
+    gains[:, 6:] = [[STIFFNESS], [DAMPING]]
+    return scene.simulator(q, qd, dt=DT, pd=(gains[0], gains[1], target))
+
+
+def theirs(scene: phipsi.Scene, q: np.ndarray, tolerance: float) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """The same robot in MuJoCo: contacts between the feet and the plane only, elliptic cones, Newton's method."""
+    spec = mujoco.MjSpec.from_string(scene.without_contacts().to_urdf())
+    for geom in list(spec.geoms):
+        spec.delete(geom)
+    for mesh in list(spec.meshes):
+        spec.delete(mesh)
+    spec.body("base_link").add_freejoint()
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[5, 5, 1], friction=[FRICTION, 0, 0], condim=3)
+    for foot in FEET:
+        spec.body(foot).add_geom(name=foot, type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[RADIUS, 0, 0], mass=0.0, friction=[FRICTION, 0, 0], condim=3)
+    spec.option.timestep, spec.option.tolerance = DT, tolerance
+    spec.option.cone, spec.option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, 10
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    model = spec.compile()
+    model.jnt_stiffness[1:], model.dof_damping[6:], model.dof_armature[:] = STIFFNESS, DAMPING, 0.0
+    model.qpos_spring[:] = phipsi.mujoco.from_state(scene, q)[0]
+    # Only contacts of a sphere with the plane.
+    model.geom_contype[:], model.geom_conaffinity[:] = 1, 0
+    model.geom_conaffinity[0] = 1
+    return model, mujoco.MjData(model)
+
+
+def residual(scene: phipsi.Scene, q: np.ndarray, after: np.ndarray, impulses: np.ndarray) -> float:
+    """|F| / r of Alart and Curnier, the largest of a contact, relative to the largest velocity without impulses."""
+    jacobian = scene.contact_velocities(np.broadcast_to(q, (scene.nv, len(q))), np.eye(scene.nv)).reshape(scene.nv, -1).T
+    delassus = jacobian @ scene.mass_matrix_inverse(q) @ jacobian.T
+    gap = np.maximum(scene.contact_gaps(q), 0.0)
+    u, p, worst = jacobian @ after, impulses.ravel(), 0.0
+    scale = np.abs(u - delassus @ p).max()
+    for i in range(len(gap)):
+        own = slice(3 * i, 3 * i + 3)
+        r = 3.0 / np.trace(delassus[own, own])
+        x = p[own] - r * (u[own] + [0, 0, gap[i] / DT])
+        normal = max(x[2], 0.0)
+        length = np.hypot(*x[:2])
+        tangent = x[:2] * (min(FRICTION * normal / length, 1.0) if length > 0 else 1.0)
+        worst = max(worst, float(np.linalg.norm(p[own] - [*tangent, normal])) / r / scale)
+    return worst
+
+
+def on_the_ground(lines: list[str]) -> None:
+    scene, q = standing()
+    rest = simulator(scene, q, np.zeros(scene.nv), q)
+    rest.step(steps=3000)
+    random = np.random.default_rng(1)
+    push = np.zeros((STATES, scene.nv))
+    push[:, :2] = random.uniform(-0.6, 0.6, (STATES, 2))
+    push[:, 6:] = random.uniform(-0.5, 0.5, (STATES, scene.nv - 6))
+    cases = {
+        "standing at rest": (np.repeat(rest.q[None], STATES, 0), np.repeat(rest.qd[None], STATES, 0)),
+        "pushed": (np.repeat(rest.q[None], STATES, 0), push),
+    }
+    for name, (q0, qd0) in cases.items():
+        one, batch = (simulator(scene, *start, q) for start in ((q0[0], qd0[0]), (q0, qd0)))
+
+        def alone(steps: int, one: phipsi.Simulator = one, start: tuple[np.ndarray, np.ndarray] = (q0[0], qd0[0])) -> None:
+            one.reset(*start)
+            one.step(steps=steps)
+
+        def together(steps: int, batch: phipsi.Simulator = batch, start: tuple[np.ndarray, np.ndarray] = (q0, qd0)) -> None:
+            batch.reset(*start)
+            batch.step(steps=steps)
+
+        calls = [lambda: alone(1), lambda: alone(1 + STEPS), lambda: together(1), lambda: together(1 + STEPS // 4)]
+        others = []
+        for tolerance in TOLERANCES:
+            model, data = theirs(scene, q, tolerance)
+            states = np.array([np.r_[0.0, np.concatenate(phipsi.mujoco.from_state(scene, a, b))] for a, b in zip(q0, qd0, strict=True)])
+            warm = settled(model, data, states[0]) if name == "standing at rest" else states[0]
+            starts = np.repeat(warm[None], STATES, 0) if name == "standing at rest" else states
+            others.append((model, data, starts))
+            calls += [
+                lambda model=model, data=data, start=starts[0]: their_steps(model, data, start, 1),
+                lambda model=model, data=data, start=starts[0]: their_steps(model, data, start, 1 + STEPS),
+                lambda model=model, data=data, starts=starts: mujoco.rollout.rollout(model, data, starts, nstep=1),
+                lambda model=model, data=data, starts=starts: mujoco.rollout.rollout(model, data, starts, nstep=1 + STEPS // 4),
+            ]
+        times = least(TURNS, *calls)
+        per_step = [1e6 * (times[i + 1] - times[i]) / STEPS for i in range(0, len(times), 4)]
+        in_batch = [4e6 * (times[i + 3] - times[i + 2]) / STEPS / STATES for i in range(0, len(times), 4)]
+        own = [own_residual(scene, (q0[i], qd0[i]), q) for i in range(8)]
+        lines.append(f"| {name} | phipsi, 1e-10 | {per_step[0]:.1f} | {in_batch[0]:.1f} | {max(own):.0e} | {float(np.max(batch.contacts.residual)):.0e} |")
+        print(lines[-1], flush=True)
+        for (model, data, starts), tolerance, one, many in zip(others, TOLERANCES, per_step[1:], in_batch[1:], strict=True):
+            found = [their_residual(scene, model, data, starts[i]) for i in range(8)]
+            law, gradient = np.max(found, axis=0)
+            lines.append(f"| {name} | MuJoCo {mujoco.__version__}, {tolerance:.0e} | {one:.1f} | {many:.1f} | {law:.0e} | {gradient:.0e} |")
+            print(lines[-1], flush=True)
+
+
+def their_steps(model: mujoco.MjModel, data: mujoco.MjData, start: np.ndarray, steps: int) -> None:
+    mujoco.mj_resetData(model, data)
+    data.qpos[:], data.qvel[:] = start[1 : 1 + model.nq], start[1 + model.nq :]
+    mujoco.mj_step(model, data, nstep=steps)
+
+
+def settled(model: mujoco.MjModel, data: mujoco.MjData, start: np.ndarray) -> np.ndarray:
+    """MuJoCo's own rest, at which its feet are below the plane."""
+    their_steps(model, data, start, 3000)
+    return np.r_[0.0, data.qpos, data.qvel]
+
+
+def own_residual(scene: phipsi.Scene, start: tuple[np.ndarray, np.ndarray], target: np.ndarray, steps: int = 20) -> float:
+    """The largest residual of a few steps. The velocities at the end are in the axes at the end, and the law holds in
+    those at the start."""
+    one, worst = simulator(scene, *start, target), 0.0
+    for _ in range(steps):
+        before = one.q.copy()
+        one.step()
+        after = one.qd.copy()
+        after[:3] = scene.placement(before, "base_link")[:3, :3].T @ scene.placement(one.q, "base_link")[:3, :3] @ after[:3]
+        impulses = DT * np.array([one.contacts.force[name] for name in scene.contact_names])
+        worst = max(worst, residual(scene, before, after, impulses))
+    return worst
+
+
+def their_residual(scene: phipsi.Scene, model: mujoco.MjModel, data: mujoco.MjData, start: np.ndarray, steps: int = 20) -> tuple[float, float]:
+    """The residual of the law at MuJoCo's forces and velocities, and the gradient of its own problem."""
+    their_steps(model, data, start, 1)
+    worst, gradient, force = 0.0, 0.0, np.zeros(6)
+    for _ in range(steps):
+        q, _ = phipsi.mujoco.to_state(scene, data.qpos, data.qvel)
+        mujoco.mj_step1(model, data)
+        mujoco.mj_step2(model, data)
+        impulses = np.zeros((len(FEET), 3))
+        for i in range(data.ncon):
+            mujoco.mj_contactForce(model, data, i, force)
+            contact = data.contact[i]
+            foot = FEET.index(model.geom(contact.geom2).name)
+            # The force on the second geom in the axes of the contact, whose first one is the normal.
+            impulses[foot] = DT * (contact.frame.reshape(3, 3).T @ force[:3])
+        _, after = phipsi.mujoco.to_state(scene, phipsi.mujoco.from_state(scene, q)[0], data.qvel)
+        worst = max(worst, residual(scene, q, after, impulses))
+        if data.solver_niter[0] > 0:
+            gradient = max(gradient, float(data.solver[data.solver_niter[0] - 1].gradient))
+    return worst, gradient
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--markdown", type=Path)
+    given = parser.parse_args()
+    warnings.simplefilter("ignore")
+    phipsi.set_num_threads(1)
+    lines = [
+        "| steps | tree alone, us | loops alone, us | ratio | tree in batches, us per state | loops | ratio | error after 1000 steps |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    in_loops(lines)
+    lines += [
+        "",
+        "| solo12 on its feet | program, tolerance | alone, us per step | in batches, us per step and state | residual of the law | residual that the program reports |",
+        "| --- | --- | --- | --- | --- | --- |",
+    ]
+    on_the_ground(lines)
+    load_now = ", ".join(f"{load:.1f}" for load in os.getloadavg())
+    write(
+        given.markdown,
+        "Closed loops and contacts: times of steps",
+        [
+            f"Written by `make loops-and-contacts` (benches/loops_and_contacts.py): steps of {DT} s on one thread, {STATES} states in batches, minimum of {TURNS} interleaved timings on {os.cpu_count()} processors; load of the machine during the last 1, 5 and 15 minutes: {load_now}. Friction {FRICTION}.",
+            "**Loops**: feet connected to the ground by points, compared with the same robot without them. **Contacts**: spheres at the feet; MuJoCo with elliptic cones, `impratio` 10, Newton's method and `implicitfast`, its own settled state for `standing at rest`.",
+            "The residual of the law is computed by the bench in the same way for both programs, from velocities and impulses: the largest violation of non-penetration, complementarity and Coulomb friction of a contact, relative to the largest contact velocity without impulses. "
+            "MuJoCo's contacts are soft: its forces solve a regularized problem, so that this residual does not decrease with its tolerance. At rest a soft contact has no velocity and meets the law at its penetration; during motion the two programs cannot be compared at equal residual of the law. "
+            "The last column is the residual of the problem that each program solves: of the law for phipsi, the scaled gradient of its own cost for MuJoCo.",
+        ],
+        lines,
+        "many contacts, contacts that rebound, redundant contacts (feet with several points), several threads.",
+    )
+
+
+if __name__ == "__main__":
+    main()
