@@ -2434,6 +2434,11 @@ class Scene:
         array([[1., 0., 0.]])
         """
 
+    def contact_gram(
+        self, q: ArrayLike, *, form: _Form = "auto", tolerance: float | None = None, errors: _Errors = "raise"
+    ) -> _Array:
+        """J M^-1 J^T of the points of all contacts: their velocities, in the base frame, due to unit impulses on them."""
+
     def without_contacts(self) -> Scene:
         """Create the same scene without the contacts, for methods that do not support contacts.
 
