@@ -29,7 +29,7 @@ from ._batches import Batches, entry
 from ._cuda import CompiledForCuda, compile_for_cuda
 from ._functions import ARGUMENTS, COMPILED, IN_FORM, THROUGH_CONNECTIONS, Function, Functions, functions_of, parts, rows_of, shapes, symbol
 from ._results import ConstrainedDynamics, by_connection
-from .errors import ArgumentError, CacheWarning, LongCodeWarning, of_argument
+from .errors import ArgumentError, CacheWarning, ConstraintError, LinkageWarning, LongCodeWarning, of_argument
 
 if TYPE_CHECKING:
     from ._core import Scene
@@ -271,6 +271,8 @@ def compile(  # noqa: A001  # phipsi.compile
 
     Warns
     -----
+    LinkageWarning
+        Connections whose rows depend on each other, for which the scene computes all states.
     LongCodeWarning
         Code that takes the compiler long, such as the derivatives of a humanoid.
     CacheWarning
@@ -306,6 +308,9 @@ def compile(  # noqa: A001  # phipsi.compile
     if through and device == "cuda":
         found = f"{through[0]} with connections ({', '.join(scene.constraint_names[:8])}), whose states are not checked on a GPU"
         raise of_argument(ArgumentError, "functions", f"found {found}; expected other functions, or device='cpu'")
+    if through and (dependent := _dependent(scene)):
+        message = f"functions: found {dependent} in {through[0]}; expected independent rows: the scene computes all states, so that compiled code takes more time"
+        warnings.warn(message, LinkageWarning, stacklevel=2)
     if device == "cuda":
         for argument, value in (("compiler", compiler), ("flags", flags), ("cache", cache)):
             if value is not None:
@@ -334,6 +339,21 @@ def compile(  # noqa: A001  # phipsi.compile
         made = Compiled(scene, known, library, kept, dtype, tolerance)
     made._options |= {"compiler": compiler, "flags": None if flags is None else list(flags), "cache": cache}
     return made
+
+
+def _dependent(scene: Scene) -> str | None:
+    """A description of rows that depend on each other in each of several configurations, besides rows that move no joint."""
+    steps = np.random.default_rng(0).uniform(-0.1, 0.1, (3, scene.nv))
+    try:
+        closed = scene.project(scene.integrate(scene.neutral(), steps))
+    except ConstraintError:
+        # No configuration is known, so neither is the rank.
+        return None
+    rows = np.abs(scene.constraint_jacobian(closed.q)).max(axis=-1)
+    moving = np.count_nonzero(rows > 1e-9 * rows.max(), axis=-1)
+    if not np.all(closed.rank < moving):
+        return None
+    return f"connections of rank {np.max(closed.rank)} with {np.max(moving)} rows that move joints"
 
 
 def _compiled(scene: Scene, functions: tuple[Function, ...], options: dict[str, Any]) -> Compiled:

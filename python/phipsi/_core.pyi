@@ -2443,6 +2443,52 @@ class Scene:
         array([[1., 0., 0.]])
         """
 
+    def contact_gram(
+        self, q: ArrayLike, *, form: _Form = "auto", tolerance: float | None = None, errors: _Errors = "raise"
+    ) -> _Array:
+        """J M^-1 J^T of the points of all contacts: their velocities, in the base frame, due to unit impulses on them.
+
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        form : {"auto", "covariance", "square-root"}, default "auto"
+            Form of the covariance P; see forward_dynamics.
+        tolerance : float, optional
+            Largest accepted relative error in the forms "auto" and "square-root"; see forward_dynamics.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
+
+        Returns
+        -------
+        gram : (..., contacts, 3, contacts, 3) ndarray
+            Velocity of contact i along axis a of the base frame due to a unit impulse on contact j along axis b, 1/kg,
+            in the order of contact_names. Symmetric.
+
+        Raises
+        ------
+        ArgumentError
+            Connections or mimic joints, and as below.
+        SingularJointError
+            A joint without inertia along its axis: its pivot D(k) is lost in rounding.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        J qd are the velocities of contact_velocities. All contacts are included, open ones too. The factor of M and one
+        right-hand side per row, O(m N + m^2 nv) for m rows.
+
+        Examples
+        --------
+        >>> builder = phipsi.SceneBuilder().link("ball", mass=2.0, inertia=0.004 * np.eye(3))
+        >>> scene = builder.contact("foot", "ball", friction=0.5, radius=0.1).build(floating_base=True)
+        >>> scene.contact_gram([0, 0, 0.1, 0, 0, 0, 1])[0, :, 0, :].round(3)
+        array([[3. , 0. , 0. ],
+               [0. , 3. , 0. ],
+               [0. , 0. , 0.5]])
+        """
+
     def without_contacts(self) -> Scene:
         """Create the same scene without the contacts, for methods that do not support contacts.
 
@@ -4200,17 +4246,21 @@ class Scene:
         functions : iterable of str or tuple, optional
             "forward_dynamics", "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse",
             "forward_dynamics_derivatives", "inverse_dynamics_derivatives", "forward_dynamics_jvp",
-            "forward_dynamics_vjp", "inverse_dynamics_jvp", "inverse_dynamics_vjp" and "placements";
-            "forward_dynamics_watched", "mass_matrix_inverse_watched" and "factor_watched", which also return a margin
-            per state, negative if precision may be lost; and functions of one link, ("placement", link), ("jacobian",
-            link) and ("jacobian", link, frame). None: those of the first group.
+            "forward_dynamics_vjp", "inverse_dynamics_jvp", "inverse_dynamics_vjp" and "placements"; with connections
+            also "constrained_dynamics", but no derivatives and products of forward dynamics; with contacts also
+            "contact_gaps", "contact_velocities" and, without connections and mimic joints, "contact_gram". The names of
+            functions that have a form, except "contact_gram", followed by "_watched" also return a margin per state,
+            negative if precision may be lost; "factor_watched" is the margin of the factor of M alone. Functions of one
+            link are ("placement", link), ("jacobian", link) and ("jacobian", link, frame). None: all without a margin
+            that are not of one link.
         dtype : {"float64", "float32"}, default "float64"
             Scalar type of the code.
         batches : bool, default False
             If true, add functions for batches, such as NAME_forward_dynamics_batch(count, ...), vectorized over
             states with the vector extensions of GCC and Clang.
         tolerance : float, optional
-            Error to which the margins refer, as in forward_dynamics.
+            Error to which the margins refer, as in forward_dynamics; infinity: the margins of functions with
+            connections do not include an error estimate.
 
         Returns
         -------
@@ -4220,9 +4270,9 @@ class Scene:
         Raises
         ------
         ArgumentError
-            An invalid name, unknown functions or links, links with equal names in C, dynamics of scenes with
-            connections, scenes with coupled joints, and chains of more than 300 joints for the inverse mass matrix and
-            the forward derivatives.
+            An invalid name, unknown functions or links, links with equal names in C, functions without code for the
+            connections, contacts or mimic joints of the scene, and chains of more than 300 joints for the inverse mass
+            matrix and the forward derivatives.
         OSError
             Files that cannot be written.
 
@@ -4235,6 +4285,10 @@ class Scene:
         does not allow. The order of q and qd is that of the scene. Results equal those of form "covariance" to
         rounding, without an error estimate. Wrenches and changed parameters are not supported. `make test` in the
         directory compares the code with the scene at one state.
+
+        With connections, forward_dynamics and constrained_dynamics (whose fourth argument is the compliance of each
+        row, zero for rigid rows) factor the rows in a fixed order. Only the functions with a margin report states for
+        which this is not valid, because rows depend on each other or the state violates the connections.
 
         Examples
         --------

@@ -216,7 +216,8 @@ class CacheWarning(UserWarning):
 
 class LinkageWarning(UserWarning):
     """Constraints of a linkage are linearly dependent to within the tolerance of the scene, but not to within rounding,
-    and count as dependent: the dimensions of the linkage have few digits.
+    and count as dependent: the dimensions of the linkage have few digits. Or phipsi.compile found dependent constraints,
+    for which the scene computes all states.
     """
 
 

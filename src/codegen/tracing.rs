@@ -265,16 +265,16 @@ pub(super) fn jacobian(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut
 }
 
 pub(super) fn contact_gaps(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
-    contact_points::gaps(&tracer.traced.model, tracer.scene.contact_points(), &given[0], out);
+    contact_points::gaps(&tracer.traced.model, tracer.scene.tree().contact_points(), &given[0], out);
 }
 
 pub(super) fn contact_velocities(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
-    let points = tracer.scene.contact_points();
+    let points = tracer.scene.tree().contact_points();
     contact_points::velocities(&tracer.traced.model, points, (&given[0], &given[1]), out);
 }
 
 pub(super) fn contact_gram(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
     tracer.traced.factor(&given[0]);
     let TracedSweeps { model, sweeps, scratch } = &mut tracer.traced;
-    contact_points::gram((model, sweeps), scratch, tracer.scene.contact_points(), &given[0], out);
+    contact_points::gram((model, sweeps), scratch, tracer.scene.tree().contact_points(), &given[0], out);
 }

@@ -208,7 +208,7 @@ impl Scene {
             nv: self.nv(),
             links: self.links().len(),
             connection_rows: self.constraints().rows,
-            contacts: self.contact_points().len(),
+            contacts: self.contacts().len(),
         }
     }
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import os
 import pickle
+import shutil
 import subprocess
 import warnings
 from collections.abc import Callable
@@ -157,10 +158,12 @@ def test_dependent_rows_are_computed_by_the_scene(name: str, cache: Path) -> Non
     """In all configurations."""
     builder, start, _ = LINKAGES[name](0.0)
     scene = builder.build()
-    fast = phipsi.compile(scene, BOTH, flags=["-O0"], cache=cache)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", LinkageWarning)
+    # The scene warns of the delta robot too.
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        fast = phipsi.compile(scene, BOTH, flags=["-O0"], cache=cache)
         found = scene.project(np.tile(start, (17, 1)), np.random.default_rng(0).uniform(-1, 1, (17, scene.nv)))
+    assert any(issubclass(one.category, LinkageWarning) and "functions: found connections of rank" in str(one.message) for one in caught)
     tau = np.random.default_rng(1).uniform(-1, 1, (17, scene.nv))
     expected = scene.constrained_dynamics(found.q, found.qd, tau)
     compiled = fast.constrained_dynamics(found.q, found.qd, tau)
@@ -255,6 +258,35 @@ def test_the_c_code_passes_its_test(name: str, dtype: Any, tmp_path: Path) -> No
     assert made.returncode == 0, made.stdout + made.stderr
 
 
+def geared(seed: int = 1) -> phipsi.Scene:
+    """A tree with mimic joints."""
+    return Case(seed, 7).scene
+
+
+@pytest.mark.parametrize("make", [rods, geared])
+def test_the_kernels_pass_their_test_in_c(make: Callable[[], phipsi.Scene], tmp_path: Path) -> None:
+    scene = make()
+    names = ["forward_dynamics_watched", "constrained_dynamics" if scene.constraint_names else "forward_dynamics_vjp_watched"]
+    scene.to_cuda(tmp_path, functions=names)  # type: ignore[arg-type]
+    made = subprocess.run(["make", "-s", "test-c", f"CC={COMPILER}", "CFLAGS=-std=c99 -O0"], cwd=tmp_path, capture_output=True, text=True)
+    assert made.returncode == 0, made.stdout + made.stderr
+
+
+@pytest.mark.parametrize("make", [rods, geared])
+def test_the_crate_passes_its_test(make: Callable[[], phipsi.Scene], tmp_path: Path) -> None:
+    if shutil.which("rustc") is None:
+        pytest.skip("no rustc here")
+    scene = make()
+    names = ["forward_dynamics_watched", "constrained_dynamics" if scene.constraint_names else "mass_matrix_inverse"]
+    scene.to_rust(tmp_path, name="held", functions=names)  # type: ignore[arg-type]
+    rustc = ["rustc", "--edition", "2021", "-D", "warnings", "-L", "."]
+    library = ["--crate-type", "rlib", "--crate-name", "held", "--cfg", 'feature="std"', "--check-cfg", 'cfg(feature, values("std"))', "src/lib.rs"]
+    subprocess.run([*rustc, *library], cwd=tmp_path, check=True)
+    subprocess.run([*rustc, "--test", "tests/reference.rs", "-o", "reference", "--extern", "held"], cwd=tmp_path, check=True)
+    said = subprocess.run([str(tmp_path / "reference")], capture_output=True, text=True)
+    assert said.returncode == 0, said.stdout + said.stderr
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_scenes_with_mimic_joints(seed: int, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     case = Case(seed, 7)
@@ -275,7 +307,7 @@ def test_scenes_with_mimic_joints(seed: int, cache: Path, monkeypatch: pytest.Mo
 
 
 def test_links_of_scenes_with_mimic_joints(cache: Path) -> None:
-    scene = Case(1, 7).scene
+    scene = geared()
     link = scene.link_names[-1]
     fast = phipsi.compile(scene, [("placement", link), ("jacobian", link), ("jacobian", link, "world")], flags=["-O0"], cache=cache)
     q = scene.integrate(scene.neutral(), np.random.default_rng(0).uniform(-1, 1, (20, scene.nv)))
@@ -286,6 +318,6 @@ def test_links_of_scenes_with_mimic_joints(cache: Path) -> None:
 
 
 def test_the_c_code_of_mimic_joints_passes_its_test(tmp_path: Path) -> None:
-    Case(1, 7).scene.to_c(tmp_path, batches=True)
+    geared().to_c(tmp_path, batches=True)
     made = subprocess.run(["make", "-s", "test", f"CC={COMPILER}", "CFLAGS=-std=c99 -O0"], cwd=tmp_path, capture_output=True, text=True)
     assert made.returncode == 0, made.stdout + made.stderr
