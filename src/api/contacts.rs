@@ -58,4 +58,14 @@ impl Scene {
             "a scene without contacts: scene.without_contacts() returns one",
         ))
     }
+
+    /// Returns an error if the scene has contacts with other surfaces than planes of the base, for functions that do not
+    /// support them.
+    pub(crate) fn check_no_pairs(&self, what: &str) -> Result<(), Error> {
+        let Some(point) = self.tree().contact_points().iter().find(|point| point.other.is_some()) else {
+            return Ok(());
+        };
+        let found = format!("a contact with a sphere, a box or another link ({:?})", point.name);
+        Err(Error::argument(what, found, "contacts with planes of the base: scene.without_contacts() has no contacts"))
+    }
 }
