@@ -276,7 +276,8 @@ class Scene:
             "gravcomp", "limits" (of ball joints), "mocap", "nonlinear" (springs, damping, plasticity), "plugins",
             "softness" (of equality constraints and contacts) and "tendons".
         contacts : {"plane"}, optional
-            "plane": geoms that can touch a fixed plane become contacts with it. None: contacts are not read.
+            "plane": geoms that can touch a fixed plane become contacts with it, and each <pair> of a sphere with a
+            sphere or box becomes a contact. None: contacts are not read.
 
         Returns
         -------
@@ -299,7 +300,8 @@ class Scene:
         -----
         ModelWarning
             Contacts, limits of tendons and ball joints, air and soft equality constraints, which are omitted. With
-            contacts="plane": geoms that can touch each other, ellipsoids, friction of condim 4 and 6, soft contacts.
+            contacts="plane": other geoms that can touch each other, ellipsoids, friction of condim 4 and 6, soft
+            contacts.
         MeshWarning
             Missing files on which no inertia depends.
         MimicWarning
@@ -2377,7 +2379,7 @@ class Scene:
         """Names of the contacts in the order of their creation, that of contact_gaps and of Trajectory.contacts."""
 
     def contact_gaps(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array:
-        """Distance of each contact from its plane; negative below the plane.
+        """Distance of each contact from its surface; negative below the surface.
 
         Parameters
         ----------
@@ -2410,7 +2412,7 @@ class Scene:
         """
 
     def contact_velocities(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
-        """Velocity of the point of each link that is nearest to the plane of its contact, in the base frame.
+        """Velocity of each contact relative to its surface, at the point of the link nearest to it, in the base frame.
 
         Parameters
         ----------
@@ -4777,14 +4779,14 @@ class SceneBuilder:
         other_radius: float | None = None,
         other_size: ArrayLike | None = None,
     ) -> SceneBuilder:
-        """Add a contact of a sphere or a point on a link with a fixed plane, with Coulomb friction.
+        """Add a contact of a sphere or a point on a link with a plane, sphere or box, with Coulomb friction.
 
         Parameters
         ----------
         name : str
             Name of the contact.
         link : str
-            Name of the link, which may be added later.
+            Name of the link, which a joint moves. It may be added later.
         friction : float
             Coefficient of Coulomb friction, not negative.
         xyz : (3,) array_like, default (0, 0, 0)
@@ -4792,11 +4794,23 @@ class SceneBuilder:
         radius : float, default 0
             Radius, m; 0: a point.
         normal : (3,) array_like, default (0, 0, 1)
-            Outward normal of the plane in the base frame, of any length.
+            Outward normal of the plane in the second frame (by default the base frame), of any length.
         offset : float, default 0
-            Distance of the plane from the origin along the normal, m.
+            Distance of the plane from the origin of that frame along the normal, m.
         restitution : float, default 0
             Coefficient of restitution, from 0 (no rebound) to 1 (elastic).
+        other : str, optional
+            Name of the link of the surface. None: the base.
+        other_xyz : (3,) array_like, default (0, 0, 0)
+            Origin of the second frame in `other`, m.
+        other_rpy : (3,) array_like, optional
+            Orientation of the second frame in `other`, rad, as in joint.
+        other_rotation : (3, 3) array_like, optional
+            The same as a matrix, instead of other_rpy.
+        other_radius : float, optional
+            The surface is a sphere of this radius about the origin of the second frame, m; 0: a point.
+        other_size : (3,) array_like, optional
+            The surface is a box about the origin of the second frame: lengths of its edges, m, as in shapes.Box.
 
         Returns
         -------
@@ -4806,13 +4820,15 @@ class SceneBuilder:
         Raises
         ------
         ShapeError, ArgumentError
-            Invalid arrays. The message names the contact.
+            Invalid arrays, or arguments of more than one surface. The message names the contact.
 
         Notes
         -----
-        Contacts act in simulations only. There is no collision detection: only the named pairs can touch, and links do
-        not touch each other. build() raises SceneError for duplicate names, links that are unknown or cannot move, a
-        normal of length zero, values out of range, and contacts together with connections.
+        Contacts act in simulations only. There is no collision detection: only the named pairs can touch. The normal of
+        a sphere or box is the direction from its nearest point to the center of the sphere on `link`; for a center
+        inside of a box, the normal of the nearest face. Forces are those on `link`. build() raises SceneError for
+        duplicate names, links that are unknown or cannot move, two links that are rigidly attached to each other, a
+        normal of length zero, and values out of range.
 
         Examples
         --------
@@ -4820,6 +4836,15 @@ class SceneBuilder:
         >>> scene = builder.contact("foot", "ball", friction=0.5, radius=0.1).build(floating_base=True)
         >>> scene.contact_gaps([0, 0, 0.3, 0, 0, 0, 1]).round(3)
         array([0.2])
+
+        Two balls:
+
+        >>> builder = phipsi.SceneBuilder().link("world")
+        >>> for name in ("a", "b"):
+        ...     builder = builder.link(name, mass=1.0, inertia=0.004 * np.eye(3)).joint(name, "floating", "world", name)
+        >>> builder = builder.contact("balls", "a", friction=0.0, radius=0.1, other="b", other_radius=0.1)
+        >>> builder.build().contact_gaps([0, 0, 0.3, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 1]).round(3)
+        array([0.1])
         """
 
     def couple(

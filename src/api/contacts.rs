@@ -59,7 +59,7 @@ impl Scene {
     /// [`Error::SingularJoint`].
     pub fn contact_gram(&self, workspace: &mut Workspace<f64>, q: &[f64], out: &mut [f64]) -> Result<(), Error> {
         self.check_no_connections("contact_gram")?;
-        self.check_planes("contact_gram")?;
+        self.check_no_pairs("contact_gram")?;
         self.check_independent()?;
         self.check_configuration("q", q)?;
         check_length("out", out.len(), 9 * self.contact_points().len().pow(2))?;
@@ -77,15 +77,6 @@ impl Scene {
         self.tree().contact_points().iter().all(|point| point.other.is_none())
     }
 
-    /// Returns an error if a contact has a surface other than a plane of the base.
-    pub(crate) fn check_planes(&self, what: &str) -> Result<(), Error> {
-        let Some(point) = self.tree().contact_points().iter().find(|point| point.other.is_some()) else {
-            return Ok(());
-        };
-        let found = format!("contact {:?}, whose surface is a sphere, a box or on a link", point.name);
-        Err(Error::argument(what, found, "contacts with planes of the base: scene.without_contacts() removes them all"))
-    }
-
     /// Returns an error if the scene has contacts, for functions that do not support them.
     pub(crate) fn check_no_contacts(&self, what: &str) -> Result<(), Error> {
         if self.contacts().is_empty() {
@@ -97,5 +88,15 @@ impl Scene {
             format!("a scene with contacts ({})", names.join(", ")),
             "a scene without contacts: scene.without_contacts() returns one",
         ))
+    }
+
+    /// Returns an error if the scene has contacts with other surfaces than planes of the base, for functions that do not
+    /// support them.
+    pub(crate) fn check_no_pairs(&self, what: &str) -> Result<(), Error> {
+        let Some(point) = self.tree().contact_points().iter().find(|point| point.other.is_some()) else {
+            return Ok(());
+        };
+        let found = format!("a contact with a sphere, a box or another link ({:?})", point.name);
+        Err(Error::argument(what, found, "contacts with planes of the base: scene.without_contacts() has no contacts"))
     }
 }

@@ -126,7 +126,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
     ) -> Result<RolloutGradients, StepFault> {
         let refuse = |error| StepFault { step: 0, state: 0, joint: String::new(), error };
         self.scene().check_no_connections("gradients of a simulation").map_err(refuse)?;
-        self.scene().check_planes("gradients of a simulation").map_err(refuse)?;
+        self.scene().check_no_pairs("gradients of a simulation").map_err(refuse)?;
         let torques = self.check_torque_from(0, torque, steps);
         torques.map_err(|fault| StepFault { state: fault.state, ..refuse(fault.error) })?;
         let count =
