@@ -5,7 +5,6 @@
 //! [checked step](super::constrained) if its rows are dependent, if an error estimate exceeds the tolerance, if a
 //! projection does not converge in a few steps, or if a joint reaches a stop.
 
-use super::limit_rows::limit_rows;
 use super::manifold::advance;
 use super::scratch::Scratch;
 use super::settings::Stabilization;
@@ -67,8 +66,8 @@ struct Projection<T: Vectorized> {
 }
 
 impl<T: Vectorized> Connected<T> {
-    /// Scratch memory for the connections of a scene. `s` is the scratch memory of its steps.
-    pub fn new(scene: &Scene, settings: &StepSettings, s: &Scratch<T>) -> Self {
+    /// Scratch memory for the connections of a scene, with its stops. `s` is the scratch memory of its steps.
+    pub fn new(scene: &Scene, settings: &StepSettings, s: &Scratch<T>, limits: Vec<LimitRow>) -> Self {
         let (model, nan) = (scene.model(), T::from_f64(f64::NAN));
         let alpha = if let Some(Stabilization::Baumgarte(rate)) = settings.connected { rate } else { 0.0 };
         let rows_of = |scene_of: (&Model<T>, &SweepModel<T>)| {
@@ -91,7 +90,7 @@ impl<T: Vectorized> Connected<T> {
             innovations: vec![nan; model.nv()],
             change: vec![nan; model.nv()],
             moved: vec![nan; model.nq],
-            limits: if settings.stops { limit_rows(scene) } else { Vec::new() },
+            limits,
             is_projected: alpha == 0.0,
             size: 1.0 + extent(model),
             active: u64::MAX,

@@ -121,7 +121,8 @@ impl<T: Vectorized<Number = f64>, I: Target> Compiled<T, I> {
     fn new(scene: &Scene, settings: &StepSettings, target: I) -> Self {
         let scratch = Scratch::new(scene.model(), settings);
         let is_lanes = settings.connected.is_some() && settings.is_vectorized();
-        let connected = is_lanes.then(|| Box::new(Connected::new(scene, settings, &scratch)));
+        let limits = || if settings.stops { limit_rows(scene) } else { Vec::new() };
+        let connected = is_lanes.then(|| Box::new(Connected::new(scene, settings, &scratch, limits())));
         let touching = settings.touches_in_lanes().then(|| Box::new(Touching::new(scene, settings, &scratch)));
         Self { scratch, target, connected, touching }
     }
