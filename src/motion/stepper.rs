@@ -241,7 +241,7 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
             }
         }
         if let Some(connected) = &mut kernels.connected {
-            connected.begin(count);
+            connected.begin(count, s);
         }
         let mut outcome = Ok(());
         for n in steps {
@@ -310,6 +310,9 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
                     kept[3 * points.len()..6 * points.len()].fill(0.0);
                 }
             }
+        }
+        if let Some(connected) = &mut kernels.connected {
+            connected.end(s);
         }
         for lane in 0..count {
             let current = &mut current[lane * width..(lane + 1) * width];
