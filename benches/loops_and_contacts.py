@@ -28,7 +28,8 @@ from in_turns import least, write
 from robots import load
 
 ROBOT, FEET = "solo_description/robots/solo12.urdf", ["FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT"]
-DT, STEPS, STATES, TURNS = 1e-3, 200, 64, 7
+#: Steps of one state and of each state of a batch.
+DT, STEPS, IN_BATCHES, STATES, TURNS = 1e-3, 200, 50, 64, 9
 RADIUS, FRICTION, STIFFNESS, DAMPING = 0.016, 0.6, 30.0, 0.5
 #: Tolerances of MuJoCo's solver.
 TOLERANCES = [1e-8, 1e-10, 1e-14]
@@ -60,10 +61,12 @@ def in_loops(lines: list[str]) -> None:
         return lambda: scene.simulate(q[states], qd[states], dt=DT, steps=steps, record_every=steps, method=method, limits="report")
 
     for method in ("rk4", "rosenbrock-2"):
-        calls = [run(scene, method, states, steps) for scene in (tree, loops) for states in (0, slice(None)) for steps in (1, 1 + STEPS // 4)]
+        kinds = [(0, STEPS), (slice(None), IN_BATCHES)]
+        calls = [run(scene, method, states, 1 + more) for scene in (tree, loops) for states, steps in kinds for more in (0, steps)]
         times = least(TURNS, *calls)
-        one, many, one_loops, many_loops = (4e6 * (times[i + 1] - times[i]) / STEPS for i in (0, 2, 4, 6))
-        many, many_loops = many / STATES, many_loops / STATES
+        one, many, one_loops, many_loops = (1e6 * (times[i + 1] - times[i]) for i in (0, 2, 4, 6))
+        one, one_loops = one / STEPS, one_loops / STEPS
+        many, many_loops = many / IN_BATCHES / STATES, many_loops / IN_BATCHES / STATES
         path = loops.simulate(q[0], qd[0], dt=DT, steps=1000, record_every=1000, method=method, limits="report")
         error = np.abs(loops.constraint_error(path.q[-1])).max()
         lines.append(f"| solo12 on four points, {method} | {one:.1f} | {one_loops:.1f} | {one_loops / one:.1f} | {many:.2f} | {many_loops:.2f} | {many_loops / many:.1f} | {error:.0e} |")
@@ -153,7 +156,7 @@ def on_the_ground(lines: list[str]) -> None:
             batch.reset(*start)
             batch.step(steps=steps)
 
-        calls = [lambda: alone(1), lambda: alone(1 + STEPS), lambda: together(1), lambda: together(1 + STEPS // 4)]
+        calls = [lambda: alone(1), lambda: alone(1 + STEPS), lambda: together(1), lambda: together(1 + IN_BATCHES)]
         others = []
         for tolerance in TOLERANCES:
             model, data = theirs(scene, q, tolerance)
@@ -165,11 +168,11 @@ def on_the_ground(lines: list[str]) -> None:
                 lambda model=model, data=data, start=starts[0]: their_steps(model, data, start, 1),
                 lambda model=model, data=data, start=starts[0]: their_steps(model, data, start, 1 + STEPS),
                 lambda model=model, data=data, starts=starts: mujoco.rollout.rollout(model, data, starts, nstep=1),
-                lambda model=model, data=data, starts=starts: mujoco.rollout.rollout(model, data, starts, nstep=1 + STEPS // 4),
+                lambda model=model, data=data, starts=starts: mujoco.rollout.rollout(model, data, starts, nstep=1 + IN_BATCHES),
             ]
         times = least(TURNS, *calls)
         per_step = [1e6 * (times[i + 1] - times[i]) / STEPS for i in range(0, len(times), 4)]
-        in_batch = [4e6 * (times[i + 3] - times[i + 2]) / STEPS / STATES for i in range(0, len(times), 4)]
+        in_batch = [1e6 * (times[i + 3] - times[i + 2]) / IN_BATCHES / STATES for i in range(0, len(times), 4)]
         own = [own_residual(scene, (q0[i], qd0[i]), q) for i in range(8)]
         lines.append(f"| {name} | phipsi, 1e-10 | {per_step[0]:.1f} | {in_batch[0]:.1f} | {max(own):.0e} | {float(np.max(batch.contacts.residual)):.0e} |")
         print(lines[-1], flush=True)

@@ -5,7 +5,6 @@
 //! [checked step](super::constrained) if its rows are dependent, if an error estimate exceeds the tolerance, if a
 //! projection does not converge in a few steps, or if a joint reaches a stop.
 
-use super::limit_rows::limit_rows;
 use super::manifold::advance;
 use super::scratch::Scratch;
 use super::settings::Stabilization;
@@ -42,6 +41,8 @@ pub(super) struct Connected<T: Vectorized> {
     /// The change of a projection, and the configuration that it leads to.
     change: Vec<T>,
     moved: Vec<T>,
+    /// q and v at the end of the last run.
+    end: Vec<T>,
     limits: Vec<LimitRow>,
     is_projected: bool,
     /// One plus the distance of the bodies from the base, m.
@@ -67,8 +68,8 @@ struct Projection<T: Vectorized> {
 }
 
 impl<T: Vectorized> Connected<T> {
-    /// Scratch memory for the connections of a scene. `s` is the scratch memory of its steps.
-    pub fn new(scene: &Scene, settings: &StepSettings, s: &Scratch<T>) -> Self {
+    /// Scratch memory for the connections of a scene, with its stops. `s` is the scratch memory of its steps.
+    pub fn new(scene: &Scene, settings: &StepSettings, s: &Scratch<T>, limits: Vec<LimitRow>) -> Self {
         let (model, nan) = (scene.model(), T::from_f64(f64::NAN));
         let alpha = if let Some(Stabilization::Baumgarte(rate)) = settings.connected { rate } else { 0.0 };
         let rows_of = |scene_of: (&Model<T>, &SweepModel<T>)| {
@@ -91,7 +92,8 @@ impl<T: Vectorized> Connected<T> {
             innovations: vec![nan; model.nv()],
             change: vec![nan; model.nv()],
             moved: vec![nan; model.nq],
-            limits: if settings.stops { limit_rows(scene) } else { Vec::new() },
+            end: vec![nan; model.nq + model.nv()],
+            limits,
             is_projected: alpha == 0.0,
             size: 1.0 + extent(model),
             active: u64::MAX,
@@ -102,10 +104,20 @@ impl<T: Vectorized> Connected<T> {
         }
     }
 
-    /// Begins a run of steps of this number of states.
-    pub fn begin(&mut self, states: usize) {
+    /// Begins a run of steps of this number of states from the state of the scratch memory. The factors of the last run
+    /// remain if it ended there.
+    pub fn begin(&mut self, states: usize, s: &Scratch<T>) {
         self.active = u64::MAX >> (64 - states);
-        self.is_ready = false;
+        let (q, v) = self.end.split_at(s.q.len());
+        let is_same = |a: &[T], b: &[T]| a.iter().zip(b).all(|(a, b)| a.lanes() == b.lanes());
+        self.is_ready &= is_same(q, &s.q) && is_same(v, &s.v);
+    }
+
+    /// Ends a run of steps at the state of the scratch memory.
+    pub fn end(&mut self, s: &Scratch<T>) {
+        let (q, v) = self.end.split_at_mut(s.q.len());
+        q.copy_from_slice(&s.q);
+        v.copy_from_slice(&s.v);
     }
 
     /// Must be called if a state of the next step is not that of [`Connected::finish`].

@@ -393,18 +393,16 @@ impl<S: Borrow<Scene>> Rollout<S> {
     #[doc(hidden)]
     pub fn cost(&self) -> usize {
         const ONE_BODY: usize = 100;
-        /// Cost factor of steps with connections that run one state at a time, and in the kernels.
+        /// Cost factor of steps with connections or contacts that run one state at a time, and in the kernels.
         const CONNECTED: usize = 20;
         const IN_LANES: usize = 4;
         let one_by_one = ONE_BODY * self.settings.scheme.tableau.stages * self.scene().model().bodies.len().max(1);
         let connected = self.settings.connected.is_some();
-        if connected && !self.settings.is_vectorized() {
-            return CONNECTED * one_by_one;
-        }
-        if self.settings.method == Method::Contact {
+        let touches = self.settings.method == Method::Contact;
+        if (connected && !self.settings.is_vectorized()) || (touches && !self.settings.touches_in_lanes()) {
             return CONNECTED * (one_by_one + ONE_BODY * self.scene().contacts().len());
         }
-        let factor = if connected { IN_LANES } else { 1 };
+        let factor = if connected || touches { IN_LANES } else { 1 };
         factor * one_by_one / self.arm.lanes(size_of::<f64>()).min(self.states.max(1))
     }
 

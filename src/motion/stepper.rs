@@ -121,7 +121,8 @@ impl<T: Vectorized<Number = f64>, I: Target> Compiled<T, I> {
     fn new(scene: &Scene, settings: &StepSettings, target: I) -> Self {
         let scratch = Scratch::new(scene.model(), settings);
         let is_lanes = settings.connected.is_some() && settings.is_vectorized();
-        let connected = is_lanes.then(|| Box::new(Connected::new(scene, settings, &scratch)));
+        let limits = || if settings.stops { limit_rows(scene) } else { Vec::new() };
+        let connected = is_lanes.then(|| Box::new(Connected::new(scene, settings, &scratch, limits())));
         let touching = settings.touches_in_lanes(scene).then(|| Box::new(Touching::new(scene, settings, &scratch)));
         Self { scratch, target, connected, touching }
     }
@@ -237,7 +238,7 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
             }
         }
         if let Some(connected) = &mut kernels.connected {
-            connected.begin(count);
+            connected.begin(count, s);
         }
         let mut outcome = Ok(());
         for n in steps {
@@ -306,6 +307,9 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
                     kept[3 * points.len()..6 * points.len()].fill(0.0);
                 }
             }
+        }
+        if let Some(connected) = &mut kernels.connected {
+            connected.end(s);
         }
         for lane in 0..count {
             let current = &mut current[lane * width..(lane + 1) * width];

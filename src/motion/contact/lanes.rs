@@ -87,8 +87,8 @@ impl<T: Vectorized<Number = f64>> Touching<T> {
         &mut alone(&mut self.alone, scene, settings, form).0.rows
     }
 
-    /// Ends a step: impulses, `v_next` and `q_next`, the works, and the stored values of the contacts. Returns the lanes
-    /// that need the fallback.
+    /// Ends a step: impulses, `v_next` and `q_next`, the works, and the stored values of the contacts. Returns the
+    /// lanes that need the fallback.
     #[inline(never)]
     pub fn finish<I: Target>(
         &mut self,
