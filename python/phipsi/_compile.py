@@ -7,6 +7,7 @@ import hashlib
 import logging
 import math
 import os
+import pickle
 import platform
 import shlex
 import shutil
@@ -141,18 +142,15 @@ class Compiled(Functions[_Array]):
                 return getattr(self.scene, function[0])(*given, *function[1:2], **self._keywords[function])
         return self._by_scene(function, given, out, errors, more)
 
-    def constrained_dynamics(
-        self, q: Any, qd: Any, tau: Any, *, compliance: Any = None, wrenches: Any = None, errors: _Errors = "raise"
-    ) -> ConstrainedDynamics:
-        """Joint accelerations and constraint forces with connections, as Scene.constrained_dynamics in the form that was compiled."""
+    def _through_connections(self, state: tuple[Any, ...], compliance: Any, wrenches: Any, errors: _Errors) -> ConstrainedDynamics:
         code = self._code.get(("constrained_dynamics",))
         if code is None:
             raise self._missing(("constrained_dynamics",))
         if wrenches is None and isinstance(errors, str) and errors in ("raise", "nan"):
-            found = code((q, qd, tau, self._rigid if compliance is None else compliance))
+            found = code((*state, self._rigid if compliance is None else compliance))
             if found is not None:
                 return ConstrainedDynamics(*by_connection(*found, self._rows))
-        return self.scene.constrained_dynamics(q, qd, tau, compliance=compliance, wrenches=wrenches, errors=errors, **self._keywords[("constrained_dynamics",)])
+        return self.scene.constrained_dynamics(*state, compliance=compliance, wrenches=wrenches, errors=errors, **self._keywords[("constrained_dynamics",)])
 
     def _several_placements(self, q: Any, links: tuple[str, ...], errors: _Errors) -> Any:
         functions = [("placement", link) for link in links]
@@ -344,12 +342,16 @@ def compile(  # noqa: A001  # phipsi.compile
 def _dependent(scene: Scene) -> str | None:
     """A description of rows that depend on each other in each of several configurations, besides rows that move no joint."""
     steps = np.random.default_rng(0).uniform(-0.1, 0.1, (3, scene.nv))
+    # A scene warns once, and not of these configurations.
+    other: Scene = pickle.loads(pickle.dumps(scene))
     try:
-        closed = scene.project(scene.integrate(scene.neutral(), steps))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", LinkageWarning)
+            closed = other.project(scene.integrate(scene.neutral(), steps))
     except ConstraintError:
         # No configuration is known, so neither is the rank.
         return None
-    rows = np.abs(scene.constraint_jacobian(closed.q)).max(axis=-1)
+    rows = np.abs(other.constraint_jacobian(closed.q)).max(axis=-1)
     moving = np.count_nonzero(rows > 1e-9 * rows.max(), axis=-1)
     if not np.all(closed.rank < moving):
         return None

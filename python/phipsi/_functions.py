@@ -240,6 +240,10 @@ class Functions(Generic[A]):
         self, q: Any, qd: Any, tau: Any, *, compliance: Any = None, wrenches: Any = None, errors: _Errors = "raise"
     ) -> ConstrainedDynamics:
         """Joint accelerations and constraint forces with connections, as Scene.constrained_dynamics in the form that was compiled."""
+        return self._through_connections((q, qd, tau), compliance, wrenches, errors)
+
+    def _through_connections(self, state: tuple[Any, ...], compliance: Any, wrenches: Any, errors: _Errors) -> ConstrainedDynamics:
+        """The results of compiled code or of the scene."""
         raise self._missing(("constrained_dynamics",))
 
     def _run(self, function: tuple[str, ...], given: tuple[Any, ...], out: A | None = None, errors: _Errors = "raise", more: dict[str, Any] | None = None) -> Any:

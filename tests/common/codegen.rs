@@ -45,6 +45,7 @@ pub fn by_method(scene: &Scene, function: &Function, given: &[Vec<f64>]) -> Vec<
             let (qdd, rest) = out.split_at_mut(scene.nv());
             let (forces, told) = rest.split_at_mut(scene.constraint_rows());
             scene.constrained_dynamics(w, scratch, q, qd, u, &[], (qdd, forces)).map(|found| {
+                #[allow(clippy::cast_precision_loss)] // small
                 told.copy_from_slice(&[found.rank as f64, found.residual]);
             })
         }

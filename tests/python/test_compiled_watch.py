@@ -56,7 +56,7 @@ def test_extreme_scenes_against_60_digits(name: str, cache: Path) -> None:
 
 
 def margins(case: Case, into: Path) -> list[float]:
-    """Those of the factor, and of the three functions."""
+    """The margin of the factor, and the margins of the three functions."""
     names = ["factor_watched", *(f"{name}_watched" for name in PRODUCTS)]
     case.scene.to_c(into, functions=names)  # type: ignore[arg-type]
     subprocess.run([COMPILER, "-std=c99", "-O0", "-shared", "-fPIC", "robot.c", "-lm", "-o", "robot.so"], cwd=into, check=True)
