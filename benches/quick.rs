@@ -23,7 +23,7 @@ fn quick(c: &mut Criterion) {
             group.throughput(Throughput::Elements(count as u64));
             let mut chunks = all.chunks_exact(count).cycle();
             let out = &mut out[..scene.width(algorithm) * count];
-            group.bench_function(format!("{count} states"), |b| {
+            group.bench_function(if count == 1 { "1 state".to_owned() } else { format!("{count} states") }, |b| {
                 b.iter(|| {
                     let states = black_box(chunks.next().expect("a cycle has no end"));
                     scene.evaluate(&mut evaluator, algorithm, states, black_box(&mut *out)).expect("states");
