@@ -133,3 +133,6 @@ def through_events(scale: float) -> float:
     hundred steps of motion.
     """
     return 1e-7 * scale
+
+CONTACT_GRADIENT = 1e-6
+"""Largest error of a gradient through contact inside one mode, relative to the largest gradient of its kind."""

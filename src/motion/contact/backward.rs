@@ -227,9 +227,9 @@ impl ContactAdjoint {
         for (body, stage) in model.bodies.iter().zip(&model.system.stages) {
             let (row, count) = (stage.first_row, stage.rows.count());
             let (mut x, mut bar, mut of_x) = ([0.0; 6], [0.0; 6], [0.0; 6]);
-            for i in 0..count {
-                (x[i], bar[i]) = (h * v[row + i], of_next[row + i]);
-            }
+            let rows = row..row + count;
+            x.iter_mut().zip(&v[rows.clone()]).for_each(|(x, v)| *x = h * v);
+            bar[..count].copy_from_slice(&of_next[rows.clone()]);
             if body.motion.is_free() {
                 // The origin moves on a straight line, h R v.
                 let turn = rotation(&next[body.q..]).transpose() * rotation(&q[body.q..]);
@@ -241,9 +241,7 @@ impl ContactAdjoint {
                 bar[..3].fill(0.0);
             }
             body.motion.advance_cotangents(&x, &bar, &mut self.q[row..], &mut of_x);
-            for i in 0..count {
-                of_v[row + i] += h * of_x[i];
-            }
+            of_v[rows].iter_mut().zip(of_x).for_each(|(sum, more)| *sum += h * more);
         }
     }
 
@@ -319,7 +317,6 @@ impl ContactAdjoint {
             }
         }
         self.add_gaps(at, near, &of_gaps);
-        self.add_rows(at, (near, &of_start, &s.v));
         at.add_torques(near, &of_start, &mut self.v);
         Ok(())
     }
@@ -393,9 +390,7 @@ impl BackwardSolver<f64> for KnownAccelerations<'_> {
     }
 }
 
-/// sum += x in the first three entries.
+/// Adds x to the first three entries.
 fn add(sum: &mut [f64], x: &Vector3<f64>) {
-    for i in 0..3 {
-        sum[i] += x[i];
-    }
+    sum.iter_mut().zip(x.iter()).for_each(|(sum, more)| *sum += more);
 }
