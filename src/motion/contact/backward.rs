@@ -1,11 +1,11 @@
 //! Adjoint of one step with contacts: from gradients of a scalar by the end state to those by the initial state, by the
 //! quantities that act during the step, and by the contacts.
 //!
-//! The lines of the step are differentiated in reverse order, each exactly: the rotation of the axes of free joints, the
-//! Newton steps of the projection, the displacement, the solves of the contact law in their modes
-//! ([`Linearization`](crate::contact::Linearization)), and the implicit Euler step. Each solve of the law has velocities
-//! u = J(q) w and impulses p that act on the velocities as y = M(q)^-1 J(q)* p. With the cotangents `u_bar` and `y_bar`,
-//! and m = M^-1 `y_bar`, the gradients by q are those of
+//! The lines of the step are differentiated in reverse order, each exactly: the rotation of the axes of free joints,
+//! the Newton steps of the projection, the displacement, the solves of the contact law in their modes
+//! (`contact::implicit`), and the implicit Euler step. Each solve of the law has
+//! velocities u = J(q) w and impulses p that act on the velocities as y = M(q)^-1 J(q)* p. With the cotangents `u_bar`
+//! and `y_bar`, and m = M^-1 `y_bar`, the gradients by q are those of
 //!
 //! ```text
 //! u_bar* J(q) w + p* J(q) m - m* M(q) y
@@ -195,8 +195,8 @@ impl ContactAdjoint {
         Ok(())
     }
 
-    /// The rotation of velocities of free joints from the axes at `q` to those at `next`: `of_v` becomes the cotangent of
-    /// the velocities before it.
+    /// The rotation of velocities of free joints from the axes at `q` to those at `next`: `of_v` becomes the cotangent
+    /// of the velocities before it.
     fn turned_axes(
         &mut self,
         model: &Model<f64>,
@@ -365,7 +365,8 @@ impl ContactAdjoint {
 /// Penetrations up to this depth count as rounding errors of a contact at its plane, m.
 const ROUNDING: f64 = 1e-14;
 
-/// Solver for the implicit Euler step, whose accelerations are in the scratch and whose factor of M is in the workspace.
+/// Solver for the implicit Euler step, whose accelerations are in the scratch and whose factor of M is in the
+/// workspace.
 struct KnownAccelerations<'a> {
     workspace: &'a mut Workspace<f64>,
     products: &'a mut ProductScratch<f64>,
